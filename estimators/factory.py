@@ -1,0 +1,64 @@
+"""Filters by name."""
+
+import inspect
+from collections.abc import Iterable
+from difflib import get_close_matches
+from typing import Any
+
+from estimators.filter import Filter, Model
+from estimators.kalman import ExtendedKalmanFilter, KalmanFilter
+from estimators.unknown_input import (
+    UnbiasedMinimumVarianceFilter,
+    UnbiasedMinimumVarianceFilterWithoutFeedthrough,
+)
+
+_FILTERS: dict[str, type[Filter]] = {
+    cls.name: cls
+    for cls in (
+        KalmanFilter,
+        ExtendedKalmanFilter,
+        UnbiasedMinimumVarianceFilter,
+        UnbiasedMinimumVarianceFilterWithoutFeedthrough,
+    )
+}
+
+
+def names() -> tuple[str, ...]:
+    """The filters that `make` knows."""
+    return tuple(_FILTERS)
+
+
+def make(name: str, model: Model, **options: Any) -> Filter:
+    """Build a filter by name for a model.
+
+    Args:
+        name: One of `names`.
+        model: A `LinearModel` or `NonlinearModel`.
+        **options: The filter's own options, documented with its class.
+
+    Raises:
+        ValueError: for an unknown name, or a model that the filter cannot work with (which
+            condition fails, and what to do).
+        TypeError: for an option that the filter does not have.
+    """
+    if name not in _FILTERS:
+        raise ValueError(unknown("filter", name, _FILTERS))
+    check_options(name, _FILTERS[name], options)
+    return _FILTERS[name](model, **options)
+
+
+def check_options(name: str, cls: type, options: dict[str, Any]) -> None:
+    """Raise a TypeError naming the first option that ``cls`` does not take after its first argument."""
+    known = list(inspect.signature(cls).parameters)[1:]
+    for option in options:
+        if option not in known:
+            takes = f"it takes {', '.join(known)}" if known else "it takes none"
+            raise TypeError(f"{name} has no option {option!r}: {takes}")
+
+
+def unknown(kind: str, name: object, known: Iterable[str]) -> str:
+    """The sentence for a name that does not exist: which do, and the nearest."""
+    known = list(known)
+    near = get_close_matches(str(name), known, n=1)
+    hint = f" (did you mean {near[0]!r}?)" if near else ""
+    return f"unknown {kind} {name!r}{hint}: choose from {', '.join(known)}"

@@ -1,0 +1,91 @@
+"""The Kalman filter and the extended Kalman filter, in Joseph form."""
+
+import numpy as np
+
+from estimators.belief import Belief
+from estimators.filter import Filter, Model, Reading, Streams
+from estimators.linalg import congruence, solve, symmetrise
+from estimators.models import LinearModel, as_covariance, resolve
+
+
+class ExtendedKalmanFilter(Filter):
+    """Linearises the model at the mean; on a linear model it is the Kalman filter exactly.
+
+    Jacobians that the model does not give are taken by central differences. An unknown input in
+    the model is ignored.
+
+    Source: Jazwinski (1970), Stochastic Processes and Filtering Theory, ch. 8.
+    """
+
+    name = "ekf"
+
+    def _predict(self, belief: Belief, u: np.ndarray | None, rng: Streams) -> Belief:
+        mean, A = self.model.linearise_transition(belief.mean, u)
+        cov = symmetrise(congruence(A, belief.cov) + self._process_noise(u))
+        return Belief(mean, cov, belief.prior_mean, belief.prior_cov, belief.healthy, u)
+
+    def _update(self, belief: Belief, reading: Reading, rng: Streams) -> Belief:
+        C, R = reading.C, self._measurement_noise(reading, belief.u)
+        CP = C @ belief.cov
+        S = CP @ C.mT + R
+        K = solve(S, CP).mT
+        mean = belief.mean + np.matvec(K, reading.innovation)
+        cov = symmetrise(congruence(self._identity - K @ C, belief.cov) + congruence(K, R))
+        return Belief(
+            mean, cov, belief.prior_mean, belief.prior_cov, np.ones(mean.shape[:-1], bool), belief.u,
+            reading.innovation, S, reading.available,
+        )  # fmt: skip
+
+    def _process_noise(self, u: np.ndarray | None) -> np.ndarray:
+        return resolve(self.model.Q, u)
+
+    def _measurement_noise(self, reading: Reading, u: np.ndarray | None) -> np.ndarray:
+        return reading.R
+
+
+class KalmanFilter(ExtendedKalmanFilter):
+    """The minimum-variance filter of a linear Gaussian model.
+
+    An unknown input ``d`` in the model is ignored unless its covariance is told, in which case it
+    is treated as white noise: ``G D G'`` is added to Q and ``H D H'`` to R. (Their correlation
+    through ``d`` is not used: this is what an engineer does who has a Kalman filter and a variance.)
+
+    Source: Kalman (1960); covariance update in Joseph form.
+
+    Args:
+        model: A `LinearModel`.
+        input_cov: ``(q, q)`` covariance D of the unknown input, or None to ignore the input.
+
+    Raises:
+        ValueError: if the model is nonlinear, or ``input_cov`` does not fit its unknown inputs.
+    """
+
+    name = "kf"
+
+    def __init__(self, model: Model, input_cov: np.ndarray | float | None = None) -> None:
+        super().__init__(model)
+        if not isinstance(model, LinearModel):
+            raise ValueError("kf needs a LinearModel: use ekf for a nonlinear one")
+        if input_cov is not None and model.q == 0:
+            raise ValueError("input_cov was given, but the model has no unknown input (G and H are missing)")
+        self.input_cov = None if input_cov is None else input_covariance("input_cov", input_cov, model.q)
+
+    def _process_noise(self, u: np.ndarray | None) -> np.ndarray:
+        Q = super()._process_noise(u)
+        if self.input_cov is None or self.model.G is None:
+            return Q
+        return Q + congruence(resolve(self.model.G, u), self.input_cov)
+
+    def _measurement_noise(self, reading: Reading, u: np.ndarray | None) -> np.ndarray:
+        if self.input_cov is None or reading.H is None:
+            return reading.R
+        return reading.R + congruence(reading.H, self.input_cov)
+
+
+def input_covariance(name: str, value: np.ndarray | float, q: int) -> np.ndarray:
+    """A covariance ``(q, q)`` of the unknown input; a number stands for that number times identity."""
+    array = np.asarray(value, dtype=float)
+    cov = as_covariance(name, array * np.eye(q) if array.ndim == 0 else array)
+    if cov.shape[-1] != q:
+        raise ValueError(f"{name} has shape {cov.shape}, but the model has {q} unknown input(s)")
+    return cov

@@ -1,0 +1,38 @@
+"""Small dense linear algebra over batches: covariances ``(..., n, n)`` and vectors ``(..., n)``."""
+
+import numpy as np
+
+
+def symmetrise(a: np.ndarray) -> np.ndarray:
+    """The symmetric part of ``(..., n, n)``, so that rounding never accumulates."""
+    return 0.5 * (a + a.mT)
+
+
+def congruence(a: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """``A P A'``: what a linear map does to a covariance."""
+    return a @ p @ a.mT
+
+
+def solve(s: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """``S^-1 B`` for symmetric positive definite ``S (..., p, p)`` and ``B (..., p, k)``.
+
+    A row whose ``S`` is singular comes out as NaN instead of raising: inside a rollout the filter
+    then recovers that row alone (see `estimators.filter.Filter.update`).
+    """
+    try:
+        return np.linalg.solve(s, b)
+    except np.linalg.LinAlgError:
+        s, b = np.broadcast_arrays(s, b)[0], b
+        batch = np.broadcast_shapes(s.shape[:-2], b.shape[:-2])
+        s = np.broadcast_to(s, batch + s.shape[-2:])
+        singular = np.linalg.matrix_rank(np.nan_to_num(s), hermitian=True) < s.shape[-1]
+        regular = np.where(singular[..., None, None], np.eye(s.shape[-1]), s)
+        return np.where(singular[..., None, None], np.nan, np.linalg.solve(regular, b))
+
+
+def inverse(s: np.ndarray) -> np.ndarray:
+    """``S^-1`` of a small symmetric matrix; a scalar needs no factorisation."""
+    if s.shape[-1] == 1:
+        with np.errstate(divide="ignore"):
+            return 1.0 / s
+    return symmetrise(solve(s, np.broadcast_to(np.eye(s.shape[-1]), s.shape)))

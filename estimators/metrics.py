@@ -1,0 +1,54 @@
+"""How good is a filter? Errors, and whether they are as large as the filter says."""
+
+import numpy as np
+from scipy.special import gammaincinv
+
+from estimators.angles import difference
+from estimators.linalg import solve
+
+
+def rmse(
+    estimate: np.ndarray, truth: np.ndarray, angles: tuple[int, ...] = (), axis: int | tuple[int, ...] | None = None
+) -> np.ndarray:
+    """Root mean square error of vectors ``(..., n)``, one value a component.
+
+    Args:
+        estimate: ``(..., n)``.
+        truth: ``(..., n)``.
+        angles: components whose difference is wrapped.
+        axis: leading axes to average over; None: all of them.
+    """
+    error = difference(np.asarray(estimate, float), np.asarray(truth, float), angles)
+    axis = tuple(range(error.ndim - 1)) if axis is None else axis
+    return np.sqrt(np.mean(error**2, axis=axis))
+
+
+def nees(mean: np.ndarray, cov: np.ndarray, truth: np.ndarray, angles: tuple[int, ...] = ()) -> np.ndarray:
+    """Normalised estimation error squared ``(x - x^)' P^-1 (x - x^)``, shape ``(...)``.
+
+    Chi-square with n degrees of freedom for a consistent filter (Bar-Shalom et al. 2001, sec. 5.4).
+    """
+    error = difference(np.asarray(truth, float), np.asarray(mean, float), angles)
+    return _mahalanobis(error, cov)
+
+
+def nis(innovation: np.ndarray, innovation_cov: np.ndarray) -> np.ndarray:
+    """Normalised innovation squared ``e' S^-1 e``, shape ``(...)``.
+
+    Chi-square with as many degrees of freedom as readings arrived: a missing one adds nothing.
+    """
+    return _mahalanobis(np.asarray(innovation, float), innovation_cov)
+
+
+def chi_square_band(runs: int, degrees: int, confidence: float = 0.95) -> tuple[float, float]:
+    """Where the mean over ``runs`` independent NEES or NIS values must lie, with ``confidence``.
+
+    Average over runs at one time, not over time: errors at successive times are correlated.
+    """
+    tail = (1.0 - confidence) / 2.0
+    low, high = 2.0 * gammaincinv(0.5 * runs * degrees, [tail, 1.0 - tail]) / runs
+    return float(low), float(high)
+
+
+def _mahalanobis(error: np.ndarray, cov: np.ndarray) -> np.ndarray:
+    return np.vecdot(error, solve(np.asarray(cov, float), error[..., None])[..., 0])
