@@ -1,0 +1,62 @@
+"""What an agent is: observations in, actions out, always in batches."""
+
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+
+class Agent(Protocol):
+    """Acts on observations alone."""
+
+    def reset(self, num_envs: int) -> None:
+        """Begin new episodes in ``num_envs`` environments: forget everything."""
+        ...
+
+    def act(self, observations: np.ndarray) -> np.ndarray:
+        """Actions ``(B, a)`` in [-1, 1] for observations ``(B, k)``."""
+        ...
+
+
+class RandomAgent:
+    """Uniform actions from a seeded stream."""
+
+    def __init__(self, action_size: int, seed: int = 0) -> None:
+        self._size, self._seed = action_size, seed
+        self.reset(1)
+
+    def reset(self, num_envs: int) -> None:
+        """Begin the stream again."""
+        self._rng = np.random.default_rng(self._seed)
+
+    def act(self, observations: np.ndarray) -> np.ndarray:
+        """Uniform in [-1, 1]."""
+        return self._rng.uniform(-1.0, 1.0, (len(observations), self._size)).astype(np.float32)
+
+
+def load_agent(name: str | Path, env: Any) -> Agent:
+    """An agent by name, or a trained one from its file.
+
+    Args:
+        name: ``"autopilot"`` (the environment's classical controller), ``"random"``, or the path of
+            a PPO checkpoint.
+        env: The environment (either face, wrapped or not) that it will fly.
+
+    Raises:
+        ValueError: if the name is neither, or the checkpoint is for another observation.
+    """
+    env = env.unwrapped
+    if name == "random":
+        return RandomAgent(env.core.action_size)
+    if name == "autopilot":
+        from agents.autopilot import TurningAutopilot
+
+        if env.core.observe_mode == "measurement":
+            raise ValueError('the autopilot needs estimates: use observe="mean" or "mean+std"')
+        return TurningAutopilot(env.system)
+    path = Path(name)
+    if not path.is_file():
+        raise ValueError(f"unknown agent {str(name)!r}: choose autopilot, random, or the path of a PPO checkpoint")
+    from agents.ppo import PPOAgent
+
+    return PPOAgent(path, env)

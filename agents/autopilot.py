@@ -1,0 +1,99 @@
+"""A heading and turn-rate autopilot for the corvette, designed from the linear model."""
+
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.linalg import solve_discrete_are
+
+from vessel_gym.vehicles.corvette import CorvetteParameters, secant_models, steady_turns
+
+if TYPE_CHECKING:
+    from vessel_gym.system import System
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """Deviations that count alike in the quadratic cost (Bryson's rule): each weight is 1 / tolerance^2."""
+
+    heading: float = 0.05  # rad, the task's own tolerance
+    yaw_rate: float = 0.006  # rad/s
+    rudder_rate: float = 1.0  # of the full rate
+    heading_integral: float = 2.0  # rad s
+
+
+@cache
+def gains(ship: CorvetteParameters, dt: float, tolerances: Tolerances) -> np.ndarray:
+    """LQI gains ``(k, 5)`` for each of `steady_turns`: rudder rate from (v, r, psi, rudder, integral).
+
+    The design model is the filters' secant model of the commanded turn with the rudder as a state
+    and the integral of the heading error; the regulator acts on deviations from the steady turn.
+    """
+    A_table, B_table = secant_models(ship, dt)
+    per_step = ship.rudder_rate * dt
+    Q = np.diag([0.0, tolerances.yaw_rate**-2, tolerances.heading**-2, 0.0, tolerances.heading_integral**-2])
+    R = np.array([[tolerances.rudder_rate**-2]])
+    K = np.empty((len(A_table), 5))
+    for i, (a, b) in enumerate(zip(A_table, B_table, strict=True)):
+        A, B = np.eye(5), np.zeros((5, 1))
+        A[:3, :3], A[:3, 3] = a, b[:, 0]
+        A[4, 2] = dt
+        B[:3, 0] = 0.5 * per_step * b[:, 0]  # the rudder moves linearly within the step
+        B[3, 0] = per_step
+        P = solve_discrete_are(A, B, Q, R)
+        K[i] = np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A)[0]
+    return K
+
+
+class TurningAutopilot:
+    """Linear-quadratic regulator with integral action about the commanded steady turn.
+
+    It acts on the observation alone: what it regulates is what the estimator believes. No gain is
+    chosen by hand: they follow from the linear model and the task's own tolerances.
+
+    Args:
+        system: The environment's system (its task's scales, its ship).
+        tolerances: The design's tolerances.
+    """
+
+    def __init__(self, system: "System", tolerances: Tolerances | None = None) -> None:
+        self._task = system.task
+        self._ship: CorvetteParameters = system.task.ship  # type: ignore[attr-defined]
+        self._dt = system.vehicle.dt
+        self._gains = gains(self._ship, self._dt, tolerances or Tolerances())
+        self._turns = steady_turns(self._ship)
+        self._limit = 4.0 * (tolerances or Tolerances()).heading_integral
+        self.reset(1)
+
+    def reset(self, num_envs: int) -> None:
+        """Clear the integral."""
+        self._integral = np.zeros(num_envs)
+
+    def act(self, observations: np.ndarray) -> np.ndarray:
+        """Rudder rate ``(B, 1)`` as a share of the full rate."""
+        task, turns = self._task, self._turns
+        sway_scale, rate_scale, heading_scale = task.STATE_SCALES  # type: ignore[attr-defined]
+        heading_error = -heading_scale * observations[:, 0]
+        rate_error = -rate_scale * observations[:, 1]
+        sway = sway_scale * observations[:, 2]
+        rudder = self._ship.rudder_limit * observations[:, 4]
+        commanded = task.RATE_SCALE * observations[:, 5]  # type: ignore[attr-defined]
+        rate = np.abs(commanded)
+        side = np.sign(commanded)
+        deviation = np.stack(
+            [
+                sway - side * np.interp(rate, turns.yaw_rate, turns.sway),
+                rate_error,
+                heading_error,
+                rudder - side * np.interp(rate, turns.yaw_rate, turns.rudder),
+                self._integral,
+            ],
+            -1,
+        )
+        index = np.rint(rate / turns.yaw_rate[1]).astype(int)
+        wanted = -np.vecdot(self._gains[index], deviation)
+        # The integral waits while the steering gear is saturated, so that it cannot wind up.
+        free = np.abs(wanted) < 1.0
+        self._integral = np.clip(self._integral + self._dt * heading_error * free, -self._limit, self._limit)
+        return np.clip(wanted, -1.0, 1.0).astype(np.float32)[:, None]

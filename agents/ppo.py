@@ -1,0 +1,154 @@
+"""PPO through stable-baselines3 on the batched environments."""
+
+import json
+import os
+import tomllib
+import zipfile
+from collections.abc import Callable
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+import vessel_gym  # noqa: F401  (registers the environments)
+from agents.seeds import training_seed
+
+
+def hyperparameters(env_id: str) -> dict[str, Any]:
+    """The tuned settings of an environment, from ``agents/ppo.toml``.
+
+    Raises:
+        ValueError: if it has none.
+    """
+    table = tomllib.loads(files("agents").joinpath("ppo.toml").read_text())
+    if env_id not in table:
+        raise ValueError(f"no PPO settings for {env_id!r} in agents/ppo.toml: choose from {', '.join(table)}")
+    return table[env_id]
+
+
+def train(
+    env_id: str,
+    path: Path,
+    env_options: dict[str, Any] | None = None,
+    seed: int = 0,
+    steps: int | None = None,
+    progress: Callable[[int, int, float], None] | None = None,
+) -> Path:
+    """Train PPO on an environment and save the checkpoint.
+
+    The checkpoint is written whole or not at all: under a temporary name first.
+
+    Args:
+        env_id: A registered environment with settings in ``agents/ppo.toml``.
+        path: Where the checkpoint goes (``.zip``); folders are made.
+        env_options: Passed to `gymnasium.make_vec`.
+        seed: Number of the training run; the environments' seeds follow by `agents.seeds`.
+        steps: Environment steps in all; None: the tuned budget.
+        progress: Called with (steps so far, steps in all, mean score of late episodes).
+
+    Returns:
+        The path of the checkpoint.
+
+    Raises:
+        ValueError: for an environment without settings or a budget below one rollout.
+        OSError: if the checkpoint cannot be written.
+    """
+    import torch
+    from stable_baselines3 import PPO
+    from stable_baselines3.common.callbacks import BaseCallback
+
+    from agents.vec_env import StableBaselinesVecEnv
+
+    torch.set_num_threads(1)  # small networks: a second thread costs more than it brings
+    settings = hyperparameters(env_id)
+    num_envs = settings["num_envs"]
+    steps = settings["steps"] if steps is None else steps
+    if steps < num_envs:
+        raise ValueError(f"steps must be at least the {num_envs} environments of a batch, got {steps}")
+    path = Path(path).with_suffix(".zip")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    env_options = dict(env_options or {})
+    env = StableBaselinesVecEnv(gym.make_vec(env_id, num_envs=num_envs, **env_options))
+    env.seed(training_seed(seed))
+    final = settings["learning_rate_final"]
+    initial = settings["learning_rate"]
+
+    class Report(BaseCallback):
+        def _on_step(self) -> bool:
+            return True
+
+        def _on_rollout_end(self) -> None:
+            if progress is not None:
+                late = [info["r"] for info in self.model.ep_info_buffer or ()]
+                mean = float(np.mean(late)) / env.env.spec.max_episode_steps if late else float("nan")
+                progress(self.num_timesteps, steps, mean)
+
+    model = PPO(
+        "MlpPolicy",
+        env,
+        n_steps=settings["n_steps"],
+        batch_size=settings["batch_size"],
+        n_epochs=settings["n_epochs"],
+        gamma=settings["gamma"],
+        gae_lambda=settings["gae_lambda"],
+        clip_range=settings["clip_range"],
+        ent_coef=settings["ent_coef"],
+        learning_rate=lambda remaining: final + (initial - final) * remaining,
+        policy_kwargs={
+            "log_std_init": settings["log_std_init"],
+            "net_arch": settings["net_arch"],
+            "activation_fn": torch.nn.Tanh,
+        },
+        stats_window_size=2 * num_envs,
+        seed=seed,
+        device="cpu",
+    )
+    # PPO reseeds the environments with its own seed: put the training range back.
+    env.seed(training_seed(seed))
+    model.learn(steps, callback=Report())
+    env.close()
+    temporary = path.with_name(f".{path.stem}.{os.getpid()}.zip")
+    try:
+        model.save(temporary)
+        described = {"env_id": env_id, "env_options": env_options, "seed": seed, "steps": model.num_timesteps}
+        with zipfile.ZipFile(temporary, "a") as archive:
+            archive.writestr("vessel_gym.json", json.dumps(described))
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+    return path
+
+
+class PPOAgent:
+    """A trained PPO policy, flown without exploration noise.
+
+    Args:
+        path: A checkpoint of `train`.
+        env: The environment that it will fly, to check the observation.
+
+    Raises:
+        ValueError: if the file is no checkpoint, or was trained on another observation.
+    """
+
+    def __init__(self, path: Path, env: Any) -> None:
+        import torch
+        from stable_baselines3 import PPO
+
+        torch.set_num_threads(1)
+        try:
+            self._policy = PPO.load(path, device="cpu").policy
+        except (zipfile.BadZipFile, KeyError, ValueError) as error:
+            raise ValueError(f"{path} is not a PPO checkpoint ({error})") from None
+        expected = env.core.observation_size
+        trained = self._policy.observation_space.shape
+        if trained != (expected,):
+            raise ValueError(f"{path} was trained on observations {trained}, this environment gives {(expected,)}")
+
+    def reset(self, num_envs: int) -> None:
+        """Nothing to forget: the policy has no memory."""
+
+    def act(self, observations: np.ndarray) -> np.ndarray:
+        """The policy's mean action."""
+        return self._policy.predict(observations, deterministic=True)[0]

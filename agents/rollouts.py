@@ -1,0 +1,108 @@
+"""Fly any agent in any environment over many seeds, and keep what is needed to score it."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+import vessel_gym  # noqa: F401  (registers the environments)
+from agents.agent import Agent, load_agent
+
+
+@dataclass(frozen=True, eq=False)
+class Rollout:
+    """One episode a seed: N episodes of at most T steps.
+
+    Attributes:
+        env_id: The environment.
+        seeds: ``(N,)``.
+        score: ``(N,)`` the environment's own episode score in [0, 1]; the return where it has none.
+        returns: ``(N,)`` sum of rewards.
+        length: ``(N,)`` steps flown.
+        terminated: ``(N,)`` whether the episode ended before its time.
+        history: what ``info`` held after reset and each step, ``(T + 1, N, ...)`` by key; rows
+            after an episode's end repeat its last values.
+        env: The (closed) vector environment, for its system and spaces.
+    """
+
+    env_id: str
+    seeds: np.ndarray
+    score: np.ndarray
+    returns: np.ndarray
+    length: np.ndarray
+    terminated: np.ndarray
+    history: dict[str, np.ndarray]
+    env: Any
+
+    @property
+    def alive(self) -> np.ndarray:
+        """Mask ``(T + 1, N)`` of the times that an episode lived through, its start and end included."""
+        times = next(iter(self.history.values())).shape[0] if self.history else int(self.length.max()) + 1
+        return np.arange(times)[:, None] <= self.length
+
+
+def rollout(
+    agent: Agent | str,
+    env_id: str,
+    seeds: Sequence[int],
+    env_options: dict[str, Any] | None = None,
+    reset_options: dict[str, Any] | None = None,
+    record: bool = True,
+    progress: Callable[[int, int], None] | None = None,
+) -> Rollout:
+    """Fly one episode for each seed, all in one batch.
+
+    Args:
+        agent: An agent, or a name or path for `agents.load_agent`.
+        env_id: A registered environment.
+        seeds: One seed an episode; see `agents.seeds` for which to use.
+        env_options: Passed to `gymnasium.make_vec`.
+        reset_options: Passed to ``reset``.
+        record: Keep the history of every numeric array in ``info``.
+        progress: Called with (step, horizon).
+
+    Raises:
+        ValueError: if there are no seeds, or the agent cannot fly this environment.
+    """
+    seeds = [int(s) for s in seeds]
+    if not seeds:
+        raise ValueError("rollout needs at least one seed")
+    env = gym.make_vec(env_id, num_envs=len(seeds), **(env_options or {}))
+    try:
+        flyer = load_agent(agent, env) if isinstance(agent, str) else agent
+        flyer.reset(len(seeds))
+        observations, info = env.reset(seed=seeds, options=reset_options)
+        keys = [key for key in info if not key.startswith("_") and isinstance(info[key], np.ndarray)] if record else []
+        frames = {key: [info[key]] for key in keys}
+        alive = np.ones(len(seeds), bool)
+        returns, length = np.zeros(len(seeds)), np.zeros(len(seeds), int)
+        ended, score = np.zeros(len(seeds), bool), np.full(len(seeds), np.nan)
+        horizon = env.spec.max_episode_steps if env.spec and env.spec.max_episode_steps else 0
+        while alive.any():
+            observations, reward, terminated, truncated, info = env.step(flyer.act(observations))
+            done = (terminated | truncated) & alive
+            final = info.get("final_info", {})
+            for key in keys:
+                frame = np.where(_like(alive, info[key]), info[key], frames[key][-1])
+                if done.any():
+                    frame = np.where(_like(done, frame), final[key], frame)
+                frames[key].append(frame)
+            returns += np.where(alive, reward, 0.0)
+            length += alive
+            ended |= terminated & done
+            if done.any() and "score" in final:
+                score[done] = final["score"][done]
+            alive &= ~done
+            if progress is not None:
+                progress(int(length.max()), horizon)
+    finally:
+        env.close()
+    score = np.where(np.isnan(score), returns, score)
+    history = {key: np.stack(values) for key, values in frames.items()}
+    return Rollout(env_id, np.array(seeds), score, returns, length, ended, history, env)
+
+
+def _like(rows: np.ndarray, array: np.ndarray) -> np.ndarray:
+    return rows.reshape(rows.shape + (1,) * (array.ndim - 1))

@@ -1,0 +1,39 @@
+"""Which seeds are for what, so that no agent is ever scored on what it was trained or tuned on.
+
+Environment i of a batch seeded s is the single environment seeded s + i, so ranges must not overlap:
+
+- evaluation: 0 to 999,999
+- tuning (controllers' weights, PPO's hyperparameters): 1,000,000 to 1,999,999
+- training: from 2,000,000, 100,000 apart for each training seed
+"""
+
+_TUNING = 1_000_000
+_TRAINING = 2_000_000
+_SPACING = 100_000
+
+
+def evaluation_seeds(count: int, first: int = 0) -> list[int]:
+    """``count`` seeds that training and tuning never use.
+
+    Raises:
+        ValueError: if they would leave the evaluation range.
+    """
+    if count < 1 or first < 0 or first + count > _TUNING:
+        raise ValueError(f"evaluation seeds lie in 0..{_TUNING - 1}, got {count} from {first}")
+    return list(range(first, first + count))
+
+
+def tuning_seeds(count: int) -> list[int]:
+    """``count`` seeds for choosing weights and hyperparameters."""
+    return list(range(_TUNING, _TUNING + count))
+
+
+def training_seed(seed: int) -> int:
+    """The seed of the training batch number ``seed``: batches of up to 100,000 share no environment.
+
+    Raises:
+        ValueError: for a negative seed.
+    """
+    if seed < 0:
+        raise ValueError(f"a training seed must be >= 0, got {seed}")
+    return _TRAINING + _SPACING * seed

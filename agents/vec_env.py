@@ -1,0 +1,98 @@
+"""The adapter from Gymnasium's vector environments to stable-baselines3's."""
+
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from stable_baselines3.common.vec_env import VecEnv
+
+
+class StableBaselinesVecEnv(VecEnv):
+    """A `gymnasium.vector.VectorEnv` with ``SAME_STEP`` autoreset as a stable-baselines3 ``VecEnv``.
+
+    A finished environment's info holds its own last observation in ``terminal_observation``,
+    whether it was cut off by the time limit in ``TimeLimit.truncated``, and the episode's return,
+    length and score in ``episode`` (no Monitor wrapper is needed).
+
+    Args:
+        env: The vector environment.
+
+    Raises:
+        ValueError: if its autoreset mode is another.
+    """
+
+    def __init__(self, env: gym.vector.VectorEnv) -> None:
+        mode = env.metadata.get("autoreset_mode")
+        if mode != gym.vector.AutoresetMode.SAME_STEP:
+            raise ValueError(f"the adapter needs an environment with SAME_STEP autoreset, this one has {mode}")
+        self.env = env
+        self._seed: int | None = None
+        self._actions: np.ndarray
+        self._start = time.time()
+        super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
+        self._returns = np.zeros(env.num_envs)
+        self._lengths = np.zeros(env.num_envs, int)
+
+    def seed(self, seed: int | None = None) -> Sequence[None | int]:
+        """The seed of the next `reset`: environment i gets ``seed + i``."""
+        self._seed = seed
+        return [None if seed is None else seed + i for i in range(self.num_envs)]
+
+    def reset(self) -> np.ndarray:
+        """First observations ``(B, k)``."""
+        observations, _ = self.env.reset(seed=self._seed)
+        self._seed = None
+        self._returns[:], self._lengths[:] = 0.0, 0
+        self.reset_infos = [{} for _ in range(self.num_envs)]
+        return observations
+
+    def step_async(self, actions: np.ndarray) -> None:
+        """Keep the actions for `step_wait`."""
+        self._actions = actions
+
+    def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:  # type: ignore[override]
+        """Observations, rewards, dones and one info an environment."""
+        observations, rewards, terminated, truncated, info = self.env.step(self._actions)
+        self._returns += rewards
+        self._lengths += 1
+        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        dones = terminated | truncated
+        for i in np.flatnonzero(dones):
+            infos[i] = {
+                "terminal_observation": info["final_obs"][i],
+                "TimeLimit.truncated": bool(truncated[i] and not terminated[i]),
+                "episode": {
+                    "r": float(self._returns[i]),
+                    "l": int(self._lengths[i]),
+                    "t": round(time.time() - self._start, 6),
+                },
+            }
+            if "score" in info["final_info"]:
+                infos[i]["score"] = float(info["final_info"]["score"][i])
+            self._returns[i], self._lengths[i] = 0.0, 0
+        return observations, rewards.astype(np.float32), dones, infos
+
+    def close(self) -> None:
+        """Close the environment."""
+        self.env.close()
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        """The batch's attribute, once for each environment asked for."""
+        return [getattr(self.env, attr_name, None)] * len(self._rows(indices))
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        """Not supported: the environments are one batch."""
+        raise NotImplementedError("the environments of a batch share their attributes")
+
+    def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
+        """Not supported: the environments are one batch."""
+        raise NotImplementedError("the environments of a batch have no methods of their own")
+
+    def env_is_wrapped(self, wrapper_class: type[gym.Wrapper], indices: Any = None) -> list[bool]:
+        """False for every environment."""
+        return [False] * len(self._rows(indices))
+
+    def _rows(self, indices: Any) -> list[int]:
+        return list(self._get_indices(indices))

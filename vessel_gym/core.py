@@ -1,0 +1,281 @@
+"""The batched core that both faces of an environment share: one step of many environments at once."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from estimators import Belief, Gaussian
+from estimators.factory import unknown
+from vessel_gym.estimation import build
+from vessel_gym.sensors import SUITES
+from vessel_gym.streams import Draws, Purpose, stream
+from vessel_gym.system import System
+
+Readings = tuple[np.ndarray, np.ndarray]
+"""Readings ``(B, p)`` and the mask ``(B, p)`` of those that arrived."""
+
+
+class Core:
+    """``B`` environments of one system: truth, disturbance, sensors, estimator, task.
+
+    One step::
+
+        action -> actuators -> vehicle (truth) -> sensors -> estimator -> task.observe -> observation
+                     disturbance --------'  |                                 ^
+                                            '-> task.score -> reward      reference
+
+    Args:
+        system: The environment as data.
+        num_envs: B.
+        estimator: Name of the estimator; None: the system's default.
+        estimator_options: Options of that estimator.
+        sensors: Name of a sensor suite.
+        disturbance: Name of a disturbance.
+        mismatch: Relative spread of the truth's parameters around the filter's, in [0, 0.4].
+        observe: ``"mean"``, ``"mean+std"`` or ``"measurement"``.
+
+    Raises:
+        ValueError: for a name that does not exist (saying which do) or a number out of range.
+        TypeError: for an option that the estimator does not have.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        num_envs: int = 1,
+        estimator: str | None = None,
+        estimator_options: dict[str, Any] | None = None,
+        sensors: str = "nominal",
+        disturbance: str = "moderate",
+        mismatch: float = 0.0,
+        observe: str = "mean",
+    ) -> None:
+        if isinstance(num_envs, bool) or not isinstance(num_envs, int | np.integer) or num_envs < 1:
+            raise ValueError(f"num_envs must be a positive whole number, got {num_envs!r}")
+        if sensors not in SUITES:
+            raise ValueError(unknown("sensor suite", sensors, SUITES))
+        if disturbance not in system.disturbances:
+            raise ValueError(unknown("disturbance", disturbance, system.disturbances))
+        if observe not in system.task.sizes():
+            raise ValueError(unknown("observe mode", observe, system.task.sizes()))
+        if not isinstance(mismatch, int | float) or not 0.0 <= mismatch <= 0.4:
+            raise ValueError(f"mismatch must be between 0 and 0.4, got {mismatch!r}")
+        self.system, self.num_envs, self.observe_mode = system, int(num_envs), observe
+        self.vehicle, self.task = system.vehicle, system.task
+        self.suite, self.sea, self.mismatch = SUITES[sensors], system.disturbances[disturbance], float(mismatch)
+        self.estimator = system.estimator if estimator is None else estimator
+        self.filter = build(system, self.estimator, estimator_options or {}, self.suite, self.sea)
+        self._oracle = self.estimator == "truth"
+        self.action_size = len(self.vehicle.action_names)
+        self.observation_size = self.task.sizes()[observe]
+
+        p = len(self.vehicle.reading_names)
+        self.seeds: list[int] = []
+        self.episodes = np.zeros(num_envs, int)
+        self._sea_draws = Draws(num_envs, self.sea.size)
+        self._sensor_draws = Draws(num_envs, p, 2 * p)
+        self._filter_streams: list[np.random.Generator] = [np.random.default_rng(0)] * num_envs
+        self._rows = np.arange(num_envs)
+        self.steps = np.zeros(num_envs, int)
+        self.total = np.zeros(num_envs)
+        self.readings: Readings = np.zeros((num_envs, p)), np.zeros((num_envs, p), bool)
+        self.belief: Belief
+        self.course: np.ndarray  # what the task drew
+        self.reference: np.ndarray
+        self.truth: np.ndarray
+        self.actuators: np.ndarray
+        self.parameters: np.ndarray  # the truth's
+        self.sea_state: np.ndarray
+        self.unknown_input: np.ndarray
+
+    # --- reset ------------------------------------------------------------------------------------
+
+    def seed(self, seed: int | Sequence[int] | None) -> None:
+        """Begin the count of episodes again with these seeds.
+
+        Args:
+            seed: A number s (environment i gets s + i), one number for each environment, or None
+                to keep the seeds and go on with the next episode.
+
+        Raises:
+            ValueError: for a negative seed, one that is not a whole number, or a list of another length.
+        """
+        if seed is None and self.seeds:
+            self.episodes += 1
+            return
+        if seed is None:
+            seed = int(np.random.SeedSequence().generate_state(1)[0])
+        if isinstance(seed, int | np.integer) and not isinstance(seed, bool):
+            seeds = [int(seed) + i for i in range(self.num_envs)]
+        elif isinstance(seed, Sequence | np.ndarray) and not isinstance(seed, str):
+            seeds = list(seed)
+        else:
+            raise ValueError(f"seed must be a whole number or a list of them, got {seed!r}")
+        if len(seeds) != self.num_envs:
+            raise ValueError(f"got {len(seeds)} seeds for {self.num_envs} environments")
+        if any(isinstance(s, bool) or not isinstance(s, int | np.integer) or s < 0 for s in seeds):
+            raise ValueError(f"seeds must be whole numbers >= 0, got {seed!r}")
+        self.seeds = [int(s) for s in seeds]
+        self.episodes[:] = 0
+
+    def reset(
+        self, rows: np.ndarray | None = None, options: dict[str, Any] | None = None, readings: Readings | None = None
+    ) -> None:
+        """Start new episodes in some rows: draw the truth from the task's prior and take the first reading.
+
+        Args:
+            rows: Indices of the environments; None: all.
+            options: The task's reset options.
+            readings: Readings to use instead of the sensors' (for replays), ``(len(rows), p)`` each.
+        """
+        rows = self._rows if rows is None else rows
+        vehicle, task = self.vehicle, self.task
+        size = task.states
+        uniforms = np.empty((len(rows), task.uniforms))
+        normals = np.empty((len(rows), size + vehicle.normals))
+        for i, row in enumerate(rows):
+            generator = stream(self.seeds[row], int(self.episodes[row]), Purpose.RESET)
+            generator.random(out=uniforms[i])
+            generator.standard_normal(out=normals[i])
+        course = task.course(uniforms, options or {})
+        prior = task.prior(course)
+        x = prior.mean + normals[:, :size] @ np.linalg.cholesky(prior.cov).T
+        truth, actuators = vehicle.start(x)
+        parameters = vehicle.parameters(self.mismatch, normals[:, size:])
+        self._sea_draws.restart(rows, self._streams(rows, Purpose.DISTURBANCE))
+        self._sensor_draws.restart(rows, self._streams(rows, Purpose.SENSORS))
+        for row, generator in zip(rows, self._streams(rows, Purpose.FILTER), strict=True):
+            self._filter_streams[row] = generator
+        sea_state = self.sea.start(self._sea_draws.next(self._some(rows))[0])
+        steps = np.zeros(len(rows), int)
+        reference = task.reference(course, steps)
+        arrays = {
+            "course": course, "truth": truth, "actuators": actuators, "parameters": parameters,
+            "sea_state": sea_state, "unknown_input": self.sea.unknown_input(sea_state), "reference": reference,
+        }  # fmt: skip
+        for name, value in arrays.items():
+            setattr(self, name, self._with_rows(getattr(self, name, None), rows, value))
+        self.steps[rows], self.total[rows] = 0, 0.0
+
+        readings = self._sense(self._some(rows)) if readings is None else readings
+        y, available = self.readings
+        self.readings = self._with_rows(y, rows, readings[0]), self._with_rows(available, rows, readings[1])
+        n = self.filter.model.n
+        rng = [self._filter_streams[row] for row in rows]
+        belief = self.filter.init(Gaussian(prior.mean[:, :n], prior.cov[:n, :n]), rng=rng)
+        u = task.known_input(actuators, actuators, reference)
+        belief = self._update(belief, truth, arrays["unknown_input"], readings, rng, u)
+        self.belief = belief if len(rows) == self.num_envs else self.belief.with_rows(rows, belief)
+
+    # --- step -------------------------------------------------------------------------------------
+
+    def step(self, action: np.ndarray, readings: Readings | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Advance every environment by one step.
+
+        Args:
+            action: ``(B, a)`` finite; clipped to [-1, 1].
+            readings: Readings to use instead of the sensors' (for replays).
+
+        Returns:
+            Reward ``(B,)`` and termination ``(B,)``.
+
+        Raises:
+            ValueError: if the action has the wrong shape or is not finite.
+        """
+        action = self.checked(action)
+        vehicle, task, sea = self.vehicle, self.task, self.sea
+        before = self.actuators
+        after = self.actuators = vehicle.actuate(before, action)
+        u = task.known_input(before, after, self.reference)
+        self.truth = vehicle.step(
+            self.truth, before, after, self.unknown_input, sea.current_velocity(self.sea_state), self.parameters
+        )
+        self.sea_state = sea.advance(self.sea_state, self._sea_draws.next()[0])
+        self.unknown_input = sea.unknown_input(self.sea_state)
+        self.steps += 1
+        self.reference = task.reference(self.course, self.steps)
+        self.readings = self._sense(None) if readings is None else readings
+        rng = self._filter_streams
+        belief = self.filter.predict(self.belief, u, rng=rng)
+        self.belief = self._update(belief, self.truth, self.unknown_input, self.readings, rng)
+        reward, terminated = task.score(self.truth, self.reference, action)
+        self.total += reward
+        return reward, terminated
+
+    def observe(self) -> np.ndarray:
+        """The observations ``(B, k)``, float32 and within bounds: estimates, reference and actuators only."""
+        task = self.task
+        if self.observe_mode == "measurement":
+            observation = task.observe_readings(*self.readings, self.reference, self.actuators)
+        else:
+            observation = task.observe(self.belief, self.reference, self.actuators)
+            if self.observe_mode == "mean+std":
+                observation = np.concatenate([observation, task.observe_std(self.belief)], -1)
+        return np.minimum(np.maximum(observation, -task.BOUND), task.BOUND).astype(np.float32)
+
+    def info(self) -> dict[str, np.ndarray]:
+        """Copies of what happened, one row an environment; documented with the environment."""
+        belief = self.belief
+        input_mean = np.zeros_like(self.unknown_input) if belief.input_mean is None else belief.input_mean
+        return {
+            "truth": self.truth.copy(),
+            "unknown_input": self.unknown_input.copy(),
+            "reference": self.reference.copy(),
+            "actuators": self.actuators.copy(),
+            "measurement": self.readings[0].copy(),
+            "available": self.readings[1].copy(),
+            "estimate": belief.mean.copy(),
+            "covariance": belief.cov.copy(),
+            "input_estimate": input_mean.copy(),
+            "healthy": belief.healthy.copy(),
+            "score": self.total / self.task.horizon,
+        }
+
+    def checked(self, action: np.ndarray) -> np.ndarray:
+        """The action as floats ``(B, a)`` clipped to [-1, 1]."""
+        action = np.asarray(action, dtype=float)
+        if action.shape != (self.num_envs, self.action_size):
+            wanted = (self.num_envs, self.action_size) if self.num_envs > 1 else (self.action_size,)
+            got = action.shape if self.num_envs > 1 else action.shape[1:]
+            raise ValueError(f"action has shape {got}, expected {wanted}")
+        if not np.isfinite(action).all():
+            raise ValueError("action must be finite, got NaN or infinity")
+        return np.minimum(np.maximum(action, -1.0), 1.0)
+
+    # --- inside -----------------------------------------------------------------------------------
+
+    def _streams(self, rows: np.ndarray, purpose: Purpose) -> list[np.random.Generator]:
+        return [stream(self.seeds[row], int(self.episodes[row]), purpose) for row in rows]
+
+    def _some(self, rows: np.ndarray) -> np.ndarray | None:
+        """The rows, or None when they are all of them, which is faster."""
+        return None if len(rows) == self.num_envs else rows
+
+    def _sense(self, rows: np.ndarray | None) -> Readings:
+        truth, d = (self.truth, self.unknown_input) if rows is None else (self.truth[rows], self.unknown_input[rows])
+        exact = self.vehicle.readings(truth, d)
+        return self.suite.corrupt(exact, self.vehicle.reading_sd, *self._sensor_draws.next(rows))
+
+    def _update(
+        self,
+        belief: Belief,
+        truth: np.ndarray,
+        unknown_input: np.ndarray,
+        readings: Readings,
+        rng: list[np.random.Generator],
+        u: np.ndarray | None = None,
+    ) -> Belief:
+        """Hand the readings to the filter; to the oracle alone, and no other, the truth."""
+        if self._oracle:
+            state = self.vehicle.filter_state(truth, self.filter.model.n)
+            return self.filter.update(belief, np.concatenate([state, unknown_input], -1), rng=rng, u=u)
+        y, available = readings
+        return self.filter.update(belief, y, rng=rng, available=available, u=u)
+
+    def _with_rows(self, whole: np.ndarray | None, rows: np.ndarray, values: np.ndarray) -> np.ndarray:
+        if whole is None or len(rows) == self.num_envs:
+            return values
+        merged = whole.copy()
+        merged[rows] = values
+        return merged

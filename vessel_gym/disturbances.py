@@ -1,0 +1,80 @@
+"""Waves, gusts and current as linear shaping filters of white noise."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import block_diag, solve_continuous_lyapunov
+
+from estimators import van_loan
+
+
+@dataclass(frozen=True)
+class Sea:
+    """What the sea does to a ship's heading and track: wave and gust yaw rate, and a current.
+
+    The wave yaw rate follows the second-order linear wave model ``s / (s^2 + 2 lambda w0 s + w0^2)``
+    with the damping that fits a JONSWAP peak (Fossen 2011, sec. 8.2.6); gust and current are
+    first-order Gauss-Markov processes. Their state is (wave yaw angle, wave yaw rate, gust yaw
+    rate, current north, current east), stationary from the first step.
+    """
+
+    wave: float  # yaw rate RMS, rad/s
+    peak: float  # wave peak frequency met by the ship, rad/s
+    gust: float  # yaw rate RMS, rad/s
+    current: float  # speed RMS, m/s
+    damping: float = 0.1  # lambda of a JONSWAP peak; 0.26 fits Pierson-Moskowitz
+    gust_time: float = 15.0  # s
+    current_time: float = 1000.0  # s
+    dt: float = 0.5  # s
+
+    size = 5
+
+    @cached_property
+    def stationary_cov(self) -> np.ndarray:
+        """``(5, 5)`` covariance of the state."""
+        A, W = self._continuous
+        return solve_continuous_lyapunov(A, -W)
+
+    @cached_property
+    def unknown_input_var(self) -> float:
+        """Variance [rad^2] of the yaw increment ``d`` over one step."""
+        return self.dt**2 * (self.wave**2 + self.gust**2)
+
+    def start(self, normals: np.ndarray) -> np.ndarray:
+        """A stationary state ``(..., 5)`` from standard normals of the same shape."""
+        return normals @ _root(self.stationary_cov).T
+
+    def advance(self, state: np.ndarray, normals: np.ndarray) -> np.ndarray:
+        """The state ``(..., 5)`` one step later (exact discretisation)."""
+        A, L = self._discrete
+        return state @ A.T + normals @ L.T
+
+    def unknown_input(self, state: np.ndarray) -> np.ndarray:
+        """The yaw increment ``d (..., 1)`` [rad] over the coming step."""
+        return self.dt * (state[..., 1:2] + state[..., 2:3])
+
+    def current_velocity(self, state: np.ndarray) -> np.ndarray:
+        """The current ``(..., 2)`` [m/s], north and east."""
+        return state[..., 3:5]
+
+    @cached_property
+    def _continuous(self) -> tuple[np.ndarray, np.ndarray]:
+        wave = np.array([[0.0, 1.0], [-(self.peak**2), -2.0 * self.damping * self.peak]])
+        A = block_diag(wave, -1.0 / self.gust_time, -1.0 / self.current_time, -1.0 / self.current_time)
+        drift = 2.0 * self.current**2 / (2.0 * self.current_time)  # each component carries half the power
+        W = np.diag([0.0, 4.0 * self.damping * self.peak * self.wave**2, 2.0 * self.gust**2 / self.gust_time, drift,
+                     drift])  # fmt: skip
+        return A, W
+
+    @cached_property
+    def _discrete(self) -> tuple[np.ndarray, np.ndarray]:
+        A, W = self._continuous
+        transition, noise = van_loan(A, np.eye(self.size), W, self.dt)
+        return transition, _root(noise)
+
+
+def _root(cov: np.ndarray) -> np.ndarray:
+    """A square root of a covariance that may be singular."""
+    values, vectors = np.linalg.eigh(cov)
+    return vectors * np.sqrt(np.maximum(values, 0.0))

@@ -1,0 +1,104 @@
+"""The single face: a `gymnasium.Env` on a batch of one."""
+
+from typing import Any, ClassVar
+
+import gymnasium as gym
+import numpy as np
+
+from vessel_gym.core import Core
+from vessel_gym.envs.spaces import action_space, observation_space
+from vessel_gym.system import System
+
+
+class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
+    """An environment whose agent sees what an estimator believes.
+
+    Args:
+        estimator: Name of the estimator, None for the environment's default. The filters of the
+            `estimators` package, ``truth`` (oracle), ``measurement`` (last reading held), ``dead-reckoning``.
+        estimator_options: Options of that estimator, over the environment's tuning; ``model``
+            chooses the filter's model where there are several.
+        sensors: ``"clean"``, ``"nominal"`` or ``"degraded"`` (10 % drop-outs, 5 % outliers).
+        disturbance: ``"calm"``, ``"moderate"`` or ``"rough"``.
+        mismatch: Relative spread of the truth's parameters around the filter's, 0 to 0.4.
+        observe: ``"mean"``, ``"mean+std"``, or ``"measurement"`` for raw readings and their mask.
+        render_mode: ``None``, ``"human"`` or ``"rgb_array"``.
+
+    Raises:
+        ValueError: for a name that does not exist, or a filter that the model cannot carry.
+        TypeError: for an option that the estimator does not have.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["human", "rgb_array"], "render_fps": 20}
+    system: ClassVar[System]
+
+    def __init__(
+        self,
+        estimator: str | None = None,
+        estimator_options: dict[str, Any] | None = None,
+        sensors: str = "nominal",
+        disturbance: str = "moderate",
+        mismatch: float = 0.0,
+        observe: str = "mean",
+        render_mode: str | None = None,
+    ) -> None:
+        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
+            raise ValueError(f"unknown render_mode {render_mode!r}: choose from {self.metadata['render_modes']}")
+        self.core = Core(self.system, 1, estimator, estimator_options, sensors, disturbance, mismatch, observe)
+        self.observation_space = observation_space(self.core)
+        self.action_space = action_space(self.core)
+        self.render_mode = render_mode
+        self._renderer: Any = None
+
+    @property
+    def truth(self) -> np.ndarray:
+        """A copy of the true state, for scoring only; components are ``system.vehicle.truth_names``."""
+        return self.core.truth[0].copy()
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Start an episode; see `gymnasium.Env.reset`. ``options`` are the task's."""
+        super().reset(seed=seed)
+        self.core.seed(seed)
+        self.core.reset(options=options)
+        if self.render_mode is not None:
+            self._record(begin=True)
+        return self.core.observe()[0], self._info()
+
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """Advance one step; see `gymnasium.Env.step`. Truncation is `gymnasium.wrappers.TimeLimit`'s."""
+        reward, terminated = self.core.step(np.asarray(action)[None])
+        if self.render_mode is not None:
+            self._record()
+        return self.core.observe()[0], float(reward[0]), bool(terminated[0]), False, self._info()
+
+    def render(self) -> np.ndarray | None:  # type: ignore[override]
+        """An image ``(height, width, 3)`` of the episode so far; in mode ``"human"``, the window is kept current."""
+        if self.render_mode is None:
+            gym.logger.warn("render() was called without a render_mode: give one to gym.make")
+            return None
+        return self._renderer.draw() if self._renderer is not None else None
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+    def _info(self) -> dict[str, Any]:
+        info: dict[str, Any] = {key: value[0] for key, value in self.core.info().items()}
+        info["healthy"], info["score"] = bool(info["healthy"]), float(info["score"])
+        return info
+
+    def _record(self, begin: bool = False) -> None:
+        if self._renderer is None:
+            from vessel_gym.rendering import make_renderer
+
+            assert self.render_mode is not None
+            self._renderer = make_renderer(self.core, self.render_mode, self.metadata["render_fps"])
+        if begin:
+            self._renderer.begin()
+        self._renderer.record()
+        if self.render_mode == "human":
+            self._renderer.draw()

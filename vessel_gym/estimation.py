@@ -1,0 +1,130 @@
+"""The estimators that only an environment can have, and how an environment builds one by name."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from estimators import Belief, Filter, LinearModel, NonlinearModel, factory
+from estimators.filter import Reading, Streams
+from estimators.kalman import ExtendedKalmanFilter
+from vessel_gym.sensors import SensorSuite
+from vessel_gym.system import System
+
+ENVIRONMENT_ONLY = ("truth", "measurement", "dead-reckoning")
+
+
+def estimator_names() -> tuple[str, ...]:
+    """Every name that an environment's ``estimator`` accepts."""
+    return factory.names() + ENVIRONMENT_ONLY
+
+
+class Oracle(Filter):
+    """The declared exception: it is handed the true state and unknown input as its reading."""
+
+    name = "truth"
+
+    def __init__(self, n: int, q: int) -> None:
+        eye = np.eye(n + q)
+        super().__init__(LinearModel(np.eye(n), eye[:, :n], np.zeros((n, n)), eye))
+        self.q = q
+
+    def _predict(self, belief: Belief, u: np.ndarray | None, rng: Streams) -> Belief:
+        return belief
+
+    def _update(self, belief: Belief, reading: Reading, rng: Streams) -> Belief:
+        n, q = self.model.n, self.q
+        state = belief.mean + reading.innovation[..., :n]
+        batch = state.shape[:-1]
+        return Belief(
+            state, np.zeros(batch + (n, n)), belief.prior_mean, belief.prior_cov, np.ones(batch, bool),
+            input_mean=reading.innovation[..., n:], input_cov=np.zeros(batch + (q, q)),
+        )  # fmt: skip
+
+
+class DeadReckoning(ExtendedKalmanFilter):
+    """The model alone: readings are not used."""
+
+    name = "dead-reckoning"
+
+    def _update(self, belief: Belief, reading: Reading, rng: Streams) -> Belief:
+        return belief
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HeldReadings(Belief):
+    """A belief that also holds the last readings and their age."""
+
+    held: np.ndarray = None  # type: ignore[assignment]  # (..., p); the base class has defaults, so must this
+    seen: np.ndarray = None  # type: ignore[assignment]  # (..., p) whether the channel has ever been read
+    age: np.ndarray = None  # type: ignore[assignment]  # (..., p) steps since the reading
+
+
+class HeldMeasurement(Filter):
+    """The last reading of every channel, held until the next; no model at all.
+
+    Rates that no sensor gives are differenced from the readings, by the vehicle's ``from_readings``.
+    """
+
+    name = "measurement"
+
+    def __init__(self, system: System, model: LinearModel | NonlinearModel) -> None:
+        super().__init__(model)
+        self._vehicle, self._dt = system.vehicle, system.vehicle.dt
+
+    def _init(self, belief: Belief, rng: Streams) -> Belief:
+        shape = belief.mean.shape[:-1] + (self.model.p,)
+        held = self.model.measurement(belief.mean, belief.u)
+        return HeldReadings(
+            belief.mean, belief.cov, belief.prior_mean, belief.prior_cov, belief.healthy,
+            input_mean=np.zeros(belief.mean.shape[:-1] + (self.model.q,)),
+            held=held, seen=np.zeros(shape, bool), age=np.zeros(shape),
+        )  # fmt: skip
+
+    def _predict(self, belief: Belief, u: np.ndarray | None, rng: Streams) -> Belief:
+        assert isinstance(belief, HeldReadings)
+        return belief.replace(age=belief.age + 1.0)
+
+    def _update(self, belief: Belief, reading: Reading, rng: Streams) -> Belief:
+        assert isinstance(belief, HeldReadings)
+        arrived, first = reading.available, ~belief.seen
+        value = self.model.measurement(belief.mean, belief.u) + reading.innovation
+        value = np.where(arrived, value, belief.held)
+        previous = np.where(first, value, belief.held)
+        elapsed = np.maximum(belief.age[..., 0], 1.0) * self._dt
+        x, d = self._vehicle.from_readings(value, previous, elapsed)
+        # Between two readings of the first channel, what was derived from it is held.
+        mean = np.where(arrived[..., :1], x, belief.mean)
+        return belief.replace(
+            mean=mean, input_mean=d, held=value, seen=belief.seen | arrived, age=np.where(arrived, 0.0, belief.age)
+        )
+
+
+def build(system: System, name: str, options: dict[str, Any], suite: SensorSuite, disturbance: Any) -> Filter:
+    """The estimator of an environment.
+
+    Args:
+        system: The environment's system.
+        name: One of `estimator_names`.
+        options: The filter's own options, over the system's tuning; ``model`` chooses the filter's model.
+        suite: The sensor suite, whose noise the filter knows.
+        disturbance: The disturbance, whose variance the tuning may use.
+
+    Raises:
+        ValueError: for an unknown name, or a filter that cannot work with the model.
+        TypeError: for an option that the filter does not have.
+    """
+    if name not in estimator_names():
+        raise ValueError(factory.unknown("estimator", name, estimator_names()))
+    options = dict(options)
+    kind = options.pop("model", system.filter_models.get(name, system.filter_model))
+    if name in ENVIRONMENT_ONLY and options:
+        raise TypeError(f"{name} has no option {next(iter(options))!r}: it takes model")
+    model = system.vehicle.model(kind, suite.noise)
+    if name == "truth":
+        return Oracle(model.n, model.q)
+    if name == "measurement":
+        return HeldMeasurement(system, model)
+    if name == "dead-reckoning":
+        return DeadReckoning(model)
+    return factory.make(name, model, **{**system.tuning(name, disturbance), **options})

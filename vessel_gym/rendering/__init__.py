@@ -1,0 +1,40 @@
+"""Pictures of an episode with pygame, which is imported only when a renderer is made.
+
+A task gets a picture by a scene (see `vessel_gym.rendering.renderer.Scene`) and an entry in `make_renderer`.
+"""
+
+from typing import TYPE_CHECKING
+
+from gymnasium.error import DependencyNotInstalled
+
+from vessel_gym.core import Core
+from vessel_gym.tasks.turning_circle import TurningCircle
+
+if TYPE_CHECKING:
+    from vessel_gym.rendering.renderer import Renderer
+
+__all__ = ["make_renderer"]
+
+
+def make_renderer(core: Core, render_mode: str, fps: int) -> "Renderer":
+    """The renderer of an environment; its scene is chosen by the task.
+
+    Args:
+        core: The environment's core, whose first row is shown.
+        render_mode: ``"human"`` (a window) or ``"rgb_array"`` (needs no display).
+        fps: Frames a second that the window keeps.
+
+    Raises:
+        DependencyNotInstalled: without pygame.
+        NotImplementedError: for a task that has no scene.
+    """
+    try:
+        from vessel_gym.rendering.renderer import Renderer
+        from vessel_gym.rendering.turning_circle import TurningCircleScene
+    except ImportError as error:
+        raise DependencyNotInstalled("rendering needs pygame: install vessel-gym[render]") from error
+    scenes = {TurningCircle: TurningCircleScene}
+    task = type(core.task)
+    if task not in scenes:
+        raise NotImplementedError(f"there is no picture of the task {task.__name__} yet")
+    return Renderer(scenes[task](core), render_mode, fps)

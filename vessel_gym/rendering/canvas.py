@@ -1,0 +1,336 @@
+"""What every scene draws with: palette, canvas, plan view, strip chart, ship outline.
+
+Coordinates are pixels of the finished picture, x to the right and y down; points are arrays ``(n, 2)``.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Literal
+
+import numpy as np
+import pygame
+
+Colour = tuple[int, int, int]
+Point = tuple[float, float]
+Align = Literal["left", "centre", "right"]
+
+PAPER: Colour = (241, 244, 247)
+PANEL: Colour = (255, 255, 255)
+WATER: Colour = (246, 250, 253)
+EDGE: Colour = (221, 227, 234)
+GRID: Colour = (234, 238, 243)
+ZERO: Colour = (203, 211, 220)
+TEXT: Colour = (31, 41, 55)
+MUTED: Colour = (104, 116, 131)
+TRUE: Colour = (29, 88, 158)
+TRUE_PALE: Colour = (196, 214, 234)
+BELIEVED: Colour = (226, 112, 22)
+BELIEVED_PALE: Colour = (253, 228, 205)
+COMMANDED: Colour = (138, 150, 164)
+LIMIT: Colour = (196, 61, 61)
+CURRENT: Colour = (20, 140, 126)
+
+_OVERSAMPLING = 2
+_FONTS = "dejavusans,segoeui,helveticaneue,arial,liberationsans,notosans,freesans"
+
+
+@dataclass(frozen=True)
+class Box:
+    """A rectangle of the picture."""
+
+    left: float
+    top: float
+    width: float
+    height: float
+
+    @property
+    def right(self) -> float:
+        """The right edge."""
+        return self.left + self.width
+
+    @property
+    def bottom(self) -> float:
+        """The lower edge."""
+        return self.top + self.height
+
+    def inset(self, left: float, top: float, right: float, bottom: float) -> "Box":
+        """The box inside these margins."""
+        return Box(self.left + left, self.top + top, self.width - left - right, self.height - top - bottom)
+
+
+@lru_cache(maxsize=16)
+def _font(size: int, bold: bool) -> pygame.font.Font:
+    pygame.font.init()
+    path = pygame.font.match_font(_FONTS, bold=bold)
+    return pygame.font.Font(path, size)
+
+
+@lru_cache(maxsize=1024)
+def _label(text: str, size: int, colour: Colour, bold: bool) -> pygame.Surface:
+    return _font(size, bold).render(text, True, colour)
+
+
+class Canvas:
+    """A picture in memory: shapes are drawn oversampled and scaled down, text on top of them.
+
+    Args:
+        width: Pixels of the finished picture.
+        height: Likewise.
+    """
+
+    def __init__(self, width: int, height: int) -> None:
+        self.size = width, height
+        self._ink = pygame.Surface((width * _OVERSAMPLING, height * _OVERSAMPLING), depth=32)
+        self._page = pygame.Surface(self.size, depth=32)
+        self._labels: list[tuple[pygame.Surface, Point]] = []
+
+    def clear(self, colour: Colour = PAPER) -> None:
+        """Begin a new picture."""
+        self._ink.fill(colour)
+        self._labels.clear()
+
+    def finish(self) -> pygame.Surface:
+        """The picture; it is valid until the next `finish`."""
+        pygame.transform.smoothscale(self._ink, self.size, self._page)
+        self._page.blits(self._labels)
+        return self._page
+
+    def panel(self, box: Box, colour: Colour = PANEL) -> None:
+        """A card with a thin edge."""
+        k = _OVERSAMPLING
+        rect = pygame.Rect(box.left * k, box.top * k, box.width * k, box.height * k)
+        pygame.draw.rect(self._ink, colour, rect, border_radius=6 * k)
+        pygame.draw.rect(self._ink, EDGE, rect, width=k, border_radius=6 * k)
+
+    def line(self, points: np.ndarray, colour: Colour, width: float = 1.5) -> None:
+        """A line through points."""
+        if len(points) > 1:
+            pygame.draw.lines(self._ink, colour, False, _scaled(points), max(1, round(width * _OVERSAMPLING)))
+
+    def dashes(
+        self, points: np.ndarray, colour: Colour, width: float = 1.5, on: float = 6.0, off: float = 4.0
+    ) -> None:
+        """A dashed line through points."""
+        length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+        for start in np.arange(0.0, length[-1], on + off):
+            end = min(start + on, length[-1])
+            inner = length[(length > start) & (length < end)]
+            at = np.concatenate([[start], inner, [end]])
+            dash = np.stack([np.interp(at, length, points[:, 0]), np.interp(at, length, points[:, 1])], -1)
+            self.line(dash, colour, width)
+
+    def polygon(self, points: np.ndarray, colour: Colour, outline: Colour | None = None, width: float = 1.0) -> None:
+        """A filled polygon, with an outline if a colour is given for it."""
+        pygame.draw.polygon(self._ink, colour, _scaled(points))
+        if outline is not None:
+            self.outline(points, outline, width)
+
+    def outline(self, points: np.ndarray, colour: Colour, width: float = 1.0) -> None:
+        """A closed line through points."""
+        self.line(np.concatenate([points, points[:2]]), colour, width)
+
+    def dot(self, at: Point | np.ndarray, colour: Colour, radius: float = 3.0) -> None:
+        """A filled circle."""
+        centre = (at[0] * _OVERSAMPLING, at[1] * _OVERSAMPLING)
+        pygame.draw.circle(self._ink, colour, centre, radius * _OVERSAMPLING)
+
+    def arrow(self, start: Point, end: Point, colour: Colour, width: float = 2.0) -> None:
+        """An arrow with a filled head."""
+        tail, tip = np.array(start), np.array(end)
+        along = (tip - tail) / max(float(np.hypot(*(tip - tail))), 1e-9)
+        across = np.array([-along[1], along[0]])
+        neck = tip - 4.0 * width * along
+        self.line(np.array([tail, neck]), colour, width)
+        self.polygon(np.array([tip, neck + 2.0 * width * across, neck - 2.0 * width * across]), colour)
+
+    def text(
+        self, x: float, y: float, text: str, colour: Colour = TEXT, size: int = 12, align: Align = "left",
+        bold: bool = False,
+    ) -> float:  # fmt: skip
+        """Write a line of text, vertically centred on ``y``; returns its width."""
+        label = _label(text, size, colour, bold)
+        width, height = label.get_size()
+        left = x - {"left": 0.0, "centre": 0.5, "right": 1.0}[align] * width
+        self._labels.append((label, (round(left), round(y - 0.5 * height))))
+        return width
+
+
+def _scaled(points: np.ndarray) -> list[list[float]]:
+    return (points * _OVERSAMPLING).tolist()
+
+
+def nice(value: float) -> float:
+    """The smallest of 1, 1.5, 2, 3, 5, 8 times a power of ten that is not below a positive value."""
+    power = 10.0 ** np.floor(np.log10(value))
+    return next(float(step * power) for step in (1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 10.0) if step * power >= value * 0.9999)
+
+
+def signed(value: float) -> str:
+    """A number of a scale, with a true minus sign."""
+    return f"{value:g}".replace("-", "−")
+
+
+class PlanView:
+    """A map with north up and east right: equal axes that show every given point.
+
+    Args:
+        box: Where it lies in the picture.
+        points: ``(n, 2)`` north and east [m] that must be seen.
+        margin: Free pixels around them.
+    """
+
+    def __init__(self, box: Box, points: np.ndarray, margin: float = 60.0) -> None:
+        low, high = points.min(0), points.max(0)
+        north, east = np.maximum(high - low, 1.0)
+        self.box = box
+        self.scale = float(min((box.width - 2 * margin) / east, (box.height - 2 * margin) / north))
+        """Pixels a metre."""
+        self._middle = 0.5 * (low + high)
+        self._centre = np.array([box.left + 0.5 * box.width, box.top + 0.5 * box.height])
+
+    def pixels(self, points: np.ndarray) -> np.ndarray:
+        """Where points ``(..., 2)`` of north and east [m] lie in the picture."""
+        offset = (points - self._middle) * self.scale
+        return self._centre + offset[..., ::-1] * [1.0, -1.0]
+
+    def body(self, shape: np.ndarray, at: np.ndarray, heading: float, length: float) -> np.ndarray:
+        """Place a shape given in the body frame (x forward, y starboard, in lengths) on the map.
+
+        Args:
+            shape: ``(n, 2)``.
+            at: ``(2,)`` north and east [m] of the body's origin.
+            heading: Clockwise from north [rad].
+            length: Pixels of one length.
+        """
+        cos, sin = np.cos(heading), np.sin(heading)
+        north, east = shape[:, 0] * cos - shape[:, 1] * sin, shape[:, 0] * sin + shape[:, 1] * cos
+        return self.pixels(at) + length * np.stack([east, -north], -1)
+
+
+def draw_grid(canvas: Canvas, view: PlanView) -> None:
+    """Thin lines along north and east, at the distance of the scale bar."""
+    box, step = view.box, view.scale * scale_bar_length(view)
+    origin = view.pixels(np.zeros(2))
+    for x in np.arange(box.left + (origin[0] - box.left) % step, box.right, step):
+        canvas.line(np.array([[x, box.top], [x, box.bottom]]), GRID, 0.5)
+    for y in np.arange(box.top + (origin[1] - box.top) % step, box.bottom, step):
+        canvas.line(np.array([[box.left, y], [box.right, y]]), GRID, 0.5)
+
+
+def scale_bar_length(view: PlanView) -> float:
+    """A round number of metres that takes between 80 and 170 pixels or so."""
+    return nice(80.0 / view.scale)
+
+
+def draw_scale_bar(canvas: Canvas, view: PlanView, left: float, y: float) -> None:
+    """A bar of a round length with its length in words."""
+    metres = scale_bar_length(view)
+    right = left + metres * view.scale
+    canvas.line(np.array([[left, y - 4], [left, y], [right, y], [right, y - 4]]), MUTED, 1.5)
+    canvas.text(0.5 * (left + right), y - 11, f"{metres:g} m", MUTED, 12, "centre")
+
+
+def draw_north(canvas: Canvas, x: float, y: float) -> None:
+    """A north arrow, ``(x, y)`` its middle."""
+    canvas.polygon(np.array([[x, y - 13.0], [x + 7.0, y + 13.0], [x, y + 8.0], [x - 7.0, y + 13.0]]), MUTED)
+    canvas.text(x, y - 23, "N", MUTED, 13, "centre", bold=True)
+
+
+def ship_outline(beam: float, points: int = 9) -> np.ndarray:
+    """A hull from above ``(2 points + 1, 2)`` in ship lengths, body frame: transom stern, fine bow.
+
+    Args:
+        beam: Beam over length.
+        points: Points of one side.
+    """
+    x = np.linspace(-0.5, 0.5, points)
+    half = 0.5 * beam * np.interp(x, [-0.5, -0.3, 0.05, 0.25, 0.375, 0.5], [0.78, 0.95, 1.0, 0.86, 0.56, 0.0])
+    return np.concatenate([np.stack([x, half], -1), np.stack([x, -half], -1)[-2::-1]])
+
+
+@dataclass(frozen=True)
+class Series:
+    """One line of a strip chart; ``label`` goes into the chart's legend."""
+
+    label: str
+    colour: Colour
+    time: np.ndarray
+    value: np.ndarray
+    width: float = 1.4
+    dashed: bool = False
+
+
+def strip_chart(
+    canvas: Canvas,
+    box: Box,
+    title: str,
+    series: Sequence[Series],
+    span: tuple[float, float],
+    half_range: float,
+    band: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
+    limit: float | None = None,
+    note: str = "",
+    axis: bool = True,
+) -> None:
+    """A chart over time, symmetric about zero, in a card.
+
+    Args:
+        canvas: Where to draw.
+        box: The card.
+        title: Quantity and unit.
+        series: Lines, the last on top.
+        span: First and last time [s] of the axis.
+        half_range: The axis reaches from minus to plus this.
+        band: Time, lower and upper edge of a pale area below the lines.
+        limit: Dashed lines at plus and minus this.
+        note: A remark after the legend.
+        axis: Whether to write the times below.
+    """
+    canvas.panel(box)
+    plot = box.inset(44, 32, 14, 22 if axis else 12)
+    sx, sy = plot.width / (span[1] - span[0]), 0.5 * plot.height / half_range
+    middle = plot.top + 0.5 * plot.height
+
+    def pixels(time: np.ndarray, value: np.ndarray) -> np.ndarray:
+        return np.stack([plot.left + (time - span[0]) * sx, middle - value * sy], -1)
+
+    if band is not None and len(band[0]) > 1:
+        time, low, high = band
+        edge = np.concatenate([pixels(time, low), pixels(time, high)[::-1]])
+        canvas.polygon(edge, BELIEVED_PALE)
+    ends = np.array(span)
+    for level in (-half_range, 0.0, half_range):
+        canvas.line(pixels(ends, np.full(2, level)), ZERO if level == 0.0 else GRID, 1.0)
+        canvas.text(plot.left - 6, middle - level * sy, signed(level), MUTED, 11, "right")
+    for tick in np.linspace(*span, 7):
+        x = plot.left + (tick - span[0]) * sx
+        canvas.line(np.array([[x, plot.top], [x, plot.bottom]]), GRID, 1.0)
+        if axis:
+            canvas.text(x, plot.bottom + 10, f"{tick:.0f}", MUTED, 11, "centre")
+    if limit is not None:
+        for level in (-limit, limit):
+            canvas.dashes(pixels(ends, np.full(2, level)), LIMIT, 1.0, 4.0, 4.0)
+    for item in series:
+        points = pixels(item.time, item.value)
+        (canvas.dashes if item.dashed else canvas.line)(points, item.colour, item.width)
+        if not item.dashed:
+            canvas.dot(points[-1], item.colour, 2.5)
+    canvas.text(box.left + 12, box.top + 16, title, TEXT, 12, bold=True)
+    right = box.right - 12.0
+    if note:
+        right -= canvas.text(right, box.top + 16, note, MUTED, 11, "right") + 14
+    for item in reversed(series):
+        if item.label:
+            right = _legend_entry(canvas, right, box.top + 16, item)
+
+
+def _legend_entry(canvas: Canvas, right: float, y: float, item: Series) -> float:
+    """A sample of the line and its label, ending at ``right``; returns where the next one may end."""
+    left = right - canvas.text(right, y, item.label, MUTED, 11, "right") - 6
+    sample = np.array([[left - 16.0, y], [left, y]])
+    if item.dashed:
+        canvas.dashes(sample, item.colour, item.width, 4.0, 2.0)
+    else:
+        canvas.line(sample, item.colour, 2.0)
+    return left - 16 - 12

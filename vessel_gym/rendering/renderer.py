@@ -1,0 +1,75 @@
+"""A window or an array around a scene."""
+
+from typing import Protocol
+
+import numpy as np
+import pygame
+
+from vessel_gym.rendering.canvas import Canvas
+
+SIZE = 1008, 720
+"""Width and height of a picture; multiples of 16, as video codecs want them."""
+
+
+class Scene(Protocol):
+    """What one kind of task looks like: it keeps an episode's history and draws it."""
+
+    title: str
+
+    def begin(self) -> None: ...
+    def record(self) -> None: ...
+    def draw(self, canvas: Canvas) -> None: ...
+
+
+class Renderer:
+    """Draws a scene into an array, or into a window that the user may close at any time.
+
+    Args:
+        scene: What to draw.
+        render_mode: ``"human"`` or ``"rgb_array"``.
+        fps: Frames a second that the window keeps.
+    """
+
+    def __init__(self, scene: Scene, render_mode: str, fps: int) -> None:
+        self._scene, self._fps = scene, fps
+        self._canvas = Canvas(*SIZE)
+        self._human = render_mode == "human"
+        self._window: pygame.Surface | None = None
+        self._clock = pygame.time.Clock()
+        if self._human:
+            pygame.display.init()
+            pygame.display.set_caption(scene.title)
+            self._window = pygame.display.set_mode(SIZE)
+
+    def begin(self) -> None:
+        """Forget the last episode."""
+        self._scene.begin()
+
+    def record(self) -> None:
+        """Append the present state to the episode's history."""
+        self._scene.record()
+
+    def draw(self) -> np.ndarray | None:
+        """The picture ``(height, width, 3)``, or None in mode ``"human"``, where it goes to the window."""
+        if not self._human:
+            return self._array()
+        if self._window is not None and any(event.type == pygame.QUIT for event in pygame.event.get()):
+            self.close()
+        if self._window is not None:
+            self._scene.draw(self._canvas)
+            self._window.blit(self._canvas.finish(), (0, 0))
+            pygame.display.flip()
+            self._clock.tick(self._fps)
+        return None
+
+    def close(self) -> None:
+        """Close the window, if there is one; later pictures go nowhere."""
+        if self._window is not None:
+            self._window = None
+            pygame.display.quit()
+
+    def _array(self) -> np.ndarray:
+        self._scene.draw(self._canvas)
+        width, height = SIZE
+        pixels = pygame.image.tobytes(self._canvas.finish(), "RGB")
+        return np.frombuffer(pixels, np.uint8).reshape(height, width, 3).copy()

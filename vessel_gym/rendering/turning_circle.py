@@ -1,0 +1,277 @@
+"""The picture of a turning circle: the map on the left, what is true and what is believed on the right."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from estimators import wrap
+from vessel_gym.core import Core
+from vessel_gym.rendering.canvas import (
+    BELIEVED,
+    BELIEVED_PALE,
+    COMMANDED,
+    CURRENT,
+    EDGE,
+    LIMIT,
+    MUTED,
+    PANEL,
+    TEXT,
+    TRUE,
+    TRUE_PALE,
+    WATER,
+    Box,
+    Canvas,
+    PlanView,
+    Series,
+    draw_grid,
+    draw_north,
+    draw_scale_bar,
+    nice,
+    ship_outline,
+    strip_chart,
+)
+from vessel_gym.sensors import SUITES
+from vessel_gym.tasks.turning_circle import TurningCircle
+from vessel_gym.vehicles.corvette import CorvetteParameters, steady_turns
+
+_SHIP_PIXELS = 66.0
+_WEDGE_FACTORS = (50, 20, 10, 5, 2, 1)
+_WEDGE = np.deg2rad(9.0)  # the widest half-angle to which a wedge is magnified
+
+
+class Sample(NamedTuple):
+    """One moment of an episode, or as columns a whole one."""
+
+    step: np.ndarray
+    truth: np.ndarray  # (6,)
+    estimate: np.ndarray  # (n,)
+    heading_sd: np.ndarray  # rad
+    reference: np.ndarray  # (4,)
+    rudder: np.ndarray  # rad
+    unknown_input: np.ndarray  # rad
+    input_estimate: np.ndarray  # rad, NaN where the estimator has none
+
+
+def path(heading: np.ndarray, surge: np.ndarray, sway: np.ndarray, dt: float) -> np.ndarray:
+    """Positions ``(k, 2)`` north and east [m] from the origin, by the trapezoidal rule through the water."""
+    velocity = np.stack(
+        [surge * np.cos(heading) - sway * np.sin(heading), surge * np.sin(heading) + sway * np.cos(heading)], -1
+    )
+    steps = 0.5 * dt * (velocity[1:] + velocity[:-1])
+    return np.concatenate([np.zeros((1, 2)), np.cumsum(steps, 0)])
+
+
+def commanded_path(task: TurningCircle, course: np.ndarray) -> np.ndarray:
+    """The path ``(horizon + 1, 2)`` of the reference heading at the steady turn's speed and drift.
+
+    Args:
+        task: The task.
+        course: ``(2,)`` what it drew.
+    """
+    steps = np.arange(task.horizon + 1)
+    reference = task.reference(np.tile(course, (len(steps), 1)), steps)
+    turns = steady_turns(task.ship)
+    rate = np.abs(reference[:, 1])
+    surge = np.interp(rate, turns.yaw_rate, turns.speed)
+    sway = np.sign(reference[:, 1]) * np.interp(rate, turns.yaw_rate, turns.sway)
+    return path(reference[:, 0], surge, sway, task.dt)
+
+
+def believed_path(estimate: np.ndarray, ship: CorvetteParameters, dt: float) -> np.ndarray:
+    """The path ``(k, 2)`` dead-reckoned from estimates ``(k, n)`` of (v, r, psi) and perhaps u.
+
+    Where the surge speed is not estimated, it is the steady turn's at the believed yaw rate.
+    """
+    turns = steady_turns(ship)
+    if estimate.shape[-1] > 3:
+        surge = estimate[:, 3]
+    else:
+        surge = np.interp(np.abs(estimate[:, 1]), turns.yaw_rate, turns.speed)
+    return path(estimate[:, 2], surge, estimate[:, 0], dt)
+
+
+def wedge_factor(sd: float) -> int:
+    """By how much a wedge of two standard deviations [rad] is magnified to be seen."""
+    return next((factor for factor in _WEDGE_FACTORS if 2.0 * sd * factor <= _WEDGE), 1)
+
+
+class TurningCircleScene:
+    """History and picture of one ship on a commanded turn.
+
+    Args:
+        core: The environment's core, whose first row is shown.
+    """
+
+    title = "SigmaCorvette-v0"
+
+    def __init__(self, core: Core) -> None:
+        assert isinstance(core.task, TurningCircle)
+        self._core, self._task, self._ship = core, core.task, core.task.ship
+        self._hull = ship_outline(self._ship.beam / self._ship.length)
+        self._samples: list[Sample] = []
+        self._commanded = np.zeros((1, 2))
+        self._sea = next(name for name, sea in core.system.disturbances.items() if sea is core.sea)
+        self._sensors = next(name for name, suite in SUITES.items() if suite is core.suite)
+
+    def begin(self) -> None:
+        """Start an episode with the course that the task has drawn."""
+        self._samples.clear()
+        self._commanded = commanded_path(self._task, self._core.course[0])
+
+    def record(self) -> None:
+        """Append the core's present state."""
+        core = self._core
+        belief = core.belief
+        self._samples.append(
+            Sample(
+                core.steps[0].copy(),
+                core.truth[0].copy(),
+                belief.mean[0].copy(),
+                np.sqrt(max(belief.cov[0, 2, 2], 0.0)),
+                core.reference[0].copy(),
+                core.actuators[0, 0].copy(),
+                core.unknown_input[0, 0].copy(),
+                np.array(np.nan) if belief.input_mean is None else belief.input_mean[0, 0].copy(),
+            )
+        )
+
+    def draw(self, canvas: Canvas) -> None:
+        """Draw the episode so far."""
+        history = Sample(*(np.array(column) for column in zip(*self._samples, strict=True)))
+        width, height = canvas.size
+        canvas.clear()
+        self._header(canvas, Box(16, 0, width - 32, 52), history)
+        self._map(canvas, Box(16, 52, 584, height - 68), history)
+        self._charts(canvas, Box(612, 52, width - 628, height - 68), history)
+
+    # --- parts of the picture -----------------------------------------------------------------------
+
+    def _header(self, canvas: Canvas, box: Box, history: Sample) -> None:
+        core = self._core
+        y = box.top + 27
+        x = box.left + canvas.text(box.left, y, self.title, TEXT, 17, bold=True) + 16
+        words = f"estimator {core.estimator}   ·   {self._sea} sea   ·   {self._sensors} sensors"
+        if core.mismatch:
+            words += f"   ·   mismatch {100 * core.mismatch:g} %"
+        canvas.text(x, y, words, MUTED, 13)
+        time = history.step[-1] * self._task.dt
+        score = core.total[0] / self._task.horizon
+        canvas.text(box.right, y, f"{score:.3f}", TEXT, 15, "right", bold=True)
+        canvas.text(box.right - 50, y, "score", MUTED, 13, "right")
+        canvas.text(box.right - 108, y, f"{time:.1f} s", TEXT, 15, "right", bold=True)
+
+    def _map(self, canvas: Canvas, box: Box, history: Sample) -> None:
+        canvas.panel(box, WATER)
+        true = history.truth[:, :2]
+        believed = true[0] + believed_path(history.estimate, self._ship, self._task.dt)
+        sea = box.inset(2, 2, 2, 66)
+        view = PlanView(sea, np.concatenate([self._commanded, true, believed]))
+        draw_grid(canvas, view)
+        length = max(self._ship.length * view.scale, _SHIP_PIXELS)
+        factor = wedge_factor(float(history.heading_sd.max()))
+        half = 2.0 * factor * history.heading_sd[-1]
+        psi, psi_hat = history.truth[-1, 2], history.estimate[-1, 2]
+
+        if half > 0.0:
+            angles = np.linspace(-half, half, 17)
+            sector = 1.25 * np.stack([np.cos(angles), np.sin(angles)], -1)
+            sector = np.concatenate([np.zeros((1, 2)), sector])
+            canvas.polygon(view.body(sector, believed[-1], psi_hat, length), BELIEVED_PALE)
+        canvas.dashes(view.pixels(self._commanded), COMMANDED, 1.5)
+        canvas.line(view.pixels(believed), BELIEVED, 1.5)
+        canvas.line(view.pixels(true), TRUE, 2.0)
+        canvas.dot(view.pixels(true[0]), TRUE, 4.0)
+        canvas.dot(view.pixels(true[0]), PANEL, 2.0)
+        self._draw_ship(canvas, view, true[-1], psi, length, history.rudder[-1])
+        canvas.outline(view.body(self._hull, believed[-1], psi_hat, length), BELIEVED, 1.5)
+
+        draw_scale_bar(canvas, view, box.left + 18, sea.bottom - 12)
+        draw_north(canvas, box.right - 28, box.top + 44)
+        self._draw_current(canvas, box)
+        self._legend(canvas, Box(box.left, sea.bottom, box.width, box.bottom - sea.bottom), length / view.scale, factor)
+
+    def _draw_ship(
+        self, canvas: Canvas, view: PlanView, at: np.ndarray, heading: float, length: float, rudder: float
+    ) -> None:
+        stern = np.array([-0.49, 0.0])
+        blade = np.stack([stern, stern + 0.2 * np.array([-np.cos(rudder), np.sin(rudder)])])
+        canvas.line(view.body(blade, at, heading, length), LIMIT, 2.0)
+        canvas.polygon(view.body(self._hull, at, heading, length), TRUE_PALE, TRUE, 1.5)
+
+    def _draw_current(self, canvas: Canvas, box: Box) -> None:
+        north, east = self._core.sea.current_velocity(self._core.sea_state)[0]
+        speed = float(np.hypot(north, east))
+        x, y = box.left + 34, box.top + 34
+        half = 16.0 * np.array([east, -north]) / max(speed, 1e-9)
+        canvas.arrow((x - half[0], y - half[1]), (x + half[0], y + half[1]), CURRENT)
+        canvas.text(x + 26, y, f"current {speed:.1f} m/s", CURRENT, 12)
+
+    def _legend(self, canvas: Canvas, box: Box, magnified: float, factor: int) -> None:
+        canvas.line(np.array([[box.left, box.top], [box.right, box.top]]), EDGE, 1.0)
+        x, y = box.left + np.array([16.0, 170.0, 310.0]), box.top + np.array([20.0, 44.0])
+        for column, (label, colour) in enumerate(
+            [("commanded path", COMMANDED), ("true track", TRUE), ("believed track (dead-reckoned)", BELIEVED)]
+        ):
+            sample = np.array([[x[column], y[0]], [x[column] + 26, y[0]]])
+            (canvas.dashes if colour == COMMANDED else canvas.line)(sample, colour, 2.0)
+            canvas.text(x[column] + 34, y[0], label, TEXT, 12)
+        icon = self._hull * 26.0
+        canvas.polygon(icon + [x[0] + 13, y[1]], TRUE_PALE, TRUE, 1.2)
+        size = f", drawn {magnified:.1f}×" if magnified > 1.05 else ""
+        canvas.text(x[0] + 34, y[1], "true ship" + size, TEXT, 12)
+        canvas.outline(icon + [x[1] + 13, y[1]], BELIEVED, 1.2)
+        canvas.text(x[1] + 34, y[1], "believed ship", TEXT, 12)
+        wedge = np.array([[0.0, 0.0], [24.0, -5.0], [24.0, 5.0]])
+        canvas.polygon(wedge + [x[2], y[1]], BELIEVED_PALE, BELIEVED, 0.5)
+        words = f"believed heading ±2σ, {factor}×" if factor > 1 else "believed heading ±2σ"
+        canvas.text(x[2] + 34, y[1], words, TEXT, 12)
+
+    def _charts(self, canvas: Canvas, box: Box, history: Sample) -> None:
+        dt, gap = self._task.dt, 10.0
+        time = history.step * dt
+        span = 0.0, max(self._task.horizon * dt, float(time[-1]))
+        height = (box.height - 3 * gap) / 4
+        rows = [Box(box.left, box.top + i * (height + gap), box.width, height) for i in range(4)]
+        deg = np.rad2deg
+
+        true = deg(wrap(history.reference[:, 0] - history.truth[:, 2]))
+        believed = deg(wrap(history.reference[:, 0] - history.estimate[:, 2]))
+        low, high = believed - 2.0 * deg(history.heading_sd), believed + 2.0 * deg(history.heading_sd)
+        strip_chart(
+            canvas, rows[0], "Heading error  [°]",
+            [Series("believed ±2σ", BELIEVED, time, believed), Series("true", TRUE, time, true)],
+            span, _reach(2.0, true, low, high), band=(time, low, high),
+        )  # fmt: skip
+
+        rates = [deg(rate) for rate in (history.reference[:, 1], history.estimate[:, 1], history.truth[:, 5])]
+        strip_chart(
+            canvas, rows[1], "Yaw rate  [°/s]",
+            [
+                Series("commanded", COMMANDED, time, rates[0], dashed=True),
+                Series("believed", BELIEVED, time, rates[1]),
+                Series("true", TRUE, time, rates[2]),
+            ],
+            span, _reach(1.0, *rates, deg(history.reference[:, 3])),
+        )  # fmt: skip
+
+        limit = float(deg(self._ship.rudder_limit))
+        strip_chart(
+            canvas, rows[2], "Rudder  [°]", [Series("", TRUE, time, deg(history.rudder))],
+            span, 40.0, limit=limit, note=f"limits ±{limit:g}°",
+        )  # fmt: skip
+
+        d = 1e3 * history.unknown_input
+        lines = [Series("true", TRUE, time, d)]
+        estimated = np.isfinite(history.input_estimate)
+        if estimated.all():
+            delay = self._core.filter.input_delay * dt
+            lines.insert(0, Series("believed", BELIEVED, time - delay, 1e3 * history.input_estimate))
+        strip_chart(
+            canvas, rows[3], "Unknown yaw kick  [mrad/step]", lines, span,
+            _reach(1.0, *(line.value for line in lines)), note="" if estimated.all() else "not estimated",
+        )  # fmt: skip
+
+
+def _reach(least: float, *values: np.ndarray) -> float:
+    """A round number that no value exceeds in size."""
+    return nice(max(least, *(float(np.abs(value).max()) for value in values)))

@@ -1,0 +1,1 @@
+"""Tasks: what a vehicle is asked to do, what the agent sees of it, and how it is scored."""

@@ -1,0 +1,162 @@
+"""Hold a commanded turning circle through one full turn and beyond."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from estimators import Belief, Gaussian, wrap
+from vessel_gym.vehicles.corvette import CorvetteParameters, steady_turns
+
+
+@dataclass(frozen=True)
+class TurningCircle:
+    """The commanded heading leads into a steady turn: straight, a ramp of the yaw rate, a circle.
+
+    A course (what is drawn at reset) is ``(initial heading [rad], commanded yaw rate [rad/s])``; a
+    reference is ``(heading [rad], yaw rate now, yaw rate PREVIEW seconds ahead, final yaw rate)``.
+    """
+
+    ship: CorvetteParameters
+    dt: float = 0.5  # s
+    horizon: int = 600  # steps
+    radius: tuple[float, float] = (2.5, 6.0)  # commanded radius in ship lengths, either side
+    lead: float = 5.0  # s before the turn begins
+    ramp: float = 25.0  # s until the full yaw rate is commanded
+    preview: float = 10.0  # s
+
+    states = 4
+    """Size of the prior: (v, r, psi, u)."""
+    uniforms = 3
+    """Uniform numbers that `course` needs."""
+
+    def course(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
+        """Draw courses ``(B, 2)`` from uniforms ``(B, 3)``.
+
+        Args:
+            uniforms: for the initial heading, the radius and the side.
+            options: ``{"radius": r}`` sets the commanded radius [m], positive to starboard.
+
+        Raises:
+            ValueError: for an unknown option or a radius that the ship cannot hold.
+        """
+        shortest, longest = self.radius
+        heading = np.pi * (1.0 - 2.0 * uniforms[:, 0])
+        radius = self.ship.length * (shortest + (longest - shortest) * uniforms[:, 1])
+        radius = np.where(uniforms[:, 2] < 0.5, -radius, radius)
+        for option, value in options.items():
+            if option != "radius":
+                raise ValueError(f"unknown reset option {option!r}: choose from radius")
+            radius = np.full(len(uniforms), float(value))
+            low = shortest * self.ship.length
+            if not np.isfinite(value) or abs(value) < low:
+                raise ValueError(f"radius must be at least {low:.0f} m to either side, got {value}")
+        return np.stack([heading, self.yaw_rate(radius)], -1)
+
+    def yaw_rate(self, radius: np.ndarray) -> np.ndarray:
+        """The yaw rate [rad/s] of the steady turn with a signed radius [m]."""
+        turns = steady_turns(self.ship)
+        return np.sign(radius) * np.interp(1.0 / np.abs(radius), 1.0 / turns.radius, turns.yaw_rate)
+
+    def prior(self, course: np.ndarray) -> Gaussian:
+        """What is known of (v, r, psi, u) at the start: mean ``(B, 4)`` and covariance ``(4, 4)``."""
+        mean = np.zeros((len(course), 4))
+        mean[:, 2], mean[:, 3] = course[:, 0], self.ship.speed
+        return Gaussian(mean, np.diag([0.2, 0.002, 0.03, 0.2]) ** 2)
+
+    def reference(self, course: np.ndarray, step: np.ndarray) -> np.ndarray:
+        """The reference ``(B, 4)`` at a step ``(B,)``."""
+        heading, rate = course[:, 0], course[:, 1]
+        elapsed = step * self.dt - self.lead
+        reference = np.empty((len(course), 4))
+        ramp = _unit(elapsed / self.ramp)
+        reference[:, 0] = heading + rate * (0.5 * self.ramp * ramp * ramp + np.maximum(elapsed - self.ramp, 0.0))
+        reference[:, 1] = rate * ramp
+        reference[:, 2] = rate * _unit((elapsed + self.preview) / self.ramp)
+        reference[:, 3] = rate
+        return reference
+
+    def known_input(self, before: np.ndarray, after: np.ndarray, reference: np.ndarray) -> np.ndarray:
+        """What filters are told over a step ``(B, 2)``: mean rudder and commanded yaw rate."""
+        u = np.empty((len(before), 2))
+        u[:, 0] = 0.5 * (before[:, 0] + after[:, 0])
+        u[:, 1] = reference[:, 1]
+        return u
+
+    # --- what the agent sees ----------------------------------------------------------------------
+
+    BOUND = 10.0
+    """Observations are scaled to be of order 1 and clipped to +-10."""
+    STATE_SCALES = np.array([2.0, 0.01, 0.1])
+    """Sway [m/s], yaw rate [rad/s] and heading [rad] that count as 1 in an observation."""
+    INPUT_SCALE = 0.01  # rad
+    RATE_SCALE = 0.04  # rad/s
+
+    def sizes(self) -> dict[str, int]:
+        """The length of an observation for each mode of ``observe``."""
+        return {"mean": 7, "mean+std": 11, "measurement": 7}
+
+    def observe(self, belief: Belief, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
+        """The observation ``(B, 7)`` of mode ``"mean"``, before clipping: estimates, reference, rudder."""
+        mean = belief.mean
+        observation = np.empty((len(mean), 7))
+        observation[:, 0] = wrap(reference[:, 0] - mean[:, 2]) / self.STATE_SCALES[2]
+        observation[:, 1] = (reference[:, 1] - mean[:, 1]) / self.STATE_SCALES[1]
+        observation[:, 2] = mean[:, 0] / self.STATE_SCALES[0]
+        observation[:, 3] = 0.0 if belief.input_mean is None else belief.input_mean[:, 0] / self.INPUT_SCALE
+        self._known(observation[:, 4:], reference, actuators)
+        return observation
+
+    def observe_std(self, belief: Belief) -> np.ndarray:
+        """The standard deviations ``(B, 4)`` of sway, yaw rate, heading and unknown input, scaled likewise."""
+        std = np.zeros((len(belief.mean), 4))
+        variance = np.diagonal(belief.cov, axis1=-2, axis2=-1)[:, :3]
+        std[:, :3] = np.sqrt(np.maximum(variance, 0.0)) / self.STATE_SCALES
+        if belief.input_cov is not None:
+            std[:, 3] = np.sqrt(np.maximum(belief.input_cov[:, 0, 0], 0.0)) / self.INPUT_SCALE
+        return std
+
+    def observe_readings(
+        self, readings: np.ndarray, available: np.ndarray, reference: np.ndarray, actuators: np.ndarray
+    ) -> np.ndarray:
+        """The observation ``(B, 7)`` of mode ``"measurement"``: raw readings and their mask, no filter."""
+        observation = np.empty((len(readings), 7))
+        error = wrap(reference[:, 0] - readings[:, 0]) / self.STATE_SCALES[2]
+        observation[:, 0] = np.where(available[:, 0], error, 0.0)
+        observation[:, 1] = np.where(available[:, 1], readings[:, 1] / self.INPUT_SCALE, 0.0)
+        observation[:, 2:4] = available
+        self._known(observation[:, 4:], reference, actuators)
+        return observation
+
+    def _known(self, observation: np.ndarray, reference: np.ndarray, actuators: np.ndarray) -> None:
+        observation[:, 0] = actuators[:, 0] / self.ship.rudder_limit
+        observation[:, 1] = reference[:, 1] / self.RATE_SCALE
+        observation[:, 2] = reference[:, 2] / self.RATE_SCALE
+
+    # --- how it is scored -------------------------------------------------------------------------
+
+    HEADING_TOLERANCE = 0.05  # rad, error that halves the heading's share of the reward
+    RATE_TOLERANCE = 0.15  # of the commanded yaw rate, likewise
+    HELM_COST = 0.15  # share of the reward that the full rudder rate costs
+    LOST = 0.5 * np.pi  # rad, heading error at which the turn is lost
+
+    def score(
+        self, truth: np.ndarray, reference: np.ndarray, action: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Reward in [0, 1] and termination, ``(B,)`` each: the only reader of truth.
+
+        The kernels are sharp on purpose: with wide ones an agent trades heading for rudder.
+        Rewards are never negative, so ending early never pays; the reference moves with time, so
+        neither does loitering.
+        """
+        heading = wrap(reference[:, 0] - truth[:, 2])
+        rate = reference[:, 1] - truth[:, 5]
+        tolerance = self.RATE_TOLERANCE * reference[:, 3]
+        kernel = 0.8 / (1.0 + (heading / self.HEADING_TOLERANCE) ** 2) + 0.2 / (1.0 + (rate / tolerance) ** 2)
+        reward = kernel * (1.0 - self.HELM_COST * action[:, 0] ** 2)
+        return reward, np.abs(heading) > self.LOST
+
+
+def _unit(x: np.ndarray) -> np.ndarray:
+    """Clip to [0, 1]; much faster on short arrays than `numpy.clip`."""
+    return np.minimum(np.maximum(x, 0.0), 1.0)

@@ -1,0 +1,1 @@
+"""Vehicles: compiled equations of motion, sourced parameters and the models that filters use."""
