@@ -2,15 +2,13 @@
 
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.linalg import solve_discrete_are
 
+from vessel_gym.system import System
+from vessel_gym.tasks.turning_circle import TurningCircle
 from vessel_gym.vehicles.corvette import CorvetteParameters, secant_models, steady_turns
-
-if TYPE_CHECKING:
-    from vessel_gym.system import System
 
 
 @dataclass(frozen=True)
@@ -18,9 +16,9 @@ class Tolerances:
     """Deviations that count alike in the quadratic cost (Bryson's rule): each weight is 1 / tolerance^2."""
 
     heading: float = 0.05  # rad, the task's own tolerance
-    yaw_rate: float = 0.006  # rad/s
-    rudder_rate: float = 1.0  # of the full rate
-    heading_integral: float = 2.0  # rad s
+    yaw_rate: float = 0.02  # rad/s
+    rudder_rate: float = 0.5  # of the full rate
+    heading_integral: float = 1.0  # rad s
 
 
 @cache
@@ -55,11 +53,16 @@ class TurningAutopilot:
     Args:
         system: The environment's system (its task's scales, its ship).
         tolerances: The design's tolerances.
+
+    Raises:
+        ValueError: if the system's task is another.
     """
 
-    def __init__(self, system: "System", tolerances: Tolerances | None = None) -> None:
-        self._task = system.task
-        self._ship: CorvetteParameters = system.task.ship  # type: ignore[attr-defined]
+    def __init__(self, system: System, tolerances: Tolerances | None = None) -> None:
+        task = system.task
+        if not isinstance(task, TurningCircle):
+            raise ValueError(f"this autopilot steers turning circles, not {type(task).__name__}")
+        self._task, self._ship = task, task.ship
         self._dt = system.vehicle.dt
         self._gains = gains(self._ship, self._dt, tolerances or Tolerances())
         self._turns = steady_turns(self._ship)
@@ -73,12 +76,11 @@ class TurningAutopilot:
     def act(self, observations: np.ndarray) -> np.ndarray:
         """Rudder rate ``(B, 1)`` as a share of the full rate."""
         task, turns = self._task, self._turns
-        sway_scale, rate_scale, heading_scale = task.STATE_SCALES  # type: ignore[attr-defined]
-        heading_error = -heading_scale * observations[:, 0]
-        rate_error = -rate_scale * observations[:, 1]
-        sway = sway_scale * observations[:, 2]
+        heading_error = -task.HEADING_SCALE * observations[:, 0]
+        rate_error = -task.RATE_SCALE * observations[:, 1]
+        sway = task.SWAY_SCALE * observations[:, 2]
         rudder = self._ship.rudder_limit * observations[:, 4]
-        commanded = task.RATE_SCALE * observations[:, 5]  # type: ignore[attr-defined]
+        commanded = task.COMMAND_SCALE * observations[:, 5]
         rate = np.abs(commanded)
         side = np.sign(commanded)
         deviation = np.stack(

@@ -1,10 +1,12 @@
 """PPO through stable-baselines3 on the batched environments."""
 
+import hashlib
 import json
 import os
 import tomllib
 import zipfile
 from collections.abc import Callable
+from importlib import metadata
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -12,8 +14,11 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-import vessel_gym  # noqa: F401  (registers the environments)
+import estimators
+import vessel_gym
 from agents.seeds import training_seed
+
+_DESCRIPTION = "vessel_gym.json"  # inside a checkpoint
 
 
 def hyperparameters(env_id: str) -> dict[str, Any]:
@@ -26,6 +31,56 @@ def hyperparameters(env_id: str) -> dict[str, Any]:
     if env_id not in table:
         raise ValueError(f"no PPO settings for {env_id!r} in agents/ppo.toml: choose from {', '.join(table)}")
     return table[env_id]
+
+
+def describe(env_id: str, env_options: dict[str, Any] | None, seed: int, steps: int | None) -> dict[str, Any]:
+    """Everything that decides what `train` gives, as plain data: equal descriptions, equal checkpoints.
+
+    Args:
+        env_id: As `train`; so are the other arguments.
+        env_options: See `train`.
+        seed: See `train`.
+        steps: See `train`.
+
+    Returns:
+        The arguments, the tuned settings, the versions of the libraries that compute, and a digest of the
+        environments' and estimators' source code.
+
+    Raises:
+        ValueError: for an environment without settings.
+    """
+    settings = hyperparameters(env_id)
+    described = {
+        "env_id": env_id,
+        "env_options": env_options or {},
+        "seed": seed,
+        "steps": settings["steps"] if steps is None else steps,
+        "hyperparameters": settings,
+        "versions": {"vessel-gym": vessel_gym.__version__}
+        | {name: metadata.version(name) for name in ("numpy", "torch", "stable-baselines3")},
+        "source": _source_digest(),
+    }
+    return json.loads(json.dumps(described))
+
+
+def description(path: Path) -> dict[str, Any] | None:
+    """What `train` wrote of itself into a checkpoint; None if there is no such checkpoint."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return json.loads(archive.read(_DESCRIPTION))
+    except (OSError, zipfile.BadZipFile, KeyError, ValueError):
+        return None
+
+
+def _source_digest() -> str:
+    """SHA-256 of the code that an agent learns from: all of it but pictures."""
+    digest = hashlib.sha256()
+    for package in (estimators, vessel_gym):
+        root = Path(package.__file__ or "").parent
+        for source in sorted(root.rglob("*.py")):
+            if "rendering" not in source.parts:
+                digest.update(source.relative_to(root).as_posix().encode() + b"\0" + source.read_bytes())
+    return digest.hexdigest()
 
 
 def train(
@@ -64,12 +119,13 @@ def train(
     torch.set_num_threads(1)  # small networks: a second thread costs more than it brings
     settings = hyperparameters(env_id)
     num_envs = settings["num_envs"]
-    steps = settings["steps"] if steps is None else steps
-    if steps < num_envs:
-        raise ValueError(f"steps must be at least the {num_envs} environments of a batch, got {steps}")
+    budget: int = settings["steps"] if steps is None else steps
+    if budget < num_envs:
+        raise ValueError(f"steps must be at least the {num_envs} environments of a batch, got {budget}")
     path = Path(path).with_suffix(".zip")
     path.parent.mkdir(parents=True, exist_ok=True)
     env_options = dict(env_options or {})
+    horizon = gym.spec(env_id).max_episode_steps or 1
     env = StableBaselinesVecEnv(gym.make_vec(env_id, num_envs=num_envs, **env_options))
     env.seed(training_seed(seed))
     final = settings["learning_rate_final"]
@@ -82,8 +138,8 @@ def train(
         def _on_rollout_end(self) -> None:
             if progress is not None:
                 late = [info["r"] for info in self.model.ep_info_buffer or ()]
-                mean = float(np.mean(late)) / env.env.spec.max_episode_steps if late else float("nan")
-                progress(self.num_timesteps, steps, mean)
+                mean = float(np.mean(late)) / horizon if late else float("nan")
+                progress(self.num_timesteps, budget, mean)
 
     model = PPO(
         "MlpPolicy",
@@ -107,14 +163,14 @@ def train(
     )
     # PPO reseeds the environments with its own seed: put the training range back.
     env.seed(training_seed(seed))
-    model.learn(steps, callback=Report())
+    model.learn(budget, callback=Report())
     env.close()
     temporary = path.with_name(f".{path.stem}.{os.getpid()}.zip")
     try:
         model.save(temporary)
-        described = {"env_id": env_id, "env_options": env_options, "seed": seed, "steps": model.num_timesteps}
+        described = describe(env_id, env_options, seed, budget) | {"trained_steps": model.num_timesteps}
         with zipfile.ZipFile(temporary, "a") as archive:
-            archive.writestr("vessel_gym.json", json.dumps(described))
+            archive.writestr(_DESCRIPTION, json.dumps(described, indent=1))
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)

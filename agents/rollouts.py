@@ -73,7 +73,7 @@ def rollout(
     try:
         flyer = load_agent(agent, env) if isinstance(agent, str) else agent
         flyer.reset(len(seeds))
-        observations, info = env.reset(seed=seeds, options=reset_options)
+        observations, info = env.reset(seed=seeds, options=reset_options)  # type: ignore[arg-type]
         keys = [key for key in info if not key.startswith("_") and isinstance(info[key], np.ndarray)] if record else []
         frames = {key: [info[key]] for key in keys}
         alive = np.ones(len(seeds), bool)

@@ -35,7 +35,7 @@ class StableBaselinesVecEnv(VecEnv):
         self._returns = np.zeros(env.num_envs)
         self._lengths = np.zeros(env.num_envs, int)
 
-    def seed(self, seed: int | None = None) -> Sequence[None | int]:
+    def seed(self, seed: int | None = None) -> Sequence[int | None]:
         """The seed of the next `reset`: environment i gets ``seed + i``."""
         self._seed = seed
         return [None if seed is None else seed + i for i in range(self.num_envs)]
@@ -52,7 +52,7 @@ class StableBaselinesVecEnv(VecEnv):
         """Keep the actions for `step_wait`."""
         self._actions = actions
 
-    def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:  # type: ignore[override]
+    def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
         """Observations, rewards, dones and one info an environment."""
         observations, rewards, terminated, truncated, info = self.env.step(self._actions)
         self._returns += rewards

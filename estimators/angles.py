@@ -14,7 +14,7 @@ def wrap(angle: np.ndarray | float) -> np.ndarray:
     Returns:
         The same angles in (-pi, pi], same shape.
     """
-    return np.pi - (np.pi - angle) % _TURN
+    return np.pi - np.mod(np.pi - angle, _TURN)
 
 
 def difference(a: np.ndarray, b: np.ndarray, angles: tuple[int, ...]) -> np.ndarray:

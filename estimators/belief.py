@@ -52,7 +52,7 @@ class Belief:
 
     def with_rows(self, rows: np.ndarray, other: "Belief") -> "Belief":
         """This belief with the rows of a mask ``(...)`` replaced, in order, by those of ``other``."""
-        values = []
+        values: list[np.ndarray | None] = []
         for f in fields(self):
             mine, theirs = getattr(self, f.name), getattr(other, f.name)
             if mine is None or theirs is None:

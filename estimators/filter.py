@@ -1,5 +1,6 @@
 """The contract that every filter keeps: ``init``, ``predict``, ``update``."""
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import ClassVar, NamedTuple
@@ -116,7 +117,7 @@ class Filter(ABC):
             belief = belief.replace(u=np.asarray(u, dtype=float))
         with np.errstate(all="ignore"):
             updated = self._update(belief, self._reading(belief, y, available, R), rng)
-            if np.isfinite(updated.mean.sum() + updated.cov.sum()):
+            if math.isfinite(np.add.reduce(updated.mean, None) + np.add.reduce(updated.cov, None)):
                 return updated
             return self._recovered(updated, y, rng, available, R)
 
@@ -133,9 +134,7 @@ class Filter(ABC):
 
     # --- shared -----------------------------------------------------------------------------------
 
-    def _reading(
-        self, belief: Belief, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None
-    ) -> Reading:
+    def _reading(self, belief: Belief, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None) -> Reading:
         """Innovation and measurement matrices, with missing channels neutralised."""
         model, u = self.model, belief.u
         expected, C = model.linearise_measurement(belief.mean, u)

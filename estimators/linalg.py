@@ -33,6 +33,5 @@ def solve(s: np.ndarray, b: np.ndarray) -> np.ndarray:
 def inverse(s: np.ndarray) -> np.ndarray:
     """``S^-1`` of a small symmetric matrix; a scalar needs no factorisation."""
     if s.shape[-1] == 1:
-        with np.errstate(divide="ignore"):
-            return 1.0 / s
+        return 1.0 / s
     return symmetrise(solve(s, np.broadcast_to(np.eye(s.shape[-1]), s.shape)))

@@ -16,6 +16,8 @@ class UnknownInputFilter(Filter):
     for that step, and the belief's ``input_observed`` is the projector on the others.
     """
 
+    model: LinearModel
+
     def __init__(self, model: Model, input_prior: np.ndarray | float = 1.0) -> None:
         super().__init__(model)
         if not isinstance(model, LinearModel):
@@ -23,6 +25,7 @@ class UnknownInputFilter(Filter):
         if model.q == 0:
             raise ValueError(f"{self.name} needs an unknown input: give the model G, H or both")
         self.input_prior = input_covariance("input_prior", input_prior, model.q)
+        self._state_rows = np.eye(model.n + model.q)[:, : model.n]
 
     def _init(self, belief: Belief, rng: Streams) -> Belief:
         return self._with_unseen_input(belief, np.zeros(belief.mean.shape[:-1], bool))
@@ -37,16 +40,14 @@ class UnknownInputFilter(Filter):
         )  # fmt: skip
 
 
-def _gains(
-    S: np.ndarray, CP: np.ndarray, F: np.ndarray, complete: bool
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _gains(S: np.ndarray, CP: np.ndarray, F: np.ndarray, complete: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The Kalman gain, and the best linear unbiased estimate of ``d`` from ``e = F d + noise of covariance S``.
 
     ``K = P- C' S^-1`` and ``M = (F' S^-1 F)^-1 F' S^-1``, the latter restricted to the directions that F shows.
 
     Returns:
-        K ``(..., n, p)``, M ``(..., q, p)``, the covariance ``(F' S^-1 F)^-1 (..., q, q)`` of the
-        estimate and the projector ``(..., q, q)`` on the directions that were determined.
+        K ``(..., n, p)``, M ``(..., q, p)`` and the projector ``(..., q, q)`` on the directions that
+        were determined.
     """
     n, q = CP.shape[-1], F.shape[-1]
     right = np.empty(CP.shape[:-1] + (n + q,))
@@ -55,7 +56,7 @@ def _gains(
     K, SF = solved[..., :n].mT, solved[..., n:]
     information = F.mT @ SF
     if complete:
-        cov, observed = inverse(information), np.zeros(information.shape) + np.eye(q)
+        cov, observed = inverse(information), np.zeros(information.shape) + (1.0 if q == 1 else np.eye(q))
     elif q == 1:
         seen = information > 0.0
         cov, observed = np.where(seen, 1.0 / np.where(seen, information, 1.0), 0.0), seen.astype(float)
@@ -65,7 +66,7 @@ def _gains(
         hidden = Vt * (np.arange(q) >= rank[..., None])[..., None]
         unseen = hidden.mT @ hidden
         cov, observed = inverse(information + unseen) - unseen, np.eye(q) - unseen
-    return K, cov @ SF.mT, cov, observed
+    return K, cov @ SF.mT, observed
 
 
 class UnbiasedMinimumVarianceFilter(UnknownInputFilter):
@@ -117,22 +118,23 @@ class UnbiasedMinimumVarianceFilter(UnknownInputFilter):
         return self._with_unseen_input(predicted, belief.pending)
 
     def _update(self, belief: Belief, reading: Reading, rng: Streams) -> Belief:
-        C, H, R, e = reading.C, reading.H, reading.R, reading.innovation
+        C, H, R = reading.C, reading.H, reading.R
         CP = C @ belief.cov
         S = CP @ C.mT + R
-        K, M, input_cov, observed = _gains(S, CP, H, reading.complete)
-        d = np.matvec(M, e)
-        L = K - K @ H @ M
-        mean = belief.mean + np.matvec(L, e)
-        # Errors: x~ = T x~- - L v with T = I - L C, and d~ = -M (C x~- + v) where d is seen.
-        T, LR = self._identity - L @ C, L @ R
-        cov = symmetrise(congruence(T, belief.cov) + LR @ L.mT)
-        cross = (LR - T @ CP.mT) @ M.mT
+        K, M, observed = _gains(S, CP, H, reading.complete)
+        n = self.model.n
+        Z = np.empty(K.shape[:-2] + (n + self.model.q, self.model.p))  # (x, d) = (x-, 0) + Z e
+        Z[..., :n, :], Z[..., n:, :] = K - K @ H @ M, M
+        correction = np.matvec(Z, reading.innovation)
+        # Errors: x~ = x~- - L (C x~- + v), as L H = 0, and d~ = -M (C x~- + v) where d is seen (M H = I).
+        cov = symmetrise(congruence(self._state_rows - Z @ C, belief.cov) + congruence(Z, R))
+        input_cov = cov[..., n:, n:]
         if not reading.complete:
             input_cov = input_cov + congruence(np.eye(self.model.q) - observed, self.input_prior)
         return Belief(
-            mean, cov, belief.prior_mean, belief.prior_cov, np.ones(mean.shape[:-1], bool), belief.u,
-            e, S, reading.available, d, input_cov, cross, observed, belief.pending,
+            belief.mean + correction[..., :n], cov[..., :n, :n], belief.prior_mean, belief.prior_cov,
+            np.ones(correction.shape[:-1], bool), belief.u, reading.innovation, S, reading.available,
+            correction[..., n:], input_cov, cov[..., :n, n:], observed, belief.pending,
         )  # fmt: skip
 
 
@@ -163,8 +165,9 @@ class UnbiasedMinimumVarianceFilterWithoutFeedthrough(UnknownInputFilter):
         super().__init__(model, input_prior)
         if callable(model.H) or np.any(model.H):
             raise ValueError("kf-umv-ui-wdf needs H = 0 (no feedthrough): use kf-umv-ui")
-        if not callable(model.C) and not callable(model.G):
-            rank = int(np.linalg.matrix_rank(model.C @ model.G).min())
+        C, G = self.model.C, self.model.G
+        if not callable(C) and not callable(G):
+            rank = int(np.linalg.matrix_rank(C @ G).min())
             if rank < model.q:
                 raise ValueError(
                     f"kf-umv-ui-wdf needs rank(C G) = {model.q} unknown input{'s' if model.q > 1 else ''}, "
@@ -182,28 +185,28 @@ class UnbiasedMinimumVarianceFilterWithoutFeedthrough(UnknownInputFilter):
         return self._with_unseen_input(predicted, np.ones(mean.shape[:-1], bool))
 
     def _update(self, belief: Belief, reading: Reading, rng: Streams) -> Belief:
-        C, R, e = reading.C, reading.R, reading.innovation
+        C, R = reading.C, reading.R
         G = resolve(self.model.G, belief.u)
         CP = C @ belief.cov
         S = CP @ C.mT + R
         pending = belief.pending[..., None, None]
         complete = reading.complete and bool(pending.all())
-        K, M, input_cov, observed = _gains(S, CP, (C @ G) * pending, complete)
-        d = np.matvec(M, e)
+        K, M, observed = _gains(S, CP, (C @ G) * pending, complete)
+        n, q = self.model.n, self.model.q
         GM = G @ M
-        L = K + GM - K @ (C @ GM)
-        mean = belief.mean + np.matvec(L, e)
-        T = self._identity - L @ C
-        LR = L @ R
-        cov = congruence(T, belief.cov) + LR @ L.mT
-        # d(k-1) - M e = -M (C x~- + v): correlated with the state's error.
-        cross = (LR - T @ CP.mT) @ M.mT
+        Z = np.empty(K.shape[:-2] + (n + q, self.model.p))  # (x, d) = (x-, 0) + Z e
+        Z[..., :n, :], Z[..., n:, :] = K + GM - K @ (C @ GM), M
+        correction = np.matvec(Z, reading.innovation)
+        # Errors: x~ = x~- - L (C x~- + v), the input's share in it cancelling, and d~ = -M (C x~- + v).
+        cov = congruence(self._state_rows - Z @ C, belief.cov) + congruence(Z, R)
         if not complete:
-            hidden = congruence(np.eye(self.model.q) - observed, self.input_prior)
-            input_cov = input_cov + hidden
-            cov = cov + congruence(G, hidden) * pending
-            cross = cross + G @ hidden * pending
+            hidden = congruence(np.eye(q) - observed, self.input_prior)
+            reach = np.concatenate([G * pending, np.broadcast_to(np.eye(q), M.shape[:-2] + (q, q))], -2)
+            cov = cov + congruence(reach, hidden)
+        cov = symmetrise(cov)
+        healthy, settled = np.ones(correction.shape[:-1], bool), np.zeros(correction.shape[:-1], bool)
         return Belief(
-            mean, symmetrise(cov), belief.prior_mean, belief.prior_cov, np.ones(mean.shape[:-1], bool), belief.u,
-            e, S, reading.available, d, input_cov, cross, observed, np.zeros(mean.shape[:-1], bool),
+            belief.mean + correction[..., :n], cov[..., :n, :n], belief.prior_mean, belief.prior_cov, healthy, belief.u,
+            reading.innovation, S, reading.available, correction[..., n:], cov[..., n:, n:], cov[..., :n, n:], observed,
+            settled,
         )  # fmt: skip

@@ -108,7 +108,7 @@ class Core:
             seed = int(np.random.SeedSequence().generate_state(1)[0])
         if isinstance(seed, int | np.integer) and not isinstance(seed, bool):
             seeds = [int(seed) + i for i in range(self.num_envs)]
-        elif isinstance(seed, Sequence | np.ndarray) and not isinstance(seed, str):
+        elif isinstance(seed, list | tuple | np.ndarray):
             seeds = list(seed)
         else:
             raise ValueError(f"seed must be a whole number or a list of them, got {seed!r}")
@@ -212,7 +212,8 @@ class Core:
             observation = task.observe(self.belief, self.reference, self.actuators)
             if self.observe_mode == "mean+std":
                 observation = np.concatenate([observation, task.observe_std(self.belief)], -1)
-        return np.minimum(np.maximum(observation, -task.BOUND), task.BOUND).astype(np.float32)
+        np.maximum(observation, -task.BOUND, out=observation)
+        return np.minimum(observation, task.BOUND, out=observation).astype(np.float32)
 
     def info(self) -> dict[str, np.ndarray]:
         """Copies of what happened, one row an environment; documented with the environment."""

@@ -74,12 +74,15 @@ class HeldMeasurement(Filter):
 
     def _init(self, belief: Belief, rng: Streams) -> Belief:
         shape = belief.mean.shape[:-1] + (self.model.p,)
-        held = self.model.measurement(belief.mean, belief.u)
+        held = self._expected(belief)
         return HeldReadings(
             belief.mean, belief.cov, belief.prior_mean, belief.prior_cov, belief.healthy,
             input_mean=np.zeros(belief.mean.shape[:-1] + (self.model.q,)),
             held=held, seen=np.zeros(shape, bool), age=np.zeros(shape),
         )  # fmt: skip
+
+    def _expected(self, belief: Belief) -> np.ndarray:
+        return self.model.linearise_measurement(belief.mean, belief.u)[0]
 
     def _predict(self, belief: Belief, u: np.ndarray | None, rng: Streams) -> Belief:
         assert isinstance(belief, HeldReadings)
@@ -88,7 +91,7 @@ class HeldMeasurement(Filter):
     def _update(self, belief: Belief, reading: Reading, rng: Streams) -> Belief:
         assert isinstance(belief, HeldReadings)
         arrived, first = reading.available, ~belief.seen
-        value = self.model.measurement(belief.mean, belief.u) + reading.innovation
+        value = self._expected(belief) + reading.innovation
         value = np.where(arrived, value, belief.held)
         previous = np.where(first, value, belief.held)
         elapsed = np.maximum(belief.age[..., 0], 1.0) * self._dt

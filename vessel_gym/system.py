@@ -10,19 +10,47 @@ from estimators import Belief, Gaussian, LinearModel, NonlinearModel
 
 
 class Vehicle(Protocol):
-    """A vehicle in batches ``(B, ...)``: actuators, truth, exact readings and models for filters."""
+    """A vehicle in batches ``(B, ...)``: actuators, truth, exact readings and models for filters.
 
-    dt: float
-    truth_names: tuple[str, ...]
-    action_names: tuple[str, ...]
-    reading_names: tuple[str, ...]
-    reading_sd: np.ndarray
-    normals: int
+    The equations may be compiled or plain NumPy: anything that broadcasts over leading axes.
+    """
 
-    def parameters(self, mismatch: float, normals: np.ndarray) -> np.ndarray: ...
-    def start(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]: ...
-    def filter_state(self, truth: np.ndarray, n: int) -> np.ndarray: ...
-    def actuate(self, actuators: np.ndarray, action: np.ndarray) -> np.ndarray: ...
+    @property
+    def dt(self) -> float:
+        """Time step [s]."""
+
+    @property
+    def truth_names(self) -> tuple[str, ...]:
+        """Components of the true state."""
+
+    @property
+    def action_names(self) -> tuple[str, ...]:
+        """Components of the action."""
+
+    @property
+    def reading_names(self) -> tuple[str, ...]:
+        """Sensor channels."""
+
+    @property
+    def reading_sd(self) -> np.ndarray:
+        """Nominal standard deviation ``(p,)`` of each channel."""
+
+    @property
+    def normals(self) -> int:
+        """How many normal numbers `parameters` needs."""
+
+    def parameters(self, mismatch: float, normals: np.ndarray) -> np.ndarray:
+        """The truth's parameters ``(B, k)``, spread around the filter's."""
+
+    def start(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """True state and actuators ``(B, a)`` from the state that the task's prior describes."""
+
+    def filter_state(self, truth: np.ndarray, n: int) -> np.ndarray:
+        """The first ``n`` components that filters estimate, out of the truth."""
+
+    def actuate(self, actuators: np.ndarray, action: np.ndarray) -> np.ndarray:
+        """Actuators one step later, within limits and rates."""
+
     def step(
         self,
         truth: np.ndarray,
@@ -31,59 +59,108 @@ class Vehicle(Protocol):
         unknown_input: np.ndarray,
         current: np.ndarray,
         parameters: np.ndarray,
-    ) -> np.ndarray: ...
-    def readings(self, truth: np.ndarray, unknown_input: np.ndarray) -> np.ndarray: ...
-    def model(self, kind: str, noise: float) -> LinearModel | NonlinearModel: ...
+    ) -> np.ndarray:
+        """The truth one step later, with actuators moving from ``before`` to ``after``."""
+
+    def readings(self, truth: np.ndarray, unknown_input: np.ndarray) -> np.ndarray:
+        """What perfect sensors would read ``(B, p)``."""
+
+    def model(self, kind: str, noise: float) -> LinearModel | NonlinearModel:
+        """A filter's model of this vehicle, with sensors ``noise`` times nominal."""
+
     def from_readings(
         self, readings: np.ndarray, previous: np.ndarray, elapsed: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]: ...
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """State and unknown input from the readings alone, differenced where no sensor gives a rate."""
 
 
 class Disturbance(Protocol):
-    """A stochastic process, one state ``(B, size)`` an environment."""
+    """A stochastic process with one state ``(B, size)`` an environment."""
 
-    size: int
+    @property
+    def size(self) -> int:
+        """Size of the state, and normal numbers a step."""
 
-    def start(self, normals: np.ndarray) -> np.ndarray: ...
-    def advance(self, state: np.ndarray, normals: np.ndarray) -> np.ndarray: ...
-    def unknown_input(self, state: np.ndarray) -> np.ndarray: ...
-    def current_velocity(self, state: np.ndarray) -> np.ndarray: ...
+    def start(self, normals: np.ndarray) -> np.ndarray:
+        """A stationary state."""
+
+    def advance(self, state: np.ndarray, normals: np.ndarray) -> np.ndarray:
+        """The state one step later."""
+
+    def unknown_input(self, state: np.ndarray) -> np.ndarray:
+        """The input ``(B, q)`` that acts on the vehicle over the coming step and that no filter is told."""
+
+    def current_velocity(self, state: np.ndarray) -> np.ndarray:
+        """Velocity of the surrounding fluid."""
 
 
 class Task(Protocol):
     """What is asked. ``observe`` has no parameter through which truth could come; ``score`` alone reads it."""
 
-    horizon: int
-    states: int
-    uniforms: int
-    BOUND: float
+    @property
+    def horizon(self) -> int:
+        """Steps of a full episode: what the score is relative to."""
 
-    def course(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray: ...
-    def prior(self, course: np.ndarray) -> Gaussian: ...
-    def reference(self, course: np.ndarray, step: np.ndarray) -> np.ndarray: ...
-    def known_input(self, before: np.ndarray, after: np.ndarray, reference: np.ndarray) -> np.ndarray: ...
-    def sizes(self) -> dict[str, int]: ...
-    def observe(self, belief: Belief, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray: ...
-    def observe_std(self, belief: Belief) -> np.ndarray: ...
+    @property
+    def states(self) -> int:
+        """Size of the prior."""
+
+    @property
+    def uniforms(self) -> int:
+        """How many uniform numbers `course` needs."""
+
+    @property
+    def BOUND(self) -> float:
+        """Observations are clipped to +- this."""
+
+    def course(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
+        """What is drawn at reset, ``(B, k)``."""
+
+    def prior(self, course: np.ndarray) -> Gaussian:
+        """Where the truth starts, and all that the estimator knows of it: mean ``(B, n)``, covariance ``(n, n)``."""
+
+    def reference(self, course: np.ndarray, step: np.ndarray) -> np.ndarray:
+        """What is commanded at a step."""
+
+    def known_input(self, before: np.ndarray, after: np.ndarray, reference: np.ndarray) -> np.ndarray:
+        """What filters are told over a step."""
+
+    def sizes(self) -> dict[str, int]:
+        """Length of an observation for each mode of ``observe``."""
+
+    def observe(self, belief: Belief, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
+        """The observation from estimates."""
+
+    def observe_std(self, belief: Belief) -> np.ndarray:
+        """What mode ``"mean+std"`` appends."""
+
     def observe_readings(
         self, readings: np.ndarray, available: np.ndarray, reference: np.ndarray, actuators: np.ndarray
-    ) -> np.ndarray: ...
-    def score(
-        self, truth: np.ndarray, reference: np.ndarray, action: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]: ...
+    ) -> np.ndarray:
+        """The observation of mode ``"measurement"``."""
+
+    def score(self, truth: np.ndarray, reference: np.ndarray, action: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Reward in [0, 1] and termination."""
 
 
 @dataclass(frozen=True)
 class System:
-    """One environment as data."""
+    """One environment as data.
+
+    Attributes:
+        vehicle: What moves.
+        task: What is asked of it.
+        disturbances: By name: ``"calm"``, ``"moderate"``, ``"rough"``.
+        estimator: The default estimator.
+        filter_model: The vehicle's model that filters use, unless ``filter_models`` says otherwise.
+        tuning: Options of a filter by name, given the disturbance.
+        filter_models: Models of particular filters.
+    """
 
     vehicle: Vehicle
     task: Task
     disturbances: Mapping[str, Disturbance]
     estimator: str
-    """The default estimator."""
     filter_model: str
-    """The vehicle's model that filters use, unless `filter_models` says otherwise."""
     tuning: Callable[[str, Any], dict[str, Any]]
-    """Options of a filter by name, given the disturbance."""
     filter_models: Mapping[str, str] = field(default_factory=dict)

@@ -29,7 +29,7 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
         TypeError: for an option that the estimator does not have.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["human", "rgb_array"], "render_fps": 20}
+    metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 20}
     system: ClassVar[System]
 
     def __init__(
@@ -73,7 +73,7 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
             self._record()
         return self.core.observe()[0], float(reward[0]), bool(terminated[0]), False, self._info()
 
-    def render(self) -> np.ndarray | None:  # type: ignore[override]
+    def render(self) -> np.ndarray | None:
         """An image ``(height, width, 3)`` of the episode so far; in mode ``"human"``, the window is kept current."""
         if self.render_mode is None:
             gym.logger.warn("render() was called without a render_mode: give one to gym.make")

@@ -33,7 +33,7 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         ValueError: as `VesselEnv`, and for a ``num_envs`` that is not a positive whole number.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"autoreset_mode": AutoresetMode.SAME_STEP, "render_modes": []}
+    metadata = {"autoreset_mode": AutoresetMode.SAME_STEP, "render_modes": []}
     system: ClassVar[System]
 
     def __init__(

@@ -1,12 +1,42 @@
 """Hold a commanded turning circle through one full turn and beyond."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numba import guvectorize
 
 from estimators import Belief, Gaussian, wrap
 from vessel_gym.vehicles.corvette import CorvetteParameters, steady_turns
+
+
+@guvectorize(["void(float64[:], float64, float64[:], float64[:])"], "(c),(),(r)->(r)", nopython=True, cache=True)
+def turning_reference(course: np.ndarray, step: float, timing: np.ndarray, out: np.ndarray) -> None:
+    """Heading and yaw rates now, ahead and finally; timing is (time step, lead, ramp, preview) in s."""
+    dt, lead, ramp, preview = timing[0], timing[1], timing[2], timing[3]
+    heading, rate = course[0], course[1]
+    elapsed = step * dt - lead
+    share = min(max(elapsed / ramp, 0.0), 1.0)
+    out[0] = heading + rate * (0.5 * ramp * share * share + max(elapsed - ramp, 0.0))
+    out[1] = rate * share
+    out[2] = rate * min(max((elapsed + preview) / ramp, 0.0), 1.0)
+    out[3] = rate
+
+
+@guvectorize(
+    ["void(float64, float64[:], float64[:], float64[:], float64[:], float64[:])"],
+    "(),(n),(r),(a),(k)->()",
+    nopython=True,
+    cache=True,
+)
+def turning_reward(
+    heading: float, truth: np.ndarray, reference: np.ndarray, action: np.ndarray, kernel: np.ndarray, out: np.ndarray
+) -> None:
+    """Reward for a wrapped heading error; kernel is (heading tolerance, yaw rate tolerance, helm cost)."""
+    rate = (reference[1] - truth[5]) / reference[3]
+    value = 0.8 / (1.0 + (heading / kernel[0]) ** 2) + 0.2 / (1.0 + (rate / kernel[1]) ** 2)
+    out[0] = value * (1.0 - kernel[2] * action[0] ** 2)
 
 
 @dataclass(frozen=True)
@@ -66,15 +96,11 @@ class TurningCircle:
 
     def reference(self, course: np.ndarray, step: np.ndarray) -> np.ndarray:
         """The reference ``(B, 4)`` at a step ``(B,)``."""
-        heading, rate = course[:, 0], course[:, 1]
-        elapsed = step * self.dt - self.lead
-        reference = np.empty((len(course), 4))
-        ramp = _unit(elapsed / self.ramp)
-        reference[:, 0] = heading + rate * (0.5 * self.ramp * ramp * ramp + np.maximum(elapsed - self.ramp, 0.0))
-        reference[:, 1] = rate * ramp
-        reference[:, 2] = rate * _unit((elapsed + self.preview) / self.ramp)
-        reference[:, 3] = rate
-        return reference
+        return turning_reference(course, step, self._timing)
+
+    @cached_property
+    def _timing(self) -> np.ndarray:
+        return np.array([self.dt, self.lead, self.ramp, self.preview])
 
     def known_input(self, before: np.ndarray, after: np.ndarray, reference: np.ndarray) -> np.ndarray:
         """What filters are told over a step ``(B, 2)``: mean rudder and commanded yaw rate."""
@@ -87,51 +113,64 @@ class TurningCircle:
 
     BOUND = 10.0
     """Observations are scaled to be of order 1 and clipped to +-10."""
-    STATE_SCALES = np.array([2.0, 0.01, 0.1])
-    """Sway [m/s], yaw rate [rad/s] and heading [rad] that count as 1 in an observation."""
+    SWAY_SCALE = 2.0  # m/s
+    RATE_SCALE = 0.01  # rad/s, errors and uncertainty
+    HEADING_SCALE = 0.1  # rad, likewise
     INPUT_SCALE = 0.01  # rad
-    RATE_SCALE = 0.04  # rad/s
+    COMMAND_SCALE = 0.04  # rad/s, commanded yaw rate
 
     def sizes(self) -> dict[str, int]:
         """The length of an observation for each mode of ``observe``."""
         return {"mean": 7, "mean+std": 11, "measurement": 7}
 
+    @cached_property
+    def _known_scales(self) -> list[float]:
+        return [self.ship.rudder_limit, self.COMMAND_SCALE, self.COMMAND_SCALE]
+
+    @cached_property
+    def _mean_gains(self) -> np.ndarray:
+        scales = [self.HEADING_SCALE, self.RATE_SCALE, self.SWAY_SCALE, self.INPUT_SCALE, *self._known_scales]
+        return 1.0 / np.array(scales)
+
+    @cached_property
+    def _std_gains(self) -> np.ndarray:
+        return 1.0 / np.array([self.SWAY_SCALE, self.RATE_SCALE, self.HEADING_SCALE, self.INPUT_SCALE])
+
+    @cached_property
+    def _reading_gains(self) -> np.ndarray:
+        return 1.0 / np.array([self.HEADING_SCALE, self.INPUT_SCALE, 1.0, 1.0, *self._known_scales])
+
     def observe(self, belief: Belief, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
         """The observation ``(B, 7)`` of mode ``"mean"``, before clipping: estimates, reference, rudder."""
         mean = belief.mean
         observation = np.empty((len(mean), 7))
-        observation[:, 0] = wrap(reference[:, 0] - mean[:, 2]) / self.STATE_SCALES[2]
-        observation[:, 1] = (reference[:, 1] - mean[:, 1]) / self.STATE_SCALES[1]
-        observation[:, 2] = mean[:, 0] / self.STATE_SCALES[0]
-        observation[:, 3] = 0.0 if belief.input_mean is None else belief.input_mean[:, 0] / self.INPUT_SCALE
-        self._known(observation[:, 4:], reference, actuators)
-        return observation
+        observation[:, 0] = wrap(reference[:, 0] - mean[:, 2])
+        observation[:, 1] = reference[:, 1] - mean[:, 1]
+        observation[:, 2] = mean[:, 0]
+        observation[:, 3] = 0.0 if belief.input_mean is None else belief.input_mean[:, 0]
+        observation[:, 4] = actuators[:, 0]
+        observation[:, 5:] = reference[:, 1:3]
+        return observation * self._mean_gains
 
     def observe_std(self, belief: Belief) -> np.ndarray:
         """The standard deviations ``(B, 4)`` of sway, yaw rate, heading and unknown input, scaled likewise."""
-        std = np.zeros((len(belief.mean), 4))
-        variance = np.diagonal(belief.cov, axis1=-2, axis2=-1)[:, :3]
-        std[:, :3] = np.sqrt(np.maximum(variance, 0.0)) / self.STATE_SCALES
+        variance = np.zeros((len(belief.mean), 4))
+        variance[:, :3] = np.diagonal(belief.cov, axis1=-2, axis2=-1)[:, :3]
         if belief.input_cov is not None:
-            std[:, 3] = np.sqrt(np.maximum(belief.input_cov[:, 0, 0], 0.0)) / self.INPUT_SCALE
-        return std
+            variance[:, 3] = belief.input_cov[:, 0, 0]
+        return np.sqrt(np.maximum(variance, 0.0)) * self._std_gains
 
     def observe_readings(
         self, readings: np.ndarray, available: np.ndarray, reference: np.ndarray, actuators: np.ndarray
     ) -> np.ndarray:
         """The observation ``(B, 7)`` of mode ``"measurement"``: raw readings and their mask, no filter."""
         observation = np.empty((len(readings), 7))
-        error = wrap(reference[:, 0] - readings[:, 0]) / self.STATE_SCALES[2]
-        observation[:, 0] = np.where(available[:, 0], error, 0.0)
-        observation[:, 1] = np.where(available[:, 1], readings[:, 1] / self.INPUT_SCALE, 0.0)
+        observation[:, 0] = np.where(available[:, 0], wrap(reference[:, 0] - readings[:, 0]), 0.0)
+        observation[:, 1] = np.where(available[:, 1], readings[:, 1], 0.0)
         observation[:, 2:4] = available
-        self._known(observation[:, 4:], reference, actuators)
-        return observation
-
-    def _known(self, observation: np.ndarray, reference: np.ndarray, actuators: np.ndarray) -> None:
-        observation[:, 0] = actuators[:, 0] / self.ship.rudder_limit
-        observation[:, 1] = reference[:, 1] / self.RATE_SCALE
-        observation[:, 2] = reference[:, 2] / self.RATE_SCALE
+        observation[:, 4] = actuators[:, 0]
+        observation[:, 5:] = reference[:, 1:3]
+        return observation * self._reading_gains
 
     # --- how it is scored -------------------------------------------------------------------------
 
@@ -140,9 +179,11 @@ class TurningCircle:
     HELM_COST = 0.15  # share of the reward that the full rudder rate costs
     LOST = 0.5 * np.pi  # rad, heading error at which the turn is lost
 
-    def score(
-        self, truth: np.ndarray, reference: np.ndarray, action: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    @cached_property
+    def _kernel(self) -> np.ndarray:
+        return np.array([self.HEADING_TOLERANCE, self.RATE_TOLERANCE, self.HELM_COST])
+
+    def score(self, truth: np.ndarray, reference: np.ndarray, action: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Reward in [0, 1] and termination, ``(B,)`` each: the only reader of truth.
 
         The kernels are sharp on purpose: with wide ones an agent trades heading for rudder.
@@ -150,13 +191,4 @@ class TurningCircle:
         neither does loitering.
         """
         heading = wrap(reference[:, 0] - truth[:, 2])
-        rate = reference[:, 1] - truth[:, 5]
-        tolerance = self.RATE_TOLERANCE * reference[:, 3]
-        kernel = 0.8 / (1.0 + (heading / self.HEADING_TOLERANCE) ** 2) + 0.2 / (1.0 + (rate / tolerance) ** 2)
-        reward = kernel * (1.0 - self.HELM_COST * action[:, 0] ** 2)
-        return reward, np.abs(heading) > self.LOST
-
-
-def _unit(x: np.ndarray) -> np.ndarray:
-    """Clip to [0, 1]; much faster on short arrays than `numpy.clip`."""
-    return np.minimum(np.maximum(x, 0.0), 1.0)
+        return turning_reward(heading, truth, reference, action, self._kernel), np.abs(heading) > self.LOST

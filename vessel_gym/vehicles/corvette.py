@@ -119,11 +119,13 @@ UNCERTAIN = tuple(
 
 
 @njit(cache=True)
-def _cross_flow(v, r, a):
+def _cross_flow(v: float, r: float, a: float) -> tuple[float, float]:
     """Integrals of |v + x r| (v + x r) {1, x} over -a <= x <= a, in closed form."""
     if abs(r) * a <= abs(v):  # the flow has one sign along the hull
         sign = 1.0 if v >= 0.0 else -1.0
         return sign * (2.0 * a * v * v + 2.0 / 3.0 * a**3 * r * r), sign * 4.0 / 3.0 * a**3 * v * r
+    if abs(r) * a < 1e-12:  # nothing moves, and r * r would underflow
+        return 0.0, 0.0
     bow, stern = v + a * r, v - a * r
     cubic = (abs(bow) ** 3 - abs(stern) ** 3) / 3.0
     quartic = (bow * abs(bow) ** 3 - stern * abs(stern) ** 3) / 4.0
@@ -131,7 +133,9 @@ def _cross_flow(v, r, a):
 
 
 @njit(cache=True)
-def _rudder_angle_of_attack(u, v, r, rudder, slipstream, straightening, half_length):
+def _rudder_inflow(
+    u: float, v: float, r: float, rudder: float, slipstream: float, straightening: float, half_length: float
+) -> tuple[float, float]:
     """Angle of attack and squared inflow speed: drift and yaw rate in a turn reduce the former."""
     inflow = slipstream * u
     side = straightening * (v - half_length * r)
@@ -139,13 +143,13 @@ def _rudder_angle_of_attack(u, v, r, rudder, slipstream, straightening, half_len
 
 
 @njit(cache=True)
-def _accelerations(u, v, r, rudder, c):
+def _accelerations(u: float, v: float, r: float, rudder: float, c: np.ndarray) -> tuple[float, float, float]:
     """Surge, sway and yaw accelerations (3-DOF, added mass on the left)."""
     mass, mass_x_g, m_uu, m_vv, m_vr, m_rv, m_rr = c[0], c[1], c[2], c[3], c[4], c[5], c[6]
     Yv, Yr, Nv, Nr, cross, drag, thrust = c[7], c[8], c[9], c[10], c[11], c[12], c[13]
     lift, slip, straight, a = c[14], c[15], c[16], c[17]
     sway_drag, yaw_drag = _cross_flow(v, r, a)
-    attack, inflow2 = _rudder_angle_of_attack(u, v, r, rudder, slip, straight, a)
+    attack, inflow2 = _rudder_inflow(u, v, r, rudder, slip, straight, a)
     force = lift * inflow2 * np.sin(attack)
     # Surge: the sway added mass takes part in the centripetal term (Kirchhoff), which slows the ship in a turn.
     X = thrust - drag * u * abs(u) + m_vv * v * r + m_vr * r * r - force * np.sin(rudder)
@@ -156,7 +160,9 @@ def _accelerations(u, v, r, rudder, c):
 
 
 @njit(cache=True)
-def _derivative(s, rudder, north, east, c):
+def _derivative(
+    s: np.ndarray | tuple[float, ...], rudder: float, north: float, east: float, c: np.ndarray
+) -> tuple[float, float, float, float, float, float]:
     psi, u, v, r = s[2], s[3], s[4], s[5]
     du, dv, dr = _accelerations(u, v, r, rudder, c)
     cos, sin = np.cos(psi), np.sin(psi)
@@ -167,7 +173,7 @@ _VECTORS = ["void(float64[:], float64[:], float64[:], float64[:])"]
 
 
 @guvectorize(_VECTORS, "(n),(m),(p)->(n)", nopython=True, cache=True)
-def corvette_derivative(state, control, c, out):
+def corvette_derivative(state: np.ndarray, control: np.ndarray, c: np.ndarray, out: np.ndarray) -> None:
     """Time derivative of the truth state; control is (rudder, current north, current east)."""
     out[0], out[1], out[2], out[3], out[4], out[5] = _derivative(state, control[0], control[1], control[2], c)
 
@@ -178,7 +184,9 @@ def corvette_derivative(state, control, c, out):
     nopython=True,
     cache=True,
 )
-def corvette_step(state, control, c, dt, substeps, out):
+def corvette_step(
+    state: np.ndarray, control: np.ndarray, c: np.ndarray, dt: float, substeps: int, out: np.ndarray
+) -> None:
     """RK4 over ``dt``; control is (rudder at the start, rudder at the end, current north, current east).
 
     The rudder moves linearly within the step, so that its rate limit is integrated exactly.
@@ -255,9 +263,7 @@ def steady_turns(ship: CorvetteParameters, highest: float = 0.041, points: int =
     return SteadyTurn(rates, speed, sway, rudder, radius)
 
 
-def sway_yaw_jacobian(
-    state: np.ndarray, rudder: np.ndarray, ship: CorvetteParameters
-) -> tuple[np.ndarray, np.ndarray]:
+def sway_yaw_jacobian(state: np.ndarray, rudder: np.ndarray, ship: CorvetteParameters) -> tuple[np.ndarray, np.ndarray]:
     """d(v', r')/d(v, r) ``(..., 2, 2)`` and d(v', r')/d(rudder) ``(..., 2, 1)`` at ``(u, v, r)``.
 
     Central differences of the compiled equations: the linear models cannot drift away from the truth.
@@ -379,7 +385,6 @@ def nonlinear_model(ship: CorvetteParameters, dt: float, Q: np.ndarray, R: np.nd
     return NonlinearModel(transition, measurement, Q, R, G=G, H=H, state_angles=(2,), measurement_angles=(0,))
 
 
-
 # --- the vehicle as an environment uses it ----------------------------------------------------------
 
 
@@ -466,7 +471,8 @@ class Corvette:
 
         Args:
             readings: ``(B, 2)``.
-            previous: ``(B, 2)`` the readings before, ``elapsed (B,)`` seconds earlier.
+            previous: ``(B, 2)`` the readings before.
+            elapsed: ``(B,)`` seconds between the two.
         """
         change = wrap(readings[..., 0] - previous[..., 0])
         x = np.zeros(readings.shape[:-1] + (3,))

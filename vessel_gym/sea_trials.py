@@ -1,0 +1,468 @@
+"""Standard sea trials: turning circle, zig-zag, initial turning, and the Nomoto model that sums them up.
+
+The trials run the true equations of `vessel_gym.vehicles.corvette` in calm water; the figures are
+functions of a track alone, so that they serve an episode of an agent as well as a trial.
+
+SI units and radians. Positions are north and east, headings clockwise from north, positive rudder
+turns to starboard. Definitions: IMO resolution MSC.137(76), Standards for ship manoeuvrability (2002);
+Nomoto, Taguchi, Honda & Hirano (1957), On the steering qualities of ships.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import brentq
+
+from vessel_gym.vehicles.corvette import CorvetteParameters, corvette_step, sway_yaw_jacobian
+
+Command = float | Sequence[float] | np.ndarray | Callable[[float, np.ndarray], float]
+"""What the helm is told [rad]: an angle, one angle a step, or a function of time [s] and the truth state."""
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """A recorded run: ``k + 1`` samples, the first at the start."""
+
+    time: np.ndarray  # (k + 1,) s
+    state: np.ndarray  # (k + 1, 6) truth: x, y, psi (unwrapped), u, v, r
+    rudder: np.ndarray  # (k + 1,) rad, where it was, not what was ordered
+
+
+# --- running the ship -------------------------------------------------------------------------------
+
+
+def simulate(
+    ship: CorvetteParameters,
+    command: Command,
+    duration: float,
+    dt: float = 0.5,
+    substeps: int = 1,
+    start: np.ndarray | None = None,
+    rudder: float = 0.0,
+    current: tuple[float, float] = (0.0, 0.0),
+    stop: Callable[[np.ndarray], bool] | None = None,
+) -> Track:
+    """Run the ship with its helm: the rudder follows the command at its limited rate and within its limits.
+
+    A step in which the rudder arrives is split there, so that the ramp is integrated exactly.
+
+    Args:
+        ship: Parameters.
+        command: The ordered rudder angle [rad]; a function is asked at the start of each step.
+        duration: Time to run [s], rounded to whole steps.
+        dt: Step [s].
+        substeps: RK4 steps in each.
+        start: ``(6,)`` truth state; None: straight ahead to the north at the service speed.
+        rudder: Rudder angle at the start [rad].
+        current: Velocity of the water, north and east [m/s].
+        stop: Ends the run after the first state for which it holds.
+
+    Raises:
+        ValueError: for a step or duration that is not positive, or a schedule that is too short.
+    """
+    if not dt > 0.0 or not duration > 0.0:
+        raise ValueError(f"dt and duration must be positive, got {dt} and {duration}")
+    steps = max(round(duration / dt), 1)
+    orders = np.zeros(0) if callable(command) else np.asarray(command, float)
+    if orders.ndim == 0:
+        orders = np.full(steps, orders)
+    if not callable(command) and len(orders) < steps:
+        raise ValueError(f"the schedule has {len(orders)} commands for {steps} steps")
+    state = np.array([0.0, 0.0, 0.0, ship.speed, 0.0, 0.0]) if start is None else np.array(start, float)
+    c = ship.vector()
+    states, rudders = [state], [float(rudder)]
+    for k in range(steps):
+        order = command(k * dt, state) if callable(command) else orders[k]
+        state, rudder = _helm_step(state, rudder, float(order), dt, ship, c, substeps, current)
+        states.append(state)
+        rudders.append(rudder)
+        if stop is not None and stop(state):
+            break
+    return Track(dt * np.arange(len(states)), np.array(states), np.array(rudders))
+
+
+def _helm_step(
+    state: np.ndarray,
+    rudder: float,
+    command: float,
+    dt: float,
+    ship: CorvetteParameters,
+    c: np.ndarray,
+    substeps: int = 1,
+    current: tuple[float, float] = (0.0, 0.0),
+) -> tuple[np.ndarray, float]:
+    """The state and the rudder after ``dt``: the rudder moves until it has arrived, then rests."""
+    if dt <= 0.0:
+        return state, rudder
+    command = min(max(command, -ship.rudder_limit), ship.rudder_limit)
+    moving = abs(command - rudder) / ship.rudder_rate
+    if moving >= dt:
+        end = rudder + np.copysign(ship.rudder_rate * dt, command - rudder)
+        return corvette_step(state, np.array([rudder, end, *current]), c, dt, substeps), float(end)
+    if moving > 0.0:
+        state = corvette_step(state, np.array([rudder, command, *current]), c, moving, substeps)
+    return corvette_step(state, np.array([command, command, *current]), c, dt - moving, substeps), command
+
+
+def _time_to_heading(
+    heading: float, state: np.ndarray, rudder: float, command: float, dt: float, ship: CorvetteParameters, c: np.ndarray
+) -> float:
+    """Time within a step at which the heading is reached."""
+    return brentq(lambda t: _helm_step(state, rudder, command, t, ship, c)[0][2] - heading, 0.0, dt, xtol=1e-12)
+
+
+# --- turning circle ---------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class CircleGeometry:
+    """What a turn measures over ground, seen from where it was ordered; None: not reached.
+
+    Advance is along the heading at the start; transfer and tactical diameter are across it and
+    positive to the side of the turn.
+    """
+
+    advance: float | None  # m, at 90 deg of heading change
+    transfer: float | None  # m, at 90 deg
+    tactical_diameter: float | None  # m, at 180 deg
+    time_to_90: float | None  # s, None too without dt
+    time_to_180: float | None  # s
+    time_to_360: float | None  # s
+
+
+@dataclass(frozen=True)
+class Circle:
+    """A circle fitted to points."""
+
+    x: float  # centre, m
+    y: float  # m
+    radius: float  # m
+    rms: float  # m, of the distances from the circle
+
+
+@dataclass(frozen=True)
+class TurningCircleTrial:
+    """The figures of a turning circle in calm water; None: not reached."""
+
+    advance: float | None  # m
+    transfer: float | None  # m
+    tactical_diameter: float | None  # m
+    steady_radius: float | None  # m, of the track over the last full turn
+    final_speed: float  # m/s through the water, at the end
+    speed_ratio: float  # final speed / approach speed
+    time_to_90: float | None  # s
+    time_to_180: float | None  # s
+    time_to_360: float | None  # s
+    track: Track
+
+
+def circle_geometry(x: np.ndarray, y: np.ndarray, psi: np.ndarray, dt: float | None = None) -> CircleGeometry:
+    """Advance, transfer and tactical diameter of any track, whose first sample is the start of execution.
+
+    The positions at 90 and 180 degrees of heading change are interpolated linearly between samples
+    (MSC.137(76), Annex, 4.2: the midship point's). The side is that to which the heading first
+    changes by 90 degrees.
+
+    Args:
+        x: ``(k,)`` north [m].
+        y: ``(k,)`` east [m].
+        psi: ``(k,)`` heading [rad], wrapped or not; less than half a turn between samples.
+        dt: Time between samples [s], for the times.
+    """
+    x, y = np.asarray(x, float), np.asarray(y, float)
+    change = np.unwrap(np.asarray(psi, float))
+    change = change - change[0]
+    cos, sin = np.cos(psi[0]), np.sin(psi[0])
+    turned = np.flatnonzero(np.abs(change) >= 0.5 * np.pi)
+    side = np.sign(change[turned[0]]) if len(turned) else 1.0
+    ahead = (x - x[0]) * cos + (y - y[0]) * sin
+    aside = side * ((y - y[0]) * cos - (x - x[0]) * sin)
+    quarter, half, full = (_first_crossing(side * change, angle * np.pi) for angle in (0.5, 1.0, 2.0))
+    return CircleGeometry(
+        advance=_at(ahead, quarter),
+        transfer=_at(aside, quarter),
+        tactical_diameter=_at(aside, half),
+        time_to_90=None if dt is None or quarter is None else quarter * dt,
+        time_to_180=None if dt is None or half is None else half * dt,
+        time_to_360=None if dt is None or full is None else full * dt,
+    )
+
+
+def fit_circle(x: np.ndarray, y: np.ndarray) -> Circle:
+    """The circle through points by linear least squares (Kasa 1976, A circle fitting procedure).
+
+    The fit is exact for points on a circle. With noise, it favours small circles on short arcs: give it half a
+    turn or more.
+
+    Args:
+        x: ``(k,)`` coordinates [m].
+        y: ``(k,)`` coordinates [m].
+
+    Raises:
+        ValueError: for points through which no circle, or more than one, goes.
+    """
+    x, y = np.asarray(x, float), np.asarray(y, float)
+    middle, size = np.array([x.mean(), y.mean()]), max(np.ptp(x), np.ptp(y))
+    if len(x) < 3 or size == 0.0:
+        raise ValueError("a circle needs three different points")
+    a, b = (x - middle[0]) / size, (y - middle[1]) / size
+    columns = np.stack([2.0 * a, 2.0 * b, np.ones_like(a)], -1)
+    (centre_a, centre_b, rest), _, rank, _ = np.linalg.lstsq(columns, a * a + b * b, rcond=1e-10)
+    if rank < 3:
+        raise ValueError("the points lie on a straight line, or fewer than three differ")
+    radius = np.sqrt(rest + centre_a**2 + centre_b**2)
+    rms = np.sqrt(np.mean((np.hypot(a - centre_a, b - centre_b) - radius) ** 2))
+    return Circle(
+        float(middle[0] + size * centre_a), float(middle[1] + size * centre_b), float(size * radius), float(size * rms)
+    )
+
+
+def turning_circle(
+    ship: CorvetteParameters,
+    rudder: float,
+    speed: float | None = None,
+    dt: float = 0.5,
+    turns: float = 2.0,
+    longest: float = 1800.0,
+) -> TurningCircleTrial:
+    """Put the rudder over from a straight course at constant speed, and turn.
+
+    Args:
+        ship: Parameters.
+        rudder: Ordered angle [rad], positive to starboard.
+        speed: Approach speed [m/s], for which the thrust is set; None: the service speed.
+        dt: Step [s].
+        turns: Full turns after which the trial ends; the last one gives the steady radius.
+        longest: Time [s] after which it ends anyway.
+    """
+    ship = _at_speed(ship, speed)
+    track = simulate(ship, rudder, longest, dt, stop=lambda state: abs(state[2]) >= 2.0 * np.pi * turns)
+    x, y, psi, u, v, _ = track.state.T
+    geometry = circle_geometry(x, y, psi, dt)
+    last = np.abs(psi) >= abs(psi[-1]) - 2.0 * np.pi
+    final = float(np.hypot(u[-1], v[-1]))
+    return TurningCircleTrial(
+        advance=geometry.advance,
+        transfer=geometry.transfer,
+        tactical_diameter=geometry.tactical_diameter,
+        steady_radius=None if geometry.time_to_360 is None else fit_circle(x[last], y[last]).radius,
+        final_speed=final,
+        speed_ratio=final / ship.speed,
+        time_to_90=geometry.time_to_90,
+        time_to_180=geometry.time_to_180,
+        time_to_360=geometry.time_to_360,
+        track=track,
+    )
+
+
+# --- zig-zag and initial turning --------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class ZigzagTrial:
+    """The figures of a zig-zag trial; None: not reached."""
+
+    first_overshoot: float | None  # rad beyond the heading at which the rudder was reversed
+    second_overshoot: float | None  # rad
+    period: float | None  # s from the second execute (the first reversal) to the fourth: one full cycle
+    executes: tuple[float, ...]  # s, times at which a rudder was ordered, the first at 0
+    track: Track
+
+
+def zigzag(
+    ship: CorvetteParameters,
+    rudder: float,
+    heading: float | None = None,
+    dt: float = 0.5,
+    cycles: int = 1,
+    speed: float | None = None,
+    on_samples: bool = False,
+    longest: float = 1800.0,
+) -> ZigzagTrial:
+    """The zig-zag trial of MSC.137(76): reverse the rudder each time that the heading has changed as far.
+
+    The instant of a reversal is solved for within its step, so that the overshoots do not depend
+    on where the samples fall.
+
+    Args:
+        ship: Parameters.
+        rudder: Rudder angle [rad]; positive begins to starboard.
+        heading: Change of heading [rad] at which the rudder is reversed; None: as large as the rudder angle.
+        dt: Step [s].
+        cycles: Full cycles to record.
+        speed: Approach speed [m/s], for which the thrust is set; None: the service speed.
+        on_samples: Reverse at the next sample instead, as a helmsman who looks at the compass every ``dt``: the
+            record that `nomoto_fit` wants, if the rudder needs a whole number of steps to go over.
+        longest: Time [s] after which the trial ends in any case.
+    """
+    ship = _at_speed(ship, speed)
+    target = abs(rudder if heading is None else heading)
+    c = ship.vector()
+    state, angle, order = np.array([0.0, 0.0, 0.0, ship.speed, 0.0, 0.0]), 0.0, float(rudder)
+    states, angles, executes, peaks = [state], [angle], [0.0], []
+    for k in range(max(round(longest / dt), 1)):
+        elapsed = 0.0
+        after = _helm_step(state, angle, order, dt, ship, c)
+        if np.sign(order) * after[0][2] >= target:  # reverse within this step
+            elapsed = dt
+            if not on_samples:
+                elapsed = _time_to_heading(np.copysign(target, order), state, angle, order, dt, ship, c)
+            state, angle = _helm_step(state, angle, order, elapsed, ship, c)
+            order = -order
+            executes.append(k * dt + elapsed)
+            after = _helm_step(state, angle, order, dt - elapsed, ship, c)
+        # After an execute the ship still swings the old way; where the yaw rate changes sign, the heading peaks.
+        before, (state, angle) = state, after
+        if before[5] * state[5] <= 0.0 and before[5] * order < 0.0:
+            zero = (dt - elapsed) * before[5] / (before[5] - state[5])
+            peaks.append(float(abs(before[2] + 0.5 * before[5] * zero) - target))
+        states.append(state)
+        angles.append(angle)
+        if len(executes) >= 2 * cycles + 2 and len(peaks) >= 2 * cycles:
+            break
+    return ZigzagTrial(
+        first_overshoot=peaks[0] if peaks else None,
+        second_overshoot=peaks[1] if len(peaks) > 1 else None,
+        period=executes[3] - executes[1] if len(executes) > 3 else None,
+        executes=tuple(executes),
+        track=Track(dt * np.arange(len(states)), np.array(states), np.array(angles)),
+    )
+
+
+def initial_turning(
+    ship: CorvetteParameters,
+    rudder: float = np.deg2rad(10.0),
+    heading: float = np.deg2rad(10.0),
+    dt: float = 0.5,
+    longest: float = 600.0,
+) -> float | None:
+    """Distance along the track, in ship lengths, until the heading has changed by ``heading`` (MSC.137(76), 5.3.2).
+
+    Args:
+        ship: Parameters.
+        rudder: Ordered angle [rad].
+        heading: Change of heading [rad].
+        dt: Step [s].
+        longest: Time [s] after which the answer is None.
+    """
+    track = simulate(ship, rudder, longest, dt, stop=lambda state: abs(state[2]) >= heading)
+    x, y, psi = track.state.T[:3]
+    travelled = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
+    distance = _at(travelled, _first_crossing(np.abs(psi), heading))
+    return None if distance is None else distance / ship.length
+
+
+# --- Nomoto -----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Nomoto:
+    """Nomoto's model ``r / delta = K (1 + T3 s) / ((1 + T1 s) (1 + T2 s))``, made non-dimensional with L and U.
+
+    ``K' = K L / U`` and ``T' = T U / L``; ``T = T1 + T2 - T3`` is the time constant of the first-order model with
+    the same response to slow helm.
+    """
+
+    K: float
+    T: float
+    T1: float | None  # the longer of the two; None both where the two modes are not plain decays or growths
+    T2: float | None
+    T3: float
+
+
+def nomoto_fit(time: np.ndarray, rudder: np.ndarray, yaw_rate: np.ndarray, speed: float, length: float) -> Nomoto:
+    """The second-order Nomoto model of a record, by least squares.
+
+    A rudder that moves linearly between samples makes the sampled model exactly
+    ``r[k+1] = a1 r[k] + a2 r[k-1] + b0 d[k+1] + b1 d[k] + b2 d[k-1]`` (first-order hold), which is linear in its
+    five numbers. K is its gain at zero frequency and T the slope there:
+    ``G(s) = K (1 - T s + ...)``. For simulated records: noise in the yaw rate biases least squares.
+
+    Args:
+        time: ``(k,)`` equally spaced [s].
+        rudder: ``(k,)`` [rad].
+        yaw_rate: ``(k,)`` [rad/s].
+        speed: U [m/s], to make the figures non-dimensional.
+        length: L [m], likewise.
+
+    Raises:
+        ValueError: for a record that does not determine the model: unevenly sampled, too short, or at rest.
+    """
+    time, d, r = (np.asarray(a, float) for a in (time, rudder, yaw_rate))
+    if len(time) < 8 or not np.allclose(np.diff(time), time[1] - time[0], rtol=1e-6, atol=0.0):
+        raise ValueError("the record must be equally spaced in time, with eight samples or more")
+    h = float(time[1] - time[0])
+    columns = np.stack([r[1:-1], r[:-2], d[2:], d[1:-1], d[:-2]], -1)
+    size = np.abs(columns).max(0)
+    if not size.all():
+        raise ValueError("the record must contain a turn: rudder or yaw rate is zero throughout")
+    scaled, _, rank, _ = np.linalg.lstsq(columns / size, r[2:], rcond=1e-13)
+    if rank < 5:
+        raise ValueError("the helm of this record is too simple to tell the model's five numbers apart")
+    a1, a2, b0, b1, b2 = scaled / size
+    rest, gain = 1.0 - a1 - a2, b0 + b1 + b2
+    T = h * ((1.0 + a2) / rest - (b0 - b2) / gain)
+    poles = np.roots([1.0, -a1, -a2])
+    if np.isreal(poles).all() and (poles > 0.0).all():
+        T1, T2 = sorted((-h / np.log(poles.real)).tolist(), key=abs, reverse=True)
+        total = T1 + T2
+    else:
+        T1 = T2 = None
+        total = float(np.sum(-h / np.log(poles.astype(complex))).real)
+    return _nomoto(gain / rest, T, T1, T2, total - T, speed, length)
+
+
+def nomoto_linear(ship: CorvetteParameters, speed: float | None = None) -> Nomoto:
+    """The same figures exactly, from the true equations linearised on the straight course.
+
+    Args:
+        ship: Parameters.
+        speed: [m/s]; None: the service speed.
+    """
+    speed = ship.speed if speed is None else speed
+    A, B = sway_yaw_jacobian(np.array([speed, 0.0, 0.0]), np.array(0.0), ship)
+    # r(s) / delta(s) = (b2 s + a21 b1 - a11 b2) / (s^2 - tr s + det)
+    determinant, trace = np.linalg.det(A), np.trace(A)
+    numerator = A[1, 0] * B[0, 0] - A[0, 0] * B[1, 0]
+    T3, total = B[1, 0] / numerator, -trace / determinant
+    poles = np.linalg.eigvals(A)
+    T1 = T2 = None
+    if np.isreal(poles).all():
+        T1, T2 = sorted((-1.0 / poles.real).tolist(), key=abs, reverse=True)
+    return _nomoto(numerator / determinant, total - T3, T1, T2, T3, speed, ship.length)
+
+
+# --- inside -----------------------------------------------------------------------------------------
+
+
+def _nomoto(K: float, T: float, T1: float | None, T2: float | None, T3: float, speed: float, length: float) -> Nomoto:
+    unit = length / speed
+    return Nomoto(
+        K=float(K * unit),
+        T=float(T / unit),
+        T1=None if T1 is None else float(T1 / unit),
+        T2=None if T2 is None else float(T2 / unit),
+        T3=float(T3 / unit),
+    )
+
+
+def _at_speed(ship: CorvetteParameters, speed: float | None) -> CorvetteParameters:
+    """The ship with its thrust set for another speed (the same resistance coefficient)."""
+    if speed is None:
+        return ship
+    return replace(ship, speed=speed, resistance=ship.resistance * (speed / ship.speed) ** 2)
+
+
+def _first_crossing(values: np.ndarray, level: float) -> float | None:
+    """Where ``values`` first reach ``level``, in samples from the first, by linear interpolation."""
+    reached = np.flatnonzero(values >= level)
+    if len(reached) == 0:
+        return None
+    k = int(reached[0])
+    return float(k) if k == 0 else float(k - 1 + (level - values[k - 1]) / (values[k] - values[k - 1]))
+
+
+def _at(values: np.ndarray, sample: float | None) -> float | None:
+    """``values`` at a fractional sample; None where it was not reached."""
+    return None if sample is None else float(np.interp(sample, np.arange(len(values)), values))
