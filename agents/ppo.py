@@ -47,14 +47,17 @@ def describe(env_id: str, env_options: dict[str, Any] | None, seed: int, steps: 
         environments' and estimators' source code.
 
     Raises:
-        ValueError: for an environment without settings.
+        ValueError: for an environment without settings or a budget below one rollout.
     """
     settings = hyperparameters(env_id)
+    steps = settings["steps"] if steps is None else steps
+    if steps < settings["num_envs"]:
+        raise ValueError(f"steps must be at least the {settings['num_envs']} environments of a batch, got {steps}")
     described = {
         "env_id": env_id,
         "env_options": env_options or {},
         "seed": seed,
-        "steps": settings["steps"] if steps is None else steps,
+        "steps": steps,
         "hyperparameters": settings,
         "versions": {"vessel-gym": vessel_gym.__version__}
         | {name: metadata.version(name) for name in ("numpy", "torch", "stable-baselines3")},
@@ -117,14 +120,12 @@ def train(
     from agents.vec_env import StableBaselinesVecEnv
 
     torch.set_num_threads(1)  # small networks: a second thread costs more than it brings
-    settings = hyperparameters(env_id)
+    env_options = dict(env_options or {})
+    described = describe(env_id, env_options, seed, steps)
+    settings, budget = described["hyperparameters"], described["steps"]
     num_envs = settings["num_envs"]
-    budget: int = settings["steps"] if steps is None else steps
-    if budget < num_envs:
-        raise ValueError(f"steps must be at least the {num_envs} environments of a batch, got {budget}")
     path = Path(path).with_suffix(".zip")
     path.parent.mkdir(parents=True, exist_ok=True)
-    env_options = dict(env_options or {})
     horizon = gym.spec(env_id).max_episode_steps or 1
     env = StableBaselinesVecEnv(gym.make_vec(env_id, num_envs=num_envs, **env_options))
     env.seed(training_seed(seed))
@@ -168,7 +169,7 @@ def train(
     temporary = path.with_name(f".{path.stem}.{os.getpid()}.zip")
     try:
         model.save(temporary)
-        described = describe(env_id, env_options, seed, budget) | {"trained_steps": model.num_timesteps}
+        described["trained_steps"] = model.num_timesteps  # whole rollouts
         with zipfile.ZipFile(temporary, "a") as archive:
             archive.writestr(_DESCRIPTION, json.dumps(described, indent=1))
         temporary.replace(path)

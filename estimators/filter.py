@@ -39,6 +39,8 @@ class Filter(ABC):
     name: ClassVar[str]
     input_delay: ClassVar[int | None] = None
     """Steps by which the unknown input is known late (0 or 1); None: the filter estimates none."""
+    random: ClassVar[bool] = False
+    """Whether the filter draws random numbers, so that ``rng`` must be given."""
 
     def __init__(self, model: Model) -> None:
         if not isinstance(model, LinearModel | NonlinearModel):

@@ -4,7 +4,7 @@ import numpy as np
 
 from estimators.belief import Belief
 from estimators.filter import Filter, Model, Reading, Streams
-from estimators.linalg import congruence, solve, symmetrise
+from estimators.linalg import congruence, product, solve, symmetrise
 from estimators.models import LinearModel, as_covariance, resolve
 
 
@@ -26,11 +26,11 @@ class ExtendedKalmanFilter(Filter):
 
     def _update(self, belief: Belief, reading: Reading, rng: Streams) -> Belief:
         C, R = reading.C, self._measurement_noise(reading, belief.u)
-        CP = C @ belief.cov
-        S = CP @ C.mT + R
-        K = solve(S, CP).mT
+        PC = product(belief.cov, C.mT)
+        S = product(PC.mT, C.mT) + R
+        K = solve(S, PC.mT).mT
         mean = belief.mean + np.matvec(K, reading.innovation)
-        cov = symmetrise(congruence(self._identity - K @ C, belief.cov) + congruence(K, R))
+        cov = symmetrise(congruence(self._identity - product(K, C), belief.cov) + product(K, R) @ K.mT)
         return Belief(
             mean, cov, belief.prior_mean, belief.prior_cov, np.ones(mean.shape[:-1], bool), belief.u,
             reading.innovation, S, reading.available,

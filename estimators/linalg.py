@@ -13,6 +13,13 @@ def congruence(a: np.ndarray, p: np.ndarray) -> np.ndarray:
     return a @ p @ a.mT
 
 
+def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """``A B`` for a batch ``A (..., i, j)``; a ``B (j, k)`` that the batch shares costs one call, not one a row."""
+    if b.ndim > 2 or a.ndim < 3 or len(a) < 8:
+        return a @ b
+    return (a.reshape(-1, a.shape[-1]) @ b).reshape(a.shape[:-1] + b.shape[-1:])
+
+
 def solve(s: np.ndarray, b: np.ndarray) -> np.ndarray:
     """``S^-1 B`` for symmetric positive definite ``S (..., p, p)`` and ``B (..., p, k)``.
 

@@ -239,7 +239,7 @@ def as_covariance(name: str, value: object) -> np.ndarray:
     if not np.isfinite(cov).all():
         raise ValueError(f"{name} must be finite")
     scale = np.abs(cov).max()
-    if not np.allclose(cov, cov.mT, rtol=0, atol=1e-9 * scale):
+    if np.abs(cov - cov.mT).max() > 1e-9 * scale:
         raise ValueError(f"{name} must be symmetric")
     lowest = float(np.linalg.eigvalsh(cov).min())
     if lowest < -1e-9 * scale:

@@ -5,7 +5,7 @@ import numpy as np
 from estimators.belief import Belief
 from estimators.filter import Filter, Model, Reading, Streams
 from estimators.kalman import input_covariance
-from estimators.linalg import congruence, inverse, solve, symmetrise
+from estimators.linalg import congruence, inverse, product, solve, symmetrise
 from estimators.models import LinearModel, resolve
 
 
@@ -113,21 +113,21 @@ class UnbiasedMinimumVarianceFilter(UnknownInputFilter):
         mean = mean + np.matvec(G, belief.input_mean)
         # Half of the terms in P_xd, doubled by symmetrising.
         half = 2.0 * (A @ belief.state_input_cov) + G @ belief.input_cov
-        cov = symmetrise(congruence(A, belief.cov) + half @ G.mT + resolve(model.Q, u))
+        cov = symmetrise(congruence(A, belief.cov) + product(half, G.mT) + resolve(model.Q, u))
         predicted = Belief(mean, cov, belief.prior_mean, belief.prior_cov, belief.healthy, u)
         return self._with_unseen_input(predicted, belief.pending)
 
     def _update(self, belief: Belief, reading: Reading, rng: Streams) -> Belief:
         C, H, R = reading.C, reading.H, reading.R
-        CP = C @ belief.cov
-        S = CP @ C.mT + R
-        K, M, observed = _gains(S, CP, H, reading.complete)
+        PC = product(belief.cov, C.mT)
+        S = product(PC.mT, C.mT) + R
+        K, M, observed = _gains(S, PC.mT, H, reading.complete)
         n = self.model.n
         Z = np.empty(K.shape[:-2] + (n + self.model.q, self.model.p))  # (x, d) = (x-, 0) + Z e
-        Z[..., :n, :], Z[..., n:, :] = K - K @ H @ M, M
+        Z[..., :n, :], Z[..., n:, :] = K - product(K, H) @ M, M
         correction = np.matvec(Z, reading.innovation)
         # Errors: x~ = x~- - L (C x~- + v), as L H = 0, and d~ = -M (C x~- + v) where d is seen (M H = I).
-        cov = symmetrise(congruence(self._state_rows - Z @ C, belief.cov) + congruence(Z, R))
+        cov = symmetrise(congruence(self._state_rows - product(Z, C), belief.cov) + product(Z, R) @ Z.mT)
         input_cov = cov[..., n:, n:]
         if not reading.complete:
             input_cov = input_cov + congruence(np.eye(self.model.q) - observed, self.input_prior)
@@ -187,18 +187,18 @@ class UnbiasedMinimumVarianceFilterWithoutFeedthrough(UnknownInputFilter):
     def _update(self, belief: Belief, reading: Reading, rng: Streams) -> Belief:
         C, R = reading.C, reading.R
         G = resolve(self.model.G, belief.u)
-        CP = C @ belief.cov
-        S = CP @ C.mT + R
+        PC = product(belief.cov, C.mT)
+        S = product(PC.mT, C.mT) + R
         pending = belief.pending[..., None, None]
         complete = reading.complete and bool(pending.all())
-        K, M, observed = _gains(S, CP, (C @ G) * pending, complete)
+        K, M, observed = _gains(S, PC.mT, (C @ G) * pending, complete)
         n, q = self.model.n, self.model.q
         GM = G @ M
         Z = np.empty(K.shape[:-2] + (n + q, self.model.p))  # (x, d) = (x-, 0) + Z e
         Z[..., :n, :], Z[..., n:, :] = K + GM - K @ (C @ GM), M
         correction = np.matvec(Z, reading.innovation)
         # Errors: x~ = x~- - L (C x~- + v), the input's share in it cancelling, and d~ = -M (C x~- + v).
-        cov = congruence(self._state_rows - Z @ C, belief.cov) + congruence(Z, R)
+        cov = congruence(self._state_rows - product(Z, C), belief.cov) + product(Z, R) @ Z.mT
         if not complete:
             hidden = congruence(np.eye(q) - observed, self.input_prior)
             reach = np.concatenate([G * pending, np.broadcast_to(np.eye(q), M.shape[:-2] + (q, q))], -2)

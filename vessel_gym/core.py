@@ -7,7 +7,7 @@ import numpy as np
 
 from estimators import Belief, Gaussian
 from estimators.factory import unknown
-from vessel_gym.estimation import build
+from vessel_gym.estimation import EstimatorChoice, Oracle, build
 from vessel_gym.sensors import SUITES
 from vessel_gym.streams import Draws, Purpose, stream
 from vessel_gym.system import System
@@ -28,7 +28,7 @@ class Core:
     Args:
         system: The environment as data.
         num_envs: B.
-        estimator: Name of the estimator; None: the system's default.
+        estimator: Name of the estimator, or your own (see `vessel_gym.estimation.build`); None: the system's default.
         estimator_options: Options of that estimator.
         sensors: Name of a sensor suite.
         disturbance: Name of a disturbance.
@@ -44,7 +44,7 @@ class Core:
         self,
         system: System,
         num_envs: int = 1,
-        estimator: str | None = None,
+        estimator: EstimatorChoice | None = None,
         estimator_options: dict[str, Any] | None = None,
         sensors: str = "nominal",
         disturbance: str = "moderate",
@@ -64,9 +64,10 @@ class Core:
         self.system, self.num_envs, self.observe_mode = system, int(num_envs), observe
         self.vehicle, self.task = system.vehicle, system.task
         self.suite, self.sea, self.mismatch = SUITES[sensors], system.disturbances[disturbance], float(mismatch)
-        self.estimator = system.estimator if estimator is None else estimator
-        self.filter = build(system, self.estimator, estimator_options or {}, self.suite, self.sea)
-        self._oracle = self.estimator == "truth"
+        choice = system.estimator if estimator is None else estimator
+        self.filter = build(system, choice, estimator_options or {}, self.suite, self.sea)
+        self.estimator = self.filter.name
+        self._oracle = isinstance(self.filter, Oracle)
         self.action_size = len(self.vehicle.action_names)
         self.observation_size = self.task.sizes()[observe]
 
@@ -75,7 +76,7 @@ class Core:
         self.episodes = np.zeros(num_envs, int)
         self._sea_draws = Draws(num_envs, self.sea.size)
         self._sensor_draws = Draws(num_envs, p, 2 * p)
-        self._filter_streams: list[np.random.Generator] = [np.random.default_rng(0)] * num_envs
+        self._filter_streams = [np.random.default_rng(0)] * num_envs if self.filter.random else None
         self._rows = np.arange(num_envs)
         self.steps = np.zeros(num_envs, int)
         self.total = np.zeros(num_envs)
@@ -145,8 +146,11 @@ class Core:
         parameters = vehicle.parameters(self.mismatch, normals[:, size:])
         self._sea_draws.restart(rows, self._streams(rows, Purpose.DISTURBANCE))
         self._sensor_draws.restart(rows, self._streams(rows, Purpose.SENSORS))
-        for row, generator in zip(rows, self._streams(rows, Purpose.FILTER), strict=True):
-            self._filter_streams[row] = generator
+        rng = None
+        if self._filter_streams is not None:
+            rng = self._streams(rows, Purpose.FILTER)
+            for row, generator in zip(rows, rng, strict=True):
+                self._filter_streams[row] = generator
         sea_state = self.sea.start(self._sea_draws.next(self._some(rows))[0])
         steps = np.zeros(len(rows), int)
         reference = task.reference(course, steps)
@@ -162,7 +166,6 @@ class Core:
         y, available = self.readings
         self.readings = self._with_rows(y, rows, readings[0]), self._with_rows(available, rows, readings[1])
         n = self.filter.model.n
-        rng = [self._filter_streams[row] for row in rows]
         belief = self.filter.init(Gaussian(prior.mean[:, :n], prior.cov[:n, :n]), rng=rng)
         u = task.known_input(actuators, actuators, reference)
         belief = self._update(belief, truth, arrays["unknown_input"], readings, rng, u)
@@ -264,7 +267,7 @@ class Core:
         truth: np.ndarray,
         unknown_input: np.ndarray,
         readings: Readings,
-        rng: list[np.random.Generator],
+        rng: list[np.random.Generator] | None,
         u: np.ndarray | None = None,
     ) -> Belief:
         """Hand the readings to the filter; to the oracle alone, and no other, the truth."""

@@ -43,7 +43,7 @@ class Sea:
 
     def start(self, normals: np.ndarray) -> np.ndarray:
         """A stationary state ``(..., 5)`` from standard normals of the same shape."""
-        return normals @ _root(self.stationary_cov).T
+        return normals @ self._stationary_root.T
 
     def advance(self, state: np.ndarray, normals: np.ndarray) -> np.ndarray:
         """The state ``(..., 5)`` one step later (exact discretisation)."""
@@ -66,6 +66,10 @@ class Sea:
         W = np.diag([0.0, 4.0 * self.damping * self.peak * self.wave**2, 2.0 * self.gust**2 / self.gust_time, drift,
                      drift])  # fmt: skip
         return A, W
+
+    @cached_property
+    def _stationary_root(self) -> np.ndarray:
+        return _root(self.stationary_cov)
 
     @cached_property
     def _discrete(self) -> tuple[np.ndarray, np.ndarray]:

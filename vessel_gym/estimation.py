@@ -1,5 +1,6 @@
 """The estimators that only an environment can have, and how an environment builds one by name."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -103,31 +104,43 @@ class HeldMeasurement(Filter):
         )
 
 
-def build(system: System, name: str, options: dict[str, Any], suite: SensorSuite, disturbance: Any) -> Filter:
+EstimatorChoice = str | Callable[..., Filter]
+"""A name of `estimator_names`, or your own: a `Filter` subclass, or any function of a model that returns a filter."""
+
+
+def build(
+    system: System, estimator: EstimatorChoice, options: dict[str, Any], suite: SensorSuite, disturbance: Any
+) -> Filter:
     """The estimator of an environment.
 
     Args:
         system: The environment's system.
-        name: One of `estimator_names`.
+        estimator: One of `estimator_names`, or a function of the model (and options) that returns a filter.
         options: The filter's own options, over the system's tuning; ``model`` chooses the filter's model.
         suite: The sensor suite, whose noise the filter knows.
         disturbance: The disturbance, whose variance the tuning may use.
 
     Raises:
         ValueError: for an unknown name, or a filter that cannot work with the model.
-        TypeError: for an option that the filter does not have.
+        TypeError: for an option that the filter does not have, or a function that returns no filter.
     """
-    if name not in estimator_names():
-        raise ValueError(factory.unknown("estimator", name, estimator_names()))
     options = dict(options)
-    kind = options.pop("model", system.filter_models.get(name, system.filter_model))
-    if name in ENVIRONMENT_ONLY and options:
-        raise TypeError(f"{name} has no option {next(iter(options))!r}: it takes model")
-    model = system.vehicle.model(kind, suite.noise)
-    if name == "truth":
+    if callable(estimator):
+        own = estimator(system.vehicle.model(options.pop("model", system.filter_model), suite.noise), **options)
+        if not isinstance(own, Filter):
+            raise TypeError(f"estimator must return an estimators.Filter, got {type(own).__name__}")
+        return own
+    if estimator not in estimator_names():
+        raise ValueError(factory.unknown("estimator", estimator, estimator_names()))
+    model = system.vehicle.model(
+        options.pop("model", system.filter_models.get(estimator, system.filter_model)), suite.noise
+    )
+    if estimator in ENVIRONMENT_ONLY and options:
+        raise TypeError(f"{estimator} has no option {next(iter(options))!r}: it takes model")
+    if estimator == "truth":
         return Oracle(model.n, model.q)
-    if name == "measurement":
+    if estimator == "measurement":
         return HeldMeasurement(system, model)
-    if name == "dead-reckoning":
+    if estimator == "dead-reckoning":
         return DeadReckoning(model)
-    return factory.make(name, model, **{**system.tuning(name, disturbance), **options})
+    return factory.make(estimator, model, **{**system.tuning(estimator, disturbance), **options})

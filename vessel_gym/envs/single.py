@@ -7,6 +7,7 @@ import numpy as np
 
 from vessel_gym.core import Core
 from vessel_gym.envs.spaces import action_space, observation_space
+from vessel_gym.estimation import EstimatorChoice
 from vessel_gym.system import System
 
 
@@ -15,7 +16,8 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
 
     Args:
         estimator: Name of the estimator, None for the environment's default. The filters of the
-            `estimators` package, ``truth`` (oracle), ``measurement`` (last reading held), ``dead-reckoning``.
+            `estimators` package, ``truth`` (oracle), ``measurement`` (last reading held), ``dead-reckoning``;
+            or your own: an `estimators.Filter` subclass, or a function of the model that returns a filter.
         estimator_options: Options of that estimator, over the environment's tuning; ``model``
             chooses the filter's model where there are several.
         sensors: ``"clean"``, ``"nominal"`` or ``"degraded"`` (10 % drop-outs, 5 % outliers).
@@ -34,7 +36,7 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
 
     def __init__(
         self,
-        estimator: str | None = None,
+        estimator: EstimatorChoice | None = None,
         estimator_options: dict[str, Any] | None = None,
         sensors: str = "nominal",
         disturbance: str = "moderate",

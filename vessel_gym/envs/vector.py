@@ -9,6 +9,7 @@ from gymnasium.vector.utils import batch_space
 
 from vessel_gym.core import Core
 from vessel_gym.envs.spaces import action_space, observation_space
+from vessel_gym.estimation import EstimatorChoice
 from vessel_gym.system import System
 
 
@@ -40,7 +41,7 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self,
         num_envs: int = 1,
         max_episode_steps: int | None = None,
-        estimator: str | None = None,
+        estimator: EstimatorChoice | None = None,
         estimator_options: dict[str, Any] | None = None,
         sensors: str = "nominal",
         disturbance: str = "moderate",
@@ -85,7 +86,10 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         final_observations = np.full(self.num_envs, None, dtype=object)
         for row in rows:
             final_observations[row] = observation[row]
-        final_info = self._masked({key: _only(value, done) for key, value in info.items()}, done)
+        # Rows that go on are zero in the final info, as Gymnasium fills it.
+        final_info = self._masked(
+            {key: np.where(_like(done, value), value, np.zeros((), value.dtype)) for key, value in info.items()}, done
+        )
         core.episodes[rows] += 1
         core.reset(rows)
         infos = self._masked(core.info())
@@ -102,8 +106,6 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return masked
 
 
-def _only(value: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """The array with zeros outside ``rows``, as Gymnasium fills it."""
-    filled = np.zeros_like(value)
-    filled[rows] = value[rows]
-    return filled
+def _like(rows: np.ndarray, array: np.ndarray) -> np.ndarray:
+    """The mask with as many axes as the array."""
+    return rows.reshape(rows.shape + (1,) * (array.ndim - 1))

@@ -1,0 +1,249 @@
+"""Microseconds per environment step, and the ratio to what one would write by hand."""
+
+import math
+import time
+from collections.abc import Callable
+
+import gymnasium as gym
+import numpy as np
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+import vessel_gym  # noqa: F401  (registers the environments)
+from agents import load_agent
+from scripts.console import command
+
+
+class HandWrittenLoop:
+    """SigmaCorvette-v0 as a user would write it: plain NumPy, filterpy's KalmanFilter, one environment.
+
+    The same ship, integration step, sea, sensors, filter model, observation and reward as the
+    package's, in a Python loop. A test holds it against the package step by step.
+
+    Args:
+        seed: Of its own random numbers.
+        disturbance: Name of the sea.
+    """
+
+    def __init__(self, seed: int, disturbance: str = "moderate") -> None:
+        from filterpy.kalman import KalmanFilter
+
+        from vessel_gym.envs.sigma_corvette import SIGMA_CORVETTE
+
+        self.rng = np.random.default_rng(seed)
+        self.system = SIGMA_CORVETTE
+        self.vehicle, self.task = SIGMA_CORVETTE.vehicle, SIGMA_CORVETTE.task
+        self.sea = SIGMA_CORVETTE.disturbances[disturbance]
+        self.ship = self.vehicle.ship
+        self.dt = self.vehicle.dt
+        self.c = dict(zip(_coefficients(), self.ship.vector(), strict=True))
+        self.sea_A, self.sea_L = self.sea._discrete
+        self.model = self.vehicle.model("corrected", 1.0)
+        self.filter = KalmanFilter(dim_x=3, dim_z=2, dim_u=2)
+        self.filter.H, self.filter.Q, self.filter.R = self.model.C, self.model.Q, self.model.R
+        self.reset()
+
+    def reset(self) -> None:
+        """Start an episode."""
+        course = self.task.course(self.rng.random((1, 3)), {})[0]
+        self.heading, self.rate = course
+        prior = self.task.prior(course[None])
+        x = self.rng.multivariate_normal(prior.mean[0], prior.cov)
+        self.truth = np.array([0.0, 0.0, x[2], x[3], x[0], x[1]])
+        self.rudder, self.k = 0.0, 0
+        self.sea_state = self.sea.start(self.rng.standard_normal(5))
+        self.filter.x, self.filter.P = prior.mean[0, :3].copy(), prior.cov[:3, :3].copy()
+
+    def derivative(self, state: np.ndarray, rudder: float, current: np.ndarray) -> np.ndarray:
+        """The ship's equations of motion."""
+        c = self.c
+        _, _, psi, u, v, r = state
+        a = c["half_length"]
+        if abs(r) * a <= abs(v):
+            sign = math.copysign(1.0, v)
+            sway_drag = sign * (2.0 * a * v**2 + 2.0 / 3.0 * a**3 * r**2)
+            yaw_drag = sign * 4.0 / 3.0 * a**3 * v * r
+        else:
+            bow, stern = v + a * r, v - a * r
+            cubic = (abs(bow) ** 3 - abs(stern) ** 3) / 3.0
+            sway_drag = cubic / r
+            yaw_drag = ((bow * abs(bow) ** 3 - stern * abs(stern) ** 3) / 4.0 - v * cubic) / r**2
+        inflow, side = c["slipstream"] * u, c["straightening"] * (v - a * r)
+        force = c["rudder"] * (inflow**2 + side**2) * np.sin(rudder + np.arctan2(side, inflow))
+        surge = c["thrust"] - c["resistance"] * u * abs(u) + c["sway_inertia"] * v * r
+        surge += c["sway_yaw_inertia"] * r**2 - force * np.sin(rudder)
+        sway = u * (c["Yv"] * v + c["Yr"] * r) - c["mass"] * u * r - c["cross_flow"] * sway_drag
+        yaw = u * (c["Nv"] * v + c["Nr"] * r) - c["mass_x_g"] * u * r - c["cross_flow"] * yaw_drag
+        forces = np.array([sway - force * np.cos(rudder), yaw + a * force * np.cos(rudder)])
+        inertia = np.array([[c["sway_inertia"], c["sway_yaw_inertia"]], [c["yaw_sway_inertia"], c["yaw_inertia"]]])
+        dv, dr = np.linalg.solve(inertia, forces)
+        north = u * np.cos(psi) - v * np.sin(psi) + current[0]
+        east = u * np.sin(psi) + v * np.cos(psi) + current[1]
+        return np.array([north, east, r, surge / c["surge_inertia"], dv, dr])
+
+    def ship_step(self, state: np.ndarray, before: float, after: float, current: np.ndarray) -> np.ndarray:
+        """One RK4 step with the rudder moving linearly."""
+        dt, middle = self.dt, 0.5 * (before + after)
+        k1 = self.derivative(state, before, current)
+        k2 = self.derivative(state + 0.5 * dt * k1, middle, current)
+        k3 = self.derivative(state + 0.5 * dt * k2, middle, current)
+        k4 = self.derivative(state + dt * k3, after, current)
+        return state + dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+
+    def step(self, action: float) -> tuple[np.ndarray, float]:
+        """Advance by one step; observation and reward."""
+        before = self.rudder
+        limit = self.ship.rudder_limit
+        self.rudder = float(np.clip(before + self.ship.rudder_rate * self.dt * action, -limit, limit))
+        _, r_reference, _ = self.reference(self.k)
+        d = self.dt * (self.sea_state[1] + self.sea_state[2])
+        self.truth = self.ship_step(self.truth, before, self.rudder, self.sea_state[3:])
+        self.truth[2] += d
+        self.sea_state = self.sea_A @ self.sea_state + self.sea_L @ self.rng.standard_normal(5)
+        self.k += 1
+        d = self.dt * (self.sea_state[1] + self.sea_state[2])
+        reading = np.array([self.truth[2] + d, d]) + self.vehicle.reading_sd * self.rng.standard_normal(2)
+        u = np.array([0.5 * (before + self.rudder), r_reference])
+        self.filter.predict(u=u, B=self.model.B(u), F=self.model.A(u))
+        self.filter.update(reading)
+        heading, rate, ahead = self.reference(self.k)
+        x = self.filter.x
+        error = (heading - x[2] + np.pi) % (2.0 * np.pi) - np.pi
+        observation = [
+            error / 0.1,
+            (rate - x[1]) / 0.01,
+            x[0] / 2.0,
+            0.0,
+            self.rudder / limit,
+            rate / 0.04,
+            ahead / 0.04,
+        ]
+        true_error = (heading - self.truth[2] + np.pi) % (2.0 * np.pi) - np.pi
+        rate_error = (rate - self.truth[5]) / (0.15 * self.rate)
+        reward = 0.8 / (1.0 + (true_error / 0.05) ** 2) + 0.2 / (1.0 + rate_error**2)
+        return np.clip(observation, -10.0, 10.0).astype(np.float32), float(reward * (1.0 - 0.15 * action**2))
+
+    def reference(self, k: int) -> tuple[float, float, float]:
+        """Commanded heading, yaw rate and yaw rate ahead."""
+        task = self.task
+        elapsed = k * self.dt - task.lead
+        share = min(max(elapsed / task.ramp, 0.0), 1.0)
+        ahead = min(max((elapsed + task.preview) / task.ramp, 0.0), 1.0)
+        heading = self.heading + self.rate * (0.5 * task.ramp * share**2 + max(elapsed - task.ramp, 0.0))
+        return heading, self.rate * share, self.rate * ahead
+
+
+def _coefficients() -> tuple[str, ...]:
+    from vessel_gym.vehicles.corvette import COEFFICIENTS
+
+    return COEFFICIENTS
+
+
+class Run:
+    """Something to time: ``run()`` flies one episode (or ``episodes`` of them) of ``num_envs`` environments."""
+
+    def __init__(self, run: Callable[[], None], num_envs: int, steps: int) -> None:
+        self.run, self.env_steps = run, num_envs * steps
+
+
+def recorded_actions(env_id: str, estimator: str, num_envs: int) -> np.ndarray:
+    """The autopilot's actions ``(T, num_envs, a)`` over one episode: ships that keep their course are timed."""
+    env = gym.make_vec(env_id, num_envs=num_envs, estimator=estimator)
+    agent = load_agent("autopilot", env)
+    agent.reset(num_envs)
+    observation, _ = env.reset(seed=0)
+    actions = []
+    truncated = np.zeros(num_envs, bool)
+    while not truncated.any():
+        actions.append(agent.act(observation))
+        observation, _, _, truncated, _ = env.step(actions[-1])
+    return np.stack(actions)
+
+
+def single(env_id: str, estimator: str) -> Run:
+    """One environment through ``gymnasium.make``, its reset included."""
+    actions = recorded_actions(env_id, estimator, 1)[:, 0]
+    env = gym.make(env_id, estimator=estimator)
+
+    def run() -> None:
+        env.reset(seed=0)
+        for action in actions:
+            env.step(action)
+
+    return Run(run, 1, len(actions))
+
+
+def batch(env_id: str, estimator: str, num_envs: int) -> Run:
+    """A native batch, its reset at the end included."""
+    actions = recorded_actions(env_id, estimator, num_envs)
+    env = gym.make_vec(env_id, num_envs=num_envs, vectorization_mode="vector_entry_point", estimator=estimator)
+    env.reset(seed=0)
+
+    def run() -> None:
+        env.unwrapped.core.seed(0)
+        env.unwrapped.core.reset()
+        for action in actions:
+            env.step(action)
+
+    return Run(run, num_envs, len(actions))
+
+
+def by_hand(estimator: str) -> Run:
+    """The hand-written loop."""
+    env = HandWrittenLoop(seed=0)
+    actions = recorded_actions("SigmaCorvette-v0", estimator, 1)[:, 0, 0]
+
+    def run() -> None:
+        env.reset()
+        for action in actions:
+            env.step(float(action))
+
+    return Run(run, 1, len(actions))
+
+
+def microseconds(runs: dict[str, Run], repeats: int) -> dict[str, float]:
+    """Median time of an environment step, the runs taken in turns so that all meet the same machine."""
+    times: dict[str, list[float]] = {label: [] for label in runs}
+    for run in runs.values():
+        run.run()
+    for _ in track(range(repeats), description="measuring", console=Console(stderr=True), transient=True):
+        for label, run in runs.items():
+            start = time.perf_counter()
+            run.run()
+            times[label].append(1e6 * (time.perf_counter() - start) / run.env_steps)
+    return {label: float(np.median(values)) for label, values in times.items()}
+
+
+def main(
+    env_id: str = "SigmaCorvette-v0",
+    /,
+    estimator: str = "kf-umv-ui",
+    num_envs: tuple[int, ...] = (1, 16, 64, 256, 1024),
+    repeats: int = 11,
+) -> None:
+    """Time environment steps on one core, and in the same run the same thing written by hand.
+
+    Whole episodes are timed, resets included, under the autopilot's recorded actions.
+
+    Args:
+        env_id: Registered environment.
+        estimator: Its estimator.
+        num_envs: Sizes of the native batch.
+        repeats: Measurements of each; the median is reported.
+    """
+    runs = {"by hand (NumPy, filterpy)": by_hand(estimator), "gymnasium.make": single(env_id, estimator)}
+    runs |= {f"batch of {size}": batch(env_id, estimator, size) for size in num_envs}
+    medians = microseconds(runs, repeats)
+    loop = medians["by hand (NumPy, filterpy)"]
+    table = Table(title=f"{env_id}, {estimator}, one core, median of {repeats}")
+    table.add_column("environment")
+    for heading in ("us per step", "steps/s", "times the loop"):
+        table.add_column(heading, justify="right")
+    for label, value in medians.items():
+        table.add_row(label, f"{value:.2f}", f"{1e6 / value:,.0f}", f"{loop / value:.1f}")
+    Console().print(table)
+
+
+if __name__ == "__main__":
+    command(main)

@@ -1,0 +1,55 @@
+"""Tracks of a ship on a turning circle that nobody measures: commanded, and believed.
+
+No filter here estimates a position, so a believed track is dead-reckoned from what it does believe.
+Both are tracks through the water: a current carries the true ship away from them.
+"""
+
+import numpy as np
+
+from vessel_gym.tasks.turning_circle import TurningCircle
+from vessel_gym.vehicles.corvette import CorvetteParameters, steady_turns
+
+
+def path(heading: np.ndarray, surge: np.ndarray, sway: np.ndarray, dt: float) -> np.ndarray:
+    """Positions ``(k, 2)`` north and east [m] from the origin, by the trapezoidal rule through the water.
+
+    Args:
+        heading: ``(k,)`` rad.
+        surge: ``(k,)`` m/s.
+        sway: ``(k,)`` m/s.
+        dt: Time between samples [s].
+    """
+    velocity = np.stack(
+        [surge * np.cos(heading) - sway * np.sin(heading), surge * np.sin(heading) + sway * np.cos(heading)], -1
+    )
+    steps = 0.5 * dt * (velocity[1:] + velocity[:-1])
+    return np.concatenate([np.zeros((1, 2)), np.cumsum(steps, 0)])
+
+
+def commanded_path(task: TurningCircle, course: np.ndarray) -> np.ndarray:
+    """The path ``(k, 2)`` of the reference heading at the steady turn's speed and drift, one circle long.
+
+    Args:
+        task: The task.
+        course: ``(2,)`` what it drew.
+    """
+    steps = np.arange(task.horizon + 1)
+    reference = task.reference(np.tile(course, (len(steps), 1)), steps)
+    turned = np.abs(reference[:, 0] - course[0]) - 0.5 * task.ramp * abs(course[1])
+    reference = reference[: 2 + np.searchsorted(turned, 2.0 * np.pi)]
+    turns = steady_turns(task.ship)
+    rate = np.abs(reference[:, 1])
+    surge = np.interp(rate, turns.yaw_rate, turns.speed)
+    sway = np.sign(reference[:, 1]) * np.interp(rate, turns.yaw_rate, turns.sway)
+    return path(reference[:, 0], surge, sway, task.dt)
+
+
+def believed_path(estimate: np.ndarray, ship: CorvetteParameters, dt: float) -> np.ndarray:
+    """The path ``(k, 2)`` dead-reckoned from estimates ``(k, n)`` of (v, r, psi) and perhaps u.
+
+    Where the surge speed is not estimated, it is the steady turn's at the believed yaw rate.
+    """
+    turns = steady_turns(ship)
+    held = np.interp(np.abs(estimate[:, 1]), turns.yaw_rate, turns.speed)
+    surge = estimate[:, 3] if estimate.shape[-1] > 3 else held
+    return path(estimate[:, 2], surge, estimate[:, 0], dt)
