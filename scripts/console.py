@@ -37,3 +37,11 @@ def training_progress(title: str) -> Iterator[Callable[[int, int, float], None]]
             bar.update(task, completed=done, total=max(done, total), score=text)
 
         yield progress
+
+
+@contextmanager
+def progress_bar(title: str, total: int) -> Iterator[Callable[[], None]]:
+    """A progress bar over ``total`` equal pieces of work; call what it yields after each."""
+    with Progress(console=Console(stderr=True)) as bar:
+        task = bar.add_task(title, total=total)
+        yield lambda: bar.advance(task)
