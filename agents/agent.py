@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
+from gymnasium.spaces import Box
 
 
 class Agent(Protocol):
@@ -47,7 +48,12 @@ def load_agent(name: str | Path, env: Any) -> Agent:
     """
     env = env.unwrapped
     if name == "random":
-        return RandomAgent(env.core.action_size)
+        space = getattr(env, "single_action_space", env.action_space)
+        if not isinstance(space, Box):
+            raise ValueError(f"the random agent needs a continuous action space, got {space}")
+        return RandomAgent(space.shape[0])
+    if not hasattr(env, "core"):
+        raise ValueError(f"{name} flies the environments of vessel_gym, not {type(env).__name__}")
     if name == "autopilot":
         from agents.autopilot import TurningAutopilot
 

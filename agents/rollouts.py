@@ -66,10 +66,10 @@ def rollout(
     Raises:
         ValueError: if there are no seeds, or the agent cannot fly this environment.
     """
-    seeds = [int(s) for s in seeds]
+    seeds = list(seeds)
     if not seeds:
         raise ValueError("rollout needs at least one seed")
-    env = gym.make_vec(env_id, num_envs=len(seeds), **(env_options or {}))
+    env = _batch(env_id, len(seeds), env_options or {})
     try:
         flyer = load_agent(agent, env) if isinstance(agent, str) else agent
         flyer.reset(len(seeds))
@@ -102,6 +102,15 @@ def rollout(
     score = np.where(np.isnan(score), returns, score)
     history = {key: np.stack(values) for key, values in frames.items()}
     return Rollout(env_id, np.array(seeds), score, returns, length, ended, history, env)
+
+
+def _batch(env_id: str, num_envs: int, options: dict[str, Any]) -> gym.vector.VectorEnv:
+    """Our environments in their native batch; any other one by one, because native batches of others differ."""
+    entry = gym.spec(env_id).vector_entry_point
+    if isinstance(entry, str) and entry.startswith("vessel_gym"):
+        return gym.make_vec(env_id, num_envs=num_envs, **options)
+    same_step = {"autoreset_mode": gym.vector.AutoresetMode.SAME_STEP}
+    return gym.make_vec(env_id, num_envs=num_envs, vectorization_mode="sync", vector_kwargs=same_step, **options)
 
 
 def _like(rows: np.ndarray, array: np.ndarray) -> np.ndarray:

@@ -3,6 +3,7 @@
 import numpy as np
 
 _TURN = 2.0 * np.pi
+_LOWEST = np.nextafter(-np.pi, 0.0)
 
 
 def wrap(angle: np.ndarray | float) -> np.ndarray:
@@ -14,7 +15,8 @@ def wrap(angle: np.ndarray | float) -> np.ndarray:
     Returns:
         The same angles in (-pi, pi], same shape.
     """
-    return np.pi - np.mod(np.pi - angle, _TURN)
+    wrapped = np.pi - np.mod(np.pi - angle, _TURN)
+    return np.maximum(wrapped, _LOWEST)  # a hair above pi is rounded to a whole turn
 
 
 def difference(a: np.ndarray, b: np.ndarray, angles: tuple[int, ...]) -> np.ndarray:

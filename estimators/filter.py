@@ -79,7 +79,7 @@ class Filter(ABC):
             u: Known input ``(..., m)`` over the step.
             rng: A Generator, or one for each row.
         """
-        return self._predict(belief, None if u is None else np.asarray(u, dtype=float), rng)
+        return self._predict(belief, _known(u, belief), rng)
 
     def update(
         self,
@@ -108,15 +108,13 @@ class Filter(ABC):
             ValueError: if ``y``, ``available`` or ``R`` have the wrong shape.
         """
         batch, p = belief.mean.shape[:-1], self.model.p
-        y = _as_rows("y", np.asarray(y, dtype=float), batch, p)
+        y = _broadcast("y", np.asarray(y, dtype=float), batch + (p,))
         if available is not None:
-            available = _as_rows("available", np.asarray(available, dtype=bool), batch, p)
+            available = _broadcast("available", np.asarray(available, dtype=bool), batch + (p,))
         if R is not None:
-            R = np.asarray(R, dtype=float)
-            if R.shape[-2:] != (p, p):
-                raise ValueError(f"R has shape {R.shape}, expected (..., {p}, {p})")
+            R = _broadcast("R", np.asarray(R, dtype=float), batch + (p, p), core=2)
         if u is not None:
-            belief = belief.replace(u=np.asarray(u, dtype=float))
+            belief = belief.replace(u=_known(u, belief))
         with np.errstate(all="ignore"):
             updated = self._update(belief, self._reading(belief, y, available, R), rng)
             if math.isfinite(np.add.reduce(updated.mean, None) + np.add.reduce(updated.cov, None)):
@@ -163,26 +161,46 @@ class Filter(ABC):
         R: np.ndarray | None,
     ) -> Belief:
         """The same belief with every lost row begun again from its prior and this reading."""
-        lost = ~(np.isfinite(updated.mean).all(-1) & np.isfinite(updated.cov).all((-2, -1)))
+        lost = ~_finite_rows(updated)
         if not lost.any():  # the sum overflowed, the entries did not
             return updated
         prior = updated.prior_mean, updated.prior_cov
-        fresh = self._init(Belief(*prior, *prior, ~lost, u=_finite(updated.u)), rng)
-        fresh = self._update(fresh, self._reading(fresh, y, available, R), rng)
-        return updated.with_rows(lost, fresh[lost])
+        begun = self._init(Belief(*prior, *prior, ~lost, u=_finite(updated.u)), rng)
+        fresh = self._update(begun, self._reading(begun, y, available, R), rng)
+        if not _finite_rows(fresh).all():  # not even the prior can take in this reading
+            nothing = np.zeros(y.shape, bool)
+            prior_alone = self._update(begun, self._reading(begun, y, nothing, R), rng)
+            unusable = ~_finite_rows(fresh)
+            fresh = fresh.with_rows(unusable, prior_alone[unusable])
+        return updated.with_rows(lost, fresh[lost]).replace(healthy=~lost)
+
+
+def _finite_rows(belief: Belief) -> np.ndarray:
+    return np.isfinite(belief.mean).all(-1) & np.isfinite(belief.cov).all((-2, -1))
+
+
+def _known(u: np.ndarray | None, belief: Belief) -> np.ndarray | None:
+    """The known input with a row for each belief, so that rows can be taken out and replaced."""
+    if u is None:
+        return None
+    u, batch = np.asarray(u, dtype=float), belief.mean.shape[:-1]
+    return u if u.shape[:-1] == batch else np.broadcast_to(u, batch + u.shape[-1:])
 
 
 def _finite(u: np.ndarray | None) -> np.ndarray | None:
     return None if u is None else np.nan_to_num(u)
 
 
-def _as_rows(name: str, value: np.ndarray, batch: tuple[int, ...], p: int) -> np.ndarray:
-    if value.shape == batch + (p,):
+def _broadcast(name: str, value: np.ndarray, shape: tuple[int, ...], core: int = 1) -> np.ndarray:
+    """``value`` with the leading axes of ``shape``; its last ``core`` axes must fit exactly."""
+    if value.shape == shape:
         return value
     try:
-        return np.broadcast_to(value, batch + (p,))
+        if value.shape[-core:] == shape[-core:]:
+            return np.broadcast_to(value, shape)
     except ValueError:
-        raise ValueError(f"{name} has shape {value.shape}, expected {batch + (p,)}") from None
+        pass
+    raise ValueError(f"{name} has shape {value.shape}, expected {shape}")
 
 
 def _diagonal(values: np.ndarray) -> np.ndarray:

@@ -1,5 +1,7 @@
 """Small dense linear algebra over batches: covariances ``(..., n, n)`` and vectors ``(..., n)``."""
 
+from contextlib import suppress
+
 import numpy as np
 
 
@@ -29,12 +31,14 @@ def solve(s: np.ndarray, b: np.ndarray) -> np.ndarray:
     try:
         return np.linalg.solve(s, b)
     except np.linalg.LinAlgError:
-        s, b = np.broadcast_arrays(s, b)[0], b
         batch = np.broadcast_shapes(s.shape[:-2], b.shape[:-2])
         s = np.broadcast_to(s, batch + s.shape[-2:])
-        singular = np.linalg.matrix_rank(np.nan_to_num(s), hermitian=True) < s.shape[-1]
-        regular = np.where(singular[..., None, None], np.eye(s.shape[-1]), s)
-        return np.where(singular[..., None, None], np.nan, np.linalg.solve(regular, b))
+        b = np.broadcast_to(b, batch + b.shape[-2:])
+        solution = np.full(b.shape, np.nan)
+        for row in np.ndindex(batch):
+            with suppress(np.linalg.LinAlgError):
+                solution[row] = np.linalg.solve(s[row], b[row])
+        return solution
 
 
 def inverse(s: np.ndarray) -> np.ndarray:

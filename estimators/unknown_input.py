@@ -25,6 +25,9 @@ class UnknownInputFilter(Filter):
         if model.q == 0:
             raise ValueError(f"{self.name} needs an unknown input: give the model G, H or both")
         self.input_prior = input_covariance("input_prior", input_prior, model.q)
+        self._input_units = np.sqrt(np.diagonal(self.input_prior))
+        if not self._input_units.all():
+            raise ValueError("input_prior must have positive variances: an input without variance is no input")
         self._state_rows = np.eye(model.n + model.q)[:, : model.n]
 
     def _init(self, belief: Belief, rng: Streams) -> Belief:
@@ -40,14 +43,24 @@ class UnknownInputFilter(Filter):
         )  # fmt: skip
 
 
-def _gains(S: np.ndarray, CP: np.ndarray, F: np.ndarray, complete: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _gains(
+    S: np.ndarray, CP: np.ndarray, F: np.ndarray, whole: np.ndarray | None, units: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The Kalman gain, and the best linear unbiased estimate of ``d`` from ``e = F d + noise of covariance S``.
 
-    ``K = P- C' S^-1`` and ``M = (F' S^-1 F)^-1 F' S^-1``, the latter restricted to the directions that F shows.
+    ``K = P- C' S^-1`` and ``M = (F' S^-1 F)^-1 F' S^-1``, the latter restricted to the directions that F
+    shows. Directions are told apart with each input in units of its prior, so that the units do not matter.
+
+    Args:
+        S: ``(..., p, p)`` innovation covariance.
+        CP: ``(..., p, n)``.
+        F: ``(..., p, q)`` with the rows of missing readings zero.
+        whole: F as it would be with every reading, against which a direction counts as shown;
+            None when nothing is missing: F then shows every direction.
+        units: ``(q,)`` standard deviations of the inputs' prior.
 
     Returns:
-        K ``(..., n, p)``, M ``(..., q, p)`` and the projector ``(..., q, q)`` on the directions that
-        were determined.
+        K ``(..., n, p)``, M ``(..., q, p)`` and the projector ``(..., q, q)`` on the directions shown.
     """
     n, q = CP.shape[-1], F.shape[-1]
     right = np.empty(CP.shape[:-1] + (n + q,))
@@ -55,18 +68,20 @@ def _gains(S: np.ndarray, CP: np.ndarray, F: np.ndarray, complete: bool) -> tupl
     solved = solve(S, right)
     K, SF = solved[..., :n].mT, solved[..., n:]
     information = F.mT @ SF
-    if complete:
-        cov, observed = inverse(information), np.zeros(information.shape) + (1.0 if q == 1 else np.eye(q))
-    elif q == 1:
-        seen = information > 0.0
-        cov, observed = np.where(seen, 1.0 / np.where(seen, information, 1.0), 0.0), seen.astype(float)
-    else:
-        _, s, Vt = np.linalg.svd(F)
-        rank = (s > 1e-9 * s.max(-1, keepdims=True)).sum(-1)
-        hidden = Vt * (np.arange(q) >= rank[..., None])[..., None]
-        unseen = hidden.mT @ hidden
-        cov, observed = inverse(information + unseen) - unseen, np.eye(q) - unseen
-    return K, cov @ SF.mT, observed
+    if whole is None:
+        return K, inverse(information) @ SF.mT, np.zeros(information.shape) + (1.0 if q == 1 else np.eye(q))
+    strongest = np.linalg.svd(whole * units, compute_uv=False).max(-1)
+    _, strength, directions = np.linalg.svd(F * units)
+    shown = np.zeros(directions.shape[:-1], bool)
+    shown[..., : strength.shape[-1]] = strength > 1e-9 * strongest[..., None]
+    hidden = directions * ~shown[..., None]
+    unseen = hidden.mT @ hidden
+    scale = units[:, None] * units
+    seen, information = np.eye(q) - unseen, information * scale
+    # The hidden directions get a finite information of the same size, so that the inverse stays well conditioned.
+    size = np.trace(information, axis1=-2, axis2=-1)[..., None, None]
+    cov = seen @ inverse(information + np.where(size > 0.0, size, 1.0) * unseen) @ seen
+    return K, (cov * scale) @ SF.mT, seen * (units[:, None] / units)
 
 
 class UnbiasedMinimumVarianceFilter(UnknownInputFilter):
@@ -121,7 +136,8 @@ class UnbiasedMinimumVarianceFilter(UnknownInputFilter):
         C, H, R = reading.C, reading.H, reading.R
         PC = product(belief.cov, C.mT)
         S = product(PC.mT, C.mT) + R
-        K, M, observed = _gains(S, PC.mT, H, reading.complete)
+        whole = None if reading.complete else resolve(self.model.H, belief.u)
+        K, M, observed = _gains(S, PC.mT, H, whole, self._input_units)
         n = self.model.n
         Z = np.empty(K.shape[:-2] + (n + self.model.q, self.model.p))  # (x, d) = (x-, 0) + Z e
         Z[..., :n, :], Z[..., n:, :] = K - product(K, H) @ M, M
@@ -191,7 +207,8 @@ class UnbiasedMinimumVarianceFilterWithoutFeedthrough(UnknownInputFilter):
         S = product(PC.mT, C.mT) + R
         pending = belief.pending[..., None, None]
         complete = reading.complete and bool(pending.all())
-        K, M, observed = _gains(S, PC.mT, (C @ G) * pending, complete)
+        whole = None if complete else resolve(self.model.C, belief.u) @ G
+        K, M, observed = _gains(S, PC.mT, (C @ G) * pending, whole, self._input_units)
         n, q = self.model.n, self.model.q
         GM = G @ M
         Z = np.empty(K.shape[:-2] + (n + q, self.model.p))  # (x, d) = (x-, 0) + Z e

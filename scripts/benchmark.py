@@ -13,6 +13,9 @@ from rich.table import Table
 import vessel_gym  # noqa: F401  (registers the environments)
 from agents import load_agent
 from scripts.console import command
+from vessel_gym.envs.sigma_corvette import SEAS
+from vessel_gym.tasks.turning_circle import TurningCircle
+from vessel_gym.vehicles.corvette import COEFFICIENTS, Corvette, CorvetteParameters, secant_models, steady_turns
 
 
 class HandWrittenLoop:
@@ -29,19 +32,18 @@ class HandWrittenLoop:
     def __init__(self, seed: int, disturbance: str = "moderate") -> None:
         from filterpy.kalman import KalmanFilter
 
-        from vessel_gym.envs.sigma_corvette import SIGMA_CORVETTE
-
         self.rng = np.random.default_rng(seed)
-        self.system = SIGMA_CORVETTE
-        self.vehicle, self.task = SIGMA_CORVETTE.vehicle, SIGMA_CORVETTE.task
-        self.sea = SIGMA_CORVETTE.disturbances[disturbance]
+        self.vehicle, self.task, self.sea = Corvette(), TurningCircle(CorvetteParameters()), SEAS[disturbance]
         self.ship = self.vehicle.ship
         self.dt = self.vehicle.dt
-        self.c = dict(zip(_coefficients(), self.ship.vector(), strict=True))
-        self.sea_A, self.sea_L = self.sea._discrete
-        self.model = self.vehicle.model("corrected", 1.0)
-        self.filter = KalmanFilter(dim_x=3, dim_z=2, dim_u=2)
-        self.filter.H, self.filter.Q, self.filter.R = self.model.C, self.model.Q, self.model.R
+        self.c = dict(zip(COEFFICIENTS, self.ship.vector(), strict=True))
+        self.sea_A, self.sea_L = self.sea.discrete
+        self.A_table, self.B_table = secant_models(self.ship, self.dt)
+        self.rate_step = steady_turns(self.ship).yaw_rate[1]
+        self.filter = KalmanFilter(dim_x=3, dim_z=2, dim_u=1)
+        self.filter.H = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 0.0]])
+        self.filter.Q = np.diag(self.vehicle.process_sd[:3] ** 2)
+        self.filter.R = np.diag(self.vehicle.reading_sd**2)
         self.reset()
 
     def reset(self) -> None:
@@ -104,8 +106,9 @@ class HandWrittenLoop:
         self.k += 1
         d = self.dt * (self.sea_state[1] + self.sea_state[2])
         reading = np.array([self.truth[2] + d, d]) + self.vehicle.reading_sd * self.rng.standard_normal(2)
-        u = np.array([0.5 * (before + self.rudder), r_reference])
-        self.filter.predict(u=u, B=self.model.B(u), F=self.model.A(u))
+        turn = round(abs(r_reference) / self.rate_step)
+        u = np.array([0.5 * (before + self.rudder)])
+        self.filter.predict(u=u, B=self.B_table[turn], F=self.A_table[turn])
         self.filter.update(reading)
         heading, rate, ahead = self.reference(self.k)
         x = self.filter.x
@@ -132,12 +135,6 @@ class HandWrittenLoop:
         ahead = min(max((elapsed + task.preview) / task.ramp, 0.0), 1.0)
         heading = self.heading + self.rate * (0.5 * task.ramp * share**2 + max(elapsed - task.ramp, 0.0))
         return heading, self.rate * share, self.rate * ahead
-
-
-def _coefficients() -> tuple[str, ...]:
-    from vessel_gym.vehicles.corvette import COEFFICIENTS
-
-    return COEFFICIENTS
 
 
 class Run:
@@ -175,14 +172,12 @@ def single(env_id: str, estimator: str) -> Run:
 
 
 def batch(env_id: str, estimator: str, num_envs: int) -> Run:
-    """A native batch, its reset at the end included."""
+    """A native batch, its resets before and after the episode included."""
     actions = recorded_actions(env_id, estimator, num_envs)
     env = gym.make_vec(env_id, num_envs=num_envs, vectorization_mode="vector_entry_point", estimator=estimator)
-    env.reset(seed=0)
 
     def run() -> None:
-        env.unwrapped.core.seed(0)
-        env.unwrapped.core.reset()
+        env.reset(seed=0)
         for action in actions:
             env.step(action)
 

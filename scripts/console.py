@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+import gymnasium as gym
 import tyro
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -14,7 +15,7 @@ def command(main: Callable[..., Any]) -> None:
     """Run a command line: bad input ends in one sentence and exit status 2, never in a traceback."""
     try:
         tyro.cli(main)
-    except (ValueError, TypeError, OSError) as error:
+    except (ValueError, TypeError, OSError, gym.error.Error) as error:
         sys.exit(_complain(error))
     except KeyboardInterrupt:
         sys.exit(130)

@@ -47,7 +47,7 @@ class Sea:
 
     def advance(self, state: np.ndarray, normals: np.ndarray) -> np.ndarray:
         """The state ``(..., 5)`` one step later (exact discretisation)."""
-        A, L = self._discrete
+        A, L = self.discrete
         return state @ A.T + normals @ L.T
 
     def unknown_input(self, state: np.ndarray) -> np.ndarray:
@@ -72,7 +72,8 @@ class Sea:
         return _root(self.stationary_cov)
 
     @cached_property
-    def _discrete(self) -> tuple[np.ndarray, np.ndarray]:
+    def discrete(self) -> tuple[np.ndarray, np.ndarray]:
+        """Transition ``(5, 5)`` over a step and a root ``(5, 5)`` of the noise that enters in it."""
         A, W = self._continuous
         transition, noise = van_loan(A, np.eye(self.size), W, self.dt)
         return transition, _root(noise)

@@ -9,6 +9,7 @@ import numpy as np
 from estimators import Belief, Filter, LinearModel, NonlinearModel, factory
 from estimators.filter import Reading, Streams
 from estimators.kalman import ExtendedKalmanFilter
+from estimators.models import resolve
 from vessel_gym.sensors import SensorSuite
 from vessel_gym.system import System
 
@@ -72,13 +73,27 @@ class HeldMeasurement(Filter):
     def __init__(self, system: System, model: LinearModel | NonlinearModel) -> None:
         super().__init__(model)
         self._vehicle, self._dt = system.vehicle, system.vehicle.dt
+        self._variance, self._input_variance = self._claimed()
+
+    def _claimed(self) -> tuple[np.ndarray, np.ndarray]:
+        """Variances ``(n,)`` and ``(q,)`` that the sensor noise alone gives what is derived from two readings."""
+        eye, zero = np.eye(self.model.p), np.zeros((self.model.p, self.model.p))
+        elapsed, noise = np.full(self.model.p, self._dt), np.diagonal(resolve(self.model.R, None))
+        now = self._vehicle.from_readings(eye, zero, elapsed)
+        before = self._vehicle.from_readings(zero, eye, elapsed)
+        state, unknown = (noise @ (a**2 + b**2) for a, b in zip(now, before, strict=True))
+        return state, unknown
 
     def _init(self, belief: Belief, rng: Streams) -> Belief:
         shape = belief.mean.shape[:-1] + (self.model.p,)
         held = self._expected(belief)
+        # What no reading shows (the sway) keeps the variance of the prior.
+        prior = np.diagonal(belief.cov, axis1=-2, axis2=-1)
+        cov = np.where(self._variance > 0.0, self._variance, prior)[..., None] * self._identity
+        input_cov = np.zeros(shape[:-1] + 2 * self._input_variance.shape) + np.diag(self._input_variance)
         return HeldReadings(
-            belief.mean, belief.cov, belief.prior_mean, belief.prior_cov, belief.healthy,
-            input_mean=np.zeros(belief.mean.shape[:-1] + (self.model.q,)),
+            belief.mean, cov, belief.prior_mean, belief.prior_cov, belief.healthy,
+            input_mean=np.zeros(shape[:-1] + self._input_variance.shape), input_cov=input_cov,
             held=held, seen=np.zeros(shape, bool), age=np.zeros(shape),
         )  # fmt: skip
 

@@ -28,7 +28,8 @@ class Draws:
     """Standard normal and uniform numbers a step for many environments, each from its own stream.
 
     Rows are drawn in blocks of steps: a thousand generators asked once every 64 steps cost next to
-    nothing, and a row sees the same numbers whatever batch it is in.
+    nothing, and a row sees the same numbers whatever batch it is in. The size of a block is part of
+    what a seed means: changing it changes every stream.
     """
 
     def __init__(self, num_envs: int, normals: int, uniforms: int = 0, block: int = 64) -> None:
@@ -49,7 +50,10 @@ class Draws:
             self._common = self._block
 
     def next(self, rows: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """The next step's ``(B, normals)`` and ``(B, uniforms)`` of all rows, or of those listed."""
+        """The next step's ``(B, normals)`` and ``(B, uniforms)`` of all rows, or of those listed.
+
+        What comes back may be a view of the block: it holds until the next call.
+        """
         if rows is None and self._common is not None:
             if self._common == self._block:
                 self._refill(self._rows)

@@ -148,6 +148,7 @@ class System:
     """One environment as data.
 
     Attributes:
+        name: The environment's id.
         vehicle: What moves.
         task: What is asked of it.
         disturbances: By name: ``"calm"``, ``"moderate"``, ``"rough"``.
@@ -157,6 +158,7 @@ class System:
         filter_models: Models of particular filters.
     """
 
+    name: str
     vehicle: Vehicle
     task: Task
     disturbances: Mapping[str, Disturbance]

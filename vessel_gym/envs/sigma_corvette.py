@@ -27,6 +27,7 @@ def _tuning(name: str, sea: Any) -> dict[str, Any]:
 
 
 SIGMA_CORVETTE = System(
+    name="SigmaCorvette-v0",
     vehicle=Corvette(CorvetteParameters()),
     task=TurningCircle(CorvetteParameters()),
     disturbances=SEAS,
@@ -42,7 +43,7 @@ class SigmaCorvetteEnv(VesselEnv):
 
     ## Description
 
-    A SIGMA-class corvette (101 m, 2423 t, 15.4 m/s = 29.9 kn) is commanded into a turn of 2.5 to 6 ship
+    A SIGMA-class corvette (101 m, 2423 t, 15.4 m/s = 29.9 kn) is commanded into a turn of 3 to 6 ship
     lengths radius, to either side: 5 s straight on, 25 s of rising yaw rate, then a steady turn for the
     rest of 300 s. Waves and gusts kick the heading, a current sets the track. The compass and a motion
     reference unit are noisy, and the agent sees only what a filter makes of them.

@@ -3,6 +3,7 @@
 A task gets a picture by a scene (see `vessel_gym.rendering.renderer.Scene`) and an entry in `make_renderer`.
 """
 
+import os
 from typing import TYPE_CHECKING
 
 from gymnasium.error import DependencyNotInstalled
@@ -28,12 +29,15 @@ def make_renderer(core: Core, render_mode: str, fps: int) -> "Renderer":
         DependencyNotInstalled: without pygame.
         NotImplementedError: for a task that has no scene.
     """
+    os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")  # a library prints no greeting
     try:
-        from vessel_gym.rendering.renderer import Renderer
-        from vessel_gym.rendering.turning_circle import TurningCircleScene
+        import pygame  # noqa: F401
     except ImportError as error:
         raise DependencyNotInstalled("rendering needs pygame: install vessel-gym[render]") from error
-    scenes = {TurningCircle: TurningCircleScene}
+    from vessel_gym.rendering.renderer import Renderer
+    from vessel_gym.rendering.turning_circle import TurningCircleScene
+
+    scenes: dict[type[object], type[TurningCircleScene]] = {TurningCircle: TurningCircleScene}
     task = type(core.task)
     if task not in scenes:
         raise NotImplementedError(f"there is no picture of the task {task.__name__} yet")

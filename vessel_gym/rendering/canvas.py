@@ -3,6 +3,7 @@
 Coordinates are pixels of the finished picture, x to the right and y down; points are arrays ``(n, 2)``.
 """
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -25,6 +26,7 @@ TEXT: Colour = (31, 41, 55)
 MUTED: Colour = (104, 116, 131)
 TRUE: Colour = (29, 88, 158)
 TRUE_PALE: Colour = (196, 214, 234)
+TRUE_SOFT: Colour = (128, 171, 219)
 BELIEVED: Colour = (226, 112, 22)
 BELIEVED_PALE: Colour = (253, 228, 205)
 COMMANDED: Colour = (138, 150, 164)
@@ -62,8 +64,10 @@ class Box:
 @lru_cache(maxsize=16)
 def _font(size: int, bold: bool) -> pygame.font.Font:
     pygame.font.init()
-    path = pygame.font.match_font(_FONTS, bold=bold)
-    return pygame.font.Font(path, size)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # no list of system fonts: pygame brings one of its own
+        path = pygame.font.match_font(_FONTS, bold=bold)
+    return pygame.font.Font(path, size * _OVERSAMPLING if path else round(1.3 * size * _OVERSAMPLING))
 
 
 @lru_cache(maxsize=1024)
@@ -72,7 +76,7 @@ def _label(text: str, size: int, colour: Colour, bold: bool) -> pygame.Surface:
 
 
 class Canvas:
-    """A picture in memory: shapes are drawn oversampled and scaled down, text on top of them.
+    """A picture in memory, drawn oversampled and scaled down.
 
     Args:
         width: Pixels of the finished picture.
@@ -83,17 +87,14 @@ class Canvas:
         self.size = width, height
         self._ink = pygame.Surface((width * _OVERSAMPLING, height * _OVERSAMPLING), depth=32)
         self._page = pygame.Surface(self.size, depth=32)
-        self._labels: list[tuple[pygame.Surface, Point]] = []
 
     def clear(self, colour: Colour = PAPER) -> None:
         """Begin a new picture."""
         self._ink.fill(colour)
-        self._labels.clear()
 
     def finish(self) -> pygame.Surface:
         """The picture; it is valid until the next `finish`."""
         pygame.transform.smoothscale(self._ink, self.size, self._page)
-        self._page.blits(self._labels)
         return self._page
 
     def panel(self, box: Box, colour: Colour = PANEL) -> None:
@@ -108,9 +109,7 @@ class Canvas:
         if len(points) > 1:
             pygame.draw.lines(self._ink, colour, False, _scaled(points), max(1, round(width * _OVERSAMPLING)))
 
-    def dashes(
-        self, points: np.ndarray, colour: Colour, width: float = 1.5, on: float = 6.0, off: float = 4.0
-    ) -> None:
+    def dashes(self, points: np.ndarray, colour: Colour, width: float = 1.5, on: float = 6.0, off: float = 4.0) -> None:
         """A dashed line through points."""
         length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
         for start in np.arange(0.0, length[-1], on + off):
@@ -151,9 +150,9 @@ class Canvas:
         """Write a line of text, vertically centred on ``y``; returns its width."""
         label = _label(text, size, colour, bold)
         width, height = label.get_size()
-        left = x - {"left": 0.0, "centre": 0.5, "right": 1.0}[align] * width
-        self._labels.append((label, (round(left), round(y - 0.5 * height))))
-        return width
+        left = x * _OVERSAMPLING - {"left": 0.0, "centre": 0.5, "right": 1.0}[align] * width
+        self._ink.blit(label, (round(left), round(y * _OVERSAMPLING - 0.5 * height)))
+        return width / _OVERSAMPLING
 
 
 def _scaled(points: np.ndarray) -> list[list[float]]:
@@ -180,7 +179,7 @@ class PlanView:
         margin: Free pixels around them.
     """
 
-    def __init__(self, box: Box, points: np.ndarray, margin: float = 60.0) -> None:
+    def __init__(self, box: Box, points: np.ndarray, margin: float) -> None:
         low, high = points.min(0), points.max(0)
         north, east = np.maximum(high - low, 1.0)
         self.box = box
@@ -257,7 +256,7 @@ class Series:
     colour: Colour
     time: np.ndarray
     value: np.ndarray
-    width: float = 1.4
+    width: float = 1.2
     dashed: bool = False
 
 
@@ -271,7 +270,6 @@ def strip_chart(
     band: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
     limit: float | None = None,
     note: str = "",
-    axis: bool = True,
 ) -> None:
     """A chart over time, symmetric about zero, in a card.
 
@@ -285,10 +283,9 @@ def strip_chart(
         band: Time, lower and upper edge of a pale area below the lines.
         limit: Dashed lines at plus and minus this.
         note: A remark after the legend.
-        axis: Whether to write the times below.
     """
     canvas.panel(box)
-    plot = box.inset(44, 32, 14, 22 if axis else 12)
+    plot = box.inset(44, 32, 22, 22)
     sx, sy = plot.width / (span[1] - span[0]), 0.5 * plot.height / half_range
     middle = plot.top + 0.5 * plot.height
 
@@ -306,8 +303,7 @@ def strip_chart(
     for tick in np.linspace(*span, 7):
         x = plot.left + (tick - span[0]) * sx
         canvas.line(np.array([[x, plot.top], [x, plot.bottom]]), GRID, 1.0)
-        if axis:
-            canvas.text(x, plot.bottom + 10, f"{tick:.0f}", MUTED, 11, "centre")
+        canvas.text(x, plot.bottom + 10, f"{tick:.0f} s" if tick == span[1] else f"{tick:.0f}", MUTED, 11, "centre")
     if limit is not None:
         for level in (-limit, limit):
             canvas.dashes(pixels(ends, np.full(2, level)), LIMIT, 1.0, 4.0, 4.0)
@@ -332,5 +328,5 @@ def _legend_entry(canvas: Canvas, right: float, y: float, item: Series) -> float
     if item.dashed:
         canvas.dashes(sample, item.colour, item.width, 4.0, 2.0)
     else:
-        canvas.line(sample, item.colour, 2.0)
+        canvas.line(sample, item.colour, max(item.width, 2.0))
     return left - 16 - 12

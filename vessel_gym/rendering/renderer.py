@@ -16,9 +16,14 @@ class Scene(Protocol):
 
     title: str
 
-    def begin(self) -> None: ...
-    def record(self) -> None: ...
-    def draw(self, canvas: Canvas) -> None: ...
+    def begin(self) -> None:
+        """Forget the last episode: another one begins, in the state that the core is in."""
+
+    def record(self) -> None:
+        """Append the core's present state to the history."""
+
+    def draw(self, canvas: Canvas) -> None:
+        """Draw the history on a canvas, all of it."""
 
 
 class Renderer:

@@ -18,6 +18,7 @@ from vessel_gym.rendering.canvas import (
     TEXT,
     TRUE,
     TRUE_PALE,
+    TRUE_SOFT,
     WATER,
     Box,
     Canvas,
@@ -34,7 +35,7 @@ from vessel_gym.sensors import SUITES
 from vessel_gym.tasks.turning_circle import TurningCircle
 from vessel_gym.vehicles.corvette import CorvetteParameters, steady_turns
 
-_SHIP_PIXELS = 66.0
+_SHIP_PIXELS = 88.0  # least length of a ship on the map
 _WEDGE_FACTORS = (50, 20, 10, 5, 2, 1)
 _WEDGE = np.deg2rad(9.0)  # the widest half-angle to which a wedge is magnified
 
@@ -62,7 +63,7 @@ def path(heading: np.ndarray, surge: np.ndarray, sway: np.ndarray, dt: float) ->
 
 
 def commanded_path(task: TurningCircle, course: np.ndarray) -> np.ndarray:
-    """The path ``(horizon + 1, 2)`` of the reference heading at the steady turn's speed and drift.
+    """The path ``(k, 2)`` of the reference heading at the steady turn's speed and drift, one circle long.
 
     Args:
         task: The task.
@@ -70,6 +71,8 @@ def commanded_path(task: TurningCircle, course: np.ndarray) -> np.ndarray:
     """
     steps = np.arange(task.horizon + 1)
     reference = task.reference(np.tile(course, (len(steps), 1)), steps)
+    turned = np.abs(reference[:, 0] - course[0]) - 0.5 * task.ramp * abs(course[1])
+    reference = reference[: 2 + np.searchsorted(turned, 2.0 * np.pi)]
     turns = steady_turns(task.ship)
     rate = np.abs(reference[:, 1])
     surge = np.interp(rate, turns.yaw_rate, turns.speed)
@@ -83,15 +86,15 @@ def believed_path(estimate: np.ndarray, ship: CorvetteParameters, dt: float) -> 
     Where the surge speed is not estimated, it is the steady turn's at the believed yaw rate.
     """
     turns = steady_turns(ship)
-    if estimate.shape[-1] > 3:
-        surge = estimate[:, 3]
-    else:
-        surge = np.interp(np.abs(estimate[:, 1]), turns.yaw_rate, turns.speed)
+    held = np.interp(np.abs(estimate[:, 1]), turns.yaw_rate, turns.speed)
+    surge = estimate[:, 3] if estimate.shape[-1] > 3 else held
     return path(estimate[:, 2], surge, estimate[:, 0], dt)
 
 
 def wedge_factor(sd: float) -> int:
     """By how much a wedge of two standard deviations [rad] is magnified to be seen."""
+    if sd == 0.0:
+        return 1
     return next((factor for factor in _WEDGE_FACTORS if 2.0 * sd * factor <= _WEDGE), 1)
 
 
@@ -102,10 +105,9 @@ class TurningCircleScene:
         core: The environment's core, whose first row is shown.
     """
 
-    title = "SigmaCorvette-v0"
-
     def __init__(self, core: Core) -> None:
         assert isinstance(core.task, TurningCircle)
+        self.title = core.system.name
         self._core, self._task, self._ship = core, core.task, core.task.ship
         self._hull = ship_outline(self._ship.beam / self._ship.length)
         self._samples: list[Sample] = []
@@ -124,14 +126,14 @@ class TurningCircleScene:
         belief = core.belief
         self._samples.append(
             Sample(
-                core.steps[0].copy(),
+                core.steps[0],
                 core.truth[0].copy(),
                 belief.mean[0].copy(),
                 np.sqrt(max(belief.cov[0, 2, 2], 0.0)),
                 core.reference[0].copy(),
-                core.actuators[0, 0].copy(),
-                core.unknown_input[0, 0].copy(),
-                np.array(np.nan) if belief.input_mean is None else belief.input_mean[0, 0].copy(),
+                core.actuators[0, 0],
+                core.unknown_input[0, 0],
+                np.array(np.nan) if belief.input_mean is None else belief.input_mean[0, 0],
             )
         )
 
@@ -165,7 +167,7 @@ class TurningCircleScene:
         true = history.truth[:, :2]
         believed = true[0] + believed_path(history.estimate, self._ship, self._task.dt)
         sea = box.inset(2, 2, 2, 66)
-        view = PlanView(sea, np.concatenate([self._commanded, true, believed]))
+        view = PlanView(sea, np.concatenate([self._commanded, true, believed]), margin=84.0)
         draw_grid(canvas, view)
         length = max(self._ship.length * view.scale, _SHIP_PIXELS)
         factor = wedge_factor(float(history.heading_sd.max()))
@@ -174,9 +176,9 @@ class TurningCircleScene:
 
         if half > 0.0:
             angles = np.linspace(-half, half, 17)
-            sector = 1.25 * np.stack([np.cos(angles), np.sin(angles)], -1)
+            sector = 1.4 * np.stack([np.cos(angles), np.sin(angles)], -1)
             sector = np.concatenate([np.zeros((1, 2)), sector])
-            canvas.polygon(view.body(sector, believed[-1], psi_hat, length), BELIEVED_PALE)
+            canvas.polygon(view.body(sector, believed[-1], psi_hat, length), BELIEVED_PALE, BELIEVED, 0.5)
         canvas.dashes(view.pixels(self._commanded), COMMANDED, 1.5)
         canvas.line(view.pixels(believed), BELIEVED, 1.5)
         canvas.line(view.pixels(true), TRUE, 2.0)
@@ -188,7 +190,8 @@ class TurningCircleScene:
         draw_scale_bar(canvas, view, box.left + 18, sea.bottom - 12)
         draw_north(canvas, box.right - 28, box.top + 44)
         self._draw_current(canvas, box)
-        self._legend(canvas, Box(box.left, sea.bottom, box.width, box.bottom - sea.bottom), length / view.scale, factor)
+        magnified = length / (self._ship.length * view.scale)
+        self._legend(canvas, box.left, sea.bottom, box.width, magnified, factor)
 
     def _draw_ship(
         self, canvas: Canvas, view: PlanView, at: np.ndarray, heading: float, length: float, rudder: float
@@ -204,11 +207,11 @@ class TurningCircleScene:
         x, y = box.left + 34, box.top + 34
         half = 16.0 * np.array([east, -north]) / max(speed, 1e-9)
         canvas.arrow((x - half[0], y - half[1]), (x + half[0], y + half[1]), CURRENT)
-        canvas.text(x + 26, y, f"current {speed:.1f} m/s", CURRENT, 12)
+        canvas.text(x + 26, y, f"current {speed:.2f} m/s", CURRENT, 12)
 
-    def _legend(self, canvas: Canvas, box: Box, magnified: float, factor: int) -> None:
-        canvas.line(np.array([[box.left, box.top], [box.right, box.top]]), EDGE, 1.0)
-        x, y = box.left + np.array([16.0, 170.0, 310.0]), box.top + np.array([20.0, 44.0])
+    def _legend(self, canvas: Canvas, left: float, top: float, width: float, magnified: float, factor: int) -> None:
+        canvas.line(np.array([[left, top], [left + width, top]]), EDGE, 1.0)
+        x, y = left + np.array([16.0, 194.0, 336.0]), top + np.array([20.0, 44.0])
         for column, (label, colour) in enumerate(
             [("commanded path", COMMANDED), ("true track", TRUE), ("believed track (dead-reckoned)", BELIEVED)]
         ):
@@ -222,7 +225,7 @@ class TurningCircleScene:
         canvas.outline(icon + [x[1] + 13, y[1]], BELIEVED, 1.2)
         canvas.text(x[1] + 34, y[1], "believed ship", TEXT, 12)
         wedge = np.array([[0.0, 0.0], [24.0, -5.0], [24.0, 5.0]])
-        canvas.polygon(wedge + [x[2], y[1]], BELIEVED_PALE, BELIEVED, 0.5)
+        canvas.polygon(wedge + [x[2] + 1, y[1]], BELIEVED_PALE, BELIEVED, 0.5)
         words = f"believed heading ±2σ, {factor}×" if factor > 1 else "believed heading ±2σ"
         canvas.text(x[2] + 34, y[1], words, TEXT, 12)
 
@@ -239,7 +242,7 @@ class TurningCircleScene:
         low, high = believed - 2.0 * deg(history.heading_sd), believed + 2.0 * deg(history.heading_sd)
         strip_chart(
             canvas, rows[0], "Heading error  [°]",
-            [Series("believed ±2σ", BELIEVED, time, believed), Series("true", TRUE, time, true)],
+            [Series("true", TRUE_SOFT, time, true, 3.5), Series("believed ±2σ", BELIEVED, time, believed)],
             span, _reach(2.0, true, low, high), band=(time, low, high),
         )  # fmt: skip
 
@@ -247,28 +250,28 @@ class TurningCircleScene:
         strip_chart(
             canvas, rows[1], "Yaw rate  [°/s]",
             [
-                Series("commanded", COMMANDED, time, rates[0], dashed=True),
+                Series("true", TRUE_SOFT, time, rates[2], 3.5),
                 Series("believed", BELIEVED, time, rates[1]),
-                Series("true", TRUE, time, rates[2]),
+                Series("commanded", TEXT, time, rates[0], 1.0, dashed=True),
             ],
             span, _reach(1.0, *rates, deg(history.reference[:, 3])),
         )  # fmt: skip
 
         limit = float(deg(self._ship.rudder_limit))
         strip_chart(
-            canvas, rows[2], "Rudder  [°]", [Series("", TRUE, time, deg(history.rudder))],
+            canvas, rows[2], "Rudder  [°]", [Series("", TRUE, time, deg(history.rudder), 1.6)],
             span, 40.0, limit=limit, note=f"limits ±{limit:g}°",
         )  # fmt: skip
 
-        d = 1e3 * history.unknown_input
-        lines = [Series("true", TRUE, time, d)]
-        estimated = np.isfinite(history.input_estimate)
-        if estimated.all():
-            delay = self._core.filter.input_delay * dt
-            lines.insert(0, Series("believed", BELIEVED, time - delay, 1e3 * history.input_estimate))
+        d, d_hat = 1e3 * history.unknown_input, 1e3 * history.input_estimate
+        estimated = np.isfinite(d_hat).all()
+        lines = [Series("true", TRUE_SOFT if estimated else TRUE, time, d, 3.5 if estimated else 1.2)]
+        if estimated:
+            delay = (self._core.filter.input_delay or 0) * dt
+            lines.append(Series("estimated", BELIEVED, time - delay, d_hat))
         strip_chart(
-            canvas, rows[3], "Unknown yaw kick  [mrad/step]", lines, span,
-            _reach(1.0, *(line.value for line in lines)), note="" if estimated.all() else "not estimated",
+            canvas, rows[3], "Unknown yaw kick d  [mrad]", lines, span,
+            _reach(1.0, *(line.value for line in lines)), note="" if estimated else "not estimated",
         )  # fmt: skip
 
 

@@ -50,7 +50,8 @@ class TurningCircle:
     ship: CorvetteParameters
     dt: float = 0.5  # s
     horizon: int = 600  # steps
-    radius: tuple[float, float] = (2.5, 6.0)  # commanded radius in ship lengths, either side
+    radius: tuple[float, float] = (3.0, 6.0)  # commanded radius in ship lengths, either side
+    tightest: float = 2.5  # that may be asked for; nearly the whole rudder, without a margin against gusts
     lead: float = 5.0  # s before the turn begins
     ramp: float = 25.0  # s until the full yaw rate is commanded
     preview: float = 10.0  # s
@@ -78,7 +79,7 @@ class TurningCircle:
             if option != "radius":
                 raise ValueError(f"unknown reset option {option!r}: choose from radius")
             radius = np.full(len(uniforms), float(value))
-            low = shortest * self.ship.length
+            low = self.tightest * self.ship.length
             if not np.isfinite(value) or abs(value) < low:
                 raise ValueError(f"radius must be at least {low:.0f} m to either side, got {value}")
         return np.stack([heading, self.yaw_rate(radius)], -1)

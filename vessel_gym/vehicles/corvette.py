@@ -11,7 +11,7 @@ them); Fossen (2011) for the structure; Fujii & Tuda (1961) for the rudder.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 
 import numpy as np
 from numba import guvectorize, njit
@@ -239,24 +239,41 @@ class SteadyTurn:
 
 
 @cache
-def steady_turns(ship: CorvetteParameters, highest: float = 0.041, points: int = 165) -> SteadyTurn:
-    """Solve for the steady turn at each yaw rate from 0 to ``highest`` [rad/s], by continuation."""
-    c = ship.vector()
-    rates = np.linspace(0.0, highest, points)
-    solutions = np.empty((points, 3))
-    guess = np.array([ship.speed, 0.0, 0.0])
+def steady_turns(ship: CorvetteParameters, points: int = 165) -> SteadyTurn:
+    """Steady turns at equal steps of yaw rate, up to the one that 80 % of the rudder holds.
+
+    Beyond, the yaw rate hardly rises with the rudder any more, and a command there could not be steered to.
+
+    Raises:
+        RuntimeError: if the ship has no steady turns (it is directionally unstable).
+    """
+    c, scale = ship.vector(), np.array([ship.speed, ship.speed, ship.speed / ship.length])
+
+    def accelerations(motion: np.ndarray, rudder: float) -> np.ndarray:
+        state = np.concatenate([np.zeros(3), motion])
+        return corvette_derivative(state, np.array([rudder, 0.0, 0.0]), c)[3:] / scale
+
+    def held_rudder(z: np.ndarray, rudder: float) -> np.ndarray:
+        return accelerations(z * scale, rudder)
+
+    def held_rate(z: np.ndarray, rate: float) -> np.ndarray:
+        return accelerations(np.array([z[0] * scale[0], z[1] * scale[1], rate]), z[2])
+
+    def solve(residual: Callable[[np.ndarray], np.ndarray], guess: np.ndarray) -> np.ndarray:
+        found = root(residual, guess, tol=1e-13)
+        if np.abs(found.fun).max() > 1e-9:
+            raise RuntimeError("the ship has no steady turn at a rudder that it should hold")
+        return found.x
+
+    motion = np.array([1.0, 0.0, 0.0])  # surge, sway, yaw rate in units of scale
+    for rudder in np.linspace(0.0, 0.8 * ship.rudder_limit, 57):
+        motion = solve(partial(held_rudder, rudder=rudder), motion)
+    rates = np.linspace(0.0, motion[2] * scale[2], points)
+    solutions = np.empty((points, 3))  # surge, sway, rudder
+    guess = np.array([1.0, 0.0, 0.0])
     for i, rate in enumerate(rates):
-
-        def residual(z: np.ndarray, rate: float = rate) -> np.ndarray:
-            state = np.array([0.0, 0.0, 0.0, z[0] * ship.speed, z[1] * ship.speed, rate])
-            return corvette_derivative(state, np.array([z[2], 0.0, 0.0]), c)[3:] * [1.0, 1.0, 100.0]
-
-        scaled = guess / [ship.speed, ship.speed, 1.0]
-        found = root(residual, scaled, tol=1e-12)
-        if np.abs(found.fun).max() > 1e-8:
-            raise RuntimeError(f"no steady turn at {rate:.4f} rad/s: the rudder cannot hold it")
-        guess = found.x * [ship.speed, ship.speed, 1.0]
-        solutions[i] = guess
+        guess = solve(partial(held_rate, rate=rate), guess)
+        solutions[i] = guess * [scale[0], scale[1], 1.0]
     speed, sway, rudder = solutions.T
     with np.errstate(divide="ignore"):
         radius = np.hypot(speed, sway) / rates
@@ -271,7 +288,7 @@ def sway_yaw_jacobian(state: np.ndarray, rudder: np.ndarray, ship: CorvetteParam
     c = ship.vector()
     state, rudder = np.asarray(state, float), np.asarray(rudder, float)
     points = np.concatenate([state, rudder[..., None]], -1)  # (u, v, r, rudder)
-    step = np.array([1e-4, 1e-6, 1e-6])
+    step = np.array([1e-6, 1e-8, 1e-6])
     offsets = np.zeros((3, 4))
     offsets[[0, 1, 2], [1, 2, 3]] = step
 

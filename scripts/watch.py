@@ -1,0 +1,165 @@
+"""Watch an agent steer: ``python -m scripts.watch SigmaCorvette-v0 --disturbance rough --out turn.gif``."""
+
+import os
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from rich.console import Console
+from rich.progress import track
+
+import vessel_gym  # noqa: F401  (registers the environments)
+from scripts.console import command
+
+FPS = 12
+"""Frames a second of a GIF or MP4."""
+SUFFIXES = (".gif", ".mp4", ".png")
+
+Env = gym.Env[np.ndarray, np.ndarray]
+Episode = Iterator[tuple[bool, float]]
+
+
+def main(
+    env_id: str = "SigmaCorvette-v0",
+    /,
+    estimator: str | None = None,
+    sensors: str = "nominal",
+    disturbance: str = "moderate",
+    seed: int = 0,
+    agent: str = "autopilot",
+    out: Path | None = None,
+    every: int = 6,
+) -> None:
+    """Watch one episode in a window or, with --out, write it to a file.
+
+    Args:
+        env_id: Registered environment.
+        estimator: What the agent sees the world through; the environment's default if not given.
+        sensors: clean, nominal or degraded.
+        disturbance: calm, moderate or rough.
+        seed: Seed of the episode.
+        agent: autopilot, random, or the path of a PPO checkpoint.
+        out: A .gif, an .mp4, or a .png of the last frame.
+        every: Keep one frame in this many steps (.gif and .mp4).
+    """
+    from agents import load_agent
+
+    if every < 1:
+        raise ValueError(f"--every must be at least 1, got {every}")
+    if out is None:
+        check_display()
+    else:
+        check_output(out)
+    options: dict[str, Any] = {"estimator": estimator, "sensors": sensors, "disturbance": disturbance}
+    try:
+        env = gym.make(env_id, render_mode="rgb_array" if out else "human", **options)
+        with closing(env):
+            flyer = load_agent(agent, env)
+            flyer.reset(1)
+            observation, _ = env.reset(seed=seed)
+            episode = fly(env, flyer, observation)
+            score = record(env, episode, out, every) if out else show(env, episode)
+    except gym.error.Error as error:  # no such environment, or no pygame
+        raise ValueError(str(error)) from error
+    print(f"wrote {out}, score {score:.3f}" if out else f"score {score:.3f}")
+
+
+def check_display() -> None:
+    """Refuse to open a window where nobody could see it.
+
+    Raises:
+        ValueError: if there is no display, or no pygame.
+    """
+    try:
+        import pygame
+
+        pygame.display.init()
+        seen = pygame.display.get_driver() != "offscreen"  # what SDL falls back to
+        pygame.display.quit()
+    except ImportError as error:
+        raise ValueError("a window needs pygame: install vessel-gym[render]") from error
+    except pygame.error:
+        seen = False
+    if not seen:
+        raise ValueError("there is no display for a window: write a file with --out")
+
+
+def check_output(out: Path) -> None:
+    """Refuse an output file that could not be written at the end.
+
+    Raises:
+        ValueError: saying what is wrong with it.
+    """
+    if out.suffix.lower() not in SUFFIXES:
+        raise ValueError(f"cannot write {str(out)!r}: the suffix must be one of {', '.join(SUFFIXES)}")
+    if not out.parent.is_dir():
+        raise ValueError(f"cannot write {str(out)!r}: there is no folder {str(out.parent)!r}")
+    if not os.access(out.parent, os.W_OK):
+        raise ValueError(f"cannot write {str(out)!r}: the folder {str(out.parent)!r} is read-only")
+    if out.is_dir():
+        raise ValueError(f"cannot write {str(out)!r}: it is a folder")
+
+
+@contextmanager
+def replacing(out: Path) -> Iterator[Path]:
+    """A temporary name beside ``out`` that takes its place at the end; after an error nothing is left of it."""
+    path = out.with_name(f".{out.stem}-{os.getpid()}{out.suffix.lower()}")
+    try:
+        yield path
+        os.replace(path, out)
+    finally:
+        path.unlink(missing_ok=True)
+
+
+def fly(env: Env, agent: Any, observation: np.ndarray) -> Episode:
+    """One episode; after each step, whether it has ended and the score so far."""
+    done = False
+    while not done:
+        observation, _, terminated, truncated, info = env.step(agent.act(observation[None])[0])
+        done = terminated or truncated
+        yield done, info["score"]
+
+
+def show(env: Env, episode: Episode) -> float:
+    """Show an episode in a window, which stays until the user closes it; returns the score."""
+    import pygame
+
+    score = 0.0
+    for _, score in episode:
+        if not pygame.display.get_init():
+            return score
+    while pygame.display.get_init():
+        env.render()
+    return score
+
+
+def record(env: Env, episode: Episode, out: Path, every: int) -> float:
+    """Write an episode to a file; returns the score."""
+    steps = env.spec.max_episode_steps if env.spec else None
+    last_only = out.suffix.lower() == ".png"
+    score = 0.0
+    with replacing(out) as path, closing(_writer(path)) as writer:  # imageio's own exit closes nothing on errors
+        flown = track(episode, f"writing {out.name}", total=steps, console=Console(stderr=True))
+        for step, (done, so_far) in enumerate(flown):
+            score = so_far
+            if done or (not last_only and step % every == 0):
+                writer.append_data(env.render())
+    return score
+
+
+def _writer(path: Path) -> Any:
+    import imageio.v2 as imageio
+
+    settings: dict[str, dict[str, Any]] = {
+        ".gif": {"duration": 1000.0 / FPS, "loop": 0},
+        ".mp4": {"fps": FPS},
+        ".png": {},
+    }
+    return imageio.get_writer(path, **settings[path.suffix])
+
+
+if __name__ == "__main__":
+    command(main)

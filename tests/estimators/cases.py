@@ -1,0 +1,313 @@
+"""The filters under test, random models for them, and a simulator that knows the truth.
+
+A new filter joins the suite by one more `Case` in `CASES`: its name and options, the kind of system it is for,
+and the laws that it obeys. Every test that states a law takes its cases from here.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from estimators import Belief, Filter, Gaussian, LinearModel, NonlinearModel, make
+
+INPUT_PRIOR = 4.0
+"""Variance of the unknown input where no reading shows it, in every system of this suite."""
+
+
+# --- random models ----------------------------------------------------------------------------------
+
+
+def random_covariance(rng: np.random.Generator, n: int, batch: tuple[int, ...] = ()) -> np.ndarray:
+    """Positive definite ``(..., n, n)`` with eigenvalues of order 1."""
+    root = rng.normal(size=(*batch, n, n))
+    return root @ np.swapaxes(root, -1, -2) / n + 0.2 * np.eye(n)
+
+
+def random_transition(rng: np.random.Generator, n: int, radius: float) -> np.ndarray:
+    """``(n, n)`` with the given spectral radius."""
+    A = rng.normal(size=(n, n))
+    return A * radius / np.abs(np.linalg.eigvals(A)).max()
+
+
+@dataclass(frozen=True)
+class System:
+    """A model, what it starts from, and how many known inputs it has."""
+
+    model: LinearModel | NonlinearModel
+    mean: np.ndarray
+    cov: np.ndarray
+    m: int
+
+    @property
+    def prior(self) -> Gaussian:
+        return Gaussian(self.mean, self.cov)
+
+    def rows(self, *batch: int) -> Gaussian:
+        """The prior, once for each row of a batch."""
+        return Gaussian(np.broadcast_to(self.mean, (*batch, self.model.n)), self.cov)
+
+
+def kalman_system(seed: int, n: int = 4, p: int = 3, m: int = 2, radius: float = 0.98) -> System:
+    """A random linear Gaussian system without unknown input."""
+    rng = np.random.default_rng(seed)
+    model = LinearModel(
+        A=random_transition(rng, n, radius), B=rng.normal(size=(n, m)), C=rng.normal(size=(p, n)),
+        Q=random_covariance(rng, n), R=random_covariance(rng, p),
+    )  # fmt: skip
+    return System(model, rng.normal(size=n), random_covariance(rng, n), m)
+
+
+def unknown_input_system(seed: int, feedthrough: bool, n: int = 4, p: int = 3, q: int = 1, m: int = 2) -> System:
+    """A random stable and strongly detectable system with unknown input.
+
+    With A stable, strong detectability means that the transfer function from the unknown input to the reading,
+    ``T(z) = H + C (z I - A)^-1 G`` (times z without feedthrough), has full column rank for every |z| >= 1.
+    Draws whose smallest singular value falls below a margin there are rejected, so that the filters are well
+    conditioned; the same margin for every choice of p - 1 channels lets one channel be taken away.
+    """
+    rng = np.random.default_rng(seed)
+    z = np.array([1.0, 1.3, 2.0, 5.0, 1e6])[:, None] * np.exp(1j * np.linspace(0.0, np.pi, 25))
+    while True:
+        A, C, G = random_transition(rng, n, 0.85), rng.normal(size=(p, n)), rng.normal(size=(n, q))
+        H = rng.normal(size=(p, q)) if feedthrough else np.zeros((p, q))
+        transfer = H + C @ np.linalg.solve(z[..., None, None] * np.eye(n) - A, G.astype(complex))
+        transfer = transfer if feedthrough else transfer * z[..., None, None]
+        kept = [np.arange(p) != j for j in range(p)]
+        if min(np.linalg.svd(transfer[..., rows, :])[1].min() for rows in kept) > 0.2:
+            break
+    model = LinearModel(
+        A=A, B=rng.normal(size=(n, m)), C=C, G=G, H=H if feedthrough else None,
+        Q=random_covariance(rng, n), R=random_covariance(rng, p),
+    )  # fmt: skip
+    return System(model, rng.normal(size=n), random_covariance(rng, n), m)
+
+
+def turning_vehicle(seed: int) -> System:
+    """A nonlinear system with angles: position, heading and speed, seen as range, bearing and heading."""
+    dt, beacon = 0.1, np.array([-30.0, 20.0])
+
+    def transition(x: np.ndarray, u: np.ndarray) -> np.ndarray:
+        north, east, heading, speed = np.moveaxis(x, -1, 0)
+        turn, push = np.moveaxis(u, -1, 0)
+        return np.stack([
+            north + dt * speed * np.cos(heading), east + dt * speed * np.sin(heading),
+            heading + dt * turn, speed + dt * (push - 0.2 * speed * np.abs(speed)),
+        ], axis=-1)  # fmt: skip
+
+    def measurement(x: np.ndarray, u: np.ndarray) -> np.ndarray:
+        away = x[..., :2] - beacon
+        return np.stack([np.hypot(away[..., 0], away[..., 1]), np.arctan2(away[..., 1], away[..., 0]), x[..., 2]], -1)
+
+    model = NonlinearModel(
+        transition, measurement, Q=np.diag([1e-3, 1e-3, 1e-4, 1e-3]), R=np.diag([0.1, 1e-3, 1e-2]),
+        state_angles=(2,), measurement_angles=(1, 2),
+    )  # fmt: skip
+    heading = np.random.default_rng(seed).uniform(-3.0, 3.0)
+    return System(model, np.array([0.0, 0.0, heading, 1.0]), np.diag([0.5, 0.5, 0.05, 0.1]), 2)
+
+
+def without_channel(model: LinearModel | NonlinearModel, j: int) -> LinearModel | NonlinearModel:
+    """The model of the same system without measurement channel ``j``."""
+    kept = np.arange(model.p) != j
+    angles = tuple(i - (i > j) for i in model.measurement_angles if i != j)
+    changes = {
+        "R": model.R[kept][:, kept],
+        "measurement_angles": angles,
+        "H": None if model.H is None else model.H[kept],
+    }
+    if isinstance(model, LinearModel):
+        return replace(model, C=model.C[kept], **changes)
+    return replace(model, measurement=lambda x, u: model.measurement(x, u)[..., kept], **changes)
+
+
+# --- simulation -------------------------------------------------------------------------------------
+
+
+class Record(NamedTuple):
+    """What happened: times first, then runs, then components."""
+
+    x: np.ndarray  # (T, runs, n) true state
+    y: np.ndarray  # (T, runs, p) reading
+    u: np.ndarray  # (T, runs, m) known input over the step that follows
+    d: np.ndarray | None  # (T, runs, q) unknown input, acting on this reading and on the step that follows
+
+
+def wild_input(rng: np.random.Generator, steps: int, runs: int, q: int) -> np.ndarray:
+    """An unknown input of no known law: an offset, a swing, jumps; the same in every run."""
+    k = np.arange(steps)[:, None, None]
+    phase = rng.uniform(0.0, 6.0, size=q)
+    jumps = np.repeat(rng.normal(scale=3.0, size=(steps // 10 + 1, 1, q)), 10, axis=0)[:steps]
+    return np.broadcast_to(5.0 + 4.0 * np.sin(0.2 * k + phase) + jumps, (steps, runs, q))
+
+
+def simulate(
+    system: System, seed: int, runs: int, steps: int, d: np.ndarray | None = None, noise: float = 1.0
+) -> Record:
+    """Draw a start from the prior and let the system run; ``d`` defaults to a wild one."""
+    rng = np.random.default_rng(seed)
+    model = system.model
+    if d is None and model.q:
+        d = wild_input(np.random.default_rng(seed + 1), steps, runs, model.q)
+    roots = [noise * np.linalg.cholesky(S) for S in (system.cov, model.Q, model.R)]
+    x = system.mean + np.matvec(roots[0], rng.normal(size=(runs, model.n)))
+    u = rng.normal(size=(steps, runs, system.m))
+    xs, ys = [], []
+    for k in range(steps):
+        y = model.measurement(x, u[k]) + np.matvec(roots[2], rng.normal(size=(runs, model.p)))
+        xs.append(x)
+        ys.append(y if d is None else y + np.matvec(model.H, d[k]))
+        x = model.transition(x, u[k]) + np.matvec(roots[1], rng.normal(size=(runs, model.n)))
+        x = x if d is None else x + np.matvec(model.G, d[k])
+    return Record(np.array(xs), np.array(ys), u, d)
+
+
+def track(
+    filter: Filter,
+    prior: Gaussian,
+    record: Record,
+    rng: np.random.Generator | Sequence[np.random.Generator] | None = None,
+    available: np.ndarray | None = None,
+    R: np.ndarray | None = None,
+) -> list[Belief]:
+    """The belief after every reading of a record; ``available (T, ...)`` and ``R (T, ...)`` one for each time."""
+    belief, beliefs = filter.init(prior, rng=rng), []
+    for k, y in enumerate(record.y):
+        if k:
+            belief = filter.predict(belief, record.u[k - 1], rng=rng)
+        mask, cov = (None if a is None else a[k] for a in (available, R))
+        belief = filter.update(belief, y, rng=rng, available=mask, R=cov)
+        beliefs.append(belief)
+    return beliefs
+
+
+# --- what the formulas should give, by another road -------------------------------------------------
+
+
+def textbook_kalman(system: System, y: np.ndarray, u: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Mean and covariance after every reading of one run, by the formulas as first taught, with inverses."""
+    model, mean, cov, out = system.model, system.mean, system.cov, []
+    for k in range(len(y)):
+        if k:
+            mean, cov = model.A @ mean + model.B @ u[k - 1], model.A @ cov @ model.A.T + model.Q
+        gain = cov @ model.C.T @ np.linalg.inv(model.C @ cov @ model.C.T + model.R)
+        mean, cov = mean + gain @ (y[k] - model.C @ mean), cov - gain @ model.C @ cov
+        out.append((mean, cov))
+    return out
+
+
+def flat_prior_posterior(
+    mean: np.ndarray, cov: np.ndarray, drive: np.ndarray, C: np.ndarray, H: np.ndarray, R: np.ndarray, y: np.ndarray,
+    input_precision: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Generalised least squares for ``(x, d)``: ``x - drive d ~ N(mean, cov)``, ``y = C x + H d + N(0, R)``.
+
+    ``d`` has the information ``input_precision`` (0: nothing is known of it). This is what an unbiased
+    minimum-variance update must give, in information form: the filters compute it in covariance form.
+    """
+    n = len(mean)
+    P, V = np.linalg.inv(cov), np.linalg.inv(R)
+    from_prior, from_reading = np.hstack([np.eye(n), -drive]), np.hstack([C, H])
+    information = from_prior.T @ P @ from_prior + from_reading.T @ V @ from_reading
+    information[n:, n:] += input_precision
+    posterior = np.linalg.inv(information)
+    return posterior @ (from_prior.T @ P @ mean + from_reading.T @ V @ y), posterior
+
+
+# --- the registry -----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Case:
+    """A filter with its options, a family of random systems for it, and the laws that it obeys.
+
+    Laws: ``kalman`` is exactly the Kalman filter on a linear Gaussian model; ``unknown-input`` estimates state
+    and unknown input without bias; ``consistent`` has errors as large as it says; ``linear`` has linear systems;
+    ``deterministic`` uses no randomness; ``long`` is tried over a very long run, one case for each way in which
+    filters carry a covariance on.
+    """
+
+    id: str
+    name: str
+    system: Callable[[int], System]
+    laws: frozenset[str]
+    options: dict[str, object]
+
+    def make(self, model: LinearModel | NonlinearModel) -> Filter:
+        return make(self.name, model, **self.options)
+
+
+def _case(id: str, name: str, system: Callable[[int], System], laws: str, **options: object) -> Case:
+    return Case(id, name, system, frozenset(laws.split()), options)
+
+
+_UI = "unknown-input consistent linear deterministic"
+CASES = (
+    _case("kf", "kf", kalman_system, "kalman consistent linear deterministic long"),
+    _case("ekf", "ekf", kalman_system, "kalman consistent linear deterministic"),
+    _case("ekf on a turning vehicle", "ekf", turning_vehicle, "deterministic"),
+    _case(
+        "kf-umv-ui", "kf-umv-ui", lambda seed: unknown_input_system(seed, True),
+        f"{_UI} long", input_prior=INPUT_PRIOR,
+    ),
+    _case(
+        "kf-umv-ui with two inputs", "kf-umv-ui", lambda seed: unknown_input_system(seed, True, p=4, q=2),
+        _UI, input_prior=INPUT_PRIOR,
+    ),
+    _case(
+        "kf-umv-ui-wdf", "kf-umv-ui-wdf", lambda seed: unknown_input_system(seed, False),
+        _UI, input_prior=INPUT_PRIOR,
+    ),
+    _case(
+        "kf-umv-ui-wdf with two inputs", "kf-umv-ui-wdf", lambda seed: unknown_input_system(seed, False, p=4, q=2),
+        _UI, input_prior=INPUT_PRIOR,
+    ),
+)  # fmt: skip
+
+
+def every_case(*laws: str) -> pytest.MarkDecorator:
+    """Parametrise a test over the cases that obey all of ``laws``."""
+    chosen = [case for case in CASES if case.laws.issuperset(laws)]
+    return pytest.mark.parametrize("case", chosen, ids=[case.id for case in chosen])
+
+
+# --- comparing beliefs ------------------------------------------------------------------------------
+
+
+def arrays(belief: Belief) -> dict[str, np.ndarray]:
+    """The arrays of a belief by name, without those that it does not have."""
+    found = {f.name: getattr(belief, f.name) for f in fields(belief)}
+    return {name: value for name, value in found.items() if value is not None}
+
+
+def assert_same(one: Belief, other: Belief, tolerance: float = 0.0, ignore: Sequence[str] = ()) -> None:
+    """Every array of the two beliefs agrees to ``tolerance``, relative to the largest entry where that exceeds 1."""
+    one, other = arrays(one), arrays(other)
+    assert one.keys() == other.keys()
+    for name in one.keys() - set(ignore):
+        assert one[name].shape == other[name].shape, name
+        if tolerance == 0.0:
+            np.testing.assert_array_equal(one[name], other[name], err_msg=name)
+        else:
+            scale = max(1.0, float(np.abs(other[name]).max(initial=0.0)))
+            np.testing.assert_allclose(one[name], other[name], rtol=0.0, atol=tolerance * scale, err_msg=name)
+
+
+def some_readings(rng: np.random.Generator, p: int, *shape: int) -> np.ndarray:
+    """A mask ``(..., p)``: mostly every reading arrives, else a single one or none.
+
+    With only some of them the unknown input can stay partly unseen. (Dropping each one at random would leave
+    systems whose unknown input is detectable from all readings, but not from those that are left: there an
+    unbiased filter diverges, as it must.)
+    """
+    single_or_none = np.eye(p + 1, p, dtype=bool)[rng.integers(p + 1, size=shape)]
+    return single_or_none | (rng.random((*shape, 1)) < 0.7)
+
+
+def assert_covariance(cov: np.ndarray, scale: float | np.ndarray = 0.0) -> None:
+    """Symmetric exactly, positive semidefinite to rounding of its own size (or of ``scale``, if that is larger)."""
+    np.testing.assert_array_equal(cov, np.swapaxes(cov, -1, -2))
+    eigenvalues = np.linalg.eigvalsh(cov)
+    assert (eigenvalues[..., 0] >= -1e-12 * np.maximum(eigenvalues[..., -1], scale)).all(), eigenvalues.min()

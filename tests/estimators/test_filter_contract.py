@@ -1,0 +1,553 @@
+"""What every filter promises its user: names, refusals, missing readings, rows, recovery, angles."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from estimators import Belief, Filter, Gaussian, LinearModel, NonlinearModel, make, names
+from tests.estimators.cases import (
+    INPUT_PRIOR,
+    Case,
+    arrays,
+    assert_same,
+    every_case,
+    kalman_system,
+    random_covariance,
+    simulate,
+    track,
+    unknown_input_system,
+)
+
+I2 = np.eye(2)
+
+
+def _linear(**changes) -> LinearModel:
+    return LinearModel(**{"A": I2, "C": I2, "Q": I2, "R": I2, **changes})
+
+
+def _nonlinear(**changes) -> NonlinearModel:
+    return NonlinearModel(**{"transition": lambda x, u: x, "measurement": lambda x, u: x, "Q": I2, "R": I2, **changes})
+
+
+def _message(caught: pytest.ExceptionInfo) -> str:
+    message = str(caught.value)
+    assert "\n" not in message
+    return message
+
+
+# --- building a filter ------------------------------------------------------------------------------
+
+
+def test_an_unknown_name_is_answered_with_those_that_exist_and_the_nearest():
+    with pytest.raises(ValueError, match="unknown filter 'kf-umw-ui'") as caught:
+        make("kf-umw-ui", _linear())
+    message = _message(caught)
+    assert "did you mean 'kf-umv-ui'" in message
+    assert all(name in message for name in names())
+
+
+def test_a_name_like_no_other_gets_no_guess():
+    with pytest.raises(ValueError, match="unknown filter 'zzz'") as caught:
+        make("zzz", _linear())
+    assert "did you mean" not in _message(caught)
+
+
+@every_case()
+def test_an_unknown_option_is_named_with_those_that_exist(case: Case):
+    with pytest.raises(TypeError, match=f"{case.name} has no option 'colour'") as caught:
+        make(case.name, case.system(0).model, colour="red", **case.options)
+    assert all(option in _message(caught) for option in case.options)
+
+
+@pytest.mark.parametrize("name", names())
+def test_a_model_that_is_none_is_refused(name: str):
+    with pytest.raises(TypeError, match="model must be a LinearModel or a NonlinearModel, got dict"):
+        make(name, {"A": I2})
+
+
+@every_case()
+def test_a_filter_says_what_it_is(case: Case):
+    model = case.system(0).model
+    filter = case.make(model)
+    assert isinstance(filter, Filter)
+    assert filter.name == case.name
+    assert f"n={model.n}" in repr(filter)
+    assert (filter.input_delay is not None) == ("unknown-input" in case.laws)
+
+
+def test_umv_ui_without_feedthrough_says_which_rank_it_needs_and_what_to_do():
+    with pytest.raises(ValueError, match="rank") as caught:
+        make("kf-umv-ui", _linear(G=[[0.0], [1.0]]))
+    expected = "kf-umv-ui needs rank(H) = 1 unknown input, got 0: measure the input or use kf-umv-ui-wdf"
+    assert _message(caught) == expected
+
+
+def test_umv_ui_refuses_inputs_that_it_cannot_tell_apart():
+    with pytest.raises(ValueError, match=r"rank\(H\) = 2 unknown inputs, got 1"):
+        make("kf-umv-ui", _linear(G=I2, H=np.ones((2, 2))))
+    one_bad_row = np.stack([I2, np.ones((2, 2)), I2])
+    with pytest.raises(ValueError, match=r"rank\(H\) = 2 unknown inputs, got 1"):
+        make("kf-umv-ui", _linear(G=I2, H=one_bad_row))
+
+
+def test_wdf_refuses_feedthrough_and_an_input_that_no_reading_shows():
+    with pytest.raises(ValueError, match=r"kf-umv-ui-wdf needs H = 0 .*use kf-umv-ui"):
+        make("kf-umv-ui-wdf", _linear(G=[[1.0], [0.0]], H=[[0.0], [1.0]]))
+    with pytest.raises(ValueError, match=r"kf-umv-ui-wdf needs rank\(C G\) = 1 unknown input, got 0: measure"):
+        make("kf-umv-ui-wdf", _linear(C=[[1.0, 0.0]], R=[[1.0]], G=[[0.0], [1.0]]))
+    with pytest.raises(ValueError, match=r"rank\(C G\) = 2 unknown inputs, got 1"):
+        make("kf-umv-ui-wdf", _linear(C=[[1.0, 0.0]], R=[[1.0]], G=I2))
+
+
+@pytest.mark.parametrize("name", ["kf-umv-ui", "kf-umv-ui-wdf"])
+def test_unknown_input_filters_need_a_linear_model_with_an_unknown_input(name: str):
+    with pytest.raises(ValueError, match=f"{name} needs an unknown input"):
+        make(name, _linear())
+    with pytest.raises(ValueError, match=f"{name} needs a LinearModel"):
+        make(name, _nonlinear(G=[[1.0], [0.0]], H=[[1.0], [0.0]]))
+
+
+def test_kf_sends_a_nonlinear_model_to_ekf():
+    with pytest.raises(ValueError, match="kf needs a LinearModel: use ekf"):
+        make("kf", _nonlinear())
+    assert make("ekf", _nonlinear()).name == "ekf"
+
+
+@pytest.mark.parametrize("name", ["kf-umv-ui", "kf-umv-ui-wdf"])
+def test_an_input_prior_that_is_no_covariance_of_the_inputs_is_refused(name: str):
+    unknown = {"G": [[1.0], [0.0]], "H": [[1.0], [0.0]] if name == "kf-umv-ui" else None}
+    for value, problem in ((-1.0, "positive semidefinite"), (I2, "shape"), ([1.0], "square"), (np.nan, "finite")):
+        with pytest.raises(ValueError, match="input_prior") as caught:
+            make(name, _linear(**unknown), input_prior=value)
+        assert problem in _message(caught)
+
+
+def test_kf_refuses_an_input_covariance_that_does_not_fit():
+    with pytest.raises(ValueError, match="input_cov was given, but the model has no unknown input"):
+        make("kf", _linear(), input_cov=1.0)
+    with pytest.raises(ValueError, match="input_cov has shape"):
+        make("kf", _linear(G=[[1.0], [0.0]]), input_cov=I2)
+    with pytest.raises(ValueError, match="input_cov must be positive semidefinite"):
+        make("kf", _linear(G=[[1.0], [0.0]]), input_cov=-1.0)
+
+
+# --- input that is refused where it enters ----------------------------------------------------------
+
+
+@every_case()
+def test_a_prior_for_another_number_of_states_is_refused(case: Case):
+    model = case.system(0).model
+    with pytest.raises(ValueError, match=f"the prior is for {model.n + 1} states, the model has {model.n}"):
+        case.make(model).init(Gaussian(np.zeros(model.n + 1), np.eye(model.n + 1)))
+
+
+@every_case()
+def test_readings_masks_and_covariances_of_the_wrong_shape_are_named(case: Case):
+    system = case.system(0)
+    p, filter = system.model.p, case.make(system.model)
+    belief = filter.predict(filter.init(system.rows(5), rng=np.random.default_rng(0)), np.zeros((5, system.m)))
+    good = np.zeros((5, p))
+    wrong = [
+        ("y", {"y": np.zeros((5, p + 1))}),
+        ("y", {"y": np.zeros((4, p))}),
+        ("y", {"y": np.zeros((2, 5, p))}),
+        ("available", {"y": good, "available": np.ones((5, p + 1), bool)}),
+        ("available", {"y": good, "available": np.ones((4, p), bool)}),
+        ("R", {"y": good, "R": np.eye(p + 1)}),
+        ("R", {"y": good, "R": np.ones(p)}),
+        ("R", {"y": good, "R": np.tile(np.eye(p), (4, 1, 1))}),
+    ]
+    for name, arguments in wrong:
+        with pytest.raises(ValueError, match=f"^{name} has shape") as caught:
+            filter.update(belief, **arguments)
+        assert "expected" in _message(caught)
+
+
+@every_case()
+def test_one_reading_mask_or_covariance_may_serve_every_row(case: Case):
+    system = case.system(0)
+    model, filter = system.model, case.make(system.model)
+    p = model.p
+    streams = [np.random.default_rng(i) for i in range(3)]
+    belief = filter.predict(filter.init(system.rows(3), rng=streams), np.zeros((3, system.m)), rng=streams)
+    y, mask, R = np.arange(1.0, p + 1.0), np.arange(p) != 1, 2.0 * model.R
+    streams = [[np.random.default_rng(i) for i in range(3)] for _ in range(2)]
+    one = filter.update(belief, y, available=mask, R=R, rng=streams[0])
+    each = filter.update(
+        belief, np.tile(y, (3, 1)), available=np.tile(mask, (3, 1)), R=np.tile(R, (3, 1, 1)), rng=streams[1]
+    )
+    assert_same(one, each, 1e-13)
+
+
+@every_case()
+def test_one_known_input_may_serve_every_row(case: Case):
+    system = case.system(0)
+    filter = case.make(system.model)
+    u, y = np.full(system.m, 0.3), np.full(system.model.p, 0.1)
+
+    def run(u: np.ndarray, restart: bool) -> Belief:
+        streams = [np.random.default_rng(i) for i in range(3)]
+        belief = filter.predict(filter.init(system.rows(3), rng=streams), u, rng=streams)
+        if restart:
+            belief = belief.replace(mean=np.where(np.arange(3)[:, None] == 1, np.nan, belief.mean))
+        return filter.update(belief, y, rng=streams)
+
+    assert_same(run(u, False), run(np.tile(u, (3, 1)), False), 1e-13, ignore=["u"])
+    # Rows stay rows: the shared input neither breaks a selection nor the recovery of a lost row.
+    assert_same(run(u, False)[1:], run(np.tile(u, (3, 1)), False)[1:], 1e-13, ignore=["u"])
+    assert_same(run(u, True), run(np.tile(u, (3, 1)), True), 1e-13, ignore=["u"])
+
+
+# --- beliefs and their rows -------------------------------------------------------------------------
+
+
+def _run(case: Case, rows: int, steps: int = 4, seed: int = 0) -> tuple[Filter, Belief, np.ndarray, np.ndarray]:
+    """A filter, a prediction for a batch of rows, the reading that comes next, and the last known input."""
+    system = case.system(seed)
+    filter = case.make(system.model)
+    record = simulate(system, seed, rows, steps)
+    belief = track(filter, system.rows(rows), record._replace(y=record.y[:-1], u=record.u))[-1]
+    return filter, filter.predict(belief, record.u[-2]), record.y[-1], record.u[-1]
+
+
+@every_case("deterministic")
+def test_rows_of_a_belief_are_chosen_by_mask_index_or_slice(case: Case):
+    filter, predicted, y, _ = _run(case, 5)
+    belief = filter.update(predicted, y)
+    mask = np.array([True, False, True, True, False])
+    for rows in (mask, [0, 3], slice(1, 4), 2):
+        part = belief[rows]
+        for name, array in arrays(belief).items():
+            np.testing.assert_array_equal(getattr(part, name), array[rows], err_msg=name)
+    # A part goes on like the whole.
+    assert_same(filter.update(predicted[mask], y[mask]), belief[mask], 1e-12)
+
+
+@every_case("deterministic")
+def test_rows_of_a_belief_are_replaced_by_those_of_another_in_order(case: Case):
+    filter, predicted, y, u = _run(case, 5)
+    belief = filter.update(predicted, y)
+    mask = np.array([False, True, False, True, False])
+    other = filter.update(predicted[[4, 0]], y[[4, 0]] + 1.0)
+    before = {name: array.copy() for name, array in arrays(belief).items()}
+    merged = belief.with_rows(mask, other)
+    assert_same(merged[~mask], belief[~mask])
+    assert_same(merged[mask], other)
+    for name, array in arrays(belief).items():
+        np.testing.assert_array_equal(array, before[name], err_msg=name)
+    assert_same(filter.predict(merged, u)[mask], filter.predict(other, u[mask]), 1e-12)
+
+
+def test_beliefs_of_which_only_one_has_a_field_do_not_merge():
+    filter = make("kf", _linear())
+    fresh = filter.init(Gaussian(np.zeros((2, 2)), I2))
+    with pytest.raises(ValueError, match="only one has innovation"):
+        filter.update(fresh, np.zeros(2)).with_rows(np.array([True, False]), fresh[:1])
+
+
+@every_case("deterministic")
+def test_a_reset_of_some_rows_leaves_the_others_as_if_nothing_had_happened(case: Case):
+    """How an episode that ends in one row of a batch begins again there."""
+    filter, predicted, y, u = _run(case, 4)
+    system = case.system(0)
+    mask = np.array([False, True, False, False])
+    fresh = filter.update(filter.predict(filter.init(system.rows(1)), u[mask]), y[mask])
+    belief = filter.update(predicted, y)
+    following = filter.update(filter.predict(belief.with_rows(mask, fresh), u), y)
+    untouched = filter.update(filter.predict(belief, u), y)
+    assert_same(following[~mask], untouched[~mask], 1e-13)
+    assert_same(following[mask], filter.update(filter.predict(fresh, u[mask]), y[mask]), 1e-13)
+
+
+# --- recovery ---------------------------------------------------------------------------------------
+
+
+def _lose(belief: Belief, row: int, how: str) -> Belief:
+    mean, cov = belief.mean.copy(), belief.cov.copy()
+    if how.startswith("mean"):
+        mean[row, 0] = np.inf if how.endswith("infinite") else np.nan
+    else:
+        cov[row] = np.inf if how.endswith("infinite") else np.nan
+    return belief.replace(mean=mean, cov=cov)
+
+
+@pytest.mark.parametrize("how", ["mean not a number", "mean infinite", "cov not a number", "cov infinite"])
+@every_case("deterministic")
+def test_a_lost_row_begins_again_from_its_prior_and_the_newest_reading(case: Case, how: str):
+    system = case.system(0)
+    filter, predicted, y, u = _run(case, 4)
+    recovered = filter.update(_lose(predicted, 2, how), y)
+    for name, array in arrays(recovered).items():
+        assert np.isfinite(array).all(), name
+    np.testing.assert_array_equal(recovered.healthy, [True, True, False, True])
+    others = np.array([True, True, False, True])
+    assert_same(recovered[others], filter.update(predicted, y)[others], 1e-13)
+    fresh = filter.update(filter.init(system.rows(1)).replace(u=u[2:3]), y[2:3])
+    assert_same(recovered[2:3], fresh, 1e-13, ignore=["healthy", "u"])
+    following = filter.update(filter.predict(recovered, u), y)
+    assert following.healthy.all()
+    assert_same(following[2:3], filter.update(filter.predict(fresh, u[2:3]), y[2:3]), 1e-12, ignore=["u"])
+
+
+@every_case("deterministic")
+def test_a_single_lost_belief_without_batch_axes_recovers_too(case: Case):
+    system = case.system(0)
+    filter = case.make(system.model)
+    u, y = np.zeros(system.m), np.zeros(system.model.p)
+    predicted = filter.predict(filter.init(system.prior), u)
+    recovered = filter.update(predicted.replace(mean=np.full(system.model.n, np.nan)), y)
+    assert recovered.mean.shape == (system.model.n,)
+    assert not recovered.healthy
+    assert_same(recovered, filter.update(filter.init(system.prior).replace(u=u), y), 1e-13, ignore=["healthy"])
+
+
+@every_case("deterministic")
+def test_a_lost_row_recovers_from_the_readings_that_arrived(case: Case):
+    system = case.system(0)
+    filter, predicted, y, u = _run(case, 4)
+    available = np.ones(y.shape, bool)
+    available[2, 0] = False
+    R = 3.0 * system.model.R
+    recovered = filter.update(_lose(predicted, 2, "mean not a number"), y, available=available, R=R)
+    fresh = filter.update(filter.init(system.rows(1)).replace(u=u[2:3]), y[2:3], available=available[2:3], R=R)
+    assert_same(recovered[2:3], fresh, 1e-13, ignore=["healthy", "u"])
+    assert not recovered.healthy[2]
+
+
+@every_case("deterministic")
+def test_a_known_input_that_is_not_finite_loses_no_more_than_its_row_and_step(case: Case):
+    filter, predicted, y, u = _run(case, 4)
+    u = u.copy()
+    u[1] = np.nan
+    with np.errstate(all="ignore"):
+        belief = filter.update(filter.predict(filter.update(predicted, y), u), y)
+    np.testing.assert_array_equal(belief.healthy, [True, False, True, True])
+    assert np.isfinite(belief.mean).all()
+    assert np.isfinite(belief.cov).all()
+
+
+@pytest.mark.parametrize("name", ["kf", "ekf", "kf-umv-ui", "kf-umv-ui-wdf"])
+def test_readings_that_contradict_each_other_without_noise_raise_nothing_and_leave_no_nan(name: str):
+    """Two perfect sensors of the same state: their innovation covariance is singular, at the prior as later."""
+    unknown = {"G": [[1.0], [0.5]]} if "umv" in name else {}
+    if name == "kf-umv-ui":
+        unknown["H"] = [[0.0], [0.0], [1.0]]
+    model = LinearModel(A=I2, C=[[1.0, 0.0], [1.0, 0.0], [0.0, 1.0]], Q=I2, R=np.zeros((3, 3)), **unknown)
+    filter = make(name, model)
+    belief = filter.init(Gaussian(np.zeros((2, 2)), I2))
+    for _ in range(3):
+        belief = filter.update(filter.predict(belief), [[1.0, 2.0, 3.0], [1.0, np.nan, 3.0]])
+        for field, array in arrays(belief).items():
+            assert np.isfinite(array).all(), field
+        np.testing.assert_array_equal(belief.healthy, [False, True])
+
+
+# --- angles -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["kf", "ekf", "kf-umv-ui", "kf-umv-ui-wdf"])
+def test_the_innovation_of_an_angle_takes_the_short_way_round(name: str):
+    unknown = {"G": [[0.0], [1.0]]} if "umv" in name else {}
+    if name == "kf-umv-ui":
+        unknown["H"] = [[0.0], [1.0]]
+    model = _linear(A=[[1.0, 0.1], [0.0, 1.0]], state_angles=(0,), measurement_angles=(0,), **unknown)
+    filter = make(name, model)
+    belief = filter.update(filter.init(Gaussian([[3.1, 0.0], [-3.1, 0.0]], I2)), [[-3.1, 0.0], [3.1, 0.0]])
+    short = 2.0 * np.pi - 6.2
+    np.testing.assert_allclose(belief.innovation[:, 0], [short, -short], rtol=0, atol=1e-14)
+    # The state is corrected across the seam and stays unwrapped: half of the way, as P = R.
+    np.testing.assert_allclose(belief.mean[:, 0], [3.1 + short / 2, -3.1 - short / 2], rtol=0, atol=1e-14)
+
+
+def test_a_reading_that_is_no_angle_is_not_wrapped():
+    belief = make("kf", _linear(measurement_angles=(1,))).init(Gaussian([10.0, 10.0], I2))
+    innovation = make("kf", _linear(measurement_angles=(1,))).update(belief, [0.0, 0.0]).innovation
+    np.testing.assert_allclose(innovation, [-10.0, 4.0 * np.pi - 10.0], rtol=0, atol=1e-14)
+
+
+def test_a_heading_that_turns_for_many_turns_is_followed_unwrapped():
+    model = LinearModel(
+        A=[[1.0, 0.1], [0.0, 1.0]], C=[[1.0, 0.0]], Q=1e-6 * I2, R=[[1e-4]], state_angles=(0,), measurement_angles=(0,)
+    )
+    filter = make("kf", model)
+    belief = filter.init(Gaussian([0.0, 1.0], 0.01 * I2))
+    for k in range(1, 1001):
+        heading = 0.1 * k
+        belief = filter.update(filter.predict(belief), [np.arctan2(np.sin(heading), np.cos(heading))])
+    assert belief.mean[0] == pytest.approx(100.0, abs=1e-6)
+
+
+# --- an unknown input that the readings leave unseen ------------------------------------------------
+
+
+def _seen_by_channel_0(name: str) -> LinearModel:
+    """Three states, three readings; the unknown input shows in the first reading only."""
+    rng = np.random.default_rng(3)
+    unknown = {"G": [[1.0], [0.0], [0.0]]}
+    if name == "kf-umv-ui":
+        unknown["H"] = [[2.0], [0.0], [0.0]]
+    return LinearModel(
+        A=[[0.9, 0.2, 0.0], [0.0, 0.8, 0.1], [0.1, 0.0, 0.7]], C=np.eye(3), Q=random_covariance(rng, 3),
+        R=random_covariance(rng, 3), **unknown,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["kf-umv-ui", "kf-umv-ui-wdf"])
+def test_an_input_whose_only_channel_drops_falls_back_to_its_prior_in_that_row_alone(name: str):
+    model, prior = _seen_by_channel_0(name), 9.0
+    filter = make(name, model, input_prior=prior)
+    belief = filter.update(filter.init(Gaussian(np.zeros((2, 3)), np.eye(3))), np.ones(3))
+    predicted = filter.predict(belief)
+    y, mask = np.array([5.0, 1.0, -1.0]), np.array([[False, True, True], [True, True, True]])
+    after = filter.update(predicted, y, available=mask)
+    np.testing.assert_array_equal(after.input_mean[0], 0.0)
+    np.testing.assert_allclose(after.input_cov[0], [[prior]], rtol=1e-14)
+    np.testing.assert_array_equal(after.input_observed[:, 0, 0], [0.0, 1.0])
+    assert_same(after[1], filter.update(predicted[1], y), 1e-12)
+    # The state is corrected by the other channels as a Kalman filter would, knowing no more of the input.
+    kalman = make("kf", dataclasses.replace(model, G=None, H=None))
+    plain = kalman.update(kalman.init(Gaussian(predicted.mean[0], predicted.cov[0])), y, available=mask[0])
+    np.testing.assert_allclose(after.mean[0], plain.mean, rtol=0, atol=1e-12)
+    spread = prior * model.G @ model.G.T
+    if filter.input_delay == 1:  # the input is in this state already, and no reading corrects it
+        np.testing.assert_allclose(after.cov[0], plain.cov + spread, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(after.state_input_cov[0], prior * model.G, rtol=0, atol=1e-12)
+    else:  # it enters with the next step
+        np.testing.assert_allclose(after.cov[0], plain.cov, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(after.state_input_cov[0], 0.0, atol=1e-12)
+        following = model.A @ plain.cov @ model.A.T + model.Q + spread
+        np.testing.assert_allclose(filter.predict(after).cov[0], following, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("mixed", [False, True], ids=["one direction a channel", "both directions in every channel"])
+@pytest.mark.parametrize("name", ["kf-umv-ui", "kf-umv-ui-wdf"])
+def test_of_two_inputs_the_direction_that_is_lost_gets_its_prior_and_the_other_its_estimate(name: str, mixed: bool):
+    shown = np.array([[1.0, 1.0], [1.0, -1.0], [0.0, 0.0]]) if mixed else np.eye(3, 2)
+    unknown = {"G": I2 @ np.ones((2, 2)), "H": shown} if name == "kf-umv-ui" else {"G": shown}
+    if name == "kf-umv-ui":
+        unknown["G"] = np.eye(3, 2)
+    rng = np.random.default_rng(4)
+    model = LinearModel(A=0.8 * np.eye(3), C=np.eye(3), Q=np.eye(3), R=random_covariance(rng, 3), **unknown)
+    prior = np.array([[2.0, 0.5], [0.5, 3.0]])
+    filter = make(name, model, input_prior=prior)
+    belief = filter.update(filter.init(Gaussian(np.zeros(3), np.eye(3))), rng.normal(size=3))
+    predicted = filter.predict(belief)
+    mask, y = np.array([True, False, True]), rng.normal(size=3)
+    after = filter.update(predicted, y, available=mask)
+    # Each input in units of its prior: the split must not depend on the units of either.
+    sd = np.sqrt(np.diag(prior))
+    direction = shown[0] * sd / np.linalg.norm(shown[0] * sd)
+    seen = np.outer(direction * sd, direction / sd)
+    hidden = np.eye(2) - seen
+    np.testing.assert_allclose(after.input_observed, seen, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(hidden @ after.input_mean, 0.0, atol=1e-12)
+    np.testing.assert_allclose(hidden @ after.input_cov @ hidden.T, hidden @ prior @ hidden.T, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(seen @ after.input_cov @ hidden.T, 0.0, atol=1e-12)
+    # M H is the projector on what is seen: a change of the input shows in that direction, one for one.
+    change = np.array([3.0, -7.0])
+    moved = filter.update(predicted, y + shown @ change, available=mask)
+    np.testing.assert_allclose(moved.input_mean - after.input_mean, seen @ change, rtol=0, atol=1e-11)
+    whole = filter.update(predicted, y)
+    np.testing.assert_allclose(whole.input_observed, np.eye(2), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("noise", [1.0, 1e6, 1e12])
+@pytest.mark.parametrize("name", ["kf-umv-ui", "kf-umv-ui-wdf"])
+def test_the_direction_that_is_seen_stays_unbiased_however_large_the_noise_beside_the_input_prior(
+    name: str, noise: float
+):
+    shown = np.array([[1.0, 1.0], [1.0, -1.0], [0.0, 0.5]])
+    unknown = {"G": np.eye(3, 2), "H": shown} if name == "kf-umv-ui" else {"G": shown}
+    model = LinearModel(A=0.8 * np.eye(3), C=np.eye(3), Q=np.eye(3), R=noise * np.eye(3), **unknown)
+    filter = make(name, model, input_prior=1.0)
+    predicted = filter.predict(filter.init(Gaussian(np.zeros(3), noise * np.eye(3))))
+    mask, change = [True, False, False], np.array([3.0, -7.0])
+    before, after = (filter.update(predicted, y, available=mask) for y in (np.zeros(3), shown @ change))
+    np.testing.assert_allclose(after.input_mean - before.input_mean, [-2.0, -2.0], rtol=1e-10)
+    np.testing.assert_allclose(after.input_observed, 0.5, rtol=1e-12)
+
+
+@pytest.mark.parametrize("q", [1, 2])
+def test_an_input_that_shows_by_rounding_alone_counts_as_unseen(q: int):
+    """A sensor turned by exactly 90 degrees: its row of C G is cos(pi / 2) = 6e-17, and means 0."""
+    C = np.vstack([np.eye(3), [np.cos(np.pi / 2), 1.0, np.cos(np.pi / 2)]])
+    G = np.eye(3)[:, [0, 2]][:, :q]
+    filter = make("kf-umv-ui-wdf", LinearModel(A=0.5 * np.eye(3), C=C, G=G, Q=np.eye(3), R=np.eye(4)))
+    predicted = filter.predict(filter.init(Gaussian(np.zeros(3), np.eye(3))))
+    after = filter.update(predicted, np.ones(4), available=[False, False, False, True])
+    np.testing.assert_allclose(after.input_observed, 0.0, atol=1e-14)
+    np.testing.assert_allclose(after.input_mean, 0.0, atol=1e-14)
+    assert np.abs(after.mean).max() < 10.0
+    assert np.abs(after.cov).max() < 10.0
+
+
+def test_without_feedthrough_the_first_reading_after_the_prior_shows_no_input():
+    system = unknown_input_system(0, feedthrough=False)
+    filter = make("kf-umv-ui-wdf", system.model, input_prior=INPUT_PRIOR)
+    kalman = make("kf", dataclasses.replace(system.model, G=None, H=None))
+    y = np.arange(1.0, 4.0)
+    first, plain = (f.update(f.init(system.prior), y) for f in (filter, kalman))
+    np.testing.assert_allclose(first.mean, plain.mean, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(first.cov, plain.cov, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(first.input_observed, 0.0)
+    np.testing.assert_array_equal(first.input_mean, 0.0)
+    np.testing.assert_allclose(first.input_cov, [[INPUT_PRIOR]], rtol=1e-14)
+    # A row that has just begun beside one that runs: each is treated as what it is.
+    running = filter.predict(first, np.zeros(system.m))
+    fresh = filter.init(system.prior).replace(u=np.zeros(system.m))
+    both = Belief(**{name: np.stack([array, arrays(fresh)[name]]) for name, array in arrays(running).items()})
+    after = filter.update(both, y)
+    np.testing.assert_array_equal(after.input_observed[:, 0, 0], [1.0, 0.0])
+    assert_same(after[0], filter.update(running, y), 1e-12)
+    assert_same(after[1], filter.update(fresh, y), 1e-12)
+
+
+# --- kf with the variance of its unknown input ------------------------------------------------------
+
+
+def test_kf_told_the_variance_of_its_input_is_a_kf_with_more_noise():
+    system = unknown_input_system(0, feedthrough=True, p=4, q=2)
+    model = system.model
+    D = np.array([[2.0, 0.3], [0.3, 1.0]])
+    record = simulate(system, 0, 3, 12)
+    available = np.random.default_rng(0).random((12, 3, 4)) < 0.7
+    told = track(make("kf", model, input_cov=D), system.rows(3), record, available=available)
+    noisier = dataclasses.replace(
+        model, G=None, H=None, Q=model.Q + model.G @ D @ model.G.T, R=model.R + model.H @ D @ model.H.T
+    )
+    plain = track(make("kf", noisier), system.rows(3), record, available=available)
+    for one, other in zip(told, plain, strict=True):
+        assert_same(one, other, 1e-12)
+
+
+def test_kf_takes_a_number_for_the_same_variance_of_every_input_and_none_for_ignoring_them():
+    system = unknown_input_system(1, feedthrough=True, p=4, q=2)
+    model, record = system.model, simulate(system, 1, 2, 5)
+    number, matrix, zero, none, absent = (
+        track(filter, system.rows(2), record)[-1]
+        for filter in (
+            make("kf", model, input_cov=3.0), make("kf", model, input_cov=3.0 * I2), make("kf", model, input_cov=0.0),
+            make("kf", model), make("kf", dataclasses.replace(model, G=None, H=None)),
+        )
+    )  # fmt: skip
+    assert_same(number, matrix)
+    assert_same(none, absent)
+    assert_same(zero, none, 1e-14)
+    assert np.abs(number.cov - none.cov).max() > 0.1
+
+
+def test_kf_told_a_true_variance_is_consistent_and_one_that_ignores_the_input_is_not():
+    system = kalman_system(6)
+    rng = np.random.default_rng(6)
+    runs, steps = 2000, 30
+    model = dataclasses.replace(system.model, G=2.0 * rng.normal(size=(4, 1)), H=None)
+    record = simulate(dataclasses.replace(system, model=model), 6, runs, steps, d=rng.normal(size=(steps, runs, 1)))
+    means = []
+    for options in ({"input_cov": 1.0}, {}):
+        final = track(make("kf", model, **options), system.rows(runs), record)[-1]
+        error = record.x[-1] - final.mean
+        means.append(np.einsum("ri,rij,rj->r", error, np.linalg.inv(final.cov), error).mean())
+    # Mean of 2000 chi-square values of 4 degrees: standard deviation sqrt(8 / 2000) = 0.063; false alarm 0.3 %.
+    assert abs(means[0] - 4.0) < 3.0 * np.sqrt(8.0 / runs)
+    assert means[1] > 4.5

@@ -1,0 +1,349 @@
+"""What a model accepts, what it refuses and in which words, and how a continuous one becomes discrete."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from estimators import Gaussian, LinearModel, NonlinearModel, forward_euler, make, van_loan, zero_order_hold
+from tests.estimators.cases import (
+    assert_same,
+    kalman_system,
+    random_covariance,
+    random_transition,
+    simulate,
+    track,
+    turning_vehicle,
+)
+
+I2 = np.eye(2)
+FINE = {"A": I2, "C": [[1.0, 0.0]], "Q": I2, "R": [[1.0]]}
+
+
+def _refusal(build, *args, **kwargs) -> str:
+    """The message of the ValueError that must come: one line."""
+    with pytest.raises(ValueError) as caught:  # noqa: PT011  (every caller looks at the message)
+        build(*args, **kwargs)
+    message = str(caught.value)
+    assert message
+    assert "\n" not in message
+    assert len(message) < 160
+    return message
+
+
+# --- what is refused --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "problem"),
+    [
+        ("A", np.ones((2, 3)), "shape"),
+        ("A", [1.0, 2.0], "shape"),
+        ("A", [[np.nan, 0.0], [0.0, 1.0]], "finite"),
+        ("C", np.ones((1, 3)), "shape"),
+        ("C", 1.0, "shape"),
+        ("C", [[np.inf, 0.0]], "finite"),
+        ("B", np.ones((3, 1)), "shape"),
+        ("G", np.ones((3, 1)), "shape"),
+        ("H", np.ones((2, 1)), "shape"),
+        ("Q", np.eye(3), "shape"),
+        ("Q", np.ones((2, 3)), "square"),
+        ("Q", [1.0, 1.0], "square"),
+        ("Q", [[1.0, 0.5], [0.4, 1.0]], "symmetric"),
+        ("Q", [[1.0, 2.0], [2.0, 1.0]], "positive semidefinite"),
+        ("Q", [[np.nan, 0.0], [0.0, 1.0]], "finite"),
+        ("R", np.eye(2), "shape"),
+        ("R", [[-1.0]], "positive semidefinite"),
+        ("R", [[np.inf]], "finite"),
+        ("state_angles", (2,), "below 2"),
+        ("state_angles", (-1,), "below 2"),
+        ("measurement_angles", (1,), "below 1"),
+    ],
+)
+def test_a_linear_model_names_the_argument_that_is_wrong_and_why(name: str, value: object, problem: str):
+    message = _refusal(LinearModel, **{**FINE, name: value})
+    assert message.startswith(f"{name} ")
+    assert problem in message
+
+
+def test_g_and_h_must_be_for_the_same_number_of_unknown_inputs():
+    assert _refusal(LinearModel, **FINE, G=np.ones((2, 1)), H=np.ones((1, 2))).startswith("H ")
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "problem"),
+    [
+        ("transition", I2, "function"),
+        ("measurement", None, "function"),
+        ("Q", [[1.0, 2.0], [2.0, 1.0]], "positive semidefinite"),
+        ("R", [[1.0, 0.5], [0.4, 1.0]], "symmetric"),
+        ("G", np.ones((3, 1)), "shape"),
+        ("H", np.ones((2, 1)), "shape"),
+        ("state_angles", (2,), "below 2"),
+        ("measurement_angles", (1,), "below 1"),
+    ],
+)
+def test_a_nonlinear_model_names_the_argument_that_is_wrong_and_why(name: str, value: object, problem: str):
+    fine = {"transition": lambda x, u: x, "measurement": lambda x, u: x[..., :1], "Q": I2, "R": [[1.0]]}
+    message = _refusal(NonlinearModel, **{**fine, name: value})
+    assert message.startswith(f"{name} ")
+    assert problem in message
+
+
+@pytest.mark.parametrize(
+    ("mean", "cov", "name", "problem"),
+    [
+        ([0.0, 0.0, 0.0], I2, "mean", "shape"),
+        (0.0, I2, "mean", "shape"),
+        ([0.0, np.nan], I2, "mean", "finite"),
+        ([0.0, 0.0], [[1.0, 2.0], [2.0, 1.0]], "cov", "positive semidefinite"),
+        ([0.0, 0.0], [[1.0, 0.1], [0.0, 1.0]], "cov", "symmetric"),
+        ([0.0, 0.0], [1.0, 1.0], "cov", "square"),
+        ([0.0, 0.0], [[np.inf, 0.0], [0.0, 1.0]], "cov", "finite"),
+    ],
+)
+def test_a_prior_names_the_argument_that_is_wrong_and_why(mean, cov, name: str, problem: str):
+    message = _refusal(Gaussian, mean, cov)
+    assert message.startswith(f"{name} ")
+    assert problem in message
+
+
+def test_one_bad_row_of_a_batch_of_covariances_is_enough_to_refuse_it():
+    batch = np.stack([I2, I2, np.array([[1.0, 2.0], [2.0, 1.0]])])
+    assert _refusal(Gaussian, np.zeros(2), batch).startswith("cov ")
+    assert _refusal(LinearModel, **{**FINE, "Q": batch}).startswith("Q ")
+
+
+def test_sizes_that_no_array_shows_are_asked_for():
+    message = _refusal(LinearModel, A=lambda u: I2, C=lambda u: I2, Q=lambda u: I2, R=I2)
+    assert "A" in message
+    assert "as an array" in message
+
+
+def test_singular_covariances_and_lists_of_integers_are_accepted():
+    model = LinearModel(A=[[1, 1], [0, 1]], C=[[1, 0]], Q=np.zeros((2, 2)), R=[[0]])
+    assert (model.n, model.p, model.q) == (2, 1, 0)
+    assert all(matrix.dtype == float for matrix in (model.A, model.C, model.Q, model.R))
+    assert Gaussian([0, 0], np.ones((2, 2))).cov.dtype == float
+
+
+def test_a_missing_half_of_the_unknown_input_counts_as_zero():
+    assert (np.zeros((1, 3)) == LinearModel(**FINE, G=np.ones((2, 3))).H).all()
+    assert (np.zeros((2, 3)) == LinearModel(**FINE, H=np.ones((1, 3))).G).all()
+    assert LinearModel(**FINE).G is None
+
+
+# --- linear models ----------------------------------------------------------------------------------
+
+
+def test_linear_functions_are_matrix_products_row_by_row():
+    rng = np.random.default_rng(0)
+    A, B, C = rng.normal(size=(5, 3, 3)), rng.normal(size=(5, 3, 2)), rng.normal(size=(5, 4, 3))
+    model = LinearModel(A=A, B=B, C=C, Q=np.eye(3), R=np.eye(4))
+    x, u = rng.normal(size=(5, 3)), rng.normal(size=(5, 2))
+    for i in range(5):
+        np.testing.assert_allclose(model.transition(x, u)[i], A[i] @ x[i] + B[i] @ u[i], rtol=1e-12)
+        np.testing.assert_allclose(model.transition(x, None)[i], A[i] @ x[i], rtol=1e-12)
+        np.testing.assert_allclose(model.measurement(x, u)[i], C[i] @ x[i], rtol=1e-12)
+    # Members of an ensemble are one more axis before the components of the state.
+    shared = LinearModel(A=A[0], B=B[0], C=C[0], Q=np.eye(3), R=np.eye(4))
+    members = rng.normal(size=(5, 7, 3))
+    np.testing.assert_allclose(shared.measurement(members, None)[2, 4], C[0] @ members[2, 4], rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["kf", "ekf", "kf-umv-ui", "kf-umv-ui-wdf"])
+def test_matrices_may_be_functions_of_the_known_input(name: str):
+    """A schedule of matrices gives what a filter built anew at every step gives."""
+    rng = np.random.default_rng(1)
+    n, p, q = 3, 3, 1
+    base = {
+        "A": random_transition(rng, n, 0.9), "B": rng.normal(size=(n, 1)), "C": rng.normal(size=(p, n)),
+        "Q": random_covariance(rng, n), "R": random_covariance(rng, p),
+    }  # fmt: skip
+    if "umv" in name:
+        base["G"] = rng.normal(size=(n, q))
+    if name == "kf-umv-ui":
+        base["H"] = rng.normal(size=(p, q))
+
+    def at(key: str):
+        return lambda u: base[key] * (1.0 + 0.3 * np.abs(u[..., 0])[..., None, None])
+
+    functions = {key: at(key) for key in base if key != "H"}
+    # Sizes must show somewhere: H keeps p and q, else C and G do.
+    fixed = ("H",) if "H" in base else ("C", "G") if "G" in base else ("C",)
+    functions |= {key: base[key] for key in fixed}
+    if name == "kf-umv-ui":
+        functions["A"] = base["A"]
+    filter = make(name, LinearModel(**functions))
+    belief = filter.init(Gaussian(np.zeros((4, n)), np.eye(n)))
+    singles = [filter.init(Gaussian(np.zeros(n), np.eye(n))) for _ in range(4)]
+    for _ in range(5):
+        u, y = rng.normal(size=(4, 1)), rng.normal(size=(4, p))
+        belief = filter.update(filter.predict(belief, u), y)
+        for i in range(4):
+            matrices = {key: value(u[i]) if callable(value) else value for key, value in functions.items()}
+            constant = make(name, LinearModel(**matrices))
+            singles[i] = constant.update(constant.predict(singles[i], u[i]), y[i])
+            assert_same(belief[i], singles[i], 1e-11)
+
+
+def test_a_reading_may_depend_on_an_input_of_its_own_time():
+    model = LinearModel(A=I2, C=lambda u: np.stack([u, np.zeros_like(u)], -1), Q=I2, R=[[1.0]], B=np.zeros((2, 1)))
+    filter = make("kf", model)
+    predicted = filter.predict(filter.init(Gaussian([1.0, 1.0], I2)), [3.0])
+    assert filter.update(predicted, [0.0]).innovation[0] == -3.0
+    assert filter.update(predicted, [0.0], u=[5.0]).innovation[0] == -5.0
+
+
+# --- nonlinear models -------------------------------------------------------------------------------
+
+
+def test_jacobians_by_central_differences_are_the_analytic_ones():
+    rng = np.random.default_rng(2)
+    A, B, C = rng.normal(size=(3, 3)), rng.normal(size=(3, 2)), rng.normal(size=(2, 3))
+
+    def f(x, u):
+        return np.sin(np.matvec(A, x)) * np.exp(0.1 * np.matvec(B, u))
+
+    def h(x, u):
+        return np.tanh(np.matvec(C, x)) + np.matvec(C, x) ** 2 * u[..., :1]
+
+    model = NonlinearModel(f, h, np.eye(3), np.eye(2))
+    x, u = rng.normal(size=(6, 4, 3)), rng.normal(size=(6, 4, 2))
+    value, jacobian = model.linearise_transition(x, u)
+    np.testing.assert_array_equal(value, f(x, u))
+    expected = (np.cos(np.matvec(A, x)) * np.exp(0.1 * np.matvec(B, u)))[..., None] * A
+    # Step 6e-6: truncation h^2 / 6 = 6e-12 times a third derivative of order 10, rounding 1e-16 / h = 2e-11.
+    np.testing.assert_allclose(jacobian, expected, rtol=0, atol=1e-9)
+    value, jacobian = model.linearise_measurement(x, u)
+    np.testing.assert_array_equal(value, h(x, u))
+    z = np.matvec(C, x)
+    expected = (1.0 - np.tanh(z) ** 2 + 2.0 * z * u[..., :1])[..., None] * C
+    np.testing.assert_allclose(jacobian, expected, rtol=0, atol=1e-9)
+
+
+def test_jacobians_keep_their_digits_for_large_and_small_states():
+    model = NonlinearModel(lambda x, u: x**2, lambda x, u: x[..., :1], np.eye(2), np.eye(1))
+    x = np.array([1e6, 1e-3])
+    jacobian = model.linearise_transition(x, None)[1]
+    np.testing.assert_allclose(np.diag(jacobian), 2.0 * x, rtol=1e-7)
+    np.testing.assert_array_equal(jacobian[[0, 1], [1, 0]], 0.0)
+
+
+def test_the_jacobian_of_a_vehicle_predicts_what_a_small_step_does():
+    system = turning_vehicle(0)
+    x, u = system.mean + 0.3, np.array([0.2, -0.4])
+    for linearise, function in (
+        (system.model.linearise_transition, system.model.transition),
+        (system.model.linearise_measurement, system.model.measurement),
+    ):
+        value, jacobian = linearise(x, u)
+        step = 1e-4 * np.array([1.0, -2.0, 0.5, 1.5])
+        half = 0.5 * (function(x + step, u) - function(x - step, u))
+        np.testing.assert_allclose(jacobian @ step, half, rtol=0, atol=1e-10)
+        np.testing.assert_array_equal(value, function(x, u))
+
+
+# --- discretisation ---------------------------------------------------------------------------------
+
+
+def _continuous(seed: int, n: int = 3, m: int = 2) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    return rng.normal(size=(n, n)), rng.normal(size=(n, m)), random_covariance(rng, m)
+
+
+def _flow(A: np.ndarray, x: np.ndarray, drive: np.ndarray, dt: float) -> np.ndarray:
+    """The end of ``x' = A x + drive`` after ``dt``, by integration in small steps."""
+    return solve_ivp(lambda t, z: A @ z + drive, (0.0, dt), x, rtol=1e-12, atol=1e-13, method="DOP853").y[:, -1]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_zero_order_hold_ends_where_integration_ends(seed: int):
+    A, B, _ = _continuous(seed)
+    rng = np.random.default_rng(100 + seed)
+    F, D = zero_order_hold(A, B, 0.7)
+    for _ in range(3):
+        x, u = rng.normal(size=3), rng.normal(size=2)
+        np.testing.assert_allclose(F @ x + D @ u, _flow(A, x, B @ u, 0.7), rtol=0, atol=1e-9)
+
+
+def test_zero_order_hold_of_a_double_integrator_is_known():
+    F, D = zero_order_hold(np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0]]), 0.4)
+    np.testing.assert_allclose(F, [[1.0, 0.4], [0.0, 1.0]], rtol=0, atol=1e-15)
+    np.testing.assert_allclose(D, [[0.08], [0.4]], rtol=0, atol=1e-15)
+
+
+def test_two_held_steps_are_one_of_twice_the_length():
+    A, B, _ = _continuous(5)
+    F, D = zero_order_hold(A, B, 0.3)
+    F2, D2 = zero_order_hold(A, B, 0.6)
+    np.testing.assert_allclose(F @ F, F2, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(F @ D + D, D2, rtol=0, atol=1e-13)
+
+
+def test_zero_order_hold_takes_a_batch():
+    models = [_continuous(seed) for seed in range(4)]
+    A, B = np.stack([m[0] for m in models]), np.stack([m[1] for m in models])
+    F, D = zero_order_hold(A, B, 0.2)
+    for i in range(4):
+        one = zero_order_hold(A[i], B[i], 0.2)
+        np.testing.assert_allclose(F[i], one[0], rtol=0, atol=1e-14)
+        np.testing.assert_allclose(D[i], one[1], rtol=0, atol=1e-14)
+    shared = zero_order_hold(A, B[0], 0.2)[1]
+    np.testing.assert_allclose(shared[3], zero_order_hold(A[3], B[0], 0.2)[1], rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_van_loan_noise_is_the_integral_that_defines_it(seed: int):
+    A, G, Q = _continuous(seed)
+    dt = 0.7
+    F, noise = van_loan(A, G, Q, dt)
+    np.testing.assert_allclose(F, np.stack([_flow(A, e, np.zeros(3), dt) for e in np.eye(3)], 1), rtol=0, atol=1e-9)
+    nodes, weights = np.polynomial.legendre.leggauss(12)
+    expected = np.zeros((3, 3))
+    for s, weight in zip(0.5 * dt * (nodes + 1.0), 0.5 * dt * weights, strict=True):
+        columns = np.stack([_flow(A, g, np.zeros(3), s) for g in G.T], axis=1)  # e^(A s) G
+        expected += weight * columns @ Q @ columns.T
+    np.testing.assert_allclose(noise, expected, rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(noise, noise.T)
+
+
+def test_van_loan_noise_of_two_steps_is_that_of_one_of_twice_the_length():
+    A, G, Q = _continuous(7)
+    F, noise = van_loan(A, G, Q, 0.25)
+    F2, noise2 = van_loan(A, G, Q, 0.5)
+    np.testing.assert_allclose(F @ F, F2, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(F @ noise @ F.T + noise, noise2, rtol=0, atol=1e-13)
+
+
+def test_van_loan_of_a_double_integrator_is_the_known_matrix():
+    dt = 0.4
+    F, noise = van_loan(np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0]]), np.array([[3.0]]), dt)
+    np.testing.assert_allclose(F, [[1.0, dt], [0.0, 1.0]], rtol=0, atol=1e-15)
+    expected = 3.0 * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
+    np.testing.assert_allclose(noise, expected, rtol=0, atol=1e-15)
+
+
+def test_forward_euler_is_the_first_order_of_the_exact_step():
+    A, B, _ = _continuous(8)
+    F, D = forward_euler(A, B, 0.1)
+    np.testing.assert_array_equal(F, np.eye(3) + 0.1 * A)
+    np.testing.assert_array_equal(D, 0.1 * B)
+    errors = []
+    for dt in (1e-3, 5e-4):
+        pairs = zip(forward_euler(A, B, dt), zero_order_hold(A, B, dt), strict=True)
+        errors.append([np.abs(euler - exact).max() for euler, exact in pairs])
+    # The error of a step is of second order: half the step, a quarter of the error.
+    np.testing.assert_allclose(np.divide(*errors), 4.0, rtol=0.01)
+
+
+def test_what_is_discretised_is_a_model_that_a_filter_takes():
+    A, B, Q = _continuous(9)
+    F, noise = van_loan(A, B, Q, 0.05)
+    model = LinearModel(A=F, B=zero_order_hold(A, B, 0.05)[1], C=np.eye(3), Q=noise, R=np.eye(3))
+    system = kalman_system(0, 3, 3, 2)
+    record = simulate(system, 0, 1, 3)
+    beliefs = track(make("kf", model), system.rows(1), record)
+    np.testing.assert_allclose(
+        make("kf", model).predict(beliefs[-1], record.u[-1]).mean[0],
+        _flow(A, beliefs[-1].mean[0], B @ record.u[-1, 0], 0.05), rtol=0, atol=1e-9,
+    )  # fmt: skip

@@ -1,0 +1,157 @@
+"""`scripts.watch` writes pictures and films, and refuses in one sentence what it cannot write."""
+
+import sys
+
+import imageio.v3 as iio
+import imageio_ffmpeg
+import numpy as np
+import pytest
+
+pygame = pytest.importorskip("pygame")
+
+import agents  # noqa: E402
+from scripts import watch  # noqa: E402
+from scripts.console import command  # noqa: E402
+
+STEPS = 8
+
+
+class Helmsman:
+    """Steers on the heading error; closes the window after some steps, if told to."""
+
+    def __init__(self, quit_after=None):
+        self.quit_after = quit_after
+
+    def reset(self, num_envs):
+        self.acted = 0
+
+    def act(self, observations):
+        self.acted += 1
+        if self.acted == self.quit_after:
+            pygame.event.post(pygame.event.Event(pygame.QUIT))
+        return np.clip(observations[:, :1], -1.0, 1.0)
+
+
+@pytest.fixture(autouse=True)
+def short_episodes(monkeypatch):
+    make = watch.gym.make
+    monkeypatch.setattr(watch.gym, "make", lambda *args, **kwargs: make(*args, max_episode_steps=STEPS, **kwargs))
+    monkeypatch.setattr(agents, "load_agent", lambda name, env: Helmsman())
+
+
+@pytest.fixture
+def run(monkeypatch):
+    """The command line; returns its exit status."""
+
+    def status(*arguments):
+        monkeypatch.setattr(sys, "argv", ["watch", *arguments])
+        try:
+            command(watch.main)
+        except SystemExit as error:
+            return error.code
+        return 0
+
+    return status
+
+
+@pytest.mark.parametrize(("suffix", "frames"), [(".gif", 3), (".mp4", 3), (".PNG", 1)])
+def test_a_file_holds_the_frames_asked_for_and_nothing_else_is_left(run, tmp_path, suffix, frames):
+    out = tmp_path / f"turn{suffix}"
+    assert run("SigmaCorvette-v0", "--out", str(out), "--every", "5", "--estimator", "kf") == 0
+    assert [p.name for p in tmp_path.iterdir()] == [out.name]
+    if suffix == ".mp4":
+        assert imageio_ffmpeg.count_frames_and_secs(str(out)) == (frames, pytest.approx(frames / watch.FPS, abs=0.01))
+    else:
+        images = iio.imread(out, index=...)
+        assert images.shape == (frames, 720, 1008, 3)
+        assert images.std() > 1.0
+
+
+def test_the_picture_is_of_the_end_of_the_episode(run, tmp_path, monkeypatch):
+    out = tmp_path / "end.png"
+    assert run("--out", str(out), "--seed", "3") == 0
+    env = watch.gym.make("SigmaCorvette-v0", render_mode="rgb_array")
+    agent = Helmsman()
+    agent.reset(1)
+    observation, _ = env.reset(seed=3)
+    for _ in range(STEPS):
+        observation = env.step(agent.act(observation[None])[0])[0]
+    assert (iio.imread(out) == env.render()).all()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--out", "turn.avi"], "must be one of .gif, .mp4, .png"),
+        (["--out", "missing/turn.gif"], "there is no folder"),
+        (["--out", "file/turn.gif"], "there is no folder"),
+        (["--out", "folder.gif"], "it is a folder"),
+        (["--out", "turn.gif", "--every", "0"], "--every must be at least 1"),
+        (["--out", "turn.gif", "--estimator", "nosuch"], "unknown estimator 'nosuch'"),
+        (["--out", "turn.gif", "--seed", "-1"], "-1"),
+        (["Nosuch-v0", "--out", "turn.gif"], "doesn't exist"),
+    ],
+)
+def test_what_cannot_be_done_is_refused_in_one_sentence(run, tmp_path, monkeypatch, capsys, arguments, words):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").touch()
+    (tmp_path / "folder.gif").mkdir()
+    assert run(*arguments) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: ")
+    assert words in error
+    assert len(error.splitlines()) == 1
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "folder.gif"]
+
+
+def test_a_folder_without_write_permission_is_refused(run, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(watch.os, "access", lambda path, mode: False)
+    assert run("--out", str(tmp_path / "turn.gif")) == 2
+    assert "read-only" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("suffix", watch.SUFFIXES)
+def test_a_film_that_fails_half_way_leaves_the_old_one_alone(run, tmp_path, monkeypatch, suffix):
+    class Broken(Helmsman):
+        def act(self, observations):
+            if self.acted == 4:
+                raise KeyboardInterrupt
+            return super().act(observations)
+
+    monkeypatch.setattr(agents, "load_agent", lambda name, env: Broken())
+    out = tmp_path / f"turn{suffix}"
+    out.write_bytes(b"old")
+    assert run("--out", str(out)) == 130
+    assert [p.name for p in tmp_path.iterdir()] == [out.name]
+    assert out.read_bytes() == b"old"
+
+
+def test_a_full_disk_is_told_in_one_sentence(run, tmp_path, monkeypatch, capsys):
+    def full(source, target):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(watch.os, "replace", full)
+    assert run("--out", str(tmp_path / "turn.png")) == 2
+    assert "No space left" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("quit_after", [2, STEPS])
+def test_the_window_stays_until_it_is_closed(run, monkeypatch, quit_after):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    monkeypatch.setattr(agents, "load_agent", lambda name, env: Helmsman(quit_after))
+    assert run() == 0
+    assert not pygame.display.get_init()
+
+
+@pytest.mark.parametrize("driver", ["offscreen", "nosuch"])
+def test_without_a_display_a_window_is_refused(run, monkeypatch, capsys, driver):
+    monkeypatch.setenv("SDL_VIDEODRIVER", driver)
+    assert run() == 2
+    assert "no display" in capsys.readouterr().err
+
+
+def test_without_pygame_a_window_is_refused(run, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "pygame", None)
+    assert run() == 2
+    assert "install vessel-gym[render]" in capsys.readouterr().err

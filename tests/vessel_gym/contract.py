@@ -1,0 +1,195 @@
+"""What the tests of the environments' common contract share: which environments, flown how, seen how."""
+
+import importlib
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+import vessel_gym  # noqa: F401  (registers the environments)
+from vessel_gym.core import Core
+from vessel_gym.envs import VesselEnv, VesselVectorEnv
+from vessel_gym.estimation import estimator_names
+from vessel_gym.sensors import SUITES, SensorSuite
+
+ENVIRONMENTS = [key for key, spec in gym.registry.items() if str(spec.entry_point).startswith("vessel_gym.")]
+"""Every registered environment: a new one joins all tests of the contract by being registered."""
+
+REFUSED = {"SigmaCorvette-v0": {"kf-umv-ui-wdf": "H = 0"}}
+"""Estimators that an environment's model cannot carry, and the condition that the refusal must name."""
+
+CARRIED = [(key, name) for key in ENVIRONMENTS for name in estimator_names() if name not in REFUSED.get(key, {})]
+BLIND = [(key, name) for key, name in CARRIED if name != "truth"]
+MODES = ("mean", "mean+std", "measurement")
+BROKEN = SensorSuite(noise=1.0, dropout=0.7, outliers=0.2, outlier_scale=1e4)
+"""Worse than any suite that users can choose: long gaps and absurd readings."""
+
+
+def single_class(env_id: str) -> type[VesselEnv]:
+    return _entry(gym.spec(env_id).entry_point)
+
+
+def vector_class(env_id: str) -> type[VesselVectorEnv]:
+    return _entry(gym.spec(env_id).vector_entry_point)
+
+
+def _entry(point: Any) -> Any:
+    module, name = str(point).split(":")
+    return getattr(importlib.import_module(module), name)
+
+
+def make_batch(env_id: str, num_envs: int, **options: Any) -> VesselVectorEnv:
+    return gym.make_vec(env_id, num_envs=num_envs, vectorization_mode="vector_entry_point", **options)
+
+
+def make_core(env_id: str, num_envs: int, seed: int = 0, **options: Any) -> Core:
+    core = Core(single_class(env_id).system, num_envs, **options)
+    core.seed(seed)
+    return core
+
+
+def random_walk(seed: int, num_envs: int, size: int) -> Iterator[np.ndarray]:
+    """Random actions that lean to one side in each row, so that episodes end early, at different times."""
+    rng = np.random.default_rng(seed)
+    lean = rng.uniform(-0.8, 0.8, (num_envs, size))
+    while True:
+        yield np.clip(lean + rng.normal(0.0, 0.6, (num_envs, size)), -1.0, 1.0).astype(np.float32)
+
+
+class AlteredVehicle:
+    """A vehicle whose truth is somewhere else and moves otherwise; its sensors, actuators and models are the same."""
+
+    def __init__(self, vehicle: Any, seed: int = 0) -> None:
+        self._vehicle, self._rng = vehicle, np.random.default_rng(seed)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._vehicle, name)
+
+    def start(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        truth, actuators = self._vehicle.start(x + self._rng.normal(0.0, 0.01, x.shape))
+        return truth + self._rng.normal(0.0, 0.01, truth.shape), actuators
+
+    def step(self, *args: Any) -> np.ndarray:
+        truth = self._vehicle.step(*args)
+        return truth + self._rng.normal(0.0, 0.002, truth.shape)
+
+
+class SilentVehicle:
+    """A vehicle whose sensors show zero: what is read is the sensors' noise alone, bit for bit."""
+
+    def __init__(self, vehicle: Any) -> None:
+        self._vehicle = vehicle
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._vehicle, name)
+
+    def readings(self, truth: np.ndarray, unknown_input: np.ndarray) -> np.ndarray:
+        return np.zeros_like(self._vehicle.readings(truth, unknown_input))
+
+
+def with_vehicle(env_id: str, wrapper: type) -> Any:
+    """The environment's system with its vehicle wrapped."""
+    system = single_class(env_id).system
+    return replace(system, vehicle=wrapper(system.vehicle))
+
+
+def assert_same_tree(one: Any, other: Any, where: str = "", atol: float = 0.0) -> None:
+    """Equal keys, types, dtypes and shapes all the way down; values to ``atol`` (0: bit for bit).
+
+    float32 values, rounded from float64 ones that agree to ``atol``, may differ in their last bit.
+    """
+    assert type(one) is type(other), where
+    if isinstance(one, dict):
+        assert set(one) == set(other), where
+        for key in one:
+            assert_same_tree(one[key], other[key], f"{where}[{key!r}]", atol)
+    elif isinstance(one, tuple):
+        for i, (a, b) in enumerate(zip(one, other, strict=True)):
+            assert_same_tree(a, b, f"{where}[{i}]", atol)
+    elif isinstance(one, np.ndarray):
+        assert one.dtype == other.dtype, where
+        assert one.shape == other.shape, where
+        if one.dtype == object:
+            for i, (a, b) in enumerate(zip(one, other, strict=True)):
+                assert_same_tree(a, b, f"{where}[{i}]", atol)
+        elif atol and one.dtype == np.float32:
+            np.testing.assert_allclose(one, other, rtol=2.0**-23, atol=100.0 * atol, err_msg=where)
+        elif atol and one.dtype.kind == "f":
+            np.testing.assert_allclose(one, other, rtol=0, atol=atol, err_msg=where)
+        else:
+            np.testing.assert_array_equal(one, other, err_msg=where)
+    elif atol and isinstance(one, float):
+        assert abs(one - other) <= atol, where
+    else:
+        assert one == other, where
+
+
+def copy_tree(tree: Any) -> Any:
+    """A deep copy of tuples, dictionaries and arrays."""
+    if isinstance(tree, tuple):
+        return tuple(copy_tree(value) for value in tree)
+    if isinstance(tree, dict):
+        return {key: copy_tree(value) for key, value in tree.items()}
+    if isinstance(tree, np.ndarray) and tree.dtype == object:
+        copied = np.empty_like(tree)
+        copied[:] = [copy_tree(value) for value in tree]
+        return copied
+    return tree.copy() if isinstance(tree, np.ndarray) else tree
+
+
+def row_of(tree: dict[str, Any], row: int) -> dict[str, Any]:
+    """One environment's info out of a batch's, without the masks."""
+    return {key: value[row] for key, value in tree.items() if not key.startswith(("_", "final_"))}
+
+
+def assert_sound(core: Core, observation: np.ndarray, reward: np.ndarray | None, info: dict[str, np.ndarray]) -> None:
+    """What must hold after every reset and step, whatever the estimator and however bad the readings."""
+    assert observation.dtype == np.float32
+    assert np.abs(observation).max() <= core.task.BOUND  # False for NaN too
+    if reward is not None:
+        assert reward.min() >= 0.0
+        assert reward.max() <= 1.0
+    for key, value in info.items():
+        if isinstance(value, np.ndarray) and value.dtype != object:
+            assert np.isfinite(value).all(), key
+    assert info["score"].min() >= 0.0
+    assert info["score"].max() <= 1.0
+
+
+@dataclass
+class Soaked:
+    """What a soak has seen, to show that it was no idle run."""
+
+    steps: int = 0
+    ended: int = 0
+    missing: int = 0
+
+
+def soak(env_id: str, steps: int, num_envs: int = 4, seed: int = 0) -> Soaked:
+    """Random actions over every estimator x suite x disturbance x observe mode, about ``steps`` steps in all."""
+    system = single_class(env_id).system
+    names = [name for key, name in CARRIED if key == env_id]
+    combinations = [
+        (name, suite, sea, mode) for name in names for suite in SUITES for sea in system.disturbances for mode in MODES
+    ]
+    each = int(np.ceil(steps / len(combinations) / num_envs))
+    seen = Soaked()
+    for number, (name, suite, sea, mode) in enumerate(combinations):
+        env = make_batch(
+            env_id, num_envs, estimator=name, sensors=suite, disturbance=sea, observe=mode, mismatch=0.4 * (number % 2)
+        )
+        core = env.unwrapped.core
+        observation, info = env.reset(seed=seed + number)
+        assert_sound(core, observation, None, info)
+        actions = random_walk(seed + number, num_envs, core.action_size)
+        for _ in range(each):
+            observation, reward, terminated, truncated, info = env.step(next(actions))
+            assert_sound(core, observation, reward, info)
+            if "final_info" in info:
+                assert_sound(core, np.stack(list(info["final_obs"][info["_final_obs"]])), None, info["final_info"])
+            seen.ended += int((terminated | truncated).sum())
+            seen.missing += int((~info["available"]).sum())
+            seen.steps += num_envs
+    return seen

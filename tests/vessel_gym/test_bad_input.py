@@ -1,0 +1,293 @@
+"""Bad input: one clear sentence where it enters, and nothing half done."""
+
+import re
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from contract import BLIND, ENVIRONMENTS, assert_same_tree, make_batch, random_walk, single_class
+
+from vessel_gym.estimation import estimator_names
+from vessel_gym.sensors import SUITES
+
+every_environment = pytest.mark.parametrize("env_id", ENVIRONMENTS)
+
+
+def refusal(expected: type[Exception] | tuple[type[Exception], ...], call: Any, *args: Any, **kwargs: Any) -> str:
+    """The message of the exception that a call raises: one sentence, on one line, of a readable length."""
+    with pytest.raises(expected) as caught:
+        call(*args, **kwargs)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert 10 < len(message) < 300, message
+    return message
+
+
+def refusals_to_make(env_id: str, expected: type[Exception], **options: Any) -> list[str]:
+    """What both faces say to the same constructor options."""
+    single = refusal(expected, gym.make, env_id, **options)
+    batch = refusal(expected, gym.make_vec, env_id, num_envs=2, **options)
+    return [single, batch]
+
+
+# --- names ------------------------------------------------------------------------------------------
+
+
+@every_environment
+@pytest.mark.parametrize(
+    ("option", "wrong"),
+    [
+        ("estimator", "kalman"), ("estimator", ""), ("estimator", 3), ("sensors", "perfect"), ("sensors", None),
+        ("disturbance", "hurricane"), ("disturbance", "Rough"), ("observe", "truth"),
+    ],
+)  # fmt: skip
+def test_an_unknown_name_is_answered_with_those_that_exist(env_id: str, option: str, wrong: Any):
+    system = single_class(env_id).system
+    known = {
+        "estimator": estimator_names(), "sensors": SUITES, "disturbance": system.disturbances,
+        "observe": system.task.sizes(),
+    }[option]  # fmt: skip
+    for message in refusals_to_make(env_id, ValueError, **{option: wrong}):
+        assert repr(wrong) in message
+        for name in known:
+            assert name in message
+
+
+@every_environment
+def test_a_name_that_is_nearly_right_is_answered_with_the_one_that_was_meant(env_id: str):
+    for message in refusals_to_make(env_id, ValueError, estimator="kf-umv-iu"):
+        assert "did you mean 'kf-umv-ui'?" in message
+
+
+@every_environment
+def test_an_unknown_render_mode_is_answered_with_those_that_exist(env_id: str):
+    message = refusal(ValueError, single_class(env_id), render_mode="ascii")
+    for name in ("'ascii'", "human", "rgb_array"):
+        assert name in message
+
+
+@every_environment
+def test_an_unknown_option_of_the_environment_is_named(env_id: str):
+    assert "wind" in refusal(TypeError, gym.make, env_id, wind=3.0)
+    assert "wind" in refusal(TypeError, gym.make_vec, env_id, num_envs=2, wind=3.0)
+
+
+# --- estimators -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("env_id", "estimator"), [case for case in BLIND if case[1] != "ekf"])
+def test_an_unknown_estimator_option_is_named_and_answered_with_those_that_exist(env_id: str, estimator: str):
+    for message in refusals_to_make(env_id, TypeError, estimator=estimator, estimator_options={"gain": 1.0}):
+        assert message.startswith(f"{estimator} has no option 'gain': it takes ")
+
+
+@every_environment
+@pytest.mark.parametrize("estimator", ["truth", "ekf"])
+def test_an_option_of_an_estimator_without_any_is_named(env_id: str, estimator: str):
+    for message in refusals_to_make(env_id, TypeError, estimator=estimator, estimator_options={"gain": 1.0}):
+        assert message.startswith(f"{estimator} has no option 'gain': it takes ")
+
+
+@every_environment
+def test_a_bad_value_of_an_estimator_option_is_named(env_id: str):
+    options = {"estimator": "kf-umv-ui", "estimator_options": {"input_prior": -1.0}}
+    for message in refusals_to_make(env_id, ValueError, **options):
+        assert "input_prior must be positive semidefinite" in message
+
+
+@every_environment
+def test_an_unknown_filter_model_is_answered_with_those_that_exist(env_id: str):
+    system = single_class(env_id).system
+    options = {"estimator": "kf", "estimator_options": {"model": "perfect"}}
+    for message in refusals_to_make(env_id, ValueError, **options):
+        assert "unknown filter model 'perfect'" in message
+        for name in {system.filter_model, *system.filter_models.values()}:
+            assert name in message
+
+
+@every_environment
+@pytest.mark.parametrize("estimator", ["kf", "kf-umv-ui"])
+def test_a_linear_filter_refuses_a_nonlinear_model_by_name(env_id: str, estimator: str):
+    options = {"estimator": estimator, "estimator_options": {"model": "nonlinear"}}
+    for message in refusals_to_make(env_id, ValueError, **options):
+        assert re.match(f"{estimator} needs a LinearModel", message)
+
+
+@every_environment
+def test_estimator_options_that_were_passed_are_not_changed(env_id: str):
+    model = single_class(env_id).system.filter_model
+    options = {"model": model, "input_cov": 1e-4}
+    gym.make(env_id, estimator="kf", estimator_options=options)
+    assert options == {"model": model, "input_cov": 1e-4}
+
+
+@every_environment
+def test_a_function_that_builds_no_filter_is_refused(env_id: str):
+    for message in refusals_to_make(env_id, TypeError, estimator=lambda model: "no filter"):
+        assert message.startswith("estimator must return an estimators.Filter, got str")
+
+
+# --- numbers ----------------------------------------------------------------------------------------
+
+
+@every_environment
+@pytest.mark.parametrize("wrong", [-0.01, 0.41, np.nan, np.inf, "0.1", None, True, [0.1]], ids=str)
+def test_a_mismatch_out_of_range_is_refused_with_the_range(env_id: str, wrong: Any):
+    for message in refusals_to_make(env_id, ValueError, mismatch=wrong):
+        assert message == f"mismatch must be between 0 and 0.4, got {wrong!r}"
+
+
+@every_environment
+@pytest.mark.parametrize("right", [0, 0.4, np.float64(0.2), np.float32(0.2)], ids=repr)
+def test_any_number_in_range_is_a_mismatch(env_id: str, right: Any):
+    gym.make(env_id, mismatch=right).reset(seed=0)
+
+
+@every_environment
+@pytest.mark.parametrize("wrong", [0, -1, 2.5, 2.0, True, "3", None, np.nan], ids=repr)
+def test_a_wrong_number_of_environments_is_refused(env_id: str, wrong: Any):
+    message = refusal(ValueError, gym.make_vec, env_id, num_envs=wrong, vectorization_mode="vector_entry_point")
+    assert message == f"num_envs must be a positive whole number, got {wrong!r}"
+
+
+@every_environment
+@pytest.mark.parametrize("wrong", [0, -5, 2.5, True, "60"], ids=repr)
+def test_a_wrong_time_limit_is_refused(env_id: str, wrong: Any):
+    message = refusal(ValueError, make_batch, env_id, 2, max_episode_steps=wrong)
+    assert "max_episode_steps must be" in message
+    assert repr(wrong) in message
+
+
+# --- seeds ------------------------------------------------------------------------------------------
+
+
+@every_environment
+@pytest.mark.parametrize("wrong", [-1, 1.5, "7", True, [1, 2], [1, 2, 3, 4], [1, -2, 3], [1, 2.5, 3], [1, "2", 3],
+                                   [1, None, 3], [True, 2, 3], np.array([1.0, 2.0, 3.0])], ids=repr)  # fmt: skip
+def test_a_wrong_seed_of_a_batch_is_refused_and_the_old_one_stands(env_id: str, wrong: Any):
+    env, twin = make_batch(env_id, 3), make_batch(env_id, 3)
+    env.reset(seed=1)
+    twin.reset(seed=1)
+    message = refusal(ValueError, env.reset, seed=wrong)
+    assert "seed" in message
+    if isinstance(wrong, list) and len(wrong) != 3:
+        assert message == f"got {len(wrong)} seeds for 3 environments"
+    actions = next(random_walk(0, 3, env.single_action_space.shape[0]))
+    assert_same_tree(env.step(actions), twin.step(actions))
+    assert_same_tree(env.reset(), twin.reset())
+
+
+@every_environment
+@pytest.mark.parametrize("wrong", [-1, 1.5, "7", [1]], ids=repr)
+def test_a_wrong_seed_of_a_single_environment_is_refused(env_id: str, wrong: Any):
+    env = gym.make(env_id)
+    message = refusal((ValueError, gym.error.Error), env.reset, seed=wrong)
+    assert "seed" in message.lower()
+
+
+# --- reset options ----------------------------------------------------------------------------------
+
+
+@every_environment
+def test_an_unknown_reset_option_is_named(env_id: str):
+    for env in (gym.make(env_id), make_batch(env_id, 2)):
+        message = refusal(ValueError, env.reset, seed=0, options={"speed": 3.0})
+        assert message.startswith("unknown reset option 'speed': choose from ")
+
+
+@pytest.mark.parametrize("wrong", [0.0, 10.0, -200.0, np.nan, np.inf, -np.inf])
+def test_a_radius_that_the_corvette_cannot_hold_is_refused_with_the_limit(wrong: float):
+    for env in (gym.make("SigmaCorvette-v0"), make_batch("SigmaCorvette-v0", 2)):
+        message = refusal(ValueError, env.reset, seed=0, options={"radius": wrong})
+        assert message == f"radius must be at least 253 m to either side, got {wrong}"
+
+
+@pytest.mark.parametrize("wrong", ["wide", None, [300.0, 400.0, 500.0]], ids=repr)
+def test_a_radius_that_is_no_number_is_refused(wrong: Any):
+    for env in (gym.make("SigmaCorvette-v0"), make_batch("SigmaCorvette-v0", 2)):
+        assert "radius" in refusal((ValueError, TypeError), env.reset, seed=0, options={"radius": wrong})
+
+
+@every_environment
+@pytest.mark.parametrize("seed", [None, 9])
+def test_a_refused_reset_changes_nothing(env_id: str, seed: int | None):
+    env, twin = make_batch(env_id, 2), make_batch(env_id, 2)
+    for one in (env, twin):
+        one.reset(seed=1)
+    refusal(ValueError, env.reset, seed=seed, options={"speed": 3.0})
+    actions = next(random_walk(0, 2, env.single_action_space.shape[0]))
+    assert_same_tree(env.step(actions), twin.step(actions))
+    assert_same_tree(env.reset(), twin.reset())
+
+
+# --- actions ----------------------------------------------------------------------------------------
+
+
+@every_environment
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_an_action_that_is_not_finite_is_refused_and_changes_nothing(env_id: str, value: float):
+    for env, twin in (
+        (gym.make(env_id, disable_env_checker=True), gym.make(env_id, disable_env_checker=True)),
+        (make_batch(env_id, 3), make_batch(env_id, 3)),
+    ):
+        env.reset(seed=1)
+        twin.reset(seed=1)
+        action = np.zeros(env.action_space.shape, np.float32)
+        bad = action.copy()
+        bad.flat[-1] = value
+        assert refusal(ValueError, env.unwrapped.step, bad) == "action must be finite, got NaN or infinity"
+        assert_same_tree(env.step(action), twin.step(action))
+
+
+@every_environment
+def test_an_action_of_the_wrong_shape_is_refused_with_both_shapes(env_id: str):
+    size = len(single_class(env_id).system.vehicle.action_names)
+    single = single_class(env_id)()
+    single.reset(seed=0)
+    for shape in ((), (size + 1,), (1, size), (size, 2), (0,)):
+        message = refusal(ValueError, single.step, np.zeros(shape))
+        assert message == f"action has shape {shape}, expected {(size,)}"
+    for rows in (1, 3):
+        batch = make_batch(env_id, rows)
+        batch.reset(seed=0)
+        for shape in ((), (rows,), (rows + 1, size), (rows, size + 1), (size, rows, 1)):
+            message = refusal(ValueError, batch.step, np.zeros(shape))
+            assert message == f"action has shape {shape}, expected {(rows, size)}"
+
+
+@every_environment
+@pytest.mark.parametrize("wrong", ["hard to port", None, {"rudder": 1.0}], ids=repr)
+def test_an_action_that_is_no_array_of_numbers_is_refused(env_id: str, wrong: Any):
+    single = single_class(env_id)()
+    single.reset(seed=0)
+    assert "action" in refusal((ValueError, TypeError), single.step, wrong)
+
+
+@every_environment
+def test_an_action_beyond_its_bounds_is_clipped_as_documented(env_id: str):
+    one, other = make_batch(env_id, 2), make_batch(env_id, 2)
+    one.reset(seed=0)
+    other.reset(seed=0)
+    full = np.ones(one.action_space.shape)
+    for _ in range(5):
+        assert_same_tree(one.step(1e30 * full), other.step(full))
+
+
+# --- order of calls ---------------------------------------------------------------------------------
+
+
+@every_environment
+def test_a_step_before_the_first_reset_says_what_to_do(env_id: str):
+    size = len(single_class(env_id).system.vehicle.action_names)
+    expected = (gym.error.ResetNeeded, RuntimeError, ValueError)
+    for env, shape in (
+        (gym.make(env_id), (size,)), (single_class(env_id)(), (size,)), (make_batch(env_id, 2), (2, size)),
+    ):  # fmt: skip
+        assert "reset" in refusal(expected, env.step, np.zeros(shape, np.float32))
+
+
+@every_environment
+def test_reading_the_truth_before_the_first_reset_says_what_to_do(env_id: str):
+    for env in (single_class(env_id)(), make_batch(env_id, 2)):
+        assert "reset" in refusal((gym.error.ResetNeeded, RuntimeError, ValueError), lambda env=env: env.truth)

@@ -1,0 +1,565 @@
+"""The contract that every registered environment keeps, whatever its vehicle and task."""
+
+import inspect
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from contract import (
+    BLIND,
+    BROKEN,
+    CARRIED,
+    ENVIRONMENTS,
+    MODES,
+    REFUSED,
+    AlteredVehicle,
+    SilentVehicle,
+    assert_same_tree,
+    assert_sound,
+    copy_tree,
+    make_batch,
+    make_core,
+    random_walk,
+    row_of,
+    single_class,
+    soak,
+    vector_class,
+    with_vehicle,
+)
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
+
+import vessel_gym.core
+from agents import load_agent
+from vessel_gym.core import Core
+from vessel_gym.sensors import SUITES
+from vessel_gym.streams import Draws
+
+ROOT = Path(__file__).parents[2]
+SOAK_STEPS = 60_000
+EXACT = 1e-10
+
+every_environment = pytest.mark.parametrize("env_id", ENVIRONMENTS)
+every_estimator = pytest.mark.parametrize(("env_id", "estimator"), CARRIED)
+every_estimator_but_truth = pytest.mark.parametrize(("env_id", "estimator"), BLIND)
+every_mode = pytest.mark.parametrize("observe", MODES)
+
+
+# --- the checkers of others -------------------------------------------------------------------------
+
+
+@every_mode
+@every_estimator
+def test_gymnasium_finds_nothing_to_warn_of(env_id: str, estimator: str, observe: str):
+    env = gym.make(env_id, estimator=estimator, observe=observe)
+    check_env(env.unwrapped, skip_render_check=True)
+    env.close()
+
+
+@every_environment
+def test_gymnasium_finds_nothing_to_warn_of_in_the_pictures(env_id: str, monkeypatch: pytest.MonkeyPatch):
+    pytest.importorskip("pygame")
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    check_env(gym.make(env_id, render_mode="rgb_array").unwrapped)
+
+
+@every_mode
+@every_estimator
+def test_stable_baselines3_finds_nothing_to_warn_of(env_id: str, estimator: str, observe: str):
+    checker = pytest.importorskip("stable_baselines3.common.env_checker")
+    env = gym.make(env_id, estimator=estimator, observe=observe)
+    checker.check_env(env.unwrapped, warn=True)
+    checker.check_env(env, warn=True)  # as users hand it over: with Gymnasium's wrappers
+    env.close()
+
+
+@pytest.mark.parametrize(("env_id", "estimator"), [(key, name) for key, names in REFUSED.items() for name in names])
+def test_a_filter_that_the_model_cannot_carry_is_refused_with_its_condition(env_id: str, estimator: str):
+    for make in (gym.make, gym.make_vec):
+        with pytest.raises(ValueError, match=f"{estimator} needs .*{REFUSED[env_id][estimator]}"):
+            make(env_id, estimator=estimator)
+
+
+@every_environment
+def test_gymnasium_makes_the_environment_without_an_import_of_the_package(env_id: str):
+    program = f"""
+import sys
+import gymnasium
+assert "vessel_gym" not in sys.modules
+env = gymnasium.make("vessel_gym:{env_id}")
+env.reset(seed=0)
+env.step(env.action_space.sample())
+batch = gymnasium.make_vec("vessel_gym:{env_id}", num_envs=2, vectorization_mode="vector_entry_point")
+batch.reset(seed=0)
+batch.step(batch.action_space.sample())
+for heavy in ("torch", "stable_baselines3", "pygame", "matplotlib", "agents"):
+    assert heavy not in sys.modules, heavy
+"""
+    run = [sys.executable, "-W", "error", "-c", program]
+    done = subprocess.run(run, cwd=ROOT, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == ""
+
+
+# --- one batch, many single environments ------------------------------------------------------------
+
+
+class RecordedDraws(Draws):
+    """Draws that keep what each row has drawn."""
+
+    def __init__(self, num_envs: int, *args: Any, **kwargs: Any) -> None:
+        super().__init__(num_envs, *args, **kwargs)
+        self.log: list[list[np.ndarray]] = [[] for _ in range(num_envs)]
+        self.registry.append(self)
+
+    registry: list["RecordedDraws"] = []
+
+    def next(self, rows: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        normals, uniforms = super().next(rows)
+        listed = range(len(self.log)) if rows is None else rows
+        for i, row in enumerate(listed):
+            self.log[row].append(np.concatenate([normals[i], uniforms[i]]))
+        return normals, uniforms
+
+
+@pytest.fixture
+def draws(monkeypatch: pytest.MonkeyPatch) -> list[RecordedDraws]:
+    """Every `Draws` that a core makes from now on, in order."""
+    monkeypatch.setattr(RecordedDraws, "registry", [])
+    monkeypatch.setattr(vessel_gym.core, "Draws", RecordedDraws)
+    return RecordedDraws.registry
+
+
+def fly_both(env_id: str, seeds: int | list[int], listed: list[int], steps: int, **options: Any) -> dict[str, int]:
+    """Fly a batch and its single environments with the same actions, and compare everything at every step.
+
+    Even rows follow the autopilot with noise on its actions and live to the time limit; odd rows take random
+    actions that lean to one side and end early, at times of their own.
+    """
+    batch = make_batch(env_id, len(listed), **options)
+    singles = [gym.make(env_id, disable_env_checker=True, **options) for _ in listed]
+    pilot = load_agent("autopilot", batch)
+    pilot.reset(len(listed))
+    walk = random_walk(1, len(listed), batch.single_action_space.shape[0])
+    guided = np.arange(len(listed)) % 2 == 0
+    observations, info = batch.reset(seed=seeds)
+    for i, (env, seed) in enumerate(zip(singles, listed, strict=True)):
+        observation, single_info = env.reset(seed=seed)
+        assert_same_tree(observations[i], observation, f"first observation of row {i}", EXACT)
+        assert_same_row(info, single_info, i)
+    counts = {"terminated": 0, "truncated": 0, "staggered": 0}
+    for _ in range(steps):
+        random = next(walk)
+        actions = np.where(guided[:, None], np.clip(pilot.act(observations) + 0.3 * random, -1.0, 1.0), random)
+        actions = actions.astype(np.float32)
+        observations, rewards, terminated, truncated, info = batch.step(actions)
+        done = terminated | truncated
+        assert ("final_info" in info) == done.any()
+        counts["terminated"] += int(terminated.sum())
+        counts["truncated"] += int(truncated.sum())
+        counts["staggered"] += int(done.any() and not done.all())
+        for i, env in enumerate(singles):
+            observation, reward, ended, cut, single_info = env.step(actions[i])
+            assert abs(rewards[i] - reward) <= EXACT
+            assert (terminated[i], truncated[i]) == (ended, cut)
+            if ended or cut:
+                assert_same_tree(info["final_obs"][i], observation, f"last observation of row {i}", EXACT)
+                assert_same_row(info["final_info"], single_info, i)
+                observation, single_info = env.reset()
+            assert_same_tree(observations[i], observation, f"observation of row {i}", EXACT)
+            assert_same_row(info, single_info, i)
+    return counts
+
+
+def assert_same_row(info: dict[str, Any], single: dict[str, Any], row: int) -> None:
+    listed = row_of(info, row)
+    assert set(listed) == set(single)
+    for key, value in single.items():
+        assert info[f"_{key}"][row]
+        np.testing.assert_allclose(listed[key], value, rtol=0, atol=EXACT, err_msg=key)
+    np.testing.assert_array_equal(listed["available"], single["available"])
+
+
+@every_estimator
+def test_environment_i_of_a_batch_is_the_single_environment_seeded_s_plus_i(
+    env_id: str, estimator: str, draws: list[RecordedDraws]
+):
+    horizon = gym.spec(env_id).max_episode_steps
+    rows = 4
+    counts = fly_both(
+        env_id, 11, [11 + i for i in range(rows)], horizon + 60, estimator=estimator, sensors="degraded", mismatch=0.2
+    )
+    assert counts["truncated"] >= 1  # a whole episode was seen,
+    assert counts["terminated"] >= 4  # and early ends,
+    assert counts["staggered"] >= 4  # one row at a time
+    kinds = len(draws) // (rows + 1)  # a batch's, then each single environment's
+    for kind in range(kinds):
+        for i in range(rows):
+            batch, single = draws[kind].log[i], draws[kinds * (i + 1) + kind].log[0]
+            assert len(batch) == len(single) > horizon
+            np.testing.assert_array_equal(batch, single)
+
+
+@every_environment
+def test_a_list_of_seeds_seeds_each_environment(env_id: str):
+    seeds = [5, 900_000, 5, 2**40]
+    counts = fly_both(env_id, seeds, seeds, 150, sensors="degraded", disturbance="rough")
+    assert counts["terminated"] >= 1
+    fly_both(env_id, np.array(seeds), seeds, 2)
+
+
+@every_environment
+def test_rows_with_the_same_seed_are_the_same_environment(env_id: str):
+    core = make_core(env_id, 2, sensors="degraded", mismatch=0.2)
+    core.seed([7, 7])
+    core.reset()
+    walk = random_walk(0, 1, core.action_size)
+    for _ in range(80):
+        core.step(np.repeat(next(walk), 2, axis=0))
+        for key, value in core.info().items():
+            np.testing.assert_array_equal(value[0], value[1], err_msg=key)
+
+
+@every_estimator
+def test_a_batch_says_in_info_what_gymnasium_would_say_of_single_environments(env_id: str, estimator: str):
+    options = {"estimator": estimator, "sensors": "degraded", "disturbance": "rough", "mismatch": 0.2}
+    native = make_batch(env_id, 3, **options)
+    loop = gym.make_vec(
+        env_id, 3, vectorization_mode="sync", vector_kwargs={"autoreset_mode": AutoresetMode.SAME_STEP}, **options
+    )
+    assert native.single_observation_space == loop.single_observation_space
+    assert native.single_action_space == loop.single_action_space
+    assert native.observation_space == loop.observation_space
+    assert native.action_space == loop.action_space
+    assert native.metadata["autoreset_mode"] == loop.metadata["autoreset_mode"]
+    assert_same_tree(native.reset(seed=3), loop.reset(seed=3), atol=EXACT)
+    walk = random_walk(3, 3, native.single_action_space.shape[0])
+    ends = 0
+    for _ in range(120):
+        actions = next(walk)
+        one, other = native.step(actions), loop.step(actions)
+        assert_same_tree(one, other, "step", EXACT)
+        ends += int("final_info" in one[4] and not one[2].all())
+    assert ends >= 2
+
+
+@every_environment
+def test_a_second_reset_without_a_seed_begins_another_episode(env_id: str):
+    one, other = gym.make(env_id), gym.make(env_id)
+    first, _ = one.reset(seed=4)
+    second, _ = one.reset()
+    assert not np.array_equal(first, second)
+    other.reset(seed=4)
+    np.testing.assert_array_equal(second, other.reset()[0])
+    np.testing.assert_array_equal(first, one.reset(seed=4)[0])
+
+
+@every_environment
+def test_environments_that_nobody_seeded_differ(env_id: str):
+    batch = make_batch(env_id, 3)
+    first, _ = batch.reset()
+    again, _ = make_batch(env_id, 3).reset()
+    assert len(np.unique(np.concatenate([first, again]), axis=0)) == 6
+
+
+# --- swapping the estimator -------------------------------------------------------------------------
+
+
+def fly_reacting(env_id: str, vehicle: type | None, steps: int, **options: Any) -> dict[tuple, dict[str, np.ndarray]]:
+    """Every episode ``(row, number)`` of a batch whose agent reacts to what it sees: what nature did in it."""
+    cls = vector_class(env_id)
+    if vehicle is not None:
+        cls = type(cls.__name__, (cls,), {"system": with_vehicle(env_id, vehicle)})
+    rows = 6
+    env = cls(num_envs=rows, max_episode_steps=90, **options)
+    rng = np.random.default_rng(2)
+    weights = rng.normal(0.0, 1.0, (rows, env.core.observation_size, env.core.action_size))
+    series: dict[tuple, dict[str, list[np.ndarray]]] = {}
+    number = np.zeros(rows, int)
+
+    def keep(row: int, info: dict[str, np.ndarray], **more: np.ndarray) -> None:
+        episode = series.setdefault((row, int(number[row])), {})
+        for key in ("unknown_input", "measurement", "available", "truth"):
+            episode.setdefault(key, []).append(info[key][row])
+        for key, value in more.items():
+            episode.setdefault(key, []).append(value[row].copy())
+
+    observations, info = env.reset(seed=8)
+    for step in range(steps + 1):
+        current = env.core.sea.current_velocity(env.core.sea_state)
+        for row in range(rows):
+            keep(row, info, current=current)
+        if step == steps:
+            break
+        actions = np.tanh(np.einsum("bk,bka->ba", observations, weights)).astype(np.float32)
+        observations, _, terminated, truncated, info = env.step(actions)
+        for row in np.flatnonzero(terminated | truncated):
+            keep(row, info["final_info"])
+            number[row] += 1
+    return {key: {name: np.stack(values) for name, values in episode.items()} for key, episode in series.items()}
+
+
+@every_environment
+@pytest.mark.parametrize("vehicle", [None, SilentVehicle], ids=["as it is", "with nothing to read but noise"])
+def test_swapping_the_estimator_leaves_nature_as_it_was_in_every_episode(env_id: str, vehicle: type | None):
+    names = [name for key, name in CARRIED if key == env_id]
+    options = {"sensors": "degraded", "disturbance": "rough", "mismatch": 0.2, "steps": 400}
+    reference = fly_reacting(env_id, vehicle, estimator=names[0], **options)
+    elsewhere = 0
+    for name in names[1:]:
+        other = fly_reacting(env_id, vehicle, estimator=name, **options)
+        common = set(reference) & set(other)
+        assert len(common) >= 6 * 4  # six rows, four episodes and more
+        lengths = np.array([(len(reference[key]["truth"]), len(other[key]["truth"])) for key in sorted(common)])
+        assert lengths.min() > 1
+        different = 0
+        for key in common:
+            one, two = reference[key], other[key]
+            for what in ("unknown_input", "current", "available", *(("measurement",) if vehicle else ())):
+                k = min(len(one[what]), len(two[what]))
+                np.testing.assert_array_equal(one[what][:k], two[what][:k], err_msg=f"{what} with {name} in {key}")
+            k = min(len(one["truth"]), len(two["truth"]))
+            different += not np.array_equal(one["truth"][:k], two["truth"][:k])
+        assert different > len(common) / 2  # the agents did react to another estimator
+        elsewhere += int((lengths[:, 0] != lengths[:, 1]).sum())
+    assert elsewhere > 10  # and episodes ended at other times
+
+
+# --- truth never reaches an observation -------------------------------------------------------------
+
+
+def observations_when_truth_is_altered(
+    env_id: str, alter: Callable[[Core, np.random.Generator], None] | None, **options: Any
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Fly once, then replay the same readings and actions to another truth: both observations, largest difference."""
+    rows, steps = 4, 150
+    true = make_core(env_id, rows, seed=5, **options)
+    other = Core(with_vehicle(env_id, AlteredVehicle), rows, **(options | {"mismatch": 0.4}))
+    other.seed(5)
+    rng = np.random.default_rng(9)
+    true.reset()
+    other.reset(readings=true.readings)
+    walk = random_walk(5, rows, true.action_size)
+    seen: tuple[list[np.ndarray], list[np.ndarray]] = ([true.observe()], [other.observe()])
+    distance = [np.abs(true.truth - other.truth).max(-1)]
+    for step in range(steps):
+        if step == 80:  # a partial reset, as autoreset does it
+            some = np.array([1, 3])
+            for core in (true, other):
+                core.episodes[some] += 1
+            true.reset(some)
+            other.reset(some, readings=tuple(values[some] for values in true.readings))
+            seen[0].append(true.observe())
+            seen[1].append(other.observe())
+        if alter is not None:
+            alter(other, rng)
+        actions = next(walk)
+        true.step(actions)
+        other.step(actions, readings=true.readings)
+        seen[0].append(true.observe())
+        seen[1].append(other.observe())
+        distance.append(np.abs(true.truth - other.truth).max(-1))
+    return np.stack(seen[0]), np.stack(seen[1]), np.stack(distance)
+
+
+def scramble(core: Core, rng: np.random.Generator) -> None:
+    """Put everything that is true somewhere else."""
+    core.truth = core.truth + rng.normal(0.0, 0.01, core.truth.shape)
+    core.sea_state = -3.0 * core.sea_state
+    core.unknown_input = core.unknown_input + rng.normal(0.0, 0.01, core.unknown_input.shape)
+    core.parameters = core.parameters * rng.uniform(0.9, 1.1, core.parameters.shape)
+
+
+@every_mode
+@every_estimator_but_truth
+@pytest.mark.parametrize("alter", [None, scramble], ids=["another start and ship", "scrambled between steps"])
+def test_the_observation_does_not_change_when_truth_does(
+    env_id: str, estimator: str, observe: str, alter: Callable[[Core, np.random.Generator], None] | None
+):
+    one, other, distance = observations_when_truth_is_altered(
+        env_id, alter, estimator=estimator, observe=observe, sensors="degraded"
+    )
+    assert distance.min() > 1e-3  # at reset too
+    np.testing.assert_array_equal(one, other)
+    assert (np.ptp(one, axis=0)[:, :2] > 0.1).all()  # and there was something to see
+
+
+@every_environment
+def test_the_oracle_alone_follows_the_altered_truth(env_id: str):
+    one, other, _ = observations_when_truth_is_altered(env_id, None, estimator="truth", sensors="degraded")
+    assert (one != other).any(-1).all()
+
+
+@every_environment
+def test_nothing_that_makes_an_observation_takes_the_truth(env_id: str):
+    task = single_class(env_id).system.task
+    allowed = {
+        "observe": ["belief", "reference", "actuators"],
+        "observe_std": ["belief"],
+        "observe_readings": ["readings", "available", "reference", "actuators"],
+        "reference": ["course", "step"],
+        "known_input": ["before", "after", "reference"],
+    }
+    for name, parameters in allowed.items():
+        assert list(inspect.signature(getattr(task, name)).parameters) == parameters, name
+
+
+# --- what comes out ---------------------------------------------------------------------------------
+
+
+def scribble(tree: Any) -> None:
+    """Overwrite every array in a tree with nonsense."""
+    if isinstance(tree, dict):
+        for value in tree.values():
+            scribble(value)
+    elif isinstance(tree, np.ndarray) and tree.dtype == object:
+        for value in tree:
+            scribble(value)
+    elif isinstance(tree, np.ndarray) and tree.ndim:
+        assert tree.flags.writeable
+        tree[...] = True if tree.dtype == bool else 77
+
+
+@every_estimator
+def test_writing_to_what_was_handed_out_does_not_change_the_future(env_id: str, estimator: str):
+    def fly(env: Any, vandal: bool) -> list[Any]:
+        record = []
+        out = env.reset(seed=1)
+        walk = random_walk(1, batch_rows, env.unwrapped.core.action_size)
+        for _ in range(110):
+            record.append(copy_tree(out))
+            if vandal:
+                for part in out:
+                    scribble(part)
+                scribble(env.unwrapped.truth)
+            actions = next(walk)[0] if batch_rows == 1 else next(walk)
+            out = env.step(actions)
+            if vandal:
+                scribble(actions)
+            if batch_rows == 1 and (out[2] or out[3]):
+                record.append(copy_tree(out))
+                out = env.reset()
+        return record
+
+    options = {"estimator": estimator, "sensors": "degraded", "observe": "mean+std"}
+    for batch_rows in (1, 3):
+        envs = [
+            gym.make(env_id, **options) if batch_rows == 1 else make_batch(env_id, batch_rows, **options)
+            for _ in range(2)
+        ]
+        one, other = fly(envs[0], False), fly(envs[1], True)
+        for step, (a, b) in enumerate(zip(one, other, strict=True)):
+            assert_same_tree(a, b, f"step {step}")
+
+
+@every_estimator
+def test_what_was_handed_out_does_not_change_later(env_id: str, estimator: str):
+    env = make_batch(env_id, 3, estimator=estimator, sensors="degraded", disturbance="rough")
+    kept = [env.reset(seed=3)]
+    copies = [copy_tree(kept[0])]
+    walk = random_walk(3, 3, env.single_action_space.shape[0])
+    ends = 0
+    for _ in range(110):
+        kept.append(env.step(next(walk)))
+        copies.append(copy_tree(kept[-1]))
+        ends += "final_info" in kept[-1][4]
+    assert ends
+    for step, (one, other) in enumerate(zip(kept, copies, strict=True)):
+        assert_same_tree(one, other, f"step {step}")
+
+
+@every_environment
+def test_info_holds_the_truth_that_the_environment_holds(env_id: str):
+    batch, single = make_batch(env_id, 3), gym.make(env_id)
+    _, info = batch.reset(seed=0)
+    np.testing.assert_array_equal(info["truth"], batch.unwrapped.truth)
+    _, info = single.reset(seed=0)
+    np.testing.assert_array_equal(info["truth"], single.unwrapped.truth)
+    names = single.unwrapped.system.vehicle.truth_names
+    assert single.unwrapped.truth.shape == (len(names),)
+
+
+@every_environment
+def test_the_score_is_the_sum_of_rewards_over_the_horizon(env_id: str):
+    env = make_batch(env_id, 5, disturbance="rough")
+    horizon = env.unwrapped.core.task.horizon
+    assert horizon == gym.spec(env_id).max_episode_steps
+    total = np.zeros(5)
+    env.reset(seed=2)
+    walk = random_walk(2, 5, env.single_action_space.shape[0])
+    ended = 0
+    for _ in range(200):
+        _, reward, terminated, truncated, info = env.step(next(walk))
+        total += reward
+        done = terminated | truncated
+        if done.any():
+            np.testing.assert_allclose(info["final_info"]["score"][done], total[done] / horizon, rtol=0, atol=1e-12)
+            total[done] = 0.0
+            ended += int(done.sum())
+        np.testing.assert_allclose(info["score"], total / horizon, rtol=0, atol=1e-12)
+    assert ended >= 3
+
+
+# --- robustness -------------------------------------------------------------------------------------
+
+
+@every_environment
+def test_random_actions_leave_everything_finite_and_in_bounds(env_id: str, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(SUITES, "broken", BROKEN)
+    seen = soak(env_id, SOAK_STEPS)
+    assert seen.steps >= SOAK_STEPS
+    assert seen.ended > 100
+    assert seen.missing > 0.1 * seen.steps
+
+
+@pytest.mark.parametrize(
+    "value", [None, np.nan, np.inf, -np.inf, 1e300, -1e300, 5e-324], ids=lambda v: "missing" if v is None else str(v)
+)
+@every_estimator
+def test_absurd_readings_raise_nothing_and_leave_no_trace_of_nan(env_id: str, estimator: str, value: float | None):
+    rows = 4
+    for observe in MODES:
+        core = make_core(env_id, rows, seed=1, estimator=estimator, observe=observe)
+        p = len(core.vehicle.reading_names)
+        absurd = (np.zeros((rows, p)), np.zeros((rows, p), bool))
+        if value is not None:
+            absurd = (np.full((rows, p), value), np.ones((rows, p), bool))
+        rng = np.random.default_rng(1)
+        core.reset(readings=absurd)
+        assert_sound(core, core.observe(), None, core.info())
+        walk = random_walk(1, rows, core.action_size)
+        for step in range(130):
+            # For 50 steps every reading is absurd, then some, then none.
+            chosen = rng.random((rows, p)) < (1.0 if step < 50 else 0.3 if step < 100 else 0.0)
+            readings = None
+            if step < 100:
+                nominal = core.vehicle.readings(core.truth, core.unknown_input)
+                readings = np.where(chosen, absurd[0], nominal), np.where(chosen, absurd[1], True)
+            reward, _ = core.step(next(walk), readings=readings)
+            assert_sound(core, core.observe(), reward, core.info())
+
+
+@every_estimator
+def test_after_a_long_gap_the_estimate_returns_to_what_it_would_have_been(env_id: str, estimator: str):
+    if estimator == "dead-reckoning":
+        pytest.skip("it uses no readings")
+    whole, gapped = (make_core(env_id, 8, seed=2, estimator=estimator) for _ in range(2))
+    whole.reset()
+    gapped.reset()
+    walk = random_walk(2, 8, whole.action_size)
+    during = 0.0
+    for step in range(450):
+        actions = 0.3 * next(walk)
+        whole.step(actions)
+        y, available = whole.readings
+        missing = 50 <= step < 250
+        gapped.step(actions, readings=(y, available & (not missing)))
+        if missing:
+            during = max(during, float(np.abs(whole.observe() - gapped.observe()).max()))
+    assert (during > 0.5) == (estimator != "truth")
+    np.testing.assert_allclose(gapped.observe(), whole.observe(), rtol=0, atol=1e-3)

@@ -1,0 +1,608 @@
+"""The corvette: published derivatives, compiled equations against plain ones, equilibria and filter models."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.integrate import quad, solve_ivp
+from scipy.linalg import expm
+
+from estimators import zero_order_hold
+from vessel_gym.sea_trials import simulate
+from vessel_gym.vehicles.corvette import (
+    COEFFICIENTS,
+    UNCERTAIN,
+    Corvette,
+    CorvetteParameters,
+    corvette_derivative,
+    corvette_step,
+    linear_model,
+    nonlinear_model,
+    rudder_angle_of_attack,
+    secant_models,
+    steady_turns,
+    sway_yaw_jacobian,
+)
+
+SHIP = CorvetteParameters()
+L, U = SHIP.length, SHIP.speed
+DEG = np.pi / 180.0
+MIRROR = np.array([1, -1, -1, 1, -1, -1])
+
+
+def derivative(u, v, r, rudder, c=None, psi=0.0, current=(0.0, 0.0)):
+    c = SHIP.vector() if c is None else c
+    return corvette_derivative(np.array([0.0, 0.0, psi, u, v, r]), np.array([rudder, *current]), c)
+
+
+def random_motions(rng: np.random.Generator, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Truth states ``(n, 6)`` and controls ``(n, 3)`` over all that the ship can meet, and more."""
+    state = rng.uniform([-500, -500, -4, 2, -5, -0.08], [500, 500, 4, 18, 5, 0.08], (n, 6))
+    return state, rng.uniform([-0.61, -1, -1], [0.61, 1, 1], (n, 3))
+
+
+# --- parameters -------------------------------------------------------------------------------------
+
+
+def test_the_block_coefficient_displaces_the_printed_mass():
+    assert SHIP.block_coefficient == pytest.approx(0.452, abs=5e-4)
+    assert SHIP.block_coefficient * L * 14.0 * 3.7 * 1024.0 == pytest.approx(2.423e6)
+    printed = 0.65 * L * 14.0 * 3.7 * 1024.0
+    assert printed == pytest.approx(3485e3, abs=500.0)  # the printed one does not
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "digit"),
+    [("Yvdot", -495, 1), ("Yrdot", -19.2, 0.1), ("Nvdot", 1.16, 0.01), ("Nrdot", -28.1, 0.1), ("Yv", -709, 1),
+     ("Yr", 209.7, 0.1), ("Nv", -247.5, 0.1), ("Nr", -134.7, 0.1), ("m", 458, 1), ("Iz", 30.0, 0.1)],
+)  # fmt: skip
+def test_the_derivatives_are_clarke_s(name, value, digit):
+    assert SHIP.clarke[name] * 1e5 == pytest.approx(value, abs=0.5 * digit)
+
+
+def test_two_derivatives_are_not_the_misprinted_ones():
+    # Eq. 2.19 swaps B/T and B/L; eq. 2.23 prints .008 for .080, and its table uses that.
+    assert SHIP.clarke["Yrdot"] == pytest.approx(-1.918e-4, abs=5e-8)
+    assert SHIP.clarke["Yr"] == pytest.approx(2.097e-3, abs=5e-7)
+    B, T = SHIP.beam, SHIP.draught
+    slender = np.pi * (T / L) ** 2
+    assert -slender * (0.67 * B / T - 0.0033 * (B / L) ** 2) == pytest.approx(-0.0107, abs=5e-5)
+    assert -slender * (-1 / 2 + 2.2 * B / L - 0.008 * B / T) == pytest.approx(9.4906e-4, rel=2e-3)
+
+
+def test_the_rudder_s_derivatives_are_those_of_a_flat_plate_at_the_stern():
+    plate = np.pi / 2 * 11.0 / 101.07**2
+    assert SHIP.clarke["Ydelta"] == pytest.approx(-plate)
+    assert SHIP.clarke["Ndelta"] == pytest.approx(plate / 2)
+
+
+def davidson_schiff(ship: CorvetteParameters) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """M', N' and b' of ``M' nu' = N' nu + b' delta``, with Clarke's derivatives."""
+    c, x_g = ship.clarke, ship.x_g / ship.length
+    M = np.array([[c["m"] - c["Yvdot"], c["m"] * x_g - c["Yrdot"]],
+                  [c["m"] * x_g - c["Nvdot"], c["Iz"] - c["Nrdot"]]])  # fmt: skip
+    N = np.array([[c["Yv"], c["Yr"] - c["m"]], [c["Nv"], c["Nr"] - c["m"] * x_g]])
+    return M, N, np.array([c["Ydelta"], c["Ndelta"]])
+
+
+def inflow_rudder(ship: CorvetteParameters) -> tuple[np.ndarray, np.ndarray]:
+    """N' of the rudder (by drift and yaw rate) and b': Fujii's lift slope in the slipstream, with straightening."""
+    lift = 6.13 * 1.5 / (1.5 + 2.25) * 1.1**2 * ship.rudder_area / ship.length**2
+    b = lift * np.array([-1.0, 0.5])
+    return np.outer(b, 0.4 / 1.1 * np.array([1.0, -0.5])), b
+
+
+def nomoto(M, N, b) -> tuple[float, float]:
+    """K' and T' = T1' + T2' - T3' from the two equations, by Cramer's rule."""
+    gain = N[1, 0] * b[0] - N[0, 0] * b[1]
+    determinant = np.linalg.det(N)
+    inertia = M[0, 0] * N[1, 1] + M[1, 1] * N[0, 0] - M[0, 1] * N[1, 0] - M[1, 0] * N[0, 1]
+    lead = (M[0, 0] * b[1] - M[1, 0] * b[0]) / gain
+    return gain / determinant, -inertia / determinant - lead
+
+
+def test_with_the_plain_rudder_clarke_s_ship_answers_like_van_amerongen_s_frigate():
+    K, T = nomoto(*davidson_schiff(SHIP))
+    assert pytest.approx(1.97, abs=0.005) == K  # his: 2.0
+    assert pytest.approx(2.59, abs=0.005) == T  # his: 2.43
+
+
+def test_with_inflow_the_rudder_damps_and_the_linear_figures_fall():
+    M, N, _ = davidson_schiff(SHIP)
+    by_motion, b = inflow_rudder(SHIP)
+    K, T = nomoto(M, N + by_motion, b)
+    assert pytest.approx(1.61, abs=0.005) == K
+    assert pytest.approx(0.97, abs=0.005) == T
+
+
+def test_the_compiled_equations_linearise_to_clarke_s_with_inflow():
+    M, N, _ = davidson_schiff(SHIP)
+    by_motion, b = inflow_rudder(SHIP)
+    A, B = sway_yaw_jacobian(np.array([U, 0.0, 0.0]), np.array(0.0), SHIP)
+    prime = np.diag([U, U / L])  # (v, r) = prime @ (v', r')
+    A_prime = np.linalg.solve(prime, A @ prime) * L / U
+    # A central difference of |v| v over +-1e-4 m/s adds as much drag as that sway makes: 2e-5 of the damping.
+    np.testing.assert_allclose(A_prime, np.linalg.solve(M, N + by_motion), rtol=3e-5)
+    np.testing.assert_allclose(np.linalg.solve(prime, B) * L / U, np.linalg.solve(M, b)[:, None], rtol=1e-6)
+
+
+# --- the compiled equations -------------------------------------------------------------------------
+
+
+def plain_cross_flow(v: float, r: float, a: float) -> np.ndarray:
+    """The two integrals of the cross-flow along the hull by quadrature, split where the flow turns round."""
+    size = (abs(v) + abs(r) * a) or 1.0
+    v, r = v / size, r * a / size  # of order 1, along -1 <= x <= 1
+    pieces = [-1.0, -v / r, 1.0] if abs(v) < abs(r) else [-1.0, 1.0]
+    integrals = [
+        sum(quad(lambda x: abs(v + x * r) * (v + x * r) * x**power, *ends, epsabs=1e-13, epsrel=0.0)[0]  # noqa: B023
+            for ends in pairwise(pieces))
+        for power in (0, 1)
+    ]  # fmt: skip
+    return size**2 * a * np.array([integrals[0], a * integrals[1]])
+
+
+def plain_derivative(state: np.ndarray, control: np.ndarray, ship: CorvetteParameters) -> np.ndarray:
+    """The equations of motion written out with the ship's particulars, and quadrature for the cross-flow."""
+    _, _, psi, u, v, r = state
+    rudder, north, east = control
+    rho, m, x_g = ship.water_density, ship.mass, ship.x_g
+    c = ship.clarke
+    q = rho / 2
+    surge_added = 2.7 * rho * (m / rho) ** (5 / 3) / ship.length**2
+    M_A = np.diag([surge_added, 0.0, 0.0])
+    M_A[1:, 1:] = -q * np.array(
+        [[L**3 * c["Yvdot"], L**4 * c["Yrdot"]], [L**4 * c["Nvdot"], L**5 * c["Nrdot"]]]
+    )  # fmt: skip
+    M_RB = np.array([[m, 0, 0], [0, m, m * x_g], [0, m * x_g, q * L**5 * c["Iz"]]])
+
+    inflow, side = ship.slipstream * u, ship.straightening * (v - L / 2 * r)
+    speed2 = inflow**2 + side**2
+    angle = rudder + np.arctan2(side, inflow)
+    normal = q * ship.rudder_area * 6.13 * ship.rudder_aspect / (ship.rudder_aspect + 2.25) * speed2 * np.sin(angle)
+    rudder_force = normal * np.array([-np.sin(rudder), -np.cos(rudder), L / 2 * np.cos(rudder)])
+
+    sway_drag, yaw_drag = plain_cross_flow(v, r, L / 2)
+    drag = -q * ship.draught * ship.drag_coefficient * np.array([0.0, sway_drag, yaw_drag])
+    hull = q * u * np.array(
+        [0.0, L**2 * c["Yv"] * v + L**3 * c["Yr"] * r, L**3 * c["Nv"] * v + L**4 * c["Nr"] * r]
+    )  # fmt: skip
+    propulsion = np.array([ship.resistance * (1 - u * abs(u) / ship.speed**2), 0.0, 0.0])
+    centripetal = np.array([(m * v + m * x_g * r) * r, -m * u * r, -m * x_g * u * r])
+    added_centripetal = np.array([(M_A[1, 1] * v + M_A[1, 2] * r) * r, 0.0, 0.0])  # Clarke's Yr, Nr hold the others
+    nu_dot = np.linalg.solve(
+        M_RB + M_A, propulsion + hull + drag + rudder_force + centripetal + added_centripetal
+    )  # fmt: skip
+    turn = np.array([[np.cos(psi), -np.sin(psi)], [np.sin(psi), np.cos(psi)]])
+    return np.concatenate([turn @ [u, v] + [north, east], [r], nu_dot])
+
+
+def test_the_compiled_equations_are_the_plain_ones():
+    ship = replace(SHIP, yaw_radius=0.22, x_g=-3.0, slipstream=1.3, straightening=0.6, drag_coefficient=0.9)
+    states, controls = random_motions(np.random.default_rng(1), 150)
+    states[:20, 4:] *= 1e-3
+    for s in (SHIP, ship):
+        plain = np.array([plain_derivative(x, u, s) for x, u in zip(states, controls, strict=True)])
+        compiled = corvette_derivative(states, controls, s.vector())
+        np.testing.assert_allclose(compiled, plain, rtol=1e-9, atol=1e-11)
+
+
+def cross_flow(v, r, half_length: float) -> np.ndarray:
+    """The two integrals out of the compiled equations: unit inertia, no other force."""
+    c = np.zeros(len(COEFFICIENTS))
+    for name in ("surge_inertia", "sway_inertia", "yaw_inertia", "cross_flow"):
+        c[COEFFICIENTS.index(name)] = 1.0
+    c[COEFFICIENTS.index("half_length")] = half_length
+    state = np.zeros(np.shape(v) + (6,))
+    state[..., 4], state[..., 5] = v, r
+    return -corvette_derivative(state, np.zeros(3), c)[..., 4:]
+
+
+def test_the_closed_form_of_the_cross_flow_is_the_integral_over_the_hull():
+    rng = np.random.default_rng(2)
+    a = 50.0
+    v = rng.normal(size=300) * 3.0
+    r = rng.normal(size=300) * 0.06
+    r[:60] = np.sign(r[:60]) * 10.0 ** -rng.uniform(3, 16, 60)  # towards pure sway
+    v[60:120] = np.sign(v[60:120]) * 10.0 ** -rng.uniform(3, 16, 60)  # towards pure yaw
+    v[120:150] = a * np.abs(r[120:150]) * (1.0 + 1e-9 * rng.normal(size=30))  # the flow turns round at the end
+    v[150:155] = 0.0
+    r[155:160] = 0.0
+    v[160], r[160] = 0.0, 0.0
+    plain = np.array([plain_cross_flow(*motion, a) for motion in zip(v, r, strict=True)])
+    size = np.maximum((np.abs(v) + a * np.abs(r)) ** 2 * a, 1e-300)[:, None] * [1.0, a]
+    np.testing.assert_allclose(cross_flow(v, r, a) / size, plain / size, rtol=0, atol=1e-11)
+    assert len(set(zip(v > 0.0, r > 0.0, np.abs(v) > a * np.abs(r), strict=True))) == 8  # every case came up
+
+
+def test_the_two_branches_of_the_cross_flow_meet():
+    v, a = 1.5, 50.0
+    inside, outside = cross_flow(v, v / a * (1.0 - 1e-12), a), cross_flow(v, v / a * (1.0 + 1e-12), a)
+    np.testing.assert_allclose(inside, outside, rtol=1e-10)
+
+
+def test_port_mirrors_starboard():
+    states, controls = random_motions(np.random.default_rng(3), 200)
+    c = SHIP.vector()
+    mirrored = corvette_derivative(states * MIRROR, controls * [-1, 1, -1], c)
+    np.testing.assert_allclose(mirrored, corvette_derivative(states, controls, c) * MIRROR, rtol=1e-12, atol=1e-13)
+
+
+def test_a_batch_is_a_loop():
+    rng = np.random.default_rng(4)
+    states, controls = random_motions(rng, 12)
+    states, controls = states.reshape(3, 4, 6), controls.reshape(3, 4, 3)
+    c = SHIP.vector() * rng.uniform(0.9, 1.1, (4, len(COEFFICIENTS)))  # one ship a column
+    moving = np.concatenate([controls[..., :1], controls], -1)
+    rates, after = corvette_derivative(states, controls, c), corvette_step(states, moving, c, 0.5, 2)
+    assert rates.shape == after.shape == (3, 4, 6)
+    for i, j in np.ndindex(3, 4):
+        np.testing.assert_array_equal(rates[i, j], corvette_derivative(states[i, j], controls[i, j], c[j]))
+        np.testing.assert_array_equal(after[i, j], corvette_step(states[i, j], moving[i, j], c[j], 0.5, 2))
+
+
+def test_the_compiled_functions_leave_their_inputs_alone():
+    states, controls = random_motions(np.random.default_rng(5), 5)
+    moving, c = np.concatenate([controls[:, :1], controls], -1), SHIP.vector()
+    copies = [a.copy() for a in (states, controls, moving, c)]
+    corvette_derivative(states, controls, c)
+    corvette_step(states, moving, c, 0.5, 1)
+    for a, b in zip((states, controls, moving, c), copies, strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def precise(state: np.ndarray, start: float, end: float, current: tuple[float, float], dt: float) -> np.ndarray:
+    """A step by SciPy's integrator, the rudder moving linearly."""
+    c = SHIP.vector()
+    solution = solve_ivp(
+        lambda t, s: corvette_derivative(s, np.array([start + (end - start) * t / dt, *current]), c),
+        (0.0, dt), state, method="DOP853", rtol=1e-13, atol=1e-12,
+    )  # fmt: skip
+    return solution.y[:, -1]
+
+
+HARD_OVER = np.array([3.0, -4.0, 0.7, 13.0, -1.5, 0.03])
+
+
+def test_a_step_is_the_solution_of_the_equations():
+    c, current = SHIP.vector(), (0.3, -0.5)
+    exact = precise(HARD_OVER, 0.5, 0.54, current, 0.5)
+    step = corvette_step(HARD_OVER, np.array([0.5, 0.54, *current]), c, 0.5, 1)
+    np.testing.assert_allclose(step, exact, rtol=0, atol=1e-5)
+    finer = corvette_step(HARD_OVER, np.array([0.5, 0.54, *current]), c, 0.5, 32)
+    np.testing.assert_allclose(finer, exact, rtol=0, atol=1e-11)
+
+
+def test_the_step_is_of_fourth_order():
+    exact = precise(HARD_OVER, 0.3, 0.5, (0.0, 0.0), 4.0)
+    control = np.array([0.3, 0.5, 0.0, 0.0])
+    errors = [np.abs(corvette_step(HARD_OVER, control, SHIP.vector(), 4.0, n) - exact).max() for n in (8, 16, 32)]
+    ratios = np.array(errors[:-1]) / errors[1:]
+    assert ((ratios > 13.0) & (ratios < 19.0)).all()
+
+
+def test_substeps_are_steps():
+    half = corvette_step(HARD_OVER, np.array([0.50, 0.52, 0.1, 0.2]), SHIP.vector(), 0.25, 1)
+    two = corvette_step(half, np.array([0.52, 0.54, 0.1, 0.2]), SHIP.vector(), 0.25, 1)
+    whole = corvette_step(HARD_OVER, np.array([0.50, 0.54, 0.1, 0.2]), SHIP.vector(), 0.5, 2)
+    np.testing.assert_allclose(whole, two, rtol=1e-14)
+
+
+# --- what the ship does -----------------------------------------------------------------------------
+
+
+def test_a_straight_run_keeps_its_speed_and_its_course():
+    track = simulate(SHIP, 0.0, 1000.0)
+    np.testing.assert_allclose(track.state[:, 3], U, rtol=1e-12)
+    np.testing.assert_array_equal(track.state[:, [1, 2, 4, 5]], 0.0)
+    np.testing.assert_allclose(track.state[:, 0], U * track.time, rtol=1e-12)
+
+
+@pytest.mark.parametrize("excess", [-5.0, 3.0])
+def test_another_speed_returns_to_the_service_speed_without_passing_it(excess):
+    start = np.array([0.0, 0.0, 0.0, U + excess, 0.0, 0.0])
+    difference = simulate(SHIP, 0.0, 600.0, start=start).state[:, 3] - U
+    assert (np.sign(excess) * difference > 0.0).all()
+    assert (np.diff(np.abs(difference)) < 0.0).all()
+    assert abs(difference[-1]) < 0.05 * abs(excess)
+
+
+def test_the_ship_is_straight_line_stable():
+    A, _ = sway_yaw_jacobian(np.array([U, 0.0, 0.0]), np.array(0.0), SHIP)
+    assert np.linalg.eigvals(A).real.max() < 0.0
+
+
+def test_positive_rudder_turns_to_starboard_and_pushes_the_ship_to_port():
+    rates = derivative(U, 0.0, 0.0, 10 * DEG)
+    assert rates[5] > 0.0  # yaw
+    assert rates[4] < 0.0  # sway
+    assert rates[3] < 0.0  # it costs speed
+
+
+def rudder_load(u: float, v: float, r: float, rudder: float) -> np.ndarray:
+    """Surge force, sway force and yaw moment of the rudder alone: the compiled equations with and without it."""
+    c = SHIP.vector()
+    bare = np.where(np.arange(len(c)) == COEFFICIENTS.index("rudder"), 0.0, c)
+    rates = derivative(u, v, r, rudder, c)[3:] - derivative(u, v, r, rudder, bare)[3:]
+    m = dict(zip(COEFFICIENTS, c, strict=True))
+    inertia = np.array([[m["surge_inertia"], 0, 0], [0, m["sway_inertia"], m["sway_yaw_inertia"]],
+                        [0, m["yaw_sway_inertia"], m["yaw_inertia"]]])  # fmt: skip
+    return inertia @ rates
+
+
+def test_drift_and_yaw_rate_of_a_turn_reduce_the_angle_of_attack():
+    drift, yaw = rudder_angle_of_attack(U, np.array([0.0, -1.0, 0.0]), np.array([0.0, 0.0, 0.02]), 0.3, SHIP)[1:]
+    assert rudder_angle_of_attack(U, 0.0, 0.0, 0.3, SHIP) == 0.3
+    assert 0.0 < drift < 0.3
+    assert 0.0 < yaw < 0.3
+
+
+@pytest.mark.parametrize(("v", "r"), [(-1.0, 0.0), (0.0, 0.02), (-1.0, 0.02)])
+def test_drift_and_yaw_rate_of_a_turn_reduce_the_force_of_the_rudder(v, r):
+    straight, turning = rudder_load(U, 0.0, 0.0, 0.3), rudder_load(U, v, r, 0.3)
+    assert 0.0 < turning[2] < straight[2]
+    assert 0.0 > turning[1] > straight[1]
+    assert 0.0 > turning[0] > straight[0]
+    mirrored = rudder_load(U, -v, -r, -0.3)
+    np.testing.assert_allclose(mirrored, turning * [1, -1, -1], rtol=1e-9)
+
+
+def test_in_a_steady_turn_the_rudder_works_less_than_on_the_straight_course_at_that_speed():
+    turns = steady_turns(SHIP)
+    for k in (10, 60, 160):
+        turn = turns.speed[k], turns.sway[k], turns.yaw_rate[k]
+        straight, turning = rudder_load(turn[0], 0.0, 0.0, turns.rudder[k]), rudder_load(*turn, turns.rudder[k])
+        assert turns.sway[k] < 0.0
+        assert 0.0 < turning[2] < 0.9 * straight[2]
+        attack = rudder_angle_of_attack(*turn, turns.rudder[k], SHIP)
+        assert 0.0 < attack < turns.rudder[k]
+        # The compiled equations use the angle that is offered outside.
+        inflow2 = (1.1 * turn[0]) ** 2 + (0.4 * (turn[1] - L / 2 * turn[2])) ** 2
+        force = SHIP.vector()[COEFFICIENTS.index("rudder")] * inflow2 * np.sin(attack)
+        assert turning[2] == pytest.approx(L / 2 * force * np.cos(turns.rudder[k]), rel=1e-9)
+
+
+# --- equilibria and linear models -------------------------------------------------------------------
+
+
+def test_a_steady_turn_is_an_equilibrium():
+    turns = steady_turns(SHIP)
+    zeros = np.zeros_like(turns.speed)
+    state = np.stack([zeros, zeros, zeros, turns.speed, turns.sway, turns.yaw_rate], -1)
+    rates = corvette_derivative(state, np.stack([turns.rudder, zeros, zeros], -1), SHIP.vector())[:, 3:]
+    assert np.abs(rates[:, :2]).max() < 1e-8  # m/s2
+    assert np.abs(rates[:, 2]).max() < 1e-10  # rad/s2
+
+
+def test_faster_turns_are_tighter_slower_and_need_more_rudder():
+    turns = steady_turns(SHIP)
+    assert turns.yaw_rate[0] == 0.0
+    assert turns.radius[0] == np.inf
+    np.testing.assert_allclose([turns.speed[0], turns.sway[0], turns.rudder[0]], [U, 0.0, 0.0], atol=1e-12)
+    assert (np.diff(turns.radius) < 0.0).all()
+    assert (np.diff(turns.rudder) > 0.0).all()
+    assert (np.diff(turns.speed) < 0.0).all()
+    assert (np.diff(turns.sway) < 0.0).all()
+    assert turns.rudder[-1] < SHIP.rudder_limit
+
+
+def test_a_turn_that_no_rudder_holds_is_refused():
+    with pytest.raises(RuntimeError, match="no steady turn"):
+        steady_turns(SHIP, highest=0.5, points=20)
+
+
+def test_the_jacobian_is_that_of_the_equations():
+    rng = np.random.default_rng(6)
+    states, controls = random_motions(rng, 20)
+    A, B = sway_yaw_jacobian(states[:, 3:], controls[:, 0], SHIP)
+    assert A.shape == (20, 2, 2)
+    assert B.shape == (20, 2, 1)
+    for state, control, a, b in zip(states, controls, A, B, strict=True):
+        for j, step in ((0, 1e-3), (1, 1e-5)):  # Richardson: steps unlike the function's own
+            offset = step * np.eye(6)[4 + j]
+            d1, d2 = (
+                (plain_derivative(state + k * offset, control, SHIP)
+                 - plain_derivative(state - k * offset, control, SHIP))[4:] / (2 * k * step)
+                for k in (1, 2)
+            )  # fmt: skip
+            np.testing.assert_allclose(a[:, j], (4 * d1 - d2) / 3, rtol=1e-4, atol=1e-6)
+        offset = 1e-5 * np.array([1.0, 0.0, 0.0])
+        d = plain_derivative(state, control + offset, SHIP) - plain_derivative(state, control - offset, SHIP)
+        np.testing.assert_allclose(b[:, 0], d[4:] / 2e-5, rtol=1e-6, atol=1e-7)
+
+
+def test_the_secant_model_holds_every_steady_turn():
+    dt, turns = 0.5, steady_turns(SHIP)
+    A, B = secant_models(SHIP, dt)
+    x = np.stack([turns.sway, turns.yaw_rate, np.zeros_like(turns.sway)], -1)
+    after = (A @ x[..., None] + B * turns.rudder[:, None, None])[..., 0]
+    np.testing.assert_allclose(after[:, 0], turns.sway, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(after[:, 1], turns.yaw_rate, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(after[:, 2], dt * turns.yaw_rate, rtol=0, atol=1e-10)
+
+
+def test_the_secant_model_stays_at_rest_without_helm():
+    A, B = secant_models(SHIP, 0.5)
+    assert B.shape == (len(A), 3, 1)
+    np.testing.assert_array_equal(A @ np.zeros(3), 0.0)
+    np.testing.assert_array_equal(A[:, :, 2], np.broadcast_to([0.0, 0.0, 1.0], (len(A), 3)))
+
+
+def test_at_zero_rate_the_secant_model_is_the_linearisation_at_the_service_speed():
+    dt = 0.5
+    A, B = sway_yaw_jacobian(np.array([U, 0.0, 0.0]), np.array(0.0), SHIP)
+    block = np.zeros((4, 4))
+    block[:2, :2], block[:2, 3:], block[2, 1] = A, B, 1.0
+    exact = expm(block * dt)
+    A_table, B_table = secant_models(SHIP, dt)
+    np.testing.assert_allclose(A_table[0], exact[:3, :3], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(B_table[0], exact[:3, 3:], rtol=0, atol=1e-12)
+
+
+def test_the_filter_model_follows_the_commanded_turn_to_either_side():
+    dt, Q, R = 0.5, np.eye(3), np.eye(2)
+    model, turns = linear_model(SHIP, dt, Q, R), steady_turns(SHIP)
+    A, B = secant_models(SHIP, dt)
+    spacing = turns.yaw_rate[1]
+    for k in (0, 1, 77, 164):
+        for rate in (turns.yaw_rate[k] + 0.4 * spacing, -(turns.yaw_rate[k] + 0.4 * spacing)):
+            u = np.array([[0.1, rate]])
+            np.testing.assert_array_equal(model.A(u)[0], A[k])
+            np.testing.assert_array_equal(model.B(u)[0], np.hstack([B[k], np.zeros((3, 1))]))
+    np.testing.assert_array_equal(model.A(np.array([0.1, 9.9])), A[-1])  # beyond the table: its end
+
+
+@pytest.mark.parametrize("kind", ["corrected", "as-printed"])
+def test_compass_and_yaw_increment_are_read_as_in_eq_4_5(kind):
+    model = linear_model(SHIP, 0.5, np.eye(3), np.eye(2), kind)
+    np.testing.assert_array_equal(model.C, [[0, 0, 1], [0, 0, 0]])
+    np.testing.assert_array_equal(model.G, [[0], [0], [1]])
+    np.testing.assert_array_equal(model.H, [[1], [1]])
+
+
+def test_the_printed_model_is_eq_4_3_to_the_digit():
+    model = linear_model(SHIP, 0.5, np.eye(3), np.eye(2), "as-printed")
+    A = [[0.4159, 0.1811, 0.0], [5.4795e-10, 1.0, 0.0], [0.0, 0.5, 1.0]]
+    np.testing.assert_array_equal(model.A, A)
+    np.testing.assert_array_equal(model.B[:, 0], [-2.6189e-7, 2.4075e-7, 0.0])
+    np.testing.assert_array_equal(model.B[:, 1], 0.0)
+
+
+def test_the_printed_model_drops_the_identity_in_its_first_row():
+    # Forward Euler of eq. 4.2 with 0.5 s gives eq. 4.3 but for that.
+    A = np.array([[0.8318, 0.3622, 0.0], [1.0959e-9, 7.2702e-10, 0.0], [0.0, 1.0, 0.0]])
+    b = np.array([-5.2378e-7, 4.8150e-7, 0.0])
+    model = linear_model(SHIP, 0.5, np.eye(3), np.eye(2), "as-printed")
+    np.testing.assert_allclose(model.A, np.diag([0.0, 1.0, 1.0]) + 0.5 * A, rtol=2e-5, atol=1e-9)
+    np.testing.assert_allclose(model.B[:, 0], 0.5 * b, rtol=1e-4)
+
+
+def test_an_unknown_filter_model_is_refused_with_the_choices():
+    with pytest.raises(ValueError, match="corrected, as-printed"):
+        linear_model(SHIP, 0.5, np.eye(3), np.eye(2), "printed")
+
+
+def test_the_nonlinear_model_is_the_ship_with_its_rudder_held():
+    rng = np.random.default_rng(7)
+    states, controls = random_motions(rng, 6)
+    model = nonlinear_model(SHIP, 0.5, np.eye(4), np.eye(2))
+    x, u = states[:, [4, 5, 2, 3]], np.stack([controls[:, 0], np.zeros(6)], -1)
+    held = np.stack([controls[:, 0], controls[:, 0], np.zeros(6), np.zeros(6)], -1)
+    after = corvette_step(states, held, SHIP.vector(), 0.5, 1)
+    np.testing.assert_allclose(model.transition(x, u), after[:, [4, 5, 2, 3]], rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(model.measurement(x, u), np.stack([x[:, 2], np.zeros(6)], -1))
+    ensemble = np.broadcast_to(x, (4, 6, 4))
+    np.testing.assert_array_equal(model.transition(ensemble, u)[2], model.transition(x, u))
+
+
+@pytest.mark.parametrize("radius", [2.5, 4.0, 6.0])
+@pytest.mark.parametrize("side", [1, -1], ids=["starboard", "port"])
+def test_in_a_commanded_turn_the_secant_model_predicts_heading_better_than_the_linear_one(radius, side):
+    # Open loop: the rudder that holds the turn, laid over in 25 s; each model told the rudder, no reading.
+    dt, turns = 0.5, steady_turns(SHIP)
+    rate = np.interp(1.0 / (radius * L), 1.0 / turns.radius, turns.yaw_rate)
+    commanded = side * rate * np.clip(np.arange(600) * dt / 25.0, 0.0, 1.0)
+    orders = np.sign(commanded) * np.interp(np.abs(commanded), turns.yaw_rate, turns.rudder)
+    track = simulate(SHIP, orders, 600 * dt, dt)
+    told = np.stack([0.5 * (track.rudder[:-1] + track.rudder[1:]), commanded], -1)
+    A, B = sway_yaw_jacobian(np.array([U, 0.0, 0.0]), np.array(0.0), SHIP)
+    block, input_block = np.zeros((3, 3)), np.zeros((3, 1))
+    block[:2, :2], block[2, 1], input_block[:2] = A, 1.0, B
+    A_linear, B_linear = zero_order_hold(block, input_block, dt)
+    secant = linear_model(SHIP, dt, np.eye(3), np.eye(2))
+    by_secant, by_linear = np.zeros((601, 3)), np.zeros((601, 3))
+    for k, u in enumerate(told):
+        by_secant[k + 1] = secant.A(u) @ by_secant[k] + secant.B(u) @ u
+        by_linear[k + 1] = A_linear @ by_linear[k] + B_linear @ u[:1]
+    heading = track.state[:, 2]
+    assert abs(heading[-1]) > 2.0 * np.pi  # a full turn and beyond
+    errors = [np.sqrt(np.mean((x[:, 2] - heading) ** 2)) for x in (by_secant, by_linear)]
+    assert errors[0] < 0.25 * errors[1]
+
+
+# --- the vehicle as an environment uses it ----------------------------------------------------------
+
+
+def test_the_rudder_keeps_its_rate_and_its_limit():
+    vehicle = Corvette()
+    full = 5 * DEG * 0.5
+    start = np.array([[0.0], [0.1], [35 * DEG - 0.01], [-35 * DEG]])
+    after = vehicle.actuate(start, np.array([[1.0], [-0.5], [1.0], [-1.0]]))
+    np.testing.assert_allclose(after, [[full], [0.1 - 0.5 * full], [35 * DEG], [-35 * DEG]], rtol=0, atol=1e-15)
+
+
+def test_without_mismatch_the_truth_has_the_filter_s_parameters():
+    normals = np.random.default_rng(8).normal(size=(5, len(UNCERTAIN)))
+    vehicle = Corvette()
+    assert vehicle.normals == normals.shape[1]
+    np.testing.assert_array_equal(vehicle.parameters(0.0, normals), np.tile(SHIP.vector(), (5, 1)))
+
+
+def test_mismatch_spreads_hydrodynamics_within_two_deviations_and_leaves_geometry_alone():
+    normals = np.array([[1.0] * len(UNCERTAIN), [-9.0] * len(UNCERTAIN), [0.0] * len(UNCERTAIN)])
+    ratio = Corvette().parameters(0.1, normals) / SHIP.vector()
+    known = np.setdiff1d(np.arange(len(COEFFICIENTS)), UNCERTAIN)
+    np.testing.assert_allclose(ratio[:, UNCERTAIN], np.outer([1.1, 0.8, 1.0], np.ones(len(UNCERTAIN))))
+    np.testing.assert_array_equal(ratio[:, known], 1.0)
+    assert {COEFFICIENTS[i] for i in known} >= {"mass", "half_length", "thrust", "slipstream"}
+
+
+def test_the_truth_starts_where_the_filter_s_state_says():
+    x = np.random.default_rng(9).normal(size=(4, 4))
+    vehicle = Corvette()
+    truth, actuators = vehicle.start(x)
+    np.testing.assert_array_equal(vehicle.filter_state(truth), x)
+    np.testing.assert_array_equal(vehicle.filter_state(truth, 3), x[:, :3])
+    np.testing.assert_array_equal(truth[:, :2], 0.0)
+    np.testing.assert_array_equal(actuators, np.zeros((4, 1)))
+
+
+def test_a_step_of_the_vehicle_is_a_step_of_the_ship_kicked_by_the_unknown_input():
+    rng = np.random.default_rng(10)
+    states, controls = random_motions(rng, 6)
+    vehicle = Corvette()
+    before, after, current = controls[:, :1], controls[:, :1] + 0.02, controls[:, 1:]
+    d, c = rng.normal(size=(6, 1)) * 0.01, vehicle.parameters(0.0, np.zeros((6, vehicle.normals)))
+    stepped = vehicle.step(states, before, after, d, current, c)
+    plain = corvette_step(states, np.hstack([before, after, current]), c, 0.5, 1)
+    np.testing.assert_array_equal(stepped[:, [0, 1, 3, 4, 5]], plain[:, [0, 1, 3, 4, 5]])
+    np.testing.assert_allclose(stepped[:, 2], plain[:, 2] + d[:, 0], rtol=0, atol=1e-15)
+
+
+def test_a_perfect_compass_reads_heading_and_yaw_increment():
+    truth = np.random.default_rng(11).normal(size=(3, 6))
+    d = np.array([[0.01], [-0.02], [0.0]])
+    np.testing.assert_allclose(Corvette().readings(truth, d), np.hstack([truth[:, 2:3] + d, d]), rtol=0, atol=1e-15)
+
+
+def test_the_truth_and_the_filter_s_model_agree_on_what_the_unknown_input_does():
+    # x+ = A x + B u + G d with y = C x + H d, on a straight course where nothing else happens.
+    vehicle = Corvette()
+    model = vehicle.model("corrected", 1.0)
+    truth, rudder = vehicle.start(np.array([[0.0, 0.0, 0.2, U]]))
+    x, c = vehicle.filter_state(truth, 3)[0], vehicle.parameters(0.0, np.zeros((1, vehicle.normals)))
+    u = np.zeros(2)
+    for k in range(20):
+        d = np.array([[1e-3 * (1.0 + np.sin(k))]])
+        np.testing.assert_allclose(vehicle.readings(truth, d)[0], model.C @ x + model.H[:, 0] * d[0, 0], atol=1e-14)
+        truth = vehicle.step(truth, rudder, rudder, d, np.zeros((1, 2)), c)
+        x = model.A(u) @ x + model.B(u) @ u + model.G[:, 0] * d[0, 0]
+        np.testing.assert_allclose(vehicle.filter_state(truth, 3)[0], x, rtol=0, atol=1e-14)
+    assert x[2] > 0.21
+
+
+def test_the_difference_of_two_headings_is_a_yaw_rate_across_the_seam():
+    readings, previous = np.array([[-3.1, 0.01], [0.3, 0.02]]), np.array([[3.1, 0.0], [0.2, 0.0]])
+    x, d = Corvette().from_readings(readings, previous, np.array([0.5, 1.0]))
+    np.testing.assert_allclose(x, [[0.0, (2 * np.pi - 6.2) / 0.5, -3.1], [0.0, 0.1, 0.3]], rtol=1e-12)
+    np.testing.assert_array_equal(d, [[0.01], [0.02]])
+
+
+def test_the_filter_s_noise_is_the_sensors_and_the_model_s():
+    vehicle = Corvette()
+    linear, nonlinear = vehicle.model("corrected", 2.0), vehicle.model("nonlinear", 1.0)
+    np.testing.assert_allclose(linear.R, np.diag([4e-3, 2e-3]) ** 2)
+    np.testing.assert_allclose(linear.Q, np.diag([0.08, 1.5e-3, 1e-4]) ** 2)
+    np.testing.assert_allclose(nonlinear.R, np.diag([2e-3, 1e-3]) ** 2)
+    assert nonlinear.Q.shape == (4, 4)

@@ -1,0 +1,171 @@
+"""Waves, gusts and current: stationary from the first step, with the spectrum and the sizes that they claim.
+
+Statistical tests have fixed seeds; a band with false-alarm rate 1e-6 would fail one correct seed in a million.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2, norm
+
+from vessel_gym.disturbances import Sea
+from vessel_gym.envs.sigma_corvette import SEAS
+
+FALSE_ALARM = 1e-6
+DEG = np.pi / 180.0
+
+every_sea = pytest.mark.parametrize("sea", SEAS.values(), ids=SEAS)
+
+
+def transition_and_noise(sea: Sea) -> tuple[np.ndarray, np.ndarray]:
+    """A and Q of ``x+ = A x + w`` as `Sea.advance` has them."""
+    A = sea.advance(np.eye(5), np.zeros((5, 5))).T
+    root = sea.advance(np.zeros((5, 5)), np.eye(5)).T
+    return A, root @ root.T
+
+
+def run(sea: Sea, seed: int, rows: int, steps: int) -> np.ndarray:
+    """Independent records ``(steps, rows, 5)``."""
+    rng = np.random.default_rng(seed)
+    states = np.empty((steps, rows, 5))
+    states[0] = sea.start(rng.standard_normal((rows, 5)))
+    for k in range(1, steps):
+        states[k] = sea.advance(states[k - 1], rng.standard_normal((rows, 5)))
+    return states
+
+
+def assert_variance(samples: np.ndarray, variance: float):
+    """Independent normal samples with mean zero have this variance (chi-square band)."""
+    low, high = chi2.ppf([FALSE_ALARM / 2, 1 - FALSE_ALARM / 2], samples.size) / samples.size
+    assert low * variance < np.mean(samples**2) < high * variance
+
+
+# --- exact ------------------------------------------------------------------------------------------
+
+
+@every_sea
+def test_a_step_keeps_the_stationary_covariance(sea):
+    A, Q = transition_and_noise(sea)
+    P = sea.stationary_cov
+    np.testing.assert_allclose(A @ P @ A.T + Q, P, rtol=0, atol=1e-12)
+    size = np.sqrt(np.outer(np.diag(P), np.diag(P)))  # rad2 are small: relative too
+    np.testing.assert_allclose((A @ P @ A.T + Q) / size, P / size, rtol=0, atol=1e-12)
+
+
+@every_sea
+def test_the_start_has_the_stationary_covariance(sea):
+    root = sea.start(np.eye(5)).T
+    np.testing.assert_allclose(root @ root.T, sea.stationary_cov, rtol=1e-12, atol=1e-18)
+
+
+@every_sea
+def test_the_stationary_covariance_is_what_the_sizes_say(sea):
+    P = sea.stationary_cov
+    np.testing.assert_allclose(np.diag(P)[[1, 2]], [sea.wave**2, sea.gust**2], rtol=1e-12)
+    assert P[3, 3] + P[4, 4] == pytest.approx(sea.current**2)  # RMS of the current's speed
+    assert P[3, 3] == P[4, 4]
+    assert P[0, 0] == pytest.approx((sea.wave / sea.peak) ** 2)  # yaw angle of a narrow band about the peak
+    np.testing.assert_allclose(P[~np.eye(5, dtype=bool)], 0.0, atol=1e-18)
+
+
+@every_sea
+def test_two_half_steps_are_one_step(sea):
+    half_A, half_Q = transition_and_noise(replace(sea, dt=0.25))
+    A, Q = transition_and_noise(sea)
+    np.testing.assert_allclose(half_A @ half_A, A, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(half_A @ half_Q @ half_A.T + half_Q, Q, rtol=1e-9, atol=1e-16)
+
+
+@pytest.mark.parametrize(
+    ("name", "sd", "digit"), [("calm", 5e-4, 1e-4), ("moderate", 3.6e-3, 1e-4), ("rough", 9e-3, 1e-3)]
+)
+def test_the_yaw_increment_of_a_step_has_the_size_that_was_chosen(name, sd, digit):
+    sea = SEAS[name]
+    assert np.sqrt(sea.unknown_input_var) == pytest.approx(sd, abs=0.5 * digit)
+    P = sea.stationary_cov
+    assert sea.unknown_input_var == pytest.approx(0.25 * (P[1, 1] + 2 * P[1, 2] + P[2, 2]), rel=1e-12)
+
+
+def test_the_unknown_input_is_the_yaw_rate_of_waves_and_gusts_over_a_step():
+    state = np.random.default_rng(0).normal(size=(4, 3, 5))
+    d = SEAS["rough"].unknown_input(state)
+    assert d.shape == (4, 3, 1)
+    np.testing.assert_allclose(d[..., 0], 0.5 * (state[..., 1] + state[..., 2]))
+    np.testing.assert_array_equal(SEAS["rough"].current_velocity(state), state[..., 3:])
+
+
+def test_a_gust_decays_with_its_time_constant_and_a_current_with_its_own():
+    sea = Sea(wave=0.01, peak=0.8, gust=0.01, current=0.5, gust_time=12.0, current_time=800.0, dt=0.4)
+    state = np.array([0.0, 0.0, 1.0, 1.0, -2.0])
+    for _ in range(30):  # 12 s
+        state = sea.advance(state, np.zeros(5))
+    decay = np.exp(-12.0 / 800.0)
+    np.testing.assert_allclose(state, [0.0, 0.0, np.exp(-1.0), decay, -2.0 * decay], rtol=1e-12, atol=1e-15)
+
+
+def test_the_wave_yaw_rate_is_the_rate_of_the_wave_yaw_angle():
+    sea = SEAS["rough"]
+    fine = replace(sea, dt=1e-4)
+    state = np.array([0.02, 0.01, 0.0, 0.0, 0.0])
+    after = fine.advance(state, np.zeros(5))
+    assert (after[0] - state[0]) / 1e-4 == pytest.approx(0.01, abs=1e-5)
+    rate = -(sea.peak**2) * 0.02 - 2 * sea.damping * sea.peak * 0.01
+    assert (after[1] - state[1]) / 1e-4 == pytest.approx(rate, rel=1e-3)
+
+
+def test_a_batch_of_seas_is_a_loop():
+    sea, rng = SEAS["moderate"], np.random.default_rng(1)
+    state, normals = rng.normal(size=(6, 5)), rng.normal(size=(6, 5))
+    whole = sea.advance(state, normals)
+    for i in range(6):
+        np.testing.assert_allclose(sea.advance(state[i], normals[i]), whole[i], rtol=1e-13, atol=1e-15)
+
+
+# --- statistical ------------------------------------------------------------------------------------
+
+
+@every_sea
+def test_records_have_the_stationary_sizes_from_the_first_step_to_the_last(sea):
+    states = run(sea, seed=2, rows=2000, steps=240)
+    P = np.diag(sea.stationary_cov)
+    for k in (0, 1, 239):  # rows are independent
+        for i in range(5):
+            assert_variance(states[k, :, i], P[i])
+        assert_variance(sea.unknown_input(states[k]), sea.unknown_input_var)
+
+
+@every_sea
+def test_the_spectrum_of_the_wave_yaw_rate_peaks_at_the_peak_frequency(sea):
+    rows, steps = 1000, 1024
+    rate = run(sea, seed=3, rows=rows, steps=steps)[:, :, 1]
+    window = np.hanning(steps)[:, None]
+    power = (np.abs(np.fft.rfft(window * rate, axis=0)) ** 2).mean(1)
+    power = np.convolve(power, np.ones(3) / 3, mode="same")
+    omega = 2 * np.pi * np.fft.rfftfreq(steps, sea.dt)
+    # 5 % off the peak the spectrum is 0.8 of it; the average of 1000 rows is good to 3 %, so that the highest of
+    # some 500 bins lies outside by chance in less than 1e-6 of all seeds (6.5 standard deviations).
+    assert omega[np.argmax(power)] == pytest.approx(sea.peak, rel=0.05)
+
+
+def test_the_spectrum_of_the_wave_yaw_rate_has_the_width_of_its_damping():
+    sea = SEAS["rough"]
+    rows, steps = 4000, 1024
+    rate = run(sea, seed=4, rows=rows, steps=steps)[:, :, 1]
+    power = (np.abs(np.fft.rfft(np.hanning(steps)[:, None] * rate, axis=0)) ** 2).mean(1)
+    omega = 2 * np.pi * np.fft.rfftfreq(steps, sea.dt)
+    # Half power at w0 (sqrt(1 + lambda^2) +- lambda), against the power at w0.
+    at_peak = np.interp(sea.peak, omega, power)
+    low, high = (np.interp(sea.peak * (np.sqrt(1.01) + s * 0.1), omega, power) for s in (-1, 1))
+    # A ratio of two averages of 4000 has a standard deviation of 2.2 % of itself; five of them, both sides,
+    # twice: 1.2e-6.
+    for power_at_half in (low, high):
+        assert power_at_half / at_peak == pytest.approx(0.5, rel=5 * np.sqrt(2 / rows))
+
+
+def test_gusts_are_correlated_over_their_time_constant():
+    sea = SEAS["moderate"]
+    gust = run(sea, seed=5, rows=4000, steps=31)[:, :, 2]
+    correlation = np.corrcoef(gust[0], gust[30])[0, 1]  # 15 s apart
+    band = norm.isf(FALSE_ALARM / 2) / np.sqrt(4000 - 3)  # of Fisher's z
+    assert abs(np.arctanh(correlation) - np.arctanh(np.exp(-1.0))) < band

@@ -1,0 +1,200 @@
+"""Are the estimates as good as theory says, and does the task tell estimators apart? Seeds are fixed throughout."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from contract import make_core
+from scipy.stats import t as student
+
+from agents import Rollout, load_agent, rollout
+from agents.seeds import evaluation_seeds
+from estimators import Gaussian, LinearModel, chi_square_band, make, nees, wrap
+from vessel_gym.core import Core
+from vessel_gym.envs import SigmaCorvetteEnv
+from vessel_gym.vehicles.corvette import Corvette
+
+SEEDS = 60
+PSI, YAW_RATE = 2, 1  # in the filter's state
+TRUE_PSI, TRUE_YAW_RATE = 2, 5
+
+
+def paired_interval(difference: np.ndarray) -> tuple[float, float]:
+    """The two-sided 95 % interval of the mean of paired differences: false alarm 2.5 % on either side."""
+    half = student.ppf(0.975, len(difference) - 1) * difference.std(ddof=1) / np.sqrt(len(difference))
+    return float(difference.mean() - half), float(difference.mean() + half)
+
+
+# --- the same ship under the same rudder, estimated by one filter and another -------------------------
+
+
+@cache
+def rudder_programs(disturbance: str) -> np.ndarray:
+    """``(T, N, 1)`` what an autopilot that knows the truth does: one program a seed, the same for every estimator."""
+    core = make_core("SigmaCorvette-v0", SEEDS, estimator="truth", disturbance=disturbance)
+    core.reset()
+    pilot = load_agent("autopilot", _Face(core))
+    pilot.reset(SEEDS)
+    actions = []
+    for _ in range(core.task.horizon):
+        actions.append(pilot.act(core.observe()))
+        core.step(actions[-1])
+    return np.stack(actions)
+
+
+class _Face:
+    """What `load_agent` asks of an environment."""
+
+    def __init__(self, core: Core) -> None:
+        self.unwrapped, self.core, self.system = self, core, core.system
+
+
+@cache
+def estimated(estimator: str, disturbance: str = "rough", told: bool = False) -> dict[str, np.ndarray]:
+    """Everything in ``info`` at every step ``(T, N, ...)``; ``told`` tells kf the variance of the unknown input."""
+    sea = SigmaCorvetteEnv.system.disturbances[disturbance]
+    options = {"input_cov": sea.unknown_input_var} if told else {}
+    core = make_core("SigmaCorvette-v0", SEEDS, estimator=estimator, estimator_options=options, disturbance=disturbance)
+    core.reset()
+    frames = []
+    for actions in rudder_programs(disturbance):
+        core.step(actions)
+        frames.append(core.info())
+    return {key: np.stack([frame[key] for frame in frames]) for key in frames[0]}
+
+
+def heading_rmse(history: dict[str, np.ndarray]) -> np.ndarray:
+    """One value a seed ``(N,)``."""
+    return np.sqrt(np.mean(wrap(history["estimate"][..., PSI] - history["truth"][..., TRUE_PSI]) ** 2, axis=0))
+
+
+def test_every_estimator_watched_the_same_ships():
+    one = estimated("kf-umv-ui")
+    assert one["truth"].shape == (600, SEEDS, 6)
+    for other in (estimated("kf"), estimated("kf", told=True), estimated("dead-reckoning")):
+        for key in ("truth", "unknown_input", "measurement"):
+            np.testing.assert_array_equal(one[key], other[key])
+
+
+def test_kf_umv_ui_estimates_heading_better_than_kf_that_ignores_the_unknown_input():
+    low, _ = paired_interval(heading_rmse(estimated("kf")) - heading_rmse(estimated("kf-umv-ui")))
+    assert low > 0.0
+
+
+def test_telling_kf_the_variance_of_the_unknown_input_helps_it_but_not_as_much():
+    told = heading_rmse(estimated("kf", told=True))
+    assert paired_interval(heading_rmse(estimated("kf")) - told)[0] > 0.0
+    assert paired_interval(told - heading_rmse(estimated("kf-umv-ui")))[0] > 0.0
+
+
+def test_kf_umv_ui_estimates_heading_better_than_the_last_reading_held():
+    low, _ = paired_interval(heading_rmse(estimated("measurement")) - heading_rmse(estimated("kf-umv-ui")))
+    assert low > 0.0
+
+
+def test_without_readings_heading_is_lost():
+    low, _ = paired_interval(heading_rmse(estimated("dead-reckoning")) - heading_rmse(estimated("kf")))
+    assert low > 0.0
+
+
+def test_the_unknown_input_of_kf_umv_ui_is_better_than_the_raw_channel_that_shows_it():
+    history = estimated("kf-umv-ui")
+    true = history["unknown_input"][..., 0]
+    raw = np.sqrt(np.mean((history["measurement"][..., 1] - true) ** 2, axis=0))
+    filtered = np.sqrt(np.mean((history["input_estimate"][..., 0] - true) ** 2, axis=0))
+    low, _ = paired_interval(raw - filtered)
+    assert low > 0.0
+    # The channel's own noise, as a check of the comparison: within 4 standard errors of its square's mean.
+    sd = SigmaCorvetteEnv.system.vehicle.reading_sd[1]
+    assert abs(np.mean(raw**2) / sd**2 - 1.0) < 4.0 * np.sqrt(2.0 / true.size)
+
+
+def test_in_calm_seas_ignoring_the_unknown_input_costs_little():
+    """The unknown input is what makes the difference: it vanishes with the sea."""
+    calm = heading_rmse(estimated("kf", "calm")).mean() / heading_rmse(estimated("kf-umv-ui", "calm")).mean()
+    rough = heading_rmse(estimated("kf")).mean() / heading_rmse(estimated("kf-umv-ui")).mean()
+    assert calm < 1.2 < 2.0 < rough
+
+
+# --- a linear truth: the filter's own model, with the rough sea ---------------------------------------
+
+RUNS, TIMES, TRANSIENT = 200, 400, 100
+
+
+def linear_truth(model: LinearModel, u: np.ndarray, disturbance: str | None, seed: int, prior: Gaussian):
+    """States, unknown inputs and readings ``(T, M, ...)`` of the filter's model itself."""
+    rng = np.random.default_rng(seed)
+    A, B = model.A(u), model.B(u)
+    root = np.linalg.cholesky(model.Q)
+    x = prior.mean + rng.normal(size=(RUNS, model.n)) @ np.linalg.cholesky(prior.cov).T
+    sea = SigmaCorvetteEnv.system.disturbances[disturbance or "calm"]
+    waves = sea.start(rng.normal(size=(RUNS, sea.size)))
+    states, inputs, readings = [], [], []
+    for _ in range(TIMES):
+        d = sea.unknown_input(waves) * (disturbance is not None)
+        v = rng.normal(size=(RUNS, model.p)) * np.sqrt(np.diag(model.R))
+        states.append(x)
+        inputs.append(d)
+        readings.append(x @ model.C.T + d @ model.H.T + v)
+        x = x @ A.T + u @ B.T + d @ model.G.T + rng.normal(size=(RUNS, model.n)) @ root.T
+        waves = sea.advance(waves, rng.normal(size=(RUNS, sea.size)))
+    return np.stack(states), np.stack(inputs), np.stack(readings)
+
+
+@cache
+def consistency(estimator: str, disturbance: str | None, seed: int = 3) -> np.ndarray:
+    """NEES ``(T, M)``: one value a time and run; for kf-umv-ui of the state, and of state and input together."""
+    model = Corvette().model("corrected", 1.0)
+    u = np.array([0.15, 0.02])  # rudder and commanded yaw rate of a turn
+    prior = Gaussian(np.array([0.0, 0.0, 0.5]), np.diag([0.2, 0.002, 0.03]) ** 2)
+    states, _, readings = linear_truth(model, u, disturbance, seed, prior)
+    filter = make(estimator, model)
+    belief = filter.init(Gaussian(np.tile(prior.mean, (RUNS, 1)), prior.cov))
+    values = []
+    for k in range(TIMES):
+        if k:
+            belief = filter.predict(belief, u)
+        belief = filter.update(belief, readings[k], u=u)
+        values.append(nees(belief.mean, belief.cov, states[k], angles=(PSI,)))
+    return np.stack(values)
+
+
+def share_inside(values: np.ndarray) -> float:
+    """The share of times whose mean over the runs lies in the 95 % band of chi-square, both sides."""
+    low, high = chi_square_band(values.shape[1], degrees=3)
+    means = values.mean(axis=1)
+    return float(np.mean((low <= means) & (means <= high)))
+
+
+@pytest.mark.parametrize(("estimator", "disturbance"), [("kf-umv-ui", "rough"), ("kf", None)])
+def test_errors_are_as_large_as_the_filter_says_at_nine_times_in_ten(estimator: str, disturbance: str | None):
+    values = consistency(estimator, disturbance)
+    assert share_inside(values) >= 0.9
+    assert share_inside(values[TRANSIENT:]) >= 0.9
+
+
+def test_a_filter_that_ignores_the_rough_sea_is_not_consistent_in_it():
+    """The test above can fail."""
+    assert share_inside(consistency("kf", "rough")) < 0.05
+
+
+# --- the task tells estimators apart ------------------------------------------------------------------
+
+
+@cache
+def flown(estimator: str) -> Rollout:
+    return rollout(
+        "autopilot", "SigmaCorvette-v0", evaluation_seeds(SEEDS),
+        {"estimator": estimator, "disturbance": "rough"}, record=False,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(("better", "worse"), [("kf-umv-ui", "kf"), ("kf", "dead-reckoning")])
+def test_in_rough_seas_the_autopilot_scores_higher_on_the_better_estimates(better: str, worse: str):
+    low, _ = paired_interval(flown(better).score - flown(worse).score)
+    assert low > 0.0
+
+
+@pytest.mark.parametrize("estimator", ["kf-umv-ui", "kf", "ekf", "measurement", "dead-reckoning"])
+def test_no_estimator_scores_above_the_truth(estimator: str):
+    assert flown(estimator).score.mean() <= flown("truth").score.mean()

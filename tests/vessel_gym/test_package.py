@@ -1,0 +1,140 @@
+"""The packages as packages: who imports whom, what an import costs, what is registered and documented."""
+
+import ast
+import importlib
+import importlib.metadata
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import gymnasium as gym
+import pytest
+from contract import ENVIRONMENTS, single_class, vector_class
+
+import vessel_gym
+from vessel_gym.estimation import estimator_names
+from vessel_gym.sensors import SUITES
+
+ROOT = Path(__file__).parents[2]
+PACKAGES = ("estimators", "vessel_gym", "agents", "scripts")
+"""In the direction of imports: each may import those before it, and none after."""
+HEAVY = {"torch", "stable_baselines3", "pygame", "matplotlib", "jinja2", "imageio", "tyro", "rich", "joblib"}
+"""What only a command, a picture or a training needs."""
+
+
+def modules(package: str) -> list[Path]:
+    return sorted((ROOT / package).rglob("*.py"))
+
+
+def imported(path: Path, inside_functions: bool = True) -> set[str]:
+    """The top-level packages that a module imports."""
+    tree = ast.parse(path.read_text())
+    nodes = list(ast.walk(tree))
+    if not inside_functions:
+        functions = [n for n in nodes if isinstance(n, ast.FunctionDef)]
+        checked = [n for n in nodes if isinstance(n, ast.If) and "TYPE_CHECKING" in ast.unparse(n.test)]
+        hidden = {id(inner) for outer in functions + checked for inner in ast.walk(outer)}
+        nodes = [n for n in nodes if id(n) not in hidden]
+    names = {alias.name for n in nodes if isinstance(n, ast.Import) for alias in n.names}
+    names |= {n.module or "" for n in nodes if isinstance(n, ast.ImportFrom) and not n.level}
+    return {name.split(".")[0] for name in names}
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_an_import_never_runs_against_the_arrow(package: str):
+    later = set(PACKAGES[PACKAGES.index(package) + 1 :])
+    assert modules(package)
+    for path in modules(package):
+        assert not imported(path) & later, path
+
+
+def test_estimators_know_numpy_and_scipy_only():
+    for path in modules("estimators"):
+        foreign = imported(path) - set(sys.stdlib_module_names) - {"estimators", "numpy", "scipy"}
+        assert not foreign, path
+
+
+def test_torch_and_stable_baselines3_are_for_agents_alone():
+    for package in ("estimators", "vessel_gym", "scripts"):
+        for path in modules(package):
+            assert not imported(path) & {"torch", "stable_baselines3"}, path
+
+
+@pytest.mark.parametrize("package", ["estimators", "vessel_gym", "agents"])
+def test_importing_a_package_loads_nothing_heavy(package: str):
+    program = f"import sys, {package}; print(*sorted({HEAVY!r} & set(sys.modules)))"
+    run = [sys.executable, "-W", "error", "-c", program]
+    done = subprocess.run(run, cwd=ROOT, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == []
+
+
+def test_importing_the_environments_compiles_nothing():
+    """Registration needs no equations of motion: they are imported by the first ``make``."""
+    program = "import sys, vessel_gym; print(*sorted({'numba', 'scipy'} & set(sys.modules)))"
+    run = [sys.executable, "-W", "error", "-c", program]
+    done = subprocess.run(run, cwd=ROOT, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == []
+
+
+def test_the_version_is_said_once():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert vessel_gym.__version__ == project["version"]
+    changelog = (ROOT / "CHANGELOG.md").read_text()
+    assert project["version"] in changelog
+    citation = (ROOT / "CITATION.cff").read_text()
+    assert re.search(rf"^version: [\"']?{re.escape(project['version'])}[\"']?$", citation, re.MULTILINE)
+
+
+def test_every_package_is_typed():
+    for package in PACKAGES[:3]:
+        assert (ROOT / package / "py.typed").is_file()
+
+
+@pytest.mark.parametrize("package", ["estimators", "agents", "vessel_gym.envs"])
+def test_every_public_name_exists_and_is_documented(package: str):
+    module = importlib.import_module(package)
+    assert module.__doc__
+    assert len(set(module.__all__)) == len(module.__all__)
+    for name in module.__all__:
+        assert getattr(module, name).__doc__, name
+
+
+@pytest.mark.parametrize("env_id", ENVIRONMENTS)
+def test_an_environment_is_registered_with_both_faces_and_its_horizon(env_id: str):
+    spec = gym.spec(env_id)
+    single, vector = single_class(env_id), vector_class(env_id)
+    assert issubclass(single, gym.Env)
+    assert issubclass(vector, gym.vector.VectorEnv)
+    assert single.system is vector.system
+    assert spec.max_episode_steps == single.system.task.horizon
+    assert spec.order_enforce
+
+
+@pytest.mark.parametrize("env_id", ENVIRONMENTS)
+def test_the_docstring_of_an_environment_is_its_manual(env_id: str):
+    cls = single_class(env_id)
+    manual = cls.__doc__ or ""
+    for heading in ("Action", "Observation", "Reward", "Start", "End", "Version"):
+        assert re.search(rf"\b{heading}", manual), heading
+    system, bound = cls.system, cls.system.task.BOUND
+    names = [*system.disturbances, *SUITES, *system.task.sizes(), *estimator_names(), *cls.metadata["render_modes"]]
+    for name in names:
+        assert re.search(rf"[`\"]{re.escape(name)}[`\"]", manual), name
+    assert f"Box({-bound:g}, {bound:g}, ({system.task.sizes()['mean']},), float32)" in manual
+    assert f"Box(-1, 1, ({len(system.vehicle.action_names)},), float32)" in manual
+    assert f"({system.task.sizes()['mean+std']},)" in manual
+    assert f"after {system.task.horizon} steps" in manual
+    _, info = gym.make(env_id).reset(seed=0)
+    for key in info:
+        assert f"`{key}`" in manual, key
+
+
+@pytest.mark.parametrize("env_id", ENVIRONMENTS)
+def test_make_vec_chooses_the_native_batch_without_being_asked(env_id: str):
+    env = gym.make_vec(env_id, num_envs=2)
+    assert isinstance(env, vector_class(env_id))
+    assert env.unwrapped.max_episode_steps == gym.spec(env_id).max_episode_steps

@@ -1,0 +1,210 @@
+"""Sensors spoil readings as much as they say; streams give an environment its numbers whatever its neighbours do.
+
+Statistical tests have fixed seeds and bands with the false-alarm rate 1e-6.
+"""
+
+import numpy as np
+import pytest
+from scipy.stats import binom, chi2, kstest
+
+from vessel_gym.sensors import SUITES, SensorSuite
+from vessel_gym.streams import Draws, Purpose, stream
+
+FALSE_ALARM = 1e-6
+SD = np.array([2e-3, 0.5, 3.0])
+
+
+def corrupted(suite: SensorSuite, seed: int, n: int = 20_000, exact: float = 0.0):
+    rng = np.random.default_rng(seed)
+    normals, uniforms = rng.standard_normal((n, 3)), rng.random((n, 6))
+    return suite.corrupt(np.full((n, 3), exact), SD, normals, uniforms)
+
+
+def assert_variance(samples: np.ndarray, variance: float):
+    low, high = chi2.ppf([FALSE_ALARM / 2, 1 - FALSE_ALARM / 2], samples.size) / samples.size
+    assert low * variance < np.mean(samples**2) < high * variance
+
+
+def assert_rate(events: np.ndarray, rate: float):
+    low, high = binom.ppf([FALSE_ALARM / 2, 1 - FALSE_ALARM / 2], events.size, rate)
+    assert low <= events.sum() <= high
+
+
+# --- sensors ----------------------------------------------------------------------------------------
+
+
+def test_there_are_three_suites_and_only_the_worst_loses_readings():
+    assert list(SUITES) == ["clean", "nominal", "degraded"]
+    assert SUITES["clean"].noise < SUITES["nominal"].noise == SUITES["degraded"].noise == 1.0
+    assert [suite.dropout > 0.0 for suite in SUITES.values()] == [False, False, True]
+
+
+@pytest.mark.parametrize("name", ["clean", "nominal"])
+def test_noise_has_the_suite_s_share_of_each_channel_s_deviation(name):
+    readings, available = corrupted(SUITES[name], seed=0, exact=7.0)
+    assert available.all()
+    for channel in range(3):
+        assert_variance(readings[:, channel] - 7.0, (SUITES[name].noise * SD[channel]) ** 2)
+
+
+def test_readings_are_the_exact_ones_plus_scaled_normals():
+    rng = np.random.default_rng(1)
+    exact, normals, uniforms = rng.normal(size=(4, 5, 3)), rng.normal(size=(4, 5, 3)), rng.random((4, 5, 6))
+    readings, available = SensorSuite(noise=0.7).corrupt(exact, SD, normals, uniforms)
+    np.testing.assert_allclose(readings, exact + 0.7 * SD * normals, rtol=1e-14)
+    assert readings.shape == available.shape == (4, 5, 3)
+
+
+def test_each_channel_drops_out_at_its_rate_by_itself():
+    _, available = corrupted(SUITES["degraded"], seed=2)
+    for channel in range(3):
+        assert_rate(~available[:, channel], 0.10)
+    assert_rate(~available[:, 0] & ~available[:, 1], 0.01)  # independent of its neighbour
+
+
+def test_a_missing_reading_is_zero_and_its_mask_is_false():
+    readings, available = corrupted(SUITES["degraded"], seed=3, exact=7.0)
+    np.testing.assert_array_equal(readings[~available], 0.0)
+    assert (readings[available] != 0.0).all()
+
+
+def test_outliers_come_at_their_rate_with_their_size():
+    suite = SensorSuite(noise=1.0, outliers=0.05)
+    rng = np.random.default_rng(4)
+    normals, uniforms = rng.standard_normal((20_000, 3)), rng.random((20_000, 6))
+    readings, _ = suite.corrupt(np.zeros((20_000, 3)), SD, normals, uniforms)
+    outlier = np.abs(readings / (SD * normals)) > 5.0
+    assert_rate(outlier, 0.05)
+    assert_rate(outlier[:, 0] & outlier[:, 1], 0.05**2)
+    np.testing.assert_allclose(readings[outlier], (10.0 * SD * normals)[outlier], rtol=1e-13)
+    np.testing.assert_allclose(readings[~outlier], (SD * normals)[~outlier], rtol=1e-13)
+
+
+def test_drop_outs_and_outliers_are_independent():
+    suite = SensorSuite(noise=1.0, dropout=0.2, outliers=0.2)
+    rng = np.random.default_rng(5)
+    normals, uniforms = rng.standard_normal((20_000, 3)), rng.random((20_000, 6))
+    readings, available = suite.corrupt(np.zeros((20_000, 3)), SD, normals, uniforms)
+    assert_rate(np.abs(readings / (SD * normals))[available] > 5.0, 0.2)
+
+
+def test_suites_are_paired_where_they_do_not_differ():
+    nominal, _ = corrupted(SUITES["nominal"], seed=6)
+    degraded, available = corrupted(SUITES["degraded"], seed=6)
+    same = degraded == nominal
+    assert_rate(same, 0.9 * 0.95)  # neither dropped nor an outlier: to the bit as in the nominal suite
+    assert available[same].all()
+
+
+@pytest.mark.parametrize("suite", SUITES.values(), ids=SUITES)
+def test_sensors_leave_the_truth_alone(suite):
+    rng = np.random.default_rng(7)
+    arrays = rng.normal(size=(9, 3)), SD.copy(), rng.normal(size=(9, 3)), rng.random((9, 6))
+    copies = [a.copy() for a in arrays]
+    suite.corrupt(*arrays)
+    for a, b in zip(arrays, copies, strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+# --- streams ----------------------------------------------------------------------------------------
+
+
+def test_a_stream_can_be_had_again():
+    np.testing.assert_array_equal(stream(3, 2, Purpose.SENSORS).random(9), stream(3, 2, Purpose.SENSORS).random(9))
+
+
+def test_seeds_episodes_and_purposes_have_streams_of_their_own():
+    keys = [(seed, episode, purpose) for seed in (0, 1, 2**40) for episode in range(5) for purpose in Purpose]
+    firsts = {stream(*key).random() for key in keys}
+    assert len(firsts) == len(keys) == 60
+
+
+def test_the_order_of_a_key_matters():
+    assert stream(1, 2, Purpose.RESET).random() != stream(2, 1, Purpose.RESET).random()
+    assert stream(0, 1, Purpose.RESET).random() != stream(1, 0, Purpose.RESET).random()
+    assert stream(5, 1, Purpose.FILTER).random() != stream(5, 3, Purpose.DISTURBANCE).random()
+
+
+def test_neighbouring_streams_are_not_correlated():
+    n = 5000
+    a, b = stream(7, 0, Purpose.SENSORS).standard_normal(n), stream(8, 0, Purpose.SENSORS).standard_normal(n)
+    assert abs(np.corrcoef(a, b)[0, 1]) < 4.9 / np.sqrt(n)  # two-sided 1e-6
+    c = stream(7, 1, Purpose.SENSORS).standard_normal(n)
+    assert abs(np.corrcoef(a, c)[0, 1]) < 4.9 / np.sqrt(n)
+
+
+def drawn(draws: Draws, steps: int, rows: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    normals, uniforms = [], []
+    for _ in range(steps):
+        for record, numbers in zip((normals, uniforms), draws.next(rows), strict=True):
+            record.append(numbers.copy())
+    return np.array(normals), np.array(uniforms)
+
+
+def started(num_envs: int, seeds, normals: int = 3, uniforms: int = 2, block: int = 64) -> Draws:
+    draws = Draws(num_envs, normals, uniforms, block)
+    draws.restart(np.arange(num_envs), [stream(seed, 0, Purpose.SENSORS) for seed in seeds])
+    return draws
+
+
+def test_a_row_draws_the_same_numbers_in_any_batch_and_any_order():
+    alone = [drawn(started(1, [seed]), 150) for seed in (5, 6, 7)]  # more than two blocks
+    together = drawn(started(3, [5, 6, 7]), 150)
+    reordered = drawn(started(4, [7, 9, 5, 6]), 150)
+    for kind in (0, 1):
+        for i, j in ((0, 2), (1, 3), (2, 0)):
+            np.testing.assert_array_equal(together[kind][:, i], alone[i][kind][:, 0])
+            np.testing.assert_array_equal(reordered[kind][:, j], alone[i][kind][:, 0])
+
+
+def test_rows_that_are_not_asked_stay_where_they_are():
+    whole = drawn(started(3, [5, 6, 7]), 160)
+    draws = started(3, [5, 6, 7])
+    first = drawn(draws, 50)  # all rows
+    some = drawn(draws, 60, np.array([2, 0]))  # two of them, past the end of the block, in another order
+    rest = drawn(draws, 40)  # all again, from three different places
+    for kind in (0, 1):
+        np.testing.assert_array_equal(first[kind], whole[kind][:50])
+        np.testing.assert_array_equal(some[kind][:, 0], whole[kind][50:110, 2])
+        np.testing.assert_array_equal(some[kind][:, 1], whole[kind][50:110, 0])
+        np.testing.assert_array_equal(rest[kind][:, 1], whole[kind][50:90, 1])
+        np.testing.assert_array_equal(rest[kind][:, [0, 2]], whole[kind][110:150, [0, 2]])
+
+
+@pytest.mark.parametrize("after", [0, 1, 63, 64, 65, 100])
+def test_a_restarted_row_begins_its_new_stream_wherever_its_block_was(after):
+    fresh = drawn(started(1, [9]), 70)
+    draws = started(2, [5, 6])
+    undisturbed = drawn(started(2, [5, 6]), after + 70)
+    if after:
+        drawn(draws, after)
+    draws.restart(np.array([1]), [stream(9, 0, Purpose.SENSORS)])
+    later = drawn(draws, 70)
+    for kind in (0, 1):
+        np.testing.assert_array_equal(later[kind][:, 1], fresh[kind][:, 0])
+        np.testing.assert_array_equal(later[kind][:, 0], undisturbed[kind][after:, 0])  # its neighbour goes on
+
+
+def test_the_size_of_the_block_does_not_matter_to_a_stream_of_one_kind():
+    for normals, uniforms in ((3, 0), (0, 3)):
+        reference = drawn(started(2, [5, 6], normals, uniforms, block=64), 130)
+        for block in (1, 7, 200):
+            other = drawn(started(2, [5, 6], normals, uniforms, block), 130)
+            for kind in (0, 1):
+                np.testing.assert_array_equal(other[kind], reference[kind])
+
+
+def test_draws_are_standard_normal_and_uniform():
+    normals, uniforms = drawn(started(20, range(20)), 640)
+    assert normals.shape == (640, 20, 3)
+    assert uniforms.shape == (640, 20, 2)
+    assert kstest(normals.ravel(), "norm").pvalue > FALSE_ALARM
+    assert kstest(uniforms.ravel(), "uniform").pvalue > FALSE_ALARM
+    assert len(np.unique(normals)) == normals.size  # no number comes twice
+
+
+def test_a_row_without_a_stream_does_not_draw():
+    draws = Draws(2, 1)
+    draws.restart(np.array([0]), [stream(0, 0, Purpose.SENSORS)])
+    with pytest.raises(KeyError):
+        draws.next()

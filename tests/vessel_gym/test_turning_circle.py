@@ -1,0 +1,285 @@
+"""The turning-circle task: its references, what the agent may see, and how it is scored."""
+
+import inspect
+
+import numpy as np
+import pytest
+
+from estimators import Gaussian, make
+from vessel_gym.tasks.turning_circle import TurningCircle
+from vessel_gym.vehicles.corvette import Corvette, CorvetteParameters, corvette_derivative, steady_turns
+
+SHIP = CorvetteParameters()
+L = SHIP.length
+TASK = TurningCircle(SHIP)
+
+
+def courses(n: int, seed: int = 0) -> np.ndarray:
+    return TASK.course(np.random.default_rng(seed).random((n, 3)), {})
+
+
+def references(course: np.ndarray, dt: float = 0.5) -> tuple[np.ndarray, np.ndarray]:
+    """Times and the reference ``(k, 4)`` of one course over the whole episode, sampled every ``dt``."""
+    time = np.arange(round(TASK.horizon * TASK.dt / dt) + 1) * dt
+    return time, TASK.reference(np.tile(course, (len(time), 1)), time / TASK.dt)
+
+
+def belief(rows: int, model: str = "corrected", estimator: str = "kf-umv-ui"):
+    vehicle = Corvette(SHIP)
+    kf = make(estimator, vehicle.model(model, 1.0))
+    n = kf.model.n
+    prior = TASK.prior(courses(rows))
+    return kf.init(Gaussian(prior.mean[:, :n], prior.cov[:n, :n]))
+
+
+# --- courses ----------------------------------------------------------------------------------------
+
+
+def test_courses_turn_to_either_side_on_radii_between_two_and_a_half_and_six_lengths():
+    course = courses(2000)
+    turns = steady_turns(SHIP)
+    radius = np.interp(np.abs(course[:, 1]), turns.yaw_rate[1:], turns.radius[1:]) / L
+    assert 2.5 * (1 - 1e-3) < radius.min() < 2.55
+    assert 5.9 < radius.max() < 6.0 * (1 + 1e-3)
+    # 2000 fair sides: a band of 4.9 standard deviations, false-alarm rate 1e-6.
+    assert abs((course[:, 1] > 0).sum() - 1000) < 4.9 * np.sqrt(500)
+    assert (np.abs(course[:, 0]) <= np.pi).all()
+    assert np.ptp(course[:, 0]) > 6.2
+
+
+@pytest.mark.parametrize("lengths", [2.5, 3.3, 4.7, 6.0, -2.5, -5.1])
+def test_the_commanded_yaw_rate_is_that_of_the_steady_turn_with_the_commanded_radius(lengths):
+    # Solve for the steady turn at the yaw rate that the task commands; its track must have the radius.
+    rate = TASK.yaw_rate(np.array(lengths * L))
+    assert np.sign(rate) == np.sign(lengths)
+    turns = steady_turns(SHIP, highest=float(np.abs(rate)), points=21)
+    residual = corvette_derivative(
+        np.array([0.0, 0.0, 0.0, turns.speed[-1], turns.sway[-1], turns.yaw_rate[-1]]),
+        np.array([turns.rudder[-1], 0.0, 0.0]), SHIP.vector(),
+    )[3:]  # fmt: skip
+    assert np.abs(residual).max() < 1e-8
+    # Between entries of the table; tight turns are sensitive, since the yaw rate hardly rises with more rudder.
+    assert turns.radius[-1] == pytest.approx(abs(lengths) * L, rel=1e-3)
+
+
+def test_a_course_can_be_asked_for():
+    uniforms = np.random.default_rng(1).random((5, 3))
+    for radius in (300.0, -450.0, 1e4):
+        course = TASK.course(uniforms, {"radius": radius})
+        np.testing.assert_array_equal(course[:, 1], TASK.yaw_rate(np.array(radius)))
+        np.testing.assert_array_equal(course[:, 0], TASK.course(uniforms, {})[:, 0])  # the heading is drawn as ever
+
+
+@pytest.mark.parametrize("radius", [0.0, 252.0, -252.0, np.inf, -np.inf, np.nan])
+def test_a_radius_that_the_ship_cannot_hold_is_refused(radius):
+    with pytest.raises(ValueError, match="radius must be at least 253 m"):
+        TASK.course(np.zeros((1, 3)), {"radius": radius})
+
+
+def test_an_unknown_option_is_refused_with_the_choices():
+    with pytest.raises(ValueError, match="unknown reset option 'side': choose from radius"):
+        TASK.course(np.zeros((1, 3)), {"side": 1})
+
+
+# --- references -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("i", range(4))
+def test_the_reference_heading_is_the_integral_of_its_yaw_rate(i):
+    course = courses(4)[i]
+    time, reference = references(course, dt=0.25)  # the ramp's corners, at 5 and 30 s, are samples
+    rate = reference[:, 1]
+    integral = course[0] + np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(time))])
+    np.testing.assert_allclose(reference[:, 0], integral, rtol=0, atol=1e-12)  # exact: the rate is piecewise linear
+
+
+@pytest.mark.parametrize("i", range(4))
+def test_the_reference_is_continuous_from_the_straight_course_to_the_turn(i):
+    course = courses(4)[i]
+    time, reference = references(course, dt=0.01)
+    steps = np.abs(np.diff(reference, axis=0)).max(0)
+    bounds = abs(course[1]) * 0.01 * np.array([1.0, 1.0 / TASK.ramp, 1.0 / TASK.ramp, 0.0])
+    assert (steps <= bounds * (1 + 1e-6) + 1e-14).all()
+    np.testing.assert_array_equal(reference[time <= TASK.lead, :2], [[course[0], 0.0]] * (time <= TASK.lead).sum())
+    np.testing.assert_array_equal(reference[time >= TASK.lead + TASK.ramp + 0.01, 1], course[1])
+    np.testing.assert_array_equal(reference[:, 3], course[1])
+
+
+def test_the_preview_is_the_yaw_rate_ten_seconds_ahead():
+    _, reference = references(courses(1)[0])
+    ahead = round(TASK.preview / TASK.dt)
+    np.testing.assert_allclose(reference[:-ahead, 2], reference[ahead:, 1], rtol=0, atol=1e-15)
+    assert TASK.preview == 10.0
+
+
+def test_an_episode_holds_a_full_turn_and_more_on_every_radius():
+    for lengths in (2.5, 6.0, -6.0):
+        course = TASK.course(np.zeros((1, 3)), {"radius": lengths * L})[0]
+        _, reference = references(course)
+        assert abs(reference[-1, 0] - reference[0, 0]) > 2.0 * np.pi
+
+
+def test_a_turn_to_port_mirrors_one_to_starboard():
+    rate = courses(1)[0, 1]
+    step = np.arange(TASK.horizon)
+    starboard, port = (
+        TASK.reference(np.tile([0.3 * side, side * rate], (TASK.horizon, 1)), step) for side in (1.0, -1.0)
+    )
+    np.testing.assert_array_equal(port, -starboard)
+    np.testing.assert_array_equal(TASK.yaw_rate(np.array([-300.0])), -TASK.yaw_rate(np.array([300.0])))
+
+
+def test_filters_are_told_the_mean_rudder_and_the_commanded_yaw_rate():
+    before, after, reference = np.array([[0.1], [0.2]]), np.array([[0.14], [0.2]]), np.arange(8.0).reshape(2, 4)
+    np.testing.assert_allclose(TASK.known_input(before, after, reference), [[0.12, 1.0], [0.2, 5.0]])
+
+
+def test_the_prior_lies_on_the_course_at_the_service_speed():
+    course = courses(3)
+    prior = TASK.prior(course)
+    np.testing.assert_array_equal(prior.mean, np.stack([0 * course[:, 0], 0 * course[:, 0], course[:, 0],
+                                                        0 * course[:, 0] + SHIP.speed], -1))  # fmt: skip
+    assert np.linalg.eigvalsh(prior.cov).min() > 0.0
+
+
+# --- what the agent sees ----------------------------------------------------------------------------
+
+
+def test_nothing_that_the_agent_sees_has_a_parameter_for_truth():
+    observers = {name: list(inspect.signature(getattr(TurningCircle, name)).parameters)[1:]
+                 for name in ("observe", "observe_std", "observe_readings", "reference", "known_input")}  # fmt: skip
+    assert observers == {
+        "observe": ["belief", "reference", "actuators"],
+        "observe_std": ["belief"],
+        "observe_readings": ["readings", "available", "reference", "actuators"],
+        "reference": ["course", "step"],
+        "known_input": ["before", "after", "reference"],
+    }
+    public = (f for name, f in inspect.getmembers(TurningCircle, inspect.isfunction) if not name.startswith("__"))
+    readers = {f.__name__ for f in public if "truth" in inspect.signature(f).parameters}
+    assert readers == {"score"}
+
+
+def test_the_observation_is_scaled_so_that_one_is_a_typical_size():
+    rows = belief(1).replace(mean=np.array([[2.0, -0.01, 0.3]]), input_mean=np.array([[0.01]]))
+    reference, rudder = np.array([[0.4, 0.0, 0.02, 0.04]]), np.array([[-SHIP.rudder_limit]])
+    np.testing.assert_allclose(TASK.observe(rows, reference, rudder), [[1, 1, 1, 1, -1, 0, 0.5]], atol=1e-12)
+
+
+def test_on_course_the_errors_are_zero_across_the_seam_of_the_compass():
+    rows = belief(2).replace(mean=np.array([[0.0, 0.03, np.pi - 0.01], [0.0, 0.03, 3 * np.pi]]))
+    reference = np.array([[-np.pi + 0.01, 0.03, 0.03, 0.03], [np.pi, 0.03, 0.03, 0.03]])
+    observation = TASK.observe(rows, reference, np.zeros((2, 1)))
+    np.testing.assert_allclose(observation[:, 0], [0.2, 0.0], atol=1e-9)
+    np.testing.assert_allclose(observation[:, 1], 0.0, atol=1e-12)
+
+
+def test_a_filter_without_unknown_input_shows_a_zero_in_its_place():
+    kf = belief(3, estimator="kf")
+    assert kf.input_mean is None
+    np.testing.assert_array_equal(
+        TASK.observe(kf, TASK.reference(courses(3), np.zeros(3)), np.zeros((3, 1)))[:, 3], 0.0
+    )
+    np.testing.assert_array_equal(TASK.observe_std(kf)[:, 3], 0.0)
+
+
+def test_filters_of_three_and_of_four_states_show_the_same_components():
+    three, four = belief(3), belief(3, "nonlinear", "ekf")
+    assert (three.mean.shape, four.mean.shape) == ((3, 3), (3, 4))
+    reference, rudder = TASK.reference(courses(3), np.full(3, 100)), np.full((3, 1), 0.1)
+    np.testing.assert_array_equal(TASK.observe(three, reference, rudder), TASK.observe(four, reference, rudder))
+    np.testing.assert_allclose(TASK.observe_std(three)[:, :3], TASK.observe_std(four)[:, :3])
+
+
+def test_standard_deviations_are_scaled_like_their_means():
+    cov = np.tile(np.diag([2.0, 0.01, 0.1]) ** 2, (2, 1, 1))
+    rows = belief(2).replace(cov=cov, input_cov=np.full((2, 1, 1), 0.02**2))
+    np.testing.assert_allclose(TASK.observe_std(rows), [[1, 1, 1, 2]] * 2)
+
+
+def test_missing_readings_are_zero_and_the_mask_says_so():
+    reference = np.tile([0.5, 0.01, 0.02, 0.03], (3, 1))
+    readings = np.array([[0.4, 0.02], [0.3, 0.02], [0.4, 0.03]])  # whatever is left in a missing one
+    available = np.array([[True, True], [False, True], [True, False]])
+    observation = TASK.observe_readings(readings, available, reference, np.zeros((3, 1)))
+    np.testing.assert_allclose(observation[:, :4], [[1, 2, 1, 1], [0, 2, 0, 1], [1, 0, 1, 0]], atol=1e-12)
+
+
+@pytest.mark.parametrize("mode", ["mean", "mean+std", "measurement"])
+def test_the_sizes_of_the_observations_are_those_announced(mode):
+    rows, reference, rudder = belief(2), TASK.reference(courses(2), np.zeros(2)), np.zeros((2, 1))
+    if mode == "measurement":
+        observation = TASK.observe_readings(np.zeros((2, 2)), np.ones((2, 2), bool), reference, rudder)
+    else:
+        observation = TASK.observe(rows, reference, rudder)
+        if mode == "mean+std":
+            observation = np.hstack([observation, TASK.observe_std(rows)])
+    assert observation.shape == (2, TASK.sizes()[mode])
+    assert np.isfinite(observation).all()
+
+
+# --- score ------------------------------------------------------------------------------------------
+
+
+def scored(heading_error, rate_error, action, commanded=0.03):
+    """Reward and termination for errors of truth from a reference in the turn."""
+    heading_error, rate_error, action = np.broadcast_arrays(
+        np.atleast_1d(np.asarray(heading_error, float)), rate_error, action
+    )  # fmt: skip
+    truth = np.zeros((len(heading_error), 6))
+    truth[:, 2], truth[:, 5] = 1.0 - heading_error, commanded - rate_error
+    reference = np.tile([1.0, commanded, 0.5 * commanded, commanded], (len(truth), 1))  # the preview does not count
+    return TASK.score(truth, reference, np.array(action, float)[:, None])
+
+
+def test_holding_the_turn_with_the_rudder_still_earns_one():
+    reward, terminated = scored(0.0, 0.0, 0.0)
+    assert reward == 1.0
+    assert not terminated
+
+
+def test_rewards_lie_between_zero_and_one_whatever_happens():
+    rng = np.random.default_rng(2)
+    n = 20_000
+    reward, _ = scored(rng.normal(size=n) * 3, rng.normal(size=n) * 0.1, rng.uniform(-1, 1, n))
+    assert reward.min() > 0.0
+    assert reward.max() <= 1.0
+
+
+def test_each_error_and_the_helm_cost_what_is_documented():
+    reward, _ = scored([0.05, 0.0, 0.0, 0.0], [0.0, 0.15 * 0.03, 0.0, 0.0], [0.0, 0.0, 1.0, -0.5])
+    np.testing.assert_allclose(reward, [0.4 + 0.2, 0.8 + 0.1, 0.85, 1.0 - 0.15 / 4], rtol=1e-12)
+
+
+def test_more_error_never_pays():
+    errors = np.linspace(0.0, np.pi, 200)
+    for side in (1, -1):
+        assert (np.diff(scored(side * errors, 0.0, 0.0)[0]) < 0.0).all()
+        assert (np.diff(scored(0.0, side * errors, 0.0)[0]) < 0.0).all()
+        assert (np.diff(scored(0.0, 0.0, side * errors / np.pi)[0]) < 0.0).all()
+
+
+def test_the_turn_is_lost_a_quarter_turn_off_and_not_before():
+    error = np.array([0.0, 1.57, -1.57, 1.571, -1.571, 3.0, 2 * np.pi - 0.1])
+    _, terminated = scored(error, 0.0, 0.0)
+    np.testing.assert_array_equal(terminated, [False, False, False, True, True, True, False])
+
+
+def test_turns_to_port_are_scored_like_turns_to_starboard():
+    rng = np.random.default_rng(3)
+    heading, rate, action = rng.normal(size=100), rng.normal(size=100) * 0.01, rng.uniform(-1, 1, 100)
+    truth = np.zeros((100, 6))
+    reference = np.tile([0.7, 0.03, 0.03, 0.03], (100, 1))
+    truth[:, 2], truth[:, 5] = 0.7 + heading, 0.03 + rate
+    starboard = TASK.score(truth, reference, action[:, None])
+    port = TASK.score(-truth, -reference, -action[:, None])
+    np.testing.assert_allclose(port[0], starboard[0], rtol=1e-13)
+    np.testing.assert_array_equal(port[1], starboard[1])
+
+
+def test_the_score_reads_heading_and_yaw_rate_of_the_truth_and_nothing_else():
+    rng = np.random.default_rng(4)
+    truth, reference = rng.normal(size=(50, 6)), np.tile([0.7, 0.03, 0.03, 0.03], (50, 1))
+    other = np.where([False, False, True, False, False, True], truth, rng.normal(size=(50, 6)))
+    action = rng.uniform(-1, 1, (50, 1))
+    np.testing.assert_array_equal(TASK.score(truth, reference, action)[0], TASK.score(other, reference, action)[0])
