@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+import time
 import tomllib
 import zipfile
 from collections.abc import Callable
@@ -76,13 +77,17 @@ def description(path: Path) -> dict[str, Any] | None:
 
 
 def _source_digest() -> str:
-    """SHA-256 of the code that an agent learns from: all of it but pictures."""
+    """SHA-256 of the code that an agent learns from: the training's own, and all but pictures of the environments'."""
     digest = hashlib.sha256()
+    here = Path(__file__).parent
+    for source in (here / "ppo.py", here / "vec_env.py", here / "seeds.py"):
+        digest.update(source.read_bytes())
     for package in (estimators, vessel_gym):
         root = Path(package.__file__ or "").parent
         for source in sorted(root.rglob("*.py")):
-            if "rendering" not in source.parts:
-                digest.update(source.relative_to(root).as_posix().encode() + b"\0" + source.read_bytes())
+            name = source.relative_to(root)
+            if name.parts[0] != "rendering":
+                digest.update(name.as_posix().encode() + b"\0" + source.read_bytes())
     return digest.hexdigest()
 
 
@@ -124,8 +129,9 @@ def train(
     described = describe(env_id, env_options, seed, steps)
     settings, budget = described["hyperparameters"], described["steps"]
     num_envs = settings["num_envs"]
-    path = Path(path).with_suffix(".zip")
-    path.parent.mkdir(parents=True, exist_ok=True)
+    path = Path(path)
+    path = path if path.suffix == ".zip" else path.with_name(f"{path.name}.zip")
+    temporary = _claimed(path)
     horizon = gym.spec(env_id).max_episode_steps or 1
     env = StableBaselinesVecEnv(gym.make_vec(env_id, num_envs=num_envs, **env_options))
     env.seed(training_seed(seed))
@@ -164,18 +170,32 @@ def train(
     )
     # PPO reseeds the environments with its own seed: put the training range back.
     env.seed(training_seed(seed))
-    model.learn(budget, callback=Report())
-    env.close()
-    temporary = path.with_name(f".{path.stem}.{os.getpid()}.zip")
+    begin = time.perf_counter()
     try:
+        model.learn(budget, callback=Report())
+        seconds = time.perf_counter() - begin
         model.save(temporary)
-        described["trained_steps"] = model.num_timesteps  # whole rollouts
+        described |= {"trained_steps": model.num_timesteps, "trained_seconds": seconds}  # whole rollouts
         with zipfile.ZipFile(temporary, "a") as archive:
             archive.writestr(_DESCRIPTION, json.dumps(described, indent=1))
         temporary.replace(path)
     finally:
+        env.close()
         temporary.unlink(missing_ok=True)
     return path
+
+
+def _claimed(path: Path) -> Path:
+    """An empty temporary file beside ``path``, so that a place that cannot be written shows before the work."""
+    if path.is_dir():
+        raise IsADirectoryError(f"cannot write the checkpoint: {path} is a folder")
+    temporary = path.with_name(f".{path.stem}.{os.getpid()}.zip")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary.touch()
+    except OSError as error:
+        raise OSError(f"cannot write the checkpoint {path}: {error.strerror}") from None
+    return temporary
 
 
 class PPOAgent:
@@ -196,7 +216,7 @@ class PPOAgent:
         torch.set_num_threads(1)
         try:
             self._policy = PPO.load(path, device="cpu").policy
-        except (zipfile.BadZipFile, KeyError, ValueError) as error:
+        except (zipfile.BadZipFile, AssertionError, KeyError, ValueError) as error:
             raise ValueError(f"{path} is not a PPO checkpoint ({error})") from None
         expected = env.core.observation_size
         trained = self._policy.observation_space.shape

@@ -24,7 +24,13 @@ def evaluation_seeds(count: int, first: int = 0) -> list[int]:
 
 
 def tuning_seeds(count: int) -> list[int]:
-    """``count`` seeds for choosing weights and hyperparameters."""
+    """``count`` seeds for choosing weights and hyperparameters.
+
+    Raises:
+        ValueError: if they would leave the tuning range.
+    """
+    if not 1 <= count <= _TRAINING - _TUNING:
+        raise ValueError(f"tuning seeds lie in {_TUNING}..{_TRAINING - 1}, got {count} of them")
     return list(range(_TUNING, _TUNING + count))
 
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
 
 
@@ -80,7 +81,7 @@ class StableBaselinesVecEnv(VecEnv):
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
         """The batch's attribute, once for each environment asked for."""
-        return [getattr(self.env, attr_name, None)] * len(self._rows(indices))
+        return [getattr(self.env, attr_name)] * len(self._rows(indices))
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
         """Not supported: the environments are one batch."""
@@ -91,8 +92,8 @@ class StableBaselinesVecEnv(VecEnv):
         raise NotImplementedError("the environments of a batch have no methods of their own")
 
     def env_is_wrapped(self, wrapper_class: type[gym.Wrapper], indices: Any = None) -> list[bool]:
-        """False for every environment."""
-        return [False] * len(self._rows(indices))
+        """True for a Monitor, whose work the adapter does itself, False for any other wrapper."""
+        return [issubclass(wrapper_class, Monitor)] * len(self._rows(indices))
 
     def _rows(self, indices: Any) -> list[int]:
         return list(self._get_indices(indices))

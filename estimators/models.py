@@ -180,13 +180,18 @@ class NonlinearModel:
 def _central_differences(
     function: Callable[[np.ndarray, np.ndarray | None], np.ndarray], x: np.ndarray, u: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """``f(x)`` and ``df/dx`` with the step eps^(1/3) that balances truncation and rounding."""
+    """``f(x)`` and ``df/dx`` by fourth-order differences, whose step can be long enough to keep rounding out.
+
+    The second-order ones would turn a rounding of ``f`` in its last digit into 1e-10 of the Jacobian.
+    """
     n = x.shape[-1]
-    step = 6e-6 * np.maximum(1.0, np.abs(x))
-    offsets = np.concatenate([np.zeros((1, n)), np.eye(n), -np.eye(n)])
+    step = 1e-3 * np.maximum(1.0, np.abs(x))
+    eye = np.eye(n)
+    offsets = np.concatenate([np.zeros((1, n)), eye, -eye, 2.0 * eye, -2.0 * eye])
     points = x[..., None, :] + offsets * step[..., None, :]
     values = function(points, None if u is None else np.asarray(u)[..., None, :])
-    columns = (values[..., 1 : n + 1, :] - values[..., n + 1 :, :]) / (2.0 * step[..., :, None])
+    forward, backward, far_forward, far_backward = np.split(values[..., 1:, :], 4, axis=-2)
+    columns = (8.0 * (forward - backward) - (far_forward - far_backward)) / (12.0 * step[..., :, None])
     return values[..., 0, :], columns.mT
 
 

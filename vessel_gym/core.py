@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from gymnasium.error import ResetNeeded
 
 from estimators import Belief, Gaussian
 from estimators.factory import unknown
@@ -32,7 +33,7 @@ class Core:
         estimator_options: Options of that estimator.
         sensors: Name of a sensor suite.
         disturbance: Name of a disturbance.
-        mismatch: Relative spread of the truth's parameters around the filter's, in [0, 0.4].
+        mismatch: Relative spread of the truth's parameters around the filter's, in [0, 0.25].
         observe: ``"mean"``, ``"mean+std"`` or ``"measurement"``.
 
     Raises:
@@ -51,7 +52,7 @@ class Core:
         mismatch: float = 0.0,
         observe: str = "mean",
     ) -> None:
-        if isinstance(num_envs, bool) or not isinstance(num_envs, int | np.integer) or num_envs < 1:
+        if not whole(num_envs) or num_envs < 1:
             raise ValueError(f"num_envs must be a positive whole number, got {num_envs!r}")
         if sensors not in SUITES:
             raise ValueError(unknown("sensor suite", sensors, SUITES))
@@ -59,8 +60,12 @@ class Core:
             raise ValueError(unknown("disturbance", disturbance, system.disturbances))
         if observe not in system.task.sizes():
             raise ValueError(unknown("observe mode", observe, system.task.sizes()))
-        if not isinstance(mismatch, int | float) or not 0.0 <= mismatch <= 0.4:
-            raise ValueError(f"mismatch must be between 0 and 0.4, got {mismatch!r}")
+        if (
+            isinstance(mismatch, bool)
+            or not isinstance(mismatch, int | float | np.floating)
+            or not 0.0 <= mismatch <= 0.25
+        ):
+            raise ValueError(f"mismatch must be between 0 and 0.25, got {mismatch!r}")
         self.system, self.num_envs, self.observe_mode = system, int(num_envs), observe
         self.vehicle, self.task = system.vehicle, system.task
         self.suite, self.sea, self.mismatch = SUITES[sensors], system.disturbances[disturbance], float(mismatch)
@@ -92,6 +97,16 @@ class Core:
 
     # --- reset ------------------------------------------------------------------------------------
 
+    def start(self, seed: int | Sequence[int] | None = None, options: dict[str, Any] | None = None) -> None:
+        """Start an episode in every environment: `seed`, then `reset`, or neither if either is refused."""
+        before = self.seeds, self.episodes.copy()
+        try:
+            self.seed(seed)
+            self.reset(options=options)
+        except Exception:
+            self.seeds, self.episodes = before
+            raise
+
     def seed(self, seed: int | Sequence[int] | None) -> None:
         """Begin the count of episodes again with these seeds.
 
@@ -107,15 +122,15 @@ class Core:
             return
         if seed is None:
             seed = int(np.random.SeedSequence().generate_state(1)[0])
-        if isinstance(seed, int | np.integer) and not isinstance(seed, bool):
-            seeds = [int(seed) + i for i in range(self.num_envs)]
+        if whole(seed):
+            seeds = [int(seed) + i for i in range(self.num_envs)]  # type: ignore[arg-type]
         elif isinstance(seed, list | tuple | np.ndarray):
             seeds = list(seed)
         else:
             raise ValueError(f"seed must be a whole number or a list of them, got {seed!r}")
         if len(seeds) != self.num_envs:
             raise ValueError(f"got {len(seeds)} seeds for {self.num_envs} environments")
-        if any(isinstance(s, bool) or not isinstance(s, int | np.integer) or s < 0 for s in seeds):
+        if not all(whole(s) and s >= 0 for s in seeds):
             raise ValueError(f"seeds must be whole numbers >= 0, got {seed!r}")
         self.seeds = [int(s) for s in seeds]
         self.episodes[:] = 0
@@ -141,7 +156,7 @@ class Core:
             generator.standard_normal(out=normals[i])
         course = task.course(uniforms, options or {})
         prior = task.prior(course)
-        x = prior.mean + normals[:, :size] @ np.linalg.cholesky(prior.cov).T
+        x = prior.mean + np.matvec(np.linalg.cholesky(prior.cov), normals[:, :size])
         truth, actuators = vehicle.start(x)
         parameters = vehicle.parameters(self.mismatch, normals[:, size:])
         self._sea_draws.restart(rows, self._streams(rows, Purpose.DISTURBANCE))
@@ -162,7 +177,7 @@ class Core:
             setattr(self, name, self._with_rows(getattr(self, name, None), rows, value))
         self.steps[rows], self.total[rows] = 0, 0.0
 
-        readings = self._sense(self._some(rows)) if readings is None else readings
+        readings = self._sense(self._some(rows)) if readings is None else _arrived(readings)
         y, available = self.readings
         self.readings = self._with_rows(y, rows, readings[0]), self._with_rows(available, rows, readings[1])
         n = self.filter.model.n
@@ -185,7 +200,10 @@ class Core:
 
         Raises:
             ValueError: if the action has the wrong shape or is not finite.
+            gymnasium.error.ResetNeeded: before the first reset.
         """
+        if not self.seeds:
+            raise ResetNeeded("call reset() before the first step()")
         action = self.checked(action)
         vehicle, task, sea = self.vehicle, self.task, self.sea
         before = self.actuators
@@ -198,7 +216,7 @@ class Core:
         self.unknown_input = sea.unknown_input(self.sea_state)
         self.steps += 1
         self.reference = task.reference(self.course, self.steps)
-        self.readings = self._sense(None) if readings is None else readings
+        self.readings = self._sense(None) if readings is None else _arrived(readings)
         rng = self._filter_streams
         belief = self.filter.predict(self.belief, u, rng=rng)
         self.belief = self._update(belief, self.truth, self.unknown_input, self.readings, rng)
@@ -217,6 +235,16 @@ class Core:
                 observation = np.concatenate([observation, task.observe_std(self.belief)], -1)
         np.maximum(observation, -task.BOUND, out=observation)
         return np.minimum(observation, task.BOUND, out=observation).astype(np.float32)
+
+    def scored_truth(self) -> np.ndarray:
+        """A copy of the true states ``(B, n)``.
+
+        Raises:
+            gymnasium.error.ResetNeeded: before the first reset.
+        """
+        if not self.seeds:
+            raise ResetNeeded("call reset() before asking for the truth")
+        return self.truth.copy()
 
     def info(self) -> dict[str, np.ndarray]:
         """Copies of what happened, one row an environment; documented with the environment."""
@@ -238,11 +266,12 @@ class Core:
 
     def checked(self, action: np.ndarray) -> np.ndarray:
         """The action as floats ``(B, a)`` clipped to [-1, 1]."""
-        action = np.asarray(action, dtype=float)
+        try:
+            action = np.asarray(action, dtype=float)
+        except (TypeError, ValueError):
+            raise ValueError(f"action must be an array of numbers, got {action!r}") from None
         if action.shape != (self.num_envs, self.action_size):
-            wanted = (self.num_envs, self.action_size) if self.num_envs > 1 else (self.action_size,)
-            got = action.shape if self.num_envs > 1 else action.shape[1:]
-            raise ValueError(f"action has shape {got}, expected {wanted}")
+            raise ValueError(f"action has shape {action.shape}, expected {(self.num_envs, self.action_size)}")
         if not np.isfinite(action).all():
             raise ValueError("action must be finite, got NaN or infinity")
         return np.minimum(np.maximum(action, -1.0), 1.0)
@@ -283,3 +312,15 @@ class Core:
         merged = whole.copy()
         merged[rows] = values
         return merged
+
+
+def whole(value: object) -> bool:
+    """Whether a value is a whole number: NumPy's too, but not True or 2.0."""
+    return isinstance(value, int | np.integer) and not isinstance(value, bool)
+
+
+def _arrived(readings: Readings) -> Readings:
+    """Injected readings as sensors give them: what is not finite did not arrive, and reads 0."""
+    y, available = np.asarray(readings[0], dtype=float), np.asarray(readings[1], dtype=bool)
+    available = available & np.isfinite(y)
+    return np.where(available, y, 0.0), available

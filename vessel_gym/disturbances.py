@@ -43,12 +43,12 @@ class Sea:
 
     def start(self, normals: np.ndarray) -> np.ndarray:
         """A stationary state ``(..., 5)`` from standard normals of the same shape."""
-        return normals @ self._stationary_root.T
+        return np.matvec(self._stationary_root, normals)
 
     def advance(self, state: np.ndarray, normals: np.ndarray) -> np.ndarray:
         """The state ``(..., 5)`` one step later (exact discretisation)."""
         A, L = self.discrete
-        return state @ A.T + normals @ L.T
+        return np.matvec(A, state) + np.matvec(L, normals)  # row by row: the same to the last bit in any batch
 
     def unknown_input(self, state: np.ndarray) -> np.ndarray:
         """The yaw increment ``d (..., 1)`` [rad] over the coming step."""

@@ -178,7 +178,7 @@ def soak(env_id: str, steps: int, num_envs: int = 4, seed: int = 0) -> Soaked:
     seen = Soaked()
     for number, (name, suite, sea, mode) in enumerate(combinations):
         env = make_batch(
-            env_id, num_envs, estimator=name, sensors=suite, disturbance=sea, observe=mode, mismatch=0.4 * (number % 2)
+            env_id, num_envs, estimator=name, sensors=suite, disturbance=sea, observe=mode, mismatch=0.25 * (number % 2)
         )
         core = env.unwrapped.core
         observation, info = env.reset(seed=seed + number)

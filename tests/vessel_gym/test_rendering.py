@@ -12,7 +12,8 @@ import vessel_gym  # noqa: F401
 pygame = pytest.importorskip("pygame")
 
 from vessel_gym.rendering.canvas import Box, Canvas, PlanView, nice, ship_outline  # noqa: E402
-from vessel_gym.rendering.turning_circle import believed_path, commanded_path, path, wedge_factor  # noqa: E402
+from vessel_gym.rendering.turning_circle import wedge_factor  # noqa: E402
+from vessel_gym.tracks import believed_path, commanded_path, path  # noqa: E402
 
 IDLE = np.zeros(1, np.float32)
 

@@ -143,7 +143,9 @@ class SigmaCorvetteEnv(VesselEnv):
       to ``d`` and the heading stays as predicted; when both drop, ``d`` gets its prior, N(0, its variance).
     - ``disturbance``: yaw increments of 5e-4, 3.6e-3 or 9e-3 rad a step (``calm``, ``moderate``, ``rough``), and a
       current of 0.1, 0.3 or 0.6 m/s.
-    - ``mismatch``: relative spread of the hull's and rudder's coefficients.
+    - ``mismatch``: relative spread of the hull's and rudder's coefficients around the filter's, 0 to 0.25.
+    - ``observe``: ``mean``, ``mean+std`` or ``measurement``, see above.
+    - ``render_mode``: ``human`` (a window) or ``rgb_array``.
 
     ## Version History
 

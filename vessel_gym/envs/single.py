@@ -22,7 +22,7 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
             chooses the filter's model where there are several.
         sensors: ``"clean"``, ``"nominal"`` or ``"degraded"`` (10 % drop-outs, 5 % outliers).
         disturbance: ``"calm"``, ``"moderate"`` or ``"rough"``.
-        mismatch: Relative spread of the truth's parameters around the filter's, 0 to 0.4.
+        mismatch: Relative spread of the truth's parameters around the filter's, 0 to 0.25.
         observe: ``"mean"``, ``"mean+std"``, or ``"measurement"`` for raw readings and their mask.
         render_mode: ``None``, ``"human"`` or ``"rgb_array"``.
 
@@ -55,22 +55,24 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
     @property
     def truth(self) -> np.ndarray:
         """A copy of the true state, for scoring only; components are ``system.vehicle.truth_names``."""
-        return self.core.truth[0].copy()
+        return self.core.scored_truth()[0]
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Start an episode; see `gymnasium.Env.reset`. ``options`` are the task's."""
         super().reset(seed=seed)
-        self.core.seed(seed)
-        self.core.reset(options=options)
+        self.core.start(seed, options)
         if self.render_mode is not None:
             self._record(begin=True)
         return self.core.observe()[0], self._info()
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Advance one step; see `gymnasium.Env.step`. Truncation is `gymnasium.wrappers.TimeLimit`'s."""
-        reward, terminated = self.core.step(np.asarray(action)[None])
+        action = np.asarray(action)
+        if action.shape != self.action_space.shape:
+            raise ValueError(f"action has shape {action.shape}, expected {self.action_space.shape}")
+        reward, terminated = self.core.step(action[None])
         if self.render_mode is not None:
             self._record()
         return self.core.observe()[0], float(reward[0]), bool(terminated[0]), False, self._info()

@@ -7,7 +7,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from vessel_gym.core import Core
+from vessel_gym.core import Core, whole
 from vessel_gym.envs.spaces import action_space, observation_space
 from vessel_gym.estimation import EstimatorChoice
 from vessel_gym.system import System
@@ -48,8 +48,8 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         mismatch: float = 0.0,
         observe: str = "mean",
     ) -> None:
-        if max_episode_steps is not None and max_episode_steps < 1:
-            raise ValueError(f"max_episode_steps must be at least 1, got {max_episode_steps}")
+        if max_episode_steps is not None and not (whole(max_episode_steps) and max_episode_steps >= 1):
+            raise ValueError(f"max_episode_steps must be a whole number of at least 1, got {max_episode_steps!r}")
         self.core = Core(self.system, num_envs, estimator, estimator_options, sensors, disturbance, mismatch, observe)
         self.num_envs = num_envs
         self.max_episode_steps = max_episode_steps
@@ -61,14 +61,13 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     @property
     def truth(self) -> np.ndarray:
         """A copy of the true states ``(num_envs, n)``, for scoring only."""
-        return self.core.truth.copy()
+        return self.core.scored_truth()
 
     def reset(
         self, *, seed: int | Sequence[int] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Start an episode in every environment; ``seed`` is a number or one for each."""
-        self.core.seed(seed)
-        self.core.reset(options=options)
+        self.core.start(seed, options)
         return self.core.observe(), self._masked(self.core.info())
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:

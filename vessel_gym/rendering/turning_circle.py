@@ -33,7 +33,7 @@ from vessel_gym.rendering.canvas import (
 )
 from vessel_gym.sensors import SUITES
 from vessel_gym.tasks.turning_circle import TurningCircle
-from vessel_gym.vehicles.corvette import CorvetteParameters, steady_turns
+from vessel_gym.tracks import believed_path, commanded_path
 
 _SHIP_PIXELS = 88.0  # least length of a ship on the map
 _WEDGE_FACTORS = (50, 20, 10, 5, 2, 1)
@@ -51,44 +51,6 @@ class Sample(NamedTuple):
     rudder: np.ndarray  # rad
     unknown_input: np.ndarray  # rad
     input_estimate: np.ndarray  # rad, NaN where the estimator has none
-
-
-def path(heading: np.ndarray, surge: np.ndarray, sway: np.ndarray, dt: float) -> np.ndarray:
-    """Positions ``(k, 2)`` north and east [m] from the origin, by the trapezoidal rule through the water."""
-    velocity = np.stack(
-        [surge * np.cos(heading) - sway * np.sin(heading), surge * np.sin(heading) + sway * np.cos(heading)], -1
-    )
-    steps = 0.5 * dt * (velocity[1:] + velocity[:-1])
-    return np.concatenate([np.zeros((1, 2)), np.cumsum(steps, 0)])
-
-
-def commanded_path(task: TurningCircle, course: np.ndarray) -> np.ndarray:
-    """The path ``(k, 2)`` of the reference heading at the steady turn's speed and drift, one circle long.
-
-    Args:
-        task: The task.
-        course: ``(2,)`` what it drew.
-    """
-    steps = np.arange(task.horizon + 1)
-    reference = task.reference(np.tile(course, (len(steps), 1)), steps)
-    turned = np.abs(reference[:, 0] - course[0]) - 0.5 * task.ramp * abs(course[1])
-    reference = reference[: 2 + np.searchsorted(turned, 2.0 * np.pi)]
-    turns = steady_turns(task.ship)
-    rate = np.abs(reference[:, 1])
-    surge = np.interp(rate, turns.yaw_rate, turns.speed)
-    sway = np.sign(reference[:, 1]) * np.interp(rate, turns.yaw_rate, turns.sway)
-    return path(reference[:, 0], surge, sway, task.dt)
-
-
-def believed_path(estimate: np.ndarray, ship: CorvetteParameters, dt: float) -> np.ndarray:
-    """The path ``(k, 2)`` dead-reckoned from estimates ``(k, n)`` of (v, r, psi) and perhaps u.
-
-    Where the surge speed is not estimated, it is the steady turn's at the believed yaw rate.
-    """
-    turns = steady_turns(ship)
-    held = np.interp(np.abs(estimate[:, 1]), turns.yaw_rate, turns.speed)
-    surge = estimate[:, 3] if estimate.shape[-1] > 3 else held
-    return path(estimate[:, 2], surge, estimate[:, 0], dt)
 
 
 def wedge_factor(sd: float) -> int:

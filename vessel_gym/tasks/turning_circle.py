@@ -5,13 +5,13 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numba import guvectorize
 
 from estimators import Belief, Gaussian, wrap
+from vessel_gym.compiled import gufunc
 from vessel_gym.vehicles.corvette import CorvetteParameters, steady_turns
 
 
-@guvectorize(["void(float64[:], float64, float64[:], float64[:])"], "(c),(),(r)->(r)", nopython=True, cache=True)
+@gufunc("void(float64[:], float64, float64[:], float64[:])", "(c),(),(r)->(r)")
 def turning_reference(course: np.ndarray, step: float, timing: np.ndarray, out: np.ndarray) -> None:
     """Heading and yaw rates now, ahead and finally; timing is (time step, lead, ramp, preview) in s."""
     dt, lead, ramp, preview = timing[0], timing[1], timing[2], timing[3]
@@ -24,12 +24,7 @@ def turning_reference(course: np.ndarray, step: float, timing: np.ndarray, out: 
     out[3] = rate
 
 
-@guvectorize(
-    ["void(float64, float64[:], float64[:], float64[:], float64[:], float64[:])"],
-    "(),(n),(r),(a),(k)->()",
-    nopython=True,
-    cache=True,
-)
+@gufunc("void(float64, float64[:], float64[:], float64[:], float64[:], float64[:])", "(),(n),(r),(a),(k)->()")
 def turning_reward(
     heading: float, truth: np.ndarray, reference: np.ndarray, action: np.ndarray, kernel: np.ndarray, out: np.ndarray
 ) -> None:
@@ -78,10 +73,11 @@ class TurningCircle:
         for option, value in options.items():
             if option != "radius":
                 raise ValueError(f"unknown reset option {option!r}: choose from radius")
-            radius = np.full(len(uniforms), float(value))
             low = self.tightest * self.ship.length
-            if not np.isfinite(value) or abs(value) < low:
-                raise ValueError(f"radius must be at least {low:.0f} m to either side, got {value}")
+            wanted = _number(value)
+            if not low <= abs(wanted) < np.inf:
+                raise ValueError(f"radius must be at least {low:.0f} m to either side, got {value!r}")
+            radius = np.full(len(uniforms), wanted)
         return np.stack([heading, self.yaw_rate(radius)], -1)
 
     def yaw_rate(self, radius: np.ndarray) -> np.ndarray:
@@ -193,3 +189,8 @@ class TurningCircle:
         """
         heading = wrap(reference[:, 0] - truth[:, 2])
         return turning_reward(heading, truth, reference, action, self._kernel), np.abs(heading) > self.LOST
+
+
+def _number(value: object) -> float:
+    """A number as float; NaN for anything else."""
+    return float(value) if isinstance(value, int | float | np.floating | np.integer) else np.nan

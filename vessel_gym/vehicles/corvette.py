@@ -14,10 +14,11 @@ from dataclasses import dataclass
 from functools import cache, cached_property, partial
 
 import numpy as np
-from numba import guvectorize, njit
+from numba import njit
 from scipy.optimize import root
 
 from estimators import LinearModel, NonlinearModel, wrap, zero_order_hold
+from vessel_gym.compiled import gufunc
 
 TRUTH = ("x", "y", "psi", "u", "v", "r")
 """Truth state: position north, east [m], heading [rad], surge, sway through the water [m/s], yaw rate [rad/s]."""
@@ -169,21 +170,13 @@ def _derivative(
     return u * cos - v * sin + north, u * sin + v * cos + east, r, du, dv, dr
 
 
-_VECTORS = ["void(float64[:], float64[:], float64[:], float64[:])"]
-
-
-@guvectorize(_VECTORS, "(n),(m),(p)->(n)", nopython=True, cache=True)
+@gufunc("void(float64[:], float64[:], float64[:], float64[:])", "(n),(m),(p)->(n)")
 def corvette_derivative(state: np.ndarray, control: np.ndarray, c: np.ndarray, out: np.ndarray) -> None:
     """Time derivative of the truth state; control is (rudder, current north, current east)."""
     out[0], out[1], out[2], out[3], out[4], out[5] = _derivative(state, control[0], control[1], control[2], c)
 
 
-@guvectorize(
-    ["void(float64[:], float64[:], float64[:], float64, int64, float64[:])"],
-    "(n),(m),(p),(),()->(n)",
-    nopython=True,
-    cache=True,
-)
+@gufunc("void(float64[:], float64[:], float64[:], float64, int64, float64[:])", "(n),(m),(p),(),()->(n)")
 def corvette_step(
     state: np.ndarray, control: np.ndarray, c: np.ndarray, dt: float, substeps: int, out: np.ndarray
 ) -> None:
@@ -354,7 +347,9 @@ def linear_model(
         B = np.array([[-2.6189e-7, 0.0], [2.4075e-7, 0.0], [0.0, 0.0]])
         return LinearModel(A, C, Q, R, B=B, G=G, H=H, **angles)
     if kind != "corrected":
-        raise ValueError(f"unknown filter model {kind!r}: choose from corrected, as-printed")
+        raise ValueError(
+            f"unknown filter model {kind!r}: choose corrected or as-printed, or nonlinear for a nonlinear filter"
+        )
     A_table, B_table = secant_models(ship, dt)
     A_table = np.concatenate([A_table[:0:-1], A_table])  # the same turn to port
     B_table = np.concatenate([B_table[:0:-1], B_table])

@@ -1,0 +1,165 @@
+"""Rollouts: the same seeds give the same flights, however they are batched."""
+
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from agents import RandomAgent, load_agent, rollout
+
+ENV = "SigmaCorvette-v0"
+ROUGH = {"disturbance": "rough", "sensors": "degraded"}
+
+
+def bang_bang(side: float):
+    """An agent that puts the rudder hard over at once, and loses the turn."""
+
+    class HardOver:
+        def reset(self, num_envs: int) -> None:
+            pass
+
+        def act(self, observations: np.ndarray) -> np.ndarray:
+            return np.full((len(observations), 1), side, np.float32)
+
+    return HardOver()
+
+
+@pytest.mark.parametrize("agent", ["autopilot", "random"])
+def test_the_same_agent_and_seeds_give_the_same_flights(agent: str):
+    one, other = (rollout(agent, ENV, [3, 1, 4], ROUGH) for _ in range(2))
+    for name in ("seeds", "score", "returns", "length", "terminated"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+    assert set(one.history) == set(other.history)
+    for key, value in one.history.items():
+        np.testing.assert_array_equal(value, other.history[key])
+
+
+@pytest.mark.parametrize("agent", ["autopilot", bang_bang(1.0)], ids=["autopilot", "hard over"])
+def test_a_batch_of_seeds_equals_one_seed_at_a_time(agent: object):
+    seeds = [7, 2, 900_000]
+    batch = rollout(agent, ENV, seeds, ROUGH)
+    for i, seed in enumerate(seeds):
+        single = rollout(agent, ENV, [seed], ROUGH)
+        length = single.length[0]
+        assert batch.length[i] == length
+        assert batch.terminated[i] == single.terminated[0]
+        assert abs(batch.score[i] - single.score[0]) < 1e-9
+        assert abs(batch.returns[i] - single.returns[0]) < 1e-6
+        for key, value in single.history.items():
+            np.testing.assert_allclose(
+                batch.history[key][: length + 1, i], value[: length + 1, 0], rtol=0, atol=1e-8, err_msg=key
+            )
+
+
+def test_a_rollout_equals_a_loop_over_single_environments():
+    seeds = [5, 6, 9]
+    flight = rollout(bang_bang(1.0), ENV, seeds, ROUGH)
+    assert flight.terminated.any()
+    assert len(set(flight.length)) > 1  # the ends are staggered
+    for i, seed in enumerate(seeds):
+        env = gym.make(ENV, **ROUGH)
+        _, info = env.reset(seed=seed)
+        truths, total, done = [info["truth"]], 0.0, False
+        while not done:
+            _, reward, terminated, truncated, info = env.step(np.ones(1, np.float32))
+            truths.append(info["truth"])
+            total += reward
+            done = terminated or truncated
+        assert flight.length[i] == len(truths) - 1
+        assert flight.terminated[i] == terminated
+        assert abs(flight.returns[i] - total) < 1e-9
+        assert abs(flight.score[i] - info["score"]) < 1e-9
+        np.testing.assert_allclose(flight.history["truth"][: len(truths), i], truths, rtol=0, atol=1e-9)
+        # After its end an episode repeats its last values, and is marked as over.
+        assert (flight.history["truth"][len(truths) :, i] == flight.history["truth"][len(truths) - 1, i]).all()
+        np.testing.assert_array_equal(flight.alive[:, i], np.arange(len(flight.alive)) < len(truths))
+
+
+def test_the_score_is_that_of_the_episode_and_lies_in_the_unit_interval():
+    flight = rollout("autopilot", ENV, range(5))
+    np.testing.assert_allclose(flight.score, flight.returns / 600.0, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(flight.score, flight.history["score"][-1], rtol=0, atol=1e-12)
+    assert (flight.score > 0.5).all()
+    assert (flight.score <= 1.0).all()
+    assert flight.history["truth"].shape == (601, 5, 6)
+    assert not any(key.startswith("_") for key in flight.history)
+
+
+def test_without_a_record_the_scores_are_the_same():
+    one, other = rollout("autopilot", ENV, [1, 2]), rollout("autopilot", ENV, [1, 2], record=False)
+    np.testing.assert_array_equal(one.score, other.score)
+    assert other.history == {}
+    assert other.alive.shape == (601, 2)
+
+
+def test_reset_options_reach_the_environment():
+    flight = rollout("autopilot", ENV, [1, 2], reset_options={"radius": -300.0})
+    rate = flight.history["reference"][0, :, 3]
+    assert rate[0] == rate[1] < 0.0
+
+
+def test_progress_is_told_at_every_step():
+    told: list[tuple[int, int]] = []
+    rollout("autopilot", ENV, [1], progress=lambda step, horizon: told.append((step, horizon)))
+    assert told == [(k, 600) for k in range(1, 601)]
+
+
+def test_a_plain_gymnasium_environment_is_flown_too():
+    seeds = [1, 2, 3]
+    agent = RandomAgent(1, seed=5)
+    flight = rollout(agent, "Pendulum-v1", seeds)
+    agent.reset(3)
+    envs = [gym.make("Pendulum-v1") for _ in seeds]
+    for env, seed in zip(envs, seeds, strict=True):
+        env.reset(seed=seed)
+    total = np.zeros(3)
+    for _ in range(200):
+        actions = agent.act(np.zeros((3, 3)))
+        total += [env.step(action)[1] for env, action in zip(envs, actions, strict=True)]
+    np.testing.assert_allclose(flight.returns, total, rtol=1e-12)
+    np.testing.assert_array_equal(flight.score, flight.returns)  # it has no score of its own
+    np.testing.assert_array_equal(flight.length, 200)
+    assert not flight.terminated.any()
+
+
+def test_a_random_agent_is_random_but_repeats_itself_after_a_reset():
+    agent = RandomAgent(2, seed=1)
+    agent.reset(4)
+    first, second = agent.act(np.zeros((4, 7))), agent.act(np.zeros((4, 7)))
+    assert first.shape == (4, 2)
+    assert first.dtype == np.float32
+    assert np.abs(first).max() <= 1.0
+    assert (first != second).any()
+    agent.reset(4)
+    np.testing.assert_array_equal(agent.act(np.zeros((4, 7))), first)
+    other = RandomAgent(2, seed=2)
+    assert (other.act(np.zeros((4, 7))) != first).any()
+
+
+def test_no_seeds_are_refused():
+    with pytest.raises(ValueError, match="rollout needs at least one seed"):
+        rollout("autopilot", ENV, [])
+
+
+@pytest.mark.parametrize("wrong", [-1, 1.7, "seven", None, True], ids=repr)
+def test_a_wrong_seed_is_refused(wrong: object):
+    with pytest.raises((ValueError, TypeError), match="seed"):
+        rollout("autopilot", ENV, [1, wrong])
+
+
+def test_seeds_may_come_as_an_array():
+    np.testing.assert_array_equal(rollout("autopilot", ENV, np.arange(2), record=False).seeds, [0, 1])
+
+
+def test_an_unknown_agent_is_answered_with_those_that_exist(tmp_path: Path):
+    for name in ("pilot", tmp_path, tmp_path / "missing.zip"):
+        with pytest.raises(ValueError, match=r"unknown agent .*: choose autopilot, random, or the path"):
+            rollout(name if isinstance(name, str) else str(name), ENV, [0])
+        with pytest.raises(ValueError, match=r"unknown agent .*: choose autopilot, random, or the path"):
+            load_agent(name, gym.make(ENV))
+
+
+def test_the_autopilot_refuses_an_environment_of_others_in_a_sentence():
+    with pytest.raises(ValueError, match="autopilot"):
+        rollout("autopilot", "Pendulum-v1", [0])

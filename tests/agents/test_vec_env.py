@@ -1,0 +1,237 @@
+"""The adapter to stable-baselines3: what its algorithms rely on, checked against single environments."""
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.spaces import Box
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import EvalCallback
+from stable_baselines3.common.evaluation import evaluate_policy
+from stable_baselines3.common.vec_env import VecEnv, VecNormalize
+
+import vessel_gym  # noqa: F401  (registers the environments)
+from agents.vec_env import StableBaselinesVecEnv
+
+ENV = "SigmaCorvette-v0"
+LIMIT = 70
+ROWS = 4
+
+
+def adapter(rows: int = ROWS, **options: Any) -> StableBaselinesVecEnv:
+    return StableBaselinesVecEnv(gym.make_vec(ENV, num_envs=rows, max_episode_steps=LIMIT, **options))
+
+
+def leaning_actions(seed: int, rows: int = ROWS) -> np.ndarray:
+    """Random actions that lean hard to one side in half of the rows, whose episodes end early."""
+    rng = np.random.default_rng(seed)
+    lean = np.where(np.arange(rows) % 2, 1.0, 0.0)[:, None]
+    side = rng.choice([-1.0, 1.0], (rows, 1))
+    return np.clip(side * lean + rng.normal(0.0, 0.2, (220, rows, 1)), -1.0, 1.0).astype(np.float32)
+
+
+def test_every_step_equals_that_of_single_environments_with_staggered_ends():
+    env = adapter(disturbance="rough")
+    assert isinstance(env, VecEnv)
+    singles = [gym.make(ENV, max_episode_steps=LIMIT, disturbance="rough") for _ in range(ROWS)]
+    assert env.seed(20) == [20, 21, 22, 23]
+    observations = env.reset()
+    expected = np.stack([single.reset(seed=20 + i)[0] for i, single in enumerate(singles)])
+    np.testing.assert_allclose(observations, expected, rtol=0, atol=1e-6)
+    returns, lengths = np.zeros(ROWS), np.zeros(ROWS, int)
+    ends = {True: 0, False: 0}
+    alone = 0
+    for actions in leaning_actions(1):
+        observations, rewards, dones, infos = env.step(actions)
+        assert observations.dtype == rewards.dtype == np.float32
+        assert dones.dtype == bool
+        assert observations.shape == (ROWS, 7)
+        assert rewards.shape == dones.shape == (ROWS,)
+        assert len(infos) == ROWS
+        alone += dones.sum() == 1
+        for i, single in enumerate(singles):
+            observation, reward, terminated, truncated, info = single.step(actions[i])
+            returns[i] += reward
+            lengths[i] += 1
+            assert dones[i] == (terminated or truncated)
+            assert abs(rewards[i] - reward) < 1e-6
+            if not dones[i]:
+                assert infos[i] == {}
+                np.testing.assert_allclose(observations[i], observation, rtol=0, atol=1e-6)
+                continue
+            ends[truncated] += 1
+            last = infos[i]["terminal_observation"]
+            assert last.dtype == np.float32
+            np.testing.assert_allclose(last, observation, rtol=0, atol=1e-6)
+            assert infos[i]["TimeLimit.truncated"] == (truncated and not terminated)
+            assert abs(infos[i]["episode"]["r"] - returns[i]) < 1e-9
+            assert infos[i]["episode"]["l"] == lengths[i]
+            assert infos[i]["episode"]["t"] >= 0.0
+            assert abs(infos[i]["score"] - info["score"]) < 1e-9
+            returns[i], lengths[i] = 0.0, 0
+            first, _ = single.reset()
+            np.testing.assert_allclose(observations[i], first, rtol=0, atol=1e-6)
+            assert not np.allclose(last, first, atol=1e-3)
+    assert ends[True] >= 4
+    assert ends[False] >= 4
+    assert alone >= 3
+
+
+def test_a_last_observation_does_not_change_when_the_environment_goes_on():
+    env = adapter(disturbance="rough")
+    env.seed(3)
+    env.reset()
+    kept = []
+    for actions in leaning_actions(3):
+        _, _, _, infos = env.step(actions)
+        kept += [(info["terminal_observation"], info["terminal_observation"].copy()) for info in infos if info]
+    assert len(kept) > 4
+    for held, copy in kept:
+        np.testing.assert_array_equal(held, copy)
+
+
+class ScriptedEnv(VectorEnv):
+    """Two rows that end as told; their observations count steps."""
+
+    metadata = {"autoreset_mode": AutoresetMode.SAME_STEP}
+
+    def __init__(self, terminated: list[bool], truncated: list[bool]) -> None:
+        self.num_envs = 2
+        self.single_observation_space, self.single_action_space = Box(-9, 9, (1,)), Box(-1, 1, (1,))
+        self.observation_space, self.action_space = batch_space(Box(-9, 9, (1,)), 2), batch_space(Box(-1, 1, (1,)), 2)
+        self._ends = np.array(terminated), np.array(truncated)
+
+    def reset(self, *, seed: Any = None, options: Any = None) -> tuple[np.ndarray, dict]:
+        return np.zeros((2, 1), np.float32), {}
+
+    def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict]:
+        terminated, truncated = self._ends
+        done = terminated | truncated
+        final = np.full(2, None, object)
+        for i in np.flatnonzero(done):
+            final[i] = np.full(1, 5.0 + i, np.float32)
+        info = {"final_obs": final, "_final_obs": done, "final_info": {}, "_final_info": done}
+        return np.ones((2, 1), np.float32), np.ones(2), terminated, truncated, info
+
+
+@pytest.mark.parametrize(
+    ("terminated", "truncated", "expected"),
+    [([True, False], [True, False], False), ([True, False], [False, False], False), ([False] * 2, [True, False], True)],
+    ids=["both at once", "terminated", "truncated"],
+)
+def test_only_an_episode_that_did_not_terminate_was_cut_off_by_the_time_limit(
+    terminated: list[bool], truncated: list[bool], expected: bool
+):
+    env = StableBaselinesVecEnv(ScriptedEnv(terminated, truncated))
+    env.reset()
+    _, _, dones, infos = env.step(np.zeros((2, 1)))
+    assert dones.tolist() == [True, False]
+    assert infos[0]["TimeLimit.truncated"] is expected
+    assert infos[0]["terminal_observation"].tolist() == [5.0]
+    assert infos[0]["episode"]["r"] == 1.0
+    assert infos[1] == {}
+
+
+def test_a_reset_in_the_middle_begins_the_count_of_an_episode_again():
+    env = adapter()
+    env.seed(0)
+    first = env.reset()
+    for actions in leaning_actions(0)[:5]:
+        env.step(actions)
+    env.seed(0)
+    np.testing.assert_array_equal(env.reset(), first)
+    lengths = []
+    for _ in range(LIMIT):
+        _, _, _, infos = env.step(np.zeros((ROWS, 1)))
+        lengths += [info["episode"]["l"] for info in infos if info]
+    assert lengths
+    assert max(lengths) == LIMIT
+
+
+def test_a_seed_holds_for_one_reset_only():
+    env = adapter()
+    env.seed(4)
+    first, second = env.reset(), env.reset()
+    assert not np.array_equal(first, second)
+
+
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.DISABLED])
+def test_another_autoreset_mode_is_refused_in_a_sentence(mode: AutoresetMode):
+    env = gym.make_vec("CartPole-v1", num_envs=2, vectorization_mode="sync", vector_kwargs={"autoreset_mode": mode})
+    with pytest.raises(ValueError, match=f"needs an environment with SAME_STEP autoreset, this one has .*{mode.name}"):
+        StableBaselinesVecEnv(env)
+
+
+def test_gymnasiums_own_batches_with_the_same_autoreset_work_too():
+    options = {"vectorization_mode": "sync", "vector_kwargs": {"autoreset_mode": AutoresetMode.SAME_STEP}}
+    env = StableBaselinesVecEnv(gym.make_vec("CartPole-v1", num_envs=3, **options))
+    env.seed(0)
+    env.reset()
+    ended = 0
+    for _ in range(60):
+        observations, _, dones, infos = env.step(np.ones(3, int))
+        assert (np.abs(observations[:, 2]) < 0.21).all()  # never the fallen pole of the ended episode
+        for i in np.flatnonzero(dones):
+            assert abs(infos[i]["terminal_observation"][2]) > 0.2
+            ended += 1
+    assert ended > 6
+
+
+def test_what_a_batch_cannot_do_is_refused_and_what_it_can_is_answered_for_each_row():
+    env = adapter()
+    assert env.get_attr("max_episode_steps") == [LIMIT] * ROWS
+    assert env.get_attr("max_episode_steps", [0, 2]) == [LIMIT] * 2
+    assert env.get_attr("render_mode", 1) == [None]
+    assert env.env_is_wrapped(gym.wrappers.TimeLimit) == [False] * ROWS
+    with pytest.raises(NotImplementedError, match="share"):
+        env.set_attr("max_episode_steps", 3)
+    with pytest.raises(NotImplementedError, match="no methods"):
+        env.env_method("reset")
+    with pytest.raises(AttributeError, match="no_such_attribute"):
+        env.get_attr("no_such_attribute")
+    assert env.has_attr("max_episode_steps")
+    assert not env.has_attr("no_such_attribute")
+
+
+def small_ppo(env: VecEnv) -> PPO:
+    return PPO("MlpPolicy", env, n_steps=16, batch_size=32, n_epochs=2, policy_kwargs={"net_arch": [8]}, seed=0,
+               device="cpu")  # fmt: skip
+
+
+def test_ppo_learns_on_it():
+    model = small_ppo(adapter())
+    before = [p.detach().clone() for p in model.policy.parameters()]
+    model.learn(2 * 16 * ROWS + 300)
+    assert any((a != b).any() for a, b in zip(before, model.policy.parameters(), strict=True))
+    assert len(model.ep_info_buffer) >= ROWS  # without a Monitor
+
+
+def test_ppo_learns_through_another_wrapper():
+    model = small_ppo(VecNormalize(adapter()))
+    model.learn(16 * ROWS)
+    assert np.isfinite(model.policy.mlp_extractor.policy_net[0].weight.detach().numpy()).all()
+
+
+def test_stable_baselines3_evaluates_a_policy_on_it_and_warns_of_nothing():
+    env = adapter(disturbance="calm")
+    model = small_ppo(env)
+    env.seed(6)
+    returns, lengths = evaluate_policy(model, env, n_eval_episodes=6, return_episode_rewards=True)
+    assert len(returns) == 6
+    single = gym.make(ENV, max_episode_steps=LIMIT, disturbance="calm")
+    observation, _ = single.reset(seed=6)
+    total, steps, done = 0.0, 0, False
+    while not done:
+        observation, reward, terminated, truncated, _ = single.step(model.predict(observation, deterministic=True)[0])
+        total, steps, done = total + reward, steps + 1, terminated or truncated
+    assert (total, steps) == (pytest.approx(returns[0], abs=1e-3), lengths[0])
+
+
+def test_stable_baselines3_evaluates_while_it_learns():
+    model = small_ppo(adapter())
+    callback = EvalCallback(adapter(), n_eval_episodes=2, eval_freq=16, verbose=0, warn=False)
+    model.learn(16 * ROWS, callback=callback)
+    assert 0.0 <= callback.last_mean_reward <= LIMIT
