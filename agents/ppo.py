@@ -218,10 +218,12 @@ class PPOAgent:
             self._policy = PPO.load(path, device="cpu").policy
         except (zipfile.BadZipFile, AssertionError, KeyError, ValueError) as error:
             raise ValueError(f"{path} is not a PPO checkpoint ({error})") from None
-        expected = env.core.observation_size
-        trained = self._policy.observation_space.shape
-        if trained != (expected,):
-            raise ValueError(f"{path} was trained on observations {trained}, this environment gives {(expected,)}")
+        # Two kinds of observation may have the same length: ask what it was trained on, not how long that is.
+        trained = (description(Path(path)) or {}).get("env_options", {}).get("observe", "mean")
+        if trained != env.core.observe_mode or self._policy.observation_space.shape != (env.core.observation_size,):
+            raise ValueError(
+                f"{path} was trained on observe={trained!r}, this environment gives {env.core.observe_mode!r}"
+            )
 
     def reset(self, num_envs: int) -> None:
         """Nothing to forget: the policy has no memory."""
