@@ -86,7 +86,7 @@ def rollout(
             final = info.get("final_info", {})
             for key in keys:
                 frame = np.where(_like(alive, info[key]), info[key], frames[key][-1])
-                if done.any():
+                if done.any() and key in final:
                     frame = np.where(_like(done, frame), final[key], frame)
                 frames[key].append(frame)
             returns += np.where(alive, reward, 0.0)

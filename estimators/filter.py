@@ -74,12 +74,15 @@ class Filter(ABC):
     def predict(self, belief: Belief, u: np.ndarray | None = None, rng: Streams = None) -> Belief:
         """One step ahead: ``x(k-1|k-1)`` to ``x(k|k-1)``.
 
+        Numerical trouble stays silent here: the next update finds the rows that are lost.
+
         Args:
             belief: The belief after the last update.
             u: Known input ``(..., m)`` over the step.
             rng: A Generator, or one for each row.
         """
-        return self._predict(belief, _known(u, belief), rng)
+        with np.errstate(all="ignore"):
+            return self._predict(belief, _known(u, belief), rng)
 
     def update(
         self,

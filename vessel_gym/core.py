@@ -193,7 +193,7 @@ class Core:
 
         Args:
             action: ``(B, a)`` finite; clipped to [-1, 1].
-            readings: Readings to use instead of the sensors' (for replays).
+            readings: Readings to use instead of the sensors' (for replays); the sensors then draw nothing.
 
         Returns:
             Reward ``(B,)`` and termination ``(B,)``.

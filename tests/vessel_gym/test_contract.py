@@ -559,6 +559,21 @@ def test_absurd_readings_raise_nothing_and_leave_no_trace_of_nan(env_id: str, es
             assert_sound(core, core.observe(), reward, core.info())
 
 
+@pytest.mark.parametrize("scale", [1e3, 1e30, 1e150, 1e300])
+@every_estimator
+def test_an_estimate_that_has_run_away_raises_nothing_and_leaves_no_trace_of_nan(
+    env_id: str, estimator: str, scale: float
+):
+    core = make_core(env_id, 4, seed=3, estimator=estimator, observe="mean+std", sensors="degraded")
+    core.reset()
+    walk = random_walk(3, 4, core.action_size)
+    for step in range(60):
+        if step == 20:
+            core.belief = core.belief.replace(mean=scale * (core.belief.mean + 1.0))
+        reward, _ = core.step(next(walk))
+        assert_sound(core, core.observe(), reward, core.info())
+
+
 @every_estimator
 def test_after_a_long_gap_the_estimate_returns_to_what_it_would_have_been(env_id: str, estimator: str):
     if estimator == "dead-reckoning":
