@@ -1,0 +1,48 @@
+"""The train and evaluate commands, and how every command refuses."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from scripts import evaluate, train
+from scripts.console import command
+
+
+def test_a_trained_agent_can_be_evaluated_on_several_estimators(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    checkpoint = tmp_path / "ppo.zip"
+    train.main("SigmaCorvette-v0", out=checkpoint, steps=128)
+    assert f"checkpoint: {checkpoint}" in capsys.readouterr().out
+    evaluate.main("SigmaCorvette-v0", agent=str(checkpoint), estimator=("truth", "kf"), episodes=2)
+    printed = capsys.readouterr().out
+    for label in ("Score", "Heading error", "truth", "kf"):
+        assert label in printed
+
+
+@pytest.mark.parametrize(
+    ("module", "arguments", "sentence"),
+    [
+        ("evaluate", ["--estimator", "kf-umv-iu", "--episodes", "2"], "did you mean 'kf-umv-ui'?"),
+        ("evaluate", ["--disturbance", "stormy", "--episodes", "2"], "choose from calm, moderate, rough"),
+        ("evaluate", ["--agent", "nobody", "--episodes", "2"], "unknown agent 'nobody'"),
+        ("evaluate", ["SigmaFrigate-v0", "--episodes", "2"], "SigmaFrigate"),
+        ("train", ["--out", "/dev/null/ppo.zip"], "cannot write the checkpoint"),
+        ("train", ["--steps", "5"], "steps must be at least"),
+    ],
+)
+def test_a_command_refuses_in_one_sentence(module: str, arguments: list[str], sentence: str):
+    run = subprocess.run([sys.executable, "-m", f"scripts.{module}", *arguments], capture_output=True, text=True)
+    assert run.returncode == 2
+    assert "Traceback" not in run.stderr
+    assert sentence in run.stderr
+
+
+def test_an_interrupted_command_ends_quietly(monkeypatch: pytest.MonkeyPatch):
+    def interrupted() -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(sys, "argv", ["command"])
+    with pytest.raises(SystemExit) as stop:
+        command(interrupted)
+    assert stop.value.code == 130
