@@ -28,6 +28,12 @@ class Belief:
         pending: ``(...)`` True where a prediction waits for the reading that shows its unknown
             input (filters without feedthrough).
         ensemble: ``(..., N, n)`` members as rows (ensemble filters).
+        input_matrix: ``(..., n, q)`` G of the last prediction, for a model whose G is a function.
+        feedthrough_mean: ``(..., q)`` what the readings of this very step show of the unknown input that acts
+            now, 0 in the other directions (filters that know the whole input one step later).
+        feedthrough_cov: ``(..., q, q)`` its covariance, 0 in the other directions.
+        state_feedthrough_cov: ``(..., n, q)`` covariance of its error and the state's.
+        feedthrough_observed: ``(..., q, q)`` projector on the directions that they show.
     """
 
     mean: np.ndarray
@@ -45,6 +51,11 @@ class Belief:
     input_observed: np.ndarray | None = None
     pending: np.ndarray | None = None
     ensemble: np.ndarray | None = None
+    input_matrix: np.ndarray | None = None
+    feedthrough_mean: np.ndarray | None = None
+    feedthrough_cov: np.ndarray | None = None
+    state_feedthrough_cov: np.ndarray | None = None
+    feedthrough_observed: np.ndarray | None = None
 
     def __getitem__(self, rows: Any) -> "Belief":
         """The beliefs of some rows of the batch: a mask, an index or a slice over leading axes."""

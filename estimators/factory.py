@@ -5,12 +5,17 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 from typing import Any
 
+from estimators.ensemble import EnsembleKalmanFilter, EnsembleSquareRootFilter, EnsembleTransformFilter
 from estimators.filter import Filter, Model
 from estimators.kalman import ExtendedKalmanFilter, KalmanFilter
+from estimators.robust import HuberKalmanFilter, RobustKalmanFilter
+from estimators.ulise import UnifiedInputStateEstimator
 from estimators.unknown_input import (
+    ExtendedUnbiasedMinimumVarianceFilterWithoutFeedthrough,
     UnbiasedMinimumVarianceFilter,
     UnbiasedMinimumVarianceFilterWithoutFeedthrough,
 )
+from estimators.unscented import UnscentedKalmanFilter, UnscentedUnbiasedMinimumVarianceFilter
 
 _FILTERS: dict[str, type[Filter]] = {
     cls.name: cls
@@ -19,6 +24,15 @@ _FILTERS: dict[str, type[Filter]] = {
         ExtendedKalmanFilter,
         UnbiasedMinimumVarianceFilter,
         UnbiasedMinimumVarianceFilterWithoutFeedthrough,
+        ExtendedUnbiasedMinimumVarianceFilterWithoutFeedthrough,
+        UnifiedInputStateEstimator,
+        UnscentedKalmanFilter,
+        UnscentedUnbiasedMinimumVarianceFilter,
+        EnsembleKalmanFilter,
+        EnsembleSquareRootFilter,
+        EnsembleTransformFilter,
+        HuberKalmanFilter,
+        RobustKalmanFilter,
     )
 }
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from estimators.angles import difference
 from estimators.belief import Belief
+from estimators.linalg import congruence
 from estimators.models import Gaussian, LinearModel, NonlinearModel, resolve
 
 Streams = np.random.Generator | Sequence[np.random.Generator] | None
@@ -28,6 +29,8 @@ class Reading(NamedTuple):
     R: np.ndarray  # (..., p, p)
     available: np.ndarray  # (..., p)
     complete: bool
+    whole: np.ndarray | None = None  # (..., p, n) C with the rows of missing readings, too
+    anomalies: np.ndarray | None = None  # (..., N, p) spread of what the members expect (ensemble filters)
 
 
 class Filter(ABC):
@@ -41,6 +44,8 @@ class Filter(ABC):
     """Steps by which the unknown input is known late (0 or 1); None: the filter estimates none."""
     random: ClassVar[bool] = False
     """Whether the filter draws random numbers, so that ``rng`` must be given."""
+    shares: ClassVar[bool] = False
+    """Whether covariances that all rows have in common are computed once; the formulas then only broadcast."""
 
     def __init__(self, model: Model) -> None:
         if not isinstance(model, LinearModel | NonlinearModel):
@@ -68,8 +73,11 @@ class Filter(ABC):
             raise ValueError(f"the prior is for {prior.mean.shape[-1]} states, the model has {n}")
         batch = np.broadcast_shapes(prior.mean.shape[:-1], prior.cov.shape[:-2])
         mean = np.array(np.broadcast_to(prior.mean, batch + (n,)))
-        cov = np.array(np.broadcast_to(prior.cov, batch + (n, n)))
-        return self._init(Belief(mean, cov, mean, cov, np.ones(batch, bool)), rng)
+        cov = np.broadcast_to(prior.cov, batch + (n, n))
+        if not self.shares:
+            cov = np.array(cov)
+            return self._init(Belief(mean, cov, mean, cov, np.ones(batch, bool)), rng)
+        return _spread(self._init(_shared(Belief(mean, cov, mean, cov, np.ones(batch, bool))), rng), batch)
 
     def predict(self, belief: Belief, u: np.ndarray | None = None, rng: Streams = None) -> Belief:
         """One step ahead: ``x(k-1|k-1)`` to ``x(k|k-1)``.
@@ -81,8 +89,11 @@ class Filter(ABC):
             u: Known input ``(..., m)`` over the step.
             rng: A Generator, or one for each row.
         """
+        u, batch = _known(u, belief), belief.mean.shape[:-1]
         with np.errstate(all="ignore"):
-            return self._predict(belief, _known(u, belief), rng)
+            if not self.shares or len(belief.mean) == 1:
+                return self._predict(belief, u, rng)
+            return _spread(self._predict(_shared(belief), u, rng), batch)
 
     def update(
         self,
@@ -119,7 +130,11 @@ class Filter(ABC):
         if u is not None:
             belief = belief.replace(u=_known(u, belief))
         with np.errstate(all="ignore"):
-            updated = self._update(belief, self._reading(belief, y, available, R), rng)
+            reading = self._reading(belief, y, available, R)
+            if not self.shares or len(belief.mean) == 1:
+                updated = self._update(belief, reading, rng)
+            else:
+                updated = _spread(self._update(_shared(belief), reading, rng), batch)
             if math.isfinite(np.add.reduce(updated.mean, None) + np.add.reduce(updated.cov, None)):
                 return updated
             return self._recovered(updated, y, rng, available, R)
@@ -140,9 +155,11 @@ class Filter(ABC):
     def _reading(self, belief: Belief, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None) -> Reading:
         """Innovation and measurement matrices, with missing channels neutralised."""
         model, u = self.model, belief.u
-        expected, C = model.linearise_measurement(belief.mean, u)
+        expected, C, excess = self._linearise(belief)
+        whole = C
         H = None if model.H is None else resolve(model.H, u)
         R = resolve(model.R, u) if R is None else R
+        R = R if excess is None else R + excess
         finite = np.isfinite(y)
         mask = finite if available is None else finite & available
         complete = bool(mask.all())
@@ -151,9 +168,18 @@ class Filter(ABC):
             y = np.where(mask, y, expected)
             C = C * weight[..., None]
             H = None if H is None else H * weight[..., None]
-            R = R * (weight[..., None] * weight[..., None, :]) + _diagonal(1.0 - weight)
+            R = neutralised(R, weight)
         innovation = difference(y, expected, model.measurement_angles)
-        return Reading(innovation, C, H, R, mask, complete)
+        return Reading(innovation, C, H, R, mask, complete, whole)
+
+    def _linearise(self, belief: Belief) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+        """The expected reading ``(..., p)``, C ``(..., p, n)``, and what is to be added to R for what C leaves out."""
+        return *self.model.linearise_measurement(belief.mean, belief.u), None
+
+    def _propagate(self, mean: np.ndarray, cov: np.ndarray, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+        """Mean ``(..., n)`` and covariance ``(..., n, n)`` one step on, without process noise."""
+        mean, A = self.model.linearise_transition(mean, u)
+        return mean, congruence(A, cov)
 
     def _recovered(
         self,
@@ -168,14 +194,60 @@ class Filter(ABC):
         if not lost.any():  # the sum overflowed, the entries did not
             return updated
         prior = updated.prior_mean, updated.prior_cov
+        rng = _streams_of(lost, rng)
         begun = self._init(Belief(*prior, *prior, ~lost, u=_finite(updated.u)), rng)
         fresh = self._update(begun, self._reading(begun, y, available, R), rng)
-        if not _finite_rows(fresh).all():  # not even the prior can take in this reading
+        unusable = ~_finite_rows(fresh)
+        if unusable.any():  # not even the prior can take in this reading
             nothing = np.zeros(y.shape, bool)
-            prior_alone = self._update(begun, self._reading(begun, y, nothing, R), rng)
-            unusable = ~_finite_rows(fresh)
+            prior_alone = self._update(begun, self._reading(begun, y, nothing, R), _streams_of(unusable, rng))
             fresh = fresh.with_rows(unusable, prior_alone[unusable])
         return updated.with_rows(lost, fresh[lost]).replace(healthy=~lost)
+
+
+_COVARIANCES = (
+    "cov", "innovation_cov", "input_cov", "state_input_cov", "input_observed", "input_matrix",
+    "feedthrough_cov", "state_feedthrough_cov", "feedthrough_observed",
+)  # fmt: skip
+
+
+def _shared(belief: Belief) -> Belief:
+    """The belief with covariances ``(1, ..., n, n)`` where all rows have the same: a linear filter's usual case.
+
+    That they are the same shows in their strides: `_spread` gave them none along the batch.
+    """
+    changes = {}
+    for name in _COVARIANCES:
+        array = getattr(belief, name)
+        if array is None:
+            continue
+        if any(array.strides[:-2]):
+            return belief
+        changes[name] = array[(slice(0, 1),) * (array.ndim - 2)]
+    return belief.replace(**changes)
+
+
+def _spread(belief: Belief, batch: tuple[int, ...]) -> Belief:
+    """The belief with a covariance for every row, as views of the one where they share it."""
+    changes = {}
+    for name in _COVARIANCES:
+        array = getattr(belief, name)
+        if array is not None and array.shape[:-2] != batch:
+            changes[name] = np.broadcast_to(array, batch + array.shape[-2:])
+    return belief.replace(**changes) if changes else belief
+
+
+def neutralised(R: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """R ``(..., p, p)`` with a unit, uncorrelated variance where ``weight (..., p)`` is 0 instead of 1."""
+    return R * (weight[..., None] * weight[..., None, :]) + _diagonal(1.0 - weight)
+
+
+def _streams_of(rows: np.ndarray, rng: Streams) -> Streams:
+    """The streams of a mask's rows; the others get one to waste, so that theirs do not advance."""
+    if rng is None or isinstance(rng, np.random.Generator):
+        return rng
+    wasted = np.random.default_rng(0)
+    return [stream if row else wasted for stream, row in zip(rng, rows.ravel(), strict=True)]
 
 
 def _finite_rows(belief: Belief) -> np.ndarray:

@@ -18,19 +18,16 @@ class ExtendedKalmanFilter(Filter):
     """
 
     name = "ekf"
+    shares = True
 
     def _predict(self, belief: Belief, u: np.ndarray | None, rng: Streams) -> Belief:
-        mean, A = self.model.linearise_transition(belief.mean, u)
-        cov = symmetrise(congruence(A, belief.cov) + self._process_noise(u))
+        mean, cov = self._propagate(belief.mean, belief.cov, u)
+        cov = symmetrise(cov + self._process_noise(u))
         return Belief(mean, cov, belief.prior_mean, belief.prior_cov, belief.healthy, u)
 
     def _update(self, belief: Belief, reading: Reading, rng: Streams) -> Belief:
         C, R = reading.C, self._measurement_noise(reading, belief.u)
-        PC = product(belief.cov, C.mT)
-        S = product(PC.mT, C.mT) + R
-        K = solve(S, PC.mT).mT
-        mean = belief.mean + np.matvec(K, reading.innovation)
-        cov = symmetrise(congruence(self._identity - product(K, C), belief.cov) + product(K, R) @ K.mT)
+        mean, cov, S = joseph_update(belief.mean, belief.cov, reading.innovation, C, R)
         return Belief(
             mean, cov, belief.prior_mean, belief.prior_cov, np.ones(mean.shape[:-1], bool), belief.u,
             reading.innovation, S, reading.available,
@@ -41,6 +38,28 @@ class ExtendedKalmanFilter(Filter):
 
     def _measurement_noise(self, reading: Reading, u: np.ndarray | None) -> np.ndarray:
         return reading.R
+
+
+def joseph_update(
+    mean: np.ndarray, cov: np.ndarray, innovation: np.ndarray, C: np.ndarray, R: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The Kalman update in Joseph form.
+
+    Args:
+        mean: ``(..., n)`` prediction.
+        cov: ``(..., n, n)`` its covariance.
+        innovation: ``(..., p)``.
+        C: ``(..., p, n)``.
+        R: ``(..., p, p)``.
+
+    Returns:
+        The mean ``(..., n)`` and covariance ``(..., n, n)`` after the reading, and S ``(..., p, p)``.
+    """
+    PC = product(cov, C.mT)
+    S = product(PC.mT, C.mT) + R
+    K = solve(S, PC.mT).mT
+    left = congruence(np.eye(mean.shape[-1]) - product(K, C), cov)
+    return mean + np.matvec(K, innovation), symmetrise(left + product(K, R) @ K.mT), S
 
 
 class KalmanFilter(ExtendedKalmanFilter):
@@ -61,6 +80,7 @@ class KalmanFilter(ExtendedKalmanFilter):
     """
 
     name = "kf"
+    model: LinearModel
 
     def __init__(self, model: Model, input_cov: np.ndarray | float | None = None) -> None:
         super().__init__(model)

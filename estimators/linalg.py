@@ -41,6 +41,38 @@ def solve(s: np.ndarray, b: np.ndarray) -> np.ndarray:
         return solution
 
 
+def semidefinite_cholesky(a: np.ndarray) -> np.ndarray:
+    """Lower triangular ``L (..., n, n)`` with ``L L' = A`` for symmetric positive semidefinite ``A``.
+
+    A pivot that is zero to rounding gives a column of zeros, where `numpy.linalg.cholesky` would raise. Column by
+    column over the whole batch, which for a few states is as fast.
+    """
+    n = a.shape[-1]
+    rest, root = np.array(a), np.zeros(a.shape)
+    for j in range(n):
+        pivot = rest[..., j, j]
+        pivot = np.where(pivot <= n * _EPS * a[..., j, j], np.inf, pivot)
+        column = rest[..., j:, j] / np.sqrt(pivot)[..., None]
+        root[..., j:, j] = column
+        rest[..., j:, j:] -= column[..., :, None] * column[..., None, :]
+    return root
+
+
+_EPS = np.finfo(float).eps
+
+
+def cholesky(s: np.ndarray) -> np.ndarray:
+    """The lower factor of ``S (..., p, p)``; a row that is not positive definite comes out as NaN."""
+    try:
+        return np.linalg.cholesky(s)
+    except np.linalg.LinAlgError:
+        factor = np.full(s.shape, np.nan)
+        for row in np.ndindex(s.shape[:-2]):
+            with suppress(np.linalg.LinAlgError):
+                factor[row] = np.linalg.cholesky(s[row])
+        return factor
+
+
 def inverse(s: np.ndarray) -> np.ndarray:
     """``S^-1`` of a small symmetric matrix; a scalar needs no factorisation."""
     if s.shape[-1] == 1:

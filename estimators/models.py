@@ -13,6 +13,7 @@ from scipy.linalg import expm
 from estimators.linalg import congruence
 
 Matrix = np.ndarray | Callable[[np.ndarray | None], np.ndarray]
+StateMatrix = np.ndarray | Callable[[np.ndarray, np.ndarray | None], np.ndarray]
 
 
 def resolve(matrix: Matrix, u: np.ndarray | None) -> np.ndarray:
@@ -106,6 +107,10 @@ class LinearModel:
         """``C x``: the reading expected without unknown input and noise."""
         return np.matvec(resolve(self.C, u), x)
 
+    def input_matrix(self, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+        """G ``(..., n, q)``: how the unknown input moves the next state."""
+        return resolve(self.G, u)
+
     def linearise_transition(self, x: np.ndarray, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """The next state ``(..., n)`` and the Jacobian ``A (..., n, n)``."""
         A = resolve(self.A, u)
@@ -129,8 +134,9 @@ class NonlinearModel:
         measurement: ``h(x, u) -> (..., p)``; likewise.
         Q: ``(..., n, n)`` process noise covariance.
         R: ``(..., p, p)`` measurement noise covariance.
-        G: ``(..., n, q)`` unknown input to the state.
-        H: ``(..., p, q)`` unknown input to the measurement.
+        G: ``(..., n, q)`` unknown input to the state, ``df/dd``, or a function of ``(x, u)`` that broadcasts; then
+            give H, zero if need be, to tell how many unknown inputs there are.
+        H: ``(..., p, q)`` unknown input to the measurement, or a function of ``u``.
         state_angles: indices of states that are angles.
         measurement_angles: indices of measurements that are angles.
 
@@ -142,7 +148,7 @@ class NonlinearModel:
     measurement: Callable[[np.ndarray, np.ndarray | None], np.ndarray]
     Q: np.ndarray
     R: np.ndarray
-    G: Matrix | None = None
+    G: StateMatrix | None = None
     H: Matrix | None = None
     state_angles: tuple[int, ...] = ()
     measurement_angles: tuple[int, ...] = ()
@@ -167,6 +173,19 @@ class NonlinearModel:
             object.__setattr__(self, "H", np.zeros((p, q)))
         _check_shapes({"G": (self.G, n, q), "H": (self.H, p, q)})
         _store_sizes(self, n, p, q)
+
+    def input_matrix(self, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+        """G ``(..., n, q)``: how the unknown input moves the next state from ``x (..., n)``.
+
+        Raises:
+            ValueError: if G is a function whose value has another shape.
+        """
+        if not callable(self.G):
+            return self.G
+        G = np.asarray(self.G(x, u))
+        if G.shape[-2:] != (self.n, self.q):
+            raise ValueError(f"G gave a matrix of shape {G.shape}, expected (..., {self.n}, {self.q})")
+        return G
 
     def linearise_transition(self, x: np.ndarray, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """``f(x, u)`` and its Jacobian by central differences, all columns in one call."""
@@ -275,14 +294,14 @@ def _store_sizes(model: object, n: int, p: int, q: int) -> None:
         object.__setattr__(model, indices, angles)
 
 
-def _dimension(symbol: str, sources: dict[str, tuple[Matrix | None, int]]) -> int:
+def _dimension(symbol: str, sources: dict[str, tuple[object, int]]) -> int:
     for matrix, axis in sources.values():
         if isinstance(matrix, np.ndarray):
             return matrix.shape[axis]
     raise ValueError(f"cannot tell {symbol}: give one of {', '.join(sources)} as an array, not as a function")
 
 
-def _check_shapes(expected: dict[str, tuple[Matrix | None, int, int | None]]) -> None:
+def _check_shapes(expected: dict[str, tuple[object, int, int | None]]) -> None:
     for name, (matrix, rows, columns) in expected.items():
         if not isinstance(matrix, np.ndarray):
             continue

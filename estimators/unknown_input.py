@@ -1,5 +1,7 @@
 """Unbiased minimum-variance filters that estimate an unknown input together with the state."""
 
+from typing import ClassVar
+
 import numpy as np
 
 from estimators.belief import Belief
@@ -16,12 +18,16 @@ class UnknownInputFilter(Filter):
     for that step, and the belief's ``input_observed`` is the projector on the others.
     """
 
-    model: LinearModel
+    shares = True
+    linear: ClassVar[bool] = True
+    """Whether the filter needs a `LinearModel`."""
 
     def __init__(self, model: Model, input_prior: np.ndarray | float = 1.0) -> None:
         super().__init__(model)
-        if not isinstance(model, LinearModel):
-            raise ValueError(f"{self.name} needs a LinearModel")
+        if self.linear and not isinstance(model, LinearModel):
+            raise ValueError(
+                f"{self.name} needs a LinearModel: for a nonlinear one without feedthrough use ekf-ui-wdf or ukf-umv"
+            )
         if model.q == 0:
             raise ValueError(f"{self.name} needs an unknown input: give the model G, H or both")
         self.input_prior = input_covariance("input_prior", input_prior, model.q)
@@ -35,12 +41,21 @@ class UnknownInputFilter(Filter):
 
     def _with_unseen_input(self, belief: Belief, pending: np.ndarray) -> Belief:
         """The belief with nothing known of the input beyond its prior."""
-        batch, n, q = belief.mean.shape[:-1], self.model.n, self.model.q
+        n, q = self.model.n, self.model.q
+        rows = belief.cov.shape[:-2]  # one where all rows share it
         return Belief(
             belief.mean, belief.cov, belief.prior_mean, belief.prior_cov, belief.healthy, belief.u,
-            input_mean=np.zeros(batch + (q,)), input_cov=np.zeros(batch + (q, q)) + self.input_prior,
-            state_input_cov=np.zeros(batch + (n, q)), input_observed=np.zeros(batch + (q, q)), pending=pending,
+            input_mean=np.zeros(belief.mean.shape[:-1] + (q,)), input_cov=np.zeros(rows + (q, q)) + self.input_prior,
+            state_input_cov=np.zeros(rows + (n, q)), input_observed=np.zeros(rows + (q, q)), pending=pending,
         )  # fmt: skip
+
+
+def waiting(belief: Belief) -> np.ndarray:
+    """The belief's ``pending`` as ``(..., 1, 1)``, of one row where all agree, so that what they share stays shared."""
+    pending = belief.pending
+    if pending.all() or not pending.any():
+        pending = pending[(slice(0, 1),) * pending.ndim]
+    return pending[..., None, None]
 
 
 def _gains(
@@ -63,25 +78,61 @@ def _gains(
         K ``(..., n, p)``, M ``(..., q, p)`` and the projector ``(..., q, q)`` on the directions shown.
     """
     n, q = CP.shape[-1], F.shape[-1]
-    right = np.empty(CP.shape[:-1] + (n + q,))
+    rows = CP.shape[:-2] if F.ndim == 2 else np.broadcast_shapes(CP.shape[:-2], F.shape[:-2])
+    right = np.empty(rows + (CP.shape[-2], n + q))
     right[..., :n], right[..., n:] = CP, F
     solved = solve(S, right)
     K, SF = solved[..., :n].mT, solved[..., n:]
-    information = F.mT @ SF
+    return K, *unbiased_gain(F, SF, whole, units)
+
+
+def unbiased_gain(
+    F: np.ndarray, SF: np.ndarray, whole: np.ndarray | None, units: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """``M = (F' S^-1 F)^-1 F' S^-1`` on the directions that F shows, given ``SF = S^-1 F``; otherwise as `_gains`.
+
+    Returns:
+        M ``(..., q, p)`` and the projector ``(..., q, q)`` on the directions shown.
+    """
+    q, information = F.shape[-1], F.mT @ SF
     if whole is None:
-        return K, inverse(information) @ SF.mT, np.zeros(information.shape) + (1.0 if q == 1 else np.eye(q))
-    strongest = np.linalg.svd(whole * units, compute_uv=False).max(-1)
-    _, strength, directions = np.linalg.svd(F * units)
-    shown = np.zeros(directions.shape[:-1], bool)
-    shown[..., : strength.shape[-1]] = strength > 1e-9 * strongest[..., None]
-    hidden = directions * ~shown[..., None]
-    unseen = hidden.mT @ hidden
+        return inverse(information) @ SF.mT, np.zeros(information.shape) + (1.0 if q == 1 else np.eye(q))
+    unseen, nothing = hidden_directions(F, whole, units)
     scale = units[:, None] * units
     seen, information = np.eye(q) - unseen, information * scale
     # The hidden directions get a finite information of the same size, so that the inverse stays well conditioned.
-    size = np.trace(information, axis1=-2, axis2=-1)[..., None, None]
-    cov = seen @ inverse(information + np.where(size > 0.0, size, 1.0) * unseen) @ seen
-    return K, (cov * scale) @ SF.mT, seen * (units[:, None] / units)
+    size = np.where(nothing, 1.0, np.trace(information, axis1=-2, axis2=-1))[..., None, None]
+    cov = seen @ inverse(information + size * unseen) @ seen
+    return (cov * scale) @ SF.mT, seen * (units[:, None] / units) + np.zeros(information.shape)
+
+
+def hidden_directions(F: np.ndarray, whole: np.ndarray, units: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The directions of ``d`` that ``F d`` does not show, each input in units of its prior.
+
+    Args:
+        F: ``(..., p, q)``.
+        whole: ``(..., p, q)``, against whose largest singular value a direction counts as shown.
+        units: ``(q,)``.
+
+    Returns:
+        The orthogonal projector ``(..., q, q)`` on them, and whether they are all ``(...)``.
+    """
+    # A row that is lost, and not finite, must not raise: it shows nothing.
+    F, whole = (np.where(np.isfinite(matrix), matrix, 0.0) * units for matrix in (F, whole))
+    strongest = np.linalg.svd(whole, compute_uv=False).max(-1)
+    _, strength, directions = np.linalg.svd(F)
+    shown = np.zeros(directions.shape[:-1], bool)
+    shown[..., : strength.shape[-1]] = strength > 1e-9 * strongest[..., None]
+    hidden = directions * ~shown[..., None]
+    return hidden.mT @ hidden, np.asarray(~shown.any(-1))
+
+
+def driven(
+    A: np.ndarray, G: np.ndarray, cov: np.ndarray, state_input_cov: np.ndarray, input_cov: np.ndarray
+) -> np.ndarray:
+    """``[A G] [[P, Pxd], [Pxd', Pd]] [A G]'``, not yet symmetrised: where one term of two is doubled instead."""
+    half = 2.0 * (A @ state_input_cov) + G @ input_cov
+    return congruence(A, cov) + product(half, G.mT)
 
 
 class UnbiasedMinimumVarianceFilter(UnknownInputFilter):
@@ -110,6 +161,7 @@ class UnbiasedMinimumVarianceFilter(UnknownInputFilter):
 
     name = "kf-umv-ui"
     input_delay = 0
+    model: LinearModel
 
     def __init__(self, model: Model, input_prior: np.ndarray | float = 1.0) -> None:
         super().__init__(model, input_prior)
@@ -126,9 +178,8 @@ class UnbiasedMinimumVarianceFilter(UnknownInputFilter):
         mean, A = model.linearise_transition(belief.mean, u)
         G = resolve(model.G, u)
         mean = mean + np.matvec(G, belief.input_mean)
-        # Half of the terms in P_xd, doubled by symmetrising.
-        half = 2.0 * (A @ belief.state_input_cov) + G @ belief.input_cov
-        cov = symmetrise(congruence(A, belief.cov) + product(half, G.mT) + resolve(model.Q, u))
+        cov = driven(A, G, belief.cov, belief.state_input_cov, belief.input_cov)
+        cov = symmetrise(cov + resolve(model.Q, u))
         predicted = Belief(mean, cov, belief.prior_mean, belief.prior_cov, belief.healthy, u)
         return self._with_unseen_input(predicted, belief.pending)
 
@@ -154,15 +205,120 @@ class UnbiasedMinimumVarianceFilter(UnknownInputFilter):
         )  # fmt: skip
 
 
-class UnbiasedMinimumVarianceFilterWithoutFeedthrough(UnknownInputFilter):
-    """KF-UMV-UI-WDF: the unknown input acts on the state only, and shows in the next reading.
+class DelayedInputFilter(UnknownInputFilter):
+    """What the filters share to which a reading shows the unknown input of the step before: d(k-1) at k."""
 
-    At step k it estimates d(k-1) (``input_delay`` 1)::
+    input_delay = 1
+
+    def _init(self, belief: Belief, rng: Streams) -> Belief:
+        begun = super()._init(belief, rng)
+        if not callable(self.model.G):
+            return begun
+        return begun.replace(input_matrix=np.zeros(begun.state_input_cov.shape))
+
+    def _input_matrix(self, belief: Belief) -> np.ndarray:
+        """G of the last prediction ``(..., n, q)``."""
+        return belief.input_matrix if callable(self.model.G) else self.model.G
+
+    def _with_input_matrix(self, predicted: Belief, x: np.ndarray, u: np.ndarray | None) -> Belief:
+        """The prediction from ``x`` with the G that held there, if it changes."""
+        if not callable(self.model.G):
+            return predicted
+        G = self.model.input_matrix(x, u)
+        return predicted.replace(input_matrix=np.broadcast_to(G, x.shape[:-1] + G.shape[-2:]))
+
+    def _covariance(self, belief: Belief) -> np.ndarray:
+        """The state's covariance, with the input that an earlier prediction left open if it never met its reading."""
+        if not belief.pending.any():
+            return belief.cov
+        unseen = self._input_matrix(belief) @ (np.eye(self.model.q) - belief.input_observed)
+        return belief.cov + congruence(unseen, self.input_prior) * waiting(belief)
+
+
+class ExtendedUnbiasedMinimumVarianceFilterWithoutFeedthrough(DelayedInputFilter):
+    """EKF-UI-WDF: the unknown input acts on the state only, and shows in the next reading.
+
+    With C the measurement's Jacobian at the prediction and ``G = df/dd`` at the estimate before it, step k
+    estimates d(k-1) (``input_delay`` 1)::
 
         F = C G     Pd = (F' S^-1 F)^-1     M = Pd F' S^-1     d(k-1) = M e     L = K + (I - K C) G M
-        x = x- + L e      P = (I - L C) P- (I - L C)' + L R L'      x-+ = A x + B u      P-+ = A P A' + Q
+        x = x- + L e      P = (I - L C) P- (I - L C)' + L R L'      x-+ = f(x, u)      P-+ = A P A' + Q
 
-    The first update after ``init`` has no d(k-1): it is a Kalman update.
+    The first update after ``init`` has no d(k-1): it is a Kalman update. Where a reading does not show a direction of
+    ``d``, because a channel dropped or C G lost rank at this state, that direction falls back to
+    N(0, ``input_prior``) for that step. Jacobians are taken at a prediction that knows nothing of d(k-1):
+    what an input does to them within one step is neglected.
+
+    Sources: Kitanidis (1987); Gillijns & De Moor (2007a); Pan et al. (2010), the extended filter without feedthrough.
+
+    Args:
+        model: A model with H = 0 and rank(C G) = q; a nonlinear one may give G as a function of ``(x, u)``.
+        input_prior: Covariance ``(q, q)`` of the unknown input where no reading shows it; a number
+            stands for that number times identity. Its scale is the problem's: set it.
+
+    Raises:
+        ValueError: if H is not zero or the rank condition cannot hold.
+    """
+
+    name = "ekf-ui-wdf"
+    linear = False
+
+    def __init__(self, model: Model, input_prior: np.ndarray | float = 1.0) -> None:
+        super().__init__(model, input_prior)
+        if callable(model.H) or np.any(model.H):
+            raise ValueError(f"{self.name} needs H = 0 (no feedthrough): use kf-umv-ui or ulise")
+        C, G = getattr(model, "C", None), model.G
+        self._always_shown = isinstance(C, np.ndarray) and isinstance(G, np.ndarray)
+        if self._always_shown:
+            rank = int(np.linalg.matrix_rank(C @ G).min())
+        else:  # C G changes, but is never of higher rank than this
+            rank = min(model.p, model.q if callable(G) else int(np.linalg.matrix_rank(G).min()))
+        if rank < model.q:
+            raise ValueError(
+                f"{self.name} needs rank(C G) = {model.q} unknown input{'s' if model.q > 1 else ''}, "
+                f"got {'' if self._always_shown else 'at most '}{rank}: measure a state that each input drives directly"
+            )
+
+    def _predict(self, belief: Belief, u: np.ndarray | None, rng: Streams) -> Belief:
+        mean, cov = self._propagate(belief.mean, self._covariance(belief), u)
+        cov = symmetrise(cov + resolve(self.model.Q, u))
+        predicted = Belief(mean, cov, belief.prior_mean, belief.prior_cov, belief.healthy, u)
+        predicted = self._with_unseen_input(predicted, np.ones(mean.shape[:-1], bool))
+        return self._with_input_matrix(predicted, belief.mean, u)
+
+    def _update(self, belief: Belief, reading: Reading, rng: Streams) -> Belief:
+        C, R = reading.C, reading.R
+        G = self._input_matrix(belief)
+        PC = product(belief.cov, C.mT)
+        S = product(PC.mT, C.mT) + R
+        pending = waiting(belief)
+        complete = reading.complete and self._always_shown and bool(pending.all())
+        whole = None if complete else reading.whole @ G
+        K, M, observed = _gains(S, PC.mT, C @ G if complete else (C @ G) * pending, whole, self._input_units)
+        n, q = self.model.n, self.model.q
+        GM = G @ M
+        Z = np.empty(K.shape[:-2] + (n + q, self.model.p))  # (x, d) = (x-, 0) + Z e
+        Z[..., :n, :], Z[..., n:, :] = K + GM - K @ (C @ GM), M
+        correction = np.matvec(Z, reading.innovation)
+        # Errors: x~ = x~- - L (C x~- + v), the input's share in it cancelling, and d~ = -M (C x~- + v).
+        cov = congruence(self._state_rows - product(Z, C), belief.cov) + product(Z, R) @ Z.mT
+        if not complete:
+            reach = np.empty(Z.shape[:-1] + (q,))
+            reach[..., :n, :], reach[..., n:, :] = G * pending, np.eye(q)
+            cov = cov + congruence(reach @ (np.eye(q) - observed), self.input_prior)
+        cov = symmetrise(cov)
+        healthy, settled = np.ones(correction.shape[:-1], bool), np.zeros(correction.shape[:-1], bool)
+        return Belief(
+            belief.mean + correction[..., :n], cov[..., :n, :n], belief.prior_mean, belief.prior_cov, healthy, belief.u,
+            reading.innovation, S, reading.available, correction[..., n:], cov[..., n:, n:], cov[..., :n, n:], observed,
+            settled, input_matrix=belief.input_matrix,
+        )  # fmt: skip
+
+
+class UnbiasedMinimumVarianceFilterWithoutFeedthrough(ExtendedUnbiasedMinimumVarianceFilterWithoutFeedthrough):
+    """KF-UMV-UI-WDF: unbiased and of minimum variance for a linear model without feedthrough (rank C G = q).
+
+    The formulas of `ExtendedUnbiasedMinimumVarianceFilterWithoutFeedthrough`, exact here, with ``x-+ = A x + B u``.
 
     Sources: Kitanidis (1987); Darouach & Zasadzinski (1997); Gillijns & De Moor (2007a).
 
@@ -175,55 +331,4 @@ class UnbiasedMinimumVarianceFilterWithoutFeedthrough(UnknownInputFilter):
     """
 
     name = "kf-umv-ui-wdf"
-    input_delay = 1
-
-    def __init__(self, model: Model, input_prior: np.ndarray | float = 1.0) -> None:
-        super().__init__(model, input_prior)
-        if callable(model.H) or np.any(model.H):
-            raise ValueError("kf-umv-ui-wdf needs H = 0 (no feedthrough): use kf-umv-ui")
-        C, G = self.model.C, self.model.G
-        if not callable(C) and not callable(G):
-            rank = int(np.linalg.matrix_rank(C @ G).min())
-            if rank < model.q:
-                raise ValueError(
-                    f"kf-umv-ui-wdf needs rank(C G) = {model.q} unknown input{'s' if model.q > 1 else ''}, "
-                    f"got {rank}: measure a state that each input drives directly"
-                )
-
-    def _predict(self, belief: Belief, u: np.ndarray | None, rng: Streams) -> Belief:
-        cov = belief.cov
-        if belief.pending.any():  # an earlier prediction never met its reading: its input stays unknown
-            unseen = congruence(resolve(self.model.G, belief.u), self.input_prior)
-            cov = cov + unseen * belief.pending[..., None, None]
-        mean, A = self.model.linearise_transition(belief.mean, u)
-        cov = symmetrise(congruence(A, cov) + resolve(self.model.Q, u))
-        predicted = Belief(mean, cov, belief.prior_mean, belief.prior_cov, belief.healthy, u)
-        return self._with_unseen_input(predicted, np.ones(mean.shape[:-1], bool))
-
-    def _update(self, belief: Belief, reading: Reading, rng: Streams) -> Belief:
-        C, R = reading.C, reading.R
-        G = resolve(self.model.G, belief.u)
-        PC = product(belief.cov, C.mT)
-        S = product(PC.mT, C.mT) + R
-        pending = belief.pending[..., None, None]
-        complete = reading.complete and bool(pending.all())
-        whole = None if complete else resolve(self.model.C, belief.u) @ G
-        K, M, observed = _gains(S, PC.mT, (C @ G) * pending, whole, self._input_units)
-        n, q = self.model.n, self.model.q
-        GM = G @ M
-        Z = np.empty(K.shape[:-2] + (n + q, self.model.p))  # (x, d) = (x-, 0) + Z e
-        Z[..., :n, :], Z[..., n:, :] = K + GM - K @ (C @ GM), M
-        correction = np.matvec(Z, reading.innovation)
-        # Errors: x~ = x~- - L (C x~- + v), the input's share in it cancelling, and d~ = -M (C x~- + v).
-        cov = congruence(self._state_rows - product(Z, C), belief.cov) + product(Z, R) @ Z.mT
-        if not complete:
-            hidden = congruence(np.eye(q) - observed, self.input_prior)
-            reach = np.concatenate([G * pending, np.broadcast_to(np.eye(q), M.shape[:-2] + (q, q))], -2)
-            cov = cov + congruence(reach, hidden)
-        cov = symmetrise(cov)
-        healthy, settled = np.ones(correction.shape[:-1], bool), np.zeros(correction.shape[:-1], bool)
-        return Belief(
-            belief.mean + correction[..., :n], cov[..., :n, :n], belief.prior_mean, belief.prior_cov, healthy, belief.u,
-            reading.innovation, S, reading.available, correction[..., n:], cov[..., n:, n:], cov[..., :n, n:], observed,
-            settled,
-        )  # fmt: skip
+    linear = True

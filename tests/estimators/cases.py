@@ -60,11 +60,14 @@ def kalman_system(seed: int, n: int = 4, p: int = 3, m: int = 2, radius: float =
     return System(model, rng.normal(size=n), random_covariance(rng, n), m)
 
 
-def unknown_input_system(seed: int, feedthrough: bool, n: int = 4, p: int = 3, q: int = 1, m: int = 2) -> System:
-    """A random stable and strongly detectable system with unknown input.
+def unknown_input_system(
+    seed: int, feedthrough: bool, n: int = 4, p: int = 3, q: int = 1, m: int = 2, rank: int | None = None
+) -> System:
+    """A random stable and strongly detectable system with unknown input; ``rank`` of H, if it is not q.
 
     With A stable, strong detectability means that the transfer function from the unknown input to the reading,
-    ``T(z) = H + C (z I - A)^-1 G`` (times z without feedthrough), has full column rank for every |z| >= 1.
+    ``T(z) = H + C (z I - A)^-1 G`` (times z in the directions without feedthrough), has full column rank for
+    every |z| >= 1.
     Draws whose smallest singular value falls below a margin there are rejected, so that the filters are well
     conditioned; the same margin for every choice of p - 1 channels lets one channel be taken away.
     """
@@ -73,8 +76,10 @@ def unknown_input_system(seed: int, feedthrough: bool, n: int = 4, p: int = 3, q
     while True:
         A, C, G = random_transition(rng, n, 0.85), rng.normal(size=(p, n)), rng.normal(size=(n, q))
         H = rng.normal(size=(p, q)) if feedthrough else np.zeros((p, q))
+        if rank is not None:
+            H = H[:, :rank] @ rng.normal(size=(rank, q))
         transfer = H + C @ np.linalg.solve(z[..., None, None] * np.eye(n) - A, G.astype(complex))
-        transfer = transfer if feedthrough else transfer * z[..., None, None]
+        transfer = transfer @ (np.eye(q) + (z[..., None, None] - 1.0) * (np.eye(q) - shown_directions(H)))
         kept = [np.arange(p) != j for j in range(p)]
         if min(np.linalg.svd(transfer[..., rows, :])[1].min() for rows in kept) > 0.2:
             break
@@ -83,6 +88,13 @@ def unknown_input_system(seed: int, feedthrough: bool, n: int = 4, p: int = 3, q
         Q=random_covariance(rng, n), R=random_covariance(rng, p),
     )  # fmt: skip
     return System(model, rng.normal(size=n), random_covariance(rng, n), m)
+
+
+def shown_directions(F: np.ndarray) -> np.ndarray:
+    """The orthogonal projector ``(q, q)`` on the directions of ``d`` that ``F d`` shows, ``F (p, q)``."""
+    _, strength, directions = np.linalg.svd(F, full_matrices=False)
+    shown = directions[strength > 1e-9]
+    return shown.T @ shown
 
 
 def turning_vehicle(seed: int) -> System:
@@ -107,6 +119,18 @@ def turning_vehicle(seed: int) -> System:
     )  # fmt: skip
     heading = np.random.default_rng(seed).uniform(-3.0, 3.0)
     return System(model, np.array([0.0, 0.0, heading, 1.0]), np.diag([0.5, 0.5, 0.05, 0.1]), 2)
+
+
+def pushed_vehicle(seed: int) -> System:
+    """`turning_vehicle` with an unknown push along its heading, which moves and turns it within the step."""
+    system = turning_vehicle(seed)
+
+    def push(x: np.ndarray, u: np.ndarray) -> np.ndarray:
+        heading = x[..., 2]
+        one = np.ones(heading.shape)
+        return 0.1 * np.stack([np.cos(heading), np.sin(heading), 0.5 * one, 0.2 * one], axis=-1)[..., None]
+
+    return replace(system, model=replace(system.model, G=push, H=np.zeros((3, 1))))
 
 
 def without_channel(model: LinearModel | NonlinearModel, j: int) -> LinearModel | NonlinearModel:
@@ -159,8 +183,8 @@ def simulate(
         y = model.measurement(x, u[k]) + np.matvec(roots[2], rng.normal(size=(runs, model.p)))
         xs.append(x)
         ys.append(y if d is None else y + np.matvec(model.H, d[k]))
-        x = model.transition(x, u[k]) + np.matvec(roots[1], rng.normal(size=(runs, model.n)))
-        x = x if d is None else x + np.matvec(model.G, d[k])
+        push = 0.0 if d is None else np.matvec(model.input_matrix(x, u[k]), d[k])
+        x = model.transition(x, u[k]) + np.matvec(roots[1], rng.normal(size=(runs, model.n))) + push
     return Record(np.array(xs), np.array(ys), u, d)
 
 
@@ -223,10 +247,10 @@ def flat_prior_posterior(
 class Case:
     """A filter with its options, a family of random systems for it, and the laws that it obeys.
 
-    Laws: ``kalman`` is exactly the Kalman filter on a linear Gaussian model; ``unknown-input`` estimates state
-    and unknown input without bias; ``consistent`` has errors as large as it says; ``linear`` has linear systems;
-    ``deterministic`` uses no randomness; ``long`` is tried over a very long run, one case for each way in which
-    filters carry a covariance on.
+    Laws: ``kalman`` is exactly the Kalman filter on a linear Gaussian model; ``unknown-input`` estimates state and
+    unknown input without bias; ``consistent`` has errors as large as it says; ``linear`` has linear systems;
+    ``deterministic`` uses no randomness; ``ensemble`` carries members, and with ``square-root`` updates them without;
+    ``long`` is tried over a very long run, one case for each way in which filters carry a covariance on.
     """
 
     id: str
@@ -247,6 +271,23 @@ _UI = "unknown-input consistent linear deterministic"
 CASES = (
     _case("kf", "kf", kalman_system, "kalman consistent linear deterministic long"),
     _case("ekf", "ekf", kalman_system, "kalman consistent linear deterministic"),
+    _case("enkf", "enkf", kalman_system, "linear ensemble", members=20),
+    _case(
+        "enkf, inflated and localised", "enkf", kalman_system, "linear ensemble", members=15, inflation=1.05,
+        localisation=np.arange(12.0).reshape(4, 3) / 11.0,
+    ),
+    _case("enkf on a turning vehicle", "enkf", turning_vehicle, "ensemble", members=20),
+    _case("enkf-sr", "enkf-sr", kalman_system, "linear ensemble square-root", members=20),
+    _case(
+        "enkf-sr as published", "enkf-sr", kalman_system, "linear ensemble", members=10, variant="evensen2004",
+    ),
+    _case("etkf", "etkf", kalman_system, "linear ensemble square-root", members=20),
+    _case("etkf with fewer members than states", "etkf", kalman_system, "linear ensemble square-root", members=3),
+    _case(
+        "etkf, inflated, rotated and localised", "etkf", kalman_system, "linear ensemble", members=9, inflation=1.05,
+        rotate=True, localisation=np.array([[1, 1, 0], [0, 1, 1], [1, 1, 0], [0, 0, 0]]),
+    ),
+    _case("etkf on a turning vehicle", "etkf", turning_vehicle, "ensemble square-root", members=20),
     _case("ekf on a turning vehicle", "ekf", turning_vehicle, "deterministic"),
     _case(
         "kf-umv-ui", "kf-umv-ui", lambda seed: unknown_input_system(seed, True),
@@ -264,13 +305,57 @@ CASES = (
         "kf-umv-ui-wdf with two inputs", "kf-umv-ui-wdf", lambda seed: unknown_input_system(seed, False, p=4, q=2),
         _UI, input_prior=INPUT_PRIOR,
     ),
+    _case(
+        "ekf-ui-wdf", "ekf-ui-wdf", lambda seed: unknown_input_system(seed, False), _UI, input_prior=INPUT_PRIOR,
+    ),
+    _case(
+        "ekf-ui-wdf on a pushed vehicle", "ekf-ui-wdf", pushed_vehicle, "unknown-input deterministic",
+        input_prior=INPUT_PRIOR,
+    ),
+    _case(
+        "ulise without feedthrough", "ulise", lambda seed: unknown_input_system(seed, False),
+        _UI, input_prior=INPUT_PRIOR,
+    ),
+    _case(
+        "ulise with full feedthrough", "ulise", lambda seed: unknown_input_system(seed, True, p=4, q=2),
+        _UI, input_prior=INPUT_PRIOR,
+    ),
+    _case(
+        "ulise with one input of two fed through", "ulise",
+        lambda seed: unknown_input_system(seed, True, p=4, q=2, rank=1), _UI, input_prior=INPUT_PRIOR,
+    ),
+    _case("ukf", "ukf", kalman_system, "kalman consistent linear deterministic"),
+    _case("ukf on a turning vehicle", "ukf", turning_vehicle, "deterministic"),
+    _case("ukf-umv", "ukf-umv", lambda seed: unknown_input_system(seed, False), _UI, input_prior=INPUT_PRIOR),
+    _case(
+        "ukf-umv on a pushed vehicle", "ukf-umv", pushed_vehicle, "unknown-input deterministic",
+        input_prior=INPUT_PRIOR,
+    ),
+    _case("huber-kf", "huber-kf", kalman_system, "linear deterministic"),
+    _case(
+        "huber-kf with gamma infinite", "huber-kf", kalman_system, "kalman consistent linear deterministic",
+        gamma=np.inf,
+    ),
+    _case("huber-kf on a turning vehicle", "huber-kf", turning_vehicle, "deterministic"),
+    _case("robust-kf", "robust-kf", kalman_system, "linear deterministic"),
+    _case(
+        "robust-kf with a ball of radius 0", "robust-kf", kalman_system, "kalman consistent linear deterministic",
+        radius=0.0,
+    ),
+    _case("robust-kf on a turning vehicle", "robust-kf", turning_vehicle, "deterministic"),
 )  # fmt: skip
 
 
-def every_case(*laws: str) -> pytest.MarkDecorator:
-    """Parametrise a test over the cases that obey all of ``laws``."""
+def every_case(*laws: str) -> Callable[[Callable], Callable]:
+    """Parametrise a test over the cases that obey all of ``laws``; the table of laws asks it for them."""
     chosen = [case for case in CASES if case.laws.issuperset(laws)]
-    return pytest.mark.parametrize("case", chosen, ids=[case.id for case in chosen])
+    parametrize = pytest.mark.parametrize("case", chosen, ids=[case.id for case in chosen])
+
+    def decorate(test: Callable) -> Callable:
+        test.laws = laws
+        return parametrize(test)
+
+    return decorate
 
 
 # --- comparing beliefs ------------------------------------------------------------------------------

@@ -20,6 +20,7 @@ from tests.estimators.cases import (
 )
 
 I2 = np.eye(2)
+UNKNOWN_INPUT = ["kf-umv-ui", "kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv", "ulise"]
 
 
 def _linear(**changes) -> LinearModel:
@@ -73,7 +74,7 @@ def test_a_filter_says_what_it_is(case: Case):
     assert isinstance(filter, Filter)
     assert filter.name == case.name
     assert f"n={model.n}" in repr(filter)
-    assert (filter.input_delay is not None) == ("unknown-input" in case.laws)
+    assert (filter.input_delay is not None) == (model.q > 0)
 
 
 def test_umv_ui_without_feedthrough_says_which_rank_it_needs_and_what_to_do():
@@ -100,7 +101,7 @@ def test_wdf_refuses_feedthrough_and_an_input_that_no_reading_shows():
         make("kf-umv-ui-wdf", _linear(C=[[1.0, 0.0]], R=[[1.0]], G=I2))
 
 
-@pytest.mark.parametrize("name", ["kf-umv-ui", "kf-umv-ui-wdf"])
+@pytest.mark.parametrize("name", [name for name in UNKNOWN_INPUT if name not in ("ekf-ui-wdf", "ukf-umv")])
 def test_unknown_input_filters_need_a_linear_model_with_an_unknown_input(name: str):
     with pytest.raises(ValueError, match=f"{name} needs an unknown input"):
         make(name, _linear())
@@ -114,7 +115,7 @@ def test_kf_sends_a_nonlinear_model_to_ekf():
     assert make("ekf", _nonlinear()).name == "ekf"
 
 
-@pytest.mark.parametrize("name", ["kf-umv-ui", "kf-umv-ui-wdf"])
+@pytest.mark.parametrize("name", UNKNOWN_INPUT)
 def test_an_input_prior_that_is_no_covariance_of_the_inputs_is_refused(name: str):
     unknown = {"G": [[1.0], [0.0]], "H": [[1.0], [0.0]] if name == "kf-umv-ui" else None}
     for value, problem in ((-1.0, "positive semidefinite"), (I2, "shape"), ([1.0], "square"), (np.nan, "finite")):
@@ -146,7 +147,8 @@ def test_a_prior_for_another_number_of_states_is_refused(case: Case):
 def test_readings_masks_and_covariances_of_the_wrong_shape_are_named(case: Case):
     system = case.system(0)
     p, filter = system.model.p, case.make(system.model)
-    belief = filter.predict(filter.init(system.rows(5), rng=np.random.default_rng(0)), np.zeros((5, system.m)))
+    rng = np.random.default_rng(0)
+    belief = filter.predict(filter.init(system.rows(5), rng=rng), np.zeros((5, system.m)), rng=rng)
     good = np.zeros((5, p))
     wrong = [
         ("y", {"y": np.zeros((5, p + 1))}),
@@ -327,10 +329,10 @@ def test_a_known_input_that_is_not_finite_loses_no_more_than_its_row_and_step(ca
     assert np.isfinite(belief.cov).all()
 
 
-@pytest.mark.parametrize("name", ["kf", "ekf", "kf-umv-ui", "kf-umv-ui-wdf"])
+@pytest.mark.parametrize("name", ["kf", "ekf", "ukf", "huber-kf", "robust-kf", *UNKNOWN_INPUT])
 def test_readings_that_contradict_each_other_without_noise_raise_nothing_and_leave_no_nan(name: str):
     """Two perfect sensors of the same state: their innovation covariance is singular, at the prior as later."""
-    unknown = {"G": [[1.0], [0.5]]} if "umv" in name else {}
+    unknown = {"G": [[1.0], [0.5]]} if name in UNKNOWN_INPUT else {}
     if name == "kf-umv-ui":
         unknown["H"] = [[0.0], [0.0], [1.0]]
     model = LinearModel(A=I2, C=[[1.0, 0.0], [1.0, 0.0], [0.0, 1.0]], Q=I2, R=np.zeros((3, 3)), **unknown)
@@ -346,9 +348,9 @@ def test_readings_that_contradict_each_other_without_noise_raise_nothing_and_lea
 # --- angles -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["kf", "ekf", "kf-umv-ui", "kf-umv-ui-wdf"])
+@pytest.mark.parametrize("name", ["kf", "ekf", "ukf", "robust-kf", *UNKNOWN_INPUT])
 def test_the_innovation_of_an_angle_takes_the_short_way_round(name: str):
-    unknown = {"G": [[0.0], [1.0]]} if "umv" in name else {}
+    unknown = {"G": [[0.0], [1.0]]} if name in UNKNOWN_INPUT else {}
     if name == "kf-umv-ui":
         unknown["H"] = [[0.0], [1.0]]
     model = _linear(A=[[1.0, 0.1], [0.0, 1.0]], state_angles=(0,), measurement_angles=(0,), **unknown)
@@ -393,7 +395,7 @@ def _seen_by_channel_0(name: str) -> LinearModel:
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("name", ["kf-umv-ui", "kf-umv-ui-wdf"])
+@pytest.mark.parametrize("name", UNKNOWN_INPUT)
 def test_an_input_whose_only_channel_drops_falls_back_to_its_prior_in_that_row_alone(name: str):
     model, prior = _seen_by_channel_0(name), 9.0
     filter = make(name, model, input_prior=prior)
@@ -421,7 +423,7 @@ def test_an_input_whose_only_channel_drops_falls_back_to_its_prior_in_that_row_a
 
 
 @pytest.mark.parametrize("mixed", [False, True], ids=["one direction a channel", "both directions in every channel"])
-@pytest.mark.parametrize("name", ["kf-umv-ui", "kf-umv-ui-wdf"])
+@pytest.mark.parametrize("name", UNKNOWN_INPUT)
 def test_of_two_inputs_the_direction_that_is_lost_gets_its_prior_and_the_other_its_estimate(name: str, mixed: bool):
     shown = np.array([[1.0, 1.0], [1.0, -1.0], [0.0, 0.0]]) if mixed else np.eye(3, 2)
     unknown = {"G": I2 @ np.ones((2, 2)), "H": shown} if name == "kf-umv-ui" else {"G": shown}
@@ -453,7 +455,7 @@ def test_of_two_inputs_the_direction_that_is_lost_gets_its_prior_and_the_other_i
 
 
 @pytest.mark.parametrize("noise", [1.0, 1e6, 1e12])
-@pytest.mark.parametrize("name", ["kf-umv-ui", "kf-umv-ui-wdf"])
+@pytest.mark.parametrize("name", UNKNOWN_INPUT)
 def test_the_direction_that_is_seen_stays_unbiased_however_large_the_noise_beside_the_input_prior(
     name: str, noise: float
 ):

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.linalg import solve_discrete_are
+from scipy.linalg import block_diag, solve_discrete_are
 from scipy.stats import chi2
 
-from estimators import Gaussian, LinearModel, NonlinearModel, chi_square_band, make, names, nees, nis
+from estimators import Belief, Filter, Gaussian, LinearModel, NonlinearModel, chi_square_band, make, names, nees, nis
 from tests.estimators.cases import (
     CASES,
     INPUT_PRIOR,
@@ -22,6 +22,7 @@ from tests.estimators.cases import (
     kalman_system,
     random_covariance,
     random_transition,
+    shown_directions,
     simulate,
     some_readings,
     textbook_kalman,
@@ -74,7 +75,7 @@ def test_the_covariance_settles_at_the_solution_of_the_riccati_equation(case: Ca
     np.testing.assert_allclose(belief.cov, expected, rtol=0, atol=1e-10 * np.abs(expected).max())
 
 
-@every_case("unknown-input")
+@every_case("unknown-input", "linear")
 def test_the_covariance_forgets_where_it_started(case: Case):
     system = case.system(0)
     filter = case.make(system.model)
@@ -88,9 +89,9 @@ def test_the_covariance_forgets_where_it_started(case: Case):
 # --- 4. unknown input -------------------------------------------------------------------------------
 
 
-def _drive(case: Case, model: LinearModel) -> np.ndarray:
-    """How the unknown input that an update estimates enters the state that it estimates."""
-    return model.G if case.make(model).input_delay == 1 else np.zeros_like(model.G)
+def _pending(filter: Filter, predicted: Belief) -> np.ndarray:
+    """The directions ``(q, q)`` of the last step's unknown input that its own reading did not show."""
+    return filter.input_delay * (np.eye(filter.model.q) - predicted.input_observed)
 
 
 def _input_at(case: Case, model: LinearModel, d: np.ndarray, k: int) -> np.ndarray:
@@ -115,31 +116,48 @@ def _masks(p: int) -> list[np.ndarray]:
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-@every_case("unknown-input")
+@every_case("unknown-input", "linear")
 def test_the_update_is_least_squares_with_nothing_known_of_the_input(case: Case, seed: int):
     system, filter, predicted = _after_some_steps(case, seed)
     model, n, q = system.model, system.model.n, system.model.q
+    pending = _pending(filter, predicted)
     y = np.random.default_rng(seed).normal(scale=5.0, size=model.p)
     for mask in _masks(model.p):
         belief = filter.update(predicted, y, available=mask)
         C, H, R = model.C[mask], model.H[mask], model.R[mask][:, mask]
-        # A direction of d that these readings do not show has the prior N(0, INPUT_PRIOR), the others none.
-        shown = (H + C @ _drive(case, model)) if mask.any() else np.zeros((1, q))
-        hidden = np.eye(q) - np.linalg.pinv(shown, rcond=1e-9) @ shown
+        # The unknowns beside x: what is pending of d(k-1), and d(k). A direction that these readings do not show has
+        # the prior N(0, INPUT_PRIOR), the others none. What d(k) may explain says nothing of d(k-1).
+        now = shown_directions(H)
+        late = shown_directions((np.eye(len(H)) - H @ np.linalg.pinv(H, rcond=1e-9)) @ C @ model.G @ pending)
+        precision = block_diag(np.eye(q) - pending + (pending - late) / INPUT_PRIOR, (np.eye(q) - now) / INPUT_PRIOR)
         expected, cov = flat_prior_posterior(
-            predicted.mean, predicted.cov, _drive(case, model), C, H, R, y[mask], hidden / INPUT_PRIOR
-        )
+            predicted.mean, predicted.cov, np.hstack([model.G @ pending, np.zeros((n, q))]),
+            C, np.hstack([np.zeros(H.shape), H]), R, y[mask], precision,
+        )  # fmt: skip
         close = {"rtol": 0, "atol": 1e-9 * max(1, np.abs(cov).max())}
         np.testing.assert_allclose(belief.mean, expected[:n], **close)
-        np.testing.assert_allclose(belief.input_mean, expected[n:], **close)
         np.testing.assert_allclose(belief.cov, cov[:n, :n], **close)
-        np.testing.assert_allclose(belief.input_cov, cov[n:, n:], **close)
-        np.testing.assert_allclose(belief.state_input_cov, cov[:n, n:], **close)
-        np.testing.assert_allclose(belief.input_observed, np.eye(q) - hidden, rtol=0, atol=1e-9)
+        # Each estimate of an input, the unknowns that it is of, and the directions in which the two are the same.
+        past, present, known = slice(n, n + q), slice(n + q, None), np.eye(q) - pending
+        estimate = belief.input_mean, belief.input_cov, belief.state_input_cov
+        estimates = [(*estimate, past, pending) if filter.input_delay else (*estimate, present, np.eye(q))]
+        observed = known + late if filter.input_delay else now
+        np.testing.assert_allclose(belief.input_observed, observed, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(
+            known @ belief.input_mean * filter.input_delay, known @ predicted.input_mean, rtol=0, atol=1e-12
+        )
+        if belief.feedthrough_mean is not None:
+            estimate = belief.feedthrough_mean, belief.feedthrough_cov, belief.state_feedthrough_cov
+            estimates.append((*estimate, present, now))
+            np.testing.assert_allclose(belief.feedthrough_observed, now, rtol=0, atol=1e-9)
+        for mean, input_cov, cross, part, of in estimates:
+            np.testing.assert_allclose(of @ mean, of @ expected[part], **close)
+            np.testing.assert_allclose(of @ input_cov @ of, of @ cov[part, part] @ of, **close)
+            np.testing.assert_allclose(cross @ of, cov[:n, part] @ of, **close)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-@every_case("unknown-input")
+@every_case("unknown-input", "linear")
 def test_the_prediction_carries_on_all_that_is_known_of_state_and_input(case: Case, seed: int):
     system, filter, predicted = _after_some_steps(case, seed)
     model, rng = system.model, np.random.default_rng(seed)
@@ -147,24 +165,34 @@ def test_the_prediction_carries_on_all_that_is_known_of_state_and_input(case: Ca
     for mask in _masks(model.p):
         belief = filter.update(predicted, rng.normal(size=model.p), available=mask)
         mean, cov = model.A @ belief.mean + model.B @ u, model.A @ belief.cov @ model.A.T + model.Q
-        if filter.input_delay == 0:  # what is estimated now acts on this step
-            mean = mean + model.G @ belief.input_mean
-            cross = model.A @ belief.state_input_cov @ model.G.T
-            cov = cov + cross + cross.T + model.G @ belief.input_cov @ model.G.T
+        acting = None  # what is estimated now and acts on this step
+        if filter.input_delay == 0:
+            acting = belief.input_mean, belief.input_cov, belief.state_input_cov
+        elif belief.feedthrough_mean is not None:
+            acting = belief.feedthrough_mean, belief.feedthrough_cov, belief.state_feedthrough_cov
+        if acting is not None:
+            mean = mean + model.G @ acting[0]
+            cross = model.A @ acting[2] @ model.G.T
+            cov = cov + cross + cross.T + model.G @ acting[1] @ model.G.T
         following = filter.predict(belief, u)
         np.testing.assert_allclose(following.mean, mean, rtol=0, atol=1e-12 * max(1, np.abs(mean).max()))
         np.testing.assert_allclose(following.cov, cov, rtol=0, atol=1e-12 * np.abs(cov).max())
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-@every_case("unknown-input")
+@every_case("unknown-input", "linear")
 def test_a_change_of_the_input_shows_one_for_one_in_its_estimate(case: Case, seed: int):
-    """M H = I, or M C G = I: and the state moves exactly as the input drives it."""
+    """M H = I, or M C G = I: and the state moves exactly as the input drives it.
+
+    Of d(k-1), what its own reading showed is settled: what the next one shows is the rest.
+    """
     system, filter, predicted = _after_some_steps(case, seed)
     model = system.model
     rng = np.random.default_rng(seed)
     y, change = rng.normal(size=model.p), rng.normal(scale=10.0, size=model.q)
-    drive = _drive(case, model)
+    drive = filter.input_delay * model.G
+    if filter.input_delay:
+        change = _pending(filter, predicted) @ change
     before = filter.update(predicted, y)
     after = filter.update(predicted, y + (model.H + model.C @ drive) @ change)
     np.testing.assert_allclose(after.input_mean - before.input_mean, change, rtol=0, atol=1e-11)
@@ -173,7 +201,7 @@ def test_a_change_of_the_input_shows_one_for_one_in_its_estimate(case: Case, see
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-@every_case("unknown-input")
+@every_case("unknown-input", "linear")
 def test_the_estimation_error_does_not_depend_on_the_size_of_the_input(case: Case, seed: int):
     system = case.system(seed)
     model, filter = system.model, case.make(system.model)
@@ -188,7 +216,7 @@ def test_the_estimation_error_does_not_depend_on_the_size_of_the_input(case: Cas
             np.testing.assert_allclose(errors[1], errors[0], rtol=0, atol=1e-9)
 
 
-@every_case("unknown-input")
+@every_case("unknown-input", "linear")
 def test_state_and_input_estimates_are_unbiased(case: Case):
     system, runs, steps = case.system(2), 20_000, 30
     record = simulate(system, 11, runs=runs, steps=steps)
@@ -263,12 +291,22 @@ def test_innovations_are_as_large_as_the_filter_says(case: Case):
 
 @every_case("consistent", "unknown-input")
 def test_what_the_input_leaves_of_the_innovation_is_as_large_as_the_filter_says(case: Case):
-    """``e' S^-1 e - d' Pd^-1 d`` is chi-square with p - q degrees of freedom, whatever the input."""
+    """``(e - F d)' S^-1 (e - F d)`` is chi-square with p - q degrees of freedom, whatever the input.
+
+    ``F d`` is what the inputs explain of the innovation: d(k) through H, what H does not show of d(k-1) through C G.
+    """
     system = case.system(1)
     model = system.model
     record = simulate(system, 25, RUNS, TIMES)
     beliefs = track(case.make(model), system.rows(RUNS), record)[1:]
-    values = [nis(b.innovation, b.innovation_cov) - nis(b.input_mean, b.input_cov) for b in beliefs]
+    late = model.C @ model.G @ (np.eye(model.q) - shown_directions(model.H))
+    values = []
+    for b in beliefs:
+        if b.feedthrough_mean is not None:
+            explained = np.matvec(late, b.input_mean) + np.matvec(model.H, b.feedthrough_mean)
+        else:
+            explained = np.matvec(late if case.make(model).input_delay else model.H, b.input_mean)
+        values.append(nis(b.innovation - explained, b.innovation_cov))
     assert _share_inside(np.array(values), model.p - model.q) >= 0.9
 
 
@@ -369,13 +407,13 @@ def test_nothing_that_is_passed_in_is_changed(case: Case):
     if isinstance(model, LinearModel):
         given_arrays |= {name: getattr(model, name) for name in "ABCGH" if getattr(model, name) is not None}
     kept = {name: array.copy() for name, array in given_arrays.items()}
-    belief = filter.init(prior)
+    belief = filter.init(prior, rng=rng)
     history = []
     for _ in range(2):
         history.append((belief, {name: array.copy() for name, array in arrays(belief).items()}))
-        belief = filter.update(belief, y, available=given_arrays["available"], R=given_arrays["R"])
+        belief = filter.update(belief, y, rng=rng, available=given_arrays["available"], R=given_arrays["R"])
         history.append((belief, {name: array.copy() for name, array in arrays(belief).items()}))
-        belief = filter.predict(belief, u)
+        belief = filter.predict(belief, u, rng=rng)
     for name, array in given_arrays.items():
         np.testing.assert_array_equal(array, kept[name], err_msg=name)
     for earlier, copy in history:
@@ -544,10 +582,11 @@ def _random_model(rng: np.random.Generator, name: str, n: int, p: int, q: int, s
         "A": random_transition(rng, n, rng.uniform(0.3, 1.02)), "C": rng.normal(size=(p, n)),
         "Q": scaled(n) * (rng.random() < 0.8), "R": scaled(p),
     }  # fmt: skip
-    if name in ("kf-umv-ui", "kf-umv-ui-wdf"):
+    if any(case.name == name and "unknown-input" in case.laws for case in CASES):
         matrices["G"] = rng.normal(size=(n, q))
-    if name == "kf-umv-ui":
-        matrices["H"] = rng.normal(size=(p, q))
+    if name in ("kf-umv-ui", "ulise"):
+        rank = q if name == "kf-umv-ui" else rng.integers(q + 1)
+        matrices["H"] = rng.normal(size=(p, rank)) @ rng.normal(size=(rank, q))
     return LinearModel(**matrices)
 
 
@@ -586,7 +625,7 @@ def test_covariances_stay_symmetric_and_positive_semidefinite(
             break
 
 
-@every_case("unknown-input")
+@every_case("unknown-input", "linear")
 def test_an_estimate_that_diverges_raises_nothing_and_stays_finite(case: Case):
     """Readings that leave the input undetectable make an unbiased filter diverge, here past every double."""
     for seed in range(4):

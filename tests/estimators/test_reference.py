@@ -6,7 +6,7 @@ import pytest
 from estimators import Gaussian, LinearModel, make
 from tests.estimators.cases import INPUT_PRIOR, kalman_system
 
-KALMAN = ["kf", "ekf"]
+KALMAN = ["kf", "ekf", "ukf"]
 
 
 def darouach() -> LinearModel:
@@ -20,8 +20,9 @@ def darouach() -> LinearModel:
     )
 
 
-def test_wdf_settles_at_the_covariance_of_darouach_1995():
-    filter = make("kf-umv-ui-wdf", darouach())
+@pytest.mark.parametrize("name", ["kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv", "ulise"])
+def test_without_feedthrough_the_filter_settles_at_the_covariance_of_darouach_1995(name: str):
+    filter = make(name, darouach())
     belief = filter.init(Gaussian(np.zeros(3), 100.0 * np.eye(3)))
     for _ in range(500):
         belief = filter.update(filter.predict(belief), np.zeros(2))

@@ -1,0 +1,497 @@
+"""Is a filter as good as it says? Simulate it many times and compare its errors with its covariances.
+
+::
+
+    from estimators.consistency import assess, consistency_figure
+
+    report = assess(filter, prior, np.random.default_rng(0))  # the filter on its own model
+    report.passed()  # False for at most 5 % of consistent filters
+    consistency_figure(report).savefig("consistency.png")
+
+Four questions, each with a p-value that holds whatever the correlation between times: are state errors as large as
+the filter says (NEES), are innovations (NIS), are innovations white, and do credible intervals contain the truth as
+often as they should? Errors at successive times are correlated, runs are independent: so averages are over runs, at
+one time.
+
+Source: Bar-Shalom, Li & Kirubarajan (2001), Estimation with applications to tracking and navigation, sec. 5.4.
+"""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from scipy.special import bdtr, bdtrc, bdtrik, gammainc, gammaincc, gammaincinv, ndtri
+
+from estimators.angles import difference
+from estimators.belief import Belief
+from estimators.filter import Filter, Model, Streams, neutralised
+from estimators.linalg import semidefinite_cholesky
+from estimators.metrics import nees, nis
+from estimators.models import Gaussian, resolve
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+LEVELS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)
+
+
+# --- runs -------------------------------------------------------------------------------------------
+
+
+class Runs(NamedTuple):
+    """What happened in M independent runs of T steps: times first, then runs, then components."""
+
+    x: np.ndarray  # (T, M, n) true state
+    y: np.ndarray  # (T, M, p) readings
+    u: np.ndarray | None = None  # (T, M, m) known input over the step that follows, and for the reading after it
+    available: np.ndarray | None = None  # (T, M, p) mask of the readings that arrived; None: all
+
+
+def simulate(
+    model: Model,
+    prior: Gaussian,
+    rng: np.random.Generator,
+    runs: int = 200,
+    steps: int = 100,
+    u: np.ndarray | None = None,
+    d: np.ndarray | None = None,
+) -> Runs:
+    """Let a model run, from starts drawn from a prior.
+
+    Args:
+        model: What generates the data.
+        prior: Mean ``(n,)`` and covariance ``(n, n)`` of the start.
+        rng: Where the noise comes from.
+        runs: How many independent runs, M.
+        steps: How many readings in each, T.
+        u: Known input, broadcast to ``(T, M, m)``.
+        d: Unknown input, broadcast to ``(T, M, q)``; None: zero.
+
+    Raises:
+        ValueError: if ``runs`` or ``steps`` is below 2.
+    """
+    if runs < 2 or steps < 2:
+        raise ValueError(f"runs and steps must be at least 2, got {runs} and {steps}")
+    u, d = (None if a is None else np.broadcast_to(a, (steps, runs, np.shape(a)[-1])) for a in (u, d))
+    x = prior.mean + _noise(prior.cov, rng, runs)
+    xs, ys = [], []
+    for k in range(steps):
+        before, now = (None if u is None else u[j] for j in (max(k - 1, 0), k))
+        y = model.measurement(x, before) + _noise(resolve(model.R, before), rng, runs)
+        following = model.transition(x, now) + _noise(resolve(model.Q, now), rng, runs)
+        if d is not None:
+            y = y + np.matvec(resolve(model.H, before), d[k])
+            following = following + np.matvec(model.input_matrix(x, now), d[k])
+        xs.append(x)
+        ys.append(y)
+        x = following
+    return Runs(np.array(xs), np.array(ys), u)
+
+
+def _noise(cov: np.ndarray, rng: np.random.Generator, runs: int) -> np.ndarray:
+    return np.matvec(semidefinite_cholesky(cov), rng.normal(size=(runs, cov.shape[-1])))
+
+
+# --- the four questions -----------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Band:
+    """A mean over runs beside the interval in which chi-square theory expects it.
+
+    Attributes:
+        mean: ``(T,)`` mean over runs at each time.
+        expected: ``(T,)`` degrees of freedom: what the mean should be.
+        low: ``(T,)`` lower end of the interval for one time; 0 for a filter that may be conservative.
+        high: ``(T,)`` upper end.
+        confidence: Probability of that interval.
+        p_value: That a consistent filter would leave the band as far at any time (Bonferroni: at most).
+    """
+
+    mean: np.ndarray
+    expected: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    confidence: float
+    p_value: float
+
+
+def chi_square_test(
+    values: np.ndarray, degrees: np.ndarray | int, confidence: float = 0.95, conservative: bool = False
+) -> Band:
+    """Are NEES or NIS values as large as they should be? Their sum over runs is chi-square at each time.
+
+    Args:
+        values: ``(T, M)`` one value for each time and run.
+        degrees: Degrees of freedom, broadcast to ``(T, M)``: n for the NEES, the readings that arrived for the NIS.
+        confidence: Of the interval that is returned for each time.
+        conservative: The filter may be too careful: only values that are too large count against it.
+    """
+    T, M = values.shape
+    total, freedom = values.sum(1), np.broadcast_to(degrees, values.shape).sum(1)
+    seen = freedom > 0
+    half = 0.5 * np.where(seen, freedom, 1)
+    tail = (1.0 - confidence) / (1.0 if conservative else 2.0)
+    upper, lower = gammaincc(half, 0.5 * total), gammainc(half, 0.5 * total)
+    p = np.where(seen, upper if conservative else 2.0 * np.minimum(lower, upper), 1.0)
+    low, high = (np.where(seen, 2.0 * gammaincinv(half, level) / M, 0.0) for level in (tail, 1.0 - tail))
+    return Band(
+        total / M, freedom / M, np.zeros(T) if conservative else low, high, confidence, _any_of(p)
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Whiteness:
+    """Autocorrelation of standardised innovations.
+
+    Attributes:
+        lags: ``(L,)``.
+        correlation: ``(L, p)`` of each reading with itself; NaN at a lag at which it never arrived twice.
+        bound: ``(L, p)`` half-width of the interval for one lag and reading.
+        confidence: Probability of that interval.
+        statistic: Portmanteau statistic over all lags and all pairs of readings.
+        degrees: Its chi-square degrees of freedom.
+        p_value: That white innovations would give a larger one.
+    """
+
+    lags: np.ndarray
+    correlation: np.ndarray
+    bound: np.ndarray
+    confidence: float
+    statistic: float
+    degrees: int
+    p_value: float
+
+
+def whiteness_test(
+    innovation: np.ndarray,
+    innovation_cov: np.ndarray,
+    available: np.ndarray | None = None,
+    lags: int = 20,
+    confidence: float = 0.95,
+) -> Whiteness:
+    """Are innovations white? The test of Ljung & Box for one reading, of Hosking for several, over runs and gaps.
+
+    Innovations are whitened by the covariance that the filter gives and then by the one that they have, so that a
+    wrong scale, which is what the NIS tests, does not count here. It needs no truth, and one run will do.
+
+    Sources: Ljung & Box (1978), On a measure of lack of fit in time series models; Hosking (1980), The multivariate
+    portmanteau statistic.
+
+    Args:
+        innovation: ``(T, M, p)``, 0 where no reading came.
+        innovation_cov: ``(T, M, p, p)``, unit and uncorrelated there.
+        available: ``(T, M, p)`` mask of the readings that arrived; None: all.
+        lags: How many lags, from 1 on.
+        confidence: Of the interval that is returned for each lag.
+
+    Raises:
+        ValueError: if there are not more times than lags, or a reading has no variance at all.
+    """
+    T = len(innovation)
+    if not 0 < lags < T:
+        raise ValueError(f"lags must be between 1 and {T - 1} for {T} times, got {lags}")
+    mask = np.ones(innovation.shape) if available is None else np.asarray(available, float)
+    white = _standardised(_solve_root(innovation_cov, innovation), mask)
+    pairs = [(white[lag:], white[:-lag], mask[lag:], mask[:-lag]) for lag in range(1, lags + 1)]
+    products = np.array([np.einsum("tmi,tmj->ij", late, early) for late, early, _, _ in pairs])
+    counts = np.array([np.einsum("tmi,tmj->ij", late, early) for _, _, late, early in pairs])
+    times = mask.sum((0, 1)).max()
+    with np.errstate(invalid="ignore", divide="ignore"):
+        scores = products**2 / counts * (times + 2.0) / times
+        own, number = (np.einsum("lii->li", a) for a in (products, counts))
+        correlation, bound = own / number, ndtri((1.0 + confidence) / 2.0) / np.sqrt(number)
+    statistic, degrees = float(np.nansum(scores)), int((counts > 0).sum())
+    p_value = float(gammaincc(0.5 * degrees, 0.5 * statistic)) if degrees else 1.0
+    return Whiteness(np.arange(1, lags + 1), correlation, bound, confidence, statistic, degrees, p_value)
+
+
+def _standardised(white: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Vectors ``(T, M, p)`` whitened by their own covariance, over those components that arrived.
+
+    Correlations are estimated where both components arrived, so that none exceeds 1.
+    """
+    product = np.einsum("tmi,tmj->ij", white, white)
+    squares = np.einsum("tmi,tmj->ij", white**2, mask)  # of i, where j arrived
+    together = np.sqrt(squares * squares.T)
+    correlation = np.where(together > 0.0, product / np.where(together > 0.0, together, 1.0), 0.0)
+    counts = mask.sum((0, 1))
+    spread = np.sqrt(np.diagonal(squares) / np.maximum(counts, 1.0))
+    seen = counts > 0
+    if (spread[seen] == 0.0).any() or np.linalg.eigvalsh(correlation[seen][:, seen]).min(initial=1.0) < 1e-12:
+        raise ValueError("the innovations have no spread in some direction: too few readings for a test")
+    return _solve_root(neutralised(correlation * spread * spread[:, None], mask), white)
+
+
+def _solve_root(cov: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """``L^-1 v`` with ``cov = L L'``."""
+    return np.linalg.solve(np.linalg.cholesky(cov), vector[..., None])[..., 0]
+
+
+@dataclass(frozen=True, eq=False)
+class Coverage:
+    """How often credible intervals contain the truth.
+
+    Attributes:
+        levels: ``(K,)`` nominal probability of each interval.
+        share: ``(K, n)`` of the runs in which it contains the component.
+        low: ``(K,)`` lower end of the binomial interval for one share.
+        high: ``(K,)`` upper end; 1 for a filter that may be conservative.
+        confidence: Probability of that interval.
+        p_value: That a consistent filter would miss any level by as much (Bonferroni: at most).
+    """
+
+    levels: np.ndarray
+    share: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    confidence: float
+    p_value: float
+
+
+def coverage_test(
+    mean: np.ndarray,
+    cov: np.ndarray,
+    truth: np.ndarray,
+    levels: tuple[float, ...] = LEVELS,
+    angles: tuple[int, ...] = (),
+    confidence: float = 0.95,
+    conservative: bool = False,
+) -> Coverage:
+    """Do the central intervals of each component contain it as often as they say, over runs at one time?
+
+    Args:
+        mean: ``(M, n)``.
+        cov: ``(M, n, n)``.
+        truth: ``(M, n)``.
+        levels: Nominal probabilities.
+        angles: Components whose difference is wrapped.
+        confidence: Of the binomial interval that is returned.
+        conservative: The filter may be too careful: only intervals that are too narrow count against it.
+    """
+    M = len(mean)
+    nominal = np.asarray(levels, float)
+    score = np.abs(difference(truth, mean, angles)) / np.sqrt(np.diagonal(cov, axis1=-2, axis2=-1))
+    inside = (score <= ndtri((1.0 + nominal) / 2.0)[:, None, None]).sum(1)  # (K, n)
+    below, above = bdtr(inside, M, nominal[:, None]), bdtrc(inside - 1.0, M, nominal[:, None])
+    p = below if conservative else np.minimum(1.0, 2.0 * np.minimum(below, above))
+    tail = (1.0 - confidence) / (1.0 if conservative else 2.0)
+    low, high = (np.ceil(bdtrik(level, M, nominal)) / M for level in (tail, 1.0 - tail))
+    return Coverage(nominal, inside / M, low, np.ones_like(high) if conservative else high, confidence, _any_of(p))
+
+
+def _any_of(p: np.ndarray) -> float:
+    """The p-value of many tests together, whatever their correlation (Bonferroni)."""
+    p = np.where(np.isnan(p), 0.0, p)  # what is not a number is not consistent
+    return float(min(1.0, p.size * p.min()))
+
+
+# --- all of them ------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Consistency:
+    """The four tests of a filter on data of known truth.
+
+    Attributes:
+        name: The filter's.
+        nees: Are state errors as large as the filter says, at each time?
+        nis: Are innovations? For a filter that estimates an unknown input: what that input leaves of them. None for
+            one whose innovations carry the inputs of two steps (``ulise``).
+        whiteness: Are innovations white? None for such a filter, whose innovations carry the input.
+        coverage: Do credible intervals contain the truth, at the last time?
+        conservative: The filter may be too careful, and its innovations need not be white.
+    """
+
+    name: str
+    nees: Band
+    nis: Band | None
+    whiteness: Whiteness | None
+    coverage: Coverage
+    conservative: bool = False
+
+    @property
+    def p_value(self) -> float:
+        """That a consistent filter would fail any of the tests as clearly (Bonferroni: at most)."""
+        white = None if self.conservative else self.whiteness
+        tests = (self.nees, self.nis, white, self.coverage)
+        return _any_of(np.array([test.p_value for test in tests if test is not None]))
+
+    def passed(self, false_alarm: float = 0.05) -> bool:
+        """Whether the filter is consistent, for all that these runs can tell.
+
+        Args:
+            false_alarm: Probability, at most, that a consistent filter is failed.
+        """
+        return self.p_value >= false_alarm
+
+
+def assess(
+    filter: Filter,
+    prior: Gaussian,
+    rng: np.random.Generator,
+    data: Runs | None = None,
+    runs: int = 200,
+    steps: int = 100,
+    lags: int = 20,
+    levels: tuple[float, ...] = LEVELS,
+    confidence: float = 0.95,
+    conservative: bool = False,
+) -> Consistency:
+    """Run a filter many times and test whether it is consistent.
+
+    Args:
+        filter: The filter.
+        prior: What it starts from, mean ``(n,)`` and covariance ``(n, n)``.
+        rng: Noise of the simulation, and draws of the filter if it makes any.
+        data: What happened; None: ``runs`` runs of ``steps`` steps of the filter's own model, without known input.
+            Give other data, such as ``simulate(other_model, ...)``, to see what a wrong model does.
+        runs: How many, if ``data`` is None.
+        steps: How many, if ``data`` is None.
+        lags: Of the whiteness test.
+        levels: Of the credible intervals.
+        confidence: Of the intervals for one time, lag or level, which are what the figure shows.
+        conservative: The filter may be too careful (as ``robust-kf`` is by design): only overconfidence counts
+            against it, and innovations need not be white.
+    """
+    data = simulate(filter.model, prior, rng, runs, steps) if data is None else data
+    T, M = data.x.shape[:2]
+    beliefs = _track(filter, prior, data, rng)
+    innovation, S, available = (
+        np.array([getattr(b, name) for b in beliefs]) for name in ("innovation", "innovation_cov", "available")
+    )
+    errors, surprise, freedom = np.empty((T, M)), nis(innovation, S), available.sum(-1).astype(float)
+    for k, belief in enumerate(beliefs):
+        errors[k] = nees(belief.mean, belief.cov, data.x[k], filter.model.state_angles)
+        if belief.input_mean is not None:
+            surprise[k] -= nis(belief.input_mean, belief.input_cov)
+            freedom[k] -= np.round(np.trace(belief.input_observed, axis1=-2, axis2=-1))
+    last = beliefs[-1]
+    innovations = None
+    if last.feedthrough_mean is None:
+        innovations = chi_square_test(surprise, freedom, confidence, conservative)
+    whiteness = None
+    if filter.input_delay is None:
+        whiteness = whiteness_test(innovation, S, available, lags, confidence)
+    return Consistency(
+        filter.name,
+        chi_square_test(errors, filter.model.n, confidence, conservative),
+        innovations,
+        whiteness,
+        coverage_test(
+            last.mean, last.cov, data.x[-1], levels, filter.model.state_angles, confidence, conservative
+        ),
+        conservative,
+    )  # fmt: skip
+
+
+def _track(filter: Filter, prior: Gaussian, data: Runs, rng: Streams) -> list[Belief]:
+    """The belief after every reading."""
+    rows = Gaussian(np.broadcast_to(prior.mean, data.x.shape[1:]), prior.cov)
+    belief, beliefs = filter.init(rows, rng=rng), []
+    for k, y in enumerate(data.y):
+        u = None if data.u is None else data.u[max(k - 1, 0)]
+        if k:
+            belief = filter.predict(belief, u, rng=rng)
+        belief = filter.update(belief, y, rng, None if data.available is None else data.available[k], u=u)
+        beliefs.append(belief)
+    return beliefs
+
+
+# --- the figure -------------------------------------------------------------------------------------
+
+_LINE, _BAND = "#1f5a94", "#c9d6e3"
+
+
+def consistency_figure(report: Consistency) -> "Figure":
+    """The four tests in four panels, each with the interval in which a consistent filter lies.
+
+    Needs Matplotlib, which is imported here and not before.
+
+    Args:
+        report: What `assess` found.
+
+    Returns:
+        A figure that belongs to no window: save it with ``figure.savefig(...)``.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10.0, 7.0), layout="constrained")
+    top, bottom = figure.subplots(2, 2)
+    _draw_band(top[0], report.nees, "State errors", "NEES, mean over runs")
+    _draw_band(top[1], report.nis, "Innovations", "NIS, mean over runs")
+    _draw_whiteness(bottom[0], report.whiteness, required=not report.conservative)
+    _draw_coverage(bottom[1], report.coverage)
+    verdict = "no sign of inconsistency" if report.passed() else "inconsistent"
+    figure.suptitle(f"{report.name}: {verdict} ({_p_value(report.p_value)} over all tests)")
+    return figure
+
+
+def _draw_band(axes: "Axes", band: Band | None, title: str, label: str) -> None:
+    if band is None:
+        _draw_nothing(axes, title, "step", label)
+        return
+    step = np.arange(len(band.mean))
+    axes.fill_between(step, band.low, band.high, color=_BAND, lw=0, label=_percent("band", band.confidence))
+    axes.plot(step, band.expected, color="black", lw=0.8, ls="--", label="expected")
+    axes.plot(step, band.mean, color=_LINE, lw=1.2, label="found")
+    _finish(axes, f"{title}: {_p_value(band.p_value)}", "step", label)
+    axes.set_xlim(0, step[-1])
+
+
+def _draw_whiteness(axes: "Axes", whiteness: Whiteness | None, required: bool) -> None:
+    from matplotlib.ticker import MaxNLocator
+
+    if whiteness is None:
+        _draw_nothing(axes, "Whiteness of innovations", "lag [steps]", "autocorrelation")
+        return
+    bound = whiteness.bound.max(-1)
+    axes.fill_between(whiteness.lags, -bound, bound, color=_BAND, lw=0, label=_percent("band", whiteness.confidence))
+    axes.axhline(0.0, color="black", lw=0.8, ls="--")
+    p = whiteness.correlation.shape[-1]
+    for j, values in enumerate(whiteness.correlation.T):
+        color = _LINE if p == 1 else None
+        axes.plot(whiteness.lags, values, marker="o", ms=3, lw=0.8, color=color, label=f"reading {j}")
+    remark = "" if required else " (not required)"
+    title = f"Whiteness of innovations{remark}: {_p_value(whiteness.p_value)}"
+    _finish(axes, title, "lag [steps]", "autocorrelation")
+    axes.set_xlim(0.5, whiteness.lags[-1] + 0.5)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+
+
+def _draw_coverage(axes: "Axes", coverage: Coverage) -> None:
+    percent, nominal = 100.0 * coverage.levels, coverage.levels[:, None]
+    low, high = 100.0 * (coverage.low - coverage.levels), 100.0 * (coverage.high - coverage.levels)
+    axes.fill_between(percent, low, high, color=_BAND, lw=0, label=_percent("band", coverage.confidence))
+    axes.axhline(0.0, color="black", lw=0.8, ls="--")
+    found = 100.0 * (coverage.share - nominal)
+    axes.set_ylim(1.1 * min(low.min(), found.min()), 1.1 * max(-low.min(), found.max()))
+    for i, excess in enumerate(found.T):
+        axes.plot(percent, excess, marker="o", ms=3, lw=0.8, label=f"state {i}")
+    title = f"Credible intervals at the last step: {_p_value(coverage.p_value)}"
+    _finish(axes, title, "nominal probability [%]", "found minus nominal [%]")
+    axes.set_xlim(0.0, 100.0)
+
+
+def _draw_nothing(axes: "Axes", title: str, x: str, y: str) -> None:
+    axes.text(0.5, 0.5, "not tested: innovations carry\nthe unknown input", ha="center", transform=axes.transAxes)
+    axes.set(xlabel=x, ylabel=y, xticks=[], yticks=[])
+    axes.set_title(title, fontsize="medium")
+
+
+def _finish(axes: "Axes", title: str, x: str, y: str) -> None:
+    axes.set(title=title, xlabel=x, ylabel=y)
+    axes.title.set_fontsize("medium")
+    axes.spines[["top", "right"]].set_visible(False)
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, high + 0.2 * (high - low))  # room for the legend
+    axes.legend(fontsize="small", frameon=False, ncols=4, loc="upper left", borderaxespad=0.0, columnspacing=1.2)
+
+
+def _percent(what: str, confidence: float) -> str:
+    return f"{100.0 * confidence:g} % {what}"
+
+
+def _p_value(p: float) -> str:
+    return "p < 0.001" if p < 0.001 else f"p = {p:.2g}"

@@ -1,0 +1,445 @@
+"""Ensemble filters: a belief is N members, and its moments are theirs.
+
+Rows are members: an ensemble is ``(..., N, n)``. With the anomalies ``A`` of the members ``(N, n)`` and the anomalies
+``Y`` of the readings that they expect ``(N, p)``, every update here has the same three small matrices::
+
+    C P- = Y' A / (N - 1)        S = Y' Y / (N - 1) + R        K = (C P-)' S^-1
+
+Everything costs O(N p (n + p)) and nothing is N x N (``variant="evensen2004"`` of `enkf-sr` excepted).
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from estimators.angles import wrap
+from estimators.belief import Belief
+from estimators.filter import Filter, Model, Reading, Streams, neutralised
+from estimators.linalg import cholesky, product, semidefinite_cholesky, solve, symmetrise
+from estimators.models import LinearModel, resolve
+
+
+class EnsembleFilter(Filter):
+    """What the ensemble filters share: members, their prediction, the moments, inflation and localisation.
+
+    Random numbers: the members of ``init`` and the process noise of ``predict`` are drawn and centred, so that they
+    move the ensemble's mean by nothing: the mean follows the model, and the covariance is right in expectation. Process
+    noise takes rank(Q) numbers a member, none where Q = 0 (n where Q is a function of ``u``).
+
+    Args:
+        model: Any model; an unknown input in it is ignored.
+        members: N, at least 2.
+        inflation: Factor on the anomalies of every component that an update may correct; 1: none.
+        localisation: ``(n, p)``: which reading may correct which component; None: every one.
+    """
+
+    random = True
+
+    def __init__(
+        self, model: Model, members: int = 100, inflation: float = 1.0, localisation: np.ndarray | None = None
+    ) -> None:
+        super().__init__(model)
+        if isinstance(members, bool) or not isinstance(members, int | np.integer) or members < 2:
+            raise ValueError(f"members must be a whole number of at least 2, got {members!r}")
+        if not np.isfinite(inflation) or inflation <= 0.0:
+            raise ValueError(f"inflation must be a positive number, got {inflation!r}")
+        self.members, self.inflation = int(members), float(inflation)
+        self.localisation = None if localisation is None else self._taper(localisation)
+        self._mean_weights = np.full(self.members, 1.0 / self.members)
+        Q = model.Q
+        self._noise_root = None if callable(Q) else noise_root(Q)
+
+    def _taper(self, localisation: np.ndarray) -> np.ndarray:
+        """The localisation as numbers ``(n, p)`` from 0 to 1."""
+        taper = np.asarray(localisation, dtype=float)
+        if taper.shape != (self.model.n, self.model.p):
+            raise ValueError(f"localisation has shape {taper.shape}, expected (n, p) = {(self.model.n, self.model.p)}")
+        if not ((taper >= 0.0) & (taper <= 1.0)).all():
+            raise ValueError(f"localisation must lie between 0 and 1, got {taper.min():g} to {taper.max():g}")
+        return taper
+
+    # --- the contract -----------------------------------------------------------------------------
+
+    def _init(self, belief: Belief, rng: Streams) -> Belief:
+        batch = belief.mean.shape[:-1]
+        streams = self._streams(rng, batch)
+        ensemble = self._centred_noise(streams, batch, semidefinite_cholesky(belief.cov))
+        cov = self._covariance(ensemble)
+        ensemble += belief.mean[..., None, :]
+        return belief.replace(mean=self._mean(ensemble), cov=cov, ensemble=ensemble)
+
+    def _predict(self, belief: Belief, u: np.ndarray | None, rng: Streams) -> Belief:
+        model, batch = self.model, belief.mean.shape[:-1]
+        streams = self._streams(rng, batch)
+        if isinstance(model, LinearModel):
+            ensemble = product(belief.ensemble, resolve(model.A, u).mT)
+            if model.B is not None and u is not None:
+                ensemble += np.matvec(resolve(model.B, u), u)[..., None, :]
+        else:
+            ensemble = _members("transition", model.transition, belief.ensemble, u, model.n)
+            ensemble = _unwrapped_steps(belief.ensemble, ensemble, model.state_angles)
+        mean = self._mean(ensemble)
+        root = semidefinite_cholesky(resolve(model.Q, u)) if self._noise_root is None else self._noise_root
+        if root.shape[-1]:
+            noise = self._centred_noise(streams, batch, root)
+            ensemble += noise
+            anomalies = np.subtract(ensemble, mean[..., None, :], out=noise)
+        else:
+            anomalies = ensemble - mean[..., None, :]
+        cov = self._covariance(anomalies)
+        return Belief(mean, cov, belief.prior_mean, belief.prior_cov, belief.healthy, u, ensemble=ensemble)
+
+    def _reading(self, belief: Belief, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None) -> Reading:
+        model, u = self.model, belief.u
+        R = resolve(model.R, u) if R is None else R
+        expected, anomalies = self._expected(belief)
+        mask = np.isfinite(y) if available is None else np.isfinite(y) & available
+        complete = bool(mask.all())
+        innovation = y - expected
+        for i in model.measurement_angles:
+            innovation[..., i] = wrap(innovation[..., i])
+        if not complete:
+            innovation = np.where(mask, innovation, 0.0)
+            anomalies = np.where(mask[..., None, :], anomalies, 0.0)
+            R = neutralised(R, mask.astype(float))
+        return Reading(innovation, None, None, R, mask, complete, anomalies=anomalies)
+
+    def _update(self, belief: Belief, reading: Reading, rng: Streams) -> Belief:
+        batch = belief.mean.shape[:-1]
+        streams = self._streams(rng, batch)
+        S = self._covariance(reading.anomalies) + reading.R
+        ensemble = belief.ensemble - belief.mean[..., None, :]
+        mean, ensemble = self._analysis(belief.mean, ensemble, S, reading, streams)
+        if self.inflation != 1.0:
+            ensemble *= self._inflation(reading.available)[..., None, :]
+        cov = self._covariance(ensemble)
+        ensemble += mean[..., None, :]
+        return Belief(
+            mean, cov, belief.prior_mean, belief.prior_cov, np.ones(batch, bool), belief.u, reading.innovation, S,
+            reading.available, ensemble=ensemble,
+        )  # fmt: skip
+
+    def _analysis(
+        self, mean: np.ndarray, anomalies: np.ndarray, S: np.ndarray, reading: Reading, streams: Streams
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The mean ``(..., n)`` and the centred anomalies ``(..., N, n)`` after a reading; may write on the latter."""
+        raise NotImplementedError
+
+    # --- pieces -----------------------------------------------------------------------------------
+
+    def _mean(self, ensemble: np.ndarray) -> np.ndarray:
+        """The mean over the members of ``(..., N, k)``."""
+        return np.vecmat(self._mean_weights, ensemble)
+
+    def _covariance(self, anomalies: np.ndarray) -> np.ndarray:
+        """``A' A / (N - 1)``."""
+        return symmetrise(anomalies.mT @ anomalies) / (self.members - 1)
+
+    def _cross_covariance(self, reading: Reading, anomalies: np.ndarray) -> np.ndarray:
+        """``C P- = Y' A / (N - 1)``, shape ``(..., p, n)``."""
+        return (reading.anomalies.mT @ anomalies) / (self.members - 1)
+
+    def _expected(self, belief: Belief) -> tuple[np.ndarray, np.ndarray]:
+        """The mean ``(..., p)`` of the readings that the members expect, and their anomalies ``(..., N, p)``.
+
+        A linear model's angles need no care: its readings are as unwrapped as its states. Others are taken about their
+        circular mean.
+        """
+        model, u = self.model, belief.u
+        if isinstance(model, LinearModel):
+            C = resolve(model.C, u)
+            expected = np.matvec(C, belief.mean)
+            anomalies = product(belief.ensemble, C.mT)
+            anomalies -= expected[..., None, :]
+            return expected, anomalies
+        readings = _members("measurement", model.measurement, belief.ensemble, u, model.p)
+        if model.measurement_angles:
+            readings = np.array(readings)
+            for i in model.measurement_angles:
+                angle = readings[..., i]
+                centre = np.arctan2(np.sin(angle).sum(-1), np.cos(angle).sum(-1))[..., None]
+                readings[..., i] = centre + wrap(angle - centre)
+        expected = self._mean(readings)
+        return expected, readings - expected[..., None, :]
+
+    def _inflation(self, available: np.ndarray) -> np.ndarray:
+        """The factor on each component ``(..., n)``: none where no reading came that may correct it."""
+        if self.localisation is None:
+            corrected = available.any(-1, keepdims=True)
+        else:
+            corrected = np.matvec(self.localisation, available.astype(float)) > 0.0
+        return np.where(corrected, self.inflation, 1.0)
+
+    # --- random numbers ---------------------------------------------------------------------------
+
+    def _streams(self, rng: Streams, batch: tuple[int, ...]) -> Streams:
+        """``rng``, checked: a Generator for the whole batch at once, or one for each row."""
+        if isinstance(rng, np.random.Generator):
+            return rng
+        rows = int(np.prod(batch))
+        if rng is None:
+            raise ValueError(f"{self.name} draws random numbers: pass rng, a numpy Generator or one for each row")
+        if len(rng) != rows:
+            raise ValueError(f"rng has {len(rng)} streams, expected one Generator or one for each of {rows} rows")
+        return rng
+
+    def _centred_noise(self, streams: Streams, batch: tuple[int, ...], root: np.ndarray) -> np.ndarray:
+        """``(..., N, k)`` draws with covariance ``root root'``, their mean over the members taken off."""
+        normals = draw(streams, batch, (self.members, root.shape[-1]))
+        normals -= self._mean(normals)[..., None, :]
+        return product(normals, root.mT)
+
+
+class EnsembleKalmanFilter(EnsembleFilter):
+    """EnKF: every member is corrected by its own perturbed reading.
+
+    ``x_i = x_i- + K (y + v_i - h(x_i-))`` with ``v_i ~ N(0, R)`` centred to zero mean, and the gain with R exact::
+
+        K = A' Y / (N - 1) (Y' Y / (N - 1) + R)^-1
+
+    Sources: Burgers, van Leeuwen & Evensen (1998); Evensen (2003).
+
+    Args:
+        model: Any model; an unknown input in it is ignored.
+        members: N, at least 2.
+        inflation: Factor on the anomalies of every component that an update may correct; 1: none.
+        localisation: ``(n, p)`` from 0 to 1, multiplies the gain: which reading may correct which component, and by
+            how much of what the covariance says; None: every one, whole.
+    """
+
+    name = "enkf"
+
+    def __init__(
+        self, model: Model, members: int = 100, inflation: float = 1.0, localisation: np.ndarray | None = None
+    ) -> None:
+        super().__init__(model, members, inflation, localisation)
+        self._reading_root = None if callable(model.R) else semidefinite_cholesky(model.R)
+
+    def _analysis(
+        self, mean: np.ndarray, anomalies: np.ndarray, S: np.ndarray, reading: Reading, streams: Streams
+    ) -> tuple[np.ndarray, np.ndarray]:
+        gain = solve(S, self._cross_covariance(reading, anomalies))  # K', (..., p, n)
+        if self.localisation is not None:
+            gain *= self.localisation.T
+        own = self._reading_root is not None and reading.R is self.model.R
+        root = self._reading_root if own else semidefinite_cholesky(reading.R)
+        departures = self._centred_noise(streams, mean.shape[:-1], root)
+        departures -= reading.anomalies
+        anomalies += product(departures, gain)
+        return mean + np.vecmat(reading.innovation, gain), anomalies
+
+
+class EnsembleTransformFilter(EnsembleFilter):
+    """ETKF: the members are transformed so that their covariance is the Kalman filter's, without random numbers.
+
+    ``A <- T A`` with the symmetric, mean-preserving ``T = (I + Y R^-1 Y' / (N - 1))^-1/2``, computed as a reduced gain
+    in p x p algebra: with ``S = L L'`` and ``L^-1 R L^-T = U diag(m) U'``, ``W = L^-T U``::
+
+        K = (C P-)' W W'        K~ = (C P-)' W diag(1 / (1 + sqrt(m))) W'        A <- A - Y K~'
+
+    which needs no inverse of R, loses no digits where a reading is precise, and is exact for any N.
+
+    Sources: Bishop, Etherton & Majumdar (2001); Wang, Bishop & Julier (2004); the reduced gain of Whitaker & Hamill
+    (2002) for readings taken together; rotations: Sakov & Oke (2008b); localisation: Hunt, Kostelich & Szunyogh (2007).
+
+    Args:
+        model: Any model; an unknown input in it is ignored.
+        members: N, at least 2.
+        inflation: Factor on the anomalies of every component that an update may correct; 1: none.
+        localisation: ``(n, p)`` of 0 and 1: which reading may correct which component. Components with the same row
+            form a group, and each group is transformed with its own readings; None: one group.
+        rotate: Rotate the anomalies at random after each update, keeping their mean and covariance.
+    """
+
+    name = "etkf"
+
+    def __init__(
+        self,
+        model: Model,
+        members: int = 100,
+        inflation: float = 1.0,
+        localisation: np.ndarray | None = None,
+        rotate: bool = False,
+    ) -> None:
+        super().__init__(model, members, inflation, localisation)
+        self.rotate = bool(rotate)
+        self._groups = None if self.localisation is None else _groups(self.localisation)
+
+    def _taper(self, localisation: np.ndarray) -> np.ndarray:
+        mask = super()._taper(localisation)
+        if not np.isin(mask, (0.0, 1.0)).all():
+            raise ValueError(f"localisation of {self.name} must be 0 or 1 everywhere: a taper is for enkf")
+        return mask
+
+    def _analysis(
+        self, mean: np.ndarray, anomalies: np.ndarray, S: np.ndarray, reading: Reading, streams: Streams
+    ) -> tuple[np.ndarray, np.ndarray]:
+        if self._groups is None:
+            mean, anomalies = self._transformed(mean, anomalies, reading.anomalies, S, reading.R, reading.innovation)
+        else:
+            mean = np.array(mean)
+            for states, readings in self._groups:
+                block = (..., readings[:, None], readings)
+                mean[..., states], anomalies[..., states] = self._transformed(
+                    mean[..., states], anomalies[..., states], reading.anomalies[..., readings], S[block],
+                    reading.R[block], reading.innovation[..., readings],
+                )  # fmt: skip
+        if self.rotate:
+            normals = draw(streams, mean.shape[:-1], (self.members - 1, min(self.members - 1, self.model.n)))
+            anomalies = rotated(anomalies, normals)
+        return mean, anomalies
+
+    def _transformed(
+        self, mean: np.ndarray, anomalies: np.ndarray, Y: np.ndarray, S: np.ndarray, R: np.ndarray, e: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Mean ``(..., k)`` and anomalies ``(..., N, k)`` of some components, corrected by some readings."""
+        factor = np.linalg.inv(cholesky(S))  # L^-1
+        shares = product(factor, R) @ factor.mT  # of R in S, eigenvalues from 0 to 1
+        lost = ~np.isfinite(shares).all((-2, -1))
+        if lost.any():  # their NaN comes back with the factor
+            shares[lost] = np.eye(S.shape[-1])
+        m, U = np.linalg.eigh(shares)
+        W = factor.mT @ U
+        whitened = W.mT @ ((Y.mT @ anomalies) / (self.members - 1))  # W' C P-, (..., p, k)
+        correction = np.vecmat(np.vecmat(e, W), whitened)
+        whitened /= (1.0 + np.sqrt(np.maximum(m, 0.0)))[..., None]
+        anomalies -= Y @ (W @ whitened)
+        return mean + correction, anomalies
+
+
+class EnsembleSquareRootFilter(EnsembleTransformFilter):
+    """EnKF-SR: Evensen's square-root filter, by default in its symmetric, mean-preserving form.
+
+    With ``C = Y' Y + (N - 1) R = Z L Z'`` and the singular value decomposition ``L^-1/2 Z' Y' = U s V'``, the anomalies
+    (as columns) become ``A V sqrt(I - s's) V'``: the same transform as `etkf`, computed by the same code.
+    ``variant="evensen2004"`` leaves out the last ``V'`` as published: the second moments are the same, but the mean of
+    the members moves at random, by about a quarter of the spread at N = 10. It forms an N x N matrix, and is there to
+    reproduce papers.
+
+    Source: Evensen (2004); the mean is treated by Sakov & Oke (2008b) and Livings, Dance & Nichols (2008).
+
+    Args:
+        model: Any model; an unknown input in it is ignored.
+        members: N, at least 2.
+        inflation: Factor on the anomalies of every component that an update may correct; 1: none.
+        localisation: ``(n, p)`` of 0 and 1, as in `EnsembleTransformFilter`.
+        rotate: Rotate the anomalies at random after each update, keeping their mean and covariance.
+        variant: "symmetric" or "evensen2004".
+    """
+
+    name = "enkf-sr"
+
+    def __init__(
+        self,
+        model: Model,
+        members: int = 100,
+        inflation: float = 1.0,
+        localisation: np.ndarray | None = None,
+        rotate: bool = False,
+        variant: str = "symmetric",
+    ) -> None:
+        super().__init__(model, members, inflation, localisation, rotate)
+        if variant not in ("symmetric", "evensen2004"):
+            raise ValueError(f"variant must be 'symmetric' or 'evensen2004', got {variant!r}")
+        self.variant = variant
+
+    def _transformed(
+        self, mean: np.ndarray, anomalies: np.ndarray, Y: np.ndarray, S: np.ndarray, R: np.ndarray, e: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        if self.variant == "symmetric":
+            return super()._transformed(mean, anomalies, Y, S, R, e)
+        gain = solve(S, (Y.mT @ anomalies) / (self.members - 1))  # K'
+        X = (np.linalg.inv(cholesky(S)) @ Y.mT) / np.sqrt(self.members - 1)  # (..., p, N)
+        lost = ~np.isfinite(X).all((-2, -1))
+        X[lost] = 0.0  # their NaN comes back with the gain
+        _, s, Vt = np.linalg.svd(X)
+        scale = np.ones(X.shape[:-2] + (self.members,))
+        scale[..., : s.shape[-1]] = np.sqrt(np.maximum(1.0 - s**2, 0.0))
+        anomalies = scale[..., None] * (Vt @ anomalies)
+        shift = self._mean(anomalies)
+        anomalies -= shift[..., None, :]
+        return mean + np.vecmat(e, gain) + shift, anomalies
+
+
+# --- shared -------------------------------------------------------------------------------------------
+
+
+def draw(streams: Streams, batch: tuple[int, ...], shape: tuple[int, ...]) -> np.ndarray:
+    """Standard normals ``(*batch, *shape)``: row by row from its stream, or all at once from a Generator."""
+    normals = np.empty(batch + shape)
+    if isinstance(streams, np.random.Generator):
+        return streams.standard_normal(out=normals)
+    for stream, row in zip(streams, normals.reshape((-1,) + shape), strict=True):
+        stream.standard_normal(out=row)
+    return normals
+
+
+def noise_root(cov: np.ndarray) -> np.ndarray:
+    """``L (..., k, r)`` with ``L L' = cov`` and r the rank of ``cov (..., k, k)``: the largest one of a batch."""
+    values, vectors = np.linalg.eigh(cov)
+    values = np.where(values > 1e-14 * values.shape[-1] * values[..., -1:], values, 0.0)
+    needed = values.any(tuple(range(values.ndim - 1)))
+    return np.ascontiguousarray((vectors * np.sqrt(values)[..., None, :])[..., needed])
+
+
+def rotated(anomalies: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """Centred anomalies ``(..., N, n)`` turned by a uniformly random rotation of the members that keeps their mean.
+
+    An N x N rotation moves ``A = V R`` (V orthonormal, R small) to ``V* R`` with V* uniform on the frames orthogonal to
+    the vector of ones, so V* is drawn instead: O(N r^2) for rank r.
+
+    Args:
+        anomalies: With zero mean over the members.
+        normals: Standard normals ``(..., N - 1, r)`` with r = min(N - 1, n).
+    """
+    frame, triangle = np.linalg.qr(normals)
+    frame *= np.where(np.diagonal(triangle, axis1=-2, axis2=-1) < 0.0, -1.0, 1.0)[..., None, :]  # makes it uniform
+    turned = np.zeros(anomalies.shape)
+    turned[..., 1:, :] = frame @ np.linalg.qr(_reflected(anomalies)[..., 1:, :], mode="r")
+    return _reflected(turned)
+
+
+def _reflected(a: np.ndarray) -> np.ndarray:
+    """``(..., N, k)`` mirrored so that the first unit vector and the normalised vector of ones change places."""
+    members = a.shape[-2]
+    normal = np.full(members, -1.0 / np.sqrt(members))
+    normal[0] += 1.0
+    return a - normal[:, None] * (np.vecmat(normal, a) * (2.0 / (normal @ normal)))[..., None, :]
+
+
+def _groups(mask: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Components with the same row of ``(n, p)``, and the readings of that row; those without readings are left out."""
+    rows, member_of = np.unique(mask, axis=0, return_inverse=True)
+    return [(np.flatnonzero(member_of == i), np.flatnonzero(row)) for i, row in enumerate(rows) if row.any()]
+
+
+def _members(
+    name: str, function: Callable[..., np.ndarray], ensemble: np.ndarray, u: np.ndarray | None, size: int
+) -> np.ndarray:
+    """A model's function at every member, ``u`` shared by the members of a row."""
+    expected = ensemble.shape[:-1] + (size,)
+    try:
+        values = function(ensemble, None if u is None else u[..., None, :])
+    except (ValueError, IndexError) as error:
+        raise ValueError(
+            f"{name} must broadcast over leading axes, but x of shape {ensemble.shape} ends in: {error}"
+        ) from error
+    if np.shape(values) != expected:
+        raise ValueError(
+            f"{name} must broadcast over leading axes: "
+            f"x of shape {ensemble.shape} gave {np.shape(values)}, expected {expected}"
+        )
+    return values
+
+
+def _unwrapped_steps(before: np.ndarray, after: np.ndarray, angles: tuple[int, ...]) -> np.ndarray:
+    """``after`` as an array of its own, with whole turns taken off that some members made and others did not.
+
+    A transition may wrap its angles. Members that cross the seam would then be a turn away from the others; over one
+    step all turn by nearly as much as the first.
+    """
+    after = np.array(after, dtype=float)
+    for i in angles:
+        step = after[..., i] - before[..., i]
+        after[..., i] = before[..., i] + step[..., :1] + wrap(step - step[..., :1])
+    return after

@@ -1,0 +1,140 @@
+"""Unbiased minimum-variance filtering with a feedthrough matrix of any rank."""
+
+import numpy as np
+
+from estimators.belief import Belief
+from estimators.filter import Model, Reading, Streams
+from estimators.linalg import congruence, product, solve, symmetrise
+from estimators.models import LinearModel, resolve
+from estimators.unknown_input import DelayedInputFilter, driven, hidden_directions, unbiased_gain, waiting
+
+
+class UnifiedInputStateEstimator(DelayedInputFilter):
+    """ULISE: state and unknown input together, whatever the rank of H.
+
+    What H shows of d(k) is estimated at once and drives the next prediction, as in `kf-umv-ui`; the rest shows in the
+    reading after it, as in `kf-umv-ui-wdf`. With N the projector on the directions of d(k-1) that its own reading
+    did not show (the others are in the prediction ``x-`` already)::
+
+        D = (H' S^-1 H)^+ H' S^-1             F = (I - H D) C G N
+        M = (F' S^-1 F)^+ F' S^-1             d(k-1) = d1(k-1) + M e
+        L = K (I - H D) + (I - K (I - H D) C) G M
+        x = x- + L e                          P from x~ = (I - L C) x~- - L v
+        d1(k) = D (I - C G M) e               x-+ = A x + B u + G d1
+
+    These are the estimates of the source, which splits H by its singular values and transforms the readings to match:
+    least squares does not depend on coordinates. Written with projectors they hold for any rank in any row, so
+    that a channel of H that drops leaves its part of d(k) to the next reading, not to a prior. Only what neither
+    reading shows falls back to N(0, ``input_prior``) for that step. Covariances follow in Joseph form.
+
+    The input is known whole one step late: ``input_mean`` is d(k-1) (``input_delay`` 1), ``feedthrough_mean`` is d1(k).
+    With H = 0 this is `kf-umv-ui-wdf`; with rank H = q the states are those of `kf-umv-ui`.
+
+    Source: Yong, Zhu & Frazzoli (2016), A unified filter for simultaneous input and state estimation of linear
+    discrete-time stochastic systems.
+
+    Args:
+        model: A `LinearModel` with rank(C2 G2) = q - rank(H): the readings that H leaves clean (C2) show the inputs
+            that H does not (G2).
+        input_prior: Covariance ``(q, q)`` of the unknown input where no reading shows it; a number
+            stands for that number times identity. Its scale is the problem's: set it.
+
+    Raises:
+        ValueError: if the rank condition fails.
+    """
+
+    name = "ulise"
+    model: LinearModel
+
+    def __init__(self, model: Model, input_prior: np.ndarray | float = 1.0) -> None:
+        super().__init__(model, input_prior)
+        n, p, q = self.model.n, self.model.p, self.model.q
+        self._error_rows = np.eye(n + 2 * q, n)
+        C, G, H = self.model.C, self.model.G, self.model.H
+        if callable(C) or callable(G) or callable(H):
+            return
+        unseen, _ = hidden_directions(H, H, self._input_units)
+        clean = np.eye(p) - H @ np.linalg.pinv(H, rcond=1e-9)
+        CG = C @ G * self._input_units
+        hidden, _ = hidden_directions(clean @ CG @ unseen, CG, np.ones(q))
+        late, shown = _rank(unseen), q - _rank(hidden)
+        if (shown < late).any():
+            row = np.argmax(late - shown)
+            late, shown = (np.broadcast_to(rank, (late - shown).shape).flat[row] for rank in (late, shown))
+            raise ValueError(
+                f"ulise needs rank(C2 G2) = q - rank(H) = {q} - {q - late}, got {shown}: measure the input, or a state "
+                "that it drives directly, by a reading that no other unknown input disturbs"
+            )
+
+    def _init(self, belief: Belief, rng: Streams) -> Belief:
+        return self._without_feedthrough(super()._init(belief, rng))
+
+    def _without_feedthrough(self, belief: Belief) -> Belief:
+        """The belief with nothing known of the input that acts now."""
+        return belief.replace(
+            feedthrough_mean=np.zeros(belief.input_mean.shape),
+            feedthrough_cov=np.zeros(belief.input_cov.shape),
+            state_feedthrough_cov=np.zeros(belief.state_input_cov.shape),
+            feedthrough_observed=np.zeros(belief.input_cov.shape),
+        )
+
+    def _predict(self, belief: Belief, u: np.ndarray | None, rng: Streams) -> Belief:
+        model = self.model
+        mean, A = model.linearise_transition(belief.mean, u)
+        G = resolve(model.G, u)
+        mean = mean + np.matvec(G, belief.feedthrough_mean)
+        cross, input_cov = belief.state_feedthrough_cov, belief.feedthrough_cov
+        cov = symmetrise(driven(A, G, self._covariance(belief), cross, input_cov) + resolve(model.Q, u))
+        hidden = np.eye(model.q) - belief.feedthrough_observed
+        predicted = Belief(
+            mean, cov, belief.prior_mean, belief.prior_cov, belief.healthy, u,
+            input_mean=belief.feedthrough_mean, input_cov=symmetrise(input_cov + congruence(hidden, self.input_prior)),
+            state_input_cov=A @ cross + G @ input_cov, input_observed=belief.feedthrough_observed,
+            pending=np.ones(mean.shape[:-1], bool),
+        )  # fmt: skip
+        return self._without_feedthrough(self._with_input_matrix(predicted, belief.mean, u))
+
+    def _update(self, belief: Belief, reading: Reading, rng: Streams) -> Belief:
+        C, H, R, units = reading.C, reading.H, reading.R, self._input_units
+        n, p, q = self.model.n, self.model.p, self.model.q
+        before = belief.input_observed
+        G = self._input_matrix(belief) * waiting(belief)
+        PC = product(belief.cov, C.mT)
+        S = product(PC.mT, C.mT) + R
+        CGN = C @ (G @ (np.eye(q) - before))
+        right = np.empty(np.broadcast_shapes(S.shape[:-2], H.shape[:-2], CGN.shape[:-2]) + (p, n + 2 * q))
+        right[..., :n], right[..., n : n + q], right[..., n + q :] = PC.mT, H, CGN
+        solved = solve(S, right)
+        K, SH, SF = solved[..., :n].mT, solved[..., n : n + q], solved[..., n + q :]
+        D, now = unbiased_gain(H, SH, resolve(self.model.H, belief.u), units)
+        M, late = unbiased_gain(CGN - H @ (D @ CGN), SF - SH @ (D @ CGN), reading.whole @ G, units)
+        GM, K = G @ M, K - (K @ H) @ D
+        CGM = C @ GM
+        Z = np.empty(K.shape[:-2] + (n + 2 * q, p))  # (x, d(k-1), d(k)) = (x-, d1(k-1), 0) + Z e
+        Z[..., :n, :], Z[..., n : n + q, :], Z[..., n + q :, :] = K + GM - K @ CGM, M, D - D @ CGM
+        correction = np.matvec(Z, reading.innovation)
+        # Errors: those of (x-, d1(k-1)) less Z (C x~- + v); what the inputs add to e cancels where they are seen.
+        joint = np.empty(Z.shape[:-2] + (n + q, n + q))
+        joint[..., :n, :n], joint[..., :n, n:] = belief.cov, belief.state_input_cov
+        joint[..., n:, :n], joint[..., n:, n:] = belief.state_input_cov.mT, belief.input_cov
+        errors = np.zeros(Z.shape[:-1] + (n + q,))
+        errors[..., :n], errors[..., n : n + q, n:] = self._error_rows - product(Z, C), before
+        observed = before + late
+        reach = np.empty(Z.shape[:-1] + (q,))
+        reach[..., :n, :], reach[..., n : n + q, :], reach[..., n + q :, :] = G, np.eye(q), -(D @ (C @ G))
+        cov = congruence(errors, joint) + product(Z, R) @ Z.mT
+        cov = symmetrise(cov + congruence(reach @ (np.eye(q) - observed), self.input_prior))
+        rows = correction.shape[:-1]
+        return Belief(
+            belief.mean + correction[..., :n], cov[..., :n, :n], belief.prior_mean, belief.prior_cov,
+            np.ones(rows, bool), belief.u, reading.innovation, S, reading.available,
+            belief.input_mean + correction[..., n : n + q], cov[..., n : n + q, n : n + q], cov[..., :n, n : n + q],
+            observed, np.zeros(rows, bool), input_matrix=belief.input_matrix,
+            feedthrough_mean=correction[..., n + q :], feedthrough_cov=cov[..., n + q :, n + q :],
+            state_feedthrough_cov=cov[..., :n, n + q :], feedthrough_observed=now,
+        )  # fmt: skip
+
+
+def _rank(projector: np.ndarray) -> np.ndarray:
+    """The ranks ``(...)`` of projectors ``(..., q, q)``."""
+    return np.asarray(np.rint(np.trace(projector, axis1=-2, axis2=-1)), dtype=int)

@@ -1,0 +1,160 @@
+"""Unscented filters: sigma points in place of Jacobians."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from estimators.angles import difference
+from estimators.belief import Belief
+from estimators.filter import Filter, Model
+from estimators.kalman import ExtendedKalmanFilter
+from estimators.linalg import semidefinite_cholesky, solve
+from estimators.models import LinearModel
+from estimators.unknown_input import ExtendedUnbiasedMinimumVarianceFilterWithoutFeedthrough
+
+_SMALL = 1e-6
+"""Relative step of a sigma point in a direction without variance: C is a derivative there."""
+
+
+class SigmaPoints(Filter):
+    """How the unscented filters see a model: a mix-in that replaces the linearisation of `Filter`.
+
+    A function f of x ~ N(x^, P), ``P = L L'``, is evaluated at the 2 n + 1 points ``x^`` and ``x^ +- c L_i``,
+    ``c = alpha sqrt(n + kappa)``. With ``f+-`` about the central ``f0 = f(x^)`` (angles wrapped there) and
+    ``a_i = (f+ - f-) / 2c``, ``s_i = (f+ + f- - 2 f0) / 2c^2``, ``m = sum s_i``, the scaled transform is::
+
+        mean f0 + m      cross-covariance L [a_i]'
+        cov  sum a_i a_i' + c^2 sum s_i s_i' + (beta - alpha^2) m m'
+
+    This is the weighted sum over the points, without the cancellation of its large weights of opposite sign. It is a
+    covariance if ``beta >= -alpha^2 kappa / n``. A linear model needs no points: the transform is exact.
+
+    The measurement is linearised statistically: ``C = Pxy' (P-)^-1 = [a_i] L^-1``, and what C leaves out,
+    ``Pyy - C P- C'``, joins R. A Kalman update in Joseph form with these two is the unscented update.
+    """
+
+    alpha: float
+    beta: float
+    kappa: float
+
+    def _set_points(self, alpha: float, beta: float, kappa: float) -> None:
+        """Check and keep the options of the transform."""
+        if not 0.0 < alpha < np.inf:
+            raise ValueError(f"alpha must be positive (the points' distance in standard deviations), got {alpha}")
+        if not -self.model.n < kappa < np.inf:
+            raise ValueError(f"kappa must be above -n = {-self.model.n}, got {kappa}")
+        lowest = 0.0 - alpha**2 * kappa / self.model.n
+        if not lowest <= beta < np.inf:
+            raise ValueError(f"beta must be at least -alpha^2 kappa / n = {lowest:g} for variances to be, got {beta}")
+        self.alpha, self.beta, self.kappa = float(alpha), float(beta), float(kappa)
+
+    def _propagate(self, mean: np.ndarray, cov: np.ndarray, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+        model = self.model
+        if isinstance(model, LinearModel):
+            return super()._propagate(mean, cov, u)
+        mean, slopes, excess = self._transform(
+            model.transition, mean, semidefinite_cholesky(cov), u, model.state_angles
+        )
+        return mean, slopes.mT @ slopes + excess
+
+    def _linearise(self, belief: Belief) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+        model, mean = self.model, belief.mean
+        if isinstance(model, LinearModel):
+            return super()._linearise(belief)
+        root = semidefinite_cholesky(belief.cov)
+        flat = np.diagonal(root, axis1=-2, axis2=-1) == 0.0
+        if flat.any():
+            step = _SMALL * flat * np.maximum(1.0, np.abs(mean))
+            root = root + step[..., None] * self._identity
+        expected, slopes, excess = self._transform(model.measurement, mean, root, belief.u, model.measurement_angles)
+        return expected, solve(root.mT, slopes).mT, excess
+
+    def _transform(
+        self,
+        function: Callable[[np.ndarray, np.ndarray | None], np.ndarray],
+        mean: np.ndarray,
+        root: np.ndarray,
+        u: np.ndarray | None,
+        angles: tuple[int, ...],
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The unscented transform of ``function(x, u) -> (..., k)``, ``x`` of mean ``(..., n)`` and cov ``root root'``.
+
+        Returns:
+            The mean ``(..., k)``, the slopes ``a (..., n, k)`` along the columns of the root, and what the covariance
+            ``(..., k, k)`` has beyond ``a' a``.
+        """
+        n = mean.shape[-1]
+        c2 = self.alpha**2 * (n + self.kappa)
+        offsets = np.moveaxis(np.sqrt(c2) * root.mT, -2, 0)  # (n, ..., n): the points lead, so that u broadcasts
+        centre = function(mean, u)
+        above, below = (difference(function(x, u), centre, angles) for x in (mean + offsets, mean - offsets))
+        slopes = np.moveaxis((above - below) / (2.0 * np.sqrt(c2)), 0, -2)
+        bends = np.moveaxis((above + below) / (2.0 * c2), 0, -2)
+        shift = bends.sum(-2)
+        excess = c2 * (bends.mT @ bends) + (self.beta - self.alpha**2) * shift[..., :, None] * shift[..., None, :]
+        return centre + shift, slopes, excess
+
+
+class UnscentedKalmanFilter(SigmaPoints, ExtendedKalmanFilter):
+    """UKF: a Kalman filter whose moments come from sigma points; on a linear model it is the Kalman filter exactly.
+
+    Needs no Jacobian and keeps second-order terms: with the defaults the mean is right to third order for a Gaussian.
+    An unknown input in the model is ignored.
+
+    Sources: Julier & Uhlmann (2004), Unscented filtering and nonlinear estimation; van der Merwe (2004), scaled
+    points; Lefebvre, Bruyninckx & De Schutter (2002), the statistical linearisation behind them.
+
+    Args:
+        model: A `LinearModel` or a `NonlinearModel`.
+        alpha: Distance of the points, times ``sqrt(n + kappa)`` in standard deviations. A small one is nearly a
+            Jacobian; 1 sees as far as the belief reaches.
+        beta: Weight of the central point in the covariance; 2 is best for a Gaussian.
+        kappa: Above -n; ``3 - n`` matches a Gaussian's fourth moment along each axis.
+
+    Raises:
+        ValueError: if ``alpha``, ``beta`` and ``kappa`` could give negative variances.
+    """
+
+    name = "ukf"
+
+    def __init__(self, model: Model, alpha: float = 1.0, beta: float = 2.0, kappa: float = 0.0) -> None:
+        super().__init__(model)
+        self._set_points(alpha, beta, kappa)
+
+
+class UnscentedUnbiasedMinimumVarianceFilter(SigmaPoints, ExtendedUnbiasedMinimumVarianceFilterWithoutFeedthrough):
+    """UKF-UMV: `ekf-ui-wdf` with sigma points in place of Jacobians; the input shows one step late.
+
+    With ``C = Pxy' (P-)^-1``, ``K = Pxy Pyy^-1`` and R replaced by ``Pyy - C P- C'``, where Pyy holds R::
+
+        F = C G     M = (F' Pyy^-1 F)^-1 F' Pyy^-1     d(k-1) = M e     x = x- + (K + (I - K C) G M) e
+
+    The points lie about a prediction that knows nothing of d(k-1), so that an input which moves the state
+    beyond the range of ``P-`` within one step is seen through the wrong C.
+
+    Source: Zheng et al. (2019), unscented Kalman filter with unknown input, unbiased and of minimum variance.
+
+    Args:
+        model: A model with H = 0 and rank(C G) = q; a nonlinear one may give G as a function of ``(x, u)``.
+        input_prior: Covariance ``(q, q)`` of the unknown input where no reading shows it; a number
+            stands for that number times identity.
+        alpha: Spread of the sigma points, as in `UnscentedKalmanFilter`.
+        beta: Weight of the central point, likewise.
+        kappa: Likewise.
+
+    Raises:
+        ValueError: if H is not zero, the rank condition cannot hold, or variances could become negative.
+    """
+
+    name = "ukf-umv"
+
+    def __init__(
+        self,
+        model: Model,
+        input_prior: np.ndarray | float = 1.0,
+        alpha: float = 1.0,
+        beta: float = 2.0,
+        kappa: float = 0.0,
+    ) -> None:
+        super().__init__(model, input_prior)
+        self._set_points(alpha, beta, kappa)

@@ -1,0 +1,696 @@
+"""The laws of ensemble filters, against dense formulas, and what their options promise."""
+
+import dataclasses
+import tracemalloc
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.linalg import sqrtm
+
+from estimators import Belief, Gaussian, LinearModel, NonlinearModel, make
+from estimators.ensemble import noise_root, rotated
+from tests.estimators.cases import (
+    Case,
+    System,
+    arrays,
+    assert_same,
+    every_case,
+    kalman_system,
+    random_covariance,
+    simulate,
+    track,
+    turning_vehicle,
+    without_channel,
+)
+
+NAMES = ["enkf", "enkf-sr", "etkf"]
+SQUARE_ROOT = ["enkf-sr", "etkf"]
+SIZES = [(2, 4, 3), (3, 5, 6), (4, 4, 4), (8, 3, 1), (12, 6, 5), (60, 4, 2)]  # members, states, readings
+
+
+def _streams(*rows: int) -> list[np.random.Generator]:
+    return [np.random.default_rng([7, row]) for row in rows]
+
+
+def _spread(belief: Belief) -> tuple[np.ndarray, np.ndarray]:
+    """Anomalies of the members, and the covariance that they should have stored."""
+    anomalies = belief.ensemble - belief.ensemble.mean(-2, keepdims=True)
+    return anomalies, np.swapaxes(anomalies, -1, -2) @ anomalies / (anomalies.shape[-2] - 1)
+
+
+def _predicted(name: str, members: int, n: int, p: int, seed: int = 0, **options: object):
+    """A system, its filter and a prediction for three rows some way into a run."""
+    system = kalman_system(seed, n=n, p=p)
+    filter = make(name, system.model, members=members, **options)
+    record = simulate(system, seed, runs=3, steps=3)
+    belief = track(filter, system.rows(3), record, np.random.default_rng(seed))[-1]
+    return system, filter, filter.predict(belief, record.u[-1], rng=np.random.default_rng(1)), record.y[-1]
+
+
+# --- the moments are those of the members -------------------------------------------------------------
+
+
+@every_case("ensemble")
+def test_mean_and_covariance_are_those_of_the_members(case: Case):
+    system = case.system(0)
+    filter, rng = case.make(system.model), np.random.default_rng(0)
+    record = simulate(system, 0, runs=4, steps=5)
+    belief = filter.init(system.rows(4), rng=rng)
+    history = [belief]
+    for k in range(5):
+        history.append(filter.predict(history[-1], record.u[k], rng=rng))
+        history.append(filter.update(history[-1], record.y[k], rng=rng))
+    for belief in history:
+        scale = max(1.0, np.abs(belief.ensemble).max())
+        np.testing.assert_allclose(belief.mean, belief.ensemble.mean(-2), rtol=0, atol=1e-13 * scale)
+        np.testing.assert_allclose(belief.cov, _spread(belief)[1], rtol=0, atol=1e-12 * scale)
+        assert belief.ensemble.shape == (4, filter.members, system.model.n)
+
+
+# --- 2. square-root filters ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("members", "n", "p"), SIZES)
+@pytest.mark.parametrize("name", SQUARE_ROOT)
+def test_a_square_root_update_is_the_kalman_update_of_the_members_moments(name: str, members: int, n: int, p: int):
+    system, filter, before, y = _predicted(name, members, n, p)
+    after, C, R = filter.update(before, y, rng=np.random.default_rng(0)), system.model.C, system.model.R
+    P = _spread(before)[1]
+    K = P @ C.T @ np.linalg.inv(C @ P @ C.T + R)
+    scale = max(1.0, np.abs(P).max())
+    anomalies, cov = _spread(after)
+    np.testing.assert_allclose(cov, (np.eye(n) - K @ C) @ P, rtol=0, atol=1e-12 * scale)
+    np.testing.assert_allclose(
+        after.mean, before.mean + np.matvec(K, y - before.mean @ C.T), rtol=0, atol=1e-12 * scale
+    )
+    shift = (after.ensemble - after.mean[..., None, :]).mean(-2)
+    np.testing.assert_allclose(shift, 0.0, atol=1e-13 * scale)
+    assert np.abs(anomalies).max() > 1e-3
+
+
+@pytest.mark.parametrize(("members", "n", "p"), SIZES)
+@pytest.mark.parametrize("name", SQUARE_ROOT)
+def test_the_transform_is_the_symmetric_root_of_the_textbook(name: str, members: int, n: int, p: int):
+    """``(I + Y R^-1 Y' / (N - 1))^-1/2`` as an N x N matrix, by scipy."""
+    system, filter, before, y = _predicted(name, members, n, p)
+    after = filter.update(before, y, rng=np.random.default_rng(0))
+    for row in range(3):
+        A = _spread(before[row])[0]
+        Y = A @ system.model.C.T
+        T = np.linalg.inv(sqrtm(np.eye(members) + Y @ np.linalg.inv(system.model.R) @ Y.T / (members - 1)).real)
+        np.testing.assert_allclose(_spread(after[row])[0], T @ A, rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize("rotate", [False, True])
+def test_enkf_sr_and_etkf_are_the_same_filter(rotate: bool):
+    system = kalman_system(0)
+    record = simulate(system, 0, runs=3, steps=20)
+    available = np.random.default_rng(0).random(record.y.shape) < 0.8
+    options = {"members": 7, "inflation": 1.1, "rotate": rotate}
+    pairs = (
+        track(make(name, system.model, **options), system.rows(3), record, np.random.default_rng(1), available)
+        for name in SQUARE_ROOT
+    )
+    for one, other in zip(*pairs, strict=True):
+        assert_same(one, other)
+
+
+@pytest.mark.parametrize("name", SQUARE_ROOT)
+def test_perfect_and_very_precise_readings_keep_their_digits(name: str):
+    """R = 0 needs no inverse, and R = 1e-14 P leaves R, to the eight digits that the members have left.
+
+    A root of ``1 - s^2`` would be off by a percent.
+    """
+    for variance in (0.0, 1e-14):
+        model = LinearModel(A=np.eye(2), C=[[1.0, 0.0]], Q=np.eye(2), R=[[variance]])
+        filter, rng = make(name, model, members=10), np.random.default_rng(0)
+        before = filter.init(Gaussian(np.zeros(2), np.eye(2)), rng=rng)
+        after = filter.update(before, [1.0], rng=rng)
+        P = before.cov[0, 0]
+        assert after.healthy
+        assert after.cov[0, 0] == pytest.approx(P * variance / (P + variance), rel=1e-7, abs=1e-30)
+
+
+# --- evensen2004 --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("members", "n", "p"), SIZES)
+def test_the_published_variant_keeps_the_second_moments_about_the_analysis(members: int, n: int, p: int):
+    system, filter, before, y = _predicted("enkf-sr", members, n, p, variant="evensen2004")
+    symmetric = make("enkf-sr", system.model, members=members)
+    rng = np.random.default_rng(0)
+    after, expected = filter.update(before, y, rng=rng), symmetric.update(before, y, rng=rng)
+    about = after.ensemble - expected.mean[..., None, :]
+    second = np.swapaxes(about, -1, -2) @ about / (members - 1)
+    np.testing.assert_allclose(second, expected.cov, rtol=0, atol=1e-12 * max(1.0, np.abs(before.cov).max()))
+
+
+def test_the_published_variant_moves_the_mean_by_about_a_quarter_of_the_spread_at_ten_members():
+    runs, members = 4000, 10
+    model = LinearModel(A=np.eye(3), C=np.eye(2, 3), Q=np.eye(3), R=np.eye(2))
+    rng = np.random.default_rng(0)
+    published, symmetric = (make("enkf-sr", model, members=members, variant=v) for v in ("evensen2004", "symmetric"))
+    before = published.init(Gaussian(np.zeros((runs, 3)), np.eye(3)), rng=rng)
+    after, expected = (filter.update(before, np.zeros(2), rng=rng) for filter in (published, symmetric))
+    shift = (after.mean - expected.mean) / np.sqrt(np.diagonal(expected.cov, axis1=-2, axis2=-1))
+    # Root mean square over runs and components, one of which no reading shows.
+    assert 0.2 < np.sqrt((shift**2).mean()) < 0.32
+
+
+# --- 1. linear and Gaussian ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_filter_tends_to_the_kalman_filter_as_one_over_the_root_of_members(name: str):
+    system, runs, steps = kalman_system(0), 200, 6
+    record = simulate(system, 0, runs, steps)
+    exact = track(make("kf", system.model), system.rows(runs), record)[-1]
+    sizes, errors = (25, 100, 400, 1600), []
+    for members in sizes:
+        belief = track(make(name, system.model, members=members), system.rows(runs), record, np.random.default_rng(0))
+        errors.append([
+            np.sqrt(((belief[-1].mean - exact.mean) ** 2).mean()), np.sqrt(((belief[-1].cov - exact.cov) ** 2).mean()),
+        ])  # fmt: skip
+    slopes = np.polyfit(np.log(sizes), np.log(errors), 1)[0]
+    # Over 200 runs each error is known to about 3 %, a slope to about 0.01; small ensembles bend it a little more.
+    assert (np.abs(slopes + 0.5) < 0.06).all(), slopes
+
+
+def test_measurement_noise_is_counted_once():
+    """P = R = 1 leave 0.5: exactly for the square roots, and in expectation for perturbed readings."""
+    model = LinearModel(A=[[1.0]], C=[[1.0]], Q=[[0.0]], R=[[1.0]])
+    rng = np.random.default_rng(0)
+    for name in SQUARE_ROOT:
+        filter = make(name, model, members=5)
+        before = filter.init(Gaussian([0.0], [[1.0]]), rng=rng)
+        before = before.replace(ensemble=before.ensemble / np.sqrt(before.cov), cov=np.ones((1, 1)))
+        assert filter.update(before, [1.0], rng=rng).cov[0, 0] == pytest.approx(0.5, abs=1e-14)
+    filter = make("enkf", model, members=20_000)
+    after = filter.update(filter.init(Gaussian([0.0], [[1.0]]), rng=rng), [1.0], rng=rng)
+    assert after.cov[0, 0] == pytest.approx(0.5, abs=4 * 0.5 * np.sqrt(2.0 / 20_000))  # four standard errors
+
+
+@pytest.mark.parametrize(("members", "n", "p"), SIZES)
+def test_perturbed_readings_are_the_textbook_gain_on_centred_noise(members: int, n: int, p: int):
+    """Averaged over members the update is the Kalman one exactly; the departures span the noise that R says."""
+    system, filter, before, y = _predicted("enkf", members, n, p)
+    after, C, R = filter.update(before, y, rng=np.random.default_rng(0)), system.model.C, system.model.R
+    P = _spread(before)[1]
+    S = C @ P @ C.T + R
+    K = P @ C.T @ np.linalg.inv(S)
+    scale = max(1.0, np.abs(P).max())
+    np.testing.assert_allclose(
+        after.mean, before.mean + np.matvec(K, y - before.mean @ C.T), rtol=0, atol=1e-12 * scale
+    )
+    np.testing.assert_allclose(after.innovation_cov, S, rtol=0, atol=1e-12 * np.abs(S).max())
+    own = before.ensemble + (y[:, None] - before.ensemble @ C.T) @ np.swapaxes(K, -1, -2)  # without perturbation
+    left = after.ensemble - own
+    noise = left @ np.linalg.pinv(np.swapaxes(K, -1, -2), rcond=1e-9)
+    np.testing.assert_allclose(left.mean(-2), 0.0, atol=1e-12 * scale)
+    np.testing.assert_allclose(noise @ np.swapaxes(K, -1, -2), left, rtol=0, atol=1e-9 * scale)
+
+
+def test_perturbations_have_the_covariance_of_the_readings():
+    R = random_covariance(np.random.default_rng(3), 3)
+    model = LinearModel(A=np.eye(3), C=np.eye(3), Q=np.eye(3), R=R)
+    N = 40_000
+    filter = make("enkf", model, members=N)
+    belief = filter.init(Gaussian(np.zeros(3), 1e12 * np.eye(3)), rng=np.random.default_rng(0))
+    after = filter.update(belief, np.zeros(3), rng=np.random.default_rng(1))  # K = I: what is left is the noise
+    error = np.abs(_spread(after)[1] - R).max()
+    assert error < 5.0 * np.sqrt(2.0 / N) * np.diag(R).max()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_errors_are_as_large_as_a_large_ensemble_says_but_for_its_sample_size(name: str):
+    """The inverse of a sample covariance is too large by (N - 1) / (N - n - 2) (Anderson 2003, sec. 7.7)."""
+    system, runs, members = kalman_system(1), 400, 100
+    n = system.model.n
+    record = simulate(system, 20, runs, 5)
+    final = track(make(name, system.model, members=members), system.rows(runs), record, np.random.default_rng(0))[-1]
+    error = record.x[-1] - final.mean
+    mean = np.einsum("ri,rij,rj->r", error, np.linalg.inv(final.cov), error).mean() * (members - n - 2) / (members - 1)
+    # Mean of 400 values of about chi-square law: standard deviation sqrt(2 n / 400); four of them, and 3 % for the
+    # gain's own error, which the factor leaves out.
+    assert abs(mean / n - 1.0) < 4.0 * np.sqrt(2.0 / (n * runs)) + 0.03
+
+
+# --- process noise ------------------------------------------------------------------------------------
+
+
+class _Counting(np.random.Generator):
+    """A Generator that counts the normals it is asked for."""
+
+    def __init__(self) -> None:
+        super().__init__(np.random.PCG64(0))
+        self.drawn = 0
+
+    def standard_normal(self, size=None, dtype=np.float64, out=None):
+        self.drawn += out.size
+        return super().standard_normal(size, dtype, out)
+
+
+@pytest.mark.parametrize("rank", [0, 1, 2, 4])
+@pytest.mark.parametrize("name", NAMES)
+def test_process_noise_takes_as_many_numbers_a_member_as_its_rank(name: str, rank: int):
+    root = np.random.default_rng(0).normal(size=(4, rank))
+    Q = root @ root.T
+    model = LinearModel(A=np.eye(4), C=np.eye(4), Q=Q, R=np.eye(4))
+    filter, rng = make(name, model, members=20_000), _Counting()
+    start = filter.init(Gaussian(np.ones(4), np.zeros((4, 4))), rng=rng)
+    rng.drawn = 0
+    after = filter.predict(start, rng=rng)
+    assert rng.drawn == rank * 20_000
+    np.testing.assert_allclose(after.mean, 1.0, rtol=0, atol=1e-12)  # the noise is centred
+    # Five standard errors of a sample covariance, sqrt((Q_ij^2 + Q_ii Q_jj) / N).
+    sd = np.sqrt((Q**2 + np.outer(np.diag(Q), np.diag(Q))) / 20_000)
+    assert (np.abs(after.cov - Q) <= 5.0 * sd + 1e-15).all()
+
+
+@settings(derandomize=True, max_examples=30, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), k=st.integers(1, 6), rank=st.integers(0, 6))
+def test_a_noise_root_has_as_many_columns_as_the_rank_and_gives_the_covariance_back(seed: int, k: int, rank: int):
+    rank = min(k, rank)
+    half = np.random.default_rng(seed).normal(size=(k, rank))
+    root = noise_root(half @ half.T)
+    assert root.shape == (k, rank)
+    np.testing.assert_allclose(
+        root @ root.T, half @ half.T, rtol=0, atol=1e-13 * max(1.0, np.abs(half).max(initial=0.0) ** 2 * k)
+    )
+
+
+@pytest.mark.parametrize("name", SQUARE_ROOT)
+def test_a_square_root_update_draws_nothing_unless_it_rotates(name: str):
+    model = kalman_system(0).model
+    for rotate, numbers in ((False, 0), (True, 5 * 4)):
+        filter, rng = make(name, model, members=6, rotate=rotate), _Counting()
+        belief = filter.init(Gaussian(np.zeros(4), np.eye(4)), rng=rng)
+        rng.drawn = 0
+        filter.update(belief, np.zeros(3), rng=rng)
+        assert rng.drawn == numbers
+
+
+# --- options ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_inflation_multiplies_the_anomalies_of_the_analysis_and_leaves_the_mean(name: str):
+    system, filter, before, y = _predicted(name, 8, 4, 3)
+    inflated = make(name, system.model, members=8, inflation=1.3)
+    one, other = (f.update(before, y, rng=np.random.default_rng(0)) for f in (filter, inflated))
+    np.testing.assert_allclose(other.mean, one.mean, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(_spread(other)[0], 1.3 * _spread(one)[0], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(other.cov, 1.69 * one.cov, rtol=0, atol=1e-12)
+    nothing = inflated.update(before, y, rng=np.random.default_rng(0), available=np.zeros(3, bool))
+    np.testing.assert_allclose(nothing.ensemble, before.ensemble, rtol=0, atol=1e-13)  # no reading, no inflation
+
+
+@settings(derandomize=True, max_examples=40, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), members=st.integers(2, 12), n=st.integers(1, 9))
+def test_a_rotation_keeps_mean_and_covariance_and_moves_the_members(seed: int, members: int, n: int):
+    rng = np.random.default_rng(seed)
+    anomalies = rng.normal(size=(3, members, n)) * 10.0 ** rng.uniform(-3, 3, size=n)
+    anomalies -= anomalies.mean(-2, keepdims=True)
+    turned = rotated(anomalies, rng.normal(size=(3, members - 1, min(members - 1, n))))
+    size = np.abs(anomalies).max((0, 1))
+    assert (np.abs(turned.mean(-2)) <= 1e-13 * size).all()
+    before, after = (np.swapaxes(a / size, -1, -2) @ (a / size) for a in (anomalies, turned))
+    np.testing.assert_allclose(after, before, rtol=0, atol=1e-12 * members)
+    if members > 2:
+        assert (np.abs(turned - anomalies) > 1e-3 * size).any()
+
+
+def test_rotations_are_uniform():
+    """Over many draws a member goes anywhere: second moments of a uniform rotation of the centred space."""
+    members, runs = 4, 40_000
+    anomalies = np.array([3.0, -1.0, -1.0, -1.0])[:, None]
+    rng = np.random.default_rng(0)
+    turned = rotated(np.broadcast_to(anomalies, (runs, members, 1)), rng.normal(size=(runs, members - 1, 1)))[..., 0]
+    expected = (anomalies**2).sum() / (members - 1) * (np.eye(members) - 1.0 / members)
+    np.testing.assert_allclose(turned.T @ turned / runs, expected, rtol=0, atol=5.0 * 12.0 / np.sqrt(runs))
+    np.testing.assert_allclose(turned.mean(0), 0.0, atol=5.0 * np.sqrt(12.0 / members / runs) * 2.0)
+
+
+@pytest.mark.parametrize("name", SQUARE_ROOT)
+def test_a_filter_that_rotates_has_the_moments_of_one_that_does_not(name: str):
+    system, filter, before, y = _predicted(name, 8, 4, 3)
+    turning = make(name, system.model, members=8, rotate=True)
+    one, other = (f.update(before, y, rng=np.random.default_rng(0)) for f in (filter, turning))
+    np.testing.assert_allclose(other.mean, one.mean, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(other.cov, one.cov, rtol=0, atol=1e-12)
+    assert np.abs(other.ensemble - one.ensemble).max() > 0.1
+
+
+MASK = np.array([[1, 1, 0], [0, 1, 1], [1, 1, 0], [0, 0, 0]])
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_reading_never_corrects_a_component_that_its_localisation_excludes(name: str):
+    _, filter, before, y = _predicted(name, 8, 4, 3, localisation=MASK)
+    one = filter.update(before, y, rng=np.random.default_rng(0))
+    for j in range(3):
+        other = filter.update(before, y + 5.0 * np.eye(3)[j], rng=np.random.default_rng(0))
+        moved = np.abs(other.ensemble - one.ensemble).max((0, 1))
+        np.testing.assert_array_equal(moved > 1e-6, MASK[:, j] == 1)
+        np.testing.assert_allclose(moved[MASK[:, j] == 0], 0.0, atol=1e-13)
+    np.testing.assert_allclose(one.ensemble[..., 3], before.ensemble[..., 3], rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_localisation_that_excludes_nothing_changes_nothing(name: str):
+    system, filter, before, y = _predicted(name, 8, 4, 3)
+    whole = make(name, system.model, members=8, localisation=np.ones((4, 3)))
+    one, other = (f.update(before, y, rng=np.random.default_rng(0)) for f in (filter, whole))
+    assert_same(one, other, 1e-13)
+
+
+@pytest.mark.parametrize("name", SQUARE_ROOT)
+def test_each_group_of_components_is_updated_by_its_own_readings_alone(name: str):
+    """As a filter without the other readings would update it."""
+    system, _, before, y = _predicted(name, 8, 4, 3)
+    local = make(name, system.model, members=8, localisation=MASK).update(before, y, rng=np.random.default_rng(0))
+    for states, without in (([0, 2], 2), ([1], 0)):
+        reduced = make(name, without_channel(system.model, without), members=8)
+        alone = reduced.update(before, np.delete(y, without, -1), rng=np.random.default_rng(0))
+        np.testing.assert_allclose(local.ensemble[..., states], alone.ensemble[..., states], rtol=0, atol=1e-12)
+
+
+def test_a_taper_multiplies_the_gain_of_perturbed_readings():
+    taper = np.linspace(0.0, 1.0, 12).reshape(4, 3)
+    system, _, before, y = _predicted("enkf", 8, 4, 3)
+    local = make("enkf", system.model, members=8, localisation=taper)
+    P, C = before.cov, system.model.C
+    K = P @ C.T @ np.linalg.inv(C @ P @ C.T + system.model.R)
+    after = local.update(before, y, rng=np.random.default_rng(0))
+    expected = before.mean + np.matvec(taper * K, y - before.mean @ C.T)
+    np.testing.assert_allclose(after.mean, expected, rtol=0, atol=1e-12)
+
+
+def test_localisation_inflates_only_components_that_a_reading_may_correct():
+    system, _, before, y = _predicted("etkf", 8, 4, 3)
+    plain, inflated = (
+        make("etkf", system.model, members=8, localisation=MASK, inflation=c).update(
+            before, y, rng=np.random.default_rng(0), available=[True, False, False]
+        )
+        for c in (1.0, 1.5)
+    )
+    ratio = inflated.cov.diagonal(axis1=-2, axis2=-1) / plain.cov.diagonal(axis1=-2, axis2=-1)
+    np.testing.assert_allclose(ratio, np.broadcast_to([2.25, 1.0, 2.25, 1.0], (3, 4)), rtol=1e-12)
+
+
+# --- missing readings ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("j", range(3))
+@every_case("square-root", "linear")
+def test_masking_a_channel_of_a_square_root_filter_equals_a_model_without_it(case: Case, j: int):
+    system = case.system(0)
+    record = simulate(system, 0, runs=3, steps=15)
+    kept = np.arange(3) != j
+    masked = track(
+        case.make(system.model), system.rows(3), record, _streams(0, 1, 2), np.broadcast_to(kept, record.y.shape)
+    )
+    reduced = track(
+        case.make(without_channel(system.model, j)), system.rows(3), record._replace(y=record.y[..., kept]),
+        _streams(0, 1, 2),
+    )  # fmt: skip
+    for one, other in zip(masked, reduced, strict=True):
+        np.testing.assert_allclose(one.ensemble, other.ensemble, rtol=0, atol=1e-11)
+
+
+@every_case("ensemble")
+def test_an_update_without_readings_leaves_the_members_alone_up_to_a_rotation(case: Case):
+    system = case.system(0)
+    filter, rng = case.make(system.model), np.random.default_rng(0)
+    before = filter.init(system.rows(3), rng=rng)
+    before = before.replace(u=np.zeros((3, system.m)))
+    after = filter.update(before, np.full(system.model.p, np.nan), rng=rng)
+    scale = np.abs(before.cov).max()
+    np.testing.assert_array_equal(after.innovation, 0.0)
+    if case.options.get("variant") != "evensen2004":  # which turns the members at every update
+        np.testing.assert_allclose(after.mean, before.mean, rtol=0, atol=1e-13 * scale)
+        np.testing.assert_allclose(after.cov, before.cov, rtol=0, atol=1e-12 * scale)
+
+
+# --- random numbers -----------------------------------------------------------------------------------
+
+
+@every_case("ensemble")
+def test_a_missing_generator_or_a_wrong_number_of_streams_is_named(case: Case):
+    system = case.system(0)
+    filter = case.make(system.model)
+    belief = filter.init(system.rows(3), rng=np.random.default_rng(0))
+    y, u = np.zeros((3, system.model.p)), np.zeros((3, system.m))
+    steps = [
+        lambda rng: filter.init(system.rows(3), rng=rng),
+        lambda rng: filter.predict(belief, u, rng=rng),
+        lambda rng: filter.update(belief, y, u=u, rng=rng),
+    ]
+    for step in steps:
+        with pytest.raises(ValueError, match=rf"^{case.name} draws random numbers: pass rng"):
+            step(None)
+        with pytest.raises(ValueError, match=r"^rng has 2 streams, expected one Generator or one for each of 3 rows"):
+            step(_streams(0, 1))
+
+
+@every_case("ensemble")
+def test_one_generator_serves_a_whole_batch_and_every_row_is_different(case: Case):
+    system = case.system(0)
+    filter = case.make(system.model)
+    record = simulate(system, 0, runs=1, steps=4)
+    same = record._replace(y=np.repeat(record.y, 3, 1), u=np.repeat(record.u, 3, 1))
+    one, again = (track(filter, system.rows(3), same, np.random.default_rng(5))[-1] for _ in range(2))
+    assert_same(one, again)
+    assert np.abs(one.ensemble[0] - one.ensemble[1]).max() > 1e-3
+
+
+# --- recovery -----------------------------------------------------------------------------------------
+
+
+@every_case("ensemble")
+def test_a_lost_row_is_drawn_again_from_its_prior_and_leaves_the_others_streams_alone(case: Case):
+    system = case.system(0)
+    filter = case.make(system.model)
+    record = simulate(system, 0, runs=3, steps=4)
+
+    def run(lost: bool) -> list[Belief]:
+        streams, beliefs = _streams(0, 1, 2), []
+        belief = filter.init(system.rows(3), rng=streams)
+        for k in range(4):
+            belief = filter.predict(belief, record.u[k], rng=streams)
+            if lost and k == 1:
+                ensemble = belief.ensemble.copy()
+                ensemble[1, 0] = np.nan
+                belief = belief.replace(ensemble=ensemble)
+            belief = filter.update(belief, record.y[k], rng=streams)
+            beliefs.append(belief)
+        return beliefs
+
+    for k, (one, other) in enumerate(zip(run(True), run(False), strict=True)):
+        np.testing.assert_array_equal(one.healthy, [True, k != 1, True])
+        assert_same(one[[0, 2]], other[[0, 2]], 1e-12)
+        for name, array in arrays(one).items():
+            assert np.isfinite(array).all(), name
+    fresh = run(True)[1]
+    again = _streams(1)  # the lost row's stream: start, prediction and update twice, then the prior and the update
+    mine = filter.init(system.rows(1), rng=again)
+    for k in range(2):
+        mine = filter.update(filter.predict(mine, record.u[k][1:2], rng=again), record.y[k][1:2], rng=again)
+    begun = filter.init(system.rows(1), rng=again).replace(u=record.u[1][1:2])
+    expected = filter.update(begun, record.y[1][1:2], rng=again)
+    np.testing.assert_allclose(fresh.ensemble[1:2], expected.ensemble, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_perfect_readings_that_contradict_each_other_raise_nothing_and_lose_only_their_row(name: str):
+    model = LinearModel(A=np.eye(2), C=[[1.0, 0.0], [1.0, 0.0], [0.0, 1.0]], Q=np.eye(2), R=np.zeros((3, 3)))
+    filter, rng = make(name, model, members=10), np.random.default_rng(0)
+    belief = filter.init(Gaussian(np.zeros((2, 2)), np.eye(2)), rng=rng)
+    for _ in range(3):
+        y = [[1.0, 2.0, 3.0], [1.0, np.nan, 3.0]]
+        belief = filter.update(filter.predict(belief, rng=rng), y, rng=rng)
+        for field, array in arrays(belief).items():
+            assert np.isfinite(array).all(), field
+        assert belief.healthy[1]
+
+
+# --- angles -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_members_on_both_sides_of_the_seam_are_close_together(name: str):
+    """A model that wraps its angles, at any heading, gives what one that does not gives there."""
+
+    def track_from(heading: float, wrapping: bool) -> tuple[np.ndarray, np.ndarray]:
+        def fold(angle: np.ndarray) -> np.ndarray:
+            return np.arctan2(np.sin(angle), np.cos(angle)) if wrapping else angle
+
+        def transition(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+            return np.stack([fold(x[..., 0] + 0.1 * x[..., 1]), x[..., 1]], -1)
+
+        model = NonlinearModel(
+            transition, lambda x, u: fold(x[..., :1]), Q=np.diag([1e-4, 1e-4]), R=[[1e-2]],
+            state_angles=(0,), measurement_angles=(0,),
+        )  # fmt: skip
+        filter, rng = make(name, model, members=30), np.random.default_rng(0)
+        belief = filter.init(Gaussian([heading, 1.0], np.diag([0.1, 0.01])), rng=rng)
+        noise, means, covs = np.random.default_rng(1).normal(scale=0.1, size=80), [], []
+        for k, v in enumerate(noise):
+            belief = filter.update(filter.predict(belief, rng=rng), [fold(heading + 0.1 * (k + 1) + v)], rng=rng)
+            means.append(belief.mean - [heading, 0.0])
+            covs.append(belief.cov)
+        turns = np.array(means)
+        turns[:, 0] = np.arctan2(np.sin(turns[:, 0]), np.cos(turns[:, 0]))
+        return turns, np.array(covs)
+
+    mean, cov = track_from(0.0, wrapping=False)
+    for heading, wrapping in ((0.0, True), (3.1, True), (-3.1, True), (3.1, False)):
+        other_mean, other_cov = track_from(heading, wrapping)
+        np.testing.assert_allclose(other_mean, mean, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(other_cov, cov, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_vehicle_is_followed_by_range_and_bearing_as_the_extended_filter_follows_it(name: str):
+    system = turning_vehicle(0)
+    record = simulate(system, 0, runs=100, steps=100)
+    errors = []
+    for filter, rng in (
+        (make("ekf", system.model), None),
+        (make(name, system.model, members=50), _streams(*range(100))),
+    ):
+        beliefs = track(filter, system.rows(100), record, rng)[20:]
+        error = np.array([b.mean[:, :2] for b in beliefs]) - record.x[20:, :, :2]
+        errors.append(np.sqrt((error**2).mean()))
+    assert errors[1] < 1.1 * errors[0]
+
+
+# --- models -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_matrices_and_functions_give_the_same_members(name: str):
+    system = kalman_system(0)
+    model = system.model
+    record = simulate(system, 0, runs=10, steps=6)
+    functions = NonlinearModel(model.transition, model.measurement, model.Q, model.R)
+
+    def transition(x: np.ndarray, u: np.ndarray) -> np.ndarray:
+        return x @ model.A.T + u @ model.B.T
+
+    functions = dataclasses.replace(functions, transition=transition, measurement=lambda x, u: x @ model.C.T)
+    scheduled = dataclasses.replace(
+        model, A=lambda u: np.broadcast_to(model.A, u.shape[:-1] + (4, 4)), R=model.R, B=lambda u: model.B
+    )
+    tracks = [
+        track(make(name, m, members=12), system.rows(10), record, np.random.default_rng(0))
+        for m in (model, functions, scheduled)
+    ]
+    for one, *others in zip(*tracks, strict=True):
+        for other in others:
+            assert_same(one, other, 1e-12)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_noise_that_is_a_function_of_the_known_input_is_the_noise_at_that_input(name: str):
+    model = kalman_system(0).model
+    changing = dataclasses.replace(
+        model, Q=lambda u: model.Q * u[..., :1, None] ** 2, R=lambda u: model.R * u[..., 1:, None] ** 2
+    )
+    fixed = dataclasses.replace(model, R=9.0 * model.R)
+    u, y = np.tile([2.0, 3.0], (3, 1)), np.zeros((3, 3))
+    beliefs = []
+    for m in (changing, fixed):
+        filter = make(name, m, members=20_000)
+        belief = filter.init(Gaussian(np.zeros((3, 4)), np.eye(4)), rng=np.random.default_rng(0))
+        beliefs.append((filter, belief, filter.predict(belief, u, rng=np.random.default_rng(1))))
+    before, predicted = beliefs[0][1], beliefs[0][2]
+    expected = model.A @ before.cov @ model.A.T + 4.0 * model.Q
+    # Five standard errors of a sample covariance of 20,000.
+    size = np.diagonal(expected, axis1=-2, axis2=-1)
+    assert (np.abs(predicted.cov - expected) < 5.0 * np.sqrt(2.0 / 20_000) * size.max()).all()
+    one, other = (f.update(predicted, y, rng=np.random.default_rng(2)) for f, *_ in beliefs)
+    assert_same(one, other, 1e-12)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_an_unknown_input_in_the_model_is_ignored(name: str):
+    system = kalman_system(0)
+    driven = dataclasses.replace(system.model, G=np.ones((4, 1)), H=np.ones((3, 1)))
+    record = simulate(system, 0, runs=2, steps=4)
+    one, other = (
+        track(make(name, model, members=9), system.rows(2), record, _streams(0, 1))[-1]
+        for model in (system.model, driven)
+    )
+    assert_same(one, other)
+
+
+# --- refusals -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_options_that_make_no_sense_are_named_with_their_value(name: str):
+    model = kalman_system(0).model
+    for members in (1, 0, -3, 2.5, True):
+        with pytest.raises(ValueError, match=f"^members must be a whole number of at least 2, got {members}"):
+            make(name, model, members=members)
+    for inflation in (0.0, -1.0, np.nan, np.inf):
+        with pytest.raises(ValueError, match=r"^inflation must be a positive number, got"):
+            make(name, model, inflation=inflation)
+    with pytest.raises(ValueError, match=r"^localisation has shape \(3, 4\), expected \(n, p\) = \(4, 3\)"):
+        make(name, model, localisation=np.ones((3, 4)))
+    for value in (-0.5, 1.5):
+        with pytest.raises(ValueError, match=r"^localisation must lie between 0 and 1"):
+            make(name, model, localisation=np.full((4, 3), value))
+
+
+def test_what_only_one_of_the_filters_can_do_is_refused_by_the_others():
+    model = kalman_system(0).model
+    for name in SQUARE_ROOT:
+        with pytest.raises(
+            ValueError, match=rf"^localisation of {name} must be 0 or 1 everywhere: a taper is for enkf"
+        ):
+            make(name, model, localisation=np.full((4, 3), 0.5))
+    with pytest.raises(ValueError, match=r"^variant must be 'symmetric' or 'evensen2004', got 'other'"):
+        make("enkf-sr", model, variant="other")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_function_that_does_not_broadcast_is_named_with_the_shapes(name: str):
+    good, rng = (lambda x, u: x), np.random.default_rng(0)
+    prior = Gaussian(np.zeros((2, 3)), np.eye(3))
+
+    def step(transition, measurement) -> None:
+        filter = make(name, NonlinearModel(transition, measurement, np.eye(3), np.eye(3)), members=5)
+        filter.update(filter.predict(filter.init(prior, rng=rng), rng=rng), np.zeros(3), rng=rng)
+
+    for bad in (lambda x, u: np.array([x[0], x[1]]).sum(-1), lambda x, u: np.ones((3, 3)) @ x, lambda x, u: x[7]):
+        for label, functions in (("transition", (bad, good)), ("measurement", (good, bad))):
+            with pytest.raises(ValueError, match=f"^{label} must broadcast over leading axes") as caught:
+                step(*functions)
+            assert "(2, 5, 3)" in str(caught.value)
+            assert "\n" not in str(caught.value)
+
+
+# --- memory -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("options", [{}, {"rotate": True}], ids=["plain", "rotated"])
+@pytest.mark.parametrize("name", NAMES)
+def test_nothing_is_as_large_as_the_square_of_the_members(name: str, options: dict[str, bool]):
+    if name == "enkf":
+        options = {}
+    system: System = kalman_system(0)
+    N = 20_000
+    filter, rng = make(name, system.model, members=N, **options), np.random.default_rng(0)
+    belief = filter.init(system.prior, rng=rng)
+    tracemalloc.start()
+    try:
+        filter.update(filter.predict(belief, np.zeros(2), rng=rng), np.zeros(3), rng=rng)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    # A dozen arrays of N x n, against 3.2 GB for one of N x N.
+    assert 8 * N < peak < 12 * 8 * N * system.model.n

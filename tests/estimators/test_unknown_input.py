@@ -1,0 +1,476 @@
+"""Laws of the filters with unknown input: what they share with each other, with the papers and with least squares."""
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from estimators import Belief, Gaussian, LinearModel, NonlinearModel, chi_square_band, make, nees, rmse
+from tests.estimators.cases import (
+    INPUT_PRIOR,
+    Case,
+    Record,
+    System,
+    arrays,
+    assert_covariance,
+    assert_same,
+    every_case,
+    pushed_vehicle,
+    shown_directions,
+    simulate,
+    some_readings,
+    track,
+    unknown_input_system,
+)
+from tests.estimators.test_reference import darouach
+
+NO_FEEDTHROUGH = ["kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv", "ulise"]
+MIXED = [(4, 4, 2, 1), (5, 5, 3, 1), (5, 5, 3, 2)]
+"""(n, p, q, rank H) with 0 < rank H < q."""
+
+
+def _mixed(seed: int, n: int, p: int, q: int, rank: int) -> System:
+    return unknown_input_system(seed, True, n, p, q, rank=rank)
+
+
+def _one_run(record: Record) -> Record:
+    return record._replace(y=record.y[:, 0], u=record.u[:, 0])
+
+
+def _as_functions(model: LinearModel) -> NonlinearModel:
+    """The linear model as functions that tell nothing of their being linear."""
+    return NonlinearModel(model.transition, model.measurement, model.Q, model.R, G=model.G, H=model.H)
+
+
+# --- the papers, and least squares over a whole run -------------------------------------------------
+
+
+def _yong_zhu_frazzoli(system: System, y: np.ndarray, u: np.ndarray) -> list[tuple[np.ndarray, ...]]:
+    """ULISE as printed: the readings transformed by the singular vectors of H, with inverses and a pseudo-inverse.
+
+    At each time after the first: x, P, d(k-1) whole and its covariance, d1(k) and its covariance.
+    """
+    model = system.model
+    A, B, C, G, H, Q, R = (getattr(model, name) for name in "ABCGHQR")
+    U, s, Vt = np.linalg.svd(H)
+    r, inv = int((s > 1e-9).sum()), np.linalg.inv
+    U1, U2, V1, V2 = U[:, :r], U[:, r:], Vt[:r].T, Vt[r:].T
+    T1, T2 = U1.T - U1.T @ R @ U2 @ inv(U2.T @ R @ U2) @ U2.T, U2.T
+    C1, C2, R1, R2 = T1 @ C, T2 @ C, T1 @ R @ T1.T, T2 @ R @ T2.T
+    G1, G2, M1, V = G @ V1, G @ V2, np.diag(1.0 / s[:r]), np.hstack([V1, V2])
+    eye = np.eye(model.n)
+    K = system.cov @ C2.T @ inv(C2 @ system.cov @ C2.T + R2)  # the first reading: no input came before it
+    x, P, out = system.mean + K @ (T2 @ y[0] - C2 @ system.mean), (eye - K @ C2) @ system.cov, []
+    for k in range(1, len(y)):
+        d1, Pd1 = M1 @ (T1 @ y[k - 1] - C1 @ x), M1 @ (C1 @ P @ C1.T + R1) @ M1.T
+        hat = A - G1 @ M1 @ C1
+        tilde = hat @ P @ hat.T + Q + G1 @ M1 @ R1 @ M1.T @ G1.T
+        weight = inv(C2 @ tilde @ C2.T + R2)
+        Pd2 = inv(G2.T @ C2.T @ weight @ C2 @ G2)
+        M2 = Pd2 @ G2.T @ C2.T @ weight
+        xp, z2 = A @ x + B @ u[k - 1] + G1 @ d1, T2 @ y[k]
+        d2, P12 = M2 @ (z2 - C2 @ xp), (M1 @ C1 @ P @ A.T - Pd1 @ G1.T) @ C2.T @ M2.T
+        N, W, star = eye - G2 @ M2 @ C2, G2 @ M2 @ R2, xp + G2 @ d2
+        Ps = G2 @ M2 @ R2 @ M2.T @ G2.T + N @ tilde @ N.T
+        Rs = C2 @ Ps @ C2.T + R2 - C2 @ W - W.T @ C2.T
+        L = (Ps @ C2.T - W) @ np.linalg.pinv(Rs, rcond=1e-9, hermitian=True)
+        x, Nn = star + L @ (z2 - C2 @ star), eye - L @ C2
+        P = Nn @ Ps @ Nn.T + L @ R2 @ L.T + L @ W.T @ Nn.T + Nn @ W @ L.T
+        now, now_cov = M1 @ (T1 @ y[k] - C1 @ x), M1 @ (C1 @ P @ C1.T + R1) @ M1.T
+        past_cov = V @ np.block([[Pd1, P12], [P12.T, Pd2]]) @ V.T
+        out.append((x, P, V1 @ d1 + V2 @ d2, past_cov, V1 @ now, V1 @ now_cov @ V1.T))
+    return out
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("n", "p", "q", "rank"), [(4, 3, 1, 0), *MIXED, (4, 3, 2, 2)])
+def test_ulise_gives_what_the_formulas_of_its_paper_give(seed: int, n: int, p: int, q: int, rank: int):
+    system = _mixed(seed, n, p, q, rank)
+    record = _one_run(simulate(system, seed, runs=1, steps=30))
+    beliefs = track(make("ulise", system.model), system.prior, record)[1:]
+    for b, expected in zip(beliefs, _yong_zhu_frazzoli(system, record.y, record.u), strict=True):
+        given = b.mean, b.cov, b.input_mean, b.input_cov, b.feedthrough_mean, b.feedthrough_cov
+        for one, other in zip(given, expected, strict=True):
+            np.testing.assert_allclose(one, other, rtol=0, atol=1e-9 * max(1.0, np.abs(other).max()))
+
+
+def _least_squares_over_the_run(
+    system: System, y: np.ndarray, u: np.ndarray, available: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The last two states and inputs of a run and their covariance, by one weighted least-squares problem.
+
+    Unknowns are all states and all inputs, ``x_0, d_0, x_1, d_1, ...``; nothing is known of any input beforehand. In
+    the directions in which the last reading does not show d, it gets unit information, to be left out by the caller.
+    """
+    model, steps = system.model, len(y)
+    n, width = model.n, model.n + model.q
+    A, B, C, G, H, Q, R = (getattr(model, name) for name in "ABCGHQR")
+    information, right = np.zeros((steps * width, steps * width)), np.zeros(steps * width)
+
+    def add(rows: np.ndarray, value: np.ndarray, cov: np.ndarray, columns: slice) -> None:
+        weight = np.linalg.inv(cov)
+        information[columns, columns] += rows.T @ weight @ rows
+        right[columns] += rows.T @ weight @ value
+
+    add(np.eye(n), system.mean, system.cov, slice(n))
+    for k in range(steps):
+        seen, here = available[k], slice(k * width, (k + 1) * width)
+        add(np.hstack([C, H])[seen], y[k][seen], R[seen][:, seen], here)
+        if k:
+            both = slice((k - 1) * width, k * width + n)
+            add(np.hstack([-A, -G, np.eye(n)]), B @ u[k - 1], Q, both)
+    information[-model.q :, -model.q :] += np.eye(model.q) - shown_directions(H[available[-1]])
+    cov = np.linalg.inv(information)
+    last = slice(-2 * width, None)
+    return (cov @ right)[last], cov[last, last]
+
+
+def _assert_least_squares(filter_name: str, system: System, belief: Belief, record: Record, available: np.ndarray):
+    """The belief after the last reading is what least squares over all readings so far give."""
+    model, n, q = system.model, system.model.n, system.model.q
+    expected, cov = _least_squares_over_the_run(system, record.y, record.u, available)
+    past, state, present = slice(n, n + q), slice(n + q, 2 * n + q), slice(2 * n + q, None)
+    close = {"rtol": 0, "atol": 1e-9 * max(1.0, np.abs(cov).max())}
+    np.testing.assert_allclose(belief.mean, expected[state], **close)
+    np.testing.assert_allclose(belief.cov, cov[state, state], **close)
+    now, given = shown_directions(model.H[available[-1]]), (belief.input_mean, belief.input_cov)
+    if filter_name == "kf-umv-ui":
+        np.testing.assert_allclose(given[0], expected[present], **close)
+        np.testing.assert_allclose(given[1], cov[present, present], **close)
+        return
+    # What its own reading showed of d(k-1) is not smoothed by the next one, so only the rest is compared.
+    rest = np.eye(q) - shown_directions(model.H[available[-2]])
+    np.testing.assert_allclose(rest @ given[0], rest @ expected[past], **close)
+    np.testing.assert_allclose(rest @ given[1] @ rest, rest @ cov[past, past] @ rest, **close)
+    if filter_name == "ulise":
+        np.testing.assert_allclose(belief.feedthrough_mean, now @ expected[present], **close)
+        np.testing.assert_allclose(belief.feedthrough_cov, now @ cov[present, present] @ now, **close)
+
+
+@pytest.mark.parametrize("seed", range(2))
+@every_case("unknown-input", "linear")
+def test_the_filter_gives_what_least_squares_over_the_whole_run_give(case: Case, seed: int):
+    """Nothing that the readings tell of the newest state is lost on the way, with one channel missing now and then."""
+    system, steps = case.system(seed), 8
+    p = system.model.p
+    record = _one_run(simulate(system, seed, runs=1, steps=steps))
+    available = np.arange(p) != np.random.default_rng(seed).integers(2 * p, size=(steps, 1))
+    belief = track(case.make(system.model), system.prior, record, available=available)[-1]
+    _assert_least_squares(case.name, system, belief, record, available)
+
+
+def test_ulise_leaves_to_the_next_reading_what_a_dropped_channel_of_feedthrough_would_have_shown():
+    system = unknown_input_system(0, True)
+    model = dataclasses.replace(system.model, H=np.array([[2.0], [0.0], [0.0]]))
+    system = dataclasses.replace(system, model=model)
+    record = _one_run(simulate(system, 3, runs=1, steps=8))
+    available = np.ones((8, 3), bool)
+    available[[2, 3, 6], 0] = False
+    beliefs = track(make("ulise", model), system.prior, record, available=available)
+    _assert_least_squares("ulise", system, beliefs[-1], record, available)
+    assert beliefs[6].feedthrough_observed[0, 0] == 0.0
+    assert beliefs[7].input_observed[0, 0] == pytest.approx(1.0)
+    # The filter with feedthrough alone has to fall back to the prior there.
+    fallen = track(make("kf-umv-ui", model), system.prior, record, available=available)
+    assert fallen[6].input_observed[0, 0] == 0.0
+    assert np.abs(fallen[7].mean - beliefs[7].mean).max() > 0.01
+
+
+# --- reductions -------------------------------------------------------------------------------------
+
+_SHARED = ("mean", "cov", "input_mean", "input_cov", "state_input_cov", "input_observed", "innovation", "healthy")
+
+
+@pytest.mark.parametrize("name", ["ekf-ui-wdf", "ukf-umv", "ulise"])
+@pytest.mark.parametrize(("p", "q"), [(3, 1), (4, 2)])
+def test_without_feedthrough_every_filter_is_the_linear_one_without_feedthrough(name: str, p: int, q: int):
+    for seed in range(3):
+        system = unknown_input_system(seed, False, p=p, q=q)
+        record = simulate(system, seed, runs=10, steps=40)
+        available = some_readings(np.random.default_rng(seed), p, 40, 10)
+        filters = [make(n, system.model, input_prior=INPUT_PRIOR) for n in (name, "kf-umv-ui-wdf")]
+        pairs = zip(*(track(f, system.rows(10), record, available=available) for f in filters), strict=True)
+        for one, other in pairs:
+            for field in _SHARED:
+                scale = max(1.0, np.abs(other.cov).max())
+                np.testing.assert_allclose(getattr(one, field), getattr(other, field), rtol=0, atol=1e-11 * scale)
+
+
+@pytest.mark.parametrize(("p", "q"), [(3, 1), (4, 2)])
+def test_with_full_feedthrough_ulise_is_the_filter_with_feedthrough_and_tells_the_input_one_step_later(p: int, q: int):
+    for seed in range(3):
+        system = unknown_input_system(seed, True, p=p, q=q)
+        record = simulate(system, seed, runs=10, steps=40)
+        available = np.arange(p) != np.random.default_rng(seed).integers(2 * p, size=(40, 10, 1))
+        unified, direct = (
+            track(make(name, system.model), system.rows(10), record, available=available)
+            for name in ("ulise", "kf-umv-ui")
+        )
+        for k, (one, other) in enumerate(zip(unified, direct, strict=True)):
+            pairs = [
+                (one.mean, other.mean), (one.cov, other.cov), (one.feedthrough_mean, other.input_mean),
+                (one.feedthrough_cov, other.input_cov), (one.state_feedthrough_cov, other.state_input_cov),
+            ]  # fmt: skip
+            if k:
+                pairs += [(one.input_mean, direct[k - 1].input_mean), (one.input_cov, direct[k - 1].input_cov)]
+            for given, expected in pairs:
+                np.testing.assert_allclose(given, expected, rtol=0, atol=1e-10 * max(1.0, np.abs(expected).max()))
+
+
+@pytest.mark.parametrize("name", ["ekf-ui-wdf", "ukf-umv"])
+def test_on_functions_that_are_linear_the_nonlinear_filters_are_the_linear_one(name: str):
+    system = unknown_input_system(1, False, p=4, q=2)
+    record = simulate(system, 1, runs=6, steps=40)
+    available = some_readings(np.random.default_rng(1), 4, 40, 6)
+    linear = track(make("kf-umv-ui-wdf", system.model), system.rows(6), record, available=available)
+    functions = track(make(name, _as_functions(system.model)), system.rows(6), record, available=available)
+    for one, other in zip(functions, linear, strict=True):
+        # A step of 1e-3 or a standard deviation, across readings of some 100: rounding of 1e-14 / 1e-3.
+        assert_same(one, other, 1e-9)
+
+
+# --- matrices that change ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", NO_FEEDTHROUGH)
+def test_a_driven_direction_may_be_a_function_of_the_known_input(name: str):
+    """A schedule of G gives what a model for each row gives, row by row."""
+    system, rows = unknown_input_system(2, False), 5
+    model = system.model
+    scale = np.linspace(0.5, 2.0, rows)[:, None, None]
+    record = simulate(system, 2, rows, 12)
+    u = record.u.copy()
+    u[..., 0] = scale[:, 0, 0]
+    available = np.random.default_rng(2).random((12, rows, 3)) < 0.7
+    scheduled = dataclasses.replace(model, G=lambda u: model.G * u[..., :1, None], H=np.zeros((3, 1)))
+    batched = dataclasses.replace(model, G=model.G * scale)
+    one, other = (
+        track(make(name, m), system.rows(rows), record._replace(u=u), available=available) for m in (scheduled, batched)
+    )
+    for left, right in zip(one, other, strict=True):
+        assert_same(left.replace(input_matrix=None), right, 1e-12)
+
+
+def test_feedthrough_may_be_a_function_of_the_known_input_and_of_another_rank_in_every_row():
+    system, rows = _mixed(0, 4, 4, 2, 1), 3
+    model, rng = system.model, np.random.default_rng(0)
+    H = np.stack([np.zeros((4, 2)), model.H, rng.normal(size=(4, 2))])
+    record = simulate(system, 0, rows, 12)
+    record.u[..., 0] = np.arange(rows)
+
+    def run(feedthrough: object, rows: object) -> Belief:
+        filter = make("ulise", dataclasses.replace(model, H=feedthrough))
+        belief = filter.init(system.rows(*record.y[0, rows].shape[:-1]))
+        for y, u in zip(record.y[:, rows], record.u[:, rows], strict=True):
+            belief = filter.predict(filter.update(belief, y, u=u), u)
+        return filter.update(belief, record.y[0, rows])
+
+    scheduled, batched = run(lambda u: H[u[..., 0].astype(int)], slice(None)), run(H, slice(None))
+    assert_same(scheduled, batched, 1e-12)
+    for i in range(rows):
+        assert_same(batched[i], run(H[i], i), 1e-12)
+    ranks = np.trace(batched.feedthrough_observed, axis1=-2, axis2=-1)
+    np.testing.assert_allclose(ranks, [0.0, 1.0, 2.0], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["ekf-ui-wdf", "ukf-umv"])
+def test_a_driven_direction_that_depends_on_the_state_is_taken_at_the_estimate_before_the_step(name: str):
+    system = pushed_vehicle(0)
+    model, filter = system.model, make(name, system.model)
+    record = _one_run(simulate(system, 0, runs=1, steps=6))
+    belief = track(filter, system.prior, record)[-1]
+    predicted = filter.predict(belief, record.u[-1])
+    G = model.G(belief.mean, record.u[-1])
+    np.testing.assert_array_equal(predicted.input_matrix, G)
+    y = model.measurement(predicted.mean, None) + 0.01
+    fixed = make(name, dataclasses.replace(model, G=G))
+    expected = fixed.update(predicted.replace(input_matrix=None), y)
+    assert_same(filter.update(predicted, y).replace(input_matrix=None), expected, 1e-13)
+    elsewhere = model.G(belief.mean + np.array([0.0, 0.0, 0.5, 0.0]), None)
+    moved = make(name, dataclasses.replace(model, G=elsewhere)).update(predicted.replace(input_matrix=None), y)
+    assert np.abs(moved.mean - expected.mean).max() > 1e-4
+
+
+# --- bias and consistency ---------------------------------------------------------------------------
+
+RUNS = 1000
+
+
+def _errors(filter_name: str, system: System, model: LinearModel | NonlinearModel, seed: int):
+    """Errors of state and input at the end of some runs, and the covariance that the filter gives for each."""
+    record = simulate(system, seed, RUNS, 25)
+    filter = make(filter_name, model, input_prior=INPUT_PRIOR)
+    final = track(filter, system.rows(RUNS), record)[-1]
+    d = record.d[-1 - filter.input_delay]
+    return (final.mean - record.x[-1], final.cov), (final.input_mean - d, final.input_cov)
+
+
+def _assert_unbiased_and_consistent(errors: np.ndarray, cov: np.ndarray) -> None:
+    """Every mean within 3 standard errors (false alarm 0.27 %), and the NEES within its band of 99.7 %."""
+    assert (np.abs(errors.mean(0)) < 3.0 * errors.std(0, ddof=1) / np.sqrt(len(errors))).all()
+    low, high = chi_square_band(len(errors), errors.shape[-1], 0.997)
+    assert low < nees(errors, cov, np.zeros(errors.shape)).mean() < high
+
+
+@pytest.mark.parametrize(
+    ("name", "functions"), [*((name, False) for name in NO_FEEDTHROUGH), ("ekf-ui-wdf", True), ("ukf-umv", True)]
+)
+def test_on_the_system_of_darouach_1995_state_and_input_are_unbiased_and_consistent(name: str, functions: bool):
+    model = dataclasses.replace(darouach(), B=np.zeros((3, 1)))
+    system = System(model, np.array([1.0, -1.0, 2.0]), 5.0 * np.eye(3), 1)
+    for errors, cov in _errors(name, system, _as_functions(model) if functions else model, 5):
+        _assert_unbiased_and_consistent(errors, cov)
+
+
+_FAMILIES = {
+    **{name: (name, lambda seed: unknown_input_system(seed, False, p=4, q=2)) for name in NO_FEEDTHROUGH},
+    "kf-umv-ui": ("kf-umv-ui", lambda seed: unknown_input_system(seed, True, p=4, q=2)),
+    "ulise with full feedthrough": ("ulise", lambda seed: unknown_input_system(seed, True, p=4, q=2)),
+    **{
+        f"ulise with rank {rank} of {q}": ("ulise", lambda seed, sizes=(n, p, q, rank): _mixed(seed, *sizes))
+        for n, p, q, rank in MIXED
+    },
+}
+
+
+@pytest.mark.parametrize("family", _FAMILIES)
+def test_over_a_family_of_random_systems_state_and_input_are_unbiased_and_consistent(family: str):
+    """Pooled over systems: squares of the means in standard errors, and the NEES, are chi-square."""
+    name, system_of = _FAMILIES[family]
+    biases, size = [], {0: [], 1: []}
+    for seed in range(100, 106):
+        system = system_of(seed)
+        for which, (errors, cov) in enumerate(_errors(name, system, system.model, seed)):
+            biases += list(errors.mean(0) / (errors.std(0, ddof=1) / np.sqrt(RUNS)))
+            size[which].append(nees(errors, cov, np.zeros(errors.shape)).mean())
+    low, high = chi2.ppf([0.0015, 0.9985], len(biases))
+    assert low < np.sum(np.square(biases)) < high
+    assert np.abs(biases).max() < chi2.ppf(0.997 ** (1 / len(biases)), 1) ** 0.5
+    for values, degrees in zip(size.values(), (system.model.n, system.model.q), strict=True):
+        low, high = chi_square_band(RUNS * len(values), degrees, 0.997)
+        assert low < np.mean(values) < high
+
+
+@pytest.mark.parametrize(("name", "ignorant"), [("ekf-ui-wdf", "ekf"), ("ukf-umv", "ukf")])
+def test_a_vehicle_that_is_pushed_is_followed_by_a_filter_that_knows_of_the_push(name: str, ignorant: str):
+    system, runs, steps = pushed_vehicle(0), 50, 100
+    record = simulate(system, 1, runs, steps)
+    errors = {}
+    for filter_name in (name, ignorant):
+        beliefs = track(make(filter_name, system.model), system.rows(runs), record)
+        errors[filter_name] = rmse(np.array([b.mean for b in beliefs[20:]]), record.x[20:], (2,))
+    assert (errors[name] < 0.5 * errors[ignorant])[:3].all()  # position and heading
+    estimates = np.array([b.input_mean for b in track(make(name, system.model), system.rows(runs), record)[20:]])
+    assert rmse(estimates, record.d[19:-1])[0] < 0.5 * np.std(record.d[19:-1])
+
+
+# --- what a filter refuses --------------------------------------------------------------------------
+
+I2 = np.eye(2)
+
+
+def _functions(**changes: object) -> NonlinearModel:
+    given = {"transition": lambda x, u: x, "measurement": lambda x, u: x, "Q": I2, "R": I2}
+    return NonlinearModel(**{**given, **changes})
+
+
+def _matrices(**changes: object) -> LinearModel:
+    return LinearModel(**{"A": I2, "C": I2, "Q": I2, "R": I2, **changes})
+
+
+def _refusal(build: Callable[[], object]) -> str:
+    with pytest.raises(ValueError, match=r"needs|gave|cannot") as caught:
+        build()
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv"])
+def test_filters_without_feedthrough_refuse_feedthrough_and_say_which_take_it(name: str):
+    message = f"{name} needs H = 0 (no feedthrough): use kf-umv-ui or ulise"
+    for H in (np.array([[0.0], [1.0]]), lambda u: np.zeros((2, 1))):
+        assert _refusal(lambda H=H: make(name, _matrices(G=[[1.0], [0.0]], H=H))) == message
+
+
+@pytest.mark.parametrize("name", ["ekf-ui-wdf", "ukf-umv"])
+def test_nonlinear_filters_refuse_inputs_that_no_reading_could_tell_apart(name: str):
+    tail = ": measure a state that each input drives directly"
+    one_reading = {"measurement": lambda x, u: x[..., :1], "R": [[1.0]]}
+    message = _refusal(lambda: make(name, _functions(G=I2, **one_reading)))
+    assert message == f"{name} needs rank(C G) = 2 unknown inputs, got at most 1{tail}"
+    message = _refusal(lambda: make(name, _functions(G=np.ones((2, 2)))))
+    assert message == f"{name} needs rank(C G) = 2 unknown inputs, got at most 1{tail}"
+    message = _refusal(lambda: make(name, _matrices(C=[[1.0, 0.0]], R=[[1.0]], G=[[0.0], [1.0]])))
+    assert message == f"{name} needs rank(C G) = 1 unknown input, got 0{tail}"
+    assert "needs an unknown input" in _refusal(lambda: make(name, _functions()))
+
+
+def test_a_driven_direction_of_the_wrong_shape_is_named():
+    model = _functions(G=lambda x, u: np.ones((2, 2)), H=np.zeros((2, 1)))
+    filter = make("ekf-ui-wdf", model)
+    belief = filter.init(Gaussian(np.zeros(2), I2))
+    assert _refusal(lambda: filter.predict(belief)) == "G gave a matrix of shape (2, 2), expected (..., 2, 1)"
+    assert "cannot tell q" in _refusal(lambda: _functions(G=lambda x, u: np.ones((2, 1))))
+
+
+def test_ulise_says_which_rank_it_needs_and_what_to_do():
+    hidden = {"C": [[1.0, 0.0]], "R": [[1.0]], "G": [[0.0], [1.0]]}
+    advice = (
+        ": measure the input, or a state that it drives directly, by a reading that no other unknown input disturbs"
+    )
+    assert _refusal(lambda: make("ulise", _matrices(**hidden))) == (
+        f"ulise needs rank(C2 G2) = q - rank(H) = 1 - 0, got 0{advice}"
+    )
+    # The reading that would show the second input is taken up by the first.
+    blocked = {"G": [[0.0, 1.0], [0.0, 0.0]], "H": [[1.0, 0.0], [0.0, 0.0]]}
+    assert _refusal(lambda: make("ulise", _matrices(**blocked))) == (
+        f"ulise needs rank(C2 G2) = q - rank(H) = 2 - 1, got 0{advice}"
+    )
+    free = {"G": [[0.0, 0.0], [0.0, 1.0]], "H": [[1.0, 0.0], [0.0, 0.0]]}
+    assert make("ulise", _matrices(**free)).input_delay == 1
+    rows = {"G": np.stack([free["G"], blocked["G"]]), "H": blocked["H"]}
+    assert "= 2 - 1, got 0" in _refusal(lambda: make("ulise", _matrices(**rows)))
+
+
+# --- numbers that do not behave ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", NO_FEEDTHROUGH)
+def test_a_direction_that_a_nonlinear_or_changing_model_loses_falls_back_to_its_prior(name: str):
+    """C G is zero for a while: nothing breaks, and the input is N(0, input_prior) meanwhile."""
+    model = LinearModel(
+        A=0.9 * I2, C=lambda u: I2 * u[..., None], Q=I2, R=I2, G=[[1.0], [0.0]], H=np.zeros((2, 1)),
+    )  # fmt: skip
+    filter = make(name, model, input_prior=INPUT_PRIOR)
+    belief = filter.init(Gaussian(np.zeros((3, 2)), I2)).replace(u=np.ones((3, 1)))
+    for on in (1.0, 0.0, 1.0):
+        belief = filter.update(filter.predict(belief, np.full((3, 1), on)), np.ones(2))
+        assert belief.healthy.all()
+        np.testing.assert_array_equal(belief.input_observed, on)
+        if on == 0.0:
+            np.testing.assert_array_equal(belief.input_mean, 0.0)
+            np.testing.assert_allclose(belief.input_cov, INPUT_PRIOR, rtol=1e-14)
+
+
+def test_ulise_stays_as_it_should_be_over_many_steps_with_missing_readings():
+    system, rows = _mixed(0, 4, 4, 2, 1), 20
+    filter, rng = make("ulise", system.model), np.random.default_rng(0)
+    belief = filter.init(system.rows(rows))
+    u, nothing = np.zeros((rows, system.m)), np.zeros(4)
+    for k in range(2000):
+        available = some_readings(rng, 4, rows) if k < 1900 else None
+        belief = filter.update(filter.predict(belief, u), nothing, available=available)
+        if k % 100 == 0:
+            joint = np.block([[belief.cov, belief.state_input_cov], [belief.state_input_cov.mT, belief.input_cov]])
+            assert_covariance(0.5 * (joint + joint.mT))
+            assert_covariance(belief.feedthrough_cov, np.linalg.eigvalsh(belief.cov)[..., -1])
+            assert belief.healthy.all()
+    fresh = filter.init(system.rows(1))
+    for _ in range(100):
+        fresh = filter.update(filter.predict(fresh, u[:1]), nothing)
+    for name, array in arrays(belief).items():
+        if name.endswith("cov") and not name.startswith("prior"):
+            expected = np.broadcast_to(arrays(fresh)[name], array.shape)
+            np.testing.assert_allclose(array, expected, rtol=0, atol=1e-10, err_msg=name)
