@@ -3,6 +3,7 @@
 import math
 import time
 from collections.abc import Callable
+from typing import Literal
 
 import gymnasium as gym
 import numpy as np
@@ -12,10 +13,13 @@ from rich.table import Table
 
 import vessel_gym  # noqa: F401  (registers the environments)
 from agents import load_agent
+from estimators import Gaussian, LinearModel, make, names
 from scripts.console import command
 from vessel_gym.envs.sigma_corvette import SEAS
 from vessel_gym.tasks.turning_circle import TurningCircle
 from vessel_gym.vehicles.corvette import COEFFICIENTS, Corvette, CorvetteParameters, secant_models, steady_turns
+
+ENSEMBLES = ("enkf", "enkf-sr", "etkf")
 
 
 class HandWrittenLoop:
@@ -210,34 +214,134 @@ def microseconds(runs: dict[str, Run], repeats: int) -> dict[str, float]:
     return {label: float(np.median(values)) for label, values in times.items()}
 
 
-def main(
-    env_id: str = "SigmaCorvette-v0",
-    /,
-    estimator: str = "kf-umv-ui",
-    num_envs: tuple[int, ...] = (1, 16, 64, 256, 1024),
-    repeats: int = 11,
-) -> None:
-    """Time environment steps on one core, and in the same run the same thing written by hand.
+STATES, MEASUREMENTS, INPUTS, MEMBERS = 12, 8, 2, 100
+"""Size of the linear system on which estimators are timed: its own cost hardly counts."""
 
-    Whole episodes are timed, resets included, under the autopilot's recorded actions.
 
-    Args:
-        env_id: Registered environment.
-        estimator: Its estimator.
-        num_envs: Sizes of the native batch.
-        repeats: Measurements of each; the median is reported.
-    """
+def linear_system(feedthrough: bool) -> LinearModel:
+    """A stable random system; the unknown input shows in the reading or only in the state."""
+    rng = np.random.default_rng(0)
+    A = rng.normal(size=(STATES, STATES))
+    A *= 0.9 / np.abs(np.linalg.eigvals(A)).max()
+    C, G = rng.normal(size=(MEASUREMENTS, STATES)), rng.normal(size=(STATES, INPUTS))
+    H = rng.normal(size=(MEASUREMENTS, INPUTS)) * feedthrough
+    return LinearModel(A, C, 0.1 * np.eye(STATES), np.eye(MEASUREMENTS), G=G, H=H)
+
+
+def estimator(name: str, rows: int, steps: int) -> Run:
+    """Predictions and updates of one filter over a batch."""
+    options = {"members": MEMBERS} if name in ENSEMBLES else {}
+    try:
+        filter = make(name, linear_system(feedthrough=True), **options)
+    except ValueError:  # a filter without feedthrough
+        filter = make(name, linear_system(feedthrough=False), **options)
+    rng = [np.random.default_rng(row) for row in range(rows)]
+    prior = Gaussian(np.zeros((rows, STATES)), np.eye(STATES))
+    readings = np.random.default_rng(1).normal(size=(steps, rows, MEASUREMENTS))
+
+    def run() -> None:
+        belief = filter.init(prior, rng=rng)
+        for reading in readings:
+            belief = filter.update(filter.predict(belief, rng=rng), reading, rng=rng)
+
+    return Run(run, rows, steps)
+
+
+def filterpy_ensemble(steps: int) -> Run:
+    """The same with filterpy's ensemble Kalman filter, one row."""
+    from filterpy.kalman import EnsembleKalmanFilter
+
+    model, rng = linear_system(feedthrough=False), np.random.default_rng(0)
+    A, C = np.asarray(model.A), np.asarray(model.C)
+    readings = rng.normal(size=(steps, MEASUREMENTS))
+
+    def run() -> None:
+        rival = EnsembleKalmanFilter(
+            np.zeros(STATES), np.eye(STATES), MEASUREMENTS, 1.0, MEMBERS, lambda x: C @ x, lambda x, dt: A @ x
+        )
+        rival.Q, rival.R = np.asarray(model.Q), np.asarray(model.R)
+        for reading in readings:
+            rival.predict()
+            rival.update(reading)
+
+    return Run(run, 1, steps)
+
+
+def random_numbers(rows: int, steps: int) -> Run:
+    """The floor of a perturbed-observation filter: drawing its numbers, one stream a row, and nothing else."""
+    rng = [np.random.default_rng(row) for row in range(rows)]
+
+    def run() -> None:
+        for _ in range(steps):
+            for generator in rng:
+                generator.standard_normal((MEMBERS, STATES + MEASUREMENTS))
+
+    return Run(run, rows, steps)
+
+
+def environment_table(env_id: str, estimator: str, num_envs: tuple[int, ...], repeats: int) -> Table:
+    """Environment steps against the number of environments, and the loop written by hand."""
     runs = {"by hand (NumPy, filterpy)": by_hand(estimator), "gymnasium.make": single(env_id, estimator)}
     runs |= {f"batch of {size}": batch(env_id, estimator, size) for size in num_envs}
     medians = microseconds(runs, repeats)
     loop = medians["by hand (NumPy, filterpy)"]
     table = Table(title=f"{env_id}, {estimator}, one core, median of {repeats}")
-    table.add_column("environment")
+    table.add_column("environment", no_wrap=True)
     for heading in ("us per step", "steps/s", "times the loop"):
         table.add_column(heading, justify="right")
     for label, value in medians.items():
         table.add_row(label, f"{value:.2f}", f"{1e6 / value:,.0f}", f"{loop / value:.1f}")
-    Console().print(table)
+    return table
+
+
+def estimator_table(repeats: int) -> Table:
+    """Prediction and update of every filter, at one row and in batches, beside filterpy's ensemble filter."""
+    sizes = {1: 200, 256: 5, 1024: 2}
+    runs = {"filterpy EnKF": filterpy_ensemble(20)}
+    for rows, steps in sizes.items():
+        runs |= {f"{name} {rows}": estimator(name, rows, steps if name in ENSEMBLES else 5 * steps) for name in names()}
+        runs[f"random numbers {rows}"] = random_numbers(rows, steps)
+    medians = microseconds(runs, repeats)
+    rival = medians["filterpy EnKF"]
+    table = Table(
+        title=f"us per row: prediction and update, {STATES} states, {MEASUREMENTS} measurements, {MEMBERS} members",
+        caption=f"one core, median of {repeats}; filterpy EnKF: {rival:.0f} us",
+    )
+    table.add_column("filter", no_wrap=True)
+    for rows in sizes:
+        table.add_column(f"{rows} row{'s' if rows > 1 else ''}", justify="right")
+    for rows in (1, 256):
+        table.add_column(f"times filterpy, {rows}", justify="right")
+    for name in (*names(), "random numbers"):
+        times = [f"{medians[f'{name} {rows}']:.2f}" for rows in sizes]
+        ensemble = name in ENSEMBLES
+        table.add_row(name, *times, *(f"{rival / medians[f'{name} {r}']:.1f}" if ensemble else "" for r in (1, 256)))
+    return table
+
+
+def main(
+    env_id: str = "SigmaCorvette-v0",
+    /,
+    what: Literal["all", "environment", "estimators"] = "all",
+    estimator: str = "kf-umv-ui",
+    num_envs: tuple[int, ...] = (1, 16, 64, 256, 1024),
+    repeats: int = 11,
+) -> None:
+    """Time environment steps and estimators on one core, and in the same run what one would write or use instead.
+
+    Whole episodes are timed, resets included, under the autopilot's recorded actions.
+
+    Args:
+        env_id: Registered environment.
+        what: environment, estimators or all.
+        estimator: The environment's estimator.
+        num_envs: Sizes of the native batch.
+        repeats: Measurements of each; the median is reported.
+    """
+    if what != "estimators":
+        Console().print(environment_table(env_id, estimator, num_envs, repeats))
+    if what != "environment":
+        Console().print(estimator_table(repeats))
 
 
 if __name__ == "__main__":

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from estimators import names
+from scripts import benchmark
 from scripts.benchmark import HandWrittenLoop, batch, main, microseconds, single
 from vessel_gym.core import Core
 from vessel_gym.envs.sigma_corvette import SIGMA_CORVETTE
@@ -53,7 +55,15 @@ def test_times_are_positive_and_named_as_the_runs():
 
 
 def test_the_report_names_every_size_and_the_loop(capsys: pytest.CaptureFixture[str]):
-    main("SigmaCorvette-v0", estimator="kf", num_envs=(2,), repeats=1)
+    main("SigmaCorvette-v0", what="environment", estimator="kf", num_envs=(2,), repeats=1)
     printed = capsys.readouterr().out
     for label in ("by hand", "gymnasium.make", "batch of 2", "times the loop"):
+        assert label in printed
+
+
+def test_every_filter_is_timed_beside_filterpy(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    monkeypatch.setattr(benchmark, "MEMBERS", 5)
+    main("SigmaCorvette-v0", what="estimators", repeats=1)
+    printed = capsys.readouterr().out
+    for label in (*names(), "random numbers", "filterpy EnKF"):
         assert label in printed

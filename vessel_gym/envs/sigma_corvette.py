@@ -21,7 +21,7 @@ SEAS = {
 
 
 def _tuning(name: str, sea: Any) -> dict[str, Any]:
-    if name in ("kf-umv-ui", "kf-umv-ui-wdf"):
+    if name in ("kf-umv-ui", "ulise"):
         return {"input_prior": sea.unknown_input_var}
     return {}
 
@@ -33,7 +33,7 @@ SIGMA_CORVETTE = System(
     disturbances=SEAS,
     estimator="kf-umv-ui",
     filter_model="corrected",
-    filter_models={"ekf": "nonlinear"},
+    filter_models=dict.fromkeys(("ekf", "ukf", "enkf", "enkf-sr", "etkf"), "nonlinear"),
     tuning=_tuning,
 )
 
@@ -132,11 +132,12 @@ class SigmaCorvetteEnv(VesselEnv):
              mismatch=0.0, observe="mean")
     ```
 
-    - ``estimator``: ``kf-umv-ui`` (default), ``kf``, ``ekf`` (on the nonlinear ship), ``truth``, ``measurement``
-      (compass differenced for the yaw rate, sway 0), ``dead-reckoning``. ``kf-umv-ui-wdf`` refuses this model:
-      its input feeds through to the readings.
+    - ``estimator``: on the linear model ``kf-umv-ui`` (default), ``ulise`` (whose d is one step late), ``kf``,
+      ``huber-kf``, ``robust-kf``; on the nonlinear ship ``ekf``, ``ukf``, ``enkf``, ``enkf-sr``, ``etkf``; and
+      ``truth``, ``measurement`` (compass differenced for the yaw rate, sway 0), ``dead-reckoning``.
+      ``kf-umv-ui-wdf``, ``ekf-ui-wdf`` and ``ukf-umv`` refuse this model: its input feeds through to the readings.
     - ``estimator_options``: the filter's own, e.g. ``{"input_cov": 8e-5}`` tells ``kf`` the variance of d; ``model``
-      is ``"corrected"`` (default), ``"nonlinear"`` (default of ``ekf``, for it alone) or ``"as-printed"``, eq. 4.3
+      is ``"corrected"`` (default), ``"nonlinear"`` (default of the nonlinear filters) or ``"as-printed"``, eq. 4.3
       of the thesis.
     - ``sensors``: ``clean``, ``nominal`` (compass 2e-3 rad, motion reference unit 1e-3 rad) or ``degraded``.
       When one channel drops, KF-UMV-UI cannot tell ``d`` from a heading error: the reading that is left goes

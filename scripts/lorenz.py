@@ -1,0 +1,58 @@
+"""Hold the ensemble filters against published scores: ``python -m scripts.lorenz``."""
+
+from functools import partial
+
+import numpy as np
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+
+from agents.statistics import mean_interval
+from estimators.lorenz import BENCHMARKS, analysis_rmse
+from scripts.console import command
+
+TOLERANCE = 1.05
+"""The lower end of our interval may be this many times the published value."""
+
+
+def main(runs: int = 20, cycles: int = 1000, seed: int = 0) -> None:
+    """Run the ensemble filters on Lorenz-63 and Lorenz-96 and print their scores beside the published ones.
+
+    Filters that are the same transform share a row and are run once, under the first name. "Within" says whether the
+    lower end of the interval is at most 1.05 times the published value; "reported", that the mean varies too much for
+    that to mean anything (the median shows what a run that keeps to the truth is worth).
+
+    Args:
+        runs: Independent runs of each setting; the interval is Student's over them.
+        cycles: Analyses that are scored in each run, after the burn-in.
+        seed: Of everything random.
+    """
+    if runs < 2:
+        raise ValueError(f"runs must be at least 2, got {runs}: one run has no interval")
+    if cycles < 1:
+        raise ValueError(f"cycles must be at least 1, got {cycles}")
+    table = Table(title=f"Analysis RMSE, mean and 95 % interval over {runs} runs of {cycles} analyses")
+    for heading in ("system", "filter"):
+        table.add_column(heading)
+    for heading in ("members", "inflation", "rotated", "ours", "median", "published", "within"):
+        table.add_column(heading, justify="right")
+    table.add_column("source of the published value")
+    with Progress(console=Console(stderr=True)) as bar:
+        for row in BENCHMARKS:
+            name = f"{row.setting.name}, {row.filters[0]}, {row.members} members"
+            task = bar.add_task(name, total=row.setting.burn_in + cycles)
+            scores = analysis_rmse(row, row.filters[0], runs, cycles, seed, partial(bar.advance, task))
+            interval = mean_interval(scores)
+            assert interval is not None, "two runs have an interval"
+            within = "yes" if interval.low <= TOLERANCE * row.published else "no"
+            table.add_row(
+                row.setting.name, ", ".join(row.filters), str(row.members), f"{row.inflation:g}",
+                "yes" if row.rotate else "no", f"{interval.mean:.3f} ± {interval.half:.3f}",
+                f"{np.median(scores):.3f}", f"{row.published:g}",
+                "reported" if row.reported_only else within, row.source,
+            )  # fmt: skip
+    Console().print(table)
+
+
+if __name__ == "__main__":
+    command(main)
