@@ -8,15 +8,13 @@ Rows are members: an ensemble is ``(..., N, n)``. With the anomalies ``A`` of th
 Everything costs O(N p (n + p)) and nothing is N x N (``variant="evensen2004"`` of `enkf-sr` excepted).
 """
 
-from collections.abc import Callable
-
 import numpy as np
 
 from estimators.angles import wrap
 from estimators.belief import Belief
 from estimators.filter import Filter, Model, Reading, Streams, neutralised
 from estimators.linalg import cholesky, product, semidefinite_cholesky, solve, symmetrise
-from estimators.models import LinearModel, resolve
+from estimators.models import LinearModel, at_points, resolve
 
 
 class EnsembleFilter(Filter):
@@ -76,7 +74,7 @@ class EnsembleFilter(Filter):
             if model.B is not None and u is not None:
                 ensemble += np.matvec(resolve(model.B, u), u)[..., None, :]
         else:
-            ensemble = _members("transition", model.transition, belief.ensemble, u, model.n)
+            ensemble = at_points("transition", model.transition, belief.ensemble, u, model.n)
             ensemble = _unwrapped_steps(belief.ensemble, ensemble, model.state_angles)
         mean = self._mean(ensemble)
         root = semidefinite_cholesky(resolve(model.Q, u)) if self._noise_root is None else self._noise_root
@@ -152,7 +150,7 @@ class EnsembleFilter(Filter):
             anomalies = product(belief.ensemble, C.mT)
             anomalies -= expected[..., None, :]
             return expected, anomalies
-        readings = _members("measurement", model.measurement, belief.ensemble, u, model.p)
+        readings = at_points("measurement", model.measurement, belief.ensemble, u, model.p)
         if model.measurement_angles:
             readings = np.array(readings)
             for i in model.measurement_angles:
@@ -411,25 +409,6 @@ def _groups(mask: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     """Components with the same row of ``(n, p)``, and the readings of that row; those without readings are left out."""
     rows, member_of = np.unique(mask, axis=0, return_inverse=True)
     return [(np.flatnonzero(member_of == i), np.flatnonzero(row)) for i, row in enumerate(rows) if row.any()]
-
-
-def _members(
-    name: str, function: Callable[..., np.ndarray], ensemble: np.ndarray, u: np.ndarray | None, size: int
-) -> np.ndarray:
-    """A model's function at every member, ``u`` shared by the members of a row."""
-    expected = ensemble.shape[:-1] + (size,)
-    try:
-        values = function(ensemble, None if u is None else u[..., None, :])
-    except (ValueError, IndexError) as error:
-        raise ValueError(
-            f"{name} must broadcast over leading axes, but x of shape {ensemble.shape} ends in: {error}"
-        ) from error
-    if np.shape(values) != expected:
-        raise ValueError(
-            f"{name} must broadcast over leading axes: "
-            f"x of shape {ensemble.shape} gave {np.shape(values)}, expected {expected}"
-        )
-    return values
 
 
 def _unwrapped_steps(before: np.ndarray, after: np.ndarray, angles: tuple[int, ...]) -> np.ndarray:

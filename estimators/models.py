@@ -189,15 +189,49 @@ class NonlinearModel:
 
     def linearise_transition(self, x: np.ndarray, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """``f(x, u)`` and its Jacobian by central differences, all columns in one call."""
-        return _central_differences(self.transition, x, u)
+        return _central_differences("transition", self.transition, x, u, self.n)
 
     def linearise_measurement(self, x: np.ndarray, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """``h(x, u)`` and its Jacobian by central differences, all columns in one call."""
-        return _central_differences(self.measurement, x, u)
+        return _central_differences("measurement", self.measurement, x, u, self.p)
+
+
+Function = Callable[[np.ndarray, np.ndarray | None], np.ndarray]
+
+
+def at_points(name: str, function: Function, points: np.ndarray, u: np.ndarray | None, size: int) -> np.ndarray:
+    """A model's function at several points of every row.
+
+    Args:
+        name: The function's name in the model, for the error.
+        function: ``f(x, u)``.
+        points: ``(..., k, n)``.
+        u: ``(..., m)``, shared by the points of a row.
+        size: Components of a value.
+
+    Returns:
+        The values ``(..., k, size)``.
+
+    Raises:
+        ValueError: if the function does not broadcast over leading axes.
+    """
+    expected = points.shape[:-1] + (size,)
+    try:
+        values = function(points, None if u is None else u[..., None, :])
+    except (ValueError, IndexError) as error:
+        raise ValueError(
+            f"{name} must broadcast over leading axes, but x of shape {points.shape} ends in: {error}"
+        ) from error
+    if np.shape(values) != expected:
+        raise ValueError(
+            f"{name} must broadcast over leading axes: "
+            f"x of shape {points.shape} gave {np.shape(values)}, expected {expected}"
+        )
+    return values
 
 
 def _central_differences(
-    function: Callable[[np.ndarray, np.ndarray | None], np.ndarray], x: np.ndarray, u: np.ndarray | None
+    name: str, function: Function, x: np.ndarray, u: np.ndarray | None, size: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """``f(x)`` and ``df/dx`` by fourth-order differences, whose step can be long enough to keep rounding out.
 
@@ -208,7 +242,7 @@ def _central_differences(
     eye = np.eye(n)
     offsets = np.concatenate([np.zeros((1, n)), eye, -eye, 2.0 * eye, -2.0 * eye])
     points = x[..., None, :] + offsets * step[..., None, :]
-    values = function(points, None if u is None else np.asarray(u)[..., None, :])
+    values = at_points(name, function, points, None if u is None else np.asarray(u), size)
     forward, backward, far_forward, far_backward = np.split(values[..., 1:, :], 4, axis=-2)
     columns = (8.0 * (forward - backward) - (far_forward - far_backward)) / (12.0 * step[..., :, None])
     return values[..., 0, :], columns.mT

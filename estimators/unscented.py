@@ -1,7 +1,5 @@
 """Unscented filters: sigma points in place of Jacobians."""
 
-from collections.abc import Callable
-
 import numpy as np
 
 from estimators.angles import difference
@@ -9,7 +7,7 @@ from estimators.belief import Belief
 from estimators.filter import Filter, Model
 from estimators.kalman import ExtendedKalmanFilter
 from estimators.linalg import semidefinite_cholesky, solve
-from estimators.models import LinearModel
+from estimators.models import LinearModel, at_points
 from estimators.unknown_input import ExtendedUnbiasedMinimumVarianceFilterWithoutFeedthrough
 
 _SMALL = 1e-6
@@ -52,9 +50,8 @@ class SigmaPoints(Filter):
         model = self.model
         if isinstance(model, LinearModel):
             return super()._propagate(mean, cov, u)
-        mean, slopes, excess = self._transform(
-            model.transition, mean, semidefinite_cholesky(cov), u, model.state_angles
-        )
+        root = semidefinite_cholesky(cov)
+        mean, slopes, excess = self._transform("transition", mean, root, u, model.n, model.state_angles)
         return mean, slopes.mT @ slopes + excess
 
     def _linearise(self, belief: Belief) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
@@ -66,18 +63,20 @@ class SigmaPoints(Filter):
         if flat.any():
             step = _SMALL * flat * np.maximum(1.0, np.abs(mean))
             root = root + step[..., None] * self._identity
-        expected, slopes, excess = self._transform(model.measurement, mean, root, belief.u, model.measurement_angles)
+        angles = model.measurement_angles
+        expected, slopes, excess = self._transform("measurement", mean, root, belief.u, model.p, angles)
         return expected, solve(root.mT, slopes).mT, excess
 
     def _transform(
         self,
-        function: Callable[[np.ndarray, np.ndarray | None], np.ndarray],
+        name: str,
         mean: np.ndarray,
         root: np.ndarray,
         u: np.ndarray | None,
+        size: int,
         angles: tuple[int, ...],
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The unscented transform of ``function(x, u) -> (..., k)``, ``x`` of mean ``(..., n)`` and cov ``root root'``.
+        """The unscented transform of a function of the model, ``x`` of mean ``(..., n)`` and covariance ``root root'``.
 
         Returns:
             The mean ``(..., k)``, the slopes ``a (..., n, k)`` along the columns of the root, and what the covariance
@@ -85,11 +84,14 @@ class SigmaPoints(Filter):
         """
         n = mean.shape[-1]
         c2 = self.alpha**2 * (n + self.kappa)
-        offsets = np.moveaxis(np.sqrt(c2) * root.mT, -2, 0)  # (n, ..., n): the points lead, so that u broadcasts
-        centre = function(mean, u)
-        above, below = (difference(function(x, u), centre, angles) for x in (mean + offsets, mean - offsets))
-        slopes = np.moveaxis((above - below) / (2.0 * np.sqrt(c2)), 0, -2)
-        bends = np.moveaxis((above + below) / (2.0 * c2), 0, -2)
+        offsets = np.sqrt(c2) * root.mT  # rows: along the columns of the root
+        centre = mean[..., None, :]
+        points = np.concatenate([centre + 0.0 * offsets[..., :1, :], centre + offsets, centre - offsets], axis=-2)
+        values = at_points(name, getattr(self.model, name), points, u, size)
+        centre = values[..., 0, :]
+        above, below = np.split(difference(values[..., 1:, :], centre[..., None, :], angles), 2, axis=-2)
+        slopes = (above - below) / (2.0 * np.sqrt(c2))
+        bends = (above + below) / (2.0 * c2)
         shift = bends.sum(-2)
         excess = c2 * (bends.mT @ bends) + (self.beta - self.alpha**2) * shift[..., :, None] * shift[..., None, :]
         return centre + shift, slopes, excess

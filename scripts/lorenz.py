@@ -3,7 +3,9 @@
 from functools import partial
 
 import numpy as np
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import Progress
 from rich.table import Table
 
@@ -31,12 +33,8 @@ def main(runs: int = 20, cycles: int = 1000, seed: int = 0) -> None:
         raise ValueError(f"runs must be at least 2, got {runs}: one run has no interval")
     if cycles < 1:
         raise ValueError(f"cycles must be at least 1, got {cycles}")
-    table = Table(title=f"Analysis RMSE, mean and 95 % interval over {runs} runs of {cycles} analyses")
-    for heading in ("system", "filter"):
-        table.add_column(heading)
-    for heading in ("members", "inflation", "rotated", "ours", "median", "published", "within"):
-        table.add_column(heading, justify="right")
-    table.add_column("source of the published value")
+    sources = list(dict.fromkeys(row.source for row in BENCHMARKS))
+    tables: dict[str, Table] = {}
     with Progress(console=Console(stderr=True)) as bar:
         for row in BENCHMARKS:
             name = f"{row.setting.name}, {row.filters[0]}, {row.members} members"
@@ -45,13 +43,28 @@ def main(runs: int = 20, cycles: int = 1000, seed: int = 0) -> None:
             interval = mean_interval(scores)
             assert interval is not None, "two runs have an interval"
             within = "yes" if interval.low <= TOLERANCE * row.published else "no"
+            table = tables.setdefault(row.setting.name, _table(row.setting.name))
             table.add_row(
-                row.setting.name, ", ".join(row.filters), str(row.members), f"{row.inflation:g}",
-                "yes" if row.rotate else "no", f"{interval.mean:.3f} ± {interval.half:.3f}",
-                f"{np.median(scores):.3f}", f"{row.published:g}",
-                "reported" if row.reported_only else within, row.source,
+                ", ".join(row.filters), str(row.members), f"{row.inflation:g}", "yes" if row.rotate else "no",
+                f"{interval.mean:.3f} ± {interval.half:.3f}", f"{np.median(scores):.3f}",
+                escape(f"{row.published:g} [{sources.index(row.source) + 1}]"),
+                "reported" if row.reported_only else within,
             )  # fmt: skip
-    Console().print(table)
+    console = Console(markup=False, highlight=False)
+    console.width = max(console.width, 96)  # no figure is cut off
+    console.print(f"Analysis RMSE, mean and 95 % interval over {runs} runs of {cycles} analyses")
+    for table in tables.values():
+        console.print(table)
+    for number, source in enumerate(sources, 1):
+        console.print(f"[{number}] {source}")
+
+
+def _table(title: str) -> Table:
+    table = Table(title=title, box=SIMPLE_HEAD)
+    table.add_column("filter", no_wrap=True)
+    for heading in ("N", "infl.", "rot.", "ours", "median", "published", "within"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    return table
 
 
 if __name__ == "__main__":

@@ -347,3 +347,15 @@ def test_what_is_discretised_is_a_model_that_a_filter_takes():
         make("kf", model).predict(beliefs[-1], record.u[-1]).mean[0],
         _flow(A, beliefs[-1].mean[0], B @ record.u[-1, 0], 0.05), rtol=0, atol=1e-9,
     )  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["ekf", "ukf", "enkf", "etkf", "huber-kf"])
+@pytest.mark.parametrize("wrong", ["transition", "measurement"])
+def test_a_function_that_does_not_broadcast_is_named(name: str, wrong: str):
+    functions = {"transition": lambda x, u: 0.9 * x, "measurement": lambda x, u: x[..., :1]}
+    functions[wrong] = lambda x, u: np.array([x[0], x[1]])[:1]
+    model = NonlinearModel(**functions, Q=np.eye(2), R=np.eye(1))
+    filter, rng = make(name, model), np.random.default_rng(0)
+    belief = filter.init(Gaussian(np.zeros((5, 2)), np.eye(2)), rng=rng)
+    with pytest.raises(ValueError, match=f"^{wrong} must broadcast over leading axes"):
+        filter.update(filter.predict(belief, rng=rng), np.zeros((5, 1)), rng=rng)

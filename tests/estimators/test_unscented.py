@@ -233,8 +233,8 @@ def test_an_unknown_input_shows_in_a_state_that_was_known_exactly():
     functions = NonlinearModel(model.transition, model.measurement, model.Q, model.R, G=model.G)
     beliefs = []
     for filter in (make("ukf-umv", functions), make("kf-umv-ui-wdf", model)):
-        belief = filter.predict(filter.init(Gaussian(np.zeros(2), np.zeros((2, 2)))))
-        beliefs.append(filter.update(belief, [0.0, 7.0]))
+        belief = filter.predict(filter.init(Gaussian([30.0, -2.0], np.zeros((2, 2)))))
+        beliefs.append(filter.update(belief, [30.0, 5.0]))
     assert beliefs[0].input_mean[0] == pytest.approx(7.0, abs=1e-8)
     assert_same(*beliefs, 1e-8)
 
