@@ -281,7 +281,7 @@ CASES = (
     _case(
         "enkf-sr as published", "enkf-sr", kalman_system, "linear ensemble", members=10, variant="evensen2004",
     ),
-    _case("etkf", "etkf", kalman_system, "linear ensemble square-root", members=20),
+    _case("etkf", "etkf", kalman_system, "linear ensemble square-root long", members=20),
     _case("etkf with fewer members than states", "etkf", kalman_system, "linear ensemble square-root", members=3),
     _case(
         "etkf, inflated, rotated and localised", "etkf", kalman_system, "linear ensemble", members=9, inflation=1.05,
@@ -299,7 +299,7 @@ CASES = (
     ),
     _case(
         "kf-umv-ui-wdf", "kf-umv-ui-wdf", lambda seed: unknown_input_system(seed, False),
-        _UI, input_prior=INPUT_PRIOR,
+        f"{_UI} long", input_prior=INPUT_PRIOR,
     ),
     _case(
         "kf-umv-ui-wdf with two inputs", "kf-umv-ui-wdf", lambda seed: unknown_input_system(seed, False, p=4, q=2),

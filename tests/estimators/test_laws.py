@@ -656,17 +656,18 @@ def test_a_hundred_thousand_steps_with_missing_data_leave_the_filter_as_it_shoul
     gaps = rng.random((steps, 2)) < 0.1
     gaps[-whole:] = False
     readings[gaps] = np.nan
-    belief = filter.init(Gaussian(np.zeros(2), np.eye(2)))
+    belief = filter.init(Gaussian(np.zeros(2), np.eye(2)), rng=rng)
     largest = 0.0
     for k, y in enumerate(readings):
-        belief = filter.update(filter.predict(belief), y)
+        belief = filter.update(filter.predict(belief, rng=rng), y, rng=rng)
         if k % 997 == 0 or k == steps - whole - 1:
             assert_covariance(belief.cov)
             assert belief.healthy
             assert np.isfinite(belief.mean).all()
             largest = max(largest, float(belief.cov.max()))
-    settled = filter.init(Gaussian(np.zeros(2), np.eye(2)))
+    settled = filter.init(Gaussian(np.zeros(2), np.eye(2)), rng=rng)
     for _ in range(whole):
-        settled = filter.update(filter.predict(settled), np.zeros(2))
+        settled = filter.update(filter.predict(settled, rng=rng), np.zeros(2), rng=rng)
     assert largest > 1.01 * settled.cov.max()  # the gaps were felt
-    np.testing.assert_allclose(belief.cov, settled.cov, rtol=0, atol=1e-10)
+    if "deterministic" in case.laws:  # members go on fluctuating
+        np.testing.assert_allclose(belief.cov, settled.cov, rtol=0, atol=1e-10)
