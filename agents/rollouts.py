@@ -9,6 +9,7 @@ import numpy as np
 
 import vessel_gym  # noqa: F401  (registers the environments)
 from agents.agent import Agent, load_agent
+from vessel_gym.envs.vector import rows_like
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,9 +86,9 @@ def rollout(
             done = (terminated | truncated) & alive
             final = info.get("final_info", {})
             for key in keys:
-                frame = np.where(_like(alive, info[key]), info[key], frames[key][-1])
+                frame = np.where(rows_like(alive, info[key]), info[key], frames[key][-1])
                 if done.any() and key in final:
-                    frame = np.where(_like(done, frame), final[key], frame)
+                    frame = np.where(rows_like(done, frame), final[key], frame)
                 frames[key].append(frame)
             returns += np.where(alive, reward, 0.0)
             length += alive
@@ -111,7 +112,3 @@ def _batch(env_id: str, num_envs: int, options: dict[str, Any]) -> gym.vector.Ve
         return gym.make_vec(env_id, num_envs=num_envs, **options)
     same_step = {"autoreset_mode": gym.vector.AutoresetMode.SAME_STEP}
     return gym.make_vec(env_id, num_envs=num_envs, vectorization_mode="sync", vector_kwargs=same_step, **options)
-
-
-def _like(rows: np.ndarray, array: np.ndarray) -> np.ndarray:
-    return rows.reshape(rows.shape + (1,) * (array.ndim - 1))

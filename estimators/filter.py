@@ -2,7 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -74,10 +74,9 @@ class Filter(ABC):
         batch = np.broadcast_shapes(prior.mean.shape[:-1], prior.cov.shape[:-2])
         mean = np.array(np.broadcast_to(prior.mean, batch + (n,)))
         cov = np.broadcast_to(prior.cov, batch + (n, n))
-        if not self.shares:
-            cov = np.array(cov)
-            return self._init(Belief(mean, cov, mean, cov, np.ones(batch, bool)), rng)
-        return _spread(self._init(_shared(Belief(mean, cov, mean, cov, np.ones(batch, bool))), rng), batch)
+        cov = cov if self.shares else np.array(cov)
+        begun = Belief(mean, cov, mean, cov, np.ones(batch, bool))
+        return self._sharing(begun, lambda belief: self._init(belief, rng))
 
     def predict(self, belief: Belief, u: np.ndarray | None = None, rng: Streams = None) -> Belief:
         """One step ahead: ``x(k-1|k-1)`` to ``x(k|k-1)``.
@@ -89,11 +88,9 @@ class Filter(ABC):
             u: Known input ``(..., m)`` over the step.
             rng: A Generator, or one for each row.
         """
-        u, batch = _known(u, belief), belief.mean.shape[:-1]
+        u = _known(u, belief)
         with np.errstate(all="ignore"):
-            if not self.shares or len(belief.mean) == 1:
-                return self._predict(belief, u, rng)
-            return _spread(self._predict(_shared(belief), u, rng), batch)
+            return self._sharing(belief, lambda belief: self._predict(belief, u, rng))
 
     def update(
         self,
@@ -131,10 +128,7 @@ class Filter(ABC):
             belief = belief.replace(u=_known(u, belief))
         with np.errstate(all="ignore"):
             reading = self._reading(belief, y, available, R)
-            if not self.shares or len(belief.mean) == 1:
-                updated = self._update(belief, reading, rng)
-            else:
-                updated = _spread(self._update(_shared(belief), reading, rng), batch)
+            updated = self._sharing(belief, lambda belief: self._update(belief, reading, rng))
             if math.isfinite(np.add.reduce(updated.mean, None) + np.add.reduce(updated.cov, None)):
                 return updated
             return self._recovered(updated, y, rng, available, R)
@@ -151,6 +145,12 @@ class Filter(ABC):
     def _update(self, belief: Belief, reading: Reading, rng: Streams) -> Belief: ...
 
     # --- shared -----------------------------------------------------------------------------------
+
+    def _sharing(self, belief: Belief, formulas: Callable[[Belief], Belief]) -> Belief:
+        """The formulas on the belief, with covariances that all rows have in common computed once."""
+        if not self.shares or len(belief.mean) == 1:
+            return formulas(belief)
+        return _spread(formulas(_shared(belief)), belief.mean.shape[:-1])
 
     def _reading(self, belief: Belief, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None) -> Reading:
         """Innovation and measurement matrices, with missing channels neutralised."""

@@ -87,7 +87,8 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             final_observations[row] = observation[row]
         # Rows that go on are zero in the final info, as Gymnasium fills it.
         final_info = self._masked(
-            {key: np.where(_like(done, value), value, np.zeros((), value.dtype)) for key, value in info.items()}, done
+            {key: np.where(rows_like(done, value), value, np.zeros((), value.dtype)) for key, value in info.items()},
+            done,
         )
         core.episodes[rows] += 1
         core.reset(rows)
@@ -105,6 +106,6 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return masked
 
 
-def _like(rows: np.ndarray, array: np.ndarray) -> np.ndarray:
+def rows_like(rows: np.ndarray, array: np.ndarray) -> np.ndarray:
     """The mask with as many axes as the array."""
     return rows.reshape(rows.shape + (1,) * (array.ndim - 1))
