@@ -16,6 +16,7 @@ from agents.autopilot import Tolerances
 from agents.figures import WINDOW, heading_figure, input_figure, score_figure, track_figure
 from agents.scores import METRICS, WITHOUT_COVARIANCE, metric
 from agents.statistics import Interval, mean_interval, paired_difference
+from vessel_gym.sensors import nominal_sd
 
 RANKING = ("kf-umv-ui", "kf", "dead-reckoning")
 """Estimators in the order in which the task should rank them."""
@@ -390,7 +391,7 @@ def settings(results: Results, out: Path) -> list[tuple[str, list[tuple[str, str
         "filter model": system.filter_model,
         "step": f"{vehicle.dt:g} s",
         "process noise SD a step (v, r, ψ)": ", ".join(f"{sd:g}" for sd in vehicle.process_sd[:3]),
-        "reading SD (compass, yaw increment)": ", ".join(f"{sd:g} rad" for sd in vehicle.reading_sd),
+        "reading SD (compass, yaw increment)": ", ".join(f"{sd:g} rad" for sd in nominal_sd(vehicle.instruments)),
         "sensors": "nominal: every reading arrives, no outliers",
         "mismatch": "0: the filter's coefficients are the ship's",
     }

@@ -23,6 +23,7 @@ class Rollout:
         returns: ``(N,)`` sum of rewards.
         length: ``(N,)`` steps flown.
         terminated: ``(N,)`` whether the episode ended before its time.
+        end: ``(N,)`` why, in the environment's words; empty for the time limit and where it has none.
         history: what ``info`` held after reset and each step, ``(T + 1, N, ...)`` by key; rows
             after an episode's end repeat its last values.
         env: The (closed) vector environment, for its system and spaces.
@@ -34,6 +35,7 @@ class Rollout:
     returns: np.ndarray
     length: np.ndarray
     terminated: np.ndarray
+    end: np.ndarray
     history: dict[str, np.ndarray]
     env: Any
 
@@ -75,11 +77,12 @@ def rollout(
         flyer = load_agent(agent, env) if isinstance(agent, str) else agent
         flyer.reset(len(seeds))
         observations, info = env.reset(seed=seeds, options=reset_options)  # type: ignore[arg-type]
-        keys = [key for key in info if not key.startswith("_") and isinstance(info[key], np.ndarray)] if record else []
+        keys = [key for key, value in info.items() if record and not key.startswith("_") and _numeric(value)]
         frames = {key: [info[key]] for key in keys}
         alive = np.ones(len(seeds), bool)
         returns, length = np.zeros(len(seeds)), np.zeros(len(seeds), int)
         ended, score = np.zeros(len(seeds), bool), np.full(len(seeds), np.nan)
+        end = np.full(len(seeds), "", dtype=object)
         horizon = env.spec.max_episode_steps if env.spec and env.spec.max_episode_steps else 0
         while alive.any():
             observations, reward, terminated, truncated, info = env.step(flyer.act(observations))
@@ -95,6 +98,8 @@ def rollout(
             ended |= terminated & done
             if done.any() and "score" in final:
                 score[done] = final["score"][done]
+            if done.any() and "end" in final:
+                end[done] = final["end"][done]
             alive &= ~done
             if progress is not None:
                 progress(int(length.max()), horizon)
@@ -102,7 +107,11 @@ def rollout(
         env.close()
     score = np.where(np.isnan(score), returns, score)
     history = {key: np.stack(values) for key, values in frames.items()}
-    return Rollout(env_id, np.array(seeds), score, returns, length, ended, history, env)
+    return Rollout(env_id, np.array(seeds), score, returns, length, ended, end, history, env)
+
+
+def _numeric(value: Any) -> bool:
+    return isinstance(value, np.ndarray) and value.dtype != object
 
 
 def _batch(env_id: str, num_envs: int, options: dict[str, Any]) -> gym.vector.VectorEnv:

@@ -16,6 +16,7 @@ from agents import load_agent
 from estimators import Gaussian, LinearModel, make, names
 from scripts.console import command
 from vessel_gym.envs.sigma_corvette import SEAS
+from vessel_gym.sensors import nominal_sd
 from vessel_gym.tasks.turning_circle import TurningCircle
 from vessel_gym.vehicles.corvette import COEFFICIENTS, Corvette, CorvetteParameters, secant_models, steady_turns
 
@@ -39,7 +40,7 @@ class HandWrittenLoop:
         self.rng = np.random.default_rng(seed)
         self.vehicle, self.task, self.sea = Corvette(), TurningCircle(CorvetteParameters()), SEAS[disturbance]
         self.ship = self.vehicle.ship
-        self.dt = self.vehicle.dt
+        self.dt, self.reading_sd = self.vehicle.dt, nominal_sd(self.vehicle.instruments)
         self.c = dict(zip(COEFFICIENTS, self.ship.vector(), strict=True))
         self.sea_A, self.sea_L = self.sea.discrete
         self.A_table, self.B_table = secant_models(self.ship, self.dt)
@@ -47,14 +48,14 @@ class HandWrittenLoop:
         self.filter = KalmanFilter(dim_x=3, dim_z=2, dim_u=1)
         self.filter.H = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 0.0]])
         self.filter.Q = np.diag(self.vehicle.process_sd[:3] ** 2)
-        self.filter.R = np.diag(self.vehicle.reading_sd**2)
+        self.filter.R = np.diag(self.reading_sd**2)
         self.reset()
 
     def reset(self) -> None:
         """Start an episode."""
         course = self.task.course(self.rng.random((1, 3)), {})[0]
         self.heading, self.rate = course
-        prior = self.task.prior(course[None])
+        prior = self.task.prior(course[None], self.sea)
         x = self.rng.multivariate_normal(prior.mean[0], prior.cov)
         self.truth = np.array([0.0, 0.0, x[2], x[3], x[0], x[1]])
         self.rudder, self.k = 0.0, 0
@@ -109,7 +110,7 @@ class HandWrittenLoop:
         self.sea_state = self.sea_A @ self.sea_state + self.sea_L @ self.rng.standard_normal(5)
         self.k += 1
         d = self.dt * (self.sea_state[1] + self.sea_state[2])
-        reading = np.array([self.truth[2] + d, d]) + self.vehicle.reading_sd * self.rng.standard_normal(2)
+        reading = np.array([self.truth[2] + d, d]) + self.reading_sd * self.rng.standard_normal(2)
         turn = round(abs(r_reference) / self.rate_step)
         u = np.array([0.5 * (before + self.rudder)])
         self.filter.predict(u=u, B=self.B_table[turn], F=self.A_table[turn])

@@ -9,7 +9,7 @@ from gymnasium.error import ResetNeeded
 from estimators import Belief, Gaussian
 from estimators.factory import unknown
 from vessel_gym.estimation import EstimatorChoice, Oracle, build
-from vessel_gym.sensors import SUITES
+from vessel_gym.sensors import SUITES, Sensors
 from vessel_gym.streams import Draws, Purpose, stream
 from vessel_gym.system import System
 
@@ -73,18 +73,21 @@ class Core:
         self.filter = build(system, choice, estimator_options or {}, self.suite, self.sea)
         self.estimator = self.filter.name
         self._oracle = isinstance(self.filter, Oracle)
+        self._ends = np.array(self.task.ends, dtype=object)
         self.action_size = len(self.vehicle.action_names)
         self.observation_size = self.task.sizes()[observe]
 
-        p = len(self.vehicle.reading_names)
+        self.sensors = Sensors(self.vehicle.instruments, self.suite)
+        p = self.sensors.size
         self.seeds: list[int] = []
         self.episodes = np.zeros(num_envs, int)
         self._sea_draws = Draws(num_envs, self.sea.size)
-        self._sensor_draws = Draws(num_envs, p, 2 * p)
+        self._sensor_draws = Draws(num_envs, p, self.sensors.uniforms)
         self._filter_streams = [np.random.default_rng(0)] * num_envs if self.filter.random else None
         self._rows = np.arange(num_envs)
         self.steps = np.zeros(num_envs, int)
         self.total = np.zeros(num_envs)
+        self.end = np.zeros(num_envs, int)  # number in task.ends
         self.readings: Readings = np.zeros((num_envs, p)), np.zeros((num_envs, p), bool)
         self.belief: Belief
         self.course: np.ndarray  # what the task drew
@@ -93,7 +96,8 @@ class Core:
         self.actuators: np.ndarray
         self.parameters: np.ndarray  # the truth's
         self.sea_state: np.ndarray
-        self.unknown_input: np.ndarray
+        self.forcing: np.ndarray  # over the coming step
+        self.tally: np.ndarray  # what the score remembers
 
     # --- reset ------------------------------------------------------------------------------------
 
@@ -155,7 +159,7 @@ class Core:
             generator.random(out=uniforms[i])
             generator.standard_normal(out=normals[i])
         course = task.course(uniforms, options or {})
-        prior = task.prior(course)
+        prior = task.prior(course, self.sea)
         x = prior.mean + np.matvec(np.linalg.cholesky(prior.cov), normals[:, :size])
         truth, actuators = vehicle.start(x)
         parameters = vehicle.parameters(self.mismatch, normals[:, size:])
@@ -167,24 +171,23 @@ class Core:
             for row, generator in zip(rows, rng, strict=True):
                 self._filter_streams[row] = generator
         sea_state = self.sea.start(self._sea_draws.next(self._some(rows))[0])
-        steps = np.zeros(len(rows), int)
-        reference = task.reference(course, steps)
-        arrays = {
-            "course": course, "truth": truth, "actuators": actuators, "parameters": parameters,
-            "sea_state": sea_state, "unknown_input": self.sea.unknown_input(sea_state), "reference": reference,
-        }  # fmt: skip
-        for name, value in arrays.items():
-            setattr(self, name, self._with_rows(getattr(self, name, None), rows, value))
-        self.steps[rows], self.total[rows] = 0, 0.0
+        forcing = self.sea.forcing(sea_state)
+        self._put(
+            rows, course=course, truth=truth, actuators=actuators, parameters=parameters, sea_state=sea_state,
+            forcing=forcing, tally=task.begin(truth, course),
+        )  # fmt: skip
+        self.steps[rows], self.total[rows], self.end[rows] = 0, 0.0, 0
 
         readings = self._sense(self._some(rows)) if readings is None else _arrived(readings)
         y, available = self.readings
         self.readings = self._with_rows(y, rows, readings[0]), self._with_rows(available, rows, readings[1])
         n = self.filter.model.n
         belief = self.filter.init(Gaussian(prior.mean[:, :n], prior.cov[:n, :n]), rng=rng)
-        u = task.known_input(actuators, actuators, reference)
-        belief = self._update(belief, truth, arrays["unknown_input"], readings, rng, u)
+        steps = self.steps[rows]
+        u = task.known_input(actuators, actuators, task.reference(course, steps, belief))
+        belief = self._update(belief, truth, forcing, readings, rng, u)
         self.belief = belief if len(rows) == self.num_envs else self.belief.with_rows(rows, belief)
+        self._put(rows, reference=task.reference(course, steps, belief))
 
     # --- step -------------------------------------------------------------------------------------
 
@@ -209,20 +212,18 @@ class Core:
         before = self.actuators
         after = self.actuators = vehicle.actuate(before, action)
         u = task.known_input(before, after, self.reference)
-        self.truth = vehicle.step(
-            self.truth, before, after, self.unknown_input, sea.current_velocity(self.sea_state), self.parameters
-        )
+        self.truth = vehicle.step(self.truth, before, after, self.forcing, self.parameters)
         self.sea_state = sea.advance(self.sea_state, self._sea_draws.next()[0])
-        self.unknown_input = sea.unknown_input(self.sea_state)
+        self.forcing = sea.forcing(self.sea_state)
         self.steps += 1
-        self.reference = task.reference(self.course, self.steps)
         self.readings = self._sense(None) if readings is None else _arrived(readings)
         rng = self._filter_streams
         belief = self.filter.predict(self.belief, u, rng=rng)
-        self.belief = self._update(belief, self.truth, self.unknown_input, self.readings, rng)
-        reward, terminated = task.score(self.truth, self.reference, action)
+        self.belief = self._update(belief, self.truth, self.forcing, self.readings, rng)
+        self.reference = task.reference(self.course, self.steps, self.belief)
+        reward, self.end, self.tally = task.score(self.truth, self.reference, after, action, self.tally)
         self.total += reward
-        return reward, terminated
+        return reward, self.end > 0
 
     def observe(self) -> np.ndarray:
         """The observations ``(B, k)``, float32 and within bounds: estimates, reference and actuators only."""
@@ -249,10 +250,11 @@ class Core:
     def info(self) -> dict[str, np.ndarray]:
         """Copies of what happened, one row an environment; documented with the environment."""
         belief = self.belief
-        input_mean = np.zeros_like(self.unknown_input) if belief.input_mean is None else belief.input_mean
+        unknown_input = self.forcing[:, : self.vehicle.unknown_inputs]
+        input_mean = np.zeros_like(unknown_input) if belief.input_mean is None else belief.input_mean
         return {
             "truth": self.truth.copy(),
-            "unknown_input": self.unknown_input.copy(),
+            "unknown_input": unknown_input.copy(),
             "reference": self.reference.copy(),
             "actuators": self.actuators.copy(),
             "measurement": self.readings[0].copy(),
@@ -261,7 +263,8 @@ class Core:
             "covariance": belief.cov.copy(),
             "input_estimate": input_mean.copy(),
             "healthy": belief.healthy.copy(),
-            "score": self.total / self.task.horizon,
+            "score": self.total / self.task.perfect,
+            "end": self._ends[self.end],
         }
 
     def checked(self, action: np.ndarray) -> np.ndarray:
@@ -286,15 +289,15 @@ class Core:
         return None if len(rows) == self.num_envs else rows
 
     def _sense(self, rows: np.ndarray | None) -> Readings:
-        truth, d = (self.truth, self.unknown_input) if rows is None else (self.truth[rows], self.unknown_input[rows])
-        exact = self.vehicle.readings(truth, d)
-        return self.suite.corrupt(exact, self.vehicle.reading_sd, *self._sensor_draws.next(rows))
+        chosen = slice(None) if rows is None else rows
+        exact = self.vehicle.readings(self.truth[chosen], self.forcing[chosen])
+        return self.sensors.read(exact, self.steps[chosen], *self._sensor_draws.next(rows))
 
     def _update(
         self,
         belief: Belief,
         truth: np.ndarray,
-        unknown_input: np.ndarray,
+        forcing: np.ndarray,
         readings: Readings,
         rng: list[np.random.Generator] | None,
         u: np.ndarray | None = None,
@@ -302,9 +305,14 @@ class Core:
         """Hand the readings to the filter; to the oracle alone, and no other, the truth."""
         if self._oracle:
             state = self.vehicle.filter_state(truth, self.filter.model.n)
+            unknown_input = forcing[:, : self.vehicle.unknown_inputs]
             return self.filter.update(belief, np.concatenate([state, unknown_input], -1), rng=rng, u=u)
         y, available = readings
         return self.filter.update(belief, y, rng=rng, available=available, u=u)
+
+    def _put(self, rows: np.ndarray, **arrays: np.ndarray) -> None:
+        for name, values in arrays.items():
+            setattr(self, name, self._with_rows(getattr(self, name, None), rows, values))
 
     def _with_rows(self, whole: np.ndarray | None, rows: np.ndarray, values: np.ndarray) -> np.ndarray:
         if whole is None or len(rows) == self.num_envs:

@@ -1,4 +1,4 @@
-"""Waves, gusts and current as linear shaping filters of white noise."""
+"""What the sea does to a vehicle: waves, gusts, turbulence and current, all made from white noise."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -50,13 +50,11 @@ class Sea:
         A, L = self.discrete
         return np.matvec(A, state) + np.matvec(L, normals)  # row by row: the same to the last bit in any batch
 
-    def unknown_input(self, state: np.ndarray) -> np.ndarray:
-        """The yaw increment ``d (..., 1)`` [rad] over the coming step."""
-        return self.dt * (state[..., 1:2] + state[..., 2:3])
-
-    def current_velocity(self, state: np.ndarray) -> np.ndarray:
-        """The current ``(..., 2)`` [m/s], north and east."""
-        return state[..., 3:5]
+    def forcing(self, state: np.ndarray) -> np.ndarray:
+        """The yaw increment d [rad] over the coming step, and the current north and east [m/s]: ``(..., 3)``."""
+        forcing = state[..., 2:].copy()
+        forcing[..., 0] = self.dt * (state[..., 1] + state[..., 2])
+        return forcing
 
     @cached_property
     def _continuous(self) -> tuple[np.ndarray, np.ndarray]:
@@ -77,6 +75,53 @@ class Sea:
         A, W = self._continuous
         transition, noise = van_loan(A, np.eye(self.size), W, self.dt)
         return transition, _root(noise)
+
+
+@dataclass(frozen=True)
+class Water:
+    """What the water does to a submerged vehicle: turbulence, and a current that wanders.
+
+    White noise: over each step turbulence kicks every velocity of the vehicle through the water, and the current, a
+    first-order Gauss-Markov process that is part of the vehicle's state, gets its increment. The state
+    is the forcing itself. A filter that is told ``kick_sd`` knows all that there is to know.
+    """
+
+    turbulence: float  # standard deviation of a kick, m/s
+    spin: float  # of a kick on a rate, rad/s
+    current: float  # RMS speed, m/s
+    velocities: int = 3  # how many velocities,
+    rates: int = 3  # rates
+    currents: int = 2  # and components of the current the vehicle has
+    current_time: float = 200.0  # s
+    dt: float = 0.1  # s
+
+    @property
+    def size(self) -> int:
+        """Components of the forcing."""
+        return self.velocities + self.rates + self.currents
+
+    @property
+    def current_sd(self) -> float:
+        """Standard deviation [m/s] of each component of the current."""
+        return self.current / np.sqrt(self.currents)
+
+    @cached_property
+    def kick_sd(self) -> np.ndarray:
+        """Standard deviations ``(size,)`` of the forcing: kicks on velocities, on rates, increments of the current."""
+        increment = self.current_sd * np.sqrt(-np.expm1(-2.0 * self.dt / self.current_time))
+        return np.repeat([self.turbulence, self.spin, increment], [self.velocities, self.rates, self.currents])
+
+    def start(self, normals: np.ndarray) -> np.ndarray:
+        """A state ``(..., size)`` from standard normals of the same shape."""
+        return self.kick_sd * normals
+
+    def advance(self, state: np.ndarray, normals: np.ndarray) -> np.ndarray:
+        """The state ``(..., size)`` one step later, which remembers nothing."""
+        return self.kick_sd * normals
+
+    def forcing(self, state: np.ndarray) -> np.ndarray:
+        """Kicks on velocities [m/s] and rates [rad/s] and the increment of the current [m/s]: the state itself."""
+        return state
 
 
 def _root(cov: np.ndarray) -> np.ndarray:

@@ -55,17 +55,19 @@ class DeadReckoning(ExtendedKalmanFilter):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeldReadings(Belief):
-    """A belief that also holds the last readings and their age."""
+    """A belief that also holds the last two readings of every channel, ``(..., p)`` each."""
 
-    held: np.ndarray = None  # type: ignore[assignment]  # (..., p); the base class has defaults, so must this
-    seen: np.ndarray = None  # type: ignore[assignment]  # (..., p) whether the channel has ever been read
-    age: np.ndarray = None  # type: ignore[assignment]  # (..., p) steps since the reading
+    held: np.ndarray = None  # type: ignore[assignment]  # the base class has defaults, so must this
+    previous: np.ndarray = None  # type: ignore[assignment]  # the reading before
+    interval: np.ndarray = None  # type: ignore[assignment]  # seconds between the two
+    seen: np.ndarray = None  # type: ignore[assignment]  # whether the channel has ever been read
+    age: np.ndarray = None  # type: ignore[assignment]  # steps since the last reading
 
 
 class HeldMeasurement(Filter):
     """The last reading of every channel, held until the next; no model at all.
 
-    Rates that no sensor gives are differenced from the readings, by the vehicle's ``from_readings``.
+    Rates that no sensor gives are differenced from the last two readings, by the vehicle's ``from_readings``.
     """
 
     name = "measurement"
@@ -78,23 +80,24 @@ class HeldMeasurement(Filter):
     def _claimed(self) -> tuple[np.ndarray, np.ndarray]:
         """Variances ``(n,)`` and ``(q,)`` that the sensor noise alone gives what is derived from two readings."""
         eye, zero = np.eye(self.model.p), np.zeros((self.model.p, self.model.p))
-        elapsed, noise = np.full(self.model.p, self._dt), np.diagonal(resolve(self.model.R, None))
-        now = self._vehicle.from_readings(eye, zero, elapsed)
-        before = self._vehicle.from_readings(zero, eye, elapsed)
+        interval, noise = np.full_like(zero, self._dt), np.diagonal(resolve(self.model.R, None))
+        now = self._vehicle.from_readings(eye, zero, interval)
+        before = self._vehicle.from_readings(zero, eye, interval)
         state, unknown = (noise @ (a**2 + b**2) for a, b in zip(now, before, strict=True))
         return state, unknown
 
     def _init(self, belief: Belief, rng: Streams) -> Belief:
         shape = belief.mean.shape[:-1] + (self.model.p,)
         held = self._expected(belief)
-        # What no reading shows (the sway) keeps the variance of the prior.
+        # What no reading shows (the sway, a current) keeps the variance of the prior.
         prior = np.diagonal(belief.cov, axis1=-2, axis2=-1)
         cov = np.where(self._variance > 0.0, self._variance, prior)[..., None] * self._identity
         input_cov = np.zeros(shape[:-1] + 2 * self._input_variance.shape) + np.diag(self._input_variance)
         return HeldReadings(
             belief.mean, cov, belief.prior_mean, belief.prior_cov, belief.healthy,
             input_mean=np.zeros(shape[:-1] + self._input_variance.shape), input_cov=input_cov,
-            held=held, seen=np.zeros(shape, bool), age=np.zeros(shape),
+            held=held, previous=held, interval=np.full(shape, self._dt), seen=np.zeros(shape, bool),
+            age=np.zeros(shape),
         )  # fmt: skip
 
     def _expected(self, belief: Belief) -> np.ndarray:
@@ -106,17 +109,15 @@ class HeldMeasurement(Filter):
 
     def _update(self, belief: Belief, reading: Reading, rng: Streams) -> Belief:
         assert isinstance(belief, HeldReadings)
-        arrived, first = reading.available, ~belief.seen
-        value = self._expected(belief) + reading.innovation
-        value = np.where(arrived, value, belief.held)
-        previous = np.where(first, value, belief.held)
-        elapsed = np.maximum(belief.age[..., 0], 1.0) * self._dt
-        x, d = self._vehicle.from_readings(value, previous, elapsed)
-        # Between two readings of the first channel, what was derived from it is held.
-        mean = np.where(arrived[..., :1], x, belief.mean)
+        arrived = reading.available
+        held = np.where(arrived, self._expected(belief) + reading.innovation, belief.held)
+        previous = np.where(arrived, np.where(belief.seen, belief.held, held), belief.previous)
+        interval = np.where(arrived, np.maximum(belief.age, 1.0) * self._dt, belief.interval)
+        mean, unknown_input = self._vehicle.from_readings(held, previous, interval)
         return belief.replace(
-            mean=mean, input_mean=d, held=value, seen=belief.seen | arrived, age=np.where(arrived, 0.0, belief.age)
-        )
+            mean=mean, input_mean=unknown_input, held=held, previous=previous, interval=interval,
+            seen=belief.seen | arrived, age=np.where(arrived, 0.0, belief.age),
+        )  # fmt: skip
 
 
 EstimatorChoice = str | Callable[..., Filter]
@@ -141,19 +142,21 @@ def build(
     """
     options = dict(options)
     if callable(estimator):
-        own = estimator(system.vehicle.model(options.pop("model", system.filter_model), suite.noise), **options)
+        own = estimator(
+            system.vehicle.model(options.pop("model", system.filter_model), suite.noise, disturbance), **options
+        )
         if not isinstance(own, Filter):
             raise TypeError(f"estimator must return an estimators.Filter, got {type(own).__name__}")
         return own
     if estimator not in estimator_names():
         raise ValueError(factory.unknown("estimator", estimator, estimator_names()))
     model = system.vehicle.model(
-        options.pop("model", system.filter_models.get(estimator, system.filter_model)), suite.noise
+        options.pop("model", system.filter_models.get(estimator, system.filter_model)), suite.noise, disturbance
     )
     if estimator in ENVIRONMENT_ONLY and options:
         raise TypeError(f"{estimator} has no option {next(iter(options))!r}: it takes model")
     if estimator == "truth":
-        return Oracle(model.n, model.q)
+        return Oracle(model.n, system.vehicle.unknown_inputs)
     if estimator == "measurement":
         return HeldMeasurement(system, model)
     if estimator == "dead-reckoning":

@@ -7,6 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from estimators import Belief, Gaussian, LinearModel, NonlinearModel
+from vessel_gym.sensors import Instrument
 
 
 class Vehicle(Protocol):
@@ -28,12 +29,12 @@ class Vehicle(Protocol):
         """Components of the action."""
 
     @property
-    def reading_names(self) -> tuple[str, ...]:
-        """Sensor channels."""
+    def instruments(self) -> tuple[Instrument, ...]:
+        """Sensors, in the order of the readings."""
 
     @property
-    def reading_sd(self) -> np.ndarray:
-        """Nominal standard deviation ``(p,)`` of each channel."""
+    def unknown_inputs(self) -> int:
+        """q: the first components of the forcing, which are the unknown input d that filters may estimate."""
 
     @property
     def normals(self) -> int:
@@ -56,22 +57,27 @@ class Vehicle(Protocol):
         truth: np.ndarray,
         before: np.ndarray,
         after: np.ndarray,
-        unknown_input: np.ndarray,
-        current: np.ndarray,
+        forcing: np.ndarray,
         parameters: np.ndarray,
     ) -> np.ndarray:
         """The truth one step later, with actuators moving from ``before`` to ``after``."""
 
-    def readings(self, truth: np.ndarray, unknown_input: np.ndarray) -> np.ndarray:
+    def readings(self, truth: np.ndarray, forcing: np.ndarray) -> np.ndarray:
         """What perfect sensors would read ``(B, p)``."""
 
-    def model(self, kind: str, noise: float) -> LinearModel | NonlinearModel:
-        """A filter's model of this vehicle, with sensors ``noise`` times nominal."""
+    def model(self, kind: str, noise: float, disturbance: Any) -> LinearModel | NonlinearModel:
+        """A filter's model of this vehicle, with sensors ``noise`` times nominal, in a disturbance."""
 
     def from_readings(
-        self, readings: np.ndarray, previous: np.ndarray, elapsed: np.ndarray
+        self, readings: np.ndarray, previous: np.ndarray, interval: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """State and unknown input from the readings alone, differenced where no sensor gives a rate."""
+        """State and unknown input from the readings alone, differenced where no sensor gives a rate.
+
+        Args:
+            readings: ``(..., p)`` the last reading of every channel.
+            previous: ``(..., p)`` the one before.
+            interval: ``(..., p)`` seconds between the two.
+        """
 
 
 class Disturbance(Protocol):
@@ -87,11 +93,8 @@ class Disturbance(Protocol):
     def advance(self, state: np.ndarray, normals: np.ndarray) -> np.ndarray:
         """The state one step later."""
 
-    def unknown_input(self, state: np.ndarray) -> np.ndarray:
-        """The input ``(B, q)`` that acts on the vehicle over the coming step and that no filter is told."""
-
-    def current_velocity(self, state: np.ndarray) -> np.ndarray:
-        """Velocity of the surrounding fluid."""
+    def forcing(self, state: np.ndarray) -> np.ndarray:
+        """What acts on the vehicle over the coming step, and no filter is told: the unknown input d first."""
 
 
 class Task(Protocol):
@@ -99,7 +102,15 @@ class Task(Protocol):
 
     @property
     def horizon(self) -> int:
-        """Steps of a full episode: what the score is relative to."""
+        """Steps of a full episode."""
+
+    @property
+    def perfect(self) -> float:
+        """Sum of the rewards of a perfect episode: what the score is relative to."""
+
+    @property
+    def ends(self) -> tuple[str, ...]:
+        """Why an episode may end, by number; number 0 is that it goes on."""
 
     @property
     def states(self) -> int:
@@ -116,11 +127,11 @@ class Task(Protocol):
     def course(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
         """What is drawn at reset, ``(B, k)``."""
 
-    def prior(self, course: np.ndarray) -> Gaussian:
+    def prior(self, course: np.ndarray, disturbance: Any) -> Gaussian:
         """Where the truth starts, and all that the estimator knows of it: mean ``(B, n)``, covariance ``(n, n)``."""
 
-    def reference(self, course: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """What is commanded at a step."""
+    def reference(self, course: np.ndarray, step: np.ndarray, belief: Belief) -> np.ndarray:
+        """What is commanded at a step, where the vehicle is believed to be."""
 
     def known_input(self, before: np.ndarray, after: np.ndarray, reference: np.ndarray) -> np.ndarray:
         """What filters are told over a step."""
@@ -139,8 +150,13 @@ class Task(Protocol):
     ) -> np.ndarray:
         """The observation of mode ``"measurement"``."""
 
-    def score(self, truth: np.ndarray, reference: np.ndarray, action: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Reward in [0, 1] and termination."""
+    def begin(self, truth: np.ndarray, course: np.ndarray) -> np.ndarray:
+        """What `score` remembers, ``(B, k)``, at the start of an episode."""
+
+    def score(
+        self, truth: np.ndarray, reference: np.ndarray, actuators: np.ndarray, action: np.ndarray, tally: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Reward in [0, 1], the number in ``ends`` of why the episode ends (0: it goes on), and the next tally."""
 
 
 @dataclass(frozen=True)

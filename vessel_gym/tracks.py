@@ -34,7 +34,7 @@ def commanded_path(task: TurningCircle, course: np.ndarray) -> np.ndarray:
         course: ``(2,)`` what it drew.
     """
     steps = np.arange(task.horizon + 1)
-    reference = task.reference(np.tile(course, (len(steps), 1)), steps)
+    reference = task.command(np.tile(course, (len(steps), 1)), steps)
     turned = np.abs(reference[:, 0] - course[0]) - 0.5 * task.ramp * abs(course[1])
     reference = reference[: 2 + np.searchsorted(turned, 2.0 * np.pi)]
     turns = steady_turns(task.ship)

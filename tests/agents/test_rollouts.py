@@ -44,6 +44,7 @@ def test_a_batch_of_seeds_equals_one_seed_at_a_time(agent: object):
         length = single.length[0]
         assert batch.length[i] == length
         assert batch.terminated[i] == single.terminated[0]
+        assert batch.end[i] == single.end[0] == ("turn lost" if single.terminated[0] else "")
         assert abs(batch.score[i] - single.score[0]) < 1e-9
         assert abs(batch.returns[i] - single.returns[0]) < 1e-6
         for key, value in single.history.items():

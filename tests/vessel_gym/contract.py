@@ -85,8 +85,8 @@ class SilentVehicle:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._vehicle, name)
 
-    def readings(self, truth: np.ndarray, unknown_input: np.ndarray) -> np.ndarray:
-        return np.zeros_like(self._vehicle.readings(truth, unknown_input))
+    def readings(self, truth: np.ndarray, forcing: np.ndarray) -> np.ndarray:
+        return np.zeros_like(self._vehicle.readings(truth, forcing))
 
 
 def with_vehicle(env_id: str, wrapper: type) -> Any:

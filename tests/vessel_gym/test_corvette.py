@@ -9,6 +9,7 @@ from scipy.integrate import quad, solve_ivp
 from scipy.linalg import expm
 
 from estimators import zero_order_hold
+from vessel_gym.envs.sigma_corvette import SEAS
 from vessel_gym.sea_trials import simulate
 from vessel_gym.vehicles.corvette import (
     COEFFICIENTS,
@@ -567,7 +568,7 @@ def test_a_step_of_the_vehicle_is_a_step_of_the_ship_kicked_by_the_unknown_input
     vehicle = Corvette()
     before, after, current = controls[:, :1], controls[:, :1] + 0.02, controls[:, 1:]
     d, c = rng.normal(size=(6, 1)) * 0.01, vehicle.parameters(0.0, np.zeros((6, vehicle.normals)))
-    stepped = vehicle.step(states, before, after, d, current, c)
+    stepped = vehicle.step(states, before, after, np.hstack([d, current]), c)
     plain = corvette_step(states, np.hstack([before, after, current]), c, 0.5, 1)
     np.testing.assert_array_equal(stepped[:, [0, 1, 3, 4, 5]], plain[:, [0, 1, 3, 4, 5]])
     np.testing.assert_allclose(stepped[:, 2], plain[:, 2] + d[:, 0], rtol=0, atol=1e-15)
@@ -576,20 +577,23 @@ def test_a_step_of_the_vehicle_is_a_step_of_the_ship_kicked_by_the_unknown_input
 def test_a_perfect_compass_reads_heading_and_yaw_increment():
     truth = np.random.default_rng(11).normal(size=(3, 6))
     d = np.array([[0.01], [-0.02], [0.0]])
-    np.testing.assert_allclose(Corvette().readings(truth, d), np.hstack([truth[:, 2:3] + d, d]), rtol=0, atol=1e-15)
+    readings = Corvette().readings(truth, np.hstack([d, d, d]))
+    np.testing.assert_allclose(readings, np.hstack([truth[:, 2:3] + d, d]), rtol=0, atol=1e-15)
 
 
 def test_the_truth_and_the_filter_s_model_agree_on_what_the_unknown_input_does():
     # x+ = A x + B u + G d with y = C x + H d, on a straight course where nothing else happens.
     vehicle = Corvette()
-    model = vehicle.model("corrected", 1.0)
+    model = vehicle.model("corrected", 1.0, SEAS["calm"])
     truth, rudder = vehicle.start(np.array([[0.0, 0.0, 0.2, U]]))
     x, c = vehicle.filter_state(truth, 3)[0], vehicle.parameters(0.0, np.zeros((1, vehicle.normals)))
     u = np.zeros(2)
     for k in range(20):
         d = np.array([[1e-3 * (1.0 + np.sin(k))]])
-        np.testing.assert_allclose(vehicle.readings(truth, d)[0], model.C @ x + model.H[:, 0] * d[0, 0], atol=1e-14)
-        truth = vehicle.step(truth, rudder, rudder, d, np.zeros((1, 2)), c)
+        forcing = np.hstack([d, np.zeros((1, 2))])
+        expected = model.C @ x + model.H[:, 0] * d[0, 0]
+        np.testing.assert_allclose(vehicle.readings(truth, forcing)[0], expected, atol=1e-14)
+        truth = vehicle.step(truth, rudder, rudder, forcing, c)
         x = model.A(u) @ x + model.B(u) @ u + model.G[:, 0] * d[0, 0]
         np.testing.assert_allclose(vehicle.filter_state(truth, 3)[0], x, rtol=0, atol=1e-14)
     assert x[2] > 0.21
@@ -597,14 +601,14 @@ def test_the_truth_and_the_filter_s_model_agree_on_what_the_unknown_input_does()
 
 def test_the_difference_of_two_headings_is_a_yaw_rate_across_the_seam():
     readings, previous = np.array([[-3.1, 0.01], [0.3, 0.02]]), np.array([[3.1, 0.0], [0.2, 0.0]])
-    x, d = Corvette().from_readings(readings, previous, np.array([0.5, 1.0]))
+    x, d = Corvette().from_readings(readings, previous, np.array([[0.5, 0.5], [1.0, 0.5]]))
     np.testing.assert_allclose(x, [[0.0, (2 * np.pi - 6.2) / 0.5, -3.1], [0.0, 0.1, 0.3]], rtol=1e-12)
     np.testing.assert_array_equal(d, [[0.01], [0.02]])
 
 
 def test_the_filter_s_noise_is_the_sensors_and_the_model_s():
     vehicle = Corvette()
-    linear, nonlinear = vehicle.model("corrected", 2.0), vehicle.model("nonlinear", 1.0)
+    linear, nonlinear = vehicle.model("corrected", 2.0, SEAS["calm"]), vehicle.model("nonlinear", 1.0, SEAS["calm"])
     np.testing.assert_allclose(linear.R, np.diag([4e-3, 2e-3]) ** 2)
     np.testing.assert_allclose(linear.Q, np.diag([0.08, 1.5e-3, 1e-4]) ** 2)
     np.testing.assert_allclose(nonlinear.R, np.diag([2e-3, 1e-3]) ** 2)

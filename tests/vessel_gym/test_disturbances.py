@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, norm
 
-from vessel_gym.disturbances import Sea
+from vessel_gym.disturbances import Sea, Water
 from vessel_gym.envs.sigma_corvette import SEAS
 
 FALSE_ALARM = 1e-6
@@ -89,10 +89,10 @@ def test_the_yaw_increment_of_a_step_has_the_size_that_was_chosen(name, sd, digi
 
 def test_the_unknown_input_is_the_yaw_rate_of_waves_and_gusts_over_a_step():
     state = np.random.default_rng(0).normal(size=(4, 3, 5))
-    d = SEAS["rough"].unknown_input(state)
-    assert d.shape == (4, 3, 1)
-    np.testing.assert_allclose(d[..., 0], 0.5 * (state[..., 1] + state[..., 2]))
-    np.testing.assert_array_equal(SEAS["rough"].current_velocity(state), state[..., 3:])
+    forcing = SEAS["rough"].forcing(state)
+    assert forcing.shape == (4, 3, 3)
+    np.testing.assert_allclose(forcing[..., 0], 0.5 * (state[..., 1] + state[..., 2]))
+    np.testing.assert_array_equal(forcing[..., 1:], state[..., 3:])
 
 
 def test_a_gust_decays_with_its_time_constant_and_a_current_with_its_own():
@@ -132,7 +132,7 @@ def test_records_have_the_stationary_sizes_from_the_first_step_to_the_last(sea):
     for k in (0, 1, 239):  # rows are independent
         for i in range(5):
             assert_variance(states[k, :, i], P[i])
-        assert_variance(sea.unknown_input(states[k]), sea.unknown_input_var)
+        assert_variance(sea.forcing(states[k])[..., 0], sea.unknown_input_var)
 
 
 @every_sea
@@ -169,3 +169,30 @@ def test_gusts_are_correlated_over_their_time_constant():
     correlation = np.corrcoef(gust[0], gust[30])[0, 1]  # 15 s apart
     band = norm.isf(FALSE_ALARM / 2) / np.sqrt(4000 - 3)  # of Fisher's z
     assert abs(np.arctanh(correlation) - np.arctanh(np.exp(-1.0))) < band
+
+
+# --- under water ------------------------------------------------------------------------------------
+
+WATER = Water(turbulence=0.01, spin=0.002, current=0.2, velocities=2, rates=1, currents=2, current_time=50.0, dt=0.1)
+
+
+def test_the_water_kicks_every_velocity_as_it_says_and_forgets_it():
+    rng = np.random.default_rng(0)
+    first = WATER.start(rng.standard_normal((100_000, WATER.size)))
+    after = WATER.advance(first, rng.standard_normal((100_000, WATER.size)))
+    for kicks in (WATER.forcing(first), WATER.forcing(after)):
+        for component, sd in zip(kicks.T, WATER.kick_sd, strict=True):
+            assert_variance(component, sd**2)
+    np.testing.assert_array_equal(WATER.kick_sd[:3], [0.01, 0.01, 0.002])
+    correlation = np.corrcoef(first.T, after.T)
+    assert np.abs(correlation - np.eye(2 * WATER.size)).max() < 5.0 / np.sqrt(100_000)  # 5 standard errors
+
+
+def test_increments_of_the_current_keep_a_gauss_markov_process_stationary():
+    """``c+ = phi c + w`` with the variance of w: the speed's RMS stays what it is, whatever the step."""
+    for dt in (0.01, 0.1, 10.0):
+        water = replace(WATER, dt=dt)
+        phi = np.exp(-dt / water.current_time)
+        variance = phi**2 * water.current_sd**2 + water.kick_sd[-1] ** 2
+        np.testing.assert_allclose(variance, water.current_sd**2, rtol=1e-12)
+    assert np.hypot(WATER.current_sd, WATER.current_sd) == pytest.approx(0.2)

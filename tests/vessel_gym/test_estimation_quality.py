@@ -12,6 +12,7 @@ from agents.seeds import evaluation_seeds
 from estimators import Gaussian, LinearModel, chi_square_band, make, nees, wrap
 from vessel_gym.core import Core
 from vessel_gym.envs import SigmaCorvetteEnv
+from vessel_gym.sensors import nominal_sd
 from vessel_gym.vehicles.corvette import Corvette
 
 SEEDS = 60
@@ -105,7 +106,7 @@ def test_the_unknown_input_of_kf_umv_ui_is_better_than_the_raw_channel_that_show
     low, _ = paired_interval(raw - filtered)
     assert low > 0.0
     # The channel's own noise, as a check of the comparison: within 4 standard errors of its square's mean.
-    sd = SigmaCorvetteEnv.system.vehicle.reading_sd[1]
+    sd = nominal_sd(SigmaCorvetteEnv.system.vehicle.instruments)[1]
     assert abs(np.mean(raw**2) / sd**2 - 1.0) < 4.0 * np.sqrt(2.0 / true.size)
 
 
@@ -131,7 +132,7 @@ def linear_truth(model: LinearModel, u: np.ndarray, disturbance: str | None, see
     waves = sea.start(rng.normal(size=(RUNS, sea.size)))
     states, inputs, readings = [], [], []
     for _ in range(TIMES):
-        d = sea.unknown_input(waves) * (disturbance is not None)
+        d = sea.forcing(waves)[:, :1] * (disturbance is not None)
         v = rng.normal(size=(RUNS, model.p)) * np.sqrt(np.diag(model.R))
         states.append(x)
         inputs.append(d)
@@ -144,7 +145,7 @@ def linear_truth(model: LinearModel, u: np.ndarray, disturbance: str | None, see
 @cache
 def consistency(estimator: str, disturbance: str | None, seed: int = 3) -> np.ndarray:
     """NEES ``(T, M)``: one value a time and run; for kf-umv-ui of the state, and of state and input together."""
-    model = Corvette().model("corrected", 1.0)
+    model = Corvette().model("corrected", 1.0, SigmaCorvetteEnv.system.disturbances["calm"])
     u = np.array([0.15, 0.02])  # rudder and commanded yaw rate of a turn
     prior = Gaussian(np.array([0.0, 0.0, 0.5]), np.diag([0.2, 0.002, 0.03]) ** 2)
     states, _, readings = linear_truth(model, u, disturbance, seed, prior)

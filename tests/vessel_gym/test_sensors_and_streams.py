@@ -7,17 +7,21 @@ import numpy as np
 import pytest
 from scipy.stats import binom, chi2, kstest
 
-from vessel_gym.sensors import SUITES, SensorSuite
+from vessel_gym.sensors import SUITES, Instrument, Sensors, SensorSuite, nominal_sd
 from vessel_gym.streams import Draws, Purpose, stream
 
 FALSE_ALARM = 1e-6
 SD = np.array([2e-3, 0.5, 3.0])
+APART = tuple(Instrument(str(i), ("",), (sd,)) for i, sd in enumerate(SD))
 
 
-def corrupted(suite: SensorSuite, seed: int, n: int = 20_000, exact: float = 0.0):
+def corrupted(suite: SensorSuite, seed: int, n: int = 20_000, exact: float = 0.0, instruments=APART, steps=0):
+    """Readings, their mask and the normals in them: n at one step, or as many as ``steps`` says."""
     rng = np.random.default_rng(seed)
-    normals, uniforms = rng.standard_normal((n, 3)), rng.random((n, 6))
-    return suite.corrupt(np.full((n, 3), exact), SD, normals, uniforms)
+    sensors = Sensors(instruments, suite)
+    normals, uniforms = rng.standard_normal((n, sensors.size)), rng.random((n, sensors.uniforms))
+    steps = np.broadcast_to(steps, n)
+    return *sensors.read(np.full((n, sensors.size), exact), steps, normals, uniforms), normals
 
 
 def assert_variance(samples: np.ndarray, variance: float):
@@ -41,38 +45,33 @@ def test_there_are_three_suites_and_only_the_worst_loses_readings():
 
 @pytest.mark.parametrize("name", ["clean", "nominal"])
 def test_noise_has_the_suite_s_share_of_each_channel_s_deviation(name):
-    readings, available = corrupted(SUITES[name], seed=0, exact=7.0)
+    readings, available, _ = corrupted(SUITES[name], seed=0, exact=7.0)
     assert available.all()
     for channel in range(3):
         assert_variance(readings[:, channel] - 7.0, (SUITES[name].noise * SD[channel]) ** 2)
 
 
 def test_readings_are_the_exact_ones_plus_scaled_normals():
-    rng = np.random.default_rng(1)
-    exact, normals, uniforms = rng.normal(size=(4, 5, 3)), rng.normal(size=(4, 5, 3)), rng.random((4, 5, 6))
-    readings, available = SensorSuite(noise=0.7).corrupt(exact, SD, normals, uniforms)
-    np.testing.assert_allclose(readings, exact + 0.7 * SD * normals, rtol=1e-14)
-    assert readings.shape == available.shape == (4, 5, 3)
+    readings, _, normals = corrupted(SensorSuite(noise=0.7), seed=1, exact=-2.0)
+    np.testing.assert_allclose(readings, -2.0 + 0.7 * SD * normals, rtol=1e-14)
 
 
-def test_each_channel_drops_out_at_its_rate_by_itself():
-    _, available = corrupted(SUITES["degraded"], seed=2)
+def test_each_instrument_drops_out_at_its_rate_by_itself():
+    _, available, _ = corrupted(SUITES["degraded"], seed=2)
     for channel in range(3):
         assert_rate(~available[:, channel], 0.10)
     assert_rate(~available[:, 0] & ~available[:, 1], 0.01)  # independent of its neighbour
 
 
 def test_a_missing_reading_is_zero_and_its_mask_is_false():
-    readings, available = corrupted(SUITES["degraded"], seed=3, exact=7.0)
+    readings, available, _ = corrupted(SUITES["degraded"], seed=3, exact=7.0)
     np.testing.assert_array_equal(readings[~available], 0.0)
     assert (readings[available] != 0.0).all()
 
 
 def test_outliers_come_at_their_rate_with_their_size():
     suite = SensorSuite(noise=1.0, outliers=0.05)
-    rng = np.random.default_rng(4)
-    normals, uniforms = rng.standard_normal((20_000, 3)), rng.random((20_000, 6))
-    readings, _ = suite.corrupt(np.zeros((20_000, 3)), SD, normals, uniforms)
+    readings, _, normals = corrupted(suite, seed=4)
     outlier = np.abs(readings / (SD * normals)) > 5.0
     assert_rate(outlier, 0.05)
     assert_rate(outlier[:, 0] & outlier[:, 1], 0.05**2)
@@ -82,15 +81,13 @@ def test_outliers_come_at_their_rate_with_their_size():
 
 def test_drop_outs_and_outliers_are_independent():
     suite = SensorSuite(noise=1.0, dropout=0.2, outliers=0.2)
-    rng = np.random.default_rng(5)
-    normals, uniforms = rng.standard_normal((20_000, 3)), rng.random((20_000, 6))
-    readings, available = suite.corrupt(np.zeros((20_000, 3)), SD, normals, uniforms)
+    readings, available, normals = corrupted(suite, seed=5)
     assert_rate(np.abs(readings / (SD * normals))[available] > 5.0, 0.2)
 
 
 def test_suites_are_paired_where_they_do_not_differ():
-    nominal, _ = corrupted(SUITES["nominal"], seed=6)
-    degraded, available = corrupted(SUITES["degraded"], seed=6)
+    nominal, _, _ = corrupted(SUITES["nominal"], seed=6)
+    degraded, available, _ = corrupted(SUITES["degraded"], seed=6)
     same = degraded == nominal
     assert_rate(same, 0.9 * 0.95)  # neither dropped nor an outlier: to the bit as in the nominal suite
     assert available[same].all()
@@ -99,11 +96,52 @@ def test_suites_are_paired_where_they_do_not_differ():
 @pytest.mark.parametrize("suite", SUITES.values(), ids=SUITES)
 def test_sensors_leave_the_truth_alone(suite):
     rng = np.random.default_rng(7)
-    arrays = rng.normal(size=(9, 3)), SD.copy(), rng.normal(size=(9, 3)), rng.random((9, 6))
+    arrays = rng.normal(size=(9, 3)), np.arange(9), rng.normal(size=(9, 3)), rng.random((9, 6))
     copies = [a.copy() for a in arrays]
-    suite.corrupt(*arrays)
+    Sensors(APART, suite).read(*arrays)
     for a, b in zip(arrays, copies, strict=True):
         np.testing.assert_array_equal(a, b)
+
+
+TOGETHER = (
+    Instrument("log", ("surge", "sway"), (0.1, 0.1), dropout=0.15),
+    Instrument("fix", ("x", "y", "z"), (1.0, 1.0, 2.0), period=20),
+)
+
+
+def test_the_channels_of_an_instrument_are_lost_and_spoilt_together():
+    suite = SensorSuite(noise=1.0, dropout=0.10, outliers=0.05)
+    readings, available, normals = corrupted(suite, seed=8, instruments=TOGETHER)
+    np.testing.assert_array_equal(available[:, 0], available[:, 1])
+    np.testing.assert_array_equal(available[:, 2], available[:, 4])
+    assert_rate(~available[:, 0], 0.25)  # its own losses and the suite's
+    assert_rate(~available[:, 2], 0.10)
+    with np.errstate(divide="ignore"):
+        outlier = np.abs(readings / (nominal_sd(TOGETHER) * normals)) > 5.0
+    there = available[:, 0] & available[:, 2]
+    assert_rate(outlier[there, 0], 0.05)
+    np.testing.assert_array_equal(outlier[there, 0], outlier[there, 1])
+    np.testing.assert_array_equal(outlier[there, 2], outlier[there, 4])
+    assert_rate(outlier[there, 0] & outlier[there, 2], 0.05**2)
+
+
+def test_an_instrument_reads_at_the_start_and_then_once_a_period():
+    steps = np.arange(20_000) % 500
+    _, available, _ = corrupted(SUITES["nominal"], seed=9, instruments=TOGETHER, steps=steps)
+    np.testing.assert_array_equal(available[:, 2], steps % 20 == 0)
+    assert_rate(~available[:, 0], 0.15)
+
+
+def test_clean_instruments_lose_nothing_but_keep_their_period():
+    steps = np.arange(20_000)
+    _, available, _ = corrupted(SUITES["clean"], seed=10, instruments=TOGETHER, steps=steps)
+    assert available[:, :2].all()
+    np.testing.assert_array_equal(available[:, 3], steps % 20 == 0)
+
+
+def test_an_instrument_needs_a_deviation_for_each_channel():
+    with pytest.raises(ValueError, match="log has 2 channels and 1 standard deviations"):
+        Instrument("log", ("surge", "sway"), (0.1,))
 
 
 # --- streams ----------------------------------------------------------------------------------------

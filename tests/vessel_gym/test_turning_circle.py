@@ -7,12 +7,14 @@ import pytest
 from scipy.optimize import root
 
 from estimators import Gaussian, make
+from vessel_gym.envs.sigma_corvette import SEAS
 from vessel_gym.tasks.turning_circle import TurningCircle
 from vessel_gym.vehicles.corvette import Corvette, CorvetteParameters, corvette_derivative, steady_turns
 
 SHIP = CorvetteParameters()
 L = SHIP.length
 TASK = TurningCircle(SHIP)
+SEA = SEAS["moderate"]
 
 
 def courses(n: int, seed: int = 0) -> np.ndarray:
@@ -22,14 +24,14 @@ def courses(n: int, seed: int = 0) -> np.ndarray:
 def references(course: np.ndarray, dt: float = 0.5) -> tuple[np.ndarray, np.ndarray]:
     """Times and the reference ``(k, 4)`` of one course over the whole episode, sampled every ``dt``."""
     time = np.arange(round(TASK.horizon * TASK.dt / dt) + 1) * dt
-    return time, TASK.reference(np.tile(course, (len(time), 1)), time / TASK.dt)
+    return time, TASK.command(np.tile(course, (len(time), 1)), time / TASK.dt)
 
 
 def belief(rows: int, model: str = "corrected", estimator: str = "kf-umv-ui"):
     vehicle = Corvette(SHIP)
-    kf = make(estimator, vehicle.model(model, 1.0))
+    kf = make(estimator, vehicle.model(model, 1.0, SEA))
     n = kf.model.n
-    prior = TASK.prior(courses(rows))
+    prior = TASK.prior(courses(rows), SEA)
     return kf.init(Gaussian(prior.mean[:, :n], prior.cov[:n, :n]))
 
 
@@ -126,7 +128,7 @@ def test_a_turn_to_port_mirrors_one_to_starboard():
     rate = courses(1)[0, 1]
     step = np.arange(TASK.horizon)
     starboard, port = (
-        TASK.reference(np.tile([0.3 * side, side * rate], (TASK.horizon, 1)), step) for side in (1.0, -1.0)
+        TASK.command(np.tile([0.3 * side, side * rate], (TASK.horizon, 1)), step) for side in (1.0, -1.0)
     )
     np.testing.assert_array_equal(port, -starboard)
     np.testing.assert_array_equal(TASK.yaw_rate(np.array([-300.0])), -TASK.yaw_rate(np.array([300.0])))
@@ -139,7 +141,7 @@ def test_filters_are_told_the_mean_rudder_and_the_commanded_yaw_rate():
 
 def test_the_prior_lies_on_the_course_at_the_service_speed():
     course = courses(3)
-    prior = TASK.prior(course)
+    prior = TASK.prior(course, SEA)
     np.testing.assert_array_equal(prior.mean, np.stack([0 * course[:, 0], 0 * course[:, 0], course[:, 0],
                                                         0 * course[:, 0] + SHIP.speed], -1))  # fmt: skip
     assert np.linalg.eigvalsh(prior.cov).min() > 0.0
@@ -155,12 +157,12 @@ def test_nothing_that_the_agent_sees_has_a_parameter_for_truth():
         "observe": ["belief", "reference", "actuators"],
         "observe_std": ["belief"],
         "observe_readings": ["readings", "available", "reference", "actuators"],
-        "reference": ["course", "step"],
+        "reference": ["course", "step", "belief"],
         "known_input": ["before", "after", "reference"],
     }
     public = (f for name, f in inspect.getmembers(TurningCircle, inspect.isfunction) if not name.startswith("__"))
     readers = {f.__name__ for f in public if "truth" in inspect.signature(f).parameters}
-    assert readers == {"score"}
+    assert readers == {"begin", "score"}
 
 
 def test_the_observation_is_scaled_so_that_one_is_a_typical_size():
@@ -180,16 +182,14 @@ def test_on_course_the_errors_are_zero_across_the_seam_of_the_compass():
 def test_a_filter_without_unknown_input_shows_a_zero_in_its_place():
     kf = belief(3, estimator="kf")
     assert kf.input_mean is None
-    np.testing.assert_array_equal(
-        TASK.observe(kf, TASK.reference(courses(3), np.zeros(3)), np.zeros((3, 1)))[:, 3], 0.0
-    )
+    np.testing.assert_array_equal(TASK.observe(kf, TASK.command(courses(3), np.zeros(3)), np.zeros((3, 1)))[:, 3], 0.0)
     np.testing.assert_array_equal(TASK.observe_std(kf)[:, 3], 0.0)
 
 
 def test_filters_of_three_and_of_four_states_show_the_same_components():
     three, four = belief(3), belief(3, "nonlinear", "ekf")
     assert (three.mean.shape, four.mean.shape) == ((3, 3), (3, 4))
-    reference, rudder = TASK.reference(courses(3), np.full(3, 100)), np.full((3, 1), 0.1)
+    reference, rudder = TASK.command(courses(3), np.full(3, 100)), np.full((3, 1), 0.1)
     np.testing.assert_array_equal(TASK.observe(three, reference, rudder), TASK.observe(four, reference, rudder))
     np.testing.assert_allclose(TASK.observe_std(three)[:, :3], TASK.observe_std(four)[:, :3])
 
@@ -210,7 +210,7 @@ def test_missing_readings_are_zero_and_the_mask_says_so():
 
 @pytest.mark.parametrize("mode", ["mean", "mean+std", "measurement"])
 def test_the_sizes_of_the_observations_are_those_announced(mode):
-    rows, reference, rudder = belief(2), TASK.reference(courses(2), np.zeros(2)), np.zeros((2, 1))
+    rows, reference, rudder = belief(2), TASK.command(courses(2), np.zeros(2)), np.zeros((2, 1))
     if mode == "measurement":
         observation = TASK.observe_readings(np.zeros((2, 2)), np.ones((2, 2), bool), reference, rudder)
     else:
@@ -224,6 +224,15 @@ def test_the_sizes_of_the_observations_are_those_announced(mode):
 # --- score ------------------------------------------------------------------------------------------
 
 
+def rewarded(truth, reference, action):
+    """Reward and whether the turn is lost; the rudder itself does not count, and there is nothing to remember."""
+    rudder = np.random.default_rng(0).normal(size=(len(truth), 1))
+    tally = TASK.begin(truth, courses(len(truth)))
+    reward, end, after = TASK.score(truth, reference, rudder, action, tally)
+    assert tally.shape == after.shape == (len(truth), 0)
+    return reward, np.array(TASK.ends)[end] == "turn lost"
+
+
 def scored(heading_error, rate_error, action, commanded=0.03):
     """Reward and termination for errors of truth from a reference in the turn."""
     heading_error, rate_error, action = np.broadcast_arrays(
@@ -232,7 +241,7 @@ def scored(heading_error, rate_error, action, commanded=0.03):
     truth = np.zeros((len(heading_error), 6))
     truth[:, 2], truth[:, 5] = 1.0 - heading_error, commanded - rate_error
     reference = np.tile([1.0, commanded, 0.5 * commanded, commanded], (len(truth), 1))  # the preview does not count
-    return TASK.score(truth, reference, np.array(action, float)[:, None])
+    return rewarded(truth, reference, np.array(action, float)[:, None])
 
 
 def test_holding_the_turn_with_the_rudder_still_earns_one():
@@ -274,8 +283,8 @@ def test_turns_to_port_are_scored_like_turns_to_starboard():
     truth = np.zeros((100, 6))
     reference = np.tile([0.7, 0.03, 0.03, 0.03], (100, 1))
     truth[:, 2], truth[:, 5] = 0.7 + heading, 0.03 + rate
-    starboard = TASK.score(truth, reference, action[:, None])
-    port = TASK.score(-truth, -reference, -action[:, None])
+    starboard = rewarded(truth, reference, action[:, None])
+    port = rewarded(-truth, -reference, -action[:, None])
     np.testing.assert_allclose(port[0], starboard[0], rtol=1e-13)
     np.testing.assert_array_equal(port[1], starboard[1])
 
@@ -285,4 +294,4 @@ def test_the_score_reads_heading_and_yaw_rate_of_the_truth_and_nothing_else():
     truth, reference = rng.normal(size=(50, 6)), np.tile([0.7, 0.03, 0.03, 0.03], (50, 1))
     other = np.where([False, False, True, False, False, True], truth, rng.normal(size=(50, 6)))
     action = rng.uniform(-1, 1, (50, 1))
-    np.testing.assert_array_equal(TASK.score(truth, reference, action)[0], TASK.score(other, reference, action)[0])
+    np.testing.assert_array_equal(rewarded(truth, reference, action)[0], rewarded(other, reference, action)[0])

@@ -124,6 +124,7 @@ class SigmaCorvetteEnv(VesselEnv):
     | `input_estimate` | estimated d [rad], 0 where the estimator gives none                         |
     | `healthy`        | False in a step where the estimator had to start again                      |
     | `score`          | sum of rewards so far over 600                                              |
+    | `end`            | why the episode has ended: `turn lost`, or empty                            |
 
     ## Arguments
 

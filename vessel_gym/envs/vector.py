@@ -85,11 +85,7 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         final_observations = np.full(self.num_envs, None, dtype=object)
         for row in rows:
             final_observations[row] = observation[row]
-        # Rows that go on are zero in the final info, as Gymnasium fills it.
-        final_info = self._masked(
-            {key: np.where(rows_like(done, value), value, np.zeros((), value.dtype)) for key, value in info.items()},
-            done,
-        )
+        final_info = self._masked({key: _only(done, value) for key, value in info.items()}, done)
         core.episodes[rows] += 1
         core.reset(rows)
         infos = self._masked(core.info())
@@ -104,6 +100,12 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         for key in info:
             masked[f"_{key}"] = mask.copy()
         return masked
+
+
+def _only(rows: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """The values of some rows; of the others what Gymnasium puts where nothing is, 0 or None."""
+    nothing = np.full((), None) if values.dtype == object else np.zeros((), values.dtype)
+    return np.where(rows_like(rows, values), values, nothing)
 
 
 def rows_like(rows: np.ndarray, array: np.ndarray) -> np.ndarray:

@@ -94,7 +94,7 @@ class TurningCircleScene:
                 np.sqrt(max(belief.cov[0, 2, 2], 0.0)),
                 core.reference[0].copy(),
                 core.actuators[0, 0],
-                core.unknown_input[0, 0],
+                core.forcing[0, 0],
                 np.array(np.nan) if belief.input_mean is None else belief.input_mean[0, 0],
             )
         )
@@ -164,7 +164,7 @@ class TurningCircleScene:
         canvas.polygon(view.body(self._hull, at, heading, length), TRUE_PALE, TRUE, 1.5)
 
     def _draw_current(self, canvas: Canvas, box: Box) -> None:
-        north, east = self._core.sea.current_velocity(self._core.sea_state)[0]
+        _, north, east = self._core.forcing[0]
         speed = float(np.hypot(north, east))
         x, y = box.left + 34, box.top + 34
         half = 16.0 * np.array([east, -north]) / max(speed, 1e-9)

@@ -85,14 +85,18 @@ class TurningCircle:
         turns = steady_turns(self.ship)
         return np.sign(radius) * np.interp(1.0 / np.abs(radius), 1.0 / turns.radius, turns.yaw_rate)
 
-    def prior(self, course: np.ndarray) -> Gaussian:
+    def prior(self, course: np.ndarray, sea: Any) -> Gaussian:
         """What is known of (v, r, psi, u) at the start: mean ``(B, 4)`` and covariance ``(4, 4)``."""
         mean = np.zeros((len(course), 4))
         mean[:, 2], mean[:, 3] = course[:, 0], self.ship.speed
         return Gaussian(mean, np.diag([0.2, 0.002, 0.03, 0.2]) ** 2)
 
-    def reference(self, course: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """The reference ``(B, 4)`` at a step ``(B,)``."""
+    def reference(self, course: np.ndarray, step: np.ndarray, belief: Belief) -> np.ndarray:
+        """The reference ``(B, 4)`` at a step ``(B,)``: it moves with time, wherever the ship is believed to be."""
+        return self.command(course, step)
+
+    def command(self, course: np.ndarray, step: np.ndarray) -> np.ndarray:
+        """What is commanded ``(B, 4)`` at a step ``(B,)``."""
         return turning_reference(course, step, self._timing)
 
     @cached_property
@@ -180,15 +184,29 @@ class TurningCircle:
     def _kernel(self) -> np.ndarray:
         return np.array([self.HEADING_TOLERANCE, self.RATE_TOLERANCE, self.HELM_COST])
 
-    def score(self, truth: np.ndarray, reference: np.ndarray, action: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Reward in [0, 1] and termination, ``(B,)`` each: the only reader of truth.
+    ends = ("", "turn lost")
+
+    @property
+    def perfect(self) -> float:
+        """A reward of 1 at every step."""
+        return self.horizon
+
+    def begin(self, truth: np.ndarray, course: np.ndarray) -> np.ndarray:
+        """Nothing to remember: ``(B, 0)``."""
+        return np.empty((len(truth), 0))
+
+    def score(
+        self, truth: np.ndarray, reference: np.ndarray, actuators: np.ndarray, action: np.ndarray, tally: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Reward in [0, 1], end of the episode and tally, ``(B,)`` and ``(B, 0)``: the only reader of truth.
 
         The kernels are sharp on purpose: with wide ones an agent trades heading for rudder.
         Rewards are never negative, so ending early never pays; the reference moves with time, so
         neither does loitering.
         """
         heading = wrap(reference[:, 0] - truth[:, 2])
-        return turning_reward(heading, truth, reference, action, self._kernel), np.abs(heading) > self.LOST
+        reward = turning_reward(heading, truth, reference, action, self._kernel)
+        return reward, (np.abs(heading) > self.LOST).astype(int), tally
 
 
 def _number(value: object) -> float:

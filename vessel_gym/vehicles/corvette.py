@@ -19,6 +19,8 @@ from scipy.optimize import root
 
 from estimators import LinearModel, NonlinearModel, wrap, zero_order_hold
 from vessel_gym.compiled import gufunc
+from vessel_gym.disturbances import Sea
+from vessel_gym.sensors import Instrument, nominal_sd
 
 TRUTH = ("x", "y", "psi", "u", "v", "r")
 """Truth state: position north, east [m], heading [rad], surge, sway through the water [m/s], yaw rate [rad/s]."""
@@ -414,8 +416,11 @@ class Corvette:
 
     truth_names = TRUTH
     action_names = ("rudder rate",)
-    reading_names = ("compass", "wave-band yaw increment")
-    reading_sd = np.array([2e-3, 1e-3])  # rad: gyro compass 0.11 deg, motion reference unit 0.06 deg
+    instruments = (
+        Instrument("gyro compass", ("heading [rad]",), (2e-3,)),  # 0.11 deg
+        Instrument("motion reference unit", ("wave-band yaw increment [rad]",), (1e-3,)),  # 0.06 deg
+    )
+    unknown_inputs = 1
     process_sd = np.array([0.08, 1.5e-3, 1e-4, 0.05])  # of (v, r, psi, u) a step: what the models leave out
     normals = len(UNCERTAIN)
     """Normal numbers that `parameters` needs."""
@@ -446,48 +451,48 @@ class Corvette:
         truth: np.ndarray,
         before: np.ndarray,
         after: np.ndarray,
-        unknown_input: np.ndarray,
-        current: np.ndarray,
+        forcing: np.ndarray,
         parameters: np.ndarray,
     ) -> np.ndarray:
-        """The truth one step later; waves and gusts kick the heading by ``unknown_input (B, 1)``."""
-        control = np.concatenate([before, after, current], -1)
+        """The truth one step later; forcing is (yaw kick d of waves and gusts, current north, current east)."""
+        control = np.concatenate([before, after, forcing[:, 1:]], -1)
         truth = corvette_step(truth, control, parameters, self.dt, self.substeps)
-        truth[:, 2] += unknown_input[:, 0]
+        truth[:, 2] += forcing[:, 0]
         return truth
 
-    def readings(self, truth: np.ndarray, unknown_input: np.ndarray) -> np.ndarray:
+    def readings(self, truth: np.ndarray, forcing: np.ndarray) -> np.ndarray:
         """What perfect sensors would read ``(B, 2)``: compass and yaw increment (eq. 4.5)."""
         exact = np.empty((len(truth), 2))
-        exact[:, 0] = truth[:, 2] + unknown_input[:, 0]
-        exact[:, 1] = unknown_input[:, 0]
+        exact[:, 0] = truth[:, 2] + forcing[:, 0]
+        exact[:, 1] = forcing[:, 0]
         return exact
 
-    def model(self, kind: str, noise: float) -> LinearModel | NonlinearModel:
+    def model(self, kind: str, noise: float, sea: Sea) -> LinearModel | NonlinearModel:
         """The filter's model: ``"corrected"``, ``"as-printed"`` or ``"nonlinear"``.
 
         Args:
             kind: which one.
             noise: standard deviation of the readings relative to nominal.
+            sea: not used: what a filter knows of d is an option of its own.
         """
-        R = np.diag((noise * self.reading_sd) ** 2)
+        R = np.diag((noise * nominal_sd(self.instruments)) ** 2)
         Q = np.diag(self.process_sd**2)
         if kind == "nonlinear":
             return nonlinear_model(self.ship, self.dt, Q, R)
         return linear_model(self.ship, self.dt, Q[:3, :3], R, kind)
 
     def from_readings(
-        self, readings: np.ndarray, previous: np.ndarray, elapsed: np.ndarray
+        self, readings: np.ndarray, previous: np.ndarray, interval: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """(v, r, psi) and d from two successive sets of readings: no model, the compass differenced.
 
         Args:
-            readings: ``(B, 2)``.
-            previous: ``(B, 2)`` the readings before.
-            elapsed: ``(B,)`` seconds between the two.
+            readings: ``(..., 2)``.
+            previous: ``(..., 2)`` the readings before.
+            interval: ``(..., 2)`` seconds between the two.
         """
         change = wrap(readings[..., 0] - previous[..., 0])
         x = np.zeros(readings.shape[:-1] + (3,))
-        x[..., 1] = change / elapsed
+        x[..., 1] = change / interval[..., 0]
         x[..., 2] = readings[..., 0]
         return x, readings[..., 1:2]
