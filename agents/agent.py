@@ -6,6 +6,9 @@ from typing import Any, Protocol
 import numpy as np
 from gymnasium.spaces import Box
 
+from vessel_gym.system import System
+from vessel_gym.tasks.turning_circle import TurningCircle
+
 
 class Agent(Protocol):
     """Acts on observations alone."""
@@ -55,14 +58,23 @@ def load_agent(name: str | Path, env: Any) -> Agent:
     if not hasattr(env, "core"):
         raise ValueError(f"{name} flies the environments of vessel_gym, not {type(env).__name__}")
     if name == "autopilot":
-        from agents.autopilot import TurningAutopilot
-
         if env.core.observe_mode == "measurement":
             raise ValueError('the autopilot needs estimates: use observe="mean" or "mean+std"')
-        return TurningAutopilot(env.system)
+        return _autopilot(env.system)
     path = Path(name)
     if not path.is_file():
         raise ValueError(f"unknown agent {str(name)!r}: choose autopilot, random, or the path of a PPO checkpoint")
     from agents.ppo import PPOAgent
 
     return PPOAgent(path, env)
+
+
+def _autopilot(system: System) -> Agent:
+    """The classical controller of a system, by its task."""
+    if isinstance(system.task, TurningCircle):
+        from agents.autopilot import TurningAutopilot
+
+        return TurningAutopilot(system)
+    from agents.dive_autopilot import DiveAutopilot
+
+    return DiveAutopilot(system)

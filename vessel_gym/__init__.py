@@ -8,9 +8,10 @@ from gymnasium.envs.registration import register
 
 __version__ = "0.1.0"
 
-register(
-    id="SigmaCorvette-v0",
-    entry_point="vessel_gym.envs:SigmaCorvetteEnv",
-    vector_entry_point="vessel_gym.envs:SigmaCorvetteVectorEnv",
-    max_episode_steps=600,
-)
+for _name, _steps in (("SigmaCorvette", 600), ("SegorogeniAUV", 500), ("ItsunusaAUV", 600)):
+    register(
+        id=f"{_name}-v0",
+        entry_point=f"vessel_gym.envs:{_name}Env",
+        vector_entry_point=f"vessel_gym.envs:{_name}VectorEnv",
+        max_episode_steps=_steps,
+    )

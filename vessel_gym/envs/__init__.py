@@ -1,7 +1,18 @@
 """The environments: two thin faces on the batched core, and one module of data an environment."""
 
+from vessel_gym.envs.itsunusa_auv import ItsunusaAUVEnv, ItsunusaAUVVectorEnv
+from vessel_gym.envs.segorogeni_auv import SegorogeniAUVEnv, SegorogeniAUVVectorEnv
 from vessel_gym.envs.sigma_corvette import SigmaCorvetteEnv, SigmaCorvetteVectorEnv
 from vessel_gym.envs.single import VesselEnv
 from vessel_gym.envs.vector import VesselVectorEnv
 
-__all__ = ["SigmaCorvetteEnv", "SigmaCorvetteVectorEnv", "VesselEnv", "VesselVectorEnv"]
+__all__ = [
+    "ItsunusaAUVEnv",
+    "ItsunusaAUVVectorEnv",
+    "SegorogeniAUVEnv",
+    "SegorogeniAUVVectorEnv",
+    "SigmaCorvetteEnv",
+    "SigmaCorvetteVectorEnv",
+    "VesselEnv",
+    "VesselVectorEnv",
+]

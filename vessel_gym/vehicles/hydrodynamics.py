@@ -1,6 +1,296 @@
-"""Hydrodynamic coefficients of a torpedo-shaped vehicle from its dimensions."""
+"""Hydrodynamic coefficients of a torpedo-shaped vehicle from its dimensions.
 
+The vehicle is cut into strips across its axis. Each formula is a function of its own, with its source;
+``docs/hydrodynamics.md`` compares them with two vehicles whose coefficients are published.
+
+Sources: Prestero (2001), in whose thesis on REMUS most of these formulas stand together; Lamb (1932) and Fossen (2011)
+for the added mass of a spheroid; Blevins (1979) for that of sections; Hoerner (1965, 1975) for drag and lift; Myring
+(1976) for the hull; Triantafyllou & Amzallag (1984) for axial drag.
+"""
+
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+# --- shape ------------------------------------------------------------------------------------------
+
+
+class Hull(ABC):
+    """A body of revolution; x [m] counts forward from the origin of the body axes."""
+
+    diameter: float
+
+    @property
+    @abstractmethod
+    def bow(self) -> float:
+        """Foremost x [m]."""
+
+    @property
+    @abstractmethod
+    def stern(self) -> float:
+        """Aftmost x [m]."""
+
+    @property
+    def joints(self) -> tuple[float, ...]:
+        """Where x [m] pieces of different curvature meet."""
+        return ()
+
+    @abstractmethod
+    def radius(self, x: np.ndarray) -> np.ndarray:
+        """Radius [m] at ``x``, zero beyond the ends."""
+
+    def strips(self, *cuts: float) -> tuple[np.ndarray, np.ndarray]:
+        """Middles and widths [m] of strips from end to end, none of which crosses a joint, the origin or a cut.
+
+        Quadrature by Gauss and Legendre after x = sin, which takes the root out of a blunt end. Cuts beyond the ends
+        lengthen the range.
+        """
+        edges = np.unique([self.stern, *self.joints, 0.0, self.bow, *cuts])
+        t, weight = np.polynomial.legendre.leggauss(24)
+        middle, half = 0.5 * (edges[1:] + edges[:-1]), 0.5 * np.diff(edges)
+        x = middle[:, None] + half[:, None] * np.sin(0.5 * np.pi * t)
+        dx = half[:, None] * (weight * 0.5 * np.pi * np.cos(0.5 * np.pi * t))
+        return x.ravel(), dx.ravel()
+
+    @cached_property
+    def volume(self) -> float:
+        """Volume [m3]."""
+        x, dx = self.strips()
+        return float(dx @ (np.pi * self.radius(x) ** 2))
+
+    @cached_property
+    def centre_of_buoyancy(self) -> float:
+        """X of the centre of the volume [m]."""
+        x, dx = self.strips()
+        return float(dx @ (np.pi * self.radius(x) ** 2 * x)) / self.volume
+
+
+@dataclass(frozen=True)
+class Spheroid(Hull):
+    """A prolate spheroid about its middle."""
+
+    length: float  # m
+    diameter: float  # m
+
+    @property
+    def bow(self) -> float:
+        """Foremost x [m]."""
+        return 0.5 * self.length
+
+    @property
+    def stern(self) -> float:
+        """Aftmost x [m]."""
+        return -0.5 * self.length
+
+    def radius(self, x: np.ndarray) -> np.ndarray:
+        """Radius [m] at ``x``, zero beyond the ends."""
+        return 0.5 * self.diameter * np.sqrt(np.maximum(0.0, 1.0 - (2.0 * np.asarray(x) / self.length) ** 2))
+
+
+@dataclass(frozen=True)
+class Myring(Hull):
+    """Elliptic nose, cylinder and cubic tail, the ends cut short where asked. Myring (1976), as in Prestero (2001)."""
+
+    nose: float  # m, length before the nose is cut
+    middle: float  # m
+    tail: float  # m, length before the tail is cut
+    diameter: float  # m
+    tail_angle: float  # rad, half the angle enclosed at the uncut tip
+    origin: float  # m, aft of the (cut) nose
+    exponent: float = 2.0  # of the nose
+    nose_cut: float = 0.0  # m
+    tail_cut: float = 0.0  # m
+
+    @property
+    def bow(self) -> float:
+        """Foremost x [m]."""
+        return self.origin
+
+    @property
+    def stern(self) -> float:
+        """Aftmost x [m]."""
+        return self.joints[1] - self.tail + self.tail_cut
+
+    @property
+    def joints(self) -> tuple[float, float]:
+        """The ends [m] of the cylinder."""
+        fore = self.origin - self.nose + self.nose_cut
+        return fore, fore - self.middle
+
+    def radius(self, x: np.ndarray) -> np.ndarray:
+        """Radius [m] at ``x``, zero beyond the ends."""
+        x = np.asarray(x)
+        fore, aft = self.joints
+        ahead = np.clip((x - fore) / self.nose, 0.0, 1.0)  # of the cylinder, in lengths of the nose
+        behind = np.clip(aft - x, 0.0, self.tail)
+        c, slope = self.tail, np.tan(self.tail_angle)
+        nose = 0.5 * self.diameter * (1.0 - ahead**self.exponent) ** (1.0 / self.exponent)
+        lost = (1.5 * self.diameter / c**2 - slope / c) * behind**2 - (self.diameter / c**3 - slope / c**2) * behind**3
+        return np.where((x >= self.stern) & (x <= self.bow), nose - lost, 0.0)
+
+
+@dataclass(frozen=True)
+class Fins:
+    """Four equal stern fins in a cross: two are the rudder, two the stern planes. Dimensions of ONE."""
+
+    area: float  # m2
+    span: float  # m, from the hull to the tip
+    position: float  # m, x of the middle of the chord, where the lift acts; negative is aft
+    taper: float  # chord at the tip / at the root
+
+    @property
+    def chord(self) -> float:
+        """Mean chord [m]."""
+        return self.area / self.span
+
+    @property
+    def aspect_ratio(self) -> float:
+        """Effective aspect ratio: the hull mirrors the fin. Hoerner (1965)."""
+        return 2.0 * self.span**2 / self.area
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """X [m] of trailing and leading edge."""
+        return self.position - 0.5 * self.chord, self.position + 0.5 * self.chord
+
+
+@dataclass(frozen=True)
+class Torpedo:
+    """A hull with its fins, and what geometry does not tell."""
+
+    hull: Hull
+    fins: Fins
+    axial_drag: float  # on the frontal area; see `axial_drag_coefficient`
+    cross_flow_drag: float = 1.1  # of a cylinder across the flow; Hoerner (1965), as in Prestero (2001)
+    water_density: float = 1025.0  # kg/m3, sea water; Fossen (2011)
+
+    @property
+    def displaced_mass(self) -> float:
+        """Mass [kg] that is neutrally buoyant."""
+        return self.water_density * self.hull.volume
+
+    @property
+    def root(self) -> float:
+        """Distance [m] of the root of a fin from the axis."""
+        return float(self.hull.radius(np.array(self.fins.position)))
+
+    @property
+    def tip(self) -> float:
+        """Distance [m] of the tip of a fin from the axis."""
+        return self.root + self.fins.span
+
+
+# --- formulas ---------------------------------------------------------------------------------------
+
+
+def lamb_factors(length: float, diameter: float) -> tuple[float, float, float]:
+    """Added mass of a prolate spheroid along and across its axis and in turning, as parts of what it displaces.
+
+    Lamb (1932), art. 114-115; Fossen (2011).
+
+    Raises:
+        ValueError: if it is not longer than it is thick.
+    """
+    if length <= diameter:
+        raise ValueError(f"a prolate spheroid is longer than it is thick, not {length} by {diameter}")
+    e2 = 1.0 - (diameter / length) ** 2
+    e = np.sqrt(e2)
+    log = 2.0 * np.arctanh(e)
+    alpha = 2.0 * (1.0 - e2) / e**3 * (0.5 * log - e)
+    beta = 1.0 / e2 - 0.5 * (1.0 - e2) / e**3 * log
+    turning = e2**2 * (beta - alpha) / ((2.0 - e2) * (2.0 * e2 - (2.0 - e2) * (beta - alpha)))
+    return float(alpha / (2.0 - alpha)), float(beta / (2.0 - beta)), float(turning)
+
+
+def section_added_mass(radius: np.ndarray, tip: np.ndarray | float, water_density: float) -> np.ndarray:
+    """Added mass of a circle across the flow [kg/m], with a fin on either side up to ``tip``. Blevins (1979)."""
+    tip = np.maximum(tip, radius)
+    square = np.divide(radius**2, tip, out=np.zeros_like(radius), where=tip > 0.0) ** 2
+    return np.pi * water_density * (tip**2 - radius**2 + square)
+
+
+def lateral_added_mass(torpedo: Torpedo) -> tuple[float, float, float]:
+    """Integrals [kg, kg m, kg m2] of the sections' added mass times 1, x and x squared. Prestero (2001)."""
+    aft, fore = torpedo.fins.ends
+    x, dx = torpedo.hull.strips(aft, fore)
+    finned = np.where((x > aft) & (x < fore), torpedo.tip, 0.0)
+    mass = dx * section_added_mass(torpedo.hull.radius(x), finned, torpedo.water_density)
+    return float(mass.sum()), float(mass @ x), float(mass @ x**2)
+
+
+def axial_added_mass(torpedo: Torpedo) -> float:
+    """Of the spheroid as long and as thick as the hull [kg]. Lamb (1932)."""
+    length, diameter = torpedo.hull.bow - torpedo.hull.stern, torpedo.hull.diameter
+    along, _, _ = lamb_factors(length, diameter)
+    return along * torpedo.water_density * np.pi / 6.0 * length * diameter**2
+
+
+def roll_added_inertia(torpedo: Torpedo) -> float:
+    """Of a cross of four fins as if there were no hull [kg m2]. Blevins (1979), as in Prestero (2001)."""
+    return 2.0 / np.pi * torpedo.water_density * torpedo.tip**4 * torpedo.fins.chord
+
+
+def axial_drag_coefficient(length: float, diameter: float, speed: float, viscosity: float = 1.19e-6) -> float:
+    """Of a bare hull on its frontal area. Triantafyllou & Amzallag (1984), with the friction line of ITTC (1957).
+
+    Fins, antennas and gaps come on top: LAUV (da Silva et al., 2007) is credited with 1.8 times as much.
+
+    Args:
+        length: of the hull [m].
+        diameter: of the hull [m].
+        speed: through the water [m/s].
+        viscosity: kinematic [m2/s], sea water of 15 degrees; ITTC (2011).
+    """
+    friction = 0.075 / (np.log10(speed * length / viscosity) - 2.0) ** 2
+    projected_per_frontal = 4.0 * length / (np.pi * diameter)
+    shape = 1.0 + 60.0 * (diameter / length) ** 3 + 0.0025 * length / diameter
+    return float(friction * np.pi * projected_per_frontal * shape)
+
+
+def plate_drag_coefficient(fins: Fins) -> float:
+    """Of a fin across the flow. Whicker & Fehlner (1958), as in Prestero (2001)."""
+    return 0.1 + 0.7 * fins.taper
+
+
+def cross_flow_drag(torpedo: Torpedo) -> tuple[float, float, float, float]:
+    """Integrals of drag per squared cross-flow [N s2/m2], times 1, x, x |x| and |x|^3. Prestero (2001).
+
+    Strips of the hull, and the two fins that lie across the flow. The four belong together: that they come of one
+    distribution is what makes their forces take energy in every motion.
+    """
+    half_density = 0.5 * torpedo.water_density
+    x, dx = torpedo.hull.strips()
+    hull = half_density * torpedo.cross_flow_drag * 2.0 * torpedo.hull.radius(x) * dx
+    fins = half_density * plate_drag_coefficient(torpedo.fins) * 2.0 * torpedo.fins.area
+    drag, x = np.append(hull, fins), np.append(x, torpedo.fins.position)
+    return float(drag.sum()), float(drag @ x), float(drag @ (x * abs(x))), float(drag @ abs(x) ** 3)
+
+
+def roll_drag(torpedo: Torpedo) -> float:
+    """Moment of the four fins per squared rate [N m s2]: plate drag on strips from root to tip."""
+    per_area = 0.5 * torpedo.water_density * plate_drag_coefficient(torpedo.fins)
+    return per_area * torpedo.fins.chord * (torpedo.tip**4 - torpedo.root**4)  # 4 fins, integral of s^3
+
+
+def hull_lift(torpedo: Torpedo) -> tuple[float, float]:
+    """Lift [N s2/m2] per u and local cross-flow, and the x [m] where it acts. Hoerner (1975), as in Prestero (2001).
+
+    .003 per degree, on length times diameter, at 65 % of the length: measured for length / diameter of 6.7 to 10.
+    """
+    length = torpedo.hull.bow - torpedo.hull.stern
+    lift = 0.5 * torpedo.water_density * length * torpedo.hull.diameter * 0.003 * 180.0 / np.pi
+    return lift, torpedo.hull.bow - 0.65 * length
+
+
+def fin_lift(torpedo: Torpedo) -> float:
+    """Lift [N s2/m2] of ONE fin per u squared and angle. Hoerner (1965), as in Prestero (2001)."""
+    slope = 1.0 / (1.0 / (1.8 * np.pi) + 1.0 / (np.pi * torpedo.fins.aspect_ratio))
+    return 0.5 * torpedo.water_density * torpedo.fins.area * slope
+
+
+# --- the set ----------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -48,3 +338,40 @@ class Coefficients:
     N_uudr: float
     Z_uuds: float
     M_uuds: float
+
+
+def coefficients(torpedo: Torpedo) -> Coefficients:
+    """All coefficients of a torpedo.
+
+    A surface at x with lift k meets the cross-flow v + x r in the horizontal and w - x q in the vertical plane, so its
+    force -k |u| (v + x r) never drives the motion. Prestero (2001) gives the fins these four terms but the hull only
+    the one in v: without its companions in r, lift feeds a vehicle that turns about a point aft of its pressure centre.
+    """
+    mass, mass_moment, mass_inertia = lateral_added_mass(torpedo)
+    drag, drag_moment, drag_turning, drag_inertia = cross_flow_drag(torpedo)
+    hull, fin, x_f = hull_lift(torpedo), fin_lift(torpedo), torpedo.fins.position
+    lift, x = np.array([hull[0], 2.0 * fin]), np.array([hull[1], x_f])
+    lift_force, lift_moment, lift_inertia = float(lift.sum()), float(lift @ x), float(lift @ x**2)
+    frontal_area = 0.25 * np.pi * torpedo.hull.diameter**2
+    return Coefficients(
+        X_udot=-axial_added_mass(torpedo),
+        Y_vdot=-mass, Y_rdot=-mass_moment, N_vdot=-mass_moment, N_rdot=-mass_inertia,
+        Z_wdot=-mass, Z_qdot=mass_moment, M_wdot=mass_moment, M_qdot=-mass_inertia,
+        K_pdot=-roll_added_inertia(torpedo),
+        X_uu=-0.5 * torpedo.water_density * frontal_area * torpedo.axial_drag,
+        Y_vv=-drag, Y_rr=-drag_turning, N_vv=-drag_moment, N_rr=-drag_inertia,
+        Z_ww=-drag, Z_qq=drag_turning, M_ww=drag_moment, M_qq=-drag_inertia,
+        K_pp=-roll_drag(torpedo),
+        Y_uv=-lift_force, Y_ur=-lift_moment, N_uv=-lift_moment, N_ur=-lift_inertia,
+        Z_uw=-lift_force, Z_uq=lift_moment, M_uw=lift_moment, M_uq=-lift_inertia,
+        Y_uudr=2.0 * fin, N_uudr=2.0 * fin * x_f,
+        Z_uuds=-2.0 * fin, M_uuds=2.0 * fin * x_f,
+    )  # fmt: skip
+
+
+def munk_moment(c: Coefficients) -> float:
+    """Moment N per u v [kg] that added mass makes, and -M per u w. Munk (1924).
+
+    Kirchhoff's equations hold it already; published coefficients such as Prestero's N_uv add it to that of lift.
+    """
+    return c.Y_vdot - c.X_udot

@@ -1,0 +1,348 @@
+"""Dive along a smooth path to a goal, and say when you are there."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+
+from estimators import Belief, Gaussian
+from vessel_gym.compiled import gufunc
+from vessel_gym.guidance.dive_path import course_to, follow, path_point
+from vessel_gym.vehicles.auv import AUVParameters
+
+ENDS = ("", "arrived", "missed the goal", "off the path", "surfaced", "too deep", "pitched over")
+_ARRIVED, _MISSED, _OFF, _SURFACED, _DEEP, _PITCHED = range(1, len(ENDS))
+
+
+@dataclass(frozen=True)
+class Dive(ABC):
+    """What all dives share: the path, how it is drawn, and how a dive is scored.
+
+    The path is `vessel_gym.guidance.dive_path`'s. A course (what is drawn at reset) is ``(angle, length, depth)`` of
+    the path; a reference is where the vehicle believes to be on it, ``(B, 11)``: progress, cross-track and depth error
+    [m], heading and slope of the path there, the vector to the path's point ``ahead`` (north, east, down), and the
+    course.
+    The dive is over when the vehicle believes to have covered the path.
+    """
+
+    auv: AUVParameters
+    goal: tuple[float, float, float]  # m north, east and down of the start
+    goal_spread: tuple[float, float, float]  # m, half of the interval from which each is drawn
+    ahead: float  # m, look-ahead distance
+    horizon: int  # steps
+    dt: float = 0.1  # s
+    launch_depth: float = 2.0  # m of water above the start
+    margin: float = 3.0  # m below the goal at which the vehicle is too deep
+    tightest: float = 4.0  # vehicle lengths, least radius that may be asked for
+    steepest: float = np.deg2rad(35.0)  # rad, steepest path that may be asked for
+
+    states: ClassVar[int]
+    """Size of the prior: all of the vehicle's state."""
+    uniforms: ClassVar[int] = 3
+    """Uniform numbers that `course` needs."""
+    ends: ClassVar[tuple[str, ...]] = ENDS
+    perfect: ClassVar[float] = 1.0
+    """Rewards are shares of the score."""
+
+    # --- what is drawn ----------------------------------------------------------------------------
+
+    def course(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
+        """Draw courses ``(B, 3)`` from uniforms ``(B, 3)``.
+
+        Args:
+            uniforms: for the goal.
+            options: ``{"goal": (x, y, z)}`` sets the goal [m]: north, east and down of the start.
+
+        Raises:
+            ValueError: for an unknown option or a goal that the vehicle cannot dive to.
+        """
+        goal = np.array(self.goal) + np.array(self.goal_spread) * (2.0 * uniforms - 1.0)
+        for option, value in options.items():
+            if option != "goal":
+                raise ValueError(f"unknown reset option {option!r}: choose from goal")
+            goal = np.tile(self._checked(value), (len(uniforms), 1))
+        return course_to(goal)
+
+    def _checked(self, value: object) -> np.ndarray:
+        """A goal that can be dived to."""
+        try:
+            goal = np.array(value, dtype=float)
+        except (TypeError, ValueError):
+            goal = np.empty(0)
+        if goal.shape != (3,) or not np.isfinite(goal).all():
+            raise ValueError(f"goal must be three finite numbers, metres north, east and down, got {value!r}")
+        angle, length, depth = course_to(goal) if np.hypot(goal[0], goal[1]) > 0.0 else (0.0, 0.0, goal[2])
+        farthest = 0.8 * self.horizon * self.dt * self.auv.cruise_speed
+        least = self.tightest * self.auv.length
+        if not least <= length <= farthest:
+            raise ValueError(f"the path to the goal must be {least:.1f} to {farthest:.0f} m long, got {length:.1f} m")
+        if abs(angle) * least > length:
+            radius = length / abs(angle)
+            raise ValueError(f"the path to the goal must turn on {least:.1f} m at least, got {radius:.1f} m")
+        if not 0.0 <= 1.5 * depth <= length * np.tan(self.steepest):
+            deepest = length * np.tan(self.steepest) / 1.5
+            raise ValueError(f"the goal must lie 0 to {deepest:.1f} m below the start, got {depth:.1f} m")
+        return goal
+
+    @abstractmethod
+    def prior_sd(self, disturbance: Any) -> np.ndarray:
+        """Standard deviations ``(n,)`` of what is known at the start."""
+
+    def prior(self, course: np.ndarray, disturbance: Any) -> Gaussian:
+        """What is known at the start, level at the path's beginning at cruising speed: mean ``(B, n)``, covariance."""
+        mean = np.zeros((len(course), self.states))
+        mean[:, 0] = self.auv.cruise_speed
+        return Gaussian(mean, np.diag(self.prior_sd(disturbance)) ** 2)
+
+    def reference(self, course: np.ndarray, step: np.ndarray, belief: Belief) -> np.ndarray:
+        """Where the vehicle believes to be on the path, ``(B, 11)``."""
+        return np.concatenate([follow(self.position(belief.mean), course, self.ahead), course], -1)
+
+    def known_input(self, before: np.ndarray, after: np.ndarray, reference: np.ndarray) -> np.ndarray:
+        """What filters are told over a step: the actuators at its start and at its end."""
+        return np.concatenate([before, after], -1)
+
+    # --- what the agent sees ----------------------------------------------------------------------
+
+    BOUND = 10.0
+    """Observations are scaled to be of order 1 and clipped to +-10."""
+
+    observed: ClassVar[dict[str, float]]
+    """What an observation of mode ``"mean"`` holds, in order, and the size that counts as 1 [SI]; actuators follow."""
+
+    @cached_property
+    def _gains(self) -> np.ndarray:
+        return 1.0 / np.array(list(self.observed.values()))
+
+    def named(self, observations: np.ndarray) -> dict[str, np.ndarray]:
+        """What observations ``(B, k)`` of mode ``"mean"`` say, by the names of ``observed``, ``(B,)`` each in SI."""
+        return {name: scale * observations[:, i] for i, (name, scale) in enumerate(self.observed.items())}
+
+    @abstractmethod
+    def position(self, state: np.ndarray) -> np.ndarray:
+        """North, east and down [m] out of a state, ``(B, 3)``."""
+
+    @abstractmethod
+    def pitch(self, state: np.ndarray) -> np.ndarray:
+        """Pitch angle [rad] out of a state, ``(B,)``."""
+
+    def scaled(self, actuators: np.ndarray) -> np.ndarray:
+        """Fins relative to their limit and thrust from -1 (none) to 1 (all)."""
+        scaled = actuators / self.auv.fin_limit
+        scaled[:, -1] = 2.0 * actuators[:, -1] / self.auv.thrust_limit - 1.0
+        return scaled
+
+    # --- how it is scored -------------------------------------------------------------------------
+
+    TRACKING = 0.7  # share of the score that following the path is worth; arriving is worth the rest
+    TRACK_TOLERANCE = 0.25  # m off the path that halve what a metre of it is worth
+    GOAL_TOLERANCE = 0.5  # m off the goal that still count as arrived, and halve what arriving is worth
+    LOST = 5.0  # m off the path at which it is lost
+    PITCH_LIMIT = np.deg2rad(75.0)  # rad: Euler angles have their pole at 90 deg
+    HOTEL = 2.0  # power of everything but the propeller, relative to the propeller's at cruising speed
+    FASTEST = 3.0  # progress that counts, relative to cruising speed
+
+    def begin(self, truth: np.ndarray, course: np.ndarray) -> np.ndarray:
+        """The farthest progress [m] and the energy used [s at cruising power], ``(B, 2)``."""
+        tally = np.zeros((len(truth), 2))
+        tally[:, 0] = np.clip(follow(self.position(truth), course, 0.0)[:, 0], 0.0, course[:, 1])
+        return tally
+
+    def score(
+        self, truth: np.ndarray, reference: np.ndarray, actuators: np.ndarray, action: np.ndarray, tally: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Reward in [0, 1], end of the episode ``(B,)`` and tally ``(B, 2)``: the only reader of truth.
+
+        Every metre of the path pays once, when it is first covered, and the more the closer the vehicle is to the path:
+        staying, going back and circling pay nothing. Arriving pays by the distance to the goal and by the energy that
+        a dive at cruising speed would take over that used, so that waiting costs. Ending early forgoes the rest.
+        """
+        course, position = reference[:, 8:], self.position(truth)
+        length = course[:, 1]
+        true = follow(position, course, 0.0)
+        off = np.hypot(true[:, 1], true[:, 2] / np.sqrt(1.0 + true[:, 4] ** 2))
+
+        farthest, speed = tally[:, 0], self.auv.cruise_speed
+        fresh = np.clip(np.minimum(true[:, 0], length) - farthest, 0.0, self.FASTEST * speed * self.dt)
+        power = (self.HOTEL + (actuators[:, -1] / self.auv.cruise_thrust) ** 1.5) / (self.HOTEL + 1.0)
+        energy = tally[:, 1] + self.dt * power
+        reward = self.TRACKING * fresh / length / (1.0 + (off / self.TRACK_TOLERANCE) ** 2)
+
+        over = reference[:, 0] >= length
+        goal = path_point(length, course)[:, :3]
+        miss = np.sqrt(np.vecdot(position - goal, position - goal))
+        economy = np.minimum(np.hypot(length, course[:, 2]) / speed / energy, 1.0)
+        reward += np.where(over, (1.0 - self.TRACKING) * economy / (1.0 + (miss / self.GOAL_TOLERANCE) ** 2), 0.0)
+
+        depth = position[:, 2]
+        end = np.zeros(len(truth), int)
+        end[off > self.LOST] = _OFF
+        end[depth < -self.launch_depth] = _SURFACED
+        end[depth > course[:, 2] + self.margin] = _DEEP
+        end[np.abs(self.pitch(truth)) > self.PITCH_LIMIT] = _PITCHED
+        end[over] = np.where(miss[over] <= self.GOAL_TOLERANCE, _ARRIVED, _MISSED)
+        return reward, end, np.stack([farthest + fresh, energy], -1)
+
+
+# --- six degrees of freedom -------------------------------------------------------------------------
+
+
+@gufunc("void(float64[:], float64[:], float64[:], float64[:])", "(n),(r),(k)->(k)")
+def _spatial_errors(x: np.ndarray, reference: np.ndarray, room: np.ndarray, out: np.ndarray) -> None:
+    """In body axes: vector to the path, vector to the point ahead, current; then heading and pitch error."""
+    sin_phi, cos_phi, sin_theta, cos_theta = np.sin(x[9]), np.cos(x[9]), np.sin(x[10]), np.cos(x[10])
+    sin_psi, cos_psi = np.sin(x[11]), np.cos(x[11])
+    cross, heading = reference[1], reference[3]
+    vectors = (
+        (cross * np.sin(heading), -cross * np.cos(heading), -reference[2]),
+        (reference[5], reference[6], reference[7]),
+        (x[12], x[13], 0.0),
+    )
+    for i in range(3):
+        north, east, down = vectors[i]
+        ahead, aside = north * cos_psi + east * sin_psi, east * cos_psi - north * sin_psi
+        below = ahead * sin_theta + down * cos_theta
+        out[3 * i] = ahead * cos_theta - down * sin_theta
+        out[3 * i + 1] = aside * cos_phi + below * sin_phi
+        out[3 * i + 2] = below * cos_phi - aside * sin_phi
+    turn = heading - x[11]
+    out[9] = turn - 2.0 * np.pi * np.floor(turn / (2.0 * np.pi) + 0.5)
+    out[10] = -np.arctan(reference[4]) - x[10]
+
+
+@dataclass(frozen=True)
+class SpatialDive(Dive):
+    """A dive of a vehicle with six degrees of freedom, whose state is `vessel_gym.vehicles.segorogeni.TRUTH`."""
+
+    states = 14
+    observed = {
+        "path ahead": 1.0, "path to starboard": 1.0, "path below": 1.0,
+        "look ahead": 2.5, "look to starboard": 2.5, "look below": 2.5,
+        "current ahead": 0.25, "current to starboard": 0.25, "current below": 0.25,
+        "heading error": 0.5, "pitch error": 0.5, "remaining": 10.0, "curvature": 0.1,
+        "surge error": 0.5, "sway": 0.25, "heave": 0.25, "roll rate": 0.5, "pitch rate": 0.5, "yaw rate": 0.5,
+        "roll": 0.25, "pitch": 0.5,
+    }  # fmt: skip
+
+    def prior_sd(self, disturbance: Any) -> np.ndarray:
+        """Of velocities [m/s, rad/s], position [m], angles [rad] and current [m/s]: ``(14,)``."""
+        return np.array([0.05] * 3 + [0.02] * 3 + [0.2] * 3 + [0.05] * 3 + [disturbance.current_sd] * 2)
+
+    def position(self, state: np.ndarray) -> np.ndarray:
+        """North, east and down [m]."""
+        return state[:, 6:9]
+
+    def pitch(self, state: np.ndarray) -> np.ndarray:
+        """Pitch angle [rad]."""
+        return state[:, 10]
+
+    def sizes(self) -> dict[str, int]:
+        """The length of an observation for each mode of ``observe``."""
+        return {"mean": 24, "mean+std": 38, "measurement": 30}
+
+    @cached_property
+    def _std_gains(self) -> np.ndarray:
+        return 1.0 / np.array([0.05] * 6 + [0.5] * 3 + [0.05] * 3 + [0.1] * 2)
+
+    @cached_property
+    def _reading_gains(self) -> np.ndarray:
+        return 1.0 / np.array([0.5, 0.25, 0.25, 5.0, 0.25, 0.5, 1.0, 0.5, 0.5, 0.5, 10.0, 10.0])
+
+    def observe(self, belief: Belief, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
+        """The observation ``(B, 24)`` of mode ``"mean"``, before clipping: errors, estimates, actuators."""
+        x, errors = belief.mean, _spatial_errors(belief.mean, reference, np.empty(11))
+        remaining, curvature = reference[:, 9:10] - reference[:, :1], reference[:, 8:9] / reference[:, 9:10]
+        speed = x[:, :1] - self.auv.cruise_speed
+        seen = np.concatenate([errors, remaining, curvature, speed, x[:, 1:6], x[:, 9:11]], -1) * self._gains
+        return np.concatenate([seen, self.scaled(actuators)], -1)
+
+    def observe_std(self, belief: Belief) -> np.ndarray:
+        """The standard deviations ``(B, 14)`` of the state, scaled."""
+        variance = np.diagonal(belief.cov, axis1=-2, axis2=-1)
+        return np.sqrt(np.maximum(variance, 0.0)) * self._std_gains
+
+    def observe_readings(
+        self, readings: np.ndarray, available: np.ndarray, reference: np.ndarray, actuators: np.ndarray
+    ) -> np.ndarray:
+        """The observation ``(B, 30)`` of mode ``"measurement"``: readings, mask, course and actuators, no filter."""
+        course = reference[:, 8:] / [1.0, 10.0, 5.0]
+        return np.concatenate([readings * self._reading_gains, available, course, self.scaled(actuators)], -1)
+
+
+# --- the vertical plane -----------------------------------------------------------------------------
+
+
+@gufunc("void(float64[:], float64[:], float64[:], float64[:])", "(n),(r),(k)->(k)")
+def _vertical_errors(x: np.ndarray, reference: np.ndarray, room: np.ndarray, out: np.ndarray) -> None:
+    """In body axes, ahead and down: vector to the path, vector to the point ahead, current; then the pitch error."""
+    sin_theta, cos_theta = np.sin(x[5]), np.cos(x[5])
+    out[0], out[1] = reference[2] * sin_theta, -reference[2] * cos_theta
+    out[2] = reference[5] * cos_theta - reference[7] * sin_theta
+    out[3] = reference[5] * sin_theta + reference[7] * cos_theta
+    out[4], out[5] = x[6] * cos_theta, x[6] * sin_theta
+    out[6] = -np.arctan(reference[4]) - x[5]
+
+
+@dataclass(frozen=True)
+class VerticalDive(Dive):
+    """A dive in the vertical plane, of a vehicle whose state is `vessel_gym.vehicles.itsunusa.TRUTH`."""
+
+    states = 7
+    observed = {
+        "path ahead": 1.0, "path below": 1.0, "look ahead": 5.0, "look below": 5.0,
+        "current ahead": 0.25, "current below": 0.25, "pitch error": 0.5, "remaining": 10.0,
+        "surge error": 0.5, "heave": 0.25, "pitch rate": 0.5, "pitch": 0.5,
+    }  # fmt: skip
+
+    def _checked(self, value: object) -> np.ndarray:
+        goal = super()._checked(value)
+        if goal[1] != 0.0 or goal[0] < 0.0:
+            raise ValueError(f"the goal must lie ahead, (x, 0, z) with x > 0: the vehicle does not turn, got {value!r}")
+        return goal
+
+    def prior_sd(self, disturbance: Any) -> np.ndarray:
+        """Of velocities [m/s, rad/s], position [m], pitch [rad] and current [m/s]: ``(7,)``."""
+        return np.array([0.05, 0.05, 0.02, 0.2, 0.2, 0.05, disturbance.current_sd])
+
+    def position(self, state: np.ndarray) -> np.ndarray:
+        """North (ahead), east (0) and down [m]."""
+        position = np.zeros((len(state), 3))
+        position[:, ::2] = state[:, 3:5]
+        return position
+
+    def pitch(self, state: np.ndarray) -> np.ndarray:
+        """Pitch angle [rad]."""
+        return state[:, 5]
+
+    def sizes(self) -> dict[str, int]:
+        """The length of an observation for each mode of ``observe``."""
+        return {"mean": 14, "mean+std": 21, "measurement": 16}
+
+    @cached_property
+    def _std_gains(self) -> np.ndarray:
+        return 1.0 / np.array([0.05] * 3 + [0.5] * 2 + [0.05, 0.1])
+
+    @cached_property
+    def _reading_gains(self) -> np.ndarray:
+        return 1.0 / np.array([0.5, 0.25, 10.0, 0.5, 0.5, 20.0])
+
+    def observe(self, belief: Belief, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
+        """The observation ``(B, 14)`` of mode ``"mean"``, before clipping: errors, estimates, actuators."""
+        x, errors = belief.mean, _vertical_errors(belief.mean, reference, np.empty(7))
+        remaining, speed = reference[:, 9:10] - reference[:, :1], x[:, :1] - self.auv.cruise_speed
+        seen = np.concatenate([errors, remaining, speed, x[:, 1:3], x[:, 5:6]], -1) * self._gains
+        return np.concatenate([seen, self.scaled(actuators)], -1)
+
+    def observe_std(self, belief: Belief) -> np.ndarray:
+        """The standard deviations ``(B, 7)`` of the state, scaled."""
+        variance = np.diagonal(belief.cov, axis1=-2, axis2=-1)
+        return np.sqrt(np.maximum(variance, 0.0)) * self._std_gains
+
+    def observe_readings(
+        self, readings: np.ndarray, available: np.ndarray, reference: np.ndarray, actuators: np.ndarray
+    ) -> np.ndarray:
+        """The observation ``(B, 16)`` of mode ``"measurement"``: readings, mask, course and actuators, no filter."""
+        course = reference[:, 9:] / [20.0, 10.0]
+        return np.concatenate([readings * self._reading_gains, available, course, self.scaled(actuators)], -1)

@@ -1,0 +1,304 @@
+"""What the torpedo-shaped underwater vehicles share: particulars, uncertain coefficients, actuators, filter model.
+
+Both are bodies of revolution with four equal stern fins, a centre of gravity right below the centre of buoyancy, which
+is the origin, and a propeller. Body axes: x forward, y starboard, z down; earth axes: north, east, down.
+"""
+
+from abc import ABC, abstractmethod
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+
+from estimators import NonlinearModel
+from vessel_gym.sensors import Instrument
+from vessel_gym.vehicles.hydrodynamics import Coefficients, Fins, Spheroid, Torpedo, coefficients, fin_lift
+
+_FACTORS = {
+    "surge added mass": ("X_udot",),
+    "lateral added mass": ("Y_vdot", "Z_wdot"),
+    "pitch and yaw added inertia": ("M_qdot", "N_rdot"),
+    "axial drag": ("X_uu",),
+    "cross-flow drag": ("Y_vv", "Y_rr", "Z_ww", "Z_qq", "M_ww", "M_qq", "N_vv", "N_rr"),
+    "lift": ("Y_uv", "Y_ur", "Z_uw", "Z_uq", "M_uw", "M_uq", "N_uv", "N_ur", "K_up"),
+    "stern planes": ("Z_uuds", "M_uuds"),
+    "rudder": ("Y_uudr", "N_uudr"),
+    "roll added inertia": ("K_pdot",),
+    "roll drag": ("K_pp",),
+}
+UNCERTAIN = tuple(_FACTORS)
+"""What `mismatch` spreads; the first `VERTICAL` act in the vertical plane.
+
+One factor scales all coefficients of a kind. Those of the cross-flow share one integral along the hull, and so do those
+of lift: scaled together they still only take energy. Terms in the vertical and horizontal plane stay equal, as they are
+on any body of revolution.
+"""
+VERTICAL = 7
+
+
+@dataclass(frozen=True)
+class AUVParameters:
+    """Particulars of a torpedo-shaped vehicle, SI units."""
+
+    length: float  # m
+    diameter: float  # m
+    fin_area: float  # m2, of each of the four
+    fin_position: float  # m, x of the middle of their chord
+    axial_drag: float  # coefficient on the frontal area
+    z_g: float  # m, centre of gravity below the centre of buoyancy
+    buoyancy_excess: float  # N, buoyancy less weight
+    fin_limit: float  # rad
+    fin_rate: float  # rad/s
+    thrust_limit: float  # N
+    thrust_lag: float  # s, time constant of the thrust
+    cruise_speed: float  # m/s
+    fin_aspect: float = 2.21  # effective aspect ratio, REMUS'; Prestero (2001)
+    fin_taper: float = 0.654  # chord at the tip / at the root, REMUS'; Prestero (2001)
+    water_density: float = 1025.0  # kg/m3, sea water; Fossen (2011)
+    gravity: float = 9.81  # m/s2
+
+    @cached_property
+    def torpedo(self) -> Torpedo:
+        """The shape: a prolate spheroid with its fins."""
+        span = np.sqrt(0.5 * self.fin_aspect * self.fin_area)  # the hull mirrors the fin
+        fins = Fins(self.fin_area, span, self.fin_position, self.fin_taper)
+        hull = Spheroid(self.length, self.diameter)
+        return Torpedo(hull, fins, self.axial_drag, water_density=self.water_density)
+
+    @cached_property
+    def coefficients(self) -> Coefficients:
+        """Hydrodynamic coefficients from the dimensions."""
+        return coefficients(self.torpedo)
+
+    @cached_property
+    def roll_lift(self) -> float:
+        """Moment K_up per |u| p [kg m]: lift of the four fins, which roll meets at an angle, as sway and yaw do."""
+        root, tip = self.torpedo.root, self.torpedo.tip
+        return -4.0 * fin_lift(self.torpedo) * (root**2 + root * tip + tip**2) / 3.0
+
+    @cached_property
+    def buoyancy(self) -> float:
+        """Weight [N] of the water that the prolate spheroid of these dimensions displaces."""
+        return self.water_density * self.gravity * np.pi / 6.0 * self.length * self.diameter**2
+
+    @cached_property
+    def mass(self) -> float:
+        """What is neutrally buoyant but for ``buoyancy_excess`` [kg]."""
+        return (self.buoyancy - self.buoyancy_excess) / self.gravity
+
+    @cached_property
+    def roll_inertia(self) -> float:
+        """Of a homogeneous spheroid, about the origin [kg m2]."""
+        return 0.1 * self.mass * self.diameter**2
+
+    @cached_property
+    def pitch_inertia(self) -> float:
+        """Of a homogeneous spheroid, in pitch and in yaw, about the origin [kg m2]."""
+        return 0.05 * self.mass * (self.length**2 + self.diameter**2)
+
+    @cached_property
+    def cruise_thrust(self) -> float:
+        """Thrust [N] that the axial drag takes at ``cruise_speed``."""
+        return -self.coefficients.X_uu * self.cruise_speed**2
+
+    def values(self, factors: np.ndarray) -> dict[str, Any]:
+        """Everything that the equations of motion need, by name.
+
+        Args:
+            factors: ``(..., f)`` on the first f of `UNCERTAIN`.
+
+        Returns:
+            Numbers or arrays of shape ``(...)``.
+        """
+        c: dict[str, Any] = asdict(self.coefficients) | {"K_up": self.roll_lift}
+        f = dict(zip(UNCERTAIN, np.moveaxis(factors, -1, 0), strict=False))
+        for kind, factor in f.items():
+            for name in _FACTORS[kind]:
+                c[name] = c[name] * factor
+        # The geometric mean keeps the added mass positive definite, however far its diagonal is scaled.
+        coupling = np.sqrt(f["lateral added mass"] * f["pitch and yaw added inertia"])
+        for name in ("Y_rdot", "N_vdot", "Z_qdot", "M_wdot"):
+            c[name] = c[name] * coupling
+        c |= {
+            "surge_mass": self.mass - c["X_udot"],
+            "sway_mass": self.mass - c["Y_vdot"],
+            "heave_mass": self.mass - c["Z_wdot"],
+            "roll_inertia": self.roll_inertia - c["K_pdot"],
+            "pitch_inertia": self.pitch_inertia - c["M_qdot"],
+            "yaw_inertia": self.pitch_inertia - c["N_rdot"],
+            "mass_z_g": self.mass * self.z_g,
+            "sway_yaw": -c["Y_rdot"],
+            "heave_pitch": -c["Z_qdot"],
+            "net_weight": -self.buoyancy_excess,
+            "righting_moment": self.mass * self.gravity * self.z_g,
+        }
+        # The inertia falls into two blocks: surge, heave and pitch, and sway, roll and yaw.
+        S = c["mass_z_g"]
+        vertical = (c["surge_mass"], 0.0, S, c["heave_mass"], c["heave_pitch"], c["pitch_inertia"])
+        lateral = (c["sway_mass"], -S, c["sway_yaw"], c["roll_inertia"], 0.0, c["yaw_inertia"])
+        return c | _inverse("uwq", vertical) | _inverse("vpr", lateral)
+
+    def stacked(self, names: tuple[str, ...], factors: np.ndarray) -> np.ndarray:
+        """The ``values`` of these names as the components of ``(..., k)``."""
+        values = self.values(factors)
+        return np.stack(np.broadcast_arrays(*(values[name] for name in names)), -1)
+
+
+def _inverse(axes: str, upper: tuple[Any, ...]) -> dict[str, np.ndarray]:
+    """Inverse of a symmetric 3 x 3 inertia by name: ``inverse_uw`` is surge from heave force.
+
+    Args:
+        axes: letters of the three velocities.
+        upper: six numbers or arrays of the upper triangle, row by row.
+    """
+    row, column = np.triu_indices(3)
+    numbers = np.stack(np.broadcast_arrays(*upper), -1)
+    full = np.empty(numbers.shape[:-1] + (3, 3))
+    full[..., row, column] = full[..., column, row] = numbers
+    inverse = np.linalg.inv(full)
+    return {f"inverse_{axes[i]}{axes[j]}": inverse[..., i, j] for i, j in zip(row, column, strict=True)}
+
+
+class Kicks(Protocol):
+    """What a filter's model needs to know of the sea."""
+
+    @property
+    def kick_sd(self) -> np.ndarray:
+        """Standard deviation of every component of the forcing."""
+
+
+@dataclass(frozen=True)
+class AUV(ABC):
+    """A torpedo-shaped vehicle in batches: actuators, truth, exact readings, the filters' model.
+
+    Truth state: velocities through the water, then position and Euler angles, then the current. The forcing of a step
+    kicks the velocities at its end and changes the current for the next one. Actuators: fin angles [rad], then
+    thrust [N].
+    """
+
+    body: AUVParameters
+    dt: float = 0.1  # s, the papers' control rate
+    substeps: int = 2
+    current_time: float = 200.0  # s, correlation time of the current, assumed
+
+    truth_names: ClassVar[tuple[str, ...]]
+    action_names: ClassVar[tuple[str, ...]]
+    instruments: ClassVar[tuple[Instrument, ...]]
+    velocities: ClassVar[int]
+    """How many of the truth's components are velocities: as many again are position and angles."""
+    unknown_inputs: ClassVar[int]
+    """Kicks on the velocities [m/s, rad/s] and changes of the current [m/s]."""
+    normals: ClassVar[int]
+    """Normal numbers that `parameters` needs."""
+    state_angles: ClassVar[tuple[int, ...]]
+    measurement_angles: ClassVar[tuple[int, ...]]
+
+    @abstractmethod
+    def vector(self, factors: np.ndarray) -> np.ndarray:
+        """Coefficients ``(..., k)`` of the compiled equations with ``factors (..., normals)`` on the uncertain ones."""
+
+    @abstractmethod
+    def advance(self, truth: np.ndarray, control: np.ndarray, c: np.ndarray) -> np.ndarray:
+        """The state after a step that nothing kicks, with the current held; control is actuators before and after."""
+
+    @abstractmethod
+    def exact_readings(self, truth: np.ndarray) -> np.ndarray:
+        """What perfect instruments read ``(..., p)``."""
+
+    def parameters(self, mismatch: float, normals: np.ndarray) -> np.ndarray:
+        """Coefficients ``(B, k)`` of the truth: the filter's, with a relative spread on the uncertain ones."""
+        return self.vector(1.0 + mismatch * np.clip(normals, -2.0, 2.0))
+
+    def start(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Truth ``(B, n)`` and actuators ``(B, a)`` from the state: fins centred, thrust for the cruising speed."""
+        actuators = np.zeros((len(x), len(self.action_names)))
+        actuators[:, -1] = self.body.cruise_thrust
+        return np.array(x, float), actuators
+
+    def filter_state(self, truth: np.ndarray, n: int) -> np.ndarray:
+        """The part of the truth that filters estimate: its first ``n`` components."""
+        return truth[..., :n]
+
+    def actuate(self, actuators: np.ndarray, action: np.ndarray) -> np.ndarray:
+        """Actuators ``(B, a)`` after a step of ``action`` in [-1, 1]: fins at their rate, thrust with its lag.
+
+        Action -1 stops the propeller, 1 asks for all its thrust.
+        """
+        body = self.body
+        after = np.empty_like(actuators)
+        fins, turn = actuators[..., :-1], body.fin_rate * self.dt
+        after[..., :-1] = np.clip(body.fin_limit * action[..., :-1], fins - turn, fins + turn)
+        asked = 0.5 * body.thrust_limit * (1.0 + action[..., -1])
+        after[..., -1] = asked + (actuators[..., -1] - asked) * np.exp(-self.dt / body.thrust_lag)
+        return after
+
+    def step(
+        self, truth: np.ndarray, before: np.ndarray, after: np.ndarray, forcing: np.ndarray, parameters: np.ndarray
+    ) -> np.ndarray:
+        """The truth one step later, with actuators moving from ``before`` to ``after`` and ``forcing (B, q)``."""
+        moved = self._drift(truth, np.concatenate([before, after], -1), parameters)
+        moved[..., : self.velocities] += forcing[..., : self.velocities]
+        moved[..., 2 * self.velocities :] += forcing[..., self.velocities :]
+        return moved
+
+    def _drift(self, x: np.ndarray, u: np.ndarray, c: np.ndarray) -> np.ndarray:
+        """A step that nothing kicks: equations of motion, and the current dies away."""
+        moved = self.advance(x, u, c)
+        moved[..., 2 * self.velocities :] *= np.exp(-self.dt / self.current_time)
+        return moved
+
+    def readings(self, truth: np.ndarray, forcing: np.ndarray) -> np.ndarray:
+        """What perfect instruments read ``(B, p)``; the forcing acts later and is not seen."""
+        return self.exact_readings(truth)
+
+    def model(self, kind: str, noise: float, disturbance: Kicks) -> NonlinearModel:
+        """The filters' model: the vehicle's own equations, with the kicks as process noise.
+
+        The known input is ``u = (actuators before, actuators after)``.
+
+        Args:
+            kind: ``"nonlinear"``; there is no other.
+            noise: standard deviation of the readings relative to nominal.
+            disturbance: how large the kicks are.
+
+        Raises:
+            ValueError: for another kind.
+        """
+        if kind != "nonlinear":
+            raise ValueError(f"unknown filter model {kind!r}: this vehicle has the nonlinear one only")
+        c = self.vector(np.ones(self.normals))
+
+        def transition(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+            assert u is not None
+            return self._drift(x, u, c)
+
+        def measurement(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+            return self.exact_readings(x)
+
+        kicked = np.r_[: self.velocities, 2 * self.velocities : len(self.truth_names)]
+        variance = np.zeros(len(self.truth_names))
+        variance[kicked] = np.asarray(disturbance.kick_sd) ** 2
+        sd = np.concatenate([instrument.sd for instrument in self.instruments])
+        return NonlinearModel(
+            transition,
+            measurement,
+            np.diag(variance),
+            np.diag((noise * sd) ** 2),
+            state_angles=self.state_angles,
+            measurement_angles=self.measurement_angles,
+        )
+
+    @cached_property
+    def localisation(self) -> np.ndarray:
+        """Which reading may correct which component in an ensemble ``(n, p)``: position fixes the position in plan.
+
+        Nothing else shows where in plan the vehicle is, and a fix shows nothing else. Between two fixes an ensemble
+        of a hundred would take the chance correlations with twenty steps of other readings for knowledge.
+        """
+        fixes = np.repeat(
+            [instrument.name == "acoustic position" for instrument in self.instruments],
+            [len(instrument.channels) for instrument in self.instruments],
+        )
+        plan = np.isin(self.truth_names, ("x", "y"))
+        return (plan[:, None] == fixes).astype(float)
