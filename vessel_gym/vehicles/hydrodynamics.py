@@ -345,7 +345,8 @@ def coefficients(torpedo: Torpedo) -> Coefficients:
 
     A surface at x with lift k meets the cross-flow v + x r in the horizontal and w - x q in the vertical plane, so its
     force -k |u| (v + x r) never drives the motion. Prestero (2001) gives the fins these four terms but the hull only
-    the one in v: without its companions in r, lift feeds a vehicle that turns about a point aft of its pressure centre.
+    the one in v: without its companions in r, lift feeds a hull that turns about a point between the origin and its
+    centre of pressure.
     """
     mass, mass_moment, mass_inertia = lateral_added_mass(torpedo)
     drag, drag_moment, drag_turning, drag_inertia = cross_flow_drag(torpedo)

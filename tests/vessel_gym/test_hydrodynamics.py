@@ -1,0 +1,454 @@
+"""Coefficients from dimensions: known limits, closed forms, scaling, energy, and two vehicles with published figures.
+
+``python tests/vessel_gym/test_hydrodynamics.py`` writes the tables of ``docs/hydrodynamics.md``.
+"""
+
+from dataclasses import asdict, replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import quad
+
+from vessel_gym.vehicles.hydrodynamics import (
+    Coefficients,
+    Fins,
+    Myring,
+    Spheroid,
+    Torpedo,
+    axial_drag_coefficient,
+    coefficients,
+    cross_flow_drag,
+    fin_lift,
+    hull_lift,
+    lamb_factors,
+    lateral_added_mass,
+    munk_moment,
+    plate_drag_coefficient,
+    section_added_mass,
+)
+
+PAGE = Path(__file__).parents[2] / "docs" / "hydrodynamics.md"
+
+# Prestero (2001): hull, and fins by their area, effective aspect ratio 2.21, taper and place.
+REMUS_HULL = Myring(0.191, 0.654, 0.541, 0.191, 0.436, origin=0.611, nose_cut=0.0165, tail_cut=0.0368)
+REMUS = Torpedo(
+    REMUS_HULL,
+    Fins(area=6.65e-3, span=np.sqrt(0.5 * 2.21 * 6.65e-3), position=-0.638, taper=0.654),
+    axial_drag=axial_drag_coefficient(1.3327, 0.191, speed=1.54),  # his top speed, 3 knots
+    water_density=1030.0,
+)
+# da Silva et al. (2007): 1.08 m by .15 m, fins of 64 cm2 at -.4 m, rho 1000. The rest is assumed: a hull and fins of
+# REMUS' proportions, and 1.5 m/s.
+_SCALE = 1.08 / 1.3327
+LAUV = Torpedo(
+    Myring(0.191 * _SCALE, 0.654 * _SCALE, 0.541 * _SCALE, 0.15, 0.436 * 0.15 / 0.191 / _SCALE, origin=0.611 * _SCALE,
+           nose_cut=0.0165 * _SCALE, tail_cut=0.0368 * _SCALE),
+    Fins(area=6.4e-3, span=np.sqrt(0.5 * 2.21 * 6.4e-3), position=-0.4, taper=0.654),
+    axial_drag=axial_drag_coefficient(1.08, 0.15, speed=1.5),
+    water_density=1000.0,
+)  # fmt: skip
+
+EVEN = ("X_udot", "Y_vdot", "Z_wdot", "K_pdot", "M_qdot", "N_rdot", "Y_vv", "Z_ww", "M_qq", "N_rr", "K_pp", "X_uu")
+ODD = ("Y_rdot", "N_vdot", "Z_qdot", "M_wdot", "Y_rr", "Z_qq", "M_ww", "N_vv")
+"""Coefficients but for lift, by whether they keep or change their sign when bow and stern change places."""
+
+
+@st.composite
+def torpedoes(draw) -> Torpedo:
+    """Spheroids with stern fins that reach beyond the hull's diameter or not."""
+    length = draw(st.floats(0.5, 5.0))
+    diameter = length / draw(st.floats(4.0, 12.0))
+    area = draw(st.floats(0.01, 0.1)) * length * diameter
+    span = np.sqrt(0.5 * draw(st.floats(0.5, 4.0)) * area)
+    fins = Fins(area, span, draw(st.floats(-0.49, -0.3)) * length, draw(st.floats(0.3, 1.0)))
+    return Torpedo(Spheroid(length, diameter), fins, draw(st.floats(0.1, 0.4)))
+
+
+speeds = st.tuples(*[st.floats(-3.0, 3.0)] * 3)
+
+
+def bare(torpedo: Torpedo) -> Torpedo:
+    """The same with fins of a thousandth of a millimetre."""
+    return replace(torpedo, fins=Fins(2e-12, 1e-6, torpedo.fins.position, 1.0))
+
+
+def horizontal_drag(c: Coefficients, v: float, r: float) -> np.ndarray:
+    return np.array([c.Y_vv * v * abs(v) + c.Y_rr * r * abs(r), c.N_vv * v * abs(v) + c.N_rr * r * abs(r)])
+
+
+def vertical_drag(c: Coefficients, w: float, q: float) -> np.ndarray:
+    return np.array([c.Z_ww * w * abs(w) + c.Z_qq * q * abs(q), c.M_ww * w * abs(w) + c.M_qq * q * abs(q)])
+
+
+def horizontal_lift(c: Coefficients, u: float, v: float, r: float) -> np.ndarray:
+    return abs(u) * np.array([c.Y_uv * v + c.Y_ur * r, c.N_uv * v + c.N_ur * r])
+
+
+def vertical_lift(c: Coefficients, u: float, w: float, q: float) -> np.ndarray:
+    return abs(u) * np.array([c.Z_uw * w + c.Z_uq * q, c.M_uw * w + c.M_uq * q])
+
+
+def added_mass(c: Coefficients) -> np.ndarray:
+    """The matrix whose rows are forces (X, Y, Z, K, M, N) per acceleration, with the sign of a mass."""
+    matrix = np.diag([c.X_udot, c.Y_vdot, c.Z_wdot, c.K_pdot, c.M_qdot, c.N_rdot])
+    matrix[1, 5], matrix[5, 1], matrix[2, 4], matrix[4, 2] = c.Y_rdot, c.N_vdot, c.Z_qdot, c.M_wdot
+    return -matrix
+
+
+# --- hulls ------------------------------------------------------------------------------------------
+
+
+def test_a_spheroid_has_the_volume_and_centre_of_a_spheroid():
+    hull = Spheroid(0.98, 0.188)
+    assert hull.volume == pytest.approx(np.pi / 6 * 0.98 * 0.188**2, rel=1e-12)
+    assert hull.centre_of_buoyancy == pytest.approx(0.0, abs=1e-15)
+    assert Torpedo(hull, REMUS.fins, 0.2).displaced_mass == pytest.approx(18.6, abs=0.05)
+
+
+def test_hulls_end_where_they_should():
+    for hull, length in ((Spheroid(2.0, 0.3), 2.0), (REMUS_HULL, 1.3327)):
+        assert hull.bow - hull.stern == pytest.approx(length, rel=1e-12)
+        beyond = np.array([hull.stern - 1e-9, hull.bow + 1e-9])
+        np.testing.assert_array_equal(hull.radius(beyond), 0.0)
+        assert hull.radius(np.linspace(hull.stern, hull.bow, 999)).max() == pytest.approx(hull.diameter / 2, rel=1e-5)
+
+
+def test_a_myring_hull_is_smooth_and_closes_at_its_angle():
+    whole = replace(REMUS_HULL, nose_cut=0.0, tail_cut=0.0)
+    h = 1e-6
+    for joint in whole.joints:
+        fore, at, aft = whole.radius(joint + h * np.array([1.0, 0.0, -1.0]))
+        assert at == pytest.approx(0.191 / 2, rel=1e-12)
+        assert fore == pytest.approx(at, abs=1e-10)
+        assert aft == pytest.approx(at, abs=1e-10)
+    assert whole.radius(np.array(whole.bow)) == pytest.approx(0.0, abs=1e-12)
+    assert whole.radius(np.array(whole.stern + h)) / h == pytest.approx(np.tan(0.436), rel=1e-4)
+
+
+def test_a_myring_nose_of_exponent_two_is_an_ellipse():
+    hull = replace(REMUS_HULL, nose_cut=0.0)
+    x = np.linspace(hull.joints[0], hull.bow, 20)
+    ellipse = 0.191 / 2 * np.sqrt(np.maximum(0.0, 1 - ((x - hull.joints[0]) / 0.191) ** 2))
+    np.testing.assert_allclose(hull.radius(x), ellipse, rtol=1e-12)
+    assert np.all(replace(hull, exponent=3.0).radius(x)[1:-1] > hull.radius(x)[1:-1])  # a fuller one
+
+
+def test_strips_add_up_to_quadrature():
+    edges = [REMUS_HULL.stern, *reversed(REMUS_HULL.joints), REMUS_HULL.bow]
+    x, dx = REMUS_HULL.strips()
+    for f in (lambda x: x, lambda x: x * abs(x), lambda x: abs(x) ** 3):
+        pieces = pairwise(sorted([*edges, 0.0]))
+        expected = sum(quad(lambda x: REMUS_HULL.radius(x) * f(x), *ends, epsabs=1e-14)[0] for ends in pieces)  # noqa: B023
+        assert dx @ (REMUS_HULL.radius(x) * f(x)) == pytest.approx(expected, rel=1e-10)
+
+
+def test_remus_displaces_what_is_printed():
+    # Prestero estimates 31.5 l; the buoyancy of 306 N that he measured is 31.2 kg of water.
+    assert REMUS_HULL.volume == pytest.approx(31.5e-3, rel=0.01)
+    assert 306.0 / 9.81 / REMUS_HULL.volume == pytest.approx(1000.0, rel=0.03)  # of fresh rather than sea water
+    assert REMUS_HULL.centre_of_buoyancy == pytest.approx(0.0, abs=6e-3)  # the origin is to be at it
+
+
+# --- formulas ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("ratio", [1.1, 2.0, 5.2, 20.0])
+def test_the_factors_are_lamb_s_integrals(ratio):
+    a, b = ratio, 1.0
+    along = quad(lambda s: a * b**2 / ((a**2 + s) ** 1.5 * (b**2 + s)), 0, np.inf, epsabs=1e-12)[0]
+    across = quad(lambda s: a * b**2 / ((a**2 + s) ** 0.5 * (b**2 + s) ** 2), 0, np.inf, epsabs=1e-12)[0]
+    minus, plus = a**2 - b**2, a**2 + b**2
+    turning = minus**2 * (across - along) / (2 * minus - plus * (across - along)) / plus
+    expected = along / (2 - along), across / (2 - across), turning
+    np.testing.assert_allclose(lamb_factors(2 * a, 2 * b), expected, rtol=1e-7)
+
+
+def test_a_spheroid_tends_to_a_sphere_and_to_a_needle():
+    np.testing.assert_allclose(lamb_factors(1.001, 1.0), (0.5, 0.5, 0.0), atol=1e-3)
+    np.testing.assert_allclose(lamb_factors(1e3, 1.0), (0.0, 1.0, 1.0), atol=1e-4)
+
+
+@pytest.mark.parametrize("length", [1.0, 0.5])
+def test_a_spheroid_must_be_longer_than_thick(length):
+    with pytest.raises(ValueError, match="longer than it is thick"):
+        lamb_factors(length, 1.0)
+
+
+def test_a_section_tends_to_a_circle_and_to_a_plate():
+    radius = np.array([0.0, 0.05, 0.1])
+    np.testing.assert_allclose(section_added_mass(radius, radius, 1000.0), np.pi * 1000.0 * radius**2)
+    np.testing.assert_allclose(section_added_mass(radius, 0.0, 1000.0), np.pi * 1000.0 * radius**2)
+    assert section_added_mass(np.zeros(1), 0.2, 1000.0) == pytest.approx(np.pi * 1000.0 * 0.2**2)
+    spans = np.linspace(0.1, 0.3, 50)
+    assert np.all(np.diff([section_added_mass(radius[2:], tip, 1000.0)[0] for tip in spans]) > 0)
+
+
+def test_the_integrals_of_a_bare_spheroid_are_closed_forms():
+    a, b, rho = 0.49, 0.094, 1025.0
+    torpedo = bare(Torpedo(Spheroid(2 * a, 2 * b), REMUS.fins, 0.2))
+    mass = rho * 4 / 3 * np.pi * a * b**2
+    np.testing.assert_allclose(lateral_added_mass(torpedo), (mass, 0.0, mass * a**2 / 5), rtol=1e-6, atol=1e-6)
+    drag = 0.5 * rho * 1.1 * np.pi * a * b
+    turning = 0.5 * rho * 1.1 * 4 * b * a**4 * 2 / 15
+    np.testing.assert_allclose(cross_flow_drag(torpedo), (drag, 0.0, 0.0, turning), rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize(("ratio", "across", "turning"), [(5.0, 1.12, 1.37), (10.0, 1.04, 1.12)])
+def test_strips_are_too_heavy_because_water_goes_round_the_ends(ratio, across, turning):
+    c = coefficients(bare(Torpedo(Spheroid(ratio, 1.0), REMUS.fins, 0.2)))
+    mass = 1025.0 * np.pi / 6 * ratio
+    _, lamb_across, lamb_turning = lamb_factors(ratio, 1.0)
+    assert -c.Y_vdot / (lamb_across * mass) == pytest.approx(across, abs=0.005)
+    assert -c.N_rdot / (lamb_turning * mass * (ratio**2 + 1) / 20) == pytest.approx(turning, abs=0.005)
+
+
+def test_axial_drag_is_ittc_friction_on_a_slender_body():
+    friction = 0.003  # at a Reynolds number of 1e7
+    assert axial_drag_coefficient(1.0, 0.1, 11.9) == pytest.approx(friction * 40 * (1 + 0.06 + 0.025), rel=1e-12)
+    assert axial_drag_coefficient(1.0, 0.1, 1.0) > axial_drag_coefficient(1.0, 0.1, 2.0)
+
+
+def test_a_fin_is_a_plate_when_long_and_a_slender_wing_when_short():
+    def slope(aspect: float) -> float:
+        fins = Fins(area=0.01, span=np.sqrt(0.5 * aspect * 0.01), position=-0.4, taper=1.0)
+        assert fins.aspect_ratio == pytest.approx(aspect)
+        return fin_lift(replace(REMUS, fins=fins)) / (0.5 * 1030.0 * 0.01)
+
+    assert slope(1e6) == pytest.approx(0.9 * 2 * np.pi, rel=1e-4)
+    assert slope(1e-3) == pytest.approx(np.pi * 1e-3, rel=1e-3)
+    assert slope(2.21) == pytest.approx(3.12, abs=0.005)  # printed
+
+
+def test_a_rectangular_fin_drags_more_than_a_tapered_one():
+    assert plate_drag_coefficient(REMUS.fins) == pytest.approx(0.558, abs=5e-4)  # printed
+    assert plate_drag_coefficient(replace(REMUS.fins, taper=1.0)) == pytest.approx(0.8)
+
+
+def test_roll_drag_is_four_plates_on_strips():
+    c = coefficients(REMUS)
+    plates = 4 * 0.5 * 1030.0 * plate_drag_coefficient(REMUS.fins) * REMUS.fins.chord
+    assert -c.K_pp == pytest.approx(plates * quad(lambda s: s**3, REMUS.root, REMUS.tip)[0])
+
+
+def test_axial_drag_is_on_the_frontal_area_and_a_cross_of_fins_drags_water_along_in_roll():
+    c = coefficients(replace(REMUS, axial_drag=0.2))
+    assert pytest.approx(-0.5 * 1030.0 * 0.2 * np.pi * 0.0955**2) == c.X_uu
+    assert pytest.approx(-2 / np.pi * 1030.0 * REMUS.tip**4 * REMUS.fins.chord) == c.K_pdot
+    assert REMUS.tip == pytest.approx(0.131, abs=1e-3)  # printed
+
+
+# --- the whole set ----------------------------------------------------------------------------------
+
+POWERS = {
+    3: ("X_udot", "Y_vdot", "Z_wdot", "M_ww", "N_vv", "Y_ur", "Z_uq", "M_uw", "N_uv", "N_uudr", "M_uuds"),
+    4: ("Y_rdot", "N_vdot", "Z_qdot", "M_wdot", "Y_rr", "Z_qq", "M_uq", "N_ur"),
+    5: ("K_pdot", "M_qdot", "N_rdot", "K_pp", "M_qq", "N_rr"),
+    2: ("X_uu", "Y_vv", "Z_ww", "Y_uv", "Z_uw", "Y_uudr", "Z_uuds"),
+}
+
+
+@given(torpedo=torpedoes(), factor=st.floats(0.2, 5.0))
+def test_coefficients_grow_with_known_powers_of_size(torpedo, factor):
+    hull, fins = torpedo.hull, torpedo.fins
+    larger = replace(
+        torpedo,
+        hull=Spheroid(factor * hull.length, factor * hull.diameter),
+        fins=Fins(factor**2 * fins.area, factor * fins.span, factor * fins.position, fins.taper),
+    )
+    small, large = asdict(coefficients(torpedo)), asdict(coefficients(larger))
+    assert sum(len(names) for names in POWERS.values()) == len(small)
+    for power, names in POWERS.items():
+        for name in names:
+            assert large[name] == pytest.approx(factor**power * small[name], rel=1e-9), name
+
+
+@given(torpedo=torpedoes(), density=st.floats(900.0, 1100.0))
+def test_coefficients_are_proportional_to_the_density_of_water(torpedo, density):
+    here, there = coefficients(torpedo), coefficients(replace(torpedo, water_density=density))
+    for name, value in asdict(here).items():
+        assert getattr(there, name) == pytest.approx(value * density / 1025.0, rel=1e-12), name
+
+
+@given(torpedo=torpedoes(), motion=speeds)
+def test_rolled_by_a_right_angle_the_vehicle_is_the_same(torpedo, motion):
+    c, (u, v, r) = coefficients(torpedo), motion
+    flip = np.array([1.0, -1.0])  # starboard becomes down, and then nose-up turns against starboard-wards
+    np.testing.assert_allclose(vertical_drag(c, v, -r), flip * horizontal_drag(c, v, r), rtol=1e-12)
+    np.testing.assert_allclose(vertical_lift(c, u, v, -r), flip * horizontal_lift(c, u, v, r), rtol=1e-12)
+    rotation = np.zeros((6, 6))
+    rotation[:3, :3] = rotation[3:, 3:] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
+    np.testing.assert_allclose(rotation @ added_mass(c) @ rotation.T, added_mass(c), rtol=1e-12)
+    assert c.Z_uuds == -c.Y_uudr
+    assert c.M_uuds == c.N_uudr
+
+
+@given(torpedo=torpedoes())
+def test_fins_at_the_bow_mirror_fins_at_the_stern(torpedo):
+    mirrored = replace(torpedo, fins=replace(torpedo.fins, position=-torpedo.fins.position))
+    aft, fore = coefficients(torpedo), coefficients(mirrored)
+    for names, sign in ((EVEN, 1), (ODD, -1)):
+        for name in names:
+            assert getattr(fore, name) == pytest.approx(sign * getattr(aft, name), rel=1e-9), name
+
+
+@given(torpedo=torpedoes(), motion=speeds)
+@settings(max_examples=300)
+def test_drag_never_drives_the_vehicle(torpedo, motion):
+    c, (p, v, r) = coefficients(torpedo), motion
+    r = 3.0 * r / torpedo.hull.length  # the ends then move about as fast as the middle
+    for force in (horizontal_drag(c, v, r), vertical_drag(c, v, r)):
+        assert force @ (v, r) <= 1e-12 * abs(force) @ np.abs((v, r))
+    assert c.X_uu <= 0
+    assert c.K_pp * p * abs(p) * p <= 0
+
+
+@given(torpedo=torpedoes(), motion=speeds)
+@settings(max_examples=300)
+def test_lift_never_drives_the_vehicle_ahead_or_astern(torpedo, motion):
+    c, (u, v, r) = coefficients(torpedo), motion
+    r = 3.0 * r / torpedo.hull.length
+    for force in (horizontal_lift(c, u, v, r), vertical_lift(c, u, v, r)):
+        assert force @ (v, r) <= 1e-12 * abs(force) @ np.abs((v, r))
+
+
+def test_lift_of_the_hull_without_its_rate_terms_would_drive_it():
+    """Why the hull has them here and not in Prestero (2001)."""
+    c, (lift, x) = coefficients(REMUS), hull_lift(REMUS)
+    fins = 2.0 * fin_lift(REMUS) * np.array([[1.0, -0.638], [-0.638, 0.638**2]])
+    printed = -fins - lift * np.array([[1.0, 0.0], [x, 0.0]])
+    complete = np.array([[c.Y_uv, c.Y_ur], [c.N_uv, c.N_ur]])
+    np.testing.assert_allclose(complete - printed, -lift * np.array([[0.0, x], [0.0, x**2]]), atol=1e-12)
+
+    def largest_power(matrix: np.ndarray) -> float:
+        return np.linalg.eigvalsh(0.5 * (matrix + matrix.T)).max()
+
+    assert largest_power(complete) <= 0
+    hull_only = printed + fins
+    assert largest_power(hull_only) > 0.01 * lift
+
+
+@given(torpedo=torpedoes(), depth=st.floats(0.0, 0.3))
+def test_the_inertia_of_body_and_water_is_symmetric_and_positive(torpedo, depth):
+    m, L, d = torpedo.displaced_mass, torpedo.hull.length, torpedo.hull.diameter
+    z = depth * d
+    pitch = m * (L**2 + d**2) / 20  # of a homogeneous spheroid
+    rigid = np.diag([m, m, m, m * d**2 / 10 + m * z**2, pitch + m * z**2, pitch])
+    rigid[0, 4] = rigid[4, 0] = m * z
+    rigid[1, 3] = rigid[3, 1] = -m * z
+    water = added_mass(coefficients(torpedo))
+    for matrix in (water, rigid + water):
+        np.testing.assert_array_equal(matrix, matrix.T)
+        scale = 1.0 / np.sqrt(np.diag(matrix))
+        assert np.linalg.eigvalsh(matrix * np.outer(scale, scale)).min() > 1e-6
+
+
+@given(torpedo=torpedoes())
+def test_positive_fins_turn_to_port_and_dive_and_steady_the_course(torpedo):
+    c = coefficients(torpedo)
+    assert c.Y_uudr > 0 > c.N_uudr
+    assert c.Z_uuds < 0 > c.M_uuds
+    assert munk_moment(c) < 0 < coefficients(torpedo).N_uv  # the one turns the hull across, the other back
+
+
+# --- against published vehicles ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "published"),
+    [("X_udot", -0.93), ("Y_vdot", -35.5), ("Z_wdot", -35.5), ("Y_rdot", 1.93), ("N_vdot", 1.93), ("Z_qdot", -1.93),
+     ("M_wdot", -1.93), ("M_qdot", -4.88), ("N_rdot", -4.88), ("Y_vv", -131.0), ("Z_ww", -131.0), ("M_qq", -9.4),
+     ("N_rr", -9.4)],
+)  # fmt: skip
+def test_remus_has_the_published_coefficients_within_a_quarter(name, published):
+    assert getattr(coefficients(REMUS), name) == pytest.approx(published, rel=0.25)
+
+
+def test_lamb_s_spheroid_without_fins_is_too_light_for_remus():
+    _, across, turning = lamb_factors(1.3327, 0.191)
+    mass = 1030.0 * np.pi / 6 * 1.3327 * 0.191**2
+    assert across * mass / 35.5 == pytest.approx(0.69, abs=0.005)
+    assert turning * mass * (1.3327**2 + 0.191**2) / 20 / 4.88 == pytest.approx(0.39, abs=0.005)
+
+
+def test_one_fin_of_remus_has_the_published_lift_within_a_quarter_and_the_vehicle_has_two():
+    one, c = fin_lift(REMUS), coefficients(REMUS)
+    assert one == pytest.approx(9.64, rel=0.25)
+    assert one * -0.638 == pytest.approx(-6.15, rel=0.25)
+    assert c.Y_uudr == -c.Z_uuds == 2 * one
+    assert c.N_uudr == c.M_uuds == pytest.approx(2 * one * -0.638)
+
+
+Row = tuple[str, float, float, str]  # name, published, ours, remark
+
+
+def remus_rows() -> list[Row]:
+    """Published coefficients of REMUS beside ours; those that hold added mass there get it here too."""
+    c, fin, x = coefficients(REMUS), fin_lift(REMUS), REMUS.fins.position
+    munk = munk_moment(c)
+    strips, drag = "strips, fins by Blevins", "strips and a plate for each fin"
+    return [
+        ("X_udot", -0.93, c.X_udot, "Lamb, spheroid of the same length and diameter"),
+        ("Y_vdot, Z_wdot", -35.5, c.Y_vdot, strips),
+        ("Y_rdot, N_vdot", 1.93, c.Y_rdot, strips),
+        ("Z_qdot, M_wdot", -1.93, c.Z_qdot, strips),
+        ("M_qdot, N_rdot", -4.88, c.M_qdot, strips),
+        ("K_pdot", -0.0704, c.K_pdot, "cross of four fins (a)"),
+        ("X_uu", -1.62, c.X_uu, "ITTC friction at 1.54 m/s, bare hull (b)"),
+        ("Y_vv, Z_ww", -131.0, c.Y_vv, drag + " (c)"),
+        ("Y_rr", 0.632, c.Y_rr, drag + " (d)"),
+        ("M_ww", 3.18, c.M_ww, drag + " (d)"),
+        ("N_vv", -3.18, c.N_vv, drag + " (d)"),
+        ("M_qq, N_rr", -9.4, c.M_qq, drag + " (c)"),
+        ("K_pp", -0.13, c.K_pp, "plates from root to tip (e)"),
+        ("Y_uv, Z_uw", -28.6, c.Y_uv, "lift of hull and a pair of fins (f)"),
+        ("N_uv", -24.0, c.N_uv + munk, "lift, with Munk's moment (f)"),
+        ("M_uw", 24.0, c.M_uw - munk, "lift, with Munk's moment (f)"),
+        ("Y_ur", 5.22, c.Y_ur + c.X_udot, "lift, with X_udot (f)"),
+        ("Z_uq", -5.22, c.Z_uq - c.X_udot, "lift, with X_udot (f)"),
+        ("N_ur, M_uq", -2.0, c.N_ur + c.Y_rdot, "lift, with Y_rdot (f)"),
+        ("Y_uudr", 9.64, fin, "lift of ONE fin (g)"),
+        ("M_uuds", -6.15, fin * x, "lift of ONE fin, at its place (g)"),
+    ]
+
+
+def lauv_rows() -> list[Row]:
+    """Published coefficients of LAUV beside ours."""
+    c, fin, x = coefficients(LAUV), fin_lift(LAUV), LAUV.fins.position
+    return [
+        ("X_udot", -1.0, c.X_udot, "Lamb (h)"),
+        ("Y_vdot, Z_wdot", -16.0, c.Y_vdot, "strips, fins by Blevins"),
+        ("M_qdot, N_rdot", -1.3, c.M_qdot, "strips, fins by Blevins"),
+        ("X_uu", -2.4, c.X_uu, "ITTC friction at 1.5 m/s, bare hull (b)"),
+        ("Y_vv, Z_ww", -80.0, c.Y_vv, "strips and a plate for each fin (i)"),
+        ("M_qq, N_rr", -9.1, c.M_qq, "strips and a plate for each fin (i)"),
+        ("Y_uudr", 9.6, fin, "lift of ONE fin"),
+        ("M_uuds, N_uudr", -3.84, fin * x, "lift of ONE fin, at its place"),
+    ]
+
+
+def table(rows: list[Row]) -> str:
+    lines = ["| coefficient | published | ours | ratio | formula |", "|---|---|---|---|---|"]
+    lines += [f"| {name} | {old:.3g} | {new:.3g} | {new / old:.2f} | {remark} |" for name, old, new, remark in rows]
+    return "\n".join(lines)
+
+
+def with_tables(page: str) -> str:
+    """The page, with what stands between its markers computed anew."""
+    for name, rows in (("remus", remus_rows()), ("lauv", lauv_rows())):
+        start, end = f"<!-- {name} -->\n", f"\n<!-- /{name} -->"
+        before, rest = page.split(start)
+        page = before + start + table(rows) + end + rest.split(end)[1]
+    return page
+
+
+def test_the_page_says_what_the_code_computes():
+    page = PAGE.read_text(encoding="utf-8")
+    assert page == with_tables(page), "run python tests/vessel_gym/test_hydrodynamics.py"
+
+
+if __name__ == "__main__":
+    PAGE.write_text(with_tables(PAGE.read_text(encoding="utf-8")), encoding="utf-8")

@@ -1,0 +1,600 @@
+"""The Segorogeni: compiled equations against the printed ones, energy, trim, turns, the contract of a vehicle."""
+
+from dataclasses import replace
+from functools import cached_property
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+from scipy.optimize import root
+from scipy.spatial.transform import Rotation
+
+from vessel_gym.vehicles.auv import UNCERTAIN
+from vessel_gym.vehicles.hydrodynamics import Coefficients
+from vessel_gym.vehicles.segorogeni import (
+    COEFFICIENTS,
+    TRUTH,
+    Segorogeni,
+    SegorogeniParameters,
+    energy,
+    inertia,
+    segorogeni_derivative,
+    segorogeni_readings,
+    segorogeni_step,
+)
+
+BODY = SegorogeniParameters()
+C = BODY.vector()
+VEHICLE = Segorogeni()
+DEG = np.pi / 180.0
+DRAG = ("X_uu", "Y_vv", "Y_rr", "Z_ww", "Z_qq", "K_pp", "M_ww", "M_qq", "N_vv", "N_rr")
+LIFT = ("Y_uv", "Y_ur", "Z_uw", "Z_uq", "M_uw", "M_uq", "N_uv", "N_ur", "K_up")
+MIRROR = np.array([1, -1, 1, -1, 1, -1, 1, -1, 1, -1, 1, -1, 1, -1])
+
+REMUS = Coefficients(
+    X_udot=-0.93, Y_vdot=-35.5, Y_rdot=1.93, Z_wdot=-35.5, Z_qdot=-1.93, K_pdot=-0.0704, M_wdot=-1.93, M_qdot=-4.88,
+    N_vdot=1.93, N_rdot=-4.88, X_uu=-1.62, Y_vv=-131.0, Y_rr=0.632, Z_ww=-131.0, Z_qq=-0.632, K_pp=-0.0013,
+    M_ww=3.18, M_qq=-9.4, N_vv=-3.18, N_rr=-9.4, Y_uv=-28.6, Y_ur=6.15, Z_uw=-28.6, Z_uq=-6.15, M_uw=-10.6,
+    M_uq=-3.93, N_uv=10.6, N_ur=-3.93, Y_uudr=9.64, N_uudr=-6.15, Z_uuds=-9.64, M_uuds=-6.15,
+)  # fmt: skip
+"""A body with other couplings: Prestero (2001), drag in yaw without its misprints, moments of lift for both sides."""
+
+
+class Remus(SegorogeniParameters):
+    """The vehicle's mass with REMUS' hydrodynamics."""
+
+    @cached_property
+    def coefficients(self) -> Coefficients:
+        return REMUS
+
+
+def changed(c: np.ndarray, **values: float) -> np.ndarray:
+    """Coefficients with some of them set, by name."""
+    c = c.copy()
+    for name, value in values.items():
+        c[..., COEFFICIENTS.index(name)] = value
+    return c
+
+
+def random_states(rng: np.random.Generator, n: int) -> np.ndarray:
+    """Truth states ``(n, 14)`` over all that the vehicle can meet, and more, ahead and astern."""
+    high = np.array([2.0, 1.0, 1.0, 2.0, 1.5, 1.5, 50.0, 50.0, 20.0, 2.0, 1.3, 4.0, 0.5, 0.5])
+    return rng.uniform(-high, high, (n, 14))
+
+
+def random_controls(rng: np.random.Generator, n: int) -> np.ndarray:
+    return rng.uniform([-0.35, -0.35, 0.0], [0.35, 0.35, 8.0], (n, 3))
+
+
+# --- parameters -------------------------------------------------------------------------------------
+
+
+def test_the_vehicle_floats_up_by_its_excess_of_buoyancy():
+    assert BODY.mass == pytest.approx(18.49, abs=0.005)
+    assert BODY.buoyancy - BODY.mass * 9.81 == pytest.approx(1.0)
+    assert BODY.buoyancy - 15.0 * 9.81 == pytest.approx(35.0, abs=0.5)  # the printed mass
+
+
+def test_the_printed_inverse_inertia_is_that_of_no_body():
+    printed = np.array([
+        [0.162, -0.0024, 0.8989, 0.0011, 0.0980, 0.0001],
+        [-0.0012, -0.8175, -0.0206, -0.0431, -0.0024, 0.0969],
+        [1.8855, -0.0418, -1.0230, -0.0036, -0.2205, 0.0024],
+        [-0.0518, 0.8865, 0.0511, 1.0468, 0.0088, -0.1050],
+        [15.9131, -0.3634, -17.0743, -0.0425, -1.8611, 0.0213],
+        [-0.0128, 15.7327, 0.1966, 0.8288, 0.0240, -0.8641],
+    ])  # fmt: skip
+    assert (np.linalg.eigvals(printed).real < 0.0).sum() == 2
+
+
+@pytest.mark.parametrize("body", [BODY, Remus()])
+def test_the_inertia_is_symmetric_positive_definite_and_inverted_once(body):
+    c = body.vector()
+    M = inertia(c)
+    np.testing.assert_array_equal(M, M.T)
+    assert np.linalg.eigvalsh(M).min() > 0.0
+    values = dict(zip(COEFFICIENTS, c, strict=True))
+    axes = "uvwpqr"
+    inverse = [[values.get(f"inverse_{a}{b}", values.get(f"inverse_{b}{a}", 0.0)) for b in axes] for a in axes]
+    np.testing.assert_allclose(M @ inverse, np.eye(6), rtol=0, atol=1e-12)
+
+
+# --- the compiled equations -------------------------------------------------------------------------
+
+
+def printed_equations(state: np.ndarray, control: np.ndarray, body: SegorogeniParameters) -> np.ndarray:
+    """Accelerations by equations (5)-(10) as they are printed: ``uv`` for lift, ``u^2`` for fins.
+
+    But for the fins' lift in roll, which they leave out, and the rudder's angle, which is ours: positive to starboard.
+    """
+    u, v, w, p, q, r, _, _, _, phi, theta, _, _, _ = state
+    rudder, stern, thrust = control
+    c, m, z_G = body.coefficients, body.mass, body.z_g
+    I_x, I_y = body.roll_inertia, body.pitch_inertia
+    I_z = I_y
+    W, B = m * 9.81, body.buoyancy
+    X_wq, X_qq, X_vr, X_rr = c.Z_wdot, c.Z_qdot, -c.Y_vdot, -c.Y_rdot
+    Y_ur, Y_wp, Y_pq, Y_uv = c.Y_ur + c.X_udot, -c.Z_wdot, -c.Z_qdot, c.Y_uv
+    Z_uq, Z_vp, Z_rp, Z_uw = c.Z_uq - c.X_udot, c.Y_vdot, c.Y_rdot, c.Z_uw
+    M_uq, M_vp, M_rp, M_uw = c.M_uq - c.Z_qdot, -c.Y_rdot, c.K_pdot - c.N_rdot, c.M_uw + c.X_udot - c.Z_wdot
+    N_ur, N_wp, N_pq, N_uv = c.N_ur + c.Y_rdot, c.Z_qdot, c.M_qdot - c.K_pdot, c.N_uv + c.Y_vdot - c.X_udot
+    X_res = -(W - B) * np.sin(theta)
+    Y_res = (W - B) * np.cos(theta) * np.sin(phi)
+    Z_res = (W - B) * np.cos(theta) * np.cos(phi)
+    K_p = c.K_pp * abs(p) + body.roll_lift * u
+    K_res, M_res = -z_G * W * np.cos(theta) * np.sin(phi), -z_G * W * np.sin(theta)
+    K_prop = -body.propeller_torque * thrust
+    right = np.array([
+        X_res + c.X_uu * u * abs(u) + X_wq * w * q + X_qq * q * q + X_vr * v * r + X_rr * r * r + thrust
+        - m * (-v * r + w * q + z_G * p * r),
+        Y_res + c.Y_vv * v * abs(v) + c.Y_rr * r * abs(r) + Y_ur * u * r + Y_wp * w * p + Y_pq * p * q + Y_uv * u * v
+        - c.Y_uudr * u**2 * rudder - m * (-w * p + u * r + z_G * q * r),
+        Z_res + c.Z_ww * w * abs(w) + c.Z_qq * q * abs(q) + Z_uq * u * q + Z_vp * v * p + Z_rp * r * p + Z_uw * u * w
+        + c.Z_uuds * u**2 * stern - m * (-u * q + v * p - z_G * (p * p + q * q)),
+        K_res + K_p * p + K_prop - (I_z - I_y) * q * r + m * z_G * (-w * p + u * r),
+        M_res + c.M_ww * w * abs(w) + c.M_qq * q * abs(q) + M_uq * u * q + M_vp * v * p + M_rp * r * p + M_uw * u * w
+        + c.M_uuds * u**2 * stern - (I_x - I_z) * r * p - m * z_G * (-v * r + w * q),
+        c.N_vv * v * abs(v) + c.N_rr * r * abs(r) + N_ur * u * r + N_wp * w * p + N_pq * p * q + N_uv * u * v
+        - c.N_uudr * u**2 * rudder - (I_y - I_x) * p * q,
+    ])  # fmt: skip
+    S = m * z_G
+    left = np.array([
+        [m - c.X_udot, 0, 0, 0, S, 0],
+        [0, m - c.Y_vdot, 0, -S, 0, -c.Y_rdot],
+        [0, 0, m - c.Z_wdot, 0, -c.Z_qdot, 0],
+        [0, -S, 0, I_x - c.K_pdot, 0, 0],
+        [S, 0, -c.M_wdot, 0, I_y - c.M_qdot, 0],
+        [0, -c.N_vdot, 0, 0, 0, I_z - c.N_rdot],
+    ])  # fmt: skip
+    return np.linalg.solve(left, right)
+
+
+@pytest.mark.parametrize("body", [BODY, replace(BODY, z_g=0.05, propeller_torque=0.02), Remus()])
+def test_going_ahead_the_compiled_equations_are_the_printed_ones(body):
+    rng = np.random.default_rng(1)
+    states, controls = random_states(rng, 200), random_controls(rng, 200)
+    states[:, 0] = np.abs(states[:, 0])
+    printed = np.array([printed_equations(x, u, body) for x, u in zip(states, controls, strict=True)])
+    compiled = segorogeni_derivative(states, controls, body.vector())
+    np.testing.assert_allclose(compiled[:, :6], printed, rtol=1e-10, atol=1e-11)
+
+
+def power(state: np.ndarray, rates: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """Rate of change of `energy`, by the chain rule."""
+    values = dict(zip(COEFFICIENTS, np.moveaxis(c, -1, 0), strict=True))
+    phi, theta = state[..., 9], state[..., 10]
+    kinetic = np.vecdot(state[..., :6], np.matvec(inertia(c), rates[..., :6]))
+    tilt = np.sin(phi) * np.cos(theta) * rates[..., 9] + np.cos(phi) * np.sin(theta) * rates[..., 10]
+    return kinetic - values["net_weight"] * rates[..., 8] + values["righting_moment"] * tilt
+
+
+def test_the_printed_lift_gives_energy_to_a_vehicle_going_astern():
+    states = random_states(np.random.default_rng(2), 300)
+    states[:, 0] = -np.abs(states[:, 0])
+    rates = segorogeni_derivative(states, np.zeros(3), C)
+    assert power(states, rates, C).max() < 0.0
+    rates[:, :6] = [printed_equations(x, np.zeros(3), BODY) for x in states]
+    assert power(states, rates, C).max() > 0.1
+
+
+coordinate = st.floats(-1.0, 1.0, allow_subnormal=False)
+
+
+@given(st.lists(coordinate, min_size=11, max_size=11))
+def test_in_still_water_without_thrust_energy_never_grows(numbers):
+    state = np.zeros(14)
+    state[:6] = np.array(numbers[:6]) * [3.0, 2.0, 2.0, 4.0, 3.0, 3.0]
+    state[8:12] = np.array(numbers[6:10]) * [10.0, np.pi, 1.5, np.pi]
+    gained = power(state, segorogeni_derivative(state, np.zeros(3), C), C)
+    assert gained <= 1e-12 * (1.0 + np.abs(state[:6]).max()) ** 3
+
+
+@settings(max_examples=20)
+@given(st.integers(0, 2**32 - 1))
+def test_kinetic_energy_never_grows_along_a_track(seed):
+    c = changed(C, net_weight=0.0, righting_moment=0.0)  # with them, the pole of the Euler angles spoils the account
+    state = random_states(np.random.default_rng(seed), 8)
+    for _ in range(100):
+        after = segorogeni_step(state, np.zeros(6), c, 0.05, 4)
+        assert (energy(after, c) <= energy(state, c)).all()
+        state = after
+
+
+def test_energy_never_grows_on_the_way_up():
+    state = TURNING_DIVE
+    for _ in range(400):
+        after = segorogeni_step(state, np.zeros(6), C, 0.05, 4)
+        assert energy(after, C) <= energy(state, C)
+        state = after
+    assert state[8] < TURNING_DIVE[8]
+
+
+def test_without_drag_and_lift_energy_is_conserved():
+    c = changed(C, **dict.fromkeys(DRAG + LIFT, 0.0))
+    state = random_states(np.random.default_rng(3), 20)
+    state[:, 9:11] *= 0.3  # clear of the pole of the Euler angles
+    state[:, :6] *= 0.2
+    rates = segorogeni_derivative(state, np.zeros(3), c)
+    np.testing.assert_allclose(power(state, rates, c), 0.0, atol=1e-12)
+    after = segorogeni_step(state, np.zeros(6), c, 10.0, 10_000)
+    np.testing.assert_allclose(energy(after, c), energy(state, c), rtol=0, atol=1e-8)
+    assert np.abs(after - state).max() > 1.0
+
+
+def test_port_mirrors_starboard_but_for_the_propeller_s_torque():
+    rng = np.random.default_rng(4)
+    states, controls = random_states(rng, 200), random_controls(rng, 200)
+    c = changed(C, propeller_torque=0.0)
+    mirrored = segorogeni_derivative(states * MIRROR, controls * [-1, 1, 1], c)
+    np.testing.assert_allclose(mirrored, segorogeni_derivative(states, controls, c) * MIRROR, rtol=1e-12, atol=1e-13)
+    assert segorogeni_derivative(np.zeros(14), np.array([0.0, 0.0, 4.0]), C)[3] < 0.0
+
+
+@pytest.mark.parametrize("body", [BODY, Remus()])
+def test_without_weight_a_quarter_roll_turns_heave_and_pitch_into_sway_and_yaw(body):
+    c = replace(body, z_g=0.0, buoyancy_excess=0.0).vector()
+    rng = np.random.default_rng(5)
+    states, controls = random_states(rng, 100), random_controls(rng, 100)
+    u, v, w, p, q, r = states[:, :6].T
+    rolled = states.copy()
+    rolled[:, :6] = np.stack([u, w, -v, p, r, -q], -1)
+    du, dv, dw, dp, dq, dr = segorogeni_derivative(states, controls, c)[:, :6].T
+    rates = segorogeni_derivative(rolled, controls[:, [1, 0, 2]] * [1, -1, 1], c)[:, :6]
+    np.testing.assert_allclose(rates, np.stack([du, dw, -dv, dp, dr, -dq], -1), rtol=1e-11, atol=1e-12)
+
+
+def test_a_batch_is_a_loop_and_inputs_stay():
+    rng = np.random.default_rng(6)
+    states, controls = random_states(rng, 12).reshape(3, 4, 14), random_controls(rng, 12).reshape(3, 4, 3)
+    c = VEHICLE.parameters(0.2, rng.normal(size=(4, VEHICLE.normals)))  # one vehicle a column
+    moving = np.concatenate([controls, 0.9 * controls], -1)
+    copies = [a.copy() for a in (states, controls, moving, c)]
+    rates, after = segorogeni_derivative(states, controls, c), segorogeni_step(states, moving, c, 0.1, 2)
+    read = segorogeni_readings(states, np.empty(12))
+    for i, j in np.ndindex(3, 4):
+        np.testing.assert_array_equal(rates[i, j], segorogeni_derivative(states[i, j], controls[i, j], c[j]))
+        np.testing.assert_array_equal(after[i, j], segorogeni_step(states[i, j], moving[i, j], c[j], 0.1, 2))
+        np.testing.assert_array_equal(read[i, j], segorogeni_readings(states[i, j], np.empty(12)))
+    for a, b in zip((states, controls, moving, c), copies, strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+# --- kinematics -------------------------------------------------------------------------------------
+
+
+def attitude(state: np.ndarray) -> Rotation:
+    """From body to earth axes."""
+    return Rotation.from_euler("ZYX", state[..., [11, 10, 9]])
+
+
+def test_position_moves_with_the_velocity_in_earth_axes_and_the_current():
+    states = random_states(np.random.default_rng(7), 100)
+    rates = segorogeni_derivative(states, np.zeros(3), C)
+    moved = attitude(states).apply(states[:, :3])
+    moved[:, :2] += states[:, 12:]
+    np.testing.assert_allclose(rates[:, 6:9], moved, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(rates[:, 12:], 0.0)
+
+
+def test_euler_angles_turn_with_the_body():
+    states, h = random_states(np.random.default_rng(8), 100), 1e-5
+    rates = segorogeni_derivative(states, np.zeros(3), C)
+    before, after = states.copy(), states.copy()
+    before[:, 9:12] -= h * rates[:, 9:12]
+    after[:, 9:12] += h * rates[:, 9:12]
+    turned = (attitude(before).inv() * attitude(after)).as_rotvec() / (2.0 * h)
+    np.testing.assert_allclose(turned, states[:, 3:6], rtol=0, atol=1e-7)
+
+
+def test_the_printed_kinematics_know_yaw_alone():
+    states = random_states(np.random.default_rng(9), 50)
+    c = replace(BODY, printed_kinematics=True).vector()
+    rates, full = segorogeni_derivative(states, np.zeros(3), c), segorogeni_derivative(states, np.zeros(3), C)
+    u, v, w, psi = states[:, 0], states[:, 1], states[:, 2], states[:, 11]
+    north, east = u * np.cos(psi) - v * np.sin(psi), u * np.sin(psi) + v * np.cos(psi)
+    zero = np.zeros(50)
+    printed = np.stack([north + states[:, 12], east + states[:, 13], w, zero, zero, states[:, 5]], -1)
+    np.testing.assert_allclose(rates[:, 6:12], printed, rtol=0, atol=1e-13)
+    np.testing.assert_array_equal(rates[:, :6], full[:, :6])
+    level = states.copy()
+    level[:, [2, 3, 4, 9, 10]] = 0.0  # upright in the horizontal plane they are right
+    np.testing.assert_allclose(
+        segorogeni_derivative(level, np.zeros(3), c)[:, 6:12],
+        segorogeni_derivative(level, np.zeros(3), C)[:, 6:12], rtol=0, atol=1e-13,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("theta", [np.pi / 2, -np.pi / 2, np.pi / 2 - 1e-9, np.pi / 2 + 1e-9, 3 * np.pi / 2])
+def test_nose_up_or_down_nothing_is_infinite(theta):
+    states = random_states(np.random.default_rng(10), 50)
+    states[:, 10] = theta
+    rates = segorogeni_derivative(states, np.zeros(3), C)
+    assert (np.abs(rates[:, 9:12]) < 500.0).all()
+    for _ in range(100):
+        states = VEHICLE.advance(states, np.zeros(6), C)
+        assert np.isfinite(states).all()
+
+
+def test_a_current_shifts_the_track_and_nothing_else():
+    rng = np.random.default_rng(11)
+    states, controls = random_states(rng, 20), np.tile(random_controls(rng, 20), 2)
+    still = states.copy()
+    still[:, 12:] = 0.0
+    drifted, straight = (segorogeni_step(x, controls, C, 2.0, 40) for x in (states, still))
+    np.testing.assert_allclose(drifted[:, 6:8] - straight[:, 6:8], 2.0 * states[:, 12:], rtol=0, atol=1e-12)
+    kept = [0, 1, 2, 3, 4, 5, 8, 9, 10, 11]
+    np.testing.assert_array_equal(drifted[:, kept], straight[:, kept])
+
+
+# --- the step ---------------------------------------------------------------------------------------
+
+
+TURNING_DIVE = np.array([1.0, -0.1, 0.05, 0.2, -0.1, 0.3, 3.0, -4.0, 2.0, 0.1, -0.3, 0.7, 0.2, -0.1])
+HARD = np.array([0.30, -0.20, 3.0, 0.35, -0.10, 6.0])
+
+
+def precise(state: np.ndarray, control: np.ndarray, dt: float, c: np.ndarray) -> np.ndarray:
+    """A step by SciPy's integrator, the actuators moving linearly."""
+    start, end = control[:3], control[3:]
+    solution = solve_ivp(
+        lambda t, s: segorogeni_derivative(s, start + (end - start) * t / dt, c),
+        (0.0, dt), state, method="DOP853", rtol=1e-13, atol=1e-13,
+    )  # fmt: skip
+    return solution.y[:, -1]
+
+
+def test_a_step_is_the_solution_of_the_equations():
+    exact = precise(TURNING_DIVE, HARD, 0.1, C)
+    np.testing.assert_allclose(segorogeni_step(TURNING_DIVE, HARD, C, 0.1, 2), exact, rtol=0, atol=2e-5)
+    np.testing.assert_allclose(segorogeni_step(TURNING_DIVE, HARD, C, 0.1, 64), exact, rtol=0, atol=1e-8)
+
+
+def test_where_the_equations_are_smooth_the_step_is_of_fourth_order():
+    c = changed(C, **dict.fromkeys(DRAG, 0.0))  # v |v| has no second derivative at zero
+    exact = precise(TURNING_DIVE, HARD, 1.0, c)
+    errors = [np.abs(segorogeni_step(TURNING_DIVE, HARD, c, 1.0, n) - exact).max() for n in (40, 80, 160)]
+    ratios = np.array(errors[:-1]) / errors[1:]
+    assert ((ratios > 13.0) & (ratios < 20.0)).all()
+
+
+def test_substeps_are_steps():
+    middle = 0.5 * (HARD[:3] + HARD[3:])
+    half = segorogeni_step(TURNING_DIVE, np.concatenate([HARD[:3], middle]), C, 0.05, 1)
+    two = segorogeni_step(half, np.concatenate([middle, HARD[3:]]), C, 0.05, 1)
+    np.testing.assert_allclose(segorogeni_step(TURNING_DIVE, HARD, C, 0.1, 2), two, rtol=1e-13)
+
+
+# --- what the vehicle does --------------------------------------------------------------------------
+
+
+def level_flight(speed: float) -> tuple[np.ndarray, np.ndarray]:
+    """State ``(14,)`` and control ``(3,)`` of level flight straight ahead at a speed [m/s]."""
+
+    def residual(z: np.ndarray) -> np.ndarray:
+        return segorogeni_derivative(*unpacked(z), C)[[0, 1, 2, 3, 4, 5, 8]]
+
+    def unpacked(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        state = np.zeros(14)
+        state[0], state[[1, 2, 9, 10]] = speed, z[:4]
+        return state, z[4:]
+
+    guess = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 3.0 * speed**2])
+    found = root(residual, guess, tol=1e-12)
+    assert np.abs(found.fun).max() < 1e-10
+    return unpacked(found.x)
+
+
+@pytest.mark.parametrize("speed", [0.5, 1.0, 1.5])
+def test_the_vehicle_trims_level_with_fins_and_thrust_to_spare(speed):
+    state, (rudder, stern, thrust) = level_flight(speed)
+    assert abs(stern) < 0.5 * BODY.fin_limit
+    assert abs(rudder) < 1 * DEG
+    assert abs(state[10]) < 8 * DEG
+    assert 0.0 < thrust < 0.85 * BODY.thrust_limit
+
+
+@pytest.mark.parametrize("speed", [0.5, 1.0, 1.5])
+def test_level_flight_is_stable(speed):
+    state, control = level_flight(speed)
+    moving = [0, 1, 2, 3, 4, 5, 9, 10]  # position, heading and current do not act back
+    h = 1e-6
+    offsets = h * np.eye(14)[moving]
+    rates = [segorogeni_derivative(state + sign * offsets, control, C)[:, moving] for sign in (1, -1)]
+    A = ((rates[0] - rates[1]) / (2.0 * h)).T
+    assert np.linalg.eigvals(A).real.max() < -0.05
+
+
+def test_two_substeps_are_converged_in_a_hard_turn_and_dive():
+    state, control = level_flight(1.0)
+    coarse, fine, actuators = state, state, control[None]
+    for k in range(150):
+        action = np.array([[1.0, 0.5, 1.0]]) * (1.0 if k < 75 else -1.0)
+        after = VEHICLE.actuate(actuators, action)
+        moving = np.concatenate([actuators, after], -1)[0]
+        coarse, fine = segorogeni_step(coarse, moving, C, 0.1, 2), segorogeni_step(fine, moving, C, 0.1, 20)
+        actuators = after
+        np.testing.assert_allclose(coarse, fine, rtol=0, atol=5e-5)
+
+
+def steady_turn(rudder: float) -> np.ndarray:
+    """The state after a minute of rudder from level flight at 1 m/s."""
+    state, control = level_flight(1.0)
+    control[0] = rudder
+    return segorogeni_step(state, np.tile(control, 2), C, 60.0, 1200)
+
+
+@pytest.mark.parametrize(("rudder", "radius"), [(5.0, 4.7), (20.0, 1.5)])
+def test_the_vehicle_turns_as_tightly_as_the_course_asks(rudder, radius):
+    turn = steady_turn(rudder * DEG)
+    assert np.hypot(turn[0], turn[1]) / turn[5] == pytest.approx(radius, rel=0.06)
+    assert turn[1] < 0.0  # drifting outwards
+
+
+def test_positive_rudder_turns_to_starboard_positive_stern_plane_dives_and_thrust_drives():
+    ahead = np.zeros(14)
+    ahead[0] = 1.0
+    rest = segorogeni_derivative(ahead, np.zeros(3), C)
+    assert segorogeni_derivative(ahead, np.array([0.1, 0.0, 0.0]), C)[5] > rest[5]
+    assert segorogeni_derivative(ahead, np.array([0.0, 0.1, 0.0]), C)[4] < rest[4]
+    assert segorogeni_derivative(ahead, np.array([0.0, 0.0, 1.0]), C)[0] > rest[0]
+    adrift = segorogeni_step(np.zeros(14), np.zeros(6), C, 60.0, 1200)
+    assert adrift[8] < -1.0  # it comes up
+    tilted = np.zeros(14)
+    tilted[9], tilted[10] = 0.2, 0.1
+    assert segorogeni_derivative(tilted, np.zeros(3), C)[3] < 0.0
+    assert segorogeni_derivative(tilted, np.zeros(3), C)[4] < 0.0
+
+
+# --- the vehicle in an environment ------------------------------------------------------------------
+
+
+SEA = SimpleNamespace(kick_sd=np.array([0.02, 0.01, 0.015, 0.03, 0.025, 0.035, 0.004, 0.005]))
+
+
+def test_names_and_sizes_agree():
+    channels = [channel for instrument in VEHICLE.instruments for channel in instrument.channels]
+    assert len(VEHICLE.truth_names) == len(TRUTH) == 14
+    assert len(channels) == 12
+    assert channels[3:10] == ["z", "phi", "theta", "psi", "p", "q", "r"]
+    truth, actuators = VEHICLE.start(np.ones((4, 14)))
+    assert VEHICLE.readings(truth, np.zeros((4, 8))).shape == (4, 12)
+    assert actuators.shape == (4, len(VEHICLE.action_names))
+
+
+def test_the_start_is_the_prior_s_with_the_paper_s_rudder():
+    x = np.random.default_rng(12).normal(size=(4, 14))
+    truth, actuators = VEHICLE.start(x)
+    np.testing.assert_array_equal(truth, x)
+    np.testing.assert_array_equal(VEHICLE.filter_state(truth, 14), x)
+    np.testing.assert_array_equal(VEHICLE.filter_state(truth, 12), x[:, :12])
+    np.testing.assert_allclose(actuators, np.tile([5 * DEG, 0.0, BODY.cruise_thrust], (4, 1)))
+    truth += 1.0
+    assert (truth != x).all()  # a copy
+    _, (_, _, thrust) = level_flight(1.0)
+    assert BODY.cruise_thrust == pytest.approx(thrust, rel=0.1)
+
+
+def test_fins_turn_at_their_rate_up_to_their_limit():
+    actuators, track = np.array([[0.05, 0.0, 2.0]]), []
+    for _ in range(10):
+        actuators = VEHICLE.actuate(actuators, np.array([[1.0, -0.5, 0.0]]))
+        track.append(actuators[0, :2])
+    steps = np.arange(1, 11)
+    np.testing.assert_allclose(np.array(track)[:, 0], np.minimum(0.05 + 0.1 * steps, 20 * DEG), rtol=1e-12)
+    np.testing.assert_allclose(np.array(track)[:, 1], np.maximum(-0.1 * steps, -10 * DEG), rtol=1e-12)
+
+
+def test_thrust_lags_exponentially():
+    actuators = np.array([[0.0, 0.0, 2.0], [0.0, 0.0, 2.0]])
+    action = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
+    for _ in range(7):
+        actuators = VEHICLE.actuate(actuators, action)
+    decay = np.exp(-0.7 / BODY.thrust_lag)
+    np.testing.assert_allclose(actuators[:, 2], [8.0 - 6.0 * decay, 2.0 * decay], rtol=1e-12)
+    assert np.exp(-0.1 / BODY.thrust_lag) == pytest.approx(0.8187, abs=1e-4)
+
+
+def test_a_step_of_the_vehicle_is_kicked_at_its_end():
+    rng = np.random.default_rng(13)
+    states, before, after = random_states(rng, 6), random_controls(rng, 6), random_controls(rng, 6)
+    forcing, c = rng.normal(size=(6, 8)) * 0.1, VEHICLE.parameters(0.0, np.zeros((6, VEHICLE.normals)))
+    stepped = VEHICLE.step(states, before, after, forcing, c)
+    plain = segorogeni_step(states, np.hstack([before, after]), C, 0.1, 2)
+    np.testing.assert_allclose(stepped[:, :6], plain[:, :6] + forcing[:, :6], rtol=0, atol=1e-15)
+    np.testing.assert_array_equal(stepped[:, 6:12], plain[:, 6:12])
+    current = np.exp(-0.1 / 200.0) * states[:, 12:] + forcing[:, 6:]
+    np.testing.assert_allclose(stepped[:, 12:], current, rtol=0, atol=1e-15)
+
+
+def test_instruments_read_velocity_over_ground_and_the_rest_as_it_is():
+    states = random_states(np.random.default_rng(14), 50)
+    current = np.concatenate([states[:, 12:], np.zeros((50, 1))], -1)
+    over_ground = states[:, :3] + attitude(states).inv().apply(current)
+    plain = np.hstack([over_ground, states[:, 8:12], states[:, 3:8]])
+    np.testing.assert_allclose(VEHICLE.readings(states, np.zeros((50, 8))), plain, rtol=0, atol=1e-12)
+
+
+def test_in_still_water_exact_readings_give_back_the_state():
+    states = random_states(np.random.default_rng(15), 20)
+    states[:, 12:] = 0.0
+    x, d = VEHICLE.from_readings(VEHICLE.readings(states, np.zeros((20, 8))), np.zeros((20, 12)), np.ones((20, 12)))
+    np.testing.assert_allclose(x, states, rtol=0, atol=1e-14)
+    np.testing.assert_array_equal(d, np.zeros((20, 8)))
+
+
+def test_the_filter_s_model_is_the_vehicle_when_nothing_kicks():
+    rng = np.random.default_rng(16)
+    model = VEHICLE.model("nonlinear", 1.0, SEA)
+    ensemble, before, after = (
+        random_states(rng, 30).reshape(3, 10, 14),
+        random_controls(rng, 3),
+        random_controls(rng, 3),
+    )
+    predicted = model.transition(ensemble, np.hstack([before, after])[:, None])
+    for i in range(3):
+        c = VEHICLE.parameters(0.0, np.zeros((10, VEHICLE.normals)))
+        rows = [np.tile(control[i], (10, 1)) for control in (before, after)]
+        stepped = VEHICLE.step(ensemble[i], *rows, np.zeros((10, 8)), c)
+        np.testing.assert_array_equal(predicted[i], stepped)
+    np.testing.assert_array_equal(model.measurement(ensemble, None), segorogeni_readings(ensemble, np.empty(12)))
+
+
+def test_the_filter_s_noise_is_the_sensors_and_the_kicks():
+    model = VEHICLE.model("nonlinear", 2.0, SEA)
+    sd = np.array([0.01, 0.01, 0.01, 0.02, 0.01, 0.01, 0.03, 0.005, 0.005, 0.005, 0.5, 0.5])
+    np.testing.assert_allclose(model.R, np.diag((2.0 * sd) ** 2))
+    kicks = np.concatenate([SEA.kick_sd[:6], np.zeros(6), SEA.kick_sd[6:]])
+    np.testing.assert_allclose(model.Q, np.diag(kicks**2))
+    assert model.state_angles == (9, 10, 11)
+    assert model.measurement_angles == (4, 5, 6)
+    with pytest.raises(ValueError, match="unknown filter model 'corrected'"):
+        VEHICLE.model("corrected", 1.0, SEA)
+
+
+# --- mismatch ---------------------------------------------------------------------------------------
+
+
+def test_without_mismatch_every_truth_is_the_filter_s():
+    normals = np.random.default_rng(17).normal(size=(5, VEHICLE.normals))
+    np.testing.assert_array_equal(VEHICLE.parameters(0.0, normals), np.tile(C, (5, 1)))
+
+
+def test_mismatch_scales_what_is_uncertain_and_nothing_else():
+    index = {name: i for i, name in enumerate(COEFFICIENTS)}
+    for i, kind in enumerate(UNCERTAIN):
+        normals = np.zeros((2, VEHICLE.normals))
+        normals[:, i] = [1.0, 5.0]  # clipped at 2
+        ratio = np.ones((2, len(COEFFICIENTS)))
+        np.divide(VEHICLE.parameters(0.1, normals), C, out=ratio, where=C != 0.0)
+        for name in ("mass_z_g", "net_weight", "righting_moment", "propeller_torque"):
+            np.testing.assert_array_equal(ratio[:, index[name]], 1.0)
+        scaled = {name for name, j in index.items() if not np.allclose(ratio[:, j], 1.0, rtol=1e-12)}
+        simple = {"axial drag": {"X_uu"}, "roll drag": {"K_pp"}, "rudder": {"Y_rudder", "N_rudder"},
+                  "stern planes": {"Z_uuds", "M_uuds"}, "lift": set(LIFT),
+                  "cross-flow drag": set(DRAG) - {"X_uu", "K_pp"}}  # fmt: skip
+        if kind in simple:
+            assert scaled <= simple[kind]
+            assert scaled
+            for name in scaled:
+                np.testing.assert_allclose(ratio[:, index[name]], [1.1, 1.2], rtol=1e-12)
+        else:
+            assert scaled & {"surge_mass", "sway_mass", "heave_mass", "roll_inertia", "pitch_inertia", "yaw_inertia"}
+            assert not scaled & set(DRAG + LIFT)
+
+
+def test_a_mismatched_vehicle_is_still_a_body_of_revolution_that_only_loses_energy():
+    rng = np.random.default_rng(18)
+    c = VEHICLE.parameters(0.3, rng.normal(size=(200, VEHICLE.normals)))
+    M = inertia(c)
+    assert np.linalg.eigvalsh(M).min() > 0.0
+    np.testing.assert_allclose(c[:, 1], c[:, 2])  # sway and heave
+    np.testing.assert_allclose(c[:, 4], c[:, 5])  # pitch and yaw
+    np.testing.assert_allclose(c[:, 7], -c[:, 8])
+    states = random_states(rng, 200)
+    rates = segorogeni_derivative(states, np.zeros(3), c)
+    assert power(states, rates, c).max() < 0.0
+    columns = [COEFFICIENTS.index(f"inverse_{pair}") for pair in ("uu", "vv", "ww", "pp", "qq", "rr")]
+    np.testing.assert_allclose(np.linalg.inv(M)[:, range(6), range(6)], c[:, columns], rtol=1e-10)
