@@ -14,11 +14,12 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 import numpy as np
 
+from agents.metrics import consistency
 from agents.ppo import describe, description, train
 from agents.rollouts import Rollout, rollout
-from agents.scores import METRICS, consistency, scores
 from agents.seeds import evaluation_seeds
 from agents.statistics import Interval, mean_interval, paired_difference
+from agents.turning_scores import METRICS, scores
 from vessel_gym.system import System
 from vessel_gym.tasks.turning_circle import TurningCircle
 

@@ -14,8 +14,9 @@ import vessel_gym
 from agents.ablation import AGENTS, AUTOPILOT, PPO, TOLD, Cell, Results, Study, write_atomically
 from agents.autopilot import Tolerances
 from agents.figures import WINDOW, heading_figure, input_figure, score_figure, track_figure
-from agents.scores import METRICS, WITHOUT_COVARIANCE, metric
+from agents.metrics import WITHOUT_COVARIANCE
 from agents.statistics import Interval, mean_interval, paired_difference
+from agents.turning_scores import METRICS, metric
 from vessel_gym.sensors import nominal_sd
 
 RANKING = ("kf-umv-ui", "kf", "dead-reckoning")

@@ -12,7 +12,7 @@ def main(
     env_id: str = "SigmaCorvette-v0",
     /,
     agent: str = "autopilot",
-    estimator: tuple[str, ...] = ("kf-umv-ui",),
+    estimator: tuple[str | None, ...] = (None,),
     sensors: str = "nominal",
     disturbance: str = "moderate",
     mismatch: float = 0.0,
@@ -25,7 +25,7 @@ def main(
     Args:
         env_id: Registered environment.
         agent: autopilot, random, or the path of a PPO checkpoint.
-        estimator: One or more estimators.
+        estimator: One or more estimators; the environment's default if not given.
         sensors: clean, nominal or degraded.
         disturbance: calm, moderate or rough.
         mismatch: Relative spread of the truth's parameters.
@@ -34,11 +34,11 @@ def main(
         first_seed: First evaluation seed.
     """
     from agents import rollout
-    from agents.scores import METRICS, scores
+    from agents.scores import metrics, scores
     from agents.seeds import evaluation_seeds
 
     seeds = evaluation_seeds(episodes, first_seed)
-    table = Table(title=f"{env_id}, {agent}: mean and 95 % interval over {episodes} episodes, {disturbance} seas")
+    table = Table(title=f"{env_id}, {agent}: mean and 95 % interval over {episodes} episodes, {disturbance} {sensors}")
     table.add_column("metric")
     columns = []
     with progress_bar("flying", len(estimator)) as advance:
@@ -50,10 +50,12 @@ def main(
                 "mismatch": mismatch,
                 "observe": observe,
             }
-            columns.append(scores(rollout(agent, env_id, seeds, options)))
-            table.add_column(name, justify="right")
+            flown = rollout(agent, env_id, seeds, options)
+            columns.append(scores(flown))
+            shown = metrics(flown.env.unwrapped.core.task)
+            table.add_column(flown.env.unwrapped.core.estimator, justify="right")
             advance()
-    for metric in METRICS:
+    for metric in shown:
         cells = [_text(mean_interval(column[metric.key]), metric.decimals) for column in columns]
         table.add_row(escape(f"{metric.label} [{metric.unit}]" if metric.unit else metric.label), *cells)
     Console().print(table)

@@ -9,8 +9,8 @@ from agents import rollout
 from agents.ablation import AGENTS, PPO, Cell, Results, Study, prepare, run, train_agents
 from agents.ppo import describe, description
 from agents.report import answer, claims, render, tables, write_report
-from agents.scores import METRICS
 from agents.statistics import paired_difference
+from agents.turning_scores import METRICS
 
 STUDY = Study(episodes=4, training_seeds=1, steps=128 * 64 * 2, jobs=1)
 

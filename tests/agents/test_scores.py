@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from agents import RandomAgent, Rollout, rollout
-from agents.scores import METRICS, circle_errors, consistency, scores
+from agents.metrics import consistency
+from agents.scores import scores
+from agents.turning_scores import METRICS, circle_errors
 from vessel_gym.vehicles.corvette import steady_turns
 
 SEEDS = [3, 4, 5]

@@ -1,0 +1,104 @@
+"""What a turning circle was like: figures of each episode, from a rollout's truth and estimates."""
+
+import numpy as np
+
+from agents.metrics import NEES, RESTARTS, RETURN, SCORE, Metric, common, core_of, rms
+from agents.rollouts import Rollout
+from estimators import wrap
+from estimators.angles import difference
+from vessel_gym.sea_trials import fit_circle
+from vessel_gym.vehicles.corvette import TRUTH, steady_turns
+
+_X, _Y, _PSI, _R = (TRUTH.index(name) for name in ("x", "y", "psi", "r"))
+
+METRICS = (
+    SCORE,
+    RETURN,
+    Metric("steps", "Steps", "", "higher", 0, "Steps flown until the turn was complete or lost."),
+    Metric("heading_error", "Heading error", "°", "lower", 2, "RMS of commanded minus true heading."),
+    Metric("yaw_rate_error", "Yaw-rate error", "°/s", "lower", 3, "RMS of commanded minus true yaw rate."),
+    Metric(
+        "radius_error", "Radius error", "%", "lower", 2,
+        "Distance between the radius of the circle fitted to the true track over ground and the commanded radius.",
+    ),
+    Metric("out_of_round", "Out of round", "m", "lower", 1, "RMS distance of that track from its fitted circle."),
+    Metric("rudder_rate", "Rudder rate", "°/s", "lower", 2, "RMS rate of the rudder: what the steering gear endures."),
+    Metric("heading_rmse", "Heading", "mrad", "lower", 2, "RMS error of the estimated heading."),
+    Metric("yaw_rate_rmse", "Yaw rate", "mrad/s", "lower", 2, "RMS error of the estimated yaw rate."),
+    Metric("sway_rmse", "Sway", "m/s", "lower", 3, "RMS error of the estimated sway velocity."),
+    Metric("input_rmse", "Input d", "mrad", "lower", 3, "RMS error of the estimated unknown input."),
+    Metric(
+        "raw_input_rmse", "Raw channel", "mrad", "lower", 3,
+        "RMS error of the second reading taken for the unknown input as it is.",
+    ),
+    NEES,
+    RESTARTS,
+)  # fmt: skip
+
+
+def metric(key: str) -> Metric:
+    """The metric with this key."""
+    return next(m for m in METRICS if m.key == key)
+
+
+def scores(rollout: Rollout) -> dict[str, np.ndarray]:
+    """Every metric of every episode, ``(N,)`` by key; see `agents.scores.scores`.
+
+    The unknown input is NaN where none is estimated, and so is the circle of an episode that flew less than half of it.
+    """
+    core = core_of(rollout)
+    h, alive, dt = rollout.history, rollout.alive, core.vehicle.dt
+    truth, reference, estimate = h["truth"], h["reference"], h["estimate"]
+    state = core.vehicle.filter_state(truth, estimate.shape[-1])
+    sway, yaw_rate, heading = np.moveaxis(difference(estimate, state, core.filter.model.state_angles), -1, 0)[:3]
+    radius_error, out_of_round = circle_errors(rollout)
+    raw = h["measurement"][..., 1] - h["unknown_input"][..., 0]
+    deg, milli = np.rad2deg, 1e3
+    return common(rollout) | {
+        "heading_error": deg(rms(wrap(reference[..., 0] - truth[..., _PSI]), alive)),
+        "yaw_rate_error": deg(rms(reference[..., 1] - truth[..., _R], alive)),
+        "radius_error": radius_error,
+        "out_of_round": out_of_round,
+        "rudder_rate": deg(rms(np.diff(h["actuators"][..., 0], axis=0) / dt, alive[1:])),
+        "heading_rmse": milli * rms(heading, alive),
+        "yaw_rate_rmse": milli * rms(yaw_rate, alive),
+        "sway_rmse": rms(sway, alive),
+        "input_rmse": milli * _input_rmse(rollout),
+        "raw_input_rmse": milli * rms(raw, alive & h["available"][..., 1]),
+    }
+
+
+def circle_errors(rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
+    """Radius error [%] and out-of-round RMS [m] of the true tracks over ground, ``(N,)`` each.
+
+    A circle is fitted by least squares to the steady part: from the end of the ramp on, up to one
+    full turn of the true heading. Less than half a turn is no circle: NaN. The current carries the
+    track along, so that even a perfect turn is a little out of round.
+    """
+    core = core_of(rollout)
+    task, truth = core.task, rollout.history["truth"]
+    turns = steady_turns(task.ship)
+    rate = np.abs(rollout.history["reference"][0, :, 3])
+    commanded = 1.0 / np.interp(rate, turns.yaw_rate, 1.0 / turns.radius)
+    begin = int(np.ceil((task.lead + task.ramp) / task.dt))
+    radius_error, out_of_round = np.full((2, len(rate)), np.nan)
+    for i, length in enumerate(rollout.length):
+        track = truth[begin : length + 1, i]
+        turned = np.abs(np.unwrap(track[:, _PSI]) - track[:1, _PSI])
+        if not np.any(turned >= np.pi):
+            continue
+        whole = np.flatnonzero(turned >= 2.0 * np.pi)
+        track = track[: whole[0] + 1] if len(whole) else track
+        circle = fit_circle(track[:, _X], track[:, _Y])
+        radius_error[i] = 100.0 * abs(circle.radius / commanded[i] - 1.0)
+        out_of_round[i] = circle.rms
+    return radius_error, out_of_round
+
+
+def _input_rmse(rollout: Rollout) -> np.ndarray:
+    core, h = core_of(rollout), rollout.history
+    if core.belief.input_mean is None:
+        return np.full(len(rollout.seeds), np.nan)
+    delay = core.filter.input_delay or 0  # the estimate of step k is of the input of step k - delay
+    known = len(h["unknown_input"]) - delay
+    return rms(h["input_estimate"][delay:, :, 0] - h["unknown_input"][:known, :, 0], rollout.alive[delay:])
