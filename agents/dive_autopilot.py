@@ -1,5 +1,6 @@
 """Line-of-sight guidance for dives, with course and flight-path loops designed from the linearised vehicle."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from typing import NamedTuple
@@ -10,7 +11,7 @@ from scipy.optimize import root
 
 from estimators import wrap
 from vessel_gym.system import System
-from vessel_gym.tasks.dive import Dive, SpatialDive
+from vessel_gym.tasks.dive import Dive
 from vessel_gym.vehicles.auv import AUV
 
 _VERTICAL = ("w", "q", "theta")
@@ -21,11 +22,11 @@ _LATERAL = ("v", "p", "r", "phi", "psi")
 class DiveTolerances:
     """Deviations that count alike in the quadratic costs (Bryson's rule): each weight is 1 / tolerance^2."""
 
-    direction: float = 0.1  # rad, of course and flight path
-    rate: float = 0.2  # rad/s, of yaw and pitch
-    fin: float = 0.15  # rad
+    direction: float = 0.04  # rad, of course and flight path
+    rate: float = 0.4  # rad/s, of yaw and pitch
+    fin: float = 0.3  # rad
     speed: float = 2.0  # s, time constant in which an error of speed is to vanish
-    look_ahead: float = 2.0  # vehicle lengths
+    look_ahead: float = 1.0  # vehicle lengths
 
 
 class Loop(NamedTuple):
@@ -120,7 +121,9 @@ def _changes(vehicle: AUV, state: np.ndarray, actuators: np.ndarray) -> np.ndarr
     return (_after(vehicle, state, actuators) - state) / vehicle.dt
 
 
-def _steady_motions(residual: object, command: np.ndarray, guess: np.ndarray) -> np.ndarray:
+def _steady_motions(
+    residual: Callable[[np.ndarray, float], np.ndarray], command: np.ndarray, guess: np.ndarray
+) -> np.ndarray:
     """Solutions ``(m, 4)`` of ``residual(z, command) = 0``, each found from its neighbour, the middle one first."""
     table, middle = np.empty((len(command), len(guess))), len(command) // 2
     for indices in (range(middle, len(command)), range(middle, -1, -1)):
@@ -189,7 +192,7 @@ class DiveAutopilot:
         self._task, self._body = task, vehicle.body
         self._ahead = tolerances.look_ahead * vehicle.body.length
         self._vertical = vertical_loop(vehicle, tolerances)
-        self._lateral = lateral_loop(vehicle, tolerances) if isinstance(task, SpatialDive) else None
+        self._lateral = lateral_loop(vehicle, tolerances) if "rudder" in vehicle.action_names else None
         self._thrust_gain = vehicle.body.mass / tolerances.speed
 
     def reset(self, num_envs: int) -> None:

@@ -144,6 +144,11 @@ class Dive(ABC):
     HOTEL = 2.0  # power of everything but the propeller, relative to the propeller's at cruising speed
     FASTEST = 3.0  # progress that counts, relative to cruising speed
 
+    def power(self, actuators: np.ndarray) -> np.ndarray:
+        """Power of propeller and hotel load, relative to that at cruising speed: ``(...)`` of actuators ``(..., a)``."""
+        propeller = (actuators[..., -1] / self.auv.cruise_thrust) ** 1.5
+        return (self.HOTEL + propeller) / (self.HOTEL + 1.0)
+
     def begin(self, truth: np.ndarray, course: np.ndarray) -> np.ndarray:
         """The farthest progress [m] and the energy used [s at cruising power], ``(B, 2)``."""
         tally = np.zeros((len(truth), 2))
@@ -166,8 +171,7 @@ class Dive(ABC):
 
         farthest, speed = tally[:, 0], self.auv.cruise_speed
         fresh = np.clip(np.minimum(true[:, 0], length) - farthest, 0.0, self.FASTEST * speed * self.dt)
-        power = (self.HOTEL + (actuators[:, -1] / self.auv.cruise_thrust) ** 1.5) / (self.HOTEL + 1.0)
-        energy = tally[:, 1] + self.dt * power
+        energy = tally[:, 1] + self.dt * self.power(actuators)
         reward = self.TRACKING * fresh / length / (1.0 + (off / self.TRACK_TOLERANCE) ** 2)
 
         over = reference[:, 0] >= length

@@ -160,6 +160,17 @@ def _inverse(axes: str, upper: tuple[Any, ...]) -> dict[str, np.ndarray]:
     return {f"inverse_{axes[i]}{axes[j]}": inverse[..., i, j] for i, j in zip(row, column, strict=True)}
 
 
+_VERTICAL, _LATERAL, _PLAN = ("u", "w", "q", "z", "theta"), ("v", "p", "r", "phi", "psi"), ("x", "y")
+_PLANES = (
+    (_VERTICAL, _VERTICAL),
+    (_LATERAL, _LATERAL),
+    (_PLAN, _PLAN),
+    (("current",), _VERTICAL),
+    (("current north", "current east"), ("u", "v", "psi")),
+)
+"""Components of the state, and the readings that show them."""
+
+
 class Kicks(Protocol):
     """What a filter's model needs to know of the sea."""
 
@@ -291,14 +302,14 @@ class AUV(ABC):
 
     @cached_property
     def localisation(self) -> np.ndarray:
-        """Which reading may correct which component in an ensemble ``(n, p)``: position fixes the position in plan.
+        """Which reading may correct which component of an ensemble ``(n, p)``: those of its own plane.
 
-        Nothing else shows where in plan the vehicle is, and a fix shows nothing else. Between two fixes an ensemble
-        of a hundred would take the chance correlations with twenty steps of other readings for knowledge.
+        To first order surge, heave and pitch know nothing of sway, roll and yaw; the current shows in how the vehicle
+        drifts over ground; where it is in plan only position fixes show. A hundred members see chance correlations
+        between all of these, which twenty steps of other readings between two fixes would take for knowledge.
         """
-        fixes = np.repeat(
-            [instrument.name == "acoustic position" for instrument in self.instruments],
-            [len(instrument.channels) for instrument in self.instruments],
-        )
-        plan = np.isin(self.truth_names, ("x", "y"))
-        return (plan[:, None] == fixes).astype(float)
+        readings = [channel.split()[0] for instrument in self.instruments for channel in instrument.channels]
+        mask = np.zeros((len(self.truth_names), len(readings)))
+        for components, shown_by in _PLANES:
+            mask[np.ix_(np.isin(self.truth_names, components), np.isin(readings, shown_by))] = 1.0
+        return mask
