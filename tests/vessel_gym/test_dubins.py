@@ -1,0 +1,328 @@
+"""Dubins paths against an integration and a search of their own, symmetries, and poses at which formulas jump."""
+
+import re
+import time
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vessel_gym.guidance.dubins import WORDS, candidates, lengths, shortest, word_path
+
+PAIRS = 400
+"""Random pairs of poses in a run of the tests; set 10_000 for the full count, which takes a minute."""
+SIDES = {"L": 1.0, "S": 0.0, "R": -1.0}
+
+
+def random_pairs(n: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of poses whose distances cover 0 to 20 turn radii, near ones as often as far ones."""
+    rng = np.random.default_rng(seed)
+    start = rng.uniform(-1.0, 1.0, (n, 3)) * [10.0, 10.0, np.pi]
+    distance, bearing = 20.0 * rng.uniform(size=n) ** 2, rng.uniform(-np.pi, np.pi, n)
+    goal = start + np.stack([distance * np.cos(bearing), distance * np.sin(bearing), rng.uniform(-np.pi, np.pi, n)], -1)
+    return start, goal
+
+
+def travel(pose: np.ndarray, sides: str | np.ndarray, pieces: np.ndarray) -> np.ndarray:
+    """Poses after arcs and straights, by rotation about the centre of each arc; radius 1.
+
+    Args:
+        pose: ``(..., 3)``.
+        sides: ``(k,)`` letters.
+        pieces: ``(..., k)`` lengths.
+    """
+    z, heading = pose[..., 0] + 1j * pose[..., 1], pose[..., 2]
+    for letter, length in zip(sides, np.moveaxis(np.asarray(pieces, float), -1, 0), strict=True):
+        side = SIDES[letter]
+        if side == 0.0:
+            z = z + length * np.exp(1j * heading)
+        else:
+            centre = z + 1j * side * np.exp(1j * heading)
+            z, heading = centre + (z - centre) * np.exp(1j * side * length), heading + side * length
+    return np.stack([z.real, z.imag, heading], -1)
+
+
+def misses(end: np.ndarray, goal: np.ndarray) -> np.ndarray:
+    """How far the poses ``(..., 3)`` differ: the largest of x, y and the heading modulo 2 pi."""
+    turn = np.angle(np.exp(1j * (end[..., 2] - goal[..., 2])))
+    return np.max(np.abs(np.stack([end[..., 0] - goal[..., 0], end[..., 1] - goal[..., 1], turn])), 0)
+
+
+# --- the six words ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("radius", [1.0, 0.3])
+def test_every_candidate_ends_at_the_goal_and_is_as_long_as_it_says(radius):
+    seen = set()
+    for start, goal in zip(*random_pairs(PAIRS, 0), strict=True):
+        for word, length in candidates(start, goal, radius).items():
+            path = word_path(start, goal, radius, word)
+            assert path.word == word
+            assert path.length == pytest.approx(length, rel=1e-14)
+            scale = np.array([radius, radius, 1.0])
+            end = travel(start / scale, word, path.segments[:, 4] / radius) * scale
+            assert misses(end, goal) < 1e-9
+            seen.add(word)
+    assert seen == set(WORDS)
+
+
+def solutions(start: np.ndarray, goal: np.ndarray, word: str, guess: np.ndarray, steps: int = 12) -> np.ndarray:
+    """Lengths of the paths of a word that Newton's method finds, infinite where it finds none.
+
+    Args:
+        start: ``(n, 3)``.
+        goal: ``(n, 3)``.
+        word: Three letters.
+        guess: ``(g, 3)`` lengths of the pieces from which it begins.
+        steps: How many it takes.
+    """
+    start, goal = start[:, None], goal[:, None]
+    pieces = np.broadcast_to(guess, (len(start), *guess.shape)).copy()
+    for _ in range(steps):
+        error = travel(start, word, pieces) - goal
+        error[..., 2] = np.angle(np.exp(1j * error[..., 2]))
+        slope = np.stack(
+            [(travel(start, word, pieces + d) - travel(start, word, pieces - d)) / 2e-6 for d in 1e-6 * np.eye(3)], -1
+        )
+        slope += 1e-9 * np.eye(3)  # no guess stops at a singular point
+        change = np.linalg.solve(slope, error[..., None])[..., 0]
+        pieces -= np.clip(change, -2.0, 2.0)
+        for k, letter in enumerate(word):
+            if letter != "S":
+                pieces[..., k] %= 2.0 * np.pi
+    arrived = misses(travel(start, word, pieces), np.broadcast_to(goal, pieces.shape)) < 1e-7
+    return np.where(arrived & (pieces >= 0.0).all(-1), pieces.sum(-1), np.inf).min(-1)
+
+
+def test_no_search_over_words_and_lengths_of_pieces_finds_a_shorter_path():
+    start, goal = random_pairs(PAIRS, 1)
+    found = lengths(start, goal, 1.0).min(-1)
+    words = ["".join(w) for w in product("LSR", repeat=3) if w[0] != w[1] != w[2]]
+    assert set(WORDS) < set(words)
+    guess = np.array(list(product((0.5, 2.5, 4.5), (1.0, 4.0, 10.0), (0.5, 2.5, 4.5))))
+    searched = np.min([solutions(start, goal, word, guess) for word in words], 0)
+    assert (searched > found - 1e-6).all()
+    assert np.mean(searched < found + 1e-6) > 0.95  # the search is one that would find a shorter path
+
+
+def test_lengths_are_the_same_backwards_and_in_the_mirror():
+    start, goal = random_pairs(100 * PAIRS, 2)
+    found, turn, mirror = lengths(start, goal, 1.0), np.array([0.0, 0.0, np.pi]), np.array([1.0, -1.0, -1.0])
+    swapped = [WORDS.index(word.translate(str.maketrans("LR", "RL"))) for word in WORDS]
+    reversed_ = [WORDS.index(word.translate(str.maketrans("LR", "RL"))[::-1]) for word in WORDS]
+    np.testing.assert_allclose(lengths(start * mirror, goal * mirror, 1.0)[:, swapped], found, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(lengths(goal + turn, start + turn, 1.0)[:, reversed_], found, rtol=0, atol=1e-9)
+
+
+def test_lengths_move_turn_and_scale_with_the_poses():
+    start, goal = random_pairs(100 * PAIRS, 3)
+    found, angle = lengths(start, goal, 1.0), 2.3
+    turn = np.array([[np.cos(angle), np.sin(angle), 0.0], [-np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
+    moved = [pose @ turn * [50.0, 50.0, 1.0] + [-300.0, 700.0, angle] for pose in (start, goal)]
+    np.testing.assert_allclose(lengths(*moved, 50.0), 50.0 * found, rtol=0, atol=50.0 * 1e-9)
+
+
+def test_no_path_is_shorter_than_the_straight_line_and_none_needs_more_than_a_bounded_detour():
+    start, goal = random_pairs(100 * PAIRS, 4)
+    excess = lengths(start, goal, 1.0).min(-1) - np.hypot(*(goal - start)[:, :2].T)
+    assert excess.min() >= 0.0
+    assert excess.max() < 7.0 * np.pi / 3.0 + 1e-9  # the detour of a turn on the spot
+
+
+# --- where formulas jump by a full circle -----------------------------------------------------------
+
+FRAMES = [(0.0, 0.0, 0.0), (3.0, -7.0, 0.7), (-500.0, 100.0, -2.4), (0.1, 0.2, 3.1), (1e4, -3e4, 40.0)]
+"""Starts [turn radii, rad] from which the same move is made: each rounds it in its own way."""
+
+frames = pytest.mark.parametrize("start", FRAMES)
+
+
+@frames
+@pytest.mark.parametrize("distance", [0.0, 1e-3, 1.0, 2.0, 4.0, 100.0])
+def test_a_goal_straight_ahead_is_as_far_as_it_is_away(start, distance):
+    start = np.array(start)
+    path = shortest(start, travel(start, "S", [distance]), 1.0)
+    assert path.length == pytest.approx(distance, abs=1e-9)
+
+
+@frames
+@pytest.mark.parametrize("side", ["L", "R"])
+@pytest.mark.parametrize("arc", np.array([0.0, 1e-6, 0.3, 1.0, 1.5, 2.0, 2.9999]) * np.pi / 1.5)
+def test_a_goal_on_the_vehicle_s_own_turning_circle_is_an_arc_away(start, side, arc):
+    start = np.array(start)
+    goal = travel(start, side, [arc])
+    assert shortest(start, goal, 1.0).length == pytest.approx(arc, abs=1e-9)
+
+
+@frames
+def test_a_pose_is_no_way_from_itself_and_seven_thirds_of_pi_from_its_opposite(start):
+    start = np.array(start)
+    same = shortest(start, start, 1.0)
+    assert (same.length, same.word) == (0.0, "S")
+    assert shortest(start, start + [0.0, 0.0, 2.0 * np.pi], 1.0).length == 0.0
+    for turn in (np.pi, -np.pi, 3.0 * np.pi):
+        assert shortest(start, start + [0.0, 0.0, turn], 1.0).length == pytest.approx(7.0 * np.pi / 3.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("goal", "length"),
+    [
+        ((0.0, 2.0, np.pi), np.pi),  # beside, facing back: half a turn
+        ((2.0, 2.0, 0.0), np.pi),  # two quarters that touch
+        ((10.0, -2.0, np.pi), 10.0 + np.pi),  # ahead, then half a turn
+    ],
+)
+def test_poses_whose_distance_is_known(goal, length):
+    assert shortest([0.0, 0.0, 0.0], goal, 1.0).length == pytest.approx(length, abs=1e-9)
+
+
+@frames
+@pytest.mark.parametrize("word", WORDS)
+def test_a_word_that_loses_pieces_is_never_a_circle_too_long(start, word):
+    rng = np.random.default_rng(5)
+    start = np.array(start)
+    for kept in product((0.0, 1.0), repeat=3):
+        for _ in range(20):
+            pieces = rng.uniform(0.0, 6.0, 3)
+            if word[1] != "S":
+                pieces[1] = rng.uniform(np.pi, 6.0)
+            pieces *= kept
+            goal = travel(start, word, pieces)
+            assert candidates(start, goal, 1.0)[word] <= pieces.sum() + 1e-9
+            path = word_path(start, goal, 1.0, word)
+            assert misses(path.pose(path.length), goal) < 1e-9
+
+
+# --- paths ------------------------------------------------------------------------------------------
+
+
+def test_a_path_s_segments_follow_each_other_and_its_samples_lie_on_it():
+    for start, goal in zip(*random_pairs(50, 6), strict=True):
+        path = shortest(start, goal, 1.0)
+        pose = start
+        for row, letter in zip(path.segments, path.word, strict=True):
+            np.testing.assert_allclose(row[:3], pose, rtol=0, atol=1e-12)
+            assert row[3] == SIDES[letter]
+            pose = travel(pose, letter, row[4:])
+        np.testing.assert_allclose(path.ends, np.cumsum(path.segments[:, 4]))
+        samples = path.sample(0.01)
+        chords = np.hypot(*np.diff(samples[:, :2], axis=0).T)
+        assert misses(samples[0], start) == 0.0
+        assert misses(samples[-1], goal) < 1e-9
+        assert chords.max() <= 0.01
+        assert chords.sum() == pytest.approx(path.length, rel=1e-5)
+        assert np.abs(np.diff(samples[:, 2])).max() <= 0.01 + 1e-12  # heading continuous, no tighter than the radius
+        halfway = np.arctan2(*np.diff(samples[:, 1::-1], axis=0).T)
+        turned = np.angle(np.exp(1j * (halfway - samples[:-1, 2])))
+        assert np.abs(turned).max() <= 0.005 + 1e-9  # and the heading is that of the motion
+
+
+def test_poses_and_curvatures_are_asked_for_at_any_arc_lengths():
+    path = shortest([0.0, 0.0, 0.0], [6.0, 3.0, -1.0], 1.0)
+    s = np.linspace(0.0, path.length, 12).reshape(3, 4)
+    assert path.pose(s).shape == (3, 4, 3)
+    middle = 0.5 * (np.concatenate([[0.0], path.ends[:-1]]) + path.ends)
+    np.testing.assert_array_equal(path.curvature(middle), path.segments[:, 3])
+    step = 1e-6
+    rate = (path.pose(middle + step)[:, 2] - path.pose(middle - step)[:, 2]) / (2.0 * step)
+    np.testing.assert_allclose(rate, path.curvature(middle), rtol=0, atol=1e-8)
+    np.testing.assert_array_equal(path.pose(-1.0), path.pose(0.0))
+    np.testing.assert_array_equal(path.pose(path.length + 1.0), path.pose(path.length))
+
+
+def test_a_path_of_no_length_has_its_pose_everywhere():
+    path = shortest([1.0, 2.0, 3.0], [1.0, 2.0, 3.0], 5.0)
+    np.testing.assert_array_equal(path.sample(0.1), [[1.0, 2.0, 3.0]] * 2)
+    assert path.curvature(0.0) == 0.0
+
+
+# --- the published case without obstacles -----------------------------------------------------------
+
+
+def test_the_published_case_is_rsr_if_its_headings_are_from_x_and_rsl_if_they_are_from_y():
+    from_x = shortest([-500.0, 100.0, np.pi / 6], [0.0, 200.0, 0.0], 100.0)
+    assert from_x.word == "RSR"
+    assert from_x.length == pytest.approx(510.6, abs=0.05)
+    from_y = shortest([-500.0, 100.0, np.pi / 2 - np.pi / 6], [0.0, 200.0, np.pi / 2], 100.0)
+    assert from_y.word == "RSL"
+    assert from_y.length == pytest.approx(579.3, abs=0.05)
+
+
+def test_the_published_points_of_the_case_with_an_obstacle_are_the_tangent_points_of_an_rsl_path():
+    path = shortest([-500.0, 100.0, np.pi / 3], [0.0, 126.795, 0.0], 100.0)
+    assert path.word == "RSL"
+    assert path.length == pytest.approx(518.774, abs=5e-4)
+    points = path.segments[1:, :2]
+    np.testing.assert_allclose(points, [[-407.7151, 149.8384], [-5.6824, 126.9565]], rtol=0, atol=5e-4)
+
+
+# --- many at once, and bad input --------------------------------------------------------------------
+
+
+def test_many_pairs_at_once_are_the_pairs_one_by_one():
+    start, goal = random_pairs(24, 7)
+    radius = np.linspace(0.5, 3.0, 4)
+    batch = lengths(start.reshape(6, 4, 3), goal.reshape(6, 4, 3), radius)
+    assert batch.shape == (6, 4, 6)
+    for row, a, b, r in zip(batch.reshape(24, 6), start, goal, np.tile(radius, 6), strict=True):
+        one = candidates(a, b, r)
+        assert one == {word: value for word, value in zip(WORDS, row, strict=True) if np.isfinite(value)}
+        assert shortest(a, b, r).length == pytest.approx(row.min(), rel=1e-14)
+    np.testing.assert_array_equal(lengths(start, goal[0], 1.0)[5], lengths(start[5], goal[0], 1.0))
+
+
+def test_a_million_pairs_take_less_than_two_seconds_of_one_core():
+    start, goal = random_pairs(1_000_000, 8)
+    begin = time.process_time()
+    lengths(start, goal, 1.0)
+    assert time.process_time() - begin < 2.0
+
+
+POSE = [0.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("start", "goal", "radius", "message"),
+    [
+        ([0.0, np.nan, 0.0], POSE, 1.0, "start must be finite"),
+        (POSE, [0.0, 0.0, np.inf], 1.0, "goal must be finite"),
+        (POSE, POSE, 0.0, "turn radius must be positive"),
+        (POSE, POSE, -1.0, "turn radius must be positive"),
+        (POSE, POSE, np.nan, "turn radius must be positive"),
+        (POSE, POSE, np.inf, "turn radius must be positive"),
+        ([0.0, 0.0], POSE, 1.0, "pose"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_in_a_sentence(start, goal, radius, message):
+    for function in (lengths, candidates, shortest):
+        with pytest.raises(ValueError, match=message):
+            function(start, goal, radius)
+
+
+def test_one_path_joins_one_pair_and_other_requests_say_what_to_do():
+    with pytest.raises(ValueError, match="`lengths` takes many"):
+        shortest(np.zeros((2, 3)), np.zeros((2, 3)), 1.0)
+    with pytest.raises(ValueError, match="`candidates` says which"):
+        word_path(POSE, [20.0, 0.0, 0.0], 1.0, "LRL")
+    with pytest.raises(ValueError, match="choose one of LSL"):
+        word_path(POSE, [20.0, 0.0, 0.0], 1.0, "SSS")
+    with pytest.raises(ValueError, match="spacing"):
+        shortest(POSE, [20.0, 0.0, 0.0], 1.0).sample(0.0)
+
+
+# --- the page ---------------------------------------------------------------------------------------
+
+PAGE = Path(__file__).parents[2] / "docs" / "dubins.md"
+EXAMPLES = re.findall(r"^```python\n(.*?)^```", PAGE.read_text(encoding="utf-8"), re.M | re.S)
+
+
+@pytest.mark.parametrize("code", EXAMPLES, ids=["use", "pictures"])
+def test_an_example_of_the_page_runs_and_draws_every_picture_on_it(code, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    if "matplotlib" in code:
+        pytest.importorskip("matplotlib")
+    exec(compile(code, str(PAGE), "exec"), {"__name__": "__main__"})
+    if "matplotlib" in code:
+        shown = re.findall(r"\(images/(dubins-.*\.png)\)", PAGE.read_text(encoding="utf-8"))
+        assert sorted(shown) == sorted(path.name for path in tmp_path.iterdir())
