@@ -4,15 +4,17 @@ A task gets a picture by a scene (see `vessel_gym.rendering.renderer.Scene`) and
 """
 
 import os
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from gymnasium.error import DependencyNotInstalled
 
 from vessel_gym.core import Core
+from vessel_gym.tasks.dive import SpatialDive, VerticalDive
 from vessel_gym.tasks.turning_circle import TurningCircle
 
 if TYPE_CHECKING:
-    from vessel_gym.rendering.renderer import Renderer
+    from vessel_gym.rendering.renderer import Renderer, Scene
 
 __all__ = ["make_renderer"]
 
@@ -34,10 +36,15 @@ def make_renderer(core: Core, render_mode: str, fps: int) -> "Renderer":
         import pygame  # noqa: F401
     except ImportError as error:
         raise DependencyNotInstalled("rendering needs pygame: install vessel-gym[render]") from error
+    from vessel_gym.rendering.dive import DiveScene
     from vessel_gym.rendering.renderer import Renderer
     from vessel_gym.rendering.turning_circle import TurningCircleScene
 
-    scenes: dict[type[object], type[TurningCircleScene]] = {TurningCircle: TurningCircleScene}
+    scenes: dict[type[object], Callable[[Core], Scene]] = {
+        TurningCircle: TurningCircleScene,
+        SpatialDive: DiveScene,
+        VerticalDive: DiveScene,
+    }
     task = type(core.task)
     if task not in scenes:
         raise NotImplementedError(f"there is no picture of the task {task.__name__} yet")

@@ -4,7 +4,8 @@ Coordinates are pixels of the finished picture, x to the right and y down; point
 """
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
@@ -32,6 +33,8 @@ BELIEVED_PALE: Colour = (253, 228, 205)
 COMMANDED: Colour = (138, 150, 164)
 LIMIT: Colour = (196, 61, 61)
 CURRENT: Colour = (20, 140, 126)
+MEMBER: Colour = (240, 165, 98)
+FIX: Colour = (128, 78, 168)
 
 _OVERSAMPLING = 2
 _FONTS = "dejavusans,segoeui,helveticaneue,arial,liberationsans,notosans,freesans"
@@ -97,6 +100,16 @@ class Canvas:
         pygame.transform.smoothscale(self._ink, self.size, self._page)
         return self._page
 
+    @contextmanager
+    def clipped(self, box: Box) -> Iterator[None]:
+        """Draw nothing outside a box meanwhile."""
+        k = _OVERSAMPLING
+        self._ink.set_clip(pygame.Rect(box.left * k, box.top * k, box.width * k, box.height * k))
+        try:
+            yield
+        finally:
+            self._ink.set_clip(None)
+
     def panel(self, box: Box, colour: Colour = PANEL) -> None:
         """A card with a thin edge."""
         k = _OVERSAMPLING
@@ -112,12 +125,12 @@ class Canvas:
     def dashes(self, points: np.ndarray, colour: Colour, width: float = 1.5, on: float = 6.0, off: float = 4.0) -> None:
         """A dashed line through points."""
         length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
-        for start in np.arange(0.0, length[-1], on + off):
-            end = min(start + on, length[-1])
-            inner = length[(length > start) & (length < end)]
-            at = np.concatenate([[start], inner, [end]])
-            dash = np.stack([np.interp(at, length, points[:, 0]), np.interp(at, length, points[:, 1])], -1)
-            self.line(dash, colour, width)
+        starts = np.arange(0.0, length[-1], on + off)
+        ends = np.minimum(starts + on, length[-1])
+        first, last = np.searchsorted(length, starts, "right"), np.searchsorted(length, ends, "left")
+        tails, heads = (np.stack([np.interp(at, length, column) for column in points.T], -1) for at in (starts, ends))
+        for i in range(len(starts)):
+            self.line(np.concatenate([tails[i : i + 1], points[first[i] : last[i]], heads[i : i + 1]]), colour, width)
 
     def polygon(self, points: np.ndarray, colour: Colour, outline: Colour | None = None, width: float = 1.0) -> None:
         """A filled polygon, with an outline if a colour is given for it."""
@@ -133,6 +146,17 @@ class Canvas:
         """A filled circle."""
         centre = (at[0] * _OVERSAMPLING, at[1] * _OVERSAMPLING)
         pygame.draw.circle(self._ink, colour, centre, radius * _OVERSAMPLING)
+
+    def ring(self, at: Point | np.ndarray, colour: Colour, radius: float, width: float = 1.5) -> None:
+        """A circle."""
+        centre = (at[0] * _OVERSAMPLING, at[1] * _OVERSAMPLING)
+        pygame.draw.circle(self._ink, colour, centre, radius * _OVERSAMPLING, max(1, round(width * _OVERSAMPLING)))
+
+    def cross(self, at: Point | np.ndarray, colour: Colour, radius: float = 4.0, width: float = 1.5) -> None:
+        """A small x."""
+        arm = radius * np.array([[-1.0, -1.0], [1.0, 1.0]])
+        self.line(arm + at, colour, width)
+        self.line(arm * [1.0, -1.0] + at, colour, width)
 
     def arrow(self, start: Point, end: Point, colour: Colour, width: float = 2.0) -> None:
         """An arrow with a filled head."""
@@ -207,9 +231,9 @@ class PlanView:
         return self.pixels(at) + length * np.stack([east, -north], -1)
 
 
-def draw_grid(canvas: Canvas, view: PlanView) -> None:
-    """Thin lines along north and east, at the distance of the scale bar."""
-    box, step = view.box, view.scale * scale_bar_length(view)
+def draw_grid(canvas: Canvas, view: PlanView, least: float = 80.0, box: Box | None = None) -> None:
+    """Thin lines along north and east, at the distance of the scale bar of the same ``least`` pixels, in a box."""
+    box, step = view.box if box is None else box, view.scale * scale_bar_length(view, least)
     origin = view.pixels(np.zeros(2))
     for x in np.arange(box.left + (origin[0] - box.left) % step, box.right, step):
         canvas.line(np.array([[x, box.top], [x, box.bottom]]), GRID, 0.5)
@@ -217,14 +241,14 @@ def draw_grid(canvas: Canvas, view: PlanView) -> None:
         canvas.line(np.array([[box.left, y], [box.right, y]]), GRID, 0.5)
 
 
-def scale_bar_length(view: PlanView) -> float:
-    """A round number of metres that takes between 80 and 170 pixels or so."""
-    return nice(80.0 / view.scale)
+def scale_bar_length(view: PlanView, least: float = 80.0) -> float:
+    """A round number of metres that takes between ``least`` pixels and 1.7 times as many or so."""
+    return nice(least / view.scale)
 
 
-def draw_scale_bar(canvas: Canvas, view: PlanView, left: float, y: float) -> None:
+def draw_scale_bar(canvas: Canvas, view: PlanView, left: float, y: float, least: float = 80.0) -> None:
     """A bar of a round length with its length in words."""
-    metres = scale_bar_length(view)
+    metres = scale_bar_length(view, least)
     right = left + metres * view.scale
     canvas.line(np.array([[left, y - 4], [left, y], [right, y], [right, y - 4]]), MUTED, 1.5)
     canvas.text(0.5 * (left + right), y - 11, f"{metres:g} m", MUTED, 12, "centre")
@@ -269,9 +293,11 @@ def strip_chart(
     half_range: float,
     band: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
     limit: float | None = None,
+    limit_label: str = "",
     note: str = "",
+    lowest: float | None = None,
 ) -> None:
-    """A chart over time, symmetric about zero, in a card.
+    """A chart over time, symmetric about zero unless told otherwise, in a card.
 
     Args:
         canvas: Where to draw.
@@ -279,15 +305,19 @@ def strip_chart(
         title: Quantity and unit.
         series: Lines, the last on top.
         span: First and last time [s] of the axis.
-        half_range: The axis reaches from minus to plus this.
+        half_range: The axis reaches from minus this, or from ``lowest``, to plus this.
         band: Time, lower and upper edge of a pale area below the lines.
         limit: Dashed lines at plus and minus this.
+        limit_label: What the limit means, written below the upper line.
         note: A remark after the legend.
+        lowest: Lower end of the axis.
     """
     canvas.panel(box)
     plot = box.inset(44, 32, 22, 22)
-    sx, sy = plot.width / (span[1] - span[0]), 0.5 * plot.height / half_range
-    middle = plot.top + 0.5 * plot.height
+    bottom = -half_range if lowest is None else lowest
+    centre, half = 0.5 * (bottom + half_range), 0.5 * (half_range - bottom)
+    sx, sy = plot.width / (span[1] - span[0]), 0.5 * plot.height / half
+    middle = plot.top + 0.5 * plot.height + centre * sy
 
     def pixels(time: np.ndarray, value: np.ndarray) -> np.ndarray:
         return np.stack([plot.left + (time - span[0]) * sx, middle - value * sy], -1)
@@ -297,7 +327,7 @@ def strip_chart(
         edge = np.concatenate([pixels(time, low), pixels(time, high)[::-1]])
         canvas.polygon(edge, BELIEVED_PALE)
     ends = np.array(span)
-    for level in (-half_range, 0.0, half_range):
+    for level in (bottom, centre, half_range):
         canvas.line(pixels(ends, np.full(2, level)), ZERO if level == 0.0 else GRID, 1.0)
         canvas.text(plot.left - 6, middle - level * sy, signed(level), MUTED, 11, "right")
     for tick in np.linspace(*span, 7):
@@ -307,6 +337,7 @@ def strip_chart(
     if limit is not None:
         for level in (-limit, limit):
             canvas.dashes(pixels(ends, np.full(2, level)), LIMIT, 1.0, 4.0, 4.0)
+        canvas.text(plot.right - 4, middle - limit * sy + 8, limit_label, LIMIT, 10, "right")
     for item in series:
         points = pixels(item.time, item.value)
         (canvas.dashes if item.dashed else canvas.line)(points, item.colour, item.width)

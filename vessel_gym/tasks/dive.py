@@ -222,11 +222,11 @@ class SpatialDive(Dive):
 
     states = 14
     observed = {
-        "path ahead": 1.0, "path to starboard": 1.0, "path below": 1.0,
+        "path ahead": 0.25, "path to starboard": 0.25, "path below": 0.25,
         "look ahead": 2.5, "look to starboard": 2.5, "look below": 2.5,
         "current ahead": 0.25, "current to starboard": 0.25, "current below": 0.25,
-        "heading error": 0.5, "pitch error": 0.5, "remaining": 10.0, "curvature": 0.1,
-        "surge error": 0.5, "sway": 0.25, "heave": 0.25, "roll rate": 0.5, "pitch rate": 0.5, "yaw rate": 0.5,
+        "heading error": 0.25, "pitch error": 0.25, "remaining": 10.0, "curvature": 0.1,
+        "surge error": 0.25, "sway": 0.25, "heave": 0.25, "roll rate": 0.5, "pitch rate": 0.5, "yaw rate": 0.5,
         "roll": 0.25, "pitch": 0.5,
     }  # fmt: skip
 
@@ -295,9 +295,9 @@ class VerticalDive(Dive):
 
     states = 7
     observed = {
-        "path ahead": 1.0, "path below": 1.0, "look ahead": 5.0, "look below": 5.0,
-        "current ahead": 0.25, "current below": 0.25, "pitch error": 0.5, "remaining": 10.0,
-        "surge error": 0.5, "heave": 0.25, "pitch rate": 0.5, "pitch": 0.5,
+        "path ahead": 0.25, "path below": 0.25, "look ahead": 5.0, "look below": 5.0,
+        "current ahead": 0.25, "current below": 0.25, "pitch error": 0.25, "remaining": 10.0,
+        "surge error": 0.25, "heave": 0.25, "pitch rate": 0.5, "pitch": 0.5,
     }  # fmt: skip
 
     def _checked(self, value: object) -> np.ndarray:

@@ -1,0 +1,78 @@
+"""What the dives are for: they tell estimators apart, and the default ones say truly how sure they are.
+
+100 evaluation seeds, nominal sensors, moderate disturbance, the autopilot, whose tolerances were tuned on other seeds.
+"""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from agents import rollout
+from agents.dive_scores import components, path_errors
+from agents.metrics import consistency
+from agents.rollouts import Rollout
+from agents.seeds import evaluation_seeds
+from agents.statistics import paired_difference
+
+DEFAULTS = {"SegorogeniAUV-v0": "enkf", "ItsunusaAUV-v0": "enkf-sr"}
+
+every_dive = pytest.mark.parametrize("env_id", DEFAULTS)
+
+
+@cache
+def flown(env_id: str, estimator: str | None = None, plain: bool = False) -> Rollout:
+    options = {"estimator": estimator, "estimator_options": {"localisation": None} if plain else {}}
+    return rollout("autopilot", env_id, evaluation_seeds(100), options)
+
+
+def pooled_rms(flight: Rollout) -> float:
+    """Root mean square over all times of all episodes: cross-track in three dimensions, else path-normal [m]."""
+    cross, normal = path_errors(flight)
+    error = cross if "y" in flight.env.unwrapped.system.vehicle.truth_names else normal
+    return float(np.sqrt(np.mean(error[flight.alive] ** 2)))
+
+
+@every_dive
+def test_on_its_default_estimates_the_autopilot_keeps_the_path_and_arrives(env_id: str):
+    flight = flown(env_id)
+    assert flight.env.unwrapped.core.estimator == DEFAULTS[env_id]
+    assert (flight.end == "arrived").sum() >= 95
+    assert pooled_rms(flight) <= 0.3
+
+
+@every_dive
+def test_on_held_readings_it_seldom_arrives_and_strays_twice_as_far(env_id: str):
+    held = flown(env_id, "measurement")
+    assert (held.end == "arrived").sum() <= 50
+    assert pooled_rms(held) >= 2.0 * pooled_rms(flown(env_id))
+
+
+@every_dive
+def test_the_better_it_is_known_where_the_vehicle_is_the_higher_the_score(env_id: str):
+    scores = {name: flown(env_id, name).score for name in ("truth", None, "measurement")}
+    for better, worse in (("truth", None), (None, "measurement")):
+        difference = paired_difference(scores[better], scores[worse])
+        assert difference is not None
+        assert difference.low > 0.0
+
+
+@every_dive
+def test_a_plain_ensemble_takes_chance_correlations_for_knowledge(env_id: str):
+    """Without localisation the position's variance shrinks between two fixes, and dives miss their goal."""
+    plain, localised = flown(env_id, plain=True), flown(env_id)
+    position = components(plain.env.unwrapped.system.vehicle, "position_rmse")
+    assert consistency(plain, position) < consistency(localised, position) - 0.05
+    difference = paired_difference(localised.score, plain.score)
+    assert difference is not None
+    assert difference.low > 0.0
+
+
+@every_dive
+def test_the_default_filter_is_as_sure_of_the_position_as_it_may_be(env_id: str):
+    """The mean NEES over 100 runs lies in its 95 % chi-square band at 95 % of times."""
+    flight = flown(env_id)
+    position = components(flight.env.unwrapped.system.vehicle, "position_rmse")
+    share = consistency(flight, position)
+    assert share is not None
+    assert share >= 0.95

@@ -1,0 +1,516 @@
+"""The picture of a dive: where the vehicle is and where it believes to be, from above, from the side and close up."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from vessel_gym.core import Core
+from vessel_gym.guidance.dive_path import follow, path_point
+from vessel_gym.rendering.canvas import (
+    BELIEVED,
+    BELIEVED_PALE,
+    COMMANDED,
+    CURRENT,
+    FIX,
+    LIMIT,
+    MEMBER,
+    MUTED,
+    PANEL,
+    TEXT,
+    TRUE,
+    TRUE_PALE,
+    TRUE_SOFT,
+    WATER,
+    Box,
+    Canvas,
+    Colour,
+    PlanView,
+    Series,
+    draw_grid,
+    draw_north,
+    draw_scale_bar,
+    nice,
+    scale_bar_length,
+    signed,
+    strip_chart,
+)
+from vessel_gym.sensors import SUITES
+from vessel_gym.tasks.dive import Dive
+
+_VEHICLE_PIXELS = 30.0  # least length of a vehicle in the large views
+_STEP = 40.0  # least pixels from one grid line to the next
+_COLUMN = 204.0  # width of the close-ups and the legend
+_GAP = 10.0
+_MARGIN = 26.0  # least pixels around what is seen
+_CIRCLE = np.stack([np.cos(np.linspace(0.0, 2.0 * np.pi, 48)), np.sin(np.linspace(0.0, 2.0 * np.pi, 48))])
+
+
+class Sample(NamedTuple):
+    """One moment of an episode, or as columns a whole one."""
+
+    step: np.ndarray
+    truth: np.ndarray  # (n,)
+    estimate: np.ndarray  # (n,)
+    cov: np.ndarray  # (n, n)
+    actuators: np.ndarray  # (a,)
+
+
+@dataclass(frozen=True)
+class _View:
+    """A way to look at the dive, as a map whose first coordinate goes up and whose second goes right.
+
+    Attributes:
+        title: What is seen.
+        aside: From the side, unrolled along the path; otherwise from above.
+        course: ``(3,)`` the path's.
+        fin: Which actuator is seen to turn.
+    """
+
+    title: str
+    aside: bool
+    course: np.ndarray
+    fin: int
+
+    def points(self, position: np.ndarray) -> np.ndarray:
+        """Where positions ``(..., 3)`` are seen, ``(..., 2)``: north and east, or up and along the path."""
+        if not self.aside:
+            return position[..., :2]
+        return np.stack([-position[..., 2], follow(position, self.course, 0.0)[..., 0]], -1)
+
+    def gradient(self, position: np.ndarray) -> np.ndarray:
+        """What a metre north, east and down does to the point where ``position (3,)`` is seen, ``(2, 3)``."""
+        if not self.aside:
+            return np.eye(2, 3)
+        heading = follow(position, self.course, 0.0)[3]
+        return np.array([[0.0, 0.0, -1.0], [np.cos(heading), np.sin(heading), 0.0]])
+
+    def nose(self, position: np.ndarray, heading: float, pitch: float) -> np.ndarray:
+        """A unit vector forward as it is seen, ``(2,)``: shorter where it points at or away from the eye."""
+        ahead = np.cos(pitch) * np.array([np.cos(heading), np.sin(heading), 0.0])
+        return self.gradient(position) @ (ahead - np.array([0.0, 0.0, np.sin(pitch)]))
+
+
+def torpedo_outline(diameter: float, points: int = 12) -> np.ndarray:
+    """A torpedo-shaped vehicle ``(k, 2)`` in lengths, body frame: round nose, stern fins.
+
+    Args:
+        diameter: Diameter over length.
+        points: Points of one side of the nose.
+    """
+    radius, turn = 0.5 * diameter, np.linspace(0.0, 0.5 * np.pi, points)
+    nose = np.stack([0.22 + 0.28 * np.cos(turn), radius * np.sin(turn)], -1)
+    stern = np.array([[-0.2, 1.0], [-0.32, 0.78], [-0.38, 1.5], [-0.46, 1.5], [-0.46, 0.4], [-0.5, 0.25]])
+    side = np.concatenate([nose, stern * [1.0, radius]])
+    return np.concatenate([side, side[:0:-1] * [1.0, -1.0]])
+
+
+class DiveScene:
+    """History and picture of one underwater vehicle on a dive; one that turns is also seen from above.
+
+    Args:
+        core: The environment's core, whose first row is shown.
+    """
+
+    def __init__(self, core: Core) -> None:
+        assert isinstance(core.task, Dive)
+        self.title = core.system.name
+        self._core, self._task = core, core.task
+        names, body = list(core.vehicle.truth_names), core.task.auv
+        self._names, self._hull = names, torpedo_outline(body.diameter / body.length)
+        self._position = core.task.position(np.eye(len(names))).T  # (3, n)
+        self._turns = "psi" in names
+        self._currents = [i for i, name in enumerate(names) if name.startswith("current")]
+        instruments = core.vehicle.instruments
+        owner = [instrument.name for instrument in instruments for _ in instrument.channels]
+        self._fix = np.array(owner) == "acoustic position"
+        self._sea = next(name for name, sea in core.system.disturbances.items() if sea is core.sea)
+        self._sensors = next(name for name, suite in SUITES.items() if suite is core.suite)
+        self._samples: list[Sample] = []
+        self._fixes: list[np.ndarray] = []
+        self._views: list[_View] = []
+        self._path = np.zeros((1, 3))
+
+    def begin(self) -> None:
+        """Start an episode with the course that the task has drawn."""
+        course = self._core.course[0]
+        self._samples.clear()
+        self._fixes.clear()
+        self._path = path_point(np.linspace(0.0, course[1], 81), course)[:, :3]
+        side = "Seen from the side, unrolled along the path" if self._turns else "Seen from the side"
+        self._views = [_View(side, True, course, len(self._core.vehicle.action_names) - 2)]
+        if self._turns:
+            self._views.insert(0, _View("Seen from above", False, course, 0))
+
+    def record(self) -> None:
+        """Append the core's present state, and an acoustic fix if one has come."""
+        core = self._core
+        belief = core.belief
+        self._samples.append(
+            Sample(
+                core.steps[0], core.truth[0].copy(), belief.mean[0].copy(), belief.cov[0].copy(),
+                core.actuators[0].copy(),
+            )
+        )  # fmt: skip
+        readings, available = core.readings
+        if available[0, self._fix].all():
+            fix = np.zeros(3)
+            fix[: self._fix.sum()] = readings[0, self._fix]
+            self._fixes.append(fix)
+
+    def draw(self, canvas: Canvas) -> None:
+        """Draw the episode so far."""
+        history = Sample(*(np.array(column) for column in zip(*self._samples, strict=True)))
+        width, height = canvas.size
+        canvas.clear()
+        self._header(canvas, Box(16, 0, width - 32, 60), history)
+        box = Box(16, 60, width - 32 - _COLUMN - _GAP, height - 76)
+        chart = 150.0 if self._turns else 128.0
+        large = box.height - 2 * (chart + _GAP)
+        count = len(self._views)
+        each = (box.width - (count - 1) * _GAP) / count
+        for i, view in enumerate(self._views):
+            self._large(canvas, Box(box.left + i * (each + _GAP), box.top, each, large), view, history)
+        self._charts(canvas, Box(box.left, box.top + large + _GAP, box.width, 2 * chart + _GAP), history)
+        self._column(canvas, Box(box.right + _GAP, box.top, _COLUMN, box.height), history)
+
+    # --- what is known of the present moment --------------------------------------------------------
+
+    def _now(self, states: np.ndarray) -> tuple[np.ndarray, float, float]:
+        """Position, heading and pitch at the end of a column of states."""
+        state = states[-1]
+        heading = float(state[self._names.index("psi")]) if self._turns else 0.0
+        return self._position @ state, heading, float(state[self._names.index("theta")])
+
+    def _cloud(self) -> np.ndarray | None:
+        """Where the members of the ensemble are, ``(N, 3)``, if there is one."""
+        ensemble = self._core.belief.ensemble
+        return None if ensemble is None else self._task.position(ensemble[0])
+
+    def _two_sigma(self, view: _View, history: Sample) -> np.ndarray:
+        """Two standard deviations of the believed position as a view shows them, ``(k, 2)``; without any, one point."""
+        position = self._position @ history.estimate[-1]
+        root = view.gradient(position) @ self._position
+        values, vectors = np.linalg.eigh(root @ history.cov[-1] @ root.T)
+        return view.points(position) + 2.0 * ((vectors * np.sqrt(np.maximum(values, 0.0))) @ _CIRCLE).T
+
+    # --- parts of the picture -----------------------------------------------------------------------
+
+    def _header(self, canvas: Canvas, box: Box, history: Sample) -> None:
+        core, task = self._core, self._task
+        words = f"estimator {core.estimator}   ·   {self._sea} disturbance   ·   {self._sensors} sensors"
+        if core.mismatch:
+            words += f"   ·   mismatch {100 * core.mismatch:g} %"
+        canvas.text(box.left, box.top + 21, self.title, TEXT, 17, bold=True)
+        canvas.text(box.left, box.top + 44, words, MUTED, 13)
+        y = box.top + 32
+        right = box.right
+        for label, value in (("score", f"{core.total[0] / task.perfect:.3f}"), ("time", self._clock(history))):
+            right -= canvas.text(right, y, value, TEXT, 15, "right", bold=True) + 8
+            right -= canvas.text(right, y, label, MUTED, 13, "right") + 24
+        words, colour = self._outcome(history)
+        canvas.text(right, y, words, colour, 15, "right", bold=True)
+
+    def _clock(self, history: Sample) -> str:
+        return f"{history.step[-1] * self._task.dt:.1f} s"
+
+    def _outcome(self, history: Sample) -> tuple[str, Colour]:
+        """How the dive has ended, in words, or that it has not."""
+        end = self._task.ends[self._core.end[0]]
+        missed = f"{np.linalg.norm(self._now(history.truth)[0] - self._path[-1]):.2f} m"
+        if end == "arrived":
+            return f"arrived, {missed} from the goal", CURRENT
+        if end == "missed the goal":
+            return f"{end} by {missed}", LIMIT
+        if end:
+            return f"lost: {end}", LIMIT
+        if history.step[-1] >= self._task.horizon:
+            return "time is up", LIMIT
+        return "under way", MUTED
+
+    def _large(self, canvas: Canvas, box: Box, view: _View, history: Sample) -> None:
+        """The whole dive from one side."""
+        task, course = self._task, view.course
+        canvas.panel(box, WATER)
+        canvas.text(box.left + 14, box.top + 18, view.title, TEXT, 13, bold=True)
+        sea = box.inset(2, 34, 2, 50)
+        true, believed = (view.points(states @ self._position.T) for states in (history.truth, history.estimate))
+        shown = [view.points(self._path), true, believed]
+        floor = course[2] + task.margin
+        if view.aside:
+            shown.append(np.array([[task.launch_depth, 0.0], [-floor, course[1]]]))
+        points = np.concatenate(shown)
+        if view.aside:  # hung up at the surface, with as much water below as there is room for
+            room = sea.inset(38, 0, 6, 0)
+            across = PlanView(room, points, _MARGIN)
+            points = np.concatenate([points, [[points[:, 0].max() - (sea.height - 2 * _MARGIN) / across.scale, 0.0]]])
+        else:
+            room = sea
+        frame = PlanView(room, points, _MARGIN)
+        with canvas.clipped(sea):
+            self._water(canvas, sea, frame, view, floor)
+            length = max(task.auv.length * frame.scale, _VEHICLE_PIXELS)
+            self._ellipse(canvas, frame, view, history)
+            self._paths(canvas, frame, view, true, believed)
+            self._marks(canvas, frame, view)
+            self._members(canvas, frame, view, 1.2)
+            self._vehicles(canvas, frame, view, history, length)
+        draw_scale_bar(canvas, frame, box.left + 16, box.bottom - 14, _STEP)
+        magnified = length / (task.auv.length * frame.scale)
+        if magnified > 1.05:
+            x = box.left + 16 + scale_bar_length(frame, _STEP) * frame.scale + 14
+            canvas.text(x, box.bottom - 17, f"vehicles drawn {magnified:.1f}×", MUTED, 11)
+        if not view.aside:
+            draw_north(canvas, box.right - 24, box.top + 42)
+        if not (view.aside and self._turns):
+            self._draw_current(canvas, box, view, history)
+
+    def _water(self, canvas: Canvas, sea: Box, frame: PlanView, view: _View, floor: float) -> None:
+        """Grid; from the side also the surface, the depth that is too deep and the scale of depth."""
+        draw_grid(canvas, frame, _STEP, sea)
+        if not view.aside:
+            return
+        task, step = self._task, scale_bar_length(frame, _STEP)
+        surface, bottom = (float(frame.pixels(np.array([up, 0.0]))[1]) for up in (task.launch_depth, -floor))
+        ends = np.array([sea.left, sea.right])
+        sky = np.array([[sea.left, sea.top], [sea.right, sea.top], [sea.right, surface], [sea.left, surface]])
+        canvas.polygon(sky, PANEL)
+        canvas.line(np.stack([ends, np.full(2, surface)], -1), TRUE_SOFT, 2.0)
+        canvas.text(
+            sea.right - 8, surface - 11, f"surface, {task.launch_depth:g} m above the start", MUTED, 11, "right"
+        )
+        canvas.dashes(np.stack([ends, np.full(2, bottom)], -1), LIMIT, 1.0, 4.0, 4.0)
+        canvas.text(sea.left + 46, bottom - 9, "too deep", LIMIT, 11)
+        for depth in step * np.arange(0.0, floor // step + 1.0):
+            y = float(frame.pixels(np.array([-depth, 0.0]))[1])
+            if abs(y - bottom) > 7.0:  # else the line would cross it out
+                canvas.text(sea.left + 32, y, "0 m" if depth == 0.0 else signed(depth), MUTED, 11, "right")
+
+    def _paths(self, canvas: Canvas, frame: PlanView, view: _View, true: np.ndarray, believed: np.ndarray) -> None:
+        """Goal, commanded path and tracks."""
+        goal = frame.pixels(view.points(self._path[-1]))
+        canvas.dot(goal, PANEL, self._task.GOAL_TOLERANCE * frame.scale)
+        canvas.dashes(frame.pixels(view.points(self._path)), COMMANDED, 1.5)
+        canvas.line(frame.pixels(believed), BELIEVED, 1.5)
+        canvas.line(frame.pixels(true), TRUE, 2.0)
+        canvas.ring(goal, CURRENT, self._task.GOAL_TOLERANCE * frame.scale, 1.5)
+        canvas.dot(goal, CURRENT, 2.0)
+        start = frame.pixels(view.points(self._path[0]))
+        _draw_start(canvas, start)
+
+    def _marks(self, canvas: Canvas, frame: PlanView, view: _View) -> None:
+        """Acoustic fixes, which tell no depth: from the side they are drawn at the surface."""
+        if self._fixes:
+            points = view.points(np.array(self._fixes))
+            if view.aside:
+                points[:, 0] = self._task.launch_depth
+            for at in frame.pixels(points):
+                canvas.cross(at, FIX, 3.5, 1.5)
+
+    def _ellipse(self, canvas: Canvas, frame: PlanView, view: _View, history: Sample) -> None:
+        """Two standard deviations of the believed position, where no ensemble shows how sure the estimator is."""
+        ellipse = frame.pixels(self._two_sigma(view, history))
+        if self._cloud() is None and np.ptp(ellipse, 0).max() > 1.0:
+            canvas.polygon(ellipse, BELIEVED_PALE, MEMBER, 1.0)
+
+    def _members(self, canvas: Canvas, frame: PlanView, view: _View, radius: float) -> None:
+        """The members of the ensemble."""
+        cloud = self._cloud()
+        if cloud is not None:
+            for at in frame.pixels(view.points(cloud)):
+                canvas.dot(at, MEMBER, radius)
+
+    def _vehicles(self, canvas: Canvas, frame: PlanView, view: _View, history: Sample, length: float) -> None:
+        fin = history.actuators[-1, view.fin]
+        blade = np.array([[-0.46, 0.0], [-0.46 - 0.2 * np.cos(fin), 0.2 * np.sin(fin)]])
+        canvas.line(self._placed(blade, frame, view, history.truth, length), LIMIT, 2.0)
+        canvas.polygon(self._placed(self._hull, frame, view, history.truth, length), TRUE_PALE, TRUE, 1.5)
+        canvas.outline(self._placed(self._hull, frame, view, history.estimate, length), BELIEVED, 1.5)
+
+    def _placed(
+        self, shape: np.ndarray, frame: PlanView, view: _View, states: np.ndarray, length: float
+    ) -> np.ndarray:  # fmt: skip
+        """A shape in the vehicle's frame where it is seen; foreshortened, and from the side never upside down."""
+        position, heading, pitch = self._now(states)
+        up, right = view.nose(position, heading, pitch)
+        share = max(float(np.hypot(up, right)), self._task.auv.diameter / self._task.auv.length)
+        flip = -1.0 if view.aside and right < 0.0 else 1.0
+        at = view.points(position)
+        return frame.body(shape * [share, flip], at, float(np.arctan2(right, up)), length)
+
+    def _draw_current(self, canvas: Canvas, box: Box, view: _View, history: Sample) -> None:
+        """The current, true and believed, as arrows of lengths in proportion."""
+        flows = [states[-1][self._currents] for states in (history.truth, history.estimate)]
+        longest = max(*(float(np.linalg.norm(flow)) for flow in flows), 1e-9)
+        for flow, label, colour, row in zip(flows, ("current", "believed"), (TRUE, BELIEVED), (0, 1), strict=True):
+            speed, y = float(np.linalg.norm(flow)), box.bottom - 34 + 18 * row
+            canvas.text(box.right - 64, y, label, colour, 11, "right")
+            canvas.text(box.right - 12, y, f"{speed:.2f} m/s", colour, 11, "right")
+            up, right = (0.0, flow[0]) if view.aside else flow
+            half = 14.0 / longest * np.array([right, -up])
+            middle = np.array([box.right - 174 + 36 * row, box.bottom - 25])
+            if speed > 0.3 * longest:  # else it is a head without a shaft
+                canvas.arrow(tuple(middle - half), tuple(middle + half), colour, 1.5)
+            elif speed > 0.0:
+                canvas.dot(middle, colour, 2.0)
+
+    # --- the column on the right --------------------------------------------------------------------
+
+    def _column(self, canvas: Canvas, box: Box, history: Sample) -> None:
+        """A close-up of every view, and what the marks mean."""
+        legend = 226.0
+        each = min((box.height - legend) / len(self._views) - _GAP, 320.0)
+        for i, view in enumerate(self._views):
+            self._close_up(canvas, Box(box.left, box.top + i * (each + _GAP), box.width, each), view, history)
+        top = box.top + len(self._views) * (each + _GAP)
+        self._legend(canvas, Box(box.left, top, box.width, box.bottom - top), history)
+
+    def _close_up(self, canvas: Canvas, box: Box, view: _View, history: Sample) -> None:
+        """What is around the believed vehicle, to scale."""
+        canvas.panel(box, WATER)
+        middle = view.points(self._now(history.estimate)[0])
+        true, believed = (view.points(states @ self._position.T) for states in (history.truth, history.estimate))
+        length = self._task.auv.length
+        away = float(np.abs(true[-1] - middle).max()) + 0.55 * length
+        spread = float(np.abs(self._two_sigma(view, history) - middle).max())
+        half = nice(max(1.2 * length, away, 1.2 * spread))
+        frame = PlanView(box.inset(2, 28, 2, 30), np.array([middle - half, middle + half]), 0.0)
+        with canvas.clipped(frame.box):
+            draw_grid(canvas, frame, 36.0)
+            if view.aside:
+                surface = frame.pixels(
+                    np.array([[self._task.launch_depth, middle[1] + x] for x in (-2 * half, 2 * half)])
+                )
+                canvas.line(surface, TRUE_SOFT, 2.0)
+            self._ellipse(canvas, frame, view, history)
+            self._paths(canvas, frame, view, true, believed)
+            self._marks(canvas, frame, view)
+            self._vehicles(canvas, frame, view, history, length * frame.scale)
+            self._members(canvas, frame, view, 1.7)
+        draw_scale_bar(canvas, frame, box.left + 12, box.bottom - 9, 36.0)
+        canvas.text(box.left + 12, box.top + 15, "Close-up from the side" if view.aside else "Close-up from above",
+                    TEXT, 12, bold=True)  # fmt: skip
+
+    def _legend(self, canvas: Canvas, box: Box, history: Sample) -> None:
+        canvas.panel(box)
+        x, words = box.left + 25, box.left + 46
+        members = self._cloud()
+        spread = self._position @ history.cov[-1] @ self._position.T
+        labels = {
+            "path": "path to follow",
+            "start": "start",
+            "goal": f"goal, reached within {self._task.GOAL_TOLERANCE:g} m",
+            "true": "true vehicle, its track",
+            "believed": "believed vehicle, its track",
+            "fin": "fin of the true vehicle",
+        }
+        if members is not None:
+            labels["cloud"] = f"ensemble of {len(members)} guesses"
+        elif np.trace(spread) > 0.0:
+            labels["ellipse"] = "believed position ±2σ"
+        labels["fix"] = "acoustic fix of the position"
+        pitch = min((box.height - 16) / (len(labels) + 0.7), 26.0)
+        for i, (kind, label) in enumerate(labels.items()):
+            y = box.top + 8 + (i + 0.5) * pitch
+            canvas.text(words, y, label, TEXT, 11)
+            self._icon(canvas, kind, x, y)
+        canvas.text(words, box.top + 4 + (len(labels) + 0.3) * pitch, "(from the side: at the surface)", MUTED, 10)
+
+    def _icon(self, canvas: Canvas, kind: str, x: float, y: float) -> None:
+        """What an entry of the legend stands for."""
+        line, at = np.array([[x - 14, y], [x + 14, y]]), np.array([x, y])
+        if kind == "path":
+            canvas.dashes(line, COMMANDED, 1.5)
+        elif kind == "start":
+            _draw_start(canvas, at)
+        elif kind == "goal":
+            canvas.ring(at, CURRENT, 7.0, 1.5)
+            canvas.dot(at, CURRENT, 2.0)
+        elif kind == "true":
+            canvas.line(line, TRUE, 2.0)
+            canvas.polygon(self._hull * 26.0 + at, TRUE_PALE, TRUE, 1.2)
+        elif kind == "believed":
+            canvas.line(line, BELIEVED, 1.5)
+            canvas.polygon(self._hull * 26.0 + at, PANEL, BELIEVED, 1.2)
+        elif kind == "fin":
+            canvas.line(at + 0.5 * (line - at), LIMIT, 2.0)
+        elif kind == "ellipse":
+            canvas.polygon(at + _CIRCLE.T * [12.0, 6.0], BELIEVED_PALE, MEMBER, 1.0)
+        elif kind == "fix":
+            canvas.cross(at, FIX, 3.5, 1.5)
+        else:
+            for dx, dy in ((-9, 1), (-5, -3), (-2, 3), (0, -1), (4, 4), (5, -2), (9, 0)):
+                canvas.dot((x + dx, y + dy), MEMBER, 1.5)
+
+    # --- charts -------------------------------------------------------------------------------------
+
+    def _charts(self, canvas: Canvas, box: Box, history: Sample) -> None:
+        task, dt = self._task, self._task.dt
+        time = history.step * dt
+        usual = max(1.15 * self._views[0].course[1] / task.auv.cruise_speed, float(time[-1]))
+        span = 0.0, 30.0 * np.ceil(usual / 30.0)
+        width, height = (box.width - _GAP) / 2, (box.height - _GAP) / 2
+        boxes = [
+            Box(box.left + i * (width + _GAP), box.top + j * (height + _GAP), width, height)
+            for j in range(2) for i in range(2)
+        ]  # fmt: skip
+        right, above = self._errors(history)
+        u = self._names.index("u")
+        speed = history.truth[:, u], history.estimate[:, u], np.sqrt(np.maximum(history.cov[:, u, u], 0.0))
+
+        if self._turns:
+            self._compare(canvas, boxes.pop(0), "Right of the path  [m]", time, span, 0.5, *right, limit=task.LOST)
+        self._compare(canvas, boxes.pop(0), "Above the path  [m]", time, span, 0.5, *above, limit=task.LOST)
+        self._fins(canvas, boxes.pop(0), time, span, history)
+        self._compare(canvas, boxes.pop(0), "Speed through the water  [m/s]", time, span, 1.0, *speed, lowest=0.0)
+        if boxes:
+            i = self._currents[0]
+            flow = history.truth[:, i], history.estimate[:, i], np.sqrt(np.maximum(history.cov[:, i, i], 0.0))
+            self._compare(canvas, boxes.pop(0), "Current ahead  [m/s]", time, span, 0.1, *flow)
+
+    def _errors(self, history: Sample) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """Distance to the right of the path and above it [m]: true, believed, and the latter's standard deviation."""
+        course, errors = self._views[0].course, []
+        for states in (history.truth, history.estimate):
+            on = follow(states @ self._position.T, course, 0.0)
+            steep = np.hypot(1.0, on[:, 4])
+            errors.append((on[:, 1], -on[:, 2] / steep))
+        heading, zero = on[:, 3], np.zeros(len(on))
+        across = np.stack([-np.sin(heading), np.cos(heading), zero], -1)
+        up = np.stack([on[:, 4] * np.cos(heading), on[:, 4] * np.sin(heading), zero - 1.0], -1) / steep[:, None]
+        cov = self._position @ history.cov @ self._position.T
+        sds = [np.sqrt(np.maximum(np.einsum("ki,kij,kj->k", d, cov, d), 0.0)) for d in (across, up)]
+        return [(errors[0][i], errors[1][i], sds[i]) for i in range(2)]
+
+    def _compare(
+        self, canvas: Canvas, box: Box, title: str, time: np.ndarray, span: tuple[float, float], least: float,
+        true: np.ndarray, believed: np.ndarray, sd: np.ndarray, limit: float = np.inf, lowest: float | None = None,
+    ) -> None:  # fmt: skip
+        """A chart of something true and something believed."""
+        low, high = believed - 2.0 * sd, believed + 2.0 * sd
+        reach = nice(max(least, *(float(np.abs(value).max()) for value in (true, low, high))))
+        seen = limit if limit <= reach else None
+        if lowest is not None and min(true.min(), low.min()) < lowest:
+            lowest = None
+        strip_chart(
+            canvas, box, title,
+            [Series("true", TRUE_SOFT, time, true, 3.5), Series("believed ±2σ", BELIEVED, time, believed)],
+            span, reach, band=(time, low, high), limit=seen, limit_label="lost", lowest=lowest,
+        )  # fmt: skip
+
+    def _fins(
+        self, canvas: Canvas, box: Box, time: np.ndarray, span: tuple[float, float], history: Sample
+    ) -> None:  # fmt: skip
+        names, limit = self._core.vehicle.action_names[:-1], float(np.rad2deg(self._task.auv.fin_limit))
+        angles = np.rad2deg(history.actuators[:, :-1])
+        series = [
+            Series(name if len(names) > 1 else "", colour, time, angles[:, i], 1.4)
+            for i, (name, colour) in enumerate(zip(names, (TRUE, CURRENT), strict=False))
+        ]
+        title = "Fins  [°]" if len(names) > 1 else f"{names[0].capitalize()}  [°]"
+        strip_chart(canvas, box, title, series, span, nice(1.2 * limit), limit=limit, note=f"limits ±{limit:g}°")
+
+
+def _draw_start(canvas: Canvas, at: np.ndarray) -> None:
+    canvas.dot(at, TEXT, 4.0)
+    canvas.dot(at, PANEL, 2.2)
