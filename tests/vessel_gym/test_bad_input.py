@@ -6,10 +6,11 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
-from contract import BLIND, ENVIRONMENTS, assert_same_tree, make_batch, random_walk, single_class
+from contract import BLIND, CARRIED, ENVIRONMENTS, assert_same_tree, make_batch, random_walk, single_class
 
 from vessel_gym.estimation import estimator_names
 from vessel_gym.sensors import SUITES
+from vessel_gym.tasks.dive import Dive
 
 every_environment = pytest.mark.parametrize("env_id", ENVIRONMENTS)
 
@@ -89,11 +90,19 @@ def test_an_option_of_an_estimator_without_any_is_named(env_id: str, estimator: 
         assert message.startswith(f"{estimator} has no option 'gain': it takes ")
 
 
-@every_environment
-def test_a_bad_value_of_an_estimator_option_is_named(env_id: str):
-    options = {"estimator": "kf-umv-ui", "estimator_options": {"input_prior": -1.0}}
-    for message in refusals_to_make(env_id, ValueError, **options):
-        assert "input_prior must be positive semidefinite" in message
+BAD_VALUES = {
+    "kf-umv-ui": ("input_prior", -1.0, "positive semidefinite"),
+    "ukf": ("alpha", 0.0, "positive"),
+    "enkf": ("members", 1, "a whole number of at least 2"),
+    "robust-kf": ("radius", -1.0, "finite and not negative"),
+}
+
+
+@pytest.mark.parametrize(("env_id", "estimator"), [case for case in CARRIED if case[1] in BAD_VALUES])
+def test_a_bad_value_of_an_estimator_option_is_named(env_id: str, estimator: str):
+    option, value, law = BAD_VALUES[estimator]
+    for message in refusals_to_make(env_id, ValueError, estimator=estimator, estimator_options={option: value}):
+        assert f"{option} must be {law}" in message
 
 
 @every_environment
@@ -114,12 +123,15 @@ def test_a_linear_filter_refuses_a_nonlinear_model_by_name(env_id: str, estimato
         assert re.match(f"{estimator} needs a LinearModel", message)
 
 
-@every_environment
-def test_estimator_options_that_were_passed_are_not_changed(env_id: str):
-    model = single_class(env_id).system.filter_model
-    options = {"model": model, "input_cov": 1e-4}
-    gym.make(env_id, estimator="kf", estimator_options=options)
-    assert options == {"model": model, "input_cov": 1e-4}
+GOOD_VALUES = {"kf": {"input_cov": 1e-4}, "ukf": {"alpha": 0.5}, "enkf": {"members": 30}}
+
+
+@pytest.mark.parametrize(("env_id", "estimator"), [case for case in CARRIED if case[1] in GOOD_VALUES])
+def test_estimator_options_that_were_passed_are_not_changed(env_id: str, estimator: str):
+    options = GOOD_VALUES[estimator] | {"model": single_class(env_id).system.filter_model}
+    passed = dict(options)
+    gym.make(env_id, estimator=estimator, estimator_options=passed)
+    assert passed == options
 
 
 @every_environment
@@ -207,6 +219,14 @@ def test_a_radius_that_the_corvette_cannot_hold_is_refused_with_the_limit(wrong:
 def test_a_radius_that_is_no_number_is_refused(wrong: Any):
     for env in (gym.make("SigmaCorvette-v0"), make_batch("SigmaCorvette-v0", 2)):
         assert "radius must be" in refusal(ValueError, env.reset, seed=0, options={"radius": wrong})
+
+
+@pytest.mark.parametrize("env_id", [key for key in ENVIRONMENTS if isinstance(single_class(key).system.task, Dive)])
+@pytest.mark.parametrize("wrong", ["deep", None, 3.0, [1.0, 2.0], [8.0, np.nan, 2.0], [[9.0, 0.0, 2.0]]], ids=repr)
+def test_a_goal_that_is_no_place_is_refused(env_id: str, wrong: Any):
+    for env in (gym.make(env_id), make_batch(env_id, 2)):
+        message = refusal(ValueError, env.reset, seed=0, options={"goal": wrong})
+        assert message == f"goal must be three finite numbers, metres north, east and down, got {wrong!r}"
 
 
 @every_environment

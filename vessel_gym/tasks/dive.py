@@ -36,6 +36,7 @@ class Dive(ABC):
     launch_depth: float = 2.0  # m of water above the start
     margin: float = 3.0  # m below the goal at which the vehicle is too deep
     tightest: float = 4.0  # vehicle lengths, least radius that may be asked for
+    widest: float = 1.5 * np.pi  # rad, widest turn that may be asked for
     steepest: float = np.deg2rad(35.0)  # rad, steepest path that may be asked for
 
     states: ClassVar[int]
@@ -74,6 +75,9 @@ class Dive(ABC):
         if goal.shape != (3,) or not np.isfinite(goal).all():
             raise ValueError(f"goal must be three finite numbers, metres north, east and down, got {value!r}")
         angle, length, depth = course_to(goal) if np.hypot(goal[0], goal[1]) > 0.0 else (0.0, 0.0, goal[2])
+        if abs(angle) > self.widest:
+            widest, wanted = np.rad2deg([self.widest, abs(angle)])
+            raise ValueError(f"the path to the goal may turn through {widest:.0f} deg at most, got {wanted:.0f} deg")
         farthest = 0.8 * self.horizon * self.dt * self.auv.cruise_speed
         least = self.tightest * self.auv.length
         if not least <= length <= farthest:
@@ -302,7 +306,7 @@ class VerticalDive(Dive):
 
     def _checked(self, value: object) -> np.ndarray:
         goal = super()._checked(value)
-        if goal[1] != 0.0 or goal[0] < 0.0:
+        if goal[1] != 0.0:
             raise ValueError(f"the goal must lie ahead, (x, 0, z) with x > 0: the vehicle does not turn, got {value!r}")
         return goal
 
