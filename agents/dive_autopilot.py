@@ -22,7 +22,7 @@ _LATERAL = ("v", "p", "r", "phi", "psi")
 class DiveTolerances:
     """Deviations that count alike in the quadratic costs (Bryson's rule): each weight is 1 / tolerance^2."""
 
-    direction: float = 0.04  # rad, of course and flight path
+    direction: float = 0.06  # rad, of course and flight path
     rate: float = 0.4  # rad/s, of yaw and pitch
     fin: float = 0.3  # rad
     speed: float = 2.0  # s, time constant in which an error of speed is to vanish

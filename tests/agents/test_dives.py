@@ -4,6 +4,7 @@
 """
 
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -76,3 +77,11 @@ def test_the_default_filter_is_as_sure_of_the_position_as_it_may_be(env_id: str)
     share = consistency(flight, position)
     assert share is not None
     assert share >= 0.95
+
+
+def test_the_example_of_the_page_runs(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    page = (Path(__file__).parents[2] / "docs" / "dives.md").read_text(encoding="utf-8")
+    code = page[page.index("```python\n") + len("```python\n") :].split("```")[0]
+    monkeypatch.setattr("agents.seeds.evaluation_seeds", lambda count: evaluation_seeds(3))
+    exec(compile(code, "docs/dives.md", "exec"), {"__name__": "page"})
+    assert capsys.readouterr().out.count("position_nees") == 4

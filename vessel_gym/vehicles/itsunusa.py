@@ -39,7 +39,7 @@ class ItsunusaParameters(AUVParameters):
     diameter: float = 0.30  # m, printed
     fin_area: float = 0.045 * 2.0 * 0.30  # m2 each; assumed, between REMUS' share (0.026 L D) and Segorogeni's
     fin_position: float = -0.5 * 2.0  # m, assumed: at the stern
-    axial_drag: float = 0.2  # assumed: the bare hull has 0.13, Triantafyllou & Amzallag (1984); towed REMUS 0.27
+    axial_drag: float = 0.2  # assumed: the bare hull has 0.13, Triantafyllou & Amzallag (1984), and fins add to it
     z_g: float = 0.015  # m, assumed, REMUS' 0.0196 m is the usual size; Prestero (2001)
     buoyancy_excess: float = 6.0  # N, assumed: it comes up by itself. The printed 16 kg cannot be made to dive
     fin_limit: float = np.deg2rad(20.0)  # rad, assumed: below stall

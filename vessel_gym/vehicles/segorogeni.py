@@ -44,7 +44,7 @@ class SegorogeniParameters(AUVParameters):
     diameter: float = 0.188  # m, beam in Table I
     fin_area: float = 0.06 * 0.98 * 0.188  # m2 each; REMUS' share, 0.026 L D, leaves this short body hardly stable
     fin_position: float = -0.5 * 0.98  # m, assumed: at the stern
-    axial_drag: float = 0.2  # assumed: the bare hull has 0.15, Triantafyllou & Amzallag (1984); towed REMUS 0.27
+    axial_drag: float = 0.2  # assumed: the bare hull has 0.15, Triantafyllou & Amzallag (1984), and fins add to it
     z_g: float = 0.02  # m, as REMUS (0.0196 m); Prestero (2001)
     buoyancy_excess: float = 1.0  # N, assumed: it comes up by itself. The printed 15 kg would by 35 N
     fin_limit: float = np.deg2rad(20.0)  # rad, assumed: below stall
