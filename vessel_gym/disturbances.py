@@ -124,6 +124,95 @@ class Water:
         return state
 
 
+@dataclass(frozen=True)
+class Air:
+    """What the air does to an aircraft: Dryden gusts, and a mean wind that they come on top of.
+
+    Low-altitude Dryden spectra (MIL-F-8785C) as met at a constant airspeed: the vertical gust has the second-order
+    form; north and east have the first-order, longitudinal one, so that a turn does not change the spectrum. The state
+    is that of the gusts now and one step ahead, (north, east, two of the vertical) each: what they will change is known
+    before it acts.
+
+    Only changes act: a vehicle starts in a wind drawn with ``wind_sd``, and its mean wind is that less the first gusts.
+    """
+
+    wind: float  # RMS speed of the mean wind, which is level, m/s
+    gust: float  # standard deviation of a level gust component, m/s
+    vertical_gust: float  # of the vertical one, m/s
+    length: float = 200.0  # m, of level gusts; Beard & McLain (2012), Table 4.1
+    vertical_length: float = 50.0  # m, of vertical ones; there too
+    airspeed: float = 20.0  # m/s
+    dt: float = 0.1  # s
+
+    size = 8
+
+    @cached_property
+    def wind_sd(self) -> np.ndarray:
+        """Standard deviations ``(3,)`` of the wind at any time, mean and gusts: north, east, down [m/s]."""
+        level = np.hypot(self.wind / np.sqrt(2.0), self.gust)
+        return np.array([level, level, self.vertical_gust])
+
+    @cached_property
+    def increment_sd(self) -> np.ndarray:
+        """Standard deviations ``(3,)`` of what the gusts change in a step: north, east, down [m/s]."""
+        A, L = self.discrete
+        change = self._output @ (A - np.eye(4))
+        return np.sqrt(np.diag(change @ self.stationary_cov @ change.T + self._output @ L @ L.T @ self._output.T))
+
+    @cached_property
+    def stationary_cov(self) -> np.ndarray:
+        """``(4, 4)`` covariance of the gusts' state at any time."""
+        A, W = self._continuous
+        return solve_continuous_lyapunov(A, -W)
+
+    def start(self, normals: np.ndarray) -> np.ndarray:
+        """A stationary state ``(..., 8)`` from standard normals of the same shape."""
+        now = np.matvec(self._stationary_root, normals[..., :4])
+        return np.concatenate([now, self._ahead(now, normals[..., 4:])], -1)
+
+    def advance(self, state: np.ndarray, normals: np.ndarray) -> np.ndarray:
+        """The state ``(..., 8)`` one step later (exact discretisation); the last four normals act."""
+        now = state[..., 4:]
+        return np.concatenate([now, self._ahead(now, normals[..., 4:])], -1)
+
+    def forcing(self, state: np.ndarray) -> np.ndarray:
+        """What the wind changes over the coming step ``(..., 3)``: north, east, down [m/s]."""
+        return np.matvec(self._output, state[..., 4:] - state[..., :4])
+
+    def gusts(self, state: np.ndarray) -> np.ndarray:
+        """The gusts now ``(..., 3)``: north, east, down [m/s]."""
+        return np.matvec(self._output, state[..., :4])
+
+    def _ahead(self, now: np.ndarray, normals: np.ndarray) -> np.ndarray:
+        A, L = self.discrete
+        return np.matvec(A, now) + np.matvec(L, normals)
+
+    @property
+    def _output(self) -> np.ndarray:
+        return np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, np.sqrt(3.0)]])
+
+    @cached_property
+    def _continuous(self) -> tuple[np.ndarray, np.ndarray]:
+        time, vertical_time = self.length / self.airspeed, self.vertical_length / self.airspeed
+        # (1 + sqrt(3) T s) / (1 + T s)^2 of white noise, scaled so that both states have a quarter of the variance
+        vertical = np.array([[0.0, 1.0], [-1.0, -2.0]]) / vertical_time
+        level = 2.0 * self.gust**2 / time
+        return block_diag(-1.0 / time, -1.0 / time, vertical), np.diag(
+            [level, level, 0.0, self.vertical_gust**2 / vertical_time]
+        )
+
+    @cached_property
+    def _stationary_root(self) -> np.ndarray:
+        return _root(self.stationary_cov)
+
+    @cached_property
+    def discrete(self) -> tuple[np.ndarray, np.ndarray]:
+        """Transition ``(4, 4)`` of the gusts over a step and a root ``(4, 4)`` of the noise that enters in it."""
+        A, W = self._continuous
+        transition, noise = van_loan(A, np.eye(4), W, self.dt)
+        return transition, _root(noise)
+
+
 def _root(cov: np.ndarray) -> np.ndarray:
     """A square root of a covariance that may be singular."""
     values, vectors = np.linalg.eigh(cov)

@@ -7,9 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.integrate import quad
 from scipy.stats import chi2, norm
 
-from vessel_gym.disturbances import Sea, Water
+from vessel_gym.disturbances import Air, Sea, Water
 from vessel_gym.envs.sigma_corvette import SEAS
 
 FALSE_ALARM = 1e-6
@@ -196,3 +197,107 @@ def test_increments_of_the_current_keep_a_gauss_markov_process_stationary():
         variance = phi**2 * water.current_sd**2 + water.kick_sd[-1] ** 2
         np.testing.assert_allclose(variance, water.current_sd**2, rtol=1e-12)
     assert np.hypot(WATER.current_sd, WATER.current_sd) == pytest.approx(0.2)
+
+
+# --- in the air -------------------------------------------------------------------------------------
+
+AIR = Air(wind=3.0, gust=1.06, vertical_gust=0.7)
+
+
+def dryden(length: float, sd: float, vertical: bool, airspeed: float, lag: float) -> float:
+    """Covariance of a gust and itself ``lag`` seconds later, from its one-sided spectrum in MIL-F-8785C."""
+    time = length / airspeed
+
+    def spectrum(omega: float) -> float:
+        square = (time * omega) ** 2
+        if vertical:
+            return sd**2 * time / np.pi * (1.0 + 3.0 * square) / (1.0 + square) ** 2
+        return 2.0 * sd**2 * time / np.pi / (1.0 + square)
+
+    return quad(spectrum, 0.0, np.inf, weight="cos", wvar=lag)[0] if lag else quad(spectrum, 0.0, np.inf)[0]
+
+
+def gusts_by_state(air: Air) -> np.ndarray:
+    """The matrix ``(3, 4)`` from the gusts' state to the gusts, as `Air.gusts` has it."""
+    return air.gusts(np.eye(8)[:4]).T
+
+
+@pytest.mark.parametrize("air", [AIR, replace(AIR, airspeed=14.0, length=120.0, vertical_length=80.0, dt=0.25)])
+def test_gusts_have_the_dryden_spectra(air):
+    """Their covariance at every lag is the transform of the spectrum, and they do not know of each other."""
+    A, _ = air.discrete
+    C, P = gusts_by_state(air), air.stationary_cov
+    for steps in (0, 1, 7, 30, 100):
+        covariance = C @ np.linalg.matrix_power(A, steps) @ P @ C.T
+        lag = steps * air.dt
+        level = dryden(air.length, air.gust, False, air.airspeed, lag)
+        down = dryden(air.vertical_length, air.vertical_gust, True, air.airspeed, lag)
+        np.testing.assert_allclose(covariance, np.diag([level, level, down]), rtol=0, atol=2e-6)
+
+
+def test_a_step_keeps_the_gusts_stationary_and_two_half_steps_are_one():
+    A, L = AIR.discrete
+    P = AIR.stationary_cov
+    np.testing.assert_allclose(A @ P @ A.T + L @ L.T, P, rtol=0, atol=1e-13)
+    half, noise = replace(AIR, dt=0.05).discrete
+    np.testing.assert_allclose(half @ half, A, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(half @ noise @ noise.T @ half.T + noise @ noise.T, L @ L.T, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(np.diag(P), [1.06**2, 1.06**2, 0.7**2 / 4, 0.7**2 / 4], rtol=1e-12)
+
+
+def test_level_gusts_decay_with_the_time_in_which_the_aircraft_crosses_them():
+    state = AIR.start(np.zeros(8))
+    state[:2] = state[4:6] = [1.0, -2.0]
+    for _ in range(101):  # 200 m at 20 m/s take 10 s; a state holds what is one step ahead
+        state = AIR.advance(state, np.zeros(8))
+    np.testing.assert_allclose(AIR.gusts(state), [np.exp(-1.0), -2.0 * np.exp(-1.0), 0.0], rtol=1e-12)
+
+
+def test_what_the_wind_changes_is_known_a_step_ahead_and_sums_to_the_change_of_the_gusts():
+    rng = np.random.default_rng(10)
+    state = AIR.start(rng.standard_normal((6, 8)))
+    first, total = AIR.gusts(state), np.zeros((6, 3))
+    for _ in range(200):
+        change, before = AIR.forcing(state), AIR.gusts(state)
+        state = AIR.advance(state, rng.standard_normal((6, 8)))
+        np.testing.assert_allclose(AIR.gusts(state) - before, change, rtol=0, atol=1e-14)
+        total += change
+    np.testing.assert_allclose(total, AIR.gusts(state) - first, rtol=0, atol=1e-12)
+
+
+def test_gusts_and_their_changes_have_their_sizes_from_the_first_step_to_the_last():
+    rng = np.random.default_rng(11)
+    rows = 4000
+    state = AIR.start(rng.standard_normal((rows, AIR.size)))
+    for step in range(101):
+        if step in (0, 1, 100):
+            for i, sd in enumerate((1.06, 1.06, 0.7)):
+                assert_variance(AIR.gusts(state)[:, i], sd**2)
+                assert_variance(AIR.forcing(state)[:, i], AIR.increment_sd[i] ** 2)
+        state = AIR.advance(state, rng.standard_normal((rows, AIR.size)))
+
+
+def test_sizes_of_the_wind_and_its_changes_are_in_closed_form():
+    step = 0.1 / 10.0  # of the time constant of level gusts
+    np.testing.assert_allclose(AIR.increment_sd[:2], 1.06 * np.sqrt(2.0 * (1.0 - np.exp(-step))), rtol=1e-9)
+    step = 0.1 / 2.5  # of the vertical ones', whose correlation is (1 - step / 2) exp(-step)
+    vertical = 0.7 * np.sqrt(2.0 * (1.0 - (1.0 - 0.5 * step) * np.exp(-step)))
+    assert AIR.increment_sd[2] == pytest.approx(vertical, rel=1e-9)
+    np.testing.assert_allclose(AIR.increment_sd, [0.1495, 0.1495, 0.239], atol=5e-4)
+    level = np.sqrt(3.0**2 / 2.0 + 1.06**2)
+    np.testing.assert_allclose(AIR.wind_sd, [level, level, 0.7], rtol=1e-12)
+
+
+def test_gusts_twice_as_strong_are_the_same_gusts_doubled():
+    strong, normals = replace(AIR, gust=2.12, vertical_gust=1.4), np.random.default_rng(12).standard_normal((5, 8))
+    np.testing.assert_allclose(strong.forcing(strong.start(normals)), 2.0 * AIR.forcing(AIR.start(normals)), rtol=1e-9)
+    np.testing.assert_allclose(strong.increment_sd, 2.0 * AIR.increment_sd, rtol=1e-9)
+
+
+def test_a_batch_of_airs_is_a_loop():
+    rng = np.random.default_rng(13)
+    state, normals = AIR.start(rng.standard_normal((6, 8))), rng.standard_normal((6, 8))
+    whole = AIR.advance(state, normals)
+    for i in range(6):
+        np.testing.assert_array_equal(AIR.advance(state[i], normals[i]), whole[i])
+        np.testing.assert_array_equal(AIR.forcing(state[i]), AIR.forcing(state)[i])

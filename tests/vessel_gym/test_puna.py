@@ -1,0 +1,617 @@
+"""The PUNA: energy, trim, turns, gusts, the paper's own form, the contract of a vehicle."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from estimators import wrap
+from vessel_gym.vehicles.puna import (
+    COEFFICIENTS,
+    MISSILE,
+    TRUTH,
+    UNCERTAIN,
+    PlanarPuna,
+    PointMass,
+    Puna,
+    PunaParameters,
+    energy,
+    planar_derivative,
+    puna_derivative,
+    puna_gust,
+    puna_readings,
+    puna_step,
+    trim,
+)
+
+BODY = PunaParameters()
+C = BODY.vector()
+VEHICLE = Puna()
+DEG = np.pi / 180.0
+MIRROR = np.array([1, -1, 1, 1, 1, -1, -1, 1, -1, 1])
+AIR = SimpleNamespace(increment_sd=np.array([0.15, 0.15, 0.24]))
+
+
+def random_states(rng: np.random.Generator, n: int) -> np.ndarray:
+    """Truth states ``(n, 10)`` over all that the aircraft can meet, and more."""
+    low = np.array([-500.0, -500.0, 0.0, 8.0, -1.2, -7.0, -0.9, -5.0, -5.0, -2.0])
+    high = np.array([500.0, 500.0, 300.0, 35.0, 1.2, 7.0, 0.9, 5.0, 5.0, 2.0])
+    return rng.uniform(low, high, (n, 10))
+
+
+def random_controls(rng: np.random.Generator, n: int) -> np.ndarray:
+    return rng.uniform([0.0, -0.07, -0.6], [16.0, 0.2, 0.6], (n, 3))
+
+
+def air_velocity(state: np.ndarray) -> np.ndarray:
+    """Velocity through the air: north, east, down."""
+    V, gamma, chi = state[..., 3], state[..., 4], state[..., 5]
+    return np.stack([V * np.cos(gamma) * np.cos(chi), V * np.cos(gamma) * np.sin(chi), -V * np.sin(gamma)], -1)
+
+
+def ground_velocity(state: np.ndarray) -> np.ndarray:
+    """Velocity over ground: north, east, down."""
+    return air_velocity(state) + state[..., 7:]
+
+
+def level_flight(speed: float, bank: float = 0.0, altitude: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """State ``(10,)`` and control ``(3,)`` of level flight, north and in still air."""
+    steady = trim(speed, BODY, altitude, bank)
+    state = np.zeros(10)
+    state[[2, 3, 6]] = altitude, speed, bank
+    return state, np.array([steady.thrust, steady.alpha, bank])
+
+
+# --- the compiled equations -------------------------------------------------------------------------
+
+
+def test_velocity_changes_by_thrust_lift_drag_and_weight():
+    """Newton in earth axes, from the vectors: the equations in wind axes say the same."""
+    states, controls = random_states(np.random.default_rng(0), 200), random_controls(np.random.default_rng(1), 200)
+    thrust, alpha = controls[:, 0], controls[:, 1]
+    h, V, phi = states[:, 2], states[:, 3], states[:, 6]
+    density = 4.319e-9 * h**2 - 1.176e-4 * h + 1.225
+    pressure = 0.5 * density * V**2 * 0.75
+    lift, drag = pressure * (4.0203 * alpha + 0.08674), pressure * (1.0555 * alpha**2 + 0.07909 * alpha + 0.0197)
+    ahead = air_velocity(states) / V[:, None]
+    starboard = np.cross([0.0, 0.0, 1.0], ahead)
+    starboard /= np.linalg.norm(starboard, axis=-1, keepdims=True)
+    above = np.cross(ahead, -starboard)
+    normal = np.cos(phi)[:, None] * above + np.sin(phi)[:, None] * starboard
+    force = (thrust * np.cos(alpha) - drag)[:, None] * ahead + (lift + thrust * np.sin(alpha))[:, None] * normal
+    acceleration = force / 3.364 + [0.0, 0.0, 9.81]
+
+    rates, h = puna_derivative(states, controls, C), 1e-6
+    moved = (air_velocity(states + h * rates) - air_velocity(states - h * rates)) / (2.0 * h)
+    np.testing.assert_allclose(moved, acceleration, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(rates[:, :3], ground_velocity(states) * [1, 1, -1], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(rates[:, 6], 2.0 * (controls[:, 2] - phi), rtol=1e-12)
+    np.testing.assert_array_equal(rates[:, 7:], 0.0)
+
+
+def test_the_density_is_that_of_the_standard_atmosphere():
+    h = np.linspace(-100.0, 1000.0, 12)
+    standard = 1.225 * (1.0 - 0.0065 * h / 288.15) ** 4.25588  # ISO 2533
+    np.testing.assert_allclose(np.polyval(BODY.density, h), standard, rtol=1e-4)
+    assert np.polyval(BODY.density, np.linspace(-1e5, 1e5, 1001)).min() > 0.0
+
+
+def test_without_thrust_and_drag_energy_is_conserved():
+    c = replace(BODY, drag=(0.0, 0.0, 0.0)).vector()
+    states = random_states(np.random.default_rng(2), 20)
+    states[:, 2], states[:, 3:5], states[:, 7:] = 200.0, [20.0, 0.1], 0.0
+    states[:, 4] = np.linspace(-0.3, 0.3, 20)
+    control = np.tile([0.0, 0.03, 0.3], 2)
+    after = states
+    for _ in range(600):
+        after = puna_step(after, control, c, 0.1, 1)
+    np.testing.assert_allclose(energy(after, c), energy(states, c), rtol=1e-6)
+    assert np.ptp(after[:, 3]) > 1.0  # it went up and down
+
+
+def test_drag_only_takes_energy_and_thrust_only_gives_it():
+    states = random_states(np.random.default_rng(3), 200)
+    states[:, 7:] = 0.0
+    controls = random_controls(np.random.default_rng(4), 200)
+
+    def power(controls: np.ndarray) -> np.ndarray:
+        rates = puna_derivative(states, controls, C)
+        return BODY.mass * (states[:, 3] * rates[:, 3] + BODY.gravity * rates[:, 2])
+
+    glide = power(controls * [0, 1, 1])
+    assert glide.max() < 0.0
+    np.testing.assert_allclose(
+        power(controls) - glide, controls[:, 0] * np.cos(controls[:, 1]) * states[:, 3], rtol=0, atol=1e-9
+    )
+
+
+def test_port_mirrors_starboard():
+    rng = np.random.default_rng(5)
+    states, controls = random_states(rng, 200), random_controls(rng, 200)
+    mirrored = puna_derivative(states * MIRROR, controls * [1, 1, -1], C)
+    np.testing.assert_allclose(mirrored, puna_derivative(states, controls, C) * MIRROR, rtol=1e-12, atol=1e-13)
+    change = rng.normal(size=(200, 3))
+    gusty = puna_gust(states * MIRROR, change * [1, -1, 1])
+    np.testing.assert_allclose(gusty, puna_gust(states, change) * MIRROR, rtol=1e-12, atol=1e-13)
+
+
+def test_no_direction_is_special():
+    """Turning course, position and wind turns the whole flight."""
+    rng = np.random.default_rng(6)
+    states, control, angle = random_states(rng, 50), np.tile(random_controls(rng, 50), 2), 0.7
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+
+    def turned(x: np.ndarray) -> np.ndarray:
+        x = x.copy()
+        x[:, :2], x[:, 7:9] = x[:, :2] @ turn.T, x[:, 7:9] @ turn.T
+        x[:, 5] += angle
+        return x
+
+    after = puna_step(turned(states), control, C, 1.0, 10)
+    np.testing.assert_allclose(after, turned(puna_step(states, control, C, 1.0, 10)), rtol=0, atol=1e-9)
+
+
+def test_a_batch_is_a_loop_and_inputs_stay():
+    rng = np.random.default_rng(7)
+    states, controls = random_states(rng, 12).reshape(3, 4, 10), random_controls(rng, 12).reshape(3, 4, 3)
+    c = VEHICLE.parameters(0.2, rng.normal(size=(4, VEHICLE.normals)))  # one aircraft a column
+    moving, change = np.concatenate([controls, 0.9 * controls], -1), rng.normal(size=(3, 4, 3))
+    copies = [a.copy() for a in (states, controls, moving, change, c)]
+    rates, after = puna_derivative(states, controls, c), puna_step(states, moving, c, 0.1, 1)
+    gusty, read = puna_gust(states, change), puna_readings(states, np.empty(9))
+    for i, j in np.ndindex(3, 4):
+        np.testing.assert_array_equal(rates[i, j], puna_derivative(states[i, j], controls[i, j], c[j]))
+        np.testing.assert_array_equal(after[i, j], puna_step(states[i, j], moving[i, j], c[j], 0.1, 1))
+        np.testing.assert_array_equal(gusty[i, j], puna_gust(states[i, j], change[i, j]))
+        np.testing.assert_array_equal(read[i, j], puna_readings(states[i, j], np.empty(9)))
+    for a, b in zip((states, controls, moving, change, c), copies, strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+# --- where the equations have poles -----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("gamma", [np.pi / 2, -np.pi / 2, np.pi / 2 - 1e-9, np.pi / 2 + 1e-9, np.pi, 5.0])
+@pytest.mark.parametrize("speed", [0.0, 1e-12, 0.5, 20.0])
+def test_straight_up_or_down_and_at_rest_nothing_is_infinite(gamma, speed):
+    rng = np.random.default_rng(8)
+    states = random_states(rng, 20)
+    states[:, 3], states[:, 4] = speed, gamma
+    controls = np.tile(random_controls(rng, 20), 2)
+    for _ in range(100):
+        states = puna_gust(puna_step(states, controls, C, 0.1, 1), 0.2 * rng.standard_normal((20, 3)))
+        assert np.isfinite(states).all()
+        assert states[:, 3].min() >= 0.0
+        assert states[:, 3].max() < 60.0
+        assert np.isfinite(puna_readings(states, np.empty(9))).all()
+
+
+def test_a_stalled_aircraft_drops_its_nose_and_flies_again():
+    state, control = level_flight(20.0, altitude=300.0)
+    state[3], state[4] = 1.0, 1.4
+    for _ in range(100):
+        state = puna_step(state, np.tile(control, 2), C, 0.1, 1)
+    assert state[3] > 8.0
+    assert abs(wrap(state[4])) < np.pi / 2
+
+
+def test_a_tail_slide_turns_into_a_dive_with_the_same_velocity():
+    state = np.array([0.0, 0.0, 100.0, 0.3, np.pi / 2, 0.2, 0.0, 1.0, 0.0, 0.0])
+    after = puna_step(state, np.zeros(6), C, 0.1, 1)
+    np.testing.assert_allclose(air_velocity(after), [0.0, 0.0, 0.981 - 0.3], rtol=0, atol=1e-3)
+    assert after[4] == pytest.approx(-np.pi / 2, abs=1e-3)
+
+
+# --- gusts ------------------------------------------------------------------------------------------
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=50, deadline=None)
+def test_a_jump_of_the_wind_leaves_the_velocity_over_ground(seed):
+    rng = np.random.default_rng(seed)
+    states, change = random_states(rng, 10), 3.0 * rng.normal(size=(10, 3))
+    states[:, 4] *= rng.choice([1.0, 2.0, 5.0])  # on its back, too
+    after = puna_gust(states, change)
+    np.testing.assert_allclose(ground_velocity(after), ground_velocity(states), rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(after[:, 7:], states[:, 7:] + change)
+    kept = [0, 1, 2, 6]
+    np.testing.assert_array_equal(after[:, kept], states[:, kept])
+    assert np.abs(after[:, 4] - states[:, 4]).max() <= np.pi + 1e-12
+
+
+def test_a_small_gust_moves_the_angles_a_little_on_any_branch():
+    rng = np.random.default_rng(9)
+    states = random_states(rng, 200)
+    states[:, 4] = rng.uniform(-8.0, 8.0, 200)
+    states = states[np.abs(np.cos(states[:, 4])) > 0.1]
+    change = 1e-3 * rng.normal(size=(len(states), 3))
+    assert np.abs(puna_gust(states, change) - states).max() < 0.01
+    np.testing.assert_allclose(puna_gust(states, np.zeros(3)), states, rtol=0, atol=1e-13)
+
+
+def test_head_wind_adds_airspeed_side_wind_turns_and_updraft_raises_the_flow():
+    level, _ = level_flight(20.0)  # northwards
+    head, side, updraft = puna_gust(level, np.array([[-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]]))
+    np.testing.assert_allclose(head[3:6], [21.0, 0.0, 0.0], rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(side[3:6], [np.hypot(20, 1), 0.0, -np.arctan(1 / 20)], rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(updraft[3:6], [np.hypot(20, 1), -np.arctan(1 / 20), 0.0], rtol=1e-12, atol=1e-15)
+
+
+def test_a_steady_wind_shifts_the_track_and_nothing_else():
+    rng = np.random.default_rng(10)
+    states, controls = random_states(rng, 20), np.tile(random_controls(rng, 20), 2)
+    states[:, 9] = 0.0  # an updraft carries it into thinner air
+    still = states.copy()
+    still[:, 7:] = 0.0
+    drifted, straight = (puna_step(x, controls, C, 2.0, 20) for x in (states, still))
+    np.testing.assert_allclose(drifted[:, :2] - straight[:, :2], 2.0 * states[:, 7:9], rtol=0, atol=1e-11)
+    np.testing.assert_array_equal(drifted[:, 2:7], straight[:, 2:7])
+    c = replace(BODY, density=(0.0, 0.0, 1.2)).vector()
+    states[:, 9] = 1.5
+    rising, straight = (puna_step(x, controls, c, 2.0, 20) for x in (states, still))
+    np.testing.assert_allclose(rising[:, 2] - straight[:, 2], -3.0, rtol=0, atol=1e-11)
+    np.testing.assert_array_equal(rising[:, 3:7], straight[:, 3:7])
+
+
+# --- the step ---------------------------------------------------------------------------------------
+
+
+CLIMBING_TURN = np.array([3.0, -4.0, 100.0, 17.0, 0.2, 0.7, 0.4, 2.0, -1.0, 0.5])
+HARD = np.array([4.0, 0.02, -0.6, 7.0, 0.07, 0.6])  # as fast as actuators move
+
+
+def precise(state: np.ndarray, control: np.ndarray, dt: float) -> np.ndarray:
+    """A step by SciPy's integrator, the actuators moving linearly."""
+    start, end = control[:3], control[3:]
+    solution = solve_ivp(
+        lambda t, s: puna_derivative(s, start + (end - start) * t / dt, C),
+        (0.0, dt), state, method="DOP853", rtol=1e-13, atol=1e-13,
+    )  # fmt: skip
+    return solution.y[:, -1]
+
+
+def test_a_step_is_the_solution_of_the_equations_to_fourth_order():
+    exact = precise(CLIMBING_TURN, HARD, 0.1)
+    np.testing.assert_allclose(puna_step(CLIMBING_TURN, HARD, C, 0.1, 1), exact, rtol=0, atol=6e-5)
+    exact = precise(CLIMBING_TURN, HARD, 1.0)
+    errors = [np.abs(puna_step(CLIMBING_TURN, HARD, C, 1.0, n) - exact).max() for n in (10, 20, 40)]
+    ratios = np.array(errors[:-1]) / errors[1:]
+    assert ((ratios > 13.0) & (ratios < 20.0)).all()
+
+
+def test_substeps_are_steps():
+    middle = 0.5 * (HARD[:3] + HARD[3:])
+    half = puna_step(CLIMBING_TURN, np.concatenate([HARD[:3], middle]), C, 0.05, 1)
+    two = puna_step(half, np.concatenate([middle, HARD[3:]]), C, 0.05, 1)
+    np.testing.assert_allclose(puna_step(CLIMBING_TURN, HARD, C, 0.1, 2), two, rtol=1e-13)
+
+
+def test_one_step_is_converged_in_half_a_minute_of_full_reversals():
+    state, control = level_flight(20.0, altitude=100.0)
+    coarse, fine, actuators, slopes = state, state, control[None], []
+    for k in range(300):
+        side = 1.0 if k // 25 % 2 == 0 else -1.0
+        after = VEHICLE.actuate(actuators, np.array([[side, -0.2 + 0.15 * side, -side]]))
+        moving = np.concatenate([actuators, after], -1)[0]
+        coarse, fine = puna_step(coarse, moving, C, 0.1, 1), puna_step(fine, moving, C, 0.1, 20)
+        actuators = after
+        slopes.append(fine[4])
+    assert np.abs(slopes).max() > 40 * DEG
+    np.testing.assert_allclose(coarse[:3], fine[:3], rtol=0, atol=0.03)
+    np.testing.assert_allclose(coarse[3:], fine[3:], rtol=0, atol=2e-4)
+
+
+# --- what the aircraft does -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("speed", "alpha", "thrust"), [(15.0, 3.29, 2.87), (20.0, 1.32, 4.06)])
+def test_level_flight_takes_the_angle_and_thrust_of_the_x8(speed, alpha, thrust):
+    steady = trim(speed, BODY)
+    assert steady.alpha / DEG == pytest.approx(alpha, rel=0.01)
+    assert steady.thrust == pytest.approx(thrust, rel=0.01)
+
+
+@pytest.mark.parametrize("speed", [10.0, 15.0, 20.0, 30.0])
+@pytest.mark.parametrize("altitude", [0.0, 500.0])
+def test_trimmed_flight_stays_as_it_is(speed, altitude):
+    state, control = level_flight(speed, altitude=altitude)
+    after = puna_step(state, np.tile(control, 2), C, 60.0, 600)
+    np.testing.assert_allclose(after[2:], state[2:], rtol=0, atol=1e-7)
+    np.testing.assert_allclose(after[:2], [60.0 * speed, 0.0], rtol=0, atol=1e-7)
+
+
+def test_what_no_wing_or_propeller_can_do_is_refused():
+    with pytest.raises(ValueError, match="no level flight at 8 m/s: lift"):
+        trim(8.0, BODY)
+    with pytest.raises(ValueError, match=r"no level flight at 45 m/s: it takes 17\.\d N"):
+        trim(45.0, BODY)
+    assert trim(9.5, BODY).alpha < BODY.alpha_high
+    with pytest.raises(ValueError, match=r"no level flight at 9\.5 m/s"):
+        trim(9.5, BODY, bank=0.6)
+
+
+def test_level_flight_is_stable():
+    state, control = level_flight(20.0)
+    moving, h = [2, 3, 4, 6], 1e-6  # position and course do not act back, altitude hardly
+    offsets = h * np.eye(10)[moving]
+    rates = [puna_derivative(state + sign * offsets, control, C)[:, moving] for sign in (1, -1)]
+    eigenvalues = np.linalg.eigvals(((rates[0] - rates[1]) / (2.0 * h)).T)
+    assert eigenvalues.real.max() < 1e-3
+    phugoid = np.abs(eigenvalues.imag).max()
+    assert phugoid == pytest.approx(np.sqrt(2.0) * 9.81 / 20.0, rel=0.02)  # Lanchester
+
+
+@pytest.mark.parametrize("bank", [10.0, -22.2, 30.0, 35.0])
+@pytest.mark.parametrize("speed", [15.0, 20.0])
+def test_a_level_coordinated_turn_has_the_radius_of_its_bank(speed, bank):
+    bank *= DEG
+    state, control = level_flight(speed, bank)
+    radius = speed**2 / (9.81 * np.tan(bank))
+    steps = 200
+    period = 2.0 * np.pi * abs(radius) / speed
+    track = [state]
+    for _ in range(steps):
+        track.append(puna_step(track[-1], np.tile(control, 2), C, period / steps, 1))
+    track = np.array(track)
+    np.testing.assert_allclose(np.hypot(track[:, 0], track[:, 1] - radius), abs(radius), rtol=1e-6)
+    np.testing.assert_allclose(track[-1, [0, 1, 2, 3, 4]], state[[0, 1, 2, 3, 4]], rtol=0, atol=1e-4)
+    assert track[-1, 5] == pytest.approx(np.sign(bank) * 2.0 * np.pi, rel=1e-6)
+
+
+def test_the_bank_limit_holds_the_published_circle_in_a_tail_wind():
+    in_still_air, in_tail_wind = np.arctan(np.array([20.0, 23.8]) ** 2 / (9.81 * 100.0)) / DEG
+    assert in_still_air == pytest.approx(22.2, abs=0.05)
+    assert in_tail_wind == pytest.approx(30.0, abs=0.05)
+    assert BODY.bank_limit > 30 * DEG
+    steady = trim(20.0, BODY, bank=BODY.bank_limit)
+    assert steady.alpha < 0.5 * BODY.alpha_high
+    assert steady.thrust < 0.5 * BODY.thrust_limit
+
+
+def test_all_thrust_climbs_at_20_degrees():
+    steady = trim(20.0, BODY)
+    state = level_flight(20.0)[0]
+    state[4] = 20 * DEG
+    rates = puna_derivative(state, np.array([BODY.thrust_limit, steady.alpha, 0.0]), C)
+    assert rates[3] == pytest.approx(0.2, abs=0.2)
+
+
+def test_thrust_drives_angle_of_attack_climbs_and_bank_turns_to_starboard():
+    state, control = level_flight(20.0)
+    rest = puna_derivative(state, control, C)
+    np.testing.assert_allclose(rest[3:6], 0.0, rtol=0, atol=1e-9)
+    assert puna_derivative(state, control + [1.0, 0.0, 0.0], C)[3] > 0.1
+    assert puna_derivative(state, control + [0.0, 0.02, 0.0], C)[4] > 0.1
+    banked = puna_step(state, np.tile(control + [0.0, 0.0, 0.3], 2), C, 1.0, 10)
+    assert banked[5] > 0.05
+    assert banked[6] == pytest.approx(0.3 * (1.0 - np.exp(-2.0)), rel=1e-4)
+
+
+# --- the paper's own form ---------------------------------------------------------------------------
+
+
+def test_at_no_angle_of_attack_the_paper_s_form_is_the_flight_in_a_vertical_plane():
+    states, controls = random_states(np.random.default_rng(11), 100), random_controls(np.random.default_rng(12), 100)
+    states[:, [5, 6, 7, 8, 9]] = 0.0
+    controls[:, 1:] = 0.0
+    planar = planar_derivative(states[:, [4, 3, 0, 2]], controls[:, :2], C)
+    np.testing.assert_allclose(planar, puna_derivative(states, controls, C)[:, [4, 3, 0, 2]], rtol=0, atol=1e-12)
+
+
+def test_the_paper_s_form_is_its_equation_1_with_lift_along_the_body_and_drag_along_the_velocity():
+    rng = np.random.default_rng(13)
+    gamma, v, x, h = rng.uniform([-1.0, 10.0, 0.0, 0.0], [1.0, 30.0, 100.0, 200.0], (50, 4)).T
+    T, alpha = rng.uniform([0.0, -0.1], [16.0, 0.2], (50, 2)).T
+    m, g = 3.364, 9.81
+    rho = 4.319e-9 * h**2 - 1.176e-4 * h + 1.225
+    D = 0.5 * (1.0555 * alpha**2 + 0.07909 * alpha + 0.0197) * rho * v**2 * 0.75
+    L = 0.5 * rho * v**2 * 0.75 * (4.0203 * alpha + 0.08674)
+    printed = np.stack([
+        T * np.sin(alpha) / (m * v) + L * np.cos(alpha) / (m * v) - g * np.cos(gamma) / v,
+        (T * np.cos(alpha) - D) / m - L * np.sin(alpha) / m - g * np.sin(gamma),
+        v * np.cos(gamma),
+        v * np.sin(gamma),
+    ], -1)  # fmt: skip
+    state, control = np.stack([gamma, v, x, h], -1), np.stack([T, alpha], -1)
+    np.testing.assert_allclose(planar_derivative(state, control, C), printed, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(PlanarPuna().step(state, control), state + 0.01 * printed, rtol=1e-12)
+    standard = np.zeros((50, 10))
+    standard[:, [4, 3, 0, 2]] = state
+    ours = puna_derivative(standard, np.stack([T, alpha, 0.0 * T], -1), C)
+    np.testing.assert_allclose(ours[:, 3] - printed[:, 1], L * np.sin(alpha) / m, rtol=0, atol=1e-12)  # brakes twice
+
+
+def test_the_missile_of_the_published_constants_cannot_fly_at_the_paper_s_speed():
+    weight = MISSILE.mass * MISSILE.gravity
+    pressure = 0.5 * MISSILE.density[2] * MISSILE.area
+    assert weight / (pressure * 20.0**2) == pytest.approx(119.0, abs=0.5)  # the lift coefficient it would need
+    falling = np.array([0.0, 20.0, 0.0, 1000.0])
+    for alpha in np.linspace(0.0, np.pi / 2, 19):
+        assert planar_derivative(falling, np.array([0.0, alpha]), MISSILE.vector())[0] < 0.0
+    fast = np.array([0.0, 272.0, 0.0, 30.0])
+    assert planar_derivative(fast, np.array([6000.0, 0.05]), MISSILE.vector())[0] > 0.0
+    flown = PlanarPuna(MISSILE).step(falling, np.array([0.0, 0.1]))
+    assert flown[3] == 1000.0  # forward Euler: gamma first
+    assert flown[0] < 0.0
+    assert PlanarPuna().body == PointMass()
+
+
+# --- the vehicle in an environment ------------------------------------------------------------------
+
+
+def test_names_and_sizes_agree():
+    channels = [channel for instrument in VEHICLE.instruments for channel in instrument.channels]
+    assert len(VEHICLE.truth_names) == len(TRUTH) == 10
+    assert len(channels) == 9
+    assert [TRUTH[i] for i in VEHICLE.state_angles] == ["gamma", "chi", "phi"]
+    assert [channels[i] for i in VEHICLE.measurement_angles] == ["course over ground", "bank"]
+    truth, actuators = VEHICLE.start(np.ones((4, 10)))
+    assert VEHICLE.readings(truth, np.zeros((4, 3))).shape == (4, 9)
+    assert actuators.shape == (4, len(VEHICLE.action_names))
+    assert C.shape == (len(COEFFICIENTS),)
+    assert VEHICLE.instruments[0].period * VEHICLE.dt == pytest.approx(1.0)  # GNSS at 1 Hz
+
+
+def test_the_start_is_the_prior_s_trimmed_for_20_m_s():
+    x = np.random.default_rng(14).normal(size=(4, 10))
+    truth, actuators = VEHICLE.start(x)
+    np.testing.assert_array_equal(truth, x)
+    np.testing.assert_array_equal(VEHICLE.filter_state(truth, 10), x)
+    np.testing.assert_array_equal(VEHICLE.filter_state(truth, 7), x[:, :7])
+    np.testing.assert_allclose(actuators, np.tile(level_flight(20.0)[1], (4, 1)))
+    truth += 1.0
+    actuators += 1.0
+    assert (truth != x).all()  # copies
+    np.testing.assert_allclose(VEHICLE.cruise, level_flight(20.0)[1])
+
+
+def test_angle_of_attack_moves_at_its_rate_between_its_limits():
+    actuators, track = np.array([[2.0, 0.02, 0.0], [2.0, 0.02, 0.0]]), []
+    for _ in range(6):
+        actuators = VEHICLE.actuate(actuators, np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]]))
+        track.append(actuators[:, 1])
+    up, down = np.array(track).T
+    steps = 0.05 * np.arange(1, 7)
+    np.testing.assert_allclose(up, np.minimum(0.02 + steps, 12 * DEG), rtol=1e-12)
+    np.testing.assert_allclose(down, np.maximum(0.02 - steps, -4 * DEG), rtol=1e-12)
+
+
+def test_bank_is_commanded_at_once_and_lags_itself():
+    actuators = VEHICLE.actuate(np.zeros((3, 3)), np.array([[0.0, 0.0, a] for a in (-1.0, 0.5, 1.0)]))
+    np.testing.assert_allclose(actuators[:, 2], np.array([-35.0, 17.5, 35.0]) * DEG)
+    state, control = level_flight(20.0)
+    control[2] = BODY.bank_limit
+    for _ in range(100):
+        state = puna_step(state, np.tile(control, 2), C, 0.1, 1)
+        assert state[6] <= BODY.bank_limit
+    assert state[6] == pytest.approx(BODY.bank_limit)
+
+
+def test_thrust_lags_exponentially_between_none_and_all():
+    actuators = np.tile([2.0, 0.0, 0.0], (2, 1))
+    for _ in range(7):
+        actuators = VEHICLE.actuate(actuators, np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]))
+    decay = np.exp(-0.7 / BODY.thrust_lag)
+    np.testing.assert_allclose(actuators[:, 0], [16.0 - 14.0 * decay, 2.0 * decay], rtol=1e-12)
+
+
+def test_a_step_of_the_vehicle_meets_the_gust_at_its_end():
+    rng = np.random.default_rng(15)
+    states, before, after = random_states(rng, 6), random_controls(rng, 6), random_controls(rng, 6)
+    forcing, c = rng.normal(size=(6, 3)), VEHICLE.parameters(0.0, np.zeros((6, VEHICLE.normals)))
+    stepped = VEHICLE.step(states, before, after, forcing, c)
+    plain = puna_step(states, np.hstack([before, after]), C, 0.1, 1)
+    np.testing.assert_array_equal(stepped[:, :3], plain[:, :3])
+    np.testing.assert_array_equal(stepped[:, 7:], states[:, 7:] + forcing)
+    np.testing.assert_allclose(ground_velocity(stepped), ground_velocity(plain), rtol=0, atol=1e-12)
+
+
+def test_instruments_read_velocity_over_ground_and_the_rest_as_it_is():
+    states = random_states(np.random.default_rng(16), 50)
+    north, east, down = ground_velocity(states).T
+    plain = np.stack([
+        *states[:, :3].T, np.hypot(north, east), np.angle(north + 1j * east), -down, states[:, 2], states[:, 3],
+        states[:, 6],
+    ], -1)  # fmt: skip
+    np.testing.assert_allclose(VEHICLE.readings(states, np.ones((50, 3))), plain, rtol=0, atol=1e-12)
+    rates = puna_derivative(states, np.zeros(3), C)
+    np.testing.assert_allclose(plain[:, 3], np.hypot(rates[:, 0], rates[:, 1]), rtol=1e-12)
+    np.testing.assert_allclose(plain[:, 5], rates[:, 2], rtol=0, atol=1e-12)
+
+
+def test_in_still_air_exact_readings_give_back_the_state():
+    states = random_states(np.random.default_rng(17), 20)
+    states[:, 7:] = 0.0
+    states[:, 3] = np.maximum(states[:, 3], 10.0)
+    readings = VEHICLE.readings(states, np.zeros((20, 3)))
+    x, d = VEHICLE.from_readings(readings, np.zeros((20, 9)), np.ones((20, 9)))
+    states[:, 5] = wrap(states[:, 5])
+    np.testing.assert_allclose(x, states, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(d, np.zeros((20, 3)))
+
+
+def test_whatever_is_read_gives_a_state():
+    readings = np.array([[0.0] * 9, [1e3, -1e3, 1e3, -5.0, 4.0, 30.0, -10.0, -3.0, 2.0]])
+    x, _ = VEHICLE.from_readings(readings, readings, np.ones((2, 9)))
+    assert np.isfinite(x).all()
+    np.testing.assert_array_equal(x[0], 0.0)
+    assert x[1, 4] == pytest.approx(np.pi / 2)
+
+
+def test_the_filter_s_model_is_the_vehicle_when_nothing_changes_the_wind():
+    rng = np.random.default_rng(18)
+    model = VEHICLE.model("nonlinear", 1.0, AIR)
+    ensemble = random_states(rng, 30).reshape(3, 10, 10)
+    before, after = random_controls(rng, 3), random_controls(rng, 3)
+    predicted = model.transition(ensemble, np.hstack([before, after])[:, None])
+    c = VEHICLE.parameters(0.0, np.zeros((10, VEHICLE.normals)))
+    for i in range(3):
+        rows = [np.tile(control[i], (10, 1)) for control in (before, after)]
+        stepped = VEHICLE.step(ensemble[i], *rows, np.zeros((10, 3)), c)
+        np.testing.assert_allclose(predicted[i], stepped, rtol=0, atol=1e-13)
+    np.testing.assert_array_equal(model.measurement(ensemble, None), VEHICLE.readings(ensemble, np.zeros(3)))
+
+
+def test_the_filter_s_noise_is_the_sensors_and_the_gusts():
+    model = VEHICLE.model("nonlinear", 2.0, AIR)
+    sd = np.array([1.0, 1.0, 1.5, 0.05, 0.03, 0.1, 0.5, 0.5, 0.02])
+    np.testing.assert_allclose(model.R, np.diag((2.0 * sd) ** 2))
+    np.testing.assert_allclose(
+        np.sqrt(np.diag(model.Q)), [0.0, 0.0, 0.0, 0.15, 0.012, 0.0075, 0.005, 0.15, 0.15, 0.24], rtol=1e-12
+    )
+    assert model.state_angles == (4, 5, 6)
+    assert model.measurement_angles == (4, 8)
+    with pytest.raises(ValueError, match="unknown filter model 'corrected'"):
+        VEHICLE.model("corrected", 1.0, AIR)
+
+
+def test_in_level_flight_gusts_move_the_state_as_much_as_the_filter_expects():
+    level, _ = level_flight(20.0)
+    level[5] = 0.7
+    change = AIR.increment_sd * np.random.default_rng(19).standard_normal((100_000, 3))
+    moved = puna_gust(level, change) - level
+    expected = np.sqrt(np.diag(VEHICLE.model("nonlinear", 1.0, AIR).Q))
+    np.testing.assert_allclose(moved.std(0)[[3, 4, 5, 7, 8, 9]], expected[[3, 4, 5, 7, 8, 9]], rtol=0.02)
+
+
+# --- mismatch ---------------------------------------------------------------------------------------
+
+
+def test_without_mismatch_every_truth_is_the_filter_s():
+    normals = np.random.default_rng(20).normal(size=(5, VEHICLE.normals))
+    np.testing.assert_array_equal(VEHICLE.parameters(0.0, normals), np.tile(C, (5, 1)))
+
+
+def test_mismatch_scales_what_is_uncertain_and_nothing_else():
+    kinds = {
+        "lift": {"lift_1", "lift_0"}, "drag of the angle of attack": {"drag_2", "drag_1"},
+        "drag at zero angle": {"drag_0"}, "mass": {"mass"}, "thrust": {"thrust"}, "bank": {"bank_rate"},
+    }  # fmt: skip
+    assert set(kinds) == set(UNCERTAIN)
+    for i, kind in enumerate(UNCERTAIN):
+        normals = np.zeros((2, VEHICLE.normals))
+        normals[:, i] = [1.0, 5.0]  # clipped at 2
+        ratio = VEHICLE.parameters(0.1, normals) / C
+        for j, name in enumerate(COEFFICIENTS):
+            np.testing.assert_allclose(ratio[:, j], [1.1, 1.2] if name in kinds[kind] else 1.0, rtol=1e-12)
+
+
+def test_thrust_in_the_truth_is_as_strong_as_its_factor():
+    normals = np.zeros((1, VEHICLE.normals))
+    normals[0, UNCERTAIN.index("thrust")] = 1.0
+    state, control = level_flight(20.0)
+    weak = VEHICLE.parameters(-0.2, normals)[0]
+    np.testing.assert_allclose(
+        puna_derivative(state, control, weak), puna_derivative(state, control * [0.8, 1.0, 1.0], C), rtol=1e-12
+    )
+
+
+def test_a_mismatched_aircraft_still_only_loses_energy_to_drag():
+    c = VEHICLE.parameters(0.25, 3.0 * np.random.default_rng(21).normal(size=(200, VEHICLE.normals)))
+    alpha = np.linspace(-0.1, 0.25, 40)[:, None]
+    assert (c[:, 3] * alpha**2 + c[:, 4] * alpha + c[:, 5]).min() > 0.0
+    assert c[:, [0, 6, 11, 12]].min() > 0.0

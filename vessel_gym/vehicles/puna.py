@@ -1,0 +1,427 @@
+"""The PUNA, a small fixed-wing unmanned aircraft: a point mass that turns coordinated, in a wind.
+
+Frames: x north, y east, altitude h up; angles of the velocity through the air: gamma above the horizon, chi from north
+towards east; positive bank turns to starboard (chi rises). Wind components are north, east, down, where it blows to.
+
+Sources: the paper on Dubins paths and the ensemble Kalman filter for a PUNA ("Pesawat Udara Nir Awak", in Indonesian)
+for the task, the controls (thrust and angle of attack) and the form of drag, lift and density; it prints no constant.
+Gryte (2018), the Skywalker X8, for those. Beard & McLain (2012), ch. 9, for the point mass in wind axes and the bank.
+`PlanarPuna` is the paper's own form in the vertical plane: it resolves lift along the body and drag along the velocity.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar, Protocol
+
+import numpy as np
+from numba import njit
+from scipy.optimize import brentq
+
+from estimators import NonlinearModel
+from vessel_gym.compiled import gufunc
+from vessel_gym.sensors import Instrument, nominal_sd
+
+TRUTH = ("x", "y", "h", "V", "gamma", "chi", "phi", "wind north", "wind east", "wind down")
+"""Truth state: position [m], altitude [m], airspeed [m/s], flight-path angle, course through the air and bank [rad],
+wind [m/s]."""
+
+COEFFICIENTS = (
+    "mass", "area", "gravity", "drag_2", "drag_1", "drag_0", "lift_1", "lift_0", "density_2", "density_1", "density_0",
+    "thrust", "bank_rate",
+)  # fmt: skip
+
+_FACTORS = {
+    "lift": ("lift_1", "lift_0"),
+    "drag of the angle of attack": ("drag_2", "drag_1"),
+    "drag at zero angle": ("drag_0",),
+    "mass": ("mass",),
+    "thrust": ("thrust",),
+    "bank": ("bank_rate",),
+}
+UNCERTAIN = tuple(_FACTORS)
+"""What `mismatch` spreads: one factor scales all coefficients of a kind."""
+
+SLOWEST = 2.0  # m/s: slower than this, angles turn as at this speed. Nothing flies there, and nothing is infinite
+
+
+@dataclass(frozen=True)
+class PointMass:
+    """What the equations know of an aircraft, SI units; angles of attack in rad. Default: Skywalker X8, Gryte (2018).
+
+    Drag ``C_D = A1 a^2 + A2 a + A3``, lift ``C_L = B1 a + B2``, density ``C1 h^2 + C2 h + C3``: eq. 2 of the paper.
+    """
+
+    mass: float = 3.364  # kg
+    area: float = 0.75  # m2, of the wing
+    drag: tuple[float, float, float] = (1.0555, 0.07909, 0.0197)  # A1, A2, A3
+    lift: tuple[float, float] = (4.0203, 0.08674)  # B1, B2
+    density: tuple[float, float, float] = (4.319e-9, -1.1760e-4, 1.225)  # C1, C2, C3: ISO 2533, to second order in h
+    gravity: float = 9.81  # m/s2
+    bank_rate: float = 2.0  # 1/s, b of phi' = b (phi_c - phi): Beard & McLain (2012), the number assumed
+
+    def vector(self, factors: np.ndarray | None = None) -> np.ndarray:
+        """The coefficients of the compiled equations ``(..., 13)``, in the order of `COEFFICIENTS`.
+
+        Args:
+            factors: ``(..., 6)`` on the `UNCERTAIN` ones, 1 if not given.
+        """
+        c = np.array([self.mass, self.area, self.gravity, *self.drag, *self.lift, *self.density, 1.0, self.bank_rate])
+        if factors is None:
+            return c
+        c = np.tile(c, factors.shape[:-1] + (1,))
+        for i, names in enumerate(_FACTORS.values()):
+            c[..., [COEFFICIENTS.index(name) for name in names]] *= factors[..., i : i + 1]
+        return c
+
+
+MISSILE = PointMass(1005.0, 0.3376, (-1.9431, -0.1499, 0.2359), (21.9, 0.0), (3.312e-9, -1.142e-4, 1.224))
+"""The one aircraft whose constants are published in the paper's form: the missile of Subchan & Zbikowski (2009), that
+flies at 272 m/s. At the paper's 20 m/s it would need a lift coefficient of 119."""
+
+
+@dataclass(frozen=True)
+class PunaParameters(PointMass):
+    """The aircraft with its actuators and their limits."""
+
+    thrust_limit: float = 16.0  # N, half the weight, assumed: climbs at 20 deg at 20 m/s
+    thrust_lag: float = 0.5  # s, assumed
+    alpha_low: float = np.deg2rad(-4.0)  # rad, assumed: pushes over at -1 g at 20 m/s
+    alpha_high: float = np.deg2rad(12.0)  # rad, assumed: clear of the stall
+    alpha_rate: float = 0.5  # rad/s, assumed: the short-period motion that a point mass leaves out
+    bank_limit: float = np.deg2rad(35.0)  # rad, see below
+    cruise_speed: float = 20.0  # m/s, printed
+    # 100 m of radius at 20 m/s take 22.2 deg, with 3.8 m/s of tail wind 30 deg: the rest is for gusts and corrections.
+
+
+@dataclass(frozen=True)
+class Trim:
+    """Steady level flight."""
+
+    alpha: float  # rad
+    thrust: float  # N
+
+
+def trim(speed: float, body: PunaParameters, altitude: float = 0.0, bank: float = 0.0) -> Trim:
+    """Angle of attack and thrust for level flight, in a coordinated turn if banked.
+
+    Args:
+        speed: Airspeed [m/s].
+        body: The aircraft.
+        altitude: Of the flight [m].
+        bank: Angle [rad].
+
+    Raises:
+        ValueError: if the aircraft cannot fly level like this within its limits of angle and thrust.
+    """
+    pressure = 0.5 * float(np.polyval(body.density, altitude)) * speed**2 * body.area
+
+    def thrust(alpha: float) -> float:
+        return float(pressure * np.polyval(body.drag, alpha) / np.cos(alpha))
+
+    def excess(alpha: float) -> float:
+        across = pressure * np.polyval(body.lift, alpha) + thrust(alpha) * np.sin(alpha)
+        return float(across * np.cos(bank) - body.mass * body.gravity)
+
+    if excess(body.alpha_low) > 0.0 or excess(body.alpha_high) < 0.0:
+        raise ValueError(
+            f"no level flight at {speed:g} m/s: lift and weight balance at no angle of attack within limits"
+        )
+    alpha = float(brentq(excess, body.alpha_low, body.alpha_high, xtol=1e-14))
+    if thrust(alpha) > body.thrust_limit:
+        raise ValueError(f"no level flight at {speed:g} m/s: it takes {thrust(alpha):.1f} N of thrust")
+    return Trim(alpha, thrust(alpha))
+
+
+# --- compiled equations -----------------------------------------------------------------------------
+
+
+@njit(cache=True)
+def _forces(altitude: float, speed: float, alpha: float, c: np.ndarray) -> tuple[float, float]:
+    """Lift and drag [N], eq. 2. Falling backwards, for less than a step, both point the other way."""
+    pressure = 0.5 * ((c[8] * altitude + c[9]) * altitude + c[10]) * speed * abs(speed) * c[1]
+    return pressure * (c[6] * alpha + c[7]), pressure * ((c[3] * alpha + c[4]) * alpha + c[5])
+
+
+@njit(cache=True)
+def _derivative(
+    s: np.ndarray | tuple[float, ...], thrust: float, alpha: float, command: float, north: float, east: float,
+    down: float, c: np.ndarray,
+) -> tuple[float, ...]:  # fmt: skip
+    h, V, gamma, chi, phi = s[2], s[3], s[4], s[5], s[6]
+    mass, gravity, force = c[0], c[2], c[11] * thrust
+    lift, drag = _forces(h, V, alpha, c)
+    sin_gamma, cos_gamma = np.sin(gamma), np.cos(gamma)
+    across = (lift + force * np.sin(alpha)) / mass
+    bounded_speed = max(V, SLOWEST)
+    # A course has a pole straight up and down: within 1 deg of it, it turns at the rate of 1 deg.
+    bounded = cos_gamma if abs(cos_gamma) > 0.0175 else (0.0175 if cos_gamma >= 0.0 else -0.0175)
+    return (
+        V * cos_gamma * np.cos(chi) + north, V * cos_gamma * np.sin(chi) + east, V * sin_gamma - down,
+        (force * np.cos(alpha) - drag) / mass - gravity * sin_gamma,
+        (across * np.cos(phi) - gravity * cos_gamma) / bounded_speed,
+        across * np.sin(phi) / (bounded_speed * bounded),
+        c[12] * (command - phi),
+    )  # fmt: skip
+
+
+@njit(cache=True)
+def _moved(s: tuple[float, ...], h: float, rate: tuple[float, ...]) -> tuple[float, ...]:
+    return (
+        s[0] + h * rate[0], s[1] + h * rate[1], s[2] + h * rate[2], s[3] + h * rate[3],
+        s[4] + h * rate[4], s[5] + h * rate[5], s[6] + h * rate[6],
+    )  # fmt: skip
+
+
+@gufunc("void(float64[:], float64[:], float64[:], float64[:])", "(n),(m),(k)->(n)")
+def puna_derivative(state: np.ndarray, control: np.ndarray, c: np.ndarray, out: np.ndarray) -> None:
+    """Time derivative of the truth state, the wind constant; control is (thrust, angle of attack, commanded bank)."""
+    rate = _derivative(state, control[0], control[1], control[2], state[7], state[8], state[9], c)
+    out[0], out[1], out[2], out[3], out[4], out[5], out[6] = rate
+    out[7], out[8], out[9] = 0.0, 0.0, 0.0
+
+
+@gufunc("void(float64[:], float64[:], float64[:], float64, int64, float64[:])", "(n),(m),(k),(),()->(n)")
+def puna_step(state: np.ndarray, control: np.ndarray, c: np.ndarray, dt: float, substeps: int, out: np.ndarray) -> None:
+    """RK4 over ``dt``, the wind constant; control is (thrust, angle of attack, commanded bank) before, then after.
+
+    Actuators move linearly within the step, so that their rates are integrated exactly.
+    """
+    north, east, down = state[7], state[8], state[9]
+    h = dt / substeps
+    s: tuple[float, ...] = (state[0], state[1], state[2], state[3], state[4], state[5], state[6])
+    thrust, alpha, command = control[0], control[1], control[2]
+    # over half a substep
+    d_thrust = 0.5 * (control[3] - thrust) / substeps
+    d_alpha = 0.5 * (control[4] - alpha) / substeps
+    d_command = 0.5 * (control[5] - command) / substeps
+    for i in range(substeps):
+        T, a, b = thrust + 2 * i * d_thrust, alpha + 2 * i * d_alpha, command + 2 * i * d_command
+        k1 = _derivative(s, T, a, b, north, east, down, c)
+        T, a, b = T + d_thrust, a + d_alpha, b + d_command
+        k2 = _derivative(_moved(s, 0.5 * h, k1), T, a, b, north, east, down, c)
+        k3 = _derivative(_moved(s, 0.5 * h, k2), T, a, b, north, east, down, c)
+        T, a, b = T + d_thrust, a + d_alpha, b + d_command
+        k4 = _derivative(_moved(s, h, k3), T, a, b, north, east, down, c)
+        s = _moved(_moved(_moved(_moved(s, h / 6.0, k1), h / 3.0, k2), h / 3.0, k3), h / 6.0, k4)
+        if s[3] < 0.0:  # a tail slide: the same velocity, nose first
+            s = (s[0], s[1], s[2], -s[3], -s[4], s[5] + np.pi, s[6])
+    out[0], out[1], out[2], out[3], out[4], out[5], out[6] = s
+    out[7], out[8], out[9] = north, east, down
+
+
+@gufunc("void(float64[:], float64[:], float64[:])", "(n),(q)->(n)")
+def puna_gust(state: np.ndarray, change: np.ndarray, out: np.ndarray) -> None:
+    """The state after the wind has changed by ``change`` (north, east, down) [m/s] at once.
+
+    Velocity over ground stays, so that velocity through the air changes by the opposite. Angles move the short way.
+    """
+    V, gamma, chi = state[3], state[4], state[5]
+    sin_chi, cos_chi = np.sin(chi), np.cos(chi)
+    ahead = V * np.cos(gamma) - (change[0] * cos_chi + change[1] * sin_chi)
+    aside = change[0] * sin_chi - change[1] * cos_chi
+    up = V * np.sin(gamma) + change[2]
+    side = 1.0 if np.cos(gamma) >= 0.0 else -1.0  # in a loop, on its back
+    level = np.hypot(ahead, aside)
+    turn = np.arctan2(up, side * level) - gamma
+    out[0], out[1], out[2], out[6] = state[0], state[1], state[2], state[6]
+    out[3] = np.hypot(level, up)
+    out[4] = gamma + turn - 2.0 * np.pi * np.round(turn / (2.0 * np.pi))
+    out[5] = chi + np.arctan2(side * aside, side * ahead)
+    out[7], out[8], out[9] = state[7] + change[0], state[8] + change[1], state[9] + change[2]
+
+
+@gufunc("void(float64[:], float64[:], float64[:])", "(n),(p)->(p)")
+def puna_readings(state: np.ndarray, template: np.ndarray, out: np.ndarray) -> None:
+    """What perfect instruments read ``(9,)``, in their order; ``template (9,)`` only tells how many they are."""
+    V, level = state[3], state[3] * np.cos(state[4])
+    north, east = level * np.cos(state[5]) + state[7], level * np.sin(state[5]) + state[8]
+    out[0], out[1], out[2] = state[0], state[1], state[2]
+    out[3], out[4], out[5] = np.hypot(north, east), np.arctan2(east, north), V * np.sin(state[4]) - state[9]
+    out[6], out[7], out[8] = state[2], V, state[6]
+
+
+def energy(state: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """Kinetic energy against the air and potential energy [J] of states ``(..., 10)``, ``(...)``."""
+    return c[..., 0] * (0.5 * state[..., 3] ** 2 + c[..., 2] * state[..., 2])
+
+
+# --- the paper's own form ---------------------------------------------------------------------------
+
+
+@gufunc("void(float64[:], float64[:], float64[:], float64[:])", "(n),(m),(k)->(n)")
+def planar_derivative(state: np.ndarray, control: np.ndarray, c: np.ndarray, out: np.ndarray) -> None:
+    """Eq. (1) on (gamma, v, x, h) with control (thrust, angle of attack), its g sin(alpha) mended to g sin(gamma)."""
+    gamma, v, h, thrust, alpha = state[0], state[1], state[3], control[0], control[1]
+    mass, gravity = c[0], c[2]
+    lift, drag = _forces(h, v, alpha, c)
+    sin_alpha, cos_alpha = np.sin(alpha), np.cos(alpha)
+    out[0] = (thrust * sin_alpha + lift * cos_alpha) / (mass * v) - gravity * np.cos(gamma) / v
+    out[1] = (thrust * cos_alpha - drag - lift * sin_alpha) / mass - gravity * np.sin(gamma)
+    out[2], out[3] = v * np.cos(gamma), v * np.sin(gamma)
+
+
+@dataclass(frozen=True)
+class PlanarPuna:
+    """The paper's model in the vertical plane, for reproduction: state (gamma, v, x, h), thrust and angle of attack.
+
+    Drag along the velocity, but lift along the body's normal, as printed: what comes with lift brakes twice. Subchan &
+    Zbikowski (2009), whose constants are those of axial and normal force, have both along the body. No wind, no
+    actuators, and nothing is bounded.
+    """
+
+    body: PointMass = PointMass()
+    dt: float = 0.01  # s, assumed: the paper prints none
+
+    def step(self, state: np.ndarray, control: np.ndarray) -> np.ndarray:
+        """Eqs. (19) and (21), forward Euler, their second row with "+ v_k" for the printed "+ gamma_k".
+
+        Args:
+            state: ``(..., 4)``.
+            control: ``(..., 2)`` thrust [N] and angle of attack [rad].
+        """
+        return state + self.dt * planar_derivative(state, control, self.body.vector())
+
+
+# --- the vehicle as an environment uses it ----------------------------------------------------------
+
+
+class Gusts(Protocol):
+    """What a filter's model needs to know of the air."""
+
+    @property
+    def increment_sd(self) -> np.ndarray:
+        """Standard deviation [m/s] of what the wind changes in a step: north, east, down."""
+
+
+@dataclass(frozen=True)
+class Puna:
+    """The aircraft in batches, as an environment uses it.
+
+    Over a step the wind is constant; the forcing changes it at the end. Figures of the instruments are from public
+    models of small aircraft: the GNSS has white noise only, the bias that wanders by metres in minutes is left out.
+    """
+
+    body: PunaParameters = PunaParameters()
+    dt: float = 0.1  # s
+    substeps: int = 1  # one RK4 step is converged to 3 cm and 2e-4 rad in 30 s of full reversals
+    bank_sd: float = 0.005  # rad a step, that filters allow the bank to stray from the model
+
+    truth_names: ClassVar = TRUTH
+    action_names: ClassVar = ("thrust", "angle of attack", "bank")
+    instruments: ClassVar = (
+        Instrument(
+            "GNSS", ("x", "y", "h", "ground speed", "course over ground", "climb"), (1.0, 1.0, 1.5, 0.05, 0.03, 0.1),
+            period=10,
+        ),
+        Instrument("barometer", ("pressure altitude",), (0.5,)),
+        Instrument("pitot tube", ("airspeed",), (0.5,)),
+        Instrument("attitude", ("bank",), (0.02,)),  # assumed
+    )  # fmt: skip
+    unknown_inputs: ClassVar = 3
+    """Increments of the wind [m/s]: north, east, down."""
+    normals: ClassVar = len(UNCERTAIN)
+    """Normal numbers that `parameters` needs."""
+    state_angles: ClassVar = (4, 5, 6)
+    measurement_angles: ClassVar = (4, 8)
+
+    def parameters(self, mismatch: float, normals: np.ndarray) -> np.ndarray:
+        """Coefficients ``(B, k)`` of the truth: the filter's, with a relative spread on the uncertain ones."""
+        return self.body.vector(1.0 + mismatch * np.clip(normals, -2.0, 2.0))
+
+    @cached_property
+    def cruise(self) -> np.ndarray:
+        """Actuators ``(3,)`` of level flight at the cruising speed, at sea level."""
+        steady = trim(self.body.cruise_speed, self.body)
+        return np.array([steady.thrust, steady.alpha, 0.0])
+
+    def start(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Truth ``(B, 10)`` and actuators ``(B, 3)`` from the state: trimmed for the cruising speed."""
+        return np.array(x, float), np.tile(self.cruise, (len(x), 1))
+
+    def filter_state(self, truth: np.ndarray, n: int = len(TRUTH)) -> np.ndarray:
+        """The part of the truth that filters estimate: its first ``n`` components."""
+        return truth[..., :n]
+
+    def actuate(self, actuators: np.ndarray, action: np.ndarray) -> np.ndarray:
+        """Actuators ``(B, 3)`` after a step of ``action`` in [-1, 1].
+
+        Thrust from none to all, with its lag; angle of attack from its lower to its upper limit, at its rate; commanded
+        bank as a share of its limit, at once: the bank itself lags.
+        """
+        body = self.body
+        after = np.empty_like(actuators)
+        thrust = 0.5 * body.thrust_limit * (1.0 + action[..., 0])
+        after[..., 0] = thrust + (actuators[..., 0] - thrust) * np.exp(-self.dt / body.thrust_lag)
+        alpha = body.alpha_low + 0.5 * (body.alpha_high - body.alpha_low) * (1.0 + action[..., 1])
+        turn = body.alpha_rate * self.dt
+        after[..., 1] = np.clip(alpha, actuators[..., 1] - turn, actuators[..., 1] + turn)
+        after[..., 2] = body.bank_limit * action[..., 2]
+        return after
+
+    def step(
+        self, truth: np.ndarray, before: np.ndarray, after: np.ndarray, forcing: np.ndarray, parameters: np.ndarray
+    ) -> np.ndarray:
+        """The truth one step later, with actuators moving from ``before`` to ``after`` and ``forcing (B, 3)``."""
+        control = np.concatenate([before, after], -1)
+        return puna_gust(puna_step(truth, control, parameters, self.dt, self.substeps), forcing)
+
+    def readings(self, truth: np.ndarray, forcing: np.ndarray) -> np.ndarray:
+        """What perfect instruments read ``(B, 9)``; the forcing acts later and is not seen."""
+        return puna_readings(truth, np.empty(9))
+
+    def from_readings(
+        self, readings: np.ndarray, previous: np.ndarray, interval: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """State ``(..., 10)`` and unknown input ``(..., 3)`` from the readings alone, wind as zero.
+
+        Without wind the course through the air is that over ground, and climb over airspeed the sine of gamma; airspeed
+        counts as half the cruising speed at least, less than the aircraft can fly at.
+
+        Args:
+            readings: ``(..., 9)``.
+            previous: the readings before, not needed.
+            interval: seconds between the two, not needed.
+        """
+        x = np.zeros(readings.shape[:-1] + (10,))
+        x[..., [0, 1, 5, 2, 3, 6]] = readings[..., [0, 1, 4, 6, 7, 8]]
+        slope = readings[..., 5] / np.maximum(readings[..., 7], 0.5 * self.body.cruise_speed)
+        x[..., 4] = np.arcsin(np.clip(slope, -1.0, 1.0))
+        return x, np.zeros(readings.shape[:-1] + (3,))
+
+    def model(self, kind: str, noise: float, air: Gusts) -> NonlinearModel:
+        """The filters' model: the vehicle's own equations, the wind a random walk.
+
+        The known input is ``u = (actuators before, actuators after)``. A gust moves the velocity through the air as
+        much as the wind; how, depends on the course, and a constant Q only knows how much.
+
+        Args:
+            kind: ``"nonlinear"``; there is no other.
+            noise: standard deviation of the readings relative to nominal.
+            air: how much the wind changes in a step.
+
+        Raises:
+            ValueError: for another kind.
+        """
+        if kind != "nonlinear":
+            raise ValueError(f"unknown filter model {kind!r}: this vehicle has the nonlinear one only")
+        c = self.body.vector()
+
+        def transition(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+            assert u is not None
+            return puna_step(x, u, c, self.dt, self.substeps)
+
+        def measurement(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+            return puna_readings(x, np.empty(9))
+
+        gust = np.asarray(air.increment_sd)
+        level, down = np.sqrt(np.mean(gust[:2] ** 2)), gust[2]
+        speed = self.body.cruise_speed
+        sd = np.array([0.0, 0.0, 0.0, level, down / speed, level / speed, self.bank_sd, *gust])
+        return NonlinearModel(
+            transition,
+            measurement,
+            np.diag(sd**2),
+            np.diag((noise * nominal_sd(self.instruments)) ** 2),
+            state_angles=self.state_angles,
+            measurement_angles=self.measurement_angles,
+        )
