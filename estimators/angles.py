@@ -19,6 +19,11 @@ def wrap(angle: np.ndarray | float) -> np.ndarray:
     return np.maximum(wrapped, _LOWEST)  # a hair above pi is rounded to a whole turn
 
 
+def near(angle: np.ndarray, centre: np.ndarray) -> np.ndarray:
+    """The angles, whole turns taken off so that they lie within half a turn of ``centre``."""
+    return angle - _TURN * np.rint((angle - centre) / _TURN)
+
+
 def difference(a: np.ndarray, b: np.ndarray, angles: tuple[int, ...]) -> np.ndarray:
     """``a - b`` of vectors ``(..., n)``, with the components in ``angles`` wrapped.
 

@@ -8,9 +8,11 @@ Rows are members: an ensemble is ``(..., N, n)``. With the anomalies ``A`` of th
 Everything costs O(N p (n + p)) and nothing is N x N (``variant="evensen2004"`` of `enkf-sr` excepted).
 """
 
+import math
+
 import numpy as np
 
-from estimators.angles import wrap
+from estimators.angles import near, wrap
 from estimators.belief import Belief
 from estimators.filter import Filter, Model, Reading, Streams, neutralised
 from estimators.linalg import cholesky, product, semidefinite_cholesky, solve, symmetrise
@@ -94,13 +96,14 @@ class EnsembleFilter(Filter):
         mask = np.isfinite(y) if available is None else np.isfinite(y) & available
         complete = bool(mask.all())
         innovation = y - expected
-        for i in model.measurement_angles:
-            innovation[..., i] = wrap(innovation[..., i])
+        if model.measurement_angles:
+            innovation[..., model.measurement_angles] = wrap(innovation[..., model.measurement_angles])
+        whole_R = R
         if not complete:
             innovation = np.where(mask, innovation, 0.0)
             anomalies = np.where(mask[..., None, :], anomalies, 0.0)
             R = neutralised(R, mask.astype(float))
-        return Reading(innovation, None, None, R, mask, complete, anomalies=anomalies)
+        return Reading(innovation, None, None, R, mask, complete, anomalies=anomalies, whole_R=whole_R)
 
     def _update(self, belief: Belief, reading: Reading, rng: Streams) -> Belief:
         batch = belief.mean.shape[:-1]
@@ -153,10 +156,9 @@ class EnsembleFilter(Filter):
         readings = at_points("measurement", model.measurement, belief.ensemble, u, model.p)
         if model.measurement_angles:
             readings = np.array(readings)
-            for i in model.measurement_angles:
-                angle = readings[..., i]
-                centre = np.arctan2(np.sin(angle).sum(-1), np.cos(angle).sum(-1))[..., None]
-                readings[..., i] = centre + wrap(angle - centre)
+            angles = readings[..., model.measurement_angles]
+            centre = np.arctan2(self._mean(np.sin(angles)), self._mean(np.cos(angles)))
+            readings[..., model.measurement_angles] = near(angles, centre[..., None, :])
         expected = self._mean(readings)
         return expected, readings - expected[..., None, :]
 
@@ -174,7 +176,7 @@ class EnsembleFilter(Filter):
         """``rng``, checked: a Generator for the whole batch at once, or one for each row."""
         if isinstance(rng, np.random.Generator):
             return rng
-        rows = int(np.prod(batch))
+        rows = math.prod(batch)
         if rng is None:
             raise ValueError(f"{self.name} draws random numbers: pass rng, a numpy Generator or one for each row")
         if len(rng) != rows:
@@ -219,8 +221,8 @@ class EnsembleKalmanFilter(EnsembleFilter):
         gain = solve(S, self._cross_covariance(reading, anomalies))  # K', (..., p, n)
         if self.localisation is not None:
             gain *= self.localisation.T
-        own = self._reading_root is not None and reading.R is self.model.R
-        root = self._reading_root if own else semidefinite_cholesky(reading.R)
+        # The gain of a missing reading is zero, so that the root of the whole R does: it is known beforehand.
+        root = self._reading_root if reading.whole_R is self.model.R else semidefinite_cholesky(reading.R)
         departures = self._centred_noise(streams, mean.shape[:-1], root)
         departures -= reading.anomalies
         anomalies += product(departures, gain)
@@ -418,7 +420,7 @@ def _unwrapped_steps(before: np.ndarray, after: np.ndarray, angles: tuple[int, .
     step all turn by nearly as much as the first.
     """
     after = np.array(after, dtype=float)
-    for i in angles:
-        step = after[..., i] - before[..., i]
-        after[..., i] = before[..., i] + step[..., :1] + wrap(step - step[..., :1])
+    if angles:
+        step = after[..., angles] - before[..., angles]
+        after[..., angles] = before[..., angles] + near(step, step[..., :1, :])
     return after

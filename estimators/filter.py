@@ -31,6 +31,7 @@ class Reading(NamedTuple):
     complete: bool
     whole: np.ndarray | None = None  # (..., p, n) C with the rows of missing readings, too
     anomalies: np.ndarray | None = None  # (..., N, p) spread of what the members expect (ensemble filters)
+    whole_R: np.ndarray | None = None  # (..., p, p) R with that of missing readings, too (ensemble filters)
 
 
 class Filter(ABC):
