@@ -48,6 +48,17 @@ def test_a_run_counts_every_environment_and_step_of_an_episode():
     assert batch("SigmaCorvette-v0", "kf", 3).env_steps == 1800
 
 
+def test_a_run_of_a_dive_ends_with_its_first_arrival():
+    assert 300 < single("ItsunusaAUV-v0", "truth").env_steps < 600
+
+
+def test_only_the_corvette_has_a_loop_written_by_hand(capsys: pytest.CaptureFixture[str]):
+    main("ItsunusaAUV-v0", what="environment", estimator="truth", num_envs=(2,), repeats=1)
+    printed = capsys.readouterr().out
+    assert "by hand" not in printed
+    assert "ItsunusaAUV-v0, truth" in printed
+
+
 def test_times_are_positive_and_named_as_the_runs():
     times = microseconds({"one": single("SigmaCorvette-v0", "truth")}, repeats=2)
     assert list(times) == ["one"]
