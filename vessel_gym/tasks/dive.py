@@ -149,7 +149,7 @@ class Dive(ABC):
     FASTEST = 3.0  # progress that counts, relative to cruising speed
 
     def power(self, actuators: np.ndarray) -> np.ndarray:
-        """Power ``(...)`` of propeller and hotel load for actuators ``(..., a)``, relative to that at cruising speed."""
+        """Power ``(...)`` of propeller and hotel load for actuators ``(..., a)``, relative to cruising."""
         propeller = (actuators[..., -1] / self.auv.cruise_thrust) ** 1.5
         return (self.HOTEL + propeller) / (self.HOTEL + 1.0)
 
