@@ -132,8 +132,9 @@ def train(
     path = Path(path)
     path = path if path.suffix == ".zip" else path.with_name(f"{path.name}.zip")
     temporary = _claimed(path)
-    horizon = gym.spec(env_id).max_episode_steps or 1
-    env = StableBaselinesVecEnv(gym.make_vec(env_id, num_envs=num_envs, **env_options))
+    vector = gym.make_vec(env_id, num_envs=num_envs, **env_options)
+    perfect = vector.unwrapped.core.task.perfect  # type: ignore[attr-defined]
+    env = StableBaselinesVecEnv(vector)
     env.seed(training_seed(seed))
     final = settings["learning_rate_final"]
     initial = settings["learning_rate"]
@@ -145,7 +146,7 @@ def train(
         def _on_rollout_end(self) -> None:
             if progress is not None:
                 late = [info["r"] for info in self.model.ep_info_buffer or ()]
-                mean = float(np.mean(late)) / horizon if late else float("nan")
+                mean = float(np.mean(late)) / perfect if late else float("nan")
                 progress(self.num_timesteps, budget, mean)
 
     model = PPO(
