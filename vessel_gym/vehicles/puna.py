@@ -23,6 +23,7 @@ from scipy.optimize import brentq
 
 from estimators import NonlinearModel
 from vessel_gym.compiled import gufunc
+from vessel_gym.disturbances import Air
 from vessel_gym.sensors import Instrument, nominal_sd
 
 WIND_AXES = ("x", "y", "h", "V", "gamma", "chi", "phi", "wind north", "wind east", "wind down")
@@ -380,7 +381,7 @@ class Gusts(Protocol):
 
     @property
     def noise_cov(self) -> np.ndarray:
-        """Covariance ``(7, 7)`` of what enters in a step: gusts [m/s], bias of the GNSS [m]."""
+        """Covariance ``(8, 8)`` of what enters bank [rad], gusts' state [m/s] and bias of the GNSS [m] in a step."""
 
 
 @dataclass(frozen=True)
@@ -394,7 +395,6 @@ class Puna:
     body: PunaParameters = PunaParameters()
     dt: float = 0.1  # s
     substeps: int = 1  # one RK4 step is converged to 3 cm and 2e-4 rad in 30 s of full reversals
-    bank_sd: float = 0.005  # rad a step, that filters allow the bank to stray from the model
 
     truth_names: ClassVar = TRUTH
     action_names: ClassVar = ("thrust", "angle of attack", "bank")
@@ -407,8 +407,8 @@ class Puna:
         Instrument("pitot tube", ("airspeed",), (0.5,)),
         Instrument("attitude", ("bank",), (0.02,)),  # assumed
     )  # fmt: skip
-    unknown_inputs: ClassVar = 7
-    """What enters the gusts' state [m/s] and the bias of the GNSS [m]."""
+    unknown_inputs: ClassVar = 8
+    """What enters the bank [rad], the gusts' state [m/s] and the bias of the GNSS [m]."""
     normals: ClassVar = len(UNCERTAIN)
     """Normal numbers that `parameters` needs."""
     state_angles: ClassVar = (6,)
@@ -417,6 +417,11 @@ class Puna:
     def parameters(self, mismatch: float, normals: np.ndarray) -> np.ndarray:
         """Coefficients ``(B, k)`` of the truth: the filter's, with a relative spread on the uncertain ones."""
         return self.body.vector(1.0 + mismatch * np.clip(normals, -2.0, 2.0))
+
+    @cached_property
+    def gust_decay(self) -> np.ndarray:
+        """How the state of the gusts decays in a step ``(5,)``, as `Air.decay`."""
+        return Air(0.0, 1.0, 1.0, airspeed=self.body.cruise_speed, dt=self.dt).decay
 
     @cached_property
     def cruise(self) -> np.ndarray:
@@ -451,10 +456,11 @@ class Puna:
     def step(
         self, truth: np.ndarray, before: np.ndarray, after: np.ndarray, forcing: np.ndarray, parameters: np.ndarray
     ) -> np.ndarray:
-        """The truth one step later, with actuators moving from ``before`` to ``after`` and ``forcing (B, 7)``."""
+        """The truth one step later, with actuators moving from ``before`` to ``after`` and ``forcing (B, 8)``."""
         control = np.concatenate([before, after], -1)
         moved = ground_step(truth, control, parameters, self.gust_decay, self.dt, self.substeps)
-        moved[..., 9:] += forcing
+        moved[..., 6] += forcing[..., 0]
+        moved[..., 9:] += forcing[..., 1:]
         return moved
 
     def readings(self, truth: np.ndarray, forcing: np.ndarray) -> np.ndarray:
@@ -464,7 +470,7 @@ class Puna:
     def from_readings(
         self, readings: np.ndarray, previous: np.ndarray, interval: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """State ``(..., 16)`` and unknown input ``(..., 7)`` from the readings alone, wind and bias as zero.
+        """State ``(..., 16)`` and unknown input ``(..., 8)`` from the readings alone, wind and bias as zero.
 
         Altitude is the barometer's. A single airspeed does not show a wind, so that of the pitot tube is not used.
 
@@ -494,6 +500,8 @@ class Puna:
         """
         if kind != "nonlinear":
             raise ValueError(f"unknown filter model {kind!r}: this vehicle has the nonlinear one only")
+        if not np.allclose(air.decay, self.gust_decay):
+            raise ValueError("the vehicle's gusts decay otherwise than those of the air: give both the same lengths")
         c = self.body.vector()
 
         def transition(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
@@ -504,8 +512,8 @@ class Puna:
             return puna_readings(x, np.empty(9))
 
         Q = np.zeros((len(TRUTH), len(TRUTH)))
-        Q[6, 6] = self.bank_sd**2
-        Q[9:, 9:] = air.noise_cov
+        driven = [6, *range(9, len(TRUTH))]
+        Q[np.ix_(driven, driven)] = air.noise_cov
         return NonlinearModel(
             transition,
             measurement,
