@@ -2,7 +2,6 @@
 
 import csv
 import io
-import os
 import tempfile
 import threading
 from collections.abc import Callable
@@ -14,6 +13,7 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 import numpy as np
 
+from agents.files import replacing
 from agents.metrics import consistency
 from agents.ppo import describe, description, train
 from agents.rollouts import Rollout, rollout
@@ -211,7 +211,8 @@ def run(study: Study, out: Path, progress: Progress | None = None) -> Results:
     progress("flying", done, total, None)
     trained = [description(path) or {} for path in checkpoints]
     results = Results(study, system, figures, in_band, examples, trained)
-    write_atomically(out / "episodes.csv", episodes_csv(results))
+    with replacing(out / "episodes.csv") as path:
+        path.write_text(episodes_csv(results), encoding="utf-8")
     return results
 
 
@@ -256,20 +257,6 @@ def episodes_csv(results: Results) -> str:
                 shown = [f"{value:.6g}" if np.isfinite(value) else "" for value in values]
                 writer.writerow([cell.sea, cell.agent, training_seed, cell.estimator, seed, *shown])
     return text.getvalue()
-
-
-def write_atomically(path: Path, text: str) -> None:
-    """Write a file whole or not at all: under a temporary name first.
-
-    Raises:
-        OSError: if it cannot be written.
-    """
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        temporary.write_text(text, encoding="utf-8")
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def _train(study: Study, options: dict[str, Any], seed: int, path: Path, note: Path) -> None:

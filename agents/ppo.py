@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import os
 import time
 import tomllib
 import zipfile
@@ -17,6 +16,7 @@ import numpy as np
 
 import estimators
 import vessel_gym
+from agents.files import replacing
 from agents.seeds import training_seed
 
 _DESCRIPTION = "vessel_gym.json"  # inside a checkpoint
@@ -101,7 +101,7 @@ def train(
 ) -> Path:
     """Train PPO on an environment and save the checkpoint.
 
-    The checkpoint is written whole or not at all: under a temporary name first.
+    The checkpoint is written whole or not at all.
 
     Args:
         env_id: A registered environment with settings in ``agents/ppo.toml``.
@@ -118,6 +118,18 @@ def train(
         ValueError: for an environment without settings or a budget below one rollout.
         OSError: if the checkpoint cannot be written.
     """
+    described = describe(env_id, env_options, seed, steps)
+    path = Path(path)
+    path = path if path.suffix == ".zip" else path.with_name(f"{path.name}.zip")
+    with replacing(path) as temporary:
+        described |= _learn(described, temporary, progress)
+        with zipfile.ZipFile(temporary, "a") as archive:
+            archive.writestr(_DESCRIPTION, json.dumps(described, indent=1))
+    return path
+
+
+def _learn(described: dict[str, Any], path: Path, progress: Callable[[int, int, float], None] | None) -> dict[str, Any]:
+    """Train what `describe` described and save the policy; returns how many steps and seconds it took."""
     import torch
     from stable_baselines3 import PPO
     from stable_baselines3.common.callbacks import BaseCallback
@@ -125,14 +137,9 @@ def train(
     from agents.vec_env import StableBaselinesVecEnv
 
     torch.set_num_threads(1)  # small networks: a second thread costs more than it brings
-    env_options = dict(env_options or {})
-    described = describe(env_id, env_options, seed, steps)
-    settings, budget = described["hyperparameters"], described["steps"]
+    settings, budget, seed = described["hyperparameters"], described["steps"], described["seed"]
     num_envs = settings["num_envs"]
-    path = Path(path)
-    path = path if path.suffix == ".zip" else path.with_name(f"{path.name}.zip")
-    temporary = _claimed(path)
-    vector = gym.make_vec(env_id, num_envs=num_envs, **env_options)
+    vector = gym.make_vec(described["env_id"], num_envs=num_envs, **described["env_options"])
     perfect = vector.unwrapped.core.task.perfect  # type: ignore[attr-defined]
     env = StableBaselinesVecEnv(vector)
     env.seed(training_seed(seed))
@@ -175,28 +182,10 @@ def train(
     try:
         model.learn(budget, callback=Report())
         seconds = time.perf_counter() - begin
-        model.save(temporary)
-        described |= {"trained_steps": model.num_timesteps, "trained_seconds": seconds}  # whole rollouts
-        with zipfile.ZipFile(temporary, "a") as archive:
-            archive.writestr(_DESCRIPTION, json.dumps(described, indent=1))
-        temporary.replace(path)
+        model.save(path)
     finally:
         env.close()
-        temporary.unlink(missing_ok=True)
-    return path
-
-
-def _claimed(path: Path) -> Path:
-    """An empty temporary file beside ``path``, so that a place that cannot be written shows before the work."""
-    if path.is_dir():
-        raise IsADirectoryError(f"cannot write the checkpoint: {path} is a folder")
-    temporary = path.with_name(f".{path.stem}.{os.getpid()}.zip")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        temporary.touch()
-    except OSError as error:
-        raise OSError(f"cannot write the checkpoint {path}: {error.strerror}") from None
-    return temporary
+    return {"trained_steps": model.num_timesteps, "trained_seconds": seconds}  # whole rollouts
 
 
 class PPOAgent:

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 
 import vessel_gym
-from agents.ablation import AGENTS, AUTOPILOT, PPO, TOLD, Cell, Results, Study, write_atomically
+from agents.ablation import AGENTS, AUTOPILOT, PPO, TOLD, Cell, Results, Study
 from agents.autopilot import Tolerances
 from agents.figures import WINDOW, heading_figure, input_figure, score_figure, track_figure
+from agents.files import replacing
 from agents.metrics import WITHOUT_COVARIANCE
 from agents.statistics import Interval, mean_interval, paired_difference
 from agents.turning_scores import METRICS, metric
@@ -442,7 +443,8 @@ def write_report(results: Results, out: Path) -> Path:
         OSError: if it cannot be written.
     """
     path = out / "report.html"
-    write_atomically(path, render(results, out))
+    with replacing(path) as temporary:
+        temporary.write_text(render(results, out), encoding="utf-8")
     return path
 
 

@@ -1,8 +1,7 @@
 """Watch an agent steer: ``python -m scripts.watch SigmaCorvette-v0 --disturbance rough --out turn.gif``."""
 
-import os
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ from rich.console import Console
 from rich.progress import track
 
 import vessel_gym  # noqa: F401  (registers the environments)
+from agents.files import replacing
 from scripts.console import command
 
 FPS = 12
@@ -51,8 +51,8 @@ def main(
         raise ValueError(f"--every must be at least 1, got {every}")
     if out is None:
         check_display()
-    else:
-        check_output(out)
+    elif out.suffix.lower() not in SUFFIXES:
+        raise ValueError(f"cannot write {str(out)!r}: the suffix must be one of {', '.join(SUFFIXES)}")
     options: dict[str, Any] = {"estimator": estimator, "sensors": sensors, "disturbance": disturbance}
     try:
         env = gym.make(env_id, render_mode="rgb_array" if out else "human", **options)
@@ -85,33 +85,6 @@ def check_display() -> None:
         seen = False
     if not seen:
         raise ValueError("there is no display for a window: write a file with --out")
-
-
-def check_output(out: Path) -> None:
-    """Refuse an output file that could not be written at the end.
-
-    Raises:
-        ValueError: saying what is wrong with it.
-    """
-    if out.suffix.lower() not in SUFFIXES:
-        raise ValueError(f"cannot write {str(out)!r}: the suffix must be one of {', '.join(SUFFIXES)}")
-    if not out.parent.is_dir():
-        raise ValueError(f"cannot write {str(out)!r}: there is no folder {str(out.parent)!r}")
-    if not os.access(out.parent, os.W_OK):
-        raise ValueError(f"cannot write {str(out)!r}: the folder {str(out.parent)!r} is read-only")
-    if out.is_dir():
-        raise ValueError(f"cannot write {str(out)!r}: it is a folder")
-
-
-@contextmanager
-def replacing(out: Path) -> Iterator[Path]:
-    """A temporary name beside ``out`` that takes its place at the end; after an error nothing is left of it."""
-    path = out.with_name(f".{out.stem}-{os.getpid()}{out.suffix.lower()}")
-    try:
-        yield path
-        os.replace(path, out)
-    finally:
-        path.unlink(missing_ok=True)
 
 
 def fly(env: Env, agent: Any, observation: np.ndarray) -> Episode:
@@ -158,7 +131,7 @@ def _writer(path: Path) -> Any:
         ".mp4": {"fps": FPS},
         ".png": {},
     }
-    return imageio.get_writer(path, **settings[path.suffix])
+    return imageio.get_writer(path, **settings[path.suffix.lower()])
 
 
 if __name__ == "__main__":

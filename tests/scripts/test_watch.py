@@ -1,6 +1,7 @@
 """`scripts.watch` writes pictures and films, and refuses in one sentence what it cannot write."""
 
 import sys
+from pathlib import Path
 
 import imageio.v3 as iio
 import imageio_ffmpeg
@@ -83,8 +84,7 @@ def test_the_picture_is_of_the_end_of_the_episode(run, tmp_path, monkeypatch):
     ("arguments", "words"),
     [
         (["--out", "turn.avi"], "must be one of .gif, .mp4, .png"),
-        (["--out", "missing/turn.gif"], "there is no folder"),
-        (["--out", "file/turn.gif"], "there is no folder"),
+        (["--out", "file/turn.gif"], "cannot write file/turn.gif: File exists"),
         (["--out", "folder.gif"], "it is a folder"),
         (["--out", "turn.gif", "--every", "0"], "--every must be at least 1"),
         (["--out", "turn.gif", "--estimator", "nosuch"], "unknown estimator 'nosuch'"),
@@ -105,9 +105,17 @@ def test_what_cannot_be_done_is_refused_in_one_sentence(run, tmp_path, monkeypat
 
 
 def test_a_folder_without_write_permission_is_refused(run, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(watch.os, "access", lambda path, mode: False)
+    def refuse(path):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "touch", refuse)
     assert run("--out", str(tmp_path / "turn.gif")) == 2
-    assert "read-only" in capsys.readouterr().err
+    assert "turn.gif: Permission denied" in capsys.readouterr().err
+
+
+def test_a_folder_that_is_missing_is_made(run, tmp_path):
+    assert run("--out", str(tmp_path / "new" / "turn.png")) == 0
+    assert [p.name for p in (tmp_path / "new").iterdir()] == ["turn.png"]
 
 
 @pytest.mark.parametrize("suffix", watch.SUFFIXES)
@@ -130,7 +138,7 @@ def test_a_full_disk_is_told_in_one_sentence(run, tmp_path, monkeypatch, capsys)
     def full(source, target):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(watch.os, "replace", full)
+    monkeypatch.setattr(Path, "replace", full)
     assert run("--out", str(tmp_path / "turn.png")) == 2
     assert "No space left" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
