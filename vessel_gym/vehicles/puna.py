@@ -3,10 +3,6 @@
 Frames: x north, y east, altitude h up; angles of the velocity through the air: gamma above the horizon, chi from north
 towards east; positive bank turns to starboard (chi rises). Wind components are north, east, down, where it blows to.
 
-The same equations come in two forms. In wind axes (airspeed, gamma, chi) they are those of the literature, and controllers
-are designed from them. The environment's state holds the velocity over ground instead: a gust then changes nothing but the
-wind, so that white noise on the wind is all that a filter has to be told, and there is no pole at the vertical.
-
 Sources: the paper on Dubins paths and the ensemble Kalman filter for a PUNA ("Pesawat Udara Nir Awak", in Indonesian)
 for the task, the controls (thrust and angle of attack) and the form of drag, lift and density; it prints no constant.
 Gryte (2018), the Skywalker X8, for those. Beard & McLain (2012), ch. 9, for the point mass in wind axes and the bank.
@@ -23,19 +19,11 @@ from scipy.optimize import brentq
 
 from estimators import NonlinearModel
 from vessel_gym.compiled import gufunc
-from vessel_gym.disturbances import Air
 from vessel_gym.sensors import Instrument, nominal_sd
 
-WIND_AXES = ("x", "y", "h", "V", "gamma", "chi", "phi", "wind north", "wind east", "wind down")
-"""State of the equations in wind axes: position [m], altitude [m], airspeed [m/s], flight-path angle, course through the
-air and bank [rad], wind [m/s]."""
-
-TRUTH = (
-    "x", "y", "h", "north", "east", "climb", "phi", "mean wind north", "mean wind east", "gust north", "gust east",
-    "gust down 1", "gust down 2", "bias x", "bias y", "bias h",
-)  # fmt: skip
-"""Truth state: position and altitude [m], velocity over ground [m/s], bank [rad], mean wind [m/s], the gusts' state [m/s]
-(down: the first plus sqrt(3) times the second), bias of the GNSS [m]."""
+TRUTH = ("x", "y", "h", "V", "gamma", "chi", "phi", "wind north", "wind east", "wind down")
+"""Truth state: position [m], altitude [m], airspeed [m/s], flight-path angle, course through the air and bank [rad],
+wind [m/s]."""
 
 COEFFICIENTS = (
     "mass", "area", "gravity", "drag_2", "drag_1", "drag_0", "lift_1", "lift_0", "density_2", "density_1", "density_0",
@@ -242,89 +230,14 @@ def puna_gust(state: np.ndarray, change: np.ndarray, out: np.ndarray) -> None:
     out[7], out[8], out[9] = state[7] + change[0], state[8] + change[1], state[9] + change[2]
 
 
-@njit(cache=True)
-def _wind(s: np.ndarray) -> tuple[float, float, float]:
-    """Mean wind and gusts of the truth state: north, east, down."""
-    return s[7] + s[9], s[8] + s[10], s[11] + np.sqrt(3.0) * s[12]
-
-
-@njit(cache=True)
-def _ground_rates(
-    s: tuple[float, ...], thrust: float, alpha: float, command: float, wind: tuple[float, float, float],
-    c: np.ndarray,
-) -> tuple[float, ...]:  # fmt: skip
-    """Rates of position, velocity over ground and bank: `_derivative` without its angles."""
-    north, east, up, phi = s[3] - wind[0], s[4] - wind[1], s[5] + wind[2], s[6]
-    level = np.sqrt(north * north + east * east)
-    V = np.sqrt(level * level + up * up)
-    lift, drag = _forces(s[2], V, alpha, c)
-    force = c[11] * thrust
-    along = (force * np.cos(alpha) - drag) / c[0]
-    across = (lift + force * np.sin(alpha)) / c[0]
-    # Where nothing flies, straight up or down or at rest, directions are those of a hair beside.
-    V = max(V, 1e-3)
-    level = max(level, 1e-3)
-    above, aside = across * np.cos(phi) / V, across * np.sin(phi) / level
-    ahead = along / V - above * up / level
-    return (
-        s[3], s[4], s[5],
-        ahead * north - aside * east, ahead * east + aside * north,
-        along * up / V + above * level - c[2],
-        c[12] * (command - phi),
-    )  # fmt: skip
-
-
-@gufunc(
-    "void(float64[:], float64[:], float64[:], float64[:], float64, int64, float64[:])",
-    "(n),(m),(k),(a),(),()->(n)",
-)
-def ground_step(
-    state: np.ndarray, control: np.ndarray, c: np.ndarray, gusts: np.ndarray, dt: float, substeps: int, out: np.ndarray
-) -> None:
-    """`puna_step` on the truth state ``(16,)``; at the end the gusts decay by ``gusts (5,)``, see `gust_decay`."""
-    wind = _wind(state)
-    h = dt / substeps
-    s: tuple[float, ...] = (state[0], state[1], state[2], state[3], state[4], state[5], state[6])
-    thrust, alpha, command = control[0], control[1], control[2]
-    d_thrust = 0.5 * (control[3] - thrust) / substeps
-    d_alpha = 0.5 * (control[4] - alpha) / substeps
-    d_command = 0.5 * (control[5] - command) / substeps
-    for i in range(substeps):
-        T, a, b = thrust + 2 * i * d_thrust, alpha + 2 * i * d_alpha, command + 2 * i * d_command
-        k1 = _ground_rates(s, T, a, b, wind, c)
-        T, a, b = T + d_thrust, a + d_alpha, b + d_command
-        k2 = _ground_rates(_moved(s, 0.5 * h, k1), T, a, b, wind, c)
-        k3 = _ground_rates(_moved(s, 0.5 * h, k2), T, a, b, wind, c)
-        T, a, b = T + d_thrust, a + d_alpha, b + d_command
-        k4 = _ground_rates(_moved(s, h, k3), T, a, b, wind, c)
-        s = _moved(_moved(_moved(_moved(s, h / 6.0, k1), h / 3.0, k2), h / 3.0, k3), h / 6.0, k4)
-    out[0], out[1], out[2], out[3], out[4], out[5], out[6] = s
-    out[7], out[8] = state[7], state[8]
-    out[9], out[10] = gusts[0] * state[9], gusts[0] * state[10]
-    first, second = state[11], state[12]
-    out[11], out[12] = gusts[1] * first + gusts[2] * second, gusts[3] * first + gusts[4] * second
-    out[13], out[14], out[15] = state[13], state[14], state[15]
-
-
-@gufunc("void(float64[:], float64[:], float64[:])", "(n),(k)->(k)")
-def wind_axes(state: np.ndarray, room: np.ndarray, out: np.ndarray) -> None:
-    """The truth state ``(16,)`` in wind axes ``(10,)``; ``room (10,)`` only tells how many there are."""
-    wind = _wind(state)
-    north, east, up = state[3] - wind[0], state[4] - wind[1], state[5] + wind[2]
-    level = np.hypot(north, east)
-    out[0], out[1], out[2] = state[0], state[1], state[2]
-    out[3], out[4], out[5], out[6] = np.hypot(level, up), np.arctan2(up, level), np.arctan2(east, north), state[6]
-    out[7], out[8], out[9] = wind
-
-
 @gufunc("void(float64[:], float64[:], float64[:])", "(n),(p)->(p)")
 def puna_readings(state: np.ndarray, template: np.ndarray, out: np.ndarray) -> None:
-    """What instruments without noise read ``(9,)``, in their order; ``template (9,)`` only tells how many they are."""
-    wind = _wind(state)
-    north, east, up = state[3] - wind[0], state[4] - wind[1], state[5] + wind[2]
-    out[0], out[1], out[2] = state[0] + state[13], state[1] + state[14], state[2] + state[15]
-    out[3], out[4], out[5] = np.hypot(state[3], state[4]), np.arctan2(state[4], state[3]), state[5]
-    out[6], out[7], out[8] = state[2], np.sqrt(north * north + east * east + up * up), state[6]
+    """What perfect instruments read ``(9,)``, in their order; ``template (9,)`` only tells how many they are."""
+    V, level = state[3], state[3] * np.cos(state[4])
+    north, east = level * np.cos(state[5]) + state[7], level * np.sin(state[5]) + state[8]
+    out[0], out[1], out[2] = state[0], state[1], state[2]
+    out[3], out[4], out[5] = np.hypot(north, east), np.arctan2(east, north), V * np.sin(state[4]) - state[9]
+    out[6], out[7], out[8] = state[2], V, state[6]
 
 
 def energy(state: np.ndarray, c: np.ndarray) -> np.ndarray:
@@ -373,15 +286,11 @@ class PlanarPuna:
 
 
 class Gusts(Protocol):
-    """What a filter's model needs to know of the air and of the GNSS."""
+    """What a filter's model needs to know of the air."""
 
     @property
-    def decay(self) -> np.ndarray:
-        """How the gusts' state decays in a step, ``(5,)``: level, and the matrix of the vertical one row by row."""
-
-    @property
-    def noise_cov(self) -> np.ndarray:
-        """Covariance ``(8, 8)`` of what enters bank [rad], gusts' state [m/s] and bias of the GNSS [m] in a step."""
+    def increment_sd(self) -> np.ndarray:
+        """Standard deviation [m/s] of what the wind changes in a step: north, east, down."""
 
 
 @dataclass(frozen=True)
@@ -389,12 +298,13 @@ class Puna:
     """The aircraft in batches, as an environment uses it.
 
     Over a step the wind is constant; the forcing changes it at the end. Figures of the instruments are from public
-    models of small aircraft (Beard & McLain 2012, ch. 7): the GNSS has white noise and a bias that wanders.
+    models of small aircraft: the GNSS has white noise only, the bias that wanders by metres in minutes is left out.
     """
 
     body: PunaParameters = PunaParameters()
     dt: float = 0.1  # s
     substeps: int = 1  # one RK4 step is converged to 3 cm and 2e-4 rad in 30 s of full reversals
+    bank_sd: float = 0.005  # rad a step, that filters allow the bank to stray from the model
 
     truth_names: ClassVar = TRUTH
     action_names: ClassVar = ("thrust", "angle of attack", "bank")
@@ -407,21 +317,16 @@ class Puna:
         Instrument("pitot tube", ("airspeed",), (0.5,)),
         Instrument("attitude", ("bank",), (0.02,)),  # assumed
     )  # fmt: skip
-    unknown_inputs: ClassVar = 8
-    """What enters the bank [rad], the gusts' state [m/s] and the bias of the GNSS [m]."""
+    unknown_inputs: ClassVar = 3
+    """Increments of the wind [m/s]: north, east, down."""
     normals: ClassVar = len(UNCERTAIN)
     """Normal numbers that `parameters` needs."""
-    state_angles: ClassVar = (6,)
+    state_angles: ClassVar = (4, 5, 6)
     measurement_angles: ClassVar = (4, 8)
 
     def parameters(self, mismatch: float, normals: np.ndarray) -> np.ndarray:
         """Coefficients ``(B, k)`` of the truth: the filter's, with a relative spread on the uncertain ones."""
         return self.body.vector(1.0 + mismatch * np.clip(normals, -2.0, 2.0))
-
-    @cached_property
-    def gust_decay(self) -> np.ndarray:
-        """How the state of the gusts decays in a step ``(5,)``, as `Air.decay`."""
-        return Air(0.0, 1.0, 1.0, airspeed=self.body.cruise_speed, dt=self.dt).decay
 
     @cached_property
     def cruise(self) -> np.ndarray:
@@ -430,7 +335,7 @@ class Puna:
         return np.array([steady.thrust, steady.alpha, 0.0])
 
     def start(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Truth ``(B, 16)`` and actuators ``(B, 3)`` from the state: trimmed for the cruising speed."""
+        """Truth ``(B, 10)`` and actuators ``(B, 3)`` from the state: trimmed for the cruising speed."""
         return np.array(x, float), np.tile(self.cruise, (len(x), 1))
 
     def filter_state(self, truth: np.ndarray, n: int = len(TRUTH)) -> np.ndarray:
@@ -456,12 +361,9 @@ class Puna:
     def step(
         self, truth: np.ndarray, before: np.ndarray, after: np.ndarray, forcing: np.ndarray, parameters: np.ndarray
     ) -> np.ndarray:
-        """The truth one step later, with actuators moving from ``before`` to ``after`` and ``forcing (B, 8)``."""
+        """The truth one step later, with actuators moving from ``before`` to ``after`` and ``forcing (B, 3)``."""
         control = np.concatenate([before, after], -1)
-        moved = ground_step(truth, control, parameters, self.gust_decay, self.dt, self.substeps)
-        moved[..., 6] += forcing[..., 0]
-        moved[..., 9:] += forcing[..., 1:]
-        return moved
+        return puna_gust(puna_step(truth, control, parameters, self.dt, self.substeps), forcing)
 
     def readings(self, truth: np.ndarray, forcing: np.ndarray) -> np.ndarray:
         """What perfect instruments read ``(B, 9)``; the forcing acts later and is not seen."""
@@ -470,54 +372,55 @@ class Puna:
     def from_readings(
         self, readings: np.ndarray, previous: np.ndarray, interval: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """State ``(..., 16)`` and unknown input ``(..., 8)`` from the readings alone, wind and bias as zero.
+        """State ``(..., 10)`` and unknown input ``(..., 3)`` from the readings alone, wind as zero.
 
-        Altitude is the barometer's. A single airspeed does not show a wind, so that of the pitot tube is not used.
+        Without wind the course through the air is that over ground, and climb over airspeed the sine of gamma; airspeed
+        counts as half the cruising speed at least, less than the aircraft can fly at.
 
         Args:
             readings: ``(..., 9)``.
             previous: the readings before, not needed.
             interval: seconds between the two, not needed.
         """
-        x = np.zeros(readings.shape[:-1] + (len(TRUTH),))
-        x[..., [0, 1, 2, 5, 6]] = readings[..., [0, 1, 6, 5, 8]]
-        speed, course = readings[..., 3], readings[..., 4]
-        x[..., 3], x[..., 4] = speed * np.cos(course), speed * np.sin(course)
-        return x, np.zeros(readings.shape[:-1] + (self.unknown_inputs,))
+        x = np.zeros(readings.shape[:-1] + (10,))
+        x[..., [0, 1, 5, 2, 3, 6]] = readings[..., [0, 1, 4, 6, 7, 8]]
+        slope = readings[..., 5] / np.maximum(readings[..., 7], 0.5 * self.body.cruise_speed)
+        x[..., 4] = np.arcsin(np.clip(slope, -1.0, 1.0))
+        return x, np.zeros(readings.shape[:-1] + (3,))
 
     def model(self, kind: str, noise: float, air: Gusts) -> NonlinearModel:
-        """The filters' model: the vehicle's own equations, and what drives gusts and bias as process noise.
+        """The filters' model: the vehicle's own equations, the wind a random walk.
 
-        The known input is ``u = (actuators before, actuators after)``.
+        The known input is ``u = (actuators before, actuators after)``. A gust moves the velocity through the air as
+        much as the wind; how, depends on the course, and a constant Q only knows how much.
 
         Args:
             kind: ``"nonlinear"``; there is no other.
             noise: standard deviation of the readings relative to nominal.
-            air: how the gusts decay, and what drives them.
+            air: how much the wind changes in a step.
 
         Raises:
             ValueError: for another kind.
         """
         if kind != "nonlinear":
             raise ValueError(f"unknown filter model {kind!r}: this vehicle has the nonlinear one only")
-        if not np.allclose(air.decay, self.gust_decay):
-            raise ValueError("the vehicle's gusts decay otherwise than those of the air: give both the same lengths")
         c = self.body.vector()
 
         def transition(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
             assert u is not None
-            return ground_step(x, u, c, self.gust_decay, self.dt, self.substeps)
+            return puna_step(x, u, c, self.dt, self.substeps)
 
         def measurement(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
             return puna_readings(x, np.empty(9))
 
-        Q = np.zeros((len(TRUTH), len(TRUTH)))
-        driven = [6, *range(9, len(TRUTH))]
-        Q[np.ix_(driven, driven)] = air.noise_cov
+        gust = np.asarray(air.increment_sd)
+        level, down = np.sqrt(np.mean(gust[:2] ** 2)), gust[2]
+        speed = self.body.cruise_speed
+        sd = np.array([0.0, 0.0, 0.0, level, down / speed, level / speed, self.bank_sd, *gust])
         return NonlinearModel(
             transition,
             measurement,
-            Q,
+            np.diag(sd**2),
             np.diag((noise * nominal_sd(self.instruments)) ** 2),
             state_angles=self.state_angles,
             measurement_angles=self.measurement_angles,
