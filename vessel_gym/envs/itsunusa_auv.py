@@ -142,8 +142,8 @@ class ItsunusaAUVEnv(VesselEnv):
     ```
 
     - ``estimator``: ``enkf-sr`` (default; 100 members, inflation 1.01, localised), ``enkf``, ``etkf``, ``ekf``,
-      ``ukf``, ``truth``, ``measurement`` (the last reading of everything, current 0), ``dead-reckoning``. The linear
-      ones and those of an unknown input refuse this model: ``kf``, ``huber-kf``, ``robust-kf``, ``kf-umv-ui``,
+      ``ukf``, ``huber-kf``, ``robust-kf``, ``truth``, ``measurement`` (the last reading of everything, current 0),
+      ``dead-reckoning``. Those that need a linear model or an unknown input refuse this one: ``kf``, ``kf-umv-ui``,
       ``kf-umv-ui-wdf``, ``ekf-ui-wdf``, ``ulise``, ``ukf-umv``.
     - ``estimator_options``: the filter's own, e.g. ``{"members": 400}``, ``{"localisation": None}``.
     - ``sensors``: ``clean``, ``nominal`` or ``degraded``. Nominal: Doppler log over ground 0.01 m/s with 10 % lost,

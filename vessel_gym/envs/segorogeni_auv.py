@@ -147,8 +147,8 @@ class SegorogeniAUVEnv(VesselEnv):
     ```
 
     - ``estimator``: ``enkf`` (default; 100 members, inflation 1.01, localised by plane), ``enkf-sr``, ``etkf``,
-      ``ekf``, ``ukf``, ``truth``, ``measurement`` (the last reading of everything, current 0), ``dead-reckoning``.
-      The linear ones and those of an unknown input refuse this model: ``kf``, ``huber-kf``, ``robust-kf``,
+      ``ekf``, ``ukf``, ``huber-kf``, ``robust-kf``, ``truth``, ``measurement`` (the last reading of everything,
+      current 0), ``dead-reckoning``. Those that need a linear model or an unknown input refuse this one: ``kf``,
       ``kf-umv-ui``, ``kf-umv-ui-wdf``, ``ekf-ui-wdf``, ``ulise``, ``ukf-umv``.
     - ``estimator_options``: the filter's own, e.g. ``{"members": 300}``, ``{"localisation": None}``.
     - ``sensors``: ``clean``, ``nominal`` or ``degraded``. Nominal: Doppler log over ground 0.01 m/s with 10 % lost,
