@@ -7,6 +7,7 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from vessel_gym.system import System
+from vessel_gym.tasks.flight import Flight
 from vessel_gym.tasks.turning_circle import TurningCircle
 
 
@@ -75,6 +76,10 @@ def _autopilot(system: System) -> Agent:
         from agents.autopilot import TurningAutopilot
 
         return TurningAutopilot(system)
+    if isinstance(system.task, Flight):
+        from agents.flight_autopilot import FlightAutopilot
+
+        return FlightAutopilot(system)
     from agents.dive_autopilot import DiveAutopilot
 
     return DiveAutopilot(system)

@@ -5,10 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from agents import dive_scores, turning_scores
+from agents import dive_scores, flight_scores, turning_scores
 from agents.metrics import Metric
 from agents.rollouts import Rollout
 from vessel_gym.tasks.dive import Dive
+from vessel_gym.tasks.flight import Flight
 from vessel_gym.tasks.turning_circle import TurningCircle
 
 
@@ -36,7 +37,7 @@ def scores(rollout: Rollout) -> dict[str, np.ndarray]:
 
 
 def _figures(task: Any) -> ModuleType:
-    for kind, module in ((TurningCircle, turning_scores), (Dive, dive_scores)):
+    for kind, module in ((TurningCircle, turning_scores), (Dive, dive_scores), (Flight, flight_scores)):
         if isinstance(task, kind):
             return module
     raise ValueError(f"there are no scores for {type(task).__name__} yet")

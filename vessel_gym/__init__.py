@@ -8,7 +8,7 @@ from gymnasium.envs.registration import register
 
 __version__ = "0.1.0"
 
-for _name, _steps in (("SigmaCorvette", 600), ("SegorogeniAUV", 500), ("ItsunusaAUV", 600)):
+for _name, _steps in (("SigmaCorvette", 600), ("SegorogeniAUV", 500), ("ItsunusaAUV", 600), ("PunaUAV", 900)):
     register(
         id=f"{_name}-v0",
         entry_point=f"vessel_gym.envs:{_name}Env",

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from scipy.linalg import block_diag, solve_continuous_lyapunov
@@ -126,38 +127,34 @@ class Water:
 
 @dataclass(frozen=True)
 class Air:
-    """What the air does to an aircraft: Dryden gusts, and a mean wind that they come on top of.
+    """What the air does to an aircraft: a wind that wanders, Dryden gusts on top of it, and turbulence that shakes it.
 
     Low-altitude Dryden spectra (MIL-F-8785C) as met at a constant airspeed: the vertical gust has the second-order
-    form; north and east have the first-order, longitudinal one, so that a turn does not change the spectrum. The state
-    is that of the gusts now and one step ahead, (north, east, two of the vertical) each: what they will change is known
-    before it acts.
-
-    Only changes act: a vehicle starts in a wind drawn with ``wind_sd``, and its mean wind is that less the first gusts.
+    form; north and east have the first-order, longitudinal one, so that a turn does not change the spectrum. Mean wind,
+    the gusts' state (north, east, two of the vertical) and the bias of the vehicle's GNSS are part of the vehicle's
+    state: this is only the white noise that enters in a step, and the state is the forcing itself. A filter that is
+    told ``decay`` and ``noise_cov`` knows all that there is to know.
     """
 
     wind: float  # RMS speed of the mean wind, which is level, m/s
     gust: float  # standard deviation of a level gust component, m/s
     vertical_gust: float  # of the vertical one, m/s
+    kick: float = 0.05  # standard deviation of what turbulence kicks each velocity in a step, m/s; assumed
+    roll: float = 0.005  # of what it rolls the aircraft, rad; assumed
+    wind_time: float = 200.0  # s, in which the mean wind changes; assumed
+    drift: tuple[float, float, float] = (0.21, 0.21, 0.40)  # of the GNSS's bias in 1 s, m: Beard & McLain, ch. 7
     length: float = 200.0  # m, of level gusts; Beard & McLain (2012), Table 4.1
     vertical_length: float = 50.0  # m, of vertical ones; there too
     airspeed: float = 20.0  # m/s
     dt: float = 0.1  # s
 
-    size = 8
+    size: ClassVar = 13
 
     @cached_property
     def wind_sd(self) -> np.ndarray:
-        """Standard deviations ``(3,)`` of the wind at any time, mean and gusts: north, east, down [m/s]."""
-        level = np.hypot(self.wind / np.sqrt(2.0), self.gust)
-        return np.array([level, level, self.vertical_gust])
-
-    @cached_property
-    def increment_sd(self) -> np.ndarray:
-        """Standard deviations ``(3,)`` of what the gusts change in a step: north, east, down [m/s]."""
-        A, L = self.discrete
-        change = self._output @ (A - np.eye(4))
-        return np.sqrt(np.diag(change @ self.stationary_cov @ change.T + self._output @ L @ L.T @ self._output.T))
+        """Standard deviations ``(6,)`` at any time: mean wind north, east and the four states of the gusts [m/s]."""
+        mean = self.wind / np.sqrt(2.0)
+        return np.array([mean, mean, *np.sqrt(np.diag(self.stationary_cov))])
 
     @cached_property
     def stationary_cov(self) -> np.ndarray:
@@ -165,31 +162,33 @@ class Air:
         A, W = self._continuous
         return solve_continuous_lyapunov(A, -W)
 
+    @cached_property
+    def decay(self) -> np.ndarray:
+        """How the wind decays in a step ``(6,)``: mean, level gusts, and the vertical ones' matrix row by row."""
+        A, _ = self.discrete
+        return np.array([np.exp(-self.dt / self.wind_time), A[0, 0], *A[2:, 2:].ravel()])
+
+    @cached_property
+    def noise_cov(self) -> np.ndarray:
+        """Covariance ``(13, 13)`` of the forcing."""
+        return self._noise_root @ self._noise_root.T
+
     def start(self, normals: np.ndarray) -> np.ndarray:
-        """A stationary state ``(..., 8)`` from standard normals of the same shape."""
-        now = np.matvec(self._stationary_root, normals[..., :4])
-        return np.concatenate([now, self._ahead(now, normals[..., 4:])], -1)
+        """A state ``(..., 13)`` from standard normals of the same shape."""
+        return np.matvec(self._noise_root, normals)
 
     def advance(self, state: np.ndarray, normals: np.ndarray) -> np.ndarray:
-        """The state ``(..., 8)`` one step later (exact discretisation); the last four normals act."""
-        now = state[..., 4:]
-        return np.concatenate([now, self._ahead(now, normals[..., 4:])], -1)
+        """The state ``(..., 13)`` one step later, which remembers nothing."""
+        return np.matvec(self._noise_root, normals)
 
     def forcing(self, state: np.ndarray) -> np.ndarray:
-        """What the wind changes over the coming step ``(..., 3)``: north, east, down [m/s]."""
-        return np.matvec(self._output, state[..., 4:] - state[..., :4])
+        """What enters velocities [m/s], bank [rad], mean wind, gusts [m/s] and bias [m]: the state itself."""
+        return state
 
-    def gusts(self, state: np.ndarray) -> np.ndarray:
-        """The gusts now ``(..., 3)``: north, east, down [m/s]."""
-        return np.matvec(self._output, state[..., :4])
-
-    def _ahead(self, now: np.ndarray, normals: np.ndarray) -> np.ndarray:
-        A, L = self.discrete
-        return np.matvec(A, now) + np.matvec(L, normals)
-
-    @property
-    def _output(self) -> np.ndarray:
-        return np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, np.sqrt(3.0)]])
+    @staticmethod
+    def gusts(state: np.ndarray) -> np.ndarray:
+        """Gusts ``(..., 3)`` of their state ``(..., 4)``: north, east, down [m/s]."""
+        return np.matvec(np.array([[1.0, 0, 0, 0], [0, 1.0, 0, 0], [0, 0, 1.0, np.sqrt(3.0)]]), state)
 
     @cached_property
     def _continuous(self) -> tuple[np.ndarray, np.ndarray]:
@@ -202,15 +201,17 @@ class Air:
         )
 
     @cached_property
-    def _stationary_root(self) -> np.ndarray:
-        return _root(self.stationary_cov)
-
-    @cached_property
     def discrete(self) -> tuple[np.ndarray, np.ndarray]:
         """Transition ``(4, 4)`` of the gusts over a step and a root ``(4, 4)`` of the noise that enters in it."""
         A, W = self._continuous
         transition, noise = van_loan(A, np.eye(4), W, self.dt)
         return transition, _root(noise)
+
+    @cached_property
+    def _noise_root(self) -> np.ndarray:
+        shake = np.diag([self.kick, self.kick, self.kick, self.roll])
+        wander = self.wind_sd[0] * np.sqrt(-np.expm1(-2.0 * self.dt / self.wind_time))
+        return block_diag(shake, wander, wander, self.discrete[1], np.diag(self.drift) * np.sqrt(self.dt))
 
 
 def _root(cov: np.ndarray) -> np.ndarray:

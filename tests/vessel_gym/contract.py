@@ -24,6 +24,7 @@ REFUSED = {
     "SigmaCorvette-v0": dict.fromkeys(("kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv"), "H = 0"),
     "SegorogeniAUV-v0": _NONLINEAR_AND_NO_INPUT,
     "ItsunusaAUV-v0": _NONLINEAR_AND_NO_INPUT,
+    "PunaUAV-v0": _NONLINEAR_AND_NO_INPUT,
 }
 """Estimators that an environment's model cannot carry, and the condition that the refusal must name."""
 

@@ -219,7 +219,7 @@ def dryden(length: float, sd: float, vertical: bool, airspeed: float, lag: float
 
 def gusts_by_state(air: Air) -> np.ndarray:
     """The matrix ``(3, 4)`` from the gusts' state to the gusts, as `Air.gusts` has it."""
-    return air.gusts(np.eye(8)[:4]).T
+    return air.gusts(np.eye(4)).T
 
 
 @pytest.mark.parametrize("air", [AIR, replace(AIR, airspeed=14.0, length=120.0, vertical_length=80.0, dt=0.25)])
@@ -245,59 +245,47 @@ def test_a_step_keeps_the_gusts_stationary_and_two_half_steps_are_one():
     np.testing.assert_allclose(np.diag(P), [1.06**2, 1.06**2, 0.7**2 / 4, 0.7**2 / 4], rtol=1e-12)
 
 
-def test_level_gusts_decay_with_the_time_in_which_the_aircraft_crosses_them():
-    state = AIR.start(np.zeros(8))
-    state[:2] = state[4:6] = [1.0, -2.0]
-    for _ in range(101):  # 200 m at 20 m/s take 10 s; a state holds what is one step ahead
-        state = AIR.advance(state, np.zeros(8))
-    np.testing.assert_allclose(AIR.gusts(state), [np.exp(-1.0), -2.0 * np.exp(-1.0), 0.0], rtol=1e-12)
+def test_the_wind_decays_as_slowly_as_the_aircraft_crosses_it():
+    mean, level, *vertical = AIR.decay
+    assert mean == pytest.approx(np.exp(-0.1 / 200.0))
+    assert level == pytest.approx(np.exp(-0.1 / 10.0))  # 200 m at 20 m/s
+    np.testing.assert_allclose(np.reshape(vertical, (2, 2)), AIR.discrete[0][2:, 2:])
 
 
-def test_what_the_wind_changes_is_known_a_step_ahead_and_sums_to_the_change_of_the_gusts():
-    rng = np.random.default_rng(10)
-    state = AIR.start(rng.standard_normal((6, 8)))
-    first, total = AIR.gusts(state), np.zeros((6, 3))
-    for _ in range(200):
-        change, before = AIR.forcing(state), AIR.gusts(state)
-        state = AIR.advance(state, rng.standard_normal((6, 8)))
-        np.testing.assert_allclose(AIR.gusts(state) - before, change, rtol=0, atol=1e-14)
-        total += change
-    np.testing.assert_allclose(total, AIR.gusts(state) - first, rtol=0, atol=1e-12)
+def test_what_enters_in_a_step_keeps_the_wind_as_it_is_and_lets_the_bias_wander():
+    cov = AIR.noise_cov
+    np.testing.assert_allclose(np.sqrt(np.diag(cov)[:4]), [0.05, 0.05, 0.05, 0.005])
+    np.testing.assert_allclose(np.sqrt(np.diag(cov)[10:]), np.array([0.21, 0.21, 0.40]) * np.sqrt(0.1))
+    mean, variance = AIR.decay[0], AIR.wind_sd[0] ** 2
+    np.testing.assert_allclose(mean**2 * variance + np.diag(cov)[4:6], variance)
+    np.testing.assert_allclose(cov[6:10, 6:10], AIR.discrete[1] @ AIR.discrete[1].T, atol=1e-15)
+    blocks = np.zeros((13, 13), bool)
+    blocks[6:10, 6:10] = True
+    assert (cov[~(blocks | np.eye(13, dtype=bool))] == 0.0).all()
+    np.testing.assert_allclose(AIR.wind_sd, [3 / np.sqrt(2), 3 / np.sqrt(2), 1.06, 1.06, 0.35, 0.35], rtol=1e-12)
 
 
-def test_gusts_and_their_changes_have_their_sizes_from_the_first_step_to_the_last():
-    rng = np.random.default_rng(11)
-    rows = 4000
+def test_the_noise_of_the_air_has_its_covariance_and_remembers_nothing():
+    rng, rows = np.random.default_rng(11), 20_000
     state = AIR.start(rng.standard_normal((rows, AIR.size)))
-    for step in range(101):
-        if step in (0, 1, 100):
-            for i, sd in enumerate((1.06, 1.06, 0.7)):
-                assert_variance(AIR.gusts(state)[:, i], sd**2)
-                assert_variance(AIR.forcing(state)[:, i], AIR.increment_sd[i] ** 2)
-        state = AIR.advance(state, rng.standard_normal((rows, AIR.size)))
-
-
-def test_sizes_of_the_wind_and_its_changes_are_in_closed_form():
-    step = 0.1 / 10.0  # of the time constant of level gusts
-    np.testing.assert_allclose(AIR.increment_sd[:2], 1.06 * np.sqrt(2.0 * (1.0 - np.exp(-step))), rtol=1e-9)
-    step = 0.1 / 2.5  # of the vertical ones', whose correlation is (1 - step / 2) exp(-step)
-    vertical = 0.7 * np.sqrt(2.0 * (1.0 - (1.0 - 0.5 * step) * np.exp(-step)))
-    assert AIR.increment_sd[2] == pytest.approx(vertical, rel=1e-9)
-    np.testing.assert_allclose(AIR.increment_sd, [0.1495, 0.1495, 0.239], atol=5e-4)
-    level = np.sqrt(3.0**2 / 2.0 + 1.06**2)
-    np.testing.assert_allclose(AIR.wind_sd, [level, level, 0.7], rtol=1e-12)
+    later = AIR.advance(state, rng.standard_normal((rows, AIR.size)))
+    np.testing.assert_array_equal(AIR.forcing(state), state)
+    scale = np.sqrt(np.diag(AIR.noise_cov))
+    for sample in (state, later):
+        np.testing.assert_allclose((sample / scale).T @ (sample / scale) / rows,
+                                   AIR.noise_cov / np.outer(scale, scale), rtol=0, atol=0.05)  # fmt: skip
+    assert np.abs((state / scale).T @ (later / scale)).max() / rows < 0.05
 
 
 def test_gusts_twice_as_strong_are_the_same_gusts_doubled():
-    strong, normals = replace(AIR, gust=2.12, vertical_gust=1.4), np.random.default_rng(12).standard_normal((5, 8))
-    np.testing.assert_allclose(strong.forcing(strong.start(normals)), 2.0 * AIR.forcing(AIR.start(normals)), rtol=1e-9)
-    np.testing.assert_allclose(strong.increment_sd, 2.0 * AIR.increment_sd, rtol=1e-9)
+    strong = replace(AIR, gust=2.12, vertical_gust=1.4)
+    np.testing.assert_allclose(strong.noise_cov[6:10, 6:10], 4.0 * AIR.noise_cov[6:10, 6:10], rtol=1e-9)
+    np.testing.assert_array_equal(strong.decay, AIR.decay)
 
 
 def test_a_batch_of_airs_is_a_loop():
     rng = np.random.default_rng(13)
-    state, normals = AIR.start(rng.standard_normal((6, 8))), rng.standard_normal((6, 8))
+    state, normals = AIR.start(rng.standard_normal((6, 13))), rng.standard_normal((6, 13))
     whole = AIR.advance(state, normals)
     for i in range(6):
         np.testing.assert_array_equal(AIR.advance(state[i], normals[i]), whole[i])
-        np.testing.assert_array_equal(AIR.forcing(state[i]), AIR.forcing(state)[i])

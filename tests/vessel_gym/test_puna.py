@@ -1,31 +1,31 @@
 """The PUNA: energy, trim, turns, gusts, the paper's own form, the contract of a vehicle."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from estimators import wrap
+from vessel_gym.disturbances import Air
 from vessel_gym.vehicles.puna import (
     COEFFICIENTS,
     MISSILE,
     TRUTH,
     UNCERTAIN,
+    WIND_AXES,
     PlanarPuna,
     PointMass,
     Puna,
     PunaParameters,
     energy,
+    ground_step,
     planar_derivative,
     puna_derivative,
-    puna_gust,
     puna_readings,
     puna_step,
     trim,
+    wind_axes,
 )
 
 BODY = PunaParameters()
@@ -33,7 +33,7 @@ C = BODY.vector()
 VEHICLE = Puna()
 DEG = np.pi / 180.0
 MIRROR = np.array([1, -1, 1, 1, 1, -1, -1, 1, -1, 1])
-AIR = SimpleNamespace(increment_sd=np.array([0.15, 0.15, 0.24]))
+AIR = Air(wind=3.0, gust=1.06, vertical_gust=0.7)
 
 
 def random_states(rng: np.random.Generator, n: int) -> np.ndarray:
@@ -56,6 +56,21 @@ def air_velocity(state: np.ndarray) -> np.ndarray:
 def ground_velocity(state: np.ndarray) -> np.ndarray:
     """Velocity over ground: north, east, down."""
     return air_velocity(state) + state[..., 7:]
+
+
+def truth_of(states: np.ndarray, rng: np.random.Generator | None = None) -> np.ndarray:
+    """Truth states ``(..., 16)`` of states in wind axes; with ``rng``, winds split anyhow and a GNSS with a bias."""
+    truth = np.zeros(states.shape[:-1] + (16,))
+    truth[..., [0, 1, 2, 6]] = states[..., [0, 1, 2, 6]]
+    truth[..., 3:6] = ground_velocity(states) * [1, 1, -1]
+    parts = np.zeros(states.shape[:-1] + (3,)) if rng is None else rng.normal(size=states.shape[:-1] + (3,))
+    truth[..., 7:9] = states[..., 7:9] - parts[..., :2]
+    truth[..., 9:11] = parts[..., :2]
+    truth[..., 11] = states[..., 9] - np.sqrt(3.0) * parts[..., 2]
+    truth[..., 12] = parts[..., 2]
+    if rng is not None:
+        truth[..., 13:] = rng.normal(size=states.shape[:-1] + (3,))
+    return truth
 
 
 def level_flight(speed: float, bank: float = 0.0, altitude: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
@@ -134,9 +149,6 @@ def test_port_mirrors_starboard():
     states, controls = random_states(rng, 200), random_controls(rng, 200)
     mirrored = puna_derivative(states * MIRROR, controls * [1, 1, -1], C)
     np.testing.assert_allclose(mirrored, puna_derivative(states, controls, C) * MIRROR, rtol=1e-12, atol=1e-13)
-    change = rng.normal(size=(200, 3))
-    gusty = puna_gust(states * MIRROR, change * [1, -1, 1])
-    np.testing.assert_allclose(gusty, puna_gust(states, change) * MIRROR, rtol=1e-12, atol=1e-13)
 
 
 def test_no_direction_is_special():
@@ -159,16 +171,16 @@ def test_a_batch_is_a_loop_and_inputs_stay():
     rng = np.random.default_rng(7)
     states, controls = random_states(rng, 12).reshape(3, 4, 10), random_controls(rng, 12).reshape(3, 4, 3)
     c = VEHICLE.parameters(0.2, rng.normal(size=(4, VEHICLE.normals)))  # one aircraft a column
-    moving, change = np.concatenate([controls, 0.9 * controls], -1), rng.normal(size=(3, 4, 3))
-    copies = [a.copy() for a in (states, controls, moving, change, c)]
+    moving = np.concatenate([controls, 0.9 * controls], -1)
+    copies = [a.copy() for a in (states, controls, moving, c)]
     rates, after = puna_derivative(states, controls, c), puna_step(states, moving, c, 0.1, 1)
-    gusty, read = puna_gust(states, change), puna_readings(states, np.empty(9))
+    truth = truth_of(states, rng)
+    read = puna_readings(truth, np.empty(9))
     for i, j in np.ndindex(3, 4):
         np.testing.assert_array_equal(rates[i, j], puna_derivative(states[i, j], controls[i, j], c[j]))
         np.testing.assert_array_equal(after[i, j], puna_step(states[i, j], moving[i, j], c[j], 0.1, 1))
-        np.testing.assert_array_equal(gusty[i, j], puna_gust(states[i, j], change[i, j]))
-        np.testing.assert_array_equal(read[i, j], puna_readings(states[i, j], np.empty(9)))
-    for a, b in zip((states, controls, moving, change, c), copies, strict=True):
+        np.testing.assert_array_equal(read[i, j], puna_readings(truth[i, j], np.empty(9)))
+    for a, b in zip((states, controls, moving, c), copies, strict=True):
         np.testing.assert_array_equal(a, b)
 
 
@@ -183,11 +195,12 @@ def test_straight_up_or_down_and_at_rest_nothing_is_infinite(gamma, speed):
     states[:, 3], states[:, 4] = speed, gamma
     controls = np.tile(random_controls(rng, 20), 2)
     for _ in range(100):
-        states = puna_gust(puna_step(states, controls, C, 0.1, 1), 0.2 * rng.standard_normal((20, 3)))
+        states = puna_step(states, controls, C, 0.1, 1)
+        states[:, 4:6] += 0.01 * rng.standard_normal((20, 2))
         assert np.isfinite(states).all()
         assert states[:, 3].min() >= 0.0
         assert states[:, 3].max() < 60.0
-        assert np.isfinite(puna_readings(states, np.empty(9))).all()
+        assert np.isfinite(puna_readings(truth_of(states), np.empty(9))).all()
 
 
 def test_a_stalled_aircraft_drops_its_nose_and_flies_again():
@@ -209,33 +222,13 @@ def test_a_tail_slide_turns_into_a_dive_with_the_same_velocity():
 # --- gusts ------------------------------------------------------------------------------------------
 
 
-@given(st.integers(0, 2**32 - 1))
-@settings(max_examples=50, deadline=None)
-def test_a_jump_of_the_wind_leaves_the_velocity_over_ground(seed):
-    rng = np.random.default_rng(seed)
-    states, change = random_states(rng, 10), 3.0 * rng.normal(size=(10, 3))
-    states[:, 4] *= rng.choice([1.0, 2.0, 5.0])  # on its back, too
-    after = puna_gust(states, change)
-    np.testing.assert_allclose(ground_velocity(after), ground_velocity(states), rtol=0, atol=1e-12)
-    np.testing.assert_array_equal(after[:, 7:], states[:, 7:] + change)
-    kept = [0, 1, 2, 6]
-    np.testing.assert_array_equal(after[:, kept], states[:, kept])
-    assert np.abs(after[:, 4] - states[:, 4]).max() <= np.pi + 1e-12
-
-
-def test_a_small_gust_moves_the_angles_a_little_on_any_branch():
-    rng = np.random.default_rng(9)
-    states = random_states(rng, 200)
-    states[:, 4] = rng.uniform(-8.0, 8.0, 200)
-    states = states[np.abs(np.cos(states[:, 4])) > 0.1]
-    change = 1e-3 * rng.normal(size=(len(states), 3))
-    assert np.abs(puna_gust(states, change) - states).max() < 0.01
-    np.testing.assert_allclose(puna_gust(states, np.zeros(3)), states, rtol=0, atol=1e-13)
-
-
 def test_head_wind_adds_airspeed_side_wind_turns_and_updraft_raises_the_flow():
-    level, _ = level_flight(20.0)  # northwards
-    head, side, updraft = puna_gust(level, np.array([[-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]]))
+    """At one velocity over ground, the gust alone makes the difference."""
+    flying = np.zeros((3, len(TRUTH)))
+    flying[:, TRUTH.index("north")] = 20.0
+    flying[0, TRUTH.index("gust north")], flying[1, TRUTH.index("gust east")] = -1.0, 1.0
+    flying[2, TRUTH.index("gust down 1")] = -1.0
+    head, side, updraft = wind_axes(flying, np.empty(10))
     np.testing.assert_allclose(head[3:6], [21.0, 0.0, 0.0], rtol=1e-12, atol=1e-15)
     np.testing.assert_allclose(side[3:6], [np.hypot(20, 1), 0.0, -np.arctan(1 / 20)], rtol=1e-12, atol=1e-15)
     np.testing.assert_allclose(updraft[3:6], [np.hypot(20, 1), -np.arctan(1 / 20), 0.0], rtol=1e-12, atol=1e-15)
@@ -295,7 +288,7 @@ def test_one_step_is_converged_in_half_a_minute_of_full_reversals():
     coarse, fine, actuators, slopes = state, state, control[None], []
     for k in range(300):
         side = 1.0 if k // 25 % 2 == 0 else -1.0
-        after = VEHICLE.actuate(actuators, np.array([[side, -0.2 + 0.15 * side, -side]]))
+        after = VEHICLE.actuate(actuators, np.array([[side, 0.1 + 0.11 * side, -side]]))
         moving = np.concatenate([actuators, after], -1)[0]
         coarse, fine = puna_step(coarse, moving, C, 0.1, 1), puna_step(fine, moving, C, 0.1, 20)
         actuators = after
@@ -445,28 +438,40 @@ def test_the_missile_of_the_published_constants_cannot_fly_at_the_paper_s_speed(
 
 def test_names_and_sizes_agree():
     channels = [channel for instrument in VEHICLE.instruments for channel in instrument.channels]
-    assert len(VEHICLE.truth_names) == len(TRUTH) == 10
+    assert len(VEHICLE.truth_names) == len(TRUTH) == 16
+    assert len(WIND_AXES) == 10
     assert len(channels) == 9
-    assert [TRUTH[i] for i in VEHICLE.state_angles] == ["gamma", "chi", "phi"]
+    assert [TRUTH[i] for i in VEHICLE.state_angles] == ["phi"]
     assert [channels[i] for i in VEHICLE.measurement_angles] == ["course over ground", "bank"]
-    truth, actuators = VEHICLE.start(np.ones((4, 10)))
-    assert VEHICLE.readings(truth, np.zeros((4, 3))).shape == (4, 9)
+    truth, actuators = VEHICLE.start(np.ones((4, 16)))
+    assert VEHICLE.readings(truth, np.zeros((4, 13))).shape == (4, 9)
     assert actuators.shape == (4, len(VEHICLE.action_names))
     assert C.shape == (len(COEFFICIENTS),)
     assert VEHICLE.instruments[0].period * VEHICLE.dt == pytest.approx(1.0)  # GNSS at 1 Hz
+    assert VEHICLE.localisation.shape == (16, 9)
+    assert (VEHICLE.localisation.sum(0) > 0).all()
 
 
 def test_the_start_is_the_prior_s_trimmed_for_20_m_s():
-    x = np.random.default_rng(14).normal(size=(4, 10))
+    x = np.random.default_rng(14).normal(size=(4, 16))
     truth, actuators = VEHICLE.start(x)
     np.testing.assert_array_equal(truth, x)
-    np.testing.assert_array_equal(VEHICLE.filter_state(truth, 10), x)
+    np.testing.assert_array_equal(VEHICLE.filter_state(truth, 16), x)
     np.testing.assert_array_equal(VEHICLE.filter_state(truth, 7), x[:, :7])
     np.testing.assert_allclose(actuators, np.tile(level_flight(20.0)[1], (4, 1)))
     truth += 1.0
     actuators += 1.0
     assert (truth != x).all()  # copies
-    np.testing.assert_allclose(VEHICLE.cruise, level_flight(20.0)[1])
+    np.testing.assert_allclose(BODY.cruise, level_flight(20.0)[1])
+
+
+def test_actions_reach_from_limit_to_limit_and_0_is_cruising():
+    np.testing.assert_allclose(BODY.commands(np.zeros(3)), BODY.cruise)
+    np.testing.assert_allclose(BODY.commands(-np.ones(3)), [0.0, -4 * DEG, -35 * DEG], atol=1e-15)
+    np.testing.assert_allclose(BODY.commands(np.ones(3)), [16.0, 12 * DEG, 35 * DEG])
+    actions = np.random.default_rng(22).uniform(-1.0, 1.0, (50, 3))
+    np.testing.assert_allclose(BODY.actions(BODY.commands(actions)), actions, atol=1e-14)
+    assert (np.diff(BODY.commands(np.linspace(-1.0, 1.0, 41)[:, None] * np.ones(3)), axis=0) > 0.0).all()
 
 
 def test_angle_of_attack_moves_at_its_rate_between_its_limits():
@@ -499,83 +504,109 @@ def test_thrust_lags_exponentially_between_none_and_all():
     np.testing.assert_allclose(actuators[:, 0], [16.0 - 14.0 * decay, 2.0 * decay], rtol=1e-12)
 
 
-def test_a_step_of_the_vehicle_meets_the_gust_at_its_end():
+def test_the_truth_in_wind_axes_is_what_it_was_made_of():
+    rng = np.random.default_rng(23)
+    states = random_states(rng, 100)
+    states[:, 5] = wrap(states[:, 5])
+    np.testing.assert_allclose(wind_axes(truth_of(states, rng), np.empty(10)), states, rtol=0, atol=1e-10)
+
+
+def test_over_ground_the_aircraft_flies_as_in_wind_axes():
+    rng = np.random.default_rng(24)
+    states, controls = random_states(rng, 200), np.hstack([random_controls(rng, 200), random_controls(rng, 200)])
+    states[:, 3] = np.clip(states[:, 3], 12.0, 30.0)
+    still = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 1.0])  # a wind that does not decay
+    moved = wind_axes(ground_step(truth_of(states, rng), controls, C, still, 0.1, 20), np.empty(10))
+    expected = puna_step(states, controls, C, 0.1, 20)
+    expected[:, 5], moved[:, 5] = 0.0, wrap(moved[:, 5] - expected[:, 5])
+    np.testing.assert_allclose(moved, expected, rtol=0, atol=1e-6)
+
+
+def test_straight_up_straight_down_and_at_rest_a_step_is_finite_and_no_wing_bears_more_than_it_may():
+    truth = np.zeros((4, 16))
+    truth[:, 5], truth[:, 2] = [20.0, -20.0, 0.0, 1e-9], 100.0
+    control = np.tile([10.0, 0.2, 0.5], 2)
+    for _ in range(50):
+        truth = ground_step(truth, control, C, VEHICLE.wind_decay, 0.1, 1)
+        assert np.isfinite(truth).all()
+    fast = np.zeros((1, 16))
+    fast[:, 3] = 200.0
+    moved = ground_step(fast, np.tile([0.0, 0.2, 0.0], 2), C, VEHICLE.wind_decay, 0.01, 1)
+    assert moved[0, 5] == pytest.approx((200.0 - 9.81) * 0.01, rel=0.02)
+
+
+def test_a_step_of_the_vehicle_lets_the_wind_decay_and_meets_what_enters_at_its_end():
     rng = np.random.default_rng(15)
     states, before, after = random_states(rng, 6), random_controls(rng, 6), random_controls(rng, 6)
-    forcing, c = rng.normal(size=(6, 3)), VEHICLE.parameters(0.0, np.zeros((6, VEHICLE.normals)))
-    stepped = VEHICLE.step(states, before, after, forcing, c)
-    plain = puna_step(states, np.hstack([before, after]), C, 0.1, 1)
+    truth = truth_of(states, rng)
+    forcing, c = rng.normal(size=(6, 13)), VEHICLE.parameters(0.0, np.zeros((6, VEHICLE.normals)))
+    stepped = VEHICLE.step(truth, before, after, forcing, c)
+    plain = ground_step(truth, np.hstack([before, after]), C, AIR.decay, 0.1, 1)
     np.testing.assert_array_equal(stepped[:, :3], plain[:, :3])
-    np.testing.assert_array_equal(stepped[:, 7:], states[:, 7:] + forcing)
-    np.testing.assert_allclose(ground_velocity(stepped), ground_velocity(plain), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(stepped[:, 3:] - plain[:, 3:], forcing, rtol=0, atol=1e-12)
+    A = AIR.discrete[0]
+    np.testing.assert_allclose(plain[:, 9:13], truth[:, 9:13] @ A.T, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(plain[:, 7:9], np.exp(-0.1 / 200.0) * truth[:, 7:9], rtol=1e-12)
+    np.testing.assert_array_equal(plain[:, 13:], truth[:, 13:])
 
 
-def test_instruments_read_velocity_over_ground_and_the_rest_as_it_is():
-    states = random_states(np.random.default_rng(16), 50)
+def test_instruments_read_velocity_over_ground_the_bias_of_the_gnss_and_the_rest_as_it_is():
+    rng = np.random.default_rng(16)
+    states = random_states(rng, 50)
+    truth = truth_of(states, rng)
     north, east, down = ground_velocity(states).T
     plain = np.stack([
-        *states[:, :3].T, np.hypot(north, east), np.angle(north + 1j * east), -down, states[:, 2], states[:, 3],
-        states[:, 6],
+        *(states[:, :3] + truth[:, 13:]).T, np.hypot(north, east), np.angle(north + 1j * east), -down, states[:, 2],
+        states[:, 3], states[:, 6],
     ], -1)  # fmt: skip
-    np.testing.assert_allclose(VEHICLE.readings(states, np.ones((50, 3))), plain, rtol=0, atol=1e-12)
-    rates = puna_derivative(states, np.zeros(3), C)
-    np.testing.assert_allclose(plain[:, 3], np.hypot(rates[:, 0], rates[:, 1]), rtol=1e-12)
-    np.testing.assert_allclose(plain[:, 5], rates[:, 2], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(VEHICLE.readings(truth, np.ones((50, 13))), plain, rtol=0, atol=1e-12)
 
 
-def test_in_still_air_exact_readings_give_back_the_state():
+def test_in_a_wind_along_the_course_exact_readings_give_back_the_state():
     states = random_states(np.random.default_rng(17), 20)
-    states[:, 7:] = 0.0
-    states[:, 3] = np.maximum(states[:, 3], 10.0)
-    readings = VEHICLE.readings(states, np.zeros((20, 3)))
+    states[:, 3] = np.maximum(states[:, 3], 12.0)
+    along = np.random.default_rng(25).uniform(-3.0, 3.0, 20)
+    states[:, 7], states[:, 8], states[:, 9] = along * np.cos(states[:, 5]), along * np.sin(states[:, 5]), 0.0
+    truth = truth_of(states)
+    readings = VEHICLE.readings(truth, np.zeros((20, 13)))
     x, d = VEHICLE.from_readings(readings, np.zeros((20, 9)), np.ones((20, 9)))
-    states[:, 5] = wrap(states[:, 5])
-    np.testing.assert_allclose(x, states, rtol=0, atol=1e-12)
-    np.testing.assert_array_equal(d, np.zeros((20, 3)))
+    np.testing.assert_allclose(x, truth, rtol=0, atol=1e-10)
+    np.testing.assert_array_equal(d, np.zeros((20, 13)))
 
 
 def test_whatever_is_read_gives_a_state():
-    readings = np.array([[0.0] * 9, [1e3, -1e3, 1e3, -5.0, 4.0, 30.0, -10.0, -3.0, 2.0]])
-    x, _ = VEHICLE.from_readings(readings, readings, np.ones((2, 9)))
+    readings = np.array([[0.0] * 9, [1e3, -1e3, 1e3, -5.0, 4.0, 30.0, -10.0, -3.0, 2.0], [1e300] * 9, [-1e300] * 9])
+    x, _ = VEHICLE.from_readings(readings, readings, np.ones((4, 9)))
     assert np.isfinite(x).all()
     np.testing.assert_array_equal(x[0], 0.0)
-    assert x[1, 4] == pytest.approx(np.pi / 2)
 
 
-def test_the_filter_s_model_is_the_vehicle_when_nothing_changes_the_wind():
+def test_the_filter_s_model_is_the_vehicle_when_nothing_enters():
     rng = np.random.default_rng(18)
     model = VEHICLE.model("nonlinear", 1.0, AIR)
-    ensemble = random_states(rng, 30).reshape(3, 10, 10)
+    ensemble = truth_of(random_states(rng, 30).reshape(3, 10, 10), rng)
     before, after = random_controls(rng, 3), random_controls(rng, 3)
     predicted = model.transition(ensemble, np.hstack([before, after])[:, None])
     c = VEHICLE.parameters(0.0, np.zeros((10, VEHICLE.normals)))
     for i in range(3):
         rows = [np.tile(control[i], (10, 1)) for control in (before, after)]
-        stepped = VEHICLE.step(ensemble[i], *rows, np.zeros((10, 3)), c)
+        stepped = VEHICLE.step(ensemble[i], *rows, np.zeros((10, 13)), c)
         np.testing.assert_allclose(predicted[i], stepped, rtol=0, atol=1e-13)
-    np.testing.assert_array_equal(model.measurement(ensemble, None), VEHICLE.readings(ensemble, np.zeros(3)))
+    np.testing.assert_array_equal(model.measurement(ensemble, None), VEHICLE.readings(ensemble, np.zeros(13)))
 
 
-def test_the_filter_s_noise_is_the_sensors_and_the_gusts():
+def test_the_filter_s_noise_is_the_sensors_and_the_air():
     model = VEHICLE.model("nonlinear", 2.0, AIR)
     sd = np.array([1.0, 1.0, 1.5, 0.05, 0.03, 0.1, 0.5, 0.5, 0.02])
     np.testing.assert_allclose(model.R, np.diag((2.0 * sd) ** 2))
-    np.testing.assert_allclose(
-        np.sqrt(np.diag(model.Q)), [0.0, 0.0, 0.0, 0.15, 0.012, 0.0075, 0.005, 0.15, 0.15, 0.24], rtol=1e-12
-    )
-    assert model.state_angles == (4, 5, 6)
+    np.testing.assert_allclose(model.Q[3:, 3:], AIR.noise_cov)
+    assert not model.Q[:3].any()
+    assert model.state_angles == (6,)
     assert model.measurement_angles == (4, 8)
     with pytest.raises(ValueError, match="unknown filter model 'corrected'"):
         VEHICLE.model("corrected", 1.0, AIR)
-
-
-def test_in_level_flight_gusts_move_the_state_as_much_as_the_filter_expects():
-    level, _ = level_flight(20.0)
-    level[5] = 0.7
-    change = AIR.increment_sd * np.random.default_rng(19).standard_normal((100_000, 3))
-    moved = puna_gust(level, change) - level
-    expected = np.sqrt(np.diag(VEHICLE.model("nonlinear", 1.0, AIR).Q))
-    np.testing.assert_allclose(moved.std(0)[[3, 4, 5, 7, 8, 9]], expected[[3, 4, 5, 7, 8, 9]], rtol=0.02)
+    with pytest.raises(ValueError, match="the vehicle's wind decays otherwise than that of the air"):
+        VEHICLE.model("nonlinear", 1.0, replace(AIR, length=100.0))
 
 
 # --- mismatch ---------------------------------------------------------------------------------------

@@ -1,6 +1,7 @@
 """The environments: two thin faces on the batched core, and one module of data an environment."""
 
 from vessel_gym.envs.itsunusa_auv import ItsunusaAUVEnv, ItsunusaAUVVectorEnv
+from vessel_gym.envs.puna_uav import PunaUAVEnv, PunaUAVVectorEnv
 from vessel_gym.envs.segorogeni_auv import SegorogeniAUVEnv, SegorogeniAUVVectorEnv
 from vessel_gym.envs.sigma_corvette import SigmaCorvetteEnv, SigmaCorvetteVectorEnv
 from vessel_gym.envs.single import VesselEnv
@@ -9,6 +10,8 @@ from vessel_gym.envs.vector import VesselVectorEnv
 __all__ = [
     "ItsunusaAUVEnv",
     "ItsunusaAUVVectorEnv",
+    "PunaUAVEnv",
+    "PunaUAVVectorEnv",
     "SegorogeniAUVEnv",
     "SegorogeniAUVVectorEnv",
     "SigmaCorvetteEnv",

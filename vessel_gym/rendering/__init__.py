@@ -11,6 +11,7 @@ from gymnasium.error import DependencyNotInstalled
 
 from vessel_gym.core import Core
 from vessel_gym.tasks.dive import SpatialDive, VerticalDive
+from vessel_gym.tasks.flight import Flight
 from vessel_gym.tasks.turning_circle import TurningCircle
 
 if TYPE_CHECKING:
@@ -37,6 +38,7 @@ def make_renderer(core: Core, render_mode: str, fps: int) -> "Renderer":
     except ImportError as error:
         raise DependencyNotInstalled("rendering needs pygame: install vessel-gym[render]") from error
     from vessel_gym.rendering.dive import DiveScene
+    from vessel_gym.rendering.flight import FlightScene
     from vessel_gym.rendering.renderer import Renderer
     from vessel_gym.rendering.turning_circle import TurningCircleScene
 
@@ -44,6 +46,7 @@ def make_renderer(core: Core, render_mode: str, fps: int) -> "Renderer":
         TurningCircle: TurningCircleScene,
         SpatialDive: DiveScene,
         VerticalDive: DiveScene,
+        Flight: FlightScene,
     }
     task = type(core.task)
     if task not in scenes:

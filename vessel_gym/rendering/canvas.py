@@ -1,4 +1,4 @@
-"""What every scene draws with: palette, canvas, plan view, strip chart, ship outline.
+"""What every scene draws with: palette, canvas, header, plan view, strip chart, ship outline.
 
 Coordinates are pixels of the finished picture, x to the right and y down; points are arrays ``(n, 2)``.
 """
@@ -35,6 +35,9 @@ LIMIT: Colour = (196, 61, 61)
 CURRENT: Colour = (20, 140, 126)
 MEMBER: Colour = (240, 165, 98)
 FIX: Colour = (128, 78, 168)
+
+CIRCLE = np.stack([np.cos(np.linspace(0.0, 2.0 * np.pi, 48)), np.sin(np.linspace(0.0, 2.0 * np.pi, 48))], -1)
+"""Points ``(48, 2)`` of a unit circle."""
 
 _OVERSAMPLING = 2
 _FONTS = "dejavusans,segoeui,helveticaneue,arial,liberationsans,notosans,freesans"
@@ -254,6 +257,60 @@ def draw_scale_bar(canvas: Canvas, view: PlanView, left: float, y: float, least:
     canvas.text(0.5 * (left + right), y - 11, f"{metres:g} m", MUTED, 12, "centre")
 
 
+def two_sigma(cov: np.ndarray) -> np.ndarray:
+    """Two standard deviations about the origin ``(48, 2)``, of a covariance ``(2, 2)``; without any, one point."""
+    values, vectors = np.linalg.eigh(cov)
+    return 2.0 * (CIRCLE * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
+
+
+def draw_header(
+    canvas: Canvas, box: Box, title: str, conditions: str, values: dict[str, str], outcome: str, colour: Colour
+) -> None:
+    """Title and conditions on the left; outcome and named values, the last first, on the right."""
+    canvas.text(box.left, box.top + 21, title, TEXT, 17, bold=True)
+    canvas.text(box.left, box.top + 44, conditions, MUTED, 13)
+    right, y = box.right, box.top + 32
+    for label, value in values.items():
+        right -= canvas.text(right, y, value, TEXT, 15, "right", bold=True) + 8
+        right -= canvas.text(right, y, label, MUTED, 13, "right") + 24
+    canvas.text(right, y, outcome, colour, 15, "right", bold=True)
+
+
+def draw_start(canvas: Canvas, at: np.ndarray) -> None:
+    """Where a path begins."""
+    canvas.dot(at, TEXT, 4.0)
+    canvas.dot(at, PANEL, 2.2)
+
+
+def draw_members(canvas: Canvas, x: float, y: float) -> None:
+    """A few members of an ensemble, for a legend."""
+    for dx, dy in ((-9, 1), (-5, -3), (-2, 3), (0, -1), (4, 4), (5, -2), (9, 0)):
+        canvas.dot((x + dx, y + dy), MEMBER, 1.5)
+
+
+def draw_flows(canvas: Canvas, box: Box, name: str, flows: Sequence[tuple[np.ndarray, np.ndarray]]) -> None:
+    """A flow, true and believed, in the lower right corner of a box.
+
+    Args:
+        canvas: Where to draw.
+        box: Where the corner is.
+        name: Of the flow.
+        flows: True and believed: the vector [m/s], and what of it points up and right in the picture. The arrows are
+            in proportion.
+    """
+    longest = max(*(float(np.linalg.norm(flow)) for flow, _ in flows), 1e-9)
+    for (flow, seen), label, colour, row in zip(flows, (name, "believed"), (TRUE, BELIEVED), (0, 1), strict=True):
+        speed, y = float(np.linalg.norm(flow)), box.bottom - 34 + 18 * row
+        canvas.text(box.right - 64, y, label, colour, 11, "right")
+        canvas.text(box.right - 12, y, f"{speed:.2f} m/s", colour, 11, "right")
+        half = 14.0 / longest * np.array([seen[1], -seen[0]])
+        middle = np.array([box.right - 174 + 36 * row, box.bottom - 25])
+        if speed > 0.3 * longest:  # else it is a head without a shaft
+            canvas.arrow(tuple(middle - half), tuple(middle + half), colour, 1.5)
+        elif speed > 0.0:
+            canvas.dot(middle, colour, 2.0)
+
+
 def draw_north(canvas: Canvas, x: float, y: float) -> None:
     """A north arrow, ``(x, y)`` its middle."""
     canvas.polygon(np.array([[x, y - 13.0], [x + 7.0, y + 13.0], [x, y + 8.0], [x - 7.0, y + 13.0]]), MUTED)
@@ -350,6 +407,37 @@ def strip_chart(
     for item in reversed(series):
         if item.label:
             right = _legend_entry(canvas, right, box.top + 16, item)
+
+
+def comparison_chart(
+    canvas: Canvas, box: Box, title: str, time: np.ndarray, span: tuple[float, float], least: float,
+    true: np.ndarray, believed: np.ndarray, sd: np.ndarray, limit: float = np.inf, lowest: float | None = None,
+) -> None:  # fmt: skip
+    """A strip chart of something true and something believed.
+
+    Args:
+        canvas: Where to draw.
+        box: The card.
+        title: Quantity and unit.
+        time: Of all values [s].
+        span: First and last time [s] of the axis.
+        least: The axis reaches this far at least.
+        true: What was.
+        believed: What was believed.
+        sd: The latter's standard deviation.
+        limit: Beyond plus and minus this, all is lost.
+        lowest: Lower end of the axis, unless something lies below.
+    """
+    low, high = believed - 2.0 * sd, believed + 2.0 * sd
+    reach = nice(max(least, *(float(np.abs(value).max()) for value in (true, low, high))))
+    seen = limit if limit <= reach else None
+    if lowest is not None and min(true.min(), low.min()) < lowest:
+        lowest = None
+    strip_chart(
+        canvas, box, title,
+        [Series("true", TRUE_SOFT, time, true, 3.5), Series("believed ±2σ", BELIEVED, time, believed)],
+        span, reach, band=(time, low, high), limit=seen, limit_label="lost", lowest=lowest,
+    )  # fmt: skip
 
 
 def _legend_entry(canvas: Canvas, right: float, y: float, item: Series) -> float:

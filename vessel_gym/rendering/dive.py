@@ -10,6 +10,7 @@ from vessel_gym.guidance.dive_path import follow, path_point
 from vessel_gym.rendering.canvas import (
     BELIEVED,
     BELIEVED_PALE,
+    CIRCLE,
     COMMANDED,
     CURRENT,
     FIX,
@@ -27,13 +28,19 @@ from vessel_gym.rendering.canvas import (
     Colour,
     PlanView,
     Series,
+    comparison_chart,
+    draw_flows,
     draw_grid,
+    draw_header,
+    draw_members,
     draw_north,
     draw_scale_bar,
+    draw_start,
     nice,
     scale_bar_length,
     signed,
     strip_chart,
+    two_sigma,
 )
 from vessel_gym.sensors import SUITES
 from vessel_gym.tasks.dive import Dive
@@ -43,7 +50,6 @@ _STEP = 40.0  # least pixels from one grid line to the next
 _COLUMN = 204.0  # width of the close-ups and the legend
 _GAP = 10.0
 _MARGIN = 26.0  # least pixels around what is seen
-_CIRCLE = np.stack([np.cos(np.linspace(0.0, 2.0 * np.pi, 48)), np.sin(np.linspace(0.0, 2.0 * np.pi, 48))])
 
 
 class Sample(NamedTuple):
@@ -191,8 +197,7 @@ class DiveScene:
         """Two standard deviations of the believed position as a view shows them, ``(k, 2)``; without any, one point."""
         position = self._position @ history.estimate[-1]
         root = view.gradient(position) @ self._position
-        values, vectors = np.linalg.eigh(root @ history.cov[-1] @ root.T)
-        return view.points(position) + 2.0 * ((vectors * np.sqrt(np.maximum(values, 0.0))) @ _CIRCLE).T
+        return view.points(position) + two_sigma(root @ history.cov[-1] @ root.T)
 
     # --- parts of the picture -----------------------------------------------------------------------
 
@@ -201,15 +206,8 @@ class DiveScene:
         words = f"estimator {core.estimator}   ·   {self._sea} disturbance   ·   {self._sensors} sensors"
         if core.mismatch:
             words += f"   ·   mismatch {100 * core.mismatch:g} %"
-        canvas.text(box.left, box.top + 21, self.title, TEXT, 17, bold=True)
-        canvas.text(box.left, box.top + 44, words, MUTED, 13)
-        y = box.top + 32
-        right = box.right
-        for label, value in (("score", f"{core.total[0] / task.perfect:.3f}"), ("time", self._clock(history))):
-            right -= canvas.text(right, y, value, TEXT, 15, "right", bold=True) + 8
-            right -= canvas.text(right, y, label, MUTED, 13, "right") + 24
-        words, colour = self._outcome(history)
-        canvas.text(right, y, words, colour, 15, "right", bold=True)
+        values = {"score": f"{core.total[0] / task.perfect:.3f}", "time": self._clock(history)}
+        draw_header(canvas, box, self.title, words, values, *self._outcome(history))
 
     def _clock(self, history: Sample) -> str:
         return f"{history.step[-1] * self._task.dt:.1f} s"
@@ -296,7 +294,7 @@ class DiveScene:
         canvas.ring(goal, CURRENT, self._task.GOAL_TOLERANCE * frame.scale, 1.5)
         canvas.dot(goal, CURRENT, 2.0)
         start = frame.pixels(view.points(self._path[0]))
-        _draw_start(canvas, start)
+        draw_start(canvas, start)
 
     def _marks(self, canvas: Canvas, frame: PlanView, view: _View) -> None:
         """Acoustic fixes, which tell no depth: from the side they are drawn at the surface."""
@@ -341,18 +339,7 @@ class DiveScene:
     def _draw_current(self, canvas: Canvas, box: Box, view: _View, history: Sample) -> None:
         """The current, true and believed, as arrows of lengths in proportion."""
         flows = [states[-1][self._currents] for states in (history.truth, history.estimate)]
-        longest = max(*(float(np.linalg.norm(flow)) for flow in flows), 1e-9)
-        for flow, label, colour, row in zip(flows, ("current", "believed"), (TRUE, BELIEVED), (0, 1), strict=True):
-            speed, y = float(np.linalg.norm(flow)), box.bottom - 34 + 18 * row
-            canvas.text(box.right - 64, y, label, colour, 11, "right")
-            canvas.text(box.right - 12, y, f"{speed:.2f} m/s", colour, 11, "right")
-            up, right = (0.0, flow[0]) if view.aside else flow
-            half = 14.0 / longest * np.array([right, -up])
-            middle = np.array([box.right - 174 + 36 * row, box.bottom - 25])
-            if speed > 0.3 * longest:  # else it is a head without a shaft
-                canvas.arrow(tuple(middle - half), tuple(middle + half), colour, 1.5)
-            elif speed > 0.0:
-                canvas.dot(middle, colour, 2.0)
+        draw_flows(canvas, box, "current", [(flow, np.array([0.0, flow[0]]) if view.aside else flow) for flow in flows])
 
     # --- the column on the right --------------------------------------------------------------------
 
@@ -422,7 +409,7 @@ class DiveScene:
         if kind == "path":
             canvas.dashes(line, COMMANDED, 1.5)
         elif kind == "start":
-            _draw_start(canvas, at)
+            draw_start(canvas, at)
         elif kind == "goal":
             canvas.ring(at, CURRENT, 7.0, 1.5)
             canvas.dot(at, CURRENT, 2.0)
@@ -435,12 +422,11 @@ class DiveScene:
         elif kind == "fin":
             canvas.line(at + 0.5 * (line - at), LIMIT, 2.0)
         elif kind == "ellipse":
-            canvas.polygon(at + _CIRCLE.T * [12.0, 6.0], BELIEVED_PALE, MEMBER, 1.0)
+            canvas.polygon(at + CIRCLE * [12.0, 6.0], BELIEVED_PALE, MEMBER, 1.0)
         elif kind == "fix":
             canvas.cross(at, FIX, 3.5, 1.5)
         else:
-            for dx, dy in ((-9, 1), (-5, -3), (-2, 3), (0, -1), (4, 4), (5, -2), (9, 0)):
-                canvas.dot((x + dx, y + dy), MEMBER, 1.5)
+            draw_members(canvas, x, y)
 
     # --- charts -------------------------------------------------------------------------------------
 
@@ -459,14 +445,14 @@ class DiveScene:
         speed = history.truth[:, u], history.estimate[:, u], np.sqrt(np.maximum(history.cov[:, u, u], 0.0))
 
         if self._turns:
-            self._compare(canvas, boxes.pop(0), "Right of the path  [m]", time, span, 0.5, *right, limit=task.LOST)
-        self._compare(canvas, boxes.pop(0), "Above the path  [m]", time, span, 0.5, *above, limit=task.LOST)
+            comparison_chart(canvas, boxes.pop(0), "Right of the path  [m]", time, span, 0.5, *right, limit=task.LOST)
+        comparison_chart(canvas, boxes.pop(0), "Above the path  [m]", time, span, 0.5, *above, limit=task.LOST)
         self._fins(canvas, boxes.pop(0), time, span, history)
-        self._compare(canvas, boxes.pop(0), "Speed through the water  [m/s]", time, span, 1.0, *speed, lowest=0.0)
+        comparison_chart(canvas, boxes.pop(0), "Speed through the water  [m/s]", time, span, 1.0, *speed, lowest=0.0)
         if boxes:
             i = self._currents[0]
             flow = history.truth[:, i], history.estimate[:, i], np.sqrt(np.maximum(history.cov[:, i, i], 0.0))
-            self._compare(canvas, boxes.pop(0), "Current ahead  [m/s]", time, span, 0.1, *flow)
+            comparison_chart(canvas, boxes.pop(0), "Current ahead  [m/s]", time, span, 0.1, *flow)
 
     def _errors(self, history: Sample) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """Distance to the right of the path and above it [m]: true, believed, and the latter's standard deviation."""
@@ -482,22 +468,6 @@ class DiveScene:
         sds = [np.sqrt(np.maximum(np.einsum("ki,kij,kj->k", d, cov, d), 0.0)) for d in (across, up)]
         return [(errors[0][i], errors[1][i], sds[i]) for i in range(2)]
 
-    def _compare(
-        self, canvas: Canvas, box: Box, title: str, time: np.ndarray, span: tuple[float, float], least: float,
-        true: np.ndarray, believed: np.ndarray, sd: np.ndarray, limit: float = np.inf, lowest: float | None = None,
-    ) -> None:  # fmt: skip
-        """A chart of something true and something believed."""
-        low, high = believed - 2.0 * sd, believed + 2.0 * sd
-        reach = nice(max(least, *(float(np.abs(value).max()) for value in (true, low, high))))
-        seen = limit if limit <= reach else None
-        if lowest is not None and min(true.min(), low.min()) < lowest:
-            lowest = None
-        strip_chart(
-            canvas, box, title,
-            [Series("true", TRUE_SOFT, time, true, 3.5), Series("believed ±2σ", BELIEVED, time, believed)],
-            span, reach, band=(time, low, high), limit=seen, limit_label="lost", lowest=lowest,
-        )  # fmt: skip
-
     def _fins(
         self, canvas: Canvas, box: Box, time: np.ndarray, span: tuple[float, float], history: Sample
     ) -> None:  # fmt: skip
@@ -509,8 +479,3 @@ class DiveScene:
         ]
         title = "Fins  [°]" if len(names) > 1 else f"{names[0].capitalize()}  [°]"
         strip_chart(canvas, box, title, series, span, nice(1.2 * limit), limit=limit, note=f"limits ±{limit:g}°")
-
-
-def _draw_start(canvas: Canvas, at: np.ndarray) -> None:
-    canvas.dot(at, TEXT, 4.0)
-    canvas.dot(at, PANEL, 2.2)

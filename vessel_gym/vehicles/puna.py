@@ -3,6 +3,11 @@
 Frames: x north, y east, altitude h up; angles of the velocity through the air: gamma above the horizon, chi from north
 towards east; positive bank turns to starboard (chi rises). Wind components are north, east, down, where it blows to.
 
+The same equations come in two forms. In wind axes (airspeed, gamma, chi) they are those of the literature, and
+controllers are designed from them. The environment's state holds the velocity over ground instead: a gust then changes
+nothing but the wind, so that white noise on the wind is all that a filter has to be told, and there is no pole at the
+vertical.
+
 Sources: the paper on Dubins paths and the ensemble Kalman filter for a PUNA ("Pesawat Udara Nir Awak", in Indonesian)
 for the task, the controls (thrust and angle of attack) and the form of drag, lift and density; it prints no constant.
 Gryte (2018), the Skywalker X8, for those. Beard & McLain (2012), ch. 9, for the point mass in wind axes and the bank.
@@ -19,11 +24,19 @@ from scipy.optimize import brentq
 
 from estimators import NonlinearModel
 from vessel_gym.compiled import gufunc
+from vessel_gym.disturbances import Air
 from vessel_gym.sensors import Instrument, nominal_sd
 
-TRUTH = ("x", "y", "h", "V", "gamma", "chi", "phi", "wind north", "wind east", "wind down")
-"""Truth state: position [m], altitude [m], airspeed [m/s], flight-path angle, course through the air and bank [rad],
-wind [m/s]."""
+WIND_AXES = ("x", "y", "h", "V", "gamma", "chi", "phi", "wind north", "wind east", "wind down")
+"""State of the equations in wind axes: position [m], altitude [m], airspeed [m/s], flight-path angle, course through
+the air and bank [rad], wind [m/s]."""
+
+TRUTH = (
+    "x", "y", "h", "north", "east", "climb", "phi", "mean wind north", "mean wind east", "gust north", "gust east",
+    "gust down 1", "gust down 2", "bias x", "bias y", "bias h",
+)  # fmt: skip
+"""Truth state: position and altitude [m], velocity over ground [m/s], bank [rad], mean wind [m/s], the gusts' state
+[m/s] (down: the first plus sqrt(3) times the second), bias of the GNSS [m]."""
 
 COEFFICIENTS = (
     "mass", "area", "gravity", "drag_2", "drag_1", "drag_0", "lift_1", "lift_0", "density_2", "density_1", "density_0",
@@ -42,6 +55,7 @@ UNCERTAIN = tuple(_FACTORS)
 """What `mismatch` spreads: one factor scales all coefficients of a kind."""
 
 SLOWEST = 2.0  # m/s: slower than this, angles turn as at this speed. Nothing flies there, and nothing is infinite
+HARDEST = 200.0  # m/s2: no wing bears more lift. At 20 m/s the aircraft reaches 50; it bounds how fast a step may turn
 
 
 @dataclass(frozen=True)
@@ -91,6 +105,29 @@ class PunaParameters(PointMass):
     bank_limit: float = np.deg2rad(35.0)  # rad, see below
     cruise_speed: float = 20.0  # m/s, printed
     # 100 m of radius at 20 m/s take 22.2 deg, with 3.8 m/s of tail wind 30 deg: the rest is for gusts and corrections.
+
+    @cached_property
+    def cruise(self) -> np.ndarray:
+        """Thrust, angle of attack and bank ``(3,)`` of level flight at the cruising speed, at sea level."""
+        steady = trim(self.cruise_speed, self)
+        return np.array([steady.thrust, steady.alpha, 0.0])
+
+    def commands(self, action: np.ndarray) -> np.ndarray:
+        """Thrust, angle of attack and bank ``(..., 3)`` that actions ask for: limits at -1 and 1, cruising at 0."""
+        below, above = self._reach
+        return self.cruise + action * np.where(action < 0.0, below, above)
+
+    def actions(self, commands: np.ndarray) -> np.ndarray:
+        """The actions ``(..., 3)`` that ask for thrust, angle of attack and bank."""
+        below, above = self._reach
+        change = commands - self.cruise
+        return change / np.where(change < 0.0, below, above)
+
+    @cached_property
+    def _reach(self) -> tuple[np.ndarray, np.ndarray]:
+        """From cruising to the lower limits and to the upper ones."""
+        low = np.array([0.0, self.alpha_low, -self.bank_limit])
+        return self.cruise - low, np.array([self.thrust_limit, self.alpha_high, self.bank_limit]) - self.cruise
 
 
 @dataclass(frozen=True)
@@ -209,35 +246,89 @@ def puna_step(state: np.ndarray, control: np.ndarray, c: np.ndarray, dt: float, 
     out[7], out[8], out[9] = north, east, down
 
 
-@gufunc("void(float64[:], float64[:], float64[:])", "(n),(q)->(n)")
-def puna_gust(state: np.ndarray, change: np.ndarray, out: np.ndarray) -> None:
-    """The state after the wind has changed by ``change`` (north, east, down) [m/s] at once.
+@njit(cache=True)
+def _wind(s: np.ndarray) -> tuple[float, float, float]:
+    """Mean wind and gusts of the truth state: north, east, down."""
+    return s[7] + s[9], s[8] + s[10], s[11] + np.sqrt(3.0) * s[12]
 
-    Velocity over ground stays, so that velocity through the air changes by the opposite. Angles move the short way.
-    """
-    V, gamma, chi = state[3], state[4], state[5]
-    sin_chi, cos_chi = np.sin(chi), np.cos(chi)
-    ahead = V * np.cos(gamma) - (change[0] * cos_chi + change[1] * sin_chi)
-    aside = change[0] * sin_chi - change[1] * cos_chi
-    up = V * np.sin(gamma) + change[2]
-    side = 1.0 if np.cos(gamma) >= 0.0 else -1.0  # in a loop, on its back
-    level = np.hypot(ahead, aside)
-    turn = np.arctan2(up, side * level) - gamma
-    out[0], out[1], out[2], out[6] = state[0], state[1], state[2], state[6]
-    out[3] = np.hypot(level, up)
-    out[4] = gamma + turn - 2.0 * np.pi * np.round(turn / (2.0 * np.pi))
-    out[5] = chi + np.arctan2(side * aside, side * ahead)
-    out[7], out[8], out[9] = state[7] + change[0], state[8] + change[1], state[9] + change[2]
+
+@njit(cache=True)
+def _ground_rates(
+    s: tuple[float, ...], thrust: float, alpha: float, command: float, wind: tuple[float, float, float],
+    c: np.ndarray,
+) -> tuple[float, ...]:  # fmt: skip
+    """Rates of position, velocity over ground and bank: `_derivative` without its angles."""
+    north, east, up, phi = s[3] - wind[0], s[4] - wind[1], s[5] + wind[2], s[6]
+    level = np.sqrt(north * north + east * east)
+    V = np.sqrt(level * level + up * up)
+    lift, drag = _forces(s[2], V, alpha, c)
+    force = c[11] * thrust
+    along = (force * np.cos(alpha) - drag) / c[0]
+    across = min(max((lift + force * np.sin(alpha)) / c[0], -HARDEST), HARDEST)
+    # Where nothing flies, straight up or down or at rest, directions are those of a hair beside.
+    V = max(V, 1e-3)
+    level = max(level, 1e-3)
+    above, aside = across * np.cos(phi) / V, across * np.sin(phi) / level
+    ahead = along / V - above * up / level
+    return (
+        s[3], s[4], s[5],
+        ahead * north - aside * east, ahead * east + aside * north,
+        along * up / V + above * level - c[2],
+        c[12] * (command - phi),
+    )  # fmt: skip
+
+
+@gufunc(
+    "void(float64[:], float64[:], float64[:], float64[:], float64, int64, float64[:])",
+    "(n),(m),(k),(a),(),()->(n)",
+)
+def ground_step(
+    state: np.ndarray, control: np.ndarray, c: np.ndarray, decay: np.ndarray, dt: float, substeps: int, out: np.ndarray
+) -> None:
+    """`puna_step` on the truth state ``(16,)``; at the end the wind decays by ``decay (6,)``, see `Air.decay`."""
+    wind = _wind(state)
+    h = dt / substeps
+    s: tuple[float, ...] = (state[0], state[1], state[2], state[3], state[4], state[5], state[6])
+    thrust, alpha, command = control[0], control[1], control[2]
+    d_thrust = 0.5 * (control[3] - thrust) / substeps
+    d_alpha = 0.5 * (control[4] - alpha) / substeps
+    d_command = 0.5 * (control[5] - command) / substeps
+    for i in range(substeps):
+        T, a, b = thrust + 2 * i * d_thrust, alpha + 2 * i * d_alpha, command + 2 * i * d_command
+        k1 = _ground_rates(s, T, a, b, wind, c)
+        T, a, b = T + d_thrust, a + d_alpha, b + d_command
+        k2 = _ground_rates(_moved(s, 0.5 * h, k1), T, a, b, wind, c)
+        k3 = _ground_rates(_moved(s, 0.5 * h, k2), T, a, b, wind, c)
+        T, a, b = T + d_thrust, a + d_alpha, b + d_command
+        k4 = _ground_rates(_moved(s, h, k3), T, a, b, wind, c)
+        s = _moved(_moved(_moved(_moved(s, h / 6.0, k1), h / 3.0, k2), h / 3.0, k3), h / 6.0, k4)
+    out[0], out[1], out[2], out[3], out[4], out[5], out[6] = s
+    out[7], out[8] = decay[0] * state[7], decay[0] * state[8]
+    out[9], out[10] = decay[1] * state[9], decay[1] * state[10]
+    first, second = state[11], state[12]
+    out[11], out[12] = decay[2] * first + decay[3] * second, decay[4] * first + decay[5] * second
+    out[13], out[14], out[15] = state[13], state[14], state[15]
+
+
+@gufunc("void(float64[:], float64[:], float64[:])", "(n),(k)->(k)")
+def wind_axes(state: np.ndarray, room: np.ndarray, out: np.ndarray) -> None:
+    """The truth state ``(16,)`` in wind axes ``(10,)``; ``room (10,)`` only tells how many there are."""
+    wind = _wind(state)
+    north, east, up = state[3] - wind[0], state[4] - wind[1], state[5] + wind[2]
+    level = np.hypot(north, east)
+    out[0], out[1], out[2] = state[0], state[1], state[2]
+    out[3], out[4], out[5], out[6] = np.hypot(level, up), np.arctan2(up, level), np.arctan2(east, north), state[6]
+    out[7], out[8], out[9] = wind
 
 
 @gufunc("void(float64[:], float64[:], float64[:])", "(n),(p)->(p)")
 def puna_readings(state: np.ndarray, template: np.ndarray, out: np.ndarray) -> None:
-    """What perfect instruments read ``(9,)``, in their order; ``template (9,)`` only tells how many they are."""
-    V, level = state[3], state[3] * np.cos(state[4])
-    north, east = level * np.cos(state[5]) + state[7], level * np.sin(state[5]) + state[8]
-    out[0], out[1], out[2] = state[0], state[1], state[2]
-    out[3], out[4], out[5] = np.hypot(north, east), np.arctan2(east, north), V * np.sin(state[4]) - state[9]
-    out[6], out[7], out[8] = state[2], V, state[6]
+    """What instruments without noise read ``(9,)``, in their order; ``template (9,)`` only tells how many they are."""
+    wind = _wind(state)
+    north, east, up = state[3] - wind[0], state[4] - wind[1], state[5] + wind[2]
+    out[0], out[1], out[2] = state[0] + state[13], state[1] + state[14], state[2] + state[15]
+    out[3], out[4], out[5] = np.hypot(state[3], state[4]), np.arctan2(state[4], state[3]), state[5]
+    out[6], out[7], out[8] = state[2], np.hypot(np.hypot(north, east), up), state[6]
 
 
 def energy(state: np.ndarray, c: np.ndarray) -> np.ndarray:
@@ -286,11 +377,15 @@ class PlanarPuna:
 
 
 class Gusts(Protocol):
-    """What a filter's model needs to know of the air."""
+    """What a filter's model needs to know of the air and of the GNSS."""
 
     @property
-    def increment_sd(self) -> np.ndarray:
-        """Standard deviation [m/s] of what the wind changes in a step: north, east, down."""
+    def decay(self) -> np.ndarray:
+        """How the wind decays in a step, ``(6,)``: mean, level gusts, and the vertical ones' matrix row by row."""
+
+    @property
+    def noise_cov(self) -> np.ndarray:
+        """Covariance ``(13, 13)`` of what enters the state in a step, from the velocities on."""
 
 
 @dataclass(frozen=True)
@@ -298,13 +393,12 @@ class Puna:
     """The aircraft in batches, as an environment uses it.
 
     Over a step the wind is constant; the forcing changes it at the end. Figures of the instruments are from public
-    models of small aircraft: the GNSS has white noise only, the bias that wanders by metres in minutes is left out.
+    models of small aircraft (Beard & McLain 2012, ch. 7): the GNSS has white noise and a bias that wanders.
     """
 
     body: PunaParameters = PunaParameters()
     dt: float = 0.1  # s
     substeps: int = 1  # one RK4 step is converged to 3 cm and 2e-4 rad in 30 s of full reversals
-    bank_sd: float = 0.005  # rad a step, that filters allow the bank to stray from the model
 
     truth_names: ClassVar = TRUTH
     action_names: ClassVar = ("thrust", "angle of attack", "bank")
@@ -317,11 +411,11 @@ class Puna:
         Instrument("pitot tube", ("airspeed",), (0.5,)),
         Instrument("attitude", ("bank",), (0.02,)),  # assumed
     )  # fmt: skip
-    unknown_inputs: ClassVar = 3
-    """Increments of the wind [m/s]: north, east, down."""
+    unknown_inputs: ClassVar = 13
+    """What enters the state in a step, from the velocities on."""
     normals: ClassVar = len(UNCERTAIN)
     """Normal numbers that `parameters` needs."""
-    state_angles: ClassVar = (4, 5, 6)
+    state_angles: ClassVar = (6,)
     measurement_angles: ClassVar = (4, 8)
 
     def parameters(self, mismatch: float, normals: np.ndarray) -> np.ndarray:
@@ -329,14 +423,28 @@ class Puna:
         return self.body.vector(1.0 + mismatch * np.clip(normals, -2.0, 2.0))
 
     @cached_property
-    def cruise(self) -> np.ndarray:
-        """Actuators ``(3,)`` of level flight at the cruising speed, at sea level."""
-        steady = trim(self.body.cruise_speed, self.body)
-        return np.array([steady.thrust, steady.alpha, 0.0])
+    def localisation(self) -> np.ndarray:
+        """``(16, 9)``: which reading may correct which state of an ensemble.
+
+        Ten times a second barometer, pitot tube and attitude tell of altitude, wind and bank, and only by chance
+        correlations of the position in plan, whose variance would shrink between two fixes of the GNSS.
+        """
+        level = ("x", "y", "north", "east", "bias x", "bias y")
+        course = ("x", "y", "north", "east", "phi", "mean wind north", "mean wind east", "gust north", "gust east")
+        vertical = ("h", "climb", "bias h")
+        down = (*vertical, "gust down 1", "gust down 2")
+        wind = ("north", "east", "mean wind north", "mean wind east", "gust north", "gust east")
+        corrected = (level, level, vertical, course, course, down, down, wind, ("phi",))
+        return np.array([[float(name in names) for names in corrected] for name in TRUTH])
+
+    @cached_property
+    def wind_decay(self) -> np.ndarray:
+        """How the wind decays in a step ``(6,)``, as `Air.decay`."""
+        return Air(0.0, 1.0, 1.0, airspeed=self.body.cruise_speed, dt=self.dt).decay
 
     def start(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Truth ``(B, 10)`` and actuators ``(B, 3)`` from the state: trimmed for the cruising speed."""
-        return np.array(x, float), np.tile(self.cruise, (len(x), 1))
+        """Truth ``(B, 16)`` and actuators ``(B, 3)`` from the state: trimmed for the cruising speed."""
+        return np.array(x, float), np.tile(self.body.cruise, (len(x), 1))
 
     def filter_state(self, truth: np.ndarray, n: int = len(TRUTH)) -> np.ndarray:
         """The part of the truth that filters estimate: its first ``n`` components."""
@@ -345,25 +453,24 @@ class Puna:
     def actuate(self, actuators: np.ndarray, action: np.ndarray) -> np.ndarray:
         """Actuators ``(B, 3)`` after a step of ``action`` in [-1, 1].
 
-        Thrust from none to all, with its lag; angle of attack from its lower to its upper limit, at its rate; commanded
-        bank as a share of its limit, at once: the bank itself lags.
+        At 0 the aircraft cruises level, at -1 and 1 every actuator is at a limit. Thrust follows with its lag, angle of
+        attack at its rate, commanded bank at once: the bank itself lags.
         """
-        body = self.body
-        after = np.empty_like(actuators)
-        thrust = 0.5 * body.thrust_limit * (1.0 + action[..., 0])
+        body, after = self.body, self.body.commands(action)
+        thrust = after[..., 0]
         after[..., 0] = thrust + (actuators[..., 0] - thrust) * np.exp(-self.dt / body.thrust_lag)
-        alpha = body.alpha_low + 0.5 * (body.alpha_high - body.alpha_low) * (1.0 + action[..., 1])
         turn = body.alpha_rate * self.dt
-        after[..., 1] = np.clip(alpha, actuators[..., 1] - turn, actuators[..., 1] + turn)
-        after[..., 2] = body.bank_limit * action[..., 2]
+        after[..., 1] = np.clip(after[..., 1], actuators[..., 1] - turn, actuators[..., 1] + turn)
         return after
 
     def step(
         self, truth: np.ndarray, before: np.ndarray, after: np.ndarray, forcing: np.ndarray, parameters: np.ndarray
     ) -> np.ndarray:
-        """The truth one step later, with actuators moving from ``before`` to ``after`` and ``forcing (B, 3)``."""
+        """The truth one step later, with actuators moving from ``before`` to ``after`` and ``forcing (B, 13)``."""
         control = np.concatenate([before, after], -1)
-        return puna_gust(puna_step(truth, control, parameters, self.dt, self.substeps), forcing)
+        moved = ground_step(truth, control, parameters, self.wind_decay, self.dt, self.substeps)
+        moved[..., 3:] += forcing
+        return moved
 
     def readings(self, truth: np.ndarray, forcing: np.ndarray) -> np.ndarray:
         """What perfect instruments read ``(B, 9)``; the forcing acts later and is not seen."""
@@ -372,55 +479,58 @@ class Puna:
     def from_readings(
         self, readings: np.ndarray, previous: np.ndarray, interval: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """State ``(..., 10)`` and unknown input ``(..., 3)`` from the readings alone, wind as zero.
+        """State ``(..., 16)`` and unknown input ``(..., 13)`` from the readings alone, gusts and bias as zero.
 
-        Without wind the course through the air is that over ground, and climb over airspeed the sine of gamma; airspeed
-        counts as half the cruising speed at least, less than the aircraft can fly at.
+        Altitude is the barometer's. What airspeed and ground speed differ by is taken for a wind along the course.
 
         Args:
             readings: ``(..., 9)``.
             previous: the readings before, not needed.
             interval: seconds between the two, not needed.
         """
-        x = np.zeros(readings.shape[:-1] + (10,))
-        x[..., [0, 1, 5, 2, 3, 6]] = readings[..., [0, 1, 4, 6, 7, 8]]
-        slope = readings[..., 5] / np.maximum(readings[..., 7], 0.5 * self.body.cruise_speed)
-        x[..., 4] = np.arcsin(np.clip(slope, -1.0, 1.0))
-        return x, np.zeros(readings.shape[:-1] + (3,))
+        x = np.zeros(readings.shape[:-1] + (len(TRUTH),))
+        x[..., [0, 1, 2, 5, 6]] = readings[..., [0, 1, 6, 5, 8]]
+        speed, course = readings[..., 3], readings[..., 4]
+        x[..., 3], x[..., 4] = speed * np.cos(course), speed * np.sin(course)
+        airspeed, climb = np.clip(readings[..., 7], 0.0, 1e3), np.clip(readings[..., 5], -1e3, 1e3)
+        level = np.sqrt(np.maximum(airspeed**2 - climb**2, 0.0))
+        x[..., 7], x[..., 8] = (speed - level) * np.cos(course), (speed - level) * np.sin(course)
+        return x, np.zeros(readings.shape[:-1] + (self.unknown_inputs,))
 
     def model(self, kind: str, noise: float, air: Gusts) -> NonlinearModel:
-        """The filters' model: the vehicle's own equations, the wind a random walk.
+        """The filters' model: the vehicle's own equations, and what the air does as process noise.
 
-        The known input is ``u = (actuators before, actuators after)``. A gust moves the velocity through the air as
-        much as the wind; how, depends on the course, and a constant Q only knows how much.
+        The known input is ``u = (actuators before, actuators after)``.
 
         Args:
             kind: ``"nonlinear"``; there is no other.
             noise: standard deviation of the readings relative to nominal.
-            air: how much the wind changes in a step.
+            air: how the gusts decay, and what drives them.
 
         Raises:
             ValueError: for another kind.
         """
         if kind != "nonlinear":
             raise ValueError(f"unknown filter model {kind!r}: this vehicle has the nonlinear one only")
+        if not np.allclose(air.decay, self.wind_decay):
+            raise ValueError(
+                "the vehicle's wind decays otherwise than that of the air: give both the same times and lengths"
+            )
         c = self.body.vector()
 
         def transition(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
             assert u is not None
-            return puna_step(x, u, c, self.dt, self.substeps)
+            return ground_step(x, u, c, self.wind_decay, self.dt, self.substeps)
 
         def measurement(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
             return puna_readings(x, np.empty(9))
 
-        gust = np.asarray(air.increment_sd)
-        level, down = np.sqrt(np.mean(gust[:2] ** 2)), gust[2]
-        speed = self.body.cruise_speed
-        sd = np.array([0.0, 0.0, 0.0, level, down / speed, level / speed, self.bank_sd, *gust])
+        Q = np.zeros((len(TRUTH), len(TRUTH)))
+        Q[3:, 3:] = air.noise_cov
         return NonlinearModel(
             transition,
             measurement,
-            np.diag(sd**2),
+            Q,
             np.diag((noise * nominal_sd(self.instruments)) ** 2),
             state_angles=self.state_angles,
             measurement_angles=self.measurement_angles,

@@ -1,0 +1,139 @@
+"""A vector field onto the path, and loops for bank, altitude and airspeed designed from the linearised aircraft."""
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from scipy.linalg import solve_discrete_are
+
+from vessel_gym.system import System
+from vessel_gym.tasks.flight import Flight
+from vessel_gym.vehicles.puna import Puna, puna_step, trim
+
+
+@dataclass(frozen=True)
+class FlightTolerances:
+    """Deviations that count alike in the quadratic costs (Bryson's rule): each weight is 1 / tolerance^2."""
+
+    cross_track: float = 2.0  # m
+    course: float = 0.15  # rad
+    bank: float = 0.25  # rad, of the command
+    altitude: float = 1.0  # m
+    climb: float = 0.7  # m/s
+    airspeed: float = 1.0  # m/s
+    thrust: float = 3.0  # N
+    alpha: float = 0.007  # rad
+    approach: float = 0.8  # rad, course at which the vector field meets the path from afar
+
+
+@cache
+def lateral_gains(vehicle: Puna, tolerances: FlightTolerances) -> np.ndarray:
+    """Gains ``(3,)`` of the commanded bank on cross-track error [m], course error and bank [rad], in level flight."""
+    body, dt = vehicle.body, vehicle.dt
+    speed, rate = body.cruise_speed, body.bank_rate
+    # Over a step the bank nears its command as exp(-b t); course and cross-track are its integrals.
+    decay = np.exp(-rate * dt)
+    first, turn = (1.0 - decay) / rate, body.gravity / speed
+    second = (dt - first) / rate
+    A = np.array([
+        [1.0, speed * dt, speed * turn * second],
+        [0.0, 1.0, turn * first],
+        [0.0, 0.0, decay],
+    ])  # fmt: skip
+    third = (0.5 * dt**2 - second) / rate
+    B = np.array([[speed * turn * rate * third], [turn * rate * second], [rate * first]])
+    Q = np.diag([tolerances.cross_track**-2, tolerances.course**-2, 0.0])
+    return _regulator(A, B, Q, np.array([[tolerances.bank**-2]]))[0]
+
+
+@cache
+def longitudinal_gains(vehicle: Puna, tolerances: FlightTolerances) -> np.ndarray:
+    """Gains ``(2, 5)`` of commanded thrust [N] and angle of attack [rad].
+
+    On altitude [m], airspeed [m/s], flight-path angle [rad], thrust and angle of attack, by central differences of the
+    vehicle's step about level flight.
+    """
+    body, h = vehicle.body, 1e-5
+    steady, c = trim(body.cruise_speed, body), body.vector()
+    decay = np.exp(-vehicle.dt / body.thrust_lag)
+
+    def after(z: np.ndarray) -> np.ndarray:
+        altitude, speed, slope, thrust, alpha, thrust_command, alpha_command = z
+        state = np.array([0.0, 0.0, altitude, speed, slope, 0.0, 0.0, 0.0, 0.0, 0.0])
+        thrust_after = thrust_command + (thrust - thrust_command) * decay
+        control = np.array([thrust, alpha, 0.0, thrust_after, alpha_command, 0.0])
+        moved = puna_step(state, control, c, vehicle.dt, vehicle.substeps)
+        return np.array([*moved[2:5], thrust_after, alpha_command])
+
+    level = np.array([0.0, body.cruise_speed, 0.0] + 2 * [steady.thrust, steady.alpha])
+    jacobian = np.stack([(after(level + h * e) - after(level - h * e)) / (2.0 * h) for e in np.eye(7)], -1)
+    slope = tolerances.climb / body.cruise_speed
+    Q = np.diag([tolerances.altitude**-2, tolerances.airspeed**-2, slope**-2, 0.0, 0.0])
+    R = np.diag([tolerances.thrust**-2, tolerances.alpha**-2])
+    return _regulator(jacobian[:, :5], jacobian[:, 5:], Q, R)
+
+
+def _regulator(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray) -> np.ndarray:
+    P = solve_discrete_are(A, B, Q, R)
+    return np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A)
+
+
+class FlightAutopilot:
+    """Vector-field path following in plan; linear-quadratic loops for altitude and airspeed.
+
+    It acts on the observation alone. Far from the path the vector field (Nelson et al. 2007) points to it at a steep
+    course, near it along it, with the slope that is best for small errors; the bank that the path needs is added. In a
+    turn the trim is that of the banked aircraft. Altitude is held by the climb over ground, which a gust does not
+    change at once.
+
+    Args:
+        system: The environment's system.
+        tolerances: The design's tolerances.
+
+    Raises:
+        ValueError: if the system's task is no flight.
+    """
+
+    def __init__(self, system: System, tolerances: FlightTolerances | None = None) -> None:
+        task, vehicle = system.task, system.vehicle
+        if not isinstance(task, Flight) or not isinstance(vehicle, Puna):
+            raise ValueError(f"this autopilot flies aircraft along paths, not {type(task).__name__}")
+        tolerances = tolerances or FlightTolerances()
+        self._task, self._body = task, vehicle.body
+        self._lateral = lateral_gains(vehicle, tolerances)
+        self._longitudinal = longitudinal_gains(vehicle, tolerances)
+        self._approach = tolerances.approach
+        self._slope = self._lateral[0] / self._lateral[1] / tolerances.approach
+        self._banks = np.linspace(0.0, vehicle.body.bank_limit, 20)
+        steady = [trim(vehicle.body.cruise_speed, vehicle.body, bank=bank) for bank in self._banks]
+        self._thrusts, self._alphas = np.array([[s.thrust, s.alpha] for s in steady]).T
+
+    def reset(self, num_envs: int) -> None:
+        """Nothing to forget: the autopilot has no memory."""
+
+    def act(self, observations: np.ndarray) -> np.ndarray:
+        """Actions ``(B, 3)``: thrust, angle of attack, bank."""
+        o, body = self._task.named(observations), self._body
+        speed = np.maximum(o["ground speed"], 0.5 * body.cruise_speed)
+        needed = o["bank of the path"]
+        astray = self._approach * np.arctan(self._slope * o["cross-track"])
+        astray -= np.arctan2(o["course sine"], o["course cosine"])
+        # The faster over ground, the less a bank turns the course.
+        faster = speed / body.cruise_speed
+        bank = needed - faster * self._lateral[1] * astray - self._lateral[2] * (o["bank"] - needed)
+        bank = np.clip(bank, -body.bank_limit, body.bank_limit)
+
+        banked = np.abs(o["bank"])
+        thrust, alpha = np.interp(banked, self._banks, self._thrusts), np.interp(banked, self._banks, self._alphas)
+        first = len(self._task.observed)
+        actuators = body.commands(observations[:, first : first + 3].astype(float))
+        deviation = np.stack([
+            np.clip(o["altitude error"], -10.0, 10.0),
+            np.clip(o["airspeed"] - body.cruise_speed, -4.0, 4.0),
+            o["climb"] / body.cruise_speed,
+            actuators[:, 0] - thrust,
+            actuators[:, 1] - alpha,
+        ], -1)  # fmt: skip
+        commands = np.stack([thrust, alpha], -1) - deviation @ self._longitudinal.T
+        actions = body.actions(np.column_stack([commands, bank]))
+        return np.clip(actions, -1.0, 1.0).astype(np.float32)

@@ -1,0 +1,325 @@
+"""Flights along planned paths: following, courses, what the agent may see, and how flights are scored."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from estimators import Belief
+from vessel_gym.envs.puna_uav import PUNA_UAV, PunaUAVEnv
+from vessel_gym.guidance.dubins import approach, plan, shortest
+from vessel_gym.guidance.path_following import LEAD, follow, track
+from vessel_gym.tasks.flight import ENDS, OBSTACLES, SEGMENTS, Flight
+from vessel_gym.vehicles.puna import TRUTH, wind_axes
+
+TASK = PUNA_UAV.task
+assert isinstance(TASK, Flight)
+AIR = PUNA_UAV.disturbances["moderate"]
+
+
+def padded(path: Any) -> np.ndarray:
+    segments = np.zeros((SEGMENTS, 5))
+    segments[: len(path.segments)] = path.segments
+    return segments.ravel()
+
+
+def courses(n: int, seed: int = 0) -> np.ndarray:
+    return TASK.course(np.random.default_rng(seed).random((n, TASK.uniforms)), {})
+
+
+def segments_of(course: np.ndarray) -> np.ndarray:
+    rows = course[: 5 * SEGMENTS].reshape(SEGMENTS, 5)
+    return rows[rows[:, 4] > 0.0]
+
+
+def belief(mean: np.ndarray) -> Belief:
+    cov = np.broadcast_to(np.eye(mean.shape[-1]), (*mean.shape, mean.shape[-1]))
+    return Belief(mean, cov, mean, cov, np.ones(len(mean), bool))
+
+
+def on_path(course: np.ndarray, s: float, off: float = 0.0, above: float = 0.0) -> np.ndarray:
+    """Truth ``(1, 16)`` at 20 m/s along the path of a course ``(97,)``, ``off`` metres to starboard of it."""
+    path = segments_of(course)
+    begin = np.concatenate([[0.0], np.cumsum(path[:, 4])])
+    k = min(int(np.searchsorted(begin, s, side="right")) - 1, len(path) - 1)
+    x, y, heading, curvature, _ = path[k]
+    turn = curvature * (s - begin[k])
+    chord, middle = (s - begin[k]) * np.sinc(0.5 * turn / np.pi), heading + 0.5 * turn
+    heading += turn
+    truth = np.zeros((1, len(TRUTH)))
+    truth[0, :2] = (
+        x + chord * np.cos(middle) - off * np.sin(heading),
+        y + chord * np.sin(middle) + off * np.cos(heading),
+    )
+    truth[0, 2] = TASK.altitude_of(course) + above
+    truth[0, 3:5] = 20.0 * np.cos(heading), 20.0 * np.sin(heading)
+    return truth
+
+
+# --- following --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("goal", [(500.0, 300.0, 3.0), (700.0, 0.0, 0.0), (300.0, -400.0, -2.0)], ids=str)
+def test_beside_the_path_progress_error_and_heading_are_those_of_the_place(goal: Any):
+    path = plan([0.0, 0.0, 0.3], goal, 130.0, [(250.0, 50.0, 40.0)], 20.0)
+    s = np.linspace(1.0, path.length - 1.0, 300)
+    pose = path.pose(s)
+    off = np.random.default_rng(0).uniform(-60.0, 60.0, 300)
+    moved = pose + np.stack([-off * np.sin(pose[:, 2]), off * np.cos(pose[:, 2]), np.zeros(300)], -1)
+    found = follow(moved, padded(path), (20.0, 60.0))
+    np.testing.assert_allclose(found[:, 0], s, atol=1e-8)
+    np.testing.assert_allclose(found[:, 1], off, atol=1e-8)
+    np.testing.assert_allclose(found[:, 2], pose[:, 2], atol=1e-10)
+    np.testing.assert_allclose(found[:, 5], path.length - s, atol=1e-8)
+    np.testing.assert_allclose(found[:, 6], np.abs(off), atol=1e-8)
+    # what the path turns through ahead; beyond its end it goes straight on
+    np.testing.assert_allclose(found[:, 3] * 20.0, path.pose(s + 20.0)[:, 2] - pose[:, 2], atol=1e-8)
+    np.testing.assert_allclose(found[:, 4] * 40.0, path.pose(s + 60.0)[:, 2] - path.pose(s + 20.0)[:, 2], atol=1e-8)
+
+
+def test_beyond_its_ends_the_path_goes_straight_on():
+    path = shortest([0.0, 0.0, 0.0], [600.0, 200.0, 1.0], 130.0)
+    end = path.pose(path.length)
+    ahead = end + [30.0 * np.cos(1.0), 30.0 * np.sin(1.0), 0.0]
+    before, after, far = follow(np.stack([[-30.0, 2.0, 0.0], ahead, [-200.0, 0.0, 0.0]]), padded(path), (20.0, 60.0))
+    np.testing.assert_allclose(before[:2], [-30.0, 2.0], atol=1e-9)
+    np.testing.assert_allclose(after[:2], [path.length + 30.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(far[[0, 6]], [-LEAD, 150.0], atol=1e-9)
+
+
+def crossing() -> np.ndarray:
+    """A path that crosses itself at right angles: 100 m ahead, three quarters of a circle, 100 m and more."""
+    rows = np.zeros((SEGMENTS, 5))
+    rows[0] = 0.0, 0.0, 0.0, 0.0, 200.0
+    rows[1] = 200.0, 0.0, 0.0, 0.01, 150.0 * np.pi
+    rows[2] = 100.0, 100.0, 1.5 * np.pi, 0.0, 300.0
+    return rows.ravel()
+
+
+def test_where_the_path_crosses_itself_the_course_decides():
+    again = 200.0 + 150.0 * np.pi + 100.0
+    for off in (-3.0, 0.0, 3.0):
+        pose = np.array([[100.0 + off, off, 0.1], [100.0 + off, off, -0.5 * np.pi - 0.1]])
+        first, second = follow(pose, crossing(), (20.0, 60.0))
+        assert first[0] == pytest.approx(100.0 + off)
+        assert second[0] == pytest.approx(again - off)
+
+
+def test_who_remembers_the_progress_is_led_by_no_crossing():
+    for low, high, expected in ((50.0, 150.0, 100.0), (700.0, 900.0, 300.0 + 150.0 * np.pi), (0.0, 60.0, 60.0)):
+        found = track(np.array([100.0, 0.0]), crossing(), low, high)
+        assert found[0] == pytest.approx(expected)
+
+
+def test_absurd_poses_give_finite_answers():
+    pose = np.array([[1e300, -1e300, 1e300], [1e300, 0.0, 0.0], [-1e200, 1e200, 5e-324]])
+    assert np.isfinite(follow(pose, crossing(), (20.0, 60.0))).all()
+
+
+# --- courses ----------------------------------------------------------------------------------------
+
+
+def test_every_drawn_path_can_be_flown_and_keeps_clear_of_its_obstacles():
+    for course in courses(300):
+        segments = segments_of(course)
+        assert np.abs(segments[:, 3]).max() <= 1.0 / TASK.radius + 1e-12
+        assert segments[:, 4].sum() == pytest.approx(course[5 * SEGMENTS])
+        assert TASK.altitudes[0] <= TASK.altitude_of(course) <= TASK.altitudes[1]
+        np.testing.assert_array_equal(segments[0, :2], 0.0)
+        ends = np.array([on_path(course, s)[0, :2] for s in np.cumsum(segments[:, 4])])
+        np.testing.assert_allclose(ends[:-1], segments[1:, :2], atol=1e-6)
+        np.testing.assert_allclose(TASK.goal(course[None])[0, :2], ends[-1], atol=1e-6)
+        obstacles = course[-3 * OBSTACLES :].reshape(OBSTACLES, 3)
+        obstacles = obstacles[obstacles[:, 2] > 0.0]
+        assert len(obstacles) >= 1
+        for s in np.linspace(0.0, course[5 * SEGMENTS], 60):
+            assert TASK.clearance(on_path(course, s), course[None])[0] >= TASK.margin - 1e-6
+
+
+def test_a_scene_can_be_asked_for():
+    obstacles = [(300.0, 10.0, 50.0), (500.0, -90.0, 30.0)]
+    options = {"start": (10.0, 20.0, 0.1), "goal": (700.0, 100.0, 0.5), "obstacles": obstacles, "altitude": 150.0}
+    course = TASK.course(np.random.default_rng(0).random((3, TASK.uniforms)), options)
+    np.testing.assert_array_equal(course[0], course[2])
+    path = plan(options["start"], options["goal"], TASK.radius, obstacles, TASK.margin)
+    np.testing.assert_allclose(segments_of(course[0]), path.segments)
+    assert (approach(path, np.array(obstacles)[:, :2]) >= np.array(obstacles)[:, 2] + TASK.margin).all()
+    assert TASK.altitude_of(course[0]) == 150.0
+    np.testing.assert_allclose(TASK.goal(course)[0], options["goal"], atol=1e-6)
+    clear = TASK.course(np.zeros((1, TASK.uniforms)), {"obstacles": []})
+    np.testing.assert_allclose(segments_of(clear[0]), [[0.0, 0.0, 0.0, 0.0, 750.0]], atol=1e-9)
+
+
+BAD = [
+    ({"speed": 3.0}, r"unknown reset option 'speed': choose from start, goal, obstacles, altitude"),
+    ({"start": (0.0, np.nan, 0.0)}, r"start must be three finite numbers, metres x and y and a heading in rad, got .*"),
+    ({"goal": "north"}, r"goal must be three finite numbers, .* got 'north'"),
+    ({"goal": (1.0, 2.0)}, r"goal must be three finite numbers, .* got \(1\.0, 2\.0\)"),
+    ({"goal": (2000.0, 0.0, 0.0)}, r"the path to the goal must be 130 to 1440 m long, got 2000 m"),
+    ({"start": (0.0, 0.0, 0.0), "goal": (50.0, 0.0, 0.0)}, r"the path to the goal must be .* m long, got 50 m"),
+    ({"obstacles": 3.0}, r"obstacles must be rows \(x, y, radius\), metres, got 3\.0"),
+    ({"obstacles": [(1.0, 2.0, -3.0)]}, r"obstacles must have finite centres and radii above 0, got .*"),
+    ({"obstacles": [(1.0, np.inf, 3.0)]}, r"obstacles must have finite centres and radii above 0, got .*"),
+    ({"obstacles": 9 * [(400.0, 0.0, 30.0)]}, r"there may be 5 obstacles at most, got 9"),
+    ({"obstacles": [(10.0, 0.0, 30.0)]}, r"the start .*obstacle.*"),
+    ({"obstacles": [(740.0, 0.0, 30.0)]}, r"the goal .*obstacle.*"),
+    ({"obstacles": [(0.0, 120.0, 90.0), (0.0, -120.0, 90.0), (120.0, 0.0, 90.0), (-120.0, 0.0, 90.0)]}, r".*close.*"),
+    ({"start": (0, 0, 0), "goal": (-10.0, 0, 0), "obstacles": []}, r"the path comes back to where it was .*"),
+    ({"altitude": 10.0}, r"altitude must be between 50 and 1000 m, got 10\.0"),
+    ({"altitude": "high"}, r"altitude must be between 50 and 1000 m, got 'high'"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("options", "sentence"), BAD, ids=lambda value: str(value)[:40])
+def test_a_scene_that_cannot_be_flown_is_refused_in_one_sentence(options: dict[str, Any], sentence: str):
+    with pytest.raises(ValueError, match=f"^{sentence}$"):
+        TASK.course(np.full((2, TASK.uniforms), 0.5), options)
+
+
+# --- the start --------------------------------------------------------------------------------------
+
+
+def test_the_prior_flies_along_the_path_through_an_unknown_wind():
+    course = courses(4)
+    prior = TASK.prior(course, AIR)
+    assert np.linalg.eigvalsh(prior.cov).min() > 0.0
+    x = prior.mean[0] + np.random.default_rng(0).standard_normal((20_000, 16)) @ np.linalg.cholesky(prior.cov).T
+    axes = wind_axes(x, np.empty(10))
+    np.testing.assert_allclose(np.sqrt(np.var(x[:, 7:13], axis=0)), AIR.wind_sd, rtol=0.03)
+    assert axes[:, 3].mean() == pytest.approx(20.0, abs=0.02)
+    assert axes[:, 3].std() == pytest.approx(0.5, rel=0.05)  # airspeed is known, whatever the wind
+    where = TASK.reference(course, np.zeros(4), belief(prior.mean))
+    np.testing.assert_allclose(where[:, :3], 0.0, atol=1e-9)
+
+
+# --- what the agent sees ----------------------------------------------------------------------------
+
+
+def seen_at(truth: np.ndarray, course: np.ndarray) -> dict[str, np.ndarray]:
+    reference = TASK.reference(course, np.zeros(len(truth)), belief(truth))
+    return TASK.named(TASK.observe(belief(truth), reference, np.tile(TASK.body.cruise, (len(truth), 1))))
+
+
+def test_on_the_path_nothing_is_to_be_done():
+    for course in courses(20, 1):
+        s = 0.37 * course[5 * SEGMENTS]
+        seen = seen_at(on_path(course, s), course[None])
+        for name in ("cross-track", "altitude error", "course sine", "climb", "wind down", "bank"):
+            assert seen[name][0] == pytest.approx(0.0, abs=1e-6), name
+        assert seen["course cosine"][0] == pytest.approx(1.0)
+        assert seen["ground speed"][0] == pytest.approx(20.0)
+        assert seen["airspeed"][0] == pytest.approx(20.0)
+        assert seen["remaining"][0] == pytest.approx(course[5 * SEGMENTS] - s)
+        assert np.tan(seen["bank of the path"][0]) == pytest.approx(20.0**2 * seen["curvature"][0] / 9.81)
+
+
+def test_errors_have_the_signs_that_their_names_say():
+    course = courses(1, 2)
+    truth = on_path(course[0], 100.0, off=7.0, above=-2.0)
+    seen = seen_at(truth, course)
+    assert seen["cross-track"][0] == pytest.approx(7.0)
+    assert seen["altitude error"][0] == pytest.approx(-2.0)
+    turned = truth.copy()
+    cos, sin = np.cos(-0.3), np.sin(-0.3)  # to port of the path's course
+    turned[0, 3:5] = cos * truth[0, 3] - sin * truth[0, 4], sin * truth[0, 3] + cos * truth[0, 4]
+    assert seen_at(turned, course)["course sine"][0] == pytest.approx(np.sin(0.3))
+
+
+def test_obstacles_are_seen_on_their_side_and_fade_with_distance():
+    course = TASK.course(np.zeros((1, TASK.uniforms)), {"obstacles": [(400.0, 100.0, 30.0)]})
+    truth = np.zeros((3, 16))
+    truth[:, 0], truth[:, 2], truth[:, 3] = [400.0, 350.0, 100.0], TASK.altitude_of(course), 20.0
+    seen = seen_at(truth, np.repeat(course, 3, axis=0))
+    np.testing.assert_allclose(seen["obstacles to starboard"][[0, 2]], [1.0 - 70.0 / 100.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(seen["obstacles ahead"][[0, 2]], 0.0, atol=1e-9)
+    assert seen["obstacles ahead"][1] > 0.05
+
+
+def test_sizes_are_as_documented():
+    manual = PunaUAVEnv.__doc__ or ""
+    assert TASK.sizes() == {"mean": 18, "mean+std": 34, "measurement": 117}
+    for size in TASK.sizes().values():
+        assert f"({size},)" in manual
+
+
+# --- the score --------------------------------------------------------------------------------------
+
+
+def flown(course: np.ndarray, places: list[tuple[float, float, float]], action: float = 0.0) -> tuple[float, str]:
+    """Score and end of a flight through places (progress, off, above) of a course ``(97,)``."""
+    course, total = course[None], 0.0
+    tally = TASK.begin(on_path(course[0], places[0][0]), course)
+    for k, place in enumerate(places):
+        truth = on_path(course[0], *place)
+        reference = TASK.reference(course, np.zeros(1), belief(truth))
+        command = np.full((1, 3), action * (-1) ** k)
+        reward, end, tally = TASK.score(truth, reference, np.zeros((1, 3)), command, tally)
+        assert 0.0 <= reward[0] <= 1.0
+        total += reward[0]
+        if end[0]:
+            return total, ENDS[end[0]]
+    return total, ""
+
+
+def along(course: np.ndarray, step: float = 2.0, off: float = 0.0, above: float = 0.0) -> list[Any]:
+    return [(s, off, above) for s in np.arange(0.0, course[5 * SEGMENTS] + step + 1e-6, step)]
+
+
+def test_a_perfect_flight_scores_one_and_ends_by_arriving():
+    for course in courses(5, 3):
+        score, end = flown(course, along(course))
+        assert end == "arrived"
+        assert score == pytest.approx(1.0, abs=0.02)
+
+
+def test_errors_cost_and_half_is_lost_at_the_tolerances():
+    course = courses(1, 4)[0]
+    best = flown(course, along(course)[:100])[0]
+    assert flown(course, along(course, off=3.0)[:100])[0] == pytest.approx(0.5 * best, rel=0.03)
+    assert flown(course, along(course, above=1.5)[:100])[0] == pytest.approx(0.5 * best, rel=0.03)
+    assert flown(course, along(course)[:100], action=0.5)[0] == pytest.approx(0.9 * best, rel=0.01)
+
+
+def test_dawdling_circling_and_going_back_pay_nothing():
+    course = courses(1, 5)[0]
+    straight = along(course)
+    dawdling = [place for place in straight for _ in range(3)]
+    back = straight[:100] + straight[60:100][::-1] + straight[60:]
+    best = flown(course, straight)[0]
+    assert flown(course, dawdling)[0] <= best + 1e-12
+    assert flown(course, back)[0] <= best + 1e-12
+    assert flown(course, along(course, step=3.9))[0] <= best + 0.02
+
+
+def test_a_short_cut_to_the_goal_forgoes_the_path():
+    course = courses(1, 6)[0]
+    places = along(course)
+    score, end = flown(course, places[:50] + places[-20:])
+    assert end in ("off the path", "arrived")
+    assert score < 0.3
+
+
+def test_every_end_has_its_reason():
+    course = TASK.course(np.zeros((1, TASK.uniforms)), {"obstacles": [(400.0, 100.0, 30.0)]})
+    base = on_path(course[0], 300.0)
+    cases = {"": {}, "off the path": {1: 120.0}, "off the altitude": {2: 41.0}, "stalled": {3: 8.0}}
+    for expected, change in cases.items():
+        truth = base.copy()
+        for i, value in change.items():
+            truth[0, i] = value + (truth[0, i] if i == 2 else 0.0)
+        assert ending(course, truth, truth) == expected
+    low = base.copy()
+    low[0, 2] = -1.0
+    assert ending(course, low, low) == "crashed"
+    hit = base.copy()
+    hit[0, :2] = 400.0, 80.0
+    assert ending(course, hit, base) == "hit an obstacle"
+    there = on_path(course[0], 750.0 + 1.0)
+    assert ending(course, there, there) == "arrived"
+    assert ending(course, base, there) == "missed the goal"
+
+
+def ending(course: np.ndarray, truth: np.ndarray, believed: np.ndarray) -> str:
+    reference = TASK.reference(course, np.zeros(1), belief(believed))
+    tally = np.array([[290.0, 0.0, 0.0, 0.0]]) if truth[0, 0] < 700.0 else np.array([[740.0, 0.0, 0.0, 0.0]])
+    return ENDS[TASK.score(truth, reference, np.zeros((1, 3)), np.zeros((1, 3)), tally)[1][0]]

@@ -1,0 +1,373 @@
+"""The picture of a flight: path, obstacles and wind from above, where the aircraft is and where it believes to be."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from vessel_gym.core import Core
+from vessel_gym.guidance.dubins import Path
+from vessel_gym.guidance.path_following import COLUMNS, track
+from vessel_gym.rendering.canvas import (
+    BELIEVED,
+    BELIEVED_PALE,
+    CIRCLE,
+    COMMANDED,
+    CURRENT,
+    FIX,
+    LIMIT,
+    MEMBER,
+    MUTED,
+    PANEL,
+    TEXT,
+    TRUE,
+    TRUE_PALE,
+    TRUE_SOFT,
+    WATER,
+    Box,
+    Canvas,
+    Colour,
+    PlanView,
+    Series,
+    comparison_chart,
+    draw_flows,
+    draw_grid,
+    draw_header,
+    draw_members,
+    draw_north,
+    draw_scale_bar,
+    draw_start,
+    nice,
+    scale_bar_length,
+    strip_chart,
+    two_sigma,
+)
+from vessel_gym.sensors import SUITES
+from vessel_gym.tasks.flight import OBSTACLES, SEGMENTS, Flight
+from vessel_gym.vehicles.puna import TRUTH
+
+SPAN = 2.1
+"""Wing span [m] of the Skywalker X8, Gryte (2018); the point mass has none."""
+
+OBSTACLE: Colour = (240, 216, 214)
+
+_AIRCRAFT_PIXELS = 26.0  # least span of an aircraft in the large view
+_STEP = 60.0  # least pixels from one grid line to the next
+_CLOSE_STEP = 40.0
+_GAP = 10.0
+_LEFT = 488.0  # width of the plan view
+_CHART = 124.0  # height of a chart
+
+# Half of a flying wing, in spans: nose, leading edge, tip with its fin, trailing edge, stern.
+_HALF = np.array([
+    [0.17, 0.0], [0.15, 0.035], [0.08, 0.07], [-0.12, 0.48], [-0.13, 0.5], [-0.25, 0.5], [-0.22, 0.47], [-0.1, 0.1],
+    [-0.13, 0.03], [-0.13, 0.0],
+])  # fmt: skip
+_AIRCRAFT = np.concatenate([_HALF, _HALF[-2:0:-1] * [1.0, -1.0]])
+_OVER_GROUND = np.eye(len(TRUTH))[3:6]
+_WIND = np.zeros((3, len(TRUTH)))  # north, east, up
+_WIND[0, [7, 9]] = _WIND[1, [8, 10]] = 1.0
+_WIND[2, [11, 12]] = -1.0, -np.sqrt(3.0)
+_AIR = _OVER_GROUND - _WIND
+"""What of a state is its velocity through the air: north, east, up."""
+
+
+class Sample(NamedTuple):
+    """One moment of an episode, or as columns a whole one."""
+
+    step: np.ndarray
+    truth: np.ndarray  # (16,)
+    estimate: np.ndarray  # (16,)
+    cov: np.ndarray  # (16, 16)
+    actuators: np.ndarray  # (3,)
+    farthest: np.ndarray  # progress of the true aircraft
+
+
+class FlightScene:
+    """History and picture of one aircraft on a planned path round obstacles.
+
+    Args:
+        core: The environment's core, whose first row is shown.
+    """
+
+    def __init__(self, core: Core) -> None:
+        assert isinstance(core.task, Flight)
+        self.title = core.system.name
+        self._core, self._task = core, core.task
+        owner = [instrument.name for instrument in core.vehicle.instruments for _ in instrument.channels]
+        self._fix = np.flatnonzero(np.array(owner) == "GNSS")[:2]
+        self._air = next(name for name, air in core.system.disturbances.items() if air is core.sea)
+        self._sensors = next(name for name, suite in SUITES.items() if suite is core.suite)
+        self._samples: list[Sample] = []
+        self._fixes: list[np.ndarray] = []
+        self._segments = np.zeros(0)
+        self._path = self._obstacles = np.zeros((0, 3))
+        self._goal = np.zeros(3)
+        self._length = self._altitude = 0.0
+
+    def begin(self) -> None:
+        """Start an episode with the course that the task has drawn."""
+        course, task = self._core.course, self._task
+        self._samples.clear()
+        self._fixes.clear()
+        self._segments = course[0, : COLUMNS * SEGMENTS].copy()
+        rows = self._segments.reshape(SEGMENTS, COLUMNS)
+        path = Path(rows[rows[:, 4] > 0.0])
+        self._path, self._length = path.sample(3.0), path.length
+        obstacles = course[0, -3 * OBSTACLES :].reshape(OBSTACLES, 3)
+        self._obstacles = obstacles[obstacles[:, 2] > 0.0]
+        self._goal, self._altitude = task.goal(course)[0], float(task.altitude_of(course)[0])
+
+    def record(self) -> None:
+        """Append the core's present state, and a fix of the GNSS if one has come."""
+        core = self._core
+        belief = core.belief
+        self._samples.append(
+            Sample(
+                core.steps[0], core.truth[0].copy(), belief.mean[0].copy(), belief.cov[0].copy(),
+                core.actuators[0].copy(), core.tally[0, 0],
+            )
+        )  # fmt: skip
+        readings, available = core.readings
+        if available[0, self._fix].all():
+            self._fixes.append(readings[0, self._fix].copy())
+
+    def draw(self, canvas: Canvas) -> None:
+        """Draw the episode so far."""
+        history = Sample(*(np.array(column) for column in zip(*self._samples, strict=True)))
+        width, height = canvas.size
+        canvas.clear()
+        self._header(canvas, Box(16, 0, width - 32, 60), history)
+        box = Box(16, 60, width - 32, height - 76)
+        left = Box(box.left, box.top, _LEFT, box.height - _CHART - _GAP)
+        right = Box(left.right + _GAP, box.top, box.width - _LEFT - _GAP, box.height - 3 * (_CHART + _GAP))
+        half = (right.width - _GAP) / 2
+        self._plan(canvas, left, history)
+        self._close_up(canvas, Box(right.left, right.top, half, right.height), history)
+        self._legend(canvas, Box(right.left + half + _GAP, right.top, half, right.height), history)
+        boxes = [Box(right.left, right.bottom + _GAP + i * (_CHART + _GAP), right.width, _CHART) for i in range(3)]
+        self._charts(canvas, [Box(left.left, left.bottom + _GAP, left.width, _CHART), *boxes], history)
+
+    # --- what is known of the present moment --------------------------------------------------------
+
+    def _cloud(self) -> np.ndarray | None:
+        """Where the members of the ensemble are in plan, ``(N, 2)``, if there is one."""
+        ensemble = self._core.belief.ensemble
+        return None if ensemble is None else ensemble[0, :, :2]
+
+    def _outcome(self, history: Sample) -> tuple[str, Colour]:
+        """How the flight has ended, in words, or that it has not."""
+        end = self._task.ends[self._core.end[0]]
+        missed = f"{np.hypot(*(history.truth[-1, :2] - self._goal[:2])):.1f} m"
+        if end == "arrived":
+            return f"arrived, {missed} from the goal", CURRENT
+        if end == "missed the goal":
+            return f"{end} by {missed}", LIMIT
+        if end:
+            return f"lost: {end}", LIMIT
+        if history.step[-1] >= self._task.horizon:
+            return "time is up", LIMIT
+        return "under way", MUTED
+
+    # --- parts of the picture -----------------------------------------------------------------------
+
+    def _header(self, canvas: Canvas, box: Box, history: Sample) -> None:
+        core, task = self._core, self._task
+        words = f"estimator {core.estimator}   ·   {self._air} disturbance   ·   {self._sensors} sensors"
+        if core.mismatch:
+            words += f"   ·   mismatch {100 * core.mismatch:g} %"
+        values = {"score": f"{core.total[0] / task.perfect:.3f}", "time": f"{history.step[-1] * task.dt:.1f} s"}
+        draw_header(canvas, box, self.title, words, values, *self._outcome(history))
+
+    def _plan(self, canvas: Canvas, box: Box, history: Sample) -> None:
+        """The whole flight from above."""
+        canvas.panel(box, WATER)
+        canvas.text(box.left + 14, box.top + 18, "Seen from above", TEXT, 13, bold=True)
+        air = box.inset(2, 34, 2, 50)
+        around = self._obstacles[:, None, :2] + self._obstacles[:, None, 2:] * CIRCLE
+        points = [self._path[:, :2], history.truth[:, :2], history.estimate[:, :2], around.reshape(-1, 2)]
+        frame = PlanView(air.inset(0, 0, 24, 0), np.concatenate(points), 26.0)  # clear of the north arrow
+        span = max(SPAN * frame.scale, _AIRCRAFT_PIXELS)
+        with canvas.clipped(air):
+            draw_grid(canvas, frame, _STEP, air)
+            self._scene(canvas, frame, history, span, 1.2)
+        self._scale(canvas, frame, box.left + 16, box.bottom - 14, _STEP, span)
+        draw_north(canvas, box.right - 24, box.top + 42)
+        flows = [_WIND[:2] @ states[-1] for states in (history.truth, history.estimate)]
+        draw_flows(canvas, box, "wind", [(flow, flow) for flow in flows])
+
+    def _close_up(self, canvas: Canvas, box: Box, history: Sample) -> None:
+        """What is around the believed aircraft, to scale."""
+        canvas.panel(box, WATER)
+        middle = history.estimate[-1, :2]
+        away = float(np.abs(history.truth[-1, :2] - middle).max()) + 0.55 * SPAN
+        spread = float(np.abs(two_sigma(history.cov[-1, :2, :2])).max())
+        half = nice(max(3.0 * SPAN, away, 1.2 * spread))
+        frame = PlanView(box.inset(2, 28, 2, 30), np.array([middle - half, middle + half]), 0.0)
+        with canvas.clipped(frame.box):
+            draw_grid(canvas, frame, _CLOSE_STEP)
+            span = max(SPAN * frame.scale, 0.7 * _AIRCRAFT_PIXELS)
+            self._scene(canvas, frame, history, span, 1.7)
+        self._scale(canvas, frame, box.left + 12, box.bottom - 9, _CLOSE_STEP, span)
+        canvas.text(box.left + 12, box.top + 15, "Close-up", TEXT, 12, bold=True)
+
+    def _scale(self, canvas: Canvas, frame: PlanView, left: float, y: float, step: float, span: float) -> None:
+        """A scale bar, and how much larger than to scale the aircraft are drawn."""
+        draw_scale_bar(canvas, frame, left, y, step)
+        magnified = span / (SPAN * frame.scale)
+        words = f"aircraft drawn {magnified:.2g}×" if magnified > 1.05 else "aircraft to scale"
+        canvas.text(left + scale_bar_length(frame, step) * frame.scale + 14, y - 3, words, MUTED, 11)
+
+    def _scene(self, canvas: Canvas, frame: PlanView, history: Sample, span: float, radius: float) -> None:
+        """All that lies on a map: obstacles, path, tracks, fixes, belief and aircraft."""
+        goal, tolerance = frame.pixels(self._goal[:2]), self._task.GOAL_TOLERANCE * frame.scale
+        canvas.dot(goal, PANEL, tolerance)
+        cloud, ellipse = self._cloud(), frame.pixels(history.estimate[-1, :2] + two_sigma(history.cov[-1, :2, :2]))
+        if cloud is None and np.ptp(ellipse, 0).max() > 1.0:
+            canvas.polygon(ellipse, BELIEVED_PALE, MEMBER, 1.0)
+        for x, y, size in self._obstacles:
+            at = np.array([x, y])
+            canvas.polygon(frame.pixels(at + size * CIRCLE), OBSTACLE, LIMIT, 1.0)
+            canvas.dashes(frame.pixels(at + (size + self._task.margin) * CIRCLE), LIMIT, 0.8, 2.0, 4.0)
+        canvas.dashes(frame.pixels(self._path[:, :2]), COMMANDED, 1.5)
+        canvas.line(frame.pixels(history.estimate[:, :2]), BELIEVED, 1.5)
+        canvas.line(frame.pixels(history.truth[:, :2]), TRUE, 2.0)
+        canvas.ring(goal, CURRENT, tolerance, 1.0)
+        canvas.dot(goal, CURRENT, min(2.0, 0.4 * tolerance))
+        draw_start(canvas, frame.pixels(self._path[0, :2]))
+        for fix in self._fixes:
+            canvas.cross(frame.pixels(fix), FIX, 2.0 * radius, 1.2)
+        for at in frame.pixels(cloud) if cloud is not None else ():
+            canvas.dot(at, MEMBER, radius)
+        canvas.polygon(self._placed(frame, history.truth[-1], span), TRUE_PALE, TRUE, 1.5)
+        canvas.outline(self._placed(frame, history.estimate[-1], span), BELIEVED, 1.5)
+
+    def _placed(self, frame: PlanView, state: np.ndarray, span: float) -> np.ndarray:
+        """An aircraft on a map: its nose points where it flies through the air, a bank narrows its wing."""
+        north, east, _ = _AIR @ state
+        return frame.body(_AIRCRAFT * [1.0, np.cos(state[6])], state[:2], float(np.arctan2(east, north)), span)
+
+    def _legend(self, canvas: Canvas, box: Box, history: Sample) -> None:
+        canvas.panel(box)
+        task, cloud = self._task, self._cloud()
+        labels = {
+            "path": "planned path",
+            "start": "start",
+            "goal": f"goal, reached within {task.GOAL_TOLERANCE:g} m",
+            "obstacle": "obstacle",
+            "berth": f"the path stays {task.margin:g} m clear",
+            "true": "true aircraft, its track",
+            "believed": "believed aircraft, its track",
+        }
+        if cloud is not None:
+            labels["cloud"] = f"ensemble of {len(cloud)} guesses"
+        elif np.trace(history.cov[-1, :2, :2]) > 0.0:
+            labels["ellipse"] = "believed position ±2σ"
+        labels["fix"] = "GNSS fix, once a second"
+        pitch = (box.height - 16) / len(labels)
+        for i, (kind, label) in enumerate(labels.items()):
+            y = box.top + 8 + (i + 0.5) * pitch
+            canvas.text(box.left + 46, y, label, TEXT, 11)
+            self._icon(canvas, kind, box.left + 25, y)
+
+    def _icon(self, canvas: Canvas, kind: str, x: float, y: float) -> None:
+        """What an entry of the legend stands for."""
+        line, at, aircraft = np.array([[x - 14, y], [x + 14, y]]), np.array([x, y]), _AIRCRAFT * 22.0 + [x, y]
+        if kind == "path":
+            canvas.dashes(line, COMMANDED, 1.5)
+        elif kind == "start":
+            draw_start(canvas, at)
+        elif kind == "goal":
+            canvas.ring(at, CURRENT, 7.0, 1.5)
+            canvas.dot(at, CURRENT, 2.0)
+        elif kind == "obstacle":
+            canvas.polygon(at + CIRCLE * 7.0, OBSTACLE, LIMIT, 1.0)
+        elif kind == "berth":
+            canvas.dashes(line, LIMIT, 0.8, 2.0, 4.0)
+        elif kind == "true":
+            canvas.line(line, TRUE, 2.0)
+            canvas.polygon(aircraft, TRUE_PALE, TRUE, 1.2)
+        elif kind == "believed":
+            canvas.line(line, BELIEVED, 1.5)
+            canvas.polygon(aircraft, PANEL, BELIEVED, 1.2)
+        elif kind == "ellipse":
+            canvas.polygon(at + CIRCLE * [12.0, 6.0], BELIEVED_PALE, MEMBER, 1.0)
+        elif kind == "fix":
+            canvas.cross(at, FIX, 3.5, 1.5)
+        else:
+            draw_members(canvas, x, y)
+
+    # --- charts -------------------------------------------------------------------------------------
+
+    def _charts(self, canvas: Canvas, boxes: list[Box], history: Sample) -> None:
+        """Altitude, and in the other boxes what is right of the path, bank and airspeed."""
+        task = self._task
+        time = history.step * task.dt
+        usual = max(1.1 * self._length / task.body.cruise_speed, float(time[-1]))
+        span = 0.0, 12.0 * np.ceil(usual / 12.0)
+        self._altitudes(canvas, boxes[0], time, span, history)
+        comparison_chart(canvas, boxes[1], "Right of the path  [m]", time, span, 3.0, *self._across(history), task.LOST)
+        self._banks(canvas, boxes[2], time, span, history)
+        true, believed = (np.linalg.norm(states @ _AIR.T, axis=-1) for states in (history.truth, history.estimate))
+        ahead = history.estimate @ _AIR.T / np.maximum(believed, 1e-9)[:, None] @ _AIR
+        sd = _sd(ahead, history.cov)
+        self._about(canvas, boxes[3], "Airspeed  [m/s]", time, span, 3.0, task.body.cruise_speed, true, believed, sd)
+
+    def _across(self, history: Sample) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Distance to starboard of the path [m]: true, believed, and the latter's standard deviation."""
+        window = self._task.WINDOW
+        on = [
+            track(states[:, :2], self._segments, history.farthest - window, history.farthest + window)
+            for states in (history.truth, history.estimate)
+        ]
+        across = np.zeros((len(history.step), len(TRUTH)))
+        across[:, 0], across[:, 1] = -np.sin(on[1][:, 2]), np.cos(on[1][:, 2])
+        return on[0][:, 1], on[1][:, 1], _sd(across, history.cov)
+
+    def _altitudes(
+        self, canvas: Canvas, box: Box, time: np.ndarray, span: tuple[float, float], history: Sample
+    ) -> None:  # fmt: skip
+        sd = np.sqrt(np.maximum(history.cov[:, 2, 2], 0.0))
+        self._about(
+            canvas, box, "Altitude  [m]", time, span, 5.0, self._altitude, history.truth[:, 2], history.estimate[:, 2],
+            sd, "commanded",
+        )  # fmt: skip
+
+    def _about(
+        self, canvas: Canvas, box: Box, title: str, time: np.ndarray, span: tuple[float, float], least: float,
+        usual: float, true: np.ndarray, believed: np.ndarray, sd: np.ndarray, label: str = "",
+    ) -> None:  # fmt: skip
+        """A chart of something true and something believed about what is usual."""
+        low, high, middle = believed - 2.0 * sd, believed + 2.0 * sd, float(round(usual))
+        reach = nice(max(least, *(float(np.abs(value - middle).max()) for value in (true, low, high))))
+        series = [
+            Series("true", TRUE_SOFT, time, true, 3.5),
+            Series("believed ±2σ", BELIEVED, time, believed),
+        ]
+        if label:
+            series.insert(0, Series(label, COMMANDED, np.array(span), np.full(2, usual), 1.2, dashed=True))
+        strip_chart(
+            canvas, box, title, series, span, middle + reach, band=(time, low, high), lowest=middle - reach
+        )  # fmt: skip
+
+    def _banks(
+        self, canvas: Canvas, box: Box, time: np.ndarray, span: tuple[float, float], history: Sample
+    ) -> None:  # fmt: skip
+        limit = float(np.rad2deg(self._task.body.bank_limit))
+        true, believed, command = np.rad2deg([history.truth[:, 6], history.estimate[:, 6], history.actuators[:, 2]])
+        sd = np.rad2deg(np.sqrt(np.maximum(history.cov[:, 6, 6], 0.0)))
+        low, high = believed - 2.0 * sd, believed + 2.0 * sd
+        reach = nice(max(1.2 * limit, *(float(np.abs(value).max()) for value in (true, low, high))))
+        series = [
+            Series("commanded", COMMANDED, time, command, 1.2, dashed=True),
+            Series("true", TRUE_SOFT, time, true, 3.5),
+            Series("believed ±2σ", BELIEVED, time, believed),
+        ]
+        strip_chart(
+            canvas, box, "Bank  [°]", series, span, reach, band=(time, low, high), limit=limit,
+            limit_label="limit of the command",
+        )  # fmt: skip
+
+
+def _sd(direction: np.ndarray, cov: np.ndarray) -> np.ndarray:
+    """Standard deviations ``(k,)`` along directions ``(k, n)`` of covariances ``(k, n, n)``."""
+    return np.sqrt(np.maximum(np.einsum("ki,kij,kj->k", direction, cov, direction), 0.0))

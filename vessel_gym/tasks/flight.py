@@ -1,0 +1,395 @@
+"""Fly a planned path round obstacles to a goal, at a commanded altitude and airspeed."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+
+from estimators import Belief, Gaussian
+from vessel_gym.compiled import gufunc
+from vessel_gym.disturbances import Air
+from vessel_gym.guidance.dubins import NoPath, Path, plan
+from vessel_gym.guidance.path_following import COLUMNS, follow, track
+from vessel_gym.vehicles.puna import TRUTH, PunaParameters, wind_axes
+
+ENDS = (
+    "", "arrived", "missed the goal", "hit an obstacle", "stalled", "crashed", "off the path", "off the altitude",
+)  # fmt: skip
+_ARRIVED, _MISSED, _HIT, _STALLED, _CRASHED, _OFF, _HEIGHT = range(1, len(ENDS))
+
+SEGMENTS = 16
+"""Arcs and straights of a path at most."""
+OBSTACLES = 5
+"""Obstacles at most."""
+_PATH = COLUMNS * SEGMENTS
+_WHERE = 6  # numbers of a reference before its course
+_OPTIONS = ("start", "goal", "obstacles", "altitude")
+
+
+@gufunc("void(float64[:], float64[:], float64, float64[:], float64[:])", "(n),(r),(),(k)->(k)")
+def _flight_errors(x: np.ndarray, reference: np.ndarray, gravity: float, room: np.ndarray, out: np.ndarray) -> None:
+    """What is to be seen of a state ``(16,)`` and a reference, in SI and in the order of `Flight.observed`."""
+    heading, curvature, later = reference[3], reference[4], reference[5]
+    wind_north, wind_east, down = x[7] + x[9], x[8] + x[10], x[11] + np.sqrt(3.0) * x[12]
+    north, east, up = x[3] - wind_north, x[4] - wind_east, x[5] + down
+    ground = np.hypot(x[3], x[4])
+    course = np.arctan2(x[4], x[3])
+    drift = course - np.arctan2(east, north)
+    out[0], out[1] = reference[1], reference[2]
+    out[2], out[3] = np.sin(heading - course), np.cos(heading - course)
+    out[4], out[5] = curvature, later
+    # Lift turns the velocity through the air; over ground its share across the course counts.
+    out[6] = np.arctan(ground * min(ground, 1e3) * curvature / gravity / max(np.cos(drift), 0.5))
+    out[7] = ground
+    out[8] = np.hypot(np.hypot(north, east), up)
+    out[9], out[10] = x[5], down
+    out[11] = x[6]
+    ahead = aside = 0.0
+    first = len(reference) - 3 * OBSTACLES
+    for k in range(OBSTACLES):
+        radius = reference[first + 3 * k + 2]
+        if radius > 0.0:
+            dx, dy = reference[first + 3 * k] - x[0], reference[first + 3 * k + 1] - x[1]
+            distance = np.hypot(dx, dy)
+            near = min(max(1.0 - (distance - radius) / 100.0, 0.0), 2.0) / max(distance, 1e-9)
+            if near > 0.0:
+                ahead += near * (dx * np.cos(course) + dy * np.sin(course))
+                aside += near * (dy * np.cos(course) - dx * np.sin(course))
+    out[12], out[13] = ahead, aside
+    out[14] = reference[_WHERE + _PATH] - reference[0]
+
+
+@dataclass(frozen=True)
+class Flight:
+    """A flight along a Dubins path round circular obstacles, of an aircraft whose state is `vehicles.puna.TRUTH`.
+
+    A course (what is drawn at reset) is ``(97,)``: 16 segments of the path (x, y, heading, curvature, length; those of
+    length 0 fill up), its length, the commanded altitude, and 5 obstacles (x, y, radius; radius 0: none). A reference
+    is where the aircraft believes to be on it, ``(103,)``: progress, cross-track and altitude error [m], heading of the
+    path there, its mean curvatures ahead (over the next 20 m, and from 20 to 60 m on), and the course.
+
+    The flight is over when the aircraft believes to have covered the path.
+    """
+
+    body: PunaParameters
+    radius: float = 130.0  # m, turn radius of the path: 26 deg of bank in a tail wind of 5 m/s, out of 35
+    margin: float = 20.0  # m, that the path keeps from obstacles
+    distance: tuple[float, float] = (600.0, 900.0)  # m from start to goal
+    altitudes: tuple[float, float] = (80.0, 120.0)  # m, commanded
+    obstacle_radius: tuple[float, float] = (30.0, 60.0)  # m
+    ahead: tuple[float, float] = (20.0, 60.0)  # m: within the first, the bank follows a command
+    horizon: int = 900  # steps
+    dt: float = 0.1  # s
+
+    states: ClassVar[int] = len(TRUTH)
+    """Size of the prior: all of the aircraft's state."""
+    uniforms: ClassVar[int] = 14
+    """Uniform numbers that `course` needs."""
+    ends: ClassVar[tuple[str, ...]] = ENDS
+    perfect: ClassVar[float] = 1.0
+    """Rewards are shares of the score."""
+
+    # --- what is drawn ----------------------------------------------------------------------------
+
+    def course(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
+        """Draw courses ``(B, 97)`` from uniforms ``(B, 14)``.
+
+        The start is the origin, on any heading. The goal lies within 90 deg of that, and is to be reached on a heading
+        within 90 deg of the direct way. Three obstacles lie along the direct way, up to 80 m beside it; the last
+        ones are left out if no path round them all is found.
+
+        Args:
+            uniforms: for the poses, the altitude and the obstacles.
+            options: ``{"start": (x, y, heading), "goal": (x, y, heading), "obstacles": [(x, y, radius), ...],
+                "altitude": h}`` set what would be drawn. With obstacles but no poses, these are (0, 0, 0) and
+                (750, 0, 0).
+
+        Raises:
+            ValueError: for an unknown option, a value that is none, or poses that no path joins.
+        """
+        for option in options:
+            if option not in _OPTIONS:
+                raise ValueError(f"unknown reset option {option!r}: choose from {', '.join(_OPTIONS)}")
+        given: dict[str, np.ndarray] = {
+            name: self._pose(name, options[name]) for name in _OPTIONS[:2] if name in options
+        }
+        fixed = self._obstacles(options["obstacles"]) if "obstacles" in options else None
+        if fixed is not None:
+            given = {"start": np.zeros(3), "goal": np.array([750.0, 0.0, 0.0])} | given
+        altitude = self._altitude(options["altitude"]) if "altitude" in options else None
+        if len(given) == 2 and fixed is not None:  # the same for all: planned once
+            planned = self._course(self._planned(given["start"], given["goal"], fixed), fixed, 0.0)
+            courses = np.tile(planned, (len(uniforms), 1))
+        else:
+            courses = np.stack([self._drawn(row, given) for row in uniforms])
+        low, high = self.altitudes
+        courses[:, _PATH + 1] = low + (high - low) * uniforms[:, 13] if altitude is None else altitude
+        return courses
+
+    def _drawn(self, uniforms: np.ndarray, given: dict[str, np.ndarray]) -> np.ndarray:
+        """One course ``(97,)`` from uniforms ``(14,)`` and the poses that are given."""
+        start = given.get("start", np.array([0.0, 0.0, np.pi * (2.0 * uniforms[0] - 1.0)]))
+        bearing = start[2] + np.pi * (uniforms[1] - 0.5)
+        distance = self.distance[0] + (self.distance[1] - self.distance[0]) * uniforms[2]
+        way = distance * np.array([np.cos(bearing), np.sin(bearing)])
+        goal = given.get("goal", np.array([*(start[:2] + way), bearing + np.pi * (uniforms[3] - 0.5)]))
+        way = goal[:2] - start[:2]
+        distance = np.hypot(*way)
+        along, across, size = uniforms[4:13].reshape(3, 3).T
+        along, across = 0.275 + 0.175 * (np.arange(3) + 0.6 * along), 80.0 * (2.0 * across - 1.0)
+        low, high = self.obstacle_radius
+        side = np.array([-way[1], way[0]]) / max(distance, 1e-9)
+        centres = start[:2] + along[:, None] * way + across[:, None] * side
+        obstacles = np.column_stack([centres, low + (high - low) * size])
+        for count in (3, 2, 1):
+            try:
+                return self._course(self._planned(start, goal, obstacles[:count]), obstacles[:count], 0.0)
+            except ValueError:
+                continue
+        return self._course(self._planned(start, goal, obstacles[:0]), obstacles[:0], 0.0)
+
+    def _planned(self, start: np.ndarray, goal: np.ndarray, obstacles: np.ndarray) -> Path:
+        """The path round obstacles, if it can be flown."""
+        path = plan(start, goal, self.radius, obstacles, self.margin)
+        farthest = 0.8 * self.horizon * self.dt * self.body.cruise_speed
+        if not self.radius <= path.length <= farthest:
+            raise ValueError(
+                f"the path to the goal must be {self.radius:.0f} to {farthest:.0f} m long, got {path.length:.0f} m"
+            )
+        if len(path.segments) > SEGMENTS:
+            raise NoPath(f"the path has {len(path.segments)} pieces, more than {SEGMENTS}: leave out obstacles")
+        poses = path.sample(5.0)
+        apart = np.hypot(*(poses[:, None, :2] - poses[:, :2]).transpose(2, 0, 1))
+        same = np.cos(poses[:, None, 2] - poses[:, 2]) > np.cos(0.5)
+        number = np.arange(len(poses))
+        if (same & (apart < 40.0) & (np.abs(number[:, None] - number) > 0.5 * self.radius * np.pi / 5.0)).any():
+            raise ValueError("the path comes back to where it was on the same heading: move the start or the goal")
+        return path
+
+    def _course(self, path: Path, obstacles: np.ndarray, altitude: float) -> np.ndarray:
+        segments, listed = np.zeros((SEGMENTS, COLUMNS)), np.zeros((OBSTACLES, 3))
+        segments[: len(path.segments)] = path.segments
+        listed[: len(obstacles)] = obstacles
+        return np.concatenate([segments.ravel(), [path.length, altitude], listed.ravel()])
+
+    def _pose(self, name: str, value: object) -> np.ndarray:
+        pose = _numbers(value)
+        if pose is None or pose.shape != (3,) or not np.isfinite(pose).all() or np.abs(pose).max() > 1e5:
+            raise ValueError(f"{name} must be three finite numbers, metres x and y and a heading in rad, got {value!r}")
+        return pose
+
+    def _obstacles(self, value: object) -> np.ndarray:
+        obstacles = _numbers(value)
+        if obstacles is not None and obstacles.size == 0:
+            return np.zeros((0, 3))
+        if obstacles is None or obstacles.ndim != 2 or obstacles.shape[1] != 3:
+            raise ValueError(f"obstacles must be rows (x, y, radius), metres, got {value!r}")
+        if len(obstacles) > OBSTACLES:
+            raise ValueError(f"there may be {OBSTACLES} obstacles at most, got {len(obstacles)}")
+        if not np.isfinite(obstacles).all() or not (obstacles[:, 2] > 0.0).all():
+            raise ValueError(f"obstacles must have finite centres and radii above 0, got {value!r}")
+        return obstacles
+
+    def _altitude(self, value: object) -> float:
+        altitude = _numbers(value)
+        if altitude is None or altitude.ndim or not 50.0 <= altitude <= 1000.0:
+            raise ValueError(f"altitude must be between 50 and 1000 m, got {value!r}")
+        return float(altitude)
+
+    def prior(self, course: np.ndarray, air: Air) -> Gaussian:
+        """What is known at the start, level at the path's beginning at cruising speed: mean ``(B, 16)``, covariance.
+
+        The aircraft flies along the path through the air, and the wind, which nobody knows, carries it along.
+        """
+        mean = np.zeros((len(course), self.states))
+        mean[:, :2], mean[:, 2] = course[:, :2], course[:, _PATH + 1]
+        mean[:, 3] = self.body.cruise_speed * np.cos(course[:, 2])
+        mean[:, 4] = self.body.cruise_speed * np.sin(course[:, 2])
+        sd = np.array([1.0, 1.0, 1.0, 0.5, 0.5, 0.3, 0.02, *air.wind_sd, 0.1, 0.1, 0.1])
+        root = np.eye(self.states)
+        root[3, [7, 9]] = root[4, [8, 10]] = 1.0
+        root[5, [11, 12]] = -1.0, -np.sqrt(3.0)
+        root = root * sd
+        return Gaussian(mean, root @ root.T)
+
+    def reference(self, course: np.ndarray, step: np.ndarray, belief: Belief) -> np.ndarray:
+        """Where the aircraft believes to be on the path, ``(B, 103)``."""
+        x = belief.mean
+        pose = np.stack([x[:, 0], x[:, 1], np.arctan2(x[:, 4], x[:, 3])], -1)
+        where = follow(pose, course[:, :_PATH], self.ahead)
+        altitude = x[:, 2] - course[:, _PATH + 1]
+        return np.column_stack([where[:, :2], altitude, where[:, 2:5], course])
+
+    def known_input(self, before: np.ndarray, after: np.ndarray, reference: np.ndarray) -> np.ndarray:
+        """What filters are told over a step: the actuators at its start and at its end."""
+        return np.concatenate([before, after], -1)
+
+    # --- what the agent sees ----------------------------------------------------------------------
+
+    BOUND = 10.0
+    """Observations are scaled to be of order 1 and clipped to +-10."""
+
+    observed: ClassVar[dict[str, tuple[float, float]]] = {
+        "cross-track": (0.0, 10.0), "altitude error": (0.0, 5.0), "course sine": (0.0, 0.5),
+        "course cosine": (0.0, 1.0), "curvature": (0.0, 0.01), "curvature later": (0.0, 0.01),
+        "bank of the path": (0.0, 0.5), "ground speed": (20.0, 5.0), "airspeed": (20.0, 2.0), "climb": (0.0, 1.0),
+        "wind down": (0.0, 1.0), "bank": (0.0, 0.5), "obstacles ahead": (0.0, 1.0),
+        "obstacles to starboard": (0.0, 1.0), "remaining": (0.0, 500.0),
+    }  # fmt: skip
+    """What an observation of mode ``"mean"`` holds, in order: what counts as 0 and the size that counts as 1 [SI];
+    actuators follow."""
+
+    @cached_property
+    def _offsets(self) -> np.ndarray:
+        return np.array([offset for offset, _ in self.observed.values()])
+
+    @cached_property
+    def _gains(self) -> np.ndarray:
+        return 1.0 / np.array([scale for _, scale in self.observed.values()])
+
+    def named(self, observations: np.ndarray) -> dict[str, np.ndarray]:
+        """What observations ``(B, k)`` of mode ``"mean"`` say, by the names of ``observed``, ``(B,)`` each in SI."""
+        listed = enumerate(self.observed.items())
+        return {name: offset + scale * observations[:, i] for i, (name, (offset, scale)) in listed}
+
+    def sizes(self) -> dict[str, int]:
+        """The length of an observation for each mode of ``observe``."""
+        seen = len(self.observed) + 3
+        return {"mean": seen, "mean+std": seen + self.states, "measurement": 21 + _PATH + 1 + 3 * OBSTACLES}
+
+    def scaled(self, actuators: np.ndarray) -> np.ndarray:
+        """Thrust, angle of attack and bank command as the action has them: 0 cruising, -1 and 1 at their limits."""
+        return self.body.actions(actuators)
+
+    @cached_property
+    def _std_gains(self) -> np.ndarray:
+        return 1.0 / np.array([1.0] * 3 + [0.2] * 3 + [0.02] + [1.0] * 2 + [0.5] * 4 + [1.0] * 3)
+
+    @cached_property
+    def _reading_gains(self) -> np.ndarray:
+        return 1.0 / np.array([100.0, 100.0, 100.0, 20.0, 3.0, 1.0, 100.0, 20.0, 0.5])
+
+    @cached_property
+    def _course_gains(self) -> np.ndarray:
+        path = np.tile([100.0, 100.0, 3.0, 0.01, 100.0], SEGMENTS)
+        return 1.0 / np.concatenate([path, [100.0], np.tile([100.0, 100.0, 50.0], OBSTACLES)])
+
+    def observe(self, belief: Belief, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
+        """The observation ``(B, 18)`` of mode ``"mean"``, before clipping: errors, estimates, actuators."""
+        seen = _flight_errors(belief.mean, reference, self.body.gravity, np.empty(len(self.observed)))
+        return np.concatenate([(seen - self._offsets) * self._gains, self.scaled(actuators)], -1)
+
+    def observe_std(self, belief: Belief) -> np.ndarray:
+        """The standard deviations ``(B, 16)`` of the state, scaled."""
+        variance = np.diagonal(belief.cov, axis1=-2, axis2=-1)
+        return np.sqrt(np.maximum(variance, 0.0)) * self._std_gains
+
+    def observe_readings(
+        self, readings: np.ndarray, available: np.ndarray, reference: np.ndarray, actuators: np.ndarray
+    ) -> np.ndarray:
+        """The observation ``(B, 117)`` of mode ``"measurement"``: readings, mask, course and actuators, no filter."""
+        course = np.delete(reference[:, _WHERE:], _PATH, axis=1) * self._course_gains
+        return np.concatenate([readings * self._reading_gains, available, course, self.scaled(actuators)], -1)
+
+    # --- how it is scored -------------------------------------------------------------------------
+
+    TRACKING = 0.7  # share of the score that following the path is worth; arriving is worth the rest
+    TRACK_TOLERANCE = 3.0  # m off the path in plan that halve what a metre of it is worth
+    ALTITUDE_TOLERANCE = 1.5  # m off the commanded altitude that do so
+    BERTH = 10.0  # m from an obstacle, within which a metre is worth less and less
+    HELM_COST = 0.1  # share of what a metre is worth that commands cost which jump by half of their range each step
+    GOAL_TOLERANCE = 8.0  # m off the goal in plan that still count as arrived, and halve what arriving is worth
+    LOST = 100.0  # m off the path in plan at which it is lost
+    HEIGHT_LOST = 40.0  # m off the commanded altitude at which it is
+    STALL = 10.0  # m/s of airspeed: level flight takes 9
+    FASTEST = 2.0  # progress that counts, relative to cruising speed
+    WINDOW = 50.0  # m of path about the farthest progress where the aircraft is looked for
+
+    def begin(self, truth: np.ndarray, course: np.ndarray) -> np.ndarray:
+        """The farthest progress [m] and the last commands, ``(B, 4)``."""
+        tally = np.zeros((len(truth), 4))
+        true = self.track(truth, course, 0.0)
+        tally[:, 0] = np.maximum(true[:, 0], 0.0)
+        return tally
+
+    def score(
+        self, truth: np.ndarray, reference: np.ndarray, actuators: np.ndarray, action: np.ndarray, tally: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Reward in [0, 1], end of the episode ``(B,)`` and tally ``(B, 4)``: the only reader of truth.
+
+        Every metre of the path pays once, when it is first covered, and the more the closer the aircraft is to the path
+        and to its altitude, the smoother its commands and the clearer of obstacles: waiting, circling and short cuts
+        pay nothing. Arriving pays by the distance to the goal and the share of the path that was covered.
+        """
+        course = reference[:, _WHERE:]
+        length, altitude = course[:, _PATH], course[:, _PATH + 1]
+        farthest = tally[:, 0]
+        true = self.track(truth, course, farthest)
+        off, above = true[:, 6], truth[:, 2] - altitude
+        clearance = self.clearance(truth, course)
+
+        fresh = np.clip(np.minimum(true[:, 0], length) - farthest, 0.0, self.FASTEST * self.body.cruise_speed * self.dt)
+        jump = np.minimum(np.mean((action - tally[:, 1:]) ** 2, axis=-1), 1.0)
+        quality = (1.0 - self.HELM_COST * jump) * np.clip(clearance / self.BERTH, 0.0, 1.0)
+        quality /= (1.0 + (off / self.TRACK_TOLERANCE) ** 2) * (1.0 + (above / self.ALTITUDE_TOLERANCE) ** 2)
+        reward = self.TRACKING * fresh / length * quality
+        farthest = farthest + fresh
+
+        over = reference[:, 0] >= length
+        miss = np.hypot(*(truth[:, :2] - self.goal(course)[:, :2]).T)
+        covered = np.minimum((farthest + self.GOAL_TOLERANCE) / length, 1.0)
+        arriving = (1.0 - self.TRACKING) * covered / (1.0 + (miss / self.GOAL_TOLERANCE) ** 2)
+        reward += np.where(over, arriving, 0.0)
+
+        end = np.zeros(len(truth), int)
+        end[np.abs(above) > self.HEIGHT_LOST] = _HEIGHT
+        end[off > self.LOST] = _OFF
+        end[self.airspeed(truth) < self.STALL] = _STALLED
+        end[over] = np.where(miss[over] <= self.GOAL_TOLERANCE, _ARRIVED, _MISSED)
+        end[truth[:, 2] <= 0.0] = _CRASHED
+        end[clearance < 0.0] = _HIT
+        reward[end == _HIT] = reward[end == _CRASHED] = 0.0
+        return reward, end, np.column_stack([farthest, action])
+
+    def track(self, truth: np.ndarray, course: np.ndarray, farthest: np.ndarray | float) -> np.ndarray:
+        """Where true states ``(B, 16)`` are on the path near the farthest progress [m], see `path_following.track`."""
+        return track(truth[:, :2], course[:, :_PATH], farthest - self.WINDOW, farthest + self.WINDOW)
+
+    def course_of(self, reference: np.ndarray) -> np.ndarray:
+        """The course ``(..., 97)`` out of references ``(..., 103)``."""
+        return reference[..., _WHERE:]
+
+    def altitude_of(self, course: np.ndarray) -> np.ndarray:
+        """The commanded altitude [m] of courses, ``(...)``."""
+        return course[..., _PATH + 1]
+
+    def airspeed(self, truth: np.ndarray) -> np.ndarray:
+        """Airspeed [m/s] of true states, ``(...)``."""
+        return wind_axes(truth, np.empty(10))[..., 3]
+
+    def clearance(self, truth: np.ndarray, course: np.ndarray) -> np.ndarray:
+        """Distance [m] of true states ``(..., 16)`` from the nearest obstacle's edge, ``(...)``; infinite without."""
+        obstacles = course[..., -3 * OBSTACLES :].reshape(*course.shape[:-1], OBSTACLES, 3)
+        away = obstacles[..., :2] - truth[..., None, :2]
+        distance = np.hypot(away[..., 0], away[..., 1]) - obstacles[..., 2]
+        return np.where(obstacles[..., 2] > 0.0, distance, np.inf).min(-1)
+
+    def goal(self, course: np.ndarray) -> np.ndarray:
+        """Where paths end, ``(B, 3)``: x, y [m], heading [rad]."""
+        rows = course[:, :_PATH].reshape(-1, SEGMENTS, COLUMNS)
+        last = rows[np.arange(len(rows)), (rows[..., 4] > 0.0).sum(-1) - 1]
+        turn = last[:, 3] * last[:, 4]
+        chord = last[:, 4] * np.sinc(0.5 * turn / np.pi)
+        middle = last[:, 2] + 0.5 * turn
+        return np.column_stack([
+            last[:, 0] + chord * np.cos(middle), last[:, 1] + chord * np.sin(middle), last[:, 2] + turn
+        ])  # fmt: skip
+
+
+def _numbers(value: object) -> np.ndarray | None:
+    """A value as floats, or None."""
+    try:
+        return np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        return None
