@@ -23,7 +23,7 @@ from numba import njit
 from scipy.optimize import brentq
 
 from estimators import NonlinearModel
-from vessel_gym.compiled import gufunc
+from vessel_gym.compiled import gufunc, inlined, sincos
 from vessel_gym.disturbances import Air
 from vessel_gym.sensors import Instrument, nominal_sd
 
@@ -252,7 +252,7 @@ def _wind(s: np.ndarray) -> tuple[float, float, float]:
     return s[7] + s[9], s[8] + s[10], s[11] + np.sqrt(3.0) * s[12]
 
 
-@njit(cache=True)
+@inlined
 def _ground_rates(
     s: tuple[float, ...], thrust: float, alpha: float, command: float, wind: tuple[float, float, float],
     c: np.ndarray,
@@ -262,13 +262,14 @@ def _ground_rates(
     level = np.sqrt(north * north + east * east)
     V = np.sqrt(level * level + up * up)
     lift, drag = _forces(s[2], V, alpha, c)
+    (sin_alpha, cos_alpha), (sin_phi, cos_phi) = sincos(alpha), sincos(phi)
     force = c[11] * thrust
-    along = (force * np.cos(alpha) - drag) / c[0]
-    across = min(max((lift + force * np.sin(alpha)) / c[0], -HARDEST), HARDEST)
+    along = (force * cos_alpha - drag) / c[0]
+    across = min(max((lift + force * sin_alpha) / c[0], -HARDEST), HARDEST)
     # Where nothing flies, straight up or down or at rest, directions are those of a hair beside.
     V = max(V, 1e-3)
     level = max(level, 1e-3)
-    above, aside = across * np.cos(phi) / V, across * np.sin(phi) / level
+    above, aside = across * cos_phi / V, across * sin_phi / level
     ahead = along / V - above * up / level
     return (
         s[3], s[4], s[5],
