@@ -172,7 +172,7 @@ def trim(speed: float, body: PunaParameters, altitude: float = 0.0, bank: float 
 # --- compiled equations -----------------------------------------------------------------------------
 
 
-@njit(cache=True)
+@inlined
 def _forces(altitude: float, speed: float, alpha: float, c: np.ndarray) -> tuple[float, float]:
     """Lift and drag [N], eq. 2. Falling backwards, for less than a step, both point the other way."""
     pressure = 0.5 * ((c[8] * altitude + c[9]) * altitude + c[10]) * speed * abs(speed) * c[1]
@@ -201,7 +201,7 @@ def _derivative(
     )  # fmt: skip
 
 
-@njit(cache=True)
+@inlined
 def _moved(s: tuple[float, ...], h: float, rate: tuple[float, ...]) -> tuple[float, ...]:
     return (
         s[0] + h * rate[0], s[1] + h * rate[1], s[2] + h * rate[2], s[3] + h * rate[3],
@@ -246,7 +246,7 @@ def puna_step(state: np.ndarray, control: np.ndarray, c: np.ndarray, dt: float, 
     out[7], out[8], out[9] = north, east, down
 
 
-@njit(cache=True)
+@inlined
 def _wind(s: np.ndarray) -> tuple[float, float, float]:
     """Mean wind and gusts of the truth state: north, east, down."""
     return s[7] + s[9], s[8] + s[10], s[11] + np.sqrt(3.0) * s[12]
@@ -279,36 +279,66 @@ def _ground_rates(
     )  # fmt: skip
 
 
+@inlined
+def _ground_substep(
+    s: tuple[float, ...], i: int, h: float, thrust: float, alpha: float, command: float, d_thrust: float,
+    d_alpha: float, d_command: float, wind: tuple[float, float, float], c: np.ndarray,
+) -> tuple[float, ...]:  # fmt: skip
+    """RK4 over the ``i``-th ``h``; actuators at the start of the first, and what they move in half of each."""
+    T, a, b = thrust + 2 * i * d_thrust, alpha + 2 * i * d_alpha, command + 2 * i * d_command
+    k1 = _ground_rates(s, T, a, b, wind, c)
+    T, a, b = T + d_thrust, a + d_alpha, b + d_command
+    k2 = _ground_rates(_moved(s, 0.5 * h, k1), T, a, b, wind, c)
+    k3 = _ground_rates(_moved(s, 0.5 * h, k2), T, a, b, wind, c)
+    T, a, b = T + d_thrust, a + d_alpha, b + d_command
+    k4 = _ground_rates(_moved(s, h, k3), T, a, b, wind, c)
+    return _moved(_moved(_moved(_moved(s, h / 6.0, k1), h / 3.0, k2), h / 3.0, k3), h / 6.0, k4)
+
+
+_LANES = 16  # states that are stepped side by side: a number that the compiler knows, to see that they are independent
+
+
 @gufunc(
-    "void(float64[:], float64[:], float64[:], float64[:], float64, int64, float64[:])",
-    "(n),(m),(k),(a),(),()->(n)",
+    "void(float64[:, :], float64[:], float64[:], float64[:], float64, int64, float64[:, :])",
+    "(N,n),(m),(k),(d),(),()->(N,n)",
 )
-def ground_step(
-    state: np.ndarray, control: np.ndarray, c: np.ndarray, decay: np.ndarray, dt: float, substeps: int, out: np.ndarray
+def _ground_steps(
+    states: np.ndarray, control: np.ndarray, c: np.ndarray, decay: np.ndarray, dt: float, substeps: int, out: np.ndarray
 ) -> None:
-    """`puna_step` on the truth state ``(16,)``; at the end the wind decays by ``decay (6,)``, see `Air.decay`."""
-    wind = _wind(state)
-    h = dt / substeps
-    s: tuple[float, ...] = (state[0], state[1], state[2], state[3], state[4], state[5], state[6])
+    """`ground_step` of many states ``(N, 16)`` under one control, side by side in vector instructions."""
     thrust, alpha, command = control[0], control[1], control[2]
-    d_thrust = 0.5 * (control[3] - thrust) / substeps
-    d_alpha = 0.5 * (control[4] - alpha) / substeps
-    d_command = 0.5 * (control[5] - command) / substeps
-    for i in range(substeps):
-        T, a, b = thrust + 2 * i * d_thrust, alpha + 2 * i * d_alpha, command + 2 * i * d_command
-        k1 = _ground_rates(s, T, a, b, wind, c)
-        T, a, b = T + d_thrust, a + d_alpha, b + d_command
-        k2 = _ground_rates(_moved(s, 0.5 * h, k1), T, a, b, wind, c)
-        k3 = _ground_rates(_moved(s, 0.5 * h, k2), T, a, b, wind, c)
-        T, a, b = T + d_thrust, a + d_alpha, b + d_command
-        k4 = _ground_rates(_moved(s, h, k3), T, a, b, wind, c)
-        s = _moved(_moved(_moved(_moved(s, h / 6.0, k1), h / 3.0, k2), h / 3.0, k3), h / 6.0, k4)
-    out[0], out[1], out[2], out[3], out[4], out[5], out[6] = s
-    out[7], out[8] = decay[0] * state[7], decay[0] * state[8]
-    out[9], out[10] = decay[1] * state[9], decay[1] * state[10]
-    first, second = state[11], state[12]
-    out[11], out[12] = decay[2] * first + decay[3] * second, decay[4] * first + decay[5] * second
-    out[13], out[14], out[15] = state[13], state[14], state[15]
+    half = 0.5 / substeps
+    d_thrust, d_alpha = half * (control[3] - thrust), half * (control[4] - alpha)
+    d_command = half * (control[5] - command)
+    a = np.empty((16, _LANES))
+    for first in range(0, len(states), _LANES):
+        size = min(_LANES, len(states) - first)
+        for j in range(_LANES):
+            for k in range(16):
+                a[k, j] = states[first + min(j, size - 1), k]
+        for i in range(substeps):
+            for j in range(_LANES):
+                wind = (a[7, j] + a[9, j], a[8, j] + a[10, j], a[11, j] + np.sqrt(3.0) * a[12, j])
+                s: tuple[float, ...] = (a[0, j], a[1, j], a[2, j], a[3, j], a[4, j], a[5, j], a[6, j])
+                s = _ground_substep(s, i, dt / substeps, thrust, alpha, command, d_thrust, d_alpha, d_command, wind, c)
+                a[0, j], a[1, j], a[2, j], a[3, j], a[4, j], a[5, j], a[6, j] = s
+        for j in range(size):
+            row, up, down = first + j, a[11, j], a[12, j]
+            for k in range(7):
+                out[row, k] = a[k, j]
+            out[row, 7], out[row, 8] = decay[0] * a[7, j], decay[0] * a[8, j]
+            out[row, 9], out[row, 10] = decay[1] * a[9, j], decay[1] * a[10, j]
+            out[row, 11], out[row, 12] = decay[2] * up + decay[3] * down, decay[4] * up + decay[5] * down
+            out[row, 13], out[row, 14], out[row, 15] = a[13, j], a[14, j], a[15, j]
+
+
+def ground_step(
+    state: np.ndarray, control: np.ndarray, c: np.ndarray, decay: np.ndarray, dt: float, substeps: int
+) -> np.ndarray:
+    """`puna_step` on truth states ``(..., 16)``; at the end the wind decays by ``decay (6,)``, see `Air.decay`."""
+    if state.ndim > 1 and control.shape[-2:-1] == (1,) and c.ndim == 1:  # an ensemble's members share both
+        return _ground_steps(state, control[..., 0, :], c, decay, dt, substeps)
+    return _ground_steps(state[..., None, :], control, c, decay, dt, substeps)[..., 0, :]
 
 
 @gufunc("void(float64[:], float64[:], float64[:])", "(n),(k)->(k)")
