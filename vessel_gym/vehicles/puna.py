@@ -403,6 +403,31 @@ class PlanarPuna:
         """
         return state + self.dt * planar_derivative(state, control, self.body.vector())
 
+    def model(self, measured: str, Q: np.ndarray, R: np.ndarray) -> NonlinearModel:
+        """The paper's filter model, with one of its two sets of measurements; the known input is the control.
+
+        Args:
+            measured: ``"x"``, the position along the track alone, or ``"all"``, every state.
+            Q: ``(4, 4)`` covariance of what enters in a step.
+            R: ``(1, 1)`` or ``(4, 4)`` covariance of the readings.
+
+        Raises:
+            ValueError: for another set.
+        """
+        if measured not in ("x", "all"):
+            raise ValueError(f"unknown measurement set {measured!r}: choose x or all")
+        seen = [2] if measured == "x" else [0, 1, 2, 3]
+
+        def transition(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+            assert u is not None
+            return self.step(x, u)
+
+        def measurement(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+            return x[..., seen]
+
+        angles = (0,) if measured == "all" else ()
+        return NonlinearModel(transition, measurement, Q, R, state_angles=(0,), measurement_angles=angles)
+
 
 # --- the vehicle as an environment uses it ----------------------------------------------------------
 
