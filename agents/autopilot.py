@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from scipy.linalg import solve_discrete_are
 
+from agents.regulator import regulator_gains
 from vessel_gym.system import System
 from vessel_gym.tasks.turning_circle import TurningCircle
 from vessel_gym.vehicles.corvette import CorvetteParameters, secant_models, steady_turns
@@ -39,8 +39,7 @@ def gains(ship: CorvetteParameters, dt: float, tolerances: Tolerances) -> np.nda
         A[4, 2] = dt
         B[:3, 0] = 0.5 * per_step * b[:, 0]  # the rudder moves linearly within the step
         B[3, 0] = per_step
-        P = solve_discrete_are(A, B, Q, R)
-        K[i] = np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A)[0]
+        K[i] = regulator_gains(A, B, Q, R)[0]
     return K
 
 

@@ -6,9 +6,9 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_discrete_are
 from scipy.optimize import root
 
+from agents.regulator import regulator_gains
 from estimators import wrap
 from vessel_gym.system import System
 from vessel_gym.tasks.dive import Dive
@@ -165,8 +165,7 @@ def _gains(
     Q = direction.T @ direction / tolerances.direction**2
     Q[rate, rate] += tolerances.rate**-2
     R = np.array([[tolerances.fin**-2]])
-    P = solve_discrete_are(A, B, Q, R)
-    return np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A)[0]
+    return regulator_gains(A, B, Q, R)[0]
 
 
 class DiveAutopilot:

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from scipy.linalg import solve_discrete_are
 
+from agents.regulator import regulator_gains
 from vessel_gym.system import System
 from vessel_gym.tasks.flight import Flight
 from vessel_gym.vehicles.puna import Puna, puna_step, trim
@@ -43,7 +43,7 @@ def lateral_gains(vehicle: Puna, tolerances: FlightTolerances) -> np.ndarray:
     third = (0.5 * dt**2 - second) / rate
     B = np.array([[speed * turn * rate * third], [turn * rate * second], [rate * first]])
     Q = np.diag([tolerances.cross_track**-2, tolerances.course**-2, 0.0])
-    return _regulator(A, B, Q, np.array([[tolerances.bank**-2]]))[0]
+    return regulator_gains(A, B, Q, np.array([[tolerances.bank**-2]]))[0]
 
 
 @cache
@@ -70,12 +70,7 @@ def longitudinal_gains(vehicle: Puna, tolerances: FlightTolerances) -> np.ndarra
     slope = tolerances.climb / body.cruise_speed
     Q = np.diag([tolerances.altitude**-2, tolerances.airspeed**-2, slope**-2, 0.0, 0.0])
     R = np.diag([tolerances.thrust**-2, tolerances.alpha**-2])
-    return _regulator(jacobian[:, :5], jacobian[:, 5:], Q, R)
-
-
-def _regulator(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray) -> np.ndarray:
-    P = solve_discrete_are(A, B, Q, R)
-    return np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A)
+    return regulator_gains(jacobian[:, :5], jacobian[:, 5:], Q, R)
 
 
 class FlightAutopilot:

@@ -124,6 +124,18 @@ class Dive(ABC):
         """What observations ``(B, k)`` of mode ``"mean"`` say, by the names of ``observed``, ``(B,)`` each in SI."""
         return {name: scale * observations[:, i] for i, (name, scale) in enumerate(self.observed.items())}
 
+    std_scale: ClassVar[tuple[float, ...]]
+    """Standard deviations of the state's components that count as 1 [SI]."""
+
+    @cached_property
+    def _std_gains(self) -> np.ndarray:
+        return 1.0 / np.array(self.std_scale)
+
+    def observe_std(self, belief: Belief) -> np.ndarray:
+        """The standard deviations ``(B, n)`` of the state, scaled."""
+        variance = np.diagonal(belief.cov, axis1=-2, axis2=-1)
+        return np.sqrt(np.maximum(variance, 0.0)) * self._std_gains
+
     @abstractmethod
     def position(self, state: np.ndarray) -> np.ndarray:
         """North, east and down [m] out of a state, ``(B, 3)``."""
@@ -225,6 +237,7 @@ class SpatialDive(Dive):
     """A dive of a vehicle with six degrees of freedom, whose state is `vessel_gym.vehicles.segorogeni.TRUTH`."""
 
     states = 14
+    std_scale = (0.05,) * 6 + (0.5,) * 3 + (0.05,) * 3 + (0.1,) * 2
     observed = {
         "path ahead": 0.25, "path to starboard": 0.25, "path below": 0.25,
         "look ahead": 2.5, "look to starboard": 2.5, "look below": 2.5,
@@ -251,10 +264,6 @@ class SpatialDive(Dive):
         return {"mean": 24, "mean+std": 38, "measurement": 30}
 
     @cached_property
-    def _std_gains(self) -> np.ndarray:
-        return 1.0 / np.array([0.05] * 6 + [0.5] * 3 + [0.05] * 3 + [0.1] * 2)
-
-    @cached_property
     def _reading_gains(self) -> np.ndarray:
         return 1.0 / np.array([0.5, 0.25, 0.25, 5.0, 0.25, 0.5, 1.0, 0.5, 0.5, 0.5, 10.0, 10.0])
 
@@ -265,11 +274,6 @@ class SpatialDive(Dive):
         speed = x[:, :1] - self.auv.cruise_speed
         seen = np.concatenate([errors, remaining, curvature, speed, x[:, 1:6], x[:, 9:11]], -1) * self._gains
         return np.concatenate([seen, self.scaled(actuators)], -1)
-
-    def observe_std(self, belief: Belief) -> np.ndarray:
-        """The standard deviations ``(B, 14)`` of the state, scaled."""
-        variance = np.diagonal(belief.cov, axis1=-2, axis2=-1)
-        return np.sqrt(np.maximum(variance, 0.0)) * self._std_gains
 
     def observe_readings(
         self, readings: np.ndarray, available: np.ndarray, reference: np.ndarray, actuators: np.ndarray
@@ -298,6 +302,7 @@ class VerticalDive(Dive):
     """A dive in the vertical plane, of a vehicle whose state is `vessel_gym.vehicles.itsunusa.TRUTH`."""
 
     states = 7
+    std_scale = (0.05,) * 3 + (0.5,) * 2 + (0.05, 0.1)
     observed = {
         "path ahead": 0.25, "path below": 0.25, "look ahead": 5.0, "look below": 5.0,
         "current ahead": 0.25, "current below": 0.25, "pitch error": 0.25, "remaining": 10.0,
@@ -329,10 +334,6 @@ class VerticalDive(Dive):
         return {"mean": 14, "mean+std": 21, "measurement": 16}
 
     @cached_property
-    def _std_gains(self) -> np.ndarray:
-        return 1.0 / np.array([0.05] * 3 + [0.5] * 2 + [0.05, 0.1])
-
-    @cached_property
     def _reading_gains(self) -> np.ndarray:
         return 1.0 / np.array([0.5, 0.25, 10.0, 0.5, 0.5, 20.0])
 
@@ -342,11 +343,6 @@ class VerticalDive(Dive):
         remaining, speed = reference[:, 9:10] - reference[:, :1], x[:, :1] - self.auv.cruise_speed
         seen = np.concatenate([errors, remaining, speed, x[:, 1:3], x[:, 5:6]], -1) * self._gains
         return np.concatenate([seen, self.scaled(actuators)], -1)
-
-    def observe_std(self, belief: Belief) -> np.ndarray:
-        """The standard deviations ``(B, 7)`` of the state, scaled."""
-        variance = np.diagonal(belief.cov, axis1=-2, axis2=-1)
-        return np.sqrt(np.maximum(variance, 0.0)) * self._std_gains
 
     def observe_readings(
         self, readings: np.ndarray, available: np.ndarray, reference: np.ndarray, actuators: np.ndarray

@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 
 from estimators import NonlinearModel
-from vessel_gym.sensors import Instrument
+from vessel_gym.sensors import Instrument, nominal_sd
 from vessel_gym.vehicles.hydrodynamics import Coefficients, Fins, Spheroid, Torpedo, coefficients, fin_lift
 
 _FACTORS = {
@@ -290,12 +290,11 @@ class AUV(ABC):
         kicked = np.r_[: self.velocities, 2 * self.velocities : len(self.truth_names)]
         variance = np.zeros(len(self.truth_names))
         variance[kicked] = np.asarray(disturbance.kick_sd) ** 2
-        sd = np.concatenate([instrument.sd for instrument in self.instruments])
         return NonlinearModel(
             transition,
             measurement,
             np.diag(variance),
-            np.diag((noise * sd) ** 2),
+            np.diag((noise * nominal_sd(self.instruments)) ** 2),
             state_angles=self.state_angles,
             measurement_angles=self.measurement_angles,
         )
