@@ -1,13 +1,12 @@
 """The figures of the ablation report, as SVG."""
 
-import base64
-import io
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from agents.ablation import AGENTS, TOLD, Cell, Results
+from agents.plotting import BELIEVED, INK, PALE, RAW, TRUE, data_uri, styled
 from agents.statistics import Interval
 from estimators import wrap
 from vessel_gym.tasks.turning_circle import TurningCircle
@@ -15,31 +14,8 @@ from vessel_gym.tracks import believed_path, commanded_path, path
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
-_TRUE, _BELIEVED, _RAW, _PALE = "#1f4e79", "#c8590b", "#8a8f96", "#f3cfae"
-_MARKS = dict(zip(AGENTS, ((_TRUE, "o", _TRUE), (_BELIEVED, "s", "white")), strict=True))
-_STYLE: Any = {
-    "font.family": "STIXGeneral",
-    "mathtext.fontset": "stix",
-    "font.size": 10,
-    "axes.titlesize": 10,
-    "axes.labelsize": 10,
-    "legend.fontsize": 9.5,
-    "legend.frameon": False,
-    "axes.linewidth": 0.6,
-    "axes.edgecolor": "#444444",
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
-    "xtick.labelsize": 9,
-    "ytick.labelsize": 9,
-    "lines.linewidth": 1.1,
-    "grid.color": "#e3e5e8",
-    "grid.linewidth": 0.5,
-    "svg.hashsalt": "vessel-gym",
-}
+_MARKS = dict(zip(AGENTS, ((TRUE, "o", TRUE), (BELIEVED, "s", "white")), strict=True))
 _LOSSES = (-0.01, 0.0, 0.01, 0.1, 0.5)
 WINDOW = (100.0, 160.0)
 """Seconds of the example episode in which the unknown input is shown."""
@@ -51,12 +27,11 @@ BANDS = ("kf-umv-ui", "kf", TOLD)
 
 def score_figure(results: Results) -> str:
     """Score by estimator, and score lost against truth, one column a sea, as a data URI."""
-    from matplotlib import rc_context
     from matplotlib.figure import Figure
 
     study = results.study
     names = {0: study.estimators, 1: tuple(name for name in study.estimators if name != "truth")}
-    with rc_context(_STYLE):
+    with styled():
         figure = Figure(figsize=(7.2, 4.5), layout="constrained")
         heights = [len(rows) for rows in names.values()]
         panels = figure.subplots(2, len(study.seas), sharex="row", sharey="row", squeeze=False, height_ratios=heights)
@@ -81,9 +56,9 @@ def score_figure(results: Results) -> str:
             lost.set_xlabel("score lost against truth (linear below 0.01)")
             lost.set_xscale("symlog", linthresh=0.01, linscale=0.6)
             lost.set_xticks(_LOSSES, [f"{tick:g}".replace("-", "−") for tick in _LOSSES])
-            lost.axvline(0.0, color="#444444", linewidth=0.6)
+            lost.axvline(0.0, color=INK, linewidth=0.6)
         panels[0, 0].legend(loc="lower left", handletextpad=0.2)
-        return _uri(figure)
+        return data_uri(figure)
 
 
 def _mark(panel: "Axes", value: Interval, row: float, agent: str) -> None:
@@ -99,26 +74,25 @@ def _mark(panel: "Axes", value: Interval, row: float, agent: str) -> None:
 
 def track_figure(results: Results) -> str:
     """True, believed and commanded tracks of the example episode, one panel an estimator, as a data URI."""
-    from matplotlib import rc_context
     from matplotlib.figure import Figure
 
     task = results.system.task
     assert isinstance(task, TurningCircle)
     shown = [name for name in TRACKS if name in results.examples]
-    with rc_context(_STYLE):
+    with styled():
         figure = Figure(figsize=(7.2, 2.5), layout="compressed")
         panels = figure.subplots(1, len(shown), sharex=True, sharey=True, squeeze=False)[0]
         for panel, name in zip(panels, shown, strict=True):
             h = results.examples[name]
             _, _, heading, surge, sway, _ = h["truth"].T
             tracks = {
-                "commanded": (commanded_path(task, h["reference"][0, [0, 3]]), _RAW, ":", 1.4),
-                "true": (path(heading, surge, sway, task.dt), _TRUE, "-", 1.4),
-                "believed": (believed_path(h["estimate"], task.ship, task.dt), _BELIEVED, "--", 1.1),
+                "commanded": (commanded_path(task, h["reference"][0, [0, 3]]), RAW, ":", 1.4),
+                "true": (path(heading, surge, sway, task.dt), TRUE, "-", 1.4),
+                "believed": (believed_path(h["estimate"], task.ship, task.dt), BELIEVED, "--", 1.1),
             }
             for label, (track, colour, line, width) in tracks.items():
                 panel.plot(track[:, 1], track[:, 0], color=colour, linestyle=line, linewidth=width, label=label)
-            panel.plot(0.0, 0.0, color=_TRUE, marker="o", markersize=3.5)
+            panel.plot(0.0, 0.0, color=TRUE, marker="o", markersize=3.5)
             panel.set_title(name, loc="left")
             panel.set_aspect("equal")
             panel.set_xlabel("east [m]")
@@ -126,12 +100,11 @@ def track_figure(results: Results) -> str:
             panel.locator_params(nbins=4)
         panels[0].set_ylabel("north [m]")
         figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper right", ncols=3)
-        return _uri(figure)
+        return data_uri(figure)
 
 
 def input_figure(results: Results) -> str:
     """The unknown input over a minute: true, estimated, and as the raw channel reads it, as a data URI."""
-    from matplotlib import rc_context
     from matplotlib.figure import Figure
 
     h = results.examples[results.study.trained_on]
@@ -141,36 +114,35 @@ def input_figure(results: Results) -> str:
     true, estimated, raw = (
         1e3 * values[window] for values in (h["unknown_input"][:, 0], h["input_estimate"][:, 0], h["measurement"][:, 1])
     )
-    with rc_context(_STYLE):
+    with styled():
         figure = Figure(figsize=(7.2, 3.4), layout="constrained")
         upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
-        upper.plot(time, true, color=_TRUE, label="true")
-        upper.plot(time, raw, color=_RAW, marker="x", markersize=4, linestyle="none", label="raw channel")
+        upper.plot(time, true, color=TRUE, label="true")
+        upper.plot(time, raw, color=RAW, marker="x", markersize=4, linestyle="none", label="raw channel")
         upper.plot(
-            time, estimated, color=_BELIEVED, marker="o", markersize=3, linestyle="none",
+            time, estimated, color=BELIEVED, marker="o", markersize=3, linestyle="none",
             label=f"{results.study.trained_on} estimate",
         )  # fmt: skip
         upper.set_ylabel("unknown input d [mrad]")
         figure.legend(*upper.get_legend_handles_labels(), loc="outside upper right", ncols=3)
-        lower.axhline(0.0, color="#444444", linewidth=0.6)
-        lower.plot(time, raw - true, color=_RAW, marker="x", markersize=4, linewidth=0.6)
-        lower.plot(time, estimated - true, color=_BELIEVED, marker="o", markersize=3, linewidth=0.6)
+        lower.axhline(0.0, color=INK, linewidth=0.6)
+        lower.plot(time, raw - true, color=RAW, marker="x", markersize=4, linewidth=0.6)
+        lower.plot(time, estimated - true, color=BELIEVED, marker="o", markersize=3, linewidth=0.6)
         lower.set_ylabel("error [mrad]")
         lower.set_xlabel("time [s]")
         lower.margins(x=0.01)
         for panel in (upper, lower):
             panel.grid()
         figure.align_ylabels()
-        return _uri(figure)
+        return data_uri(figure)
 
 
 def heading_figure(results: Results) -> str:
     """Heading estimation error of the example episode within its claimed two standard deviations, as a data URI."""
-    from matplotlib import rc_context
     from matplotlib.figure import Figure
 
     shown = [name for name in BANDS if name in results.examples]
-    with rc_context(_STYLE):
+    with styled():
         figure = Figure(figsize=(7.2, 1.2 + 1.15 * len(shown)), layout="constrained")
         panels = figure.subplots(len(shown), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
         for panel, name in zip(panels, shown, strict=True):
@@ -178,8 +150,8 @@ def heading_figure(results: Results) -> str:
             time = np.arange(len(h["truth"])) * results.system.vehicle.dt
             error = 1e3 * wrap(h["estimate"][:, 2] - h["truth"][:, 2])
             band = 2e3 * np.sqrt(h["covariance"][:, 2, 2])
-            panel.fill_between(time, -band, band, color=_PALE, linewidth=0.0, label="±2σ claimed")
-            panel.plot(time, error, color=_TRUE, linewidth=0.7, label="error")
+            panel.fill_between(time, -band, band, color=PALE, linewidth=0.0, label="±2σ claimed")
+            panel.plot(time, error, color=TRUE, linewidth=0.7, label="error")
             panel.set_title(name, loc="left")
             panel.margins(x=0.01)
             panel.grid()
@@ -187,12 +159,4 @@ def heading_figure(results: Results) -> str:
         panels[-1].set_xlabel("time [s]")
         figure.supylabel("heading: estimated − true [mrad]", fontsize=10)
         figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper right", ncols=2)
-        return _uri(figure)
-
-
-def _uri(figure: "Figure") -> str:
-    """The figure as an SVG data URI: nothing outside the page, and no ids that clash within it."""
-    buffer = io.BytesIO()
-    nothing: dict[str, Any] = {"Date": None, "Creator": None, "Format": None, "Type": None}
-    figure.savefig(buffer, format="svg", metadata=nothing)
-    return "data:image/svg+xml;base64," + base64.b64encode(buffer.getvalue()).decode()
+        return data_uri(figure)

@@ -2,7 +2,7 @@
 
 import platform
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, is_dataclass
+from dataclasses import asdict, is_dataclass
 from importlib import metadata
 from itertools import pairwise, product
 from pathlib import Path
@@ -16,6 +16,7 @@ from agents.autopilot import Tolerances
 from agents.figures import WINDOW, heading_figure, input_figure, score_figure, track_figure
 from agents.files import replacing
 from agents.metrics import WITHOUT_COVARIANCE
+from agents.page import Claim, Entry, Table, entry, listed, number, words
 from agents.statistics import Interval, mean_interval, paired_difference
 from agents.turning_scores import METRICS, metric
 from vessel_gym.sensors import nominal_sd
@@ -28,40 +29,6 @@ MARGIN = -0.02
 PERFORMANCE = ("score", "return", "heading_error", "yaw_rate_error", "radius_error", "out_of_round", "rudder_rate")
 ESTIMATION = ("heading_rmse", "yaw_rate_rmse", "sway_rmse", "input_rmse", "raw_input_rmse", "nees")
 _LIBRARIES = ("numpy", "scipy", "numba", "gymnasium", "stable-baselines3", "torch", "matplotlib")
-
-
-@dataclass(frozen=True)
-class Claim:
-    """A statement that the data decide."""
-
-    text: str
-    verdict: str  # "true", "false" or "undecided", perhaps with a word more
-    evidence: str
-
-
-@dataclass(frozen=True)
-class Entry:
-    """What stands in one field of a table."""
-
-    value: str
-    half: str = ""
-    strong: bool = False
-
-
-@dataclass(frozen=True)
-class Table:
-    """A table: head of (label, unit), then sections of rows, each a name and its entries."""
-
-    title: str
-    note: str
-    first: str
-    head: list[tuple[str, str]]
-    sections: list[tuple[str, list[tuple[str, list[Entry]]]]]
-
-    @property
-    def has_units(self) -> bool:
-        """Whether any column has a unit."""
-        return any(unit for _, unit in self.head)
 
 
 # --- the answer, and the claims ---------------------------------------------------------------------
@@ -87,15 +54,15 @@ def answer(results: Results) -> list[str]:
     if beaten:
         sentences = [
             f"Fly {pick}, which has the highest mean score in {best.count(pick)} of {len(places)} cases of agent and "
-            f"sea, but is beaten by {_listed(beaten)}."
+            f"sea, but is beaten by {listed(beaten)}."
         ]
     else:
         sentences = [
             f"Fly {pick}: of all estimators but the truth itself none scores higher beyond chance, "
-            f"neither for the autopilot nor for PPO, in {_listed(study.seas)} seas."
+            f"neither for the autopilot nor for PPO, in {listed(study.seas)} seas."
         ]
     if level:
-        sentences.append(f"Within chance of {pick}: {_listed(level)}.")
+        sentences.append(f"Within chance of {pick}: {listed(level)}.")
     for agent in AGENTS:
         ours = Cell(hardest, agent, pick)
         truth = ours._replace(estimator="truth")
@@ -103,15 +70,15 @@ def answer(results: Results) -> list[str]:
             f"{_gap(results.difference(ours, ours._replace(estimator=name), 'score'))} on {name}" for name in others
         ]
         sentences.append(
-            f"In {hardest} seas {_who(agent)} scores {_words(results.mean(ours, 'score'), 3)} on {pick}, "
+            f"In {hardest} seas {_who(agent)} scores {words(results.mean(ours, 'score'), 3)} on {pick}, "
             f"{_gap(results.difference(truth, ours, 'score'))} less than on the truth"
-            + (f"; against {pick} it loses {_listed(losses)}." if losses else ".")
+            + (f"; against {pick} it loses {listed(losses)}." if losses else ".")
         )
     if {"kf-umv-ui", "kf"} <= set(study.estimators):
         ours, kf = (Cell(hardest, AUTOPILOT, name) for name in ("kf-umv-ui", "kf"))
         sentences.append(
-            f"The heading that kf-umv-ui believes is {_words(results.mean(ours, 'heading_rmse'), 2)} mrad off (RMS), "
-            f"that of a kf which ignores the unknown input {_words(results.mean(kf, 'heading_rmse'), 2)} mrad."
+            f"The heading that kf-umv-ui believes is {words(results.mean(ours, 'heading_rmse'), 2)} mrad off (RMS), "
+            f"that of a kf which ignores the unknown input {words(results.mean(kf, 'heading_rmse'), 2)} mrad."
         )
     sentences.append(
         f"PPO minus autopilot, on the {study.trained_on} estimates and in the {study.trained_in} seas of the training: "
@@ -132,22 +99,22 @@ def claims(results: Results) -> list[Claim]:
     for agent, (upper, lower) in product(AGENTS, pairwise(ranking)):
         gap = results.difference(Cell(hardest, agent, upper), Cell(hardest, agent, lower), "score")
         text = f"In {hardest} seas {_who(agent)} scores higher on {upper} than on {lower}."
-        found.append(Claim(text, _verdict(gap), f"difference {_words(gap, 4)}"))
+        found.append(Claim(text, _verdict(gap), f"difference {words(gap, 4)}"))
     for agent, sea in product(AGENTS, study.seas):
         gap = results.difference(Cell(sea, agent, "truth"), Cell(sea, agent, study.trained_on), "score")
         text = f"In {sea} seas {_who(agent)} does not score higher on {study.trained_on} than on the truth."
-        found.append(Claim(text, _ceiling(gap), f"truth − {study.trained_on} {_words(gap, 4)}"))
+        found.append(Claim(text, _ceiling(gap), f"truth − {study.trained_on} {words(gap, 4)}"))
     for seed in range(study.training_seeds):
         gap = _learning(results, seed)
         text = (
             f"PPO of training seed {seed} is at least the autopilot's equal on {study.trained_on} in "
-            f"{study.trained_in} seas (lower end of the interval not below {_number(MARGIN, 2)})."
+            f"{study.trained_in} seas (lower end of the interval not below {number(MARGIN, 2)})."
         )
         verdict = "undecided" if gap is None else "true" if gap.low >= MARGIN else "false"
-        found.append(Claim(text, verdict, f"PPO − autopilot {_words(gap, 4)}"))
+        found.append(Claim(text, verdict, f"PPO − autopilot {words(gap, 4)}"))
     for text, unit, gap in _estimation_gaps(results):
         if text.startswith("kf-umv-ui"):
-            found.append(Claim(f"In {hardest} seas: {text} (autopilot).", _verdict(gap), f"{_words(gap, 3)} {unit}"))
+            found.append(Claim(f"In {hardest} seas: {text} (autopilot).", _verdict(gap), f"{words(gap, 3)} {unit}"))
     return found
 
 
@@ -202,12 +169,12 @@ def _ceiling(gap: Interval | None) -> str:
 def tables(results: Results) -> list[Table]:
     """Every table of the report."""
     study = results.study
-    without = _listed([name for name in study.estimators if name in WITHOUT_COVARIANCE])
+    without = listed([name for name in study.estimators if name in WITHOUT_COVARIANCE])
     silent = [name for name in study.estimators if np.isnan(results.values(_any(study, name), "input_rmse")).all()]
     differences = [key for key in PERFORMANCE if key != "return"]
     gap_columns = [_estimation_gaps(results, agent) for agent in AGENTS]
     gap_rows = [
-        (f"{text} [{unit}]", [_entry(column[i][2], 3, signed=True) for column in gap_columns])
+        (f"{text} [{unit}]", [entry(column[i][2], 3, signed=True) for column in gap_columns])
         for i, (text, unit, _) in enumerate(gap_columns[0])
     ]
     return [
@@ -216,7 +183,7 @@ def tables(results: Results) -> list[Table]:
             "Mean ± half the 95 % interval over seeds. " + _meanings(PERFORMANCE) + _missing(results, PERFORMANCE),
             "Estimator",
             _head(PERFORMANCE),
-            _sections(results, lambda cell: [_entry(results.mean(cell, k), metric(k).decimals) for k in PERFORMANCE]),
+            _sections(results, lambda cell: [entry(results.mean(cell, k), metric(k).decimals) for k in PERFORMANCE]),
         ),
         Table(
             "What the estimator costs: paired differences against truth",
@@ -227,7 +194,7 @@ def tables(results: Results) -> list[Table]:
             _sections(
                 results,
                 lambda cell: [
-                    _entry(
+                    entry(
                         results.difference(cell, cell._replace(estimator="truth"), key),
                         metric(key).decimals + 1,
                         signed=True,
@@ -244,13 +211,13 @@ def tables(results: Results) -> list[Table]:
             + " In band: share of times at which the mean NEES over all seeds lies in its 95 % chi-square band "
             "(0.95 for an estimator that is as good as it says; a cautious one falls outside, too). "
             f"A dash: {without} claim no covariance of their own, so their NEES means nothing"
-            + (f"; {_listed(silent)} estimate no unknown input." if silent else "."),
+            + (f"; {listed(silent)} estimate no unknown input." if silent else "."),
             "Estimator",
             [*_head(ESTIMATION), ("In band", "")],
             _sections(
                 results,
                 lambda cell: [
-                    *(_entry(results.mean(cell, key), metric(key).decimals) for key in ESTIMATION),
+                    *(entry(results.mean(cell, key), metric(key).decimals) for key in ESTIMATION),
                     Entry("–" if results.in_band[cell] is None else f"{results.in_band[cell]:.2f}"),
                 ],
             ),
@@ -279,10 +246,10 @@ def _learning_row(results: Results, seed: int) -> list[Entry]:
     ppo, autopilot = (Cell(study.trained_in, agent, study.trained_on) for agent in (PPO, AUTOPILOT))
     gap = _learning(results, seed)
     return [
-        _entry(mean_interval(results.values(ppo, "score", seed)), 3),
-        _entry(results.mean(autopilot, "score"), 3),
-        _entry(gap, 4, signed=True),
-        Entry("–" if gap is None else _number(gap.low, 4, signed=True)),
+        entry(mean_interval(results.values(ppo, "score", seed)), 3),
+        entry(results.mean(autopilot, "score"), 3),
+        entry(gap, 4, signed=True),
+        Entry("–" if gap is None else number(gap.low, 4, signed=True)),
     ]
 
 
@@ -317,13 +284,6 @@ def _missing(results: Results, keys: Sequence[str]) -> str:
     return f" Episodes that have the figure, where not all do: {'; '.join(notes)}." if notes else ""
 
 
-def _entry(interval: Interval | None, decimals: int, signed: bool = False) -> Entry:
-    if interval is None:
-        return Entry("–")
-    value = _number(interval.mean, decimals, signed)
-    return Entry(value, _number(interval.half, decimals), signed and interval.excludes_zero)
-
-
 def _any(study: Study, estimator: str) -> Cell:
     return Cell(study.seas[-1], AUTOPILOT, estimator)
 
@@ -331,31 +291,16 @@ def _any(study: Study, estimator: str) -> Cell:
 # --- words ------------------------------------------------------------------------------------------
 
 
-def _number(value: float, decimals: int, signed: bool = False) -> str:
-    text = f"{value:{'+' if signed else ''}.{decimals}f}"
-    return text.replace("-", "−")
-
-
-def _words(interval: Interval | None, decimals: int) -> str:
-    if interval is None:
-        return "–"
-    return f"{_number(interval.mean, decimals)} ± {_number(interval.half, decimals)}"
-
-
 def _gap(interval: Interval | None, signed: bool = False) -> str:
     """A difference of scores, with a digit more where it is small."""
     if interval is None:
         return "–"
     decimals = 3 if interval.half >= 0.00095 else 4
-    return f"{_number(interval.mean, decimals, signed)} ± {_number(interval.half, decimals)}"
+    return f"{number(interval.mean, decimals, signed)} ± {number(interval.half, decimals)}"
 
 
 def _who(agent: str) -> str:
     return "the autopilot" if agent == AUTOPILOT else agent
-
-
-def _listed(words: Sequence[str]) -> str:
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
 
 
 # --- what is needed to run it again -----------------------------------------------------------------

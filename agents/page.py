@@ -1,0 +1,209 @@
+"""A report as data, and as one HTML file that needs nothing but itself."""
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from agents.files import replacing
+from agents.statistics import Interval
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What stands in one field of a table.
+
+    Attributes:
+        value: The value in words, or a number as `number` writes it.
+        half: Half of its 95 % interval, if it has one.
+        strong: Set in bold.
+    """
+
+    value: str
+    half: str = ""
+    strong: bool = False
+
+    def __str__(self) -> str:
+        return f"{self.value} ± {self.half}" if self.half else self.value
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table with its caption and note.
+
+    Attributes:
+        title: The caption.
+        note: What a reader must know to read it.
+        first: Heading of the first column.
+        head: Label and unit of the others.
+        sections: A title (or none) and rows, each a name and its entries.
+        name: Of the file that holds it, where it is written to one.
+    """
+
+    title: str
+    note: str
+    first: str
+    head: list[tuple[str, str]]
+    sections: list[tuple[str, list[tuple[str, list[Entry]]]]]
+    name: str = ""
+
+    @property
+    def has_units(self) -> bool:
+        """Whether any column has a unit."""
+        return any(unit for _, unit in self.head)
+
+    def rows(self) -> list[list[str]]:
+        """Heading and rows in plain text, the section's title in a column of its own where there is one."""
+        titled = any(title for title, _ in self.sections)
+        heading = [self.first, *(f"{label} [{unit}]" if unit else label for label, unit in self.head)]
+        body = [
+            [title, name, *map(str, entries)] if titled else [name, *map(str, entries)]
+            for title, rows in self.sections
+            for name, entries in rows
+        ]
+        return [["", *heading] if titled else heading, *body]
+
+    def csv(self) -> str:
+        """As comma-separated values."""
+        text = io.StringIO()
+        csv.writer(text, lineterminator="\n").writerows(self.rows())
+        return text.getvalue()
+
+
+@dataclass(frozen=True)
+class Prose:
+    """A paragraph."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Bullets:
+    """A list of sentences."""
+
+    items: list[str]
+
+
+@dataclass(frozen=True)
+class Facts:
+    """Names and values: settings, assumptions."""
+
+    title: str
+    rows: list[tuple[str, str]]
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A picture with its caption; the image is a data URI, see `agents.plotting`."""
+
+    image: str
+    title: str
+    caption: str
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A statement that the data decide: "true", "false" or "undecided", perhaps with a word more after a comma."""
+
+    text: str
+    verdict: str
+    evidence: str
+
+    @property
+    def kind(self) -> str:
+        """The verdict's first word."""
+        return self.verdict.split(",")[0]
+
+
+@dataclass(frozen=True)
+class Claims:
+    """Statements, verdicts and evidence."""
+
+    rows: list[Claim]
+    note: str = ""
+
+
+Block = Prose | Bullets | Facts | Figure | Claims | Table
+
+
+@dataclass(frozen=True)
+class Section:
+    """A heading and what stands under it."""
+
+    title: str
+    blocks: list[Block]
+
+
+@dataclass(frozen=True)
+class Page:
+    """A report.
+
+    Attributes:
+        title: The heading.
+        subtitle: What was done, in a line.
+        answer: Sentences of one paragraph, the conclusion first.
+        sections: The rest.
+    """
+
+    title: str
+    subtitle: str
+    answer: list[str]
+    sections: list[Section] = field(default_factory=list)
+
+    @property
+    def tables(self) -> list[Table]:
+        """The tables in their order."""
+        return [block for section in self.sections for block in section.blocks if isinstance(block, Table)]
+
+
+def number(value: float, decimals: int, signed: bool = False) -> str:
+    """A number with its decimals and a true minus; a dash where it is not finite."""
+    text = f"{value:{'+' if signed else ''}.{decimals}f}"
+    return "–" if "n" in text else text.replace("-", "−")
+
+
+def entry(interval: Interval | None, decimals: int, signed: bool = False) -> Entry:
+    """An interval in a table; bold where it is a difference (``signed``) that excludes zero."""
+    if interval is None:
+        return Entry("–")
+    value = number(interval.mean, decimals, signed)
+    return Entry(value, number(interval.half, decimals), signed and interval.excludes_zero)
+
+
+def words(interval: Interval | None, decimals: int, signed: bool = False) -> str:
+    """An interval in a sentence."""
+    return str(entry(interval, decimals, signed))
+
+
+def listed(items: Sequence[str]) -> str:
+    """A list in a sentence: "a, b and c"."""
+    return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} and {items[-1]}"
+
+
+def render(page: Page) -> str:
+    """The page as HTML, its tables and figures numbered in their order."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader("agents"), autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined
+    )
+    numbers: dict[int, int] = {}
+    counts: dict[type, int] = {}
+    for section in page.sections:
+        for block in section.blocks:
+            counts[type(block)] = numbers[id(block)] = counts.get(type(block), 0) + 1
+    context: dict[str, Any] = {"page": page, "number": lambda block: numbers[id(block)]}
+    return environment.get_template("page.html").render(kind=lambda block: type(block).__name__, **context)
+
+
+def write(page: Page, path: Path) -> Path:
+    """Write the page to a file, whole or not at all.
+
+    Raises:
+        OSError: if it cannot be written.
+    """
+    with replacing(path) as temporary:
+        temporary.write_text(render(page), encoding="utf-8")
+    return path

@@ -1,0 +1,99 @@
+"""Printed numbers beside ours, each with a verdict in words."""
+
+from dataclasses import dataclass
+
+from agents.page import Entry, Table, number
+from agents.statistics import Interval
+
+
+@dataclass(frozen=True)
+class Published:
+    """A number that a paper prints.
+
+    Attributes:
+        printed: To the digit.
+        unit: Of the number.
+        where: Table, figure or page.
+        meant: The number without its misprint.
+    """
+
+    printed: str
+    unit: str
+    where: str
+    meant: float | None = None
+
+    @property
+    def value(self) -> float:
+        """The number."""
+        return float(self.printed) if self.meant is None else self.meant
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A published error and ours.
+
+    Attributes:
+        row: The row of the published table.
+        column: Its column.
+        published: The printed number.
+        ours: Our mean with its 95 % interval; None where there is none.
+        above: Why ours is above, where it is.
+        incomparable: Why the two do not compare, where they do not.
+
+    Raises:
+        ValueError: if ours is above the published value and nobody says why.
+    """
+
+    row: str
+    column: str
+    published: Published
+    ours: Interval | None
+    above: str = ""
+    incomparable: str = ""
+
+    def __post_init__(self) -> None:
+        if self.ours is None and not self.incomparable:
+            raise ValueError(f"{self.row}, {self.column}: a number of ours, or why there is none")
+        if self.kind == "above" and not self.above:
+            raise ValueError(f"{self.row}, {self.column}: ours is above the published value; say why")
+
+    @property
+    def kind(self) -> str:
+        """In a word or two: "at or below" (by our mean), "above" or "not comparable"."""
+        if self.incomparable or self.ours is None:
+            return "not comparable"
+        return "at or below" if self.ours.mean <= self.published.value else "above"
+
+    @property
+    def verdict(self) -> str:
+        """The verdict in words, with its reason."""
+        reason = {"above": self.above, "not comparable": self.incomparable}.get(self.kind)
+        return f"{self.kind}: {reason}" if reason else self.kind
+
+
+def comparison_table(title: str, note: str, comparisons: list[Comparison], name: str = "") -> Table:
+    """Published, ours and verdict, a line each; a section for each row of the published table."""
+    sections: dict[str, list[tuple[str, list[Entry]]]] = {}
+    for c in comparisons:
+        printed = c.published.printed + (f" (meant: {c.published.value:g})" if c.published.meant is not None else "")
+        line = [Entry(printed), _ours(c), Entry(c.published.unit), Entry(c.verdict)]
+        sections.setdefault(c.row, []).append((c.column, line))
+    head = [("published", ""), ("ours", ""), ("unit", ""), ("verdict", "")]
+    return Table(title, note, "", head, list(sections.items()), name)
+
+
+def tally(comparisons: list[Comparison]) -> str:
+    """How many of the published numbers ours are at or below, in words."""
+    kinds = [c.kind for c in comparisons]
+    low, above, incomparable = (kinds.count(kind) for kind in ("at or below", "above", "not comparable"))
+    words = f"{low} of {len(kinds)} numbers at or below the published one, {above} above"
+    return words + (f", {incomparable} not comparable" if incomparable else "")
+
+
+def _ours(comparison: Comparison) -> Entry:
+    """Our mean and interval, with a digit more than the published number has."""
+    ours = comparison.ours
+    if ours is None:
+        return Entry("–")
+    decimals = len(comparison.published.printed.partition(".")[2]) + 1
+    return Entry(number(ours.mean, decimals), number(ours.half, decimals))

@@ -1,0 +1,66 @@
+"""Which code a result depends on."""
+
+import ast
+import hashlib
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+
+import estimators
+import vessel_gym
+
+
+@cache
+def source_digest(module: str) -> str:
+    """SHA-256 of the code that a module computes with.
+
+    That is the module itself, what it imports of its own package and what these import in turn, and all of
+    `estimators` and `vessel_gym` but the pictures, because environments are found there by name.
+
+    Args:
+        module: Its dotted name.
+
+    Raises:
+        ValueError: if there is no such module.
+    """
+    digest = hashlib.sha256()
+    for package in (estimators, vessel_gym):
+        root = Path(package.__file__ or "").parent
+        for path in sorted(root.rglob("*.py")):
+            name = path.relative_to(root)
+            if name.parts[0] != "rendering":
+                digest.update(name.as_posix().encode() + b"\0" + path.read_bytes())
+    for imported, path in sorted(_closure(module, module.partition(".")[0], {}).items()):
+        digest.update(imported.encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()
+
+
+def _closure(module: str, package: str, found: dict[str, Path]) -> dict[str, Path]:
+    """The source files of a module and of what it imports of a package, by module name."""
+    spec = find_spec(module)
+    if spec is None or spec.origin is None:
+        raise ValueError(f"there is no module {module}")
+    found[module] = Path(spec.origin)
+    for name in sorted(_imported(ast.parse(found[module].read_bytes()))):
+        if name.partition(".")[0] == package and name not in found and _is_module(name):
+            _closure(name, package, found)
+    return found
+
+
+def _imported(tree: ast.AST) -> set[str]:
+    """Dotted names that a module imports, anywhere in it; names from a module may be modules themselves."""
+    names: set[str] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            names |= {node.module} | {f"{node.module}.{alias.name}" for alias in node.names}
+    return names
+
+
+def _is_module(name: str) -> bool:
+    try:
+        spec = find_spec(name)
+    except (ImportError, AttributeError):
+        return False
+    return spec is not None and spec.origin is not None and spec.origin.endswith(".py")
