@@ -116,6 +116,22 @@ def consistency(rollout: Rollout, components: tuple[int, ...] | None = None) -> 
     return float(np.mean((mean >= band[:, 0]) & (mean <= band[:, 1])))
 
 
+def nis_consistency(rollout: Rollout) -> float | None:
+    """Share of times at which the mean NIS over the runs lies in its 95 % chi-square band; None without innovations.
+
+    The degrees of freedom are the readings that arrived.
+    """
+    values = rollout.history["nis"]
+    seen = np.isfinite(values)
+    degrees = np.where(seen, rollout.history["available"].sum(-1), 0).sum(1)
+    told = degrees > 0
+    if not told.any():
+        return None
+    total = np.where(seen, values, 0.0).sum(1)[told]
+    band = np.array([_band(1, int(count)) for count in degrees[told]])
+    return float(np.mean((total >= band[:, 0]) & (total <= band[:, 1])))
+
+
 @cache
 def _band(runs: int, degrees: int) -> tuple[float, float]:
     return chi_square_band(runs, degrees)

@@ -9,7 +9,8 @@ import numpy as np
 
 import vessel_gym  # noqa: F401  (registers the environments)
 from agents.agent import Agent, load_agent
-from vessel_gym.envs.vector import rows_like
+from estimators import nis
+from vessel_gym.envs.vector import VesselVectorEnv, rows_like
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +26,8 @@ class Rollout:
         terminated: ``(N,)`` whether the episode ended before its time.
         end: ``(N,)`` why, in the environment's words; empty for the time limit and where it has none.
         history: what ``info`` held after reset and each step, ``(T + 1, N, ...)`` by key; rows
-            after an episode's end repeat its last values.
+            after an episode's end repeat its last values. Beside that ``nis``: the normalised innovation squared,
+            NaN where an estimator has none, and at an episode's end.
         env: The (closed) vector environment, for its system and spaces.
     """
 
@@ -79,6 +81,7 @@ def rollout(
         observations, info = env.reset(seed=seeds, options=reset_options)  # type: ignore[arg-type]
         keys = [key for key, value in info.items() if record and not key.startswith("_") and _numeric(value)]
         frames = {key: [info[key]] for key in keys}
+        surprise = [_nis(env)] if record else []
         alive = np.ones(len(seeds), bool)
         returns, length = np.zeros(len(seeds)), np.zeros(len(seeds), int)
         ended, score = np.zeros(len(seeds), bool), np.full(len(seeds), np.nan)
@@ -93,6 +96,8 @@ def rollout(
                 if done.any() and key in final:
                     frame = np.where(rows_like(done, frame), final[key], frame)
                 frames[key].append(frame)
+            if record:
+                surprise.append(np.where(alive & ~done, _nis(env), np.nan))
             returns += np.where(alive, reward, 0.0)
             length += alive
             ended |= terminated & done
@@ -107,6 +112,8 @@ def rollout(
         env.close()
     score = np.where(np.isnan(score), returns, score)
     history = {key: np.stack(values) for key, values in frames.items()}
+    if frames:
+        history["nis"] = np.stack(surprise)
     return Rollout(env_id, np.array(seeds), score, returns, length, ended, end, history, env)
 
 
@@ -114,10 +121,19 @@ def _numeric(value: Any) -> bool:
     return isinstance(value, np.ndarray) and value.dtype != object
 
 
+def _nis(env: Any) -> np.ndarray:
+    """Normalised innovation squared of every environment ``(N,)`` at this step; NaN where there is no innovation."""
+    core = getattr(env.unwrapped, "core", None)
+    if core is None or core.belief.innovation is None or core.belief.innovation_cov is None:
+        return np.full(env.num_envs, np.nan)
+    return nis(core.belief.innovation, core.belief.innovation_cov)
+
+
 def _batch(env_id: str, num_envs: int, options: dict[str, Any]) -> gym.vector.VectorEnv:
     """Our environments in their native batch; any other one by one, because native batches of others differ."""
     entry = gym.spec(env_id).vector_entry_point
-    if isinstance(entry, str) and entry.startswith("vessel_gym"):
-        return gym.make_vec(env_id, num_envs=num_envs, **options)
+    creator: Any = gym.envs.registration.load_env_creator(entry) if isinstance(entry, str) else entry
+    if isinstance(creator, type) and issubclass(creator, VesselVectorEnv):
+        return gym.make_vec(env_id, num_envs=num_envs, vectorization_mode="vector_entry_point", **options)
     same_step = {"autoreset_mode": gym.vector.AutoresetMode.SAME_STEP}
     return gym.make_vec(env_id, num_envs=num_envs, vectorization_mode="sync", vector_kwargs=same_step, **options)

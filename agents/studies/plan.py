@@ -1,0 +1,170 @@
+"""A study as cells: who is trained on what, who flies what, and what is left out and why."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+from agents.cells import Cell
+from agents.studies.study import CLASSICAL, DEFAULT, FLOOR, ORACLE, Agent, Condition, Estimator, Study
+from agents.studies.worlds import digests, refusal, system_of
+
+RAW = "raw readings"
+"""What an agent flies on that sees readings instead of estimates."""
+
+
+@dataclass(frozen=True)
+class Flight:
+    """One agent on one estimator in one world.
+
+    Attributes:
+        environment: As in the study.
+        condition: Its name.
+        agent: Its name.
+        trained_on: The estimator that the policy was trained on, `RAW`, or "" for an agent that does not learn.
+        flown_on: The estimator that it flies on, or `RAW`.
+        training_seed: Of the policy; None for an agent that does not learn.
+        cell: What computes it.
+    """
+
+    environment: str
+    condition: str
+    agent: str
+    trained_on: str
+    flown_on: str
+    training_seed: int | None
+    cell: Cell
+
+
+@dataclass(frozen=True)
+class Skipped:
+    """What is left out, and why."""
+
+    environment: str
+    what: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Everything that a study flies, and what it leaves out."""
+
+    study: Study
+    flights: tuple[Flight, ...]
+    skipped: tuple[Skipped, ...]
+
+    @property
+    def cells(self) -> list[Cell]:
+        """What has to be computed."""
+        return [flight.cell for flight in self.flights]
+
+
+def plan(study: Study) -> Plan:
+    """Every flight of a study. An estimator that an environment cannot carry is left out there, with the reason."""
+    flights: list[Flight] = []
+    skipped: list[Skipped] = []
+    for environment in (e.id for e in study.environments):
+        flyable = []
+        for estimator in estimators_in(study, environment):
+            error = refusal(environment, options(study.conditions[0], estimator, environment))
+            if error is None:
+                flyable.append(estimator)
+            else:
+                skipped.append(Skipped(environment, estimator.name, str(error)))
+        for agent, condition in product(_here(study.agents, environment), study.conditions):
+            flights += _flights(study, environment, agent, condition, flyable)
+    return Plan(study, tuple(flights), tuple(skipped))
+
+
+def estimators_in(study: Study, environment: str) -> list[Estimator]:
+    """The estimators of a study for an environment; what is called default is the environment's own."""
+    default = system_of(environment).estimator
+    found: dict[str, Estimator] = {}
+    trained = [Estimator(name, name) for agent in study.agents if agent.learned for name in agent.trained_on]
+    for estimator in (*study.estimators, *(e for e in trained if e.name == DEFAULT)):
+        if estimator.environments and environment not in estimator.environments:
+            continue
+        if estimator.estimator == DEFAULT:
+            name = default if estimator.name == DEFAULT else estimator.name
+            estimator = Estimator(name, default, estimator.options, estimator.environments)
+        found.setdefault(estimator.name, estimator)
+    return list(found.values())
+
+
+def options(condition: Condition, estimator: Estimator, environment: str) -> dict[str, Any]:
+    """The options of an environment, as plain data."""
+    name = system_of(environment).estimator if estimator.estimator == DEFAULT else estimator.estimator
+    chosen = {"estimator_options": estimator.options} if estimator.options else {}
+    return {"estimator": name} | chosen | condition.options
+
+
+def _flights(
+    study: Study, environment: str, agent: Agent, condition: Condition, flyable: list[Estimator]
+) -> Iterable[Flight]:
+    raw = Estimator(RAW, "measurement")
+    if not agent.learned:
+        name = CLASSICAL if agent.kind == CLASSICAL else agent.kind
+        for estimator in flyable:
+            yield Flight(
+                environment, condition.name, agent.name, "", estimator.name, None,
+                _fly(study, environment, agent, condition, estimator, name),
+            )  # fmt: skip
+        return
+    default = system_of(environment).estimator
+    wanted = [default if name == DEFAULT else name for name in agent.trained_on]
+    schools = [raw] if agent.raw else [e for e in flyable if e.name in wanted]
+    for school, seed in product(schools, range(study.training_seeds)):
+        training = _train(study, environment, agent, school, seed)
+        for estimator in [raw] if agent.raw else flyable:
+            yield Flight(
+                environment, condition.name, agent.name, school.name, estimator.name, seed,
+                _fly(study, environment, agent, condition, estimator, "checkpoint", training),
+            )  # fmt: skip
+
+
+def _train(study: Study, environment: str, agent: Agent, school: Estimator, seed: int) -> Cell:
+    settings = options(study.conditions[0], school, environment) | {"observe": agent.observe}
+    return Cell(
+        "agents.studies.work:train",
+        {
+            "environment": environment,
+            "options": settings,
+            "memory": agent.memory,
+            "steps": agent.steps.get(environment),
+            "seed": seed,
+            "own": digests(environment, school.estimator),
+        },
+        f"train {agent.name} on {school.name} in {environment}",
+        artifact=".zip",
+    )
+
+
+def _fly(
+    study: Study,
+    environment: str,
+    agent: Agent,
+    condition: Condition,
+    estimator: Estimator,
+    pilot: str,
+    training: Cell | None = None,
+) -> Cell:
+    observe = {"observe": agent.observe} if agent.learned else {}
+    return Cell(
+        "agents.studies.work:fly",
+        {
+            "environment": environment,
+            "options": options(condition, estimator, environment) | observe,
+            "agent": pilot,
+            "episodes": study.episodes,
+            "own": digests(environment, estimator.estimator, pilot),
+        },
+        f"fly {agent.name if training else pilot} on {estimator.name} in {environment}",
+        needs=(training,) if training else (),
+    )
+
+
+def _here(agents: Iterable[Agent], environment: str) -> list[Agent]:
+    return [agent for agent in agents if not agent.environments or environment in agent.environments]
+
+
+__all__ = ["FLOOR", "ORACLE", "RAW", "Flight", "Plan", "Skipped", "estimators_in", "options", "plan"]

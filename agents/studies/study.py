@@ -1,0 +1,422 @@
+"""Study files: what is compared, read from TOML and checked before anything runs."""
+
+import re
+import tomllib
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from itertools import product
+from pathlib import Path
+from typing import Any, get_args
+
+from agents.ppo import Memory, describe
+from agents.seeds import evaluation_seeds
+from agents.studies.worlds import environment_id, known_estimator, named_object, refusal, system_of, unknown_name
+from vessel_gym.sensors import SUITES
+
+ORACLE, FLOOR = "truth", "dead-reckoning"
+"""Estimators that are always flown: what the classical agent scores on them is 1 and 0."""
+DEFAULT = "default"
+"""Stands for an environment's own default estimator."""
+CLASSICAL = "autopilot"
+FEW_SEEDS = 5
+"""Below so many training seeds an interval over them says little."""
+
+
+@dataclass(frozen=True)
+class Environment:
+    """An environment of a study.
+
+    Attributes:
+        id: Registered with Gymnasium; ``"module:id"`` imports the module first.
+    """
+
+    id: str
+
+
+@dataclass(frozen=True)
+class Estimator:
+    """An estimator of a study.
+
+    Attributes:
+        name: In the study.
+        estimator: What an environment calls it; ``"default"``; or ``"module:object"``, your own.
+        options: Its options, over the environment's tuning. ``"none"`` stands for None, which TOML lacks.
+        environments: Where it is flown; empty: everywhere.
+    """
+
+    name: str
+    estimator: str = ""
+    options: dict[str, Any] = field(default_factory=dict)
+    environments: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Agent:
+    """An agent of a study.
+
+    Attributes:
+        name: In the study.
+        kind: ``"autopilot"``, ``"ppo"``, or ``"module:object"``: your own, called with the environment's `System`.
+        observe: What a PPO sees: ``"mean"``, ``"mean+std"``, or ``"measurement"``: raw readings, no estimator.
+        memory: Of a PPO: ``"none"``, ``"frames"`` or ``"lstm"``.
+        trained_on: The estimators that it is trained on, one policy each; not for raw readings.
+        steps: Environment steps of a training run, by environment; where there is none: the tuned budget.
+        environments: Where it flies; empty: everywhere.
+    """
+
+    name: str
+    kind: str = ""
+    observe: str = "mean"
+    memory: Memory = "none"
+    trained_on: tuple[str, ...] = (DEFAULT,)
+    steps: dict[str, int] = field(default_factory=dict)
+    environments: tuple[str, ...] = ()
+
+    @property
+    def learned(self) -> bool:
+        """Whether it has to be trained."""
+        return self.kind == "ppo"
+
+    @property
+    def raw(self) -> bool:
+        """Whether it sees readings instead of estimates."""
+        return self.observe == "measurement"
+
+
+@dataclass(frozen=True)
+class Condition:
+    """What the world is like.
+
+    Attributes:
+        name: In the study.
+        sensors: Sensor suite.
+        disturbance: Sea, water or air.
+        mismatch: Relative spread of the truth's parameters around the filters'.
+    """
+
+    name: str
+    sensors: str = "nominal"
+    disturbance: str = "moderate"
+    mismatch: float = 0.0
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """As options of an environment."""
+        return {"sensors": self.sensors, "disturbance": self.disturbance, "mismatch": self.mismatch}
+
+
+@dataclass(frozen=True)
+class Study:
+    """What is compared.
+
+    Attributes:
+        title: The question, in a line.
+        environments: Where.
+        estimators: What is compared; `ORACLE` and `FLOOR` are always there.
+        agents: Who flies; the classical one always does.
+        conditions: Agents are trained in the first.
+        episodes: Evaluation seeds, the same for everybody.
+        training_seeds: Training runs of each learned agent: the unit of resampling.
+    """
+
+    title: str
+    environments: tuple[Environment, ...]
+    estimators: tuple[Estimator, ...]
+    agents: tuple[Agent, ...]
+    conditions: tuple[Condition, ...]
+    episodes: int = 100
+    training_seeds: int = 10
+
+    @property
+    def seeds(self) -> list[int]:
+        """The evaluation seeds."""
+        return evaluation_seeds(self.episodes)
+
+    @property
+    def learned(self) -> bool:
+        """Whether anything has to be trained."""
+        return any(agent.learned for agent in self.agents)
+
+    def estimator(self, name: str) -> Estimator:
+        """The estimator of that name; the environments' default has none of its own unless the study gives it one."""
+        return next((e for e in self.estimators if e.name == name), Estimator(name, name))
+
+    def resolved(self) -> dict[str, Any]:
+        """Every setting as plain data."""
+        return asdict(self)
+
+
+class StudyError(ValueError):
+    """Everything that is wrong with a study file, a line each."""
+
+    def __init__(self, path: Path | str, mistakes: Sequence[tuple[int, str]]) -> None:
+        self.mistakes = list(mistakes)
+        many = f" has {len(mistakes)} mistakes:\n" if len(mistakes) > 1 else ": "
+        lines = [f"line {line}: {text}" if line else text for line, text in sorted(self.mistakes)]
+        super().__init__(f"{path}{many}" + "\n".join(lines))
+
+
+def read_study(path: Path) -> Study:
+    """Read a study file.
+
+    Raises:
+        StudyError: if it is not TOML or not a study, with every mistake and its line.
+        OSError: if it cannot be read.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError:
+        raise StudyError(path, [(0, "the file is not text in UTF-8")]) from None
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        found = re.search(r"line (\d+)", str(error))
+        raise StudyError(path, [(int(found[1]) if found else 0, f"not TOML: {error}")]) from None
+    reader = _Reader(data, _lines(text))
+    study = reader.study()
+    if reader.mistakes:
+        raise StudyError(path, reader.mistakes)
+    return study
+
+
+# --- reading, with every mistake ---------------------------------------------------------------------
+
+_SECTIONS: dict[str, tuple[str, ...]] = {
+    "environments": (),
+    "estimators": ("estimator", "options", "environments"),
+    "agents": ("kind", "observe", "memory", "trained_on", "steps", "environments"),
+    "conditions": ("sensors", "disturbance", "mismatch"),
+}
+_NUMBERS = {"episodes": 2, "training_seeds": 1}
+
+Place = tuple[str, ...]
+
+
+class _Reader:
+    """Makes a study of parsed TOML and notes what is wrong with it."""
+
+    def __init__(self, data: dict[str, Any], lines: Mapping[Place, int]) -> None:
+        self.data, self.lines = data, lines
+        self.mistakes: list[tuple[int, str]] = []
+
+    def wrong(self, place: Place, text: str) -> None:
+        """Note a mistake at a place, or at the nearest one around it that has a line."""
+        known = next((self.lines[place[:n]] for n in range(len(place), 0, -1) if place[:n] in self.lines), 0)
+        self.mistakes.append((known, text))
+
+    def study(self) -> Study:
+        """The study; meaningless if there are mistakes."""
+        for key in self.data:
+            self.name("key", key, ("title", *_NUMBERS, *_SECTIONS), (key,))
+        title = self.value((), self.data, "title", str, "a text", "")
+        numbers = {}
+        for key, least in _NUMBERS.items():
+            default = getattr(Study, key)
+            numbers[key] = self.value((), self.data, key, int, "a whole number", default)
+            if numbers[key] < least:
+                self.wrong((key,), f"{key} must be at least {least}, got {numbers[key]}")
+        try:
+            evaluation_seeds(max(numbers["episodes"], 1))
+        except ValueError as error:
+            self.wrong(("episodes",), str(error))
+        environments = tuple(Environment(name) for name in self.section("environments", required=True))
+        ids = [environment.id for environment in environments]
+        study = Study(
+            title or "What does the estimator cost?",
+            environments,
+            self.estimators(ids),
+            self.agents(ids),
+            self.conditions(),
+            **numbers,
+        )
+        self.check(study)
+        return study
+
+    # --- what only the environments can tell -------------------------------------------------------
+
+    def check(self, study: Study) -> None:
+        """Note names and options that no environment knows."""
+        worlds = [e.id for e in study.environments if self.accepts(("environments", e.id), environment_id, e.id)]
+        for condition, world in product(study.conditions, worlds):
+            self.name(
+                "disturbance", condition.disturbance, system_of(world).disturbances,
+                ("conditions", condition.name, "disturbance"),
+            )  # fmt: skip
+        for estimator in study.estimators:
+            place = ("estimators", estimator.name)
+            wrong = None if estimator.estimator == DEFAULT else known_estimator(estimator.estimator)
+            if wrong:
+                self.wrong((*place, "estimator"), wrong)
+            else:
+                self.check_estimator(place, estimator, [w for w in worlds if w in (estimator.environments or worlds)])
+        for agent in study.agents:
+            place = ("agents", agent.name)
+            if ":" in agent.kind:
+                self.accepts((*place, "kind"), named_object, agent.kind)
+            for world in worlds if agent.learned else ():
+                if world in (agent.environments or worlds):
+                    described = (environment_id(world), None, 0, agent.steps.get(world), agent.memory)
+                    self.accepts((*place, "steps"), describe, *described)
+
+    def check_estimator(self, place: Place, estimator: Estimator, worlds: Sequence[str]) -> None:
+        """An estimator may be refused by some environments, but not by all, and not for its options."""
+        reasons = []
+        for world in worlds:
+            name = system_of(world).estimator if estimator.estimator == DEFAULT else estimator.estimator
+            bare = refusal(world, {"estimator": name})
+            if bare is not None:
+                reasons.append(str(bare))
+            elif estimator.options:
+                error = refusal(world, {"estimator": name, "estimator_options": estimator.options})
+                if error is not None:
+                    self.wrong((*place, "options"), f"{world} refuses the options of {estimator.name}: {error}")
+        if worlds and len(reasons) == len(worlds):
+            self.wrong(place, f"no environment of the study can carry {estimator.name}: {reasons[0]}")
+
+    def accepts(self, place: Place, function: Callable[..., Any], *arguments: Any) -> bool:
+        """Whether a function takes its arguments; if not, what it says is a mistake."""
+        try:
+            function(*arguments)
+        except ValueError as error:
+            self.wrong(place, str(error))
+            return False
+        return True
+
+    # --- sections -----------------------------------------------------------------------------------
+
+    def estimators(self, ids: Sequence[str]) -> tuple[Estimator, ...]:
+        found = []
+        for name, table in self.section("estimators").items():
+            place = ("estimators", name)
+            options = self.value(place, table, "options", dict, "a table", {})
+            found.append(
+                Estimator(
+                    name,
+                    self.value(place, table, "estimator", str, "a name", name),
+                    {key: None if value == "none" else value for key, value in options.items()},
+                    self.environments_of(place, table, ids),
+                )
+            )
+        names = [e.name for e in found]
+        return tuple(Estimator(name, name) for name in (ORACLE, FLOOR) if name not in names) + tuple(found)
+
+    def agents(self, ids: Sequence[str]) -> tuple[Agent, ...]:
+        estimators = [ORACLE, FLOOR, DEFAULT, *self.data.get("estimators", {})]
+        found = []
+        for name, table in self.section("agents").items():
+            place = ("agents", name)
+            kind = self.value(place, table, "kind", str, "a name", name)
+            if ":" not in kind:
+                self.name("kind of agent", kind, (CLASSICAL, "ppo"), (*place, "kind"))
+            observe = self.value(place, table, "observe", str, "a name", "mean")
+            self.name("observe mode", observe, ("mean", "mean+std", "measurement"), (*place, "observe"))
+            memory = self.value(place, table, "memory", str, "a name", "none")
+            self.name("memory", memory, get_args(Memory), (*place, "memory"))
+            if kind != "ppo":
+                for key in ("observe", "memory", "trained_on", "steps"):
+                    if key in table:
+                        self.wrong((*place, key), f"{key} is for agents that learn; {name} is of kind {kind}")
+            trained_on = self.names(place, table, "trained_on", (DEFAULT,))
+            for estimator in trained_on:
+                self.name("estimator", estimator, estimators, (*place, "trained_on"))
+            if observe == "measurement" and "trained_on" in table:
+                self.wrong((*place, "trained_on"), f"{name} sees raw readings, so it is trained on no estimator")
+            steps = self.value(place, table, "steps", dict, "a table of numbers by environment", {})
+            for env_id, number in steps.items():
+                self.name("environment", env_id, ids, (*place, "steps"))
+                if isinstance(number, bool) or not isinstance(number, int) or number < 1:
+                    self.wrong((*place, "steps"), f"steps must be whole numbers of at least 1, got {number!r}")
+            found.append(Agent(name, kind, observe, memory, trained_on, steps, self.environments_of(place, table, ids)))
+        if any(agent.kind == CLASSICAL for agent in found):
+            return tuple(found)
+        return (Agent(CLASSICAL, CLASSICAL), *found)
+
+    def conditions(self) -> tuple[Condition, ...]:
+        found = []
+        for name, table in self.section("conditions").items():
+            place = ("conditions", name)
+            condition = Condition(
+                name,
+                self.value(place, table, "sensors", str, "a name", "nominal"),
+                self.value(place, table, "disturbance", str, "a name", "moderate"),
+                float(self.value(place, table, "mismatch", (int, float), "a number", 0.0)),
+            )
+            self.name("sensor suite", condition.sensors, SUITES, (*place, "sensors"))
+            if not 0.0 <= condition.mismatch <= 0.25:
+                self.wrong((*place, "mismatch"), f"mismatch must be between 0 and 0.25, got {condition.mismatch:g}")
+            found.append(condition)
+        return tuple(found) or (Condition("nominal"),)
+
+    # --- pieces -----------------------------------------------------------------------------------
+
+    def section(self, key: str, required: bool = False) -> dict[str, dict[str, Any]]:
+        """A table of tables, those that are not left out."""
+        tables = self.data.get(key, {})
+        if not isinstance(tables, dict):
+            self.wrong((key,), f"{key} must be a table: [{key}] with a line 'name = {{}}' for each")
+            return {}
+        if required and not tables:
+            self.wrong((key,), f"a study needs {key}: [{key}] with a line 'name = {{}}' for each")
+        good = {}
+        for name, table in tables.items():
+            if not isinstance(table, dict):
+                self.wrong((key, name), f"{key}.{name} must be a table, e.g. {{}}, got {table!r}")
+                continue
+            for option in table:
+                self.name(f"key in {key}.{name}", option, _SECTIONS[key], (key, name, option))
+            good[name] = table
+        return good
+
+    def environments_of(self, place: Place, table: dict[str, Any], ids: Sequence[str]) -> tuple[str, ...]:
+        names = self.names(place, table, "environments", ())
+        for name in names:
+            self.name("environment", name, ids, (*place, "environments"))
+        return names
+
+    def names(self, place: Place, table: dict[str, Any], key: str, default: tuple[str, ...]) -> tuple[str, ...]:
+        value = table.get(key, list(default))
+        if not isinstance(value, list) or not all(isinstance(name, str) for name in value):
+            self.wrong((*place, key), f"{key} must be a list of names, got {value!r}")
+            return default
+        return tuple(value)
+
+    def value(self, place: Place, table: dict[str, Any], key: str, kind: Any, words: str, default: Any) -> Any:
+        value = table.get(key, default)
+        if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
+            self.wrong((*place, key), f"{key} must be {words}, got {value!r}")
+            return default
+        return value
+
+    def name(self, kind: str, name: str, known: Iterable[str], place: Place) -> None:
+        known = list(known)
+        if name not in known:
+            self.wrong(place, unknown_name(kind, name, known))
+
+
+# --- lines --------------------------------------------------------------------------------------------
+
+_KEY = r"""(?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*')"""
+_DOTTED = rf"{_KEY}(?:\s*\.\s*{_KEY})*"
+
+
+def _lines(text: str) -> dict[Place, int]:
+    """The line of every key of a TOML text, also of those in inline tables; values are not looked into further."""
+    lines: dict[Place, int] = {}
+    table: Place = ()
+    place: Place = ()
+    for number, line in enumerate(text.splitlines(), 1):
+        if header := re.match(rf"\s*\[\[?\s*({_DOTTED})\s*\]\]?", line):
+            table = place = _parts(header[1])
+            lines.setdefault(place, number)
+        elif key := re.match(rf"\s*({_DOTTED})\s*=", line):
+            place = table + _parts(key[1])
+            for n in range(1, len(place) + 1):
+                lines.setdefault(place[:n], number)
+            line = line[key.end() :]
+        for inner in re.finditer(rf"[{{,]\s*({_DOTTED})\s*=", line):
+            lines.setdefault(place + _parts(inner[1]), number)
+    return lines
+
+
+def _parts(dotted: str) -> Place:
+    return tuple(part.strip("\"'") for part in re.findall(_KEY, dotted))

@@ -1,0 +1,109 @@
+"""What the cells of a study compute: trainings, flights and examples. Pure functions of their arguments."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agents.agent import Agent
+from agents.metrics import consistency, nees_of, nis_consistency
+from agents.ppo import Memory
+from agents.rollouts import Rollout, rollout
+from agents.scores import scores
+from agents.seeds import evaluation_seeds
+from agents.studies.study import CLASSICAL
+from agents.studies.worlds import environment_id, environment_options, named_object, system_of
+
+LOST = 1e-6
+"""A truth is outside of a belief where so little probability is left beyond it."""
+
+
+def train(
+    environment: str,
+    options: dict[str, Any],
+    memory: Memory,
+    steps: int | None,
+    seed: int,
+    own: dict[str, str],
+    artifact: Path,
+) -> dict[str, Any]:
+    """Train PPO; the checkpoint is the artifact.
+
+    Args:
+        environment: As in the study.
+        options: Of the environment.
+        memory: See `agents.ppo.train`.
+        steps: Environment steps; None: the tuned budget.
+        seed: Number of the training run.
+        own: Source digests of what is the user's own; only there to be part of the cell.
+        artifact: Where the checkpoint goes.
+
+    Returns:
+        ``steps``, as trained: whole rollouts.
+    """
+    from agents.ppo import description
+    from agents.ppo import train as train_ppo
+
+    train_ppo(environment_id(environment), artifact, environment_options(options), seed, steps, memory=memory)
+    described = description(artifact)
+    assert described is not None
+    return {"steps": described["trained_steps"]}
+
+
+def fly(
+    environment: str,
+    options: dict[str, Any],
+    agent: str,
+    episodes: int,
+    own: dict[str, str],
+    needs: list[Path] | None = None,
+) -> dict[str, Any]:
+    """Fly the evaluation seeds and score them on the truth.
+
+    Args:
+        environment: As in the study.
+        options: Of the environment.
+        agent: ``"autopilot"``, ``"module:object"``, or ``"checkpoint"``: the one that is needed.
+        episodes: How many seeds.
+        own: See `train`.
+        needs: The checkpoint, if there is one.
+
+    Returns:
+        ``figures``: every metric ``(N,)`` by key, see `agents.scores`; ``nees_in_band`` and ``nis_in_band``: share of
+        times at which their mean over the episodes lies in its 95 % chi-square band, None without a covariance;
+        ``diverged (N,)``: whether the truth was outside of what the filter held for possible for half of the episode;
+        ``steps``: flown in all.
+    """
+    flown = rollout(
+        _pilot(agent, environment, needs),
+        environment_id(environment),
+        evaluation_seeds(episodes),
+        environment_options(options),
+    )
+    return {
+        "figures": scores(flown),
+        "nees_in_band": consistency(flown),
+        "nis_in_band": nis_consistency(flown),
+        "diverged": _diverged(flown),
+        "ends": list(flown.end),
+        "steps": int(flown.length.sum()),
+    }
+
+
+def _pilot(agent: str, environment: str, needs: list[Path] | None) -> Agent | str:
+    if agent == "checkpoint":
+        assert needs
+        return str(needs[0])
+    return agent if agent == CLASSICAL else named_object(agent)(system_of(environment))
+
+
+def _diverged(flown: Rollout) -> np.ndarray:
+    """Whether a filter lost the truth in each episode ``(N,)``: NEES beyond its 1 - 1e-6 quantile half of the time."""
+    from scipy.stats import chi2
+
+    values = nees_of(flown)
+    if values is None:
+        return np.zeros(len(flown.seeds), bool)
+    limit = chi2.isf(LOST, flown.history["estimate"].shape[-1])
+    outside = (~(values <= limit) & flown.alive).sum(0)
+    return outside > 0.5 * flown.alive.sum(0)

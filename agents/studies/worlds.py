@@ -1,0 +1,126 @@
+"""What a study names, made real: environments, estimators and agents, the package's own or ``module:object``."""
+
+from collections.abc import Sequence
+from difflib import get_close_matches
+from functools import cache
+from importlib import import_module
+from typing import Any
+
+import gymnasium as gym
+
+import vessel_gym  # noqa: F401  (registers the environments)
+from agents.source import source_digest
+from vessel_gym.envs import VesselVectorEnv
+from vessel_gym.estimation import estimator_names
+from vessel_gym.system import System
+
+
+def named_object(name: str) -> Any:
+    """What ``"module:object"`` names.
+
+    Raises:
+        ValueError: if there is no such module, or no such object in it.
+    """
+    module, _, attribute = name.partition(":")
+    try:
+        return getattr(import_module(module), attribute)
+    except ImportError as error:
+        raise ValueError(
+            f"cannot import {module!r} for {name!r} ({error}): is its folder on the Python path?"
+        ) from None
+    except AttributeError:
+        raise ValueError(f"module {module!r} has no {attribute!r}") from None
+
+
+@cache
+def environment_id(name: str) -> str:
+    """The id under which Gymnasium has an environment.
+
+    Args:
+        name: An id; ``"module:id"``, registered when the module is imported; or ``"module:class"``, a
+            `VesselVectorEnv` with an attribute ``max_episode_steps``, registered here.
+
+    Raises:
+        ValueError: if there is no such environment, or it is not one of a `vessel_gym.system.System`.
+    """
+    module, _, own = name.rpartition(":")
+    env_id = own or name
+    if module and env_id not in gym.registry:
+        try:
+            import_module(module)
+        except ImportError as error:
+            raise ValueError(
+                f"cannot import {module!r} for {name!r} ({error}): is its folder on the Python path?"
+            ) from None
+    if module and env_id not in gym.registry:
+        cls = named_object(name)
+        if not (isinstance(cls, type) and issubclass(cls, VesselVectorEnv)):
+            raise ValueError(f"{name!r} is neither a registered id nor a VesselVectorEnv class")
+        steps = getattr(cls, "max_episode_steps", None)
+        if not isinstance(steps, int):
+            raise ValueError(f"{name!r} needs an attribute max_episode_steps: how long is an episode?")
+        env_id = f"{own}-v0"
+        if env_id not in gym.registry:
+            gym.register(env_id, vector_entry_point=cls, max_episode_steps=steps)  # type: ignore[arg-type]
+    if env_id not in gym.registry:
+        ours = [id for id, spec in gym.registry.items() if str(spec.entry_point).startswith("vessel_gym")]
+        raise ValueError(f"unknown environment {name!r}: choose from {', '.join(ours)}, or name your own as module:id")
+    if not issubclass(_vector_class(env_id), VesselVectorEnv):
+        raise ValueError(f"{name!r} has no estimator in the loop: a study needs environments made of a System")
+    return env_id
+
+
+def _vector_class(env_id: str) -> type:
+    entry = gym.spec(env_id).vector_entry_point
+    cls: Any = gym.envs.registration.load_env_creator(entry) if isinstance(entry, str) else entry
+    return cls if isinstance(cls, type) else object
+
+
+@cache
+def system_of(name: str) -> System:
+    """The system of an environment.
+
+    Raises:
+        ValueError: as `environment_id`.
+    """
+    return _vector_class(environment_id(name)).system  # type: ignore[attr-defined]
+
+
+def environment_options(options: dict[str, Any]) -> dict[str, Any]:
+    """Options as an environment takes them: an own estimator imported."""
+    estimator = options["estimator"]
+    return options | {"estimator": named_object(estimator) if ":" in estimator else estimator}
+
+
+def refusal(name: str, options: dict[str, Any]) -> Exception | None:
+    """Why an environment refuses options: a ValueError if it cannot carry the estimator, a TypeError for an option."""
+    try:
+        gym.make_vec(environment_id(name), num_envs=1, **environment_options(options)).close()
+    except (ValueError, TypeError) as error:
+        return error
+    return None
+
+
+def known_estimator(name: str) -> str | None:
+    """What is wrong with an estimator's name, if something is."""
+    if ":" in name:
+        try:
+            return None if callable(named_object(name)) else f"{name!r} is not an estimator: it cannot be called"
+        except ValueError as error:
+            return str(error)
+    if name in estimator_names():
+        return None
+    return unknown_name("estimator", name, ("default", *estimator_names()))
+
+
+def digests(*names: str) -> dict[str, str]:
+    """The source of whatever is the user's own among names, so that results follow its changes."""
+    own = sorted({name.rpartition(":")[0] for name in names if ":" in name})
+    return {module: source_digest(module) for module in own}
+
+
+def unknown_name(kind: str, name: str, known: Sequence[str]) -> str:
+    """The sentence for a name that does not exist, with the nearest that does."""
+    near = get_close_matches(name, known, n=1)
+    hint = f"; did you mean {near[0]!r}?" if near else f": choose from {', '.join(known)}" if known else ""
+    return f"unknown {kind} {name!r}{hint}"
