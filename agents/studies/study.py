@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from itertools import product
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
-from agents.ppo import Memory, describe
+from agents.ppo import MEMORIES, describe
 from agents.seeds import evaluation_seeds
 from agents.studies.worlds import environment_id, known_estimator, named_object, refusal, system_of, unknown_name
 from vessel_gym.sensors import SUITES
@@ -67,7 +67,7 @@ class Agent:
     name: str
     kind: str = ""
     observe: str = "mean"
-    memory: Memory = "none"
+    memory: str = "none"
     trained_on: tuple[str, ...] = (DEFAULT,)
     steps: dict[str, int] = field(default_factory=dict)
     environments: tuple[str, ...] = ()
@@ -311,7 +311,7 @@ class _Reader:
             observe = self.value(place, table, "observe", str, "a name", "mean")
             self.name("observe mode", observe, ("mean", "mean+std", "measurement"), (*place, "observe"))
             memory = self.value(place, table, "memory", str, "a name", "none")
-            self.name("memory", memory, get_args(Memory), (*place, "memory"))
+            self.name("memory", memory, MEMORIES, (*place, "memory"))
             if kind != "ppo":
                 for key in ("observe", "memory", "trained_on", "steps"):
                     if key in table:

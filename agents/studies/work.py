@@ -7,7 +7,6 @@ import numpy as np
 
 from agents.agent import Agent
 from agents.metrics import consistency, nees_of, nis_consistency
-from agents.ppo import Memory
 from agents.rollouts import Rollout, rollout
 from agents.scores import scores
 from agents.seeds import evaluation_seeds
@@ -21,7 +20,7 @@ LOST = 1e-6
 def train(
     environment: str,
     options: dict[str, Any],
-    memory: Memory,
+    memory: str,
     steps: int | None,
     seed: int,
     own: dict[str, str],

@@ -1,0 +1,225 @@
+"""What a study found: its figures by environment, condition, agent and estimator."""
+
+import csv
+import io
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents.cells import Outcome, journal
+from agents.scores import metrics
+from agents.statistics import Interval, mean_interval, paired_difference
+from agents.studies.plan import RAW, Flight, Plan
+from agents.studies.study import FLOOR, ORACLE
+from agents.studies.worlds import system_of
+
+
+class Pilot(NamedTuple):
+    """Who flies: an agent and, if it learned, what it was trained on."""
+
+    agent: str
+    trained_on: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.agent} trained on {self.trained_on}" if self.trained_on not in ("", RAW) else self.agent
+
+
+class Place(NamedTuple):
+    """Where: an environment in a condition."""
+
+    environment: str
+    condition: str
+
+
+@dataclass(frozen=True, eq=False)
+class Results:
+    """Everything that was flown.
+
+    A figure is an array ``(runs, episodes)``: training runs (one, for an agent that does not learn) by evaluation
+    seeds, which are the same for everybody.
+
+    Attributes:
+        plan: What was asked.
+        values: Of every cell that has a result, by its key.
+        failures: Why the others have none, by their keys.
+        seconds: CPU seconds of cells, by their keys; not of all, if their journal was lost.
+        notes: What `agents.cells.run` had to say.
+    """
+
+    plan: Plan
+    values: dict[str, dict[str, Any]]
+    failures: dict[str, str] = field(default_factory=dict)
+    seconds: dict[str, float] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, plan: Plan, outcome: Outcome, folder: Path) -> "Results":
+        """The results of a run in a folder."""
+        seconds = {line["key"]: line["cpu_seconds"] for line in journal(folder)}
+        return cls(plan, outcome.values, outcome.failures, seconds, outcome.notes)
+
+    # --- who, where, on what --------------------------------------------------------------------------
+
+    @cached_property
+    def _flights(self) -> dict[tuple[Place, Pilot, str], list[Flight]]:
+        """The flights that have results, by place, pilot and estimator; one for each training seed."""
+        found: dict[tuple[Place, Pilot, str], list[Flight]] = {}
+        for f in self.plan.flights:
+            if f.cell.key in self.values:
+                key = Place(f.environment, f.condition), Pilot(f.agent, f.trained_on), f.flown_on
+                found.setdefault(key, []).append(f)
+        return found
+
+    @cached_property
+    def environments(self) -> list[str]:
+        """Environments in which something was flown."""
+        return _unique(place.environment for place, _, _ in self._flights)
+
+    @cached_property
+    def conditions(self) -> list[str]:
+        """Conditions of the study; the first is that of the training."""
+        return [condition.name for condition in self.plan.study.conditions]
+
+    @cached_property
+    def classical(self) -> Pilot:
+        """The agent that does not learn: its scores on `FLOOR` and `ORACLE` are 0 and 1 of every other."""
+        return Pilot(next(agent.name for agent in self.plan.study.agents if not agent.learned))
+
+    def pilots(self, environment: str | None = None) -> list[Pilot]:
+        """Who flew, in an environment or anywhere; the classical agents first."""
+        flown = _unique(pilot for place, pilot, _ in self._flights if environment in (None, place.environment))
+        return sorted(flown, key=lambda pilot: bool(pilot.trained_on))
+
+    def estimators(self, environment: str | None = None, pilot: Pilot | None = None) -> list[str]:
+        """What was flown on, in the order of the study; without an environment, what was flown in every one."""
+        if environment is None:
+            each = [self.estimators(name, pilot) for name in self.environments]
+            return [name for name in _unique(name for names in each for name in names) if all(name in e for e in each)]
+        found = _unique(
+            name for place, who, name in self._flights if place.environment == environment and pilot in (None, who)
+        )
+        order = [e.name for e in self.plan.study.estimators]
+        return sorted(found, key=lambda name: order.index(name) if name in order else len(order))
+
+    def own(self, environment: str, pilot: Pilot) -> str:
+        """What a pilot that learned flies on at home: what it was trained on."""
+        return pilot.trained_on or system_of(environment).estimator
+
+    # --- figures --------------------------------------------------------------------------------------
+
+    def figure(self, place: Place, pilot: Pilot, estimator: str, key: str = "score") -> np.ndarray | None:
+        """A metric of `agents.scores`, ``(runs, episodes)``; None if that was not flown."""
+        flights = self._flights.get((place, pilot, estimator))
+        if not flights:
+            return None
+        return np.array([self.values[f.cell.key]["figures"][key] for f in flights], float)
+
+    def value(self, place: Place, pilot: Pilot, estimator: str, key: str) -> np.ndarray | None:
+        """A value of `agents.studies.work.fly` that is not a metric, ``(runs, ...)``; NaN for None."""
+        flights = self._flights.get((place, pilot, estimator))
+        if not flights:
+            return None
+        return np.array([self.values[f.cell.key][key] for f in flights], float)
+
+    def scale(self, place: Place) -> tuple[float, float] | None:
+        """The scores that are 0 and 1: the classical agent's means on `FLOOR` and on `ORACLE`.
+
+        None if either was not flown, or the oracle is no better than the floor.
+        """
+        ends = [self.figure(place, self.classical, name) for name in (FLOOR, ORACLE)]
+        if ends[0] is None or ends[1] is None:
+            return None
+        low, high = float(ends[0].mean()), float(ends[1].mean())
+        return (low, high) if high > low else None
+
+    def kept(self, place: Place, pilot: Pilot, estimator: str) -> np.ndarray | None:
+        """Share of the oracle's performance that is kept, ``(runs, episodes)``: 0 on `FLOOR`, 1 on `ORACLE`."""
+        score, scale = self.figure(place, pilot, estimator), self.scale(place)
+        return None if score is None or scale is None else (score - scale[0]) / (scale[1] - scale[0])
+
+    def runs(self, environments: Iterable[str], pilot: Pilot, estimator: str | None = None) -> np.ndarray | None:
+        """Share kept by each training run ``(runs, environments)``: means over conditions and seeds.
+
+        An environment is a task in the sense of `agents.statistics`: runs are trained for it alone. Conditions are not,
+        because the same run flies them all.
+
+        Args:
+            environments: Where; None is returned if the pilot did not fly there.
+            pilot: Who.
+            estimator: On what; None: on what it was trained on.
+        """
+        columns = []
+        for environment in environments:
+            on = self.own(environment, pilot) if estimator is None else estimator
+            kept = [self.kept(place, pilot, on) for place in self.places([environment])]
+            if any(k is None for k in kept):
+                return None
+            columns.append(np.mean([k.mean(1) for k in kept if k is not None], axis=0))
+        if not columns or len({len(column) for column in columns}) > 1:
+            return None
+        return np.stack(columns, 1)
+
+    def paired(self, places: Iterable[Place], pilot: Pilot, estimator: str) -> np.ndarray | None:
+        """Share kept at each evaluation seed ``(episodes,)``: means over places and runs; None if one was not flown."""
+        kept = [self.kept(place, pilot, estimator) for place in places]
+        if not kept or any(k is None for k in kept):
+            return None
+        return np.mean([k.mean(0) for k in kept if k is not None], axis=0)
+
+    def price(self, place: Place, pilot: Pilot, estimator: str) -> Interval | None:
+        """Score lost against the truth at the same seed, by the mean over runs."""
+        truth, ours = (self.figure(place, pilot, name) for name in (ORACLE, estimator))
+        return None if truth is None or ours is None else paired_difference(truth.mean(0), ours.mean(0))
+
+    def mean(self, place: Place, pilot: Pilot, estimator: str, key: str = "score") -> Interval | None:
+        """A metric's mean over evaluation seeds; with several training runs, over these, which are the unit."""
+        values = self.figure(place, pilot, estimator, key)
+        if values is None:
+            return None
+        return mean_interval(values[0] if len(values) == 1 else values.mean(1))
+
+    def cost(self, environment: str, pilot: Pilot, estimator: str) -> float | None:
+        """CPU time of a step on an estimator [µs], agent and physics included: the median over flights."""
+        each = [
+            1e6 * self.seconds[flight.cell.key] / self.values[flight.cell.key]["steps"]
+            for condition in self.conditions
+            for flight in self._flights.get((Place(environment, condition), pilot, estimator), [])
+            if flight.cell.key in self.seconds
+        ]
+        return float(np.median(each)) if each else None
+
+    def places(self, environments: Iterable[str] | None = None, conditions: Iterable[str] | None = None) -> list[Place]:
+        """Every condition of every environment, or of some."""
+        chosen = list(self.conditions if conditions is None else conditions)
+        return [Place(e, c) for e in (self.environments if environments is None else environments) for c in chosen]
+
+    # --- files ----------------------------------------------------------------------------------------
+
+    def episodes_csv(self) -> str:
+        """One row an episode: who flew where on what, the seed, and every metric; empty where there is no value."""
+        keys = _unique(m.key for name in self.environments for m in metrics(system_of(name).task))
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(
+            ["environment", "condition", "agent", "trained_on", "training_seed", "estimator", "seed", "end", *keys]
+        )
+        for f in self.plan.flights:
+            values = self.values.get(f.cell.key)
+            if values is None:
+                continue
+            seed = "" if f.training_seed is None else f.training_seed
+            for i, number in enumerate(self.plan.study.seeds):
+                shown = [values["figures"].get(key, [float("nan")] * (i + 1))[i] for key in keys]
+                writer.writerow(
+                    [f.environment, f.condition, f.agent, f.trained_on, seed, f.flown_on, number, values["ends"][i]]
+                    + [f"{value:.6g}" if np.isfinite(value) else "" for value in shown]
+                )
+        return text.getvalue()
+
+
+def _unique(items: Iterable[Any]) -> list[Any]:
+    return list(dict.fromkeys(items))
