@@ -6,8 +6,8 @@ from itertools import product
 from typing import Any
 
 from agents.cells import Cell
-from agents.studies.study import CLASSICAL, DEFAULT, FLOOR, ORACLE, Agent, Condition, Estimator, Study
-from agents.studies.worlds import digests, refusal, system_of
+from agents.studies.study import DEFAULT, Agent, Condition, Estimator, Study
+from agents.studies.worlds import CLASSICAL, digests, refusal, system_of
 
 RAW = "raw readings"
 """What an agent flies on that sees readings instead of estimates."""
@@ -165,6 +165,3 @@ def _fly(
 
 def _here(agents: Iterable[Agent], environment: str) -> list[Agent]:
     return [agent for agent in agents if not agent.environments or environment in agent.environments]
-
-
-__all__ = ["FLOOR", "ORACLE", "RAW", "Flight", "Plan", "Skipped", "estimators_in", "options", "plan"]

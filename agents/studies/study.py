@@ -10,14 +10,21 @@ from typing import Any
 
 from agents.ppo import MEMORIES, describe
 from agents.seeds import evaluation_seeds
-from agents.studies.worlds import environment_id, known_estimator, named_object, refusal, system_of, unknown_name
+from agents.studies.worlds import (
+    CLASSICAL,
+    environment_id,
+    known_estimator,
+    named_object,
+    refusal,
+    system_of,
+    unknown_name,
+)
 from vessel_gym.sensors import SUITES
 
 ORACLE, FLOOR = "truth", "dead-reckoning"
 """Estimators that are always flown: what the classical agent scores on them is 1 and 0."""
 DEFAULT = "default"
 """Stands for an environment's own default estimator."""
-CLASSICAL = "autopilot"
 FEW_SEEDS = 5
 """Below so many training seeds an interval over them says little."""
 

@@ -10,8 +10,7 @@ from agents.metrics import consistency, nees_of, nis_consistency
 from agents.rollouts import Rollout, rollout
 from agents.scores import scores
 from agents.seeds import evaluation_seeds
-from agents.studies.study import CLASSICAL
-from agents.studies.worlds import environment_id, environment_options, named_object, system_of
+from agents.studies.worlds import CLASSICAL, environment_id, environment_options, named_object, system_of
 
 LOST = 1e-6
 """A truth is outside of a belief where so little probability is left beyond it."""

@@ -14,6 +14,9 @@ from vessel_gym.envs import VesselVectorEnv
 from vessel_gym.estimation import estimator_names
 from vessel_gym.system import System
 
+CLASSICAL = "autopilot"
+"""The classical controller of each environment, see `agents.agent.load_agent`."""
+
 
 def named_object(name: str) -> Any:
     """What ``"module:object"`` names.
