@@ -260,7 +260,7 @@ class _Reader:
             place = ("agents", agent.name)
             if ":" in agent.kind:
                 self.accepts((*place, "kind"), named_object, agent.kind)
-            for world in worlds if agent.learned else ():
+            for world in worlds if agent.learned and agent.memory in MEMORIES else ():
                 if world in (agent.environments or worlds):
                     described = (environment_id(world), None, 0, agent.steps.get(world), agent.memory)
                     self.accepts((*place, "steps"), describe, *described)

@@ -67,7 +67,7 @@ def environment_id(name: str) -> str:
             gym.register(env_id, vector_entry_point=cls, max_episode_steps=steps)  # type: ignore[arg-type]
     if env_id not in gym.registry:
         ours = [id for id, spec in gym.registry.items() if str(spec.entry_point).startswith("vessel_gym")]
-        raise ValueError(f"unknown environment {name!r}: choose from {', '.join(ours)}, or name your own as module:id")
+        raise ValueError(f"{unknown_name('environment', name, ours)} (your own: module:id)")
     if not issubclass(_vector_class(env_id), VesselVectorEnv):
         raise ValueError(f"{name!r} has no estimator in the loop: a study needs environments made of a System")
     return env_id

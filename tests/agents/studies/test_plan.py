@@ -1,0 +1,114 @@
+"""A study as cells: all fly the same seeds, what cannot fly is left out with its reason, nothing is done twice."""
+
+from dataclasses import replace
+
+import pytest
+
+from agents.studies.plan import RAW, plan
+from agents.studies.study import Agent, Condition, Environment, Estimator, Study
+from agents.studies.worlds import digests, environment_id, system_of
+
+CORVETTE, SEGOROGENI = "SigmaCorvette-v0", "SegorogeniAUV-v0"
+STUDY = Study(
+    "t",
+    (Environment(CORVETTE), Environment(SEGOROGENI)),
+    (
+        Estimator("truth", "truth"),
+        Estimator("dead-reckoning", "dead-reckoning"),
+        Estimator("kf", "kf"),
+        Estimator("plain", "enkf", {"inflation": 1.0, "localisation": None}, (SEGOROGENI,)),
+    ),
+    (
+        Agent("autopilot", "autopilot"),
+        Agent("PPO", "ppo", trained_on=("truth", "default"), steps={CORVETTE: 1000}),
+        Agent("LSTM", "ppo", observe="measurement", memory="lstm"),
+    ),
+    (Condition("nominal"), Condition("rough", disturbance="rough")),
+    episodes=3,
+    training_seeds=2,
+)
+
+
+@pytest.fixture(scope="module")
+def planned():
+    return plan(STUDY)
+
+
+def flights(planned, **wanted):
+    return [f for f in planned.flights if all(getattr(f, key) == value for key, value in wanted.items())]
+
+
+def test_an_estimator_that_an_environment_cannot_carry_is_left_out_there_with_the_reason(planned):
+    assert [(s.environment, s.what) for s in planned.skipped] == [(SEGOROGENI, "kf")]
+    assert "LinearModel" in planned.skipped[0].reason
+    assert not flights(planned, environment=SEGOROGENI, flown_on="kf")
+    assert flights(planned, environment=CORVETTE, flown_on="kf")
+
+
+def test_the_classical_agent_flies_every_estimator_in_every_condition_once(planned):
+    own = [(f.environment, f.condition, f.flown_on) for f in flights(planned, agent="autopilot")]
+    corvette = ["truth", "dead-reckoning", "kf", "kf-umv-ui"]  # the default is there because an agent is trained on it
+    segorogeni = ["truth", "dead-reckoning", "plain", "enkf"]
+    expected = {(CORVETTE, c, e) for c in ("nominal", "rough") for e in corvette}
+    assert set(own) == expected | {(SEGOROGENI, c, e) for c in ("nominal", "rough") for e in segorogeni}
+    assert len(own) == len(set(own))
+
+
+def test_every_policy_flies_every_estimator_and_is_trained_once_in_the_first_condition(planned):
+    crossed = flights(planned, environment=CORVETTE, condition="rough", agent="PPO", trained_on="kf-umv-ui")
+    assert {(f.flown_on, f.training_seed) for f in crossed} == {
+        (e, seed) for e in ("truth", "dead-reckoning", "kf", "kf-umv-ui") for seed in (0, 1)
+    }
+    trainings = {need.key: need for f in planned.flights for need in f.cell.needs}
+    assert len(trainings) == 2 * (2 + 1) * 2  # environments, schools, seeds
+    for training in trainings.values():
+        assert training.arguments["options"]["disturbance"] == "moderate"
+        assert training.artifact == ".zip"
+    steps = {(t.arguments["environment"], t.arguments["steps"]) for t in trainings.values() if "PPO" in t.label}
+    assert steps == {(CORVETTE, 1000), (SEGOROGENI, None)}
+
+
+def test_an_agent_on_raw_readings_sees_no_estimator_in_training_or_flight(planned):
+    raw = flights(planned, agent="LSTM")
+    assert {(f.trained_on, f.flown_on) for f in raw} == {(RAW, RAW)}
+    for flight in raw:
+        for cell in (flight.cell, *flight.cell.needs):
+            assert cell.arguments["options"]["observe"] == "measurement"
+            assert cell.arguments["options"]["estimator"] == "measurement"
+
+
+def test_everybody_flies_the_same_seeds_of_the_same_worlds(planned):
+    assert {f.cell.arguments["episodes"] for f in planned.flights} == {3}
+    for flight in planned.flights:
+        options = flight.cell.arguments["options"]
+        assert options["disturbance"] == ("rough" if flight.condition == "rough" else "moderate")
+        assert (options["sensors"], options["mismatch"]) == ("nominal", 0.0)
+
+
+def test_more_of_a_study_keeps_the_cells_that_were_there(planned):
+    more = plan(replace(STUDY, conditions=(*STUDY.conditions, Condition("calm", disturbance="calm")), title="other"))
+    before, after = ({cell.key for cell in p.cells} for p in (planned, more))
+    assert before < after
+    other = plan(replace(STUDY, episodes=4))
+    assert not before & {cell.key for cell in other.cells}
+
+
+def test_the_source_of_what_is_the_users_own_is_part_of_a_cell(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "own_filters_1.py").write_text("from estimators.kalman import KalmanFilter as Mine\n")
+    (tmp_path / "own_filters_2.py").write_text("from estimators.kalman import KalmanFilter as Mine\nx = 1\n")
+    one, two = (digests(f"own_filters_{i}:Mine", "kf") for i in (1, 2))
+    assert list(one) == ["own_filters_1"]
+    assert list(one.values()) != list(two.values())
+
+
+def test_an_environment_of_ones_own_is_registered_under_its_name(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "own_ships.py").write_text(
+        "from vessel_gym.envs import SigmaCorvetteVectorEnv\n\n\n"
+        "class Ship(SigmaCorvetteVectorEnv):\n    max_episode_steps = 50\n"
+    )
+    assert environment_id("own_ships:Ship") == "Ship-v0"
+    assert system_of("own_ships:Ship").estimator == "kf-umv-ui"
+    with pytest.raises(ValueError, match="has no 'Boat'"):
+        environment_id("own_ships:Boat")

@@ -1,0 +1,170 @@
+"""Study files: what is written is what is run, and every mistake is found at once, with its line."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from agents.studies.study import Study, StudyError, read_study
+
+SMALL = """
+title = "A small study"
+episodes = 3
+training_seeds = 2
+
+[environments]
+SigmaCorvette-v0 = {}
+SegorogeniAUV-v0 = {}
+
+[estimators]
+kf = {}
+"plain enkf" = { estimator = "enkf", options = { localisation = "none" }, environments = ["SegorogeniAUV-v0"] }
+
+[conditions]
+nominal = {}
+rough = { disturbance = "rough", mismatch = 0.1 }
+
+[agents]
+PPO = { kind = "ppo", trained_on = ["truth", "default"], steps = { SigmaCorvette-v0 = 1000 } }
+raw = { kind = "ppo", observe = "measurement", memory = "lstm", environments = ["SegorogeniAUV-v0"] }
+"""
+
+
+def read(tmp_path: Path, text: str) -> Study:
+    path = tmp_path / "study.toml"
+    path.write_text(text, encoding="utf-8")
+    return read_study(path)
+
+
+def mistakes(tmp_path: Path, text: str) -> list[tuple[int, str]]:
+    with pytest.raises(StudyError) as raised:
+        read(tmp_path, text)
+    return sorted(raised.value.mistakes)
+
+
+def test_a_study_is_what_its_file_says(tmp_path):
+    study = read(tmp_path, SMALL)
+    assert study.title == "A small study"
+    assert (study.episodes, study.training_seeds, study.seeds) == (3, 2, [0, 1, 2])
+    assert [e.id for e in study.environments] == ["SigmaCorvette-v0", "SegorogeniAUV-v0"]
+    plain = study.estimator("plain enkf")
+    assert (plain.estimator, plain.options, plain.environments) == (
+        "enkf",
+        {"localisation": None},
+        ("SegorogeniAUV-v0",),
+    )
+    assert [(c.name, c.disturbance, c.sensors, c.mismatch) for c in study.conditions] == [
+        ("nominal", "moderate", "nominal", 0.0), ("rough", "rough", "nominal", 0.1)
+    ]  # fmt: skip
+    ppo = next(a for a in study.agents if a.name == "PPO")
+    assert (ppo.learned, ppo.raw, ppo.trained_on, ppo.steps) == (
+        True,
+        False,
+        ("truth", "default"),
+        {"SigmaCorvette-v0": 1000},
+    )
+
+
+def test_the_ends_of_the_scale_and_the_classical_agent_are_always_there(tmp_path):
+    study = read(tmp_path, SMALL)
+    assert [e.name for e in study.estimators][:2] == ["truth", "dead-reckoning"]
+    assert study.agents[0].kind == "autopilot"
+    assert read(tmp_path, SMALL + "autopilot = {}\n").agents[-1].kind == "autopilot"
+
+
+def test_what_is_left_out_has_its_documented_default(tmp_path):
+    study = read(tmp_path, "[environments]\nItsunusaAUV-v0 = {}\n")
+    assert (study.episodes, study.training_seeds, [c.name for c in study.conditions]) == (100, 10, ["nominal"])
+    assert [e.name for e in study.estimators] == ["truth", "dead-reckoning"]
+    assert not study.learned
+
+
+def test_a_resolved_study_is_plain_data_with_every_default(tmp_path):
+    resolved = read(tmp_path, SMALL).resolved()
+    assert json.loads(json.dumps(resolved))["conditions"][1] == {
+        "name": "rough", "sensors": "nominal", "disturbance": "rough", "mismatch": 0.1
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["quick", "corvette", "learned", "full"])
+def test_the_studies_of_the_package_are_studies(name):
+    study = read_study(Path(__file__).parents[3] / "studies" / f"{name}.toml")
+    assert study.title
+    if name == "quick":
+        assert len(study.environments) == 4
+        assert len(study.estimators) >= 8
+        assert len(study.conditions) >= 3
+        assert study.episodes == 20
+
+
+def test_every_mistake_is_reported_at_once_with_its_line(tmp_path):
+    text = """episodess = 20
+episodes = 1
+[environments]
+SegorogeniAUV-v0 = {}
+[estimators]
+enkff = {}
+kf = {}
+enkf = { options = { memberss = 10 } }
+etkf = { options = { members = 1 } }
+[conditions]
+a = { sensors = "nominl", disturbance = "ruogh" }
+b = { mismatch = 0.5 }
+[agents]
+PPO = { kind = "ppo", trained_on = ["elkf"], memory = "lst" }
+[agents.raw]
+kind = "ppo"
+observe = "measurement"
+trained_on = ["enkf"]
+"""
+    found = mistakes(tmp_path, text)
+    expected = {
+        1: "did you mean 'episodes'",
+        2: "at least 2",
+        6: "did you mean 'enkf'",
+        7: "kf needs a LinearModel",
+        8: "no option 'memberss'",
+        9: "members must be",
+        12: "between 0 and 0.25",
+        18: "trained on no estimator",
+    }
+    for line, words in expected.items():
+        assert any(number == line and words in text for number, text in found), (line, found)
+    assert {line for line, _ in found} == {*expected, 11, 14}
+    assert sum(line == 11 for line, _ in found) == 2
+    assert sum(line == 14 for line, _ in found) == 2
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "needs environments"),
+        ("a = \n", "line 1: not TOML"),
+        ("[environments]\nSegorogeniAUV = {}\n", "did you mean 'SegorogeniAUV-v0'"),
+        ('[environments]\n"CartPole-v1" = {}\n', "no estimator in the loop"),
+        ('[environments]\n"nowhere:Env-v0" = {}\n', "cannot import 'nowhere'"),
+        ('[environments]\n"math:pi" = {}\n', "neither a registered id nor a VesselVectorEnv"),
+        ('[environments]\n"vessel_gym.envs:VesselVectorEnv" = {}\n', "max_episode_steps"),
+        ("environments = 3\n", "must be a table"),
+        ("[environments]\nPunaUAV-v0 = 3\n", "must be a table"),
+        ('[environments]\nPunaUAV-v0 = {}\n[estimators]\nown = { estimator = "math:pi" }\n', "cannot be called"),
+        ("[environments]\nPunaUAV-v0 = {}\n[agents.x]\nkind = 'ppo'\nsteps = { PunaUAV-v0 = 2 }\n", "at least the"),
+        ('[environments]\nPunaUAV-v0 = {}\n[agents]\nx = { kind = "nowhere:X" }\n', "cannot import 'nowhere'"),
+        ("episodes = true\n[environments]\nPunaUAV-v0 = {}\n", "whole number"),
+        ("episodes = 2000000\n[environments]\nPunaUAV-v0 = {}\n", "evaluation seeds lie in"),
+        ('[environments]\nPunaUAV-v0 = {}\n[agents]\na = { kind = "ppo", trained_on = "enkf" }\n', "list of names"),
+    ],
+)  # fmt: skip
+def test_a_file_that_is_no_study_says_what_to_do(tmp_path, text, words):
+    with pytest.raises(StudyError, match=r"study\.toml") as raised:
+        read(tmp_path, text)
+    assert words in str(raised.value)
+
+
+def test_a_file_that_is_not_text_is_refused_in_a_sentence(tmp_path):
+    path = tmp_path / "study.toml"
+    path.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(StudyError, match="UTF-8"):
+        read_study(path)
+    with pytest.raises(OSError, match=r"missing\.toml"):
+        read_study(tmp_path / "missing.toml")
