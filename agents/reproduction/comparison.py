@@ -95,5 +95,5 @@ def _ours(comparison: Comparison) -> Entry:
     ours = comparison.ours
     if ours is None:
         return Entry("–")
-    decimals = len(comparison.published.printed.partition(".")[2]) + 1
+    decimals = len(f"{comparison.published.value}".partition(".")[2]) + 1
     return Entry(number(ours.mean, decimals), number(ours.half, decimals))

@@ -1,0 +1,190 @@
+"""The experiment on Rudianto et al. (2024): random systems, the least-favourable model, and what the page says."""
+
+from html import unescape
+
+import numpy as np
+import pytest
+
+from agents.cells import Cell
+from agents.page import Claims, Table, render
+from agents.reproduction import robust
+from agents.reproduction.settings import robust as settings
+from agents.reproduction.settings.robust import Condition
+
+SEEDS = range(1, 13)
+
+
+def _errors(condition: Condition, seeds=SEEDS, runs: int = 6, readings: int = settings.READINGS):
+    return robust.errors(list(seeds), readings, runs, settings.NOISE_SEED, 80, 20, condition._asdict())
+
+
+@pytest.fixture(scope="module")
+def results():
+    """Every cell, with few systems, runs and steps."""
+    small = {
+        name: population._replace(seeds=population.seeds[:6], runs=2 if len(population.seeds) > 1 else 6)
+        for name, population in settings.POPULATIONS.items()
+    }
+    robust._traits.cache_clear()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(settings, "POPULATIONS", small)
+        patch.setattr(settings, "STEPS", 30)
+        patch.setattr(settings, "SKIPPED", 10)
+        yield {name: cell.compute() for name, cell in robust.cells().items()}
+    robust._traits.cache_clear()
+
+
+@pytest.fixture(scope="module")
+def page(results):
+    return robust.page(results)
+
+
+# --- the systems ------------------------------------------------------------------------------------
+
+
+def test_every_random_system_is_stable_with_the_margin_of_the_recipe():
+    for seed in (settings.PAPER_SEED, *settings.POPULATIONS[settings.RANDOM].seeds):
+        system = robust.draw(seed)
+        slowest = -np.linalg.eigvals(system.A).real.max()
+        assert settings.MARGIN[0] <= slowest * (1 + 1e-12)
+        assert slowest <= settings.MARGIN[1] * (1 + 1e-12)
+        assert settings.INTENSITY[0] <= system.q <= settings.INTENSITY[1]
+        np.testing.assert_allclose(np.linalg.norm(system.C, axis=1), 1.0, rtol=1e-14)
+
+
+def test_one_reading_less_leaves_the_rest_of_the_system_as_it_is():
+    both, first = robust.draw(3), robust.draw(3, readings=1)
+    for a, b in zip(both._replace(C=both.C[:1]), first, strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.parametrize("error", [0.1, 0.8])
+def test_a_mistaken_system_is_off_by_just_the_error_and_still_stable(error: float):
+    rng = np.random.default_rng(0)
+    for seed in SEEDS:
+        system = robust.draw(seed)
+        wrong = robust.mistaken(system, error, rng)
+        assert np.linalg.norm(wrong.A - system.A) == pytest.approx(error * np.linalg.norm(system.A), rel=1e-12)
+        assert np.linalg.eigvals(wrong.A).real.max() < 0.0
+
+
+# --- the least-favourable model ---------------------------------------------------------------------
+
+
+def test_with_tolerance_0_nature_plays_the_model():
+    worst = robust.least_favourable(robust.discretised([robust.draw(seed) for seed in SEEDS]), 0.0, 30)
+    np.testing.assert_allclose(np.array(worst.shift), 0.0, atol=1e-10)
+    root = np.array(worst.root)
+    np.testing.assert_allclose(root, np.broadcast_to(np.eye(4), root.shape), atol=1e-10)
+
+
+@pytest.mark.parametrize("tolerance", [0.01, 0.1, 0.3])
+def test_from_natures_own_start_the_error_of_the_robust_filter_ends_as_large_as_it_claims(tolerance: float):
+    """The defining property of the saddle point, to what the inverses leave of the digits."""
+    worst = robust.least_favourable(robust.discretised([robust.draw(seed) for seed in range(1, 61)]), tolerance, 50)
+    information = np.eye(2) / settings.PRIOR_VARIANCE - worst.start_weight
+    assert np.linalg.eigvalsh(information).min() > 0.0
+    cov = np.linalg.inv(information)
+    digits_lost = np.linalg.cond(information)[:, 0]
+    for shift, root, F, N in zip(worst.shift, worst.root, worst.error_map, worst.error_noise, strict=True):
+        closed, noise = F + N @ shift, N @ root
+        cov = closed @ cov @ closed.mT + noise @ noise.mT
+    off = np.linalg.norm(cov - worst.claimed, axis=(-2, -1)) / np.linalg.norm(worst.claimed, axis=(-2, -1))
+    assert (off[:, 0] < 1e-13 * (100.0 + digits_lost)).all()
+
+
+# --- runs -------------------------------------------------------------------------------------------
+
+
+def test_the_same_seeds_give_the_same_errors_and_conditions_share_their_noise():
+    first, second = _errors(settings.OUTLIERS), _errors(settings.OUTLIERS)
+    for name in settings.FILTERS:
+        np.testing.assert_array_equal(first[name], second[name])
+    # Outliers no larger than the rest are none, so what is left is the undisturbed run to the last bit.
+    plain, harmless = _errors(Condition()), _errors(settings.OUTLIERS._replace(size=1.0))
+    np.testing.assert_array_equal(plain["huber-kf"], harmless["huber-kf"])
+
+
+def test_a_system_is_filtered_alike_alone_and_among_others():
+    model = robust.discretised([robust.draw(seed) for seed in SEEDS])
+    record = robust.simulate(model, model, Condition(), 30, 3, 0)
+    alone = robust.discretised([robust.draw(SEEDS[4])])
+    for name in settings.FILTERS:
+        among = [after.mean[4:5] for _, after in robust.track(name, model, record.y)]
+        single = [after.mean for _, after in robust.track(name, alone, record.y[:, 4:5])]
+        np.testing.assert_allclose(among, single, rtol=0, atol=1e-9)
+
+
+def test_each_filter_wins_on_its_own_ground_and_loses_elsewhere_over_many_systems():
+    """The direction of the main results, by three standard errors over systems."""
+
+    def margin(condition: Condition, name: str) -> float:
+        rmse = _errors(condition, range(1, 61), 4)
+        ratio = np.log(np.sqrt((rmse[name] ** 2).mean(1) / (rmse["kf"] ** 2).mean(1)))
+        return float(-ratio.mean() / (ratio.std(ddof=1) / np.sqrt(len(ratio))))
+
+    small = next(name for name, (kind, _) in settings.FILTERS.items() if kind == "robust-kf")
+    assert margin(settings.OUTLIERS, "huber-kf") > 3.0
+    assert margin(settings.OUTLIERS, small) < -3.0
+    assert margin(Condition(), "huber-kf") < -3.0
+    assert margin(Condition(), small) < -3.0
+    assert margin(settings.PARAMETERS, "huber-kf") < -3.0
+    assert margin(settings.SWEEPS["tolerance"][1], small) > 3.0
+
+
+# --- the printed algorithm --------------------------------------------------------------------------
+
+
+def test_the_printed_algorithm_is_the_kalman_filter(results):
+    assert results["example"]["printed"] < 1e-12
+
+
+def test_the_misprinted_steady_state_contradicts_itself_and_the_corrected_one_does_not():
+    for seed in SEEDS:
+        steady = robust.steady_state(robust.discretised([robust.draw(seed)]))
+        assert steady["corrected_11"] < 1e-10
+        assert steady["printed_11"] > 1e-3
+        assert steady["printed_14"] > 1e-3
+        assert steady["growth"] > 1.0
+
+
+# --- cells and page ---------------------------------------------------------------------------------
+
+
+def test_every_condition_of_every_sweep_has_a_cell_for_both_populations():
+    names = robust.cells()
+    assert all(isinstance(cell, Cell) for cell in names.values())
+    for group in (*settings.SWEEPS.values(), *settings.CROSSED.values()):
+        for condition in group:
+            for population in (settings.RANDOM, settings.PAPER):
+                assert robust._cell_name(population, condition) in names
+
+
+def test_the_page_has_every_figure_of_the_paper_with_a_verdict_and_every_misprint(page):
+    html = unescape(render(page))
+    table = next(table for table in page.tables if "figures" in table.title)
+    rows = {name: entries for _, section in table.sections for name, entries in section}
+    assert list(rows) == list(settings.FIGURES)
+    assert all("not comparable" in entries[-1].value for entries in rows.values())
+    for name in settings.FIGURES:
+        assert f"The paper's {name.lower()}" in html
+    assert html.count("data:image/svg+xml") >= len(settings.FIGURES)
+    assert "no table of results" in html
+    for text in settings.MISPRINTS:
+        assert text in html
+
+
+def test_every_claim_has_a_verdict_that_its_intervals_bear_out(page, results):
+    claims = [claim for section in page.sections for b in section.blocks if isinstance(b, Claims) for claim in b.rows]
+    assert all(claim.kind in {"true", "false", "undecided"} and claim.evidence for claim in claims)
+    sweep = [("", c) for c in settings.SWEEPS["rate"] if c.rate]
+    below = robust._lower(results, "", "huber-kf", sweep)
+    ratios = [robust._ratio(results, settings.RANDOM, c, "huber-kf") for _, c in sweep]
+    assert (below.kind == "true") == all(ratio.high < 1.0 for ratio in ratios)
+    assert (below.kind == "false") == any(ratio.low > 1.0 for ratio in ratios)
+
+
+def test_every_condition_stands_in_a_table_for_both_populations(page):
+    rows = sum(len(section) for table in page.tables if isinstance(table, Table) for _, section in table.sections)
+    sweeps = sum(len(group) for group in (*settings.SWEEPS.values(), *settings.CROSSED.values()))
+    assert rows >= 2 * sweeps
