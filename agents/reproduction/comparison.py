@@ -95,5 +95,7 @@ def _ours(comparison: Comparison) -> Entry:
     ours = comparison.ours
     if ours is None:
         return Entry("–")
-    decimals = len(f"{comparison.published.value}".partition(".")[2]) + 1
+    published = comparison.published
+    shown = published.printed if published.meant is None else str(published.meant)
+    decimals = len(shown.partition(".")[2]) + 1
     return Entry(number(ours.mean, decimals), number(ours.half, decimals))

@@ -1,8 +1,9 @@
 """Rudianto et al. (2024), Algoritma Robust Kalman Filtering untuk Sistem Waktu Kontinu yang Tidak Pasti.
 
 SainsMath: Jurnal MIPA Sains Terapan 3(1), 1-11. The paper prints no number of its simulation: no matrix, no step, no
-seed, no table of results. What stands here besides `FIGURES` and `MISPRINTS` is therefore ours, and was fixed before
-any run, with the reason beside it.
+seed, no table of results. What stands here besides `FIGURES` and `MISPRINTS` is therefore ours, with the reason beside
+it. A first trial with one reading led to three changes, which the page names or shows: two readings, the smaller
+tolerance beside 0.1, and 2 σ for 1 σ among the sizes of outliers. Everything else was fixed before any run.
 """
 
 from typing import NamedTuple

@@ -14,8 +14,8 @@ from agents.reproduction.settings.robust import Condition
 SEEDS = range(1, 13)
 
 
-def _errors(condition: Condition, seeds=SEEDS, runs: int = 6, readings: int = settings.READINGS):
-    return robust.errors(list(seeds), readings, runs, settings.NOISE_SEED, 80, 20, condition._asdict())
+def _errors(condition: Condition, seeds=SEEDS, runs: int = 6, steps: int = 80, skipped: int = 20):
+    return robust.errors(list(seeds), settings.READINGS, runs, settings.NOISE_SEED, steps, skipped, condition._asdict())
 
 
 @pytest.fixture(scope="module")
@@ -80,17 +80,17 @@ def test_with_tolerance_0_nature_plays_the_model():
 
 @pytest.mark.parametrize("tolerance", [0.01, 0.1, 0.3])
 def test_from_natures_own_start_the_error_of_the_robust_filter_ends_as_large_as_it_claims(tolerance: float):
-    """The defining property of the saddle point, to what the inverses leave of the digits."""
+    """The defining property of the saddle point. Fifty inverses, some ill-conditioned, cost digits in a few systems."""
     worst = robust.least_favourable(robust.discretised([robust.draw(seed) for seed in range(1, 61)]), tolerance, 50)
     information = np.eye(2) / settings.PRIOR_VARIANCE - worst.start_weight
     assert np.linalg.eigvalsh(information).min() > 0.0
     cov = np.linalg.inv(information)
-    digits_lost = np.linalg.cond(information)[:, 0]
     for shift, root, F, N in zip(worst.shift, worst.root, worst.error_map, worst.error_noise, strict=True):
         closed, noise = F + N @ shift, N @ root
         cov = closed @ cov @ closed.mT + noise @ noise.mT
     off = np.linalg.norm(cov - worst.claimed, axis=(-2, -1)) / np.linalg.norm(worst.claimed, axis=(-2, -1))
-    assert (off[:, 0] < 1e-13 * (100.0 + digits_lost)).all()
+    assert np.median(off) < 1e-12
+    assert off.max() < 1e-6
 
 
 # --- runs -------------------------------------------------------------------------------------------
@@ -118,8 +118,8 @@ def test_a_system_is_filtered_alike_alone_and_among_others():
 def test_each_filter_wins_on_its_own_ground_and_loses_elsewhere_over_many_systems():
     """The direction of the main results, by three standard errors over systems."""
 
-    def margin(condition: Condition, name: str) -> float:
-        rmse = _errors(condition, range(1, 61), 4)
+    def margin(condition: Condition, name: str, systems: int = 60, **length: int) -> float:
+        rmse = _errors(condition, range(1, systems + 1), 2, **length)
         ratio = np.log(np.sqrt((rmse[name] ** 2).mean(1) / (rmse["kf"] ** 2).mean(1)))
         return float(-ratio.mean() / (ratio.std(ddof=1) / np.sqrt(len(ratio))))
 
@@ -129,7 +129,9 @@ def test_each_filter_wins_on_its_own_ground_and_loses_elsewhere_over_many_system
     assert margin(Condition(), "huber-kf") < -3.0
     assert margin(Condition(), small) < -3.0
     assert margin(settings.PARAMETERS, "huber-kf") < -3.0
-    assert margin(settings.SWEEPS["tolerance"][1], small) > 3.0
+    # Of 1 %, so that it takes more systems and the whole length.
+    own_ground = Condition(tolerance=settings.TOLERANCES[0])
+    assert margin(own_ground, small, systems=200, steps=settings.STEPS, skipped=settings.SKIPPED) > 3.0
 
 
 # --- the printed algorithm --------------------------------------------------------------------------
