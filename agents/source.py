@@ -3,11 +3,14 @@
 import ast
 import hashlib
 from functools import cache
-from importlib.util import find_spec
+from importlib.util import find_spec, resolve_name
 from pathlib import Path
 
 import estimators
 import vessel_gym
+
+_PRESENTATION = ("agents.page", "agents.plotting", "agents.reproduction.comparison")
+"""Modules that only show results, as `vessel_gym.rendering` does: a new look leaves the results as they are."""
 
 
 @cache
@@ -15,7 +18,7 @@ def source_digest(module: str) -> str:
     """SHA-256 of the code that a module computes with.
 
     That is the module itself, what it imports of its own package and what these import in turn, and all of
-    `estimators` and `vessel_gym` but the pictures, because environments are found there by name.
+    `estimators` and `vessel_gym`, because environments are found there by name; not what only shows results.
 
     Args:
         module: Its dotted name.
@@ -41,20 +44,22 @@ def _closure(module: str, package: str, found: dict[str, Path]) -> dict[str, Pat
     if spec is None or spec.origin is None:
         raise ValueError(f"there is no module {module}")
     found[module] = Path(spec.origin)
-    for name in sorted(_imported(ast.parse(found[module].read_bytes()))):
-        if name.partition(".")[0] == package and name not in found and _is_module(name):
+    for name in sorted(_imported(ast.parse(found[module].read_bytes()), spec.parent or "")):
+        known = name in found or name in _PRESENTATION
+        if name.partition(".")[0] == package and not known and _is_module(name):
             _closure(name, package, found)
     return found
 
 
-def _imported(tree: ast.AST) -> set[str]:
+def _imported(tree: ast.AST, parent: str) -> set[str]:
     """Dotted names that a module imports, anywhere in it; names from a module may be modules themselves."""
     names: set[str] = set()
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
-            names |= {node.module} | {f"{node.module}.{alias.name}" for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            module = resolve_name("." * node.level + (node.module or ""), parent)
+            names |= {module} | {f"{module}.{alias.name}" for alias in node.names}
     return names
 
 

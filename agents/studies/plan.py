@@ -6,8 +6,9 @@ from itertools import product
 from typing import Any
 
 from agents.cells import Cell
+from agents.ppo import describe
 from agents.studies.study import DEFAULT, Agent, Condition, Estimator, Study
-from agents.studies.worlds import CLASSICAL, digests, refusal, system_of
+from agents.studies.worlds import CLASSICAL, digests, environment_id, refusal, system_of
 
 RAW = "raw readings"
 """What an agent flies on that sees readings instead of estimates."""
@@ -124,14 +125,17 @@ def _flights(
 
 def _train(study: Study, environment: str, agent: Agent, school: Estimator, seed: int) -> Cell:
     settings = options(study.conditions[0], school, environment) | {"observe": agent.observe}
+    steps = agent.steps.get(environment)
+    described = describe(environment_id(environment), None, seed, steps, agent.memory)
     return Cell(
         "agents.studies.work:train",
         {
             "environment": environment,
             "options": settings,
             "memory": agent.memory,
-            "steps": agent.steps.get(environment),
+            "steps": steps,
             "seed": seed,
+            "settings": {key: described[key] for key in ("hyperparameters", "versions")},
             "own": digests(environment, school.estimator),
         },
         f"train {agent.name} on {school.name} in {environment}",

@@ -22,6 +22,7 @@ def train(
     memory: str,
     steps: int | None,
     seed: int,
+    settings: dict[str, Any],
     own: dict[str, str],
     artifact: Path,
 ) -> dict[str, Any]:
@@ -33,7 +34,8 @@ def train(
         memory: See `agents.ppo.train`.
         steps: Environment steps; None: the tuned budget.
         seed: Number of the training run.
-        own: Source digests of what is the user's own; only there to be part of the cell.
+        settings: What `train` looks up by itself, hyperparameters and versions; here to be part of the cell.
+        own: Source digests of what is the user's own; here to be part of the cell, too.
         artifact: Where the checkpoint goes.
 
     Returns:
