@@ -14,6 +14,7 @@ def main(
     disturbance: str = "moderate",
     mismatch: float = 0.0,
     observe: str = "mean",
+    memory: str = "none",
     seed: int = 0,
     steps: int | None = None,
 ) -> None:
@@ -27,6 +28,7 @@ def main(
         disturbance: calm, moderate or rough.
         mismatch: Relative spread of the truth's parameters.
         observe: mean, mean+std or measurement.
+        memory: What the agent remembers: none, frames (its last observations) or lstm (a recurrent network).
         seed: Number of the training run.
         steps: Environment steps; the tuned budget if not given.
     """
@@ -40,7 +42,7 @@ def main(
         "observe": observe,
     }
     with training_progress(f"PPO on {env_id}") as progress:
-        path = train(env_id, out, options, seed, steps, progress)
+        path = train(env_id, out, options, seed, steps, progress, memory)
     print(f"checkpoint: {path}")
 
 

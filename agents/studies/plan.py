@@ -128,7 +128,7 @@ def _train(study: Study, environment: str, agent: Agent, school: Estimator, seed
     steps = agent.steps.get(environment)
     described = describe(environment_id(environment), None, seed, steps, agent.memory)
     return Cell(
-        "agents.studies.work:train",
+        "agents.studies.training:train_agent",
         {
             "environment": environment,
             "options": settings,
@@ -154,7 +154,7 @@ def _fly(
 ) -> Cell:
     observe = {"observe": agent.observe} if agent.learned else {}
     return Cell(
-        "agents.studies.work:fly",
+        "agents.studies.flying:fly",
         {
             "environment": environment,
             "options": options(condition, estimator, environment) | observe,

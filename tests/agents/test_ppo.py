@@ -1,5 +1,6 @@
 """PPO training: repeatable, on its own seeds, with checkpoints that are whole and say what they are for."""
 
+import json
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -7,42 +8,55 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
+import torch
+from sb3_contrib import RecurrentPPO
+from sb3_contrib.common.recurrent.policies import RecurrentActorCriticPolicy
 from stable_baselines3 import PPO
+from stable_baselines3.common.vec_env import VecFrameStack
 
 import agents.ppo
 from agents import load_agent, rollout
-from agents.ppo import PPOAgent, hyperparameters, train
+from agents.lstm_policy import LstmPolicy
+from agents.ppo import MEMORIES, PPOAgent, describe, description, hyperparameters, train
 from agents.seeds import evaluation_seeds, training_seed, tuning_seeds
+from agents.vec_env import StableBaselinesVecEnv
 from vessel_gym.core import Core
 
 ENV = "SigmaCorvette-v0"
 TINY = {"num_envs": 8, "n_steps": 16, "batch_size": 64, "n_epochs": 2, "net_arch": [8]}
+REMEMBERING = {"none": {}, "frames": {"frames": 3}, "lstm": {"lstm_hidden_size": 4}}
 STEPS = 3 * 8 * 16
+RAW = {"observe": "measurement", "estimator": "measurement"}
 
 
 @pytest.fixture(autouse=True)
 def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     """The tuned settings with a small network and short rollouts."""
-    tuned = hyperparameters(ENV)
-    monkeypatch.setattr(agents.ppo, "hyperparameters", lambda env_id: {**tuned, **TINY})
+    tuned = {memory: hyperparameters(ENV, memory) | TINY | own for memory, own in REMEMBERING.items()}
+    monkeypatch.setattr(agents.ppo, "hyperparameters", lambda env_id, memory="none": tuned[memory])
 
 
 def weights(path: Path) -> dict[str, np.ndarray]:
-    return {key: value.numpy().copy() for key, value in PPO.load(path, device="cpu").policy.state_dict().items()}
+    algorithm = RecurrentPPO if description(path)["memory"] == "lstm" else PPO
+    return {key: value.numpy().copy() for key, value in algorithm.load(path, device="cpu").policy.state_dict().items()}
 
 
-def test_the_same_seed_trains_the_same_policy_and_another_seed_another(tmp_path: Path):
+@pytest.mark.parametrize("memory", MEMORIES)
+def test_the_same_seed_trains_the_same_policy_and_another_seed_another(tmp_path: Path, memory: str):
     one, other, third = (
-        weights(train(ENV, tmp_path / f"{name}.zip", seed=seed, steps=STEPS))
+        weights(train(ENV, tmp_path / f"{name}.zip", RAW, seed, STEPS, memory=memory))
         for name, seed in (("one", 3), ("other", 3), ("third", 4))
     )
     for key, value in one.items():
         np.testing.assert_array_equal(value, other[key], err_msg=key)
     assert any((one[key] != third[key]).any() for key in one)
+    assert (tmp_path / "one.zip").read_bytes() == (tmp_path / "other.zip").read_bytes()  # no times, no addresses
 
 
-@pytest.mark.parametrize("seed", [0, 3])
-def test_training_flies_its_own_seeds_and_no_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, seed: int):
+@pytest.mark.parametrize(("seed", "memory"), [(0, "none"), (3, "none"), (0, "frames"), (0, "lstm")])
+def test_training_flies_its_own_seeds_and_no_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, seed: int, memory: str
+):
     flown: list[tuple[int, ...]] = []
     original = Core.step
 
@@ -51,7 +65,7 @@ def test_training_flies_its_own_seeds_and_no_others(tmp_path: Path, monkeypatch:
         return original(core, *args, **kwargs)
 
     monkeypatch.setattr(Core, "step", step)
-    train(ENV, tmp_path / "agent.zip", seed=seed, steps=STEPS)
+    train(ENV, tmp_path / "agent.zip", seed=seed, steps=STEPS, memory=memory)
     assert len(flown) == STEPS // TINY["num_envs"]
     first = training_seed(seed)
     assert set(flown) == {tuple(range(first, first + TINY["num_envs"]))}
@@ -64,6 +78,7 @@ def test_a_checkpoint_flies_as_the_policy_that_was_saved(tmp_path: Path):
     path = train(ENV, tmp_path / "agent.zip", {"observe": "mean+std"}, steps=STEPS)
     env = gym.make(ENV, observe="mean+std")
     agent = load_agent(path, env)
+    agent.reset(5)
     observations = np.random.default_rng(0).uniform(-3.0, 3.0, (5, 11)).astype(np.float32)
     actions = agent.act(observations)
     expected, _ = PPO.load(path, device="cpu").predict(observations, deterministic=True)
@@ -73,6 +88,128 @@ def test_a_checkpoint_flies_as_the_policy_that_was_saved(tmp_path: Path):
     np.testing.assert_array_equal(agent.act(observations), actions)  # without exploration noise
     one, other = (rollout(str(path), ENV, [1, 2], {"observe": "mean+std"}) for _ in range(2))
     np.testing.assert_array_equal(one.score, other.score)
+
+
+def test_frames_at_flight_are_those_of_the_training_at_starts_and_ends_of_episodes(tmp_path: Path):
+    """Rows end at different times; each of their episodes is flown again from its raw observations alone."""
+    path = train(ENV, tmp_path / "agent.zip", RAW, steps=STEPS, memory="frames")
+    trained = PPO.load(path, device="cpu")
+    agent = load_agent(path, gym.make(ENV, **RAW))
+    rows, limit = 4, 70
+    hard_over = np.where(np.arange(rows) % 2, 1.0, 0.0)[:, None]  # which loses the turn before its time
+
+    def batch() -> StableBaselinesVecEnv:
+        return StableBaselinesVecEnv(
+            gym.make_vec(ENV, num_envs=rows, max_episode_steps=limit, disturbance="rough", **RAW)
+        )
+
+    raw, stacked = batch(), VecFrameStack(batch(), 3)
+    for env in (raw, stacked):
+        env.seed(tuning_seeds(1)[0])
+    news, frames = raw.reset(), stacked.reset()
+    lived: list[list[np.ndarray]] = [[] for _ in range(rows)]
+    seen: list[list[np.ndarray]] = [[] for _ in range(rows)]
+    ends = []
+    for step in range(2 * limit + 10):
+        for i in range(rows):
+            lived[i].append(news[i].copy())
+            seen[i].append(frames[i].copy())
+        news, _, dones, infos = raw.step(hard_over)
+        frames, _, _, stacked_infos = stacked.step(hard_over)
+        for i in np.flatnonzero(dones):
+            ends.append(step)
+            lived[i].append(infos[i]["terminal_observation"])
+            seen[i].append(stacked_infos[i]["terminal_observation"])
+            agent.reset(1)
+            flown = [agent.act(observation[None])[0] for observation in lived[i]]
+            expected, _ = trained.predict(np.stack(seen[i]), deterministic=True)
+            np.testing.assert_allclose(flown, expected, rtol=0, atol=1e-6)
+            newest = trained.predict(np.roll(seen[i], 7, axis=-1), deterministic=True)[0]
+            assert (np.abs(newest - expected) > 1e-3).any()  # the order of the frames matters to it
+            lived[i], seen[i] = [], []
+    assert len(ends) >= 2 * rows
+    assert len(set(ends)) > 3
+
+
+@pytest.mark.parametrize("memory", ["frames", "lstm"])
+def test_each_row_remembers_its_own_past_until_the_reset(tmp_path: Path, memory: str):
+    path = train(ENV, tmp_path / "agent.zip", RAW, steps=STEPS, memory=memory)
+    agent = load_agent(path, gym.make(ENV, **RAW))
+    past = np.random.default_rng(0).uniform(-2.0, 2.0, (6, 3, 7)).astype(np.float32)
+    past[-1] = past[-1, 0]  # all see the same in the end
+
+    def flown(observations: np.ndarray) -> np.ndarray:
+        agent.reset(observations.shape[1])
+        return np.stack([agent.act(seen) for seen in observations])
+
+    together = flown(past)
+    assert together.shape == (6, 3, 1)
+    assert np.ptp(together[-1]) > 1e-5
+    for i in range(3):
+        np.testing.assert_allclose(flown(past[:, i : i + 1])[:, 0], together[:, i], rtol=0, atol=1e-7)
+    np.testing.assert_array_equal(flown(past), together)
+
+
+def test_a_recurrent_agent_flies_as_the_policy_that_was_saved_and_as_before(tmp_path: Path):
+    path = train(ENV, tmp_path / "agent.zip", RAW, steps=STEPS, memory="lstm")
+    agent, saved = load_agent(path, gym.make(ENV, **RAW)), RecurrentPPO.load(path, device="cpu")
+    agent.reset(5)
+    state, starts = None, np.ones(5, bool)
+    for observations in np.random.default_rng(0).uniform(-3.0, 3.0, (6, 5, 7)).astype(np.float32):
+        expected, state = saved.predict(observations, state, starts, deterministic=True)
+        np.testing.assert_array_equal(agent.act(observations), expected)
+        starts[:] = False
+    one, other = (rollout(str(path), ENV, [1, 2], RAW, record=False) for _ in range(2))
+    np.testing.assert_array_equal(one.score, other.score)
+
+
+def test_the_recurrent_policy_is_that_of_sb3_contrib_in_all_that_a_training_asks_of_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """Episodes of five steps begin inside rollouts of sixteen, so sequences of unequal length are asked for."""
+    ours, theirs = LstmPolicy._process_sequence, RecurrentActorCriticPolicy._process_sequence
+    beginnings = []
+
+    def both(features: Any, states: Any, starts: Any, lstm: Any) -> Any:
+        output, last = ours(features, states, starts, lstm)
+        expected, expected_last = theirs(features, states, starts, lstm)
+        for one, other in zip((output, *last), (expected, *expected_last), strict=True):
+            torch.testing.assert_close(one, other, rtol=0, atol=1e-6)
+        beginnings.append((starts.numel() > states[0].shape[1], bool(starts.any())))
+        return output, last
+
+    monkeypatch.setattr(LstmPolicy, "_process_sequence", staticmethod(both))
+    train(ENV, tmp_path / "agent.zip", {**RAW, "max_episode_steps": 5}, steps=STEPS, memory="lstm")
+    assert (True, True) in beginnings
+
+
+def test_descriptions_tell_memories_apart_and_one_without_a_memory_is_of_an_agent_without(tmp_path: Path):
+    told = [describe(ENV, RAW, 0, STEPS, memory) for memory in MEMORIES]
+    assert [one["memory"] for one in told] == list(MEMORIES)
+    assert describe(ENV, RAW, 0, STEPS) == told[0]
+    path = train(ENV, tmp_path / "agent.zip", RAW, steps=STEPS)
+    assert description(path).items() >= told[0].items()
+    with zipfile.ZipFile(path) as archive:
+        content = {name: archive.read(name) for name in archive.namelist()}
+    older = json.loads(content["vessel_gym.json"])
+    del older["memory"]
+    with zipfile.ZipFile(tmp_path / "older.zip", "w") as archive:
+        for name, data in content.items():
+            archive.writestr(name, json.dumps(older) if name == "vessel_gym.json" else data)
+    one, other = (rollout(str(p), ENV, [1, 2], RAW, record=False) for p in (path, tmp_path / "older.zip"))
+    np.testing.assert_array_equal(one.score, other.score)
+
+
+def test_a_memory_that_is_unknown_or_without_settings_is_answered_with_those_that_can_be_had(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    with pytest.raises(ValueError, match="unknown memory 'elephant': choose from none, frames, lstm"):
+        hyperparameters(ENV, "elephant")
+    assert "frames" not in hyperparameters(ENV)
+    tables = {ENV: {"steps": 1, "lstm": {}}, "Other-v0": {"steps": 1}}
+    monkeypatch.setattr("agents.ppo.tomllib.loads", lambda text: tables)
+    with pytest.raises(ValueError, match=rf"no settings with memory 'lstm' for 'Other-v0' .*: choose from {ENV}"):
+        hyperparameters("Other-v0", "lstm")
 
 
 def test_a_checkpoint_leaves_nothing_else_behind(tmp_path: Path):

@@ -6,14 +6,19 @@ from pathlib import Path
 
 import pytest
 
+from agents.ppo import description
 from scripts import evaluate, train
 from scripts.console import command
 
 
-def test_a_trained_agent_can_be_evaluated_on_several_estimators(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+@pytest.mark.parametrize("memory", ["none", "frames"])
+def test_a_trained_agent_can_be_evaluated_on_several_estimators(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], memory: str
+):
     checkpoint = tmp_path / "ppo.zip"
-    train.main("SigmaCorvette-v0", out=checkpoint, steps=128)
+    train.main("SigmaCorvette-v0", out=checkpoint, memory=memory, steps=128)
     assert f"checkpoint: {checkpoint}" in capsys.readouterr().out
+    assert description(checkpoint)["memory"] == memory
     evaluate.main("SigmaCorvette-v0", agent=str(checkpoint), estimator=("truth", "kf"), episodes=2)
     printed = capsys.readouterr().out
     for label in ("Score", "Heading error", "truth", "kf"):

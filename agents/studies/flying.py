@@ -1,4 +1,4 @@
-"""What the cells of a study compute: trainings, flights and examples. Pure functions of their arguments."""
+"""What flights compute: a pure function of its arguments, called by cells."""
 
 from pathlib import Path
 from typing import Any
@@ -16,40 +16,6 @@ LOST = 1e-6
 """A truth is outside of a belief where so little probability is left beyond it."""
 
 
-def train(
-    environment: str,
-    options: dict[str, Any],
-    memory: str,
-    steps: int | None,
-    seed: int,
-    settings: dict[str, Any],
-    own: dict[str, str],
-    artifact: Path,
-) -> dict[str, Any]:
-    """Train PPO; the checkpoint is the artifact.
-
-    Args:
-        environment: As in the study.
-        options: Of the environment.
-        memory: See `agents.ppo.train`.
-        steps: Environment steps; None: the tuned budget.
-        seed: Number of the training run.
-        settings: What `train` looks up by itself, hyperparameters and versions; here to be part of the cell.
-        own: Source digests of what is the user's own; here to be part of the cell, too.
-        artifact: Where the checkpoint goes.
-
-    Returns:
-        ``steps``, as trained: whole rollouts.
-    """
-    from agents.ppo import description
-    from agents.ppo import train as train_ppo
-
-    train_ppo(environment_id(environment), artifact, environment_options(options), seed, steps, memory=memory)
-    described = description(artifact)
-    assert described is not None
-    return {"steps": described["trained_steps"]}
-
-
 def fly(
     environment: str,
     options: dict[str, Any],
@@ -65,7 +31,7 @@ def fly(
         options: Of the environment.
         agent: ``"autopilot"``, ``"module:object"``, or ``"checkpoint"``: the one that is needed.
         episodes: How many seeds.
-        own: See `train`.
+        own: Source digests of what is the user's own; here to be part of the cell.
         needs: The checkpoint, if there is one.
 
     Returns:

@@ -1,0 +1,39 @@
+"""What trainings compute: a pure function of its arguments, called by cells."""
+
+from pathlib import Path
+from typing import Any
+
+from agents.studies.worlds import environment_id, environment_options
+
+
+def train_agent(
+    environment: str,
+    options: dict[str, Any],
+    memory: str,
+    steps: int | None,
+    seed: int,
+    settings: dict[str, Any],
+    own: dict[str, str],
+    artifact: Path,
+) -> dict[str, Any]:
+    """Train PPO; the checkpoint is the artifact.
+
+    Args:
+        environment: As in the study.
+        options: Of the environment.
+        memory: See `agents.ppo.train`.
+        steps: Environment steps; None: the tuned budget.
+        seed: Number of the training run.
+        settings: What `train` looks up by itself, hyperparameters and versions; here to be part of the cell.
+        own: Source digests of what is the user's own; here to be part of the cell, too.
+        artifact: Where the checkpoint goes.
+
+    Returns:
+        ``steps``, as trained: whole rollouts.
+    """
+    from agents.ppo import description, train
+
+    train(environment_id(environment), artifact, environment_options(options), seed, steps, memory=memory)
+    described = description(artifact)
+    assert described is not None
+    return {"steps": described["trained_steps"]}
