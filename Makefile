@@ -21,7 +21,7 @@ venv: .venv/.installed  ## Install the project and its tools into .venv, in the 
 	touch $@
 
 ablation: venv  ## Train and score agents on every estimator, and write the report to results/ablation
-	$(BIN)/python -m scripts.ablate --out results/ablation
+	$(BIN)/python -m scripts.ablate studies/corvette.toml --out results/ablation
 
 test: venv  ## Run the tests
 	$(BIN)/python -m pytest -n 2

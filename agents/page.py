@@ -54,6 +54,11 @@ class Table:
         """Whether any column has a unit."""
         return any(unit for _, unit in self.head)
 
+    @property
+    def wide(self) -> bool:
+        """Whether it has so many columns that it is set smaller."""
+        return len(self.head) > 6
+
     def rows(self) -> list[list[str]]:
         """Heading and rows in plain text, the section's title in a column of its own where there is one."""
         titled = any(title for title, _ in self.sections)
@@ -70,6 +75,52 @@ class Table:
         text = io.StringIO()
         csv.writer(text, lineterminator="\n").writerows(self.rows())
         return text.getvalue()
+
+    def markdown(self) -> str:
+        """As Markdown, the title above and the note below."""
+        heading, *body = [[cell.replace("|", "\\|") for cell in row] for row in self.rows()]
+        names = len(heading) - len(self.head)
+        rule = ["---"] * names + ["---:"] * len(self.head)
+        lines = [f"| {' | '.join(row)} |" for row in (heading, rule, *body)]
+        return "\n".join([f"**{self.title}**", "", *lines, *(["", self.note] if self.note else []), ""])
+
+    def latex(self) -> str:
+        """As a LaTeX table for ``booktabs``, a section's title on a line of its own."""
+        heading = [
+            tex(self.first),
+            *(f"{tex(label)} [{tex(unit)}]" if unit else tex(label) for label, unit in self.head),
+        ]
+        lines = [" & ".join(heading) + r" \\"]
+        for title, rows in self.sections:
+            lines.append(r"\midrule")
+            if title:
+                lines.append(rf"\multicolumn{{{len(heading)}}}{{l}}{{\textit{{{tex(title)}}}}} \\")
+            lines += [
+                " & ".join([tex(name), *(tex(str(entry)) for entry in entries)]) + r" \\" for name, entries in rows
+            ]
+        return "\n".join([
+            "% needs \\usepackage{booktabs}",
+            r"\begin{table}", r"\centering", rf"\caption{{{tex(self.title)}}}", rf"\label{{tab:{self.name}}}",
+            rf"\begin{{tabular}}{{l{'r' * len(self.head)}}}", r"\toprule", *lines, r"\bottomrule", r"\end{tabular}",
+            *([rf"\par\smallskip\footnotesize {tex(self.note)}"] if self.note else []),
+            r"\end{table}", "",
+        ])  # fmt: skip
+
+
+_TEX = {
+    "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}",
+    "<": r"\textless{}", ">": r"\textgreater{}", "|": r"\textbar{}", '"': r"\textquotedbl{}",
+    **{character: "\\" + character for character in "&%$#_{}"},
+    # A bracket after the end of a row would be read as that row's spacing.
+    "[": "{[}", "]": "{]}",
+    "±": r"$\pm$", "−": "$-$", "–": "--", "°": r"$^\circ$", "×": r"$\times$", "≥": r"$\geq$", "≤": r"$\leq$",
+    "µ": r"$\mu$", "σ": r"$\sigma$", "ψ": r"$\psi$", "²": "$^2$", "→": r"$\to$", "…": r"\ldots{}",
+}  # fmt: skip
+
+
+def tex(text: str) -> str:
+    """Plain text for LaTeX: what means something to it is escaped, and symbols are named."""
+    return "".join(_TEX.get(character, character) for character in text)
 
 
 @dataclass(frozen=True)
@@ -159,8 +210,10 @@ class Page:
 
 
 def number(value: float, decimals: int, signed: bool = False) -> str:
-    """A number with its decimals and a true minus; a dash where it is not finite."""
+    """A number with its decimals and a true minus, zero without a sign; a dash where it is not finite."""
     text = f"{value:{'+' if signed else ''}.{decimals}f}"
+    if not text.strip("+-0."):
+        text = text.strip("+-")
     return "–" if "n" in text else text.replace("-", "−")
 
 

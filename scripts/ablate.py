@@ -1,65 +1,89 @@
-"""What does an estimator cost? Train, fly every estimator on the same seeds, write a report."""
+"""Run a study file and write its report: ``python -m scripts.ablate studies/quick.toml``."""
 
+import json
+import re
+import shutil
 import sys
 from pathlib import Path
+from typing import Annotated
 
 import tyro
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
-from agents.ablation import Study, prepare, run
-from agents.report import answer, write_report
+from agents.cells import run
+from agents.files import replacing
+from agents.studies.answer import answer
+from agents.studies.examples import examples
+from agents.studies.plan import plan
+from agents.studies.report import write_report
+from agents.studies.results import Results
+from agents.studies.study import FEW_SEEDS, read_study
+from scripts.console import cell_progress, command
 
 
-def ablate(
-    out: Path = Path("results/ablation"),
-    env_id: str = "SigmaCorvette-v0",
-    episodes: int = 100,
-    training_seeds: int = 3,
-    steps: int | None = None,
+def main(
+    study: Annotated[Path, tyro.conf.Positional],
+    out: Path | None = None,
     jobs: int = 2,
+    scheduler: str | None = None,
+    shard: str | None = None,
 ) -> int:
-    """Compare estimators by what agents achieve on them.
+    """Run what a study file asks for, as far as it has not been run, and write its report.
 
-    Trains PPO, flies autopilot and PPO on every estimator over the same seeds, and writes
-    checkpoints/, episodes.csv and report.html. Checkpoints that fit are used again.
+    Results are kept in the output folder, each in a file of its own. After an interruption, run the same command
+    again: it goes on with what is missing. Several machines may share the folder.
 
     Args:
-        out: Folder for the results.
-        env_id: The environment.
-        episodes: Evaluation seeds for each agent, estimator and sea.
-        training_seeds: PPO training runs.
-        steps: Environment steps of a training run; None: the tuned budget.
-        jobs: Training runs at a time.
+        study: The study file (TOML); docs/studies.md says what it holds.
+        out: Folder for results and report; results/ and the name of the study file if not given.
+        jobs: Processes on this machine.
+        scheduler: Address of a Dask scheduler whose workers compute instead, e.g. tcp://10.0.0.1:8786.
+        shard: i/n: compute only the i-th of n parts, for job arrays; the report is made when all are done.
 
     Returns:
-        The exit status: 2 if the study cannot be run or its results cannot be written.
+        The exit status: 1 if something failed or is missing.
     """
-    try:
-        study = Study(env_id, episodes, training_seeds, steps, jobs)
-        prepare(study, out)
-    except (ValueError, OSError) as error:
-        print(f"ablate: {error}", file=sys.stderr)
-        return 2
-    console = Console()
-    columns = (
-        TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"),
-        TextColumn("{task.fields[score]}"), TimeElapsedColumn(),
-    )  # fmt: skip
-    with Progress(*columns, console=console) as bars:
-        tasks: dict[str, TaskID] = {}
-
-        def progress(what: str, done: int, total: int, score: float | None) -> None:
-            if what not in tasks:
-                tasks[what] = bars.add_task(what, total=total, score="")
-            bars.update(tasks[what], completed=done, score="" if score is None else f"score {score:.3f}")
-
-        results = run(study, out, progress)
+    sys.path.append(str(study.resolve().parent))  # an own estimator may lie beside the study
+    part = _shard(shard)
+    asked = read_study(study)
+    out = Path("results") / study.stem if out is None else out
+    planned = plan(asked)
+    console = Console(markup=False, highlight=False, soft_wrap=True)
+    if asked.learned and asked.training_seeds < FEW_SEEDS:
+        console.print(
+            f"warning: {asked.training_seeds} training seeds say little about learning; use {FEW_SEEDS} or more"
+        )
+    with replacing(out / "study.json") as path:
+        path.write_text(json.dumps(asked.resolved(), indent=1), encoding="utf-8")
+    if study.resolve() != (out / "study.toml").resolve():
+        with replacing(out / "study.toml") as path:
+            shutil.copyfile(study, path)
+    cells = [*planned.cells, *examples(planned).values()]
+    with cell_progress(study.stem) as progress:
+        outcome = run(cells, out, jobs, scheduler, part, progress)
+    for note in outcome.notes:
+        console.print(note)
+    missing = sum(cell.key not in outcome.values for cell in cells)
+    if part is not None and missing:
+        console.print(f"Part {shard} is done, {missing} of {len(cells)} results are still missing: no report yet.")
+        return int(bool(outcome.failures))
+    results = Results.of(planned, outcome, out)
     report = write_report(results, out)
-    console.print("", " ".join(answer(results)), "", sep="\n", highlight=False, markup=False)
-    console.print(f"Report: {report}", highlight=False, markup=False, soft_wrap=True)
-    return 0
+    console.print("", " ".join(answer(results)), "", sep="\n")
+    if missing:
+        console.print(f"{missing} of {len(cells)} results are missing; the report says why.")
+    console.print(f"Report: {report}")
+    return int(missing > 0)
+
+
+def _shard(text: str | None) -> tuple[int, int] | None:
+    if text is None:
+        return None
+    found = re.fullmatch(r"(\d+)/(\d+)", text)
+    if not found:
+        raise ValueError(f"--shard is i/n, e.g. 1/4, got {text!r}")
+    return int(found[1]), int(found[2])
 
 
 if __name__ == "__main__":
-    sys.exit(tyro.cli(ablate))
+    sys.exit(command(main))

@@ -12,9 +12,9 @@ import numpy as np
 
 from agents.cells import Outcome, journal
 from agents.scores import metrics
-from agents.statistics import Interval, mean_interval, paired_difference
+from agents.statistics import Interval, mean_interval
 from agents.studies.plan import RAW, Flight, Plan
-from agents.studies.study import FLOOR, ORACLE
+from agents.studies.study import DEFAULT, FLOOR, ORACLE, Agent
 from agents.studies.worlds import system_of
 
 
@@ -105,11 +105,41 @@ class Results:
         order = [e.name for e in self.plan.study.estimators]
         return sorted(found, key=lambda name: order.index(name) if name in order else len(order))
 
+    def flown_on(self) -> list[str]:
+        """Every estimator that flew anywhere, in the order of the study."""
+        order = [e.name for e in self.plan.study.estimators]
+        found = _unique(name for _, _, name in self._flights)
+        return sorted(found, key=lambda name: order.index(name) if name in order else len(order))
+
     def own(self, environment: str, pilot: Pilot) -> str:
-        """What a pilot that learned flies on at home: what it was trained on."""
-        return pilot.trained_on or system_of(environment).estimator
+        """What a pilot flies on at home: what it was trained on, or else the environment's default."""
+        return self.here(environment, pilot).trained_on or system_of(environment).estimator
+
+    def here(self, environment: str, pilot: Pilot) -> Pilot:
+        """Who a pilot of `schools` is in an environment: there `DEFAULT` has a name."""
+        name = system_of(environment).estimator if pilot.trained_on == DEFAULT else pilot.trained_on
+        return Pilot(pilot.agent, name)
+
+    def schools(self) -> list[Pilot]:
+        """Who flew, by one name for all environments: trained on `DEFAULT` is on each one's own default.
+
+        In the order of the study, the agents that do not learn first.
+        """
+        found = []
+        for agent in sorted(self.plan.study.agents, key=lambda agent: agent.learned):
+            names = ("",) if not agent.learned else (RAW,) if agent.raw else agent.trained_on
+            found += [Pilot(agent.name, name) for name in names]
+        return [p for p in found if any(self.here(e, p) in self.pilots(e) for e in self.environments)]
+
+    def agent(self, pilot: Pilot) -> Agent:
+        """The study's agent of a pilot."""
+        return next(agent for agent in self.plan.study.agents if agent.name == pilot.agent)
 
     # --- figures --------------------------------------------------------------------------------------
+
+    def seeds(self, place: Place, pilot: Pilot, estimator: str) -> list[int | None]:
+        """Training seeds of the rows of `figure`; None stands for an agent that does not learn."""
+        return [flight.training_seed for flight in self._flights.get((place, pilot, estimator), [])]
 
     def figure(self, place: Place, pilot: Pilot, estimator: str, key: str = "score") -> np.ndarray | None:
         """A metric of `agents.scores`, ``(runs, episodes)``; None if that was not flown."""
@@ -119,7 +149,7 @@ class Results:
         return np.array([self.values[f.cell.key]["figures"][key] for f in flights], float)
 
     def value(self, place: Place, pilot: Pilot, estimator: str, key: str) -> np.ndarray | None:
-        """A value of `agents.studies.work.fly` that is not a metric, ``(runs, ...)``; NaN for None."""
+        """A value of `agents.studies.flying.fly` that is not a metric, ``(runs, ...)``; NaN for None."""
         flights = self._flights.get((place, pilot, estimator))
         if not flights:
             return None
@@ -142,26 +172,45 @@ class Results:
         return None if score is None or scale is None else (score - scale[0]) / (scale[1] - scale[0])
 
     def runs(self, environments: Iterable[str], pilot: Pilot, estimator: str | None = None) -> np.ndarray | None:
-        """Share kept by each training run ``(runs, environments)``: means over conditions and seeds.
+        """Share kept by each training run ``(runs, environments)``: means over `scaled` conditions and seeds.
 
         An environment is a task in the sense of `agents.statistics`: runs are trained for it alone. Conditions are not,
-        because the same run flies them all.
+        because the same run flies them all. A run that lacks a flight is left out.
 
         Args:
-            environments: Where; None is returned if the pilot did not fly there.
-            pilot: Who.
+            environments: Where.
+            pilot: Who, perhaps of `schools`.
             estimator: On what; None: on what it was trained on.
+
+        Returns:
+            The shares; None if no run has flown everywhere.
         """
-        columns = []
+        found = self._by_run(environments, pilot, estimator)
+        return np.array(list(found.values())) if found else None
+
+    def paired_runs(
+        self, environments: Iterable[str], one: tuple[Pilot, str | None], other: tuple[Pilot, str | None]
+    ) -> tuple[np.ndarray, np.ndarray] | None:
+        """`runs` of two pilots, each on an estimator, row by row of the same training seed; None if they share none."""
+        names = list(environments)
+        ours, theirs = (self._by_run(names, *each) for each in (one, other))
+        both = [seed for seed in ours if seed in theirs]
+        return (np.array([ours[s] for s in both]), np.array([theirs[s] for s in both])) if both else None
+
+    def _by_run(
+        self, environments: Iterable[str], pilot: Pilot, estimator: str | None
+    ) -> dict[int | None, list[float]]:
+        """Share kept in each environment, by training seed."""
+        found: list[dict[int | None, float]] = []
         for environment in environments:
+            who = self.here(environment, pilot)
             on = self.own(environment, pilot) if estimator is None else estimator
-            kept = [self.kept(place, pilot, on) for place in self.places([environment])]
-            if any(k is None for k in kept):
-                return None
-            columns.append(np.mean([k.mean(1) for k in kept if k is not None], axis=0))
-        if not columns or len({len(column) for column in columns}) > 1:
-            return None
-        return np.stack(columns, 1)
+            places = self.scaled([environment])
+            kept = [dict(zip(self.seeds(p, who, on), _rows(self.kept(p, who, on)), strict=True)) for p in places]
+            whole = [seed for seed in (kept[0] if kept else ()) if all(seed in each for each in kept)]
+            found.append({seed: float(np.mean([each[seed] for each in kept])) for seed in whole})
+        whole = [seed for seed in (found[0] if found else ()) if all(seed in each for each in found)]
+        return {seed: [each[seed] for each in found] for seed in whole}
 
     def paired(self, places: Iterable[Place], pilot: Pilot, estimator: str) -> np.ndarray | None:
         """Share kept at each evaluation seed ``(episodes,)``: means over places and runs; None if one was not flown."""
@@ -170,17 +219,31 @@ class Results:
             return None
         return np.mean([k.mean(0) for k in kept if k is not None], axis=0)
 
-    def price(self, place: Place, pilot: Pilot, estimator: str) -> Interval | None:
-        """Score lost against the truth at the same seed, by the mean over runs."""
-        truth, ours = (self.figure(place, pilot, name) for name in (ORACLE, estimator))
-        return None if truth is None or ours is None else paired_difference(truth.mean(0), ours.mean(0))
+    def price(self, places: Iterable[Place], pilot: Pilot, estimator: str) -> Interval | None:
+        """Score lost against the truth at the same seed, mean over places; None if one was not flown.
+
+        The unit is the evaluation seed; of an agent that learned the training run.
+        """
+        found: list[dict[int | None, np.ndarray]] = []
+        for place in places:
+            truth, ours = (
+                dict(zip(self.seeds(place, pilot, name), _rows(self.figure(place, pilot, name)), strict=True))
+                for name in (ORACLE, estimator)
+            )
+            found.append({seed: truth[seed] - ours[seed] for seed in truth if seed in ours})
+        whole = [seed for seed in (found[0] if found else ()) if all(seed in each for each in found)]
+        if not whole:
+            return None
+        lost = np.array([np.mean([each[seed] for each in found], axis=0) for seed in whole])
+        return mean_interval(lost[0] if whole == [None] else lost.mean(1))
 
     def mean(self, place: Place, pilot: Pilot, estimator: str, key: str = "score") -> Interval | None:
-        """A metric's mean over evaluation seeds; with several training runs, over these, which are the unit."""
+        """A metric's mean over evaluation seeds; of an agent that learned over training runs, which are the unit."""
         values = self.figure(place, pilot, estimator, key)
         if values is None:
             return None
-        return mean_interval(values[0] if len(values) == 1 else values.mean(1))
+        learned = self.seeds(place, pilot, estimator) != [None]
+        return mean_interval(values.mean(1) if learned else values[0])
 
     def cost(self, environment: str, pilot: Pilot, estimator: str) -> float | None:
         """CPU time of a step on an estimator [µs], agent and physics included: the median over flights."""
@@ -196,6 +259,10 @@ class Results:
         """Every condition of every environment, or of some."""
         chosen = list(self.conditions if conditions is None else conditions)
         return [Place(e, c) for e in (self.environments if environments is None else environments) for c in chosen]
+
+    def scaled(self, environments: Iterable[str] | None = None) -> list[Place]:
+        """The `places` that have a `scale`: shares are kept of nothing elsewhere."""
+        return [place for place in self.places(environments) if self.scale(place) is not None]
 
     # --- files ----------------------------------------------------------------------------------------
 
@@ -223,3 +290,7 @@ class Results:
 
 def _unique(items: Iterable[Any]) -> list[Any]:
     return list(dict.fromkeys(items))
+
+
+def _rows(values: np.ndarray | None) -> Iterable[np.ndarray]:
+    return () if values is None else values

@@ -81,9 +81,51 @@ def test_a_table_in_plain_text_keeps_its_sections_units_and_intervals():
     assert rows == [["", "filter", "x [m]", "y"], ["calm", "kf", "1.0 ± 0.1", "−"]]
 
 
+AWKWARD = Table(
+    "50 % of {x_1}", "See ~ and \\.", "a|b", [("x_y", "µm"), ("", "°/s")],
+    [
+        ("calm & rough", [("[kf]", [Entry("−1.0", "0.1"), Entry("#2 ^3")])]),
+        ("", [("$", [Entry("–"), Entry("0.1 [0.0, 0.2]")])]),
+    ],
+    "awkward",
+)  # fmt: skip
+
+
+def test_a_table_in_latex_escapes_everything_and_has_as_many_columns_as_it_declares():
+    text = AWKWARD.latex()
+    assert text.isascii()
+    assert r"\begin{tabular}{lrr}" in text
+    assert r"\label{tab:awkward}" in text
+    plain = re.sub(r"\\(?:[&%$#_{}]|text\w+\{\})", "", text)  # without what is escaped
+    lines = [line for line in plain.splitlines() if line.endswith(r" \\")]
+    cells = [line for line in lines if "multicolumn" not in line]
+    assert [line.count("&") for line in cells] == [2, 2, 2]
+    assert sum("multicolumn{3}" in line for line in lines) == 1
+    assert not re.search(r"[#~]|\^(?!\\circ)", plain)
+    assert not any(line.lstrip().startswith("[") for line in lines)  # after the end of a row that would be its spacing
+    assert text.count("{") - text.count(r"\{") == text.count("}") - text.count(r"\}")
+    assert [text.count(rf"\{rule}rule") for rule in ("top", "mid", "bottom")] == [1, 2, 1]
+
+
+def test_a_table_in_markdown_has_the_same_cells_in_every_row():
+    title, _, *lines, _, note = AWKWARD.markdown().splitlines()
+    assert title == "**50 % of {x_1}**"
+    assert note == AWKWARD.note
+    rows = [re.split(r"(?<!\\)\|", line)[1:-1] for line in lines]
+    assert [len(row) for row in rows] == [4] * 4
+    assert [cell.strip() for cell in rows[2]] == ["calm & rough", "[kf]", "−1.0 ± 0.1", "#2 ^3"]
+
+
+def test_a_table_with_many_columns_is_set_smaller():
+    many = Table("t", "", "a", [("x", "")] * 8, [("", [("kf", [Entry("1")] * 8)])])
+    assert 'class="wide"' in render(Page("t", "s", ["a"], [Section("s", [many])]))
+    assert 'class="wide"' not in render(PAGE)
+
+
 def test_numbers_have_true_minus_signs_and_dashes_for_what_is_not_finite():
     assert number(-1.25, 1) == "−1.2"
     assert number(1.0, 2, signed=True) == "+1.00"
+    assert number(-0.001, 2) == number(0.001, 2, signed=True) == "0.00"
     assert number(float("nan"), 2) == number(float("inf"), 2) == "–"
 
 

@@ -1,39 +1,106 @@
+"""`python -m scripts.ablate`: from a study file to a report, whatever happens on the way."""
+
+import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
 
-from scripts.ablate import ablate
+import pytest
+
+from agents.cells import journal
+from scripts import ablate
 
 ROOT = Path(__file__).parents[2]
+SMALL = """
+title = "A small study"
+episodes = 2
+training_seeds = 1
+
+[environments]
+SigmaCorvette-v0 = {}
+
+[estimators]
+kf-umv-ui = {}
+kf = {}
+
+[agents]
+PPO = { kind = "ppo", steps = { SigmaCorvette-v0 = 8192 } }
+"""
 
 
-def _shell(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "scripts.ablate", *arguments],
-        cwd=ROOT, env=os.environ | {"OMP_NUM_THREADS": "1"}, capture_output=True, text=True, check=False,
-    )  # fmt: skip
+def shell(*arguments: str, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
+    environment = os.environ | {"OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-m", "scripts.ablate", *arguments]
+    return subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True, check=False)
 
 
-def test_a_study_ends_with_the_answer_and_where_the_report_lies(tmp_path, capsys):
-    assert ablate(tmp_path, episodes=2, training_seeds=1, steps=128 * 64) == 0
+@pytest.fixture
+def study(tmp_path: Path) -> Path:
+    path = tmp_path / "small.toml"
+    path.write_text(SMALL)
+    return path
+
+
+def test_a_study_ends_with_its_answer_and_where_the_report_lies_and_is_not_computed_twice(study, tmp_path, capsys):
+    out = tmp_path / "out"
+    assert ablate.main(study, out, jobs=1) == 0
     printed = capsys.readouterr().out
-    assert "2 paired seeds" in " ".join(printed.split())
-    assert str(tmp_path / "report.html") in printed.replace("\n", "")
-    assert (tmp_path / "report.html").stat().st_size > 100_000
-    assert {path.name for path in (tmp_path / "checkpoints").iterdir()} == {"ppo-0.zip"}
+    assert "warning: 1 training seeds say little" in printed
+    assert f"Report: {out / 'report.html'}" in printed
+    assert (out / "report.html").stat().st_size > 100_000
+    assert (out / "study.toml").read_text() == SMALL
+    assert json.loads((out / "study.json").read_text())["training_seeds"] == 1
+    assert {path.suffix for path in (out / "tables").iterdir()} == {".csv", ".md", ".tex"}
+    computed = len(journal(out))
+    episodes = (out / "episodes.csv").read_bytes()
+    assert ablate.main(out / "study.toml", out, jobs=1) == 0  # as the report says
+    assert len(journal(out)) == computed
+    assert (out / "episodes.csv").read_bytes() == episodes
 
 
-def test_an_output_that_cannot_be_written_is_one_sentence_and_exit_code_2(tmp_path):
-    (tmp_path / "file").write_text("mine")
-    done = _shell("--out", str(tmp_path / "file"))
+def test_parts_of_a_study_together_are_the_study(study, tmp_path, capsys):
+    out = tmp_path / "out"
+    study.write_text(SMALL.partition("[agents]")[0])
+    assert ablate.main(study, out, jobs=1, shard="1/2") == 0
+    assert "no report yet" in capsys.readouterr().out
+    assert not (out / "report.html").exists()
+    assert ablate.main(study, out, jobs=1, shard="2/2") == 0
+    assert (out / "report.html").exists()
+    assert len({line["key"] for line in journal(out)}) == len(journal(out))
+
+
+def test_mistakes_are_sentences_with_lines_and_exit_code_2_before_anything_runs(tmp_path):
+    path = tmp_path / "bad.toml"
+    path.write_text("episodess = 3\n[environments]\nSigmaCorvete-v0 = {}\n")
+    done = shell(str(path), "--out", str(tmp_path / "out"))
     assert done.returncode == 2
-    assert done.stdout == ""
-    assert done.stderr == f"ablate: cannot write to {tmp_path / 'file'}: {tmp_path / 'file'} is a file, not a folder\n"
-
-
-def test_a_study_that_cannot_be_run_is_one_sentence_and_exit_code_2(tmp_path, capsys):
-    assert ablate(tmp_path / "out", env_id="Nonsense-v0") == 2
-    assert ablate(tmp_path / "out", episodes=0) == 2
-    assert len(capsys.readouterr().err.splitlines()) == 2
+    assert "line 1: unknown key 'episodess'; did you mean 'episodes'?" in done.stderr
+    assert "line 3: unknown environment 'SigmaCorvete-v0'; did you mean 'SigmaCorvette-v0'?" in done.stderr
+    assert "Traceback" not in done.stderr
     assert not (tmp_path / "out").exists()
+
+
+def test_an_output_that_cannot_be_written_or_a_shard_that_is_none_is_one_sentence(study, tmp_path):
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(OSError, match="file"):
+        ablate.main(study, tmp_path / "file")
+    for shard in ("3", "0/2", "3/2"):
+        with pytest.raises(ValueError, match="i/n"):
+            ablate.main(study, tmp_path / "out", shard=shard)
+
+
+def test_the_documentation_shows_how_to_bring_an_own_estimator_and_environment(tmp_path):
+    text = (ROOT / "docs" / "studies.md").read_text(encoding="utf-8")
+    filters, ships = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    _, own = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
+    for name, content in (("my_filters.py", filters), ("my_ships.py", ships), ("own.toml", own)):
+        (tmp_path / name).write_text(content)
+    done = shell("own.toml", "--out", "out", "--jobs", "2", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    rows = (tmp_path / "out" / "episodes.csv").read_text().splitlines()[1:]
+    flown = {(row.split(",")[0], row.split(",")[5]) for row in rows}
+    ship = "my_ships:LightCorvetteVectorEnv"
+    assert flown == {(ship, name) for name in ("truth", "dead-reckoning", "kf-umv-ui", "steady")}
+    assert "steady" in (tmp_path / "out" / "report.html").read_text()

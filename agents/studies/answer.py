@@ -1,0 +1,187 @@
+"""The answer to a study: one paragraph, computed, the advice first."""
+
+from agents.page import listed, number
+from agents.statistics import Interval, mean_interval, paired_difference
+from agents.studies.results import Pilot, Results
+from agents.studies.shares import (
+    against_classical,
+    clear,
+    crossing,
+    difference,
+    learners,
+    loss,
+    rankable,
+    reference_pilot,
+    ruled,
+    shared,
+)
+from agents.studies.study import FEW_SEEDS, FLOOR, ORACLE
+from agents.studies.wording import amount, every, many, microseconds, named, the
+
+
+def answer(results: Results) -> list[str]:
+    """What was asked, in the sentences of one paragraph, the advice first."""
+    if not results.environments:
+        return ["Nothing has a result yet."]
+    environments = ruled(results)
+    if not environments:
+        sentences = [
+            f"No estimator can be ranked: for that {the(results.classical)} has to fly {ORACLE}, {FLOOR} and an "
+            f"estimator between them, and score higher on {ORACLE}."
+        ]
+    elif len(environments) == 1:
+        sentences = _advice_for_one(results, environments[0])
+    else:
+        sentences = _advice_for_many(results, environments)
+    return [*sentences, *_answer_of_learning(results), _measured(results)]
+
+
+def _advice_for_one(results: Results, environment: str) -> list[str]:
+    ranked = rankable(results, [environment])
+    best = next(iter(ranked))
+    level = [name for name in ranked if name != best and not clear(ranked[best], ranked[name])]
+    next_best = next((name for name in ranked if name != best and name not in level), None)
+    sentences = [
+        f"Fly {best} in {environment}: on it {the(results.classical)} keeps "
+        f"{amount(mean_interval(ranked[best]))} of what knowing the truth is worth over dead reckoning, and loses "
+        f"{amount(loss(results, [environment], best))} of score against the truth.",
+        f"Within chance of it: {listed(level)}." if level else "No other is within chance of it.",
+    ]
+    if next_best:
+        gap = paired_difference(ranked[best], ranked[next_best])
+        sentences.append(f"The next, {next_best}, keeps {amount(gap)} less.")
+    return [*sentences, *_prices_in_time(results, [environment], best)]
+
+
+def _advice_for_many(results: Results, environments: list[str]) -> list[str]:
+    everywhere = rankable(results, environments)
+    if not everywhere:
+        return ["No estimator was flown in every environment: " + _each_best(results, environments, None)]
+    pick = next(iter(everywhere))
+    level = [name for name in everywhere if name != pick and not clear(everywhere[pick], everywhere[name])]
+    return [
+        f"If one estimator is to fly in {every(environments)}, take {pick}: on it {the(results.classical)} keeps "
+        f"{amount(mean_interval(everywhere[pick]))} of what knowing the truth is worth over dead reckoning, and loses "
+        f"{amount(loss(results, environments, pick))} of score against the truth"
+        + (f"; within chance of it: {listed(level)}." if level else "; no other is within chance of it."),
+        _each_best(results, environments, pick),
+        *_prices_in_time(results, environments, pick),
+    ]
+
+
+def _each_best(results: Results, environments: list[str], pick: str | None) -> str:
+    """The best of each environment, and by how much it beats the pick for all of them."""
+    better, equal = [], []
+    for environment in environments:
+        ranked = rankable(results, [environment])
+        best = next(iter(ranked))
+        gap = None if pick is None or pick == best else paired_difference(ranked[best], ranked[pick])
+        level = [name for name in ranked if name not in (best, pick) and not clear(ranked[best], ranked[name])]
+        tied = f", within chance of it {listed(level)}" if level else ""
+        if pick is None:
+            better.append(f"in {environment} {best} keeps {amount(mean_interval(ranked[best]))}{tied}")
+        elif gap is not None and gap.excludes_zero:
+            better.append(f"in {environment} {best} keeps {amount(gap)} more than {pick}{tied}")
+        else:
+            equal.append(environment)
+    told = "; ".join(better)
+    if equal:
+        told += ("; " if better else "") + f"in {listed(equal)} nothing beats {pick} beyond chance"
+    told += "."
+    return f"By environment the best differs: {told}" if better and pick else told[0].upper() + told[1:]
+
+
+def _prices_in_time(results: Results, environments: list[str], estimator: str) -> list[str]:
+    """What a step on an estimator costs, beside one on the truth."""
+    spans = []
+    for name in (estimator, ORACLE):
+        costs = [cost for e in environments if (cost := results.cost(e, results.classical, name)) is not None]
+        if not costs:
+            return []
+        low, high = (microseconds(value) for value in (min(costs), max(costs)))
+        spans.append(low if low == high else f"{low} to {high}")
+    return [
+        f"A step on {estimator} takes {spans[0]} µs of CPU, vehicle and agent included; on the truth {spans[1]} µs."
+    ]
+
+
+def _answer_of_learning(results: Results) -> list[str]:
+    """What learned agents lose or gain, whether a filter beats memory, and what crossing estimators costs."""
+    reference, sentences = reference_pilot(results), []
+    if reference is not None:
+        each = {e: against_classical(results, e, reference) for e in shared(results, reference)}
+        gaps = {e: gap for e, gap in each.items() if gap is not None}
+        if gaps:
+            who = f"{named(reference)}, flying the estimator of its training,"
+            same = f"{the(results.classical)} on the same"
+            if any(not isinstance(gap, Interval) or gap.excludes_zero for gap in gaps.values()):
+                told = [f"{_more(gap)} in {e}" for e, gap in gaps.items()]
+                sentences.append(f"{who} keeps {listed(told)} than {same}.")
+            else:
+                told = [f"{amount(gap, signed=True)} in {e}" for e, gap in gaps.items()]
+                sentences.append(f"{who} is within chance of {same}: {listed(told)}.")
+        sentences += _filter_or_memory(results, reference)
+    return sentences + _crossings(results)
+
+
+def _filter_or_memory(results: Results, reference: Pilot) -> list[str]:
+    """Whether learning on a filter beats learning on readings, with or without memory."""
+    raw = [pilot for pilot in learners(results) if results.agent(pilot).raw]
+    gaps = {pilot: gap for pilot in raw if (gap := _filter_gain(results, reference, pilot)) is not None}
+    if not gaps:
+        return []
+    sure = [gap for gap in gaps.values() if isinstance(gap, Interval)]
+    verdict = "against"
+    if len(sure) == len(gaps):
+        for words, holds in (
+            ("beats", all(gap.low > 0.0 for gap in sure)),
+            ("is beaten by", all(gap.high < 0.0 for gap in sure)),
+            ("is within chance of", not any(gap.excludes_zero for gap in sure)),
+        ):
+            verdict = words if holds else verdict
+    told = []
+    for pilot, gap in gaps.items():
+        there = shared(results, reference, pilot)
+        where = f" in {listed(there)}" if len(there) < len(shared(results, reference)) else ""
+        told.append(f"{_more(gap)} than {named(pilot)}{where}")
+    return [f"A filter in the loop {verdict} learning on raw readings: {named(reference)} keeps {listed(told)}."]
+
+
+def _filter_gain(results: Results, reference: Pilot, pilot: Pilot) -> Interval | float | None:
+    """How much more of the oracle's performance the reference keeps, paired by training seed."""
+    environments = shared(results, reference, pilot)
+    return difference(results, environments, reference, pilot) if environments else None
+
+
+def _crossings(results: Results) -> list[str]:
+    """What it costs to fly on an estimator that one was not trained on."""
+    found = [(e, cost) for e in results.environments if (cost := crossing(results, e)) is not None]
+    if found:
+        told = listed([f"{_less(cost)} in {e}" for e, cost in found])
+        return [f"On an estimator that another policy was trained on, a policy keeps {told} than that one."]
+    return []
+
+
+def _more(gap: Interval | float) -> str:
+    """How much more, or less, in words."""
+    if not isinstance(gap, Interval):
+        return f"{number(abs(gap), 3)} {'less' if gap < 0.0 else 'more'} (one run, no interval)"
+    size = amount(Interval(abs(gap.mean), gap.low, gap.high))
+    return f"{size} {'less' if gap.mean < 0.0 else 'more'}" + ("" if gap.excludes_zero else " (within chance)")
+
+
+def _less(gap: Interval | float) -> str:
+    return _more(-gap if not isinstance(gap, Interval) else Interval(-gap.mean, -gap.high, -gap.low))
+
+
+def _measured(results: Results) -> str:
+    study = results.plan.study
+    words = (
+        f"(Means over {study.episodes} evaluation seeds, the same for everybody, in "
+        f"{many(len(study.conditions), 'condition')}, with 95 % intervals"
+    )
+    if study.learned:
+        words += f"; learned agents: interquartile means over {many(study.training_seeds, 'training run')}"
+        words += ", too few to say what another training would give" if study.training_seeds < FEW_SEEDS else ""
+    missing = len(results.plan.flights) - sum(f.cell.key in results.values for f in results.plan.flights)
+    return words + (f"; {missing} of {len(results.plan.flights)} flights have no result" if missing else "") + ".)"

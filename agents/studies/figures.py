@@ -1,0 +1,472 @@
+"""The figures of a study's report. An estimator has one colour and one mark in all of them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from textwrap import fill
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from agents.plotting import BELIEVED, INK, PALE, PALETTE, RAW, TRUE, styled
+from agents.statistics import Interval, mean_interval, performance_profile
+from agents.studies.plan import RAW as READINGS
+from agents.studies.results import Pilot, Place, Results
+from agents.studies.study import FLOOR, ORACLE, Condition
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+WIDTH = 7.2
+"""Inches."""
+_MARKS = "os^vDP<>Xp*h"
+_LINES = ("-", "--", "-.", ":")
+AXES = {"disturbance": "disturbance", "sensors": "sensor suite", "mismatch": "mismatch of the model"}
+"""What conditions differ in, and what that is called."""
+_ORDER = {"disturbance": ("calm", "moderate", "rough"), "sensors": ("clean", "nominal", "degraded")}
+
+
+@dataclass(frozen=True)
+class Look:
+    """How an estimator is drawn."""
+
+    colour: str
+    mark: str
+    line: str = "-"
+
+
+def looks(results: Results) -> dict[str, Look]:
+    """The look of every estimator that was flown anywhere, in the order of the study."""
+    order = [e.name for e in results.plan.study.estimators]
+    flown = dict.fromkeys(name for e in results.environments for name in results.estimators(e))
+    names = sorted(flown, key=lambda name: order.index(name) if name in order else len(order))
+    found = {ORACLE: Look(INK, "|", "--"), FLOOR: Look(RAW, "|", ":")}
+    free = (name for name in names if name not in found)
+    for i, name in enumerate(free):
+        found[name] = Look(PALETTE[i % len(PALETTE)], _MARKS[i % len(_MARKS)], _LINES[i // len(PALETTE) % len(_LINES)])
+    return {name: found[name] for name in names}
+
+
+# --- who keeps how much -----------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Row:
+    """A line of a dot plot: its name, look, and values by panel; None where there is none."""
+
+    name: str
+    look: Look
+    values: Sequence[Interval | float | None]
+
+
+def dots(rows: Sequence[Row], panels: Sequence[str], label: str) -> "Figure":
+    """Values with their intervals, a line each, the first on top; a number without an interval is hollow.
+
+    Args:
+        rows: The lines.
+        panels: Titles, the first one's panel being set in a tint.
+        label: Of the axis.
+    """
+    from matplotlib.figure import Figure
+
+    with styled():
+        figure = Figure(figsize=(WIDTH, 0.9 + 0.19 * len(rows)), layout="constrained")
+        axes = figure.subplots(1, len(panels), sharey=True, sharex=True, squeeze=False)[0]
+        heights = np.arange(len(rows))[::-1]
+        for j, (panel, title) in enumerate(zip(axes, panels, strict=True)):
+            if j == 0 and len(panels) > 1:
+                panel.set_facecolor("#f5f6f8")
+            for height, row in zip(heights, rows, strict=True):
+                _dot(panel, row.values[j], height, row.look)
+            for end in (0.0, 1.0):
+                panel.axvline(end, color=INK, linewidth=0.6, zorder=0.5)
+            panel.set_title(title, loc="left", fontsize=9)
+            panel.grid(axis="x")
+            panel.tick_params(axis="y", length=0)
+            panel.locator_params(axis="x", nbins=4)
+        axes[0].set_yticks(heights, [row.name for row in rows])
+        axes[0].set_ylim(-0.6, len(rows) - 0.4)
+        figure.supxlabel(label, fontsize=10)
+        return figure
+
+
+def _dot(panel: "Axes", value: Interval | float | None, height: float, look: Look) -> None:
+    if value is None:
+        return
+    mean, ends = (value, None) if isinstance(value, int | float) else (value.mean, _ends([value]))
+    panel.errorbar(
+        mean, height, xerr=ends, color=look.colour, marker=look.mark, markersize=3.5 if look.mark != "|" else 8,
+        markerfacecolor="white" if ends is None else look.colour, elinewidth=1.0, capsize=2.2, linestyle="none",
+    )  # fmt: skip
+
+
+def _ends(intervals: Sequence[Interval]) -> np.ndarray:
+    """How far the ends of intervals are from their means, ``(2, k)``."""
+    return np.maximum([[i.mean - i.low for i in intervals], [i.high - i.mean for i in intervals]], 0.0)
+
+
+# --- learned agents ---------------------------------------------------------------------------------
+
+
+def pilot_looks(results: Results) -> dict[Pilot, Look]:
+    """The look of everybody of `Results.schools`: a colour each, a line for each agent."""
+    agents = [agent.name for agent in results.plan.study.agents]
+    return {
+        pilot: Look(PALETTE[i % len(PALETTE)], _MARKS[i % len(_MARKS)], _LINES[agents.index(pilot.agent) % 4])
+        for i, pilot in enumerate(results.schools())
+    }
+
+
+def profile_figure(results: Results) -> "Figure":
+    """Share of training runs that keep more than some share of the oracle's performance, a panel an environment.
+
+    The pointwise bands are drawn where runs lie; beyond them they go on, and would hide each other.
+    """
+    from matplotlib.figure import Figure
+
+    look = pilot_looks(results)
+    learned = [pilot for pilot in look if results.agent(pilot).learned]
+    runs = {(e, p): results.runs([e], p) for e, p in product(results.environments, learned)}
+    shown = [e for e in results.environments if any(runs[e, p] is not None for p in learned)]
+    columns = min(len(shown), 2)
+    lines = -(-len(shown) // columns)
+    with styled():
+        figure = Figure(figsize=(WIDTH, 0.6 + 0.2 * -(-len(learned) // 3) + 1.9 * lines), layout="constrained")
+        axes = figure.subplots(lines, columns, sharey=True, squeeze=False)
+        for panel, environment in zip(axes.flat, shown, strict=False):
+            flown = {p: runs[environment, p] for p in learned}
+            every = np.concatenate([r.ravel() for r in flown.values() if r is not None])
+            margin = 0.08 * max(float(np.ptp(every)), 0.05)
+            thresholds = np.linspace(every.min() - margin, every.max() + margin, 201)
+            for pilot, values in flown.items():
+                if values is None:
+                    continue
+                profile = performance_profile(values, thresholds)
+                colour = look[pilot].colour
+                panel.fill_between(
+                    thresholds, [p.low for p in profile], [p.high for p in profile],
+                    where=(thresholds > values.min() - 0.5 * margin) & (thresholds < values.max() + 0.5 * margin),
+                    color=colour, alpha=0.15, linewidth=0.0,
+                )  # fmt: skip
+                panel.plot(
+                    thresholds, [p.mean for p in profile], color=colour, linestyle=look[pilot].line, label=str(pilot)
+                )
+            panel.set_title(environment, loc="left")
+            panel.set_xlabel("share kept")
+            panel.set_ylim(-0.03, 1.03)
+            panel.grid()
+        for panel in axes.flat[len(shown) :]:
+            panel.set_axis_off()
+        figure.supylabel("share of runs above", fontsize=10)
+        _legend(figure, axes.flat, 3)
+        return figure
+
+
+def transfer_figure(results: Results, agent: str) -> "Figure | None":
+    """What policies trained on one estimator keep on another, a panel an environment; None if nothing was trained.
+
+    Args:
+        results: Of a study.
+        agent: Name of one that learns and flies on estimates.
+    """
+    from matplotlib.figure import Figure
+
+    tables = {}
+    for environment in results.environments:
+        pilots = [p for p in results.pilots(environment) if p.agent == agent]
+        on = [name for name in results.estimators(environment) if name != READINGS]
+        shares = np.array([[_transfer(results, environment, pilot, name) for name in on] for pilot in pilots])
+        if np.isfinite(shares).any():
+            tables[environment] = ([p.trained_on for p in pilots], on, shares)
+    if not tables:
+        return None
+    with styled():
+        heights = [0.25 * len(rows) + 1.05 for rows, _, _ in tables.values()]
+        figure = Figure(figsize=(WIDTH, sum(heights)), layout="constrained")
+        axes = figure.subplots(len(tables), 1, squeeze=False, height_ratios=heights)[:, 0]
+        for panel, (environment, (rows, on, shares)) in zip(axes, tables.items(), strict=True):
+            panel.imshow(np.clip(shares, 0.0, 1.0), cmap="Blues", vmin=0.0, vmax=1.4, aspect="auto")
+            for (i, j), share in np.ndenumerate(shares):
+                text = f"{share:.2f}".replace("-", "−") if np.isfinite(share) else "–"
+                own = rows[i] == on[j]
+                panel.text(j, i, text, ha="center", va="center", fontsize=8.5, weight="bold" if own else "normal")
+                if own:
+                    panel.add_patch(_box(j, i))
+            panel.set_xticks(range(len(on)), on, rotation=35, ha="right", rotation_mode="anchor", fontsize=8.5)
+            panel.set_yticks(range(len(rows)), rows)
+            panel.tick_params(length=0)
+            for spine in panel.spines.values():
+                spine.set_visible(False)
+            panel.set_title(environment, loc="left")
+            panel.set_ylabel("trained on")
+        axes[-1].set_xlabel("flown on")
+        return figure
+
+
+def _transfer(results: Results, environment: str, pilot: Pilot, estimator: str) -> float:
+    runs = results.runs([environment], pilot, estimator)
+    return float("nan") if runs is None else float(runs.mean())
+
+
+def _box(column: int, row: int) -> Any:
+    from matplotlib.patches import Rectangle
+
+    return Rectangle((column - 0.5, row - 0.5), 1.0, 1.0, fill=False, edgecolor=INK, linewidth=1.2, clip_on=False)
+
+
+# --- robustness and cost ----------------------------------------------------------------------------
+
+
+def along(results: Results, axis: str) -> list[Condition]:
+    """The conditions that differ from the first in one axis alone, the first among them, in the axis' order."""
+    first, *others = results.plan.study.conditions
+    found: dict[Any, Condition] = {getattr(first, axis): first}
+    for other in others:
+        if {name for name in AXES if getattr(other, name) != getattr(first, name)} == {axis}:
+            found.setdefault(getattr(other, axis), other)
+    order = _ORDER.get(axis)
+    return [found[value] for value in sorted(found, key=order.index if order and set(found) <= set(order) else None)]
+
+
+def robustness_figure(results: Results) -> "Figure | None":
+    """What the classical agent keeps over each axis that the conditions vary, a row an environment; None without one.
+
+    The ends of the scale are left out: they are 0 and 1 in every condition.
+    """
+    from matplotlib.figure import Figure
+
+    drawn = {axis: conditions for axis in AXES if len(conditions := along(results, axis)) > 1}
+    if not drawn:
+        return None
+    look = {name: each for name, each in looks(results).items() if name not in (ORACLE, FLOOR)}
+    rows = results.environments
+    with styled():
+        legend = 0.19 * -(-len(look) // 6)
+        figure = Figure(figsize=(WIDTH, 0.5 + legend + 1.62 * len(rows)), layout="constrained")
+        axes = figure.subplots(len(rows), len(drawn), sharey="row", squeeze=False)
+        for (i, environment), (j, (axis, conditions)) in product(enumerate(rows), enumerate(drawn.items())):
+            panel = axes[i, j]
+            names = [name for name in results.estimators(environment, results.classical) if name in look]
+            for k, name in enumerate(names):
+                _curve(
+                    panel, results, environment, name, conditions, 0.16 * (k / max(len(names) - 1, 1) - 0.5), look[name]
+                )
+            panel.set_xticks(range(len(conditions)), [_level(c, axis) for c in conditions])
+            panel.set_xlim(-0.2, len(conditions) - 0.8)
+            panel.grid(axis="y")
+            if i == len(rows) - 1:
+                panel.set_xlabel(AXES[axis])
+            if j == 0:
+                panel.set_ylabel("share kept")
+                panel.set_title(environment, loc="left")
+        _legend(figure, axes.flat, 6)
+        return figure
+
+
+def _curve(
+    panel: "Axes", results: Results, environment: str, name: str, conditions: list[Condition], shift: float, look: Look
+) -> None:
+    """What is kept over conditions, moved aside a little so that intervals do not hide each other."""
+    kept = [results.paired([Place(environment, c.name)], results.classical, name) for c in conditions]
+    each = [None if values is None else mean_interval(values) for values in kept]
+    there = [(i, value) for i, value in enumerate(each) if value is not None]
+    if there:
+        panel.errorbar(
+            [i + shift for i, _ in there], [value.mean for _, value in there], yerr=_ends([v for _, v in there]),
+            color=look.colour, linestyle=look.line, marker=look.mark, markersize=3.2, linewidth=0.9, elinewidth=0.5,
+            label=name,
+        )  # fmt: skip
+
+
+def _level(condition: Condition, axis: str) -> str:
+    value = getattr(condition, axis)
+    return f"{100 * value:g} %" if axis == "mismatch" else value
+
+
+def cost_figure(results: Results) -> "Figure | None":
+    """Score in the first condition over CPU time of a step, a panel an environment; None if no times are known."""
+    from matplotlib.figure import Figure
+
+    look = looks(results)
+    points: dict[str, dict[str, tuple[float, Interval]]] = {}
+    for environment in results.environments:
+        place = Place(environment, results.conditions[0])
+        for name in results.estimators(environment, results.classical):
+            cost = results.cost(environment, results.classical, name)
+            score = results.figure(place, results.classical, name)
+            mean = None if score is None else mean_interval(score[0])
+            if cost and mean is not None:
+                points.setdefault(environment, {})[name] = (cost, mean)
+    if not points:
+        return None
+    columns = min(len(points), 2)
+    lines = -(-len(points) // columns)
+    with styled():
+        figure = Figure(figsize=(WIDTH, 0.3 + 2.6 * lines), layout="constrained")
+        axes = figure.subplots(lines, columns, squeeze=False)
+        for panel, (environment, found) in zip(axes.flat, points.items(), strict=False):
+            for name, (x, y) in found.items():
+                panel.errorbar(
+                    x, y.mean, yerr=_ends([y]), color=look[name].colour, linestyle="none",
+                    marker=look[name].mark if look[name].mark != "|" else "o", markersize=4, elinewidth=0.6,
+                )  # fmt: skip
+            panel.set_xscale("log")
+            panel.set_title(environment, loc="left")
+            panel.set_xlabel("CPU time of a step [µs]")
+            panel.set_ylabel("score")
+            panel.grid()
+            _ticks(panel, [cost for cost, _ in found.values()])
+        for panel in axes.flat[len(points) :]:
+            panel.set_axis_off()
+        figure.draw_without_rendering()
+        for panel, found in zip(axes.flat, points.values(), strict=False):
+            _labelled(panel, {name: (c, s.mean, look[name].colour) for name, (c, s) in found.items()})
+        return figure
+
+
+def _ticks(panel: "Axes", costs: Sequence[float]) -> None:
+    """Round numbers on a logarithmic axis, which has few of its own in a range so short."""
+    from matplotlib.ticker import NullFormatter, NullLocator
+
+    low, high = min(costs) / 1.5, max(costs) * 1.9
+    steps = [a * 10.0**b for b in range(-1, 6) for a in (1, 2, 5)]
+    ticks = [step for step in steps if low <= step <= high]
+    panel.set_xlim(low, high)
+    panel.xaxis.set_minor_locator(NullLocator())
+    panel.xaxis.set_minor_formatter(NullFormatter())
+    panel.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+
+
+def _labelled(panel: "Axes", points: Mapping[str, tuple[float, float, str]]) -> None:
+    """Names beside points ``(x, y, colour)``, each at the nearest place where it covers no name and no point."""
+    scale = panel.figure.dpi / 72.0
+    at = {name: panel.transData.transform((x, y)) for name, (x, y, _) in points.items()}
+    frame = panel.get_window_extent()
+    taken = [_around(place, np.full(2, 3.0 * scale)) for place in at.values()]
+    for name, place in sorted(at.items(), key=lambda item: -item[1][1]):
+        text = panel.annotate(
+            name, points[name][:2], textcoords="offset points", xytext=(0, 0), fontsize=8, color=points[name][2],
+            va="center", ha="center",
+        )  # fmt: skip
+        size = text.get_window_extent()
+        half = 0.5 * np.array([size.width, size.height]) + 0.5 * scale
+        best, least = None, np.inf
+        for distance, angle in product((0.0, 6.0, 13.0, 21.0, 30.0, 40.0, 52.0), np.arange(16) * np.pi / 8.0):
+            away = np.array([np.cos(angle), np.sin(angle)])
+            shift = away * (half + (4.5 + distance) * scale)
+            box = _around(place + shift, half)
+            out = sum(max(0.0, over) for over in (
+                frame.x0 - box[0], frame.y0 - box[1], box[2] - frame.x1, box[3] - frame.y1
+            ))  # fmt: skip
+            cost = distance * scale + 1e3 * out + 1e2 * sum(_overlap(box, other) for other in taken)
+            if cost < least:
+                best, least = (shift, box, distance), cost
+        assert best is not None
+        shift, box, distance = best
+        text.set_position(tuple(shift / scale))
+        taken.append(box)
+        if distance >= 6.0:
+            panel.annotate(
+                "", points[name][:2], textcoords="offset points", xytext=tuple(shift / scale),
+                arrowprops={"arrowstyle": "-", "color": points[name][2], "linewidth": 0.4, "shrinkA": 6, "shrinkB": 2},
+            )  # fmt: skip
+
+
+def _around(centre: np.ndarray, half: np.ndarray) -> tuple[float, ...]:
+    """A box: left, bottom, right, top."""
+    return (*(centre - half), *(centre + half))
+
+
+def _overlap(a: tuple[float, ...], b: tuple[float, ...]) -> float:
+    """Area that two boxes share."""
+    return max(0.0, min(a[2], b[2]) - max(a[0], b[0])) * max(0.0, min(a[3], b[3]) - max(a[1], b[1]))
+
+
+# --- examples ---------------------------------------------------------------------------------------
+
+
+def example_figure(shown: Mapping[str, Mapping[str, Any]]) -> "Figure":
+    """Tracks of an episode, if there are any, and the error of the estimate within what it claims; a column each.
+
+    Args:
+        shown: What `agents.studies.examples.example` gave, by estimator, all of one environment.
+    """
+    from matplotlib.figure import Figure
+
+    tracked = all(each["tracks"] for each in shown.values())
+    with styled():
+        figure = Figure(figsize=(WIDTH, 3.6 if tracked else 1.9), layout="constrained")
+        ratios = (1.5, 1.0) if tracked else (1.0,)
+        axes = figure.subplots(len(ratios), max(len(shown), 3), squeeze=False, height_ratios=ratios)
+        for column, (name, each) in zip(axes.T, shown.items(), strict=False):
+            if tracked:
+                _tracks(column[0], each)
+            _error(column[-1], each)
+            column[0].set_title(name, loc="left")
+        first = next(iter(shown.values()))
+        for column in axes.T[len(shown) :]:
+            for panel in column:
+                panel.set_axis_off()
+        if tracked:
+            _alike(axes[0, : len(shown)], first["down"])
+            axes[0, 0].set_ylabel(first["axes"][1])
+        axes[-1, 0].set_ylabel(fill(f"{first['what']} [{first['unit']}]", 17))
+        _legend(figure, axes[:, 0], 5)
+        return figure
+
+
+def _tracks(panel: "Axes", each: Mapping[str, Any]) -> None:
+    from matplotlib.patches import Circle
+
+    for x, y, radius in each["obstacles"]:
+        panel.add_patch(Circle((x, y), radius, facecolor="#e3e5e8", edgecolor="none"))
+    lines = {"commanded": (RAW, ":", 1.3), "true": (TRUE, "-", 1.3), "believed": (BELIEVED, "--", 1.0)}
+    for kind, (colour, line, width) in lines.items():
+        track = np.array(each["tracks"][kind])
+        panel.plot(track[:, 0], track[:, 1], color=colour, linestyle=line, linewidth=width, label=kind)
+    panel.plot(*np.array(each["tracks"]["true"])[0], color=TRUE, marker="o", markersize=3)
+    if not each["down"]:
+        panel.set_aspect("equal")
+    panel.set_xlabel(each["axes"][0])
+    panel.grid()
+    panel.locator_params(nbins=4)
+
+
+def _alike(panels: np.ndarray, down: bool) -> None:
+    """The same part of the world in all panels: a square of it from above; depths grow downwards."""
+    from matplotlib.transforms import Bbox
+
+    whole = Bbox.union([panel.dataLim for panel in panels])
+    width, height = whole.width, whole.height
+    if not down:
+        width = height = max(width, height)
+    x, y = 0.5 * (whole.x0 + whole.x1), 0.5 * (whole.y0 + whole.y1)
+    for panel in panels:
+        panel.set_xlim(x - 0.55 * width, x + 0.55 * width)
+        panel.set_ylim(*(y + 0.55 * height * np.array([1.0, -1.0] if down else [-1.0, 1.0])))
+
+
+def _error(panel: "Axes", each: Mapping[str, Any]) -> None:
+    time, error = np.array(each["time"]), np.array(each["error"])
+    if each["two_sigma"] is not None:
+        band = np.array(each["two_sigma"])
+        panel.fill_between(time, -band, band, color=PALE, linewidth=0.0, label="±2σ claimed")
+    panel.plot(time, error, color=INK, linewidth=0.7, label="error")
+    panel.set_xlabel("time [s]")
+    panel.margins(x=0.01)
+    panel.grid()
+    panel.locator_params(nbins=4)
+
+
+# --- pieces -----------------------------------------------------------------------------------------
+
+
+def _legend(figure: "Figure", panels: Any, columns: int) -> None:
+    """One legend above all panels, each name once."""
+    found: dict[str, Any] = {}
+    for panel in panels:
+        for handle, name in zip(*panel.get_legend_handles_labels(), strict=True):
+            found.setdefault(name, handle)
+    if found:
+        figure.legend(found.values(), found.keys(), loc="outside upper center", ncols=columns, fontsize=8.5)

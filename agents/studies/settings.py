@@ -1,0 +1,166 @@
+"""Everything that is needed to run a study again."""
+
+import platform
+from dataclasses import asdict, is_dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import vessel_gym
+from agents.metrics import WITHOUT_COVARIANCE
+from agents.page import Block, Facts, Section, listed
+from agents.scores import metrics
+from agents.source import source_digest
+from agents.studies.plan import RAW, options
+from agents.studies.results import Pilot, Results
+from agents.studies.study import Agent
+from agents.studies.worlds import environment_id, system_of
+
+_LIBRARIES = ("numpy", "scipy", "numba", "gymnasium", "torch", "stable-baselines3", "sb3-contrib", "matplotlib")
+
+
+def settings(results: Results, out: Path) -> Section:
+    """Command, versions, and every setting of environments, conditions, agents, estimators and trainings."""
+    study = results.plan.study
+    run = [
+        ("command", f"python -m scripts.ablate {out}/study.toml --out {out}"),
+        ("evaluation seeds", f"{study.seeds[0]} to {study.seeds[-1]}"),
+        ("machine", f"{platform.system()} {platform.machine()}, Python {platform.python_version()}; CPU {_cpu()}"),
+        ("CPU time", f"{sum(results.seconds.values()) / 60.0:.1f} min over {len(results.seconds)} cells"),
+        *((f"SHA-256 of {module} and what it imports", source_digest(module)) for module in _modules(results)),
+    ]
+    if study.learned:
+        run.insert(2, ("training seeds", f"0 to {study.training_seeds - 1}"))
+    versions = [("vessel-gym", vessel_gym.__version__), *((n, v) for n in _LIBRARIES if (v := _version(n)))]
+    blocks: list[Block] = [
+        Facts("Run", run),
+        Facts("Versions", versions),
+        Facts("Environments", [(e.id, _world(e.id)) for e in study.environments]),
+        Facts("Conditions", [(c.name, _plain(c.options)) for c in study.conditions]),
+        Facts("Agents", [(a.name, _pilot_settings(a)) for a in study.agents]),
+        Facts("Estimators", _tunings(results)),
+    ]
+    trained = _trainings(results)
+    if trained:
+        blocks.append(Facts("Trainings", trained))
+    blocks.append(Facts("Columns of episodes.csv", _columns(results)))
+    return Section("To run it again", blocks)
+
+
+def _modules(results: Results) -> list[str]:
+    """The modules that computed."""
+    cells = [each for cell in results.plan.cells for each in (cell, *cell.needs)]
+    return sorted({cell.function.partition(":")[0] for cell in cells})
+
+
+def _pilot_settings(agent: Agent) -> str:
+    given = {k: v for k, v in asdict(agent).items() if k != "name" and v and not (agent.raw and k == "trained_on")}
+    return _plain(given if agent.learned else {"kind": agent.kind})
+
+
+def _columns(results: Results) -> list[tuple[str, str]]:
+    """What every metric means; by environment, where tasks differ in that."""
+    meanings: dict[str, dict[str, list[str]]] = {}
+    for environment in results.environments:
+        for m in metrics(system_of(environment).task):
+            name = f"{m.key} [{m.unit}]" if m.unit else m.key
+            meanings.setdefault(name, {}).setdefault(m.meaning, []).append(environment)
+    return [
+        (name, next(iter(each)) if len(each) == 1 else " ".join(f"{listed(e)}: {text}" for text, e in each.items()))
+        for name, each in meanings.items()
+    ]
+
+
+def _world(environment: str) -> str:
+    """An environment in a line."""
+    system = system_of(environment)
+    facts = {
+        "default estimator": system.estimator,
+        "filter model": system.filter_model,
+        "step": f"{system.vehicle.dt:g} s",
+        "horizon": f"{system.task.horizon} steps",
+    }
+    return f"{_plain(facts)}; task: {_fields(system.task)}"
+
+
+def _tunings(results: Results) -> list[tuple[str, str]]:
+    """Model and options of every estimator, as they are in each disturbance of the study; alike ones together."""
+    rows: dict[tuple[str, str], list[str]] = {}
+    for environment in results.environments:
+        for name in results.estimators(environment):
+            if name != RAW:
+                rows.setdefault((environment, _tuning(results, environment, name)), []).append(name)
+    return [(f"{listed(names)}, {environment}", text) for (environment, text), names in rows.items()]
+
+
+def _tuning(results: Results, environment: str, name: str) -> str:
+    study, system = results.plan.study, system_of(environment)
+    each: dict[str, list[str]] = {}
+    for condition in study.conditions:
+        given = options(condition, study.estimator(name), environment)
+        kind = given["estimator"]
+        tuned = {} if ":" in kind else system.tuning(kind, system.disturbances[condition.disturbance])
+        tuned = tuned | given.get("estimator_options", {})
+        if kind not in WITHOUT_COVARIANCE:
+            tuned = {"model": system.filter_models.get(kind, system.filter_model)} | tuned
+        each.setdefault(_plain(tuned), []).append(condition.disturbance)
+    if len(each) == 1:
+        return next(iter(each))
+    return "; ".join(f"{listed(list(dict.fromkeys(where)))}: {text}" for text, where in each.items())
+
+
+def _trainings(results: Results) -> list[tuple[str, str]]:
+    """What each learned agent was trained on, and for how long."""
+    from agents.ppo import hyperparameters
+
+    rows: dict[str, str] = {}
+    for flight in results.plan.flights:
+        name = f"{Pilot(flight.agent, flight.trained_on)}, {flight.environment}"
+        for cell in flight.cell.needs if name not in rows else ():
+            values = results.values.get(cell.key)
+            if values is not None:
+                settings = hyperparameters(environment_id(flight.environment), cell.arguments["memory"])
+                rows[name] = f"{values['steps']} environment steps a run; {_plain(settings)}"
+    return list(rows.items())
+
+
+def _fields(record: Any) -> str:
+    """A dataclass in one line, its nested ones left out."""
+    if not is_dataclass(record) or isinstance(record, type):
+        return type(record).__name__
+    return f"{type(record).__name__}: {_plain({k: v for k, v in asdict(record).items() if not isinstance(v, dict)})}"
+
+
+def _plain(values: dict[str, Any]) -> str:
+    """Settings in one line."""
+    return ", ".join(f"{key.replace('_', ' ')} {_value(value)}" for key, value in values.items()) or "none"
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key}: {_value(each)}" for key, each in value.items()) + "}"
+    if isinstance(value, np.ndarray):
+        return f"array of {' × '.join(map(str, value.shape))}"
+    if isinstance(value, list | tuple):
+        return "(" + ", ".join(map(_value, value)) + ")"
+    return str(value)
+
+
+def _version(library: str) -> str | None:
+    try:
+        return metadata.version(library)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+def _cpu() -> str:
+    """The processor's name, where the system tells it."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor() or "unknown"
+    return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), platform.machine())

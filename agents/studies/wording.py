@@ -1,0 +1,63 @@
+"""How a report puts numbers and names."""
+
+from collections.abc import Sequence
+
+from agents.page import Entry, entry, number
+from agents.statistics import Interval
+from agents.studies.results import Pilot
+
+
+def amount(value: Interval | float | None, signed: bool = False) -> str:
+    """A share or score with its interval in a sentence, with a digit more where the interval is small."""
+    if value is None:
+        return "–"
+    if not isinstance(value, Interval):
+        return number(value, 2, signed)
+    decimals = 2 if value.half >= 0.095 else 3
+    return f"{number(value.mean, decimals, signed)} ± {number(value.half, decimals)}"
+
+
+def span(interval: Interval, decimals: int, signed: bool = False) -> str:
+    """A value with the ends of an interval that need not lie evenly about it."""
+    ends = [number(end, decimals, signed) for end in (interval.low, interval.high)]
+    return f"{number(interval.mean, decimals, signed)} [{ends[0]}, {ends[1]}]"
+
+
+def share_entry(value: Interval | float | None) -> Entry:
+    """A share in a table; intervals of the bootstrap by their ends, because they are not even."""
+    if value is None:
+        return Entry("–")
+    if not isinstance(value, Interval):
+        return Entry(number(value, 3))
+    even = abs((value.high - value.mean) - (value.mean - value.low)) < 1e-9
+    return entry(value, 3) if even else Entry(span(value, 3))
+
+
+def microseconds(value: float | None) -> str:
+    """CPU time [µs] to three digits."""
+    return "–" if value is None else number(value, 0 if value >= 100.0 else 1)
+
+
+def the(pilot: Pilot) -> str:
+    """An agent in a sentence."""
+    return "the autopilot" if pilot.agent == "autopilot" else pilot.agent
+
+
+def named(pilot: Pilot) -> str:
+    """A name that holds a comma, in quotation marks."""
+    return f"“{pilot}”" if "," in str(pilot) else str(pilot)
+
+
+def every(environments: Sequence[str]) -> str:
+    """How many environments, all of them."""
+    return "both environments" if len(environments) == 2 else f"all {len(environments)} environments"
+
+
+def sentence(text: str) -> str:
+    """The beginning of a sentence."""
+    return text[0].upper() + text[1:]
+
+
+def many(count: int, noun: str) -> str:
+    """A number of things."""
+    return f"{count} {noun}{'s' if count != 1 else ''}"

@@ -1,0 +1,121 @@
+"""The figures of a report: one look for each estimator, no name covered, and nothing drawn that was not flown."""
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+from invented import CONDITIONS, CORVETTE, SEGOROGENI, learned, results, study, without
+
+from agents.statistics import Interval
+from agents.studies.figures import (
+    Look,
+    Row,
+    along,
+    cost_figure,
+    dots,
+    example_figure,
+    looks,
+    pilot_looks,
+    profile_figure,
+    robustness_figure,
+    transfer_figure,
+)
+from agents.studies.study import Condition
+
+
+@pytest.fixture(scope="module")
+def found():
+    return learned()
+
+
+def test_no_two_estimators_look_alike(found):
+    look = looks(found)
+    assert list(look) == found.flown_on()
+    assert len({(each.colour, each.mark, each.line) for each in look.values()}) == len(look)
+    assert len({(each.colour, each.mark, each.line) for each in pilot_looks(found).values()}) == len(found.schools())
+
+
+def test_an_axis_is_made_of_the_conditions_that_differ_in_it_alone(found):
+    assert [c.name for c in along(found, "disturbance")] == ["calm", "nominal", "rough"]
+    assert [c.name for c in along(found, "sensors")] == ["nominal"]  # "all wrong" differs in the mismatch, too
+    graded = results(
+        study((CORVETTE,), conditions=(CONDITIONS[0], Condition("b", mismatch=0.2), Condition("a", mismatch=0.1)))
+    )
+    assert [c.mismatch for c in along(graded, "mismatch")] == [0.0, 0.1, 0.2]
+
+
+def test_curves_are_drawn_for_the_axes_that_vary_and_for_no_other(found):
+    panels = robustness_figure(found).axes
+    assert len(panels) == 2
+    assert panels[-1].get_xlabel() == "disturbance"
+    assert [t.get_text() for t in panels[-1].get_xticklabels()] == ["calm", "moderate", "rough"]
+    assert robustness_figure(results(study((CORVETTE,), conditions=CONDITIONS[:1]))) is None
+
+
+def test_names_of_points_cover_neither_each_other_nor_leave_their_panel(found):
+    figure = cost_figure(found)
+    figure.draw_without_rendering()
+    for panel in figure.axes:
+        boxes = [text.get_window_extent() for text in panel.texts if text.get_text()]
+        assert len(boxes) == len(found.estimators(panel.get_title(loc="left"), found.classical))
+        assert not any(a.overlaps(b) for a, b in combinations(boxes, 2))
+        frame = panel.get_window_extent()
+        assert all(frame.x0 - 1 <= b.x0 and b.x1 <= frame.x1 + 1 for b in boxes)
+
+
+def test_without_times_there_is_no_figure_of_costs(found):
+    assert cost_figure(type(found)(found.plan, found.values)) is None
+
+
+def test_the_framed_cell_of_a_transfer_is_that_of_the_training(found):
+    for panel in transfer_figure(found, "PPO").axes:
+        on = [label.get_text() for label in panel.get_xticklabels()]
+        trained = [label.get_text() for label in panel.get_yticklabels()]
+        framed = {(round(box.get_x() + 0.5), round(box.get_y() + 0.5)) for box in panel.patches}
+        assert framed == {(on.index(name), row) for row, name in enumerate(trained)}
+    assert transfer_figure(without(found, lambda f: f.agent == "PPO"), "PPO") is None
+
+
+def test_profiles_fall_from_all_runs_to_none(found):
+    for panel in profile_figure(found).axes:
+        for line in panel.lines:
+            shares = line.get_ydata()
+            assert shares[0] == 1.0
+            assert shares[-1] == 0.0
+            assert np.all(np.diff(shares) <= 0.0)
+
+
+def test_a_dot_is_where_its_value_is_and_what_is_missing_is_not_drawn():
+    rows = [Row("a", Look("k", "o"), [Interval(0.5, 0.4, 0.8), 0.2]), Row("b", Look("k", "s"), [None, None])]
+    first, second = dots(rows, ["x", "y"], "share").axes
+    assert [c.lines[0].get_xdata()[0] for panel in (first, second) for c in panel.containers] == [0.5, 0.2]
+
+
+def example(**changes):
+    line = [[0.0, 0.0], [1.0, 2.0], [2.0, 3.0]]
+    tracks = {"commanded": line, "true": line, "believed": line}
+    shown = {
+        "tracks": tracks, "axes": ["east [m]", "depth [m]"], "down": False, "obstacles": [[1.0, 1.0, 0.5]],
+        "time": [0.0, 1.0, 2.0], "error": [0.0, 0.1, 0.2], "two_sigma": [0.3, 0.3, 0.3], "what": "x", "unit": "m",
+    }  # fmt: skip
+    return shown | changes
+
+
+def test_examples_show_the_same_part_of_the_world_and_depth_downwards():
+    far = example(tracks={kind: [[0.0, 0.0], [9.0, 9.0]] for kind in ("commanded", "true", "believed")})
+    panels = example_figure({"kf": example(), "ekf": far}).axes
+    assert panels[0].get_xlim() == panels[1].get_xlim()
+    assert panels[0].get_ylim() == panels[1].get_ylim()
+    assert panels[0].get_xlim()[1] >= 9.0
+    low, high = example_figure({"kf": example(down=True)}).axes[0].get_ylim()
+    assert low > high
+
+
+def test_an_example_of_an_unknown_task_has_its_error_alone_and_no_band_without_a_claim():
+    panels = example_figure({"own": example(tracks={}, two_sigma=None)}).axes
+    assert panels[0].get_xlabel() == "time [s]"
+    assert not panels[0].collections
+
+
+def test_environments_keep_their_order(found):
+    assert [p.get_title(loc="left") for p in cost_figure(found).axes] == [CORVETTE, SEGOROGENI]

@@ -1,0 +1,245 @@
+"""The report of a study: it says what the numbers say, whatever was flown, and leaves nothing out in silence."""
+
+import csv
+import io
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import invented
+import numpy as np
+import pytest
+from invented import CLASSICAL, CONDITIONS, CORVETTE, LEARNED, QUALITY, SEGOROGENI, results, study, without
+
+from agents.page import render
+from agents.statistics import mean_interval, stratified_bootstrap
+from agents.studies.answer import answer
+from agents.studies.plan import plan
+from agents.studies.report import page, write_report
+from agents.studies.results import Pilot
+from agents.studies.study import Agent
+
+OUT = Path("results")
+
+
+@pytest.fixture(scope="module")
+def classical():
+    return results(study())
+
+
+@pytest.fixture(scope="module")
+def plain(classical):
+    return page(classical, OUT)
+
+
+@pytest.fixture(scope="module")
+def small():
+    return results(study((CORVETTE,)))
+
+
+@pytest.fixture(scope="module")
+def learned():
+    return invented.learned()
+
+
+@pytest.fixture(scope="module")
+def taught(learned):
+    return page(learned, OUT)
+
+
+def table(report, name):
+    return next(t for t in report.tables if t.name == name)
+
+
+def rows(report, name):
+    """Entries in plain text by row and heading."""
+    found = table(report, name)
+    heads = [label for label, _ in found.head]
+    return {
+        (title, row): dict(zip(heads, map(str, entries), strict=True))
+        for title, each in found.sections
+        for row, entries in each
+    }
+
+
+def test_the_advice_is_the_estimator_on_which_most_is_kept_wherever_that_is():
+    planned = plan(study((CORVETTE,)))
+    for best in ("kf", "ekf", "kf-umv-ui"):
+        told = answer(results(planned, QUALITY | {best: 0.99}))
+        assert told[0].startswith(f"Fly {best} in {CORVETTE}")
+        assert "No other is within chance" in told[1]
+
+
+def test_estimators_that_differ_by_chance_are_said_to():
+    told = " ".join(
+        answer(results(study((CORVETTE,)), dict.fromkeys(QUALITY, 0.9) | {"truth": 1.0, "dead-reckoning": 0.0}))
+    )
+    assert re.search("Within chance of it: .* and .*", told)
+    assert "No other" not in told
+
+
+def test_over_all_environments_only_estimators_count_that_flew_in_each(classical, plain):
+    told = answer(classical)
+    assert "in both environments, take enkf" in told[0]  # kf-umv-ui keeps more, but only the corvette carries it
+    assert re.search(f"in {CORVETTE} kf-umv-ui keeps 0.1.* more than enkf", told[1])
+    shown = rows(plain, "ranking")
+    assert shown["", "kf-umv-ui"]["All"] == shown["", "kf-umv-ui"][SEGOROGENI] == "–"
+    assert shown["", "enkf"]["All"] != "–"
+
+
+def test_shares_in_the_ranking_are_those_of_the_statistics(classical, plain, learned, taught):
+    kept = classical.paired(classical.places(), classical.classical, "ekf")
+    interval = mean_interval(kept)
+    shown = rows(plain, "ranking")
+    assert shown["", "ekf"]["All"] == f"{interval.mean:.3f} ± {interval.half:.3f}"
+    runs = np.hstack([learned.runs([e], Pilot("PPO", "ekf")) for e in (CORVETTE, SEGOROGENI)])
+    interval = stratified_bootstrap(runs)
+    assert rows(taught, "agents")["", "PPO trained on ekf"]["All"] == (
+        f"{interval.mean:.3f} [{interval.low:.3f}, {interval.high:.3f}]"
+    )
+
+
+def test_the_floor_keeps_nothing_and_the_truth_everything(plain):
+    shown = rows(plain, "ranking")
+    for head in ("All", CORVETTE, SEGOROGENI):
+        assert shown["", "dead-reckoning"][head].startswith("0.000 ±")
+        assert shown["", "truth"][head].startswith("1.000 ±")
+
+
+def test_whether_a_filter_beats_memory_is_decided_by_the_runs(learned):
+    raw = "raw readings"
+    assert "A filter in the loop beats learning" in " ".join(answer(learned))
+    assert "A filter in the loop is beaten by" in " ".join(answer(results(learned.plan, QUALITY | {raw: 1.2})))
+    level = results(learned.plan, {**QUALITY, raw: 0.875})  # the mean of the two defaults
+    assert not re.search("in the loop (beats|is beaten)", " ".join(answer(level)))
+
+
+def test_what_crossing_costs_is_found(learned):
+    told = next(sentence for sentence in answer(learned) if "another policy" in sentence)
+    costs = [
+        float(number) for number in re.findall(r"keeps? (0\.\d+) ±|and (0\.\d+) ±", told) for number in number if number
+    ]
+    assert len(costs) == 2
+    assert np.abs(np.array(costs) - 0.02 / 0.8).max() < 0.03  # a policy off its estimator scores 0.02 less, of 0.8
+
+
+def test_few_training_runs_are_warned_of_and_one_has_no_interval(taught):
+    single = page(results(study((CORVETTE,), LEARNED, training_seeds=1)), OUT)
+    html = render(single)
+    assert "Warning: 1 training run of each agent" in html
+    assert "one run, no interval" in " ".join(single.answer)
+    assert all(
+        "±" not in entry for (_, row), e in rows(single, "agents").items() if "PPO" in row for entry in e.values()
+    )
+    assert "Warning" not in render(taught)
+
+
+def test_studies_without_learning_do_not_speak_of_it(plain):
+    html = render(plain)
+    assert "PPO" not in html
+    assert "training" not in " ".join(plain.answer)
+
+
+def test_a_failed_cell_is_named_with_the_last_line_of_its_traceback(small):
+    broken = without(
+        small,
+        lambda f: (f.flown_on, f.condition, f.environment) == ("ekf", "rough", CORVETTE),
+        "Traceback (most recent call last):\n  File x\nFloatingPointError: it <burst>",
+    )
+    report = page(broken, OUT)
+    html = render(report)
+    assert f"fly autopilot on ekf in {CORVETTE} (rough, nominal, 0.0): FloatingPointError: it &lt;burst&gt;" in html
+    assert "File x" not in html
+    assert rows(report, "ranking")["", "ekf"][CORVETTE] == "–"
+    assert "1 of" in report.answer[-1]
+    assert "have no result" in report.answer[-1]
+
+
+def test_what_an_environment_refuses_is_listed_with_the_reason(classical, plain):
+    html = render(plain)
+    for skipped in classical.plan.skipped:
+        assert skipped.reason in html
+        assert f"{skipped.what} in {skipped.environment}" in html
+
+
+def test_where_the_truth_is_worth_nothing_there_is_no_share_and_the_page_says_so():
+    flat = results(study((CORVETTE,)), QUALITY | {"truth": -1.0})
+    assert answer(flat)[0].startswith("No estimator can be ranked")
+    assert "No scale" in render(page(flat, OUT))
+
+
+def test_a_missing_end_takes_its_condition_out_of_every_share(classical):
+    partial = without(classical, lambda f: (f.flown_on, f.condition) == ("truth", "calm"))
+    report = page(partial, OUT)
+    assert f"left out of every share: {CORVETTE}, calm; {SEGOROGENI}, calm" in render(report)
+    assert rows(report, "ranking")["", "ekf"]["All"] != "–"
+    assert "Not computed yet" in render(report)
+
+
+def test_a_study_of_which_nothing_is_flown_still_makes_a_page(learned):
+    report = page(without(learned, lambda f: True, "OSError: no"), OUT)
+    assert report.answer == ["Nothing has a result yet."]
+    assert "OSError: no" in render(report)
+    assert not report.tables
+
+
+def test_an_agent_of_ones_own_may_be_the_classical_one():
+    mine = Agent("mine", "agents.dive_autopilot:DiveAutopilot")
+    found = results(study((SEGOROGENI,), (mine,), conditions=CONDITIONS[:1]))
+    assert "on it mine keeps" in answer(found)[0]
+    assert "The study varies no disturbance, sensor suite and mismatch" in render(page(found, OUT))
+
+
+def test_the_price_is_what_the_score_on_the_truth_is_higher(classical, plain):
+    truth, ours = (classical.figure(classical.places()[0], classical.classical, name)[0] for name in ("truth", "kf"))
+    shown = rows(plain, "price")[CORVETTE, "kf"]["nominal"]
+    assert shown.startswith(f"+{np.mean(truth - ours):.3f} ±")
+
+
+def test_every_setting_of_the_study_is_on_the_page(taught, learned):
+    html = render(taught)
+    for words in (
+        "python -m scripts.ablate",
+        "numpy",
+        "SHA-256",
+        "0 to 7",
+        "1000 environment steps",
+        "input prior",
+    ):
+        assert words in html.replace("<span>", "").replace("</span>", "")
+    for condition in learned.conditions:
+        assert condition in html
+
+
+def test_everything_is_written_and_every_table_in_three_forms(small, tmp_path):
+    report, path = page(small, tmp_path), write_report(small, tmp_path)
+    assert path == tmp_path / "report.html"
+    assert path.read_text(encoding="utf-8") == render(report)
+    assert not re.search(r'(?:src|href)="(?!data:)', render(report))
+    names = [t.name for t in report.tables]
+    files = {p.name for p in (tmp_path / "tables").iterdir()}
+    assert files == {f"{name}{suffix}" for name in names for suffix in (".csv", ".md", ".tex")}
+    episodes = list(csv.reader(io.StringIO((tmp_path / "episodes.csv").read_text(encoding="utf-8"))))
+    assert len(episodes) == 1 + 8 * len(small.plan.flights)
+
+
+def test_every_table_has_a_name_of_its_own(taught):
+    names = [t.name for t in taught.tables]
+    assert len(names) == len(set(names))
+    assert all(re.fullmatch("[a-z0-9-]+", name) for name in names)
+
+
+def test_tables_are_plain_enough_for_any_latex(taught):
+    for each in taught.tables:
+        assert each.latex().isascii(), each.name
+
+
+def test_the_same_results_give_the_same_page(small):
+    assert render(page(small, OUT)) == render(page(small, OUT))
+
+
+def test_the_classical_agent_may_keep_more_than_the_truth_and_nothing_is_clipped():
+    found = results(replace(study((CORVETTE,)), agents=(CLASSICAL,)), QUALITY | {"ekf": 1.3, "kf": -0.5})
+    shown = rows(page(found, OUT), "ranking")
+    assert float(shown["", "ekf"][CORVETTE].split()[0]) > 1.2
+    assert shown["", "kf"][CORVETTE].startswith("−0.")
