@@ -59,6 +59,13 @@ class Table:
         """Whether it has so many columns that it is set smaller."""
         return len(self.head) > 6
 
+    @property
+    def text(self) -> list[bool]:
+        """For each column of the head, whether it holds words: they stand left and may be broken."""
+        columns = list(zip(*(entries for _, rows in self.sections for _, entries in rows), strict=True))
+        words = [[e.value for e in column if e.value != "–"] for column in columns or [()] * len(self.head)]
+        return [bool(column) and all(value[:1].isalpha() for value in column) for column in words]
+
     def rows(self) -> list[list[str]]:
         """Heading and rows in plain text, the section's title in a column of its own where there is one."""
         titled = any(title for title, _ in self.sections)

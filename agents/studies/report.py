@@ -433,7 +433,8 @@ def _consistency(results: Results) -> Section:
         "95 % chi-square bands; 0.95 for a filter that is as good as it says, less for a cautious one, too. Diverged: "
         "episodes in which the truth was for half of the time outside of what the filter held for possible (NEES "
         f"beyond its 99.9999 % quantile). {RESTARTS.label}: {RESTARTS.meaning} A dash: {listed(WITHOUT_COVARIANCE)} "
-        "claim no covariance of their own; without innovations there is no NIS.",
+        "claim no covariance of their own; without innovations there is no NIS. Where an unknown input reaches the "
+        "readings, every innovation contains it and no covariance does: no NIS there is in its band.",
         "Estimator",
         [
             ("Score", ""),
