@@ -141,7 +141,7 @@ def test_a_fall_is_true_only_beyond_doubt(trend: Interval | None, words: str):
 
 
 def test_an_exponent_in_words_is_a_change_between_two_sizes():
-    assert change(Interval(-0.5, -1.0, 0.0), 100, 400) == "−50.0 % (−75.0 to +0.0 %)"
+    assert change(Interval(-0.5, -1.0, 0.0), 100, 400) == "−50.0 % (−75.0 to 0.0 %)"
 
 
 def test_every_published_number_is_compared_and_times_are_not():
