@@ -14,7 +14,7 @@ import numpy as np
 
 from agents.page import Entry, Table, entry, number
 from agents.plotting import BELIEVED, PUBLISHED, TRUE, data_uri, styled
-from agents.reproduction.comparison import Comparison, Published
+from agents.reproduction.comparison import Comparison, Published, comparison_table
 from agents.statistics import Interval, mean_interval
 from estimators import Filter, Gaussian, NonlinearModel
 from vessel_gym.sensors import Instrument
@@ -199,40 +199,50 @@ def change(trend: Interval | None, first: int, last: int) -> str:
     return f"{number(mean, 1, True)} % ({number(low, 1, True)} to {number(high, 1, True)} %)"
 
 
-def comparisons(printed: Printed, errors: Errors, seconds: np.ndarray, above: Mapping[str, str]) -> list[Comparison]:
-    """Every number of a published table beside ours.
+def comparisons(printed: Printed, errors: Errors, above: Mapping[str, str]) -> list[Comparison]:
+    """Every error of a published table beside ours.
 
     Args:
         printed: The table, "time" its last column.
         errors: Ours, quantities in the table's order.
-        seconds: Our computing times ``(repeats, sizes)``.
         above: By quantity, why ours is above where it is.
     """
     found = []
-    for i, (members, row) in enumerate(printed.items()):
+    for members, row in printed.items():
         *quantities, _ = row
         for j, name in enumerate(quantities):
             ours = mean_interval(errors[members][:, j])
             found.append(Comparison(f"{members} members", name, row[name], ours, above.get(name, "")))
-        took = mean_interval(seconds[:, i])
-        share = seconds[:, i].mean() / row["time"].value
-        reason = f"another machine and language; ours takes {share:.2g} of the time"
-        found.append(Comparison(f"{members} members", "time", row["time"], took, incomparable=reason))
     return found
 
 
-def growth_table(
-    title: str, note: str, printed: Printed, ours: Mapping[str, Errors], seconds: Mapping[str, np.ndarray]
-) -> Table:
-    """Exponents of error and of time over the number of members, published and ours."""
+def time_comparisons(printed: Printed, label: str, seconds: np.ndarray) -> list[Comparison]:
+    """Every computing time of a published table beside ours ``(repeats, sizes)``."""
+    found = []
+    for (members, row), took in zip(printed.items(), seconds.T, strict=True):
+        share = took.mean() / row["time"].value
+        reason = f"another machine and language; ours takes {share:.2g} of the time"
+        found.append(Comparison(f"{members} members", label, row["time"], mean_interval(took), incomparable=reason))
+    return found
+
+
+def time_table(duration: float, rows: Sequence[Comparison]) -> Table:
+    """Computing times, published and ours: the one table that is never the same twice."""
+    return comparison_table(
+        "Computing time, published and ours",
+        f"One dive of {duration:.0f} s, one run at a time. Measured: these times alone differ from run to run.",
+        list(rows),
+        "time",
+    )
+
+
+def growth_table(title: str, note: str, printed: Printed, ours: Mapping[str, Errors]) -> Table:
+    """Exponents of error over the number of members, published and ours."""
     theirs = printed_slopes(printed)
     *quantities, _ = theirs
-    head = [(name, "") for name in (*quantities, "all", "time")]
-    published = [Entry(number(theirs[name], 3, True)) for name in quantities]
-    rows = [("published", [*published, Entry("–"), Entry(number(theirs["time"], 3, True))])]
-    for label, errors in ours.items():
-        time_ = slope(list(printed), seconds[label]) if label in seconds else None
-        rows.append((label, [entry(each, 3, True) for each in (*slopes(errors), time_)]))
+    head = [(name, "") for name in (*quantities, "all")]
+    rows = [("published", [*(Entry(number(theirs[name], 3, True)) for name in quantities), Entry("–")])]
+    rows += [(label, [entry(each, 3, True) for each in slopes(errors)]) for label, errors in ours.items()]
     return Table(title, note, "exponent of", head, [("", rows)], "exponents")
 
 

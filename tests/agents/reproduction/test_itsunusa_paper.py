@@ -101,10 +101,16 @@ def test_twice_the_noise_makes_twice_the_error_of_the_motions():
 
 
 def test_every_published_number_stands_in_the_table_of_each_form_with_a_verdict():
-    for table in page_of(0.0).tables[: len(paper.VARIANTS)]:
+    *tables, times = page_of(0.0).tables[: len(paper.VARIANTS) + 1]
+    for table in tables:
         rows = table.rows()[1:]
-        assert [row[2] for row in rows] == [p.printed for row in paper.PUBLISHED.values() for p in row.values()]
+        assert [row[2] for row in rows] == [
+            row[q].printed for row in paper.PUBLISHED.values() for q in paper.QUANTITIES
+        ]
         assert all(row[-1].startswith(("at or below", "above: ", "not comparable: ")) for row in rows)
+    printed = [row["time"].printed for row in paper.PUBLISHED.values()]
+    assert sorted(row[2] for row in times.rows()[1:]) == sorted(printed * len(paper.VARIANTS))
+    assert times.name == "time"
 
 
 @pytest.mark.parametrize(("exponent", "verdict"), [(-0.9, "true"), (0.2, "false"), (0.0, "undecided")])

@@ -116,13 +116,20 @@ def test_sizes_and_filters_see_the_same_dives():
 
 
 def test_every_published_number_stands_on_the_page_with_a_verdict():
-    table = page_of(0.0).tables[0]
-    rows = table.rows()[1:]
+    errors, times = (table.rows()[1:] for table in page_of(0.0).tables[:2])
     verdicts = ("at or below", "above: ", "not comparable: ")
-    assert len(rows) == 23
-    assert all(row[-1].startswith(verdicts) for row in rows)
-    printed = [published.printed for row in paper.PUBLISHED.values() for published in row.values()]
-    assert [row[2] for row in rows] == printed + [published.printed for published in paper.FINAL.values()]
+    assert all(row[-1].startswith(verdicts) for row in errors + times)
+    printed = [row[name].printed for row in paper.PUBLISHED.values() for name in paper.QUANTITIES]
+    assert [row[2] for row in errors] == printed + [published.printed for published in paper.FINAL.values()]
+    assert [row[2] for row in times] == [row["time"].printed for row in paper.PUBLISHED.values()]
+    assert len(errors + times) == 23
+
+
+def test_what_is_measured_in_seconds_stands_in_a_table_of_its_own():
+    slower = made_up(0.0)
+    slower["time"] = {"seconds": 2.0 * slower["time"]["seconds"]}
+    for one, other in zip(page_of(0.0).tables, segorogeni.page(slower).tables, strict=True):
+        assert (one == other) == (one.name != "time")
 
 
 @pytest.mark.parametrize(("exponent", "verdict"), [(-0.5, "true"), (0.5, "false"), (0.0, "undecided")])
