@@ -48,6 +48,7 @@ class Results:
         failures: Why the others have none, by their keys.
         seconds: CPU seconds of cells, by their keys; not of all, if their journal was lost.
         notes: What `agents.cells.run` had to say.
+        cold: Cells that were the first of an environment in their process: their time is that of loading, too.
     """
 
     plan: Plan
@@ -55,12 +56,20 @@ class Results:
     failures: dict[str, str] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+    cold: frozenset[str] = frozenset()
 
     @classmethod
     def of(cls, plan: Plan, outcome: Outcome, folder: Path) -> "Results":
         """The results of a run in a folder."""
-        seconds = {line["key"]: line["cpu_seconds"] for line in journal(folder)}
-        return cls(plan, outcome.values, outcome.failures, seconds, outcome.notes)
+        where = {flight.cell.key: flight.environment for flight in plan.flights}
+        seconds, cold, begun = {}, set(), set()
+        for line in journal(folder):
+            seconds[line["key"]] = line["cpu_seconds"]
+            first = line["host"], line["process"], where.get(line["key"])
+            if first not in begun:
+                begun.add(first)
+                cold.add(line["key"])
+        return cls(plan, outcome.values, outcome.failures, seconds, outcome.notes, frozenset(cold))
 
     # --- who, where, on what --------------------------------------------------------------------------
 
@@ -246,13 +255,18 @@ class Results:
         return mean_interval(values.mean(1) if learned else values[0])
 
     def cost(self, environment: str, pilot: Pilot, estimator: str) -> float | None:
-        """CPU time of a step on an estimator [µs], agent and physics included: the median over flights."""
-        each = [
-            1e6 * self.seconds[flight.cell.key] / self.values[flight.cell.key]["steps"]
+        """CPU time of a step on an estimator [µs], agent and physics included: the median over flights.
+
+        Flights in a process that had to load the environment's compiled code first count only if there are no others.
+        """
+        keys = [
+            flight.cell.key
             for condition in self.conditions
             for flight in self._flights.get((Place(environment, condition), pilot, estimator), [])
             if flight.cell.key in self.seconds
         ]
+        warm = [key for key in keys if key not in self.cold]
+        each = [1e6 * self.seconds[key] / self.values[key]["steps"] for key in warm or keys]
         return float(np.median(each)) if each else None
 
     def places(self, environments: Iterable[str] | None = None, conditions: Iterable[str] | None = None) -> list[Place]:

@@ -1,11 +1,14 @@
 """What a study found, by place, pilot and estimator."""
 
+import json
+
 import numpy as np
 import pytest
-from invented import CORVETTE, QUALITY, SEGOROGENI, learned, results, without
+from invented import CORVETTE, QUALITY, SEGOROGENI, learned, results, study, without
 
+from agents.cells import Outcome
 from agents.studies.plan import RAW
-from agents.studies.results import Pilot, Place
+from agents.studies.results import Pilot, Place, Results
 
 NOMINAL = Place(CORVETTE, "nominal")
 
@@ -82,3 +85,18 @@ def test_the_price_has_seeds_for_its_unit_or_training_runs(found):
 def test_estimators_come_in_the_order_of_the_study(found):
     assert found.flown_on() == ["truth", "dead-reckoning", "kf-umv-ui", "kf", "ekf", "enkf", RAW]
     assert found.estimators(pilot=found.classical) == ["truth", "dead-reckoning", "ekf", "enkf"]
+
+
+def test_a_flight_whose_process_had_to_load_compiled_code_counts_only_if_there_is_no_other(tmp_path):
+    invented = results(study(environments=(CORVETTE,)))
+    flights = [f for f in invented.plan.flights if f.flown_on == "kf"]
+    lines = [
+        {"key": f.cell.key, "cpu_seconds": seconds, "host": "here", "process": process}
+        for f, seconds, process in zip(flights, (9.0, 1.0, 1.0, 9.0), (1, 1, 1, 2), strict=False)
+    ]
+    for shown in (lines, lines[:1]):
+        (tmp_path / "journal.jsonl").write_text("".join(json.dumps(line) + "\n" for line in shown))
+        timed = Results.of(invented.plan, Outcome(invented.values), tmp_path)
+        steps = invented.values[flights[0].cell.key]["steps"]
+        warm = 1.0 if len(shown) > 1 else 9.0
+        assert timed.cost(CORVETTE, timed.classical, "kf") == pytest.approx(1e6 * warm / steps)
