@@ -177,6 +177,7 @@ def _learn(described: dict[str, Any], path: Path, progress: Callable[[int, int, 
     """Train what `describe` described and save the policy; returns how many steps it took: whole rollouts."""
     import torch
     from stable_baselines3.common.callbacks import BaseCallback
+    from stable_baselines3.common.utils import LinearSchedule
     from stable_baselines3.common.vec_env import VecEnv, VecFrameStack
 
     from agents.vec_env import StableBaselinesVecEnv
@@ -190,8 +191,6 @@ def _learn(described: dict[str, Any], path: Path, progress: Callable[[int, int, 
     if memory == "frames":
         env = VecFrameStack(env, settings["frames"])
     env.seed(training_seed(seed))
-    final = settings["learning_rate_final"]
-    initial = settings["learning_rate"]
     network: dict[str, Any] = {
         "log_std_init": settings["log_std_init"],
         "net_arch": settings["net_arch"],
@@ -224,7 +223,7 @@ def _learn(described: dict[str, Any], path: Path, progress: Callable[[int, int, 
         gae_lambda=settings["gae_lambda"],
         clip_range=settings["clip_range"],
         ent_coef=settings["ent_coef"],
-        learning_rate=lambda remaining: final + (initial - final) * remaining,
+        learning_rate=LinearSchedule(settings["learning_rate"], settings["learning_rate_final"], 1.0),
         policy_kwargs=network,
         stats_window_size=2 * num_envs,
         seed=seed,
