@@ -237,7 +237,7 @@ def page(results: Mapping[str, Mapping[str, Any]]) -> Page:
                     f"{r.runs} runs, the same for the three runs of a simulation and their mean. Reasons: error "
                     "without noise, and its parts, measured on the same record; the parts add with their signs and may "
                     "cancel.",
-                    compared, "corvette-published",
+                    compared, "published",
                 ),
                 _overview(r),
                 Figure(_rmse_figure(r), "RMSE of heading and unknown input",
@@ -346,7 +346,7 @@ def _overview(r: _Results) -> Table:
         "simulation",
         head + [(f"bound, {model}", "rad") for model in MODELS],
         [(q, [(s, line(s, q)) for s in SIMULATIONS]) for q in QUANTITIES],
-        "corvette-overview",
+        "overview",
     )  # fmt: skip
 
 
@@ -361,7 +361,7 @@ def _factorial(r: _Results) -> Table:
         "filter",
         [(f"noise {level:.3g}", "rad") for level in LEVELS],
         [(q, [(name, line(s, q)) for s, name in settings_of.items()]) for q in QUANTITIES],
-        "corvette-settings",
+        "settings",
     )
 
 
@@ -520,7 +520,7 @@ def _pairs() -> Table:
         [("ψ printed", "rad"), ("d printed", "rad"), ("ψ : d", ""), ("σ at least", "rad"), ("σ at most", "rad"),
          ("√R", "rad")],
         [("", [(s, line(s)) for s in SIMULATIONS])],
-        "corvette-pairs",
+        "pairs",
     )  # fmt: skip
 
 
@@ -565,7 +565,7 @@ def _candidates(r: _Results) -> Table:
         [("heading", "rad"), ("d", "rad"), ("ratio", "")],
         [("", [("published", [*published, ratio])]),
          *((model, [(name, line(part, model)) for name, part in parts.items()]) for model in MODELS)],
-        "corvette-simulation-v",
+        "simulation-v",
     )  # fmt: skip
 
 

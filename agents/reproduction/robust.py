@@ -435,7 +435,12 @@ _RATIO_NOTE = (
 
 
 def _ratio_table(
-    results: Results, title: str, note: str, rows: Mapping[str, Sequence[tuple[str, Condition]]], populations: list[str]
+    results: Results,
+    title: str,
+    name: str,
+    note: str,
+    rows: Mapping[str, Sequence[tuple[str, Condition]]],
+    populations: list[str],
 ) -> Table:
     """KF error and ratios; a section for every population and group of rows."""
     several = len(rows) > 1
@@ -447,7 +452,7 @@ def _ratio_table(
         for population in populations
         for group, named in rows.items()
     ]
-    return Table(title, _RATIO_NOTE + note, "condition", _HEAD, sections)
+    return Table(title, _RATIO_NOTE + note, "condition", _HEAD, sections, name)
 
 
 def _row(results: Results, population: str, label: str, condition: Condition) -> tuple[str, list[Entry]]:
@@ -475,7 +480,7 @@ def _outlier_table(results: Results) -> Table:
         ],
         f"{_percent(settings.OUTLIERS.rate)} outliers": [(f"of {c.size:g} σ", c) for c in settings.SWEEPS["size"]],
     }
-    return _ratio_table(results, "Outliers", "", rows, [settings.RANDOM, settings.PAPER])
+    return _ratio_table(results, "Outliers", "outliers", "", rows, [settings.RANDOM, settings.PAPER])
 
 
 def _model_error_table(results: Results) -> Table:
@@ -488,7 +493,7 @@ def _model_error_table(results: Results) -> Table:
         "true A is off by δ|A| "
         "(Frobenius norm) in a random direction, drawn again where the true system would not be stable."
     )
-    return _ratio_table(results, "Model error", note, rows, [settings.RANDOM, settings.PAPER])
+    return _ratio_table(results, "Model error", "model-error", note, rows, [settings.RANDOM, settings.PAPER])
 
 
 _MODEL_ERRORS = {
@@ -503,13 +508,14 @@ def _crossed_table(results: Results) -> Table:
         for name, conditions in settings.CROSSED.items()
     }
     note = f"Outliers of {settings.OUTLIERS.size:g} σ."
-    return _ratio_table(results, "Both at once", note, rows, [settings.RANDOM, settings.PAPER])
+    return _ratio_table(results, "Both at once", "both", note, rows, [settings.RANDOM, settings.PAPER])
 
 
 def _one_reading_table(results: Results) -> Table:
     rows = {"two readings or one": list(zip(_ALONE, settings.ALONE, strict=True))}
     populations = [settings.RANDOM, settings.ONE_READING]
-    return _ratio_table(results, "The same systems with two readings and with the first alone", "", rows, populations)
+    title = "The same systems with two readings and with the first alone"
+    return _ratio_table(results, title, "one-reading", "", rows, populations)
 
 
 _ALONE = (
@@ -544,7 +550,7 @@ def _spread_table(results: Results) -> Table:
         f"{settings.POPULATIONS[settings.RANDOM].runs} runs each: quantiles over the systems. The noise "
         f"of so few runs is in them."
     )
-    return Table("System by system", note, "filter", head, sections)
+    return Table("System by system", note, "filter", head, sections, "systems")
 
 
 # --- claims -----------------------------------------------------------------------------------------
@@ -846,7 +852,7 @@ def _halves_table(results: Results) -> Table:
         "of C. The split was made after the results were seen: it explains, it does not confirm."
     )
     head = [(f"{name} / KF", "") for name in _OTHERS]
-    return Table("By how well the readings show the state", note, "condition", head, sections)
+    return Table("By how well the readings show the state", note, "condition", head, sections, "halves")
 
 
 def _rank_correlation(results: Results, name: str, condition: Condition, trait: str) -> float:

@@ -29,7 +29,7 @@ def test_a_published_mean_is_that_of_its_three_runs(simulation: str, quantity: s
 
 
 def test_every_published_number_stands_in_the_page_with_a_verdict(page):
-    (table,) = (table for table in page.tables if table.name == "corvette-published")
+    (table,) = (table for table in page.tables if table.name == "published")
     lines = {
         (title, name): [str(entry) for entry in entries] for title, rows in table.sections for name, entries in rows
     }
