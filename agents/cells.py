@@ -44,7 +44,7 @@ _LIBRARIES = ("numpy", "scipy", "numba")
 _PATIENCE = 30  # seconds for a Dask scheduler or its first worker to answer
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 _RESULT = re.compile(r"[0-9a-f]{32}\.")
-_TEMPORARY = re.compile(r"\.([0-9a-f]{32})-\d+")
+_TEMPORARY = re.compile(r"\.+([0-9a-f]{32})-\d+")  # more dots: what a function writes has a temporary of its own
 _ONE_THREAD = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS", "NUMBA_NUM_THREADS"), "1"
 )
@@ -298,7 +298,7 @@ def _sweep(folder: Path) -> None:
 
 def _remove_begun(key: str, folder: Path) -> None:
     for name in ("cells", "failed"):
-        for path in (folder / name).glob(f".{key}-*"):
+        for path in (folder / name).glob(f".*{key}-*"):
             path.unlink(missing_ok=True)
 
 

@@ -8,6 +8,8 @@ import time
 
 import numpy as np
 
+from agents.files import replacing
+
 
 def draw(seed, seconds=0.0):
     time.sleep(seconds)
@@ -15,7 +17,7 @@ def draw(seed, seconds=0.0):
 
 
 def write(seed, artifact, seconds=0.0):
-    with artifact.open("wb") as file:
+    with replacing(artifact) as temporary, temporary.open("wb") as file:  # as a training does
         for block in np.random.default_rng(seed).bytes(5000), b"the end":
             file.write(block)
             file.flush()

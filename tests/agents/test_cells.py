@@ -397,3 +397,14 @@ def test_a_scheduler_that_does_not_answer_is_one_sentence(tmp_path, monkeypatch)
     monkeypatch.setattr(engine, "_PATIENCE", 1)
     with pytest.raises(ConnectionError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):
         run(study(), tmp_path, scheduler="tcp://127.0.0.1:9")
+
+
+def test_what_killed_processes_had_begun_to_write_is_gone_after_the_next_run(tmp_path):
+    one, other = (Cell("cell_functions:write", {"seed": seed}, artifact=".bin") for seed in (1, 2))
+    (tmp_path / "cells").mkdir()
+    for key in (one.key, other.key, "0" * 32):
+        for name in (f".{key}-1.json", f".{key}-1.bin", f"..{key}-1-1.bin"):  # the last is a temporary's temporary
+            (tmp_path / "cells" / name).write_bytes(b"the beg")
+    run([one], tmp_path)
+    assert not leftovers(tmp_path)
+    assert load(one, tmp_path) is not None
