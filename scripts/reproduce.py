@@ -9,7 +9,7 @@ from rich.console import Console
 
 from agents.cells import run
 from agents.page import write
-from agents.reproduction import PAPERS, paper
+from agents.reproduction import PAPERS, cells, page
 from scripts.console import cell_progress, command
 
 Name = Literal["all", "corvette", "segorogeni", "itsunusa", "robust", "puna"]
@@ -36,14 +36,14 @@ def main(
     if not papers:
         raise ValueError(f"name the papers to reproduce: all, or some of {', '.join(PAPERS)}")
     names = PAPERS if "all" in papers else tuple(dict.fromkeys(papers))
-    cells = {name: paper(name).cells() for name in names}
+    groups = {name: cells(name) for name in names}
     with cell_progress("reproducing") as progress:
-        outcome = run([cell for group in cells.values() for cell in group.values()], out, jobs, progress=progress)
+        outcome = run([cell for group in groups.values() for cell in group.values()], out, jobs, progress=progress)
     console = Console(markup=False, highlight=False, soft_wrap=True)
     for note in outcome.notes:
         console.print(note)
     status = 0
-    for name, group in cells.items():
+    for name, group in groups.items():
         failed = {what: outcome.failures[cell.key] for what, cell in group.items() if cell.key in outcome.failures}
         if failed:
             status = 1
@@ -52,14 +52,14 @@ def main(
                 f"{name}: {len(failed)} of {len(group)} cells failed, so there is no page. First, {what}:\n{text}"
             )
             continue
-        page = paper(name).page({what: outcome.values[cell.key] for what, cell in group.items()})
-        console.print(f"\n{page.title}\n{' '.join(page.answer)}")
-        for table in page.tables:
+        made = page(name, {what: outcome.values[cell.key] for what, cell in group.items()})
+        console.print(f"\n{made.title}\n{' '.join(made.answer)}")
+        for table in made.tables:
             if table.name:
                 file = out / "tables" / f"{name}-{table.name}.csv"
                 file.parent.mkdir(parents=True, exist_ok=True)
                 file.write_text(table.csv(), encoding="utf-8")
-        console.print(f"Page: {write(page, out / f'{name}.html')}")
+        console.print(f"Page: {write(made, out / f'{name}.html')}")
     return status
 
 

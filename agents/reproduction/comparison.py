@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 
-from agents.page import Entry, Table, number
 from agents.statistics import Interval
 
 
@@ -71,31 +70,9 @@ class Comparison:
         return f"{self.kind}: {reason}" if reason else self.kind
 
 
-def comparison_table(title: str, note: str, comparisons: list[Comparison], name: str = "") -> Table:
-    """Published, ours and verdict, a line each; a section for each row of the published table."""
-    sections: dict[str, list[tuple[str, list[Entry]]]] = {}
-    for c in comparisons:
-        printed = c.published.printed + (f" (meant: {c.published.value:g})" if c.published.meant is not None else "")
-        line = [Entry(printed), _ours(c), Entry(c.published.unit), Entry(c.verdict)]
-        sections.setdefault(c.row, []).append((c.column, line))
-    head = [("published", ""), ("ours", ""), ("unit", ""), ("verdict", "")]
-    return Table(title, note, "", head, list(sections.items()), name)
-
-
 def tally(comparisons: list[Comparison]) -> str:
     """How many of the published numbers ours are at or below, in words."""
     kinds = [c.kind for c in comparisons]
     low, above, incomparable = (kinds.count(kind) for kind in ("at or below", "above", "not comparable"))
     words = f"{low} of {len(kinds)} numbers at or below the published one, {above} above"
     return words + (f", {incomparable} not comparable" if incomparable else "")
-
-
-def _ours(comparison: Comparison) -> Entry:
-    """Our mean and interval, with a digit more than the published number has."""
-    ours = comparison.ours
-    if ours is None:
-        return Entry("–")
-    published = comparison.published
-    shown = published.printed if published.meant is None else str(published.meant)
-    decimals = len(shown.partition(".")[2]) + 1
-    return Entry(number(ours.mean, decimals), number(ours.half, decimals))

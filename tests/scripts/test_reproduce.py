@@ -1,29 +1,28 @@
 """`python -m scripts.reproduce`: a page for each paper, nothing computed twice, failures said."""
 
-from types import SimpleNamespace
-
 import pytest
 
 from agents.cells import Cell, journal
 from agents.page import Entry, Page, Prose, Section, Table
-from agents.reproduction import PAPERS, paper
+from agents.reproduction import PAPERS, cells, page
 from scripts import reproduce
 
 
-def small(function: str = "math:hypot", **arguments: object) -> SimpleNamespace:
-    """A paper of one cell, whose result is a number."""
+def small(monkeypatch, function: str, **arguments: object) -> None:
+    """Make every paper one of a single cell, whose result is a number."""
 
-    def page(results: dict) -> Page:
+    def made(name: str, results: dict) -> Page:
         table = Table(
             "t", "", "name", [("value", "")], [("", [("sum", [Entry(str(results["only"]["values"]))])])], "sums"
         )
         return Page("A paper", "small", ["It holds.", "Always."], [Section("s", [Prose("p"), table])])
 
-    return SimpleNamespace(cells=lambda: {"only": Cell(function, arguments, "only")}, page=page)
+    monkeypatch.setattr(reproduce, "cells", lambda name: {"only": Cell(function, arguments, "only")})
+    monkeypatch.setattr(reproduce, "page", made)
 
 
 def test_a_paper_gives_a_page_and_its_tables_and_is_computed_once(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(reproduce, "paper", lambda name: small("agents.reproduction:echo", values=[3]))
+    small(monkeypatch, "agents.reproduction:echo", values=[3])
     monkeypatch.setattr("agents.reproduction.echo", lambda values: {"values": values}, raising=False)
     assert reproduce.main(("robust",), out=tmp_path, jobs=1) == 0
     printed = capsys.readouterr().out
@@ -37,7 +36,7 @@ def test_a_paper_gives_a_page_and_its_tables_and_is_computed_once(tmp_path, monk
 
 
 def test_a_paper_whose_cell_fails_has_no_page_and_says_why(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(reproduce, "paper", lambda name: small("agents.reproduction:paper", name="none"))
+    small(monkeypatch, "agents.reproduction:cells", name="none")
     assert reproduce.main(("robust",), out=tmp_path, jobs=1) == 1
     printed = capsys.readouterr().out
     assert "1 of 1 cells failed" in printed
@@ -49,12 +48,14 @@ def test_no_paper_or_an_unknown_one_is_refused_in_a_sentence():
     with pytest.raises(ValueError, match="name the papers"):
         reproduce.main(())
     with pytest.raises(ValueError, match="choose from all, corvette"):
-        paper("titanic")
+        cells("titanic")
+    with pytest.raises(ValueError, match="choose from all, corvette"):
+        page("titanic", {})
 
 
 @pytest.mark.parametrize("name", PAPERS)
 def test_every_paper_says_what_it_computes_without_computing_it(name):
-    cells = paper(name).cells()
-    assert cells
-    assert len({cell.key for cell in cells.values()}) == len(cells)
-    assert all(cell.label for cell in cells.values())
+    found = cells(name)
+    assert found
+    assert len({cell.key for cell in found.values()}) == len(found)
+    assert all(cell.label for cell in found.values())

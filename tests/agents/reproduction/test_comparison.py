@@ -2,7 +2,8 @@
 
 import pytest
 
-from agents.reproduction.comparison import Comparison, Published, comparison_table, tally
+from agents.reproduction.comparison import Comparison, Published, tally
+from agents.reproduction.pages.comparison import comparison_table
 from agents.statistics import Interval
 
 PRINTED = Published("0.0047", "rad", "Table 4.9")

@@ -5,6 +5,7 @@ import pytest
 
 from agents.page import Claims, Page, render
 from agents.reproduction import corvette
+from agents.reproduction.pages import corvette as corvette_page
 from agents.reproduction.settings import corvette as settings
 from agents.reproduction.settings.corvette import QUANTITIES, SAMPLES, SIMULATIONS
 
@@ -18,7 +19,7 @@ def results() -> dict:
 
 @pytest.fixture(scope="module")
 def page(results) -> Page:
-    return corvette.page(results)
+    return corvette_page.page(results)
 
 
 @pytest.mark.parametrize("simulation", SIMULATIONS)
@@ -72,7 +73,9 @@ def test_the_errors_of_heading_and_unknown_input_add_up_to_the_noise(simulation:
     errors = corvette.estimate(believed, heading, corvette.unknown_input(0.05), u, noise)
     np.testing.assert_allclose(errors[0] + 2.0 * errors[1], noise.sum(-1), rtol=0, atol=1e-12)
     level = corvette.rms(noise.sum(-1)) / np.sqrt(2.0)
-    low, high = np.transpose([corvette.allowed_noise(*pair) for pair in zip(*map(corvette.rms, errors), strict=True)])
+    low, high = np.transpose(
+        [corvette_page.allowed_noise(*pair) for pair in zip(*map(corvette.rms, errors), strict=True)]
+    )
     assert ((low <= level) & (level <= high)).all()
 
 

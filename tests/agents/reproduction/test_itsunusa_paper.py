@@ -8,6 +8,7 @@ import pytest
 
 from agents.page import Claims, Page, render
 from agents.reproduction import itsunusa
+from agents.reproduction.pages import itsunusa as itsunusa_page
 from agents.reproduction.settings import itsunusa as paper
 from vessel_gym.vehicles.itsunusa import TRUTH
 
@@ -31,7 +32,7 @@ def made_up(exponent: float) -> dict[str, dict[str, Any]]:
 @cache
 def page_of(exponent: float) -> Page:
     """The page of such results."""
-    return itsunusa.page(made_up(exponent))
+    return itsunusa_page.page(made_up(exponent))
 
 
 def claims(page: Page) -> dict[str, str]:
@@ -116,7 +117,7 @@ def test_every_published_number_stands_in_the_table_of_each_form_with_a_verdict(
 @pytest.mark.parametrize(("exponent", "verdict"), [(-0.9, "true"), (0.2, "false"), (0.0, "undecided")])
 def test_the_claim_on_members_is_decided_by_the_errors(exponent: float, verdict: str):
     found = claims(page_of(exponent))
-    for form in itsunusa.FORMS.values():
+    for form in itsunusa_page.FORMS.values():
         assert found[f"More members reduce the error ({form})."] == verdict
         assert found[f"More members cost more time ({form})."] == "true"
 

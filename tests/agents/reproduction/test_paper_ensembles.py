@@ -4,19 +4,15 @@ import numpy as np
 import pytest
 
 from agents.reproduction.comparison import Published
-from agents.reproduction.ensembles import (
-    Experiment,
+from agents.reproduction.ensembles import Experiment, channel_sd, rms, seconds_a_step, thinned
+from agents.reproduction.pages.ensembles import (
     change,
-    channel_sd,
     comparisons,
     exponents,
     growth_table,
     printed_slopes,
-    rms,
-    seconds_a_step,
     slope,
     slopes,
-    thinned,
     time_comparisons,
     verdict,
 )

@@ -8,6 +8,8 @@ import pytest
 
 from agents.page import Claims, Page, Table, render
 from agents.reproduction import puna
+from agents.reproduction.pages import puna as puna_page
+from agents.reproduction.pages import puna_results
 from agents.reproduction.settings import puna as paper
 from agents.statistics import Interval
 from vessel_gym.guidance.dubins import approach
@@ -31,7 +33,7 @@ def results() -> dict[str, dict[str, Any]]:
 
 @pytest.fixture(scope="module")
 def page(results: dict[str, dict[str, Any]]) -> Page:
-    return puna.page(results)
+    return puna_page.page(results)
 
 
 def claims(page: Page) -> dict[str, str]:
@@ -140,7 +142,7 @@ def test_a_partner_leaves_the_variance_of_a_random_walk_as_it_is(level, factor):
 
 def test_the_ratio_of_paired_errors_is_known_without_an_interval_where_all_pairs_agree():
     errors = np.random.default_rng(0).uniform(1.0, 2.0, 9)
-    found = puna.ratio(3.0 * errors, errors)
+    found = puna_results.ratio(3.0 * errors, errors)
     assert (found.low, found.mean, found.high) == pytest.approx((3.0, 3.0, 3.0))
 
 
@@ -149,7 +151,7 @@ def test_the_ratio_of_paired_errors_is_known_without_an_interval_where_all_pairs
 
 def test_every_printed_error_stands_beside_ours_with_a_verdict_at_both_levels_and_for_both_sets(results, page):
     for level in paper.LEVELS:
-        found = puna.comparisons(results, level)
+        found = puna_results.comparisons(results, level)
         assert len(found) == 16
         rows = [entries for _, section in table(page, f"errors-{level}").sections for _, entries in section]
         assert len(rows) == 16
@@ -186,12 +188,12 @@ def test_the_best_size_is_what_the_errors_say(results, factors, verdict):
     name = "flight, constant, all"
     noise = np.random.default_rng(3).normal(1.0, 1e-3, (len(paper.MEMBERS), RUNS, 4))
     made = results | {name: results[name] | {"rmse": np.array(factors)[:, None, None] * noise}}
-    assert puna._best_claim(made, "constant").verdict == verdict
+    assert puna_page._best_claim(made, "constant").verdict == verdict
 
 
 def test_much_better_is_said_only_of_much():
     low, high = Interval(1.1, 1.05, 1.15), Interval(2.0, 1.9, 2.1)
-    assert puna._gain_verdict([high, high]) == "true"
-    assert puna._gain_verdict([low, high]).startswith("true, but not much")
-    assert puna._gain_verdict([Interval(1.0, 0.9, 1.1), high]).startswith("undecided")
-    assert puna._gain_verdict([Interval(0.8, 0.7, 0.9), high]) == "false"
+    assert puna_page._gain_verdict([high, high]) == "true"
+    assert puna_page._gain_verdict([low, high]).startswith("true, but not much")
+    assert puna_page._gain_verdict([Interval(1.0, 0.9, 1.1), high]).startswith("undecided")
+    assert puna_page._gain_verdict([Interval(0.8, 0.7, 0.9), high]) == "false"

@@ -8,6 +8,8 @@ import pytest
 from agents.cells import Cell
 from agents.page import Claims, Table, render
 from agents.reproduction import robust
+from agents.reproduction.pages import robust as robust_page
+from agents.reproduction.pages import robust_results
 from agents.reproduction.settings import robust as settings
 from agents.reproduction.settings.robust import Condition
 
@@ -25,18 +27,18 @@ def results():
         name: population._replace(seeds=population.seeds[:6], runs=2 if len(population.seeds) > 1 else 6)
         for name, population in settings.POPULATIONS.items()
     }
-    robust._traits.cache_clear()
+    robust_results.system_traits.cache_clear()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(settings, "POPULATIONS", small)
         patch.setattr(settings, "STEPS", 30)
         patch.setattr(settings, "SKIPPED", 10)
         yield {name: cell.compute() for name, cell in robust.cells().items()}
-    robust._traits.cache_clear()
+    robust_results.system_traits.cache_clear()
 
 
 @pytest.fixture(scope="module")
 def page(results):
-    return robust.page(results)
+    return robust_page.page(results)
 
 
 # --- the systems ------------------------------------------------------------------------------------
@@ -159,7 +161,7 @@ def test_every_condition_of_every_sweep_has_a_cell_for_both_populations():
     for group in (*settings.SWEEPS.values(), *settings.CROSSED.values()):
         for condition in group:
             for population in (settings.RANDOM, settings.PAPER):
-                assert robust._cell_name(population, condition) in names
+                assert robust.cell_name(population, condition) in names
 
 
 def test_the_page_has_every_figure_of_the_paper_with_a_verdict_and_every_misprint(page):
@@ -180,8 +182,8 @@ def test_every_claim_has_a_verdict_that_its_intervals_bear_out(page, results):
     claims = [claim for section in page.sections for b in section.blocks if isinstance(b, Claims) for claim in b.rows]
     assert all(claim.kind in {"true", "false", "undecided"} and claim.evidence for claim in claims)
     sweep = [("", c) for c in settings.SWEEPS["rate"] if c.rate]
-    below = robust._lower(results, "", "huber-kf", sweep)
-    ratios = [robust._ratio(results, settings.RANDOM, c, "huber-kf") for _, c in sweep]
+    below = robust_page._lower(results, "", "huber-kf", sweep)
+    ratios = [robust_results.mean_ratio(results, settings.RANDOM, c, "huber-kf") for _, c in sweep]
     assert (below.kind == "true") == all(ratio.high < 1.0 for ratio in ratios)
     assert (below.kind == "false") == any(ratio.low > 1.0 for ratio in ratios)
 

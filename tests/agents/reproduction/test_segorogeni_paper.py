@@ -8,6 +8,7 @@ import pytest
 
 from agents.page import Claims, Page, render
 from agents.reproduction import segorogeni
+from agents.reproduction.pages import segorogeni as segorogeni_page
 from agents.reproduction.settings import segorogeni as paper
 from vessel_gym.vehicles.segorogeni import TRUTH, SegorogeniParameters
 
@@ -33,7 +34,7 @@ def made_up(exponent: float) -> dict[str, dict[str, Any]]:
 @cache
 def page_of(exponent: float) -> Page:
     """The page of such results."""
-    return segorogeni.page(made_up(exponent))
+    return segorogeni_page.page(made_up(exponent))
 
 
 def claims(page: Page) -> dict[str, str]:
@@ -128,7 +129,7 @@ def test_every_published_number_stands_on_the_page_with_a_verdict():
 def test_what_is_measured_in_seconds_stands_in_a_table_of_its_own():
     slower = made_up(0.0)
     slower["time"] = {"seconds": 2.0 * slower["time"]["seconds"]}
-    for one, other in zip(page_of(0.0).tables, segorogeni.page(slower).tables, strict=True):
+    for one, other in zip(page_of(0.0).tables, segorogeni_page.page(slower).tables, strict=True):
         assert (one == other) == (one.name != "time")
 
 
