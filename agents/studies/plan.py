@@ -8,10 +8,11 @@ from typing import Any
 from agents.cells import Cell
 from agents.ppo import describe
 from agents.studies.study import DEFAULT, Agent, Condition, Estimator, Study
-from agents.studies.worlds import CLASSICAL, digests, environment_id, refusal, system_of
+from agents.studies.worlds import digests, environment_id, refusal, system_of
 
 RAW = "raw readings"
 """What an agent flies on that sees readings instead of estimates."""
+_RAW_READINGS = Estimator(RAW, "measurement")
 
 
 @dataclass(frozen=True)
@@ -72,8 +73,10 @@ def plan(study: Study) -> Plan:
                 flyable.append(estimator)
             else:
                 skipped.append(Skipped(environment, estimator.name, str(error)))
-        for agent, condition in product(_here(study.agents, environment), study.conditions):
-            flights += _flights(study, environment, agent, condition, flyable)
+        for agent in _here(study.agents, environment):
+            trainings = _trainings(study, environment, agent, flyable)
+            for condition in study.conditions:
+                flights += _flights(study, environment, agent, condition, flyable, trainings)
     return Plan(study, tuple(flights), tuple(skipped))
 
 
@@ -99,24 +102,39 @@ def options(condition: Condition, estimator: Estimator, environment: str) -> dic
     return {"estimator": name} | chosen | condition.options
 
 
-def _flights(
-    study: Study, environment: str, agent: Agent, condition: Condition, flyable: list[Estimator]
-) -> Iterable[Flight]:
-    raw = Estimator(RAW, "measurement")
+Training = tuple[Estimator, int, Cell]
+"""What was trained on, the number of the training run, and what computes it."""
+
+
+def _trainings(study: Study, environment: str, agent: Agent, flyable: list[Estimator]) -> list[Training]:
+    """Every training of an agent in an environment; none for an agent that does not learn."""
     if not agent.learned:
-        name = CLASSICAL if agent.kind == CLASSICAL else agent.kind
+        return []
+    default = system_of(environment).estimator
+    wanted = [default if name == DEFAULT else name for name in agent.trained_on]
+    schools = [_RAW_READINGS] if agent.raw else [e for e in flyable if e.name in wanted]
+    return [
+        (school, seed, _train(study, environment, agent, school, seed))
+        for school, seed in product(schools, range(study.training_seeds))
+    ]
+
+
+def _flights(
+    study: Study,
+    environment: str,
+    agent: Agent,
+    condition: Condition,
+    flyable: list[Estimator],
+    trainings: list[Training],
+) -> Iterable[Flight]:
+    if not agent.learned:
         for estimator in flyable:
             yield Flight(
                 environment, condition.name, agent.name, "", estimator.name, None,
-                _fly(study, environment, agent, condition, estimator, name),
+                _fly(study, environment, agent, condition, estimator, agent.kind),
             )  # fmt: skip
-        return
-    default = system_of(environment).estimator
-    wanted = [default if name == DEFAULT else name for name in agent.trained_on]
-    schools = [raw] if agent.raw else [e for e in flyable if e.name in wanted]
-    for school, seed in product(schools, range(study.training_seeds)):
-        training = _train(study, environment, agent, school, seed)
-        for estimator in [raw] if agent.raw else flyable:
+    for school, seed, training in trainings:
+        for estimator in [_RAW_READINGS] if agent.raw else flyable:
             yield Flight(
                 environment, condition.name, agent.name, school.name, estimator.name, seed,
                 _fly(study, environment, agent, condition, estimator, "checkpoint", training),
