@@ -382,7 +382,8 @@ def test_two_workers_of_a_cluster_give_the_same_files_though_one_is_killed(tmp_p
 
     outcome = run(long_study(), tmp_path, scheduler=address, progress=kill)
     assert victim.wait(PATIENCE) == -signal.SIGKILL
-    assert outcome.computed == 44
+    assert len(outcome.values) == 44
+    assert outcome.computed in (43, 44)  # the one that the victim had stored, and not told of, is not computed again
     assert stored(tmp_path) == expected
     keys = [line["key"] for line in journal(tmp_path)]
     assert len(keys) == len(set(keys))
