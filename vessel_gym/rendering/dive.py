@@ -1,7 +1,6 @@
 """The picture of a dive: where the vehicle is and where it believes to be, from above, from the side and close up."""
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -25,13 +24,11 @@ from vessel_gym.rendering.canvas import (
     WATER,
     Box,
     Canvas,
-    Colour,
     PlanView,
     Series,
     comparison_chart,
     draw_flows,
     draw_grid,
-    draw_header,
     draw_members,
     draw_north,
     draw_scale_bar,
@@ -42,7 +39,7 @@ from vessel_gym.rendering.canvas import (
     strip_chart,
     two_sigma,
 )
-from vessel_gym.sensors import SUITES
+from vessel_gym.rendering.journey import Journey, Sample
 from vessel_gym.tasks.dive import Dive
 
 _VEHICLE_PIXELS = 30.0  # least length of a vehicle in the large views
@@ -50,16 +47,6 @@ _STEP = 40.0  # least pixels from one grid line to the next
 _COLUMN = 204.0  # width of the close-ups and the legend
 _GAP = 10.0
 _MARGIN = 26.0  # least pixels around what is seen
-
-
-class Sample(NamedTuple):
-    """One moment of an episode, or as columns a whole one."""
-
-    step: np.ndarray
-    truth: np.ndarray  # (n,)
-    estimate: np.ndarray  # (n,)
-    cov: np.ndarray  # (n, n)
-    actuators: np.ndarray  # (a,)
 
 
 @dataclass(frozen=True)
@@ -111,65 +98,42 @@ def torpedo_outline(diameter: float, points: int = 12) -> np.ndarray:
     return np.concatenate([side, side[:0:-1] * [1.0, -1.0]])
 
 
-class DiveScene:
+class DiveScene(Journey):
     """History and picture of one underwater vehicle on a dive; one that turns is also seen from above.
 
     Args:
         core: The environment's core, whose first row is shown.
     """
 
+    _task: Dive
+
     def __init__(self, core: Core) -> None:
-        assert isinstance(core.task, Dive)
-        self.title = core.system.name
-        self._core, self._task = core, core.task
-        names, body = list(core.vehicle.truth_names), core.task.auv
+        super().__init__(core, "acoustic position")
+        names, body = list(core.vehicle.truth_names), self._task.auv
         self._names, self._hull = names, torpedo_outline(body.diameter / body.length)
-        self._position = core.task.position(np.eye(len(names))).T  # (3, n)
+        self._position = self._task.position(np.eye(len(names))).T  # (3, n)
         self._turns = "psi" in names
         self._currents = [i for i, name in enumerate(names) if name.startswith("current")]
-        instruments = core.vehicle.instruments
-        owner = [instrument.name for instrument in instruments for _ in instrument.channels]
-        self._fix = np.array(owner) == "acoustic position"
-        self._sea = next(name for name, sea in core.system.disturbances.items() if sea is core.sea)
-        self._sensors = next(name for name, suite in SUITES.items() if suite is core.suite)
-        self._samples: list[Sample] = []
-        self._fixes: list[np.ndarray] = []
         self._views: list[_View] = []
         self._path = np.zeros((1, 3))
 
     def begin(self) -> None:
         """Start an episode with the course that the task has drawn."""
+        super().begin()
         course = self._core.course[0]
-        self._samples.clear()
-        self._fixes.clear()
         self._path = path_point(np.linspace(0.0, course[1], 81), course)[:, :3]
         side = "Seen from the side, unrolled along the path" if self._turns else "Seen from the side"
         self._views = [_View(side, True, course, len(self._core.vehicle.action_names) - 2)]
         if self._turns:
             self._views.insert(0, _View("Seen from above", False, course, 0))
 
-    def record(self) -> None:
-        """Append the core's present state, and an acoustic fix if one has come."""
-        core = self._core
-        belief = core.belief
-        self._samples.append(
-            Sample(
-                core.steps[0], core.truth[0].copy(), belief.mean[0].copy(), belief.cov[0].copy(),
-                core.actuators[0].copy(),
-            )
-        )  # fmt: skip
-        readings, available = core.readings
-        if available[0, self._fix].all():
-            fix = np.zeros(3)
-            fix[: self._fix.sum()] = readings[0, self._fix]
-            self._fixes.append(fix)
-
     def draw(self, canvas: Canvas) -> None:
         """Draw the episode so far."""
-        history = Sample(*(np.array(column) for column in zip(*self._samples, strict=True)))
+        history = self.history()
         width, height = canvas.size
         canvas.clear()
-        self._header(canvas, Box(16, 0, width - 32, 60), history)
+        missed = np.linalg.norm(self._now(history.truth)[0] - self._path[-1])
+        self.header(canvas, Box(16, 0, width - 32, 60), f"{missed:.2f} m")
         box = Box(16, 60, width - 32 - _COLUMN - _GAP, height - 76)
         chart = 150.0 if self._turns else 128.0
         large = box.height - 2 * (chart + _GAP)
@@ -200,31 +164,6 @@ class DiveScene:
         return view.points(position) + two_sigma(root @ history.cov[-1] @ root.T)
 
     # --- parts of the picture -----------------------------------------------------------------------
-
-    def _header(self, canvas: Canvas, box: Box, history: Sample) -> None:
-        core, task = self._core, self._task
-        words = f"estimator {core.estimator}   ·   {self._sea} disturbance   ·   {self._sensors} sensors"
-        if core.mismatch:
-            words += f"   ·   mismatch {100 * core.mismatch:g} %"
-        values = {"score": f"{core.total[0] / task.perfect:.3f}", "time": self._clock(history)}
-        draw_header(canvas, box, self.title, words, values, *self._outcome(history))
-
-    def _clock(self, history: Sample) -> str:
-        return f"{history.step[-1] * self._task.dt:.1f} s"
-
-    def _outcome(self, history: Sample) -> tuple[str, Colour]:
-        """How the dive has ended, in words, or that it has not."""
-        end = self._task.ends[self._core.end[0]]
-        missed = f"{np.linalg.norm(self._now(history.truth)[0] - self._path[-1]):.2f} m"
-        if end == "arrived":
-            return f"arrived, {missed} from the goal", CURRENT
-        if end == "missed the goal":
-            return f"{end} by {missed}", LIMIT
-        if end:
-            return f"lost: {end}", LIMIT
-        if history.step[-1] >= self._task.horizon:
-            return "time is up", LIMIT
-        return "under way", MUTED
 
     def _large(self, canvas: Canvas, box: Box, view: _View, history: Sample) -> None:
         """The whole dive from one side."""
@@ -299,7 +238,8 @@ class DiveScene:
     def _marks(self, canvas: Canvas, frame: PlanView, view: _View) -> None:
         """Acoustic fixes, which tell no depth: from the side they are drawn at the surface."""
         if self._fixes:
-            points = view.points(np.array(self._fixes))
+            fixes = np.array(self._fixes)
+            points = view.points(np.pad(fixes, ((0, 0), (0, 3 - fixes.shape[1]))))
             if view.aside:
                 points[:, 0] = self._task.launch_depth
             for at in frame.pixels(points):

@@ -1,7 +1,5 @@
 """The picture of a flight: path, obstacles and wind from above, where the aircraft is and where it believes to be."""
 
-from typing import NamedTuple
-
 import numpy as np
 
 from vessel_gym.core import Core
@@ -31,7 +29,6 @@ from vessel_gym.rendering.canvas import (
     comparison_chart,
     draw_flows,
     draw_grid,
-    draw_header,
     draw_members,
     draw_north,
     draw_scale_bar,
@@ -41,7 +38,7 @@ from vessel_gym.rendering.canvas import (
     strip_chart,
     two_sigma,
 )
-from vessel_gym.sensors import SUITES
+from vessel_gym.rendering.journey import Journey, Sample
 from vessel_gym.tasks.flight import OBSTACLES, SEGMENTS, Flight
 from vessel_gym.vehicles.puna import TRUTH
 
@@ -71,34 +68,17 @@ _AIR = _OVER_GROUND - _WIND
 """What of a state is its velocity through the air: north, east, up."""
 
 
-class Sample(NamedTuple):
-    """One moment of an episode, or as columns a whole one."""
-
-    step: np.ndarray
-    truth: np.ndarray  # (16,)
-    estimate: np.ndarray  # (16,)
-    cov: np.ndarray  # (16, 16)
-    actuators: np.ndarray  # (3,)
-    farthest: np.ndarray  # progress of the true aircraft
-
-
-class FlightScene:
+class FlightScene(Journey):
     """History and picture of one aircraft on a planned path round obstacles.
 
     Args:
         core: The environment's core, whose first row is shown.
     """
 
+    _task: Flight
+
     def __init__(self, core: Core) -> None:
-        assert isinstance(core.task, Flight)
-        self.title = core.system.name
-        self._core, self._task = core, core.task
-        owner = [instrument.name for instrument in core.vehicle.instruments for _ in instrument.channels]
-        self._fix = np.flatnonzero(np.array(owner) == "GNSS")[:2]
-        self._air = next(name for name, air in core.system.disturbances.items() if air is core.sea)
-        self._sensors = next(name for name, suite in SUITES.items() if suite is core.suite)
-        self._samples: list[Sample] = []
-        self._fixes: list[np.ndarray] = []
+        super().__init__(core, "GNSS")
         self._segments = np.zeros(0)
         self._path = self._obstacles = np.zeros((0, 3))
         self._goal = np.zeros(3)
@@ -106,9 +86,8 @@ class FlightScene:
 
     def begin(self) -> None:
         """Start an episode with the course that the task has drawn."""
+        super().begin()
         course, task = self._core.course, self._task
-        self._samples.clear()
-        self._fixes.clear()
         self._segments = course[0, : COLUMNS * SEGMENTS].copy()
         rows = self._segments.reshape(SEGMENTS, COLUMNS)
         path = Path(rows[rows[:, 4] > 0.0])
@@ -117,26 +96,13 @@ class FlightScene:
         self._obstacles = obstacles[obstacles[:, 2] > 0.0]
         self._goal, self._altitude = task.goal(course)[0], float(task.altitude_of(course)[0])
 
-    def record(self) -> None:
-        """Append the core's present state, and a fix of the GNSS if one has come."""
-        core = self._core
-        belief = core.belief
-        self._samples.append(
-            Sample(
-                core.steps[0], core.truth[0].copy(), belief.mean[0].copy(), belief.cov[0].copy(),
-                core.actuators[0].copy(), core.tally[0, 0],
-            )
-        )  # fmt: skip
-        readings, available = core.readings
-        if available[0, self._fix].all():
-            self._fixes.append(readings[0, self._fix].copy())
-
     def draw(self, canvas: Canvas) -> None:
         """Draw the episode so far."""
-        history = Sample(*(np.array(column) for column in zip(*self._samples, strict=True)))
+        history = self.history()
         width, height = canvas.size
         canvas.clear()
-        self._header(canvas, Box(16, 0, width - 32, 60), history)
+        missed = np.hypot(*(history.truth[-1, :2] - self._goal[:2]))
+        self.header(canvas, Box(16, 0, width - 32, 60), f"{missed:.1f} m")
         box = Box(16, 60, width - 32, height - 76)
         left = Box(box.left, box.top, _LEFT, box.height - _CHART - _GAP)
         right = Box(left.right + _GAP, box.top, box.width - _LEFT - _GAP, box.height - 3 * (_CHART + _GAP))
@@ -154,29 +120,7 @@ class FlightScene:
         ensemble = self._core.belief.ensemble
         return None if ensemble is None else ensemble[0, :, :2]
 
-    def _outcome(self, history: Sample) -> tuple[str, Colour]:
-        """How the flight has ended, in words, or that it has not."""
-        end = self._task.ends[self._core.end[0]]
-        missed = f"{np.hypot(*(history.truth[-1, :2] - self._goal[:2])):.1f} m"
-        if end == "arrived":
-            return f"arrived, {missed} from the goal", CURRENT
-        if end == "missed the goal":
-            return f"{end} by {missed}", LIMIT
-        if end:
-            return f"lost: {end}", LIMIT
-        if history.step[-1] >= self._task.horizon:
-            return "time is up", LIMIT
-        return "under way", MUTED
-
     # --- parts of the picture -----------------------------------------------------------------------
-
-    def _header(self, canvas: Canvas, box: Box, history: Sample) -> None:
-        core, task = self._core, self._task
-        words = f"estimator {core.estimator}   ·   {self._air} disturbance   ·   {self._sensors} sensors"
-        if core.mismatch:
-            words += f"   ·   mismatch {100 * core.mismatch:g} %"
-        values = {"score": f"{core.total[0] / task.perfect:.3f}", "time": f"{history.step[-1] * task.dt:.1f} s"}
-        draw_header(canvas, box, self.title, words, values, *self._outcome(history))
 
     def _plan(self, canvas: Canvas, box: Box, history: Sample) -> None:
         """The whole flight from above."""
@@ -235,7 +179,7 @@ class FlightScene:
         canvas.dot(goal, CURRENT, min(2.0, 0.4 * tolerance))
         draw_start(canvas, frame.pixels(self._path[0, :2]))
         for fix in self._fixes:
-            canvas.cross(frame.pixels(fix), FIX, 2.0 * radius, 1.2)
+            canvas.cross(frame.pixels(fix[:2]), FIX, 2.0 * radius, 1.2)
         for at in frame.pixels(cloud) if cloud is not None else ():
             canvas.dot(at, MEMBER, radius)
         canvas.polygon(self._placed(frame, history.truth[-1], span), TRUE_PALE, TRUE, 1.5)

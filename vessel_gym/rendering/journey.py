@@ -1,0 +1,95 @@
+"""What pictures of a vehicle on its way to a goal have in common: what happened, and how it ended."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from vessel_gym.core import Core
+from vessel_gym.rendering.canvas import CURRENT, LIMIT, MUTED, Box, Canvas, Colour, draw_header
+from vessel_gym.sensors import SUITES
+from vessel_gym.tasks.dive import Dive
+from vessel_gym.tasks.flight import Flight
+
+
+class Sample(NamedTuple):
+    """One moment of an episode, or as columns a whole one."""
+
+    step: np.ndarray
+    truth: np.ndarray  # (n,)
+    estimate: np.ndarray  # (n,)
+    cov: np.ndarray  # (n, n)
+    actuators: np.ndarray  # (a,)
+    farthest: np.ndarray  # progress of the true vehicle along its path
+
+
+class Journey:
+    """History of one vehicle on its way to a goal.
+
+    Args:
+        core: The environment's core, whose first row is shown.
+        fix: The instrument that tells the position.
+    """
+
+    def __init__(self, core: Core, fix: str) -> None:
+        assert isinstance(core.task, (Dive, Flight))
+        self.title = core.system.name
+        self._core = core
+        self._task: Dive | Flight = core.task
+        owner = [instrument.name for instrument in core.vehicle.instruments for _ in instrument.channels]
+        self._fix = np.array(owner) == fix
+        self._disturbance = next(name for name, sea in core.system.disturbances.items() if sea is core.sea)
+        self._sensors = next(name for name, suite in SUITES.items() if suite is core.suite)
+        self._samples: list[Sample] = []
+        self._fixes: list[np.ndarray] = []
+
+    def begin(self) -> None:
+        """Forget the last episode."""
+        self._samples.clear()
+        self._fixes.clear()
+
+    def record(self) -> None:
+        """Append the core's present state, and a fix of the position if one has come."""
+        core = self._core
+        belief = core.belief
+        self._samples.append(
+            Sample(
+                core.steps[0], core.truth[0].copy(), belief.mean[0].copy(), belief.cov[0].copy(),
+                core.actuators[0].copy(), core.tally[0, 0],
+            )
+        )  # fmt: skip
+        readings, available = core.readings
+        if available[0, self._fix].all():
+            self._fixes.append(readings[0, self._fix])
+
+    def history(self) -> Sample:
+        """The episode so far, as columns."""
+        return Sample(*(np.array(column) for column in zip(*self._samples, strict=True)))
+
+    def header(self, canvas: Canvas, box: Box, missed: str) -> None:
+        """Under which conditions the vehicle is on its way, for how long, and how it has ended.
+
+        Args:
+            canvas: Where to draw.
+            box: There.
+            missed: How far from the goal the vehicle is, in words.
+        """
+        core, task = self._core, self._task
+        words = f"estimator {core.estimator}   ·   {self._disturbance} disturbance   ·   {self._sensors} sensors"
+        if core.mismatch:
+            words += f"   ·   mismatch {100 * core.mismatch:g} %"
+        time = f"{self._samples[-1].step * task.dt:.1f} s"
+        values = {"score": f"{core.total[0] / task.perfect:.3f}", "time": time}
+        draw_header(canvas, box, self.title, words, values, *self._outcome(missed))
+
+    def _outcome(self, missed: str) -> tuple[str, Colour]:
+        """How the journey has ended, in words, or that it has not."""
+        end = self._task.ends[self._core.end[0]]
+        if end == "arrived":
+            return f"arrived, {missed} from the goal", CURRENT
+        if end == "missed the goal":
+            return f"{end} by {missed}", LIMIT
+        if end:
+            return f"lost: {end}", LIMIT
+        if self._samples[-1].step >= self._task.horizon:
+            return "time is up", LIMIT
+        return "under way", MUTED
