@@ -16,7 +16,7 @@ from agents.studies.shares import (
     shared,
 )
 from agents.studies.study import FEW_SEEDS, FLOOR, ORACLE
-from agents.studies.wording import amount, every, many, microseconds, named, the
+from agents.studies.wording import amount, every, many, microseconds, named, sentence, the
 
 
 def answer(results: Results) -> list[str]:
@@ -29,10 +29,10 @@ def answer(results: Results) -> list[str]:
             f"No estimator can be ranked: for that {the(results.classical)} has to fly {ORACLE}, {FLOOR} and an "
             f"estimator between them, and score higher on {ORACLE}."
         ]
-    elif len(environments) == 1:
-        sentences = _advice_for_one(results, environments[0])
+    elif len(environments) > 1 and len(rankable(results, environments)) > 1:
+        sentences = _advice_for_all(results, environments)
     else:
-        sentences = _advice_for_many(results, environments)
+        sentences = [told for environment in environments for told in _advice_for_one(results, environment)]
     return [*sentences, *_answer_of_learning(results), _measured(results)]
 
 
@@ -45,18 +45,17 @@ def _advice_for_one(results: Results, environment: str) -> list[str]:
         f"Fly {best} in {environment}: on it {the(results.classical)} keeps "
         f"{amount(mean_interval(ranked[best]))} of what knowing the truth is worth over dead reckoning, and loses "
         f"{amount(loss(results, [environment], best))} of score against the truth.",
-        f"Within chance of it: {listed(level)}." if level else "No other is within chance of it.",
     ]
+    if len(ranked) > 1:
+        sentences.append(f"Within chance of it: {listed(level)}." if level else "No other is within chance of it.")
     if next_best:
         gap = paired_difference(ranked[best], ranked[next_best])
         sentences.append(f"The next, {next_best}, keeps {amount(gap)} less.")
     return [*sentences, *_prices_in_time(results, [environment], best)]
 
 
-def _advice_for_many(results: Results, environments: list[str]) -> list[str]:
+def _advice_for_all(results: Results, environments: list[str]) -> list[str]:
     everywhere = rankable(results, environments)
-    if not everywhere:
-        return ["No estimator was flown in every environment: " + _each_best(results, environments, None)]
     pick = next(iter(everywhere))
     level = [name for name in everywhere if name != pick and not clear(everywhere[pick], everywhere[name])]
     return [
@@ -69,18 +68,16 @@ def _advice_for_many(results: Results, environments: list[str]) -> list[str]:
     ]
 
 
-def _each_best(results: Results, environments: list[str], pick: str | None) -> str:
+def _each_best(results: Results, environments: list[str], pick: str) -> str:
     """The best of each environment, and by how much it beats the pick for all of them."""
     better, equal = [], []
     for environment in environments:
         ranked = rankable(results, [environment])
         best = next(iter(ranked))
-        gap = None if pick is None or pick == best else paired_difference(ranked[best], ranked[pick])
+        gap = None if pick == best else paired_difference(ranked[best], ranked[pick])
         level = [name for name in ranked if name not in (best, pick) and not clear(ranked[best], ranked[name])]
         tied = f", within chance of it {listed(level)}" if level else ""
-        if pick is None:
-            better.append(f"in {environment} {best} keeps {amount(mean_interval(ranked[best]))}{tied}")
-        elif gap is not None and gap.excludes_zero:
+        if gap is not None and gap.excludes_zero:
             better.append(f"in {environment} {best} keeps {amount(gap)} more than {pick}{tied}")
         else:
             equal.append(environment)
@@ -88,7 +85,7 @@ def _each_best(results: Results, environments: list[str], pick: str | None) -> s
     if equal:
         told += ("; " if better else "") + f"in {listed(equal)} nothing beats {pick} beyond chance"
     told += "."
-    return f"By environment the best differs: {told}" if better and pick else told[0].upper() + told[1:]
+    return f"By environment the best differs: {told}" if better else sentence(told)
 
 
 def _prices_in_time(results: Results, environments: list[str], estimator: str) -> list[str]:
@@ -125,32 +122,31 @@ def _answer_of_learning(results: Results) -> list[str]:
 
 
 def _filter_or_memory(results: Results, reference: Pilot) -> list[str]:
-    """Whether learning on a filter beats learning on readings, with or without memory."""
-    raw = [pilot for pilot in learners(results) if results.agent(pilot).raw]
-    gaps = {pilot: gap for pilot in raw if (gap := _filter_gain(results, reference, pilot)) is not None}
-    if not gaps:
-        return []
-    sure = [gap for gap in gaps.values() if isinstance(gap, Interval)]
-    verdict = "against"
+    """Whether learning on a filter beats learning on readings, with or without memory, in each environment."""
+    raw, sentences = [pilot for pilot in learners(results) if results.agent(pilot).raw], []
+    for environment in shared(results, reference):
+        each = {pilot: difference(results, [environment], reference, pilot) for pilot in raw}
+        gaps = {pilot: gap for pilot, gap in each.items() if gap is not None}
+        if gaps:
+            told = [f"{_more(gap)} than {named(pilot)}" for pilot, gap in gaps.items()]
+            sentences.append(
+                f"In {environment} a filter in the loop {_verdict(list(gaps.values()))} learning on raw readings: "
+                f"{named(reference)} keeps {listed(told)}."
+            )
+    return sentences
+
+
+def _verdict(gaps: list[Interval | float]) -> str:
+    """What all differences say, if they agree."""
+    sure = [gap for gap in gaps if isinstance(gap, Interval)]
     if len(sure) == len(gaps):
-        for words, holds in (
-            ("beats", all(gap.low > 0.0 for gap in sure)),
-            ("is beaten by", all(gap.high < 0.0 for gap in sure)),
-            ("is within chance of", not any(gap.excludes_zero for gap in sure)),
-        ):
-            verdict = words if holds else verdict
-    told = []
-    for pilot, gap in gaps.items():
-        there = shared(results, reference, pilot)
-        where = f" in {listed(there)}" if len(there) < len(shared(results, reference)) else ""
-        told.append(f"{_more(gap)} than {named(pilot)}{where}")
-    return [f"A filter in the loop {verdict} learning on raw readings: {named(reference)} keeps {listed(told)}."]
-
-
-def _filter_gain(results: Results, reference: Pilot, pilot: Pilot) -> Interval | float | None:
-    """How much more of the oracle's performance the reference keeps, paired by training seed."""
-    environments = shared(results, reference, pilot)
-    return difference(results, environments, reference, pilot) if environments else None
+        if all(gap.low > 0.0 for gap in sure):
+            return "beats"
+        if all(gap.high < 0.0 for gap in sure):
+            return "is beaten by"
+        if not any(gap.excludes_zero for gap in sure):
+            return "is within chance of"
+    return "compares as follows with"
 
 
 def _crossings(results: Results) -> list[str]:

@@ -120,17 +120,17 @@ def _ranking(results: Results) -> Section:
         blocks += [Prose(text) for text in _rulers(results)]
     if not environments:
         return Section(title, blocks if results.environments else [])
-    columns: list[Sequence[str]] = (
-        [environments, *([e] for e in environments)] if len(environments) > 1 else [environments]
-    )
-    heads = [_ALL, *environments] if len(environments) > 1 else environments
+    columns: list[Sequence[str]] = [[e] for e in environments]
+    heads, overall = list(environments), ""
+    if len(environments) > 1 and len(rankable(results, environments)) > 1:
+        columns, heads = [environments, *columns], [_ALL, *heads]
+        overall = f" {_ALL}: only the estimators that were flown in every environment."
     names = _ranked_names(results, environments)
     look = looks(results)
     rows = [
         Row(name, look[name], [kept(results, column, results.classical, name) for column in columns])
         for name in (*names, *ENDS)
     ]
-    overall = f" {_ALL}: only the estimators that were flown in every environment." if len(environments) > 1 else ""
     blocks.append(
         _figure(
             dots(

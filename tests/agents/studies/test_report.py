@@ -87,6 +87,16 @@ def test_over_all_environments_only_estimators_count_that_flew_in_each(classical
     assert shown["", "enkf"]["All"] != "–"
 
 
+def test_where_less_than_two_estimators_flew_everywhere_each_environment_has_its_own_advice(classical):
+    common = ("truth", "dead-reckoning", "enkf")
+    found = without(classical, lambda f: f.environment == SEGOROGENI and f.flown_on not in common)
+    told = answer(found)
+    assert told[0].startswith(f"Fly kf-umv-ui in {CORVETTE}")
+    assert any(sentence.startswith(f"Fly enkf in {SEGOROGENI}") for sentence in told)
+    assert not any("one estimator" in sentence for sentence in told)
+    assert "All" not in next(iter(rows(page(found, OUT), "ranking").values()))
+
+
 def test_shares_in_the_ranking_are_those_of_the_statistics(classical, plain, learned, taught):
     kept = classical.paired(classical.places(), classical.classical, "ekf")
     interval = mean_interval(kept)
@@ -106,12 +116,19 @@ def test_the_floor_keeps_nothing_and_the_truth_everything(plain):
         assert shown["", "truth"][head].startswith("1.000 ±")
 
 
-def test_whether_a_filter_beats_memory_is_decided_by_the_runs(learned):
+def test_whether_a_filter_beats_memory_is_decided_by_the_runs_of_each_environment(learned):
+    def verdicts(**quality):
+        found = results(learned.plan, QUALITY | quality)
+        told = " ".join(answer(found))
+        return dict(re.findall(r"In (\S+) a filter in the loop (.*?) learning on raw readings", told))
+
     raw = "raw readings"
-    assert "A filter in the loop beats learning" in " ".join(answer(learned))
-    assert "A filter in the loop is beaten by" in " ".join(answer(results(learned.plan, QUALITY | {raw: 1.2})))
-    level = results(learned.plan, {**QUALITY, raw: 0.875})  # the mean of the two defaults
-    assert not re.search("in the loop (beats|is beaten)", " ".join(answer(level)))
+    assert verdicts() == {CORVETTE: "beats", SEGOROGENI: "beats"}
+    assert verdicts(**{raw: 1.2}) == {CORVETTE: "is beaten by", SEGOROGENI: "is beaten by"}
+    between = verdicts(**{raw: 0.875})  # the mean of the two defaults: level on average, and nowhere
+    assert between == {CORVETTE: "beats", SEGOROGENI: "is beaten by"}
+    level = verdicts(**{raw: 0.8})  # as the default of Segorogeni
+    assert level[SEGOROGENI] not in ("beats", "is beaten by")
 
 
 def test_what_crossing_costs_is_found(learned):
