@@ -1,6 +1,5 @@
 """PPO through stable-baselines3 on the batched environments."""
 
-import hashlib
 import json
 import tomllib
 import zipfile
@@ -13,10 +12,10 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-import estimators
 import vessel_gym
 from agents.files import replacing
 from agents.seeds import training_seed
+from agents.source import source_digest
 
 MEMORIES = ("none", "frames", "lstm")
 """What an agent may remember: nothing, its last observations, or what a recurrent network makes of all of them."""
@@ -81,7 +80,7 @@ def describe(
         "hyperparameters": settings,
         "versions": {"vessel-gym": vessel_gym.__version__}
         | {name: metadata.version(name) for name in ("numpy", "torch", "stable-baselines3", "sb3-contrib")},
-        "source": _source_digest(),
+        "source": source_digest(__name__),
     }
     return json.loads(json.dumps(described, default=_named))
 
@@ -98,21 +97,6 @@ def description(path: Path) -> dict[str, Any] | None:
             return json.loads(archive.read(_DESCRIPTION))
     except (OSError, zipfile.BadZipFile, KeyError, ValueError):
         return None
-
-
-def _source_digest() -> str:
-    """SHA-256 of the code that an agent learns from: the training's own, and all but pictures of the environments'."""
-    digest = hashlib.sha256()
-    here = Path(__file__).parent
-    for source in (here / name for name in ("ppo.py", "lstm_policy.py", "vec_env.py", "seeds.py")):
-        digest.update(source.read_bytes())
-    for package in (estimators, vessel_gym):
-        root = Path(package.__file__ or "").parent
-        for source in sorted(root.rglob("*.py")):
-            name = source.relative_to(root)
-            if name.parts[0] != "rendering":
-                digest.update(name.as_posix().encode() + b"\0" + source.read_bytes())
-    return digest.hexdigest()
 
 
 def train(

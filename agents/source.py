@@ -9,8 +9,8 @@ from pathlib import Path
 import estimators
 import vessel_gym
 
-_PRESENTATION = ("agents.page", "agents.plotting", "agents.reproduction.comparison")
-"""Modules that only show results, as `vessel_gym.rendering` does: a new look leaves the results as they are."""
+_AROUND = ("agents.cells", "agents.reproduction.comparison")
+"""Modules that keep or show results and compute none: a change there leaves the results as they are."""
 
 
 @cache
@@ -18,7 +18,7 @@ def source_digest(module: str) -> str:
     """SHA-256 of the code that a module computes with.
 
     That is the module itself, what it imports of its own package and what these import in turn, and all of
-    `estimators` and `vessel_gym`, because environments are found there by name; not what only shows results.
+    `estimators` and `vessel_gym`, because environments are found there by name; not pictures, nor what keeps results.
 
     Args:
         module: Its dotted name.
@@ -45,7 +45,7 @@ def _closure(module: str, package: str, found: dict[str, Path]) -> dict[str, Pat
         raise ValueError(f"there is no module {module}")
     found[module] = Path(spec.origin)
     for name in sorted(_imported(ast.parse(found[module].read_bytes()), spec.parent or "")):
-        known = name in found or name in _PRESENTATION
+        known = name in found or name in _AROUND
         if name.partition(".")[0] == package and not known and _is_module(name):
             _closure(name, package, found)
     return found

@@ -75,4 +75,5 @@ def unknown(kind: str, name: object, known: Iterable[str]) -> str:
     known = list(known)
     near = get_close_matches(str(name), known, n=1)
     hint = f" (did you mean {near[0]!r}?)" if near else ""
-    return f"unknown {kind} {name!r}{hint}: choose from {', '.join(known)}"
+    choices = f": choose from {', '.join(known)}" if known else ""
+    return f"unknown {kind} {name!r}{hint}{choices}"

@@ -17,8 +17,8 @@ from agents.studies.worlds import (
     named_object,
     refusal,
     system_of,
-    unknown_name,
 )
+from estimators.factory import unknown
 from vessel_gym.sensors import SUITES
 
 ORACLE, FLOOR = "truth", "dead-reckoning"
@@ -397,7 +397,7 @@ class _Reader:
     def name(self, kind: str, name: str, known: Iterable[str], place: Place) -> None:
         known = list(known)
         if name not in known:
-            self.wrong(place, unknown_name(kind, name, known))
+            self.wrong(place, unknown(kind, name, known))
 
 
 # --- lines --------------------------------------------------------------------------------------------

@@ -1,7 +1,5 @@
 """What a study names, made real: environments, estimators and agents, the package's own or ``module:object``."""
 
-from collections.abc import Sequence
-from difflib import get_close_matches
 from functools import cache
 from importlib import import_module
 from typing import Any
@@ -10,6 +8,7 @@ import gymnasium as gym
 
 import vessel_gym  # noqa: F401  (registers the environments)
 from agents.source import source_digest
+from estimators.factory import unknown
 from vessel_gym.envs import VesselVectorEnv
 from vessel_gym.estimation import estimator_names
 from vessel_gym.system import System
@@ -67,7 +66,7 @@ def environment_id(name: str) -> str:
             gym.register(env_id, vector_entry_point=cls, max_episode_steps=steps)  # type: ignore[arg-type]
     if env_id not in gym.registry:
         ours = [id for id, spec in gym.registry.items() if str(spec.entry_point).startswith("vessel_gym")]
-        raise ValueError(f"{unknown_name('environment', name, ours)} (your own: module:id)")
+        raise ValueError(f"{unknown('environment', name, ours)} (your own: module:id)")
     if not issubclass(_vector_class(env_id), VesselVectorEnv):
         raise ValueError(f"{name!r} has no estimator in the loop: a study needs environments made of a System")
     return env_id
@@ -113,17 +112,10 @@ def known_estimator(name: str) -> str | None:
             return str(error)
     if name in estimator_names():
         return None
-    return unknown_name("estimator", name, ("default", *estimator_names()))
+    return unknown("estimator", name, ("default", *estimator_names()))
 
 
 def digests(*names: str) -> dict[str, str]:
     """The source of whatever is the user's own among names, so that results follow its changes."""
     own = sorted({name.rpartition(":")[0] for name in names if ":" in name})
     return {module: source_digest(module) for module in own}
-
-
-def unknown_name(kind: str, name: str, known: Sequence[str]) -> str:
-    """The sentence for a name that does not exist, with the nearest that does."""
-    near = get_close_matches(name, known, n=1)
-    hint = f"; did you mean {near[0]!r}?" if near else f": choose from {', '.join(known)}" if known else ""
-    return f"unknown {kind} {name!r}{hint}"

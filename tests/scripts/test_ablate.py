@@ -76,8 +76,8 @@ def test_mistakes_are_sentences_with_lines_and_exit_code_2_before_anything_runs(
     path.write_text("episodess = 3\n[environments]\nSigmaCorvete-v0 = {}\n")
     done = shell(str(path), "--out", str(tmp_path / "out"))
     assert done.returncode == 2
-    assert "line 1: unknown key 'episodess'; did you mean 'episodes'?" in done.stderr
-    assert "line 3: unknown environment 'SigmaCorvete-v0'; did you mean 'SigmaCorvette-v0'?" in done.stderr
+    assert "line 1: unknown key 'episodess' (did you mean 'episodes'?)" in done.stderr
+    assert "line 3: unknown environment 'SigmaCorvete-v0' (did you mean 'SigmaCorvette-v0'?)" in done.stderr
     assert "Traceback" not in done.stderr
     assert not (tmp_path / "out").exists()
 
