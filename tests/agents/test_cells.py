@@ -12,8 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents import cells as engine
-from agents.cells import Cell, Status, artifact_path, journal, load, result_path, run, seconds_left
+from agents.cells import Cell, Status, artifact_path, journal, load, pools, result_path, run, seconds_left
+from agents.cells import cell as cell_module
+from agents.cells.work import work
 
 HERE = Path(__file__).parent
 ENVIRONMENT = os.environ | {"PYTHONPATH": os.pathsep.join([str(HERE), str(HERE.parents[1])])}
@@ -60,7 +61,7 @@ def test_a_key_depends_on_the_function_the_arguments_the_needs_and_the_package_v
     assert first.key == Cell(first.function, first.arguments, "by another name").key
     others = [cell("draw", seed=1), cell("draw", seed=0.0), cell("echo", seed=0), cell("draw", (first,), seed=0)]
     others.append(cell("draw", artifact=".zip", seed=0))
-    monkeypatch.setattr(engine, "_versions", lambda: {"vessel-gym": "0.0.0"})
+    monkeypatch.setattr(cell_module, "_versions", lambda: {"vessel-gym": "0.0.0"})
     others.append(cell("draw", seed=0))
     assert len({first.key, *(other.key for other in others)}) == 1 + len(others)
 
@@ -231,7 +232,7 @@ def test_a_damaged_artifact_is_computed_again(tmp_path, damage):
 
 def test_unknown_files_and_results_of_other_versions_are_left_alone_and_said(tmp_path, monkeypatch):
     with monkeypatch.context() as patch:
-        patch.setattr(engine, "_versions", lambda: {"vessel-gym": "0.0.0"})
+        patch.setattr(cell_module, "_versions", lambda: {"vessel-gym": "0.0.0"})
         run(study(), tmp_path)
     (tmp_path / "cells" / "notes.txt").write_text("mine")
     before = stored(tmp_path)
@@ -279,9 +280,9 @@ def test_a_folder_that_cannot_be_is_one_sentence(tmp_path, place):
 def test_a_worker_with_other_code_or_another_folder_computes_nothing(tmp_path):
     (tmp_path / "cells").mkdir()
     with pytest.raises(OSError, match="has other code of this package"):
-        engine._work(cell("draw", seed=0), tmp_path, "the key there")
+        work(cell("draw", seed=0), tmp_path, "the key there")
     with pytest.raises(OSError, match=f"does not see {tmp_path / 'elsewhere'}: all workers need the same folder"):
-        engine._work(cell("draw", seed=0), tmp_path / "elsewhere", cell("draw", seed=0).key)
+        work(cell("draw", seed=0), tmp_path / "elsewhere", cell("draw", seed=0).key)
     assert not stored(tmp_path)
 
 
@@ -395,7 +396,7 @@ def test_two_workers_of_a_cluster_give_the_same_files_though_one_is_killed(tmp_p
 
 def test_a_scheduler_that_does_not_answer_is_one_sentence(tmp_path, monkeypatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr(engine, "_PATIENCE", 1)
+    monkeypatch.setattr(pools, "_PATIENCE", 1)
     with pytest.raises(ConnectionError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):
         run(study(), tmp_path, scheduler="tcp://127.0.0.1:9")
 

@@ -1,0 +1,143 @@
+"""Running cells: what is missing is computed, in whatever order and place is best."""
+
+from collections.abc import Callable, Iterable
+from contextlib import closing
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from agents.cells.cell import Cell
+from agents.cells.pools import pool
+from agents.cells.schedule import Clock, part, seconds_left, waves, with_needs
+from agents.cells.store import journal, load, set_aside, strangers, sweep
+from agents.cells.work import CannotStore
+
+
+@dataclass
+class Outcome:
+    """What a run left.
+
+    Attributes:
+        values: Of every cell that has a result, by its key.
+        failures: Traceback, or the reason for not trying, of every cell that has none, by its key.
+        computed: How many cells this run computed.
+        notes: What a user should know: files set aside, results of other versions.
+    """
+
+    values: dict[str, dict[str, Any]] = field(default_factory=dict)
+    failures: dict[str, str] = field(default_factory=dict)
+    computed: int = 0
+    notes: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Status:
+    """How far a run has come.
+
+    Attributes:
+        done: Cells with a result.
+        total: Cells in all.
+        failed: Cells that failed.
+        seconds_left: Estimate; None before any cell of each function has been timed.
+        label: Of the cell that ended last.
+    """
+
+    done: int
+    total: int
+    failed: int
+    seconds_left: float | None
+    label: str = ""
+
+
+Progress = Callable[[Status], None]
+
+
+def run(
+    cells: Iterable[Cell],
+    folder: Path,
+    jobs: int = 1,
+    scheduler: str | None = None,
+    shard: tuple[int, int] | None = None,
+    progress: Progress | None = None,
+) -> Outcome:
+    """Compute the cells that have no result yet.
+
+    A cell that fails does not stop the others; nor does one whose process is killed, which is tried once more, alone.
+
+    Args:
+        cells: What is wanted; cells that others need are added.
+        folder: Where the results are kept; made if it is not there.
+        jobs: Processes on this machine, with one thread each; 1: this process.
+        scheduler: Address of a Dask scheduler whose workers compute instead; they must see the folder.
+        shard: ``(i, n)``: only the i-th of n parts, counted from 1.
+        progress: Called at the start and after every cell.
+
+    Returns:
+        Values of all cells that have some, with what failed.
+
+    Raises:
+        ValueError: for a number of jobs or a shard that makes no sense.
+        OSError: if the results cannot be written, e.g. on a full disk; what was finished is stored.
+        ConnectionError: if there is no such scheduler, or its workers cannot compute.
+    """
+    if jobs < 1:
+        raise ValueError(f"jobs must be at least 1, got {jobs}")
+    folder = Path(folder).resolve()
+    wanted = with_needs(cells)
+    mine = wanted if shard is None else part(wanted, *shard)
+    try:
+        for name in ("cells", "failed"):
+            (folder / name).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OSError(f"cannot store results in {folder}: {error.strerror}") from None
+    outcome = Outcome()
+    for key, cell in wanted.items():
+        values = load(cell, folder)
+        if values is None:
+            outcome.notes += set_aside(cell, folder)
+        else:
+            outcome.values[key] = values
+    outcome.notes += strangers(wanted, folder)
+    missing = {key: cell for key, cell in mine.items() if key not in outcome.values}
+    clock = Clock(journal(folder))
+    workers = jobs
+
+    def report(label: str = "") -> None:
+        if progress is not None:
+            done = sum(key in outcome.values for key in mine)
+            ended = outcome.values.keys() | outcome.failures.keys()
+            left = {key: cell for key, cell in missing.items() if key not in ended}
+            seconds = [[clock.expected(cell) for cell in wave] for wave in waves(left)]
+            progress(Status(done, len(mine), len(outcome.failures), seconds_left(seconds, workers), label))
+
+    report()
+    if not missing:
+        return outcome
+    try:
+        with pool(folder, jobs, scheduler) as (compute, workers):
+            for wave in waves(missing):
+                ready = []
+                for cell in wave:
+                    lost = [need for need in cell.needs if need.key not in outcome.values]
+                    if lost:
+                        name = lost[0].label or lost[0].key
+                        outcome.failures[cell.key] = f"not tried: it needs {name}, which has no result"
+                        report(cell.label)
+                    else:
+                        ready.append(cell)
+                with closing(compute(clock.longest_first(ready))) as ends:
+                    for key, values, failure, seconds in ends:
+                        if values is None:
+                            outcome.failures[key] = failure
+                        else:
+                            outcome.values[key] = values
+                        if seconds is not None:
+                            outcome.computed += 1
+                            clock.add(mine[key].label, mine[key].function, seconds)
+                        report(mine[key].label)
+    except CannotStore as error:
+        done = sum(key in outcome.values for key in mine)
+        raise OSError(f"{error}; {done} of {len(mine)} are stored, and the same run goes on from there") from None
+    finally:
+        sweep(folder)
+    return outcome

@@ -1,0 +1,203 @@
+"""Where cells are computed: in this process, in others of this machine, or on a Dask cluster."""
+
+import os
+import re
+import threading
+import time
+import warnings
+from collections import deque
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import closing, contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from agents.cells.cell import Cell
+from agents.cells.store import save_failure
+from agents.cells.work import CannotStore, End, work
+from agents.source import source_digest
+
+_PATIENCE = 30  # seconds for a Dask scheduler or its first worker to answer
+_ONE_THREAD = dict.fromkeys(
+    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS", "NUMBA_NUM_THREADS"), "1"
+)
+
+_Ends = Generator[End, None, None]
+
+
+@contextmanager
+def pool(folder: Path, jobs: int, scheduler: str | None) -> Iterator[tuple[Callable[[Sequence[Cell]], _Ends], int]]:
+    """What computes cells and yields their ends as they come, and how many at once."""
+    if scheduler is not None:
+        with _client(scheduler) as client:
+            yield partial(_on_cluster, folder, client), sum(client.nthreads().values())
+    elif jobs > 1:
+        yield partial(_in_processes, folder, jobs), jobs
+    else:
+        yield partial(_here, folder), 1
+
+
+def _here(folder: Path, cells: Sequence[Cell]) -> _Ends:
+    yield from (work(cell, folder, cell.key) for cell in cells)
+
+
+def _in_processes(folder: Path, jobs: int, cells: Sequence[Cell]) -> _Ends:
+    from joblib import Parallel, parallel_config
+    from joblib.externals.loky.process_executor import TerminatedWorkerError
+
+    left = {cell.key: cell for cell in cells}
+    with parallel_config(
+        backend="loky", inner_max_num_threads=1, initializer=_leave_with_parent, initargs=(os.getpid(),)
+    ):
+        parallel = Parallel(jobs, return_as="generator_unordered", batch_size=1)
+    try:
+        with _dispatched(parallel, folder, cells) as ends:
+            for end in ends:
+                del left[end.key]
+                yield end
+    except TerminatedWorkerError:
+        pass  # a process was killed, and joblib ended the others with it
+    for at_once in (jobs, 1):  # the second time alone: it has all the memory there is
+        with closing(_apart(folder, at_once, list(left.values()))) as tries:
+            for cell, result, cause in tries:
+                if result is not None:
+                    del left[cell.key]
+                    yield result
+                elif at_once == 1:
+                    yield _killed(cell, folder, f"the process that computed it was killed twice ({cause})")
+
+
+def _apart(folder: Path, at_once: int, cells: Sequence[Cell]) -> Generator[tuple[Cell, End | None, str], None, None]:
+    """Each cell in a process of its own: its end, or else what ended the process."""
+    from concurrent.futures import FIRST_COMPLETED, Future, wait
+
+    from joblib.externals.loky.process_executor import ProcessPoolExecutor, TerminatedWorkerError
+
+    left, running = deque(cells), dict[Future[End], tuple[Cell, ProcessPoolExecutor]]()
+    try:
+        while left or running:
+            while left and len(running) < at_once:
+                cell = left.popleft()
+                process = ProcessPoolExecutor(
+                    1, initializer=_leave_with_parent, initargs=(os.getpid(),), env=_ONE_THREAD
+                )
+                running[process.submit(work, cell, folder, cell.key)] = cell, process
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                cell, process = running.pop(future)
+                process.shutdown()
+                try:
+                    yield cell, future.result(), ""
+                except TerminatedWorkerError as error:
+                    codes = re.search(r"\{(.*)\}", str(error))  # e.g. SIGKILL(-9)
+                    yield cell, None, codes[1] if codes else "nobody knows how"
+    finally:
+        for _, process in running.values():
+            process.shutdown(kill_workers=True)
+
+
+def _leave_with_parent(parent: int) -> None:
+    """End this process soon after its parent, which may be killed before it can stop what it started."""
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(0.1)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def _killed(cell: Cell, folder: Path, text: str) -> End:
+    failure = f"{text}, perhaps for want of memory"
+    save_failure(cell, folder, failure)
+    return End(cell.key, None, failure)
+
+
+def _on_cluster(folder: Path, client: Any, cells: Sequence[Cell]) -> _Ends:
+    from joblib import Parallel
+
+    parallel = Parallel(-1, _dask_backend(client), return_as="generator_unordered", pre_dispatch="all", batch_size=1)
+    killed: list[Cell] = []
+    try:
+        with _dispatched(parallel, folder, cells) as ends:
+            for end in ends:
+                if isinstance(end, Cell):
+                    killed.append(end)
+                else:
+                    yield end
+        for cell in killed:  # alone: Dask blames all that were on a worker
+            with _dispatched(parallel, folder, [cell]) as ends:
+                for end in ends:
+                    text = "every worker that computed it was killed"
+                    yield _killed(cell, folder, text) if isinstance(end, Cell) else end
+    except CannotStore:
+        raise
+    except Exception as error:
+        raise ConnectionError(f"the Dask workers cannot go on: {type(error).__name__}: {error}") from error
+
+
+def _dask_backend(client: Any) -> Any:
+    """Joblib's backend for Dask, which would wait for ever for a task that ended without a result.
+
+    This one tells joblib of the error; if all the workers of a cell were killed, the cell itself comes instead of its
+    end.
+    """
+    from distributed import KilledWorker
+    from joblib._dask import DaskDistributedBackend
+
+    class Backend(DaskDistributedBackend):
+        def effective_n_jobs(self, n_jobs: int) -> int:
+            return 2  # how many compute is up to Dask; with one, joblib would compute here
+
+        def submit(self, func: Any, callback: Any = None) -> Any:
+            def tell(future: Any) -> None:
+                error = future.exception()
+                if isinstance(error, KilledWorker):
+                    ((_, (cell, _, _), _),) = func.items
+                    callback([cell])
+                elif error is not None:
+                    callback(error)
+
+            future = super().submit(func, callback)
+            future.add_done_callback(tell)
+            return future
+
+        def retrieve_result_callback(self, out: Any) -> Any:
+            if isinstance(out, BaseException):
+                raise out
+            return super().retrieve_result_callback(out)
+
+    return Backend(client=client)
+
+
+@contextmanager
+def _dispatched(parallel: Any, folder: Path, cells: Sequence[Cell]) -> Iterator[Iterator[Any]]:
+    """The ends of cells that joblib was given; when left early, the processes that compute are stopped."""
+    from joblib import delayed
+
+    ends = parallel(delayed(work)(cell, folder, cell.key) for cell in cells)
+    try:
+        yield ends
+    finally:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # that some cells were not computed, and that one could dispatch fewer
+            ends.close()
+
+
+@contextmanager
+def _client(scheduler: str) -> Iterator[Any]:
+    from dask.distributed import Client
+
+    try:
+        client = Client(scheduler, timeout=_PATIENCE, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise ConnectionError(f"no Dask scheduler answers at {scheduler}: {error}") from None
+    with client:
+        try:
+            client.wait_for_workers(1, timeout=_PATIENCE)
+        except TimeoutError:
+            raise ConnectionError(f"the Dask scheduler at {scheduler} has no workers") from None
+        try:
+            client.run(source_digest, __name__)  # a worker that cannot even import this would fall silent
+        except Exception as error:
+            raise ConnectionError(f"the Dask workers do not have this package: {error}") from None
+        yield client
