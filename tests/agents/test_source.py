@@ -76,3 +76,10 @@ def test_all_of_the_lower_layers_counts_but_the_pictures(tmp_path, monkeypatch, 
 def test_a_module_that_is_not_there_is_an_error():
     with pytest.raises(ValueError, match="there is no module agents\\.nowhere"):
         source_digest("agents.nowhere")
+
+
+@pytest.mark.parametrize("module", source._AROUND)
+def test_what_keeps_and_shows_results_is_left_out_of_what_computes_them(module):
+    imported = source._closure("agents.reproduction.segorogeni", "agents", {})
+    assert source._is_module(module)
+    assert not any(name.startswith(module) for name in imported)
