@@ -6,6 +6,7 @@ from agents.studies.results import Pilot, Results
 from agents.studies.shares import (
     against_classical,
     clear,
+    common,
     crossing,
     difference,
     learners,
@@ -29,7 +30,7 @@ def answer(results: Results) -> list[str]:
             f"No estimator can be ranked: for that {the(results.classical)} has to fly {ORACLE}, {FLOOR} and an "
             f"estimator between them, and score higher on {ORACLE}."
         ]
-    elif len(environments) > 1 and len(rankable(results, environments)) > 1:
+    elif common(results):
         sentences = _advice_for_all(results, environments)
     else:
         sentences = [told for environment in environments for told in _advice_for_one(results, environment)]
@@ -55,7 +56,7 @@ def _advice_for_one(results: Results, environment: str) -> list[str]:
 
 
 def _advice_for_all(results: Results, environments: list[str]) -> list[str]:
-    everywhere = rankable(results, environments)
+    everywhere = common(results)
     pick = next(iter(everywhere))
     level = [name for name in everywhere if name != pick and not clear(everywhere[pick], everywhere[name])]
     return [

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 WIDTH = 7.2
 """Inches."""
+ALL = "All"
+"""Heading of what holds for all environments together."""
 _MARKS = "os^vDP<>Xp*h"
 _LINES = ("-", "--", "-.", ":")
 AXES = {"disturbance": "disturbance", "sensors": "sensor suite", "mismatch": "mismatch of the model"}
@@ -60,28 +62,28 @@ class Row:
     values: Sequence[Interval | float | None]
 
 
-def dots(rows: Sequence[Row], panels: Sequence[str], label: str) -> "Figure":
+def dots(rows: Sequence[Row], heads: Sequence[str], label: str) -> "Figure":
     """Values with their intervals, a line each, the first on top; a number without an interval is hollow.
 
     Args:
         rows: The lines.
-        panels: Titles, the first one's panel being set in a tint.
+        heads: What the panels show: environments, or `ALL`, which is set in a tint.
         label: Of the axis.
     """
     from matplotlib.figure import Figure
 
     with styled():
         figure = Figure(figsize=(WIDTH, 0.9 + 0.19 * len(rows)), layout="constrained")
-        axes = figure.subplots(1, len(panels), sharey=True, sharex=True, squeeze=False)[0]
+        axes = figure.subplots(1, len(heads), sharey=True, sharex=True, squeeze=False)[0]
         heights = np.arange(len(rows))[::-1]
-        for j, (panel, title) in enumerate(zip(axes, panels, strict=True)):
-            if j == 0 and len(panels) > 1:
+        for j, (panel, head) in enumerate(zip(axes, heads, strict=True)):
+            if head == ALL:
                 panel.set_facecolor("#f5f6f8")
             for height, row in zip(heights, rows, strict=True):
                 _dot(panel, row.values[j], height, row.look)
             for end in (0.0, 1.0):
                 panel.axvline(end, color=INK, linewidth=0.6, zorder=0.5)
-            panel.set_title(title, loc="left", fontsize=9)
+            panel.set_title("All environments" if head == ALL else head, loc="left", fontsize=9)
             panel.grid(axis="x")
             panel.tick_params(axis="y", length=0)
             panel.locator_params(axis="x", nbins=4)

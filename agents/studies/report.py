@@ -22,6 +22,7 @@ from agents.statistics import (
 from agents.studies.answer import answer
 from agents.studies.examples import examples
 from agents.studies.figures import (
+    ALL,
     AXES,
     Row,
     along,
@@ -37,13 +38,10 @@ from agents.studies.figures import (
 from agents.studies.plan import RAW, Flight
 from agents.studies.results import Pilot, Place, Results
 from agents.studies.settings import settings
-from agents.studies.shares import ENDS, difference, kept, learners, rankable, reference_pilot, ruled
+from agents.studies.shares import ENDS, common, difference, kept, learners, rankable, reference_pilot, ruled
 from agents.studies.study import FEW_SEEDS, FLOOR, ORACLE
 from agents.studies.wording import many, microseconds, sentence, share_entry, span, the
 from agents.studies.worlds import system_of
-
-_ALL = "All"
-"""Heading of what holds for all environments together."""
 
 
 def page(results: Results, out: Path) -> Page:
@@ -122,9 +120,9 @@ def _ranking(results: Results) -> Section:
         return Section(title, blocks if results.environments else [])
     columns: list[Sequence[str]] = [[e] for e in environments]
     heads, overall = list(environments), ""
-    if len(environments) > 1 and len(rankable(results, environments)) > 1:
-        columns, heads = [environments, *columns], [_ALL, *heads]
-        overall = f" {_ALL}: only the estimators that were flown in every environment."
+    if common(results):
+        columns, heads = [environments, *columns], [ALL, *heads]
+        overall = f" {ALL}: only the estimators that were flown in every environment."
     names = _ranked_names(results, environments)
     look = looks(results)
     rows = [
@@ -133,11 +131,7 @@ def _ranking(results: Results) -> Section:
     ]
     blocks.append(
         _figure(
-            dots(
-                rows,
-                [head.replace(_ALL, "All environments") for head in heads],
-                "share of the oracle's performance kept",
-            ),
+            dots(rows, heads, "share of the oracle's performance kept"),
             "Share of the oracle's performance that is kept",
             f"{sentence(the(results.classical))} on each estimator, means over conditions and evaluation seeds with "
             f"95 % intervals.{overall}",
@@ -202,7 +196,7 @@ def _learned_ranking(
 
 def _ranked_names(results: Results, environments: list[str]) -> list[str]:
     """Every estimator but the ends: those that flew everywhere first, by what they keep; last what has no share."""
-    everywhere = list(rankable(results, environments))
+    everywhere = list(common(results))
     means: dict[str, list[float]] = {}
     for environment in environments:
         for name, values in rankable(results, [environment]).items():
@@ -301,7 +295,7 @@ def _learning(results: Results) -> Section:
     columns: list[Sequence[str]] = (
         [environments, *([e] for e in environments)] if len(environments) > 1 else [environments]
     )
-    heads = [_ALL, *environments] if len(environments) > 1 else environments
+    heads = [ALL, *environments] if len(environments) > 1 else environments
     look = pilot_looks(results)
     rows = [
         Row(str(pilot), look[pilot], [kept(results, column, pilot, None) for column in columns])
@@ -315,11 +309,7 @@ def _learning(results: Results) -> Section:
     )
     blocks += [
         _figure(
-            dots(
-                rows,
-                [head.replace(_ALL, "All environments") for head in heads],
-                "share of the oracle's performance kept",
-            ),
+            dots(rows, heads, "share of the oracle's performance kept"),
             "Share kept by each agent",
             at_home + " Hollow: one run, no interval.",
         ),

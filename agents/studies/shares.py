@@ -49,6 +49,13 @@ def ruled(results: Results) -> list[str]:
     return [e for e in results.environments if rankable(results, [e])]
 
 
+def common(results: Results) -> dict[str, np.ndarray]:
+    """What is `rankable` over all environments that are `ruled`; nothing if that leaves nothing to choose between."""
+    environments = ruled(results)
+    ranked = rankable(results, environments) if len(environments) > 1 else {}
+    return ranked if len(ranked) > 1 else {}
+
+
 def kept(results: Results, environments: Sequence[str], pilot: Pilot, estimator: str | None) -> Interval | float | None:
     """What somebody of `Results.schools` keeps, with the interval that is due: over episodes, or over trainings."""
     if results.agent(pilot).learned:
