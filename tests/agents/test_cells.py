@@ -289,10 +289,12 @@ def test_a_worker_with_other_code_or_another_folder_computes_nothing(tmp_path):
 # --- processes that are killed ----------------------------------------------------------------------
 
 _RUN = """
+import signal
 import sys
 from pathlib import Path
 from agents.cells import run
 from test_cells import long_study
+signal.signal(signal.SIGINT, signal.default_int_handler)  # what a shell starts in the background ignores it
 run(long_study(), Path(sys.argv[1]), jobs=2, progress=lambda status: print(status.done, flush=True))
 """
 
