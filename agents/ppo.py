@@ -16,6 +16,7 @@ import vessel_gym
 from agents.files import replacing
 from agents.seeds import training_seed
 from agents.source import source_digest
+from estimators.factory import unknown
 
 MEMORIES = ("none", "frames", "lstm")
 """What an agent may remember: nothing, its last observations, or what a recurrent network makes of all of them."""
@@ -35,7 +36,7 @@ def hyperparameters(env_id: str, memory: str = "none") -> dict[str, Any]:
         ValueError: if it has none, or the memory is of no known kind.
     """
     if memory not in MEMORIES:
-        raise ValueError(f"unknown memory {memory!r}: choose from {', '.join(MEMORIES)}")
+        raise ValueError(unknown("memory", memory, MEMORIES))
     table = tomllib.loads(files("agents").joinpath("ppo.toml").read_text())
     if env_id not in table:
         raise ValueError(f"no PPO settings for {env_id!r} in agents/ppo.toml: choose from {', '.join(table)}")

@@ -10,6 +10,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from agents.cells import Cell
+from estimators.factory import unknown
 
 if TYPE_CHECKING:  # experiments need nothing that shows results
     from agents.page import Page
@@ -38,5 +39,5 @@ def page(name: str, results: Mapping[str, Mapping[str, Any]]) -> "Page":
 
 def _module(package: str, paper: str) -> ModuleType:
     if paper not in PAPERS:
-        raise ValueError(f"unknown paper {paper!r}: choose from all, {', '.join(PAPERS)}")
+        raise ValueError(unknown("paper", paper, ("all", *PAPERS)))
     return import_module(f"{package}.{paper}")

@@ -9,7 +9,7 @@ from agents.metrics import WITHOUT_COVARIANCE, core_of
 from agents.rollouts import Rollout, rollout
 from agents.studies.plan import Plan
 from agents.studies.study import FLOOR, ORACLE
-from agents.studies.worlds import CLASSICAL, environment_id, environment_options, named_object, system_of
+from agents.studies.worlds import classical_pilot, environment_id, environment_options, system_of
 from estimators import wrap
 from estimators.angles import difference
 from vessel_gym.guidance.dive_path import path_point
@@ -72,8 +72,8 @@ def example(environment: str, options: dict[str, Any], agent: str, seed: int, ow
         standard deviation that the estimator claims for it, None if it claims none; ``score``; and ``end``: why the
         episode ended, empty for its time limit. Lines are thinned to `POINTS`.
     """
-    pilot = agent if agent == CLASSICAL else named_object(agent)(system_of(environment))
-    flown = rollout(pilot, environment_id(environment), [seed], environment_options(options))
+    pilot, options = classical_pilot(agent, environment), environment_options(options)
+    flown = rollout(pilot, environment_id(environment), [seed], options)
     task = core_of(flown).task
     shown = _unknown(flown)
     for kind, view in ((TurningCircle, _turn), (Dive, _dive), (Flight, _flight)):

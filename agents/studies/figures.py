@@ -40,9 +40,7 @@ class Look:
 
 def looks(results: Results) -> dict[str, Look]:
     """The look of every estimator that was flown anywhere, in the order of the study."""
-    order = [e.name for e in results.plan.study.estimators]
-    flown = dict.fromkeys(name for e in results.environments for name in results.estimators(e))
-    names = sorted(flown, key=lambda name: order.index(name) if name in order else len(order))
+    names = results.flown_on()
     found = {ORACLE: Look(INK, "|", "--"), FLOOR: Look(RAW, "|", ":")}
     free = (name for name in names if name not in found)
     for i, name in enumerate(free):
@@ -231,6 +229,11 @@ def along(results: Results, axis: str) -> list[Condition]:
     return [found[value] for value in sorted(found, key=order.index if order and set(found) <= set(order) else None)]
 
 
+def varied(results: Results) -> dict[str, list[Condition]]:
+    """What is `along` each axis that the conditions vary alone."""
+    return {axis: conditions for axis in AXES if len(conditions := along(results, axis)) > 1}
+
+
 def robustness_figure(results: Results) -> "Figure | None":
     """What the classical agent keeps over each axis that the conditions vary, a row an environment; None without one.
 
@@ -238,7 +241,7 @@ def robustness_figure(results: Results) -> "Figure | None":
     """
     from matplotlib.figure import Figure
 
-    drawn = {axis: conditions for axis in AXES if len(conditions := along(results, axis)) > 1}
+    drawn = varied(results)
     if not drawn:
         return None
     look = {name: each for name, each in looks(results).items() if name not in (ORACLE, FLOOR)}

@@ -10,7 +10,7 @@ from agents.metrics import consistency, nees_of, nis_consistency
 from agents.rollouts import Rollout, rollout
 from agents.scores import scores
 from agents.seeds import evaluation_seeds
-from agents.studies.worlds import CLASSICAL, environment_id, environment_options, named_object, system_of
+from agents.studies.worlds import classical_pilot, environment_id, environment_options
 
 LOST = 1e-6
 """A truth is outside of a belief where so little probability is left beyond it."""
@@ -60,7 +60,7 @@ def _pilot(agent: str, environment: str, needs: list[Path] | None) -> Agent | st
     if agent == "checkpoint":
         assert needs
         return str(needs[0])
-    return agent if agent == CLASSICAL else named_object(agent)(system_of(environment))
+    return classical_pilot(agent, environment)
 
 
 def _diverged(flown: Rollout) -> np.ndarray:

@@ -25,7 +25,6 @@ from agents.studies.figures import (
     ALL,
     AXES,
     Row,
-    along,
     cost_figure,
     dots,
     example_figure,
@@ -34,6 +33,7 @@ from agents.studies.figures import (
     profile_figure,
     robustness_figure,
     transfer_figure,
+    varied,
 )
 from agents.studies.plan import RAW, Flight
 from agents.studies.results import Pilot, Place, Results
@@ -118,11 +118,9 @@ def _ranking(results: Results) -> Section:
         blocks += [Prose(text) for text in _rulers(results)]
     if not environments:
         return Section(title, blocks if results.environments else [])
-    columns: list[Sequence[str]] = [[e] for e in environments]
-    heads, overall = list(environments), ""
-    if common(results):
-        columns, heads = [environments, *columns], [ALL, *heads]
-        overall = f" {ALL}: only the estimators that were flown in every environment."
+    together = bool(common(results))
+    heads, columns = _columns(environments, together)
+    overall = f" {ALL}: only the estimators that were flown in every environment." if together else ""
     names = _ranked_names(results, environments)
     look = looks(results)
     rows = [
@@ -292,10 +290,7 @@ def _learning(results: Results) -> Section:
                 "give."
             )
         )
-    columns: list[Sequence[str]] = (
-        [environments, *([e] for e in environments)] if len(environments) > 1 else [environments]
-    )
-    heads = [ALL, *environments] if len(environments) > 1 else environments
+    heads, columns = _columns(environments, len(environments) > 1)
     look = pilot_looks(results)
     rows = [
         Row(str(pilot), look[pilot], [kept(results, column, pilot, None) for column in columns])
@@ -472,10 +467,9 @@ def _robustness(results: Results) -> Section:
     title = "Robustness"
     if not ruled(results):
         return Section(title, [])
-    drawn = {axis: conditions for axis in AXES if len(conditions := along(results, axis)) > 1}
-    lacking = [AXES[axis] for axis in AXES if axis not in drawn]
+    lacking = [AXES[axis] for axis in AXES if axis not in varied(results)]
     missing = f"The study varies no {listed(lacking)} on its own." if lacking else ""
-    figure = robustness_figure(results) if drawn else None
+    figure = robustness_figure(results)
     if figure is None:
         return Section(title, [Prose(missing)])
     caption = (
@@ -699,6 +693,12 @@ def _limits(results: Results) -> Section:
 
 
 # --- pieces ----------------------------------------------------------------------------------------
+
+
+def _columns(environments: Sequence[str], together: bool) -> tuple[list[str], list[Sequence[str]]]:
+    """Headings, and the environments that each stands for: every one, and before them perhaps all together."""
+    each: list[Sequence[str]] = [[e] for e in environments]
+    return ([ALL, *environments], [environments, *each]) if together else (list(environments), each)
 
 
 def _figure(figure: Any, title: str, caption: str) -> Figure:

@@ -108,17 +108,17 @@ class Results:
         if environment is None:
             each = [self.estimators(name, pilot) for name in self.environments]
             return [name for name in _unique(name for names in each for name in names) if all(name in e for e in each)]
-        found = _unique(
+        return self._in_order(
             name for place, who, name in self._flights if place.environment == environment and pilot in (None, who)
         )
-        order = [e.name for e in self.plan.study.estimators]
-        return sorted(found, key=lambda name: order.index(name) if name in order else len(order))
 
     def flown_on(self) -> list[str]:
         """Every estimator that flew anywhere, in the order of the study."""
+        return self._in_order(name for _, _, name in self._flights)
+
+    def _in_order(self, names: Iterable[str]) -> list[str]:
         order = [e.name for e in self.plan.study.estimators]
-        found = _unique(name for _, _, name in self._flights)
-        return sorted(found, key=lambda name: order.index(name) if name in order else len(order))
+        return sorted(_unique(names), key=lambda name: order.index(name) if name in order else len(order))
 
     def own(self, environment: str, pilot: Pilot) -> str:
         """What a pilot flies on at home: what it was trained on, or else the environment's default."""

@@ -94,6 +94,11 @@ def environment_options(options: dict[str, Any]) -> dict[str, Any]:
     return options | {"estimator": named_object(estimator) if ":" in estimator else estimator}
 
 
+def classical_pilot(agent: str, environment: str) -> Any:
+    """What `agents.rollouts.rollout` flies for an agent that does not learn: its name, or the user's own, made."""
+    return agent if agent == CLASSICAL else named_object(agent)(system_of(environment))
+
+
 def refusal(name: str, options: dict[str, Any]) -> Exception | None:
     """Why an environment refuses options: a ValueError if it cannot carry the estimator, a TypeError for an option."""
     try:

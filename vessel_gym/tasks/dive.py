@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from estimators import Belief, Gaussian
+from estimators.factory import unknown
 from vessel_gym.compiled import gufunc
 from vessel_gym.guidance.dive_path import course_to, follow, path_point
 from vessel_gym.vehicles.auv import AUVParameters
@@ -62,7 +63,7 @@ class Dive(ABC):
         goal = np.array(self.goal) + np.array(self.goal_spread) * (2.0 * uniforms - 1.0)
         for option, value in options.items():
             if option != "goal":
-                raise ValueError(f"unknown reset option {option!r}: choose from goal")
+                raise ValueError(unknown("reset option", option, ("goal",)))
             goal = np.tile(self._checked(value), (len(uniforms), 1))
         return course_to(goal)
 

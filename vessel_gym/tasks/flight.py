@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from estimators import Belief, Gaussian
+from estimators.factory import unknown
 from vessel_gym.compiled import gufunc
 from vessel_gym.disturbances import Air
 from vessel_gym.guidance.dubins import NoPath, Path, plan
@@ -110,7 +111,7 @@ class Flight:
         """
         for option in options:
             if option not in _OPTIONS:
-                raise ValueError(f"unknown reset option {option!r}: choose from {', '.join(_OPTIONS)}")
+                raise ValueError(unknown("reset option", option, _OPTIONS))
         given: dict[str, np.ndarray] = {
             name: self._pose(name, options[name]) for name in _OPTIONS[:2] if name in options
         }

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from estimators import Belief, Gaussian, wrap
+from estimators.factory import unknown
 from vessel_gym.compiled import gufunc
 from vessel_gym.vehicles.corvette import CorvetteParameters, steady_turns
 
@@ -72,7 +73,7 @@ class TurningCircle:
         radius = np.where(uniforms[:, 2] < 0.5, -radius, radius)
         for option, value in options.items():
             if option != "radius":
-                raise ValueError(f"unknown reset option {option!r}: choose from radius")
+                raise ValueError(unknown("reset option", option, ("radius",)))
             low = self.tightest * self.ship.length
             wanted = _number(value)
             if not low <= abs(wanted) < np.inf:
