@@ -24,8 +24,8 @@ from scipy.special import bdtr, bdtrc, bdtrik, gammainc, gammaincc, gammaincinv,
 
 from estimators.angles import difference
 from estimators.belief import Belief
-from estimators.filter import Filter, Model, Streams, neutralised
-from estimators.linalg import semidefinite_cholesky
+from estimators.filter import Filter, Model, Streams
+from estimators.linalg import neutralised, semidefinite_cholesky
 from estimators.metrics import nees, nis
 from estimators.models import Gaussian, resolve
 
@@ -221,7 +221,7 @@ def _standardised(white: np.ndarray, mask: np.ndarray) -> np.ndarray:
     seen = counts > 0
     if (spread[seen] == 0.0).any() or np.linalg.eigvalsh(correlation[seen][:, seen]).min(initial=1.0) < 1e-12:
         raise ValueError("the innovations have no spread in some direction: too few readings for a test")
-    return _solve_root(neutralised(correlation * spread * spread[:, None], mask), white)
+    return _solve_root(neutralised(correlation * spread * spread[:, None], mask > 0.0), white)
 
 
 def _solve_root(cov: np.ndarray, vector: np.ndarray) -> np.ndarray:

@@ -9,12 +9,14 @@ Everything costs O(N p (n + p)) and nothing is N x N (``variant="evensen2004"`` 
 """
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
 from estimators.angles import near, wrap
 from estimators.belief import Belief
-from estimators.filter import Filter, Model, Reading, Streams, neutralised
+from estimators.checks import as_array, number, shown, whole
+from estimators.filter import Filter, Model, Reading, Streams
 from estimators.linalg import cholesky, product, semidefinite_cholesky, solve, symmetrise
 from estimators.models import LinearModel, at_points, resolve
 
@@ -39,11 +41,8 @@ class EnsembleFilter(Filter):
         self, model: Model, members: int = 100, inflation: float = 1.0, localisation: np.ndarray | None = None
     ) -> None:
         super().__init__(model)
-        if isinstance(members, bool) or not isinstance(members, int | np.integer) or members < 2:
-            raise ValueError(f"members must be a whole number of at least 2, got {members!r}")
-        if not np.isfinite(inflation) or inflation <= 0.0:
-            raise ValueError(f"inflation must be a positive number, got {inflation!r}")
-        self.members, self.inflation = int(members), float(inflation)
+        self.members = whole("members", members, 2)
+        self.inflation = number("inflation", inflation, 0.0, np.inf, "a positive number")
         self.localisation = None if localisation is None else self._taper(localisation)
         self._mean_weights = np.full(self.members, 1.0 / self.members)
         Q = model.Q
@@ -51,7 +50,7 @@ class EnsembleFilter(Filter):
 
     def _taper(self, localisation: np.ndarray) -> np.ndarray:
         """The localisation as numbers ``(n, p)`` from 0 to 1."""
-        taper = np.asarray(localisation, dtype=float)
+        taper = as_array("localisation", localisation)
         if taper.shape != (self.model.n, self.model.p):
             raise ValueError(f"localisation has shape {taper.shape}, expected (n, p) = {(self.model.n, self.model.p)}")
         if not ((taper >= 0.0) & (taper <= 1.0)).all():
@@ -87,23 +86,21 @@ class EnsembleFilter(Filter):
         else:
             anomalies = ensemble - mean[..., None, :]
         cov = self._covariance(anomalies)
-        return Belief(mean, cov, belief.prior_mean, belief.prior_cov, belief.healthy, u, ensemble=ensemble)
+        return Belief(mean, cov, belief.prior_mean, belief.prior_cov, belief.recovery, u, ensemble=ensemble)
 
     def _reading(self, belief: Belief, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None) -> Reading:
         model, u = self.model, belief.u
-        R = resolve(model.R, u) if R is None else R
+        R, mask = self._noise(y, available, R, u)
         expected, anomalies = self._expected(belief)
-        mask = np.isfinite(y) if available is None else np.isfinite(y) & available
-        complete = bool(mask.all())
         innovation = y - expected
         if model.measurement_angles:
             innovation[..., model.measurement_angles] = wrap(innovation[..., model.measurement_angles])
-        whole_R = R
-        if not complete:
-            innovation = np.where(mask, innovation, 0.0)
-            anomalies = np.where(mask[..., None, :], anomalies, 0.0)
-            R = neutralised(R, mask.astype(float))
-        return Reading(innovation, None, None, R, mask, complete, anomalies=anomalies, whole_R=whole_R)
+        reading = Reading(innovation, None, None, R, mask, bool(mask.all()), anomalies=anomalies, whole_R=R)
+        return reading if reading.complete else reading.only(mask)
+
+    def _condensed(self, reading: Reading, S: np.ndarray, lost: np.ndarray) -> Reading | None:
+        # Mixed channels have no place in a localisation, which is about channels.
+        return None if self.localisation is not None else super()._condensed(reading, S, lost)
 
     def _update(self, belief: Belief, reading: Reading, rng: Streams) -> Belief:
         batch = belief.mean.shape[:-1]
@@ -116,7 +113,7 @@ class EnsembleFilter(Filter):
         cov = self._covariance(ensemble)
         ensemble += mean[..., None, :]
         return Belief(
-            mean, cov, belief.prior_mean, belief.prior_cov, np.ones(batch, bool), belief.u, reading.innovation, S,
+            mean, cov, belief.prior_mean, belief.prior_cov, np.zeros(batch, np.int8), belief.u, reading.innovation, S,
             reading.available, ensemble=ensemble,
         )  # fmt: skip
 
@@ -179,6 +176,8 @@ class EnsembleFilter(Filter):
         rows = math.prod(batch)
         if rng is None:
             raise ValueError(f"{self.name} draws random numbers: pass rng, a numpy Generator or one for each row")
+        if not isinstance(rng, Sequence | np.ndarray) or not all(isinstance(g, np.random.Generator) for g in rng):
+            raise TypeError(f"rng must be a numpy Generator or a list of them, got {shown(rng)}")
         if len(rng) != rows:
             raise ValueError(f"rng has {len(rng)} streams, expected one Generator or one for each of {rows} rows")
         return rng
@@ -262,7 +261,9 @@ class EnsembleTransformFilter(EnsembleFilter):
         rotate: bool = False,
     ) -> None:
         super().__init__(model, members, inflation, localisation)
-        self.rotate = bool(rotate)
+        if not isinstance(rotate, bool):
+            raise ValueError(f"rotate must be True or False, got {shown(rotate)}")
+        self.rotate = rotate
         self._groups = None if self.localisation is None else _groups(self.localisation)
 
     def _taper(self, localisation: np.ndarray) -> np.ndarray:
@@ -340,7 +341,7 @@ class EnsembleSquareRootFilter(EnsembleTransformFilter):
     ) -> None:
         super().__init__(model, members, inflation, localisation, rotate)
         if variant not in ("symmetric", "evensen2004"):
-            raise ValueError(f"variant must be 'symmetric' or 'evensen2004', got {variant!r}")
+            raise ValueError(f"variant must be 'symmetric' or 'evensen2004', got {shown(variant)}")
         self.variant = variant
 
     def _transformed(

@@ -3,14 +3,15 @@
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from estimators.angles import difference
-from estimators.belief import Belief
-from estimators.linalg import congruence
-from estimators.models import Gaussian, LinearModel, NonlinearModel, resolve
+from estimators.belief import Belief, Recovery
+from estimators.checks import as_array
+from estimators.linalg import congruence, equilibrated, neutralised, semidefinite_cholesky
+from estimators.models import Gaussian, LinearModel, NonlinearModel, as_covariance, resolve, usable
 
 Streams = np.random.Generator | Sequence[np.random.Generator] | None
 Model = LinearModel | NonlinearModel
@@ -30,18 +31,50 @@ class Reading(NamedTuple):
     available: np.ndarray  # (..., p)
     complete: bool
     whole: np.ndarray | None = None  # (..., p, n) C with the rows of missing readings, too
+    whole_H: np.ndarray | None = None  # (..., p, q) H likewise
     anomalies: np.ndarray | None = None  # (..., N, p) spread of what the members expect (ensemble filters)
     whole_R: np.ndarray | None = None  # (..., p, p) R with that of missing readings, too (ensemble filters)
+
+    def only(self, kept: np.ndarray) -> "Reading":
+        """The reading without the channels where the mask ``kept (..., p)`` is False."""
+        rows = kept[..., None]
+        return self._replace(
+            innovation=np.where(kept, self.innovation, 0.0),
+            C=None if self.C is None else np.where(rows, self.C, 0.0),
+            H=None if self.H is None else np.where(rows, self.H, 0.0),
+            R=neutralised(self.R, kept),
+            available=kept,
+            complete=False,
+            anomalies=None if self.anomalies is None else np.where(kept[..., None, :], self.anomalies, 0.0),
+        )
+
+    def mixed(self, T: np.ndarray) -> "Reading":
+        """The reading ``T y``, ``T (..., p, p)``; where T has a row of zeros a channel is missing."""
+        kept = np.asarray(T.any(-1))
+        R = neutralised(congruence(T, self.R), kept)
+        return self._replace(
+            innovation=np.matvec(T, self.innovation),
+            C=None if self.C is None else T @ self.C,
+            H=None if self.H is None else T @ self.H,
+            R=R,
+            complete=False,
+            whole=None if self.whole is None else T @ self.whole,
+            whole_H=None if self.whole_H is None else T @ self.whole_H,
+            anomalies=None if self.anomalies is None else self.anomalies @ T.mT,
+            whole_R=R,
+        )
 
 
 class Filter(ABC):
     """A filter is immutable configuration; a `Belief` is what it believes.
 
-    Randomness is an argument (a Generator, or one a row), and filters without randomness ignore it.
+    Randomness is an argument (a Generator, or one a row), and filters without randomness ignore it. A filter of
+    your own fills in ``_predict`` and ``_update``, and calls ``super().__init__(model)``.
     """
 
     name: ClassVar[str]
-    input_delay: ClassVar[int | None] = None
+    """What it is called; the class' own name if it does not say."""
+    input_delay: int | None = None
     """Steps by which the unknown input is known late (0 or 1); None: the filter estimates none."""
     random: ClassVar[bool] = False
     """Whether the filter draws random numbers, so that ``rng`` must be given."""
@@ -53,6 +86,17 @@ class Filter(ABC):
             raise TypeError(f"model must be a LinearModel or a NonlinearModel, got {type(model).__name__}")
         self.model = model
         self._identity = np.eye(model.n)
+        self._regular = None if callable(model.R) else _regular(model.R)
+
+    def __init_subclass__(cls, **arguments: Any) -> None:
+        super().__init_subclass__(**arguments)
+        if not hasattr(cls, "name"):
+            cls.name = cls.__name__
+
+    def __getattr__(self, name: str) -> Any:
+        if name in ("model", "_identity", "_regular"):
+            raise TypeError(f"{type(self).__name__} has no model: its __init__ must call super().__init__(model)")
+        raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}(n={self.model.n}, p={self.model.p}, q={self.model.q})"
@@ -67,8 +111,11 @@ class Filter(ABC):
             rng: A Generator, or one for each row, for filters that draw members.
 
         Raises:
+            TypeError: if the prior is no `Gaussian`.
             ValueError: if the prior is not for n states.
         """
+        if not isinstance(prior, Gaussian):
+            raise TypeError(f"prior must be a Gaussian(mean, cov), got {type(prior).__name__}")
         n = self.model.n
         if prior.mean.shape[-1] != n:
             raise ValueError(f"the prior is for {prior.mean.shape[-1]} states, the model has {n}")
@@ -76,8 +123,11 @@ class Filter(ABC):
         mean = np.array(np.broadcast_to(prior.mean, batch + (n,)))
         cov = np.broadcast_to(prior.cov, batch + (n, n))
         cov = cov if self.shares else np.array(cov)
-        begun = Belief(mean, cov, mean, cov, np.ones(batch, bool))
-        return self._sharing(begun, lambda belief: self._init(belief, rng))
+        begun = Belief(mean, cov, mean, cov, np.zeros(batch, np.int8))
+        begun = self._returned("_init", self._sharing(begun, lambda belief: self._init(belief, rng)), batch)
+        if not _finite_rows(begun).all():
+            raise ValueError(f"{type(self).__name__}._init must return finite beliefs of a finite prior")
+        return begun
 
     def predict(self, belief: Belief, u: np.ndarray | None = None, rng: Streams = None) -> Belief:
         """One step ahead: ``x(k-1|k-1)`` to ``x(k|k-1)``.
@@ -88,10 +138,17 @@ class Filter(ABC):
             belief: The belief after the last update.
             u: Known input ``(..., m)`` over the step.
             rng: A Generator, or one for each row.
+
+        Raises:
+            TypeError: if ``belief`` is none.
+            ValueError: if ``u`` has the wrong shape, could only be ignored, or is missing though the model has B.
         """
-        u = _known(u, belief)
+        batch = self._batch(belief)
+        u = self._known(u, batch)
+        self._check_known_input(u)
         with np.errstate(all="ignore"):
-            return self._sharing(belief, lambda belief: self._predict(belief, u, rng))
+            predicted = self._sharing(belief, lambda belief: self._predict(belief, u, rng))
+        return self._returned("_predict", predicted, batch)
 
     def update(
         self,
@@ -104,35 +161,43 @@ class Filter(ABC):
     ) -> Belief:
         """Take in a reading: ``x(k|k-1)`` to ``x(k|k)``.
 
-        Never raises for numerical trouble: a row that is lost (not finite) starts again from its
-        prior and this reading, and says so in ``healthy``.
+        Never raises for numerical trouble, and forgets no more than it must. Where the usual gain gives no finite
+        belief, a row takes the first of these that does, and its ``recovery`` says which: the gain with the
+        pseudo-inverse, the reading without the offending channels, the prediction alone, the prior and this reading.
 
         Args:
             belief: The predicted belief.
             y: Readings ``(..., p)``; a value that is not finite counts as missing.
             rng: A Generator, or one for each row.
             available: Mask ``(..., p)`` of the readings that arrived; None: all.
-            R: Measurement covariance ``(..., p, p)`` for this reading only; None: the model's.
+            R: Measurement covariance ``(..., p, p)`` for this reading only; None: the model's. A reading whose
+                variance is not finite counts as missing; what R says of missing readings does not matter.
             u: Known input ``(..., m)`` for a model whose measurement depends on it; None: the one
                 of the last prediction.
 
         Raises:
-            ValueError: if ``y``, ``available`` or ``R`` have the wrong shape.
+            TypeError: if ``belief`` is none.
+            ValueError: if ``y``, ``available``, ``R`` or ``u`` have the wrong shape, or R is no covariance.
         """
-        batch, p = belief.mean.shape[:-1], self.model.p
-        y = _broadcast("y", np.asarray(y, dtype=float), batch + (p,))
+        batch, p = self._batch(belief), self.model.p
+        y = _broadcast("y", as_array("y", y), batch + (p,))
         if available is not None:
-            available = _broadcast("available", np.asarray(available, dtype=bool), batch + (p,))
+            available = _broadcast("available", as_array("available", available) != 0.0, batch + (p,))
         if R is not None:
-            R = _broadcast("R", np.asarray(R, dtype=float), batch + (p, p), core=2)
+            R = _broadcast("R", as_array("R", R), batch + (p, p), core=2)
+            _, known = usable(R)
+            arrived = np.isfinite(y) & known if available is None else np.isfinite(y) & known & available
+            as_covariance("R", neutralised(R, arrived))
         if u is not None:
-            belief = belief.replace(u=_known(u, belief))
+            belief = belief.replace(u=self._known(u, batch))
         with np.errstate(all="ignore"):
             reading = self._reading(belief, y, available, R)
             updated = self._sharing(belief, lambda belief: self._update(belief, reading, rng))
-            if math.isfinite(np.add.reduce(updated.mean, None) + np.add.reduce(updated.cov, None)):
+            updated = self._returned("_update", updated, batch)
+            regular = self._regular if R is None and self._regular is not None else _regular(reading.R)
+            if regular and _sound(updated):
                 return updated
-            return self._recovered(updated, y, rng, available, R)
+            return self._recovered(belief, updated, reading, y, rng, available, R)
 
     # --- what a filter fills in -------------------------------------------------------------------
 
@@ -157,53 +222,207 @@ class Filter(ABC):
         """Innovation and measurement matrices, with missing channels neutralised."""
         model, u = self.model, belief.u
         expected, C, excess = self._linearise(belief)
-        whole = C
         H = None if model.H is None else resolve(model.H, u)
-        R = resolve(model.R, u) if R is None else R
-        R = R if excess is None else R + excess
-        finite = np.isfinite(y)
-        mask = finite if available is None else finite & available
-        complete = bool(mask.all())
-        if not complete:
-            weight = mask.astype(float)
-            y = np.where(mask, y, expected)
-            C = C * weight[..., None]
-            H = None if H is None else H * weight[..., None]
-            R = neutralised(R, weight)
-        innovation = difference(y, expected, model.measurement_angles)
-        return Reading(innovation, C, H, R, mask, complete, whole)
+        R, mask = self._noise(y, available, R, u)
+        reading = Reading(
+            difference(y, expected, model.measurement_angles), C, H, R if excess is None else R + excess, mask,
+            bool(mask.all()), C, H,
+        )  # fmt: skip
+        return reading if reading.complete else reading.only(mask)
+
+    def _noise(
+        self, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None, u: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """R ``(..., p, p)`` and the mask ``(..., p)`` of the readings that tell something."""
+        mask = np.isfinite(y) if available is None else np.isfinite(y) & available
+        if R is None and not callable(self.model.R):
+            return self.model.R, mask
+        R, known = usable(resolve(self.model.R, u) if R is None else R)
+        return R, mask & known
 
     def _linearise(self, belief: Belief) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
         """The expected reading ``(..., p)``, C ``(..., p, n)``, and what is to be added to R for what C leaves out."""
-        return *self.model.linearise_measurement(belief.mean, belief.u), None
+        return *self.model.linearise_measurement(belief.mean, belief.u, belief.cov), None
 
     def _propagate(self, mean: np.ndarray, cov: np.ndarray, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """Mean ``(..., n)`` and covariance ``(..., n, n)`` one step on, without process noise."""
-        mean, A = self.model.linearise_transition(mean, u)
+        mean, A = self.model.linearise_transition(mean, u, cov)
         return mean, congruence(A, cov)
+
+    # --- what came in, and what a filter gave back ------------------------------------------------
+
+    def _batch(self, belief: Belief) -> tuple[int, ...]:
+        """The leading axes of a belief, checked to be one for this model."""
+        if not isinstance(belief, Belief):
+            raise TypeError(f"belief must be a Belief, got {type(belief).__name__}: begin with init(prior)")
+        if belief.mean.shape[-1:] != (self.model.n,):
+            raise ValueError(f"the belief is for {belief.mean.shape[-1:]} states, the model has {self.model.n}")
+        return belief.mean.shape[:-1]
+
+    def _known(self, u: np.ndarray | None, batch: tuple[int, ...]) -> np.ndarray | None:
+        """The known input with a row for each belief, so that rows can be taken out and replaced."""
+        if u is None:
+            return None
+        u = as_array("u", u)
+        return _broadcast("u", u, batch + u.shape[-1:]) if u.ndim else _broadcast("u", u, batch + (1,))
+
+    def _check_known_input(self, u: np.ndarray | None) -> None:
+        self.model.check_known_input(u)
+
+    def _returned(self, method: str, belief: Belief, batch: tuple[int, ...]) -> Belief:
+        """What a filter's own method returned, checked to be a belief of the right shape."""
+        if not isinstance(belief, Belief):
+            raise TypeError(f"{type(self).__name__}.{method} must return a Belief, got {type(belief).__name__}")
+        n = self.model.n
+        if belief.mean.shape != batch + (n,) or belief.cov.shape != batch + (n, n):
+            raise ValueError(
+                f"{type(self).__name__}.{method} must return a mean of shape {batch + (n,)} and a cov of shape "
+                f"{batch + (n, n)}, got {np.shape(belief.mean)} and {np.shape(belief.cov)}"
+            )
+        return belief
+
+    # --- recovery ---------------------------------------------------------------------------------
 
     def _recovered(
         self,
+        belief: Belief,
         updated: Belief,
+        reading: Reading,
         y: np.ndarray,
         rng: Streams,
         available: np.ndarray | None,
         R: np.ndarray | None,
     ) -> Belief:
-        """The same belief with every lost row begun again from its prior and this reading."""
-        lost = ~_finite_rows(updated)
-        if not lost.any():  # the sum overflowed, the entries did not
-            return updated
-        prior = updated.prior_mean, updated.prior_cov
-        rng = _streams_of(lost, rng)
-        begun = self._init(Belief(*prior, *prior, ~lost, u=_finite(updated.u)), rng)
-        fresh = self._update(begun, self._reading(begun, y, available, R), rng)
-        unusable = ~_finite_rows(fresh)
-        if unusable.any():  # not even the prior can take in this reading
-            nothing = np.zeros(y.shape, bool)
-            prior_alone = self._update(begun, self._reading(begun, y, nothing, R), _streams_of(unusable, rng))
-            fresh = fresh.with_rows(unusable, prior_alone[unusable])
-        return updated.with_rows(lost, fresh[lost]).replace(healthy=~lost)
+        """The update with every lost row replaced by the first rung of the ladder that holds."""
+        lost, predicted = _lost(updated, belief, reading.R), ~_lost(belief, belief)
+        result = self._climbed(belief, updated, updated, reading, lost & predicted, rng)
+        lost = lost & ~predicted
+        if lost.any():
+            prior = belief.prior_mean, belief.prior_cov
+            streams = _streams_of(lost, rng)
+            begun = Belief(*prior, *prior, np.zeros(lost.shape, np.int8), u=_finite(belief.u))
+            begun = self._init(begun, streams)
+            reading = self._reading(begun, y, available, R)
+            fresh = self._update(begun, reading, streams)
+            cured = lost & ~_lost(fresh, begun, reading.R)
+            result = result.with_rows(cured, fresh[cured])
+            result = self._climbed(begun, result, fresh, reading, lost & ~cured, rng)
+            result = result.replace(recovery=np.where(lost, Recovery.PRIOR, result.recovery).astype(np.int8))
+        return result.replace(cov=_settled(result.cov))
+
+    def _climbed(
+        self, start: Belief, result: Belief, failed: Belief, reading: Reading, lost: np.ndarray, rng: Streams
+    ) -> Belief:
+        """The result with each lost row as the first rung below the prior gives it; ``start`` is finite there."""
+        S = failed.innovation_cov
+        rungs = (
+            (Recovery.PSEUDO_INVERSE, lambda: None if S is None else self._condensed(reading, S, lost)),
+            (Recovery.WITHOUT_CHANNEL, lambda: _without_offending(reading, S)),
+            (Recovery.PREDICTION, lambda: reading.only(np.zeros(reading.available.shape, bool))),
+        )
+        for rung, milder in rungs:
+            if not lost.any():
+                return result
+            changed = milder()
+            if changed is None:
+                continue
+            again = self._update(start, changed, _streams_of(lost, rng))
+            cured = lost & ~_lost(again, start)
+            if rung == Recovery.PSEUDO_INVERSE:  # in the channels as they are, not as they were mixed
+                again = again.replace(innovation=reading.innovation, innovation_cov=S)
+            again = again.replace(recovery=np.full(lost.shape, rung, np.int8))
+            result, lost = result.with_rows(cured, again[cured]), lost & ~cured
+        if lost.any():  # a filter that fails even without a reading keeps what it had
+            held = start.replace(recovery=np.full(lost.shape, Recovery.PREDICTION, np.int8))
+            result = result.with_rows(lost, held[lost])
+        return result
+
+    def _condensed(self, reading: Reading, S: np.ndarray, lost: np.ndarray) -> Reading | None:
+        """The reading in the directions in which S is not singular, so that ``S^-1`` of it is S's pseudo-inverse.
+
+        Directions are told apart with each channel in units of its innovation. Rows that are not lost stay as they are.
+        """
+        scale, scaled = equilibrated(S)
+        chosen = lost & np.isfinite(scaled).all((-2, -1))
+        if not chosen.any():
+            return None
+        eye = np.eye(S.shape[-1])
+        values, vectors = np.linalg.eigh(np.where(chosen[..., None, None], scaled, eye))
+        kept = values > _SINGULAR * S.shape[-1]
+        T = np.where(kept[..., None], vectors.mT / scale[..., None, :], 0.0)
+        return reading.mixed(np.where(chosen[..., None, None], T, eye))
+
+
+_SINGULAR = 1e-13
+"""An eigenvalue of a covariance scaled to a unit diagonal is rounding where it is below its size times this."""
+
+
+def _sound(updated: Belief) -> bool:
+    """Whether every row is finite and without negative variances."""
+    if not math.isfinite(np.add.reduce(updated.mean, None) + np.add.reduce(updated.cov, None)):
+        return False
+    return bool(np.diagonal(updated.cov, axis1=-2, axis2=-1).min(initial=0.0) >= 0.0)
+
+
+def _regular(cov: np.ndarray) -> bool:
+    """Whether no row of a covariance ``(..., p, p)`` is singular. Where R is not, ``S = C P C' + R`` is not."""
+    return not _singular(cov).any()
+
+
+def _singular(cov: np.ndarray) -> np.ndarray:
+    """Which rows ``(...)`` of a covariance ``(..., p, p)`` have a direction without variance, but for rounding."""
+    values, _ = _spectrum(cov)
+    return (values[..., 0] <= _SINGULAR * values.shape[-1]) | (np.diagonal(cov, axis1=-2, axis2=-1) == 0.0).any(-1)
+
+
+def _spectrum(cov: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Eigenvalues ``(..., p)`` of a covariance scaled to a unit diagonal, and which rows ``(...)`` are finite.
+
+    A row that is not comes out as ones: the eigenvalue solver would raise.
+    """
+    _, scaled = equilibrated(cov)
+    finite = np.isfinite(scaled).all((-2, -1))
+    return np.linalg.eigvalsh(np.where(finite[..., None, None], scaled, np.eye(cov.shape[-1]))), finite
+
+
+def _lost(updated: Belief, start: Belief, R: np.ndarray | None = None) -> np.ndarray:
+    """The rows ``(...)`` of an update that are not finite, have negative variances, or divided by a singular S."""
+    variances = np.diagonal(updated.cov, axis1=-2, axis2=-1)
+    size = np.abs(variances).sum(-1) + np.abs(np.diagonal(start.cov, axis1=-2, axis2=-1)).sum(-1)
+    lost = ~_finite_rows(updated) | ~(variances >= -_ROUNDING * size[..., None]).all(-1)
+    if R is None or updated.innovation_cov is None:
+        return lost
+    return lost | (_singular(R) & _singular(updated.innovation_cov))
+
+
+_ROUNDING = 1e-9
+
+
+def _settled(cov: np.ndarray) -> np.ndarray:
+    """Covariances ``(..., n, n)`` with negative eigenvalues, which are rounding here, set to zero.
+
+    Perfect readings leave variances that are nothing but rounding, of either sign.
+    """
+    values, vectors = np.linalg.eigh(cov)
+    wrong = values[..., 0] < -1e-12 * np.abs(values).sum(-1)
+    if not wrong.any():
+        return cov
+    repaired = (vectors * np.maximum(values, 0.0)[..., None, :]) @ vectors.mT
+    return np.where(wrong[..., None, None], 0.5 * (repaired + repaired.mT), cov)
+
+
+def _without_offending(reading: Reading, S: np.ndarray | None) -> Reading | None:
+    """The reading without the channels of which something is not finite, and those that repeat earlier ones."""
+    kept = np.isfinite(reading.innovation) & np.isfinite(np.diagonal(reading.R, axis1=-2, axis2=-1))
+    for rows in (reading.C, reading.H, None if reading.anomalies is None else reading.anomalies.mT):
+        if rows is not None:
+            kept = kept & np.isfinite(rows).all(-1)
+    if S is not None:
+        kept = kept & np.isfinite(np.diagonal(S, axis1=-2, axis2=-1))
+        _, scaled = equilibrated(neutralised(S, kept))
+        kept = kept & (np.diagonal(semidefinite_cholesky(scaled), axis1=-2, axis2=-1) > 1e-6)
+    kept = kept & reading.available
+    return None if (kept == reading.available).all() else reading.only(kept)
 
 
 _COVARIANCES = (
@@ -238,11 +457,6 @@ def _spread(belief: Belief, batch: tuple[int, ...]) -> Belief:
     return belief.replace(**changes) if changes else belief
 
 
-def neutralised(R: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """R ``(..., p, p)`` with a unit, uncorrelated variance where ``weight (..., p)`` is 0 instead of 1."""
-    return R * (weight[..., None] * weight[..., None, :]) + _diagonal(1.0 - weight)
-
-
 def _streams_of(rows: np.ndarray, rng: Streams) -> Streams:
     """The streams of a mask's rows; the others get one to waste, so that theirs do not advance."""
     if rng is None or isinstance(rng, np.random.Generator):
@@ -252,15 +466,8 @@ def _streams_of(rows: np.ndarray, rng: Streams) -> Streams:
 
 
 def _finite_rows(belief: Belief) -> np.ndarray:
-    return np.isfinite(belief.mean).all(-1) & np.isfinite(belief.cov).all((-2, -1))
-
-
-def _known(u: np.ndarray | None, belief: Belief) -> np.ndarray | None:
-    """The known input with a row for each belief, so that rows can be taken out and replaced."""
-    if u is None:
-        return None
-    u, batch = np.asarray(u, dtype=float), belief.mean.shape[:-1]
-    return u if u.shape[:-1] == batch else np.broadcast_to(u, batch + u.shape[-1:])
+    finite = np.isfinite(belief.mean).all(-1) & np.isfinite(belief.cov).all((-2, -1))
+    return finite if belief.ensemble is None else finite & np.isfinite(belief.ensemble).all((-2, -1))
 
 
 def _finite(u: np.ndarray | None) -> np.ndarray | None:
@@ -277,7 +484,3 @@ def _broadcast(name: str, value: np.ndarray, shape: tuple[int, ...], core: int =
     except ValueError:
         pass
     raise ValueError(f"{name} has shape {value.shape}, expected {shape}")
-
-
-def _diagonal(values: np.ndarray) -> np.ndarray:
-    return values[..., None] * np.eye(values.shape[-1])

@@ -3,8 +3,9 @@
 import numpy as np
 
 from estimators.belief import Belief
+from estimators.checks import as_array
 from estimators.filter import Filter, Model, Reading, Streams
-from estimators.linalg import congruence, product, solve, symmetrise
+from estimators.linalg import congruence, driven, product, solve, symmetrise
 from estimators.models import LinearModel, as_covariance, resolve
 
 
@@ -22,22 +23,15 @@ class ExtendedKalmanFilter(Filter):
 
     def _predict(self, belief: Belief, u: np.ndarray | None, rng: Streams) -> Belief:
         mean, cov = self._propagate(belief.mean, belief.cov, u)
-        cov = symmetrise(cov + self._process_noise(u))
-        return Belief(mean, cov, belief.prior_mean, belief.prior_cov, belief.healthy, u)
+        cov = symmetrise(cov + resolve(self.model.Q, u))
+        return Belief(mean, cov, belief.prior_mean, belief.prior_cov, belief.recovery, u)
 
     def _update(self, belief: Belief, reading: Reading, rng: Streams) -> Belief:
-        C, R = reading.C, self._measurement_noise(reading, belief.u)
-        mean, cov, S = joseph_update(belief.mean, belief.cov, reading.innovation, C, R)
+        mean, cov, S = joseph_update(belief.mean, belief.cov, reading.innovation, reading.C, reading.R)
         return Belief(
-            mean, cov, belief.prior_mean, belief.prior_cov, np.ones(mean.shape[:-1], bool), belief.u,
+            mean, cov, belief.prior_mean, belief.prior_cov, np.zeros(mean.shape[:-1], np.int8), belief.u,
             reading.innovation, S, reading.available,
         )  # fmt: skip
-
-    def _process_noise(self, u: np.ndarray | None) -> np.ndarray:
-        return resolve(self.model.Q, u)
-
-    def _measurement_noise(self, reading: Reading, u: np.ndarray | None) -> np.ndarray:
-        return reading.R
 
 
 def joseph_update(
@@ -65,15 +59,22 @@ def joseph_update(
 class KalmanFilter(ExtendedKalmanFilter):
     """The minimum-variance filter of a linear Gaussian model.
 
-    An unknown input ``d`` in the model is ignored unless its covariance is told, in which case it
-    is treated as white noise: ``G D G'`` is added to Q and ``H D H'`` to R. (Their correlation
-    through ``d`` is not used: this is what an engineer does who has a Kalman filter and a variance.)
+    An unknown input ``d`` in the model is ignored unless its covariance D is told. It is then white noise that acts on
+    the reading through H and on the next state through G, and is estimated with the state (``input_delay`` 0)::
 
-    Source: Kalman (1960); covariance update in Joseph form.
+        S = C P- C' + H D H' + R      [x; d] = [x-; 0] + [P- C'; D H'] S^-1 e
+        x-+ = A x + B u + G d         P-+ = [A G] cov(x, d) [A G]' + Q
+
+    so that what the reading shows of d is not forgotten in the prediction. `kf-umv-ui` is the limit of a D that grows
+    without bound.
+
+    Source: Kalman (1960); covariance update in Joseph form; Anderson & Moore (1979), Optimal Filtering, sec. 5.4, for
+    noises of process and measurement that are correlated.
 
     Args:
         model: A `LinearModel`.
-        input_cov: ``(q, q)`` covariance D of the unknown input, or None to ignore the input.
+        input_cov: ``(q, q)`` covariance D of the unknown input, or None to ignore the input; a number stands for that
+            number times identity.
 
     Raises:
         ValueError: if the model is nonlinear, or ``input_cov`` does not fit its unknown inputs.
@@ -89,22 +90,49 @@ class KalmanFilter(ExtendedKalmanFilter):
         if input_cov is not None and model.q == 0:
             raise ValueError("input_cov was given, but the model has no unknown input (G and H are missing)")
         self.input_cov = None if input_cov is None else input_covariance("input_cov", input_cov, model.q)
+        self.input_delay = None if input_cov is None else 0
 
-    def _process_noise(self, u: np.ndarray | None) -> np.ndarray:
-        Q = super()._process_noise(u)
-        if self.input_cov is None or self.model.G is None:
-            return Q
-        return Q + congruence(resolve(self.model.G, u), self.input_cov)
+    def _init(self, belief: Belief, rng: Streams) -> Belief:
+        return belief if self.input_cov is None else self._with_unseen_input(belief)
 
-    def _measurement_noise(self, reading: Reading, u: np.ndarray | None) -> np.ndarray:
-        if self.input_cov is None or reading.H is None:
-            return reading.R
-        return reading.R + congruence(reading.H, self.input_cov)
+    def _with_unseen_input(self, belief: Belief) -> Belief:
+        """The belief with nothing known of the input beyond its covariance."""
+        n, q, rows = self.model.n, self.model.q, belief.cov.shape[:-2]
+        return belief.replace(
+            input_mean=np.zeros(belief.mean.shape[:-1] + (q,)),
+            input_cov=np.zeros(rows + (q, q)) + self.input_cov,
+            state_input_cov=np.zeros(rows + (n, q)),
+        )
+
+    def _predict(self, belief: Belief, u: np.ndarray | None, rng: Streams) -> Belief:
+        if self.input_cov is None:
+            return super()._predict(belief, u, rng)
+        mean, A = self.model.linearise_transition(belief.mean, u)
+        G = resolve(self.model.G, u)
+        mean = mean + np.matvec(G, belief.input_mean)
+        cov = symmetrise(driven(A, G, belief.cov, belief.state_input_cov, belief.input_cov) + resolve(self.model.Q, u))
+        return self._with_unseen_input(Belief(mean, cov, belief.prior_mean, belief.prior_cov, belief.recovery, u))
+
+    def _update(self, belief: Belief, reading: Reading, rng: Streams) -> Belief:
+        if self.input_cov is None:
+            return super()._update(belief, reading, rng)
+        n, q = self.model.n, self.model.q
+        rows = np.broadcast_shapes(belief.cov.shape[:-2], reading.C.shape[:-2], reading.H.shape[:-2])
+        joint, seen = np.zeros(rows + (n + q, n + q)), np.empty(rows + (self.model.p, n + q))
+        joint[..., :n, :n], joint[..., n:, n:] = belief.cov, self.input_cov
+        seen[..., :n], seen[..., n:] = reading.C, reading.H
+        mean = np.concatenate([belief.mean, np.zeros(belief.mean.shape[:-1] + (q,))], -1)
+        mean, cov, S = joseph_update(mean, joint, reading.innovation, seen, reading.R)
+        return Belief(
+            mean[..., :n], cov[..., :n, :n], belief.prior_mean, belief.prior_cov,
+            np.zeros(mean.shape[:-1], np.int8), belief.u, reading.innovation, S, reading.available,
+            mean[..., n:], cov[..., n:, n:], cov[..., :n, n:],
+        )  # fmt: skip
 
 
 def input_covariance(name: str, value: np.ndarray | float, q: int) -> np.ndarray:
     """A covariance ``(q, q)`` of the unknown input; a number stands for that number times identity."""
-    array = np.asarray(value, dtype=float)
+    array = as_array(name, value)
     cov = as_covariance(name, array * np.eye(q) if array.ndim == 0 else array)
     if cov.shape[-1] != q:
         raise ValueError(f"{name} has shape {cov.shape}, but the model has {q} unknown input(s)")

@@ -15,6 +15,26 @@ def congruence(a: np.ndarray, p: np.ndarray) -> np.ndarray:
     return a @ p @ a.mT
 
 
+def driven(
+    A: np.ndarray, G: np.ndarray, cov: np.ndarray, state_input_cov: np.ndarray, input_cov: np.ndarray
+) -> np.ndarray:
+    """``[A G] [[P, Pxd], [Pxd', Pd]] [A G]'``, not yet symmetrised: where one term of two is doubled instead."""
+    half = 2.0 * (A @ state_input_cov) + G @ input_cov
+    return congruence(A, cov) + product(half, G.mT)
+
+
+def neutralised(R: np.ndarray, kept: np.ndarray) -> np.ndarray:
+    """R ``(..., p, p)`` with a unit, uncorrelated variance where the mask ``kept (..., p)`` is False."""
+    return np.where(kept[..., None] & kept[..., None, :], R, np.eye(R.shape[-1]))
+
+
+def equilibrated(s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Standard deviations ``(..., p)``, 1 where S has none, and S ``(..., p, p)`` in units of them."""
+    scale = np.sqrt(np.diagonal(s, axis1=-2, axis2=-1))
+    scale = np.where(scale > 0.0, scale, 1.0)
+    return scale, s / scale[..., None] / scale[..., None, :]
+
+
 def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """``A B`` for a batch ``A (..., i, j)``; a ``B (j, k)`` that the batch shares costs one call, not one a row."""
     if b.ndim > 2 or a.ndim < 3 or len(a) < 8:

@@ -4,13 +4,16 @@ Notation throughout: ``x+ = A x + B u + G d + w`` and ``y = C x + H d + v`` with
 ``v ~ N(0, R)`` and ``d`` unknown; n states, m known inputs, q unknown inputs, p measurements.
 """
 
+import operator
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.linalg import expm
 
-from estimators.linalg import congruence
+from estimators.angles import difference
+from estimators.checks import as_array, shown, whole
+from estimators.linalg import congruence, neutralised
 
 Matrix = np.ndarray | Callable[[np.ndarray | None], np.ndarray]
 StateMatrix = np.ndarray | Callable[[np.ndarray, np.ndarray | None], np.ndarray]
@@ -21,9 +24,11 @@ def resolve(matrix: Matrix, u: np.ndarray | None) -> np.ndarray:
     return matrix(u) if callable(matrix) else matrix
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Gaussian:
     """A mean ``(..., n)`` and a covariance ``(..., n, n)`` that broadcast against each other.
+
+    Two are equal if their arrays are.
 
     Raises:
         ValueError: if the shapes do not fit or the covariance is not positive semidefinite.
@@ -33,14 +38,25 @@ class Gaussian:
     cov: np.ndarray
 
     def __post_init__(self) -> None:
-        mean = np.asarray(self.mean, dtype=float)
+        mean = as_array("mean", self.mean)
         cov = as_covariance("cov", self.cov)
         if mean.ndim < 1 or mean.shape[-1] != cov.shape[-1]:
             raise ValueError(f"mean has shape {mean.shape}, but cov {cov.shape} is for a vector of {cov.shape[-1]}")
         if not np.isfinite(mean).all():
             raise ValueError("mean must be finite")
+        try:
+            np.broadcast_shapes(mean.shape[:-1], cov.shape[:-2])
+        except ValueError:
+            raise ValueError(f"mean has shape {mean.shape} and cov {cov.shape}: their rows do not fit") from None
         object.__setattr__(self, "mean", mean)
         object.__setattr__(self, "cov", cov)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Gaussian):
+            return NotImplemented
+        return np.array_equal(self.mean, other.mean) and np.array_equal(self.cov, other.cov)
+
+    __hash__ = None  # equal by its arrays, which can change
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,14 +110,30 @@ class LinearModel:
             object.__setattr__(self, "H", np.zeros((p, q)))
         _check_shapes({"A": (self.A, n, n), "C": (self.C, p, n), "B": (self.B, n, None), "G": (self.G, n, q),
                        "H": (self.H, p, q), "Q": (self.Q, n, n), "R": (self.R, p, p)})  # fmt: skip
+        for name, shape in {"A": (n, n), "B": (n,), "C": (p, n), "G": (n, q), "H": (p, q)}.items():
+            _check_when_called(self, name, shape)
+        _check_noise_when_called(self, n, p)
         _store_sizes(self, n, p, q)
+
+    def check_known_input(self, u: np.ndarray | None) -> None:
+        """Refuse a known input that could only be ignored, or that B expects and does not get.
+
+        Raises:
+            ValueError: saying which.
+        """
+        expected = self.B.shape[-1] if isinstance(self.B, np.ndarray) else None
+        if u is None:
+            if self.B is not None and expected != 0:
+                raise ValueError("the model has B: give the known input u")
+            return
+        if expected is not None and u.shape[-1] != expected:
+            raise ValueError(f"u has {u.shape[-1]} components, B is for {expected}")
+        if self.B is None and not any(callable(getattr(self, name)) for name in "ACGHQR"):
+            raise ValueError("u was given, but the model has no B and no matrix that depends on u")
 
     def transition(self, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         """``A x + B u``: the next state without the unknown input and noise; ``x`` is ``(..., n)``."""
-        mean = np.matvec(resolve(self.A, u), x)
-        if self.B is not None and u is not None:
-            mean = mean + np.matvec(resolve(self.B, u), u)
-        return mean
+        return self.linearise_transition(x, u)[0]
 
     def measurement(self, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         """``C x``: the reading expected without unknown input and noise."""
@@ -111,16 +143,20 @@ class LinearModel:
         """G ``(..., n, q)``: how the unknown input moves the next state."""
         return resolve(self.G, u)
 
-    def linearise_transition(self, x: np.ndarray, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-        """The next state ``(..., n)`` and the Jacobian ``A (..., n, n)``."""
+    def linearise_transition(
+        self, x: np.ndarray, u: np.ndarray | None, cov: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The next state ``(..., n)`` and the Jacobian ``A (..., n, n)``, whatever the belief's covariance."""
         A = resolve(self.A, u)
         mean = np.matvec(A, x)
         if self.B is not None and u is not None:
             mean = mean + np.matvec(resolve(self.B, u), u)
         return mean, A
 
-    def linearise_measurement(self, x: np.ndarray, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-        """The expected reading ``(..., p)`` and the Jacobian ``C (..., p, n)``."""
+    def linearise_measurement(
+        self, x: np.ndarray, u: np.ndarray | None, cov: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The expected reading ``(..., p)`` and the Jacobian ``C (..., p, n)``, whatever the belief's covariance."""
         C = resolve(self.C, u)
         return np.matvec(C, x), C
 
@@ -132,13 +168,19 @@ class NonlinearModel:
     Args:
         transition: ``f(x, u) -> (..., n)``; must broadcast over leading axes of ``x`` and ``u``.
         measurement: ``h(x, u) -> (..., p)``; likewise.
-        Q: ``(..., n, n)`` process noise covariance.
-        R: ``(..., p, p)`` measurement noise covariance.
+        Q: ``(..., n, n)`` process noise covariance, or a function of ``u``.
+        R: ``(..., p, p)`` measurement noise covariance, or a function of ``u``.
         G: ``(..., n, q)`` unknown input to the state, ``df/dd``, or a function of ``(x, u)`` that broadcasts; then
             give H, zero if need be, to tell how many unknown inputs there are.
         H: ``(..., p, q)`` unknown input to the measurement, or a function of ``u``.
-        state_angles: indices of states that are angles.
-        measurement_angles: indices of measurements that are angles.
+        state_angles: indices of states that are angles; the transition may wrap them.
+        measurement_angles: indices of measurements that are angles; likewise.
+        transition_jacobian: ``df/dx (x, u) -> (..., n, n)``; None: by central differences.
+        measurement_jacobian: ``dh/dx (x, u) -> (..., p, n)``; None: by central differences.
+        states: n, where Q and G are functions and do not tell.
+        measurements: p, where R and H are functions and do not tell.
+
+    A Jacobian of your own is compared with differences when it is first used.
 
     Raises:
         ValueError: naming the argument whose shape or definiteness is wrong.
@@ -146,33 +188,50 @@ class NonlinearModel:
 
     transition: Callable[[np.ndarray, np.ndarray | None], np.ndarray]
     measurement: Callable[[np.ndarray, np.ndarray | None], np.ndarray]
-    Q: np.ndarray
-    R: np.ndarray
+    Q: Matrix
+    R: Matrix
     G: StateMatrix | None = None
     H: Matrix | None = None
     state_angles: tuple[int, ...] = ()
     measurement_angles: tuple[int, ...] = ()
+    transition_jacobian: Callable[[np.ndarray, np.ndarray | None], np.ndarray] | None = None
+    measurement_jacobian: Callable[[np.ndarray, np.ndarray | None], np.ndarray] | None = None
+    states: int | None = None
+    measurements: int | None = None
     n: int = field(init=False)
     p: int = field(init=False)
     q: int = field(init=False)
+    _compared: set[str] = field(init=False, repr=False, default_factory=set)
 
     def __post_init__(self) -> None:
         for name in ("transition", "measurement"):
             if not callable(getattr(self, name)):
-                raise ValueError(f"{name} must be a function of (x, u)")
+                raise ValueError(f"{name} must be a function of (x, u), got {shown(getattr(self, name))}")
+        for name in ("transition_jacobian", "measurement_jacobian"):
+            if getattr(self, name) is not None and not callable(getattr(self, name)):
+                raise ValueError(f"{name} must be a function of (x, u), got {shown(getattr(self, name))}")
         for name in "QR":
-            object.__setattr__(self, name, as_covariance(name, getattr(self, name)))
+            if not callable(getattr(self, name)):
+                object.__setattr__(self, name, as_covariance(name, getattr(self, name)))
         for name in "GH":
             _store_array(self, name)
-        n, p = self.Q.shape[-1], self.R.shape[-1]
+        n = _told("states", self.states) or _dimension("states", {"Q": (self.Q, -1), "G": (self.G, -2)})
+        p = _told("measurements", self.measurements) or _dimension(
+            "measurements", {"R": (self.R, -1), "H": (self.H, -2)}
+        )
         no_input = self.G is None and self.H is None
         q = 0 if no_input else _dimension("q", {"G": (self.G, -1), "H": (self.H, -1)})
         if not no_input and self.G is None:
             object.__setattr__(self, "G", np.zeros((n, q)))
         if not no_input and self.H is None:
             object.__setattr__(self, "H", np.zeros((p, q)))
-        _check_shapes({"G": (self.G, n, q), "H": (self.H, p, q)})
+        _check_shapes({"G": (self.G, n, q), "H": (self.H, p, q), "Q": (self.Q, n, n), "R": (self.R, p, p)})
+        _check_when_called(self, "H", (p, q))
+        _check_noise_when_called(self, n, p)
         _store_sizes(self, n, p, q)
+
+    def check_known_input(self, u: np.ndarray | None) -> None:
+        """Nothing to refuse: what the functions make of ``u`` is theirs."""
 
     def input_matrix(self, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         """G ``(..., n, q)``: how the unknown input moves the next state from ``x (..., n)``.
@@ -187,13 +246,40 @@ class NonlinearModel:
             raise ValueError(f"G gave a matrix of shape {G.shape}, expected (..., {self.n}, {self.q})")
         return G
 
-    def linearise_transition(self, x: np.ndarray, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-        """``f(x, u)`` and its Jacobian by central differences, all columns in one call."""
-        return _central_differences("transition", self.transition, x, u, self.n)
+    def linearise_transition(
+        self, x: np.ndarray, u: np.ndarray | None, cov: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """``f(x, u)`` and its Jacobian ``(..., n, n)``.
 
-    def linearise_measurement(self, x: np.ndarray, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-        """``h(x, u)`` and its Jacobian by central differences, all columns in one call."""
-        return _central_differences("measurement", self.measurement, x, u, self.p)
+        Args:
+            x: ``(..., n)``.
+            u: ``(..., m)``.
+            cov: ``(..., n, n)`` covariance of ``x``, whose spread the steps of differences follow; None: of order 1.
+        """
+        return self._linearise("transition", self.n, self.state_angles, x, u, cov)
+
+    def linearise_measurement(
+        self, x: np.ndarray, u: np.ndarray | None, cov: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """``h(x, u)`` and its Jacobian ``(..., p, n)``; otherwise as `linearise_transition`."""
+        return self._linearise("measurement", self.p, self.measurement_angles, x, u, cov)
+
+    def _linearise(
+        self, name: str, size: int, angles: tuple[int, ...], x: np.ndarray, u: np.ndarray | None, cov: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        function, own = getattr(self, name), getattr(self, f"{name}_jacobian")
+        if own is None:
+            return central_differences(name, function, x, u, size, angles, cov)
+        jacobian = np.asarray(own(x, u), dtype=float)
+        expected = x.shape[:-1] + (size, self.n)
+        if jacobian.shape != expected:
+            if jacobian.shape[-2:] != expected[-2:]:
+                raise ValueError(f"{name}_jacobian gave a matrix of shape {jacobian.shape}, expected {expected}")
+            jacobian = np.broadcast_to(jacobian, expected)
+        if name not in self._compared:
+            self._compared.add(name)
+            _compare(name, function, jacobian, x, u, angles, cov)
+        return at_points(name, function, x[..., None, :], u, size)[..., 0, :], jacobian
 
 
 Function = Callable[[np.ndarray, np.ndarray | None], np.ndarray]
@@ -230,22 +316,87 @@ def at_points(name: str, function: Function, points: np.ndarray, u: np.ndarray |
     return values
 
 
-def _central_differences(
-    name: str, function: Function, x: np.ndarray, u: np.ndarray | None, size: int
+def central_differences(
+    name: str,
+    function: Function,
+    x: np.ndarray,
+    u: np.ndarray | None,
+    size: int,
+    angles: tuple[int, ...],
+    cov: np.ndarray | None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """``f(x)`` and ``df/dx`` by fourth-order differences, whose step can be long enough to keep rounding out.
+    """``f(x)`` and ``df/dx`` by fourth-order differences, all columns in one call.
 
-    The second-order ones would turn a rounding of ``f`` in its last digit into 1e-10 of the Jacobian.
+    The second-order ones would turn a rounding of ``f`` in its last digit into 1e-10 of the Jacobian. Components in
+    ``angles`` are differenced the short way round, so that it does not matter where ``f`` wraps them.
     """
-    n = x.shape[-1]
-    step = 1e-3 * np.maximum(1.0, np.abs(x))
+    n, step = x.shape[-1], steps(x, cov)
     eye = np.eye(n)
     offsets = np.concatenate([np.zeros((1, n)), eye, -eye, 2.0 * eye, -2.0 * eye])
     points = x[..., None, :] + offsets * step[..., None, :]
-    values = at_points(name, function, points, None if u is None else np.asarray(u), size)
-    forward, backward, far_forward, far_backward = np.split(values[..., 1:, :], 4, axis=-2)
+    values = at_points(name, function, points, u, size)
+    changes = difference(values[..., 1:, :], values[..., :1, :], angles)
+    forward, backward, far_forward, far_backward = np.split(changes, 4, axis=-2)
     columns = (8.0 * (forward - backward) - (far_forward - far_backward)) / (12.0 * step[..., :, None])
     return values[..., 0, :], columns.mT
+
+
+def steps(x: np.ndarray, cov: np.ndarray | None) -> np.ndarray:
+    """How far to step in each component for a difference ``(..., n)``.
+
+    A 512th of the belief's standard deviation: a function that is not nearly linear over that is not for a filter
+    that linearises, and a long step keeps rounding out. It is a power of two, so that ``x`` plus the step is exact, and
+    never so short that ``x`` would lose more than half its digits. Where the belief has no spread there is no
+    scale to follow; the step is then a 512th.
+
+    Args:
+        x: ``(..., n)``.
+        cov: ``(..., n, n)`` covariance of ``x``; None: variances of 1.
+    """
+    if cov is None:
+        spread = np.ones(x.shape)
+    else:
+        spread = np.sqrt(np.diagonal(cov, axis1=-2, axis2=-1))
+        spread = np.where((spread > 0.0) & (spread < np.inf), spread, 1.0)
+    lowest = _HALF_OF_THE_DIGITS * np.abs(x)
+    return np.exp2(np.rint(np.log2(np.maximum(spread / 512.0, lowest))))
+
+
+_HALF_OF_THE_DIGITS = 2.0**-26
+
+
+def _compare(
+    name: str,
+    function: Function,
+    jacobian: np.ndarray,
+    x: np.ndarray,
+    u: np.ndarray | None,
+    angles: tuple[int, ...],
+    cov: np.ndarray | None,
+) -> None:
+    """Compare a user's Jacobian with differences to either side, between which it must lie where f bends or has a kink.
+
+    Raises:
+        ValueError: naming the entry that differs most, both values, and what to look for.
+    """
+    step = steps(x, cov)
+    offsets = np.concatenate([np.zeros((1, x.shape[-1])), np.eye(x.shape[-1]), -np.eye(x.shape[-1])])
+    values = at_points(name, function, x[..., None, :] + offsets * step[..., None, :], u, jacobian.shape[-2])
+    changes = difference(values[..., 1:, :], values[..., :1, :], angles).mT
+    forward, backward = np.split(changes, 2, axis=-1)  # (..., size, n) each: what a step changes
+    low, high = np.minimum(forward, -backward), np.maximum(forward, -backward)
+    given = jacobian * step[..., None, :]
+    scale = np.maximum(np.abs(low), np.abs(high)).max(-1, keepdims=True)
+    excess = np.maximum(low - given, given - high) - 1e-3 * scale - 1e-8 * np.abs(values[..., 0, :, None])
+    excess = np.where(np.isfinite(excess) & np.isfinite(low + high), excess, 0.0)
+    if (excess > 0.0).any():
+        worst = np.unravel_index(np.argmax(excess / np.where(scale > 0.0, scale, 1.0)), excess.shape)
+        i, j = (int(k) for k in worst[-2:])
+        by_differences = (0.5 * (forward - backward) / step[..., None, :])[worst]
+        raise ValueError(
+            f"{name}_jacobian differs from {name}: entry ({i}, {j}) is {jacobian[worst]:.6g}, "
+            f"by differences {by_differences:.6g}"
+        )
 
 
 # --- discretisation ---------------------------------------------------------------------------------
@@ -291,25 +442,35 @@ def as_covariance(name: str, value: object) -> np.ndarray:
     Raises:
         ValueError: naming the argument and what is wrong with it.
     """
-    cov = np.asarray(value, dtype=float)
+    cov = as_array(name, value)
     if cov.ndim < 2 or cov.shape[-1] != cov.shape[-2] or cov.shape[-1] == 0:
         raise ValueError(f"{name} must be a square matrix (..., k, k), got shape {cov.shape}")
     if not np.isfinite(cov).all():
         raise ValueError(f"{name} must be finite")
-    scale = np.abs(cov).max()
-    if np.abs(cov - cov.mT).max() > 1e-9 * scale:
+    scale = np.abs(cov).max(initial=0.0)
+    unit = cov / (scale if scale > 0.0 else 1.0)
+    if np.abs(unit - unit.mT).max(initial=0.0) > 1e-9:
         raise ValueError(f"{name} must be symmetric")
-    lowest = float(np.linalg.eigvalsh(cov).min())
-    if lowest < -1e-9 * scale:
-        raise ValueError(f"{name} must be positive semidefinite, its smallest eigenvalue is {lowest:.3g}")
+    lowest = float(np.linalg.eigvalsh(unit).min(initial=0.0))
+    if lowest < -1e-9:
+        raise ValueError(f"{name} must be positive semidefinite, its smallest eigenvalue is {lowest * scale:.3g}")
     return cov
+
+
+def usable(R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """R ``(..., p, p)`` without the readings whose variance is not finite, and the mask ``(..., p)`` of the others.
+
+    Receivers report an unknown variance as NaN or infinity: such a reading tells nothing.
+    """
+    finite = np.isfinite(np.diagonal(R, axis1=-2, axis2=-1))
+    return (R, finite) if finite.all() else (neutralised(R, finite), finite)
 
 
 def _store_array(model: object, name: str) -> None:
     value = getattr(model, name)
     if value is None or callable(value):
         return
-    array = np.asarray(value, dtype=float)
+    array = as_array(name, value)
     if array.ndim < 2:
         raise ValueError(f"{name} must be a matrix, got shape {array.shape}")
     if not np.isfinite(array).all():
@@ -322,10 +483,18 @@ def _store_sizes(model: object, n: int, p: int, q: int) -> None:
         object.__setattr__(model, name, size)
         if indices is None:
             continue
-        angles = tuple(int(i) for i in getattr(model, indices))
+        given = getattr(model, indices)
+        try:
+            angles = tuple(operator.index(i) for i in given)
+        except TypeError:
+            angles = (-1,)
         if any(not 0 <= i < size for i in angles):
-            raise ValueError(f"{indices} must be indices below {size}, got {angles}")
+            raise ValueError(f"{indices} must be indices below {size}, got {shown(given)}")
         object.__setattr__(model, indices, angles)
+
+
+def _told(name: str, number: int | None) -> int | None:
+    return None if number is None else whole(name, number, 1)
 
 
 def _dimension(symbol: str, sources: dict[str, tuple[object, int]]) -> int:
@@ -333,6 +502,43 @@ def _dimension(symbol: str, sources: dict[str, tuple[object, int]]) -> int:
         if isinstance(matrix, np.ndarray):
             return matrix.shape[axis]
     raise ValueError(f"cannot tell {symbol}: give one of {', '.join(sources)} as an array, not as a function")
+
+
+@dataclass(frozen=True)
+class _Checked:
+    """A function of ``u`` whose first value is checked for its shape, and to be a covariance if it should be one."""
+
+    name: str
+    function: Callable[[np.ndarray | None], np.ndarray]
+    shape: tuple[int, ...]
+    covariance: bool
+    seen: set[bool] = field(default_factory=set)
+
+    def __call__(self, u: np.ndarray | None) -> np.ndarray:
+        value = self.function(u)
+        if not self.seen:
+            array = as_array(self.name, value)
+            if array.ndim < 2 or array.shape[-2:][: len(self.shape)] != self.shape:
+                columns = self.shape[1] if len(self.shape) > 1 else "m"
+                raise ValueError(
+                    f"{self.name} gave a matrix of shape {array.shape}, expected (..., {self.shape[0]}, {columns})"
+                )
+            if self.covariance:
+                as_covariance(self.name, array if self.name == "Q" else usable(array)[0])
+            self.seen.add(True)
+        return value
+
+
+def _check_when_called(model: object, name: str, shape: tuple[int, ...], covariance: bool = False) -> None:
+    function = getattr(model, name)
+    if callable(function):
+        function = function.function if isinstance(function, _Checked) else function
+        object.__setattr__(model, name, _Checked(name, function, shape, covariance))
+
+
+def _check_noise_when_called(model: object, n: int, p: int) -> None:
+    _check_when_called(model, "Q", (n, n), covariance=True)
+    _check_when_called(model, "R", (p, p), covariance=True)
 
 
 def _check_shapes(expected: dict[str, tuple[object, int, int | None]]) -> None:

@@ -3,6 +3,7 @@
 import numpy as np
 
 from estimators.belief import Belief
+from estimators.checks import number, whole
 from estimators.filter import Model, Reading, Streams
 from estimators.kalman import ExtendedKalmanFilter, joseph_update
 from estimators.linalg import semidefinite_cholesky, solve, symmetrise
@@ -46,15 +47,9 @@ class HuberKalmanFilter(ExtendedKalmanFilter):
 
     def __init__(self, model: Model, gamma: float = 1.345, iterations: int = 2, tolerance: float = 1e-3) -> None:
         super().__init__(model)
-        if not gamma > 0.0:
-            raise ValueError(f"gamma must be positive (standard deviations), got {gamma}")
-        if iterations < 1:
-            raise ValueError(f"iterations must be at least 1, got {iterations}")
-        if not tolerance > 0.0:
-            raise ValueError(f"tolerance must be positive, got {tolerance}")
-        self.gamma = gamma
-        self.iterations = iterations
-        self.tolerance = tolerance
+        self.gamma = np.inf if gamma == np.inf else number("gamma", gamma, 0.0, what="positive (standard deviations)")
+        self.iterations = whole("iterations", iterations, 1)
+        self.tolerance = number("tolerance", tolerance, 0.0, what="positive")
 
     def _update(self, belief: Belief, reading: Reading, rng: Streams) -> Belief:
         C, R, e, n = reading.C, reading.R, reading.innovation, self.model.n
@@ -68,7 +63,7 @@ class HuberKalmanFilter(ExtendedKalmanFilter):
             C, _reweighted(R, root_R, inflation[..., n:]),
         )  # fmt: skip
         return Belief(
-            mean, cov, belief.prior_mean, belief.prior_cov, np.ones(mean.shape[:-1], bool), belief.u,
+            mean, cov, belief.prior_mean, belief.prior_cov, np.zeros(mean.shape[:-1], np.int8), belief.u,
             e, S, reading.available,
         )  # fmt: skip
 
@@ -133,9 +128,7 @@ class RobustKalmanFilter(ExtendedKalmanFilter):
 
     def __init__(self, model: Model, radius: float = 0.01) -> None:
         super().__init__(model)
-        if not 0.0 <= radius < np.inf:
-            raise ValueError(f"radius must be finite and not negative, got {radius}")
-        self.radius = float(radius)
+        self.radius = number("radius", radius, -_LEAST, np.inf, "finite and not negative")
 
     def _predict(self, belief: Belief, u: np.ndarray | None, rng: Streams) -> Belief:
         predicted = super()._predict(belief, u, rng)
@@ -190,6 +183,7 @@ def _entropy_odds(values: np.ndarray, radius: float) -> np.ndarray:
 
 
 _NEWTON_STEPS = 10
+_LEAST = np.finfo(float).smallest_subnormal
 _BELOW_ONE = np.nextafter(1.0, 0.0)
 
 

@@ -4,9 +4,9 @@ import numpy as np
 
 from estimators.belief import Belief
 from estimators.filter import Model, Reading, Streams
-from estimators.linalg import congruence, product, solve, symmetrise
+from estimators.linalg import congruence, driven, product, solve, symmetrise
 from estimators.models import LinearModel, resolve
-from estimators.unknown_input import DelayedInputFilter, driven, hidden_directions, unbiased_gain, waiting
+from estimators.unknown_input import DelayedInputFilter, hidden_directions, unbiased_gain, waiting
 
 
 class UnifiedInputStateEstimator(DelayedInputFilter):
@@ -87,7 +87,7 @@ class UnifiedInputStateEstimator(DelayedInputFilter):
         cov = symmetrise(driven(A, G, self._covariance(belief), cross, input_cov) + resolve(model.Q, u))
         hidden = np.eye(model.q) - belief.feedthrough_observed
         predicted = Belief(
-            mean, cov, belief.prior_mean, belief.prior_cov, belief.healthy, u,
+            mean, cov, belief.prior_mean, belief.prior_cov, belief.recovery, u,
             input_mean=belief.feedthrough_mean, input_cov=symmetrise(input_cov + congruence(hidden, self.input_prior)),
             state_input_cov=A @ cross + G @ input_cov, input_observed=belief.feedthrough_observed,
             pending=np.ones(mean.shape[:-1], bool),
@@ -106,7 +106,7 @@ class UnifiedInputStateEstimator(DelayedInputFilter):
         right[..., :n], right[..., n : n + q], right[..., n + q :] = PC.mT, H, CGN
         solved = solve(S, right)
         K, SH, SF = solved[..., :n].mT, solved[..., n : n + q], solved[..., n + q :]
-        D, now = unbiased_gain(H, SH, resolve(self.model.H, belief.u), units)
+        D, now = unbiased_gain(H, SH, reading.whole_H, units)
         M, late = unbiased_gain(CGN - H @ (D @ CGN), SF - SH @ (D @ CGN), reading.whole @ G, units)
         GM, K = G @ M, K - (K @ H) @ D
         CGM = C @ GM
@@ -127,7 +127,7 @@ class UnifiedInputStateEstimator(DelayedInputFilter):
         rows = correction.shape[:-1]
         return Belief(
             belief.mean + correction[..., :n], cov[..., :n, :n], belief.prior_mean, belief.prior_cov,
-            np.ones(rows, bool), belief.u, reading.innovation, S, reading.available,
+            np.zeros(rows, np.int8), belief.u, reading.innovation, S, reading.available,
             belief.input_mean + correction[..., n : n + q], cov[..., n : n + q, n : n + q], cov[..., :n, n : n + q],
             observed, np.zeros(rows, bool), input_matrix=belief.input_matrix,
             feedthrough_mean=correction[..., n + q :], feedthrough_cov=cov[..., n + q :, n + q :],

@@ -7,7 +7,7 @@ import numpy as np
 from estimators.belief import Belief
 from estimators.filter import Filter, Model, Reading, Streams
 from estimators.kalman import input_covariance
-from estimators.linalg import congruence, inverse, product, solve, symmetrise
+from estimators.linalg import congruence, driven, inverse, product, solve, symmetrise
 from estimators.models import LinearModel, resolve
 
 
@@ -44,7 +44,7 @@ class UnknownInputFilter(Filter):
         n, q = self.model.n, self.model.q
         rows = belief.cov.shape[:-2]  # one where all rows share it
         return Belief(
-            belief.mean, belief.cov, belief.prior_mean, belief.prior_cov, belief.healthy, belief.u,
+            belief.mean, belief.cov, belief.prior_mean, belief.prior_cov, belief.recovery, belief.u,
             input_mean=np.zeros(belief.mean.shape[:-1] + (q,)), input_cov=np.zeros(rows + (q, q)) + self.input_prior,
             state_input_cov=np.zeros(rows + (n, q)), input_observed=np.zeros(rows + (q, q)), pending=pending,
         )  # fmt: skip
@@ -127,14 +127,6 @@ def hidden_directions(F: np.ndarray, whole: np.ndarray, units: np.ndarray) -> tu
     return hidden.mT @ hidden, np.asarray(~shown.any(-1))
 
 
-def driven(
-    A: np.ndarray, G: np.ndarray, cov: np.ndarray, state_input_cov: np.ndarray, input_cov: np.ndarray
-) -> np.ndarray:
-    """``[A G] [[P, Pxd], [Pxd', Pd]] [A G]'``, not yet symmetrised: where one term of two is doubled instead."""
-    half = 2.0 * (A @ state_input_cov) + G @ input_cov
-    return congruence(A, cov) + product(half, G.mT)
-
-
 class UnbiasedMinimumVarianceFilter(UnknownInputFilter):
     """KF-UMV-UI: state and unknown input together, with direct feedthrough (rank H = q).
 
@@ -180,14 +172,14 @@ class UnbiasedMinimumVarianceFilter(UnknownInputFilter):
         mean = mean + np.matvec(G, belief.input_mean)
         cov = driven(A, G, belief.cov, belief.state_input_cov, belief.input_cov)
         cov = symmetrise(cov + resolve(model.Q, u))
-        predicted = Belief(mean, cov, belief.prior_mean, belief.prior_cov, belief.healthy, u)
+        predicted = Belief(mean, cov, belief.prior_mean, belief.prior_cov, belief.recovery, u)
         return self._with_unseen_input(predicted, belief.pending)
 
     def _update(self, belief: Belief, reading: Reading, rng: Streams) -> Belief:
         C, H, R = reading.C, reading.H, reading.R
         PC = product(belief.cov, C.mT)
         S = product(PC.mT, C.mT) + R
-        whole = None if reading.complete else resolve(self.model.H, belief.u)
+        whole = None if reading.complete else reading.whole_H
         K, M, observed = _gains(S, PC.mT, H, whole, self._input_units)
         n = self.model.n
         Z = np.empty(K.shape[:-2] + (n + self.model.q, self.model.p))  # (x, d) = (x-, 0) + Z e
@@ -200,7 +192,7 @@ class UnbiasedMinimumVarianceFilter(UnknownInputFilter):
             input_cov = input_cov + congruence(np.eye(self.model.q) - observed, self.input_prior)
         return Belief(
             belief.mean + correction[..., :n], cov[..., :n, :n], belief.prior_mean, belief.prior_cov,
-            np.ones(correction.shape[:-1], bool), belief.u, reading.innovation, S, reading.available,
+            np.zeros(correction.shape[:-1], np.int8), belief.u, reading.innovation, S, reading.available,
             correction[..., n:], input_cov, cov[..., :n, n:], observed, belief.pending,
         )  # fmt: skip
 
@@ -282,7 +274,7 @@ class ExtendedUnbiasedMinimumVarianceFilterWithoutFeedthrough(DelayedInputFilter
     def _predict(self, belief: Belief, u: np.ndarray | None, rng: Streams) -> Belief:
         mean, cov = self._propagate(belief.mean, self._covariance(belief), u)
         cov = symmetrise(cov + resolve(self.model.Q, u))
-        predicted = Belief(mean, cov, belief.prior_mean, belief.prior_cov, belief.healthy, u)
+        predicted = Belief(mean, cov, belief.prior_mean, belief.prior_cov, belief.recovery, u)
         predicted = self._with_unseen_input(predicted, np.ones(mean.shape[:-1], bool))
         return self._with_input_matrix(predicted, belief.mean, u)
 
@@ -307,9 +299,9 @@ class ExtendedUnbiasedMinimumVarianceFilterWithoutFeedthrough(DelayedInputFilter
             reach[..., :n, :], reach[..., n:, :] = G * pending, np.eye(q)
             cov = cov + congruence(reach @ (np.eye(q) - observed), self.input_prior)
         cov = symmetrise(cov)
-        healthy, settled = np.ones(correction.shape[:-1], bool), np.zeros(correction.shape[:-1], bool)
+        usual, settled = np.zeros(correction.shape[:-1], np.int8), np.zeros(correction.shape[:-1], bool)
         return Belief(
-            belief.mean + correction[..., :n], cov[..., :n, :n], belief.prior_mean, belief.prior_cov, healthy, belief.u,
+            belief.mean + correction[..., :n], cov[..., :n, :n], belief.prior_mean, belief.prior_cov, usual, belief.u,
             reading.innovation, S, reading.available, correction[..., n:], cov[..., n:, n:], cov[..., :n, n:], observed,
             settled, input_matrix=belief.input_matrix,
         )  # fmt: skip

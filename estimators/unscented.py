@@ -4,14 +4,12 @@ import numpy as np
 
 from estimators.angles import difference
 from estimators.belief import Belief
+from estimators.checks import number
 from estimators.filter import Filter, Model
 from estimators.kalman import ExtendedKalmanFilter
 from estimators.linalg import semidefinite_cholesky, solve
-from estimators.models import LinearModel, at_points
+from estimators.models import LinearModel, at_points, steps
 from estimators.unknown_input import ExtendedUnbiasedMinimumVarianceFilterWithoutFeedthrough
-
-_SMALL = 1e-6
-"""Relative step of a sigma point in a direction without variance: C is a derivative there."""
 
 
 class SigmaPoints(Filter):
@@ -37,14 +35,13 @@ class SigmaPoints(Filter):
 
     def _set_points(self, alpha: float, beta: float, kappa: float) -> None:
         """Check and keep the options of the transform."""
-        if not 0.0 < alpha < np.inf:
-            raise ValueError(f"alpha must be positive (the points' distance in standard deviations), got {alpha}")
-        if not -self.model.n < kappa < np.inf:
-            raise ValueError(f"kappa must be above -n = {-self.model.n}, got {kappa}")
+        alpha = number("alpha", alpha, 0.0, what="positive (the points' distance in standard deviations)")
+        kappa = number("kappa", kappa, -self.model.n, what=f"above -n = {-self.model.n}")
+        beta = number("beta", beta, what="a finite number")
         lowest = 0.0 - alpha**2 * kappa / self.model.n
-        if not lowest <= beta < np.inf:
+        if not lowest <= beta:
             raise ValueError(f"beta must be at least -alpha^2 kappa / n = {lowest:g} for variances to be, got {beta}")
-        self.alpha, self.beta, self.kappa = float(alpha), float(beta), float(kappa)
+        self.alpha, self.beta, self.kappa = alpha, beta, kappa
 
     def _propagate(self, mean: np.ndarray, cov: np.ndarray, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         model = self.model
@@ -60,9 +57,8 @@ class SigmaPoints(Filter):
             return super()._linearise(belief)
         root = semidefinite_cholesky(belief.cov)
         flat = np.diagonal(root, axis1=-2, axis2=-1) == 0.0
-        if flat.any():
-            step = _SMALL * flat * np.maximum(1.0, np.abs(mean))
-            root = root + step[..., None] * self._identity
+        if flat.any():  # C is a derivative there
+            root = root + (flat * steps(mean, belief.cov))[..., None] * self._identity
         angles = model.measurement_angles
         expected, slopes, excess = self._transform("measurement", mean, root, belief.u, model.p, angles)
         return expected, solve(root.mT, slopes).mT, excess

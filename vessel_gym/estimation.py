@@ -31,6 +31,9 @@ class Oracle(Filter):
         super().__init__(LinearModel(np.eye(n), eye[:, :n], np.zeros((n, n)), eye))
         self.q = q
 
+    def _check_known_input(self, u: np.ndarray | None) -> None:
+        """It is told, like every filter, and needs it not."""
+
     def _predict(self, belief: Belief, u: np.ndarray | None, rng: Streams) -> Belief:
         return belief
 
@@ -39,7 +42,7 @@ class Oracle(Filter):
         state = belief.mean + reading.innovation[..., :n]
         batch = state.shape[:-1]
         return Belief(
-            state, np.zeros(batch + (n, n)), belief.prior_mean, belief.prior_cov, np.ones(batch, bool),
+            state, np.zeros(batch + (n, n)), belief.prior_mean, belief.prior_cov, np.zeros(batch, np.int8),
             input_mean=reading.innovation[..., n:], input_cov=np.zeros(batch + (q, q)),
         )  # fmt: skip
 
@@ -94,7 +97,7 @@ class HeldMeasurement(Filter):
         cov = np.where(self._variance > 0.0, self._variance, prior)[..., None] * self._identity
         input_cov = np.zeros(shape[:-1] + 2 * self._input_variance.shape) + np.diag(self._input_variance)
         return HeldReadings(
-            belief.mean, cov, belief.prior_mean, belief.prior_cov, belief.healthy,
+            belief.mean, cov, belief.prior_mean, belief.prior_cov, belief.recovery,
             input_mean=np.zeros(shape[:-1] + self._input_variance.shape), input_cov=input_cov,
             held=held, previous=held, interval=np.full(shape, self._dt), seen=np.zeros(shape, bool),
             age=np.zeros(shape),

@@ -135,13 +135,13 @@ def least_favourable(model: StateSpace, tolerance: float, steps: int) -> LeastFa
     filter = make("robust-kf", model.model, radius=tolerance)
     belief = filter.init(_prior(*model.A.shape[:-2]))
     F, N, theta = [], [], []
-    for _ in range(steps):
+    for k in range(steps):
         V = belief.cov
         G = model.A @ V @ C.mT @ np.linalg.inv(C @ V @ C.mT + model.R)
         F.append(model.A - G @ C)
         N.append(W - G @ D)
         P = F[-1] @ V @ F[-1].mT + N[-1] @ N[-1].mT
-        belief = filter.predict(filter.update(belief, np.zeros(C.shape[-2])))
+        belief = filter.predict(filter.update(belief, np.zeros(C.shape[-2])), known_input(k))
         difference = np.linalg.inv(P) - np.linalg.inv(belief.cov)  # theta I
         theta.append(np.trace(difference, axis1=-2, axis2=-1)[..., None, None] / len(eye))
     shift, root, omega = [], [], np.zeros_like(eye)

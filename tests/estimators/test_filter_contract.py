@@ -9,6 +9,7 @@ from estimators import Belief, Filter, Gaussian, LinearModel, NonlinearModel, ma
 from tests.estimators.cases import (
     INPUT_PRIOR,
     Case,
+    System,
     arrays,
     assert_same,
     every_case,
@@ -241,11 +242,23 @@ def test_rows_of_a_belief_are_replaced_by_those_of_another_in_order(case: Case):
     assert_same(filter.predict(merged, u)[mask], filter.predict(other, u[mask]), 1e-12)
 
 
-def test_beliefs_of_which_only_one_has_a_field_do_not_merge():
+def test_a_fresh_row_joins_others_as_one_that_has_seen_no_reading():
     filter = make("kf", _linear())
     fresh = filter.init(Gaussian(np.zeros((2, 2)), I2))
-    with pytest.raises(ValueError, match="only one has innovation"):
-        filter.update(fresh, np.zeros(2)).with_rows(np.array([True, False]), fresh[:1])
+    updated = filter.update(fresh, np.ones(2))
+    mixed = updated.with_rows(np.array([True, False]), fresh[:1])
+    np.testing.assert_array_equal(mixed.mean, [[0.0, 0.0], [0.5, 0.5]])
+    np.testing.assert_array_equal(mixed.innovation, [[0.0, 0.0], [1.0, 1.0]])
+    np.testing.assert_array_equal(mixed.innovation_cov, [I2, 2.0 * I2])
+    np.testing.assert_array_equal(mixed.available, [[False, False], [True, True]])
+    assert_same(fresh.with_rows(np.array([False, True]), updated[1:]), mixed)
+
+
+def test_beliefs_of_different_filters_do_not_merge():
+    prior = Gaussian(np.zeros((2, 2)), I2)
+    one, other = make("kf", _linear()), make("kf-umv-ui", _linear(G=[[1.0], [0.0]], H=[[1.0], [0.0]]))
+    with pytest.raises(ValueError, match="only one has input_mean: they are of different filters"):
+        one.init(prior).with_rows(np.array([True, False]), other.init(prior)[:1])
 
 
 @every_case("deterministic")
@@ -286,7 +299,7 @@ def test_a_lost_row_begins_again_from_its_prior_and_the_newest_reading(case: Cas
     others = np.array([True, True, False, True])
     assert_same(recovered[others], filter.update(predicted, y)[others], 1e-13)
     fresh = filter.update(filter.init(system.rows(1)).replace(u=u[2:3]), y[2:3])
-    assert_same(recovered[2:3], fresh, 1e-13, ignore=["healthy", "u"])
+    assert_same(recovered[2:3], fresh, 1e-13, ignore=["recovery", "u"])
     following = filter.update(filter.predict(recovered, u), y)
     assert following.healthy.all()
     assert_same(following[2:3], filter.update(filter.predict(fresh, u[2:3]), y[2:3]), 1e-12, ignore=["u"])
@@ -301,7 +314,7 @@ def test_a_single_lost_belief_without_batch_axes_recovers_too(case: Case):
     recovered = filter.update(predicted.replace(mean=np.full(system.model.n, np.nan)), y)
     assert recovered.mean.shape == (system.model.n,)
     assert not recovered.healthy
-    assert_same(recovered, filter.update(filter.init(system.prior).replace(u=u), y), 1e-13, ignore=["healthy"])
+    assert_same(recovered, filter.update(filter.init(system.prior).replace(u=u), y), 1e-13, ignore=["recovery"])
 
 
 @every_case("deterministic")
@@ -313,7 +326,7 @@ def test_a_lost_row_recovers_from_the_readings_that_arrived(case: Case):
     R = 3.0 * system.model.R
     recovered = filter.update(_lose(predicted, 2, "mean not a number"), y, available=available, R=R)
     fresh = filter.update(filter.init(system.rows(1)).replace(u=u[2:3]), y[2:3], available=available[2:3], R=R)
-    assert_same(recovered[2:3], fresh, 1e-13, ignore=["healthy", "u"])
+    assert_same(recovered[2:3], fresh, 1e-13, ignore=["recovery", "u"])
     assert not recovered.healthy[2]
 
 
@@ -508,19 +521,47 @@ def test_without_feedthrough_the_first_reading_after_the_prior_shows_no_input():
 # --- kf with the variance of its unknown input ------------------------------------------------------
 
 
-def test_kf_told_the_variance_of_its_input_is_a_kf_with_more_noise():
+def _with_the_input_as_a_state(system: System, D: np.ndarray) -> System:
+    """The same system with its unknown input, white with covariance D, as states that forget themselves each step."""
+    model, n, q = system.model, system.model.n, system.model.q
+    A, Q, cov = (np.zeros((n + q, n + q)) for _ in range(3))
+    A[:n, :n], A[:n, n:] = model.A, model.G
+    Q[:n, :n], Q[n:, n:] = model.Q, D
+    cov[:n, :n], cov[n:, n:] = system.cov, D
+    B = np.concatenate([model.B, np.zeros((q, system.m))])
+    augmented = LinearModel(A, np.concatenate([model.C, model.H], 1), Q, model.R, B=B)
+    return System(augmented, np.concatenate([system.mean, np.zeros(q)]), cov, system.m)
+
+
+def test_kf_told_the_variance_of_its_input_is_a_kf_with_the_input_as_a_state():
     system = unknown_input_system(0, feedthrough=True, p=4, q=2)
-    model = system.model
     D = np.array([[2.0, 0.3], [0.3, 1.0]])
     record = simulate(system, 0, 3, 12)
     available = np.random.default_rng(0).random((12, 3, 4)) < 0.7
-    told = track(make("kf", model, input_cov=D), system.rows(3), record, available=available)
-    noisier = dataclasses.replace(
-        model, G=None, H=None, Q=model.Q + model.G @ D @ model.G.T, R=model.R + model.H @ D @ model.H.T
-    )
-    plain = track(make("kf", noisier), system.rows(3), record, available=available)
+    told = track(make("kf", system.model, input_cov=D), system.rows(3), record, available=available)
+    augmented = _with_the_input_as_a_state(system, D)
+    plain = track(make("kf", augmented.model), augmented.rows(3), record, available=available)
+    n = system.model.n
     for one, other in zip(told, plain, strict=True):
-        assert_same(one, other, 1e-12)
+        pairs = (
+            (one.mean, other.mean[..., :n]), (one.input_mean, other.mean[..., n:]), (one.cov, other.cov[..., :n, :n]),
+            (one.input_cov, other.cov[..., n:, n:]), (one.state_input_cov, other.cov[..., :n, n:]),
+            (one.innovation, other.innovation), (one.innovation_cov, other.innovation_cov),
+        )  # fmt: skip
+        for mine, theirs in pairs:
+            np.testing.assert_allclose(mine, theirs, rtol=0, atol=1e-12 * max(1.0, np.abs(theirs).max()))
+
+
+def test_kf_told_an_ever_larger_variance_tends_to_kf_umv_ui():
+    system = unknown_input_system(2, feedthrough=True)
+    record = simulate(system, 2, 3, 12)
+    unbiased = track(make("kf-umv-ui", system.model, input_prior=INPUT_PRIOR), system.rows(3), record)[-1]
+    errors = []
+    for variance in (1e4, 1e6):
+        told = track(make("kf", system.model, input_cov=variance), system.rows(3), record)[-1]
+        errors.append(max(np.abs(told.mean - unbiased.mean).max(), np.abs(told.input_mean - unbiased.input_mean).max()))
+    assert errors[0] < 1e-2
+    assert errors[1] < 2e-2 * errors[0]  # as 1 / D
 
 
 def test_kf_takes_a_number_for_the_same_variance_of_every_input_and_none_for_ignoring_them():
@@ -535,7 +576,9 @@ def test_kf_takes_a_number_for_the_same_variance_of_every_input_and_none_for_ign
     )  # fmt: skip
     assert_same(number, matrix)
     assert_same(none, absent)
-    assert_same(zero, none, 1e-14)
+    np.testing.assert_allclose(zero.mean, none.mean, rtol=0, atol=1e-13)
+    np.testing.assert_array_equal(zero.input_mean, 0.0)
+    assert none.input_mean is None
     assert np.abs(number.cov - none.cov).max() > 0.1
 
 
@@ -543,7 +586,7 @@ def test_kf_told_a_true_variance_is_consistent_and_one_that_ignores_the_input_is
     system = kalman_system(6)
     rng = np.random.default_rng(6)
     runs, steps = 2000, 30
-    model = dataclasses.replace(system.model, G=2.0 * rng.normal(size=(4, 1)), H=None)
+    model = dataclasses.replace(system.model, G=2.0 * rng.normal(size=(4, 1)), H=rng.normal(size=(3, 1)))
     record = simulate(dataclasses.replace(system, model=model), 6, runs, steps, d=rng.normal(size=(steps, runs, 1)))
     means = []
     for options in ({"input_cov": 1.0}, {}):

@@ -140,7 +140,7 @@ def test_a_state_that_is_known_exactly_stays_where_it_is():
     [
         ({"gamma": 0.0}, "gamma must be positive"),
         ({"gamma": np.nan}, "gamma must be positive"),
-        ({"iterations": 0}, "iterations must be at least 1, got 0"),
+        ({"iterations": 0}, "iterations must be a whole number of at least 1, got 0"),
         ({"tolerance": 0.0}, "tolerance must be positive"),
     ],
 )
@@ -350,7 +350,7 @@ def _least_favourable(system: System, radius: float, steps: int) -> LeastFavoura
         F.append(model.A - G @ model.C)
         N.append(W - G @ D)
         P = F[-1] @ V @ F[-1].T + N[-1] @ N[-1].T
-        belief = filter.predict(filter.update(belief, np.zeros(model.p)))
+        belief = filter.predict(filter.update(belief, np.zeros(model.p)), np.zeros(system.m))
         V = belief.cov
         difference = np.linalg.inv(P) - np.linalg.inv(V)
         theta.append(difference[0, 0])

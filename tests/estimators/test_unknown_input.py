@@ -180,7 +180,7 @@ def test_ulise_leaves_to_the_next_reading_what_a_dropped_channel_of_feedthrough_
 
 # --- reductions -------------------------------------------------------------------------------------
 
-_SHARED = ("mean", "cov", "input_mean", "input_cov", "state_input_cov", "input_observed", "innovation", "healthy")
+_SHARED = ("mean", "cov", "input_mean", "input_cov", "state_input_cov", "input_observed", "innovation", "recovery")
 
 
 @pytest.mark.parametrize("name", ["ekf-ui-wdf", "ukf-umv", "ulise"])

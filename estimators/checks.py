@@ -1,0 +1,50 @@
+"""What a user hands in, as arrays and numbers; what does not fit gets one sentence that names the argument."""
+
+import reprlib
+
+import numpy as np
+
+
+def as_array(name: str, value: object) -> np.ndarray:
+    """``value`` as a float array.
+
+    Raises:
+        ValueError: if it is no array of real numbers.
+    """
+    if type(value) is np.ndarray and value.dtype == np.float64:
+        return value
+    try:
+        array = np.asarray(value)
+        if array.dtype.kind in "biuf":
+            return array.astype(float, copy=False)
+    except (TypeError, ValueError):  # rows of unequal length, objects that are no sequences
+        pass
+    raise ValueError(f"{name} must be an array of real numbers, got {shown(value)}")
+
+
+def number(name: str, value: object, low: float = -np.inf, high: float = np.inf, what: str = "a number") -> float:
+    """``value`` as a float strictly between ``low`` and ``high``; NaN is none.
+
+    Raises:
+        ValueError: if it is no number or lies outside; ``what`` says what it should be.
+    """
+    a_number = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+    if not (a_number and low < value < high):  # type: ignore[operator]
+        raise ValueError(f"{name} must be {what}, got {shown(value)}")
+    return float(value)  # type: ignore[arg-type]
+
+
+def whole(name: str, value: object, lowest: int) -> int:
+    """``value`` as a whole number of at least ``lowest``.
+
+    Raises:
+        ValueError: if it is too small or no whole number (True and 2.0 are none).
+    """
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < lowest:
+        raise ValueError(f"{name} must be a whole number of at least {lowest}, got {shown(value)}")
+    return int(value)
+
+
+def shown(value: object) -> str:
+    """A value for an error: short, and on one line."""
+    return " ".join(reprlib.repr(value).split())
