@@ -359,7 +359,11 @@ _SINGULAR = 1e-13
 
 def _sound(updated: Belief) -> bool:
     """Whether every row is finite and without negative variances."""
-    if not math.isfinite(np.add.reduce(updated.mean, None) + np.add.reduce(updated.cov, None)):
+    total = np.add.reduce(updated.mean, None) + np.add.reduce(updated.cov, None)
+    for vector in (updated.input_mean, updated.feedthrough_mean):
+        if vector is not None:
+            total = total + np.add.reduce(vector, None)
+    if not math.isfinite(total):
         return False
     return bool(np.diagonal(updated.cov, axis1=-2, axis2=-1).min(initial=0.0) >= 0.0)
 
@@ -466,8 +470,14 @@ def _streams_of(rows: np.ndarray, rng: Streams) -> Streams:
 
 
 def _finite_rows(belief: Belief) -> np.ndarray:
-    finite = np.isfinite(belief.mean).all(-1) & np.isfinite(belief.cov).all((-2, -1))
-    return finite if belief.ensemble is None else finite & np.isfinite(belief.ensemble).all((-2, -1))
+    finite = np.isfinite(belief.mean).all(-1)
+    for vector in (belief.input_mean, belief.feedthrough_mean):
+        if vector is not None:
+            finite = finite & np.isfinite(vector).all(-1)
+    for matrix in (belief.cov, belief.input_cov, belief.ensemble):
+        if matrix is not None:
+            finite = finite & np.isfinite(matrix).all((-2, -1))
+    return finite
 
 
 def _finite(u: np.ndarray | None) -> np.ndarray | None:

@@ -254,7 +254,7 @@ class NonlinearModel:
         Args:
             x: ``(..., n)``.
             u: ``(..., m)``.
-            cov: ``(..., n, n)`` covariance of ``x``, whose spread the steps of differences follow; None: of order 1.
+            cov: ``(..., n, n)`` covariance of ``x``, whose spread the steps of differences follow.
         """
         return self._linearise("transition", self.n, self.state_angles, x, u, cov)
 
@@ -344,22 +344,18 @@ def central_differences(
 def steps(x: np.ndarray, cov: np.ndarray | None) -> np.ndarray:
     """How far to step in each component for a difference ``(..., n)``.
 
-    A 512th of the belief's standard deviation: a function that is not nearly linear over that is not for a filter
+    A 64th of the belief's standard deviation: a function that is not nearly linear over that is not for a filter
     that linearises, and a long step keeps rounding out. It is a power of two, so that ``x`` plus the step is exact, and
-    never so short that ``x`` would lose more than half its digits. Where the belief has no spread there is no
-    scale to follow; the step is then a 512th.
+    never so short that the step would have fewer than half the digits of ``x``. Where the belief has no spread there
+    is no scale to follow; the step is then 2^-10.
 
     Args:
         x: ``(..., n)``.
-        cov: ``(..., n, n)`` covariance of ``x``; None: variances of 1.
+        cov: ``(..., n, n)`` covariance of ``x``; None: no spread.
     """
-    if cov is None:
-        spread = np.ones(x.shape)
-    else:
-        spread = np.sqrt(np.diagonal(cov, axis1=-2, axis2=-1))
-        spread = np.where((spread > 0.0) & (spread < np.inf), spread, 1.0)
-    lowest = _HALF_OF_THE_DIGITS * np.abs(x)
-    return np.exp2(np.rint(np.log2(np.maximum(spread / 512.0, lowest))))
+    spread = np.zeros(x.shape) if cov is None else np.sqrt(np.diagonal(cov, axis1=-2, axis2=-1))
+    wanted = np.where((spread > 0.0) & (spread < np.inf), spread / 64.0, 2.0**-10)
+    return np.exp2(np.rint(np.log2(np.maximum(wanted, _HALF_OF_THE_DIGITS * np.abs(x)))))
 
 
 _HALF_OF_THE_DIGITS = 2.0**-26

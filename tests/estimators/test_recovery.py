@@ -1,0 +1,188 @@
+"""What is lost when an update goes wrong: the offending reading, and nothing that was known without it."""
+
+import numpy as np
+import pytest
+
+from estimators import Belief, Filter, Gaussian, LinearModel, NonlinearModel, Recovery, make, names
+from tests.estimators.cases import Case, arrays, assert_same, every_case, simulate
+
+I3 = np.eye(3)
+KNOWN = np.array([5.0, 6.0, 7.0])
+UNKNOWN_INPUT = ("kf-umv-ui", "kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv", "ulise")
+
+
+def _model(name: str, C: np.ndarray, R: np.ndarray, nonlinear: bool = False, Q: float = 0.0) -> LinearModel:
+    """Three constants, and for filters that want one an input that no perfect reading shows."""
+    C, R = np.asarray(C, float), np.asarray(R, float)
+    unknown = {}
+    if name in UNKNOWN_INPUT:
+        C = np.concatenate([C, [[0.0, 0.0, 1.0]]])
+        R = np.pad(R, (0, 1))
+        R[-1, -1] = 1.0
+        H = np.zeros((len(C), 1))
+        H[-1] = 1.0
+        unknown = {"G": [[0.0], [0.0], [1.0]], "H": H if name == "kf-umv-ui" else None}
+    return LinearModel(I3, C, Q * I3, R, **unknown)
+
+
+def _make(name: str, model: LinearModel) -> Filter:
+    return make(name, model, **({"members": 20} if name in ("enkf", "enkf-sr", "etkf") else {}))
+
+
+def _seen(filter: Filter, x: np.ndarray, steps: int) -> Belief:
+    """The belief after perfect readings of a constant, from a prior at the origin."""
+    rng = np.random.default_rng(0)
+    belief = filter.init(Gaussian(np.zeros(3), 4.0 * I3), rng=rng)
+    for k in range(steps):
+        belief = filter.predict(belief, rng=rng) if k else belief
+        belief = filter.update(belief, filter.model.measurement(x, None), rng=rng)
+        for name, array in arrays(belief).items():
+            assert np.isfinite(array).all(), name
+        values = np.linalg.eigvalsh(belief.cov)
+        assert values[0] >= -1e-10 * values.sum()
+    return belief
+
+
+@pytest.mark.parametrize("name", names())
+def test_a_redundant_perfect_sensor_takes_nothing_away(name: str):
+    """With every state read perfectly, and their sum, S is singular, and after that nothing but rounding."""
+    model = _model(name, [*I3, [1.0, 1.0, 1.0]], np.zeros((4, 4)))
+    belief = _seen(_make(name, model), KNOWN, steps=5)
+    np.testing.assert_allclose(belief.mean, KNOWN, rtol=0, atol=1e-9)
+    assert belief.recovery < Recovery.PRIOR
+
+
+@pytest.mark.parametrize("name", [name for name in names() if name not in UNKNOWN_INPUT])
+def test_two_equal_perfect_sensors_are_one_and_said_to_be(name: str):
+    twice = _make(name, _model(name, [[1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], np.zeros((3, 3)), Q=0.1))
+    rng = np.random.default_rng(1)
+    belief = twice.init(Gaussian(np.zeros(3), 4.0 * I3), rng=rng)
+    for k in range(4):
+        belief = twice.predict(belief, rng=rng) if k else belief
+        belief = twice.update(belief, [5.0, 5.0, 6.0], rng=rng)
+        assert belief.recovery == Recovery.PSEUDO_INVERSE
+        assert not belief.healthy
+        assert "repeat others" in belief.reasons.item()
+        np.testing.assert_allclose(belief.mean[:2], [5.0, 6.0], rtol=0, atol=1e-9)
+    assert belief.available.all()
+
+
+def test_the_pseudo_inverse_is_the_filter_without_the_redundant_sensor():
+    rng = np.random.default_rng(2)
+    C = rng.normal(size=(2, 3))
+    A, Q = 0.9 * np.linalg.qr(rng.normal(size=(3, 3)))[0], 0.1 * I3
+    filters = [make("kf", LinearModel(A, rows, Q, np.zeros((len(rows),) * 2))) for rows in (C, [*C, C[0] + C[1]])]
+    beliefs = [filter.init(Gaussian(np.zeros((4, 3)), I3)) for filter in filters]
+    for _ in range(5):
+        y = rng.normal(size=(4, 2))
+        readings = [y, np.concatenate([y, y.sum(-1, keepdims=True)], -1)]
+        beliefs = [f.update(f.predict(b), r) for f, b, r in zip(filters, beliefs, readings, strict=True)]
+        assert (beliefs[1].recovery == Recovery.PSEUDO_INVERSE).all()
+        np.testing.assert_allclose(beliefs[1].mean, beliefs[0].mean, rtol=0, atol=1e-10)
+        np.testing.assert_allclose(beliefs[1].cov, beliefs[0].cov, rtol=0, atol=1e-10)
+
+
+def test_perfect_sensors_that_contradict_each_other_are_met_half_way():
+    filter = make("kf", LinearModel([[1.0]], [[1.0], [1.0]], [[1.0]], np.zeros((2, 2))))
+    belief = filter.update(filter.init(Gaussian([0.0], [[1.0]])), [1.0, 2.0])
+    assert belief.mean[0] == pytest.approx(1.5, abs=1e-12)
+    assert belief.recovery == Recovery.PSEUDO_INVERSE
+
+
+@pytest.mark.parametrize("name", ["enkf", "etkf"])
+def test_where_channels_cannot_be_mixed_the_one_that_repeats_another_is_left_out(name: str):
+    """A localisation is about channels, so a localised ensemble takes the next rung."""
+    model = _model(name, [[1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], np.zeros((3, 3)), Q=0.1)
+    filter, rng = make(name, model, members=20, localisation=np.ones((3, 3))), np.random.default_rng(3)
+    belief = filter.update(filter.init(Gaussian(np.zeros(3), I3), rng=rng), [5.0, 5.0, 6.0], rng=rng)
+    assert belief.recovery == Recovery.WITHOUT_CHANNEL
+    np.testing.assert_array_equal(belief.available, [True, False, True])
+    np.testing.assert_allclose(belief.mean[:2], [5.0, 6.0], rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["ekf", "ukf", "enkf", "enkf-sr", "etkf", "huber-kf", "robust-kf"])
+def test_a_channel_whose_expectation_is_not_finite_is_left_out_alone(name: str):
+    def measurement(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+        return np.concatenate([x[..., :2], np.sqrt(x[..., 2:])], -1)  # of a negative number at the prior
+
+    model = NonlinearModel(lambda x, u: x, measurement, 0.1 * I3, I3)
+    prior = Gaussian([[1.0, 2.0, -50.0], [1.0, 2.0, 50.0]], I3)
+    filter = _make(name, model)
+    beliefs = []
+    for mask in (None, [[True, True, False], [True, True, True]]):
+        streams = [np.random.default_rng(i) for i in range(2)]
+        beliefs.append(filter.update(filter.init(prior, rng=streams), [2.0, 3.0, 7.0], rng=streams, available=mask))
+    failed, masked = beliefs
+    np.testing.assert_array_equal(failed.recovery, [Recovery.WITHOUT_CHANNEL, Recovery.USUAL])
+    np.testing.assert_array_equal(failed.available, masked.available)
+    if not filter.random or name != "enkf":  # the enkf drew readings once in vain
+        assert_same(failed, masked, 1e-12, ignore=["recovery"])
+    assert np.abs(failed.mean[0, :2] - [1.5, 2.5]).max() < 0.5
+
+
+@every_case()
+def test_a_reading_beyond_all_numbers_costs_that_reading(case: Case):
+    """The innovation overflows: the prediction stands, and no more is lost than the reading."""
+    system = case.system(0)
+    filter, rng = case.make(system.model), np.random.default_rng(0)
+    record = simulate(system, 0, 3, 3)
+    belief = filter.predict(
+        filter.update(filter.init(system.rows(3), rng=rng), record.y[0], rng=rng), record.u[0], rng=rng
+    )
+    belief = belief.replace(mean=np.where(np.arange(3)[:, None] == 1, -1e300, belief.mean))
+    if belief.ensemble is not None:
+        belief = belief.replace(ensemble=np.where(np.arange(3)[:, None, None] == 1, -1e300, belief.ensemble))
+    y = np.where(np.arange(3)[:, None] == 1, np.finfo(float).max, record.y[1])
+    updated = filter.update(belief, y, rng=rng)
+    for name, array in arrays(updated).items():
+        assert np.isfinite(array).all(), name
+    assert updated.healthy[[0, 2]].all()
+
+
+class _Broken(Filter):
+    """A filter of one's own whose update gives nothing but NaN."""
+
+    def _predict(self, belief: Belief, u: np.ndarray | None, rng: object) -> Belief:
+        return belief
+
+    def _update(self, belief: Belief, reading: object, rng: object) -> Belief:
+        return belief.replace(mean=np.full_like(belief.mean, np.nan))
+
+
+class _Negative(_Broken):
+    def _update(self, belief: Belief, reading: object, rng: object) -> Belief:
+        return belief.replace(cov=-belief.cov)
+
+
+@pytest.mark.parametrize("broken", [_Broken, _Negative])
+def test_a_filter_of_ones_own_that_always_fails_keeps_its_prediction_and_says_so(broken: type[Filter]):
+    filter = broken(LinearModel(I3, I3, I3, I3))
+    belief = filter.init(Gaussian(np.tile(KNOWN, (2, 1)), I3))
+    for _ in range(3):
+        belief = filter.update(filter.predict(belief), np.zeros(3))
+        np.testing.assert_array_equal(belief.mean, np.tile(KNOWN, (2, 1)))
+        np.testing.assert_array_equal(belief.cov, np.tile(I3, (2, 1, 1)))
+        np.testing.assert_array_equal(belief.recovery, Recovery.PREDICTION)
+
+
+@every_case("deterministic")
+def test_what_a_driver_says_of_a_missing_reading_does_not_matter(case: Case):
+    """Receivers send NaN or infinity as the variance of what they did not see."""
+    system = case.system(0)
+    filter, p = case.make(system.model), system.model.p
+    record = simulate(system, 0, 3, 2)
+    predicted = filter.predict(filter.update(filter.init(system.rows(3)), record.y[0]), record.u[0])
+    mask = np.arange(p) != 0
+    missing = filter.update(predicted, record.y[1], available=mask)
+    for variance in (np.nan, np.inf, -0.5):
+        R = np.array(system.model.R)
+        R[0], R[:, 0] = variance, variance
+        assert_same(filter.update(predicted, record.y[1], available=mask, R=R), missing, 1e-13)
+        if not np.isfinite(variance):  # then the reading is missing, whatever it says
+            assert_same(filter.update(predicted, record.y[1], R=R), missing, 1e-13)
+    for wrong, sentence in (
+        (-0.5 * np.eye(p), "R must be positive semidefinite, its smallest eigenvalue is -0.5"),
+        (np.eye(p) + np.triu(np.full((p, p), 0.2), 1), "R must be symmetric"),
+    ):
+        with pytest.raises(ValueError, match=sentence):
+            filter.update(predicted, record.y[1], R=wrong)
