@@ -10,9 +10,9 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
-import vessel_gym  # noqa: F401  (registers the environments)
-from agents.files import replacing
-from scripts.console import command
+from agents.files import check_file, replacing
+from agents.studies.worlds import environment_id
+from scripts.console import asked, command, in_range
 
 FPS = 12
 """Frames a second of a GIF or MP4."""
@@ -47,23 +47,24 @@ def main(
     """
     from agents import load_agent
 
-    if every < 1:
-        raise ValueError(f"--every must be at least 1, got {every}")
-    if out is None:
-        check_display()
-    elif out.suffix.lower() not in SUFFIXES:
-        raise ValueError(f"cannot write {str(out)!r}: the suffix must be one of {', '.join(SUFFIXES)}")
     options: dict[str, Any] = {"estimator": estimator, "sensors": sensors, "disturbance": disturbance}
-    try:
-        env = gym.make(env_id, render_mode="rgb_array" if out else "human", **options)
-        with closing(env):
-            flyer = load_agent(agent, env)
-            flyer.reset(1)
+    with asked():
+        in_range("--every", every, 1)
+        in_range("--seed", seed, 0)
+        if out is None:
+            check_display()
+        elif out.suffix.lower() not in SUFFIXES:
+            raise ValueError(f"cannot write {str(out)!r}: the suffix must be one of {', '.join(SUFFIXES)}")
+        else:
+            check_file(out)
+        env = gym.make(environment_id(env_id), render_mode="rgb_array" if out else "human", **options)
+        flyer = load_agent(agent, env)
+    with closing(env):
+        flyer.reset(1)
+        with asked():  # the first picture needs pygame
             observation, _ = env.reset(seed=seed)
-            episode = fly(env, flyer, observation)
-            score = record(env, episode, out, every) if out else show(env, episode)
-    except gym.error.Error as error:  # no such environment, or no pygame
-        raise ValueError(str(error)) from error
+        episode = fly(env, flyer, observation)
+        score = record(env, episode, out, every) if out else show(env, episode)
     print(f"wrote {out}, score {score:.3f}" if out else f"score {score:.3f}")
 
 

@@ -2,6 +2,7 @@
 
 import os
 import re
+import socket
 import threading
 import time
 import warnings
@@ -183,10 +184,27 @@ def _dispatched(parallel: Any, folder: Path, cells: Sequence[Cell]) -> Iterator[
             ends.close()
 
 
+def check_scheduler(address: str) -> None:
+    """Refuse what is no scheduler's address, or one at which nothing listens; Dask itself takes a minute for that.
+
+    Raises:
+        ValueError: if it is no address.
+        ConnectionError: if nobody listens there.
+    """
+    found = re.fullmatch(r"(?:(?:tcp|tls)://)?(?:\[([^\s\[\]]+)\]|([^\s:/\[\]]+)):(\d{1,5})", address)
+    if not found or not 1 <= int(found[3]) <= 65535:
+        raise ValueError(f"a scheduler's address is like tcp://10.0.0.1:8786, got {address!r}")
+    try:
+        socket.create_connection((found[1] or found[2], int(found[3])), timeout=_PATIENCE).close()
+    except (OSError, UnicodeError) as error:  # a host's name may be none
+        raise ConnectionError(f"no Dask scheduler answers at {address}: {error}") from None
+
+
 @contextmanager
 def _client(scheduler: str) -> Iterator[Any]:
     from dask.distributed import Client
 
+    check_scheduler(scheduler)
     try:
         client = Client(scheduler, timeout=_PATIENCE, set_as_default=False)
     except (OSError, ValueError) as error:
