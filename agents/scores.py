@@ -30,10 +30,10 @@ def scores(rollout: Rollout) -> dict[str, np.ndarray]:
     """
     if not isinstance(rollout, Rollout):
         raise TypeError(f"scores are those of a rollout, got {rollout!r}")
-    if not rollout.history:
-        raise ValueError("scores need the history of a rollout: fly it with record=True")
     if not hasattr(rollout.env.unwrapped, "core"):
         raise ValueError(f"{rollout.env_id} has no estimator in the loop, so its flights have no such figures")
+    if not rollout.history:
+        raise ValueError("scores need the history of a rollout: fly it with record=True")
     return _figures(rollout.env.unwrapped.core.task).scores(rollout)
 
 

@@ -92,10 +92,15 @@ def _parsed(main: Callable[..., int | None], arguments: Sequence[str] | None) ->
 
 
 def _boxed(text: str) -> str:
-    """The sentence in a box that tyro draws: what stands above its first rule, and the option that may be meant."""
-    lines = [line.strip("│| ") for line in re.sub(r"\x1b\[[0-9;]*m", "", text).splitlines()[1:-1]]
-    rules = [number for number, line in enumerate(lines) if line and not line.strip("─-")]
-    sentence = " ".join(line for line in lines[: rules[0] if rules else None] if line)
+    """The sentence in a box that tyro draws, and the option that may be meant.
+
+    A title, then a rule where the terminal has no lines to draw with; what follows, up to the next rule, is it.
+    """
+    lines = [line.strip("│╰╯ ") for line in re.sub(r"\x1b\[[0-9;]*m", "", text).splitlines()[1:]]
+    ruled = [bool(line) and not line.strip("─-") for line in lines]
+    start = int(ruled[:1] == [True])
+    end = ruled.index(True, start) if True in ruled[start:] else len(lines)
+    sentence = " ".join(line for line in lines[start:end] if line)
     meant = re.search(r"Perhaps you meant:\s+(--[\w-]+)", "\n".join(lines))
     return f"{sentence.rstrip('.')}{f' (did you mean {meant[1]}?)' if meant else ''}; --help tells what there is"
 
