@@ -1,7 +1,8 @@
 """Watch an agent steer: ``python -m scripts.watch SigmaCorvette-v0 --disturbance rough --out turn.gif``."""
 
+import os
 from collections.abc import Iterator
-from contextlib import closing
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +50,7 @@ def main(
 
     options: dict[str, Any] = {"estimator": estimator, "sensors": sensors, "disturbance": disturbance}
     with asked():
+        env_id = environment_id(env_id)
         in_range("--every", every, 1)
         in_range("--seed", seed, 0)
         if out is None:
@@ -57,7 +59,7 @@ def main(
             raise ValueError(f"cannot write {str(out)!r}: the suffix must be one of {', '.join(SUFFIXES)}")
         else:
             check_file(out)
-        env = gym.make(environment_id(env_id), render_mode="rgb_array" if out else "human", **options)
+        env = gym.make(env_id, render_mode="rgb_array" if out else "human", **options)
         flyer = load_agent(agent, env)
     with closing(env):
         flyer.reset(1)
@@ -77,7 +79,8 @@ def check_display() -> None:
     try:
         import pygame
 
-        pygame.display.init()
+        with _quietly():
+            pygame.display.init()
         seen = pygame.display.get_driver() != "offscreen"  # what SDL falls back to
         pygame.display.quit()
     except ImportError as error:
@@ -86,6 +89,19 @@ def check_display() -> None:
         seen = False
     if not seen:
         raise ValueError("there is no display for a window: write a file with --out")
+
+
+@contextmanager
+def _quietly() -> Iterator[None]:
+    """What libraries in C write to stderr by themselves is not shown."""
+    with open(os.devnull, "w") as nowhere:
+        kept = os.dup(2)
+        os.dup2(nowhere.fileno(), 2)
+        try:
+            yield
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
 
 
 def fly(env: Env, agent: Any, observation: np.ndarray) -> Episode:
