@@ -1,6 +1,7 @@
 """Score an agent over many seeds: ``python -m scripts.evaluate --agent autopilot --disturbance rough``."""
 
 from contextlib import closing
+from typing import Any
 
 import gymnasium as gym
 from rich.console import Console
@@ -41,7 +42,7 @@ def main(
     from agents.scores import metrics, scores
     from agents.seeds import evaluation_seeds
 
-    world = {"sensors": sensors, "disturbance": disturbance, "mismatch": mismatch, "observe": observe}
+    world: dict[str, Any] = {"sensors": sensors, "disturbance": disturbance, "mismatch": mismatch, "observe": observe}
     with asked():
         if not estimator:
             raise ValueError("--estimator needs the name of at least one estimator")

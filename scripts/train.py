@@ -1,6 +1,7 @@
 """Train PPO on an environment: ``python -m scripts.train SigmaCorvette-v0 --estimator kf-umv-ui``."""
 
 from pathlib import Path
+from typing import Any
 
 import gymnasium as gym
 
@@ -38,7 +39,7 @@ def main(
     """
     from agents.ppo import describe, train
 
-    options = {
+    options: dict[str, Any] = {
         "estimator": estimator,
         "sensors": sensors,
         "disturbance": disturbance,

@@ -57,10 +57,10 @@ def main(
             check_display()
         elif out.suffix.lower() not in SUFFIXES:
             raise ValueError(f"cannot write {str(out)!r}: the suffix must be one of {', '.join(SUFFIXES)}")
-        else:
-            check_file(out)
         env = gym.make(env_id, render_mode="rgb_array" if out else "human", **options)
         flyer = load_agent(agent, env)
+    if out is not None:
+        check_file(out)
     with closing(env):
         flyer.reset(1)
         with asked():  # the first picture needs pygame

@@ -100,7 +100,7 @@ def run(
     outcome.notes += strangers(wanted, folder)
     missing = {key: cell for key, cell in mine.items() if key not in outcome.values}
     clock = Clock(journal(folder))
-    workers = jobs = min(jobs, max(len(missing), 1))
+    workers = jobs
 
     def report(label: str = "") -> None:
         if progress is not None:

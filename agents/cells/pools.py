@@ -50,7 +50,8 @@ def _in_processes(folder: Path, jobs: int, cells: Sequence[Cell]) -> _Ends:
     with parallel_config(
         backend="loky", inner_max_num_threads=1, initializer=_leave_with_parent, initargs=(os.getpid(),)
     ):
-        parallel = Parallel(jobs, return_as="generator_unordered", batch_size=1)
+        processes = min(jobs, max(len(cells), 2))  # with one, joblib would compute here
+        parallel = Parallel(processes, return_as="generator_unordered", batch_size=1)
     try:
         with _dispatched(parallel, folder, cells) as ends:
             for end in ends:

@@ -347,15 +347,17 @@ class _Reader:
         found = []
         for name, table in self.section("conditions").items():
             place = ("conditions", name)
+            mismatch = self.value(place, table, "mismatch", (int, float), "a number", 0.0)
+            if not 0.0 <= mismatch <= 0.25:
+                self.wrong((*place, "mismatch"), f"mismatch must be between 0 and 0.25, got {mismatch!r}")
+                mismatch = 0.0
             condition = Condition(
                 name,
                 self.value(place, table, "sensors", str, "a name", "nominal"),
                 self.value(place, table, "disturbance", str, "a name", "moderate"),
-                float(self.value(place, table, "mismatch", (int, float), "a number", 0.0)),
+                float(mismatch),
             )
             self.name("sensor suite", condition.sensors, SUITES, (*place, "sensors"))
-            if not 0.0 <= condition.mismatch <= 0.25:
-                self.wrong((*place, "mismatch"), f"mismatch must be between 0 and 0.25, got {condition.mismatch:g}")
             found.append(condition)
         return tuple(found) or (Condition("nominal"),)
 

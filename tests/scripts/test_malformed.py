@@ -245,6 +245,27 @@ def test_a_study_file_is_read_or_every_mistake_in_it_is_one_sentence_with_the_na
         assert "\n" not in mistake
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "mistake"),
+    [
+        ("mismatch = 0.1", f"mismatch = {'9' * 400}", "line 16: mismatch must be between 0 and 0.25, got 999"),
+        ("episodes = 2", f"episodes = {'9' * 5000}", "not TOML that can be read: "),
+        ("episodes = 2", "episodes = " + "[" * 2000, "not TOML that can be read: "),
+        ("training_seeds = 1", "training_seeds = 1000000", "line 4: training_seeds must be at most 1000, got 1000000"),
+        ("8192", "9" * 20, "line 13: steps must be whole numbers of at least 1 and at most 2147483647, got 999"),
+        ("SigmaCorvette-v0 = {}", '".x:y" = {}', "line 7: '.x:y' names no module"),
+        ('estimator = "kf"', 'estimator = "..:x"', "line 10: '..:x' names no module"),
+    ],
+)
+def test_an_extreme_value_in_a_study_file_is_named_with_its_line(old: str, new: str, mistake: str):
+    assert old in STUDY
+    path = Path("extreme.toml")
+    path.write_text(STUDY.replace(old, new))
+    with pytest.raises(StudyError) as told:
+        read_study(path)
+    assert mistake in str(told.value)
+
+
 def mistakes_in(path: Path) -> list[tuple[int, str]]:
     """What is wrong with a study file; nothing, if it is one."""
     try:
