@@ -195,10 +195,16 @@ def check_scheduler(address: str) -> None:
     found = re.fullmatch(r"(?:(?:tcp|tls)://)?(?:\[([^\s\[\]]+)\]|([^\s:/\[\]]+)):(\d{1,5})", address)
     if not found or not 1 <= int(found[3]) <= 65535:
         raise ValueError(f"a scheduler's address is like tcp://10.0.0.1:8786, got {address!r}")
-    try:
-        socket.create_connection((found[1] or found[2], int(found[3])), timeout=_PATIENCE).close()
-    except (OSError, UnicodeError) as error:  # a host's name may be none
-        raise ConnectionError(f"no Dask scheduler answers at {address}: {error}") from None
+    end = time.monotonic() + _PATIENCE  # it may be starting at this moment
+    while True:
+        try:
+            socket.create_connection((found[1] or found[2], int(found[3])), timeout=_PATIENCE).close()
+            return
+        except (OSError, UnicodeError) as error:
+            hopeless = isinstance(error, socket.gaierror | UnicodeError)  # a host's name that is none
+            if hopeless or time.monotonic() >= end:
+                raise ConnectionError(f"no Dask scheduler answers at {address}: {error}") from None
+        time.sleep(0.1)
 
 
 @contextmanager

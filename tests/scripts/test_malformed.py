@@ -71,6 +71,7 @@ def workplace(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         patch.chdir(folder)
         patch.setenv("SDL_VIDEODRIVER", "offscreen")  # no display
         patch.setattr(socket, "create_connection", nobody)
+        patch.setattr("agents.cells.pools._PATIENCE", 0)
         for place, name in (
             (agents, "rollout"), (agents.ppo, "train"), (ablate, "run"), (reproduce, "run"), (watch, "fly"),
             (benchmark, "environment_table"), (benchmark, "estimator_table"), (lorenz, "analysis_rmse"),
