@@ -15,6 +15,35 @@ def replacing(path: Path) -> Iterator[Path]:
     Raises:
         OSError: if the file cannot be written there.
     """
+    temporary = _claimed(path)
+    try:
+        yield temporary
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def check_file(path: Path) -> None:
+    """Refuse a place where no file can be written; its folder is made.
+
+    Raises:
+        OSError: as `replacing`.
+    """
+    _claimed(path).unlink()
+
+
+def check_folder(path: Path) -> None:
+    """Refuse a place where no folder can be written to; it is made.
+
+    Raises:
+        OSError: if there cannot be such a folder, or no file in it.
+    """
+    if path.exists() and not path.is_dir():
+        raise NotADirectoryError(f"cannot write into {path}: it is a file, not a folder")
+    check_file(path / "any")
+
+
+def _claimed(path: Path) -> Path:
     if path.is_dir():
         raise IsADirectoryError(f"cannot write {path}: it is a folder")
     temporary = path.with_name(f".{path.stem}-{os.getpid()}{path.suffix}")
@@ -23,8 +52,4 @@ def replacing(path: Path) -> Iterator[Path]:
         temporary.touch()
     except OSError as error:
         raise OSError(f"cannot write {path}: {error.strerror}") from None
-    try:
-        yield temporary
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    return temporary

@@ -1,7 +1,8 @@
 """Fly any agent in any environment over many seeds, and keep what is needed to score it."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -10,6 +11,7 @@ import numpy as np
 import vessel_gym  # noqa: F401  (registers the environments)
 from agents.agent import Agent, load_agent
 from estimators import nis
+from vessel_gym.core import whole
 from vessel_gym.envs.vector import VesselVectorEnv, rows_like
 
 
@@ -49,7 +51,7 @@ class Rollout:
 
 
 def rollout(
-    agent: Agent | str,
+    agent: Agent | str | Path,
     env_id: str,
     seeds: Sequence[int],
     env_options: dict[str, Any] | None = None,
@@ -69,14 +71,26 @@ def rollout(
         progress: Called with (step, horizon).
 
     Raises:
-        ValueError: if there are no seeds, or the agent cannot fly this environment.
+        ValueError: if there is no such environment, if there are no seeds, or if the agent cannot fly it.
+        TypeError: for an agent that cannot act, or arguments of another kind.
     """
+    if isinstance(seeds, str | bytes | Mapping) or not isinstance(seeds, Iterable):
+        raise TypeError(f"seeds must be a list of whole numbers, got {seeds!r}")
     seeds = list(seeds)
     if not seeds:
         raise ValueError("rollout needs at least one seed")
-    env = _batch(env_id, len(seeds), env_options or {})
+    for seed in seeds:
+        if not (whole(seed) and seed >= 0):
+            raise ValueError(f"seeds must be whole numbers >= 0, got {seed!r}")
+    if not isinstance(agent, str | Path) and not all(
+        callable(getattr(agent, method, None)) for method in ("reset", "act")
+    ):
+        raise TypeError(f"an agent is a name, the path of a checkpoint, or has reset and act, got {agent!r}")
+    if progress is not None and not callable(progress):
+        raise TypeError(f"progress must be a function of (step, horizon), got {progress!r}")
+    env = _batch(env_id, len(seeds), {} if env_options is None else env_options)
     try:
-        flyer = load_agent(agent, env) if isinstance(agent, str) else agent
+        flyer = load_agent(agent, env) if isinstance(agent, str | Path) else agent
         flyer.reset(len(seeds))
         observations, info = env.reset(seed=seeds, options=reset_options)  # type: ignore[arg-type]
         keys = [key for key, value in info.items() if record and not key.startswith("_") and _numeric(value)]
@@ -131,7 +145,14 @@ def _nis(env: Any) -> np.ndarray:
 
 def _batch(env_id: str, num_envs: int, options: dict[str, Any]) -> gym.vector.VectorEnv:
     """Our environments in their native batch; any other one by one, because native batches of others differ."""
-    entry = gym.spec(env_id).vector_entry_point
+    if not isinstance(env_id, str):
+        raise TypeError(f"env_id must be the name of a registered environment, got {env_id!r}")
+    if not isinstance(options, Mapping) or not all(isinstance(key, str) for key in options):
+        raise TypeError(f"env_options must be a dictionary of options by name, got {options!r}")
+    try:
+        entry = gym.spec(env_id).vector_entry_point
+    except gym.error.Error as error:
+        raise ValueError(str(error)) from None
     creator: Any = gym.envs.registration.load_env_creator(entry) if isinstance(entry, str) else entry
     if isinstance(creator, type) and issubclass(creator, VesselVectorEnv):
         return gym.make_vec(env_id, num_envs=num_envs, vectorization_mode="vector_entry_point", **options)

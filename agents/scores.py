@@ -25,8 +25,13 @@ def scores(rollout: Rollout) -> dict[str, np.ndarray]:
     as NEES without a covariance.
 
     Raises:
-        ValueError: if the rollout kept no history.
+        ValueError: if the rollout kept no history, or is not of an environment with an estimator in the loop.
+        TypeError: for what is no rollout.
     """
+    if not isinstance(rollout, Rollout):
+        raise TypeError(f"scores are those of a rollout, got {rollout!r}")
+    if not hasattr(rollout.env.unwrapped, "core"):
+        raise ValueError(f"{rollout.env_id} has no estimator in the loop, so its flights have no such figures")
     if not rollout.history:
         raise ValueError("scores need the history of a rollout: fly it with record=True")
     return _figures(rollout.env.unwrapped.core.task).scores(rollout)

@@ -10,15 +10,15 @@ from typing import Annotated
 import tyro
 from rich.console import Console
 
-from agents.cells import run
-from agents.files import replacing
+from agents.cells import check_scheduler, run
+from agents.files import check_folder, replacing
 from agents.studies.answer import answer
 from agents.studies.examples import examples
 from agents.studies.plan import plan
 from agents.studies.report import write_report
 from agents.studies.results import Results
 from agents.studies.study import FEW_SEEDS, read_study
-from scripts.console import cell_progress, command
+from scripts.console import asked, cell_progress, command, in_range
 
 
 def main(
@@ -43,18 +43,23 @@ def main(
     Returns:
         The exit status: 1 if something failed or is missing.
     """
-    sys.path.append(str(study.resolve().parent))  # an own estimator may lie beside the study
-    part = _shard(shard)
-    asked = read_study(study)
     out = Path("results") / study.stem if out is None else out
-    planned = plan(asked)
+    with asked():
+        part = _shard(shard)
+        in_range("--jobs", jobs, 1)
+        if scheduler is not None:
+            check_scheduler(scheduler)
+        sys.path.append(str(study.resolve().parent))  # an own estimator may lie beside the study
+        question = read_study(study)
+        planned = plan(question)
+    check_folder(out)
     console = Console(markup=False, highlight=False, soft_wrap=True)
-    if asked.learned and asked.training_seeds < FEW_SEEDS:
+    if question.learned and question.training_seeds < FEW_SEEDS:
         console.print(
-            f"warning: {asked.training_seeds} training seeds say little about learning; use {FEW_SEEDS} or more"
+            f"warning: {question.training_seeds} training seeds say little about learning; use {FEW_SEEDS} or more"
         )
     with replacing(out / "study.json") as path:
-        path.write_text(json.dumps(asked.resolved(), indent=1), encoding="utf-8")
+        path.write_text(json.dumps(question.resolved(), indent=1), encoding="utf-8")
     if study.resolve() != (out / "study.toml").resolve():
         with replacing(out / "study.toml") as path:
             shutil.copyfile(study, path)
@@ -79,9 +84,9 @@ def main(
 def _shard(text: str | None) -> tuple[int, int] | None:
     if text is None:
         return None
-    found = re.fullmatch(r"(\d+)/(\d+)", text)
-    if not found:
-        raise ValueError(f"--shard is i/n, e.g. 1/4, got {text!r}")
+    found = re.fullmatch(r"(\d{1,9})/(\d{1,9})", text)
+    if not found or not 1 <= int(found[1]) <= int(found[2]):
+        raise ValueError(f"--shard is i/n with 1 <= i <= n, e.g. 1/4, got {text!r}")
     return int(found[1]), int(found[2])
 
 

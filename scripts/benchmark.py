@@ -11,10 +11,10 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-import vessel_gym  # noqa: F401  (registers the environments)
 from agents import load_agent
+from agents.studies.worlds import environment_id
 from estimators import Gaussian, LinearModel, make, names
-from scripts.console import command
+from scripts.console import asked, command, in_range
 from vessel_gym.envs.sigma_corvette import SEAS
 from vessel_gym.sensors import nominal_sd
 from vessel_gym.tasks.turning_circle import TurningCircle
@@ -341,6 +341,14 @@ def main(
         num_envs: Sizes of the native batch.
         repeats: Measurements of each; the median is reported.
     """
+    with asked():
+        in_range("--repeats", repeats, 1)
+        if not num_envs:
+            raise ValueError("--num-envs needs at least one number")
+        for size in num_envs:
+            in_range("--num-envs", size, 1)
+        env_id = environment_id(env_id)
+        gym.make(env_id, estimator=estimator).close()
     if what != "estimators":
         Console().print(environment_table(env_id, estimator, num_envs, repeats))
     if what != "environment":

@@ -1,9 +1,13 @@
 """What the commands share: parsing, one-sentence errors, progress."""
 
+import functools
+import io
+import re
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, redirect_stderr
 from datetime import datetime, timedelta
+from typing import Any
 
 import gymnasium as gym
 import tyro
@@ -12,23 +16,98 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from agents.cells import Status
 
+MOST = 2**31 - 1
+"""No number of anything that a command takes may be greater."""
 
-def command(main: Callable[..., int | None]) -> int | None:
+
+class Refusal(ValueError):
+    """What a user asks for cannot be done; the text says why, and what to do, in one sentence."""
+
+
+def command(main: Callable[..., int | None], arguments: Sequence[str] | None = None) -> int | None:
     """Run a command line: bad input ends in one sentence and exit status 2, never in a traceback.
+
+    Bad input is what the parser or `asked` refuses, and what the machine has no room or no right for. Any other error
+    is a mistake of ours and keeps its traceback.
+
+    Args:
+        main: The command, a function with annotated arguments.
+        arguments: What follows the command's name; None: those of this process.
 
     Returns:
         What the command returns: its exit status, if it has one.
     """
     try:
-        return tyro.cli(main)
-    except (ValueError, TypeError, OSError, gym.error.Error) as error:
-        sys.exit(_complain(error))
+        return _parsed(main, arguments)()
+    except (Refusal, OSError) as error:
+        sys.exit(_complain(str(error)))
+    except MemoryError as error:
+        sys.exit(_complain(f"this machine has too little memory for that: {error or 'ask for less'}"))
     except KeyboardInterrupt:
         sys.exit(130)
 
 
-def _complain(error: Exception) -> int:
-    Console(stderr=True, soft_wrap=True).print(f"error: {error}", style="red", markup=False, highlight=False)
+@contextmanager
+def asked() -> Iterator[None]:
+    """Around what is built from the user's words: whatever is refused there is the user's mistake."""
+    try:
+        yield
+    except (ValueError, TypeError, gym.error.Error) as error:
+        raise Refusal(str(error)) from error
+
+
+def in_range(name: str, number: int, least: int, most: int = MOST) -> None:
+    """Refuse a number that is too small or too great.
+
+    Raises:
+        ValueError: naming what must be in the range.
+    """
+    if number < least:
+        raise ValueError(f"{name} must be at least {least}, got {number}")
+    if number > most:
+        raise ValueError(f"{name} must be at most {most}, got {number}")
+
+
+def _parsed(main: Callable[..., int | None], arguments: Sequence[str] | None) -> Callable[[], int | None]:
+    """The call of a command that a command line asks for.
+
+    Raises:
+        Refusal: if it asks for none.
+    """
+
+    @functools.wraps(main)
+    def call(*positional: Any, **named: Any) -> Any:
+        return functools.partial(main, *positional, **named)
+
+    box = io.StringIO()
+    try:
+        with redirect_stderr(box):
+            return tyro.cli(call, args=arguments)
+    except SystemExit as stop:
+        if stop.code != 2:
+            raise
+        raise Refusal(_boxed(box.getvalue())) from None
+    except AssertionError as error:  # tyro's own, about a shell that it has no completion for
+        raise Refusal(str(error)) from None
+
+
+def _boxed(text: str) -> str:
+    """The sentence in a box that tyro draws, and the option that may be meant.
+
+    A title, then a rule where the terminal has no lines to draw with; what follows, up to the next rule, is it.
+    """
+    lines = [line.strip("│╰╯ ") for line in re.sub(r"\x1b\[[0-9;]*m", "", text).splitlines()[1:]]
+    ruled = [bool(line) and not line.strip("─-") for line in lines]
+    start = int(ruled[:1] == [True])
+    end = ruled.index(True, start) if True in ruled[start:] else len(lines)
+    sentence = " ".join(line for line in lines[start:end] if line)
+    meant = re.search(r"Perhaps you meant:\s+(--[\w-]+)", "\n".join(lines))
+    return f"{sentence.rstrip('.')}{f' (did you mean {meant[1]}?)' if meant else ''}; --help tells what there is"
+
+
+def _complain(text: str) -> int:
+    paragraph = "\n".join(line for line in text.splitlines() if line.strip())
+    Console(stderr=True, soft_wrap=True).print(f"error: {paragraph}", style="red", markup=False, highlight=False)
     return 2
 
 

@@ -1,11 +1,16 @@
 """Score an agent over many seeds: ``python -m scripts.evaluate --agent autopilot --disturbance rough``."""
 
+from contextlib import closing
+from typing import Any
+
+import gymnasium as gym
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from agents.statistics import Interval, mean_interval
-from scripts.console import command, progress_bar
+from agents.studies.worlds import environment_id
+from scripts.console import asked, command, progress_bar
 
 
 def main(
@@ -33,24 +38,25 @@ def main(
         episodes: Episodes for each estimator.
         first_seed: First evaluation seed.
     """
-    from agents import rollout
+    from agents import load_agent, rollout
     from agents.scores import metrics, scores
     from agents.seeds import evaluation_seeds
 
-    seeds = evaluation_seeds(episodes, first_seed)
+    world: dict[str, Any] = {"sensors": sensors, "disturbance": disturbance, "mismatch": mismatch, "observe": observe}
+    with asked():
+        if not estimator:
+            raise ValueError("--estimator needs the name of at least one estimator")
+        env_id = environment_id(env_id)
+        seeds = evaluation_seeds(episodes, first_seed)
+        for name in estimator:
+            with closing(gym.make_vec(env_id, num_envs=1, estimator=name, **world)) as env:
+                load_agent(agent, env)
     table = Table(title=f"{env_id}, {agent}: mean and 95 % interval over {episodes} episodes, {disturbance} {sensors}")
     table.add_column("metric")
     columns = []
     with progress_bar("flying", len(estimator)) as advance:
         for name in estimator:
-            options = {
-                "estimator": name,
-                "sensors": sensors,
-                "disturbance": disturbance,
-                "mismatch": mismatch,
-                "observe": observe,
-            }
-            flown = rollout(agent, env_id, seeds, options)
+            flown = rollout(agent, env_id, seeds, {"estimator": name, **world})
             columns.append(scores(flown))
             shown = metrics(flown.env.unwrapped.core.task)
             table.add_column(flown.env.unwrapped.core.estimator, justify="right")

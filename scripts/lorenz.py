@@ -11,7 +11,7 @@ from rich.table import Table
 
 from agents.statistics import mean_interval
 from estimators.lorenz import BENCHMARKS, analysis_rmse
-from scripts.console import command
+from scripts.console import asked, command, in_range
 
 TOLERANCE = 1.05
 """The lower end of our interval may be this many times the published value."""
@@ -29,10 +29,10 @@ def main(runs: int = 20, cycles: int = 1000, seed: int = 0) -> None:
         cycles: Analyses that are scored in each run, after the burn-in.
         seed: Of everything random.
     """
-    if runs < 2:
-        raise ValueError(f"runs must be at least 2, got {runs}: one run has no interval")
-    if cycles < 1:
-        raise ValueError(f"cycles must be at least 1, got {cycles}")
+    with asked():
+        in_range("runs", runs, 2)  # one run has no interval
+        in_range("cycles", cycles, 1)
+        in_range("seed", seed, 0)
     sources = list(dict.fromkeys(row.source for row in BENCHMARKS))
     tables: dict[str, Table] = {}
     with Progress(console=Console(stderr=True)) as bar:

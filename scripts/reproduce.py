@@ -8,9 +8,10 @@ import tyro
 from rich.console import Console
 
 from agents.cells import run
+from agents.files import check_folder
 from agents.page import write
 from agents.reproduction import PAPERS, cells, page
-from scripts.console import cell_progress, command
+from scripts.console import asked, cell_progress, command, in_range
 
 Name = Literal["all", "corvette", "segorogeni", "itsunusa", "robust", "puna"]
 
@@ -33,8 +34,11 @@ def main(
     Returns:
         The exit status: 1 if an experiment failed.
     """
-    if not papers:
-        raise ValueError(f"name the papers to reproduce: all, or some of {', '.join(PAPERS)}")
+    with asked():
+        if not papers:
+            raise ValueError(f"name the papers to reproduce: all, or some of {', '.join(PAPERS)}")
+        in_range("--jobs", jobs, 1)
+    check_folder(out)
     names = PAPERS if "all" in papers else tuple(dict.fromkeys(papers))
     groups = {name: cells(name) for name in names}
     with cell_progress("reproducing") as progress:

@@ -1,8 +1,13 @@
 """Train PPO on an environment: ``python -m scripts.train SigmaCorvette-v0 --estimator kf-umv-ui``."""
 
 from pathlib import Path
+from typing import Any
 
-from scripts.console import command, training_progress
+import gymnasium as gym
+
+from agents.files import check_file
+from agents.studies.worlds import environment_id
+from scripts.console import asked, command, in_range, training_progress
 
 
 def main(
@@ -32,15 +37,23 @@ def main(
         seed: Number of the training run.
         steps: Environment steps; the tuned budget if not given.
     """
-    from agents.ppo import train
+    from agents.ppo import describe, train
 
-    options = {
+    options: dict[str, Any] = {
         "estimator": estimator,
         "sensors": sensors,
         "disturbance": disturbance,
         "mismatch": mismatch,
         "observe": observe,
     }
+    with asked():
+        env_id = environment_id(env_id)
+        gym.make_vec(env_id, num_envs=1, **options).close()
+        in_range("--seed", seed, 0)
+        if steps is not None:
+            in_range("--steps", steps, 1)
+        describe(env_id, options, seed, steps, memory)
+    check_file(out)
     with training_progress(f"PPO on {env_id}") as progress:
         path = train(env_id, out, options, seed, steps, progress, memory)
     print(f"checkpoint: {path}")

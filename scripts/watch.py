@@ -1,7 +1,8 @@
 """Watch an agent steer: ``python -m scripts.watch SigmaCorvette-v0 --disturbance rough --out turn.gif``."""
 
+import os
 from collections.abc import Iterator
-from contextlib import closing
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +11,9 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
-import vessel_gym  # noqa: F401  (registers the environments)
-from agents.files import replacing
-from scripts.console import command
+from agents.files import check_file, replacing
+from agents.studies.worlds import environment_id
+from scripts.console import asked, command, in_range
 
 FPS = 12
 """Frames a second of a GIF or MP4."""
@@ -47,23 +48,25 @@ def main(
     """
     from agents import load_agent
 
-    if every < 1:
-        raise ValueError(f"--every must be at least 1, got {every}")
-    if out is None:
-        check_display()
-    elif out.suffix.lower() not in SUFFIXES:
-        raise ValueError(f"cannot write {str(out)!r}: the suffix must be one of {', '.join(SUFFIXES)}")
     options: dict[str, Any] = {"estimator": estimator, "sensors": sensors, "disturbance": disturbance}
-    try:
+    with asked():
+        env_id = environment_id(env_id)
+        in_range("--every", every, 1)
+        in_range("--seed", seed, 0)
+        if out is None:
+            check_display()
+        elif out.suffix.lower() not in SUFFIXES:
+            raise ValueError(f"cannot write {str(out)!r}: the suffix must be one of {', '.join(SUFFIXES)}")
         env = gym.make(env_id, render_mode="rgb_array" if out else "human", **options)
-        with closing(env):
-            flyer = load_agent(agent, env)
-            flyer.reset(1)
+        flyer = load_agent(agent, env)
+    if out is not None:
+        check_file(out)
+    with closing(env):
+        flyer.reset(1)
+        with asked():  # the first picture needs pygame
             observation, _ = env.reset(seed=seed)
-            episode = fly(env, flyer, observation)
-            score = record(env, episode, out, every) if out else show(env, episode)
-    except gym.error.Error as error:  # no such environment, or no pygame
-        raise ValueError(str(error)) from error
+        episode = fly(env, flyer, observation)
+        score = record(env, episode, out, every) if out else show(env, episode)
     print(f"wrote {out}, score {score:.3f}" if out else f"score {score:.3f}")
 
 
@@ -76,7 +79,8 @@ def check_display() -> None:
     try:
         import pygame
 
-        pygame.display.init()
+        with _quietly():
+            pygame.display.init()
         seen = pygame.display.get_driver() != "offscreen"  # what SDL falls back to
         pygame.display.quit()
     except ImportError as error:
@@ -85,6 +89,19 @@ def check_display() -> None:
         seen = False
     if not seen:
         raise ValueError("there is no display for a window: write a file with --out")
+
+
+@contextmanager
+def _quietly() -> Iterator[None]:
+    """What libraries in C write to stderr by themselves is not shown."""
+    with open(os.devnull, "w") as nowhere:
+        kept = os.dup(2)
+        os.dup2(nowhere.fileno(), 2)
+        try:
+            yield
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
 
 
 def fly(env: Env, agent: Any, observation: np.ndarray) -> Episode:

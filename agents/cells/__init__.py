@@ -14,7 +14,19 @@ exactly what is missing is computed. Results hold no times, so those of two runs
 
 from agents.cells.cell import Cell
 from agents.cells.engine import Outcome, Status, run
+from agents.cells.pools import check_scheduler
 from agents.cells.schedule import seconds_left
 from agents.cells.store import artifact_path, journal, load, result_path
 
-__all__ = ["Cell", "Outcome", "Status", "artifact_path", "journal", "load", "result_path", "run", "seconds_left"]
+__all__ = [
+    "Cell",
+    "Outcome",
+    "Status",
+    "artifact_path",
+    "check_scheduler",
+    "journal",
+    "load",
+    "result_path",
+    "run",
+    "seconds_left",
+]

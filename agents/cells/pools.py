@@ -2,6 +2,7 @@
 
 import os
 import re
+import socket
 import threading
 import time
 import warnings
@@ -49,7 +50,8 @@ def _in_processes(folder: Path, jobs: int, cells: Sequence[Cell]) -> _Ends:
     with parallel_config(
         backend="loky", inner_max_num_threads=1, initializer=_leave_with_parent, initargs=(os.getpid(),)
     ):
-        parallel = Parallel(jobs, return_as="generator_unordered", batch_size=1)
+        processes = min(jobs, max(len(cells), 2))  # with one, joblib would compute here
+        parallel = Parallel(processes, return_as="generator_unordered", batch_size=1)
     try:
         with _dispatched(parallel, folder, cells) as ends:
             for end in ends:
@@ -183,10 +185,33 @@ def _dispatched(parallel: Any, folder: Path, cells: Sequence[Cell]) -> Iterator[
             ends.close()
 
 
+def check_scheduler(address: str) -> None:
+    """Refuse what is no scheduler's address, or one at which nothing listens; Dask itself takes a minute for that.
+
+    Raises:
+        ValueError: if it is no address.
+        ConnectionError: if nobody listens there.
+    """
+    found = re.fullmatch(r"(?:(?:tcp|tls)://)?(?:\[([^\s\[\]]+)\]|([^\s:/\[\]]+)):(\d{1,5})", address)
+    if not found or not 1 <= int(found[3]) <= 65535:
+        raise ValueError(f"a scheduler's address is like tcp://10.0.0.1:8786, got {address!r}")
+    end = time.monotonic() + _PATIENCE  # it may be starting at this moment
+    while True:
+        try:
+            socket.create_connection((found[1] or found[2], int(found[3])), timeout=_PATIENCE).close()
+            return
+        except (OSError, UnicodeError) as error:
+            hopeless = isinstance(error, socket.gaierror | UnicodeError)  # a host's name that is none
+            if hopeless or time.monotonic() >= end:
+                raise ConnectionError(f"no Dask scheduler answers at {address}: {error}") from None
+        time.sleep(0.1)
+
+
 @contextmanager
 def _client(scheduler: str) -> Iterator[Any]:
     from dask.distributed import Client
 
+    check_scheduler(scheduler)
     try:
         client = Client(scheduler, timeout=_PATIENCE, set_as_default=False)
     except (OSError, ValueError) as error:

@@ -163,7 +163,7 @@ class StudyError(ValueError):
         super().__init__(f"{path}{many}" + "\n".join(lines))
 
 
-def read_study(path: Path) -> Study:
+def read_study(path: Path | str) -> Study:
     """Read a study file.
 
     Raises:
@@ -171,7 +171,7 @@ def read_study(path: Path) -> Study:
         OSError: if it cannot be read.
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        text = Path(path).read_text(encoding="utf-8")
     except UnicodeDecodeError:
         raise StudyError(path, [(0, "the file is not text in UTF-8")]) from None
     try:
@@ -179,6 +179,8 @@ def read_study(path: Path) -> Study:
     except tomllib.TOMLDecodeError as error:
         found = re.search(r"line (\d+)", str(error))
         raise StudyError(path, [(int(found[1]) if found else 0, f"not TOML: {error}")]) from None
+    except (ValueError, RecursionError) as error:  # a number of 5,000 digits, a thousand brackets
+        raise StudyError(path, [(0, f"not TOML that can be read: {error}")]) from None
     reader = _Reader(data, _lines(text))
     study = reader.study()
     if reader.mistakes:
@@ -195,6 +197,7 @@ _SECTIONS: dict[str, tuple[str, ...]] = {
     "conditions": ("sensors", "disturbance", "mismatch"),
 }
 _NUMBERS = {"episodes": 2, "training_seeds": 1}
+_MOST_TRAINING_SEEDS, _MOST_STEPS = 1000, 2**31 - 1
 
 Place = tuple[str, ...]
 
@@ -222,10 +225,10 @@ class _Reader:
             numbers[key] = self.value((), self.data, key, int, "a whole number", default)
             if numbers[key] < least:
                 self.wrong((key,), f"{key} must be at least {least}, got {numbers[key]}")
-        try:
-            evaluation_seeds(max(numbers["episodes"], 1))
-        except ValueError as error:
-            self.wrong(("episodes",), str(error))
+        self.accepts(("episodes",), evaluation_seeds, max(numbers["episodes"], 1))
+        if numbers["training_seeds"] > _MOST_TRAINING_SEEDS:
+            text = f"training_seeds must be at most {_MOST_TRAINING_SEEDS}, got {numbers['training_seeds']}"
+            self.wrong(("training_seeds",), text)
         environments = tuple(Environment(name) for name in self.section("environments", required=True))
         ids = [environment.id for environment in environments]
         study = Study(
@@ -308,7 +311,8 @@ class _Reader:
         return tuple(Estimator(name, name) for name in (ORACLE, FLOOR) if name not in names) + tuple(found)
 
     def agents(self, ids: Sequence[str]) -> tuple[Agent, ...]:
-        estimators = [ORACLE, FLOOR, DEFAULT, *self.data.get("estimators", {})]
+        named = self.data.get("estimators", {})
+        estimators = [ORACLE, FLOOR, DEFAULT, *(named if isinstance(named, dict) else ())]
         found = []
         for name, table in self.section("agents").items():
             place = ("agents", name)
@@ -331,8 +335,9 @@ class _Reader:
             steps = self.value(place, table, "steps", dict, "a table of numbers by environment", {})
             for env_id, number in steps.items():
                 self.name("environment", env_id, ids, (*place, "steps"))
-                if isinstance(number, bool) or not isinstance(number, int) or number < 1:
-                    self.wrong((*place, "steps"), f"steps must be whole numbers of at least 1, got {number!r}")
+                if isinstance(number, bool) or not isinstance(number, int) or not 1 <= number <= _MOST_STEPS:
+                    text = f"steps must be whole numbers of at least 1 and at most {_MOST_STEPS}, got {number!r}"
+                    self.wrong((*place, "steps"), text)
             found.append(Agent(name, kind, observe, memory, trained_on, steps, self.environments_of(place, table, ids)))
         if any(agent.kind == CLASSICAL for agent in found):
             return tuple(found)
@@ -342,15 +347,17 @@ class _Reader:
         found = []
         for name, table in self.section("conditions").items():
             place = ("conditions", name)
+            mismatch = self.value(place, table, "mismatch", (int, float), "a number", 0.0)
+            if not 0.0 <= mismatch <= 0.25:
+                self.wrong((*place, "mismatch"), f"mismatch must be between 0 and 0.25, got {mismatch!r}")
+                mismatch = 0.0
             condition = Condition(
                 name,
                 self.value(place, table, "sensors", str, "a name", "nominal"),
                 self.value(place, table, "disturbance", str, "a name", "moderate"),
-                float(self.value(place, table, "mismatch", (int, float), "a number", 0.0)),
+                float(mismatch),
             )
             self.name("sensor suite", condition.sensors, SUITES, (*place, "sensors"))
-            if not 0.0 <= condition.mismatch <= 0.25:
-                self.wrong((*place, "mismatch"), f"mismatch must be between 0 and 0.25, got {condition.mismatch:g}")
             found.append(condition)
         return tuple(found) or (Condition("nominal"),)
 

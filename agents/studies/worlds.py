@@ -2,6 +2,7 @@
 
 from functools import cache
 from importlib import import_module
+from types import ModuleType
 from typing import Any
 
 import gymnasium as gym
@@ -24,14 +25,21 @@ def named_object(name: str) -> Any:
         ValueError: if there is no such module, or no such object in it.
     """
     module, _, attribute = name.partition(":")
+    imported = _imported(module, name)
+    if not hasattr(imported, attribute):
+        raise ValueError(f"module {module!r} has no {attribute!r}")
+    return getattr(imported, attribute)
+
+
+def _imported(module: str, name: str) -> ModuleType:
+    if not all(part.isidentifier() for part in module.split(".")):
+        raise ValueError(f"{name!r} names no module: your own is module:object, with the module as Python imports it")
     try:
-        return getattr(import_module(module), attribute)
-    except ImportError as error:
+        return import_module(module)
+    except (ImportError, SyntaxError) as error:
         raise ValueError(
             f"cannot import {module!r} for {name!r} ({error}): is its folder on the Python path?"
         ) from None
-    except AttributeError:
-        raise ValueError(f"module {module!r} has no {attribute!r}") from None
 
 
 @cache
@@ -48,12 +56,7 @@ def environment_id(name: str) -> str:
     module, _, own = name.rpartition(":")
     env_id = own or name
     if module and env_id not in gym.registry:
-        try:
-            import_module(module)
-        except ImportError as error:
-            raise ValueError(
-                f"cannot import {module!r} for {name!r} ({error}): is its folder on the Python path?"
-            ) from None
+        _imported(module, name)
     if module and env_id not in gym.registry:
         cls = named_object(name)
         if not (isinstance(cls, type) and issubclass(cls, VesselVectorEnv)):
@@ -68,7 +71,7 @@ def environment_id(name: str) -> str:
         ours = [id for id, spec in gym.registry.items() if str(spec.entry_point).startswith("vessel_gym")]
         raise ValueError(f"{unknown('environment', name, ours)} (your own: module:id)")
     if not issubclass(_vector_class(env_id), VesselVectorEnv):
-        raise ValueError(f"{name!r} has no estimator in the loop: a study needs environments made of a System")
+        raise ValueError(f"{name!r} has no estimator in the loop: name an environment of vessel_gym, or your own")
     return env_id
 
 

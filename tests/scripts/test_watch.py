@@ -89,7 +89,7 @@ def test_the_picture_is_of_the_end_of_the_episode(run, tmp_path, monkeypatch):
         (["--out", "turn.gif", "--every", "0"], "--every must be at least 1"),
         (["--out", "turn.gif", "--estimator", "nosuch"], "unknown estimator 'nosuch'"),
         (["--out", "turn.gif", "--seed", "-1"], "-1"),
-        (["Nosuch-v0", "--out", "turn.gif"], "doesn't exist"),
+        (["Nosuch-v0", "--out", "turn.gif"], "unknown environment 'Nosuch-v0'"),
     ],
 )
 def test_what_cannot_be_done_is_refused_in_one_sentence(run, tmp_path, monkeypatch, capsys, arguments, words):

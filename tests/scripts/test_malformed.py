@@ -1,0 +1,358 @@
+"""Whatever is typed after a command's name or handed to `agents`: one sentence, and exit status 2 for a command."""
+
+import contextlib
+import inspect
+import io
+import re
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import agents
+import agents.ppo
+from agents import rollout
+from agents.cells import check_scheduler
+from agents.scores import scores
+from agents.seeds import evaluation_seeds, training_seed, tuning_seeds
+from agents.studies.study import StudyError, read_study
+from scripts import ablate, benchmark, evaluate, lorenz, reproduce, train, watch
+from scripts.console import command
+
+COMMANDS: dict[str, Any] = {
+    "ablate": ablate.main, "benchmark": benchmark.main, "evaluate": evaluate.main, "lorenz": lorenz.main,
+    "reproduce": reproduce.main, "train": train.main, "watch": watch.main,
+}  # fmt: skip
+STUDY = """
+title = "A small study"
+episodes = 2
+training_seeds = 1
+
+[environments]
+SigmaCorvette-v0 = {}
+
+[estimators]
+mine = { estimator = "kf", options = { input_cov = 1e-4 }, environments = ["SigmaCorvette-v0"] }
+
+[agents]
+PPO = { kind = "ppo", memory = "frames", trained_on = ["truth"], steps = { SigmaCorvette-v0 = 8192 } }
+
+[conditions]
+odd = { sensors = "degraded", disturbance = "rough", mismatch = 0.1 }
+"""
+
+
+class Begun(BaseException):
+    """The expensive work would begin now."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def workplace(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """A folder with good and bad files in which every command stops where its work would begin."""
+
+    def begin(*_: Any, **__: Any) -> None:
+        raise Begun
+
+    def nobody(*_: Any, **__: Any) -> None:
+        raise ConnectionRefusedError("nobody listens")
+
+    folder = tmp_path_factory.mktemp("workplace")
+    (folder / "folder.gif").mkdir()
+    (folder / "file").touch()
+    (folder / "bytes").write_bytes(bytes(range(256)))
+    (folder / "study.toml").write_text(STUDY)
+    (folder / "wrong.toml").write_text("estimators = 3\nagents = [1]\nconditions = 'x'\nenvironments = 1979-05-27\n")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        patch.setenv("SDL_VIDEODRIVER", "offscreen")  # no display
+        patch.setattr(socket, "create_connection", nobody)
+        patch.setattr("agents.cells.pools._PATIENCE", 0)
+        for place, name in (
+            (agents, "rollout"), (agents.ppo, "train"), (ablate, "run"), (reproduce, "run"), (watch, "fly"),
+            (benchmark, "environment_table"), (benchmark, "estimator_table"), (lorenz, "analysis_rmse"),
+        ):  # fmt: skip
+            patch.setattr(place, name, begin)
+        yield folder
+
+
+def refused(name: str, *arguments: str) -> str | None:
+    """The sentence with which a command refuses its arguments; None if its work would begin."""
+    out, err = io.StringIO(), io.StringIO()
+    status: Any = "neither refused nor begun"
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        try:
+            command(COMMANDS[name], arguments)
+        except Begun:
+            return None
+        except SystemExit as stop:
+            status = stop.code
+    assert status == 2
+    text = err.getvalue()
+    assert not out.getvalue()
+    assert text.startswith("error: ")
+    assert len(text) > len("error: \n") + 10
+    assert "Traceback" not in text
+    assert "\n\n" not in text, "more than a paragraph"
+    return text.strip()
+
+
+WORDS = [
+    "", " ", "-1", "0", "1", "2", "100", "nan", "inf", "-inf", "1e3", "1.5", "9" * 30, "9" * 5000, "None", "none",
+    "True", "[1]", "{}", "--", "-x", "ünïcode", "a\nb", "x" * 300, "\udcff",
+    "folder.gif", "file", "file/x.gif", "bytes", "new/x.gif", "/dev/null/x.gif", "study.toml", "wrong.toml",
+    "nobody.toml",
+    "SigmaCorvette-v0", "vessel_gym:PunaUAV-v0", "CartPole-v1", "SigmaCorvete-v0", "os:path", "no_module:x", "..:x",
+    "::",
+    "autopilot", "random", "kf", "kf-umv", "truth", "measurement", "mean+std", "clean", "calm", "frames", "lstm",
+    "environment", "all", "robust", "foo", "tcp://", "tcp://10.0.0.1:8786", "[::1]:1", "127.0.0.1:99999", "1/2", "0/2",
+    "3/2",
+]  # fmt: skip
+# Nothing is written outside the folder, and no process can be handed a zero byte.
+any_word = st.sampled_from(WORDS) | st.text(
+    st.characters(exclude_characters="/\0", exclude_categories=["Cs"]), max_size=20
+)
+word = any_word.filter(lambda text: text not in (".", "..") and text not in ("-h", "--help"))
+FIRST = {"ablate": ["study.toml"], "reproduce": ["robust"], "watch": ["--out", "turn.gif"]}
+
+
+@st.composite
+def command_line(draw: st.DrawFn) -> tuple[str, list[str]]:
+    """A command and its real options, each with any words; sometimes an option that there is not."""
+    name = draw(st.sampled_from(sorted(COMMANDS)))
+    options = ["", *(f"--{key.replace('_', '-')}" for key in inspect.signature(COMMANDS[name]).parameters)]
+    arguments = list(FIRST.get(name, [])) if draw(st.booleans()) else []
+    for option in draw(st.lists(st.sampled_from(options) | word.map(lambda text: f"--{text}"), max_size=3)):
+        arguments += ([option] if option else []) + draw(st.lists(word, max_size=2))
+    return name, [argument for argument in arguments if argument not in ("-h", "--help")]
+
+
+@given(command_line())
+def test_any_command_line_is_refused_in_one_sentence_or_begins_its_work(line: tuple[str, list[str]]):
+    name, arguments = line
+    refused(name, *arguments)
+
+
+@pytest.mark.parametrize(
+    ("line", "sentence"),
+    [
+        ("evaluate --estimator", "--estimator needs the name of at least one estimator"),
+        ("evaluate --episodes 0", "ask for at least 1"),
+        ("evaluate --episodes ten", "Error parsing --episodes: invalid literal"),
+        ("evaluate --estimatr kf", "did you mean --estimator?"),
+        ("evaluate CartPole-v1 --agent random", "'CartPole-v1' has no estimator in the loop"),
+        ("evaluate --agent random --estimator kf nosuch", "unknown estimator 'nosuch'"),
+        ("train CartPole-v1", "'CartPole-v1' has no estimator in the loop"),
+        ("train --out folder.gif", "cannot write folder.gif: it is a folder"),
+        ("train --out file/x.zip", "cannot write file/x.zip"),
+        ("train --seed -1", "--seed must be at least 0, got -1"),
+        ("train --steps 0", "--steps must be at least 1, got 0"),
+        ("watch CartPole-v1 --agent random --out turn.gif", "'CartPole-v1' has no estimator in the loop"),
+        ("watch --seed -1 --out turn.gif", "--seed must be at least 0, got -1"),
+        ("watch", "there is no display"),
+        ("benchmark CartPole-v1", "'CartPole-v1' has no estimator in the loop"),
+        ("benchmark --repeats 0", "--repeats must be at least 1, got 0"),
+        ("benchmark --num-envs", "--num-envs needs at least one number"),
+        ("benchmark --num-envs 4 0", "--num-envs must be at least 1, got 0"),
+        ("lorenz --seed -1", "seed must be at least 0, got -1"),
+        ("lorenz --runs 99999999999999999999", "runs must be at most"),
+        ("reproduce robust --jobs 0", "--jobs must be at least 1, got 0"),
+        ("reproduce robust --out file", "cannot write into file: it is a file, not a folder"),
+        ("ablate", "Missing from"),
+        ("ablate nobody.toml", "nobody.toml"),
+        ("ablate folder.gif", "folder.gif"),
+        ("ablate wrong.toml", "environments must be a table"),
+        ("ablate study.toml --out file", "cannot write into file: it is a file, not a folder"),
+        ("ablate study.toml --jobs 0", "--jobs must be at least 1, got 0"),
+        ("ablate study.toml --shard 3/2", "--shard is i/n with 1 <= i <= n"),
+        ("ablate study.toml --scheduler foo", "a scheduler's address is like tcp://10.0.0.1:8786, got 'foo'"),
+        ("ablate study.toml --scheduler tcp://h:9", "no Dask scheduler answers at tcp://h:9: nobody listens"),
+    ],
+)
+def test_a_word_that_cannot_be_meant_is_named_before_anything_is_computed(line: str, sentence: str):
+    name, *arguments = line.split()
+    told = refused(name, *arguments)
+    assert told is not None
+    assert sentence in told
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "evaluate vessel_gym:SigmaCorvette-v0 --estimator kf None --episodes 1", "train --out new/ppo --steps 128",
+        "watch --out turn.png", "benchmark --what environment --num-envs 2", "lorenz --runs 2 --cycles 1",
+        "reproduce robust puna --jobs 1", "ablate study.toml --shard 1/2 --jobs 3",
+    ],
+)  # fmt: skip
+def test_what_can_be_meant_begins(line: str):
+    name, *arguments = line.split()
+    assert refused(name, *arguments) is None
+
+
+def test_a_mistake_of_ours_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch):
+    def broken(*_: Any, **__: Any) -> None:
+        raise ValueError("of ours")
+
+    monkeypatch.setattr(lorenz, "analysis_rmse", broken)
+    with pytest.raises(ValueError, match=r"^of ours$"), contextlib.redirect_stderr(io.StringIO()):
+        command(lorenz.main, [])
+
+
+def test_too_little_memory_is_told_in_one_sentence(monkeypatch: pytest.MonkeyPatch):
+    def greedy(*_: Any, **__: Any) -> None:
+        raise MemoryError("Unable to allocate 7 TiB")
+
+    monkeypatch.setattr(benchmark, "environment_table", greedy)
+    told = refused("benchmark", "--num-envs", "1000000000")
+    assert told == "error: this machine has too little memory for that: Unable to allocate 7 TiB"
+
+
+# --- study files --------------------------------------------------------------------------------------
+
+PIECES = [
+    "3", "-1", '"x"', '""', "[]", "{}", "nan", "-inf", "true", "1979-05-27", "07:32:00", '[1, "a"]', "{ a = 1 }",
+    '"kf"',
+    "1e999", "9" * 40, "9" * 400, "9" * 5000, "[" * 2000, '"os:path"', '"no_module:x"', '"..:x"', '"none"', '[["x"]]',
+    "[{}]", '"\\u0000"', "\n", "=", "[", "]", "{", "}", '"', "#", ",", ".", "\n[agents]\n", "\n[[agents]]\n",
+    "\n[estimators.x]\n", 'model = "nonlinear"', "\x00", "é",
+]  # fmt: skip
+VALUES = [match.span() for match in re.finditer(r'"[^"]*"|\[[^\[\]]*\]|\{[^{}]*\}|[\w.-]+', STUDY)]
+
+
+@st.composite
+def mutated(draw: st.DrawFn) -> str:
+    """The study with one value replaced and some text put in or cut out."""
+    start, end = draw(st.sampled_from(VALUES))
+    text = STUDY[:start] + draw(st.sampled_from(PIECES)) + STUDY[end:]
+    for _ in range(draw(st.integers(0, 2))):
+        start = draw(st.integers(0, len(text)))
+        end = draw(st.sampled_from([start, start + draw(st.integers(1, 20))]))
+        text = text[:start] + draw(st.sampled_from(["", *PIECES])) + text[end:]
+    return text
+
+
+@given(mutated())
+def test_a_study_file_is_read_or_every_mistake_in_it_is_one_sentence_with_the_name_of_the_file(text: str):
+    path = Path("mutated.toml")
+    path.write_text(text, encoding="utf-8")
+    mistakes = mistakes_in(path)
+    for line, mistake in mistakes:
+        assert 0 <= line <= len(text.splitlines()) + 1
+        assert mistake
+        assert "\n" not in mistake
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "mistake"),
+    [
+        ("mismatch = 0.1", f"mismatch = {'9' * 400}", "line 16: mismatch must be between 0 and 0.25, got 999"),
+        ("episodes = 2", f"episodes = {'9' * 5000}", "not TOML that can be read: "),
+        ("episodes = 2", "episodes = " + "[" * 2000, "not TOML that can be read: "),
+        ("training_seeds = 1", "training_seeds = 1000000", "line 4: training_seeds must be at most 1000, got 1000000"),
+        ("8192", "9" * 20, "line 13: steps must be whole numbers of at least 1 and at most 2147483647, got 999"),
+        ("SigmaCorvette-v0 = {}", '".x:y" = {}', "line 7: '.x:y' names no module"),
+        ('estimator = "kf"', 'estimator = "..:x"', "line 10: '..:x' names no module"),
+    ],
+)
+def test_an_extreme_value_in_a_study_file_is_named_with_its_line(old: str, new: str, mistake: str):
+    assert old in STUDY
+    path = Path("extreme.toml")
+    path.write_text(STUDY.replace(old, new))
+    with pytest.raises(StudyError) as told:
+        read_study(path)
+    assert mistake in str(told.value)
+
+
+def mistakes_in(path: Path) -> list[tuple[int, str]]:
+    """What is wrong with a study file; nothing, if it is one."""
+    try:
+        read_study(path)
+    except StudyError as error:
+        told = error
+    else:
+        return []
+    assert str(told).startswith(str(path))
+    assert told.mistakes
+    return told.mistakes
+
+
+# --- public functions ---------------------------------------------------------------------------------
+
+scalar = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=20) | st.just(b"x")
+junk = (
+    scalar
+    | st.lists(scalar, max_size=3)
+    | st.dictionaries(scalar, scalar, max_size=2)
+    | st.sampled_from(
+        [object(), np.nan, np.zeros(0), np.arange(3.0), np.array("x"), int, lambda *_: None, Path("file")]
+    )
+)
+
+
+def attempt(function: Any, *arguments: Any, **named: Any) -> None:
+    """Call a function; if it refuses, then in one sentence. A path that the machine refuses is an OSError."""
+    told = "nothing"
+    try:
+        function(*arguments, **named)
+    except (ValueError, TypeError, OSError) as error:
+        told = str(error)
+    assert told.strip()
+    assert "\n\n" not in told
+
+
+@given(junk, junk)
+def test_seeds_of_any_kind_are_refused_in_one_sentence(count: Any, first: Any):
+    for function in (tuning_seeds, training_seed, scores):
+        attempt(function, count)
+    attempt(evaluation_seeds, 1, first)
+    attempt(evaluation_seeds, count, 0)
+    attempt(check_scheduler, str(first))
+
+
+GOOD: dict[str, Any] = {
+    "agent": "autopilot", "env_id": "SigmaCorvette-v0", "seeds": [0, 1], "env_options": {"max_episode_steps": 2},
+    "progress": None, "record": True,
+}  # fmt: skip
+WRONG = {
+    "agent": st.sampled_from(["nobody", "", Path("file"), Path("nobody"), "random"]) | junk,
+    "env_id": st.sampled_from(["Nosuch-v0", "", "a:b", "CartPole-v1", "SigmaCorvette"]) | junk,
+    "seeds": st.sampled_from([[-1], [1.5], ["x"], [True], [2**70], np.array([1]), {1, 2}, range(2)]) | junk,
+    "env_options": st.dictionaries(
+        st.sampled_from(["estimator", "observe", "disturbance", "mismatch", "speed", "num_envs"]), scalar
+    ).map(lambda options: {"max_episode_steps": 2, **options}) | st.lists(scalar, min_size=1) | st.text(min_size=1),
+    "progress": junk,
+}  # fmt: skip
+
+
+@given(st.data(), st.sampled_from(sorted(WRONG)))
+def test_a_rollout_of_anything_is_refused_in_one_sentence_or_flown(data: st.DataObject, key: str):
+    attempt(rollout, **GOOD | {key: data.draw(WRONG[key])})
+
+
+@pytest.mark.parametrize(
+    ("key", "wrong", "sentence"),
+    [
+        ("agent", None, "an agent is a name, the path of a checkpoint, or has reset and act, got None"),
+        ("env_id", 3, "env_id must be the name of a registered environment, got 3"),
+        ("seeds", 7, "seeds must be a list of whole numbers, got 7"),
+        ("seeds", [0, -1], "seeds must be whole numbers >= 0, got -1"),
+        ("env_options", ["kf"], "env_options must be a dictionary of options by name, got ['kf']"),
+        ("progress", 1, "progress must be a function of (step, horizon), got 1"),
+    ],
+)
+def test_what_a_rollout_cannot_mean_is_named(key: str, wrong: Any, sentence: str):
+    with pytest.raises((ValueError, TypeError), match=f"^{re.escape(sentence)}$"):
+        rollout(**GOOD | {key: wrong})
+
+
+def test_scores_of_what_has_none_are_refused():
+    with pytest.raises(TypeError, match="scores are those of a rollout, got 'flight'"):
+        scores("flight")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="record=True"):
+        scores(rollout(**GOOD | {"record": False}))
+    with pytest.raises(ValueError, match="Pendulum-v1 has no estimator in the loop"):
+        scores(rollout("random", "Pendulum-v1", [0]))
