@@ -82,8 +82,9 @@ NOISE = 6e-4  # rad
 NOISE_REASON = (
     "Standard deviation of both readings, the same for every cell of the table. The thesis states R for the filter "
     "and not what was simulated. The filter of II, its Q a thousand times its R, takes the difference of the readings "
-    "for the heading, so that the second reading is its d: the error of d is σ, and it is printed as 0.0006. The other "
-    "way to read R, as the variance of the noise that was simulated, is computed beside it."
+    "for the heading, so that the second reading is its d: the error of d is σ, and it is printed as 0.0006. That "
+    "number is therefore no test of ours. The other way to read R, as the variance of the noise that was simulated, is "
+    "computed beside it."
 )
 PRIOR = SMALL  # variance, times identity
 WIDE_PRIOR = LARGE
