@@ -427,8 +427,8 @@ def _answer(results: Results) -> list[str]:
     outliers = f"{percent(settings.OUTLIERS.rate)} of the readings off by {settings.OUTLIERS.size:g} σ"
     return [
         "The filter that the paper prints is the Kalman filter and gains nothing; of the two filters that its words "
-        f"describe, huber-kf {_pays(huber.outliers)} under outliers, and the minimax filter robust-kf with "
-        f"{tolerances[0]} {_balance(results, _MODEL_ERRORS, ROBUST[0])} model errors.",
+        f"describe, huber-kf {_pays(huber.outliers)} under outliers, and what the minimax filter robust-kf gains under "
+        "model errors stands beside what it loses there and elsewhere.",
         *(
             f"robust-kf with {c} {_balance(results, _MODEL_ERRORS, name)} model errors, "
             f"{_balance(results, _OUTLIERS, name)} kinds of outliers, and has {_words(effects.nothing)} of the KF's "
