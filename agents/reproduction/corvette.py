@@ -68,8 +68,13 @@ def filter_model(simulation: Simulation, model: str) -> LinearModel:
 
 
 def estimate(
-    model: LinearModel, heading: np.ndarray, d: np.ndarray, u: np.ndarray, noise: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+    model: LinearModel,
+    heading: np.ndarray,
+    d: np.ndarray,
+    u: np.ndarray,
+    noise: np.ndarray,
+    prior: float = settings.PRIOR,
+) -> np.ndarray:
     """Errors of KF-UMV-UI on the readings ``(heading + d + noise, d + noise)`` of eq. 4.5.
 
     Args:
@@ -78,20 +83,26 @@ def estimate(
         d: ``(T,)`` unknown input [rad].
         u: ``(T, 2)`` known input.
         noise: ``(runs, T, 2)`` of the readings [rad].
+        prior: Variance of each state at the start.
 
     Returns:
-        Errors ``(runs, T)`` of heading and unknown input [rad].
+        Errors ``(3, runs, T)`` [rad] of the heading and of the unknown input after the reading, and of the heading
+        before it.
     """
     umv = make("kf-umv-ui", model)
-    belief = umv.init(Gaussian(np.zeros((len(noise), 3)), settings.PRIOR * np.eye(3)))
+    belief = umv.init(Gaussian(np.zeros((len(noise), 3)), prior * np.eye(3)))
     readings = np.stack(np.broadcast_arrays(heading + d, d), -1) + noise
-    errors = np.empty((2, *readings.shape[:2]))
+    errors = np.empty((3, *readings.shape[:2]))
     for k in range(len(d)):
-        belief = umv.predict(belief, u[k - 1]) if k else belief.replace(u=u[[0] * len(noise)])
-        belief = umv.update(belief, readings[:, k])
+        predicted = umv.predict(belief, u[k - 1]) if k else belief.replace(u=u[[0] * len(noise)])
+        belief = umv.update(predicted, readings[:, k])
         assert belief.input_mean is not None
-        errors[:, :, k] = belief.mean[:, 2] - heading[..., k], belief.input_mean[:, 0] - d[k]
-    return errors[0], errors[1]
+        errors[:, :, k] = (
+            belief.mean[:, 2] - heading[..., k],
+            belief.input_mean[:, 0] - d[k],
+            predicted.mean[:, 2] - heading[..., k],
+        )
+    return errors
 
 
 def bound(model: LinearModel, u: np.ndarray) -> tuple[float, float]:
@@ -112,10 +123,10 @@ def simulate(simulation: str, model: str, runs: int, seed: int) -> dict[str, Any
     """One of the five simulations with one filter model, at every noise level.
 
     Returns:
-        ``rmse``: by noise level, heading and unknown input ``(2, runs)``; ``driven``: the same at the lowest level
-        where d drives the heading; ``quiet``: without noise, RMSE of both in all ("all"), where d is absent
-        ("turn"), what d adds ("d"), and where d is up for one sample ("literal"); ``bound``: what the covariances
-        settle at; ``example``: the first run at the lowest level.
+        ``rmse``: by noise level, heading, unknown input and predicted heading ``(3, runs)``; ``wide``: the same at the
+        lowest level from a wide prior; ``driven``: likewise where d drives the heading; ``quiet``: without noise, RMSE
+        of the three in all ("all"), where d is absent ("turn"), what d adds ("d"), and where d is up for one sample
+        ("literal"); ``bound``: what the covariances settle at; ``example``: the first run at the lowest level.
     """
     s = SIMULATIONS[simulation]
     believed = filter_model(s, model)
@@ -123,9 +134,11 @@ def simulate(simulation: str, model: str, runs: int, seed: int) -> dict[str, Any
     d = unknown_input(s.size)
     noise = np.random.default_rng(seed).standard_normal((runs, SAMPLES, 2))
 
-    def errors(level: float, heading: np.ndarray = heading, d: np.ndarray = d) -> np.ndarray:
+    def errors(
+        level: float, heading: np.ndarray = heading, d: np.ndarray = d, prior: float = settings.PRIOR
+    ) -> np.ndarray:
         drawn = level * noise if level else np.zeros((1, SAMPLES, 2))
-        return np.array(estimate(believed, heading, d, u, drawn))
+        return estimate(believed, heading, d, u, drawn, prior)
 
     lowest = errors(LEVELS[0])
     whole, turn = errors(0.0), errors(0.0, d=np.zeros(SAMPLES))
@@ -133,10 +146,11 @@ def simulate(simulation: str, model: str, runs: int, seed: int) -> dict[str, Any
     driven = heading + np.concatenate([[0.0], np.cumsum(d)[:-1]])  # eq. 4.4: psi+ = psi + ... + d
     return {
         "rmse": {f"{level:.4f}": rms(lowest if level == LEVELS[0] else errors(level)) for level in LEVELS},
+        "wide": rms(errors(LEVELS[0], prior=settings.WIDE_PRIOR)),
         "driven": rms(errors(LEVELS[0], driven)),
         "quiet": {name: rms(error)[:, 0] for name, error in quiet.items()},
         "bound": bound(believed, u[-1]),
-        "example": {"heading": heading, "unknown input": d, "errors": lowest[:, 0]},
+        "example": {"heading": heading, "unknown input": d, "errors": lowest[:2, 0]},
     }
 
 

@@ -1,13 +1,15 @@
 """The turning-circle task: its references, what the agent may see, and how it is scored."""
 
 import inspect
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.optimize import root
 
 from estimators import Gaussian, make
-from vessel_gym.envs.sigma_corvette import SEAS
+from vessel_gym.core import Core
+from vessel_gym.envs.sigma_corvette import SEAS, SIGMA_CORVETTE
 from vessel_gym.tasks.turning_circle import TurningCircle
 from vessel_gym.vehicles.corvette import Corvette, CorvetteParameters, corvette_derivative, steady_turns
 
@@ -219,6 +221,27 @@ def test_the_sizes_of_the_observations_are_those_announced(mode):
             observation = np.hstack([observation, TASK.observe_std(rows)])
     assert observation.shape == (2, TASK.sizes()[mode])
     assert np.isfinite(observation).all()
+
+
+@pytest.mark.parametrize("estimator", ["kf-umv-ui", "enkf"])
+def test_the_current_moves_the_ship_and_neither_observation_nor_reward(estimator):
+    """A documented limit: it falls, and this test with it, when the current enters the ship's motion or readings."""
+    flown = []
+    for current in (SEA.current, 50.0):  # m/s
+        sea = {"moderate": replace(SEA, current=current)}
+        core = Core(replace(SIGMA_CORVETTE, disturbances=sea), 3, estimator, observe="mean+std")
+        core.seed(0)
+        core.reset()
+        seen = [core.observe()]
+        for action in np.random.default_rng(1).uniform(-1.0, 1.0, (50, 3, 1)):
+            reward, _ = core.step(action)
+            seen += [core.observe(), reward]
+        flown.append((seen, core.scored_truth()))
+    (slow, there), (fast, elsewhere) = flown
+    for one, other in zip(slow, fast, strict=True):
+        np.testing.assert_array_equal(one, other)
+    np.testing.assert_array_equal(there[:, 2:], elsewhere[:, 2:])
+    assert (np.hypot(*(there - elsewhere)[:, :2].T) > 100.0).all()
 
 
 # --- score ------------------------------------------------------------------------------------------

@@ -48,6 +48,9 @@ class SigmaCorvetteEnv(VesselEnv):
     rest of 300 s. Waves and gusts kick the heading, a current sets the track. The compass and a motion
     reference unit are noisy, and the agent sees only what a filter makes of them.
 
+    The current moves nothing but the true position, which no instrument reads and no reward counts: one of 50 m/s
+    leaves every observation and reward as it is, bit for bit.
+
     The ship is a nonlinear 3-DOF model (surge, sway, yaw): Clarke's linear derivatives, cross-flow
     drag, rudder with inflow angle, speed loss in the turn; one RK4 step of 0.5 s. The filter's model
     is linear: ``x = (sway, yaw rate, heading)``, ``x+ = A x + B u + G d + w``, ``y = C x + H d + v`` with the unknown
@@ -144,7 +147,7 @@ class SigmaCorvetteEnv(VesselEnv):
       When one channel drops, KF-UMV-UI cannot tell ``d`` from a heading error: the reading that is left goes
       to ``d`` and the heading stays as predicted; when both drop, ``d`` gets its prior, N(0, its variance).
     - ``disturbance``: yaw increments of 5e-4, 3.6e-3 or 9e-3 rad a step (``calm``, ``moderate``, ``rough``), and a
-      current of 0.1, 0.3 or 0.6 m/s.
+      current of 0.1, 0.3 or 0.6 m/s, which only the true position shows.
     - ``mismatch``: relative spread of the hull's and rudder's coefficients around the filter's, 0 to 0.25.
     - ``observe``: ``mean``, ``mean+std`` or ``measurement``, see above.
     - ``render_mode``: ``human`` (a window) or ``rgb_array``.

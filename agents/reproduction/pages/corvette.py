@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _LOW = f"{settings.NOISE:g}"
+_PREDICTED = "predicted heading"
+_ERRORS = (*QUANTITIES, _PREDICTED)
 
 
 def allowed_noise(heading: float, unknown_input: float) -> tuple[float, float]:
@@ -28,6 +30,15 @@ def allowed_noise(heading: float, unknown_input: float) -> tuple[float, float]:
     d = ((y1 - psi) + y2) / 2, so twice the error of d plus that of psi is v1 + v2 at every sample, whatever A, G, Q.
     """
     return abs(heading - 2.0 * unknown_input) / np.sqrt(2.0), (heading + 2.0 * unknown_input) / np.sqrt(2.0)
+
+
+def left_of_start(R: float, prior: float) -> float:
+    """The share of a wrong first heading that is left in the second prediction.
+
+    The first reading leaves ``2 R / (prior + 2 R)`` in the heading; d takes half of that with the other sign, and the
+    prediction adds d.
+    """
+    return R / (prior + 2.0 * R)
 
 
 @dataclass(frozen=True)
@@ -40,13 +51,16 @@ class _Results:
         return self.values[f"{simulation}, {model}"]
 
     def rmse(self, simulation: str, quantity: str, level: float = LEVELS[0], model: str = MODELS[0]) -> np.ndarray:
-        return np.asarray(self.cell(simulation, model)["rmse"][f"{level:.4f}"])[QUANTITIES.index(quantity)]
+        return np.asarray(self.cell(simulation, model)["rmse"][f"{level:.4f}"])[_ERRORS.index(quantity)]
+
+    def wide(self, simulation: str, quantity: str) -> np.ndarray:
+        return np.asarray(self.cell(simulation)["wide"])[_ERRORS.index(quantity)]
 
     def driven(self, simulation: str, quantity: str) -> np.ndarray:
-        return np.asarray(self.cell(simulation)["driven"])[QUANTITIES.index(quantity)]
+        return np.asarray(self.cell(simulation)["driven"])[_ERRORS.index(quantity)]
 
     def quiet(self, simulation: str, quantity: str, part: str, model: str = MODELS[0]) -> float:
-        return float(self.cell(simulation, model)["quiet"][part][QUANTITIES.index(quantity)])
+        return float(self.cell(simulation, model)["quiet"][part][_ERRORS.index(quantity)])
 
     def bound(self, simulation: str, quantity: str, model: str = MODELS[0]) -> float:
         return float(self.cell(simulation, model)["bound"][QUANTITIES.index(quantity)])
@@ -78,27 +92,30 @@ def page(results: Mapping[str, Mapping[str, Any]]) -> Page:
         title="KF-UMV-UI on a corvette",
         subtitle=f"{settings.PAPER}; {r.runs} runs of each simulation",
         answer=[
-            "The printed errors cannot all come from the printed filter at one noise of the readings.",
             f"At one reading noise of {_LOW} rad for all cells, {tally(compared)}.",
+            f"Scored before the reading, the heading errs by {_predicted_range(r, 'I')} rad in I and by "
+            f"{_predicted_range(r, 'V')} rad in V, printed as {SIMULATIONS['I'].mean_heading} and "
+            f"{SIMULATIONS['V'].mean_heading}: the thesis may have scored its predictions. The headings of II to IV "
+            "are not explained so.",
             f"{small} of the 8 means of simulations I to IV, and {len(below) - small} of the 2 of V, lie below what "
             "the filter can do if the stated R is the noise, whether its Q is true or there is no process noise at "
             "all.",
-            "The filter's equations tie the error of d to that of the heading; no single noise satisfies the "
-            "printed pairs of I and V together, although both state the same R.",
+            "The filter's equations tie the error of d to that of the heading after the reading; no single noise "
+            "satisfies the printed pairs of I and V together, although both state the same R. Predictions are not tied "
+            "so.",
             "At a given noise the filter depends on Q and R only through their ratio, once it has settled: the printed "
             "rise from I to IV is no property of the filter.",
             f"Larger Q alone lowers the error at {_LOW} rad and larger R raises it, by a slower filter; where R is "
             "the noise, both raise it.",
             "A larger d raises the error only because d is in the readings and not in the heading: where d drives "
-            "the heading as the model says, the error does not depend on it. Where the "
-            f"{SIMULATIONS['V'].mean_heading} rad of V come from we could not identify.",
+            "the heading as the model says, the error does not depend on it.",
         ],
         sections=[
             Section("The printed results and ours", [
                 comparison_table(
                     "Every printed RMSE beside ours",
-                    f"The system as printed, reading noise {_LOW} rad; ours: mean and 95 % interval over "
-                    f"{r.runs} runs, the same for the three runs of a simulation and their mean. Reasons: error "
+                    f"The system as printed, reading noise {_LOW} rad; ours, after the reading: mean and 95 % interval "
+                    f"over {r.runs} runs, the same for the three runs of a simulation and their mean. Reasons: error "
                     "without noise, and its parts, measured on the same record; the parts add with their signs and may "
                     "cancel.",
                     compared, "published",
@@ -126,6 +143,8 @@ def page(results: Mapping[str, Mapping[str, Any]]) -> Page:
                 _bounds_text(r, below),
                 _pairs(),
                 Prose(_pairs_text(r)),
+                _predictions(r),
+                Prose(_predictions_text(r)),
                 _candidates(r),
             ]),
             Section("Settings", [Facts("What the thesis prints", [
@@ -393,15 +412,15 @@ def _pairs_text(r: _Results) -> str:
     spread = np.ptp([float(value) for value in SIMULATIONS["III"].heading])
     return (
         f"I needs a noise of at most {ranges['I'][1]:.4f} rad, V one of at least {ranges['V'][0]:.4f}: no level fits "
-        f"both, and both have the same Q and R. Our {_LOW} rad, taken from d alone, is below what the pairs of I and "
-        "II ask for: the heading error printed there is larger than this filter can have with so good a d. The "
-        "three runs of V are printed alike to four digits; with noise of 0.032 rad ours differ by a standard "
-        f"deviation of {np.std(r.rmse('V', 'heading', _stated('V')), ddof=1):.4f} rad. In III the three printed "
-        f"headings are {100 * spread / _printed('III', 'heading'):.0f} % of their mean apart; the middle 95 % of our "
-        f"{r.runs} runs span {100 * _span(r.rmse('III', 'heading')):.0f} % at {_LOW} rad and "
-        f"{100 * _span(r.rmse('III', 'heading', _stated('III'))):.0f} % at √R. Errors that differ more come from a few "
-        "samples, as the jump at the start that the text describes would, and not from steady noise. We cannot tell "
-        "where it came from."
+        "both, and both have the same Q and R. So the two printed headings are not both this filter's after the "
+        f"reading, or the noise was not the same. Our {_LOW} rad, taken from the d of II, is below what the pairs of I "
+        "and II ask for: the heading error printed there is larger than this filter has, after the reading, with so "
+        "good a d. The three runs of V are printed alike to four digits; with noise of 0.032 rad ours differ by a "
+        f"standard deviation of {np.std(r.rmse('V', 'heading', _stated('V')), ddof=1):.4f} rad. In III the three "
+        f"printed headings are {100 * spread / _printed('III', 'heading'):.0f} % of their mean apart; the middle 95 % "
+        f"of our {r.runs} runs span {100 * _span(r.rmse('III', 'heading')):.0f} % at {_LOW} rad and "
+        f"{100 * _span(r.rmse('III', 'heading', _stated('III'))):.0f} % at √R. Errors that differ more may come from "
+        "a few samples, as the jump at the start that the text describes would."
     )
 
 
@@ -410,23 +429,70 @@ def _span(values: np.ndarray) -> float:
     return float(np.subtract(*np.quantile(values, [0.975, 0.025])) / values.mean())
 
 
+def _predictions(r: _Results) -> Table:
+    def line(simulation: str) -> list[Entry]:
+        s = SIMULATIONS[simulation]
+        errors = [r.rmse(simulation, "heading"), r.rmse(simulation, _PREDICTED), r.wide(simulation, _PREDICTED)]
+        inputs = [values(simulation, "unknown input") for values in (r.rmse, r.wide)]
+        return [
+            Entry(s.mean_heading), *(entry(_mean(values), 5) for values in errors),
+            Entry(s.mean_unknown_input), *(entry(_mean(values), 5) for values in inputs),
+        ]  # fmt: skip
+
+    wide = f"P₀ = {settings.WIDE_PRIOR:g}"
+    return Table(
+        "The heading scored before the reading",
+        f"RMSE, the system as printed, reading noise {_LOW} rad, mean and 95 % interval over {r.runs} runs. P₀ = "
+        f"{settings.PRIOR:g} where no other stands.",
+        "simulation",
+        [("ψ printed", "rad"), ("after the reading", "rad"), ("predicted", "rad"), (f"predicted, {wide}", "rad"),
+         ("d printed", "rad"), ("d", "rad"), (f"d, {wide}", "rad")],
+        [("", [(s, line(s)) for s in SIMULATIONS])],
+        "predicted",
+    )  # fmt: skip
+
+
+def _predicted_range(r: _Results, simulation: str, quantity: str = _PREDICTED) -> str:
+    """An error under both priors, the smaller first, or one number where rounding leaves one."""
+    both = {f"{_mean(values(simulation, quantity)).mean:.4f}" for values in (r.rmse, r.wide)}
+    return " to ".join(sorted(both))
+
+
+def _predictions_text(r: _Results) -> str:
+    rest = "; ".join(
+        f"{s} {_predicted_range(r, s)} ({SIMULATIONS[s].mean_heading})" for s in SIMULATIONS if s not in ("I", "V")
+    )
+    left = [100.0 * left_of_start(SIMULATIONS[s].R, settings.PRIOR) for s in ("I", "III")]
+    return (
+        "A program that stores one heading a sample may have stored the filter's prediction, made before the reading. "
+        "Scored so, by the two P₀ and with the printed value in brackets, the heading errs by "
+        f"{_predicted_range(r, 'I')} rad in I ({SIMULATIONS['I'].mean_heading}) and by {_predicted_range(r, 'V')} in V "
+        f"({SIMULATIONS['V'].mean_heading}), where d, which is not predicted, errs by "
+        f"{_predicted_range(r, 'V', 'unknown input')} ({SIMULATIONS['V'].mean_unknown_input}). That leaves open the "
+        f"headings of the others, {rest}, and the d of I, {_predicted_range(r, 'I', 'unknown input')} "
+        f"({SIMULATIONS['I'].mean_unknown_input}). P₀ is open, too. If the jump at the start that the text describes "
+        "is a first heading that is not zero, as the filter's is, the second prediction keeps the share R / (P₀ + 2 R) "
+        f"of it: {left[0]:.0f} % in I and {left[1]:.0f} % in III with P₀ = {settings.PRIOR:g}. A jump that is over "
+        "after one sample asks for a P₀ that is large beside R."
+    )
+
+
 def _candidates(r: _Results) -> Table:
     parts = {"d up until the middle": "all", "d up for one sample": "literal", "no d at all": "turn"}
 
     def line(part: str, model: str) -> list[Entry]:
-        pair = [r.quiet("V", q, part, model) for q in QUANTITIES]
-        return [*(Entry(number(value, 4)) for value in pair), Entry(number(pair[0] / pair[1], 2))]
+        errors = [r.quiet("V", q, part, model) for q in _ERRORS]
+        return [*(Entry(number(value, 4)) for value in errors), Entry(number(errors[0] / errors[1], 2))]
 
-    published = [*(Entry(SIMULATIONS["V"].published(q)["mean"].printed) for q in QUANTITIES)]
+    published = [*(Entry(SIMULATIONS["V"].published(q)["mean"].printed) for q in QUANTITIES), Entry("–")]
     ratio = Entry(number(_printed("V", "heading") / _printed("V", "unknown input"), 2))
     return Table(
         "Simulation V without noise: what could give the printed errors",
-        "RMSE of one run without noise. None gives both numbers, and none can: their ratio is 2. The source of "
-        f"{SIMULATIONS['V'].mean_heading} is not identified; d in the readings but not in the heading gives its "
-        "order of magnitude. Up for one sample only, the d of the printed filter would err less than the published "
-        "one: the form of d decides those four cells.",
+        "RMSE of one run without noise; ratio: of the heading after the reading to d, which is 2 without noise. Up for "
+        "one sample only, the d of the printed filter would err less than the published one: the form of d decides "
+        "those four cells.",
         "",
-        [("heading", "rad"), ("d", "rad"), ("ratio", "")],
+        [("heading", "rad"), ("d", "rad"), (_PREDICTED, "rad"), ("ratio", "")],
         [("", [("published", [*published, ratio])]),
          *((model, [(name, line(part, model)) for name, part in parts.items()]) for model in MODELS)],
         "simulation-v",

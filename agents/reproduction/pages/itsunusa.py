@@ -60,8 +60,8 @@ def page(results: Results) -> Page:
         f"{change(slopes(_motions(errors['evensen2004']))[-1], fewest, most)} as printed and by "
         f"{change(slopes(_motions(errors['symmetric']))[-1], fewest, most)} in the symmetric form.",
         f"The paper's fall by {min(falls):.0f} to {max(falls):.0f} %, {np.sum(np.array(falls) > _SAMPLING)} of the "
-        f"{len(falls)} by more than the {_SAMPLING:.0f} % of an error that is nothing but sampling noise: the number "
-        "of members cannot have made these differences.",
+        f"{len(falls)} by more than the {_SAMPLING:.0f} % of an error that is nothing but sampling noise: more than "
+        "the number of members alone explains.",
         "Little is proved by the agreement or its lack, because the paper prints neither noise nor what is measured: "
         f"with twice our noise the errors are {min(doubling):.2f} to {max(doubling):.2f} times as large, and with "
         f"pitch measured that of the depth is {words(mean_interval(pitch[:, -1]), 4)} m.",

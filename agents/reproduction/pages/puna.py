@@ -43,19 +43,23 @@ def page(results: Results) -> Page:
     """The page, from the values of every cell."""
     obstructed = results["obstructed"]
     counted = {level: tally(comparisons(results, level)) for level in paper.LEVELS}
-    gains = [_gain(results, "flight", "constant", i) for i in range(len(paper.STATES))]
-    everywhere = all(gain.low > 1.0 for gain in gains)
+    gains = {level: [_gain(results, level, "constant", i) for i in range(len(paper.STATES))] for level in paper.LEVELS}
+    everywhere = all(gain.low > 1.0 for level in gains.values() for gain in level)
+    times = [
+        f"{listed([f'{gain.mean:.2f}' for gain in gains[level]])} ({chosen.title})"
+        for level, chosen in paper.LEVELS.items()
+    ]
     sizes = [f"{paper.BEST_MEMBERS[c]} ({c} angle): {_best_claim(results, c).verdict}" for c in paper.CONTROLS]
     strings = obstructed["strings"]
     answer = [
         f"The paper's main claim {'holds' if everywhere else 'does not hold everywhere'} on its own model: measuring "
         f"every state {'beats' if everywhere else 'does not beat'} measuring x alone, state by state.",
-        f"With the noise of a flight, errors with x alone are {listed([f'{g.mean:.2f}' for g in gains])} times those "
-        f"with everything measured, for {listed([s.symbol for s in paper.STATES])}.",
+        f"Errors of {listed([s.symbol for s in paper.STATES])} with x alone are, at the two noise levels, "
+        f"{' or '.join(times)} times those with everything measured.",
         f"Whether the sizes of ensembles that it names are the best: {'; '.join(sizes)}.",
-        "The eight printed errors themselves prove little, because neither Q nor R is printed: with two noise "
-        f"levels, and both sets of measurements, {counted['flight']} ({paper.LEVELS['flight'].title}), and "
-        f"{counted['sizes']} ({paper.LEVELS['sizes'].title}).",
+        "The eight printed errors themselves say little, because neither Q nor R is printed: with both sets of "
+        f"measurements {counted['flight']} at the {paper.LEVELS['flight'].title}, and {counted['sizes']} at the "
+        f"{paper.LEVELS['sizes'].title}.",
         f"The path {paper.OPEN.word} without an obstacle as the shortest one: {_path_claim(results).verdict}. The path "
         f"{paper.OBSTRUCTED.word} round the obstacle: {strings['SRS']:.1f} m, its mirror image {strings['SLS']:.1f} "
         f"m, and {np.rad2deg(obstructed['bank']):.0f}° of bank for either.",
@@ -207,7 +211,7 @@ def _estimation(results: Results) -> list[Block]:
         Prose(
             "Neither Q nor R is printed, nor the aircraft's constants, the step or the duration. Two noise levels were "
             "written down beforehand, each for its whole table, and not changed after the results. With Q and R "
-            "free, the printed errors can be had at will: a match proves little, and so does an error below them. "
+            "free, the printed errors can be had at will: a match says little, and so does an error below them. "
             f"D stands for diag({', '.join(f'{v:g}' for v in paper.SIZES)}), the squares of the printed errors to "
             "one digit."
         )

@@ -1,7 +1,7 @@
 """The page on the robust filters: the figures of the paper beside ours, and its claim put to the test."""
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -421,41 +421,45 @@ def _assumptions() -> Facts:
 
 
 def _answer(results: Results) -> list[str]:
-    huber, small, large = (_Effects.of(results, name) for name in OTHERS)
-    largest = percent(_LARGEST_ERROR.parameters)
+    def ratio(condition: Condition, name: str) -> Interval:
+        return mean_ratio(results, settings.RANDOM, condition, name)
+
+    largest = settings.SWEEPS["parameters"][-1]
+    hit = ratio(settings.OUTLIERS, "huber-kf")
     outliers = f"{percent(settings.OUTLIERS.rate)} of the readings off by {settings.OUTLIERS.size:g} σ"
     return [
         "The filter that the paper prints is the Kalman filter and gains nothing; of the two filters that its words "
-        f"describe, huber-kf {_pays(huber.outliers)} under outliers, the minimax filter robust-kf "
-        f"{_pays(small.wrong)} with c = {settings.TOLERANCES[0]:g} and {_pays(large.wrong)} with "
-        f"c = {settings.TOLERANCES[1]:g} under an error of A of {largest}, and none of them everywhere.",
-        f"With {outliers} huber-kf has {_words(huber.outliers)} of the KF's error, geometric mean over 200 random "
-        f"systems; it has {_words(huber.nothing)} of it where nothing is wrong and "
-        f"{_words(huber.wrong)} where A is off "
-        f"by {largest}.",
-        f"robust-kf with c = {settings.TOLERANCES[0]:g} (with c = {settings.TOLERANCES[1]:g}) has "
-        f"{_words(small.wrong)} "
-        f"({_words(large.wrong)}) where A is off by {largest}, {_words(small.nothing)} "
-        f"({_words(large.nothing)}) where "
-        f"nothing is wrong, and {_words(small.outliers)} ({_words(large.outliers)}) under those outliers.",
+        f"describe, huber-kf {_pays(hit)} under outliers, and what the minimax filter robust-kf gains under "
+        "model errors stands beside what it loses there and elsewhere.",
+        *(
+            f"robust-kf with c = {c:g} {_balance(results, _MODEL_ERRORS, name)} model errors, "
+            f"{_balance(results, _OUTLIERS, name)} kinds of outliers, and has {_words(ratio(NOTHING, name))} of the "
+            "KF's error where nothing is wrong."
+            for name, c in zip(ROBUST, settings.TOLERANCES, strict=True)
+        ),
+        f"With {outliers} huber-kf has {_words(hit)} of the KF's error, geometric mean over 200 random systems; it has "
+        f"{_words(ratio(NOTHING, 'huber-kf'))} of it where nothing is wrong and {_words(ratio(largest, 'huber-kf'))} "
+        f"where A is off by {percent(largest.parameters)}.",
         "The paper has no table of results, so that no number can be set beside ours; the shape of its figures can.",
     ]
 
 
-_LARGEST_ERROR = settings.SWEEPS["parameters"][-1]
+_MODEL_ERRORS = [c for key in ("tolerance", "parameters") for c in settings.SWEEPS[key] if getattr(c, key)]
+_OUTLIERS = list(dict.fromkeys(c for key in ("rate", "size") for c in settings.SWEEPS[key] if c.rate))
 
 
-class _Effects(NamedTuple):
-    """Ratios to the KF over the random systems."""
-
-    nothing: Interval
-    outliers: Interval
-    wrong: Interval
-
-    @classmethod
-    def of(cls, results: Results, name: str) -> "_Effects":
-        conditions = (NOTHING, settings.OUTLIERS, _LARGEST_ERROR)
-        return cls(*(mean_ratio(results, settings.RANDOM, condition, name) for condition in conditions))
+def _balance(results: Results, conditions: Sequence[Condition], name: str) -> str:
+    """Of how many conditions a filter gains on the KF, of how many it loses, and by how many percent of the error."""
+    ratios = [mean_ratio(results, settings.RANDOM, condition, name) for condition in conditions]
+    found = []
+    for verb, changes in (
+        ("gains", [1.0 - ratio.mean for ratio in ratios if ratio.high < 1.0]),
+        ("loses", [ratio.mean - 1.0 for ratio in ratios if ratio.low > 1.0]),
+    ):
+        if changes:
+            sizes = dict.fromkeys(number(100.0 * pick(changes), 1) for pick in (min, max))
+            found.append(f"{verb} {' to '.join(sizes)} % in {len(changes)}")
+    return f"{' and '.join(found) or 'neither gains nor loses beyond chance in any'} of {len(ratios)}"
 
 
 def _pays(ratio: Interval) -> str:

@@ -78,16 +78,19 @@ SIMULATIONS = {
 
 # --- what the thesis leaves open --------------------------------------------------------------------
 
-NOISE = 1e-3  # rad
+NOISE = 6e-4  # rad
 NOISE_REASON = (
     "Standard deviation of both readings, the same for every cell of the table. The thesis states R for the filter "
-    "and not what was simulated. Two readings show d, so its error is at least σ/√2; in all six runs of I and II it "
-    "is printed as 0.0006, hence σ ≈ 0.85 × 10⁻³, to one digit 10⁻³. The other way to read R, as the variance of "
-    "the noise that was simulated, is computed beside it."
+    "and not what was simulated. The filter of II, its Q a thousand times its R, takes the difference of the readings "
+    "for the heading, so that the second reading is its d: the error of d is σ, and it is printed as 0.0006. That "
+    "number is therefore no test of ours. The other way to read R, as the variance of the noise that was simulated, is "
+    "computed beside it."
 )
 PRIOR = SMALL  # variance, times identity
+WIDE_PRIOR = LARGE
 PRIOR_REASON = (
-    "The thesis prints the initial state (zero, Table 4.3) but no covariance; 10⁻³ is what eq. 4.6 starts Q at."
+    "The thesis prints the initial state (zero, Table 4.3) but no covariance; 10⁻³ is what eq. 4.6 starts Q at. "
+    f"{WIDE_PRIOR:g} is computed beside it."
 )
 STEP = 0.8  # s
 HELM = 28.0  # deg

@@ -71,12 +71,39 @@ def test_the_errors_of_heading_and_unknown_input_add_up_to_the_noise(simulation:
     noise = 0.01 * np.random.default_rng(1).standard_normal((3, SAMPLES, 2))
     believed = corvette.filter_model(SIMULATIONS[simulation], model)
     errors = corvette.estimate(believed, heading, corvette.unknown_input(0.05), u, noise)
-    np.testing.assert_allclose(errors[0] + 2.0 * errors[1], noise.sum(-1), rtol=0, atol=1e-12)
+    heading_error, input_error, _ = errors
+    np.testing.assert_allclose(heading_error + 2.0 * input_error, noise.sum(-1), rtol=0, atol=1e-12)
     level = corvette.rms(noise.sum(-1)) / np.sqrt(2.0)
     low, high = np.transpose(
-        [corvette_page.allowed_noise(*pair) for pair in zip(*map(corvette.rms, errors), strict=True)]
+        [corvette_page.allowed_noise(*pair) for pair in zip(*map(corvette.rms, errors[:2]), strict=True)]
     )
     assert ((low <= level) & (level <= high)).all()
+
+
+def test_the_printed_headings_of_I_and_V_are_nearer_the_prediction_than_the_estimate(results):
+    low = f"{settings.NOISE:.4f}"
+    for simulation, share in (("I", 0.95), ("V", 0.7)):
+        found = results[f"{simulation}, as-printed"]
+        for errors in (found["rmse"][low], found["wide"]):
+            after, _, before = np.mean(errors, axis=-1) / float(SIMULATIONS[simulation].mean_heading)
+            assert after < 0.45
+            assert share < before < 1.0
+
+
+def test_the_d_of_II_errs_by_the_noise_of_the_readings(results):
+    errors = np.asarray(results["II, as-printed"]["rmse"][f"{settings.NOISE:.4f}"])[1]
+    assert errors.mean() == pytest.approx(settings.NOISE, rel=4.0 / np.sqrt(2.0 * RUNS * SAMPLES))  # 4 standard errors
+
+
+@pytest.mark.parametrize("prior", [1e-3, 1.0])
+@pytest.mark.parametrize("simulation", ["I", "III"])
+def test_of_a_wrong_first_heading_the_second_prediction_keeps_a_share_that_the_page_states(simulation: str, prior):
+    s = SIMULATIONS[simulation]
+    believed, heading, noise = corvette.filter_model(s, "as-printed"), np.zeros(2), np.zeros((1, 2, 2))
+    u, wrong = np.zeros((2, 2)), 0.05
+    *_, predicted = corvette.estimate(believed, heading + wrong, np.zeros(2), u, noise, prior)
+    assert predicted[0, 0] == pytest.approx(-wrong)
+    assert predicted[0, 1] == pytest.approx(-wrong * corvette_page.left_of_start(s.R, prior))
 
 
 def test_an_unknown_input_that_drives_the_heading_leaves_the_errors_as_they_are(results):
@@ -114,7 +141,7 @@ def test_a_filter_told_the_truth_errs_by_its_bound(model: str):
         x = believed.transition(x, u) + settings.SMALL**0.5 * rng.standard_normal((runs, 3))
     noise = settings.SMALL**0.5 * rng.standard_normal((runs, settled, 2))
     errors = corvette.estimate(believed, np.transpose(headings), np.zeros(settled), np.tile(u, (settled, 1)), noise)
-    found = np.std([error[:, -1] for error in errors], axis=-1)
+    found = np.std(errors[:2, :, -1], axis=-1)
     np.testing.assert_allclose(found, corvette.bound(believed, u), rtol=4.0 / np.sqrt(2.0 * runs))  # 4 standard errors
 
 

@@ -8,6 +8,7 @@ import pytest
 
 from agents.page import Claims, Page, Table, render
 from agents.reproduction import puna
+from agents.reproduction.comparison import tally
 from agents.reproduction.pages import puna as puna_page
 from agents.reproduction.pages import puna_results
 from agents.reproduction.settings import puna as paper
@@ -197,3 +198,9 @@ def test_much_better_is_said_only_of_much():
     assert puna_page._gain_verdict([low, high]).startswith("true, but not much")
     assert puna_page._gain_verdict([Interval(1.0, 0.9, 1.1), high]).startswith("undecided")
     assert puna_page._gain_verdict([Interval(0.8, 0.7, 0.9), high]) == "false"
+
+
+def test_the_answer_has_the_tally_of_either_noise(results, page):
+    (line,) = (line for line in page.answer if line.startswith("The eight printed errors"))
+    for level in paper.LEVELS:
+        assert tally(puna_results.comparisons(results, level)) in line

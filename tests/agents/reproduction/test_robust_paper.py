@@ -12,6 +12,7 @@ from agents.reproduction.pages import robust as robust_page
 from agents.reproduction.pages import robust_results
 from agents.reproduction.settings import robust as settings
 from agents.reproduction.settings.robust import Condition
+from agents.statistics import Interval
 
 SEEDS = range(1, 13)
 
@@ -192,3 +193,27 @@ def test_every_condition_stands_in_a_table_for_both_populations(page):
     rows = sum(len(section) for table in page.tables if isinstance(table, Table) for _, section in table.sections)
     sweeps = sum(len(group) for group in (*settings.SWEEPS.values(), *settings.CROSSED.values()))
     assert rows >= 2 * sweeps
+
+
+@pytest.mark.parametrize(
+    ("ratios", "said"),
+    [
+        (
+            ((0.98, 0.97, 0.99), (0.9, 0.85, 0.95), (1.2, 1.1, 1.3)),
+            "gains 2.0 to 10.0 % in 2 and loses 20.0 % in 1 of 3",
+        ),
+        (((1.2, 1.1, 1.3), (1.0, 0.9, 1.1)), "loses 20.0 % in 1 of 2"),
+        (((1.0, 0.9, 1.1),), "neither gains nor loses beyond chance in any of 1"),
+    ],
+)
+def test_what_a_filter_loses_is_said_beside_what_it_gains(monkeypatch: pytest.MonkeyPatch, ratios, said: str):
+    given = iter(Interval(*ratio) for ratio in ratios)
+    monkeypatch.setattr(robust_page, "mean_ratio", lambda *_: next(given))
+    assert robust_page._balance({}, [Condition()] * len(ratios), "robust-kf") == said
+
+
+def test_the_answer_counts_every_model_error_and_every_kind_of_outliers(page):
+    for c in settings.TOLERANCES:
+        (sentence,) = (line for line in page.answer if line.startswith(f"robust-kf with c = {c:g}"))
+        assert "of 8 model errors" in sentence
+        assert "of 9 kinds of outliers" in sentence
