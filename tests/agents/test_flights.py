@@ -18,11 +18,16 @@ from agents.seeds import evaluation_seeds
 from agents.statistics import paired_difference
 
 
+PLAIN = 40
+"""Seeds for the ensembles without localisation, which are far off: the first of the 100."""
+
+
 @cache
 def flown(estimator: str | None = None, inflation: float | None = None) -> Rollout:
     """Flights on an estimator; with an inflation, it is an ensemble without localisation."""
     own = {} if inflation is None else {"localisation": None, "inflation": inflation}
-    return rollout("autopilot", "PunaUAV-v0", evaluation_seeds(100), {"estimator": estimator, "estimator_options": own})
+    options = {"estimator": estimator, "estimator_options": own}
+    return rollout("autopilot", "PunaUAV-v0", evaluation_seeds(100 if inflation is None else PLAIN), options)
 
 
 def pooled_rms(flight: Rollout) -> tuple[float, float]:
@@ -66,7 +71,7 @@ def test_a_plain_ensemble_takes_chance_correlations_for_knowledge():
     position = components(plain.env.unwrapped.system.vehicle, POSITION)
     assert scores(plain)["position_nees"].mean() > 2.0
     assert consistency(plain, position) < consistency(localised, position) - 0.5
-    difference = paired_difference(localised.score, plain.score)
+    difference = paired_difference(localised.score[:PLAIN], plain.score)
     assert difference is not None
     assert difference.low > 0.0
 
@@ -74,9 +79,9 @@ def test_a_plain_ensemble_takes_chance_correlations_for_knowledge():
 def test_an_inflated_plain_ensemble_loses_the_position():
     """Every step inflates what no reading but the fix of each second shows, and the bias that none shows."""
     plain, localised = flown(inflation=1.01), flown()
-    assert (plain.end == "arrived").sum() < 90 <= (localised.end == "arrived").sum()
+    assert (plain.end == "arrived").mean() < 0.9 <= (localised.end == "arrived").mean()
     assert scores(plain)["position_rmse"].mean() > 1.5 * scores(localised)["position_rmse"].mean()
-    difference = paired_difference(localised.score, plain.score)
+    difference = paired_difference(localised.score[:PLAIN], plain.score)
     assert difference is not None
     assert difference.low > 0.0
 

@@ -644,8 +644,8 @@ def test_an_estimate_that_diverges_raises_nothing_and_stays_finite(case: Case):
 
 
 @every_case("long")
-def test_a_hundred_thousand_steps_with_missing_data_leave_the_filter_as_it_should_be(case: Case):
-    steps, whole = 100_000, 1000
+def test_ten_thousand_steps_with_missing_data_leave_the_filter_as_it_should_be(case: Case):
+    steps, whole = 10_000, 1000
     unknown = {"G": [[0.0], [1.0]]} if "unknown-input" in case.laws else {}
     if case.name == "kf-umv-ui":
         unknown["H"] = [[0.0], [1.0]]
@@ -660,7 +660,7 @@ def test_a_hundred_thousand_steps_with_missing_data_leave_the_filter_as_it_shoul
     largest = 0.0
     for k, y in enumerate(readings):
         belief = filter.update(filter.predict(belief, rng=rng), y, rng=rng)
-        if k % 997 == 0 or k == steps - whole - 1:
+        if k % 97 == 0 or k == steps - whole - 1:
             assert_covariance(belief.cov)
             assert belief.healthy
             assert np.isfinite(belief.mean).all()
@@ -670,4 +670,5 @@ def test_a_hundred_thousand_steps_with_missing_data_leave_the_filter_as_it_shoul
         settled = filter.update(filter.predict(settled, rng=rng), np.zeros(2), rng=rng)
     assert largest > 1.01 * settled.cov.max()  # the gaps were felt
     if "deterministic" in case.laws:  # members go on fluctuating
-        np.testing.assert_allclose(belief.cov, settled.cov, rtol=0, atol=1e-10)
+        # Rounding is forgotten as the gaps are: what is left is that of the last steps, a few units of 1e-16 each.
+        np.testing.assert_allclose(belief.cov, settled.cov, rtol=0, atol=1e-13)

@@ -43,7 +43,7 @@ from vessel_gym.sensors import SUITES
 from vessel_gym.streams import Draws
 
 ROOT = Path(__file__).parents[2]
-SOAK_STEPS = 60_000
+SOAK_STEPS = 30_000
 EXACT = 1e-10
 
 every_environment = pytest.mark.parametrize("env_id", ENVIRONMENTS)
@@ -196,7 +196,7 @@ def assert_same_row(info: dict[str, Any], single: dict[str, Any], row: int) -> N
 def test_environment_i_of_a_batch_is_the_single_environment_seeded_s_plus_i(
     env_id: str, estimator: str, draws: list[RecordedDraws]
 ):
-    rows, steps, limit = 4, 330, 150
+    rows, steps, limit = 4, 220, 100
     counts = fly_both(
         env_id, 11, [11 + i for i in range(rows)], steps, max_episode_steps=limit, estimator=estimator,
         estimator_options=FEW_MEMBERS.get(estimator), sensors="degraded", mismatch=0.2,
@@ -356,7 +356,7 @@ def observations_when_truth_is_altered(
 
     Observations are those of every mode, ``(steps, rows, k)``.
     """
-    rows, steps = 4, 150
+    rows, steps = 4, 80
     true = make_core(env_id, rows, seed=5, **options)
     other = Core(with_vehicle(env_id, AlteredVehicle), rows, **(options | {"mismatch": 0.25}))
     other.seed(5)
@@ -367,7 +367,7 @@ def observations_when_truth_is_altered(
     seen = [observations(true)], [observations(other)]
     distance = [np.abs(true.truth - other.truth).max(-1)]
     for step in range(steps):
-        if step == 80:  # a partial reset, as autoreset does it
+        if step == 40:  # a partial reset, as autoreset does it
             some = np.array([1, 3])
             for core in (true, other):
                 core.episodes[some] += 1
@@ -450,7 +450,7 @@ def test_writing_to_what_was_handed_out_does_not_change_the_future(env_id: str, 
         record = []
         out = env.reset(seed=1)
         walk = random_walk(1, batch_rows, env.unwrapped.core.action_size)
-        for _ in range(110):
+        for _ in range(70):
             record.append(copy_tree(out))
             if vandal:
                 for part in out:
@@ -553,12 +553,13 @@ def test_even_the_most_mismatched_vehicle_stays_in_one_piece(env_id: str):
     assert (np.abs(core.truth) < 1e4 + 100.0 * start).all()
 
 
-@pytest.mark.parametrize(
-    "value", [None, np.nan, np.inf, -np.inf, 1e300, -1e300, 5e-324], ids=lambda v: "missing" if v is None else str(v)
-)
+ABSURD = np.array([0.0, np.nan, np.inf, -np.inf, 1e300, -1e300, 5e-324])
+"""A value for each row; the first row's does not arrive."""
+
+
 @every_estimator
-def test_absurd_readings_raise_nothing_and_leave_no_trace_of_nan(env_id: str, estimator: str, value: float | None):
-    rows = 4
+def test_absurd_readings_raise_nothing_and_leave_no_trace_of_nan(env_id: str, estimator: str):
+    rows = len(ABSURD)
     core = make_core(env_id, rows, seed=1, estimator=estimator, estimator_options=FEW_MEMBERS.get(estimator))
 
     def check(reward: np.ndarray | None) -> None:
@@ -567,9 +568,7 @@ def test_absurd_readings_raise_nothing_and_leave_no_trace_of_nan(env_id: str, es
             assert_sound(core, observation, reward, info)
 
     p = core.sensors.size
-    absurd = (np.zeros((rows, p)), np.zeros((rows, p), bool))
-    if value is not None:
-        absurd = (np.full((rows, p), value), np.ones((rows, p), bool))
+    absurd = np.repeat(ABSURD[:, None], p, axis=1), np.repeat(np.arange(rows)[:, None] > 0, p, axis=1)
     rng = np.random.default_rng(1)
     core.reset(readings=absurd)
     check(None)
@@ -585,17 +584,15 @@ def test_absurd_readings_raise_nothing_and_leave_no_trace_of_nan(env_id: str, es
         check(reward)
 
 
-@pytest.mark.parametrize("scale", [1e3, 1e30, 1e150, 1e300])
 @every_estimator
-def test_an_estimate_that_has_run_away_raises_nothing_and_leaves_no_trace_of_nan(
-    env_id: str, estimator: str, scale: float
-):
+def test_an_estimate_that_has_run_away_raises_nothing_and_leaves_no_trace_of_nan(env_id: str, estimator: str):
+    scales = np.array([1e3, 1e30, 1e150, 1e300])[:, None]  # one for each row
     core = make_core(env_id, 4, seed=3, estimator=estimator, observe="mean+std", sensors="degraded")
     core.reset()
     walk = random_walk(3, 4, core.action_size)
     for step in range(60):
         if step == 20:
-            core.belief = core.belief.replace(mean=scale * (core.belief.mean + 1.0))
+            core.belief = core.belief.replace(mean=scales * (core.belief.mean + 1.0))
         reward, _ = core.step(next(walk))
         assert_sound(core, core.observe(), reward, core.info())
 
