@@ -17,6 +17,8 @@ from agents.scores import scores
 from agents.seeds import evaluation_seeds
 from agents.statistics import paired_difference
 
+pytestmark = pytest.mark.slow
+
 
 PLAIN = 40
 """Seeds for the ensembles without localisation, which are far off: the first of the 100."""

@@ -372,6 +372,7 @@ def assert_same(
 ) -> None:
     """Every array of the two beliefs agrees to ``tolerance``, relative to the largest entry where that exceeds 1.
 
+    0 is to the last bit, for two runs of the same operations on one machine; other operations round otherwise.
     A dictionary, as `rounding` gives it, holds an absolute tolerance for each array; what it does not hold is equal.
     """
     one, other = arrays(one), arrays(other)

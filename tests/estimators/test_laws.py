@@ -217,6 +217,7 @@ def test_the_estimation_error_does_not_depend_on_the_size_of_the_input(case: Cas
             np.testing.assert_allclose(errors[1], errors[0], rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 @every_case("unknown-input", "linear")
 def test_state_and_input_estimates_are_unbiased(case: Case):
     system, runs, steps = case.system(2), 20_000, 30
@@ -246,6 +247,7 @@ def _share_inside(values: np.ndarray, degrees: int) -> float:
 # kf-umv-ui-wdf) it never fell below 90.5 %, so that the false alarm of one test is below 1 % (95 % confidence).
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dropouts", [False, True], ids=["every reading arrives", "readings drop out"])
 @every_case("consistent")
 def test_state_errors_are_as_large_as_the_filter_says(case: Case, dropouts: bool):
@@ -261,6 +263,7 @@ def test_state_errors_are_as_large_as_the_filter_says(case: Case, dropouts: bool
     assert _share_inside(values, model.n) >= 0.9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dropouts", [False, True], ids=["every reading arrives", "readings drop out"])
 @every_case("consistent", "unknown-input")
 def test_errors_of_state_and_input_are_together_as_large_as_the_filter_says(case: Case, dropouts: bool):
@@ -311,6 +314,7 @@ def test_what_the_input_leaves_of_the_innovation_is_as_large_as_the_filter_says(
     assert _share_inside(np.array(values), model.p - model.q) >= 0.9
 
 
+@pytest.mark.slow
 @every_case("consistent", "kalman")
 def test_normalised_errors_follow_the_whole_chi_square_law(case: Case):
     """Not the mean alone: the share of runs below each quantile at the last time."""
@@ -590,6 +594,7 @@ def _random_model(rng: np.random.Generator, name: str, n: int, p: int, q: int, s
     return LinearModel(**matrices)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", names())
 @settings(derandomize=True, max_examples=40, deadline=None)
 @given(
@@ -625,6 +630,7 @@ def test_covariances_stay_symmetric_and_positive_semidefinite(
             break
 
 
+@pytest.mark.slow
 @every_case("unknown-input", "linear")
 def test_an_estimate_that_diverges_raises_nothing_and_stays_finite(case: Case):
     """Readings that leave the input undetectable make an unbiased filter diverge, here past every double."""
@@ -643,6 +649,7 @@ def test_an_estimate_that_diverges_raises_nothing_and_stays_finite(case: Case):
                     assert np.isfinite(array).all(), name
 
 
+@pytest.mark.slow
 @every_case("long")
 def test_ten_thousand_steps_with_missing_data_leave_the_filter_as_it_should_be(case: Case):
     steps, whole = 10_000, 1000

@@ -11,6 +11,7 @@ from scripts import evaluate, train
 from scripts.console import command
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("memory", ["none", "frames"])
 def test_a_trained_agent_can_be_evaluated_on_several_estimators(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], memory: str
