@@ -43,7 +43,7 @@ from vessel_gym.sensors import SUITES
 from vessel_gym.streams import Draws
 
 ROOT = Path(__file__).parents[2]
-SOAK_STEPS = 30_000
+SOAK_STEPS = 60_000
 EXACT = 1e-10
 """For one row and many: a library may sum in another order for another number of rows."""
 
