@@ -5,9 +5,11 @@ export MKL_NUM_THREADS := 1
 
 PYTHON ?= python3
 BIN := .venv/bin
+# Neighbours go to one worker, so that what the tests of a module share is flown once.
+WORKERS := pytest -n 2 --dist worksteal
 
 .DEFAULT_GOAL := help
-.PHONY: help venv ablation test lint clean
+.PHONY: help venv ablation test quick lint clean
 
 help:  ## Show this help
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -24,7 +26,10 @@ ablation: venv  ## Train and score agents on every estimator, and write the repo
 	$(BIN)/python -m scripts.ablate studies/corvette.toml --out results/ablation
 
 test: venv  ## Run the tests
-	$(BIN)/python -m pytest -n 2
+	$(BIN)/python -m $(WORKERS)
+
+quick: venv  ## Run those of the tests that take a minute in all
+	$(BIN)/python -m $(WORKERS) -m "not slow"
 
 lint: venv  ## Check style, format and types
 	$(BIN)/ruff check .

@@ -46,7 +46,7 @@ def leftovers(folder: Path) -> list[str]:
 
 @pytest.fixture(scope="module")
 def expected(tmp_path_factory) -> dict[str, bytes]:
-    """The files of a study that nobody interrupted."""
+    """The files of a study that nobody interrupted, on this machine: another one's flights round otherwise."""
     folder = tmp_path_factory.mktemp("uninterrupted")
     run(long_study(), folder)
     return stored(folder)
@@ -307,6 +307,7 @@ def start(folder: Path) -> subprocess.Popen[str]:
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_killed_five_times_at_random_moments_a_run_ends_as_if_it_had_not_been(tmp_path, expected):
     moments = random.Random(0)
     for attempt in range(5):
@@ -329,6 +330,7 @@ def test_killed_five_times_at_random_moments_a_run_ends_as_if_it_had_not_been(tm
     assert len(keys) == len(set(keys))
 
 
+@pytest.mark.slow
 def test_an_interrupt_leaves_results_and_no_process(tmp_path, expected):
     with start(tmp_path) as process:
         for _ in range(4):
@@ -343,6 +345,7 @@ def test_an_interrupt_leaves_results_and_no_process(tmp_path, expected):
     assert stored(tmp_path) == expected
 
 
+@pytest.mark.slow
 def test_a_cell_that_kills_its_process_stops_no_other_and_gets_a_second_chance(tmp_path):
     killer, once = cell("die"), cell("die", beside=str(tmp_path / "once"))
     outcome = run([killer, once, cell("draw", seed=0)], tmp_path, jobs=2)
@@ -376,6 +379,7 @@ def cluster():
         process.wait(PATIENCE)
 
 
+@pytest.mark.slow
 def test_two_workers_of_a_cluster_give_the_same_files_though_one_is_killed(tmp_path, expected, cluster):
     address, (victim, _) = cluster
 

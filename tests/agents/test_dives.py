@@ -16,6 +16,8 @@ from agents.rollouts import Rollout
 from agents.seeds import evaluation_seeds
 from agents.statistics import paired_difference
 
+pytestmark = pytest.mark.slow
+
 DEFAULTS = {"SegorogeniAUV-v0": "enkf", "ItsunusaAUV-v0": "enkf-sr"}
 
 every_dive = pytest.mark.parametrize("env_id", DEFAULTS)

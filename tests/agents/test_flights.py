@@ -17,6 +17,8 @@ from agents.scores import scores
 from agents.seeds import evaluation_seeds
 from agents.statistics import paired_difference
 
+pytestmark = pytest.mark.slow
+
 
 @cache
 def flown(estimator: str | None = None, inflation: float | None = None) -> Rollout:

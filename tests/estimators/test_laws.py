@@ -22,6 +22,7 @@ from tests.estimators.cases import (
     kalman_system,
     random_covariance,
     random_transition,
+    rounding,
     shown_directions,
     simulate,
     some_readings,
@@ -216,6 +217,7 @@ def test_the_estimation_error_does_not_depend_on_the_size_of_the_input(case: Cas
             np.testing.assert_allclose(errors[1], errors[0], rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 @every_case("unknown-input", "linear")
 def test_state_and_input_estimates_are_unbiased(case: Case):
     system, runs, steps = case.system(2), 20_000, 30
@@ -245,6 +247,7 @@ def _share_inside(values: np.ndarray, degrees: int) -> float:
 # kf-umv-ui-wdf) it never fell below 90.5 %, so that the false alarm of one test is below 1 % (95 % confidence).
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dropouts", [False, True], ids=["every reading arrives", "readings drop out"])
 @every_case("consistent")
 def test_state_errors_are_as_large_as_the_filter_says(case: Case, dropouts: bool):
@@ -260,6 +263,7 @@ def test_state_errors_are_as_large_as_the_filter_says(case: Case, dropouts: bool
     assert _share_inside(values, model.n) >= 0.9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dropouts", [False, True], ids=["every reading arrives", "readings drop out"])
 @every_case("consistent", "unknown-input")
 def test_errors_of_state_and_input_are_together_as_large_as_the_filter_says(case: Case, dropouts: bool):
@@ -310,6 +314,7 @@ def test_what_the_input_leaves_of_the_innovation_is_as_large_as_the_filter_says(
     assert _share_inside(np.array(values), model.p - model.q) >= 0.9
 
 
+@pytest.mark.slow
 @every_case("consistent", "kalman")
 def test_normalised_errors_follow_the_whole_chi_square_law(case: Case):
     """Not the mean alone: the share of runs below each quantile at the last time."""
@@ -491,19 +496,18 @@ def test_masking_a_channel_equals_a_model_without_it(case: Case, seed: int):
     record = simulate(system, seed, rows, steps)
     for j in range(model.p):
         kept = np.arange(model.p) != j
-        masked = track(
-            case.make(model), system.rows(rows), record, available=np.broadcast_to(kept, (steps, rows, model.p))
-        )
+        available = np.broadcast_to(kept, (steps, rows, model.p))
+        masked = track(case.make(model), system.rows(rows), record, available=available)
         reduced = track(case.make(without_channel(model, j)), system.rows(rows), record._replace(y=record.y[..., kept]))
-        for one, other in zip(masked, reduced, strict=True):
+        tolerances = rounding(case.make(model), system.rows(rows), record, available)
+        for one, other, tolerance in zip(masked, reduced, tolerances, strict=True):
             assert (one.innovation[..., j] == 0.0).all()
             assert (one.innovation_cov[..., j, j] == 1.0).all()
             one = one.replace(
                 innovation=one.innovation[..., kept], innovation_cov=one.innovation_cov[..., kept, :][..., kept],
                 available=one.available[..., kept],
             )  # fmt: skip
-            # Another order of the same sums, over 15 steps.
-            assert_same(one, other, 1e-11)
+            assert_same(one, other, tolerance)  # another order of the same sums, over 15 steps
 
 
 @every_case()
@@ -590,6 +594,7 @@ def _random_model(rng: np.random.Generator, name: str, n: int, p: int, q: int, s
     return LinearModel(**matrices)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", names())
 @settings(derandomize=True, max_examples=40, deadline=None)
 @given(
@@ -625,6 +630,7 @@ def test_covariances_stay_symmetric_and_positive_semidefinite(
             break
 
 
+@pytest.mark.slow
 @every_case("unknown-input", "linear")
 def test_an_estimate_that_diverges_raises_nothing_and_stays_finite(case: Case):
     """Readings that leave the input undetectable make an unbiased filter diverge, here past every double."""
@@ -643,9 +649,10 @@ def test_an_estimate_that_diverges_raises_nothing_and_stays_finite(case: Case):
                     assert np.isfinite(array).all(), name
 
 
+@pytest.mark.slow
 @every_case("long")
-def test_a_hundred_thousand_steps_with_missing_data_leave_the_filter_as_it_should_be(case: Case):
-    steps, whole = 100_000, 1000
+def test_ten_thousand_steps_with_missing_data_leave_the_filter_as_it_should_be(case: Case):
+    steps, whole = 10_000, 1000
     unknown = {"G": [[0.0], [1.0]]} if "unknown-input" in case.laws else {}
     if case.name == "kf-umv-ui":
         unknown["H"] = [[0.0], [1.0]]
@@ -660,7 +667,7 @@ def test_a_hundred_thousand_steps_with_missing_data_leave_the_filter_as_it_shoul
     largest = 0.0
     for k, y in enumerate(readings):
         belief = filter.update(filter.predict(belief, rng=rng), y, rng=rng)
-        if k % 997 == 0 or k == steps - whole - 1:
+        if k % 97 == 0 or k == steps - whole - 1:
             assert_covariance(belief.cov)
             assert belief.healthy
             assert np.isfinite(belief.mean).all()
@@ -670,4 +677,5 @@ def test_a_hundred_thousand_steps_with_missing_data_leave_the_filter_as_it_shoul
         settled = filter.update(filter.predict(settled, rng=rng), np.zeros(2), rng=rng)
     assert largest > 1.01 * settled.cov.max()  # the gaps were felt
     if "deterministic" in case.laws:  # members go on fluctuating
-        np.testing.assert_allclose(belief.cov, settled.cov, rtol=0, atol=1e-10)
+        # Rounding is forgotten as the gaps are: what is left is that of the last steps, a few units of 1e-16 each.
+        np.testing.assert_allclose(belief.cov, settled.cov, rtol=0, atol=1e-13)

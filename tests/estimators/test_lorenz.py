@@ -29,6 +29,7 @@ def _shortened(row: Benchmark) -> Benchmark:
 # Over 20 other seeds of each row the lower end of the interval was at most 1.002 times the published value, its upper
 # end at least 0.92 times; the mean was within 4 % of it, with a standard deviation of at most 4.5 %. The bounds are
 # well over three standard deviations away, so that the false alarm of one test is below 0.3 %.
+@pytest.mark.slow
 @pytest.mark.parametrize(("row", "name"), _rows(reported_only=False))
 def test_the_filter_is_as_good_as_published_and_not_suspiciously_better(row: Benchmark, name: str):
     scores = analysis_rmse(_shortened(row), name, RUNS, CYCLES, seed=1)
@@ -38,6 +39,7 @@ def test_the_filter_is_as_good_as_published_and_not_suspiciously_better(row: Ben
     assert np.median(scores) <= 1.2 * row.published  # most runs keep to the truth: the interval is not just wide
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("row", "name"), _rows(reported_only=True))
 def test_a_score_that_is_only_reported_is_still_far_from_losing_the_truth(row: Benchmark, name: str):
     scores = analysis_rmse(_shortened(row), name, RUNS, 100, seed=1)

@@ -43,6 +43,7 @@ def study(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_study_ends_with_its_answer_and_where_the_report_lies_and_is_not_computed_twice(study, tmp_path, capsys):
     out = tmp_path / "out"
     assert ablate.main(study, out, jobs=1) == 0
@@ -91,6 +92,7 @@ def test_an_output_that_cannot_be_written_or_a_shard_that_is_none_is_one_sentenc
             ablate.main(study, tmp_path / "out", shard=shard)
 
 
+@pytest.mark.slow
 def test_the_documentation_shows_how_to_bring_an_own_estimator_and_environment(tmp_path):
     text = (ROOT / "docs" / "studies.md").read_text(encoding="utf-8")
     filters, ships = re.findall(r"```python\n(.*?)```", text, re.DOTALL)

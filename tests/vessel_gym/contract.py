@@ -109,6 +109,7 @@ def with_vehicle(env_id: str, wrapper: type) -> Any:
 def assert_same_tree(one: Any, other: Any, where: str = "", atol: float = 0.0) -> None:
     """Equal keys, types, dtypes and shapes all the way down; values to ``atol`` (0: bit for bit).
 
+    Two runs on one machine are compared so, never one with numbers of another machine.
     float32 values, rounded from float64 ones that agree to ``atol``, may differ in their last bit.
     """
     assert type(one) is type(other), where

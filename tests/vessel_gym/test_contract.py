@@ -45,6 +45,7 @@ from vessel_gym.streams import Draws
 ROOT = Path(__file__).parents[2]
 SOAK_STEPS = 60_000
 EXACT = 1e-10
+"""For one row and many: a library may sum in another order for another number of rows."""
 
 every_environment = pytest.mark.parametrize("env_id", ENVIRONMENTS)
 every_estimator = pytest.mark.parametrize(("env_id", "estimator"), CARRIED)
@@ -192,11 +193,12 @@ def assert_same_row(info: dict[str, Any], single: dict[str, Any], row: int) -> N
     np.testing.assert_array_equal(listed["available"], single["available"])
 
 
+@pytest.mark.slow
 @every_estimator
 def test_environment_i_of_a_batch_is_the_single_environment_seeded_s_plus_i(
     env_id: str, estimator: str, draws: list[RecordedDraws]
 ):
-    rows, steps, limit = 4, 330, 150
+    rows, steps, limit = 4, 220, 100
     counts = fly_both(
         env_id, 11, [11 + i for i in range(rows)], steps, max_episode_steps=limit, estimator=estimator,
         estimator_options=FEW_MEMBERS.get(estimator), sensors="degraded", mismatch=0.2,
@@ -212,6 +214,7 @@ def test_environment_i_of_a_batch_is_the_single_environment_seeded_s_plus_i(
             np.testing.assert_array_equal(batch, single)
 
 
+@pytest.mark.slow
 @every_environment
 def test_a_batch_and_its_single_environments_agree_through_whole_episodes_and_on(env_id: str):
     """Guided rows end as the task means it: by the time limit, or where the task has a goal, by arriving."""
@@ -320,6 +323,7 @@ def fly_reacting(env_id: str, vehicle: type | None, steps: int, **options: Any) 
     return {key: {name: np.stack(values) for name, values in episode.items()} for key, episode in series.items()}
 
 
+@pytest.mark.slow
 @every_environment
 @pytest.mark.parametrize("vehicle", [None, SilentVehicle], ids=["as it is", "with nothing to read but noise"])
 def test_swapping_the_estimator_leaves_nature_as_it_was_in_every_episode(env_id: str, vehicle: type | None):
@@ -356,7 +360,7 @@ def observations_when_truth_is_altered(
 
     Observations are those of every mode, ``(steps, rows, k)``.
     """
-    rows, steps = 4, 150
+    rows, steps = 4, 80
     true = make_core(env_id, rows, seed=5, **options)
     other = Core(with_vehicle(env_id, AlteredVehicle), rows, **(options | {"mismatch": 0.25}))
     other.seed(5)
@@ -367,7 +371,7 @@ def observations_when_truth_is_altered(
     seen = [observations(true)], [observations(other)]
     distance = [np.abs(true.truth - other.truth).max(-1)]
     for step in range(steps):
-        if step == 80:  # a partial reset, as autoreset does it
+        if step == 40:  # a partial reset, as autoreset does it
             some = np.array([1, 3])
             for core in (true, other):
                 core.episodes[some] += 1
@@ -395,6 +399,7 @@ def scramble(core: Core, rng: np.random.Generator) -> None:
     core.parameters = core.parameters * rng.uniform(0.9, 1.1, core.parameters.shape)
 
 
+@pytest.mark.slow
 @every_estimator_but_truth
 @pytest.mark.parametrize("alter", [None, scramble], ids=["another start and ship", "scrambled between steps"])
 def test_the_observation_does_not_change_when_truth_does(
@@ -444,13 +449,14 @@ def scribble(tree: Any) -> None:
         tree[...] = True if tree.dtype == bool else 77
 
 
+@pytest.mark.slow
 @every_estimator
 def test_writing_to_what_was_handed_out_does_not_change_the_future(env_id: str, estimator: str):
     def fly(env: Any, vandal: bool) -> list[Any]:
         record = []
         out = env.reset(seed=1)
         walk = random_walk(1, batch_rows, env.unwrapped.core.action_size)
-        for _ in range(110):
+        for _ in range(70):
             record.append(copy_tree(out))
             if vandal:
                 for part in out:
@@ -476,6 +482,7 @@ def test_writing_to_what_was_handed_out_does_not_change_the_future(env_id: str, 
             assert_same_tree(a, b, f"step {step}")
 
 
+@pytest.mark.slow
 @every_estimator
 def test_what_was_handed_out_does_not_change_later(env_id: str, estimator: str):
     env = make_batch(env_id, 3, estimator=estimator, sensors="degraded", disturbance="rough")
@@ -528,6 +535,7 @@ def test_the_score_is_the_sum_of_rewards_over_that_of_a_perfect_episode(env_id: 
 # --- robustness -------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @every_environment
 def test_random_actions_leave_everything_finite_and_in_bounds(env_id: str, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(SUITES, "broken", BROKEN)
@@ -553,12 +561,14 @@ def test_even_the_most_mismatched_vehicle_stays_in_one_piece(env_id: str):
     assert (np.abs(core.truth) < 1e4 + 100.0 * start).all()
 
 
-@pytest.mark.parametrize(
-    "value", [None, np.nan, np.inf, -np.inf, 1e300, -1e300, 5e-324], ids=lambda v: "missing" if v is None else str(v)
-)
+ABSURD = np.array([0.0, np.nan, np.inf, -np.inf, 1e300, -1e300, 5e-324])
+"""A value for each row; the first row's does not arrive."""
+
+
+@pytest.mark.slow
 @every_estimator
-def test_absurd_readings_raise_nothing_and_leave_no_trace_of_nan(env_id: str, estimator: str, value: float | None):
-    rows = 4
+def test_absurd_readings_raise_nothing_and_leave_no_trace_of_nan(env_id: str, estimator: str):
+    rows = len(ABSURD)
     core = make_core(env_id, rows, seed=1, estimator=estimator, estimator_options=FEW_MEMBERS.get(estimator))
 
     def check(reward: np.ndarray | None) -> None:
@@ -567,9 +577,7 @@ def test_absurd_readings_raise_nothing_and_leave_no_trace_of_nan(env_id: str, es
             assert_sound(core, observation, reward, info)
 
     p = core.sensors.size
-    absurd = (np.zeros((rows, p)), np.zeros((rows, p), bool))
-    if value is not None:
-        absurd = (np.full((rows, p), value), np.ones((rows, p), bool))
+    absurd = np.repeat(ABSURD[:, None], p, axis=1), np.repeat(np.arange(rows)[:, None] > 0, p, axis=1)
     rng = np.random.default_rng(1)
     core.reset(readings=absurd)
     check(None)
@@ -585,17 +593,16 @@ def test_absurd_readings_raise_nothing_and_leave_no_trace_of_nan(env_id: str, es
         check(reward)
 
 
-@pytest.mark.parametrize("scale", [1e3, 1e30, 1e150, 1e300])
+@pytest.mark.slow
 @every_estimator
-def test_an_estimate_that_has_run_away_raises_nothing_and_leaves_no_trace_of_nan(
-    env_id: str, estimator: str, scale: float
-):
+def test_an_estimate_that_has_run_away_raises_nothing_and_leaves_no_trace_of_nan(env_id: str, estimator: str):
+    scales = np.array([1e3, 1e30, 1e150, 1e300])[:, None]  # one for each row
     core = make_core(env_id, 4, seed=3, estimator=estimator, observe="mean+std", sensors="degraded")
     core.reset()
     walk = random_walk(3, 4, core.action_size)
     for step in range(60):
         if step == 20:
-            core.belief = core.belief.replace(mean=scale * (core.belief.mean + 1.0))
+            core.belief = core.belief.replace(mean=scales * (core.belief.mean + 1.0))
         reward, _ = core.step(next(walk))
         assert_sound(core, core.observe(), reward, core.info())
 
@@ -624,6 +631,7 @@ def cost_of_the_gap(core: Core, without: np.ndarray) -> np.ndarray:
     return np.matvec(np.abs(jacobian), np.sqrt(loss + 0.1**2 * share * after))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("env_id", "estimator"), [pair for pair in CARRIED if pair[1] != "dead-reckoning"])
 def test_after_a_long_gap_the_estimate_returns_to_what_it_would_have_been(env_id: str, estimator: str):
     """To a thousandth, but for what the estimate itself says that the gap has cost for good.

@@ -104,6 +104,7 @@ def test_without_noise_flights_follow_the_model_and_readings_are_the_truth():
         np.testing.assert_allclose(expected, np.tile(state, (2, 1)), rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_every_size_and_both_sets_of_measurements_see_the_same_flights(results):
     for level in paper.LEVELS:
         for control in paper.CONTROLS:
@@ -150,6 +151,7 @@ def test_the_ratio_of_paired_errors_is_known_without_an_interval_where_all_pairs
 # --- the page ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_every_printed_error_stands_beside_ours_with_a_verdict_at_both_levels_and_for_both_sets(results, page):
     for level in paper.LEVELS:
         found = puna_results.comparisons(results, level)
