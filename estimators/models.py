@@ -95,6 +95,9 @@ class LinearModel:
     q: int = field(init=False)
 
     def __post_init__(self) -> None:
+        for name in "AC":
+            if getattr(self, name) is None:
+                raise ValueError(f"{name} must be a matrix or a function of u, got None")
         for name in "ACBGH":
             _store_array(self, name)
         for name in "QR":
@@ -450,7 +453,7 @@ def as_covariance(name: str, value: object) -> np.ndarray:
     lowest = float(np.linalg.eigvalsh(unit).min(initial=0.0))
     if lowest < -1e-9:
         raise ValueError(f"{name} must be positive semidefinite, its smallest eigenvalue is {lowest * scale:.3g}")
-    return cov
+    return cov if np.array_equal(cov, cov.mT) else 0.5 * cov + 0.5 * cov.mT
 
 
 def usable(R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
