@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from gymnasium.error import ResetNeeded
 
-from estimators import Belief, Gaussian
+from estimators import Belief, Filter, Gaussian
 from estimators.factory import unknown
 from vessel_gym.estimation import EstimatorChoice, Oracle, build
 from vessel_gym.sensors import SUITES, Sensors
@@ -70,10 +70,12 @@ class Core:
         self.vehicle, self.task = system.vehicle, system.task
         self.suite, self.sea, self.mismatch = SUITES[sensors], system.disturbances[disturbance], float(mismatch)
         choice = system.estimator if estimator is None else estimator
-        self.filter = build(system, choice, estimator_options or {}, self.suite, self.sea)
+        self._built_from = choice, dict(estimator_options or {})
+        self.filter = self._build()
         self.estimator = self.filter.name
         self._oracle = isinstance(self.filter, Oracle)
         self._ends = np.array(self.task.ends, dtype=object)
+        self._success = self.task.ends.index(self.task.success)
         self.action_size = len(self.vehicle.action_names)
         self.observation_size = self.task.sizes()[observe]
 
@@ -99,30 +101,52 @@ class Core:
         self.forcing: np.ndarray  # over the coming step
         self.tally: np.ndarray  # what the score remembers
 
+    def __getstate__(self) -> dict[str, Any]:
+        """All but the filter, whose model may hold functions that cannot be pickled."""
+        return {name: value for name, value in self.__dict__.items() if name != "filter"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Build the filter again: it is a function of what it was built from."""
+        self.__dict__.update(state)
+        self.filter = self._build()
+
     # --- reset ------------------------------------------------------------------------------------
 
-    def start(self, seed: int | Sequence[int] | None = None, options: dict[str, Any] | None = None) -> None:
-        """Start an episode in every environment: `seed`, then `reset`, or neither if either is refused."""
+    def start(
+        self,
+        seed: int | Sequence[int] | None = None,
+        options: dict[str, Any] | None = None,
+        rows: np.ndarray | None = None,
+    ) -> None:
+        """Start an episode in some environments: `seed`, then `reset`, or neither if either is refused.
+
+        Raises:
+            gymnasium.error.ResetNeeded: where only some are started and the others never were.
+        """
+        if rows is not None and not self.seeds and len(rows) < self.num_envs:
+            raise ResetNeeded("the first reset must be of all environments")
         before = self.seeds, self.episodes.copy()
         try:
-            self.seed(seed)
-            self.reset(options=options)
+            self.seed(seed, rows)
+            self.reset(rows, options)
         except Exception:
             self.seeds, self.episodes = before
             raise
 
-    def seed(self, seed: int | Sequence[int] | None) -> None:
+    def seed(self, seed: int | Sequence[int] | None, rows: np.ndarray | None = None) -> None:
         """Begin the count of episodes again with these seeds.
 
         Args:
             seed: A number s (environment i gets s + i), one number for each environment, or None
                 to keep the seeds and go on with the next episode.
+            rows: Indices of the environments that are seeded, None: all; the seeds of the others stay.
 
         Raises:
             ValueError: for a negative seed, one that is not a whole number, or a list of another length.
         """
+        rows = self._rows if rows is None else rows
         if seed is None and self.seeds:
-            self.episodes += 1
+            self.episodes[rows] += 1
             return
         if seed is None:
             seed = int(np.random.SeedSequence().generate_state(1)[0])
@@ -134,10 +158,11 @@ class Core:
             raise ValueError(f"seed must be a whole number or a list of them, got {seed!r}")
         if len(seeds) != self.num_envs:
             raise ValueError(f"got {len(seeds)} seeds for {self.num_envs} environments")
-        if not all(whole(s) and s >= 0 for s in seeds):
+        if not all(whole(seeds[row]) and seeds[row] >= 0 for row in rows):
             raise ValueError(f"seeds must be whole numbers >= 0, got {seed!r}")
-        self.seeds = [int(s) for s in seeds]
-        self.episodes[:] = 0
+        chosen = set(rows.tolist())
+        self.seeds = [int(seeds[i]) if i in chosen else self.seeds[i] for i in range(self.num_envs)]
+        self.episodes[rows] = 0
 
     def reset(
         self, rows: np.ndarray | None = None, options: dict[str, Any] | None = None, readings: Readings | None = None
@@ -191,12 +216,16 @@ class Core:
 
     # --- step -------------------------------------------------------------------------------------
 
-    def step(self, action: np.ndarray, readings: Readings | None = None) -> tuple[np.ndarray, np.ndarray]:
+    def step(
+        self, action: np.ndarray, readings: Readings | None = None, ended: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Advance every environment by one step.
 
         Args:
             action: ``(B, a)`` finite; clipped to [-1, 1].
             readings: Readings to use instead of the sensors' (for replays); the sensors then draw nothing.
+            ended: Mask ``(B,)`` of environments whose episode has ended and that are reset next: their actions are
+                not looked at.
 
         Returns:
             Reward ``(B,)`` and termination ``(B,)``.
@@ -207,7 +236,7 @@ class Core:
         """
         if not self.seeds:
             raise ResetNeeded("call reset() before the first step()")
-        action = self.checked(action)
+        action = self.checked(action, ended)
         vehicle, task, sea = self.vehicle, self.task, self.sea
         before = self.actuators
         after = self.actuators = vehicle.actuate(before, action)
@@ -265,21 +294,27 @@ class Core:
             "healthy": belief.healthy.copy(),
             "score": self.total / self.task.perfect,
             "end": self._ends[self.end],
+            "is_success": self.end == self._success,
         }
 
-    def checked(self, action: np.ndarray) -> np.ndarray:
-        """The action as floats ``(B, a)`` clipped to [-1, 1]."""
+    def checked(self, action: np.ndarray, ended: np.ndarray | None = None) -> np.ndarray:
+        """The action as floats ``(B, a)`` clipped to [-1, 1], and 0 where an episode has ended."""
         try:
             action = np.asarray(action, dtype=float)
         except (TypeError, ValueError):
             raise ValueError(f"action must be an array of numbers, got {action!r}") from None
         if action.shape != (self.num_envs, self.action_size):
             raise ValueError(f"action has shape {action.shape}, expected {(self.num_envs, self.action_size)}")
+        if ended is not None:
+            action = np.where(ended[:, None], 0.0, action)
         if not np.isfinite(action).all():
             raise ValueError("action must be finite, got NaN or infinity")
         return np.minimum(np.maximum(action, -1.0), 1.0)
 
     # --- inside -----------------------------------------------------------------------------------
+
+    def _build(self) -> Filter:
+        return build(self.system, *self._built_from, self.suite, self.sea)
 
     def _streams(self, rows: np.ndarray, purpose: Purpose) -> list[np.random.Generator]:
         return [stream(self.seeds[row], int(self.episodes[row]), purpose) for row in rows]
