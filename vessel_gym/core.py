@@ -1,12 +1,13 @@
 """The batched core that both faces of an environment share: one step of many environments at once."""
 
 from collections.abc import Sequence
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
 from gymnasium.error import ResetNeeded
 
-from estimators import Belief, Filter, Gaussian
+from estimators import Belief, Gaussian
 from estimators.factory import unknown
 from vessel_gym.estimation import EstimatorChoice, Oracle, build
 from vessel_gym.sensors import SUITES, Sensors
@@ -15,6 +16,8 @@ from vessel_gym.system import System
 
 Readings = tuple[np.ndarray, np.ndarray]
 """Readings ``(B, p)`` and the mask ``(B, p)`` of those that arrived."""
+
+_ATTACHED = ("system", "vehicle", "task", "sea", "filter")
 
 
 class Core:
@@ -66,12 +69,11 @@ class Core:
             or not 0.0 <= mismatch <= 0.25
         ):
             raise ValueError(f"mismatch must be between 0 and 0.25, got {mismatch!r}")
-        self.system, self.num_envs, self.observe_mode = system, int(num_envs), observe
-        self.vehicle, self.task = system.vehicle, system.task
-        self.suite, self.sea, self.mismatch = SUITES[sensors], system.disturbances[disturbance], float(mismatch)
+        self.num_envs, self.observe_mode = int(num_envs), observe
+        self.suite, self.mismatch = SUITES[sensors], float(mismatch)
         choice = system.estimator if estimator is None else estimator
-        self._built_from = choice, dict(estimator_options or {})
-        self.filter = self._build()
+        self._chosen = disturbance, choice, dict(estimator_options or {})
+        self.attach(system)
         self.estimator = self.filter.name
         self._oracle = isinstance(self.filter, Oracle)
         self._ends = np.array(self.task.ends, dtype=object)
@@ -101,14 +103,24 @@ class Core:
         self.forcing: np.ndarray  # over the coming step
         self.tally: np.ndarray  # what the score remembers
 
+    def attach(self, system: System) -> None:
+        """Take what is the same for all copies from the system, and build the filter: a copied core needs it again."""
+        disturbance, estimator, options = self._chosen
+        self.system, self.vehicle, self.task = system, system.vehicle, system.task
+        self.sea = system.disturbances[disturbance]
+        self.filter = build(system, estimator, options, self.suite, self.sea)
+
     def __getstate__(self) -> dict[str, Any]:
-        """All but the filter, whose model may hold functions that cannot be pickled."""
-        return {name: value for name, value in self.__dict__.items() if name != "filter"}
+        """All but what `attach` gives, which may hold functions that cannot be pickled."""
+        state = {name: value for name, value in self.__dict__.items() if name not in _ATTACHED}
+        return state | {"strides": _strides(self.belief)} if self.seeds else state
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Build the filter again: it is a function of what it was built from."""
+        """The state as it was, to the last bit of what follows from it."""
+        strides = state.pop("strides", {})
         self.__dict__.update(state)
-        self.filter = self._build()
+        if strides:
+            self.belief = _laid_out(self.belief, strides)
 
     # --- reset ------------------------------------------------------------------------------------
 
@@ -211,7 +223,10 @@ class Core:
         steps = self.steps[rows]
         u = task.known_input(actuators, actuators, task.reference(course, steps, belief))
         belief = self._update(belief, truth, forcing, readings, rng, u)
-        self.belief = belief if len(rows) == self.num_envs else self.belief.with_rows(rows, belief)
+        if len(rows) == self.num_envs:
+            self.belief = belief
+        else:
+            self.belief = _laid_out(self.belief.with_rows(rows, belief), _strides(self.belief))
         self._put(rows, reference=task.reference(course, steps, belief))
 
     # --- step -------------------------------------------------------------------------------------
@@ -313,9 +328,6 @@ class Core:
 
     # --- inside -----------------------------------------------------------------------------------
 
-    def _build(self) -> Filter:
-        return build(self.system, *self._built_from, self.suite, self.sea)
-
     def _streams(self, rows: np.ndarray, purpose: Purpose) -> list[np.random.Generator]:
         return [stream(self.seeds[row], int(self.episodes[row]), purpose) for row in rows]
 
@@ -360,6 +372,25 @@ class Core:
 def whole(value: object) -> bool:
     """Whether a value is a whole number: NumPy's too, but not True or 2.0."""
     return isinstance(value, int | np.integer) and not isinstance(value, bool)
+
+
+def _strides(belief: Belief) -> dict[str, tuple[int, ...]]:
+    """How the arrays of a belief lie in memory."""
+    arrays = {field.name: getattr(belief, field.name) for field in fields(belief)}
+    return {name: array.strides for name, array in arrays.items() if array is not None}
+
+
+def _laid_out(belief: Belief, strides: dict[str, tuple[int, ...]]) -> Belief:
+    """The belief with arrays that lie in memory as told: the last bit of a product depends on that."""
+    arrays = {}
+    for name, steps in strides.items():
+        values = getattr(belief, name)
+        size = sum((n - 1) * step for n, step in zip(values.shape, steps, strict=True)) + values.itemsize
+        array: np.ndarray = np.ndarray(values.shape, values.dtype, np.empty(size, np.uint8), strides=steps)
+        array[...] = values
+        if np.array_equal(array, values):  # but where rows that share their memory have come to differ
+            arrays[name] = array
+    return belief.replace(**arrays)
 
 
 def _arrived(readings: Readings) -> Readings:

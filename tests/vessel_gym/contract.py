@@ -53,7 +53,7 @@ def _entry(point: Any) -> Any:
 
 
 def make_batch(env_id: str, num_envs: int, **options: Any) -> VesselVectorEnv:
-    """A native batch, whose ended episodes are followed by the next in the same step unless ``options`` say otherwise."""
+    """A native batch; ended episodes are followed by the next in the same step, unless ``options`` say otherwise."""
     options = {"autoreset_mode": AutoresetMode.SAME_STEP} | options
     return gym.make_vec(env_id, num_envs=num_envs, vectorization_mode="vector_entry_point", **options)
 

@@ -51,6 +51,11 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
         self.render_mode = render_mode
         self._renderer: Any = None
 
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Copies and pickles go on as the original would have; the system is the class's."""
+        self.__dict__.update(state)
+        self.core.attach(self.system)
+
     @property
     def truth(self) -> np.ndarray:
         """A copy of the true state, for scoring only; components are ``system.vehicle.truth_names``."""

@@ -78,6 +78,11 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._ended = np.zeros(num_envs, bool)  # and not yet reset
         self._renderers: list[Any] = []
 
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Copies and pickles go on as the original would have; the system is the class's."""
+        self.__dict__.update(state)
+        self.core.attach(self.system)
+
     @property
     def truth(self) -> np.ndarray:
         """A copy of the true states ``(num_envs, n)``, for scoring only."""
