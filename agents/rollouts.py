@@ -154,7 +154,8 @@ def _batch(env_id: str, num_envs: int, options: dict[str, Any]) -> gym.vector.Ve
     except gym.error.Error as error:
         raise ValueError(str(error)) from None
     creator: Any = gym.envs.registration.load_env_creator(entry) if isinstance(entry, str) else entry
-    if isinstance(creator, type) and issubclass(creator, VesselVectorEnv):
-        return gym.make_vec(env_id, num_envs=num_envs, vectorization_mode="vector_entry_point", **options)
     same_step = {"autoreset_mode": gym.vector.AutoresetMode.SAME_STEP}
+    if isinstance(creator, type) and issubclass(creator, VesselVectorEnv):
+        native: Any = {"vectorization_mode": "vector_entry_point", **same_step}
+        return gym.make_vec(env_id, num_envs=num_envs, **native, **options)
     return gym.make_vec(env_id, num_envs=num_envs, vectorization_mode="sync", vector_kwargs=same_step, **options)

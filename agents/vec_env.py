@@ -9,24 +9,27 @@ import numpy as np
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
 
+from vessel_gym.envs.vector import VesselVectorEnv
+
 
 class StableBaselinesVecEnv(VecEnv):
-    """A `gymnasium.vector.VectorEnv` with ``SAME_STEP`` autoreset as a stable-baselines3 ``VecEnv``.
+    """A batch of this package, or any `gymnasium.vector.VectorEnv` with ``SAME_STEP`` autoreset, as a ``VecEnv``.
 
     A finished environment's info holds its own last observation in ``terminal_observation``,
     whether it was cut off by the time limit in ``TimeLimit.truncated``, and the episode's return,
     length and score in ``episode`` (no Monitor wrapper is needed).
 
     Args:
-        env: The vector environment.
+        env: The vector environment. A `VesselVectorEnv` may have any autoreset mode: the adapter resets what has ended.
 
     Raises:
-        ValueError: if its autoreset mode is another.
+        ValueError: if it is another's, or wrapped, and its autoreset mode is not ``SAME_STEP``.
     """
 
     def __init__(self, env: gym.vector.VectorEnv) -> None:
         mode = env.metadata.get("autoreset_mode")
-        if mode != gym.vector.AutoresetMode.SAME_STEP:
+        self._resets = mode != gym.vector.AutoresetMode.SAME_STEP
+        if self._resets and not isinstance(env, VesselVectorEnv):
             raise ValueError(f"the adapter needs an environment with SAME_STEP autoreset, this one has {mode}")
         self.env = env
         self._seed: int | None = None
@@ -43,11 +46,22 @@ class StableBaselinesVecEnv(VecEnv):
 
     def reset(self) -> np.ndarray:
         """First observations ``(B, k)``."""
-        observations, _ = self.env.reset(seed=self._seed)
+        observations, _ = self.env.reset(seed=self._seed, options=self._options[0] or None)
         self._seed = None
+        self._reset_options()
         self._returns[:], self._lengths[:] = 0.0, 0
         self.reset_infos = [{} for _ in range(self.num_envs)]
         return observations
+
+    def set_options(self, options: list[dict[str, Any]] | dict[str, Any] | None = None) -> None:
+        """The options of the next `reset`, for all environments alike.
+
+        Raises:
+            ValueError: if they are not the same for all.
+        """
+        if isinstance(options, list) and len({repr(each) for each in options}) != 1:
+            raise ValueError("the environments of a batch share their reset options: give one dictionary for all")
+        super().set_options(options[0] if isinstance(options, list) else options)
 
     def step_async(self, actions: np.ndarray) -> None:
         """Keep the actions for `step_wait`."""
@@ -60,6 +74,9 @@ class StableBaselinesVecEnv(VecEnv):
         self._lengths += 1
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         dones = terminated | truncated
+        if dones.any() and self._resets:
+            info = {"final_obs": observations, "final_info": info}
+            observations, _ = self.env.reset(options={"reset_mask": dones})
         for i in np.flatnonzero(dones):
             infos[i] = {
                 "terminal_observation": info["final_obs"][i],
@@ -72,6 +89,8 @@ class StableBaselinesVecEnv(VecEnv):
             }
             if "score" in info["final_info"]:
                 infos[i]["score"] = float(info["final_info"]["score"][i])
+            if "is_success" in info["final_info"]:
+                infos[i]["is_success"] = bool(info["final_info"]["is_success"][i])
             self._returns[i], self._lengths[i] = 0.0, 0
         return observations, rewards.astype(np.float32), dones, infos
 

@@ -1,6 +1,7 @@
 """The batched core that both faces of an environment share: one step of many environments at once."""
 
 from collections.abc import Sequence
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,8 @@ from vessel_gym.system import System
 
 Readings = tuple[np.ndarray, np.ndarray]
 """Readings ``(B, p)`` and the mask ``(B, p)`` of those that arrived."""
+
+_ATTACHED = ("system", "vehicle", "task", "sea", "filter")
 
 
 class Core:
@@ -66,14 +69,15 @@ class Core:
             or not 0.0 <= mismatch <= 0.25
         ):
             raise ValueError(f"mismatch must be between 0 and 0.25, got {mismatch!r}")
-        self.system, self.num_envs, self.observe_mode = system, int(num_envs), observe
-        self.vehicle, self.task = system.vehicle, system.task
-        self.suite, self.sea, self.mismatch = SUITES[sensors], system.disturbances[disturbance], float(mismatch)
+        self.num_envs, self.observe_mode = int(num_envs), observe
+        self.suite, self.mismatch = SUITES[sensors], float(mismatch)
         choice = system.estimator if estimator is None else estimator
-        self.filter = build(system, choice, estimator_options or {}, self.suite, self.sea)
+        self._chosen = disturbance, choice, dict(estimator_options or {})
+        self.attach(system)
         self.estimator = self.filter.name
         self._oracle = isinstance(self.filter, Oracle)
         self._ends = np.array(self.task.ends, dtype=object)
+        self._success = self.task.ends.index(self.task.success)
         self.action_size = len(self.vehicle.action_names)
         self.observation_size = self.task.sizes()[observe]
 
@@ -99,30 +103,62 @@ class Core:
         self.forcing: np.ndarray  # over the coming step
         self.tally: np.ndarray  # what the score remembers
 
+    def attach(self, system: System) -> None:
+        """Take what is the same for all copies from the system, and build the filter: a copied core needs it again."""
+        disturbance, estimator, options = self._chosen
+        self.system, self.vehicle, self.task = system, system.vehicle, system.task
+        self.sea = system.disturbances[disturbance]
+        self.filter = build(system, estimator, options, self.suite, self.sea)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All but what `attach` gives, which may hold functions that cannot be pickled."""
+        state = {name: value for name, value in self.__dict__.items() if name not in _ATTACHED}
+        return state | {"strides": _strides(self.belief)} if self.seeds else state
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """The state as it was, to the last bit of what follows from it."""
+        strides = state.pop("strides", {})
+        self.__dict__.update(state)
+        if strides:
+            self.belief = _laid_out(self.belief, strides)
+
     # --- reset ------------------------------------------------------------------------------------
 
-    def start(self, seed: int | Sequence[int] | None = None, options: dict[str, Any] | None = None) -> None:
-        """Start an episode in every environment: `seed`, then `reset`, or neither if either is refused."""
+    def start(
+        self,
+        seed: int | Sequence[int] | None = None,
+        options: dict[str, Any] | None = None,
+        rows: np.ndarray | None = None,
+    ) -> None:
+        """Start an episode in some environments: `seed`, then `reset`, or neither if either is refused.
+
+        Raises:
+            gymnasium.error.ResetNeeded: where only some are started and the others never were.
+        """
+        if rows is not None and not self.seeds and len(rows) < self.num_envs:
+            raise ResetNeeded("the first reset must be of all environments")
         before = self.seeds, self.episodes.copy()
         try:
-            self.seed(seed)
-            self.reset(options=options)
+            self.seed(seed, rows)
+            self.reset(rows, options)
         except Exception:
             self.seeds, self.episodes = before
             raise
 
-    def seed(self, seed: int | Sequence[int] | None) -> None:
+    def seed(self, seed: int | Sequence[int] | None, rows: np.ndarray | None = None) -> None:
         """Begin the count of episodes again with these seeds.
 
         Args:
             seed: A number s (environment i gets s + i), one number for each environment, or None
                 to keep the seeds and go on with the next episode.
+            rows: Indices of the environments that are seeded, None: all; the seeds of the others stay.
 
         Raises:
             ValueError: for a negative seed, one that is not a whole number, or a list of another length.
         """
+        rows = self._rows if rows is None else rows
         if seed is None and self.seeds:
-            self.episodes += 1
+            self.episodes[rows] += 1
             return
         if seed is None:
             seed = int(np.random.SeedSequence().generate_state(1)[0])
@@ -134,10 +170,11 @@ class Core:
             raise ValueError(f"seed must be a whole number or a list of them, got {seed!r}")
         if len(seeds) != self.num_envs:
             raise ValueError(f"got {len(seeds)} seeds for {self.num_envs} environments")
-        if not all(whole(s) and s >= 0 for s in seeds):
+        if not all(whole(seeds[row]) and seeds[row] >= 0 for row in rows):
             raise ValueError(f"seeds must be whole numbers >= 0, got {seed!r}")
-        self.seeds = [int(s) for s in seeds]
-        self.episodes[:] = 0
+        chosen = set(rows.tolist())
+        self.seeds = [int(seeds[i]) if i in chosen else self.seeds[i] for i in range(self.num_envs)]
+        self.episodes[rows] = 0
 
     def reset(
         self, rows: np.ndarray | None = None, options: dict[str, Any] | None = None, readings: Readings | None = None
@@ -186,17 +223,24 @@ class Core:
         steps = self.steps[rows]
         u = task.known_input(actuators, actuators, task.reference(course, steps, belief))
         belief = self._update(belief, truth, forcing, readings, rng, u)
-        self.belief = belief if len(rows) == self.num_envs else self.belief.with_rows(rows, belief)
+        if len(rows) == self.num_envs:
+            self.belief = belief
+        else:
+            self.belief = _laid_out(self.belief.with_rows(rows, belief), _strides(self.belief))
         self._put(rows, reference=task.reference(course, steps, belief))
 
     # --- step -------------------------------------------------------------------------------------
 
-    def step(self, action: np.ndarray, readings: Readings | None = None) -> tuple[np.ndarray, np.ndarray]:
+    def step(
+        self, action: np.ndarray, readings: Readings | None = None, ended: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Advance every environment by one step.
 
         Args:
             action: ``(B, a)`` finite; clipped to [-1, 1].
             readings: Readings to use instead of the sensors' (for replays); the sensors then draw nothing.
+            ended: Mask ``(B,)`` of environments whose episode has ended and that are reset next: their actions are
+                not looked at.
 
         Returns:
             Reward ``(B,)`` and termination ``(B,)``.
@@ -207,7 +251,7 @@ class Core:
         """
         if not self.seeds:
             raise ResetNeeded("call reset() before the first step()")
-        action = self.checked(action)
+        action = self.checked(action, ended)
         vehicle, task, sea = self.vehicle, self.task, self.sea
         before = self.actuators
         after = self.actuators = vehicle.actuate(before, action)
@@ -265,16 +309,19 @@ class Core:
             "healthy": belief.healthy.copy(),
             "score": self.total / self.task.perfect,
             "end": self._ends[self.end],
+            "is_success": self.end == self._success,
         }
 
-    def checked(self, action: np.ndarray) -> np.ndarray:
-        """The action as floats ``(B, a)`` clipped to [-1, 1]."""
+    def checked(self, action: np.ndarray, ended: np.ndarray | None = None) -> np.ndarray:
+        """The action as floats ``(B, a)`` clipped to [-1, 1], and 0 where an episode has ended."""
         try:
             action = np.asarray(action, dtype=float)
         except (TypeError, ValueError):
             raise ValueError(f"action must be an array of numbers, got {action!r}") from None
         if action.shape != (self.num_envs, self.action_size):
             raise ValueError(f"action has shape {action.shape}, expected {(self.num_envs, self.action_size)}")
+        if ended is not None:
+            action = np.where(ended[:, None], 0.0, action)
         if not np.isfinite(action).all():
             raise ValueError("action must be finite, got NaN or infinity")
         return np.minimum(np.maximum(action, -1.0), 1.0)
@@ -325,6 +372,25 @@ class Core:
 def whole(value: object) -> bool:
     """Whether a value is a whole number: NumPy's too, but not True or 2.0."""
     return isinstance(value, int | np.integer) and not isinstance(value, bool)
+
+
+def _strides(belief: Belief) -> dict[str, tuple[int, ...]]:
+    """How the arrays of a belief lie in memory."""
+    arrays = {field.name: getattr(belief, field.name) for field in fields(belief)}
+    return {name: array.strides for name, array in arrays.items() if array is not None}
+
+
+def _laid_out(belief: Belief, strides: dict[str, tuple[int, ...]]) -> Belief:
+    """The belief with arrays that lie in memory as told: the last bit of a product depends on that."""
+    arrays = {}
+    for name, steps in strides.items():
+        values = getattr(belief, name)
+        size = sum((n - 1) * step for n, step in zip(values.shape, steps, strict=True)) + values.itemsize
+        array: np.ndarray = np.ndarray(values.shape, values.dtype, np.empty(size, np.uint8), strides=steps)
+        array[...] = values
+        if np.array_equal(array, values):  # but where rows that share their memory have come to differ
+            arrays[name] = array
+    return belief.replace(**arrays)
 
 
 def _arrived(readings: Readings) -> Readings:

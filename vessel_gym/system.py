@@ -113,6 +113,10 @@ class Task(Protocol):
         """Why an episode may end, by number; number 0 is that it goes on."""
 
     @property
+    def success(self) -> str:
+        """Which of ``ends`` means success; empty where success is to go on to the time limit."""
+
+    @property
     def states(self) -> int:
         """Size of the prior."""
 

@@ -165,6 +165,56 @@ def test_another_autoreset_mode_is_refused_in_a_sentence(mode: AutoresetMode):
         StableBaselinesVecEnv(env)
 
 
+def test_a_batch_of_ours_may_have_any_autoreset_mode_and_gives_the_same():
+    envs = [adapter(disturbance="rough", autoreset_mode=mode) for mode in AutoresetMode]
+    first = []
+    for env in envs:
+        env.seed(5)
+        first.append(env.reset())
+    ended = 0
+    for actions in leaning_actions(1)[:120]:
+        first, *others = [env.step(actions) for env in envs]
+        for other in others:
+            for one, two in zip(first[:3], other[:3], strict=True):
+                np.testing.assert_array_equal(one, two)
+            for one, two in zip(first[3], other[3], strict=True):
+                assert set(one) == set(two)
+                if one:
+                    np.testing.assert_array_equal(one["terminal_observation"], two["terminal_observation"])
+                    assert one["episode"]["r"] == two["episode"]["r"]
+                    assert [one[key] for key in ("score", "is_success", "TimeLimit.truncated")] == [
+                        two[key] for key in ("score", "is_success", "TimeLimit.truncated")
+                    ]
+                    assert one["is_success"] is one["TimeLimit.truncated"]  # the turn was held until time was up
+        ended += first[2].sum()
+    assert ended > 4
+
+
+@pytest.mark.parametrize("options", [{"radius": 400.0}, [{"radius": 400.0} for _ in range(ROWS)]], ids=["one", "list"])
+def test_options_hold_for_the_next_reset_alone(options: Any):
+    env, plain = adapter(), adapter()
+    env.set_options(options)
+    for each in (env, plain):
+        each.seed(2)
+    observations = env.reset()
+    for row in range(ROWS):
+        expected, _ = gym.make(ENV).reset(seed=2 + row, options={"radius": 400.0})
+        np.testing.assert_allclose(observations[row], expected, rtol=0, atol=1e-6)
+    assert (observations != plain.reset()).any()
+    for each in (env, plain):
+        each.seed(2)
+    np.testing.assert_array_equal(env.reset(), plain.reset())
+
+
+def test_options_that_differ_within_a_batch_are_refused():
+    env = adapter()
+    with pytest.raises(ValueError, match=r"^the environments of a batch share their reset options: give one"):
+        env.set_options([{"radius": 300.0 + row} for row in range(ROWS)])
+    env.set_options({"speed": 3.0})
+    with pytest.raises(ValueError, match="unknown reset option 'speed'"):
+        env.reset()
+
+
 def test_gymnasiums_own_batches_with_the_same_autoreset_work_too():
     options = {"vectorization_mode": "sync", "vector_kwargs": {"autoreset_mode": AutoresetMode.SAME_STEP}}
     env = StableBaselinesVecEnv(gym.make_vec("CartPole-v1", num_envs=3, **options))

@@ -7,6 +7,7 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.vector import AutoresetMode
 
 import vessel_gym  # noqa: F401  (registers the environments)
 from vessel_gym.core import Core
@@ -52,6 +53,8 @@ def _entry(point: Any) -> Any:
 
 
 def make_batch(env_id: str, num_envs: int, **options: Any) -> VesselVectorEnv:
+    """A native batch; ended episodes are followed by the next in the same step, unless ``options`` say otherwise."""
+    options = {"autoreset_mode": AutoresetMode.SAME_STEP} | options
     return gym.make_vec(env_id, num_envs=num_envs, vectorization_mode="vector_entry_point", **options)
 
 

@@ -156,6 +156,7 @@ class PunaUAVEnv(VesselEnv):
     | `healthy`        | False in a step where the estimator had to start again                                  |
     | `score`          | sum of rewards so far                                                                   |
     | `end`            | why the episode has ended, or empty                                                     |
+    | `is_success`     | whether the aircraft has arrived: at an episode's end, whether it succeeded             |
 
     ## Arguments
 

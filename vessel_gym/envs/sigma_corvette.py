@@ -128,6 +128,7 @@ class SigmaCorvetteEnv(VesselEnv):
     | `healthy`        | False in a step where the estimator had to start again                      |
     | `score`          | sum of rewards so far over 600                                              |
     | `end`            | why the episode has ended: `turn lost`, or empty                            |
+    | `is_success`     | whether the turn is held so far: at an episode's end, whether it succeeded  |
 
     ## Arguments
 

@@ -5,8 +5,8 @@ from typing import Any, ClassVar
 import gymnasium as gym
 import numpy as np
 
-from vessel_gym.core import Core
-from vessel_gym.envs.spaces import action_space, observation_space
+from vessel_gym.core import Core, whole
+from vessel_gym.envs.shared import action_space, check_render_mode, first_seed, observation_space
 from vessel_gym.estimation import EstimatorChoice
 from vessel_gym.system import System
 
@@ -44,13 +44,17 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
         observe: str = "mean",
         render_mode: str | None = None,
     ) -> None:
-        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
-            raise ValueError(f"unknown render_mode {render_mode!r}: choose from {self.metadata['render_modes']}")
+        check_render_mode(render_mode, self.metadata)
         self.core = Core(self.system, 1, estimator, estimator_options, sensors, disturbance, mismatch, observe)
         self.observation_space = observation_space(self.core)
         self.action_space = action_space(self.core)
         self.render_mode = render_mode
         self._renderer: Any = None
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Copies and pickles go on as the original would have; the system is the class's."""
+        self.__dict__.update(state)
+        self.core.attach(self.system)
 
     @property
     def truth(self) -> np.ndarray:
@@ -61,8 +65,10 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Start an episode; see `gymnasium.Env.reset`. ``options`` are the task's."""
-        super().reset(seed=seed)
-        self.core.start(seed, options)
+        if seed is not None and not whole(seed):
+            raise ValueError(f"seed must be a whole number, got {seed!r}")
+        self.core.start(first_seed(self, self.core) if seed is None else seed, options)
+        super().reset(seed=None if seed is None else int(seed))
         if self.render_mode is not None:
             self._record(begin=True)
         return self.core.observe()[0], self._info()
@@ -92,7 +98,8 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
 
     def _info(self) -> dict[str, Any]:
         info: dict[str, Any] = {key: value[0] for key, value in self.core.info().items()}
-        info["healthy"], info["score"] = bool(info["healthy"]), float(info["score"])
+        info["score"] = float(info["score"])
+        info |= {key: bool(info[key]) for key in ("healthy", "is_success")}
         return info
 
     def _record(self, begin: bool = False) -> None:

@@ -3,12 +3,14 @@
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
+import gymnasium as gym
 import numpy as np
+from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from vessel_gym.core import Core, whole
-from vessel_gym.envs.spaces import action_space, observation_space
+from vessel_gym.envs.shared import action_space, check_render_mode, first_seed, observation_space
 from vessel_gym.estimation import EstimatorChoice
 from vessel_gym.system import System
 
@@ -16,8 +18,16 @@ from vessel_gym.system import System
 class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """Many environments in one batch; environment i of a batch seeded s is the single one seeded s + i.
 
-    Autoreset is ``SAME_STEP``: the observation of a finished environment is its next episode's
-    first, and ``info["final_obs"]`` and ``info["final_info"]`` hold the ended episode's.
+    Where episodes end, ``autoreset_mode`` says what follows; the episodes are the same in every mode:
+
+    - ``"NextStep"`` (Gymnasium's default): the next `step` ignores the environment's action and gives its next
+      episode's first observation, with reward 0.
+    - ``"SameStep"``: the observation is the next episode's first already, and ``info["final_obs"]`` and
+      ``info["final_info"]`` hold the ended episode's.
+    - ``"Disabled"``: `step` refuses to go on until ``reset(options={"reset_mask": ended})`` has started new episodes.
+
+    In every mode ``reset(options={"reset_mask": mask})``, with a boolean array ``(num_envs,)``, starts new episodes in
+    these environments and leaves the others as they are.
 
     Args:
         num_envs: Number of environments.
@@ -29,12 +39,14 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         disturbance: See `VesselEnv`.
         mismatch: See `VesselEnv`.
         observe: See `VesselEnv`.
+        autoreset_mode: A `gymnasium.vector.AutoresetMode` or its value.
+        render_mode: ``None`` or ``"rgb_array"``.
 
     Raises:
-        ValueError: as `VesselEnv`, and for a ``num_envs`` that is not a positive whole number.
+        ValueError: as `VesselEnv`, and for a ``num_envs`` that is not a positive whole number or another mode.
     """
 
-    metadata = {"autoreset_mode": AutoresetMode.SAME_STEP, "render_modes": []}
+    metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP, "render_modes": ["rgb_array"], "render_fps": 20}
     system: ClassVar[System]
 
     def __init__(
@@ -47,16 +59,29 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         disturbance: str = "moderate",
         mismatch: float = 0.0,
         observe: str = "mean",
+        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
+        render_mode: str | None = None,
     ) -> None:
         if max_episode_steps is not None and not (whole(max_episode_steps) and max_episode_steps >= 1):
             raise ValueError(f"max_episode_steps must be a whole number of at least 1, got {max_episode_steps!r}")
+        check_render_mode(render_mode, self.metadata)
+        self.autoreset_mode = _autoreset_mode(autoreset_mode)
+        self.metadata = self.metadata | {"autoreset_mode": self.autoreset_mode}
         self.core = Core(self.system, num_envs, estimator, estimator_options, sensors, disturbance, mismatch, observe)
         self.num_envs = num_envs
         self.max_episode_steps = max_episode_steps
+        self.render_mode = render_mode
         self.single_observation_space = observation_space(self.core)
         self.single_action_space = action_space(self.core)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
+        self._ended = np.zeros(num_envs, bool)  # and not yet reset
+        self._renderers: list[Any] = []
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Copies and pickles go on as the original would have; the system is the class's."""
+        self.__dict__.update(state)
+        self.core.attach(self.system)
 
     @property
     def truth(self) -> np.ndarray:
@@ -66,32 +91,123 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | Sequence[int] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Start an episode in every environment; ``seed`` is a number or one for each."""
-        self.core.start(seed, options)
-        return self.core.observe(), self._masked(self.core.info())
+        """Start an episode in every environment, or in those of ``options["reset_mask"]``.
+
+        Args:
+            seed: A number s (environment i gets s + i), one number for each environment, or None to go on.
+            options: The task's, and ``reset_mask``: a boolean array ``(num_envs,)``.
+
+        Returns:
+            Observations of all environments, and the info of those that were reset.
+
+        Raises:
+            ValueError: for wrong seeds or options; nothing has changed then.
+            TypeError: for a mask that is not a boolean array.
+            gymnasium.error.ResetNeeded: if the first reset leaves out an environment.
+        """
+        core, mask = self.core, np.ones(self.num_envs, bool)
+        if isinstance(options, dict) and "reset_mask" in options:
+            options = dict(options)  # the caller's stays as it is
+            mask = self._checked_mask(options.pop("reset_mask"))
+        core.start(first_seed(self, core) if seed is None else seed, options, np.flatnonzero(mask))
+        if seed is not None:
+            self._keep_seed()
+        self._ended &= ~mask
+        self._record(mask, np.zeros_like(mask))
+        info = core.info()
+        if not mask.all():
+            info = {key: _only(mask, value) for key, value in info.items()}
+        return core.observe(), self._masked(info, mask)
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Advance every environment by one step and restart those that ended."""
-        core = self.core
-        reward, terminated = core.step(actions)
+        """Advance every environment by one step; the class says what follows where an episode has ended.
+
+        Raises:
+            ValueError: if the actions have the wrong shape or are not finite; nothing has changed then.
+            gymnasium.error.ResetNeeded: before the first reset, or where an episode has ended and nothing restarts it.
+        """
+        core, restarted = self.core, self._ended
+        if restarted.any():
+            reward, terminated = self._step_and_restart(actions, restarted)
+        else:
+            reward, terminated = core.step(actions)
         truncated = np.zeros(self.num_envs, bool)
         if self.max_episode_steps is not None:
             truncated = core.steps >= self.max_episode_steps
-        observation, info = core.observe(), core.info()
-        done = terminated | truncated
-        if not done.any():
-            return observation, reward, terminated, truncated, self._masked(info)
-        rows = np.flatnonzero(done)
+        done, final = terminated | truncated, {}
+        if self.autoreset_mode is not AutoresetMode.SAME_STEP:
+            self._ended = done
+        elif done.any():
+            final, restarted = self._final(done), done
+            core.start(rows=np.flatnonzero(done))
+        self._record(restarted, ~restarted)
+        return core.observe(), reward, terminated, truncated, self._masked(core.info()) | final
+
+    def render(self) -> tuple[np.ndarray, ...] | None:
+        """An image ``(height, width, 3)`` of each environment's episode so far."""
+        if self.render_mode is None:
+            gym.logger.warn("render() was called without a render_mode: give one to gym.make_vec")
+            return None
+        return tuple(renderer.draw() for renderer in self._renderers) or None
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Let go of the pictures."""
+        self._renderers = []
+
+    def _step_and_restart(self, actions: np.ndarray, ended: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Step the environments that go on, and start new episodes where the last step has ended one."""
+        if self.autoreset_mode is AutoresetMode.DISABLED:
+            raise ResetNeeded(
+                f"{ended.sum()} of {self.num_envs} episodes have ended: "
+                "call reset(options={'reset_mask': terminated | truncated}) before the next step()"
+            )
+        with np.errstate(all="ignore"):  # what would become of an ended vehicle is nobody's business
+            reward, terminated = self.core.step(actions, ended=ended)
+        self.core.start(rows=np.flatnonzero(ended))
+        return np.where(ended, 0.0, reward), terminated & ~ended
+
+    def _final(self, done: np.ndarray) -> dict[str, Any]:
+        """What ended episodes end with."""
+        observation = self.core.observe()
         final_observations = np.full(self.num_envs, None, dtype=object)
-        for row in rows:
+        for row in np.flatnonzero(done):
             final_observations[row] = observation[row]
-        final_info = self._masked({key: _only(done, value) for key, value in info.items()}, done)
-        core.episodes[rows] += 1
-        core.reset(rows)
-        infos = self._masked(core.info())
-        infos |= {"final_obs": final_observations, "_final_obs": done.copy()}
-        infos |= {"final_info": final_info, "_final_info": done.copy()}
-        return core.observe(), reward, terminated, truncated, infos
+        final_info = self._masked({key: _only(done, value) for key, value in self.core.info().items()}, done)
+        return {
+            "final_obs": final_observations, "_final_obs": done.copy(),
+            "final_info": final_info, "_final_info": done.copy(),
+        }  # fmt: skip
+
+    def _checked_mask(self, mask: Any) -> np.ndarray:
+        """The ``reset_mask`` of `reset`, if it is one."""
+        if not isinstance(mask, np.ndarray) or mask.dtype != bool:
+            raise TypeError(f"reset_mask must be a boolean array, got {mask!r}")
+        if mask.shape != (self.num_envs,) or not mask.any():
+            raise ValueError(f"reset_mask must have shape {(self.num_envs,)} and a True in it, got {mask!r}")
+        return mask
+
+    def _keep_seed(self) -> None:
+        """Gymnasium's ``np_random`` and ``np_random_seed``: s of seeds s, s + 1, ..., and -1 of others."""
+        seeds = self.core.seeds
+        if seeds == list(range(seeds[0], seeds[0] + self.num_envs)):
+            super().reset(seed=seeds[0])
+        else:
+            self.np_random = np.random.default_rng(seeds)
+
+    def _record(self, begun: np.ndarray, going: np.ndarray) -> None:
+        """Keep the present state of some environments for their pictures, beginning those that are new."""
+        if self.render_mode is None:
+            return
+        if not self._renderers:
+            from vessel_gym.rendering import make_renderer
+
+            fps = self.metadata["render_fps"]
+            self._renderers = [make_renderer(self.core, self.render_mode, fps, row) for row in range(self.num_envs)]
+        for renderer, new, on in zip(self._renderers, begun, going, strict=True):
+            if new:
+                renderer.begin()
+            if new or on:
+                renderer.record()
 
     def _masked(self, info: dict[str, np.ndarray], rows: np.ndarray | None = None) -> dict[str, Any]:
         """Gymnasium's form of a batch's info: every array with a ``_key`` mask of the rows that have it."""
@@ -100,6 +216,14 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         for key in info:
             masked[f"_{key}"] = mask.copy()
         return masked
+
+
+def _autoreset_mode(mode: Any) -> AutoresetMode:
+    try:
+        return AutoresetMode(mode)
+    except ValueError:
+        known = ", ".join(repr(known.value) for known in AutoresetMode)
+        raise ValueError(f"unknown autoreset_mode {mode!r}: choose from {known}") from None
 
 
 def _only(rows: np.ndarray, values: np.ndarray) -> np.ndarray:

@@ -20,13 +20,14 @@ if TYPE_CHECKING:
 __all__ = ["make_renderer"]
 
 
-def make_renderer(core: Core, render_mode: str, fps: int) -> "Renderer":
+def make_renderer(core: Core, render_mode: str, fps: int, row: int = 0) -> "Renderer":
     """The renderer of an environment; its scene is chosen by the task.
 
     Args:
-        core: The environment's core, whose first row is shown.
+        core: The environment's core.
         render_mode: ``"human"`` (a window) or ``"rgb_array"`` (needs no display).
         fps: Frames a second that the window keeps.
+        row: Which environment of the batch is shown.
 
     Raises:
         DependencyNotInstalled: without pygame.
@@ -42,7 +43,7 @@ def make_renderer(core: Core, render_mode: str, fps: int) -> "Renderer":
     from vessel_gym.rendering.renderer import Renderer
     from vessel_gym.rendering.turning_circle import TurningCircleScene
 
-    scenes: dict[type[object], Callable[[Core], Scene]] = {
+    scenes: dict[type[object], Callable[[Core, int], Scene]] = {
         TurningCircle: TurningCircleScene,
         SpatialDive: DiveScene,
         VerticalDive: DiveScene,
@@ -51,4 +52,4 @@ def make_renderer(core: Core, render_mode: str, fps: int) -> "Renderer":
     task = type(core.task)
     if task not in scenes:
         raise NotImplementedError(f"there is no picture of the task {task.__name__} yet")
-    return Renderer(scenes[task](core), render_mode, fps)
+    return Renderer(scenes[task](core, row), render_mode, fps)

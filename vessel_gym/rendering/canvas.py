@@ -70,6 +70,7 @@ class Box:
 @lru_cache(maxsize=16)
 def _font(size: int, bold: bool) -> pygame.font.Font:
     pygame.font.init()
+    pygame.register_quit(_font.cache_clear)  # fonts die with pygame, which other environments quit when they close
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # no list of system fonts: pygame brings one of its own
         path = pygame.font.match_font(_FONTS, bold=bold)

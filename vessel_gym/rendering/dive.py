@@ -102,13 +102,14 @@ class DiveScene(Journey):
     """History and picture of one underwater vehicle on a dive; one that turns is also seen from above.
 
     Args:
-        core: The environment's core, whose first row is shown.
+        core: The environment's core.
+        row: Which environment of the batch is shown.
     """
 
     _task: Dive
 
-    def __init__(self, core: Core) -> None:
-        super().__init__(core, "acoustic position")
+    def __init__(self, core: Core, row: int = 0) -> None:
+        super().__init__(core, "acoustic position", row)
         names, body = list(core.vehicle.truth_names), self._task.auv
         self._names, self._hull = names, torpedo_outline(body.diameter / body.length)
         self._position = self._task.position(np.eye(len(names))).T  # (3, n)
@@ -120,7 +121,7 @@ class DiveScene(Journey):
     def begin(self) -> None:
         """Start an episode with the course that the task has drawn."""
         super().begin()
-        course = self._core.course[0]
+        course = self._core.course[self._row]
         self._path = path_point(np.linspace(0.0, course[1], 81), course)[:, :3]
         side = "Seen from the side, unrolled along the path" if self._turns else "Seen from the side"
         self._views = [_View(side, True, course, len(self._core.vehicle.action_names) - 2)]
@@ -155,7 +156,7 @@ class DiveScene(Journey):
     def _cloud(self) -> np.ndarray | None:
         """Where the members of the ensemble are, ``(N, 3)``, if there is one."""
         ensemble = self._core.belief.ensemble
-        return None if ensemble is None else self._task.position(ensemble[0])
+        return None if ensemble is None else self._task.position(ensemble[self._row])
 
     def _two_sigma(self, view: _View, history: Sample) -> np.ndarray:
         """Two standard deviations of the believed position as a view shows them, ``(k, 2)``; without any, one point."""

@@ -72,13 +72,14 @@ class FlightScene(Journey):
     """History and picture of one aircraft on a planned path round obstacles.
 
     Args:
-        core: The environment's core, whose first row is shown.
+        core: The environment's core.
+        row: Which environment of the batch is shown.
     """
 
     _task: Flight
 
-    def __init__(self, core: Core) -> None:
-        super().__init__(core, "GNSS")
+    def __init__(self, core: Core, row: int = 0) -> None:
+        super().__init__(core, "GNSS", row)
         self._segments = np.zeros(0)
         self._path = self._obstacles = np.zeros((0, 3))
         self._goal = np.zeros(3)
@@ -87,14 +88,14 @@ class FlightScene(Journey):
     def begin(self) -> None:
         """Start an episode with the course that the task has drawn."""
         super().begin()
-        course, task = self._core.course, self._task
-        self._segments = course[0, : COLUMNS * SEGMENTS].copy()
+        course, task = self._core.course[self._row], self._task
+        self._segments = course[: COLUMNS * SEGMENTS].copy()
         rows = self._segments.reshape(SEGMENTS, COLUMNS)
         path = Path(rows[rows[:, 4] > 0.0])
         self._path, self._length = path.sample(3.0), path.length
-        obstacles = course[0, -3 * OBSTACLES :].reshape(OBSTACLES, 3)
+        obstacles = course[-3 * OBSTACLES :].reshape(OBSTACLES, 3)
         self._obstacles = obstacles[obstacles[:, 2] > 0.0]
-        self._goal, self._altitude = task.goal(course)[0], float(task.altitude_of(course)[0])
+        self._goal, self._altitude = task.goal(course[None])[0], float(task.altitude_of(course))
 
     def draw(self, canvas: Canvas) -> None:
         """Draw the episode so far."""
@@ -118,7 +119,7 @@ class FlightScene(Journey):
     def _cloud(self) -> np.ndarray | None:
         """Where the members of the ensemble are in plan, ``(N, 2)``, if there is one."""
         ensemble = self._core.belief.ensemble
-        return None if ensemble is None else ensemble[0, :, :2]
+        return None if ensemble is None else ensemble[self._row, :, :2]
 
     # --- parts of the picture -----------------------------------------------------------------------
 

@@ -26,14 +26,15 @@ class Journey:
     """History of one vehicle on its way to a goal.
 
     Args:
-        core: The environment's core, whose first row is shown.
+        core: The environment's core.
         fix: The instrument that tells the position.
+        row: Which environment of the batch is shown.
     """
 
-    def __init__(self, core: Core, fix: str) -> None:
+    def __init__(self, core: Core, fix: str, row: int) -> None:
         assert isinstance(core.task, (Dive, Flight))
         self.title = core.system.name
-        self._core = core
+        self._core, self._row = core, row
         self._task: Dive | Flight = core.task
         owner = [instrument.name for instrument in core.vehicle.instruments for _ in instrument.channels]
         self._fix = np.array(owner) == fix
@@ -49,17 +50,17 @@ class Journey:
 
     def record(self) -> None:
         """Append the core's present state, and a fix of the position if one has come."""
-        core = self._core
+        core, row = self._core, self._row
         belief = core.belief
         self._samples.append(
             Sample(
-                core.steps[0], core.truth[0].copy(), belief.mean[0].copy(), belief.cov[0].copy(),
-                core.actuators[0].copy(), core.tally[0, 0],
+                core.steps[row], core.truth[row].copy(), belief.mean[row].copy(), belief.cov[row].copy(),
+                core.actuators[row].copy(), core.tally[row, 0],
             )
         )  # fmt: skip
         readings, available = core.readings
-        if available[0, self._fix].all():
-            self._fixes.append(readings[0, self._fix])
+        if available[row, self._fix].all():
+            self._fixes.append(readings[row, self._fix])
 
     def history(self) -> Sample:
         """The episode so far, as columns."""
@@ -78,12 +79,12 @@ class Journey:
         if core.mismatch:
             words += f"   ·   mismatch {100 * core.mismatch:g} %"
         time = f"{self._samples[-1].step * task.dt:.1f} s"
-        values = {"score": f"{core.total[0] / task.perfect:.3f}", "time": time}
+        values = {"score": f"{core.total[self._row] / task.perfect:.3f}", "time": time}
         draw_header(canvas, box, self.title, words, values, *self._outcome(missed))
 
     def _outcome(self, missed: str) -> tuple[str, Colour]:
         """How the journey has ended, in words, or that it has not."""
-        end = self._task.ends[self._core.end[0]]
+        end = self._task.ends[self._core.end[self._row]]
         if end == "arrived":
             return f"arrived, {missed} from the goal", CURRENT
         if end == "missed the goal":

@@ -1,6 +1,7 @@
 """A window or an array around a scene."""
 
-from typing import Protocol
+from functools import cache
+from typing import Any, Protocol
 
 import numpy as np
 import pygame
@@ -26,6 +27,12 @@ class Scene(Protocol):
         """Draw the history on a canvas, all of it."""
 
 
+@cache
+def _canvas() -> Canvas:
+    """The paper of all pictures: each is drawn on it afresh, and copied from it."""
+    return Canvas(*SIZE)
+
+
 class Renderer:
     """Draws a scene into an array, or into a window that the user may close at any time.
 
@@ -36,8 +43,7 @@ class Renderer:
     """
 
     def __init__(self, scene: Scene, render_mode: str, fps: int) -> None:
-        self._scene, self._fps = scene, fps
-        self._canvas = Canvas(*SIZE)
+        self._scene, self._render_mode, self._fps = scene, render_mode, fps
         self._human = render_mode == "human"
         self._window: pygame.Surface | None = None
         self._clock = pygame.time.Clock()
@@ -45,6 +51,10 @@ class Renderer:
             pygame.display.init()
             pygame.display.set_caption(scene.title)
             self._window = pygame.display.set_mode(SIZE)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A copy keeps the history, and has a window of its own."""
+        return type(self), (self._scene, self._render_mode, self._fps)
 
     def begin(self) -> None:
         """Forget the last episode."""
@@ -61,8 +71,8 @@ class Renderer:
         if self._window is not None and any(event.type == pygame.QUIT for event in pygame.event.get()):
             self.close()
         if self._window is not None:
-            self._scene.draw(self._canvas)
-            self._window.blit(self._canvas.finish(), (0, 0))
+            self._scene.draw(_canvas())
+            self._window.blit(_canvas().finish(), (0, 0))
             pygame.display.flip()
             self._clock.tick(self._fps)
         return None
@@ -74,7 +84,7 @@ class Renderer:
             pygame.display.quit()
 
     def _array(self) -> np.ndarray:
-        self._scene.draw(self._canvas)
+        self._scene.draw(_canvas())
         width, height = SIZE
-        pixels = pygame.image.tobytes(self._canvas.finish(), "RGB")
+        pixels = pygame.image.tobytes(_canvas().finish(), "RGB")
         return np.frombuffer(pixels, np.uint8).reshape(height, width, 3).copy()

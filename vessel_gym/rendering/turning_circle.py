@@ -64,13 +64,15 @@ class TurningCircleScene:
     """History and picture of one ship on a commanded turn.
 
     Args:
-        core: The environment's core, whose first row is shown.
+        core: The environment's core.
+        row: Which environment of the batch is shown.
     """
 
-    def __init__(self, core: Core) -> None:
+    def __init__(self, core: Core, row: int = 0) -> None:
         assert isinstance(core.task, TurningCircle)
         self.title = core.system.name
-        self._core, self._task, self._ship = core, core.task, core.task.ship
+        self._core, self._row = core, row
+        self._task, self._ship = core.task, core.task.ship
         self._hull = ship_outline(self._ship.beam / self._ship.length)
         self._samples: list[Sample] = []
         self._commanded = np.zeros((1, 2))
@@ -80,22 +82,22 @@ class TurningCircleScene:
     def begin(self) -> None:
         """Start an episode with the course that the task has drawn."""
         self._samples.clear()
-        self._commanded = commanded_path(self._task, self._core.course[0])
+        self._commanded = commanded_path(self._task, self._core.course[self._row])
 
     def record(self) -> None:
         """Append the core's present state."""
-        core = self._core
+        core, row = self._core, self._row
         belief = core.belief
         self._samples.append(
             Sample(
-                core.steps[0],
-                core.truth[0].copy(),
-                belief.mean[0].copy(),
-                np.sqrt(max(belief.cov[0, 2, 2], 0.0)),
-                core.reference[0].copy(),
-                core.actuators[0, 0],
-                core.forcing[0, 0],
-                np.array(np.nan) if belief.input_mean is None else belief.input_mean[0, 0],
+                core.steps[row],
+                core.truth[row].copy(),
+                belief.mean[row].copy(),
+                np.sqrt(max(belief.cov[row, 2, 2], 0.0)),
+                core.reference[row].copy(),
+                core.actuators[row, 0],
+                core.forcing[row, 0],
+                np.array(np.nan) if belief.input_mean is None else belief.input_mean[row, 0],
             )
         )
 
@@ -119,7 +121,7 @@ class TurningCircleScene:
             words += f"   ·   mismatch {100 * core.mismatch:g} %"
         canvas.text(x, y, words, MUTED, 13)
         time = history.step[-1] * self._task.dt
-        score = core.total[0] / self._task.horizon
+        score = core.total[self._row] / self._task.horizon
         canvas.text(box.right, y, f"{score:.3f}", TEXT, 15, "right", bold=True)
         canvas.text(box.right - 50, y, "score", MUTED, 13, "right")
         canvas.text(box.right - 108, y, f"{time:.1f} s", TEXT, 15, "right", bold=True)
@@ -164,7 +166,7 @@ class TurningCircleScene:
         canvas.polygon(view.body(self._hull, at, heading, length), TRUE_PALE, TRUE, 1.5)
 
     def _draw_current(self, canvas: Canvas, box: Box) -> None:
-        _, north, east = self._core.forcing[0]
+        _, north, east = self._core.forcing[self._row]
         speed = float(np.hypot(north, east))
         x, y = box.left + 34, box.top + 34
         half = 16.0 * np.array([east, -north]) / max(speed, 1e-9)

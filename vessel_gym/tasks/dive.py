@@ -45,6 +45,7 @@ class Dive(ABC):
     uniforms: ClassVar[int] = 3
     """Uniform numbers that `course` needs."""
     ends: ClassVar[tuple[str, ...]] = ENDS
+    success: ClassVar[str] = "arrived"
     perfect: ClassVar[float] = 1.0
     """Rewards are shares of the score."""
 

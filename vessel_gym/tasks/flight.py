@@ -88,6 +88,7 @@ class Flight:
     uniforms: ClassVar[int] = 14
     """Uniform numbers that `course` needs."""
     ends: ClassVar[tuple[str, ...]] = ENDS
+    success: ClassVar[str] = "arrived"
     perfect: ClassVar[float] = 1.0
     """Rewards are shares of the score."""
 

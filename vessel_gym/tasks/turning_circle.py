@@ -186,6 +186,7 @@ class TurningCircle:
         return np.array([self.HEADING_TOLERANCE, self.RATE_TOLERANCE, self.HELM_COST])
 
     ends = ("", "turn lost")
+    success = ""  # the turn is held until time is up
 
     @property
     def perfect(self) -> float:

@@ -1,0 +1,37 @@
+"""What both faces of an environment share: spaces, and what Gymnasium asks of either."""
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.spaces import Box
+
+from vessel_gym.core import Core
+
+
+def observation_space(core: Core) -> Box:
+    """Finite float32 bounds: observations are scaled to be of order 1 and clipped."""
+    return Box(-core.task.BOUND, core.task.BOUND, (core.observation_size,), np.float32)
+
+
+def action_space(core: Core) -> Box:
+    """float32 in [-1, 1]: shares of what the actuators can do."""
+    return Box(-1.0, 1.0, (core.action_size,), np.float32)
+
+
+def check_render_mode(render_mode: str | None, metadata: dict[str, Any]) -> None:
+    """Refuse a mode that there is not.
+
+    Raises:
+        ValueError: saying which there are.
+    """
+    if render_mode is not None and render_mode not in metadata["render_modes"]:
+        raise ValueError(f"unknown render_mode {render_mode!r}: choose from {metadata['render_modes']}")
+
+
+def first_seed(env: gym.Env | gym.vector.VectorEnv, core: Core) -> int | None:
+    """The seed of a first episode that nobody seeds: the one that ``np_random_seed`` tells; None of later ones."""
+    if core.seeds:
+        return None
+    seed = env.np_random_seed
+    return None if seed == -1 else seed  # -1: somebody has set np_random
