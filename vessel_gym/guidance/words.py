@@ -9,7 +9,7 @@ Where a piece has length zero, rounding can turn it into a full circle, and the 
 every word is first asked whether it reaches the goal without its first or without its last arc.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -296,7 +296,8 @@ def shortest(start: np.ndarray, goal: np.ndarray, radius: float) -> Path:
         ValueError: for poses that are not finite or a radius that is not positive.
     """
     values = lengths(*_single(start, goal), radius)
-    return word_path(start, goal, radius, WORDS[int(np.argmin(values))])
+    path = word_path(start, goal, radius, WORDS[int(np.argmin(values))])
+    return replace(path, lower_bound=path.length)
 
 
 def checked(
