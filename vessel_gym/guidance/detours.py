@@ -214,7 +214,7 @@ def _touches(start: np.ndarray, goal: np.ndarray, discs: np.ndarray, gaps: np.nd
     along = np.arctan2(goal[1] - start[1], goal[0] - start[0]) + 0.5 * np.pi
     for k in range(m):
         for i in range(len(circles)):
-            if i >= 4 and ((i - 4) // 2 == k or max(discs[k, 2], circles[i, 2]) < 1.0):
+            if i >= 4 and (i - 4) // 2 == k:
                 continue
             for out in (1.0, -1.0):
                 for sign in (1.0, -1.0):
