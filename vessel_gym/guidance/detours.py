@@ -26,7 +26,7 @@ _START, _GOAL = -1.0, -2.0  # kinds of circles that belong to no obstacle
 _ALONG = 6  # follows the edge; lower numbers are words
 _SIDES = np.array([[1, 0, 1], [1, 0, -1], [-1, 0, 1], [-1, 0, -1], [1, -1, 1], [-1, 1, -1]], float)  # of the words
 
-QUICK, THOROUGH = 8, 24
+QUICK, THOROUGH = 12, 48
 """Evenly spread touches a clearance circle and way round; the more where fewer lead nowhere."""
 _SLIDE = 1e-4  # rad, the smallest slide of a touch: what it leaves is of its square
 
@@ -544,7 +544,7 @@ def _sound(segments: np.ndarray, goal: np.ndarray, radius: float, discs: np.ndar
     size = radius + max(abs(goal[0]), abs(goal[1])) + segments[:, 4].sum()
     arrives = max(abs(x - goal[0]), abs(y - goal[1]), radius * turn) <= 1e-9 * size
     bends = np.abs(segments[:, 3]).max() * radius <= 1.0 + 1e-12
-    return arrives and bends and (_approach(segments, discs[:, :2]) >= discs[:, 2]).all()
+    return bool(arrives and bends and (_approach(segments, discs[:, :2]) >= discs[:, 2]).all())
 
 
 # --- planning ---------------------------------------------------------------------------------------
