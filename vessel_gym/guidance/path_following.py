@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 
 from vessel_gym.compiled import gufunc
+from vessel_gym.guidance.words import follow_on
 
 LEAD = 50.0
 """Metres for which the path goes straight on at both ends."""
@@ -35,14 +36,6 @@ def _closest(x: float, y: float, curvature: float, low: float, high: float) -> f
     if s <= high:
         return s
     return high if s - high < low + full - s else low
-
-
-@njit(cache=True)
-def _pose(s: float, x: float, y: float, heading: float, curvature: float) -> tuple[float, float, float]:
-    """The pose ``s`` metres on from a pose."""
-    half = 0.5 * curvature * s
-    chord = s if abs(half) < 1e-9 else s * np.sin(half) / half
-    return x + chord * np.cos(heading + half), y + chord * np.sin(heading + half), heading + 2.0 * half
 
 
 @gufunc(
@@ -69,14 +62,14 @@ def _follow(
         if k < 0:
             curvature, first, last = 0.0, -LEAD, 0.0
         elif k == count:
-            rx, ry, angle = _pose(length, rx, ry, angle, curvature)
+            rx, ry, angle = follow_on(length, rx, ry, angle, curvature)
             curvature, last = 0.0, LEAD
         low, high = max(first, window[0] - begin), min(last, window[1] - begin)
         if low <= high:
             cos, sin = np.cos(angle), np.sin(angle)
             dx, dy = x - rx, y - ry
             s = _closest(dx * cos + dy * sin, dy * cos - dx * sin, curvature, low, high)
-            ax, ay, at = _pose(s, rx, ry, angle, curvature)
+            ax, ay, at = follow_on(s, rx, ry, angle, curvature)
             cost = (x - ax) ** 2 + (y - ay) ** 2 + 2.0 * window[2] ** 2 * (1.0 - np.cos(pose[2] - at))
             if cost < best:
                 best, s_best = cost, begin + s

@@ -9,7 +9,7 @@ Where a piece has length zero, rounding can turn it into a full circle, and the 
 every word is first asked whether it reaches the goal without its first or without its last arc.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -30,17 +30,22 @@ _NONE = (np.inf, np.inf, np.inf)
 # --- the words, for a start at the origin heading along +x and a radius of 1 ------------------------
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
+def whole(angle: float) -> float:
+    """An angle modulo a full turn, in [0, 2 pi]; many times faster than ``%``."""
+    return max(angle - _FULL * np.floor(angle / _FULL), 0.0)
+
+
+@njit(cache=True, error_model="numpy")
 def _turn(angle: float) -> float:
     """The angle in [0, 2 pi), where a hair below a full turn is none: headings that agree need no circle."""
-    angle = angle % _FULL
+    angle = whole(angle)
     return 0.0 if angle > _FULL - 1e-11 else angle
 
 
-@njit(cache=True)
-def _lsl(x: float, y: float, a: float, hair: float) -> tuple[float, float, float]:
+@njit(cache=True, error_model="numpy")
+def _lsl(x: float, y: float, a: float, sin: float, cos: float, hair: float) -> tuple[float, float, float]:
     """First arc, straight and last arc of LSL to the pose (x, y, a); errors below a hair are rounding."""
-    sin, cos = np.sin(a), np.cos(a)
     dx, dy = x - sin, y + cos - 1.0  # from the centre of the first arc to that of the last
     if abs(dy) < hair and dx > -hair:
         return 0.0, max(dx, 0.0), _turn(a)
@@ -48,13 +53,12 @@ def _lsl(x: float, y: float, a: float, hair: float) -> tuple[float, float, float
     if abs(dy * cos - dx * sin) < hair and along > -hair:
         return _turn(a), max(along, 0.0), 0.0
     heading = np.arctan2(dy, dx)
-    return heading % _FULL, np.hypot(dx, dy), (a - heading) % _FULL
+    return whole(heading), np.hypot(dx, dy), whole(a - heading)
 
 
-@njit(cache=True)
-def _lsr(x: float, y: float, a: float, hair: float) -> tuple[float, float, float]:
+@njit(cache=True, error_model="numpy")
+def _lsr(x: float, y: float, a: float, sin: float, cos: float, hair: float) -> tuple[float, float, float]:
     """First arc, straight and last arc of LSR; infinite where the two circles overlap."""
-    sin, cos = np.sin(a), np.cos(a)
     dx, dy = x + sin, y - cos - 1.0
     distance = np.hypot(dx, dy)
     if distance < 2.0 - hair:
@@ -66,17 +70,16 @@ def _lsr(x: float, y: float, a: float, hair: float) -> tuple[float, float, float
         return _turn(a), max(along, 0.0), 0.0
     straight = np.sqrt(max((distance - 2.0) * (distance + 2.0), 0.0))
     heading = np.arctan2(dy, dx) + np.arctan2(2.0, straight)
-    return heading % _FULL, straight, (heading - a) % _FULL
+    return whole(heading), straight, whole(heading - a)
 
 
-@njit(cache=True)
-def _lrl(x: float, y: float, a: float, hair: float) -> tuple[float, float, float]:
+@njit(cache=True, error_model="numpy")
+def _lrl(x: float, y: float, a: float, sin: float, cos: float, hair: float) -> tuple[float, float, float]:
     """The three arcs of LRL, the middle one of half a turn or more; infinite where no circle fits between.
 
     A middle arc of less than half a turn is never part of a shortest path (Dubins 1957), and a full circle
     in the middle is left out.
     """
-    sin, cos = np.sin(a), np.cos(a)
     dx, dy = x - sin, y + cos - 1.0
     distance = np.hypot(dx, dy)
     if distance > 4.0 + hair:
@@ -85,36 +88,38 @@ def _lrl(x: float, y: float, a: float, hair: float) -> tuple[float, float, float
         return _turn(a), 0.0, 0.0
     # Without the first arc the middle circle is beside the start, without the last one beside the goal.
     nx, ny = -0.5 * dx, 1.0 + 0.5 * dy
-    middle = -np.arctan2(nx, ny) % _FULL
+    middle = whole(-np.arctan2(nx, ny))
     if abs(np.hypot(nx, ny) - 1.0) < hair and middle >= np.pi:
         return 0.0, middle, _turn(a + middle)
     nx, ny = 0.5 * dx + sin, cos - 0.5 * dy
-    middle = (np.arctan2(nx, ny) - a) % _FULL
+    middle = whole(np.arctan2(nx, ny) - a)
     if abs(np.hypot(nx, ny) - 1.0) < hair and middle >= np.pi:
         return _turn(a + middle), middle, 0.0
     half = np.pi - np.arcsin(min(0.25 * distance, 1.0))
     heading = np.arctan2(dy, dx)
-    return (heading + half) % _FULL, 2.0 * half, (a - heading + half) % _FULL
+    return whole(heading + half), 2.0 * half, whole(a - heading + half)
 
 
-@njit(cache=True)
-def _pieces(start: np.ndarray, goal: np.ndarray, radius: float, word: int) -> tuple[float, float, float]:
-    """The three lengths of a word of `WORDS` in units of the radius; a word that begins with R is its mirror's."""
+@njit(cache=True, error_model="numpy")
+def relative(start: np.ndarray, goal: np.ndarray, radius: float) -> tuple[float, float, float, float, float, float]:
+    """The goal seen from the start: x and y in units of the radius, heading, its sine and cosine, what is rounding."""
     dx, dy = (goal[0] - start[0]) / radius, (goal[1] - start[1]) / radius
-    sin, cos = np.sin(start[2]), np.cos(start[2])
-    x, y, a = dx * cos + dy * sin, dy * cos - dx * sin, goal[2] - start[2]
+    sin, cos, a = np.sin(start[2]), np.cos(start[2]), goal[2] - start[2]
     hair = 1e-12 * (10.0 + (abs(start[0]) + abs(start[1]) + abs(goal[0]) + abs(goal[1])) / radius)
-    if word == 0:
-        return _lsl(x, y, a, hair)
-    if word == 1:
-        return _lsr(x, y, a, hair)
-    if word == 2:
-        return _lsr(x, -y, -a, hair)
-    if word == 3:
-        return _lsl(x, -y, -a, hair)
-    if word == 4:
-        return _lrl(x, y, a, hair)
-    return _lrl(x, -y, -a, hair)
+    return dx * cos + dy * sin, dy * cos - dx * sin, a, np.sin(a), np.cos(a), hair
+
+
+@njit(cache=True, error_model="numpy")
+def pieces_of(word: int, seen: tuple[float, float, float, float, float, float]) -> tuple[float, float, float]:
+    """The three lengths of a word of `WORDS` to a goal that is seen so; a word that begins with R is its mirror's."""
+    x, y, a, sin, cos, hair = seen
+    if word == 2 or word == 3 or word == 5:
+        y, a, sin = -y, -a, -sin
+    if word == 0 or word == 3:
+        return _lsl(x, y, a, sin, cos, hair)
+    if word == 1 or word == 2:
+        return _lsr(x, y, a, sin, cos, hair)
+    return _lrl(x, y, a, sin, cos, hair)
 
 
 @gufunc(
@@ -122,8 +127,9 @@ def _pieces(start: np.ndarray, goal: np.ndarray, radius: float, word: int) -> tu
     "(n),(n),(),(w)->(w)",
 )
 def _word_lengths(start: np.ndarray, goal: np.ndarray, radius: float, order: np.ndarray, out: np.ndarray) -> None:
+    seen = relative(start, goal, radius)
     for word in range(len(order)):
-        t, p, q = _pieces(start, goal, radius, word)
+        t, p, q = pieces_of(word, seen)
         out[word] = (t + p + q) * radius
 
 
@@ -132,8 +138,27 @@ def _word_lengths(start: np.ndarray, goal: np.ndarray, radius: float, order: np.
     "(n),(n),(),(w)->(w,n)",
 )
 def _word_pieces(start: np.ndarray, goal: np.ndarray, radius: float, order: np.ndarray, out: np.ndarray) -> None:
+    seen = relative(start, goal, radius)
     for word in range(len(order)):
-        out[word, 0], out[word, 1], out[word, 2] = _pieces(start, goal, radius, word)
+        out[word, 0], out[word, 1], out[word, 2] = pieces_of(word, seen)
+
+
+@njit(cache=True)
+def follow_on(s: float, x: float, y: float, heading: float, curvature: float) -> tuple[float, float, float]:
+    """The pose ``s`` metres on from a pose."""
+    half = 0.5 * curvature * s
+    chord = s if abs(half) < 1e-9 else s * np.sin(half) / half
+    return x + chord * np.cos(heading + half), y + chord * np.sin(heading + half), heading + 2.0 * half
+
+
+@njit(cache=True)
+def _chained(start: np.ndarray, curvatures: np.ndarray, lengths: np.ndarray) -> np.ndarray:
+    rows = np.empty((len(lengths), 5))
+    x, y, heading = start[0], start[1], start[2]
+    for k in range(len(lengths)):
+        rows[k, 0], rows[k, 1], rows[k, 2], rows[k, 3], rows[k, 4] = x, y, heading, curvatures[k], lengths[k]
+        x, y, heading = follow_on(lengths[k], x, y, heading, curvatures[k])
+    return rows
 
 
 # --- paths ------------------------------------------------------------------------------------------
@@ -147,6 +172,7 @@ class Path:
     """
 
     segments: np.ndarray  # (k, 5): x, y [m] and heading [rad] where it begins, curvature [1/m], length [m]
+    lower_bound: float = 0.0  # m, no path between these poses, round the obstacles that were given, is shorter
 
     @cached_property
     def ends(self) -> np.ndarray:
@@ -212,11 +238,7 @@ def chain(start: np.ndarray, curvatures: np.ndarray, lengths: np.ndarray) -> Pat
     kept = lengths > 0.0
     if not kept.any():
         return Path(np.array([[*start, 0.0, 0.0]]))
-    rows, pose = [], start
-    for curvature, length in zip(curvatures[kept], lengths[kept], strict=True):
-        rows.append([*pose, curvature, length])
-        pose = advance(pose, curvature, length)
-    return Path(np.array(rows))
+    return Path(_chained(np.asarray(start, float), curvatures[kept], lengths[kept]))
 
 
 # --- shortest paths ---------------------------------------------------------------------------------
@@ -274,7 +296,8 @@ def shortest(start: np.ndarray, goal: np.ndarray, radius: float) -> Path:
         ValueError: for poses that are not finite or a radius that is not positive.
     """
     values = lengths(*_single(start, goal), radius)
-    return word_path(start, goal, radius, WORDS[int(np.argmin(values))])
+    path = word_path(start, goal, radius, WORDS[int(np.argmin(values))])
+    return replace(path, lower_bound=path.length)
 
 
 def checked(
