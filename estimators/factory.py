@@ -73,7 +73,16 @@ def check_options(name: str, cls: type, options: dict[str, Any]) -> None:
 def unknown(kind: str, name: object, known: Iterable[str]) -> str:
     """The sentence for a name that does not exist: which do, and the nearest."""
     known = list(known)
-    near = get_close_matches(str(name), known, n=1)
+    near = get_close_matches(name, known, n=1) if isinstance(name, str) else []
     hint = f" (did you mean {near[0]!r}?)" if near else ""
     choices = f": choose from {', '.join(known)}" if known else ""
-    return f"unknown {kind} {name!r}{hint}{choices}"
+    return f"unknown {kind} {shown(name)}{hint}{choices}"
+
+
+def shown(value: object) -> str:
+    """A value as a sentence may hold it: on one line, and not much of a long one."""
+    try:
+        text = " ".join(repr(value).split())
+    except Exception:  # what it is counts, not what is wrong with how it shows
+        text = f"a {type(value).__name__}"
+    return text if len(text) <= 100 else f"{text[:80]}..."

@@ -5,7 +5,9 @@ from typing import Any, ClassVar
 import gymnasium as gym
 import numpy as np
 
-from vessel_gym.core import Core
+from estimators.factory import shown
+from vessel_gym.checks import no_others, numbers, one_of
+from vessel_gym.core import Core, whole
 from vessel_gym.envs.spaces import action_space, observation_space
 from vessel_gym.estimation import EstimatorChoice
 from vessel_gym.system import System
@@ -28,7 +30,7 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
 
     Raises:
         ValueError: for a name that does not exist, or a filter that the model cannot carry.
-        TypeError: for an option that the estimator does not have.
+        TypeError: for an argument that there is not, or an option that the estimator does not have.
     """
 
     metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 20}
@@ -43,9 +45,11 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
         mismatch: float = 0.0,
         observe: str = "mean",
         render_mode: str | None = None,
+        **others: Any,
     ) -> None:
-        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
-            raise ValueError(f"unknown render_mode {render_mode!r}: choose from {self.metadata['render_modes']}")
+        no_others(self.system.name, type(self), others)
+        if render_mode is not None:
+            one_of("render_mode", render_mode, self.metadata["render_modes"])
         self.core = Core(self.system, 1, estimator, estimator_options, sensors, disturbance, mismatch, observe)
         self.observation_space = observation_space(self.core)
         self.action_space = action_space(self.core)
@@ -61,18 +65,22 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Start an episode; see `gymnasium.Env.reset`. ``options`` are the task's."""
-        super().reset(seed=seed)
+        if seed is not None and not whole(seed):
+            raise ValueError(f"seed must be a whole number or None, got {shown(seed)}")
         self.core.start(seed, options)
+        super().reset(seed=None if seed is None else int(seed))
         if self.render_mode is not None:
             self._record(begin=True)
         return self.core.observe()[0], self._info()
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Advance one step; see `gymnasium.Env.step`. Truncation is `gymnasium.wrappers.TimeLimit`'s."""
-        action = np.asarray(action)
-        if action.shape != self.action_space.shape:
-            raise ValueError(f"action has shape {action.shape}, expected {self.action_space.shape}")
-        reward, terminated = self.core.step(action[None])
+        asked = numbers(action)
+        if asked is None:
+            raise ValueError(f"action must be an array of numbers, got {shown(action)}")
+        if asked.shape != self.action_space.shape:
+            raise ValueError(f"action has shape {asked.shape}, expected {self.action_space.shape}")
+        reward, terminated = self.core.step(asked[None])
         if self.render_mode is not None:
             self._record()
         return self.core.observe()[0], float(reward[0]), bool(terminated[0]), False, self._info()

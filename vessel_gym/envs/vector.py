@@ -7,6 +7,8 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
+from estimators.factory import shown
+from vessel_gym.checks import no_others
 from vessel_gym.core import Core, whole
 from vessel_gym.envs.spaces import action_space, observation_space
 from vessel_gym.estimation import EstimatorChoice
@@ -47,9 +49,11 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         disturbance: str = "moderate",
         mismatch: float = 0.0,
         observe: str = "mean",
+        **others: Any,
     ) -> None:
+        no_others(self.system.name, type(self), others)
         if max_episode_steps is not None and not (whole(max_episode_steps) and max_episode_steps >= 1):
-            raise ValueError(f"max_episode_steps must be a whole number of at least 1, got {max_episode_steps!r}")
+            raise ValueError(f"max_episode_steps must be a whole number of at least 1, got {shown(max_episode_steps)}")
         self.core = Core(self.system, num_envs, estimator, estimator_options, sensors, disturbance, mismatch, observe)
         self.num_envs = num_envs
         self.max_episode_steps = max_episode_steps
