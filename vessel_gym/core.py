@@ -242,7 +242,8 @@ class Core:
         """The observations ``(B, k)``, float32 and within bounds, made of estimates or readings, mission, actuators."""
         task = self.task
         if self.observe_mode == "measurement":
-            observation = task.observe_readings(*self.readings, self.course, self.steps, self.actuators)
+            with np.errstate(over="ignore"):  # an absurd reading is clipped
+                observation = task.observe_readings(*self.readings, self.course, self.steps, self.actuators)
         else:
             observation = task.observe(self.belief, self.reference, self.actuators)
             if self.observe_mode == "mean+std":
