@@ -96,7 +96,7 @@ class HeldMeasurement(Filter):
         cov = np.where(self._variance > 0.0, self._variance, prior)[..., None] * self._identity
         input_cov = np.zeros(shape[:-1] + 2 * self._input_variance.shape) + np.diag(self._input_variance)
         return HeldReadings(
-            belief.mean, cov, belief.prior_mean, belief.prior_cov, belief.healthy,
+            belief.mean, cov, belief.prior_mean, belief.prior_cov, belief.healthy, u=belief.u,
             input_mean=np.zeros(shape[:-1] + self._input_variance.shape), input_cov=input_cov,
             held=held, previous=held, interval=np.full(shape, self._dt), seen=np.zeros(shape, bool),
             age=np.zeros(shape),
