@@ -1,7 +1,5 @@
 """What a user hands in, as arrays and numbers; what does not fit gets one sentence that names the argument."""
 
-import reprlib
-
 import numpy as np
 
 
@@ -46,5 +44,9 @@ def whole(name: str, value: object, lowest: int) -> int:
 
 
 def shown(value: object) -> str:
-    """A value for an error: short, and on one line."""
-    return " ".join(reprlib.repr(value).split())
+    """A value as a sentence may hold it: on one line, and not much of a long one."""
+    try:
+        text = " ".join(repr(value).split())
+    except Exception:  # what it is counts, not what is wrong with how it shows
+        text = f"a {type(value).__name__}"
+    return text if len(text) <= 100 else f"{text[:80]}..."

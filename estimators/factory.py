@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 from typing import Any
 
+from estimators.checks import shown
 from estimators.ensemble import EnsembleKalmanFilter, EnsembleSquareRootFilter, EnsembleTransformFilter
 from estimators.filter import Filter, Model
 from estimators.kalman import ExtendedKalmanFilter, KalmanFilter
@@ -73,7 +74,7 @@ def check_options(name: str, cls: type, options: dict[str, Any]) -> None:
 def unknown(kind: str, name: object, known: Iterable[str]) -> str:
     """The sentence for a name that does not exist: which do, and the nearest."""
     known = list(known)
-    near = get_close_matches(str(name), known, n=1)
+    near = get_close_matches(name, known, n=1) if isinstance(name, str) else []
     hint = f" (did you mean {near[0]!r}?)" if near else ""
     choices = f": choose from {', '.join(known)}" if known else ""
-    return f"unknown {kind} {name!r}{hint}{choices}"
+    return f"unknown {kind} {shown(name)}{hint}{choices}"

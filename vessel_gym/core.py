@@ -2,13 +2,16 @@
 
 from collections.abc import Sequence
 from dataclasses import fields
+from functools import cache
 from typing import Any
 
 import numpy as np
 from gymnasium.error import ResetNeeded
 
 from estimators import Belief, Gaussian
-from estimators.factory import unknown
+from estimators.checks import shown
+from vessel_gym.checks import number, numbers, one_of
+from vessel_gym.checks import options as checked_options
 from vessel_gym.estimation import EstimatorChoice, Oracle, build
 from vessel_gym.sensors import SUITES, Sensors
 from vessel_gym.streams import Draws, Purpose, stream
@@ -28,6 +31,9 @@ class Core:
         action -> actuators -> vehicle (truth) -> sensors -> estimator -> task.observe -> observation
                      disturbance --------'  |                                 ^
                                             '-> task.score -> reward      reference
+
+    The reference is where the estimator believes to be. With ``observe="measurement"`` nothing that it believes
+    enters an episode: the reference is where the truth is, and only the score and `info` see it.
 
     Args:
         system: The environment as data.
@@ -56,23 +62,16 @@ class Core:
         observe: str = "mean",
     ) -> None:
         if not whole(num_envs) or num_envs < 1:
-            raise ValueError(f"num_envs must be a positive whole number, got {num_envs!r}")
-        if sensors not in SUITES:
-            raise ValueError(unknown("sensor suite", sensors, SUITES))
-        if disturbance not in system.disturbances:
-            raise ValueError(unknown("disturbance", disturbance, system.disturbances))
-        if observe not in system.task.sizes():
-            raise ValueError(unknown("observe mode", observe, system.task.sizes()))
-        if (
-            isinstance(mismatch, bool)
-            or not isinstance(mismatch, int | float | np.floating)
-            or not 0.0 <= mismatch <= 0.25
-        ):
-            raise ValueError(f"mismatch must be between 0 and 0.25, got {mismatch!r}")
+            raise ValueError(f"num_envs must be a positive whole number, got {shown(num_envs)}")
+        one_of("sensor suite", sensors, SUITES)
+        one_of("disturbance", disturbance, system.disturbances)
+        one_of("observe mode", observe, system.task.sizes())
+        if not 0.0 <= number(mismatch) <= 0.25:
+            raise ValueError(f"mismatch must be between 0 and 0.25, got {shown(mismatch)}")
         self.num_envs, self.observe_mode = int(num_envs), observe
         self.suite, self.mismatch = SUITES[sensors], float(mismatch)
         choice = system.estimator if estimator is None else estimator
-        self._chosen = disturbance, choice, dict(estimator_options or {})
+        self._chosen = disturbance, choice, checked_options("estimator_options", estimator_options)
         self.attach(system)
         self.estimator = self.filter.name
         self._oracle = isinstance(self.filter, Oracle)
@@ -126,7 +125,7 @@ class Core:
 
     def start(
         self,
-        seed: int | Sequence[int] | None = None,
+        seed: int | Sequence[int] | np.ndarray | None = None,
         options: dict[str, Any] | None = None,
         rows: np.ndarray | None = None,
     ) -> None:
@@ -145,7 +144,7 @@ class Core:
             self.seeds, self.episodes = before
             raise
 
-    def seed(self, seed: int | Sequence[int] | None, rows: np.ndarray | None = None) -> None:
+    def seed(self, seed: int | Sequence[int] | np.ndarray | None, rows: np.ndarray | None = None) -> None:
         """Begin the count of episodes again with these seeds.
 
         Args:
@@ -162,16 +161,18 @@ class Core:
             return
         if seed is None:
             seed = int(np.random.SeedSequence().generate_state(1)[0])
+        if isinstance(seed, np.ndarray):
+            seed = seed.tolist()
         if whole(seed):
             seeds = [int(seed) + i for i in range(self.num_envs)]  # type: ignore[arg-type]
-        elif isinstance(seed, list | tuple | np.ndarray):
+        elif isinstance(seed, list | tuple):
             seeds = list(seed)
         else:
-            raise ValueError(f"seed must be a whole number or a list of them, got {seed!r}")
+            raise ValueError(f"seed must be a whole number or a list of them, got {shown(seed)}")
         if len(seeds) != self.num_envs:
             raise ValueError(f"got {len(seeds)} seeds for {self.num_envs} environments")
         if not all(whole(seeds[row]) and seeds[row] >= 0 for row in rows):
-            raise ValueError(f"seeds must be whole numbers >= 0, got {seed!r}")
+            raise ValueError(f"seeds must be whole numbers >= 0, got {shown(seed)}")
         chosen = set(rows.tolist())
         self.seeds = [int(seeds[i]) if i in chosen else self.seeds[i] for i in range(self.num_envs)]
         self.episodes[rows] = 0
@@ -185,8 +186,15 @@ class Core:
             rows: Indices of the environments; None: all.
             options: The task's reset options.
             readings: Readings to use instead of the sensors' (for replays), ``(len(rows), p)`` each.
+
+        Raises:
+            ValueError: for an option or a value that the task does not have, or readings of another shape.
+            TypeError: for options that are no dictionary, or readings that are no pair of arrays.
         """
         rows = self._rows if rows is None else rows
+        options = checked_options("options", options)
+        if readings is not None:
+            readings = _arrived(readings, (len(rows), self.sensors.size))
         vehicle, task = self.vehicle, self.task
         size = task.states
         uniforms = np.empty((len(rows), task.uniforms))
@@ -195,7 +203,7 @@ class Core:
             generator = stream(self.seeds[row], int(self.episodes[row]), Purpose.RESET)
             generator.random(out=uniforms[i])
             generator.standard_normal(out=normals[i])
-        course = task.course(uniforms, options or {})
+        course = task.course(uniforms, options)
         prior = task.prior(course, self.sea)
         x = prior.mean + np.matvec(np.linalg.cholesky(prior.cov), normals[:, :size])
         truth, actuators = vehicle.start(x)
@@ -215,19 +223,19 @@ class Core:
         )  # fmt: skip
         self.steps[rows], self.total[rows], self.end[rows] = 0, 0.0, 0
 
-        readings = self._sense(self._some(rows)) if readings is None else _arrived(readings)
+        readings = self._sense(self._some(rows)) if readings is None else readings
         y, available = self.readings
         self.readings = self._with_rows(y, rows, readings[0]), self._with_rows(available, rows, readings[1])
         n = self.filter.model.n
         belief = self.filter.init(Gaussian(prior.mean[:, :n], prior.cov[:n, :n]), rng=rng)
         steps = self.steps[rows]
-        u = task.known_input(actuators, actuators, task.reference(course, steps, belief))
+        u = task.known_input(actuators, actuators, course, steps)
         belief = self._update(belief, truth, forcing, readings, rng, u)
         if len(rows) == self.num_envs:
             self.belief = belief
         else:
             self.belief = _laid_out(self.belief.with_rows(rows, belief), _strides(self.belief))
-        self._put(rows, reference=task.reference(course, steps, belief))
+        self._put(rows, reference=self._reference(course, steps, belief, truth))
 
     # --- step -------------------------------------------------------------------------------------
 
@@ -246,34 +254,38 @@ class Core:
             Reward ``(B,)`` and termination ``(B,)``.
 
         Raises:
-            ValueError: if the action has the wrong shape or is not finite.
+            ValueError: if the action or the readings have the wrong shape, or the action is not finite.
+            TypeError: if the readings are no pair of arrays.
             gymnasium.error.ResetNeeded: before the first reset.
         """
         if not self.seeds:
             raise ResetNeeded("call reset() before the first step()")
         action = self.checked(action, ended)
+        if readings is not None:
+            readings = _arrived(readings, self.readings[0].shape)
         vehicle, task, sea = self.vehicle, self.task, self.sea
         before = self.actuators
         after = self.actuators = vehicle.actuate(before, action)
-        u = task.known_input(before, after, self.reference)
+        u = task.known_input(before, after, self.course, self.steps)
         self.truth = vehicle.step(self.truth, before, after, self.forcing, self.parameters)
         self.sea_state = sea.advance(self.sea_state, self._sea_draws.next()[0])
         self.forcing = sea.forcing(self.sea_state)
         self.steps += 1
-        self.readings = self._sense(None) if readings is None else _arrived(readings)
+        self.readings = self._sense(None) if readings is None else readings
         rng = self._filter_streams
         belief = self.filter.predict(self.belief, u, rng=rng)
         self.belief = self._update(belief, self.truth, self.forcing, self.readings, rng)
-        self.reference = task.reference(self.course, self.steps, self.belief)
+        self.reference = self._reference(self.course, self.steps, self.belief, self.truth)
         reward, self.end, self.tally = task.score(self.truth, self.reference, after, action, self.tally)
         self.total += reward
         return reward, self.end > 0
 
     def observe(self) -> np.ndarray:
-        """The observations ``(B, k)``, float32 and within bounds: estimates, reference and actuators only."""
+        """The observations ``(B, k)``, float32 and within bounds, made of estimates or readings, mission, actuators."""
         task = self.task
         if self.observe_mode == "measurement":
-            observation = task.observe_readings(*self.readings, self.reference, self.actuators)
+            with np.errstate(over="ignore"):  # an absurd reading is clipped
+                observation = task.observe_readings(*self.readings, self.course, self.steps, self.actuators)
         else:
             observation = task.observe(self.belief, self.reference, self.actuators)
             if self.observe_mode == "mean+std":
@@ -310,21 +322,21 @@ class Core:
             "score": self.total / self.task.perfect,
             "end": self._ends[self.end],
             "is_success": self.end == self._success,
+            "parameters": self.parameters.copy(),
         }
 
     def checked(self, action: np.ndarray, ended: np.ndarray | None = None) -> np.ndarray:
         """The action as floats ``(B, a)`` clipped to [-1, 1], and 0 where an episode has ended."""
-        try:
-            action = np.asarray(action, dtype=float)
-        except (TypeError, ValueError):
-            raise ValueError(f"action must be an array of numbers, got {action!r}") from None
-        if action.shape != (self.num_envs, self.action_size):
-            raise ValueError(f"action has shape {action.shape}, expected {(self.num_envs, self.action_size)}")
+        asked = numbers(action)
+        if asked is None:
+            raise ValueError(f"action must be an array of numbers, got {shown(action)}")
+        if asked.shape != (self.num_envs, self.action_size):
+            raise ValueError(f"action has shape {asked.shape}, expected {(self.num_envs, self.action_size)}")
         if ended is not None:
-            action = np.where(ended[:, None], 0.0, action)
-        if not np.isfinite(action).all():
+            asked = np.where(ended[:, None], 0.0, asked)
+        if not np.isfinite(asked).all():
             raise ValueError("action must be finite, got NaN or infinity")
-        return np.minimum(np.maximum(action, -1.0), 1.0)
+        return np.minimum(np.maximum(asked, -1.0), 1.0)
 
     # --- inside -----------------------------------------------------------------------------------
 
@@ -356,6 +368,14 @@ class Core:
             return self.filter.update(belief, np.concatenate([state, unknown_input], -1), rng=rng, u=u)
         y, available = readings
         return self.filter.update(belief, y, rng=rng, available=available, u=u)
+
+    def _reference(self, course: np.ndarray, steps: np.ndarray, belief: Belief, truth: np.ndarray) -> np.ndarray:
+        """The reference ``(B, k)``: where the vehicle believes to be, or is, if nobody sees what it believes."""
+        if self.observe_mode == "measurement":
+            state = self.vehicle.filter_state(truth, self.task.states)
+            certain, usual = _without_doubt(*state.shape)
+            belief = Belief(state, certain, state, certain, usual)
+        return self.task.reference(course, steps, belief)
 
     def _put(self, rows: np.ndarray, **arrays: np.ndarray) -> None:
         for name, values in arrays.items():
@@ -393,8 +413,19 @@ def _laid_out(belief: Belief, strides: dict[str, tuple[int, ...]]) -> Belief:
     return belief.replace(**arrays)
 
 
-def _arrived(readings: Readings) -> Readings:
+@cache
+def _without_doubt(rows: int, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """The covariances ``(rows, n, n)`` and recoveries ``(rows,)`` of a belief that is the truth; read-only."""
+    return np.broadcast_to(0.0, (rows, n, n)), np.broadcast_to(np.int8(0), rows)
+
+
+def _arrived(readings: Readings, shape: tuple[int, ...]) -> Readings:
     """Injected readings as sensors give them: what is not finite did not arrive, and reads 0."""
-    y, available = np.asarray(readings[0], dtype=float), np.asarray(readings[1], dtype=bool)
-    available = available & np.isfinite(y)
+    pair = readings if isinstance(readings, tuple | list) and len(readings) == 2 else (None, None)
+    y, mask = (numbers(part) for part in pair)
+    if y is None or mask is None:
+        raise TypeError(f"readings must be two arrays, values and the mask of those that came, got {shown(readings)}")
+    if y.shape != shape or mask.shape != shape:
+        raise ValueError(f"readings have the shapes {y.shape} and {mask.shape}, expected {shape} each")
+    available = (mask != 0.0) & np.isfinite(y)
     return np.where(available, y, 0.0), available

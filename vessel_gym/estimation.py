@@ -7,9 +7,11 @@ from typing import Any
 import numpy as np
 
 from estimators import Belief, Filter, LinearModel, NonlinearModel, factory
+from estimators.checks import shown
 from estimators.filter import Reading, Streams
 from estimators.kalman import ExtendedKalmanFilter
 from estimators.models import resolve
+from vessel_gym import checks
 from vessel_gym.sensors import SensorSuite
 from vessel_gym.system import System
 
@@ -97,7 +99,7 @@ class HeldMeasurement(Filter):
         cov = np.where(self._variance > 0.0, self._variance, prior)[..., None] * self._identity
         input_cov = np.zeros(shape[:-1] + 2 * self._input_variance.shape) + np.diag(self._input_variance)
         return HeldReadings(
-            belief.mean, cov, belief.prior_mean, belief.prior_cov, belief.recovery,
+            belief.mean, cov, belief.prior_mean, belief.prior_cov, belief.recovery, u=belief.u,
             input_mean=np.zeros(shape[:-1] + self._input_variance.shape), input_cov=input_cov,
             held=held, previous=held, interval=np.full(shape, self._dt), seen=np.zeros(shape, bool),
             age=np.zeros(shape),
@@ -128,7 +130,7 @@ EstimatorChoice = str | Callable[..., Filter]
 
 
 def build(
-    system: System, estimator: EstimatorChoice, options: dict[str, Any], suite: SensorSuite, disturbance: Any
+    system: System, estimator: EstimatorChoice, options: dict[str, Any] | None, suite: SensorSuite, disturbance: Any
 ) -> Filter:
     """The estimator of an environment.
 
@@ -141,21 +143,24 @@ def build(
 
     Raises:
         ValueError: for an unknown name, or a filter that cannot work with the model.
-        TypeError: for an option that the filter does not have, or a function that returns no filter.
+        TypeError: for an option that the filter does not have, options that are no dictionary, an object that is
+            neither a name nor a function, or a function that returns no filter.
     """
-    options = dict(options)
-    if callable(estimator):
-        own = estimator(
-            system.vehicle.model(options.pop("model", system.filter_model), suite.noise, disturbance), **options
+    options = checks.options("estimator_options", options)
+    if isinstance(estimator, Filter) or (isinstance(estimator, type) and not issubclass(estimator, Filter)):
+        kind = f"an instance of {type(estimator).__name__}" if isinstance(estimator, Filter) else shown(estimator)
+        raise TypeError(
+            f"estimator must be a name, a Filter class or a function of the model that returns a filter, got {kind}"
         )
+    if callable(estimator):
+        own = estimator(_model(system, options.pop("model", system.filter_model), suite, disturbance), **options)
         if not isinstance(own, Filter):
             raise TypeError(f"estimator must return an estimators.Filter, got {type(own).__name__}")
         return own
-    if estimator not in estimator_names():
-        raise ValueError(factory.unknown("estimator", estimator, estimator_names()))
-    model = system.vehicle.model(
-        options.pop("model", system.filter_models.get(estimator, system.filter_model)), suite.noise, disturbance
-    )
+    if not isinstance(estimator, str) or estimator not in estimator_names():
+        raise ValueError(factory.unknown("estimator", estimator, accepted(system, suite, disturbance)))
+    kind = options.pop("model", system.filter_models.get(estimator, system.filter_model))
+    model = _model(system, kind, suite, disturbance)
     if estimator in ENVIRONMENT_ONLY and options:
         raise TypeError(f"{estimator} has no option {next(iter(options))!r}: it takes model")
     if estimator == "truth":
@@ -165,3 +170,21 @@ def build(
     if estimator == "dead-reckoning":
         return DeadReckoning(model)
     return factory.make(estimator, model, **{**system.tuning(estimator, disturbance), **options})
+
+
+def accepted(system: System, suite: SensorSuite, disturbance: Any) -> tuple[str, ...]:
+    """Those of `estimator_names` that a system's models can carry."""
+    names = []
+    for name in estimator_names():
+        try:
+            build(system, name, None, suite, disturbance)
+        except ValueError:
+            continue
+        names.append(name)
+    return tuple(names)
+
+
+def _model(system: System, kind: object, suite: SensorSuite, disturbance: Any) -> LinearModel | NonlinearModel:
+    if not isinstance(kind, str):
+        raise TypeError(f"model must be the name of a filter model, such as {system.filter_model!r}, got {shown(kind)}")
+    return system.vehicle.model(kind, suite.noise, disturbance)

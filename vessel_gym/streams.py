@@ -21,7 +21,24 @@ class Purpose(IntEnum):
 
 def stream(seed: int, episode: int, purpose: Purpose) -> np.random.Generator:
     """The stream of one environment's episode for one purpose."""
-    return np.random.default_rng(np.random.SeedSequence((seed, episode, purpose)))
+    return np.random.default_rng(np.random.SeedSequence(entropy(seed, episode, purpose)))
+
+
+def entropy(seed: int, episode: int, purpose: Purpose) -> tuple[int, ...]:
+    """The 32-bit words that a stream grows from, other ones for every key.
+
+    NumPy would split a larger number into words as well, but without saying where it ends, and takes words beyond the
+    last for 0. Here the counts of words come first, and make more than four of them, NumPy's least.
+    """
+    if max(seed, episode) < 2**32:
+        return seed, episode, purpose
+    words = [_words(seed), _words(episode)]
+    return *(len(number) for number in words), *words[0], *words[1], purpose
+
+
+def _words(number: int) -> list[int]:
+    """The 32-bit words of a number, the lowest first."""
+    return [(number >> shift) & 0xFFFFFFFF for shift in range(0, max(number.bit_length(), 1), 32)]
 
 
 class Draws:

@@ -40,6 +40,10 @@ class Vehicle(Protocol):
     def normals(self) -> int:
         """How many normal numbers `parameters` needs."""
 
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Components of the parameters."""
+
     def parameters(self, mismatch: float, normals: np.ndarray) -> np.ndarray:
         """The truth's parameters ``(B, k)``, spread around the filter's."""
 
@@ -137,7 +141,7 @@ class Task(Protocol):
     def reference(self, course: np.ndarray, step: np.ndarray, belief: Belief) -> np.ndarray:
         """What is commanded at a step, where the vehicle is believed to be."""
 
-    def known_input(self, before: np.ndarray, after: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    def known_input(self, before: np.ndarray, after: np.ndarray, course: np.ndarray, step: np.ndarray) -> np.ndarray:
         """What filters are told over a step."""
 
     def sizes(self) -> dict[str, int]:
@@ -150,9 +154,14 @@ class Task(Protocol):
         """What mode ``"mean+std"`` appends."""
 
     def observe_readings(
-        self, readings: np.ndarray, available: np.ndarray, reference: np.ndarray, actuators: np.ndarray
+        self,
+        readings: np.ndarray,
+        available: np.ndarray,
+        course: np.ndarray,
+        step: np.ndarray,
+        actuators: np.ndarray,
     ) -> np.ndarray:
-        """The observation of mode ``"measurement"``."""
+        """The observation of mode ``"measurement"``: nothing that an estimator believes."""
 
     def begin(self, truth: np.ndarray, course: np.ndarray) -> np.ndarray:
         """What `score` remembers, ``(B, k)``, at the start of an episode."""

@@ -66,7 +66,7 @@ def environment_id(name: str) -> str:
             raise ValueError(f"{name!r} needs an attribute max_episode_steps: how long is an episode?")
         env_id = f"{own}-v0"
         if env_id not in gym.registry:
-            gym.register(env_id, vector_entry_point=cls, max_episode_steps=steps)  # type: ignore[arg-type]
+            gym.register(env_id, vector_entry_point=cls, max_episode_steps=steps)
     if env_id not in gym.registry:
         ours = [id for id, spec in gym.registry.items() if str(spec.entry_point).startswith("vessel_gym")]
         raise ValueError(f"{unknown('environment', name, ours)} (your own: module:id)")

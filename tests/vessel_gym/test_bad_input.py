@@ -6,8 +6,19 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
-from contract import BLIND, CARRIED, ENVIRONMENTS, assert_same_tree, make_batch, random_walk, single_class
+from contract import (
+    BLIND,
+    CARRIED,
+    ENVIRONMENTS,
+    REFUSED,
+    assert_same_tree,
+    make_batch,
+    make_core,
+    random_walk,
+    single_class,
+)
 
+from estimators.kalman import ExtendedKalmanFilter
 from vessel_gym.estimation import estimator_names
 from vessel_gym.sensors import SUITES
 from vessel_gym.tasks.dive import Dive
@@ -40,14 +51,15 @@ def refusals_to_make(env_id: str, expected: type[Exception], **options: Any) -> 
     ("option", "wrong"),
     [
         ("estimator", "kalman"), ("estimator", ""), ("estimator", 3), ("sensors", "perfect"), ("sensors", None),
-        ("disturbance", "hurricane"), ("disturbance", "Rough"), ("observe", "truth"),
+        ("sensors", ["nominal"]), ("disturbance", "hurricane"), ("disturbance", "Rough"), ("disturbance", {}),
+        ("observe", "truth"), ("observe", ["mean"]), ("estimator", ["ekf"]),
     ],
 )  # fmt: skip
 def test_an_unknown_name_is_answered_with_those_that_exist(env_id: str, option: str, wrong: Any):
     system = single_class(env_id).system
     known = {
-        "estimator": estimator_names(), "sensors": SUITES, "disturbance": system.disturbances,
-        "observe": system.task.sizes(),
+        "estimator": [name for name in estimator_names() if name not in REFUSED[env_id]], "sensors": SUITES,
+        "disturbance": system.disturbances, "observe": system.task.sizes(),
     }[option]  # fmt: skip
     for message in refusals_to_make(env_id, ValueError, **{option: wrong}):
         assert repr(wrong) in message
@@ -57,7 +69,21 @@ def test_an_unknown_name_is_answered_with_those_that_exist(env_id: str, option: 
 
 @every_environment
 def test_a_name_that_is_nearly_right_is_answered_with_the_one_that_was_meant(env_id: str):
-    for message in refusals_to_make(env_id, ValueError, estimator="kf-umv-iu"):
+    for message in refusals_to_make(env_id, ValueError, estimator="enkfsr"):
+        assert "did you mean 'enkf-sr'?" in message
+
+
+@every_environment
+@pytest.mark.parametrize("wrong", ["kf-umv", "kf-umv-iu", "kf-umv-ui-wd", "ulis", "ekf-ui", "k"])
+def test_no_estimator_is_offered_that_refuses_the_vehicle(env_id: str, wrong: str):
+    for message in refusals_to_make(env_id, ValueError, estimator=wrong):
+        offered = re.findall(r"did you mean '(.*?)'", message) + message.split("choose from ")[1].split(", ")
+        assert not set(offered) & set(REFUSED[env_id])
+        assert set(offered) <= set(estimator_names())
+
+
+def test_the_corvette_is_still_offered_the_filter_that_it_carries():
+    for message in refusals_to_make("SigmaCorvette-v0", ValueError, estimator="kf-umv"):
         assert "did you mean 'kf-umv-ui'?" in message
 
 
@@ -69,9 +95,12 @@ def test_an_unknown_render_mode_is_answered_with_those_that_exist(env_id: str):
 
 
 @every_environment
-def test_an_unknown_option_of_the_environment_is_named(env_id: str):
-    assert "wind" in refusal(TypeError, gym.make, env_id, wind=3.0)
-    assert "wind" in refusal(TypeError, gym.make_vec, env_id, num_envs=2, wind=3.0)
+def test_an_argument_that_the_environment_does_not_have_is_answered_with_those_that_it_has(env_id: str):
+    for message in refusals_to_make(env_id, TypeError, sensor="clean", estimator="nonsense"):
+        assert message.startswith(f"unknown argument of {env_id} 'sensor' (did you mean 'sensors'?): choose from ")
+        for name in ("estimator", "estimator_options", "sensors", "disturbance", "mismatch", "observe"):
+            assert name in message
+        assert "others" not in message
 
 
 # --- estimators -------------------------------------------------------------------------------------
@@ -140,18 +169,43 @@ def test_a_function_that_builds_no_filter_is_refused(env_id: str):
         assert message.startswith("estimator must return an estimators.Filter, got str")
 
 
+@every_environment
+@pytest.mark.parametrize("wrong", ["foo", ["members"], 3, 0, False, (), {3: 1.0}], ids=repr)
+def test_estimator_options_that_are_no_dictionary_are_refused(env_id: str, wrong: Any):
+    for message in refusals_to_make(env_id, TypeError, estimator_options=wrong):
+        assert f"estimator_options must be a dictionary of values by name, or None, got {wrong!r}" in message
+
+
+@every_environment
+@pytest.mark.parametrize("wrong", [["nonlinear"], None, 3], ids=repr)
+def test_a_filter_model_that_is_no_name_is_refused(env_id: str, wrong: Any):
+    for estimator in ("ekf", ExtendedKalmanFilter):
+        options = {"estimator": estimator, "estimator_options": {"model": wrong}}
+        for message in refusals_to_make(env_id, TypeError, **options):
+            assert "model must be the name of a filter model" in message
+
+
+@every_environment
+def test_a_filter_that_is_built_already_is_refused_and_so_is_a_class_that_is_no_filter(env_id: str):
+    built = single_class(env_id)().core.filter
+    for wrong, kind in ((built, f"an instance of {type(built).__name__}"), (dict, "<class 'dict'>")):
+        for message in refusals_to_make(env_id, TypeError, estimator=wrong):
+            assert message.startswith("estimator must be a name, a Filter class or a function of the model that ")
+            assert f"got {kind}" in message
+
+
 # --- numbers ----------------------------------------------------------------------------------------
 
 
 @every_environment
-@pytest.mark.parametrize("wrong", [-0.01, 0.41, np.nan, np.inf, "0.1", None, True, [0.1]], ids=str)
+@pytest.mark.parametrize("wrong", [-0.01, 0.41, np.nan, np.inf, "0.1", None, True, [0.1], 10**20, 1j], ids=str)
 def test_a_mismatch_out_of_range_is_refused_with_the_range(env_id: str, wrong: Any):
     for message in refusals_to_make(env_id, ValueError, mismatch=wrong):
         assert message == f"mismatch must be between 0 and 0.25, got {wrong!r}"
 
 
 @every_environment
-@pytest.mark.parametrize("right", [0, 0.25, np.float64(0.2), np.float32(0.2)], ids=repr)
+@pytest.mark.parametrize("right", [0, 0.25, np.float64(0.2), np.float32(0.2), np.int64(0)], ids=repr)
 def test_any_number_in_range_is_a_mismatch(env_id: str, right: Any):
     gym.make(env_id, mismatch=right).reset(seed=0)
 
@@ -191,11 +245,25 @@ def test_a_wrong_seed_of_a_batch_is_refused_and_the_old_one_stands(env_id: str, 
 
 
 @every_environment
-@pytest.mark.parametrize("wrong", [-1, 1.5, "7", [1]], ids=repr)
-def test_a_wrong_seed_of_a_single_environment_is_refused(env_id: str, wrong: Any):
-    env = gym.make(env_id)
-    message = refusal((ValueError, gym.error.Error), env.reset, seed=wrong)
-    assert "seed" in message.lower()
+@pytest.mark.parametrize("wrong", [-1, 1.5, "7", [1], True, np.array([1])], ids=repr)
+def test_a_wrong_seed_of_a_single_environment_is_refused_and_the_old_one_stands(env_id: str, wrong: Any):
+    env, twin = gym.make(env_id), gym.make(env_id)
+    env.reset(seed=1)
+    twin.reset(seed=1)
+    assert refusal(ValueError, env.reset, seed=wrong).startswith("seed")
+    assert_same_tree(env.reset(), twin.reset())
+    assert env.unwrapped.np_random_seed == 1
+
+
+@every_environment
+def test_any_whole_number_is_a_seed_of_either_face(env_id: str):
+    for seed in (np.int64(7), np.uint8(7), np.array(7)):
+        batch = make_batch(env_id, 1)
+        assert_same_tree(batch.reset(seed=seed), batch.reset(seed=7))
+    single = gym.make(env_id)
+    assert_same_tree(single.reset(seed=np.int64(7)), single.reset(seed=7))
+    for seed in (2**32 + 7, 2**200):
+        assert (single.reset(seed=seed)[0] != single.reset(seed=7)[0]).any()
 
 
 # --- reset options ----------------------------------------------------------------------------------
@@ -206,6 +274,31 @@ def test_an_unknown_reset_option_is_named(env_id: str):
     for env in (gym.make(env_id), make_batch(env_id, 2)):
         message = refusal(ValueError, env.reset, seed=0, options={"speed": 3.0})
         assert message.startswith("unknown reset option 'speed': choose from ")
+
+
+@every_environment
+@pytest.mark.parametrize("wrong", [[1], "goal", 3, 0, {3: 1.0}], ids=repr)
+def test_reset_options_that_are_no_dictionary_are_refused(env_id: str, wrong: Any):
+    for env in (gym.make(env_id), make_batch(env_id, 2)):
+        message = refusal(TypeError, env.reset, seed=0, options=wrong)
+        assert message == f"options must be a dictionary of values by name, or None, got {wrong!r}"
+
+
+@pytest.mark.parametrize("env_id", [key for key in ENVIRONMENTS if key != "SigmaCorvette-v0"])
+@pytest.mark.parametrize("far", [1e7, -1e7, 1e308, -1e308])
+def test_a_goal_on_the_other_side_of_the_earth_is_refused_with_the_range(env_id: str, far: float):
+    for goal in ((far, 0.0, 1.0), (1.0, far, far)):
+        message = refusal(ValueError, gym.make(env_id).reset, seed=0, options={"goal": goal})
+        assert message.startswith("goal must lie within 100000 m of the ")
+
+
+def test_obstacles_and_radii_beyond_the_horizon_are_refused_with_the_range():
+    for obstacle in ((1e7, 0.0, 50.0), (300.0, 0.0, 1e300)):
+        message = refusal(ValueError, gym.make("PunaUAV-v0").reset, seed=0, options={"obstacles": [obstacle]})
+        assert message.startswith("obstacles must lie within 100000 m of the origin")
+    for radius in (1e7, -1e300):
+        message = refusal(ValueError, gym.make("SigmaCorvette-v0").reset, seed=0, options={"radius": radius})
+        assert message == f"radius must be at most 100000 m to either side, got {radius!r}"
 
 
 @pytest.mark.parametrize("wrong", [0.0, 10.0, -200.0, np.nan, np.inf, -np.inf])
@@ -277,11 +370,35 @@ def test_an_action_of_the_wrong_shape_is_refused_with_both_shapes(env_id: str):
 
 
 @every_environment
-@pytest.mark.parametrize("wrong", ["hard to port", None, {"rudder": 1.0}], ids=repr)
+@pytest.mark.parametrize(
+    "wrong", ["hard to port", None, {"rudder": 1.0}, ["0.5"], [[1.0], [1.0, 2.0]], np.array([1j]), [None]], ids=repr
+)
 def test_an_action_that_is_no_array_of_numbers_is_refused(env_id: str, wrong: Any):
-    single = single_class(env_id)()
-    single.reset(seed=0)
-    assert "action" in refusal((ValueError, TypeError), single.step, wrong)
+    for env in (single_class(env_id)(), make_batch(env_id, 2)):
+        env.reset(seed=0)
+        assert refusal(ValueError, env.step, wrong) == f"action must be an array of numbers, got {wrong!r}"
+
+
+# --- injected readings ------------------------------------------------------------------------------
+
+
+@every_environment
+def test_injected_readings_of_the_wrong_form_are_refused_and_change_nothing(env_id: str):
+    core, twin = make_core(env_id, 2), make_core(env_id, 2)
+    core.reset()
+    twin.reset()
+    p, action = core.sensors.size, np.zeros((2, core.action_size))
+    y, mask = np.zeros((2, p)), np.ones((2, p), bool)
+    for wrong in (3, "y", y, (y,), (y, mask, mask), ("y", mask), (y, None)):
+        assert refusal(TypeError, core.step, action, readings=wrong).startswith("readings must be two arrays")
+        assert refusal(TypeError, core.reset, readings=wrong).startswith("readings must be two arrays")
+    for wrong in ((y[:1], mask), (y, mask[:, 1:]), (y.T, mask.T) if p != 2 else (y[0], mask[0])):
+        expected = f"readings have the shapes {wrong[0].shape} and {wrong[1].shape}, expected {(2, p)} each"
+        assert refusal(ValueError, core.step, action, readings=wrong) == expected
+        assert refusal(ValueError, core.reset, readings=wrong) == expected
+    for one in (core, twin):
+        one.step(action)
+    assert_same_tree(core.info(), twin.info())
 
 
 @every_environment

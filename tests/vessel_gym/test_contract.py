@@ -387,7 +387,7 @@ def observations_when_truth_is_altered(
         seen[0].append(observations(true))
         seen[1].append(observations(other))
         distance.append(np.abs(true.truth - other.truth).max(-1))
-    one, two = ({mode: np.stack([frame[mode] for frame in frames]) for mode in MODES} for frames in seen)
+    one, two = ({mode: np.stack([frame[mode] for frame in frames]) for mode in frames[0]} for frames in seen)
     return one, two, np.stack(distance)
 
 
@@ -413,6 +413,18 @@ def test_the_observation_does_not_change_when_truth_does(
 
 
 @every_environment
+@pytest.mark.parametrize("alter", [None, scramble], ids=["another start and ship", "scrambled between steps"])
+def test_raw_readings_do_not_change_when_truth_does_not_even_beside_the_oracle(
+    env_id: str, alter: Callable[[Core, np.random.Generator], None] | None
+):
+    options = {"observe": "measurement", "estimator": "truth", "sensors": "degraded"}
+    one, other, distance = observations_when_truth_is_altered(env_id, alter, **options)
+    assert distance.min() > 1e-3
+    assert list(one) == ["measurement"]
+    np.testing.assert_array_equal(one["measurement"], other["measurement"])
+
+
+@every_environment
 def test_the_oracle_alone_follows_the_altered_truth(env_id: str):
     one, other, _ = observations_when_truth_is_altered(env_id, None, estimator="truth", sensors="degraded")
     for mode in ("mean", "mean+std"):
@@ -425,9 +437,9 @@ def test_nothing_that_makes_an_observation_takes_the_truth(env_id: str):
     allowed = {
         "observe": ["belief", "reference", "actuators"],
         "observe_std": ["belief"],
-        "observe_readings": ["readings", "available", "reference", "actuators"],
+        "observe_readings": ["readings", "available", "course", "step", "actuators"],
         "reference": ["course", "step", "belief"],
-        "known_input": ["before", "after", "reference"],
+        "known_input": ["before", "after", "course", "step"],
     }
     for name, parameters in allowed.items():
         assert list(inspect.signature(getattr(task, name)).parameters) == parameters, name
@@ -508,6 +520,38 @@ def test_info_holds_the_truth_that_the_environment_holds(env_id: str):
     np.testing.assert_array_equal(info["truth"], single.unwrapped.truth)
     names = single.unwrapped.system.vehicle.truth_names
     assert single.unwrapped.truth.shape == (len(names),)
+
+
+@every_environment
+def test_info_holds_the_parameters_that_an_episode_s_truth_has(env_id: str):
+    vehicle = single_class(env_id).system.vehicle
+    nominal = vehicle.parameters(0.0, np.zeros((1, vehicle.normals)))[0]
+    assert nominal.shape == (len(vehicle.parameter_names),)
+    for mismatch in (0.0, 0.2):
+        batch, single = make_batch(env_id, 3, mismatch=mismatch), gym.make(env_id, mismatch=mismatch)
+        action = np.zeros(single.action_space.shape)
+        episodes = []
+        for seed in (5, None):
+            drawn = batch.reset(seed=seed)[1]["parameters"]
+            first = single.reset(seed=seed)[1]["parameters"]
+            info = batch.step(np.tile(action, (3, 1)))[4]
+            for row in (*drawn, *info["parameters"], first):
+                assert np.isfinite(row).all()
+                assert np.array_equal(row, nominal) == (mismatch == 0.0)
+            assert info["_parameters"].all()
+            np.testing.assert_array_equal(info["parameters"], drawn)
+            np.testing.assert_array_equal(drawn, batch.unwrapped.core.parameters)
+            np.testing.assert_array_equal(drawn[0], first)
+            np.testing.assert_array_equal(single.step(action)[4]["parameters"], first)
+            episodes.append(drawn)
+        assert len(np.unique(np.concatenate(episodes), axis=0)) == (1 if mismatch == 0.0 else 6)
+
+
+@every_environment
+def test_the_docstring_says_what_every_key_of_info_is(env_id: str):
+    table = single_class(env_id).__doc__.split("## Information")[1].split("## Arguments")[0]
+    listed = [line.split("`")[1] for line in table.splitlines() if line.strip().startswith("| `")]
+    assert listed == list(gym.make(env_id).reset(seed=0)[1])
 
 
 @every_environment

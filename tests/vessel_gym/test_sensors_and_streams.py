@@ -5,10 +5,12 @@ Statistical tests have fixed seeds and bands with the false-alarm rate 1e-6.
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.stats import binom, chi2, kstest
 
 from vessel_gym.sensors import SUITES, Instrument, Sensors, SensorSuite, nominal_sd
-from vessel_gym.streams import Draws, Purpose, stream
+from vessel_gym.streams import Draws, Purpose, entropy, stream
 
 FALSE_ALARM = 1e-6
 SD = np.array([2e-3, 0.5, 3.0])
@@ -155,6 +157,52 @@ def test_seeds_episodes_and_purposes_have_streams_of_their_own():
     keys = [(seed, episode, purpose) for seed in (0, 1, 2**40) for episode in range(5) for purpose in Purpose]
     firsts = {stream(*key).random() for key in keys}
     assert len(firsts) == len(keys) == 60
+
+
+NUMBERS = st.one_of(st.integers(0, 9), st.integers(2**32 - 3, 2**32 + 9), st.integers(0, 2**70), st.integers(0, 2**200))
+KEYS = st.tuples(NUMBERS, NUMBERS, st.sampled_from(Purpose))
+
+
+def split(*numbers: int) -> list[int]:
+    """The 32-bit words that NumPy makes of numbers, one after the other."""
+    words = []
+    for number in numbers:
+        words.append(number % 2**32)
+        while number := number // 2**32:
+            words.append(number % 2**32)
+    return words
+
+
+def grown(words: tuple[int, ...]) -> tuple[int, ...]:
+    """What NumPy grows a stream from: words beyond the last are 0 up to the fourth."""
+    return *words, *(0 for _ in range(4 - len(words)))
+
+
+@given(KEYS, KEYS)
+def test_no_two_keys_grow_the_same_stream(one: tuple[int, int, Purpose], other: tuple[int, int, Purpose]):
+    assert (grown(entropy(*one)) == grown(entropy(*other))) == (one == other)
+    assert all(0 <= word < 2**32 for word in entropy(*one))
+
+
+@given(st.lists(st.integers(0, 3) | st.integers(0, 2**32 - 1), min_size=4, max_size=7))
+def test_no_key_grows_the_stream_of_another_that_splits_into_the_same_words(words: list[int]):
+    """Every way to read a row of words as a seed, an episode and a purpose: to NumPy alone these are one key."""
+    number = [sum(word << 32 * i for i, word in enumerate(words[:k])) for k in range(len(words))]
+    rest = [sum(word << 32 * i for i, word in enumerate(words[k:-1])) for k in range(len(words))]
+    keys = {(number[k], rest[k], Purpose(words[-1] % 4)) for k in range(1, len(words) - 1)}
+    assert len({grown(entropy(*key)) for key in keys}) == len(keys)
+
+
+def test_the_streams_of_two_keys_that_split_alike_differ():
+    one, other = (2**32 + 5, 2, Purpose.RESET), (5, 1, Purpose.SENSORS)
+    assert split(*one)[:3] == split(*other)
+    assert stream(*one).random() != stream(*other).random()
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(0, 2**32 - 1), st.sampled_from(Purpose))
+def test_smaller_seeds_keep_the_stream_that_they_have_always_had(seed: int, episode: int, purpose: Purpose):
+    always = np.random.default_rng(np.random.SeedSequence((seed, episode, int(purpose))))
+    assert stream(seed, episode, purpose).random() == always.random()
 
 
 def test_the_order_of_a_key_matters():

@@ -137,8 +137,10 @@ def test_a_turn_to_port_mirrors_one_to_starboard():
 
 
 def test_filters_are_told_the_mean_rudder_and_the_commanded_yaw_rate():
-    before, after, reference = np.array([[0.1], [0.2]]), np.array([[0.14], [0.2]]), np.arange(8.0).reshape(2, 4)
-    np.testing.assert_allclose(TASK.known_input(before, after, reference), [[0.12, 1.0], [0.2, 5.0]])
+    before, after, course, step = np.array([[0.1], [0.2]]), np.array([[0.14], [0.2]]), courses(2), np.array([30, 90])
+    told = TASK.known_input(before, after, course, step)
+    np.testing.assert_allclose(told[:, 0], [0.12, 0.2])
+    np.testing.assert_array_equal(told[:, 1], TASK.command(course, step)[:, 1])
 
 
 def test_the_prior_lies_on_the_course_at_the_service_speed():
@@ -158,9 +160,9 @@ def test_nothing_that_the_agent_sees_has_a_parameter_for_truth():
     assert observers == {
         "observe": ["belief", "reference", "actuators"],
         "observe_std": ["belief"],
-        "observe_readings": ["readings", "available", "reference", "actuators"],
+        "observe_readings": ["readings", "available", "course", "step", "actuators"],
         "reference": ["course", "step", "belief"],
-        "known_input": ["before", "after", "reference"],
+        "known_input": ["before", "after", "course", "step"],
     }
     public = (f for name, f in inspect.getmembers(TurningCircle, inspect.isfunction) if not name.startswith("__"))
     readers = {f.__name__ for f in public if "truth" in inspect.signature(f).parameters}
@@ -203,10 +205,10 @@ def test_standard_deviations_are_scaled_like_their_means():
 
 
 def test_missing_readings_are_zero_and_the_mask_says_so():
-    reference = np.tile([0.5, 0.01, 0.02, 0.03], (3, 1))
+    course = np.tile([0.5, 0.03], (3, 1))  # at first the commanded heading is the initial one
     readings = np.array([[0.4, 0.02], [0.3, 0.02], [0.4, 0.03]])  # whatever is left in a missing one
     available = np.array([[True, True], [False, True], [True, False]])
-    observation = TASK.observe_readings(readings, available, reference, np.zeros((3, 1)))
+    observation = TASK.observe_readings(readings, available, course, np.zeros(3), np.zeros((3, 1)))
     np.testing.assert_allclose(observation[:, :4], [[1, 2, 1, 1], [0, 2, 0, 1], [1, 0, 1, 0]], atol=1e-12)
 
 
@@ -214,7 +216,7 @@ def test_missing_readings_are_zero_and_the_mask_says_so():
 def test_the_sizes_of_the_observations_are_those_announced(mode):
     rows, reference, rudder = belief(2), TASK.command(courses(2), np.zeros(2)), np.zeros((2, 1))
     if mode == "measurement":
-        observation = TASK.observe_readings(np.zeros((2, 2)), np.ones((2, 2), bool), reference, rudder)
+        observation = TASK.observe_readings(np.zeros((2, 2)), np.ones((2, 2), bool), courses(2), np.zeros(2), rudder)
     else:
         observation = TASK.observe(rows, reference, rudder)
         if mode == "mean+std":

@@ -113,6 +113,10 @@ class ItsunusaAUVEnv(VesselEnv):
     - ``too deep``: it is 3 m below the goal;
     - ``pitched over``: its pitch is beyond 75 deg.
 
+    With ``observe="measurement"`` nobody sees what an estimator believes, so none ends the episode or enters its
+    rewards: whichever is named, it is ``arrived`` or ``missed the goal`` when the true vehicle passes the path's end.
+    That it is over is the one bit of truth that the agent gets.
+
     Truncation: after 600 steps (60 s).
 
     ## Information
@@ -123,7 +127,7 @@ class ItsunusaAUVEnv(VesselEnv):
     | `unknown_input`  | what the water will do over the coming step: kicks on u, w, q, change of the current    |
     | `reference`      | believed progress, cross-track (0), depth error [m]; heading (0) and slope of the path  |
     |                  | there; vector to the point ahead (north, 0, down) [m]; angle (0), length and depth of   |
-    |                  | the path                                                                                |
+    |                  | the path. With ``observe="measurement"`` of the true position, not the believed one     |
     | `actuators`      | stern plane [rad], thrust [N]                                                           |
     | `measurement`    | Doppler log (2), depth, pitch, pitch rate, position, 0 where missing                    |
     | `available`      | which readings arrived                                                                  |
@@ -134,6 +138,8 @@ class ItsunusaAUVEnv(VesselEnv):
     | `score`          | sum of rewards so far                                                                   |
     | `end`            | why the episode has ended, or empty                                                     |
     | `is_success`     | whether the vehicle has arrived: at an episode's end, whether it succeeded              |
+    | `parameters`     | the truth's coefficients, as `system.vehicle.parameter_names` lists them: the filters'  |
+    |                  | own, but for ``mismatch``                                                               |
 
     ## Arguments
 

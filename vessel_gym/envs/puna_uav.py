@@ -133,6 +133,10 @@ class PunaUAVEnv(VesselEnv):
     - ``off the path``: it is more than 100 m off in plan;
     - ``off the altitude``: it is more than 40 m off the commanded altitude.
 
+    With ``observe="measurement"`` nobody sees what an estimator believes, so none ends the episode or enters its
+    rewards: whichever is named, it is ``arrived`` or ``missed the goal`` when the true aircraft passes the path's end.
+    That it is over is the one bit of truth that the agent gets.
+
     Truncation: after 900 steps (90 s).
 
     ## Information
@@ -145,7 +149,8 @@ class PunaUAVEnv(VesselEnv):
     | `unknown_input`  | what will enter velocity, bank, wind, gusts and bias over the coming step               |
     | `reference`      | believed progress, cross-track and altitude error [m]; heading of the path there, its   |
     |                  | mean curvatures ahead; 16 segments (x, y, heading, curvature, length), length,           |
-    |                  | commanded altitude, 5 obstacles (x, y, radius; 0: none)                                 |
+    |                  | commanded altitude, 5 obstacles (x, y, radius; 0: none). With ``observe="measurement"`` |
+    |                  | of the true position, not the believed one                                              |
     | `actuators`      | thrust [N], angle of attack, bank command [rad]                                         |
     | `measurement`    | GNSS: x, y, altitude, ground speed, course, climb; barometer; pitot tube; bank; 0 where |
     |                  | missing                                                                                 |
@@ -157,6 +162,8 @@ class PunaUAVEnv(VesselEnv):
     | `score`          | sum of rewards so far                                                                   |
     | `end`            | why the episode has ended, or empty                                                     |
     | `is_success`     | whether the aircraft has arrived: at an episode's end, whether it succeeded             |
+    | `parameters`     | the truth's coefficients, as `system.vehicle.parameter_names` lists them: the filters'  |
+    |                  | own, but for ``mismatch``                                                               |
 
     ## Arguments
 

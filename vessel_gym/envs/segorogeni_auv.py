@@ -119,6 +119,10 @@ class SegorogeniAUVEnv(VesselEnv):
     - ``too deep``: it is 3 m below the goal;
     - ``pitched over``: its pitch is beyond 75 deg (Euler angles have their pole at 90).
 
+    With ``observe="measurement"`` nobody sees what an estimator believes, so none ends the episode or enters its
+    rewards: whichever is named, it is ``arrived`` or ``missed the goal`` when the true vehicle passes the path's end.
+    That it is over is the one bit of truth that the agent gets.
+
     Truncation: after 500 steps (50 s).
 
     ## Information
@@ -128,7 +132,8 @@ class SegorogeniAUVEnv(VesselEnv):
     | `truth`          | u, v, w [m/s], p, q, r [rad/s], x, y, z [m], phi, theta, psi [rad], current north, east |
     | `unknown_input`  | what the water will do over the coming step: kicks on u to r, changes of the current    |
     | `reference`      | believed progress, cross-track, depth error [m]; heading and slope of the path there;   |
-    |                  | vector to the point ahead (north, east, down) [m]; angle, length and depth of the path  |
+    |                  | vector to the point ahead (north, east, down) [m]; angle, length and depth of the path. |
+    |                  | With ``observe="measurement"`` of the true position, not the believed one               |
     | `actuators`      | rudder, stern plane [rad], thrust [N]                                                   |
     | `measurement`    | Doppler log (3), depth, attitude (3), gyroscope (3), position (2), 0 where missing      |
     | `available`      | which readings arrived                                                                  |
@@ -139,6 +144,8 @@ class SegorogeniAUVEnv(VesselEnv):
     | `score`          | sum of rewards so far                                                                   |
     | `end`            | why the episode has ended, or empty                                                     |
     | `is_success`     | whether the vehicle has arrived: at an episode's end, whether it succeeded              |
+    | `parameters`     | the truth's coefficients, as `system.vehicle.parameter_names` lists them: the filters'  |
+    |                  | own, but for ``mismatch``                                                               |
 
     ## Arguments
 

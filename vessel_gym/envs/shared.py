@@ -6,6 +6,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.spaces import Box
 
+from vessel_gym.checks import one_of
 from vessel_gym.core import Core
 
 
@@ -25,8 +26,8 @@ def check_render_mode(render_mode: str | None, metadata: dict[str, Any]) -> None
     Raises:
         ValueError: saying which there are.
     """
-    if render_mode is not None and render_mode not in metadata["render_modes"]:
-        raise ValueError(f"unknown render_mode {render_mode!r}: choose from {metadata['render_modes']}")
+    if render_mode is not None:
+        one_of("render_mode", render_mode, metadata["render_modes"])
 
 
 def first_seed(env: gym.Env | gym.vector.VectorEnv, core: Core) -> int | None:

@@ -86,7 +86,7 @@ class SigmaCorvetteEnv(VesselEnv):
     unknown input in the scales 2 m/s, 0.01 rad/s, 0.1 rad, 0.01 rad: ``(11,)``.
     ``observe="measurement"`` replaces 0 to 3 by raw readings: heading error of the compass (0.1 rad),
     yaw increment of the motion reference unit (0.01 rad), and 1 or 0 for whether each arrived; a missing
-    reading is 0.
+    reading is 0. Whichever estimator is named, nothing of what it believes enters such an episode.
 
     ## Rewards
 
@@ -105,7 +105,7 @@ class SigmaCorvetteEnv(VesselEnv):
     from the task's prior (standard deviations 0.2 m/s, 0.002 rad/s, 0.03 rad, 0.2 m/s around 0, 0, the
     initial heading, 15.4 m/s), and the estimator starts from that same prior and takes in the first
     reading before the first observation. ``reset(options={"radius": r})`` sets the commanded radius
-    [m], at least 253 m, positive to starboard.
+    [m], 253 m to 100 km, positive to starboard.
 
     ## Episode End
 
@@ -129,6 +129,8 @@ class SigmaCorvetteEnv(VesselEnv):
     | `score`          | sum of rewards so far over 600                                              |
     | `end`            | why the episode has ended: `turn lost`, or empty                            |
     | `is_success`     | whether the turn is held so far: at an episode's end, whether it succeeded  |
+    | `parameters`     | the truth's coefficients, as `system.vehicle.parameter_names` lists them:   |
+    |                  | the filters' own, but for ``mismatch``                                      |
 
     ## Arguments
 

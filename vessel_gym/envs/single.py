@@ -5,6 +5,8 @@ from typing import Any, ClassVar
 import gymnasium as gym
 import numpy as np
 
+from estimators.checks import shown
+from vessel_gym.checks import no_others, numbers
 from vessel_gym.core import Core, whole
 from vessel_gym.envs.shared import action_space, check_render_mode, first_seed, observation_space
 from vessel_gym.estimation import EstimatorChoice
@@ -28,7 +30,7 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
 
     Raises:
         ValueError: for a name that does not exist, or a filter that the model cannot carry.
-        TypeError: for an option that the estimator does not have.
+        TypeError: for an argument that there is not, or an option that the estimator does not have.
     """
 
     metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 20}
@@ -43,7 +45,9 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
         mismatch: float = 0.0,
         observe: str = "mean",
         render_mode: str | None = None,
+        **others: Any,
     ) -> None:
+        no_others(self.system.name, type(self), others)
         check_render_mode(render_mode, self.metadata)
         self.core = Core(self.system, 1, estimator, estimator_options, sensors, disturbance, mismatch, observe)
         self.observation_space = observation_space(self.core)
@@ -66,7 +70,7 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Start an episode; see `gymnasium.Env.reset`. ``options`` are the task's."""
         if seed is not None and not whole(seed):
-            raise ValueError(f"seed must be a whole number, got {seed!r}")
+            raise ValueError(f"seed must be a whole number or None, got {shown(seed)}")
         self.core.start(first_seed(self, self.core) if seed is None else seed, options)
         super().reset(seed=None if seed is None else int(seed))
         if self.render_mode is not None:
@@ -75,10 +79,12 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Advance one step; see `gymnasium.Env.step`. Truncation is `gymnasium.wrappers.TimeLimit`'s."""
-        action = np.asarray(action)
-        if action.shape != self.action_space.shape:
-            raise ValueError(f"action has shape {action.shape}, expected {self.action_space.shape}")
-        reward, terminated = self.core.step(action[None])
+        asked = numbers(action)
+        if asked is None:
+            raise ValueError(f"action must be an array of numbers, got {shown(action)}")
+        if asked.shape != self.action_space.shape:
+            raise ValueError(f"action has shape {asked.shape}, expected {self.action_space.shape}")
+        reward, terminated = self.core.step(asked[None])
         if self.render_mode is not None:
             self._record()
         return self.core.observe()[0], float(reward[0]), bool(terminated[0]), False, self._info()

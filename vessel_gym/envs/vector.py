@@ -9,6 +9,8 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
+from estimators.checks import shown
+from vessel_gym.checks import no_others
 from vessel_gym.core import Core, whole
 from vessel_gym.envs.shared import action_space, check_render_mode, first_seed, observation_space
 from vessel_gym.estimation import EstimatorChoice
@@ -61,9 +63,11 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         observe: str = "mean",
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
+        **others: Any,
     ) -> None:
+        no_others(self.system.name, type(self), others)
         if max_episode_steps is not None and not (whole(max_episode_steps) and max_episode_steps >= 1):
-            raise ValueError(f"max_episode_steps must be a whole number of at least 1, got {max_episode_steps!r}")
+            raise ValueError(f"max_episode_steps must be a whole number of at least 1, got {shown(max_episode_steps)}")
         check_render_mode(render_mode, self.metadata)
         self.autoreset_mode = _autoreset_mode(autoreset_mode)
         self.metadata = self.metadata | {"autoreset_mode": self.autoreset_mode}

@@ -8,7 +8,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from estimators import Belief, Gaussian
+from estimators.checks import shown
 from estimators.factory import unknown
+from vessel_gym.checks import numbers
 from vessel_gym.compiled import gufunc
 from vessel_gym.guidance.dive_path import course_to, follow, path_point
 from vessel_gym.vehicles.auv import AUVParameters
@@ -25,7 +27,8 @@ class Dive(ABC):
     the path; a reference is where the vehicle believes to be on it, ``(B, 11)``: progress, cross-track and depth error
     [m], heading and slope of the path there, the vector to the path's point ``ahead`` (north, east, down), and the
     course.
-    The dive is over when the vehicle believes to have covered the path.
+    The dive is over when the vehicle believes to have covered the path, or has covered it where nobody sees what it
+    believes (see `vessel_gym.core.Core`).
     """
 
     auv: AUVParameters
@@ -51,6 +54,8 @@ class Dive(ABC):
 
     # --- what is drawn ----------------------------------------------------------------------------
 
+    FARTHEST = 1e5  # m: a goal beyond is a slip, in the unit or the origin
+
     def course(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
         """Draw courses ``(B, 3)`` from uniforms ``(B, 3)``.
 
@@ -70,12 +75,11 @@ class Dive(ABC):
 
     def _checked(self, value: object) -> np.ndarray:
         """A goal that can be dived to."""
-        try:
-            goal = np.array(value, dtype=float)
-        except (TypeError, ValueError):
-            goal = np.empty(0)
-        if goal.shape != (3,) or not np.isfinite(goal).all():
-            raise ValueError(f"goal must be three finite numbers, metres north, east and down, got {value!r}")
+        goal = numbers(value)
+        if goal is None or goal.shape != (3,) or not np.isfinite(goal).all():
+            raise ValueError(f"goal must be three finite numbers, metres north, east and down, got {shown(value)}")
+        if np.abs(goal).max() > self.FARTHEST:
+            raise ValueError(f"goal must lie within {self.FARTHEST:.0f} m of the start each way, got {shown(value)}")
         angle, length, depth = course_to(goal) if np.hypot(goal[0], goal[1]) > 0.0 else (0.0, 0.0, goal[2])
         if abs(angle) > self.widest:
             widest, wanted = np.rad2deg([self.widest, abs(angle)])
@@ -106,7 +110,7 @@ class Dive(ABC):
         """Where the vehicle believes to be on the path, ``(B, 11)``."""
         return np.concatenate([follow(self.position(belief.mean), course, self.ahead), course], -1)
 
-    def known_input(self, before: np.ndarray, after: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    def known_input(self, before: np.ndarray, after: np.ndarray, course: np.ndarray, step: np.ndarray) -> np.ndarray:
         """What filters are told over a step: the actuators at its start and at its end."""
         return np.concatenate([before, after], -1)
 
@@ -278,11 +282,16 @@ class SpatialDive(Dive):
         return np.concatenate([seen, self.scaled(actuators)], -1)
 
     def observe_readings(
-        self, readings: np.ndarray, available: np.ndarray, reference: np.ndarray, actuators: np.ndarray
+        self,
+        readings: np.ndarray,
+        available: np.ndarray,
+        course: np.ndarray,
+        step: np.ndarray,
+        actuators: np.ndarray,
     ) -> np.ndarray:
         """The observation ``(B, 30)`` of mode ``"measurement"``: readings, mask, course and actuators, no filter."""
-        course = reference[:, 8:] / [1.0, 10.0, 5.0]
-        return np.concatenate([readings * self._reading_gains, available, course, self.scaled(actuators)], -1)
+        mission = course / [1.0, 10.0, 5.0]
+        return np.concatenate([readings * self._reading_gains, available, mission, self.scaled(actuators)], -1)
 
 
 # --- the vertical plane -----------------------------------------------------------------------------
@@ -314,7 +323,9 @@ class VerticalDive(Dive):
     def _checked(self, value: object) -> np.ndarray:
         goal = super()._checked(value)
         if goal[1] != 0.0:
-            raise ValueError(f"the goal must lie ahead, (x, 0, z) with x > 0: the vehicle does not turn, got {value!r}")
+            raise ValueError(
+                f"the goal must lie ahead, (x, 0, z) with x > 0: the vehicle does not turn, got {shown(value)}"
+            )
         return goal
 
     def prior_sd(self, disturbance: Any) -> np.ndarray:
@@ -347,8 +358,13 @@ class VerticalDive(Dive):
         return np.concatenate([seen, self.scaled(actuators)], -1)
 
     def observe_readings(
-        self, readings: np.ndarray, available: np.ndarray, reference: np.ndarray, actuators: np.ndarray
+        self,
+        readings: np.ndarray,
+        available: np.ndarray,
+        course: np.ndarray,
+        step: np.ndarray,
+        actuators: np.ndarray,
     ) -> np.ndarray:
         """The observation ``(B, 16)`` of mode ``"measurement"``: readings, mask, course and actuators, no filter."""
-        course = reference[:, 9:] / [20.0, 10.0]
-        return np.concatenate([readings * self._reading_gains, available, course, self.scaled(actuators)], -1)
+        mission = course[:, 1:] / [20.0, 10.0]
+        return np.concatenate([readings * self._reading_gains, available, mission, self.scaled(actuators)], -1)

@@ -7,7 +7,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from estimators import Belief, Gaussian
+from estimators.checks import shown
 from estimators.factory import unknown
+from vessel_gym.checks import numbers
 from vessel_gym.compiled import gufunc
 from vessel_gym.disturbances import Air
 from vessel_gym.guidance.dubins import NoPath, Path, plan
@@ -70,7 +72,8 @@ class Flight:
     is where the aircraft believes to be on it, ``(103,)``: progress, cross-track and altitude error [m], heading of the
     path there, its mean curvatures ahead (over the next 20 m, and from 20 to 60 m on), and the course.
 
-    The flight is over when the aircraft believes to have covered the path.
+    The flight is over when the aircraft believes to have covered the path, or has covered it where nobody sees what it
+    believes (see `vessel_gym.core.Core`).
     """
 
     body: PunaParameters
@@ -93,6 +96,8 @@ class Flight:
     """Rewards are shares of the score."""
 
     # --- what is drawn ----------------------------------------------------------------------------
+
+    FARTHEST = 1e5  # m: what lies beyond is a slip, in the unit or the origin
 
     def course(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
         """Draw courses ``(B, 97)`` from uniforms ``(B, 14)``.
@@ -176,27 +181,36 @@ class Flight:
         return np.concatenate([segments.ravel(), [path.length, altitude], listed.ravel()])
 
     def _pose(self, name: str, value: object) -> np.ndarray:
-        pose = _numbers(value)
-        if pose is None or pose.shape != (3,) or not np.isfinite(pose).all() or np.abs(pose).max() > 1e5:
-            raise ValueError(f"{name} must be three finite numbers, metres x and y and a heading in rad, got {value!r}")
+        pose = numbers(value)
+        if pose is None or pose.shape != (3,) or not np.isfinite(pose).all():
+            raise ValueError(
+                f"{name} must be three finite numbers, metres x and y and a heading in rad, got {shown(value)}"
+            )
+        if np.abs(pose).max() > self.FARTHEST:
+            raise ValueError(
+                f"{name} must lie within {self.FARTHEST:.0f} m of the origin each way, on a heading of as many rad at "
+                f"most, got {shown(value)}"
+            )
         return pose
 
     def _obstacles(self, value: object) -> np.ndarray:
-        obstacles = _numbers(value)
+        obstacles = numbers(value)
         if obstacles is not None and obstacles.size == 0:
             return np.zeros((0, 3))
         if obstacles is None or obstacles.ndim != 2 or obstacles.shape[1] != 3:
-            raise ValueError(f"obstacles must be rows (x, y, radius), metres, got {value!r}")
+            raise ValueError(f"obstacles must be rows (x, y, radius), metres, got {shown(value)}")
         if len(obstacles) > OBSTACLES:
             raise ValueError(f"there may be {OBSTACLES} obstacles at most, got {len(obstacles)}")
         if not np.isfinite(obstacles).all() or not (obstacles[:, 2] > 0.0).all():
-            raise ValueError(f"obstacles must have finite centres and radii above 0, got {value!r}")
+            raise ValueError(f"obstacles must have finite centres and radii above 0, got {shown(value)}")
+        if np.abs(obstacles).max() > self.FARTHEST:
+            raise ValueError(f"obstacles must lie within {self.FARTHEST:.0f} m of the origin, got {shown(value)}")
         return obstacles
 
     def _altitude(self, value: object) -> float:
-        altitude = _numbers(value)
+        altitude = numbers(value)
         if altitude is None or altitude.ndim or not 50.0 <= altitude <= 1000.0:
-            raise ValueError(f"altitude must be between 50 and 1000 m, got {value!r}")
+            raise ValueError(f"altitude must be between 50 and 1000 m, got {shown(value)}")
         return float(altitude)
 
     def prior(self, course: np.ndarray, air: Air) -> Gaussian:
@@ -223,7 +237,7 @@ class Flight:
         altitude = x[:, 2] - course[:, _PATH + 1]
         return np.column_stack([where[:, :2], altitude, where[:, 2:5], course])
 
-    def known_input(self, before: np.ndarray, after: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    def known_input(self, before: np.ndarray, after: np.ndarray, course: np.ndarray, step: np.ndarray) -> np.ndarray:
         """What filters are told over a step: the actuators at its start and at its end."""
         return np.concatenate([before, after], -1)
 
@@ -288,11 +302,16 @@ class Flight:
         return np.sqrt(np.maximum(variance, 0.0)) * self._std_gains
 
     def observe_readings(
-        self, readings: np.ndarray, available: np.ndarray, reference: np.ndarray, actuators: np.ndarray
+        self,
+        readings: np.ndarray,
+        available: np.ndarray,
+        course: np.ndarray,
+        step: np.ndarray,
+        actuators: np.ndarray,
     ) -> np.ndarray:
         """The observation ``(B, 117)`` of mode ``"measurement"``: readings, mask, course and actuators, no filter."""
-        course = np.delete(reference[:, _WHERE:], _PATH, axis=1) * self._course_gains
-        return np.concatenate([readings * self._reading_gains, available, course, self.scaled(actuators)], -1)
+        mission = np.delete(course, _PATH, axis=1) * self._course_gains
+        return np.concatenate([readings * self._reading_gains, available, mission, self.scaled(actuators)], -1)
 
     # --- how it is scored -------------------------------------------------------------------------
 
@@ -387,11 +406,3 @@ class Flight:
         return np.column_stack([
             last[:, 0] + chord * np.cos(middle), last[:, 1] + chord * np.sin(middle), last[:, 2] + turn
         ])  # fmt: skip
-
-
-def _numbers(value: object) -> np.ndarray | None:
-    """A value as floats, or None."""
-    try:
-        return np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        return None

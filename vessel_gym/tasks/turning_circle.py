@@ -7,7 +7,9 @@ from typing import Any
 import numpy as np
 
 from estimators import Belief, Gaussian, wrap
+from estimators.checks import shown
 from estimators.factory import unknown
+from vessel_gym.checks import number
 from vessel_gym.compiled import gufunc
 from vessel_gym.vehicles.corvette import CorvetteParameters, steady_turns
 
@@ -57,6 +59,8 @@ class TurningCircle:
     uniforms = 3
     """Uniform numbers that `course` needs."""
 
+    WIDEST = 1e5  # m: a commanded radius beyond is a slip in the unit
+
     def course(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
         """Draw courses ``(B, 2)`` from uniforms ``(B, 3)``.
 
@@ -75,9 +79,11 @@ class TurningCircle:
             if option != "radius":
                 raise ValueError(unknown("reset option", option, ("radius",)))
             low = self.tightest * self.ship.length
-            wanted = _number(value)
+            wanted = number(value)
             if not low <= abs(wanted) < np.inf:
-                raise ValueError(f"radius must be at least {low:.0f} m to either side, got {value!r}")
+                raise ValueError(f"radius must be at least {low:.0f} m to either side, got {shown(value)}")
+            if abs(wanted) > self.WIDEST:
+                raise ValueError(f"radius must be at most {self.WIDEST:.0f} m to either side, got {shown(value)}")
             radius = np.full(len(uniforms), wanted)
         return np.stack([heading, self.yaw_rate(radius)], -1)
 
@@ -104,11 +110,11 @@ class TurningCircle:
     def _timing(self) -> np.ndarray:
         return np.array([self.dt, self.lead, self.ramp, self.preview])
 
-    def known_input(self, before: np.ndarray, after: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    def known_input(self, before: np.ndarray, after: np.ndarray, course: np.ndarray, step: np.ndarray) -> np.ndarray:
         """What filters are told over a step ``(B, 2)``: mean rudder and commanded yaw rate."""
         u = np.empty((len(before), 2))
         u[:, 0] = 0.5 * (before[:, 0] + after[:, 0])
-        u[:, 1] = reference[:, 1]
+        u[:, 1] = self.command(course, step)[:, 1]
         return u
 
     # --- what the agent sees ----------------------------------------------------------------------
@@ -163,10 +169,15 @@ class TurningCircle:
         return np.sqrt(np.maximum(variance, 0.0)) * self._std_gains
 
     def observe_readings(
-        self, readings: np.ndarray, available: np.ndarray, reference: np.ndarray, actuators: np.ndarray
+        self,
+        readings: np.ndarray,
+        available: np.ndarray,
+        course: np.ndarray,
+        step: np.ndarray,
+        actuators: np.ndarray,
     ) -> np.ndarray:
         """The observation ``(B, 7)`` of mode ``"measurement"``: raw readings and their mask, no filter."""
-        observation = np.empty((len(readings), 7))
+        reference, observation = self.command(course, step), np.empty((len(readings), 7))
         observation[:, 0] = np.where(available[:, 0], wrap(reference[:, 0] - readings[:, 0]), 0.0)
         observation[:, 1] = np.where(available[:, 1], readings[:, 1], 0.0)
         observation[:, 2:4] = available
@@ -209,8 +220,3 @@ class TurningCircle:
         heading = wrap(reference[:, 0] - truth[:, 2])
         reward = turning_reward(heading, truth, reference, action, self._kernel)
         return reward, (np.abs(heading) > self.LOST).astype(int), tally
-
-
-def _number(value: object) -> float:
-    """A number as float; NaN for anything else."""
-    return float(value) if isinstance(value, int | float | np.floating | np.integer) else np.nan

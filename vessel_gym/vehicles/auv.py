@@ -12,6 +12,7 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 
 from estimators import NonlinearModel
+from estimators.checks import shown
 from vessel_gym.sensors import Instrument, nominal_sd
 from vessel_gym.vehicles.hydrodynamics import Coefficients, Fins, Spheroid, Torpedo, coefficients, fin_lift
 
@@ -194,6 +195,7 @@ class AUV(ABC):
     current_time: float = 200.0  # s, correlation time of the current, assumed
 
     truth_names: ClassVar[tuple[str, ...]]
+    parameter_names: ClassVar[tuple[str, ...]]
     action_names: ClassVar[tuple[str, ...]]
     instruments: ClassVar[tuple[Instrument, ...]]
     velocities: ClassVar[int]
@@ -277,7 +279,7 @@ class AUV(ABC):
             ValueError: for another kind.
         """
         if kind != "nonlinear":
-            raise ValueError(f"unknown filter model {kind!r}: this vehicle has the nonlinear one only")
+            raise ValueError(f"unknown filter model {shown(kind)}: this vehicle has the nonlinear one only")
         c = self.vector(np.ones(self.normals))
 
         def transition(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:

@@ -18,6 +18,7 @@ from numba import njit
 from scipy.optimize import root
 
 from estimators import LinearModel, NonlinearModel, wrap, zero_order_hold
+from estimators.checks import shown
 from vessel_gym.compiled import gufunc
 from vessel_gym.disturbances import Sea
 from vessel_gym.sensors import Instrument, nominal_sd
@@ -350,7 +351,7 @@ def linear_model(
         return LinearModel(A, C, Q, R, B=B, G=G, H=H, **angles)
     if kind != "corrected":
         raise ValueError(
-            f"unknown filter model {kind!r}: choose corrected or as-printed, or nonlinear for a nonlinear filter"
+            f"unknown filter model {shown(kind)}: choose corrected or as-printed, or nonlinear for a nonlinear filter"
         )
     A_table, B_table = secant_models(ship, dt)
     A_table = np.concatenate([A_table[:0:-1], A_table])  # the same turn to port
@@ -415,6 +416,7 @@ class Corvette:
     substeps: int = 1  # one RK4 step of 0.5 s is converged to 0.002 %
 
     truth_names = TRUTH
+    parameter_names = COEFFICIENTS
     action_names = ("rudder rate",)
     instruments = (
         Instrument("gyro compass", ("heading [rad]",), (2e-3,)),  # 0.11 deg

@@ -165,6 +165,7 @@ class Itsunusa(AUV):
     body: ItsunusaParameters = ItsunusaParameters()
 
     truth_names: ClassVar = TRUTH
+    parameter_names: ClassVar = COEFFICIENTS
     action_names: ClassVar = ("stern plane", "thrust")
     instruments: ClassVar = (
         Instrument("Doppler log", ("u over ground", "w over ground"), (0.01, 0.01), dropout=0.10),

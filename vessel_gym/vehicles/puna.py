@@ -23,6 +23,7 @@ from numba import njit
 from scipy.optimize import brentq
 
 from estimators import NonlinearModel
+from estimators.checks import shown
 from vessel_gym.compiled import gufunc, inlined, sincos
 from vessel_gym.disturbances import Air
 from vessel_gym.sensors import Instrument, nominal_sd
@@ -457,6 +458,7 @@ class Puna:
     substeps: int = 1  # one RK4 step is converged to 3 cm and 2e-4 rad in 30 s of full reversals
 
     truth_names: ClassVar = TRUTH
+    parameter_names: ClassVar = COEFFICIENTS
     action_names: ClassVar = ("thrust", "angle of attack", "bank")
     instruments: ClassVar = (
         Instrument(
@@ -567,7 +569,7 @@ class Puna:
             ValueError: for another kind.
         """
         if kind != "nonlinear":
-            raise ValueError(f"unknown filter model {kind!r}: this vehicle has the nonlinear one only")
+            raise ValueError(f"unknown filter model {shown(kind)}: this vehicle has the nonlinear one only")
         if not np.allclose(air.decay, self.wind_decay):
             raise ValueError(
                 "the vehicle's wind decays otherwise than that of the air: give both the same times and lengths"

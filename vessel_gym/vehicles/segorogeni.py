@@ -289,6 +289,7 @@ class Segorogeni(AUV):
     body: SegorogeniParameters = SegorogeniParameters()
 
     truth_names: ClassVar = TRUTH
+    parameter_names: ClassVar = COEFFICIENTS
     action_names: ClassVar = ("rudder", "stern plane", "thrust")
     instruments: ClassVar = (
         Instrument("Doppler log", ("u over ground", "v over ground", "w over ground"), (0.01,) * 3, dropout=0.10),
