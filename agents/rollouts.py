@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -49,13 +50,14 @@ class Rollout:
 
 
 def rollout(
-    agent: Agent | str,
+    agent: Agent | str | Path,
     env_id: str,
     seeds: Sequence[int],
     env_options: dict[str, Any] | None = None,
     reset_options: dict[str, Any] | None = None,
     record: bool = True,
     progress: Callable[[int, int], None] | None = None,
+    trust: bool = False,
 ) -> Rollout:
     """Fly one episode for each seed, all in one batch.
 
@@ -67,6 +69,7 @@ def rollout(
         reset_options: Passed to ``reset``.
         record: Keep the history of every numeric array in ``info``.
         progress: Called with (step, horizon).
+        trust: See `agents.load_agent`.
 
     Raises:
         ValueError: if there are no seeds, or the agent cannot fly this environment.
@@ -76,7 +79,7 @@ def rollout(
         raise ValueError("rollout needs at least one seed")
     env = _batch(env_id, len(seeds), env_options or {})
     try:
-        flyer = load_agent(agent, env) if isinstance(agent, str) else agent
+        flyer = load_agent(agent, env, trust) if isinstance(agent, str | Path) else agent
         flyer.reset(len(seeds))
         observations, info = env.reset(seed=seeds, options=reset_options)  # type: ignore[arg-type]
         keys = [key for key, value in info.items() if record and not key.startswith("_") and _numeric(value)]

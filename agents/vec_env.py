@@ -6,8 +6,13 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from stable_baselines3.common.monitor import Monitor
-from stable_baselines3.common.vec_env import VecEnv
+
+from vessel_gym.extras import require
+
+require("stable_baselines3")
+
+from stable_baselines3.common.monitor import Monitor  # noqa: E402
+from stable_baselines3.common.vec_env import VecEnv  # noqa: E402
 
 
 class StableBaselinesVecEnv(VecEnv):
@@ -15,7 +20,8 @@ class StableBaselinesVecEnv(VecEnv):
 
     A finished environment's info holds its own last observation in ``terminal_observation``,
     whether it was cut off by the time limit in ``TimeLimit.truncated``, and the episode's return,
-    length and score in ``episode`` (no Monitor wrapper is needed).
+    length and score in ``episode`` (no Monitor wrapper is needed); also ``is_success``, where the environment tells
+    it, which stable-baselines3 gathers and an ``EvalCallback`` reports.
 
     Args:
         env: The vector environment.
@@ -72,6 +78,8 @@ class StableBaselinesVecEnv(VecEnv):
             }
             if "score" in info["final_info"]:
                 infos[i]["score"] = float(info["final_info"]["score"][i])
+            if "is_success" in info["final_info"]:
+                infos[i]["is_success"] = bool(info["final_info"]["is_success"][i])
             self._returns[i], self._lengths[i] = 0.0, 0
         return observations, rewards.astype(np.float32), dones, infos
 

@@ -19,6 +19,7 @@ from agents.studies.report import write_report
 from agents.studies.results import Results
 from agents.studies.study import FEW_SEEDS, read_study
 from scripts.console import cell_progress, command
+from vessel_gym.extras import require
 
 
 def main(
@@ -43,6 +44,9 @@ def main(
     Returns:
         The exit status: 1 if something failed or is missing.
     """
+    require("matplotlib", "jinja2", "joblib")  # before the flights, not after them
+    if scheduler is not None:
+        require("dask", "distributed")
     sys.path.append(str(study.resolve().parent))  # an own estimator may lie beside the study
     part = _shard(shard)
     asked = read_study(study)

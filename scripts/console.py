@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from agents.cells import Status
+from vessel_gym.extras import missing
 
 
 def command(main: Callable[..., int | None]) -> int | None:
@@ -23,6 +24,10 @@ def command(main: Callable[..., int | None]) -> int | None:
         return tyro.cli(main)
     except (ValueError, TypeError, OSError, gym.error.Error) as error:
         sys.exit(_complain(error))
+    except ModuleNotFoundError as error:
+        if missing(error.name) is None:
+            raise
+        sys.exit(_complain(ModuleNotFoundError(missing(error.name))))
     except KeyboardInterrupt:
         sys.exit(130)
 

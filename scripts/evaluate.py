@@ -19,12 +19,13 @@ def main(
     observe: str = "mean",
     episodes: int = 100,
     first_seed: int = 0,
+    trust: bool = False,
 ) -> None:
     """Fly an agent on one or several estimators, over the same seeds, and print what it was worth.
 
     Args:
         env_id: Registered environment.
-        agent: autopilot, random, or the path of a PPO checkpoint.
+        agent: autopilot, random, or the path of a checkpoint.
         estimator: One or more estimators; the environment's default if not given.
         sensors: clean, nominal or degraded.
         disturbance: calm, moderate or rough.
@@ -32,6 +33,7 @@ def main(
         observe: mean, mean+std or measurement.
         episodes: Episodes for each estimator.
         first_seed: First evaluation seed.
+        trust: Load a checkpoint that vessel-gym did not write, although it can run any code.
     """
     from agents import rollout
     from agents.scores import metrics, scores
@@ -50,7 +52,7 @@ def main(
                 "mismatch": mismatch,
                 "observe": observe,
             }
-            flown = rollout(agent, env_id, seeds, options)
+            flown = rollout(agent, env_id, seeds, options, trust=trust)
             columns.append(scores(flown))
             shown = metrics(flown.env.unwrapped.core.task)
             table.add_column(flown.env.unwrapped.core.estimator, justify="right")

@@ -11,6 +11,7 @@ from agents.cells import run
 from agents.page import write
 from agents.reproduction import PAPERS, cells, page
 from scripts.console import cell_progress, command
+from vessel_gym.extras import require
 
 Name = Literal["all", "corvette", "segorogeni", "itsunusa", "robust", "puna"]
 
@@ -33,6 +34,7 @@ def main(
     Returns:
         The exit status: 1 if an experiment failed.
     """
+    require("matplotlib", "jinja2", "joblib")  # before the experiments, not after them
     if not papers:
         raise ValueError(f"name the papers to reproduce: all, or some of {', '.join(PAPERS)}")
     names = PAPERS if "all" in papers else tuple(dict.fromkeys(papers))
