@@ -75,7 +75,9 @@ def save_agent(model: Any, path: str | Path) -> Path:
     Raises:
         ValueError: if the model or its environment holds what cannot be stored in numbers and words.
         OSError: if the checkpoint cannot be written.
+        ModuleNotFoundError: without torch or stable-baselines3.
     """
+    require("torch", "stable_baselines3", "sb3_contrib")
     with replacing(zip_path(path)) as temporary:
         write(temporary, model, {})
     return zip_path(path)
