@@ -1,5 +1,6 @@
 """What an agent is: observations in, actions out, always in batches."""
 
+import os
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -66,12 +67,11 @@ def load_agent(name: str | Path, env: Any, trust: bool = False) -> Agent:
         if env.core.observe_mode == "measurement":
             raise ValueError('the autopilot needs estimates: use observe="mean" or "mean+std"')
         return _autopilot(env.system)
-    path = Path(name)
-    if not path.is_file():
+    if not os.path.isfile(name):  # which takes any name; pathlib raises for one that is too long
         raise ValueError(f"unknown agent {str(name)!r}: choose autopilot, random, or the path of a checkpoint")
     from agents.checkpoint import TrainedAgent
 
-    return TrainedAgent(path, env, trust)
+    return TrainedAgent(Path(name), env, trust)
 
 
 def _autopilot(system: System) -> Agent:

@@ -74,10 +74,15 @@ def save_agent(model: Any, path: str | Path) -> Path:
 
     Raises:
         ValueError: if the model or its environment holds what cannot be stored in numbers and words.
+        TypeError: for what is no model of stable-baselines3.
         OSError: if the checkpoint cannot be written.
         ModuleNotFoundError: without torch or stable-baselines3.
     """
     require("torch", "stable_baselines3", "sb3_contrib")
+    from stable_baselines3.common.base_class import BaseAlgorithm
+
+    if not isinstance(model, BaseAlgorithm):
+        raise TypeError(f"save_agent saves what stable-baselines3 trained, got {model!r}")
     with replacing(zip_path(path)) as temporary:
         write(temporary, model, {})
     return zip_path(path)
@@ -219,8 +224,8 @@ def load(path: Path, trust: bool) -> Policy:
     ours = described is not None and "policy" in described
     if not ours and not trust:
         raise ValueError(
-            f"{path} was not saved by agents.save_agent or scripts.train, and to load it is to run whatever code it "
-            "holds: if you trust whoever made it, say trust=True (--trust on a command line)"
+            f"{path} was not saved by agents.save_agent or scripts.train of this version, and to load it is to run "
+            "whatever code it holds: if you trust whoever made it, say trust=True (--trust on a command line)"
         )
     require("torch", "stable_baselines3", "sb3_contrib")
     with _reading(path):
@@ -279,7 +284,9 @@ def _ours(path: Path, told: dict[str, Any]) -> Policy:
     weights = {name: torch.from_numpy(array) for name, array in arrays["weights"].items()}
     seen = Box(-np.inf, np.inf, (told["observations"],), np.float32)
     built = _built(policy, seen, Box(-1.0, 1.0, (told["actions"],), np.float32), network, weights)
-    frames, statistics = told["frames"], arrays["statistics"]
+    frames, statistics = int(told["frames"]), arrays["statistics"]
+    if frames < 1:
+        raise ValueError(f"it sees {frames} frames")
     if not statistics:
         return Policy(built, frames, told["observe"])
     mean, var = statistics["mean"], statistics["var"]

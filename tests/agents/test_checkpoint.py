@@ -137,6 +137,24 @@ def test_an_agent_from_a_single_environment_is_stored_as_one_from_a_batch(tmp_pa
         load_agent(path, gym.make(ENV, observe="measurement"))
 
 
+def test_an_agent_of_version_0_1_flies_on_the_user_s_word_and_with_its_memory(tmp_path: Path):
+    """They are checkpoints of stable-baselines3 with a description beside the pickles."""
+    model = trained(PPO, "MlpPolicy", SHORT, VecFrameStack(adapter(), 3))
+    model.save(tmp_path / "theirs.zip")
+    told = {"memory": "frames", "hyperparameters": {"frames": 3}, "env_options": {"observe": "mean"}}
+    older = changed(
+        tmp_path / "theirs.zip",
+        tmp_path / "old.zip",
+        lambda c: c.update({"vessel_gym.json": json.dumps(told).encode()}),
+    )
+    with pytest.raises(ValueError, match="of this version"):
+        load_agent(older, gym.make(ENV))
+    ours = save_agent(model, tmp_path / "ours")
+    np.testing.assert_array_equal(flown(older, observed(), trust=True), flown(ours, observed()))
+    with pytest.raises(ValueError, match="trained on observe='mean', this environment gives 'measurement'"):
+        load_agent(older, gym.make(ENV, observe="measurement"), trust=True)
+
+
 class Mirrored(VecEnvWrapper):
     def reset(self) -> np.ndarray:
         return -self.venv.reset()
@@ -165,6 +183,8 @@ def test_what_cannot_be_stored_in_numbers_and_words_is_refused_before_anything_i
         with pytest.raises(ValueError, match=sentence) as caught:
             save_agent(model, tmp_path / "agent.zip")
         assert "\n" not in str(caught.value)
+    with pytest.raises(TypeError, match="save_agent saves what stable-baselines3 trained, got 'agent'"):
+        save_agent("agent", tmp_path / "agent.zip")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -305,6 +325,7 @@ BROKEN: dict[str, Callable[[dict[str, bytes]], Any]] = {
     "an unknown policy": lambda c: settings(c, lambda told: told.update({"class": "os.system"})),
     "an activation that is none": lambda c: settings(c, lambda told: told["network"].update(activation_fn="init")),
     "no frames": lambda c: settings(c, lambda told: told.update(frames=0)),
+    "frames that are no number": lambda c: settings(c, lambda told: told.update(frames="x")),
     "statistics of something else": lambda c: c.update({"statistics/mean.npy": c["weights/log_std.npy"]}),
     "half the statistics": lambda c: c.pop("statistics/var.npy"),
     "settings that are no JSON": lambda c: c.update({"vessel_gym.json": b"{"}),
