@@ -165,11 +165,13 @@ class Mirrored(VecEnvWrapper):
 
 
 def test_what_cannot_be_stored_in_numbers_and_words_is_refused_before_anything_is_written(tmp_path: Path):
-    wrapped = gym.wrappers.vector.TransformAction(adapter().env, lambda action: -action)
+    batch = adapter().env
+    batch.metadata = batch.metadata | {"autoreset_mode": gym.vector.AutoresetMode.SAME_STEP}
+    wrapped = gym.wrappers.vector.TransformAction(batch, lambda action: -action)
     single = gym.wrappers.TransformObservation(gym.make(ENV), lambda seen: -seen, None)
     cases: list[tuple[Any, str]] = [
         (trained(PPO, "MlpPolicy", SHORT, Mirrored(adapter())), "what Mirrored does to observations"),
-        (trained(PPO, "MlpPolicy", SHORT, StableBaselinesVecEnv(wrapped)), "what TransformAction does"),
+        (PPO("MlpPolicy", StableBaselinesVecEnv(wrapped), device="cpu"), "what TransformAction does"),
         (trained(A2C, "MlpPolicy", {}, DummyVecEnv([lambda: single])), "what TransformObservation does"),
         (trained(TQC, "MlpPolicy", {"learning_starts": 8}, adapter()), "cannot store a .*TQCPolicy.* trust=True"),
         (PPO("MlpPolicy", "Pendulum-v1", device="cpu"), "for the environments of vessel_gym"),

@@ -32,8 +32,8 @@ ENV = "SigmaCorvette-v0"
 
 
 def distributions(requirements: list[str]) -> set[str]:
-    """Normal names of distributions, without versions."""
-    return {re.match(r"[\w.-]+", text)[0].lower().replace("_", "-") for text in requirements}
+    """Normal names of distributions, without versions; dask[distributed] is dask and distributed."""
+    return {name.lower().replace("_", "-") for text in requirements for name in re.split(r"[^\w.-]", text)}
 
 
 def extra(name: str) -> set[str]:
