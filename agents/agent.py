@@ -1,5 +1,6 @@
 """What an agent is: observations in, actions out, always in batches."""
 
+import os
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -39,16 +40,20 @@ class RandomAgent:
         return self._rng.uniform(-1.0, 1.0, (len(observations), self._size)).astype(np.float32)
 
 
-def load_agent(name: str | Path, env: Any) -> Agent:
+def load_agent(name: str | Path, env: Any, trust: bool = False) -> Agent:
     """An agent by name, or a trained one from its file.
 
     Args:
         name: ``"autopilot"`` (the environment's classical controller), ``"random"``, or the path of
-            a PPO checkpoint.
+            a checkpoint that `agents.save_agent` or ``scripts.train`` wrote.
         env: The environment (either face, wrapped or not) that it will fly.
+        trust: Load other checkpoints of stable-baselines3, too, of any algorithm. They hold pickles: loading one runs
+            whatever code its maker has put in. They leave out the statistics of a ``VecNormalize``: an agent that was
+            trained under one is saved by `agents.save_agent`.
 
     Raises:
-        ValueError: if the name is neither, or the checkpoint is for another observation.
+        ValueError: if the name is neither, or the checkpoint is damaged, not trusted, or for another observation.
+        ModuleNotFoundError: for a checkpoint without torch or stable-baselines3.
     """
     env = env.unwrapped
     if name == "random":
@@ -62,12 +67,11 @@ def load_agent(name: str | Path, env: Any) -> Agent:
         if env.core.observe_mode == "measurement":
             raise ValueError('the autopilot needs estimates: use observe="mean" or "mean+std"')
         return _autopilot(env.system)
-    path = Path(name)
-    if not path.is_file():
-        raise ValueError(f"unknown agent {str(name)!r}: choose autopilot, random, or the path of a PPO checkpoint")
-    from agents.ppo import PPOAgent
+    if not os.path.isfile(name):  # which takes any name; pathlib raises for one that is too long
+        raise ValueError(f"unknown agent {str(name)!r}: choose autopilot, random, or the path of a checkpoint")
+    from agents.checkpoint import TrainedAgent
 
-    return PPOAgent(path, env)
+    return TrainedAgent(Path(name), env, trust)
 
 
 def _autopilot(system: System) -> Agent:

@@ -9,6 +9,7 @@ from typing import Any
 
 from agents.files import replacing
 from agents.statistics import Interval
+from vessel_gym.extras import require
 
 
 @dataclass(frozen=True)
@@ -244,6 +245,7 @@ def listed(items: Sequence[str]) -> str:
 
 def render(page: Page) -> str:
     """The page as HTML, its tables and figures numbered in their order."""
+    require("jinja2")
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     environment = Environment(

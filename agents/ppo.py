@@ -2,7 +2,6 @@
 
 import json
 import tomllib
-import zipfile
 from collections.abc import Callable
 from importlib import metadata
 from importlib.resources import files
@@ -13,20 +12,15 @@ import gymnasium as gym
 import numpy as np
 
 import vessel_gym
+from agents.checkpoint import one_thread, write, zip_path
 from agents.files import replacing
 from agents.seeds import training_seed
 from agents.source import source_digest
 from estimators.factory import unknown
+from vessel_gym.extras import require
 
 MEMORIES = ("none", "frames", "lstm")
 """What an agent may remember: nothing, its last observations, or what a recurrent network makes of all of them."""
-
-_DESCRIPTION = "vessel_gym.json"  # inside a checkpoint
-_OF_THE_TRAINING = [
-    "start_time", "ep_info_buffer", "ep_success_buffer", "_last_obs", "_last_original_obs", "_last_episode_starts",
-    "_last_lstm_states",
-]  # fmt: skip
-"""What stable-baselines3 would store, and nobody needs who flies the policy."""
 
 
 def hyperparameters(env_id: str, memory: str = "none") -> dict[str, Any]:
@@ -67,7 +61,9 @@ def describe(
 
     Raises:
         ValueError: for an environment or memory without settings, or a budget below one rollout.
+        ModuleNotFoundError: without torch or stable-baselines3.
     """
+    require("torch", "stable_baselines3", "sb3_contrib")
     settings = hyperparameters(env_id, memory)
     steps = settings["steps"] if steps is None else steps
     if steps < settings["num_envs"]:
@@ -89,15 +85,6 @@ def describe(
 def _named(own: Any) -> str:
     """An estimator of the user's own, as plain data."""
     return f"{own.__module__}:{own.__qualname__}"
-
-
-def description(path: Path) -> dict[str, Any] | None:
-    """What `train` wrote of itself into a checkpoint; None if there is no such checkpoint."""
-    try:
-        with zipfile.ZipFile(path) as archive:
-            return json.loads(archive.read(_DESCRIPTION))
-    except (OSError, zipfile.BadZipFile, KeyError, ValueError):
-        return None
 
 
 def train(
@@ -129,37 +116,16 @@ def train(
     Raises:
         ValueError: for an environment or memory without settings, or a budget below one rollout.
         OSError: if the checkpoint cannot be written.
+        ModuleNotFoundError: without torch or stable-baselines3.
     """
     described = describe(env_id, env_options, seed, steps, memory)
-    path = Path(path)
-    path = path if path.suffix == ".zip" else path.with_name(f"{path.name}.zip")
-    with replacing(path) as temporary:
-        described |= _learn(described, temporary, progress)
-        _settle(temporary, described)
-    return path
+    with replacing(zip_path(path)) as temporary, one_thread():
+        _learn(described, temporary, progress)
+    return zip_path(path)
 
 
-def _settle(path: Path, described: dict[str, Any]) -> None:
-    """Add the description to a checkpoint, and take out what differs between two equal trainings.
-
-    stable-baselines3 stores times, and for people what objects look like, with their addresses in memory.
-    """
-    with zipfile.ZipFile(path) as archive:
-        files = {name: archive.read(name) for name in archive.namelist()}
-    data = json.loads(files["data"])
-    for value in data.values():
-        if isinstance(value, dict) and ":serialized:" in value:
-            for key in value.keys() - {":type:", ":serialized:"}:
-                del value[key]
-    files["data"] = json.dumps(data, sort_keys=True).encode()
-    files[_DESCRIPTION] = json.dumps(described, indent=1).encode()
-    with zipfile.ZipFile(path, "w") as archive:
-        for name in sorted(files):
-            archive.writestr(zipfile.ZipInfo(name), files[name])  # dated 1980
-
-
-def _learn(described: dict[str, Any], path: Path, progress: Callable[[int, int, float], None] | None) -> dict[str, Any]:
-    """Train what `describe` described and save the policy; returns how many steps it took: whole rollouts."""
+def _learn(described: dict[str, Any], path: Path, progress: Callable[[int, int, float], None] | None) -> None:
+    """Train what `describe` described and save the policy, with the steps that it took: whole rollouts."""
     import torch
     from stable_baselines3.common.callbacks import BaseCallback
     from stable_baselines3.common.utils import LinearSchedule
@@ -167,7 +133,6 @@ def _learn(described: dict[str, Any], path: Path, progress: Callable[[int, int, 
 
     from agents.vec_env import StableBaselinesVecEnv
 
-    torch.set_num_threads(1)  # small networks: a second thread costs more than it brings
     settings, budget, seed, memory = (described[key] for key in ("hyperparameters", "steps", "seed", "memory"))
     num_envs = settings["num_envs"]
     vector = gym.make_vec(described["env_id"], num_envs=num_envs, **described["env_options"])
@@ -218,15 +183,13 @@ def _learn(described: dict[str, Any], path: Path, progress: Callable[[int, int, 
     env.seed(training_seed(seed))
     try:
         model.learn(budget, callback=Report())
-        model.observation_space.seed(seed)  # stable-baselines3 samples it, from the machine's entropy, and stores that
-        model.save(path, exclude=_OF_THE_TRAINING)
+        write(path, model, described | {"trained_steps": model.num_timesteps})
     finally:
         env.close()
-    return {"trained_steps": model.num_timesteps}
 
 
 def _algorithm(memory: str) -> Any:
-    """The class that trains and loads agents with this memory."""
+    """The class that trains agents with this memory."""
     if memory == "lstm":
         from sb3_contrib import RecurrentPPO
 
@@ -234,45 +197,3 @@ def _algorithm(memory: str) -> Any:
     from stable_baselines3 import PPO
 
     return PPO
-
-
-class PPOAgent:
-    """A trained PPO policy, flown without exploration noise; it keeps a memory for each environment of the batch.
-
-    Args:
-        path: A checkpoint of `train`.
-        env: The environment that it will fly, to check the observation.
-
-    Raises:
-        ValueError: if the file is no checkpoint, or was trained on another observation.
-    """
-
-    def __init__(self, path: Path, env: Any) -> None:
-        import torch
-
-        torch.set_num_threads(1)
-        described = description(Path(path)) or {}
-        memory = described.get("memory", "none")
-        try:
-            self._policy = _algorithm(memory).load(path, device="cpu").policy
-        except (zipfile.BadZipFile, AssertionError, KeyError, ValueError) as error:
-            raise ValueError(f"{path} is not a PPO checkpoint ({error})") from None
-        self._frames = described["hyperparameters"]["frames"] if memory == "frames" else 1
-        self._size = env.core.observation_size
-        # Two kinds of observation may have the same length: ask what it was trained on, not how long that is.
-        trained = described.get("env_options", {}).get("observe", "mean")
-        if trained != env.core.observe_mode or self._policy.observation_space.shape != (self._frames * self._size,):
-            raise ValueError(
-                f"{path} was trained on observe={trained!r}, this environment gives {env.core.observe_mode!r}"
-            )
-
-    def reset(self, num_envs: int) -> None:
-        """Forget everything: the frames before the first are zeros, and so is the recurrent state."""
-        self._seen = np.zeros((num_envs, self._frames * self._size), np.float32)
-        self._state = None
-
-    def act(self, observations: np.ndarray) -> np.ndarray:
-        """The policy's mean action."""
-        self._seen = np.concatenate([self._seen[:, self._size :], observations], axis=1)  # the newest frame last
-        actions, self._state = self._policy.predict(self._seen, self._state, deterministic=True)
-        return actions

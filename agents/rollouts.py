@@ -58,6 +58,7 @@ def rollout(
     reset_options: dict[str, Any] | None = None,
     record: bool = True,
     progress: Callable[[int, int], None] | None = None,
+    trust: bool = False,
 ) -> Rollout:
     """Fly one episode for each seed, all in one batch.
 
@@ -69,6 +70,7 @@ def rollout(
         reset_options: Passed to ``reset``.
         record: Keep the history of every numeric array in ``info``.
         progress: Called with (step, horizon).
+        trust: See `agents.load_agent`.
 
     Raises:
         ValueError: if there is no such environment, if there are no seeds, or if the agent cannot fly it.
@@ -90,7 +92,7 @@ def rollout(
         raise TypeError(f"progress must be a function of (step, horizon), got {progress!r}")
     env = _batch(env_id, len(seeds), {} if env_options is None else env_options)
     try:
-        flyer = load_agent(agent, env) if isinstance(agent, str | Path) else agent
+        flyer = load_agent(agent, env, trust) if isinstance(agent, str | Path) else agent
         flyer.reset(len(seeds))
         observations, info = env.reset(seed=seeds, options=reset_options)  # type: ignore[arg-type]
         keys = [key for key, value in info.items() if record and not key.startswith("_") and _numeric(value)]

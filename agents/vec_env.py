@@ -6,10 +6,14 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from stable_baselines3.common.monitor import Monitor
-from stable_baselines3.common.vec_env import VecEnv
 
 from vessel_gym.envs.vector import VesselVectorEnv
+from vessel_gym.extras import require
+
+require("stable_baselines3")
+
+from stable_baselines3.common.monitor import Monitor  # noqa: E402
+from stable_baselines3.common.vec_env import VecEnv  # noqa: E402
 
 
 class StableBaselinesVecEnv(VecEnv):
@@ -17,7 +21,8 @@ class StableBaselinesVecEnv(VecEnv):
 
     A finished environment's info holds its own last observation in ``terminal_observation``,
     whether it was cut off by the time limit in ``TimeLimit.truncated``, and the episode's return,
-    length and score in ``episode`` (no Monitor wrapper is needed).
+    length and score in ``episode`` (no Monitor wrapper is needed); also ``is_success``, where the environment tells
+    it, which stable-baselines3 gathers and an ``EvalCallback`` reports.
 
     Args:
         env: The vector environment. A `VesselVectorEnv` may have any autoreset mode: the adapter resets what has ended.

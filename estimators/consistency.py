@@ -414,8 +414,14 @@ def consistency_figure(report: Consistency) -> "Figure":
 
     Returns:
         A figure that belongs to no window: save it with ``figure.savefig(...)``.
+
+    Raises:
+        ModuleNotFoundError: without Matplotlib.
     """
-    from matplotlib.figure import Figure
+    try:
+        from matplotlib.figure import Figure
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError("a figure needs Matplotlib: pip install matplotlib", name=error.name) from None
 
     figure = Figure(figsize=(10.0, 7.0), layout="constrained")
     top, bottom = figure.subplots(2, 2)

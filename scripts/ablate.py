@@ -19,6 +19,7 @@ from agents.studies.report import write_report
 from agents.studies.results import Results
 from agents.studies.study import FEW_SEEDS, read_study
 from scripts.console import asked, cell_progress, command, in_range
+from vessel_gym.extras import require
 
 
 def main(
@@ -43,6 +44,9 @@ def main(
     Returns:
         The exit status: 1 if something failed or is missing.
     """
+    require("matplotlib", "jinja2", "joblib")  # before the flights, not after them
+    if scheduler is not None:
+        require("dask", "distributed")
     out = Path("results") / study.stem if out is None else out
     with asked():
         part = _shard(shard)

@@ -16,6 +16,7 @@ from agents.studies.worlds import environment_id
 from estimators import Gaussian, LinearModel, make, names
 from scripts.console import asked, command, in_range
 from vessel_gym.envs.sigma_corvette import SEAS
+from vessel_gym.extras import require
 from vessel_gym.sensors import nominal_sd
 from vessel_gym.tasks.turning_circle import TurningCircle
 from vessel_gym.vehicles.corvette import COEFFICIENTS, Corvette, CorvetteParameters, secant_models, steady_turns
@@ -341,6 +342,7 @@ def main(
         num_envs: Sizes of the native batch.
         repeats: Measurements of each; the median is reported.
     """
+    require("filterpy")
     with asked():
         in_range("--repeats", repeats, 1)
         if not num_envs:

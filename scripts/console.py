@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from agents.cells import Status
+from vessel_gym.extras import missing
 
 MOST = 2**31 - 1
 """No number of anything that a command takes may be greater."""
@@ -39,6 +40,11 @@ def command(main: Callable[..., int | None], arguments: Sequence[str] | None = N
     """
     try:
         return _parsed(main, arguments)()
+    except ModuleNotFoundError as error:
+        sentence = missing(error.name)
+        if sentence is None:
+            raise
+        sys.exit(_complain(sentence))
     except (Refusal, OSError) as error:
         sys.exit(_complain(str(error)))
     except MemoryError as error:

@@ -24,12 +24,13 @@ def main(
     observe: str = "mean",
     episodes: int = 100,
     first_seed: int = 0,
+    trust: bool = False,
 ) -> None:
     """Fly an agent on one or several estimators, over the same seeds, and print what it was worth.
 
     Args:
         env_id: Registered environment.
-        agent: autopilot, random, or the path of a PPO checkpoint.
+        agent: autopilot, random, or the path of a checkpoint.
         estimator: One or more estimators; the environment's default if not given.
         sensors: clean, nominal or degraded.
         disturbance: calm, moderate or rough.
@@ -37,6 +38,7 @@ def main(
         observe: mean, mean+std or measurement.
         episodes: Episodes for each estimator.
         first_seed: First evaluation seed.
+        trust: Load a checkpoint that vessel-gym did not write, although it can run any code.
     """
     from agents import load_agent, rollout
     from agents.scores import metrics, scores
@@ -50,13 +52,13 @@ def main(
         seeds = evaluation_seeds(episodes, first_seed)
         for name in estimator:
             with closing(gym.make_vec(env_id, num_envs=1, estimator=name, **world)) as env:
-                load_agent(agent, env)
+                load_agent(agent, env, trust)
     table = Table(title=f"{env_id}, {agent}: mean and 95 % interval over {episodes} episodes, {disturbance} {sensors}")
     table.add_column("metric")
     columns = []
     with progress_bar("flying", len(estimator)) as advance:
         for name in estimator:
-            flown = rollout(agent, env_id, seeds, {"estimator": name, **world})
+            flown = rollout(agent, env_id, seeds, {"estimator": name, **world}, trust=trust)
             columns.append(scores(flown))
             shown = metrics(flown.env.unwrapped.core.task)
             table.add_column(flown.env.unwrapped.core.estimator, justify="right")

@@ -12,6 +12,7 @@ from agents.files import check_folder
 from agents.page import write
 from agents.reproduction import PAPERS, cells, page
 from scripts.console import asked, cell_progress, command, in_range
+from vessel_gym.extras import require
 
 Name = Literal["all", "corvette", "segorogeni", "itsunusa", "robust", "puna"]
 
@@ -34,6 +35,7 @@ def main(
     Returns:
         The exit status: 1 if an experiment failed.
     """
+    require("matplotlib", "jinja2", "joblib")  # before the experiments, not after them
     with asked():
         if not papers:
             raise ValueError(f"name the papers to reproduce: all, or some of {', '.join(PAPERS)}")

@@ -14,6 +14,7 @@ from rich.progress import track
 from agents.files import check_file, replacing
 from agents.studies.worlds import environment_id
 from scripts.console import asked, command, in_range
+from vessel_gym.extras import require
 
 FPS = 12
 """Frames a second of a GIF or MP4."""
@@ -33,6 +34,7 @@ def main(
     agent: str = "autopilot",
     out: Path | None = None,
     every: int = 6,
+    trust: bool = False,
 ) -> None:
     """Watch one episode in a window or, with --out, write it to a file.
 
@@ -42,12 +44,15 @@ def main(
         sensors: clean, nominal or degraded.
         disturbance: calm, moderate or rough.
         seed: Seed of the episode.
-        agent: autopilot, random, or the path of a PPO checkpoint.
+        agent: autopilot, random, or the path of a checkpoint.
         out: A .gif, an .mp4, or a .png of the last frame.
         every: Keep one frame in this many steps (.gif and .mp4).
+        trust: Load a checkpoint that vessel-gym did not write, although it can run any code.
     """
     from agents import load_agent
 
+    if out is not None:
+        require("imageio", "imageio_ffmpeg", "PIL")
     options: dict[str, Any] = {"estimator": estimator, "sensors": sensors, "disturbance": disturbance}
     with asked():
         env_id = environment_id(env_id)
@@ -58,7 +63,7 @@ def main(
         elif out.suffix.lower() not in SUFFIXES:
             raise ValueError(f"cannot write {str(out)!r}: the suffix must be one of {', '.join(SUFFIXES)}")
         env = gym.make(env_id, render_mode="rgb_array" if out else "human", **options)
-        flyer = load_agent(agent, env)
+        flyer = load_agent(agent, env, trust)
     if out is not None:
         check_file(out)
     with closing(env):
@@ -74,17 +79,17 @@ def check_display() -> None:
     """Refuse to open a window where nobody could see it.
 
     Raises:
-        ValueError: if there is no display, or no pygame.
+        ValueError: if there is no display.
+        ModuleNotFoundError: without pygame.
     """
-    try:
-        import pygame
+    require("pygame")
+    import pygame
 
+    try:
         with _quietly():
             pygame.display.init()
         seen = pygame.display.get_driver() != "offscreen"  # what SDL falls back to
         pygame.display.quit()
-    except ImportError as error:
-        raise ValueError("a window needs pygame: install vessel-gym[render]") from error
     except pygame.error:
         seen = False
     if not seen:

@@ -17,6 +17,7 @@ from agents.cells.cell import Cell
 from agents.cells.store import save_failure
 from agents.cells.work import CannotStore, End, work
 from agents.source import source_digest
+from vessel_gym.extras import require
 
 _PATIENCE = 30  # seconds for a Dask scheduler or its first worker to answer
 _ONE_THREAD = dict.fromkeys(
@@ -43,6 +44,7 @@ def _here(folder: Path, cells: Sequence[Cell]) -> _Ends:
 
 
 def _in_processes(folder: Path, jobs: int, cells: Sequence[Cell]) -> _Ends:
+    require("joblib")
     from joblib import Parallel, parallel_config
     from joblib.externals.loky.process_executor import TerminatedWorkerError
 
@@ -209,6 +211,7 @@ def check_scheduler(address: str) -> None:
 
 @contextmanager
 def _client(scheduler: str) -> Iterator[Any]:
+    require("dask", "distributed", "joblib")
     from dask.distributed import Client
 
     check_scheduler(scheduler)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from agents.cells import Cell
 from estimators.factory import unknown
+from vessel_gym.extras import require
 
 if TYPE_CHECKING:  # experiments need nothing that shows results
     from agents.page import Page
@@ -34,6 +35,7 @@ def page(name: str, results: Mapping[str, Mapping[str, Any]]) -> "Page":
     Raises:
         ValueError: if there is no such paper.
     """
+    require("matplotlib")
     return _module(f"{__name__}.pages", name).page(results)
 
 

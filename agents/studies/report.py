@@ -42,6 +42,7 @@ from agents.studies.shares import ENDS, common, difference, kept, learners, rank
 from agents.studies.study import FEW_SEEDS, FLOOR, ORACLE
 from agents.studies.wording import many, microseconds, sentence, share_entry, span, the
 from agents.studies.worlds import system_of
+from vessel_gym.extras import require
 
 
 def page(results: Results, out: Path) -> Page:
@@ -88,7 +89,9 @@ def write_report(results: Results, out: Path) -> Path:
 
     Raises:
         OSError: if a file cannot be written.
+        ModuleNotFoundError: without Matplotlib or Jinja.
     """
+    require("matplotlib", "jinja2")
     report = page(results, out)
     files = {out / "episodes.csv": results.episodes_csv()}
     for table in report.tables:

@@ -31,7 +31,8 @@ def train_agent(
     Returns:
         ``steps``, as trained: whole rollouts.
     """
-    from agents.ppo import description, train
+    from agents.checkpoint import description
+    from agents.ppo import train
 
     train(environment_id(environment), artifact, environment_options(options), seed, steps, memory=memory)
     described = description(artifact)

@@ -154,7 +154,7 @@ def test_seeds_may_come_as_an_array():
 
 
 def test_an_unknown_agent_is_answered_with_those_that_exist(tmp_path: Path):
-    for name in ("pilot", tmp_path, tmp_path / "missing.zip"):
+    for name in ("pilot", "p" * 5000, "pi\0lot", tmp_path, tmp_path / "missing.zip"):
         with pytest.raises(ValueError, match=r"unknown agent .*: choose autopilot, random, or the path"):
             rollout(name if isinstance(name, str) else str(name), ENV, [0])
         with pytest.raises(ValueError, match=r"unknown agent .*: choose autopilot, random, or the path"):

@@ -1,5 +1,6 @@
 """The adapter to stable-baselines3: what its algorithms rely on, checked against single environments."""
 
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -285,3 +286,33 @@ def test_stable_baselines3_evaluates_while_it_learns():
     callback = EvalCallback(adapter(), n_eval_episodes=2, eval_freq=16, verbose=0, warn=False)
     model.learn(16 * ROWS, callback=callback)
     assert 0.0 <= callback.last_mean_reward <= LIMIT
+
+
+class Judged(ScriptedEnv):
+    """Every step is an episode, and a success in row 0."""
+
+    def __init__(self) -> None:
+        super().__init__([True, True], [False, False])
+
+    def step(self, actions: np.ndarray) -> Any:
+        *rest, info = super().step(actions)
+        success = {"is_success": np.array([True, False]), "_is_success": np.array([True, True])}
+        return *rest, info | {"final_info": success}
+
+
+def test_the_success_of_an_episode_is_told_at_its_end():
+    env = StableBaselinesVecEnv(Judged())
+    env.reset()
+    _, _, _, infos = env.step(np.zeros((2, 1)))
+    assert [info["is_success"] for info in infos] == [True, False]
+    assert all(type(info["is_success"]) is bool for info in infos)
+
+
+def test_stable_baselines3_gathers_successes_while_it_learns_and_evaluates(tmp_path: Path):
+    model = small_ppo(StableBaselinesVecEnv(Judged()))
+    test = StableBaselinesVecEnv(Judged())
+    callback = EvalCallback(test, n_eval_episodes=4, eval_freq=16, log_path=str(tmp_path), verbose=0, warn=False)
+    model.learn(32, callback=callback)
+    assert list(model.ep_success_buffer) == [True, False] * 16
+    with np.load(tmp_path / "evaluations.npz") as evaluations:
+        assert evaluations["successes"].tolist() == [[True, False, True, False]]

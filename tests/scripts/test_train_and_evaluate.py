@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from agents.ppo import description
+from agents.checkpoint import description
 from scripts import evaluate, train
 from scripts.console import command
 

@@ -37,7 +37,7 @@ class Helmsman:
 def short_episodes(monkeypatch):
     make = watch.gym.make
     monkeypatch.setattr(watch.gym, "make", lambda *args, **kwargs: make(*args, max_episode_steps=STEPS, **kwargs))
-    monkeypatch.setattr(agents, "load_agent", lambda name, env: Helmsman())
+    monkeypatch.setattr(agents, "load_agent", lambda name, env, trust: Helmsman())
 
 
 @pytest.fixture
@@ -126,7 +126,7 @@ def test_a_film_that_fails_half_way_leaves_the_old_one_alone(run, tmp_path, monk
                 raise KeyboardInterrupt
             return super().act(observations)
 
-    monkeypatch.setattr(agents, "load_agent", lambda name, env: Broken())
+    monkeypatch.setattr(agents, "load_agent", lambda name, env, trust: Broken())
     out = tmp_path / f"turn{suffix}"
     out.write_bytes(b"old")
     assert run("--out", str(out)) == 130
@@ -147,7 +147,7 @@ def test_a_full_disk_is_told_in_one_sentence(run, tmp_path, monkeypatch, capsys)
 @pytest.mark.parametrize("quit_after", [2, STEPS])
 def test_the_window_stays_until_it_is_closed(run, monkeypatch, quit_after):
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    monkeypatch.setattr(agents, "load_agent", lambda name, env: Helmsman(quit_after))
+    monkeypatch.setattr(agents, "load_agent", lambda name, env, trust: Helmsman(quit_after))
     assert run() == 0
     assert not pygame.display.get_init()
 
@@ -162,4 +162,4 @@ def test_without_a_display_a_window_is_refused(run, monkeypatch, capsys, driver)
 def test_without_pygame_a_window_is_refused(run, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "pygame", None)
     assert run() == 2
-    assert "install vessel-gym[render]" in capsys.readouterr().err
+    assert "pip install 'vessel-gym[render]'" in capsys.readouterr().err

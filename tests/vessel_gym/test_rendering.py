@@ -110,7 +110,7 @@ def test_a_window_that_the_user_closes_ends_nothing_else(monkeypatch):
 def test_without_pygame_the_error_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "pygame", None)
     env = gym.make("SigmaCorvette-v0", render_mode="rgb_array")
-    with pytest.raises(gym.error.DependencyNotInstalled, match=r"install vessel-gym\[render\]"):
+    with pytest.raises(gym.error.DependencyNotInstalled, match=r"pip install 'vessel-gym\[render\]'"):
         env.reset(seed=0)
 
 

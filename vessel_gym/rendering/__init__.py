@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from gymnasium.error import DependencyNotInstalled
 
 from vessel_gym.core import Core
+from vessel_gym.extras import require
 from vessel_gym.tasks.dive import SpatialDive, VerticalDive
 from vessel_gym.tasks.flight import Flight
 from vessel_gym.tasks.turning_circle import TurningCircle
@@ -35,9 +36,9 @@ def make_renderer(core: Core, render_mode: str, fps: int, row: int = 0) -> "Rend
     """
     os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")  # a library prints no greeting
     try:
-        import pygame  # noqa: F401
-    except ImportError as error:
-        raise DependencyNotInstalled("rendering needs pygame: install vessel-gym[render]") from error
+        require("pygame")
+    except ModuleNotFoundError as error:
+        raise DependencyNotInstalled(str(error)) from None
     from vessel_gym.rendering.dive import DiveScene
     from vessel_gym.rendering.flight import FlightScene
     from vessel_gym.rendering.renderer import Renderer

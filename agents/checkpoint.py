@@ -1,0 +1,386 @@
+"""Checkpoints that hold numbers and words only: opening one runs nothing that its writer has put in.
+
+stable-baselines3 pickles what describes an agent, and whoever unpickles a file runs what it says. A checkpoint of ours
+is a zip of a JSON file, which says what network to build, and of plain arrays, its weights.
+"""
+
+import json
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agents.files import replacing
+from vessel_gym.extras import require
+
+_DESCRIPTION = "vessel_gym.json"
+_POLICIES = {
+    "ActorCriticPolicy": "stable_baselines3.common.policies",
+    "SACPolicy": "stable_baselines3.sac.policies",
+    "TD3Policy": "stable_baselines3.td3.policies",
+    "RecurrentActorCriticPolicy": "sb3_contrib.common.recurrent.policies",
+    "LstmPolicy": "agents.lstm_policy",
+}
+"""The networks that a checkpoint may ask for, and where they are."""
+_OF_THE_TRAINING = ("optimizer_class", "optimizer_kwargs")
+
+
+@dataclass(frozen=True)
+class Policy:
+    """A trained network and what it was fed with.
+
+    Attributes:
+        network: The network, a ``BasePolicy`` of stable-baselines3.
+        frames: How many observations it sees side by side.
+        observe: The kind of observation; None if nobody wrote it down.
+        statistics: Of observations, for those that were normalised: ``mean`` and ``var``, of one or of all frames.
+        clip: Bound of normalised observations.
+        epsilon: Added to their variance.
+    """
+
+    network: Any
+    frames: int = 1
+    observe: str | None = None
+    statistics: dict[str, np.ndarray] = field(default_factory=dict)
+    clip: float = np.inf
+    epsilon: float = 0.0
+
+    @property
+    def normalizes(self) -> int:
+        """How many numbers it has statistics of: none, those of one frame or those of all."""
+        return len(self.statistics["mean"]) if self.statistics else 0
+
+    def normalized(self, observations: np.ndarray) -> np.ndarray:
+        """What `VecNormalize` would make of observations with these statistics."""
+        deviation = (observations - self.statistics["mean"]) / np.sqrt(self.statistics["var"] + self.epsilon)
+        return np.clip(deviation, -self.clip, self.clip).astype(np.float32)
+
+
+def save_agent(model: Any, path: str | Path) -> Path:
+    """Save an agent that stable-baselines3 trained, for `agents.load_agent`: without pickle, and with all it needs.
+
+    The statistics of a ``VecNormalize`` and the frames of a ``VecFrameStack`` go with it; it flies on them, frozen.
+
+    Args:
+        model: A PPO, A2C, SAC, TD3, DDPG or RecurrentPPO with its environment (``model.set_env`` gives it one).
+        path: Where the checkpoint goes (``.zip``); folders are made.
+
+    Returns:
+        The path of the checkpoint.
+
+    Raises:
+        ValueError: if the model or its environment holds what cannot be stored in numbers and words.
+        TypeError: for what is no model of stable-baselines3.
+        OSError: if the checkpoint cannot be written.
+        ModuleNotFoundError: without torch or stable-baselines3.
+    """
+    require("torch", "stable_baselines3", "sb3_contrib")
+    from stable_baselines3.common.base_class import BaseAlgorithm
+
+    if not isinstance(model, BaseAlgorithm):
+        raise TypeError(f"save_agent saves what stable-baselines3 trained, got {model!r}")
+    with replacing(zip_path(path)) as temporary:
+        write(temporary, model, {})
+    return zip_path(path)
+
+
+def zip_path(path: str | Path) -> Path:
+    """The path with the suffix of a checkpoint."""
+    path = Path(path)
+    return path if path.suffix == ".zip" else path.with_name(f"{path.name}.zip")
+
+
+def description(path: str | Path) -> dict[str, Any] | None:
+    """What `agents.ppo.train` wrote of itself into a checkpoint; None if there is no such checkpoint."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return _described(archive)
+    except Exception:  # a file of somebody else may break anything that reads it
+        return None
+
+
+def write(path: Path, model: Any, described: dict[str, Any]) -> None:
+    """Write a checkpoint; equal models and descriptions give equal bytes.
+
+    Args:
+        path: The file.
+        model: See `save_agent`.
+        described: Plain data that goes with it.
+
+    Raises:
+        ValueError: see `save_agent`.
+    """
+    spoken, statistics = _environment(model)
+    arrays = {f"weights/{name}": tensor.numpy(force=True) for name, tensor in model.policy.state_dict().items()}
+    arrays |= {f"statistics/{name}": value for name, value in statistics.items()}
+    policy = {
+        "class": _class_name(model.policy_class),
+        "network": _in_words(model),
+        "observations": _size(model.observation_space),
+        "actions": _size(model.action_space),
+        **spoken,
+    }
+    text = json.dumps(described | {"policy": policy}, indent=1)
+    with zipfile.ZipFile(path, "w") as archive:  # of files dated 1980
+        archive.writestr(zipfile.ZipInfo(_DESCRIPTION), text)
+        for name in sorted(arrays):
+            with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w") as file:
+                np.lib.format.write_array(file, np.asarray(arrays[name]), allow_pickle=False)
+
+
+def _class_name(policy: type) -> str:
+    if _POLICIES.get(policy.__name__) != policy.__module__:
+        raise ValueError(
+            f"cannot store a {policy.__module__}.{policy.__qualname__}, only {', '.join(_POLICIES)}: "
+            "use model.save, and load_agent with trust=True"
+        )
+    return policy.__name__
+
+
+def _in_words(model: Any) -> dict[str, Any]:
+    """The arguments of a policy as JSON values; the activation by its name in `torch.nn`."""
+    import torch
+
+    network: dict[str, Any] = {key: v for key, v in model.policy_kwargs.items() if key not in _OF_THE_TRAINING}
+    if model.use_sde:
+        network["use_sde"] = True
+    for key, value in network.items():
+        if key == "activation_fn" and value in vars(torch.nn).values():
+            network[key] = value.__name__
+        try:
+            json.dumps(network[key])
+        except TypeError:
+            raise ValueError(
+                f"cannot store policy_kwargs[{key!r}], {value!r}, in words: "
+                "use model.save, and load_agent with trust=True"
+            ) from None
+    return network
+
+
+def _environment(model: Any) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """What stands between an environment's observations and the network, as words and arrays."""
+    from stable_baselines3.common.vec_env import VecCheckNan, VecEnvWrapper, VecFrameStack, VecMonitor, VecNormalize
+
+    env = model.get_env()
+    if env is None:
+        raise ValueError("the model has no environment to tell what it observes: give it one with model.set_env")
+    spoken: dict[str, Any] = {"frames": 1}
+    statistics: dict[str, np.ndarray] = {}
+    while isinstance(env, VecEnvWrapper):
+        if isinstance(env, VecNormalize) and env.norm_obs and not statistics:
+            found: Any = env.obs_rms
+            statistics = {"mean": found.mean, "var": found.var}
+            spoken |= {"clip": float(env.clip_obs), "epsilon": float(env.epsilon)}
+        elif isinstance(env, VecFrameStack) and spoken["frames"] == 1:
+            spoken["frames"] = _size(env.observation_space) // _size(env.venv.observation_space)
+        elif not isinstance(env, VecMonitor | VecCheckNan) and not (isinstance(env, VecNormalize) and not env.norm_obs):
+            raise ValueError(f"cannot store what {type(env).__name__} does to observations")
+        env = env.venv
+    core = getattr(env.get_attr("unwrapped", 0)[0], "core", None)
+    if core is None:
+        raise ValueError("an agent is stored for the environments of vessel_gym: this one was trained in another")
+    for inner in (*getattr(env, "envs", ())[:1], *([env.env] if hasattr(env, "env") else ())):
+        _refuse_wrappers(inner)
+    return spoken | {"observe": core.observe_mode}, statistics
+
+
+def _size(space: Any) -> int:
+    """How many numbers a space holds."""
+    return int(space.shape[0])
+
+
+def _refuse_wrappers(env: Any) -> None:
+    """Gymnasium's wrappers of observations and actions would be lost: an agent is loaded without them."""
+    import gymnasium as gym
+
+    kinds = (
+        gym.ObservationWrapper, gym.ActionWrapper, gym.vector.VectorObservationWrapper, gym.vector.VectorActionWrapper,
+    )  # fmt: skip
+    while isinstance(env, gym.Wrapper | gym.vector.VectorWrapper):
+        if isinstance(env, kinds):
+            raise ValueError(f"cannot store what {type(env).__name__} does to observations or actions")
+        env = env.env
+
+
+def load(path: Path, trust: bool) -> Policy:
+    """The policy in a checkpoint, our own or one of stable-baselines3.
+
+    Args:
+        path: The file.
+        trust: Whether a file that is not ours may run what it says.
+
+    Raises:
+        ValueError: if it is no checkpoint, or not ours and not trusted.
+        ModuleNotFoundError: without torch or stable-baselines3.
+    """
+    with _reading(path), zipfile.ZipFile(path) as archive:
+        described, names = _described(archive), set(archive.namelist())
+    if described is None and "data" not in names:
+        raise ValueError(f"{path} is not a checkpoint of an agent")
+    ours = described is not None and "policy" in described
+    if not ours and not trust:
+        raise ValueError(
+            f"{path} was not saved by agents.save_agent or scripts.train of this version, and to load it is to run "
+            "whatever code it holds: if you trust whoever made it, say trust=True (--trust on a command line)"
+        )
+    require("torch", "stable_baselines3", "sb3_contrib")
+    with _reading(path):
+        return _ours(path, described["policy"]) if described and ours else _foreign(path, described or {})
+
+
+@contextmanager
+def _reading(path: Path) -> Iterator[None]:
+    """Whatever a damaged or doctored file makes fail ends in one sentence."""
+    try:
+        yield
+    except _Unfit as error:
+        raise ValueError(f"{path} {error}") from None
+    except Exception as error:
+        reason = (str(error).strip() or type(error).__name__).splitlines()[0]
+        raise ValueError(f"{path} is not a checkpoint of an agent, or is damaged ({reason})") from None
+
+
+class _Unfit(Exception):
+    """A checkpoint that is whole, but cannot be flown."""
+
+
+def _described(archive: zipfile.ZipFile) -> dict[str, Any] | None:
+    if _DESCRIPTION not in archive.namelist():
+        return None
+    described = json.loads(archive.read(_DESCRIPTION))
+    if not isinstance(described, dict):
+        raise ValueError(f"{_DESCRIPTION} is no table")
+    return described
+
+
+def _ours(path: Path, told: dict[str, Any]) -> Policy:
+    """Build the network that the words tell of, and fill in the numbers."""
+    from importlib import import_module
+
+    import torch
+    from gymnasium.spaces import Box
+
+    network = dict(told["network"])
+    if "activation_fn" in network:
+        kind = getattr(torch.nn, network["activation_fn"])
+        if not (isinstance(kind, type) and issubclass(kind, torch.nn.Module)):
+            raise ValueError(f"{network['activation_fn']!r} is no activation")
+        network["activation_fn"] = kind
+    arrays: dict[str, dict[str, np.ndarray]] = {"weights": {}, "statistics": {}}
+    with zipfile.ZipFile(path) as archive:
+        for name in archive.namelist():
+            folder, _, rest = name.partition("/")
+            if folder in arrays:
+                with archive.open(name) as file:
+                    array = np.lib.format.read_array(file, allow_pickle=False)
+                if not np.isfinite(array).all():
+                    raise ValueError(f"{name} is not finite")
+                arrays[folder][rest.removesuffix(".npy")] = array
+    policy = getattr(import_module(_POLICIES[told["class"]]), told["class"])
+    weights = {name: torch.from_numpy(array) for name, array in arrays["weights"].items()}
+    seen = Box(-np.inf, np.inf, (told["observations"],), np.float32)
+    built = _built(policy, seen, Box(-1.0, 1.0, (told["actions"],), np.float32), network, weights)
+    frames, statistics = int(told["frames"]), arrays["statistics"]
+    if frames < 1:
+        raise ValueError(f"it sees {frames} frames")
+    if not statistics:
+        return Policy(built, frames, told["observe"])
+    mean, var = statistics["mean"], statistics["var"]
+    if mean.shape not in (seen.shape, (seen.shape[0] // frames,)) or var.shape != mean.shape or (var < 0).any():
+        raise ValueError("its statistics are of something else")
+    return Policy(built, frames, told["observe"], statistics, float(told["clip"]), float(told["epsilon"]))
+
+
+def _foreign(path: Path, described: dict[str, Any]) -> Policy:
+    """Unpickle what stable-baselines3 saved, of whatever algorithm."""
+    from stable_baselines3.common.save_util import load_from_zip_file
+
+    data, weights, _ = load_from_zip_file(path, device="cpu")
+    if not data or "policy_class" not in data or "policy" not in weights:
+        raise ValueError("it holds no policy")
+    # Only VecNormalize has original observations to keep, but algorithms with a replay buffer keep them always.
+    if data.get("_last_original_obs") is not None and "replay_buffer_class" not in data:
+        raise _Unfit(
+            "was trained under VecNormalize, whose statistics stable-baselines3 leaves out: load it there with its "
+            "VecNormalize, model.set_env(...), and save it by agents.save_agent(model, path)"
+        )
+    network = {key: value for key, value in data["policy_kwargs"].items() if key != "device"}
+    if data.get("use_sde"):
+        network["use_sde"] = True
+    built = _built(data["policy_class"], data["observation_space"], data["action_space"], network, weights["policy"])
+    remembered = described.get("memory") == "frames"  # as version 0.1 wrote it down
+    observe = described.get("env_options", {}).get("observe", "mean") if described else None
+    return Policy(built, described["hyperparameters"]["frames"] if remembered else 1, observe)
+
+
+def _built(policy: type, seen: Any, done: Any, network: dict[str, Any], weights: Any) -> Any:
+    """A policy with its weights, ready to fly."""
+    import torch
+
+    with torch.random.fork_rng(devices=[]):  # its first weights are drawn, and thrown away
+        built = policy(seen, done, lambda _: 0.0, **network)
+    built.load_state_dict(weights)
+    built.set_training_mode(False)
+    return built
+
+
+class TrainedAgent:
+    """A trained policy, flown without exploration noise; it keeps a memory for each environment of the batch.
+
+    Args:
+        path: A checkpoint.
+        env: The environment that it will fly, to check the observation.
+        trust: See `agents.load_agent`.
+
+    Raises:
+        ValueError: if the file is no checkpoint that may be loaded, or was trained on another observation or other
+            actions.
+        ModuleNotFoundError: without torch or stable-baselines3.
+    """
+
+    def __init__(self, path: Path, env: Any, trust: bool = False) -> None:
+        self._policy = load(path, trust)
+        network, frames, self._size = self._policy.network, self._policy.frames, env.core.observation_size
+        # Two kinds of observation may have the same length: ask what it was trained on, not only how long that is.
+        trained, given = self._policy.observe, env.core.observe_mode
+        if trained is not None and trained != given:
+            raise ValueError(f"{path} was trained on observe={trained!r}, this environment gives {given!r}")
+        seen, done = network.observation_space.shape, network.action_space.shape
+        if (seen, done) != ((frames * self._size,), (env.core.action_size,)):
+            raise ValueError(
+                f"{path} was trained in another environment: on observations of shape {seen} and actions of shape "
+                f"{done}, not {(frames * self._size,)} and {(env.core.action_size,)}"
+            )
+        self.reset(1)
+
+    def reset(self, num_envs: int) -> None:
+        """Forget everything: the frames before the first are zeros, and so is the recurrent state."""
+        self._seen = np.zeros((num_envs, self._policy.frames * self._size), np.float32)
+        self._state = None
+
+    def act(self, observations: np.ndarray) -> np.ndarray:
+        """The policy's mean action."""
+        scale, size = self._policy.normalized, self._policy.normalizes
+        frame = scale(observations) if size == self._size else observations
+        self._seen = np.concatenate([self._seen[:, self._size :], frame], axis=1)  # the newest frame last
+        seen = scale(self._seen) if size not in (0, self._size) else self._seen
+        with one_thread():
+            actions, self._state = self._policy.network.predict(seen, self._state, deterministic=True)
+        return actions
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """For small networks a second thread costs more than it brings; the user's own get theirs back."""
+    import torch
+
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)

@@ -1,0 +1,367 @@
+"""Checkpoints: what they carry, and that a file runs nothing unless the user says so."""
+
+import base64
+import io
+import json
+import os
+import pickle
+import sys
+import zipfile
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import cloudpickle
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+from sb3_contrib import TQC, RecurrentPPO
+from stable_baselines3 import A2C, DDPG, DQN, PPO, SAC, TD3
+from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecEnvWrapper, VecFrameStack, VecNormalize
+
+from agents import load_agent, rollout, save_agent
+from agents.vec_env import StableBaselinesVecEnv
+from scripts import evaluate
+from scripts.console import command
+
+ENV = "SigmaCorvette-v0"
+ROWS = 4
+SHORT = {"n_steps": 16, "batch_size": 32, "n_epochs": 1}
+ALGORITHMS = [
+    (PPO, "MlpPolicy", SHORT),
+    (PPO, "MlpPolicy", SHORT | {"use_sde": True}),
+    (A2C, "MlpPolicy", {}),
+    (RecurrentPPO, "MlpLstmPolicy", SHORT),
+    (SAC, "MlpPolicy", {"learning_starts": 8}),
+    (TD3, "MlpPolicy", {"learning_starts": 8}),
+    (DDPG, "MlpPolicy", {"learning_starts": 8}),
+]
+NAMES = ["PPO", "PPO with gSDE", "A2C", "RecurrentPPO", "SAC", "TD3", "DDPG"]
+
+
+def adapter(**options: Any) -> StableBaselinesVecEnv:
+    return StableBaselinesVecEnv(gym.make_vec(ENV, num_envs=ROWS, max_episode_steps=20, **options))
+
+
+def trained(algorithm: Any, policy: str, settings: dict[str, Any], env: VecEnv) -> Any:
+    network = {"net_arch": [8], "activation_fn": torch.nn.ELU}
+    model = algorithm(policy, env, policy_kwargs=network, seed=0, device="cpu", **settings)
+    return model.learn(16 * ROWS)
+
+
+def observed(rows: int = 5, size: int = 7) -> np.ndarray:
+    return np.random.default_rng(0).uniform(-3.0, 3.0, (rows, size)).astype(np.float32)
+
+
+def flown(path: Path, observations: np.ndarray, **trust: bool) -> np.ndarray:
+    agent = load_agent(path, gym.make(ENV), **trust)
+    agent.reset(len(observations))
+    return agent.act(observations)
+
+
+@pytest.mark.parametrize(("algorithm", "policy", "settings"), ALGORITHMS, ids=NAMES)
+def test_an_agent_of_any_algorithm_flies_as_it_was_trained(
+    tmp_path: Path, algorithm: Any, policy: str, settings: dict[str, Any]
+):
+    model = trained(algorithm, policy, settings, adapter())
+    expected, _ = model.predict(observed(), deterministic=True)
+    np.testing.assert_array_equal(flown(save_agent(model, tmp_path / "ours"), observed()), expected)
+    model.save(tmp_path / "theirs.zip")
+    np.testing.assert_array_equal(flown(tmp_path / "theirs.zip", observed(), trust=True), expected)
+    with pytest.raises(ValueError, match=r"theirs\.zip was not saved by .* run whatever code .* say trust=True") as no:
+        load_agent(tmp_path / "theirs.zip", gym.make(ENV))
+    assert "\n" not in str(no.value)
+
+
+@pytest.mark.parametrize("order", ["statistics of a frame", "statistics of all frames", "statistics"])
+def test_the_statistics_of_observations_fly_with_the_agent_and_stay_as_they_were(tmp_path: Path, order: str):
+    def wrapped() -> VecEnv:
+        if order == "statistics of a frame":
+            return VecFrameStack(VecNormalize(adapter(), clip_obs=3.0), 3)
+        if order == "statistics of all frames":
+            return VecNormalize(VecFrameStack(adapter(), 3), epsilon=1e-3)
+        return VecNormalize(adapter())
+
+    model = trained(PPO, "MlpPolicy", SHORT, wrapped())
+    path = save_agent(model, tmp_path / "agent.zip")
+    own = model.get_env()
+    norm = model.get_vec_normalize_env()
+    norm.training = False
+    agent = load_agent(path, gym.make(ENV, max_episode_steps=20))
+    raw = adapter()
+    for env in (own, raw):
+        env.seed(3)
+    seen, plain = own.reset(), raw.reset()
+    agent.reset(ROWS)
+    for _ in range(5):
+        expected, _ = model.predict(seen, deterministic=True)
+        actions = agent.act(plain)
+        np.testing.assert_array_equal(actions, expected)
+        seen, plain = own.step(expected)[0], raw.step(actions)[0]
+    agent.reset(ROWS)
+    first = agent.act(raw.reset() + 5.0)
+    agent.reset(ROWS)
+    agent._policy.statistics.clear()
+    assert np.abs(agent.act(raw.reset() + 5.0) - first).max() > 1e-3  # they matter
+    one, other = (rollout(path, ENV, [1, 2], record=False) for _ in range(2))
+    np.testing.assert_array_equal(one.score, other.score)
+
+
+def test_an_agent_that_stable_baselines3_saved_without_its_statistics_is_not_flown_without_them(tmp_path: Path):
+    model = trained(PPO, "MlpPolicy", SHORT, VecNormalize(adapter()))
+    model.save(tmp_path / "agent.zip")
+    model.get_vec_normalize_env().save(str(tmp_path / "statistics.pkl"))
+    with pytest.raises(ValueError, match=r"trained under VecNormalize, whose statistics .*save_agent") as caught:
+        load_agent(tmp_path / "agent.zip", gym.make(ENV), trust=True)
+    assert "\n" not in str(caught.value)
+
+    again = PPO.load(tmp_path / "agent.zip", env=VecNormalize.load(str(tmp_path / "statistics.pkl"), adapter()))
+    one, other = (flown(save_agent(who, tmp_path / "ours"), observed()) for who in (model, again))
+    np.testing.assert_array_equal(one, other)
+
+
+def test_rewards_that_were_normalised_are_no_matter_of_the_flight(tmp_path: Path):
+    model = trained(PPO, "MlpPolicy", SHORT, VecNormalize(adapter(), norm_obs=False))
+    expected, _ = model.predict(observed(), deterministic=True)
+    np.testing.assert_array_equal(flown(save_agent(model, tmp_path / "agent"), observed()), expected)
+
+
+def test_an_agent_from_a_single_environment_is_stored_as_one_from_a_batch(tmp_path: Path):
+    model = trained(A2C, "MlpPolicy", {}, DummyVecEnv([lambda: gym.make(ENV)]))
+    expected, _ = model.predict(observed(), deterministic=True)
+    path = save_agent(model, tmp_path / "agent")
+    np.testing.assert_array_equal(flown(path, observed()), expected)
+    with pytest.raises(ValueError, match="trained on observe='mean', this environment gives 'measurement'"):
+        load_agent(path, gym.make(ENV, observe="measurement"))
+
+
+def test_an_agent_of_version_0_1_flies_on_the_user_s_word_and_with_its_memory(tmp_path: Path):
+    """They are checkpoints of stable-baselines3 with a description beside the pickles."""
+    model = trained(PPO, "MlpPolicy", SHORT, VecFrameStack(adapter(), 3))
+    model.save(tmp_path / "theirs.zip")
+    told = {"memory": "frames", "hyperparameters": {"frames": 3}, "env_options": {"observe": "mean"}}
+    older = changed(
+        tmp_path / "theirs.zip",
+        tmp_path / "old.zip",
+        lambda c: c.update({"vessel_gym.json": json.dumps(told).encode()}),
+    )
+    with pytest.raises(ValueError, match="of this version"):
+        load_agent(older, gym.make(ENV))
+    ours = save_agent(model, tmp_path / "ours")
+    np.testing.assert_array_equal(flown(older, observed(), trust=True), flown(ours, observed()))
+    with pytest.raises(ValueError, match="trained on observe='mean', this environment gives 'measurement'"):
+        load_agent(older, gym.make(ENV, observe="measurement"), trust=True)
+
+
+class Mirrored(VecEnvWrapper):
+    def reset(self) -> np.ndarray:
+        return -self.venv.reset()
+
+    def step_wait(self) -> Any:
+        observations, *rest = self.venv.step_wait()
+        return -observations, *rest
+
+
+def test_what_cannot_be_stored_in_numbers_and_words_is_refused_before_anything_is_written(tmp_path: Path):
+    batch = adapter().env
+    batch.metadata = batch.metadata | {"autoreset_mode": gym.vector.AutoresetMode.SAME_STEP}
+    wrapped = gym.wrappers.vector.TransformAction(batch, lambda action: -action)
+    single = gym.wrappers.TransformObservation(gym.make(ENV), lambda seen: -seen, None)
+    cases: list[tuple[Any, str]] = [
+        (trained(PPO, "MlpPolicy", SHORT, Mirrored(adapter())), "what Mirrored does to observations"),
+        (PPO("MlpPolicy", StableBaselinesVecEnv(wrapped), device="cpu"), "what TransformAction does"),
+        (trained(A2C, "MlpPolicy", {}, DummyVecEnv([lambda: single])), "what TransformObservation does"),
+        (trained(TQC, "MlpPolicy", {"learning_starts": 8}, adapter()), "cannot store a .*TQCPolicy.* trust=True"),
+        (PPO("MlpPolicy", "Pendulum-v1", device="cpu"), "for the environments of vessel_gym"),
+    ]
+    own = PPO("MlpPolicy", adapter(), policy_kwargs={"features_extractor_class": Extractor}, device="cpu")
+    cases.append((own, "cannot store policy_kwargs.'features_extractor_class'.* trust=True"))
+    bare = trained(PPO, "MlpPolicy", SHORT, adapter())
+    bare.env = None
+    cases.append((bare, "model.set_env"))
+    for model, sentence in cases:
+        with pytest.raises(ValueError, match=sentence) as caught:
+            save_agent(model, tmp_path / "agent.zip")
+        assert "\n" not in str(caught.value)
+    with pytest.raises(TypeError, match="save_agent saves what stable-baselines3 trained, got 'agent'"):
+        save_agent("agent", tmp_path / "agent.zip")
+    assert list(tmp_path.iterdir()) == []
+
+
+class Extractor(torch.nn.Flatten):
+    """A user's own beginning of a network."""
+
+    def __init__(self, space: gym.Space) -> None:
+        super().__init__()
+        self.features_dim = int(np.prod(space.shape))
+
+
+def test_an_agent_of_another_environment_is_answered_in_a_sentence(tmp_path: Path):
+    path = save_agent(trained(PPO, "MlpPolicy", SHORT, adapter()), tmp_path / "agent")
+    balancing = DQN("MlpPolicy", "CartPole-v1", device="cpu")
+    balancing.save(tmp_path / "cart.zip")
+    for name, env, sentence in (
+        (path, "ItsunusaAUV-v0", r"trained in another environment: .* shape \(7,\) .*\(1,\), not \(14,\) and \(2,\)"),
+        (tmp_path / "cart.zip", ENV, r"trained in another environment: .* shape \(4,\) .*\(\), not \(7,\) and \(1,\)"),
+    ):
+        with pytest.raises(ValueError, match=sentence) as caught:
+            load_agent(name, gym.make(env), trust=True)
+        assert "\n" not in str(caught.value)
+
+
+# --- files that mean harm, or are broken --------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def checkpoints(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """One agent, as we save it and as stable-baselines3 does."""
+    folder = tmp_path_factory.mktemp("checkpoints")
+    model = trained(PPO, "MlpPolicy", SHORT, VecNormalize(adapter()))
+    model.save(folder / "theirs.zip")
+    ours = save_agent(model, folder / "ours.zip")
+    flown(ours, observed())
+    return ours, folder / "theirs.zip"
+
+
+class Payload:
+    """What makes a folder when it is unpickled."""
+
+    def __init__(self, canary: Path) -> None:
+        self.canary = canary
+
+    def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+        return os.mkdir, (str(self.canary),)
+
+
+def changed(source: Path, target: Path, change: Callable[[dict[str, bytes]], None]) -> Path:
+    with zipfile.ZipFile(source) as archive:
+        content = {name: archive.read(name) for name in archive.namelist()}
+    change(content)
+    with zipfile.ZipFile(target, "w") as archive:
+        for name, data in content.items():
+            archive.writestr(name, data)
+    return target
+
+
+def serialized(payload: Payload) -> dict[str, str]:
+    return {":type:": "int", ":serialized:": base64.b64encode(cloudpickle.dumps(payload)).decode()}
+
+
+def pickled_array(payload: Payload) -> bytes:
+    buffer = io.BytesIO()
+    np.lib.format.write_array(buffer, np.array([payload], dtype=object), allow_pickle=True)
+    return buffer.getvalue()
+
+
+def torch_file(payload: Payload) -> bytes:
+    buffer = io.BytesIO()
+    torch.save({"payload": payload}, buffer)
+    return buffer.getvalue()
+
+
+def settings(content: dict[str, bytes], change: Callable[[dict[str, Any]], Any]) -> None:
+    told = json.loads(content["vessel_gym.json"])
+    change(told["policy"])
+    content["vessel_gym.json"] = json.dumps(told).encode()
+
+
+HARM: dict[str, Callable[[dict[str, bytes], Payload], Any]] = {
+    "data": lambda c, p: c.update(data=json.dumps(json.loads(c.get("data", b"{}")) | {"n": serialized(p)}).encode()),
+    "a network in data": lambda c, p: c.update(data=json.dumps({"policy_class": serialized(p)}).encode()),
+    "policy.pth": lambda c, p: c.update({"policy.pth": torch_file(p)}),
+    "policy.pth, plain": lambda c, p: c.update({"policy.pth": pickle.dumps(p)}),
+    "variables": lambda c, p: c.update({"pytorch_variables.pth": pickle.dumps(p)}),
+    "weights": lambda c, p: c.update({"weights/log_std.npy": pickled_array(p)}),
+    "weights, plain": lambda c, p: c.update({"weights/log_std.npy": pickle.dumps(p)}),
+    "statistics": lambda c, p: c.update({"statistics/mean.npy": pickled_array(p)}),
+    "settings, plain": lambda c, p: c.update({"vessel_gym.json": pickle.dumps(p)}),
+    "settings": lambda c, p: c.update({"vessel_gym.json": json.dumps({"policy": serialized(p)}).encode()}),
+    "a network": lambda c, p: settings(c, lambda told: told["network"].update(net_arch=serialized(p)))
+    if "vessel_gym.json" in c else None,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("whose", ["ours", "theirs"])
+@pytest.mark.parametrize("place", HARM)
+def test_a_doctored_checkpoint_runs_nothing(tmp_path: Path, checkpoints: tuple[Path, Path], place: str, whose: str):
+    canary = tmp_path / "canary"
+    pickle.loads(pickle.dumps(Payload(canary)))
+    assert canary.exists()  # the payload works
+    canary.rmdir()
+    source = checkpoints[("ours", "theirs").index(whose)]
+    path = changed(source, tmp_path / "agent.zip", lambda content: HARM[place](content, Payload(canary)))
+    with suppress(ValueError):
+        agent = load_agent(path, gym.make(ENV))
+        agent.reset(1)
+        agent.act(observed(1))
+    assert not canary.exists()
+
+
+def test_a_command_loads_what_is_not_ours_only_when_told_to(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    canary = tmp_path / "canary"
+    model = PPO("MlpPolicy", adapter(), device="cpu")
+    model.verbose = Payload(canary)
+    model.save(tmp_path / "agent.zip")
+    line = ["evaluate", "--agent", str(tmp_path / "agent.zip"), "--episodes", "1"]
+    monkeypatch.setattr(sys, "argv", line)
+    with pytest.raises(SystemExit) as stop:
+        command(evaluate.main)
+    assert stop.value.code == 2
+    assert "--trust on a command line" in capsys.readouterr().err
+    assert not canary.exists()
+    monkeypatch.setattr(sys, "argv", [*line, "--trust"])
+    command(evaluate.main)
+    assert "Score" in capsys.readouterr().out
+    assert canary.exists()
+
+
+BROKEN: dict[str, Callable[[dict[str, bytes]], Any]] = {
+    "no weights": lambda c: [c.pop(name) for name in list(c) if name.startswith("weights/")],
+    "a weight missing": lambda c: c.pop("weights/log_std.npy"),
+    "weights of another size": lambda c: settings(c, lambda told: told["network"].update(net_arch=[9])),
+    "no settings of the network": lambda c: settings(c, lambda told: told.pop("network")),
+    "an unknown policy": lambda c: settings(c, lambda told: told.update({"class": "os.system"})),
+    "an activation that is none": lambda c: settings(c, lambda told: told["network"].update(activation_fn="init")),
+    "no frames": lambda c: settings(c, lambda told: told.update(frames=0)),
+    "frames that are no number": lambda c: settings(c, lambda told: told.update(frames="x")),
+    "statistics of something else": lambda c: c.update({"statistics/mean.npy": c["weights/log_std.npy"]}),
+    "half the statistics": lambda c: c.pop("statistics/var.npy"),
+    "settings that are no JSON": lambda c: c.update({"vessel_gym.json": b"{"}),
+    "settings that are no table": lambda c: c.update({"vessel_gym.json": b"[1, 2]"}),
+    "a policy that is no table": lambda c: c.update({"vessel_gym.json": b'{"policy": 3}'}),
+    "weights that are not finite": lambda c: c.update(
+        {"weights/log_std.npy": c["weights/log_std.npy"][:-4] + b"\xff" * 4}
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("fault", BROKEN)
+def test_a_damaged_checkpoint_is_refused_in_a_sentence(tmp_path: Path, checkpoints: tuple[Path, Path], fault: str):
+    path = changed(checkpoints[0], tmp_path / "agent.zip", BROKEN[fault])
+    with pytest.raises(ValueError, match=r"agent\.zip is not a checkpoint of an agent, or is damaged") as caught:
+        load_agent(path, gym.make(ENV))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("trust", [False, True])
+def test_a_file_that_is_no_checkpoint_is_refused_in_a_sentence(
+    tmp_path: Path, checkpoints: tuple[Path, Path], trust: bool
+):
+    text, empty, other = tmp_path / "notes.txt", tmp_path / "empty.zip", tmp_path / "other.zip"
+    text.write_text("no checkpoint")
+    empty.write_bytes(b"")
+    with zipfile.ZipFile(other, "w") as archive:
+        archive.writestr("readme", "something else")
+    files = [text, empty, other]
+    for whole in checkpoints:
+        for share in (3, 2):
+            files.append(tmp_path / f"{share}-{whole.name}")
+            files[-1].write_bytes(whole.read_bytes()[: -whole.stat().st_size // share])
+    for path in files:
+        with pytest.raises(ValueError, match=f"{path.name} is not a checkpoint of an agent") as caught:
+            load_agent(path, gym.make(ENV), trust)
+        assert "\n" not in str(caught.value)

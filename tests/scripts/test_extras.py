@@ -1,0 +1,167 @@
+"""What is not installed: whoever asks for it learns what to type, and nothing is imported that nobody brings."""
+
+import ast
+import re
+import subprocess
+import sys
+import tomllib
+import zipfile
+from collections.abc import Callable
+from importlib.metadata import packages_distributions
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import pytest
+
+import agents
+from agents.cells import Cell, run
+from agents.page import Page, render
+from agents.ppo import train
+from agents.reproduction import page
+from agents.studies.report import write_report
+from estimators.consistency import consistency_figure
+from scripts import ablate, benchmark, reproduce, watch
+from scripts import train as train_command
+from scripts.console import command
+from vessel_gym.extras import EXTRAS, require
+
+ROOT = Path(__file__).parents[2]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+ENV = "SigmaCorvette-v0"
+
+
+def distributions(requirements: list[str]) -> set[str]:
+    """Normal names of distributions, without versions; dask[distributed] is dask and distributed."""
+    return {name.lower().replace("_", "-") for text in requirements for name in re.split(r"[^\w.-]", text)}
+
+
+def extra(name: str) -> set[str]:
+    """The distributions that an extra brings, those of the extras in it included."""
+    found = distributions(PROJECT["optional-dependencies"][name])
+    for inner in re.findall(r"vessel-gym\[([\w,]+)\]", " ".join(PROJECT["optional-dependencies"][name])):
+        found = found.union(*map(extra, inner.split(",")))
+    return found - {"vessel-gym"}
+
+
+def test_every_module_that_is_asked_for_comes_with_its_extra_and_all_of_them_with_one():
+    homes = packages_distributions()
+    for name, modules in EXTRAS.items():
+        assert modules
+        for module in modules:
+            assert distributions(homes[module]) & extra(name), (name, module)
+        assert extra(name) <= extra("all")
+        assert extra("commands") <= extra(name) or name == "cluster"
+
+
+def test_whatever_is_imported_is_a_dependency_or_comes_with_an_extra():
+    homes = packages_distributions()
+    known = set(sys.stdlib_module_names) | {"estimators", "vessel_gym", "agents", "scripts"}
+    brought = distributions(PROJECT["dependencies"]) | extra("all")
+    for package in ("estimators", "vessel_gym", "agents", "scripts"):
+        for path in (ROOT / package).rglob("*.py"):
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+                if isinstance(node, ast.ImportFrom) and not node.level:
+                    names = [node.module or ""]
+                for module in {name.partition(".")[0] for name in names} - known:
+                    assert distributions(homes[module]) & brought, (path, module)
+
+
+CALLS: dict[str, tuple[str, str, Callable[[Path], Any]]] = {
+    "training": ("torch", "train", lambda path: train(ENV, path / "agent.zip")),
+    "saving": ("stable_baselines3", "train", lambda path: agents.save_agent(None, path / "agent.zip")),
+    "loading": ("sb3_contrib", "train", lambda path: agents.load_agent(path / "foreign.zip", gym.make(ENV), True)),
+    "a report": ("matplotlib", "report", lambda path: write_report(None, path)),
+    "a paper": ("matplotlib", "report", lambda path: page("corvette", {})),
+    "a page": ("jinja2", "report", lambda path: render(Page("", "", (), ()))),
+    "processes": ("joblib", "report", lambda path: run([Cell("agents.seeds:training_seed", {})], path, jobs=2)),
+    "a cluster": (
+        "dask",
+        "cluster",
+        lambda path: run([Cell("agents.seeds:training_seed", {})], path, scheduler="tcp://127.0.0.1:9"),
+    ),
+}
+
+
+@pytest.mark.parametrize("call", CALLS)
+def test_a_call_that_needs_an_extra_tells_what_to_type(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str):
+    module, name, function = CALLS[call]
+    monkeypatch.setitem(sys.modules, module, None)
+    with zipfile.ZipFile(tmp_path / "foreign.zip", "w") as archive:
+        archive.writestr("data", "")
+    with pytest.raises(ModuleNotFoundError, match=sentence(module, name)) as caught:
+        function(tmp_path)
+    assert caught.value.name == module
+
+
+def sentence(module: str, name: str) -> str:
+    return re.escape(f"this needs {module}, which is not installed: pip install 'vessel-gym[{name}]'")
+
+
+def test_the_adapter_a_picture_and_a_figure_of_a_filter_tell_what_to_type(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.delitem(sys.modules, "agents.vec_env", raising=False)
+    for module in ("stable_baselines3", "pygame", "matplotlib", "matplotlib.figure"):
+        monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(ModuleNotFoundError, match=sentence("stable_baselines3", "train")):
+        import agents.vec_env  # noqa: F401
+    with pytest.raises(ModuleNotFoundError, match="a figure needs Matplotlib: pip install matplotlib"):
+        consistency_figure(None)
+    with pytest.raises(gym.error.DependencyNotInstalled, match=sentence("pygame", "render")):
+        first_picture()
+
+
+def first_picture() -> Any:
+    env = gym.make(ENV, render_mode="rgb_array")
+    env.reset(seed=0)
+    return env.render()
+
+
+@pytest.mark.parametrize(
+    ("main", "arguments", "module", "name"),
+    [
+        (train_command.main, ["--out", "agent.zip"], "torch", "train"),
+        (ablate.main, [str(ROOT / "studies" / "quick.toml")], "jinja2", "report"),
+        (ablate.main, [str(ROOT / "studies" / "quick.toml"), "--scheduler", "tcp://127.0.0.1:9"], "dask", "cluster"),
+        (reproduce.main, ["all"], "matplotlib", "report"),
+        (watch.main, ["--out", "turn.gif"], "imageio", "render"),
+        (watch.main, ["--out", "turn.gif"], "pygame", "render"),
+        (watch.main, [], "pygame", "render"),
+        (benchmark.main, [], "filterpy", "benchmark"),
+    ],
+)
+def test_a_command_that_needs_an_extra_tells_what_to_type_before_it_works(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+    main: Callable[..., Any], arguments: list[str], module: str, name: str,
+):  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(sys.modules, module, None)
+    monkeypatch.setattr(sys, "argv", ["command", *arguments])
+    with pytest.raises(SystemExit) as stop:
+        command(main)
+    assert stop.value.code == 2
+    assert re.search(sentence(module, name), capsys.readouterr().err)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("module", ["tyro", "rich"])
+def test_what_all_commands_need_is_asked_for_before_it_is_imported(module: str):
+    program = f"import sys, runpy; sys.modules[{module!r}] = None; runpy.run_module('scripts.evaluate', alter_sys=True)"
+    done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 2
+    assert re.fullmatch("error: " + sentence(module, "commands") + "\n", done.stderr)
+
+
+def test_a_module_that_cannot_even_be_looked_for_is_missing_too(monkeypatch: pytest.MonkeyPatch):
+    class Forbidding:
+        @staticmethod
+        def find_spec(name: str, path: Any = None, target: Any = None) -> None:
+            if name == "filterpy":
+                raise ImportError(name)
+
+    for name in [name for name in sys.modules if name.partition(".")[0] == "filterpy"]:
+        monkeypatch.delitem(sys.modules, name)
+    require("filterpy")
+    monkeypatch.setattr(sys, "meta_path", [Forbidding, *sys.meta_path])
+    with pytest.raises(ModuleNotFoundError, match=sentence("filterpy", "benchmark")):
+        require("filterpy")
