@@ -4,6 +4,7 @@ import ast
 import hashlib
 import sysconfig
 from functools import cache
+from importlib.machinery import ModuleSpec
 from importlib.util import find_spec, resolve_name
 from pathlib import Path
 
@@ -57,9 +58,9 @@ def _code(source: bytes) -> bytes:
     except (SyntaxError, ValueError):
         return source
     for node in ast.walk(tree):
-        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
-            if ast.get_docstring(node, clean=False) is not None:
-                node.body = node.body[1:]
+        match node:
+            case ast.Module() | ast.ClassDef() | ast.FunctionDef() | ast.AsyncFunctionDef():
+                node.body = node.body[ast.get_docstring(node, clean=False) is not None :]
     return ast.dump(tree).encode()
 
 
@@ -69,21 +70,28 @@ def _closure(module: str, package: str, found: dict[str, Path]) -> dict[str, Pat
     if path is None:
         raise ValueError(f"there is no module {module}")
     found[module] = path
-    spec = find_spec(module)
-    for name in sorted(_imported(path.read_bytes(), (spec.parent if spec else None) or "")):
-        if name not in found and not name.startswith(_AROUND):
-            file = _source(name)
-            if file is not None and _counts(name, file, package):
-                _closure(name, package, found)
+    package_of = module if path.stem == "__init__" else module.rpartition(".")[0]
+    for name in sorted(_imported(path.read_bytes(), package_of)):
+        known = name in found or name.startswith(_AROUND)
+        if not known and _counts(name.partition(".")[0], package) and _source(name) is not None:
+            _closure(name, package, found)
     return found
 
 
-def _counts(module: str, path: Path, package: str) -> bool:
-    """Whether results may depend on a module: of the same package, of ours, or the user's own."""
-    top = module.partition(".")[0]
-    if top in _WHOLE:
-        return False
-    return top in (package, __name__.partition(".")[0]) or not any(path.is_relative_to(each) for each in _INSTALLED)
+@cache
+def _counts(top: str, package: str) -> bool:
+    """Whether results may depend on what lies in a top-level package: the same one, ours, or the user's own.
+
+    Installed packages are not looked into: to look for a module in one imports it.
+    """
+    if top in (*_WHOLE, package, __name__.partition(".")[0]):
+        return top not in _WHOLE
+    spec = _spec(top)
+    places = [] if spec is None else [spec.origin] if spec.has_location else spec.submodule_search_locations or []
+    return any(
+        place is not None and not any(Path(place).resolve().is_relative_to(each) for each in _INSTALLED)
+        for place in places
+    )
 
 
 def _imported(source: bytes, parent: str) -> set[str]:
@@ -110,8 +118,18 @@ def _packages(module: str) -> list[str]:
 
 def _source(module: str) -> Path | None:
     """The file of a module; None if there is no such module, or it has no file."""
+    spec = _spec(module)
+    return Path(spec.origin).resolve() if spec is not None and spec.has_location and spec.origin else None
+
+
+def _spec(module: str) -> ModuleSpec | None:
+    """Where a module is, None if there is none; what is looked for in a module that is no package is not there."""
+    package = module.rpartition(".")[0]
+    if package:
+        above = _spec(package)  # to look for a module imports what it lies in
+        if above is None or above.submodule_search_locations is None:
+            return None
     try:
-        spec = find_spec(module)
+        return find_spec(module)
     except (ImportError, AttributeError, ValueError):
         return None
-    return Path(spec.origin).resolve() if spec is not None and spec.has_location and spec.origin else None

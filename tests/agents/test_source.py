@@ -1,4 +1,6 @@
 import itertools
+import subprocess
+import sys
 from importlib import invalidate_caches
 
 import pytest
@@ -130,9 +132,13 @@ def test_what_lies_beside_an_own_module_and_is_not_imported_does_not_count(own):
     assert own("beside") == own()
 
 
-def test_what_is_installed_does_not_count():
-    found = source._closure("agents.ppo", "agents", {})
-    assert all(name.split(".")[0] == "agents" for name in found)
+def test_what_is_installed_does_not_count_and_is_not_imported_to_see_that():
+    code = (
+        "import sys; from agents import source; found = source._closure('agents.ppo', 'agents', {}); "
+        "assert 'agents.lstm_policy' in found and all(name.split('.')[0] == 'agents' for name in found), found; "
+        "assert 'torch' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def test_a_module_that_is_not_there_is_an_error():
