@@ -4,7 +4,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from agents.statistics import Interval, mean_interval
+from agents.page import words
 from scripts.console import command, progress_bar
 
 
@@ -34,7 +34,7 @@ def main(
         first_seed: First evaluation seed.
     """
     from agents import rollout
-    from agents.scores import metrics, scores
+    from agents.scores import mean, metrics, scores
     from agents.seeds import evaluation_seeds
 
     seeds = evaluation_seeds(episodes, first_seed)
@@ -56,14 +56,9 @@ def main(
             table.add_column(flown.env.unwrapped.core.estimator, justify="right")
             advance()
     for metric in shown:
-        cells = [_text(mean_interval(column[metric.key]), metric.decimals) for column in columns]
-        table.add_row(escape(f"{metric.label} [{metric.unit}]" if metric.unit else metric.label), *cells)
+        cells = [words(mean(metric, column[metric.key][None]), metric.decimals) for column in columns]
+        table.add_row(escape(f"{metric.label} [{metric.unit}]" if metric.unit else metric.label), *map(escape, cells))
     Console().print(table)
-
-
-def _text(interval: Interval | None, decimals: int) -> str:
-    """Mean and half width, or a dash for a figure that this estimator does not have."""
-    return "–" if interval is None else f"{interval.mean:.{decimals}f} ± {interval.half:.{decimals}f}"
 
 
 if __name__ == "__main__":
