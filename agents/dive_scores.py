@@ -13,7 +13,7 @@ METRICS = (
     SCORE,
     RETURN,
     Metric("steps", "Steps", "", "lower", 0, "Steps until the vehicle believed to be there, or the dive was lost."),
-    Metric("arrived", "Arrived", "%", "higher", 0, "Dives that ended within 0.5 m of the goal."),
+    Metric("arrived", "Arrived", "%", "higher", 0, "Dives that ended within 0.5 m of the goal.", True),
     Metric("miss", "Miss distance", "m", "lower", 2, "Distance from the goal at the end of the dive."),
     Metric("cross_track", "Cross-track", "m", "lower", 3, "RMS distance of the truth from the path in plan."),
     Metric("normal", "Path-normal", "m", "lower", 3, "RMS distance across the path in the vertical plane along it."),

@@ -49,7 +49,7 @@ def _claimed(path: Path) -> Path:
     temporary = path.with_name(f".{path.stem}-{os.getpid()}{path.suffix}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        temporary.touch()
+        temporary.write_bytes(b"")  # a killed process of the same number may have left something there
     except OSError as error:
         raise OSError(f"cannot write {path}: {error.strerror}") from None
     return temporary

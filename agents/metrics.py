@@ -24,6 +24,7 @@ class Metric:
         better: ``"higher"``, ``"lower"``, ``"near 1"``, or ``""`` where it is not a matter of better.
         decimals: digits worth printing.
         meaning: one sentence.
+        yes_or_no: whether each episode has 0 or 100 % of it.
     """
 
     key: str
@@ -32,6 +33,7 @@ class Metric:
     better: str
     decimals: int
     meaning: str
+    yes_or_no: bool = False
 
 
 SCORE = Metric(

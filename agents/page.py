@@ -226,11 +226,14 @@ def number(value: float, decimals: int, signed: bool = False) -> str:
 
 
 def entry(interval: Interval | None, decimals: int, signed: bool = False) -> Entry:
-    """An interval in a table; bold where it is a difference (``signed``) that excludes zero."""
+    """An interval in a table, an uneven one by its ends; bold where a difference (``signed``) excludes zero."""
     if interval is None:
         return Entry("–")
-    value = number(interval.mean, decimals, signed)
-    return Entry(value, number(interval.half, decimals), signed and interval.excludes_zero)
+    value, strong = number(interval.mean, decimals, signed), signed and interval.excludes_zero
+    if interval.even:
+        return Entry(value, number(interval.half, decimals), strong)
+    low, high = (number(end, decimals, signed) for end in (interval.low, interval.high))
+    return Entry(f"{value} [{low}, {high}]", strong=strong)
 
 
 def words(interval: Interval | None, decimals: int, signed: bool = False) -> str:

@@ -8,6 +8,7 @@ import numpy as np
 from agents import common_scores, dive_scores, flight_scores, turning_scores
 from agents.metrics import Metric
 from agents.rollouts import Rollout
+from agents.statistics import Interval, crossed_interval, share_interval
 from vessel_gym.tasks.dive import Dive
 from vessel_gym.tasks.flight import Flight
 from vessel_gym.tasks.turning_circle import TurningCircle
@@ -35,6 +36,18 @@ def scores(rollout: Rollout) -> dict[str, np.ndarray]:
     if not rollout.history:
         raise ValueError("scores need the history of a rollout: fly it with record=True")
     return _figures(rollout.env.unwrapped.core.task).scores(rollout)
+
+
+def mean(metric: Metric, values: np.ndarray) -> Interval | None:
+    """The mean of a metric ``(runs, seeds)`` with its 95 % interval; seeds that lack it in a run are left out.
+
+    What one agent did or did not do has Clopper and Pearson's interval.
+    """
+    values = values[:, np.isfinite(values).all(axis=0)]
+    if metric.yes_or_no and len(values) == 1 and values.size:
+        share = share_interval(int(np.count_nonzero(values)), values.size)
+        return Interval(100.0 * share.mean, 100.0 * share.low, 100.0 * share.high)
+    return crossed_interval(values) if values.size else None
 
 
 def _figures(task: Any) -> ModuleType:

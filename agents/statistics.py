@@ -1,25 +1,22 @@
-"""Means, interquartile means and comparisons with their 95 % intervals; `docs/statistics.md` gives the reasons.
+"""Means, shares kept and comparisons with their 95 % intervals; `docs/statistics.md` gives the reasons.
 
-The scores of trained agents are arrays ``(runs, tasks)``. A run is one training from its own seed, and its score on a
-task is the mean over episodes. A task is something that was trained for separately.
+A figure is an array ``(runs, seeds)``: training runs, one for an agent that does not learn, by evaluation seeds, which
+are the same for everybody. Another study would train again and fly other seeds, so an interval is over both.
 
-Sources: Agarwal et al. (2021), "Deep reinforcement learning at the edge of the statistical precipice", for what is
-estimated; Hesterberg (2015), "What teachers should know about the bootstrap", for the bootstrap intervals.
+Sources: Hillis (2007), "A comparison of denominator degrees of freedom methods for multiple observer ROC analysis", for
+intervals over two crossed factors; Clopper and Pearson (1934) for shares of yes and no.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 CONFIDENCE = 0.95
-REPETITIONS = 10_000
-"""Bootstrap draws: at five runs the limits are quantiles at one in a thousand, which needs about that many."""
 
 
 @dataclass(frozen=True)
 class Interval:
-    """A mean (plain, interquartile or of yes and no) or a difference of means, and the ends of its 95 % interval."""
+    """A mean (plain or of yes and no) or a difference of means, and the ends of its 95 % interval."""
 
     mean: float
     low: float
@@ -31,32 +28,74 @@ class Interval:
         return 0.5 * (self.high - self.low)
 
     @property
+    def even(self) -> bool:
+        """Whether the mean is in the middle, so that "mean ± half" says everything."""
+        return abs((self.high - self.mean) - (self.mean - self.low)) <= 1e-9 * max(abs(self.low), abs(self.high))
+
+    @property
     def excludes_zero(self) -> bool:
         """Whether the sign of the mean is beyond doubt at this confidence."""
         return self.low > 0.0 or self.high < 0.0
 
 
-def mean_interval(values: np.ndarray) -> Interval | None:
+def crossed_interval(values: np.ndarray, comparisons: int = 1) -> Interval | None:
+    """The mean of ``(runs, seeds)`` with its 95 % interval for other runs on other seeds.
+
+    The variance of the mean is that of a two-way layout without replication, of which both factors are drawn anew: what
+    the means of runs show, and what the means of seeds show beyond the rest. A mean square that comes of few runs is
+    known badly, so the quantile is Student's with Satterthwaite's degrees of freedom (Hillis 2007). For one run this is
+    Student's interval over its seeds.
+
+    Args:
+        values: Finite, every run on every seed.
+        comparisons: How many intervals are to hold at once, at 95 % (Bonferroni).
+
+    Returns:
+        The interval; None for fewer than two seeds, because one value has no spread.
+
+    Raises:
+        ValueError: if values are not a matrix of finite numbers.
+    """
+    from scipy.special import stdtrit
+
+    values = _matrix(values)
+    runs, seeds = values.shape
+    if seeds < 2:
+        return None
+    mean, of_runs, of_seeds = values.mean(), values.mean(axis=1), values.mean(axis=0)
+    between_seeds = runs * of_seeds.var(ddof=1)
+    between_runs = 0.0
+    if runs > 1:
+        between_runs = seeds * of_runs.var(ddof=1)
+        rest = values - of_runs[:, None] - of_seeds + mean
+        between_seeds = max(between_seeds - (rest**2).sum() / ((runs - 1) * (seeds - 1)), 0.0)
+    total = between_runs + between_seeds
+    half = 0.0
+    if total > 0.0:
+        freedom = 1.0 / ((between_runs / total) ** 2 / max(runs - 1, 1) + (between_seeds / total) ** 2 / (seeds - 1))
+        quantile = stdtrit(freedom, 1.0 - 0.5 * (1.0 - CONFIDENCE) / comparisons)
+        half = float(quantile * np.sqrt(total / values.size))
+    return Interval(float(mean), float(mean) - half, float(mean) + half)
+
+
+def mean_interval(values: np.ndarray, comparisons: int = 1) -> Interval | None:
     """The mean of independent values ``(N,)`` with Student's 95 % interval.
 
     Values that are not finite count as missing.
 
+    Args:
+        values: One of each seed.
+        comparisons: See `crossed_interval`.
+
     Returns:
         The interval; None where fewer than two values remain, because one value has no spread.
     """
-    from scipy.stats import t
-
     values = np.asarray(values, float)
     values = values[np.isfinite(values)]
-    count = len(values)
-    if count < 2:
-        return None
-    mean = float(values.mean())
-    half = float(t.ppf(0.5 + 0.5 * CONFIDENCE, count - 1) * values.std(ddof=1) / np.sqrt(count))
-    return Interval(mean, mean - half, mean + half)
+    return crossed_interval(values[None], comparisons) if len(values) else None
 
 
-def paired_difference(a: np.ndarray, b: np.ndarray) -> Interval | None:
+def paired_difference(a: np.ndarray, b: np.ndarray, *, comparisons: int = 1) -> Interval | None:
     """The mean of ``a - b`` over pairs ``(N,)`` with Student's 95 % interval, as `mean_interval`.
 
     Raises:
@@ -65,94 +104,41 @@ def paired_difference(a: np.ndarray, b: np.ndarray) -> Interval | None:
     a, b = np.asarray(a, float), np.asarray(b, float)
     if a.shape != b.shape:
         raise ValueError(f"{len(a)} values do not pair with {len(b)}")
-    return mean_interval(a - b)
+    return mean_interval(a - b, comparisons)
 
 
-def normalise(score: np.ndarray, floor: np.ndarray | float, ceiling: np.ndarray | float) -> np.ndarray:
-    """``score`` on the scale on which ``floor`` is 0 and ``ceiling`` is 1; beyond the two it goes on, unclipped.
-
-    Args:
-        score: ``(..., tasks)``, in any unit in which more is better.
-        floor: ``(tasks,)``, what the classical agent scores on dead reckoning.
-        ceiling: ``(tasks,)``, what the same agent scores on the truth, in the same episodes.
+def share_interval(hits: int, trials: int) -> Interval:
+    """A share of independent trials with Clopper and Pearson's 95 % interval; it has a width at 0 and at 1 too.
 
     Raises:
-        ValueError: if a ceiling is not above its floor, so that there is no such scale.
+        ValueError: if there are no trials, or not between none and all of them hit.
     """
-    floor, ceiling = np.asarray(floor, float), np.asarray(ceiling, float)
-    if not np.all(ceiling > floor):
-        raise ValueError(f"the ceiling ({ceiling}) must be above the floor ({floor}) to normalise with them")
-    return (np.asarray(score, float) - floor) / (ceiling - floor)
+    if not 0 <= hits <= trials or trials < 1:
+        raise ValueError(f"a share is of at least one trial, hits between none and all, got {hits} of {trials}")
+    return _share(hits / trials, trials)
 
 
-def iqm(scores: np.ndarray) -> np.ndarray:
-    """The mean of the middle half of all scores ``(..., runs, tasks)``; ``(...)``.
+def normalise(scores: np.ndarray, floor: np.ndarray, ceiling: np.ndarray) -> np.ndarray:
+    """Share kept ``(runs, seeds)`` on the scale on which ``floor`` is 0 and ``ceiling`` is 1; nothing is clipped.
 
-    A quarter of the ``runs * tasks`` scores, rounded down, is cut at either end.
-    """
-    scores = np.asarray(scores, float)
-    pooled = np.sort(scores.reshape(*scores.shape[:-2], -1), axis=-1)
-    cut = pooled.shape[-1] // 4
-    return pooled[..., cut : pooled.shape[-1] - cut].mean(axis=-1)
-
-
-def stratified_bootstrap(
-    scores: np.ndarray,
-    statistic: Callable[[np.ndarray], np.ndarray] = iqm,
-    seed: int = 0,
-    repetitions: int = REPETITIONS,
-) -> Interval | None:
-    """A statistic of ``scores`` with its bootstrap interval: runs are redrawn within each task, tasks stay.
+    A row's mean is the run's ``(mean score - mean floor) / (mean ceiling - mean floor)``. Its values by seed are that
+    ratio's linearisation: they scatter as it does when seeds are drawn anew for score, floor and ceiling together, so
+    that an interval over them contains the error of the scale.
 
     Args:
-        scores: ``(runs, tasks)``.
-        statistic: from ``(..., runs, tasks)`` to ``(...)``.
-        seed: of the draws.
-        repetitions: how many draws.
-
-    Returns:
-        The interval; None where there are fewer than two runs.
+        scores: ``(runs, seeds)``, in any unit in which more is better.
+        floor: ``(seeds,)``, what the classical agent scores on dead reckoning at the same seeds.
+        ceiling: ``(seeds,)``, what it scores there on the truth.
 
     Raises:
-        ValueError: if scores are not finite or not a matrix.
+        ValueError: if the ceiling is not above the floor, so that there is no such scale.
     """
-    scores = _matrix(scores)
-    if len(scores) < 2:
-        return None
-    draws = _redrawn(scores, np.random.default_rng(seed), repetitions)
-    return _expanded_percentile(statistic(scores), statistic(draws), *scores.shape)
-
-
-def paired_bootstrap(
-    x: np.ndarray,
-    y: np.ndarray,
-    statistic: Callable[[np.ndarray], np.ndarray] = iqm,
-    seed: int = 0,
-    repetitions: int = REPETITIONS,
-) -> Interval | None:
-    """``statistic(x) - statistic(y)`` with its interval, run i of one agent drawn along with run i of the other.
-
-    Args:
-        x: ``(runs, tasks)``.
-        y: ``(runs, tasks)``; run i shares its training seed with run i of ``x``.
-        statistic: from ``(..., runs, tasks)`` to ``(...)``.
-        seed: of the draws.
-        repetitions: how many draws.
-
-    Returns:
-        The interval; None where there are fewer than two runs.
-
-    Raises:
-        ValueError: if scores are not finite or not a matrix, or if the two do not pair.
-    """
-    x, y = _matrix(x), _matrix(y)
-    if x.shape != y.shape:
-        raise ValueError(f"scores {x.shape} do not pair with scores {y.shape}")
-    if len(x) < 2:
-        return None
-    draws = _redrawn(np.stack([x, y], axis=-1), np.random.default_rng(seed), repetitions)
-    difference = statistic(draws[..., 0]) - statistic(draws[..., 1])
-    return _expanded_percentile(statistic(x) - statistic(y), difference, *x.shape)
+    scores, floor, ceiling = (np.asarray(each, float) for each in (scores, floor, ceiling))
+    low, high = floor.mean(), ceiling.mean()
+    if not high > low:
+        raise ValueError(f"the ceiling ({high:g}) must be above the floor ({low:g}) to normalise with them")
+    share = (scores.mean() - low) / (high - low)
+    return share + (scores - floor - share * (ceiling - floor)) / (high - low)
 
 
 def probability_of_improvement(x: np.ndarray, y: np.ndarray) -> Interval:
@@ -160,7 +146,7 @@ def probability_of_improvement(x: np.ndarray, y: np.ndarray) -> Interval:
 
     For each task this is Mann and Whitney's U over the number of pairs, a tie counting half. The interval is that of a
     share of as many trials as the agent with fewer runs has: U varies most where the runs of one agent are all alike,
-    and then only the other's count (Birnbaum and Klose 1957).
+    and then only the other's count (Birnbaum and Klose 1957). A task is something that was trained for separately.
 
     Args:
         x: ``(runs, tasks)`` of the one.
@@ -194,32 +180,13 @@ def performance_profile(scores: np.ndarray, thresholds: np.ndarray) -> list[Inte
 
 
 def _matrix(scores: np.ndarray) -> np.ndarray:
-    """Scores ``(runs, tasks)`` as floats, checked."""
+    """Scores with runs for their rows as floats, checked."""
     scores = np.asarray(scores, float)
     if scores.ndim != 2 or scores.size == 0:
-        raise ValueError(f"scores must have the shape (runs, tasks), got {scores.shape}")
+        raise ValueError(f"scores must be a matrix with runs for its rows, got the shape {scores.shape}")
     if not np.isfinite(scores).all():
-        raise ValueError("scores must be finite: a run that is missing has no score to redraw")
+        raise ValueError("scores must be finite: a run or a seed that is missing is left out before")
     return scores
-
-
-def _redrawn(scores: np.ndarray, rng: np.random.Generator, repetitions: int) -> np.ndarray:
-    """Scores ``(repetitions, runs, tasks, ...)``, the runs drawn with replacement within each task of its own."""
-    runs, tasks = scores.shape[:2]
-    return scores[rng.integers(runs, size=(repetitions, runs, tasks)), np.arange(tasks)]
-
-
-def _expanded_percentile(estimate: np.ndarray, draws: np.ndarray, runs: int, tasks: int) -> Interval:
-    """The expanded percentile interval of draws ``(repetitions,)`` (Hesterberg 2015).
-
-    The percentile interval of a mean is too short for two reasons: the draws have the variance of the runs with divisor
-    n, not n - 1, and their quantiles are the normal ones, not Student's. Levels further out make up for both.
-    """
-    from scipy.stats import norm, t
-
-    level = norm.cdf(np.sqrt(runs / (runs - 1)) * t.ppf(0.5 - 0.5 * CONFIDENCE, tasks * (runs - 1)))
-    low, high = np.quantile(draws, [level, 1.0 - level])
-    return Interval(float(estimate), float(low), float(high))
 
 
 def _share(share: float, trials: int) -> Interval:

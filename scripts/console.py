@@ -4,9 +4,11 @@ import functools
 import io
 import re
 import sys
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stderr
 from datetime import datetime, timedelta
+from itertools import count
 from typing import Any
 
 import gymnasium as gym
@@ -117,9 +119,31 @@ def _complain(text: str) -> int:
     return 2
 
 
+_PAUSE = 10.0
+"""Seconds between two lines of progress, where they are not drawn over each other."""
+
+
+class _Lines:
+    """Progress in plain lines, for files and pipes: at the start and the end, at each tenth, and every ten seconds."""
+
+    def __init__(self, title: str) -> None:
+        self._title, self._said, self._tenth = title, 0.0, -1
+
+    def __call__(self, done: int, total: int, text: str = "") -> None:
+        """Say it, if it is time to."""
+        tenth, now = 10 * done // max(total, 1), time.monotonic()
+        if tenth > self._tenth or now >= self._said + _PAUSE:
+            self._tenth, self._said = tenth, now
+            print(f"{self._title}: {done}/{total}" + (f", {text}" if text else ""), file=sys.stderr, flush=True)
+
+
 @contextmanager
 def training_progress(title: str) -> Iterator[Callable[[int, int, float], None]]:
-    """A progress bar for `agents.ppo.train`: steps, time left, mean score of late episodes."""
+    """Progress for `agents.ppo.train`: steps, mean score of late episodes; a bar or, without a terminal, lines."""
+    if not Console(stderr=True).is_terminal:
+        lines = _Lines(title)
+        yield lambda done, total, score: lines(done, max(done, total), f"score {score:.3f}")
+        return
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[score]}"), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True)) as bar:
         task = bar.add_task(title, total=None, score="")
@@ -133,7 +157,11 @@ def training_progress(title: str) -> Iterator[Callable[[int, int, float], None]]
 
 @contextmanager
 def progress_bar(title: str, total: int) -> Iterator[Callable[[], None]]:
-    """A progress bar over ``total`` equal pieces of work; call what it yields after each."""
+    """Progress over ``total`` equal pieces of work; call what it yields after each."""
+    if not Console(stderr=True).is_terminal:
+        lines, done = _Lines(title), count(1)
+        yield lambda: lines(next(done), total)
+        return
     with Progress(console=Console(stderr=True)) as bar:
         task = bar.add_task(title, total=total)
         yield lambda: bar.advance(task)
@@ -141,7 +169,11 @@ def progress_bar(title: str, total: int) -> Iterator[Callable[[], None]]:
 
 @contextmanager
 def cell_progress(title: str) -> Iterator[Callable[[Status], None]]:
-    """A progress bar for `agents.cells.run`: cells done, what ended last, and when all will be."""
+    """Progress for `agents.cells.run`: cells done and when all will be, in a bar or, without a terminal, in lines."""
+    if not Console(stderr=True).is_terminal:
+        lines = _Lines(title)
+        yield lambda status: lines(status.done + status.failed, status.total, _end(status))
+        return
     columns = (
         TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[end]}"),
         TimeElapsedColumn(),

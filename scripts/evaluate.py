@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from agents.statistics import Interval, mean_interval
+from agents.page import words
 from agents.studies.worlds import environment_id
 from scripts.console import asked, command, progress_bar
 
@@ -41,7 +41,7 @@ def main(
         trust: Load a checkpoint that vessel-gym did not write, although it can run any code.
     """
     from agents import load_agent, rollout
-    from agents.scores import metrics, scores
+    from agents.scores import mean, metrics, scores
     from agents.seeds import evaluation_seeds
 
     world: dict[str, Any] = {"sensors": sensors, "disturbance": disturbance, "mismatch": mismatch, "observe": observe}
@@ -64,14 +64,9 @@ def main(
             table.add_column(flown.env.unwrapped.core.estimator, justify="right")
             advance()
     for metric in shown:
-        cells = [_text(mean_interval(column[metric.key]), metric.decimals) for column in columns]
-        table.add_row(escape(f"{metric.label} [{metric.unit}]" if metric.unit else metric.label), *cells)
+        cells = [words(mean(metric, column[metric.key][None]), metric.decimals) for column in columns]
+        table.add_row(escape(f"{metric.label} [{metric.unit}]" if metric.unit else metric.label), *map(escape, cells))
     Console().print(table)
-
-
-def _text(interval: Interval | None, decimals: int) -> str:
-    """Mean and half width, or a dash for a figure that this estimator does not have."""
-    return "–" if interval is None else f"{interval.mean:.{decimals}f} ± {interval.half:.{decimals}f}"
 
 
 if __name__ == "__main__":

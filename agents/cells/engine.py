@@ -8,8 +8,8 @@ from typing import Any
 
 from agents.cells.cell import Cell
 from agents.cells.pools import pool
-from agents.cells.schedule import Clock, part, seconds_left, waves, with_needs
-from agents.cells.store import journal, load, set_aside, strangers, sweep
+from agents.cells.schedule import Clock, Forecast, part, waves, with_needs
+from agents.cells.store import journal, load, mend_journal, set_aside, strangers, sweep
 from agents.cells.work import CannotStore
 
 
@@ -90,7 +90,8 @@ def run(
             (folder / name).mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OSError(f"cannot store results in {folder}: {error.strerror}") from None
-    outcome = Outcome()
+    sweep(folder)
+    outcome = Outcome(notes=mend_journal(folder))
     for key, cell in wanted.items():
         values = load(cell, folder)
         if values is None:
@@ -99,29 +100,29 @@ def run(
             outcome.values[key] = values
     outcome.notes += strangers(wanted, folder)
     missing = {key: cell for key, cell in mine.items() if key not in outcome.values}
+    stored, begun = len(mine) - len(missing), len(outcome.values)
     clock = Clock(journal(folder))
-    workers = jobs
+    left = [{cell.key: cell for cell in wave} for wave in waves(missing)]
+    forecast, workers = Forecast(clock, left), jobs
 
     def report(label: str = "") -> None:
         if progress is not None:
-            done = sum(key in outcome.values for key in mine)
-            ended = outcome.values.keys() | outcome.failures.keys()
-            left = {key: cell for key, cell in missing.items() if key not in ended}
-            seconds = [[clock.expected(cell) for cell in wave] for wave in waves(left)]
-            progress(Status(done, len(mine), len(outcome.failures), seconds_left(seconds, workers), label))
+            done = stored + len(outcome.values) - begun
+            progress(Status(done, len(mine), len(outcome.failures), forecast.seconds_left(workers), label))
 
     report()
     if not missing:
         return outcome
     try:
         with pool(folder, jobs, scheduler) as (compute, workers):
-            for wave in waves(missing):
+            for wave in left:
                 ready = []
-                for cell in wave:
+                for cell in list(wave.values()):
                     lost = [need for need in cell.needs if need.key not in outcome.values]
                     if lost:
                         name = lost[0].label or lost[0].key
                         outcome.failures[cell.key] = f"not tried: it needs {name}, which has no result"
+                        del wave[cell.key]
                         report(cell.label)
                     else:
                         ready.append(cell)
@@ -134,6 +135,7 @@ def run(
                         if seconds is not None:
                             outcome.computed += 1
                             clock.add(mine[key].label, mine[key].function, seconds)
+                        del wave[key]
                         report(mine[key].label)
     except CannotStore as error:
         done = sum(key in outcome.values for key in mine)

@@ -1,6 +1,7 @@
 """Which cells come when, in which part of a job array, and how long they take."""
 
 import heapq
+import time
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -69,6 +70,29 @@ class Clock:
             return np.inf if seconds is None else seconds
 
         return sorted(cells, key=expected, reverse=True)
+
+
+class Forecast:
+    """How long a run will take, known at any moment.
+
+    To ask every cell that is left takes longer the more there are, so that is done only as often as it takes a
+    hundredth of the time; in between the time that passed is taken off.
+    """
+
+    def __init__(self, clock: Clock, left: Sequence[Mapping[str, Cell]]) -> None:
+        """For waves of cells by key, of which the caller removes what has ended."""
+        self._clock, self._left = clock, left
+        self._seconds: float | None = None
+        self._made, self._due = 0.0, 0.0
+
+    def seconds_left(self, workers: int) -> float | None:
+        """See `seconds_left`."""
+        now = time.monotonic()
+        if now >= self._due or not any(self._left):
+            waves = [[self._clock.expected(cell) for cell in wave.values()] for wave in self._left]
+            self._seconds, self._made = seconds_left(waves, workers), now
+            self._due = now + 100.0 * (time.monotonic() - now)
+        return None if self._seconds is None else max(self._seconds - (now - self._made), 0.0)
 
 
 def seconds_left(waves: Sequence[Sequence[float | None]], workers: int) -> float | None:

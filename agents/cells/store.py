@@ -46,18 +46,57 @@ def load(cell: Cell, folder: Path) -> dict[str, Any] | None:
 
 
 def journal(folder: Path) -> list[dict[str, Any]]:
-    """A line for each cell that was ever computed in a folder: key, label, seconds, cpu_seconds, host, finished."""
-    lines = []
+    """A line for each cell that was ever computed in a folder: key, label, seconds, cpu_seconds, host, finished.
+
+    Lines that are damaged are left out.
+    """
+    return [line for line in map(_journal_line, _journal_text(folder).splitlines()) if line is not None]
+
+
+def mend_journal(folder: Path) -> list[str]:
+    """Blank out what is no line of the journal, and say so.
+
+    In its place, and never longer: another run may be adding lines.
+    """
+    text, place, damaged = _journal_text(folder), 0, 0
+    path = folder / "journal.jsonl"
+    for line in text.splitlines(keepends=True):
+        whole = line.rstrip(b"\r\n")
+        if whole.strip() and _journal_line(whole) is None:
+            damaged += 1
+            with path.open("r+b") as file:
+                file.seek(place)
+                file.write(b" " * len(whole))
+        place += len(line)
+    if text and not text.endswith(b"\n"):
+        with path.open("ab") as file:
+            file.write(b"\n")
+    lines = f"{damaged} damaged line{'s' if damaged > 1 else ''}"
+    return [f"{lines} of {path} held no more than when a cell was computed: now blank"] if damaged else []
+
+
+def _journal_text(folder: Path) -> bytes:
     try:
-        text = (folder / "journal.jsonl").read_text(encoding="utf-8")
+        return (folder / "journal.jsonl").read_bytes()
     except FileNotFoundError:
-        return []
-    for line in text.splitlines():
-        try:
-            lines.append(json.loads(line))
-        except ValueError:
-            continue  # a line that was cut off tells nothing; the result itself is in its own file
-    return lines
+        return b""
+
+
+_JOURNAL: dict[str, type | tuple[type, ...]] = {
+    "key": str, "label": str, "function": str, "seconds": (int, float), "cpu_seconds": (int, float), "host": str,
+    "process": int, "finished": str,
+}  # fmt: skip
+"""What a line of the journal holds."""
+
+
+def _journal_line(text: bytes) -> dict[str, Any] | None:
+    """A line of the journal; None if it is none."""
+    try:
+        line = json.loads(text)
+    except (ValueError, RecursionError):
+        return None
+    whole = isinstance(line, dict) and all(isinstance(line.get(name), kind) for name, kind in _JOURNAL.items())
+    return line if whole and all(0.0 <= line[name] < np.inf for name in ("seconds", "cpu_seconds")) else None
 
 
 def save(cell: Cell, folder: Path, values: dict[str, Any]) -> None:
@@ -155,17 +194,15 @@ def strangers(wanted: Mapping[str, Cell], folder: Path) -> list[str]:
 
 def sweep(folder: Path) -> None:
     """Remove what killed processes had begun to write, but not what somebody is writing now."""
-    files = [path for name in ("cells", "failed") for path in (folder / name).glob(".*")]
-    for key in {match[1] for path in files if (match := _TEMPORARY.match(path.name))}:
+    begun: dict[str, list[Path]] = {}
+    for name in ("cells", "failed"):
+        for path in (folder / name).glob(".*"):
+            if match := _TEMPORARY.match(path.name):
+                begun.setdefault(match[1], []).append(path)
+    for key, paths in begun.items():
         try:
             with lock(key, folder, timeout=0):
-                remove_begun(key, folder)
+                for path in paths:
+                    path.unlink(missing_ok=True)
         except Timeout:
             continue
-
-
-def remove_begun(key: str, folder: Path) -> None:
-    """Remove what was begun of a cell's files; the caller holds its lock."""
-    for name in ("cells", "failed"):
-        for path in (folder / name).glob(f".*{key}-*"):
-            path.unlink(missing_ok=True)

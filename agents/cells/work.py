@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from agents.cells.cell import LIBRARIES, Cell
-from agents.cells.store import artifact_path, failure_path, load, lock, note, plain, remove_begun, save, save_failure
+from agents.cells.store import artifact_path, failure_path, load, lock, note, plain, save, save_failure
 from agents.files import replacing
 
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
@@ -45,7 +45,6 @@ def work(cell: Cell, folder: Path, key: str) -> End:
         raise CannotStore(f"{host} does not see {folder}: all workers need the same folder")
     try:
         with lock(key, folder):
-            remove_begun(key, folder)  # we hold the lock, so whoever began it is dead
             values = load(cell, folder)
             return _compute(cell, folder) if values is None else End(key, values)
     except OSError as error:

@@ -1,7 +1,7 @@
 """The answer to a study: one paragraph, computed, the advice first."""
 
 from agents.page import listed, number
-from agents.statistics import Interval, mean_interval, paired_difference
+from agents.statistics import Interval
 from agents.studies.results import Pilot, Results
 from agents.studies.shares import (
     against_classical,
@@ -9,8 +9,10 @@ from agents.studies.shares import (
     common,
     crossing,
     difference,
+    kept,
     learners,
     loss,
+    margin,
     rankable,
     reference_pilot,
     ruled,
@@ -40,28 +42,29 @@ def answer(results: Results) -> list[str]:
 def _advice_for_one(results: Results, environment: str) -> list[str]:
     ranked = rankable(results, [environment])
     best = next(iter(ranked))
-    level = [name for name in ranked if name != best and not clear(ranked[best], ranked[name])]
+    level = [name for name in ranked if name != best and not clear(ranked, best, name)]
     next_best = next((name for name in ranked if name != best and name not in level), None)
+    on_best = kept(results, [environment], results.classical, best)
     sentences = [
         f"Fly {best} in {environment}: on it {the(results.classical)} keeps "
-        f"{amount(mean_interval(ranked[best]))} of what knowing the truth is worth over dead reckoning, and loses "
+        f"{amount(on_best)} of what knowing the truth is worth over dead reckoning, and loses "
         f"{amount(loss(results, [environment], best))} of score against the truth.",
     ]
     if len(ranked) > 1:
         sentences.append(f"Within chance of it: {listed(level)}." if level else "No other is within chance of it.")
     if next_best:
-        gap = paired_difference(ranked[best], ranked[next_best])
-        sentences.append(f"The next, {next_best}, keeps {amount(gap)} less.")
+        sentences.append(f"The next, {next_best}, keeps {amount(margin(ranked, best, next_best))} less.")
     return [*sentences, *_prices_in_time(results, [environment], best)]
 
 
 def _advice_for_all(results: Results, environments: list[str]) -> list[str]:
     everywhere = common(results)
     pick = next(iter(everywhere))
-    level = [name for name in everywhere if name != pick and not clear(everywhere[pick], everywhere[name])]
+    level = [name for name in everywhere if name != pick and not clear(everywhere, pick, name)]
+    on_pick = kept(results, environments, results.classical, pick)
     return [
         f"If one estimator is to fly in {every(environments)}, take {pick}: on it {the(results.classical)} keeps "
-        f"{amount(mean_interval(everywhere[pick]))} of what knowing the truth is worth over dead reckoning, and loses "
+        f"{amount(on_pick)} of what knowing the truth is worth over dead reckoning, and loses "
         f"{amount(loss(results, environments, pick))} of score against the truth"
         + (f"; within chance of it: {listed(level)}." if level else "; no other is within chance of it."),
         _each_best(results, environments, pick),
@@ -75,11 +78,10 @@ def _each_best(results: Results, environments: list[str], pick: str) -> str:
     for environment in environments:
         ranked = rankable(results, [environment])
         best = next(iter(ranked))
-        gap = None if pick == best else paired_difference(ranked[best], ranked[pick])
-        level = [name for name in ranked if name not in (best, pick) and not clear(ranked[best], ranked[name])]
+        level = [name for name in ranked if name not in (best, pick) and not clear(ranked, best, name)]
         tied = f", within chance of it {listed(level)}" if level else ""
-        if gap is not None and gap.excludes_zero:
-            better.append(f"in {environment} {best} keeps {amount(gap)} more than {pick}{tied}")
+        if pick != best and clear(ranked, best, pick):
+            better.append(f"in {environment} {best} keeps {amount(margin(ranked, best, pick))} more than {pick}{tied}")
         else:
             equal.append(environment)
     told = "; ".join(better)
@@ -126,7 +128,7 @@ def _filter_or_memory(results: Results, reference: Pilot) -> list[str]:
     """Whether learning on a filter beats learning on readings, with or without memory, in each environment."""
     raw, sentences = [pilot for pilot in learners(results) if results.agent(pilot).raw], []
     for environment in shared(results, reference):
-        each = {pilot: difference(results, [environment], reference, pilot) for pilot in raw}
+        each = {pilot: difference(results, [environment], reference, pilot, len(raw)) for pilot in raw}
         gaps = {pilot: gap for pilot, gap in each.items() if gap is not None}
         if gaps:
             told = [f"{_more(gap)} than {named(pilot)}" for pilot, gap in gaps.items()]
@@ -163,22 +165,28 @@ def _more(gap: Interval | float) -> str:
     """How much more, or less, in words."""
     if not isinstance(gap, Interval):
         return f"{number(abs(gap), 3)} {'less' if gap < 0.0 else 'more'} (one run, no interval)"
-    size = amount(Interval(abs(gap.mean), gap.low, gap.high))
+    size = amount(_turned(gap) if gap.mean < 0.0 else gap)
     return f"{size} {'less' if gap.mean < 0.0 else 'more'}" + ("" if gap.excludes_zero else " (within chance)")
 
 
 def _less(gap: Interval | float) -> str:
-    return _more(-gap if not isinstance(gap, Interval) else Interval(-gap.mean, -gap.high, -gap.low))
+    return _more(_turned(gap) if isinstance(gap, Interval) else -gap)
+
+
+def _turned(gap: Interval) -> Interval:
+    """The same difference the other way round."""
+    return Interval(-gap.mean, -gap.high, -gap.low)
 
 
 def _measured(results: Results) -> str:
     study = results.plan.study
     words = (
         f"(Means over {study.episodes} evaluation seeds, the same for everybody, in "
-        f"{many(len(study.conditions), 'condition')}, with 95 % intervals"
+        f"{many(len(study.conditions), 'condition')}, with 95 % intervals for other seeds; estimators are told apart "
+        "only where all comparisons with each other allow it at once"
     )
     if study.learned:
-        words += f"; learned agents: interquartile means over {many(study.training_seeds, 'training run')}"
+        words += f"; learned agents: means over {many(study.training_seeds, 'training run')}, for other runs, too"
         words += ", too few to say what another training would give" if study.training_seeds < FEW_SEEDS else ""
     missing = len(results.plan.flights) - sum(f.cell.key in results.values for f in results.plan.flights)
     return words + (f"; {missing} of {len(results.plan.flights)} flights have no result" if missing else "") + ".)"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from agents.plotting import BELIEVED, INK, PALE, PALETTE, RAW, TRUE, styled
-from agents.statistics import Interval, mean_interval, performance_profile
+from agents.statistics import Interval, crossed_interval, performance_profile
 from agents.studies.plan import RAW as READINGS
 from agents.studies.results import Pilot, Place, Results
 from agents.studies.study import FLOOR, ORACLE, Condition
@@ -273,8 +273,8 @@ def _curve(
     panel: "Axes", results: Results, environment: str, name: str, conditions: list[Condition], shift: float, look: Look
 ) -> None:
     """What is kept over conditions, moved aside a little so that intervals do not hide each other."""
-    kept = [results.paired([Place(environment, c.name)], results.classical, name) for c in conditions]
-    each = [None if values is None else mean_interval(values) for values in kept]
+    kept = [results.kept(Place(environment, c.name), results.classical, name) for c in conditions]
+    each = [None if values is None else crossed_interval(values) for values in kept]
     there = [(i, value) for i, value in enumerate(each) if value is not None]
     if there:
         panel.errorbar(
@@ -299,8 +299,7 @@ def cost_figure(results: Results) -> "Figure | None":
         place = Place(environment, results.conditions[0])
         for name in results.estimators(environment, results.classical):
             cost = results.cost(environment, results.classical, name)
-            score = results.figure(place, results.classical, name)
-            mean = None if score is None else mean_interval(score[0])
+            mean = results.mean(place, results.classical, name)
             if cost and mean is not None:
                 points.setdefault(environment, {})[name] = (cost, mean)
     if not points:

@@ -10,15 +10,11 @@ import numpy as np
 import vessel_gym
 from agents.cells import Cell
 from agents.files import replacing
-from agents.metrics import NEES, RESTARTS, WITHOUT_COVARIANCE, Metric
+from agents.metrics import NEES, RESTARTS, SCORE, WITHOUT_COVARIANCE, Metric
 from agents.page import Block, Bullets, Entry, Figure, Page, Prose, Section, Table, entry, listed, number, write
 from agents.plotting import data_uri
 from agents.scores import metrics
-from agents.statistics import (
-    Interval,
-    paired_difference,
-    probability_of_improvement,
-)
+from agents.statistics import Interval, probability_of_improvement
 from agents.studies.answer import answer
 from agents.studies.examples import examples
 from agents.studies.figures import (
@@ -38,9 +34,9 @@ from agents.studies.figures import (
 from agents.studies.plan import RAW, Flight
 from agents.studies.results import Pilot, Place, Results
 from agents.studies.settings import settings
-from agents.studies.shares import ENDS, common, difference, kept, learners, rankable, reference_pilot, ruled
+from agents.studies.shares import ENDS, common, difference, kept, learners, margin, rankable, reference_pilot, ruled
 from agents.studies.study import FEW_SEEDS, FLOOR, ORACLE
-from agents.studies.wording import many, microseconds, sentence, share_entry, span, the
+from agents.studies.wording import many, microseconds, sentence, share_entry, the
 from agents.studies.worlds import system_of
 from vessel_gym.extras import require
 
@@ -142,9 +138,9 @@ def _ranking(results: Results) -> Section:
     blocks.append(
         Table(
             "Share of the oracle's performance kept, by estimator",
-            f"{sentence(the(results.classical))}, mean over {many(len(results.conditions), 'condition')} ± half the "
-            f"95 % interval over {results.plan.study.episodes} evaluation seeds (Student).{overall} A dash: not flown "
-            "there, or not in every condition.",
+            f"{sentence(the(results.classical))}, mean over {many(len(results.conditions), 'condition')} and "
+            f"{results.plan.study.episodes} evaluation seeds with its 95 % interval for other seeds, the error of the "
+            f"scale included.{overall} A dash: not flown there, or not in every condition.",
             "Estimator",
             [(head, "") for head in heads],
             [("", [(row.name, [share_entry(value) for value in row.values]) for row in rows])],
@@ -159,8 +155,9 @@ def _ranking(results: Results) -> Section:
         Table(
             "How far behind the best",
             "Share kept minus that on the best estimator of the column, paired by evaluation seed; bold where the "
-            "interval excludes zero, so that what is not bold is within chance of the best. The choice of the best is "
-            "made on the same episodes, and nothing is corrected for the number of comparisons.",
+            "interval excludes zero, so that what is not bold is within chance of the best. The best is chosen on the "
+            "same episodes: the 95 % hold for all pairs of a column at once (Bonferroni), and where all are equal at "
+            "most one study in twenty has a bold number.",
             "Estimator",
             [(head, "") for head in heads],
             [("", behind)],
@@ -184,9 +181,9 @@ def _learned_ranking(
     return [
         Table(
             "Share of the oracle's performance kept by learned agents, by the estimator flown on",
-            f"Interquartile mean over {many(results.plan.study.training_seeds, 'training run')} with its 95 % "
-            "bootstrap interval, on the scale of the classical agent. The policies are not trained again for what "
-            "they fly on.",
+            f"Mean over {many(results.plan.study.training_seeds, 'training run')}, conditions and evaluation seeds "
+            "with its 95 % interval for other runs on other seeds, on the scale of the classical agent. The policies "
+            "are not trained again for what they fly on.",
             "Flown on",
             [(head, "") for head in heads],
             sections,
@@ -211,7 +208,7 @@ def _behind(ranked: dict[str, np.ndarray], name: str) -> Entry:
     if name not in ranked:
         return Entry("–")
     best = next(iter(ranked))
-    return Entry("best") if name == best else entry(paired_difference(ranked[name], ranked[best]), 3, signed=True)
+    return Entry("best") if name == best else entry(margin(ranked, name, best), 3, signed=True)
 
 
 def _rulers(results: Results) -> list[str]:
@@ -222,7 +219,7 @@ def _rulers(results: Results) -> list[str]:
         where = f"{place.environment}, {place.condition}"
         if results.scale(place) is None:
             none.append(where)
-        elif gap is not None and not gap.excludes_zero:
+        elif isinstance(gap, Interval) and not gap.excludes_zero:
             doubtful.append(where)
     texts = []
     if none:
@@ -254,9 +251,9 @@ def _price(results: Results) -> Section:
         return Section("The price of estimation", [])
     table = Table(
         "Score lost against the truth",
-        f"Score on the truth minus score on the estimator at the same seed, ± half the 95 % interval; bold where it "
-        f"excludes zero. {sentence(the(results.classical))}, over evaluation seeds"
-        + ("; learned agents, on the estimator of their training, over training runs." if learners(results) else "."),
+        f"Score on the truth minus score on the estimator at the same seed, with its 95 % interval; bold where it "
+        f"excludes zero, each for itself: of twenty true zeros one is bold. {sentence(the(results.classical))}"
+        + ("; learned agents, on the estimator of their training." if learners(results) else "."),
         "Estimator",
         [(condition, "") for condition in results.conditions],
         sections,
@@ -266,12 +263,7 @@ def _price(results: Results) -> Section:
 
 
 def _lost(results: Results, place: Place, pilot: Pilot, estimator: str) -> Entry:
-    interval = results.price([place], pilot, estimator)
-    if interval is not None:
-        return entry(interval, 3, signed=True)
-    scores = [results.figure(place, pilot, name) for name in (ORACLE, estimator)]
-    known = [float(each.mean()) for each in scores if each is not None]
-    return Entry(number(known[0] - known[1], 3, signed=True)) if len(known) == 2 else Entry("–")
+    return share_entry(results.price([place], pilot, estimator), signed=True)
 
 
 # --- 4. learning -------------------------------------------------------------------------------------
@@ -301,9 +293,9 @@ def _learning(results: Results) -> Section:
     ]
     at_home = (
         "Everybody at home: learned agents on what they were trained on, others on the environment's default "
-        f"estimator. Learned agents: interquartile mean over {many(seeds, 'training run')}, 95 % bootstrap "
-        "interval; others: mean over evaluation seeds, Student's. All conditions, though learned agents know the "
-        "first alone."
+        f"estimator. Means over conditions, evaluation seeds and, of learned agents, {many(seeds, 'training run')}, "
+        "with 95 % intervals for other seeds and other runs. All conditions, though learned agents know the first "
+        "alone."
     )
     blocks += [
         _figure(
@@ -331,7 +323,7 @@ def _learning(results: Results) -> Section:
             profile_figure(results),
             "Performance profiles",
             "Share of the training runs that keep more than a share of the oracle's performance, each agent at home, "
-            "with pointwise 95 % bands (Clopper and Pearson) where runs lie.",
+            "with pointwise 95 % bands (Clopper and Pearson) for other runs on these evaluation seeds, where runs lie.",
         )
     )
     for agent in (a for a in results.plan.study.agents if a.learned and not a.raw):
@@ -352,16 +344,14 @@ def _improvement(
 ) -> list[Block]:
     def better(pilot: Pilot, column: Sequence[str]) -> Entry:
         ours, theirs = (results.runs(column, p) for p in (pilot, reference))
-        return (
-            Entry("–") if ours is None or theirs is None else Entry(span(probability_of_improvement(ours, theirs), 2))
-        )
+        return Entry("–") if ours is None or theirs is None else entry(probability_of_improvement(ours, theirs), 2)
 
     rows = [(str(pilot), [better(pilot, column) for column in columns]) for pilot in others]
     return _unless_empty(
         Table(
             f"Probability of improvement over {reference}",
             f"How probably a training run of the agent keeps more than one of {reference}, each at home, with its 95 % "
-            "interval (Clopper and Pearson); 0.5: as good.",
+            "interval (Clopper and Pearson) for other runs on these evaluation seeds; 0.5: as good.",
             "Agent",
             [(head, "") for head in heads],
             [("", rows)],
@@ -374,20 +364,18 @@ def _without_filter(
     results: Results, reference: Pilot, others: list[Pilot], columns: list[Sequence[str]], heads: list[str]
 ) -> list[Block]:
     """Raw readings, with and without memory, beside learning on estimates."""
+    raw = [pilot for pilot in others if results.agent(pilot).raw]
 
     def gain(pilot: Pilot, column: Sequence[str]) -> Entry:
-        gap = difference(results, column, pilot, reference)
-        if isinstance(gap, Interval):
-            return Entry(span(gap, 3, signed=True), strong=gap.excludes_zero)
-        return Entry("–" if gap is None else number(gap, 3, signed=True))
+        return share_entry(difference(results, column, pilot, reference, len(raw)), signed=True)
 
-    rows = [(str(pilot), [gain(pilot, column) for column in columns]) for pilot in others if results.agent(pilot).raw]
+    rows = [(str(pilot), [gain(pilot, column) for column in columns]) for pilot in raw]
     return _unless_empty(
         Table(
             "Learning without a filter",
-            f"Share kept on raw readings minus share kept by {reference}: difference of interquartile means with its "
-            "95 % bootstrap interval, paired by training seed; bold where it excludes zero. Negative: the filter is "
-            "worth it.",
+            f"Share kept on raw readings minus share kept by {reference}, paired by training and evaluation seed; "
+            "the 95 % hold for all rows of a column at once (Bonferroni); bold where zero is excluded. Negative: the "
+            "filter is worth it.",
             "Agent",
             [(head, "") for head in heads],
             [("", rows)],
@@ -416,7 +404,7 @@ def _consistency(results: Results) -> Section:
         return Section("Consistency beside task score", [])
     table = Table(
         f"What estimators claim, and what agents make of it ({results.conditions[0]})",
-        f"{sentence(the(results.classical))}; mean ± half the 95 % interval over evaluation seeds. {NEES.label}: "
+        f"{sentence(the(results.classical))}; mean over evaluation seeds with its 95 % interval. {NEES.label}: "
         f"{NEES.meaning} In band: share of times at which NEES (mean over seeds) and NIS (sum over seeds) lie in their "
         "95 % chi-square bands; 0.95 for a filter that is as good as it says, less for a cautious one, too. Diverged: "
         "episodes in which the truth was for half of the time outside of what the filter held for possible (NEES "
@@ -453,13 +441,13 @@ def _honesty(results: Results, place: Place, name: str) -> list[Entry]:
         return Entry(f"{int(sum(c.sum() for c in counts))} of {sum(c.size for c in counts)}")
 
     return [
-        entry(results.mean(place, who, name, "score"), 3),
-        entry(results.mean(place, who, name, "nees"), 2),
+        entry(results.mean(place, who, name, SCORE), 3),
+        entry(results.mean(place, who, name, NEES), 2),
         share("nees_in_band"),
         share("nis_in_band"),
         diverged([place]),
         diverged(results.places([place.environment])),
-        entry(results.mean(place, who, name, "unhealthy"), 1),
+        entry(results.mean(place, who, name, RESTARTS), 1),
     ]
 
 
@@ -564,7 +552,7 @@ def _metrics(results: Results) -> Section:
             ("How well the state was estimated", estimated, "estimation"),
         ):
             rows = [
-                (on, [entry(results.mean(place, results.classical, on, m.key), m.decimals) for m in chosen])
+                (on, [entry(results.mean(place, results.classical, on, m), m.decimals) for m in chosen])
                 for on in results.estimators(environment, results.classical)
                 if results.figure(place, results.classical, on) is not None
             ]
@@ -572,7 +560,8 @@ def _metrics(results: Results) -> Section:
                 blocks.append(
                     Table(
                         f"{kind}: {environment}, {first}",
-                        f"{sentence(the(results.classical))}; mean ± half the 95 % interval over evaluation seeds. "
+                        f"{sentence(the(results.classical))}; mean over evaluation seeds with its 95 % interval "
+                        "(Clopper and Pearson's for yes or no). "
                         + " ".join(f"{m.label}: {m.meaning}" for m in chosen)
                         + (" Along the track that was flown on that estimator." if chosen is estimated else "")
                         + _partly(results, place, chosen),
@@ -658,10 +647,11 @@ def _tally(names: Sequence[str]) -> str:
 def _limits(results: Results) -> Section:
     study = results.plan.study
     items = [
-        f"Intervals of agents that do not learn are Student's over evaluation seeds, which are the same for everybody: "
-        f"differences are paired by seed. The two ends of the scale count as known; their own error, from "
-        f"{study.episodes} episodes, moves all shares alike and is in no interval.",
-        "Nothing is corrected for the number of comparisons: of twenty true zeros one looks like a difference.",
+        "Intervals are for another study: other evaluation seeds and, of learned agents, other training runs. Seeds "
+        "are the same for everybody, so that differences are paired, and both ends of a scale are drawn with them.",
+        "Who is behind the best, and whether raw readings beat a filter, is corrected for the number of comparisons "
+        "within a column. Other intervals stand each for itself: of twenty one misses, and none is corrected for the "
+        "number of columns.",
         "All environments and conditions count alike in what is said of all of them.",
         "The truth is what the state is, not what the disturbance will do next: a ceiling for estimators, not for "
         "agents. An agent may keep more than 1.",
@@ -684,8 +674,8 @@ def _limits(results: Results) -> Section:
         items.append("There is no mismatch: the filters' coefficients are the vehicle's.")
     if study.learned:
         items += [
-            "The unit of everything that is said of learning is the training run. Runs that differ in the agent "
-            "alone share their seeds, and are compared in pairs.",
+            "Training runs that differ in the agent alone share their seeds, and are compared in pairs. What five "
+            "runs do not show, such as a failure in one training of twenty, no interval over them contains.",
             f"Agents learn in the first condition ({results.conditions[0]}) and fly the others as they are.",
             "Settings of PPO were tuned on an environment's default estimator (agents/ppo.toml), not for each "
             "estimator.",

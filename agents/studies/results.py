@@ -2,7 +2,7 @@
 
 import csv
 import io
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -11,8 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.cells import Outcome, journal
-from agents.scores import metrics
-from agents.statistics import Interval, mean_interval
+from agents.metrics import SCORE, Metric
+from agents.scores import mean, metrics
+from agents.statistics import Interval, crossed_interval, normalise
 from agents.studies.plan import RAW, Flight, Plan
 from agents.studies.study import DEFAULT, FLOOR, ORACLE, Agent
 from agents.studies.worlds import system_of
@@ -176,83 +177,90 @@ class Results:
         return (low, high) if high > low else None
 
     def kept(self, place: Place, pilot: Pilot, estimator: str) -> np.ndarray | None:
-        """Share of the oracle's performance that is kept, ``(runs, episodes)``: 0 on `FLOOR`, 1 on `ORACLE`."""
-        score, scale = self.figure(place, pilot, estimator), self.scale(place)
-        return None if score is None or scale is None else (score - scale[0]) / (scale[1] - scale[0])
+        """Share of the oracle's performance that is kept, ``(runs, episodes)``, as `agents.statistics.normalise`."""
+        if self.scale(place) is None:
+            return None
+        score, floor, ceiling = (
+            self.figure(place, *flown)
+            for flown in ((pilot, estimator), (self.classical, FLOOR), (self.classical, ORACLE))
+        )
+        return None if score is None or floor is None or ceiling is None else normalise(score, floor[0], ceiling[0])
 
-    def runs(self, environments: Iterable[str], pilot: Pilot, estimator: str | None = None) -> np.ndarray | None:
-        """Share kept by each training run ``(runs, environments)``: means over `scaled` conditions and seeds.
+    def shares(self, environments: Iterable[str], pilot: Pilot, estimator: str | None = None) -> np.ndarray | None:
+        """Share kept by each run at each evaluation seed ``(runs, episodes)``: means over environments.
 
-        An environment is a task in the sense of `agents.statistics`: runs are trained for it alone. Conditions are not,
-        because the same run flies them all. A run that lacks a flight is left out.
+        Of each environment the mean over its `scaled` conditions. A run that lacks a flight is left out.
 
         Args:
             environments: Where.
             pilot: Who, perhaps of `schools`.
-            estimator: On what; None: on what it was trained on.
+            estimator: On what; None: on what it was trained on, or the environment's default.
 
         Returns:
             The shares; None if no run has flown everywhere.
         """
         found = self._by_run(environments, pilot, estimator)
-        return np.array(list(found.values())) if found else None
+        return np.mean(list(found.values()), axis=1) if found else None
 
-    def paired_runs(
+    def runs(self, environments: Iterable[str], pilot: Pilot, estimator: str | None = None) -> np.ndarray | None:
+        """`shares` of each run in each environment ``(runs, environments)``: means over evaluation seeds."""
+        found = self._by_run(environments, pilot, estimator)
+        return np.mean(list(found.values()), axis=2) if found else None
+
+    def paired_shares(
         self, environments: Iterable[str], one: tuple[Pilot, str | None], other: tuple[Pilot, str | None]
-    ) -> tuple[np.ndarray, np.ndarray] | None:
-        """`runs` of two pilots, each on an estimator, row by row of the same training seed; None if they share none."""
+    ) -> np.ndarray | None:
+        """`shares` of one minus those of another, each on an estimator ``(runs, episodes)``; None if they share no run.
+
+        Runs of the same training seed are paired, and an agent that does not learn is paired with each.
+        """
         names = list(environments)
         ours, theirs = (self._by_run(names, *each) for each in (one, other))
-        both = [seed for seed in ours if seed in theirs]
-        return (np.array([ours[s] for s in both]), np.array([theirs[s] for s in both])) if both else None
+        if list(theirs) == [None]:
+            theirs = dict.fromkeys(ours, theirs[None])
+        both = [np.mean(ours[seed] - theirs[seed], axis=0) for seed in ours if seed in theirs]
+        return np.array(both) if both else None
 
-    def _by_run(
-        self, environments: Iterable[str], pilot: Pilot, estimator: str | None
-    ) -> dict[int | None, list[float]]:
-        """Share kept in each environment, by training seed."""
-        found: list[dict[int | None, float]] = []
+    def _by_run(self, environments: Iterable[str], pilot: Pilot, estimator: str | None) -> dict[int | None, np.ndarray]:
+        """Share kept in each environment at each evaluation seed, by training seed."""
+        each = []
         for environment in environments:
             who = self.here(environment, pilot)
             on = self.own(environment, pilot) if estimator is None else estimator
             places = self.scaled([environment])
-            kept = [dict(zip(self.seeds(p, who, on), _rows(self.kept(p, who, on)), strict=True)) for p in places]
-            whole = [seed for seed in (kept[0] if kept else ()) if all(seed in each for each in kept)]
-            found.append({seed: float(np.mean([each[seed] for each in kept])) for seed in whole})
-        whole = [seed for seed in (found[0] if found else ()) if all(seed in each for each in found)]
-        return {seed: [each[seed] for each in found] for seed in whole}
+            each.append(_mean_by_run([self._rows(p, who, on, self.kept(p, who, on)) for p in places]))
+        return {seed: np.array([found[seed] for found in each]) for seed in _in_all(each)}
 
-    def paired(self, places: Iterable[Place], pilot: Pilot, estimator: str) -> np.ndarray | None:
-        """Share kept at each evaluation seed ``(episodes,)``: means over places and runs; None if one was not flown."""
-        kept = [self.kept(place, pilot, estimator) for place in places]
-        if not kept or any(k is None for k in kept):
-            return None
-        return np.mean([k.mean(0) for k in kept if k is not None], axis=0)
+    def _rows(
+        self, place: Place, pilot: Pilot, estimator: str, values: np.ndarray | None
+    ) -> dict[int | None, np.ndarray]:
+        """The rows of a figure by training seed."""
+        return {} if values is None else dict(zip(self.seeds(place, pilot, estimator), values, strict=True))
 
-    def price(self, places: Iterable[Place], pilot: Pilot, estimator: str) -> Interval | None:
+    def price(self, places: Iterable[Place], pilot: Pilot, estimator: str) -> Interval | float | None:
         """Score lost against the truth at the same seed, mean over places; None if one was not flown.
 
-        The unit is the evaluation seed; of an agent that learned the training run.
+        A number where one training run has no interval.
         """
-        found: list[dict[int | None, np.ndarray]] = []
+        found = []
         for place in places:
             truth, ours = (
-                dict(zip(self.seeds(place, pilot, name), _rows(self.figure(place, pilot, name)), strict=True))
-                for name in (ORACLE, estimator)
+                self._rows(place, pilot, name, self.figure(place, pilot, name)) for name in (ORACLE, estimator)
             )
             found.append({seed: truth[seed] - ours[seed] for seed in truth if seed in ours})
-        whole = [seed for seed in (found[0] if found else ()) if all(seed in each for each in found)]
-        if not whole:
-            return None
-        lost = np.array([np.mean([each[seed] for each in found], axis=0) for seed in whole])
-        return mean_interval(lost[0] if whole == [None] else lost.mean(1))
+        lost = _mean_by_run(found)
+        return self.interval(pilot, np.array(list(lost.values()))) if lost else None
 
-    def mean(self, place: Place, pilot: Pilot, estimator: str, key: str = "score") -> Interval | None:
-        """A metric's mean over evaluation seeds; of an agent that learned over training runs, which are the unit."""
-        values = self.figure(place, pilot, estimator, key)
-        if values is None:
-            return None
-        learned = self.seeds(place, pilot, estimator) != [None]
-        return mean_interval(values.mean(1) if learned else values[0])
+    def interval(self, pilot: Pilot, values: np.ndarray, comparisons: int = 1) -> Interval | float | None:
+        """The mean of ``(runs, episodes)`` with its interval; a number for one training run, which has none."""
+        if self.agent(pilot).learned and len(values) == 1:
+            return float(values.mean())
+        return crossed_interval(values, comparisons)
+
+    def mean(self, place: Place, pilot: Pilot, estimator: str, metric: Metric = SCORE) -> Interval | None:
+        """A metric's mean over runs and evaluation seeds."""
+        values = self.figure(place, pilot, estimator, metric.key)
+        return None if values is None else mean(metric, values)
 
     def cost(self, environment: str, pilot: Pilot, estimator: str) -> float | None:
         """CPU time of a step on an estimator [µs], agent and physics included: the median over flights.
@@ -306,5 +314,11 @@ def _unique(items: Iterable[Any]) -> list[Any]:
     return list(dict.fromkeys(items))
 
 
-def _rows(values: np.ndarray | None) -> Iterable[np.ndarray]:
-    return () if values is None else values
+def _in_all(each: Sequence[Mapping[Any, Any]]) -> list[Any]:
+    """The keys that all mappings have."""
+    return [key for key in (each[0] if each else ()) if all(key in found for found in each)]
+
+
+def _mean_by_run(each: Sequence[Mapping[int | None, np.ndarray]]) -> dict[int | None, np.ndarray]:
+    """Means of rows over what every run has."""
+    return {seed: np.mean([found[seed] for found in each], axis=0) for seed in _in_all(each)}

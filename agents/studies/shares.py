@@ -1,14 +1,15 @@
 """What estimators and learned agents keep of the oracle's performance, compared, with the intervals that are due.
 
-The unit is the evaluation seed for an agent that does not learn, and the training run for one that does.
+Everything is a mean over training runs and evaluation seeds, with the one interval of `agents.statistics`.
 """
 
 from collections.abc import Iterable, Sequence
 from itertools import product
+from math import comb
 
 import numpy as np
 
-from agents.statistics import Interval, iqm, mean_interval, paired_bootstrap, paired_difference, stratified_bootstrap
+from agents.statistics import Interval, paired_difference
 from agents.studies.results import Pilot, Results
 from agents.studies.study import DEFAULT, FLOOR, ORACLE
 
@@ -16,31 +17,14 @@ ENDS = (ORACLE, FLOOR)
 """What is 1 and 0 by definition."""
 
 
-def shares(
-    results: Results, environments: Iterable[str], pilot: Pilot, estimator: str | None = None
-) -> np.ndarray | None:
-    """What an agent that does not learn keeps at each evaluation seed ``(episodes,)``: mean over environments.
-
-    Args:
-        results: Of a study.
-        environments: Where; None is returned if one of them lacks a flight.
-        pilot: Who.
-        estimator: On what; None: on each environment's default.
-    """
-    each = [
-        results.paired(results.scaled([e]), pilot, results.own(e, pilot) if estimator is None else estimator)
-        for e in environments
-    ]
-    whole = [values for values in each if values is not None]
-    return np.mean(whole, axis=0) if whole and len(whole) == len(each) else None
-
-
 def rankable(results: Results, environments: Sequence[str]) -> dict[str, np.ndarray]:
-    """What the classical agent keeps on each estimator that flew everywhere, the best first, without the ends."""
+    """What the classical agent keeps at each evaluation seed ``(episodes,)`` on each estimator that flew everywhere.
+
+    The best first, without the ends.
+    """
     names = (name for name in results.flown_on() if name not in ENDS)
-    found = {
-        name: values for name in names if (values := shares(results, environments, results.classical, name)) is not None
-    }
+    each = {name: results.shares(environments, results.classical, name) for name in names}
+    found = {name: values[0] for name, values in each.items() if values is not None}
     return dict(sorted(found.items(), key=lambda item: -float(item[1].mean())))
 
 
@@ -57,30 +41,29 @@ def common(results: Results) -> dict[str, np.ndarray]:
 
 
 def kept(results: Results, environments: Sequence[str], pilot: Pilot, estimator: str | None) -> Interval | float | None:
-    """What somebody of `Results.schools` keeps, with the interval that is due: over episodes, or over trainings."""
-    if results.agent(pilot).learned:
-        return _iqm(results.runs(environments, pilot, estimator))
-    values = shares(results, environments, pilot, estimator)
-    return None if values is None else mean_interval(values)
+    """What somebody of `Results.schools` keeps; a number where one training run has no interval."""
+    shares = results.shares(environments, pilot, estimator)
+    return None if shares is None else results.interval(pilot, shares)
 
 
-def _iqm(runs: np.ndarray | None) -> Interval | float | None:
-    """The interquartile mean of training runs ``(runs, environments)``; a number where one run has no interval."""
-    if runs is None:
-        return None
-    interval = stratified_bootstrap(runs)
-    return float(iqm(runs)) if interval is None else interval
-
-
-def loss(results: Results, environments: Iterable[str], estimator: str) -> Interval | None:
+def loss(results: Results, environments: Iterable[str], estimator: str) -> Interval | float | None:
     """Score that the classical agent loses on an estimator against the truth, where there is a scale."""
     return results.price(results.scaled(environments), results.classical, estimator)
 
 
-def clear(a: np.ndarray, b: np.ndarray) -> bool:
-    """Whether the difference is beyond chance."""
-    gap = paired_difference(a, b)
-    return gap is not None and gap.excludes_zero
+def margin(ranked: dict[str, np.ndarray], one: str, other: str) -> Interval | None:
+    """How much more is kept on one estimator than on another.
+
+    The 95 % hold for all pairs of the ranked at once, because which of them is the best is seen in the same episodes:
+    where all are equal, at most one study in twenty tells any two apart.
+    """
+    return paired_difference(ranked[one], ranked[other], comparisons=comb(len(ranked), 2))
+
+
+def clear(ranked: dict[str, np.ndarray], one: str, other: str) -> bool:
+    """Whether the `margin` is beyond chance."""
+    found = margin(ranked, one, other)
+    return found is not None and found.excludes_zero
 
 
 def learners(results: Results) -> list[Pilot]:
@@ -103,34 +86,30 @@ def shared(results: Results, *pilots: Pilot) -> list[str]:
     return [e for e in results.environments if all(results.runs([e], pilot) is not None for pilot in pilots)]
 
 
-def difference(results: Results, environments: Sequence[str], one: Pilot, other: Pilot) -> Interval | float | None:
-    """How much more one keeps than the other, each at home, by interquartile means of runs of the same seeds."""
-    both = results.paired_runs(environments, (one, None), (other, None))
-    if both is None:
-        return None
-    return paired_bootstrap(*both) or float(iqm(both[0]) - iqm(both[1]))
+def difference(
+    results: Results, environments: Sequence[str], one: Pilot, other: Pilot, comparisons: int = 1
+) -> Interval | float | None:
+    """How much more one keeps than the other, each at home, in runs of the same training seeds."""
+    gaps = results.paired_shares(environments, (one, None), (other, None))
+    return None if gaps is None else results.interval(one, gaps, comparisons)
 
 
 def against_classical(results: Results, environment: str, pilot: Pilot) -> Interval | float | None:
     """Share that training runs keep above what the classical agent keeps on the same estimator."""
-    runs = results.runs([environment], pilot)
-    classical = shares(results, [environment], results.classical, results.own(environment, pilot))
-    if runs is None or classical is None:
-        return None
-    gap = runs[:, 0] - classical.mean()
-    return mean_interval(gap) or float(gap.mean())
+    here = results.own(environment, pilot)
+    gaps = results.paired_shares([environment], (pilot, here), (results.classical, here))
+    return None if gaps is None else results.interval(pilot, gaps)
 
 
 def crossing(results: Results, environment: str) -> Interval | float | None:
     """What policies keep less than those that were trained on the estimator flown, mean over pairs of estimators."""
     schools = [pilot for pilot in results.pilots(environment) if results.agent(pilot).learned]
-    lost = []
-    for here, stranger in product(schools, schools):
-        if here.agent == stranger.agent and here != stranger:
-            both = results.paired_runs([environment], (here, None), (stranger, here.trained_on))
-            if both is not None:
-                lost.append(both[0][:, 0] - both[1][:, 0])
-    if not lost or len({len(each) for each in lost}) > 1:
+    pairs = [
+        results.paired_shares([environment], (here, None), (stranger, here.trained_on))
+        for here, stranger in product(schools, schools)
+        if here.agent == stranger.agent and here != stranger
+    ]
+    lost = [gaps for gaps in pairs if gaps is not None]
+    if not lost or len({len(gaps) for gaps in lost}) > 1:
         return None
-    mean = np.mean(lost, axis=0)
-    return mean_interval(mean) or float(mean.mean())
+    return results.interval(schools[0], np.mean(lost, axis=0))

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from agents.page import Entry, entry, number
+from agents.page import Entry, entry, number, words
 from agents.statistics import Interval
 from agents.studies.results import Pilot
 
@@ -13,24 +13,12 @@ def amount(value: Interval | float | None, signed: bool = False) -> str:
         return "–"
     if not isinstance(value, Interval):
         return number(value, 2, signed)
-    decimals = 2 if value.half >= 0.095 else 3
-    return f"{number(value.mean, decimals, signed)} ± {number(value.half, decimals)}"
+    return words(value, 2 if value.half >= 0.095 else 3, signed)
 
 
-def span(interval: Interval, decimals: int, signed: bool = False) -> str:
-    """A value with the ends of an interval that need not lie evenly about it."""
-    ends = [number(end, decimals, signed) for end in (interval.low, interval.high)]
-    return f"{number(interval.mean, decimals, signed)} [{ends[0]}, {ends[1]}]"
-
-
-def share_entry(value: Interval | float | None) -> Entry:
-    """A share in a table; intervals of the bootstrap by their ends, because they are not even."""
-    if value is None:
-        return Entry("–")
-    if not isinstance(value, Interval):
-        return Entry(number(value, 3))
-    even = abs((value.high - value.mean) - (value.mean - value.low)) < 1e-9
-    return entry(value, 3) if even else Entry(span(value, 3))
+def share_entry(value: Interval | float | None, signed: bool = False) -> Entry:
+    """A share, or a difference of shares, in a table; a number alone has no interval."""
+    return Entry(number(value, 3, signed)) if isinstance(value, float) else entry(value, 3, signed)
 
 
 def microseconds(value: float | None) -> str:

@@ -12,8 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents.cells import Cell, Status, artifact_path, journal, load, pools, result_path, run, seconds_left
+from agents.cells import Cell, Status, artifact_path, journal, load, pools, result_path, run, schedule, seconds_left
 from agents.cells import cell as cell_module
+from agents.cells.schedule import Clock
 from agents.cells.work import work
 
 HERE = Path(__file__).parent
@@ -217,6 +218,56 @@ def test_a_damaged_or_foreign_result_is_set_aside_said_and_computed_again(tmp_pa
     assert [aside.read_bytes() for aside in (tmp_path / "set-aside").glob("*/*")] == [damage]
 
 
+WHOLE = b"a line"
+"""Stands for one that a run wrote."""
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [b"{", b"null", b"[1, 2]", b"{}", b"\xff\xfe\x00", b"[" * 100_000, WHOLE[:-40] + b"NaN", WHOLE * 2, b'{"key": 3}'],
+    ids=["cut", "null", "a list", "empty", "no text", "deep", "half", "two in one", "no words"],
+)
+@pytest.mark.parametrize("place", ["first", "last", "unended"])
+def test_a_bad_line_in_the_journal_stops_no_run_is_said_once_and_blanked(tmp_path, damage, place):
+    run([cell("draw", seed=0)], tmp_path)
+    path = tmp_path / "journal.jsonl"
+    [line] = path.read_bytes().splitlines()
+    damage = damage.replace(WHOLE, line).replace(WHOLE[:-40], line[:-40])
+    path.write_bytes(damage + b"\n" + line + b"\n" if place == "first" else line + b"\n" + damage)
+    if place == "last":
+        path.write_bytes(path.read_bytes() + b"\n")
+    assert len(journal(tmp_path)) == 1
+    outcome = run([cell("draw", seed=0), cell("draw", seed=1)], tmp_path)
+    assert (outcome.computed, outcome.failures) == (1, {})
+    assert outcome.notes == [f"1 damaged line of {path} held no more than when a cell was computed: now blank"]
+    assert [each["key"] for each in journal(tmp_path)] == [cell("draw", seed=seed).key for seed in (0, 1)]
+    assert run([cell("draw", seed=0)], tmp_path).notes[1:] == []
+    assert len(path.read_bytes().split()[0]) == len(line.split()[0])
+    assert path.stat().st_size > 2 * len(line)
+
+
+def test_a_cell_reads_no_folder_and_asks_not_for_all_that_are_left(tmp_path, monkeypatch):
+    """What grew with the number of cells: of ten times as many, each costs the same."""
+    calls = {"scans": 0, "asked": 0}
+    glob, expected = Path.glob, Clock.expected
+
+    def counted(name, function):
+        def call(*arguments, **keywords):
+            calls[name] += 1
+            return function(*arguments, **keywords)
+
+        return call
+
+    monkeypatch.setattr(Path, "glob", counted("scans", glob))
+    monkeypatch.setattr(Clock, "expected", counted("asked", expected))
+    monkeypatch.setattr(schedule.time, "monotonic", iter(np.arange(1e6) * 1e-6).__next__)
+    seen = []
+    run([cell("echo", number=number) for number in range(300)], tmp_path, progress=seen.append)
+    assert len(seen) == 301
+    assert calls["scans"] <= 4
+    assert calls["asked"] < 300 * 20
+
+
 @pytest.mark.parametrize("damage", [None, b"", b"other bytes"])
 def test_a_damaged_artifact_is_computed_again(tmp_path, damage):
     written = cell("write", artifact=".bin", seed=0)
@@ -390,7 +441,7 @@ def test_two_workers_of_a_cluster_give_the_same_files_though_one_is_killed(tmp_p
     outcome = run(long_study(), tmp_path, scheduler=address, progress=kill)
     assert victim.wait(PATIENCE) == -signal.SIGKILL
     assert len(outcome.values) == 44
-    assert outcome.computed in (43, 44)  # the one that the victim had stored, and not told of, is not computed again
+    assert 40 <= outcome.computed <= 44  # the few that the victim had stored, and not told of, are not computed again
     assert stored(tmp_path) == expected
     keys = [line["key"] for line in journal(tmp_path)]
     assert len(keys) == len(set(keys))

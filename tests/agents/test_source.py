@@ -1,4 +1,6 @@
 import itertools
+import subprocess
+import sys
 from importlib import invalidate_caches
 
 import pytest
@@ -73,6 +75,72 @@ def test_all_of_the_lower_layers_counts_but_the_pictures(tmp_path, monkeypatch, 
     assert (digests[0] != digests[1]) == counts
 
 
+@pytest.mark.parametrize(
+    ("change", "counts"),
+    [
+        ("g = 9.81  # m/s^2\n", False),
+        ("\n\ng = (\n    9.81\n)\n", False),
+        ('"""Constants."""\n\ng = 9.81\n', False),
+        ("g = 9.82\n", True),
+        ("g = '9.81'\n", True),
+    ],
+)
+def test_comments_docstrings_and_layout_do_not_count_and_numbers_do(package, change, counts):
+    assert (package(constants=change) != package()) == counts
+
+
+def test_docstrings_inside_do_not_count_and_other_strings_do(package):
+    text = 'class A:\n    """Words."""\n\n    def f(self):\n        """More."""\n        return "value"\n'
+    before = package(constants=text)
+    assert package(constants=text.replace("Words", "Other words").replace("More", "Less")) == before
+    assert package(constants=text.replace("value", "other value")) != before
+
+
+@pytest.fixture
+def own(tmp_path, monkeypatch):
+    """A function that gives the digest of a user's module, which imports others beside it, some module changed."""
+    number = next(names)
+    filters, gains, deep, pack = (f"{number}_{name}" for name in ("filters", "gains", "deep", "pack"))
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / pack).mkdir()
+    written = {
+        "filters": (f"{filters}.py", f"import numpy\nimport json\nimport {gains}\nimport {pack}.inner\n"),
+        "gains": (f"{gains}.py", f"def late():\n    from {deep} import K\n"),
+        "deep": (f"{deep}.py", "K = 1\n"),
+        "pack": (f"{pack}/__init__.py", "scale = 2\n"),
+        "inner": (f"{pack}/inner.py", "y = 3\n"),
+        "beside": (f"{number}_beside.py", "unused = 1\n"),
+    }
+
+    def digest(changed: str = "") -> str:
+        for name, (path, text) in written.items():
+            (tmp_path / path).write_text(text + ("changed = True\n" if name == changed else ""))
+        invalidate_caches()
+        source_digest.cache_clear()
+        return source_digest(filters)
+
+    yield digest
+    source_digest.cache_clear()
+
+
+@pytest.mark.parametrize("module", ["filters", "gains", "deep", "pack", "inner"])
+def test_the_digest_of_an_own_module_follows_its_imports_wherever_they_lead(own, module):
+    assert own(module) != own()
+
+
+def test_what_lies_beside_an_own_module_and_is_not_imported_does_not_count(own):
+    assert own("beside") == own()
+
+
+def test_what_is_installed_does_not_count_and_is_not_imported_to_see_that():
+    code = (
+        "import sys; from agents import source; found = source._closure('agents.ppo', 'agents', {}); "
+        "assert 'agents.lstm_policy' in found and all(name.split('.')[0] == 'agents' for name in found), found; "
+        "assert 'torch' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
 def test_a_module_that_is_not_there_is_an_error():
     with pytest.raises(ValueError, match="there is no module agents\\.nowhere"):
         source_digest("agents.nowhere")
@@ -81,5 +149,5 @@ def test_a_module_that_is_not_there_is_an_error():
 @pytest.mark.parametrize("module", source._AROUND)
 def test_what_keeps_and_shows_results_is_left_out_of_what_computes_them(module):
     imported = source._closure("agents.reproduction.segorogeni", "agents", {})
-    assert source._is_module(module)
+    assert source._source(module) is not None
     assert not any(name.startswith(module) for name in imported)

@@ -7,6 +7,8 @@ import pytest
 from invented import CORVETTE, QUALITY, SEGOROGENI, learned, results, study, without
 
 from agents.cells import Outcome
+from agents.dive_scores import METRICS
+from agents.statistics import crossed_interval, mean_interval
 from agents.studies.plan import RAW
 from agents.studies.results import Pilot, Place, Results
 
@@ -53,12 +55,39 @@ def test_a_run_that_lacks_a_flight_is_left_out_and_pairs_are_of_the_same_seeds(f
     )
     home, raw = Pilot("PPO", "ekf"), Pilot("PPO, raw", RAW)
     whole = [found.runs([CORVETTE], pilot) for pilot in (home, raw)]
-    np.testing.assert_array_equal(broken.runs([CORVETTE], home), whole[0][[0, 1, 3, 4]])
-    for ours, theirs in zip(broken.paired_runs([CORVETTE], (home, None), (raw, None)), whole, strict=True):
-        np.testing.assert_array_equal(ours, theirs[[1, 3, 4]])
+    np.testing.assert_allclose(broken.runs([CORVETTE], home), whole[0][[0, 1, 3, 4]], atol=1e-12)
+    lost = broken.paired_shares([CORVETTE], (home, None), (raw, None))
+    np.testing.assert_allclose(lost.mean(1), (whole[0] - whole[1])[[1, 3, 4], 0], atol=1e-12)
     none = without(found, lambda f: f.agent == "PPO" and f.condition == "calm")
     assert none.runs([CORVETTE], home) is None
-    assert none.paired_runs([CORVETTE], (home, None), (raw, None)) is None
+    assert none.paired_shares([CORVETTE], (home, None), (raw, None)) is None
+
+
+def test_shares_are_paired_with_the_scale_seed_by_seed(found):
+    for name, end in (("dead-reckoning", 0.0), ("truth", 1.0)):
+        shares = found.shares([CORVETTE, SEGOROGENI], found.classical, name)
+        np.testing.assert_allclose(shares, np.full((1, 8), end), atol=1e-12)
+
+
+def test_who_does_not_learn_is_paired_with_every_training_run(found):
+    pilot = Pilot("PPO", "ekf")
+    gaps = found.paired_shares([CORVETTE], (pilot, "ekf"), (found.classical, "ekf"))
+    ours, theirs = (found.shares([CORVETTE], who, "ekf") for who in (pilot, found.classical))
+    np.testing.assert_allclose(gaps, ours - theirs, atol=1e-12)
+    assert gaps.shape == (5, 8)
+
+
+def test_a_share_of_yes_and_no_has_an_exact_interval_and_other_metrics_a_mean_over_seeds(found):
+    place = Place(SEGOROGENI, "nominal")
+    flight = next(f for f in found.plan.flights if (f.environment, f.condition, f.flown_on) == (*place, "ekf"))
+    values = found.values[flight.cell.key]
+    figures = values["figures"] | {"arrived": [100.0] * 8, "miss": [1.0, *[float("nan")] * 4, 2.0, 4.0, 3.0]}
+    changed = Results(found.plan, found.values | {flight.cell.key: values | {"figures": figures}})
+    arrived, miss = (next(m for m in METRICS if m.key == key) for key in ("arrived", "miss"))
+    shown = changed.mean(place, found.classical, "ekf", arrived)
+    assert (shown.mean, shown.high) == (100.0, 100.0)
+    assert shown.low == pytest.approx(100.0 * 0.025 ** (1.0 / 8.0))
+    assert changed.mean(place, found.classical, "ekf", miss) == mean_interval(np.array([1.0, 2.0, 4.0, 3.0]))
 
 
 def test_places_without_a_scale_count_for_nothing(found):
@@ -69,16 +98,14 @@ def test_places_without_a_scale_count_for_nothing(found):
     assert flat.scaled() == []
 
 
-def test_the_price_has_seeds_for_its_unit_or_training_runs(found):
+def test_the_price_is_over_seeds_and_training_runs(found):
     assert found.price([NOMINAL], found.classical, "truth").mean == 0.0
     truth, ours = (found.figure(NOMINAL, found.classical, name)[0] for name in ("truth", "kf"))
     price = found.price([NOMINAL], found.classical, "kf")
     assert price.mean == pytest.approx(np.mean(truth - ours))
     pilot = Pilot("PPO", "ekf")
-    truth, ours = (found.figure(NOMINAL, pilot, name).mean(1) for name in ("truth", "ekf"))
-    price = found.price([NOMINAL], pilot, "ekf")
-    assert price.mean == pytest.approx(np.mean(truth - ours))
-    assert price.half == pytest.approx(2.7764 * np.std(truth - ours, ddof=1) / np.sqrt(5.0), rel=1e-4)
+    truth, ours = (found.figure(NOMINAL, pilot, name) for name in ("truth", "ekf"))
+    assert found.price([NOMINAL], pilot, "ekf") == crossed_interval(truth - ours)
     assert found.price([NOMINAL], Pilot("PPO, raw", RAW), RAW) is None
 
 
@@ -92,6 +119,7 @@ def test_a_flight_whose_process_had_to_load_compiled_code_counts_only_if_there_i
     flights = [f for f in invented.plan.flights if f.flown_on == "kf"]
     lines = [
         {"key": f.cell.key, "cpu_seconds": seconds, "host": "here", "process": process}
+        | {"label": "", "function": "", "seconds": seconds, "finished": ""}
         for f, seconds, process in zip(flights, (9.0, 1.0, 1.0, 9.0), (1, 1, 1, 2), strict=False)
     ]
     for shown in (lines, lines[:1]):

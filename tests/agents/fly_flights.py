@@ -1,0 +1,37 @@
+"""Fly what `flights.npz` holds, the population of which `test_statistics.py` draws studies: some minutes."""
+
+from pathlib import Path
+
+import numpy as np
+
+from agents.autopilot import Tolerances, TurningAutopilot
+from agents.rollouts import rollout
+from agents.seeds import evaluation_seeds
+from agents.studies.worlds import system_of
+
+ENVIRONMENT = "SigmaCorvette-v0"
+ESTIMATORS = ("truth", "dead-reckoning", "kf-umv-ui", "kf", "measurement")
+PILOTS = 32
+SPREAD = 0.35
+"""Standard deviation of the logarithm of each of a pilot's tolerances."""
+
+
+def main() -> None:
+    flown = {
+        name: rollout("autopilot", ENVIRONMENT, evaluation_seeds(2000), {"estimator": name}, record=False).score
+        for name in ESTIMATORS
+    }
+    rng, own, runs = np.random.default_rng(0), Tolerances(), []
+    for factors in np.exp(rng.normal(0.0, SPREAD, (PILOTS, 4))):
+        heading, rate, rudder, integral = factors
+        tolerances = Tolerances(
+            own.heading * heading, own.yaw_rate * rate, own.rudder_rate * rudder, own.heading_integral * integral
+        )
+        pilot = TurningAutopilot(system_of(ENVIRONMENT), tolerances)
+        runs.append(rollout(pilot, ENVIRONMENT, evaluation_seeds(500), record=False).score)
+    arrays = {name: values.astype(np.float32) for name, values in (flown | {"runs": np.array(runs)}).items()}
+    np.savez_compressed(Path(__file__).parent / "flights.npz", **arrays)
+
+
+if __name__ == "__main__":
+    main()

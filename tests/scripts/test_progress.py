@@ -1,0 +1,53 @@
+"""Progress where the output is no terminal: a file or a pipe gets a line now and then, never a bar."""
+
+import pytest
+
+from agents.cells import Status
+from scripts import console
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """A clock that stands until it is told."""
+    now = [100.0]
+    monkeypatch.setattr(console.time, "monotonic", lambda: now[0])
+    return now
+
+
+def told(capsys) -> list[str]:
+    return capsys.readouterr().err.splitlines()
+
+
+def test_many_short_cells_say_how_far_they_are_at_each_tenth(clock, capsys):
+    with console.cell_progress("quick") as progress:
+        for done in range(1001):
+            progress(Status(done, 1000, 0, 5.0))
+    lines = told(capsys)
+    assert [line.partition(",")[0] for line in lines] == [f"quick: {done}/1000" for done in range(0, 1001, 100)]
+    assert lines[0].startswith("quick: 0/1000, ends about ")
+    assert lines[-1] == "quick: 1000/1000, done"
+
+
+def test_long_cells_say_it_every_ten_seconds(clock, capsys):
+    with console.cell_progress("full") as progress:
+        for done in range(60):
+            progress(Status(done, 10_000, 0, None))
+            clock[0] += 2.5
+    lines = told(capsys)
+    assert [line.partition(",")[0] for line in lines] == [f"full: {done}/10000" for done in range(0, 60, 4)]
+    assert lines[0].endswith("measuring how long it takes")
+
+
+def test_cells_that_failed_are_counted_in_and_said(clock, capsys):
+    with console.cell_progress("quick") as progress:
+        progress(Status(1, 3, 2, 0.0))
+    assert told(capsys) == ["quick: 3/3, 2 failed, done"]
+
+
+def test_trainings_and_flights_say_it_too(clock, capsys):
+    with console.training_progress("training") as trained:
+        trained(50, 100, 0.25)
+    with console.progress_bar("flying", 2) as advance:
+        advance()
+        advance()
+    assert told(capsys) == ["training: 50/100, score 0.250", "flying: 1/2", "flying: 2/2"]
