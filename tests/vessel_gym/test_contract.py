@@ -296,7 +296,7 @@ def fly_reacting(env_id: str, vehicle: type | None, steps: int, **options: Any) 
     if vehicle is not None:
         cls = type(cls.__name__, (cls,), {"system": with_vehicle(env_id, vehicle)})
     rows = 6
-    env = cls(num_envs=rows, max_episode_steps=90, **options)
+    env = cls(num_envs=rows, max_episode_steps=90, autoreset_mode="SameStep", **options)
     rng = np.random.default_rng(2)
     weights = rng.normal(0.0, 1.0, (rows, env.core.observation_size, env.core.action_size))
     series: dict[tuple, dict[str, list[np.ndarray]]] = {}
