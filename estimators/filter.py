@@ -406,7 +406,7 @@ def _spectrum(cov: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _lost(updated: Belief, start: Belief, R: np.ndarray | None = None) -> np.ndarray:
     """The rows ``(...)`` of an update that are not finite, are no covariance, or divided by a singular S."""
     finite = _finite_rows(updated)
-    size = sum(np.abs(np.diagonal(belief.cov, axis1=-2, axis2=-1)).sum(-1) for belief in (updated, start))
+    size = np.maximum(np.abs(updated.cov).max((-2, -1)), np.abs(start.cov).max((-2, -1)))
     cov = np.where(finite[..., None, None], updated.cov, 0.0)
     skew = np.abs(cov - cov.mT).max((-2, -1))
     lost = ~finite | (np.linalg.eigvalsh(cov)[..., 0] < -_ROUNDING * size) | (skew > _ROUNDING * size)

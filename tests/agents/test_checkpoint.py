@@ -226,13 +226,13 @@ def checkpoints(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 
 
 class Payload:
-    """What makes a folder when it is unpickled."""
+    """What makes a folder, if there is none yet, when it is unpickled."""
 
     def __init__(self, canary: Path) -> None:
         self.canary = canary
 
     def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
-        return os.mkdir, (str(self.canary),)
+        return os.makedirs, (str(self.canary), 0o777, True)
 
 
 def changed(source: Path, target: Path, change: Callable[[dict[str, bytes]], None]) -> Path:

@@ -105,10 +105,10 @@ def test_what_cannot_be_done_is_refused_in_one_sentence(run, tmp_path, monkeypat
 
 
 def test_a_folder_without_write_permission_is_refused(run, tmp_path, monkeypatch, capsys):
-    def refuse(path):
+    def refuse(path, data):
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr(Path, "touch", refuse)
+    monkeypatch.setattr(Path, "write_bytes", refuse)
     assert run("--out", str(tmp_path / "turn.gif")) == 2
     assert "turn.gif: Permission denied" in capsys.readouterr().err
 
