@@ -24,6 +24,11 @@ def near(angle: np.ndarray, centre: np.ndarray) -> np.ndarray:
     return angle - _TURN * np.rint((angle - centre) / _TURN)
 
 
+def short_way(change: np.ndarray) -> np.ndarray:
+    """Changes of an angle the short way round; where that is half a turn, either way."""
+    return change - _TURN * np.rint(change / _TURN)
+
+
 def difference(a: np.ndarray, b: np.ndarray, angles: tuple[int, ...]) -> np.ndarray:
     """``a - b`` of vectors ``(..., n)``, with the components in ``angles`` wrapped.
 

@@ -87,7 +87,7 @@ class Belief:
     @property
     def healthy(self) -> np.ndarray:
         """``(...)`` True where the last update was the usual one."""
-        return self.recovery == Recovery.USUAL
+        return self.recovery == 0
 
     @property
     def reasons(self) -> np.ndarray:

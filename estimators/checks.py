@@ -20,6 +20,15 @@ def as_array(name: str, value: object) -> np.ndarray:
     raise ValueError(f"{name} must be an array of real numbers, got {shown(value)}")
 
 
+def as_mask(name: str, value: object) -> np.ndarray:
+    """``value`` as an array of truth values; numbers count as true where they are not 0.
+
+    Raises:
+        ValueError: if it is no array of either.
+    """
+    return value if type(value) is np.ndarray and value.dtype == bool else as_array(name, value) != 0.0
+
+
 def number(name: str, value: object, low: float = -np.inf, high: float = np.inf, what: str = "a number") -> float:
     """``value`` as a float strictly between ``low`` and ``high``; NaN is none.
 

@@ -5,7 +5,7 @@ import numpy as np
 from estimators.belief import Belief
 from estimators.checks import as_array
 from estimators.filter import Filter, Model, Reading, Streams
-from estimators.linalg import congruence, driven, product, solve, symmetrise
+from estimators.linalg import congruence, driven, identity, product, solve, symmetrise
 from estimators.models import LinearModel, as_covariance, resolve
 
 
@@ -52,7 +52,7 @@ def joseph_update(
     PC = product(cov, C.mT)
     S = product(PC.mT, C.mT) + R
     K = solve(S, PC.mT).mT
-    left = congruence(np.eye(mean.shape[-1]) - product(K, C), cov)
+    left = congruence(identity(mean.shape[-1]) - product(K, C), cov)
     return mean + np.matvec(K, innovation), symmetrise(left + product(K, R) @ K.mT), S
 
 

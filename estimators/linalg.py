@@ -1,8 +1,17 @@
 """Small dense linear algebra over batches: covariances ``(..., n, n)`` and vectors ``(..., n)``."""
 
 from contextlib import suppress
+from functools import cache
 
 import numpy as np
+
+
+@cache
+def identity(n: int) -> np.ndarray:
+    """The identity ``(n, n)``, read-only: made once."""
+    eye = np.eye(n)
+    eye.setflags(write=False)
+    return eye
 
 
 def symmetrise(a: np.ndarray) -> np.ndarray:
@@ -25,7 +34,7 @@ def driven(
 
 def neutralised(R: np.ndarray, kept: np.ndarray) -> np.ndarray:
     """R ``(..., p, p)`` with a unit, uncorrelated variance where the mask ``kept (..., p)`` is False."""
-    return np.where(kept[..., None] & kept[..., None, :], R, np.eye(R.shape[-1]))
+    return np.where(kept[..., None] & kept[..., None, :], R, identity(R.shape[-1]))
 
 
 def equilibrated(s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -97,4 +106,4 @@ def inverse(s: np.ndarray) -> np.ndarray:
     """``S^-1`` of a small symmetric matrix; a scalar needs no factorisation."""
     if s.shape[-1] == 1:
         return 1.0 / s
-    return symmetrise(solve(s, np.broadcast_to(np.eye(s.shape[-1]), s.shape)))
+    return symmetrise(solve(s, np.broadcast_to(identity(s.shape[-1]), s.shape)))

@@ -7,11 +7,12 @@ Notation throughout: ``x+ = A x + B u + G d + w`` and ``y = C x + H d + v`` with
 import operator
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
 from scipy.linalg import expm
 
-from estimators.angles import difference
+from estimators.angles import difference, short_way
 from estimators.checks import as_array, shown, whole
 from estimators.linalg import congruence, neutralised
 
@@ -334,34 +335,37 @@ def central_differences(
     ``angles`` are differenced the short way round, so that it does not matter where ``f`` wraps them.
     """
     n, step = x.shape[-1], steps(x, cov)
-    eye = np.eye(n)
-    offsets = np.concatenate([np.zeros((1, n)), eye, -eye, 2.0 * eye, -2.0 * eye])
-    points = x[..., None, :] + offsets * step[..., None, :]
-    values = at_points(name, function, points, u, size)
-    changes = difference(values[..., 1:, :], values[..., :1, :], angles)
-    forward, backward, far_forward, far_backward = np.split(changes, 4, axis=-2)
-    columns = (8.0 * (forward - backward) - (far_forward - far_backward)) / (12.0 * step[..., :, None])
+    values = at_points(name, function, x[..., None, :] + _offsets(n) * step[..., None, :], u, size)
+    near = values[..., 1 : n + 1, :] - values[..., n + 1 : 2 * n + 1, :]
+    far = values[..., 2 * n + 1 : 3 * n + 1, :] - values[..., 3 * n + 1 :, :]
+    for i in angles:
+        near[..., i], far[..., i] = short_way(near[..., i]), short_way(far[..., i])
+    columns = (8.0 * near - far) / (12.0 * step[..., :, None])
     return values[..., 0, :], columns.mT
+
+
+@cache
+def _offsets(n: int) -> np.ndarray:
+    """Where to evaluate, in steps ``(4 n + 1, n)``: at the point, one step to either side, two steps."""
+    eye = np.eye(n)
+    return np.concatenate([np.zeros((1, n)), eye, -eye, 2.0 * eye, -2.0 * eye])
 
 
 def steps(x: np.ndarray, cov: np.ndarray | None) -> np.ndarray:
     """How far to step in each component for a difference ``(..., n)``.
 
-    A 64th of the belief's standard deviation: a function that is not nearly linear over that is not for a filter
-    that linearises, and a long step keeps rounding out. It is a power of two, so that ``x`` plus the step is exact, and
-    never so short that the step would have fewer than half the digits of ``x``. Where the belief has no spread there
-    is no scale to follow; the step is then 2^-10.
+    The power of two between a 64th and a 128th of the belief's standard deviation: a function that is not nearly
+    linear over that is not for a filter that linearises, a long step keeps rounding out, and ``x`` plus a power of two
+    is exact. It is never so short that the step would have fewer than half the digits of ``x``. Where the belief has no
+    spread there is no scale to follow; the step is then 2^-10.
 
     Args:
         x: ``(..., n)``.
         cov: ``(..., n, n)`` covariance of ``x``; None: no spread.
     """
     spread = np.zeros(x.shape) if cov is None else np.sqrt(np.diagonal(cov, axis1=-2, axis2=-1))
-    wanted = np.where((spread > 0.0) & (spread < np.inf), spread / 64.0, 2.0**-10)
-    return np.exp2(np.rint(np.log2(np.maximum(wanted, _HALF_OF_THE_DIGITS * np.abs(x)))))
-
-
-_HALF_OF_THE_DIGITS = 2.0**-26
+    spread = np.maximum(np.where(spread > 0.0, spread, 2.0**-4), 2.0**-20 * np.abs(x))
+    return np.ldexp(1.0, np.frexp(spread)[1] - 7)
 
 
 def _compare(

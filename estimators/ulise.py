@@ -4,7 +4,7 @@ import numpy as np
 
 from estimators.belief import Belief
 from estimators.filter import Model, Reading, Streams
-from estimators.linalg import congruence, driven, product, solve, symmetrise
+from estimators.linalg import congruence, driven, identity, product, solve, symmetrise
 from estimators.models import LinearModel, resolve
 from estimators.unknown_input import DelayedInputFilter, hidden_directions, unbiased_gain, waiting
 
@@ -85,7 +85,7 @@ class UnifiedInputStateEstimator(DelayedInputFilter):
         mean = mean + np.matvec(G, belief.feedthrough_mean)
         cross, input_cov = belief.state_feedthrough_cov, belief.feedthrough_cov
         cov = symmetrise(driven(A, G, self._covariance(belief), cross, input_cov) + resolve(model.Q, u))
-        hidden = np.eye(model.q) - belief.feedthrough_observed
+        hidden = identity(model.q) - belief.feedthrough_observed
         predicted = Belief(
             mean, cov, belief.prior_mean, belief.prior_cov, belief.recovery, u,
             input_mean=belief.feedthrough_mean, input_cov=symmetrise(input_cov + congruence(hidden, self.input_prior)),
@@ -101,7 +101,7 @@ class UnifiedInputStateEstimator(DelayedInputFilter):
         G = self._input_matrix(belief) * waiting(belief)
         PC = product(belief.cov, C.mT)
         S = product(PC.mT, C.mT) + R
-        CGN = C @ (G @ (np.eye(q) - before))
+        CGN = C @ (G @ (identity(q) - before))
         right = np.empty(np.broadcast_shapes(S.shape[:-2], H.shape[:-2], CGN.shape[:-2]) + (p, n + 2 * q))
         right[..., :n], right[..., n : n + q], right[..., n + q :] = PC.mT, H, CGN
         solved = solve(S, right)
@@ -121,9 +121,9 @@ class UnifiedInputStateEstimator(DelayedInputFilter):
         errors[..., :n], errors[..., n : n + q, n:] = self._error_rows - product(Z, C), before
         observed = before + late
         reach = np.empty(Z.shape[:-1] + (q,))
-        reach[..., :n, :], reach[..., n : n + q, :], reach[..., n + q :, :] = G, np.eye(q), -(D @ (C @ G))
+        reach[..., :n, :], reach[..., n : n + q, :], reach[..., n + q :, :] = G, identity(q), -(D @ (C @ G))
         cov = congruence(errors, joint) + product(Z, R) @ Z.mT
-        cov = symmetrise(cov + congruence(reach @ (np.eye(q) - observed), self.input_prior))
+        cov = symmetrise(cov + congruence(reach @ (identity(q) - observed), self.input_prior))
         rows = correction.shape[:-1]
         return Belief(
             belief.mean + correction[..., :n], cov[..., :n, :n], belief.prior_mean, belief.prior_cov,

@@ -7,7 +7,7 @@ import numpy as np
 from estimators.belief import Belief
 from estimators.filter import Filter, Model, Reading, Streams
 from estimators.kalman import input_covariance
-from estimators.linalg import congruence, driven, inverse, product, solve, symmetrise
+from estimators.linalg import congruence, driven, identity, inverse, product, solve, symmetrise
 from estimators.models import LinearModel, resolve
 
 
@@ -96,10 +96,10 @@ def unbiased_gain(
     """
     q, information = F.shape[-1], F.mT @ SF
     if whole is None:
-        return inverse(information) @ SF.mT, np.zeros(information.shape) + (1.0 if q == 1 else np.eye(q))
+        return inverse(information) @ SF.mT, np.zeros(information.shape) + (1.0 if q == 1 else identity(q))
     unseen, nothing = hidden_directions(F, whole, units)
     scale = units[:, None] * units
-    seen, information = np.eye(q) - unseen, information * scale
+    seen, information = identity(q) - unseen, information * scale
     # The hidden directions get a finite information of the same size, so that the inverse stays well conditioned.
     size = np.where(nothing, 1.0, np.trace(information, axis1=-2, axis2=-1))[..., None, None]
     cov = seen @ inverse(information + size * unseen) @ seen
@@ -189,7 +189,7 @@ class UnbiasedMinimumVarianceFilter(UnknownInputFilter):
         cov = symmetrise(congruence(self._state_rows - product(Z, C), belief.cov) + product(Z, R) @ Z.mT)
         input_cov = cov[..., n:, n:]
         if not reading.complete:
-            input_cov = input_cov + congruence(np.eye(self.model.q) - observed, self.input_prior)
+            input_cov = input_cov + congruence(identity(self.model.q) - observed, self.input_prior)
         return Belief(
             belief.mean + correction[..., :n], cov[..., :n, :n], belief.prior_mean, belief.prior_cov,
             np.zeros(correction.shape[:-1], np.int8), belief.u, reading.innovation, S, reading.available,
@@ -223,7 +223,7 @@ class DelayedInputFilter(UnknownInputFilter):
         """The state's covariance, with the input that an earlier prediction left open if it never met its reading."""
         if not belief.pending.any():
             return belief.cov
-        unseen = self._input_matrix(belief) @ (np.eye(self.model.q) - belief.input_observed)
+        unseen = self._input_matrix(belief) @ (identity(self.model.q) - belief.input_observed)
         return belief.cov + congruence(unseen, self.input_prior) * waiting(belief)
 
 
@@ -296,8 +296,8 @@ class ExtendedUnbiasedMinimumVarianceFilterWithoutFeedthrough(DelayedInputFilter
         cov = congruence(self._state_rows - product(Z, C), belief.cov) + product(Z, R) @ Z.mT
         if not complete:
             reach = np.empty(Z.shape[:-1] + (q,))
-            reach[..., :n, :], reach[..., n:, :] = G * pending, np.eye(q)
-            cov = cov + congruence(reach @ (np.eye(q) - observed), self.input_prior)
+            reach[..., :n, :], reach[..., n:, :] = G * pending, identity(q)
+            cov = cov + congruence(reach @ (identity(q) - observed), self.input_prior)
         cov = symmetrise(cov)
         usual, settled = np.zeros(correction.shape[:-1], np.int8), np.zeros(correction.shape[:-1], bool)
         return Belief(

@@ -318,7 +318,7 @@ class Core:
             "estimate": belief.mean.copy(),
             "covariance": belief.cov.copy(),
             "input_estimate": input_mean.copy(),
-            "healthy": belief.healthy.copy(),
+            "healthy": belief.healthy,
             "score": self.total / self.task.perfect,
             "end": self._ends[self.end],
             "is_success": self.end == self._success,

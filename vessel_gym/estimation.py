@@ -27,6 +27,7 @@ class Oracle(Filter):
     """The declared exception: it is handed the true state and unknown input as its reading."""
 
     name = "truth"
+    _ours = True
 
     def __init__(self, n: int, q: int) -> None:
         eye = np.eye(n + q)
@@ -53,6 +54,7 @@ class DeadReckoning(ExtendedKalmanFilter):
     """The model alone: readings are not used."""
 
     name = "dead-reckoning"
+    _ours = True
 
     def _update(self, belief: Belief, reading: Reading, rng: Streams) -> Belief:
         return belief
@@ -76,6 +78,7 @@ class HeldMeasurement(Filter):
     """
 
     name = "measurement"
+    _ours = True
 
     def __init__(self, system: System, model: LinearModel | NonlinearModel) -> None:
         super().__init__(model)

@@ -6,7 +6,7 @@ import gymnasium as gym
 import numpy as np
 
 from estimators.checks import shown
-from vessel_gym.checks import no_others, numbers
+from vessel_gym.checks import no_others
 from vessel_gym.core import Core, whole
 from vessel_gym.envs.shared import action_space, check_render_mode, first_seed, observation_space
 from vessel_gym.estimation import EstimatorChoice
@@ -79,9 +79,10 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Advance one step; see `gymnasium.Env.step`. Truncation is `gymnasium.wrappers.TimeLimit`'s."""
-        asked = numbers(action)
-        if asked is None:
-            raise ValueError(f"action must be an array of numbers, got {shown(action)}")
+        try:
+            asked = np.asarray(action)
+        except ValueError:  # rows of unequal length
+            raise ValueError(f"action must be an array of numbers, got {shown(action)}") from None
         if asked.shape != self.action_space.shape:
             raise ValueError(f"action has shape {asked.shape}, expected {self.action_space.shape}")
         reward, terminated = self.core.step(asked[None])
@@ -104,8 +105,8 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
 
     def _info(self) -> dict[str, Any]:
         info: dict[str, Any] = {key: value[0] for key, value in self.core.info().items()}
+        info["healthy"], info["is_success"] = bool(info["healthy"]), bool(info["is_success"])
         info["score"] = float(info["score"])
-        info |= {key: bool(info[key]) for key in ("healthy", "is_success")}
         return info
 
     def _record(self, begin: bool = False) -> None:
