@@ -237,7 +237,10 @@ def entry(interval: Interval | None, decimals: int, signed: bool = False) -> Ent
 
 
 def words(interval: Interval | None, decimals: int, signed: bool = False) -> str:
-    """An interval in a sentence."""
+    """An interval in a sentence, with more decimals where these would show none of its width."""
+    if interval is not None:
+        while decimals < 6 and 0.0 < interval.high - interval.low < 10.0**-decimals:
+            decimals += 1
     return str(entry(interval, decimals, signed))
 
 

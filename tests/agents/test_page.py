@@ -38,6 +38,7 @@ def picture() -> str:
 
 TABLE = Table(
     "errors", "RMS.", "filter", [("x", "m"), ("y", "")], [("calm", [("kf", [Entry("1.0", "0.1"), Entry("−")])])]
+    words,
 )
 PAGE = Page(
     "A <title>",
@@ -149,3 +150,9 @@ def test_a_page_is_written_whole_or_not_at_all(tmp_path):
         write(broken, path)
     assert path.read_text(encoding="utf-8") == render(PAGE)
     assert [p.name for p in path.parent.iterdir()] == ["a.html"]
+
+
+def test_a_sentence_shows_an_interval_s_width_in_as_many_decimals_as_that_takes():
+    assert words(Interval(0.00018, 0.00007, 0.00029), 3) == "0.0002 ± 0.0001"
+    assert words(Interval(0.0, 0.0, 0.0), 3) == "0.000 ± 0.000"
+    assert words(Interval(0.9, 0.8, 1.0), 1) == "0.9 ± 0.1"
