@@ -22,3 +22,7 @@ def test_the_own_estimator_of_the_readme_takes_about_20_lines() -> None:
     own = next(example for example in EXAMPLES if "class SteadyStateFilter" in example)
     body = own[own.index("class ") : own.index("env = ")]
     assert len([line for line in body.splitlines() if line.strip()]) <= 20
+
+
+def test_the_install_line_of_the_readme_has_what_its_other_lines_import() -> None:
+    assert "pip install -c constraints.txt -e '.[all]'" in README.read_text(encoding="utf-8")

@@ -21,6 +21,7 @@ from agents.page import (
     listed,
     number,
     render,
+    words,
     write,
 )  # fmt: skip
 from agents.plotting import data_uri, styled
@@ -38,7 +39,6 @@ def picture() -> str:
 
 TABLE = Table(
     "errors", "RMS.", "filter", [("x", "m"), ("y", "")], [("calm", [("kf", [Entry("1.0", "0.1"), Entry("−")])])]
-    words,
 )
 PAGE = Page(
     "A <title>",
