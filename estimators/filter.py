@@ -369,9 +369,9 @@ _SINGULAR = 1e-13
 def _finite(updated: Belief) -> bool:
     """Whether every row is finite; False also where only the sum of them all is not."""
     total = np.add.reduce(updated.mean, None) + np.add.reduce(updated.cov, None)
-    for vector in (updated.input_mean, updated.feedthrough_mean):
-        if vector is not None:
-            total = total + np.add.reduce(vector, None)
+    for array in (updated.innovation_cov, updated.input_mean, updated.feedthrough_cov):
+        if array is not None:
+            total = total + np.add.reduce(array, None)
     return math.isfinite(total)
 
 
@@ -493,7 +493,7 @@ def _finite_rows(belief: Belief) -> np.ndarray:
     for vector in (belief.input_mean, belief.feedthrough_mean):
         if vector is not None:
             finite = finite & np.isfinite(vector).all(-1)
-    for matrix in (belief.cov, belief.input_cov, belief.ensemble):
+    for matrix in (belief.cov, belief.innovation_cov, belief.input_cov, belief.feedthrough_cov, belief.ensemble):
         if matrix is not None:
             finite = finite & np.isfinite(matrix).all((-2, -1))
     return finite
