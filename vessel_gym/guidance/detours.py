@@ -17,17 +17,19 @@ from dataclasses import replace
 import numpy as np
 from numba import njit
 
-from vessel_gym.guidance.words import Path, chain, checked, follow_on, pieces_of, relative, shortest, whole
+from vessel_gym.guidance.words import Path, chain, checked, follow_on, numbers, pieces_of, relative, shortest, whole
 
 _FULL = 2.0 * np.pi
 _HAIR = 1e-9  # turn radii that touches keep from edges, so that what touches one passes the check
+_FAR = 1e6  # turn radii: farther off, a hair is rounding
 _NOWHERE = -1.0
 _START, _GOAL = -1.0, -2.0  # kinds of circles that belong to no obstacle
 _ALONG = 6  # follows the edge; lower numbers are words
 _SIDES = np.array([[1, 0, 1], [1, 0, -1], [-1, 0, 1], [-1, 0, -1], [1, -1, 1], [-1, 1, -1]], float)  # of the words
 
-QUICK, THOROUGH = 12, 48
-"""Evenly spread touches a clearance circle and way round; the more where fewer lead nowhere."""
+TOUCHES = 12, 48
+"""Evenly spread touches a clearance circle and way round, and in the second search, for what is shorter."""
+_NEAR = 1.01  # times its lower bound: a path as short as that needs no second search
 _SLIDE = 1e-4  # rad, the smallest slide of a touch: what it leaves is of its square
 
 
@@ -263,8 +265,8 @@ def _turning_on(circle: np.ndarray, apart: float, disc: np.ndarray, gap: float, 
 
 
 @njit(cache=True)
-def _search(nodes: np.ndarray, discs: np.ndarray) -> np.ndarray:
-    """The rows of ``nodes`` on the shortest way from the first to the last, by A*; none where there is no way.
+def _search(nodes: np.ndarray, discs: np.ndarray, limit: float) -> np.ndarray:
+    """The rows of ``nodes`` on the shortest way from the first to the last below a limit, by A*; none if there is none.
 
     Words that ignore the obstacles say how much is left at least. Ways with one touch come first: they bound the
     length, and most touches then lie too far off for any way.
@@ -272,7 +274,7 @@ def _search(nodes: np.ndarray, discs: np.ndarray) -> np.ndarray:
     last = len(nodes) - 1
     way, ahead = np.full(last + 1, np.inf), np.zeros(last + 1)
     before, kept = np.zeros(last + 1, np.int64), np.zeros(last + 1, np.int64)
-    way[0], way[last] = 0.0, _join(nodes[0], nodes[last], discs, np.inf)[1]
+    way[0], way[last] = 0.0, _join(nodes[0], nodes[last], discs, limit)[1]
     straight = np.array([_far(nodes[0], node) + _far(node, nodes[last]) for node in nodes])
     count = 0
     for v in np.argsort(straight):
@@ -302,12 +304,12 @@ def _search(nodes: np.ndarray, discs: np.ndarray) -> np.ndarray:
         for i in range(chosen, count + 1):
             kept[i] = kept[i + 1]
         for v in kept[: count + 1]:
-            limit = min(way[v], way[last] - ahead[v]) - way[u]
-            if _far(nodes[u], nodes[v]) < limit:
-                how, length, _ = _join(nodes[u], nodes[v], discs, limit)
+            room = min(way[v], way[last] - ahead[v]) - way[u]
+            if _far(nodes[u], nodes[v]) < room:
+                how, length, _ = _join(nodes[u], nodes[v], discs, room)
                 if how >= 0:
                     way[v], before[v] = way[u] + length, u
-    if way[last] == np.inf:
+    if way[last] == limit:
         return nodes[:0].copy()
     count, v = 1, last
     while v > 0:
@@ -552,9 +554,9 @@ def _sound(segments: np.ndarray, goal: np.ndarray, radius: float, discs: np.ndar
 
 @njit(cache=True)
 def _detour(
-    start: np.ndarray, goal: np.ndarray, radius: float, obstacles: np.ndarray, count: int
+    start: np.ndarray, goal: np.ndarray, radius: float, obstacles: np.ndarray, count: int, limit: float
 ) -> tuple[float, np.ndarray]:
-    """A lower bound [m] and the curvatures [1/m] and lengths [m] ``(k, 2)`` of a short way; none if none was found."""
+    """A lower bound [m] and the curvatures [1/m] and lengths [m] ``(k, 2)`` of a way below a limit [m], if any."""
     discs, from_, to = obstacles / radius, start / radius, goal / radius
     discs[:, 0], discs[:, 1] = (obstacles[:, 0] - start[0]) / radius, (obstacles[:, 1] - start[1]) / radius
     to[0], to[1], to[2] = (goal[0] - start[0]) / radius, (goal[1] - start[1]) / radius, goal[2]
@@ -563,7 +565,7 @@ def _detour(
     if bound == np.inf:
         return bound, np.empty((0, 2))
     gaps = _gaps(discs)
-    way = _search(_touches(from_, to, discs, gaps, count), discs)
+    way = _search(_touches(from_, to, discs, gaps, count), discs, limit / radius)
     if len(way):
         way = _taut(way, discs)
         _slide(way, discs, gaps, np.pi / count)
@@ -590,7 +592,8 @@ def plan(start: np.ndarray, goal: np.ndarray, radius: float, obstacles: np.ndarr
     Raises:
         NoPath: (a ValueError) if none was found; the message tells a closed way, which is certain, from a search
             that failed.
-        ValueError: for numbers that make no sense, and for a start or a goal within the margin of an obstacle.
+        ValueError: for numbers that make no sense, for a start or a goal within the margin of an obstacle, and for a
+            way round obstacles over more than a million turn radii, where rounding decides.
     """
     direct = shortest(start, goal, radius)
     start, goal, _ = checked(start, goal, radius)
@@ -604,16 +607,27 @@ def plan(start: np.ndarray, goal: np.ndarray, radius: float, obstacles: np.ndarr
             )
     if _sound(direct.segments, goal, float(radius), discs):
         return direct
-    for count in (QUICK, THOROUGH):
-        bound, pieces = _detour(start, goal, float(radius), discs, count)
+    size = np.abs(np.concatenate([discs - [*start[:2], 0.0], [goal - start]])[:, :2]).max() / float(radius)
+    if size > _FAR:
+        raise ValueError(
+            f"poses and obstacles must lie within {_FAR:.0e} turn radii of each other for a way round, got {size:.0e}: "
+            "turn wider or leave out what is far away"
+        )
+    path = None
+    for count in TOUCHES:
+        bound, pieces = _detour(start, goal, float(radius), discs, count, path.length if path else np.inf)
         if bound == np.inf:
             raise NoPath(
                 "the obstacles with their margin close every way to the goal: ask for less margin or remove an obstacle"
             )
         if len(pieces):
-            path = chain(start, pieces[:, 0], pieces[:, 1])
-            if _sound(path.segments, goal, float(radius), discs):
-                return replace(path, lower_bound=min(max(bound, direct.length), path.length))
+            found = chain(start, pieces[:, 0], pieces[:, 1])
+            if _sound(found.segments, goal, float(radius), discs):
+                path = replace(found, lower_bound=min(max(bound, direct.length), found.length))
+        if path and path.length <= _NEAR * path.lower_bound:
+            break
+    if path:
+        return path
     raise NoPath(
         f"no path with turns of {radius:.6g} m or more was found, which does not prove that there is none: move the "
         "poses away from the obstacles, turn tighter or ask for less margin"
@@ -626,7 +640,7 @@ def _discs(obstacles: np.ndarray, margin: float) -> np.ndarray:
     Raises:
         ValueError: for obstacles that are no circles, or a margin that is negative.
     """
-    obstacles = np.asarray(obstacles, float)
+    obstacles, room = numbers("obstacles", obstacles), numbers("margin", margin)
     if obstacles.size == 0:
         obstacles = np.zeros((0, 3))
     if obstacles.ndim != 2 or obstacles.shape[1] != 3:
@@ -634,6 +648,6 @@ def _discs(obstacles: np.ndarray, margin: float) -> np.ndarray:
     if not np.isfinite(obstacles).all() or (obstacles[:, 2] < 0.0).any():
         bad = ~np.isfinite(obstacles).all(-1) | (obstacles[:, 2] < 0.0)
         raise ValueError(f"obstacle {bad.argmax()} must have finite numbers and a radius of 0 or more: correct it")
-    if not 0.0 <= margin < np.inf:
+    if room.ndim or not 0.0 <= room < np.inf:
         raise ValueError(f"the margin must be finite and 0 or more, got {margin}")
-    return obstacles + [0.0, 0.0, margin]
+    return obstacles + [0.0, 0.0, float(room)]
