@@ -40,12 +40,12 @@ class NoPath(ValueError):
 # --- what keeps clear -------------------------------------------------------------------------------
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _far(a: np.ndarray, b: np.ndarray) -> float:
     return np.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _straight_clear(x: float, y: float, cos: float, sin: float, length: float, discs: np.ndarray) -> bool:
     """Whether a straight keeps out of all discs."""
     for k in range(len(discs)):
@@ -57,7 +57,7 @@ def _straight_clear(x: float, y: float, cos: float, sin: float, length: float, d
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _arc_clear(x: float, y: float, heading: float, bend: float, angle: float, discs: np.ndarray) -> bool:
     """Whether an arc from a place that is clear, of radius ``bend`` (L positive), keeps out of all discs."""
     radius, side = abs(bend), 1.0 if bend > 0.0 else -1.0
@@ -76,7 +76,7 @@ def _arc_clear(x: float, y: float, heading: float, bend: float, angle: float, di
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _word_clear(pose: np.ndarray, word: int, pieces: tuple[float, float, float], discs: np.ndarray) -> bool:
     """Whether a word from a pose keeps out of all discs."""
     x, y, heading = pose[0], pose[1], pose[2]
@@ -93,7 +93,7 @@ def _word_clear(pose: np.ndarray, word: int, pieces: tuple[float, float, float],
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _join(a: np.ndarray, b: np.ndarray, discs: np.ndarray, limit: float) -> tuple[int, float, float]:
     """The shortest clear way from one touch to another below a limit.
 
@@ -120,7 +120,7 @@ def _join(a: np.ndarray, b: np.ndarray, discs: np.ndarray, limit: float) -> tupl
 # --- tangents and touches ---------------------------------------------------------------------------
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _circles(start: np.ndarray, goal: np.ndarray, turn: float, discs: np.ndarray, gaps: np.ndarray) -> np.ndarray:
     """Directed circles ``(4 + 2 m, 5)`` x, y, radius, side, kind: the turning circles of both poses, then the discs."""
     circles = np.empty((4 + 2 * len(discs), 5))
@@ -136,7 +136,7 @@ def _circles(start: np.ndarray, goal: np.ndarray, turn: float, discs: np.ndarray
     return circles
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _tangents(circles: np.ndarray, discs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The clear straights from one directed circle to another.
 
@@ -171,7 +171,7 @@ def _tangents(circles: np.ndarray, discs: np.ndarray) -> tuple[np.ndarray, np.nd
     return pairs[:count].copy(), lines[:count].copy()
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _gaps(discs: np.ndarray) -> np.ndarray:
     """What touches keep from each edge: a hair, or half of the narrowest gap to another circle if that is less."""
     gaps = np.full(len(discs), _HAIR)
@@ -183,14 +183,14 @@ def _gaps(discs: np.ndarray) -> np.ndarray:
     return gaps
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _set_touch(row: np.ndarray, disc: int, side: float, bearing: float, discs: np.ndarray, gaps: np.ndarray) -> None:
     reach = discs[disc, 2] + gaps[disc]
     row[0], row[1] = discs[disc, 0] + reach * np.cos(bearing), discs[disc, 1] + reach * np.sin(bearing)
     row[2], row[3], row[4], row[5] = bearing + side * 0.5 * np.pi, disc, side, bearing
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _outside(row: np.ndarray, discs: np.ndarray) -> bool:
     outside = True
     for k in range(len(discs)):
@@ -198,7 +198,7 @@ def _outside(row: np.ndarray, discs: np.ndarray) -> bool:
     return outside
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _touches(start: np.ndarray, goal: np.ndarray, discs: np.ndarray, gaps: np.ndarray, count: int) -> np.ndarray:
     """The nodes of the graph ``(n, 6)``: start, touches, goal."""
     m = len(discs)
@@ -238,7 +238,7 @@ def _touches(start: np.ndarray, goal: np.ndarray, discs: np.ndarray, gaps: np.nd
     return rows[: n + 1].copy()
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _turning_on(circle: np.ndarray, apart: float, disc: np.ndarray, gap: float, sign: float) -> np.ndarray:
     """The bearings at which the turning circles touch a disc whose centres lie ``apart`` from that of a circle.
 
@@ -264,7 +264,7 @@ def _turning_on(circle: np.ndarray, apart: float, disc: np.ndarray, gap: float, 
 # --- the shortest way -------------------------------------------------------------------------------
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _search(nodes: np.ndarray, discs: np.ndarray, limit: float) -> np.ndarray:
     """The rows of ``nodes`` on the shortest way from the first to the last below a limit, by A*; none if there is none.
 
@@ -320,7 +320,7 @@ def _search(nodes: np.ndarray, discs: np.ndarray, limit: float) -> np.ndarray:
     return found
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _taut(way: np.ndarray, discs: np.ndarray) -> np.ndarray:
     """The way without the touches that it is no longer without."""
     i = 1
@@ -333,7 +333,7 @@ def _taut(way: np.ndarray, discs: np.ndarray) -> np.ndarray:
     return way
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _legs(way: np.ndarray, i: int, j: int, discs: np.ndarray, limit: float) -> float:
     """The length of the way from touch i to touch j, or something above the limit."""
     length = 0.0
@@ -344,7 +344,7 @@ def _legs(way: np.ndarray, i: int, j: int, discs: np.ndarray, limit: float) -> f
     return length
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _follow(way: np.ndarray, i: int, j: int, discs: np.ndarray, gaps: np.ndarray, limit: float) -> float:
     """Set touch j so that an arc through it goes over into one through its neighbour i without a straight between.
 
@@ -367,7 +367,7 @@ def _follow(way: np.ndarray, i: int, j: int, discs: np.ndarray, gaps: np.ndarray
     return least if least < limit else np.inf
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _slide(way: np.ndarray, discs: np.ndarray, gaps: np.ndarray, step: float) -> None:
     """Move the touches along their edges until no slide of `_SLIDE` shortens the way.
 
@@ -398,14 +398,14 @@ def _slide(way: np.ndarray, discs: np.ndarray, gaps: np.ndarray, step: float) ->
             step *= 0.5
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _meet(a: np.ndarray, b: np.ndarray, discs: np.ndarray, step: float) -> bool:
     """Whether the way between touches turns both ways with so short a straight between that a step could close it."""
     how = _join(a, b, discs, np.inf)[0]
     return (how == 1 or how == 2) and pieces_of(how, relative(a, b, 1.0))[1] ** 2 < 4.0 * step
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _pieces(way: np.ndarray, discs: np.ndarray) -> np.ndarray:
     """Curvatures and lengths ``(k, 2)`` of a way, successive ones of one curvature joined."""
     pieces, count = np.zeros((1 + 3 * len(way), 2)), 0
@@ -427,7 +427,7 @@ def _pieces(way: np.ndarray, discs: np.ndarray) -> np.ndarray:
 # --- the string -------------------------------------------------------------------------------------
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _string(start: np.ndarray, goal: np.ndarray, discs: np.ndarray) -> float:
     """The length of the shortest way that may bend as sharply as it likes; infinite where there is none.
 
@@ -467,7 +467,7 @@ def _string(start: np.ndarray, goal: np.ndarray, discs: np.ndarray) -> float:
     return least
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _arcs(
     circles: np.ndarray, discs: np.ndarray, owner: np.ndarray, turned: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -505,7 +505,7 @@ def _arcs(
 # --- the check --------------------------------------------------------------------------------------
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _approach(segments: np.ndarray, points: np.ndarray) -> np.ndarray:
     nearest = np.full(len(points), np.inf)
     for x, y, heading, curvature, length in segments:
@@ -537,7 +537,7 @@ def approach(path: Path, points: np.ndarray) -> np.ndarray:
     return _approach(path.segments, np.asarray(points, float))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _sound(segments: np.ndarray, goal: np.ndarray, radius: float, discs: np.ndarray) -> bool:
     """Whether a path ends at the goal, turns no tighter than the radius and keeps out of all discs."""
     x, y, heading, curvature, length = segments[-1]
@@ -552,15 +552,12 @@ def _sound(segments: np.ndarray, goal: np.ndarray, radius: float, discs: np.ndar
 # --- planning ---------------------------------------------------------------------------------------
 
 
-@njit(cache=True)
 def _detour(
     start: np.ndarray, goal: np.ndarray, radius: float, obstacles: np.ndarray, count: int, limit: float
 ) -> tuple[float, np.ndarray]:
     """A lower bound [m] and the curvatures [1/m] and lengths [m] ``(k, 2)`` of a way below a limit [m], if any."""
-    discs, from_, to = obstacles / radius, start / radius, goal / radius
-    discs[:, 0], discs[:, 1] = (obstacles[:, 0] - start[0]) / radius, (obstacles[:, 1] - start[1]) / radius
-    to[0], to[1], to[2] = (goal[0] - start[0]) / radius, (goal[1] - start[1]) / radius, goal[2]
-    from_[0], from_[1], from_[2] = 0.0, 0.0, start[2]
+    discs = (obstacles - [*start[:2], 0.0]) / radius
+    from_, to = np.array([0.0, 0.0, start[2]]), (goal - [*start[:2], 0.0]) / [radius, radius, 1.0]
     bound = _string(from_, to, discs)
     if bound == np.inf:
         return bound, np.empty((0, 2))
@@ -571,9 +568,7 @@ def _detour(
         _slide(way, discs, gaps, np.pi / count)
         way = _taut(way, discs)
     pieces = _pieces(way, discs)
-    pieces[:, 0] /= radius
-    pieces[:, 1] *= radius
-    return bound * radius, pieces
+    return bound * radius, pieces * [1.0 / radius, radius]
 
 
 def plan(start: np.ndarray, goal: np.ndarray, radius: float, obstacles: np.ndarray, margin: float = 0.0) -> Path:
