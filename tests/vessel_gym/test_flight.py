@@ -7,7 +7,7 @@ import pytest
 
 from estimators import Belief
 from vessel_gym.envs.puna_uav import PUNA_UAV, PunaUAVEnv
-from vessel_gym.guidance.dubins import approach, plan, shortest
+from vessel_gym.guidance.dubins import approach, candidates, plan, shortest, word_path
 from vessel_gym.guidance.path_following import LEAD, follow, track
 from vessel_gym.tasks.flight import ENDS, OBSTACLES, SEGMENTS, Flight
 from vessel_gym.vehicles.puna import TRUTH, wind_axes
@@ -134,6 +134,20 @@ def test_every_drawn_path_can_be_flown_and_keeps_clear_of_its_obstacles():
         assert len(obstacles) >= 1
         for s in np.linspace(0.0, course[5 * SEGMENTS], 60):
             assert TASK.clearance(on_path(course, s), course[None])[0] >= TASK.margin - 1e-6
+
+
+def test_a_path_that_comes_back_on_itself_is_told_from_one_that_does_not():
+    rng, told = np.random.default_rng(1), []
+    for start, goal in rng.uniform(-1.0, 1.0, (60, 2, 3)) * [450.0, 450.0, np.pi]:
+        for word in candidates(start, goal, TASK.radius):
+            path = word_path(start, goal, TASK.radius, word)
+            poses = path.sample(5.0)
+            near = np.hypot(*(poses[:, None, :2] - poses[:, :2]).transpose(2, 0, 1)) < 40.0
+            same = np.cos(poses[:, None, 2] - poses[:, 2]) > np.cos(0.5)
+            later = np.arange(len(poses)) - np.arange(len(poses))[:, None] > 0.5 * np.pi * TASK.radius / 5.0
+            told.append((near & same & later).any())
+            assert TASK._comes_back(path) == told[-1]
+    assert 0.05 < np.mean(told) < 0.95
 
 
 def test_a_scene_can_be_asked_for():

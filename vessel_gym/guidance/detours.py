@@ -17,17 +17,19 @@ from dataclasses import replace
 import numpy as np
 from numba import njit
 
-from vessel_gym.guidance.words import Path, chain, checked, follow_on, pieces_of, relative, shortest, whole
+from vessel_gym.guidance.words import Path, chain, checked, follow_on, numbers, pieces_of, relative, shortest, whole
 
 _FULL = 2.0 * np.pi
 _HAIR = 1e-9  # turn radii that touches keep from edges, so that what touches one passes the check
+_FAR = 1e6  # turn radii: farther off, a hair is rounding
 _NOWHERE = -1.0
 _START, _GOAL = -1.0, -2.0  # kinds of circles that belong to no obstacle
 _ALONG = 6  # follows the edge; lower numbers are words
 _SIDES = np.array([[1, 0, 1], [1, 0, -1], [-1, 0, 1], [-1, 0, -1], [1, -1, 1], [-1, 1, -1]], float)  # of the words
 
-QUICK, THOROUGH = 12, 48
-"""Evenly spread touches a clearance circle and way round; the more where fewer lead nowhere."""
+TOUCHES = 12, 48
+"""Evenly spread touches a clearance circle and way round, and in the second search, for what is shorter."""
+_NEAR = 1.01  # times its lower bound: a path as short as that needs no second search
 _SLIDE = 1e-4  # rad, the smallest slide of a touch: what it leaves is of its square
 
 
@@ -38,12 +40,12 @@ class NoPath(ValueError):
 # --- what keeps clear -------------------------------------------------------------------------------
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _far(a: np.ndarray, b: np.ndarray) -> float:
     return np.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _straight_clear(x: float, y: float, cos: float, sin: float, length: float, discs: np.ndarray) -> bool:
     """Whether a straight keeps out of all discs."""
     for k in range(len(discs)):
@@ -55,7 +57,7 @@ def _straight_clear(x: float, y: float, cos: float, sin: float, length: float, d
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _arc_clear(x: float, y: float, heading: float, bend: float, angle: float, discs: np.ndarray) -> bool:
     """Whether an arc from a place that is clear, of radius ``bend`` (L positive), keeps out of all discs."""
     radius, side = abs(bend), 1.0 if bend > 0.0 else -1.0
@@ -74,7 +76,7 @@ def _arc_clear(x: float, y: float, heading: float, bend: float, angle: float, di
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _word_clear(pose: np.ndarray, word: int, pieces: tuple[float, float, float], discs: np.ndarray) -> bool:
     """Whether a word from a pose keeps out of all discs."""
     x, y, heading = pose[0], pose[1], pose[2]
@@ -91,7 +93,7 @@ def _word_clear(pose: np.ndarray, word: int, pieces: tuple[float, float, float],
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _join(a: np.ndarray, b: np.ndarray, discs: np.ndarray, limit: float) -> tuple[int, float, float]:
     """The shortest clear way from one touch to another below a limit.
 
@@ -118,7 +120,7 @@ def _join(a: np.ndarray, b: np.ndarray, discs: np.ndarray, limit: float) -> tupl
 # --- tangents and touches ---------------------------------------------------------------------------
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _circles(start: np.ndarray, goal: np.ndarray, turn: float, discs: np.ndarray, gaps: np.ndarray) -> np.ndarray:
     """Directed circles ``(4 + 2 m, 5)`` x, y, radius, side, kind: the turning circles of both poses, then the discs."""
     circles = np.empty((4 + 2 * len(discs), 5))
@@ -134,7 +136,7 @@ def _circles(start: np.ndarray, goal: np.ndarray, turn: float, discs: np.ndarray
     return circles
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _tangents(circles: np.ndarray, discs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The clear straights from one directed circle to another.
 
@@ -169,7 +171,7 @@ def _tangents(circles: np.ndarray, discs: np.ndarray) -> tuple[np.ndarray, np.nd
     return pairs[:count].copy(), lines[:count].copy()
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _gaps(discs: np.ndarray) -> np.ndarray:
     """What touches keep from each edge: a hair, or half of the narrowest gap to another circle if that is less."""
     gaps = np.full(len(discs), _HAIR)
@@ -181,14 +183,14 @@ def _gaps(discs: np.ndarray) -> np.ndarray:
     return gaps
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _set_touch(row: np.ndarray, disc: int, side: float, bearing: float, discs: np.ndarray, gaps: np.ndarray) -> None:
     reach = discs[disc, 2] + gaps[disc]
     row[0], row[1] = discs[disc, 0] + reach * np.cos(bearing), discs[disc, 1] + reach * np.sin(bearing)
     row[2], row[3], row[4], row[5] = bearing + side * 0.5 * np.pi, disc, side, bearing
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _outside(row: np.ndarray, discs: np.ndarray) -> bool:
     outside = True
     for k in range(len(discs)):
@@ -196,7 +198,7 @@ def _outside(row: np.ndarray, discs: np.ndarray) -> bool:
     return outside
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _touches(start: np.ndarray, goal: np.ndarray, discs: np.ndarray, gaps: np.ndarray, count: int) -> np.ndarray:
     """The nodes of the graph ``(n, 6)``: start, touches, goal."""
     m = len(discs)
@@ -236,7 +238,7 @@ def _touches(start: np.ndarray, goal: np.ndarray, discs: np.ndarray, gaps: np.nd
     return rows[: n + 1].copy()
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _turning_on(circle: np.ndarray, apart: float, disc: np.ndarray, gap: float, sign: float) -> np.ndarray:
     """The bearings at which the turning circles touch a disc whose centres lie ``apart`` from that of a circle.
 
@@ -262,9 +264,9 @@ def _turning_on(circle: np.ndarray, apart: float, disc: np.ndarray, gap: float, 
 # --- the shortest way -------------------------------------------------------------------------------
 
 
-@njit(cache=True)
-def _search(nodes: np.ndarray, discs: np.ndarray) -> np.ndarray:
-    """The rows of ``nodes`` on the shortest way from the first to the last, by A*; none where there is no way.
+@njit(cache=True, error_model="numpy")
+def _search(nodes: np.ndarray, discs: np.ndarray, limit: float) -> np.ndarray:
+    """The rows of ``nodes`` on the shortest way from the first to the last below a limit, by A*; none if there is none.
 
     Words that ignore the obstacles say how much is left at least. Ways with one touch come first: they bound the
     length, and most touches then lie too far off for any way.
@@ -272,7 +274,7 @@ def _search(nodes: np.ndarray, discs: np.ndarray) -> np.ndarray:
     last = len(nodes) - 1
     way, ahead = np.full(last + 1, np.inf), np.zeros(last + 1)
     before, kept = np.zeros(last + 1, np.int64), np.zeros(last + 1, np.int64)
-    way[0], way[last] = 0.0, _join(nodes[0], nodes[last], discs, np.inf)[1]
+    way[0], way[last] = 0.0, _join(nodes[0], nodes[last], discs, limit)[1]
     straight = np.array([_far(nodes[0], node) + _far(node, nodes[last]) for node in nodes])
     count = 0
     for v in np.argsort(straight):
@@ -302,12 +304,12 @@ def _search(nodes: np.ndarray, discs: np.ndarray) -> np.ndarray:
         for i in range(chosen, count + 1):
             kept[i] = kept[i + 1]
         for v in kept[: count + 1]:
-            limit = min(way[v], way[last] - ahead[v]) - way[u]
-            if _far(nodes[u], nodes[v]) < limit:
-                how, length, _ = _join(nodes[u], nodes[v], discs, limit)
+            room = min(way[v], way[last] - ahead[v]) - way[u]
+            if _far(nodes[u], nodes[v]) < room:
+                how, length, _ = _join(nodes[u], nodes[v], discs, room)
                 if how >= 0:
                     way[v], before[v] = way[u] + length, u
-    if way[last] == np.inf:
+    if way[last] == limit:
         return nodes[:0].copy()
     count, v = 1, last
     while v > 0:
@@ -318,7 +320,7 @@ def _search(nodes: np.ndarray, discs: np.ndarray) -> np.ndarray:
     return found
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _taut(way: np.ndarray, discs: np.ndarray) -> np.ndarray:
     """The way without the touches that it is no longer without."""
     i = 1
@@ -331,7 +333,7 @@ def _taut(way: np.ndarray, discs: np.ndarray) -> np.ndarray:
     return way
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _legs(way: np.ndarray, i: int, j: int, discs: np.ndarray, limit: float) -> float:
     """The length of the way from touch i to touch j, or something above the limit."""
     length = 0.0
@@ -342,7 +344,7 @@ def _legs(way: np.ndarray, i: int, j: int, discs: np.ndarray, limit: float) -> f
     return length
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _follow(way: np.ndarray, i: int, j: int, discs: np.ndarray, gaps: np.ndarray, limit: float) -> float:
     """Set touch j so that an arc through it goes over into one through its neighbour i without a straight between.
 
@@ -365,7 +367,7 @@ def _follow(way: np.ndarray, i: int, j: int, discs: np.ndarray, gaps: np.ndarray
     return least if least < limit else np.inf
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _slide(way: np.ndarray, discs: np.ndarray, gaps: np.ndarray, step: float) -> None:
     """Move the touches along their edges until no slide of `_SLIDE` shortens the way.
 
@@ -396,14 +398,14 @@ def _slide(way: np.ndarray, discs: np.ndarray, gaps: np.ndarray, step: float) ->
             step *= 0.5
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _meet(a: np.ndarray, b: np.ndarray, discs: np.ndarray, step: float) -> bool:
     """Whether the way between touches turns both ways with so short a straight between that a step could close it."""
     how = _join(a, b, discs, np.inf)[0]
     return (how == 1 or how == 2) and pieces_of(how, relative(a, b, 1.0))[1] ** 2 < 4.0 * step
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _pieces(way: np.ndarray, discs: np.ndarray) -> np.ndarray:
     """Curvatures and lengths ``(k, 2)`` of a way, successive ones of one curvature joined."""
     pieces, count = np.zeros((1 + 3 * len(way), 2)), 0
@@ -425,7 +427,7 @@ def _pieces(way: np.ndarray, discs: np.ndarray) -> np.ndarray:
 # --- the string -------------------------------------------------------------------------------------
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _string(start: np.ndarray, goal: np.ndarray, discs: np.ndarray) -> float:
     """The length of the shortest way that may bend as sharply as it likes; infinite where there is none.
 
@@ -465,7 +467,7 @@ def _string(start: np.ndarray, goal: np.ndarray, discs: np.ndarray) -> float:
     return least
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _arcs(
     circles: np.ndarray, discs: np.ndarray, owner: np.ndarray, turned: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -503,7 +505,7 @@ def _arcs(
 # --- the check --------------------------------------------------------------------------------------
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _approach(segments: np.ndarray, points: np.ndarray) -> np.ndarray:
     nearest = np.full(len(points), np.inf)
     for x, y, heading, curvature, length in segments:
@@ -535,7 +537,7 @@ def approach(path: Path, points: np.ndarray) -> np.ndarray:
     return _approach(path.segments, np.asarray(points, float))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _sound(segments: np.ndarray, goal: np.ndarray, radius: float, discs: np.ndarray) -> bool:
     """Whether a path ends at the goal, turns no tighter than the radius and keeps out of all discs."""
     x, y, heading, curvature, length = segments[-1]
@@ -550,28 +552,23 @@ def _sound(segments: np.ndarray, goal: np.ndarray, radius: float, discs: np.ndar
 # --- planning ---------------------------------------------------------------------------------------
 
 
-@njit(cache=True)
 def _detour(
-    start: np.ndarray, goal: np.ndarray, radius: float, obstacles: np.ndarray, count: int
+    start: np.ndarray, goal: np.ndarray, radius: float, obstacles: np.ndarray, count: int, limit: float
 ) -> tuple[float, np.ndarray]:
-    """A lower bound [m] and the curvatures [1/m] and lengths [m] ``(k, 2)`` of a short way; none if none was found."""
-    discs, from_, to = obstacles / radius, start / radius, goal / radius
-    discs[:, 0], discs[:, 1] = (obstacles[:, 0] - start[0]) / radius, (obstacles[:, 1] - start[1]) / radius
-    to[0], to[1], to[2] = (goal[0] - start[0]) / radius, (goal[1] - start[1]) / radius, goal[2]
-    from_[0], from_[1], from_[2] = 0.0, 0.0, start[2]
+    """A lower bound [m] and the curvatures [1/m] and lengths [m] ``(k, 2)`` of a way below a limit [m], if any."""
+    discs = (obstacles - [*start[:2], 0.0]) / radius
+    from_, to = np.array([0.0, 0.0, start[2]]), (goal - [*start[:2], 0.0]) / [radius, radius, 1.0]
     bound = _string(from_, to, discs)
     if bound == np.inf:
         return bound, np.empty((0, 2))
     gaps = _gaps(discs)
-    way = _search(_touches(from_, to, discs, gaps, count), discs)
+    way = _search(_touches(from_, to, discs, gaps, count), discs, limit / radius)
     if len(way):
         way = _taut(way, discs)
         _slide(way, discs, gaps, np.pi / count)
         way = _taut(way, discs)
     pieces = _pieces(way, discs)
-    pieces[:, 0] /= radius
-    pieces[:, 1] *= radius
-    return bound * radius, pieces
+    return bound * radius, pieces * [1.0 / radius, radius]
 
 
 def plan(start: np.ndarray, goal: np.ndarray, radius: float, obstacles: np.ndarray, margin: float = 0.0) -> Path:
@@ -590,7 +587,8 @@ def plan(start: np.ndarray, goal: np.ndarray, radius: float, obstacles: np.ndarr
     Raises:
         NoPath: (a ValueError) if none was found; the message tells a closed way, which is certain, from a search
             that failed.
-        ValueError: for numbers that make no sense, and for a start or a goal within the margin of an obstacle.
+        ValueError: for numbers that make no sense, for a start or a goal within the margin of an obstacle, and for a
+            way round obstacles over more than a million turn radii, where rounding decides.
     """
     direct = shortest(start, goal, radius)
     start, goal, _ = checked(start, goal, radius)
@@ -604,16 +602,27 @@ def plan(start: np.ndarray, goal: np.ndarray, radius: float, obstacles: np.ndarr
             )
     if _sound(direct.segments, goal, float(radius), discs):
         return direct
-    for count in (QUICK, THOROUGH):
-        bound, pieces = _detour(start, goal, float(radius), discs, count)
+    size = np.abs(np.concatenate([discs - [*start[:2], 0.0], [goal - start]])[:, :2]).max() / float(radius)
+    if size > _FAR:
+        raise ValueError(
+            f"poses and obstacles must lie within {_FAR:.0e} turn radii of each other for a way round, got {size:.0e}: "
+            "turn wider or leave out what is far away"
+        )
+    path = None
+    for count in TOUCHES:
+        bound, pieces = _detour(start, goal, float(radius), discs, count, path.length if path else np.inf)
         if bound == np.inf:
             raise NoPath(
                 "the obstacles with their margin close every way to the goal: ask for less margin or remove an obstacle"
             )
         if len(pieces):
-            path = chain(start, pieces[:, 0], pieces[:, 1])
-            if _sound(path.segments, goal, float(radius), discs):
-                return replace(path, lower_bound=min(max(bound, direct.length), path.length))
+            found = chain(start, pieces[:, 0], pieces[:, 1])
+            if _sound(found.segments, goal, float(radius), discs):
+                path = replace(found, lower_bound=min(max(bound, direct.length), found.length))
+        if path and path.length <= _NEAR * path.lower_bound:
+            break
+    if path:
+        return path
     raise NoPath(
         f"no path with turns of {radius:.6g} m or more was found, which does not prove that there is none: move the "
         "poses away from the obstacles, turn tighter or ask for less margin"
@@ -626,7 +635,7 @@ def _discs(obstacles: np.ndarray, margin: float) -> np.ndarray:
     Raises:
         ValueError: for obstacles that are no circles, or a margin that is negative.
     """
-    obstacles = np.asarray(obstacles, float)
+    obstacles, room = numbers("obstacles", obstacles), numbers("margin", margin)
     if obstacles.size == 0:
         obstacles = np.zeros((0, 3))
     if obstacles.ndim != 2 or obstacles.shape[1] != 3:
@@ -634,6 +643,6 @@ def _discs(obstacles: np.ndarray, margin: float) -> np.ndarray:
     if not np.isfinite(obstacles).all() or (obstacles[:, 2] < 0.0).any():
         bad = ~np.isfinite(obstacles).all(-1) | (obstacles[:, 2] < 0.0)
         raise ValueError(f"obstacle {bad.argmax()} must have finite numbers and a radius of 0 or more: correct it")
-    if not 0.0 <= margin < np.inf:
+    if room.ndim or not 0.0 <= room < np.inf:
         raise ValueError(f"the margin must be finite and 0 or more, got {margin}")
-    return obstacles + [0.0, 0.0, margin]
+    return obstacles + [0.0, 0.0, float(room)]

@@ -300,6 +300,18 @@ def shortest(start: np.ndarray, goal: np.ndarray, radius: float) -> Path:
     return replace(path, lower_bound=path.length)
 
 
+def numbers(name: str, value: object) -> np.ndarray:
+    """A float array.
+
+    Raises:
+        ValueError: for what is none.
+    """
+    try:
+        return np.asarray(value, float)
+    except (TypeError, ValueError):
+        raise ValueError(f"the {name} must be numbers, got {value!r}") from None
+
+
 def checked(
     start: np.ndarray, goal: np.ndarray, radius: np.ndarray | float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -308,7 +320,7 @@ def checked(
     Raises:
         ValueError: for poses that are not finite or a radius that is not positive.
     """
-    start, goal, radius = np.asarray(start, float), np.asarray(goal, float), np.asarray(radius, float)
+    start, goal, radius = numbers("start", start), numbers("goal", goal), numbers("turn radius", radius)
     for name, pose in (("start", start), ("goal", goal)):
         if pose.ndim == 0 or pose.shape[-1] != 3:
             raise ValueError(f"the {name} must be a pose (x, y, theta), got shape {pose.shape}")
@@ -320,7 +332,7 @@ def checked(
 
 
 def _single(start: np.ndarray, goal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    start, goal = np.asarray(start, float), np.asarray(goal, float)
+    start, goal = numbers("start", start), numbers("goal", goal)
     if start.shape != (3,) or goal.shape != (3,):
         raise ValueError(
             f"a path joins one pose (x, y, theta) to one other, got shapes {start.shape} and {goal.shape}: "

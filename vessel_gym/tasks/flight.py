@@ -166,13 +166,21 @@ class Flight:
             )
         if len(path.segments) > SEGMENTS:
             raise NoPath(f"the path has {len(path.segments)} pieces, more than {SEGMENTS}: leave out obstacles")
-        poses = path.sample(5.0)
-        apart = np.hypot(*(poses[:, None, :2] - poses[:, :2]).transpose(2, 0, 1))
-        same = np.cos(poses[:, None, 2] - poses[:, 2]) > np.cos(0.5)
-        number = np.arange(len(poses))
-        if (same & (apart < 40.0) & (np.abs(number[:, None] - number) > 0.5 * self.radius * np.pi / 5.0)).any():
+        if self._comes_back(path):
             raise ValueError("the path comes back to where it was on the same heading: move the start or the goal")
         return path
+
+    def _comes_back(self, path: Path) -> bool:
+        """Whether two places a quarter of a circle or more apart along the path lie within 40 m, on like headings."""
+        least, near = 0.5 * np.pi * self.radius, 40.0
+        _, _, heading, curvature, length = path.segments[-1]
+        turned = np.ptp([*path.segments[:, 2], heading + curvature * length])
+        if 0.9 * least * np.cos(0.5 * min(turned, np.pi)) > near:  # so far it gets along the middle heading
+            return False
+        x, y, heading = path.sample(5.0).T
+        i, j = np.nonzero((x[:, None] - x) ** 2 + (y[:, None] - y) ** 2 < near**2)
+        later = j - i > least / 5.0
+        return bool((np.cos(heading[j[later]] - heading[i[later]]) > np.cos(0.5)).any())
 
     def _course(self, path: Path, obstacles: np.ndarray, altitude: float) -> np.ndarray:
         segments, listed = np.zeros((SEGMENTS, COLUMNS)), np.zeros((OBSTACLES, 3))
