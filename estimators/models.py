@@ -6,6 +6,7 @@ Notation throughout: ``x+ = A x + B u + G d + w`` and ``y = C x + H d + v`` with
 
 import operator
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
 
@@ -181,8 +182,8 @@ class NonlinearModel:
         measurement_angles: indices of measurements that are angles; likewise.
         transition_jacobian: ``df/dx (x, u) -> (..., n, n)``; None: by central differences.
         measurement_jacobian: ``dh/dx (x, u) -> (..., p, n)``; None: by central differences.
-        states: n, where Q and G are functions and do not tell.
-        measurements: p, where R and H are functions and do not tell.
+        states: n, where Q and G are functions, and Q has no value at ``u = None`` that would tell.
+        measurements: p, where R and H are functions, likewise.
 
     A Jacobian of your own is compared with differences when it is first used.
 
@@ -219,10 +220,8 @@ class NonlinearModel:
                 object.__setattr__(self, name, as_covariance(name, getattr(self, name)))
         for name in "GH":
             _store_array(self, name)
-        n = _told("states", self.states) or _dimension("states", {"Q": (self.Q, -1), "G": (self.G, -2)})
-        p = _told("measurements", self.measurements) or _dimension(
-            "measurements", {"R": (self.R, -1), "H": (self.H, -2)}
-        )
+        n = _told("states", self.states, {"Q": (self.Q, -1), "G": (self.G, -2)})
+        p = _told("measurements", self.measurements, {"R": (self.R, -1), "H": (self.H, -2)})
         no_input = self.G is None and self.H is None
         q = 0 if no_input else _dimension("q", {"G": (self.G, -1), "H": (self.H, -1)})
         if not no_input and self.G is None:
@@ -273,16 +272,17 @@ class NonlinearModel:
     ) -> tuple[np.ndarray, np.ndarray]:
         function, own = getattr(self, name), getattr(self, f"{name}_jacobian")
         if own is None:
-            return central_differences(name, function, x, u, size, angles, cov)
-        jacobian = np.asarray(own(x, u), dtype=float)
+            step = steps(x, cov, self.state_angles)
+            return central_differences(name, function, x, u, size, angles, step)
+        jacobian = as_array(f"{name}_jacobian", own(x, u))
         expected = x.shape[:-1] + (size, self.n)
         if jacobian.shape != expected:
             if jacobian.shape[-2:] != expected[-2:]:
                 raise ValueError(f"{name}_jacobian gave a matrix of shape {jacobian.shape}, expected {expected}")
             jacobian = np.broadcast_to(jacobian, expected)
         if name not in self._compared:
+            _compare(name, function, jacobian, x, u, angles, steps(x, cov, self.state_angles))
             self._compared.add(name)
-            _compare(name, function, jacobian, x, u, angles, cov)
         return at_points(name, function, x[..., None, :], u, size)[..., 0, :], jacobian
 
 
@@ -312,10 +312,11 @@ def at_points(name: str, function: Function, points: np.ndarray, u: np.ndarray |
         raise ValueError(
             f"{name} must broadcast over leading axes, but x of shape {points.shape} ends in: {error}"
         ) from error
-    if np.shape(values) != expected:
+    values = as_array(f"what {name} returns", values)
+    if values.shape != expected:
         raise ValueError(
             f"{name} must broadcast over leading axes: "
-            f"x of shape {points.shape} gave {np.shape(values)}, expected {expected}"
+            f"x of shape {points.shape} gave {values.shape}, expected {expected}"
         )
     return values
 
@@ -327,14 +328,14 @@ def central_differences(
     u: np.ndarray | None,
     size: int,
     angles: tuple[int, ...],
-    cov: np.ndarray | None,
+    step: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """``f(x)`` and ``df/dx`` by fourth-order differences, all columns in one call.
+    """``f(x)`` and ``df/dx`` by fourth-order differences of ``step (..., n)``, all columns in one call.
 
     The second-order ones would turn a rounding of ``f`` in its last digit into 1e-10 of the Jacobian. Components in
     ``angles`` are differenced the short way round, so that it does not matter where ``f`` wraps them.
     """
-    n, step = x.shape[-1], steps(x, cov)
+    n = x.shape[-1]
     values = at_points(name, function, x[..., None, :] + _offsets(n) * step[..., None, :], u, size)
     near = values[..., 1 : n + 1, :] - values[..., n + 1 : 2 * n + 1, :]
     far = values[..., 2 * n + 1 : 3 * n + 1, :] - values[..., 3 * n + 1 :, :]
@@ -351,18 +352,20 @@ def _offsets(n: int) -> np.ndarray:
     return np.concatenate([np.zeros((1, n)), eye, -eye, 2.0 * eye, -2.0 * eye])
 
 
-def steps(x: np.ndarray, cov: np.ndarray | None) -> np.ndarray:
+def steps(x: np.ndarray, cov: np.ndarray | None, angles: tuple[int, ...] = ()) -> np.ndarray:
     """How far to step in each component for a difference ``(..., n)``.
 
     A share r of the belief's standard deviation, the same for all components: the error of a fourth-order difference,
     ``r^4`` of what bends over a deviation and ``eps F / r`` of rounding, is smallest near ``r = (eps F)^(1/5)``, with F
     the largest state in units of its deviation, since what is computed from states is rounded like them. The step is a
     power of two, so that ``x`` plus the step is exact, and has at least half the digits of ``x``. Where the belief has
-    no spread there is no scale to follow; the step is then 2^-10.
+    no spread there is no scale to follow; the step is then 2^-10. An angle's is 2^-8 rad at most, however little is
+    known of it: a step of several turns could not be told from one of none.
 
     Args:
         x: ``(..., n)``.
         cov: ``(..., n, n)`` covariance of ``x``; None: no spread.
+        angles: Indices of the components that are angles.
     """
     size = np.abs(x)
     if cov is None:
@@ -373,10 +376,18 @@ def steps(x: np.ndarray, cov: np.ndarray | None) -> np.ndarray:
         sd = np.where(spread, sd, 1.0)
         share = np.power(_EPS * (spread * size / sd).max(-1, keepdims=True), 0.2)
         wanted = np.where(spread, sd * np.clip(share, 2.0**-10, 2.0**-3), 2.0**-10)
+    if angles:
+        wanted = np.minimum(wanted, _longest(x.shape[-1], angles))
     return np.ldexp(1.0, np.frexp(np.maximum(wanted, 2.0**-26 * size))[1] - 1)
 
 
 _EPS = np.finfo(float).eps
+
+
+@cache
+def _longest(n: int, angles: tuple[int, ...]) -> np.ndarray:
+    """The longest step in each component ``(n,)``."""
+    return np.where(np.isin(np.arange(n), angles), 2.0**-8, np.inf)
 
 
 def _compare(
@@ -386,31 +397,36 @@ def _compare(
     x: np.ndarray,
     u: np.ndarray | None,
     angles: tuple[int, ...],
-    cov: np.ndarray | None,
+    step: np.ndarray,
 ) -> None:
     """Compare a user's Jacobian with differences to either side, between which it must lie where f bends or has a kink.
+
+    A belief may reach much further than f is straight. An entry that differs over ``step (..., n)`` is therefore
+    compared over shorter ones, too, and is right if it agrees with one.
 
     Raises:
         ValueError: naming the entry that differs most, both values, and what to look for.
     """
-    step = steps(x, cov)
     offsets = np.concatenate([np.zeros((1, x.shape[-1])), np.eye(x.shape[-1]), -np.eye(x.shape[-1])])
-    values = at_points(name, function, x[..., None, :] + offsets * step[..., None, :], u, jacobian.shape[-2])
-    changes = difference(values[..., 1:, :], values[..., :1, :], angles).mT
-    forward, backward = np.split(changes, 2, axis=-1)  # (..., size, n) each: what a step changes
-    low, high = np.minimum(forward, -backward), np.maximum(forward, -backward)
-    given = jacobian * step[..., None, :]
-    scale = np.maximum(np.abs(low), np.abs(high)).max(-1, keepdims=True)
-    excess = np.maximum(low - given, given - high) - 1e-3 * scale - 1e-8 * np.abs(values[..., 0, :, None])
-    excess = np.where(np.isfinite(excess) & np.isfinite(low + high), excess, 0.0)
-    if (excess > 0.0).any():
-        worst = np.unravel_index(np.argmax(excess / np.where(scale > 0.0, scale, 1.0)), excess.shape)
-        i, j = (int(k) for k in worst[-2:])
-        by_differences = (0.5 * (forward - backward) / step[..., None, :])[worst]
-        raise ValueError(
-            f"{name}_jacobian differs from {name}: entry ({i}, {j}) is {jacobian[worst]:.6g}, "
-            f"by differences {by_differences:.6g}"
-        )
+    excess, scale = np.full(jacobian.shape, np.inf), np.zeros(jacobian.shape[:-1] + (1,))
+    for shorter in (1.0, 2.0**-10, 2.0**-20):
+        change = np.maximum(shorter * step, 2.0**-27 * np.abs(x))[..., None, :]
+        values = at_points(name, function, x[..., None, :] + offsets * change, u, jacobian.shape[-2])
+        slopes = difference(values[..., 1:, :], values[..., :1, :], angles).mT / np.concatenate([change, -change], -1)
+        forward, backward = np.split(slopes, 2, axis=-1)  # (..., size, n) each
+        low, high = np.minimum(forward, backward), np.maximum(forward, backward)
+        scale = np.fmax(scale, np.maximum(np.abs(low), np.abs(high)).max(-1, keepdims=True))
+        rounding = 1e-8 * np.abs(values[..., 0, :, None]) / step[..., None, :]
+        beyond = np.maximum(low - jacobian, jacobian - high) - 1e-3 * scale - rounding
+        excess = np.minimum(excess, np.where(np.isfinite(beyond) & np.isfinite(low + high), beyond, 0.0))
+        if (excess <= 0.0).all():
+            return
+    worst = np.unravel_index(np.argmax(excess / np.where(scale > 0.0, scale, 1.0)), excess.shape)
+    i, j = (int(k) for k in worst[-2:])
+    raise ValueError(
+        f"{name}_jacobian differs from {name}: entry ({i}, {j}) is {jacobian[worst]:.6g}, "
+        f"by differences {0.5 * (forward + backward)[worst]:.6g}"
+    )
 
 
 # --- discretisation ---------------------------------------------------------------------------------
@@ -507,8 +523,18 @@ def _store_sizes(model: object, n: int, p: int, q: int) -> None:
         object.__setattr__(model, indices, angles)
 
 
-def _told(name: str, number: int | None) -> int | None:
-    return None if number is None else whole(name, number, 1)
+def _told(name: str, number: int | None, sources: dict[str, tuple[object, int]]) -> int:
+    """A size that the user tells, or the first of the matrices that does: an array, or a function without ``u``."""
+    if number is not None:
+        return whole(name, number, 1)
+    for matrix, axis in sources.values():
+        if isinstance(matrix, np.ndarray):
+            return matrix.shape[axis]
+    symbol, (function, axis) = next(iter(sources.items()))
+    with suppress(Exception):  # a function of u may do anything without one
+        value = as_array(symbol, function(None))
+        return value.shape[axis]
+    raise ValueError(f"cannot tell {name}: give {name}=, or one of {', '.join(sources)} as an array")
 
 
 def _dimension(symbol: str, sources: dict[str, tuple[object, int]]) -> int:

@@ -58,7 +58,7 @@ class SigmaPoints(Filter):
         root = semidefinite_cholesky(belief.cov)
         flat = np.diagonal(root, axis1=-2, axis2=-1) == 0.0
         if flat.any():  # C is a derivative there
-            root = root + (flat * steps(mean, belief.cov))[..., None] * self._identity
+            root = root + (flat * steps(mean, belief.cov, model.state_angles))[..., None] * self._identity
         angles = model.measurement_angles
         expected, slopes, excess = self._transform("measurement", mean, root, belief.u, model.p, angles)
         return expected, solve(root.mT, slopes).mT, excess

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from estimators import Gaussian, LinearModel, NonlinearModel, forward_euler, make, van_loan, zero_order_hold
+from estimators import Gaussian, LinearModel, NonlinearModel, forward_euler, make, van_loan, wrap, zero_order_hold
 from tests.estimators.cases import (
     assert_same,
     kalman_system,
@@ -359,3 +359,69 @@ def test_a_function_that_does_not_broadcast_is_named(name: str, wrong: str):
     belief = filter.init(Gaussian(np.zeros((5, 2)), np.eye(2)), rng=rng)
     with pytest.raises(ValueError, match=f"^{wrong} must broadcast over leading axes"):
         filter.update(filter.predict(belief, rng=rng), np.zeros((5, 1)), rng=rng)
+
+
+def _bearing(**own: object) -> NonlinearModel:
+    def bearing(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+        return np.arctan2(x[..., 1:2], x[..., :1])
+
+    return NonlinearModel(lambda x, u: x, bearing, np.eye(2), [[0.01]], measurement_angles=(0,), **own)
+
+
+def _bearing_jacobian(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+    return (np.stack([-x[..., 1], x[..., 0]], -1) / (x**2).sum(-1, keepdims=True))[..., None, :]
+
+
+@pytest.mark.parametrize("spread", [0.0, 1e-5, 1.0, 100.0, 1e5])
+def test_a_right_jacobian_is_taken_however_far_the_belief_reaches(spread: float):
+    filter = make("ekf", _bearing(measurement_jacobian=_bearing_jacobian))
+    prior = Gaussian([[-1.0, 0.0], [0.3, 1.0]], spread**2 * np.eye(2))
+    assert filter.update(filter.init(prior), [3.0]).healthy.all()
+
+
+@pytest.mark.parametrize("power", [2, 3])
+def test_a_right_jacobian_is_taken_where_it_vanishes(power: int):
+    model = NonlinearModel(
+        lambda x, u: x, lambda x, u: x**power, [[1.0]], [[1.0]],
+        measurement_jacobian=lambda x, u: power * x[..., None] ** (power - 1),
+    )  # fmt: skip
+    filter = make("ekf", model)
+    assert filter.update(filter.init(Gaussian([0.0], [[1.0]])), [3.0]).recovery == 0
+
+
+def test_a_wrong_jacobian_is_refused_at_every_use():
+    filter = make("ekf", _bearing(measurement_jacobian=lambda x, u: -_bearing_jacobian(x, u)))
+    belief = filter.init(Gaussian([-1.0, 0.3], np.eye(2)))
+    for _ in range(2):
+        with pytest.raises(ValueError, match=r"entry \(0, 1\) is 0.917431, by differences -0.9174"):
+            filter.update(belief, [3.0])
+
+
+@pytest.mark.parametrize("wrong", [None, "a", 1j])
+def test_a_jacobian_that_is_no_matrix_of_numbers_is_named(wrong: object):
+    filter = make("ekf", _bearing(measurement_jacobian=lambda x, u: wrong))
+    with pytest.raises(ValueError, match="measurement_jacobian must be an array of real numbers"):
+        filter.update(filter.init(Gaussian([-1.0, 0.3], np.eye(2))), [3.0])
+
+
+@pytest.mark.parametrize("wrong", [None, "a", 1j])
+def test_a_function_whose_value_is_no_array_of_numbers_is_named(wrong: object):
+    filter = make("ekf", NonlinearModel(lambda x, u: wrong, lambda x, u: x, np.eye(2), np.eye(2)))
+    with pytest.raises(ValueError, match="what transition returns must be an array of real numbers"):
+        filter.predict(filter.init(Gaussian([-1.0, 0.3], np.eye(2))))
+
+
+@pytest.mark.parametrize("spread", [1.0, 100.0, 1e5])
+def test_the_jacobian_of_an_angle_is_right_however_little_is_known_of_it(spread: float):
+    model = NonlinearModel(
+        lambda x, u: wrap(x), lambda x, u: wrap(x), [[1.0]], [[1.0]], state_angles=(0,), measurement_angles=(0,)
+    )
+    for linearise in (model.linearise_transition, model.linearise_measurement):
+        np.testing.assert_allclose(linearise(np.array([3.1]), None, [[spread**2]])[1], [[1.0]], rtol=0, atol=1e-10)
+
+
+def test_a_function_of_u_that_needs_none_tells_its_size():
+    model = NonlinearModel(lambda x, u: x, lambda x, u: x[..., :1], lambda u: np.eye(3), lambda u: np.eye(1))
+    assert (model.n, model.p) == (3, 1)
+    with pytest.raises(ValueError, match="cannot tell states: give states=, or one of Q, G as an array"):
+        NonlinearModel(lambda x, u: x, lambda x, u: x, lambda u: np.eye(3) * u[0], np.eye(3))
