@@ -84,11 +84,15 @@ def test_an_inflated_plain_ensemble_loses_the_position():
 
 
 def test_the_default_filter_is_as_sure_of_the_position_as_it_may_be():
-    """The mean NEES over 100 runs lies in its 95 % chi-square band at 95 % of times."""
+    """The mean NEES over 100 runs lies in its 95 % chi-square band at about 95 % of times.
+
+    Errors at successive times are correlated, which spreads the share: on five other sets of 100 seeds it was 0.91 to
+    0.98 with a standard deviation of 0.03. Three of them below 0.95 is a false alarm of some 0.1 %.
+    """
     flight = flown()
     share = consistency(flight, components(flight.env.unwrapped.system.vehicle, POSITION))
     assert share is not None
-    assert share >= 0.95
+    assert share >= 0.86
 
 
 def test_the_example_of_the_page_runs(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
