@@ -149,3 +149,10 @@ def test_a_page_is_written_whole_or_not_at_all(tmp_path):
         write(broken, path)
     assert path.read_text(encoding="utf-8") == render(PAGE)
     assert [p.name for p in path.parent.iterdir()] == ["a.html"]
+
+
+def test_a_page_without_an_answer_is_a_page_and_a_list_of_nothing_is_refused():
+    assert 'class="answer"' in render(PAGE)
+    assert 'class="answer"' not in render(Page("A title", "in a line", []))
+    with pytest.raises(ValueError, match="^a list in a sentence needs at least one item$"):
+        listed([])
