@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from agents.metrics import NEES, UNHEALTHY, RETURN, SCORE, Metric, common
+from agents.metrics import NEES, RETURN, SCORE, UNHEALTHY, Metric, common
 from agents.rollouts import Rollout
 
 METRICS = (SCORE, RETURN, Metric("steps", "Steps", "", "", 0, "Steps flown."), NEES, UNHEALTHY)

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.metrics import NEES, UNHEALTHY, RETURN, SCORE, Metric, common, core_of, mean_nees, rms
+from agents.metrics import NEES, RETURN, SCORE, UNHEALTHY, Metric, common, core_of, mean_nees, rms
 from agents.rollouts import Rollout
 from estimators.angles import difference
 from vessel_gym.guidance.dive_path import follow, path_point

@@ -10,7 +10,7 @@ import numpy as np
 import vessel_gym
 from agents.cells import Cell
 from agents.files import replacing
-from agents.metrics import NEES, UNHEALTHY, SCORE, WITHOUT_COVARIANCE, Metric
+from agents.metrics import NEES, SCORE, UNHEALTHY, WITHOUT_COVARIANCE, Metric
 from agents.page import Block, Bullets, Entry, Figure, Page, Prose, Section, Table, entry, listed, number, write
 from agents.plotting import data_uri
 from agents.scores import metrics

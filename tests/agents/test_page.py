@@ -154,5 +154,5 @@ def test_a_page_is_written_whole_or_not_at_all(tmp_path):
 def test_a_page_without_an_answer_is_a_page_and_a_list_of_nothing_is_refused():
     assert 'class="answer"' in render(PAGE)
     assert 'class="answer"' not in render(Page("A title", "in a line", []))
-    with pytest.raises(ValueError, match="^a list in a sentence needs at least one item$"):
+    with pytest.raises(ValueError, match=r"^a list in a sentence needs at least one item$"):
         listed([])

@@ -127,7 +127,7 @@ def test_a_scale_of_other_seeds_is_refused(floor, ceiling):
 
 @pytest.mark.parametrize("comparisons", [0, -1, 1.5, "a"])
 def test_intervals_that_hold_for_no_whole_number_of_comparisons_are_refused(comparisons):
-    with pytest.raises(ValueError, match="^comparisons must be a whole number of at least 1"):
+    with pytest.raises(ValueError, match=r"^comparisons must be a whole number of at least 1"):
         crossed_interval([[1.0, 2.0]], comparisons)
 
 
