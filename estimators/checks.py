@@ -36,13 +36,13 @@ def number(name: str, value: object, low: float = -np.inf, high: float = np.inf,
         ValueError: if it is no number or lies outside; ``what`` says what it should be.
     """
     a_number = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
-    if not (a_number and max(low, -_MOST) < value < min(high, _MOST)):  # type: ignore[operator]
+    try:
+        as_float = float(value) if a_number else np.nan  # type: ignore[arg-type]
+    except OverflowError:
+        as_float = np.nan
+    if not low < as_float < high:
         raise ValueError(f"{name} must be {what}, got {shown(value)}")
-    return float(value)  # type: ignore[arg-type]
-
-
-_MOST = int(np.finfo(float).max) + 1
-"""No float is as large; Python compares it with whole numbers of any size."""
+    return as_float
 
 
 def whole(name: str, value: object, lowest: int) -> int:
