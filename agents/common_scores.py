@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from agents.metrics import NEES, RESTARTS, RETURN, SCORE, Metric, common
+from agents.metrics import NEES, RETURN, SCORE, UNHEALTHY, Metric, common
 from agents.rollouts import Rollout
 
-METRICS = (SCORE, RETURN, Metric("steps", "Steps", "", "", 0, "Steps flown."), NEES, RESTARTS)
+METRICS = (SCORE, RETURN, Metric("steps", "Steps", "", "", 0, "Steps flown."), NEES, UNHEALTHY)
 
 
 def scores(rollout: Rollout) -> dict[str, np.ndarray]:

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.metrics import NEES, RESTARTS, RETURN, SCORE, Metric, common, core_of, mean_nees, rms
+from agents.metrics import NEES, RETURN, SCORE, UNHEALTHY, Metric, common, core_of, mean_nees, rms
 from agents.rollouts import Rollout
 from estimators.angles import difference
 from vessel_gym.guidance.dive_path import follow, path_point
@@ -28,7 +28,7 @@ METRICS = (
     Metric("current_rmse", "Current", "m/s", "lower", 4, "RMS error of the estimated current."),
     Metric("position_nees", "Position NEES/n", "", "near 1", 2, "The same as NEES/n, for the position alone."),
     NEES,
-    RESTARTS,
+    UNHEALTHY,
 )  # fmt: skip
 
 _KINDS = {

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.metrics import NEES, RESTARTS, RETURN, SCORE, Metric, common, core_of, mean_nees, rms
+from agents.metrics import NEES, RETURN, SCORE, UNHEALTHY, Metric, common, core_of, mean_nees, rms
 from agents.rollouts import Rollout
 from estimators.angles import difference
 
@@ -26,7 +26,7 @@ METRICS = (
     Metric("wind_rmse", "Wind", "m/s", "lower", 3, "RMS error of the estimated level wind, gusts included."),
     Metric("position_nees", "Position NEES/n", "", "near 1", 2, "The same as NEES/n, for the position alone."),
     NEES,
-    RESTARTS,
+    UNHEALTHY,
 )  # fmt: skip
 
 _KINDS = {

@@ -44,7 +44,9 @@ NEES = Metric(
     "nees", "NEES/n", "", "near 1", 2,
     "Mean squared estimation error in units of the claimed covariance, per state; above 1: too sure of itself.",
 )  # fmt: skip
-RESTARTS = Metric("unhealthy", "Restarts", "steps", "lower", 1, "Steps at which the estimator had to begin again.")
+UNHEALTHY = Metric(
+    "unhealthy", "Failed updates", "steps", "lower", 1, "Steps at which the estimator's usual update failed."
+)
 
 
 def common(rollout: Rollout) -> dict[str, np.ndarray]:

@@ -245,7 +245,13 @@ def words(interval: Interval | None, decimals: int, signed: bool = False) -> str
 
 
 def listed(items: Sequence[str]) -> str:
-    """A list in a sentence: "a, b and c"."""
+    """A list in a sentence: "a, b and c".
+
+    Raises:
+        ValueError: if there is nothing to list.
+    """
+    if not items:
+        raise ValueError("a list in a sentence needs at least one item")
     return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} and {items[-1]}"
 
 

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimators.checks import whole
+
 CONFIDENCE = 0.95
 
 
@@ -54,10 +56,11 @@ def crossed_interval(values: np.ndarray, comparisons: int = 1) -> Interval | Non
         The interval; None for fewer than two seeds, because one value has no spread.
 
     Raises:
-        ValueError: if values are not a matrix of finite numbers.
+        ValueError: if values are not a matrix of finite numbers, or there are no comparisons.
     """
     from scipy.special import stdtrit
 
+    whole("comparisons", comparisons, 1)
     values = _matrix(values)
     runs, seeds = values.shape
     if seeds < 2:
@@ -103,7 +106,7 @@ def paired_difference(a: np.ndarray, b: np.ndarray, *, comparisons: int = 1) -> 
     """
     a, b = np.asarray(a, float), np.asarray(b, float)
     if a.shape != b.shape:
-        raise ValueError(f"{len(a)} values do not pair with {len(b)}")
+        raise ValueError(f"{a.size} values do not pair with {b.size}")
     return mean_interval(a - b, comparisons)
 
 
@@ -131,9 +134,14 @@ def normalise(scores: np.ndarray, floor: np.ndarray, ceiling: np.ndarray) -> np.
         ceiling: ``(seeds,)``, what it scores there on the truth.
 
     Raises:
-        ValueError: if the ceiling is not above the floor, so that there is no such scale.
+        ValueError: if the three are not of the same seeds, or if the ceiling is not above the floor, so that there is
+            no such scale.
     """
     scores, floor, ceiling = (np.asarray(each, float) for each in (scores, floor, ceiling))
+    if floor.ndim != 1 or floor.size == 0 or floor.shape != ceiling.shape or scores.shape[-1:] != floor.shape:
+        raise ValueError(
+            f"scores, floor and ceiling must be of the same seeds, got {scores.shape}, {floor.shape}, {ceiling.shape}"
+        )
     low, high = floor.mean(), ceiling.mean()
     if not high > low:
         raise ValueError(f"the ceiling ({high:g}) must be above the floor ({low:g}) to normalise with them")

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from agents.metrics import NEES, RESTARTS, RETURN, SCORE, Metric, common, core_of, rms
+from agents.metrics import NEES, RETURN, SCORE, UNHEALTHY, Metric, common, core_of, rms
 from agents.rollouts import Rollout
 from estimators import wrap
 from estimators.angles import difference
@@ -32,7 +32,7 @@ METRICS = (
         "RMS error of the second reading taken for the unknown input as it is.",
     ),
     NEES,
-    RESTARTS,
+    UNHEALTHY,
 )  # fmt: skip
 
 

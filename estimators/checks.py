@@ -36,19 +36,25 @@ def number(name: str, value: object, low: float = -np.inf, high: float = np.inf,
         ValueError: if it is no number or lies outside; ``what`` says what it should be.
     """
     a_number = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
-    if not (a_number and low < value < high):  # type: ignore[operator]
+    try:
+        as_float = float(value) if a_number else np.nan  # type: ignore[arg-type]
+    except OverflowError:
+        as_float = np.nan
+    if not low < as_float < high:
         raise ValueError(f"{name} must be {what}, got {shown(value)}")
-    return float(value)  # type: ignore[arg-type]
+    return as_float
 
 
 def whole(name: str, value: object, lowest: int) -> int:
     """``value`` as a whole number of at least ``lowest``.
 
     Raises:
-        ValueError: if it is too small or no whole number (True and 2.0 are none).
+        ValueError: if it is too small, too great to count with, or no whole number (True and 2.0 are none).
     """
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < lowest:
         raise ValueError(f"{name} must be a whole number of at least {lowest}, got {shown(value)}")
+    if value > 2**31 - 1:
+        raise ValueError(f"{name} must be at most {2**31 - 1}, got {shown(value)}")
     return int(value)
 
 

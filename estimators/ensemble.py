@@ -340,7 +340,7 @@ class EnsembleSquareRootFilter(EnsembleTransformFilter):
         variant: str = "symmetric",
     ) -> None:
         super().__init__(model, members, inflation, localisation, rotate)
-        if variant not in ("symmetric", "evensen2004"):
+        if not isinstance(variant, str) or variant not in ("symmetric", "evensen2004"):
             raise ValueError(f"variant must be 'symmetric' or 'evensen2004', got {shown(variant)}")
         self.variant = variant
 

@@ -47,7 +47,8 @@ class HuberKalmanFilter(ExtendedKalmanFilter):
 
     def __init__(self, model: Model, gamma: float = 1.345, iterations: int = 2, tolerance: float = 1e-3) -> None:
         super().__init__(model)
-        self.gamma = np.inf if gamma == np.inf else number("gamma", gamma, 0.0, what="positive (standard deviations)")
+        infinite = isinstance(gamma, float | np.floating) and gamma == np.inf
+        self.gamma = np.inf if infinite else number("gamma", gamma, 0.0, what="positive (standard deviations)")
         self.iterations = whole("iterations", iterations, 1)
         self.tolerance = number("tolerance", tolerance, 0.0, what="positive")
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import fields
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -366,16 +365,14 @@ class Core:
             state = self.vehicle.filter_state(truth, self.filter.model.n)
             unknown_input = forcing[:, : self.vehicle.unknown_inputs]
             return self.filter.update(belief, np.concatenate([state, unknown_input], -1), rng=rng, u=u)
-        y, available = readings
+        y, available = (part.copy() for part in readings)  # an own filter may write into what it is given
         return self.filter.update(belief, y, rng=rng, available=available, u=u)
 
     def _reference(self, course: np.ndarray, steps: np.ndarray, belief: Belief, truth: np.ndarray) -> np.ndarray:
         """The reference ``(B, k)``: where the vehicle believes to be, or is, if nobody sees what it believes."""
         if self.observe_mode == "measurement":
-            state = self.vehicle.filter_state(truth, self.task.states)
-            certain, usual = _without_doubt(*state.shape)
-            belief = Belief(state, certain, state, certain, usual)
-        return self.task.reference(course, steps, belief)
+            return self.task.reference(course, steps, self.vehicle.filter_state(truth, self.task.states))
+        return self.task.reference(course, steps, belief.mean)
 
     def _put(self, rows: np.ndarray, **arrays: np.ndarray) -> None:
         for name, values in arrays.items():
@@ -411,12 +408,6 @@ def _laid_out(belief: Belief, strides: dict[str, tuple[int, ...]]) -> Belief:
         if np.array_equal(array, values):  # but where rows that share their memory have come to differ
             arrays[name] = array
     return belief.replace(**arrays)
-
-
-@cache
-def _without_doubt(rows: int, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """The covariances ``(rows, n, n)`` and recoveries ``(rows,)`` of a belief that is the truth; read-only."""
-    return np.broadcast_to(0.0, (rows, n, n)), np.broadcast_to(np.int8(0), rows)
 
 
 def _arrived(readings: Readings, shape: tuple[int, ...]) -> Readings:

@@ -138,8 +138,8 @@ class Task(Protocol):
     def prior(self, course: np.ndarray, disturbance: Any) -> Gaussian:
         """Where the truth starts, and all that the estimator knows of it: mean ``(B, n)``, covariance ``(n, n)``."""
 
-    def reference(self, course: np.ndarray, step: np.ndarray, belief: Belief) -> np.ndarray:
-        """What is commanded at a step, where the vehicle is believed to be."""
+    def reference(self, course: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
+        """What is commanded at a step, the vehicle being (or believed to be) in a state ``(B, n)``."""
 
     def known_input(self, before: np.ndarray, after: np.ndarray, course: np.ndarray, step: np.ndarray) -> np.ndarray:
         """What filters are told over a step."""

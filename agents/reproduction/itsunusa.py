@@ -124,8 +124,8 @@ def recorded_controls() -> np.ndarray:
     certain = np.zeros((1, len(TRUTH), len(TRUTH)))
     controls: list[np.ndarray] = []
     for step in range(task.horizon):
-        belief = Belief(truth, certain, truth, certain, np.ones(1, bool))
-        reference = task.reference(course, np.array([step]), belief)
+        belief = Belief(truth, certain, truth, certain, np.zeros(1, np.int8))
+        reference = task.reference(course, np.array([step]), truth)
         if reference[0, 0] >= course[0, 1]:
             break
         before, actuators = (

@@ -10,7 +10,7 @@ import numpy as np
 import vessel_gym
 from agents.cells import Cell
 from agents.files import replacing
-from agents.metrics import NEES, RESTARTS, SCORE, WITHOUT_COVARIANCE, Metric
+from agents.metrics import NEES, SCORE, UNHEALTHY, WITHOUT_COVARIANCE, Metric
 from agents.page import Block, Bullets, Entry, Figure, Page, Prose, Section, Table, entry, listed, number, write
 from agents.plotting import data_uri
 from agents.scores import metrics
@@ -408,7 +408,7 @@ def _consistency(results: Results) -> Section:
         f"{NEES.meaning} In band: share of times at which NEES (mean over seeds) and NIS (sum over seeds) lie in their "
         "95 % chi-square bands; 0.95 for a filter that is as good as it says, less for a cautious one, too. Diverged: "
         "episodes in which the truth was for half of the time outside of what the filter held for possible (NEES "
-        f"beyond its 99.9999 % quantile). {RESTARTS.label}: {RESTARTS.meaning} A dash: {listed(WITHOUT_COVARIANCE)} "
+        f"beyond its 99.9999 % quantile). {UNHEALTHY.label}: {UNHEALTHY.meaning} A dash: {listed(WITHOUT_COVARIANCE)} "
         "claim no covariance of their own; without innovations there is no NIS. Where an unknown input reaches the "
         "readings, every innovation contains it and no covariance does: no NIS there is in its band.",
         "Estimator",
@@ -419,7 +419,7 @@ def _consistency(results: Results) -> Section:
             ("NIS in band", ""),
             ("Diverged", ""),
             ("Diverged, all conditions", ""),
-            (RESTARTS.label, RESTARTS.unit),
+            (UNHEALTHY.label, UNHEALTHY.unit),
         ],
         sections,
         "consistency",
@@ -447,7 +447,7 @@ def _honesty(results: Results, place: Place, name: str) -> list[Entry]:
         share("nis_in_band"),
         diverged([place]),
         diverged(results.places([place.environment])),
-        entry(results.mean(place, who, name, RESTARTS), 1),
+        entry(results.mean(place, who, name, UNHEALTHY), 1),
     ]
 
 
@@ -541,7 +541,7 @@ def _metrics(results: Results) -> Section:
     """Everything that is measured, in tables narrow enough to read."""
     blocks: list[Block] = []
     first = results.conditions[0]
-    told = {NEES.key, RESTARTS.key, "return"}
+    told = {NEES.key, UNHEALTHY.key, "return"}
     for environment in results.environments:
         place = Place(environment, first)
         known = [m for m in metrics(system_of(environment).task) if m.key not in told]

@@ -156,3 +156,10 @@ def test_a_sentence_shows_an_interval_s_width_in_as_many_decimals_as_that_takes(
     assert words(Interval(0.00018, 0.00007, 0.00029), 3) == "0.0002 ± 0.0001"
     assert words(Interval(0.0, 0.0, 0.0), 3) == "0.000 ± 0.000"
     assert words(Interval(0.9, 0.8, 1.0), 1) == "0.9 ± 0.1"
+
+
+def test_a_page_without_an_answer_is_a_page_and_a_list_of_nothing_is_refused():
+    assert 'class="answer"' in render(PAGE)
+    assert 'class="answer"' not in render(Page("A title", "in a line", []))
+    with pytest.raises(ValueError, match=r"^a list in a sentence needs at least one item$"):
+        listed([])

@@ -109,7 +109,7 @@ def test_only_steps_that_an_episode_lived_through_count(flown):
         np.testing.assert_array_equal(clean[key], dirty[key], err_msg=key)
 
 
-def test_restarts_of_the_estimator_are_counted(flown):
+def test_steps_in_which_the_estimators_usual_update_failed_are_counted(flown):
     healthy = flown.history["healthy"].copy()
     healthy[10:14, 2] = False
     np.testing.assert_array_equal(scores(_with(flown, healthy=healthy))["unhealthy"], [0, 0, 4])

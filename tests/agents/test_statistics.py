@@ -119,6 +119,18 @@ def test_a_ceiling_that_is_not_above_its_floor_is_refused(floor, ceiling):
         normalise(np.zeros((1, 2)), np.full(2, floor), np.full(2, ceiling))
 
 
+@pytest.mark.parametrize(("floor", "ceiling"), [([], []), ([0.0] * 3, [1.0] * 3), ([0.0] * 2, [1.0] * 3), (0.0, 1.0)])
+def test_a_scale_of_other_seeds_is_refused(floor, ceiling):
+    with pytest.raises(ValueError, match="must be of the same seeds"):
+        normalise([[0.5, 0.5]], floor, ceiling)
+
+
+@pytest.mark.parametrize("comparisons", [0, -1, 1.5, "a"])
+def test_intervals_that_hold_for_no_whole_number_of_comparisons_are_refused(comparisons):
+    with pytest.raises(ValueError, match=r"^comparisons must be a whole number of at least 1"):
+        crossed_interval([[1.0, 2.0]], comparisons)
+
+
 def test_an_interval_over_one_run_is_students_over_its_seeds():
     values = np.random.default_rng(22).normal(size=20)
     assert crossed_interval(values[None]) == mean_interval(values)

@@ -6,6 +6,7 @@
 from typing import Any
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -100,6 +101,19 @@ def _models(draw: st.DrawFn, nonlinear: bool) -> tuple[Any, int, int]:
         lambda x, u: bend(np.matvec(A, x)), lambda x, u: bend(np.matvec(C, x)), Q, R, **unknown, **angles
     )
     return model, p, m
+
+
+@pytest.mark.parametrize("value", [10**400, np.array([1.0, 2.0])], ids=["too large", "an array"])
+@pytest.mark.parametrize(
+    ("name", "option"),
+    [("ukf", "alpha"), ("ukf", "beta"), ("ukf", "kappa"), ("enkf", "members"), ("enkf", "inflation"),
+     ("enkf-sr", "variant"), ("huber-kf", "gamma"), ("huber-kf", "iterations"), ("huber-kf", "tolerance"),
+     ("robust-kf", "radius")],
+)  # fmt: skip
+def test_an_option_that_is_too_large_or_no_number_is_refused_by_its_name(name: str, option: str, value: Any):
+    model = LinearModel(np.eye(2), np.eye(2), np.eye(2), np.eye(2))
+    with pytest.raises(ValueError, match=f"^{option} must be "):
+        make(name, model, **{option: value})
 
 
 @given(st.data(), st.sampled_from(names()))

@@ -665,7 +665,7 @@ def cost_of_the_gap(core: Core, without: np.ndarray) -> np.ndarray:
 
     def seen(mean: np.ndarray) -> np.ndarray:
         moved = belief.replace(mean=mean)
-        return task.observe(moved, task.reference(core.course, core.steps, moved), core.actuators)
+        return task.observe(moved, task.reference(core.course, core.steps, moved.mean), core.actuators)
 
     units = np.eye(belief.mean.shape[-1])
     jacobian = np.stack([seen(belief.mean + h * e) - seen(belief.mean - h * e) for e in units], -1) / (2.0 * h)

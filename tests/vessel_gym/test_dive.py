@@ -34,7 +34,7 @@ def state(task: Dive, position: Any, pitch: Any = 0.0, heading: Any = 0.0) -> np
 def belief(mean: np.ndarray, cov: np.ndarray | None = None) -> Belief:
     mean = np.asarray(mean, float)
     cov = np.broadcast_to(np.eye(mean.shape[-1]) if cov is None else cov, (*mean.shape, mean.shape[-1]))
-    return Belief(mean, cov, mean, cov, np.ones(len(mean), bool))
+    return Belief(mean, cov, mean, cov, np.zeros(len(mean), np.int8))
 
 
 def courses(task: Dive, n: int, seed: int = 0) -> np.ndarray:
@@ -42,7 +42,7 @@ def courses(task: Dive, n: int, seed: int = 0) -> np.ndarray:
 
 
 def believed(task: Dive, mean: np.ndarray, course: np.ndarray) -> np.ndarray:
-    return task.reference(course, np.zeros(len(mean)), belief(mean))
+    return task.reference(course, np.zeros(len(mean)), np.asarray(mean, float))
 
 
 def trim(task: Dive, rows: int = 1) -> np.ndarray:

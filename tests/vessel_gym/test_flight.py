@@ -34,7 +34,7 @@ def segments_of(course: np.ndarray) -> np.ndarray:
 
 def belief(mean: np.ndarray) -> Belief:
     cov = np.broadcast_to(np.eye(mean.shape[-1]), (*mean.shape, mean.shape[-1]))
-    return Belief(mean, cov, mean, cov, np.ones(len(mean), bool))
+    return Belief(mean, cov, mean, cov, np.zeros(len(mean), np.int8))
 
 
 def on_path(course: np.ndarray, s: float, off: float = 0.0, above: float = 0.0) -> np.ndarray:
@@ -202,7 +202,7 @@ def test_the_prior_flies_along_the_path_through_an_unknown_wind():
     np.testing.assert_allclose(np.sqrt(np.var(x[:, 7:13], axis=0)), AIR.wind_sd, rtol=0.03)
     assert axes[:, 3].mean() == pytest.approx(20.0, abs=0.02)
     assert axes[:, 3].std() == pytest.approx(0.5, rel=0.05)  # airspeed is known, whatever the wind
-    where = TASK.reference(course, np.zeros(4), belief(prior.mean))
+    where = TASK.reference(course, np.zeros(4), prior.mean)
     np.testing.assert_allclose(where[:, :3], 0.0, atol=1e-9)
 
 
@@ -210,7 +210,7 @@ def test_the_prior_flies_along_the_path_through_an_unknown_wind():
 
 
 def seen_at(truth: np.ndarray, course: np.ndarray) -> dict[str, np.ndarray]:
-    reference = TASK.reference(course, np.zeros(len(truth)), belief(truth))
+    reference = TASK.reference(course, np.zeros(len(truth)), truth)
     return TASK.named(TASK.observe(belief(truth), reference, np.tile(TASK.body.cruise, (len(truth), 1))))
 
 
@@ -265,7 +265,7 @@ def flown(course: np.ndarray, places: list[tuple[float, float, float]], action: 
     tally = TASK.begin(on_path(course[0], places[0][0]), course)
     for k, place in enumerate(places):
         truth = on_path(course[0], *place)
-        reference = TASK.reference(course, np.zeros(1), belief(truth))
+        reference = TASK.reference(course, np.zeros(1), truth)
         command = np.full((1, 3), action * (-1) ** k)
         reward, end, tally = TASK.score(truth, reference, np.zeros((1, 3)), command, tally)
         assert 0.0 <= reward[0] <= 1.0
@@ -334,6 +334,6 @@ def test_every_end_has_its_reason():
 
 
 def ending(course: np.ndarray, truth: np.ndarray, believed: np.ndarray) -> str:
-    reference = TASK.reference(course, np.zeros(1), belief(believed))
+    reference = TASK.reference(course, np.zeros(1), believed)
     tally = np.array([[290.0, 0.0, 0.0, 0.0]]) if truth[0, 0] < 700.0 else np.array([[740.0, 0.0, 0.0, 0.0]])
     return ENDS[TASK.score(truth, reference, np.zeros((1, 3)), np.zeros((1, 3)), tally)[1][0]]

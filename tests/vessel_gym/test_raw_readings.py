@@ -6,9 +6,10 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from contract import CARRIED, ENVIRONMENTS, FEW_MEMBERS, assert_same_tree, make_batch, make_core, random_walk
+from gymnasium.vector import AutoresetMode
 
 from agents import load_agent
-from estimators import Belief
+from estimators import Belief, Filter
 from vessel_gym.core import Core
 
 every_environment = pytest.mark.parametrize("env_id", ENVIRONMENTS)
@@ -66,6 +67,45 @@ def test_an_episode_is_the_same_to_the_last_bit_whatever_estimator_is_named(env_
     assert bool(ends & {"arrived", "missed the goal"}) == (env_id in GOALS)  # what estimators used to decide
 
 
+class Vandal(Filter):
+    """An estimator of one's own that writes into whatever it is given, and believes nonsense."""
+
+    def update(self, belief: Belief, y: np.ndarray, *args: Any, **kwargs: Any) -> Belief:
+        for array in (y, kwargs["available"], kwargs["u"]):
+            if array is not None and array.flags.writeable:
+                array[...] = 0
+        return super().update(belief, y, *args, **kwargs)
+
+    def _predict(self, belief: Belief, u: np.ndarray | None, rng: Any) -> Belief:
+        if u is not None and u.flags.writeable:
+            u[...] = 7.0
+        return belief.replace(mean=np.full_like(belief.mean, np.nan))
+
+    def _update(self, belief: Belief, reading: Any, rng: Any) -> Belief:
+        reading.available[...] = False
+        return belief.replace(mean=np.full_like(belief.mean, 1e300), cov=-belief.cov)
+
+
+@pytest.mark.parametrize("mode", list(AutoresetMode))
+@every_environment
+def test_an_estimator_of_ones_own_cannot_spoil_an_episode_of_raw_readings(env_id: str, mode: AutoresetMode):
+    def trial(estimator: Any) -> list[Any]:
+        env = make_batch(env_id, 3, observe="measurement", sensors="degraded", estimator=estimator,
+                         autoreset_mode=mode, max_episode_steps=12)  # fmt: skip
+        out, done = [env.reset(seed=5)], np.zeros(3, bool)
+        walk = random_walk(3, 3, env.core.action_size)
+        for step in range(20):
+            asked = done if mode is AutoresetMode.DISABLED else np.array([step == 7, False, step == 7])
+            if asked.any():
+                out.append(env.reset(options={"reset_mask": asked}))
+            out.append(env.step(next(walk)))
+            done = out[-1][2] | out[-1][3]
+        return [without_beliefs(part) for part in out]
+
+    for step, (one, other) in enumerate(zip(trial("truth"), trial(Vandal), strict=True)):
+        assert_same_tree(one, other, f"step {step}")
+
+
 @every_environment
 def test_an_episode_is_judged_as_if_the_truth_were_believed(env_id: str):
     raw = make_core(env_id, 6, seed=4, observe="measurement", estimator="dead-reckoning")
@@ -89,8 +129,8 @@ def seen_with_perfect_knowledge(core: Core) -> np.ndarray:
     task = core.task
     state = core.vehicle.filter_state(core.truth, task.states)
     certain = np.zeros((*state.shape, state.shape[-1]))
-    belief = Belief(state, certain, state, certain, np.ones(len(state), bool))
-    seen = task.observe(belief, task.reference(core.course, core.steps, belief), core.actuators)
+    belief = Belief(state, certain, state, certain, np.zeros(len(state), np.int8))
+    seen = task.observe(belief, task.reference(core.course, core.steps, state), core.actuators)
     return np.clip(seen, -task.BOUND, task.BOUND).astype(np.float32)
 
 

@@ -140,7 +140,8 @@ class SegorogeniAUVEnv(VesselEnv):
     | `estimate`       | of the truth's 14 components                                                            |
     | `covariance`     | of the estimate                                                                         |
     | `input_estimate` | 0: no estimator here gives one                                                          |
-    | `healthy`        | False in a step where the estimator had to start again                                  |
+    | `healthy`        | False in a step where the estimator's usual update failed:                              |
+    |                  | ``core.belief.recovery`` says what it did instead                                       |
     | `score`          | sum of rewards so far                                                                   |
     | `end`            | why the episode has ended, or empty                                                     |
     | `is_success`     | whether the vehicle has arrived: at an episode's end, whether it succeeded              |

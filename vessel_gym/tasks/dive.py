@@ -106,9 +106,9 @@ class Dive(ABC):
         mean[:, 0] = self.auv.cruise_speed
         return Gaussian(mean, np.diag(self.prior_sd(disturbance)) ** 2)
 
-    def reference(self, course: np.ndarray, step: np.ndarray, belief: Belief) -> np.ndarray:
-        """Where the vehicle believes to be on the path, ``(B, 11)``."""
-        return np.concatenate([follow(self.position(belief.mean), course, self.ahead), course], -1)
+    def reference(self, course: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
+        """Where on the path a vehicle in a state ``(B, n)`` is, ``(B, 11)``."""
+        return np.concatenate([follow(self.position(state), course, self.ahead), course], -1)
 
     def known_input(self, before: np.ndarray, after: np.ndarray, course: np.ndarray, step: np.ndarray) -> np.ndarray:
         """What filters are told over a step: the actuators at its start and at its end."""

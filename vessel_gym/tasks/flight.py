@@ -237,12 +237,11 @@ class Flight:
         root = root * sd
         return Gaussian(mean, root @ root.T)
 
-    def reference(self, course: np.ndarray, step: np.ndarray, belief: Belief) -> np.ndarray:
-        """Where the aircraft believes to be on the path, ``(B, 103)``."""
-        x = belief.mean
-        pose = np.stack([x[:, 0], x[:, 1], np.arctan2(x[:, 4], x[:, 3])], -1)
+    def reference(self, course: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
+        """Where on the path an aircraft in a state ``(B, n)`` is, ``(B, 103)``."""
+        pose = np.stack([state[:, 0], state[:, 1], np.arctan2(state[:, 4], state[:, 3])], -1)
         where = follow(pose, course[:, :_PATH], self.ahead)
-        altitude = x[:, 2] - course[:, _PATH + 1]
+        altitude = state[:, 2] - course[:, _PATH + 1]
         return np.column_stack([where[:, :2], altitude, where[:, 2:5], course])
 
     def known_input(self, before: np.ndarray, after: np.ndarray, course: np.ndarray, step: np.ndarray) -> np.ndarray:

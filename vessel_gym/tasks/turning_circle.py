@@ -98,8 +98,8 @@ class TurningCircle:
         mean[:, 2], mean[:, 3] = course[:, 0], self.ship.speed
         return Gaussian(mean, np.diag([0.2, 0.002, 0.03, 0.2]) ** 2)
 
-    def reference(self, course: np.ndarray, step: np.ndarray, belief: Belief) -> np.ndarray:
-        """The reference ``(B, 4)`` at a step ``(B,)``: it moves with time, wherever the ship is believed to be."""
+    def reference(self, course: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
+        """The reference ``(B, 4)`` at a step ``(B,)``: it moves with time, wherever the ship is."""
         return self.command(course, step)
 
     def command(self, course: np.ndarray, step: np.ndarray) -> np.ndarray:
