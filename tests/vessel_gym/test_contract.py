@@ -438,7 +438,7 @@ def test_nothing_that_makes_an_observation_takes_the_truth(env_id: str):
         "observe": ["belief", "reference", "actuators"],
         "observe_std": ["belief"],
         "observe_readings": ["readings", "available", "course", "step", "actuators"],
-        "reference": ["course", "step", "belief"],
+        "reference": ["course", "step", "state"],
         "known_input": ["before", "after", "course", "step"],
     }
     for name, parameters in allowed.items():

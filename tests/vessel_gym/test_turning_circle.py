@@ -161,7 +161,7 @@ def test_nothing_that_the_agent_sees_has_a_parameter_for_truth():
         "observe": ["belief", "reference", "actuators"],
         "observe_std": ["belief"],
         "observe_readings": ["readings", "available", "course", "step", "actuators"],
-        "reference": ["course", "step", "belief"],
+        "reference": ["course", "step", "state"],
         "known_input": ["before", "after", "course", "step"],
     }
     public = (f for name, f in inspect.getmembers(TurningCircle, inspect.isfunction) if not name.startswith("__"))

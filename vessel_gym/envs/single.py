@@ -82,7 +82,9 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
         try:
             asked = np.asarray(action)
         except ValueError:  # rows of unequal length
-            raise ValueError(f"action must be an array of numbers, got {shown(action)}") from None
+            asked = np.asarray(None)
+        if asked.dtype.kind not in "fiub":
+            raise ValueError(f"action must be an array of numbers, got {shown(action)}")
         if asked.shape != self.action_space.shape:
             raise ValueError(f"action has shape {asked.shape}, expected {self.action_space.shape}")
         reward, terminated = self.core.step(asked[None])
