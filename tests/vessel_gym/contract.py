@@ -34,6 +34,7 @@ FEW_MEMBERS = {name: {"members": 20} for name in ("enkf", "enkf-sr", "etkf")}
 
 CARRIED = [(key, name) for key in ENVIRONMENTS for name in estimator_names() if name not in REFUSED.get(key, {})]
 BLIND = [(key, name) for key, name in CARRIED if name != "truth"]
+"""Every pair: for what is cheap, and for what a filter may make of a vehicle's own numbers."""
 MODES = ("mean", "mean+std", "measurement")
 BROKEN = SensorSuite(noise=1.0, dropout=0.7, outliers=0.2, outlier_scale=1e4)
 """Worse than any suite that users can choose: long gaps and absurd readings."""
@@ -50,6 +51,20 @@ def vector_class(env_id: str) -> type[VesselVectorEnv]:
 def _entry(point: Any) -> Any:
     module, name = str(point).split(":")
     return getattr(importlib.import_module(module), name)
+
+
+def _spread() -> Iterator[tuple[str, str]]:
+    seen: set[str] = set()
+    for i, key in enumerate(ENVIRONMENTS):
+        always = {"truth", "measurement", single_class(key).system.estimator}
+        for j, name in enumerate(estimator_names()):
+            if (key, name) in CARRIED and (name not in seen or name in always or j % (len(ENVIRONMENTS) - 1) == i - 1):
+                yield key, name
+                seen.add(name)
+
+
+SPREAD = list(_spread())
+"""Pairs for what is the same code for all: every estimator in one environment and a share of them in each other."""
 
 
 def make_batch(env_id: str, num_envs: int, **options: Any) -> VesselVectorEnv:
@@ -198,17 +213,17 @@ class Soaked:
 
 
 def soak(env_id: str, steps: int, num_envs: int = 4, seed: int = 0) -> Soaked:
-    """Random actions over every estimator x suite x disturbance, about ``steps`` in all.
+    """Random actions over every estimator x suite, about ``steps`` in all.
 
-    The observe modes take turns, so that each meets every estimator, suite and disturbance.
+    Disturbances and observe modes take turns, so that each meets every estimator, suite and the other.
     """
     system = single_class(env_id).system
     names = [name for key, name in CARRIED if key == env_id]
+    seas = list(system.disturbances)
     combinations = [
-        (name, suite, sea, MODES[(i + j + k) % len(MODES)])
+        (name, suite, seas[(i + j) % len(seas)], MODES[(i + 2 * j) % len(MODES)])
         for i, name in enumerate(names)
         for j, suite in enumerate(SUITES)
-        for k, sea in enumerate(system.disturbances)
     ]
     each = int(np.ceil(steps / len(combinations) / num_envs))
     seen = Soaked()
