@@ -520,9 +520,9 @@ def _told(name: str, number: int | None, sources: dict[str, tuple[object, int]])
         if isinstance(matrix, np.ndarray):
             return matrix.shape[axis]
     symbol, (function, axis) = next(iter(sources.items()))
-    with suppress(Exception):  # a function of u may do anything without one
-        value = as_array(symbol, function(None))
-        return value.shape[axis]
+    if callable(function):
+        with suppress(Exception):  # a function of u may do anything without one
+            return as_array(symbol, function(None)).shape[axis]
     raise ValueError(f"cannot tell {name}: give {name}=, or one of {', '.join(sources)} as an array")
 
 
