@@ -98,9 +98,11 @@ class EnsembleFilter(Filter):
         reading = Reading(innovation, None, None, R, mask, bool(mask.all()), anomalies=anomalies, whole_R=R)
         return reading if reading.complete else reading.only(mask)
 
-    def _condensed(self, reading: Reading, S: np.ndarray, lost: np.ndarray) -> Reading | None:
+    def _condensed(
+        self, start: Belief, reading: Reading, S: np.ndarray, lost: np.ndarray
+    ) -> tuple[Reading, np.ndarray] | None:
         # Mixed channels have no place in a localisation, which is about channels.
-        return None if self.localisation is not None else super()._condensed(reading, S, lost)
+        return None if self.localisation is not None else super()._condensed(start, reading, S, lost)
 
     def _update(self, belief: Belief, reading: Reading, rng: Streams) -> Belief:
         batch = belief.mean.shape[:-1]

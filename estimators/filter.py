@@ -34,6 +34,7 @@ class Reading(NamedTuple):
     whole_H: np.ndarray | None = None  # (..., p, q) H likewise
     anomalies: np.ndarray | None = None  # (..., N, p) spread of what the members expect (ensemble filters)
     whole_R: np.ndarray | None = None  # (..., p, p) R with that of missing readings, too (ensemble filters)
+    spread: np.ndarray | None = None  # (..., p, p) what stands for the unknown input in S, where S alone is singular
 
     def only(self, kept: np.ndarray) -> "Reading":
         """The reading without the channels where the mask ``kept (..., p)`` is False."""
@@ -48,7 +49,7 @@ class Reading(NamedTuple):
             anomalies=None if self.anomalies is None else np.where(kept[..., None, :], self.anomalies, 0.0),
         )
 
-    def mixed(self, T: np.ndarray) -> "Reading":
+    def mixed(self, T: np.ndarray, spread: np.ndarray | None = None) -> "Reading":
         """The reading ``T y``, ``T (..., p, p)``; where T has a row of zeros a channel is missing."""
         kept = np.asarray(T.any(-1))
         R = neutralised(congruence(T, self.R), kept)
@@ -62,6 +63,7 @@ class Reading(NamedTuple):
             whole_H=None if self.whole_H is None else T @ self.whole_H,
             anomalies=None if self.anomalies is None else self.anomalies @ T.mT,
             whole_R=R,
+            spread=None if spread is None else congruence(T, spread),
         )
 
 
@@ -202,7 +204,12 @@ class Filter(ABC):
             if not self._ours:
                 updated = self._returned("_update", updated, batch)
             regular = self._regular if R is None and self._regular is not None else _regular(reading.R)
-            if regular and _finite(updated) and (self._ours or _proper(updated.cov)):
+            if (
+                regular
+                and _finite(updated)
+                and not _exhausted(updated, reading.R)
+                and (self._ours or _proper(updated.cov))
+            ):
                 return updated
             return self._recovered(belief, updated, reading, y, rng, available, R)
 
@@ -301,6 +308,12 @@ class Filter(ABC):
         R: np.ndarray | None,
     ) -> Belief:
         """The update with every lost row replaced by the first rung of the ladder that holds."""
+        settled = _settled(belief.cov)
+        uneven = (settled != belief.cov).any((-2, -1)) & _finite_rows(belief)
+        if uneven.any():  # a prediction that is a covariance but for rounding is not given up for that
+            belief = belief.replace(cov=settled)
+            again = self._update(belief, reading, _streams_of(uneven, rng))
+            updated = updated.with_rows(uneven, again[uneven])
         lost, predicted = _lost(updated, belief, reading.R), ~_lost(belief, belief)
         result = self._climbed(belief, updated, updated, reading, lost & predicted, rng)
         lost = lost & ~predicted
@@ -317,7 +330,8 @@ class Filter(ABC):
             result = result.with_rows(cured, fresh[cured])
             result = self._climbed(begun, result, fresh, reading, lost & ~cured, rng)
             result = result.replace(recovery=np.where(lost, Recovery.PRIOR, result.recovery).astype(np.int8))
-        return result.replace(cov=_settled(result.cov))
+        names = ("cov", "input_cov", "feedthrough_cov")
+        return result.replace(**{name: _settled(cov) for name in names if (cov := getattr(result, name)) is not None})
 
     def _climbed(
         self, start: Belief, result: Belief, failed: Belief, reading: Reading, lost: np.ndarray, rng: Streams
@@ -325,9 +339,9 @@ class Filter(ABC):
         """The result with each lost row as the first rung below the prior gives it; ``start`` is finite there."""
         S = failed.innovation_cov
         rungs = (
-            (Recovery.PSEUDO_INVERSE, lambda: None if S is None else self._condensed(reading, S, lost)),
+            (Recovery.PSEUDO_INVERSE, lambda: None if S is None else self._condensed(start, reading, S, lost)),
             (Recovery.WITHOUT_CHANNEL, lambda: _without_offending(reading, S)),
-            (Recovery.PREDICTION, lambda: reading.only(np.zeros(reading.available.shape, bool))),
+            (Recovery.PREDICTION, lambda: (reading.only(np.zeros(reading.available.shape, bool)), lost)),
         )
         for rung, milder in rungs:
             if not lost.any():
@@ -335,8 +349,11 @@ class Filter(ABC):
             changed = milder()
             if changed is None:
                 continue
-            again = self._update(start, changed, _streams_of(lost, rng))
-            cured = lost & ~_lost(again, start)
+            milder_reading, tried = changed[0], lost & changed[1]
+            if not tried.any():
+                continue
+            again = self._update(start, milder_reading, _streams_of(tried, rng))
+            cured = tried & ~_lost(again, start)
             if rung == Recovery.PSEUDO_INVERSE:  # in the channels as they are, not as they were mixed
                 again = again.replace(innovation=reading.innovation, innovation_cov=S)
             again = again.replace(recovery=np.full(lost.shape, rung, np.int8))
@@ -346,12 +363,26 @@ class Filter(ABC):
             result = result.with_rows(lost, held[lost])
         return result
 
-    def _condensed(self, reading: Reading, S: np.ndarray, lost: np.ndarray) -> Reading | None:
+    def _condensed(
+        self, start: Belief, reading: Reading, S: np.ndarray, lost: np.ndarray
+    ) -> tuple[Reading, np.ndarray] | None:
         """The reading in the directions in which S is not singular, so that ``S^-1`` of it is S's pseudo-inverse.
 
         Directions are told apart with each channel in units of its innovation. Rows that are not lost stay as they are.
+        An unknown input that shows where S has nothing is seen there without noise: ``S + F F'`` takes the place of S,
+        from which the best unbiased estimate is the same (Rao, 1971, Unified theory of linear estimation).
+
+        Returns:
+            The reading and the rows ``(...)`` that it is for, or None.
         """
         scale, scaled = equilibrated(S)
+        spread, F = None, self._shown_input(start, reading)
+        if F is not None:
+            F = F / scale[..., None]
+            size = np.sqrt(np.square(F).sum(-2, keepdims=True))
+            F = F / np.where(size > 0.0, size, 1.0)
+            unit = F @ F.mT
+            scaled, spread = scaled + unit, unit * scale[..., None] * scale[..., None, :]
         chosen = lost & np.isfinite(scaled).all((-2, -1))
         if not chosen.any():
             return None
@@ -359,7 +390,11 @@ class Filter(ABC):
         values, vectors = np.linalg.eigh(np.where(chosen[..., None, None], scaled, eye))
         kept = values > _SINGULAR * S.shape[-1]
         T = np.where(kept[..., None], vectors.mT / scale[..., None, :], 0.0)
-        return reading.mixed(np.where(chosen[..., None, None], T, eye))
+        return reading.mixed(np.where(chosen[..., None, None], T, eye), spread), chosen
+
+    def _shown_input(self, belief: Belief, reading: Reading) -> np.ndarray | None:
+        """How an unknown input without a covariance shows in the reading ``(..., p, k)``; None: there is none."""
+        return None
 
 
 _SINGULAR = 1e-13
@@ -373,6 +408,19 @@ def _finite(updated: Belief) -> bool:
         if array is not None:
             total = total + np.add.reduce(array, None)
     return math.isfinite(total)
+
+
+def _exhausted(updated: Belief, R: np.ndarray) -> bool:
+    """Whether a channel took away so much uncertainty that what is left may be nothing but rounding."""
+    S = updated.innovation_cov
+    if S is None:
+        return False
+    within = S.diagonal(0, -2, -1) <= _DIGITS * R.diagonal(0, -2, -1)  # which a NaN is not
+    return not np.logical_and.reduce(within, None)
+
+
+_DIGITS = 1e4
+"""An update that shrinks a variance by more than this may leave nothing but rounding, of either sign."""
 
 
 def _proper(cov: np.ndarray) -> bool:
@@ -426,16 +474,23 @@ def _settled(cov: np.ndarray) -> np.ndarray:
     Perfect readings leave variances that are nothing but rounding, of either sign.
     """
     cov = 0.5 * cov + 0.5 * cov.mT
-    values, vectors = np.linalg.eigh(cov)
+    size = np.abs(cov).max((-2, -1), keepdims=True)
+    usable_size = (size > 0.0) & np.isfinite(size)
+    unit = np.where(usable_size, cov / np.where(usable_size, size, 1.0), 0.0)
+    values, vectors = np.linalg.eigh(unit)
     wrong = values[..., 0] < -1e-12 * np.abs(values).sum(-1)
     if not wrong.any():
         return cov
-    repaired = (vectors * np.maximum(values, 0.0)[..., None, :]) @ vectors.mT
+    repaired = (vectors * np.maximum(values, 0.0)[..., None, :]) @ vectors.mT * size
     return np.where(wrong[..., None, None], 0.5 * (repaired + repaired.mT), cov)
 
 
-def _without_offending(reading: Reading, S: np.ndarray | None) -> Reading | None:
-    """The reading without the channels of which something is not finite, and those that repeat earlier ones."""
+def _without_offending(reading: Reading, S: np.ndarray | None) -> tuple[Reading, np.ndarray]:
+    """The reading without the channels of which something is not finite, and those that repeat earlier ones.
+
+    Returns:
+        The reading and the rows ``(...)`` in which it is another one.
+    """
     kept = np.isfinite(reading.innovation) & np.isfinite(np.diagonal(reading.R, axis1=-2, axis2=-1))
     for rows in (reading.C, reading.H, None if reading.anomalies is None else reading.anomalies.mT):
         if rows is not None:
@@ -445,7 +500,7 @@ def _without_offending(reading: Reading, S: np.ndarray | None) -> Reading | None
         _, scaled = equilibrated(neutralised(S, kept))
         kept = kept & (np.diagonal(semidefinite_cholesky(scaled), axis1=-2, axis2=-1) > 1e-6)
     kept = kept & reading.available
-    return None if (kept == reading.available).all() else reading.only(kept)
+    return reading.only(kept), (kept != reading.available).any(-1)
 
 
 _COVARIANCES = (
@@ -490,7 +545,7 @@ def _streams_of(rows: np.ndarray, rng: Streams) -> Streams:
 
 def _finite_rows(belief: Belief) -> np.ndarray:
     finite = np.isfinite(belief.mean).all(-1)
-    for vector in (belief.input_mean, belief.feedthrough_mean):
+    for vector in (belief.input_mean, belief.feedthrough_mean, belief.innovation):
         if vector is not None:
             finite = finite & np.isfinite(vector).all(-1)
     for matrix in (belief.cov, belief.innovation_cov, belief.input_cov, belief.feedthrough_cov, belief.ensemble):

@@ -94,6 +94,11 @@ class UnifiedInputStateEstimator(DelayedInputFilter):
         )  # fmt: skip
         return self._without_feedthrough(self._with_input_matrix(predicted, belief.mean, u))
 
+    def _shown_input(self, belief: Belief, reading: Reading) -> np.ndarray:
+        late = super()._shown_input(belief, reading)
+        now = np.broadcast_to(reading.H * self._input_units, late.shape)
+        return np.concatenate([now, late], -1)
+
     def _update(self, belief: Belief, reading: Reading, rng: Streams) -> Belief:
         C, H, R, units = reading.C, reading.H, reading.R, self._input_units
         n, p, q = self.model.n, self.model.p, self.model.q
@@ -104,7 +109,7 @@ class UnifiedInputStateEstimator(DelayedInputFilter):
         CGN = C @ (G @ (identity(q) - before))
         right = np.empty(np.broadcast_shapes(S.shape[:-2], H.shape[:-2], CGN.shape[:-2]) + (p, n + 2 * q))
         right[..., :n], right[..., n : n + q], right[..., n + q :] = PC.mT, H, CGN
-        solved = solve(S, right)
+        solved = solve(S if reading.spread is None else S + reading.spread, right)
         K, SH, SF = solved[..., :n].mT, solved[..., n : n + q], solved[..., n + q :]
         D, now = unbiased_gain(H, SH, reading.whole_H, units)
         M, late = unbiased_gain(CGN - H @ (D @ CGN), SF - SH @ (D @ CGN), reading.whole @ G, units)

@@ -175,12 +175,15 @@ class UnbiasedMinimumVarianceFilter(UnknownInputFilter):
         predicted = Belief(mean, cov, belief.prior_mean, belief.prior_cov, belief.recovery, u)
         return self._with_unseen_input(predicted, belief.pending)
 
+    def _shown_input(self, belief: Belief, reading: Reading) -> np.ndarray:
+        return reading.H * self._input_units
+
     def _update(self, belief: Belief, reading: Reading, rng: Streams) -> Belief:
         C, H, R = reading.C, reading.H, reading.R
         PC = product(belief.cov, C.mT)
         S = product(PC.mT, C.mT) + R
         whole = None if reading.complete else reading.whole_H
-        K, M, observed = _gains(S, PC.mT, H, whole, self._input_units)
+        K, M, observed = _gains(S if reading.spread is None else S + reading.spread, PC.mT, H, whole, self._input_units)
         n = self.model.n
         Z = np.empty(K.shape[:-2] + (n + self.model.q, self.model.p))  # (x, d) = (x-, 0) + Z e
         Z[..., :n, :], Z[..., n:, :] = K - product(K, H) @ M, M
@@ -211,6 +214,9 @@ class DelayedInputFilter(UnknownInputFilter):
     def _input_matrix(self, belief: Belief) -> np.ndarray:
         """G of the last prediction ``(..., n, q)``."""
         return belief.input_matrix if callable(self.model.G) else self.model.G
+
+    def _shown_input(self, belief: Belief, reading: Reading) -> np.ndarray:
+        return reading.C @ (self._input_matrix(belief) * waiting(belief) * self._input_units)
 
     def _with_input_matrix(self, predicted: Belief, x: np.ndarray, u: np.ndarray | None) -> Belief:
         """The prediction from ``x`` with the G that held there, if it changes."""
@@ -286,7 +292,8 @@ class ExtendedUnbiasedMinimumVarianceFilterWithoutFeedthrough(DelayedInputFilter
         pending = waiting(belief)
         complete = reading.complete and self._always_shown and bool(pending.all())
         whole = None if complete else reading.whole @ G
-        K, M, observed = _gains(S, PC.mT, C @ G if complete else (C @ G) * pending, whole, self._input_units)
+        weight = S if reading.spread is None else S + reading.spread
+        K, M, observed = _gains(weight, PC.mT, C @ G if complete else (C @ G) * pending, whole, self._input_units)
         n, q = self.model.n, self.model.q
         GM = G @ M
         Z = np.empty(K.shape[:-2] + (n + q, self.model.p))  # (x, d) = (x-, 0) + Z e

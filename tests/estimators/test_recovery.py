@@ -186,3 +186,57 @@ def test_what_a_driver_says_of_a_missing_reading_does_not_matter(case: Case):
     ):
         with pytest.raises(ValueError, match=sentence):
             filter.update(predicted, record.y[1], R=wrong)
+
+
+def test_an_input_that_shows_where_the_rest_is_perfect_is_seen_there():
+    """The innovation covariance is singular, and the unknown input lies outside its range."""
+    C = np.concatenate([I3, [[1.0, 1.0, 1.0]]])
+    model = LinearModel(I3, C, 0.0 * I3, np.zeros((4, 4)), G=[[0.0], [0.0], [1.0]], H=[[0.0], [0.0], [1.0], [0.0]])
+    for name in ("kf-umv-ui", "ulise"):
+        filter, x = make(name, model), np.array(KNOWN)
+        belief = filter.init(Gaussian(np.zeros(3), 4.0 * I3))
+        for k in range(6):
+            if k:
+                belief, x = filter.predict(belief), x + [0.0, 0.0, 0.3]
+            belief = filter.update(belief, C @ x + [0.0, 0.0, 0.3, 0.0])
+            np.testing.assert_allclose(belief.mean, x, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(belief.input_mean, [0.3], rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["kf", "huber-kf", "robust-kf", "kf-umv-ui"])
+def test_a_precise_reading_of_what_was_unknown_leaves_a_covariance(name: str):
+    """A variance of 1e26 read to 1 leaves nothing but rounding; it must not have a negative eigenvalue."""
+    rng = np.random.default_rng(4)
+    for _ in range(20):
+        root = rng.normal(size=(3, 3))
+        unknown = {"G": rng.normal(size=(3, 1)), "H": rng.normal(size=(2, 1))} if name == "kf-umv-ui" else {}
+        model = LinearModel(I3, rng.normal(size=(2, 3)), 1e12 * root @ root.T, I3[:2, :2], **unknown)
+        filter = make(name, model)
+        belief = filter.init(Gaussian(np.zeros(3), 1e26 * root @ root.T))
+        for _ in range(2):
+            belief = filter.predict(filter.update(belief, rng.normal(size=2)))
+            belief = filter.update(belief, rng.normal(size=2))
+            values = np.linalg.eigvalsh(belief.cov / np.abs(belief.cov).max())
+            assert values[0] >= -1e-10 * values.sum()
+            assert belief.recovery < Recovery.PRIOR
+
+
+@pytest.mark.parametrize("name", ["enkf", "etkf"])
+def test_a_row_that_recovers_draws_as_it_would_alone(name: str):
+    """What one row needs to recover costs its neighbours no random numbers, sick or not."""
+    options = {"rotate": True} if name == "etkf" else {}
+    filter = make(name, LinearModel(I3, [*I3[:2], I3[0]], 0.1 * I3, np.zeros((3, 3))), members=4, **options)
+    y = np.array([[1.0, 2.0, 1.0], [1e308, 2.0, np.nan], [1.0, np.nan, np.nan]])
+    means = np.array([[0.0, 0.0, 0.0], [-1e308, 0.0, 0.0], [0.0, 0.0, 0.0]])
+
+    def updated(rows: slice) -> tuple[Belief, list]:
+        streams = [np.random.default_rng(i) for i in range(3)[rows]]
+        belief = filter.init(Gaussian(means[rows], I3), rng=streams)
+        return filter.update(belief, y[rows], rng=streams), [s.bit_generator.state for s in streams]
+
+    together, states = updated(slice(None))
+    assert len(set(together.recovery.tolist())) > 1
+    for row in range(3):
+        alone, state = updated(slice(row, row + 1))
+        assert state == states[row : row + 1]
+        assert together.recovery[row] == alone.recovery[0]
