@@ -61,6 +61,7 @@ def test_a_study_ends_with_its_answer_and_where_the_report_lies_and_is_not_compu
     assert (out / "episodes.csv").read_bytes() == episodes
 
 
+@pytest.mark.slow
 def test_parts_of_a_study_together_are_the_study(study, tmp_path, capsys):
     out = tmp_path / "out"
     study.write_text(SMALL.partition("[agents]")[0])

@@ -9,6 +9,8 @@ from agents.reproduction.pages import corvette as corvette_page
 from agents.reproduction.settings import corvette as settings
 from agents.reproduction.settings.corvette import QUANTITIES, SAMPLES, SIMULATIONS
 
+pytestmark = pytest.mark.slow  # its pages come from the whole experiment
+
 RUNS = 20
 
 

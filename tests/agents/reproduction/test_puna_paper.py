@@ -15,6 +15,8 @@ from agents.reproduction.settings import puna as paper
 from agents.statistics import Interval
 from vessel_gym.guidance.dubins import approach
 
+pytestmark = pytest.mark.slow  # its pages come from the whole experiment
+
 RUNS = 6
 
 

@@ -14,6 +14,8 @@ from agents.reproduction.settings import robust as settings
 from agents.reproduction.settings.robust import Condition
 from agents.statistics import Interval
 
+pytestmark = pytest.mark.slow  # its pages come from the whole experiment
+
 SEEDS = range(1, 13)
 
 
