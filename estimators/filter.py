@@ -438,19 +438,14 @@ def _regular(cov: np.ndarray) -> bool:
 
 
 def _singular(cov: np.ndarray) -> np.ndarray:
-    """Which rows ``(...)`` of a covariance ``(..., p, p)`` have a direction without variance, but for rounding."""
-    values, _ = _spectrum(cov)
-    return (values[..., 0] <= _SINGULAR * values.shape[-1]) | (np.diagonal(cov, axis1=-2, axis2=-1) == 0.0).any(-1)
+    """Which rows ``(...)`` of a covariance ``(..., p, p)`` have a direction without variance, but for rounding.
 
-
-def _spectrum(cov: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Eigenvalues ``(..., p)`` of a covariance scaled to a unit diagonal, and which rows ``(...)`` are finite.
-
-    A row that is not comes out as ones: the eigenvalue solver would raise.
+    A row that is not finite is none of them: the eigenvalue solver would raise.
     """
     _, scaled = equilibrated(cov)
     finite = np.isfinite(scaled).all((-2, -1))
-    return np.linalg.eigvalsh(np.where(finite[..., None, None], scaled, identity(cov.shape[-1]))), finite
+    values = np.linalg.eigvalsh(np.where(finite[..., None, None], scaled, identity(cov.shape[-1])))
+    return (values[..., 0] <= _SINGULAR * values.shape[-1]) | (np.diagonal(cov, axis1=-2, axis2=-1) == 0.0).any(-1)
 
 
 def _lost(updated: Belief, start: Belief, R: np.ndarray | None = None) -> np.ndarray:

@@ -527,9 +527,9 @@ def _told(name: str, number: int | None, sources: dict[str, tuple[object, int]])
     """A size that the user tells, or the first of the matrices that does: an array, or a function without ``u``."""
     if number is not None:
         return whole(name, number, 1)
-    for matrix, axis in sources.values():
-        if isinstance(matrix, np.ndarray):
-            return matrix.shape[axis]
+    told = _size(sources)
+    if told is not None:
+        return told
     symbol, (function, axis) = next(iter(sources.items()))
     if callable(function):
         with suppress(Exception):  # a function of u may do anything without one
@@ -537,10 +537,15 @@ def _told(name: str, number: int | None, sources: dict[str, tuple[object, int]])
     raise ValueError(f"cannot tell {name}: give {name}=, or one of {', '.join(sources)} as an array")
 
 
+def _size(sources: dict[str, tuple[object, int]]) -> int | None:
+    """The length of the first array's axis; None: there is no array among them."""
+    return next((matrix.shape[axis] for matrix, axis in sources.values() if isinstance(matrix, np.ndarray)), None)
+
+
 def _dimension(symbol: str, sources: dict[str, tuple[object, int]]) -> int:
-    for matrix, axis in sources.values():
-        if isinstance(matrix, np.ndarray):
-            return matrix.shape[axis]
+    told = _size(sources)
+    if told is not None:
+        return told
     raise ValueError(f"cannot tell {symbol}: give one of {', '.join(sources)} as an array, not as a function")
 
 
