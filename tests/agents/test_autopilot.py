@@ -38,6 +38,7 @@ def _step(A: np.ndarray, B: np.ndarray, state: np.ndarray, rate: float, travel: 
     return np.concatenate([moved, rest], -1)
 
 
+@pytest.mark.slow
 def test_the_gains_are_those_of_an_independent_riccati_iteration():
     tolerances = Tolerances()
     A, B = design_models()
@@ -67,6 +68,7 @@ def test_the_gains_vary_smoothly_from_turn_to_turn():
     assert (steps < 0.05 * np.abs(K).max(0)).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lengths", [2.5, 3.0, 4.0, 5.0, 6.0])
 @pytest.mark.parametrize("side", [-1, 1], ids=["to port", "to starboard"])
 def test_every_radius_is_held_in_calm_seas(lengths: float, side: int):

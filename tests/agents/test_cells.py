@@ -105,6 +105,7 @@ def test_a_cell_reads_the_artifacts_that_it_needs(tmp_path):
     assert values["bytes"] == [artifact_path(need, tmp_path).read_bytes().hex() for need in reading.needs]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_a_cell_that_fails_stops_no_other_and_is_tried_again(tmp_path, jobs):
     failing, lost, leaving = cell("fail", text="no luck"), cell("fail", artifact=".bin", text=""), cell("leave")
@@ -122,6 +123,7 @@ def test_a_cell_that_fails_stops_no_other_and_is_tried_again(tmp_path, jobs):
         assert not leftovers(tmp_path)
 
 
+@pytest.mark.slow
 def test_processes_give_the_same_files_as_one_and_have_one_thread_each(tmp_path, expected):
     threads = cell("threads")
     assert run([*long_study(), threads], tmp_path, jobs=2).values[threads.key] == dict.fromkeys(
@@ -167,6 +169,7 @@ def test_progress_counts_to_the_end(tmp_path):
     assert (seen[-1].failed, seen[-1].seconds_left) == (2, 0.0)
 
 
+@pytest.mark.slow
 def test_the_time_left_is_known_from_the_start_of_a_second_run(tmp_path):
     seen: list[Status] = []
     run([cell("draw", seed=0, seconds=0.1)], tmp_path)
@@ -222,6 +225,7 @@ WHOLE = b"a line"
 """Stands for one that a run wrote."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "damage",
     [b"{", b"null", b"[1, 2]", b"{}", b"\xff\xfe\x00", b"[" * 100_000, WHOLE[:-40] + b"NaN", WHOLE * 2, b'{"key": 3}'],
@@ -313,6 +317,7 @@ def test_a_full_disk_stops_the_run_in_one_sentence_and_what_was_finished_is_kept
     assert run(study(), tmp_path).computed == 8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_a_full_disk_inside_a_function_is_no_fault_of_the_cell(tmp_path, jobs):
     with pytest.raises(OSError, match=r"^cannot store results in .*: No space left on device; \d+ of 13 are stored"):
@@ -451,6 +456,7 @@ def test_two_workers_of_a_cluster_give_the_same_files_though_one_is_killed(tmp_p
     assert os.getpid() not in {line["process"] for line in journal(tmp_path)}
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_does_not_answer_is_one_sentence(tmp_path, monkeypatch):
     pytest.importorskip("distributed")
     monkeypatch.setattr(pools, "_PATIENCE", 1)

@@ -61,6 +61,7 @@ def flown(path: Path, observations: np.ndarray, **trust: bool) -> np.ndarray:
     return agent.act(observations)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("algorithm", "policy", "settings"), ALGORITHMS, ids=NAMES)
 def test_an_agent_of_any_algorithm_flies_as_it_was_trained(
     tmp_path: Path, algorithm: Any, policy: str, settings: dict[str, Any]
@@ -75,6 +76,7 @@ def test_an_agent_of_any_algorithm_flies_as_it_was_trained(
     assert "\n" not in str(no.value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", ["statistics of a frame", "statistics of all frames", "statistics"])
 def test_the_statistics_of_observations_fly_with_the_agent_and_stay_as_they_were(tmp_path: Path, order: str):
     def wrapped() -> VecEnv:
@@ -109,6 +111,7 @@ def test_the_statistics_of_observations_fly_with_the_agent_and_stay_as_they_were
     np.testing.assert_array_equal(one.score, other.score)
 
 
+@pytest.mark.slow
 def test_an_agent_that_stable_baselines3_saved_without_its_statistics_is_not_flown_without_them(tmp_path: Path):
     model = trained(PPO, "MlpPolicy", SHORT, VecNormalize(adapter()))
     model.save(tmp_path / "agent.zip")
@@ -164,6 +167,7 @@ class Mirrored(VecEnvWrapper):
         return -observations, *rest
 
 
+@pytest.mark.slow
 def test_what_cannot_be_stored_in_numbers_and_words_is_refused_before_anything_is_written(tmp_path: Path):
     batch = adapter().env
     batch.metadata = batch.metadata | {"autoreset_mode": gym.vector.AutoresetMode.SAME_STEP}

@@ -163,6 +163,7 @@ def test_the_gains_are_those_of_an_independent_riccati_iteration(system: System)
         np.testing.assert_allclose(loop.gains, K[0], rtol=2e-4, atol=2e-4 * np.abs(K).max())
 
 
+@pytest.mark.slow
 @DIVES
 def test_other_tolerances_give_other_gains_of_the_expected_size(system: System):
     gentle = vertical_loop(system.vehicle, replace(TOLERANCES, fin=0.05))
@@ -292,6 +293,7 @@ def test_on_truth_in_calm_water_every_dive_arrives_and_keeps_to_the_path(system:
     assert flight.score.mean() > 0.92
 
 
+@pytest.mark.slow
 @DIVES
 def test_on_truth_currents_do_not_carry_it_off(system: System):
     flight = rollout("autopilot", system.name, range(12), {"estimator": "truth", "disturbance": "rough"})
@@ -302,6 +304,7 @@ def test_on_truth_currents_do_not_carry_it_off(system: System):
     assert flight.score.mean() > 0.9
 
 
+@pytest.mark.slow
 @DIVES
 def test_a_vehicle_that_differs_from_its_model_is_flown_all_the_same(system: System):
     options = {"estimator": "truth", "disturbance": "calm", "mismatch": 0.1}
@@ -310,6 +313,7 @@ def test_a_vehicle_that_differs_from_its_model_is_flown_all_the_same(system: Sys
     assert flight.score.mean() > 0.85
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("goal", [(10.0, -18.0, 6.0), (25.0, 0.0, 8.0), (8.0, 8.0, 0.0), (5.0, -20.0, 2.0)], ids=str)
 def test_other_goals_are_reached_to_either_side(goal: tuple[float, float, float]):
     options = {"estimator": "truth", "disturbance": "calm"}

@@ -200,6 +200,7 @@ def test_the_standard_deviations_of_the_longer_observation_are_not_used():
 # --- flights ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_on_truth_every_flight_arrives_and_keeps_to_the_path():
     # In rough air the mean says how well the path is kept: single flights fall to 0.74 among sixty, on any path.
     for disturbance, least, mean in (("calm", 0.95, 0.95), ("rough", 0.7, 0.9)):
@@ -210,6 +211,7 @@ def test_on_truth_every_flight_arrives_and_keeps_to_the_path():
         assert flight.score.mean() > mean
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("goal", [(700.0, 300.0, 1.5), (700.0, -300.0, -1.5), (-200.0, 400.0, 3.0)], ids=str)
 def test_other_goals_are_reached_to_either_side(goal: tuple[float, float, float]):
     options = {"estimator": "truth", "disturbance": "calm"}

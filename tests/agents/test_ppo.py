@@ -55,6 +55,7 @@ def weights(path: Path) -> dict[str, np.ndarray]:
         return {name: np.load(archive.open(name)) for name in archive.namelist() if name.startswith("weights/")}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("memory", MEMORIES)
 def test_the_same_seed_trains_the_same_policy_and_another_seed_another(tmp_path: Path, memory: str):
     one, other, third = (
@@ -68,6 +69,7 @@ def test_the_same_seed_trains_the_same_policy_and_another_seed_another(tmp_path:
     assert (tmp_path / "one.zip").read_bytes() == (tmp_path / "other.zip").read_bytes()  # no times, no addresses
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "memory"), [(0, "none"), (3, "none"), (0, "frames"), (0, "lstm")])
 def test_training_flies_its_own_seeds_and_no_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, seed: int, memory: str
@@ -146,6 +148,7 @@ def test_frames_at_flight_are_those_of_the_training_at_starts_and_ends_of_episod
     assert len(set(ends)) > 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("memory", ["frames", "lstm"])
 def test_each_row_remembers_its_own_past_until_the_reset(tmp_path: Path, memory: str):
     path = train(ENV, tmp_path / "agent.zip", RAW, steps=STEPS, memory=memory)
@@ -165,6 +168,7 @@ def test_each_row_remembers_its_own_past_until_the_reset(tmp_path: Path, memory:
     np.testing.assert_array_equal(flown(past), together)
 
 
+@pytest.mark.slow
 def test_a_recurrent_agent_flies_as_the_policy_that_was_saved_and_as_before(tmp_path: Path, saved: list[RecurrentPPO]):
     path = train(ENV, tmp_path / "agent.zip", RAW, steps=STEPS, memory="lstm")
     agent = load_agent(path, gym.make(ENV, **RAW))

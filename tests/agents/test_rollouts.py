@@ -25,6 +25,7 @@ def bang_bang(side: float):
     return HardOver()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("agent", ["autopilot", "random"])
 def test_the_same_agent_and_seeds_give_the_same_flights(agent: str):
     one, other = (rollout(agent, ENV, [3, 1, 4], ROUGH) for _ in range(2))
@@ -35,6 +36,7 @@ def test_the_same_agent_and_seeds_give_the_same_flights(agent: str):
         np.testing.assert_array_equal(value, other.history[key])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("agent", ["autopilot", bang_bang(1.0)], ids=["autopilot", "hard over"])
 def test_a_batch_of_seeds_equals_one_seed_at_a_time(agent: object):
     seeds = [7, 2, 900_000]
@@ -77,6 +79,7 @@ def test_a_rollout_equals_a_loop_over_single_environments():
         np.testing.assert_array_equal(flight.alive[:, i], np.arange(len(flight.alive)) < len(truths))
 
 
+@pytest.mark.slow
 def test_the_score_is_that_of_the_episode_and_lies_in_the_unit_interval():
     flight = rollout("autopilot", ENV, range(5))
     np.testing.assert_allclose(flight.score, flight.returns / 600.0, rtol=0, atol=1e-12)
@@ -87,6 +90,7 @@ def test_the_score_is_that_of_the_episode_and_lies_in_the_unit_interval():
     assert not any(key.startswith("_") for key in flight.history)
 
 
+@pytest.mark.slow
 def test_without_a_record_the_scores_are_the_same():
     one, other = rollout("autopilot", ENV, [1, 2]), rollout("autopilot", ENV, [1, 2], record=False)
     np.testing.assert_array_equal(one.score, other.score)

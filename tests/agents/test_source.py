@@ -132,6 +132,7 @@ def test_what_lies_beside_an_own_module_and_is_not_imported_does_not_count(own):
     assert own("beside") == own()
 
 
+@pytest.mark.slow
 def test_what_is_installed_does_not_count_and_is_not_imported_to_see_that():
     code = (
         "import sys; from agents import source; found = source._closure('agents.ppo', 'agents', {}); "

@@ -46,6 +46,7 @@ def reports() -> list[Consistency]:
     return [assess(filter, PRIOR, _rng(100 + i), runs=60, steps=40, lags=10) for i in range(200)]
 
 
+@pytest.mark.slow
 def test_a_consistent_filter_is_failed_no_more_often_than_is_stated(reports: list[Consistency]):
     # The allowance is for the luck of 200 assessments: false alarm of 0.1 % for each of the ten claims.
     for rate in (0.05, 0.2):
@@ -55,6 +56,7 @@ def test_a_consistent_filter_is_failed_no_more_often_than_is_stated(reports: lis
             assert sum(getattr(report, test).p_value < rate for report in reports) <= allowed, test
 
 
+@pytest.mark.slow
 def test_the_whiteness_test_fails_as_many_as_is_stated_and_not_fewer(reports: list[Consistency]):
     """Unlike the others it is one test, not many: its p-value is uniform."""
     p = np.array([report.whiteness.p_value for report in reports])
@@ -363,6 +365,7 @@ def _panels(filter: Filter, prior: Gaussian, **options: object):
     return report, figure, figure.axes
 
 
+@pytest.mark.slow
 def test_the_figure_shows_each_test_in_a_panel_with_named_axes():
     pytest.importorskip("matplotlib")
     report, figure, panels = _panels(make("kf", MODEL), PRIOR)
@@ -393,6 +396,7 @@ def test_the_figure_says_so_when_a_filter_is_inconsistent():
     assert "kf: inconsistent (p < 0.001" in figure.get_suptitle()
 
 
+@pytest.mark.slow
 def test_the_figure_of_a_filter_whose_innovations_carry_an_input_says_what_it_does_not_show():
     pytest.importorskip("matplotlib")
     system = unknown_input_system(0, feedthrough=False, m=0)
@@ -402,12 +406,14 @@ def test_the_figure_of_a_filter_whose_innovations_carry_an_input_says_what_it_do
         assert all(axes.get_xlabel() and axes.get_ylabel() for axes in panels)
 
 
+@pytest.mark.slow
 def test_the_figure_of_a_conservative_filter_does_not_ask_for_whiteness():
     pytest.importorskip("matplotlib")
     _, _, panels = _panels(make("robust-kf", MODEL), PRIOR, conservative=True)
     assert "not required" in panels[2].get_title()
 
 
+@pytest.mark.slow
 def test_only_the_figure_loads_matplotlib_and_it_opens_no_window():
     pytest.importorskip("matplotlib")
     program = """

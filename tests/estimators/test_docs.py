@@ -17,6 +17,7 @@ def test_there_are_examples():
     assert len(EXAMPLES) > 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("code", EXAMPLES)
 def test_an_example_runs_as_it_stands(code: str, capsys: pytest.CaptureFixture, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)  # what an example saves is not kept

@@ -162,6 +162,7 @@ def test_the_published_variant_moves_the_mean_by_about_a_quarter_of_the_spread_a
 # --- 1. linear and Gaussian ---------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_the_filter_tends_to_the_kalman_filter_as_one_over_the_root_of_members(name: str):
     system, runs, steps = kalman_system(0), 200, 6
@@ -269,6 +270,7 @@ def test_process_noise_takes_as_many_numbers_a_member_as_its_rank(name: str, ran
     assert (np.abs(after.cov - Q) <= 5.0 * sd + 1e-15).all()
 
 
+@pytest.mark.slow
 @settings(derandomize=True, max_examples=30, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), k=st.integers(1, 6), rank=st.integers(0, 6))
 def test_a_noise_root_has_as_many_columns_as_the_rank_and_gives_the_covariance_back(seed: int, k: int, rank: int):
@@ -552,6 +554,7 @@ def test_members_on_both_sides_of_the_seam_are_close_together(name: str):
         np.testing.assert_allclose(other_cov, cov, rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_a_vehicle_is_followed_by_range_and_bearing_as_the_extended_filter_follows_it(name: str):
     system = turning_vehicle(0)

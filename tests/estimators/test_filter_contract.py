@@ -287,6 +287,7 @@ def _lose(belief: Belief, row: int, how: str) -> Belief:
     return belief.replace(mean=mean, cov=cov)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", ["mean not a number", "mean infinite", "cov not a number", "cov infinite"])
 @every_case("deterministic")
 def test_a_lost_row_begins_again_from_its_prior_and_the_newest_reading(case: Case, how: str):

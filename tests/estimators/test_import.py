@@ -38,12 +38,14 @@ def loaded() -> set[str]:
     return set(_run(PROGRAM).split())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("module", HEAVY)
 def test_importing_and_using_a_filter_does_not_load(loaded: set[str], module: str):
     assert "estimators" in loaded
     assert module not in loaded
 
 
+@pytest.mark.slow
 def test_only_numpy_and_scipy_are_needed(loaded: set[str]):
     bare = set(_run("import sys, numpy, scipy.linalg, scipy.special; print(*sys.modules)").split())
     extra = {name.partition(".")[0] for name in loaded - bare} - {"estimators", "numpy", "scipy"}

@@ -117,6 +117,7 @@ def test_every_filter_is_held_to_the_invariance():
     assert set(NONLINEAR + PUSHED + LINEAR) == set(names())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ekf", "huber-kf", "robust-kf"])
 def test_flying_south_on_speed_and_course_is_flying_north(name: str):
     """Course is cut at south: with a Jacobian across the cut one flight in six came to be over-confident there."""

@@ -63,6 +63,7 @@ def test_ekf_without_jacobians_is_the_kalman_filter_when_its_functions_are_linea
         assert_same(one, other, 1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("radius", [0.5, 0.95, 1.1])
 @every_case("kalman")
 def test_the_covariance_settles_at_the_solution_of_the_riccati_equation(case: Case, radius: float):
@@ -76,6 +77,7 @@ def test_the_covariance_settles_at_the_solution_of_the_riccati_equation(case: Ca
     np.testing.assert_allclose(belief.cov, expected, rtol=0, atol=1e-10 * np.abs(expected).max())
 
 
+@pytest.mark.slow
 @every_case("unknown-input", "linear")
 def test_the_covariance_forgets_where_it_started(case: Case):
     system = case.system(0)
@@ -201,6 +203,7 @@ def test_a_change_of_the_input_shows_one_for_one_in_its_estimate(case: Case, see
     np.testing.assert_array_equal(after.cov, before.cov)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 @every_case("unknown-input", "linear")
 def test_the_estimation_error_does_not_depend_on_the_size_of_the_input(case: Case, seed: int):
@@ -284,6 +287,7 @@ def test_errors_of_state_and_input_are_together_as_large_as_the_filter_says(case
     assert _share_inside(np.array(values), model.n + model.q) >= 0.9
 
 
+@pytest.mark.slow
 @every_case("consistent", "kalman")
 def test_innovations_are_as_large_as_the_filter_says(case: Case):
     system = case.system(1)
@@ -293,6 +297,7 @@ def test_innovations_are_as_large_as_the_filter_says(case: Case):
     assert _share_inside(values, system.model.p) >= 0.9
 
 
+@pytest.mark.slow
 @every_case("consistent", "unknown-input")
 def test_what_the_input_leaves_of_the_innovation_is_as_large_as_the_filter_says(case: Case):
     """``(e - F d)' S^-1 (e - F d)`` is chi-square with p - q degrees of freedom, whatever the input.
@@ -335,6 +340,7 @@ def _streams(*rows: int) -> list[np.random.Generator]:
     return [np.random.default_rng([7, row]) for row in rows]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 @every_case()
 def test_a_batch_equals_a_loop_over_its_rows(case: Case, seed: int):
@@ -358,6 +364,7 @@ def test_a_batch_equals_a_loop_over_its_rows(case: Case, seed: int):
             assert_same(one[i], other, 1e-12)
 
 
+@pytest.mark.slow
 @every_case()
 def test_a_batch_may_have_several_axes(case: Case):
     system = case.system(0)
@@ -373,6 +380,7 @@ def test_a_batch_may_have_several_axes(case: Case):
         assert_same(one[1, 2], other[5], 1e-12)
 
 
+@pytest.mark.slow
 @every_case("linear")
 def test_a_model_for_each_row_equals_a_filter_for_each_model(case: Case):
     systems = [case.system(seed) for seed in range(3)]
@@ -488,6 +496,7 @@ def test_an_update_without_readings_leaves_the_estimate_alone(case: Case):
     np.testing.assert_array_equal(belief.innovation_cov, np.eye(system.model.p))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 @every_case("deterministic")
 def test_masking_a_channel_equals_a_model_without_it(case: Case, seed: int):
@@ -510,6 +519,7 @@ def test_masking_a_channel_equals_a_model_without_it(case: Case, seed: int):
             assert_same(one, other, tolerance)  # another order of the same sums, over 15 steps
 
 
+@pytest.mark.slow
 @every_case()
 def test_a_reading_covariance_that_is_passed_replaces_that_of_the_model(case: Case):
     system, rows = case.system(0), 3
@@ -549,6 +559,7 @@ def test_a_change_of_units_changes_nothing_but_the_units(case: Case):
             np.testing.assert_allclose(other.input_cov / unit**2, one.input_cov, rtol=0, atol=1e-10 * scale)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turns", [-3, -1, 1, 2])
 @every_case()
 def test_whole_turns_of_a_measured_angle_change_nothing(case: Case, turns: int):

@@ -70,6 +70,7 @@ def test_runge_kutta_is_of_fourth_order():
     assert errors[0] / errors[1] == pytest.approx(16.0, rel=0.1)
 
 
+@pytest.mark.slow
 def test_the_climate_of_the_systems_has_the_published_spread():
     """Climatology scores 7.6 and 3.6 (as printed in DAPPER): the root mean square departure from the mean state."""
     for setting, printed in ((LORENZ63, 7.6), (LORENZ96, 3.6)):
@@ -83,6 +84,7 @@ def test_the_climate_of_the_systems_has_the_published_spread():
         assert np.sqrt((departure**2).mean(-1)).mean() == pytest.approx(printed, abs=0.1)
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_scores_and_another_seed_others():
     row = _shortened(BENCHMARKS[0])
     steps = []

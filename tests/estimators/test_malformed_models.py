@@ -116,6 +116,7 @@ def test_an_option_that_is_too_large_or_no_number_is_refused_by_its_name(name: s
         make(name, model, **{option: value})
 
 
+@pytest.mark.slow
 @given(st.data(), st.sampled_from(names()))
 def test_whatever_a_filter_is_given_it_answers_with_a_sentence_or_a_belief(data: st.DataObject, name: str):
     try:

@@ -162,6 +162,7 @@ def test_the_huber_filter_refuses_options_that_mean_nothing(options: dict[str, f
 # --- robust-kf --------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @settings(derandomize=True, max_examples=200, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1), n=st.integers(1, 12), spread=st.floats(0.0, 4.0), size=st.floats(-9.0, 9.0),
@@ -297,6 +298,7 @@ def test_with_outliers_the_huber_filter_has_at_most_60_percent_of_the_kalman_fil
     assert _margin(errors["robust-kf"], errors["kf"], 1.0) < -SURE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("intensity", [0.01, 0.1, 1.0])
 def test_without_outliers_the_huber_filter_is_within_5_percent_of_the_kalman_filter(intensity: float):
     system = _constant_velocity(intensity)
@@ -411,6 +413,7 @@ def test_simulated_runs_of_the_least_favourable_model_have_errors_as_large_as_th
     assert 1e-3 < chi2.cdf(total, 2 * runs) < 1.0 - 1e-3  # false alarm of 0.2 %
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("radius", [0.01, 0.1])
 @pytest.mark.parametrize("intensity", [0.01, 0.1])
 def test_under_the_least_favourable_model_the_robust_filter_beats_the_kalman_filter_and_the_huber_filter_loses(

@@ -84,6 +84,7 @@ def _yong_zhu_frazzoli(system: System, y: np.ndarray, u: np.ndarray) -> list[tup
     return out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize(("n", "p", "q", "rank"), [(4, 3, 1, 0), *MIXED, (4, 3, 2, 2)])
 def test_ulise_gives_what_the_formulas_of_its_paper_give(seed: int, n: int, p: int, q: int, rank: int):
@@ -183,6 +184,7 @@ def test_ulise_leaves_to_the_next_reading_what_a_dropped_channel_of_feedthrough_
 _SHARED = ("mean", "cov", "input_mean", "input_cov", "state_input_cov", "input_observed", "innovation", "recovery")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ekf-ui-wdf", "ukf-umv", "ulise"])
 @pytest.mark.parametrize(("p", "q"), [(3, 1), (4, 2)])
 def test_without_feedthrough_every_filter_is_the_linear_one_without_feedthrough(name: str, p: int, q: int):
@@ -335,6 +337,7 @@ _FAMILIES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("family", _FAMILIES)
 def test_over_a_family_of_random_systems_state_and_input_are_unbiased_and_consistent(family: str):
     """Pooled over systems: squares of the means in standard errors, and the NEES, are chi-square."""
@@ -353,6 +356,7 @@ def test_over_a_family_of_random_systems_state_and_input_are_unbiased_and_consis
         assert low < np.mean(values) < high
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "ignorant"), [("ekf-ui-wdf", "ekf"), ("ukf-umv", "ukf")])
 def test_a_vehicle_that_is_pushed_is_followed_by_a_filter_that_knows_of_the_push(name: str, ignorant: str):
     system, runs, steps = pushed_vehicle(0), 50, 100
@@ -454,6 +458,7 @@ def test_a_direction_that_a_nonlinear_or_changing_model_loses_falls_back_to_its_
             np.testing.assert_allclose(belief.input_cov, INPUT_PRIOR, rtol=1e-14)
 
 
+@pytest.mark.slow
 def test_ulise_stays_as_it_should_be_over_many_steps_with_missing_readings():
     system, rows = _mixed(0, 4, 4, 2, 1), 20
     filter, rng = make("ulise", system.model), np.random.default_rng(0)

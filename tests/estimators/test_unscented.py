@@ -49,6 +49,7 @@ def _linear(seed: int) -> NonlinearModel:
     return _as_functions(kalman_system(seed, 3, 2, 1))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("points", POINTS, ids=str)
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("model_of", [_linear, _nonlinear])

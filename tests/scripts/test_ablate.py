@@ -73,6 +73,7 @@ def test_parts_of_a_study_together_are_the_study(study, tmp_path, capsys):
     assert len({line["key"] for line in journal(out)}) == len(journal(out))
 
 
+@pytest.mark.slow
 def test_mistakes_are_sentences_with_lines_and_exit_code_2_before_anything_runs(tmp_path):
     path = tmp_path / "bad.toml"
     path.write_text("episodess = 3\n[environments]\nSigmaCorvete-v0 = {}\n")

@@ -43,15 +43,18 @@ class _Scripted:
         return number
 
 
+@pytest.mark.slow
 def test_a_run_counts_every_environment_and_step_of_an_episode():
     assert single("SigmaCorvette-v0", "kf").env_steps == 600
     assert batch("SigmaCorvette-v0", "kf", 3).env_steps == 1800
 
 
+@pytest.mark.slow
 def test_a_run_of_a_dive_ends_with_its_first_arrival():
     assert 300 < single("ItsunusaAUV-v0", "truth").env_steps < 600
 
 
+@pytest.mark.slow
 def test_only_the_corvette_has_a_loop_written_by_hand(capsys: pytest.CaptureFixture[str]):
     main("ItsunusaAUV-v0", what="environment", estimator="truth", num_envs=(2,), repeats=1)
     printed = capsys.readouterr().out
@@ -59,12 +62,14 @@ def test_only_the_corvette_has_a_loop_written_by_hand(capsys: pytest.CaptureFixt
     assert "ItsunusaAUV-v0, truth" in printed
 
 
+@pytest.mark.slow
 def test_times_are_positive_and_named_as_the_runs():
     times = microseconds({"one": single("SigmaCorvette-v0", "truth")}, repeats=2)
     assert list(times) == ["one"]
     assert times["one"] > 0.0
 
 
+@pytest.mark.slow
 def test_the_report_names_every_size_and_the_loop(capsys: pytest.CaptureFixture[str]):
     main("SigmaCorvette-v0", what="environment", estimator="kf", num_envs=(2,), repeats=1)
     printed = capsys.readouterr().out
@@ -72,6 +77,7 @@ def test_the_report_names_every_size_and_the_loop(capsys: pytest.CaptureFixture[
         assert label in printed
 
 
+@pytest.mark.slow
 def test_every_filter_is_timed_beside_filterpy(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     monkeypatch.setattr(benchmark, "MEMBERS", 5)
     timed = benchmark.estimator

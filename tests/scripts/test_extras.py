@@ -54,6 +54,7 @@ def test_every_module_that_is_asked_for_comes_with_its_extra_and_all_of_them_wit
         assert extra("commands") <= extra(name) or name == "cluster"
 
 
+@pytest.mark.slow
 def test_whatever_is_imported_is_a_dependency_or_comes_with_an_extra():
     homes = packages_distributions()
     known = set(sys.stdlib_module_names) | {"estimators", "vessel_gym", "agents", "scripts"}
@@ -144,6 +145,7 @@ def test_a_command_that_needs_an_extra_tells_what_to_type_before_it_works(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("module", ["tyro", "rich"])
 def test_what_all_commands_need_is_asked_for_before_it_is_imported(module: str):
     program = f"import sys, runpy; sys.modules[{module!r}] = None; runpy.run_module('scripts.evaluate', alter_sys=True)"

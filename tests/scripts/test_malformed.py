@@ -131,6 +131,7 @@ def command_line(draw: st.DrawFn) -> tuple[str, list[str]]:
     return name, [argument for argument in arguments if argument not in ("-h", "--help")]
 
 
+@pytest.mark.slow
 @given(command_line())
 def test_any_command_line_is_refused_in_one_sentence_or_begins_its_work(line: tuple[str, list[str]]):
     name, arguments = line

@@ -11,6 +11,7 @@ from scripts import evaluate, train
 from scripts.console import command
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("memory", ["none", "frames"])
 def test_a_trained_agent_can_be_evaluated_on_several_estimators(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], memory: str
@@ -47,6 +48,7 @@ def test_a_command_refuses_in_one_sentence(
     assert sentence in told
 
 
+@pytest.mark.slow
 def test_a_module_is_run_as_a_command():
     run = subprocess.run([sys.executable, "-m", "scripts.evaluate", "--estimator"], capture_output=True, text=True)
     assert run.returncode == 2

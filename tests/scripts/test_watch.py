@@ -55,6 +55,7 @@ def run(monkeypatch):
     return status
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("suffix", "frames"), [(".gif", 3), (".mp4", 3), (".PNG", 1)])
 def test_a_file_holds_the_frames_asked_for_and_nothing_else_is_left(run, tmp_path, suffix, frames):
     out = tmp_path / f"turn{suffix}"
@@ -144,6 +145,7 @@ def test_a_full_disk_is_told_in_one_sentence(run, tmp_path, monkeypatch, capsys)
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("quit_after", [2, STEPS])
 def test_the_window_stays_until_it_is_closed(run, monkeypatch, quit_after):
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")

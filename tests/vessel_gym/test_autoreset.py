@@ -70,6 +70,7 @@ def fly(mode: AutoresetMode, env_id: str, steps: int, **options: Any) -> dict[tu
     return flown
 
 
+@pytest.mark.slow
 @with_and_without_randomness_of_its_own
 @every_environment
 def test_the_episodes_of_a_row_are_the_same_in_every_mode_and_in_a_single_environment(env_id: str, estimator: str):
@@ -102,6 +103,7 @@ def assert_same_episode(one: tuple[Any, ...], other: tuple[Any, ...], where: str
         assert_same_tree(np.asarray(one[-1][key]), np.asarray(value), f"{where}, {key}", EXACT)
 
 
+@pytest.mark.slow
 @every_mode
 @every_environment
 def test_a_batch_does_what_gymnasiums_own_loop_over_single_environments_does(env_id: str, mode: AutoresetMode):
@@ -126,6 +128,7 @@ def test_a_batch_does_what_gymnasiums_own_loop_over_single_environments_does(env
     assert ends >= 2
 
 
+@pytest.mark.slow
 @every_mode
 @every_environment
 def test_a_reset_of_some_environments_leaves_the_others_untouched(env_id: str, mode: AutoresetMode):

@@ -228,6 +228,7 @@ def test_a_wrong_time_limit_is_refused(env_id: str, wrong: Any):
 # --- seeds ------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @every_environment
 @pytest.mark.parametrize("wrong", [-1, 1.5, "7", True, [1, 2], [1, 2, 3, 4], [1, -2, 3], [1, 2.5, 3], [1, "2", 3],
                                    [1, None, 3], [True, 2, 3], np.array([1.0, 2.0, 3.0])], ids=repr)  # fmt: skip

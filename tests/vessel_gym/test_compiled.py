@@ -51,6 +51,7 @@ def loading_kernels(folder: Path, **environment: str) -> subprocess.CompletedPro
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_without_a_place_to_write_kernels_are_kept_in_a_private_folder_and_compiled_once(sealed: Path):
     first, second = loading_kernels(sealed), loading_kernels(sealed, NUMBA_CACHE_DIR="/dev/null/cache")
     for run in (first, second):

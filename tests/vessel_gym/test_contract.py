@@ -66,6 +66,7 @@ def test_gymnasium_finds_nothing_to_warn_of(env_id: str, estimator: str, observe
     env.close()
 
 
+@pytest.mark.slow
 @every_environment
 def test_gymnasium_finds_nothing_to_warn_of_in_the_pictures(env_id: str, monkeypatch: pytest.MonkeyPatch):
     pytest.importorskip("pygame")
@@ -89,6 +90,7 @@ def test_a_filter_that_the_model_cannot_carry_is_refused_with_its_condition(env_
             make(env_id, estimator=estimator)
 
 
+@pytest.mark.slow
 def test_gymnasium_makes_the_environments_without_an_import_of_the_package():
     program = f"""
 import sys
@@ -226,6 +228,7 @@ def test_a_batch_and_its_single_environments_agree_through_whole_episodes_and_on
     assert counts["staggered"] >= 4
 
 
+@pytest.mark.slow
 @every_environment
 def test_a_list_of_seeds_seeds_each_environment(env_id: str):
     seeds = [5, 900_000, 5, 2**40]
@@ -246,6 +249,7 @@ def test_rows_with_the_same_seed_are_the_same_environment(env_id: str):
             np.testing.assert_array_equal(value[0], value[1], err_msg=key)
 
 
+@pytest.mark.slow
 @every_environment
 def test_a_batch_says_in_info_what_gymnasium_would_say_of_single_environments(env_id: str):
     options = {"sensors": "degraded", "disturbance": "rough", "mismatch": 0.2}
@@ -553,6 +557,7 @@ def test_the_docstring_says_what_every_key_of_info_is(env_id: str):
     assert listed == list(gym.make(env_id).reset(seed=0)[1])
 
 
+@pytest.mark.slow
 @every_environment
 def test_the_score_is_the_sum_of_rewards_over_that_of_a_perfect_episode(env_id: str):
     env = make_batch(env_id, 5, disturbance="rough")
@@ -588,6 +593,7 @@ def test_random_actions_leave_everything_finite_and_in_bounds(env_id: str, monke
     assert seen.missing > 0.1 * seen.steps
 
 
+@pytest.mark.slow
 @every_environment
 def test_even_the_most_mismatched_vehicle_stays_in_one_piece(env_id: str):
     """Corners of what ``mismatch`` may draw, steered hard: one environment in some thousands comes near to one."""

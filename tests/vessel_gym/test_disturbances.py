@@ -136,6 +136,7 @@ def test_records_have_the_stationary_sizes_from_the_first_step_to_the_last(sea):
         assert_variance(sea.forcing(states[k])[..., 0], sea.unknown_input_var)
 
 
+@pytest.mark.slow
 @every_sea
 def test_the_spectrum_of_the_wave_yaw_rate_peaks_at_the_peak_frequency(sea):
     rows, steps = 1000, 1024
@@ -149,6 +150,7 @@ def test_the_spectrum_of_the_wave_yaw_rate_peaks_at_the_peak_frequency(sea):
     assert omega[np.argmax(power)] == pytest.approx(sea.peak, rel=0.05)
 
 
+@pytest.mark.slow
 def test_the_spectrum_of_the_wave_yaw_rate_has_the_width_of_its_damping():
     sea = SEAS["rough"]
     rows, steps = 4000, 1024

@@ -451,6 +451,7 @@ def test_distance_from_the_path_costs_what_is_documented(system: System):
             np.testing.assert_allclose(both, off[:1])
 
 
+@pytest.mark.slow
 @DIVES
 def test_every_metre_pays_once_and_the_same(system: System):
     task, course = system.task, courses(system.task, 1, 13)[0]
@@ -493,6 +494,7 @@ waypoints = st.lists(
 """Steps along the path, all of which count, and where beside it."""
 
 
+@pytest.mark.slow
 @DIVES
 @settings(derandomize=True, max_examples=40, deadline=None)
 @given(
@@ -530,6 +532,7 @@ def test_no_detour_ever_raises_the_score(
     assert longer <= direct + 1e-12
 
 
+@pytest.mark.slow
 @DIVES
 @settings(derandomize=True, max_examples=30, deadline=None)
 @given(steps=waypoints, when=st.floats(0.0, 1.0), pause=st.integers(1, 60), throttle=st.floats(0.0, 1.0))

@@ -122,6 +122,7 @@ def test_a_path_that_hardly_turns_is_the_straight_one(length: float, depth: floa
 # --- where a position is relative to it -------------------------------------------------------------
 
 
+@pytest.mark.slow
 @LAW
 @given(COURSES, st.floats(-1.0, 2.0), st.floats(-0.9, 0.9), st.floats(-10.0, 10.0))
 def test_a_position_off_the_path_is_found_again(course: np.ndarray, share: float, off: float, below: float):
@@ -162,6 +163,7 @@ def test_the_closest_point_in_plan_is_that_of_a_search(course: np.ndarray, north
         assert found <= search.fun + 1e-6 * (1.0 + length)
 
 
+@pytest.mark.slow
 @DIVES
 def test_a_position_is_before_the_start_or_beyond_the_end_only_where_it_is_behind_or_ahead_of_it(course: np.ndarray):
     """Even across the circle from the arc, where progress jumps from one end to the other."""

@@ -91,6 +91,7 @@ def words(monkeypatch):
 # --- pictures in general -------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("env_id", DIVES)
 def test_rgb_array_is_a_picture_and_opens_no_display(env_id):
     pixels = drawn(env_id)

@@ -52,6 +52,7 @@ def misses(end: np.ndarray, goal: np.ndarray) -> np.ndarray:
 # --- the six words ----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("radius", [1.0, 0.3])
 def test_every_candidate_ends_at_the_goal_and_is_as_long_as_it_says(radius):
     seen = set()
@@ -95,6 +96,7 @@ def solutions(start: np.ndarray, goal: np.ndarray, word: str, guess: np.ndarray,
     return np.where(arrived & (pieces >= 0.0).all(-1), pieces.sum(-1), np.inf).min(-1)
 
 
+@pytest.mark.slow
 def test_no_search_over_words_and_lengths_of_pieces_finds_a_shorter_path():
     start, goal = random_pairs(PAIRS, 1)
     found = lengths(start, goal, 1.0).min(-1)
@@ -177,6 +179,7 @@ def test_poses_whose_distance_is_known(goal, length):
     assert shortest([0.0, 0.0, 0.0], goal, 1.0).length == pytest.approx(length, abs=1e-9)
 
 
+@pytest.mark.slow
 @frames
 @pytest.mark.parametrize("word", WORDS)
 def test_a_word_that_loses_pieces_is_never_a_circle_too_long(start, word):
@@ -272,6 +275,7 @@ def test_many_pairs_at_once_are_the_pairs_one_by_one():
     np.testing.assert_array_equal(lengths(start, goal[0], 1.0)[5], lengths(start[5], goal[0], 1.0))
 
 
+@pytest.mark.slow
 def test_a_million_pairs_take_less_than_two_seconds_of_one_core():
     start, goal = random_pairs(1_000_000, 8)
     begin = time.process_time()
@@ -317,6 +321,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "dubins.md"
 EXAMPLES = re.findall(r"^```python\n(.*?)^```", PAGE.read_text(encoding="utf-8"), re.M | re.S)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("code", EXAMPLES, ids=["use", "pictures"])
 def test_an_example_of_the_page_runs_and_draws_every_picture_on_it(code, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

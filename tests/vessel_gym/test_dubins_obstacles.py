@@ -71,6 +71,7 @@ def assert_sound(path, start, goal, radius: float, obstacles: np.ndarray, margin
 # --- random scenes ----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_sound_path_is_found_in_every_scene_whose_obstacles_keep_two_radii_from_both_poses():
     around = 0
     for start, goal, obstacles in random_scenes(0):
@@ -123,6 +124,7 @@ def planned(start, goal, obstacles) -> float:
     return path.length
 
 
+@pytest.mark.slow
 def test_another_planner_finds_nothing_that_is_more_than_one_percent_shorter():
     ours, theirs = [], []
     rng = np.random.default_rng(5)

@@ -69,6 +69,7 @@ def heading_rmse(history: dict[str, np.ndarray]) -> np.ndarray:
     return np.sqrt(np.mean(wrap(history["estimate"][..., PSI] - history["truth"][..., TRUE_PSI]) ** 2, axis=0))
 
 
+@pytest.mark.slow
 def test_every_estimator_watched_the_same_ships():
     one = estimated("kf-umv-ui")
     assert one["truth"].shape == (600, SEEDS, 6)
@@ -77,6 +78,7 @@ def test_every_estimator_watched_the_same_ships():
             np.testing.assert_array_equal(one[key], other[key])
 
 
+@pytest.mark.slow
 def test_kf_umv_ui_estimates_heading_better_than_kf_that_ignores_the_unknown_input():
     low, _ = paired_interval(heading_rmse(estimated("kf")) - heading_rmse(estimated("kf-umv-ui")))
     assert low > 0.0
@@ -113,6 +115,7 @@ def test_the_unknown_input_of_kf_umv_ui_is_better_than_the_raw_channel_that_show
     assert abs(np.mean(raw**2) / sd**2 - 1.0) < 4.0 * np.sqrt(2.0 / true.size)
 
 
+@pytest.mark.slow
 def test_in_calm_seas_ignoring_the_unknown_input_costs_little():
     """The unknown input is what makes the difference: it vanishes with the sea."""
     calm = heading_rmse(estimated("kf", "calm")).mean() / heading_rmse(estimated("kf-umv-ui", "calm")).mean()
@@ -170,6 +173,7 @@ def share_inside(values: np.ndarray) -> float:
     return float(np.mean((low <= means) & (means <= high)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("estimator", "disturbance"), [("kf-umv-ui", "rough"), ("kf", None)])
 def test_errors_are_as_large_as_the_filter_says_at_nine_times_in_ten(estimator: str, disturbance: str | None):
     values = consistency(estimator, disturbance)
@@ -193,12 +197,14 @@ def flown(estimator: str) -> Rollout:
     )  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("better", "worse"), [("kf-umv-ui", "kf"), ("kf", "dead-reckoning")])
 def test_in_rough_seas_the_autopilot_scores_higher_on_the_better_estimates(better: str, worse: str):
     low, _ = paired_interval(flown(better).score - flown(worse).score)
     assert low > 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("estimator", ["kf-umv-ui", "kf", "ekf", "measurement", "dead-reckoning"])
 def test_no_estimator_scores_above_the_truth(estimator: str):
     assert flown(estimator).score.mean() <= flown("truth").score.mean()

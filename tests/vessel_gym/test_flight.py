@@ -119,6 +119,7 @@ def test_absurd_poses_give_finite_answers():
 # --- courses ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_every_drawn_path_can_be_flown_and_keeps_clear_of_its_obstacles():
     for course in courses(300):
         segments = segments_of(course)
@@ -136,6 +137,7 @@ def test_every_drawn_path_can_be_flown_and_keeps_clear_of_its_obstacles():
             assert TASK.clearance(on_path(course, s), course[None])[0] >= TASK.margin - 1e-6
 
 
+@pytest.mark.slow
 def test_a_path_that_comes_back_on_itself_is_told_from_one_that_does_not():
     rng, told = np.random.default_rng(1), []
     for start, goal in rng.uniform(-1.0, 1.0, (60, 2, 3)) * [450.0, 450.0, np.pi]:
@@ -279,6 +281,7 @@ def along(course: np.ndarray, step: float = 2.0, off: float = 0.0, above: float 
     return [(s, off, above) for s in np.arange(0.0, course[5 * SEGMENTS] + step + 1e-6, step)]
 
 
+@pytest.mark.slow
 def test_a_perfect_flight_scores_one_and_ends_by_arriving():
     for course in courses(5, 3):
         score, end = flown(course, along(course))
@@ -294,6 +297,7 @@ def test_errors_cost_and_half_is_lost_at_the_tolerances():
     assert flown(course, along(course)[:100], action=0.5)[0] == pytest.approx(0.9 * best, rel=0.01)
 
 
+@pytest.mark.slow
 def test_dawdling_circling_and_going_back_pay_nothing():
     course = courses(1, 5)[0]
     straight = along(course)

@@ -88,6 +88,7 @@ def words(monkeypatch):
 # --- pictures in general -------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_rgb_array_is_a_picture_and_opens_no_display():
     pixels = drawn()
     assert pixels.shape == (720, 1008, 3)
@@ -160,6 +161,7 @@ def test_north_is_up_and_east_is_right(north, east, rows, columns):
     assert (np.sign(np.round((after - before) / 5.0)) == [rows, columns]).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("which", [1, 3, 6], ids=["across", "speed", "bank"])
 @pytest.mark.parametrize("whose", ["truth", "belief"])
 def test_charts_show_what_is_true_as_true_and_what_is_believed_as_believed(which, whose):

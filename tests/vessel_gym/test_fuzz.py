@@ -7,6 +7,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+import pytest
 from contract import ENVIRONMENTS, FEW_MEMBERS, assert_same_tree, assert_sound, single_class, vector_class
 from hypothesis import given
 from hypothesis import strategies as st
@@ -144,6 +145,7 @@ def test_any_action_works_or_is_refused_and_changes_nothing(data: Any, env_id: s
         assert_flies(env.core)
 
 
+@pytest.mark.slow
 @given(st.data(), environments)
 def test_any_injected_reading_works_or_is_refused_and_changes_nothing(data: Any, env_id: str):
     core = prepared(env_id, "measurement").core

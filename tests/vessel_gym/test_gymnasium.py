@@ -97,6 +97,7 @@ def fly_wrapped(env: Any, mode: AutoresetMode, steps: int = 14) -> list[Any]:
     return out
 
 
+@pytest.mark.slow
 @every_mode
 @pytest.mark.parametrize("name", WRAPPED)
 def test_gymnasiums_wrappers_of_batches_do_to_ours_what_they_do_to_its_own_where_their_mode_allows(
@@ -137,6 +138,7 @@ def flown(env_id: str, mode: AutoresetMode = AutoresetMode.NEXT_STEP, steps: int
     return env
 
 
+@pytest.mark.slow
 @every_environment
 def test_a_batch_shows_of_each_environment_what_the_single_one_shows(env_id: str):
     pytest.importorskip("pygame")
@@ -156,6 +158,7 @@ def test_a_batch_shows_of_each_environment_what_the_single_one_shows(env_id: str
     assert env.render() is None
 
 
+@pytest.mark.slow
 @every_mode
 def test_a_new_episode_begins_a_new_picture_and_the_others_go_on(mode: AutoresetMode):
     pytest.importorskip("pygame")
@@ -191,6 +194,7 @@ def test_a_batch_that_is_not_asked_for_pictures_keeps_none():
         make_batch(CORVETTE, 2, render_mode="human")
 
 
+@pytest.mark.slow
 def test_gymnasium_shows_a_batch_in_a_window(monkeypatch: pytest.MonkeyPatch):
     """With a stand-in for OpenCV, which only scales here: every second pixel."""
     pygame = pytest.importorskip("pygame")
@@ -208,6 +212,7 @@ def test_gymnasium_shows_a_batch_in_a_window(monkeypatch: pytest.MonkeyPatch):
     env.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("batch", [False, True], ids=["single", "batch"])
 def test_a_video_of_an_episode_is_written(tmp_path: Path, batch: bool):
     pytest.importorskip("pygame")
@@ -243,6 +248,7 @@ def pickled(env: Any) -> Any:
     return pickle.loads(pickle.dumps(env))
 
 
+@pytest.mark.slow
 @every_estimator
 def test_a_copy_goes_on_bit_for_bit(env_id: str, estimator: str):
     options = {"estimator": estimator, "estimator_options": FEW_MEMBERS.get(estimator), "observe": "mean+std"}
@@ -270,6 +276,7 @@ def test_a_copy_goes_on_bit_for_bit(env_id: str, estimator: str):
             assert_same_tree(env.reset(), twin.reset())
 
 
+@pytest.mark.slow
 @every_environment
 @pytest.mark.parametrize("made", [pickled, copy.deepcopy], ids=["pickle", "deepcopy"])
 def test_a_copy_shows_the_episode_from_its_beginning_and_leaves_the_original_alone(env_id: str, made: Callable):
@@ -345,6 +352,7 @@ def test_an_environment_whose_np_random_was_set_can_be_reset():
 # --- success ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @every_environment
 def test_success_is_told_at_the_end_of_every_episode(env_id: str):
     """It is to arrive, and on a turning circle to hold the turn until time is up."""

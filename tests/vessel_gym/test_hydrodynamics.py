@@ -295,6 +295,7 @@ def test_fins_at_the_bow_mirror_fins_at_the_stern(torpedo):
             assert getattr(fore, name) == pytest.approx(sign * getattr(aft, name), rel=1e-9), name
 
 
+@pytest.mark.slow
 @given(torpedo=torpedoes(), motion=speeds)
 @settings(max_examples=300)
 def test_drag_never_drives_the_vehicle(torpedo, motion):
@@ -306,6 +307,7 @@ def test_drag_never_drives_the_vehicle(torpedo, motion):
     assert c.K_pp * p * abs(p) * p <= 0
 
 
+@pytest.mark.slow
 @given(torpedo=torpedoes(), motion=speeds)
 @settings(max_examples=300)
 def test_lift_never_drives_the_vehicle_ahead_or_astern(torpedo, motion):

@@ -48,6 +48,7 @@ def flown(env: Any, env_id: str, rows: int | None) -> list[Any]:
     return [without_beliefs(part) for part in out]
 
 
+@pytest.mark.slow
 @every_environment
 def test_an_episode_is_the_same_to_the_last_bit_whatever_estimator_is_named(env_id: str):
     options = {"observe": "measurement", "sensors": "degraded", "disturbance": "rough", "mismatch": 0.2}
@@ -86,6 +87,7 @@ class Vandal(Filter):
         return belief.replace(mean=np.full_like(belief.mean, 1e300), cov=-belief.cov)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", list(AutoresetMode))
 @every_environment
 def test_an_estimator_of_ones_own_cannot_spoil_an_episode_of_raw_readings(env_id: str, mode: AutoresetMode):
@@ -134,6 +136,7 @@ def seen_with_perfect_knowledge(core: Core) -> np.ndarray:
     return np.clip(seen, -task.BOUND, task.BOUND).astype(np.float32)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("env_id", GOALS)
 def test_who_knows_the_truth_arrives_in_every_episode_on_hidden_held_readings(env_id: str):
     """With the end decided by held readings, 7 of 48 Segorogeni dives, 8 of 48 ITSUNUSA dives and 23 flights did."""

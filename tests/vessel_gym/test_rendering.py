@@ -41,6 +41,7 @@ def test_importing_and_stepping_import_no_pygame():
     assert "vessel_gym.rendering" not in modules
 
 
+@pytest.mark.slow
 def test_rgb_array_is_a_picture_and_opens_no_display():
     picture = drawn()
     assert picture.shape == (720, 1008, 3)

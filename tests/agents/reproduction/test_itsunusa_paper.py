@@ -51,6 +51,7 @@ def test_the_table_is_the_papers():
     assert paper.RELATIVE.value == pytest.approx(100.0 * paper.POSITION.value / paper.DEPTH)
 
 
+@pytest.mark.slow
 def test_the_undisturbed_dive_goes_from_rest_to_20_m():
     dive = itsunusa.dive()
     assert dive.controls[0, 0] == 0.0
@@ -74,6 +75,7 @@ def test_true_motions_integrate_to_the_true_depth():
     np.testing.assert_allclose(itsunusa.depths(dive, truth[..., dive.estimated]), truth[..., DEPTH], atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("variant", [*paper.VARIANTS, "ekf"])
 def test_the_same_seed_gives_the_same_errors(variant: str):
     first, second = (itsunusa.estimate(variant, 20, 2, 0) for _ in range(2))
@@ -81,6 +83,7 @@ def test_the_same_seed_gives_the_same_errors(variant: str):
         np.testing.assert_array_equal(values, second[name])
 
 
+@pytest.mark.slow
 def test_all_filters_see_the_same_dives_also_with_an_inclinometer():
     truths = [itsunusa.estimate(variant, 10, 2, 0)["truth"] for variant in (*paper.VARIANTS, "ekf")]
     truths.append(itsunusa.estimate("symmetric", 10, 2, 0, inclinometer=True)["truth"])
@@ -88,6 +91,7 @@ def test_all_filters_see_the_same_dives_also_with_an_inclinometer():
         np.testing.assert_array_equal(truth, truths[0])
 
 
+@pytest.mark.slow
 def test_depth_is_far_better_known_where_pitch_is_measured():
     without, measured = (itsunusa.estimate("ekf", 0, 10, 0, inclinometer=told)["rmse"] for told in (False, True))
     assert measured[:, 3].mean() < 0.3 * without[:, 3].mean()
@@ -101,6 +105,7 @@ def test_twice_the_noise_makes_twice_the_error_of_the_motions():
 # --- the page -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_every_published_number_stands_in_the_table_of_each_form_with_a_verdict():
     *tables, times = page_of(0.0).tables[: len(paper.VARIANTS) + 1]
     for table in tables:
@@ -114,6 +119,7 @@ def test_every_published_number_stands_in_the_table_of_each_form_with_a_verdict(
     assert times.name == "time"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("exponent", "verdict"), [(-0.9, "true"), (0.2, "false"), (0.0, "undecided")])
 def test_the_claim_on_members_is_decided_by_the_errors(exponent: float, verdict: str):
     found = claims(page_of(exponent))
@@ -122,6 +128,7 @@ def test_the_claim_on_members_is_decided_by_the_errors(exponent: float, verdict:
         assert found[f"More members cost more time ({form})."] == "true"
 
 
+@pytest.mark.slow
 def test_the_printed_falls_stand_where_ours_are_as_steep():
     steep = next(kind for text, kind in claims(page_of(-0.9)).items() if "a quarter to a half" in text)
     flat = next(kind for text, kind in claims(page_of(0.0)).items() if "a quarter to a half" in text)

@@ -72,6 +72,7 @@ def test_flights_depend_on_the_seed_alone():
     np.testing.assert_array_equal(first.readings, second.readings)
 
 
+@pytest.mark.slow
 def test_a_large_ensemble_estimates_like_the_exact_filter():
     watched = experiment()
     truth, readings = watched.fly(20, np.random.default_rng(2))

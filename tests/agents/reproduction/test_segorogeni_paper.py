@@ -116,6 +116,7 @@ def test_sizes_and_filters_see_the_same_dives():
 # --- the page -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_every_published_number_stands_on_the_page_with_a_verdict():
     errors, times = (table.rows()[1:] for table in page_of(0.0).tables[:2])
     verdicts = ("at or below", "above: ", "not comparable: ")
@@ -126,6 +127,7 @@ def test_every_published_number_stands_on_the_page_with_a_verdict():
     assert len(errors + times) == 23
 
 
+@pytest.mark.slow
 def test_what_is_measured_in_seconds_stands_in_a_table_of_its_own():
     slower = made_up(0.0)
     slower["time"] = {"seconds": 2.0 * slower["time"]["seconds"]}
@@ -133,6 +135,7 @@ def test_what_is_measured_in_seconds_stands_in_a_table_of_its_own():
         assert (one == other) == (one.name != "time")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("exponent", "verdict"), [(-0.5, "true"), (0.5, "false"), (0.0, "undecided")])
 def test_the_claim_on_members_is_decided_by_the_errors(exponent: float, verdict: str):
     found = claims(page_of(exponent))
@@ -140,6 +143,7 @@ def test_the_claim_on_members_is_decided_by_the_errors(exponent: float, verdict:
     assert found["More members cost more time."] == "true"
 
 
+@pytest.mark.slow
 def test_the_page_is_one_file_with_its_assumptions():
     html = render(page_of(0.0))
     assert html.count("data:image/svg+xml") == 2

@@ -31,6 +31,7 @@ def test_examples_are_of_the_first_seed_and_condition_on_the_default_two_others_
         assert cell.arguments["options"]["disturbance"] == "moderate"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("environment", [CORVETTE, SEGOROGENI, "ItsunusaAUV-v0", "PunaUAV-v0"])
 def test_an_example_holds_thin_tracks_that_begin_together_and_errors_within_reason(environment):
     shown = flown(environment, "ekf")
@@ -47,6 +48,7 @@ def test_an_example_holds_thin_tracks_that_begin_together_and_errors_within_reas
     json.dumps([shown["end"], shown["score"], shown["what"], shown["unit"], shown["axes"], shown["down"]])
 
 
+@pytest.mark.slow
 def test_across_the_path_the_error_is_no_longer_than_that_of_the_position():
     shown = flown(SEGOROGENI, "ekf")
     apart = np.linalg.norm(np.subtract(shown["tracks"]["true"], shown["tracks"]["believed"]), axis=1)
@@ -54,6 +56,7 @@ def test_across_the_path_the_error_is_no_longer_than_that_of_the_position():
     assert np.max(np.abs(shown["error"])) > 0.2 * apart.max()
 
 
+@pytest.mark.slow
 def test_what_claims_no_covariance_has_no_band():
     assert flown(CORVETTE, "measurement")["two_sigma"] is None
     truth = flown(CORVETTE, "truth")

@@ -28,6 +28,7 @@ def found():
     return learned()
 
 
+@pytest.mark.slow
 def test_no_two_estimators_look_alike(found):
     look = looks(found)
     assert list(look) == found.flown_on()
@@ -35,6 +36,7 @@ def test_no_two_estimators_look_alike(found):
     assert len({(each.colour, each.mark, each.line) for each in pilot_looks(found).values()}) == len(found.schools())
 
 
+@pytest.mark.slow
 def test_an_axis_is_made_of_the_conditions_that_differ_in_it_alone(found):
     assert [c.name for c in along(found, "disturbance")] == ["calm", "nominal", "rough"]
     assert [c.name for c in along(found, "sensors")] == ["nominal"]  # "all wrong" differs in the mismatch, too

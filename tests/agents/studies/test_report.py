@@ -80,6 +80,7 @@ def test_estimators_that_differ_by_chance_are_said_to():
     assert "No other" not in told
 
 
+@pytest.mark.slow
 def test_over_all_environments_only_estimators_count_that_flew_in_each(classical, plain):
     told = answer(classical)
     assert "in both environments, take enkf" in told[0]  # kf-umv-ui keeps more, but only the corvette carries it
@@ -89,6 +90,7 @@ def test_over_all_environments_only_estimators_count_that_flew_in_each(classical
     assert shown["", "enkf"]["All"] != "–"
 
 
+@pytest.mark.slow
 def test_where_less_than_two_estimators_flew_everywhere_each_environment_has_its_own_advice(classical):
     common = ("truth", "dead-reckoning", "enkf")
     found = without(classical, lambda f: f.environment == SEGOROGENI and f.flown_on not in common)
@@ -101,6 +103,7 @@ def test_where_less_than_two_estimators_flew_everywhere_each_environment_has_its
     assert set(shown["", "kf-umv-ui"]) == {CORVETTE, SEGOROGENI}
 
 
+@pytest.mark.slow
 def test_shares_in_the_ranking_are_those_of_the_statistics(classical, plain, learned, taught):
     everywhere = (CORVETTE, SEGOROGENI)
     interval = crossed_interval(classical.shares(everywhere, classical.classical, "ekf"))
@@ -110,6 +113,7 @@ def test_shares_in_the_ranking_are_those_of_the_statistics(classical, plain, lea
     assert rows(taught, "agents")["", "PPO trained on ekf"]["All"] == f"{interval.mean:.3f} ± {interval.half:.3f}"
 
 
+@pytest.mark.slow
 def test_a_cell_of_the_heatmap_is_the_number_of_the_table(learned, taught):
     shown, drawn = rows(taught, "ranking-learned"), 0
     for panel in transfer_figure(learned, "PPO").axes:
@@ -162,6 +166,7 @@ def test_a_loser_that_only_one_comparison_of_many_would_name_is_within_chance():
     assert not clear(ranked | {str(i): np.zeros(20) for i in range(6)}, "best", "worse")
 
 
+@pytest.mark.slow
 def test_the_floor_keeps_nothing_and_the_truth_everything(plain):
     shown = rows(plain, "ranking")
     for head in ("All", CORVETTE, SEGOROGENI):
@@ -193,6 +198,7 @@ def test_what_crossing_costs_is_found(learned):
     assert np.abs(np.array(costs) - 0.02 / 0.8).max() < 0.03  # a policy off its estimator scores 0.02 less, of 0.8
 
 
+@pytest.mark.slow
 def test_few_training_runs_are_warned_of_and_one_has_no_interval(taught):
     single = page(results(study((CORVETTE,), LEARNED, training_seeds=1)), OUT)
     html = render(single)
@@ -210,6 +216,7 @@ def test_studies_without_learning_do_not_speak_of_it(plain):
     assert "training" not in " ".join(plain.answer)
 
 
+@pytest.mark.slow
 def test_a_failed_cell_is_named_with_the_last_line_of_its_traceback(small):
     broken = without(
         small,
@@ -238,6 +245,7 @@ def test_where_the_truth_is_worth_nothing_there_is_no_share_and_the_page_says_so
     assert "No scale" in render(page(flat, OUT))
 
 
+@pytest.mark.slow
 def test_a_missing_end_takes_its_condition_out_of_every_share(classical):
     partial = without(classical, lambda f: (f.flown_on, f.condition) == ("truth", "calm"))
     report = page(partial, OUT)
@@ -281,6 +289,7 @@ def test_every_setting_of_the_study_is_on_the_page(taught, learned):
         assert condition in html
 
 
+@pytest.mark.slow
 def test_everything_is_written_and_every_table_in_three_forms(small, tmp_path):
     report, path = page(small, tmp_path), write_report(small, tmp_path)
     assert path == tmp_path / "report.html"
@@ -304,10 +313,12 @@ def test_tables_are_plain_enough_for_any_latex(taught):
         assert each.latex().isascii(), each.name
 
 
+@pytest.mark.slow
 def test_the_same_results_give_the_same_page(small):
     assert render(page(small, OUT)) == render(page(small, OUT))
 
 
+@pytest.mark.slow
 def test_the_classical_agent_may_keep_more_than_the_truth_and_nothing_is_clipped():
     found = results(replace(study((CORVETTE,)), agents=(CLASSICAL,)), QUALITY | {"ekf": 1.3, "kf": -0.5})
     shown = rows(page(found, OUT), "ranking")
