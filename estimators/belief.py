@@ -1,6 +1,6 @@
 """What a filter believes at one time: an immutable record of arrays."""
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from enum import IntEnum
 from typing import Any
 
@@ -124,10 +124,11 @@ class Belief:
 
     def replace(self, **changes: Any) -> "Belief":
         """This belief with some fields changed."""
-        return replace(self, **changes)
+        names = self.__match_args__
+        return type(self)(**(dict(zip(names, self._arrays(), strict=True)) | changes))
 
     def _arrays(self) -> list[np.ndarray | None]:
-        return [getattr(self, f.name) for f in fields(self)]
+        return [getattr(self, name) for name in self.__match_args__]
 
 
 def _unseen(name: str, like: np.ndarray, batch: tuple[int, ...]) -> np.ndarray:

@@ -402,9 +402,9 @@ _SINGULAR = 1e-13
 
 
 def _finite(updated: Belief) -> bool:
-    """Whether every row is finite; False also where only the sum of them all is not."""
+    """Whether every row is finite; False also where only the sum of them all is not. `_exhausted` looks at S."""
     total = np.add.reduce(updated.mean, None) + np.add.reduce(updated.cov, None)
-    for array in (updated.innovation_cov, updated.input_mean, updated.feedthrough_cov):
+    for array in (updated.input_mean, updated.feedthrough_cov):
         if array is not None:
             total = total + np.add.reduce(array, None)
     return math.isfinite(total)

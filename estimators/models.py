@@ -337,11 +337,11 @@ def central_differences(
     """
     n = x.shape[-1]
     values = at_points(name, function, x[..., None, :] + _offsets(n) * step[..., None, :], u, size)
-    near = values[..., 1 : n + 1, :] - values[..., n + 1 : 2 * n + 1, :]
-    far = values[..., 2 * n + 1 : 3 * n + 1, :] - values[..., 3 * n + 1 :, :]
+    pairs = values[..., 1:, :].reshape(values.shape[:-2] + (2, 2, n, size))  # near and far, to either side
+    change = pairs[..., 0, :, :] - pairs[..., 1, :, :]
     for i in angles:
-        near[..., i], far[..., i] = short_way(near[..., i]), short_way(far[..., i])
-    columns = (8.0 * near - far) / (12.0 * step[..., :, None])
+        change[..., i] = short_way(change[..., i])
+    columns = (8.0 * change[..., 0, :, :] - change[..., 1, :, :]) / (12.0 * step[..., :, None])
     return values[..., 0, :], columns.mT
 
 
@@ -371,11 +371,14 @@ def steps(x: np.ndarray, cov: np.ndarray | None, angles: tuple[int, ...] = ()) -
     if cov is None:
         wanted = np.full(x.shape, 2.0**-10)
     else:
-        sd = np.sqrt(np.diagonal(cov, axis1=-2, axis2=-1))
+        sd = np.sqrt(np.asarray(cov).diagonal(0, -2, -1))
         spread = sd > 0.0
-        sd = np.where(spread, sd, 1.0)
-        share = np.power(_EPS * (spread * size / sd).max(-1, keepdims=True), 0.2)
-        wanted = np.where(spread, sd * np.clip(share, 2.0**-10, 2.0**-3), 2.0**-10)
+        everywhere = spread.all()
+        deviations = size / sd if everywhere else np.where(spread, size, 0.0) / np.where(spread, sd, 1.0)
+        share = np.power(_EPS * np.maximum.reduce(deviations, -1, keepdims=True), 0.2)
+        wanted = sd * np.minimum(np.maximum(share, 2.0**-10), 2.0**-3)
+        if not everywhere:
+            wanted = np.where(spread, wanted, 2.0**-10)
     if angles:
         wanted = np.minimum(wanted, _longest(x.shape[-1], angles))
     return np.ldexp(1.0, np.frexp(np.maximum(wanted, 2.0**-26 * size))[1] - 1)
@@ -551,26 +554,25 @@ def _dimension(symbol: str, sources: dict[str, tuple[object, int]]) -> int:
 
 @dataclass(frozen=True)
 class _Checked:
-    """A function of ``u`` whose first value is checked for its shape, and to be a covariance if it should be one."""
+    """A model's function of ``u`` until its first value has the right shape, and is a covariance if need be."""
 
+    model: object = field(repr=False)
     name: str
     function: Callable[[np.ndarray | None], np.ndarray]
     shape: tuple[int, ...]
     covariance: bool
-    seen: set[bool] = field(default_factory=set)
 
     def __call__(self, u: np.ndarray | None) -> np.ndarray:
         value = self.function(u)
-        if not self.seen:
-            array = as_array(self.name, value)
-            if array.ndim < 2 or array.shape[-2:][: len(self.shape)] != self.shape:
-                columns = self.shape[1] if len(self.shape) > 1 else "m"
-                raise ValueError(
-                    f"{self.name} gave a matrix of shape {array.shape}, expected (..., {self.shape[0]}, {columns})"
-                )
-            if self.covariance:
-                as_covariance(self.name, array if self.name == "Q" else usable(array)[0])
-            self.seen.add(True)
+        array = as_array(self.name, value)
+        if array.ndim < 2 or array.shape[-2:][: len(self.shape)] != self.shape:
+            columns = self.shape[1] if len(self.shape) > 1 else "m"
+            raise ValueError(
+                f"{self.name} gave a matrix of shape {array.shape}, expected (..., {self.shape[0]}, {columns})"
+            )
+        if self.covariance:
+            as_covariance(self.name, array if self.name == "Q" else usable(array)[0])
+        object.__setattr__(self.model, self.name, self.function)
         return value
 
 
@@ -578,7 +580,7 @@ def _check_when_called(model: object, name: str, shape: tuple[int, ...], covaria
     function = getattr(model, name)
     if callable(function):
         function = function.function if isinstance(function, _Checked) else function
-        object.__setattr__(model, name, _Checked(name, function, shape, covariance))
+        object.__setattr__(model, name, _Checked(model, name, function, shape, covariance))
 
 
 def _check_noise_when_called(model: object, n: int, p: int) -> None:

@@ -73,7 +73,7 @@ class Core:
         self._chosen = disturbance, choice, checked_options("estimator_options", estimator_options)
         self.attach(system)
         self.estimator = self.filter.name
-        self._oracle = isinstance(self.filter, Oracle)
+        self._oracle, self._foreign = isinstance(self.filter, Oracle), not self.filter._ours
         self._ends = np.array(self.task.ends, dtype=object)
         self._success = self.task.ends.index(self.task.success)
         self.action_size = len(self.vehicle.action_names)
@@ -306,7 +306,7 @@ class Core:
         """Copies of what happened, one row an environment; documented with the environment."""
         belief = self.belief
         unknown_input = self.forcing[:, : self.vehicle.unknown_inputs]
-        input_mean = np.zeros_like(unknown_input) if belief.input_mean is None else belief.input_mean
+        input_mean = np.zeros(unknown_input.shape) if belief.input_mean is None else belief.input_mean.copy()
         return {
             "truth": self.truth.copy(),
             "unknown_input": unknown_input.copy(),
@@ -316,7 +316,7 @@ class Core:
             "available": self.readings[1].copy(),
             "estimate": belief.mean.copy(),
             "covariance": belief.cov.copy(),
-            "input_estimate": input_mean.copy(),
+            "input_estimate": input_mean,
             "healthy": belief.healthy,
             "score": self.total / self.task.perfect,
             "end": self._ends[self.end],
@@ -333,7 +333,7 @@ class Core:
             raise ValueError(f"action has shape {asked.shape}, expected {(self.num_envs, self.action_size)}")
         if ended is not None:
             asked = np.where(ended[:, None], 0.0, asked)
-        if not np.isfinite(asked).all():
+        if not np.logical_and.reduce(np.isfinite(asked), None):
             raise ValueError("action must be finite, got NaN or infinity")
         return np.minimum(np.maximum(asked, -1.0), 1.0)
 
@@ -365,7 +365,9 @@ class Core:
             state = self.vehicle.filter_state(truth, self.filter.model.n)
             unknown_input = forcing[:, : self.vehicle.unknown_inputs]
             return self.filter.update(belief, np.concatenate([state, unknown_input], -1), rng=rng, u=u)
-        y, available = (part.copy() for part in readings)  # an own filter may write into what it is given
+        y, available = readings
+        if self._foreign:  # a filter of somebody else's may write into what it is given
+            y, available = y.copy(), available.copy()
         return self.filter.update(belief, y, rng=rng, available=available, u=u)
 
     def _reference(self, course: np.ndarray, steps: np.ndarray, belief: Belief, truth: np.ndarray) -> np.ndarray:

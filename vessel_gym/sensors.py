@@ -92,6 +92,8 @@ class Sensors:
             scale = np.where(uniforms[:, self._spoilt] < suite.outliers, suite.outlier_scale * scale, scale)
         readings = exact + scale * normals
         if self._complete:
-            return readings, np.ones(readings.shape, bool)
+            available = np.empty(readings.shape, bool)
+            available.fill(True)
+            return readings, available
         available = (uniforms[:, self._loss] >= self._dropout) & (steps[:, None] % self._period == 0)
         return np.where(available, readings, 0.0), available

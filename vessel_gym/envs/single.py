@@ -6,7 +6,7 @@ import gymnasium as gym
 import numpy as np
 
 from estimators.checks import shown
-from vessel_gym.checks import no_others
+from vessel_gym.checks import no_others, numbers
 from vessel_gym.core import Core, whole
 from vessel_gym.envs.shared import action_space, check_render_mode, first_seed, observation_space
 from vessel_gym.estimation import EstimatorChoice
@@ -79,11 +79,8 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Advance one step; see `gymnasium.Env.step`. Truncation is `gymnasium.wrappers.TimeLimit`'s."""
-        try:
-            asked = np.asarray(action)
-        except ValueError:  # rows of unequal length
-            asked = np.asarray(None)
-        if asked.dtype.kind not in "fiub":
+        asked = numbers(action)
+        if asked is None:
             raise ValueError(f"action must be an array of numbers, got {shown(action)}")
         if asked.shape != self.action_space.shape:
             raise ValueError(f"action has shape {asked.shape}, expected {self.action_space.shape}")
