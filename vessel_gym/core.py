@@ -1,25 +1,31 @@
 """The batched core that both faces of an environment share: one step of many environments at once."""
 
 from collections.abc import Sequence
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
 from gymnasium.error import ResetNeeded
+from scipy.linalg import block_diag
 
-from estimators import Belief, Gaussian
+from estimators import Belief, Filter, Gaussian
 from estimators.checks import shown
+from estimators.linalg import semidefinite_cholesky
 from vessel_gym.checks import number, numbers, one_of
 from vessel_gym.checks import options as checked_options
-from vessel_gym.estimation import EstimatorChoice, Oracle, build
-from vessel_gym.sensors import SUITES, Sensors
+from vessel_gym.composition import Forces
+from vessel_gym.disturbances import Disturbance
+from vessel_gym.estimation import EstimatorChoice, build, chosen_disturbance
+from vessel_gym.loop import Loop, Readings
+from vessel_gym.processes import root_of
+from vessel_gym.sensors import SUITES, Sensor, Sensors
 from vessel_gym.streams import Draws, Purpose, stream
-from vessel_gym.system import System
+from vessel_gym.system import Estimate, System
 
-Readings = tuple[np.ndarray, np.ndarray]
-"""Readings ``(B, p)`` and the mask ``(B, p)`` of those that arrived."""
+OBSERVE = ("mean", "mean+std", "measurement")
+"""What may be observed."""
 
-_ATTACHED = ("system", "vehicle", "task", "sea", "filter")
+_ATTACHED = ("system", "vehicle", "task", "forces", "sensors", "composition")
+"""What `Core.attach` gives, and may hold functions that cannot be pickled."""
 
 
 class Core:
@@ -55,70 +61,134 @@ class Core:
         num_envs: int = 1,
         estimator: EstimatorChoice | None = None,
         estimator_options: dict[str, Any] | None = None,
-        sensors: str = "nominal",
-        disturbance: str = "moderate",
+        sensors: str | Sequence[Sensor] = "nominal",
+        disturbance: str | Disturbance = "moderate",
         mismatch: float = 0.0,
         observe: str = "mean",
     ) -> None:
         if not whole(num_envs) or num_envs < 1:
             raise ValueError(f"num_envs must be a positive whole number, got {shown(num_envs)}")
-        one_of("sensor suite", sensors, SUITES)
-        one_of("disturbance", disturbance, system.disturbances)
-        one_of("observe mode", observe, system.task.sizes())
+        if isinstance(sensors, str):
+            one_of("sensor suite", sensors, SUITES)
+        one_of("observe mode", observe, OBSERVE)
         if not 0.0 <= number(mismatch) <= 0.25:
             raise ValueError(f"mismatch must be between 0 and 0.25, got {shown(mismatch)}")
-        self.num_envs, self.observe_mode = int(num_envs), observe
-        self.suite, self.mismatch = SUITES[sensors], float(mismatch)
+        self.num_envs, self.observe_mode, self.mismatch = int(num_envs), observe, float(mismatch)
         choice = system.estimator if estimator is None else estimator
-        self._chosen = disturbance, choice, checked_options("estimator_options", estimator_options)
+        self._chosen = sensors, disturbance, choice, checked_options("estimator_options", estimator_options)
+        self.loop: Loop | None = None
         self.attach(system)
-        self.estimator = self.filter.name
-        self._oracle, self._foreign = isinstance(self.filter, Oracle), not self.filter._ours
+        assert self.loop is not None
+        self.estimator = self.loop.filter.name
         self._ends = np.array(self.task.ends, dtype=object)
         self._success = self.task.ends.index(self.task.success)
         self.action_size = len(self.vehicle.action_names)
-        self.observation_size = self.task.sizes()[observe]
 
-        self.sensors = Sensors(self.vehicle.instruments, self.suite)
-        p = self.sensors.size
         self.seeds: list[int] = []
         self.episodes = np.zeros(num_envs, int)
-        self._sea_draws = Draws(num_envs, self.sea.size)
-        self._sensor_draws = Draws(num_envs, p, self.sensors.uniforms)
-        self._filter_streams = [np.random.default_rng(0)] * num_envs if self.filter.random else None
+        self._draws = Draws(num_envs, self._root.shape[-1])
         self._rows = np.arange(num_envs)
         self.steps = np.zeros(num_envs, int)
         self.total = np.zeros(num_envs)
         self.end = np.zeros(num_envs, int)  # number in task.ends
-        self.readings: Readings = np.zeros((num_envs, p)), np.zeros((num_envs, p), bool)
-        self.belief: Belief
         self.course: np.ndarray  # what the task drew
         self.reference: np.ndarray
-        self.truth: np.ndarray
+        self.state: np.ndarray  # the vehicle's
         self.actuators: np.ndarray
         self.parameters: np.ndarray  # the truth's
-        self.sea_state: np.ndarray
+        self.sea_state: np.ndarray  # the disturbance's
+        self.noise: np.ndarray  # what is new in kicks, disturbance and biases over the coming step
         self.forcing: np.ndarray  # over the coming step
         self.tally: np.ndarray  # what the score remembers
+        self.observation_size = self.task.sizes(self.sensors.size, len(self.composition.names))[observe]
 
     def attach(self, system: System) -> None:
         """Take what is the same for all copies from the system, and build the filter: a copied core needs it again."""
-        disturbance, estimator, options = self._chosen
+        sensors, disturbance, estimator, options = self._chosen
         self.system, self.vehicle, self.task = system, system.vehicle, system.task
-        self.sea = system.disturbances[disturbance]
-        self.filter = build(system, estimator, options, self.suite, self.sea)
+        vehicle = self.vehicle
+        chosen = SUITES[sensors].of(vehicle.sensors) if isinstance(sensors, str) else sensors
+        self.sensors = Sensors(chosen, vehicle.state_names, vehicle.kicks + vehicle.flows, vehicle.dt)
+        self.forces = Forces(vehicle, chosen_disturbance(system, disturbance))
+        estimation = build(system, estimator, options, self.sensors, self.forces.disturbance, self.unknown_inputs)
+        self.composition = estimation.composition
+        if self.loop is None:
+            self.loop = Loop(self.sensors, estimation, self.num_envs)
+        else:
+            self.loop.attach(self.sensors, estimation)
+        process, bias = self.forces.disturbance.process, self.sensors.bias
+        self._shown = self.forces.disturbance.told == "states" or len(self.composition.held) > 0
+        self.truth_names = (
+            *vehicle.state_names, *(self.forces.disturbance.names if self._shown else ()), *self.sensors.bias_names
+        )  # fmt: skip
+        """Components of `truth`."""
+        self._estimated = [self.truth_names.index(n) if n in self.truth_names else -1 for n in self.composition.names]
+        self._based = [vehicle.state_names.index(name) for name in vehicle.estimated(vehicle.kinds[0])]
+        self._root = block_diag(self.forces.disturbance.white, process.root, bias.root)
+        self._shaken = slice(0, len(self.forces.shaken))
+        self._drifting = slice(len(self.forces.shaken), len(self.forces.shaken) + process.size)
+        self._wandering = slice(self._drifting.stop, len(self._root))
 
     def __getstate__(self) -> dict[str, Any]:
-        """All but what `attach` gives, which may hold functions that cannot be pickled."""
-        state = {name: value for name, value in self.__dict__.items() if name not in _ATTACHED}
-        return state | {"strides": _strides(self.belief)} if self.seeds else state
+        """All but what `attach` gives."""
+        return {name: value for name, value in self.__dict__.items() if name not in _ATTACHED}
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """The state as it was, to the last bit of what follows from it."""
-        strides = state.pop("strides", {})
-        self.__dict__.update(state)
-        if strides:
-            self.belief = _laid_out(self.belief, strides)
+    # --- what was chosen --------------------------------------------------------------------------
+
+    @property
+    def filter(self) -> Filter:
+        """The estimator."""
+        return self.loop.filter
+
+    @property
+    def belief(self) -> Belief:
+        """What it believes."""
+        return self.loop.belief
+
+    @property
+    def readings(self) -> Readings:
+        """What it was told last."""
+        return self.loop.readings
+
+    @property
+    def sensors_name(self) -> str:
+        """The suite's name; "own" for somebody's own sensors."""
+        return self._chosen[0] if isinstance(self._chosen[0], str) else "own"
+
+    @property
+    def disturbance_name(self) -> str:
+        """The disturbance's name in the system; "own" for somebody's own."""
+        return self._chosen[1] if isinstance(self._chosen[1], str) else "own"
+
+    @property
+    def unknown_inputs(self) -> tuple[str, ...]:
+        """What nobody is told of the coming step: the disturbance's kicks, or all that is new if it is told as states."""
+        disturbance = self.forces.disturbance
+        if disturbance.told != "states":
+            return tuple(self.vehicle.kicks[i] for i in self.forces.kicks)
+        changing = (*disturbance.names, *self.sensors.bias_names)
+        return *disturbance.shakes, *(f"change of {name}" for name in changing)
+
+    @property
+    def unknown_input(self) -> np.ndarray:
+        """That of every environment ``(B, q)``."""
+        return self.noise if self.forces.disturbance.told == "states" else self.forcing[:, self.forces.kicks]
+
+    @property
+    def truth(self) -> np.ndarray:
+        """The true states ``(B, n)``: the vehicle's, the disturbance's if filters are told of them, and the biases."""
+        parts = [self.state]
+        if self._shown:
+            parts.append(self.sea_state)
+        if self.loop.bias.shape[-1]:
+            parts.append(self.loop.bias)
+        return self.state if len(parts) == 1 else np.concatenate(parts, -1)
+
+    def estimated(self, truth: np.ndarray) -> np.ndarray:
+        """What the filter estimates ``(..., n)`` out of true states; NaN for what only the filter thinks there is."""
+        state = truth[..., self._estimated]
+        state[..., [index < 0 for index in self._estimated]] = np.nan
+        return state
 
     # --- reset ------------------------------------------------------------------------------------
 
@@ -194,47 +264,69 @@ class Core:
         options = checked_options("options", options)
         if readings is not None:
             readings = _arrived(readings, (len(rows), self.sensors.size))
-        vehicle, task = self.vehicle, self.task
-        size = task.states
-        uniforms = np.empty((len(rows), task.uniforms))
-        normals = np.empty((len(rows), size + vehicle.normals))
+        loop = self.loop
+        uniforms, normals = self._drawn_at_reset(rows)
+        course = self.task.course(uniforms, options)
+        prior = self.task.prior(course)
+        streams = [self._streams(rows, purpose) for purpose in (Purpose.DISTURBANCE, Purpose.SENSORS, Purpose.FILTER)]
+        self._draws.restart(rows, streams[0])
+        loop.restart(rows, *streams[1:])
+        some = self._some(rows)
+        x, sea_state, bias = self._begun(prior, normals, some)
+        state, actuators = self.vehicle.start(x)
+        parameters = self.vehicle.parameters(self.mismatch, normals[:, -self.vehicle.normals :])
+        noise = np.matvec(self._root, self._draws.next(some)[0])
+        forcing = self._forcing(sea_state, state, noise)
+        self._put(
+            rows, course=course, state=state, actuators=actuators, parameters=parameters, sea_state=sea_state,
+            noise=noise, forcing=forcing, tally=self.task.begin(state, course),
+        )  # fmt: skip
+        self.steps[rows], self.total[rows], self.end[rows] = 0, 0.0, 0
+
+        steps = self.steps[rows]
+        loop.bias = self._with_rows(loop.bias, rows, bias)
+        readings = loop.sense(state, forcing, steps, some) if readings is None else readings
+        loop.readings = tuple(self._with_rows(*pair) for pair in zip(loop.readings, (rows, rows), readings, strict=True))
+        u = self.task.known_input(actuators, actuators, course, steps)
+        belief = loop.begin(some, self._known(prior), self._handed(readings, rows), u)
+        self._put(rows, reference=self._reference(course, steps, belief, state))
+
+    def _drawn_at_reset(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Uniform numbers for the course, and normal ones for where the truth starts and for its parameters."""
+        bias, process = self.sensors.bias, self.forces.disturbance.process
+        size = len(self._based) + bias.size + (process.size if self.forces.disturbance.told == "states" else 0)
+        uniforms, normals = np.empty((len(rows), self.task.uniforms)), np.empty((len(rows), size + self.vehicle.normals))
         for i, row in enumerate(rows):
             generator = stream(self.seeds[row], int(self.episodes[row]), Purpose.RESET)
             generator.random(out=uniforms[i])
             generator.standard_normal(out=normals[i])
-        course = task.course(uniforms, options)
-        prior = task.prior(course, self.sea)
-        x = prior.mean + np.matvec(np.linalg.cholesky(prior.cov), normals[:, :size])
-        truth, actuators = vehicle.start(x)
-        parameters = vehicle.parameters(self.mismatch, normals[:, size:])
-        self._sea_draws.restart(rows, self._streams(rows, Purpose.DISTURBANCE))
-        self._sensor_draws.restart(rows, self._streams(rows, Purpose.SENSORS))
-        rng = None
-        if self._filter_streams is not None:
-            rng = self._streams(rows, Purpose.FILTER)
-            for row, generator in zip(rows, rng, strict=True):
-                self._filter_streams[row] = generator
-        sea_state = self.sea.start(self._sea_draws.next(self._some(rows))[0])
-        forcing = self.sea.forcing(sea_state)
-        self._put(
-            rows, course=course, truth=truth, actuators=actuators, parameters=parameters, sea_state=sea_state,
-            forcing=forcing, tally=task.begin(truth, course),
-        )  # fmt: skip
-        self.steps[rows], self.total[rows], self.end[rows] = 0, 0.0, 0
+        return uniforms, normals
 
-        readings = self._sense(self._some(rows)) if readings is None else readings
-        y, available = self.readings
-        self.readings = self._with_rows(y, rows, readings[0]), self._with_rows(available, rows, readings[1])
-        n = self.filter.model.n
-        belief = self.filter.init(Gaussian(prior.mean[:, :n], prior.cov[:n, :n]), rng=rng)
-        steps = self.steps[rows]
-        u = task.known_input(actuators, actuators, course, steps)
-        belief = self._update(belief, truth, forcing, readings, rng, u)
-        if len(rows) == self.num_envs:
-            self.belief = belief
-        else:
-            self.belief = _laid_out(self.belief.with_rows(rows, belief), _strides(self.belief))
-        self._put(rows, reference=self._reference(course, steps, belief, truth))
+    def _begun(
+        self, prior: Gaussian, normals: np.ndarray, rows: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """What the prior describes, the disturbance's state and the biases, drawn from what is known of them at first."""
+        disturbance, bias = self.forces.disturbance, self.sensors.bias
+        n, k = len(self._based), disturbance.process.size
+        cov = joint_prior(prior.cov, self.forces, self.sensors)
+        if disturbance.told == "states":
+            x = np.matvec(semidefinite_cholesky(cov), normals[:, : n + k + bias.size])
+            return prior.mean + x[:, :n], x[:, n : n + k], x[:, n + k :]
+        own = np.r_[:n, n + k : n + k + bias.size]
+        x = np.matvec(semidefinite_cholesky(cov[np.ix_(own, own)]), normals[:, : len(own)])
+        root = root_of(disturbance.process.start_cov)
+        first = self._draws.next(rows)[0][:, : root.shape[-1]]
+        return prior.mean + x[:, :n], np.matvec(root, first), x[:, n:]
+
+    def _known(self, prior: Gaussian) -> Gaussian:
+        """What the filter knows at the start, of what it estimates."""
+        told, n = self.composition, prior.cov.shape[-1]
+        cov = joint_prior(prior.cov, told.forces, told.sensors)
+        bias = np.arange(len(cov) - told.sensors.bias.size, len(cov))
+        kept = np.concatenate([np.arange(told.base), n + told.held, bias])
+        mean = np.zeros((len(prior.mean), len(kept)))
+        mean[:, : told.base] = prior.mean[:, : told.base]
+        return Gaussian(mean, cov[np.ix_(kept, kept)])
 
     # --- step -------------------------------------------------------------------------------------
 
@@ -261,36 +353,52 @@ class Core:
             raise ResetNeeded("call reset() before the first step()")
         action = self.checked(action, ended)
         if readings is not None:
-            readings = _arrived(readings, self.readings[0].shape)
-        vehicle, task, sea = self.vehicle, self.task, self.sea
+            readings = _arrived(readings, self.loop.readings[0].shape)
+        vehicle, task, loop = self.vehicle, self.task, self.loop
         before = self.actuators
         after = self.actuators = vehicle.actuate(before, action)
         u = task.known_input(before, after, self.course, self.steps)
-        self.truth = vehicle.step(self.truth, before, after, self.forcing, self.parameters)
-        self.sea_state = sea.advance(self.sea_state, self._sea_draws.next()[0])
-        self.forcing = sea.forcing(self.sea_state)
+        self.state = vehicle.step(self.state, before, after, self.forcing, self.parameters)
+        self.sea_state = self.forces.disturbance.process.advance(self.sea_state) + self.noise[:, self._drifting]
+        if loop.bias.shape[-1]:
+            loop.bias = self.sensors.bias.advance(loop.bias) + self.noise[:, self._wandering]
+        self.noise = np.matvec(self._root, self._draws.next()[0])
+        self.forcing = self._forcing(self.sea_state, self.state, self.noise)
         self.steps += 1
-        self.readings = self._sense(None) if readings is None else readings
-        rng = self._filter_streams
-        belief = self.filter.predict(self.belief, u, rng=rng)
-        self.belief = self._update(belief, self.truth, self.forcing, self.readings, rng)
-        self.reference = self._reference(self.course, self.steps, self.belief, self.truth)
-        reward, self.end, self.tally = task.score(self.truth, self.reference, after, action, self.tally)
+        loop.readings = loop.sense(self.state, self.forcing, self.steps, None) if readings is None else readings
+        loop.estimate(self._handed(loop.readings), u)
+        self.reference = self._reference(self.course, self.steps, loop.belief, self.state)
+        reward, self.end, self.tally = task.score(self.state, self.forcing, self.reference, after, action, self.tally)
         self.total += reward
         return reward, self.end > 0
 
     def observe(self) -> np.ndarray:
         """The observations ``(B, k)``, float32 and within bounds, made of estimates or readings, mission, actuators."""
+        observation = self._observed(self.loop.belief, self.reference, self.loop.readings)
+        np.maximum(observation, -self.task.BOUND, out=observation)
+        return np.minimum(observation, self.task.BOUND, out=observation).astype(np.float32)
+
+    def _observed(self, belief: Belief, reference: np.ndarray, readings: Readings) -> np.ndarray:
         task = self.task
         if self.observe_mode == "measurement":
             with np.errstate(over="ignore"):  # an absurd reading is clipped
-                observation = task.observe_readings(*self.readings, self.course, self.steps, self.actuators)
-        else:
-            observation = task.observe(self.belief, self.reference, self.actuators)
-            if self.observe_mode == "mean+std":
-                observation = np.concatenate([observation, task.observe_std(self.belief)], -1)
-        np.maximum(observation, -task.BOUND, out=observation)
-        return np.minimum(observation, task.BOUND, out=observation).astype(np.float32)
+                return task.observe_readings(self.sensors, *readings, self.course, self.steps, self.actuators)
+        estimate = self._estimate(belief)
+        observation = task.observe(estimate, reference, self.actuators)
+        if self.observe_mode == "mean":
+            return observation
+        return np.concatenate([observation, task.observe_std(estimate)], -1)
+
+    def _estimate(self, belief: Belief) -> Estimate:
+        """What the task sees of a belief."""
+        told, mean = self.composition, belief.mean
+        flow = told.flow(mean)
+        if self.observe_mode != "mean+std":
+            return Estimate(mean[:, : told.base], flow, belief.input_mean)
+        variance = np.maximum(belief.cov.diagonal(0, -2, -1), 0.0)
+        known = None if belief.input_cov is None else np.maximum(belief.input_cov.diagonal(0, -2, -1), 0.0)
+        return Estimate(mean[:, : told.base], flow, belief.input_mean, np.sqrt(variance),
+                        None if known is None else np.sqrt(known), told.scale)  # fmt: skip
 
     def scored_truth(self) -> np.ndarray:
         """A copy of the true states ``(B, n)``.
@@ -300,20 +408,20 @@ class Core:
         """
         if not self.seeds:
             raise ResetNeeded("call reset() before asking for the truth")
-        return self.truth.copy()
+        return np.array(self.truth)
 
     def info(self) -> dict[str, np.ndarray]:
         """Copies of what happened, one row an environment; documented with the environment."""
-        belief = self.belief
-        unknown_input = self.forcing[:, : self.vehicle.unknown_inputs]
+        belief = self.loop.belief
+        unknown_input = self.unknown_input
         input_mean = np.zeros(unknown_input.shape) if belief.input_mean is None else belief.input_mean.copy()
         return {
-            "truth": self.truth.copy(),
+            "truth": np.array(self.truth),
             "unknown_input": unknown_input.copy(),
             "reference": self.reference.copy(),
             "actuators": self.actuators.copy(),
-            "measurement": self.readings[0].copy(),
-            "available": self.readings[1].copy(),
+            "measurement": self.loop.readings[0].copy(),
+            "available": self.loop.readings[1].copy(),
             "estimate": belief.mean.copy(),
             "covariance": belief.cov.copy(),
             "input_estimate": input_mean,
@@ -346,35 +454,24 @@ class Core:
         """The rows, or None when they are all of them, which is faster."""
         return None if len(rows) == self.num_envs else rows
 
-    def _sense(self, rows: np.ndarray | None) -> Readings:
-        chosen = slice(None) if rows is None else rows
-        exact = self.vehicle.readings(self.truth[chosen], self.forcing[chosen])
-        return self.sensors.read(exact, self.steps[chosen], *self._sensor_draws.next(rows))
+    def _forcing(self, sea_state: np.ndarray, state: np.ndarray, noise: np.ndarray) -> np.ndarray:
+        """What acts on the vehicle over the coming step."""
+        forcing = self.forces.on(sea_state, state)
+        forcing[:, self.forces.shaken] = noise[:, self._shaken]
+        return forcing
 
-    def _update(
-        self,
-        belief: Belief,
-        truth: np.ndarray,
-        forcing: np.ndarray,
-        readings: Readings,
-        rng: list[np.random.Generator] | None,
-        u: np.ndarray | None = None,
-    ) -> Belief:
-        """Hand the readings to the filter; to the oracle alone, and no other, the truth."""
-        if self._oracle:
-            state = self.vehicle.filter_state(truth, self.filter.model.n)
-            unknown_input = forcing[:, : self.vehicle.unknown_inputs]
-            return self.filter.update(belief, np.concatenate([state, unknown_input], -1), rng=rng, u=u)
-        y, available = readings
-        if self._foreign:  # a filter of somebody else's may write into what it is given
-            y, available = y.copy(), available.copy()
-        return self.filter.update(belief, y, rng=rng, available=available, u=u)
+    def _handed(self, readings: Readings, rows: np.ndarray | None = None) -> Readings:
+        """What the filter is handed: the readings; the oracle alone, and no other, the truth."""
+        if not self.loop.tells_truth:
+            return readings
+        truth = np.concatenate([self.estimated(self.truth), self.unknown_input], -1)
+        truth = truth if rows is None else truth[rows]
+        return truth, np.ones(truth.shape, bool)
 
-    def _reference(self, course: np.ndarray, steps: np.ndarray, belief: Belief, truth: np.ndarray) -> np.ndarray:
+    def _reference(self, course: np.ndarray, steps: np.ndarray, belief: Belief, state: np.ndarray) -> np.ndarray:
         """The reference ``(B, k)``: where the vehicle believes to be, or is, if nobody sees what it believes."""
-        if self.observe_mode == "measurement":
-            return self.task.reference(course, steps, self.vehicle.filter_state(truth, self.task.states))
-        return self.task.reference(course, steps, belief.mean)
+        where = state[:, self._based] if self.observe_mode == "measurement" else belief.mean
+        return self.task.reference(course, steps, where)
 
     def _put(self, rows: np.ndarray, **arrays: np.ndarray) -> None:
         for name, values in arrays.items():
@@ -388,28 +485,24 @@ class Core:
         return merged
 
 
+def joint_prior(cov: np.ndarray, forces: Forces, sensors: Sensors) -> np.ndarray:
+    """What is known at the start of vehicle, disturbance and biases together, given that ``(n, n)`` of the vehicle.
+
+    A vehicle whose velocity is over ground is carried along by the flow from the first moment.
+    """
+    process = forces.disturbance.process
+    whole = block_diag(cov, process.start_cov, sensors.bias.start_cov)
+    if forces.vehicle.carried is None:
+        return whole
+    root = np.eye(len(whole))
+    n = len(cov)
+    root[:n, n : n + process.size] = forces.vehicle.carried @ forces.linear[len(forces.vehicle.kicks) :]
+    return root @ whole @ root.T
+
+
 def whole(value: object) -> bool:
     """Whether a value is a whole number: NumPy's too, but not True or 2.0."""
     return isinstance(value, int | np.integer) and not isinstance(value, bool)
-
-
-def _strides(belief: Belief) -> dict[str, tuple[int, ...]]:
-    """How the arrays of a belief lie in memory."""
-    arrays = {field.name: getattr(belief, field.name) for field in fields(belief)}
-    return {name: array.strides for name, array in arrays.items() if array is not None}
-
-
-def _laid_out(belief: Belief, strides: dict[str, tuple[int, ...]]) -> Belief:
-    """The belief with arrays that lie in memory as told: the last bit of a product depends on that."""
-    arrays = {}
-    for name, steps in strides.items():
-        values = getattr(belief, name)
-        size = sum((n - 1) * step for n, step in zip(values.shape, steps, strict=True)) + values.itemsize
-        array: np.ndarray = np.ndarray(values.shape, values.dtype, np.empty(size, np.uint8), strides=steps)
-        array[...] = values
-        if np.array_equal(array, values):  # but where rows that share their memory have come to differ
-            arrays[name] = array
-    return belief.replace(**arrays)
 
 
 def _arrived(readings: Readings, shape: tuple[int, ...]) -> Readings:

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from vessel_gym.composition import Composition
 from vessel_gym.disturbances import Water
 from vessel_gym.envs.single import VesselEnv
 from vessel_gym.envs.vector import VesselVectorEnv
@@ -9,19 +10,20 @@ from vessel_gym.system import System
 from vessel_gym.tasks.dive import VerticalDive
 from vessel_gym.vehicles.itsunusa import Itsunusa, ItsunusaParameters
 
+_PLANE: dict[str, Any] = {"velocities": ("u", "w"), "rates": ("q",), "names": ("current",)}
 WATERS = {
-    "calm": Water(turbulence=0.002, spin=0.001, current=0.05, velocities=2, rates=1, currents=1),
-    "moderate": Water(turbulence=0.005, spin=0.0025, current=0.10, velocities=2, rates=1, currents=1),
-    "rough": Water(turbulence=0.010, spin=0.005, current=0.20, velocities=2, rates=1, currents=1),
+    "calm": Water(turbulence=0.002, spin=0.001, current=0.05, **_PLANE),
+    "moderate": Water(turbulence=0.005, spin=0.0025, current=0.10, **_PLANE),
+    "rough": Water(turbulence=0.010, spin=0.005, current=0.20, **_PLANE),
 }
 
 _VEHICLE = Itsunusa(ItsunusaParameters())
 
 
-def _tuning(name: str, water: Any) -> dict[str, Any]:
+def _tuning(name: str, told: Composition) -> dict[str, Any]:
     # An ensemble of 100 is a little too sure of itself; 1 + 1/N mends that (docs/dives.md).
     if name in ("enkf", "enkf-sr", "etkf"):
-        return {"members": 100, "inflation": 1.01, "localisation": _VEHICLE.localisation}
+        return {"members": 100, "inflation": 1.01, "localisation": told.localisation}
     return {}
 
 

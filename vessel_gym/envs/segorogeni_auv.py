@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from vessel_gym.composition import Composition
 from vessel_gym.disturbances import Water
 from vessel_gym.envs.single import VesselEnv
 from vessel_gym.envs.vector import VesselVectorEnv
@@ -18,10 +19,10 @@ WATERS = {
 _VEHICLE = Segorogeni(SegorogeniParameters())
 
 
-def _tuning(name: str, water: Any) -> dict[str, Any]:
+def _tuning(name: str, told: Composition) -> dict[str, Any]:
     # An ensemble of 100 is a little too sure of itself; 1 + 1/N mends that (docs/dives.md).
     if name in ("enkf", "enkf-sr", "etkf"):
-        return {"members": 100, "inflation": 1.01, "localisation": _VEHICLE.localisation}
+        return {"members": 100, "inflation": 1.01, "localisation": told.localisation}
     return {}
 
 

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from vessel_gym.composition import Composition
 from vessel_gym.disturbances import Sea
 from vessel_gym.envs.single import VesselEnv
 from vessel_gym.envs.vector import VesselVectorEnv
@@ -20,9 +21,9 @@ SEAS = {
 }
 
 
-def _tuning(name: str, sea: Any) -> dict[str, Any]:
+def _tuning(name: str, told: Composition) -> dict[str, Any]:
     if name in ("kf-umv-ui", "ulise"):
-        return {"input_prior": sea.unknown_input_var}
+        return {"input_prior": told.forces.kick_cov}
     return {}
 
 

@@ -6,11 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from estimators import Belief, Gaussian, wrap
+from estimators import Gaussian, wrap
 from estimators.checks import shown
 from estimators.factory import unknown
 from vessel_gym.checks import number
 from vessel_gym.compiled import gufunc
+from vessel_gym.sensors import Sensors
+from vessel_gym.system import Estimate
 from vessel_gym.vehicles.corvette import CorvetteParameters, steady_turns
 
 
@@ -54,8 +56,6 @@ class TurningCircle:
     ramp: float = 25.0  # s until the full yaw rate is commanded
     preview: float = 10.0  # s
 
-    states = 4
-    """Size of the prior: (v, r, psi, u)."""
     uniforms = 3
     """Uniform numbers that `course` needs."""
 
@@ -92,7 +92,7 @@ class TurningCircle:
         turns = steady_turns(self.ship)
         return np.sign(radius) * np.interp(1.0 / np.abs(radius), 1.0 / turns.radius, turns.yaw_rate)
 
-    def prior(self, course: np.ndarray, sea: Any) -> Gaussian:
+    def prior(self, course: np.ndarray) -> Gaussian:
         """What is known of (v, r, psi, u) at the start: mean ``(B, 4)`` and covariance ``(4, 4)``."""
         mean = np.zeros((len(course), 4))
         mean[:, 2], mean[:, 3] = course[:, 0], self.ship.speed
@@ -127,9 +127,9 @@ class TurningCircle:
     INPUT_SCALE = 0.01  # rad
     COMMAND_SCALE = 0.04  # rad/s, commanded yaw rate
 
-    def sizes(self) -> dict[str, int]:
+    def sizes(self, readings: int, states: int) -> dict[str, int]:
         """The length of an observation for each mode of ``observe``."""
-        return {"mean": 7, "mean+std": 11, "measurement": 7}
+        return {"mean": 7, "mean+std": 11, "measurement": 2 * readings + 3}
 
     @cached_property
     def _known_scales(self) -> list[float]:
@@ -144,46 +144,52 @@ class TurningCircle:
     def _std_gains(self) -> np.ndarray:
         return 1.0 / np.array([self.SWAY_SCALE, self.RATE_SCALE, self.HEADING_SCALE, self.INPUT_SCALE])
 
-    @cached_property
-    def _reading_gains(self) -> np.ndarray:
-        return 1.0 / np.array([self.HEADING_SCALE, self.INPUT_SCALE, 1.0, 1.0, *self._known_scales])
-
-    def observe(self, belief: Belief, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
+    def observe(self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
         """The observation ``(B, 7)`` of mode ``"mean"``, before clipping: estimates, reference, rudder."""
-        mean = belief.mean
+        mean = estimate.state
         observation = np.empty((len(mean), 7))
         observation[:, 0] = wrap(reference[:, 0] - mean[:, 2])
         observation[:, 1] = reference[:, 1] - mean[:, 1]
         observation[:, 2] = mean[:, 0]
-        observation[:, 3] = 0.0 if belief.input_mean is None else belief.input_mean[:, 0]
+        observation[:, 3] = 0.0 if estimate.input_mean is None else estimate.input_mean[:, 0]
         observation[:, 4] = actuators[:, 0]
         observation[:, 5:] = reference[:, 1:3]
         return observation * self._mean_gains
 
-    def observe_std(self, belief: Belief) -> np.ndarray:
+    def observe_std(self, estimate: Estimate) -> np.ndarray:
         """The standard deviations ``(B, 4)`` of sway, yaw rate, heading and unknown input, scaled likewise."""
-        variance = np.zeros((len(belief.mean), 4))
-        variance[:, :3] = np.diagonal(belief.cov, axis1=-2, axis2=-1)[:, :3]
-        if belief.input_cov is not None:
-            variance[:, 3] = belief.input_cov[:, 0, 0]
-        return np.sqrt(np.maximum(variance, 0.0)) * self._std_gains
+        assert estimate.sd is not None
+        sd = np.zeros((len(estimate.sd), 4))
+        sd[:, :3] = estimate.sd[:, :3]
+        if estimate.input_sd is not None:
+            sd[:, 3] = estimate.input_sd[:, 0]
+        return sd * self._std_gains
 
     def observe_readings(
         self,
+        sensors: Sensors,
         readings: np.ndarray,
         available: np.ndarray,
         course: np.ndarray,
         step: np.ndarray,
         actuators: np.ndarray,
     ) -> np.ndarray:
-        """The observation ``(B, 7)`` of mode ``"measurement"``: raw readings and their mask, no filter."""
-        reference, observation = self.command(course, step), np.empty((len(readings), 7))
-        observation[:, 0] = np.where(available[:, 0], wrap(reference[:, 0] - readings[:, 0]), 0.0)
-        observation[:, 1] = np.where(available[:, 1], readings[:, 1], 0.0)
-        observation[:, 2:4] = available
-        observation[:, 4] = actuators[:, 0]
-        observation[:, 5:] = reference[:, 1:3]
-        return observation * self._reading_gains
+        """The observation of mode ``"measurement"``: raw readings, their mask, rudder and command, no filter.
+
+        A reading of the heading is shown as what is missing to the commanded one, on the scale of such an error.
+        """
+        reference, p = self.command(course, step), sensors.size
+        observation = np.empty((len(readings), 2 * p + 3))
+        shown = readings / sensors.scale
+        for channel, state in enumerate(sensors.gives):
+            if state == "psi":
+                shown[:, channel] = wrap(reference[:, 0] - readings[:, channel]) / self.HEADING_SCALE
+        observation[:, :p] = np.where(available, shown, 0.0)
+        observation[:, p : 2 * p] = available
+        observation[:, 2 * p] = actuators[:, 0]
+        observation[:, 2 * p + 1 :] = reference[:, 1:3]
+        observation[:, 2 * p :] /= self._known_scales
+        return observation
 
     # --- how it is scored -------------------------------------------------------------------------
 
@@ -204,12 +210,18 @@ class TurningCircle:
         """A reward of 1 at every step."""
         return self.horizon
 
-    def begin(self, truth: np.ndarray, course: np.ndarray) -> np.ndarray:
+    def begin(self, state: np.ndarray, course: np.ndarray) -> np.ndarray:
         """Nothing to remember: ``(B, 0)``."""
-        return np.empty((len(truth), 0))
+        return np.empty((len(state), 0))
 
     def score(
-        self, truth: np.ndarray, reference: np.ndarray, actuators: np.ndarray, action: np.ndarray, tally: np.ndarray
+        self,
+        state: np.ndarray,
+        forcing: np.ndarray,
+        reference: np.ndarray,
+        actuators: np.ndarray,
+        action: np.ndarray,
+        tally: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Reward in [0, 1], end of the episode and tally, ``(B,)`` and ``(B, 0)``: the only reader of truth.
 
@@ -217,6 +229,6 @@ class TurningCircle:
         Rewards are never negative, so ending early never pays; the reference moves with time, so
         neither does loitering.
         """
-        heading = wrap(reference[:, 0] - truth[:, 2])
-        reward = turning_reward(heading, truth, reference, action, self._kernel)
+        heading = wrap(reference[:, 0] - state[:, 2])
+        reward = turning_reward(heading, state, reference, action, self._kernel)
         return reward, (np.abs(heading) > self.LOST).astype(int), tally

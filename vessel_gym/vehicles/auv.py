@@ -7,13 +7,12 @@ is the origin, and a propeller. Body axes: x forward, y starboard, z down; earth
 from abc import ABC, abstractmethod
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Protocol
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 import numpy as np
 
-from estimators import NonlinearModel
-from estimators.checks import shown
-from vessel_gym.sensors import Instrument, nominal_sd
+from vessel_gym.sensors import Sensor
 from vessel_gym.vehicles.hydrodynamics import Coefficients, Fins, Spheroid, Torpedo, coefficients, fin_lift
 
 _FACTORS = {
@@ -162,76 +161,97 @@ def _inverse(axes: str, upper: tuple[Any, ...]) -> dict[str, np.ndarray]:
 
 
 _VERTICAL, _LATERAL, _PLAN = ("u", "w", "q", "z", "theta"), ("v", "p", "r", "phi", "psi"), ("x", "y")
-_PLANES = (
-    (_VERTICAL, _VERTICAL),
-    (_LATERAL, _LATERAL),
-    (_PLAN, _PLAN),
-    (("current",), _VERTICAL),
-    (("current north", "current east"), ("u", "v", "psi")),
-)
-"""Components of the state, and the readings that show them."""
 
 
-class Kicks(Protocol):
-    """What a filter's model needs to know of the sea."""
+def plane(name: str) -> tuple[str, ...]:
+    """What a reading of a component of the state may correct in an ensemble: what lies in its own plane.
 
-    @property
-    def kick_sd(self) -> np.ndarray:
-        """Standard deviation of every component of the forcing."""
+    To first order surge, heave and pitch know nothing of sway, roll and yaw; the current shows in how the vehicle
+    drifts over ground; where it is in plan only position fixes show. A hundred members see chance correlations
+    between all of these, which twenty steps of other readings between two fixes would take for knowledge.
+    """
+    if name in _PLAN:
+        return _PLAN
+    drifting = ("current north", "current east") if name in ("u", "v", "psi") else ()
+    return (*_VERTICAL, "current", *drifting) if name in _VERTICAL else (*_LATERAL, *drifting)
 
 
 @dataclass(frozen=True)
 class AUV(ABC):
-    """A torpedo-shaped vehicle in batches: actuators, truth, exact readings, the filters' model.
+    """A torpedo-shaped vehicle in batches: actuators, state, sensors, and what filters know.
 
-    Truth state: velocities through the water, then position and Euler angles, then the current. The forcing of a step
-    kicks the velocities at its end and changes the current for the next one. Actuators: fin angles [rad], then
-    thrust [N].
+    State: velocities through the water, then position and Euler angles. Kicks change the velocities at the end of a
+    step, a current carries the vehicle over it. Actuators: fin angles [rad], then thrust [N]. Filters estimate the
+    whole state; their known input is ``u = (actuators before, actuators after)``.
     """
 
     body: AUVParameters
     dt: float = 0.1  # s, the papers' control rate
     substeps: int = 2
-    current_time: float = 200.0  # s, correlation time of the current, assumed
 
-    truth_names: ClassVar[tuple[str, ...]]
+    state_names: ClassVar[tuple[str, ...]]
     parameter_names: ClassVar[tuple[str, ...]]
     action_names: ClassVar[tuple[str, ...]]
-    instruments: ClassVar[tuple[Instrument, ...]]
-    velocities: ClassVar[int]
-    """How many of the truth's components are velocities: as many again are position and angles."""
-    unknown_inputs: ClassVar[int]
-    """Kicks on the velocities [m/s, rad/s] and changes of the current [m/s]."""
+    sensors: ClassVar[tuple[Sensor, ...]]
+    angles: ClassVar[tuple[str, ...]]
+    flows: ClassVar[tuple[str, ...]]
+    """Components of the current [m/s]."""
+    rates: ClassVar[Mapping[str, str]]
     normals: ClassVar[int]
     """Normal numbers that `parameters` needs."""
-    state_angles: ClassVar[tuple[int, ...]]
-    measurement_angles: ClassVar[tuple[int, ...]]
+    kinds: ClassVar[tuple[str, ...]] = ("nonlinear",)
+    linear_kinds: ClassVar[tuple[str, ...]] = ()
+    carried: ClassVar[None] = None
 
     @abstractmethod
     def vector(self, factors: np.ndarray) -> np.ndarray:
         """Coefficients ``(..., k)`` of the compiled equations with ``factors (..., normals)`` on the uncertain ones."""
 
     @abstractmethod
-    def advance(self, truth: np.ndarray, control: np.ndarray, c: np.ndarray) -> np.ndarray:
-        """The state after a step that nothing kicks, with the current held; control is actuators before and after."""
+    def advance(
+        self, state: np.ndarray, control: np.ndarray, current: np.ndarray, c: np.ndarray, out: np.ndarray | None = None
+    ) -> np.ndarray:
+        """The state after a step that nothing kicks; control is actuators before and after."""
 
-    @abstractmethod
-    def exact_readings(self, truth: np.ndarray) -> np.ndarray:
-        """What perfect instruments read ``(..., p)``."""
+    @property
+    def kicked(self) -> tuple[str, ...]:
+        """The velocities: the first half of the state."""
+        return self.state_names[: len(self.state_names) // 2]
+
+    @property
+    def kicks(self) -> tuple[str, ...]:
+        """One for each of them [m/s, rad/s]."""
+        return tuple(f"kick {name}" for name in self.kicked)
+
+    def estimated(self, kind: str) -> tuple[str, ...]:
+        """All of the state."""
+        return self.state_names
+
+    def placed(self, x: np.ndarray) -> np.ndarray:
+        """The state out of what filters estimate, which is the same."""
+        return x
+
+    @property
+    def process_sd(self) -> np.ndarray:
+        """The models leave out nothing."""
+        return np.zeros(len(self.state_names))
+
+    @cached_property
+    def cruise(self) -> tuple[np.ndarray, np.ndarray]:
+        """Level at the cruising speed, fins centred."""
+        x, still = np.zeros(len(self.state_names)), np.zeros(len(self.action_names))
+        x[0], still[-1] = self.body.cruise_speed, self.body.cruise_thrust
+        return x, np.concatenate([still, still])
 
     def parameters(self, mismatch: float, normals: np.ndarray) -> np.ndarray:
         """Coefficients ``(B, k)`` of the truth: the filter's, with a relative spread on the uncertain ones."""
         return self.vector(1.0 + mismatch * np.clip(normals, -2.0, 2.0))
 
     def start(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Truth ``(B, n)`` and actuators ``(B, a)`` from the state: fins centred, thrust for the cruising speed."""
+        """State ``(B, n)`` and actuators ``(B, a)`` to begin with: fins centred, thrust for the cruising speed."""
         actuators = np.zeros((len(x), len(self.action_names)))
         actuators[:, -1] = self.body.cruise_thrust
         return np.array(x, float), actuators
-
-    def filter_state(self, truth: np.ndarray, n: int) -> np.ndarray:
-        """The part of the truth that filters estimate: its first ``n`` components."""
-        return truth[..., :n]
 
     def actuate(self, actuators: np.ndarray, action: np.ndarray) -> np.ndarray:
         """Actuators ``(B, a)`` after a step of ``action`` in [-1, 1]: fins at their rate, thrust with its lag.
@@ -247,70 +267,22 @@ class AUV(ABC):
         return after
 
     def step(
-        self, truth: np.ndarray, before: np.ndarray, after: np.ndarray, forcing: np.ndarray, parameters: np.ndarray
+        self, state: np.ndarray, before: np.ndarray, after: np.ndarray, forcing: np.ndarray, parameters: np.ndarray
     ) -> np.ndarray:
-        """The truth one step later, with actuators moving from ``before`` to ``after`` and ``forcing (B, q)``."""
-        moved = self._drift(truth, np.concatenate([before, after], -1), parameters)
-        moved[..., : self.velocities] += forcing[..., : self.velocities]
-        moved[..., 2 * self.velocities :] += forcing[..., self.velocities :]
+        """The state one step later, with actuators moving from ``before`` to ``after``."""
+        kicks = len(self.state_names) // 2
+        moved = self.advance(state, np.concatenate([before, after], -1), forcing[..., kicks:], parameters)
+        moved[..., :kicks] += forcing[..., :kicks]
         return moved
 
-    def _drift(self, x: np.ndarray, u: np.ndarray, c: np.ndarray) -> np.ndarray:
-        """A step that nothing kicks: equations of motion, and the current dies away."""
-        moved = self.advance(x, u, c)
-        moved[..., 2 * self.velocities :] *= np.exp(-self.dt / self.current_time)
-        return moved
-
-    def readings(self, truth: np.ndarray, forcing: np.ndarray) -> np.ndarray:
-        """What perfect instruments read ``(B, p)``; the forcing acts later and is not seen."""
-        return self.exact_readings(truth)
-
-    def model(self, kind: str, noise: float, disturbance: Kicks) -> NonlinearModel:
-        """The filters' model: the vehicle's own equations, with the kicks as process noise.
-
-        The known input is ``u = (actuators before, actuators after)``.
-
-        Args:
-            kind: ``"nonlinear"``; there is no other.
-            noise: standard deviation of the readings relative to nominal.
-            disturbance: how large the kicks are.
-
-        Raises:
-            ValueError: for another kind.
-        """
-        if kind != "nonlinear":
-            raise ValueError(f"unknown filter model {shown(kind)}: this vehicle has the nonlinear one only")
-        c = self.vector(np.ones(self.normals))
-
-        def transition(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-            assert u is not None
-            return self._drift(x, u, c)
-
-        def measurement(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-            return self.exact_readings(x)
-
-        kicked = np.r_[: self.velocities, 2 * self.velocities : len(self.truth_names)]
-        variance = np.zeros(len(self.truth_names))
-        variance[kicked] = np.asarray(disturbance.kick_sd) ** 2
-        return NonlinearModel(
-            transition,
-            measurement,
-            np.diag(variance),
-            np.diag((noise * nominal_sd(self.instruments)) ** 2),
-            state_angles=self.state_angles,
-            measurement_angles=self.measurement_angles,
-        )
+    def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+        """A step that nothing kicks, as filters know it."""
+        return self.advance(x, u, flow, self._nominal, out)
 
     @cached_property
-    def localisation(self) -> np.ndarray:
-        """Which reading may correct which component of an ensemble ``(n, p)``: those of its own plane.
+    def _nominal(self) -> np.ndarray:
+        return self.vector(np.ones(self.normals))
 
-        To first order surge, heave and pitch know nothing of sway, roll and yaw; the current shows in how the vehicle
-        drifts over ground; where it is in plan only position fixes show. A hundred members see chance correlations
-        between all of these, which twenty steps of other readings between two fixes would take for knowledge.
-        """
-        readings = [channel.split()[0] for instrument in self.instruments for channel in instrument.channels]
-        mask = np.zeros((len(self.truth_names), len(readings)))
-        for components, shown_by in _PLANES:
-            mask[np.ix_(np.isin(self.truth_names, components), np.isin(readings, shown_by))] = 1.0
-        return mask
+    def linear(self, kind: str) -> tuple[Any, Any]:
+        """There is none."""
+        raise NotImplementedError

@@ -12,19 +12,18 @@ them); Fossen (2011) for the structure; Fujii & Tuda (1961) for the rudder.
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property, partial
+from typing import Any, ClassVar
 
 import numpy as np
 from numba import njit
 from scipy.optimize import root
 
-from estimators import LinearModel, NonlinearModel, wrap, zero_order_hold
-from estimators.checks import shown
+from estimators import zero_order_hold
 from vessel_gym.compiled import gufunc
-from vessel_gym.disturbances import Sea
-from vessel_gym.sensors import Instrument, nominal_sd
+from vessel_gym.sensors import Sensor
 
-TRUTH = ("x", "y", "psi", "u", "v", "r")
-"""Truth state: position north, east [m], heading [rad], surge, sway through the water [m/s], yaw rate [rad/s]."""
+STATE = ("x", "y", "psi", "u", "v", "r")
+"""State: position north, east [m], heading [rad], surge, sway through the water [m/s], yaw rate [rad/s]."""
 
 
 @dataclass(frozen=True)
@@ -180,7 +179,7 @@ def corvette_derivative(state: np.ndarray, control: np.ndarray, c: np.ndarray, o
 
 
 @gufunc("void(float64[:], float64[:], float64[:], float64, int64, float64[:])", "(n),(m),(p),(),()->(n)")
-def corvette_step(
+def _old_corvette_step(
     state: np.ndarray, control: np.ndarray, c: np.ndarray, dt: float, substeps: int, out: np.ndarray
 ) -> None:
     """RK4 over ``dt``; control is (rudder at the start, rudder at the end, current north, current east).
@@ -210,6 +209,15 @@ def corvette_step(
         x4 += w * (a[4] + 2.0 * b[4] + 2.0 * e[4] + f[4])
         x5 += w * (a[5] + 2.0 * b[5] + 2.0 * e[5] + f[5])
     out[0], out[1], out[2], out[3], out[4], out[5] = x0, x1, x2, x3, x4, x5
+
+
+def corvette_step(state, control, current, c, dt, substeps, out=None):
+    B = np.broadcast_shapes(control.shape[:-1], current.shape[:-1])
+    control = np.concatenate([np.broadcast_to(control, B + (2,)), np.broadcast_to(current, B + (2,))], -1)
+    r = _old_corvette_step(state, control, c, dt, substeps)
+    if out is None: return r
+    out[...] = r
+    return out
 
 
 def rudder_angle_of_attack(
@@ -322,44 +330,29 @@ def secant_models(ship: CorvetteParameters, dt: float) -> tuple[np.ndarray, np.n
     return zero_order_hold(A, B, dt)
 
 
-def linear_model(
-    ship: CorvetteParameters, dt: float, Q: np.ndarray, R: np.ndarray, kind: str = "corrected"
-) -> LinearModel:
-    """The model that the linear filters use: x = (v, r, psi), y = (compass, wave-band yaw increment).
+AS_PRINTED = (
+    np.array([[0.4159, 0.1811, 0.0], [5.4795e-10, 1.0, 0.0], [0.0, 0.5, 1.0]]),
+    np.array([[-2.6189e-7, 0.0], [2.4075e-7, 0.0], [0.0, 0.0]]),
+)
+"""A and B of eq. 4.3 of the thesis to the digit, kept for reproduction: neither the ship's nor consistent in units."""
 
-    ``psi+ = psi + dt r + d + w``, ``y1 = psi + d + v1``, ``y2 = d + v2``: d is what waves and gusts do to
-    the heading in one step, and a motion reference unit gives it in its own noise (eq. 4.5).
+Follow = Callable[[np.ndarray | None], np.ndarray]
 
-    The known input is ``u = (rudder, commanded yaw rate)``; A and B follow the commanded turn by
-    `secant_models`.
+
+def linear_matrices(ship: CorvetteParameters, dt: float) -> tuple[Follow, Follow]:
+    """A and B of (v, r, psi) as functions of ``u = (rudder, commanded yaw rate)``: they follow the commanded turn.
 
     Args:
         ship: Parameters.
         dt: Step [s].
-        Q: ``(3, 3)`` process noise covariance.
-        R: ``(2, 2)`` measurement noise covariance.
-        kind: ``"corrected"``, or ``"as-printed"`` for eq. 4.3 of the thesis to the digit, kept for
-            reproduction: it is neither the ship's nor dimensionally consistent.
     """
-    C = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 0.0]])
-    G = np.array([[0.0], [0.0], [1.0]])
-    H = np.array([[1.0], [1.0]])
-    angles = {"state_angles": (2,), "measurement_angles": (0,)}
-    if kind == "as-printed":
-        A = np.array([[0.4159, 0.1811, 0.0], [5.4795e-10, 1.0, 0.0], [0.0, 0.5, 1.0]])
-        B = np.array([[-2.6189e-7, 0.0], [2.4075e-7, 0.0], [0.0, 0.0]])
-        return LinearModel(A, C, Q, R, B=B, G=G, H=H, **angles)
-    if kind != "corrected":
-        raise ValueError(
-            f"unknown filter model {shown(kind)}: choose corrected or as-printed, or nonlinear for a nonlinear filter"
-        )
     A_table, B_table = secant_models(ship, dt)
     A_table = np.concatenate([A_table[:0:-1], A_table])  # the same turn to port
     B_table = np.concatenate([B_table[:0:-1], B_table])
     B_table = np.concatenate([B_table, np.zeros_like(B_table)], -1)
     middle, scale = len(A_table) // 2 + 0.5, 1.0 / steady_turns(ship).yaw_rate[1]
 
-    def follow(table: np.ndarray) -> Callable[[np.ndarray | None], np.ndarray]:
+    def follow(table: np.ndarray) -> Follow:
         def matrix(u: np.ndarray | None) -> np.ndarray:
             if u is None:
                 raise ValueError("the corrected model needs u = (rudder, commanded yaw rate)")
@@ -367,63 +360,57 @@ def linear_model(
 
         return matrix
 
-    return LinearModel(follow(A_table), C, Q, R, B=follow(B_table), G=G, H=H, **angles)
-
-
-def nonlinear_model(ship: CorvetteParameters, dt: float, Q: np.ndarray, R: np.ndarray) -> NonlinearModel:
-    """The ship's own equations for nonlinear filters: x = (v, r, psi, u), otherwise as `linear_model`.
-
-    Args:
-        ship: Parameters.
-        dt: Step [s].
-        Q: ``(4, 4)`` process noise covariance.
-        R: ``(2, 2)`` measurement noise covariance.
-    """
-    c = ship.vector()
-
-    def transition(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-        assert u is not None
-        state = np.zeros(x.shape[:-1] + (6,))
-        state[..., 2], state[..., 3], state[..., 4], state[..., 5] = x[..., 2], x[..., 3], x[..., 0], x[..., 1]
-        control = np.zeros(u.shape[:-1] + (4,))
-        control[..., :2] = u[..., :1]
-        after = corvette_step(state, control, c, dt, 1)
-        return after[..., [4, 5, 2, 3]]
-
-    def measurement(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-        reading = np.zeros(x.shape[:-1] + (2,))
-        reading[..., 0] = x[..., 2]
-        return reading
-
-    G = np.array([[0.0], [0.0], [1.0], [0.0]])
-    H = np.array([[1.0], [1.0]])
-    return NonlinearModel(transition, measurement, Q, R, G=G, H=H, state_angles=(2,), measurement_angles=(0,))
+    return follow(A_table), follow(B_table)
 
 
 # --- the vehicle as an environment uses it ----------------------------------------------------------
 
 
+def _compass(state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
+    """The heading with what waves and gusts do to it over the step ``(..., 1)`` (eq. 4.5)."""
+    return state[..., 2:3] + forcing[..., :1]
+
+
+def _motion(state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
+    """What waves and gusts do to the heading over the step ``(..., 1)``."""
+    return forcing[..., :1]
+
+
 @dataclass(frozen=True)
 class Corvette:
-    """The ship in batches: actuator, truth, exact readings, filter models.
+    """The ship in batches: actuator, state, sensors, and what filters know.
 
     The action is the rudder *rate*: with an angle as action, the estimate's noise would saturate
     the steering gear.
+
+    Linear filters estimate (v, r, psi), nonlinear ones u besides; their known input is ``u = (rudder, commanded yaw
+    rate)``. With d the yaw increment that waves and gusts give in a step, ``psi+ = psi + dt r + d``, ``y1 = psi + d``
+    and ``y2 = d``: a motion reference unit gives it in its own noise (eq. 4.5).
     """
 
     ship: CorvetteParameters = CorvetteParameters()
     dt: float = 0.5  # s
     substeps: int = 1  # one RK4 step of 0.5 s is converged to 0.002 %
 
-    truth_names = TRUTH
+    state_names = STATE
+    angles = ("psi",)
     parameter_names = COEFFICIENTS
     action_names = ("rudder rate",)
-    instruments = (
-        Instrument("gyro compass", ("heading [rad]",), (2e-3,)),  # 0.11 deg
-        Instrument("motion reference unit", ("wave-band yaw increment [rad]",), (1e-3,)),  # 0.06 deg
-    )
-    unknown_inputs = 1
+    kicks = ("yaw increment",)
+    kicked = ("psi",)
+    flows = ("current north", "current east")
+    sensors = (
+        Sensor("gyro compass", ("heading [rad]",), _compass, (2e-3,), angles=(0,), gives=("psi",)),  # 0.11 deg
+        Sensor(
+            "motion reference unit", ("wave-band yaw increment [rad]",), _motion, (1e-3,),  # 0.06 deg
+            scale=(0.01,), gives=("yaw increment",),
+        ),
+    )  # fmt: skip
+    kinds = ("nonlinear", "corrected", "as-printed")
+    linear_kinds = ("corrected", "as-printed")
     process_sd = np.array([0.08, 1.5e-3, 1e-4, 0.05])  # of (v, r, psi, u) a step: what the models leave out
+    rates: ClassVar = {"r": "psi"}
+    carried = None
     normals = len(UNCERTAIN)
     """Normal numbers that `parameters` needs."""
 
@@ -433,15 +420,24 @@ class Corvette:
         c[:, UNCERTAIN] *= 1.0 + mismatch * np.clip(normals, -2.0, 2.0)
         return c
 
-    def start(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Truth ``(B, 6)`` and actuators ``(B, 1)`` from (v, r, psi, u)."""
-        truth = np.zeros((len(x), 6))
-        truth[:, [4, 5, 2, 3]] = x
-        return truth, np.zeros((len(x), 1))
+    def estimated(self, kind: str) -> tuple[str, ...]:
+        """(v, r, psi), and u in the nonlinear model."""
+        return ("v", "r", "psi", "u") if kind == "nonlinear" else ("v", "r", "psi")
 
-    def filter_state(self, truth: np.ndarray, n: int = 4) -> np.ndarray:
-        """The part of the truth that filters estimate: (v, r, psi) and, for n = 4, u."""
-        return truth[..., [4, 5, 2, 3][:n]]
+    def placed(self, x: np.ndarray) -> np.ndarray:
+        """The state ``(..., 6)`` out of (v, r, psi, u), at the origin."""
+        state = np.zeros(x.shape[:-1] + (6,))
+        state[..., 2], state[..., 3], state[..., 4], state[..., 5] = x[..., 2], x[..., 3], x[..., 0], x[..., 1]
+        return state
+
+    @property
+    def cruise(self) -> tuple[np.ndarray, np.ndarray]:
+        """Straight on at service speed."""
+        return np.array([0.0, 0.0, 0.0, self.ship.speed]), np.zeros(2)
+
+    def start(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """State ``(B, 6)`` and actuators ``(B, 1)`` from (v, r, psi, u)."""
+        return self.placed(x), np.zeros((len(x), 1))
 
     def actuate(self, actuators: np.ndarray, action: np.ndarray) -> np.ndarray:
         """The rudder ``(B, 1)`` after a step of rudder rate ``action`` in [-1, 1]."""
@@ -450,51 +446,30 @@ class Corvette:
 
     def step(
         self,
-        truth: np.ndarray,
+        state: np.ndarray,
         before: np.ndarray,
         after: np.ndarray,
         forcing: np.ndarray,
         parameters: np.ndarray,
     ) -> np.ndarray:
-        """The truth one step later; forcing is (yaw kick d of waves and gusts, current north, current east)."""
-        control = np.concatenate([before, after, forcing[:, 1:]], -1)
-        truth = corvette_step(truth, control, parameters, self.dt, self.substeps)
-        truth[:, 2] += forcing[:, 0]
-        return truth
+        """The state one step later; forcing is (yaw increment d of waves and gusts, current north, current east)."""
+        control = np.concatenate([before, after], -1)
+        state = corvette_step(state, control, forcing[:, 1:], parameters, self.dt, self.substeps)
+        state[:, 2] += forcing[:, 0]
+        return state
 
-    def readings(self, truth: np.ndarray, forcing: np.ndarray) -> np.ndarray:
-        """What perfect sensors would read ``(B, 2)``: compass and yaw increment (eq. 4.5)."""
-        exact = np.empty((len(truth), 2))
-        exact[:, 0] = truth[:, 2] + forcing[:, 0]
-        exact[:, 1] = forcing[:, 0]
-        return exact
+    def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+        """(v, r, psi, u) one step on under ``u = (rudder, commanded yaw rate)``."""
+        control = np.repeat(u[..., :1], 2, axis=-1)
+        after = corvette_step(self.placed(x), control, flow, self._nominal, self.dt, 1)
+        moved = np.empty(after.shape[:-1] + (4,)) if out is None else out
+        moved[...] = after[..., [4, 5, 2, 3]]
+        return moved
 
-    def model(self, kind: str, noise: float, sea: Sea) -> LinearModel | NonlinearModel:
-        """The filter's model: ``"corrected"``, ``"as-printed"`` or ``"nonlinear"``.
+    @cached_property
+    def _nominal(self) -> np.ndarray:
+        return self.ship.vector()
 
-        Args:
-            kind: which one.
-            noise: standard deviation of the readings relative to nominal.
-            sea: not used: what a filter knows of d is an option of its own.
-        """
-        R = np.diag((noise * nominal_sd(self.instruments)) ** 2)
-        Q = np.diag(self.process_sd**2)
-        if kind == "nonlinear":
-            return nonlinear_model(self.ship, self.dt, Q, R)
-        return linear_model(self.ship, self.dt, Q[:3, :3], R, kind)
-
-    def from_readings(
-        self, readings: np.ndarray, previous: np.ndarray, interval: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """(v, r, psi) and d from two successive sets of readings: no model, the compass differenced.
-
-        Args:
-            readings: ``(..., 2)``.
-            previous: ``(..., 2)`` the readings before.
-            interval: ``(..., 2)`` seconds between the two.
-        """
-        change = wrap(readings[..., 0] - previous[..., 0])
-        x = np.zeros(readings.shape[:-1] + (3,))
-        x[..., 1] = change / interval[..., 0]
-        x[..., 2] = readings[..., 0]
-        return x, readings[..., 1:2]
+    def linear(self, kind: str) -> tuple[Any, Any]:
+        """A and B of (v, r, psi): ``"corrected"`` (see `linear_matrices`) or ``"as-printed"``."""
+        return AS_PRINTED if kind == "as-printed" else linear_matrices(self.ship, self.dt)

@@ -16,12 +16,11 @@ import numpy as np
 from numba import njit
 
 from vessel_gym.compiled import gufunc
-from vessel_gym.sensors import Instrument
-from vessel_gym.vehicles.auv import AUV, VERTICAL, AUVParameters
+from vessel_gym.sensors import Sensor, plain
+from vessel_gym.vehicles.auv import AUV, VERTICAL, AUVParameters, plane
 
-TRUTH = ("u", "w", "q", "x", "z", "theta", "current")
-"""Truth state: velocity through the water [m/s], pitch rate [rad/s], position [m], pitch [rad], current along x
-[m/s]."""
+STATE = ("u", "w", "q", "x", "z", "theta")
+"""State: velocity through the water [m/s], pitch rate [rad/s], position [m] and pitch [rad]."""
 
 COEFFICIENTS = (
     "surge_mass", "heave_mass", "pitch_inertia", "mass_z_g", "heave_pitch",
@@ -104,7 +103,7 @@ def itsunusa_derivative(state: np.ndarray, control: np.ndarray, c: np.ndarray, o
 
 
 @gufunc("void(float64[:], float64[:], float64[:], float64, int64, float64[:])", "(n),(m),(k),(),()->(n)")
-def itsunusa_step(
+def _old_step(
     state: np.ndarray, control: np.ndarray, c: np.ndarray, dt: float, substeps: int, out: np.ndarray
 ) -> None:
     """RK4 over ``dt``, the current constant; control is (stern plane, thrust) at the start, then at the end.
@@ -129,12 +128,13 @@ def itsunusa_step(
     out[6] = current
 
 
-@gufunc("void(float64[:], float64[:], float64[:])", "(n),(p)->(p)")
-def itsunusa_readings(state: np.ndarray, template: np.ndarray, out: np.ndarray) -> None:
-    """What perfect instruments read ``(6,)``, in their order; ``template (6,)`` only tells how many they are."""
-    out[0] = state[0] + state[6] * np.cos(state[5])
-    out[1] = state[1] + state[6] * np.sin(state[5])
-    out[2], out[3], out[4], out[5] = state[4], state[5], state[2], state[3]
+def itsunusa_step(state, control, current, c, dt, substeps, out=None):
+    B = np.broadcast_shapes(state.shape[:-1], current.shape[:-1])
+    x = np.concatenate([np.broadcast_to(state, B + state.shape[-1:]), np.broadcast_to(current, B + current.shape[-1:])], -1)
+    r = _old_step(x, control, c, dt, substeps)[..., :6]
+    if out is None: return r
+    out[...] = r
+    return out
 
 
 def inertia(c: np.ndarray) -> np.ndarray:
@@ -155,6 +155,14 @@ def energy(state: np.ndarray, c: np.ndarray) -> np.ndarray:
     return 0.5 * np.vecdot(nu, np.matvec(inertia(c), nu)) - net_weight * depth - righting * np.cos(theta)
 
 
+def _over_ground(state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
+    """Velocity over ground in body axes ``(..., 2)``."""
+    velocity, current, theta = np.array(state[..., :2]), forcing[..., 3], state[..., 5]
+    velocity[..., 0] += current * np.cos(theta)
+    velocity[..., 1] += current * np.sin(theta)
+    return velocity
+
+
 @dataclass(frozen=True)
 class Itsunusa(AUV):
     """The vehicle in batches, as an environment uses it.
@@ -164,46 +172,36 @@ class Itsunusa(AUV):
 
     body: ItsunusaParameters = ItsunusaParameters()
 
-    truth_names: ClassVar = TRUTH
+    state_names: ClassVar = STATE
     parameter_names: ClassVar = COEFFICIENTS
     action_names: ClassVar = ("stern plane", "thrust")
-    instruments: ClassVar = (
-        Instrument("Doppler log", ("u over ground", "w over ground"), (0.01, 0.01), dropout=0.10),
-        Instrument("depth gauge", ("z",), (0.02,)),
-        Instrument("inclinometer", ("theta",), (0.01,)),
-        Instrument("gyroscope", ("q",), (0.005,)),
-        Instrument("acoustic position", ("x",), (0.5,), period=20, dropout=0.10),
-    )
-    velocities: ClassVar = 3
-    unknown_inputs: ClassVar = 4
+    angles: ClassVar = ("theta",)
+    flows: ClassVar = ("current",)
+    rates: ClassVar = {"q": "theta"}
+    sensors: ClassVar = (
+        Sensor(
+            "Doppler log", ("u over ground", "w over ground"), _over_ground, (0.01, 0.01), dropout=0.10,
+            scale=(0.5, 0.25), gives=("u", "w"), informs=(plane("u"), plane("w")),
+        ),
+        Sensor("depth gauge", ("z",), plain((4,)), (0.02,), scale=(10.0,), gives=("z",), informs=(plane("z"),)),
+        Sensor(
+            "inclinometer", ("theta",), plain((5,)), (0.01,), angles=(0,), scale=(0.5,), gives=("theta",),
+            informs=(plane("theta"),),
+        ),
+        Sensor("gyroscope", ("q",), plain((2,)), (0.005,), scale=(0.5,), gives=("q",), informs=(plane("q"),)),
+        Sensor(
+            "acoustic position", ("x",), plain((3,)), (0.5,), rate=0.5, dropout=0.10, scale=(20.0,), gives=("x",),
+            informs=(plane("x"),),
+        ),
+    )  # fmt: skip
     normals: ClassVar = VERTICAL
-    state_angles: ClassVar = (5,)
-    measurement_angles: ClassVar = (3,)
 
     def vector(self, factors: np.ndarray) -> np.ndarray:
         """Coefficients ``(..., k)`` with ``factors (..., 7)`` on the uncertain ones."""
         return self.body.vector(factors)
 
-    def advance(self, truth: np.ndarray, control: np.ndarray, c: np.ndarray) -> np.ndarray:
+    def advance(
+        self, state: np.ndarray, control: np.ndarray, current: np.ndarray, c: np.ndarray, out: np.ndarray | None = None
+    ) -> np.ndarray:
         """A step of the equations of motion; control ``(..., 4)``: actuators before and after."""
-        return itsunusa_step(truth, control, c, self.dt, self.substeps)
-
-    def exact_readings(self, truth: np.ndarray) -> np.ndarray:
-        """What perfect instruments read ``(..., 6)``."""
-        return itsunusa_readings(truth, np.empty(6))
-
-    def from_readings(
-        self, readings: np.ndarray, previous: np.ndarray, interval: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """State ``(..., 7)`` and unknown input ``(..., 4)`` from the readings alone, current and kicks as zero.
-
-        Every component has an instrument but the current, so that nothing is differenced.
-
-        Args:
-            readings: ``(..., 6)``.
-            previous: the readings before, not needed.
-            interval: seconds between the two, not needed.
-        """
-        x = np.zeros(readings.shape[:-1] + (7,))
-        x[..., [0, 1, 4, 5, 2, 3]] = readings
-        return x, np.zeros(readings.shape[:-1] + (4,))
+        return itsunusa_step(state, control, current, c, self.dt, self.substeps, out=out)

@@ -16,7 +16,7 @@ Gryte (2018), the Skywalker X8, for those. Beard & McLain (2012), ch. 9, for the
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 from numba import njit
@@ -25,19 +25,14 @@ from scipy.optimize import brentq
 from estimators import NonlinearModel
 from estimators.checks import shown
 from vessel_gym.compiled import gufunc, inlined, sincos
-from vessel_gym.disturbances import Air
-from vessel_gym.sensors import Instrument, nominal_sd
+from vessel_gym.sensors import Bias, Known, Sensor, plain
 
 WIND_AXES = ("x", "y", "h", "V", "gamma", "chi", "phi", "wind north", "wind east", "wind down")
 """State of the equations in wind axes: position [m], altitude [m], airspeed [m/s], flight-path angle, course through
 the air and bank [rad], wind [m/s]."""
 
-TRUTH = (
-    "x", "y", "h", "north", "east", "climb", "phi", "mean wind north", "mean wind east", "gust north", "gust east",
-    "gust down 1", "gust down 2", "bias x", "bias y", "bias h",
-)  # fmt: skip
-"""Truth state: position and altitude [m], velocity over ground [m/s], bank [rad], mean wind [m/s], the gusts' state
-[m/s] (down: the first plus sqrt(3) times the second), bias of the GNSS [m]."""
+STATE = ("x", "y", "h", "north", "east", "climb", "phi")
+"""State: position and altitude [m], velocity over ground [m/s] and bank [rad]."""
 
 COEFFICIENTS = (
     "mass", "area", "gravity", "drag_2", "drag_1", "drag_0", "lift_1", "lift_0", "density_2", "density_1", "density_0",
@@ -342,25 +337,42 @@ def ground_step(
     return _ground_steps(state[..., None, :], control, c, decay, dt, substeps)[..., 0, :]
 
 
-@gufunc("void(float64[:], float64[:], float64[:])", "(n),(k)->(k)")
-def wind_axes(state: np.ndarray, room: np.ndarray, out: np.ndarray) -> None:
-    """The truth state ``(16,)`` in wind axes ``(10,)``; ``room (10,)`` only tells how many there are."""
-    wind = _wind(state)
+@gufunc("void(float64[:], float64[:], float64[:], float64[:])", "(n),(f),(k)->(k)")
+def wind_axes(state: np.ndarray, wind: np.ndarray, room: np.ndarray, out: np.ndarray) -> None:
+    """A state ``(7,)`` in a wind in wind axes ``(10,)``; ``room (10,)`` only tells how many there are."""
     north, east, up = state[3] - wind[0], state[4] - wind[1], state[5] + wind[2]
     level = np.hypot(north, east)
     out[0], out[1], out[2] = state[0], state[1], state[2]
     out[3], out[4], out[5], out[6] = np.hypot(level, up), np.arctan2(up, level), np.arctan2(east, north), state[6]
-    out[7], out[8], out[9] = wind
+    out[7], out[8], out[9] = wind[0], wind[1], wind[2]
 
 
-@gufunc("void(float64[:], float64[:], float64[:])", "(n),(p)->(p)")
-def puna_readings(state: np.ndarray, template: np.ndarray, out: np.ndarray) -> None:
-    """What instruments without noise read ``(9,)``, in their order; ``template (9,)`` only tells how many they are."""
-    wind = _wind(state)
-    north, east, up = state[3] - wind[0], state[4] - wind[1], state[5] + wind[2]
-    out[0], out[1], out[2] = state[0] + state[13], state[1] + state[14], state[2] + state[15]
+@gufunc("void(float64[:], float64[:], float64[:])", "(n),(f)->()")
+def airspeed(state: np.ndarray, wind: np.ndarray, out: np.ndarray) -> None:
+    """Airspeed [m/s] of a state ``(7,)`` in a wind ``(3,)``."""
+    out[0] = np.hypot(np.hypot(state[3] - wind[0], state[4] - wind[1]), state[5] + wind[2])
+
+
+@gufunc("void(float64[:], float64[:], float64[:])", "(n),(k)->(k)")
+def puna_gnss(state: np.ndarray, template: np.ndarray, out: np.ndarray) -> None:
+    """What a GNSS without noise and bias reads ``(6,)``; ``template (6,)`` only tells how many numbers they are."""
+    out[0], out[1], out[2] = state[0], state[1], state[2]
     out[3], out[4], out[5] = np.hypot(state[3], state[4]), np.arctan2(state[4], state[3]), state[5]
-    out[6], out[7], out[8] = state[2], np.hypot(np.hypot(north, east), up), state[6]
+
+
+def _pj(old, state, control, wind, c, dt, substeps, out):
+    B = np.broadcast_shapes(state.shape[:-1], wind.shape[:-1])
+    z = np.zeros(B + (9,)); z[..., 0] = wind[..., 0]; z[..., 1] = wind[..., 1]; z[..., 4] = wind[..., 2]
+    x = np.concatenate([np.broadcast_to(state, B + (7,)), z], -1)
+    r = old(x, control, c, np.ones(6), dt, substeps)[..., :7]
+    if out is None: return r
+    out[...] = r
+    return out
+def puna_steps(state, control, wind, c, dt, substeps, out=None):
+    return _pj(_ground_steps, state, control, wind, c, dt, substeps, out)
+_old_puna_step = puna_step
+def puna_step(state, control, wind, c, dt, substeps, out=None):
+    return _pj(ground_step, state, control, wind, c, dt, substeps, out)
 
 
 def energy(state: np.ndarray, c: np.ndarray) -> np.ndarray:
@@ -433,80 +445,104 @@ class PlanarPuna:
 # --- the vehicle as an environment uses it ----------------------------------------------------------
 
 
-class Gusts(Protocol):
-    """What a filter's model needs to know of the air and of the GNSS."""
+_LEVEL = ("x", "y", "north", "east", "bias x", "bias y")
+_COURSE = ("x", "y", "north", "east", "phi", "mean wind north", "mean wind east", "gust north", "gust east")
+_VERTICAL = ("h", "climb", "bias h")
+_DOWN = (*_VERTICAL, "gust down 1", "gust down 2")
+_WIND = ("north", "east", "mean wind north", "mean wind east", "gust north", "gust east")
 
-    @property
-    def decay(self) -> np.ndarray:
-        """How the wind decays in a step, ``(6,)``: mean, level gusts, and the vertical ones' matrix row by row."""
 
-    @property
-    def noise_cov(self) -> np.ndarray:
-        """Covariance ``(13, 13)`` of what enters the state in a step, from the velocities on."""
+def _velocity(readings: np.ndarray, known: Known) -> Known:
+    """Velocity over ground from speed and course of a GNSS."""
+    speed, course = readings[..., 3], readings[..., 4]
+    return {"ground speed": speed, "course": course, "north": speed * np.cos(course), "east": speed * np.sin(course)}
+
+
+def _wind(readings: np.ndarray, known: Known) -> Known:
+    """What airspeed and ground speed differ by, taken for a wind along the course."""
+    if "ground speed" not in known:
+        return {}
+    speed, course = known["ground speed"], known["course"]
+    fast, climb = np.clip(readings[..., 0], 0.0, 1e3), np.clip(known["climb"], -1e3, 1e3)
+    along = speed - np.sqrt(np.maximum(fast**2 - climb**2, 0.0))
+    return {"mean wind north": along * np.cos(course), "mean wind east": along * np.sin(course)}
 
 
 @dataclass(frozen=True)
 class Puna:
     """The aircraft in batches, as an environment uses it.
 
-    Over a step the wind is constant; the forcing changes it at the end. Figures of the instruments are from public
-    models of small aircraft (Beard & McLain 2012, ch. 7): the GNSS has white noise and a bias that wanders.
+    Over a step the wind is constant; kicks change velocities and bank at its end. Figures of the sensors are from
+    public models of small aircraft (Beard & McLain 2012, ch. 7): the GNSS has white noise and a bias that wanders.
+    Ten times a second barometer, pitot tube and attitude tell of altitude, wind and bank, and only by chance
+    correlations of the position in plan, whose variance would shrink between two fixes of the GNSS: hence what each
+    informs. Filters estimate the whole state; their known input is ``u = (actuators before, actuators after)``.
     """
 
     body: PunaParameters = PunaParameters()
     dt: float = 0.1  # s
     substeps: int = 1  # one RK4 step is converged to 3 cm and 2e-4 rad in 30 s of full reversals
 
-    truth_names: ClassVar = TRUTH
+    state_names: ClassVar = STATE
+    angles: ClassVar = ("phi",)
     parameter_names: ClassVar = COEFFICIENTS
     action_names: ClassVar = ("thrust", "angle of attack", "bank")
-    instruments: ClassVar = (
-        Instrument(
-            "GNSS", ("x", "y", "h", "ground speed", "course over ground", "climb"), (1.0, 1.0, 1.5, 0.05, 0.03, 0.1),
-            period=10,
+    kicks: ClassVar = ("kick north", "kick east", "kick climb", "kick phi")
+    kicked: ClassVar = ("north", "east", "climb", "phi")
+    flows: ClassVar = ("wind north", "wind east", "wind down")
+    sensors: ClassVar = (
+        Sensor(
+            "GNSS", ("x", "y", "h", "ground speed", "course over ground", "climb"),
+            lambda state, forcing: puna_gnss(state, np.empty(6)), (1.0, 1.0, 1.5, 0.05, 0.03, 0.1), rate=1.0,
+            bias=Bias(("bias x", "bias y", "bias h"), start=(0.1,) * 3, pace=(0.21, 0.21, 0.40)),
+            angles=(4,), scale=(100.0, 100.0, 100.0, 20.0, 3.0, 1.0), gives=("x", "y", "h", None, None, "climb"),
+            inverse=_velocity, informs=(_LEVEL, _LEVEL, _VERTICAL, _COURSE, _COURSE, _DOWN),
         ),
-        Instrument("barometer", ("pressure altitude",), (0.5,)),
-        Instrument("pitot tube", ("airspeed",), (0.5,)),
-        Instrument("attitude", ("bank",), (0.02,)),  # assumed
+        Sensor(
+            "barometer", ("pressure altitude",), plain((2,)), (0.5,), scale=(100.0,), gives=("h",), informs=(_DOWN,)
+        ),
+        Sensor(
+            "pitot tube", ("airspeed",), lambda state, forcing: airspeed(state, forcing[..., 4:])[..., None], (0.5,),
+            scale=(20.0,), inverse=_wind, informs=(_WIND,),
+        ),
+        Sensor(
+            "attitude", ("bank",), plain((6,)), (0.02,), angles=(0,), scale=(0.5,), gives=("phi",), informs=(("phi",),)
+        ),  # assumed
     )  # fmt: skip
-    unknown_inputs: ClassVar = 13
-    """What enters the state in a step, from the velocities on."""
+    kinds: ClassVar = ("nonlinear",)
+    linear_kinds: ClassVar = ()
+    rates: ClassVar = {"climb": "h"}
+    carried: ClassVar = np.vstack([np.zeros((3, 3)), np.diag([1.0, 1.0, -1.0]), np.zeros((1, 3))])
+    """Velocities are over ground: the wind carries the aircraft along from the first moment."""
     normals: ClassVar = len(UNCERTAIN)
     """Normal numbers that `parameters` needs."""
-    state_angles: ClassVar = (6,)
-    measurement_angles: ClassVar = (4, 8)
 
     def parameters(self, mismatch: float, normals: np.ndarray) -> np.ndarray:
         """Coefficients ``(B, k)`` of the truth: the filter's, with a relative spread on the uncertain ones."""
         return self.body.vector(1.0 + mismatch * np.clip(normals, -2.0, 2.0))
 
-    @cached_property
-    def localisation(self) -> np.ndarray:
-        """``(16, 9)``: which reading may correct which state of an ensemble.
+    def estimated(self, kind: str) -> tuple[str, ...]:
+        """All of the state."""
+        return self.state_names
 
-        Ten times a second barometer, pitot tube and attitude tell of altitude, wind and bank, and only by chance
-        correlations of the position in plan, whose variance would shrink between two fixes of the GNSS.
-        """
-        level = ("x", "y", "north", "east", "bias x", "bias y")
-        course = ("x", "y", "north", "east", "phi", "mean wind north", "mean wind east", "gust north", "gust east")
-        vertical = ("h", "climb", "bias h")
-        down = (*vertical, "gust down 1", "gust down 2")
-        wind = ("north", "east", "mean wind north", "mean wind east", "gust north", "gust east")
-        corrected = (level, level, vertical, course, course, down, down, wind, ("phi",))
-        return np.array([[float(name in names) for names in corrected] for name in TRUTH])
+    def placed(self, x: np.ndarray) -> np.ndarray:
+        """The state out of what filters estimate, which is the same."""
+        return x
 
-    @cached_property
-    def wind_decay(self) -> np.ndarray:
-        """How the wind decays in a step ``(6,)``, as `Air.decay`."""
-        return Air(0.0, 1.0, 1.0, airspeed=self.body.cruise_speed, dt=self.dt).decay
+    @property
+    def process_sd(self) -> np.ndarray:
+        """The models leave out nothing."""
+        return np.zeros(len(STATE))
+
+    @property
+    def cruise(self) -> tuple[np.ndarray, np.ndarray]:
+        """Level at 100 m and the cruising speed."""
+        x = np.array([0.0, 0.0, 100.0, self.body.cruise_speed, 0.0, 0.0, 0.0])
+        return x, np.concatenate([self.body.cruise, self.body.cruise])
 
     def start(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Truth ``(B, 16)`` and actuators ``(B, 3)`` from the state: trimmed for the cruising speed."""
+        """State ``(B, 7)`` and actuators ``(B, 3)`` to begin with: trimmed for the cruising speed."""
         return np.array(x, float), np.tile(self.body.cruise, (len(x), 1))
-
-    def filter_state(self, truth: np.ndarray, n: int = len(TRUTH)) -> np.ndarray:
-        """The part of the truth that filters estimate: its first ``n`` components."""
-        return truth[..., :n]
 
     def actuate(self, actuators: np.ndarray, action: np.ndarray) -> np.ndarray:
         """Actuators ``(B, 3)`` after a step of ``action`` in [-1, 1].
@@ -522,74 +558,29 @@ class Puna:
         return after
 
     def step(
-        self, truth: np.ndarray, before: np.ndarray, after: np.ndarray, forcing: np.ndarray, parameters: np.ndarray
+        self, state: np.ndarray, before: np.ndarray, after: np.ndarray, forcing: np.ndarray, parameters: np.ndarray
     ) -> np.ndarray:
-        """The truth one step later, with actuators moving from ``before`` to ``after`` and ``forcing (B, 13)``."""
-        control = np.concatenate([before, after], -1)
-        moved = ground_step(truth, control, parameters, self.wind_decay, self.dt, self.substeps)
-        moved[..., 3:] += forcing
+        """The state one step later, with actuators moving from ``before`` to ``after``."""
+        moved = self._advance(state, np.concatenate([before, after], -1), forcing[..., 4:], parameters)
+        moved[..., 3:] += forcing[..., :4]
         return moved
 
-    def readings(self, truth: np.ndarray, forcing: np.ndarray) -> np.ndarray:
-        """What perfect instruments read ``(B, 9)``; the forcing acts later and is not seen."""
-        return puna_readings(truth, np.empty(9))
+    def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+        """A step that nothing kicks, as filters know it."""
+        return self._advance(x, u, flow, self._nominal, out)
 
-    def from_readings(
-        self, readings: np.ndarray, previous: np.ndarray, interval: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """State ``(..., 16)`` and unknown input ``(..., 13)`` from the readings alone, gusts and bias as zero.
+    def _advance(
+        self, state: np.ndarray, control: np.ndarray, wind: np.ndarray, c: np.ndarray, out: np.ndarray | None = None
+    ) -> np.ndarray:
+        if state.ndim > 1 and control.shape[-2:-1] == (1,) and c.ndim == 1:  # an ensemble's members share both
+            winds = np.broadcast_to(wind, state.shape[:-1] + (3,))
+            return puna_steps(state, control[..., 0, :], winds, c, self.dt, self.substeps, out=out)
+        return puna_step(state, control, wind, c, self.dt, self.substeps, out=out)
 
-        Altitude is the barometer's. What airspeed and ground speed differ by is taken for a wind along the course.
+    @cached_property
+    def _nominal(self) -> np.ndarray:
+        return self.body.vector()
 
-        Args:
-            readings: ``(..., 9)``.
-            previous: the readings before, not needed.
-            interval: seconds between the two, not needed.
-        """
-        x = np.zeros(readings.shape[:-1] + (len(TRUTH),))
-        x[..., [0, 1, 2, 5, 6]] = readings[..., [0, 1, 6, 5, 8]]
-        speed, course = readings[..., 3], readings[..., 4]
-        x[..., 3], x[..., 4] = speed * np.cos(course), speed * np.sin(course)
-        airspeed, climb = np.clip(readings[..., 7], 0.0, 1e3), np.clip(readings[..., 5], -1e3, 1e3)
-        level = np.sqrt(np.maximum(airspeed**2 - climb**2, 0.0))
-        x[..., 7], x[..., 8] = (speed - level) * np.cos(course), (speed - level) * np.sin(course)
-        return x, np.zeros(readings.shape[:-1] + (self.unknown_inputs,))
-
-    def model(self, kind: str, noise: float, air: Gusts) -> NonlinearModel:
-        """The filters' model: the vehicle's own equations, and what the air does as process noise.
-
-        The known input is ``u = (actuators before, actuators after)``.
-
-        Args:
-            kind: ``"nonlinear"``; there is no other.
-            noise: standard deviation of the readings relative to nominal.
-            air: how the gusts decay, and what drives them.
-
-        Raises:
-            ValueError: for another kind.
-        """
-        if kind != "nonlinear":
-            raise ValueError(f"unknown filter model {shown(kind)}: this vehicle has the nonlinear one only")
-        if not np.allclose(air.decay, self.wind_decay):
-            raise ValueError(
-                "the vehicle's wind decays otherwise than that of the air: give both the same times and lengths"
-            )
-        c = self.body.vector()
-
-        def transition(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-            assert u is not None
-            return ground_step(x, u, c, self.wind_decay, self.dt, self.substeps)
-
-        def measurement(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-            return puna_readings(x, np.empty(9))
-
-        Q = np.zeros((len(TRUTH), len(TRUTH)))
-        Q[3:, 3:] = air.noise_cov
-        return NonlinearModel(
-            transition,
-            measurement,
-            Q,
-            np.diag((noise * nominal_sd(self.instruments)) ** 2),
-            state_angles=self.state_angles,
-            measurement_angles=self.measurement_angles,
-        )
+    def linear(self, kind: str) -> tuple[Any, Any]:
+        """There is none."""
+        raise NotImplementedError

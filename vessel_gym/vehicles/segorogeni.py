@@ -14,14 +14,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from vessel_gym.compiled import gufunc, inlined, sincos
-from vessel_gym.sensors import Instrument
-from vessel_gym.vehicles.auv import AUV, UNCERTAIN, AUVParameters
+from vessel_gym.sensors import Sensor, plain
+from vessel_gym.vehicles.auv import AUV, UNCERTAIN, AUVParameters, plane
 
-TRUTH = (
-    "u", "v", "w", "p", "q", "r", "x", "y", "z", "phi", "theta", "psi", "current north", "current east",
-)  # fmt: skip
-"""Truth state: velocity through the water [m/s], angular velocity [rad/s], position [m], Euler angles [rad] and current
-[m/s]."""
+STATE = ("u", "v", "w", "p", "q", "r", "x", "y", "z", "phi", "theta", "psi")
+"""State: velocity through the water [m/s], angular velocity [rad/s], position [m] and Euler angles [rad]."""
 
 COEFFICIENTS = (
     "surge_mass", "sway_mass", "heave_mass", "roll_inertia", "pitch_inertia", "yaw_inertia",
@@ -185,7 +182,7 @@ def _substep(
 
 
 @gufunc("void(float64[:], float64[:], float64[:], float64, int64, float64[:])", "(n),(m),(k),(),()->(n)")
-def segorogeni_step(
+def _old_step(
     state: np.ndarray, control: np.ndarray, c: np.ndarray, dt: float, substeps: int, out: np.ndarray
 ) -> None:
     """RK4 over ``dt``, the current constant; control is (rudder, stern plane, thrust) at the start, then at the end.
@@ -212,7 +209,7 @@ _LANES = 16  # states that are stepped side by side: a number that the compiler 
 
 
 @gufunc("void(float64[:, :], float64[:], float64[:], float64, int64, float64[:, :])", "(N,n),(m),(k),(),()->(N,n)")
-def segorogeni_steps(
+def _old_steps(
     states: np.ndarray, control: np.ndarray, c: np.ndarray, dt: float, substeps: int, out: np.ndarray
 ) -> None:
     """`segorogeni_step` of many states ``(N, 14)`` under one control: the same numbers, several times as fast."""
@@ -242,20 +239,27 @@ def segorogeni_steps(
                 out[first + j, k] = a[k, j]
 
 
-@gufunc("void(float64[:], float64[:], float64[:])", "(n),(p)->(p)")
-def segorogeni_readings(state: np.ndarray, template: np.ndarray, out: np.ndarray) -> None:
-    """What perfect instruments read ``(12,)``, in their order; ``template (12,)`` only tells how many they are."""
+@gufunc("void(float64[:], float64[:], float64[:], float64[:])", "(n),(f),(k)->(k)")
+def segorogeni_log(state: np.ndarray, current: np.ndarray, template: np.ndarray, out: np.ndarray) -> None:
+    """Velocity over ground in body axes ``(3,)``; ``template (3,)`` only tells how many numbers they are."""
     (sin_phi, cos_phi), (sin_theta, cos_theta) = sincos(state[9]), sincos(state[10])
     sin_psi, cos_psi = sincos(state[11])
     # the current ahead and to starboard of the heading
-    ahead, aside = state[12] * cos_psi + state[13] * sin_psi, state[13] * cos_psi - state[12] * sin_psi
+    ahead, aside = current[0] * cos_psi + current[1] * sin_psi, current[1] * cos_psi - current[0] * sin_psi
     out[0] = state[0] + ahead * cos_theta
     out[1] = state[1] + ahead * sin_theta * sin_phi + aside * cos_phi
     out[2] = state[2] + ahead * sin_theta * cos_phi - aside * sin_phi
-    out[3] = state[8]
-    out[4], out[5], out[6] = state[9], state[10], state[11]
-    out[7], out[8], out[9] = state[3], state[4], state[5]
-    out[10], out[11] = state[6], state[7]
+
+
+def _join(f, n, state, control, current, c, dt, substeps, out):
+    B = np.broadcast_shapes(state.shape[:-1], current.shape[:-1])
+    x = np.concatenate([np.broadcast_to(state, B + state.shape[-1:]), np.broadcast_to(current, B + current.shape[-1:])], -1)
+    r = f(x, control, c, dt, substeps)[..., :n]
+    if out is None: return r
+    out[...] = r
+    return out
+def segorogeni_step(state, control, current, c, dt, substeps, out=None): return _join(_old_step, 12, state, control, current, c, dt, substeps, out)
+def segorogeni_steps(state, control, current, c, dt, substeps, out=None): return _join(_old_steps, 12, state, control, current, c, dt, substeps, out)
 
 
 def inertia(c: np.ndarray) -> np.ndarray:
@@ -288,54 +292,50 @@ class Segorogeni(AUV):
 
     body: SegorogeniParameters = SegorogeniParameters()
 
-    truth_names: ClassVar = TRUTH
+    state_names: ClassVar = STATE
     parameter_names: ClassVar = COEFFICIENTS
     action_names: ClassVar = ("rudder", "stern plane", "thrust")
-    instruments: ClassVar = (
-        Instrument("Doppler log", ("u over ground", "v over ground", "w over ground"), (0.01,) * 3, dropout=0.10),
-        Instrument("depth gauge", ("z",), (0.02,)),
-        Instrument("attitude", ("phi", "theta", "psi"), (0.01, 0.01, 0.03)),
-        Instrument("gyroscope", ("p", "q", "r"), (0.005,) * 3),
-        Instrument("acoustic position", ("x", "y"), (0.5, 0.5), period=20, dropout=0.10),
-    )
-    velocities: ClassVar = 6
-    unknown_inputs: ClassVar = 8
+    angles: ClassVar = ("phi", "theta", "psi")
+    flows: ClassVar = ("current north", "current east")
+    rates: ClassVar = {"p": "phi", "q": "theta", "r": "psi"}
+    sensors: ClassVar = (
+        Sensor(
+            "Doppler log", ("u over ground", "v over ground", "w over ground"),
+            lambda state, forcing: segorogeni_log(state, forcing[..., 6:], np.empty(3)),
+            (0.01,) * 3, dropout=0.10, scale=(0.5, 0.25, 0.25), gives=("u", "v", "w"),
+            informs=(plane("u"), plane("v"), plane("w")),
+        ),
+        Sensor("depth gauge", ("z",), plain((8,)), (0.02,), scale=(5.0,), gives=("z",), informs=(plane("z"),)),
+        Sensor(
+            "attitude", ("phi", "theta", "psi"), plain((9, 10, 11)), (0.01, 0.01, 0.03), angles=(0, 1, 2),
+            scale=(0.25, 0.5, 1.0), gives=("phi", "theta", "psi"), informs=(plane("phi"), plane("theta"), plane("psi")),
+        ),
+        Sensor(
+            "gyroscope", ("p", "q", "r"), plain((3, 4, 5)), (0.005,) * 3, scale=(0.5,) * 3, gives=("p", "q", "r"),
+            informs=(plane("p"), plane("q"), plane("r")),
+        ),
+        Sensor(
+            "acoustic position", ("x", "y"), plain((6, 7)), (0.5, 0.5), rate=0.5, dropout=0.10, scale=(10.0, 10.0),
+            gives=("x", "y"), informs=(plane("x"), plane("y")),
+        ),
+    )  # fmt: skip
     normals: ClassVar = len(UNCERTAIN)
-    state_angles: ClassVar = (9, 10, 11)
-    measurement_angles: ClassVar = (4, 5, 6)
 
     def vector(self, factors: np.ndarray) -> np.ndarray:
         """Coefficients ``(..., k)`` with ``factors (..., 10)`` on the uncertain ones."""
         return self.body.vector(factors)
 
     def start(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Truth ``(B, 14)`` and actuators ``(B, 3)`` from the state: 5 deg of rudder, as in the paper."""
-        truth, actuators = super().start(x)
+        """State ``(B, 12)`` and actuators ``(B, 3)`` to begin with: 5 deg of rudder, as in the paper."""
+        state, actuators = super().start(x)
         actuators[:, 0] = np.deg2rad(5.0)
-        return truth, actuators
+        return state, actuators
 
-    def advance(self, truth: np.ndarray, control: np.ndarray, c: np.ndarray) -> np.ndarray:
+    def advance(
+        self, state: np.ndarray, control: np.ndarray, current: np.ndarray, c: np.ndarray, out: np.ndarray | None = None
+    ) -> np.ndarray:
         """A step of the equations of motion; control ``(..., 6)``: actuators before and after."""
-        if truth.ndim > 1 and control.shape[-2:-1] == (1,) and c.ndim == 1:  # an ensemble's members share both
-            return segorogeni_steps(truth, control[..., 0, :], c, self.dt, self.substeps)
-        return segorogeni_step(truth, control, c, self.dt, self.substeps)
-
-    def exact_readings(self, truth: np.ndarray) -> np.ndarray:
-        """What perfect instruments read ``(..., 12)``."""
-        return segorogeni_readings(truth, np.empty(12))
-
-    def from_readings(
-        self, readings: np.ndarray, previous: np.ndarray, interval: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """State ``(..., 14)`` and unknown input ``(..., 8)`` from the readings alone, current and kicks as zero.
-
-        Every component has an instrument but the current, so that nothing is differenced.
-
-        Args:
-            readings: ``(..., 12)``.
-            previous: the readings before, not needed.
-            interval: seconds between the two, not needed.
-        """
-        x = np.zeros(readings.shape[:-1] + (14,))
-        x[..., [0, 1, 2, 8, 9, 10, 11, 3, 4, 5, 6, 7]] = readings
-        return x, np.zeros(readings.shape[:-1] + (8,))
+        if state.ndim > 1 and control.shape[-2:-1] == (1,) and c.ndim == 1:  # an ensemble's members share both
+            currents = np.broadcast_to(current, state.shape[:-1] + (2,))
+            return segorogeni_steps(state, control[..., 0, :], currents, c, self.dt, self.substeps, out=out)
+        return segorogeni_step(state, control, current, c, self.dt, self.substeps, out=out)
