@@ -84,7 +84,7 @@ def nees_of(rollout: Rollout, components: tuple[int, ...] | None = None) -> np.n
         return None
     n = h["estimate"].shape[-1]
     chosen = list(range(n) if components is None else components)
-    state = core.vehicle.filter_state(h["truth"], n)
+    state = core.estimated(h["truth"])
     angles = tuple(chosen.index(i) for i in core.filter.model.state_angles if i in chosen)
     cov = h["covariance"][..., chosen, :][..., chosen]
     return nees(h["estimate"][..., chosen], cov, state[..., chosen], angles)

@@ -138,6 +138,15 @@ class Composition:
         z = _spread(mean[..., self.base : self.base + len(self.held)], self.held, self.forces.disturbance)
         return self.forces.flow(z, _placed(self.vehicle, self.names[: self.base])(mean[..., : self.base]))
 
+    @cached_property
+    def state_and_flow(self) -> np.ndarray:
+        """What turns all that the filter estimates ``(n,)`` into the vehicle's state and the flow, while cruising."""
+        flows, kicks = len(self.vehicle.flows), len(self.vehicle.kicks)
+        matrix = np.zeros((self.base + flows, len(self.names)))
+        matrix[: self.base, : self.base] = np.eye(self.base)
+        matrix[self.base :, self.base : self.base + len(self.held)] = self.forces.linear[kicks:, self.held]
+        return matrix
+
     @property
     def scale(self) -> np.ndarray:
         """Sizes of what comes after the vehicle's state that count as 1 in an observation of standard deviations."""

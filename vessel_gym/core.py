@@ -76,9 +76,8 @@ class Core:
         self.num_envs, self.observe_mode, self.mismatch = int(num_envs), observe, float(mismatch)
         choice = system.estimator if estimator is None else estimator
         self._chosen = sensors, disturbance, choice, checked_options("estimator_options", estimator_options)
-        self.loop: Loop | None = None
+        self.loop: Loop
         self.attach(system)
-        assert self.loop is not None
         self.estimator = self.loop.filter.name
         self._ends = np.array(self.task.ends, dtype=object)
         self._success = self.task.ends.index(self.task.success)
@@ -112,10 +111,10 @@ class Core:
         self.forces = Forces(vehicle, chosen_disturbance(system, disturbance))
         estimation = build(system, estimator, options, self.sensors, self.forces.disturbance, self.unknown_inputs)
         self.composition = estimation.composition
-        if self.loop is None:
-            self.loop = Loop(self.sensors, estimation, self.num_envs)
-        else:
+        if hasattr(self, "loop"):
             self.loop.attach(self.sensors, estimation)
+        else:
+            self.loop = Loop(self.sensors, estimation, self.num_envs)
         process, bias = self.forces.disturbance.process, self.sensors.bias
         self._shown = self.forces.disturbance.told == "states" or len(self.composition.held) > 0
         self.truth_names = (

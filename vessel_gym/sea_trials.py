@@ -99,10 +99,10 @@ def _helm_step(
     moving = abs(command - rudder) / ship.rudder_rate
     if moving >= dt:
         end = rudder + np.copysign(ship.rudder_rate * dt, command - rudder)
-        return corvette_step(state, np.array([rudder, end, *current]), c, dt, substeps), float(end)
+        return corvette_step(state, np.array([rudder, end]), current, c, dt, substeps), float(end)
     if moving > 0.0:
-        state = corvette_step(state, np.array([rudder, command, *current]), c, moving, substeps)
-    return corvette_step(state, np.array([command, command, *current]), c, dt - moving, substeps), command
+        state = corvette_step(state, np.array([rudder, command]), current, c, moving, substeps)
+    return corvette_step(state, np.array([command, command]), current, c, dt - moving, substeps), command
 
 
 def _time_to_heading(

@@ -19,7 +19,7 @@ from vessel_gym.tasks.dive import Dive, VerticalDive
 from vessel_gym.tasks.flight import OBSTACLES, SEGMENTS, Flight
 from vessel_gym.tasks.turning_circle import TurningCircle
 from vessel_gym.tracks import believed_path, commanded_path, path
-from vessel_gym.vehicles.corvette import TRUTH as SHIP
+from vessel_gym.vehicles.corvette import STATE as SHIP
 
 POINTS = 400
 """Points of a line at most."""
@@ -143,8 +143,8 @@ def _plane(
         angle: ``(T,)`` of the direction, from the first component towards the second.
         what: The direction in words.
     """
-    h, vehicle = _episode(flown), core_of(flown).vehicle
-    both = [vehicle.truth_names.index(name) for name in names]
+    h, core = _episode(flown), core_of(flown)
+    both = [core.truth_names.index(name) for name in names]
     direction = np.stack([np.cos(angle), np.sin(angle)], -1)
     error = np.vecdot(direction, h["estimate"][:, both] - h["truth"][:, both])
     variance = np.einsum("ti,tij,tj->t", direction, h["covariance"][:, both][:, :, both], direction)
@@ -163,7 +163,7 @@ def _unknown(flown: Rollout) -> dict[str, Any]:
     """No tracks; the first component that the filter estimates."""
     core, h = core_of(flown), _episode(flown)
     model = core.filter.model
-    state = core.vehicle.filter_state(h["truth"], model.n)
+    state = core.estimated(h["truth"])
     error = difference(h["estimate"], state, model.state_angles)[:, 0]
     shown = {"tracks": {}, "axes": [], "down": False, "obstacles": [], "what": "first state component", "unit": "SI"}
     return shown | _error(flown, error, np.sqrt(np.maximum(h["covariance"][:, 0, 0], 0.0)))

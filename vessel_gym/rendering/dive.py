@@ -109,12 +109,11 @@ class DiveScene(Journey):
     _task: Dive
 
     def __init__(self, core: Core, row: int = 0) -> None:
-        super().__init__(core, "acoustic position", row)
-        names, body = list(core.vehicle.truth_names), self._task.auv
+        super().__init__(core, ("x", "y"), row)
+        names, body = list(core.vehicle.state_names), self._task.auv
         self._names, self._hull = names, torpedo_outline(body.diameter / body.length)
         self._position = self._task.position(np.eye(len(names))).T  # (3, n)
         self._turns = "psi" in names
-        self._currents = [i for i, name in enumerate(names) if name.startswith("current")]
         self._views: list[_View] = []
         self._path = np.zeros((1, 3))
 
@@ -279,7 +278,7 @@ class DiveScene(Journey):
 
     def _draw_current(self, canvas: Canvas, box: Box, view: _View, history: Sample) -> None:
         """The current, true and believed, as arrows of lengths in proportion."""
-        flows = [states[-1][self._currents] for states in (history.truth, history.estimate)]
+        flows = [history.flow[-1], history.believed_flow[-1]]
         draw_flows(canvas, box, "current", [(flow, np.array([0.0, flow[0]]) if view.aside else flow) for flow in flows])
 
     # --- the column on the right --------------------------------------------------------------------
@@ -391,8 +390,8 @@ class DiveScene(Journey):
         self._fins(canvas, boxes.pop(0), time, span, history)
         comparison_chart(canvas, boxes.pop(0), "Speed through the water  [m/s]", time, span, 1.0, *speed, lowest=0.0)
         if boxes:
-            i = self._currents[0]
-            flow = history.truth[:, i], history.estimate[:, i], np.sqrt(np.maximum(history.cov[:, i, i], 0.0))
+            sd = np.sqrt(np.maximum(history.cov[:, len(self._names), len(self._names)], 0.0))
+            flow = history.flow[:, 0], history.believed_flow[:, 0], sd
             comparison_chart(canvas, boxes.pop(0), "Current ahead  [m/s]", time, span, 0.1, *flow)
 
     def _errors(self, history: Sample) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
@@ -405,7 +404,8 @@ class DiveScene(Journey):
         heading, zero = on[:, 3], np.zeros(len(on))
         across = np.stack([-np.sin(heading), np.cos(heading), zero], -1)
         up = np.stack([on[:, 4] * np.cos(heading), on[:, 4] * np.sin(heading), zero - 1.0], -1) / steep[:, None]
-        cov = self._position @ history.cov @ self._position.T
+        n = len(self._names)
+        cov = self._position @ history.cov[:, :n, :n] @ self._position.T
         sds = [np.sqrt(np.maximum(np.einsum("ki,kij,kj->k", d, cov, d), 0.0)) for d in (across, up)]
         return [(errors[0][i], errors[1][i], sds[i]) for i in range(2)]
 

@@ -6,7 +6,6 @@ import numpy as np
 
 from vessel_gym.core import Core
 from vessel_gym.rendering.canvas import CURRENT, LIMIT, MUTED, Box, Canvas, Colour, draw_header
-from vessel_gym.sensors import SUITES
 from vessel_gym.tasks.dive import Dive
 from vessel_gym.tasks.flight import Flight
 
@@ -15,9 +14,11 @@ class Sample(NamedTuple):
     """One moment of an episode, or as columns a whole one."""
 
     step: np.ndarray
-    truth: np.ndarray  # (n,)
+    truth: np.ndarray  # (n,) the vehicle's state
     estimate: np.ndarray  # (n,)
-    cov: np.ndarray  # (n, n)
+    flow: np.ndarray  # (f,) what carries it
+    believed_flow: np.ndarray  # (f,)
+    cov: np.ndarray  # (n + f, n + f) of what is believed of both
     actuators: np.ndarray  # (a,)
     farthest: np.ndarray  # progress of the true vehicle along its path
 
@@ -27,19 +28,16 @@ class Journey:
 
     Args:
         core: The environment's core.
-        fix: The instrument that tells the position.
+        fix: The components of the position that a reading must give to be shown as a fix.
         row: Which environment of the batch is shown.
     """
 
-    def __init__(self, core: Core, fix: str, row: int) -> None:
+    def __init__(self, core: Core, fix: tuple[str, ...], row: int) -> None:
         assert isinstance(core.task, (Dive, Flight))
         self.title = core.system.name
         self._core, self._row = core, row
         self._task: Dive | Flight = core.task
-        owner = [instrument.name for instrument in core.vehicle.instruments for _ in instrument.channels]
-        self._fix = np.array(owner) == fix
-        self._disturbance = next(name for name, sea in core.system.disturbances.items() if sea is core.sea)
-        self._sensors = next(name for name, suite in SUITES.items() if suite is core.suite)
+        self._fix = np.isin(core.sensors.gives, fix)
         self._samples: list[Sample] = []
         self._fixes: list[np.ndarray] = []
 
@@ -51,15 +49,17 @@ class Journey:
     def record(self) -> None:
         """Append the core's present state, and a fix of the position if one has come."""
         core, row = self._core, self._row
-        belief = core.belief
+        belief, told, kicks = core.belief, core.composition, len(core.vehicle.kicks)
+        both = told.state_and_flow
         self._samples.append(
             Sample(
-                core.steps[row], core.truth[row].copy(), belief.mean[row].copy(), belief.cov[row].copy(),
+                core.steps[row], core.state[row].copy(), belief.mean[row, : told.base].copy(),
+                core.forcing[row, kicks:].copy(), told.flow(belief.mean[row]), both @ belief.cov[row] @ both.T,
                 core.actuators[row].copy(), core.tally[row, 0],
             )
         )  # fmt: skip
         readings, available = core.readings
-        if available[row, self._fix].all():
+        if self._fix.any() and available[row, self._fix].all():
             self._fixes.append(readings[row, self._fix])
 
     def history(self) -> Sample:
@@ -75,7 +75,7 @@ class Journey:
             missed: How far from the goal the vehicle is, in words.
         """
         core, task = self._core, self._task
-        words = f"estimator {core.estimator}   ·   {self._disturbance} disturbance   ·   {self._sensors} sensors"
+        words = f"estimator {core.estimator}   ·   {core.disturbance_name} disturbance   ·   {core.sensors_name} sensors"
         if core.mismatch:
             words += f"   ·   mismatch {100 * core.mismatch:g} %"
         time = f"{self._samples[-1].step * task.dt:.1f} s"

@@ -71,9 +71,9 @@ DURATION = 30.0  # s: at the 1 m/s of Table I an arc over the goal, 25 m long, a
 WEIGHT_EXCESS = 12.0  # N, see ASSUMPTIONS
 VEHICLE = Segorogeni(SegorogeniParameters(printed_kinematics=True, buoyancy_excess=-WEIGHT_EXCESS))
 OWN_DT = VEHICLE.dt
-READING_SD = channel_sd(VEHICLE.instruments, ("u over ground", "v over ground", "w over ground", "r"))  # every OWN_DT
-KICK_SD = WATERS["moderate"].kick_sd[:6]  # m/s and rad/s, every OWN_DT
-PRIOR_SD = SEGOROGENI_AUV.task.prior(np.zeros((1, 3)), WATERS["moderate"]).cov.diagonal()[:6] ** 0.5
+READING_SD = channel_sd(VEHICLE.sensors, ("u over ground", "v over ground", "w over ground", "r"))  # every OWN_DT
+KICK_SD = WATERS["moderate"].white.diagonal()  # m/s and rad/s, every OWN_DT
+PRIOR_SD = SEGOROGENI_AUV.task.prior(np.zeros((1, 3))).cov.diagonal()[:6] ** 0.5
 RUNS = AVERAGED  # of a cell at the paper's step
 SEEDS = (0, 1, 2, 3, 4)  # of its cells: five times the published number of runs
 OWN_RUNS = 200
