@@ -40,7 +40,10 @@ class HandWrittenLoop:
         self.rng = np.random.default_rng(seed)
         self.vehicle, self.task, self.sea = Corvette(), TurningCircle(CorvetteParameters()), SEAS[disturbance]
         self.ship = self.vehicle.ship
-        self.dt, self.reading_sd = self.vehicle.dt, np.array([sd for sensor in self.vehicle.sensors for sd in sensor.sd])
+        self.dt, self.reading_sd = (
+            self.vehicle.dt,
+            np.array([sd for sensor in self.vehicle.sensors for sd in sensor.sd]),
+        )
         self.c = dict(zip(COEFFICIENTS, self.ship.vector(), strict=True))
         self.sea_A, self.sea_L = self.sea.process.transition, self.sea.process.root
         self.A_table, self.B_table = secant_models(self.ship, self.dt)

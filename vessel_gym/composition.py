@@ -404,4 +404,3 @@ def _linear(
         return matrix
 
     return LinearModel(whole, C, Q, R, B=known, **options)
-

@@ -285,7 +285,8 @@ class Core:
         steps = self.steps[rows]
         loop.bias = self._with_rows(loop.bias, rows, bias)
         readings = loop.sense(state, forcing, steps, some) if readings is None else readings
-        loop.readings = tuple(self._with_rows(*pair) for pair in zip(loop.readings, (rows, rows), readings, strict=True))
+        y, available = loop.readings
+        loop.readings = self._with_rows(y, rows, readings[0]), self._with_rows(available, rows, readings[1])
         u = self.task.known_input(actuators, actuators, course, steps)
         belief = loop.begin(some, self._known(prior), self._handed(readings, rows), u)
         self._put(rows, reference=self._reference(course, steps, belief, state))
@@ -294,7 +295,10 @@ class Core:
         """Uniform numbers for the course, and normal ones for where the truth starts and for its parameters."""
         bias, process = self.sensors.bias, self.forces.disturbance.process
         size = len(self._based) + bias.size + (process.size if self.forces.disturbance.told == "states" else 0)
-        uniforms, normals = np.empty((len(rows), self.task.uniforms)), np.empty((len(rows), size + self.vehicle.normals))
+        uniforms, normals = (
+            np.empty((len(rows), self.task.uniforms)),
+            np.empty((len(rows), size + self.vehicle.normals)),
+        )
         for i, row in enumerate(rows):
             generator = stream(self.seeds[row], int(self.episodes[row]), Purpose.RESET)
             generator.random(out=uniforms[i])

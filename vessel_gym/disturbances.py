@@ -6,7 +6,6 @@ A disturbance has a state of its own, z, and acts on a vehicle through the parts
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -71,9 +70,9 @@ class Sea(Disturbance):
     current_time: float = 1000.0  # s
     dt: float = 0.5  # s
 
-    names: ClassVar = ("wave yaw", "wave yaw rate", "gust yaw rate", "current north", "current east")
-    forces: ClassVar = ("yaw increment", "current north", "current east")
-    told: ClassVar = "input"
+    names = ("wave yaw", "wave yaw rate", "gust yaw rate", "current north", "current east")
+    forces = ("yaw increment", "current north", "current east")
+    told = "input"
 
     @cached_property
     def process(self) -> Process:  # type: ignore[override]
@@ -157,12 +156,12 @@ class Air(Disturbance):
     airspeed: float = 20.0  # m/s
     dt: float = 0.1  # s
 
-    names: ClassVar = (
+    names = (
         "mean wind north", "mean wind east", "gust north", "gust east", "gust down 1", "gust down 2",
     )  # fmt: skip
-    forces: ClassVar = ("wind north", "wind east", "wind down")
-    shakes: ClassVar = ("kick north", "kick east", "kick climb", "kick phi")
-    scale: ClassVar = (1.0, 1.0, 0.5, 0.5, 0.5, 0.5)
+    forces = ("wind north", "wind east", "wind down")
+    shakes = ("kick north", "kick east", "kick climb", "kick phi")
+    scale = (1.0, 1.0, 0.5, 0.5, 0.5, 0.5)
 
     @cached_property
     def process(self) -> Process:  # type: ignore[override]

@@ -249,7 +249,9 @@ def build(
     if not own and (not isinstance(estimator, str) or estimator not in estimator_names()):
         raise ValueError(factory.unknown("estimator", estimator, accepted(system, sensors, disturbance)))
     told = Told.of(options.pop("told", None))
-    default = system.filter_model if own else system.filter_models.get(estimator, system.filter_model)
+    default = (
+        system.filter_models.get(estimator, system.filter_model) if isinstance(estimator, str) else system.filter_model
+    )
     composition = _composed(system, options.pop("model", default), told, sensors, disturbance)
     model = composition.model
     if own:
@@ -309,8 +311,8 @@ def _composed(system: System, kind: object, told: Told, sensors: Sensors, distur
     composition = compose(system.vehicle, kind, disturbance, sensors, told.how)
     if told.Q == told.R == 1.0:
         return composition
-    model = composition.model
-    return replace(composition, model=replace(model, Q=told.Q * model.Q, R=told.R * model.R))  # type: ignore[operator]
+    model: Any = composition.model
+    return replace(composition, model=replace(model, Q=told.Q * model.Q, R=told.R * model.R))
 
 
 def chosen_disturbance(system: System, choice: str | Disturbance) -> Disturbance:

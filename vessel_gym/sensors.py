@@ -192,9 +192,7 @@ class Sensors:
             not give a value for each channel or does not broadcast.
     """
 
-    def __init__(
-        self, sensors: Sequence[Sensor], states: tuple[str, ...], forcing: tuple[str, ...], dt: float
-    ) -> None:
+    def __init__(self, sensors: Sequence[Sensor], states: tuple[str, ...], forcing: tuple[str, ...], dt: float) -> None:
         self.each = tuple(sensors)
         if not self.each or not all(isinstance(sensor, Sensor) for sensor in self.each):
             raise TypeError(f"sensors must be the name of a suite or Sensor objects, got {shown(sensors)}")
@@ -333,7 +331,9 @@ class Sensors:
                 continue
             mask[:, columns] = [[float(name in informed) for informed in sensor.informs] for name in names]
             if not mask[:, columns].any():
-                raise ValueError(f"{sensor.name} informs nothing that this filter estimates: name some of {', '.join(names)}")
+                raise ValueError(
+                    f"{sensor.name} informs nothing that this filter estimates: name some of {', '.join(names)}"
+                )
         named = {name for sensor in self.each for informed in sensor.informs or () for name in informed}
         unnamed = [i for i, name in enumerate(names) if name not in named and not mask[i].any()]
         if unnamed:  # what somebody has added, and no sensor has heard of, would never be corrected

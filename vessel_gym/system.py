@@ -116,6 +116,9 @@ class Vehicle(Protocol):
         Those of the first of ``kinds`` are what a task's prior describes; those of others are its first ones.
         """
 
+    def placed(self, x: np.ndarray) -> np.ndarray:
+        """The state ``(..., n)`` out of what filters estimate with the first of ``kinds``, 0 where they do not."""
+
     @property
     def cruise(self) -> tuple[np.ndarray, np.ndarray]:
         """What filters estimate, and the known input, where it goes its usual way: where models are looked at."""
@@ -124,9 +127,7 @@ class Vehicle(Protocol):
     def process_sd(self) -> np.ndarray:
         """Standard deviations of what the models leave out in a step, of what filters estimate."""
 
-    def drift(
-        self, x: np.ndarray, u: np.ndarray, flow: np.ndarray, out: np.ndarray | None = None
-    ) -> np.ndarray:
+    def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """What filters estimate ``(..., n)`` one step on, under the known input and a flow, with their parameters."""
 
     def linear(self, kind: str) -> tuple[Any, Any]:

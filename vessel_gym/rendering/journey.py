@@ -37,7 +37,7 @@ class Journey:
         self.title = core.system.name
         self._core, self._row = core, row
         self._task: Dive | Flight = core.task
-        self._fix = np.isin(core.sensors.gives, fix)
+        self._fix = np.array([given in fix for given in core.sensors.gives])
         self._samples: list[Sample] = []
         self._fixes: list[np.ndarray] = []
 
@@ -75,7 +75,9 @@ class Journey:
             missed: How far from the goal the vehicle is, in words.
         """
         core, task = self._core, self._task
-        words = f"estimator {core.estimator}   ·   {core.disturbance_name} disturbance   ·   {core.sensors_name} sensors"
+        words = (
+            f"estimator {core.estimator}   ·   {core.disturbance_name} disturbance   ·   {core.sensors_name} sensors"
+        )
         if core.mismatch:
             words += f"   ·   mismatch {100 * core.mismatch:g} %"
         time = f"{self._samples[-1].step * task.dt:.1f} s"

@@ -241,9 +241,7 @@ class Dive(ABC):
 
 
 @gufunc("void(float64[:], float64[:], float64[:], float64[:], float64[:])", "(n),(f),(r),(k)->(k)")
-def _spatial_errors(
-    x: np.ndarray, flow: np.ndarray, reference: np.ndarray, room: np.ndarray, out: np.ndarray
-) -> None:
+def _spatial_errors(x: np.ndarray, flow: np.ndarray, reference: np.ndarray, room: np.ndarray, out: np.ndarray) -> None:
     """In body axes: vector to the path, vector to the point ahead, current; then heading and pitch error."""
     sin_phi, cos_phi, sin_theta, cos_theta = np.sin(x[9]), np.cos(x[9]), np.sin(x[10]), np.cos(x[10])
     sin_psi, cos_psi = np.sin(x[11]), np.cos(x[11])
@@ -303,9 +301,7 @@ class SpatialDive(Dive):
 
 
 @gufunc("void(float64[:], float64[:], float64[:], float64[:], float64[:])", "(n),(f),(r),(k)->(k)")
-def _vertical_errors(
-    x: np.ndarray, flow: np.ndarray, reference: np.ndarray, room: np.ndarray, out: np.ndarray
-) -> None:
+def _vertical_errors(x: np.ndarray, flow: np.ndarray, reference: np.ndarray, room: np.ndarray, out: np.ndarray) -> None:
     """In body axes, ahead and down: vector to the path, vector to the point ahead, current; then the pitch error."""
     sin_theta, cos_theta = np.sin(x[5]), np.cos(x[5])
     out[0], out[1] = reference[2] * sin_theta, -reference[2] * cos_theta
@@ -353,4 +349,3 @@ class VerticalDive(Dive):
         remaining, speed = reference[:, 9:10] - reference[:, :1], x[:, :1] - self.auv.cruise_speed
         seen = np.concatenate([errors, remaining, speed, x[:, 1:3], x[:, 5:6]], -1) * self._gains
         return np.concatenate([seen, self.scaled(actuators)], -1)
-

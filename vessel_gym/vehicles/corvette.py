@@ -215,7 +215,8 @@ def corvette_step(state, control, current, c, dt, substeps, out=None):
     B = np.broadcast_shapes(control.shape[:-1], current.shape[:-1])
     control = np.concatenate([np.broadcast_to(control, B + (2,)), np.broadcast_to(current, B + (2,))], -1)
     r = _old_corvette_step(state, control, c, dt, substeps)
-    if out is None: return r
+    if out is None:
+        return r
     out[...] = r
     return out
 

@@ -103,9 +103,7 @@ def itsunusa_derivative(state: np.ndarray, control: np.ndarray, c: np.ndarray, o
 
 
 @gufunc("void(float64[:], float64[:], float64[:], float64, int64, float64[:])", "(n),(m),(k),(),()->(n)")
-def _old_step(
-    state: np.ndarray, control: np.ndarray, c: np.ndarray, dt: float, substeps: int, out: np.ndarray
-) -> None:
+def _old_step(state: np.ndarray, control: np.ndarray, c: np.ndarray, dt: float, substeps: int, out: np.ndarray) -> None:
     """RK4 over ``dt``, the current constant; control is (stern plane, thrust) at the start, then at the end.
 
     Actuators move linearly within the step, so that the fins' rate limit is integrated exactly.
@@ -130,9 +128,12 @@ def _old_step(
 
 def itsunusa_step(state, control, current, c, dt, substeps, out=None):
     B = np.broadcast_shapes(state.shape[:-1], current.shape[:-1])
-    x = np.concatenate([np.broadcast_to(state, B + state.shape[-1:]), np.broadcast_to(current, B + current.shape[-1:])], -1)
+    x = np.concatenate(
+        [np.broadcast_to(state, B + state.shape[-1:]), np.broadcast_to(current, B + current.shape[-1:])], -1
+    )
     r = _old_step(x, control, c, dt, substeps)[..., :6]
-    if out is None: return r
+    if out is None:
+        return r
     out[...] = r
     return out
 

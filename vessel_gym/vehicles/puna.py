@@ -362,15 +362,25 @@ def puna_gnss(state: np.ndarray, template: np.ndarray, out: np.ndarray) -> None:
 
 def _pj(old, state, control, wind, c, dt, substeps, out):
     B = np.broadcast_shapes(state.shape[:-1], wind.shape[:-1])
-    z = np.zeros(B + (9,)); z[..., 0] = wind[..., 0]; z[..., 1] = wind[..., 1]; z[..., 4] = wind[..., 2]
+    z = np.zeros(B + (9,))
+    z[..., 0] = wind[..., 0]
+    z[..., 1] = wind[..., 1]
+    z[..., 4] = wind[..., 2]
     x = np.concatenate([np.broadcast_to(state, B + (7,)), z], -1)
     r = old(x, control, c, np.ones(6), dt, substeps)[..., :7]
-    if out is None: return r
+    if out is None:
+        return r
     out[...] = r
     return out
+
+
 def puna_steps(state, control, wind, c, dt, substeps, out=None):
     return _pj(_ground_steps, state, control, wind, c, dt, substeps, out)
+
+
 _old_puna_step = puna_step
+
+
 def puna_step(state, control, wind, c, dt, substeps, out=None):
     return _pj(ground_step, state, control, wind, c, dt, substeps, out)
 
@@ -458,7 +468,7 @@ def _velocity(readings: np.ndarray, known: Known) -> Known:
     return {"ground speed": speed, "course": course, "north": speed * np.cos(course), "east": speed * np.sin(course)}
 
 
-def _wind(readings: np.ndarray, known: Known) -> Known:
+def _along(readings: np.ndarray, known: Known) -> Known:
     """What airspeed and ground speed differ by, taken for a wind along the course."""
     if "ground speed" not in known:
         return {}
@@ -503,7 +513,7 @@ class Puna:
         ),
         Sensor(
             "pitot tube", ("airspeed",), lambda state, forcing: airspeed(state, forcing[..., 4:])[..., None], (0.5,),
-            scale=(20.0,), inverse=_wind, informs=(_WIND,),
+            scale=(20.0,), inverse=_along, informs=(_WIND,),
         ),
         Sensor(
             "attitude", ("bank",), plain((6,)), (0.02,), angles=(0,), scale=(0.5,), gives=("phi",), informs=(("phi",),)

@@ -182,9 +182,7 @@ def _substep(
 
 
 @gufunc("void(float64[:], float64[:], float64[:], float64, int64, float64[:])", "(n),(m),(k),(),()->(n)")
-def _old_step(
-    state: np.ndarray, control: np.ndarray, c: np.ndarray, dt: float, substeps: int, out: np.ndarray
-) -> None:
+def _old_step(state: np.ndarray, control: np.ndarray, c: np.ndarray, dt: float, substeps: int, out: np.ndarray) -> None:
     """RK4 over ``dt``, the current constant; control is (rudder, stern plane, thrust) at the start, then at the end.
 
     Actuators move linearly within the step, so that the fins' rate limit is integrated exactly.
@@ -253,13 +251,22 @@ def segorogeni_log(state: np.ndarray, current: np.ndarray, template: np.ndarray,
 
 def _join(f, n, state, control, current, c, dt, substeps, out):
     B = np.broadcast_shapes(state.shape[:-1], current.shape[:-1])
-    x = np.concatenate([np.broadcast_to(state, B + state.shape[-1:]), np.broadcast_to(current, B + current.shape[-1:])], -1)
+    x = np.concatenate(
+        [np.broadcast_to(state, B + state.shape[-1:]), np.broadcast_to(current, B + current.shape[-1:])], -1
+    )
     r = f(x, control, c, dt, substeps)[..., :n]
-    if out is None: return r
+    if out is None:
+        return r
     out[...] = r
     return out
-def segorogeni_step(state, control, current, c, dt, substeps, out=None): return _join(_old_step, 12, state, control, current, c, dt, substeps, out)
-def segorogeni_steps(state, control, current, c, dt, substeps, out=None): return _join(_old_steps, 12, state, control, current, c, dt, substeps, out)
+
+
+def segorogeni_step(state, control, current, c, dt, substeps, out=None):
+    return _join(_old_step, 12, state, control, current, c, dt, substeps, out)
+
+
+def segorogeni_steps(state, control, current, c, dt, substeps, out=None):
+    return _join(_old_steps, 12, state, control, current, c, dt, substeps, out)
 
 
 def inertia(c: np.ndarray) -> np.ndarray:
