@@ -12,9 +12,9 @@ from estimators.checks import shown
 from estimators.linalg import semidefinite_cholesky
 from vessel_gym.checks import number, numbers, one_of
 from vessel_gym.checks import options as checked_options
-from vessel_gym.composition import Forces
+from vessel_gym.composition import Composition, Forces
 from vessel_gym.disturbances import Disturbance
-from vessel_gym.estimation import EstimatorChoice, build, chosen_disturbance
+from vessel_gym.estimation import Estimation, EstimatorChoice, build, chosen_disturbance
 from vessel_gym.loop import Loop, Readings
 from vessel_gym.processes import root_of
 from vessel_gym.sensors import SUITES, Sensor, Sensors
@@ -22,7 +22,11 @@ from vessel_gym.streams import Draws, Purpose, stream
 from vessel_gym.system import Estimate, System
 
 OBSERVE = ("mean", "mean+std", "measurement")
-"""What may be observed."""
+"""What may be observed: estimates, with their standard deviations, or raw readings."""
+ENDS = ("belief", "declaration", "task")
+"""Who says that a mission is done: what the estimator believes, the agent, or the task, which knows the truth."""
+DECLARED = 0.5
+"""An agent declares a mission done by a last component of its action above this."""
 
 _ATTACHED = ("system", "vehicle", "task", "forces", "sensors", "composition")
 """What `Core.attach` gives, and may hold functions that cannot be pickled."""
@@ -48,7 +52,10 @@ class Core:
         sensors: Name of a sensor suite.
         disturbance: Name of a disturbance.
         mismatch: Relative spread of the truth's parameters around the filter's, in [0, 0.25].
-        observe: ``"mean"``, ``"mean+std"`` or ``"measurement"``.
+        observe: One of `OBSERVE`.
+        ends: One of `ENDS`; None: ``"belief"`` where estimates are observed, ``"task"`` where readings are.
+        guidance: Whether the agent is told how to go on, by the path's errors where it is believed to be, or, of raw
+            readings, where the last of them put it; None: where estimates are observed.
 
     Raises:
         ValueError: for a name that does not exist (saying which do) or a number out of range.
@@ -65,6 +72,8 @@ class Core:
         disturbance: str | Disturbance = "moderate",
         mismatch: float = 0.0,
         observe: str = "mean",
+        ends: str | None = None,
+        guidance: bool | None = None,
     ) -> None:
         if not whole(num_envs) or num_envs < 1:
             raise ValueError(f"num_envs must be a positive whole number, got {shown(num_envs)}")
@@ -73,15 +82,23 @@ class Core:
         one_of("observe mode", observe, OBSERVE)
         if not 0.0 <= number(mismatch) <= 0.25:
             raise ValueError(f"mismatch must be between 0 and 0.25, got {shown(mismatch)}")
+        raw = observe == "measurement"
         self.num_envs, self.observe_mode, self.mismatch = int(num_envs), observe, float(mismatch)
+        self.ends = one_of("ends", ("task" if raw else "belief") if ends is None else ends, ENDS)
+        if guidance is not None and not isinstance(guidance, bool):
+            raise ValueError(f"guidance must be True, False or None, got {shown(guidance)}")
+        self.guidance = not raw if guidance is None else guidance
         choice = system.estimator if estimator is None else estimator
         self._chosen = sensors, disturbance, choice, checked_options("estimator_options", estimator_options)
         self.loop: Loop
+        self.held: Loop  # what raw readings give as they are, where they guide
         self.attach(system)
         self.estimator = self.loop.filter.name
         self._ends = np.array(self.task.ends, dtype=object)
         self._success = self.task.ends.index(self.task.success)
-        self.action_size = len(self.vehicle.action_names)
+        if self.ends == "declaration" and not self.task.success:
+            raise ValueError(f"{system.name} goes on until time is up, so there is nothing to declare: ends='task'")
+        self.action_size = len(self.vehicle.action_names) + (self.ends == "declaration")
 
         self.seeds: list[int] = []
         self.episodes = np.zeros(num_envs, int)
@@ -99,7 +116,10 @@ class Core:
         self.noise: np.ndarray  # what is new in kicks, disturbance and biases over the coming step
         self.forcing: np.ndarray  # over the coming step
         self.tally: np.ndarray  # what the score remembers
-        self.observation_size = self.task.sizes(self.sensors.size, len(self.composition.names))[observe]
+        sizes = self.task.sizes(self.sensors.size, len(self.composition.names))
+        parts = ["guided"] if self.guidance else [] if raw else ["unguided"]
+        parts += {"mean": [], "mean+std": ["std"], "measurement": ["readings", "mission"]}[observe]
+        self.observation_size = sum(sizes[part] for part in parts)
 
     def attach(self, system: System) -> None:
         """Take what is the same for all copies from the system, and build the filter: a copied core needs it again."""
@@ -111,10 +131,11 @@ class Core:
         self.forces = Forces(vehicle, chosen_disturbance(system, disturbance))
         estimation = build(system, estimator, options, self.sensors, self.forces.disturbance, self.unknown_inputs)
         self.composition = estimation.composition
-        if hasattr(self, "loop"):
-            self.loop.attach(self.sensors, estimation)
-        else:
-            self.loop = Loop(self.sensors, estimation, self.num_envs)
+        self._attach_loop("loop", estimation)
+        if self.guidance and self.observe_mode == "measurement":
+            wide = {"model": vehicle.kinds[0]}  # the same whatever estimator is named
+            held = build(system, "measurement", wide, self.sensors, self.forces.disturbance, self.unknown_inputs)
+            self._attach_loop("held", held)
         process, bias = self.forces.disturbance.process, self.sensors.bias
         self._shown = self.forces.disturbance.told == "states" or len(self.composition.held) > 0
         self.truth_names = (
@@ -127,6 +148,12 @@ class Core:
         self._shaken = slice(0, len(self.forces.shaken))
         self._drifting = slice(len(self.forces.shaken), len(self.forces.shaken) + process.size)
         self._wandering = slice(self._drifting.stop, len(self._root))
+
+    def _attach_loop(self, name: str, estimation: Estimation) -> None:
+        if hasattr(self, name):
+            getattr(self, name).attach(self.sensors, estimation)
+        else:
+            setattr(self, name, Loop(self.sensors, estimation, self.num_envs))
 
     def __getstate__(self) -> dict[str, Any]:
         """All but what `attach` gives."""
@@ -161,7 +188,7 @@ class Core:
 
     @property
     def unknown_inputs(self) -> tuple[str, ...]:
-        """What nobody is told of the coming step: the disturbance's kicks, or all that is new if it is told as states."""
+        """What nobody is told of the coming step: the disturbance's kicks; all that is new, if told as states."""
         disturbance = self.forces.disturbance
         if disturbance.told != "states":
             return tuple(self.vehicle.kicks[i] for i in self.forces.kicks)
@@ -288,7 +315,9 @@ class Core:
         y, available = loop.readings
         loop.readings = self._with_rows(y, rows, readings[0]), self._with_rows(available, rows, readings[1])
         u = self.task.known_input(actuators, actuators, course, steps)
-        belief = loop.begin(some, self._known(prior), self._handed(readings, rows), u)
+        belief = loop.begin(some, self._known(prior, self.composition), self._handed(readings, rows), u)
+        if hasattr(self, "held"):
+            self.held.begin(some, self._known(prior, self.held.composition), readings, u)
         self._put(rows, reference=self._reference(course, steps, belief, state))
 
     def _drawn_at_reset(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -308,7 +337,7 @@ class Core:
     def _begun(
         self, prior: Gaussian, normals: np.ndarray, rows: np.ndarray | None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """What the prior describes, the disturbance's state and the biases, drawn from what is known of them at first."""
+        """What the prior describes, the disturbance's state and the biases, drawn from what is known of them."""
         disturbance, bias = self.forces.disturbance, self.sensors.bias
         n, k = len(self._based), disturbance.process.size
         cov = joint_prior(prior.cov, self.forces, self.sensors)
@@ -321,9 +350,9 @@ class Core:
         first = self._draws.next(rows)[0][:, : root.shape[-1]]
         return prior.mean + x[:, :n], np.matvec(root, first), x[:, n:]
 
-    def _known(self, prior: Gaussian) -> Gaussian:
-        """What the filter knows at the start, of what it estimates."""
-        told, n = self.composition, prior.cov.shape[-1]
+    def _known(self, prior: Gaussian, told: Composition) -> Gaussian:
+        """What a filter knows at the start, of what it estimates."""
+        n = prior.cov.shape[-1]
         cov = joint_prior(prior.cov, told.forces, told.sensors)
         bias = np.arange(len(cov) - told.sensors.bias.size, len(cov))
         kept = np.concatenate([np.arange(told.base), n + told.held, bias])
@@ -355,6 +384,9 @@ class Core:
         if not self.seeds:
             raise ResetNeeded("call reset() before the first step()")
         action = self.checked(action, ended)
+        declared = action[:, -1] > DECLARED
+        if self.ends == "declaration":
+            action = action[:, :-1]
         if readings is not None:
             readings = _arrived(readings, self.loop.readings[0].shape)
         vehicle, task, loop = self.vehicle, self.task, self.loop
@@ -370,31 +402,52 @@ class Core:
         self.steps += 1
         loop.readings = loop.sense(self.state, self.forcing, self.steps, None) if readings is None else readings
         loop.estimate(self._handed(loop.readings), u)
+        if hasattr(self, "held"):
+            self.held.estimate(loop.readings, u)
         self.reference = self._reference(self.course, self.steps, loop.belief, self.state)
-        reward, self.end, self.tally = task.score(self.state, self.forcing, self.reference, after, action, self.tally)
+        over = self._over(declared)
+        reward, self.end, self.tally = task.score(
+            self.state, self.forcing, self.reference, over, after, action, self.tally
+        )
         self.total += reward
         return reward, self.end > 0
 
+    def _over(self, declared: np.ndarray) -> np.ndarray:
+        """Which missions are done ``(B,)``, as whoever ends them says."""
+        if self.ends == "declaration":
+            return declared
+        if (self.ends == "task") == (self.observe_mode == "measurement"):
+            return self.task.over(self.reference)
+        where = self.state[:, self._based] if self.ends == "task" else self.loop.belief.mean
+        return self.task.over(self.task.reference(self.course, self.steps, where))
+
     def observe(self) -> np.ndarray:
         """The observations ``(B, k)``, float32 and within bounds, made of estimates or readings, mission, actuators."""
-        observation = self._observed(self.loop.belief, self.reference, self.loop.readings)
-        np.maximum(observation, -self.task.BOUND, out=observation)
-        return np.minimum(observation, self.task.BOUND, out=observation).astype(np.float32)
-
-    def _observed(self, belief: Belief, reference: np.ndarray, readings: Readings) -> np.ndarray:
-        task = self.task
+        task, course, steps = self.task, self.course, self.steps
         if self.observe_mode == "measurement":
             with np.errstate(over="ignore"):  # an absurd reading is clipped
-                return task.observe_readings(self.sensors, *readings, self.course, self.steps, self.actuators)
-        estimate = self._estimate(belief)
-        observation = task.observe(estimate, reference, self.actuators)
-        if self.observe_mode == "mean":
-            return observation
-        return np.concatenate([observation, task.observe_std(estimate)], -1)
+                parts = [task.observe_readings(self.sensors, *self.loop.readings, course, steps)]
+                parts.append(task.observe_mission(course, steps, self.actuators))
+                if self.guidance:
+                    held = self._estimate(self.held.belief, self.held.composition)
+                    reference = task.reference(course, steps, held.state)
+                    parts.insert(0, task.observe(held, reference, self.actuators))
+        else:
+            estimate = self._estimate(self.loop.belief, self.composition)
+            if self.guidance:
+                parts = [task.observe(estimate, self.reference, self.actuators)]
+            else:
+                mission = task.observe_mission(course, steps, self.actuators)
+                parts = [task.observe_state(estimate, course), mission]
+            if self.observe_mode == "mean+std":
+                parts.append(task.observe_std(estimate))
+        observation = parts[0] if len(parts) == 1 else np.concatenate(parts, -1)
+        np.maximum(observation, -task.BOUND, out=observation)
+        return np.minimum(observation, task.BOUND, out=observation).astype(np.float32)
 
-    def _estimate(self, belief: Belief) -> Estimate:
+    def _estimate(self, belief: Belief, told: Composition) -> Estimate:
         """What the task sees of a belief."""
-        told, mean = self.composition, belief.mean
+        mean = belief.mean
         flow = told.flow(mean)
         if self.observe_mode != "mean+std":
             return Estimate(mean[:, : told.base], flow, belief.input_mean)

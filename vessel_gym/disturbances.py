@@ -16,8 +16,8 @@ from vessel_gym.processes import Process
 class Disturbance:
     """What acts on a vehicle over a step, and no sensor reads as such.
 
-    Its state moves as ``z+ = transition z + root n``; over a step it gives the vehicle ``effect(z, state)`` and, besides,
-    white kicks ``white n'``, with standard normals n and n'.
+    Its state moves as ``z+ = transition z + root n``; over a step it gives the vehicle ``effect(z, state)`` and,
+    besides, white kicks ``white n'``, with standard normals n and n'.
 
     Attributes:
         names: The components of z.

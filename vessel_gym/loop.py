@@ -74,7 +74,7 @@ class Loop:
                 self._streams[row] = generator
 
     def sense(self, state: np.ndarray, forcing: np.ndarray, steps: np.ndarray, rows: np.ndarray | None) -> Readings:
-        """Readings of rows (None: all) whose truth is ``state``, on which ``forcing`` acts, ``steps`` after their start."""
+        """Readings of rows (None: all) in a true ``state``, on which ``forcing`` acts, ``steps`` after their start."""
         bias = self.bias if rows is None else self.bias[rows]
         exact = self.sensors.exact(state, forcing, bias if bias.shape[-1] else None)
         return self.sensors.read(exact, steps, *self._draws.next(rows))

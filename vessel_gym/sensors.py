@@ -6,7 +6,6 @@ ensembles and what can be had without a filter follow from it. Yours is a `Senso
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np

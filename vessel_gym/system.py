@@ -61,11 +61,11 @@ class Vehicle(Protocol):
 
     @property
     def kicks(self) -> tuple[str, ...]:
-        """The first parts of its forcing: what is added to its state at the end of a step,"""
+        """The first parts of its forcing: what is added to its state at the end of a step."""
 
     @property
     def kicked(self) -> tuple[str, ...]:
-        """and to which component each."""
+        """And to which component each."""
 
     @property
     def flows(self) -> tuple[str, ...]:
@@ -104,11 +104,11 @@ class Vehicle(Protocol):
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """The models that filters may have of it, the widest of nonlinear ones first,"""
+        """The models that filters may have of it, the widest of nonlinear ones first."""
 
     @property
     def linear_kinds(self) -> tuple[str, ...]:
-        """and which of them are linear."""
+        """And which of them are linear."""
 
     def estimated(self, kind: str) -> tuple[str, ...]:
         """The components of its state that filters with a model estimate, in their order.
@@ -173,7 +173,7 @@ class Task(Protocol):
         """What is drawn at reset, ``(B, k)``."""
 
     def prior(self, course: np.ndarray) -> Gaussian:
-        """Where the vehicle starts, and all that the estimator knows of that: mean ``(B, n)``, covariance ``(n, n)``."""
+        """Where the vehicle starts, and all that is known of that: mean ``(B, n)``, covariance ``(n, n)``."""
 
     def reference(self, course: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
         """What is commanded at a step, the vehicle being (or believed to be) in a state ``(B, n)``, as in the prior."""
@@ -182,24 +182,27 @@ class Task(Protocol):
         """What filters are told over a step."""
 
     def sizes(self, readings: int, states: int) -> dict[str, int]:
-        """Length of an observation for each mode of ``observe``, of so many readings and states of the filter."""
+        """Lengths of the parts of observations, by what follows, of so many readings and states of the filter."""
 
     def observe(self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
-        """The observation from estimates."""
+        """``"guided"``: how to go on from the estimate, and the actuators."""
+
+    def observe_state(self, estimate: Estimate, course: np.ndarray) -> np.ndarray:
+        """The estimate as it is, which together with the mission is ``"unguided"``."""
 
     def observe_std(self, estimate: Estimate) -> np.ndarray:
-        """What mode ``"mean+std"`` appends."""
+        """``"std"``: what mode ``"mean+std"`` appends."""
 
     def observe_readings(
-        self,
-        sensors: Sensors,
-        readings: np.ndarray,
-        available: np.ndarray,
-        course: np.ndarray,
-        step: np.ndarray,
-        actuators: np.ndarray,
+        self, sensors: Sensors, readings: np.ndarray, available: np.ndarray, course: np.ndarray, step: np.ndarray
     ) -> np.ndarray:
-        """The observation of mode ``"measurement"``: nothing that an estimator believes."""
+        """``"readings"``: as they come, with their mask."""
+
+    def observe_mission(self, course: np.ndarray, step: np.ndarray, actuators: np.ndarray) -> np.ndarray:
+        """``"mission"``: what is asked, and the actuators."""
+
+    def over(self, reference: np.ndarray) -> np.ndarray:
+        """Whether who is there has done what is asked ``(B,)``."""
 
     def begin(self, state: np.ndarray, course: np.ndarray) -> np.ndarray:
         """What `score` remembers, ``(B, k)``, at the start of an episode."""
@@ -209,6 +212,7 @@ class Task(Protocol):
         state: np.ndarray,
         forcing: np.ndarray,
         reference: np.ndarray,
+        over: np.ndarray,
         actuators: np.ndarray,
         action: np.ndarray,
         tally: np.ndarray,

@@ -1,6 +1,5 @@
 """Hermawan's five simulations: KF-UMV-UI follows a turning circle with an unknown input in the readings."""
 
-from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 from typing import Any

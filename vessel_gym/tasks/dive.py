@@ -133,10 +133,15 @@ class Dive(ABC):
     """Standard deviations of the state's components that count as 1 [SI]."""
 
     def sizes(self, readings: int, states: int) -> dict[str, int]:
-        """The length of an observation for each mode of ``observe``."""
-        seen = len(self.observed) + self.actuators
-        mission = 2 * readings + len(self.mission_scale) + self.actuators
-        return {"mean": seen, "mean+std": seen + states, "measurement": mission}
+        """The lengths of the parts of observations."""
+        known = len(self.mission_scale) + self.actuators
+        return {
+            "guided": len(self.observed) + self.actuators,
+            "unguided": len(self.std_scale) + self.flows + known,
+            "std": states,
+            "readings": 2 * readings,
+            "mission": known,
+        }
 
     def observe_std(self, estimate: Estimate) -> np.ndarray:
         """The standard deviations ``(B, m)`` of all that the filter estimates, scaled."""
@@ -145,21 +150,27 @@ class Dive(ABC):
 
     actuators: ClassVar[int]
     """How many there are: fins, then thrust."""
+    flows: ClassVar[int]
+    """Components of the current."""
+    state_scale: ClassVar[tuple[float, ...]]
+    """Sizes that count as 1 of the state's components, where they are observed as they are."""
     mission_scale: ClassVar[tuple[float, ...]]
     """Sizes that count as 1 of the last components of a course, which an observation of raw readings holds."""
 
     def observe_readings(
-        self,
-        sensors: Sensors,
-        readings: np.ndarray,
-        available: np.ndarray,
-        course: np.ndarray,
-        step: np.ndarray,
-        actuators: np.ndarray,
+        self, sensors: Sensors, readings: np.ndarray, available: np.ndarray, course: np.ndarray, step: np.ndarray
     ) -> np.ndarray:
-        """The observation of mode ``"measurement"``: readings, mask, course and actuators, no filter."""
+        """Raw readings ``(B, 2 p)``: readings and mask, no filter."""
+        return np.concatenate([readings / sensors.scale, available], -1)
+
+    def observe_mission(self, course: np.ndarray, step: np.ndarray, actuators: np.ndarray) -> np.ndarray:
+        """What is asked, and the actuators: the course and they ``(B, k)``."""
         mission = course[:, -len(self.mission_scale) :] / self.mission_scale
-        return np.concatenate([readings / sensors.scale, available, mission, self.scaled(actuators)], -1)
+        return np.concatenate([mission, self.scaled(actuators)], -1)
+
+    def observe_state(self, estimate: Estimate, course: np.ndarray) -> np.ndarray:
+        """The estimated state and current ``(B, n + f)`` as they are, without guidance."""
+        return np.concatenate([estimate.state / self.state_scale, estimate.flow / 0.25], -1)
 
     @abstractmethod
     def position(self, state: np.ndarray) -> np.ndarray:
@@ -185,6 +196,14 @@ class Dive(ABC):
     HOTEL = 2.0  # power of everything but the propeller, relative to the propeller's at cruising speed
     FASTEST = 3.0  # progress that counts, relative to cruising speed
 
+    def course_of(self, reference: np.ndarray) -> np.ndarray:
+        """The course ``(..., 3)`` out of references ``(..., 11)``."""
+        return reference[..., 8:]
+
+    def over(self, reference: np.ndarray) -> np.ndarray:
+        """Whether who is there has covered the path ``(B,)``."""
+        return reference[:, 0] >= reference[:, 9]
+
     def power(self, actuators: np.ndarray) -> np.ndarray:
         """Power ``(...)`` of propeller and hotel load for actuators ``(..., a)``, relative to cruising."""
         propeller = (actuators[..., -1] / self.auv.cruise_thrust) ** 1.5
@@ -201,6 +220,7 @@ class Dive(ABC):
         state: np.ndarray,
         forcing: np.ndarray,
         reference: np.ndarray,
+        over: np.ndarray,
         actuators: np.ndarray,
         action: np.ndarray,
         tally: np.ndarray,
@@ -211,7 +231,7 @@ class Dive(ABC):
         staying, going back and circling pay nothing. Arriving pays by the distance to the goal and by the energy that
         a dive at cruising speed would take over that used, so that waiting costs. Ending early forgoes the rest.
         """
-        course, position = reference[:, 8:], self.position(state)
+        course, position = self.course_of(reference), self.position(state)
         length = course[:, 1]
         true = follow(position, course, 0.0)
         off = np.hypot(true[:, 1], true[:, 2] / np.sqrt(1.0 + true[:, 4] ** 2))
@@ -221,7 +241,6 @@ class Dive(ABC):
         energy = tally[:, 1] + self.dt * self.power(actuators)
         reward = self.TRACKING * fresh / length / (1.0 + (off / self.TRACK_TOLERANCE) ** 2)
 
-        over = reference[:, 0] >= length
         goal = path_point(length, course)[:, :3]
         miss = np.sqrt(np.vecdot(position - goal, position - goal))
         economy = np.minimum(np.hypot(length, course[:, 2]) / speed / energy, 1.0)
@@ -265,9 +284,11 @@ def _spatial_errors(x: np.ndarray, flow: np.ndarray, reference: np.ndarray, room
 
 @dataclass(frozen=True)
 class SpatialDive(Dive):
-    """A dive of a vehicle with six degrees of freedom, whose state is `vessel_gym.vehicles.segorogeni.TRUTH`."""
+    """A dive of a vehicle with six degrees of freedom, whose state is `vessel_gym.vehicles.segorogeni.STATE`."""
 
     prior_sd = (0.05,) * 3 + (0.02,) * 3 + (0.2,) * 3 + (0.05,) * 3
+    state_scale = (0.5, 0.25, 0.25) + (0.5,) * 3 + (10.0, 10.0, 5.0) + (0.25, 0.5, 1.0)
+    flows = 2
     std_scale = (0.05,) * 6 + (0.5,) * 3 + (0.05,) * 3
     actuators = 3
     mission_scale = (1.0, 10.0, 5.0)
@@ -313,9 +334,11 @@ def _vertical_errors(x: np.ndarray, flow: np.ndarray, reference: np.ndarray, roo
 
 @dataclass(frozen=True)
 class VerticalDive(Dive):
-    """A dive in the vertical plane, of a vehicle whose state is `vessel_gym.vehicles.itsunusa.TRUTH`."""
+    """A dive in the vertical plane, of a vehicle whose state is `vessel_gym.vehicles.itsunusa.STATE`."""
 
     prior_sd = (0.05, 0.05, 0.02, 0.2, 0.2, 0.05)
+    state_scale = (0.5, 0.25, 0.5, 20.0, 10.0, 0.5)
+    flows = 1
     std_scale = (0.05,) * 3 + (0.5,) * 2 + (0.05,)
     actuators = 2
     mission_scale = (20.0, 10.0)

@@ -68,7 +68,7 @@ def _flight_errors(
 
 @dataclass(frozen=True)
 class Flight:
-    """A flight along a Dubins path round circular obstacles, of an aircraft whose state is `vehicles.puna.TRUTH`.
+    """A flight along a Dubins path round circular obstacles, of an aircraft whose state is `vehicles.puna.STATE`.
 
     A course (what is drawn at reset) is ``(97,)``: 16 segments of the path (x, y, heading, curvature, length; those of
     length 0 fill up), its length, the commanded altitude, and 5 obstacles (x, y, radius; radius 0: none). A reference
@@ -273,9 +273,12 @@ class Flight:
         return {name: offset + scale * observations[:, i] for i, (name, (offset, scale)) in listed}
 
     def sizes(self, readings: int, states: int) -> dict[str, int]:
-        """The length of an observation for each mode of ``observe``."""
-        seen, mission = len(self.observed) + 3, _PATH + 1 + 3 * OBSTACLES
-        return {"mean": seen, "mean+std": seen + states, "measurement": 2 * readings + mission + 3}
+        """The lengths of the parts of observations."""
+        known = _PATH + 1 + 3 * OBSTACLES + 3
+        return {
+            "guided": len(self.observed) + 3, "unguided": len(self.std_scale) + 3 + known, "std": states,
+            "readings": 2 * readings, "mission": known,
+        }  # fmt: skip
 
     def scaled(self, actuators: np.ndarray) -> np.ndarray:
         """Thrust, angle of attack and bank command as the action has them: 0 cruising, -1 and 1 at their limits."""
@@ -301,17 +304,24 @@ class Flight:
         return estimate.sd / np.concatenate([self.std_scale, estimate.scale])
 
     def observe_readings(
-        self,
-        sensors: Sensors,
-        readings: np.ndarray,
-        available: np.ndarray,
-        course: np.ndarray,
-        step: np.ndarray,
-        actuators: np.ndarray,
+        self, sensors: Sensors, readings: np.ndarray, available: np.ndarray, course: np.ndarray, step: np.ndarray
     ) -> np.ndarray:
-        """The observation of mode ``"measurement"``: readings, mask, course and actuators, no filter."""
+        """Raw readings ``(B, 2 p)``: readings and mask, no filter."""
+        return np.concatenate([readings / sensors.scale, available], -1)
+
+    def observe_mission(self, course: np.ndarray, step: np.ndarray, actuators: np.ndarray) -> np.ndarray:
+        """What is asked, and the actuators: path, altitude, obstacles and they ``(B, 99)``."""
         mission = np.delete(course, _PATH, axis=1) * self._course_gains
-        return np.concatenate([readings / sensors.scale, available, mission, self.scaled(actuators)], -1)
+        return np.concatenate([mission, self.scaled(actuators)], -1)
+
+    def observe_state(self, estimate: Estimate, course: np.ndarray) -> np.ndarray:
+        """The estimated state and wind ``(B, 10)`` as they are, without guidance."""
+        state = (estimate.state - self.STATE_OFFSET) / self.STATE_SCALE
+        return np.concatenate([state, estimate.flow / 5.0], -1)
+
+    STATE_SCALE = np.array([100.0, 100.0, 20.0, 20.0, 20.0, 1.0, 0.5])
+    STATE_OFFSET = np.array([0.0, 0.0, 100.0, 0.0, 0.0, 0.0, 0.0])
+    """Sizes that count as 1 of the state's components, and what counts as 0, where they are observed as they are."""
 
     # --- how it is scored -------------------------------------------------------------------------
 
@@ -339,6 +349,7 @@ class Flight:
         state: np.ndarray,
         forcing: np.ndarray,
         reference: np.ndarray,
+        over: np.ndarray,
         actuators: np.ndarray,
         action: np.ndarray,
         tally: np.ndarray,
@@ -363,7 +374,6 @@ class Flight:
         reward = self.TRACKING * fresh / length * quality
         farthest = farthest + fresh
 
-        over = reference[:, 0] >= length
         miss = np.hypot(*(state[:, :2] - self.goal(course)[:, :2]).T)
         covered = np.minimum((farthest + self.GOAL_TOLERANCE) / length, 1.0)
         arriving = (1.0 - self.TRACKING) * covered / (1.0 + (miss / self.GOAL_TOLERANCE) ** 2)
@@ -382,6 +392,10 @@ class Flight:
     def track(self, state: np.ndarray, course: np.ndarray, farthest: np.ndarray | float) -> np.ndarray:
         """Where states ``(B, n)`` are on the path near the farthest progress [m], see `path_following.track`."""
         return track(state[:, :2], course[:, :_PATH], farthest - self.WINDOW, farthest + self.WINDOW)
+
+    def over(self, reference: np.ndarray) -> np.ndarray:
+        """Whether who is there has covered the path ``(B,)``."""
+        return reference[:, 0] >= reference[:, _WHERE + _PATH]
 
     def course_of(self, reference: np.ndarray) -> np.ndarray:
         """The course ``(..., 97)`` out of references ``(..., 103)``."""

@@ -128,8 +128,8 @@ class TurningCircle:
     COMMAND_SCALE = 0.04  # rad/s, commanded yaw rate
 
     def sizes(self, readings: int, states: int) -> dict[str, int]:
-        """The length of an observation for each mode of ``observe``."""
-        return {"mean": 7, "mean+std": 11, "measurement": 2 * readings + 3}
+        """The lengths of the parts of observations."""
+        return {"guided": 7, "unguided": 8, "std": 4, "readings": 2 * readings, "mission": 3}
 
     @cached_property
     def _known_scales(self) -> list[float]:
@@ -166,30 +166,30 @@ class TurningCircle:
         return sd * self._std_gains
 
     def observe_readings(
-        self,
-        sensors: Sensors,
-        readings: np.ndarray,
-        available: np.ndarray,
-        course: np.ndarray,
-        step: np.ndarray,
-        actuators: np.ndarray,
+        self, sensors: Sensors, readings: np.ndarray, available: np.ndarray, course: np.ndarray, step: np.ndarray
     ) -> np.ndarray:
-        """The observation of mode ``"measurement"``: raw readings, their mask, rudder and command, no filter.
+        """Raw readings ``(B, 2 p)``: readings and mask, no filter.
 
         A reading of the heading is shown as what is missing to the commanded one, on the scale of such an error.
         """
-        reference, p = self.command(course, step), sensors.size
-        observation = np.empty((len(readings), 2 * p + 3))
-        shown = readings / sensors.scale
+        reference, shown = self.command(course, step), readings / sensors.scale
         for channel, state in enumerate(sensors.gives):
             if state == "psi":
                 shown[:, channel] = wrap(reference[:, 0] - readings[:, channel]) / self.HEADING_SCALE
-        observation[:, :p] = np.where(available, shown, 0.0)
-        observation[:, p : 2 * p] = available
-        observation[:, 2 * p] = actuators[:, 0]
-        observation[:, 2 * p + 1 :] = reference[:, 1:3]
-        observation[:, 2 * p :] /= self._known_scales
-        return observation
+        return np.concatenate([np.where(available, shown, 0.0), available], -1)
+
+    def observe_mission(self, course: np.ndarray, step: np.ndarray, actuators: np.ndarray) -> np.ndarray:
+        """The rudder, and the commanded yaw rate now and ahead ``(B, 3)``."""
+        reference = self.command(course, step)
+        return np.concatenate([actuators, reference[:, 1:3]], -1) / self._known_scales
+
+    def observe_state(self, estimate: Estimate, course: np.ndarray) -> np.ndarray:
+        """Sway, yaw rate, sine and cosine of the heading relative to the first one, d ``(B, 5)``: no guidance."""
+        v, r, psi = estimate.state.T[:3]
+        d = np.zeros(len(v)) if estimate.input_mean is None else estimate.input_mean[:, 0]
+        turned = psi - course[:, 0]
+        scaled = v / self.SWAY_SCALE, r / self.COMMAND_SCALE, np.sin(turned), np.cos(turned), d / self.INPUT_SCALE
+        return np.stack(scaled, -1)
 
     # --- how it is scored -------------------------------------------------------------------------
 
@@ -210,6 +210,10 @@ class TurningCircle:
         """A reward of 1 at every step."""
         return self.horizon
 
+    def over(self, reference: np.ndarray) -> np.ndarray:
+        """Never ``(B,)``: the turn is held until time is up."""
+        return np.zeros(len(reference), bool)
+
     def begin(self, state: np.ndarray, course: np.ndarray) -> np.ndarray:
         """Nothing to remember: ``(B, 0)``."""
         return np.empty((len(state), 0))
@@ -219,6 +223,7 @@ class TurningCircle:
         state: np.ndarray,
         forcing: np.ndarray,
         reference: np.ndarray,
+        over: np.ndarray,
         actuators: np.ndarray,
         action: np.ndarray,
         tally: np.ndarray,

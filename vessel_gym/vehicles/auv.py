@@ -5,9 +5,9 @@ is the origin, and a propeller. Body axes: x forward, y starboard, z down; earth
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np

@@ -23,7 +23,6 @@ from numba import njit
 from scipy.optimize import brentq
 
 from estimators import NonlinearModel
-from estimators.checks import shown
 from vessel_gym.compiled import gufunc, inlined, sincos
 from vessel_gym.sensors import Bias, Known, Sensor, plain
 
