@@ -7,7 +7,8 @@ from agents.rollouts import Rollout
 from estimators import wrap
 from estimators.angles import difference
 from vessel_gym.sea_trials import fit_circle
-from vessel_gym.vehicles.corvette import TRUTH, steady_turns
+from vessel_gym.vehicles.corvette import steady_turns
+from vessel_gym.vehicles.corvette_equations import TRUTH
 
 _X, _Y, _PSI, _R = (TRUTH.index(name) for name in ("x", "y", "psi", "r"))
 

@@ -11,7 +11,8 @@ from agents.cells import Cell
 from agents.reproduction.settings import corvette as settings
 from agents.reproduction.settings.corvette import SAMPLES, SIMULATIONS, Simulation
 from estimators import Gaussian, LinearModel, make
-from vessel_gym.vehicles.corvette import CorvetteParameters, corvette_step, linear_model, steady_turns
+from vessel_gym.vehicles.corvette import linear_model, steady_turns
+from vessel_gym.vehicles.corvette_equations import CorvetteParameters, corvette_step
 
 MODELS = ("as-printed", "corrected")
 LEVELS = (settings.NOISE, settings.SMALL**0.5, settings.LARGE**0.5)
@@ -47,7 +48,7 @@ def turning_record() -> tuple[np.ndarray, np.ndarray]:
     state = np.array([0.0, 0.0, 0.0, _SHIP.speed, 0.0, 0.0])
     heading = [state[2]]
     for start, end in pairwise(rudder):
-        state = corvette_step(state, np.array([start, end, 0.0, 0.0]), c, dt, 1)
+        state = corvette_step(state, np.array([start, end]), np.zeros(2), c, dt, 1)
         heading.append(state[2])
     turns = steady_turns(_SHIP)
     commanded = np.full(SAMPLES, np.interp(helm, turns.rudder, turns.yaw_rate))

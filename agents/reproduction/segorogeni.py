@@ -10,7 +10,7 @@ from agents.cells import Cell
 from agents.reproduction.ensembles import Experiment, rms, seconds_a_step, thinned
 from agents.reproduction.settings import segorogeni as paper
 from estimators import Filter, make
-from vessel_gym.vehicles.segorogeni import TRUTH, segorogeni_derivative
+from vessel_gym.vehicles.segorogeni import TRUTH, segorogeni_rates
 
 _ESTIMATED = [TRUTH.index(name) for name in ("u", "v", "w", "p", "q", "r")]
 _MEASURED = [TRUTH.index(name) for name in ("u", "v", "w", "r")]
@@ -168,7 +168,8 @@ def _own_step(states: np.ndarray, control: np.ndarray) -> np.ndarray:
 
 
 def _euler_step(states: np.ndarray, control: np.ndarray) -> np.ndarray:
-    return states + paper.DT * segorogeni_derivative(states, control, _COEFFICIENTS)
+    own, current = states[..., :12], states[..., 12:]
+    return np.concatenate([own + paper.DT * segorogeni_rates(own, control, current, _COEFFICIENTS), current], -1)
 
 
 def computing_time(steps: int, repeats: int, seed: int) -> dict[str, np.ndarray]:

@@ -14,7 +14,7 @@ from vessel_gym.compiled import gufunc
 from vessel_gym.disturbances import Air
 from vessel_gym.guidance.dubins import NoPath, Path, plan
 from vessel_gym.guidance.path_following import COLUMNS, follow, track
-from vessel_gym.vehicles.puna import TRUTH, PunaParameters, wind_axes
+from vessel_gym.vehicles.puna import TRUTH, PunaParameters, airspeed
 
 ENDS = (
     "", "arrived", "missed the goal", "hit an obstacle", "stalled", "crashed", "off the path", "off the altitude",
@@ -394,7 +394,7 @@ class Flight:
 
     def airspeed(self, truth: np.ndarray) -> np.ndarray:
         """Airspeed [m/s] of true states, ``(...)``."""
-        return wind_axes(truth, np.empty(10))[..., 3]
+        return airspeed(truth)
 
     def clearance(self, truth: np.ndarray, course: np.ndarray) -> np.ndarray:
         """Distance [m] of true states ``(..., 16)`` from the nearest obstacle's edge, ``(...)``; infinite without."""

@@ -11,7 +11,8 @@ from estimators.checks import shown
 from estimators.factory import unknown
 from vessel_gym.checks import number
 from vessel_gym.compiled import gufunc
-from vessel_gym.vehicles.corvette import CorvetteParameters, steady_turns
+from vessel_gym.vehicles.corvette import steady_turns
+from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 
 
 @gufunc("void(float64[:], float64, float64[:], float64[:])", "(c),(),(r)->(r)")

@@ -15,6 +15,7 @@ from estimators import NonlinearModel
 from estimators.checks import shown
 from vessel_gym.sensors import Instrument, nominal_sd
 from vessel_gym.vehicles.hydrodynamics import Coefficients, Fins, Spheroid, Torpedo, coefficients, fin_lift
+from vessel_gym.vehicles.integration import advanced
 
 _FACTORS = {
     "surge added mass": ("X_udot",),
@@ -196,6 +197,8 @@ class AUV(ABC):
 
     truth_names: ClassVar[tuple[str, ...]]
     parameter_names: ClassVar[tuple[str, ...]]
+    kernels: ClassVar[tuple[np.ufunc, np.ufunc]]
+    """Of the equations of motion: a step of a state, and of many under one control."""
     action_names: ClassVar[tuple[str, ...]]
     instruments: ClassVar[tuple[Instrument, ...]]
     velocities: ClassVar[int]
@@ -210,10 +213,6 @@ class AUV(ABC):
     @abstractmethod
     def vector(self, factors: np.ndarray) -> np.ndarray:
         """Coefficients ``(..., k)`` of the compiled equations with ``factors (..., normals)`` on the uncertain ones."""
-
-    @abstractmethod
-    def advance(self, truth: np.ndarray, control: np.ndarray, c: np.ndarray) -> np.ndarray:
-        """The state after a step that nothing kicks, with the current held; control is actuators before and after."""
 
     @abstractmethod
     def exact_readings(self, truth: np.ndarray) -> np.ndarray:
@@ -253,6 +252,14 @@ class AUV(ABC):
         moved = self._drift(truth, np.concatenate([before, after], -1), parameters)
         moved[..., : self.velocities] += forcing[..., : self.velocities]
         moved[..., 2 * self.velocities :] += forcing[..., self.velocities :]
+        return moved
+
+    def advance(self, truth: np.ndarray, control: np.ndarray, c: np.ndarray) -> np.ndarray:
+        """The truth after a step that nothing kicks, with the current held; control is actuators before and after."""
+        own = 2 * self.velocities
+        state, current, moved = truth[..., :own], truth[..., own:], np.empty(truth.shape)
+        advanced(*self.kernels, state, control, current, c, self.dt, self.substeps, out=moved[..., :own])
+        moved[..., own:] = current
         return moved
 
     def _drift(self, x: np.ndarray, u: np.ndarray, c: np.ndarray) -> np.ndarray:
