@@ -8,7 +8,8 @@ import numpy as np
 from agents.regulator import regulator_gains
 from vessel_gym.system import System
 from vessel_gym.tasks.turning_circle import TurningCircle
-from vessel_gym.vehicles.corvette import CorvetteParameters, secant_models, steady_turns
+from vessel_gym.vehicles.corvette import secant_models, steady_turns
+from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 
 
 @dataclass(frozen=True)

@@ -59,11 +59,12 @@ def longitudinal_gains(vehicle: Puna, tolerances: FlightTolerances) -> np.ndarra
 
     def after(z: np.ndarray) -> np.ndarray:
         altitude, speed, slope, thrust, alpha, thrust_command, alpha_command = z
-        state = np.array([0.0, 0.0, altitude, speed, slope, 0.0, 0.0, 0.0, 0.0, 0.0])
+        state = np.array([0.0, 0.0, altitude, speed * np.cos(slope), 0.0, speed * np.sin(slope), 0.0])
         thrust_after = thrust_command + (thrust - thrust_command) * decay
         control = np.array([thrust, alpha, 0.0, thrust_after, alpha_command, 0.0])
-        moved = puna_step(state, control, c, vehicle.dt, vehicle.substeps)
-        return np.array([*moved[2:5], thrust_after, alpha_command])
+        moved = puna_step(state, control, np.zeros(3), c, vehicle.dt, vehicle.substeps)
+        ahead, climb = moved[3], moved[5]
+        return np.array([moved[2], np.hypot(ahead, climb), np.arctan2(climb, ahead), thrust_after, alpha_command])
 
     level = np.array([0.0, body.cruise_speed, 0.0] + 2 * [steady.thrust, steady.alpha])
     jacobian = np.stack([(after(level + h * e) - after(level - h * e)) / (2.0 * h) for e in np.eye(7)], -1)

@@ -7,9 +7,10 @@ from agents.rollouts import Rollout
 from estimators import wrap
 from estimators.angles import difference
 from vessel_gym.sea_trials import fit_circle
-from vessel_gym.vehicles.corvette import TRUTH, steady_turns
+from vessel_gym.vehicles.corvette import steady_turns
+from vessel_gym.vehicles.corvette_equations import STATE
 
-_X, _Y, _PSI, _R = (TRUTH.index(name) for name in ("x", "y", "psi", "r"))
+_X, _Y, _PSI, _R = (STATE.index(name) for name in ("x", "y", "psi", "r"))
 
 METRICS = (
     SCORE,
@@ -49,7 +50,7 @@ def scores(rollout: Rollout) -> dict[str, np.ndarray]:
     core = core_of(rollout)
     h, alive, dt = rollout.history, rollout.alive, core.vehicle.dt
     truth, reference, estimate = h["truth"], h["reference"], h["estimate"]
-    state = core.vehicle.filter_state(truth, estimate.shape[-1])
+    state = core.estimated(truth)
     sway, yaw_rate, heading = np.moveaxis(difference(estimate, state, core.filter.model.state_angles), -1, 0)[:3]
     radius_error, out_of_round = circle_errors(rollout)
     raw = h["measurement"][..., 1] - h["unknown_input"][..., 0]

@@ -18,7 +18,8 @@ from scripts.console import asked, command, in_range
 from vessel_gym.envs.sigma_corvette import SEAS
 from vessel_gym.extras import require
 from vessel_gym.tasks.turning_circle import TurningCircle
-from vessel_gym.vehicles.corvette import COEFFICIENTS, Corvette, CorvetteParameters, secant_models, steady_turns
+from vessel_gym.vehicles.corvette import Corvette, secant_models, steady_turns
+from vessel_gym.vehicles.corvette_equations import COEFFICIENTS, CorvetteParameters
 
 ENSEMBLES = ("enkf", "enkf-sr", "etkf")
 

@@ -14,9 +14,12 @@ from scipy.linalg import solve_discrete_are
 
 from estimators import Gaussian, LinearModel, make, zero_order_hold
 from vessel_gym.guidance.dubins import lengths
-from vessel_gym.vehicles.corvette import CorvetteParameters, linear_model
+from vessel_gym.vehicles.corvette import linear_model
+from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 from vessel_gym.vehicles.itsunusa import ItsunusaParameters
-from vessel_gym.vehicles.puna import PlanarPuna, PointMass, PunaParameters, planar_derivative, trim
+from vessel_gym.vehicles.planar_puna import PlanarPuna, planar_derivative
+from vessel_gym.vehicles.point_mass import PointMass
+from vessel_gym.vehicles.puna import PunaParameters, trim
 from vessel_gym.vehicles.segorogeni import SegorogeniParameters
 
 ROOT = Path(__file__).parents[1]

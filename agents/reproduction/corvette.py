@@ -10,7 +10,8 @@ from agents.cells import Cell
 from agents.reproduction.settings import corvette as settings
 from agents.reproduction.settings.corvette import SAMPLES, SIMULATIONS, Simulation
 from estimators import Gaussian, LinearModel, make
-from vessel_gym.vehicles.corvette import Corvette, CorvetteParameters, corvette_step, steady_turns
+from vessel_gym.vehicles.corvette import Corvette, steady_turns
+from vessel_gym.vehicles.corvette_equations import CorvetteParameters, corvette_step
 
 MODELS = ("as-printed", "corrected")
 LEVELS = (settings.NOISE, settings.SMALL**0.5, settings.LARGE**0.5)

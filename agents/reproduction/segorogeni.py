@@ -10,7 +10,7 @@ from agents.cells import Cell
 from agents.reproduction.ensembles import Experiment, rms, seconds_a_step, thinned
 from agents.reproduction.settings import segorogeni as paper
 from estimators import Filter, make
-from vessel_gym.vehicles.segorogeni import STATE, segorogeni_derivative
+from vessel_gym.vehicles.segorogeni import STATE, segorogeni_rates
 
 _ESTIMATED = [STATE.index(name) for name in ("u", "v", "w", "p", "q", "r")]
 _MEASURED = [STATE.index(name) for name in ("u", "v", "w", "r")]
@@ -169,7 +169,7 @@ def _own_step(states: np.ndarray, control: np.ndarray) -> np.ndarray:
 
 
 def _euler_step(states: np.ndarray, control: np.ndarray) -> np.ndarray:
-    return states + paper.DT * segorogeni_derivative(states, control, _COEFFICIENTS)
+    return states + paper.DT * segorogeni_rates(states, control, _STILL, _COEFFICIENTS)
 
 
 def computing_time(steps: int, repeats: int, seed: int) -> dict[str, np.ndarray]:

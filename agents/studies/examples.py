@@ -19,7 +19,7 @@ from vessel_gym.tasks.dive import Dive, VerticalDive
 from vessel_gym.tasks.flight import OBSTACLES, SEGMENTS, Flight
 from vessel_gym.tasks.turning_circle import TurningCircle
 from vessel_gym.tracks import believed_path, commanded_path, path
-from vessel_gym.vehicles.corvette import STATE as SHIP
+from vessel_gym.vehicles.corvette_equations import STATE as SHIP
 
 POINTS = 400
 """Points of a line at most."""

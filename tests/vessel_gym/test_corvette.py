@@ -12,18 +12,20 @@ from estimators import zero_order_hold
 from vessel_gym.envs.sigma_corvette import SEAS
 from vessel_gym.sea_trials import simulate
 from vessel_gym.vehicles.corvette import (
-    COEFFICIENTS,
-    UNCERTAIN,
     Corvette,
-    CorvetteParameters,
-    corvette_derivative,
-    corvette_step,
     linear_model,
     nonlinear_model,
-    rudder_angle_of_attack,
     secant_models,
     steady_turns,
     sway_yaw_jacobian,
+)
+from vessel_gym.vehicles.corvette_equations import (
+    COEFFICIENTS,
+    UNCERTAIN,
+    CorvetteParameters,
+    corvette_rates,
+    corvette_step,
+    rudder_angle_of_attack,
 )
 
 SHIP = CorvetteParameters()
@@ -32,9 +34,19 @@ DEG = np.pi / 180.0
 MIRROR = np.array([1, -1, -1, 1, -1, -1])
 
 
+def ship_rates(states: np.ndarray, controls: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """Rates ``(..., 6)``; controls ``(..., 3)``: rudder, current north and east."""
+    return corvette_rates(states, controls[..., :1], controls[..., 1:], c)
+
+
+def ship_step(states: np.ndarray, controls: np.ndarray, c: np.ndarray, dt: float, substeps: int) -> np.ndarray:
+    """States ``(..., 6)`` after ``dt``; controls ``(..., 4)``: rudder before and after, current north and east."""
+    return corvette_step(states, controls[..., :2], controls[..., 2:], c, dt, substeps)
+
+
 def derivative(u, v, r, rudder, c=None, psi=0.0, current=(0.0, 0.0)):
     c = SHIP.vector() if c is None else c
-    return corvette_derivative(np.array([0.0, 0.0, psi, u, v, r]), np.array([rudder, *current]), c)
+    return ship_rates(np.array([0.0, 0.0, psi, u, v, r]), np.array([rudder, *current]), c)
 
 
 def random_motions(rng: np.random.Generator, n: int) -> tuple[np.ndarray, np.ndarray]:
@@ -185,7 +197,7 @@ def test_the_compiled_equations_are_the_plain_ones():
     states[:20, 4:] *= 1e-3
     for s in (SHIP, ship):
         plain = np.array([plain_derivative(x, u, s) for x, u in zip(states, controls, strict=True)])
-        compiled = corvette_derivative(states, controls, s.vector())
+        compiled = ship_rates(states, controls, s.vector())
         np.testing.assert_allclose(compiled, plain, rtol=1e-9, atol=1e-11)
 
 
@@ -197,7 +209,7 @@ def cross_flow(v, r, half_length: float) -> np.ndarray:
     c[COEFFICIENTS.index("half_length")] = half_length
     state = np.zeros(np.shape(v) + (6,))
     state[..., 4], state[..., 5] = v, r
-    return -corvette_derivative(state, np.zeros(3), c)[..., 4:]
+    return -ship_rates(state, np.zeros(3), c)[..., 4:]
 
 
 def test_the_closed_form_of_the_cross_flow_is_the_integral_over_the_hull():
@@ -226,8 +238,8 @@ def test_the_two_branches_of_the_cross_flow_meet():
 def test_port_mirrors_starboard():
     states, controls = random_motions(np.random.default_rng(3), 200)
     c = SHIP.vector()
-    mirrored = corvette_derivative(states * MIRROR, controls * [-1, 1, -1], c)
-    np.testing.assert_allclose(mirrored, corvette_derivative(states, controls, c) * MIRROR, rtol=1e-12, atol=1e-13)
+    mirrored = ship_rates(states * MIRROR, controls * [-1, 1, -1], c)
+    np.testing.assert_allclose(mirrored, ship_rates(states, controls, c) * MIRROR, rtol=1e-12, atol=1e-13)
 
 
 def test_a_batch_is_a_loop():
@@ -236,19 +248,19 @@ def test_a_batch_is_a_loop():
     states, controls = states.reshape(3, 4, 6), controls.reshape(3, 4, 3)
     c = SHIP.vector() * rng.uniform(0.9, 1.1, (4, len(COEFFICIENTS)))  # one ship a column
     moving = np.concatenate([controls[..., :1], controls], -1)
-    rates, after = corvette_derivative(states, controls, c), corvette_step(states, moving, c, 0.5, 2)
+    rates, after = ship_rates(states, controls, c), ship_step(states, moving, c, 0.5, 2)
     assert rates.shape == after.shape == (3, 4, 6)
     for i, j in np.ndindex(3, 4):
-        np.testing.assert_array_equal(rates[i, j], corvette_derivative(states[i, j], controls[i, j], c[j]))
-        np.testing.assert_array_equal(after[i, j], corvette_step(states[i, j], moving[i, j], c[j], 0.5, 2))
+        np.testing.assert_array_equal(rates[i, j], ship_rates(states[i, j], controls[i, j], c[j]))
+        np.testing.assert_array_equal(after[i, j], ship_step(states[i, j], moving[i, j], c[j], 0.5, 2))
 
 
 def test_the_compiled_functions_leave_their_inputs_alone():
     states, controls = random_motions(np.random.default_rng(5), 5)
     moving, c = np.concatenate([controls[:, :1], controls], -1), SHIP.vector()
     copies = [a.copy() for a in (states, controls, moving, c)]
-    corvette_derivative(states, controls, c)
-    corvette_step(states, moving, c, 0.5, 1)
+    ship_rates(states, controls, c)
+    ship_step(states, moving, c, 0.5, 1)
     for a, b in zip((states, controls, moving, c), copies, strict=True):
         np.testing.assert_array_equal(a, b)
 
@@ -257,7 +269,7 @@ def precise(state: np.ndarray, start: float, end: float, current: tuple[float, f
     """A step by SciPy's integrator, the rudder moving linearly."""
     c = SHIP.vector()
     solution = solve_ivp(
-        lambda t, s: corvette_derivative(s, np.array([start + (end - start) * t / dt, *current]), c),
+        lambda t, s: ship_rates(s, np.array([start + (end - start) * t / dt, *current]), c),
         (0.0, dt), state, method="DOP853", rtol=1e-13, atol=1e-12,
     )  # fmt: skip
     return solution.y[:, -1]
@@ -269,24 +281,24 @@ HARD_OVER = np.array([3.0, -4.0, 0.7, 13.0, -1.5, 0.03])
 def test_a_step_is_the_solution_of_the_equations():
     c, current = SHIP.vector(), (0.3, -0.5)
     exact = precise(HARD_OVER, 0.5, 0.54, current, 0.5)
-    step = corvette_step(HARD_OVER, np.array([0.5, 0.54, *current]), c, 0.5, 1)
+    step = ship_step(HARD_OVER, np.array([0.5, 0.54, *current]), c, 0.5, 1)
     np.testing.assert_allclose(step, exact, rtol=0, atol=1e-5)
-    finer = corvette_step(HARD_OVER, np.array([0.5, 0.54, *current]), c, 0.5, 32)
+    finer = ship_step(HARD_OVER, np.array([0.5, 0.54, *current]), c, 0.5, 32)
     np.testing.assert_allclose(finer, exact, rtol=0, atol=1e-11)
 
 
 def test_the_step_is_of_fourth_order():
     exact = precise(HARD_OVER, 0.3, 0.5, (0.0, 0.0), 4.0)
     control = np.array([0.3, 0.5, 0.0, 0.0])
-    errors = [np.abs(corvette_step(HARD_OVER, control, SHIP.vector(), 4.0, n) - exact).max() for n in (8, 16, 32)]
+    errors = [np.abs(ship_step(HARD_OVER, control, SHIP.vector(), 4.0, n) - exact).max() for n in (8, 16, 32)]
     ratios = np.array(errors[:-1]) / errors[1:]
     assert ((ratios > 13.0) & (ratios < 19.0)).all()
 
 
 def test_substeps_are_steps():
-    half = corvette_step(HARD_OVER, np.array([0.50, 0.52, 0.1, 0.2]), SHIP.vector(), 0.25, 1)
-    two = corvette_step(half, np.array([0.52, 0.54, 0.1, 0.2]), SHIP.vector(), 0.25, 1)
-    whole = corvette_step(HARD_OVER, np.array([0.50, 0.54, 0.1, 0.2]), SHIP.vector(), 0.5, 2)
+    half = ship_step(HARD_OVER, np.array([0.50, 0.52, 0.1, 0.2]), SHIP.vector(), 0.25, 1)
+    two = ship_step(half, np.array([0.52, 0.54, 0.1, 0.2]), SHIP.vector(), 0.25, 1)
+    whole = ship_step(HARD_OVER, np.array([0.50, 0.54, 0.1, 0.2]), SHIP.vector(), 0.5, 2)
     np.testing.assert_allclose(whole, two, rtol=1e-14)
 
 
@@ -371,7 +383,7 @@ def test_a_steady_turn_is_an_equilibrium():
     turns = steady_turns(SHIP)
     zeros = np.zeros_like(turns.speed)
     state = np.stack([zeros, zeros, zeros, turns.speed, turns.sway, turns.yaw_rate], -1)
-    rates = corvette_derivative(state, np.stack([turns.rudder, zeros, zeros], -1), SHIP.vector())[:, 3:]
+    rates = ship_rates(state, np.stack([turns.rudder, zeros, zeros], -1), SHIP.vector())[:, 3:]
     assert np.abs(rates[:, :2]).max() < 1e-8  # m/s2
     assert np.abs(rates[:, 2]).max() < 1e-10  # rad/s2
 
@@ -493,7 +505,7 @@ def test_the_nonlinear_model_is_the_ship_with_its_rudder_held():
     model = nonlinear_model(SHIP, 0.5, np.eye(4), np.eye(2))
     x, u = states[:, [4, 5, 2, 3]], np.stack([controls[:, 0], np.zeros(6)], -1)
     held = np.stack([controls[:, 0], controls[:, 0], np.zeros(6), np.zeros(6)], -1)
-    after = corvette_step(states, held, SHIP.vector(), 0.5, 1)
+    after = ship_step(states, held, SHIP.vector(), 0.5, 1)
     np.testing.assert_allclose(model.transition(x, u), after[:, [4, 5, 2, 3]], rtol=0, atol=1e-12)
     np.testing.assert_array_equal(model.measurement(x, u), np.stack([x[:, 2], np.zeros(6)], -1))
     ensemble = np.broadcast_to(x, (4, 6, 4))
@@ -569,7 +581,7 @@ def test_a_step_of_the_vehicle_is_a_step_of_the_ship_kicked_by_the_unknown_input
     before, after, current = controls[:, :1], controls[:, :1] + 0.02, controls[:, 1:]
     d, c = rng.normal(size=(6, 1)) * 0.01, vehicle.parameters(0.0, np.zeros((6, vehicle.normals)))
     stepped = vehicle.step(states, before, after, np.hstack([d, current]), c)
-    plain = corvette_step(states, np.hstack([before, after, current]), c, 0.5, 1)
+    plain = ship_step(states, np.hstack([before, after, current]), c, 0.5, 1)
     np.testing.assert_array_equal(stepped[:, [0, 1, 3, 4, 5]], plain[:, [0, 1, 3, 4, 5]])
     np.testing.assert_allclose(stepped[:, 2], plain[:, 2] + d[:, 0], rtol=0, atol=1e-15)
 

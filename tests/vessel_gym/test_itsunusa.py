@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from in_current import rates_of_truth, step_of_truth
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
 
@@ -18,14 +19,14 @@ from vessel_gym.vehicles.itsunusa import (
     ItsunusaParameters,
     energy,
     inertia,
-    itsunusa_derivative,
+    itsunusa_rates,
     itsunusa_readings,
     itsunusa_step,
 )
 from vessel_gym.vehicles.segorogeni import (
     Segorogeni,
     SegorogeniParameters,
-    segorogeni_derivative,
+    segorogeni_rates,
     segorogeni_readings,
     segorogeni_step,
 )
@@ -35,6 +36,8 @@ from vessel_gym.vehicles.segorogeni import inertia as inertia_in_space
 BODY = ItsunusaParameters()
 C = BODY.vector()
 VEHICLE = Itsunusa()
+truth_rates, truth_step = rates_of_truth(itsunusa_rates, 6), step_of_truth(itsunusa_step, 6)
+space_rates, space_step = rates_of_truth(segorogeni_rates, 12), step_of_truth(segorogeni_step, 12)
 DEG = np.pi / 180.0
 PLANE = np.array([0, 2, 4, 6, 8, 10, 12])
 """Where the state lies in that of six degrees of freedom."""
@@ -93,10 +96,10 @@ def test_the_equations_are_those_of_six_degrees_of_freedom_in_the_vertical_plane
     rng = np.random.default_rng(1)
     states, controls = random_states(rng, 200), random_controls(rng, 200)
     c, full = replace(BODY, **changes).vector(), replace(SIX, **changes).vector()
-    rates = segorogeni_derivative(in_space(states), rudder_centred(controls), full)
+    rates = space_rates(in_space(states), rudder_centred(controls), full)
     states[:, 5] = np.clip(states[:, 5], -1.5, 1.5)
-    level = segorogeni_derivative(in_space(states), rudder_centred(controls), full)
-    np.testing.assert_allclose(itsunusa_derivative(states, controls, c), level[:, PLANE], rtol=1e-12, atol=1e-13)
+    level = space_rates(in_space(states), rudder_centred(controls), full)
+    np.testing.assert_allclose(truth_rates(states, controls, c), level[:, PLANE], rtol=1e-12, atol=1e-13)
     np.testing.assert_array_equal(np.delete(rates, PLANE, axis=1), 0.0)  # it stays in the plane
     np.testing.assert_allclose(inertia(c), inertia_in_space(full)[np.ix_([0, 2, 4], [0, 2, 4])], rtol=1e-14)
     np.testing.assert_allclose(energy(states, c), energy_in_space(in_space(states), full), rtol=1e-12)
@@ -106,8 +109,8 @@ def test_a_step_is_that_of_six_degrees_of_freedom():
     rng = np.random.default_rng(2)
     states, controls = random_states(rng, 50), np.hstack([random_controls(rng, 50), random_controls(rng, 50)])
     states[:, 5] *= 0.2
-    step = itsunusa_step(states, controls, C, 0.1, 2)
-    full = segorogeni_step(in_space(states), rudder_centred(controls), SIX.vector(), 0.1, 2)
+    step = truth_step(states, controls, C, 0.1, 2)
+    full = space_step(in_space(states), rudder_centred(controls), SIX.vector(), 0.1, 2)
     np.testing.assert_allclose(step, full[:, PLANE], rtol=1e-12, atol=1e-12)
 
 
@@ -137,7 +140,7 @@ def test_going_ahead_the_equations_are_the_printed_ones():
     states, controls = random_states(rng, 200), random_controls(rng, 200)
     states[:, 0] = np.abs(states[:, 0])
     printed = np.array([printed_equations(x, u) for x, u in zip(states, controls, strict=True)])
-    np.testing.assert_allclose(itsunusa_derivative(states, controls, C)[:, :3], printed, rtol=1e-10, atol=1e-11)
+    np.testing.assert_allclose(truth_rates(states, controls, C)[:, :3], printed, rtol=1e-10, atol=1e-11)
 
 
 def power(state: np.ndarray, rates: np.ndarray, c: np.ndarray) -> np.ndarray:
@@ -152,7 +155,7 @@ def power(state: np.ndarray, rates: np.ndarray, c: np.ndarray) -> np.ndarray:
 def test_in_still_water_without_thrust_energy_never_grows(numbers):
     state = np.zeros(7)
     state[[0, 1, 2, 5]] = np.array(numbers) * [4.0, 2.0, 3.0, 2.0 * np.pi]
-    gained = power(state, itsunusa_derivative(state, np.zeros(2), C), C)
+    gained = power(state, truth_rates(state, np.zeros(2), C), C)
     assert gained <= 1e-11 * (1.0 + np.abs(state[:3]).max()) ** 3
 
 
@@ -162,7 +165,7 @@ def test_energy_never_grows_along_a_track(seed):
     state = random_states(np.random.default_rng(seed), 8)
     state[:, 6] = 0.0
     for _ in range(200):
-        after = itsunusa_step(state, np.zeros(4), C, 0.05, 4)
+        after = truth_step(state, np.zeros(4), C, 0.05, 4)
         assert (energy(after, C) <= energy(state, C) + 1e-7).all()
         state = after
 
@@ -171,7 +174,7 @@ def test_without_drag_and_lift_energy_is_conserved():
     c = changed(C, **dict.fromkeys(DRAG + LIFT, 0.0))
     state = random_states(np.random.default_rng(4), 20)
     state[:, 6] = 0.0
-    after = itsunusa_step(state, np.zeros(4), c, 10.0, 10_000)
+    after = truth_step(state, np.zeros(4), c, 10.0, 10_000)
     np.testing.assert_allclose(energy(after, c), energy(state, c), rtol=1e-10)
     assert np.abs(after - state).max() > 1.0
 
@@ -191,10 +194,10 @@ def test_a_batch_is_a_loop_and_inputs_stay():
     c = VEHICLE.parameters(0.2, rng.normal(size=(4, VEHICLE.normals)))  # one vehicle a column
     moving = np.concatenate([controls, 0.9 * controls], -1)
     copies = [a.copy() for a in (states, controls, moving, c)]
-    rates, after = itsunusa_derivative(states, controls, c), itsunusa_step(states, moving, c, 0.1, 2)
+    rates, after = truth_rates(states, controls, c), truth_step(states, moving, c, 0.1, 2)
     for i, j in np.ndindex(3, 4):
-        np.testing.assert_array_equal(rates[i, j], itsunusa_derivative(states[i, j], controls[i, j], c[j]))
-        np.testing.assert_array_equal(after[i, j], itsunusa_step(states[i, j], moving[i, j], c[j], 0.1, 2))
+        np.testing.assert_array_equal(rates[i, j], truth_rates(states[i, j], controls[i, j], c[j]))
+        np.testing.assert_array_equal(after[i, j], truth_step(states[i, j], moving[i, j], c[j], 0.1, 2))
     for a, b in zip((states, controls, moving, c), copies, strict=True):
         np.testing.assert_array_equal(a, b)
 
@@ -208,18 +211,18 @@ HARD = np.array([-0.2, 10.0, -0.1, 20.0])
 
 def test_a_step_is_the_solution_of_the_equations():
     solution = solve_ivp(
-        lambda t, s: itsunusa_derivative(s, HARD[:2] + (HARD[2:] - HARD[:2]) * t / 0.1, C),
+        lambda t, s: truth_rates(s, HARD[:2] + (HARD[2:] - HARD[:2]) * t / 0.1, C),
         (0.0, 0.1), DIVE, method="DOP853", rtol=1e-13, atol=1e-13,
     )  # fmt: skip
-    np.testing.assert_allclose(itsunusa_step(DIVE, HARD, C, 0.1, 2), solution.y[:, -1], rtol=0, atol=2e-6)
-    np.testing.assert_allclose(itsunusa_step(DIVE, HARD, C, 0.1, 64), solution.y[:, -1], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(truth_step(DIVE, HARD, C, 0.1, 2), solution.y[:, -1], rtol=0, atol=2e-6)
+    np.testing.assert_allclose(truth_step(DIVE, HARD, C, 0.1, 64), solution.y[:, -1], rtol=0, atol=1e-9)
 
 
 def test_two_substeps_are_converged_over_a_dive():
     coarse = fine = np.array(DIVE)
     for k in range(150):
         control = np.array([0.3, 30.0, 0.35, 30.0]) * (1.0 if k < 40 else -0.4 if k < 80 else 0.1)
-        coarse, fine = itsunusa_step(coarse, control, C, 0.1, 2), itsunusa_step(fine, control, C, 0.1, 20)
+        coarse, fine = truth_step(coarse, control, C, 0.1, 2), truth_step(fine, control, C, 0.1, 20)
         np.testing.assert_allclose(coarse, fine, rtol=0, atol=2e-5)
 
 
@@ -227,7 +230,7 @@ def test_a_current_shifts_the_track_and_nothing_else():
     states = random_states(np.random.default_rng(6), 20)
     still = states.copy()
     still[:, 6] = 0.0
-    drifted, straight = (itsunusa_step(x, HARD, C, 2.0, 40) for x in (states, still))
+    drifted, straight = (truth_step(x, HARD, C, 2.0, 40) for x in (states, still))
     np.testing.assert_allclose(drifted[:, 3] - straight[:, 3], 2.0 * states[:, 6], rtol=0, atol=1e-12)
     np.testing.assert_array_equal(drifted[:, [0, 1, 2, 4, 5]], straight[:, [0, 1, 2, 4, 5]])
 
@@ -242,7 +245,7 @@ def level_flight(speed: float) -> tuple[np.ndarray, np.ndarray]:
         return np.array([speed, z[0], 0.0, 0.0, 0.0, z[1], 0.0]), z[2:]
 
     def residual(z: np.ndarray) -> np.ndarray:
-        return itsunusa_derivative(*unpacked(z), C)[[0, 1, 2, 4]]
+        return truth_rates(*unpacked(z), C)[[0, 1, 2, 4]]
 
     found = root(residual, np.array([0.0, 0.0, 0.0, 7.0 * speed**2]), tol=1e-12)
     assert np.abs(found.fun).max() < 1e-10
@@ -257,22 +260,22 @@ def test_the_vehicle_trims_level_and_stable_with_fins_and_thrust_to_spare(speed)
     assert 0.0 < control[1] < 0.8 * BODY.thrust_limit
     moving, h = [0, 1, 2, 5], 1e-6
     offsets = h * np.eye(7)[moving]
-    rates = [itsunusa_derivative(state + sign * offsets, control, C)[:, moving] for sign in (1, -1)]
+    rates = [truth_rates(state + sign * offsets, control, C)[:, moving] for sign in (1, -1)]
     assert np.linalg.eigvals((rates[0] - rates[1]).T / (2.0 * h)).real.max() < -0.05
 
 
 def test_positive_stern_plane_dives_and_thrust_drives():
     state, control = level_flight(1.5)
-    dived = itsunusa_step(state, np.tile(control + [2 * DEG, 0.0], 2), C, 5.0, 100)
+    dived = truth_step(state, np.tile(control + [2 * DEG, 0.0], 2), C, 5.0, 100)
     assert dived[5] < state[5] - 2 * DEG
     assert dived[4] > 0.1
-    assert itsunusa_derivative(state, control + [0.0, 1.0], C)[0] > 0.0
-    assert itsunusa_step(np.zeros(7), np.zeros(4), C, 60.0, 1200)[4] < -1.0  # it comes up by itself
+    assert truth_rates(state, control + [0.0, 1.0], C)[0] > 0.0
+    assert truth_step(np.zeros(7), np.zeros(4), C, 60.0, 1200)[4] < -1.0  # it comes up by itself
 
 
 def test_all_thrust_makes_two_metres_a_second():
     state, _ = level_flight(1.5)
-    fast = itsunusa_step(state, np.array([0.0, BODY.thrust_limit, 0.0, BODY.thrust_limit]), C, 60.0, 1200)
+    fast = truth_step(state, np.array([0.0, BODY.thrust_limit, 0.0, BODY.thrust_limit]), C, 60.0, 1200)
     assert fast[0] > 2.0
 
 
@@ -309,7 +312,7 @@ def test_a_step_of_the_vehicle_is_kicked_at_its_end():
     states, before, after = random_states(rng, 6), random_controls(rng, 6), random_controls(rng, 6)
     forcing, c = rng.normal(size=(6, 4)) * 0.1, VEHICLE.parameters(0.0, np.zeros((6, VEHICLE.normals)))
     stepped = VEHICLE.step(states, before, after, forcing, c)
-    plain = itsunusa_step(states, np.hstack([before, after]), C, 0.1, 2)
+    plain = truth_step(states, np.hstack([before, after]), C, 0.1, 2)
     np.testing.assert_allclose(stepped[:, :3], plain[:, :3] + forcing[:, :3], rtol=0, atol=1e-15)
     np.testing.assert_array_equal(stepped[:, 3:6], plain[:, 3:6])
     np.testing.assert_allclose(stepped[:, 6], np.exp(-0.1 / 200.0) * states[:, 6] + forcing[:, 3], rtol=0, atol=1e-15)
@@ -354,9 +357,9 @@ def test_mismatch_is_that_of_six_degrees_of_freedom():
     rng = np.random.default_rng(12)
     states, controls = random_states(rng, 100), random_controls(rng, 100)
     states[:, 5] *= 0.3
-    rates = itsunusa_derivative(states, controls, c)
-    expected = segorogeni_derivative(in_space(states), rudder_centred(controls), full)
+    rates = truth_rates(states, controls, c)
+    expected = space_rates(in_space(states), rudder_centred(controls), full)
     np.testing.assert_allclose(rates, expected[:, PLANE], rtol=1e-11, atol=1e-12)
     assert np.linalg.eigvalsh(inertia(c)).min() > 0.0
-    assert power(states, itsunusa_derivative(states, np.zeros(2), c), c).max() < 0.0
+    assert power(states, truth_rates(states, np.zeros(2), c), c).max() < 0.0
     np.testing.assert_array_equal(VEHICLE.parameters(0.0, normals[:3, :VERTICAL]), np.tile(C, (3, 1)))

@@ -16,7 +16,8 @@ from vessel_gym.sea_trials import (
     turning_circle,
     zigzag,
 )
-from vessel_gym.vehicles.corvette import CorvetteParameters, steady_turns, sway_yaw_jacobian
+from vessel_gym.vehicles.corvette import steady_turns, sway_yaw_jacobian
+from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 
 SHIP = CorvetteParameters()
 L = SHIP.length

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from in_current import rates_of_truth, step_of_truth
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
 from scipy.spatial.transform import Rotation
@@ -21,7 +22,7 @@ from vessel_gym.vehicles.segorogeni import (
     SegorogeniParameters,
     energy,
     inertia,
-    segorogeni_derivative,
+    segorogeni_rates,
     segorogeni_readings,
     segorogeni_step,
 )
@@ -29,6 +30,7 @@ from vessel_gym.vehicles.segorogeni import (
 BODY = SegorogeniParameters()
 C = BODY.vector()
 VEHICLE = Segorogeni()
+truth_rates, truth_step = rates_of_truth(segorogeni_rates, 12), step_of_truth(segorogeni_step, 12)
 DEG = np.pi / 180.0
 DRAG = ("X_uu", "Y_vv", "Y_rr", "Z_ww", "Z_qq", "K_pp", "M_ww", "M_qq", "N_vv", "N_rr")
 LIFT = ("Y_uv", "Y_ur", "Z_uw", "Z_uq", "M_uw", "M_uq", "N_uv", "N_ur", "K_up")
@@ -158,7 +160,7 @@ def test_going_ahead_the_compiled_equations_are_the_printed_ones(body):
     states, controls = random_states(rng, 200), random_controls(rng, 200)
     states[:, 0] = np.abs(states[:, 0])
     printed = np.array([printed_equations(x, u, body) for x, u in zip(states, controls, strict=True)])
-    compiled = segorogeni_derivative(states, controls, body.vector())
+    compiled = truth_rates(states, controls, body.vector())
     np.testing.assert_allclose(compiled[:, :6], printed, rtol=1e-10, atol=1e-11)
 
 
@@ -174,7 +176,7 @@ def power(state: np.ndarray, rates: np.ndarray, c: np.ndarray) -> np.ndarray:
 def test_the_printed_lift_gives_energy_to_a_vehicle_going_astern():
     states = random_states(np.random.default_rng(2), 300)
     states[:, 0] = -np.abs(states[:, 0])
-    rates = segorogeni_derivative(states, np.zeros(3), C)
+    rates = truth_rates(states, np.zeros(3), C)
     assert power(states, rates, C).max() < 0.0
     rates[:, :6] = [printed_equations(x, np.zeros(3), BODY) for x in states]
     assert power(states, rates, C).max() > 0.1
@@ -188,7 +190,7 @@ def test_in_still_water_without_thrust_energy_never_grows(numbers):
     state = np.zeros(14)
     state[:6] = np.array(numbers[:6]) * [3.0, 2.0, 2.0, 4.0, 3.0, 3.0]
     state[8:12] = np.array(numbers[6:10]) * [10.0, np.pi, 1.5, np.pi]
-    gained = power(state, segorogeni_derivative(state, np.zeros(3), C), C)
+    gained = power(state, truth_rates(state, np.zeros(3), C), C)
     assert gained <= 1e-12 * (1.0 + np.abs(state[:6]).max()) ** 3
 
 
@@ -198,7 +200,7 @@ def test_kinetic_energy_never_grows_along_a_track(seed):
     c = changed(C, net_weight=0.0, righting_moment=0.0)  # with them, the pole of the Euler angles spoils the account
     state = random_states(np.random.default_rng(seed), 8)
     for _ in range(100):
-        after = segorogeni_step(state, np.zeros(6), c, 0.05, 4)
+        after = truth_step(state, np.zeros(6), c, 0.05, 4)
         assert (energy(after, c) <= energy(state, c)).all()
         state = after
 
@@ -206,7 +208,7 @@ def test_kinetic_energy_never_grows_along_a_track(seed):
 def test_energy_never_grows_on_the_way_up():
     state = TURNING_DIVE
     for _ in range(400):
-        after = segorogeni_step(state, np.zeros(6), C, 0.05, 4)
+        after = truth_step(state, np.zeros(6), C, 0.05, 4)
         assert energy(after, C) <= energy(state, C)
         state = after
     assert state[8] < TURNING_DIVE[8]
@@ -217,9 +219,9 @@ def test_without_drag_and_lift_energy_is_conserved():
     state = random_states(np.random.default_rng(3), 20)
     state[:, 9:11] *= 0.3  # clear of the pole of the Euler angles
     state[:, :6] *= 0.2
-    rates = segorogeni_derivative(state, np.zeros(3), c)
+    rates = truth_rates(state, np.zeros(3), c)
     np.testing.assert_allclose(power(state, rates, c), 0.0, atol=1e-12)
-    after = segorogeni_step(state, np.zeros(6), c, 10.0, 10_000)
+    after = truth_step(state, np.zeros(6), c, 10.0, 10_000)
     np.testing.assert_allclose(energy(after, c), energy(state, c), rtol=0, atol=1e-8)
     assert np.abs(after - state).max() > 1.0
 
@@ -228,9 +230,9 @@ def test_port_mirrors_starboard_but_for_the_propeller_s_torque():
     rng = np.random.default_rng(4)
     states, controls = random_states(rng, 200), random_controls(rng, 200)
     c = changed(C, propeller_torque=0.0)
-    mirrored = segorogeni_derivative(states * MIRROR, controls * [-1, 1, 1], c)
-    np.testing.assert_allclose(mirrored, segorogeni_derivative(states, controls, c) * MIRROR, rtol=1e-12, atol=1e-13)
-    assert segorogeni_derivative(np.zeros(14), np.array([0.0, 0.0, 4.0]), C)[3] < 0.0
+    mirrored = truth_rates(states * MIRROR, controls * [-1, 1, 1], c)
+    np.testing.assert_allclose(mirrored, truth_rates(states, controls, c) * MIRROR, rtol=1e-12, atol=1e-13)
+    assert truth_rates(np.zeros(14), np.array([0.0, 0.0, 4.0]), C)[3] < 0.0
 
 
 @pytest.mark.parametrize("body", [BODY, Remus()])
@@ -241,8 +243,8 @@ def test_without_weight_a_quarter_roll_turns_heave_and_pitch_into_sway_and_yaw(b
     u, v, w, p, q, r = states[:, :6].T
     rolled = states.copy()
     rolled[:, :6] = np.stack([u, w, -v, p, r, -q], -1)
-    du, dv, dw, dp, dq, dr = segorogeni_derivative(states, controls, c)[:, :6].T
-    rates = segorogeni_derivative(rolled, controls[:, [1, 0, 2]] * [1, -1, 1], c)[:, :6]
+    du, dv, dw, dp, dq, dr = truth_rates(states, controls, c)[:, :6].T
+    rates = truth_rates(rolled, controls[:, [1, 0, 2]] * [1, -1, 1], c)[:, :6]
     np.testing.assert_allclose(rates, np.stack([du, dw, -dv, dp, dr, -dq], -1), rtol=1e-11, atol=1e-12)
 
 
@@ -252,11 +254,11 @@ def test_a_batch_is_a_loop_and_inputs_stay():
     c = VEHICLE.parameters(0.2, rng.normal(size=(4, VEHICLE.normals)))  # one vehicle a column
     moving = np.concatenate([controls, 0.9 * controls], -1)
     copies = [a.copy() for a in (states, controls, moving, c)]
-    rates, after = segorogeni_derivative(states, controls, c), segorogeni_step(states, moving, c, 0.1, 2)
+    rates, after = truth_rates(states, controls, c), truth_step(states, moving, c, 0.1, 2)
     read = segorogeni_readings(states, np.empty(12))
     for i, j in np.ndindex(3, 4):
-        np.testing.assert_array_equal(rates[i, j], segorogeni_derivative(states[i, j], controls[i, j], c[j]))
-        np.testing.assert_array_equal(after[i, j], segorogeni_step(states[i, j], moving[i, j], c[j], 0.1, 2))
+        np.testing.assert_array_equal(rates[i, j], truth_rates(states[i, j], controls[i, j], c[j]))
+        np.testing.assert_array_equal(after[i, j], truth_step(states[i, j], moving[i, j], c[j], 0.1, 2))
         np.testing.assert_array_equal(read[i, j], segorogeni_readings(states[i, j], np.empty(12)))
     for a, b in zip((states, controls, moving, c), copies, strict=True):
         np.testing.assert_array_equal(a, b)
@@ -272,7 +274,7 @@ def attitude(state: np.ndarray) -> Rotation:
 
 def test_position_moves_with_the_velocity_in_earth_axes_and_the_current():
     states = random_states(np.random.default_rng(7), 100)
-    rates = segorogeni_derivative(states, np.zeros(3), C)
+    rates = truth_rates(states, np.zeros(3), C)
     moved = attitude(states).apply(states[:, :3])
     moved[:, :2] += states[:, 12:]
     np.testing.assert_allclose(rates[:, 6:9], moved, rtol=0, atol=1e-12)
@@ -281,7 +283,7 @@ def test_position_moves_with_the_velocity_in_earth_axes_and_the_current():
 
 def test_euler_angles_turn_with_the_body():
     states, h = random_states(np.random.default_rng(8), 100), 1e-5
-    rates = segorogeni_derivative(states, np.zeros(3), C)
+    rates = truth_rates(states, np.zeros(3), C)
     before, after = states.copy(), states.copy()
     before[:, 9:12] -= h * rates[:, 9:12]
     after[:, 9:12] += h * rates[:, 9:12]
@@ -292,7 +294,7 @@ def test_euler_angles_turn_with_the_body():
 def test_the_printed_kinematics_know_yaw_alone():
     states = random_states(np.random.default_rng(9), 50)
     c = replace(BODY, printed_kinematics=True).vector()
-    rates, full = segorogeni_derivative(states, np.zeros(3), c), segorogeni_derivative(states, np.zeros(3), C)
+    rates, full = truth_rates(states, np.zeros(3), c), truth_rates(states, np.zeros(3), C)
     u, v, w, psi = states[:, 0], states[:, 1], states[:, 2], states[:, 11]
     north, east = u * np.cos(psi) - v * np.sin(psi), u * np.sin(psi) + v * np.cos(psi)
     zero = np.zeros(50)
@@ -302,8 +304,8 @@ def test_the_printed_kinematics_know_yaw_alone():
     level = states.copy()
     level[:, [2, 3, 4, 9, 10]] = 0.0  # upright in the horizontal plane they are right
     np.testing.assert_allclose(
-        segorogeni_derivative(level, np.zeros(3), c)[:, 6:12],
-        segorogeni_derivative(level, np.zeros(3), C)[:, 6:12], rtol=0, atol=1e-13,
+        truth_rates(level, np.zeros(3), c)[:, 6:12],
+        truth_rates(level, np.zeros(3), C)[:, 6:12], rtol=0, atol=1e-13,
     )  # fmt: skip
 
 
@@ -311,7 +313,7 @@ def test_the_printed_kinematics_know_yaw_alone():
 def test_nose_up_or_down_nothing_is_infinite(theta):
     states = random_states(np.random.default_rng(10), 50)
     states[:, 10] = theta
-    rates = segorogeni_derivative(states, np.zeros(3), C)
+    rates = truth_rates(states, np.zeros(3), C)
     assert (np.abs(rates[:, 9:12]) < 500.0).all()
     for _ in range(100):
         states = VEHICLE.advance(states, np.zeros(6), C)
@@ -323,7 +325,7 @@ def test_a_current_shifts_the_track_and_nothing_else():
     states, controls = random_states(rng, 20), np.tile(random_controls(rng, 20), 2)
     still = states.copy()
     still[:, 12:] = 0.0
-    drifted, straight = (segorogeni_step(x, controls, C, 2.0, 40) for x in (states, still))
+    drifted, straight = (truth_step(x, controls, C, 2.0, 40) for x in (states, still))
     np.testing.assert_allclose(drifted[:, 6:8] - straight[:, 6:8], 2.0 * states[:, 12:], rtol=0, atol=1e-12)
     kept = [0, 1, 2, 3, 4, 5, 8, 9, 10, 11]
     np.testing.assert_array_equal(drifted[:, kept], straight[:, kept])
@@ -340,7 +342,7 @@ def precise(state: np.ndarray, control: np.ndarray, dt: float, c: np.ndarray) ->
     """A step by SciPy's integrator, the actuators moving linearly."""
     start, end = control[:3], control[3:]
     solution = solve_ivp(
-        lambda t, s: segorogeni_derivative(s, start + (end - start) * t / dt, c),
+        lambda t, s: truth_rates(s, start + (end - start) * t / dt, c),
         (0.0, dt), state, method="DOP853", rtol=1e-13, atol=1e-13,
     )  # fmt: skip
     return solution.y[:, -1]
@@ -348,23 +350,23 @@ def precise(state: np.ndarray, control: np.ndarray, dt: float, c: np.ndarray) ->
 
 def test_a_step_is_the_solution_of_the_equations():
     exact = precise(TURNING_DIVE, HARD, 0.1, C)
-    np.testing.assert_allclose(segorogeni_step(TURNING_DIVE, HARD, C, 0.1, 2), exact, rtol=0, atol=2e-5)
-    np.testing.assert_allclose(segorogeni_step(TURNING_DIVE, HARD, C, 0.1, 64), exact, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(truth_step(TURNING_DIVE, HARD, C, 0.1, 2), exact, rtol=0, atol=2e-5)
+    np.testing.assert_allclose(truth_step(TURNING_DIVE, HARD, C, 0.1, 64), exact, rtol=0, atol=1e-8)
 
 
 def test_where_the_equations_are_smooth_the_step_is_of_fourth_order():
     c = changed(C, **dict.fromkeys(DRAG, 0.0))  # v |v| has no second derivative at zero
     exact = precise(TURNING_DIVE, HARD, 1.0, c)
-    errors = [np.abs(segorogeni_step(TURNING_DIVE, HARD, c, 1.0, n) - exact).max() for n in (40, 80, 160)]
+    errors = [np.abs(truth_step(TURNING_DIVE, HARD, c, 1.0, n) - exact).max() for n in (40, 80, 160)]
     ratios = np.array(errors[:-1]) / errors[1:]
     assert ((ratios > 13.0) & (ratios < 20.0)).all()
 
 
 def test_substeps_are_steps():
     middle = 0.5 * (HARD[:3] + HARD[3:])
-    half = segorogeni_step(TURNING_DIVE, np.concatenate([HARD[:3], middle]), C, 0.05, 1)
-    two = segorogeni_step(half, np.concatenate([middle, HARD[3:]]), C, 0.05, 1)
-    np.testing.assert_allclose(segorogeni_step(TURNING_DIVE, HARD, C, 0.1, 2), two, rtol=1e-13)
+    half = truth_step(TURNING_DIVE, np.concatenate([HARD[:3], middle]), C, 0.05, 1)
+    two = truth_step(half, np.concatenate([middle, HARD[3:]]), C, 0.05, 1)
+    np.testing.assert_allclose(truth_step(TURNING_DIVE, HARD, C, 0.1, 2), two, rtol=1e-13)
 
 
 # --- what the vehicle does --------------------------------------------------------------------------
@@ -374,7 +376,7 @@ def level_flight(speed: float) -> tuple[np.ndarray, np.ndarray]:
     """State ``(14,)`` and control ``(3,)`` of level flight straight ahead at a speed [m/s]."""
 
     def residual(z: np.ndarray) -> np.ndarray:
-        return segorogeni_derivative(*unpacked(z), C)[[0, 1, 2, 3, 4, 5, 8]]
+        return truth_rates(*unpacked(z), C)[[0, 1, 2, 3, 4, 5, 8]]
 
     def unpacked(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         state = np.zeros(14)
@@ -402,7 +404,7 @@ def test_level_flight_is_stable(speed):
     moving = [0, 1, 2, 3, 4, 5, 9, 10]  # position, heading and current do not act back
     h = 1e-6
     offsets = h * np.eye(14)[moving]
-    rates = [segorogeni_derivative(state + sign * offsets, control, C)[:, moving] for sign in (1, -1)]
+    rates = [truth_rates(state + sign * offsets, control, C)[:, moving] for sign in (1, -1)]
     A = ((rates[0] - rates[1]) / (2.0 * h)).T
     assert np.linalg.eigvals(A).real.max() < -0.05
 
@@ -414,7 +416,7 @@ def test_two_substeps_are_converged_in_a_hard_turn_and_dive():
         action = np.array([[1.0, 0.5, 1.0]]) * (1.0 if k < 75 else -1.0)
         after = VEHICLE.actuate(actuators, action)
         moving = np.concatenate([actuators, after], -1)[0]
-        coarse, fine = segorogeni_step(coarse, moving, C, 0.1, 2), segorogeni_step(fine, moving, C, 0.1, 20)
+        coarse, fine = truth_step(coarse, moving, C, 0.1, 2), truth_step(fine, moving, C, 0.1, 20)
         actuators = after
         np.testing.assert_allclose(coarse, fine, rtol=0, atol=5e-5)
 
@@ -423,7 +425,7 @@ def steady_turn(rudder: float) -> np.ndarray:
     """The state after a minute of rudder from level flight at 1 m/s."""
     state, control = level_flight(1.0)
     control[0] = rudder
-    return segorogeni_step(state, np.tile(control, 2), C, 60.0, 1200)
+    return truth_step(state, np.tile(control, 2), C, 60.0, 1200)
 
 
 @pytest.mark.parametrize(("rudder", "radius"), [(5.0, 4.7), (20.0, 1.5)])
@@ -436,16 +438,16 @@ def test_the_vehicle_turns_as_tightly_as_the_course_asks(rudder, radius):
 def test_positive_rudder_turns_to_starboard_positive_stern_plane_dives_and_thrust_drives():
     ahead = np.zeros(14)
     ahead[0] = 1.0
-    rest = segorogeni_derivative(ahead, np.zeros(3), C)
-    assert segorogeni_derivative(ahead, np.array([0.1, 0.0, 0.0]), C)[5] > rest[5]
-    assert segorogeni_derivative(ahead, np.array([0.0, 0.1, 0.0]), C)[4] < rest[4]
-    assert segorogeni_derivative(ahead, np.array([0.0, 0.0, 1.0]), C)[0] > rest[0]
-    adrift = segorogeni_step(np.zeros(14), np.zeros(6), C, 60.0, 1200)
+    rest = truth_rates(ahead, np.zeros(3), C)
+    assert truth_rates(ahead, np.array([0.1, 0.0, 0.0]), C)[5] > rest[5]
+    assert truth_rates(ahead, np.array([0.0, 0.1, 0.0]), C)[4] < rest[4]
+    assert truth_rates(ahead, np.array([0.0, 0.0, 1.0]), C)[0] > rest[0]
+    adrift = truth_step(np.zeros(14), np.zeros(6), C, 60.0, 1200)
     assert adrift[8] < -1.0  # it comes up
     tilted = np.zeros(14)
     tilted[9], tilted[10] = 0.2, 0.1
-    assert segorogeni_derivative(tilted, np.zeros(3), C)[3] < 0.0
-    assert segorogeni_derivative(tilted, np.zeros(3), C)[4] < 0.0
+    assert truth_rates(tilted, np.zeros(3), C)[3] < 0.0
+    assert truth_rates(tilted, np.zeros(3), C)[4] < 0.0
 
 
 # --- the vehicle in an environment ------------------------------------------------------------------
@@ -502,7 +504,7 @@ def test_a_step_of_the_vehicle_is_kicked_at_its_end():
     states, before, after = random_states(rng, 6), random_controls(rng, 6), random_controls(rng, 6)
     forcing, c = rng.normal(size=(6, 8)) * 0.1, VEHICLE.parameters(0.0, np.zeros((6, VEHICLE.normals)))
     stepped = VEHICLE.step(states, before, after, forcing, c)
-    plain = segorogeni_step(states, np.hstack([before, after]), C, 0.1, 2)
+    plain = truth_step(states, np.hstack([before, after]), C, 0.1, 2)
     np.testing.assert_allclose(stepped[:, :6], plain[:, :6] + forcing[:, :6], rtol=0, atol=1e-15)
     np.testing.assert_array_equal(stepped[:, 6:12], plain[:, 6:12])
     current = np.exp(-0.1 / 200.0) * states[:, 12:] + forcing[:, 6:]
@@ -594,7 +596,7 @@ def test_a_mismatched_vehicle_is_still_a_body_of_revolution_that_only_loses_ener
     np.testing.assert_allclose(c[:, 4], c[:, 5])  # pitch and yaw
     np.testing.assert_allclose(c[:, 7], -c[:, 8])
     states = random_states(rng, 200)
-    rates = segorogeni_derivative(states, np.zeros(3), c)
+    rates = truth_rates(states, np.zeros(3), c)
     assert power(states, rates, c).max() < 0.0
     columns = [COEFFICIENTS.index(f"inverse_{pair}") for pair in ("uu", "vv", "ww", "pp", "qq", "rr")]
     np.testing.assert_allclose(np.linalg.inv(M)[:, range(6), range(6)], c[:, columns], rtol=1e-10)

@@ -11,7 +11,8 @@ from estimators import Gaussian, make
 from vessel_gym.core import Core
 from vessel_gym.envs.sigma_corvette import SEAS, SIGMA_CORVETTE
 from vessel_gym.tasks.turning_circle import TurningCircle
-from vessel_gym.vehicles.corvette import Corvette, CorvetteParameters, corvette_derivative, steady_turns
+from vessel_gym.vehicles.corvette import Corvette, steady_turns
+from vessel_gym.vehicles.corvette_equations import CorvetteParameters, corvette_rates
 
 SHIP = CorvetteParameters()
 L = SHIP.length
@@ -61,7 +62,7 @@ def test_the_commanded_yaw_rate_is_that_of_the_steady_turn_with_the_commanded_ra
 
     def residual(z):
         motion = np.array([0.0, 0.0, 0.0, z[0], z[1], abs(float(rate))])
-        return corvette_derivative(motion, np.array([z[2], 0.0, 0.0]), SHIP.vector())[3:] * [1.0, 1.0, 100.0]
+        return corvette_rates(motion, z[2:], np.zeros(2), SHIP.vector())[3:] * [1.0, 1.0, 100.0]
 
     guess = [np.interp(abs(rate), turns.yaw_rate, column) for column in (turns.speed, turns.sway, turns.rudder)]
     surge, sway, _ = root(residual, guess, tol=1e-12).x

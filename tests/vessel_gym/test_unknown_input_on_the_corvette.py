@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from estimators import Belief, Gaussian, chi_square_band, make, nees
-from vessel_gym.vehicles.corvette import CorvetteParameters, linear_model
+from vessel_gym.vehicles.corvette import linear_model
+from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 
 SHIP, DT, RUNS, STEPS = CorvetteParameters(), 0.5, 1000, 60
 MODEL = linear_model(SHIP, DT, np.diag([0.02, 0.002, 0.002]) ** 2, np.diag([0.005, 0.003]) ** 2)

@@ -10,7 +10,8 @@ from vessel_gym.envs.single import VesselEnv
 from vessel_gym.envs.vector import VesselVectorEnv
 from vessel_gym.system import System
 from vessel_gym.tasks.turning_circle import TurningCircle
-from vessel_gym.vehicles.corvette import Corvette, CorvetteParameters
+from vessel_gym.vehicles.corvette import Corvette
+from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 
 _DEG = np.pi / 180.0
 

@@ -13,7 +13,8 @@ from vessel_gym.checks import number
 from vessel_gym.compiled import gufunc
 from vessel_gym.sensors import Sensors
 from vessel_gym.system import Estimate
-from vessel_gym.vehicles.corvette import CorvetteParameters, steady_turns
+from vessel_gym.vehicles.corvette import steady_turns
+from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 
 
 @gufunc("void(float64[:], float64, float64[:], float64[:])", "(c),(),(r)->(r)")

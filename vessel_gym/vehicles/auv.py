@@ -14,6 +14,7 @@ import numpy as np
 
 from vessel_gym.sensors import Sensor
 from vessel_gym.vehicles.hydrodynamics import Coefficients, Fins, Spheroid, Torpedo, coefficients, fin_lift
+from vessel_gym.vehicles.integration import advanced
 
 _FACTORS = {
     "surge added mass": ("X_udot",),
@@ -191,6 +192,8 @@ class AUV(ABC):
 
     state_names: ClassVar[tuple[str, ...]]
     parameter_names: ClassVar[tuple[str, ...]]
+    kernels: ClassVar[tuple[np.ufunc, np.ufunc]]
+    """Of the equations of motion: a step of a state, and of many under one control."""
     action_names: ClassVar[tuple[str, ...]]
     sensors: ClassVar[tuple[Sensor, ...]]
     angles: ClassVar[tuple[str, ...]]
@@ -207,11 +210,11 @@ class AUV(ABC):
     def vector(self, factors: np.ndarray) -> np.ndarray:
         """Coefficients ``(..., k)`` of the compiled equations with ``factors (..., normals)`` on the uncertain ones."""
 
-    @abstractmethod
     def advance(
         self, state: np.ndarray, control: np.ndarray, current: np.ndarray, c: np.ndarray, out: np.ndarray | None = None
     ) -> np.ndarray:
         """The state after a step that nothing kicks; control is actuators before and after."""
+        return advanced(*self.kernels, state, control, current, c, self.dt, self.substeps, out)
 
     @property
     def kicked(self) -> tuple[str, ...]:

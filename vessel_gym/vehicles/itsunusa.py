@@ -10,24 +10,28 @@ Fossen (2011) for Kirchhoff's equations and the kinematics.
 """
 
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import ClassVar
 
 import numpy as np
-from numba import njit
 
-from vessel_gym.compiled import gufunc
+from vessel_gym.compiled import gufunc, inlined, sincos
 from vessel_gym.sensors import Sensor, plain
 from vessel_gym.vehicles.auv import AUV, VERTICAL, AUVParameters, plane
+from vessel_gym.vehicles.integration import RATES, STEP, STEPS, Numbers, blank, rate, step, steps
 
 STATE = ("u", "w", "q", "x", "z", "theta")
 """State: velocity through the water [m/s], pitch rate [rad/s], position [m] and pitch [rad]."""
 
-COEFFICIENTS = (
+I = IntEnum("I", (
     "surge_mass", "heave_mass", "pitch_inertia", "mass_z_g", "heave_pitch",
     "inverse_uu", "inverse_uw", "inverse_uq", "inverse_ww", "inverse_wq", "inverse_qq",
     "X_uu", "Z_ww", "Z_qq", "M_ww", "M_qq", "Z_uw", "Z_uq", "M_uw", "M_uq", "Z_uuds", "M_uuds",
     "net_weight", "righting_moment",
-)  # fmt: skip
+), start=0)  # fmt: skip
+"""Where a coefficient stands in the vector of the compiled equations."""
+
+COEFFICIENTS = tuple(I.__members__)
 
 
 @dataclass(frozen=True)
@@ -56,104 +60,77 @@ class ItsunusaParameters(AUVParameters):
         return self.stacked(COEFFICIENTS, np.ones(VERTICAL) if factors is None else factors)
 
 
-@njit(cache=True)
-def _derivative(
-    s: np.ndarray | tuple[float, ...], stern: float, thrust: float, current: float, c: np.ndarray
-) -> tuple[float, ...]:
+@inlined
+def _rates(s: Numbers, control: Numbers, current: Numbers, c: np.ndarray) -> Numbers:
     """Eqs. (1)-(3), with lift on |u| and fins on u |u|, so that hull and fins also brake a vehicle going astern."""
     u, w, q, theta = s[0], s[1], s[2], s[5]
-    mu, mw, S, d = c[0], c[1], c[3], c[4]
-    uu, uw, uq, ww, wq, qq = c[5], c[6], c[7], c[8], c[9], c[10]
-    X_uu, Z_ww, Z_qq, M_ww, M_qq = c[11], c[12], c[13], c[14], c[15]
-    Z_uw, Z_uq, M_uw, M_uq, Z_stern, M_stern = c[16], c[17], c[18], c[19], c[20], c[21]
-    net_weight, righting = c[22], c[23]
-    sin_theta, cos_theta = np.sin(theta), np.cos(theta)
+    stern, thrust = control
+    sin_theta, cos_theta = sincos(theta)
     # Kirchhoff: the momentum of body and water holds the brackets and all added-mass terms of the printed equations.
-    Px, Pz = mu * u + S * q, mw * w + d * q
+    Px = c[I.surge_mass] * u + c[I.mass_z_g] * q
+    Pz = c[I.heave_mass] * w + c[I.heave_pitch] * q
     U, W, Q = abs(u), w * abs(w), q * abs(q)
     inflow = u * U
-    X = -Pz * q - net_weight * sin_theta + X_uu * inflow + thrust
+    X = -Pz * q - c[I.net_weight] * sin_theta + c[I.X_uu] * inflow + thrust
     Z = (
-        Px * q + net_weight * cos_theta
-        + Z_ww * W + Z_qq * Q + U * (Z_uw * w + Z_uq * q) + Z_stern * inflow * stern
+        Px * q + c[I.net_weight] * cos_theta + c[I.Z_ww] * W + c[I.Z_qq] * Q
+        + U * (c[I.Z_uw] * w + c[I.Z_uq] * q) + c[I.Z_uuds] * inflow * stern
     )  # fmt: skip
     M = (
-        Pz * u - Px * w - righting * sin_theta
-        + M_ww * W + M_qq * Q + U * (M_uw * w + M_uq * q) + M_stern * inflow * stern
+        Pz * u - Px * w - c[I.righting_moment] * sin_theta + c[I.M_ww] * W + c[I.M_qq] * Q
+        + U * (c[I.M_uw] * w + c[I.M_uq] * q) + c[I.M_uuds] * inflow * stern
     )  # fmt: skip
     return (
-        uu * X + uw * Z + uq * M, uw * X + ww * Z + wq * M, uq * X + wq * Z + qq * M,
-        u * cos_theta + w * sin_theta + current, w * cos_theta - u * sin_theta, q,
+        c[I.inverse_uu] * X + c[I.inverse_uw] * Z + c[I.inverse_uq] * M,
+        c[I.inverse_uw] * X + c[I.inverse_ww] * Z + c[I.inverse_wq] * M,
+        c[I.inverse_uq] * X + c[I.inverse_wq] * Z + c[I.inverse_qq] * M,
+        u * cos_theta + w * sin_theta + current[0], w * cos_theta - u * sin_theta, q,
     )  # fmt: skip
 
 
-@njit(cache=True)
-def _moved(s: tuple[float, ...], h: float, rate: tuple[float, ...]) -> tuple[float, ...]:
-    return (
-        s[0] + h * rate[0], s[1] + h * rate[1], s[2] + h * rate[2],
-        s[3] + h * rate[3], s[4] + h * rate[4], s[5] + h * rate[5],
-    )  # fmt: skip
+_BLANK = blank(6, 2, 1)
 
 
-@gufunc("void(float64[:], float64[:], float64[:], float64[:])", "(n),(m),(k)->(n)")
-def itsunusa_derivative(state: np.ndarray, control: np.ndarray, c: np.ndarray, out: np.ndarray) -> None:
-    """Time derivative of the truth state, the current constant; control is (stern plane, thrust)."""
-    out[0], out[1], out[2], out[3], out[4], out[5] = _derivative(state, control[0], control[1], state[6], c)
-    out[6] = 0.0
+@gufunc(*RATES)
+def itsunusa_rates(state: np.ndarray, control: np.ndarray, current: np.ndarray, c: np.ndarray, out: np.ndarray) -> None:
+    """Time derivative of the vehicle's own state ``(6,)``; control is (stern plane, thrust)."""
+    rate(_rates, _BLANK, state, control, current, c, out)
 
 
-@gufunc("void(float64[:], float64[:], float64[:], float64, int64, float64[:])", "(n),(m),(k),(),()->(n)")
-def _old_step(state: np.ndarray, control: np.ndarray, c: np.ndarray, dt: float, substeps: int, out: np.ndarray) -> None:
-    """RK4 over ``dt``, the current constant; control is (stern plane, thrust) at the start, then at the end.
-
-    Actuators move linearly within the step, so that the fins' rate limit is integrated exactly.
-    """
-    current = state[6]
-    h = dt / substeps
-    s: tuple[float, ...] = (state[0], state[1], state[2], state[3], state[4], state[5])
-    stern, thrust = control[0], control[1]
-    # what they move in half a substep
-    d_stern, d_thrust = 0.5 * (control[2] - stern) / substeps, 0.5 * (control[3] - thrust) / substeps
-    for i in range(substeps):
-        sigma, force = stern + 2 * i * d_stern, thrust + 2 * i * d_thrust
-        k1 = _derivative(s, sigma, force, current, c)
-        sigma, force = sigma + d_stern, force + d_thrust
-        k2 = _derivative(_moved(s, 0.5 * h, k1), sigma, force, current, c)
-        k3 = _derivative(_moved(s, 0.5 * h, k2), sigma, force, current, c)
-        k4 = _derivative(_moved(s, h, k3), sigma + d_stern, force + d_thrust, current, c)
-        s = _moved(_moved(_moved(_moved(s, h / 6.0, k1), h / 3.0, k2), h / 3.0, k3), h / 6.0, k4)
-    out[0], out[1], out[2], out[3], out[4], out[5] = s
-    out[6] = current
+@gufunc(*STEP)
+def itsunusa_step(
+    state: np.ndarray, control: np.ndarray, current: np.ndarray, c: np.ndarray, dt: float, substeps: int,
+    out: np.ndarray,
+) -> None:  # fmt: skip
+    """The vehicle's own state ``(6,)`` after ``dt``; control ``(4,)``: actuators before and after."""
+    step(_rates, _BLANK, state, control, current, c, dt, substeps, out)
 
 
-def itsunusa_step(state, control, current, c, dt, substeps, out=None):
-    B = np.broadcast_shapes(state.shape[:-1], current.shape[:-1])
-    x = np.concatenate(
-        [np.broadcast_to(state, B + state.shape[-1:]), np.broadcast_to(current, B + current.shape[-1:])], -1
-    )
-    r = _old_step(x, control, c, dt, substeps)[..., :6]
-    if out is None:
-        return r
-    out[...] = r
-    return out
+@gufunc(*STEPS)
+def itsunusa_steps(
+    states: np.ndarray, control: np.ndarray, currents: np.ndarray, c: np.ndarray, dt: float, substeps: int,
+    out: np.ndarray,
+) -> None:  # fmt: skip
+    """`itsunusa_step` of many states ``(N, 6)`` under one control: the same numbers, several times as fast."""
+    steps(_rates, _BLANK, states, control, currents, c, dt, substeps, out)
 
 
 def inertia(c: np.ndarray) -> np.ndarray:
     """Inertia ``(..., 3, 3)`` of body and added mass for coefficients ``(..., k)``."""
     M = np.zeros(c.shape[:-1] + (3, 3))
     M[..., [0, 1, 2], [0, 1, 2]] = c[..., :3]
-    M[..., [0, 1, 2, 2], [2, 2, 0, 1]] = c[..., [3, 4, 3, 4]]
+    M[..., [0, 1, 2, 2], [2, 2, 0, 1]] = c[..., [I.mass_z_g, I.heave_pitch, I.mass_z_g, I.heave_pitch]]
     return M
 
 
 def energy(state: np.ndarray, c: np.ndarray) -> np.ndarray:
-    """Kinetic energy of body and water and potential energy [J] of states ``(..., 7)``, ``(...)``.
+    """Kinetic energy of body and water and potential energy [J] of states ``(..., 6)``, ``(...)``.
 
     In water at rest, or seen from water that moves steadily.
     """
     nu, depth, theta = state[..., :3], state[..., 4], state[..., 5]
-    net_weight, righting = c[..., COEFFICIENTS.index("net_weight")], c[..., COEFFICIENTS.index("righting_moment")]
-    return 0.5 * np.vecdot(nu, np.matvec(inertia(c), nu)) - net_weight * depth - righting * np.cos(theta)
+    kinetic = 0.5 * np.vecdot(nu, np.matvec(inertia(c), nu))
+    return kinetic - c[..., I.net_weight] * depth - c[..., I.righting_moment] * np.cos(theta)
 
 
 def _over_ground(state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
@@ -174,6 +151,7 @@ class Itsunusa(AUV):
     body: ItsunusaParameters = ItsunusaParameters()
 
     state_names: ClassVar = STATE
+    kernels: ClassVar = (itsunusa_step, itsunusa_steps)
     parameter_names: ClassVar = COEFFICIENTS
     action_names: ClassVar = ("stern plane", "thrust")
     angles: ClassVar = ("theta",)
@@ -200,9 +178,3 @@ class Itsunusa(AUV):
     def vector(self, factors: np.ndarray) -> np.ndarray:
         """Coefficients ``(..., k)`` with ``factors (..., 7)`` on the uncertain ones."""
         return self.body.vector(factors)
-
-    def advance(
-        self, state: np.ndarray, control: np.ndarray, current: np.ndarray, c: np.ndarray, out: np.ndarray | None = None
-    ) -> np.ndarray:
-        """A step of the equations of motion; control ``(..., 4)``: actuators before and after."""
-        return itsunusa_step(state, control, current, c, self.dt, self.substeps, out=out)
