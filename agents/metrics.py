@@ -10,6 +10,7 @@ import numpy as np
 from agents.rollouts import Rollout
 from estimators import chi_square_band, nees
 from estimators.angles import difference
+from vessel_gym.system import estimated_names
 
 WITHOUT_COVARIANCE = ("truth", "measurement")
 """Estimators that claim no uncertainty of their own: their NEES means nothing."""
@@ -126,23 +127,6 @@ UNHEALTHY = Metric(
     "unhealthy", "Failed updates", "steps", "lower", 1, "Steps at which the estimator's usual update failed.",
     of=_unhealthy,
 )  # fmt: skip
-
-
-def estimated_names(vehicle: Any, n: int | None = None) -> tuple[str, ...]:
-    """Which components of the truth a vehicle's filters estimate, by name, in their order; empty if they mix them.
-
-    Args:
-        vehicle: A `vessel_gym.system.Vehicle`.
-        n: How many are estimated; None: as many as may be.
-    """
-    names = vehicle.truth_names
-    marks = np.arange(len(names), dtype=float)
-    # What picks components does so from any truth: it shows which by their numbers, and from other numbers the same.
-    picked, again = (vehicle.filter_state(x, len(names) if n is None else n) for x in (marks, marks**2 + 0.5))
-    chosen = picked.astype(int)
-    if not (np.isin(picked, marks).all() and (again == chosen**2 + 0.5).all()):
-        return ()
-    return tuple(names[i] for i in chosen)
 
 
 def components(rollout: Rollout, *names: str) -> tuple[int, ...]:

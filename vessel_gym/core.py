@@ -95,6 +95,7 @@ class Core:
         self.course: np.ndarray  # what the task drew
         self.reference: np.ndarray
         self.truth: np.ndarray
+        self.action: np.ndarray  # the last one, clipped; zero after a reset
         self.actuators: np.ndarray
         self.parameters: np.ndarray  # the truth's
         self.sea_state: np.ndarray
@@ -218,7 +219,7 @@ class Core:
         forcing = self.sea.forcing(sea_state)
         self._put(
             rows, course=course, truth=truth, actuators=actuators, parameters=parameters, sea_state=sea_state,
-            forcing=forcing, tally=task.begin(truth, course),
+            forcing=forcing, tally=task.begin(truth, course), action=np.zeros((len(rows), self.action_size)),
         )  # fmt: skip
         self.steps[rows], self.total[rows], self.end[rows] = 0, 0.0, 0
 
@@ -259,7 +260,7 @@ class Core:
         """
         if not self.seeds:
             raise ResetNeeded("call reset() before the first step()")
-        action = self.checked(action, ended)
+        self.action = action = self.checked(action, ended)
         if readings is not None:
             readings = _arrived(readings, self.readings[0].shape)
         vehicle, task, sea = self.vehicle, self.task, self.sea

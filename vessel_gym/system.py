@@ -84,6 +84,23 @@ class Vehicle(Protocol):
         """
 
 
+def estimated_names(vehicle: Vehicle, n: int | None = None) -> tuple[str, ...]:
+    """Which components of the truth a vehicle's filters estimate, by name, in their order; empty if they mix them.
+
+    Args:
+        vehicle: Whose.
+        n: How many are estimated; None: as many as may be.
+    """
+    names = vehicle.truth_names
+    marks = np.arange(len(names), dtype=float)
+    # What picks components does so from any truth: it shows which by their numbers, and from other numbers the same.
+    picked, again = (vehicle.filter_state(x, len(names) if n is None else n) for x in (marks, marks**2 + 0.5))
+    chosen = picked.astype(int)
+    if not (np.isin(picked, marks).all() and (again == chosen**2 + 0.5).all()):
+        return ()
+    return tuple(names[i] for i in chosen)
+
+
 class Disturbance(Protocol):
     """A stochastic process with one state ``(B, size)`` an environment."""
 

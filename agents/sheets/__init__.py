@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from agents.metrics import NEES, RETURN, SCORE, STEPS, UNHEALTHY, Metric, estimated_names, rmse
+from agents.metrics import NEES, RETURN, SCORE, STEPS, UNHEALTHY, Metric, rmse
 from agents.rollouts import Rollout
 from vessel_gym.registry import Registry
+from vessel_gym.system import estimated_names
 
 Figures = Callable[[Rollout], dict[str, np.ndarray]]
 """Several numbers of every episode of a rollout, ``(N,)`` by key."""

@@ -5,6 +5,7 @@ import numpy as np
 from vessel_gym.core import Core
 from vessel_gym.guidance.dubins import Path
 from vessel_gym.guidance.path_following import COLUMNS, track
+from vessel_gym.rendering import register_scene
 from vessel_gym.rendering.canvas import (
     BELIEVED,
     BELIEVED_PALE,
@@ -68,6 +69,7 @@ _AIR = _OVER_GROUND - _WIND
 """What of a state is its velocity through the air: north, east, up."""
 
 
+@register_scene(Flight)
 class FlightScene(Journey):
     """History and picture of one aircraft on a planned path round obstacles.
 
@@ -79,6 +81,7 @@ class FlightScene(Journey):
     _task: Flight
 
     def __init__(self, core: Core, row: int = 0) -> None:
+        assert isinstance(core.task, Flight)
         super().__init__(core, "GNSS", row)
         self._segments = np.zeros(0)
         self._path = self._obstacles = np.zeros((0, 3))
@@ -261,7 +264,7 @@ class FlightScene(Journey):
         """Distance to starboard of the path [m]: true, believed, and the latter's standard deviation."""
         window = self._task.WINDOW
         on = [
-            track(states[:, :2], self._segments, history.farthest - window, history.farthest + window)
+            track(states[:, :2], self._segments, history.tally[:, 0] - window, history.tally[:, 0] + window)
             for states in (history.truth, history.estimate)
         ]
         across = np.zeros((len(history.step), len(TRUTH)))
