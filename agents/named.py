@@ -1,8 +1,10 @@
-"""What a user's ``"module:object"`` names. To look it up imports the module, which runs its code."""
+"""What users name: an environment, or ``"module:object"``. To look up the latter runs the module's code."""
 
 from importlib import import_module
 from types import ModuleType
 from typing import Any
+
+import gymnasium as gym
 
 
 def named_object(name: str) -> Any:
@@ -32,3 +34,14 @@ def imported_module(module: str, name: str) -> ModuleType:
         raise ValueError(
             f"cannot import {module!r} for {name!r} ({error}): is its folder on the Python path?"
         ) from None
+
+
+def vector_class(env_id: str) -> type:
+    """The class of the native batch that an environment is registered with; ``object`` where it has none.
+
+    Raises:
+        gymnasium.error.Error: if there is no such environment.
+    """
+    entry = gym.spec(env_id).vector_entry_point
+    creator: Any = gym.envs.registration.load_env_creator(entry) if isinstance(entry, str) else entry
+    return creator if isinstance(creator, type) else object

@@ -66,5 +66,5 @@ def first_order(A: np.ndarray, B: np.ndarray, rate: int, dt: float) -> tuple[flo
         dt: Time step [s].
     """
     end = np.linalg.solve(np.eye(len(A)) - A, B)
-    lag = dt * np.linalg.solve(np.eye(len(A)) - A, end)[rate] / end[rate]
+    lag = dt * (np.linalg.solve(np.eye(len(A)) - A, end)[rate] / end[rate] - 0.5)  # trapezoidal rule
     return float(end[rate] / lag), float(1.0 / lag)

@@ -6,7 +6,7 @@ from typing import Any
 import gymnasium as gym
 
 import vessel_gym  # noqa: F401  (registers the environments)
-from agents.named import imported_module, named_object
+from agents.named import imported_module, named_object, vector_class
 from agents.pilots import AUTOPILOT, PILOTS, is_pilot, make_pilot
 from agents.sheets import SHEETS
 from agents.source import source_digest
@@ -47,15 +47,9 @@ def environment_id(name: str) -> str:
     if env_id not in gym.registry:
         ours = [id for id, spec in gym.registry.items() if str(spec.entry_point).startswith("vessel_gym")]
         raise ValueError(f"{unknown('environment', name, ours)} (your own: module:id)")
-    if not issubclass(_vector_class(env_id), VesselVectorEnv):
+    if not issubclass(vector_class(env_id), VesselVectorEnv):
         raise ValueError(f"{name!r} has no estimator in the loop: name an environment of vessel_gym, or your own")
     return env_id
-
-
-def _vector_class(env_id: str) -> type:
-    entry = gym.spec(env_id).vector_entry_point
-    cls: Any = gym.envs.registration.load_env_creator(entry) if isinstance(entry, str) else entry
-    return cls if isinstance(cls, type) else object
 
 
 @cache
@@ -65,7 +59,7 @@ def system_of(name: str) -> System:
     Raises:
         ValueError: as `environment_id`.
     """
-    return _vector_class(environment_id(name)).system  # type: ignore[attr-defined]
+    return vector_class(environment_id(name)).system  # type: ignore[attr-defined]
 
 
 def environment_options(options: dict[str, Any]) -> dict[str, Any]:
