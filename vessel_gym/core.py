@@ -110,6 +110,7 @@ class Core:
         self.course: np.ndarray  # what the task drew
         self.reference: np.ndarray
         self.state: np.ndarray  # the vehicle's
+        self.action: np.ndarray  # the last one, clipped; zero after a reset
         self.actuators: np.ndarray
         self.parameters: np.ndarray  # the truth's
         self.sea_state: np.ndarray  # the disturbance's
@@ -306,6 +307,7 @@ class Core:
         self._put(
             rows, course=course, state=state, actuators=actuators, parameters=parameters, sea_state=sea_state,
             noise=noise, forcing=forcing, tally=self.task.begin(state, course),
+            action=np.zeros((len(rows), self.action_size)),
         )  # fmt: skip
         self.steps[rows], self.total[rows], self.end[rows] = 0, 0.0, 0
 
@@ -383,7 +385,7 @@ class Core:
         """
         if not self.seeds:
             raise ResetNeeded("call reset() before the first step()")
-        action = self.checked(action, ended)
+        self.action = action = self.checked(action, ended)
         declared = action[:, -1] > DECLARED
         if self.ends == "declaration":
             action = action[:, :-1]

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from agents.cells import Cell
-from agents.dive_autopilot import DiveAutopilot
+from agents.pilots.dive import DiveAutopilot
 from agents.reproduction.ensembles import Experiment, rms, seconds_a_step, thinned
 from agents.reproduction.settings import itsunusa as paper
 from estimators import Filter, make

@@ -9,7 +9,7 @@ from agents.metrics import WITHOUT_COVARIANCE, core_of
 from agents.rollouts import Rollout, rollout
 from agents.studies.plan import Plan
 from agents.studies.study import FLOOR, ORACLE
-from agents.studies.worlds import classical_pilot, environment_id, environment_options, system_of
+from agents.studies.worlds import classical_pilot, environment_id, environment_options, import_own, system_of
 from estimators import wrap
 from estimators.angles import difference
 from vessel_gym.guidance.dive_path import path_point
@@ -60,9 +60,9 @@ def example(environment: str, options: dict[str, Any], agent: str, seed: int, ow
     Args:
         environment: As in the study.
         options: Of the environment.
-        agent: ``"autopilot"`` or ``"module:object"``.
+        agent: As `agents.pilots.make_pilot` takes it.
         seed: Of the episode.
-        own: Source digests of what is the user's own; only there to be part of the cell.
+        own: Source digests of the user's own modules, by name: part of the cell, and imported for what they register.
 
     Returns:
         ``tracks``: ``commanded``, ``true`` and ``believed``, ``(k, 2)`` each in the plane of ``axes`` (labels across
@@ -72,6 +72,7 @@ def example(environment: str, options: dict[str, Any], agent: str, seed: int, ow
         standard deviation that the estimator claims for it, None if it claims none; ``score``; and ``end``: why the
         episode ended, empty for its time limit. Lines are thinned to `POINTS`.
     """
+    import_own(own)
     pilot, options = classical_pilot(agent, environment), environment_options(options)
     flown = rollout(pilot, environment_id(environment), [seed], options)
     task = core_of(flown).task

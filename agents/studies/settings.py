@@ -65,7 +65,7 @@ def _columns(results: Results) -> list[tuple[str, str]]:
     """What every metric means; by environment, where tasks differ in that."""
     meanings: dict[str, dict[str, list[str]]] = {}
     for environment in results.environments:
-        for m in metrics(system_of(environment).task):
+        for m in metrics(system_of(environment)):
             name = f"{m.key} [{m.unit}]" if m.unit else m.key
             meanings.setdefault(name, {}).setdefault(m.meaning, []).append(environment)
     return [

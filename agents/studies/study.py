@@ -8,16 +8,11 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
+from agents.named import named_object
+from agents.pilots import pilot_names
 from agents.ppo import MEMORIES, describe
 from agents.seeds import evaluation_seeds
-from agents.studies.worlds import (
-    CLASSICAL,
-    environment_id,
-    known_estimator,
-    named_object,
-    refusal,
-    system_of,
-)
+from agents.studies.worlds import CLASSICAL, environment_id, has_pilot, known_estimator, refusal, system_of
 from estimators.factory import unknown
 from vessel_gym.sensors import SUITES
 
@@ -63,7 +58,8 @@ class Agent:
 
     Attributes:
         name: In the study.
-        kind: ``"autopilot"``, ``"ppo"``, or ``"module:object"``: your own, called with the environment's `System`.
+        kind: ``"ppo"``; a pilot that is registered for the environment's task, such as ``"autopilot"`` (see
+            `agents.pilots`); or ``"module:object"``: your own, called with the environment's `System`.
         observe: What a PPO sees: ``"mean"``, ``"mean+std"``, or ``"measurement"``: raw readings, no estimator.
         memory: Of a PPO: ``"none"``, ``"frames"`` or ``"lstm"``.
         trained_on: The estimators that it is trained on, one policy each; not for raw readings.
@@ -120,7 +116,7 @@ class Study:
         title: The question, in a line.
         environments: Where.
         estimators: What is compared; `ORACLE` and `FLOOR` are always there.
-        agents: Who flies; the classical one always does.
+        agents: Who flies; the autopilot always does, where there is one.
         conditions: Agents are trained in the first.
         episodes: Evaluation seeds, the same for everybody.
         training_seeds: Training runs of each learned agent: the unit of resampling.
@@ -261,8 +257,12 @@ class _Reader:
                 self.check_estimator(place, estimator, [w for w in worlds if w in (estimator.environments or worlds)])
         for agent in study.agents:
             place = ("agents", agent.name)
+            here = [w for w in worlds if w in (agent.environments or worlds)]
             if ":" in agent.kind:
                 self.accepts((*place, "kind"), named_object, agent.kind)
+            elif not agent.learned and not any(has_pilot(agent.kind, w) for w in here):
+                known = dict.fromkeys(name for w in here for name in pilot_names(system_of(w)))
+                self.name("kind of agent", agent.kind, (*(known or (CLASSICAL,)), "ppo"), (*place, "kind"))
             for world in worlds if agent.learned and agent.memory in MEMORIES else ():
                 if world in (agent.environments or worlds):
                     described = (environment_id(world), None, 0, agent.steps.get(world), agent.memory)
@@ -317,8 +317,6 @@ class _Reader:
         for name, table in self.section("agents").items():
             place = ("agents", name)
             kind = self.value(place, table, "kind", str, "a name", name)
-            if ":" not in kind:
-                self.name("kind of agent", kind, (CLASSICAL, "ppo"), (*place, "kind"))
             observe = self.value(place, table, "observe", str, "a name", "mean")
             self.name("observe mode", observe, ("mean", "mean+std", "measurement"), (*place, "observe"))
             memory = self.value(place, table, "memory", str, "a name", "none")
@@ -339,6 +337,12 @@ class _Reader:
                     text = f"steps must be whole numbers of at least 1 and at most {_MOST_STEPS}, got {number!r}"
                     self.wrong((*place, "steps"), text)
             found.append(Agent(name, kind, observe, memory, trained_on, steps, self.environments_of(place, table, ids)))
+        worlds = [name for name in ids if _is_environment(name)]
+        if worlds and not any(has_pilot(CLASSICAL, world) for world in worlds):
+            if all(agent.learned for agent in found):
+                text = "no environment of the study has an autopilot: name a pilot, module:object if it is your own"
+                self.wrong(("agents",), text)
+            return tuple(found)
         if any(agent.kind == CLASSICAL for agent in found):
             return tuple(found)
         return (Agent(CLASSICAL, CLASSICAL), *found)
@@ -405,6 +409,14 @@ class _Reader:
         known = list(known)
         if name not in known:
             self.wrong(place, unknown(kind, name, known))
+
+
+def _is_environment(name: str) -> bool:
+    try:
+        environment_id(name)
+    except ValueError:
+        return False
+    return True
 
 
 # --- lines --------------------------------------------------------------------------------------------

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from agents import load_agent, rollout
-from agents.flight_autopilot import FlightAutopilot, FlightTolerances, lateral_gains, longitudinal_gains
+from agents.pilots.flight import FlightAutopilot, FlightTolerances, lateral_gains, longitudinal_gains
 from vessel_gym.envs import PunaUAVEnv, SegorogeniAUVEnv
 from vessel_gym.vehicles.puna import ground_step, trim
 

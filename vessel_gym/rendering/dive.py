@@ -6,6 +6,7 @@ import numpy as np
 
 from vessel_gym.core import Core
 from vessel_gym.guidance.dive_path import follow, path_point
+from vessel_gym.rendering import register_scene
 from vessel_gym.rendering.canvas import (
     BELIEVED,
     BELIEVED_PALE,
@@ -98,6 +99,7 @@ def torpedo_outline(diameter: float, points: int = 12) -> np.ndarray:
     return np.concatenate([side, side[:0:-1] * [1.0, -1.0]])
 
 
+@register_scene(Dive)
 class DiveScene(Journey):
     """History and picture of one underwater vehicle on a dive; one that turns is also seen from above.
 
@@ -109,6 +111,7 @@ class DiveScene(Journey):
     _task: Dive
 
     def __init__(self, core: Core, row: int = 0) -> None:
+        assert isinstance(core.task, Dive)
         super().__init__(core, ("x", "y"), row)
         names, body = list(core.vehicle.state_names), self._task.auv
         self._names, self._hull = names, torpedo_outline(body.diameter / body.length)

@@ -5,6 +5,7 @@ import numpy as np
 from vessel_gym.core import Core
 from vessel_gym.guidance.dubins import Path
 from vessel_gym.guidance.path_following import COLUMNS, track
+from vessel_gym.rendering import register_scene
 from vessel_gym.rendering.canvas import (
     BELIEVED,
     BELIEVED_PALE,
@@ -63,6 +64,7 @@ _AIR = np.hstack([np.eye(3, 7, 3), np.diag([-1.0, -1.0, 1.0])])
 """What of a state and a wind is the velocity through the air: north, east, up."""
 
 
+@register_scene(Flight)
 class FlightScene(Journey):
     """History and picture of one aircraft on a planned path round obstacles.
 
@@ -74,6 +76,7 @@ class FlightScene(Journey):
     _task: Flight
 
     def __init__(self, core: Core, row: int = 0) -> None:
+        assert isinstance(core.task, Flight)
         super().__init__(core, ("x", "y"), row)
         self._segments = np.zeros(0)
         self._path = self._obstacles = np.zeros((0, 3))
@@ -259,7 +262,7 @@ class FlightScene(Journey):
         """Distance to starboard of the path [m]: true, believed, and the latter's standard deviation."""
         window = self._task.WINDOW
         on = [
-            track(states[:, :2], self._segments, history.farthest - window, history.farthest + window)
+            track(states[:, :2], self._segments, history.tally[:, 0] - window, history.tally[:, 0] + window)
             for states in (history.truth, history.estimate)
         ]
         across = np.zeros((len(history.step), history.cov.shape[-1]))

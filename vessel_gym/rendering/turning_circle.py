@@ -6,6 +6,7 @@ import numpy as np
 
 from estimators import wrap
 from vessel_gym.core import Core
+from vessel_gym.rendering import register_scene
 from vessel_gym.rendering.canvas import (
     BELIEVED,
     BELIEVED_PALE,
@@ -59,6 +60,7 @@ def wedge_factor(sd: float) -> int:
     return next((factor for factor in _WEDGE_FACTORS if 2.0 * sd * factor <= _WEDGE), 1)
 
 
+@register_scene(TurningCircle)
 class TurningCircleScene:
     """History and picture of one ship on a commanded turn.
 
