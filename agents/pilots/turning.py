@@ -10,7 +10,8 @@ from agents.pilots.loops import Loop, first_order
 from agents.pilots.regulator import regulator_gains
 from vessel_gym.system import System
 from vessel_gym.tasks.turning_circle import TurningCircle
-from vessel_gym.vehicles.corvette import CorvetteParameters, secant_models, steady_turns
+from vessel_gym.vehicles.corvette import secant_models, steady_turns
+from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 
 
 @dataclass(frozen=True)
