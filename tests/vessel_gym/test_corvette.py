@@ -25,8 +25,9 @@ from vessel_gym.vehicles.corvette import (
     steady_turns,
     sway_yaw_jacobian,
 )
+from vessel_gym.vehicles.files import load
 
-SHIP = CorvetteParameters()
+SHIP = load("corvette")
 L, U = SHIP.length, SHIP.speed
 DEG = np.pi / 180.0
 MIRROR = np.array([1, -1, -1, 1, -1, -1])

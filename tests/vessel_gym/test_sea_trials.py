@@ -17,8 +17,9 @@ from vessel_gym.sea_trials import (
     zigzag,
 )
 from vessel_gym.vehicles.corvette import CorvetteParameters, steady_turns, sway_yaw_jacobian
+from vessel_gym.vehicles.files import load
 
-SHIP = CorvetteParameters()
+SHIP = load("corvette")
 L = SHIP.length
 DEG = np.pi / 180.0
 

@@ -11,9 +11,10 @@ from estimators import Gaussian, make
 from vessel_gym.core import Core
 from vessel_gym.envs.sigma_corvette import SEAS, SIGMA_CORVETTE
 from vessel_gym.tasks.turning_circle import TurningCircle
-from vessel_gym.vehicles.corvette import Corvette, CorvetteParameters, corvette_derivative, steady_turns
+from vessel_gym.vehicles.corvette import Corvette, corvette_derivative, steady_turns
+from vessel_gym.vehicles.files import load
 
-SHIP = CorvetteParameters()
+SHIP = load("corvette")
 L = SHIP.length
 TASK = TurningCircle(SHIP)
 SEA = SEAS["moderate"]

@@ -7,7 +7,7 @@ from vessel_gym.envs.single import VesselEnv
 from vessel_gym.envs.vector import VesselVectorEnv
 from vessel_gym.system import System
 from vessel_gym.tasks.dive import VerticalDive
-from vessel_gym.vehicles.itsunusa import Itsunusa, ItsunusaParameters
+from vessel_gym.vehicles.itsunusa import Itsunusa
 
 WATERS = {
     "calm": Water(turbulence=0.002, spin=0.001, current=0.05, velocities=2, rates=1, currents=1),
@@ -15,7 +15,7 @@ WATERS = {
     "rough": Water(turbulence=0.010, spin=0.005, current=0.20, velocities=2, rates=1, currents=1),
 }
 
-_VEHICLE = Itsunusa(ItsunusaParameters())
+_VEHICLE = Itsunusa()
 
 
 def _tuning(name: str, water: Any) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""The PUNA, a small fixed-wing unmanned aircraft: a point mass that turns coordinated, in a wind.
+"""Fixed-wing unmanned aircraft: a point mass that turns coordinated, in a wind; the PUNA is one (data/puna.toml).
 
 Frames: x north, y east, altitude h up; angles of the velocity through the air: gamma above the horizon, chi from north
 towards east; positive bank turns to starboard (chi rises). Wind components are north, east, down, where it blows to.
@@ -9,12 +9,14 @@ nothing but the wind, so that white noise on the wind is all that a filter has t
 vertical.
 
 Sources: the paper on Dubins paths and the ensemble Kalman filter for a PUNA ("Pesawat Udara Nir Awak", in Indonesian)
-for the task, the controls (thrust and angle of attack) and the form of drag, lift and density; it prints no constant.
-Gryte (2018), the Skywalker X8, for those. Beard & McLain (2012), ch. 9, for the point mass in wind axes and the bank.
+for the task, the controls (thrust and angle of attack) and the form of drag, lift and density; it prints no constant
+(`data/puna.toml` has those of the Skywalker X8, Gryte 2018). Beard & McLain (2012), ch. 9, for the point mass in wind
+axes and the bank.
 `PlanarPuna` is the paper's own form in the vertical plane: it resolves lift along the body and drag along the velocity.
 """
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import ClassVar, Protocol
 
@@ -27,6 +29,7 @@ from estimators.checks import shown
 from vessel_gym.compiled import gufunc, inlined, sincos
 from vessel_gym.disturbances import Air
 from vessel_gym.sensors import Instrument, nominal_sd
+from vessel_gym.vehicles.files import load
 
 WIND_AXES = ("x", "y", "h", "V", "gamma", "chi", "phi", "wind north", "wind east", "wind down")
 """State of the equations in wind axes: position [m], altitude [m], airspeed [m/s], flight-path angle, course through
@@ -61,15 +64,15 @@ HARDEST = 200.0  # m/s2: no wing bears more lift. At 20 m/s the aircraft reaches
 
 @dataclass(frozen=True)
 class PointMass:
-    """What the equations know of an aircraft, SI units; angles of attack in rad. Default: Skywalker X8, Gryte (2018).
+    """What the equations know of an aircraft, SI units; angles of attack in rad.
 
     Drag ``C_D = A1 a^2 + A2 a + A3``, lift ``C_L = B1 a + B2``, density ``C1 h^2 + C2 h + C3``: eq. 2 of the paper.
     """
 
-    mass: float = 3.364  # kg
-    area: float = 0.75  # m2, of the wing
-    drag: tuple[float, float, float] = (1.0555, 0.07909, 0.0197)  # A1, A2, A3
-    lift: tuple[float, float] = (4.0203, 0.08674)  # B1, B2
+    mass: float  # kg
+    area: float  # m2, of the wing
+    drag: tuple[float, float, float]  # A1, A2, A3
+    lift: tuple[float, float]  # B1, B2
     density: tuple[float, float, float] = (4.319e-9, -1.1760e-4, 1.225)  # C1, C2, C3: ISO 2533, to second order in h
     gravity: float = 9.81  # m/s2
     bank_rate: float = 2.0  # 1/s, b of phi' = b (phi_c - phi): Beard & McLain (2012), the number assumed
@@ -94,18 +97,40 @@ MISSILE = PointMass(1005.0, 0.3376, (-1.9431, -0.1499, 0.2359), (21.9, 0.0), (3.
 flies at 272 m/s. At the paper's 20 m/s it would need a lift coefficient of 119."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class PunaParameters(PointMass):
-    """The aircraft with its actuators and their limits."""
+    """An aircraft with its actuators and their limits: what a vehicle file gives, each number there with its source."""
 
-    thrust_limit: float = 16.0  # N, half the weight, assumed: climbs at 20 deg at 20 m/s
+    cruise_speed: float  # m/s
+    thrust_limit: float  # N
     thrust_lag: float = 0.5  # s, assumed
-    alpha_low: float = np.deg2rad(-4.0)  # rad, assumed: pushes over at -1 g at 20 m/s
-    alpha_high: float = np.deg2rad(12.0)  # rad, assumed: clear of the stall
+    alpha_low: float = float(np.deg2rad(-4.0))  # rad, assumed
+    alpha_high: float = float(np.deg2rad(12.0))  # rad, assumed: clear of the stall
     alpha_rate: float = 0.5  # rad/s, assumed: the short-period motion that a point mass leaves out
-    bank_limit: float = np.deg2rad(35.0)  # rad, see below
-    cruise_speed: float = 20.0  # m/s, printed
-    # 100 m of radius at 20 m/s take 22.2 deg, with 3.8 m/s of tail wind 30 deg: the rest is for gusts and corrections.
+    bank_limit: float = float(np.deg2rad(35.0))  # rad, assumed
+
+    TABLES: ClassVar = {
+        "particulars": ("mass", "area", "gravity"),
+        "aerodynamics": ("drag", "lift", "density"),
+        "limits": ("alpha_low", "alpha_high", "alpha_rate", "bank_limit", "bank_rate"),
+        "propulsion": ("cruise_speed", "thrust_limit", "thrust_lag"),
+    }
+    """Where the keys stand in a vehicle file."""
+
+    def mistakes(self) -> Iterator[tuple[str, str]]:
+        """What no aircraft can be: the name of a number, and a sentence on it."""
+        if self.alpha_low >= self.alpha_high:
+            yield "alpha_high", f"{self.alpha_high:g} rad are no upper limit where the lower is {self.alpha_low:g} rad"
+        if self.lift[0] <= 0.0:
+            yield "lift", f"a wing lifts more at a higher angle of attack, not {self.lift[0]:g} a rad"
+        if np.polyval(self.drag, np.linspace(self.alpha_low, self.alpha_high, 101)).min() <= 0.0:
+            yield "drag", "within the limits of the angle of attack it becomes a thrust"
+        if self.density[2] <= 0.0:
+            yield "density", f"air weighs more than {self.density[2]:g} kg/m3 at sea level"
+        try:
+            trim(self.cruise_speed, self)
+        except ValueError as error:
+            yield "cruise_speed", str(error)
 
     @cached_property
     def cruise(self) -> np.ndarray:
@@ -392,7 +417,7 @@ class PlanarPuna:
     actuators, and nothing is bounded.
     """
 
-    body: PointMass = PointMass()
+    body: PointMass = field(default_factory=lambda: load("puna", PunaParameters))
     dt: float = 0.01  # s, assumed: the paper prints none
 
     def step(self, state: np.ndarray, control: np.ndarray) -> np.ndarray:
@@ -453,7 +478,7 @@ class Puna:
     models of small aircraft (Beard & McLain 2012, ch. 7): the GNSS has white noise and a bias that wanders.
     """
 
-    body: PunaParameters = PunaParameters()
+    body: PunaParameters = field(default_factory=lambda: load("puna", PunaParameters))
     dt: float = 0.1  # s
     substeps: int = 1  # one RK4 step is converged to 3 cm and 2e-4 rad in 30 s of full reversals
 
