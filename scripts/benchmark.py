@@ -19,7 +19,7 @@ from vessel_gym.envs.sigma_corvette import SEAS
 from vessel_gym.extras import require
 from vessel_gym.tasks.turning_circle import TurningCircle
 from vessel_gym.vehicles.corvette import Corvette, secant_models, steady_turns
-from vessel_gym.vehicles.corvette_equations import COEFFICIENTS, CorvetteParameters
+from vessel_gym.vehicles.corvette_equations import COEFFICIENTS
 
 ENSEMBLES = ("enkf", "enkf-sr", "etkf")
 
@@ -39,7 +39,8 @@ class HandWrittenLoop:
         from filterpy.kalman import KalmanFilter
 
         self.rng = np.random.default_rng(seed)
-        self.vehicle, self.task, self.sea = Corvette(), TurningCircle(CorvetteParameters()), SEAS[disturbance]
+        self.vehicle, self.sea = Corvette(), SEAS[disturbance]
+        self.task = TurningCircle(self.vehicle.ship)
         self.ship = self.vehicle.ship
         self.dt, self.reading_sd = (
             self.vehicle.dt,

@@ -12,11 +12,12 @@ from agents.reproduction.settings.corvette import SAMPLES, SIMULATIONS, Simulati
 from estimators import Gaussian, LinearModel, make
 from vessel_gym.vehicles.corvette import Corvette, steady_turns
 from vessel_gym.vehicles.corvette_equations import CorvetteParameters, corvette_step
+from vessel_gym.vehicles.files import load
 
 MODELS = ("as-printed", "corrected")
 LEVELS = (settings.NOISE, settings.SMALL**0.5, settings.LARGE**0.5)
 """Standard deviations [rad] of the reading noise: fixed, and what the two printed R mean as variances."""
-_SHIP = CorvetteParameters()
+_SHIP = load("corvette", CorvetteParameters)
 
 
 # --- the experiment ---------------------------------------------------------------------------------

@@ -9,10 +9,10 @@ from agents.pilots.turning import Tolerances, gains
 from estimators import wrap
 from vessel_gym.envs import SigmaCorvetteEnv
 from vessel_gym.vehicles.corvette import secant_models, steady_turns
-from vessel_gym.vehicles.corvette_equations import CorvetteParameters
+from vessel_gym.vehicles.files import load
 
 ENV = "SigmaCorvette-v0"
-SHIP, DT = CorvetteParameters(), 0.5
+SHIP, DT = load("corvette"), 0.5
 SYSTEM = SigmaCorvetteEnv.system
 
 

@@ -27,8 +27,9 @@ from vessel_gym.vehicles.corvette_equations import (
     corvette_step,
     rudder_angle_of_attack,
 )
+from vessel_gym.vehicles.files import load
 
-SHIP = CorvetteParameters()
+SHIP = load("corvette")
 L, U = SHIP.length, SHIP.speed
 DEG = np.pi / 180.0
 MIRROR = np.array([1, -1, -1, 1, -1, -1])

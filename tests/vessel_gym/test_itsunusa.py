@@ -12,11 +12,11 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import root
 
 from vessel_gym.vehicles.auv import UNCERTAIN, VERTICAL
+from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.itsunusa import (
     COEFFICIENTS,
     TRUTH,
     Itsunusa,
-    ItsunusaParameters,
     energy,
     inertia,
     itsunusa_rates,
@@ -25,7 +25,6 @@ from vessel_gym.vehicles.itsunusa import (
 )
 from vessel_gym.vehicles.segorogeni import (
     Segorogeni,
-    SegorogeniParameters,
     segorogeni_rates,
     segorogeni_readings,
     segorogeni_step,
@@ -33,7 +32,7 @@ from vessel_gym.vehicles.segorogeni import (
 from vessel_gym.vehicles.segorogeni import energy as energy_in_space
 from vessel_gym.vehicles.segorogeni import inertia as inertia_in_space
 
-BODY = ItsunusaParameters()
+BODY = load("itsunusa")
 C = BODY.vector()
 VEHICLE = Itsunusa()
 truth_rates, truth_step = rates_of_truth(itsunusa_rates, 6), step_of_truth(itsunusa_step, 6)
@@ -44,8 +43,8 @@ PLANE = np.array([0, 2, 4, 6, 8, 10, 12])
 DRAG = ("X_uu", "Z_ww", "Z_qq", "M_ww", "M_qq")
 LIFT = ("Z_uw", "Z_uq", "M_uw", "M_uq")
 
-SIX = SegorogeniParameters(
-    length=2.0, diameter=0.30, fin_area=BODY.fin_area, fin_position=-1.0, z_g=BODY.z_g,
+SIX = replace(
+    load("segorogeni"), length=2.0, diameter=0.30, fin_area=BODY.fin_area, fin_position=-1.0, z_g=BODY.z_g,
     buoyancy_excess=BODY.buoyancy_excess, axial_drag=BODY.axial_drag, propeller_torque=0.0,
 )  # fmt: skip
 """The same body in six degrees of freedom."""

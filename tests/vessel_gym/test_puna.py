@@ -8,12 +8,12 @@ from scipy.integrate import solve_ivp
 
 from estimators import Gaussian, make, wrap
 from vessel_gym.disturbances import Air
+from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.planar_puna import MISSILE, PlanarPuna, planar_derivative
-from vessel_gym.vehicles.point_mass import COEFFICIENTS, UNCERTAIN, PointMass
+from vessel_gym.vehicles.point_mass import COEFFICIENTS, UNCERTAIN
 from vessel_gym.vehicles.puna import (
     TRUTH,
     Puna,
-    PunaParameters,
     airspeed,
     ground_step,
     puna_rates,
@@ -22,7 +22,7 @@ from vessel_gym.vehicles.puna import (
     trim,
 )
 
-BODY = PunaParameters()
+BODY = load("puna")
 C = BODY.vector()
 VEHICLE = Puna()
 DEG = np.pi / 180.0
@@ -487,7 +487,7 @@ def test_the_missile_of_the_published_constants_cannot_fly_at_the_paper_s_speed(
     flown = PlanarPuna(MISSILE).step(falling, np.array([0.0, 0.1]))
     assert flown[3] == 1000.0  # forward Euler: gamma first
     assert flown[0] < 0.0
-    assert PlanarPuna().body == PointMass()
+    assert PlanarPuna().body == BODY
 
 
 # --- the vehicle in an environment ------------------------------------------------------------------
@@ -702,7 +702,7 @@ def test_measuring_every_state_is_better_than_measuring_x_alone():
     plane, rng, runs = PlanarPuna(), np.random.default_rng(0), 20
     D = np.diag([1e-3, 3.0, 0.03, 0.03])
     Q, R = 3.0 * D * plane.dt, 1.5 * D
-    flight = trim(20.0, PunaParameters())
+    flight = trim(20.0, load("puna"))
     u = np.array([flight.thrust, flight.alpha])
     filters = {"x": make("enkf", plane.model("x", Q, R[2:3, 2:3])), "all": make("enkf", plane.model("all", Q, R))}
     truth = np.tile([0.0, 20.0, 0.0, 100.0], (runs, 1))

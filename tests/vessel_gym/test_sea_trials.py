@@ -18,8 +18,9 @@ from vessel_gym.sea_trials import (
 )
 from vessel_gym.vehicles.corvette import steady_turns, sway_yaw_jacobian
 from vessel_gym.vehicles.corvette_equations import CorvetteParameters
+from vessel_gym.vehicles.files import load
 
-SHIP = CorvetteParameters()
+SHIP = load("corvette")
 L = SHIP.length
 DEG = np.pi / 180.0
 

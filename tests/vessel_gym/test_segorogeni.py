@@ -1,7 +1,6 @@
 """The Segorogeni: compiled equations against the printed ones, energy, trim, turns, the contract of a vehicle."""
 
-from dataclasses import replace
-from functools import cached_property
+from dataclasses import asdict, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,6 +13,7 @@ from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 
 from vessel_gym.vehicles.auv import UNCERTAIN
+from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.hydrodynamics import Coefficients
 from vessel_gym.vehicles.segorogeni import (
     COEFFICIENTS,
@@ -27,7 +27,7 @@ from vessel_gym.vehicles.segorogeni import (
     segorogeni_step,
 )
 
-BODY = SegorogeniParameters()
+BODY = load("segorogeni")
 C = BODY.vector()
 VEHICLE = Segorogeni()
 truth_rates, truth_step = rates_of_truth(segorogeni_rates, 12), step_of_truth(segorogeni_step, 12)
@@ -45,12 +45,8 @@ REMUS = Coefficients(
 """A body with other couplings: Prestero (2001), drag in yaw without its misprints, moments of lift for both sides."""
 
 
-class Remus(SegorogeniParameters):
-    """The vehicle's mass with REMUS' hydrodynamics."""
-
-    @cached_property
-    def coefficients(self) -> Coefficients:
-        return REMUS
+WITH_REMUS = replace(BODY, given=tuple(asdict(REMUS).items()))
+"""The vehicle's mass with REMUS' hydrodynamics."""
 
 
 def changed(c: np.ndarray, **values: float) -> np.ndarray:
@@ -92,7 +88,7 @@ def test_the_printed_inverse_inertia_is_that_of_no_body():
     assert (np.linalg.eigvals(printed).real < 0.0).sum() == 2
 
 
-@pytest.mark.parametrize("body", [BODY, Remus()])
+@pytest.mark.parametrize("body", [BODY, WITH_REMUS])
 def test_the_inertia_is_symmetric_positive_definite_and_inverted_once(body):
     c = body.vector()
     M = inertia(c)
@@ -154,7 +150,7 @@ def printed_equations(state: np.ndarray, control: np.ndarray, body: SegorogeniPa
     return np.linalg.solve(left, right)
 
 
-@pytest.mark.parametrize("body", [BODY, replace(BODY, z_g=0.05, propeller_torque=0.02), Remus()])
+@pytest.mark.parametrize("body", [BODY, replace(BODY, z_g=0.05, propeller_torque=0.02), WITH_REMUS])
 def test_going_ahead_the_compiled_equations_are_the_printed_ones(body):
     rng = np.random.default_rng(1)
     states, controls = random_states(rng, 200), random_controls(rng, 200)
@@ -235,7 +231,7 @@ def test_port_mirrors_starboard_but_for_the_propeller_s_torque():
     assert truth_rates(np.zeros(14), np.array([0.0, 0.0, 4.0]), C)[3] < 0.0
 
 
-@pytest.mark.parametrize("body", [BODY, Remus()])
+@pytest.mark.parametrize("body", [BODY, WITH_REMUS])
 def test_without_weight_a_quarter_roll_turns_heave_and_pitch_into_sway_and_yaw(body):
     c = replace(body, z_g=0.0, buoyancy_excess=0.0).vector()
     rng = np.random.default_rng(5)

@@ -12,9 +12,10 @@ from vessel_gym.core import Core
 from vessel_gym.envs.sigma_corvette import SEAS, SIGMA_CORVETTE
 from vessel_gym.tasks.turning_circle import TurningCircle
 from vessel_gym.vehicles.corvette import Corvette, steady_turns
-from vessel_gym.vehicles.corvette_equations import CorvetteParameters, corvette_rates
+from vessel_gym.vehicles.corvette_equations import corvette_rates
+from vessel_gym.vehicles.files import load
 
-SHIP = CorvetteParameters()
+SHIP = load("corvette")
 L = SHIP.length
 TASK = TurningCircle(SHIP)
 SEA = SEAS["moderate"]

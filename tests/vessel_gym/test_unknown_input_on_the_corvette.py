@@ -5,9 +5,9 @@ import pytest
 
 from estimators import Belief, Gaussian, chi_square_band, make, nees
 from vessel_gym.vehicles.corvette import linear_model
-from vessel_gym.vehicles.corvette_equations import CorvetteParameters
+from vessel_gym.vehicles.files import load
 
-SHIP, DT, RUNS, STEPS = CorvetteParameters(), 0.5, 1000, 60
+SHIP, DT, RUNS, STEPS = load("corvette"), 0.5, 1000, 60
 MODEL = linear_model(SHIP, DT, np.diag([0.02, 0.002, 0.002]) ** 2, np.diag([0.005, 0.003]) ** 2)
 PRIOR = Gaussian(np.zeros(3), np.diag([0.2, 0.005, 0.05]) ** 2)
 

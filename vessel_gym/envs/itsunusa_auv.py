@@ -8,7 +8,7 @@ from vessel_gym.envs.single import VesselEnv
 from vessel_gym.envs.vector import VesselVectorEnv
 from vessel_gym.system import System
 from vessel_gym.tasks.dive import VerticalDive
-from vessel_gym.vehicles.itsunusa import Itsunusa, ItsunusaParameters
+from vessel_gym.vehicles.itsunusa import Itsunusa
 
 _PLANE: dict[str, Any] = {"velocities": ("u", "w"), "rates": ("q",), "names": ("current",)}
 WATERS = {
@@ -17,7 +17,7 @@ WATERS = {
     "rough": Water(turbulence=0.010, spin=0.005, current=0.20, **_PLANE),
 }
 
-_VEHICLE = Itsunusa(ItsunusaParameters())
+_VEHICLE = Itsunusa()
 
 
 def _tuning(name: str, told: Composition) -> dict[str, Any]:

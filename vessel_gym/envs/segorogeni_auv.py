@@ -8,7 +8,7 @@ from vessel_gym.envs.single import VesselEnv
 from vessel_gym.envs.vector import VesselVectorEnv
 from vessel_gym.system import System
 from vessel_gym.tasks.dive import SpatialDive
-from vessel_gym.vehicles.segorogeni import Segorogeni, SegorogeniParameters
+from vessel_gym.vehicles.segorogeni import Segorogeni
 
 WATERS = {
     "calm": Water(turbulence=0.002, spin=0.002, current=0.05),
@@ -16,7 +16,7 @@ WATERS = {
     "rough": Water(turbulence=0.010, spin=0.010, current=0.20),
 }
 
-_VEHICLE = Segorogeni(SegorogeniParameters())
+_VEHICLE = Segorogeni()
 
 
 def _tuning(name: str, told: Composition) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from vessel_gym.system import System
 from vessel_gym.tasks.turning_circle import TurningCircle
 from vessel_gym.vehicles.corvette import Corvette
 from vessel_gym.vehicles.corvette_equations import CorvetteParameters
+from vessel_gym.vehicles.files import load
 
 _DEG = np.pi / 180.0
 
@@ -28,10 +29,12 @@ def _tuning(name: str, told: Composition) -> dict[str, Any]:
     return {}
 
 
+_SHIP = load("corvette", CorvetteParameters)
+
 SIGMA_CORVETTE = System(
     name="SigmaCorvette-v0",
-    vehicle=Corvette(CorvetteParameters()),
-    task=TurningCircle(CorvetteParameters()),
+    vehicle=Corvette(_SHIP),
+    task=TurningCircle(_SHIP),
     disturbances=SEAS,
     estimator="kf-umv-ui",
     filter_model="corrected",

@@ -21,6 +21,7 @@ from vessel_gym.vehicles.corvette_equations import (
     corvette_rates,
     corvette_step,
 )
+from vessel_gym.vehicles.files import load
 
 _CALM = np.zeros(2)  # no current
 
@@ -180,7 +181,7 @@ class Corvette:
     and ``y2 = d``: a motion reference unit gives it in its own noise (eq. 4.5).
     """
 
-    ship: CorvetteParameters = field(default_factory=CorvetteParameters)
+    ship: CorvetteParameters = field(default_factory=lambda: load("corvette", CorvetteParameters))
     dt: float = 0.5  # s
     substeps: int = 1  # one RK4 step of 0.5 s is converged to 0.002 %
 

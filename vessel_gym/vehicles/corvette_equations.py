@@ -1,4 +1,4 @@
-"""A SIGMA-class corvette in surge, sway and yaw: particulars and equations of motion.
+"""Ships in surge, sway and yaw, particulars and equations of motion; the SIGMA-class corvette is one.
 
 Frames: North-East-Down, body x forward, y starboard, origin amidships. Positive rudder turns the
 ship to starboard (yaw rate r > 0), as in the thesis' figures; Davidson and Schiff count it the other
@@ -6,12 +6,14 @@ way, so Y'delta and N'delta change sign together.
 
 Sources: Hermawan (2020), the thesis that the task comes from, for the ship's particulars; Clarke,
 Gedling & Hine (1983) for the linear derivatives (eqs. 2.19 and 2.23 of the thesis misprint two of
-them); Fossen (2011) for the structure; Fujii & Tuda (1961) for the rudder.
+them); Fossen (2011) for the structure; Fujii & Tuda (1961) for the rudder; Hoerner (1965) for cross-flow drag.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
@@ -36,34 +38,55 @@ UNCERTAIN = (
 """The coefficients that `mismatch` perturbs: hydrodynamics and inertia, not geometry."""
 
 
+_CROSS_FLOW = np.array([
+    [0.0109, 0.177, 0.353, 0.452, 0.473, 0.493, 0.558, 0.646, 0.834, 0.988, 1.308, 1.639, 1.860, 2.313, 2.600, 3.009],
+    [1.966, 1.966, 1.898, 1.787, 1.584, 1.245, 1.084, 0.999, 0.880, 0.828, 0.760, 0.691, 0.657, 0.631, 0.596, 0.587],
+])  # fmt: skip
+"""Hoerner's curve: beam / (2 draught) and cross-flow drag; as read by Leite, Aranha, Umeda & Conti (1998)."""
+
+
 @dataclass(frozen=True)
 class CorvetteParameters:
-    """Particulars of the ship, SI units, each with its source.
+    """Particulars of a ship, SI units: what a vehicle file gives, each number there with its source.
 
-    The published particulars do not fit each other (C_B 0.65 displaces 3485 t); where they clash,
-    the printed mass is kept and the block coefficient follows from it.
+    What has a default may be left out. ``given`` holds measured or computed derivatives by name, which replace the
+    estimated ones (`GIVEN`): non-dimensional (prime I: divided by ``rho / 2``, powers of L and U) as those of Clarke,
+    without the ship's own mass (Yr, not Yr - m), rudder to starboard positive.
     """
 
-    length: float = 101.07  # m, Table 4.1
-    beam: float = 14.0  # m, Table 4.1
-    draught: float = 3.7  # m, Table 4.1
-    mass: float = 2.423e6  # kg, Table 4.1
-    speed: float = 15.4  # m/s, service speed U, Table 4.1
-    x_g: float = 5.5  # m, centre of gravity forward of amidships, Table 4.1
-    water_density: float = 1024.0  # kg/m3, Table 4.1
-    yaw_radius: float = 0.25  # gyration radius / L; the printed I'z = 2.08e-6 is no inertia. Fossen (2011), sec. 3.3
-    drag_coefficient: float = 0.6  # cross-flow drag, from the trial figures this class of hull shows; Faltinsen (1990)
-    rudder_area: float = 11.0  # m2, two rudders of the printed 5.5 m2: 2.9 % of L T, usual for twin-screw warships
+    length: float  # m, between perpendiculars
+    beam: float  # m
+    draught: float  # m
+    mass: float  # kg
+    speed: float  # m/s, service speed U
+    resistance: float  # N at U, grows with the square of the speed
+    rudder_area: float | None = None  # m2, of all rudders; None: Ydelta is given
+    x_g: float = 0.0  # m, centre of gravity forward of amidships
+    water_density: float = 1025.0  # kg/m3, sea water; Fossen (2011)
+    yaw_radius: float = 0.25  # gyration radius / L; Fossen (2011), sec. 3.3
+    drag_coefficient: float | None = None  # cross-flow drag; None: by Hoerner's curve
     rudder_aspect: float = 1.5  # effective aspect ratio, assumed
-    rudder_limit: float = np.deg2rad(35.0)  # rad, Sec. 4.3.1
-    rudder_rate: float = np.deg2rad(5.0)  # rad/s; SOLAS II-1/29 asks for 2.3 deg/s, warships have about twice that
+    rudder_limit: float = float(np.deg2rad(35.0))  # rad, usual; the angle of the trials of MSC.137(76)
+    rudder_rate: float = float(np.deg2rad(65.0 / 28.0))  # rad/s, the least; SOLAS II-1/29
     slipstream: float = 1.1  # inflow speed at the rudder / u, assumed
     straightening: float = 0.4  # share of the geometric drift angle that the rudder sees; Yasukawa & Yoshimura (2015)
-    resistance: float = 1.0e6  # N at U: 2 x 8.91 MW at 28 kn (105 m sister ship), efficiency 0.7, ~ u^2
+    given: tuple[tuple[str, float], ...] = ()  # derivatives by name
+
+    TABLES: ClassVar = {
+        "particulars": ("length", "beam", "draught", "mass", "x_g", "yaw_radius", "water_density"),
+        "derivatives": (
+            "Xudot", "Yvdot", "Yrdot", "Nvdot", "Nrdot", "Yv", "Yr", "Nv", "Nr", "drag_coefficient",
+        ),
+        "rudder": (
+            "rudder_area", "rudder_aspect", "rudder_limit", "rudder_rate", "slipstream", "straightening", "Ydelta",
+        ),
+        "propulsion": ("speed", "resistance"),
+    }  # fmt: skip
+    """Where the keys stand in a vehicle file; those that are no fields of this class go to ``given``."""
 
     @cached_property
     def block_coefficient(self) -> float:
-        """C_B that displaces the printed mass (0.452; printed 0.65)."""
+        """C_B that displaces the mass (the corvette's: 0.452; printed 0.65)."""
         return self.mass / (self.water_density * self.length * self.beam * self.draught)
 
     @cached_property
@@ -72,7 +95,7 @@ class CorvetteParameters:
         L, B, T, Cb = self.length, self.beam, self.draught, self.block_coefficient
         slender = np.pi * (T / L) ** 2
         mass = self.mass / (0.5 * self.water_density * L**3)
-        rudder = 0.5 * np.pi * self.rudder_area / L**2
+        rudder = 0.5 * np.pi * (self.rudder_area or 0.0) / L**2
         return {
             "Yvdot": -slender * (1 + 0.16 * Cb * B / T - 5.1 * (B / L) ** 2),
             "Yrdot": -slender * (0.67 * B / L - 0.0033 * (B / T) ** 2),
@@ -88,17 +111,33 @@ class CorvetteParameters:
             "Ndelta": 0.5 * rudder,
         }
 
+    @cached_property
+    def stability(self) -> float:
+        """Of the straight course, Yv' (Nr' - m' x_g') - Nv' (Yr' - m') with the rudder at rest: positive if it is.
+
+        The criterion of Davidson & Schiff (1946). An unstable ship turns at small helm to either side.
+        """
+        c, at = self.clarke | dict(self.given), dict(zip(COEFFICIENTS, self.vector(), strict=True))
+        force = at["rudder"] * self.slipstream * self.straightening / (0.5 * self.water_density * self.length**2)
+        Yv, Yr, Nv, Nr = c["Yv"] - force, c["Yr"] + 0.5 * force, c["Nv"] + 0.5 * force, c["Nr"] - 0.25 * force
+        return float(Yv * (Nr - c["m"] * self.x_g / self.length) - Nv * (Yr - c["m"]))
+
     def vector(self) -> np.ndarray:
         """The coefficients of the compiled equations, dimensional, in the order of `COEFFICIENTS`."""
-        c, L, rho = self.clarke, self.length, self.water_density
+        given, L, rho = dict(self.given), self.length, self.water_density
+        c = self.clarke | given
         volume = self.mass / rho
         surge_added = 2.7 * rho * volume ** (5 / 3) / L**2  # Soding (1982)
         q = 0.5 * rho
         lift_slope = 6.13 * self.rudder_aspect / (self.rudder_aspect + 2.25)  # Fujii & Tuda (1961)
+        drag = self.drag_coefficient
+        if drag is None:
+            drag = float(np.interp(0.5 * self.beam / self.draught, *_CROSS_FLOW))
+        rudder = q * (self.rudder_area or 0.0) * lift_slope
         values = {
             "mass": self.mass,
             "mass_x_g": self.mass * self.x_g,
-            "surge_inertia": self.mass + surge_added,
+            "surge_inertia": self.mass + (-q * L**3 * given["Xudot"] if "Xudot" in given else surge_added),
             "sway_inertia": self.mass - q * L**3 * c["Yvdot"],
             "sway_yaw_inertia": self.mass * self.x_g - q * L**4 * c["Yrdot"],
             "yaw_sway_inertia": self.mass * self.x_g - q * L**4 * c["Nvdot"],
@@ -107,15 +146,38 @@ class CorvetteParameters:
             "Yr": q * L**3 * c["Yr"],
             "Nv": q * L**3 * c["Nv"],
             "Nr": q * L**4 * c["Nr"],
-            "cross_flow": q * self.draught * self.drag_coefficient,
+            "cross_flow": q * self.draught * drag,
             "resistance": self.resistance / self.speed**2,
             "thrust": self.resistance,
-            "rudder": q * self.rudder_area * lift_slope,
+            "rudder": -q * L**2 * given["Ydelta"] / self.slipstream**2 if "Ydelta" in given else rudder,
             "slipstream": self.slipstream,
             "straightening": self.straightening,
             "half_length": 0.5 * L,
         }
         return np.array([values[name] for name in COEFFICIENTS])
+
+    def mistakes(self) -> Iterator[tuple[str, str]]:
+        """What no ship can be: the name of a number, and a sentence on it."""
+        L, B, T = self.length, self.beam, self.draught
+        if B >= L:
+            yield "beam", f"a ship of {L:g} m is not {B:g} m wide"
+        if T >= B:
+            yield "draught", f"a ship {B:g} m wide is not {T:g} m deep in the water"
+        if not 0.1 < self.block_coefficient < 1.0:
+            box = self.mass / self.block_coefficient
+            yield "mass", f"{self.mass:g} kg are no mass of a hull in a box that displaces {box:.4g} kg"
+        if abs(self.x_g) > 0.5 * L:
+            yield "x_g", f"a centre of gravity {self.x_g:g} m from amidships is not in a ship of {L:g} m"
+        if self.rudder_area is None and "Ydelta" not in dict(self.given):
+            yield "rudder", "the rudder needs 'rudder_area', or 'Ydelta' as measured"
+        if self.rudder_area is not None and self.rudder_area >= L * T:
+            yield "rudder_area", f"a rudder of {self.rudder_area:g} m2 is as large as the hull's profile"
+        m = dict(zip(COEFFICIENTS, self.vector(), strict=True))
+        if min(
+            m["surge_inertia"], m["sway_inertia"], m["yaw_inertia"],
+            m["sway_inertia"] * m["yaw_inertia"] - m["sway_yaw_inertia"] * m["yaw_sway_inertia"],
+        ) <= 0.0:  # fmt: skip
+            yield "derivatives", "the added masses leave an inertia that is not positive"
 
 
 @inlined

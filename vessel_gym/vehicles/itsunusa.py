@@ -1,4 +1,4 @@
-"""The ITSUNUSA underwater vehicle in the vertical plane: surge, heave and pitch.
+"""Underwater vehicles in the vertical plane: surge, heave and pitch; the ITSUNUSA is one (data/itsunusa.toml).
 
 Frames: x along the course, z down, body x forward and z down, origin at the centre of buoyancy. A positive stern plane
 dives, as Prestero's (2001).
@@ -9,7 +9,7 @@ the pitch moment is a difference, no fraction. It prints no hydrodynamic coeffic
 Fossen (2011) for Kirchhoff's equations and the kinematics.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import ClassVar
 
@@ -18,6 +18,7 @@ import numpy as np
 from vessel_gym.compiled import gufunc, inlined, sincos
 from vessel_gym.sensors import Sensor, plain
 from vessel_gym.vehicles.auv import AUV, VERTICAL, AUVParameters, plane
+from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.integration import RATES, STEP, STEPS, Numbers, blank, rate, step, steps
 
 STATE = ("u", "w", "q", "x", "z", "theta")
@@ -36,20 +37,7 @@ COEFFICIENTS = tuple(I.__members__)
 
 @dataclass(frozen=True)
 class ItsunusaParameters(AUVParameters):
-    """Particulars of the vehicle, SI units, each with its source."""
-
-    length: float = 2.0  # m, printed
-    diameter: float = 0.30  # m, printed
-    fin_area: float = 0.045 * 2.0 * 0.30  # m2 each; assumed, between REMUS' share (0.026 L D) and Segorogeni's
-    fin_position: float = -0.5 * 2.0  # m, assumed: at the stern
-    axial_drag: float = 0.2  # assumed: the bare hull has 0.13, Triantafyllou & Amzallag (1984), and fins add to it
-    z_g: float = 0.015  # m, assumed, REMUS' 0.0196 m is the usual size; Prestero (2001)
-    buoyancy_excess: float = 6.0  # N, assumed: it comes up by itself. The printed 16 kg cannot be made to dive
-    fin_limit: float = np.deg2rad(20.0)  # rad, assumed: below stall
-    fin_rate: float = 1.0  # rad/s, assumed
-    thrust_limit: float = 40.0  # N, assumed: for 2 m/s and more
-    thrust_lag: float = 0.5  # s, assumed
-    cruise_speed: float = 1.5  # m/s, assumed
+    """Particulars of a vehicle in the vertical plane, SI units."""
 
     def vector(self, factors: np.ndarray | None = None) -> np.ndarray:
         """The coefficients of the compiled equations ``(..., k)``, in the order of `COEFFICIENTS`.
@@ -148,7 +136,7 @@ class Itsunusa(AUV):
     Figures of the instruments are from public vehicle configurations.
     """
 
-    body: ItsunusaParameters = ItsunusaParameters()
+    body: ItsunusaParameters = field(default_factory=lambda: load("itsunusa", ItsunusaParameters))
 
     state_names: ClassVar = STATE
     kernels: ClassVar = (itsunusa_step, itsunusa_steps)

@@ -9,7 +9,9 @@ import numpy as np
 
 from estimators import NonlinearModel
 from vessel_gym.compiled import gufunc
+from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.point_mass import I, PointMass, forces
+from vessel_gym.vehicles.puna import PunaParameters
 
 MISSILE = PointMass(1005.0, 0.3376, (-1.9431, -0.1499, 0.2359), (21.9, 0.0), (3.312e-9, -1.142e-4, 1.224))
 """The one aircraft whose constants are published in the paper's form: the missile of Subchan & Zbikowski (2009), that
@@ -37,7 +39,7 @@ class PlanarPuna:
     actuators, and nothing is bounded.
     """
 
-    body: PointMass = field(default_factory=PointMass)
+    body: PointMass = field(default_factory=lambda: load("puna", PunaParameters))
     dt: float = 0.01  # s, assumed: the paper prints none
 
     def step(self, state: np.ndarray, control: np.ndarray) -> np.ndarray:

@@ -33,15 +33,15 @@ UNCERTAIN = tuple(_FACTORS)
 
 @dataclass(frozen=True)
 class PointMass:
-    """What the equations know of an aircraft, SI units; angles of attack in rad. Default: Skywalker X8, Gryte (2018).
+    """What the equations know of an aircraft, SI units; angles of attack in rad.
 
     Drag ``C_D = A1 a^2 + A2 a + A3``, lift ``C_L = B1 a + B2``, density ``C1 h^2 + C2 h + C3``: eq. 2 of the paper.
     """
 
-    mass: float = 3.364  # kg
-    area: float = 0.75  # m2, of the wing
-    drag: tuple[float, float, float] = (1.0555, 0.07909, 0.0197)  # A1, A2, A3
-    lift: tuple[float, float] = (4.0203, 0.08674)  # B1, B2
+    mass: float  # kg
+    area: float  # m2, of the wing
+    drag: tuple[float, float, float]  # A1, A2, A3
+    lift: tuple[float, float]  # B1, B2
     density: tuple[float, float, float] = (4.319e-9, -1.1760e-4, 1.225)  # C1, C2, C3: ISO 2533, to second order in h
     gravity: float = 9.81  # m/s2
     bank_rate: float = 2.0  # 1/s, b of phi' = b (phi_c - phi): Beard & McLain (2012), the number assumed
@@ -57,7 +57,7 @@ class PointMass:
             return c
         c = np.tile(c, factors.shape[:-1] + (1,))
         for i, names in enumerate(_FACTORS.values()):
-            c[..., [I[name] for name in names]] *= factors[..., i : i + 1]
+            c[..., [COEFFICIENTS.index(name) for name in names]] *= factors[..., i : i + 1]
         return c
 
 

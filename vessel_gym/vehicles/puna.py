@@ -1,4 +1,4 @@
-"""The PUNA, a small fixed-wing unmanned aircraft: a point mass that turns coordinated, in a wind.
+"""Fixed-wing unmanned aircraft: a point mass that turns coordinated, in a wind; the PUNA is one (data/puna.toml).
 
 Frames: x north, y east, altitude h up; positive bank turns to starboard. Wind components are north, east, down, where
 it blows to.
@@ -12,7 +12,8 @@ for the task and the controls (thrust and angle of attack); its own equations ar
 `vessel_gym.vehicles.planar_puna`. Beard & McLain (2012), ch. 9, for the point mass and the bank.
 """
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -21,6 +22,7 @@ from scipy.optimize import brentq
 
 from vessel_gym.compiled import gufunc, inlined, sincos
 from vessel_gym.sensors import Bias, Known, Sensor, plain
+from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.integration import RATES, STEP, STEPS, Numbers, advanced, blank, rate, step, steps
 from vessel_gym.vehicles.point_mass import COEFFICIENTS, UNCERTAIN, I, PointMass, forces
 
@@ -30,18 +32,40 @@ STATE = ("x", "y", "h", "north", "east", "climb", "phi")
 HARDEST = 200.0  # m/s2: no wing bears more lift. At 20 m/s the aircraft reaches 50; it bounds how fast a step may turn
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class PunaParameters(PointMass):
-    """The aircraft with its actuators and their limits."""
+    """An aircraft with its actuators and their limits: what a vehicle file gives, each number there with its source."""
 
-    thrust_limit: float = 16.0  # N, half the weight, assumed: climbs at 20 deg at 20 m/s
+    cruise_speed: float  # m/s
+    thrust_limit: float  # N
     thrust_lag: float = 0.5  # s, assumed
-    alpha_low: float = np.deg2rad(-4.0)  # rad, assumed: pushes over at -1 g at 20 m/s
-    alpha_high: float = np.deg2rad(12.0)  # rad, assumed: clear of the stall
+    alpha_low: float = float(np.deg2rad(-4.0))  # rad, assumed
+    alpha_high: float = float(np.deg2rad(12.0))  # rad, assumed: clear of the stall
     alpha_rate: float = 0.5  # rad/s, assumed: the short-period motion that a point mass leaves out
-    bank_limit: float = np.deg2rad(35.0)  # rad, see below
-    cruise_speed: float = 20.0  # m/s, printed
-    # 100 m of radius at 20 m/s take 22.2 deg, with 3.8 m/s of tail wind 30 deg: the rest is for gusts and corrections.
+    bank_limit: float = float(np.deg2rad(35.0))  # rad, assumed
+
+    TABLES: ClassVar = {
+        "particulars": ("mass", "area", "gravity"),
+        "aerodynamics": ("drag", "lift", "density"),
+        "limits": ("alpha_low", "alpha_high", "alpha_rate", "bank_limit", "bank_rate"),
+        "propulsion": ("cruise_speed", "thrust_limit", "thrust_lag"),
+    }
+    """Where the keys stand in a vehicle file."""
+
+    def mistakes(self) -> Iterator[tuple[str, str]]:
+        """What no aircraft can be: the name of a number, and a sentence on it."""
+        if self.alpha_low >= self.alpha_high:
+            yield "alpha_high", f"{self.alpha_high:g} rad are no upper limit where the lower is {self.alpha_low:g} rad"
+        if self.lift[0] <= 0.0:
+            yield "lift", f"a wing lifts more at a higher angle of attack, not {self.lift[0]:g} a rad"
+        if np.polyval(self.drag, np.linspace(self.alpha_low, self.alpha_high, 101)).min() <= 0.0:
+            yield "drag", "within the limits of the angle of attack it becomes a thrust"
+        if self.density[2] <= 0.0:
+            yield "density", f"air weighs more than {self.density[2]:g} kg/m3 at sea level"
+        try:
+            trim(self.cruise_speed, self)
+        except ValueError as error:
+            yield "cruise_speed", str(error)
 
     @cached_property
     def cruise(self) -> np.ndarray:
@@ -209,7 +233,7 @@ class Puna:
     informs. Filters estimate the whole state; their known input is ``u = (actuators before, actuators after)``.
     """
 
-    body: PunaParameters = PunaParameters()
+    body: PunaParameters = field(default_factory=lambda: load("puna", PunaParameters))
     dt: float = 0.1  # s
     substeps: int = 1  # one RK4 step is converged to 3 cm and 2e-4 rad in 30 s of full reversals
 

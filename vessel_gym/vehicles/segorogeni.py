@@ -1,4 +1,4 @@
-"""The Segorogeni ITS underwater vehicle in six degrees of freedom.
+"""Underwater vehicles in six degrees of freedom; the Segorogeni ITS is one (data/segorogeni.toml).
 
 Frames: North-East-Down, body x forward, y starboard, z down, origin at the centre of buoyancy. Positive rudder turns
 to starboard (yaw rate r > 0), as on the corvette and against Prestero (2001); a positive stern plane dives, as his.
@@ -8,7 +8,7 @@ and the inverse inertia matrix that it prints has negative eigenvalues. Prestero
 (2011) for Kirchhoff's equations and the kinematics.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Any, ClassVar
 
@@ -17,6 +17,7 @@ import numpy as np
 from vessel_gym.compiled import gufunc, inlined, sincos
 from vessel_gym.sensors import Sensor, plain
 from vessel_gym.vehicles.auv import AUV, UNCERTAIN, AUVParameters, plane
+from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.integration import RATES, STEP, STEPS, Numbers, blank, rate, step, steps
 
 STATE = ("u", "v", "w", "p", "q", "r", "x", "y", "z", "phi", "theta", "psi")
@@ -39,22 +40,14 @@ COEFFICIENTS = tuple(I.__members__)
 
 @dataclass(frozen=True)
 class SegorogeniParameters(AUVParameters):
-    """Particulars of the vehicle, SI units, each with its source."""
+    """Particulars of a vehicle in six degrees of freedom, SI units."""
 
-    length: float = 0.98  # m, Table I
-    diameter: float = 0.188  # m, beam in Table I
-    fin_area: float = 0.06 * 0.98 * 0.188  # m2 each; REMUS' share, 0.026 L D, leaves this short body hardly stable
-    fin_position: float = -0.5 * 0.98  # m, assumed: at the stern
-    axial_drag: float = 0.2  # assumed: the bare hull has 0.15, Triantafyllou & Amzallag (1984), and fins add to it
-    z_g: float = 0.02  # m, as REMUS (0.0196 m); Prestero (2001)
-    buoyancy_excess: float = 1.0  # N, assumed: it comes up by itself. The printed 15 kg would by 35 N
-    fin_limit: float = np.deg2rad(20.0)  # rad, assumed: below stall
-    fin_rate: float = 1.0  # rad/s, of a small servo, assumed
-    thrust_limit: float = 8.0  # N; LAUV, of the same size, has 10 N: da Silva et al. (2007)
-    thrust_lag: float = 0.5  # s, assumed
-    cruise_speed: float = 1.0  # m/s, Table I
-    propeller_torque: float = 0.006  # m, torque per thrust: 0.15 of the 40 mm propeller (Table I), assumed
+    propeller_torque: float = 0.0  # m, torque per thrust
     printed_kinematics: bool = False  # eqs. 1-4 of the paper, which ignore roll and pitch
+
+    TABLES: ClassVar = AUVParameters.TABLES | {
+        "propulsion": (*AUVParameters.TABLES["propulsion"], "propeller_torque"),
+    }
 
     def values(self, factors: np.ndarray) -> dict[str, Any]:
         """Everything that the equations of motion need, by name."""
@@ -218,7 +211,7 @@ class Segorogeni(AUV):
     Figures of the instruments are from public vehicle configurations.
     """
 
-    body: SegorogeniParameters = SegorogeniParameters()
+    body: SegorogeniParameters = field(default_factory=lambda: load("segorogeni", SegorogeniParameters))
 
     state_names: ClassVar = STATE
     kernels: ClassVar = (segorogeni_step, segorogeni_steps)

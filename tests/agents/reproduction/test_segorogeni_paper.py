@@ -1,5 +1,6 @@
 """The paper on Segorogeni: its dive, what the errors are made of, and a page on which no number is missing."""
 
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -10,7 +11,8 @@ from agents.page import Claims, Page, render
 from agents.reproduction import segorogeni
 from agents.reproduction.pages import segorogeni as segorogeni_page
 from agents.reproduction.settings import segorogeni as paper
-from vessel_gym.vehicles.segorogeni import TRUTH, SegorogeniParameters
+from vessel_gym.vehicles.files import load
+from vessel_gym.vehicles.segorogeni import TRUTH
 
 PLACE = [TRUTH.index(name) for name in ("x", "y", "z", "psi")]
 
@@ -63,7 +65,7 @@ def test_the_undisturbed_dive_goes_from_rest_to_the_papers_goal(scheme: str, tol
 
 
 def test_without_ballast_the_printed_kinematics_sink_too_slowly():
-    body = SegorogeniParameters(printed_kinematics=True)
+    body = replace(load("segorogeni"), printed_kinematics=True)
     control = np.array([0.0, -body.fin_limit, body.thrust_limit] * 2)
     state = np.zeros(len(TRUTH))
     for _ in range(300):
