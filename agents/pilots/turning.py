@@ -80,10 +80,10 @@ class TurningAutopilot:
         """Rudder rate ``(B, 1)`` as a share of the full rate."""
         task, turns = self._task, self._turns
         heading_error = -task.HEADING_SCALE * observations[:, 0]
-        rate_error = -task.RATE_SCALE * observations[:, 1]
+        rate_error = -task.rate_scale * observations[:, 1]
         sway = task.SWAY_SCALE * observations[:, 2]
         rudder = self._ship.rudder_limit * observations[:, 4]
-        commanded = task.COMMAND_SCALE * observations[:, 5]
+        commanded = task.command_scale * observations[:, 5]
         rate = np.abs(commanded)
         side = np.sign(commanded)
         deviation = np.stack(
@@ -154,8 +154,8 @@ class TurningPID:
     def act(self, observations: np.ndarray) -> np.ndarray:
         """Rudder rate ``(B, 1)`` as a share of the full rate."""
         task, limit = self._task, self._ship.rudder_limit
-        heading, rate = task.HEADING_SCALE * observations[:, 0], task.RATE_SCALE * observations[:, 1]
-        ahead = self._needed * task.COMMAND_SCALE * observations[:, 5]
+        heading, rate = task.HEADING_SCALE * observations[:, 0], task.rate_scale * observations[:, 1]
+        ahead = self._needed * task.command_scale * observations[:, 5]
         rudder = self._loop.act(heading, rate, -limit, limit, ahead)
         wanted = (rudder - limit * observations[:, 4]) / self._gear
         return np.clip(wanted, -1.0, 1.0).astype(np.float32)[:, None]

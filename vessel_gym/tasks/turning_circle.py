@@ -49,16 +49,33 @@ class TurningCircle:
     """
 
     ship: CorvetteParameters
-    dt: float = 0.5  # s
+    pace: float = 1.0  # how many times as long as the corvette the ship takes to sail its length
     horizon: int = 600  # steps
     radius: tuple[float, float] = (3.0, 6.0)  # commanded radius in ship lengths, either side
     tightest: float = 2.5  # that may be asked for; nearly the whole rudder, without a margin against gusts
-    lead: float = 5.0  # s before the turn begins
-    ramp: float = 25.0  # s until the full yaw rate is commanded
-    preview: float = 10.0  # s
 
     uniforms = 3
     """Uniform numbers that `course` needs."""
+
+    @property
+    def dt(self) -> float:
+        """Time step [s]."""
+        return 0.5 * self.pace
+
+    @property
+    def lead(self) -> float:
+        """Time [s] before the turn begins."""
+        return 5.0 * self.pace
+
+    @property
+    def ramp(self) -> float:
+        """Time [s] in which the full yaw rate comes to be commanded."""
+        return 25.0 * self.pace
+
+    @property
+    def preview(self) -> float:
+        """How far [s] ahead the command is seen."""
+        return 10.0 * self.pace
 
     WIDEST = 1e5  # m: a commanded radius beyond is a slip in the unit
 
@@ -123,10 +140,18 @@ class TurningCircle:
     BOUND = 10.0
     """Observations are scaled to be of order 1 and clipped to +-10."""
     SWAY_SCALE = 2.0  # m/s
-    RATE_SCALE = 0.01  # rad/s, errors and uncertainty
-    HEADING_SCALE = 0.1  # rad, likewise
+    HEADING_SCALE = 0.1  # rad, errors and uncertainty
     INPUT_SCALE = 0.01  # rad
-    COMMAND_SCALE = 0.04  # rad/s, commanded yaw rate
+
+    @property
+    def rate_scale(self) -> float:
+        """Of errors and uncertainty of the yaw rate [rad/s]."""
+        return 0.01 / self.pace
+
+    @property
+    def command_scale(self) -> float:
+        """Of the commanded yaw rate [rad/s]."""
+        return 0.04 / self.pace
 
     def sizes(self, readings: int, states: int) -> dict[str, int]:
         """The lengths of the parts of observations."""
@@ -134,16 +159,16 @@ class TurningCircle:
 
     @cached_property
     def _known_scales(self) -> list[float]:
-        return [self.ship.rudder_limit, self.COMMAND_SCALE, self.COMMAND_SCALE]
+        return [self.ship.rudder_limit, self.command_scale, self.command_scale]
 
     @cached_property
     def _mean_gains(self) -> np.ndarray:
-        scales = [self.HEADING_SCALE, self.RATE_SCALE, self.SWAY_SCALE, self.INPUT_SCALE, *self._known_scales]
+        scales = [self.HEADING_SCALE, self.rate_scale, self.SWAY_SCALE, self.INPUT_SCALE, *self._known_scales]
         return 1.0 / np.array(scales)
 
     @cached_property
     def _std_gains(self) -> np.ndarray:
-        return 1.0 / np.array([self.SWAY_SCALE, self.RATE_SCALE, self.HEADING_SCALE, self.INPUT_SCALE])
+        return 1.0 / np.array([self.SWAY_SCALE, self.rate_scale, self.HEADING_SCALE, self.INPUT_SCALE])
 
     def observe(self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
         """The observation ``(B, 7)`` of mode ``"mean"``, before clipping: estimates, reference, rudder."""
@@ -189,7 +214,7 @@ class TurningCircle:
         v, r, psi = estimate.state.T[:3]
         d = np.zeros(len(v)) if estimate.input_mean is None else estimate.input_mean[:, 0]
         turned = psi - course[:, 0]
-        scaled = v / self.SWAY_SCALE, r / self.COMMAND_SCALE, np.sin(turned), np.cos(turned), d / self.INPUT_SCALE
+        scaled = v / self.SWAY_SCALE, r / self.command_scale, np.sin(turned), np.cos(turned), d / self.INPUT_SCALE
         return np.stack(scaled, -1)
 
     # --- how it is scored -------------------------------------------------------------------------

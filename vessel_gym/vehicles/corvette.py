@@ -201,7 +201,6 @@ class Corvette:
     )  # fmt: skip
     kinds = ("nonlinear", "corrected", "as-printed")
     linear_kinds = ("corrected", "as-printed")
-    process_sd = np.array([0.08, 1.5e-3, 1e-4, 0.05])  # of (v, r, psi, u) a step: what the models leave out
     rates: ClassVar = {"r": "psi"}
     carried = None
     normals = len(UNCERTAIN)
@@ -212,6 +211,11 @@ class Corvette:
         c = np.tile(self.ship.vector(), (len(normals), 1))
         c[:, UNCERTAIN] *= 1.0 + mismatch * np.clip(normals, -2.0, 2.0)
         return c
+
+    @property
+    def process_sd(self) -> np.ndarray:
+        """Of (v, r, psi, u) in a step: what the models leave out; a ship that turns in more time changes less fast."""
+        return np.array([0.08, 1.5e-3 * 0.5 / self.dt, 1e-4, 0.05])
 
     def estimated(self, kind: str) -> tuple[str, ...]:
         """(v, r, psi), and u in the nonlinear model."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from agents.reproduction.comparison import Published
 from agents.reproduction.ensembles import channel_sd
-from vessel_gym.envs.segorogeni_auv import SEGOROGENI_AUV, WATERS
+from vessel_gym.envs.segorogeni_auv import SEGOROGENI_AUV
 from vessel_gym.vehicles.segorogeni import Segorogeni
 
 # --- printed ----------------------------------------------------------------------------------------
@@ -74,7 +74,7 @@ WEIGHT_EXCESS = 12.0  # N, see ASSUMPTIONS
 VEHICLE = Segorogeni(replace(Segorogeni().body, printed_kinematics=True, buoyancy_excess=-WEIGHT_EXCESS))
 OWN_DT = VEHICLE.dt
 READING_SD = channel_sd(VEHICLE.sensors, ("u over ground", "v over ground", "w over ground", "r"))  # every OWN_DT
-KICK_SD = WATERS["moderate"].white.diagonal()  # m/s and rad/s, every OWN_DT
+KICK_SD = SEGOROGENI_AUV.disturbances["moderate"].white.diagonal()  # m/s and rad/s, every OWN_DT
 PRIOR_SD = SEGOROGENI_AUV.task.prior(np.zeros((1, 3))).cov.diagonal()[:6] ** 0.5
 RUNS = AVERAGED  # of a cell at the paper's step
 SEEDS = (0, 1, 2, 3, 4)  # of its cells: five times the published number of runs
