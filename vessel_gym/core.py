@@ -316,7 +316,7 @@ class Core:
         readings = loop.sense(state, forcing, steps, some) if readings is None else readings
         y, available = loop.readings
         loop.readings = self._with_rows(y, rows, readings[0]), self._with_rows(available, rows, readings[1])
-        u = self.task.known_input(actuators, actuators, course, steps)
+        u = self.vehicle.known_input(actuators, actuators, self.task.commanded(course, steps))
         belief = loop.begin(some, self._known(prior, self.composition), self._handed(readings, rows), u)
         if hasattr(self, "held"):
             self.held.begin(some, self._known(prior, self.held.composition), readings, u)
@@ -394,7 +394,7 @@ class Core:
         vehicle, task, loop = self.vehicle, self.task, self.loop
         before = self.actuators
         after = self.actuators = vehicle.actuate(before, action)
-        u = task.known_input(before, after, self.course, self.steps)
+        u = vehicle.known_input(before, after, task.commanded(self.course, self.steps))
         self.state = vehicle.step(self.state, before, after, self.forcing, self.parameters)
         self.sea_state = self.forces.disturbance.process.advance(self.sea_state) + self.noise[:, self._drifting]
         if loop.bias.shape[-1]:

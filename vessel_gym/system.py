@@ -130,6 +130,9 @@ class Vehicle(Protocol):
     def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """What filters estimate ``(..., n)`` one step on, under the known input and a flow, with their parameters."""
 
+    def known_input(self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None) -> np.ndarray:
+        """What its filters are told over a step ``(B, m)``: of the actuators, and of what a task may command."""
+
     def linear(self, kind: str) -> tuple[Any, Any]:
         """A and B of a linear model, each a matrix or a function of the known input."""
 
@@ -178,8 +181,8 @@ class Task(Protocol):
     def reference(self, course: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
         """What is commanded at a step, the vehicle being (or believed to be) in a state ``(B, n)``, as in the prior."""
 
-    def known_input(self, before: np.ndarray, after: np.ndarray, course: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """What filters are told over a step."""
+    def commanded(self, course: np.ndarray, step: np.ndarray) -> np.ndarray | None:
+        """What the task commands and filters are told of, besides the actuators; None: nothing."""
 
     def sizes(self, readings: int, states: int) -> dict[str, int]:
         """Lengths of the parts of observations, by what follows, of so many readings and states of the filter."""

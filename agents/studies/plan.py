@@ -161,11 +161,16 @@ def _train(study: Study, environment: str, agent: Agent, school: Estimator, seed
             "steps": steps,
             "seed": seed,
             "settings": {key: described[key] for key in ("hyperparameters", "versions")},
-            "own": digests(environment, school.estimator),
+            "own": digests(environment, school.estimator, *_own_world(study.conditions[0])),
         },
         f"train {agent.name} on {school.name} in {environment}",
         artifact=".zip",
     )
+
+
+def _own_world(condition: Condition) -> tuple[str, str]:
+    """What of a condition may be the user's own."""
+    return condition.sensors, condition.disturbance
 
 
 def _fly(
@@ -185,7 +190,8 @@ def _fly(
             "options": options(condition, estimator, environment) | observe,
             "agent": pilot,
             "episodes": study.episodes,
-            "own": digests(environment, estimator.estimator, pilot) | registered(environment, pilot),
+            "own": digests(environment, estimator.estimator, pilot, *_own_world(condition))
+            | registered(environment, pilot),
         },
         f"fly {agent.name if training else pilot} on {estimator.name} in {environment}",
         needs=(training,) if training else (),

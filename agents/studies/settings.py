@@ -102,7 +102,8 @@ def _tuning(results: Results, environment: str, name: str) -> str:
     for condition in study.conditions:
         given = options(condition, study.estimator(name), environment)
         kind = given["estimator"]
-        tuned = {} if ":" in kind else tuning(system, kind, condition.disturbance)
+        own = ":" in kind or ":" in condition.disturbance
+        tuned = {} if own else tuning(system, kind, condition.disturbance)
         tuned = tuned | given.get("estimator_options", {})
         if kind not in WITHOUT_COVARIANCE:
             tuned = {"model": system.filter_models.get(kind, system.filter_model)} | tuned

@@ -92,8 +92,8 @@ class Condition:
 
     Attributes:
         name: In the study.
-        sensors: Sensor suite.
-        disturbance: Sea, water or air.
+        sensors: Sensor suite, or ``"module:object"``: a list of sensors of one's own.
+        disturbance: Sea, water or air by name, or ``"module:object"``: one's own.
         mismatch: Relative spread of the truth's parameters around the filters'.
     """
 
@@ -243,7 +243,11 @@ class _Reader:
     def check(self, study: Study) -> None:
         """Note names and options that no environment knows."""
         worlds = [e.id for e in study.environments if self.accepts(("environments", e.id), environment_id, e.id)]
-        for condition, world in product(study.conditions, worlds):
+        for condition in study.conditions:
+            for key in ("sensors", "disturbance"):
+                if ":" in (name := getattr(condition, key)):
+                    self.accepts(("conditions", condition.name, key), named_object, name)
+        for condition, world in product((c for c in study.conditions if ":" not in c.disturbance), worlds):
             self.name(
                 "disturbance", condition.disturbance, system_of(world).disturbances,
                 ("conditions", condition.name, "disturbance"),
@@ -361,7 +365,8 @@ class _Reader:
                 self.value(place, table, "disturbance", str, "a name", "moderate"),
                 float(mismatch),
             )
-            self.name("sensor suite", condition.sensors, SUITES, (*place, "sensors"))
+            if ":" not in condition.sensors:
+                self.name("sensor suite", condition.sensors, SUITES, (*place, "sensors"))
             found.append(condition)
         return tuple(found) or (Condition("nominal"),)
 

@@ -63,9 +63,9 @@ def system_of(name: str) -> System:
 
 
 def environment_options(options: dict[str, Any]) -> dict[str, Any]:
-    """Options as an environment takes them: an own estimator imported."""
-    estimator = options["estimator"]
-    return options | {"estimator": named_object(estimator) if ":" in estimator else estimator}
+    """Options as an environment takes them: estimator, sensors and disturbance of one's own imported."""
+    names = {key: options[key] for key in ("estimator", "sensors", "disturbance") if key in options}
+    return options | {key: named_object(name) if ":" in name else name for key, name in names.items()}
 
 
 def has_pilot(agent: str, environment: str) -> bool:

@@ -13,8 +13,8 @@ from estimators.factory import unknown
 from vessel_gym.checks import numbers
 from vessel_gym.compiled import gufunc
 from vessel_gym.guidance.dive_path import course_to, follow, path_point
-from vessel_gym.sensors import Sensors
 from vessel_gym.system import Estimate
+from vessel_gym.tasks.task import Task
 from vessel_gym.vehicles.auv import AUVParameters
 
 ENDS = ("", "arrived", "missed the goal", "off the path", "surfaced", "too deep", "pitched over")
@@ -22,7 +22,7 @@ _ARRIVED, _MISSED, _OFF, _SURFACED, _DEEP, _PITCHED = range(1, len(ENDS))
 
 
 @dataclass(frozen=True)
-class Dive(ABC):
+class Dive(Task, ABC):
     """What all dives share: the path, how it is drawn, and how a dive is scored.
 
     The path is `vessel_gym.guidance.dive_path`'s. A course (what is drawn at reset) is ``(angle, length, depth)`` of
@@ -45,11 +45,11 @@ class Dive(ABC):
     widest: float = 1.5 * np.pi  # rad, widest turn that may be asked for
     steepest: float = np.deg2rad(35.0)  # rad, steepest path that may be asked for
 
-    uniforms: ClassVar[int] = 3
+    uniforms = 3
     """Uniform numbers that `course` needs."""
-    ends: ClassVar[tuple[str, ...]] = ENDS
-    success: ClassVar[str] = "arrived"
-    perfect: ClassVar[float] = 1.0
+    ends = ENDS
+    success = "arrived"
+    perfect = 1.0
     """Rewards are shares of the score."""
 
     # --- what is drawn ----------------------------------------------------------------------------
@@ -96,9 +96,6 @@ class Dive(ABC):
             raise ValueError(f"the goal must lie 0 to {deepest:.1f} m below the start, got {depth:.1f} m")
         return goal
 
-    prior_sd: ClassVar[tuple[float, ...]]
-    """Standard deviations of what is known at the start."""
-
     def prior(self, course: np.ndarray) -> Gaussian:
         """What is known at the start, level at the path's beginning at cruising speed: mean ``(B, n)``, covariance."""
         mean = np.zeros((len(course), len(self.prior_sd)))
@@ -109,14 +106,7 @@ class Dive(ABC):
         """Where on the path a vehicle in a state ``(B, n)`` is, ``(B, 11)``."""
         return np.concatenate([follow(self.position(state), course, self.ahead), course], -1)
 
-    def known_input(self, before: np.ndarray, after: np.ndarray, course: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """What filters are told over a step: the actuators at its start and at its end."""
-        return np.concatenate([before, after], -1)
-
     # --- what the agent sees ----------------------------------------------------------------------
-
-    BOUND = 10.0
-    """Observations are scaled to be of order 1 and clipped to +-10."""
 
     observed: ClassVar[dict[str, float]]
     """What an observation of mode ``"mean"`` holds, in order, and the size that counts as 1 [SI]; actuators follow."""
@@ -129,9 +119,6 @@ class Dive(ABC):
         """What observations ``(B, k)`` of mode ``"mean"`` say, by the names of ``observed``, ``(B,)`` each in SI."""
         return {name: scale * observations[:, i] for i, (name, scale) in enumerate(self.observed.items())}
 
-    std_scale: ClassVar[tuple[float, ...]]
-    """Standard deviations of the state's components that count as 1 [SI]."""
-
     def sizes(self, readings: int, states: int) -> dict[str, int]:
         """The lengths of the parts of observations."""
         known = len(self.mission_scale) + self.actuators
@@ -143,25 +130,12 @@ class Dive(ABC):
             "mission": known,
         }
 
-    def observe_std(self, estimate: Estimate) -> np.ndarray:
-        """The standard deviations ``(B, m)`` of all that the filter estimates, scaled."""
-        assert estimate.sd is not None and estimate.scale is not None
-        return estimate.sd / np.concatenate([self.std_scale, estimate.scale])
-
     actuators: ClassVar[int]
     """How many there are: fins, then thrust."""
     flows: ClassVar[int]
     """Components of the current."""
-    state_scale: ClassVar[tuple[float, ...]]
-    """Sizes that count as 1 of the state's components, where they are observed as they are."""
     mission_scale: ClassVar[tuple[float, ...]]
     """Sizes that count as 1 of the last components of a course, which an observation of raw readings holds."""
-
-    def observe_readings(
-        self, sensors: Sensors, readings: np.ndarray, available: np.ndarray, course: np.ndarray, step: np.ndarray
-    ) -> np.ndarray:
-        """Raw readings ``(B, 2 p)``: readings and mask, no filter."""
-        return np.concatenate([readings / sensors.scale, available], -1)
 
     def observe_mission(self, course: np.ndarray, step: np.ndarray, actuators: np.ndarray) -> np.ndarray:
         """What is asked, and the actuators: the course and they ``(B, k)``."""

@@ -13,8 +13,8 @@ from vessel_gym.checks import numbers
 from vessel_gym.compiled import gufunc
 from vessel_gym.guidance.dubins import NoPath, Path, plan
 from vessel_gym.guidance.path_following import COLUMNS, follow, track
-from vessel_gym.sensors import Sensors
 from vessel_gym.system import Estimate
+from vessel_gym.tasks.task import Task
 from vessel_gym.vehicles.puna import PunaParameters, airspeed
 
 ENDS = (
@@ -67,7 +67,7 @@ def _flight_errors(
 
 
 @dataclass(frozen=True)
-class Flight:
+class Flight(Task):
     """A flight along a Dubins path round circular obstacles, of an aircraft whose state is `vehicles.puna.STATE`.
 
     A course (what is drawn at reset) is ``(97,)``: 16 segments of the path (x, y, heading, curvature, length; those of
@@ -89,11 +89,11 @@ class Flight:
     horizon: int = 900  # steps
     dt: float = 0.1  # s
 
-    uniforms: ClassVar[int] = 14
+    uniforms = 14
     """Uniform numbers that `course` needs."""
-    ends: ClassVar[tuple[str, ...]] = ENDS
-    success: ClassVar[str] = "arrived"
-    perfect: ClassVar[float] = 1.0
+    ends = ENDS
+    success = "arrived"
+    perfect = 1.0
     """Rewards are shares of the score."""
 
     # --- what is drawn ----------------------------------------------------------------------------
@@ -240,14 +240,7 @@ class Flight:
         altitude = state[:, 2] - course[:, _PATH + 1]
         return np.column_stack([where[:, :2], altitude, where[:, 2:5], course])
 
-    def known_input(self, before: np.ndarray, after: np.ndarray, course: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """What filters are told over a step: the actuators at its start and at its end."""
-        return np.concatenate([before, after], -1)
-
     # --- what the agent sees ----------------------------------------------------------------------
-
-    BOUND = 10.0
-    """Observations are scaled to be of order 1 and clipped to +-10."""
 
     observed: ClassVar[dict[str, tuple[float, float]]] = {
         "cross-track": (0.0, 10.0), "altitude error": (0.0, 5.0), "course sine": (0.0, 0.5),
@@ -297,17 +290,6 @@ class Flight:
         room = np.empty(len(self.observed))
         seen = _flight_errors(estimate.state, estimate.flow, reference, self.body.gravity, room)
         return np.concatenate([(seen - self._offsets) * self._gains, self.scaled(actuators)], -1)
-
-    def observe_std(self, estimate: Estimate) -> np.ndarray:
-        """The standard deviations ``(B, m)`` of all that the filter estimates, scaled."""
-        assert estimate.sd is not None and estimate.scale is not None
-        return estimate.sd / np.concatenate([self.std_scale, estimate.scale])
-
-    def observe_readings(
-        self, sensors: Sensors, readings: np.ndarray, available: np.ndarray, course: np.ndarray, step: np.ndarray
-    ) -> np.ndarray:
-        """Raw readings ``(B, 2 p)``: readings and mask, no filter."""
-        return np.concatenate([readings / sensors.scale, available], -1)
 
     def observe_mission(self, course: np.ndarray, step: np.ndarray, actuators: np.ndarray) -> np.ndarray:
         """What is asked, and the actuators: path, altitude, obstacles and they ``(B, 99)``."""

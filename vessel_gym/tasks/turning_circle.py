@@ -13,6 +13,7 @@ from vessel_gym.checks import number
 from vessel_gym.compiled import gufunc
 from vessel_gym.sensors import Sensors
 from vessel_gym.system import Estimate
+from vessel_gym.tasks.task import Task
 from vessel_gym.vehicles.corvette import steady_turns
 from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 
@@ -41,7 +42,7 @@ def turning_reward(
 
 
 @dataclass(frozen=True)
-class TurningCircle:
+class TurningCircle(Task):
     """The commanded heading leads into a steady turn: straight, a ramp of the yaw rate, a circle.
 
     A course (what is drawn at reset) is ``(initial heading [rad], commanded yaw rate [rad/s])``; a
@@ -128,17 +129,12 @@ class TurningCircle:
     def _timing(self) -> np.ndarray:
         return np.array([self.dt, self.lead, self.ramp, self.preview])
 
-    def known_input(self, before: np.ndarray, after: np.ndarray, course: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """What filters are told over a step ``(B, 2)``: mean rudder and commanded yaw rate."""
-        u = np.empty((len(before), 2))
-        u[:, 0] = 0.5 * (before[:, 0] + after[:, 0])
-        u[:, 1] = self.command(course, step)[:, 1]
-        return u
+    def commanded(self, course: np.ndarray, step: np.ndarray) -> np.ndarray:
+        """The commanded yaw rate ``(B, 1)``."""
+        return self.command(course, step)[:, 1:2]
 
     # --- what the agent sees ----------------------------------------------------------------------
 
-    BOUND = 10.0
-    """Observations are scaled to be of order 1 and clipped to +-10."""
     SWAY_SCALE = 2.0  # m/s
     HEADING_SCALE = 0.1  # rad, errors and uncertainty
     INPUT_SCALE = 0.01  # rad
@@ -235,14 +231,6 @@ class TurningCircle:
     def perfect(self) -> float:
         """A reward of 1 at every step."""
         return self.horizon
-
-    def over(self, reference: np.ndarray) -> np.ndarray:
-        """Never ``(B,)``: the turn is held until time is up."""
-        return np.zeros(len(reference), bool)
-
-    def begin(self, state: np.ndarray, course: np.ndarray) -> np.ndarray:
-        """Nothing to remember: ``(B, 0)``."""
-        return np.empty((len(state), 0))
 
     def score(
         self,

@@ -267,6 +267,17 @@ class Corvette:
     def _nominal(self) -> np.ndarray:
         return self.ship.vector()
 
+    def known_input(self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None) -> np.ndarray:
+        """The mean rudder over a step, and the commanded yaw rate, or that of the steady turn which it holds."""
+        u = np.empty((len(before), 2))
+        u[:, 0] = 0.5 * (before[:, 0] + after[:, 0])
+        if commanded is None:
+            turns = steady_turns(self.ship)
+            u[:, 1] = np.copysign(np.interp(np.abs(u[:, 0]), turns.rudder, turns.yaw_rate), u[:, 0])
+        else:
+            u[:, 1] = commanded[:, 0]
+        return u
+
     def linear(self, kind: str) -> tuple[Any, Any]:
         """A and B of (v, r, psi): ``"corrected"`` (see `linear_matrices`) or ``"as-printed"``."""
         return AS_PRINTED if kind == "as-printed" else linear_matrices(self.ship, self.dt)

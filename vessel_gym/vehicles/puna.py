@@ -332,6 +332,10 @@ class Puna:
     def _nominal(self) -> np.ndarray:
         return self.body.vector()
 
+    def known_input(self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None) -> np.ndarray:
+        """The actuators at the start of a step and at its end."""
+        return np.concatenate([before, after], -1)
+
     def linear(self, kind: str) -> tuple[Any, Any]:
         """There is none."""
         raise NotImplementedError
