@@ -17,7 +17,7 @@ from vessel_gym.disturbances import Disturbance
 from vessel_gym.estimation import Estimation, EstimatorChoice, build, chosen_disturbance
 from vessel_gym.loop import Loop, Readings
 from vessel_gym.processes import root_of
-from vessel_gym.sensors import SUITES, Sensor, Sensors
+from vessel_gym.sensors import Sensor, Sensors
 from vessel_gym.streams import Draws, Purpose, stream
 from vessel_gym.system import Estimate, System
 
@@ -77,8 +77,6 @@ class Core:
     ) -> None:
         if not whole(num_envs) or num_envs < 1:
             raise ValueError(f"num_envs must be a positive whole number, got {shown(num_envs)}")
-        if isinstance(sensors, str):
-            one_of("sensor suite", sensors, SUITES)
         one_of("observe mode", observe, OBSERVE)
         if not 0.0 <= number(mismatch) <= 0.25:
             raise ValueError(f"mismatch must be between 0 and 0.25, got {shown(mismatch)}")
@@ -127,8 +125,7 @@ class Core:
         sensors, disturbance, estimator, options = self._chosen
         self.system, self.vehicle, self.task = system, system.vehicle, system.task
         vehicle = self.vehicle
-        chosen = SUITES[sensors].of(vehicle.sensors) if isinstance(sensors, str) else sensors
-        self.sensors = Sensors(chosen, vehicle.state_names, vehicle.kicks + vehicle.flows, vehicle.dt)
+        self.sensors = system.sensors_of(sensors)
         self.forces = Forces(vehicle, chosen_disturbance(system, disturbance))
         estimation = build(system, estimator, options, self.sensors, self.forces.disturbance, self.unknown_inputs)
         self.composition = estimation.composition

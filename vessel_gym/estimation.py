@@ -282,8 +282,7 @@ def _made(system: System, name: str, options: dict[str, Any], composition: Compo
 
 def tuning(system: System, name: str, disturbance: str) -> dict[str, Any]:
     """The options that a system gives one of the package's filters in one of its disturbances."""
-    vehicle = system.vehicle
-    sensors = Sensors(vehicle.sensors, vehicle.state_names, vehicle.kicks + vehicle.flows, vehicle.dt)
+    sensors = system.sensors_of("nominal")
     kind = system.filter_models.get(name, system.filter_model)
     return system.tuning(name, _composed(system, kind, Told(), sensors, system.disturbances[disturbance]))
 

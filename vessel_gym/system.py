@@ -1,14 +1,15 @@
 """What an environment is made of: a vehicle, a task, disturbances and a default estimator, as data."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from estimators import Gaussian
+from vessel_gym.checks import one_of
 from vessel_gym.disturbances import Disturbance
-from vessel_gym.sensors import Sensor, Sensors
+from vessel_gym.sensors import SUITES, Sensor, Sensors
 
 if TYPE_CHECKING:
     from vessel_gym.composition import Composition
@@ -236,6 +237,7 @@ class System:
         filter_model: The kind of model that filters use, unless ``filter_models`` says otherwise.
         tuning: Options of a filter by name, given what it is told.
         filter_models: Kinds of particular filters.
+        sensors: In their nominal quality; None: the vehicle's own.
     """
 
     name: str
@@ -246,3 +248,17 @@ class System:
     filter_model: str
     tuning: Callable[[str, "Composition"], dict[str, Any]]
     filter_models: Mapping[str, str] = field(default_factory=dict)
+    sensors: tuple[Sensor, ...] | None = None
+
+    def sensors_of(self, choice: "str | Sequence[Sensor]") -> Sensors:
+        """Its sensors in the quality of a suite by name, or somebody's own.
+
+        Raises:
+            ValueError: for a name that there is not, or sensors that do not fit the vehicle, see `Sensors`.
+            TypeError: for what is no sensor.
+        """
+        vehicle = self.vehicle
+        if isinstance(choice, str):
+            suite = SUITES[one_of("sensor suite", choice, SUITES)]
+            choice = suite.of(vehicle.sensors if self.sensors is None else self.sensors)
+        return Sensors(choice, vehicle.state_names, vehicle.kicks + vehicle.flows, vehicle.dt)

@@ -3,6 +3,7 @@
 from vessel_gym.envs.auv import AUVEnv, AUVVectorEnv
 from vessel_gym.envs.fixed_wing import FixedWingEnv, FixedWingVectorEnv
 from vessel_gym.envs.itsunusa_auv import ItsunusaAUVEnv, ItsunusaAUVVectorEnv
+from vessel_gym.envs.own import register_environment
 from vessel_gym.envs.puna_uav import PunaUAVEnv, PunaUAVVectorEnv
 from vessel_gym.envs.segorogeni_auv import SegorogeniAUVEnv, SegorogeniAUVVectorEnv
 from vessel_gym.envs.ship import ShipEnv, ShipVectorEnv
@@ -27,4 +28,5 @@ __all__ = [
     "SigmaCorvetteVectorEnv",
     "VesselEnv",
     "VesselVectorEnv",
+    "register_environment",
 ]
