@@ -45,14 +45,14 @@ class Core:
         num_envs: B.
         estimator: Name of the estimator, or your own (see `vessel_gym.estimation.build`); None: the system's default.
         estimator_options: Options of that estimator.
-        sensors: Name of a sensor suite.
-        disturbance: Name of a disturbance.
+        sensors: Name of a sensor suite, or a list of `Sensor` objects of one's own.
+        disturbance: Name of a disturbance, or a `Disturbance` of one's own.
         mismatch: Relative spread of the truth's parameters around the filter's, in [0, 0.25].
         observe: ``"mean"``, ``"mean+std"`` or ``"measurement"``.
 
     Raises:
         ValueError: for a name that does not exist (saying which do) or a number out of range.
-        TypeError: for an option that the estimator does not have.
+        TypeError: for an option that the estimator does not have, or sensors or a disturbance that are none.
     """
 
     def __init__(
@@ -70,6 +70,8 @@ class Core:
             raise ValueError(f"num_envs must be a positive whole number, got {shown(num_envs)}")
         if isinstance(sensors, str):
             one_of("sensor suite", sensors, SUITES)
+        elif not (sensors and isinstance(sensors, list | tuple) and all(isinstance(s, Sensor) for s in sensors)):
+            raise TypeError(f"sensors must be one of {', '.join(SUITES)}, or Sensor objects, got {shown(sensors)}")
         one_of("observe mode", observe, OBSERVE)
         if not 0.0 <= number(mismatch) <= 0.25:
             raise ValueError(f"mismatch must be between 0 and 0.25, got {shown(mismatch)}")

@@ -325,5 +325,6 @@ def chosen_disturbance(system: System, choice: str | Disturbance) -> Disturbance
     if isinstance(choice, Disturbance):
         return choice
     if not isinstance(choice, str):
-        raise TypeError(f"disturbance must be a name or a Disturbance object, got {shown(choice)}")
+        names = ", ".join(system.disturbances)
+        raise TypeError(f"disturbance must be one of {names}, or a Disturbance object, got {shown(choice)}")
     return system.disturbances[checks.one_of("disturbance", choice, system.disturbances)]
