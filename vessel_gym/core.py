@@ -12,7 +12,7 @@ from estimators.checks import shown
 from estimators.linalg import semidefinite_cholesky
 from vessel_gym.checks import number, numbers, one_of
 from vessel_gym.checks import options as checked_options
-from vessel_gym.composition import Composition, Forces
+from vessel_gym.composition import Composition, Forces, columns
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.estimation import Estimation, EstimatorChoice, build, chosen_disturbance
 from vessel_gym.loop import Loop, Readings
@@ -49,8 +49,8 @@ class Core:
         num_envs: B.
         estimator: Name of the estimator, or your own (see `vessel_gym.estimation.build`); None: the system's default.
         estimator_options: Options of that estimator.
-        sensors: Name of a sensor suite.
-        disturbance: Name of a disturbance.
+        sensors: Name of a sensor suite, or a list of `Sensor` objects of one's own.
+        disturbance: Name of a disturbance, or a `Disturbance` of one's own.
         mismatch: Relative spread of the truth's parameters around the filter's, in [0, 0.25].
         observe: One of `OBSERVE`.
         ends: One of `ENDS`; None: ``"belief"`` where estimates are observed, ``"task"`` where readings are.
@@ -59,7 +59,7 @@ class Core:
 
     Raises:
         ValueError: for a name that does not exist (saying which do) or a number out of range.
-        TypeError: for an option that the estimator does not have.
+        TypeError: for an option that the estimator does not have, or sensors or a disturbance that are none.
     """
 
     def __init__(
@@ -143,7 +143,7 @@ class Core:
         self._estimated = [self.truth_names.index(n) if n in self.truth_names else -1 for n in self.composition.names]
         self._based = [vehicle.state_names.index(name) for name in vehicle.estimated(vehicle.kinds[0])]
         self._root = block_diag(self.forces.disturbance.white, process.root, bias.root)
-        self._shaken = slice(0, len(self.forces.shaken))
+        self._kicked, self._shaken = columns(self.forces.shaken), slice(0, len(self.forces.shaken))
         self._drifting = slice(len(self.forces.shaken), len(self.forces.shaken) + process.size)
         self._wandering = slice(self._drifting.stop, len(self._root))
 
@@ -463,7 +463,8 @@ class Core:
         """
         if not self.seeds:
             raise ResetNeeded("call reset() before asking for the truth")
-        return np.array(self.truth)
+        truth = self.truth
+        return truth.copy() if truth is self.state else truth
 
     def info(self) -> dict[str, np.ndarray]:
         """Copies of what happened, one row an environment; documented with the environment."""
@@ -471,7 +472,7 @@ class Core:
         unknown_input = self.unknown_input
         input_mean = np.zeros(unknown_input.shape) if belief.input_mean is None else belief.input_mean.copy()
         return {
-            "truth": np.array(self.truth),
+            "truth": self.scored_truth(),
             "unknown_input": unknown_input.copy(),
             "reference": self.reference.copy(),
             "actuators": self.actuators.copy(),
@@ -512,7 +513,8 @@ class Core:
     def _forcing(self, sea_state: np.ndarray, state: np.ndarray, noise: np.ndarray) -> np.ndarray:
         """What acts on the vehicle over the coming step."""
         forcing = self.forces.on(sea_state, state)
-        forcing[:, self.forces.shaken] = noise[:, self._shaken]
+        if self.forces.shaken:
+            forcing[:, self._kicked] = noise[:, self._shaken]
         return forcing
 
     def _handed(self, readings: Readings, rows: np.ndarray | None = None) -> Readings:

@@ -314,7 +314,7 @@ def _composed(system: System, kind: object, told: Told, sensors: Sensors, distur
     return replace(composition, model=replace(model, Q=told.Q * model.Q, R=told.R * model.R))
 
 
-def chosen_disturbance(system: System, choice: str | Disturbance) -> Disturbance:
+def chosen_disturbance(system: System, choice: object) -> Disturbance:
     """A disturbance of a system by its name, or somebody's own.
 
     Raises:
@@ -324,5 +324,6 @@ def chosen_disturbance(system: System, choice: str | Disturbance) -> Disturbance
     if isinstance(choice, Disturbance):
         return choice
     if not isinstance(choice, str):
-        raise TypeError(f"disturbance must be a name or a Disturbance object, got {shown(choice)}")
+        names = ", ".join(system.disturbances)
+        raise TypeError(f"disturbance must be one of {names}, or a Disturbance object, got {shown(choice)}")
     return system.disturbances[checks.one_of("disturbance", choice, system.disturbances)]

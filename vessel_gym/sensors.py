@@ -12,6 +12,7 @@ import numpy as np
 
 from estimators.checks import number, shown
 from estimators.factory import unknown
+from vessel_gym.checks import numbers
 from vessel_gym.processes import Process
 
 Known = Mapping[str, np.ndarray]
@@ -37,6 +38,8 @@ class Bias:
     scale: float = 1.0
 
     def __post_init__(self) -> None:
+        if isinstance(self.names, str):  # type: ignore[unreachable]
+            raise ValueError(f"names of a bias must be a tuple of names, got {shown(self.names)}")
         for name in ("start", "pace", "slope"):
             values = getattr(self, name) or (0.0,) * len(self.names)
             if len(values) != len(self.names):
@@ -105,6 +108,10 @@ class Sensor:
 
     def __post_init__(self) -> None:
         k = len(self.channels)
+        for name, listed in (("channels", (self.channels,)), ("informs", self.informs or ())):
+            for entry in listed:
+                if isinstance(entry, str):  # type: ignore[unreachable]  # whose letters would pass for names
+                    raise ValueError(f"{name} of {self.name} must hold tuples of names, got {shown(entry)}")
         for name in ("sd", "range", "scale", "gives", "informs"):
             values = getattr(self, name)
             if values is not None and (isinstance(values, str) or len(values) != k):
@@ -114,6 +121,13 @@ class Sensor:
                 number(f"{name} of {self.name}", value, low=low, what="0 or more" if low else "above 0")
         for name in ("dropout", "outliers"):
             number(f"{name} of {self.name}", getattr(self, name), low=-1e-300, high=1.0 + 1e-15, what="0 to 1")
+        number(f"outlier_scale of {self.name}", self.outlier_scale, low=-1e-300, what="0 or more")
+        for ends in self.range or ():
+            pair = numbers(ends)
+            if pair is None or pair.shape != (2,) or not pair[0] < pair[1]:
+                raise ValueError(
+                    f"range of {self.name} must have (least, greatest) for each channel, got {shown(self.range)}"
+                )
         if self.rate is not None:
             number(f"rate of {self.name}", self.rate, low=0.0, what="above 0 Hz, or None for one reading every step")
         if not callable(self.reads):
@@ -194,7 +208,7 @@ class Sensors:
     def __init__(self, sensors: Sequence[Sensor], states: tuple[str, ...], forcing: tuple[str, ...], dt: float) -> None:
         self.each = tuple(sensors)
         if not self.each or not all(isinstance(sensor, Sensor) for sensor in self.each):
-            raise TypeError(f"sensors must be the name of a suite or Sensor objects, got {shown(sensors)}")
+            raise TypeError(f"sensors must be Sensor objects, one at least, got {shown(sensors)}")
         names = [sensor.name for sensor in self.each]
         for name in names:
             if names.count(name) > 1:

@@ -13,7 +13,8 @@ import vessel_gym  # noqa: F401  (registers the environments)
 from vessel_gym.core import Core
 from vessel_gym.envs import VesselEnv, VesselVectorEnv
 from vessel_gym.estimation import estimator_names
-from vessel_gym.sensors import SUITES, SensorSuite
+from vessel_gym.sensors import SUITES, Sensors, SensorSuite
+from vessel_gym.system import Estimate
 
 ENVIRONMENTS = [key for key, spec in gym.registry.items() if str(spec.entry_point).startswith("vessel_gym.")]
 """Every registered environment: a new one joins all tests of the contract by being registered."""
@@ -105,17 +106,25 @@ class AlteredVehicle:
         return truth + self._rng.normal(0.0, 0.002, truth.shape)
 
 
-class SilentVehicle:
-    """A vehicle whose sensors show zero: what is read is the sensors' noise alone, bit for bit."""
+class AlteredCore(Core):
+    """Environments in which all that is drawn at a reset is somewhere else: vehicle, disturbance and biases."""
 
-    def __init__(self, vehicle: Any) -> None:
-        self._vehicle = vehicle
+    def _begun(self, *args: Any) -> Any:
+        rng = np.random.default_rng(1)
+        return tuple(drawn + rng.normal(0.0, 0.01, drawn.shape) for drawn in super()._begun(*args))
+
+
+class SilentSensors:
+    """Sensors that show zero: what is read is their noise alone, bit for bit."""
+
+    def __init__(self, sensors: Sensors) -> None:
+        self._sensors = sensors
 
     def __getattr__(self, name: str) -> Any:
-        return getattr(self._vehicle, name)
+        return getattr(self._sensors, name)
 
-    def readings(self, truth: np.ndarray, forcing: np.ndarray) -> np.ndarray:
-        return np.zeros_like(self._vehicle.readings(truth, forcing))
+    def exact(self, state: np.ndarray, forcing: np.ndarray, bias: np.ndarray | None = None) -> np.ndarray:
+        return np.zeros(state.shape[:-1] + (self._sensors.size,))
 
 
 def with_vehicle(env_id: str, wrapper: type) -> Any:
@@ -156,6 +165,12 @@ def assert_same_tree(one: Any, other: Any, where: str = "", atol: float = 0.0) -
         assert abs(one - other) <= atol, where
     else:
         assert one == other, where
+
+
+def estimate_of(core: Core, mean: np.ndarray) -> Estimate:
+    """What the task would see if the filter believed in means ``(B, n)`` and in the unknown input as it does."""
+    told = core.composition
+    return Estimate(mean[:, : told.base], told.flow(mean), core.belief.input_mean)
 
 
 def observations(core: Core) -> dict[str, np.ndarray]:

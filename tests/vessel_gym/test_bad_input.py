@@ -19,6 +19,7 @@ from contract import (
 )
 
 from estimators.kalman import ExtendedKalmanFilter
+from vessel_gym.core import OBSERVE
 from vessel_gym.estimation import estimator_names
 from vessel_gym.sensors import SUITES
 from vessel_gym.tasks.dive import Dive
@@ -50,18 +51,21 @@ def refusals_to_make(env_id: str, expected: type[Exception], **options: Any) -> 
 @pytest.mark.parametrize(
     ("option", "wrong"),
     [
-        ("estimator", "kalman"), ("estimator", ""), ("estimator", 3), ("sensors", "perfect"), ("sensors", None),
-        ("sensors", ["nominal"]), ("disturbance", "hurricane"), ("disturbance", "Rough"), ("disturbance", {}),
-        ("observe", "truth"), ("observe", ["mean"]), ("estimator", ["ekf"]),
+        ("estimator", "kalman"), ("estimator", ""), ("estimator", 3), ("sensors", "perfect"), ("sensors", ""),
+        ("sensors", None), ("sensors", 3), ("sensors", ["nominal"]), ("sensors", []), ("sensors", {"nominal": 1}),
+        ("disturbance", "hurricane"), ("disturbance", "Rough"), ("disturbance", {}), ("disturbance", None),
+        ("disturbance", ["calm"]), ("observe", "truth"), ("observe", ["mean"]), ("estimator", ["ekf"]),
     ],
 )  # fmt: skip
 def test_an_unknown_name_is_answered_with_those_that_exist(env_id: str, option: str, wrong: Any):
     system = single_class(env_id).system
     known = {
         "estimator": [name for name in estimator_names() if name not in REFUSED[env_id]], "sensors": SUITES,
-        "disturbance": system.disturbances, "observe": system.task.sizes(),
+        "disturbance": system.disturbances, "observe": OBSERVE,
     }[option]  # fmt: skip
-    for message in refusals_to_make(env_id, ValueError, **{option: wrong}):
+    # what might have been an object of one's own is of the wrong type
+    kind = TypeError if option in ("sensors", "disturbance") and not isinstance(wrong, str) else ValueError
+    for message in refusals_to_make(env_id, kind, **{option: wrong}):
         assert repr(wrong) in message
         for name in known:
             assert name in message

@@ -10,9 +10,10 @@ from scipy.stats import t as student
 from agents import Rollout, load_agent, rollout
 from agents.seeds import evaluation_seeds
 from estimators import Gaussian, LinearModel, chi_square_band, make, nees, wrap
+from vessel_gym.composition import Forces, compose
 from vessel_gym.core import Core
 from vessel_gym.envs import SigmaCorvetteEnv
-from vessel_gym.sensors import nominal_sd
+from vessel_gym.processes import root_of
 from vessel_gym.vehicles.corvette import Corvette
 
 SEEDS = 60
@@ -54,7 +55,7 @@ class _Face:
 def estimated(estimator: str, disturbance: str = "rough", told: bool = False) -> dict[str, np.ndarray]:
     """Everything in ``info`` at every step ``(T, N, ...)``; ``told`` tells kf the variance of the unknown input."""
     sea = SigmaCorvetteEnv.system.disturbances[disturbance]
-    options = {"input_cov": sea.unknown_input_var} if told else {}
+    options = {"input_cov": Forces(Corvette(), sea).kick_cov} if told else {}
     core = make_core("SigmaCorvette-v0", SEEDS, estimator=estimator, estimator_options=options, disturbance=disturbance)
     core.reset()
     frames = []
@@ -111,7 +112,7 @@ def test_the_unknown_input_of_kf_umv_ui_is_better_than_the_raw_channel_that_show
     low, _ = paired_interval(raw - filtered)
     assert low > 0.0
     # The channel's own noise, as a check of the comparison: within 4 standard errors of its square's mean.
-    sd = nominal_sd(SigmaCorvetteEnv.system.vehicle.instruments)[1]
+    sd = SigmaCorvetteEnv.system.vehicle.sensors[1].sd[0]
     assert abs(np.mean(raw**2) / sd**2 - 1.0) < 4.0 * np.sqrt(2.0 / true.size)
 
 
@@ -135,23 +136,25 @@ def linear_truth(model: LinearModel, u: np.ndarray, disturbance: str | None, see
     root = np.linalg.cholesky(model.Q)
     x = prior.mean + rng.normal(size=(RUNS, model.n)) @ np.linalg.cholesky(prior.cov).T
     sea = SigmaCorvetteEnv.system.disturbances[disturbance or "calm"]
-    waves = sea.start(rng.normal(size=(RUNS, sea.size)))
+    process = sea.process
+    waves = rng.normal(size=(RUNS, process.size)) @ root_of(process.start_cov).T
     states, inputs, readings = [], [], []
     for _ in range(TIMES):
-        d = sea.forcing(waves)[:, :1] * (disturbance is not None)
+        d = sea.effect(waves, x)[:, :1] * (disturbance is not None)
         v = rng.normal(size=(RUNS, model.p)) * np.sqrt(np.diag(model.R))
         states.append(x)
         inputs.append(d)
         readings.append(x @ model.C.T + d @ model.H.T + v)
         x = x @ A.T + u @ B.T + d @ model.G.T + rng.normal(size=(RUNS, model.n)) @ root.T
-        waves = sea.advance(waves, rng.normal(size=(RUNS, sea.size)))
+        waves = process.advance(waves) + rng.normal(size=(RUNS, process.normals)) @ process.root.T
     return np.stack(states), np.stack(inputs), np.stack(readings)
 
 
 @cache
 def consistency(estimator: str, disturbance: str | None, seed: int = 3) -> np.ndarray:
     """NEES ``(T, M)``: one value a time and run; for kf-umv-ui of the state, and of state and input together."""
-    model = Corvette().model("corrected", 1.0, SigmaCorvetteEnv.system.disturbances["calm"])
+    sensors = make_core("SigmaCorvette-v0", 1).sensors
+    model = compose(Corvette(), "corrected", SigmaCorvetteEnv.system.disturbances["calm"], sensors).model
     u = np.array([0.15, 0.02])  # rudder and commanded yaw rate of a turn
     prior = Gaussian(np.array([0.0, 0.0, 0.5]), np.diag([0.2, 0.002, 0.03]) ** 2)
     states, _, readings = linear_truth(model, u, disturbance, seed, prior)

@@ -31,10 +31,15 @@ JUNK = st.one_of(
     st.lists(st.lists(st.floats(), max_size=3), max_size=4),
     npst.arrays(npst.scalar_dtypes(), npst.array_shapes(min_dims=0, max_dims=3, max_side=4)),
 )  # fmt: skip
+TOLD = st.fixed_dictionaries({}, optional={
+    "disturbance": st.sampled_from(["calm", "Rough", None]) | JUNK,
+    "as": st.sampled_from(["states", "input", "white", "noise", "nois"]) | JUNK,
+    **dict.fromkeys(("Q", "R", "prior"), st.floats(1e-3, 1e3) | SCALARS),
+})  # fmt: skip
 ARGUMENTS = {  # what is, or nearly is, right
     "estimator": st.sampled_from([*estimator_names(), "kf-umv", "EKF"]),
     # What a filter makes of the values of its own options is tested with the filters.
-    "estimator_options": st.fixed_dictionaries({"model": JUNK}),
+    "estimator_options": st.fixed_dictionaries({"model": JUNK}) | st.fixed_dictionaries({"told": JUNK | TOLD}),
     "sensors": st.sampled_from([*SUITES, "clen"]),
     "disturbance": st.sampled_from(["calm", "Rough"]),
     "mismatch": st.floats(0.0, 0.3),
@@ -42,7 +47,7 @@ ARGUMENTS = {  # what is, or nearly is, right
     "render_mode": st.sampled_from([None, "ansi"]),
 }
 OTHER_WORDS = {
-    "estimator": ("needs",), "estimator_options": ("has no option", "model"), "sensors": ("sensor suite",),
+    "estimator": ("needs",), "estimator_options": ("has no option", "model", "told"), "sensors": ("sensor suite",),
     "render_mode": ("argument",),
 }  # fmt: skip
 NUMBERS = st.floats(-300.0, 900.0) | EXTREME

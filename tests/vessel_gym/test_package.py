@@ -14,6 +14,7 @@ import pytest
 from contract import ENVIRONMENTS, single_class, vector_class
 
 import vessel_gym
+from vessel_gym.core import OBSERVE
 from vessel_gym.estimation import estimator_names
 from vessel_gym.sensors import SUITES
 
@@ -123,13 +124,15 @@ def test_the_docstring_of_an_environment_is_its_manual(env_id: str):
     manual = cls.__doc__ or ""
     for heading in ("Action", "Observation", "Reward", "Start", "End", "Version"):
         assert re.search(rf"\b{heading}", manual), heading
-    system, bound = cls.system, cls.system.task.BOUND
-    names = [*system.disturbances, *SUITES, *system.task.sizes(), *estimator_names(), *cls.metadata["render_modes"]]
+    core = cls().core
+    system, bound, sizes = cls.system, core.task.BOUND, core.task.sizes(core.sensors.size, len(core.composition.names))
+    names = [*system.disturbances, *SUITES, *OBSERVE, *estimator_names(), *cls.metadata["render_modes"]]
+    assert list(sizes) == list(OBSERVE)
     for name in names:
         assert re.search(rf"[`\"]{re.escape(name)}[`\"]", manual), name
-    assert f"Box({-bound:g}, {bound:g}, ({system.task.sizes()['mean']},), float32)" in manual
+    assert f"Box({-bound:g}, {bound:g}, ({sizes['mean']},), float32)" in manual
     assert f"Box(-1, 1, ({len(system.vehicle.action_names)},), float32)" in manual
-    assert f"({system.task.sizes()['mean+std']},)" in manual
+    assert f"({sizes['mean+std']},)" in manual
     assert f"after {system.task.horizon} steps" in manual
     _, info = gym.make(env_id).reset(seed=0)
     for key in info:

@@ -27,7 +27,7 @@ def register_environment(system: System, max_episode_steps: int | None = None) -
     gym.registry.pop(system.name, None)  # a notebook's cell may run again
     gym.register(
         system.name,
-        entry_point=faces[0],
+        entry_point=faces[0],  # type: ignore[arg-type]
         vector_entry_point=faces[1],  # type: ignore[arg-type]
         max_episode_steps=system.task.horizon if max_episode_steps is None else max_episode_steps,
     )

@@ -163,8 +163,13 @@ class DiveScene(Journey):
     def _two_sigma(self, view: _View, history: Sample) -> np.ndarray:
         """Two standard deviations of the believed position as a view shows them, ``(k, 2)``; without any, one point."""
         position = self._position @ history.estimate[-1]
-        root = view.gradient(position) @ self._position
-        return view.points(position) + two_sigma(root @ history.cov[-1] @ root.T)
+        root = view.gradient(position)
+        return view.points(position) + two_sigma(root @ self._spread(history)[-1] @ root.T)
+
+    def _spread(self, history: Sample) -> np.ndarray:
+        """Covariances ``(k, 3, 3)`` of the believed position."""
+        n = len(self._names)
+        return self._position @ history.cov[:, :n, :n] @ self._position.T
 
     # --- parts of the picture -----------------------------------------------------------------------
 
@@ -325,7 +330,7 @@ class DiveScene(Journey):
         canvas.panel(box)
         x, words = box.left + 25, box.left + 46
         members = self._cloud()
-        spread = self._position @ history.cov[-1] @ self._position.T
+        spread = self._spread(history)[-1]
         labels = {
             "path": "path to follow",
             "start": "start",
@@ -407,8 +412,7 @@ class DiveScene(Journey):
         heading, zero = on[:, 3], np.zeros(len(on))
         across = np.stack([-np.sin(heading), np.cos(heading), zero], -1)
         up = np.stack([on[:, 4] * np.cos(heading), on[:, 4] * np.sin(heading), zero - 1.0], -1) / steep[:, None]
-        n = len(self._names)
-        cov = self._position @ history.cov[:, :n, :n] @ self._position.T
+        cov = self._spread(history)
         sds = [np.sqrt(np.maximum(np.einsum("ki,kij,kj->k", d, cov, d), 0.0)) for d in (across, up)]
         return [(errors[0][i], errors[1][i], sds[i]) for i in range(2)]
 
