@@ -13,7 +13,7 @@ from vessel_gym.guidance.dubins import approach, candidates, plan, shortest, wor
 from vessel_gym.guidance.path_following import LEAD, follow, track
 from vessel_gym.system import Estimate
 from vessel_gym.tasks.flight import ENDS, OBSTACLES, SEGMENTS, Flight
-from vessel_gym.vehicles.puna import STATE
+from vessel_gym.vehicles.puna import STATE, airspeed
 
 TASK = PUNA_UAV.task
 assert isinstance(TASK, Flight)

@@ -169,8 +169,10 @@ def test_the_prior_lies_on_the_course_at_the_service_speed():
 
 
 def test_nothing_that_the_agent_sees_has_a_parameter_for_truth():
-    observers = {name: list(inspect.signature(getattr(TurningCircle, name)).parameters)[1:]
-                 for name in ("observe", "observe_state", "observe_std", "observe_readings", "observe_mission", "reference", "over", "commanded")}  # fmt: skip
+    names = (
+        "observe", "observe_state", "observe_std", "observe_readings", "observe_mission", "reference", "over", "commanded",
+    )  # fmt: skip
+    observers = {name: list(inspect.signature(getattr(TurningCircle, name)).parameters)[1:] for name in names}
     assert observers == {
         "observe": ["estimate", "reference", "actuators"],
         "observe_state": ["estimate", "course"],
