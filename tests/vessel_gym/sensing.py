@@ -1,10 +1,12 @@
-"""A vehicle's sensors, and what they give without a filter: what the tests of all vehicles share."""
+"""A vehicle's sensors, what they give without a filter, and a sea: what the tests of all vehicles share."""
 
 import numpy as np
 
 from estimators import Gaussian
 from vessel_gym.composition import Composition
+from vessel_gym.disturbances import Disturbance
 from vessel_gym.estimation import HeldMeasurement
+from vessel_gym.processes import Process
 from vessel_gym.sensors import Sensors, SensorSuite
 from vessel_gym.system import Vehicle
 
@@ -18,6 +20,21 @@ def sensors_of(vehicle: Vehicle, noise: float = 1.0) -> Sensors:
 def forcing(vehicle: Vehicle, flow: np.ndarray) -> np.ndarray:
     """The forcing ``(..., f)`` of a flow that kicks nothing."""
     return np.concatenate([np.zeros((*flow.shape[:-1], len(vehicle.kicks))), flow], -1)
+
+
+class UnevenWater(Disturbance):
+    """Water that kicks every velocity by another amount, in a current of another size along every axis.
+
+    Args:
+        vehicle: What is kicked.
+        kicks: Standard deviations of what a step kicks each of its velocities.
+        currents: Of the components of the current [m/s], which change in 200 s.
+    """
+
+    def __init__(self, vehicle: Vehicle, kicks: tuple[float, ...], currents: tuple[float, ...]) -> None:
+        self.names = self.forces = vehicle.flows
+        self.shakes, self.white = vehicle.kicks, np.diag(kicks)
+        self.process = Process.wandering(currents, 200.0, vehicle.dt)
 
 
 def without_a_filter(
