@@ -108,7 +108,8 @@ def test_a_task_of_ones_own_has_pilot_score_and_picture(parts: SimpleNamespace) 
     env.reset(seed=0)
     env.step(env.action_space.sample())
     picture = env.render()
-    assert isinstance(picture, np.ndarray) and len(np.unique(picture.reshape(-1, 3), axis=0)) > 20
+    assert isinstance(picture, np.ndarray)
+    assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 20
 
 
 STUDY = """

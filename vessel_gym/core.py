@@ -116,9 +116,7 @@ class Core:
         self.forcing: np.ndarray  # over the coming step
         self.tally: np.ndarray  # what the score remembers
         sizes = self.task.sizes(self.sensors.size, len(self.composition.names))
-        parts = ["guided"] if self.guidance else [] if raw else ["unguided"]
-        parts += {"mean": [], "mean+std": ["std"], "measurement": ["readings", "mission"]}[observe]
-        self.observation_size = sum(sizes[part] for part in parts)
+        self.observation_size = sum(sizes[part] for part in observed(observe, self.guidance))
 
     def attach(self, system: System) -> None:
         """Take what is the same for all copies from the system, and build the filter: a copied core needs it again."""
@@ -427,7 +425,7 @@ class Core:
             with np.errstate(over="ignore"):  # an absurd reading is clipped
                 parts = [task.observe_readings(self.sensors, *self.loop.readings, course, steps)]
                 parts.append(task.observe_mission(course, steps, self.actuators))
-                if self.guidance:
+                if hasattr(self, "held"):
                     held = self._estimate(self.held.belief, self.held.composition)
                     reference = task.reference(course, steps, held.state)
                     parts.insert(0, task.observe(held, reference, self.actuators))
@@ -540,6 +538,13 @@ class Core:
         merged = whole.copy()
         merged[rows] = values
         return merged
+
+
+def observed(observe: str, guidance: bool) -> tuple[str, ...]:
+    """The parts of an observation, in the words of `vessel_gym.system.Task.sizes`."""
+    if observe == "measurement":
+        return *(("guided",) if guidance else ()), "readings", "mission"
+    return "guided" if guidance else "unguided", *(("std",) if observe == "mean+std" else ())
 
 
 def joint_prior(cov: np.ndarray, forces: Forces, sensors: Sensors) -> np.ndarray:

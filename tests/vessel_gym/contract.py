@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 import vessel_gym  # noqa: F401  (registers the environments)
-from vessel_gym.core import Core
+from vessel_gym.core import Core, observed
 from vessel_gym.envs import VesselEnv, VesselVectorEnv
 from vessel_gym.estimation import estimator_names
 from vessel_gym.sensors import SUITES, Sensors, SensorSuite
@@ -27,6 +27,9 @@ REFUSED = {
     "SegorogeniAUV-v0": _NONLINEAR_AND_NO_INPUT,
     "ItsunusaAUV-v0": _NONLINEAR_AND_NO_INPUT,
     "PunaUAV-v0": _NONLINEAR_AND_NO_INPUT,
+    "vessel_gym/Ship-v0": dict.fromkeys(("kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv"), "H = 0"),
+    "vessel_gym/AUV-v0": _NONLINEAR_AND_NO_INPUT,
+    "vessel_gym/FixedWing-v0": _NONLINEAR_AND_NO_INPUT,
 }
 """Estimators that an environment's model cannot carry, and the condition that the refusal must name."""
 
@@ -39,6 +42,11 @@ BLIND = [(key, name) for key, name in CARRIED if name != "truth"]
 MODES = ("mean", "mean+std", "measurement")
 BROKEN = SensorSuite(noise=1.0, dropout=0.7, outliers=0.2, outlier_scale=1e4)
 """Worse than any suite that users can choose: long gaps and absurd readings."""
+
+
+def sizes_by_mode(sizes: dict[str, int]) -> dict[str, int]:
+    """Lengths of observations with the guidance that is usual in each mode, from those of their parts."""
+    return {mode: sum(sizes[part] for part in observed(mode, mode != "measurement")) for mode in MODES}
 
 
 def single_class(env_id: str) -> type[VesselEnv]:

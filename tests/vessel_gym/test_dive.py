@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from contract import sizes_by_mode
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -52,7 +53,8 @@ def belief(mean: np.ndarray, flow: np.ndarray | None = None) -> Estimate:
 
 def score(task: Dive, truth: np.ndarray, *given: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What `Dive.score` says where nothing acts."""
-    return task.score(truth, np.zeros((len(truth), 8)), *given)
+    reference, *others = given
+    return task.score(truth, np.zeros((len(truth), 8)), reference, task.over(reference), *others)
 
 
 def sensors_of(system: System) -> Sensors:
@@ -62,7 +64,7 @@ def sensors_of(system: System) -> Sensors:
 
 def sizes(system: System) -> dict[str, int]:
     """The lengths of observations beside the nominal sensors and a filter that is told of the current."""
-    return system.task.sizes(sensors_of(system).size, states(system.task) + flows(system.task))
+    return sizes_by_mode(system.task.sizes(sensors_of(system).size, states(system.task) + flows(system.task)))
 
 
 def courses(task: Dive, n: int, seed: int = 0) -> np.ndarray:
@@ -375,7 +377,8 @@ def test_raw_readings_come_with_their_mask_and_the_course_and_no_estimate(system
     course, rng = courses(task, 3, 9), np.random.default_rng(9)
     readings, available = rng.normal(size=(3, p)), rng.random((3, p)) < 0.5
     readings = np.where(available, readings, 0.0)
-    seen = task.observe_readings(sensors, readings, available, course, np.zeros(3), trim(task, 3))
+    raw = task.observe_readings(sensors, readings, available, course, np.zeros(3))
+    seen = np.hstack([raw, task.observe_mission(course, np.zeros(3), trim(task, 3))])
     assert seen.shape == (3, sizes(system)["measurement"])
     np.testing.assert_array_equal(seen[:, p : 2 * p], available)
     assert ((seen[:, :p] == 0.0) == ~available).all()
@@ -746,7 +749,7 @@ def test_the_score_reads_position_and_pitch_of_the_truth_and_nothing_else(system
     actuators = trim(task, 200)
     acting = np.zeros((200, 8)), rng.normal(size=(200, 8))
     one, two = (
-        task.score(values, forcing, reference, actuators, 0.0 * actuators, tally)
+        task.score(values, forcing, reference, task.over(reference), actuators, 0.0 * actuators, tally)
         for values, forcing in zip((truth, other), acting, strict=True)
     )
     for a, b in zip(one, two, strict=True):
@@ -775,6 +778,7 @@ def test_scoring_changes_nothing_that_it_is_given(system: System):
         truth,
         np.ones((5, 8)),
         believed(task, truth, course),
+        np.zeros(5, bool),
         trim(task, 5),
         trim(task, 5),
         task.begin(truth, course),

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from contract import make_core
+from contract import make_core, sizes_by_mode
 
 from vessel_gym.composition import Forces
 from vessel_gym.core import joint_prior
@@ -259,7 +259,7 @@ def test_obstacles_are_seen_on_their_side_and_fade_with_distance():
 def test_sizes_are_as_documented():
     manual = PunaUAVEnv.__doc__ or ""
     core = make_core("PunaUAV-v0", 1)
-    sizes = TASK.sizes(core.sensors.size, len(core.composition.names))
+    sizes = sizes_by_mode(TASK.sizes(core.sensors.size, len(core.composition.names)))
     assert sizes == {"mean": 18, "mean+std": 34, "measurement": 117}
     for size in sizes.values():
         assert f"({size},)" in manual
@@ -276,7 +276,7 @@ def flown(course: np.ndarray, places: list[tuple[float, float, float]], action: 
         truth = on_path(course[0], *place)
         reference = TASK.reference(course, np.zeros(1), truth)
         command = np.full((1, 3), action * (-1) ** k)
-        reward, end, tally = TASK.score(truth, STILL, reference, np.zeros((1, 3)), command, tally)
+        reward, end, tally = TASK.score(truth, STILL, reference, TASK.over(reference), np.zeros((1, 3)), command, tally)
         assert 0.0 <= reward[0] <= 1.0
         total += reward[0]
         if end[0]:
@@ -350,7 +350,7 @@ def test_what_stalls_is_the_airspeed_and_not_the_speed_over_ground():
     along, against = STILL.copy(), STILL.copy()
     along[0, 4:6], against[0, 4:6] = 0.6 * truth[0, 3:5], -0.6 * truth[0, 3:5]
     reference, tally = TASK.reference(course, np.zeros(1), truth), np.array([[290.0, 0.0, 0.0, 0.0]])
-    ends = [ENDS[TASK.score(truth, wind, reference, np.zeros((1, 3)), np.zeros((1, 3)), tally)[1][0]]
+    ends = [ENDS[TASK.score(truth, wind, reference, np.zeros(1, bool), np.zeros((1, 3)), np.zeros((1, 3)), tally)[1][0]]
             for wind in (STILL, along, against)]  # fmt: skip
     assert ends == ["", "stalled", ""]
 
@@ -358,4 +358,6 @@ def test_what_stalls_is_the_airspeed_and_not_the_speed_over_ground():
 def ending(course: np.ndarray, truth: np.ndarray, believed: np.ndarray) -> str:
     reference = TASK.reference(course, np.zeros(1), believed)
     tally = np.array([[290.0, 0.0, 0.0, 0.0]]) if truth[0, 0] < 700.0 else np.array([[740.0, 0.0, 0.0, 0.0]])
-    return ENDS[TASK.score(truth, STILL, reference, np.zeros((1, 3)), np.zeros((1, 3)), tally)[1][0]]
+    return ENDS[
+        TASK.score(truth, STILL, reference, TASK.over(reference), np.zeros((1, 3)), np.zeros((1, 3)), tally)[1][0]
+    ]

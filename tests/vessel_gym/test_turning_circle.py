@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from contract import sizes_by_mode
 from scipy.optimize import root
 
 from estimators import Belief, Gaussian, make
@@ -170,7 +171,8 @@ def test_the_prior_lies_on_the_course_at_the_service_speed():
 
 def test_nothing_that_the_agent_sees_has_a_parameter_for_truth():
     names = (
-        "observe", "observe_state", "observe_std", "observe_readings", "observe_mission", "reference", "over", "commanded",
+        "observe", "observe_state", "observe_std", "observe_readings", "observe_mission", "reference", "over",
+        "commanded",
     )  # fmt: skip
     observers = {name: list(inspect.signature(getattr(TurningCircle, name)).parameters)[1:] for name in names}
     assert observers == {
@@ -228,7 +230,7 @@ def test_missing_readings_are_zero_and_the_mask_says_so():
     course = np.tile([0.5, 0.03], (3, 1))  # at first the commanded heading is the initial one
     readings = np.array([[0.4, 0.02], [0.3, 0.02], [0.4, 0.03]])  # whatever is left in a missing one
     available = np.array([[True, True], [False, True], [True, False]])
-    observation = TASK.observe_readings(SENSORS, readings, available, course, np.zeros(3), np.zeros((3, 1)))
+    observation = TASK.observe_readings(SENSORS, readings, available, course, np.zeros(3))
     np.testing.assert_allclose(observation[:, :4], [[1, 2, 1, 1], [0, 2, 0, 1], [1, 0, 1, 0]], atol=1e-12)
 
 
@@ -237,12 +239,13 @@ def test_the_sizes_of_the_observations_are_those_announced(mode):
     rows, reference, rudder = seen_of(started(2)), TASK.command(courses(2), np.zeros(2)), np.zeros((2, 1))
     if mode == "measurement":
         there = np.zeros((2, 2)), np.ones((2, 2), bool)
-        observation = TASK.observe_readings(SENSORS, *there, courses(2), np.zeros(2), rudder)
+        raw = TASK.observe_readings(SENSORS, *there, courses(2), np.zeros(2))
+        observation = np.hstack([raw, TASK.observe_mission(courses(2), np.zeros(2), rudder)])
     else:
         observation = TASK.observe(rows, reference, rudder)
         if mode == "mean+std":
             observation = np.hstack([observation, TASK.observe_std(rows)])
-    assert observation.shape == (2, TASK.sizes(SENSORS.size, 3)[mode])
+    assert observation.shape == (2, sizes_by_mode(TASK.sizes(SENSORS.size, 3))[mode])
     assert np.isfinite(observation).all()
 
 
@@ -275,7 +278,7 @@ def rewarded(truth, reference, action):
     rudder = np.random.default_rng(0).normal(size=(len(truth), 1))
     tally = TASK.begin(truth, courses(len(truth)))
     acting = np.random.default_rng(1).normal(size=(len(truth), 3))
-    reward, end, after = TASK.score(truth, acting, reference, rudder, action, tally)
+    reward, end, after = TASK.score(truth, acting, reference, TASK.over(reference), rudder, action, tally)
     assert tally.shape == after.shape == (len(truth), 0)
     return reward, np.array(TASK.ends)[end] == "turn lost"
 

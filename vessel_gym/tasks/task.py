@@ -89,7 +89,8 @@ class Task:
 
     def observe_std(self, estimate: Estimate) -> np.ndarray:
         """The standard deviations ``(B, m)`` of all that the filter estimates, scaled."""
-        assert estimate.sd is not None and estimate.scale is not None
+        assert estimate.sd is not None
+        assert estimate.scale is not None
         scale = getattr(self, "std_scale", np.ones(estimate.state.shape[-1]))
         return estimate.sd / np.concatenate([scale, estimate.scale])
 
