@@ -30,7 +30,7 @@ def scores(rollout: Rollout) -> dict[str, np.ndarray]:
         raise ValueError(f"{rollout.env_id} has no estimator in the loop, so its flights have no such figures")
     if not rollout.history:
         raise ValueError("scores need the history of a rollout: fly it with record=True")
-    return sheet_of(rollout.env.unwrapped.core).scores(rollout)
+    return sheet_of(rollout.env.unwrapped.core.system).scores(rollout)
 
 
 def mean(metric: Metric, values: np.ndarray) -> Interval | None:

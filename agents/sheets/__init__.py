@@ -7,13 +7,13 @@ task is also measured by how well each component of the state was estimated.
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from agents.metrics import NEES, RETURN, SCORE, STEPS, UNHEALTHY, Metric, rmse
 from agents.rollouts import Rollout
 from vessel_gym.registry import Registry
+from vessel_gym.system import System
 
 Figures = Callable[[Rollout], dict[str, np.ndarray]]
 """Several numbers of every episode of a rollout, ``(N,)`` by key."""
@@ -71,12 +71,8 @@ def register_scores(task_type: type, metrics: Sequence[Metric], figures: Figures
     SHEETS.register(task_type, Sheet(every, figures), sys._getframe(1).f_globals.get("__name__", ""))
 
 
-def sheet_of(system: Any) -> Sheet:
-    """The score sheet of a system's task; for a task without one, what every task and every estimate has.
-
-    Args:
-        system: What has a task and a vehicle: a `vessel_gym.system.System`, or a core.
-    """
+def sheet_of(system: System) -> Sheet:
+    """The score sheet of a system's task; for a task without one, what every task and every estimate has."""
     found = SHEETS.of(system.task)
     if found:
         return found[""]
@@ -85,6 +81,18 @@ def sheet_of(system: Any) -> Sheet:
             f"{name.replace(' ', '_')}_rmse", name, "", "lower", 4, f"RMS error of the estimated {name} [SI].",
             of=rmse(name),
         )
-        for name in system.vehicle.estimated(system.vehicle.kinds[0])
+        for name in _estimated(system)
     )  # fmt: skip
     return Sheet((SCORE, RETURN, STEPS, *errors, NEES, UNHEALTHY))
+
+
+def _estimated(system: System) -> tuple[str, ...]:
+    """What filters estimate that nobody tells otherwise: of the vehicle, of what acts on it, of its sensors' biases."""
+    vehicle = system.vehicle
+    acting = [disturbance for disturbance in system.disturbances.values() if disturbance.told == "states"]
+    names = [
+        *vehicle.estimated(vehicle.kinds[0]),
+        *(name for disturbance in acting for name in disturbance.names),
+        *(name for sensor in vehicle.sensors if sensor.bias is not None for name in sensor.bias.states),
+    ]
+    return tuple(dict.fromkeys(names))

@@ -6,11 +6,12 @@ from typing import Any, ClassVar
 import gymnasium as gym
 import numpy as np
 
-from estimators import Belief, Gaussian
+from estimators import Gaussian
 from vessel_gym.envs import ItsunusaAUVEnv
 from vessel_gym.envs.single import VesselEnv
 from vessel_gym.envs.vector import VesselVectorEnv
-from vessel_gym.system import System
+from vessel_gym.sensors import Sensors
+from vessel_gym.system import Estimate, System
 
 CRUISE = ItsunusaAUVEnv.system.vehicle.body.cruise_speed
 
@@ -23,17 +24,16 @@ class KeepDepth:
     perfect: float = 60.0
     ends: ClassVar[tuple[str, ...]] = ("", "lost")
     success: ClassVar[str] = ""
-    states: ClassVar[int] = 7
     uniforms: ClassVar[int] = 1
     BOUND: ClassVar[float] = 10.0
 
     def course(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
         return uniforms.copy()
 
-    def prior(self, course: np.ndarray, disturbance: Any) -> Gaussian:
-        mean = np.zeros((len(course), 7))
+    def prior(self, course: np.ndarray) -> Gaussian:
+        mean = np.zeros((len(course), 6))
         mean[:, 0] = CRUISE
-        return Gaussian(mean, np.diag([0.05, 0.05, 0.02, 0.2, 0.2, 0.05, disturbance.current_sd]) ** 2)
+        return Gaussian(mean, np.diag([0.05, 0.05, 0.02, 0.2, 0.2, 0.05]) ** 2)
 
     def reference(self, course: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
         return course
@@ -41,28 +41,39 @@ class KeepDepth:
     def known_input(self, before: np.ndarray, after: np.ndarray, course: np.ndarray, step: np.ndarray) -> np.ndarray:
         return np.concatenate([before, after], -1)
 
-    def sizes(self) -> dict[str, int]:
-        return {"mean": 5, "mean+std": 12, "measurement": 13}
+    def sizes(self, readings: int, states: int) -> dict[str, int]:
+        return {"guided": 5, "unguided": 7, "std": states, "readings": 2 * readings, "mission": 1}
 
-    def observe(self, belief: Belief, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
-        x = belief.mean
+    def observe(self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
+        x = estimate.state
         return np.column_stack([reference[:, 0] - x[:, 4], x[:, 1], x[:, 2], x[:, 5], x[:, 0] - CRUISE])
 
-    def observe_std(self, belief: Belief) -> np.ndarray:
-        return np.sqrt(np.diagonal(belief.cov, axis1=-2, axis2=-1))
+    def observe_state(self, estimate: Estimate, course: np.ndarray) -> np.ndarray:
+        return estimate.state
+
+    def observe_std(self, estimate: Estimate) -> np.ndarray:
+        assert estimate.sd is not None
+        return estimate.sd
 
     def observe_readings(
-        self, readings: np.ndarray, available: np.ndarray, course: np.ndarray, step: np.ndarray, actuators: np.ndarray
+        self, sensors: Sensors, readings: np.ndarray, available: np.ndarray, course: np.ndarray, step: np.ndarray
     ) -> np.ndarray:
-        return np.concatenate([readings, available, course], -1)
+        return np.concatenate([readings / sensors.scale, available], -1)
 
-    def begin(self, truth: np.ndarray, course: np.ndarray) -> np.ndarray:
-        return np.empty((len(truth), 0))
+    def observe_mission(self, course: np.ndarray, step: np.ndarray, actuators: np.ndarray) -> np.ndarray:
+        return course
+
+    def over(self, reference: np.ndarray) -> np.ndarray:
+        return np.zeros(len(reference), bool)
+
+    def begin(self, state: np.ndarray, course: np.ndarray) -> np.ndarray:
+        return np.empty((len(state), 0))
 
     def score(
-        self, truth: np.ndarray, reference: np.ndarray, actuators: np.ndarray, action: np.ndarray, tally: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        off = reference[:, 0] - truth[:, 4]
+        self, state: np.ndarray, forcing: np.ndarray, reference: np.ndarray, over: np.ndarray, actuators: np.ndarray,
+        action: np.ndarray, tally: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+        off = reference[:, 0] - state[:, 4]
         return 1.0 / (1.0 + off**2), (np.abs(off) > 10.0).astype(int), tally
 
 

@@ -32,7 +32,7 @@ def flown(env_id: str, estimator: str | None = None, plain: bool = False) -> Rol
 def pooled_rms(flight: Rollout) -> float:
     """Root mean square over all times of all episodes: cross-track in three dimensions, else path-normal [m]."""
     cross, normal = path_errors(flight)
-    error = cross if "y" in flight.env.unwrapped.system.vehicle.truth_names else normal
+    error = cross if "y" in flight.env.unwrapped.system.vehicle.state_names else normal
     return float(np.sqrt(np.mean(error[flight.alive] ** 2)))
 
 

@@ -26,9 +26,8 @@ from agents.studies.plan import plan
 from agents.studies.study import Study, StudyError, read_study
 from scripts import evaluate
 from vessel_gym.core import Core
-from vessel_gym.envs import SegorogeniAUVEnv, SigmaCorvetteEnv
+from vessel_gym.envs import ItsunusaAUVEnv, PunaUAVEnv, SegorogeniAUVEnv, SigmaCorvetteEnv, VesselEnv
 from vessel_gym.rendering import SCENES, make_renderer, register_scene
-from vessel_gym.system import estimated_names
 from vessel_gym.tasks.dive import Dive, SpatialDive
 
 ENV, OWN = "KeepDepth-v0", "own_task:DepthPilot"
@@ -64,21 +63,20 @@ def test_a_task_of_ones_own_flies_and_is_scored_without_a_sheet(agent: str):
     np.testing.assert_allclose(figures["z_rmse"], depth)
 
 
+@pytest.mark.parametrize("env", [SigmaCorvetteEnv, SegorogeniAUVEnv, ItsunusaAUVEnv, PunaUAVEnv])
+def test_without_a_sheet_a_task_is_measured_by_all_that_filters_estimate(env: type[VesselEnv]):
+    widest = {"model": env.system.vehicle.kinds[0]}
+    for disturbance in env.system.disturbances:
+        names = Core(env.system, 1, "dead-reckoning", widest, disturbance=disturbance).composition.names
+        errors = [m.label for m in metrics(replace(env.system, task=KeepDepth())) if m.key.endswith("_rmse")]
+        assert errors == list(names)
+
+
 def test_a_component_that_an_estimator_does_not_have_has_no_error():
     flight = rollout("autopilot", "SigmaCorvette-v0", [0], {"estimator": "kf"})
     assert np.isnan(rmse("u")(flight)).all()
     assert components(flight, "psi", "v") == (0, 2)
-    assert estimated_names(SigmaCorvetteEnv.system.vehicle) == ("v", "r", "psi", "u")
-
-
-def test_a_vehicle_whose_filters_mix_the_truth_has_no_names_for_what_they_estimate():
-    class Mixed:
-        truth_names = ("north", "east")
-
-        def filter_state(self, truth: np.ndarray, n: int) -> np.ndarray:
-            return truth[..., :1] + truth[..., 1:]
-
-    assert estimated_names(Mixed()) == ()  # type: ignore[arg-type]
+    assert "u" in SigmaCorvetteEnv.system.vehicle.estimated("nonlinear")  # others estimate it
 
 
 def test_the_commands_take_a_task_and_a_pilot_of_ones_own(capsys: pytest.CaptureFixture[str]):

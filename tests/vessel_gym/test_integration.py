@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from vessel_gym.vehicles.corvette_equations import CorvetteParameters, corvette_rates, corvette_step
-from vessel_gym.vehicles.itsunusa import ItsunusaParameters, itsunusa_rates, itsunusa_step, itsunusa_steps
-from vessel_gym.vehicles.puna import PunaParameters, puna_rates, puna_step, puna_steps
-from vessel_gym.vehicles.segorogeni import SegorogeniParameters, segorogeni_rates, segorogeni_step, segorogeni_steps
+from vessel_gym.vehicles.corvette_equations import corvette_rates, corvette_step
+from vessel_gym.vehicles.files import load
+from vessel_gym.vehicles.itsunusa import itsunusa_rates, itsunusa_step, itsunusa_steps
+from vessel_gym.vehicles.puna import puna_rates, puna_step, puna_steps
+from vessel_gym.vehicles.segorogeni import segorogeni_rates, segorogeni_step, segorogeni_steps
 
 
 @dataclass(frozen=True)
@@ -26,20 +27,20 @@ class Case:
 
 CASES = {
     "corvette": Case(
-        (corvette_rates, corvette_step), CorvetteParameters().vector(),
+        (corvette_rates, corvette_step), load("corvette").vector(),
         [3.0, -4.0, 0.7, 13.0, -1.5, 0.03], [0.3, 0.5], [0.3, -0.5], 4.0,
     ),
     "segorogeni": Case(
-        (segorogeni_rates, segorogeni_step, segorogeni_steps), SegorogeniParameters().vector(),
+        (segorogeni_rates, segorogeni_step, segorogeni_steps), load("segorogeni").vector(),
         [1.2, 0.5, -0.4, -1.5, 0.8, -1.0, 5.0, -3.0, 4.0, 0.4, -0.5, 2.0], [0.1, -0.2, 2.0, 0.2, 0.3, 7.0], [0.3, -0.2],
         0.1,
     ),
     "itsunusa": Case(
-        (itsunusa_rates, itsunusa_step, itsunusa_steps), ItsunusaParameters().vector(),
+        (itsunusa_rates, itsunusa_step, itsunusa_steps), load("itsunusa").vector(),
         [1.4, -0.1, 0.2, 5.0, 4.0, -0.5], [-0.2, 10.0, 0.3, 35.0], [0.3], 0.2,
     ),
     "puna": Case(
-        (puna_rates, puna_step, puna_steps), PunaParameters().vector(),
+        (puna_rates, puna_step, puna_steps), load("puna").vector(),
         [3.0, -4.0, 100.0, 14.0, 11.0, 3.0, 0.4], [4.0, 0.02, -0.6, 7.0, 0.07, 0.6], [2.0, -1.0, 0.5], 1.0,
     ),
 }  # fmt: skip
