@@ -317,7 +317,7 @@ def _composed(system: System, kind: object, told: Told, sensors: Sensors, distur
     return replace(composition, model=replace(model, Q=told.Q * model.Q, R=told.R * model.R))
 
 
-def chosen_disturbance(system: System, choice: str | Disturbance) -> Disturbance:
+def chosen_disturbance(system: System, choice: object) -> Disturbance:
     """A disturbance of a system by its name, or somebody's own.
 
     Raises:

@@ -39,8 +39,9 @@ class Bias:
     scale: float = 1.0
 
     def __post_init__(self) -> None:
-        if isinstance(self.names, str):
-            raise ValueError(f"names of a bias must be a tuple of names, got {shown(self.names)}")
+        names: Any = self.names
+        if isinstance(names, str):  # whose letters would pass for names
+            raise ValueError(f"names of a bias must be a tuple of names, got {shown(names)}")
         for name in ("start", "pace", "slope"):
             values = getattr(self, name) or (0.0,) * len(self.names)
             if len(values) != len(self.names):
@@ -109,7 +110,8 @@ class Sensor:
 
     def __post_init__(self) -> None:
         k = len(self.channels)
-        for name, listed in (("channels", (self.channels,)), ("informs", self.informs or ())):
+        tuples: tuple[tuple[str, Any], ...] = ("channels", (self.channels,)), ("informs", self.informs or ())
+        for name, listed in tuples:
             for entry in listed:
                 if isinstance(entry, str):  # whose letters would pass for names
                     raise ValueError(f"{name} of {self.name} must hold tuples of names, got {shown(entry)}")
