@@ -59,6 +59,16 @@ class Forces:
                 f"{type(disturbance).__name__} names {len(disturbance.names)} components of a state that has "
                 f"{disturbance.process.size}"
             )
+        for name in disturbance.names:
+            if name in vehicle.state_names or disturbance.names.count(name) > 1:
+                raise ValueError(f"{type(disturbance).__name__} calls a component {name!r}, as another is called")
+        for what, found, wanted in (
+            ("white", len(disturbance.white), len(disturbance.shakes)),
+            ("scale", disturbance.process.size if disturbance.scale is None else len(disturbance.scale),
+             disturbance.process.size),
+        ):  # fmt: skip
+            if found != wanted:
+                raise ValueError(f"{what} of {type(disturbance).__name__} must have {wanted} rows, got {found}")
         self.size = len(known)
         self.to = [known.index(name) for name in disturbance.forces]
         self.shaken = [known.index(name) for name in disturbance.shakes]
@@ -68,8 +78,13 @@ class Forces:
         """The kicks that it gives."""
         self._flows_only = self.to == list(range(kicks, self.size))
         k, state = disturbance.process.size, vehicle.placed(vehicle.cruise[0])
-        with np.errstate(all="ignore"):
-            given = np.asarray(disturbance.effect(np.zeros((2, k)), np.tile(state, (2, 1)))).shape
+        try:
+            with np.errstate(all="ignore"):
+                given = np.asarray(disturbance.effect(np.zeros((2, k)), np.tile(state, (2, 1)))).shape
+        except Exception as error:
+            raise ValueError(
+                f"effect of {type(disturbance).__name__} failed on z of shape {(2, k)}: {shown(str(error))}"
+            ) from error
         if given != (2, len(self.to)):
             raise ValueError(
                 f"effect of {type(disturbance).__name__} must give {len(self.to)} values a row, for "
@@ -165,16 +180,26 @@ class Composition:
         return self.sensors.informed(self.names, self._depends)
 
     def _depends(self) -> np.ndarray:
-        """The mask ``(n, p)`` of the states on which readings depend at once or within two steps, while cruising."""
+        """The mask ``(n, p)`` of the states on which readings depend at once or within two steps, while cruising.
+
+        It cruises at places of no consequence to how it moves: at the origin a range or a bearing from there says
+        nothing, or anything.
+        """
         x, u = self.vehicle.cruise
         full = np.zeros(len(self.names))
         full[: self.base] = x[: self.base]
-        A, C = self.model.linearise_transition(full, u)[1], self.model.linearise_measurement(full, u)[1]
-        depends = np.abs(C)
-        for _ in range(2):
-            C = C @ A
-            depends = np.maximum(depends, np.abs(C))
-        return (depends > 1e-6 * depends.max(-1, keepdims=True)).T.astype(float)
+        A = self.model.linearise_transition(full, u)[1]
+        free = [i for i in range(self.base) if np.abs(A[:, i] - np.eye(len(A))[i]).max() < 1e-9]
+        mask = np.zeros((len(self.names), self.sensors.size), bool)
+        for place in np.random.default_rng(0).uniform(-30.0, 30.0, (3, len(free))):
+            full[free] = x[free] + place
+            A, C = self.model.linearise_transition(full, u)[1], self.model.linearise_measurement(full, u)[1]
+            depends = np.abs(C)
+            for _ in range(2):
+                C = C @ A
+                depends = np.maximum(depends, np.abs(C))
+            mask |= (depends > 1e-6 * depends.max(-1, keepdims=True)).T
+        return mask.astype(float)
 
 
 def compose(
@@ -205,6 +230,9 @@ def compose(
     process = disturbance.process
     drift = Process.joined(_part(process, held), sensors.bias)
     names = (*base, *(disturbance.names[i] for i in held), *sensors.bias_names)
+    for name in sensors.bias_names:
+        if name in disturbance.names:
+            raise ValueError(f"a bias is called {name!r}, as is a component of {type(disturbance).__name__}")
     angles = tuple(i for i, name in enumerate(base) if name in vehicle.angles)
     kicked = np.zeros((len(names), len(vehicle.kicks)))  # K: what kicks do to the state
     for j, name in enumerate(vehicle.kicked):

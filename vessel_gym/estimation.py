@@ -229,7 +229,7 @@ def build(
         system: The environment's system.
         estimator: One of `estimator_names`, or a function of the model (and options) that returns a filter.
         options: The filter's own options, over the system's tuning; ``model`` chooses the kind of the filter's model,
-            ``told`` what it is told (see `Told`).
+            ``told`` what it is told (see `Told`); the oracle knows better.
         sensors: The sensors, which the filter knows.
         disturbance: What acts.
         inputs: Names of the unknown input that is kept for scoring.
@@ -249,6 +249,8 @@ def build(
     if not own and (not isinstance(estimator, str) or estimator not in estimator_names()):
         raise ValueError(factory.unknown("estimator", estimator, accepted(system, sensors, disturbance)))
     told = Told.of(options.pop("told", None))
+    if estimator == "truth":  # whatever the others are told, it knows what there is
+        told = Told()
     default = (
         system.filter_models.get(estimator, system.filter_model) if isinstance(estimator, str) else system.filter_model
     )

@@ -17,11 +17,23 @@ class Process:
         transition: ``(k, k)``.
         root: ``(k, m)`` a root of the covariance of what enters in a step.
         start_cov: ``(k, k)`` covariance of z at the start.
+
+    Raises:
+        ValueError: for arrays that do not fit together.
     """
 
     transition: np.ndarray
     root: np.ndarray
     start_cov: np.ndarray
+
+    def __post_init__(self) -> None:
+        k = len(self.root)
+        for name, values in (("transition", self.transition), ("start_cov", self.start_cov)):
+            if np.shape(values) != (k, k):
+                raise ValueError(
+                    f"{name} must have shape {(k, k)}, as many rows as root of shape {np.shape(self.root)}, got "
+                    f"{np.shape(values)}"
+                )
 
     @property
     def size(self) -> int:

@@ -6,6 +6,7 @@ ensembles and what can be had without a filter follow from it. Yours is a `Senso
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -38,8 +39,9 @@ class Bias:
     scale: float = 1.0
 
     def __post_init__(self) -> None:
-        if isinstance(self.names, str):  # type: ignore[unreachable]
-            raise ValueError(f"names of a bias must be a tuple of names, got {shown(self.names)}")
+        names: Any = self.names
+        if isinstance(names, str):  # whose letters would pass for names
+            raise ValueError(f"names of a bias must be a tuple of names, got {shown(names)}")
         for name in ("start", "pace", "slope"):
             values = getattr(self, name) or (0.0,) * len(self.names)
             if len(values) != len(self.names):
@@ -108,9 +110,10 @@ class Sensor:
 
     def __post_init__(self) -> None:
         k = len(self.channels)
-        for name, listed in (("channels", (self.channels,)), ("informs", self.informs or ())):
+        tuples: tuple[tuple[str, Any], ...] = ("channels", (self.channels,)), ("informs", self.informs or ())
+        for name, listed in tuples:
             for entry in listed:
-                if isinstance(entry, str):  # type: ignore[unreachable]  # whose letters would pass for names
+                if isinstance(entry, str):  # whose letters would pass for names
                     raise ValueError(f"{name} of {self.name} must hold tuples of names, got {shown(entry)}")
         for name in ("sd", "range", "scale", "gives", "informs"):
             values = getattr(self, name)
@@ -201,8 +204,8 @@ class Sensors:
 
     Raises:
         TypeError: for what is no sensor.
-        ValueError: for none, two of a name, a rate that does not divide the steps', or a function ``reads`` that does
-            not give a value for each channel or does not broadcast.
+        ValueError: for none, two of a name, a bias that is called as something else, a rate that does not divide the
+            steps', or a function ``reads`` that does not give a value for each channel or does not broadcast.
     """
 
     def __init__(self, sensors: Sequence[Sensor], states: tuple[str, ...], forcing: tuple[str, ...], dt: float) -> None:
@@ -235,6 +238,9 @@ class Sensors:
         biased = [sensor.bias for sensor in self.each if sensor.bias is not None]
         self.bias = Process.joined(*(bias.process(dt) for bias in biased))
         self.bias_names = tuple(name for bias in biased for name in bias.states)
+        for name in self.bias_names:
+            if name in states or self.bias_names.count(name) > 1:
+                raise ValueError(f"a bias is called {name!r}, as another component is: give it a name of its own")
         self.bias_scale = np.array([bias.scale for bias in biased for _ in bias.states])
         self._check()
 
@@ -360,7 +366,8 @@ def plain(columns: Sequence[int]) -> Callable[[np.ndarray, np.ndarray], np.ndarr
     if chosen == list(range(chosen[0], chosen[-1] + 1)):  # a view
         chosen = slice(chosen[0], chosen[-1] + 1)
 
-    def reads(state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
-        return state[..., chosen]
+    return partial(_columns, chosen)
 
-    return reads
+
+def _columns(chosen: Any, state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
+    return state[..., chosen]

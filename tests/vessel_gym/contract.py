@@ -194,6 +194,72 @@ def observations(core: Core) -> dict[str, np.ndarray]:
     return seen
 
 
+def observations_when_truth_is_altered(
+    env_id: str, **options: Any
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Fly once, then replay the same readings and actions to another truth: both observations, largest differences.
+
+    The other truth begins elsewhere, with another vehicle, and before every step is put somewhere else.
+    Observations are those of every mode, ``(steps, rows, k)``; differences those of every part of what is true.
+    """
+    rows, steps = 4, 50
+    true = make_core(env_id, rows, seed=5, **options)
+    other = AlteredCore(with_vehicle(env_id, AlteredVehicle), rows, **(options | {"mismatch": 0.25}))
+    other.seed(5)
+    rng = np.random.default_rng(9)
+    true.reset()
+    other.reset(readings=true.readings)
+    walk = random_walk(5, rows, true.action_size)
+    seen = [observations(true)], [observations(other)]
+    distance = [apart(true, other)]
+    for step in range(steps):
+        if step == 25:  # a partial reset, as autoreset does it
+            some = np.array([1, 3])
+            for core in (true, other):
+                core.episodes[some] += 1
+            true.reset(some)
+            other.reset(some, readings=tuple(values[some] for values in true.readings))
+            seen[0].append(observations(true))
+            seen[1].append(observations(other))
+        scramble(other, rng)
+        actions = next(walk)
+        true.step(actions)
+        other.step(actions, readings=true.readings)
+        seen[0].append(observations(true))
+        seen[1].append(observations(other))
+        distance.append(apart(true, other))
+    one, two, parts = (
+        {key: np.stack([frame[key] for frame in frames]) for key in frames[0]} for frames in (*seen, distance)
+    )
+    return one, two, parts
+
+
+def apart(one: Core, other: Core) -> dict[str, np.ndarray]:
+    """How far every part of what is true differs, ``(rows,)`` each."""
+    parts = {
+        name: np.abs(getattr(one, name) - getattr(other, name)).max(-1)
+        for name in ("state", "sea_state", "forcing", "parameters")
+    }
+    return parts | ({"bias": np.abs(one.loop.bias - other.loop.bias).max(-1)} if one.sensors.bias.size else {})
+
+
+def scramble(core: Core, rng: np.random.Generator) -> None:
+    """Put everything that is true somewhere else: vehicle, disturbance, biases, what acts and what will."""
+    core.state = core.state + rng.normal(0.0, 0.01, core.state.shape)
+    core.sea_state = rng.normal(0.0, 0.01, core.sea_state.shape) - core.sea_state
+    core.loop.bias = rng.normal(0.0, 0.01, core.loop.bias.shape) - core.loop.bias
+    core.forcing = core.forcing + rng.normal(0.0, 0.01, core.forcing.shape)
+    core.noise = core.noise + rng.normal(0.0, 0.01, core.noise.shape)
+    core.parameters = core.parameters * rng.uniform(0.9, 1.1, core.parameters.shape)
+
+
+def assert_apart(distance: dict[str, np.ndarray]) -> None:
+    """Everything that is true was somewhere else, at reset too."""
+    for part, values in distance.items():
+        assert values.min() > 1e-4, part
+    assert distance["state"].min() > 1e-3
+
+
 def copy_tree(tree: Any) -> Any:
     """A deep copy of tuples, dictionaries and arrays."""
     if isinstance(tree, tuple):

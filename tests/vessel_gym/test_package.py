@@ -13,9 +13,6 @@ import gymnasium as gym
 import pytest
 from contract import ENVIRONMENTS, single_class, sizes_by_mode, vector_class
 
-MANUALS = [env_id for env_id in ENVIRONMENTS if "/" not in env_id]
-"""Environments with a manual of their own: those of any vehicle point to them."""
-
 import vessel_gym
 from vessel_gym.core import OBSERVE
 from vessel_gym.estimation import estimator_names
@@ -26,6 +23,9 @@ PACKAGES = ("estimators", "vessel_gym", "agents", "scripts")
 """In the direction of imports: each may import those before it, and none after."""
 HEAVY = {"torch", "stable_baselines3", "pygame", "matplotlib", "jinja2", "imageio", "tyro", "rich", "joblib"}
 """What only a command, a picture or a training needs."""
+
+MANUALS = [env_id for env_id in ENVIRONMENTS if "/" not in env_id]
+"""Environments with a manual of their own: those of any vehicle point to them."""
 
 
 def modules(package: str) -> list[Path]:
