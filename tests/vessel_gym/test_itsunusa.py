@@ -13,7 +13,8 @@ from sensing import UnevenWater, forcing, sensors_of, without_a_filter
 from estimators import wrap
 from vessel_gym.composition import Composition, compose
 from vessel_gym.core import Core
-from vessel_gym.envs.itsunusa_auv import ITSUNUSA_AUV, WATERS
+from vessel_gym.envs.auv import PLANE_WATERS as WATERS
+from vessel_gym.envs.itsunusa_auv import ITSUNUSA_AUV
 from vessel_gym.vehicles.auv import UNCERTAIN, VERTICAL
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.itsunusa import (

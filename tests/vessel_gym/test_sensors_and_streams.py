@@ -336,7 +336,7 @@ MISDECLARED = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("make", "kind", "sentence"), MISDECLARED, ids=lambda value: str(value)[:50])
+@pytest.mark.parametrize(("make", "kind", "sentence"), MISDECLARED, ids=range(len(MISDECLARED)))
 def test_what_is_misdeclared_is_refused_in_one_sentence(make: Callable, kind: type[Exception], sentence: str):
     with pytest.raises(kind, match=f"^{sentence}$") as why:
         make()
