@@ -262,6 +262,6 @@ class System:
         if isinstance(choice, str):
             suite = SUITES[one_of("sensor suite", choice, SUITES)]
             choice = suite.of(vehicle.sensors if self.sensors is None else self.sensors)
-        elif not (choice and isinstance(choice, list | tuple) and all(isinstance(part, Sensor) for part in choice)):
+        elif not (isinstance(choice, list | tuple) and choice and all(isinstance(part, Sensor) for part in choice)):
             raise TypeError(f"sensors must be one of {', '.join(SUITES)}, or Sensor objects, got {shown(choice)}")
         return Sensors(choice, vehicle.state_names, vehicle.kicks + vehicle.flows, vehicle.dt)

@@ -148,7 +148,9 @@ def test_where_nothing_is_new_the_world_moves_and_is_read_as_the_filter_has_it(e
         np.testing.assert_allclose(
             model.measurement(before, None), core.sensors.exact(core.state, core.forcing, core.loop.bias), atol=1e-12
         )
-        u = core.task.known_input(where, core.vehicle.actuate(where, action), core.course, core.steps)
+        u = core.vehicle.known_input(
+            where, core.vehicle.actuate(where, action), core.task.commanded(core.course, core.steps)
+        )
         core.step(action)
         np.testing.assert_allclose(core.estimated(core.truth), model.transition(before, u), rtol=1e-12, atol=1e-12)
         assert np.abs(core.estimated(core.truth) - before).max() > 1e-3
@@ -158,12 +160,12 @@ def test_where_nothing_is_new_the_world_moves_and_is_read_as_the_filter_has_it(e
 def test_what_is_new_in_the_world_has_the_covariance_that_the_filter_is_told(env_id: str, chosen: dict[str, Any]):
     rows, steps = 1000, 10
     core = make_core(env_id, rows, seed=2, estimator="dead-reckoning", **({"disturbance": "rough"} | chosen))
-    core.reset(options={"obstacles": []} if env_id == "PunaUAV-v0" else None)
+    core.reset(options={"obstacles": []} if env_id in ("PunaUAV-v0", "vessel_gym/FixedWing-v0") else None)
     model, vehicle, fresh = core.composition.model, core.vehicle, []
     for _ in range(steps):
         before, where = core.estimated(core.truth), core.actuators
         idle = np.zeros((rows, core.action_size))
-        u = core.task.known_input(where, vehicle.actuate(where, idle), core.course, core.steps)
+        u = vehicle.known_input(where, vehicle.actuate(where, idle), core.task.commanded(core.course, core.steps))
         core.step(idle)
         fresh.append(core.estimated(core.truth) - model.transition(before, u))
     sample = np.concatenate(fresh)
@@ -184,7 +186,7 @@ def test_what_is_known_at_the_start_is_how_episodes_start(env_id: str, chosen: d
     """By chi-square of 2000 starts, false alarm 1e-6; dead reckoning believes what it is told and nothing else."""
     rows = 2000
     core = make_core(env_id, rows, seed=3, estimator="dead-reckoning", **({"disturbance": "rough"} | chosen))
-    core.reset(options={"obstacles": []} if env_id == "PunaUAV-v0" else None)
+    core.reset(options={"obstacles": []} if env_id in ("PunaUAV-v0", "vessel_gym/FixedWing-v0") else None)
     n = len(core.composition.names)
     known = np.diagonal(core.belief.cov, axis1=-2, axis2=-1)[0] > 0.0
     error = core.estimated(core.truth) - core.belief.mean
@@ -443,7 +445,10 @@ def test_who_is_told_of_another_sea_has_the_model_of_who_sails_it(env_id: str, h
     right = told(env_id, **{"as": how})
     np.testing.assert_array_equal(wrong.composition.model.Q, there.composition.model.Q)
     np.testing.assert_array_equal(wrong.composition.model.R, there.composition.model.R)
-    if (env_id, how) != ("PunaUAV-v0", "noise"):  # whose kicks are the same in every wind
+    if how != "noise" or env_id not in (
+        "PunaUAV-v0",
+        "vessel_gym/FixedWing-v0",
+    ):  # whose kicks are the same in every wind
         assert (np.diag(wrong.composition.model.Q) < np.diag(right.composition.model.Q)).any()
     for core in (wrong, there, right):
         core.reset()

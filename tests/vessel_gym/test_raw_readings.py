@@ -25,6 +25,11 @@ NEAR = {
     "ItsunusaAUV-v0": {"goal": (9.0, 0.0, 0.4)},
     "PunaUAV-v0": {"start": (0.0, 0.0, 0.0), "goal": (140.0, 0.0, 0.0), "obstacles": []},
 }
+NEAR |= {
+    "vessel_gym/Ship-v0": {"radius": 600.0},
+    "vessel_gym/AUV-v0": {"goal": (6.5, 0.0, 0.2)},
+    "vessel_gym/FixedWing-v0": NEAR["PunaUAV-v0"],
+}
 """Missions that are soon over."""
 
 

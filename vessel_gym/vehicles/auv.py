@@ -24,6 +24,7 @@ from vessel_gym.vehicles.hydrodynamics import (
     munk_moment,
 )
 from vessel_gym.vehicles.integration import advanced
+from vessel_gym.vehicles.whole_state import WholeState
 
 _FACTORS = {
     "surge added mass": ("X_udot",),
@@ -258,7 +259,7 @@ def plane(name: str) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True)
-class AUV(ABC):
+class AUV(WholeState, ABC):
     """A torpedo-shaped vehicle in batches: actuators, state, sensors, and what filters know.
 
     State: velocities through the water, then position and Euler angles. Kicks change the velocities at the end of a
@@ -270,7 +271,6 @@ class AUV(ABC):
     dt: float = 0.1  # s, the papers' control rate
     substeps: int = 2
 
-    state_names: ClassVar[tuple[str, ...]]
     parameter_names: ClassVar[tuple[str, ...]]
     kernels: ClassVar[tuple[np.ufunc, np.ufunc]]
     """Of the equations of motion: a step of a state, and of many under one control."""
@@ -282,8 +282,6 @@ class AUV(ABC):
     rates: ClassVar[Mapping[str, str]]
     normals: ClassVar[int]
     """Normal numbers that `parameters` needs."""
-    kinds: ClassVar[tuple[str, ...]] = ("nonlinear",)
-    linear_kinds: ClassVar[tuple[str, ...]] = ()
     carried: ClassVar[None] = None
 
     @abstractmethod
@@ -305,19 +303,6 @@ class AUV(ABC):
     def kicks(self) -> tuple[str, ...]:
         """One for each of them [m/s, rad/s]."""
         return tuple(f"kick {name}" for name in self.kicked)
-
-    def estimated(self, kind: str) -> tuple[str, ...]:
-        """All of the state."""
-        return self.state_names
-
-    def placed(self, x: np.ndarray) -> np.ndarray:
-        """The state out of what filters estimate, which is the same."""
-        return x
-
-    @property
-    def process_sd(self) -> np.ndarray:
-        """The models leave out nothing."""
-        return np.zeros(len(self.state_names))
 
     @cached_property
     def cruise(self) -> tuple[np.ndarray, np.ndarray]:
@@ -365,11 +350,3 @@ class AUV(ABC):
     @cached_property
     def _nominal(self) -> np.ndarray:
         return self.vector(np.ones(self.normals))
-
-    def known_input(self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None) -> np.ndarray:
-        """The actuators at the start of a step and at its end."""
-        return np.concatenate([before, after], -1)
-
-    def linear(self, kind: str) -> tuple[Any, Any]:
-        """There is none."""
-        raise NotImplementedError

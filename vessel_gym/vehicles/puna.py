@@ -15,7 +15,7 @@ for the task and the controls (thrust and angle of attack); its own equations ar
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from scipy.optimize import brentq
@@ -25,6 +25,7 @@ from vessel_gym.sensors import Bias, Known, Sensor, plain
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.integration import RATES, STEP, STEPS, Numbers, advanced, blank, rate, step, steps
 from vessel_gym.vehicles.point_mass import COEFFICIENTS, UNCERTAIN, I, PointMass, forces
+from vessel_gym.vehicles.whole_state import WholeState
 
 STATE = ("x", "y", "h", "north", "east", "climb", "phi")
 """State: position and altitude [m], velocity over ground [m/s] and bank [rad]."""
@@ -223,7 +224,7 @@ def _along(readings: np.ndarray, known: Known) -> Known:
 
 
 @dataclass(frozen=True)
-class Puna:
+class Puna(WholeState):
     """The aircraft in batches, as an environment uses it.
 
     Over a step the wind is constant; kicks change velocities and bank at its end. Figures of the sensors are from
@@ -263,8 +264,6 @@ class Puna:
             "attitude", ("bank",), plain((6,)), (0.02,), angles=(0,), scale=(0.5,), gives=("phi",), informs=(("phi",),)
         ),  # assumed
     )  # fmt: skip
-    kinds: ClassVar = ("nonlinear",)
-    linear_kinds: ClassVar = ()
     rates: ClassVar = {"climb": "h"}
     carried: ClassVar = np.vstack([np.zeros((3, 3)), np.diag([1.0, 1.0, -1.0]), np.zeros((1, 3))])
     """Velocities are over ground: the wind carries the aircraft along from the first moment."""
@@ -274,19 +273,6 @@ class Puna:
     def parameters(self, mismatch: float, normals: np.ndarray) -> np.ndarray:
         """Coefficients ``(B, k)`` of the truth: the filter's, with a relative spread on the uncertain ones."""
         return self.body.vector(1.0 + mismatch * np.clip(normals, -2.0, 2.0))
-
-    def estimated(self, kind: str) -> tuple[str, ...]:
-        """All of the state."""
-        return self.state_names
-
-    def placed(self, x: np.ndarray) -> np.ndarray:
-        """The state out of what filters estimate, which is the same."""
-        return x
-
-    @property
-    def process_sd(self) -> np.ndarray:
-        """The models leave out nothing."""
-        return np.zeros(len(STATE))
 
     @property
     def cruise(self) -> tuple[np.ndarray, np.ndarray]:
@@ -331,11 +317,3 @@ class Puna:
     @cached_property
     def _nominal(self) -> np.ndarray:
         return self.body.vector()
-
-    def known_input(self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None) -> np.ndarray:
-        """The actuators at the start of a step and at its end."""
-        return np.concatenate([before, after], -1)
-
-    def linear(self, kind: str) -> tuple[Any, Any]:
-        """There is none."""
-        raise NotImplementedError
