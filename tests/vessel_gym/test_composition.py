@@ -142,7 +142,9 @@ def test_where_nothing_is_new_the_world_moves_and_is_read_as_the_filter_has_it(e
     assert isinstance(model, NonlinearModel)
     rng, size = np.random.default_rng(1), core.action_size
     for _ in range(20):
-        action = rng.uniform(-1.0, 1.0, (5, size)) * (env_id != SHIP)  # which is told the mean rudder of a step
+        action = rng.uniform(-1.0, 1.0, (5, size)) * (
+            env_id not in (SHIP, "vessel_gym/Ship-v0")
+        )  # which is told the mean rudder of a step
         undisturbed(core)
         before, where = core.estimated(core.truth), core.actuators
         np.testing.assert_allclose(

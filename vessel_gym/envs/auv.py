@@ -34,7 +34,7 @@ def _tuning(name: str, told: Composition) -> dict[str, Any]:
     return {}
 
 
-def auv_system(vessel: str | Path, name: str = "AUV-v0") -> System:
+def auv_system(vessel: str | Path, name: str = "vessel_gym/AUV-v0") -> System:
     """A torpedo-shaped vehicle that dives, as an environment: in space, or in the vertical plane if its file says so.
 
     Its dive is Segorogeni's, or ITSUNUSA's in the plane, times as long as it is fast.

@@ -32,7 +32,7 @@ def _tuning(name: str, told: Composition) -> dict[str, Any]:
     return {}
 
 
-def fixed_wing_system(vessel: str | Path, name: str = "FixedWing-v0") -> System:
+def fixed_wing_system(vessel: str | Path, name: str = "vessel_gym/FixedWing-v0") -> System:
     """A small aircraft that flies a path, as an environment: the PUNA's, wider as the square of its cruising speed.
 
     Args:

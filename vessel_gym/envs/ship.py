@@ -34,7 +34,7 @@ def _tuning(name: str, told: Composition) -> dict[str, Any]:
     return {}
 
 
-def ship_system(vessel: str | Path, name: str = "Ship-v0") -> System:
+def ship_system(vessel: str | Path, name: str = "vessel_gym/Ship-v0") -> System:
     """A ship that turns, as an environment.
 
     All times are those of the corvette, times as long as the ship takes to sail its own length: a slow ship gets longer
