@@ -70,7 +70,7 @@ class Core:
             raise ValueError(f"num_envs must be a positive whole number, got {shown(num_envs)}")
         if isinstance(sensors, str):
             one_of("sensor suite", sensors, SUITES)
-        elif not (sensors and isinstance(sensors, list | tuple) and all(isinstance(s, Sensor) for s in sensors)):
+        elif not isinstance(sensors, list | tuple) or not sensors or not all(isinstance(s, Sensor) for s in sensors):
             raise TypeError(f"sensors must be one of {', '.join(SUITES)}, or Sensor objects, got {shown(sensors)}")
         one_of("observe mode", observe, OBSERVE)
         if not 0.0 <= number(mismatch) <= 0.25:
