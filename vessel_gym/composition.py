@@ -23,6 +23,17 @@ input d (``input``), perhaps with the variance that they have, and white (``whit
 (``noise``). But in the first case the filter knows nothing of a flow."""
 
 
+def checked_told(how: object) -> str:
+    """One of `TOLD`.
+
+    Raises:
+        ValueError: for anything else.
+    """
+    if isinstance(how, str) and how in TOLD:
+        return how
+    raise ValueError(f"a filter is told of a disturbance as one of {', '.join(TOLD)}, got {shown(how)}")
+
+
 class Forces:
     """What a disturbance does to a vehicle: its effect sorted into kicks and flows.
 
@@ -218,9 +229,7 @@ def compose(
         ValueError: if there is no such model, or it cannot be composed of these: a sensor reads what its filters do not
             estimate, or is not linear where the model is.
     """
-    told = disturbance.told if told is None else told
-    if told not in TOLD:
-        raise ValueError(f"a filter is told of a disturbance as one of {', '.join(TOLD)}, got {shown(told)}")
+    told = checked_told(disturbance.told if told is None else told)
     forces = Forces(vehicle, disturbance)
     base = vehicle.estimated(kind)
     placed = _placed(vehicle, base)

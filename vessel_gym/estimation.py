@@ -12,7 +12,7 @@ from estimators.filter import Reading, Streams
 from estimators.kalman import ExtendedKalmanFilter
 from estimators.models import resolve
 from vessel_gym import checks
-from vessel_gym.composition import Composition, compose
+from vessel_gym.composition import Composition, checked_told, compose
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.sensors import Sensors
 from vessel_gym.system import System
@@ -185,7 +185,7 @@ class Told:
 
         Raises:
             TypeError: for what is no dictionary, or has keys that there are not.
-            ValueError: for a factor that is not positive.
+            ValueError: for a factor that is not positive, or a way to be told that there is not.
         """
         given = checks.options("told", options)
         known = ("disturbance", "as", "Q", "R", "prior")
@@ -196,7 +196,7 @@ class Told:
             if key in given:
                 given[key] = number(f"{key} of told", given[key], low=0.0, what="a factor above 0")
         if "as" in given:
-            given["how"] = given.pop("as")
+            given["how"] = checked_told(given.pop("as"))
         return cls(**given)
 
 

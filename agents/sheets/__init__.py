@@ -93,6 +93,11 @@ def _estimated(system: System) -> tuple[str, ...]:
     names = [
         *vehicle.estimated(vehicle.kinds[0]),
         *(name for disturbance in acting for name in disturbance.names),
-        *(name for sensor in vehicle.sensors if sensor.bias is not None for name in sensor.bias.states),
+        *(
+            name
+            for sensor in system.sensors or vehicle.sensors
+            if sensor.bias is not None
+            for name in sensor.bias.states
+        ),
     ]
     return tuple(dict.fromkeys(names))

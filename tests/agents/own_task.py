@@ -38,8 +38,8 @@ class KeepDepth:
     def reference(self, course: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
         return course
 
-    def known_input(self, before: np.ndarray, after: np.ndarray, course: np.ndarray, step: np.ndarray) -> np.ndarray:
-        return np.concatenate([before, after], -1)
+    def commanded(self, course: np.ndarray, step: np.ndarray) -> None:
+        return None
 
     def sizes(self, readings: int, states: int) -> dict[str, int]:
         return {"guided": 5, "unguided": 7, "std": states, "readings": 2 * readings, "mission": 1}

@@ -53,6 +53,7 @@ def refusals_to_make(env_id: str, expected: type[Exception], **options: Any) -> 
     [
         ("estimator", "kalman"), ("estimator", ""), ("estimator", 3), ("sensors", "perfect"), ("sensors", ""),
         ("sensors", None), ("sensors", 3), ("sensors", ["nominal"]), ("sensors", []), ("sensors", {"nominal": 1}),
+        ("sensors", np.zeros(2)),
         ("disturbance", "hurricane"), ("disturbance", "Rough"), ("disturbance", {}), ("disturbance", None),
         ("disturbance", ["calm"]), ("observe", "truth"), ("observe", ["mean"]), ("estimator", ["ekf"]),
     ],

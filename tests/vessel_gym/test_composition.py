@@ -689,6 +689,8 @@ WRONGLY_TOLD = [
         "a filter is told of a disturbance as one of states, input, white, noise, got 'state'",
     ),
     ({"as": ["states"]}, ValueError, "a filter is told of a disturbance as one of .*, got .'states'."),
+    ({"as": np.ones(2)}, ValueError, "a filter is told of a disturbance as one of .*, got array.*"),
+    ({"as": None}, ValueError, "a filter is told of a disturbance as one of .*, got None"),
     ({"Q": 0.0}, ValueError, "Q of told must be a factor above 0, got 0.0"),
     ({"R": -1.0}, ValueError, "R of told must be a factor above 0, got -1.0"),
     ({"prior": np.nan}, ValueError, "prior of told must be a factor above 0, got nan"),
