@@ -7,6 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 from gymnasium.spaces import Box
 
+from estimators.checks import shown
 from vessel_gym.system import System
 from vessel_gym.tasks.flight import Flight
 from vessel_gym.tasks.turning_circle import TurningCircle
@@ -52,9 +53,12 @@ def load_agent(name: str | Path, env: Any, trust: bool = False) -> Agent:
             trained under one is saved by `agents.save_agent`.
 
     Raises:
+        TypeError: for what is neither a name nor a path.
         ValueError: if the name is neither, or the checkpoint is damaged, not trusted, or for another observation.
         ModuleNotFoundError: for a checkpoint without torch or stable-baselines3.
     """
+    if not isinstance(name, str | os.PathLike):
+        raise TypeError(f"load_agent takes a name, autopilot or random, or the path of a checkpoint, got {shown(name)}")
     env = env.unwrapped
     if name == "random":
         space = getattr(env, "single_action_space", env.action_space)

@@ -1,5 +1,6 @@
 """Rollouts: the same seeds give the same flights, however they are batched."""
 
+import re
 from pathlib import Path
 
 import gymnasium as gym
@@ -163,6 +164,13 @@ def test_an_unknown_agent_is_answered_with_those_that_exist(tmp_path: Path):
             rollout(name if isinstance(name, str) else str(name), ENV, [0])
         with pytest.raises(ValueError, match=r"unknown agent .*: choose autopilot, random, or the path"):
             load_agent(name, gym.make(ENV))
+
+
+@pytest.mark.parametrize("name", [None, 7, b"autopilot", ["autopilot"]], ids=repr)
+def test_what_is_no_agents_name_is_answered_with_what_load_agent_takes(name: object):
+    told = f"load_agent takes a name, autopilot or random, or the path of a checkpoint, got {name!r}"
+    with pytest.raises(TypeError, match=f"^{re.escape(told)}$"):
+        load_agent(name, gym.make(ENV))  # type: ignore[arg-type]
 
 
 def test_the_autopilot_refuses_an_environment_of_others_in_a_sentence():
