@@ -8,6 +8,7 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from agents.pilots import PILOTS, RANDOM, make_pilot, unknown_pilot
+from estimators.checks import shown
 
 
 class Agent(Protocol):
@@ -53,9 +54,11 @@ def load_agent(name: str | Path, env: Any, trust: bool = False) -> Agent:
 
     Raises:
         ValueError: if the name is none of these, or the checkpoint is damaged, not trusted, or for another observation.
-        TypeError: if ``"module:object"`` makes no agent.
+        TypeError: for what is neither a name nor a path, or if ``"module:object"`` makes no agent.
         ModuleNotFoundError: for a checkpoint without torch or stable-baselines3.
     """
+    if not isinstance(name, str | os.PathLike):
+        raise TypeError(f"load_agent takes a name, autopilot or random, or the path of a checkpoint, got {shown(name)}")
     env = env.unwrapped
     if name == RANDOM:
         space = getattr(env, "single_action_space", env.action_space)

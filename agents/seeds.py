@@ -21,7 +21,8 @@ def evaluation_seeds(count: int, first: int = 0) -> list[int]:
         ValueError: for what is not whole numbers, or if they would leave the evaluation range.
     """
     if not (whole(count) and whole(first) and count >= 1 and first >= 0 and first + count <= _TUNING):
-        raise ValueError(f"evaluation seeds lie in 0..{_TUNING - 1}, got {count!r} from {first!r}: ask for at least 1")
+        few = ": ask for at least 1" if not (whole(count) and count >= 1) else ""
+        raise ValueError(f"evaluation seeds lie in 0..{_TUNING - 1}, got {count!r} from {first!r}{few}")
     return list(range(first, first + count))
 
 

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stderr
 from datetime import datetime, timedelta
-from itertools import count
+from itertools import count, pairwise
 from typing import Any
 
 import gymnasium as gym
@@ -17,6 +17,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from agents.cells import Status
+from estimators.checks import shown
 from vessel_gym.extras import missing
 
 MOST = 2**31 - 1
@@ -87,6 +88,12 @@ def _parsed(main: Callable[..., int | None], arguments: Sequence[str] | None) ->
     def call(*positional: Any, **named: Any) -> Any:
         return functools.partial(main, *positional, **named)
 
+    given = sys.argv[1:] if arguments is None else list(arguments)
+    for before, word in pairwise(["", *given]):
+        if not word:  # which would be taken for a path: that of the present folder
+            raise Refusal(f"the argument after {shown(before)} is empty" if before else "the first argument is empty")
+        if word.startswith("--") and word.endswith("="):
+            raise Refusal(f"{word[:-1]} is given an empty word")
     box = io.StringIO()
     try:
         with redirect_stderr(box):

@@ -10,7 +10,7 @@ from rich.table import Table
 
 from agents.page import words
 from agents.studies.worlds import environment_id
-from scripts.console import asked, command, progress_bar
+from scripts.console import asked, command, in_range, progress_bar
 
 
 def main(
@@ -50,6 +50,8 @@ def main(
         if not estimator:
             raise ValueError("--estimator needs the name of at least one estimator")
         env_id = environment_id(env_id)
+        in_range("--episodes", episodes, 1)
+        in_range("--first-seed", first_seed, 0)
         seeds = evaluation_seeds(episodes, first_seed)
         for name in estimator:
             with closing(gym.make_vec(env_id, num_envs=1, estimator=name, **world)) as env:

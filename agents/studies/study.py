@@ -170,6 +170,8 @@ def read_study(path: Path | str) -> Study:
         text = Path(path).read_text(encoding="utf-8")
     except UnicodeDecodeError:
         raise StudyError(path, [(0, "the file is not text in UTF-8")]) from None
+    except OSError as error:
+        raise type(error)(f"cannot read the study {path}: {error.strerror}") from None
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

@@ -1,5 +1,6 @@
 """Rollouts: the same seeds give the same flights, however they are batched."""
 
+import re
 from pathlib import Path
 
 import gymnasium as gym
@@ -167,6 +168,13 @@ def test_an_unknown_agent_is_answered_with_those_that_exist(tmp_path: Path):
             ValueError, match=r"unknown agent .*: choose autopilot, lqg, pid, random, the path of a checkpoint"
         ):
             load_agent(name, gym.make(ENV))
+
+
+@pytest.mark.parametrize("name", [None, 7, b"autopilot", ["autopilot"]], ids=repr)
+def test_what_is_no_agents_name_is_answered_with_what_load_agent_takes(name: object):
+    told = f"load_agent takes a name, autopilot or random, or the path of a checkpoint, got {name!r}"
+    with pytest.raises(TypeError, match=f"^{re.escape(told)}$"):
+        load_agent(name, gym.make(ENV))  # type: ignore[arg-type]
 
 
 def test_the_autopilot_refuses_an_environment_of_others_in_a_sentence():

@@ -142,7 +142,9 @@ def test_any_command_line_is_refused_in_one_sentence_or_begins_its_work(line: tu
     ("line", "sentence"),
     [
         ("evaluate --estimator", "--estimator needs the name of at least one estimator"),
-        ("evaluate --episodes 0", "ask for at least 1"),
+        ("evaluate --episodes 0", "--episodes must be at least 1, got 0"),
+        ("evaluate --first-seed -1", "--first-seed must be at least 0, got -1"),
+        ("evaluate --first-seed 999999 --episodes 2", "seeds lie in 0..999999, got 2 from 999999"),
         ("evaluate --episodes ten", "Error parsing --episodes: invalid literal"),
         ("evaluate --estimatr kf", "did you mean --estimator?"),
         ("evaluate CartPole-v1 --agent random", "'CartPole-v1' has no estimator in the loop"),
@@ -164,8 +166,8 @@ def test_any_command_line_is_refused_in_one_sentence_or_begins_its_work(line: tu
         ("reproduce robust --jobs 0", "--jobs must be at least 1, got 0"),
         ("reproduce robust --out file", "cannot write into file: it is a file, not a folder"),
         ("ablate", "Missing from"),
-        ("ablate nobody.toml", "nobody.toml"),
-        ("ablate folder.gif", "folder.gif"),
+        ("ablate nobody.toml", "cannot read the study nobody.toml: No such file or directory"),
+        ("ablate folder.gif", "cannot read the study folder.gif: Is a directory"),
         ("ablate wrong.toml", "environments must be a table"),
         ("ablate study.toml --out file", "cannot write into file: it is a file, not a folder"),
         ("ablate study.toml --jobs 0", "--jobs must be at least 1, got 0"),
@@ -179,6 +181,28 @@ def test_a_word_that_cannot_be_meant_is_named_before_anything_is_computed(line: 
     told = refused(name, *arguments)
     assert told is not None
     assert sentence in told
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments", "sentence"),
+    [
+        ("ablate", ["study.toml", "--out", ""], "error: the argument after '--out' is empty"),
+        ("ablate", ["study.toml", "--out="], "error: --out is given an empty word"),
+        ("ablate", [""], "error: the first argument is empty"),
+        ("reproduce", ["robust", "--out", ""], "error: the argument after '--out' is empty"),
+        ("evaluate", ["--estimator", "kf", ""], "error: the argument after 'kf' is empty"),
+    ],
+)
+def test_an_empty_word_is_not_taken_for_the_present_folder(name: str, arguments: list[str], sentence: str):
+    assert refused(name, *arguments) == sentence
+    assert not Path("study.json").exists()
+
+
+def test_a_seed_below_the_first_is_not_answered_with_advice_on_how_many():
+    with pytest.raises(ValueError, match=r"^evaluation seeds lie in 0\.\.999999, got 100 from -1$"):
+        evaluation_seeds(100, -1)
+    with pytest.raises(ValueError, match="got 0 from 0: ask for at least 1"):
+        evaluation_seeds(0)
 
 
 @pytest.mark.parametrize(

@@ -1,11 +1,12 @@
 """The page on the robust filters: the figures of the paper beside ours, and its claim put to the test."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from agents.page import Bullets, Claim, Claims, Entry, Facts, Page, Prose, Section, Table, listed, number
+from agents.page import Bullets, Claim, Claims, Entry, Facts, Page, Prose, Section, Table, entry, listed, number, words
 from agents.reproduction.pages.robust_figures import (
     covariance_figure,
     crossed_figure,
@@ -44,7 +45,7 @@ _RATIO_NOTE = (
     "KF: geometric mean of the RMSE of the state vector, in units of the state, where a reading has σ = "
     "1. Others: geometric "
     "mean of the RMSE divided by that of the KF on the same readings, from the paired difference of "
-    "logarithms, ± half of the "
+    "logarithms, with the ends of the "
     "95 % interval (Student's t). Bold: the interval excludes 1. "
 )
 
@@ -78,14 +79,9 @@ def _row(results: Results, population: str, label: str, condition: Condition) ->
     return label, entries
 
 
-def _words(ratio: Interval) -> str:
-    return f"{number(ratio.mean, 3)} ± {number(ratio.half, 3)}"
-
-
 def _ratio_entry(ratio: Interval) -> Entry:
     """Bold where the interval excludes 1."""
-    sure = ratio.high < 1.0 or ratio.low > 1.0
-    return Entry(number(ratio.mean, 3), number(ratio.half, 3), sure)
+    return replace(entry(ratio, 3), strong=ratio.high < 1.0 or ratio.low > 1.0)
 
 
 def _outlier_table(results: Results) -> Table:
@@ -193,7 +189,7 @@ def _verdict(ratios: Sequence[Interval]) -> str:
 def _lower(results: Results, text: str, name: str, sweep: Sequence[tuple[str, Condition]]) -> Claim:
     """The claim that a filter has less error than the KF in every condition, over the random systems."""
     ratios = [mean_ratio(results, settings.RANDOM, condition, name) for _, condition in sweep]
-    evidence = "; ".join(f"{label}: {_words(ratio)}" for (label, _), ratio in zip(sweep, ratios, strict=True))
+    evidence = "; ".join(f"{label}: {words(ratio, 3)}" for (label, _), ratio in zip(sweep, ratios, strict=True))
     return Claim(text, _verdict(ratios), evidence)
 
 
@@ -240,7 +236,7 @@ def _cost_claims(results: Results) -> list[Claim]:
     for name in OTHERS:
         ratio = mean_ratio(results, settings.RANDOM, NOTHING, name)
         verdict = "false" if ratio.low > 1.0 else "true" if ratio.high < 1.0 else "undecided"
-        found.append(Claim(f"Where nothing is wrong {name} costs nothing.", verdict, f"RMSE / KF {_words(ratio)}"))
+        found.append(Claim(f"Where nothing is wrong {name} costs nothing.", verdict, f"RMSE / KF {words(ratio, 3)}"))
     return found
 
 
@@ -312,8 +308,7 @@ def _figure_claims(results: Results) -> list[Claim]:
         Claim(
             "Disturbance does not keep the estimates from the true states (figure 5).",
             "true" if len(unmoved) == len(affected) else "false" + (f", but for {listed(unmoved)}" if unmoved else ""),
-            "RMSE with disturbance over without: "
-            + "; ".join(f"{name} {number(r.mean, 2)} ± {number(r.half, 2)}" for name, r in affected.items()),
+            "RMSE with disturbance over without: " + "; ".join(f"{name} {words(r, 2)}" for name, r in affected.items()),
         ),
     ]
 
@@ -433,13 +428,13 @@ def _answer(results: Results) -> list[str]:
         "model errors stands beside what it loses there and elsewhere.",
         *(
             f"robust-kf with c = {c:g} {_balance(results, _MODEL_ERRORS, name)} model errors, "
-            f"{_balance(results, _OUTLIERS, name)} kinds of outliers, and has {_words(ratio(NOTHING, name))} of the "
+            f"{_balance(results, _OUTLIERS, name)} kinds of outliers, and has {words(ratio(NOTHING, name), 3)} of the "
             "KF's error where nothing is wrong."
             for name, c in zip(ROBUST, settings.TOLERANCES, strict=True)
         ),
-        f"With {outliers} huber-kf has {_words(hit)} of the KF's error, geometric mean over 200 random systems; it has "
-        f"{_words(ratio(NOTHING, 'huber-kf'))} of it where nothing is wrong and {_words(ratio(largest, 'huber-kf'))} "
-        f"where A is off by {percent(largest.parameters)}.",
+        f"With {outliers} huber-kf has {words(hit, 3)} of the KF's error, geometric mean over 200 random systems; it "
+        f"has {words(ratio(NOTHING, 'huber-kf'), 3)} of it where nothing is wrong and "
+        f"{words(ratio(largest, 'huber-kf'), 3)} where A is off by {percent(largest.parameters)}.",
         "The paper has no table of results, so that no number can be set beside ours; the shape of its figures can.",
     ]
 

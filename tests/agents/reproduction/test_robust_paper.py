@@ -191,6 +191,24 @@ def test_every_claim_has_a_verdict_that_its_intervals_bear_out(page, results):
     assert (below.kind == "false") == any(ratio.low > 1.0 for ratio in ratios)
 
 
+def test_the_interval_of_a_ratio_is_told_by_its_two_ends():
+    """It comes of an even one of logarithms: half of its width on either side of the mean is not where it lies."""
+    told = robust_page._ratio_entry(Interval(0.8, 0.7, 0.95))
+    assert (str(told), told.strong) == ("0.800 [0.700, 0.950]", True)
+    told = robust_page._ratio_entry(Interval(1.0, 0.9, 1.2))
+    assert (str(told), told.strong) == ("1.000 [0.900, 1.200]", False)
+
+
+def test_no_ratio_of_the_page_has_an_even_interval(page):
+    tables = [table for table in page.tables if any("/ KF" in label for label, _ in table.head)]
+    entries = [e for table in tables for _, section in table.sections for _, row in section for e in row[-3:]]
+    assert len(entries) > 100
+    assert all("[" in e.value and not e.half for e in entries)
+    claims = [claim for section in page.sections for b in section.blocks if isinstance(b, Claims) for claim in b.rows]
+    assert not [claim.evidence for claim in claims if "±" in claim.evidence]
+    assert "±" not in " ".join(page.answer)
+
+
 def test_every_condition_stands_in_a_table_for_both_populations(page):
     rows = sum(len(section) for table in page.tables if isinstance(table, Table) for _, section in table.sections)
     sweeps = sum(len(group) for group in (*settings.SWEEPS.values(), *settings.CROSSED.values()))
