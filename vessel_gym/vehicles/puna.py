@@ -207,6 +207,16 @@ _DOWN = (*_VERTICAL, "gust down 1", "gust down 2")
 _WIND = ("north", "east", "mean wind north", "mean wind east", "gust north", "gust east")
 
 
+def _fix(state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
+    """What the GNSS reads ``(..., 6)``."""
+    return puna_gnss(state, np.empty(6))
+
+
+def _through_the_air(state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
+    """What the pitot tube reads ``(..., 1)``."""
+    return airspeed(state, forcing[..., 4:])[..., None]
+
+
 def _velocity(readings: np.ndarray, known: Known) -> Known:
     """Velocity over ground from speed and course of a GNSS."""
     speed, course = readings[..., 3], readings[..., 4]
@@ -248,7 +258,7 @@ class Puna(WholeState):
     sensors: ClassVar = (
         Sensor(
             "GNSS", ("x", "y", "h", "ground speed", "course over ground", "climb"),
-            lambda state, forcing: puna_gnss(state, np.empty(6)), (1.0, 1.0, 1.5, 0.05, 0.03, 0.1), rate=1.0,
+            _fix, (1.0, 1.0, 1.5, 0.05, 0.03, 0.1), rate=1.0,
             bias=Bias(("bias x", "bias y", "bias h"), start=(0.1,) * 3, pace=(0.21, 0.21, 0.40)),
             angles=(4,), scale=(100.0, 100.0, 100.0, 20.0, 3.0, 1.0), gives=("x", "y", "h", None, None, "climb"),
             inverse=_velocity, informs=(_LEVEL, _LEVEL, _VERTICAL, _COURSE, _COURSE, _DOWN),
@@ -257,7 +267,7 @@ class Puna(WholeState):
             "barometer", ("pressure altitude",), plain((2,)), (0.5,), scale=(100.0,), gives=("h",), informs=(_DOWN,)
         ),
         Sensor(
-            "pitot tube", ("airspeed",), lambda state, forcing: airspeed(state, forcing[..., 4:])[..., None], (0.5,),
+            "pitot tube", ("airspeed",), _through_the_air, (0.5,),
             scale=(20.0,), inverse=_along, informs=(_WIND,),
         ),
         Sensor(

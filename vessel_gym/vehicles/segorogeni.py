@@ -204,6 +204,11 @@ def energy(state: np.ndarray, c: np.ndarray) -> np.ndarray:
     return kinetic - c[..., I.net_weight] * depth - c[..., I.righting_moment] * upright
 
 
+def _over_ground(state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
+    """Velocity over ground in body axes ``(..., 3)``."""
+    return segorogeni_log(state, forcing[..., 6:], np.empty(3))
+
+
 @dataclass(frozen=True)
 class Segorogeni(AUV):
     """The vehicle in batches, as an environment uses it.
@@ -223,7 +228,7 @@ class Segorogeni(AUV):
     sensors: ClassVar = (
         Sensor(
             "Doppler log", ("u over ground", "v over ground", "w over ground"),
-            lambda state, forcing: segorogeni_log(state, forcing[..., 6:], np.empty(3)),
+            _over_ground,
             (0.01,) * 3, dropout=0.10, scale=(0.5, 0.25, 0.25), gives=("u", "v", "w"),
             informs=(plane("u"), plane("v"), plane("w")),
         ),
