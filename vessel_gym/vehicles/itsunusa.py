@@ -133,7 +133,7 @@ def _over_ground(state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
 class Itsunusa(AUV):
     """The vehicle in batches, as an environment uses it.
 
-    Figures of the instruments are from public vehicle configurations.
+    Figures of the sensors are from public vehicle configurations.
     """
 
     body: ItsunusaParameters = field(default_factory=lambda: load("itsunusa", ItsunusaParameters))
