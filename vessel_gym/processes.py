@@ -27,6 +27,8 @@ class Process:
     start_cov: np.ndarray
 
     def __post_init__(self) -> None:
+        for name in ("transition", "root", "start_cov"):  # laid out alike in every copy: the last bit depends on it
+            object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name), float))
         k = len(self.root)
         for name, values in (("transition", self.transition), ("start_cov", self.start_cov)):
             if np.shape(values) != (k, k):

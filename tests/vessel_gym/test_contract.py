@@ -541,7 +541,7 @@ def test_the_docstring_says_what_every_key_of_info_is(env_id: str):
 def test_the_score_is_the_sum_of_rewards_over_that_of_a_perfect_episode(env_id: str):
     env = make_batch(env_id, 5, disturbance="rough")
     task = env.unwrapped.core.task
-    assert task.horizon == gym.spec(env_id).max_episode_steps
+    assert task.horizon <= gym.spec(env_id).max_episode_steps  # of any vehicle: room for the longest
     total = np.zeros(5)
     env.reset(seed=2)
     walk = random_walk(2, 5, env.single_action_space.shape[0])
