@@ -140,3 +140,20 @@ def test_a_study_runs_over_parts_of_ones_own(parts: SimpleNamespace, tmp_path: P
     outcome = run(list(cells.values()), tmp_path / "results", jobs=1)
     assert not outcome.failures
     assert len(cells) == 4 * 4  # dead-reckoning flies in any case
+
+
+def test_an_environment_of_ones_own_can_be_pickled(parts: SimpleNamespace) -> None:
+    import pickle
+
+    env = gym.make("Shear-v0", estimator="ekf").unwrapped
+    env.reset(seed=0)
+    copy = pickle.loads(pickle.dumps(env))
+    for _ in range(5):
+        action = np.full(3, 0.2, np.float32)
+        np.testing.assert_array_equal(copy.step(action)[0], env.step(action)[0])
+
+
+def test_the_name_of_another_environment_is_not_taken(parts: SimpleNamespace) -> None:
+    for name in ("CartPole-v1", "SegorogeniAUV-v0"):
+        with pytest.raises(ValueError, match="is an environment already: give yours a name of its own"):
+            register_environment(replace(SegorogeniAUVEnv.system, name=name))

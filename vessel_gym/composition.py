@@ -20,7 +20,7 @@ from vessel_gym.system import Vehicle
 TOLD = ("states", "input", "white", "noise")
 """How a filter is told of a disturbance: its state is part of the filter's (``states``); its kicks are the unknown
 input d (``input``), perhaps with the variance that they have, and white (``white``); or they stand in Q and R alone
-(``noise``). But in the first case the filter knows nothing of a flow."""
+(``noise``). Except in the first case the filter knows nothing of a flow."""
 
 
 def checked_told(how: object) -> str:
@@ -48,6 +48,16 @@ class Forces:
     def __init__(self, vehicle: Vehicle, disturbance: Disturbance) -> None:
         self.vehicle, self.disturbance = vehicle, disturbance
         known = vehicle.kicks + vehicle.flows
+        for name in ("forces", "shakes", "names"):
+            given: Any = getattr(disturbance, name)
+            if isinstance(given, str) or len(set(given)) < len(given):
+                raise ValueError(
+                    f"{name} of {type(disturbance).__name__} must be a tuple of different names, got {shown(given)}"
+                )
+        if disturbance.told != "states" and disturbance.process.normals < disturbance.process.size:
+            raise ValueError(
+                f"{type(disturbance).__name__} needs as many normal numbers a step as its state has components to begin"
+            )
         for name in (*disturbance.forces, *disturbance.shakes):
             if name not in known:
                 raise ValueError(
@@ -318,13 +328,21 @@ def _part(process: Process, held: np.ndarray) -> Process:
 def _held(vehicle: Vehicle, forces: Forces, placed: Placed) -> np.ndarray:
     """Which components of a disturbance's state come to move what a filter estimates, at once or later."""
     x, u = vehicle.cruise
-    kicks, E = len(vehicle.kicks), forces.linear
-    matters = E[:kicks].any(0)
+    kicks, process = len(vehicle.kicks), forces.disturbance.process
     still = vehicle.drift(x, u, np.zeros(len(vehicle.flows)))
-    for j, row in enumerate(E[kicks:]):
-        if (vehicle.drift(x, u, np.eye(len(vehicle.flows))[j]) != still).any():
-            matters = matters | (row != 0.0)
-    transition = forces.disturbance.process.transition
+    moving = [(vehicle.drift(x, u, unit) != still).any() for unit in np.eye(len(vehicle.flows))]
+    counts = np.array([True] * kicks + moving)
+    # An effect may depend on z and on where the vehicle is in any way: it is looked at in several places.
+    rng, matters = np.random.default_rng(0), np.zeros(process.size, bool)
+    for size in (0.0, 1.0, 10.0, 100.0):
+        z = 0.5 * rng.standard_normal(process.size) * (size > 0.0)
+        near = size * rng.standard_normal((2, len(vehicle.state_names)))
+        for place in vehicle.placed(x) + np.vstack([near, np.full((1, len(vehicle.state_names)), size)]):
+            rows = np.tile(place, (process.size + 1, 1))
+            with np.errstate(all="ignore"):
+                given = forces.on(np.vstack([z, z + np.eye(process.size)]), rows)
+            matters = matters | ((given[1:] != given[0]) & counts).any(-1)
+    transition = process.transition
     for _ in transition:
         matters = matters | (transition[matters] != 0.0).any(0)
     return np.flatnonzero(matters)

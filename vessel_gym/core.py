@@ -444,13 +444,19 @@ class Core:
 
     def _estimate(self, belief: Belief, told: Composition) -> Estimate:
         """What the task sees of a belief."""
-        mean = belief.mean
+        mean, input_mean = belief.mean, belief.input_mean
+        if input_mean is not None and not input_mean.shape[-1]:
+            input_mean = None
         flow = told.flow(mean)
         if self.observe_mode != "mean+std":
-            return Estimate(mean[:, : told.base], flow, belief.input_mean)
+            return Estimate(mean[:, : told.base], flow, input_mean)
         variance = np.maximum(belief.cov.diagonal(0, -2, -1), 0.0)
-        known = None if belief.input_cov is None else np.maximum(belief.input_cov.diagonal(0, -2, -1), 0.0)
-        return Estimate(mean[:, : told.base], flow, belief.input_mean, np.sqrt(variance),
+        known = (
+            None
+            if input_mean is None or belief.input_cov is None
+            else np.maximum(belief.input_cov.diagonal(0, -2, -1), 0.0)
+        )
+        return Estimate(mean[:, : told.base], flow, input_mean, np.sqrt(variance),
                         None if known is None else np.sqrt(known), told.scale)  # fmt: skip
 
     def scored_truth(self) -> np.ndarray:

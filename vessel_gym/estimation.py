@@ -256,6 +256,9 @@ def build(
     )
     composition = _composed(system, options.pop("model", default), told, sensors, disturbance)
     model = composition.model
+    if composition.told == "white" and estimator != "kf":
+        name = estimator if isinstance(estimator, str) else "an estimator of one's own"
+        raise ValueError(f'only kf can be told of a white input with its variance, not {name}: say "as": "noise"')
     if own:
         made = estimator(model, **options)  # type: ignore[operator]
         if not isinstance(made, Filter):
@@ -276,8 +279,6 @@ def _made(system: System, name: str, options: dict[str, Any], composition: Compo
     """One of the package's filters, tuned for what it is told."""
     tuned = {**system.tuning(name, composition), **options}
     if composition.told == "white":
-        if name != "kf":
-            raise ValueError(f'only kf can be told of a white input with its variance, not {name}: say "as": "input"')
         tuned = {"input_cov": composition.forces.kick_cov, **tuned}
     return factory.make(name, composition.model, **tuned)
 

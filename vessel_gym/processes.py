@@ -48,16 +48,22 @@ class Process:
         return self.root.shape[1]
 
     def advance(self, z: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
-        """``transition z`` of states ``(..., k)``, row by row: the same to the last bit in any batch."""
-        if self._decay is None:
-            return np.matvec(self.transition, z, out=out)
-        return np.multiply(z, self._decay, out=out)
+        """``transition z`` of states ``(..., k)``, entry by entry: the same to the last bit in any batch."""
+        moved = np.multiply(z, self._decay, out=out)
+        for i, j, entry in self._couplings:
+            moved[..., i] += entry * z[..., j]
+        return moved
 
     @cached_property
-    def _decay(self) -> np.ndarray | None:
-        """The diagonal of a transition that has nothing else."""
-        decay = np.diag(self.transition)
-        return decay if np.array_equal(self.transition, np.diag(decay)) else None
+    def _decay(self) -> np.ndarray:
+        """The diagonal of the transition."""
+        return np.diag(self.transition).copy()
+
+    @cached_property
+    def _couplings(self) -> list[tuple[int, int, float]]:
+        """Its other entries but for zeros, of which a few processes side by side have most."""
+        couples = self.transition - np.diag(self._decay)
+        return [(int(i), int(j), float(couples[i, j])) for i, j in np.argwhere(couples)]
 
     @classmethod
     def stationary(cls, A: np.ndarray, W: np.ndarray, dt: float) -> "Process":

@@ -4,6 +4,7 @@ A sensor is one object, and nothing else knows of it: readings, raw observations
 ensembles and what can be had without a filter follow from it. Yours is a `Sensor`: docs/own-sensor.md.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -117,7 +118,8 @@ class Sensor:
                     raise ValueError(f"{name} of {self.name} must hold tuples of names, got {shown(entry)}")
         for name in ("sd", "range", "scale", "gives", "informs"):
             values = getattr(self, name)
-            if values is not None and (isinstance(values, str) or len(values) != k):
+            listed = isinstance(values, tuple | list | np.ndarray)
+            if values is not None and not (listed and len(values) == k):
                 raise ValueError(f"{self.name} has {k} channels, so {name} must have {k} entries, got {shown(values)}")
         for name, low, values in (("sd", -1e-300, self.sd), ("scale", 0.0, self.scale or ())):
             for value in values:
@@ -174,8 +176,8 @@ class SensorSuite:
                 sensor,
                 sd=tuple(self.noise * sd for sd in sensor.sd),
                 dropout=0.0 if self.lossless else min(sensor.dropout + self.dropout, 1.0),
-                outliers=self.outliers,
-                outlier_scale=self.outlier_scale,
+                outliers=min(sensor.outliers + self.outliers, 1.0),
+                outlier_scale=sensor.outlier_scale if sensor.outliers else self.outlier_scale,
             )
             for sensor in nominal
         )
@@ -278,7 +280,7 @@ class Sensors:
             part = sensor.reads(state, forcing)
             if bias is not None and sensor.bias is not None:
                 k = len(sensor.bias.names)
-                part = np.array(part)
+                part = np.array(part, float)
                 part[..., :k] += bias[..., column : column + k]
                 column += len(sensor.bias.states)
             parts.append(part)
@@ -302,7 +304,7 @@ class Sensors:
         if self._outliers.any():
             scale = np.where(uniforms[:, self._spoilt] < self._outliers, self._outlier_sd, scale)
         readings = exact + scale * normals
-        if self._complete:
+        if self._complete and math.isfinite(np.add.reduce(readings, None)):
             available = np.empty(readings.shape, bool)
             available.fill(True)
             return readings, available
@@ -311,6 +313,7 @@ class Sensors:
             seen = (exact >= self._lowest) & (exact <= self._highest)
             for first, last in zip(self._first[:-1], self._first[1:], strict=True):
                 available[:, first:last] &= seen[:, first:last].all(-1, keepdims=True)
+        available &= np.isfinite(readings)
         return np.where(available, readings, 0.0), available
 
     # --- what readings tell -----------------------------------------------------------------------

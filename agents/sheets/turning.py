@@ -48,7 +48,7 @@ def figures(rollout: Rollout) -> dict[str, np.ndarray]:
     h, alive, dt = rollout.history, rollout.alive, core.vehicle.dt
     truth, reference = h["truth"], h["reference"]
     radius_error, out_of_round = circle_errors(rollout)
-    raw = h["measurement"][..., 1] - h["unknown_input"][..., 0]
+    raw, came = _raw_input(rollout)
     deg, milli = np.rad2deg, 1e3
     return {
         "heading_error": deg(rms(wrap(reference[..., 0] - truth[..., _PSI]), alive)),
@@ -57,8 +57,17 @@ def figures(rollout: Rollout) -> dict[str, np.ndarray]:
         "out_of_round": out_of_round,
         "rudder_rate": deg(rms(np.diff(h["actuators"][..., 0], axis=0) / dt, alive[1:])),
         "input_rmse": milli * _input_rmse(rollout),
-        "raw_input_rmse": milli * rms(raw, alive & h["available"][..., 1]),
+        "raw_input_rmse": milli * rms(raw, alive & came),
     }
+
+
+def _raw_input(rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
+    """Error of the reading that shows the yaw increment as it is, and whether it came ``(T + 1, N)``."""
+    h, given = rollout.history, core_of(rollout).sensors.gives
+    if "yaw increment" not in given or not h["unknown_input"].shape[-1]:
+        return np.zeros(rollout.alive.shape), np.zeros(rollout.alive.shape, bool)
+    channel = given.index("yaw increment")
+    return h["measurement"][..., channel] - h["unknown_input"][..., 0], h["available"][..., channel]
 
 
 def circle_errors(rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:

@@ -595,7 +595,8 @@ MISDECLARED = [
     (SHIP, Sea(wave=0.01, peak=1.0, gust=0.01, current=0.1, dt=0.1),
      "Sea was made for steps of 0.1 s, the vehicle's are 0.5 s: give it dt=0.5"),
     (AUV, disturbance(names=("a",)), "Mine names 1 components of a state that has 2"),
-    (AUV, disturbance(names=("a", "a")), "Mine calls a component 'a', as another is called"),
+    (AUV, disturbance(names=("a", "a")), r"names of Mine must be a tuple of different names, got \('a', 'a'\)"),
+    (AUV, disturbance(forces="current north"), "forces of Mine must be a tuple of different names, got 'current .*"),
     (AUV, disturbance(names=("a", "psi")), "Mine calls a component 'psi', as another is called"),
     (AUV, disturbance(scale=(1.0,)), "scale of Mine must have 2 rows, got 1"),
     (AUV, disturbance(**(KICKED | {"white": np.eye(3)})), "white of Mine must have 2 rows, got 3"),
@@ -746,3 +747,27 @@ def test_a_composition_can_be_made_without_an_environment():
     x, u = vehicle.cruise
     belief = ekf.init(Gaussian(np.concatenate([x, [0.0, 0.0]])[None], 0.01 * np.eye(14)))
     assert np.isfinite(ekf.predict(belief, u[None]).mean).all()
+
+
+def test_an_effect_that_begins_somewhere_else_than_where_one_cruises_is_not_forgotten():
+    """Below 1 m, or only in some direction of its state: the filter that is told of it holds it all."""
+    for effect in (
+        lambda self, z, state: z * (state[..., 8:9] > 1.0),
+        lambda self, z, state: np.stack([z[..., 0] * np.cos(z[..., 1]), z[..., 0] * np.sin(z[..., 1])], -1),
+    ):
+        core = make_core(AUV, 1, estimator="ekf", disturbance=disturbance(effect=effect))
+        assert core.composition.held.tolist() == [0, 1]
+
+
+def test_a_reading_that_is_no_number_has_not_come():
+    from vessel_gym.sensors import Sensor
+
+    def echo(state, forcing):
+        return np.where(state[..., :1] > 0.1, np.nan, state[..., 8:9])  # when under way
+
+    broken = Sensor("echo", ("z",), echo, (0.1,))
+    core = make_core(AUV, 2, observe="measurement", sensors=[*single_class(AUV).system.vehicle.sensors, broken])
+    core.reset()
+    core.step(np.zeros((2, core.action_size)))
+    assert not core.readings[1][:, -1].any()
+    assert np.isfinite(core.observe()).all()
