@@ -275,16 +275,16 @@ class Sensors:
             forcing: ``(..., f)`` on it.
             bias: ``(..., k)`` states of the biases; None: they have none.
         """
-        parts, column = [], 0
-        for sensor in self.each:
-            part = sensor.reads(state, forcing)
-            if bias is not None and sensor.bias is not None:
+        parts = [sensor.reads(state, forcing) for sensor in self.each]
+        if bias is None or not self.bias.size:
+            return parts[0] if len(parts) == 1 else np.concatenate(parts, -1)
+        readings, column = np.concatenate(parts, -1, dtype=float), 0
+        for sensor, first in zip(self.each, self._first, strict=False):
+            if sensor.bias is not None:
                 k = len(sensor.bias.names)
-                part = np.array(part, float)
-                part[..., :k] += bias[..., column : column + k]
+                readings[..., first : first + k] += bias[..., column : column + k]
                 column += len(sensor.bias.states)
-            parts.append(part)
-        return parts[0] if len(parts) == 1 else np.concatenate(parts, -1)
+        return readings
 
     def read(
         self, exact: np.ndarray, steps: np.ndarray, normals: np.ndarray, uniforms: np.ndarray
