@@ -4,8 +4,22 @@ torch and stable-baselines3 are imported only when an agent is trained, saved or
 """
 
 from agents.agent import Agent, RandomAgent, load_agent
-from agents.autopilot import TurningAutopilot
 from agents.checkpoint import save_agent
+from agents.metrics import Metric
+from agents.pilots import register_pilot
+from agents.pilots.turning import TurningAutopilot
 from agents.rollouts import Rollout, rollout
+from agents.sheets import register_scores
 
-__all__ = ["Agent", "RandomAgent", "Rollout", "TurningAutopilot", "load_agent", "rollout", "save_agent"]
+__all__ = [
+    "Agent",
+    "Metric",
+    "RandomAgent",
+    "Rollout",
+    "TurningAutopilot",
+    "load_agent",
+    "register_pilot",
+    "register_scores",
+    "rollout",
+    "save_agent",
+]

@@ -7,10 +7,8 @@ from typing import Any, Protocol
 import numpy as np
 from gymnasium.spaces import Box
 
+from agents.pilots import PILOTS, RANDOM, make_pilot, unknown_pilot
 from estimators.checks import shown
-from vessel_gym.system import System
-from vessel_gym.tasks.flight import Flight
-from vessel_gym.tasks.turning_circle import TurningCircle
 
 
 class Agent(Protocol):
@@ -45,49 +43,40 @@ def load_agent(name: str | Path, env: Any, trust: bool = False) -> Agent:
     """An agent by name, or a trained one from its file.
 
     Args:
-        name: ``"autopilot"`` (the environment's classical controller), ``"random"``, or the path of
-            a checkpoint that `agents.save_agent` or ``scripts.train`` wrote.
+        name: A pilot that is registered for the environment's task, such as ``"autopilot"`` (see `agents.pilots`);
+            ``"random"``; the path of a checkpoint that `agents.save_agent` or ``scripts.train`` wrote; or
+            ``"module:object"``, a pilot of your own, made by calling the object with the environment's `System`:
+            the module is imported, which runs its code.
         env: The environment (either face, wrapped or not) that it will fly.
         trust: Load other checkpoints of stable-baselines3, too, of any algorithm. They hold pickles: loading one runs
             whatever code its maker has put in. They leave out the statistics of a ``VecNormalize``: an agent that was
             trained under one is saved by `agents.save_agent`.
 
     Raises:
-        TypeError: for what is neither a name nor a path.
-        ValueError: if the name is neither, or the checkpoint is damaged, not trusted, or for another observation.
+        ValueError: if the name is none of these, or the checkpoint is damaged, not trusted, or for another observation.
+        TypeError: for what is neither a name nor a path, or if ``"module:object"`` makes no agent.
         ModuleNotFoundError: for a checkpoint without torch or stable-baselines3.
     """
     if not isinstance(name, str | os.PathLike):
         raise TypeError(f"load_agent takes a name, autopilot or random, or the path of a checkpoint, got {shown(name)}")
     env = env.unwrapped
-    if name == "random":
+    if name == RANDOM:
         space = getattr(env, "single_action_space", env.action_space)
         if not isinstance(space, Box):
             raise ValueError(f"the random agent needs a continuous action space, got {space}")
         return RandomAgent(space.shape[0])
     if not hasattr(env, "core"):
         raise ValueError(f"{name} flies the environments of vessel_gym, not {type(env).__name__}")
-    if name == "autopilot":
+    if name in PILOTS.of(env.core.task):
         if env.core.observe_mode == "measurement":
-            raise ValueError('the autopilot needs estimates: use observe="mean" or "mean+std"')
-        return _autopilot(env.system)
-    if not os.path.isfile(name):  # which takes any name; pathlib raises for one that is too long
-        raise ValueError(f"unknown agent {str(name)!r}: choose autopilot, random, or the path of a checkpoint")
-    from agents.checkpoint import TrainedAgent
+            raise ValueError(f'the {name} needs estimates: use observe="mean" or "mean+std"')
+        if not env.core.guidance or env.core.ends == "declaration":
+            raise ValueError(f"the {name} goes by guidance and declares nothing: leave out guidance and ends")
+        return make_pilot(str(name), env.system)
+    if os.path.isfile(name):  # which takes any name; pathlib raises for one that is too long
+        from agents.checkpoint import TrainedAgent
 
-    return TrainedAgent(Path(name), env, trust)
-
-
-def _autopilot(system: System) -> Agent:
-    """The classical controller of a system, by its task."""
-    if isinstance(system.task, TurningCircle):
-        from agents.autopilot import TurningAutopilot
-
-        return TurningAutopilot(system)
-    if isinstance(system.task, Flight):
-        from agents.flight_autopilot import FlightAutopilot
-
-        return FlightAutopilot(system)
-    from agents.dive_autopilot import DiveAutopilot
-
-    return DiveAutopilot(system)
+        return TrainedAgent(Path(name), env, trust)
+    if isinstance(name, str) and ":" in name:
+        return make_pilot(name, env.system)
+    raise ValueError(unknown_pilot(str(name), env.system, RANDOM, "the path of a checkpoint"))

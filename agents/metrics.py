@@ -1,16 +1,22 @@
 """What figures of an episode are made of: their description, root mean squares and consistency."""
 
-from dataclasses import dataclass
-from functools import cache
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
 
 from agents.rollouts import Rollout
 from estimators import chi_square_band, nees
+from estimators.angles import difference
 
 WITHOUT_COVARIANCE = ("truth", "measurement")
 """Estimators that claim no uncertainty of their own: their NEES means nothing."""
+
+
+Figure = Callable[[Rollout], np.ndarray]
+"""One number of every episode of a rollout, ``(N,)``; NaN where there is none."""
 
 
 @dataclass(frozen=True)
@@ -25,6 +31,7 @@ class Metric:
         decimals: digits worth printing.
         meaning: one sentence.
         yes_or_no: whether each episode has 0 or 100 % of it.
+        of: how it is found; None: by the function of its score sheet, along with others.
     """
 
     key: str
@@ -34,30 +41,101 @@ class Metric:
     decimals: int
     meaning: str
     yes_or_no: bool = False
+    of: Figure | None = field(default=None, compare=False, repr=False)
+
+
+def rmse(*names: str, scale: float = 1.0) -> Figure:
+    """RMS error of the estimated state: of those of its components that have these names, together.
+
+    NaN where the estimator has none of them.
+
+    Args:
+        names: As the vehicle names its state.
+        scale: Metric's units in one of SI.
+    """
+    return partial(_rmse, names=names, scale=scale)
+
+
+def position_nees(*names: str) -> Metric:
+    """NEES of the components with these names, which are the position."""
+    meaning = "The same as NEES/n, for the position alone."
+    return Metric("position_nees", "Position NEES/n", "", "near 1", 2, meaning, of=partial(_nees, names=names))
+
+
+def ended(end: str) -> Figure:
+    """Whether an episode ended in these words, in %."""
+    return partial(_ended, end=end)
+
+
+def steps(rollout: Rollout) -> np.ndarray:
+    """Steps flown."""
+    return rollout.length.astype(float)
+
+
+def _rmse(rollout: Rollout, names: tuple[str, ...], scale: float) -> np.ndarray:
+    chosen = components(rollout, *names)
+    if not chosen:
+        return np.full(len(rollout.seeds), np.nan)
+    core, h = core_of(rollout), rollout.history
+    state = core.estimated(h["truth"])
+    error = difference(h["estimate"], state, core.filter.model.state_angles)[..., chosen]
+    return rms(np.sqrt((error**2).sum(-1)), rollout.alive) * scale
+
+
+def _nees(rollout: Rollout, names: tuple[str, ...]) -> np.ndarray:
+    return mean_nees(rollout, components(rollout, *names))
+
+
+def _ended(rollout: Rollout, end: str) -> np.ndarray:
+    return 100.0 * (rollout.end == end)
+
+
+def _score(rollout: Rollout) -> np.ndarray:
+    return rollout.score.astype(float)
+
+
+def _returns(rollout: Rollout) -> np.ndarray:
+    return rollout.returns.astype(float)
+
+
+def _unhealthy(rollout: Rollout) -> np.ndarray:
+    return np.sum(rollout.alive & ~rollout.history["healthy"], axis=0).astype(float)
+
+
+def mean_nees(rollout: Rollout, components: tuple[int, ...] | None = None) -> np.ndarray:
+    """Mean NEES per component of each episode ``(N,)``; NaN without a covariance."""
+    values, alive = nees_of(rollout, components), rollout.alive
+    if values is None:
+        return np.full(len(rollout.seeds), np.nan)
+    n = rollout.history["estimate"].shape[-1] if components is None else len(components)
+    return np.where(alive, values, 0.0).sum(0) / alive.sum(0) / n
 
 
 SCORE = Metric(
-    "score", "Score", "", "higher", 3, "Sum of rewards over that of a perfect episode, computed from the truth; 0 to 1."
-)
-RETURN = Metric("return", "Return", "", "higher", 1, "Sum of rewards.")
+    "score", "Score", "", "higher", 3,
+    "Sum of rewards over that of a perfect episode, computed from the truth; 0 to 1.", of=_score,
+)  # fmt: skip
+RETURN = Metric("return", "Return", "", "higher", 1, "Sum of rewards.", of=_returns)
+STEPS = Metric("steps", "Steps", "", "", 0, "Steps flown.", of=steps)
 NEES = Metric(
     "nees", "NEES/n", "", "near 1", 2,
     "Mean squared estimation error in units of the claimed covariance, per state; above 1: too sure of itself.",
+    of=mean_nees,
 )  # fmt: skip
 UNHEALTHY = Metric(
-    "unhealthy", "Failed updates", "steps", "lower", 1, "Steps at which the estimator's usual update failed."
-)
+    "unhealthy", "Failed updates", "steps", "lower", 1, "Steps at which the estimator's usual update failed.",
+    of=_unhealthy,
+)  # fmt: skip
 
 
-def common(rollout: Rollout) -> dict[str, np.ndarray]:
-    """The metrics that every task has, ``(N,)`` by key."""
-    return {
-        "score": rollout.score.astype(float),
-        "return": rollout.returns.astype(float),
-        "steps": rollout.length.astype(float),
-        "nees": mean_nees(rollout),
-        "unhealthy": np.sum(rollout.alive & ~rollout.history["healthy"], axis=0).astype(float),
-    }
+def components(rollout: Rollout, *names: str) -> tuple[int, ...]:
+    """Which components of the estimated state have these names."""
+    return tuple(i for i, name in enumerate(core_of(rollout).composition.names) if name in names)
+
+
+def at_end(rollout: Rollout) -> np.ndarray:
+    """The true states ``(N, n)`` in which episodes ended."""
+    return rollout.history["truth"][rollout.length, np.arange(len(rollout.length))]
 
 
 def core_of(rollout: Rollout) -> Any:
@@ -84,19 +162,10 @@ def nees_of(rollout: Rollout, components: tuple[int, ...] | None = None) -> np.n
         return None
     n = h["estimate"].shape[-1]
     chosen = list(range(n) if components is None else components)
-    state = core.vehicle.filter_state(h["truth"], n)
+    state = core.estimated(h["truth"])
     angles = tuple(chosen.index(i) for i in core.filter.model.state_angles if i in chosen)
     cov = h["covariance"][..., chosen, :][..., chosen]
     return nees(h["estimate"][..., chosen], cov, state[..., chosen], angles)
-
-
-def mean_nees(rollout: Rollout, components: tuple[int, ...] | None = None) -> np.ndarray:
-    """Mean NEES per component of each episode ``(N,)``; NaN without a covariance."""
-    values, alive = nees_of(rollout, components), rollout.alive
-    if values is None:
-        return np.full(len(rollout.seeds), np.nan)
-    n = rollout.history["estimate"].shape[-1] if components is None else len(components)
-    return np.where(alive, values, 0.0).sum(0) / alive.sum(0) / n
 
 
 def consistency(rollout: Rollout, components: tuple[int, ...] | None = None) -> float | None:

@@ -14,17 +14,24 @@ import numpy as np
 import vessel_gym
 from agents.checkpoint import one_thread, write, zip_path
 from agents.files import replacing
+from agents.named import vector_class
 from agents.seeds import training_seed
 from agents.source import source_digest
 from estimators.factory import unknown
+from vessel_gym.envs.vector import VesselVectorEnv
 from vessel_gym.extras import require
 
 MEMORIES = ("none", "frames", "lstm")
 """What an agent may remember: nothing, its last observations, or what a recurrent network makes of all of them."""
 
+OTHERS = "others"
+"""The settings of environments that have none of their own."""
+
 
 def hyperparameters(env_id: str, memory: str = "none") -> dict[str, Any]:
-    """The tuned settings of an environment, from ``agents/ppo.toml``: its own, and over them those of the memory.
+    """The settings of an environment, from ``agents/ppo.toml``: its own, and over them those of the memory.
+
+    They are tuned for the package's environments; another one of a `vessel_gym.system.System` has those of `OTHERS`.
 
     Raises:
         ValueError: if it has none, or the memory is of no known kind.
@@ -32,15 +39,20 @@ def hyperparameters(env_id: str, memory: str = "none") -> dict[str, Any]:
     if memory not in MEMORIES:
         raise ValueError(unknown("memory", memory, MEMORIES))
     table = tomllib.loads(files("agents").joinpath("ppo.toml").read_text())
-    if env_id not in table:
+    others = table.pop(OTHERS, None)
+    if env_id not in table and not (others and _has_system(env_id)):
         raise ValueError(f"no PPO settings for {env_id!r} in agents/ppo.toml: choose from {', '.join(table)}")
-    own = table[env_id]
+    own = table.get(env_id, others)
     if memory != "none" and memory not in own:
         having = [name for name, settings in table.items() if memory in settings]
         raise ValueError(
             f"no settings with memory {memory!r} for {env_id!r} in agents/ppo.toml: choose from {', '.join(having)}"
         )
     return {key: value for key, value in own.items() if not isinstance(value, dict)} | own.get(memory, {})
+
+
+def _has_system(env_id: str) -> bool:
+    return env_id in gym.registry and issubclass(vector_class(env_id), VesselVectorEnv)
 
 
 def describe(
@@ -101,7 +113,7 @@ def train(
     The checkpoint is written whole or not at all.
 
     Args:
-        env_id: A registered environment with settings in ``agents/ppo.toml``.
+        env_id: A registered environment; `hyperparameters` says with which settings.
         path: Where the checkpoint goes (``.zip``); folders are made.
         env_options: Passed to `gymnasium.make_vec`.
         seed: Number of the training run; the environments' seeds follow by `agents.seeds`.

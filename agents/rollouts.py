@@ -10,6 +10,7 @@ import numpy as np
 
 import vessel_gym  # noqa: F401  (registers the environments)
 from agents.agent import Agent, load_agent
+from agents.named import vector_class
 from estimators import nis
 from vessel_gym.core import whole
 from vessel_gym.envs.vector import VesselVectorEnv, rows_like
@@ -152,12 +153,11 @@ def _batch(env_id: str, num_envs: int, options: dict[str, Any]) -> gym.vector.Ve
     if not isinstance(options, Mapping) or not all(isinstance(key, str) for key in options):
         raise TypeError(f"env_options must be a dictionary of options by name, got {options!r}")
     try:
-        entry = gym.spec(env_id).vector_entry_point
+        batch = vector_class(env_id)
     except gym.error.Error as error:
         raise ValueError(str(error)) from None
-    creator: Any = gym.envs.registration.load_env_creator(entry) if isinstance(entry, str) else entry
     same_step = {"autoreset_mode": gym.vector.AutoresetMode.SAME_STEP}
-    if isinstance(creator, type) and issubclass(creator, VesselVectorEnv):
+    if issubclass(batch, VesselVectorEnv):
         native: Any = {"vectorization_mode": "vector_entry_point", **same_step}
         return gym.make_vec(env_id, num_envs=num_envs, **native, **options)
     return gym.make_vec(env_id, num_envs=num_envs, vectorization_mode="sync", vector_kwargs=same_step, **options)

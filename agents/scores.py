@@ -1,22 +1,17 @@
 """What a flight was like: the figures of each episode, by the task that was flown."""
 
-from types import ModuleType
-from typing import Any
-
 import numpy as np
 
-from agents import common_scores, dive_scores, flight_scores, turning_scores
 from agents.metrics import Metric
 from agents.rollouts import Rollout
+from agents.sheets import sheet_of
 from agents.statistics import Interval, crossed_interval, share_interval
-from vessel_gym.tasks.dive import Dive
-from vessel_gym.tasks.flight import Flight
-from vessel_gym.tasks.turning_circle import TurningCircle
+from vessel_gym.system import System
 
 
-def metrics(task: Any) -> tuple[Metric, ...]:
-    """What episodes of a task are measured by, in the order in which it is worth reading."""
-    return _figures(task).METRICS
+def metrics(system: System) -> tuple[Metric, ...]:
+    """What episodes of a system's task are measured by, in the order in which it is worth reading."""
+    return sheet_of(system).metrics
 
 
 def scores(rollout: Rollout) -> dict[str, np.ndarray]:
@@ -35,7 +30,7 @@ def scores(rollout: Rollout) -> dict[str, np.ndarray]:
         raise ValueError(f"{rollout.env_id} has no estimator in the loop, so its flights have no such figures")
     if not rollout.history:
         raise ValueError("scores need the history of a rollout: fly it with record=True")
-    return _figures(rollout.env.unwrapped.core.task).scores(rollout)
+    return sheet_of(rollout.env.unwrapped.core.system).scores(rollout)
 
 
 def mean(metric: Metric, values: np.ndarray) -> Interval | None:
@@ -48,11 +43,3 @@ def mean(metric: Metric, values: np.ndarray) -> Interval | None:
         share = share_interval(int(np.count_nonzero(values)), values.size)
         return Interval(100.0 * share.mean, 100.0 * share.low, 100.0 * share.high)
     return crossed_interval(values) if values.size else None
-
-
-def _figures(task: Any) -> ModuleType:
-    """The module that knows a task; for a task of somebody else's, the figures that every task has."""
-    for kind, module in ((TurningCircle, turning_scores), (Dive, dive_scores), (Flight, flight_scores)):
-        if isinstance(task, kind):
-            return module
-    return common_scores

@@ -29,8 +29,9 @@ def source_digest(module: str) -> str:
     """SHA-256 of the code that a module computes with: what Python makes of it, without comments and docstrings.
 
     That is the module itself, what it imports of its own package, of ours and of whatever is not installed, what these
-    import in turn, and all of `estimators` and `vessel_gym`, because environments are found there by name; not
-    pictures, nor what keeps results. What is imported by a name that is put together at run time is not seen.
+    import in turn, and all of `estimators` and `vessel_gym`, because environments are found there by name, with the
+    files of their vehicles; not pictures, nor what keeps results. What is imported by a name that is put together at
+    run time is not seen.
 
     Args:
         module: Its dotted name.
@@ -41,7 +42,7 @@ def source_digest(module: str) -> str:
     digest = hashlib.sha256()
     for package in (estimators, vessel_gym):
         root = Path(package.__file__ or "").parent
-        for path in sorted(root.rglob("*.py")):
+        for path in sorted((*root.rglob("*.py"), *root.rglob("*.toml"))):
             name = path.relative_to(root)
             if name.parts[0] != "rendering":
                 digest.update(name.as_posix().encode() + b"\0" + _code(path.read_bytes()))

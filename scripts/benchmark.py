@@ -17,9 +17,9 @@ from estimators import Gaussian, LinearModel, make, names
 from scripts.console import asked, command, in_range
 from vessel_gym.envs.sigma_corvette import SEAS
 from vessel_gym.extras import require
-from vessel_gym.sensors import nominal_sd
 from vessel_gym.tasks.turning_circle import TurningCircle
-from vessel_gym.vehicles.corvette import COEFFICIENTS, Corvette, CorvetteParameters, secant_models, steady_turns
+from vessel_gym.vehicles.corvette import Corvette, secant_models, steady_turns
+from vessel_gym.vehicles.corvette_equations import COEFFICIENTS
 
 ENSEMBLES = ("enkf", "enkf-sr", "etkf")
 
@@ -39,11 +39,15 @@ class HandWrittenLoop:
         from filterpy.kalman import KalmanFilter
 
         self.rng = np.random.default_rng(seed)
-        self.vehicle, self.task, self.sea = Corvette(), TurningCircle(CorvetteParameters()), SEAS[disturbance]
+        self.vehicle, self.sea = Corvette(), SEAS[disturbance]
+        self.task = TurningCircle(self.vehicle.ship)
         self.ship = self.vehicle.ship
-        self.dt, self.reading_sd = self.vehicle.dt, nominal_sd(self.vehicle.instruments)
+        self.dt, self.reading_sd = (
+            self.vehicle.dt,
+            np.array([sd for sensor in self.vehicle.sensors for sd in sensor.sd]),
+        )
         self.c = dict(zip(COEFFICIENTS, self.ship.vector(), strict=True))
-        self.sea_A, self.sea_L = self.sea.discrete
+        self.sea_A, self.sea_L = self.sea.process.transition, self.sea.process.root
         self.A_table, self.B_table = secant_models(self.ship, self.dt)
         self.rate_step = steady_turns(self.ship).yaw_rate[1]
         self.filter = KalmanFilter(dim_x=3, dim_z=2, dim_u=1)
@@ -56,11 +60,11 @@ class HandWrittenLoop:
         """Start an episode."""
         course = self.task.course(self.rng.random((1, 3)), {})[0]
         self.heading, self.rate = course
-        prior = self.task.prior(course[None], self.sea)
+        prior = self.task.prior(course[None])
         x = self.rng.multivariate_normal(prior.mean[0], prior.cov)
         self.truth = np.array([0.0, 0.0, x[2], x[3], x[0], x[1]])
         self.rudder, self.k = 0.0, 0
-        self.sea_state = self.sea.start(self.rng.standard_normal(5))
+        self.sea_state = self.rng.multivariate_normal(np.zeros(5), self.sea.process.start_cov)
         self.filter.x, self.filter.P = prior.mean[0, :3].copy(), prior.cov[:3, :3].copy()
 
     def derivative(self, state: np.ndarray, rudder: float, current: np.ndarray) -> np.ndarray:

@@ -30,7 +30,8 @@ def main(
 
     Args:
         env_id: Registered environment.
-        agent: autopilot, random, or the path of a checkpoint.
+        agent: A pilot of the task (autopilot, lqg, pid), random, the path of a checkpoint, or your own as
+            module:object, whose code is run.
         estimator: One or more estimators; the environment's default if not given.
         sensors: clean, nominal or degraded.
         disturbance: calm, moderate or rough.
@@ -62,7 +63,7 @@ def main(
         for name in estimator:
             flown = rollout(agent, env_id, seeds, {"estimator": name, **world}, trust=trust)
             columns.append(scores(flown))
-            shown = metrics(flown.env.unwrapped.core.task)
+            shown = metrics(flown.env.unwrapped.system)
             table.add_column(flown.env.unwrapped.core.estimator, justify="right")
             advance()
     for metric in shown:

@@ -13,18 +13,19 @@ import pytest
 from scipy.linalg import solve_discrete_are
 
 from estimators import Gaussian, LinearModel, make, zero_order_hold
+from vessel_gym.core import Core
+from vessel_gym.envs.sigma_corvette import SIGMA_CORVETTE
 from vessel_gym.guidance.dubins import lengths
-from vessel_gym.vehicles.corvette import CorvetteParameters, linear_model
-from vessel_gym.vehicles.itsunusa import ItsunusaParameters
-from vessel_gym.vehicles.puna import PlanarPuna, PointMass, PunaParameters, planar_derivative, trim
-from vessel_gym.vehicles.segorogeni import SegorogeniParameters
+from vessel_gym.vehicles.files import load
+from vessel_gym.vehicles.planar_puna import PlanarPuna, planar_derivative
+from vessel_gym.vehicles.puna import trim
 
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs" / "errata.md").read_text(encoding="utf-8")
 
 # --- C: the thesis on the corvette ------------------------------------------------------------------
 
-SHIP = CorvetteParameters()
+SHIP = load("corvette")
 L, B, T = SHIP.length, SHIP.beam, SHIP.draught
 PRINTED = {
     "Nvdot": 1.1638e-5, "Yvdot": -0.0055, "Nrdot": -3.3426e-4, "Yrdot": -0.0107,
@@ -149,7 +150,8 @@ def test_i_xy_and_i_yz_vanish_for_a_hull_that_is_its_own_mirror_in_the_xz_plane(
 
 def test_the_printed_covariance_prediction_lacks_a_sign_the_gain_and_s() -> None:
     noise = 1e-3 * np.eye(3)  # eq. 4.6
-    model = linear_model(SHIP, 0.5, noise, 1e-3 * np.eye(2), "as-printed")
+    told = Core(SIGMA_CORVETTE, estimator_options={"model": "as-printed"}).composition.model
+    model = replace(told, Q=noise, R=1e-3 * np.eye(2))
     A, C, G, H, Q, R = (np.asarray(matrix) for matrix in (model.A, model.C, model.G, model.H, model.Q, model.R))
     prior = np.diag([0.02, 3e-4, 2e-3])
     filter = make("kf-umv-ui", model)
@@ -238,7 +240,7 @@ def test_pitch_and_yaw_inertia_are_an_eighth_of_roll_s_by_the_printed_inverse() 
     assert coupling["pitch"] / coupling["roll"] == pytest.approx(-7.90, abs=5e-3)  # the sign: see the test above
     mass_per_inertia = coupling["pitch"] / rows[0, 4]
     assert np.sqrt(1.0 / mass_per_inertia) == pytest.approx(0.078, abs=5e-4)  # m, of a body 0.98 m long
-    body = SegorogeniParameters()
+    body = load("segorogeni")
     roll, pitch = body.roll_inertia - body.coefficients.K_pdot, body.pitch_inertia - body.coefficients.M_qdot
     assert roll < 0.05 * pitch
     assert np.sqrt(body.pitch_inertia / body.mass) == pytest.approx(0.223, abs=5e-4)
@@ -306,7 +308,7 @@ def test_the_errors_in_the_text_are_means_over_three_ensembles_and_not_those_of_
 
 
 def test_between_spheroid_and_cylinder_the_itsunusa_displaces_six_to_nine_times_its_printed_mass() -> None:
-    body = ItsunusaParameters()
+    body = load("itsunusa")
     cylinder = np.pi / 4.0 * 0.30**2 * 2.0 * body.water_density
     np.testing.assert_allclose([body.buoyancy / body.gravity, cylinder], [96.6, 144.9], rtol=0, atol=0.05)
     assert 6.0 < body.buoyancy / body.gravity / 16.0 < cylinder / 16.0 < 9.1
@@ -395,7 +397,7 @@ TURN, BEARING = 100.0, np.pi / 6
 
 
 def test_with_g_sin_alpha_a_body_without_lift_drag_and_thrust_does_not_keep_its_energy() -> None:
-    stone = PointMass(lift=(0.0, 0.0), drag=(0.0, 0.0, 0.0))
+    stone = replace(load("puna"), lift=(0.0, 0.0), drag=(0.0, 0.0, 0.0))
     g, gamma, v, alpha = stone.gravity, 0.3, 20.0, 0.05
     rates = planar_derivative(np.array([gamma, v, 0.0, 100.0]), np.array([0.0, alpha]), stone.vector())
     assert v * rates[1] + g * rates[3] == pytest.approx(0.0, abs=1e-12)
@@ -403,7 +405,7 @@ def test_with_g_sin_alpha_a_body_without_lift_drag_and_thrust_does_not_keep_its_
 
 
 def test_a_lift_proportional_to_c_l_alpha_would_carry_a_fiftieth_of_the_aircraft() -> None:
-    body = PunaParameters()
+    body = load("puna")
     cruise = trim(20.0, body)
     lift = 0.5 * body.density[2] * 20.0**2 * body.area * np.polyval(body.lift, cruise.alpha)
     weight = body.mass * body.gravity
@@ -460,7 +462,7 @@ def test_a_step_of_the_model_is_not_linear() -> None:
 
 
 def test_eq_25_leaves_the_aircraft_where_it_is() -> None:
-    state, cruise = np.array([0.0, 20.0, 0.0, 100.0]), trim(20.0, PunaParameters())
+    state, cruise = np.array([0.0, 20.0, 0.0, 100.0]), trim(20.0, load("puna"))
     moved = PlanarPuna().step(state, np.array([cruise.thrust, cruise.alpha])) - state
     assert moved[2] == pytest.approx(0.2)  # 20 m/s for 0.01 s; printed: nothing but noise
 

@@ -1,7 +1,7 @@
 """What arguments may be, and the sentence that answers one that may not."""
 
 import inspect
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
@@ -34,16 +34,18 @@ def options(name: str, value: object) -> dict[str, Any]:
     return dict(value)
 
 
-def no_others(name: str, function: Callable[..., Any], others: Mapping[str, object]) -> None:
-    """Refuse arguments that a function collects only to say that it does not have them.
+def no_others(name: str, made: type, others: Mapping[str, object]) -> None:
+    """Refuse arguments that a class collects only to say that neither it nor one below it has them.
 
     Raises:
         TypeError: naming the first, and those that there are.
     """
     for other in others:
-        listed = inspect.signature(function).parameters.values()
-        known = [parameter.name for parameter in listed if parameter.kind is not parameter.VAR_KEYWORD]
-        raise TypeError(unknown(f"argument of {name}", other, known))
+        own = (base.__dict__["__init__"] for base in made.__mro__ if base.__module__.startswith("vessel_gym.") and
+               "__init__" in base.__dict__)  # fmt: skip
+        listed = [parameter for function in own for parameter in inspect.signature(function).parameters.values()]
+        known = dict.fromkeys(p.name for p in listed if p.kind is not p.VAR_KEYWORD and p.name != "self")
+        raise TypeError(unknown(f"argument of {name}", other, list(known)))
 
 
 def number(value: object) -> float:

@@ -110,7 +110,7 @@ def _private_folder() -> Path:
 
 _FOLDER = _cache_folder()
 
-inlined = njit(cache=True, forceinline=True, error_model="numpy")
+inlined = njit(forceinline=True, error_model="numpy")
 """Compile a function into the kernels that call it, without tests for zero divisors: loops over it can then be
 compiled to vector instructions. Numba's cache knows a kernel's own file only: after a change to a function that
 another file's kernels inline, `make clean`."""

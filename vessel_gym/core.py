@@ -1,25 +1,35 @@
 """The batched core that both faces of an environment share: one step of many environments at once."""
 
 from collections.abc import Sequence
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
 from gymnasium.error import ResetNeeded
+from scipy.linalg import block_diag
 
-from estimators import Belief, Gaussian
+from estimators import Belief, Filter, Gaussian
 from estimators.checks import shown
+from estimators.linalg import semidefinite_cholesky
 from vessel_gym.checks import number, numbers, one_of
 from vessel_gym.checks import options as checked_options
-from vessel_gym.estimation import EstimatorChoice, Oracle, build
-from vessel_gym.sensors import SUITES, Sensors
+from vessel_gym.composition import Composition, Forces, columns
+from vessel_gym.disturbances import Disturbance
+from vessel_gym.estimation import Estimation, EstimatorChoice, build, chosen_disturbance
+from vessel_gym.loop import Loop, Readings
+from vessel_gym.processes import root_of
+from vessel_gym.sensors import Sensor, Sensors
 from vessel_gym.streams import Draws, Purpose, stream
-from vessel_gym.system import System
+from vessel_gym.system import Estimate, System
 
-Readings = tuple[np.ndarray, np.ndarray]
-"""Readings ``(B, p)`` and the mask ``(B, p)`` of those that arrived."""
+OBSERVE = ("mean", "mean+std", "measurement")
+"""What may be observed: estimates, with their standard deviations, or raw readings."""
+ENDS = ("belief", "declaration", "task")
+"""Who says that a mission is done: what the estimator believes, the agent, or the task, which knows the truth."""
+DECLARED = 0.5
+"""An agent declares a mission done by a last component of its action above this."""
 
-_ATTACHED = ("system", "vehicle", "task", "sea", "filter")
+_ATTACHED = ("system", "vehicle", "task", "forces", "sensors", "composition")
+"""What `Core.attach` gives, and may hold functions that cannot be pickled."""
 
 
 class Core:
@@ -39,14 +49,17 @@ class Core:
         num_envs: B.
         estimator: Name of the estimator, or your own (see `vessel_gym.estimation.build`); None: the system's default.
         estimator_options: Options of that estimator.
-        sensors: Name of a sensor suite.
-        disturbance: Name of a disturbance.
+        sensors: Name of a sensor suite, or a list of `Sensor` objects of one's own.
+        disturbance: Name of a disturbance, or a `Disturbance` of one's own.
         mismatch: Relative spread of the truth's parameters around the filter's, in [0, 0.25].
-        observe: ``"mean"``, ``"mean+std"`` or ``"measurement"``.
+        observe: One of `OBSERVE`.
+        ends: One of `ENDS`; None: ``"belief"`` where estimates are observed, ``"task"`` where readings are.
+        guidance: Whether the agent is told how to go on, by the path's errors where it is believed to be, or, of raw
+            readings, where the last of them put it; None: where estimates are observed.
 
     Raises:
         ValueError: for a name that does not exist (saying which do) or a number out of range.
-        TypeError: for an option that the estimator does not have.
+        TypeError: for an option that the estimator does not have, or sensors or a disturbance that are none.
     """
 
     def __init__(
@@ -55,70 +68,149 @@ class Core:
         num_envs: int = 1,
         estimator: EstimatorChoice | None = None,
         estimator_options: dict[str, Any] | None = None,
-        sensors: str = "nominal",
-        disturbance: str = "moderate",
+        sensors: str | Sequence[Sensor] = "nominal",
+        disturbance: str | Disturbance = "moderate",
         mismatch: float = 0.0,
         observe: str = "mean",
+        ends: str | None = None,
+        guidance: bool | None = None,
     ) -> None:
         if not whole(num_envs) or num_envs < 1:
             raise ValueError(f"num_envs must be a positive whole number, got {shown(num_envs)}")
-        one_of("sensor suite", sensors, SUITES)
-        one_of("disturbance", disturbance, system.disturbances)
-        one_of("observe mode", observe, system.task.sizes())
+        one_of("observe mode", observe, OBSERVE)
         if not 0.0 <= number(mismatch) <= 0.25:
             raise ValueError(f"mismatch must be between 0 and 0.25, got {shown(mismatch)}")
-        self.num_envs, self.observe_mode = int(num_envs), observe
-        self.suite, self.mismatch = SUITES[sensors], float(mismatch)
+        raw = observe == "measurement"
+        self.num_envs, self.observe_mode, self.mismatch = int(num_envs), observe, float(mismatch)
+        self.ends = one_of("ends", ("task" if raw else "belief") if ends is None else ends, ENDS)
+        if guidance is not None and not isinstance(guidance, bool):
+            raise ValueError(f"guidance must be True, False or None, got {shown(guidance)}")
+        self.guidance = not raw if guidance is None else guidance
         choice = system.estimator if estimator is None else estimator
-        self._chosen = disturbance, choice, checked_options("estimator_options", estimator_options)
+        self._chosen = sensors, disturbance, choice, checked_options("estimator_options", estimator_options)
+        self.loop: Loop
+        self.held: Loop  # what raw readings give as they are, where they guide
         self.attach(system)
-        self.estimator = self.filter.name
-        self._oracle, self._foreign = isinstance(self.filter, Oracle), not self.filter._ours
+        self.estimator = self.loop.filter.name
         self._ends = np.array(self.task.ends, dtype=object)
         self._success = self.task.ends.index(self.task.success)
-        self.action_size = len(self.vehicle.action_names)
-        self.observation_size = self.task.sizes()[observe]
+        if self.ends == "declaration" and not self.task.success:
+            raise ValueError(f"{system.name} goes on until time is up, so there is nothing to declare: ends='task'")
+        self.action_size = len(self.vehicle.action_names) + (self.ends == "declaration")
 
-        self.sensors = Sensors(self.vehicle.instruments, self.suite)
-        p = self.sensors.size
         self.seeds: list[int] = []
         self.episodes = np.zeros(num_envs, int)
-        self._sea_draws = Draws(num_envs, self.sea.size)
-        self._sensor_draws = Draws(num_envs, p, self.sensors.uniforms)
-        self._filter_streams = [np.random.default_rng(0)] * num_envs if self.filter.random else None
+        self._draws = Draws(num_envs, self._root.shape[-1])
         self._rows = np.arange(num_envs)
         self.steps = np.zeros(num_envs, int)
         self.total = np.zeros(num_envs)
         self.end = np.zeros(num_envs, int)  # number in task.ends
-        self.readings: Readings = np.zeros((num_envs, p)), np.zeros((num_envs, p), bool)
-        self.belief: Belief
         self.course: np.ndarray  # what the task drew
         self.reference: np.ndarray
-        self.truth: np.ndarray
+        self.state: np.ndarray  # the vehicle's
+        self.action: np.ndarray  # the last one, clipped; zero after a reset
         self.actuators: np.ndarray
         self.parameters: np.ndarray  # the truth's
-        self.sea_state: np.ndarray
+        self.sea_state: np.ndarray  # the disturbance's
+        self.noise: np.ndarray  # what is new in kicks, disturbance and biases over the coming step
         self.forcing: np.ndarray  # over the coming step
         self.tally: np.ndarray  # what the score remembers
+        sizes = self.task.sizes(self.sensors.size, len(self.composition.names))
+        self.observation_size = sum(sizes[part] for part in observed(observe, self.guidance))
 
     def attach(self, system: System) -> None:
         """Take what is the same for all copies from the system, and build the filter: a copied core needs it again."""
-        disturbance, estimator, options = self._chosen
+        sensors, disturbance, estimator, options = self._chosen
         self.system, self.vehicle, self.task = system, system.vehicle, system.task
-        self.sea = system.disturbances[disturbance]
-        self.filter = build(system, estimator, options, self.suite, self.sea)
+        vehicle = self.vehicle
+        self.sensors = system.sensors_of(sensors)
+        self.forces = Forces(vehicle, chosen_disturbance(system, disturbance))
+        estimation = build(system, estimator, options, self.sensors, self.forces.disturbance, self.unknown_inputs)
+        self.composition = estimation.composition
+        self._attach_loop("loop", estimation)
+        if self.guidance and self.observe_mode == "measurement":
+            wide = {"model": vehicle.kinds[0]}  # the same whatever estimator is named
+            held = build(system, "measurement", wide, self.sensors, self.forces.disturbance, self.unknown_inputs)
+            self._attach_loop("held", held)
+        process, bias = self.forces.disturbance.process, self.sensors.bias
+        self._shown = self.forces.disturbance.told == "states" or len(self.composition.held) > 0
+        self.truth_names = (
+            *vehicle.state_names, *(self.forces.disturbance.names if self._shown else ()), *self.sensors.bias_names
+        )  # fmt: skip
+        """Components of `truth`."""
+        self._estimated = [self.truth_names.index(n) if n in self.truth_names else -1 for n in self.composition.names]
+        self._based = [vehicle.state_names.index(name) for name in vehicle.estimated(vehicle.kinds[0])]
+        self._root = block_diag(self.forces.disturbance.white, process.root, bias.root)
+        self._kicked, self._shaken = columns(self.forces.shaken), slice(0, len(self.forces.shaken))
+        self._drifting = slice(len(self.forces.shaken), len(self.forces.shaken) + process.size)
+        self._wandering = slice(self._drifting.stop, len(self._root))
+
+    def _attach_loop(self, name: str, estimation: Estimation) -> None:
+        if hasattr(self, name):
+            getattr(self, name).attach(self.sensors, estimation)
+        else:
+            setattr(self, name, Loop(self.sensors, estimation, self.num_envs))
 
     def __getstate__(self) -> dict[str, Any]:
-        """All but what `attach` gives, which may hold functions that cannot be pickled."""
-        state = {name: value for name, value in self.__dict__.items() if name not in _ATTACHED}
-        return state | {"strides": _strides(self.belief)} if self.seeds else state
+        """All but what `attach` gives."""
+        return {name: value for name, value in self.__dict__.items() if name not in _ATTACHED}
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """The state as it was, to the last bit of what follows from it."""
-        strides = state.pop("strides", {})
-        self.__dict__.update(state)
-        if strides:
-            self.belief = _laid_out(self.belief, strides)
+    # --- what was chosen --------------------------------------------------------------------------
+
+    @property
+    def filter(self) -> Filter:
+        """The estimator."""
+        return self.loop.filter
+
+    @property
+    def belief(self) -> Belief:
+        """What it believes."""
+        return self.loop.belief
+
+    @property
+    def readings(self) -> Readings:
+        """What it was told last."""
+        return self.loop.readings
+
+    @property
+    def sensors_name(self) -> str:
+        """The suite's name; "own" for somebody's own sensors."""
+        return self._chosen[0] if isinstance(self._chosen[0], str) else "own"
+
+    @property
+    def disturbance_name(self) -> str:
+        """The disturbance's name in the system; "own" for somebody's own."""
+        return self._chosen[1] if isinstance(self._chosen[1], str) else "own"
+
+    @property
+    def unknown_inputs(self) -> tuple[str, ...]:
+        """What nobody is told of the coming step: the disturbance's kicks; all that is new, if told as states."""
+        disturbance = self.forces.disturbance
+        if disturbance.told != "states":
+            return tuple(self.vehicle.kicks[i] for i in self.forces.kicks)
+        changing = (*disturbance.names, *self.sensors.bias_names)
+        return *disturbance.shakes, *(f"change of {name}" for name in changing)
+
+    @property
+    def unknown_input(self) -> np.ndarray:
+        """That of every environment ``(B, q)``."""
+        return self.noise if self.forces.disturbance.told == "states" else self.forcing[:, self.forces.kicks]
+
+    @property
+    def truth(self) -> np.ndarray:
+        """The true states ``(B, n)``: the vehicle's, the disturbance's if filters are told of them, and the biases."""
+        parts = [self.state]
+        if self._shown:
+            parts.append(self.sea_state)
+        if self.loop.bias.shape[-1]:
+            parts.append(self.loop.bias)
+        return self.state if len(parts) == 1 else np.concatenate(parts, -1)
+
+    def estimated(self, truth: np.ndarray) -> np.ndarray:
+        """What the filter estimates ``(..., n)`` out of true states; NaN for what only the filter thinks there is."""
+        state = truth[..., self._estimated]
+        state[..., [index < 0 for index in self._estimated]] = np.nan
+        return state
 
     # --- reset ------------------------------------------------------------------------------------
 
@@ -194,47 +286,76 @@ class Core:
         options = checked_options("options", options)
         if readings is not None:
             readings = _arrived(readings, (len(rows), self.sensors.size))
-        vehicle, task = self.vehicle, self.task
-        size = task.states
-        uniforms = np.empty((len(rows), task.uniforms))
-        normals = np.empty((len(rows), size + vehicle.normals))
+        loop = self.loop
+        uniforms, normals = self._drawn_at_reset(rows)
+        course = self.task.course(uniforms, options)
+        prior = self.task.prior(course)
+        streams = [self._streams(rows, purpose) for purpose in (Purpose.DISTURBANCE, Purpose.SENSORS, Purpose.FILTER)]
+        self._draws.restart(rows, streams[0])
+        loop.restart(rows, *streams[1:])
+        some = self._some(rows)
+        x, sea_state, bias = self._begun(prior, normals, some)
+        state, actuators = self.vehicle.start(x)
+        parameters = self.vehicle.parameters(self.mismatch, normals[:, -self.vehicle.normals :])
+        noise = np.matvec(self._root, self._draws.next(some)[0])
+        forcing = self._forcing(sea_state, state, noise)
+        self._put(
+            rows, course=course, state=state, actuators=actuators, parameters=parameters, sea_state=sea_state,
+            noise=noise, forcing=forcing, tally=self.task.begin(state, course),
+            action=np.zeros((len(rows), self.action_size)),
+        )  # fmt: skip
+        self.steps[rows], self.total[rows], self.end[rows] = 0, 0.0, 0
+
+        steps = self.steps[rows]
+        loop.bias = self._with_rows(loop.bias, rows, bias)
+        readings = loop.sense(state, forcing, steps, some) if readings is None else readings
+        y, available = loop.readings
+        loop.readings = self._with_rows(y, rows, readings[0]), self._with_rows(available, rows, readings[1])
+        u = self.vehicle.known_input(actuators, actuators, self.task.commanded(course, steps))
+        belief = loop.begin(some, self._known(prior, self.composition), self._handed(readings, rows), u)
+        if hasattr(self, "held"):
+            self.held.begin(some, self._known(prior, self.held.composition), readings, u)
+        self._put(rows, reference=self._reference(course, steps, belief, state))
+
+    def _drawn_at_reset(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Uniform numbers for the course, and normal ones for where the truth starts and for its parameters."""
+        bias, process = self.sensors.bias, self.forces.disturbance.process
+        size = len(self._based) + bias.size + (process.size if self.forces.disturbance.told == "states" else 0)
+        uniforms, normals = (
+            np.empty((len(rows), self.task.uniforms)),
+            np.empty((len(rows), size + self.vehicle.normals)),
+        )
         for i, row in enumerate(rows):
             generator = stream(self.seeds[row], int(self.episodes[row]), Purpose.RESET)
             generator.random(out=uniforms[i])
             generator.standard_normal(out=normals[i])
-        course = task.course(uniforms, options)
-        prior = task.prior(course, self.sea)
-        x = prior.mean + np.matvec(np.linalg.cholesky(prior.cov), normals[:, :size])
-        truth, actuators = vehicle.start(x)
-        parameters = vehicle.parameters(self.mismatch, normals[:, size:])
-        self._sea_draws.restart(rows, self._streams(rows, Purpose.DISTURBANCE))
-        self._sensor_draws.restart(rows, self._streams(rows, Purpose.SENSORS))
-        rng = None
-        if self._filter_streams is not None:
-            rng = self._streams(rows, Purpose.FILTER)
-            for row, generator in zip(rows, rng, strict=True):
-                self._filter_streams[row] = generator
-        sea_state = self.sea.start(self._sea_draws.next(self._some(rows))[0])
-        forcing = self.sea.forcing(sea_state)
-        self._put(
-            rows, course=course, truth=truth, actuators=actuators, parameters=parameters, sea_state=sea_state,
-            forcing=forcing, tally=task.begin(truth, course),
-        )  # fmt: skip
-        self.steps[rows], self.total[rows], self.end[rows] = 0, 0.0, 0
+        return uniforms, normals
 
-        readings = self._sense(self._some(rows)) if readings is None else readings
-        y, available = self.readings
-        self.readings = self._with_rows(y, rows, readings[0]), self._with_rows(available, rows, readings[1])
-        n = self.filter.model.n
-        belief = self.filter.init(Gaussian(prior.mean[:, :n], prior.cov[:n, :n]), rng=rng)
-        steps = self.steps[rows]
-        u = task.known_input(actuators, actuators, course, steps)
-        belief = self._update(belief, truth, forcing, readings, rng, u)
-        if len(rows) == self.num_envs:
-            self.belief = belief
-        else:
-            self.belief = _laid_out(self.belief.with_rows(rows, belief), _strides(self.belief))
-        self._put(rows, reference=self._reference(course, steps, belief, truth))
+    def _begun(
+        self, prior: Gaussian, normals: np.ndarray, rows: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """What the prior describes, the disturbance's state and the biases, drawn from what is known of them."""
+        disturbance, bias = self.forces.disturbance, self.sensors.bias
+        n, k = len(self._based), disturbance.process.size
+        cov = joint_prior(prior.cov, self.forces, self.sensors)
+        if disturbance.told == "states":
+            x = np.matvec(semidefinite_cholesky(cov), normals[:, : n + k + bias.size])
+            return prior.mean + x[:, :n], x[:, n : n + k], x[:, n + k :]
+        own = np.r_[:n, n + k : n + k + bias.size]
+        x = np.matvec(semidefinite_cholesky(cov[np.ix_(own, own)]), normals[:, : len(own)])
+        root = root_of(disturbance.process.start_cov)
+        first = self._draws.next(rows)[0][:, : root.shape[-1]]
+        return prior.mean + x[:, :n], np.matvec(root, first), x[:, n:]
+
+    def _known(self, prior: Gaussian, told: Composition) -> Gaussian:
+        """What a filter knows at the start, of what it estimates."""
+        n = prior.cov.shape[-1]
+        cov = joint_prior(prior.cov, told.forces, told.sensors)
+        bias = np.arange(len(cov) - told.sensors.bias.size, len(cov))
+        kept = np.concatenate([np.arange(told.base), n + told.held, bias])
+        mean = np.zeros((len(prior.mean), len(kept)))
+        mean[:, : told.base] = prior.mean[:, : told.base]
+        return Gaussian(mean, cov[np.ix_(kept, kept)])
 
     # --- step -------------------------------------------------------------------------------------
 
@@ -259,38 +380,84 @@ class Core:
         """
         if not self.seeds:
             raise ResetNeeded("call reset() before the first step()")
-        action = self.checked(action, ended)
+        self.action = action = self.checked(action, ended)
+        declared = action[:, -1] > DECLARED
+        if self.ends == "declaration":
+            action = action[:, :-1]
         if readings is not None:
-            readings = _arrived(readings, self.readings[0].shape)
-        vehicle, task, sea = self.vehicle, self.task, self.sea
+            readings = _arrived(readings, self.loop.readings[0].shape)
+        vehicle, task, loop = self.vehicle, self.task, self.loop
         before = self.actuators
         after = self.actuators = vehicle.actuate(before, action)
-        u = task.known_input(before, after, self.course, self.steps)
-        self.truth = vehicle.step(self.truth, before, after, self.forcing, self.parameters)
-        self.sea_state = sea.advance(self.sea_state, self._sea_draws.next()[0])
-        self.forcing = sea.forcing(self.sea_state)
+        u = vehicle.known_input(before, after, task.commanded(self.course, self.steps))
+        self.state = vehicle.step(self.state, before, after, self.forcing, self.parameters)
+        self.sea_state = self.forces.disturbance.process.advance(self.sea_state) + self.noise[:, self._drifting]
+        if loop.bias.shape[-1]:
+            loop.bias = self.sensors.bias.advance(loop.bias) + self.noise[:, self._wandering]
+        self.noise = np.matvec(self._root, self._draws.next()[0])
+        self.forcing = self._forcing(self.sea_state, self.state, self.noise)
         self.steps += 1
-        self.readings = self._sense(None) if readings is None else readings
-        rng = self._filter_streams
-        belief = self.filter.predict(self.belief, u, rng=rng)
-        self.belief = self._update(belief, self.truth, self.forcing, self.readings, rng)
-        self.reference = self._reference(self.course, self.steps, self.belief, self.truth)
-        reward, self.end, self.tally = task.score(self.truth, self.reference, after, action, self.tally)
+        loop.readings = loop.sense(self.state, self.forcing, self.steps, None) if readings is None else readings
+        loop.estimate(self._handed(loop.readings), u)
+        if hasattr(self, "held"):
+            self.held.estimate(loop.readings, u)
+        self.reference = self._reference(self.course, self.steps, loop.belief, self.state)
+        over = self._over(declared)
+        reward, self.end, self.tally = task.score(
+            self.state, self.forcing, self.reference, over, after, action, self.tally
+        )
         self.total += reward
         return reward, self.end > 0
 
+    def _over(self, declared: np.ndarray) -> np.ndarray:
+        """Which missions are done ``(B,)``, as whoever ends them says."""
+        if self.ends == "declaration":
+            return declared
+        if (self.ends == "task") == (self.observe_mode == "measurement"):
+            return self.task.over(self.reference)
+        where = self.state[:, self._based] if self.ends == "task" else self.loop.belief.mean
+        return self.task.over(self.task.reference(self.course, self.steps, where))
+
     def observe(self) -> np.ndarray:
         """The observations ``(B, k)``, float32 and within bounds, made of estimates or readings, mission, actuators."""
-        task = self.task
+        task, course, steps = self.task, self.course, self.steps
         if self.observe_mode == "measurement":
             with np.errstate(over="ignore"):  # an absurd reading is clipped
-                observation = task.observe_readings(*self.readings, self.course, self.steps, self.actuators)
+                parts = [task.observe_readings(self.sensors, *self.loop.readings, course, steps)]
+                parts.append(task.observe_mission(course, steps, self.actuators))
+                if hasattr(self, "held"):
+                    held = self._estimate(self.held.belief, self.held.composition)
+                    reference = task.reference(course, steps, held.state)
+                    parts.insert(0, task.observe(held, reference, self.actuators))
         else:
-            observation = task.observe(self.belief, self.reference, self.actuators)
+            estimate = self._estimate(self.loop.belief, self.composition)
+            if self.guidance:
+                parts = [task.observe(estimate, self.reference, self.actuators)]
+            else:
+                mission = task.observe_mission(course, steps, self.actuators)
+                parts = [task.observe_state(estimate, course), mission]
             if self.observe_mode == "mean+std":
-                observation = np.concatenate([observation, task.observe_std(self.belief)], -1)
+                parts.append(task.observe_std(estimate))
+        observation = parts[0] if len(parts) == 1 else np.concatenate(parts, -1)
         np.maximum(observation, -task.BOUND, out=observation)
         return np.minimum(observation, task.BOUND, out=observation).astype(np.float32)
+
+    def _estimate(self, belief: Belief, told: Composition) -> Estimate:
+        """What the task sees of a belief."""
+        mean, input_mean = belief.mean, belief.input_mean
+        if input_mean is not None and not input_mean.shape[-1]:
+            input_mean = None
+        flow = told.flow(mean)
+        if self.observe_mode != "mean+std":
+            return Estimate(mean[:, : told.base], flow, input_mean)
+        variance = np.maximum(belief.cov.diagonal(0, -2, -1), 0.0)
+        known = (
+            None
+            if input_mean is None or belief.input_cov is None
+            else np.maximum(belief.input_cov.diagonal(0, -2, -1), 0.0)
+        )
+        return Estimate(mean[:, : told.base], flow, input_mean, np.sqrt(variance),
+                        None if known is None else np.sqrt(known), told.scale)  # fmt: skip
 
     def scored_truth(self) -> np.ndarray:
         """A copy of the true states ``(B, n)``.
@@ -300,20 +467,21 @@ class Core:
         """
         if not self.seeds:
             raise ResetNeeded("call reset() before asking for the truth")
-        return self.truth.copy()
+        truth = self.truth
+        return truth.copy() if truth is self.state else truth
 
     def info(self) -> dict[str, np.ndarray]:
         """Copies of what happened, one row an environment; documented with the environment."""
-        belief = self.belief
-        unknown_input = self.forcing[:, : self.vehicle.unknown_inputs]
+        belief = self.loop.belief
+        unknown_input = self.unknown_input
         input_mean = np.zeros(unknown_input.shape) if belief.input_mean is None else belief.input_mean.copy()
         return {
-            "truth": self.truth.copy(),
+            "truth": self.scored_truth(),
             "unknown_input": unknown_input.copy(),
             "reference": self.reference.copy(),
             "actuators": self.actuators.copy(),
-            "measurement": self.readings[0].copy(),
-            "available": self.readings[1].copy(),
+            "measurement": self.loop.readings[0].copy(),
+            "available": self.loop.readings[1].copy(),
             "estimate": belief.mean.copy(),
             "covariance": belief.cov.copy(),
             "input_estimate": input_mean,
@@ -346,35 +514,25 @@ class Core:
         """The rows, or None when they are all of them, which is faster."""
         return None if len(rows) == self.num_envs else rows
 
-    def _sense(self, rows: np.ndarray | None) -> Readings:
-        chosen = slice(None) if rows is None else rows
-        exact = self.vehicle.readings(self.truth[chosen], self.forcing[chosen])
-        return self.sensors.read(exact, self.steps[chosen], *self._sensor_draws.next(rows))
+    def _forcing(self, sea_state: np.ndarray, state: np.ndarray, noise: np.ndarray) -> np.ndarray:
+        """What acts on the vehicle over the coming step."""
+        forcing = self.forces.on(sea_state, state)
+        if self.forces.shaken:
+            forcing[:, self._kicked] = noise[:, self._shaken]
+        return forcing
 
-    def _update(
-        self,
-        belief: Belief,
-        truth: np.ndarray,
-        forcing: np.ndarray,
-        readings: Readings,
-        rng: list[np.random.Generator] | None,
-        u: np.ndarray | None = None,
-    ) -> Belief:
-        """Hand the readings to the filter; to the oracle alone, and no other, the truth."""
-        if self._oracle:
-            state = self.vehicle.filter_state(truth, self.filter.model.n)
-            unknown_input = forcing[:, : self.vehicle.unknown_inputs]
-            return self.filter.update(belief, np.concatenate([state, unknown_input], -1), rng=rng, u=u)
-        y, available = readings
-        if self._foreign:  # a filter of somebody else's may write into what it is given
-            y, available = y.copy(), available.copy()
-        return self.filter.update(belief, y, rng=rng, available=available, u=u)
+    def _handed(self, readings: Readings, rows: np.ndarray | None = None) -> Readings:
+        """What the filter is handed: the readings; the oracle alone, and no other, the truth."""
+        if not self.loop.tells_truth:
+            return readings
+        truth = np.concatenate([self.estimated(self.truth), self.unknown_input], -1)
+        truth = truth if rows is None else truth[rows]
+        return truth, np.ones(truth.shape, bool)
 
-    def _reference(self, course: np.ndarray, steps: np.ndarray, belief: Belief, truth: np.ndarray) -> np.ndarray:
+    def _reference(self, course: np.ndarray, steps: np.ndarray, belief: Belief, state: np.ndarray) -> np.ndarray:
         """The reference ``(B, k)``: where the vehicle believes to be, or is, if nobody sees what it believes."""
-        if self.observe_mode == "measurement":
-            return self.task.reference(course, steps, self.vehicle.filter_state(truth, self.task.states))
-        return self.task.reference(course, steps, belief.mean)
+        where = state[:, self._based] if self.observe_mode == "measurement" else belief.mean
+        return self.task.reference(course, steps, where)
 
     def _put(self, rows: np.ndarray, **arrays: np.ndarray) -> None:
         for name, values in arrays.items():
@@ -388,28 +546,31 @@ class Core:
         return merged
 
 
+def observed(observe: str, guidance: bool) -> tuple[str, ...]:
+    """The parts of an observation, in the words of `vessel_gym.system.Task.sizes`."""
+    if observe == "measurement":
+        return *(("guided",) if guidance else ()), "readings", "mission"
+    return "guided" if guidance else "unguided", *(("std",) if observe == "mean+std" else ())
+
+
+def joint_prior(cov: np.ndarray, forces: Forces, sensors: Sensors) -> np.ndarray:
+    """What is known at the start of vehicle, disturbance and biases together, given that ``(n, n)`` of the vehicle.
+
+    A vehicle whose velocity is over ground is carried along by the flow from the first moment.
+    """
+    process = forces.disturbance.process
+    whole = block_diag(cov, process.start_cov, sensors.bias.start_cov)
+    if forces.vehicle.carried is None:
+        return whole
+    root = np.eye(len(whole))
+    n = len(cov)
+    root[:n, n : n + process.size] = forces.vehicle.carried @ forces.linear[len(forces.vehicle.kicks) :]
+    return root @ whole @ root.T
+
+
 def whole(value: object) -> bool:
     """Whether a value is a whole number: NumPy's too, but not True or 2.0."""
     return isinstance(value, int | np.integer) and not isinstance(value, bool)
-
-
-def _strides(belief: Belief) -> dict[str, tuple[int, ...]]:
-    """How the arrays of a belief lie in memory."""
-    arrays = {field.name: getattr(belief, field.name) for field in fields(belief)}
-    return {name: array.strides for name, array in arrays.items() if array is not None}
-
-
-def _laid_out(belief: Belief, strides: dict[str, tuple[int, ...]]) -> Belief:
-    """The belief with arrays that lie in memory as told: the last bit of a product depends on that."""
-    arrays = {}
-    for name, steps in strides.items():
-        values = getattr(belief, name)
-        size = sum((n - 1) * step for n, step in zip(values.shape, steps, strict=True)) + values.itemsize
-        array: np.ndarray = np.ndarray(values.shape, values.dtype, np.empty(size, np.uint8), strides=steps)
-        array[...] = values
-        if np.array_equal(array, values):  # but where rows that share their memory have come to differ
-            arrays[name] = array
-    return belief.replace(**arrays)
 
 
 def _arrived(readings: Readings, shape: tuple[int, ...]) -> Readings:

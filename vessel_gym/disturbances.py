@@ -1,17 +1,58 @@
-"""What the sea does to a vehicle: waves, gusts, turbulence and current, all made from white noise."""
+"""What the sea and the air do to a vehicle: waves, gusts, turbulence, currents and winds, all made from white noise.
+
+A disturbance has a state of its own, z, and acts on a vehicle through the parts of its forcing. Yours is a subclass of
+`Disturbance`: docs/own-disturbance.md.
+"""
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
 
 import numpy as np
-from scipy.linalg import block_diag, solve_continuous_lyapunov
+from scipy.linalg import block_diag
 
-from estimators import van_loan
+from vessel_gym.processes import Process
+
+
+class Disturbance:
+    """What acts on a vehicle over a step, and no sensor reads as such.
+
+    Its state moves as ``z+ = transition z + root n``; over a step it gives the vehicle ``effect(z, state)`` and,
+    besides, white kicks ``white n'``, with standard normals n and n'.
+
+    Attributes:
+        names: The components of z.
+        forces: The parts of a vehicle's forcing (its kicks and flows, see `vessel_gym.system.Vehicle`) that `effect`
+            gives, in order.
+        process: How z moves; its ``start_cov`` is what is known of z at the start.
+        shakes: The kicks that are white noise,
+        white: and a root ``(len(shakes), m)`` of their covariance.
+        told: What filters are told of it unless ``estimator_options={"told": ...}`` says otherwise, see
+            `vessel_gym.composition.TOLD`.
+        scale: Sizes of z that count as 1 in an observation of standard deviations; None: those at the start.
+        dt: The step [s] that it was made for; None: any.
+    """
+
+    names: tuple[str, ...] = ()
+    forces: tuple[str, ...] = ()
+    process: Process = Process.joined()
+    shakes: tuple[str, ...] = ()
+    white: np.ndarray = np.zeros((0, 0))
+    told: str = "states"
+    scale: tuple[float, ...] | None = None
+    dt: float | None = None
+
+    def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
+        """What z gives a vehicle in a state, ``(..., len(forces))``.
+
+        Args:
+            z: ``(..., k)``.
+            state: ``(..., n)`` of the vehicle: where it is, where it heads and how fast.
+        """
+        return z
 
 
 @dataclass(frozen=True)
-class Sea:
+class Sea(Disturbance):
     """What the sea does to a ship's heading and track: wave and gust yaw rate, and a current.
 
     The wave yaw rate follows the second-order linear wave model ``s / (s^2 + 2 lambda w0 s + w0^2)``
@@ -29,111 +70,79 @@ class Sea:
     current_time: float = 1000.0  # s
     dt: float = 0.5  # s
 
-    size = 5
+    names = ("wave yaw", "wave yaw rate", "gust yaw rate", "current north", "current east")
+    forces = ("yaw increment", "current north", "current east")
+    told = "input"
 
     @cached_property
-    def stationary_cov(self) -> np.ndarray:
-        """``(5, 5)`` covariance of the state."""
-        A, W = self._continuous
-        return solve_continuous_lyapunov(A, -W)
-
-    @cached_property
-    def unknown_input_var(self) -> float:
-        """Variance [rad^2] of the yaw increment ``d`` over one step."""
-        return self.dt**2 * (self.wave**2 + self.gust**2)
-
-    def start(self, normals: np.ndarray) -> np.ndarray:
-        """A stationary state ``(..., 5)`` from standard normals of the same shape."""
-        return np.matvec(self._stationary_root, normals)
-
-    def advance(self, state: np.ndarray, normals: np.ndarray) -> np.ndarray:
-        """The state ``(..., 5)`` one step later (exact discretisation)."""
-        A, L = self.discrete
-        return np.matvec(A, state) + np.matvec(L, normals)  # row by row: the same to the last bit in any batch
-
-    def forcing(self, state: np.ndarray) -> np.ndarray:
-        """The yaw increment d [rad] over the coming step, and the current north and east [m/s]: ``(..., 3)``."""
-        forcing = state[..., 2:].copy()
-        forcing[..., 0] = self.dt * (state[..., 1] + state[..., 2])
-        return forcing
-
-    @cached_property
-    def _continuous(self) -> tuple[np.ndarray, np.ndarray]:
+    def process(self) -> Process:  # type: ignore[override]
+        """Waves, gust and current."""
         wave = np.array([[0.0, 1.0], [-(self.peak**2), -2.0 * self.damping * self.peak]])
         A = block_diag(wave, -1.0 / self.gust_time, -1.0 / self.current_time, -1.0 / self.current_time)
         drift = 2.0 * self.current**2 / (2.0 * self.current_time)  # each component carries half the power
         W = np.diag([0.0, 4.0 * self.damping * self.peak * self.wave**2, 2.0 * self.gust**2 / self.gust_time, drift,
                      drift])  # fmt: skip
-        return A, W
+        return Process.stationary(A, W, self.dt)
 
-    @cached_property
-    def _stationary_root(self) -> np.ndarray:
-        return _root(self.stationary_cov)
-
-    @cached_property
-    def discrete(self) -> tuple[np.ndarray, np.ndarray]:
-        """Transition ``(5, 5)`` over a step and a root ``(5, 5)`` of the noise that enters in it."""
-        A, W = self._continuous
-        transition, noise = van_loan(A, np.eye(self.size), W, self.dt)
-        return transition, _root(noise)
+    def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
+        """The yaw increment d [rad] over the coming step, and the current north and east [m/s]: ``(..., 3)``."""
+        forcing = z[..., 2:].copy()
+        forcing[..., 0] = self.dt * (z[..., 1] + z[..., 2])
+        return forcing
 
 
 @dataclass(frozen=True)
-class Water:
+class Water(Disturbance):
     """What the water does to a submerged vehicle: turbulence, and a current that wanders.
 
-    White noise: over each step turbulence kicks every velocity of the vehicle through the water, and the current, a
-    first-order Gauss-Markov process that is part of the vehicle's state, gets its increment. The state
-    is the forcing itself. A filter that is told ``kick_sd`` knows all that there is to know.
+    Over each step turbulence kicks every velocity of the vehicle through the water; the current is a first-order
+    Gauss-Markov process. A filter that is told all of it knows all that there is to know.
     """
 
     turbulence: float  # standard deviation of a kick, m/s
     spin: float  # of a kick on a rate, rad/s
     current: float  # RMS speed, m/s
-    velocities: int = 3  # how many velocities,
-    rates: int = 3  # rates
-    currents: int = 2  # and components of the current the vehicle has
+    velocities: tuple[str, ...] = ("u", "v", "w")  # that are kicked,
+    rates: tuple[str, ...] = ("p", "q", "r")
+    names: tuple[str, ...] = ("current north", "current east")
     current_time: float = 200.0  # s
     dt: float = 0.1  # s
 
     @property
-    def size(self) -> int:
-        """Components of the forcing."""
-        return self.velocities + self.rates + self.currents
+    def forces(self) -> tuple[str, ...]:  # type: ignore[override]
+        """The current, which is the state itself."""
+        return self.names
 
     @property
-    def current_sd(self) -> float:
-        """Standard deviation [m/s] of each component of the current."""
-        return self.current / np.sqrt(self.currents)
+    def shakes(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Kicks on velocities and rates."""
+        return tuple(f"kick {name}" for name in (*self.velocities, *self.rates))
+
+    @property
+    def scale(self) -> tuple[float, ...]:  # type: ignore[override]
+        """0.1 m/s."""
+        return (0.1,) * len(self.names)
 
     @cached_property
-    def kick_sd(self) -> np.ndarray:
-        """Standard deviations ``(size,)`` of the forcing: kicks on velocities, on rates, increments of the current."""
-        increment = self.current_sd * np.sqrt(-np.expm1(-2.0 * self.dt / self.current_time))
-        return np.repeat([self.turbulence, self.spin, increment], [self.velocities, self.rates, self.currents])
+    def process(self) -> Process:  # type: ignore[override]
+        """The current [m/s], whose components share its power."""
+        sd = self.current / np.sqrt(len(self.names))
+        return Process.wandering((sd,) * len(self.names), self.current_time, self.dt)
 
-    def start(self, normals: np.ndarray) -> np.ndarray:
-        """A state ``(..., size)`` from standard normals of the same shape."""
-        return self.kick_sd * normals
-
-    def advance(self, state: np.ndarray, normals: np.ndarray) -> np.ndarray:
-        """The state ``(..., size)`` one step later, which remembers nothing."""
-        return self.kick_sd * normals
-
-    def forcing(self, state: np.ndarray) -> np.ndarray:
-        """Kicks on velocities [m/s] and rates [rad/s] and the increment of the current [m/s]: the state itself."""
-        return state
+    @cached_property
+    def white(self) -> np.ndarray:  # type: ignore[override]
+        """Kicks [m/s, rad/s]."""
+        return np.diag(np.repeat([self.turbulence, self.spin], [len(self.velocities), len(self.rates)]))
 
 
 @dataclass(frozen=True)
-class Air:
+class Air(Disturbance):
     """What the air does to an aircraft: a wind that wanders, Dryden gusts on top of it, and turbulence that shakes it.
 
     Low-altitude Dryden spectra (MIL-F-8785C) as met at a constant airspeed: the vertical gust has the second-order
-    form; north and east have the first-order, longitudinal one, so that a turn does not change the spectrum. Mean wind,
-    the gusts' state (north, east, two of the vertical) and the bias of the vehicle's GNSS are part of the vehicle's
-    state: this is only the white noise that enters in a step, and the state is the forcing itself. A filter that is
-    told ``decay`` and ``noise_cov`` knows all that there is to know.
+    form; north and east have the first-order, longitudinal one, so that a turn does not change the spectrum. The state
+    is the mean wind north and east and that of the gusts (north, east, two of the vertical) [m/s]. A filter that is
+    told all of it knows all that there is to know.
     """
 
     wind: float  # RMS speed of the mean wind, which is level, m/s
@@ -142,79 +151,38 @@ class Air:
     kick: float = 0.05  # standard deviation of what turbulence kicks each velocity in a step, m/s; assumed
     roll: float = 0.005  # of what it rolls the aircraft, rad; assumed
     wind_time: float = 200.0  # s, in which the mean wind changes; assumed
-    drift: tuple[float, float, float] = (0.21, 0.21, 0.40)  # of the GNSS's bias in 1 s, m: Beard & McLain, ch. 7
     length: float = 200.0  # m, of level gusts; Beard & McLain (2012), Table 4.1
     vertical_length: float = 50.0  # m, of vertical ones; there too
     airspeed: float = 20.0  # m/s
     dt: float = 0.1  # s
 
-    size: ClassVar = 13
+    names = (
+        "mean wind north", "mean wind east", "gust north", "gust east", "gust down 1", "gust down 2",
+    )  # fmt: skip
+    forces = ("wind north", "wind east", "wind down")
+    shakes = ("kick north", "kick east", "kick climb", "kick phi")
+    scale = (1.0, 1.0, 0.5, 0.5, 0.5, 0.5)
 
     @cached_property
-    def wind_sd(self) -> np.ndarray:
-        """Standard deviations ``(6,)`` at any time: mean wind north, east and the four states of the gusts [m/s]."""
-        mean = self.wind / np.sqrt(2.0)
-        return np.array([mean, mean, *np.sqrt(np.diag(self.stationary_cov))])
-
-    @cached_property
-    def stationary_cov(self) -> np.ndarray:
-        """``(4, 4)`` covariance of the gusts' state at any time."""
-        A, W = self._continuous
-        return solve_continuous_lyapunov(A, -W)
-
-    @cached_property
-    def decay(self) -> np.ndarray:
-        """How the wind decays in a step ``(6,)``: mean, level gusts, and the vertical ones' matrix row by row."""
-        A, _ = self.discrete
-        return np.array([np.exp(-self.dt / self.wind_time), A[0, 0], *A[2:, 2:].ravel()])
-
-    @cached_property
-    def noise_cov(self) -> np.ndarray:
-        """Covariance ``(13, 13)`` of the forcing."""
-        return self._noise_root @ self._noise_root.T
-
-    def start(self, normals: np.ndarray) -> np.ndarray:
-        """A state ``(..., 13)`` from standard normals of the same shape."""
-        return np.matvec(self._noise_root, normals)
-
-    def advance(self, state: np.ndarray, normals: np.ndarray) -> np.ndarray:
-        """The state ``(..., 13)`` one step later, which remembers nothing."""
-        return np.matvec(self._noise_root, normals)
-
-    def forcing(self, state: np.ndarray) -> np.ndarray:
-        """What enters velocities [m/s], bank [rad], mean wind, gusts [m/s] and bias [m]: the state itself."""
-        return state
-
-    @staticmethod
-    def gusts(state: np.ndarray) -> np.ndarray:
-        """Gusts ``(..., 3)`` of their state ``(..., 4)``: north, east, down [m/s]."""
-        return np.matvec(np.array([[1.0, 0, 0, 0], [0, 1.0, 0, 0], [0, 0, 1.0, np.sqrt(3.0)]]), state)
-
-    @cached_property
-    def _continuous(self) -> tuple[np.ndarray, np.ndarray]:
+    def process(self) -> Process:  # type: ignore[override]
+        """Mean wind and gusts."""
         time, vertical_time = self.length / self.airspeed, self.vertical_length / self.airspeed
         # (1 + sqrt(3) T s) / (1 + T s)^2 of white noise, scaled so that both states have a quarter of the variance
         vertical = np.array([[0.0, 1.0], [-1.0, -2.0]]) / vertical_time
         level = 2.0 * self.gust**2 / time
-        return block_diag(-1.0 / time, -1.0 / time, vertical), np.diag(
-            [level, level, 0.0, self.vertical_gust**2 / vertical_time]
-        )
+        A = block_diag(-1.0 / time, -1.0 / time, vertical)
+        gusts = Process.stationary(A, np.diag([level, level, 0.0, self.vertical_gust**2 / vertical_time]), self.dt)
+        mean = self.wind / np.sqrt(2.0)
+        return Process.joined(Process.wandering((mean, mean), self.wind_time, self.dt), gusts)
 
     @cached_property
-    def discrete(self) -> tuple[np.ndarray, np.ndarray]:
-        """Transition ``(4, 4)`` of the gusts over a step and a root ``(4, 4)`` of the noise that enters in it."""
-        A, W = self._continuous
-        transition, noise = van_loan(A, np.eye(4), W, self.dt)
-        return transition, _root(noise)
+    def white(self) -> np.ndarray:  # type: ignore[override]
+        """Kicks on velocities [m/s] and bank [rad]."""
+        return np.diag([self.kick, self.kick, self.kick, self.roll])
 
-    @cached_property
-    def _noise_root(self) -> np.ndarray:
-        shake = np.diag([self.kick, self.kick, self.kick, self.roll])
-        wander = self.wind_sd[0] * np.sqrt(-np.expm1(-2.0 * self.dt / self.wind_time))
-        return block_diag(shake, wander, wander, self.discrete[1], np.diag(self.drift) * np.sqrt(self.dt))
-
-
-def _root(cov: np.ndarray) -> np.ndarray:
-    """A square root of a covariance that may be singular."""
-    values, vectors = np.linalg.eigh(cov)
-    return vectors * np.sqrt(np.maximum(values, 0.0))
+    def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
+        """The wind north, east and down [m/s]."""
+        wind = np.empty(z.shape[:-1] + (3,))
+        np.add(z[..., :2], z[..., 2:4], out=wind[..., :2])
+        wind[..., 2] = z[..., 4] + np.sqrt(3.0) * z[..., 5]
+        return wind

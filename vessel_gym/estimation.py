@@ -1,18 +1,20 @@
 """The estimators that only an environment can have, and how an environment builds one by name."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from estimators import Belief, Filter, LinearModel, NonlinearModel, factory
-from estimators.checks import shown
+from estimators import Belief, Filter, LinearModel, factory, wrap
+from estimators.checks import number, shown
 from estimators.filter import Reading, Streams
 from estimators.kalman import ExtendedKalmanFilter
 from estimators.models import resolve
 from vessel_gym import checks
-from vessel_gym.sensors import SensorSuite
+from vessel_gym.composition import Composition, checked_told, compose
+from vessel_gym.disturbances import Disturbance
+from vessel_gym.sensors import Sensors
 from vessel_gym.system import System
 
 ENVIRONMENT_ONLY = ("truth", "measurement", "dead-reckoning")
@@ -74,25 +76,52 @@ class HeldReadings(Belief):
 class HeldMeasurement(Filter):
     """The last reading of every channel, held until the next; no model at all.
 
-    Rates that no sensor gives are differenced from the last two readings, by the vehicle's ``from_readings``.
+    States follow from what the sensors give (`vessel_gym.sensors.Sensor`); rates that none gives are differenced from
+    the last two readings of what they are the rate of. What no sensor gives is 0.
     """
 
     name = "measurement"
     _ours = True
 
-    def __init__(self, system: System, model: LinearModel | NonlinearModel) -> None:
-        super().__init__(model)
-        self._vehicle, self._dt = system.vehicle, system.vehicle.dt
+    def __init__(self, composition: Composition, inputs: tuple[str, ...]) -> None:
+        super().__init__(composition.model)
+        vehicle, self._sensors = composition.vehicle, composition.sensors
+        self._names, self._inputs, self._dt = composition.names, inputs, vehicle.dt
+        given = self._sensors.gives
+        self._differenced = [
+            (rate, of, given.index(of), of in vehicle.angles)
+            for rate, of in vehicle.rates.items()
+            if rate not in given and of in given
+        ]
         self._variance, self._input_variance = self._claimed()
 
     def _claimed(self) -> tuple[np.ndarray, np.ndarray]:
         """Variances ``(n,)`` and ``(q,)`` that the sensor noise alone gives what is derived from two readings."""
         eye, zero = np.eye(self.model.p), np.zeros((self.model.p, self.model.p))
         interval, noise = np.full_like(zero, self._dt), np.diagonal(resolve(self.model.R, None))
-        now = self._vehicle.from_readings(eye, zero, interval)
-        before = self._vehicle.from_readings(zero, eye, interval)
+        now, before = self._derived(eye, zero, interval), self._derived(zero, eye, interval)
         state, unknown = (noise @ (a**2 + b**2) for a, b in zip(now, before, strict=True))
         return state, unknown
+
+    def _derived(
+        self, readings: np.ndarray, previous: np.ndarray, interval: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """State ``(..., n)`` and unknown input ``(..., q)`` from the last two readings alone.
+
+        Args:
+            readings: ``(..., p)`` the last reading of every channel.
+            previous: ``(..., p)`` the one before.
+            interval: ``(..., p)`` seconds between the two.
+        """
+        known = self._sensors.states_from(readings)
+        for rate, _, channel, angle in self._differenced:
+            change = readings[..., channel] - previous[..., channel]
+            known[rate] = (wrap(change) if angle else change) / interval[..., channel]
+        nothing = np.zeros(readings.shape[:-1])
+        state = np.stack([known.get(name, nothing) for name in self._names], -1)
+        if not self._inputs:
+            return state, np.zeros(readings.shape[:-1] + (0,))
+        return state, np.stack([known.get(name, nothing) for name in self._inputs], -1)
 
     def _init(self, belief: Belief, rng: Streams) -> Belief:
         shape = belief.mean.shape[:-1] + (self.model.p,)
@@ -121,7 +150,7 @@ class HeldMeasurement(Filter):
         held = np.where(arrived, self._expected(belief) + reading.innovation, belief.held)
         previous = np.where(arrived, np.where(belief.seen, belief.held, held), belief.previous)
         interval = np.where(arrived, np.maximum(belief.age, 1.0) * self._dt, belief.interval)
-        mean, unknown_input = self._vehicle.from_readings(held, previous, interval)
+        mean, unknown_input = self._derived(held, previous, interval)
         return belief.replace(
             mean=mean, input_mean=unknown_input, held=held, previous=previous, interval=interval,
             seen=belief.seen | arrived, age=np.where(arrived, 0.0, belief.age),
@@ -132,17 +161,78 @@ EstimatorChoice = str | Callable[..., Filter]
 """A name of `estimator_names`, or your own: a `Filter` subclass, or any function of a model that returns a filter."""
 
 
+@dataclass(frozen=True)
+class Told:
+    """What a filter is told of the world, where that differs from how it is: ``estimator_options={"told": {...}}``.
+
+    Attributes:
+        disturbance: What acts, by name or as an object; None: what does.
+        how: One of `vessel_gym.composition.TOLD` (``"as"`` in the options); None: as that disturbance has it.
+        Q: Factor on the covariance of what enters in a step,
+        R: of the readings,
+        prior: and of what is known at the start.
+    """
+
+    disturbance: str | Disturbance | None = None
+    how: str | None = None
+    Q: float = 1.0
+    R: float = 1.0
+    prior: float = 1.0
+
+    @classmethod
+    def of(cls, options: object) -> "Told":
+        """From the options of an estimator.
+
+        Raises:
+            TypeError: for what is no dictionary, or has keys that there are not.
+            ValueError: for a factor that is not positive, or a way to be told that there is not.
+        """
+        given = checks.options("told", options)
+        known = ("disturbance", "as", "Q", "R", "prior")
+        for key in given:
+            if key not in known:
+                raise TypeError(factory.unknown("key of told", key, known))
+        for key in ("Q", "R", "prior"):
+            if key in given:
+                given[key] = number(f"{key} of told", given[key], low=0.0, what="a factor above 0")
+        if "as" in given:
+            given["how"] = checked_told(given.pop("as"))
+        return cls(**given)
+
+
+@dataclass(frozen=True, eq=False)
+class Estimation:
+    """An environment's filter, and what it is told.
+
+    Attributes:
+        filter: The filter.
+        composition: What its model is composed of.
+        prior: Factor on the covariance of what is known at the start.
+    """
+
+    filter: Filter
+    composition: Composition
+    prior: float
+
+
 def build(
-    system: System, estimator: EstimatorChoice, options: dict[str, Any] | None, suite: SensorSuite, disturbance: Any
-) -> Filter:
+    system: System,
+    estimator: EstimatorChoice,
+    options: dict[str, Any] | None,
+    sensors: Sensors,
+    disturbance: Disturbance,
+    inputs: tuple[str, ...] = (),
+) -> Estimation:
     """The estimator of an environment.
 
     Args:
         system: The environment's system.
         estimator: One of `estimator_names`, or a function of the model (and options) that returns a filter.
-        options: The filter's own options, over the system's tuning; ``model`` chooses the filter's model.
-        suite: The sensor suite, whose noise the filter knows.
-        disturbance: The disturbance, whose variance the tuning may use.
+        options: The filter's own options, over the system's tuning; ``model`` chooses the kind of the filter's model,
+            ``told`` what it is told (see `Told`); the oracle knows better.
+        sensors: The sensors, which the filter knows.
+        disturbance: What acts.
+        inputs: Names of the unknown input that is kept for scoring.
 
     Raises:
         ValueError: for an unknown name, or a filter that cannot work with the model.
@@ -155,39 +245,88 @@ def build(
         raise TypeError(
             f"estimator must be a name, a Filter class or a function of the model that returns a filter, got {kind}"
         )
-    if callable(estimator):
-        own = estimator(_model(system, options.pop("model", system.filter_model), suite, disturbance), **options)
-        if not isinstance(own, Filter):
-            raise TypeError(f"estimator must return an estimators.Filter, got {type(own).__name__}")
-        return own
-    if not isinstance(estimator, str) or estimator not in estimator_names():
-        raise ValueError(factory.unknown("estimator", estimator, accepted(system, suite, disturbance)))
-    kind = options.pop("model", system.filter_models.get(estimator, system.filter_model))
-    model = _model(system, kind, suite, disturbance)
+    own = callable(estimator)
+    if not own and (not isinstance(estimator, str) or estimator not in estimator_names()):
+        raise ValueError(factory.unknown("estimator", estimator, accepted(system, sensors, disturbance)))
+    told = Told.of(options.pop("told", None))
+    if estimator == "truth":  # whatever the others are told, it knows what there is
+        told = Told()
+    default = (
+        system.filter_models.get(estimator, system.filter_model) if isinstance(estimator, str) else system.filter_model
+    )
+    composition = _composed(system, options.pop("model", default), told, sensors, disturbance)
+    model = composition.model
+    if composition.told == "white" and estimator != "kf":
+        name = estimator if isinstance(estimator, str) else "an estimator of one's own"
+        raise ValueError(f'only kf can be told of a white input with its variance, not {name}: say "as": "noise"')
+    if own:
+        made = estimator(model, **options)  # type: ignore[operator]
+        if not isinstance(made, Filter):
+            raise TypeError(f"estimator must return an estimators.Filter, got {type(made).__name__}")
+        return Estimation(made, composition, told.prior)
+    assert isinstance(estimator, str)
     if estimator in ENVIRONMENT_ONLY and options:
-        raise TypeError(f"{estimator} has no option {next(iter(options))!r}: it takes model")
-    if estimator == "truth":
-        return Oracle(model.n, system.vehicle.unknown_inputs)
-    if estimator == "measurement":
-        return HeldMeasurement(system, model)
-    if estimator == "dead-reckoning":
-        return DeadReckoning(model)
-    return factory.make(estimator, model, **{**system.tuning(estimator, disturbance), **options})
+        raise TypeError(f"{estimator} has no option {next(iter(options))!r}: it takes model and told")
+    made = {
+        "truth": lambda: Oracle(model.n, len(inputs)),
+        "measurement": lambda: HeldMeasurement(composition, inputs),
+        "dead-reckoning": lambda: DeadReckoning(model),
+    }.get(estimator, lambda: _made(system, estimator, options, composition))()
+    return Estimation(made, composition, told.prior)
 
 
-def accepted(system: System, suite: SensorSuite, disturbance: Any) -> tuple[str, ...]:
+def _made(system: System, name: str, options: dict[str, Any], composition: Composition) -> Filter:
+    """One of the package's filters, tuned for what it is told."""
+    tuned = {**system.tuning(name, composition), **options}
+    if composition.told == "white":
+        tuned = {"input_cov": composition.forces.kick_cov, **tuned}
+    return factory.make(name, composition.model, **tuned)
+
+
+def tuning(system: System, name: str, disturbance: str) -> dict[str, Any]:
+    """The options that a system gives one of the package's filters in one of its disturbances."""
+    sensors = system.sensors_of("nominal")
+    kind = system.filter_models.get(name, system.filter_model)
+    return system.tuning(name, _composed(system, kind, Told(), sensors, system.disturbances[disturbance]))
+
+
+def accepted(system: System, sensors: Sensors, disturbance: Disturbance) -> tuple[str, ...]:
     """Those of `estimator_names` that a system's models can carry."""
     names = []
     for name in estimator_names():
         try:
-            build(system, name, None, suite, disturbance)
+            build(system, name, None, sensors, disturbance)
         except ValueError:
             continue
         names.append(name)
     return tuple(names)
 
 
-def _model(system: System, kind: object, suite: SensorSuite, disturbance: Any) -> LinearModel | NonlinearModel:
+def _composed(system: System, kind: object, told: Told, sensors: Sensors, disturbance: Disturbance) -> Composition:
+    """What a filter is told, as a model of a kind."""
     if not isinstance(kind, str):
         raise TypeError(f"model must be the name of a filter model, such as {system.filter_model!r}, got {shown(kind)}")
-    return system.vehicle.model(kind, suite.noise, disturbance)
+    if kind not in system.vehicle.kinds:
+        raise ValueError(factory.unknown("filter model", kind, system.vehicle.kinds))
+    if told.disturbance is not None:
+        disturbance = chosen_disturbance(system, told.disturbance)
+    composition = compose(system.vehicle, kind, disturbance, sensors, told.how)
+    if told.Q == told.R == 1.0:
+        return composition
+    model: Any = composition.model
+    return replace(composition, model=replace(model, Q=told.Q * model.Q, R=told.R * model.R))
+
+
+def chosen_disturbance(system: System, choice: object) -> Disturbance:
+    """A disturbance of a system by its name, or somebody's own.
+
+    Raises:
+        ValueError: for a name that there is not.
+        TypeError: for what is neither a name nor a `Disturbance`.
+    """
+    if isinstance(choice, Disturbance):
+        return choice
+    if not isinstance(choice, str):
+        names = ", ".join(system.disturbances)
+        raise TypeError(f"disturbance must be one of {names}, or a Disturbance object, got {shown(choice)}")
+    return system.disturbances[checks.one_of("disturbance", choice, system.disturbances)]

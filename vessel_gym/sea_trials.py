@@ -1,6 +1,6 @@
 """Standard sea trials: turning circle, zig-zag, initial turning, and the Nomoto model that sums them up.
 
-The trials run the true equations of `vessel_gym.vehicles.corvette` in calm water; the figures are
+The trials run the true `vessel_gym.vehicles.corvette_equations` in calm water; the figures are
 functions of a track alone, so that they serve an episode of an agent as well as a trial.
 
 SI units and radians. Positions are north and east, headings clockwise from north, positive rudder
@@ -14,7 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import brentq
 
-from vessel_gym.vehicles.corvette import CorvetteParameters, corvette_step, sway_yaw_jacobian
+from vessel_gym.vehicles.corvette import sway_yaw_jacobian
+from vessel_gym.vehicles.corvette_equations import CorvetteParameters, corvette_step
 
 Command = float | Sequence[float] | np.ndarray | Callable[[float, np.ndarray], float]
 """What the helm is told [rad]: an angle, one angle a step, or a function of time [s] and the truth state."""
@@ -99,10 +100,10 @@ def _helm_step(
     moving = abs(command - rudder) / ship.rudder_rate
     if moving >= dt:
         end = rudder + np.copysign(ship.rudder_rate * dt, command - rudder)
-        return corvette_step(state, np.array([rudder, end, *current]), c, dt, substeps), float(end)
+        return corvette_step(state, np.array([rudder, end]), np.array(current), c, dt, substeps), float(end)
     if moving > 0.0:
-        state = corvette_step(state, np.array([rudder, command, *current]), c, moving, substeps)
-    return corvette_step(state, np.array([command, command, *current]), c, dt - moving, substeps), command
+        state = corvette_step(state, np.array([rudder, command]), np.array(current), c, moving, substeps)
+    return corvette_step(state, np.array([command, command]), np.array(current), c, dt - moving, substeps), command
 
 
 def _time_to_heading(

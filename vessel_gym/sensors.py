@@ -1,31 +1,162 @@
-"""Sensors: the instruments of a vehicle, how good their readings are, and whether they arrive."""
+"""Sensors: what each reads, how well and how often, what its readings tell, and whether they arrive.
 
-from dataclasses import dataclass
+A sensor is one object, and nothing else knows of it: readings, raw observations, a filter's R, the localisation of
+ensembles and what can be had without a filter follow from it. Yours is a `Sensor`: docs/own-sensor.md.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 
+from estimators.checks import number, shown
+from estimators.factory import unknown
+from vessel_gym.checks import numbers
+from vessel_gym.processes import Process
 
-@dataclass(frozen=True)
-class Instrument:
-    """One sensor of a vehicle. Its channels are read, lost and spoilt together.
+Known = Mapping[str, np.ndarray]
+"""States by name, ``(...)`` each, that sensors before have given; what else they found may be there, too."""
+
+
+@dataclass(frozen=True, eq=False)
+class Bias:
+    """A slowly moving error of a sensor's first channels, which a filter estimates as states of its own.
+
+    Attributes:
+        names: One a channel: what the filter's states are called.
+        start: Standard deviations at the start.
+        pace: Of the random walk: what a second adds; 0: constant, as far as anybody knows.
+        slope: Of a drift [per s], constant and unknown, which has states of its own; 0: none.
+        scale: Size that counts as 1 in an observation of standard deviations.
+    """
+
+    names: tuple[str, ...]
+    start: tuple[float, ...]
+    pace: tuple[float, ...] = ()
+    slope: tuple[float, ...] = ()
+    scale: float = 1.0
+
+    def __post_init__(self) -> None:
+        names: Any = self.names
+        if isinstance(names, str):  # whose letters would pass for names
+            raise ValueError(f"names of a bias must be a tuple of names, got {shown(names)}")
+        for name in ("start", "pace", "slope"):
+            values = getattr(self, name) or (0.0,) * len(self.names)
+            if len(values) != len(self.names):
+                raise ValueError(f"the bias {self.names} needs {len(self.names)} values of {name}, got {len(values)}")
+            for value in values:
+                number(f"{name} of the bias {self.names}", value, low=-1e-300, what="0 or more")
+            object.__setattr__(self, name, tuple(float(value) for value in values))
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Names of its states: of the biases, then of those drifts that there are."""
+        return self.names + (tuple(f"drift of {name}" for name in self.names) if any(self.slope) else ())
+
+    def process(self, dt: float) -> Process:
+        """How it moves over a step of ``dt`` [s]."""
+        walk = Process.walk(self.start, self.pace, dt)
+        if not any(self.slope):
+            return walk
+        both = Process.joined(walk, Process.walk(self.slope, (0.0,) * len(self.names), dt))
+        transition = both.transition.copy()
+        k = len(self.names)
+        transition[:k, k:] = dt * np.eye(k)
+        return replace(both, transition=transition)
+
+
+@dataclass(frozen=True, eq=False)
+class Sensor:
+    """One sensor. Its channels are read, lost and spoilt together.
 
     Attributes:
         name: What it is.
         channels: What each of its channels reads, with the unit.
-        sd: Nominal standard deviation of each channel.
-        period: Steps from one reading to the next.
+        reads: What it would read without noise ``(..., k)``, a function that broadcasts of the vehicle's state
+            ``(..., n)`` and forcing ``(..., f)``, see `vessel_gym.system.Vehicle`.
+        sd: Standard deviation of each channel's white noise.
+        rate: Readings a second [Hz], which must divide the steps a second; None: one every step.
         dropout: Probability that a reading is lost.
+        outliers: Probability that it is an outlier,
+        outlier_scale: whose noise is so many times as large.
+        bias: What moves slowly on the first channels.
+        range: For each channel the least and the greatest value that it can read; beyond, nothing arrives.
+        angles: Which channels are angles [rad].
+        scale: For each channel the size that counts as 1 in a raw observation; None: 1.
+        gives: For each channel the state, or the part of the forcing, that it reads as such; None where it is none.
+        inverse: What can be had of its readings ``(..., k)`` besides: a function of them and of the states that sensors
+            before it have given, that returns states by name; None: what it ``gives``.
+        informs: For each channel the states that it may correct in an ensemble; None: those on which its reading
+            depends, at once or two steps on.
     """
 
     name: str
     channels: tuple[str, ...]
+    reads: Callable[[np.ndarray, np.ndarray], np.ndarray]
     sd: tuple[float, ...]
-    period: int = 1
+    rate: float | None = None
     dropout: float = 0.0
+    outliers: float = 0.0
+    outlier_scale: float = 10.0
+    bias: Bias | None = None
+    range: tuple[tuple[float, float], ...] | None = None
+    angles: tuple[int, ...] = ()
+    scale: tuple[float, ...] | None = None
+    gives: tuple[str | None, ...] | None = None
+    inverse: Callable[[np.ndarray, Known], Known] | None = None
+    informs: tuple[tuple[str, ...], ...] | None = None
 
     def __post_init__(self) -> None:
-        if len(self.channels) != len(self.sd):
-            raise ValueError(f"{self.name} has {len(self.channels)} channels and {len(self.sd)} standard deviations")
+        k = len(self.channels)
+        tuples: tuple[tuple[str, Any], ...] = ("channels", (self.channels,)), ("informs", self.informs or ())
+        for name, listed in tuples:
+            for entry in listed:
+                if isinstance(entry, str):  # whose letters would pass for names
+                    raise ValueError(f"{name} of {self.name} must hold tuples of names, got {shown(entry)}")
+        for name in ("sd", "range", "scale", "gives", "informs"):
+            values = getattr(self, name)
+            listed = isinstance(values, tuple | list | np.ndarray)
+            if values is not None and not (listed and len(values) == k):
+                raise ValueError(f"{self.name} has {k} channels, so {name} must have {k} entries, got {shown(values)}")
+        for name, low, values in (("sd", -1e-300, self.sd), ("scale", 0.0, self.scale or ())):
+            for value in values:
+                number(f"{name} of {self.name}", value, low=low, what="0 or more" if low else "above 0")
+        for name in ("dropout", "outliers"):
+            number(f"{name} of {self.name}", getattr(self, name), low=-1e-300, high=1.0 + 1e-15, what="0 to 1")
+        number(f"outlier_scale of {self.name}", self.outlier_scale, low=-1e-300, what="0 or more")
+        for ends in self.range or ():
+            pair = numbers(ends)
+            if pair is None or pair.shape != (2,) or not pair[0] < pair[1]:
+                raise ValueError(
+                    f"range of {self.name} must have (least, greatest) for each channel, got {shown(self.range)}"
+                )
+        if self.rate is not None:
+            number(f"rate of {self.name}", self.rate, low=0.0, what="above 0 Hz, or None for one reading every step")
+        if not callable(self.reads):
+            raise ValueError(f"reads of {self.name} must be a function of (state, forcing), got {shown(self.reads)}")
+        if any(not isinstance(i, int) or not 0 <= i < k for i in self.angles):
+            raise ValueError(f"angles of {self.name} must be indices below {k}, got {shown(self.angles)}")
+        if self.bias is not None and len(self.bias.names) > k:
+            raise ValueError(f"{self.name} has {k} channels, but a bias on {len(self.bias.names)}")
+
+    def period(self, dt: float) -> int:
+        """Steps of ``dt`` [s] from one reading to the next.
+
+        Raises:
+            ValueError: if its readings do not fall on steps.
+        """
+        if self.rate is None:
+            return 1
+        steps = 1.0 / (self.rate * dt)
+        if steps < 0.5 or abs(steps - round(steps)) > 1e-6 * steps:
+            raise ValueError(
+                f"{self.name} reads at {self.rate:g} Hz, which does not divide the {1.0 / dt:g} steps a second: its "
+                "readings would fall between steps"
+            )
+        return round(steps)
 
 
 @dataclass(frozen=True)
@@ -33,10 +164,23 @@ class SensorSuite:
     """A quality of sensors, relative to a vehicle's nominal ones."""
 
     noise: float  # standard deviation relative to nominal
-    dropout: float = 0.0  # probability that an instrument's reading is lost, besides its own
+    dropout: float = 0.0  # probability that a sensor's reading is lost, besides its own
     outliers: float = 0.0  # probability that it is an outlier
     outlier_scale: float = 10.0  # size of an outlier's noise relative to nominal
-    lossless: bool = False  # no instrument loses a reading
+    lossless: bool = False  # no sensor loses a reading
+
+    def of(self, nominal: Sequence[Sensor]) -> tuple[Sensor, ...]:
+        """A vehicle's sensors in this quality."""
+        return tuple(
+            replace(
+                sensor,
+                sd=tuple(self.noise * sd for sd in sensor.sd),
+                dropout=0.0 if self.lossless else min(sensor.dropout + self.dropout, 1.0),
+                outliers=min(sensor.outliers + self.outliers, 1.0),
+                outlier_scale=sensor.outlier_scale if sensor.outliers else self.outlier_scale,
+            )
+            for sensor in nominal
+        )
 
 
 SUITES = {
@@ -46,32 +190,101 @@ SUITES = {
 }
 
 
-def nominal_sd(instruments: tuple[Instrument, ...]) -> np.ndarray:
-    """The standard deviation ``(p,)`` of every channel."""
-    return np.array([sd for instrument in instruments for sd in instrument.sd])
-
-
 class Sensors:
-    """A vehicle's instruments in the quality of a suite.
+    """Several sensors, whose channels stand beside each other.
 
     Args:
-        instruments: In the order of the vehicle's readings.
-        suite: The quality.
+        sensors: In the order of the readings.
+        states: Names of the components of the vehicle's state.
+        forcing: Of its forcing.
+        dt: Time step [s].
 
     Attributes:
         size: p, the number of channels, and of standard normals a step.
-        uniforms: Uniform numbers a step: for each instrument one for its loss, then one for its outliers.
+        uniforms: Uniform numbers a step: for each sensor one for its loss, then one for its outliers.
+        bias: How all biases move.
+
+    Raises:
+        TypeError: for what is no sensor.
+        ValueError: for none, two of a name, a bias that is called as something else, a rate that does not divide the
+            steps', or a function ``reads`` that does not give a value for each channel or does not broadcast.
     """
 
-    def __init__(self, instruments: tuple[Instrument, ...], suite: SensorSuite) -> None:
-        owner = np.repeat(np.arange(len(instruments)), [len(instrument.channels) for instrument in instruments])
-        self.size, self.uniforms = len(owner), 2 * len(instruments)
-        self._loss, self._spoilt = owner, owner + len(instruments)  # which uniform is a channel's
-        self._suite, self._sd = suite, suite.noise * nominal_sd(instruments)
-        own = np.array([instrument.dropout for instrument in instruments])[owner]
-        self._dropout = np.zeros(self.size) if suite.lossless else np.minimum(own + suite.dropout, 1.0)
-        self._period = np.array([instrument.period for instrument in instruments])[owner]
-        self._complete = not self._dropout.any() and bool((self._period == 1).all())
+    def __init__(self, sensors: Sequence[Sensor], states: tuple[str, ...], forcing: tuple[str, ...], dt: float) -> None:
+        self.each = tuple(sensors)
+        if not self.each or not all(isinstance(sensor, Sensor) for sensor in self.each):
+            raise TypeError(f"sensors must be Sensor objects, one at least, got {shown(sensors)}")
+        names = [sensor.name for sensor in self.each]
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(f"two sensors are called {name!r}: give each a name of its own")
+        self.state_names, self.forcing_names, self.dt = states, forcing, dt
+        sizes = [len(sensor.channels) for sensor in self.each]
+        owner = np.repeat(np.arange(len(self.each)), sizes)
+        self.owner = owner  # which sensor a channel belongs to
+        self.size, self.uniforms = len(owner), 2 * len(self.each)
+        self._first = np.cumsum([0, *sizes])
+        self._loss, self._spoilt = owner, owner + len(self.each)  # which uniform is a channel's
+        self.sd = np.array([sd for sensor in self.each for sd in sensor.sd])
+        self._dropout = np.array([sensor.dropout for sensor in self.each])[owner]
+        self._outliers = np.array([sensor.outliers for sensor in self.each])[owner]
+        self._outlier_sd = np.array([sensor.outlier_scale for sensor in self.each])[owner] * self.sd
+        self._period = np.array([sensor.period(dt) for sensor in self.each])[owner]
+        ranges = [r for sensor in self.each for r in (sensor.range or ((-np.inf, np.inf),) * len(sensor.channels))]
+        self._lowest, self._highest = np.array(ranges, float).T
+        self._bounded = bool(np.isfinite(self._lowest).any() or np.isfinite(self._highest).any())
+        self._complete = not self._dropout.any() and bool((self._period == 1).all()) and not self._bounded
+        self.angles = tuple(int(first) + i for s, first in zip(self.each, self._first, strict=False) for i in s.angles)
+        self.scale = np.array([x for s in self.each for x in (s.scale or (1.0,) * len(s.channels))])
+        self.channels = tuple(channel for sensor in self.each for channel in sensor.channels)
+        biased = [sensor.bias for sensor in self.each if sensor.bias is not None]
+        self.bias = Process.joined(*(bias.process(dt) for bias in biased))
+        self.bias_names = tuple(name for bias in biased for name in bias.states)
+        for name in self.bias_names:
+            if name in states or self.bias_names.count(name) > 1:
+                raise ValueError(f"a bias is called {name!r}, as another component is: give it a name of its own")
+        self.bias_scale = np.array([bias.scale for bias in biased for _ in bias.states])
+        self._check()
+
+    def _check(self) -> None:
+        rows = (2, 3)
+        state, forcing = np.zeros(rows + (len(self.state_names),)), np.zeros(rows + (len(self.forcing_names),))
+        for sensor in self.each:
+            expected = rows + (len(sensor.channels),)
+            try:
+                with np.errstate(all="ignore"):
+                    got = np.asarray(sensor.reads(state, forcing), float).shape
+            except Exception as error:
+                raise ValueError(
+                    f"reads of {sensor.name} failed on states of shape {state.shape}: {shown(str(error))}"
+                ) from error
+            if got != expected:
+                raise ValueError(
+                    f"reads of {sensor.name} must give {len(sensor.channels)} values for each state: {state.shape} "
+                    f"gave {got}, expected {expected}"
+                )
+            for name in (*(sensor.gives or ()),):
+                if name is not None and name not in self.state_names + self.forcing_names:
+                    raise ValueError(unknown(f"state that {sensor.name} gives", name, self.state_names))
+
+    def exact(self, state: np.ndarray, forcing: np.ndarray, bias: np.ndarray | None = None) -> np.ndarray:
+        """What they would read without noise ``(..., p)``.
+
+        Args:
+            state: ``(..., n)`` of the vehicle.
+            forcing: ``(..., f)`` on it.
+            bias: ``(..., k)`` states of the biases; None: they have none.
+        """
+        parts = [sensor.reads(state, forcing) for sensor in self.each]
+        if bias is None or not self.bias.size:
+            return parts[0] if len(parts) == 1 else np.concatenate(parts, -1)
+        readings, column = np.concatenate(parts, -1, dtype=float), 0
+        for sensor, first in zip(self.each, self._first, strict=False):
+            if sensor.bias is not None:
+                k = len(sensor.bias.names)
+                readings[..., first : first + k] += bias[..., column : column + k]
+                column += len(sensor.bias.states)
+        return readings
 
     def read(
         self, exact: np.ndarray, steps: np.ndarray, normals: np.ndarray, uniforms: np.ndarray
@@ -79,21 +292,85 @@ class Sensors:
         """Noisy readings and the mask of those that arrived.
 
         Args:
-            exact: ``(B, p)`` what perfect sensors would read.
-            steps: ``(B,)`` steps since the episode's start, at which every instrument reads.
+            exact: ``(B, p)`` what sensors without noise would read.
+            steps: ``(B,)`` steps since the episode's start, at which every sensor reads.
             normals: ``(B, p)`` standard normals.
             uniforms: ``(B, uniforms)`` in [0, 1). Always drawn, so that suites are paired.
 
         Returns:
             Readings ``(B, p)``, 0 where missing, and the mask ``(B, p)``.
         """
-        suite, scale = self._suite, self._sd
-        if suite.outliers:
-            scale = np.where(uniforms[:, self._spoilt] < suite.outliers, suite.outlier_scale * scale, scale)
+        scale = self.sd
+        if self._outliers.any():
+            scale = np.where(uniforms[:, self._spoilt] < self._outliers, self._outlier_sd, scale)
         readings = exact + scale * normals
-        if self._complete:
+        if self._complete and math.isfinite(np.add.reduce(readings, None)):
             available = np.empty(readings.shape, bool)
             available.fill(True)
             return readings, available
         available = (uniforms[:, self._loss] >= self._dropout) & (steps[:, None] % self._period == 0)
+        if self._bounded:
+            seen = (exact >= self._lowest) & (exact <= self._highest)
+            for first, last in zip(self._first[:-1], self._first[1:], strict=True):
+                available[:, first:last] &= seen[:, first:last].all(-1, keepdims=True)
+        available &= np.isfinite(readings)
         return np.where(available, readings, 0.0), available
+
+    # --- what readings tell -----------------------------------------------------------------------
+
+    @property
+    def gives(self) -> tuple[str | None, ...]:
+        """For each channel the state, or the part of the forcing, that it reads as such."""
+        return tuple(name for s in self.each for name in (s.gives or (None,) * len(s.channels)))
+
+    def states_from(self, readings: np.ndarray) -> dict[str, np.ndarray]:
+        """States, and parts of the forcing, that are to be had from readings ``(..., p)`` alone, ``(...)`` by name."""
+        known: dict[str, np.ndarray] = {}
+        for sensor, first in zip(self.each, self._first, strict=False):
+            own = readings[..., first : first + len(sensor.channels)]
+            for i, name in enumerate(sensor.gives or ()):
+                if name is not None:
+                    known[name] = own[..., i]
+            if sensor.inverse is not None:
+                known.update(sensor.inverse(own, known))
+        return known
+
+    def informed(self, names: tuple[str, ...], depends: Callable[[], np.ndarray]) -> np.ndarray:
+        """Which reading may correct which state of an ensemble ``(n, p)``.
+
+        Args:
+            names: The filter's states.
+            depends: Gives the mask ``(n, p)`` of the states on which a reading depends.
+
+        Raises:
+            ValueError: if a sensor informs none of them.
+        """
+        mask = np.zeros((len(names), self.size))
+        for sensor, first in zip(self.each, self._first, strict=False):
+            columns = slice(first, first + len(sensor.channels))
+            if sensor.informs is None:
+                mask[:, columns] = depends()[:, columns]
+                continue
+            mask[:, columns] = [[float(name in informed) for informed in sensor.informs] for name in names]
+            if not mask[:, columns].any():
+                raise ValueError(
+                    f"{sensor.name} informs nothing that this filter estimates: name some of {', '.join(names)}"
+                )
+        named = {name for sensor in self.each for informed in sensor.informs or () for name in informed}
+        unnamed = [i for i, name in enumerate(names) if name not in named and not mask[i].any()]
+        if unnamed:  # what somebody has added, and no sensor has heard of, would never be corrected
+            mask[unnamed] = depends()[unnamed]
+        return mask
+
+
+def plain(columns: Sequence[int]) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    """What a sensor ``reads`` that reads components of the state as they are."""
+    chosen: Any = list(columns)
+    if chosen == list(range(chosen[0], chosen[-1] + 1)):  # a view
+        chosen = slice(chosen[0], chosen[-1] + 1)
+
+    return partial(_columns, chosen)
+
+
+def _columns(chosen: Any, state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
+    return state[..., chosen]

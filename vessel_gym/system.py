@@ -1,19 +1,48 @@
 """What an environment is made of: a vehicle, a task, disturbances and a default estimator, as data."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from estimators import Belief, Gaussian, LinearModel, NonlinearModel
-from vessel_gym.sensors import Instrument
+from estimators import Gaussian
+from estimators.checks import shown
+from vessel_gym.checks import one_of
+from vessel_gym.disturbances import Disturbance
+from vessel_gym.sensors import SUITES, Sensor, Sensors
+
+if TYPE_CHECKING:
+    from vessel_gym.composition import Composition
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """What a task sees of a belief.
+
+    Attributes:
+        state: ``(B, n)`` the vehicle's state, as in the prior.
+        flow: ``(B, f)`` what carries it; 0 where the filter knows of none.
+        input_mean: ``(B, q)`` the unknown input; None: the filter estimates none.
+        sd: ``(B, m)`` standard deviations of the state, then of all else that the filter estimates; like the next two
+            only where they are observed.
+        input_sd: ``(B, q)`` of the unknown input.
+        scale: ``(m - n,)`` sizes of all else that count as 1.
+    """
+
+    state: np.ndarray
+    flow: np.ndarray
+    input_mean: np.ndarray | None = None
+    sd: np.ndarray | None = None
+    input_sd: np.ndarray | None = None
+    scale: np.ndarray | None = None
 
 
 class Vehicle(Protocol):
-    """A vehicle in batches ``(B, ...)``: actuators, truth, exact readings and models for filters.
+    """A vehicle in batches ``(B, ...)``: its own state and actuators, how they move, and what filters know of that.
 
-    The equations may be compiled or plain NumPy: anything that broadcasts over leading axes.
+    What acts on it is a forcing ``(B, f)``: kicks, which change its state at the end of a step, then flows, which are
+    held over it. The equations may be compiled or plain NumPy: anything that broadcasts over leading axes.
     """
 
     @property
@@ -21,20 +50,32 @@ class Vehicle(Protocol):
         """Time step [s]."""
 
     @property
-    def truth_names(self) -> tuple[str, ...]:
-        """Components of the true state."""
+    def state_names(self) -> tuple[str, ...]:
+        """Components of its state: of itself alone, not of what carries or kicks it."""
+
+    @property
+    def angles(self) -> tuple[str, ...]:
+        """Those of them that are angles [rad]."""
 
     @property
     def action_names(self) -> tuple[str, ...]:
         """Components of the action."""
 
     @property
-    def instruments(self) -> tuple[Instrument, ...]:
-        """Sensors, in the order of the readings."""
+    def kicks(self) -> tuple[str, ...]:
+        """The first parts of its forcing: what is added to its state at the end of a step."""
 
     @property
-    def unknown_inputs(self) -> int:
-        """q: the first components of the forcing, which are the unknown input d that filters may estimate."""
+    def kicked(self) -> tuple[str, ...]:
+        """And to which component each."""
+
+    @property
+    def flows(self) -> tuple[str, ...]:
+        """The other parts of its forcing: what carries it over a step."""
+
+    @property
+    def sensors(self) -> tuple[Sensor, ...]:
+        """Its sensors, in their nominal quality, in the order of the readings."""
 
     @property
     def normals(self) -> int:
@@ -48,57 +89,62 @@ class Vehicle(Protocol):
         """The truth's parameters ``(B, k)``, spread around the filter's."""
 
     def start(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """True state and actuators ``(B, a)`` from the state that the task's prior describes."""
-
-    def filter_state(self, truth: np.ndarray, n: int) -> np.ndarray:
-        """The first ``n`` components that filters estimate, out of the truth."""
+        """State ``(B, n)`` and actuators ``(B, a)`` from what the task's prior describes, see `estimated`."""
 
     def actuate(self, actuators: np.ndarray, action: np.ndarray) -> np.ndarray:
         """Actuators one step later, within limits and rates."""
 
     def step(
         self,
-        truth: np.ndarray,
+        state: np.ndarray,
         before: np.ndarray,
         after: np.ndarray,
         forcing: np.ndarray,
         parameters: np.ndarray,
     ) -> np.ndarray:
-        """The truth one step later, with actuators moving from ``before`` to ``after``."""
-
-    def readings(self, truth: np.ndarray, forcing: np.ndarray) -> np.ndarray:
-        """What perfect sensors would read ``(B, p)``."""
-
-    def model(self, kind: str, noise: float, disturbance: Any) -> LinearModel | NonlinearModel:
-        """A filter's model of this vehicle, with sensors ``noise`` times nominal, in a disturbance."""
-
-    def from_readings(
-        self, readings: np.ndarray, previous: np.ndarray, interval: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """State and unknown input from the readings alone, differenced where no sensor gives a rate.
-
-        Args:
-            readings: ``(..., p)`` the last reading of every channel.
-            previous: ``(..., p)`` the one before.
-            interval: ``(..., p)`` seconds between the two.
-        """
-
-
-class Disturbance(Protocol):
-    """A stochastic process with one state ``(B, size)`` an environment."""
+        """The state one step later, with actuators moving from ``before`` to ``after``."""
 
     @property
-    def size(self) -> int:
-        """Size of the state, and normal numbers a step."""
+    def kinds(self) -> tuple[str, ...]:
+        """The models that filters may have of it, the widest of nonlinear ones first."""
 
-    def start(self, normals: np.ndarray) -> np.ndarray:
-        """A stationary state."""
+    @property
+    def linear_kinds(self) -> tuple[str, ...]:
+        """And which of them are linear."""
 
-    def advance(self, state: np.ndarray, normals: np.ndarray) -> np.ndarray:
-        """The state one step later."""
+    def estimated(self, kind: str) -> tuple[str, ...]:
+        """The components of its state that filters with a model estimate, in their order.
 
-    def forcing(self, state: np.ndarray) -> np.ndarray:
-        """What acts on the vehicle over the coming step, and no filter is told: the unknown input d first."""
+        Those of the first of ``kinds`` are what a task's prior describes; those of others are its first ones.
+        """
+
+    def placed(self, x: np.ndarray) -> np.ndarray:
+        """The state ``(..., n)`` out of what filters estimate with the first of ``kinds``, 0 where they do not."""
+
+    @property
+    def cruise(self) -> tuple[np.ndarray, np.ndarray]:
+        """What filters estimate, and the known input, where it goes its usual way: where models are looked at."""
+
+    @property
+    def process_sd(self) -> np.ndarray:
+        """Standard deviations of what the models leave out in a step, of what filters estimate."""
+
+    def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+        """What filters estimate ``(..., n)`` one step on, under the known input and a flow, with their parameters."""
+
+    def known_input(self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None) -> np.ndarray:
+        """What its filters are told over a step ``(B, m)``: of the actuators, and of what a task may command."""
+
+    def linear(self, kind: str) -> tuple[Any, Any]:
+        """A and B of a linear model, each a matrix or a function of the known input."""
+
+    @property
+    def rates(self) -> Mapping[str, str]:
+        """Which component of the state is the rate of which, for what no sensor reads."""
+
+    @property
+    def carried(self) -> np.ndarray | None:
+        """What a flow adds at the start to what the prior describes ``(n, flows)``, if velocities are over ground."""
 
 
 class Task(Protocol):
@@ -121,10 +167,6 @@ class Task(Protocol):
         """Which of ``ends`` means success; empty where success is to go on to the time limit."""
 
     @property
-    def states(self) -> int:
-        """Size of the prior."""
-
-    @property
     def uniforms(self) -> int:
         """How many uniform numbers `course` needs."""
 
@@ -135,39 +177,50 @@ class Task(Protocol):
     def course(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
         """What is drawn at reset, ``(B, k)``."""
 
-    def prior(self, course: np.ndarray, disturbance: Any) -> Gaussian:
-        """Where the truth starts, and all that the estimator knows of it: mean ``(B, n)``, covariance ``(n, n)``."""
+    def prior(self, course: np.ndarray) -> Gaussian:
+        """Where the vehicle starts, and all that is known of that: mean ``(B, n)``, covariance ``(n, n)``."""
 
     def reference(self, course: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """What is commanded at a step, the vehicle being (or believed to be) in a state ``(B, n)``."""
+        """What is commanded at a step, the vehicle being (or believed to be) in a state ``(B, n)``, as in the prior."""
 
-    def known_input(self, before: np.ndarray, after: np.ndarray, course: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """What filters are told over a step."""
+    def commanded(self, course: np.ndarray, step: np.ndarray) -> np.ndarray | None:
+        """What the task commands and filters are told of, besides the actuators; None: nothing."""
 
-    def sizes(self) -> dict[str, int]:
-        """Length of an observation for each mode of ``observe``."""
+    def sizes(self, readings: int, states: int) -> dict[str, int]:
+        """Lengths of the parts of observations, by what follows, of so many readings and states of the filter."""
 
-    def observe(self, belief: Belief, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
-        """The observation from estimates."""
+    def observe(self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
+        """``"guided"``: how to go on from the estimate, and the actuators."""
 
-    def observe_std(self, belief: Belief) -> np.ndarray:
-        """What mode ``"mean+std"`` appends."""
+    def observe_state(self, estimate: Estimate, course: np.ndarray) -> np.ndarray:
+        """The estimate as it is, which together with the mission is ``"unguided"``."""
+
+    def observe_std(self, estimate: Estimate) -> np.ndarray:
+        """``"std"``: what mode ``"mean+std"`` appends."""
 
     def observe_readings(
-        self,
-        readings: np.ndarray,
-        available: np.ndarray,
-        course: np.ndarray,
-        step: np.ndarray,
-        actuators: np.ndarray,
+        self, sensors: Sensors, readings: np.ndarray, available: np.ndarray, course: np.ndarray, step: np.ndarray
     ) -> np.ndarray:
-        """The observation of mode ``"measurement"``: nothing that an estimator believes."""
+        """``"readings"``: as they come, with their mask."""
 
-    def begin(self, truth: np.ndarray, course: np.ndarray) -> np.ndarray:
+    def observe_mission(self, course: np.ndarray, step: np.ndarray, actuators: np.ndarray) -> np.ndarray:
+        """``"mission"``: what is asked, and the actuators."""
+
+    def over(self, reference: np.ndarray) -> np.ndarray:
+        """Whether who is there has done what is asked ``(B,)``."""
+
+    def begin(self, state: np.ndarray, course: np.ndarray) -> np.ndarray:
         """What `score` remembers, ``(B, k)``, at the start of an episode."""
 
     def score(
-        self, truth: np.ndarray, reference: np.ndarray, actuators: np.ndarray, action: np.ndarray, tally: np.ndarray
+        self,
+        state: np.ndarray,
+        forcing: np.ndarray,
+        reference: np.ndarray,
+        over: np.ndarray,
+        actuators: np.ndarray,
+        action: np.ndarray,
+        tally: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Reward in [0, 1], the number in ``ends`` of why the episode ends (0: it goes on), and the next tally."""
 
@@ -182,9 +235,10 @@ class System:
         task: What is asked of it.
         disturbances: By name: ``"calm"``, ``"moderate"``, ``"rough"``.
         estimator: The default estimator.
-        filter_model: The vehicle's model that filters use, unless ``filter_models`` says otherwise.
-        tuning: Options of a filter by name, given the disturbance.
-        filter_models: Models of particular filters.
+        filter_model: The kind of model that filters use, unless ``filter_models`` says otherwise.
+        tuning: Options of a filter by name, given what it is told.
+        filter_models: Kinds of particular filters.
+        sensors: In their nominal quality; None: the vehicle's own.
     """
 
     name: str
@@ -193,5 +247,21 @@ class System:
     disturbances: Mapping[str, Disturbance]
     estimator: str
     filter_model: str
-    tuning: Callable[[str, Any], dict[str, Any]]
+    tuning: Callable[[str, "Composition"], dict[str, Any]]
     filter_models: Mapping[str, str] = field(default_factory=dict)
+    sensors: tuple[Sensor, ...] | None = None
+
+    def sensors_of(self, choice: "str | Sequence[Sensor]") -> Sensors:
+        """Its sensors in the quality of a suite by name, or somebody's own.
+
+        Raises:
+            ValueError: for a name that there is not, or sensors that do not fit the vehicle, see `Sensors`.
+            TypeError: for what is no sensor.
+        """
+        vehicle = self.vehicle
+        if isinstance(choice, str):
+            suite = SUITES[one_of("sensor suite", choice, SUITES)]
+            choice = suite.of(vehicle.sensors if self.sensors is None else self.sensors)
+        elif not (isinstance(choice, list | tuple) and choice and all(isinstance(part, Sensor) for part in choice)):
+            raise TypeError(f"sensors must be one of {', '.join(SUITES)}, or Sensor objects, got {shown(choice)}")
+        return Sensors(choice, vehicle.state_names, vehicle.kicks + vehicle.flows, vehicle.dt)

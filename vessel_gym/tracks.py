@@ -7,7 +7,8 @@ Both are tracks through the water: a current carries the true ship away from the
 import numpy as np
 
 from vessel_gym.tasks.turning_circle import TurningCircle
-from vessel_gym.vehicles.corvette import CorvetteParameters, steady_turns
+from vessel_gym.vehicles.corvette import steady_turns
+from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 
 
 def path(heading: np.ndarray, surge: np.ndarray, sway: np.ndarray, dt: float) -> np.ndarray:

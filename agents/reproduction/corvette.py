@@ -1,6 +1,5 @@
 """Hermawan's five simulations: KF-UMV-UI follows a turning circle with an unknown input in the readings."""
 
-from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 from typing import Any
@@ -11,12 +10,14 @@ from agents.cells import Cell
 from agents.reproduction.settings import corvette as settings
 from agents.reproduction.settings.corvette import SAMPLES, SIMULATIONS, Simulation
 from estimators import Gaussian, LinearModel, make
-from vessel_gym.vehicles.corvette import CorvetteParameters, corvette_step, linear_model, steady_turns
+from vessel_gym.vehicles.corvette import Corvette, steady_turns
+from vessel_gym.vehicles.corvette_equations import CorvetteParameters, corvette_step
+from vessel_gym.vehicles.files import load
 
 MODELS = ("as-printed", "corrected")
 LEVELS = (settings.NOISE, settings.SMALL**0.5, settings.LARGE**0.5)
 """Standard deviations [rad] of the reading noise: fixed, and what the two printed R mean as variances."""
-_SHIP = CorvetteParameters()
+_SHIP = load("corvette", CorvetteParameters)
 
 
 # --- the experiment ---------------------------------------------------------------------------------
@@ -47,7 +48,7 @@ def turning_record() -> tuple[np.ndarray, np.ndarray]:
     state = np.array([0.0, 0.0, 0.0, _SHIP.speed, 0.0, 0.0])
     heading = [state[2]]
     for start, end in pairwise(rudder):
-        state = corvette_step(state, np.array([start, end, 0.0, 0.0]), c, dt, 1)
+        state = corvette_step(state, np.array([start, end]), np.zeros(2), c, dt, 1)
         heading.append(state[2])
     turns = steady_turns(_SHIP)
     commanded = np.full(SAMPLES, np.interp(helm, turns.rudder, turns.yaw_rate))
@@ -61,10 +62,10 @@ def unknown_input(size: float, switch: int = settings.SWITCH) -> np.ndarray:
 
 def filter_model(simulation: Simulation, model: str) -> LinearModel:
     """What the filter of a simulation believes: eqs. 4.3 to 4.5, or the corrected ship, with the stated Q and R."""
-    believed = linear_model(_SHIP, settings.STEP, simulation.Q * np.eye(3), simulation.R * np.eye(2), model)
-    return replace(
-        believed, state_angles=(), measurement_angles=()
-    )  # the thesis wraps no angle; at 1 rad it would matter
+    A, B = Corvette(_SHIP, settings.STEP).linear(model)
+    C, G, H = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 0.0]]), np.array([[0.0], [0.0], [1.0]]), np.ones((2, 1))
+    # The thesis wraps no angle; at 1 rad it would matter.
+    return LinearModel(A, C, simulation.Q * np.eye(3), simulation.R * np.eye(2), B=B, G=G, H=H)
 
 
 def estimate(

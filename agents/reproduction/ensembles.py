@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators import Filter, Gaussian, NonlinearModel
-from vessel_gym.sensors import Instrument
+from vessel_gym.sensors import Sensor
 
 Advance = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """States ``(..., n)`` one step later under a control ``(..., m)``."""
@@ -98,9 +98,9 @@ class Experiment:
         return np.stack(believed)
 
 
-def channel_sd(instruments: tuple[Instrument, ...], channels: Sequence[str]) -> np.ndarray:
-    """Nominal standard deviations of some channels of a vehicle's instruments ``(p,)``."""
-    sd = {channel: sd for i in instruments for channel, sd in zip(i.channels, i.sd, strict=True)}
+def channel_sd(sensors: tuple[Sensor, ...], channels: Sequence[str]) -> np.ndarray:
+    """Nominal standard deviations of some channels of a vehicle's sensors ``(p,)``."""
+    sd = {channel: sd for sensor in sensors for channel, sd in zip(sensor.channels, sensor.sd, strict=True)}
     return np.array([sd[channel] for channel in channels])
 
 

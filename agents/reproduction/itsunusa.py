@@ -6,16 +6,18 @@ from typing import Any
 import numpy as np
 
 from agents.cells import Cell
-from agents.dive_autopilot import DiveAutopilot
+from agents.pilots.dive import DiveAutopilot
 from agents.reproduction.ensembles import Experiment, rms, seconds_a_step, thinned
 from agents.reproduction.settings import itsunusa as paper
-from estimators import Belief, Filter, make
+from estimators import Filter, make
 from vessel_gym.envs.itsunusa_auv import ITSUNUSA_AUV
-from vessel_gym.vehicles.itsunusa import TRUTH
+from vessel_gym.system import Estimate
+from vessel_gym.vehicles.itsunusa import STATE
 
-_ESTIMATED = [TRUTH.index(name) for name in ("u", "w", "q", "theta")]
-_MEASURED = [TRUTH.index(name) for name in ("u", "w", "q")]
-_DEPTH = TRUTH.index("z")
+_ESTIMATED = [STATE.index(name) for name in ("u", "w", "q", "theta")]
+_MEASURED = [STATE.index(name) for name in ("u", "w", "q")]
+_DEPTH = STATE.index("z")
+_STILL = np.zeros(1)  # the current
 _COEFFICIENTS = paper.VEHICLE.body.vector()
 
 
@@ -96,7 +98,7 @@ def dive(noise: float = 1.0, inclinometer: bool = False) -> Experiment:
     reading_sd = np.append(paper.READING_SD, paper.INCLINOMETER_SD) if inclinometer else paper.READING_SD
     return Experiment(
         advance=_step,
-        start=np.zeros(len(TRUTH)),
+        start=np.zeros(len(STATE)),
         controls=recorded_controls(),
         estimated=_ESTIMATED,
         measured=list(range(len(reading_sd))),
@@ -120,17 +122,16 @@ def recorded_controls() -> np.ndarray:
     vehicle, task = paper.VEHICLE, ITSUNUSA_AUV.task
     autopilot = DiveAutopilot(ITSUNUSA_AUV)
     course = task.course(np.zeros((1, task.uniforms)), {"goal": paper.GOAL})
-    truth, actuators = np.zeros((1, len(TRUTH))), np.zeros((1, len(vehicle.action_names)))
-    certain = np.zeros((1, len(TRUTH), len(TRUTH)))
+    truth, actuators = np.zeros((1, len(STATE))), np.zeros((1, len(vehicle.action_names)))
     controls: list[np.ndarray] = []
     for step in range(task.horizon):
-        belief = Belief(truth, certain, truth, certain, np.zeros(1, np.int8))
+        estimate = Estimate(truth, _STILL[None])
         reference = task.reference(course, np.array([step]), truth)
         if reference[0, 0] >= course[0, 1]:
             break
         before, actuators = (
             actuators,
-            vehicle.actuate(actuators, autopilot.act(task.observe(belief, reference, actuators))),
+            vehicle.actuate(actuators, autopilot.act(task.observe(estimate, reference, actuators))),
         )
         controls.append(np.concatenate([before, actuators], -1)[0])
         truth = _step(truth, controls[-1])
@@ -138,7 +139,7 @@ def recorded_controls() -> np.ndarray:
 
 
 def _step(states: np.ndarray, control: np.ndarray) -> np.ndarray:
-    return paper.VEHICLE.advance(states, control, _COEFFICIENTS)
+    return paper.VEHICLE.advance(states, control, _STILL, _COEFFICIENTS)
 
 
 def computing_time(variant: str, steps: int, repeats: int, seed: int) -> dict[str, np.ndarray]:

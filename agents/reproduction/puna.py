@@ -14,7 +14,9 @@ from agents.reproduction.settings import puna as paper
 from estimators import Filter, Gaussian, make, rmse, wrap
 from vessel_gym.guidance.dubins import WORDS, Path, approach, candidates, lengths, plan, shortest, word_path
 from vessel_gym.guidance.words import chain
-from vessel_gym.vehicles.puna import MISSILE, PlanarPuna, PunaParameters, planar_derivative, trim
+from vessel_gym.vehicles.files import load
+from vessel_gym.vehicles.planar_puna import MISSILE, PlanarPuna, planar_derivative
+from vessel_gym.vehicles.puna import PunaParameters, trim
 
 PLANE = PlanarPuna()
 
@@ -171,7 +173,7 @@ def _track(path: Path) -> np.ndarray:
 
 def controls(kind: str) -> np.ndarray:
     """Thrust [N] and angle of attack [rad] of every step ``(STEPS, 2)``: level flight's, the angle perhaps swinging."""
-    level = trim(paper.SPEED, PunaParameters())
+    level = trim(paper.SPEED, load("puna", PunaParameters))
     swing = paper.SWING if kind == "varying" else 0.0
     time = PLANE.dt * np.arange(paper.STEPS)
     alpha = level.alpha + swing * np.sin(2.0 * np.pi * time / paper.PERIOD)
@@ -281,7 +283,7 @@ def partner(level: str, factor: float) -> tuple[float, float]:
 
 def aircraft() -> dict[str, Any]:
     """What the printed equations mean at the printed airspeed."""
-    body, level = PLANE.body, trim(paper.SPEED, PunaParameters())
+    body, level = PLANE.body, trim(paper.SPEED, load("puna", PunaParameters))
     pressure = 0.5 * MISSILE.density[2] * paper.SPEED**2 * MISSILE.area
     state, u = np.array([0.0, paper.SPEED, 0.0, 0.0]), np.array([level.thrust, level.alpha])
     return {

@@ -10,12 +10,13 @@ from agents.cells import Cell
 from agents.reproduction.ensembles import Experiment, rms, seconds_a_step, thinned
 from agents.reproduction.settings import segorogeni as paper
 from estimators import Filter, make
-from vessel_gym.vehicles.segorogeni import TRUTH, segorogeni_derivative
+from vessel_gym.vehicles.segorogeni import STATE, segorogeni_rates
 
-_ESTIMATED = [TRUTH.index(name) for name in ("u", "v", "w", "p", "q", "r")]
-_MEASURED = [TRUTH.index(name) for name in ("u", "v", "w", "r")]
-_PLACE = [TRUTH.index(name) for name in ("x", "y", "z", "psi")]
-_YAW = TRUTH.index("psi")
+_ESTIMATED = [STATE.index(name) for name in ("u", "v", "w", "p", "q", "r")]
+_MEASURED = [STATE.index(name) for name in ("u", "v", "w", "r")]
+_PLACE = [STATE.index(name) for name in ("x", "y", "z", "psi")]
+_YAW = STATE.index("psi")
+_STILL = np.zeros(2)  # the current
 _COEFFICIENTS = paper.VEHICLE.body.vector()
 
 
@@ -105,7 +106,7 @@ def dive(scheme: str, noise: float = 1.0) -> Experiment:
     share = paper.OWN_DT / dt  # steps to one of ours, for which the noise is stated
     return Experiment(
         advance=_own_step if own else _euler_step,
-        start=np.zeros(len(TRUTH)),
+        start=np.zeros(len(STATE)),
         controls=_own_controls(held_controls()) if own else _euler_controls(held_controls()),
         estimated=_ESTIMATED,
         measured=[_ESTIMATED.index(i) for i in _MEASURED],
@@ -136,7 +137,7 @@ def held_controls() -> np.ndarray:
     """
 
     def miss(held: np.ndarray) -> np.ndarray:
-        state = np.zeros(len(TRUTH))
+        state = np.zeros(len(STATE))
         for control in _own_controls(held):
             state = _own_step(state, control)
         return state[_PLACE[:3]] - paper.GOAL
@@ -164,11 +165,11 @@ def _euler_controls(held: np.ndarray) -> np.ndarray:
 
 
 def _own_step(states: np.ndarray, control: np.ndarray) -> np.ndarray:
-    return paper.VEHICLE.advance(states, control, _COEFFICIENTS)
+    return paper.VEHICLE.advance(states, control, _STILL, _COEFFICIENTS)
 
 
 def _euler_step(states: np.ndarray, control: np.ndarray) -> np.ndarray:
-    return states + paper.DT * segorogeni_derivative(states, control, _COEFFICIENTS)
+    return states + paper.DT * segorogeni_rates(states, control, _STILL, _COEFFICIENTS)
 
 
 def computing_time(steps: int, repeats: int, seed: int) -> dict[str, np.ndarray]:

@@ -9,7 +9,7 @@ from agents.metrics import WITHOUT_COVARIANCE, core_of
 from agents.rollouts import Rollout, rollout
 from agents.studies.plan import Plan
 from agents.studies.study import FLOOR, ORACLE
-from agents.studies.worlds import classical_pilot, environment_id, environment_options, system_of
+from agents.studies.worlds import classical_pilot, environment_id, environment_options, import_own, system_of
 from estimators import wrap
 from estimators.angles import difference
 from vessel_gym.guidance.dive_path import path_point
@@ -19,7 +19,7 @@ from vessel_gym.tasks.dive import Dive, VerticalDive
 from vessel_gym.tasks.flight import OBSTACLES, SEGMENTS, Flight
 from vessel_gym.tasks.turning_circle import TurningCircle
 from vessel_gym.tracks import believed_path, commanded_path, path
-from vessel_gym.vehicles.corvette import TRUTH as SHIP
+from vessel_gym.vehicles.corvette_equations import STATE as SHIP
 
 POINTS = 400
 """Points of a line at most."""
@@ -60,9 +60,9 @@ def example(environment: str, options: dict[str, Any], agent: str, seed: int, ow
     Args:
         environment: As in the study.
         options: Of the environment.
-        agent: ``"autopilot"`` or ``"module:object"``.
+        agent: As `agents.pilots.make_pilot` takes it.
         seed: Of the episode.
-        own: Source digests of what is the user's own; only there to be part of the cell.
+        own: Source digests of the user's own modules, by name: part of the cell, and imported for what they register.
 
     Returns:
         ``tracks``: ``commanded``, ``true`` and ``believed``, ``(k, 2)`` each in the plane of ``axes`` (labels across
@@ -72,6 +72,7 @@ def example(environment: str, options: dict[str, Any], agent: str, seed: int, ow
         standard deviation that the estimator claims for it, None if it claims none; ``score``; and ``end``: why the
         episode ended, empty for its time limit. Lines are thinned to `POINTS`.
     """
+    import_own(own)
     pilot, options = classical_pilot(agent, environment), environment_options(options)
     flown = rollout(pilot, environment_id(environment), [seed], options)
     task = core_of(flown).task
@@ -143,8 +144,8 @@ def _plane(
         angle: ``(T,)`` of the direction, from the first component towards the second.
         what: The direction in words.
     """
-    h, vehicle = _episode(flown), core_of(flown).vehicle
-    both = [vehicle.truth_names.index(name) for name in names]
+    h, core = _episode(flown), core_of(flown)
+    both = [core.truth_names.index(name) for name in names]
     direction = np.stack([np.cos(angle), np.sin(angle)], -1)
     error = np.vecdot(direction, h["estimate"][:, both] - h["truth"][:, both])
     variance = np.einsum("ti,tij,tj->t", direction, h["covariance"][:, both][:, :, both], direction)
@@ -163,7 +164,7 @@ def _unknown(flown: Rollout) -> dict[str, Any]:
     """No tracks; the first component that the filter estimates."""
     core, h = core_of(flown), _episode(flown)
     model = core.filter.model
-    state = core.vehicle.filter_state(h["truth"], model.n)
+    state = core.estimated(h["truth"])
     error = difference(h["estimate"], state, model.state_angles)[:, 0]
     shown = {"tracks": {}, "axes": [], "down": False, "obstacles": [], "what": "first state component", "unit": "SI"}
     return shown | _error(flown, error, np.sqrt(np.maximum(h["covariance"][:, 0, 0], 0.0)))

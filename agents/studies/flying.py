@@ -10,7 +10,7 @@ from agents.metrics import consistency, nees_of, nis_consistency
 from agents.rollouts import Rollout, rollout
 from agents.scores import scores
 from agents.seeds import evaluation_seeds
-from agents.studies.worlds import classical_pilot, environment_id, environment_options
+from agents.studies.worlds import classical_pilot, environment_id, environment_options, import_own
 
 LOST = 1e-6
 """A truth is outside of a belief where so little probability is left beyond it."""
@@ -29,9 +29,9 @@ def fly(
     Args:
         environment: As in the study.
         options: Of the environment.
-        agent: ``"autopilot"``, ``"module:object"``, or ``"checkpoint"``: the one that is needed.
+        agent: As `agents.pilots.make_pilot` takes it, or ``"checkpoint"``: the one that is needed.
         episodes: How many seeds.
-        own: Source digests of what is the user's own; here to be part of the cell.
+        own: Source digests of the user's own modules, by name: part of the cell, and imported for what they register.
         needs: The checkpoint, if there is one.
 
     Returns:
@@ -40,6 +40,7 @@ def fly(
         ``diverged (N,)``: whether the truth was outside of what the filter held for possible for half of the episode;
         ``steps``: flown in all.
     """
+    import_own(own)
     flown = rollout(
         _pilot(agent, environment, needs),
         environment_id(environment),

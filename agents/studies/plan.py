@@ -6,9 +6,10 @@ from itertools import product
 from typing import Any
 
 from agents.cells import Cell
+from agents.pilots import unknown_pilot
 from agents.ppo import describe
 from agents.studies.study import DEFAULT, Agent, Condition, Estimator, Study
-from agents.studies.worlds import digests, environment_id, refusal, system_of
+from agents.studies.worlds import digests, environment_id, has_pilot, refusal, registered, system_of
 
 RAW = "raw readings"
 """What an agent flies on that sees readings instead of estimates."""
@@ -62,7 +63,10 @@ class Plan:
 
 
 def plan(study: Study) -> Plan:
-    """Every flight of a study. An estimator that an environment cannot carry is left out there, with the reason."""
+    """Every flight of a study. What an environment cannot carry is left out there, with the reason.
+
+    That is an estimator that does not fit its model, or a pilot that its task does not have.
+    """
     flights: list[Flight] = []
     skipped: list[Skipped] = []
     for environment in (e.id for e in study.environments):
@@ -74,6 +78,9 @@ def plan(study: Study) -> Plan:
             else:
                 skipped.append(Skipped(environment, estimator.name, str(error)))
         for agent in _here(study.agents, environment):
+            if not agent.learned and not has_pilot(agent.kind, environment):
+                skipped.append(Skipped(environment, agent.name, unknown_pilot(agent.kind, system_of(environment))))
+                continue
             trainings = _trainings(study, environment, agent, flyable)
             for condition in study.conditions:
                 flights += _flights(study, environment, agent, condition, flyable, trainings)
@@ -154,11 +161,16 @@ def _train(study: Study, environment: str, agent: Agent, school: Estimator, seed
             "steps": steps,
             "seed": seed,
             "settings": {key: described[key] for key in ("hyperparameters", "versions")},
-            "own": digests(environment, school.estimator),
+            "own": digests(environment, school.estimator, *_own_world(study.conditions[0])),
         },
         f"train {agent.name} on {school.name} in {environment}",
         artifact=".zip",
     )
+
+
+def _own_world(condition: Condition) -> tuple[str, str]:
+    """What of a condition may be the user's own."""
+    return condition.sensors, condition.disturbance
 
 
 def _fly(
@@ -178,7 +190,8 @@ def _fly(
             "options": options(condition, estimator, environment) | observe,
             "agent": pilot,
             "episodes": study.episodes,
-            "own": digests(environment, estimator.estimator, pilot),
+            "own": digests(environment, estimator.estimator, pilot, *_own_world(condition))
+            | registered(environment, pilot),
         },
         f"fly {agent.name if training else pilot} on {estimator.name} in {environment}",
         needs=(training,) if training else (),

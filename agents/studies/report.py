@@ -544,7 +544,7 @@ def _metrics(results: Results) -> Section:
     told = {NEES.key, UNHEALTHY.key, "return"}
     for environment in results.environments:
         place = Place(environment, first)
-        known = [m for m in metrics(system_of(environment).task) if m.key not in told]
+        known = [m for m in metrics(system_of(environment)) if m.key not in told]
         estimated = [m for m in known if m.key.endswith(("_rmse", "_nees"))]
         steered = [m for m in known if m not in estimated]
         for kind, chosen, name in (

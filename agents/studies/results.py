@@ -290,7 +290,7 @@ class Results:
 
     def episodes_csv(self) -> str:
         """One row an episode: who flew where on what, the seed, and every metric; empty where there is no value."""
-        keys = _unique(m.key for name in self.environments for m in metrics(system_of(name).task))
+        keys = _unique(m.key for name in self.environments for m in metrics(system_of(name)))
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(

@@ -17,6 +17,7 @@ from agents.studies.plan import RAW, options
 from agents.studies.results import Pilot, Results
 from agents.studies.study import Agent
 from agents.studies.worlds import environment_id, system_of
+from vessel_gym.estimation import tuning
 
 _LIBRARIES = ("numpy", "scipy", "numba", "gymnasium", "torch", "stable-baselines3", "sb3-contrib", "matplotlib")
 
@@ -64,7 +65,7 @@ def _columns(results: Results) -> list[tuple[str, str]]:
     """What every metric means; by environment, where tasks differ in that."""
     meanings: dict[str, dict[str, list[str]]] = {}
     for environment in results.environments:
-        for m in metrics(system_of(environment).task):
+        for m in metrics(system_of(environment)):
             name = f"{m.key} [{m.unit}]" if m.unit else m.key
             meanings.setdefault(name, {}).setdefault(m.meaning, []).append(environment)
     return [
@@ -101,7 +102,8 @@ def _tuning(results: Results, environment: str, name: str) -> str:
     for condition in study.conditions:
         given = options(condition, study.estimator(name), environment)
         kind = given["estimator"]
-        tuned = {} if ":" in kind else system.tuning(kind, system.disturbances[condition.disturbance])
+        own = ":" in kind or ":" in condition.disturbance
+        tuned = {} if own else tuning(system, kind, condition.disturbance)
         tuned = tuned | given.get("estimator_options", {})
         if kind not in WITHOUT_COVARIANCE:
             tuned = {"model": system.filter_models.get(kind, system.filter_model)} | tuned

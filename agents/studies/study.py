@@ -8,16 +8,11 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
+from agents.named import named_object
+from agents.pilots import pilot_names
 from agents.ppo import MEMORIES, describe
 from agents.seeds import evaluation_seeds
-from agents.studies.worlds import (
-    CLASSICAL,
-    environment_id,
-    known_estimator,
-    named_object,
-    refusal,
-    system_of,
-)
+from agents.studies.worlds import CLASSICAL, environment_id, has_pilot, known_estimator, refusal, system_of
 from estimators.factory import unknown
 from vessel_gym.sensors import SUITES
 
@@ -63,7 +58,8 @@ class Agent:
 
     Attributes:
         name: In the study.
-        kind: ``"autopilot"``, ``"ppo"``, or ``"module:object"``: your own, called with the environment's `System`.
+        kind: ``"ppo"``; a pilot that is registered for the environment's task, such as ``"autopilot"`` (see
+            `agents.pilots`); or ``"module:object"``: your own, called with the environment's `System`.
         observe: What a PPO sees: ``"mean"``, ``"mean+std"``, or ``"measurement"``: raw readings, no estimator.
         memory: Of a PPO: ``"none"``, ``"frames"`` or ``"lstm"``.
         trained_on: The estimators that it is trained on, one policy each; not for raw readings.
@@ -96,8 +92,8 @@ class Condition:
 
     Attributes:
         name: In the study.
-        sensors: Sensor suite.
-        disturbance: Sea, water or air.
+        sensors: Sensor suite, or ``"module:object"``: a list of sensors of one's own.
+        disturbance: Sea, water or air by name, or ``"module:object"``: one's own.
         mismatch: Relative spread of the truth's parameters around the filters'.
     """
 
@@ -120,7 +116,7 @@ class Study:
         title: The question, in a line.
         environments: Where.
         estimators: What is compared; `ORACLE` and `FLOOR` are always there.
-        agents: Who flies; the classical one always does.
+        agents: Who flies; the autopilot always does, where there is one.
         conditions: Agents are trained in the first.
         episodes: Evaluation seeds, the same for everybody.
         training_seeds: Training runs of each learned agent: the unit of resampling.
@@ -249,7 +245,11 @@ class _Reader:
     def check(self, study: Study) -> None:
         """Note names and options that no environment knows."""
         worlds = [e.id for e in study.environments if self.accepts(("environments", e.id), environment_id, e.id)]
-        for condition, world in product(study.conditions, worlds):
+        for condition in study.conditions:
+            for key in ("sensors", "disturbance"):
+                if ":" in (name := getattr(condition, key)):
+                    self.accepts(("conditions", condition.name, key), named_object, name)
+        for condition, world in product((c for c in study.conditions if ":" not in c.disturbance), worlds):
             self.name(
                 "disturbance", condition.disturbance, system_of(world).disturbances,
                 ("conditions", condition.name, "disturbance"),
@@ -263,8 +263,12 @@ class _Reader:
                 self.check_estimator(place, estimator, [w for w in worlds if w in (estimator.environments or worlds)])
         for agent in study.agents:
             place = ("agents", agent.name)
+            here = [w for w in worlds if w in (agent.environments or worlds)]
             if ":" in agent.kind:
                 self.accepts((*place, "kind"), named_object, agent.kind)
+            elif not agent.learned and not any(has_pilot(agent.kind, w) for w in here):
+                known = dict.fromkeys(name for w in here for name in pilot_names(system_of(w)))
+                self.name("kind of agent", agent.kind, (*(known or (CLASSICAL,)), "ppo"), (*place, "kind"))
             for world in worlds if agent.learned and agent.memory in MEMORIES else ():
                 if world in (agent.environments or worlds):
                     described = (environment_id(world), None, 0, agent.steps.get(world), agent.memory)
@@ -319,8 +323,6 @@ class _Reader:
         for name, table in self.section("agents").items():
             place = ("agents", name)
             kind = self.value(place, table, "kind", str, "a name", name)
-            if ":" not in kind:
-                self.name("kind of agent", kind, (CLASSICAL, "ppo"), (*place, "kind"))
             observe = self.value(place, table, "observe", str, "a name", "mean")
             self.name("observe mode", observe, ("mean", "mean+std", "measurement"), (*place, "observe"))
             memory = self.value(place, table, "memory", str, "a name", "none")
@@ -341,6 +343,12 @@ class _Reader:
                     text = f"steps must be whole numbers of at least 1 and at most {_MOST_STEPS}, got {number!r}"
                     self.wrong((*place, "steps"), text)
             found.append(Agent(name, kind, observe, memory, trained_on, steps, self.environments_of(place, table, ids)))
+        worlds = [name for name in ids if _is_environment(name)]
+        if worlds and not any(has_pilot(CLASSICAL, world) for world in worlds):
+            if all(agent.learned for agent in found):
+                text = "no environment of the study has an autopilot: name a pilot, module:object if it is your own"
+                self.wrong(("agents",), text)
+            return tuple(found)
         if any(agent.kind == CLASSICAL for agent in found):
             return tuple(found)
         return (Agent(CLASSICAL, CLASSICAL), *found)
@@ -359,7 +367,8 @@ class _Reader:
                 self.value(place, table, "disturbance", str, "a name", "moderate"),
                 float(mismatch),
             )
-            self.name("sensor suite", condition.sensors, SUITES, (*place, "sensors"))
+            if ":" not in condition.sensors:
+                self.name("sensor suite", condition.sensors, SUITES, (*place, "sensors"))
             found.append(condition)
         return tuple(found) or (Condition("nominal"),)
 
@@ -407,6 +416,14 @@ class _Reader:
         known = list(known)
         if name not in known:
             self.wrong(place, unknown(kind, name, known))
+
+
+def _is_environment(name: str) -> bool:
+    try:
+        environment_id(name)
+    except ValueError:
+        return False
+    return True
 
 
 # --- lines --------------------------------------------------------------------------------------------

@@ -1,45 +1,22 @@
 """What a study names, made real: environments, estimators and agents, the package's own or ``module:object``."""
 
 from functools import cache
-from importlib import import_module
-from types import ModuleType
 from typing import Any
 
 import gymnasium as gym
 
 import vessel_gym  # noqa: F401  (registers the environments)
+from agents.named import imported_module, named_object, vector_class
+from agents.pilots import AUTOPILOT, PILOTS, is_pilot, make_pilot
+from agents.sheets import SHEETS
 from agents.source import source_digest
 from estimators.factory import unknown
 from vessel_gym.envs import VesselVectorEnv
 from vessel_gym.estimation import estimator_names
 from vessel_gym.system import System
 
-CLASSICAL = "autopilot"
-"""The classical controller of each environment, see `agents.agent.load_agent`."""
-
-
-def named_object(name: str) -> Any:
-    """What ``"module:object"`` names.
-
-    Raises:
-        ValueError: if there is no such module, or no such object in it.
-    """
-    module, _, attribute = name.partition(":")
-    imported = _imported(module, name)
-    if not hasattr(imported, attribute):
-        raise ValueError(f"module {module!r} has no {attribute!r}")
-    return getattr(imported, attribute)
-
-
-def _imported(module: str, name: str) -> ModuleType:
-    if not all(part.isidentifier() for part in module.split(".")):
-        raise ValueError(f"{name!r} names no module: your own is module:object, with the module as Python imports it")
-    try:
-        return import_module(module)
-    except (ImportError, SyntaxError) as error:
-        raise ValueError(
-            f"cannot import {module!r} for {name!r} ({error}): is its folder on the Python path?"
-        ) from None
+CLASSICAL = AUTOPILOT
+"""The classical controller of each environment, see `agents.pilots`."""
 
 
 @cache
@@ -56,7 +33,7 @@ def environment_id(name: str) -> str:
     module, _, own = name.rpartition(":")
     env_id = own or name
     if module and env_id not in gym.registry:
-        _imported(module, name)
+        imported_module(module, name)
     if module and env_id not in gym.registry:
         cls = named_object(name)
         if not (isinstance(cls, type) and issubclass(cls, VesselVectorEnv)):
@@ -70,15 +47,9 @@ def environment_id(name: str) -> str:
     if env_id not in gym.registry:
         ours = [id for id, spec in gym.registry.items() if str(spec.entry_point).startswith("vessel_gym")]
         raise ValueError(f"{unknown('environment', name, ours)} (your own: module:id)")
-    if not issubclass(_vector_class(env_id), VesselVectorEnv):
+    if not issubclass(vector_class(env_id), VesselVectorEnv):
         raise ValueError(f"{name!r} has no estimator in the loop: name an environment of vessel_gym, or your own")
     return env_id
-
-
-def _vector_class(env_id: str) -> type:
-    entry = gym.spec(env_id).vector_entry_point
-    cls: Any = gym.envs.registration.load_env_creator(entry) if isinstance(entry, str) else entry
-    return cls if isinstance(cls, type) else object
 
 
 @cache
@@ -88,18 +59,23 @@ def system_of(name: str) -> System:
     Raises:
         ValueError: as `environment_id`.
     """
-    return _vector_class(environment_id(name)).system  # type: ignore[attr-defined]
+    return vector_class(environment_id(name)).system  # type: ignore[attr-defined]
 
 
 def environment_options(options: dict[str, Any]) -> dict[str, Any]:
-    """Options as an environment takes them: an own estimator imported."""
-    estimator = options["estimator"]
-    return options | {"estimator": named_object(estimator) if ":" in estimator else estimator}
+    """Options as an environment takes them: estimator, sensors and disturbance of one's own imported."""
+    names = {key: options[key] for key in ("estimator", "sensors", "disturbance") if key in options}
+    return options | {key: named_object(name) if ":" in name else name for key, name in names.items()}
+
+
+def has_pilot(agent: str, environment: str) -> bool:
+    """Whether an environment has an agent of this kind that does not learn: the user's own, or a registered one."""
+    return is_pilot(agent, system_of(environment))
 
 
 def classical_pilot(agent: str, environment: str) -> Any:
-    """What `agents.rollouts.rollout` flies for an agent that does not learn: its name, or the user's own, made."""
-    return agent if agent == CLASSICAL else named_object(agent)(system_of(environment))
+    """What `agents.rollouts.rollout` flies for an agent that does not learn, see `agents.pilots.make_pilot`."""
+    return make_pilot(agent, system_of(environment))
 
 
 def refusal(name: str, options: dict[str, Any]) -> Exception | None:
@@ -127,3 +103,23 @@ def digests(*names: str) -> dict[str, str]:
     """The source of whatever is the user's own among names, so that results follow its changes."""
     own = sorted({name.rpartition(":")[0] for name in names if ":" in name})
     return {module: source_digest(module) for module in own}
+
+
+def registered(environment: str, pilot: str) -> dict[str, str]:
+    """The source of the score sheet of an environment's task and of its pilot of that name, if they are not ours.
+
+    Modules of ours are part of what computes a cell; those of others need not be imported by anything that it names.
+    """
+    task = system_of(environment).task
+    modules = {SHEETS.modules(task).get(""), PILOTS.modules(task).get(pilot)}
+    return {module: source_digest(module) for module in sorted(m for m in modules if m and not _ours(m))}
+
+
+def import_own(own: dict[str, str]) -> None:
+    """Import the modules that source digests are of: whatever they register is there."""
+    for module in own:
+        imported_module(module, module)
+
+
+def _ours(module: str) -> bool:
+    return module.partition(".")[0] in ("agents", "vessel_gym")

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from agents.autopilot import Tolerances, TurningAutopilot
+from agents.pilots.turning import Tolerances, TurningAutopilot
 from agents.rollouts import rollout
 from agents.seeds import evaluation_seeds
 from agents.studies.worlds import system_of

@@ -5,13 +5,14 @@ import numpy as np
 import pytest
 
 from agents import TurningAutopilot, load_agent, rollout
-from agents.autopilot import Tolerances, gains
+from agents.pilots.turning import Tolerances, gains
 from estimators import wrap
 from vessel_gym.envs import SigmaCorvetteEnv
-from vessel_gym.vehicles.corvette import CorvetteParameters, secant_models, steady_turns
+from vessel_gym.vehicles.corvette import secant_models, steady_turns
+from vessel_gym.vehicles.files import load
 
 ENV = "SigmaCorvette-v0"
-SHIP, DT = CorvetteParameters(), 0.5
+SHIP, DT = load("corvette"), 0.5
 SYSTEM = SigmaCorvetteEnv.system
 
 

@@ -9,7 +9,8 @@ import pytest
 from scipy.optimize import brentq
 
 from agents import TurningAutopilot, load_agent, rollout
-from agents.dive_autopilot import DiveAutopilot, DiveTolerances, Loop, lateral_loop, vertical_loop
+from agents.pilots.dive import DiveAutopilot, DiveTolerances, Loop, lateral_loop, vertical_loop
+from vessel_gym.core import Core
 from vessel_gym.envs import ItsunusaAUVEnv, SegorogeniAUVEnv, SigmaCorvetteEnv
 from vessel_gym.guidance.dive_path import follow
 from vessel_gym.system import System
@@ -20,7 +21,7 @@ TOLERANCES = DiveTolerances()
 
 
 def names_of(system: System) -> tuple[str, ...]:
-    return system.vehicle.truth_names
+    return system.vehicle.state_names
 
 
 def steady_motion(system: System, loop: Loop, i: int, turning: bool) -> tuple[np.ndarray, np.ndarray]:
@@ -39,9 +40,9 @@ def steady_motion(system: System, loop: Loop, i: int, turning: bool) -> tuple[np
 def advanced(system: System, x: np.ndarray, actuators: np.ndarray, steps: int = 1) -> np.ndarray:
     """States after steps in still water with the actuators held."""
     vehicle = system.vehicle
-    held, c = np.concatenate([actuators, actuators], -1), vehicle.vector(np.ones(vehicle.normals))
+    held, still = np.concatenate([actuators, actuators], -1), np.zeros(len(vehicle.flows))
     for _ in range(steps):
-        x = vehicle.advance(x, held, c)
+        x = vehicle.drift(x, held, still)
     return x
 
 
@@ -107,7 +108,7 @@ def test_the_tables_of_dives_are_smooth_and_within_the_limits(system: System):
     assert np.abs(loop.fin).max() < body.fin_limit
     assert loop.thrust.min() > 0.0
     assert loop.thrust.max() < body.thrust_limit
-    for table in loop[2:]:
+    for table in (loop.drift, loop.fin, loop.thrust):
         steps = np.abs(np.diff(table, 2))
         assert steps.max() < 0.01 * np.ptp(table)
     middle = len(loop.command) // 2
@@ -202,7 +203,7 @@ def test_mirrored_observations_give_mirrored_actions():
 
 @DIVES
 def test_any_observation_gives_finite_actions_within_bounds(system: System):
-    agent, size = DiveAutopilot(system), system.task.sizes()["mean"]
+    agent, size = DiveAutopilot(system), Core(system).observation_size
     rng = np.random.default_rng(1)
     for observations in (
         rng.uniform(-10.0, 10.0, (5000, size)),
@@ -219,7 +220,7 @@ def test_any_observation_gives_finite_actions_within_bounds(system: System):
 
 def seen_with(system: System, **values: float) -> np.ndarray:
     """An observation of a vehicle on its path with some errors [SI], by name with _ for spaces."""
-    observation = np.zeros((1, system.task.sizes()["mean"]))
+    observation = np.zeros((1, Core(system).observation_size))
     for i, (name, scale) in enumerate(system.task.observed.items()):
         observation[0, i] = values.pop(name.replace(" ", "_"), 0.0) / scale
     assert not values
@@ -262,8 +263,10 @@ def test_it_has_no_memory_and_rows_do_not_meddle(system: System):
 @DIVES
 def test_the_standard_deviations_of_the_longer_observation_are_not_used(system: System):
     agent = DiveAutopilot(system)
+    deviations = Core(system, observe="mean+std").observation_size - Core(system).observation_size
+    assert deviations == (14 if system is SPATIAL else 7)
     for seen in flown(system, 3, 20, 2):
-        longer = np.concatenate([seen, np.full((2, system.task.states), 7.0, np.float32)], -1)
+        longer = np.concatenate([seen, np.full((2, deviations), 7.0, np.float32)], -1)
         np.testing.assert_array_equal(agent.act(longer), agent.act(seen))
 
 

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from agents import rollout
-from agents.dive_scores import components, path_errors
-from agents.metrics import consistency
+from agents.metrics import components, consistency
 from agents.rollouts import Rollout
 from agents.seeds import evaluation_seeds
+from agents.sheets.dive import POSITION, path_errors
 from agents.statistics import paired_difference
 
 pytestmark = pytest.mark.slow
@@ -32,7 +32,7 @@ def flown(env_id: str, estimator: str | None = None, plain: bool = False) -> Rol
 def pooled_rms(flight: Rollout) -> float:
     """Root mean square over all times of all episodes: cross-track in three dimensions, else path-normal [m]."""
     cross, normal = path_errors(flight)
-    error = cross if "y" in flight.env.unwrapped.system.vehicle.truth_names else normal
+    error = cross if "y" in flight.env.unwrapped.system.vehicle.state_names else normal
     return float(np.sqrt(np.mean(error[flight.alive] ** 2)))
 
 
@@ -64,7 +64,7 @@ def test_the_better_it_is_known_where_the_vehicle_is_the_higher_the_score(env_id
 def test_a_plain_ensemble_takes_chance_correlations_for_knowledge(env_id: str):
     """Without localisation the position's variance shrinks between two fixes, and dives miss their goal."""
     plain, localised = flown(env_id, plain=True), flown(env_id)
-    position = components(plain.env.unwrapped.system.vehicle, "position_rmse")
+    position = components(plain, *POSITION)
     assert consistency(plain, position) < consistency(localised, position) - 0.05
     difference = paired_difference(localised.score, plain.score)
     assert difference is not None
@@ -75,7 +75,7 @@ def test_a_plain_ensemble_takes_chance_correlations_for_knowledge(env_id: str):
 def test_the_default_filter_is_as_sure_of_the_position_as_it_may_be(env_id: str):
     """The mean NEES over 100 runs lies in its 95 % chi-square band at 95 % of times."""
     flight = flown(env_id)
-    position = components(flight.env.unwrapped.system.vehicle, "position_rmse")
+    position = components(flight, *POSITION)
     share = consistency(flight, position)
     assert share is not None
     assert share >= 0.95

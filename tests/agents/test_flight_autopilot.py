@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from agents import load_agent, rollout
-from agents.flight_autopilot import FlightAutopilot, FlightTolerances, lateral_gains, longitudinal_gains
+from agents.pilots.flight import FlightAutopilot, FlightTolerances, lateral_gains, longitudinal_gains
+from vessel_gym.core import Core
 from vessel_gym.envs import PunaUAVEnv, SegorogeniAUVEnv
-from vessel_gym.vehicles.puna import ground_step, trim
+from vessel_gym.vehicles.puna import trim
 
 SYSTEM = PunaUAVEnv.system
 TASK, VEHICLE = SYSTEM.task, SYSTEM.vehicle
-BODY, STATES = VEHICLE.body, VEHICLE.truth_names
+BODY, STATES = VEHICLE.body, VEHICLE.state_names
 TOLERANCES = FlightTolerances()
 ODD = {
     "cross-track",
@@ -28,14 +29,13 @@ ODD = {
 MIRROR = np.array([-1.0 if name in ODD else 1.0 for name in TASK.observed] + [1.0, 1.0, -1.0], np.float32)
 
 
-def advanced(truth: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """The truth a step later in still air."""
-    control = np.concatenate([before, after], -1)
-    return ground_step(truth, control, BODY.vector(), VEHICLE.wind_decay, VEHICLE.dt, VEHICLE.substeps)
+def advanced(state: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """The state a step later in still air."""
+    return VEHICLE.drift(state, np.concatenate([before, after], -1), np.zeros(3))
 
 
 def cruising() -> np.ndarray:
-    """Level and northwards at cruising speed, ``(16,)``."""
+    """Level and northwards at cruising speed, ``(7,)``."""
     truth = np.zeros(len(STATES))
     truth[STATES.index("north")] = BODY.cruise_speed
     return truth
@@ -163,7 +163,7 @@ def test_mirrored_observations_give_mirrored_actions():
 
 
 def test_any_observation_gives_finite_actions_within_bounds():
-    agent, size = FlightAutopilot(SYSTEM), TASK.sizes()["mean"]
+    agent, size = FlightAutopilot(SYSTEM), Core(SYSTEM).observation_size
     rng = np.random.default_rng(1)
     for observations in (
         rng.uniform(-10.0, 10.0, (5000, size)),
@@ -192,8 +192,10 @@ def test_it_has_no_memory_and_rows_do_not_meddle():
 
 def test_the_standard_deviations_of_the_longer_observation_are_not_used():
     agent = FlightAutopilot(SYSTEM)
+    deviations = Core(SYSTEM, observe="mean+std").observation_size - Core(SYSTEM).observation_size
+    assert deviations == 16
     for seen in seen_in_flight(3, 20, 2):
-        longer = np.concatenate([seen, np.full((2, TASK.states), 7.0, np.float32)], -1)
+        longer = np.concatenate([seen, np.full((2, deviations), 7.0, np.float32)], -1)
         np.testing.assert_array_equal(agent.act(longer), agent.act(seen))
 
 

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from agents import rollout
-from agents.flight_scores import POSITION, components, path_errors
-from agents.metrics import consistency
+from agents.metrics import components, consistency
 from agents.rollouts import Rollout
 from agents.scores import scores
 from agents.seeds import evaluation_seeds
+from agents.sheets.flight import POSITION, path_errors
 from agents.statistics import paired_difference
 
 pytestmark = pytest.mark.slow
@@ -65,7 +65,7 @@ def test_the_better_it_is_known_where_the_aircraft_is_the_higher_the_score():
 def test_a_plain_ensemble_takes_chance_correlations_for_knowledge():
     """Barometer, pitot tube and attitude seem to tell of the position in plan, whose variance shrinks between fixes."""
     plain, localised = flown(inflation=1.0), flown()
-    position = components(plain.env.unwrapped.system.vehicle, POSITION)
+    position = components(plain, *POSITION)
     assert scores(plain)["position_nees"].mean() > 2.0
     assert consistency(plain, position) < consistency(localised, position) - 0.5
     difference = paired_difference(localised.score, plain.score)
@@ -90,7 +90,7 @@ def test_the_default_filter_is_as_sure_of_the_position_as_it_may_be():
     0.98 with a standard deviation of 0.03. Three of them below 0.95 is a false alarm of some 0.1 %.
     """
     flight = flown()
-    share = consistency(flight, components(flight.env.unwrapped.system.vehicle, POSITION))
+    share = consistency(flight, components(flight, *POSITION))
     assert share is not None
     assert share >= 0.86
 

@@ -5,8 +5,8 @@ import pytest
 
 from agents import RandomAgent, Rollout, rollout
 from agents.metrics import consistency
-from agents.scores import scores
-from agents.turning_scores import METRICS, circle_errors
+from agents.scores import metrics, scores
+from agents.sheets.turning import circle_errors
 from vessel_gym.vehicles.corvette import steady_turns
 
 SEEDS = [3, 4, 5]
@@ -29,7 +29,7 @@ def _perfect(flown: Rollout) -> Rollout:
 
 def test_every_metric_has_a_value_for_every_episode(flown):
     figures = scores(flown)
-    assert set(figures) == {m.key for m in METRICS}
+    assert set(figures) == {m.key for m in metrics(flown.env.unwrapped.system)}
     for values in figures.values():
         assert values.shape == (3,)
         assert np.isfinite(values).all()

@@ -59,7 +59,12 @@ def test_a_circle_of_imports_ends(package):
 
 @pytest.mark.parametrize(
     ("layer", "file", "counts"),
-    [("estimators", "kf.py", True), ("vessel_gym", "core.py", True), ("vessel_gym", "rendering/__init__.py", False)],
+    [
+        ("estimators", "kf.py", True),
+        ("vessel_gym", "core.py", True),
+        ("vessel_gym", "rendering/__init__.py", False),
+        ("vessel_gym", "vehicles/data/ship.toml", True),
+    ],
 )
 def test_all_of_the_lower_layers_counts_but_the_pictures(tmp_path, monkeypatch, layer, file, counts):
     package = {"estimators": estimators, "vessel_gym": vessel_gym}[layer]

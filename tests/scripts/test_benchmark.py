@@ -15,13 +15,14 @@ def test_the_hand_written_loop_is_the_same_environment_on_the_same_random_number
     core.start(seed=5)
     actions = np.random.default_rng(1).uniform(-1.0, 1.0, 200)
     loop.heading, loop.rate = core.course[0]
-    loop.truth, loop.sea_state = core.truth[0].copy(), core.sea_state[0].copy()
+    loop.truth, loop.sea_state = core.state[0].copy(), core.sea_state[0].copy()
     loop.filter.x, loop.filter.P = core.belief.mean[0].copy(), core.belief.cov[0].copy()
     for action in actions:
+        sea = _last_normals(core._draws)  # of what moves the sea over the coming step
         reward, _ = core.step(np.array([[action]]))
-        monkeypatch.setattr(loop, "rng", _Scripted([_last_normals(core._sea_draws), _last_normals(core._sensor_draws)]))
+        monkeypatch.setattr(loop, "rng", _Scripted([sea, _last_normals(core.loop._draws)]))
         observation, hand_reward = loop.step(float(action))
-        np.testing.assert_allclose(loop.truth, core.truth[0], rtol=0, atol=1e-8)
+        np.testing.assert_allclose(loop.truth, core.state[0], rtol=0, atol=1e-8)
         np.testing.assert_allclose(loop.filter.x, core.belief.mean[0], rtol=0, atol=1e-8)
         np.testing.assert_allclose(observation, core.observe()[0], rtol=0, atol=1e-5)
         assert hand_reward == pytest.approx(reward[0], abs=1e-8)

@@ -10,10 +10,11 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 import vessel_gym  # noqa: F401  (registers the environments)
-from vessel_gym.core import Core
+from vessel_gym.core import Core, observed
 from vessel_gym.envs import VesselEnv, VesselVectorEnv
 from vessel_gym.estimation import estimator_names
-from vessel_gym.sensors import SUITES, SensorSuite
+from vessel_gym.sensors import SUITES, Sensors, SensorSuite
+from vessel_gym.system import Estimate
 
 ENVIRONMENTS = [key for key, spec in gym.registry.items() if str(spec.entry_point).startswith("vessel_gym.")]
 """Every registered environment: a new one joins all tests of the contract by being registered."""
@@ -26,6 +27,9 @@ REFUSED = {
     "SegorogeniAUV-v0": _NONLINEAR_AND_NO_INPUT,
     "ItsunusaAUV-v0": _NONLINEAR_AND_NO_INPUT,
     "PunaUAV-v0": _NONLINEAR_AND_NO_INPUT,
+    "vessel_gym/Ship-v0": dict.fromkeys(("kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv"), "H = 0"),
+    "vessel_gym/AUV-v0": _NONLINEAR_AND_NO_INPUT,
+    "vessel_gym/FixedWing-v0": _NONLINEAR_AND_NO_INPUT,
 }
 """Estimators that an environment's model cannot carry, and the condition that the refusal must name."""
 
@@ -38,6 +42,11 @@ BLIND = [(key, name) for key, name in CARRIED if name != "truth"]
 MODES = ("mean", "mean+std", "measurement")
 BROKEN = SensorSuite(noise=1.0, dropout=0.7, outliers=0.2, outlier_scale=1e4)
 """Worse than any suite that users can choose: long gaps and absurd readings."""
+
+
+def sizes_by_mode(sizes: dict[str, int]) -> dict[str, int]:
+    """Lengths of observations with the guidance that is usual in each mode, from those of their parts."""
+    return {mode: sum(sizes[part] for part in observed(mode, mode != "measurement")) for mode in MODES}
 
 
 def single_class(env_id: str) -> type[VesselEnv]:
@@ -105,17 +114,25 @@ class AlteredVehicle:
         return truth + self._rng.normal(0.0, 0.002, truth.shape)
 
 
-class SilentVehicle:
-    """A vehicle whose sensors show zero: what is read is the sensors' noise alone, bit for bit."""
+class AlteredCore(Core):
+    """Environments in which all that is drawn at a reset is somewhere else: vehicle, disturbance and biases."""
 
-    def __init__(self, vehicle: Any) -> None:
-        self._vehicle = vehicle
+    def _begun(self, *args: Any) -> Any:
+        rng = np.random.default_rng(1)
+        return tuple(drawn + rng.normal(0.0, 0.01, drawn.shape) for drawn in super()._begun(*args))
+
+
+class SilentSensors:
+    """Sensors that show zero: what is read is their noise alone, bit for bit."""
+
+    def __init__(self, sensors: Sensors) -> None:
+        self._sensors = sensors
 
     def __getattr__(self, name: str) -> Any:
-        return getattr(self._vehicle, name)
+        return getattr(self._sensors, name)
 
-    def readings(self, truth: np.ndarray, forcing: np.ndarray) -> np.ndarray:
-        return np.zeros_like(self._vehicle.readings(truth, forcing))
+    def exact(self, state: np.ndarray, forcing: np.ndarray, bias: np.ndarray | None = None) -> np.ndarray:
+        return np.zeros(state.shape[:-1] + (self._sensors.size,))
 
 
 def with_vehicle(env_id: str, wrapper: type) -> Any:
@@ -158,6 +175,12 @@ def assert_same_tree(one: Any, other: Any, where: str = "", atol: float = 0.0) -
         assert one == other, where
 
 
+def estimate_of(core: Core, mean: np.ndarray) -> Estimate:
+    """What the task would see if the filter believed in means ``(B, n)`` and in the unknown input as it does."""
+    told = core.composition
+    return Estimate(mean[:, : told.base], told.flow(mean), core.belief.input_mean)
+
+
 def observations(core: Core) -> dict[str, np.ndarray]:
     """What a core would let be seen now in each mode: the filter's work is the same in all.
 
@@ -169,6 +192,72 @@ def observations(core: Core) -> dict[str, np.ndarray]:
         seen[mode] = core.observe()
     core.observe_mode = chosen
     return seen
+
+
+def observations_when_truth_is_altered(
+    env_id: str, **options: Any
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Fly once, then replay the same readings and actions to another truth: both observations, largest differences.
+
+    The other truth begins elsewhere, with another vehicle, and before every step is put somewhere else.
+    Observations are those of every mode, ``(steps, rows, k)``; differences those of every part of what is true.
+    """
+    rows, steps = 4, 50
+    true = make_core(env_id, rows, seed=5, **options)
+    other = AlteredCore(with_vehicle(env_id, AlteredVehicle), rows, **(options | {"mismatch": 0.25}))
+    other.seed(5)
+    rng = np.random.default_rng(9)
+    true.reset()
+    other.reset(readings=true.readings)
+    walk = random_walk(5, rows, true.action_size)
+    seen = [observations(true)], [observations(other)]
+    distance = [apart(true, other)]
+    for step in range(steps):
+        if step == 25:  # a partial reset, as autoreset does it
+            some = np.array([1, 3])
+            for core in (true, other):
+                core.episodes[some] += 1
+            true.reset(some)
+            other.reset(some, readings=tuple(values[some] for values in true.readings))
+            seen[0].append(observations(true))
+            seen[1].append(observations(other))
+        scramble(other, rng)
+        actions = next(walk)
+        true.step(actions)
+        other.step(actions, readings=true.readings)
+        seen[0].append(observations(true))
+        seen[1].append(observations(other))
+        distance.append(apart(true, other))
+    one, two, parts = (
+        {key: np.stack([frame[key] for frame in frames]) for key in frames[0]} for frames in (*seen, distance)
+    )
+    return one, two, parts
+
+
+def apart(one: Core, other: Core) -> dict[str, np.ndarray]:
+    """How far every part of what is true differs, ``(rows,)`` each."""
+    parts = {
+        name: np.abs(getattr(one, name) - getattr(other, name)).max(-1)
+        for name in ("state", "sea_state", "forcing", "parameters")
+    }
+    return parts | ({"bias": np.abs(one.loop.bias - other.loop.bias).max(-1)} if one.sensors.bias.size else {})
+
+
+def scramble(core: Core, rng: np.random.Generator) -> None:
+    """Put everything that is true somewhere else: vehicle, disturbance, biases, what acts and what will."""
+    core.state = core.state + rng.normal(0.0, 0.01, core.state.shape)
+    core.sea_state = rng.normal(0.0, 0.01, core.sea_state.shape) - core.sea_state
+    core.loop.bias = rng.normal(0.0, 0.01, core.loop.bias.shape) - core.loop.bias
+    core.forcing = core.forcing + rng.normal(0.0, 0.01, core.forcing.shape)
+    core.noise = core.noise + rng.normal(0.0, 0.01, core.noise.shape)
+    core.parameters = core.parameters * rng.uniform(0.9, 1.1, core.parameters.shape)
+
+
+def assert_apart(distance: dict[str, np.ndarray]) -> None:
+    """Everything that is true was somewhere else, at reset too."""
+    for part, values in distance.items():
+        assert values.min() > 1e-4, part
+    assert distance["state"].min() > 1e-3
 
 
 def copy_tree(tree: Any) -> Any:

@@ -7,38 +7,54 @@ import numpy as np
 import pytest
 from scipy.integrate import quad, solve_ivp
 from scipy.linalg import expm
+from sensing import sensors_of, without_a_filter
 
-from estimators import zero_order_hold
-from vessel_gym.envs.sigma_corvette import SEAS
+from estimators import LinearModel, NonlinearModel, wrap, zero_order_hold
+from vessel_gym.composition import compose
+from vessel_gym.core import Core
+from vessel_gym.envs.sigma_corvette import SEAS, SIGMA_CORVETTE
 from vessel_gym.sea_trials import simulate
 from vessel_gym.vehicles.corvette import (
-    COEFFICIENTS,
-    UNCERTAIN,
     Corvette,
-    CorvetteParameters,
-    corvette_derivative,
-    corvette_step,
-    linear_model,
-    nonlinear_model,
-    rudder_angle_of_attack,
+    linear_matrices,
     secant_models,
     steady_turns,
     sway_yaw_jacobian,
 )
+from vessel_gym.vehicles.corvette_equations import (
+    COEFFICIENTS,
+    UNCERTAIN,
+    CorvetteParameters,
+    corvette_rates,
+    corvette_step,
+    rudder_angle_of_attack,
+)
+from vessel_gym.vehicles.files import load
 
-SHIP = CorvetteParameters()
+SHIP = load("corvette")
+VEHICLE = Corvette(SHIP)
 L, U = SHIP.length, SHIP.speed
 DEG = np.pi / 180.0
 MIRROR = np.array([1, -1, -1, 1, -1, -1])
 
 
+def ship_rates(states: np.ndarray, controls: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """Rates ``(..., 6)``; controls ``(..., 3)``: rudder, current north and east."""
+    return corvette_rates(states, controls[..., :1], controls[..., 1:], c)
+
+
+def ship_step(states: np.ndarray, controls: np.ndarray, c: np.ndarray, dt: float, substeps: int) -> np.ndarray:
+    """States ``(..., 6)`` after ``dt``; controls ``(..., 4)``: rudder before and after, current north and east."""
+    return corvette_step(states, controls[..., :2], controls[..., 2:], c, dt, substeps)
+
+
 def derivative(u, v, r, rudder, c=None, psi=0.0, current=(0.0, 0.0)):
     c = SHIP.vector() if c is None else c
-    return corvette_derivative(np.array([0.0, 0.0, psi, u, v, r]), np.array([rudder, *current]), c)
+    return ship_rates(np.array([0.0, 0.0, psi, u, v, r]), np.array([rudder, *current]), c)
 
 
 def random_motions(rng: np.random.Generator, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Truth states ``(n, 6)`` and controls ``(n, 3)`` over all that the ship can meet, and more."""
+    """States ``(n, 6)`` and controls ``(n, 3)`` over all that the ship can meet, and more."""
     state = rng.uniform([-500, -500, -4, 2, -5, -0.08], [500, 500, 4, 18, 5, 0.08], (n, 6))
     return state, rng.uniform([-0.61, -1, -1], [0.61, 1, 1], (n, 3))
 
@@ -128,6 +144,11 @@ def test_the_compiled_equations_linearise_to_clarke_s_with_inflow():
     np.testing.assert_allclose(np.linalg.solve(prime, B) * L / U, np.linalg.solve(M, b)[:, None], rtol=1e-6)
 
 
+def filter_model(kind: str, noise: float = 1.0) -> LinearModel | NonlinearModel:
+    """The model that filters have in calm seas."""
+    return compose(VEHICLE, kind, SEAS["calm"], sensors_of(VEHICLE, noise)).model
+
+
 # --- the compiled equations -------------------------------------------------------------------------
 
 
@@ -185,7 +206,7 @@ def test_the_compiled_equations_are_the_plain_ones():
     states[:20, 4:] *= 1e-3
     for s in (SHIP, ship):
         plain = np.array([plain_derivative(x, u, s) for x, u in zip(states, controls, strict=True)])
-        compiled = corvette_derivative(states, controls, s.vector())
+        compiled = ship_rates(states, controls, s.vector())
         np.testing.assert_allclose(compiled, plain, rtol=1e-9, atol=1e-11)
 
 
@@ -197,7 +218,7 @@ def cross_flow(v, r, half_length: float) -> np.ndarray:
     c[COEFFICIENTS.index("half_length")] = half_length
     state = np.zeros(np.shape(v) + (6,))
     state[..., 4], state[..., 5] = v, r
-    return -corvette_derivative(state, np.zeros(3), c)[..., 4:]
+    return -ship_rates(state, np.zeros(3), c)[..., 4:]
 
 
 def test_the_closed_form_of_the_cross_flow_is_the_integral_over_the_hull():
@@ -226,8 +247,8 @@ def test_the_two_branches_of_the_cross_flow_meet():
 def test_port_mirrors_starboard():
     states, controls = random_motions(np.random.default_rng(3), 200)
     c = SHIP.vector()
-    mirrored = corvette_derivative(states * MIRROR, controls * [-1, 1, -1], c)
-    np.testing.assert_allclose(mirrored, corvette_derivative(states, controls, c) * MIRROR, rtol=1e-12, atol=1e-13)
+    mirrored = ship_rates(states * MIRROR, controls * [-1, 1, -1], c)
+    np.testing.assert_allclose(mirrored, ship_rates(states, controls, c) * MIRROR, rtol=1e-12, atol=1e-13)
 
 
 def test_a_batch_is_a_loop():
@@ -236,19 +257,19 @@ def test_a_batch_is_a_loop():
     states, controls = states.reshape(3, 4, 6), controls.reshape(3, 4, 3)
     c = SHIP.vector() * rng.uniform(0.9, 1.1, (4, len(COEFFICIENTS)))  # one ship a column
     moving = np.concatenate([controls[..., :1], controls], -1)
-    rates, after = corvette_derivative(states, controls, c), corvette_step(states, moving, c, 0.5, 2)
+    rates, after = ship_rates(states, controls, c), ship_step(states, moving, c, 0.5, 2)
     assert rates.shape == after.shape == (3, 4, 6)
     for i, j in np.ndindex(3, 4):
-        np.testing.assert_array_equal(rates[i, j], corvette_derivative(states[i, j], controls[i, j], c[j]))
-        np.testing.assert_array_equal(after[i, j], corvette_step(states[i, j], moving[i, j], c[j], 0.5, 2))
+        np.testing.assert_array_equal(rates[i, j], ship_rates(states[i, j], controls[i, j], c[j]))
+        np.testing.assert_array_equal(after[i, j], ship_step(states[i, j], moving[i, j], c[j], 0.5, 2))
 
 
 def test_the_compiled_functions_leave_their_inputs_alone():
     states, controls = random_motions(np.random.default_rng(5), 5)
     moving, c = np.concatenate([controls[:, :1], controls], -1), SHIP.vector()
     copies = [a.copy() for a in (states, controls, moving, c)]
-    corvette_derivative(states, controls, c)
-    corvette_step(states, moving, c, 0.5, 1)
+    ship_rates(states, controls, c)
+    ship_step(states, moving, c, 0.5, 1)
     for a, b in zip((states, controls, moving, c), copies, strict=True):
         np.testing.assert_array_equal(a, b)
 
@@ -257,7 +278,7 @@ def precise(state: np.ndarray, start: float, end: float, current: tuple[float, f
     """A step by SciPy's integrator, the rudder moving linearly."""
     c = SHIP.vector()
     solution = solve_ivp(
-        lambda t, s: corvette_derivative(s, np.array([start + (end - start) * t / dt, *current]), c),
+        lambda t, s: ship_rates(s, np.array([start + (end - start) * t / dt, *current]), c),
         (0.0, dt), state, method="DOP853", rtol=1e-13, atol=1e-12,
     )  # fmt: skip
     return solution.y[:, -1]
@@ -269,24 +290,24 @@ HARD_OVER = np.array([3.0, -4.0, 0.7, 13.0, -1.5, 0.03])
 def test_a_step_is_the_solution_of_the_equations():
     c, current = SHIP.vector(), (0.3, -0.5)
     exact = precise(HARD_OVER, 0.5, 0.54, current, 0.5)
-    step = corvette_step(HARD_OVER, np.array([0.5, 0.54, *current]), c, 0.5, 1)
+    step = ship_step(HARD_OVER, np.array([0.5, 0.54, *current]), c, 0.5, 1)
     np.testing.assert_allclose(step, exact, rtol=0, atol=1e-5)
-    finer = corvette_step(HARD_OVER, np.array([0.5, 0.54, *current]), c, 0.5, 32)
+    finer = ship_step(HARD_OVER, np.array([0.5, 0.54, *current]), c, 0.5, 32)
     np.testing.assert_allclose(finer, exact, rtol=0, atol=1e-11)
 
 
 def test_the_step_is_of_fourth_order():
     exact = precise(HARD_OVER, 0.3, 0.5, (0.0, 0.0), 4.0)
     control = np.array([0.3, 0.5, 0.0, 0.0])
-    errors = [np.abs(corvette_step(HARD_OVER, control, SHIP.vector(), 4.0, n) - exact).max() for n in (8, 16, 32)]
+    errors = [np.abs(ship_step(HARD_OVER, control, SHIP.vector(), 4.0, n) - exact).max() for n in (8, 16, 32)]
     ratios = np.array(errors[:-1]) / errors[1:]
     assert ((ratios > 13.0) & (ratios < 19.0)).all()
 
 
 def test_substeps_are_steps():
-    half = corvette_step(HARD_OVER, np.array([0.50, 0.52, 0.1, 0.2]), SHIP.vector(), 0.25, 1)
-    two = corvette_step(half, np.array([0.52, 0.54, 0.1, 0.2]), SHIP.vector(), 0.25, 1)
-    whole = corvette_step(HARD_OVER, np.array([0.50, 0.54, 0.1, 0.2]), SHIP.vector(), 0.5, 2)
+    half = ship_step(HARD_OVER, np.array([0.50, 0.52, 0.1, 0.2]), SHIP.vector(), 0.25, 1)
+    two = ship_step(half, np.array([0.52, 0.54, 0.1, 0.2]), SHIP.vector(), 0.25, 1)
+    whole = ship_step(HARD_OVER, np.array([0.50, 0.54, 0.1, 0.2]), SHIP.vector(), 0.5, 2)
     np.testing.assert_allclose(whole, two, rtol=1e-14)
 
 
@@ -371,7 +392,7 @@ def test_a_steady_turn_is_an_equilibrium():
     turns = steady_turns(SHIP)
     zeros = np.zeros_like(turns.speed)
     state = np.stack([zeros, zeros, zeros, turns.speed, turns.sway, turns.yaw_rate], -1)
-    rates = corvette_derivative(state, np.stack([turns.rudder, zeros, zeros], -1), SHIP.vector())[:, 3:]
+    rates = ship_rates(state, np.stack([turns.rudder, zeros, zeros], -1), SHIP.vector())[:, 3:]
     assert np.abs(rates[:, :2]).max() < 1e-8  # m/s2
     assert np.abs(rates[:, 2]).max() < 1e-10  # rad/s2
 
@@ -445,9 +466,8 @@ def test_at_zero_rate_the_secant_model_is_the_linearisation_at_the_service_speed
 
 
 def test_the_filter_model_follows_the_commanded_turn_to_either_side():
-    dt, Q, R = 0.5, np.eye(3), np.eye(2)
-    model, turns = linear_model(SHIP, dt, Q, R), steady_turns(SHIP)
-    A, B = secant_models(SHIP, dt)
+    model, turns = filter_model("corrected"), steady_turns(SHIP)
+    A, B = secant_models(SHIP, 0.5)
     spacing = turns.yaw_rate[1]
     for k in (0, 1, 77, 164):
         for rate in (turns.yaw_rate[k] + 0.4 * spacing, -(turns.yaw_rate[k] + 0.4 * spacing)):
@@ -457,16 +477,22 @@ def test_the_filter_model_follows_the_commanded_turn_to_either_side():
     np.testing.assert_array_equal(model.A(np.array([0.1, 9.9])), A[-1])  # beyond the table: its end
 
 
+def test_without_the_commanded_turn_the_corrected_model_is_none():
+    for matrix in linear_matrices(SHIP, 0.5):
+        with pytest.raises(ValueError, match=r"the corrected model needs u = \(rudder, commanded yaw rate\)"):
+            matrix(None)
+
+
 @pytest.mark.parametrize("kind", ["corrected", "as-printed"])
 def test_compass_and_yaw_increment_are_read_as_in_eq_4_5(kind):
-    model = linear_model(SHIP, 0.5, np.eye(3), np.eye(2), kind)
+    model = filter_model(kind)
     np.testing.assert_array_equal(model.C, [[0, 0, 1], [0, 0, 0]])
     np.testing.assert_array_equal(model.G, [[0], [0], [1]])
     np.testing.assert_array_equal(model.H, [[1], [1]])
 
 
 def test_the_printed_model_is_eq_4_3_to_the_digit():
-    model = linear_model(SHIP, 0.5, np.eye(3), np.eye(2), "as-printed")
+    model = filter_model("as-printed")
     A = [[0.4159, 0.1811, 0.0], [5.4795e-10, 1.0, 0.0], [0.0, 0.5, 1.0]]
     np.testing.assert_array_equal(model.A, A)
     np.testing.assert_array_equal(model.B[:, 0], [-2.6189e-7, 2.4075e-7, 0.0])
@@ -477,23 +503,23 @@ def test_the_printed_model_drops_the_identity_in_its_first_row():
     # Forward Euler of eq. 4.2 with 0.5 s gives eq. 4.3 but for that.
     A = np.array([[0.8318, 0.3622, 0.0], [1.0959e-9, 7.2702e-10, 0.0], [0.0, 1.0, 0.0]])
     b = np.array([-5.2378e-7, 4.8150e-7, 0.0])
-    model = linear_model(SHIP, 0.5, np.eye(3), np.eye(2), "as-printed")
+    model = filter_model("as-printed")
     np.testing.assert_allclose(model.A, np.diag([0.0, 1.0, 1.0]) + 0.5 * A, rtol=2e-5, atol=1e-9)
     np.testing.assert_allclose(model.B[:, 0], 0.5 * b, rtol=1e-4)
 
 
 def test_an_unknown_filter_model_is_refused_with_the_choices():
-    with pytest.raises(ValueError, match="corrected or as-printed"):
-        linear_model(SHIP, 0.5, np.eye(3), np.eye(2), "printed")
+    with pytest.raises(ValueError, match=r"^unknown filter model 'printed' .*: choose from nonlinear, corrected, as-"):
+        Core(SIGMA_CORVETTE, estimator_options={"model": "printed"})
 
 
 def test_the_nonlinear_model_is_the_ship_with_its_rudder_held():
     rng = np.random.default_rng(7)
     states, controls = random_motions(rng, 6)
-    model = nonlinear_model(SHIP, 0.5, np.eye(4), np.eye(2))
+    model = filter_model("nonlinear")
     x, u = states[:, [4, 5, 2, 3]], np.stack([controls[:, 0], np.zeros(6)], -1)
     held = np.stack([controls[:, 0], controls[:, 0], np.zeros(6), np.zeros(6)], -1)
-    after = corvette_step(states, held, SHIP.vector(), 0.5, 1)
+    after = ship_step(states, held, SHIP.vector(), 0.5, 1)
     np.testing.assert_allclose(model.transition(x, u), after[:, [4, 5, 2, 3]], rtol=0, atol=1e-12)
     np.testing.assert_array_equal(model.measurement(x, u), np.stack([x[:, 2], np.zeros(6)], -1))
     ensemble = np.broadcast_to(x, (4, 6, 4))
@@ -514,10 +540,10 @@ def test_in_a_commanded_turn_the_secant_model_predicts_heading_better_than_the_l
     block, input_block = np.zeros((3, 3)), np.zeros((3, 1))
     block[:2, :2], block[2, 1], input_block[:2] = A, 1.0, B
     A_linear, B_linear = zero_order_hold(block, input_block, dt)
-    secant = linear_model(SHIP, dt, np.eye(3), np.eye(2))
+    A_secant, B_secant = linear_matrices(SHIP, dt)
     by_secant, by_linear = np.zeros((601, 3)), np.zeros((601, 3))
     for k, u in enumerate(told):
-        by_secant[k + 1] = secant.A(u) @ by_secant[k] + secant.B(u) @ u
+        by_secant[k + 1] = A_secant(u) @ by_secant[k] + B_secant(u) @ u
         by_linear[k + 1] = A_linear @ by_linear[k] + B_linear @ u[:1]
     heading = track.state[:, 2]
     assert abs(heading[-1]) > 2.0 * np.pi  # a full turn and beyond
@@ -529,87 +555,120 @@ def test_in_a_commanded_turn_the_secant_model_predicts_heading_better_than_the_l
 
 
 def test_the_rudder_keeps_its_rate_and_its_limit():
-    vehicle = Corvette()
     full = 5 * DEG * 0.5
     start = np.array([[0.0], [0.1], [35 * DEG - 0.01], [-35 * DEG]])
-    after = vehicle.actuate(start, np.array([[1.0], [-0.5], [1.0], [-1.0]]))
+    after = VEHICLE.actuate(start, np.array([[1.0], [-0.5], [1.0], [-1.0]]))
     np.testing.assert_allclose(after, [[full], [0.1 - 0.5 * full], [35 * DEG], [-35 * DEG]], rtol=0, atol=1e-15)
 
 
 def test_without_mismatch_the_truth_has_the_filter_s_parameters():
     normals = np.random.default_rng(8).normal(size=(5, len(UNCERTAIN)))
-    vehicle = Corvette()
-    assert vehicle.normals == normals.shape[1]
-    np.testing.assert_array_equal(vehicle.parameters(0.0, normals), np.tile(SHIP.vector(), (5, 1)))
+    assert VEHICLE.normals == normals.shape[1]
+    np.testing.assert_array_equal(VEHICLE.parameters(0.0, normals), np.tile(SHIP.vector(), (5, 1)))
 
 
 def test_mismatch_spreads_hydrodynamics_within_two_deviations_and_leaves_geometry_alone():
     normals = np.array([[1.0] * len(UNCERTAIN), [-9.0] * len(UNCERTAIN), [0.0] * len(UNCERTAIN)])
-    ratio = Corvette().parameters(0.1, normals) / SHIP.vector()
+    ratio = VEHICLE.parameters(0.1, normals) / SHIP.vector()
     known = np.setdiff1d(np.arange(len(COEFFICIENTS)), UNCERTAIN)
     np.testing.assert_allclose(ratio[:, UNCERTAIN], np.outer([1.1, 0.8, 1.0], np.ones(len(UNCERTAIN))))
     np.testing.assert_array_equal(ratio[:, known], 1.0)
     assert {COEFFICIENTS[i] for i in known} >= {"mass", "half_length", "thrust", "slipstream"}
 
 
+def seen_by_filters(state: np.ndarray, kind: str = "corrected") -> np.ndarray:
+    """What filters with a model estimate of states ``(..., 6)``."""
+    return state[..., [VEHICLE.state_names.index(name) for name in VEHICLE.estimated(kind)]]
+
+
+@pytest.mark.parametrize("kind", VEHICLE.kinds)
+def test_linear_filters_estimate_sway_yaw_rate_and_heading_and_nonlinear_ones_surge_besides(kind):
+    named = ("v", "r", "psi", "u")[: 4 if kind == "nonlinear" else 3]
+    assert VEHICLE.estimated(kind) == named
+    told = compose(VEHICLE, kind, SEAS["rough"], sensors_of(VEHICLE))
+    assert told.names == named  # the sea is the unknown input, and the current moves none of these
+    assert told.model.n == len(named)
+    core = Core(SIGMA_CORVETTE, 3, "dead-reckoning" if kind == "nonlinear" else "kf", {"model": kind}, sensors="clean")
+    core.start(seed=1)
+    core.step(np.ones((3, 1)))
+    np.testing.assert_array_equal(core.estimated(core.truth), seen_by_filters(core.state, kind))
+    assert (core.state[:, 3:] != 0.0).all()
+
+
 def test_the_truth_starts_where_the_filter_s_state_says():
     x = np.random.default_rng(9).normal(size=(4, 4))
-    vehicle = Corvette()
-    truth, actuators = vehicle.start(x)
-    np.testing.assert_array_equal(vehicle.filter_state(truth), x)
-    np.testing.assert_array_equal(vehicle.filter_state(truth, 3), x[:, :3])
-    np.testing.assert_array_equal(truth[:, :2], 0.0)
+    state, actuators = VEHICLE.start(x)
+    np.testing.assert_array_equal(seen_by_filters(state, "nonlinear"), x)
+    np.testing.assert_array_equal(seen_by_filters(state), x[:, :3])
+    np.testing.assert_array_equal(state, VEHICLE.placed(x))
+    np.testing.assert_array_equal(state[:, :2], 0.0)
     np.testing.assert_array_equal(actuators, np.zeros((4, 1)))
 
 
 def test_a_step_of_the_vehicle_is_a_step_of_the_ship_kicked_by_the_unknown_input():
     rng = np.random.default_rng(10)
     states, controls = random_motions(rng, 6)
-    vehicle = Corvette()
     before, after, current = controls[:, :1], controls[:, :1] + 0.02, controls[:, 1:]
-    d, c = rng.normal(size=(6, 1)) * 0.01, vehicle.parameters(0.0, np.zeros((6, vehicle.normals)))
-    stepped = vehicle.step(states, before, after, np.hstack([d, current]), c)
-    plain = corvette_step(states, np.hstack([before, after, current]), c, 0.5, 1)
+    d, c = rng.normal(size=(6, 1)) * 0.01, VEHICLE.parameters(0.0, np.zeros((6, VEHICLE.normals)))
+    stepped = VEHICLE.step(states, before, after, np.hstack([d, current]), c)
+    plain = ship_step(states, np.hstack([before, after, current]), c, 0.5, 1)
     np.testing.assert_array_equal(stepped[:, [0, 1, 3, 4, 5]], plain[:, [0, 1, 3, 4, 5]])
     np.testing.assert_allclose(stepped[:, 2], plain[:, 2] + d[:, 0], rtol=0, atol=1e-15)
 
 
 def test_a_perfect_compass_reads_heading_and_yaw_increment():
-    truth = np.random.default_rng(11).normal(size=(3, 6))
+    state = np.random.default_rng(11).normal(size=(3, 6))
     d = np.array([[0.01], [-0.02], [0.0]])
-    readings = Corvette().readings(truth, np.hstack([d, d, d]))
-    np.testing.assert_allclose(readings, np.hstack([truth[:, 2:3] + d, d]), rtol=0, atol=1e-15)
+    readings = sensors_of(VEHICLE).exact(state, np.hstack([d, d, d]))
+    np.testing.assert_allclose(readings, np.hstack([state[:, 2:3] + d, d]), rtol=0, atol=1e-15)
 
 
 def test_the_truth_and_the_filter_s_model_agree_on_what_the_unknown_input_does():
     # x+ = A x + B u + G d with y = C x + H d, on a straight course where nothing else happens.
-    vehicle = Corvette()
-    model = vehicle.model("corrected", 1.0, SEAS["calm"])
-    truth, rudder = vehicle.start(np.array([[0.0, 0.0, 0.2, U]]))
-    x, c = vehicle.filter_state(truth, 3)[0], vehicle.parameters(0.0, np.zeros((1, vehicle.normals)))
+    model, sensors = filter_model("corrected"), sensors_of(VEHICLE)
+    state, rudder = VEHICLE.start(np.array([[0.0, 0.0, 0.2, U]]))
+    x, c = seen_by_filters(state)[0], VEHICLE.parameters(0.0, np.zeros((1, VEHICLE.normals)))
     u = np.zeros(2)
     for k in range(20):
         d = np.array([[1e-3 * (1.0 + np.sin(k))]])
         forcing = np.hstack([d, np.zeros((1, 2))])
         expected = model.C @ x + model.H[:, 0] * d[0, 0]
-        np.testing.assert_allclose(vehicle.readings(truth, forcing)[0], expected, atol=1e-14)
-        truth = vehicle.step(truth, rudder, rudder, forcing, c)
+        np.testing.assert_allclose(sensors.exact(state, forcing)[0], expected, atol=1e-14)
+        state = VEHICLE.step(state, rudder, rudder, forcing, c)
         x = model.A(u) @ x + model.B(u) @ u + model.G[:, 0] * d[0, 0]
-        np.testing.assert_allclose(vehicle.filter_state(truth, 3)[0], x, rtol=0, atol=1e-14)
+        np.testing.assert_allclose(seen_by_filters(state)[0], x, rtol=0, atol=1e-14)
     assert x[2] > 0.21
 
 
 def test_the_difference_of_two_headings_is_a_yaw_rate_across_the_seam():
+    told = compose(VEHICLE, "corrected", SEAS["calm"], sensors_of(VEHICLE))
     readings, previous = np.array([[-3.1, 0.01], [0.3, 0.02]]), np.array([[3.1, 0.0], [0.2, 0.0]])
-    x, d = Corvette().from_readings(readings, previous, np.array([[0.5, 0.5], [1.0, 0.5]]))
-    np.testing.assert_allclose(x, [[0.0, (2 * np.pi - 6.2) / 0.5, -3.1], [0.0, 0.1, 0.3]], rtol=1e-12)
-    np.testing.assert_array_equal(d, [[0.01], [0.02]])
+    for steps in (1, 2):
+        x, d = without_a_filter(told, ("yaw increment",), readings, previous, steps)
+        x[:, 2] = wrap(x[:, 2])
+        rates = np.array([2 * np.pi - 6.2, 0.1]) / (0.5 * steps)
+        np.testing.assert_allclose(x, [[0.0, rates[0], -3.1], [0.0, rates[1], 0.3]], rtol=1e-12, atol=1e-15)
+        np.testing.assert_allclose(d, [[0.01], [0.02]], rtol=1e-14)
+    x, d = without_a_filter(told, ("yaw increment",), readings)
+    np.testing.assert_allclose(x, [[0.0, 0.0, -3.1], [0.0, 0.0, 0.3]], rtol=1e-14, atol=0)  # one tells no rate
 
 
 def test_the_filter_s_noise_is_the_sensors_and_the_model_s():
-    vehicle = Corvette()
-    linear, nonlinear = vehicle.model("corrected", 2.0, SEAS["calm"]), vehicle.model("nonlinear", 1.0, SEAS["calm"])
+    linear, nonlinear = filter_model("corrected", noise=2.0), filter_model("nonlinear")
     np.testing.assert_allclose(linear.R, np.diag([4e-3, 2e-3]) ** 2)
     np.testing.assert_allclose(linear.Q, np.diag([0.08, 1.5e-3, 1e-4]) ** 2)
     np.testing.assert_allclose(nonlinear.R, np.diag([2e-3, 1e-3]) ** 2)
-    assert nonlinear.Q.shape == (4, 4)
+    np.testing.assert_allclose(nonlinear.Q, np.diag([0.08, 1.5e-3, 1e-4, 0.05]) ** 2)
+    for model in (linear, nonlinear):
+        assert (model.state_angles, model.measurement_angles) == ((2,), (0,))
+        np.testing.assert_array_equal(model.G, np.eye(model.n)[:, 2:3])
+        np.testing.assert_array_equal(model.H, [[1], [1]])
+
+
+@pytest.mark.parametrize("kind", VEHICLE.kinds)
+def test_readings_of_the_ship_may_correct_whatever_they_depend_on(kind):
+    # The compass shows the heading, two steps on rates of turn and what drives them: as printed, sway does not. Surge
+    # acts on none of these while the ship goes straight on; the motion reference unit shows the unknown input alone.
+    told = compose(VEHICLE, kind, SEAS["moderate"], sensors_of(VEHICLE))
+    seen = {"psi", "r"} if kind == "as-printed" else {"psi", "r", "v"}
+    np.testing.assert_array_equal(told.localisation, [[name in seen, False] for name in told.names])

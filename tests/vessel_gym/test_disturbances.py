@@ -7,11 +7,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from contract import ENVIRONMENTS, make_core
 from scipy.integrate import quad
+from scipy.linalg import block_diag, expm
 from scipy.stats import chi2, norm
 
-from vessel_gym.disturbances import Air, Sea, Water
+from vessel_gym.composition import Forces
+from vessel_gym.disturbances import Air, Disturbance, Sea, Water
 from vessel_gym.envs.sigma_corvette import SEAS
+from vessel_gym.processes import root_of
+from vessel_gym.vehicles.corvette import Corvette
 
 FALSE_ALARM = 1e-6
 DEG = np.pi / 180.0
@@ -19,21 +24,25 @@ DEG = np.pi / 180.0
 every_sea = pytest.mark.parametrize("sea", SEAS.values(), ids=SEAS)
 
 
-def transition_and_noise(sea: Sea) -> tuple[np.ndarray, np.ndarray]:
-    """A and Q of ``x+ = A x + w`` as `Sea.advance` has them."""
-    A = sea.advance(np.eye(5), np.zeros((5, 5))).T
-    root = sea.advance(np.zeros((5, 5)), np.eye(5)).T
-    return A, root @ root.T
+def transition_and_noise(disturbance: Disturbance) -> tuple[np.ndarray, np.ndarray]:
+    """A and Q of ``z+ = A z + w`` as states are advanced."""
+    process = disturbance.process
+    return process.advance(np.eye(process.size)).T, process.root @ process.root.T
 
 
 def run(sea: Sea, seed: int, rows: int, steps: int) -> np.ndarray:
     """Independent records ``(steps, rows, 5)``."""
-    rng = np.random.default_rng(seed)
+    rng, process = np.random.default_rng(seed), sea.process
     states = np.empty((steps, rows, 5))
-    states[0] = sea.start(rng.standard_normal((rows, 5)))
+    states[0] = rng.standard_normal((rows, 5)) @ root_of(process.start_cov).T
     for k in range(1, steps):
-        states[k] = sea.advance(states[k - 1], rng.standard_normal((rows, 5)))
+        states[k] = process.advance(states[k - 1]) + rng.standard_normal((rows, process.normals)) @ process.root.T
     return states
+
+
+def yaw_increment_var(sea: Sea) -> float:
+    """Stationary variance of the yaw increment that a sea gives a ship in a step."""
+    return Forces(Corvette(dt=sea.dt), sea).kick_cov.item()
 
 
 def assert_variance(samples: np.ndarray, variance: float):
@@ -48,21 +57,15 @@ def assert_variance(samples: np.ndarray, variance: float):
 @every_sea
 def test_a_step_keeps_the_stationary_covariance(sea):
     A, Q = transition_and_noise(sea)
-    P = sea.stationary_cov
+    P = sea.process.start_cov
     np.testing.assert_allclose(A @ P @ A.T + Q, P, rtol=0, atol=1e-12)
     size = np.sqrt(np.outer(np.diag(P), np.diag(P)))  # rad2 are small: relative too
     np.testing.assert_allclose((A @ P @ A.T + Q) / size, P / size, rtol=0, atol=1e-12)
 
 
 @every_sea
-def test_the_start_has_the_stationary_covariance(sea):
-    root = sea.start(np.eye(5)).T
-    np.testing.assert_allclose(root @ root.T, sea.stationary_cov, rtol=1e-12, atol=1e-18)
-
-
-@every_sea
 def test_the_stationary_covariance_is_what_the_sizes_say(sea):
-    P = sea.stationary_cov
+    P = sea.process.start_cov
     np.testing.assert_allclose(np.diag(P)[[1, 2]], [sea.wave**2, sea.gust**2], rtol=1e-12)
     assert P[3, 3] + P[4, 4] == pytest.approx(sea.current**2)  # RMS of the current's speed
     assert P[3, 3] == P[4, 4]
@@ -83,14 +86,14 @@ def test_two_half_steps_are_one_step(sea):
 )
 def test_the_yaw_increment_of_a_step_has_the_size_that_was_chosen(name, sd, digit):
     sea = SEAS[name]
-    assert np.sqrt(sea.unknown_input_var) == pytest.approx(sd, abs=0.5 * digit)
-    P = sea.stationary_cov
-    assert sea.unknown_input_var == pytest.approx(0.25 * (P[1, 1] + 2 * P[1, 2] + P[2, 2]), rel=1e-12)
+    assert np.sqrt(yaw_increment_var(sea)) == pytest.approx(sd, abs=0.5 * digit)
+    P = sea.process.start_cov
+    assert yaw_increment_var(sea) == pytest.approx(0.25 * (P[1, 1] + 2 * P[1, 2] + P[2, 2]), rel=1e-12)
 
 
 def test_the_unknown_input_is_the_yaw_rate_of_waves_and_gusts_over_a_step():
     state = np.random.default_rng(0).normal(size=(4, 3, 5))
-    forcing = SEAS["rough"].forcing(state)
+    forcing = SEAS["rough"].effect(state, np.zeros((4, 3, 6)))
     assert forcing.shape == (4, 3, 3)
     np.testing.assert_allclose(forcing[..., 0], 0.5 * (state[..., 1] + state[..., 2]))
     np.testing.assert_array_equal(forcing[..., 1:], state[..., 3:])
@@ -100,7 +103,7 @@ def test_a_gust_decays_with_its_time_constant_and_a_current_with_its_own():
     sea = Sea(wave=0.01, peak=0.8, gust=0.01, current=0.5, gust_time=12.0, current_time=800.0, dt=0.4)
     state = np.array([0.0, 0.0, 1.0, 1.0, -2.0])
     for _ in range(30):  # 12 s
-        state = sea.advance(state, np.zeros(5))
+        state = sea.process.advance(state)
     decay = np.exp(-12.0 / 800.0)
     np.testing.assert_allclose(state, [0.0, 0.0, np.exp(-1.0), decay, -2.0 * decay], rtol=1e-12, atol=1e-15)
 
@@ -109,18 +112,21 @@ def test_the_wave_yaw_rate_is_the_rate_of_the_wave_yaw_angle():
     sea = SEAS["rough"]
     fine = replace(sea, dt=1e-4)
     state = np.array([0.02, 0.01, 0.0, 0.0, 0.0])
-    after = fine.advance(state, np.zeros(5))
+    after = fine.process.advance(state)
     assert (after[0] - state[0]) / 1e-4 == pytest.approx(0.01, abs=1e-5)
     rate = -(sea.peak**2) * 0.02 - 2 * sea.damping * sea.peak * 0.01
     assert (after[1] - state[1]) / 1e-4 == pytest.approx(rate, rel=1e-3)
 
 
-def test_a_batch_of_seas_is_a_loop():
-    sea, rng = SEAS["moderate"], np.random.default_rng(1)
-    state, normals = rng.normal(size=(6, 5)), rng.normal(size=(6, 5))
-    whole = sea.advance(state, normals)
-    for i in range(6):
-        np.testing.assert_allclose(sea.advance(state[i], normals[i]), whole[i], rtol=1e-13, atol=1e-15)
+def test_a_batch_of_states_is_a_loop_to_the_last_bit():
+    rng = np.random.default_rng(1)
+    for disturbance in (SEAS["moderate"], WATER, AIR):
+        state = rng.normal(size=(6, disturbance.process.size))
+        whole = disturbance.process.advance(state)
+        effect = disturbance.effect(state, np.zeros((6, 12)))
+        for i in range(6):
+            np.testing.assert_array_equal(disturbance.process.advance(state[i]), whole[i])
+            np.testing.assert_array_equal(disturbance.effect(state[i], np.zeros(12)), effect[i])
 
 
 # --- statistical ------------------------------------------------------------------------------------
@@ -129,11 +135,11 @@ def test_a_batch_of_seas_is_a_loop():
 @every_sea
 def test_records_have_the_stationary_sizes_from_the_first_step_to_the_last(sea):
     states = run(sea, seed=2, rows=2000, steps=240)
-    P = np.diag(sea.stationary_cov)
+    P = np.diag(sea.process.start_cov)
     for k in (0, 1, 239):  # rows are independent
         for i in range(5):
             assert_variance(states[k, :, i], P[i])
-        assert_variance(sea.forcing(states[k])[..., 0], sea.unknown_input_var)
+        assert_variance(sea.effect(states[k], np.zeros((2000, 6)))[..., 0], yaw_increment_var(sea))
 
 
 @pytest.mark.slow
@@ -176,19 +182,14 @@ def test_gusts_are_correlated_over_their_time_constant():
 
 # --- under water ------------------------------------------------------------------------------------
 
-WATER = Water(turbulence=0.01, spin=0.002, current=0.2, velocities=2, rates=1, currents=2, current_time=50.0, dt=0.1)
+WATER = Water(turbulence=0.01, spin=0.002, current=0.2, velocities=("u", "w"), rates=("q",), current_time=50.0, dt=0.1)
 
 
-def test_the_water_kicks_every_velocity_as_it_says_and_forgets_it():
-    rng = np.random.default_rng(0)
-    first = WATER.start(rng.standard_normal((100_000, WATER.size)))
-    after = WATER.advance(first, rng.standard_normal((100_000, WATER.size)))
-    for kicks in (WATER.forcing(first), WATER.forcing(after)):
-        for component, sd in zip(kicks.T, WATER.kick_sd, strict=True):
-            assert_variance(component, sd**2)
-    np.testing.assert_array_equal(WATER.kick_sd[:3], [0.01, 0.01, 0.002])
-    correlation = np.corrcoef(first.T, after.T)
-    assert np.abs(correlation - np.eye(2 * WATER.size)).max() < 5.0 / np.sqrt(100_000)  # 5 standard errors
+def test_the_water_kicks_every_velocity_as_it_says():
+    assert WATER.shakes == ("kick u", "kick w", "kick q")
+    np.testing.assert_array_equal(WATER.white, np.diag([0.01, 0.01, 0.002]))
+    state = np.random.default_rng(0).normal(size=(4, 2))
+    np.testing.assert_array_equal(WATER.effect(state, np.zeros((4, 6))), state)
 
 
 def test_increments_of_the_current_keep_a_gauss_markov_process_stationary():
@@ -196,9 +197,11 @@ def test_increments_of_the_current_keep_a_gauss_markov_process_stationary():
     for dt in (0.01, 0.1, 10.0):
         water = replace(WATER, dt=dt)
         phi = np.exp(-dt / water.current_time)
-        variance = phi**2 * water.current_sd**2 + water.kick_sd[-1] ** 2
-        np.testing.assert_allclose(variance, water.current_sd**2, rtol=1e-12)
-    assert np.hypot(WATER.current_sd, WATER.current_sd) == pytest.approx(0.2)
+        A, Q = transition_and_noise(water)
+        np.testing.assert_allclose(A, phi * np.eye(2), rtol=1e-12)
+        P = water.process.start_cov
+        np.testing.assert_allclose(phi**2 * P + Q, P, rtol=1e-12)
+        assert np.sqrt(np.trace(P)) == pytest.approx(0.2)
 
 
 # --- in the air -------------------------------------------------------------------------------------
@@ -220,15 +223,24 @@ def dryden(length: float, sd: float, vertical: bool, airspeed: float, lag: float
 
 
 def gusts_by_state(air: Air) -> np.ndarray:
-    """The matrix ``(3, 4)`` from the gusts' state to the gusts, as `Air.gusts` has it."""
-    return air.gusts(np.eye(4)).T
+    """The matrix ``(3, 4)`` from the gusts' state to the gusts, where no mean wind blows."""
+    return air.effect(np.eye(6)[2:], np.zeros((4, 7))).T
+
+
+def gusts_of(air: Air) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Transition, noise and stationary covariance ``(4, 4)`` of the gusts, of which the mean wind knows nothing."""
+    A, Q = transition_and_noise(air)
+    whole = A, Q, air.process.start_cov
+    for matrix in whole:
+        assert not matrix[:2, 2:].any()
+        assert not matrix[2:, :2].any()
+    return tuple(matrix[2:, 2:] for matrix in whole)
 
 
 @pytest.mark.parametrize("air", [AIR, replace(AIR, airspeed=14.0, length=120.0, vertical_length=80.0, dt=0.25)])
 def test_gusts_have_the_dryden_spectra(air):
     """Their covariance at every lag is the transform of the spectrum, and they do not know of each other."""
-    A, _ = air.discrete
-    C, P = gusts_by_state(air), air.stationary_cov
+    C, (A, _, P) = gusts_by_state(air), gusts_of(air)
     for steps in (0, 1, 7, 30, 100):
         covariance = C @ np.linalg.matrix_power(A, steps) @ P @ C.T
         lag = steps * air.dt
@@ -238,56 +250,109 @@ def test_gusts_have_the_dryden_spectra(air):
 
 
 def test_a_step_keeps_the_gusts_stationary_and_two_half_steps_are_one():
-    A, L = AIR.discrete
-    P = AIR.stationary_cov
-    np.testing.assert_allclose(A @ P @ A.T + L @ L.T, P, rtol=0, atol=1e-13)
-    half, noise = replace(AIR, dt=0.05).discrete
+    A, Q, P = gusts_of(AIR)
+    np.testing.assert_allclose(A @ P @ A.T + Q, P, rtol=0, atol=1e-13)
+    half, noise, same = gusts_of(replace(AIR, dt=0.05))
     np.testing.assert_allclose(half @ half, A, rtol=0, atol=1e-13)
-    np.testing.assert_allclose(half @ noise @ noise.T @ half.T + noise @ noise.T, L @ L.T, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(half @ noise @ half.T + noise, Q, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(same, P, rtol=0, atol=1e-13)
     np.testing.assert_allclose(np.diag(P), [1.06**2, 1.06**2, 0.7**2 / 4, 0.7**2 / 4], rtol=1e-12)
 
 
 def test_the_wind_decays_as_slowly_as_the_aircraft_crosses_it():
-    mean, level, *vertical = AIR.decay
-    assert mean == pytest.approx(np.exp(-0.1 / 200.0))
-    assert level == pytest.approx(np.exp(-0.1 / 10.0))  # 200 m at 20 m/s
-    np.testing.assert_allclose(np.reshape(vertical, (2, 2)), AIR.discrete[0][2:, 2:])
+    A, _ = transition_and_noise(AIR)
+    np.testing.assert_allclose(A[:2, :2], np.exp(-0.1 / 200.0) * np.eye(2))
+    np.testing.assert_allclose(A[2:4, 2:4], np.exp(-0.1 / 10.0) * np.eye(2), atol=1e-15)  # 200 m at 20 m/s
+    assert not A[2:4, 4:].any()
+    assert not A[4:, 2:4].any()
+    vertical = np.array([[0.0, 1.0], [-1.0, -2.0]]) / 2.5  # 50 m at 20 m/s
+    np.testing.assert_allclose(A[4:, 4:], expm(0.1 * vertical), rtol=1e-12)
 
 
-def test_what_enters_in_a_step_keeps_the_wind_as_it_is_and_lets_the_bias_wander():
-    cov = AIR.noise_cov
-    np.testing.assert_allclose(np.sqrt(np.diag(cov)[:4]), [0.05, 0.05, 0.05, 0.005])
-    np.testing.assert_allclose(np.sqrt(np.diag(cov)[10:]), np.array([0.21, 0.21, 0.40]) * np.sqrt(0.1))
-    mean, variance = AIR.decay[0], AIR.wind_sd[0] ** 2
-    np.testing.assert_allclose(mean**2 * variance + np.diag(cov)[4:6], variance)
-    np.testing.assert_allclose(cov[6:10, 6:10], AIR.discrete[1] @ AIR.discrete[1].T, atol=1e-15)
-    blocks = np.zeros((13, 13), bool)
-    blocks[6:10, 6:10] = True
-    assert (cov[~(blocks | np.eye(13, dtype=bool))] == 0.0).all()
-    np.testing.assert_allclose(AIR.wind_sd, [3 / np.sqrt(2), 3 / np.sqrt(2), 1.06, 1.06, 0.35, 0.35], rtol=1e-12)
+def test_what_enters_in_a_step_keeps_the_wind_as_it_is():
+    np.testing.assert_array_equal(AIR.white, np.diag([0.05, 0.05, 0.05, 0.005]))
+    A, Q = transition_and_noise(AIR)
+    P = AIR.process.start_cov
+    np.testing.assert_allclose(A @ P @ A.T + Q, P, atol=1e-13)
+    np.testing.assert_allclose(np.diag(P)[:2] - np.diag(Q)[:2], np.exp(-0.2 / 200.0) * np.diag(P)[:2], rtol=1e-12)
+    blocks = np.zeros((6, 6), bool)
+    blocks[2:, 2:] = True
+    assert (Q[~(blocks | np.eye(6, dtype=bool))] == 0.0).all()
+    sd = [3 / np.sqrt(2), 3 / np.sqrt(2), 1.06, 1.06, 0.35, 0.35]
+    np.testing.assert_allclose(np.sqrt(np.diag(P)), sd, rtol=1e-12)
 
 
-def test_the_noise_of_the_air_has_its_covariance_and_remembers_nothing():
-    rng, rows = np.random.default_rng(11), 20_000
-    state = AIR.start(rng.standard_normal((rows, AIR.size)))
-    later = AIR.advance(state, rng.standard_normal((rows, AIR.size)))
-    np.testing.assert_array_equal(AIR.forcing(state), state)
-    scale = np.sqrt(np.diag(AIR.noise_cov))
-    for sample in (state, later):
-        np.testing.assert_allclose((sample / scale).T @ (sample / scale) / rows,
-                                   AIR.noise_cov / np.outer(scale, scale), rtol=0, atol=0.05)  # fmt: skip
-    assert np.abs((state / scale).T @ (later / scale)).max() / rows < 0.05
+def test_the_wind_down_is_positive_down_and_the_mean_wind_level():
+    wind = AIR.effect(np.array([1.0, 2.0, 0.1, 0.2, 0.5, 1.0]), np.zeros(7))
+    np.testing.assert_allclose(wind, [1.1, 2.2, 0.5 + np.sqrt(3.0)])
 
 
 def test_gusts_twice_as_strong_are_the_same_gusts_doubled():
     strong = replace(AIR, gust=2.12, vertical_gust=1.4)
-    np.testing.assert_allclose(strong.noise_cov[6:10, 6:10], 4.0 * AIR.noise_cov[6:10, 6:10], rtol=1e-9)
-    np.testing.assert_array_equal(strong.decay, AIR.decay)
+    (A, Q, P), (same, four_times, as_large) = gusts_of(AIR), gusts_of(strong)
+    np.testing.assert_allclose(four_times, 4.0 * Q, rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(as_large, 4.0 * P, rtol=1e-9, atol=1e-15)
+    np.testing.assert_array_equal(same, A)
 
 
-def test_a_batch_of_airs_is_a_loop():
-    rng = np.random.default_rng(13)
-    state, normals = AIR.start(rng.standard_normal((6, 13))), rng.standard_normal((6, 13))
-    whole = AIR.advance(state, normals)
-    for i in range(6):
-        np.testing.assert_array_equal(AIR.advance(state[i], normals[i]), whole[i])
+# --- in an environment ------------------------------------------------------------------------------
+
+
+SOON_PLANNED = {"PunaUAV-v0": {"obstacles": []}}
+
+
+def block_diagonal(*matrices: np.ndarray) -> np.ndarray:
+    return block_diag(*(matrix for matrix in matrices if matrix.size))
+
+
+@pytest.mark.parametrize("env_id", ENVIRONMENTS)
+def test_what_is_new_in_a_step_has_its_covariance_and_remembers_nothing(env_id: str):
+    rows, steps = 500, 40
+    core = make_core(env_id, rows, seed=11, estimator="truth", disturbance="rough")
+    core.reset(options=SOON_PLANNED.get(env_id))
+    noise = [core.noise]
+    for _ in range(steps - 1):
+        core.step(np.zeros((rows, core.action_size)))
+        noise.append(core.noise)
+    white, process, bias = core.forces.disturbance.white, core.forces.disturbance.process, core.sensors.bias
+    cov = block_diagonal(white @ white.T, process.root @ process.root.T, bias.root @ bias.root.T)
+    scale = np.sqrt(np.diag(cov))
+    sample = np.stack(noise) / scale
+    n = rows * steps
+    # a correlation of 20,000 pairs has a standard deviation of at most 1.5 / sqrt(20,000): 7 of them
+    band = 7.0 * 1.5 / np.sqrt(n)
+    np.testing.assert_allclose(np.einsum("tri,trj->ij", sample, sample) / n, cov / np.outer(scale, scale), atol=band)
+    assert np.abs(np.einsum("tri,trj->ij", sample[1:], sample[:-1])).max() / n < band
+    neighbours = sample[:, 1:], sample[:, :-1]
+    assert np.abs(np.einsum("tri,trj->ij", *neighbours)).max() / n < band
+
+
+@pytest.mark.parametrize("env_id", ENVIRONMENTS)
+def test_a_disturbance_has_its_stationary_sizes_from_the_first_step_on(env_id: str):
+    core = make_core(env_id, 2000, seed=12, estimator="truth", disturbance="rough")
+    core.reset(options=SOON_PLANNED.get(env_id))
+    process = core.forces.disturbance.process
+    np.testing.assert_allclose(
+        process.transition @ process.start_cov @ process.transition.T + process.root @ process.root.T,
+        process.start_cov, rtol=1e-9, atol=1e-12,
+    )  # fmt: skip
+    for step in range(31):
+        if step in (0, 1, 30):
+            for component, variance in zip(core.sea_state.T, np.diag(process.start_cov), strict=True):
+                assert_variance(component, variance)
+        core.step(np.zeros((2000, core.action_size)))
+
+
+@pytest.mark.parametrize("env_id", ENVIRONMENTS)
+def test_what_acts_is_the_effect_of_the_disturbance_and_what_shakes(env_id: str):
+    core = make_core(env_id, 3, seed=13, estimator="truth", disturbance="rough")
+    core.reset()
+    disturbance, names = core.forces.disturbance, core.vehicle.kicks + core.vehicle.flows
+    for _ in range(3):
+        acting = dict(zip(names, core.forcing.T, strict=True))
+        for name, values in zip(disturbance.forces, disturbance.effect(core.sea_state, core.state).T, strict=True):
+            np.testing.assert_array_equal(acting.pop(name), values)
+        for i, name in enumerate(disturbance.shakes):
+            np.testing.assert_array_equal(acting.pop(name), core.noise[:, i])
+        assert not acting  # these give everything that can act
+        core.step(np.zeros((3, core.action_size)))

@@ -5,14 +5,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+from contract import sizes_by_mode
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from estimators import Belief
+from estimators import Gaussian
+from vessel_gym.composition import Forces
+from vessel_gym.core import Core, joint_prior
 from vessel_gym.envs import ItsunusaAUVEnv, SegorogeniAUVEnv
 from vessel_gym.guidance.dive_path import course_to, follow, path_point
-from vessel_gym.system import System
+from vessel_gym.sensors import SUITES, Sensors
+from vessel_gym.system import Estimate, System
 from vessel_gym.tasks.dive import Dive, SpatialDive, VerticalDive
 
 SPATIAL, VERTICAL = SegorogeniAUVEnv.system, ItsunusaAUVEnv.system
@@ -22,7 +26,7 @@ DIVES = pytest.mark.parametrize("system", [SPATIAL, VERTICAL], ids=lambda system
 def state(task: Dive, position: Any, pitch: Any = 0.0, heading: Any = 0.0) -> np.ndarray:
     """States ``(B, n)`` of a vehicle at positions ``(B, 3)``, at cruising speed."""
     position = np.atleast_2d(np.asarray(position, float))
-    x = np.zeros((len(position), task.states))
+    x = np.zeros((len(position), states(task)))
     x[:, 0] = task.auv.cruise_speed
     if isinstance(task, VerticalDive):
         x[:, 3:5], x[:, 5] = position[:, ::2], pitch
@@ -31,10 +35,36 @@ def state(task: Dive, position: Any, pitch: Any = 0.0, heading: Any = 0.0) -> np
     return x
 
 
-def belief(mean: np.ndarray, cov: np.ndarray | None = None) -> Belief:
+def states(task: Dive) -> int:
+    """How many components the vehicle's state has."""
+    return len(task.prior_sd)
+
+
+def flows(task: Dive) -> int:
+    """How many components the current has."""
+    return 1 if isinstance(task, VerticalDive) else 2
+
+
+def belief(mean: np.ndarray, flow: np.ndarray | None = None) -> Estimate:
+    """What is believed of the state, in a current or none."""
     mean = np.asarray(mean, float)
-    cov = np.broadcast_to(np.eye(mean.shape[-1]) if cov is None else cov, (*mean.shape, mean.shape[-1]))
-    return Belief(mean, cov, mean, cov, np.zeros(len(mean), np.int8))
+    return Estimate(mean, np.zeros((len(mean), 2)) if flow is None else flow)
+
+
+def score(task: Dive, truth: np.ndarray, *given: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What `Dive.score` says where nothing acts."""
+    reference, *others = given
+    return task.score(truth, np.zeros((len(truth), 8)), reference, task.over(reference), *others)
+
+
+def sensors_of(system: System) -> Sensors:
+    vehicle = system.vehicle
+    return Sensors(SUITES["nominal"].of(vehicle.sensors), vehicle.state_names, vehicle.kicks + vehicle.flows, 0.1)
+
+
+def sizes(system: System) -> dict[str, int]:
+    """The lengths of observations beside the nominal sensors and a filter that is told of the current."""
+    return sizes_by_mode(system.task.sizes(sensors_of(system).size, states(system.task) + flows(system.task)))
 
 
 def courses(task: Dive, n: int, seed: int = 0) -> np.ndarray:
@@ -142,20 +172,22 @@ def test_an_unknown_option_is_refused_with_the_choices(system: System):
 @DIVES
 def test_the_prior_lies_level_at_the_beginning_of_the_path_at_cruising_speed(system: System):
     task, course = system.task, courses(system.task, 3)
+    prior, n = task.prior(course), states(task)
+    np.testing.assert_array_equal(prior.mean, state(task, np.zeros((3, 3))))
+    assert prior.cov.shape == (n, n)
     for water in system.disturbances.values():
-        prior = task.prior(course, water)
-        np.testing.assert_array_equal(prior.mean, state(task, np.zeros((3, 3))))
-        assert prior.cov.shape == (task.states, task.states)
-        assert np.linalg.eigvalsh(prior.cov).min() > 0.0
-        current = [i for i, name in enumerate(system.vehicle.truth_names) if name.startswith("current")]
-        np.testing.assert_allclose(np.sqrt(np.diagonal(prior.cov)[current]), water.current_sd)
+        cov = joint_prior(prior.cov, Forces(system.vehicle, water), sensors_of(system))
+        assert np.linalg.eigvalsh(cov).min() > 0.0
+        assert not cov[:n, n:].any()  # velocities are through the water: no current carries them
+        np.testing.assert_array_equal(cov[:n, :n], prior.cov)
+        np.testing.assert_allclose(np.diag(cov)[n:], water.current**2 / flows(task))
     np.testing.assert_allclose(believed(task, prior.mean, course)[:, :3], 0.0, atol=1e-12)
 
 
 @DIVES
 def test_filters_are_told_the_actuators_before_and_after_a_step(system: System):
     before, after = np.arange(4.0).reshape(2, 2), 10.0 + np.arange(4.0).reshape(2, 2)
-    told = system.task.known_input(before, after, courses(system.task, 2), np.zeros(2))
+    told = system.vehicle.known_input(before, after, system.task.commanded(courses(system.task, 2), np.zeros(2)))
     np.testing.assert_array_equal(told, [[0, 1, 10, 11], [2, 3, 12, 13]])
 
 
@@ -163,7 +195,7 @@ def test_filters_are_told_the_actuators_before_and_after_a_step(system: System):
 def test_the_reference_is_where_the_believed_position_is_on_the_path(system: System):
     task, course = system.task, courses(system.task, 6)
     rng = np.random.default_rng(2)
-    mean = rng.normal(0.0, 1.0, (6, task.states)) * 5.0
+    mean = rng.normal(0.0, 1.0, (6, states(task))) * 5.0
     reference = believed(task, mean, course)
     assert reference.shape == (6, 11)
     np.testing.assert_array_equal(reference[:, :8], follow(task.position(mean), course, task.ahead))
@@ -182,7 +214,7 @@ def body_axes(task: Dive, x: np.ndarray) -> Rotation:
 
 def random_states(task: Dive, rng: np.random.Generator, rows: int = 300) -> np.ndarray:
     """States anywhere about the path, with any attitude."""
-    x = rng.normal(0.0, 1.0, (rows, task.states))
+    x = rng.normal(0.0, 1.0, (rows, states(task)))
     x[:, 0] += task.auv.cruise_speed
     if isinstance(task, VerticalDive):
         x[:, 3] += rng.uniform(-10.0, 80.0, rows)
@@ -199,11 +231,11 @@ def test_vectors_in_the_observation_are_those_of_a_rotation_of_their_own(system:
     task, rng = system.task, np.random.default_rng(3)
     x, course = random_states(task, rng), courses(task, 300, 3)
     reference = believed(task, x, course)
-    seen = task.named(task.observe(belief(x), reference, trim(task, 300)))
+    current = np.zeros((300, 3))
+    current[:, : flows(task)] = rng.normal(size=(300, flows(task)))
+    seen = task.named(task.observe(belief(x, current[:, : flows(task)]), reference, trim(task, 300)))
     position, inverse = task.position(x), body_axes(task, x).inv()
     closest = path_point(reference[:, 0], course)
-    current = np.zeros((300, 3))
-    current[:, : 1 if isinstance(task, VerticalDive) else 2] = x[:, 2 * system.vehicle.velocities :]
     vectors = {
         "path": closest[:, :3] - position,
         "look": path_point(reference[:, 0] + task.ahead, course)[:, :3] - position,
@@ -221,7 +253,7 @@ def test_vectors_in_the_observation_are_those_of_a_rotation_of_their_own(system:
 
 @DIVES
 def test_the_other_errors_and_estimates_are_what_their_names_say(system: System):
-    task, rng, names = system.task, np.random.default_rng(4), system.vehicle.truth_names
+    task, rng, names = system.task, np.random.default_rng(4), system.vehicle.state_names
     x, course = random_states(task, rng), courses(task, 300, 4)
     reference = believed(task, x, course)
     observation = task.observe(belief(x), reference, trim(task, 300))
@@ -243,7 +275,7 @@ def test_the_other_errors_and_estimates_are_what_their_names_say(system: System)
         np.testing.assert_allclose(seen[name], values, rtol=0, atol=1e-9, err_msg=name)
     vectors = {name for name in task.observed if name.split()[0] in ("path", "look", "current")}
     assert set(expected) | vectors == set(task.observed)
-    assert len(task.observed) + len(system.vehicle.action_names) == task.sizes()["mean"] == observation.shape[1]
+    assert len(task.observed) + len(system.vehicle.action_names) == sizes(system)["mean"] == observation.shape[1]
 
 
 @DIVES
@@ -263,7 +295,7 @@ def test_on_the_path_and_along_it_nothing_is_to_be_done(system: System):
 @DIVES
 def test_names_and_scales_turn_an_observation_back_into_si(system: System):
     task = system.task
-    observation = np.random.default_rng(6).normal(size=(5, task.sizes()["mean+std"]))
+    observation = np.random.default_rng(6).normal(size=(5, sizes(system)["mean+std"]))
     named = task.named(observation)
     again = np.stack([named[name] / scale for name, scale in task.observed.items()], -1)
     np.testing.assert_allclose(again, observation[:, : len(task.observed)], rtol=1e-14)
@@ -297,11 +329,12 @@ def test_near_the_pole_of_the_euler_angles_lengths_are_kept(system: System, pitc
 def test_an_observation_of_the_mirrored_dive_is_mirrored():
     task, rng, course = SPATIAL.task, np.random.default_rng(8), courses(SPATIAL.task, 200, 8)
     x = random_states(task, rng, 200)
-    mirror = np.where(np.isin(SPATIAL.vehicle.truth_names, ["v", "p", "r", "y", "phi", "psi", "current east"]), -1, 1)
-    actuators = rng.normal(size=(200, 3))
-    one = task.observe(belief(x), believed(task, x, course), actuators)
+    mirror = np.where(np.isin(SPATIAL.vehicle.state_names, ["v", "p", "r", "y", "phi", "psi"]), -1, 1)
+    actuators, current = rng.normal(size=(200, 3)), rng.normal(size=(200, 2))
+    one = task.observe(belief(x, current), believed(task, x, course), actuators)
     port = course * [-1.0, 1.0, 1.0]
-    other = task.observe(belief(x * mirror), believed(task, x * mirror, port), actuators * [-1.0, 1.0, 1.0])
+    seen_to_port = belief(x * mirror, current * [1.0, -1.0])
+    other = task.observe(seen_to_port, believed(task, x * mirror, port), actuators * [-1.0, 1.0, 1.0])
     odd = {"heading error", "curvature", "sway", "roll rate", "yaw rate", "roll"}
     signs = np.array([-1 if name in odd or "starboard" in name else 1 for name in task.observed] + [-1, 1, 1])
     np.testing.assert_allclose(other, one * signs, rtol=0, atol=1e-9)
@@ -310,13 +343,20 @@ def test_an_observation_of_the_mirrored_dive_is_mirrored():
 @DIVES
 def test_standard_deviations_are_those_of_the_state_and_of_order_one_at_the_start(system: System):
     task = system.task
-    prior = task.prior(courses(task, 2), system.disturbances["moderate"])
-    seen = task.observe_std(belief(prior.mean, prior.cov))
-    assert seen.shape == (2, task.states)
-    assert (seen > 0.3).all()
-    assert (seen < 1.5).all()
-    np.testing.assert_allclose(task.observe_std(belief(prior.mean, 4.0 * prior.cov)), 2.0 * seen)
-    assert (task.observe_std(belief(prior.mean, -prior.cov)) == 0.0).all()  # whatever a filter may do
+    core = Core(system, 2, "ekf", observe="mean+std")
+    core.seed(0)
+    seen = []
+    for factor in (1.0, 4.0, -1.0):
+        core.reset()
+        known = Gaussian(core.belief.mean, joint_prior(task.prior(core.course).cov, core.forces, core.sensors))
+        core.loop.belief = core.filter.init(known)
+        core.loop.belief = core.belief.replace(cov=factor * core.belief.cov)
+        seen.append(core.observe()[:, -states(task) - flows(task) :])
+    assert core.observe().shape == (2, sizes(system)["mean"] + states(task) + flows(task))
+    assert (seen[0] > 0.3).all()
+    assert (seen[0] < 1.5).all()
+    np.testing.assert_allclose(seen[1], 2.0 * seen[0], rtol=1e-6)  # float32
+    assert (seen[2] == 0.0).all()  # whatever a filter may do
 
 
 @DIVES
@@ -332,15 +372,19 @@ def test_actuators_are_seen_relative_to_their_limits(system: System):
 
 @DIVES
 def test_raw_readings_come_with_their_mask_and_the_course_and_no_estimate(system: System):
-    task, p = system.task, sum(len(instrument.channels) for instrument in system.vehicle.instruments)
+    task, sensors = system.task, sensors_of(system)
+    p = sensors.size
     course, rng = courses(task, 3, 9), np.random.default_rng(9)
     readings, available = rng.normal(size=(3, p)), rng.random((3, p)) < 0.5
     readings = np.where(available, readings, 0.0)
-    seen = task.observe_readings(readings, available, course, np.zeros(3), trim(task, 3))
-    assert seen.shape == (3, task.sizes()["measurement"])
+    raw = task.observe_readings(sensors, readings, available, course, np.zeros(3))
+    seen = np.hstack([raw, task.observe_mission(course, np.zeros(3), trim(task, 3))])
+    assert seen.shape == (3, sizes(system)["measurement"])
     np.testing.assert_array_equal(seen[:, p : 2 * p], available)
     assert ((seen[:, :p] == 0.0) == ~available).all()
-    np.testing.assert_allclose(seen[:, :p], readings * task._reading_gains)
+    np.testing.assert_allclose(seen[:, :p], readings / sensors.scale)
+    assert sensors.scale.shape == (p,)
+    assert (sensors.scale >= sensors.sd).all()  # what counts as 1 is no noise
     shown = seen[:, 2 * p : -len(system.vehicle.action_names)]
     for row in range(3):  # the course can be told from what is shown
         assert len(np.unique(np.round(shown[:, -2], 12))) == 3
@@ -370,7 +414,7 @@ def fly(
     for position in positions[1:]:
         truth = state(task, position, pitch)
         reference = believed(task, state(task, np.asarray(position) + error), course)
-        reward, number, tally = task.score(truth, reference, actuators, np.zeros_like(actuators), tally)
+        reward, number, tally = score(task, truth, reference, actuators, np.zeros_like(actuators), tally)
         rewards.append(float(reward[0]))
         end = int(number[0])
         if end:
@@ -424,7 +468,7 @@ def test_every_reward_and_every_sum_of_them_lies_between_zero_and_one(system: Sy
         actuators = trim(task, rows)
         actuators[:, -1] = rng.uniform(0.0, task.auv.thrust_limit, rows)
         reference = believed(task, state(task, position + rng.normal(0.0, 0.3, (rows, 3))), course)
-        reward, end, tally = task.score(state(task, position), reference, actuators, 0.0 * actuators, tally)
+        reward, end, tally = score(task, state(task, position), reference, actuators, 0.0 * actuators, tally)
         assert reward.min() >= 0.0
         total += np.where(live, reward, 0.0)
         largest = max(largest, reward.max())
@@ -561,7 +605,7 @@ def test_ending_early_forgoes_the_rest(system: System):
         assert end == ""
         np.testing.assert_array_equal(early, rewards[:flown])
         truth = state(task, positions[flown + 1])
-        last, number, _ = task.score(truth, beyond, trim(task), 0.0 * trim(task), tally[None])
+        last, number, _ = score(task, truth, beyond, trim(task), 0.0 * trim(task), tally[None])
         miss = np.linalg.norm(positions[flown + 1] - positions[-1])
         assert task.ends[number[0]] == "missed the goal"
         arriving = (1.0 - task.TRACKING) / (1.0 + (miss / task.GOAL_TOLERANCE) ** 2)
@@ -588,10 +632,10 @@ def test_arriving_is_by_belief_and_paid_by_truth(system: System):
             arrived = believed(task, state(task, goal[:3] + 1e-6 * onward), course[None])
             near = believed(task, state(task, goal[:3] - 1e-3 * onward), course[None])
             tally = np.array([[course[1], energy]])
-            reward, number, _ = task.score(truth, arrived, trim(task), 0.0 * trim(task), tally)
+            reward, number, _ = score(task, truth, arrived, trim(task), 0.0 * trim(task), tally)
             assert task.ends[number[0]] == end
             assert reward[0] == pytest.approx((1 - task.TRACKING) / (1 + (miss / task.GOAL_TOLERANCE) ** 2))
-            reward, number, _ = task.score(truth, near, trim(task), 0.0 * trim(task), tally)
+            reward, number, _ = score(task, truth, near, trim(task), 0.0 * trim(task), tally)
             assert (reward[0], number[0]) == (0.0, 0)
 
 
@@ -604,9 +648,9 @@ def final_reward(task: Dive, course: np.ndarray, thrust: float, seconds: float) 
     beyond = believed(task, state(task, path_point(course[1] + 1e-6, course)[:3]), course[None])
     before = believed(task, state(task, path_point(course[1] - 0.1, course)[:3]), course[None])
     for _ in range(steps - 1):
-        reward, _, tally = task.score(goal, before, actuators, 0.0 * actuators, tally)
+        reward, _, tally = score(task, goal, before, actuators, 0.0 * actuators, tally)
         assert reward[0] == 0.0
-    return float(task.score(goal, beyond, actuators, 0.0 * actuators, tally)[0][0])
+    return float(score(task, goal, beyond, actuators, 0.0 * actuators, tally)[0][0])
 
 
 @DIVES
@@ -644,7 +688,7 @@ def ended(task: Dive, position: Any, course: np.ndarray, pitch: float = 0.0) -> 
     """The end of a vehicle that believes to be at the path's beginning."""
     truth, reference = state(task, position, pitch), believed(task, state(task, [0.0, 0.0, 0.0]), course[None])
     tally = task.begin(state(task, [0.0, 0.0, 0.0]), course[None])
-    return task.ends[task.score(truth, reference, trim(task), 0.0 * trim(task), tally)[1][0]]
+    return task.ends[score(task, truth, reference, trim(task), 0.0 * trim(task), tally)[1][0]]
 
 
 @DIVES
@@ -691,19 +735,23 @@ def test_believing_to_have_arrived_decides_whatever_else_happens(system: System)
     there = believed(task, state(task, path_point(course[1] + 1e-6, course)[:3]), course[None])
     tally = np.array([[course[1], 20.0]])
     surfaced = state(task, [0.0, 0.0, -5.0], 1.5)
-    assert task.ends[task.score(surfaced, there, trim(task), 0.0 * trim(task), tally)[1][0]] == "missed the goal"
+    assert task.ends[score(task, surfaced, there, trim(task), 0.0 * trim(task), tally)[1][0]] == "missed the goal"
 
 
 @DIVES
 def test_the_score_reads_position_and_pitch_of_the_truth_and_nothing_else(system: System):
-    task, rng, names = system.task, np.random.default_rng(21), system.vehicle.truth_names
+    task, rng, names = system.task, np.random.default_rng(21), system.vehicle.state_names
     truth = random_states(task, rng, 200)
     read = np.isin(names, ("x", "y", "z", "theta"))
     other = np.where(read, truth, rng.normal(size=truth.shape))
     course = courses(task, 200, 21)
     reference, tally = believed(task, truth + 0.1, course), np.abs(rng.normal(size=(200, 2)))
     actuators = trim(task, 200)
-    one, two = (task.score(values, reference, actuators, 0.0 * actuators, tally) for values in (truth, other))
+    acting = np.zeros((200, 8)), rng.normal(size=(200, 8))
+    one, two = (
+        task.score(values, forcing, reference, task.over(reference), actuators, 0.0 * actuators, tally)
+        for values, forcing in zip((truth, other), acting, strict=True)
+    )
     for a, b in zip(one, two, strict=True):
         np.testing.assert_array_equal(a, b)
     np.testing.assert_array_equal(task.begin(truth, course), task.begin(other, course))
@@ -716,8 +764,8 @@ def test_the_score_does_not_read_the_action_and_of_the_actuators_the_thrust_alon
     reference, tally = believed(task, truth + 0.01, course), np.abs(rng.normal(size=(50, 2))) + 1.0
     one, other = trim(task, 50), trim(task, 50)
     other[:, :-1] = rng.normal(size=other[:, :-1].shape)
-    a = task.score(truth, reference, one, np.zeros_like(one), tally)
-    b = task.score(truth, reference, other, rng.uniform(-1, 1, one.shape), tally)
+    a = score(task, truth, reference, one, np.zeros_like(one), tally)
+    b = score(task, truth, reference, other, rng.uniform(-1, 1, one.shape), tally)
     for left, right in zip(a, b, strict=True):
         np.testing.assert_array_equal(left, right)
 
@@ -726,7 +774,15 @@ def test_the_score_does_not_read_the_action_and_of_the_actuators_the_thrust_alon
 def test_scoring_changes_nothing_that_it_is_given(system: System):
     task, course = system.task, courses(system.task, 5, 23)
     truth = state(task, path_point(0.5 * course[:, 1], course)[:, :3])
-    given_ = [truth, believed(task, truth, course), trim(task, 5), trim(task, 5), task.begin(truth, course)]
+    given_ = [
+        truth,
+        np.ones((5, 8)),
+        believed(task, truth, course),
+        np.zeros(5, bool),
+        trim(task, 5),
+        trim(task, 5),
+        task.begin(truth, course),
+    ]
     copies = [array.copy() for array in given_]
     task.score(*given_)
     for array, copy in zip(given_, copies, strict=True):
@@ -736,13 +792,13 @@ def test_scoring_changes_nothing_that_it_is_given(system: System):
 def test_dives_to_port_are_scored_like_dives_to_starboard():
     task, rng, rows = SPATIAL.task, np.random.default_rng(24), 300
     course, mirror = courses(task, rows, 24), np.array([-1.0, 1.0, 1.0])
-    flip = np.where(np.isin(SPATIAL.vehicle.truth_names, ["v", "p", "r", "y", "phi", "psi", "current east"]), -1.0, 1.0)
+    flip = np.where(np.isin(SPATIAL.vehicle.state_names, ["v", "p", "r", "y", "phi", "psi"]), -1.0, 1.0)
     truth = random_states(task, rng, rows)
     guess = truth + rng.normal(0.0, 0.5, truth.shape)
     actuators, tally = trim(task, rows) * rng.uniform(0.0, 1.5, (rows, 1)), np.abs(rng.normal(size=(rows, 2))) * 5.0
-    one = task.score(truth, believed(task, guess, course), actuators, actuators, tally)
+    one = score(task, truth, believed(task, guess, course), actuators, actuators, tally)
     port = believed(task, guess * flip, course * mirror)
-    other = task.score(truth * flip, port, actuators * mirror, actuators * mirror, tally)
+    other = score(task, truth * flip, port, actuators * mirror, actuators * mirror, tally)
     np.testing.assert_allclose(other[0], one[0], rtol=1e-9, atol=1e-12)
     np.testing.assert_array_equal(other[1], one[1])
     np.testing.assert_allclose(other[2], one[2], rtol=1e-9)

@@ -43,14 +43,14 @@ def half_way(env_id, **options):
     core = env.unwrapped.core
     task = core.task
     point = path_point(0.5 * core.course[:, 1], core.course)[:, :3]
-    return moved(core, point - task.position(core.truth), point - task.position(core.belief.mean))
+    return moved(core, point - task.position(core.state), point - task.position(core.belief.mean))
 
 
 def moved(core, truth=0.0, belief=0.0):
     """The core with the vehicle and what is believed of it shifted by vectors north, east and down [m]."""
-    back = core.task.position(np.eye(core.truth.shape[1]))  # (n, 3)
-    core.truth = core.truth + (np.zeros(3) + truth) @ back.T
-    core.belief = core.belief.replace(mean=core.belief.mean + (np.zeros(3) + belief) @ back.T)
+    back = core.task.position(np.eye(core.belief.mean.shape[1]))  # (n, 3)
+    core.state = core.state + (np.zeros(3) + truth) @ back.T[:, : core.state.shape[1]]
+    core.loop.belief = core.belief.replace(mean=core.belief.mean + (np.zeros(3) + belief) @ back.T)
     return core
 
 
@@ -290,7 +290,7 @@ def test_a_lost_dive_is_drawn_and_says_why_it_is_lost(env_id, end, down, words):
 @pytest.mark.parametrize("env_id", DIVES)
 def test_the_end_of_a_path_says_how_far_the_goal_is(env_id, words):
     core = half_way(env_id, estimator="ekf", disturbance="calm")
-    end = path_point(core.course[:, 1] + 0.2, core.course)[:, :3] - core.task.position(core.truth)
+    end = path_point(core.course[:, 1] + 0.2, core.course)[:, :3] - core.task.position(core.state)
     moved(core, truth=end, belief=end)
     core.end[:] = core.task.ends.index("arrived")
     picture(core)

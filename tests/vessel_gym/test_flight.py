@@ -4,17 +4,22 @@ from typing import Any
 
 import numpy as np
 import pytest
+from contract import make_core, sizes_by_mode
 
-from estimators import Belief
+from vessel_gym.composition import Forces
+from vessel_gym.core import joint_prior
 from vessel_gym.envs.puna_uav import PUNA_UAV, PunaUAVEnv
 from vessel_gym.guidance.dubins import approach, candidates, plan, shortest, word_path
 from vessel_gym.guidance.path_following import LEAD, follow, track
+from vessel_gym.system import Estimate
 from vessel_gym.tasks.flight import ENDS, OBSTACLES, SEGMENTS, Flight
-from vessel_gym.vehicles.puna import TRUTH, wind_axes
+from vessel_gym.vehicles.puna import STATE, airspeed
 
 TASK = PUNA_UAV.task
 assert isinstance(TASK, Flight)
 AIR = PUNA_UAV.disturbances["moderate"]
+STILL = np.zeros((1, 7))
+"""A forcing in which nothing kicks and no wind blows."""
 
 
 def padded(path: Any) -> np.ndarray:
@@ -32,13 +37,8 @@ def segments_of(course: np.ndarray) -> np.ndarray:
     return rows[rows[:, 4] > 0.0]
 
 
-def belief(mean: np.ndarray) -> Belief:
-    cov = np.broadcast_to(np.eye(mean.shape[-1]), (*mean.shape, mean.shape[-1]))
-    return Belief(mean, cov, mean, cov, np.zeros(len(mean), np.int8))
-
-
 def on_path(course: np.ndarray, s: float, off: float = 0.0, above: float = 0.0) -> np.ndarray:
-    """Truth ``(1, 16)`` at 20 m/s along the path of a course ``(97,)``, ``off`` metres to starboard of it."""
+    """States ``(1, 7)`` at 20 m/s along the path of a course ``(97,)``, ``off`` metres to starboard of it."""
     path = segments_of(course)
     begin = np.concatenate([[0.0], np.cumsum(path[:, 4])])
     k = min(int(np.searchsorted(begin, s, side="right")) - 1, len(path) - 1)
@@ -46,7 +46,7 @@ def on_path(course: np.ndarray, s: float, off: float = 0.0, above: float = 0.0) 
     turn = curvature * (s - begin[k])
     chord, middle = (s - begin[k]) * np.sinc(0.5 * turn / np.pi), heading + 0.5 * turn
     heading += turn
-    truth = np.zeros((1, len(TRUTH)))
+    truth = np.zeros((1, len(STATE)))
     truth[0, :2] = (
         x + chord * np.cos(middle) - off * np.sin(heading),
         y + chord * np.sin(middle) + off * np.cos(heading),
@@ -197,13 +197,17 @@ def test_a_scene_that_cannot_be_flown_is_refused_in_one_sentence(options: dict[s
 
 def test_the_prior_flies_along_the_path_through_an_unknown_wind():
     course = courses(4)
-    prior = TASK.prior(course, AIR)
-    assert np.linalg.eigvalsh(prior.cov).min() > 0.0
-    x = prior.mean[0] + np.random.default_rng(0).standard_normal((20_000, 16)) @ np.linalg.cholesky(prior.cov).T
-    axes = wind_axes(x, np.empty(10))
-    np.testing.assert_allclose(np.sqrt(np.var(x[:, 7:13], axis=0)), AIR.wind_sd, rtol=0.03)
-    assert axes[:, 3].mean() == pytest.approx(20.0, abs=0.02)
-    assert axes[:, 3].std() == pytest.approx(0.5, rel=0.05)  # airspeed is known, whatever the wind
+    prior = TASK.prior(course)
+    cov = joint_prior(prior.cov, Forces(PUNA_UAV.vehicle, AIR), make_core("PunaUAV-v0", 1).sensors)
+    assert cov.shape == (16, 16)
+    assert np.linalg.eigvalsh(cov).min() > 0.0
+    x = np.random.default_rng(0).standard_normal((20_000, 16)) @ np.linalg.cholesky(cov).T
+    z = x[:, 7:13]
+    fast = airspeed(prior.mean[0] + x[:, :7], AIR.effect(z, x[:, :7]))
+    np.testing.assert_allclose(np.std(z, axis=0), np.sqrt(np.diag(AIR.process.start_cov)), rtol=0.03)
+    np.testing.assert_allclose(np.std(x[:, 13:], axis=0), 0.1, rtol=0.03)  # of the GNSS's bias
+    assert fast.mean() == pytest.approx(20.0, abs=0.02)
+    assert fast.std() == pytest.approx(0.5, rel=0.05)  # airspeed is known, whatever the wind
     where = TASK.reference(course, np.zeros(4), prior.mean)
     np.testing.assert_allclose(where[:, :3], 0.0, atol=1e-9)
 
@@ -213,7 +217,8 @@ def test_the_prior_flies_along_the_path_through_an_unknown_wind():
 
 def seen_at(truth: np.ndarray, course: np.ndarray) -> dict[str, np.ndarray]:
     reference = TASK.reference(course, np.zeros(len(truth)), truth)
-    return TASK.named(TASK.observe(belief(truth), reference, np.tile(TASK.body.cruise, (len(truth), 1))))
+    known = Estimate(truth, np.zeros((len(truth), 3)))
+    return TASK.named(TASK.observe(known, reference, np.tile(TASK.body.cruise, (len(truth), 1))))
 
 
 def test_on_the_path_nothing_is_to_be_done():
@@ -243,7 +248,7 @@ def test_errors_have_the_signs_that_their_names_say():
 
 def test_obstacles_are_seen_on_their_side_and_fade_with_distance():
     course = TASK.course(np.zeros((1, TASK.uniforms)), {"obstacles": [(400.0, 100.0, 30.0)]})
-    truth = np.zeros((3, 16))
+    truth = np.zeros((3, 7))
     truth[:, 0], truth[:, 2], truth[:, 3] = [400.0, 350.0, 100.0], TASK.altitude_of(course), 20.0
     seen = seen_at(truth, np.repeat(course, 3, axis=0))
     np.testing.assert_allclose(seen["obstacles to starboard"][[0, 2]], [1.0 - 70.0 / 100.0, 0.0], atol=1e-9)
@@ -253,8 +258,10 @@ def test_obstacles_are_seen_on_their_side_and_fade_with_distance():
 
 def test_sizes_are_as_documented():
     manual = PunaUAVEnv.__doc__ or ""
-    assert TASK.sizes() == {"mean": 18, "mean+std": 34, "measurement": 117}
-    for size in TASK.sizes().values():
+    core = make_core("PunaUAV-v0", 1)
+    sizes = sizes_by_mode(TASK.sizes(core.sensors.size, len(core.composition.names)))
+    assert sizes == {"mean": 18, "mean+std": 34, "measurement": 117}
+    for size in sizes.values():
         assert f"({size},)" in manual
 
 
@@ -269,7 +276,7 @@ def flown(course: np.ndarray, places: list[tuple[float, float, float]], action: 
         truth = on_path(course[0], *place)
         reference = TASK.reference(course, np.zeros(1), truth)
         command = np.full((1, 3), action * (-1) ** k)
-        reward, end, tally = TASK.score(truth, reference, np.zeros((1, 3)), command, tally)
+        reward, end, tally = TASK.score(truth, STILL, reference, TASK.over(reference), np.zeros((1, 3)), command, tally)
         assert 0.0 <= reward[0] <= 1.0
         total += reward[0]
         if end[0]:
@@ -337,7 +344,20 @@ def test_every_end_has_its_reason():
     assert ending(course, base, there) == "missed the goal"
 
 
+def test_what_stalls_is_the_airspeed_and_not_the_speed_over_ground():
+    course = courses(1, 7)
+    truth = on_path(course[0], 300.0)
+    along, against = STILL.copy(), STILL.copy()
+    along[0, 4:6], against[0, 4:6] = 0.6 * truth[0, 3:5], -0.6 * truth[0, 3:5]
+    reference, tally = TASK.reference(course, np.zeros(1), truth), np.array([[290.0, 0.0, 0.0, 0.0]])
+    ends = [ENDS[TASK.score(truth, wind, reference, np.zeros(1, bool), np.zeros((1, 3)), np.zeros((1, 3)), tally)[1][0]]
+            for wind in (STILL, along, against)]  # fmt: skip
+    assert ends == ["", "stalled", ""]
+
+
 def ending(course: np.ndarray, truth: np.ndarray, believed: np.ndarray) -> str:
     reference = TASK.reference(course, np.zeros(1), believed)
     tally = np.array([[290.0, 0.0, 0.0, 0.0]]) if truth[0, 0] < 700.0 else np.array([[740.0, 0.0, 0.0, 0.0]])
-    return ENDS[TASK.score(truth, reference, np.zeros((1, 3)), np.zeros((1, 3)), tally)[1][0]]
+    return ENDS[
+        TASK.score(truth, STILL, reference, TASK.over(reference), np.zeros((1, 3)), np.zeros((1, 3)), tally)[1][0]
+    ]

@@ -46,8 +46,10 @@ def moved(core, truth=(), belief=()):
     """The core with the first components of the truth and of what is believed shifted."""
     change = np.zeros((2, core.truth.shape[1]))
     change[0, : len(truth)], change[1, : len(belief)] = truth, belief
-    core.truth = core.truth + change[0]
-    core.belief = core.belief.replace(mean=core.belief.mean + change[1])
+    n, k = core.state.shape[1], core.sea_state.shape[1]
+    core.state, core.sea_state = core.state + change[0, :n], core.sea_state + change[0, n : n + k]
+    core.forcing[:, 4:] = core.forces.flow(core.sea_state, core.state)
+    core.loop.belief = core.belief.replace(mean=core.belief.mean + change[1])
     return core
 
 
@@ -194,9 +196,9 @@ def test_the_path_and_the_obstacles_are_those_of_the_course():
 @pytest.mark.parametrize(("whose", "colour", "other"), [("truth", TRUE, BELIEVED), ("belief", BELIEVED, TRUE)])
 def test_the_wind_counts_gusts_and_blows_where_its_arrow_points(whose, colour, other, words):
     core = core_of(estimator="truth")
-    core.truth[0, 7:11] = 0.0, 3.0, 0.0, 1.0
-    moved(core, belief=[0.0])
-    core.belief = core.belief.replace(mean=core.truth.copy())
+    core.sea_state[0, :4] = 0.0, 3.0, 0.0, 1.0
+    moved(core)
+    core.loop.belief = core.belief.replace(mean=core.truth.copy())
     before = picture(core)[WIND]
     assert sum(entry[0] == "4.00 m/s" for entry in words) == 2
     after = picture(moved(core, **{whose: 4.0 * np.eye(16)[7] - 4.0 * np.eye(16)[8]}))[WIND]
@@ -273,7 +275,7 @@ def test_a_lost_flight_is_drawn_and_says_why_it_is_lost(end, change, words):
 
 def test_the_end_of_a_path_says_how_far_the_goal_is(words):
     core = core_of(estimator="ekf")
-    core.truth[0, :2] = 603.0, 4.0
+    core.state[0, :2] = 603.0, 4.0
     core.end[:] = core.task.ends.index("arrived")
     picture(core)
     assert "arrived, 5.0 m from the goal" in words

@@ -31,10 +31,23 @@ JUNK = st.one_of(
     st.lists(st.lists(st.floats(), max_size=3), max_size=4),
     npst.arrays(npst.scalar_dtypes(), npst.array_shapes(min_dims=0, max_dims=3, max_side=4)),
 )  # fmt: skip
+
+
+@st.composite
+def told(draw: Any) -> Any:
+    """What a filter may be told, nearly; a function, whose strategies Hypothesis does not write out at length."""
+    keys = {
+        "disturbance": st.sampled_from(["calm", "Rough", None]), "as": st.sampled_from(["states", "white", "nois"]),
+        **dict.fromkeys(("Q", "R", "prior"), st.floats(1e-3, 1e3)), "how": st.none(),
+    }  # fmt: skip
+    chosen = draw(st.lists(st.sampled_from(list(keys)), unique=True))
+    return draw(JUNK) if not chosen else {key: draw(keys[key] | JUNK) for key in chosen}
+
+
 ARGUMENTS = {  # what is, or nearly is, right
     "estimator": st.sampled_from([*estimator_names(), "kf-umv", "EKF"]),
     # What a filter makes of the values of its own options is tested with the filters.
-    "estimator_options": st.fixed_dictionaries({"model": JUNK}),
+    "estimator_options": st.fixed_dictionaries({"model": JUNK}) | st.fixed_dictionaries({"told": told()}),
     "sensors": st.sampled_from([*SUITES, "clen"]),
     "disturbance": st.sampled_from(["calm", "Rough"]),
     "mismatch": st.floats(0.0, 0.3),
@@ -42,8 +55,8 @@ ARGUMENTS = {  # what is, or nearly is, right
     "render_mode": st.sampled_from([None, "ansi"]),
 }
 OTHER_WORDS = {
-    "estimator": ("needs",), "estimator_options": ("has no option", "model"), "sensors": ("sensor suite",),
-    "render_mode": ("argument",),
+    "estimator": ("needs",), "estimator_options": ("has no option", "model", "told", "disturbance"),
+    "sensors": ("sensor suite",), "render_mode": ("argument",),
 }  # fmt: skip
 NUMBERS = st.floats(-300.0, 900.0) | EXTREME
 POSES = st.tuples(NUMBERS, NUMBERS, st.floats(-4.0, 40.0) | EXTREME)

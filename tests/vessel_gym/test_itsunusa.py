@@ -1,7 +1,6 @@
 """The ITSUNUSA: its equations are the Segorogeni's in the vertical plane; trim, energy, the vehicle's contract."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,40 +8,45 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
+from sensing import UnevenWater, forcing, sensors_of, without_a_filter
 
+from estimators import wrap
+from vessel_gym.composition import Composition, compose
+from vessel_gym.core import Core
+from vessel_gym.envs.auv import PLANE_WATERS as WATERS
+from vessel_gym.envs.itsunusa_auv import ITSUNUSA_AUV
 from vessel_gym.vehicles.auv import UNCERTAIN, VERTICAL
+from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.itsunusa import (
     COEFFICIENTS,
-    TRUTH,
+    STATE,
     Itsunusa,
-    ItsunusaParameters,
     energy,
     inertia,
-    itsunusa_derivative,
-    itsunusa_readings,
+    itsunusa_rates,
     itsunusa_step,
 )
 from vessel_gym.vehicles.segorogeni import (
     Segorogeni,
-    SegorogeniParameters,
-    segorogeni_derivative,
-    segorogeni_readings,
+    segorogeni_rates,
     segorogeni_step,
 )
 from vessel_gym.vehicles.segorogeni import energy as energy_in_space
 from vessel_gym.vehicles.segorogeni import inertia as inertia_in_space
 
-BODY = ItsunusaParameters()
+BODY = load("itsunusa")
 C = BODY.vector()
 VEHICLE = Itsunusa()
+SENSORS = sensors_of(VEHICLE)
+STILL = np.zeros(1)  # no current
 DEG = np.pi / 180.0
-PLANE = np.array([0, 2, 4, 6, 8, 10, 12])
+PLANE = np.array([0, 2, 4, 6, 8, 10])
 """Where the state lies in that of six degrees of freedom."""
 DRAG = ("X_uu", "Z_ww", "Z_qq", "M_ww", "M_qq")
 LIFT = ("Z_uw", "Z_uq", "M_uw", "M_uq")
 
-SIX = SegorogeniParameters(
-    length=2.0, diameter=0.30, fin_area=BODY.fin_area, fin_position=-1.0, z_g=BODY.z_g,
+SIX = replace(
+    load("segorogeni"), length=2.0, diameter=0.30, fin_area=BODY.fin_area, fin_position=-1.0, z_g=BODY.z_g,
     buoyancy_excess=BODY.buoyancy_excess, axial_drag=BODY.axial_drag, propeller_torque=0.0,
 )  # fmt: skip
 """The same body in six degrees of freedom."""
@@ -57,9 +61,13 @@ def changed(c: np.ndarray, **values: float) -> np.ndarray:
 
 
 def random_states(rng: np.random.Generator, n: int) -> np.ndarray:
-    """Truth states ``(n, 7)`` over all that the vehicle can meet, and more, ahead and astern."""
-    high = np.array([3.0, 1.0, 1.0, 50.0, 20.0, 4.0, 0.5])
-    return rng.uniform(-high, high, (n, 7))
+    """States ``(n, 6)`` over all that the vehicle can meet, and more, ahead and astern."""
+    high = np.array([3.0, 1.0, 1.0, 50.0, 20.0, 4.0])
+    return rng.uniform(-high, high, (n, 6))
+
+
+def random_currents(rng: np.random.Generator, n: int) -> np.ndarray:
+    return rng.uniform(-0.5, 0.5, (n, 1))
 
 
 def random_controls(rng: np.random.Generator, n: int) -> np.ndarray:
@@ -68,9 +76,14 @@ def random_controls(rng: np.random.Generator, n: int) -> np.ndarray:
 
 def in_space(states: np.ndarray) -> np.ndarray:
     """The same states in six degrees of freedom."""
-    full = np.zeros(states.shape[:-1] + (14,))
+    full = np.zeros(states.shape[:-1] + (12,))
     full[..., PLANE] = states
     return full
+
+
+def northward(currents: np.ndarray) -> np.ndarray:
+    """The same currents along the course, in two dimensions."""
+    return np.concatenate([currents, np.zeros_like(currents)], -1)
 
 
 def rudder_centred(controls: np.ndarray) -> np.ndarray:
@@ -93,10 +106,12 @@ def test_the_equations_are_those_of_six_degrees_of_freedom_in_the_vertical_plane
     rng = np.random.default_rng(1)
     states, controls = random_states(rng, 200), random_controls(rng, 200)
     c, full = replace(BODY, **changes).vector(), replace(SIX, **changes).vector()
-    rates = segorogeni_derivative(in_space(states), rudder_centred(controls), full)
+    currents = random_currents(rng, 200)
+    rates = segorogeni_rates(in_space(states), rudder_centred(controls), northward(currents), full)
     states[:, 5] = np.clip(states[:, 5], -1.5, 1.5)
-    level = segorogeni_derivative(in_space(states), rudder_centred(controls), full)
-    np.testing.assert_allclose(itsunusa_derivative(states, controls, c), level[:, PLANE], rtol=1e-12, atol=1e-13)
+    level = segorogeni_rates(in_space(states), rudder_centred(controls), northward(currents), full)
+    own = itsunusa_rates(states, controls, currents, c)
+    np.testing.assert_allclose(own, level[:, PLANE], rtol=1e-12, atol=1e-13)
     np.testing.assert_array_equal(np.delete(rates, PLANE, axis=1), 0.0)  # it stays in the plane
     np.testing.assert_allclose(inertia(c), inertia_in_space(full)[np.ix_([0, 2, 4], [0, 2, 4])], rtol=1e-14)
     np.testing.assert_allclose(energy(states, c), energy_in_space(in_space(states), full), rtol=1e-12)
@@ -106,14 +121,15 @@ def test_a_step_is_that_of_six_degrees_of_freedom():
     rng = np.random.default_rng(2)
     states, controls = random_states(rng, 50), np.hstack([random_controls(rng, 50), random_controls(rng, 50)])
     states[:, 5] *= 0.2
-    step = itsunusa_step(states, controls, C, 0.1, 2)
-    full = segorogeni_step(in_space(states), rudder_centred(controls), SIX.vector(), 0.1, 2)
+    currents = random_currents(rng, 50)
+    step = itsunusa_step(states, controls, currents, C, 0.1, 2)
+    full = segorogeni_step(in_space(states), rudder_centred(controls), northward(currents), SIX.vector(), 0.1, 2)
     np.testing.assert_allclose(step, full[:, PLANE], rtol=1e-12, atol=1e-12)
 
 
 def printed_equations(state: np.ndarray, control: np.ndarray) -> np.ndarray:
     """Accelerations by equations (1)-(3), misprints mended."""
-    u, w, q, _, _, theta, _ = state
+    u, w, q, _, _, theta = state
     stern, thrust = control
     c, m, z_C = BODY.coefficients, BODY.mass, BODY.z_g
     W, B = m * 9.81, BODY.buoyancy
@@ -137,7 +153,8 @@ def test_going_ahead_the_equations_are_the_printed_ones():
     states, controls = random_states(rng, 200), random_controls(rng, 200)
     states[:, 0] = np.abs(states[:, 0])
     printed = np.array([printed_equations(x, u) for x, u in zip(states, controls, strict=True)])
-    np.testing.assert_allclose(itsunusa_derivative(states, controls, C)[:, :3], printed, rtol=1e-10, atol=1e-11)
+    rates = itsunusa_rates(states, controls, random_currents(rng, 200), C)
+    np.testing.assert_allclose(rates[:, :3], printed, rtol=1e-10, atol=1e-11)
 
 
 def power(state: np.ndarray, rates: np.ndarray, c: np.ndarray) -> np.ndarray:
@@ -150,9 +167,9 @@ def power(state: np.ndarray, rates: np.ndarray, c: np.ndarray) -> np.ndarray:
 
 @given(st.lists(st.floats(-1.0, 1.0, allow_subnormal=False), min_size=4, max_size=4))
 def test_in_still_water_without_thrust_energy_never_grows(numbers):
-    state = np.zeros(7)
+    state = np.zeros(6)
     state[[0, 1, 2, 5]] = np.array(numbers) * [4.0, 2.0, 3.0, 2.0 * np.pi]
-    gained = power(state, itsunusa_derivative(state, np.zeros(2), C), C)
+    gained = power(state, itsunusa_rates(state, np.zeros(2), STILL, C), C)
     assert gained <= 1e-11 * (1.0 + np.abs(state[:3]).max()) ** 3
 
 
@@ -160,9 +177,8 @@ def test_in_still_water_without_thrust_energy_never_grows(numbers):
 @given(st.integers(0, 2**32 - 1))
 def test_energy_never_grows_along_a_track(seed):
     state = random_states(np.random.default_rng(seed), 8)
-    state[:, 6] = 0.0
     for _ in range(200):
-        after = itsunusa_step(state, np.zeros(4), C, 0.05, 4)
+        after = itsunusa_step(state, np.zeros(4), STILL, C, 0.05, 4)
         assert (energy(after, C) <= energy(state, C) + 1e-7).all()
         state = after
 
@@ -170,8 +186,7 @@ def test_energy_never_grows_along_a_track(seed):
 def test_without_drag_and_lift_energy_is_conserved():
     c = changed(C, **dict.fromkeys(DRAG + LIFT, 0.0))
     state = random_states(np.random.default_rng(4), 20)
-    state[:, 6] = 0.0
-    after = itsunusa_step(state, np.zeros(4), c, 10.0, 10_000)
+    after = itsunusa_step(state, np.zeros(4), STILL, c, 10.0, 10_000)
     np.testing.assert_allclose(energy(after, c), energy(state, c), rtol=1e-10)
     assert np.abs(after - state).max() > 1.0
 
@@ -187,48 +202,52 @@ def test_the_inertia_is_symmetric_positive_definite_and_inverted_once():
 
 def test_a_batch_is_a_loop_and_inputs_stay():
     rng = np.random.default_rng(5)
-    states, controls = random_states(rng, 12).reshape(3, 4, 7), random_controls(rng, 12).reshape(3, 4, 2)
+    states, controls = random_states(rng, 12).reshape(3, 4, 6), random_controls(rng, 12).reshape(3, 4, 2)
+    currents = random_currents(rng, 12).reshape(3, 4, 1)
     c = VEHICLE.parameters(0.2, rng.normal(size=(4, VEHICLE.normals)))  # one vehicle a column
     moving = np.concatenate([controls, 0.9 * controls], -1)
-    copies = [a.copy() for a in (states, controls, moving, c)]
-    rates, after = itsunusa_derivative(states, controls, c), itsunusa_step(states, moving, c, 0.1, 2)
+    copies = [a.copy() for a in (states, controls, moving, currents, c)]
+    rates, after = itsunusa_rates(states, controls, currents, c), itsunusa_step(states, moving, currents, c, 0.1, 2)
+    read = SENSORS.exact(states, forcing(VEHICLE, currents))
     for i, j in np.ndindex(3, 4):
-        np.testing.assert_array_equal(rates[i, j], itsunusa_derivative(states[i, j], controls[i, j], c[j]))
-        np.testing.assert_array_equal(after[i, j], itsunusa_step(states[i, j], moving[i, j], c[j], 0.1, 2))
-    for a, b in zip((states, controls, moving, c), copies, strict=True):
+        alone = states[i, j], controls[i, j], currents[i, j]
+        np.testing.assert_array_equal(rates[i, j], itsunusa_rates(*alone, c[j]))
+        np.testing.assert_array_equal(after[i, j], itsunusa_step(alone[0], moving[i, j], alone[2], c[j], 0.1, 2))
+        np.testing.assert_array_equal(read[i, j], SENSORS.exact(alone[0], forcing(VEHICLE, alone[2])))
+    for a, b in zip((states, controls, moving, currents, c), copies, strict=True):
         np.testing.assert_array_equal(a, b)
 
 
 # --- the step ---------------------------------------------------------------------------------------
 
 
-DIVE = np.array([1.5, 0.05, -0.1, 3.0, 2.0, -0.3, 0.2])
+DIVE = np.array([1.5, 0.05, -0.1, 3.0, 2.0, -0.3])
+CURRENT = np.array([0.2])
 HARD = np.array([-0.2, 10.0, -0.1, 20.0])
 
 
 def test_a_step_is_the_solution_of_the_equations():
     solution = solve_ivp(
-        lambda t, s: itsunusa_derivative(s, HARD[:2] + (HARD[2:] - HARD[:2]) * t / 0.1, C),
+        lambda t, s: itsunusa_rates(s, HARD[:2] + (HARD[2:] - HARD[:2]) * t / 0.1, CURRENT, C),
         (0.0, 0.1), DIVE, method="DOP853", rtol=1e-13, atol=1e-13,
     )  # fmt: skip
-    np.testing.assert_allclose(itsunusa_step(DIVE, HARD, C, 0.1, 2), solution.y[:, -1], rtol=0, atol=2e-6)
-    np.testing.assert_allclose(itsunusa_step(DIVE, HARD, C, 0.1, 64), solution.y[:, -1], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(itsunusa_step(DIVE, HARD, CURRENT, C, 0.1, 2), solution.y[:, -1], rtol=0, atol=2e-6)
+    np.testing.assert_allclose(itsunusa_step(DIVE, HARD, CURRENT, C, 0.1, 64), solution.y[:, -1], rtol=0, atol=1e-9)
 
 
 def test_two_substeps_are_converged_over_a_dive():
     coarse = fine = np.array(DIVE)
     for k in range(150):
         control = np.array([0.3, 30.0, 0.35, 30.0]) * (1.0 if k < 40 else -0.4 if k < 80 else 0.1)
-        coarse, fine = itsunusa_step(coarse, control, C, 0.1, 2), itsunusa_step(fine, control, C, 0.1, 20)
+        coarse, fine = (itsunusa_step(x, control, CURRENT, C, 0.1, n) for x, n in ((coarse, 2), (fine, 20)))
         np.testing.assert_allclose(coarse, fine, rtol=0, atol=2e-5)
 
 
 def test_a_current_shifts_the_track_and_nothing_else():
-    states = random_states(np.random.default_rng(6), 20)
-    still = states.copy()
-    still[:, 6] = 0.0
-    drifted, straight = (itsunusa_step(x, HARD, C, 2.0, 40) for x in (states, still))
-    np.testing.assert_allclose(drifted[:, 3] - straight[:, 3], 2.0 * states[:, 6], rtol=0, atol=1e-12)
+    rng = np.random.default_rng(6)
+    states, currents = random_states(rng, 20), random_currents(rng, 20)
+    drifted, straight = (itsunusa_step(states, HARD, flow, C, 2.0, 40) for flow in (currents, STILL))
+    np.testing.assert_allclose(drifted[:, 3] - straight[:, 3], 2.0 * currents[:, 0], rtol=0, atol=1e-12)
     np.testing.assert_array_equal(drifted[:, [0, 1, 2, 4, 5]], straight[:, [0, 1, 2, 4, 5]])
 
 
@@ -236,13 +255,13 @@ def test_a_current_shifts_the_track_and_nothing_else():
 
 
 def level_flight(speed: float) -> tuple[np.ndarray, np.ndarray]:
-    """State ``(7,)`` and control ``(2,)`` of level flight at a speed [m/s]."""
+    """State ``(6,)`` and control ``(2,)`` of level flight at a speed [m/s]."""
 
     def unpacked(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return np.array([speed, z[0], 0.0, 0.0, 0.0, z[1], 0.0]), z[2:]
+        return np.array([speed, z[0], 0.0, 0.0, 0.0, z[1]]), z[2:]
 
     def residual(z: np.ndarray) -> np.ndarray:
-        return itsunusa_derivative(*unpacked(z), C)[[0, 1, 2, 4]]
+        return itsunusa_rates(*unpacked(z), STILL, C)[[0, 1, 2, 4]]
 
     found = root(residual, np.array([0.0, 0.0, 0.0, 7.0 * speed**2]), tol=1e-12)
     assert np.abs(found.fun).max() < 1e-10
@@ -256,42 +275,62 @@ def test_the_vehicle_trims_level_and_stable_with_fins_and_thrust_to_spare(speed)
     assert abs(state[5]) < 6 * DEG
     assert 0.0 < control[1] < 0.8 * BODY.thrust_limit
     moving, h = [0, 1, 2, 5], 1e-6
-    offsets = h * np.eye(7)[moving]
-    rates = [itsunusa_derivative(state + sign * offsets, control, C)[:, moving] for sign in (1, -1)]
+    offsets = h * np.eye(6)[moving]
+    rates = [itsunusa_rates(state + sign * offsets, control, STILL, C)[:, moving] for sign in (1, -1)]
     assert np.linalg.eigvals((rates[0] - rates[1]).T / (2.0 * h)).real.max() < -0.05
 
 
 def test_positive_stern_plane_dives_and_thrust_drives():
     state, control = level_flight(1.5)
-    dived = itsunusa_step(state, np.tile(control + [2 * DEG, 0.0], 2), C, 5.0, 100)
+    dived = itsunusa_step(state, np.tile(control + [2 * DEG, 0.0], 2), STILL, C, 5.0, 100)
     assert dived[5] < state[5] - 2 * DEG
     assert dived[4] > 0.1
-    assert itsunusa_derivative(state, control + [0.0, 1.0], C)[0] > 0.0
-    assert itsunusa_step(np.zeros(7), np.zeros(4), C, 60.0, 1200)[4] < -1.0  # it comes up by itself
+    assert itsunusa_rates(state, control + [0.0, 1.0], STILL, C)[0] > 0.0
+    assert itsunusa_step(np.zeros(6), np.zeros(4), STILL, C, 60.0, 1200)[4] < -1.0  # it comes up by itself
 
 
 def test_all_thrust_makes_two_metres_a_second():
     state, _ = level_flight(1.5)
-    fast = itsunusa_step(state, np.array([0.0, BODY.thrust_limit, 0.0, BODY.thrust_limit]), C, 60.0, 1200)
+    control = np.tile([0.0, BODY.thrust_limit], 2)
+    fast = itsunusa_step(state, control, STILL, C, 60.0, 1200)
     assert fast[0] > 2.0
 
 
 # --- the vehicle in an environment ------------------------------------------------------------------
 
 
-SEA = SimpleNamespace(kick_sd=np.array([0.02, 0.015, 0.025, 0.004]))
+KICKS, CURRENT_SD = (0.02, 0.015, 0.025), 0.12
+WATER = UnevenWater(VEHICLE, KICKS, (CURRENT_SD,))
+
+
+def told(noise: float = 1.0, how: str | None = None) -> Composition:
+    """What filters are told of the vehicle in that water, with so many times the sensors' nominal noise."""
+    return compose(VEHICLE, "nonlinear", WATER, sensors_of(VEHICLE, noise), how)
 
 
 def test_names_and_sizes_agree():
-    channels = [channel for instrument in VEHICLE.instruments for channel in instrument.channels]
-    assert channels == ["u over ground", "w over ground", "z", "theta", "q", "x"]
-    truth, actuators = VEHICLE.start(np.ones((4, 7)))
-    assert truth.shape == (4, len(VEHICLE.truth_names)) == (4, len(TRUTH))
-    assert VEHICLE.readings(truth, np.zeros((4, 4))).shape == (4, 6)
+    assert VEHICLE.state_names == STATE
+    assert SENSORS.channels == ("u over ground", "w over ground", "z", "theta", "q", "x")
+    assert (VEHICLE.kicked, VEHICLE.flows) == (("u", "w", "q"), ("current",))
+    assert VEHICLE.estimated("nonlinear") == STATE
+    assert told().names == (*STATE, "current")
+    assert told(how="noise").names == STATE
+    x = np.random.default_rng(13).normal(size=(4, 6))
+    state, actuators = VEHICLE.start(x)
+    np.testing.assert_array_equal(state, x)
+    np.testing.assert_array_equal(VEHICLE.placed(x), x)
+    assert SENSORS.exact(state, np.zeros((4, 4))).shape == (4, 6)
     np.testing.assert_array_equal(actuators, np.tile([0.0, BODY.cruise_thrust], (4, 1)))
-    np.testing.assert_array_equal(VEHICLE.filter_state(truth, 6), truth[:, :6])
     _, (_, thrust) = level_flight(1.5)
     assert BODY.cruise_thrust == pytest.approx(thrust, rel=0.02)
+
+
+def test_filters_estimate_the_whole_state_and_the_current():
+    core = Core(ITSUNUSA_AUV, 4, "dead-reckoning")
+    core.start(seed=3)
+    core.step(np.zeros((4, 2)))
+    assert core.truth_names == core.composition.names == (*STATE, "current")
+    np.testing.assert_array_equal(core.estimated(core.truth), np.hstack([core.state, core.sea_state]))
 
 
 def test_actuators_keep_their_limits_rates_and_lag():
@@ -307,44 +346,73 @@ def test_actuators_keep_their_limits_rates_and_lag():
 def test_a_step_of_the_vehicle_is_kicked_at_its_end():
     rng = np.random.default_rng(7)
     states, before, after = random_states(rng, 6), random_controls(rng, 6), random_controls(rng, 6)
-    forcing, c = rng.normal(size=(6, 4)) * 0.1, VEHICLE.parameters(0.0, np.zeros((6, VEHICLE.normals)))
-    stepped = VEHICLE.step(states, before, after, forcing, c)
-    plain = itsunusa_step(states, np.hstack([before, after]), C, 0.1, 2)
-    np.testing.assert_allclose(stepped[:, :3], plain[:, :3] + forcing[:, :3], rtol=0, atol=1e-15)
-    np.testing.assert_array_equal(stepped[:, 3:6], plain[:, 3:6])
-    np.testing.assert_allclose(stepped[:, 6], np.exp(-0.1 / 200.0) * states[:, 6] + forcing[:, 3], rtol=0, atol=1e-15)
+    kicks, currents = rng.normal(size=(6, 3)) * 0.1, random_currents(rng, 6)
+    c = VEHICLE.parameters(0.0, np.zeros((6, VEHICLE.normals)))
+    stepped = VEHICLE.step(states, before, after, np.hstack([kicks, currents]), c)
+    plain = itsunusa_step(states, np.hstack([before, after]), currents, C, 0.1, 2)
+    np.testing.assert_allclose(stepped[:, :3], plain[:, :3] + kicks, rtol=0, atol=1e-15)
+    np.testing.assert_array_equal(stepped[:, 3:], plain[:, 3:])
 
 
-def test_instruments_read_what_those_in_six_degrees_of_freedom_do():
-    states = random_states(np.random.default_rng(8), 50)
-    full = segorogeni_readings(in_space(states), np.empty(12))
-    expected = full[:, [0, 2, 3, 5, 8, 10]]
-    np.testing.assert_allclose(VEHICLE.readings(states, np.zeros((50, 4))), expected, rtol=0, atol=1e-13)
+@pytest.mark.parametrize("water", WATERS.values(), ids=WATERS)
+def test_the_current_dies_away_in_200_s_and_keeps_its_size(water):
+    decay, currents = np.exp(-0.1 / 200.0), random_currents(np.random.default_rng(14), 6)
+    np.testing.assert_allclose(water.process.advance(currents), decay * currents, rtol=1e-15)
+    np.testing.assert_array_equal(water.effect(currents, np.zeros((6, 6))), currents)
+    np.testing.assert_allclose(water.process.start_cov, [[water.current**2]], rtol=1e-14)
+    fresh = water.process.root @ water.process.root.T
+    np.testing.assert_allclose(decay**2 * water.process.start_cov + fresh, [[water.current**2]], rtol=1e-14)
+
+
+def test_sensors_read_what_those_in_six_degrees_of_freedom_do():
+    rng = np.random.default_rng(8)
+    states, currents, six = random_states(rng, 50), random_currents(rng, 50), Segorogeni(SIX)
+    full = sensors_of(six).exact(in_space(states), forcing(six, northward(currents)))
+    kicked = np.hstack([rng.normal(size=(50, 3)), currents])  # kicks act later and are not seen
+    np.testing.assert_allclose(SENSORS.exact(states, kicked), full[:, [0, 2, 3, 5, 8, 10]], rtol=0, atol=1e-13)
 
 
 def test_in_still_water_exact_readings_give_back_the_state():
     states = random_states(np.random.default_rng(9), 20)
-    states[:, 6] = 0.0
-    x, d = VEHICLE.from_readings(VEHICLE.readings(states, np.zeros((20, 4))), np.zeros((20, 6)), np.ones((20, 6)))
-    np.testing.assert_allclose(x, states, rtol=0, atol=1e-14)
-    np.testing.assert_array_equal(d, np.zeros((20, 4)))
+    readings = SENSORS.exact(states, np.zeros((20, 4)))
+    known = SENSORS.states_from(readings)
+    np.testing.assert_array_equal(np.stack([known[name] for name in STATE], -1), states)
+    x, d = without_a_filter(told(), VEHICLE.kicks, readings)
+    x[:, 5] = states[:, 5] + wrap(x[:, 5] - states[:, 5])
+    np.testing.assert_allclose(x, np.hstack([states, np.zeros((20, 1))]), rtol=0, atol=1e-14)
+    np.testing.assert_array_equal(d, np.zeros((20, 3)))
 
 
 def test_the_filter_s_model_is_the_vehicle_when_nothing_kicks():
     rng = np.random.default_rng(10)
-    model = VEHICLE.model("nonlinear", 2.0, SEA)
-    ensemble, before, after = random_states(rng, 30).reshape(3, 10, 7), random_controls(rng, 3), random_controls(rng, 3)
-    predicted = model.transition(ensemble, np.hstack([before, after])[:, None])
+    model = told(noise=2.0).model
+    ensemble, currents = random_states(rng, 30).reshape(3, 10, 6), random_currents(rng, 30).reshape(3, 10, 1)
+    before, after = random_controls(rng, 3), random_controls(rng, 3)
+    whole = np.concatenate([ensemble, currents], -1)
+    predicted = model.transition(whole, np.hstack([before, after])[:, None])
     c = VEHICLE.parameters(0.0, np.zeros((10, VEHICLE.normals)))
     for i in range(3):
         rows = [np.tile(control[i], (10, 1)) for control in (before, after)]
-        np.testing.assert_array_equal(predicted[i], VEHICLE.step(ensemble[i], *rows, np.zeros((10, 4)), c))
-    np.testing.assert_array_equal(model.measurement(ensemble, None), itsunusa_readings(ensemble, np.empty(6)))
+        stepped = VEHICLE.step(ensemble[i], *rows, forcing(VEHICLE, currents[i]), c)
+        np.testing.assert_array_equal(predicted[i, :, :6], stepped)
+    np.testing.assert_allclose(predicted[..., 6:], np.exp(-0.1 / 200.0) * currents, rtol=1e-15)
+    read = SENSORS.exact(ensemble, forcing(VEHICLE, currents))
+    np.testing.assert_array_equal(model.measurement(whole, None), read)
     np.testing.assert_allclose(model.R, np.diag((2.0 * np.array([0.01, 0.01, 0.02, 0.01, 0.005, 0.5])) ** 2))
-    np.testing.assert_allclose(model.Q, np.diag(np.array([0.02, 0.015, 0.025, 0.0, 0.0, 0.0, 0.004]) ** 2))
+    increment = CURRENT_SD * np.sqrt(1.0 - np.exp(-2.0 * 0.1 / 200.0))
+    np.testing.assert_allclose(model.Q, np.diag(np.array([*KICKS, 0.0, 0.0, 0.0, increment]) ** 2), rtol=1e-12, atol=0)
+    assert model.G is model.H is None
     assert (model.state_angles, model.measurement_angles) == ((5,), (3,))
-    with pytest.raises(ValueError, match="unknown filter model 'linear'"):
-        VEHICLE.model("linear", 1.0, SEA)
+    with pytest.raises(ValueError, match=r"^unknown filter model 'linear' .*: choose from nonlinear$"):
+        Core(ITSUNUSA_AUV, estimator_options={"model": "linear"})
+
+
+def test_a_reading_may_correct_all_but_the_way_covered_and_only_a_fix_corrects_that():
+    read = ("u", "w", "z", "theta", "q", "x")
+    assert tuple(channel.split()[0] for channel in SENSORS.channels) == read
+    expected = [[(state == "x") == (reading == "x") for reading in read] for state in (*STATE, "current")]
+    np.testing.assert_array_equal(told().localisation, expected)
+    np.testing.assert_array_equal(told(how="noise").localisation, expected[:6])
 
 
 def test_mismatch_is_that_of_six_degrees_of_freedom():
@@ -354,9 +422,10 @@ def test_mismatch_is_that_of_six_degrees_of_freedom():
     rng = np.random.default_rng(12)
     states, controls = random_states(rng, 100), random_controls(rng, 100)
     states[:, 5] *= 0.3
-    rates = itsunusa_derivative(states, controls, c)
-    expected = segorogeni_derivative(in_space(states), rudder_centred(controls), full)
+    currents = random_currents(rng, 100)
+    rates = itsunusa_rates(states, controls, currents, c)
+    expected = segorogeni_rates(in_space(states), rudder_centred(controls), northward(currents), full)
     np.testing.assert_allclose(rates, expected[:, PLANE], rtol=1e-11, atol=1e-12)
     assert np.linalg.eigvalsh(inertia(c)).min() > 0.0
-    assert power(states, itsunusa_derivative(states, np.zeros(2), c), c).max() < 0.0
+    assert power(states, itsunusa_rates(states, np.zeros(2), currents, c), c).max() < 0.0
     np.testing.assert_array_equal(VEHICLE.parameters(0.0, normals[:3, :VERTICAL]), np.tile(C, (3, 1)))

@@ -5,39 +5,41 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from sensing import forcing, sensors_of, without_a_filter
 
 from estimators import Gaussian, make, wrap
+from vessel_gym.composition import Composition, compose
+from vessel_gym.core import Core
 from vessel_gym.disturbances import Air
+from vessel_gym.envs.puna_uav import PUNA_UAV
+from vessel_gym.vehicles.files import load
+from vessel_gym.vehicles.planar_puna import MISSILE, PlanarPuna, planar_derivative
+from vessel_gym.vehicles.point_mass import COEFFICIENTS, UNCERTAIN
 from vessel_gym.vehicles.puna import (
-    COEFFICIENTS,
-    MISSILE,
-    TRUTH,
-    UNCERTAIN,
-    WIND_AXES,
-    PlanarPuna,
-    PointMass,
+    STATE,
     Puna,
-    PunaParameters,
-    energy,
-    ground_step,
-    planar_derivative,
-    puna_derivative,
-    puna_readings,
+    airspeed,
+    puna_gnss,
+    puna_rates,
     puna_step,
     trim,
-    wind_axes,
 )
 
-BODY = PunaParameters()
+BODY = load("puna")
 C = BODY.vector()
 VEHICLE = Puna()
+SENSORS = sensors_of(VEHICLE)
 DEG = np.pi / 180.0
 MIRROR = np.array([1, -1, 1, 1, 1, -1, -1, 1, -1, 1])
 AIR = Air(wind=3.0, gust=1.06, vertical_gust=0.7)
 
 
+# In these tests a state is that of the literature, in wind axes ``(..., 10)``: x, y, altitude, airspeed, flight-path
+# angle, course through the air, bank, wind north, east, down.
+
+
 def random_states(rng: np.random.Generator, n: int) -> np.ndarray:
-    """Truth states ``(n, 10)`` over all that the aircraft can meet, and more."""
+    """States ``(n, 10)`` over all that the aircraft can meet, and more."""
     low = np.array([-500.0, -500.0, 0.0, 8.0, -1.2, -7.0, -0.9, -5.0, -5.0, -2.0])
     high = np.array([500.0, 500.0, 300.0, 35.0, 1.2, 7.0, 0.9, 5.0, 5.0, 2.0])
     return rng.uniform(low, high, (n, 10))
@@ -58,19 +60,52 @@ def ground_velocity(state: np.ndarray) -> np.ndarray:
     return air_velocity(state) + state[..., 7:]
 
 
-def truth_of(states: np.ndarray, rng: np.random.Generator | None = None) -> np.ndarray:
-    """Truth states ``(..., 16)`` of states in wind axes; with ``rng``, winds split anyhow and a GNSS with a bias."""
-    truth = np.zeros(states.shape[:-1] + (16,))
-    truth[..., [0, 1, 2, 6]] = states[..., [0, 1, 2, 6]]
-    truth[..., 3:6] = ground_velocity(states) * [1, 1, -1]
-    parts = np.zeros(states.shape[:-1] + (3,)) if rng is None else rng.normal(size=states.shape[:-1] + (3,))
-    truth[..., 7:9] = states[..., 7:9] - parts[..., :2]
-    truth[..., 9:11] = parts[..., :2]
-    truth[..., 11] = states[..., 9] - np.sqrt(3.0) * parts[..., 2]
-    truth[..., 12] = parts[..., 2]
-    if rng is not None:
-        truth[..., 13:] = rng.normal(size=states.shape[:-1] + (3,))
-    return truth
+def own_state(states: np.ndarray) -> np.ndarray:
+    """The aircraft's own state ``(..., 7)``: position, velocity over ground, bank."""
+    return np.concatenate([states[..., :3], ground_velocity(states) * [1, 1, -1], states[..., 6:7]], -1)
+
+
+def in_wind_axes(own: np.ndarray, wind: np.ndarray) -> np.ndarray:
+    """States ``(..., 10)`` of own states and winds."""
+    north, east, up = np.moveaxis(own[..., 3:6] - wind * [1, 1, -1], -1, 0)
+    level = np.hypot(north, east)
+    axes = np.stack([np.hypot(level, up), np.arctan2(up, level), np.arctan2(east, north)], -1)
+    return np.concatenate([own[..., :3], axes, own[..., 6:], np.broadcast_to(wind, own.shape[:-1] + (3,))], -1)
+
+
+def axes_rates(states: np.ndarray, controls: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """Rates ``(..., 10)`` of states by the vehicle's own equations and the chain rule, the wind constant."""
+    rates = puna_rates(own_state(states), controls, states[..., 7:], c)
+    (north, east, down), (along, across, up) = (
+        np.moveaxis(air_velocity(states), -1, 0),
+        np.moveaxis(rates[..., 3:6], -1, 0),
+    )
+    level, climb = np.hypot(north, east), -down
+    level_rate = (north * along + east * across) / level
+    V2 = level**2 + climb**2
+    speed_rate, slope_rate = (level * level_rate + climb * up) / np.sqrt(V2), (up * level - climb * level_rate) / V2
+    axes = np.stack([speed_rate, slope_rate, (north * across - east * along) / level**2], -1)
+    return np.concatenate([rates[..., :3], axes, rates[..., 6:], np.zeros(rates.shape[:-1] + (3,))], -1)
+
+
+def axes_step(states: np.ndarray, control: np.ndarray, c: np.ndarray, dt: float, substeps: int) -> np.ndarray:
+    """States ``(..., 10)`` after a step of the vehicle's; courses go on from those before."""
+    wind = states[..., 7:]
+    moved = in_wind_axes(puna_step(own_state(states), control, wind, c, dt, substeps), wind)
+    moved[..., 5] = states[..., 5] + wrap(moved[..., 5] - states[..., 5])
+    return moved
+
+
+def energy(states: np.ndarray) -> np.ndarray:
+    """Kinetic energy against the air and potential energy [J] of states ``(..., 10)``, ``(...)``."""
+    return BODY.mass * (0.5 * states[..., 3] ** 2 + BODY.gravity * states[..., 2])
+
+
+def split(winds: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """States of the air ``(..., 6)`` that make winds ``(..., 3)``, split anyhow into mean and gusts."""
+    parts = rng.normal(size=winds.shape)
+    z = np.concatenate([winds[..., :2] - parts[..., :2], parts], -1)
+    return np.insert(z, 4, winds[..., 2] - np.sqrt(3.0) * parts[..., 2], axis=-1)
 
 
 def level_flight(speed: float, bank: float = 0.0, altitude: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
@@ -85,7 +120,7 @@ def level_flight(speed: float, bank: float = 0.0, altitude: float = 0.0) -> tupl
 
 
 def test_velocity_changes_by_thrust_lift_drag_and_weight():
-    """Newton in earth axes, from the vectors: the equations in wind axes say the same."""
+    """Newton in earth axes, from the vectors."""
     states, controls = random_states(np.random.default_rng(0), 200), random_controls(np.random.default_rng(1), 200)
     thrust, alpha = controls[:, 0], controls[:, 1]
     h, V, phi = states[:, 2], states[:, 3], states[:, 6]
@@ -100,12 +135,25 @@ def test_velocity_changes_by_thrust_lift_drag_and_weight():
     force = (thrust * np.cos(alpha) - drag)[:, None] * ahead + (lift + thrust * np.sin(alpha))[:, None] * normal
     acceleration = force / 3.364 + [0.0, 0.0, 9.81]
 
-    rates, h = puna_derivative(states, controls, C), 1e-6
-    moved = (air_velocity(states + h * rates) - air_velocity(states - h * rates)) / (2.0 * h)
-    np.testing.assert_allclose(moved, acceleration, rtol=0, atol=1e-6)
+    rates = puna_rates(own_state(states), controls, states[:, 7:], C)
+    np.testing.assert_allclose(rates[:, 3:6], acceleration * [1, 1, -1], rtol=0, atol=1e-11)
     np.testing.assert_allclose(rates[:, :3], ground_velocity(states) * [1, 1, -1], rtol=0, atol=1e-12)
     np.testing.assert_allclose(rates[:, 6], 2.0 * (controls[:, 2] - phi), rtol=1e-12)
-    np.testing.assert_array_equal(rates[:, 7:], 0.0)
+
+
+def test_the_equations_are_those_of_the_literature_in_wind_axes():
+    """Beard & McLain (2012), ch. 9: a point mass that turns coordinated."""
+    states, controls = random_states(np.random.default_rng(24), 200), random_controls(np.random.default_rng(26), 200)
+    (V, gamma, _, phi), (thrust, alpha, _) = states[:, 3:7].T, controls.T
+    pressure = 0.5 * np.polyval(BODY.density, states[:, 2]) * V**2 * BODY.area
+    along = thrust * np.cos(alpha) - pressure * np.polyval(BODY.drag, alpha)
+    across = pressure * np.polyval(BODY.lift, alpha) + thrust * np.sin(alpha)
+    expected = np.stack([
+        along / BODY.mass - BODY.gravity * np.sin(gamma),
+        (across * np.cos(phi) / BODY.mass - BODY.gravity * np.cos(gamma)) / V,
+        across * np.sin(phi) / (BODY.mass * V * np.cos(gamma)),
+    ], -1)  # fmt: skip
+    np.testing.assert_allclose(axes_rates(states, controls, C)[:, 3:6], expected, rtol=0, atol=1e-11)
 
 
 def test_the_density_is_that_of_the_standard_atmosphere():
@@ -123,8 +171,8 @@ def test_without_thrust_and_drag_energy_is_conserved():
     control = np.tile([0.0, 0.03, 0.3], 2)
     after = states
     for _ in range(600):
-        after = puna_step(after, control, c, 0.1, 1)
-    np.testing.assert_allclose(energy(after, c), energy(states, c), rtol=1e-6)
+        after = axes_step(after, control, c, 0.1, 1)
+    np.testing.assert_allclose(energy(after), energy(states), rtol=1e-6)
     assert np.ptp(after[:, 3]) > 1.0  # it went up and down
 
 
@@ -134,7 +182,7 @@ def test_drag_only_takes_energy_and_thrust_only_gives_it():
     controls = random_controls(np.random.default_rng(4), 200)
 
     def power(controls: np.ndarray) -> np.ndarray:
-        rates = puna_derivative(states, controls, C)
+        rates = axes_rates(states, controls, C)
         return BODY.mass * (states[:, 3] * rates[:, 3] + BODY.gravity * rates[:, 2])
 
     glide = power(controls * [0, 1, 1])
@@ -147,8 +195,8 @@ def test_drag_only_takes_energy_and_thrust_only_gives_it():
 def test_port_mirrors_starboard():
     rng = np.random.default_rng(5)
     states, controls = random_states(rng, 200), random_controls(rng, 200)
-    mirrored = puna_derivative(states * MIRROR, controls * [1, 1, -1], C)
-    np.testing.assert_allclose(mirrored, puna_derivative(states, controls, C) * MIRROR, rtol=1e-12, atol=1e-13)
+    mirrored = axes_rates(states * MIRROR, controls * [1, 1, -1], C)
+    np.testing.assert_allclose(mirrored, axes_rates(states, controls, C) * MIRROR, rtol=1e-12, atol=1e-13)
 
 
 def test_no_direction_is_special():
@@ -163,24 +211,30 @@ def test_no_direction_is_special():
         x[:, 5] += angle
         return x
 
-    after = puna_step(turned(states), control, C, 1.0, 10)
-    np.testing.assert_allclose(after, turned(puna_step(states, control, C, 1.0, 10)), rtol=0, atol=1e-9)
+    after = axes_step(turned(states), control, C, 1.0, 10)
+    np.testing.assert_allclose(after, turned(axes_step(states, control, C, 1.0, 10)), rtol=0, atol=1e-9)
 
 
 def test_a_batch_is_a_loop_and_inputs_stay():
     rng = np.random.default_rng(7)
-    states, controls = random_states(rng, 12).reshape(3, 4, 10), random_controls(rng, 12).reshape(3, 4, 3)
+    axes, controls = random_states(rng, 12).reshape(3, 4, 10), random_controls(rng, 12).reshape(3, 4, 3)
+    states, winds = own_state(axes), axes[..., 7:]
     c = VEHICLE.parameters(0.2, rng.normal(size=(4, VEHICLE.normals)))  # one aircraft a column
     moving = np.concatenate([controls, 0.9 * controls], -1)
-    copies = [a.copy() for a in (states, controls, moving, c)]
-    rates, after = puna_derivative(states, controls, c), puna_step(states, moving, c, 0.1, 1)
-    truth = truth_of(states, rng)
-    read = puna_readings(truth, np.empty(9))
+    copies = [a.copy() for a in (states, controls, moving, winds, c)]
+    rates, after = puna_rates(states, controls, winds, c), puna_step(states, moving, winds, c, 0.1, 1)
+    gnss, through_air = puna_gnss(states, np.empty(6)), airspeed(states, winds)
+    biases = rng.normal(size=(3, 4, 3))
+    read = SENSORS.exact(states, forcing(VEHICLE, winds), biases)
     for i, j in np.ndindex(3, 4):
-        np.testing.assert_array_equal(rates[i, j], puna_derivative(states[i, j], controls[i, j], c[j]))
-        np.testing.assert_array_equal(after[i, j], puna_step(states[i, j], moving[i, j], c[j], 0.1, 1))
-        np.testing.assert_array_equal(read[i, j], puna_readings(truth[i, j], np.empty(9)))
-    for a, b in zip((states, controls, moving, c), copies, strict=True):
+        np.testing.assert_array_equal(rates[i, j], puna_rates(states[i, j], controls[i, j], winds[i, j], c[j]))
+        alone = puna_step(states[i, j], moving[i, j], winds[i, j], c[j], 0.1, 1)
+        np.testing.assert_array_equal(after[i, j], alone)
+        np.testing.assert_array_equal(gnss[i, j], puna_gnss(states[i, j], np.empty(6)))
+        assert through_air[i, j] == airspeed(states[i, j], winds[i, j])
+        alone = SENSORS.exact(states[i, j], forcing(VEHICLE, winds[i, j]), biases[i, j])
+        np.testing.assert_array_equal(read[i, j], alone)
+    for a, b in zip((states, controls, moving, winds, c), copies, strict=True):
         np.testing.assert_array_equal(a, b)
 
 
@@ -191,30 +245,32 @@ def test_a_batch_is_a_loop_and_inputs_stay():
 @pytest.mark.parametrize("speed", [0.0, 1e-12, 0.5, 20.0])
 def test_straight_up_or_down_and_at_rest_nothing_is_infinite(gamma, speed):
     rng = np.random.default_rng(8)
-    states = random_states(rng, 20)
-    states[:, 3], states[:, 4] = speed, gamma
-    controls = np.tile(random_controls(rng, 20), 2)
+    axes = random_states(rng, 20)
+    axes[:, 3], axes[:, 4] = speed, gamma
+    states, winds, controls = own_state(axes), axes[:, 7:], np.tile(random_controls(rng, 20), 2)
+    slippery = BODY.drag[2] - 0.25 * BODY.drag[1] ** 2 / BODY.drag[0]  # the least coefficient of drag
+    pull = BODY.mass * BODY.gravity + BODY.thrust_limit
+    fastest = np.sqrt(2.0 * pull / (np.polyval(BODY.density, 500.0) * BODY.area * slippery))
     for _ in range(100):
-        states = puna_step(states, controls, C, 0.1, 1)
-        states[:, 4:6] += 0.01 * rng.standard_normal((20, 2))
+        states = puna_step(states, controls, winds, C, 0.1, 4)
+        states[:, 3:6] += 0.01 * rng.standard_normal((20, 3))
         assert np.isfinite(states).all()
-        assert states[:, 3].min() >= 0.0
-        assert states[:, 3].max() < 60.0
-        assert np.isfinite(puna_readings(truth_of(states), np.empty(9))).all()
+        assert in_wind_axes(states, winds)[:, 3].max() < fastest
+        assert np.isfinite(SENSORS.exact(states, forcing(VEHICLE, winds))).all()
 
 
 def test_a_stalled_aircraft_drops_its_nose_and_flies_again():
     state, control = level_flight(20.0, altitude=300.0)
     state[3], state[4] = 1.0, 1.4
     for _ in range(100):
-        state = puna_step(state, np.tile(control, 2), C, 0.1, 1)
+        state = axes_step(state, np.tile(control, 2), C, 0.1, 1)
     assert state[3] > 8.0
     assert abs(wrap(state[4])) < np.pi / 2
 
 
 def test_a_tail_slide_turns_into_a_dive_with_the_same_velocity():
     state = np.array([0.0, 0.0, 100.0, 0.3, np.pi / 2, 0.2, 0.0, 1.0, 0.0, 0.0])
-    after = puna_step(state, np.zeros(6), C, 0.1, 1)
+    after = axes_step(state, np.zeros(6), C, 0.1, 1)
     np.testing.assert_allclose(air_velocity(after), [0.0, 0.0, 0.981 - 0.3], rtol=0, atol=1e-3)
     assert after[4] == pytest.approx(-np.pi / 2, abs=1e-3)
 
@@ -224,11 +280,13 @@ def test_a_tail_slide_turns_into_a_dive_with_the_same_velocity():
 
 def test_head_wind_adds_airspeed_side_wind_turns_and_updraft_raises_the_flow():
     """At one velocity over ground, the gust alone makes the difference."""
-    flying = np.zeros((3, len(TRUTH)))
-    flying[:, TRUTH.index("north")] = 20.0
-    flying[0, TRUTH.index("gust north")], flying[1, TRUTH.index("gust east")] = -1.0, 1.0
-    flying[2, TRUTH.index("gust down 1")] = -1.0
-    head, side, updraft = wind_axes(flying, np.empty(10))
+    flying, air = np.zeros((3, len(STATE))), np.zeros((3, 6))
+    flying[:, STATE.index("north")] = 20.0
+    air[0, AIR.names.index("gust north")], air[1, AIR.names.index("gust east")] = -1.0, 1.0
+    air[2, AIR.names.index("gust down 1")] = -1.0
+    wind = AIR.effect(air, flying)
+    head, side, updraft = in_wind_axes(flying, wind)
+    np.testing.assert_allclose(airspeed(flying, wind), [21.0, np.hypot(20, 1), np.hypot(20, 1)], rtol=1e-12)
     np.testing.assert_allclose(head[3:6], [21.0, 0.0, 0.0], rtol=1e-12, atol=1e-15)
     np.testing.assert_allclose(side[3:6], [np.hypot(20, 1), 0.0, -np.arctan(1 / 20)], rtol=1e-12, atol=1e-15)
     np.testing.assert_allclose(updraft[3:6], [np.hypot(20, 1), -np.arctan(1 / 20), 0.0], rtol=1e-12, atol=1e-15)
@@ -240,14 +298,14 @@ def test_a_steady_wind_shifts_the_track_and_nothing_else():
     states[:, 9] = 0.0  # an updraft carries it into thinner air
     still = states.copy()
     still[:, 7:] = 0.0
-    drifted, straight = (puna_step(x, controls, C, 2.0, 20) for x in (states, still))
+    drifted, straight = (axes_step(x, controls, C, 2.0, 20) for x in (states, still))
     np.testing.assert_allclose(drifted[:, :2] - straight[:, :2], 2.0 * states[:, 7:9], rtol=0, atol=1e-11)
-    np.testing.assert_array_equal(drifted[:, 2:7], straight[:, 2:7])
+    np.testing.assert_allclose(drifted[:, 2:7], straight[:, 2:7], rtol=0, atol=1e-11)
     c = replace(BODY, density=(0.0, 0.0, 1.2)).vector()
     states[:, 9] = 1.5
-    rising, straight = (puna_step(x, controls, c, 2.0, 20) for x in (states, still))
+    rising, straight = (axes_step(x, controls, c, 2.0, 20) for x in (states, still))
     np.testing.assert_allclose(rising[:, 2] - straight[:, 2], -3.0, rtol=0, atol=1e-11)
-    np.testing.assert_array_equal(rising[:, 3:7], straight[:, 3:7])
+    np.testing.assert_allclose(rising[:, 3:7], straight[:, 3:7], rtol=0, atol=1e-11)
 
 
 # --- the step ---------------------------------------------------------------------------------------
@@ -261,26 +319,26 @@ def precise(state: np.ndarray, control: np.ndarray, dt: float) -> np.ndarray:
     """A step by SciPy's integrator, the actuators moving linearly."""
     start, end = control[:3], control[3:]
     solution = solve_ivp(
-        lambda t, s: puna_derivative(s, start + (end - start) * t / dt, C),
-        (0.0, dt), state, method="DOP853", rtol=1e-13, atol=1e-13,
+        lambda t, s: puna_rates(s, start + (end - start) * t / dt, state[7:], C),
+        (0.0, dt), own_state(state), method="DOP853", rtol=1e-13, atol=1e-13,
     )  # fmt: skip
-    return solution.y[:, -1]
+    return in_wind_axes(solution.y[:, -1], state[7:])
 
 
 def test_a_step_is_the_solution_of_the_equations_to_fourth_order():
     exact = precise(CLIMBING_TURN, HARD, 0.1)
-    np.testing.assert_allclose(puna_step(CLIMBING_TURN, HARD, C, 0.1, 1), exact, rtol=0, atol=6e-5)
+    np.testing.assert_allclose(axes_step(CLIMBING_TURN, HARD, C, 0.1, 1), exact, rtol=0, atol=6e-5)
     exact = precise(CLIMBING_TURN, HARD, 1.0)
-    errors = [np.abs(puna_step(CLIMBING_TURN, HARD, C, 1.0, n) - exact).max() for n in (10, 20, 40)]
+    errors = [np.abs(axes_step(CLIMBING_TURN, HARD, C, 1.0, n) - exact).max() for n in (10, 20, 40)]
     ratios = np.array(errors[:-1]) / errors[1:]
     assert ((ratios > 13.0) & (ratios < 20.0)).all()
 
 
 def test_substeps_are_steps():
     middle = 0.5 * (HARD[:3] + HARD[3:])
-    half = puna_step(CLIMBING_TURN, np.concatenate([HARD[:3], middle]), C, 0.05, 1)
-    two = puna_step(half, np.concatenate([middle, HARD[3:]]), C, 0.05, 1)
-    np.testing.assert_allclose(puna_step(CLIMBING_TURN, HARD, C, 0.1, 2), two, rtol=1e-13)
+    half = axes_step(CLIMBING_TURN, np.concatenate([HARD[:3], middle]), C, 0.05, 1)
+    two = axes_step(half, np.concatenate([middle, HARD[3:]]), C, 0.05, 1)
+    np.testing.assert_allclose(axes_step(CLIMBING_TURN, HARD, C, 0.1, 2), two, rtol=1e-13)
 
 
 def test_one_step_is_converged_in_half_a_minute_of_full_reversals():
@@ -290,7 +348,7 @@ def test_one_step_is_converged_in_half_a_minute_of_full_reversals():
         side = 1.0 if k // 25 % 2 == 0 else -1.0
         after = VEHICLE.actuate(actuators, np.array([[side, 0.1 + 0.11 * side, -side]]))
         moving = np.concatenate([actuators, after], -1)[0]
-        coarse, fine = puna_step(coarse, moving, C, 0.1, 1), puna_step(fine, moving, C, 0.1, 20)
+        coarse, fine = axes_step(coarse, moving, C, 0.1, 1), axes_step(fine, moving, C, 0.1, 20)
         actuators = after
         slopes.append(fine[4])
     assert np.abs(slopes).max() > 40 * DEG
@@ -312,7 +370,7 @@ def test_level_flight_takes_the_angle_and_thrust_of_the_x8(speed, alpha, thrust)
 @pytest.mark.parametrize("altitude", [0.0, 500.0])
 def test_trimmed_flight_stays_as_it_is(speed, altitude):
     state, control = level_flight(speed, altitude=altitude)
-    after = puna_step(state, np.tile(control, 2), C, 60.0, 600)
+    after = axes_step(state, np.tile(control, 2), C, 60.0, 600)
     np.testing.assert_allclose(after[2:], state[2:], rtol=0, atol=1e-7)
     np.testing.assert_allclose(after[:2], [60.0 * speed, 0.0], rtol=0, atol=1e-7)
 
@@ -331,7 +389,7 @@ def test_level_flight_is_stable():
     state, control = level_flight(20.0)
     moving, h = [2, 3, 4, 6], 1e-6  # position and course do not act back, altitude hardly
     offsets = h * np.eye(10)[moving]
-    rates = [puna_derivative(state + sign * offsets, control, C)[:, moving] for sign in (1, -1)]
+    rates = [axes_rates(state + sign * offsets, control, C)[:, moving] for sign in (1, -1)]
     eigenvalues = np.linalg.eigvals(((rates[0] - rates[1]) / (2.0 * h)).T)
     assert eigenvalues.real.max() < 1e-3
     phugoid = np.abs(eigenvalues.imag).max()
@@ -348,7 +406,7 @@ def test_a_level_coordinated_turn_has_the_radius_of_its_bank(speed, bank):
     period = 2.0 * np.pi * abs(radius) / speed
     track = [state]
     for _ in range(steps):
-        track.append(puna_step(track[-1], np.tile(control, 2), C, period / steps, 1))
+        track.append(axes_step(track[-1], np.tile(control, 2), C, period / steps, 1))
     track = np.array(track)
     np.testing.assert_allclose(np.hypot(track[:, 0], track[:, 1] - radius), abs(radius), rtol=1e-6)
     np.testing.assert_allclose(track[-1, [0, 1, 2, 3, 4]], state[[0, 1, 2, 3, 4]], rtol=0, atol=1e-4)
@@ -369,17 +427,17 @@ def test_all_thrust_climbs_at_20_degrees():
     steady = trim(20.0, BODY)
     state = level_flight(20.0)[0]
     state[4] = 20 * DEG
-    rates = puna_derivative(state, np.array([BODY.thrust_limit, steady.alpha, 0.0]), C)
+    rates = axes_rates(state, np.array([BODY.thrust_limit, steady.alpha, 0.0]), C)
     assert rates[3] == pytest.approx(0.2, abs=0.2)
 
 
 def test_thrust_drives_angle_of_attack_climbs_and_bank_turns_to_starboard():
     state, control = level_flight(20.0)
-    rest = puna_derivative(state, control, C)
+    rest = axes_rates(state, control, C)
     np.testing.assert_allclose(rest[3:6], 0.0, rtol=0, atol=1e-9)
-    assert puna_derivative(state, control + [1.0, 0.0, 0.0], C)[3] > 0.1
-    assert puna_derivative(state, control + [0.0, 0.02, 0.0], C)[4] > 0.1
-    banked = puna_step(state, np.tile(control + [0.0, 0.0, 0.3], 2), C, 1.0, 10)
+    assert axes_rates(state, control + [1.0, 0.0, 0.0], C)[3] > 0.1
+    assert axes_rates(state, control + [0.0, 0.02, 0.0], C)[4] > 0.1
+    banked = axes_step(state, np.tile(control + [0.0, 0.0, 0.3], 2), C, 1.0, 10)
     assert banked[5] > 0.05
     assert banked[6] == pytest.approx(0.3 * (1.0 - np.exp(-2.0)), rel=1e-4)
 
@@ -392,7 +450,7 @@ def test_at_no_angle_of_attack_the_paper_s_form_is_the_flight_in_a_vertical_plan
     states[:, [5, 6, 7, 8, 9]] = 0.0
     controls[:, 1:] = 0.0
     planar = planar_derivative(states[:, [4, 3, 0, 2]], controls[:, :2], C)
-    np.testing.assert_allclose(planar, puna_derivative(states, controls, C)[:, [4, 3, 0, 2]], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(planar, axes_rates(states, controls, C)[:, [4, 3, 0, 2]], rtol=0, atol=1e-12)
 
 
 def test_the_paper_s_form_is_its_equation_1_with_lift_along_the_body_and_drag_along_the_velocity():
@@ -414,7 +472,7 @@ def test_the_paper_s_form_is_its_equation_1_with_lift_along_the_body_and_drag_al
     np.testing.assert_allclose(PlanarPuna().step(state, control), state + 0.01 * printed, rtol=1e-12)
     standard = np.zeros((50, 10))
     standard[:, [4, 3, 0, 2]] = state
-    ours = puna_derivative(standard, np.stack([T, alpha, 0.0 * T], -1), C)
+    ours = axes_rates(standard, np.stack([T, alpha, 0.0 * T], -1), C)
     np.testing.assert_allclose(ours[:, 3] - printed[:, 1], L * np.sin(alpha) / m, rtol=0, atol=1e-12)  # brakes twice
 
 
@@ -430,39 +488,80 @@ def test_the_missile_of_the_published_constants_cannot_fly_at_the_paper_s_speed(
     flown = PlanarPuna(MISSILE).step(falling, np.array([0.0, 0.1]))
     assert flown[3] == 1000.0  # forward Euler: gamma first
     assert flown[0] < 0.0
-    assert PlanarPuna().body == PointMass()
+    assert PlanarPuna().body == BODY
 
 
 # --- the vehicle in an environment ------------------------------------------------------------------
 
 
+def told(noise: float = 1.0, how: str | None = None, air: Air = AIR) -> Composition:
+    """What filters are told of the aircraft in an air, with so many times the sensors' nominal noise."""
+    return compose(VEHICLE, "nonlinear", air, sensors_of(VEHICLE, noise), how)
+
+
+AROUND = (
+    "mean wind north", "mean wind east", "gust north", "gust east", "gust down 1", "gust down 2",
+    "bias x", "bias y", "bias h",
+)  # fmt: skip
+"""What filters estimate besides the aircraft's own state."""
+
+
 def test_names_and_sizes_agree():
-    channels = [channel for instrument in VEHICLE.instruments for channel in instrument.channels]
-    assert len(VEHICLE.truth_names) == len(TRUTH) == 16
-    assert len(WIND_AXES) == 10
+    channels = SENSORS.channels
+    assert VEHICLE.state_names == STATE
+    assert len(STATE) == 7
     assert len(channels) == 9
-    assert [TRUTH[i] for i in VEHICLE.state_angles] == ["phi"]
-    assert [channels[i] for i in VEHICLE.measurement_angles] == ["course over ground", "bank"]
-    truth, actuators = VEHICLE.start(np.ones((4, 16)))
-    assert VEHICLE.readings(truth, np.zeros((4, 13))).shape == (4, 9)
+    assert VEHICLE.angles == ("phi",)
+    assert [channels[i] for i in SENSORS.angles] == ["course over ground", "bank"]
+    assert VEHICLE.kicked == ("north", "east", "climb", "phi")
+    state, actuators = VEHICLE.start(np.ones((4, 7)))
+    assert SENSORS.exact(state, np.zeros((4, 7))).shape == (4, 9)
     assert actuators.shape == (4, len(VEHICLE.action_names))
     assert C.shape == (len(COEFFICIENTS),)
-    assert VEHICLE.instruments[0].period * VEHICLE.dt == pytest.approx(1.0)  # GNSS at 1 Hz
-    assert VEHICLE.localisation.shape == (16, 9)
-    assert (VEHICLE.localisation.sum(0) > 0).all()
+    assert VEHICLE.sensors[0].period(VEHICLE.dt) == 10  # GNSS at 1 Hz
+    assert [sensor.rate for sensor in VEHICLE.sensors] == [1.0, None, None, None]
+    assert VEHICLE.estimated("nonlinear") == STATE
+    assert told().names == (*STATE, *AROUND)
+    assert told(how="noise").names == (*STATE, *AROUND[6:])  # the bias is the sensor's
+
+
+def test_a_reading_may_correct_what_it_tells_of_and_no_chance_correlation():
+    level = {"x", "y", "north", "east", "bias x", "bias y"}
+    course = {"x", "y", "north", "east", "phi", *AROUND[:4]}
+    vertical = {"h", "climb", "bias h"}
+    down = {*vertical, "gust down 1", "gust down 2"}
+    corrected = {
+        "x": level, "y": level, "h": vertical, "ground speed": course, "course over ground": course, "climb": down,
+        "pressure altitude": down, "airspeed": {"north", "east", *AROUND[:4]}, "bank": {"phi"},
+    }  # fmt: skip
+    assert tuple(corrected) == SENSORS.channels
+    expected = [[name in names for names in corrected.values()] for name in (*STATE, *AROUND)]
+    np.testing.assert_array_equal(told().localisation, expected)
+    np.testing.assert_array_equal(told(how="noise").localisation, [*expected[:7], *expected[13:]])
 
 
 def test_the_start_is_the_prior_s_trimmed_for_20_m_s():
-    x = np.random.default_rng(14).normal(size=(4, 16))
-    truth, actuators = VEHICLE.start(x)
-    np.testing.assert_array_equal(truth, x)
-    np.testing.assert_array_equal(VEHICLE.filter_state(truth, 16), x)
-    np.testing.assert_array_equal(VEHICLE.filter_state(truth, 7), x[:, :7])
+    x = np.random.default_rng(14).normal(size=(4, 7))
+    state, actuators = VEHICLE.start(x)
+    np.testing.assert_array_equal(state, x)
+    np.testing.assert_array_equal(VEHICLE.placed(x), x)
     np.testing.assert_allclose(actuators, np.tile(level_flight(20.0)[1], (4, 1)))
-    truth += 1.0
+    state += 1.0
     actuators += 1.0
-    assert (truth != x).all()  # copies
+    assert (state != x).all()  # copies
     np.testing.assert_allclose(BODY.cruise, level_flight(20.0)[1])
+
+
+def test_filters_estimate_the_state_the_wind_and_the_gnss_s_bias():
+    core = Core(PUNA_UAV, 4, "dead-reckoning")
+    core.start(seed=3)
+    core.step(np.zeros((4, 3)))
+    assert core.truth_names == core.composition.names == (*STATE, *AROUND)
+    whole = np.hstack([core.state, core.sea_state, core.loop.bias])
+    np.testing.assert_array_equal(core.estimated(core.truth), whole)
+    unaware = Core(PUNA_UAV, 4, "dead-reckoning", {"told": {"as": "noise"}})
+    unaware.start(seed=3)
+    np.testing.assert_array_equal(unaware.estimated(unaware.truth), np.hstack([unaware.state, unaware.loop.bias]))
 
 
 def test_actions_reach_from_limit_to_limit_and_0_is_cruising():
@@ -491,7 +590,7 @@ def test_bank_is_commanded_at_once_and_lags_itself():
     state, control = level_flight(20.0)
     control[2] = BODY.bank_limit
     for _ in range(100):
-        state = puna_step(state, np.tile(control, 2), C, 0.1, 1)
+        state = axes_step(state, np.tile(control, 2), C, 0.1, 1)
         assert state[6] <= BODY.bank_limit
     assert state[6] == pytest.approx(BODY.bank_limit)
 
@@ -504,62 +603,64 @@ def test_thrust_lags_exponentially_between_none_and_all():
     np.testing.assert_allclose(actuators[:, 0], [16.0 - 14.0 * decay, 2.0 * decay], rtol=1e-12)
 
 
-def test_the_truth_in_wind_axes_is_what_it_was_made_of():
+def test_the_state_in_wind_axes_is_what_it_was_made_of():
     rng = np.random.default_rng(23)
     states = random_states(rng, 100)
     states[:, 5] = wrap(states[:, 5])
-    np.testing.assert_allclose(wind_axes(truth_of(states, rng), np.empty(10)), states, rtol=0, atol=1e-10)
-
-
-def test_over_ground_the_aircraft_flies_as_in_wind_axes():
-    rng = np.random.default_rng(24)
-    states, controls = random_states(rng, 200), np.hstack([random_controls(rng, 200), random_controls(rng, 200)])
-    states[:, 3] = np.clip(states[:, 3], 12.0, 30.0)
-    still = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 1.0])  # a wind that does not decay
-    moved = wind_axes(ground_step(truth_of(states, rng), controls, C, still, 0.1, 20), np.empty(10))
-    expected = puna_step(states, controls, C, 0.1, 20)
-    expected[:, 5], moved[:, 5] = 0.0, wrap(moved[:, 5] - expected[:, 5])
-    np.testing.assert_allclose(moved, expected, rtol=0, atol=1e-6)
+    own, air = own_state(states), split(states[:, 7:], rng)
+    np.testing.assert_allclose(AIR.effect(air, own), states[:, 7:], rtol=0, atol=1e-14)
+    np.testing.assert_allclose(in_wind_axes(own, states[:, 7:]), states, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(airspeed(own, states[:, 7:]), states[:, 3], rtol=0, atol=1e-10)
 
 
 def test_straight_up_straight_down_and_at_rest_a_step_is_finite_and_no_wing_bears_more_than_it_may():
-    truth = np.zeros((4, 16))
-    truth[:, 5], truth[:, 2] = [20.0, -20.0, 0.0, 1e-9], 100.0
+    state, still = np.zeros((4, 7)), np.zeros(3)
+    state[:, 5], state[:, 2] = [20.0, -20.0, 0.0, 1e-9], 100.0
     control = np.tile([10.0, 0.2, 0.5], 2)
     for _ in range(50):
-        truth = ground_step(truth, control, C, VEHICLE.wind_decay, 0.1, 1)
-        assert np.isfinite(truth).all()
-    fast = np.zeros((1, 16))
+        state = puna_step(state, control, still, C, 0.1, 1)
+        assert np.isfinite(state).all()
+    fast = np.zeros((1, 7))
     fast[:, 3] = 200.0
-    moved = ground_step(fast, np.tile([0.0, 0.2, 0.0], 2), C, VEHICLE.wind_decay, 0.01, 1)
+    moved = puna_step(fast, np.tile([0.0, 0.2, 0.0], 2), still, C, 0.01, 1)
     assert moved[0, 5] == pytest.approx((200.0 - 9.81) * 0.01, rel=0.02)
 
 
-def test_a_step_of_the_vehicle_lets_the_wind_decay_and_meets_what_enters_at_its_end():
+def test_a_step_of_the_vehicle_is_kicked_at_its_end():
     rng = np.random.default_rng(15)
-    states, before, after = random_states(rng, 6), random_controls(rng, 6), random_controls(rng, 6)
-    truth = truth_of(states, rng)
-    forcing, c = rng.normal(size=(6, 13)), VEHICLE.parameters(0.0, np.zeros((6, VEHICLE.normals)))
-    stepped = VEHICLE.step(truth, before, after, forcing, c)
-    plain = ground_step(truth, np.hstack([before, after]), C, AIR.decay, 0.1, 1)
+    axes, before, after = random_states(rng, 6), random_controls(rng, 6), random_controls(rng, 6)
+    states, winds, kicks = own_state(axes), axes[:, 7:], rng.normal(size=(6, 4))
+    c = VEHICLE.parameters(0.0, np.zeros((6, VEHICLE.normals)))
+    stepped = VEHICLE.step(states, before, after, np.hstack([kicks, winds]), c)
+    plain = puna_step(states, np.hstack([before, after]), winds, C, 0.1, 1)
     np.testing.assert_array_equal(stepped[:, :3], plain[:, :3])
-    np.testing.assert_allclose(stepped[:, 3:] - plain[:, 3:], forcing, rtol=0, atol=1e-12)
-    A = AIR.discrete[0]
-    np.testing.assert_allclose(plain[:, 9:13], truth[:, 9:13] @ A.T, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(plain[:, 7:9], np.exp(-0.1 / 200.0) * truth[:, 7:9], rtol=1e-12)
-    np.testing.assert_array_equal(plain[:, 13:], truth[:, 13:])
+    np.testing.assert_allclose(stepped[:, 3:] - plain[:, 3:], kicks, rtol=0, atol=1e-12)
 
 
-def test_instruments_read_velocity_over_ground_the_bias_of_the_gnss_and_the_rest_as_it_is():
+def test_the_wind_decays_and_the_bias_stays_but_for_what_enters():
+    rng = np.random.default_rng(27)
+    air, bias = rng.normal(size=(6, 6)), rng.normal(size=(6, 3))
+    decayed = AIR.process.advance(air)
+    np.testing.assert_allclose(decayed[:, :2], np.exp(-0.1 / 200.0) * air[:, :2], rtol=1e-12)
+    np.testing.assert_allclose(decayed[:, 2:4], np.exp(-0.1 * 20.0 / 200.0) * air[:, 2:4], rtol=1e-12)
+    # (1 + sqrt(3) T s) / (1 + T s)^2: critically damped, z1' = z2 and z2' = -z1 - 2 z2 in units of T = 50 m / (20 m/s)
+    t = 0.1 * 20.0 / 50.0
+    damped = np.exp(-t) * np.array([[1.0 + t, t], [-t, 1.0 - t]])
+    np.testing.assert_allclose(decayed[:, 4:], air[:, 4:] @ damped.T, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(SENSORS.bias.advance(bias), bias)
+
+
+def test_sensors_read_velocity_over_ground_the_bias_of_the_gnss_and_the_rest_as_it_is():
     rng = np.random.default_rng(16)
     states = random_states(rng, 50)
-    truth = truth_of(states, rng)
+    own, bias = own_state(states), rng.normal(size=(50, 3))
     north, east, down = ground_velocity(states).T
     plain = np.stack([
-        *(states[:, :3] + truth[:, 13:]).T, np.hypot(north, east), np.angle(north + 1j * east), -down, states[:, 2],
+        *(states[:, :3] + bias).T, np.hypot(north, east), np.angle(north + 1j * east), -down, states[:, 2],
         states[:, 3], states[:, 6],
     ], -1)  # fmt: skip
-    np.testing.assert_allclose(VEHICLE.readings(truth, np.ones((50, 13))), plain, rtol=0, atol=1e-12)
+    kicked = np.hstack([np.ones((50, 4)), states[:, 7:]])  # kicks act later and are not seen
+    np.testing.assert_allclose(SENSORS.exact(own, kicked, bias), plain, rtol=0, atol=1e-12)
 
 
 def test_in_a_wind_along_the_course_exact_readings_give_back_the_state():
@@ -567,46 +668,72 @@ def test_in_a_wind_along_the_course_exact_readings_give_back_the_state():
     states[:, 3] = np.maximum(states[:, 3], 12.0)
     along = np.random.default_rng(25).uniform(-3.0, 3.0, 20)
     states[:, 7], states[:, 8], states[:, 9] = along * np.cos(states[:, 5]), along * np.sin(states[:, 5]), 0.0
-    truth = truth_of(states)
-    readings = VEHICLE.readings(truth, np.zeros((20, 13)))
-    x, d = VEHICLE.from_readings(readings, np.zeros((20, 9)), np.ones((20, 9)))
-    np.testing.assert_allclose(x, truth, rtol=0, atol=1e-10)
-    np.testing.assert_array_equal(d, np.zeros((20, 13)))
+    own = own_state(states)
+    readings = SENSORS.exact(own, forcing(VEHICLE, states[:, 7:]))
+    whole = np.hstack([own, states[:, 7:9], np.zeros((20, 7))])  # the wind is taken for a mean one
+    known = SENSORS.states_from(readings)
+    given = [known.get(name, np.zeros(20)) for name in told().names]
+    np.testing.assert_allclose(np.stack(given, -1), whole, rtol=0, atol=1e-10)
+    x, d = without_a_filter(told(), VEHICLE.kicks, readings)
+    np.testing.assert_allclose(x, whole, rtol=0, atol=1e-10)
+    np.testing.assert_array_equal(d, np.zeros((20, 4)))
 
 
 def test_whatever_is_read_gives_a_state():
     readings = np.array([[0.0] * 9, [1e3, -1e3, 1e3, -5.0, 4.0, 30.0, -10.0, -3.0, 2.0], [1e300] * 9, [-1e300] * 9])
-    x, _ = VEHICLE.from_readings(readings, readings, np.ones((4, 9)))
+    known = SENSORS.states_from(readings)
+    assert all(np.isfinite(values).all() for values in known.values())
+    assert all(values[0] == 0.0 for values in known.values())
+    assert set(known) >= {*STATE, *AROUND[:2]}
+    x, _ = without_a_filter(told(), VEHICLE.kicks, readings)
     assert np.isfinite(x).all()
     np.testing.assert_array_equal(x[0], 0.0)
 
 
 def test_the_filter_s_model_is_the_vehicle_when_nothing_enters():
     rng = np.random.default_rng(18)
-    model = VEHICLE.model("nonlinear", 1.0, AIR)
-    ensemble = truth_of(random_states(rng, 30).reshape(3, 10, 10), rng)
-    before, after = random_controls(rng, 3), random_controls(rng, 3)
+    model = told().model
+    axes, before, after = random_states(rng, 30).reshape(3, 10, 10), random_controls(rng, 3), random_controls(rng, 3)
+    own, air, bias = own_state(axes), split(axes[..., 7:], rng), rng.normal(size=(3, 10, 3))
+    ensemble = np.concatenate([own, air, bias], -1)
     predicted = model.transition(ensemble, np.hstack([before, after])[:, None])
-    c = VEHICLE.parameters(0.0, np.zeros((10, VEHICLE.normals)))
+    c, blown = VEHICLE.parameters(0.0, np.zeros((10, VEHICLE.normals))), forcing(VEHICLE, AIR.effect(air, own))
     for i in range(3):
         rows = [np.tile(control[i], (10, 1)) for control in (before, after)]
-        stepped = VEHICLE.step(ensemble[i], *rows, np.zeros((10, 13)), c)
-        np.testing.assert_allclose(predicted[i], stepped, rtol=0, atol=1e-13)
-    np.testing.assert_array_equal(model.measurement(ensemble, None), VEHICLE.readings(ensemble, np.zeros(13)))
+        stepped = VEHICLE.step(own[i], *rows, blown[i], c)
+        np.testing.assert_allclose(predicted[i, :, :7], stepped, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(predicted[..., 7:13], AIR.process.advance(air), rtol=0, atol=1e-14)
+    np.testing.assert_array_equal(predicted[..., 13:], bias)
+    np.testing.assert_array_equal(model.measurement(ensemble, None), SENSORS.exact(own, blown, bias))
 
 
 def test_the_filter_s_noise_is_the_sensors_and_the_air():
-    model = VEHICLE.model("nonlinear", 2.0, AIR)
+    model = told(noise=2.0).model
     sd = np.array([1.0, 1.0, 1.5, 0.05, 0.03, 0.1, 0.5, 0.5, 0.02])
     np.testing.assert_allclose(model.R, np.diag((2.0 * sd) ** 2))
-    np.testing.assert_allclose(model.Q[3:, 3:], AIR.noise_cov)
-    assert not model.Q[:3].any()
+    enters = np.zeros((16, 16))
+    enters[range(3, 7), range(3, 7)] = np.array([0.05, 0.05, 0.05, 0.005]) ** 2
+    enters[7:13, 7:13] = AIR.process.root @ AIR.process.root.T
+    enters[range(13, 16), range(13, 16)] = 0.1 * np.array([0.21, 0.21, 0.40]) ** 2  # of a second's random walk
+    np.testing.assert_allclose(model.Q, enters, rtol=1e-12, atol=1e-20)
+    assert model.G is model.H is None
     assert model.state_angles == (6,)
     assert model.measurement_angles == (4, 8)
-    with pytest.raises(ValueError, match="unknown filter model 'corrected'"):
-        VEHICLE.model("corrected", 1.0, AIR)
-    with pytest.raises(ValueError, match="the vehicle's wind decays otherwise than that of the air"):
-        VEHICLE.model("nonlinear", 1.0, replace(AIR, length=100.0))
+    with pytest.raises(ValueError, match=r"^unknown filter model 'corrected': choose from nonlinear$"):
+        Core(PUNA_UAV, estimator_options={"model": "corrected"})
+
+
+def test_the_filter_s_wind_decays_as_that_of_the_air_it_is_told():
+    other = replace(AIR, length=100.0, wind_time=50.0)
+    air = np.random.default_rng(28).normal(size=(5, 6))
+    whole = np.hstack([np.tile(VEHICLE.cruise[0], (5, 1)), air, np.zeros((5, 3))])
+    moved = told(air=other).model.transition(whole, VEHICLE.cruise[1])[:, 7:13]
+    np.testing.assert_allclose(moved[:, :2], np.exp(-0.1 / 50.0) * air[:, :2], rtol=1e-12)
+    np.testing.assert_allclose(moved[:, 2:4], np.exp(-0.1 * 20.0 / 100.0) * air[:, 2:4], rtol=1e-12)
+    with pytest.raises(
+        ValueError, match=r"^Air was made for steps of 0\.2 s, the vehicle's are 0\.1 s: give it dt=0\.1"
+    ):
+        told(air=replace(AIR, dt=0.2))
 
 
 # --- mismatch ---------------------------------------------------------------------------------------
@@ -637,7 +764,7 @@ def test_thrust_in_the_truth_is_as_strong_as_its_factor():
     state, control = level_flight(20.0)
     weak = VEHICLE.parameters(-0.2, normals)[0]
     np.testing.assert_allclose(
-        puna_derivative(state, control, weak), puna_derivative(state, control * [0.8, 1.0, 1.0], C), rtol=1e-12
+        axes_rates(state, control, weak), axes_rates(state, control * [0.8, 1.0, 1.0], C), rtol=1e-12
     )
 
 
@@ -656,7 +783,7 @@ def test_measuring_every_state_is_better_than_measuring_x_alone():
     plane, rng, runs = PlanarPuna(), np.random.default_rng(0), 20
     D = np.diag([1e-3, 3.0, 0.03, 0.03])
     Q, R = 3.0 * D * plane.dt, 1.5 * D
-    flight = trim(20.0, PunaParameters())
+    flight = trim(20.0, load("puna"))
     u = np.array([flight.thrust, flight.alpha])
     filters = {"x": make("enkf", plane.model("x", Q, R[2:3, 2:3])), "all": make("enkf", plane.model("all", Q, R))}
     truth = np.tile([0.0, 20.0, 0.0, 100.0], (runs, 1))

@@ -16,9 +16,11 @@ from vessel_gym.sea_trials import (
     turning_circle,
     zigzag,
 )
-from vessel_gym.vehicles.corvette import CorvetteParameters, steady_turns, sway_yaw_jacobian
+from vessel_gym.vehicles.corvette import steady_turns, sway_yaw_jacobian
+from vessel_gym.vehicles.corvette_equations import CorvetteParameters
+from vessel_gym.vehicles.files import load
 
-SHIP = CorvetteParameters()
+SHIP = load("corvette")
 L = SHIP.length
 DEG = np.pi / 180.0
 

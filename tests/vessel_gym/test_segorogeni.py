@@ -1,8 +1,6 @@
 """The Segorogeni: compiled equations against the printed ones, energy, trim, turns, the contract of a vehicle."""
 
-from dataclasses import replace
-from functools import cached_property
-from types import SimpleNamespace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -11,28 +9,37 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
 from scipy.spatial.transform import Rotation
+from sensing import UnevenWater, forcing, sensors_of, without_a_filter
 
+from estimators import wrap
+from vessel_gym.composition import Composition, compose
+from vessel_gym.core import Core
+from vessel_gym.envs.auv import WATERS
+from vessel_gym.envs.segorogeni_auv import SEGOROGENI_AUV
 from vessel_gym.vehicles.auv import UNCERTAIN
+from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.hydrodynamics import Coefficients
 from vessel_gym.vehicles.segorogeni import (
     COEFFICIENTS,
-    TRUTH,
+    STATE,
     Segorogeni,
     SegorogeniParameters,
     energy,
     inertia,
-    segorogeni_derivative,
-    segorogeni_readings,
+    segorogeni_log,
+    segorogeni_rates,
     segorogeni_step,
 )
 
-BODY = SegorogeniParameters()
+BODY = load("segorogeni")
 C = BODY.vector()
 VEHICLE = Segorogeni()
+SENSORS = sensors_of(VEHICLE)
+STILL = np.zeros(2)  # no current
 DEG = np.pi / 180.0
 DRAG = ("X_uu", "Y_vv", "Y_rr", "Z_ww", "Z_qq", "K_pp", "M_ww", "M_qq", "N_vv", "N_rr")
 LIFT = ("Y_uv", "Y_ur", "Z_uw", "Z_uq", "M_uw", "M_uq", "N_uv", "N_ur", "K_up")
-MIRROR = np.array([1, -1, 1, -1, 1, -1, 1, -1, 1, -1, 1, -1, 1, -1])
+MIRROR = np.array([1, -1, 1, -1, 1, -1, 1, -1, 1, -1, 1, -1])
 
 REMUS = Coefficients(
     X_udot=-0.93, Y_vdot=-35.5, Y_rdot=1.93, Z_wdot=-35.5, Z_qdot=-1.93, K_pdot=-0.0704, M_wdot=-1.93, M_qdot=-4.88,
@@ -43,12 +50,8 @@ REMUS = Coefficients(
 """A body with other couplings: Prestero (2001), drag in yaw without its misprints, moments of lift for both sides."""
 
 
-class Remus(SegorogeniParameters):
-    """The vehicle's mass with REMUS' hydrodynamics."""
-
-    @cached_property
-    def coefficients(self) -> Coefficients:
-        return REMUS
+WITH_REMUS = replace(BODY, given=tuple(asdict(REMUS).items()))
+"""The vehicle's mass with REMUS' hydrodynamics."""
 
 
 def changed(c: np.ndarray, **values: float) -> np.ndarray:
@@ -60,9 +63,13 @@ def changed(c: np.ndarray, **values: float) -> np.ndarray:
 
 
 def random_states(rng: np.random.Generator, n: int) -> np.ndarray:
-    """Truth states ``(n, 14)`` over all that the vehicle can meet, and more, ahead and astern."""
-    high = np.array([2.0, 1.0, 1.0, 2.0, 1.5, 1.5, 50.0, 50.0, 20.0, 2.0, 1.3, 4.0, 0.5, 0.5])
-    return rng.uniform(-high, high, (n, 14))
+    """States ``(n, 12)`` over all that the vehicle can meet, and more, ahead and astern."""
+    high = np.array([2.0, 1.0, 1.0, 2.0, 1.5, 1.5, 50.0, 50.0, 20.0, 2.0, 1.3, 4.0])
+    return rng.uniform(-high, high, (n, 12))
+
+
+def random_currents(rng: np.random.Generator, n: int) -> np.ndarray:
+    return rng.uniform(-0.5, 0.5, (n, 2))
 
 
 def random_controls(rng: np.random.Generator, n: int) -> np.ndarray:
@@ -90,7 +97,7 @@ def test_the_printed_inverse_inertia_is_that_of_no_body():
     assert (np.linalg.eigvals(printed).real < 0.0).sum() == 2
 
 
-@pytest.mark.parametrize("body", [BODY, Remus()])
+@pytest.mark.parametrize("body", [BODY, WITH_REMUS])
 def test_the_inertia_is_symmetric_positive_definite_and_inverted_once(body):
     c = body.vector()
     M = inertia(c)
@@ -110,7 +117,7 @@ def printed_equations(state: np.ndarray, control: np.ndarray, body: SegorogeniPa
 
     But for the fins' lift in roll, which they leave out, and the rudder's angle, which is ours: positive to starboard.
     """
-    u, v, w, p, q, r, _, _, _, phi, theta, _, _, _ = state
+    u, v, w, p, q, r, _, _, _, phi, theta, _ = state
     rudder, stern, thrust = control
     c, m, z_G = body.coefficients, body.mass, body.z_g
     I_x, I_y = body.roll_inertia, body.pitch_inertia
@@ -152,13 +159,13 @@ def printed_equations(state: np.ndarray, control: np.ndarray, body: SegorogeniPa
     return np.linalg.solve(left, right)
 
 
-@pytest.mark.parametrize("body", [BODY, replace(BODY, z_g=0.05, propeller_torque=0.02), Remus()])
+@pytest.mark.parametrize("body", [BODY, replace(BODY, z_g=0.05, propeller_torque=0.02), WITH_REMUS])
 def test_going_ahead_the_compiled_equations_are_the_printed_ones(body):
     rng = np.random.default_rng(1)
     states, controls = random_states(rng, 200), random_controls(rng, 200)
     states[:, 0] = np.abs(states[:, 0])
     printed = np.array([printed_equations(x, u, body) for x, u in zip(states, controls, strict=True)])
-    compiled = segorogeni_derivative(states, controls, body.vector())
+    compiled = segorogeni_rates(states, controls, random_currents(rng, 200), body.vector())
     np.testing.assert_allclose(compiled[:, :6], printed, rtol=1e-10, atol=1e-11)
 
 
@@ -172,9 +179,10 @@ def power(state: np.ndarray, rates: np.ndarray, c: np.ndarray) -> np.ndarray:
 
 
 def test_the_printed_lift_gives_energy_to_a_vehicle_going_astern():
-    states = random_states(np.random.default_rng(2), 300)
+    rng = np.random.default_rng(2)
+    states = random_states(rng, 300)
     states[:, 0] = -np.abs(states[:, 0])
-    rates = segorogeni_derivative(states, np.zeros(3), C)
+    rates = segorogeni_rates(states, np.zeros(3), random_currents(rng, 300), C)
     assert power(states, rates, C).max() < 0.0
     rates[:, :6] = [printed_equations(x, np.zeros(3), BODY) for x in states]
     assert power(states, rates, C).max() > 0.1
@@ -185,10 +193,10 @@ coordinate = st.floats(-1.0, 1.0, allow_subnormal=False)
 
 @given(st.lists(coordinate, min_size=11, max_size=11))
 def test_in_still_water_without_thrust_energy_never_grows(numbers):
-    state = np.zeros(14)
+    state = np.zeros(12)
     state[:6] = np.array(numbers[:6]) * [3.0, 2.0, 2.0, 4.0, 3.0, 3.0]
     state[8:12] = np.array(numbers[6:10]) * [10.0, np.pi, 1.5, np.pi]
-    gained = power(state, segorogeni_derivative(state, np.zeros(3), C), C)
+    gained = power(state, segorogeni_rates(state, np.zeros(3), STILL, C), C)
     assert gained <= 1e-12 * (1.0 + np.abs(state[:6]).max()) ** 3
 
 
@@ -196,9 +204,10 @@ def test_in_still_water_without_thrust_energy_never_grows(numbers):
 @given(st.integers(0, 2**32 - 1))
 def test_kinetic_energy_never_grows_along_a_track(seed):
     c = changed(C, net_weight=0.0, righting_moment=0.0)  # with them, the pole of the Euler angles spoils the account
-    state = random_states(np.random.default_rng(seed), 8)
+    rng = np.random.default_rng(seed)
+    state, currents = random_states(rng, 8), random_currents(rng, 8)
     for _ in range(100):
-        after = segorogeni_step(state, np.zeros(6), c, 0.05, 4)
+        after = segorogeni_step(state, np.zeros(6), currents, c, 0.05, 4)
         assert (energy(after, c) <= energy(state, c)).all()
         state = after
 
@@ -206,7 +215,7 @@ def test_kinetic_energy_never_grows_along_a_track(seed):
 def test_energy_never_grows_on_the_way_up():
     state = TURNING_DIVE
     for _ in range(400):
-        after = segorogeni_step(state, np.zeros(6), C, 0.05, 4)
+        after = segorogeni_step(state, np.zeros(6), CURRENT, C, 0.05, 4)
         assert energy(after, C) <= energy(state, C)
         state = after
     assert state[8] < TURNING_DIVE[8]
@@ -214,51 +223,57 @@ def test_energy_never_grows_on_the_way_up():
 
 def test_without_drag_and_lift_energy_is_conserved():
     c = changed(C, **dict.fromkeys(DRAG + LIFT, 0.0))
-    state = random_states(np.random.default_rng(3), 20)
+    rng = np.random.default_rng(3)
+    state, currents = random_states(rng, 20), random_currents(rng, 20)
     state[:, 9:11] *= 0.3  # clear of the pole of the Euler angles
     state[:, :6] *= 0.2
-    rates = segorogeni_derivative(state, np.zeros(3), c)
+    rates = segorogeni_rates(state, np.zeros(3), currents, c)
     np.testing.assert_allclose(power(state, rates, c), 0.0, atol=1e-12)
-    after = segorogeni_step(state, np.zeros(6), c, 10.0, 10_000)
+    after = segorogeni_step(state, np.zeros(6), currents, c, 10.0, 10_000)
     np.testing.assert_allclose(energy(after, c), energy(state, c), rtol=0, atol=1e-8)
     assert np.abs(after - state).max() > 1.0
 
 
 def test_port_mirrors_starboard_but_for_the_propeller_s_torque():
     rng = np.random.default_rng(4)
-    states, controls = random_states(rng, 200), random_controls(rng, 200)
+    states, controls, currents = random_states(rng, 200), random_controls(rng, 200), random_currents(rng, 200)
     c = changed(C, propeller_torque=0.0)
-    mirrored = segorogeni_derivative(states * MIRROR, controls * [-1, 1, 1], c)
-    np.testing.assert_allclose(mirrored, segorogeni_derivative(states, controls, c) * MIRROR, rtol=1e-12, atol=1e-13)
-    assert segorogeni_derivative(np.zeros(14), np.array([0.0, 0.0, 4.0]), C)[3] < 0.0
+    mirrored = segorogeni_rates(states * MIRROR, controls * [-1, 1, 1], currents * [1, -1], c)
+    rates = segorogeni_rates(states, controls, currents, c)
+    np.testing.assert_allclose(mirrored, rates * MIRROR, rtol=1e-12, atol=1e-13)
+    assert segorogeni_rates(np.zeros(12), np.array([0.0, 0.0, 4.0]), STILL, C)[3] < 0.0
 
 
-@pytest.mark.parametrize("body", [BODY, Remus()])
+@pytest.mark.parametrize("body", [BODY, WITH_REMUS])
 def test_without_weight_a_quarter_roll_turns_heave_and_pitch_into_sway_and_yaw(body):
     c = replace(body, z_g=0.0, buoyancy_excess=0.0).vector()
     rng = np.random.default_rng(5)
-    states, controls = random_states(rng, 100), random_controls(rng, 100)
+    states, controls, currents = random_states(rng, 100), random_controls(rng, 100), random_currents(rng, 100)
     u, v, w, p, q, r = states[:, :6].T
     rolled = states.copy()
     rolled[:, :6] = np.stack([u, w, -v, p, r, -q], -1)
-    du, dv, dw, dp, dq, dr = segorogeni_derivative(states, controls, c)[:, :6].T
-    rates = segorogeni_derivative(rolled, controls[:, [1, 0, 2]] * [1, -1, 1], c)[:, :6]
+    du, dv, dw, dp, dq, dr = segorogeni_rates(states, controls, currents, c)[:, :6].T
+    rates = segorogeni_rates(rolled, controls[:, [1, 0, 2]] * [1, -1, 1], currents, c)[:, :6]
     np.testing.assert_allclose(rates, np.stack([du, dw, -dv, dp, dr, -dq], -1), rtol=1e-11, atol=1e-12)
 
 
 def test_a_batch_is_a_loop_and_inputs_stay():
     rng = np.random.default_rng(6)
-    states, controls = random_states(rng, 12).reshape(3, 4, 14), random_controls(rng, 12).reshape(3, 4, 3)
+    states, controls = random_states(rng, 12).reshape(3, 4, 12), random_controls(rng, 12).reshape(3, 4, 3)
+    currents = random_currents(rng, 12).reshape(3, 4, 2)
     c = VEHICLE.parameters(0.2, rng.normal(size=(4, VEHICLE.normals)))  # one vehicle a column
     moving = np.concatenate([controls, 0.9 * controls], -1)
-    copies = [a.copy() for a in (states, controls, moving, c)]
-    rates, after = segorogeni_derivative(states, controls, c), segorogeni_step(states, moving, c, 0.1, 2)
-    read = segorogeni_readings(states, np.empty(12))
+    copies = [a.copy() for a in (states, controls, moving, currents, c)]
+    rates, after = segorogeni_rates(states, controls, currents, c), segorogeni_step(states, moving, currents, c, 0.1, 2)
+    read = SENSORS.exact(states, forcing(VEHICLE, currents))
+    log = segorogeni_log(states, currents, np.empty(3))
     for i, j in np.ndindex(3, 4):
-        np.testing.assert_array_equal(rates[i, j], segorogeni_derivative(states[i, j], controls[i, j], c[j]))
-        np.testing.assert_array_equal(after[i, j], segorogeni_step(states[i, j], moving[i, j], c[j], 0.1, 2))
-        np.testing.assert_array_equal(read[i, j], segorogeni_readings(states[i, j], np.empty(12)))
-    for a, b in zip((states, controls, moving, c), copies, strict=True):
+        alone = states[i, j], controls[i, j], currents[i, j]
+        np.testing.assert_array_equal(rates[i, j], segorogeni_rates(*alone, c[j]))
+        np.testing.assert_array_equal(after[i, j], segorogeni_step(alone[0], moving[i, j], alone[2], c[j], 0.1, 2))
+        np.testing.assert_array_equal(log[i, j], segorogeni_log(alone[0], alone[2], np.empty(3)))
+        np.testing.assert_array_equal(read[i, j], SENSORS.exact(alone[0], forcing(VEHICLE, alone[2])))
+    for a, b in zip((states, controls, moving, currents, c), copies, strict=True):
         np.testing.assert_array_equal(a, b)
 
 
@@ -271,17 +286,17 @@ def attitude(state: np.ndarray) -> Rotation:
 
 
 def test_position_moves_with_the_velocity_in_earth_axes_and_the_current():
-    states = random_states(np.random.default_rng(7), 100)
-    rates = segorogeni_derivative(states, np.zeros(3), C)
+    rng = np.random.default_rng(7)
+    states, currents = random_states(rng, 100), random_currents(rng, 100)
+    rates = segorogeni_rates(states, np.zeros(3), currents, C)
     moved = attitude(states).apply(states[:, :3])
-    moved[:, :2] += states[:, 12:]
+    moved[:, :2] += currents
     np.testing.assert_allclose(rates[:, 6:9], moved, rtol=0, atol=1e-12)
-    np.testing.assert_array_equal(rates[:, 12:], 0.0)
 
 
 def test_euler_angles_turn_with_the_body():
     states, h = random_states(np.random.default_rng(8), 100), 1e-5
-    rates = segorogeni_derivative(states, np.zeros(3), C)
+    rates = segorogeni_rates(states, np.zeros(3), STILL, C)
     before, after = states.copy(), states.copy()
     before[:, 9:12] -= h * rates[:, 9:12]
     after[:, 9:12] += h * rates[:, 9:12]
@@ -290,41 +305,40 @@ def test_euler_angles_turn_with_the_body():
 
 
 def test_the_printed_kinematics_know_yaw_alone():
-    states = random_states(np.random.default_rng(9), 50)
+    rng = np.random.default_rng(9)
+    states, currents = random_states(rng, 50), random_currents(rng, 50)
     c = replace(BODY, printed_kinematics=True).vector()
-    rates, full = segorogeni_derivative(states, np.zeros(3), c), segorogeni_derivative(states, np.zeros(3), C)
+    rates, full = (segorogeni_rates(states, np.zeros(3), currents, values) for values in (c, C))
     u, v, w, psi = states[:, 0], states[:, 1], states[:, 2], states[:, 11]
     north, east = u * np.cos(psi) - v * np.sin(psi), u * np.sin(psi) + v * np.cos(psi)
     zero = np.zeros(50)
-    printed = np.stack([north + states[:, 12], east + states[:, 13], w, zero, zero, states[:, 5]], -1)
-    np.testing.assert_allclose(rates[:, 6:12], printed, rtol=0, atol=1e-13)
+    printed = np.stack([north + currents[:, 0], east + currents[:, 1], w, zero, zero, states[:, 5]], -1)
+    np.testing.assert_allclose(rates[:, 6:], printed, rtol=0, atol=1e-13)
     np.testing.assert_array_equal(rates[:, :6], full[:, :6])
     level = states.copy()
     level[:, [2, 3, 4, 9, 10]] = 0.0  # upright in the horizontal plane they are right
-    np.testing.assert_allclose(
-        segorogeni_derivative(level, np.zeros(3), c)[:, 6:12],
-        segorogeni_derivative(level, np.zeros(3), C)[:, 6:12], rtol=0, atol=1e-13,
-    )  # fmt: skip
+    rates, full = (segorogeni_rates(level, np.zeros(3), currents, values) for values in (c, C))
+    np.testing.assert_allclose(rates[:, 6:], full[:, 6:], rtol=0, atol=1e-13)
 
 
 @pytest.mark.parametrize("theta", [np.pi / 2, -np.pi / 2, np.pi / 2 - 1e-9, np.pi / 2 + 1e-9, 3 * np.pi / 2])
 def test_nose_up_or_down_nothing_is_infinite(theta):
-    states = random_states(np.random.default_rng(10), 50)
+    rng = np.random.default_rng(10)
+    states, currents = random_states(rng, 50), random_currents(rng, 50)
     states[:, 10] = theta
-    rates = segorogeni_derivative(states, np.zeros(3), C)
+    rates = segorogeni_rates(states, np.zeros(3), currents, C)
     assert (np.abs(rates[:, 9:12]) < 500.0).all()
     for _ in range(100):
-        states = VEHICLE.advance(states, np.zeros(6), C)
+        states = VEHICLE.advance(states, np.zeros(6), currents, C)
         assert np.isfinite(states).all()
 
 
 def test_a_current_shifts_the_track_and_nothing_else():
     rng = np.random.default_rng(11)
     states, controls = random_states(rng, 20), np.tile(random_controls(rng, 20), 2)
-    still = states.copy()
-    still[:, 12:] = 0.0
-    drifted, straight = (segorogeni_step(x, controls, C, 2.0, 40) for x in (states, still))
-    np.testing.assert_allclose(drifted[:, 6:8] - straight[:, 6:8], 2.0 * states[:, 12:], rtol=0, atol=1e-12)
+    currents = random_currents(rng, 20)
+    drifted, straight = (segorogeni_step(states, controls, flow, C, 2.0, 40) for flow in (currents, STILL))
+    np.testing.assert_allclose(drifted[:, 6:8] - straight[:, 6:8], 2.0 * currents, rtol=0, atol=1e-12)
     kept = [0, 1, 2, 3, 4, 5, 8, 9, 10, 11]
     np.testing.assert_array_equal(drifted[:, kept], straight[:, kept])
 
@@ -332,7 +346,8 @@ def test_a_current_shifts_the_track_and_nothing_else():
 # --- the step ---------------------------------------------------------------------------------------
 
 
-TURNING_DIVE = np.array([1.0, -0.1, 0.05, 0.2, -0.1, 0.3, 3.0, -4.0, 2.0, 0.1, -0.3, 0.7, 0.2, -0.1])
+TURNING_DIVE = np.array([1.0, -0.1, 0.05, 0.2, -0.1, 0.3, 3.0, -4.0, 2.0, 0.1, -0.3, 0.7])
+CURRENT = np.array([0.2, -0.1])
 HARD = np.array([0.30, -0.20, 3.0, 0.35, -0.10, 6.0])
 
 
@@ -340,7 +355,7 @@ def precise(state: np.ndarray, control: np.ndarray, dt: float, c: np.ndarray) ->
     """A step by SciPy's integrator, the actuators moving linearly."""
     start, end = control[:3], control[3:]
     solution = solve_ivp(
-        lambda t, s: segorogeni_derivative(s, start + (end - start) * t / dt, c),
+        lambda t, s: segorogeni_rates(s, start + (end - start) * t / dt, CURRENT, c),
         (0.0, dt), state, method="DOP853", rtol=1e-13, atol=1e-13,
     )  # fmt: skip
     return solution.y[:, -1]
@@ -348,36 +363,36 @@ def precise(state: np.ndarray, control: np.ndarray, dt: float, c: np.ndarray) ->
 
 def test_a_step_is_the_solution_of_the_equations():
     exact = precise(TURNING_DIVE, HARD, 0.1, C)
-    np.testing.assert_allclose(segorogeni_step(TURNING_DIVE, HARD, C, 0.1, 2), exact, rtol=0, atol=2e-5)
-    np.testing.assert_allclose(segorogeni_step(TURNING_DIVE, HARD, C, 0.1, 64), exact, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(segorogeni_step(TURNING_DIVE, HARD, CURRENT, C, 0.1, 2), exact, rtol=0, atol=2e-5)
+    np.testing.assert_allclose(segorogeni_step(TURNING_DIVE, HARD, CURRENT, C, 0.1, 64), exact, rtol=0, atol=1e-8)
 
 
 def test_where_the_equations_are_smooth_the_step_is_of_fourth_order():
     c = changed(C, **dict.fromkeys(DRAG, 0.0))  # v |v| has no second derivative at zero
     exact = precise(TURNING_DIVE, HARD, 1.0, c)
-    errors = [np.abs(segorogeni_step(TURNING_DIVE, HARD, c, 1.0, n) - exact).max() for n in (40, 80, 160)]
+    errors = [np.abs(segorogeni_step(TURNING_DIVE, HARD, CURRENT, c, 1.0, n) - exact).max() for n in (40, 80, 160)]
     ratios = np.array(errors[:-1]) / errors[1:]
     assert ((ratios > 13.0) & (ratios < 20.0)).all()
 
 
 def test_substeps_are_steps():
     middle = 0.5 * (HARD[:3] + HARD[3:])
-    half = segorogeni_step(TURNING_DIVE, np.concatenate([HARD[:3], middle]), C, 0.05, 1)
-    two = segorogeni_step(half, np.concatenate([middle, HARD[3:]]), C, 0.05, 1)
-    np.testing.assert_allclose(segorogeni_step(TURNING_DIVE, HARD, C, 0.1, 2), two, rtol=1e-13)
+    half = segorogeni_step(TURNING_DIVE, np.concatenate([HARD[:3], middle]), CURRENT, C, 0.05, 1)
+    two = segorogeni_step(half, np.concatenate([middle, HARD[3:]]), CURRENT, C, 0.05, 1)
+    np.testing.assert_allclose(segorogeni_step(TURNING_DIVE, HARD, CURRENT, C, 0.1, 2), two, rtol=1e-13)
 
 
 # --- what the vehicle does --------------------------------------------------------------------------
 
 
 def level_flight(speed: float) -> tuple[np.ndarray, np.ndarray]:
-    """State ``(14,)`` and control ``(3,)`` of level flight straight ahead at a speed [m/s]."""
+    """State ``(12,)`` and control ``(3,)`` of level flight straight ahead at a speed [m/s]."""
 
     def residual(z: np.ndarray) -> np.ndarray:
-        return segorogeni_derivative(*unpacked(z), C)[[0, 1, 2, 3, 4, 5, 8]]
+        return segorogeni_rates(*unpacked(z), STILL, C)[[0, 1, 2, 3, 4, 5, 8]]
 
     def unpacked(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        state = np.zeros(14)
+        state = np.zeros(12)
         state[0], state[[1, 2, 9, 10]] = speed, z[:4]
         return state, z[4:]
 
@@ -399,10 +414,10 @@ def test_the_vehicle_trims_level_with_fins_and_thrust_to_spare(speed):
 @pytest.mark.parametrize("speed", [0.5, 1.0, 1.5])
 def test_level_flight_is_stable(speed):
     state, control = level_flight(speed)
-    moving = [0, 1, 2, 3, 4, 5, 9, 10]  # position, heading and current do not act back
+    moving = [0, 1, 2, 3, 4, 5, 9, 10]  # position and heading do not act back
     h = 1e-6
-    offsets = h * np.eye(14)[moving]
-    rates = [segorogeni_derivative(state + sign * offsets, control, C)[:, moving] for sign in (1, -1)]
+    offsets = h * np.eye(12)[moving]
+    rates = [segorogeni_rates(state + sign * offsets, control, STILL, C)[:, moving] for sign in (1, -1)]
     A = ((rates[0] - rates[1]) / (2.0 * h)).T
     assert np.linalg.eigvals(A).real.max() < -0.05
 
@@ -414,7 +429,7 @@ def test_two_substeps_are_converged_in_a_hard_turn_and_dive():
         action = np.array([[1.0, 0.5, 1.0]]) * (1.0 if k < 75 else -1.0)
         after = VEHICLE.actuate(actuators, action)
         moving = np.concatenate([actuators, after], -1)[0]
-        coarse, fine = segorogeni_step(coarse, moving, C, 0.1, 2), segorogeni_step(fine, moving, C, 0.1, 20)
+        coarse, fine = (segorogeni_step(x, moving, STILL, C, 0.1, n) for x, n in ((coarse, 2), (fine, 20)))
         actuators = after
         np.testing.assert_allclose(coarse, fine, rtol=0, atol=5e-5)
 
@@ -423,7 +438,7 @@ def steady_turn(rudder: float) -> np.ndarray:
     """The state after a minute of rudder from level flight at 1 m/s."""
     state, control = level_flight(1.0)
     control[0] = rudder
-    return segorogeni_step(state, np.tile(control, 2), C, 60.0, 1200)
+    return segorogeni_step(state, np.tile(control, 2), STILL, C, 60.0, 1200)
 
 
 @pytest.mark.parametrize(("rudder", "radius"), [(5.0, 4.7), (20.0, 1.5)])
@@ -434,47 +449,67 @@ def test_the_vehicle_turns_as_tightly_as_the_course_asks(rudder, radius):
 
 
 def test_positive_rudder_turns_to_starboard_positive_stern_plane_dives_and_thrust_drives():
-    ahead = np.zeros(14)
+    ahead = np.zeros(12)
     ahead[0] = 1.0
-    rest = segorogeni_derivative(ahead, np.zeros(3), C)
-    assert segorogeni_derivative(ahead, np.array([0.1, 0.0, 0.0]), C)[5] > rest[5]
-    assert segorogeni_derivative(ahead, np.array([0.0, 0.1, 0.0]), C)[4] < rest[4]
-    assert segorogeni_derivative(ahead, np.array([0.0, 0.0, 1.0]), C)[0] > rest[0]
-    adrift = segorogeni_step(np.zeros(14), np.zeros(6), C, 60.0, 1200)
+    rest = segorogeni_rates(ahead, np.zeros(3), STILL, C)
+    assert segorogeni_rates(ahead, np.array([0.1, 0.0, 0.0]), STILL, C)[5] > rest[5]
+    assert segorogeni_rates(ahead, np.array([0.0, 0.1, 0.0]), STILL, C)[4] < rest[4]
+    assert segorogeni_rates(ahead, np.array([0.0, 0.0, 1.0]), STILL, C)[0] > rest[0]
+    adrift = segorogeni_step(np.zeros(12), np.zeros(6), STILL, C, 60.0, 1200)
     assert adrift[8] < -1.0  # it comes up
-    tilted = np.zeros(14)
+    tilted = np.zeros(12)
     tilted[9], tilted[10] = 0.2, 0.1
-    assert segorogeni_derivative(tilted, np.zeros(3), C)[3] < 0.0
-    assert segorogeni_derivative(tilted, np.zeros(3), C)[4] < 0.0
+    assert (segorogeni_rates(tilted, np.zeros(3), STILL, C)[3:5] < 0.0).all()
 
 
 # --- the vehicle in an environment ------------------------------------------------------------------
 
 
-SEA = SimpleNamespace(kick_sd=np.array([0.02, 0.01, 0.015, 0.03, 0.025, 0.035, 0.004, 0.005]))
+KICKS, CURRENTS = (0.02, 0.01, 0.015, 0.03, 0.025, 0.035), (0.10, 0.15)
+WATER = UnevenWater(VEHICLE, KICKS, CURRENTS)
+
+
+def told(noise: float = 1.0, how: str | None = None) -> Composition:
+    """What filters are told of the vehicle in that water, with so many times the sensors' nominal noise."""
+    return compose(VEHICLE, "nonlinear", WATER, sensors_of(VEHICLE, noise), how)
 
 
 def test_names_and_sizes_agree():
-    channels = [channel for instrument in VEHICLE.instruments for channel in instrument.channels]
-    assert len(VEHICLE.truth_names) == len(TRUTH) == 14
-    assert len(channels) == 12
-    assert channels[3:10] == ["z", "phi", "theta", "psi", "p", "q", "r"]
-    truth, actuators = VEHICLE.start(np.ones((4, 14)))
-    assert VEHICLE.readings(truth, np.zeros((4, 8))).shape == (4, 12)
+    assert VEHICLE.state_names == STATE
+    assert len(STATE) == 12
+    assert SENSORS.channels == (
+        "u over ground", "v over ground", "w over ground", "z", "phi", "theta", "psi", "p", "q", "r", "x", "y",
+    )  # fmt: skip
+    assert (VEHICLE.kicked, VEHICLE.flows) == (STATE[:6], ("current north", "current east"))
+    state, actuators = VEHICLE.start(np.ones((4, 12)))
+    assert SENSORS.exact(state, np.zeros((4, 8))).shape == (4, 12)
     assert actuators.shape == (4, len(VEHICLE.action_names))
+    assert VEHICLE.estimated("nonlinear") == STATE
+    assert told().names == (*STATE, *VEHICLE.flows)
+    assert told(how="noise").names == STATE
 
 
 def test_the_start_is_the_prior_s_with_the_paper_s_rudder():
-    x = np.random.default_rng(12).normal(size=(4, 14))
-    truth, actuators = VEHICLE.start(x)
-    np.testing.assert_array_equal(truth, x)
-    np.testing.assert_array_equal(VEHICLE.filter_state(truth, 14), x)
-    np.testing.assert_array_equal(VEHICLE.filter_state(truth, 12), x[:, :12])
+    x = np.random.default_rng(12).normal(size=(4, 12))
+    state, actuators = VEHICLE.start(x)
+    np.testing.assert_array_equal(state, x)
+    np.testing.assert_array_equal(VEHICLE.placed(x), x)
     np.testing.assert_allclose(actuators, np.tile([5 * DEG, 0.0, BODY.cruise_thrust], (4, 1)))
-    truth += 1.0
-    assert (truth != x).all()  # a copy
+    state += 1.0
+    assert (state != x).all()  # a copy
     _, (_, _, thrust) = level_flight(1.0)
     assert BODY.cruise_thrust == pytest.approx(thrust, rel=0.1)
+
+
+def test_filters_estimate_the_whole_state_and_the_current():
+    core = Core(SEGOROGENI_AUV, 4, "dead-reckoning")
+    core.start(seed=3)
+    core.step(np.zeros((4, 3)))
+    assert core.truth_names == core.composition.names == (*STATE, *VEHICLE.flows)
+    np.testing.assert_array_equal(core.estimated(core.truth), np.hstack([core.state, core.sea_state]))
+    unaware = Core(SEGOROGENI_AUV, 4, "dead-reckoning", {"told": {"as": "noise"}})
+    unaware.start(seed=3)
+    np.testing.assert_array_equal(unaware.estimated(unaware.truth), unaware.state)
 
 
 def test_fins_turn_at_their_rate_up_to_their_limit():
@@ -500,58 +535,99 @@ def test_thrust_lags_exponentially():
 def test_a_step_of_the_vehicle_is_kicked_at_its_end():
     rng = np.random.default_rng(13)
     states, before, after = random_states(rng, 6), random_controls(rng, 6), random_controls(rng, 6)
-    forcing, c = rng.normal(size=(6, 8)) * 0.1, VEHICLE.parameters(0.0, np.zeros((6, VEHICLE.normals)))
-    stepped = VEHICLE.step(states, before, after, forcing, c)
-    plain = segorogeni_step(states, np.hstack([before, after]), C, 0.1, 2)
-    np.testing.assert_allclose(stepped[:, :6], plain[:, :6] + forcing[:, :6], rtol=0, atol=1e-15)
-    np.testing.assert_array_equal(stepped[:, 6:12], plain[:, 6:12])
-    current = np.exp(-0.1 / 200.0) * states[:, 12:] + forcing[:, 6:]
-    np.testing.assert_allclose(stepped[:, 12:], current, rtol=0, atol=1e-15)
+    kicks, currents = rng.normal(size=(6, 6)) * 0.1, random_currents(rng, 6)
+    c = VEHICLE.parameters(0.0, np.zeros((6, VEHICLE.normals)))
+    stepped = VEHICLE.step(states, before, after, np.hstack([kicks, currents]), c)
+    plain = segorogeni_step(states, np.hstack([before, after]), currents, C, 0.1, 2)
+    np.testing.assert_allclose(stepped[:, :6], plain[:, :6] + kicks, rtol=0, atol=1e-15)
+    np.testing.assert_array_equal(stepped[:, 6:], plain[:, 6:])
 
 
-def test_instruments_read_velocity_over_ground_and_the_rest_as_it_is():
-    states = random_states(np.random.default_rng(14), 50)
-    current = np.concatenate([states[:, 12:], np.zeros((50, 1))], -1)
-    over_ground = states[:, :3] + attitude(states).inv().apply(current)
+@pytest.mark.parametrize("water", WATERS.values(), ids=WATERS)
+def test_the_current_dies_away_in_200_s_and_keeps_its_size(water):
+    decay = np.exp(-0.1 / 200.0)
+    currents = random_currents(np.random.default_rng(20), 6)
+    np.testing.assert_allclose(water.process.advance(currents), decay * currents, rtol=1e-15)
+    np.testing.assert_array_equal(water.effect(currents, np.zeros((6, 12))), currents)
+    variance = 0.5 * water.current**2 * np.eye(2)  # two components share the power
+    np.testing.assert_allclose(water.process.start_cov, variance, rtol=1e-14)
+    fresh = water.process.root @ water.process.root.T
+    np.testing.assert_allclose(decay**2 * variance + fresh, variance, rtol=0, atol=1e-17)
+
+
+def test_sensors_read_velocity_over_ground_and_the_rest_as_it_is():
+    rng = np.random.default_rng(14)
+    states, currents = random_states(rng, 50), random_currents(rng, 50)
+    over_ground = states[:, :3] + attitude(states).inv().apply(np.hstack([currents, np.zeros((50, 1))]))
     plain = np.hstack([over_ground, states[:, 8:12], states[:, 3:8]])
-    np.testing.assert_allclose(VEHICLE.readings(states, np.zeros((50, 8))), plain, rtol=0, atol=1e-12)
+    kicked = np.hstack([rng.normal(size=(50, 6)), currents])  # kicks act later and are not seen
+    np.testing.assert_allclose(SENSORS.exact(states, kicked), plain, rtol=0, atol=1e-12)
 
 
 def test_in_still_water_exact_readings_give_back_the_state():
     states = random_states(np.random.default_rng(15), 20)
-    states[:, 12:] = 0.0
-    x, d = VEHICLE.from_readings(VEHICLE.readings(states, np.zeros((20, 8))), np.zeros((20, 12)), np.ones((20, 12)))
-    np.testing.assert_allclose(x, states, rtol=0, atol=1e-14)
-    np.testing.assert_array_equal(d, np.zeros((20, 8)))
+    readings = SENSORS.exact(states, np.zeros((20, 8)))
+    known = SENSORS.states_from(readings)
+    np.testing.assert_array_equal(np.stack([known[name] for name in STATE], -1), states)
+    x, d = without_a_filter(told(), VEHICLE.kicks, readings)
+    x[:, 9:12] = wrap(x[:, 9:12] - states[:, 9:12]) + states[:, 9:12]
+    np.testing.assert_allclose(x[:, :12], states, rtol=0, atol=1e-14)
+    np.testing.assert_array_equal(x[:, 12:], 0.0)
+    np.testing.assert_array_equal(d, np.zeros((20, 6)))
 
 
 def test_the_filter_s_model_is_the_vehicle_when_nothing_kicks():
     rng = np.random.default_rng(16)
-    model = VEHICLE.model("nonlinear", 1.0, SEA)
-    ensemble, before, after = (
-        random_states(rng, 30).reshape(3, 10, 14),
+    model = told().model
+    ensemble = random_states(rng, 30).reshape(3, 10, 12)
+    currents, before, after = (
+        random_currents(rng, 30).reshape(3, 10, 2),
         random_controls(rng, 3),
         random_controls(rng, 3),
     )
-    predicted = model.transition(ensemble, np.hstack([before, after])[:, None])
+    whole = np.concatenate([ensemble, currents], -1)
+    predicted = model.transition(whole, np.hstack([before, after])[:, None])
+    c = VEHICLE.parameters(0.0, np.zeros((10, VEHICLE.normals)))
     for i in range(3):
-        c = VEHICLE.parameters(0.0, np.zeros((10, VEHICLE.normals)))
         rows = [np.tile(control[i], (10, 1)) for control in (before, after)]
-        stepped = VEHICLE.step(ensemble[i], *rows, np.zeros((10, 8)), c)
-        np.testing.assert_array_equal(predicted[i], stepped)
-    np.testing.assert_array_equal(model.measurement(ensemble, None), segorogeni_readings(ensemble, np.empty(12)))
+        stepped = VEHICLE.step(ensemble[i], *rows, forcing(VEHICLE, currents[i]), c)
+        np.testing.assert_array_equal(predicted[i, :, :12], stepped)
+    np.testing.assert_allclose(predicted[..., 12:], np.exp(-0.1 / 200.0) * currents, rtol=1e-15)
+    read = SENSORS.exact(ensemble, forcing(VEHICLE, currents))
+    np.testing.assert_array_equal(model.measurement(whole, None), read)
 
 
 def test_the_filter_s_noise_is_the_sensors_and_the_kicks():
-    model = VEHICLE.model("nonlinear", 2.0, SEA)
+    model = told(noise=2.0).model
     sd = np.array([0.01, 0.01, 0.01, 0.02, 0.01, 0.01, 0.03, 0.005, 0.005, 0.005, 0.5, 0.5])
     np.testing.assert_allclose(model.R, np.diag((2.0 * sd) ** 2))
-    kicks = np.concatenate([SEA.kick_sd[:6], np.zeros(6), SEA.kick_sd[6:]])
-    np.testing.assert_allclose(model.Q, np.diag(kicks**2))
+    increments = np.sqrt(1.0 - np.exp(-2.0 * 0.1 / 200.0)) * np.array(CURRENTS)
+    enters = np.concatenate([KICKS, np.zeros(6), increments])
+    np.testing.assert_allclose(model.Q, np.diag(enters**2), rtol=1e-12, atol=0)
+    assert model.G is model.H is None
     assert model.state_angles == (9, 10, 11)
     assert model.measurement_angles == (4, 5, 6)
-    with pytest.raises(ValueError, match="unknown filter model 'corrected'"):
-        VEHICLE.model("corrected", 1.0, SEA)
+    with pytest.raises(ValueError, match=r"^unknown filter model 'corrected': choose from nonlinear$"):
+        Core(SEGOROGENI_AUV, estimator_options={"model": "corrected"})
+
+
+def test_a_reading_may_correct_what_lies_in_its_own_plane():
+    planes = {
+        "vertical": {"u", "w", "q", "z", "theta"}, "lateral": {"v", "p", "r", "phi", "psi"}, "in plan": {"x", "y"},
+    }  # fmt: skip
+    assert set.union(*planes.values()) == set(STATE)
+    read = [channel.split()[0] for channel in SENSORS.channels]
+    drifting = {"u", "v", "psi"}  # in which the current shows
+    expected = [
+        [
+            any({state, reading} <= plane for plane in planes.values())
+            or (state.startswith("current") and reading in drifting)
+            for reading in read
+        ]
+        for state in told().names
+    ]
+    np.testing.assert_array_equal(told().localisation, expected)
+    np.testing.assert_array_equal(told(how="noise").localisation, expected[:12])
 
 
 # --- mismatch ---------------------------------------------------------------------------------------
@@ -594,7 +670,7 @@ def test_a_mismatched_vehicle_is_still_a_body_of_revolution_that_only_loses_ener
     np.testing.assert_allclose(c[:, 4], c[:, 5])  # pitch and yaw
     np.testing.assert_allclose(c[:, 7], -c[:, 8])
     states = random_states(rng, 200)
-    rates = segorogeni_derivative(states, np.zeros(3), c)
+    rates = segorogeni_rates(states, np.zeros(3), random_currents(rng, 200), c)
     assert power(states, rates, c).max() < 0.0
     columns = [COEFFICIENTS.index(f"inverse_{pair}") for pair in ("uu", "vv", "ww", "pp", "qq", "rr")]
     np.testing.assert_allclose(np.linalg.inv(M)[:, range(6), range(6)], c[:, columns], rtol=1e-10)

@@ -3,24 +3,37 @@
 Statistical tests have fixed seeds and bands with the false-alarm rate 1e-6.
 """
 
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import fields, replace
+from typing import Any
+
 import numpy as np
 import pytest
+from contract import make_core, single_class
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binom, chi2, kstest
 
-from vessel_gym.sensors import SUITES, Instrument, Sensors, SensorSuite, nominal_sd
+from vessel_gym.processes import Process
+from vessel_gym.sensors import SUITES, Bias, Sensor, Sensors, SensorSuite, plain
 from vessel_gym.streams import Draws, Purpose, entropy, stream
 
 FALSE_ALARM = 1e-6
 SD = np.array([2e-3, 0.5, 3.0])
-APART = tuple(Instrument(str(i), ("",), (sd,)) for i, sd in enumerate(SD))
+APART = tuple(Sensor(str(i), ("",), plain((i,)), (sd,)) for i, sd in enumerate(SD))
+STATES, DT = tuple("abcdef"), 0.1
 
 
-def corrupted(suite: SensorSuite, seed: int, n: int = 20_000, exact: float = 0.0, instruments=APART, steps=0):
+def made(sensors: Sequence[Sensor], dt: float = DT) -> Sensors:
+    """Sensors of a vehicle that has states called a to f, and one force."""
+    return Sensors(sensors, STATES, ("force",), dt)
+
+
+def corrupted(suite: SensorSuite, seed: int, n: int = 20_000, exact: float = 0.0, nominal=APART, steps=0):
     """Readings, their mask and the normals in them: n at one step, or as many as ``steps`` says."""
     rng = np.random.default_rng(seed)
-    sensors = Sensors(instruments, suite)
+    sensors = made(suite.of(nominal))
     normals, uniforms = rng.standard_normal((n, sensors.size)), rng.random((n, sensors.uniforms))
     steps = np.broadcast_to(steps, n)
     return *sensors.read(np.full((n, sensors.size), exact), steps, normals, uniforms), normals
@@ -58,7 +71,7 @@ def test_readings_are_the_exact_ones_plus_scaled_normals():
     np.testing.assert_allclose(readings, -2.0 + 0.7 * SD * normals, rtol=1e-14)
 
 
-def test_each_instrument_drops_out_at_its_rate_by_itself():
+def test_each_sensor_drops_out_at_its_rate_by_itself():
     _, available, _ = corrupted(SUITES["degraded"], seed=2)
     for channel in range(3):
         assert_rate(~available[:, channel], 0.10)
@@ -100,26 +113,26 @@ def test_sensors_leave_the_truth_alone(suite):
     rng = np.random.default_rng(7)
     arrays = rng.normal(size=(9, 3)), np.arange(9), rng.normal(size=(9, 3)), rng.random((9, 6))
     copies = [a.copy() for a in arrays]
-    Sensors(APART, suite).read(*arrays)
+    made(suite.of(APART)).read(*arrays)
     for a, b in zip(arrays, copies, strict=True):
         np.testing.assert_array_equal(a, b)
 
 
 TOGETHER = (
-    Instrument("log", ("surge", "sway"), (0.1, 0.1), dropout=0.15),
-    Instrument("fix", ("x", "y", "z"), (1.0, 1.0, 2.0), period=20),
+    Sensor("log", ("surge", "sway"), plain((0, 1)), (0.1, 0.1), dropout=0.15),
+    Sensor("fix", ("x", "y", "z"), plain((2, 3, 4)), (1.0, 1.0, 2.0), rate=0.5),
 )
 
 
-def test_the_channels_of_an_instrument_are_lost_and_spoilt_together():
+def test_the_channels_of_a_sensor_are_lost_and_spoilt_together():
     suite = SensorSuite(noise=1.0, dropout=0.10, outliers=0.05)
-    readings, available, normals = corrupted(suite, seed=8, instruments=TOGETHER)
+    readings, available, normals = corrupted(suite, seed=8, nominal=TOGETHER)
     np.testing.assert_array_equal(available[:, 0], available[:, 1])
     np.testing.assert_array_equal(available[:, 2], available[:, 4])
     assert_rate(~available[:, 0], 0.25)  # its own losses and the suite's
     assert_rate(~available[:, 2], 0.10)
     with np.errstate(divide="ignore"):
-        outlier = np.abs(readings / (nominal_sd(TOGETHER) * normals)) > 5.0
+        outlier = np.abs(readings / (made(TOGETHER).sd * normals)) > 5.0
     there = available[:, 0] & available[:, 2]
     assert_rate(outlier[there, 0], 0.05)
     np.testing.assert_array_equal(outlier[there, 0], outlier[there, 1])
@@ -127,23 +140,208 @@ def test_the_channels_of_an_instrument_are_lost_and_spoilt_together():
     assert_rate(outlier[there, 0] & outlier[there, 2], 0.05**2)
 
 
-def test_an_instrument_reads_at_the_start_and_then_once_a_period():
+def test_a_sensor_reads_at_the_start_and_then_once_a_period():
     steps = np.arange(20_000) % 500
-    _, available, _ = corrupted(SUITES["nominal"], seed=9, instruments=TOGETHER, steps=steps)
+    _, available, _ = corrupted(SUITES["nominal"], seed=9, nominal=TOGETHER, steps=steps)
     np.testing.assert_array_equal(available[:, 2], steps % 20 == 0)
     assert_rate(~available[:, 0], 0.15)
 
 
-def test_clean_instruments_lose_nothing_but_keep_their_period():
+def test_clean_sensors_lose_nothing_but_keep_their_period():
     steps = np.arange(20_000)
-    _, available, _ = corrupted(SUITES["clean"], seed=10, instruments=TOGETHER, steps=steps)
+    _, available, _ = corrupted(SUITES["clean"], seed=10, nominal=TOGETHER, steps=steps)
     assert available[:, :2].all()
     np.testing.assert_array_equal(available[:, 3], steps % 20 == 0)
 
 
-def test_an_instrument_needs_a_deviation_for_each_channel():
-    with pytest.raises(ValueError, match="log has 2 channels and 1 standard deviations"):
-        Instrument("log", ("surge", "sway"), (0.1,))
+def test_a_suite_changes_the_quality_of_sensors_and_nothing_else():
+    log, fix = SensorSuite(noise=2.0, dropout=0.10, outliers=0.05, outlier_scale=7.0).of(TOGETHER)
+    assert (log.sd, log.dropout, log.outliers, log.outlier_scale) == ((0.2, 0.2), 0.25, 0.05, 7.0)
+    for one, other in zip((log, fix), TOGETHER, strict=True):
+        for field in fields(Sensor):
+            if field.name not in ("sd", "dropout", "outliers", "outlier_scale"):
+                assert getattr(one, field.name) is getattr(other, field.name), field.name
+    assert SUITES["clean"].of(TOGETHER)[0].dropout == 0.0
+    assert SensorSuite(noise=1.0, dropout=0.95).of(TOGETHER)[0].dropout == 1.0
+
+
+# --- rates ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("rate", "dt", "period"), [(None, 0.1, 1), (10.0, 0.1, 1), (0.5, 0.1, 20), (1.0, 0.5, 2),
+                                                    (2.5, 0.1, 4), (1.0 / 3.0, 0.1, 30)])  # fmt: skip
+def test_a_rate_that_divides_the_steps_is_kept(rate: float | None, dt: float, period: int):
+    sensors, steps = made([Sensor("fix", ("x",), plain((0,)), (1.0,), rate=rate)], dt), np.arange(100)
+    _, available = sensors.read(np.ones((100, 1)), steps, np.zeros((100, 1)), np.zeros((100, 2)))
+    np.testing.assert_array_equal(available[:, 0], steps % period == 0)
+
+
+@pytest.mark.parametrize("rate", [3.0, 20.0, 15.0, 0.3, 4.0, 1e9])
+def test_a_rate_that_does_not_divide_the_steps_is_refused_in_a_sentence(rate: float):
+    sentence = rf"^fix reads at {re.escape(f'{rate:g}')} Hz, which does not divide the 10 steps a second: its readings "
+    with pytest.raises(ValueError, match=sentence + "would fall between steps$"):
+        made([Sensor("fix", ("x",), plain((0,)), (1.0,), rate=rate)])
+
+
+# --- ranges -----------------------------------------------------------------------------------------
+
+
+def test_beyond_its_range_a_sensor_reads_nothing_and_up_to_it_everything():
+    """What counts is what is true, not the noise: the range is the sensor's reach."""
+    sonar = Sensor("sonar", ("range", "bearing"), plain((0, 1)), (0.1, 0.1), range=((0.5, 50.0), (-1.0, 1.0)))
+    sensors = made([sonar, Sensor("depth", ("z",), plain((2,)), (0.1,))])
+    exact = np.array(
+        [[0.5, 0, 9], [50, 1, 9], [0.4999, 0, 9], [50.0001, 0, 9], [9, 1.01, 9], [9, -1.01, 9], [9, -1, 9]]
+    )
+    rng, n = np.random.default_rng(20), len(exact)
+    for _ in range(50):
+        noise = rng.standard_normal((n, 3)), rng.random((n, 4))
+        readings, available = sensors.read(exact, np.zeros(n), *noise)
+        there = np.array([1, 1, 0, 0, 0, 0, 1], bool)
+        np.testing.assert_array_equal(available, np.stack([there, there, there | True], -1))
+        np.testing.assert_array_equal(readings[~available], 0.0)
+        np.testing.assert_allclose(readings[available], (exact + 0.1 * noise[0])[available])
+
+
+def test_a_range_does_not_keep_a_sensor_from_losing_readings():
+    sonar = Sensor("sonar", ("range",), plain((0,)), (0.1,), range=((0.0, 50.0),), dropout=0.3, rate=5.0)
+    rng, n = np.random.default_rng(21), 20_000
+    exact, steps = rng.uniform(0.0, 100.0, (n, 1)), np.arange(n)
+    _, available = made([sonar]).read(exact, steps, rng.standard_normal((n, 1)), rng.random((n, 2)))
+    asked = (exact[:, 0] <= 50.0) & (steps % 2 == 0)
+    assert not available[~asked].any()
+    assert_rate(~available[asked, 0], 0.3)
+
+
+# --- biases -----------------------------------------------------------------------------------------
+
+BIASES = {
+    "constant": Bias(("b", "c"), start=(0.2, 3.0)),
+    "walking": Bias(("b", "c"), start=(0.2, 0.0), pace=(0.05, 2.0)),
+    "drifting": Bias(("b", "c"), start=(0.2, 1.0), slope=(0.1, 0.0)),
+    "walking and drifting": Bias(("b", "c"), start=(0.2, 1.0), pace=(0.3, 0.1), slope=(0.1, 0.4)),
+}
+every_bias = pytest.mark.parametrize("bias", BIASES.values(), ids=BIASES)
+
+
+def variance_of(bias: Bias, seconds: float) -> np.ndarray:
+    """Of each channel's bias, so long after the start: constant + walk + drift."""
+    pace, slope = bias.pace or (0.0, 0.0), bias.slope or (0.0, 0.0)
+    return np.square(bias.start) + np.square(pace) * seconds + np.square(slope) * seconds**2
+
+
+def moments(process: Process, steps: int) -> np.ndarray:
+    """The covariance after so many steps."""
+    cov = process.start_cov
+    for _ in range(steps):
+        cov = process.transition @ cov @ process.transition.T + process.root @ process.root.T
+    return cov
+
+
+@every_bias
+def test_a_bias_has_the_variance_that_it_says_at_every_time(bias: Bias):
+    for dt in (0.1, 0.5):
+        for steps in (0, 1, 40):
+            cov = moments(bias.process(dt), steps)
+            np.testing.assert_allclose(np.diag(cov)[:2], variance_of(bias, steps * dt), rtol=1e-12)
+            assert cov[0, 1] == 0.0
+    drifts = any(bias.slope)
+    assert bias.states == ("b", "c", *(("drift of b", "drift of c") if drifts else ()))
+    assert bias.process(0.1).size == len(bias.states)
+
+
+@every_bias
+def test_biases_of_episodes_scatter_as_they_say(bias: Bias):
+    """In an environment: chi-square bands of 2000 rows at three times, false alarm 1e-6 each."""
+    vehicle = single_class("SegorogeniAUV-v0").system.vehicle
+    gauge = replace(vehicle.sensors[2], bias=bias)
+    core = make_core("SegorogeniAUV-v0", 2000, seed=22, estimator="truth", sensors=[gauge])
+    core.reset()
+    before = None
+    for step in range(41):
+        if step in (0, 1, 40):
+            for channel, variance in enumerate(variance_of(bias, 0.1 * step)):
+                if variance:
+                    assert_variance(core.loop.bias[:, channel], variance)
+                else:
+                    np.testing.assert_array_equal(core.loop.bias[:, channel], 0.0)
+        if before is not None and not any(bias.pace):  # what does not walk goes straight on
+            drift = core.loop.bias[:, 2:] if any(bias.slope) else np.zeros((2000, 2))
+            np.testing.assert_allclose(core.loop.bias[:, :2] - before[:, :2], 0.1 * drift, rtol=0, atol=1e-12)
+        before = core.loop.bias
+        core.step(np.zeros((2000, 3)))
+
+
+def test_a_bias_is_in_the_first_channels_and_in_no_other():
+    biased = Sensor("log", ("u", "v"), plain((0, 1)), (0.1, 0.1), bias=Bias(("bias u",), start=(1.0,), slope=(1.0,)))
+    other = Sensor("fix", ("x", "y"), plain((2, 3)), (0.1, 0.1), bias=Bias(("bias x", "bias y"), start=(1.0, 1.0)))
+    sensors = made([APART[0], biased, other])
+    assert sensors.bias_names == ("bias u", "drift of bias u", "bias x", "bias y")
+    state = np.arange(6.0)
+    read = sensors.exact(state, np.zeros(1), np.array([0.1, 9.0, 0.3, 0.4]))
+    np.testing.assert_allclose(read, [0.0, 0.1, 1.0, 2.3, 3.4])
+    np.testing.assert_array_equal(state, np.arange(6.0))
+    np.testing.assert_array_equal(sensors.exact(state, np.zeros(1)), [0, 0, 1, 2, 3])
+
+
+# --- what is misdeclared ----------------------------------------------------------------------------
+
+
+def fix(**changed: Any) -> Callable[[], Sensor]:
+    options = {"name": "fix", "channels": ("x", "y"), "reads": plain((0, 1)), "sd": (1.0, 2.0)}
+    return lambda: Sensor(**(options | changed))
+
+
+def of(*sensors: Any) -> Callable[[], Sensors]:
+    return lambda: made([sensor() if callable(sensor) else sensor for sensor in sensors])
+
+
+MISDECLARED = [
+    (fix(sd=(0.1,)), ValueError, r"fix has 2 channels, so sd must have 2 entries, got \(0\.1,\)"),
+    (fix(sd=(0.1, -1.0)), ValueError, r"sd of fix must be 0 or more, got -1\.0"),
+    (fix(sd=(0.1, np.nan)), ValueError, r"sd of fix must be 0 or more, got nan"),
+    (fix(sd=(0.1, "1")), ValueError, r"sd of fix must be 0 or more, got '1'"),
+    (fix(scale=(1.0, 0.0)), ValueError, r"scale of fix must be above 0, got 0\.0"),
+    (fix(scale=(1.0,)), ValueError, r"fix has 2 channels, so scale must have 2 entries, got \(1\.0,\)"),
+    (fix(range=((0.0, 1.0),)), ValueError, r"fix has 2 channels, so range must have 2 entries, got .*"),
+    (fix(range=(0.0, 50.0)), ValueError, r"range of fix must have \(least, greatest\) for each channel, got \(0\.0.*"),
+    (fix(range=((0.0, 1.0), (2.0, 1.0))), ValueError, r"range of fix must have \(least, greatest\) for each .*"),
+    (fix(outlier_scale="10"), ValueError, r"outlier_scale of fix must be 0 or more, got '10'"),
+    (fix(informs=("ab", "ab")), ValueError, r"informs of fix must hold tuples of names, got 'ab'"),
+    (fix(channels="xy"), ValueError, r"channels of fix must hold tuples of names, got 'xy'"),
+    (lambda: Bias("bias", start=(1.0,) * 4), ValueError, r"names of a bias must be a tuple of names, got 'bias'"),
+    (fix(gives=("a",)), ValueError, r"fix has 2 channels, so gives must have 2 entries, got .*"),
+    (fix(gives="ab"), ValueError, r"fix has 2 channels, so gives must have 2 entries, got 'ab'"),
+    (fix(informs=(("a",),)), ValueError, r"fix has 2 channels, so informs must have 2 entries, got .*"),
+    (fix(dropout=1.1), ValueError, r"dropout of fix must be 0 to 1, got 1\.1"),
+    (fix(outliers=-0.1), ValueError, r"outliers of fix must be 0 to 1, got -0\.1"),
+    (fix(rate=0.0), ValueError, r"rate of fix must be above 0 Hz, or None for one reading every step, got 0\.0"),
+    (fix(rate="1"), ValueError, r"rate of fix must be above 0 Hz, or None for one reading every step, got '1'"),
+    (fix(reads=np.zeros(2)), ValueError, r"reads of fix must be a function of \(state, forcing\), got array.*"),
+    (fix(angles=(2,)), ValueError, r"angles of fix must be indices below 2, got \(2,\)"),
+    (fix(angles=("x",)), ValueError, r"angles of fix must be indices below 2, got \('x',\)"),
+    (fix(bias=Bias(("b", "c", "d"), start=(1.0,) * 3)), ValueError, r"fix has 2 channels, but a bias on 3"),
+    (of(fix(gives=("a", "longitude"))), ValueError, r"unknown state that fix gives 'longitude': choose from a, b, .*"),
+    (of(fix(), fix()), ValueError, r"two sensors are called 'fix': give each a name of its own"),
+    (of(), TypeError, r"sensors must be Sensor objects, one at least, got \[\]"),
+    (of("fix"), TypeError, r"sensors must be Sensor objects, one at least, got \['fix'\]"),
+    (of(fix(reads=plain((0,)))), ValueError, r"reads of fix must give 2 values for each state: \(2, 3, 6\) gave "
+                                             r"\(2, 3, 1\), expected \(2, 3, 2\)"),
+    (of(fix(reads=lambda state, forcing: state[0])), ValueError, r"reads of fix must give 2 values for each state: .*"),
+    (of(fix(reads=lambda state, forcing: state[..., 9:11] @ np.eye(3))), ValueError, r"reads of fix failed on .*"),
+    (of(fix(reads=lambda state: state[..., :2])), ValueError, r"reads of fix failed on states of shape .*"),
+    (lambda: Bias(("b",), start=(1.0, 2.0)), ValueError, r"the bias \('b',\) needs 1 values of start, got 2"),
+    (lambda: Bias(("b",), start=(1.0,), pace=(1.0, 2.0)), ValueError, r"the bias \('b',\) needs 1 values of pace, .*"),
+    (lambda: Bias(("b",), start=(-1.0,)), ValueError, r"start of the bias \('b',\) must be 0 or more, got -1\.0"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("make", "kind", "sentence"), MISDECLARED, ids=range(len(MISDECLARED)))
+def test_what_is_misdeclared_is_refused_in_one_sentence(make: Callable, kind: type[Exception], sentence: str):
+    with pytest.raises(kind, match=f"^{sentence}$") as why:
+        make()
+    assert "\n" not in str(why.value)
+    assert len(str(why.value)) < 300
 
 
 # --- streams ----------------------------------------------------------------------------------------

@@ -5,15 +5,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from contract import sizes_by_mode
 from scipy.optimize import root
 
-from estimators import Gaussian, make
+from estimators import Belief, Gaussian, make
+from vessel_gym.composition import compose
 from vessel_gym.core import Core
 from vessel_gym.envs.sigma_corvette import SEAS, SIGMA_CORVETTE
+from vessel_gym.sensors import Sensors
+from vessel_gym.system import Estimate
 from vessel_gym.tasks.turning_circle import TurningCircle
-from vessel_gym.vehicles.corvette import Corvette, CorvetteParameters, corvette_derivative, steady_turns
+from vessel_gym.vehicles.corvette import Corvette, steady_turns
+from vessel_gym.vehicles.corvette_equations import corvette_rates
+from vessel_gym.vehicles.files import load
 
-SHIP = CorvetteParameters()
+SHIP = load("corvette")
 L = SHIP.length
 TASK = TurningCircle(SHIP)
 SEA = SEAS["moderate"]
@@ -29,12 +35,21 @@ def references(course: np.ndarray, dt: float = 0.5) -> tuple[np.ndarray, np.ndar
     return time, TASK.command(np.tile(course, (len(time), 1)), time / TASK.dt)
 
 
-def belief(rows: int, model: str = "corrected", estimator: str = "kf-umv-ui"):
-    vehicle = Corvette(SHIP)
-    kf = make(estimator, vehicle.model(model, 1.0, SEA))
+SENSORS = Sensors(Corvette.sensors, Corvette.state_names, Corvette.kicks + Corvette.flows, 0.5)
+
+
+def started(rows: int, model: str = "corrected", estimator: str = "kf-umv-ui") -> Belief:
+    kf = make(estimator, compose(Corvette(SHIP), model, SEA, SENSORS).model)
     n = kf.model.n
-    prior = TASK.prior(courses(rows), SEA)
+    prior = TASK.prior(courses(rows))
     return kf.init(Gaussian(prior.mean[:, :n], prior.cov[:n, :n]))
+
+
+def seen_of(belief: Belief) -> Estimate:
+    """What the task sees of a belief that knows of no current."""
+    sd, no_flow = np.sqrt(belief.cov.diagonal(0, -2, -1)), np.zeros((len(belief.mean), 2))
+    input_sd = None if belief.input_cov is None else np.sqrt(belief.input_cov.diagonal(0, -2, -1))
+    return Estimate(belief.mean, no_flow, belief.input_mean, sd, input_sd, np.zeros(0))
 
 
 # --- courses ----------------------------------------------------------------------------------------
@@ -61,7 +76,7 @@ def test_the_commanded_yaw_rate_is_that_of_the_steady_turn_with_the_commanded_ra
 
     def residual(z):
         motion = np.array([0.0, 0.0, 0.0, z[0], z[1], abs(float(rate))])
-        return corvette_derivative(motion, np.array([z[2], 0.0, 0.0]), SHIP.vector())[3:] * [1.0, 1.0, 100.0]
+        return corvette_rates(motion, z[2:], np.zeros(2), SHIP.vector())[3:] * [1.0, 1.0, 100.0]
 
     guess = [np.interp(abs(rate), turns.yaw_rate, column) for column in (turns.speed, turns.sway, turns.rudder)]
     surge, sway, _ = root(residual, guess, tol=1e-12).x
@@ -138,14 +153,14 @@ def test_a_turn_to_port_mirrors_one_to_starboard():
 
 def test_filters_are_told_the_mean_rudder_and_the_commanded_yaw_rate():
     before, after, course, step = np.array([[0.1], [0.2]]), np.array([[0.14], [0.2]]), courses(2), np.array([30, 90])
-    told = TASK.known_input(before, after, course, step)
+    told = SIGMA_CORVETTE.vehicle.known_input(before, after, TASK.commanded(course, step))
     np.testing.assert_allclose(told[:, 0], [0.12, 0.2])
     np.testing.assert_array_equal(told[:, 1], TASK.command(course, step)[:, 1])
 
 
 def test_the_prior_lies_on_the_course_at_the_service_speed():
     course = courses(3)
-    prior = TASK.prior(course, SEA)
+    prior = TASK.prior(course)
     np.testing.assert_array_equal(prior.mean, np.stack([0 * course[:, 0], 0 * course[:, 0], course[:, 0],
                                                         0 * course[:, 0] + SHIP.speed], -1))  # fmt: skip
     assert np.linalg.eigvalsh(prior.cov).min() > 0.0
@@ -155,28 +170,35 @@ def test_the_prior_lies_on_the_course_at_the_service_speed():
 
 
 def test_nothing_that_the_agent_sees_has_a_parameter_for_truth():
-    observers = {name: list(inspect.signature(getattr(TurningCircle, name)).parameters)[1:]
-                 for name in ("observe", "observe_std", "observe_readings", "reference", "known_input")}  # fmt: skip
+    names = (
+        "observe", "observe_state", "observe_std", "observe_readings", "observe_mission", "reference", "over",
+        "commanded",
+    )  # fmt: skip
+    observers = {name: list(inspect.signature(getattr(TurningCircle, name)).parameters)[1:] for name in names}
     assert observers == {
-        "observe": ["belief", "reference", "actuators"],
-        "observe_std": ["belief"],
-        "observe_readings": ["readings", "available", "course", "step", "actuators"],
+        "observe": ["estimate", "reference", "actuators"],
+        "observe_state": ["estimate", "course"],
+        "observe_std": ["estimate"],
+        "observe_readings": ["sensors", "readings", "available", "course", "step"],
+        "observe_mission": ["course", "step", "actuators"],
         "reference": ["course", "step", "state"],
-        "known_input": ["before", "after", "course", "step"],
+        "over": ["reference"],
+        "commanded": ["course", "step"],
     }
     public = (f for name, f in inspect.getmembers(TurningCircle, inspect.isfunction) if not name.startswith("__"))
-    readers = {f.__name__ for f in public if "truth" in inspect.signature(f).parameters}
-    assert readers == {"begin", "score"}
+    taken = {f.__name__: set(inspect.signature(f).parameters) for f in public}
+    assert {name for name, parameters in taken.items() if "forcing" in parameters} == {"score"}
+    assert {name for name, parameters in taken.items() if "state" in parameters} == {"begin", "score", "reference"}
 
 
 def test_the_observation_is_scaled_so_that_one_is_a_typical_size():
-    rows = belief(1).replace(mean=np.array([[2.0, -0.01, 0.3]]), input_mean=np.array([[0.01]]))
+    rows = seen_of(started(1).replace(mean=np.array([[2.0, -0.01, 0.3]]), input_mean=np.array([[0.01]])))
     reference, rudder = np.array([[0.4, 0.0, 0.02, 0.04]]), np.array([[-SHIP.rudder_limit]])
     np.testing.assert_allclose(TASK.observe(rows, reference, rudder), [[1, 1, 1, 1, -1, 0, 0.5]], atol=1e-12)
 
 
 def test_on_course_the_errors_are_zero_across_the_seam_of_the_compass():
-    rows = belief(2).replace(mean=np.array([[0.0, 0.03, np.pi - 0.01], [0.0, 0.03, 3 * np.pi]]))
+    rows = seen_of(started(2).replace(mean=np.array([[0.0, 0.03, np.pi - 0.01], [0.0, 0.03, 3 * np.pi]])))
     reference = np.array([[-np.pi + 0.01, 0.03, 0.03, 0.03], [np.pi, 0.03, 0.03, 0.03]])
     observation = TASK.observe(rows, reference, np.zeros((2, 1)))
     np.testing.assert_allclose(observation[:, 0], [0.2, 0.0], atol=1e-9)
@@ -184,15 +206,15 @@ def test_on_course_the_errors_are_zero_across_the_seam_of_the_compass():
 
 
 def test_a_filter_without_unknown_input_shows_a_zero_in_its_place():
-    kf = belief(3, estimator="kf")
+    kf = seen_of(started(3, estimator="kf"))
     assert kf.input_mean is None
     np.testing.assert_array_equal(TASK.observe(kf, TASK.command(courses(3), np.zeros(3)), np.zeros((3, 1)))[:, 3], 0.0)
     np.testing.assert_array_equal(TASK.observe_std(kf)[:, 3], 0.0)
 
 
 def test_filters_of_three_and_of_four_states_show_the_same_components():
-    three, four = belief(3), belief(3, "nonlinear", "ekf")
-    assert (three.mean.shape, four.mean.shape) == ((3, 3), (3, 4))
+    three, four = seen_of(started(3)), seen_of(started(3, "nonlinear", "ekf"))
+    assert (three.state.shape, four.state.shape) == ((3, 3), (3, 4))
     reference, rudder = TASK.command(courses(3), np.full(3, 100)), np.full((3, 1), 0.1)
     np.testing.assert_array_equal(TASK.observe(three, reference, rudder), TASK.observe(four, reference, rudder))
     np.testing.assert_allclose(TASK.observe_std(three)[:, :3], TASK.observe_std(four)[:, :3])
@@ -200,7 +222,7 @@ def test_filters_of_three_and_of_four_states_show_the_same_components():
 
 def test_standard_deviations_are_scaled_like_their_means():
     cov = np.tile(np.diag([2.0, 0.01, 0.1]) ** 2, (2, 1, 1))
-    rows = belief(2).replace(cov=cov, input_cov=np.full((2, 1, 1), 0.02**2))
+    rows = seen_of(started(2).replace(cov=cov, input_cov=np.full((2, 1, 1), 0.02**2)))
     np.testing.assert_allclose(TASK.observe_std(rows), [[1, 1, 1, 2]] * 2)
 
 
@@ -208,20 +230,22 @@ def test_missing_readings_are_zero_and_the_mask_says_so():
     course = np.tile([0.5, 0.03], (3, 1))  # at first the commanded heading is the initial one
     readings = np.array([[0.4, 0.02], [0.3, 0.02], [0.4, 0.03]])  # whatever is left in a missing one
     available = np.array([[True, True], [False, True], [True, False]])
-    observation = TASK.observe_readings(readings, available, course, np.zeros(3), np.zeros((3, 1)))
+    observation = TASK.observe_readings(SENSORS, readings, available, course, np.zeros(3))
     np.testing.assert_allclose(observation[:, :4], [[1, 2, 1, 1], [0, 2, 0, 1], [1, 0, 1, 0]], atol=1e-12)
 
 
 @pytest.mark.parametrize("mode", ["mean", "mean+std", "measurement"])
 def test_the_sizes_of_the_observations_are_those_announced(mode):
-    rows, reference, rudder = belief(2), TASK.command(courses(2), np.zeros(2)), np.zeros((2, 1))
+    rows, reference, rudder = seen_of(started(2)), TASK.command(courses(2), np.zeros(2)), np.zeros((2, 1))
     if mode == "measurement":
-        observation = TASK.observe_readings(np.zeros((2, 2)), np.ones((2, 2), bool), courses(2), np.zeros(2), rudder)
+        there = np.zeros((2, 2)), np.ones((2, 2), bool)
+        raw = TASK.observe_readings(SENSORS, *there, courses(2), np.zeros(2))
+        observation = np.hstack([raw, TASK.observe_mission(courses(2), np.zeros(2), rudder)])
     else:
         observation = TASK.observe(rows, reference, rudder)
         if mode == "mean+std":
             observation = np.hstack([observation, TASK.observe_std(rows)])
-    assert observation.shape == (2, TASK.sizes()[mode])
+    assert observation.shape == (2, sizes_by_mode(TASK.sizes(SENSORS.size, 3))[mode])
     assert np.isfinite(observation).all()
 
 
@@ -250,10 +274,11 @@ def test_the_current_moves_the_ship_and_neither_observation_nor_reward(estimator
 
 
 def rewarded(truth, reference, action):
-    """Reward and whether the turn is lost; the rudder itself does not count, and there is nothing to remember."""
+    """Reward and whether the turn is lost; neither rudder nor what acts counts, and there is nothing to remember."""
     rudder = np.random.default_rng(0).normal(size=(len(truth), 1))
     tally = TASK.begin(truth, courses(len(truth)))
-    reward, end, after = TASK.score(truth, reference, rudder, action, tally)
+    acting = np.random.default_rng(1).normal(size=(len(truth), 3))
+    reward, end, after = TASK.score(truth, acting, reference, TASK.over(reference), rudder, action, tally)
     assert tally.shape == after.shape == (len(truth), 0)
     return reward, np.array(TASK.ends)[end] == "turn lost"
 

@@ -1,13 +1,22 @@
 """Filters with feedthrough on the linear model of the corvette: waves and gusts as an input of no known law."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from estimators import Belief, Gaussian, chi_square_band, make, nees
-from vessel_gym.vehicles.corvette import CorvetteParameters, linear_model
+from vessel_gym.composition import compose
+from vessel_gym.envs.sigma_corvette import SEAS
+from vessel_gym.sensors import Sensors
+from vessel_gym.vehicles.corvette import Corvette
 
-SHIP, DT, RUNS, STEPS = CorvetteParameters(), 0.5, 1000, 60
-MODEL = linear_model(SHIP, DT, np.diag([0.02, 0.002, 0.002]) ** 2, np.diag([0.005, 0.003]) ** 2)
+SHIP, RUNS, STEPS = Corvette(), 1000, 60
+SENSORS = Sensors(SHIP.sensors, SHIP.state_names, SHIP.kicks + SHIP.flows, SHIP.dt)
+MODEL = replace(
+    compose(SHIP, "corrected", SEAS["moderate"], SENSORS).model,
+    Q=np.diag([0.02, 0.002, 0.002]) ** 2, R=np.diag([0.005, 0.003]) ** 2,
+)  # fmt: skip
 PRIOR = Gaussian(np.zeros(3), np.diag([0.2, 0.005, 0.05]) ** 2)
 
 

@@ -3,7 +3,7 @@
 The law of tests/estimators/test_invariance.py on the vehicles themselves, with the estimators that only environments
 have: the axes are turned by half a turn, so that a heading about north becomes one about the cut, and the origin is
 moved far away. What the vehicle's own model makes of the readings is turned and moved back, and what is left is
-rounding. So the vehicles' equations, their Jacobians by differences and their ``from_readings`` obey it, too.
+rounding. So the vehicles' equations, their Jacobians by differences and what readings alone give obey it, too.
 """
 
 from functools import cache
@@ -12,11 +12,11 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from contract import CARRIED, FEW_MEMBERS, make_core, random_walk, single_class
+from sensing import sensors_of
 
 from estimators import Belief, Gaussian, models, wrap
-from vessel_gym.estimation import ENVIRONMENT_ONLY, HeldReadings, Oracle, build
-from vessel_gym.sensors import SUITES
-from vessel_gym.system import System
+from vessel_gym.core import Core
+from vessel_gym.estimation import ENVIRONMENT_ONLY, Estimation, HeldMeasurement, HeldReadings, Oracle, build
 
 FAR = {"x": 6e5, "y": -5e6}
 """A place in UTM coordinates [m]."""
@@ -29,7 +29,10 @@ TURNED = {
     "x", "y", "north", "east", "current north", "current east", "mean wind north", "mean wind east", "gust north",
     "gust east", "bias x", "bias y",
 }  # fmt: skip
-"""Components of state and readings that half a turn of the axes reverses; but for headings the rest stays."""
+"""Components of state and readings that half a turn of the axes reverses; but for headings the rest stays.
+
+So are their kicks and changes.
+"""
 HEADINGS = ("psi", "course over ground", "heading [rad]")
 
 
@@ -39,7 +42,7 @@ ENSEMBLES = tuple(FEW_MEMBERS)
 class Episode(NamedTuple):
     """What happened: times first, then rows, then components."""
 
-    system: System
+    core: Core  # what flew: its system, sensors and disturbance are those of the filters
     prior: Gaussian
     x: np.ndarray  # (T, rows, n) truth, as filters estimate it
     d: np.ndarray  # (T, rows, q) unknown input over the coming step
@@ -56,30 +59,29 @@ class Axes(NamedTuple):
     y: tuple[np.ndarray, np.ndarray]
 
 
-def names(system: System) -> tuple[list[str], list[str], list[str]]:
-    """Components of the filters' state, of the unknown input and of the readings."""
-    vehicle = system.vehicle
-    channels = [channel for instrument in vehicle.instruments for channel in instrument.channels]
-    if system.name == "SigmaCorvette-v0":
-        return ["v", "r", "psi", "u"], ["d"], channels
-    state = list(vehicle.truth_names)
-    if system.name == "PunaUAV-v0":
-        return state, state[3:], channels
-    return state, [*state[: vehicle.velocities], *state[2 * vehicle.velocities :]], channels
+def names(core: Core) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
+    """Components of the widest state that filters have, of the unknown input and of the readings."""
+    return core.composition.names, core.unknown_inputs, core.sensors.channels
 
 
-def half_a_turn(system: System) -> Axes:
-    """Axes that point south and west."""
+def half_a_turn(core: Core) -> Axes:
+    """Axes that point south and west; what kicks or changes a component turns with it, and has no cut."""
     return Axes(*(
-        (np.array([-1.0 if n in TURNED else 1.0 for n in part]), np.array([np.pi * (n in HEADINGS) for n in part]))
-        for part in names(system)
+        (np.array([-1.0 if n.removeprefix("kick ").removeprefix("change of ") in TURNED else 1.0 for n in part]),
+         np.array([np.pi * (n in HEADINGS) for n in part]))
+        for part in names(core)
     ))  # fmt: skip
 
 
-def elsewhere(system: System) -> Axes:
+def elsewhere(core: Core) -> Axes:
     """Axes that begin far away; a current or a kick has no place."""
-    shifts = [np.array([FAR.get(n, 0.0) for n in part]) for part in names(system)]
+    shifts = [np.array([FAR.get(n, 0.0) for n in part]) for part in names(core)]
     return Axes(*((np.ones(len(shift)), shift) for shift in shifts))
+
+
+def estimation(core: Core, name: str, options: dict[str, object] | None) -> Estimation:
+    """An estimator of the core's system, told what there is."""
+    return build(core.system, name, options, core.sensors, core.forces.disturbance, core.unknown_inputs)
 
 
 def written(values: np.ndarray, axes: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
@@ -91,31 +93,32 @@ def written(values: np.ndarray, axes: tuple[np.ndarray, np.ndarray]) -> np.ndarr
 @cache
 def episode(env_id: str) -> Episode:
     """A rough episode in which the vehicle begins to the north and weaves about it, with readings that get lost."""
-    core = make_core(env_id, ROWS, seed=2, estimator="truth", disturbance="rough")
+    widest = {"model": single_class(env_id).system.vehicle.kinds[0]}  # other models have the first components of it
+    core = make_core(env_id, ROWS, seed=2, estimator="truth", estimator_options=widest, disturbance="rough")
     core.reset(options=NORTH.get(env_id))
-    system, vehicle, task = core.system, core.vehicle, core.task
-    state, _, channels = names(system)
-    prior = task.prior(core.course, core.sea)
+    vehicle, task = core.vehicle, core.task
+    state, _, channels = names(core)
+    prior = core._known(task.prior(core.course), core.composition)
     north = -prior.mean[:, state.index("psi")] if env_id == "SigmaCorvette-v0" else np.zeros(ROWS)
     of_state, of_readings = (np.multiply.outer(north, np.isin(part, HEADINGS)) for part in (state, channels))
     walk = random_walk(5, ROWS, core.action_size)
     found: list[tuple[np.ndarray, ...]] = []
-    u = task.known_input(core.actuators, core.actuators, core.course, core.steps)
+    u = vehicle.known_input(core.actuators, core.actuators, task.commanded(core.course, core.steps))
     for k in range(STEPS):
-        truth = vehicle.filter_state(core.truth, len(state)) + of_state
-        unknown, (y, available) = core.forcing[:, : vehicle.unknown_inputs], core.readings
-        found.append((truth, unknown, y + of_readings, available, u))
+        truth, (y, available) = core.estimated(core.truth) + of_state, core.readings
+        found.append((truth, core.unknown_input, y + of_readings, available, u))
         before, at = core.actuators, core.steps.copy()
         action = 0.1 * next(walk)
         action[:, STEERING.get(env_id, 0)] += 0.8 * np.cos(np.pi / 20.0 * k)
         core.step(action)
-        u = task.known_input(before, core.actuators, core.course, at)
-    return Episode(system, Gaussian(prior.mean + of_state, prior.cov), *map(np.array, zip(*found, strict=True)))
+        u = vehicle.known_input(before, core.actuators, task.commanded(core.course, at))
+    assert np.isfinite(found[-1][0]).all(), "filters estimate what is not there"
+    return Episode(core, Gaussian(prior.mean + of_state, prior.cov), *map(np.array, zip(*found, strict=True)))
 
 
 def seen_from(told: Episode, axes: Axes, turns: int = 0) -> Episode:
     """The same episode in other axes, its angles read within half a turn of zero, or some turns further on."""
-    sign, channels = axes.x[0], names(told.system)[2]
+    sign, channels = axes.x[0], names(told.core)[2]
     y = written(told.y, axes.y)
     headings = np.isin(channels, HEADINGS)
     y[..., headings] = wrap(y[..., headings]) + 2.0 * np.pi * turns
@@ -125,9 +128,9 @@ def seen_from(told: Episode, axes: Axes, turns: int = 0) -> Episode:
 
 def track(name: str, told: Episode) -> list[Belief]:
     """What an estimator believes after every reading, as an environment asks it."""
-    system, options = told.system, FEW_MEMBERS.get(name)
-    filter = build(system, name, options, SUITES["nominal"], system.disturbances["rough"])
-    n, rng = filter.model.n, np.random.default_rng(3)
+    built = estimation(told.core, name, FEW_MEMBERS.get(name))
+    filter, n, rng = built.filter, len(built.composition.names), np.random.default_rng(3)
+    assert built.composition.names == names(told.core)[0][:n]
     belief, beliefs = filter.init(Gaussian(told.prior.mean[:, :n], told.prior.cov[:n, :n]), rng=rng), []
     for k in range(STEPS):
         if k:
@@ -146,7 +149,7 @@ def apart(told: Episode, axes: Axes, one: list[Belief], other: list[Belief]) -> 
 
     Of what an estimator tells none (the truth), in those of the start.
     """
-    worst, angles = 0.0, [np.isin(part, HEADINGS) for part in names(told.system)]
+    worst, angles = 0.0, [np.isin(part, HEADINGS) for part in names(told.core)]
 
     def short(change: np.ndarray, angle: np.ndarray) -> np.ndarray:
         return np.where(angle[: change.shape[-1]], wrap(change), change)
@@ -162,9 +165,10 @@ def apart(told: Episode, axes: Axes, one: list[Belief], other: list[Belief]) -> 
             scale = told.d.std((0, 1)) + 1e-3
             found.append((b.input_mean - written(a.input_mean, axes.d)) / scale)
         if isinstance(a, HeldReadings):
-            noise = SUITES["nominal"].noise * np.concatenate([i.sd for i in told.system.vehicle.instruments])
             for key in ("held", "previous"):
-                found.append(short(getattr(b, key) - written(getattr(a, key), axes.y), angles[2]) / noise)
+                found.append(
+                    short(getattr(b, key) - written(getattr(a, key), axes.y), angles[2]) / told.core.sensors.sd
+                )
             np.testing.assert_array_equal(b.interval, a.interval)
         worst = max(worst, *(float(np.abs(part).max()) for part in found))
         np.testing.assert_array_equal(b.recovery, a.recovery)
@@ -219,9 +223,9 @@ def test_an_estimate_across_the_cut_of_a_heading_is_that_of_a_heading_north(
     env_id: str, name: str, monkeypatch: pytest.MonkeyPatch
 ):
     north = episode(env_id)
-    axes = half_a_turn(north.system)
+    axes = half_a_turn(north.core)
     south = seen_from(north, axes)
-    heading = int(np.flatnonzero(np.isin(names(north.system)[2], HEADINGS))[0])
+    heading = int(np.flatnonzero(np.isin(names(north.core)[2], HEADINGS))[0])
     read = north.available[:, :, heading].all(1)
     assert np.abs(north.y[read, :, heading]).max() < 1.0
     jumps = np.abs(np.diff(south.y[read, :, heading], axis=0)) > np.pi
@@ -241,7 +245,7 @@ def test_an_estimate_far_away_is_that_at_the_origin_but_for_the_digits_of_the_pl
     env_id: str, name: str, monkeypatch: pytest.MonkeyPatch
 ):
     here = episode(env_id)
-    axes = elsewhere(here.system)
+    axes = elsewhere(here.core)
     there = seen_from(here, axes)
     assert np.abs(there.x).max() > 5e5
     assert apart(here, axes, track(name, here), track(name, there)) < (STEPPED if name in DIFFERENCING else PLACE)
@@ -252,6 +256,7 @@ def test_an_estimate_far_away_is_that_at_the_origin_but_for_the_digits_of_the_pl
 def test_the_corvette_moves_and_reads_alike_wherever_it_is():
     """Its filters know of no position, so that the truth alone could depend on one."""
     vehicle = single_class("SigmaCorvette-v0").system.vehicle
+    sensors = sensors_of(vehicle)
     rng = np.random.default_rng(0)
     truth = rng.normal(size=(8, 6)) * [100.0, 100.0, 2.0, 1.0, 1.0, 0.02] + [0.0, 0.0, 0.0, 15.0, 0.0, 0.0]
     there = truth + [FAR["x"], FAR["y"], 0.0, 0.0, 0.0, 0.0]
@@ -263,16 +268,17 @@ def test_the_corvette_moves_and_reads_alike_wherever_it_is():
     one, other = (vehicle.step(x, rudder, rudder, forcing, c) for x in (truth, there))
     np.testing.assert_array_equal(other[:, 2:], one[:, 2:])
     np.testing.assert_allclose(other[:, :2] - there[:, :2], one[:, :2] - truth[:, :2], rtol=0, atol=1e-8)
-    np.testing.assert_array_equal(vehicle.readings(other, forcing), vehicle.readings(one, forcing))
+    np.testing.assert_array_equal(sensors.exact(other, forcing), sensors.exact(one, forcing))
 
 
 @pytest.mark.parametrize("env_id", ["SigmaCorvette-v0", "SegorogeniAUV-v0", "PunaUAV-v0"])
 def test_what_is_derived_of_two_readings_does_not_depend_on_the_cut_between_them(env_id: str):
     told = episode(env_id)
-    system = told.system
-    axes, (state, unknown, channels) = half_a_turn(system), names(system)
-    rng = np.random.default_rng(1)
-    sd = np.concatenate([instrument.sd for instrument in system.vehicle.instruments])
+    core = told.core
+    axes, (state, unknown, channels) = half_a_turn(core), names(core)
+    held = estimation(core, "measurement", {"model": core.vehicle.kinds[0]}).filter
+    assert isinstance(held, HeldMeasurement)
+    rng, sd = np.random.default_rng(1), core.sensors.sd
     middle = np.array([{"ground speed": 20.0, "airspeed": 20.0}.get(channel, 0.0) for channel in channels])
     now, before = middle + sd * rng.normal(size=(2, 200, len(sd)))
     interval = rng.uniform(0.1, 2.0, size=now.shape)
@@ -281,34 +287,36 @@ def test_what_is_derived_of_two_readings_does_not_depend_on_the_cut_between_them
     for y in turned:
         y[:, headings] = wrap(y[:, headings])
     assert (np.abs(turned[0] - turned[1])[:, headings] > np.pi).mean() > 0.3
-    (x, d), (x_turned, d_turned) = (system.vehicle.from_readings(*pair, interval) for pair in ((now, before), turned))
+    (x, d), (x_turned, d_turned) = (held._derived(*pair, interval) for pair in ((now, before), turned))
     error = x_turned - written(x, axes.x)
-    angles = np.isin(state, HEADINGS)[: x.shape[-1]]
+    angles = np.isin(state, HEADINGS)
     error[:, angles] = wrap(error[:, angles])
     np.testing.assert_allclose(error, 0.0, rtol=0, atol=1e-13)  # 20 m/s in a direction of 4e-16 rad of digits
     np.testing.assert_allclose(d_turned, written(d, axes.d), rtol=0, atol=1e-15)
-    assert len(unknown) == d.shape[-1]
+    assert (len(state), len(unknown)) == (x.shape[-1], d.shape[-1])
 
 
 @pytest.mark.parametrize("name", ["measurement", "ekf", "ukf", "huber-kf", "robust-kf", "enkf"])
 def test_an_aircraft_whose_course_reads_now_one_side_of_south_now_the_other_flies_on(name: str):
     """Half of the difference of two such courses is east, their mean north: no estimate may make either of it."""
     told = episode("PunaUAV-v0")
-    system, off = told.system, 0.02
-    mean = np.zeros(16)
-    mean[3] = -20.0
-    exact = system.vehicle.readings(mean[None], np.zeros((1, 13)))[0]
+    core, off = told.core, 0.02
+    state, _, channels = names(core)
+    mean = np.zeros(len(state))
+    mean[state.index("north")] = -20.0
+    still = np.zeros(len(core.sensors.forcing_names)), np.zeros(core.sensors.bias.size)
+    exact = core.sensors.exact(mean[: len(core.vehicle.state_names)], *still)
     y = np.tile(exact, (STEPS, ROWS, 1))
     sides = np.where((np.arange(STEPS)[:, None] // 10 + np.arange(ROWS)) % 2, 1.0, -1.0)  # a fix every ten steps
-    y[..., 4] = sides * (np.pi - off)
-    y[..., 0] = -2.0 * np.arange(STEPS)[:, None]
-    cruising = np.tile(system.vehicle.body.cruise, 2)
+    y[..., channels.index("course over ground")] = sides * (np.pi - off)
+    y[..., channels.index("x")] = -2.0 * np.arange(STEPS)[:, None]
+    cruising = core.vehicle.cruise[1]
     steady = told._replace(
         prior=Gaussian(np.tile(mean, (ROWS, 1)), told.prior.cov), y=y, u=np.tile(cruising, (STEPS, ROWS, 1))
     )
     for belief in track(name, steady):
         x = belief.mean
         # 0.02 rad of 20 m/s are 0.4 m/s; an ensemble of 20, which is drawn, adds some tenths of its own.
-        assert np.abs(x[:, 3] + 20.0).max() < 1.0
-        assert np.abs(x[:, 4]).max() < 1.0
-        assert np.abs(x[:, [7, 8]]).max() < 2.0
+        assert np.abs(x[:, state.index("north")] + 20.0).max() < 1.0
+        assert np.abs(x[:, state.index("east")]).max() < 1.0
+        assert np.abs(x[:, [state.index("mean wind north"), state.index("mean wind east")]]).max() < 2.0

@@ -1,42 +1,10 @@
 """PunaUAV-v0: a small aircraft flies a Dubins path round obstacles on what a filter believes."""
 
-from typing import Any
-
-from vessel_gym.disturbances import Air
+from vessel_gym.envs.fixed_wing import fixed_wing_system
 from vessel_gym.envs.single import VesselEnv
 from vessel_gym.envs.vector import VesselVectorEnv
-from vessel_gym.system import System
-from vessel_gym.tasks.flight import Flight
-from vessel_gym.vehicles.puna import Puna
 
-AIRS = {
-    "calm": Air(wind=1.0, gust=0.35, vertical_gust=0.25),
-    "moderate": Air(wind=3.0, gust=1.06, vertical_gust=0.7),
-    "rough": Air(wind=5.0, gust=2.12, vertical_gust=1.4),
-}
-
-_VEHICLE = Puna()
-
-
-def _tuning(name: str, air: Any) -> dict[str, Any]:
-    # Without localisation an ensemble of 100 is three times too sure of the position; 1 + 1/N mends the rest.
-    if name in ("enkf", "enkf-sr", "etkf"):
-        return {"members": 100, "inflation": 1.01, "localisation": _VEHICLE.localisation}
-    # No reading shows the GNSS's bias in plan: a filter that doubts its model at every step doubts it ever more.
-    if name == "robust-kf":
-        return {"radius": 1e-6}
-    return {}
-
-
-PUNA_UAV = System(
-    name="PunaUAV-v0",
-    vehicle=_VEHICLE,
-    task=Flight(body=_VEHICLE.body),
-    disturbances=AIRS,
-    estimator="enkf",
-    filter_model="nonlinear",
-    tuning=_tuning,
-)
+PUNA_UAV = fixed_wing_system("puna", "PunaUAV-v0")
 
 
 class PunaUAVEnv(VesselEnv):

@@ -1,5 +1,6 @@
 """The single face: a `gymnasium.Env` on a batch of one."""
 
+from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import gymnasium as gym
@@ -8,8 +9,10 @@ import numpy as np
 from estimators.checks import shown
 from vessel_gym.checks import no_others, numbers
 from vessel_gym.core import Core, whole
+from vessel_gym.disturbances import Disturbance
 from vessel_gym.envs.shared import action_space, check_render_mode, first_seed, observation_space
 from vessel_gym.estimation import EstimatorChoice
+from vessel_gym.sensors import Sensor
 from vessel_gym.system import System
 
 
@@ -21,11 +24,19 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
             `estimators` package, ``truth`` (oracle), ``measurement`` (last reading held), ``dead-reckoning``;
             or your own: an `estimators.Filter` subclass, or a function of the model that returns a filter.
         estimator_options: Options of that estimator, over the environment's tuning; ``model``
-            chooses the filter's model where there are several.
-        sensors: ``"clean"``, ``"nominal"`` or ``"degraded"`` (10 % drop-outs, 5 % outliers).
-        disturbance: ``"calm"``, ``"moderate"`` or ``"rough"``.
+            chooses the filter's model where there are several, ``told`` what it is told of the world
+            (see `vessel_gym.estimation.Told`).
+        sensors: ``"clean"``, ``"nominal"`` or ``"degraded"`` (10 % drop-outs, 5 % outliers), or your own: a list of
+            `vessel_gym.sensors.Sensor`, to which those of ``system.vehicle.sensors`` may belong.
+        disturbance: ``"calm"``, ``"moderate"`` or ``"rough"``, or your own: a `vessel_gym.disturbances.Disturbance`.
         mismatch: Relative spread of the truth's parameters around the filter's, 0 to 0.25.
         observe: ``"mean"``, ``"mean+std"``, or ``"measurement"`` for raw readings and their mask.
+        ends: Who says that a mission is done: ``"belief"`` (what the estimator believes; the default where estimates
+            are observed), ``"declaration"`` (the agent, by a last component of its action above 0.5) or ``"task"``
+            (the truth: one bit; the default where readings are observed). Limits of the task and time end any.
+        guidance: Whether the agent is told how to go on from where it is believed to be or, of readings, from where
+            the last of them put it; without, it sees estimates or readings as they are, and the mission. Default:
+            where estimates are observed.
         render_mode: ``None``, ``"human"`` or ``"rgb_array"``.
 
     Raises:
@@ -40,16 +51,20 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
         self,
         estimator: EstimatorChoice | None = None,
         estimator_options: dict[str, Any] | None = None,
-        sensors: str = "nominal",
-        disturbance: str = "moderate",
+        sensors: str | Sequence[Sensor] = "nominal",
+        disturbance: str | Disturbance = "moderate",
         mismatch: float = 0.0,
         observe: str = "mean",
+        ends: str | None = None,
+        guidance: bool | None = None,
         render_mode: str | None = None,
         **others: Any,
     ) -> None:
         no_others(self.system.name, type(self), others)
         check_render_mode(render_mode, self.metadata)
-        self.core = Core(self.system, 1, estimator, estimator_options, sensors, disturbance, mismatch, observe)
+        self.core = Core(
+            self.system, 1, estimator, estimator_options, sensors, disturbance, mismatch, observe, ends, guidance
+        )
         self.observation_space = observation_space(self.core)
         self.action_space = action_space(self.core)
         self.render_mode = render_mode
@@ -62,7 +77,7 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
 
     @property
     def truth(self) -> np.ndarray:
-        """A copy of the true state, for scoring only; components are ``system.vehicle.truth_names``."""
+        """A copy of the true state, for scoring only; components are ``core.truth_names``."""
         return self.core.scored_truth()[0]
 
     def reset(

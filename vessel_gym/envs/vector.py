@@ -12,8 +12,10 @@ from gymnasium.vector.utils import batch_space
 from estimators.checks import shown
 from vessel_gym.checks import no_others
 from vessel_gym.core import Core, whole
+from vessel_gym.disturbances import Disturbance
 from vessel_gym.envs.shared import action_space, check_render_mode, first_seed, observation_space
 from vessel_gym.estimation import EstimatorChoice
+from vessel_gym.sensors import Sensor
 from vessel_gym.system import System
 
 
@@ -41,6 +43,8 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         disturbance: See `VesselEnv`.
         mismatch: See `VesselEnv`.
         observe: See `VesselEnv`.
+        ends: See `VesselEnv`.
+        guidance: See `VesselEnv`.
         autoreset_mode: A `gymnasium.vector.AutoresetMode` or its value.
         render_mode: ``None`` or ``"rgb_array"``.
 
@@ -57,10 +61,12 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         max_episode_steps: int | None = None,
         estimator: EstimatorChoice | None = None,
         estimator_options: dict[str, Any] | None = None,
-        sensors: str = "nominal",
-        disturbance: str = "moderate",
+        sensors: str | Sequence[Sensor] = "nominal",
+        disturbance: str | Disturbance = "moderate",
         mismatch: float = 0.0,
         observe: str = "mean",
+        ends: str | None = None,
+        guidance: bool | None = None,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
         **others: Any,
@@ -71,7 +77,9 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         check_render_mode(render_mode, self.metadata)
         self.autoreset_mode = _autoreset_mode(autoreset_mode)
         self.metadata = self.metadata | {"autoreset_mode": self.autoreset_mode}
-        self.core = Core(self.system, num_envs, estimator, estimator_options, sensors, disturbance, mismatch, observe)
+        self.core = Core(
+            self.system, num_envs, estimator, estimator_options, sensors, disturbance, mismatch, observe, ends, guidance
+        )
         self.num_envs = num_envs
         self.max_episode_steps = max_episode_steps
         self.render_mode = render_mode

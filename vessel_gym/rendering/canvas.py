@@ -413,8 +413,9 @@ def strip_chart(
 def comparison_chart(
     canvas: Canvas, box: Box, title: str, time: np.ndarray, span: tuple[float, float], least: float,
     true: np.ndarray, believed: np.ndarray, sd: np.ndarray, limit: float = np.inf, lowest: float | None = None,
+    middle: float = 0.0,
 ) -> None:  # fmt: skip
-    """A strip chart of something true and something believed.
+    """A strip chart of something true and something believed, about zero or another middle.
 
     Args:
         canvas: Where to draw.
@@ -428,16 +429,19 @@ def comparison_chart(
         sd: The latter's standard deviation.
         limit: Beyond plus and minus this, all is lost.
         lowest: Lower end of the axis, unless something lies below.
+        middle: Of the axis.
     """
     low, high = believed - 2.0 * sd, believed + 2.0 * sd
-    reach = nice(max(least, *(float(np.abs(value).max()) for value in (true, low, high))))
+    reach = nice(max(least, *(float(np.abs(value - middle).max()) for value in (true, low, high))))
     seen = limit if limit <= reach else None
     if lowest is not None and min(true.min(), low.min()) < lowest:
         lowest = None
+    if middle:
+        lowest = middle - reach
     strip_chart(
         canvas, box, title,
         [Series("true", TRUE_SOFT, time, true, 3.5), Series("believed ±2σ", BELIEVED, time, believed)],
-        span, reach, band=(time, low, high), limit=seen, limit_label="lost", lowest=lowest,
+        span, middle + reach, band=(time, low, high), limit=seen, limit_label="lost", lowest=lowest,
     )  # fmt: skip
 
 

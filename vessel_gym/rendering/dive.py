@@ -6,6 +6,7 @@ import numpy as np
 
 from vessel_gym.core import Core
 from vessel_gym.guidance.dive_path import follow, path_point
+from vessel_gym.rendering import register_scene
 from vessel_gym.rendering.canvas import (
     BELIEVED,
     BELIEVED_PALE,
@@ -98,6 +99,7 @@ def torpedo_outline(diameter: float, points: int = 12) -> np.ndarray:
     return np.concatenate([side, side[:0:-1] * [1.0, -1.0]])
 
 
+@register_scene(Dive)
 class DiveScene(Journey):
     """History and picture of one underwater vehicle on a dive; one that turns is also seen from above.
 
@@ -109,12 +111,12 @@ class DiveScene(Journey):
     _task: Dive
 
     def __init__(self, core: Core, row: int = 0) -> None:
-        super().__init__(core, "acoustic position", row)
-        names, body = list(core.vehicle.truth_names), self._task.auv
+        assert isinstance(core.task, Dive)
+        super().__init__(core, ("x", "y"), row)
+        names, body = list(core.vehicle.state_names), self._task.auv
         self._names, self._hull = names, torpedo_outline(body.diameter / body.length)
         self._position = self._task.position(np.eye(len(names))).T  # (3, n)
         self._turns = "psi" in names
-        self._currents = [i for i, name in enumerate(names) if name.startswith("current")]
         self._views: list[_View] = []
         self._path = np.zeros((1, 3))
 
@@ -161,8 +163,13 @@ class DiveScene(Journey):
     def _two_sigma(self, view: _View, history: Sample) -> np.ndarray:
         """Two standard deviations of the believed position as a view shows them, ``(k, 2)``; without any, one point."""
         position = self._position @ history.estimate[-1]
-        root = view.gradient(position) @ self._position
-        return view.points(position) + two_sigma(root @ history.cov[-1] @ root.T)
+        root = view.gradient(position)
+        return view.points(position) + two_sigma(root @ self._spread(history)[-1] @ root.T)
+
+    def _spread(self, history: Sample) -> np.ndarray:
+        """Covariances ``(k, 3, 3)`` of the believed position."""
+        n = len(self._names)
+        return self._position @ history.cov[:, :n, :n] @ self._position.T
 
     # --- parts of the picture -----------------------------------------------------------------------
 
@@ -279,7 +286,7 @@ class DiveScene(Journey):
 
     def _draw_current(self, canvas: Canvas, box: Box, view: _View, history: Sample) -> None:
         """The current, true and believed, as arrows of lengths in proportion."""
-        flows = [states[-1][self._currents] for states in (history.truth, history.estimate)]
+        flows = [history.flow[-1], history.believed_flow[-1]]
         draw_flows(canvas, box, "current", [(flow, np.array([0.0, flow[0]]) if view.aside else flow) for flow in flows])
 
     # --- the column on the right --------------------------------------------------------------------
@@ -323,7 +330,7 @@ class DiveScene(Journey):
         canvas.panel(box)
         x, words = box.left + 25, box.left + 46
         members = self._cloud()
-        spread = self._position @ history.cov[-1] @ self._position.T
+        spread = self._spread(history)[-1]
         labels = {
             "path": "path to follow",
             "start": "start",
@@ -391,8 +398,8 @@ class DiveScene(Journey):
         self._fins(canvas, boxes.pop(0), time, span, history)
         comparison_chart(canvas, boxes.pop(0), "Speed through the water  [m/s]", time, span, 1.0, *speed, lowest=0.0)
         if boxes:
-            i = self._currents[0]
-            flow = history.truth[:, i], history.estimate[:, i], np.sqrt(np.maximum(history.cov[:, i, i], 0.0))
+            sd = np.sqrt(np.maximum(history.cov[:, len(self._names), len(self._names)], 0.0))
+            flow = history.flow[:, 0], history.believed_flow[:, 0], sd
             comparison_chart(canvas, boxes.pop(0), "Current ahead  [m/s]", time, span, 0.1, *flow)
 
     def _errors(self, history: Sample) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
@@ -405,7 +412,7 @@ class DiveScene(Journey):
         heading, zero = on[:, 3], np.zeros(len(on))
         across = np.stack([-np.sin(heading), np.cos(heading), zero], -1)
         up = np.stack([on[:, 4] * np.cos(heading), on[:, 4] * np.sin(heading), zero - 1.0], -1) / steep[:, None]
-        cov = self._position @ history.cov @ self._position.T
+        cov = self._spread(history)
         sds = [np.sqrt(np.maximum(np.einsum("ki,kij,kj->k", d, cov, d), 0.0)) for d in (across, up)]
         return [(errors[0][i], errors[1][i], sds[i]) for i in range(2)]
 

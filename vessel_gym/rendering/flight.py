@@ -5,6 +5,7 @@ import numpy as np
 from vessel_gym.core import Core
 from vessel_gym.guidance.dubins import Path
 from vessel_gym.guidance.path_following import COLUMNS, track
+from vessel_gym.rendering import register_scene
 from vessel_gym.rendering.canvas import (
     BELIEVED,
     BELIEVED_PALE,
@@ -40,7 +41,6 @@ from vessel_gym.rendering.canvas import (
 )
 from vessel_gym.rendering.journey import Journey, Sample
 from vessel_gym.tasks.flight import OBSTACLES, SEGMENTS, Flight
-from vessel_gym.vehicles.puna import TRUTH
 
 SPAN = 2.1
 """Wing span [m] of the Skywalker X8, Gryte (2018); the point mass has none."""
@@ -60,14 +60,11 @@ _HALF = np.array([
     [-0.13, 0.03], [-0.13, 0.0],
 ])  # fmt: skip
 _AIRCRAFT = np.concatenate([_HALF, _HALF[-2:0:-1] * [1.0, -1.0]])
-_OVER_GROUND = np.eye(len(TRUTH))[3:6]
-_WIND = np.zeros((3, len(TRUTH)))  # north, east, up
-_WIND[0, [7, 9]] = _WIND[1, [8, 10]] = 1.0
-_WIND[2, [11, 12]] = -1.0, -np.sqrt(3.0)
-_AIR = _OVER_GROUND - _WIND
-"""What of a state is its velocity through the air: north, east, up."""
+_AIR = np.hstack([np.eye(3, 7, 3), np.diag([-1.0, -1.0, 1.0])])
+"""What of a state and a wind is the velocity through the air: north, east, up."""
 
 
+@register_scene(Flight)
 class FlightScene(Journey):
     """History and picture of one aircraft on a planned path round obstacles.
 
@@ -79,7 +76,8 @@ class FlightScene(Journey):
     _task: Flight
 
     def __init__(self, core: Core, row: int = 0) -> None:
-        super().__init__(core, "GNSS", row)
+        assert isinstance(core.task, Flight)
+        super().__init__(core, ("x", "y"), row)
         self._segments = np.zeros(0)
         self._path = self._obstacles = np.zeros((0, 3))
         self._goal = np.zeros(3)
@@ -137,7 +135,7 @@ class FlightScene(Journey):
             self._scene(canvas, frame, history, span, 1.2)
         self._scale(canvas, frame, box.left + 16, box.bottom - 14, _STEP, span)
         draw_north(canvas, box.right - 24, box.top + 42)
-        flows = [_WIND[:2] @ states[-1] for states in (history.truth, history.estimate)]
+        flows = [history.flow[-1, :2], history.believed_flow[-1, :2]]
         draw_flows(canvas, box, "wind", [(flow, flow) for flow in flows])
 
     def _close_up(self, canvas: Canvas, box: Box, history: Sample) -> None:
@@ -183,12 +181,13 @@ class FlightScene(Journey):
             canvas.cross(frame.pixels(fix[:2]), FIX, 2.0 * radius, 1.2)
         for at in frame.pixels(cloud) if cloud is not None else ():
             canvas.dot(at, MEMBER, radius)
-        canvas.polygon(self._placed(frame, history.truth[-1], span), TRUE_PALE, TRUE, 1.5)
-        canvas.outline(self._placed(frame, history.estimate[-1], span), BELIEVED, 1.5)
+        canvas.polygon(self._placed(frame, history.truth[-1], history.flow[-1], span), TRUE_PALE, TRUE, 1.5)
+        believed = self._placed(frame, history.estimate[-1], history.believed_flow[-1], span)
+        canvas.outline(believed, BELIEVED, 1.5)
 
-    def _placed(self, frame: PlanView, state: np.ndarray, span: float) -> np.ndarray:
+    def _placed(self, frame: PlanView, state: np.ndarray, wind: np.ndarray, span: float) -> np.ndarray:
         """An aircraft on a map: its nose points where it flies through the air, a bank narrows its wing."""
-        north, east, _ = _AIR @ state
+        north, east, _ = _AIR @ np.concatenate([state, wind])
         return frame.body(_AIRCRAFT * [1.0, np.cos(state[6])], state[:2], float(np.arctan2(east, north)), span)
 
     def _legend(self, canvas: Canvas, box: Box, history: Sample) -> None:
@@ -252,8 +251,10 @@ class FlightScene(Journey):
         self._altitudes(canvas, boxes[0], time, span, history)
         comparison_chart(canvas, boxes[1], "Right of the path  [m]", time, span, 3.0, *self._across(history), task.LOST)
         self._banks(canvas, boxes[2], time, span, history)
-        true, believed = (np.linalg.norm(states @ _AIR.T, axis=-1) for states in (history.truth, history.estimate))
-        ahead = history.estimate @ _AIR.T / np.maximum(believed, 1e-9)[:, None] @ _AIR
+        pairs = (history.truth, history.flow), (history.estimate, history.believed_flow)
+        through = [np.concatenate(pair, -1) @ _AIR.T for pair in pairs]
+        true, believed = np.linalg.norm(through, axis=-1)
+        ahead = through[1] / np.maximum(believed, 1e-9)[:, None] @ _AIR
         sd = _sd(ahead, history.cov)
         self._about(canvas, boxes[3], "Airspeed  [m/s]", time, span, 3.0, task.body.cruise_speed, true, believed, sd)
 
@@ -261,10 +262,10 @@ class FlightScene(Journey):
         """Distance to starboard of the path [m]: true, believed, and the latter's standard deviation."""
         window = self._task.WINDOW
         on = [
-            track(states[:, :2], self._segments, history.farthest - window, history.farthest + window)
+            track(states[:, :2], self._segments, history.tally[:, 0] - window, history.tally[:, 0] + window)
             for states in (history.truth, history.estimate)
         ]
-        across = np.zeros((len(history.step), len(TRUTH)))
+        across = np.zeros((len(history.step), history.cov.shape[-1]))
         across[:, 0], across[:, 1] = -np.sin(on[1][:, 2]), np.cos(on[1][:, 2])
         return on[0][:, 1], on[1][:, 1], _sd(across, history.cov)
 

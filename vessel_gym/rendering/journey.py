@@ -1,45 +1,42 @@
-"""What pictures of a vehicle on its way to a goal have in common: what happened, and how it ended."""
+"""What pictures of a vehicle on its way have in common: what happened, and how it ended."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from vessel_gym.core import Core
 from vessel_gym.rendering.canvas import CURRENT, LIMIT, MUTED, Box, Canvas, Colour, draw_header
-from vessel_gym.sensors import SUITES
-from vessel_gym.tasks.dive import Dive
-from vessel_gym.tasks.flight import Flight
 
 
 class Sample(NamedTuple):
     """One moment of an episode, or as columns a whole one."""
 
     step: np.ndarray
-    truth: np.ndarray  # (n,)
+    truth: np.ndarray  # (n,) the vehicle's state
     estimate: np.ndarray  # (n,)
-    cov: np.ndarray  # (n, n)
+    flow: np.ndarray  # (f,) what carries it
+    believed_flow: np.ndarray  # (f,)
+    cov: np.ndarray  # (n + f, n + f) of what is believed of both
+    action: np.ndarray  # (a,)
     actuators: np.ndarray  # (a,)
-    farthest: np.ndarray  # progress of the true vehicle along its path
+    tally: np.ndarray  # (k,) what the score remembers
+    total: np.ndarray  # sum of the rewards
 
 
 class Journey:
-    """History of one vehicle on its way to a goal.
+    """History of one vehicle on its way.
 
     Args:
         core: The environment's core.
-        fix: The instrument that tells the position.
+        fix: The components of the position that readings must give to be shown as a fix; empty: none is shown.
         row: Which environment of the batch is shown.
     """
 
-    def __init__(self, core: Core, fix: str, row: int) -> None:
-        assert isinstance(core.task, (Dive, Flight))
+    def __init__(self, core: Core, fix: tuple[str, ...], row: int) -> None:
         self.title = core.system.name
         self._core, self._row = core, row
-        self._task: Dive | Flight = core.task
-        owner = [instrument.name for instrument in core.vehicle.instruments for _ in instrument.channels]
-        self._fix = np.array(owner) == fix
-        self._disturbance = next(name for name, sea in core.system.disturbances.items() if sea is core.sea)
-        self._sensors = next(name for name, suite in SUITES.items() if suite is core.suite)
+        self._task: Any = core.task
+        self._fix = np.array([given in fix for given in core.sensors.gives])
         self._samples: list[Sample] = []
         self._fixes: list[np.ndarray] = []
 
@@ -51,15 +48,17 @@ class Journey:
     def record(self) -> None:
         """Append the core's present state, and a fix of the position if one has come."""
         core, row = self._core, self._row
-        belief = core.belief
+        belief, told, kicks = core.belief, core.composition, len(core.vehicle.kicks)
+        both = told.state_and_flow
         self._samples.append(
             Sample(
-                core.steps[row], core.truth[row].copy(), belief.mean[row].copy(), belief.cov[row].copy(),
-                core.actuators[row].copy(), core.tally[row, 0],
+                core.steps[row], core.state[row].copy(), belief.mean[row, : told.base].copy(),
+                core.forcing[row, kicks:].copy(), told.flow(belief.mean[row]), both @ belief.cov[row] @ both.T,
+                core.action[row].copy(), core.actuators[row].copy(), core.tally[row].copy(), core.total[row],
             )
         )  # fmt: skip
         readings, available = core.readings
-        if available[row, self._fix].all():
+        if self._fix.any() and available[row, self._fix].all():
             self._fixes.append(readings[row, self._fix])
 
     def history(self) -> Sample:
@@ -72,25 +71,27 @@ class Journey:
         Args:
             canvas: Where to draw.
             box: There.
-            missed: How far from the goal the vehicle is, in words.
+            missed: How far from the goal the vehicle is, in words; empty where there is no goal.
         """
         core, task = self._core, self._task
-        words = f"estimator {core.estimator}   ·   {self._disturbance} disturbance   ·   {self._sensors} sensors"
+        words = (
+            f"estimator {core.estimator}   ·   {core.disturbance_name} disturbance   ·   {core.sensors_name} sensors"
+        )
         if core.mismatch:
             words += f"   ·   mismatch {100 * core.mismatch:g} %"
-        time = f"{self._samples[-1].step * task.dt:.1f} s"
+        time = f"{self._samples[-1].step * core.vehicle.dt:.1f} s"
         values = {"score": f"{core.total[self._row] / task.perfect:.3f}", "time": time}
         draw_header(canvas, box, self.title, words, values, *self._outcome(missed))
 
     def _outcome(self, missed: str) -> tuple[str, Colour]:
         """How the journey has ended, in words, or that it has not."""
-        end = self._task.ends[self._core.end[self._row]]
-        if end == "arrived":
-            return f"arrived, {missed} from the goal", CURRENT
-        if end == "missed the goal":
+        end, success = self._task.ends[self._core.end[self._row]], self._task.success
+        if end and end == success:
+            return f"{end}, {missed} from the goal" if missed else end, CURRENT
+        if missed and end == "missed the goal":
             return f"{end} by {missed}", LIMIT
         if end:
             return f"lost: {end}", LIMIT
         if self._samples[-1].step >= self._task.horizon:
-            return "time is up", LIMIT
+            return "time is up", LIMIT if success else CURRENT
         return "under way", MUTED

@@ -6,6 +6,7 @@ import numpy as np
 
 from estimators import wrap
 from vessel_gym.core import Core
+from vessel_gym.rendering import register_scene
 from vessel_gym.rendering.canvas import (
     BELIEVED,
     BELIEVED_PALE,
@@ -31,7 +32,6 @@ from vessel_gym.rendering.canvas import (
     ship_outline,
     strip_chart,
 )
-from vessel_gym.sensors import SUITES
 from vessel_gym.tasks.turning_circle import TurningCircle
 from vessel_gym.tracks import believed_path, commanded_path
 
@@ -60,6 +60,7 @@ def wedge_factor(sd: float) -> int:
     return next((factor for factor in _WEDGE_FACTORS if 2.0 * sd * factor <= _WEDGE), 1)
 
 
+@register_scene(TurningCircle)
 class TurningCircleScene:
     """History and picture of one ship on a commanded turn.
 
@@ -76,8 +77,6 @@ class TurningCircleScene:
         self._hull = ship_outline(self._ship.beam / self._ship.length)
         self._samples: list[Sample] = []
         self._commanded = np.zeros((1, 2))
-        self._sea = next(name for name, sea in core.system.disturbances.items() if sea is core.sea)
-        self._sensors = next(name for name, suite in SUITES.items() if suite is core.suite)
 
     def begin(self) -> None:
         """Start an episode with the course that the task has drawn."""
@@ -116,7 +115,7 @@ class TurningCircleScene:
         core = self._core
         y = box.top + 27
         x = box.left + canvas.text(box.left, y, self.title, TEXT, 17, bold=True) + 16
-        words = f"estimator {core.estimator}   ·   {self._sea} sea   ·   {self._sensors} sensors"
+        words = f"estimator {core.estimator}   ·   {core.disturbance_name} sea   ·   {core.sensors_name} sensors"
         if core.mismatch:
             words += f"   ·   mismatch {100 * core.mismatch:g} %"
         canvas.text(x, y, words, MUTED, 13)

@@ -7,12 +7,14 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from estimators import Belief, Gaussian
+from estimators import Gaussian
 from estimators.checks import shown
 from estimators.factory import unknown
 from vessel_gym.checks import numbers
 from vessel_gym.compiled import gufunc
 from vessel_gym.guidance.dive_path import course_to, follow, path_point
+from vessel_gym.system import Estimate
+from vessel_gym.tasks.task import Task
 from vessel_gym.vehicles.auv import AUVParameters
 
 ENDS = ("", "arrived", "missed the goal", "off the path", "surfaced", "too deep", "pitched over")
@@ -20,7 +22,7 @@ _ARRIVED, _MISSED, _OFF, _SURFACED, _DEEP, _PITCHED = range(1, len(ENDS))
 
 
 @dataclass(frozen=True)
-class Dive(ABC):
+class Dive(Task, ABC):
     """What all dives share: the path, how it is drawn, and how a dive is scored.
 
     The path is `vessel_gym.guidance.dive_path`'s. A course (what is drawn at reset) is ``(angle, length, depth)`` of
@@ -43,13 +45,11 @@ class Dive(ABC):
     widest: float = 1.5 * np.pi  # rad, widest turn that may be asked for
     steepest: float = np.deg2rad(35.0)  # rad, steepest path that may be asked for
 
-    states: ClassVar[int]
-    """Size of the prior: all of the vehicle's state."""
-    uniforms: ClassVar[int] = 3
+    uniforms = 3
     """Uniform numbers that `course` needs."""
-    ends: ClassVar[tuple[str, ...]] = ENDS
-    success: ClassVar[str] = "arrived"
-    perfect: ClassVar[float] = 1.0
+    ends = ENDS
+    success = "arrived"
+    perfect = 1.0
     """Rewards are shares of the score."""
 
     # --- what is drawn ----------------------------------------------------------------------------
@@ -96,28 +96,17 @@ class Dive(ABC):
             raise ValueError(f"the goal must lie 0 to {deepest:.1f} m below the start, got {depth:.1f} m")
         return goal
 
-    @abstractmethod
-    def prior_sd(self, disturbance: Any) -> np.ndarray:
-        """Standard deviations ``(n,)`` of what is known at the start."""
-
-    def prior(self, course: np.ndarray, disturbance: Any) -> Gaussian:
+    def prior(self, course: np.ndarray) -> Gaussian:
         """What is known at the start, level at the path's beginning at cruising speed: mean ``(B, n)``, covariance."""
-        mean = np.zeros((len(course), self.states))
+        mean = np.zeros((len(course), len(self.prior_sd)))
         mean[:, 0] = self.auv.cruise_speed
-        return Gaussian(mean, np.diag(self.prior_sd(disturbance)) ** 2)
+        return Gaussian(mean, np.diag(self.prior_sd) ** 2)
 
     def reference(self, course: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
         """Where on the path a vehicle in a state ``(B, n)`` is, ``(B, 11)``."""
         return np.concatenate([follow(self.position(state), course, self.ahead), course], -1)
 
-    def known_input(self, before: np.ndarray, after: np.ndarray, course: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """What filters are told over a step: the actuators at its start and at its end."""
-        return np.concatenate([before, after], -1)
-
     # --- what the agent sees ----------------------------------------------------------------------
-
-    BOUND = 10.0
-    """Observations are scaled to be of order 1 and clipped to +-10."""
 
     observed: ClassVar[dict[str, float]]
     """What an observation of mode ``"mean"`` holds, in order, and the size that counts as 1 [SI]; actuators follow."""
@@ -130,17 +119,32 @@ class Dive(ABC):
         """What observations ``(B, k)`` of mode ``"mean"`` say, by the names of ``observed``, ``(B,)`` each in SI."""
         return {name: scale * observations[:, i] for i, (name, scale) in enumerate(self.observed.items())}
 
-    std_scale: ClassVar[tuple[float, ...]]
-    """Standard deviations of the state's components that count as 1 [SI]."""
+    def sizes(self, readings: int, states: int) -> dict[str, int]:
+        """The lengths of the parts of observations."""
+        known = len(self.mission_scale) + self.actuators
+        return {
+            "guided": len(self.observed) + self.actuators,
+            "unguided": len(self.std_scale) + self.flows + known,
+            "std": states,
+            "readings": 2 * readings,
+            "mission": known,
+        }
 
-    @cached_property
-    def _std_gains(self) -> np.ndarray:
-        return 1.0 / np.array(self.std_scale)
+    actuators: ClassVar[int]
+    """How many there are: fins, then thrust."""
+    flows: ClassVar[int]
+    """Components of the current."""
+    mission_scale: ClassVar[tuple[float, ...]]
+    """Sizes that count as 1 of the last components of a course, which an observation of raw readings holds."""
 
-    def observe_std(self, belief: Belief) -> np.ndarray:
-        """The standard deviations ``(B, n)`` of the state, scaled."""
-        variance = np.diagonal(belief.cov, axis1=-2, axis2=-1)
-        return np.sqrt(np.maximum(variance, 0.0)) * self._std_gains
+    def observe_mission(self, course: np.ndarray, step: np.ndarray, actuators: np.ndarray) -> np.ndarray:
+        """What is asked, and the actuators: the course and they ``(B, k)``."""
+        mission = course[:, -len(self.mission_scale) :] / self.mission_scale
+        return np.concatenate([mission, self.scaled(actuators)], -1)
+
+    def observe_state(self, estimate: Estimate, course: np.ndarray) -> np.ndarray:
+        """The estimated state and current ``(B, n + f)`` as they are, without guidance."""
+        return np.concatenate([estimate.state / self.state_scale, estimate.flow / 0.25], -1)
 
     @abstractmethod
     def position(self, state: np.ndarray) -> np.ndarray:
@@ -166,19 +170,34 @@ class Dive(ABC):
     HOTEL = 2.0  # power of everything but the propeller, relative to the propeller's at cruising speed
     FASTEST = 3.0  # progress that counts, relative to cruising speed
 
+    def course_of(self, reference: np.ndarray) -> np.ndarray:
+        """The course ``(..., 3)`` out of references ``(..., 11)``."""
+        return reference[..., 8:]
+
+    def over(self, reference: np.ndarray) -> np.ndarray:
+        """Whether who is there has covered the path ``(B,)``."""
+        return reference[:, 0] >= reference[:, 9]
+
     def power(self, actuators: np.ndarray) -> np.ndarray:
         """Power ``(...)`` of propeller and hotel load for actuators ``(..., a)``, relative to cruising."""
         propeller = (actuators[..., -1] / self.auv.cruise_thrust) ** 1.5
         return (self.HOTEL + propeller) / (self.HOTEL + 1.0)
 
-    def begin(self, truth: np.ndarray, course: np.ndarray) -> np.ndarray:
+    def begin(self, state: np.ndarray, course: np.ndarray) -> np.ndarray:
         """The farthest progress [m] and the energy used [s at cruising power], ``(B, 2)``."""
-        tally = np.zeros((len(truth), 2))
-        tally[:, 0] = np.clip(follow(self.position(truth), course, 0.0)[:, 0], 0.0, course[:, 1])
+        tally = np.zeros((len(state), 2))
+        tally[:, 0] = np.clip(follow(self.position(state), course, 0.0)[:, 0], 0.0, course[:, 1])
         return tally
 
     def score(
-        self, truth: np.ndarray, reference: np.ndarray, actuators: np.ndarray, action: np.ndarray, tally: np.ndarray
+        self,
+        state: np.ndarray,
+        forcing: np.ndarray,
+        reference: np.ndarray,
+        over: np.ndarray,
+        actuators: np.ndarray,
+        action: np.ndarray,
+        tally: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Reward in [0, 1], end of the episode ``(B,)`` and tally ``(B, 2)``: the only reader of truth.
 
@@ -186,7 +205,7 @@ class Dive(ABC):
         staying, going back and circling pay nothing. Arriving pays by the distance to the goal and by the energy that
         a dive at cruising speed would take over that used, so that waiting costs. Ending early forgoes the rest.
         """
-        course, position = reference[:, 8:], self.position(truth)
+        course, position = self.course_of(reference), self.position(state)
         length = course[:, 1]
         true = follow(position, course, 0.0)
         off = np.hypot(true[:, 1], true[:, 2] / np.sqrt(1.0 + true[:, 4] ** 2))
@@ -196,18 +215,17 @@ class Dive(ABC):
         energy = tally[:, 1] + self.dt * self.power(actuators)
         reward = self.TRACKING * fresh / length / (1.0 + (off / self.TRACK_TOLERANCE) ** 2)
 
-        over = reference[:, 0] >= length
         goal = path_point(length, course)[:, :3]
         miss = np.sqrt(np.vecdot(position - goal, position - goal))
         economy = np.minimum(np.hypot(length, course[:, 2]) / speed / energy, 1.0)
         reward += np.where(over, (1.0 - self.TRACKING) * economy / (1.0 + (miss / self.GOAL_TOLERANCE) ** 2), 0.0)
 
         depth = position[:, 2]
-        end = np.zeros(len(truth), int)
+        end = np.zeros(len(state), int)
         end[off > self.LOST] = _OFF
         end[depth < -self.launch_depth] = _SURFACED
         end[depth > course[:, 2] + self.margin] = _DEEP
-        end[np.abs(self.pitch(truth)) > self.PITCH_LIMIT] = _PITCHED
+        end[np.abs(self.pitch(state)) > self.PITCH_LIMIT] = _PITCHED
         end[over] = np.where(miss[over] <= self.GOAL_TOLERANCE, _ARRIVED, _MISSED)
         return reward, end, np.stack([farthest + fresh, energy], -1)
 
@@ -215,8 +233,8 @@ class Dive(ABC):
 # --- six degrees of freedom -------------------------------------------------------------------------
 
 
-@gufunc("void(float64[:], float64[:], float64[:], float64[:])", "(n),(r),(k)->(k)")
-def _spatial_errors(x: np.ndarray, reference: np.ndarray, room: np.ndarray, out: np.ndarray) -> None:
+@gufunc("void(float64[:], float64[:], float64[:], float64[:], float64[:])", "(n),(f),(r),(k)->(k)")
+def _spatial_errors(x: np.ndarray, flow: np.ndarray, reference: np.ndarray, room: np.ndarray, out: np.ndarray) -> None:
     """In body axes: vector to the path, vector to the point ahead, current; then heading and pitch error."""
     sin_phi, cos_phi, sin_theta, cos_theta = np.sin(x[9]), np.cos(x[9]), np.sin(x[10]), np.cos(x[10])
     sin_psi, cos_psi = np.sin(x[11]), np.cos(x[11])
@@ -224,7 +242,7 @@ def _spatial_errors(x: np.ndarray, reference: np.ndarray, room: np.ndarray, out:
     vectors = (
         (cross * np.sin(heading), -cross * np.cos(heading), -reference[2]),
         (reference[5], reference[6], reference[7]),
-        (x[12], x[13], 0.0),
+        (flow[0], flow[1], 0.0),
     )
     for i in range(3):
         north, east, down = vectors[i]
@@ -240,10 +258,14 @@ def _spatial_errors(x: np.ndarray, reference: np.ndarray, room: np.ndarray, out:
 
 @dataclass(frozen=True)
 class SpatialDive(Dive):
-    """A dive of a vehicle with six degrees of freedom, whose state is `vessel_gym.vehicles.segorogeni.TRUTH`."""
+    """A dive of a vehicle with six degrees of freedom, whose state is `vessel_gym.vehicles.segorogeni.STATE`."""
 
-    states = 14
-    std_scale = (0.05,) * 6 + (0.5,) * 3 + (0.05,) * 3 + (0.1,) * 2
+    prior_sd = (0.05,) * 3 + (0.02,) * 3 + (0.2,) * 3 + (0.05,) * 3
+    state_scale = (0.5, 0.25, 0.25) + (0.5,) * 3 + (10.0, 10.0, 5.0) + (0.25, 0.5, 1.0)
+    flows = 2
+    std_scale = (0.05,) * 6 + (0.5,) * 3 + (0.05,) * 3
+    actuators = 3
+    mission_scale = (1.0, 10.0, 5.0)
     observed = {
         "path ahead": 0.25, "path to starboard": 0.25, "path below": 0.25,
         "look ahead": 2.5, "look to starboard": 2.5, "look below": 2.5,
@@ -253,10 +275,6 @@ class SpatialDive(Dive):
         "roll": 0.25, "pitch": 0.5,
     }  # fmt: skip
 
-    def prior_sd(self, disturbance: Any) -> np.ndarray:
-        """Of velocities [m/s, rad/s], position [m], angles [rad] and current [m/s]: ``(14,)``."""
-        return np.array([0.05] * 3 + [0.02] * 3 + [0.2] * 3 + [0.05] * 3 + [disturbance.current_sd] * 2)
-
     def position(self, state: np.ndarray) -> np.ndarray:
         """North, east and down [m]."""
         return state[:, 6:9]
@@ -265,55 +283,39 @@ class SpatialDive(Dive):
         """Pitch angle [rad]."""
         return state[:, 10]
 
-    def sizes(self) -> dict[str, int]:
-        """The length of an observation for each mode of ``observe``."""
-        return {"mean": 24, "mean+std": 38, "measurement": 30}
-
-    @cached_property
-    def _reading_gains(self) -> np.ndarray:
-        return 1.0 / np.array([0.5, 0.25, 0.25, 5.0, 0.25, 0.5, 1.0, 0.5, 0.5, 0.5, 10.0, 10.0])
-
-    def observe(self, belief: Belief, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
+    def observe(self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
         """The observation ``(B, 24)`` of mode ``"mean"``, before clipping: errors, estimates, actuators."""
-        x, errors = belief.mean, _spatial_errors(belief.mean, reference, np.empty(11))
+        x, errors = estimate.state, _spatial_errors(estimate.state, estimate.flow, reference, np.empty(11))
         remaining, curvature = reference[:, 9:10] - reference[:, :1], reference[:, 8:9] / reference[:, 9:10]
         speed = x[:, :1] - self.auv.cruise_speed
         seen = np.concatenate([errors, remaining, curvature, speed, x[:, 1:6], x[:, 9:11]], -1) * self._gains
         return np.concatenate([seen, self.scaled(actuators)], -1)
 
-    def observe_readings(
-        self,
-        readings: np.ndarray,
-        available: np.ndarray,
-        course: np.ndarray,
-        step: np.ndarray,
-        actuators: np.ndarray,
-    ) -> np.ndarray:
-        """The observation ``(B, 30)`` of mode ``"measurement"``: readings, mask, course and actuators, no filter."""
-        mission = course / [1.0, 10.0, 5.0]
-        return np.concatenate([readings * self._reading_gains, available, mission, self.scaled(actuators)], -1)
-
 
 # --- the vertical plane -----------------------------------------------------------------------------
 
 
-@gufunc("void(float64[:], float64[:], float64[:], float64[:])", "(n),(r),(k)->(k)")
-def _vertical_errors(x: np.ndarray, reference: np.ndarray, room: np.ndarray, out: np.ndarray) -> None:
+@gufunc("void(float64[:], float64[:], float64[:], float64[:], float64[:])", "(n),(f),(r),(k)->(k)")
+def _vertical_errors(x: np.ndarray, flow: np.ndarray, reference: np.ndarray, room: np.ndarray, out: np.ndarray) -> None:
     """In body axes, ahead and down: vector to the path, vector to the point ahead, current; then the pitch error."""
     sin_theta, cos_theta = np.sin(x[5]), np.cos(x[5])
     out[0], out[1] = reference[2] * sin_theta, -reference[2] * cos_theta
     out[2] = reference[5] * cos_theta - reference[7] * sin_theta
     out[3] = reference[5] * sin_theta + reference[7] * cos_theta
-    out[4], out[5] = x[6] * cos_theta, x[6] * sin_theta
+    out[4], out[5] = flow[0] * cos_theta, flow[0] * sin_theta
     out[6] = -np.arctan(reference[4]) - x[5]
 
 
 @dataclass(frozen=True)
 class VerticalDive(Dive):
-    """A dive in the vertical plane, of a vehicle whose state is `vessel_gym.vehicles.itsunusa.TRUTH`."""
+    """A dive in the vertical plane, of a vehicle whose state is `vessel_gym.vehicles.itsunusa.STATE`."""
 
-    states = 7
-    std_scale = (0.05,) * 3 + (0.5,) * 2 + (0.05, 0.1)
+    prior_sd = (0.05, 0.05, 0.02, 0.2, 0.2, 0.05)
+    state_scale = (0.5, 0.25, 0.5, 20.0, 10.0, 0.5)
+    flows = 1
+    std_scale = (0.05,) * 3 + (0.5,) * 2 + (0.05,)
+    actuators = 2
+    mission_scale = (20.0, 10.0)
     observed = {
         "path ahead": 0.25, "path below": 0.25, "look ahead": 5.0, "look below": 5.0,
         "current ahead": 0.25, "current below": 0.25, "pitch error": 0.25, "remaining": 10.0,
@@ -328,10 +330,6 @@ class VerticalDive(Dive):
             )
         return goal
 
-    def prior_sd(self, disturbance: Any) -> np.ndarray:
-        """Of velocities [m/s, rad/s], position [m], pitch [rad] and current [m/s]: ``(7,)``."""
-        return np.array([0.05, 0.05, 0.02, 0.2, 0.2, 0.05, disturbance.current_sd])
-
     def position(self, state: np.ndarray) -> np.ndarray:
         """North (ahead), east (0) and down [m]."""
         position = np.zeros((len(state), 3))
@@ -342,29 +340,9 @@ class VerticalDive(Dive):
         """Pitch angle [rad]."""
         return state[:, 5]
 
-    def sizes(self) -> dict[str, int]:
-        """The length of an observation for each mode of ``observe``."""
-        return {"mean": 14, "mean+std": 21, "measurement": 16}
-
-    @cached_property
-    def _reading_gains(self) -> np.ndarray:
-        return 1.0 / np.array([0.5, 0.25, 10.0, 0.5, 0.5, 20.0])
-
-    def observe(self, belief: Belief, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
+    def observe(self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
         """The observation ``(B, 14)`` of mode ``"mean"``, before clipping: errors, estimates, actuators."""
-        x, errors = belief.mean, _vertical_errors(belief.mean, reference, np.empty(7))
+        x, errors = estimate.state, _vertical_errors(estimate.state, estimate.flow, reference, np.empty(7))
         remaining, speed = reference[:, 9:10] - reference[:, :1], x[:, :1] - self.auv.cruise_speed
         seen = np.concatenate([errors, remaining, speed, x[:, 1:3], x[:, 5:6]], -1) * self._gains
         return np.concatenate([seen, self.scaled(actuators)], -1)
-
-    def observe_readings(
-        self,
-        readings: np.ndarray,
-        available: np.ndarray,
-        course: np.ndarray,
-        step: np.ndarray,
-        actuators: np.ndarray,
-    ) -> np.ndarray:
-        """The observation ``(B, 16)`` of mode ``"measurement"``: readings, mask, course and actuators, no filter."""
-        mission = course[:, 1:] / [20.0, 10.0]
-        return np.concatenate([readings * self._reading_gains, available, mission, self.scaled(actuators)], -1)

@@ -6,15 +6,16 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from estimators import Belief, Gaussian
+from estimators import Gaussian
 from estimators.checks import shown
 from estimators.factory import unknown
 from vessel_gym.checks import numbers
 from vessel_gym.compiled import gufunc
-from vessel_gym.disturbances import Air
 from vessel_gym.guidance.dubins import NoPath, Path, plan
 from vessel_gym.guidance.path_following import COLUMNS, follow, track
-from vessel_gym.vehicles.puna import TRUTH, PunaParameters, wind_axes
+from vessel_gym.system import Estimate
+from vessel_gym.tasks.task import Task
+from vessel_gym.vehicles.puna import PunaParameters, airspeed
 
 ENDS = (
     "", "arrived", "missed the goal", "hit an obstacle", "stalled", "crashed", "off the path", "off the altitude",
@@ -30,12 +31,14 @@ _WHERE = 6  # numbers of a reference before its course
 _OPTIONS = ("start", "goal", "obstacles", "altitude")
 
 
-@gufunc("void(float64[:], float64[:], float64, float64[:], float64[:])", "(n),(r),(),(k)->(k)")
-def _flight_errors(x: np.ndarray, reference: np.ndarray, gravity: float, room: np.ndarray, out: np.ndarray) -> None:
-    """What is to be seen of a state ``(16,)`` and a reference, in SI and in the order of `Flight.observed`."""
+@gufunc("void(float64[:], float64[:], float64[:], float64, float64[:], float64[:])", "(n),(f),(r),(),(k)->(k)")
+def _flight_errors(
+    x: np.ndarray, wind: np.ndarray, reference: np.ndarray, gravity: float, room: np.ndarray, out: np.ndarray
+) -> None:
+    """What is to be seen of a state ``(7,)``, a wind and a reference, in SI and in the order of `Flight.observed`."""
     heading, curvature, later = reference[3], reference[4], reference[5]
-    wind_north, wind_east, down = x[7] + x[9], x[8] + x[10], x[11] + np.sqrt(3.0) * x[12]
-    north, east, up = x[3] - wind_north, x[4] - wind_east, x[5] + down
+    down = wind[2]
+    north, east, up = x[3] - wind[0], x[4] - wind[1], x[5] + down
     ground = np.hypot(x[3], x[4])
     course = np.arctan2(x[4], x[3])
     drift = course - np.arctan2(east, north)
@@ -64,8 +67,8 @@ def _flight_errors(x: np.ndarray, reference: np.ndarray, gravity: float, room: n
 
 
 @dataclass(frozen=True)
-class Flight:
-    """A flight along a Dubins path round circular obstacles, of an aircraft whose state is `vehicles.puna.TRUTH`.
+class Flight(Task):
+    """A flight along a Dubins path round circular obstacles, of an aircraft whose state is `vehicles.puna.STATE`.
 
     A course (what is drawn at reset) is ``(97,)``: 16 segments of the path (x, y, heading, curvature, length; those of
     length 0 fill up), its length, the commanded altitude, and 5 obstacles (x, y, radius; radius 0: none). A reference
@@ -86,13 +89,11 @@ class Flight:
     horizon: int = 900  # steps
     dt: float = 0.1  # s
 
-    states: ClassVar[int] = len(TRUTH)
-    """Size of the prior: all of the aircraft's state."""
-    uniforms: ClassVar[int] = 14
+    uniforms = 14
     """Uniform numbers that `course` needs."""
-    ends: ClassVar[tuple[str, ...]] = ENDS
-    success: ClassVar[str] = "arrived"
-    perfect: ClassVar[float] = 1.0
+    ends = ENDS
+    success = "arrived"
+    perfect = 1.0
     """Rewards are shares of the score."""
 
     # --- what is drawn ----------------------------------------------------------------------------
@@ -221,21 +222,16 @@ class Flight:
             raise ValueError(f"altitude must be between 50 and 1000 m, got {shown(value)}")
         return float(altitude)
 
-    def prior(self, course: np.ndarray, air: Air) -> Gaussian:
-        """What is known at the start, level at the path's beginning at cruising speed: mean ``(B, 16)``, covariance.
+    def prior(self, course: np.ndarray) -> Gaussian:
+        """What is known at the start, level at the path's beginning at cruising speed: mean ``(B, 7)``, covariance.
 
-        The aircraft flies along the path through the air, and the wind, which nobody knows, carries it along.
+        The aircraft flies along the path through the air; the wind, which nobody knows, carries it along.
         """
-        mean = np.zeros((len(course), self.states))
+        mean = np.zeros((len(course), 7))
         mean[:, :2], mean[:, 2] = course[:, :2], course[:, _PATH + 1]
         mean[:, 3] = self.body.cruise_speed * np.cos(course[:, 2])
         mean[:, 4] = self.body.cruise_speed * np.sin(course[:, 2])
-        sd = np.array([1.0, 1.0, 1.0, 0.5, 0.5, 0.3, 0.02, *air.wind_sd, 0.1, 0.1, 0.1])
-        root = np.eye(self.states)
-        root[3, [7, 9]] = root[4, [8, 10]] = 1.0
-        root[5, [11, 12]] = -1.0, -np.sqrt(3.0)
-        root = root * sd
-        return Gaussian(mean, root @ root.T)
+        return Gaussian(mean, np.diag([1.0, 1.0, 1.0, 0.5, 0.5, 0.3, 0.02]) ** 2)
 
     def reference(self, course: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
         """Where on the path an aircraft in a state ``(B, n)`` is, ``(B, 103)``."""
@@ -244,14 +240,7 @@ class Flight:
         altitude = state[:, 2] - course[:, _PATH + 1]
         return np.column_stack([where[:, :2], altitude, where[:, 2:5], course])
 
-    def known_input(self, before: np.ndarray, after: np.ndarray, course: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """What filters are told over a step: the actuators at its start and at its end."""
-        return np.concatenate([before, after], -1)
-
     # --- what the agent sees ----------------------------------------------------------------------
-
-    BOUND = 10.0
-    """Observations are scaled to be of order 1 and clipped to +-10."""
 
     observed: ClassVar[dict[str, tuple[float, float]]] = {
         "cross-track": (0.0, 10.0), "altitude error": (0.0, 5.0), "course sine": (0.0, 0.5),
@@ -276,49 +265,45 @@ class Flight:
         listed = enumerate(self.observed.items())
         return {name: offset + scale * observations[:, i] for i, (name, (offset, scale)) in listed}
 
-    def sizes(self) -> dict[str, int]:
-        """The length of an observation for each mode of ``observe``."""
-        seen = len(self.observed) + 3
-        return {"mean": seen, "mean+std": seen + self.states, "measurement": 21 + _PATH + 1 + 3 * OBSTACLES}
+    def sizes(self, readings: int, states: int) -> dict[str, int]:
+        """The lengths of the parts of observations."""
+        known = _PATH + 1 + 3 * OBSTACLES + 3
+        return {
+            "guided": len(self.observed) + 3, "unguided": len(self.std_scale) + 3 + known, "std": states,
+            "readings": 2 * readings, "mission": known,
+        }  # fmt: skip
 
     def scaled(self, actuators: np.ndarray) -> np.ndarray:
         """Thrust, angle of attack and bank command as the action has them: 0 cruising, -1 and 1 at their limits."""
         return self.body.actions(actuators)
 
-    @cached_property
-    def _std_gains(self) -> np.ndarray:
-        return 1.0 / np.array([1.0] * 3 + [0.2] * 3 + [0.02] + [1.0] * 2 + [0.5] * 4 + [1.0] * 3)
-
-    @cached_property
-    def _reading_gains(self) -> np.ndarray:
-        return 1.0 / np.array([100.0, 100.0, 100.0, 20.0, 3.0, 1.0, 100.0, 20.0, 0.5])
+    std_scale: ClassVar[tuple[float, ...]] = (1.0,) * 3 + (0.2,) * 3 + (0.02,)
+    """Standard deviations of the state's components that count as 1 [SI]."""
 
     @cached_property
     def _course_gains(self) -> np.ndarray:
         path = np.tile([100.0, 100.0, 3.0, 0.01, 100.0], SEGMENTS)
         return 1.0 / np.concatenate([path, [100.0], np.tile([100.0, 100.0, 50.0], OBSTACLES)])
 
-    def observe(self, belief: Belief, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
+    def observe(self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
         """The observation ``(B, 18)`` of mode ``"mean"``, before clipping: errors, estimates, actuators."""
-        seen = _flight_errors(belief.mean, reference, self.body.gravity, np.empty(len(self.observed)))
+        room = np.empty(len(self.observed))
+        seen = _flight_errors(estimate.state, estimate.flow, reference, self.body.gravity, room)
         return np.concatenate([(seen - self._offsets) * self._gains, self.scaled(actuators)], -1)
 
-    def observe_std(self, belief: Belief) -> np.ndarray:
-        """The standard deviations ``(B, 16)`` of the state, scaled."""
-        variance = np.diagonal(belief.cov, axis1=-2, axis2=-1)
-        return np.sqrt(np.maximum(variance, 0.0)) * self._std_gains
-
-    def observe_readings(
-        self,
-        readings: np.ndarray,
-        available: np.ndarray,
-        course: np.ndarray,
-        step: np.ndarray,
-        actuators: np.ndarray,
-    ) -> np.ndarray:
-        """The observation ``(B, 117)`` of mode ``"measurement"``: readings, mask, course and actuators, no filter."""
+    def observe_mission(self, course: np.ndarray, step: np.ndarray, actuators: np.ndarray) -> np.ndarray:
+        """What is asked, and the actuators: path, altitude, obstacles and they ``(B, 99)``."""
         mission = np.delete(course, _PATH, axis=1) * self._course_gains
-        return np.concatenate([readings * self._reading_gains, available, mission, self.scaled(actuators)], -1)
+        return np.concatenate([mission, self.scaled(actuators)], -1)
+
+    def observe_state(self, estimate: Estimate, course: np.ndarray) -> np.ndarray:
+        """The estimated state and wind ``(B, 10)`` as they are, without guidance."""
+        state = (estimate.state - self.STATE_OFFSET) / self.STATE_SCALE
+        return np.concatenate([state, estimate.flow / 5.0], -1)
+
+    STATE_SCALE = np.array([100.0, 100.0, 20.0, 20.0, 20.0, 1.0, 0.5])
+    STATE_OFFSET = np.array([0.0, 0.0, 100.0, 0.0, 0.0, 0.0, 0.0])
+    """Sizes that count as 1 of the state's components, and what counts as 0, where they are observed as they are."""
 
     # --- how it is scored -------------------------------------------------------------------------
 
@@ -334,15 +319,22 @@ class Flight:
     FASTEST = 2.0  # progress that counts, relative to cruising speed
     WINDOW = 50.0  # m of path about the farthest progress where the aircraft is looked for
 
-    def begin(self, truth: np.ndarray, course: np.ndarray) -> np.ndarray:
+    def begin(self, state: np.ndarray, course: np.ndarray) -> np.ndarray:
         """The farthest progress [m] and the last commands, ``(B, 4)``."""
-        tally = np.zeros((len(truth), 4))
-        true = self.track(truth, course, 0.0)
+        tally = np.zeros((len(state), 4))
+        true = self.track(state, course, 0.0)
         tally[:, 0] = np.maximum(true[:, 0], 0.0)
         return tally
 
     def score(
-        self, truth: np.ndarray, reference: np.ndarray, actuators: np.ndarray, action: np.ndarray, tally: np.ndarray
+        self,
+        state: np.ndarray,
+        forcing: np.ndarray,
+        reference: np.ndarray,
+        over: np.ndarray,
+        actuators: np.ndarray,
+        action: np.ndarray,
+        tally: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Reward in [0, 1], end of the episode ``(B,)`` and tally ``(B, 4)``: the only reader of truth.
 
@@ -353,9 +345,9 @@ class Flight:
         course = reference[:, _WHERE:]
         length, altitude = course[:, _PATH], course[:, _PATH + 1]
         farthest = tally[:, 0]
-        true = self.track(truth, course, farthest)
-        off, above = true[:, 6], truth[:, 2] - altitude
-        clearance = self.clearance(truth, course)
+        true = self.track(state, course, farthest)
+        off, above = true[:, 6], state[:, 2] - altitude
+        clearance = self.clearance(state, course)
 
         fresh = np.clip(np.minimum(true[:, 0], length) - farthest, 0.0, self.FASTEST * self.body.cruise_speed * self.dt)
         jump = np.minimum(np.mean((action - tally[:, 1:]) ** 2, axis=-1), 1.0)
@@ -364,25 +356,28 @@ class Flight:
         reward = self.TRACKING * fresh / length * quality
         farthest = farthest + fresh
 
-        over = reference[:, 0] >= length
-        miss = np.hypot(*(truth[:, :2] - self.goal(course)[:, :2]).T)
+        miss = np.hypot(*(state[:, :2] - self.goal(course)[:, :2]).T)
         covered = np.minimum((farthest + self.GOAL_TOLERANCE) / length, 1.0)
         arriving = (1.0 - self.TRACKING) * covered / (1.0 + (miss / self.GOAL_TOLERANCE) ** 2)
         reward += np.where(over, arriving, 0.0)
 
-        end = np.zeros(len(truth), int)
+        end = np.zeros(len(state), int)
         end[np.abs(above) > self.HEIGHT_LOST] = _HEIGHT
         end[off > self.LOST] = _OFF
-        end[self.airspeed(truth) < self.STALL] = _STALLED
+        end[airspeed(state, forcing[:, 4:]) < self.STALL] = _STALLED
         end[over] = np.where(miss[over] <= self.GOAL_TOLERANCE, _ARRIVED, _MISSED)
-        end[truth[:, 2] <= 0.0] = _CRASHED
+        end[state[:, 2] <= 0.0] = _CRASHED
         end[clearance < 0.0] = _HIT
         reward[end == _HIT] = reward[end == _CRASHED] = 0.0
         return reward, end, np.column_stack([farthest, action])
 
-    def track(self, truth: np.ndarray, course: np.ndarray, farthest: np.ndarray | float) -> np.ndarray:
-        """Where true states ``(B, 16)`` are on the path near the farthest progress [m], see `path_following.track`."""
-        return track(truth[:, :2], course[:, :_PATH], farthest - self.WINDOW, farthest + self.WINDOW)
+    def track(self, state: np.ndarray, course: np.ndarray, farthest: np.ndarray | float) -> np.ndarray:
+        """Where states ``(B, n)`` are on the path near the farthest progress [m], see `path_following.track`."""
+        return track(state[:, :2], course[:, :_PATH], farthest - self.WINDOW, farthest + self.WINDOW)
+
+    def over(self, reference: np.ndarray) -> np.ndarray:
+        """Whether who is there has covered the path ``(B,)``."""
+        return reference[:, 0] >= reference[:, _WHERE + _PATH]
 
     def course_of(self, reference: np.ndarray) -> np.ndarray:
         """The course ``(..., 97)`` out of references ``(..., 103)``."""
@@ -392,14 +387,10 @@ class Flight:
         """The commanded altitude [m] of courses, ``(...)``."""
         return course[..., _PATH + 1]
 
-    def airspeed(self, truth: np.ndarray) -> np.ndarray:
-        """Airspeed [m/s] of true states, ``(...)``."""
-        return wind_axes(truth, np.empty(10))[..., 3]
-
-    def clearance(self, truth: np.ndarray, course: np.ndarray) -> np.ndarray:
-        """Distance [m] of true states ``(..., 16)`` from the nearest obstacle's edge, ``(...)``; infinite without."""
+    def clearance(self, state: np.ndarray, course: np.ndarray) -> np.ndarray:
+        """Distance [m] of states ``(..., n)`` from the nearest obstacle's edge, ``(...)``; infinite without."""
         obstacles = course[..., -3 * OBSTACLES :].reshape(*course.shape[:-1], OBSTACLES, 3)
-        away = obstacles[..., :2] - truth[..., None, :2]
+        away = obstacles[..., :2] - state[..., None, :2]
         distance = np.hypot(away[..., 0], away[..., 1]) - obstacles[..., 2]
         return np.where(obstacles[..., 2] > 0.0, distance, np.inf).min(-1)
 

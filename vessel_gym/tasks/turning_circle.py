@@ -6,12 +6,16 @@ from typing import Any
 
 import numpy as np
 
-from estimators import Belief, Gaussian, wrap
+from estimators import Gaussian, wrap
 from estimators.checks import shown
 from estimators.factory import unknown
 from vessel_gym.checks import number
 from vessel_gym.compiled import gufunc
-from vessel_gym.vehicles.corvette import CorvetteParameters, steady_turns
+from vessel_gym.sensors import Sensors
+from vessel_gym.system import Estimate
+from vessel_gym.tasks.task import Task
+from vessel_gym.vehicles.corvette import steady_turns
+from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 
 
 @gufunc("void(float64[:], float64, float64[:], float64[:])", "(c),(),(r)->(r)")
@@ -38,7 +42,7 @@ def turning_reward(
 
 
 @dataclass(frozen=True)
-class TurningCircle:
+class TurningCircle(Task):
     """The commanded heading leads into a steady turn: straight, a ramp of the yaw rate, a circle.
 
     A course (what is drawn at reset) is ``(initial heading [rad], commanded yaw rate [rad/s])``; a
@@ -46,18 +50,33 @@ class TurningCircle:
     """
 
     ship: CorvetteParameters
-    dt: float = 0.5  # s
+    pace: float = 1.0  # how many times as long as the corvette the ship takes to sail its length
     horizon: int = 600  # steps
     radius: tuple[float, float] = (3.0, 6.0)  # commanded radius in ship lengths, either side
     tightest: float = 2.5  # that may be asked for; nearly the whole rudder, without a margin against gusts
-    lead: float = 5.0  # s before the turn begins
-    ramp: float = 25.0  # s until the full yaw rate is commanded
-    preview: float = 10.0  # s
 
-    states = 4
-    """Size of the prior: (v, r, psi, u)."""
     uniforms = 3
     """Uniform numbers that `course` needs."""
+
+    @property
+    def dt(self) -> float:
+        """Time step [s]."""
+        return 0.5 * self.pace
+
+    @property
+    def lead(self) -> float:
+        """Time [s] before the turn begins."""
+        return 5.0 * self.pace
+
+    @property
+    def ramp(self) -> float:
+        """Time [s] in which the full yaw rate comes to be commanded."""
+        return 25.0 * self.pace
+
+    @property
+    def preview(self) -> float:
+        """How far [s] ahead the command is seen."""
+        return 10.0 * self.pace
 
     WIDEST = 1e5  # m: a commanded radius beyond is a slip in the unit
 
@@ -92,7 +111,7 @@ class TurningCircle:
         turns = steady_turns(self.ship)
         return np.sign(radius) * np.interp(1.0 / np.abs(radius), 1.0 / turns.radius, turns.yaw_rate)
 
-    def prior(self, course: np.ndarray, sea: Any) -> Gaussian:
+    def prior(self, course: np.ndarray) -> Gaussian:
         """What is known of (v, r, psi, u) at the start: mean ``(B, 4)`` and covariance ``(4, 4)``."""
         mean = np.zeros((len(course), 4))
         mean[:, 2], mean[:, 3] = course[:, 0], self.ship.speed
@@ -110,80 +129,89 @@ class TurningCircle:
     def _timing(self) -> np.ndarray:
         return np.array([self.dt, self.lead, self.ramp, self.preview])
 
-    def known_input(self, before: np.ndarray, after: np.ndarray, course: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """What filters are told over a step ``(B, 2)``: mean rudder and commanded yaw rate."""
-        u = np.empty((len(before), 2))
-        u[:, 0] = 0.5 * (before[:, 0] + after[:, 0])
-        u[:, 1] = self.command(course, step)[:, 1]
-        return u
+    def commanded(self, course: np.ndarray, step: np.ndarray) -> np.ndarray:
+        """The commanded yaw rate ``(B, 1)``."""
+        return self.command(course, step)[:, 1:2]
 
     # --- what the agent sees ----------------------------------------------------------------------
 
-    BOUND = 10.0
-    """Observations are scaled to be of order 1 and clipped to +-10."""
     SWAY_SCALE = 2.0  # m/s
-    RATE_SCALE = 0.01  # rad/s, errors and uncertainty
-    HEADING_SCALE = 0.1  # rad, likewise
+    HEADING_SCALE = 0.1  # rad, errors and uncertainty
     INPUT_SCALE = 0.01  # rad
-    COMMAND_SCALE = 0.04  # rad/s, commanded yaw rate
 
-    def sizes(self) -> dict[str, int]:
-        """The length of an observation for each mode of ``observe``."""
-        return {"mean": 7, "mean+std": 11, "measurement": 7}
+    @property
+    def rate_scale(self) -> float:
+        """Of errors and uncertainty of the yaw rate [rad/s]."""
+        return 0.01 / self.pace
+
+    @property
+    def command_scale(self) -> float:
+        """Of the commanded yaw rate [rad/s]."""
+        return 0.04 / self.pace
+
+    def sizes(self, readings: int, states: int) -> dict[str, int]:
+        """The lengths of the parts of observations."""
+        return {"guided": 7, "unguided": 8, "std": 4, "readings": 2 * readings, "mission": 3}
 
     @cached_property
     def _known_scales(self) -> list[float]:
-        return [self.ship.rudder_limit, self.COMMAND_SCALE, self.COMMAND_SCALE]
+        return [self.ship.rudder_limit, self.command_scale, self.command_scale]
 
     @cached_property
     def _mean_gains(self) -> np.ndarray:
-        scales = [self.HEADING_SCALE, self.RATE_SCALE, self.SWAY_SCALE, self.INPUT_SCALE, *self._known_scales]
+        scales = [self.HEADING_SCALE, self.rate_scale, self.SWAY_SCALE, self.INPUT_SCALE, *self._known_scales]
         return 1.0 / np.array(scales)
 
     @cached_property
     def _std_gains(self) -> np.ndarray:
-        return 1.0 / np.array([self.SWAY_SCALE, self.RATE_SCALE, self.HEADING_SCALE, self.INPUT_SCALE])
+        return 1.0 / np.array([self.SWAY_SCALE, self.rate_scale, self.HEADING_SCALE, self.INPUT_SCALE])
 
-    @cached_property
-    def _reading_gains(self) -> np.ndarray:
-        return 1.0 / np.array([self.HEADING_SCALE, self.INPUT_SCALE, 1.0, 1.0, *self._known_scales])
-
-    def observe(self, belief: Belief, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
+    def observe(self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
         """The observation ``(B, 7)`` of mode ``"mean"``, before clipping: estimates, reference, rudder."""
-        mean = belief.mean
+        mean = estimate.state
         observation = np.empty((len(mean), 7))
         observation[:, 0] = wrap(reference[:, 0] - mean[:, 2])
         observation[:, 1] = reference[:, 1] - mean[:, 1]
         observation[:, 2] = mean[:, 0]
-        observation[:, 3] = 0.0 if belief.input_mean is None else belief.input_mean[:, 0]
+        observation[:, 3] = 0.0 if estimate.input_mean is None else estimate.input_mean[:, 0]
         observation[:, 4] = actuators[:, 0]
         observation[:, 5:] = reference[:, 1:3]
         return observation * self._mean_gains
 
-    def observe_std(self, belief: Belief) -> np.ndarray:
+    def observe_std(self, estimate: Estimate) -> np.ndarray:
         """The standard deviations ``(B, 4)`` of sway, yaw rate, heading and unknown input, scaled likewise."""
-        variance = np.zeros((len(belief.mean), 4))
-        variance[:, :3] = np.diagonal(belief.cov, axis1=-2, axis2=-1)[:, :3]
-        if belief.input_cov is not None:
-            variance[:, 3] = belief.input_cov[:, 0, 0]
-        return np.sqrt(np.maximum(variance, 0.0)) * self._std_gains
+        assert estimate.sd is not None
+        sd = np.zeros((len(estimate.sd), 4))
+        sd[:, :3] = estimate.sd[:, :3]
+        if estimate.input_sd is not None:
+            sd[:, 3] = estimate.input_sd[:, 0]
+        return sd * self._std_gains
 
     def observe_readings(
-        self,
-        readings: np.ndarray,
-        available: np.ndarray,
-        course: np.ndarray,
-        step: np.ndarray,
-        actuators: np.ndarray,
+        self, sensors: Sensors, readings: np.ndarray, available: np.ndarray, course: np.ndarray, step: np.ndarray
     ) -> np.ndarray:
-        """The observation ``(B, 7)`` of mode ``"measurement"``: raw readings and their mask, no filter."""
-        reference, observation = self.command(course, step), np.empty((len(readings), 7))
-        observation[:, 0] = np.where(available[:, 0], wrap(reference[:, 0] - readings[:, 0]), 0.0)
-        observation[:, 1] = np.where(available[:, 1], readings[:, 1], 0.0)
-        observation[:, 2:4] = available
-        observation[:, 4] = actuators[:, 0]
-        observation[:, 5:] = reference[:, 1:3]
-        return observation * self._reading_gains
+        """Raw readings ``(B, 2 p)``: readings and mask, no filter.
+
+        A reading of the heading is shown as what is missing to the commanded one, on the scale of such an error.
+        """
+        reference, shown = self.command(course, step), readings / sensors.scale
+        for channel, state in enumerate(sensors.gives):
+            if state == "psi":
+                shown[:, channel] = wrap(reference[:, 0] - readings[:, channel]) / self.HEADING_SCALE
+        return np.concatenate([np.where(available, shown, 0.0), available], -1)
+
+    def observe_mission(self, course: np.ndarray, step: np.ndarray, actuators: np.ndarray) -> np.ndarray:
+        """The rudder, and the commanded yaw rate now and ahead ``(B, 3)``."""
+        reference = self.command(course, step)
+        return np.concatenate([actuators, reference[:, 1:3]], -1) / self._known_scales
+
+    def observe_state(self, estimate: Estimate, course: np.ndarray) -> np.ndarray:
+        """Sway, yaw rate, sine and cosine of the heading relative to the first one, d ``(B, 5)``: no guidance."""
+        v, r, psi = estimate.state.T[:3]
+        d = np.zeros(len(v)) if estimate.input_mean is None else estimate.input_mean[:, 0]
+        turned = psi - course[:, 0]
+        scaled = v / self.SWAY_SCALE, r / self.command_scale, np.sin(turned), np.cos(turned), d / self.INPUT_SCALE
+        return np.stack(scaled, -1)
 
     # --- how it is scored -------------------------------------------------------------------------
 
@@ -204,12 +232,15 @@ class TurningCircle:
         """A reward of 1 at every step."""
         return self.horizon
 
-    def begin(self, truth: np.ndarray, course: np.ndarray) -> np.ndarray:
-        """Nothing to remember: ``(B, 0)``."""
-        return np.empty((len(truth), 0))
-
     def score(
-        self, truth: np.ndarray, reference: np.ndarray, actuators: np.ndarray, action: np.ndarray, tally: np.ndarray
+        self,
+        state: np.ndarray,
+        forcing: np.ndarray,
+        reference: np.ndarray,
+        over: np.ndarray,
+        actuators: np.ndarray,
+        action: np.ndarray,
+        tally: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Reward in [0, 1], end of the episode and tally, ``(B,)`` and ``(B, 0)``: the only reader of truth.
 
@@ -217,6 +248,6 @@ class TurningCircle:
         Rewards are never negative, so ending early never pays; the reference moves with time, so
         neither does loitering.
         """
-        heading = wrap(reference[:, 0] - truth[:, 2])
-        reward = turning_reward(heading, truth, reference, action, self._kernel)
+        heading = wrap(reference[:, 0] - state[:, 2])
+        reward = turning_reward(heading, state, reference, action, self._kernel)
         return reward, (np.abs(heading) > self.LOST).astype(int), tally

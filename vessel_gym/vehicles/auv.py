@@ -5,16 +5,26 @@ is the origin, and a propeller. Body axes: x forward, y starboard, z down; earth
 """
 
 from abc import ABC, abstractmethod
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 
-from estimators import NonlinearModel
-from estimators.checks import shown
-from vessel_gym.sensors import Instrument, nominal_sd
-from vessel_gym.vehicles.hydrodynamics import Coefficients, Fins, Spheroid, Torpedo, coefficients, fin_lift
+from vessel_gym.sensors import Sensor
+from vessel_gym.vehicles.hydrodynamics import (
+    Coefficients,
+    Fins,
+    Spheroid,
+    Torpedo,
+    axial_drag_coefficient,
+    coefficients,
+    fin_lift,
+    munk_moment,
+)
+from vessel_gym.vehicles.integration import advanced
+from vessel_gym.vehicles.whole_state import WholeState
 
 _FACTORS = {
     "surge added mass": ("X_udot",),
@@ -40,63 +50,95 @@ VERTICAL = 7
 
 @dataclass(frozen=True)
 class AUVParameters:
-    """Particulars of a torpedo-shaped vehicle, SI units."""
+    """Particulars of a torpedo-shaped vehicle, SI units: what a vehicle file gives, each number there with its source.
+
+    What has a default may be left out. ``given`` holds measured or computed coefficients by name, which replace those
+    that follow from the dimensions: any of `Coefficients`, with K_up, and the body's mass and inertias.
+    """
 
     length: float  # m
     diameter: float  # m
     fin_area: float  # m2, of each of the four
     fin_position: float  # m, x of the middle of their chord
-    axial_drag: float  # coefficient on the frontal area
     z_g: float  # m, centre of gravity below the centre of buoyancy
-    buoyancy_excess: float  # N, buoyancy less weight
-    fin_limit: float  # rad
-    fin_rate: float  # rad/s
     thrust_limit: float  # N
-    thrust_lag: float  # s, time constant of the thrust
     cruise_speed: float  # m/s
+    axial_drag: float | None = None  # coefficient on the frontal area; None: of the bare hull at cruising speed
+    buoyancy_excess: float = 0.0  # N, buoyancy less weight
+    fin_limit: float = float(np.deg2rad(20.0))  # rad, assumed: below stall
+    fin_rate: float = 1.0  # rad/s, of a small servo, assumed
+    thrust_lag: float = 0.5  # s, time constant of the thrust, assumed
     fin_aspect: float = 2.21  # effective aspect ratio, REMUS'; Prestero (2001)
     fin_taper: float = 0.654  # chord at the tip / at the root, REMUS'; Prestero (2001)
     water_density: float = 1025.0  # kg/m3, sea water; Fossen (2011)
     gravity: float = 9.81  # m/s2
+    given: tuple[tuple[str, float], ...] = ()  # coefficients by name
+    with_added_mass: bool = False  # given Y_ur, Z_uq, M_uw, N_uv, M_uq, N_ur hold Kirchhoff's terms, as Prestero's do
+
+    TABLES: ClassVar = {
+        "particulars": (
+            "length", "diameter", "z_g", "buoyancy_excess", "mass", "roll_inertia", "pitch_inertia", "water_density",
+            "gravity",
+        ),
+        "fins": ("fin_area", "fin_position", "fin_aspect", "fin_taper", "fin_limit", "fin_rate"),
+        "propulsion": ("cruise_speed", "thrust_limit", "thrust_lag"),
+        "coefficients": ("with_added_mass", "axial_drag", *(each.name for each in fields(Coefficients)), "K_up"),
+    }  # fmt: skip
+    """Where the keys stand in a vehicle file; those that are no fields of this class go to ``given``."""
 
     @cached_property
     def torpedo(self) -> Torpedo:
         """The shape: a prolate spheroid with its fins."""
         span = np.sqrt(0.5 * self.fin_aspect * self.fin_area)  # the hull mirrors the fin
         fins = Fins(self.fin_area, span, self.fin_position, self.fin_taper)
-        hull = Spheroid(self.length, self.diameter)
-        return Torpedo(hull, fins, self.axial_drag, water_density=self.water_density)
+        hull, drag = Spheroid(self.length, self.diameter), self.axial_drag
+        if drag is None:
+            drag = axial_drag_coefficient(self.length, self.diameter, self.cruise_speed)
+        return Torpedo(hull, fins, drag, water_density=self.water_density)
 
     @cached_property
     def coefficients(self) -> Coefficients:
-        """Hydrodynamic coefficients from the dimensions."""
-        return coefficients(self.torpedo)
+        """Hydrodynamic coefficients: those given, and the others from the dimensions."""
+        names = {each.name for each in fields(Coefficients)}
+        given = {name: x for name, x in self.given if name in names}
+        c = replace(coefficients(self.torpedo), **given)
+        held = {
+            "Y_ur": c.X_udot, "Z_uq": -c.X_udot, "N_uv": munk_moment(c), "M_uw": c.X_udot - c.Z_wdot,
+            "N_ur": c.Y_rdot, "M_uq": -c.Z_qdot,
+        }  # fmt: skip
+        if not self.with_added_mass:
+            return c
+        return replace(c, **{name: given[name] - x for name, x in held.items() if name in given})
 
     @cached_property
     def roll_lift(self) -> float:
         """Moment K_up per |u| p [kg m]: lift of the four fins, which roll meets at an angle, as sway and yaw do."""
+        if "K_up" in dict(self.given):
+            return dict(self.given)["K_up"]
         root, tip = self.torpedo.root, self.torpedo.tip
         return -4.0 * fin_lift(self.torpedo) * (root**2 + root * tip + tip**2) / 3.0
 
     @cached_property
     def buoyancy(self) -> float:
-        """Weight [N] of the water that the prolate spheroid of these dimensions displaces."""
+        """Weight [N] of the water displaced: what a given mass implies, else that of the prolate spheroid."""
+        if "mass" in dict(self.given):
+            return dict(self.given)["mass"] * self.gravity + self.buoyancy_excess
         return self.water_density * self.gravity * np.pi / 6.0 * self.length * self.diameter**2
 
     @cached_property
     def mass(self) -> float:
-        """What is neutrally buoyant but for ``buoyancy_excess`` [kg]."""
-        return (self.buoyancy - self.buoyancy_excess) / self.gravity
+        """What is neutrally buoyant but for ``buoyancy_excess`` [kg], if not given."""
+        return dict(self.given).get("mass", (self.buoyancy - self.buoyancy_excess) / self.gravity)
 
     @cached_property
     def roll_inertia(self) -> float:
-        """Of a homogeneous spheroid, about the origin [kg m2]."""
-        return 0.1 * self.mass * self.diameter**2
+        """About the origin [kg m2]; that of a homogeneous spheroid if not given."""
+        return dict(self.given).get("roll_inertia", 0.1 * self.mass * self.diameter**2)
 
     @cached_property
     def pitch_inertia(self) -> float:
-        """Of a homogeneous spheroid, in pitch and in yaw, about the origin [kg m2]."""
-        return 0.05 * self.mass * (self.length**2 + self.diameter**2)
+        """In pitch and in yaw, about the origin [kg m2]; that of a homogeneous spheroid if not given."""
+        return dict(self.given).get("pitch_inertia", 0.05 * self.mass * (self.length**2 + self.diameter**2))
 
     @cached_property
     def cruise_thrust(self) -> float:
@@ -121,7 +163,13 @@ class AUVParameters:
         coupling = np.sqrt(f["lateral added mass"] * f["pitch and yaw added inertia"])
         for name in ("Y_rdot", "N_vdot", "Z_qdot", "M_wdot"):
             c[name] = c[name] * coupling
-        c |= {
+        c = self._with_body(c)
+        vertical, lateral = _inertia(c)
+        return c | _inverse("uwq", vertical) | _inverse("vpr", lateral)
+
+    def _with_body(self, c: dict[str, Any]) -> dict[str, Any]:
+        """Hydrodynamic coefficients by name, with what body and added mass weigh together."""
+        return c | {
             "surge_mass": self.mass - c["X_udot"],
             "sway_mass": self.mass - c["Y_vdot"],
             "heave_mass": self.mass - c["Z_wdot"],
@@ -134,11 +182,29 @@ class AUVParameters:
             "net_weight": -self.buoyancy_excess,
             "righting_moment": self.mass * self.gravity * self.z_g,
         }
-        # The inertia falls into two blocks: surge, heave and pitch, and sway, roll and yaw.
-        S = c["mass_z_g"]
-        vertical = (c["surge_mass"], 0.0, S, c["heave_mass"], c["heave_pitch"], c["pitch_inertia"])
-        lateral = (c["sway_mass"], -S, c["sway_yaw"], c["roll_inertia"], 0.0, c["yaw_inertia"])
-        return c | _inverse("uwq", vertical) | _inverse("vpr", lateral)
+
+    def mistakes(self) -> Iterator[tuple[str, str]]:
+        """What no such vehicle can be: the name of a number, and a sentence on it."""
+        L, D = self.length, self.diameter
+        if D >= L:
+            yield "diameter", f"a torpedo of {L:g} m is not {D:g} m thick"
+            return  # no formula holds
+        if abs(self.fin_position) > L:
+            yield "fin_position", f"fins {self.fin_position:g} m from the origin are not on a hull of {L:g} m"
+        if self.fin_area >= 0.25 * L * D:
+            yield "fin_area", f"a fin of {self.fin_area:g} m2 does not belong to a hull of {L:g} by {D:g} m"
+        cylinder = 0.25 * np.pi * D**2 * L * self.water_density
+        if not self.mass > 0.0 or self.buoyancy > cylinder * self.gravity:
+            key = "mass" if "mass" in dict(self.given) else "buoyancy_excess"
+            yield key, f"{self.mass:.4g} kg do not float: a cylinder round the hull displaces {cylinder:.4g} kg"
+        if self.cruise_thrust > self.thrust_limit:
+            drag = f"at cruising speed the drag is {self.cruise_thrust:.3g} N"
+            yield "thrust_limit", f"{self.thrust_limit:g} N are too little: {drag}"
+        c = asdict(self.coefficients)
+        if any(np.linalg.eigvalsh(block).min() <= 0.0 for block in _inertia(self._with_body(c))):
+            yield "coefficients", "the added masses leave an inertia that is not positive definite"
+        elif (c["Y_rdot"], c["Z_qdot"]) != (c["N_vdot"], c["M_wdot"]):
+            yield "coefficients", "added mass is symmetric: Y_rdot is N_vdot, and Z_qdot is M_wdot"
 
     def stacked(self, names: tuple[str, ...], factors: np.ndarray) -> np.ndarray:
         """The ``values`` of these names as the components of ``(..., k)``."""
@@ -146,92 +212,114 @@ class AUVParameters:
         return np.stack(np.broadcast_arrays(*(values[name] for name in names)), -1)
 
 
-def _inverse(axes: str, upper: tuple[Any, ...]) -> dict[str, np.ndarray]:
-    """Inverse of a symmetric 3 x 3 inertia by name: ``inverse_uw`` is surge from heave force.
+_ROW, _COLUMN = np.triu_indices(3)
+
+
+def _inertia(c: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
+    """The two blocks ``(..., 3, 3)`` of the inertia: of surge, heave and pitch, and of sway, roll and yaw."""
+    S = c["mass_z_g"]
+    uppers = (  # row by row
+        (c["surge_mass"], 0.0, S, c["heave_mass"], c["heave_pitch"], c["pitch_inertia"]),
+        (c["sway_mass"], -S, c["sway_yaw"], c["roll_inertia"], 0.0, c["yaw_inertia"]),
+    )
+    blocks = []
+    for upper in uppers:
+        numbers = np.stack(np.broadcast_arrays(*upper), -1)
+        block = np.empty(numbers.shape[:-1] + (3, 3))
+        block[..., _ROW, _COLUMN] = block[..., _COLUMN, _ROW] = numbers
+        blocks.append(block)
+    return blocks[0], blocks[1]
+
+
+def _inverse(axes: str, inertia: np.ndarray) -> dict[str, np.ndarray]:
+    """Inverse of a block ``(..., 3, 3)`` of the inertia by name: ``inverse_uw`` is surge from heave force.
 
     Args:
         axes: letters of the three velocities.
-        upper: six numbers or arrays of the upper triangle, row by row.
+        inertia: the block.
     """
-    row, column = np.triu_indices(3)
-    numbers = np.stack(np.broadcast_arrays(*upper), -1)
-    full = np.empty(numbers.shape[:-1] + (3, 3))
-    full[..., row, column] = full[..., column, row] = numbers
-    inverse = np.linalg.inv(full)
-    return {f"inverse_{axes[i]}{axes[j]}": inverse[..., i, j] for i, j in zip(row, column, strict=True)}
+    inverse = np.linalg.inv(inertia)
+    return {f"inverse_{axes[i]}{axes[j]}": inverse[..., i, j] for i, j in zip(_ROW, _COLUMN, strict=True)}
 
 
 _VERTICAL, _LATERAL, _PLAN = ("u", "w", "q", "z", "theta"), ("v", "p", "r", "phi", "psi"), ("x", "y")
-_PLANES = (
-    (_VERTICAL, _VERTICAL),
-    (_LATERAL, _LATERAL),
-    (_PLAN, _PLAN),
-    (("current",), _VERTICAL),
-    (("current north", "current east"), ("u", "v", "psi")),
-)
-"""Components of the state, and the readings that show them."""
 
 
-class Kicks(Protocol):
-    """What a filter's model needs to know of the sea."""
+def plane(name: str) -> tuple[str, ...]:
+    """What a reading of a component of the state may correct in an ensemble: what lies in its own plane.
 
-    @property
-    def kick_sd(self) -> np.ndarray:
-        """Standard deviation of every component of the forcing."""
+    To first order surge, heave and pitch know nothing of sway, roll and yaw; the current shows in how the vehicle
+    drifts over ground; where it is in plan only position fixes show. A hundred members see chance correlations
+    between all of these, which twenty steps of other readings between two fixes would take for knowledge.
+    """
+    if name in _PLAN:
+        return _PLAN
+    drifting = ("current north", "current east") if name in ("u", "v", "psi") else ()
+    return (*_VERTICAL, "current", *drifting) if name in _VERTICAL else (*_LATERAL, *drifting)
 
 
 @dataclass(frozen=True)
-class AUV(ABC):
-    """A torpedo-shaped vehicle in batches: actuators, truth, exact readings, the filters' model.
+class AUV(WholeState, ABC):
+    """A torpedo-shaped vehicle in batches: actuators, state, sensors, and what filters know.
 
-    Truth state: velocities through the water, then position and Euler angles, then the current. The forcing of a step
-    kicks the velocities at its end and changes the current for the next one. Actuators: fin angles [rad], then
-    thrust [N].
+    State: velocities through the water, then position and Euler angles. Kicks change the velocities at the end of a
+    step, a current carries the vehicle over it. Actuators: fin angles [rad], then thrust [N]. Filters estimate the
+    whole state; their known input is ``u = (actuators before, actuators after)``.
     """
 
     body: AUVParameters
     dt: float = 0.1  # s, the papers' control rate
     substeps: int = 2
-    current_time: float = 200.0  # s, correlation time of the current, assumed
 
-    truth_names: ClassVar[tuple[str, ...]]
     parameter_names: ClassVar[tuple[str, ...]]
+    kernels: ClassVar[tuple[np.ufunc, np.ufunc]]
+    """Of the equations of motion: a step of a state, and of many under one control."""
     action_names: ClassVar[tuple[str, ...]]
-    instruments: ClassVar[tuple[Instrument, ...]]
-    velocities: ClassVar[int]
-    """How many of the truth's components are velocities: as many again are position and angles."""
-    unknown_inputs: ClassVar[int]
-    """Kicks on the velocities [m/s, rad/s] and changes of the current [m/s]."""
+    sensors: ClassVar[tuple[Sensor, ...]]
+    angles: ClassVar[tuple[str, ...]]
+    flows: ClassVar[tuple[str, ...]]
+    """Components of the current [m/s]."""
+    rates: ClassVar[Mapping[str, str]]
     normals: ClassVar[int]
     """Normal numbers that `parameters` needs."""
-    state_angles: ClassVar[tuple[int, ...]]
-    measurement_angles: ClassVar[tuple[int, ...]]
+    carried: ClassVar[None] = None
 
     @abstractmethod
     def vector(self, factors: np.ndarray) -> np.ndarray:
         """Coefficients ``(..., k)`` of the compiled equations with ``factors (..., normals)`` on the uncertain ones."""
 
-    @abstractmethod
-    def advance(self, truth: np.ndarray, control: np.ndarray, c: np.ndarray) -> np.ndarray:
-        """The state after a step that nothing kicks, with the current held; control is actuators before and after."""
+    def advance(
+        self, state: np.ndarray, control: np.ndarray, current: np.ndarray, c: np.ndarray, out: np.ndarray | None = None
+    ) -> np.ndarray:
+        """The state after a step that nothing kicks; control is actuators before and after."""
+        return advanced(*self.kernels, state, control, current, c, self.dt, self.substeps, out)
 
-    @abstractmethod
-    def exact_readings(self, truth: np.ndarray) -> np.ndarray:
-        """What perfect instruments read ``(..., p)``."""
+    @property
+    def kicked(self) -> tuple[str, ...]:
+        """The velocities: the first half of the state."""
+        return self.state_names[: len(self.state_names) // 2]
+
+    @property
+    def kicks(self) -> tuple[str, ...]:
+        """One for each of them [m/s, rad/s]."""
+        return tuple(f"kick {name}" for name in self.kicked)
+
+    @cached_property
+    def cruise(self) -> tuple[np.ndarray, np.ndarray]:
+        """Level at the cruising speed, fins centred."""
+        x, still = np.zeros(len(self.state_names)), np.zeros(len(self.action_names))
+        x[0], still[-1] = self.body.cruise_speed, self.body.cruise_thrust
+        return x, np.concatenate([still, still])
 
     def parameters(self, mismatch: float, normals: np.ndarray) -> np.ndarray:
         """Coefficients ``(B, k)`` of the truth: the filter's, with a relative spread on the uncertain ones."""
         return self.vector(1.0 + mismatch * np.clip(normals, -2.0, 2.0))
 
     def start(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Truth ``(B, n)`` and actuators ``(B, a)`` from the state: fins centred, thrust for the cruising speed."""
+        """State ``(B, n)`` and actuators ``(B, a)`` to begin with: fins centred, thrust for the cruising speed."""
         actuators = np.zeros((len(x), len(self.action_names)))
         actuators[:, -1] = self.body.cruise_thrust
         return np.array(x, float), actuators
-
-    def filter_state(self, truth: np.ndarray, n: int) -> np.ndarray:
-        """The part of the truth that filters estimate: its first ``n`` components."""
-        return truth[..., :n]
 
     def actuate(self, actuators: np.ndarray, action: np.ndarray) -> np.ndarray:
         """Actuators ``(B, a)`` after a step of ``action`` in [-1, 1]: fins at their rate, thrust with its lag.
@@ -247,70 +335,18 @@ class AUV(ABC):
         return after
 
     def step(
-        self, truth: np.ndarray, before: np.ndarray, after: np.ndarray, forcing: np.ndarray, parameters: np.ndarray
+        self, state: np.ndarray, before: np.ndarray, after: np.ndarray, forcing: np.ndarray, parameters: np.ndarray
     ) -> np.ndarray:
-        """The truth one step later, with actuators moving from ``before`` to ``after`` and ``forcing (B, q)``."""
-        moved = self._drift(truth, np.concatenate([before, after], -1), parameters)
-        moved[..., : self.velocities] += forcing[..., : self.velocities]
-        moved[..., 2 * self.velocities :] += forcing[..., self.velocities :]
+        """The state one step later, with actuators moving from ``before`` to ``after``."""
+        kicks = len(self.state_names) // 2
+        moved = self.advance(state, np.concatenate([before, after], -1), forcing[..., kicks:], parameters)
+        moved[..., :kicks] += forcing[..., :kicks]
         return moved
 
-    def _drift(self, x: np.ndarray, u: np.ndarray, c: np.ndarray) -> np.ndarray:
-        """A step that nothing kicks: equations of motion, and the current dies away."""
-        moved = self.advance(x, u, c)
-        moved[..., 2 * self.velocities :] *= np.exp(-self.dt / self.current_time)
-        return moved
-
-    def readings(self, truth: np.ndarray, forcing: np.ndarray) -> np.ndarray:
-        """What perfect instruments read ``(B, p)``; the forcing acts later and is not seen."""
-        return self.exact_readings(truth)
-
-    def model(self, kind: str, noise: float, disturbance: Kicks) -> NonlinearModel:
-        """The filters' model: the vehicle's own equations, with the kicks as process noise.
-
-        The known input is ``u = (actuators before, actuators after)``.
-
-        Args:
-            kind: ``"nonlinear"``; there is no other.
-            noise: standard deviation of the readings relative to nominal.
-            disturbance: how large the kicks are.
-
-        Raises:
-            ValueError: for another kind.
-        """
-        if kind != "nonlinear":
-            raise ValueError(f"unknown filter model {shown(kind)}: this vehicle has the nonlinear one only")
-        c = self.vector(np.ones(self.normals))
-
-        def transition(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-            assert u is not None
-            return self._drift(x, u, c)
-
-        def measurement(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-            return self.exact_readings(x)
-
-        kicked = np.r_[: self.velocities, 2 * self.velocities : len(self.truth_names)]
-        variance = np.zeros(len(self.truth_names))
-        variance[kicked] = np.asarray(disturbance.kick_sd) ** 2
-        return NonlinearModel(
-            transition,
-            measurement,
-            np.diag(variance),
-            np.diag((noise * nominal_sd(self.instruments)) ** 2),
-            state_angles=self.state_angles,
-            measurement_angles=self.measurement_angles,
-        )
+    def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+        """A step that nothing kicks, as filters know it."""
+        return self.advance(x, u, flow, self._nominal, out)
 
     @cached_property
-    def localisation(self) -> np.ndarray:
-        """Which reading may correct which component of an ensemble ``(n, p)``: those of its own plane.
-
-        To first order surge, heave and pitch know nothing of sway, roll and yaw; the current shows in how the vehicle
-        drifts over ground; where it is in plan only position fixes show. A hundred members see chance correlations
-        between all of these, which twenty steps of other readings between two fixes would take for knowledge.
-        """
-        readings = [channel.split()[0] for instrument in self.instruments for channel in instrument.channels]
-        mask = np.zeros((len(self.truth_names), len(readings)))
-        for components, shown_by in _PLANES:
-            mask[np.ix_(np.isin(self.truth_names, components), np.isin(readings, shown_by))] = 1.0
-        return mask
+    def _nominal(self) -> np.ndarray:
+        return self.vector(np.ones(self.normals))

@@ -1,226 +1,29 @@
-"""A SIGMA-class corvette in surge, sway and yaw.
+"""A SIGMA-class corvette as an environment uses it: its steady turns, the models that filters use, the vehicle.
 
-Frames: North-East-Down, body x forward, y starboard, origin amidships. Positive rudder turns the
-ship to starboard (yaw rate r > 0), as in the thesis' figures; Davidson and Schiff count it the other
-way, so Y'delta and N'delta change sign together.
-
-Sources: Hermawan (2020), the thesis that the task comes from, for the ship's particulars; Clarke,
-Gedling & Hine (1983) for the linear derivatives (eqs. 2.19 and 2.23 of the thesis misprint two of
-them); Fossen (2011) for the structure; Fujii & Tuda (1961) for the rudder.
+Its particulars and equations of motion, with their frames and sources: `vessel_gym.vehicles.corvette_equations`.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, cached_property, partial
+from typing import Any, ClassVar
 
 import numpy as np
-from numba import njit
 from scipy.optimize import root
 
-from estimators import LinearModel, NonlinearModel, wrap, zero_order_hold
-from estimators.checks import shown
-from vessel_gym.compiled import gufunc
-from vessel_gym.disturbances import Sea
-from vessel_gym.sensors import Instrument, nominal_sd
+from estimators import zero_order_hold
+from vessel_gym.sensors import Sensor
+from vessel_gym.vehicles.corvette_equations import (
+    COEFFICIENTS,
+    STATE,
+    UNCERTAIN,
+    CorvetteParameters,
+    corvette_rates,
+    corvette_step,
+)
+from vessel_gym.vehicles.files import load
 
-TRUTH = ("x", "y", "psi", "u", "v", "r")
-"""Truth state: position north, east [m], heading [rad], surge, sway through the water [m/s], yaw rate [rad/s]."""
-
-
-@dataclass(frozen=True)
-class CorvetteParameters:
-    """Particulars of the ship, SI units, each with its source.
-
-    The published particulars do not fit each other (C_B 0.65 displaces 3485 t); where they clash,
-    the printed mass is kept and the block coefficient follows from it.
-    """
-
-    length: float = 101.07  # m, Table 4.1
-    beam: float = 14.0  # m, Table 4.1
-    draught: float = 3.7  # m, Table 4.1
-    mass: float = 2.423e6  # kg, Table 4.1
-    speed: float = 15.4  # m/s, service speed U, Table 4.1
-    x_g: float = 5.5  # m, centre of gravity forward of amidships, Table 4.1
-    water_density: float = 1024.0  # kg/m3, Table 4.1
-    yaw_radius: float = 0.25  # gyration radius / L; the printed I'z = 2.08e-6 is no inertia. Fossen (2011), sec. 3.3
-    drag_coefficient: float = 0.6  # cross-flow drag, from the trial figures this class of hull shows; Faltinsen (1990)
-    rudder_area: float = 11.0  # m2, two rudders of the printed 5.5 m2: 2.9 % of L T, usual for twin-screw warships
-    rudder_aspect: float = 1.5  # effective aspect ratio, assumed
-    rudder_limit: float = np.deg2rad(35.0)  # rad, Sec. 4.3.1
-    rudder_rate: float = np.deg2rad(5.0)  # rad/s; SOLAS II-1/29 asks for 2.3 deg/s, warships have about twice that
-    slipstream: float = 1.1  # inflow speed at the rudder / u, assumed
-    straightening: float = 0.4  # share of the geometric drift angle that the rudder sees; Yasukawa & Yoshimura (2015)
-    resistance: float = 1.0e6  # N at U: 2 x 8.91 MW at 28 kn (105 m sister ship), efficiency 0.7, ~ u^2
-
-    @cached_property
-    def block_coefficient(self) -> float:
-        """C_B that displaces the printed mass (0.452; printed 0.65)."""
-        return self.mass / (self.water_density * self.length * self.beam * self.draught)
-
-    @cached_property
-    def clarke(self) -> dict[str, float]:
-        """Non-dimensional (prime I) derivatives by Clarke et al. (1983), with m', I'z and the rudder's."""
-        L, B, T, Cb = self.length, self.beam, self.draught, self.block_coefficient
-        slender = np.pi * (T / L) ** 2
-        mass = self.mass / (0.5 * self.water_density * L**3)
-        rudder = 0.5 * np.pi * self.rudder_area / L**2
-        return {
-            "Yvdot": -slender * (1 + 0.16 * Cb * B / T - 5.1 * (B / L) ** 2),
-            "Yrdot": -slender * (0.67 * B / L - 0.0033 * (B / T) ** 2),
-            "Nvdot": -slender * (1.1 * B / L - 0.041 * B / T),
-            "Nrdot": -slender * (1 / 12 + 0.017 * Cb * B / T - 0.33 * B / L),
-            "Yv": -slender * (1 + 0.40 * Cb * B / T),
-            "Yr": -slender * (-1 / 2 + 2.2 * B / L - 0.080 * B / T),
-            "Nv": -slender * (1 / 2 + 2.4 * T / L),
-            "Nr": -slender * (1 / 4 + 0.039 * B / T - 0.56 * B / L),
-            "m": mass,
-            "Iz": mass * self.yaw_radius**2 + mass * (self.x_g / L) ** 2,
-            "Ydelta": -rudder,
-            "Ndelta": 0.5 * rudder,
-        }
-
-    def vector(self) -> np.ndarray:
-        """The coefficients of the compiled equations, dimensional, in the order of `COEFFICIENTS`."""
-        c, L, rho = self.clarke, self.length, self.water_density
-        volume = self.mass / rho
-        surge_added = 2.7 * rho * volume ** (5 / 3) / L**2  # Soding (1982)
-        q = 0.5 * rho
-        lift_slope = 6.13 * self.rudder_aspect / (self.rudder_aspect + 2.25)  # Fujii & Tuda (1961)
-        values = {
-            "mass": self.mass,
-            "mass_x_g": self.mass * self.x_g,
-            "surge_inertia": self.mass + surge_added,
-            "sway_inertia": self.mass - q * L**3 * c["Yvdot"],
-            "sway_yaw_inertia": self.mass * self.x_g - q * L**4 * c["Yrdot"],
-            "yaw_sway_inertia": self.mass * self.x_g - q * L**4 * c["Nvdot"],
-            "yaw_inertia": q * L**5 * (c["Iz"] - c["Nrdot"]),
-            "Yv": q * L**2 * c["Yv"],
-            "Yr": q * L**3 * c["Yr"],
-            "Nv": q * L**3 * c["Nv"],
-            "Nr": q * L**4 * c["Nr"],
-            "cross_flow": q * self.draught * self.drag_coefficient,
-            "resistance": self.resistance / self.speed**2,
-            "thrust": self.resistance,
-            "rudder": q * self.rudder_area * lift_slope,
-            "slipstream": self.slipstream,
-            "straightening": self.straightening,
-            "half_length": 0.5 * L,
-        }
-        return np.array([values[name] for name in COEFFICIENTS])
-
-
-COEFFICIENTS = (
-    "mass", "mass_x_g", "surge_inertia", "sway_inertia", "sway_yaw_inertia", "yaw_sway_inertia", "yaw_inertia",
-    "Yv", "Yr", "Nv", "Nr", "cross_flow", "resistance", "thrust", "rudder", "slipstream", "straightening",
-    "half_length",
-)  # fmt: skip
-UNCERTAIN = tuple(
-    COEFFICIENTS.index(name)
-    for name in ("Yv", "Yr", "Nv", "Nr", "cross_flow", "resistance", "rudder", "straightening", "sway_inertia",
-                 "yaw_inertia")
-)  # fmt: skip
-"""The coefficients that `mismatch` perturbs: hydrodynamics and inertia, not geometry."""
-
-
-@njit(cache=True)
-def _cross_flow(v: float, r: float, a: float) -> tuple[float, float]:
-    """Integrals of |v + x r| (v + x r) {1, x} over -a <= x <= a, in closed form."""
-    if abs(r) * a <= abs(v):  # the flow has one sign along the hull
-        sign = 1.0 if v >= 0.0 else -1.0
-        return sign * (2.0 * a * v * v + 2.0 / 3.0 * a**3 * r * r), sign * 4.0 / 3.0 * a**3 * v * r
-    if abs(r) * a < 1e-12:  # nothing moves, and r * r would underflow
-        return 0.0, 0.0
-    bow, stern = v + a * r, v - a * r
-    cubic = (abs(bow) ** 3 - abs(stern) ** 3) / 3.0
-    quartic = (bow * abs(bow) ** 3 - stern * abs(stern) ** 3) / 4.0
-    return cubic / r, (quartic - v * cubic) / (r * r)
-
-
-@njit(cache=True)
-def _rudder_inflow(
-    u: float, v: float, r: float, rudder: float, slipstream: float, straightening: float, half_length: float
-) -> tuple[float, float]:
-    """Angle of attack and squared inflow speed: drift and yaw rate in a turn reduce the former."""
-    inflow = slipstream * u
-    side = straightening * (v - half_length * r)
-    return rudder + np.arctan2(side, inflow), inflow * inflow + side * side
-
-
-@njit(cache=True)
-def _accelerations(u: float, v: float, r: float, rudder: float, c: np.ndarray) -> tuple[float, float, float]:
-    """Surge, sway and yaw accelerations (3-DOF, added mass on the left)."""
-    mass, mass_x_g, m_uu, m_vv, m_vr, m_rv, m_rr = c[0], c[1], c[2], c[3], c[4], c[5], c[6]
-    Yv, Yr, Nv, Nr, cross, drag, thrust = c[7], c[8], c[9], c[10], c[11], c[12], c[13]
-    lift, slip, straight, a = c[14], c[15], c[16], c[17]
-    sway_drag, yaw_drag = _cross_flow(v, r, a)
-    attack, inflow2 = _rudder_inflow(u, v, r, rudder, slip, straight, a)
-    force = lift * inflow2 * np.sin(attack)
-    # Surge: the sway added mass takes part in the centripetal term (Kirchhoff), which slows the ship in a turn.
-    X = thrust - drag * u * abs(u) + m_vv * v * r + m_vr * r * r - force * np.sin(rudder)
-    Y = u * (Yv * v + Yr * r) - mass * u * r - cross * sway_drag - force * np.cos(rudder)
-    N = u * (Nv * v + Nr * r) - mass_x_g * u * r - cross * yaw_drag + a * force * np.cos(rudder)
-    determinant = m_vv * m_rr - m_vr * m_rv
-    return X / m_uu, (m_rr * Y - m_vr * N) / determinant, (m_vv * N - m_rv * Y) / determinant
-
-
-@njit(cache=True)
-def _derivative(
-    s: np.ndarray | tuple[float, ...], rudder: float, north: float, east: float, c: np.ndarray
-) -> tuple[float, float, float, float, float, float]:
-    psi, u, v, r = s[2], s[3], s[4], s[5]
-    du, dv, dr = _accelerations(u, v, r, rudder, c)
-    cos, sin = np.cos(psi), np.sin(psi)
-    return u * cos - v * sin + north, u * sin + v * cos + east, r, du, dv, dr
-
-
-@gufunc("void(float64[:], float64[:], float64[:], float64[:])", "(n),(m),(p)->(n)")
-def corvette_derivative(state: np.ndarray, control: np.ndarray, c: np.ndarray, out: np.ndarray) -> None:
-    """Time derivative of the truth state; control is (rudder, current north, current east)."""
-    out[0], out[1], out[2], out[3], out[4], out[5] = _derivative(state, control[0], control[1], control[2], c)
-
-
-@gufunc("void(float64[:], float64[:], float64[:], float64, int64, float64[:])", "(n),(m),(p),(),()->(n)")
-def corvette_step(
-    state: np.ndarray, control: np.ndarray, c: np.ndarray, dt: float, substeps: int, out: np.ndarray
-) -> None:
-    """RK4 over ``dt``; control is (rudder at the start, rudder at the end, current north, current east).
-
-    The rudder moves linearly within the step, so that its rate limit is integrated exactly.
-    """
-    start, end, north, east = control[0], control[1], control[2], control[3]
-    h = dt / substeps
-    slope = (end - start) / dt
-    x0, x1, x2, x3, x4, x5 = state[0], state[1], state[2], state[3], state[4], state[5]
-    for i in range(substeps):
-        d0 = start + slope * (i * h)
-        d1, d2 = d0 + 0.5 * slope * h, d0 + slope * h
-        a = _derivative((x0, x1, x2, x3, x4, x5), d0, north, east, c)
-        k = 0.5 * h
-        s = (x0 + k * a[0], x1 + k * a[1], x2 + k * a[2], x3 + k * a[3], x4 + k * a[4], x5 + k * a[5])
-        b = _derivative(s, d1, north, east, c)
-        s = (x0 + k * b[0], x1 + k * b[1], x2 + k * b[2], x3 + k * b[3], x4 + k * b[4], x5 + k * b[5])
-        e = _derivative(s, d1, north, east, c)
-        s = (x0 + h * e[0], x1 + h * e[1], x2 + h * e[2], x3 + h * e[3], x4 + h * e[4], x5 + h * e[5])
-        f = _derivative(s, d2, north, east, c)
-        w = h / 6.0
-        x0 += w * (a[0] + 2.0 * b[0] + 2.0 * e[0] + f[0])
-        x1 += w * (a[1] + 2.0 * b[1] + 2.0 * e[1] + f[1])
-        x2 += w * (a[2] + 2.0 * b[2] + 2.0 * e[2] + f[2])
-        x3 += w * (a[3] + 2.0 * b[3] + 2.0 * e[3] + f[3])
-        x4 += w * (a[4] + 2.0 * b[4] + 2.0 * e[4] + f[4])
-        x5 += w * (a[5] + 2.0 * b[5] + 2.0 * e[5] + f[5])
-    out[0], out[1], out[2], out[3], out[4], out[5] = x0, x1, x2, x3, x4, x5
-
-
-def rudder_angle_of_attack(
-    u: np.ndarray, v: np.ndarray, r: np.ndarray, rudder: np.ndarray, ship: CorvetteParameters
-) -> np.ndarray:
-    """Angle of attack [rad] of the rudder for surge ``u``, sway ``v`` [m/s] and yaw rate ``r`` [rad/s]."""
-    side = ship.straightening * (v - 0.5 * ship.length * r)
-    return rudder + np.arctan2(side, ship.slipstream * u)
-
-
-# --- equilibria and linear models -------------------------------------------------------------------
+_CALM = np.zeros(2)  # no current
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,7 +50,7 @@ def steady_turns(ship: CorvetteParameters, points: int = 165) -> SteadyTurn:
 
     def accelerations(motion: np.ndarray, rudder: float) -> np.ndarray:
         state = np.concatenate([np.zeros(3), motion])
-        return corvette_derivative(state, np.array([rudder, 0.0, 0.0]), c)[3:] / scale
+        return corvette_rates(state, np.array([rudder]), _CALM, c)[3:] / scale
 
     def held_rudder(z: np.ndarray, rudder: float) -> np.ndarray:
         return accelerations(z * scale, rudder)
@@ -291,9 +94,7 @@ def sway_yaw_jacobian(state: np.ndarray, rudder: np.ndarray, ship: CorvetteParam
     def rates(p: np.ndarray) -> np.ndarray:
         full = np.zeros(p.shape[:-1] + (6,))
         full[..., 3:] = p[..., :3]
-        control = np.zeros(p.shape[:-1] + (3,))
-        control[..., 0] = p[..., 3]
-        return corvette_derivative(full, control, c)[..., 4:]
+        return corvette_rates(full, p[..., 3:], _CALM, c)[..., 4:]
 
     difference = rates(points[..., None, :] + offsets) - rates(points[..., None, :] - offsets)
     jacobian = np.swapaxes(difference / (2.0 * step[:, None]), -1, -2)
@@ -322,44 +123,29 @@ def secant_models(ship: CorvetteParameters, dt: float) -> tuple[np.ndarray, np.n
     return zero_order_hold(A, B, dt)
 
 
-def linear_model(
-    ship: CorvetteParameters, dt: float, Q: np.ndarray, R: np.ndarray, kind: str = "corrected"
-) -> LinearModel:
-    """The model that the linear filters use: x = (v, r, psi), y = (compass, wave-band yaw increment).
+AS_PRINTED = (
+    np.array([[0.4159, 0.1811, 0.0], [5.4795e-10, 1.0, 0.0], [0.0, 0.5, 1.0]]),
+    np.array([[-2.6189e-7, 0.0], [2.4075e-7, 0.0], [0.0, 0.0]]),
+)
+"""A and B of eq. 4.3 of the thesis to the digit, kept for reproduction: neither the ship's nor consistent in units."""
 
-    ``psi+ = psi + dt r + d + w``, ``y1 = psi + d + v1``, ``y2 = d + v2``: d is what waves and gusts do to
-    the heading in one step, and a motion reference unit gives it in its own noise (eq. 4.5).
+Follow = Callable[[np.ndarray | None], np.ndarray]
 
-    The known input is ``u = (rudder, commanded yaw rate)``; A and B follow the commanded turn by
-    `secant_models`.
+
+def linear_matrices(ship: CorvetteParameters, dt: float) -> tuple[Follow, Follow]:
+    """A and B of (v, r, psi) as functions of ``u = (rudder, commanded yaw rate)``: they follow the commanded turn.
 
     Args:
         ship: Parameters.
         dt: Step [s].
-        Q: ``(3, 3)`` process noise covariance.
-        R: ``(2, 2)`` measurement noise covariance.
-        kind: ``"corrected"``, or ``"as-printed"`` for eq. 4.3 of the thesis to the digit, kept for
-            reproduction: it is neither the ship's nor dimensionally consistent.
     """
-    C = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 0.0]])
-    G = np.array([[0.0], [0.0], [1.0]])
-    H = np.array([[1.0], [1.0]])
-    angles = {"state_angles": (2,), "measurement_angles": (0,)}
-    if kind == "as-printed":
-        A = np.array([[0.4159, 0.1811, 0.0], [5.4795e-10, 1.0, 0.0], [0.0, 0.5, 1.0]])
-        B = np.array([[-2.6189e-7, 0.0], [2.4075e-7, 0.0], [0.0, 0.0]])
-        return LinearModel(A, C, Q, R, B=B, G=G, H=H, **angles)
-    if kind != "corrected":
-        raise ValueError(
-            f"unknown filter model {shown(kind)}: choose corrected or as-printed, or nonlinear for a nonlinear filter"
-        )
     A_table, B_table = secant_models(ship, dt)
     A_table = np.concatenate([A_table[:0:-1], A_table])  # the same turn to port
     B_table = np.concatenate([B_table[:0:-1], B_table])
     B_table = np.concatenate([B_table, np.zeros_like(B_table)], -1)
     middle, scale = len(A_table) // 2 + 0.5, 1.0 / steady_turns(ship).yaw_rate[1]
 
-    def follow(table: np.ndarray) -> Callable[[np.ndarray | None], np.ndarray]:
+    def follow(table: np.ndarray) -> Follow:
         def matrix(u: np.ndarray | None) -> np.ndarray:
             if u is None:
                 raise ValueError("the corrected model needs u = (rudder, commanded yaw rate)")
@@ -367,63 +153,56 @@ def linear_model(
 
         return matrix
 
-    return LinearModel(follow(A_table), C, Q, R, B=follow(B_table), G=G, H=H, **angles)
-
-
-def nonlinear_model(ship: CorvetteParameters, dt: float, Q: np.ndarray, R: np.ndarray) -> NonlinearModel:
-    """The ship's own equations for nonlinear filters: x = (v, r, psi, u), otherwise as `linear_model`.
-
-    Args:
-        ship: Parameters.
-        dt: Step [s].
-        Q: ``(4, 4)`` process noise covariance.
-        R: ``(2, 2)`` measurement noise covariance.
-    """
-    c = ship.vector()
-
-    def transition(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-        assert u is not None
-        state = np.zeros(x.shape[:-1] + (6,))
-        state[..., 2], state[..., 3], state[..., 4], state[..., 5] = x[..., 2], x[..., 3], x[..., 0], x[..., 1]
-        control = np.zeros(u.shape[:-1] + (4,))
-        control[..., :2] = u[..., :1]
-        after = corvette_step(state, control, c, dt, 1)
-        return after[..., [4, 5, 2, 3]]
-
-    def measurement(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-        reading = np.zeros(x.shape[:-1] + (2,))
-        reading[..., 0] = x[..., 2]
-        return reading
-
-    G = np.array([[0.0], [0.0], [1.0], [0.0]])
-    H = np.array([[1.0], [1.0]])
-    return NonlinearModel(transition, measurement, Q, R, G=G, H=H, state_angles=(2,), measurement_angles=(0,))
+    return follow(A_table), follow(B_table)
 
 
 # --- the vehicle as an environment uses it ----------------------------------------------------------
 
 
+def _compass(state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
+    """The heading with what waves and gusts do to it over the step ``(..., 1)`` (eq. 4.5)."""
+    return state[..., 2:3] + forcing[..., :1]
+
+
+def _motion(state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
+    """What waves and gusts do to the heading over the step ``(..., 1)``."""
+    return forcing[..., :1]
+
+
 @dataclass(frozen=True)
 class Corvette:
-    """The ship in batches: actuator, truth, exact readings, filter models.
+    """The ship in batches: actuator, state, sensors, and what filters know.
 
     The action is the rudder *rate*: with an angle as action, the estimate's noise would saturate
     the steering gear.
+
+    Linear filters estimate (v, r, psi), nonlinear ones u besides; their known input is ``u = (rudder, commanded yaw
+    rate)``. With d the yaw increment that waves and gusts give in a step, ``psi+ = psi + dt r + d``, ``y1 = psi + d``
+    and ``y2 = d``: a motion reference unit gives it in its own noise (eq. 4.5).
     """
 
-    ship: CorvetteParameters = CorvetteParameters()
+    ship: CorvetteParameters = field(default_factory=lambda: load("corvette", CorvetteParameters))
     dt: float = 0.5  # s
     substeps: int = 1  # one RK4 step of 0.5 s is converged to 0.002 %
 
-    truth_names = TRUTH
+    state_names = STATE
+    angles = ("psi",)
     parameter_names = COEFFICIENTS
     action_names = ("rudder rate",)
-    instruments = (
-        Instrument("gyro compass", ("heading [rad]",), (2e-3,)),  # 0.11 deg
-        Instrument("motion reference unit", ("wave-band yaw increment [rad]",), (1e-3,)),  # 0.06 deg
-    )
-    unknown_inputs = 1
-    process_sd = np.array([0.08, 1.5e-3, 1e-4, 0.05])  # of (v, r, psi, u) a step: what the models leave out
+    kicks = ("yaw increment",)
+    kicked = ("psi",)
+    flows = ("current north", "current east")
+    sensors = (
+        Sensor("gyro compass", ("heading [rad]",), _compass, (2e-3,), angles=(0,), gives=("psi",)),  # 0.11 deg
+        Sensor(
+            "motion reference unit", ("wave-band yaw increment [rad]",), _motion, (1e-3,),  # 0.06 deg
+            scale=(0.01,), gives=("yaw increment",),
+        ),
+    )  # fmt: skip
+    kinds = ("nonlinear", "corrected", "as-printed")
+    linear_kinds = ("corrected", "as-printed")
+    rates: ClassVar = {"r": "psi"}
+    carried = None
     normals = len(UNCERTAIN)
     """Normal numbers that `parameters` needs."""
 
@@ -433,15 +212,29 @@ class Corvette:
         c[:, UNCERTAIN] *= 1.0 + mismatch * np.clip(normals, -2.0, 2.0)
         return c
 
-    def start(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Truth ``(B, 6)`` and actuators ``(B, 1)`` from (v, r, psi, u)."""
-        truth = np.zeros((len(x), 6))
-        truth[:, [4, 5, 2, 3]] = x
-        return truth, np.zeros((len(x), 1))
+    @property
+    def process_sd(self) -> np.ndarray:
+        """Of (v, r, psi, u) in a step: what the models leave out; a ship that turns in more time changes less fast."""
+        return np.array([0.08, 1.5e-3 * 0.5 / self.dt, 1e-4, 0.05])
 
-    def filter_state(self, truth: np.ndarray, n: int = 4) -> np.ndarray:
-        """The part of the truth that filters estimate: (v, r, psi) and, for n = 4, u."""
-        return truth[..., [4, 5, 2, 3][:n]]
+    def estimated(self, kind: str) -> tuple[str, ...]:
+        """(v, r, psi), and u in the nonlinear model."""
+        return ("v", "r", "psi", "u") if kind == "nonlinear" else ("v", "r", "psi")
+
+    def placed(self, x: np.ndarray) -> np.ndarray:
+        """The state ``(..., 6)`` out of (v, r, psi, u), at the origin."""
+        state = np.zeros(x.shape[:-1] + (6,))
+        state[..., 2], state[..., 3], state[..., 4], state[..., 5] = x[..., 2], x[..., 3], x[..., 0], x[..., 1]
+        return state
+
+    @property
+    def cruise(self) -> tuple[np.ndarray, np.ndarray]:
+        """Straight on at service speed."""
+        return np.array([0.0, 0.0, 0.0, self.ship.speed]), np.zeros(2)
+
+    def start(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """State ``(B, 6)`` and actuators ``(B, 1)`` from (v, r, psi, u)."""
+        return self.placed(x), np.zeros((len(x), 1))
 
     def actuate(self, actuators: np.ndarray, action: np.ndarray) -> np.ndarray:
         """The rudder ``(B, 1)`` after a step of rudder rate ``action`` in [-1, 1]."""
@@ -450,51 +243,41 @@ class Corvette:
 
     def step(
         self,
-        truth: np.ndarray,
+        state: np.ndarray,
         before: np.ndarray,
         after: np.ndarray,
         forcing: np.ndarray,
         parameters: np.ndarray,
     ) -> np.ndarray:
-        """The truth one step later; forcing is (yaw kick d of waves and gusts, current north, current east)."""
-        control = np.concatenate([before, after, forcing[:, 1:]], -1)
-        truth = corvette_step(truth, control, parameters, self.dt, self.substeps)
-        truth[:, 2] += forcing[:, 0]
-        return truth
+        """The state one step later; forcing is (yaw increment d of waves and gusts, current north, current east)."""
+        control = np.concatenate([before, after], -1)
+        state = corvette_step(state, control, forcing[:, 1:], parameters, self.dt, self.substeps)
+        state[:, 2] += forcing[:, 0]
+        return state
 
-    def readings(self, truth: np.ndarray, forcing: np.ndarray) -> np.ndarray:
-        """What perfect sensors would read ``(B, 2)``: compass and yaw increment (eq. 4.5)."""
-        exact = np.empty((len(truth), 2))
-        exact[:, 0] = truth[:, 2] + forcing[:, 0]
-        exact[:, 1] = forcing[:, 0]
-        return exact
+    def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+        """(v, r, psi, u) one step on under ``u = (rudder, commanded yaw rate)``."""
+        control = np.repeat(u[..., :1], 2, axis=-1)
+        after = corvette_step(self.placed(x), control, flow, self._nominal, self.dt, 1)
+        moved = np.empty(after.shape[:-1] + (4,)) if out is None else out
+        moved[...] = after[..., [4, 5, 2, 3]]
+        return moved
 
-    def model(self, kind: str, noise: float, sea: Sea) -> LinearModel | NonlinearModel:
-        """The filter's model: ``"corrected"``, ``"as-printed"`` or ``"nonlinear"``.
+    @cached_property
+    def _nominal(self) -> np.ndarray:
+        return self.ship.vector()
 
-        Args:
-            kind: which one.
-            noise: standard deviation of the readings relative to nominal.
-            sea: not used: what a filter knows of d is an option of its own.
-        """
-        R = np.diag((noise * nominal_sd(self.instruments)) ** 2)
-        Q = np.diag(self.process_sd**2)
-        if kind == "nonlinear":
-            return nonlinear_model(self.ship, self.dt, Q, R)
-        return linear_model(self.ship, self.dt, Q[:3, :3], R, kind)
+    def known_input(self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None) -> np.ndarray:
+        """The mean rudder over a step, and the commanded yaw rate, or that of the steady turn which it holds."""
+        u = np.empty((len(before), 2))
+        u[:, 0] = 0.5 * (before[:, 0] + after[:, 0])
+        if commanded is None:
+            turns = steady_turns(self.ship)
+            u[:, 1] = np.copysign(np.interp(np.abs(u[:, 0]), turns.rudder, turns.yaw_rate), u[:, 0])
+        else:
+            u[:, 1] = commanded[:, 0]
+        return u
 
-    def from_readings(
-        self, readings: np.ndarray, previous: np.ndarray, interval: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """(v, r, psi) and d from two successive sets of readings: no model, the compass differenced.
-
-        Args:
-            readings: ``(..., 2)``.
-            previous: ``(..., 2)`` the readings before.
-            interval: ``(..., 2)`` seconds between the two.
-        """
-        change = wrap(readings[..., 0] - previous[..., 0])
-        x = np.zeros(readings.shape[:-1] + (3,))
-        x[..., 1] = change / interval[..., 0]
-        x[..., 2] = readings[..., 0]
-        return x, readings[..., 1:2]
+    def linear(self, kind: str) -> tuple[Any, Any]:
+        """A and B of (v, r, psi): ``"corrected"`` (see `linear_matrices`) or ``"as-printed"``."""
+        return AS_PRINTED if kind == "as-printed" else linear_matrices(self.ship, self.dt)

@@ -1,4 +1,4 @@
-"""The ITSUNUSA underwater vehicle in the vertical plane: surge, heave and pitch.
+"""Underwater vehicles in the vertical plane: surge, heave and pitch; the ITSUNUSA is one (data/itsunusa.toml).
 
 Frames: x along the course, z down, body x forward and z down, origin at the centre of buoyancy. A positive stern plane
 dives, as Prestero's (2001).
@@ -9,44 +9,35 @@ the pitch moment is a difference, no fraction. It prints no hydrodynamic coeffic
 Fossen (2011) for Kirchhoff's equations and the kinematics.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from enum import IntEnum
 from typing import ClassVar
 
 import numpy as np
-from numba import njit
 
-from vessel_gym.compiled import gufunc
-from vessel_gym.sensors import Instrument
-from vessel_gym.vehicles.auv import AUV, VERTICAL, AUVParameters
+from vessel_gym.compiled import gufunc, inlined, sincos
+from vessel_gym.sensors import Sensor, plain
+from vessel_gym.vehicles.auv import AUV, VERTICAL, AUVParameters, plane
+from vessel_gym.vehicles.files import load
+from vessel_gym.vehicles.integration import RATES, STEP, STEPS, Numbers, blank, rate, step, steps
 
-TRUTH = ("u", "w", "q", "x", "z", "theta", "current")
-"""Truth state: velocity through the water [m/s], pitch rate [rad/s], position [m], pitch [rad], current along x
-[m/s]."""
+STATE = ("u", "w", "q", "x", "z", "theta")
+"""State: velocity through the water [m/s], pitch rate [rad/s], position [m] and pitch [rad]."""
 
-COEFFICIENTS = (
+I = IntEnum("I", (
     "surge_mass", "heave_mass", "pitch_inertia", "mass_z_g", "heave_pitch",
     "inverse_uu", "inverse_uw", "inverse_uq", "inverse_ww", "inverse_wq", "inverse_qq",
     "X_uu", "Z_ww", "Z_qq", "M_ww", "M_qq", "Z_uw", "Z_uq", "M_uw", "M_uq", "Z_uuds", "M_uuds",
     "net_weight", "righting_moment",
-)  # fmt: skip
+), start=0)  # fmt: skip
+"""Where a coefficient stands in the vector of the compiled equations."""
+
+COEFFICIENTS = tuple(I.__members__)
 
 
 @dataclass(frozen=True)
 class ItsunusaParameters(AUVParameters):
-    """Particulars of the vehicle, SI units, each with its source."""
-
-    length: float = 2.0  # m, printed
-    diameter: float = 0.30  # m, printed
-    fin_area: float = 0.045 * 2.0 * 0.30  # m2 each; assumed, between REMUS' share (0.026 L D) and Segorogeni's
-    fin_position: float = -0.5 * 2.0  # m, assumed: at the stern
-    axial_drag: float = 0.2  # assumed: the bare hull has 0.13, Triantafyllou & Amzallag (1984), and fins add to it
-    z_g: float = 0.015  # m, assumed, REMUS' 0.0196 m is the usual size; Prestero (2001)
-    buoyancy_excess: float = 6.0  # N, assumed: it comes up by itself. The printed 16 kg cannot be made to dive
-    fin_limit: float = np.deg2rad(20.0)  # rad, assumed: below stall
-    fin_rate: float = 1.0  # rad/s, assumed
-    thrust_limit: float = 40.0  # N, assumed: for 2 m/s and more
-    thrust_lag: float = 0.5  # s, assumed
-    cruise_speed: float = 1.5  # m/s, assumed
+    """Particulars of a vehicle in the vertical plane, SI units."""
 
     def vector(self, factors: np.ndarray | None = None) -> np.ndarray:
         """The coefficients of the compiled equations ``(..., k)``, in the order of `COEFFICIENTS`.
@@ -57,153 +48,121 @@ class ItsunusaParameters(AUVParameters):
         return self.stacked(COEFFICIENTS, np.ones(VERTICAL) if factors is None else factors)
 
 
-@njit(cache=True)
-def _derivative(
-    s: np.ndarray | tuple[float, ...], stern: float, thrust: float, current: float, c: np.ndarray
-) -> tuple[float, ...]:
+@inlined
+def _rates(s: Numbers, control: Numbers, current: Numbers, c: np.ndarray) -> Numbers:
     """Eqs. (1)-(3), with lift on |u| and fins on u |u|, so that hull and fins also brake a vehicle going astern."""
     u, w, q, theta = s[0], s[1], s[2], s[5]
-    mu, mw, S, d = c[0], c[1], c[3], c[4]
-    uu, uw, uq, ww, wq, qq = c[5], c[6], c[7], c[8], c[9], c[10]
-    X_uu, Z_ww, Z_qq, M_ww, M_qq = c[11], c[12], c[13], c[14], c[15]
-    Z_uw, Z_uq, M_uw, M_uq, Z_stern, M_stern = c[16], c[17], c[18], c[19], c[20], c[21]
-    net_weight, righting = c[22], c[23]
-    sin_theta, cos_theta = np.sin(theta), np.cos(theta)
+    stern, thrust = control
+    sin_theta, cos_theta = sincos(theta)
     # Kirchhoff: the momentum of body and water holds the brackets and all added-mass terms of the printed equations.
-    Px, Pz = mu * u + S * q, mw * w + d * q
+    Px = c[I.surge_mass] * u + c[I.mass_z_g] * q
+    Pz = c[I.heave_mass] * w + c[I.heave_pitch] * q
     U, W, Q = abs(u), w * abs(w), q * abs(q)
     inflow = u * U
-    X = -Pz * q - net_weight * sin_theta + X_uu * inflow + thrust
+    X = -Pz * q - c[I.net_weight] * sin_theta + c[I.X_uu] * inflow + thrust
     Z = (
-        Px * q + net_weight * cos_theta
-        + Z_ww * W + Z_qq * Q + U * (Z_uw * w + Z_uq * q) + Z_stern * inflow * stern
+        Px * q + c[I.net_weight] * cos_theta + c[I.Z_ww] * W + c[I.Z_qq] * Q
+        + U * (c[I.Z_uw] * w + c[I.Z_uq] * q) + c[I.Z_uuds] * inflow * stern
     )  # fmt: skip
     M = (
-        Pz * u - Px * w - righting * sin_theta
-        + M_ww * W + M_qq * Q + U * (M_uw * w + M_uq * q) + M_stern * inflow * stern
+        Pz * u - Px * w - c[I.righting_moment] * sin_theta + c[I.M_ww] * W + c[I.M_qq] * Q
+        + U * (c[I.M_uw] * w + c[I.M_uq] * q) + c[I.M_uuds] * inflow * stern
     )  # fmt: skip
     return (
-        uu * X + uw * Z + uq * M, uw * X + ww * Z + wq * M, uq * X + wq * Z + qq * M,
-        u * cos_theta + w * sin_theta + current, w * cos_theta - u * sin_theta, q,
+        c[I.inverse_uu] * X + c[I.inverse_uw] * Z + c[I.inverse_uq] * M,
+        c[I.inverse_uw] * X + c[I.inverse_ww] * Z + c[I.inverse_wq] * M,
+        c[I.inverse_uq] * X + c[I.inverse_wq] * Z + c[I.inverse_qq] * M,
+        u * cos_theta + w * sin_theta + current[0], w * cos_theta - u * sin_theta, q,
     )  # fmt: skip
 
 
-@njit(cache=True)
-def _moved(s: tuple[float, ...], h: float, rate: tuple[float, ...]) -> tuple[float, ...]:
-    return (
-        s[0] + h * rate[0], s[1] + h * rate[1], s[2] + h * rate[2],
-        s[3] + h * rate[3], s[4] + h * rate[4], s[5] + h * rate[5],
-    )  # fmt: skip
+_BLANK = blank(6, 2, 1)
 
 
-@gufunc("void(float64[:], float64[:], float64[:], float64[:])", "(n),(m),(k)->(n)")
-def itsunusa_derivative(state: np.ndarray, control: np.ndarray, c: np.ndarray, out: np.ndarray) -> None:
-    """Time derivative of the truth state, the current constant; control is (stern plane, thrust)."""
-    out[0], out[1], out[2], out[3], out[4], out[5] = _derivative(state, control[0], control[1], state[6], c)
-    out[6] = 0.0
+@gufunc(*RATES)
+def itsunusa_rates(state: np.ndarray, control: np.ndarray, current: np.ndarray, c: np.ndarray, out: np.ndarray) -> None:
+    """Time derivative of the vehicle's own state ``(6,)``; control is (stern plane, thrust)."""
+    rate(_rates, _BLANK, state, control, current, c, out)
 
 
-@gufunc("void(float64[:], float64[:], float64[:], float64, int64, float64[:])", "(n),(m),(k),(),()->(n)")
+@gufunc(*STEP)
 def itsunusa_step(
-    state: np.ndarray, control: np.ndarray, c: np.ndarray, dt: float, substeps: int, out: np.ndarray
-) -> None:
-    """RK4 over ``dt``, the current constant; control is (stern plane, thrust) at the start, then at the end.
-
-    Actuators move linearly within the step, so that the fins' rate limit is integrated exactly.
-    """
-    current = state[6]
-    h = dt / substeps
-    s: tuple[float, ...] = (state[0], state[1], state[2], state[3], state[4], state[5])
-    stern, thrust = control[0], control[1]
-    # what they move in half a substep
-    d_stern, d_thrust = 0.5 * (control[2] - stern) / substeps, 0.5 * (control[3] - thrust) / substeps
-    for i in range(substeps):
-        sigma, force = stern + 2 * i * d_stern, thrust + 2 * i * d_thrust
-        k1 = _derivative(s, sigma, force, current, c)
-        sigma, force = sigma + d_stern, force + d_thrust
-        k2 = _derivative(_moved(s, 0.5 * h, k1), sigma, force, current, c)
-        k3 = _derivative(_moved(s, 0.5 * h, k2), sigma, force, current, c)
-        k4 = _derivative(_moved(s, h, k3), sigma + d_stern, force + d_thrust, current, c)
-        s = _moved(_moved(_moved(_moved(s, h / 6.0, k1), h / 3.0, k2), h / 3.0, k3), h / 6.0, k4)
-    out[0], out[1], out[2], out[3], out[4], out[5] = s
-    out[6] = current
+    state: np.ndarray, control: np.ndarray, current: np.ndarray, c: np.ndarray, dt: float, substeps: int,
+    out: np.ndarray,
+) -> None:  # fmt: skip
+    """The vehicle's own state ``(6,)`` after ``dt``; control ``(4,)``: actuators before and after."""
+    step(_rates, _BLANK, state, control, current, c, dt, substeps, out)
 
 
-@gufunc("void(float64[:], float64[:], float64[:])", "(n),(p)->(p)")
-def itsunusa_readings(state: np.ndarray, template: np.ndarray, out: np.ndarray) -> None:
-    """What perfect instruments read ``(6,)``, in their order; ``template (6,)`` only tells how many they are."""
-    out[0] = state[0] + state[6] * np.cos(state[5])
-    out[1] = state[1] + state[6] * np.sin(state[5])
-    out[2], out[3], out[4], out[5] = state[4], state[5], state[2], state[3]
+@gufunc(*STEPS)
+def itsunusa_steps(
+    states: np.ndarray, control: np.ndarray, currents: np.ndarray, c: np.ndarray, dt: float, substeps: int,
+    out: np.ndarray,
+) -> None:  # fmt: skip
+    """`itsunusa_step` of many states ``(N, 6)`` under one control: the same numbers, several times as fast."""
+    steps(_rates, _BLANK, states, control, currents, c, dt, substeps, out)
 
 
 def inertia(c: np.ndarray) -> np.ndarray:
     """Inertia ``(..., 3, 3)`` of body and added mass for coefficients ``(..., k)``."""
     M = np.zeros(c.shape[:-1] + (3, 3))
     M[..., [0, 1, 2], [0, 1, 2]] = c[..., :3]
-    M[..., [0, 1, 2, 2], [2, 2, 0, 1]] = c[..., [3, 4, 3, 4]]
+    M[..., [0, 1, 2, 2], [2, 2, 0, 1]] = c[..., [I.mass_z_g, I.heave_pitch, I.mass_z_g, I.heave_pitch]]
     return M
 
 
 def energy(state: np.ndarray, c: np.ndarray) -> np.ndarray:
-    """Kinetic energy of body and water and potential energy [J] of states ``(..., 7)``, ``(...)``.
+    """Kinetic energy of body and water and potential energy [J] of states ``(..., 6)``, ``(...)``.
 
     In water at rest, or seen from water that moves steadily.
     """
     nu, depth, theta = state[..., :3], state[..., 4], state[..., 5]
-    net_weight, righting = c[..., COEFFICIENTS.index("net_weight")], c[..., COEFFICIENTS.index("righting_moment")]
-    return 0.5 * np.vecdot(nu, np.matvec(inertia(c), nu)) - net_weight * depth - righting * np.cos(theta)
+    kinetic = 0.5 * np.vecdot(nu, np.matvec(inertia(c), nu))
+    return kinetic - c[..., I.net_weight] * depth - c[..., I.righting_moment] * np.cos(theta)
+
+
+def _over_ground(state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
+    """Velocity over ground in body axes ``(..., 2)``."""
+    velocity, current, theta = np.array(state[..., :2]), forcing[..., 3], state[..., 5]
+    velocity[..., 0] += current * np.cos(theta)
+    velocity[..., 1] += current * np.sin(theta)
+    return velocity
 
 
 @dataclass(frozen=True)
 class Itsunusa(AUV):
     """The vehicle in batches, as an environment uses it.
 
-    Figures of the instruments are from public vehicle configurations.
+    Figures of the sensors are from public vehicle configurations.
     """
 
-    body: ItsunusaParameters = ItsunusaParameters()
+    body: ItsunusaParameters = field(default_factory=lambda: load("itsunusa", ItsunusaParameters))
 
-    truth_names: ClassVar = TRUTH
+    state_names: ClassVar = STATE
+    kernels: ClassVar = (itsunusa_step, itsunusa_steps)
     parameter_names: ClassVar = COEFFICIENTS
     action_names: ClassVar = ("stern plane", "thrust")
-    instruments: ClassVar = (
-        Instrument("Doppler log", ("u over ground", "w over ground"), (0.01, 0.01), dropout=0.10),
-        Instrument("depth gauge", ("z",), (0.02,)),
-        Instrument("inclinometer", ("theta",), (0.01,)),
-        Instrument("gyroscope", ("q",), (0.005,)),
-        Instrument("acoustic position", ("x",), (0.5,), period=20, dropout=0.10),
-    )
-    velocities: ClassVar = 3
-    unknown_inputs: ClassVar = 4
+    angles: ClassVar = ("theta",)
+    flows: ClassVar = ("current",)
+    rates: ClassVar = {"q": "theta"}
+    sensors: ClassVar = (
+        Sensor(
+            "Doppler log", ("u over ground", "w over ground"), _over_ground, (0.01, 0.01), dropout=0.10,
+            scale=(0.5, 0.25), gives=("u", "w"), informs=(plane("u"), plane("w")),
+        ),
+        Sensor("depth gauge", ("z",), plain((4,)), (0.02,), scale=(10.0,), gives=("z",), informs=(plane("z"),)),
+        Sensor(
+            "inclinometer", ("theta",), plain((5,)), (0.01,), angles=(0,), scale=(0.5,), gives=("theta",),
+            informs=(plane("theta"),),
+        ),
+        Sensor("gyroscope", ("q",), plain((2,)), (0.005,), scale=(0.5,), gives=("q",), informs=(plane("q"),)),
+        Sensor(
+            "acoustic position", ("x",), plain((3,)), (0.5,), rate=0.5, dropout=0.10, scale=(20.0,), gives=("x",),
+            informs=(plane("x"),),
+        ),
+    )  # fmt: skip
     normals: ClassVar = VERTICAL
-    state_angles: ClassVar = (5,)
-    measurement_angles: ClassVar = (3,)
 
     def vector(self, factors: np.ndarray) -> np.ndarray:
         """Coefficients ``(..., k)`` with ``factors (..., 7)`` on the uncertain ones."""
         return self.body.vector(factors)
-
-    def advance(self, truth: np.ndarray, control: np.ndarray, c: np.ndarray) -> np.ndarray:
-        """A step of the equations of motion; control ``(..., 4)``: actuators before and after."""
-        return itsunusa_step(truth, control, c, self.dt, self.substeps)
-
-    def exact_readings(self, truth: np.ndarray) -> np.ndarray:
-        """What perfect instruments read ``(..., 6)``."""
-        return itsunusa_readings(truth, np.empty(6))
-
-    def from_readings(
-        self, readings: np.ndarray, previous: np.ndarray, interval: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """State ``(..., 7)`` and unknown input ``(..., 4)`` from the readings alone, current and kicks as zero.
-
-        Every component has an instrument but the current, so that nothing is differenced.
-
-        Args:
-            readings: ``(..., 6)``.
-            previous: the readings before, not needed.
-            interval: seconds between the two, not needed.
-        """
-        x = np.zeros(readings.shape[:-1] + (7,))
-        x[..., [0, 1, 4, 5, 2, 3]] = readings
-        return x, np.zeros(readings.shape[:-1] + (4,))

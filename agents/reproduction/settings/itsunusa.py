@@ -8,7 +8,7 @@ import numpy as np
 
 from agents.reproduction.comparison import Published
 from agents.reproduction.ensembles import channel_sd
-from vessel_gym.envs.itsunusa_auv import ITSUNUSA_AUV, WATERS
+from vessel_gym.envs.itsunusa_auv import ITSUNUSA_AUV
 from vessel_gym.vehicles.itsunusa import Itsunusa
 
 # --- printed ----------------------------------------------------------------------------------------
@@ -55,10 +55,10 @@ MISPRINTS = [
 
 VEHICLE = Itsunusa()
 GOAL = (60.0, 0.0, DEPTH)  # m north, east and down of the start, the run that of ItsunusaAUV-v0
-READING_SD = channel_sd(VEHICLE.instruments, ("u over ground", "w over ground", "q"))
-INCLINOMETER_SD = channel_sd(VEHICLE.instruments, ("theta",))  # a check beside the table: pitch measured, too
-KICK_SD = np.append(WATERS["moderate"].kick_sd[:3], 0.0)  # on u, w, q and pitch
-PRIOR_SD = ITSUNUSA_AUV.task.prior(np.zeros((1, 3)), WATERS["moderate"]).cov.diagonal()[[0, 1, 2, 5]] ** 0.5
+READING_SD = channel_sd(VEHICLE.sensors, ("u over ground", "w over ground", "q"))
+INCLINOMETER_SD = channel_sd(VEHICLE.sensors, ("theta",))  # a check beside the table: pitch measured, too
+KICK_SD = np.append(ITSUNUSA_AUV.disturbances["moderate"].white.diagonal(), 0.0)  # on u, w, q and pitch
+PRIOR_SD = ITSUNUSA_AUV.task.prior(np.zeros((1, 3))).cov.diagonal()[[0, 1, 2, 5]] ** 0.5
 RUNS = 50
 SEED = 0
 DOUBLED = 2.0  # all noise times this, to see how the errors depend on what we assumed

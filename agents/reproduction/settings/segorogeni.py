@@ -4,12 +4,14 @@ It prints neither Q nor R, no initial covariance, no duration, no control and no
 and what is measured were decided before the first run, and not changed after it.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from agents.reproduction.comparison import Published
 from agents.reproduction.ensembles import channel_sd
-from vessel_gym.envs.segorogeni_auv import SEGOROGENI_AUV, WATERS
-from vessel_gym.vehicles.segorogeni import Segorogeni, SegorogeniParameters
+from vessel_gym.envs.segorogeni_auv import SEGOROGENI_AUV
+from vessel_gym.vehicles.segorogeni import Segorogeni
 
 # --- printed ----------------------------------------------------------------------------------------
 
@@ -69,11 +71,11 @@ MISPRINTS = [
 
 DURATION = 30.0  # s: at the 1 m/s of Table I an arc over the goal, 25 m long, and the time to gather way
 WEIGHT_EXCESS = 12.0  # N, see ASSUMPTIONS
-VEHICLE = Segorogeni(SegorogeniParameters(printed_kinematics=True, buoyancy_excess=-WEIGHT_EXCESS))
+VEHICLE = Segorogeni(replace(Segorogeni().body, printed_kinematics=True, buoyancy_excess=-WEIGHT_EXCESS))
 OWN_DT = VEHICLE.dt
-READING_SD = channel_sd(VEHICLE.instruments, ("u over ground", "v over ground", "w over ground", "r"))  # every OWN_DT
-KICK_SD = WATERS["moderate"].kick_sd[:6]  # m/s and rad/s, every OWN_DT
-PRIOR_SD = SEGOROGENI_AUV.task.prior(np.zeros((1, 3)), WATERS["moderate"]).cov.diagonal()[:6] ** 0.5
+READING_SD = channel_sd(VEHICLE.sensors, ("u over ground", "v over ground", "w over ground", "r"))  # every OWN_DT
+KICK_SD = SEGOROGENI_AUV.disturbances["moderate"].white.diagonal()  # m/s and rad/s, every OWN_DT
+PRIOR_SD = SEGOROGENI_AUV.task.prior(np.zeros((1, 3))).cov.diagonal()[:6] ** 0.5
 RUNS = AVERAGED  # of a cell at the paper's step
 SEEDS = (0, 1, 2, 3, 4)  # of its cells: five times the published number of runs
 OWN_RUNS = 200

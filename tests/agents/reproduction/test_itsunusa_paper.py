@@ -10,9 +10,9 @@ from agents.page import Claims, Page, render
 from agents.reproduction import itsunusa
 from agents.reproduction.pages import itsunusa as itsunusa_page
 from agents.reproduction.settings import itsunusa as paper
-from vessel_gym.vehicles.itsunusa import TRUTH
+from vessel_gym.vehicles.itsunusa import STATE
 
-DEPTH = TRUTH.index("z")
+DEPTH = STATE.index("z")
 
 
 def made_up(exponent: float) -> dict[str, dict[str, Any]]:
@@ -59,7 +59,7 @@ def test_the_undisturbed_dive_goes_from_rest_to_20_m():
     state = dive.start
     for control in dive.controls:
         state = dive.advance(state, control)
-    np.testing.assert_allclose(state[[TRUTH.index("x"), DEPTH]], [60.0, 20.0], atol=0.2)
+    np.testing.assert_allclose(state[[STATE.index("x"), DEPTH]], [60.0, 20.0], atol=0.2)
 
 
 def test_the_vehicle_weighs_what_the_assumptions_say():

@@ -90,7 +90,7 @@ def test_a_step_takes_some_time_for_every_size_and_repeat():
 
 
 def test_noise_of_channels_is_found_by_name():
-    np.testing.assert_array_equal(channel_sd(Segorogeni.instruments, ("r", "z")), [0.005, 0.02])
+    np.testing.assert_array_equal(channel_sd(Segorogeni.sensors, ("r", "z")), [0.005, 0.02])
 
 
 def test_a_thinned_history_keeps_its_ends():

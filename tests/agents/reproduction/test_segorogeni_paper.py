@@ -1,5 +1,6 @@
 """The paper on Segorogeni: its dive, what the errors are made of, and a page on which no number is missing."""
 
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -10,9 +11,10 @@ from agents.page import Claims, Page, render
 from agents.reproduction import segorogeni
 from agents.reproduction.pages import segorogeni as segorogeni_page
 from agents.reproduction.settings import segorogeni as paper
-from vessel_gym.vehicles.segorogeni import TRUTH, SegorogeniParameters
+from vessel_gym.vehicles.files import load
+from vessel_gym.vehicles.segorogeni import STATE
 
-PLACE = [TRUTH.index(name) for name in ("x", "y", "z", "psi")]
+PLACE = [STATE.index(name) for name in ("x", "y", "z", "psi")]
 
 
 def made_up(exponent: float) -> dict[str, dict[str, Any]]:
@@ -56,20 +58,20 @@ def test_the_table_is_the_papers():
 @pytest.mark.parametrize(("scheme", "tolerance"), [("own", 1e-6), ("printed", 0.01)])
 def test_the_undisturbed_dive_goes_from_rest_to_the_papers_goal(scheme: str, tolerance: float):
     dive = segorogeni.dive(scheme)
-    state = np.zeros(len(TRUTH))
+    state = np.zeros(len(STATE))
     for control in dive.controls:
         state = dive.advance(state, control)
     np.testing.assert_allclose(state[PLACE[:3]], paper.GOAL, atol=tolerance)
 
 
 def test_without_ballast_the_printed_kinematics_sink_too_slowly():
-    body = SegorogeniParameters(printed_kinematics=True)
+    body = replace(load("segorogeni"), printed_kinematics=True)
     control = np.array([0.0, -body.fin_limit, body.thrust_limit] * 2)
-    state = np.zeros(len(TRUTH))
+    state = np.zeros(len(STATE))
     for _ in range(300):
-        state = paper.VEHICLE.advance(state, control, body.vector())
-    assert round(state[TRUTH.index("w")], 2) == 0.16
-    assert paper.DURATION * state[TRUTH.index("w")] < paper.GOAL[2]
+        state = paper.VEHICLE.advance(state, control, np.zeros(2), body.vector())
+    assert round(state[STATE.index("w")], 2) == 0.16
+    assert paper.DURATION * state[STATE.index("w")] < paper.GOAL[2]
 
 
 def test_the_rudder_starts_at_the_printed_angle():
@@ -93,7 +95,7 @@ def test_true_velocities_integrate_to_the_true_position():
 
 def test_the_paper_measures_surge_sway_heave_and_yaw():
     dive = segorogeni.dive("own")
-    assert [TRUTH[dive.estimated[i]] for i in dive.measured] == ["u", "v", "w", "r"]
+    assert [STATE[dive.estimated[i]] for i in dive.measured] == ["u", "v", "w", "r"]
 
 
 def test_the_same_seed_gives_the_same_errors_and_another_one_others():

@@ -51,7 +51,7 @@ def results(planned: Plan | Study, quality=QUALITY, noise=0.01) -> Results:
         crossed = 0.02 * (f.trained_on not in ("", f.flown_on))
         score = 0.1 + 0.8 * quality[f.flown_on] + weather + run - crossed + rng.normal(0.0, noise, n)
         claims = f.flown_on not in WITHOUT_COVARIANCE
-        figures = {m.key: rng.lognormal(0.0, 0.2, n) for m in metrics(system_of(f.environment).task)}
+        figures = {m.key: rng.lognormal(0.0, 0.2, n) for m in metrics(system_of(f.environment))}
         figures |= {"score": score} | ({} if claims else {"nees": np.full(n, np.nan)})
         values[f.cell.key] = {
             "figures": {key: each.tolist() for key, each in figures.items()},

@@ -262,7 +262,7 @@ def test_a_study_of_which_nothing_is_flown_still_makes_a_page(learned):
 
 
 def test_an_agent_of_ones_own_may_be_the_classical_one():
-    mine = Agent("mine", "agents.dive_autopilot:DiveAutopilot")
+    mine = Agent("mine", "agents.pilots.dive:DiveAutopilot")
     found = results(study((SEGOROGENI,), (mine,), conditions=CONDITIONS[:1]))
     assert "on it mine keeps" in answer(found)[0]
     assert "The study varies no disturbance, sensor suite and mismatch" in render(page(found, OUT))

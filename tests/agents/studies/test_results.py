@@ -7,7 +7,7 @@ import pytest
 from invented import CORVETTE, QUALITY, SEGOROGENI, learned, results, study, without
 
 from agents.cells import Outcome
-from agents.dive_scores import METRICS
+from agents.sheets.dive import METRICS
 from agents.statistics import crossed_interval, mean_interval
 from agents.studies.plan import RAW
 from agents.studies.results import Pilot, Place, Results

@@ -2,19 +2,19 @@
 
 import numpy as np
 
-from agents.metrics import NEES, RETURN, SCORE, UNHEALTHY, Metric, common, core_of, rms
+from agents.metrics import Metric, core_of, rms, rmse, steps
 from agents.rollouts import Rollout
+from agents.sheets import register_scores
 from estimators import wrap
-from estimators.angles import difference
 from vessel_gym.sea_trials import fit_circle
-from vessel_gym.vehicles.corvette import TRUTH, steady_turns
+from vessel_gym.tasks.turning_circle import TurningCircle
+from vessel_gym.vehicles.corvette import steady_turns
+from vessel_gym.vehicles.corvette_equations import STATE
 
-_X, _Y, _PSI, _R = (TRUTH.index(name) for name in ("x", "y", "psi", "r"))
+_X, _Y, _PSI, _R = (STATE.index(name) for name in ("x", "y", "psi", "r"))
 
 METRICS = (
-    SCORE,
-    RETURN,
-    Metric("steps", "Steps", "", "higher", 0, "Steps flown until the turn was complete or lost."),
+    Metric("steps", "Steps", "", "higher", 0, "Steps flown until the turn was complete or lost.", of=steps),
     Metric("heading_error", "Heading error", "°", "lower", 2, "RMS of commanded minus true heading."),
     Metric("yaw_rate_error", "Yaw-rate error", "°/s", "lower", 3, "RMS of commanded minus true yaw rate."),
     Metric(
@@ -23,49 +23,51 @@ METRICS = (
     ),
     Metric("out_of_round", "Out of round", "m", "lower", 1, "RMS distance of that track from its fitted circle."),
     Metric("rudder_rate", "Rudder rate", "°/s", "lower", 2, "RMS rate of the rudder: what the steering gear endures."),
-    Metric("heading_rmse", "Heading", "mrad", "lower", 2, "RMS error of the estimated heading."),
-    Metric("yaw_rate_rmse", "Yaw rate", "mrad/s", "lower", 2, "RMS error of the estimated yaw rate."),
-    Metric("sway_rmse", "Sway", "m/s", "lower", 3, "RMS error of the estimated sway velocity."),
+    Metric(
+        "heading_rmse", "Heading", "mrad", "lower", 2, "RMS error of the estimated heading.", of=rmse("psi", scale=1e3)
+    ),
+    Metric(
+        "yaw_rate_rmse", "Yaw rate", "mrad/s", "lower", 2, "RMS error of the estimated yaw rate.",
+        of=rmse("r", scale=1e3),
+    ),
+    Metric("sway_rmse", "Sway", "m/s", "lower", 3, "RMS error of the estimated sway velocity.", of=rmse("v")),
     Metric("input_rmse", "Input d", "mrad", "lower", 3, "RMS error of the estimated unknown input."),
     Metric(
         "raw_input_rmse", "Raw channel", "mrad", "lower", 3,
         "RMS error of the second reading taken for the unknown input as it is.",
     ),
-    NEES,
-    UNHEALTHY,
 )  # fmt: skip
 
 
-def metric(key: str) -> Metric:
-    """The metric with this key."""
-    return next(m for m in METRICS if m.key == key)
-
-
-def scores(rollout: Rollout) -> dict[str, np.ndarray]:
-    """Every metric of every episode, ``(N,)`` by key; see `agents.scores.scores`.
+def figures(rollout: Rollout) -> dict[str, np.ndarray]:
+    """What of every episode the sheet itself finds, ``(N,)`` by key; see `agents.scores.scores`.
 
     The unknown input is NaN where none is estimated, and so is the circle of an episode that flew less than half of it.
     """
     core = core_of(rollout)
     h, alive, dt = rollout.history, rollout.alive, core.vehicle.dt
-    truth, reference, estimate = h["truth"], h["reference"], h["estimate"]
-    state = core.vehicle.filter_state(truth, estimate.shape[-1])
-    sway, yaw_rate, heading = np.moveaxis(difference(estimate, state, core.filter.model.state_angles), -1, 0)[:3]
+    truth, reference = h["truth"], h["reference"]
     radius_error, out_of_round = circle_errors(rollout)
-    raw = h["measurement"][..., 1] - h["unknown_input"][..., 0]
+    raw, came = _raw_input(rollout)
     deg, milli = np.rad2deg, 1e3
-    return common(rollout) | {
+    return {
         "heading_error": deg(rms(wrap(reference[..., 0] - truth[..., _PSI]), alive)),
         "yaw_rate_error": deg(rms(reference[..., 1] - truth[..., _R], alive)),
         "radius_error": radius_error,
         "out_of_round": out_of_round,
         "rudder_rate": deg(rms(np.diff(h["actuators"][..., 0], axis=0) / dt, alive[1:])),
-        "heading_rmse": milli * rms(heading, alive),
-        "yaw_rate_rmse": milli * rms(yaw_rate, alive),
-        "sway_rmse": rms(sway, alive),
         "input_rmse": milli * _input_rmse(rollout),
-        "raw_input_rmse": milli * rms(raw, alive & h["available"][..., 1]),
+        "raw_input_rmse": milli * rms(raw, alive & came),
     }
+
+
+def _raw_input(rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
+    """Error of the reading that shows the yaw increment as it is, and whether it came ``(T + 1, N)``."""
+    h, given = rollout.history, core_of(rollout).sensors.gives
+    if "yaw increment" not in given or not h["unknown_input"].shape[-1]:
+        return np.zeros(rollout.alive.shape), np.zeros(rollout.alive.shape, bool)
+    channel = given.index("yaw increment")
+    return h["measurement"][..., channel] - h["unknown_input"][..., 0], h["available"][..., channel]
 
 
 def circle_errors(rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
@@ -102,3 +104,6 @@ def _input_rmse(rollout: Rollout) -> np.ndarray:
     delay = core.filter.input_delay or 0  # the estimate of step k is of the input of step k - delay
     known = len(h["unknown_input"]) - delay
     return rms(h["input_estimate"][delay:, :, 0] - h["unknown_input"][:known, :, 0], rollout.alive[delay:])
+
+
+register_scores(TurningCircle, METRICS, figures)

@@ -1,14 +1,16 @@
-"""A vector field onto the path, and loops for bank, altitude and airspeed designed from the linearised aircraft."""
+"""Pilots of flights, with loops for bank, altitude and airspeed designed from the linearised aircraft."""
 
 from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 
-from agents.regulator import regulator_gains
+from agents.pilots import AUTOPILOT, register_pilot
+from agents.pilots.loops import Loop
+from agents.pilots.regulator import regulator_gains
 from vessel_gym.system import System
 from vessel_gym.tasks.flight import Flight
-from vessel_gym.vehicles.puna import Puna, puna_step, trim
+from vessel_gym.vehicles.puna import Puna, PunaParameters, puna_step, trim
 
 
 @dataclass(frozen=True)
@@ -59,11 +61,12 @@ def longitudinal_gains(vehicle: Puna, tolerances: FlightTolerances) -> np.ndarra
 
     def after(z: np.ndarray) -> np.ndarray:
         altitude, speed, slope, thrust, alpha, thrust_command, alpha_command = z
-        state = np.array([0.0, 0.0, altitude, speed, slope, 0.0, 0.0, 0.0, 0.0, 0.0])
+        state = np.array([0.0, 0.0, altitude, speed * np.cos(slope), 0.0, speed * np.sin(slope), 0.0])
         thrust_after = thrust_command + (thrust - thrust_command) * decay
         control = np.array([thrust, alpha, 0.0, thrust_after, alpha_command, 0.0])
-        moved = puna_step(state, control, c, vehicle.dt, vehicle.substeps)
-        return np.array([*moved[2:5], thrust_after, alpha_command])
+        moved = puna_step(state, control, np.zeros(3), c, vehicle.dt, vehicle.substeps)
+        ahead, climb = moved[3], moved[5]
+        return np.array([moved[2], np.hypot(ahead, climb), np.arctan2(climb, ahead), thrust_after, alpha_command])
 
     level = np.array([0.0, body.cruise_speed, 0.0] + 2 * [steady.thrust, steady.alpha])
     jacobian = np.stack([(after(level + h * e) - after(level - h * e)) / (2.0 * h) for e in np.eye(7)], -1)
@@ -73,6 +76,7 @@ def longitudinal_gains(vehicle: Puna, tolerances: FlightTolerances) -> np.ndarra
     return regulator_gains(jacobian[:, :5], jacobian[:, 5:], Q, R)
 
 
+@register_pilot(Flight, AUTOPILOT)
 class FlightAutopilot:
     """Vector-field path following in plan; linear-quadratic loops for altitude and airspeed.
 
@@ -90,9 +94,7 @@ class FlightAutopilot:
     """
 
     def __init__(self, system: System, tolerances: FlightTolerances | None = None) -> None:
-        task, vehicle = system.task, system.vehicle
-        if not isinstance(task, Flight) or not isinstance(vehicle, Puna):
-            raise ValueError(f"this autopilot flies aircraft along paths, not {type(task).__name__}")
+        task, vehicle = _flight(system)
         tolerances = tolerances or FlightTolerances()
         self._task, self._body = task, vehicle.body
         self._lateral = lateral_gains(vehicle, tolerances)
@@ -111,8 +113,7 @@ class FlightAutopilot:
         o, body = self._task.named(observations), self._body
         speed = np.maximum(o["ground speed"], 0.5 * body.cruise_speed)
         needed = o["bank of the path"]
-        astray = self._approach * np.arctan(self._slope * o["cross-track"])
-        astray -= np.arctan2(o["course sine"], o["course cosine"])
+        astray = self._field(o["cross-track"]) - np.arctan2(o["course sine"], o["course cosine"])
         # The faster over ground, the less a bank turns the course.
         faster = speed / body.cruise_speed
         bank = needed - faster * self._lateral[1] * astray - self._lateral[2] * (o["bank"] - needed)
@@ -130,5 +131,78 @@ class FlightAutopilot:
             actuators[:, 1] - alpha,
         ], -1)  # fmt: skip
         commands = np.stack([thrust, alpha], -1) - deviation @ self._longitudinal.T
-        actions = body.actions(np.column_stack([commands, bank]))
-        return np.clip(actions, -1.0, 1.0).astype(np.float32)
+        return _actions(body, commands, bank)
+
+    def _field(self, cross: np.ndarray) -> np.ndarray:
+        """By how much the course is to lead to the left, this far to the right of the path [m]."""
+        return self._approach * np.arctan(self._slope * cross)
+
+
+@register_pilot(Flight, "lqg")
+class FlightRegulator(FlightAutopilot):
+    """The linear-quadratic regulators alone: to the path by its distance, without the vector field's bound.
+
+    Args:
+        system: The environment's system.
+        tolerances: The design's tolerances.
+
+    Raises:
+        ValueError: if the system's task is no flight.
+    """
+
+    def _field(self, cross: np.ndarray) -> np.ndarray:
+        return self._approach * self._slope * cross
+
+
+@register_pilot(Flight, "pid")
+class FlightPID:
+    """Three PID loops: bank by the cross-track error, angle of attack by the altitude's, thrust by the airspeed's.
+
+    The loops know nothing of each other; the bank that the path takes is added. Plants are a point mass in level
+    flight: weight times bank across, the slope of the lift upwards, thrust ahead.
+
+    Args:
+        system: The environment's system.
+        tolerances: The design's tolerances.
+
+    Raises:
+        ValueError: if the system's task is no flight.
+    """
+
+    def __init__(self, system: System, tolerances: FlightTolerances | None = None) -> None:
+        self._task, vehicle = _flight(system)
+        t, self._body, dt = tolerances or FlightTolerances(), vehicle.body, vehicle.dt
+        body = self._body
+        lift = 0.5 * body.density[2] * body.cruise_speed**2 * body.area * body.lift[0]  # N/rad
+        self._across = Loop(body.gravity, 0.0, t.cross_track, t.bank, dt)
+        self._up = Loop(lift / body.mass, 0.0, t.altitude, t.alpha, dt)
+        self._along = Loop(1.0 / body.mass, None, t.airspeed, t.thrust, dt)
+
+    def reset(self, num_envs: int) -> None:
+        """Clear the integrals."""
+        for loop in (self._across, self._up, self._along):
+            loop.reset(num_envs)
+
+    def act(self, observations: np.ndarray) -> np.ndarray:
+        """Actions ``(B, 3)``: thrust, angle of attack, bank."""
+        o, body = self._task.named(observations), self._body
+        thrust, alpha, _ = body.cruise
+        away = o["ground speed"] * o["course sine"]
+        limit = body.bank_limit
+        bank = self._across.act(-o["cross-track"], away, -limit, limit, o["bank of the path"])
+        low, high = body.alpha_low, body.alpha_high
+        alpha = self._up.act(-o["altitude error"], -o["climb"], low, high, alpha)
+        thrust = self._along.act(body.cruise_speed - o["airspeed"], 0.0, 0.0, body.thrust_limit, thrust)
+        return _actions(body, np.stack([thrust, alpha], -1), bank)
+
+
+def _flight(system: System) -> tuple[Flight, Puna]:
+    if not isinstance(system.task, Flight) or not isinstance(system.vehicle, Puna):
+        raise ValueError(f"this autopilot flies aircraft along paths, not {type(system.task).__name__}")
+    return system.task, system.vehicle
+
+
+def _actions(body: PunaParameters, commands: np.ndarray, bank: np.ndarray) -> np.ndarray:
+    """Actions ``(B, 3)`` that ask for thrust and angle of attack ``(B, 2)`` and a bank."""
+    actions = body.actions(np.column_stack([commands, bank]))
+    return np.clip(actions, -1.0, 1.0).astype(np.float32)

@@ -1,0 +1,70 @@
+"""Loops of proportional, integral and derivative action, whose gains follow from a plant and two tolerances."""
+
+import numpy as np
+
+
+class Loop:
+    """A PID loop for many environments at once about the plant ``x'' + damping x' = response u``.
+
+    No gain is chosen by hand. The proportional one asks for the tolerated actuation at the tolerated error (Bryson's
+    ratio); with it the plant has the natural frequency w, and the derivative one damps it critically; the integral one
+    is w / 10 of the proportional one (Fossen 2011, sec. 12.2, pole placement). A plant of first order, for which
+    ``damping`` is None, ``x' = response u``, needs no derivative.
+
+    Args:
+        response: Of the second (or first) derivative to the actuation.
+        damping: Of the plant [1/s].
+        error: What is tolerated of the error.
+        actuation: And of the actuator.
+        dt: Time step [s].
+    """
+
+    def __init__(self, response: float, damping: float | None, error: float, actuation: float, dt: float) -> None:
+        self.proportional = actuation / error
+        if damping is None:
+            self.frequency, self.derivative = response * self.proportional, 0.0
+        else:
+            self.frequency = np.sqrt(response * self.proportional)
+            self.derivative = max(2.0 * self.frequency - damping, 0.0) / response
+        self.integral = 0.1 * self.frequency * self.proportional
+        self._dt = dt
+        self.reset(1)
+
+    def reset(self, num_envs: int) -> None:
+        """Clear the integral."""
+        self._sum = np.zeros(num_envs)
+
+    def act(
+        self, error: np.ndarray, rate: np.ndarray | float, low: float, high: float, ahead: np.ndarray | float = 0.0
+    ) -> np.ndarray:
+        """The actuation ``(B,)`` within its limits.
+
+        The integral waits where the actuator is at a limit, so that it cannot wind up.
+
+        Args:
+            error: What is wanted less what is, ``(B,)``.
+            rate: Of the error ``(B,)``.
+            low: Lower limit.
+            high: Upper limit.
+            ahead: Actuation that is known to be needed, ``(B,)``.
+        """
+        wanted = ahead + self.proportional * error + self.integral * self._sum + self.derivative * rate
+        self._sum = self._sum + self._dt * error * ((wanted > low) & (wanted < high))
+        return np.clip(wanted, low, high)
+
+
+def first_order(A: np.ndarray, B: np.ndarray, rate: int, dt: float) -> tuple[float, float]:
+    """The plant ``r' + damping r = response u`` that comes nearest to ``x+ = A x + B u``: (response, damping).
+
+    Its step response ends as high and lies as far below its end, in all, as that of the component ``rate`` of x does:
+    Nomoto's reduction to first order.
+
+    Args:
+        A: ``(n, n)``, stable.
+        B: ``(n,)``.
+        rate: Which component.
+        dt: Time step [s].
+    """
+    end = np.linalg.solve(np.eye(len(A)) - A, B)
+    lag = dt * (np.linalg.solve(np.eye(len(A)) - A, end)[rate] / end[rate] - 0.5)  # trapezoidal rule
+    return float(end[rate] / lag), float(1.0 / lag)

@@ -1,0 +1,103 @@
+"""Score sheets: what episodes of a kind of task are measured by, registered beside the figures that they need.
+
+Every task has a score, a return, steps, NEES and failed updates. A sheet adds what its task is about; without one, a
+task is also measured by how well each component of the state was estimated.
+"""
+
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from agents.metrics import NEES, RETURN, SCORE, STEPS, UNHEALTHY, Metric, rmse
+from agents.rollouts import Rollout
+from vessel_gym.registry import Registry
+from vessel_gym.system import System
+
+Figures = Callable[[Rollout], dict[str, np.ndarray]]
+"""Several numbers of every episode of a rollout, ``(N,)`` by key."""
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """What episodes are measured by.
+
+    Attributes:
+        metrics: In the order in which they are worth reading.
+        figures: Those that do not say how they are found; None if all do.
+    """
+
+    metrics: tuple[Metric, ...]
+    figures: Figures | None = None
+
+    def scores(self, rollout: Rollout) -> dict[str, np.ndarray]:
+        """Every metric of every episode, ``(N,)`` by key."""
+        found = {} if self.figures is None else self.figures(rollout)
+        return {m.key: found[m.key] if m.of is None else m.of(rollout) for m in self.metrics}
+
+
+def _ours() -> None:
+    from agents.sheets import dive, flight, turning  # noqa: F401
+
+
+SHEETS: Registry[Sheet] = Registry("score sheet", _ours)
+
+
+def register_scores(task_type: type, metrics: Sequence[Metric], figures: Figures | None = None) -> None:
+    """Say what episodes of a kind of task are measured by; subclasses inherit it.
+
+    Args:
+        task_type: The class of the task.
+        metrics: Beside score, return, steps, NEES and failed updates, which every task has; one with the key
+            ``"steps"`` stands for these.
+        figures: Those of the metrics that have no ``of``: a function of a `Rollout` that gives ``(N,)`` by key.
+
+    Raises:
+        TypeError: for a task type that is no class, or metrics that are none.
+        ValueError: if there is no way to find a metric, two have one key, or the task has a sheet from elsewhere.
+    """
+    metrics = tuple(metrics)
+    if not all(isinstance(m, Metric) for m in metrics):
+        raise TypeError(f"a score sheet is made of metrics, got {metrics!r}")
+    for m in metrics:
+        if m.of is None and figures is None:
+            raise ValueError(f"nothing says how {m.key!r} is found: give the metric an `of`, or the sheet its figures")
+    steps = () if any(m.key == STEPS.key for m in metrics) else (STEPS,)
+    every = (SCORE, RETURN, *steps, *metrics, NEES, UNHEALTHY)
+    keys = [m.key for m in every]
+    if len(set(keys)) < len(keys):
+        raise ValueError(f"the metrics of a score sheet need keys of their own, got {', '.join(keys)}")
+    SHEETS.register(task_type, Sheet(every, figures), sys._getframe(1).f_globals.get("__name__", ""))
+
+
+def sheet_of(system: System) -> Sheet:
+    """The score sheet of a system's task; for a task without one, what every task and every estimate has."""
+    found = SHEETS.of(system.task)
+    if found:
+        return found[""]
+    errors = (
+        Metric(
+            f"{name.replace(' ', '_')}_rmse", name, "", "lower", 4, f"RMS error of the estimated {name} [SI].",
+            of=rmse(name),
+        )
+        for name in _estimated(system)
+    )  # fmt: skip
+    return Sheet((SCORE, RETURN, STEPS, *errors, NEES, UNHEALTHY))
+
+
+def _estimated(system: System) -> tuple[str, ...]:
+    """What filters estimate that nobody tells otherwise: of the vehicle, of what acts on it, of its sensors' biases."""
+    vehicle = system.vehicle
+    acting = [disturbance for disturbance in system.disturbances.values() if disturbance.told == "states"]
+    names = [
+        *vehicle.estimated(vehicle.kinds[0]),
+        *(name for disturbance in acting for name in disturbance.names),
+        *(
+            name
+            for sensor in system.sensors or vehicle.sensors
+            if sensor.bias is not None
+            for name in sensor.bias.states
+        ),
+    ]
+    return tuple(dict.fromkeys(names))

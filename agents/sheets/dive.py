@@ -1,0 +1,76 @@
+"""What a dive was like: figures of each episode, from a rollout's truth and estimates."""
+
+import numpy as np
+
+from agents.metrics import Metric, at_end, core_of, ended, position_nees, rms, rmse, steps
+from agents.rollouts import Rollout
+from agents.sheets import register_scores
+from vessel_gym.guidance.dive_path import follow, path_point
+from vessel_gym.tasks.dive import Dive
+
+POSITION = ("x", "y", "z")
+
+METRICS = (
+    Metric(
+        "steps", "Steps", "", "lower", 0, "Steps until the vehicle believed to be there, or the dive was lost.",
+        of=steps,
+    ),
+    Metric(
+        "arrived", "Arrived", "%", "higher", 0, "Dives that ended within 0.5 m of the goal.", True, of=ended("arrived")
+    ),
+    Metric("miss", "Miss distance", "m", "lower", 2, "Distance from the goal at the end of the dive."),
+    Metric("cross_track", "Cross-track", "m", "lower", 3, "RMS distance of the truth from the path in plan."),
+    Metric("normal", "Path-normal", "m", "lower", 3, "RMS distance across the path in the vertical plane along it."),
+    Metric(
+        "energy", "Energy", "", "lower", 2,
+        "Energy used, relative to that of covering the path at cruising speed; below 1 for a dive that ended early.",
+    ),
+    Metric(
+        "position_rmse", "Position", "m", "lower", 3, "RMS error of the estimated position, all of its components.",
+        of=rmse(*POSITION),
+    ),
+    Metric(
+        "velocity_rmse", "Velocity", "m/s", "lower", 4, "RMS error of the estimated velocity through the water.",
+        of=rmse("u", "v", "w"),
+    ),
+    Metric(
+        "rate_rmse", "Rates", "mrad/s", "lower", 2, "RMS error of the estimated angular velocity.",
+        of=rmse("p", "q", "r", scale=1e3),
+    ),
+    Metric(
+        "attitude_rmse", "Attitude", "mrad", "lower", 2, "RMS error of the estimated attitude angles.",
+        of=rmse("phi", "theta", "psi", scale=1e3),
+    ),
+    Metric(
+        "current_rmse", "Current", "m/s", "lower", 4, "RMS error of the estimated current.",
+        of=rmse("current", "current north", "current east"),
+    ),
+    position_nees(*POSITION),
+)  # fmt: skip
+
+
+def figures(rollout: Rollout) -> dict[str, np.ndarray]:
+    """What of every episode the sheet itself finds, ``(N,)`` by key; see `agents.scores.scores`."""
+    task, h, alive = core_of(rollout).task, rollout.history, rollout.alive
+    cross, normal = path_errors(rollout)
+    course = h["reference"][0, :, 8:]
+    goal = path_point(course[:, 1], course)[:, :3]
+    seconds = np.hypot(course[:, 1], course[:, 2]) / task.auv.cruise_speed
+    return {
+        "miss": np.linalg.norm(task.position(at_end(rollout)) - goal, axis=-1),
+        "cross_track": rms(cross, alive),
+        "normal": rms(normal, alive),
+        "energy": np.where(alive[1:], task.power(h["actuators"][1:]), 0.0).sum(0) * task.dt / seconds,
+    }
+
+
+def path_errors(rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
+    """Distances [m] of the truth from the path, ``(T + 1, N)`` each: across it in plan, and in the vertical plane."""
+    task, h = core_of(rollout).task, rollout.history
+    rows = h["truth"].reshape(-1, h["truth"].shape[-1])
+    course = h["reference"][..., 8:]
+    where = follow(task.position(rows).reshape(course.shape), course, 0.0)
+    return where[..., 1], where[..., 2] / np.sqrt(1.0 + where[..., 4] ** 2)
+
+
+register_scores(Dive, METRICS, figures)

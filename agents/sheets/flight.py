@@ -1,0 +1,88 @@
+"""What a flight along a path was like: figures of each episode, from a rollout's truth and estimates."""
+
+import numpy as np
+
+from agents.metrics import Metric, at_end, core_of, ended, position_nees, rms, rmse, steps
+from agents.rollouts import Rollout
+from agents.sheets import register_scores
+from vessel_gym.tasks.flight import Flight
+
+POSITION = ("x", "y", "h")
+
+METRICS = (
+    Metric(
+        "steps", "Steps", "", "lower", 0, "Steps until the aircraft believed to be there, or the flight was lost.",
+        of=steps,
+    ),
+    Metric(
+        "arrived", "Arrived", "%", "higher", 0, "Flights that ended within 8 m of the goal.", True, of=ended("arrived")
+    ),
+    Metric("hit", "Hit", "%", "lower", 0, "Flights that ended in an obstacle.", True, of=ended("hit an obstacle")),
+    Metric("miss", "Miss distance", "m", "lower", 2, "Distance from the goal in plan at the end of the flight."),
+    Metric("cross_track", "Cross-track", "m", "lower", 2, "RMS distance of the truth from the path in plan."),
+    Metric("altitude", "Altitude", "m", "lower", 3, "RMS error of the true altitude against the commanded one."),
+    Metric("clearance", "Clearance", "m", "higher", 1, "Least distance of the truth from the edge of an obstacle."),
+    Metric("effort", "Effort", "", "lower", 4, "RMS change of the commands in a step, as a share of their range."),
+    Metric(
+        "position_rmse", "Position", "m", "lower", 3, "RMS error of the estimated position in plan.", of=rmse("x", "y")
+    ),
+    Metric("height_rmse", "Height", "m", "lower", 3, "RMS error of the estimated altitude.", of=rmse("h")),
+    Metric(
+        "velocity_rmse", "Velocity", "m/s", "lower", 3, "RMS error of the estimated velocity over ground.",
+        of=rmse("north", "east", "climb"),
+    ),
+    Metric("bank_rmse", "Bank", "mrad", "lower", 2, "RMS error of the estimated bank.", of=rmse("phi", scale=1e3)),
+    Metric("wind_rmse", "Wind", "m/s", "lower", 3, "RMS error of the estimated level wind, gusts included."),
+    position_nees(*POSITION),
+)  # fmt: skip
+
+
+def figures(rollout: Rollout) -> dict[str, np.ndarray]:
+    """What of every episode the sheet itself finds, ``(N,)`` by key; see `agents.scores.scores`."""
+    core, h, alive = core_of(rollout), rollout.history, rollout.alive
+    task = core.task
+    cross, above = path_errors(rollout)
+    course = task.course_of(h["reference"][0])
+    clearance = task.clearance(h["truth"], task.course_of(h["reference"]))
+    commands = task.body.actions(h["actuators"])
+    change = np.sqrt(np.mean(np.diff(commands, axis=0) ** 2, axis=-1)) / 2.0
+    return {
+        "miss": np.hypot(*(at_end(rollout)[:, :2] - task.goal(course)[:, :2]).T),
+        "cross_track": rms(cross, alive),
+        "altitude": rms(above, alive),
+        "clearance": _or_nan(np.where(alive, clearance, np.inf).min(0)),
+        "effort": rms(change, alive[1:]),
+        "wind_rmse": rms(_wind_error(rollout), alive),
+    }
+
+
+def _wind_error(rollout: Rollout) -> np.ndarray:
+    """Of the estimated level wind [m/s], ``(T + 1, N)``; NaN where the filter is told of none."""
+    core, h = core_of(rollout), rollout.history
+    told = core.composition
+    if not len(told.held):
+        return np.full(rollout.alive.shape, np.nan)
+    error = told.flow(h["estimate"]) - told.flow(core.estimated(h["truth"]))
+    return np.hypot(error[..., 0], error[..., 1])
+
+
+def path_errors(rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
+    """How far the truth is from the path in plan, and above the commanded altitude [m]: ``(T + 1, N)`` each.
+
+    The aircraft is looked for near the farthest place it has reached, as in the score.
+    """
+    task, h = core_of(rollout).task, rollout.history
+    course = task.course_of(h["reference"][0])
+    farthest, off = task.begin(h["truth"][0], course)[:, 0], []
+    for truth in h["truth"]:
+        true = task.track(truth, course, farthest)
+        farthest = np.maximum(farthest, true[:, 0])
+        off.append(true[:, 1])
+    return np.stack(off), h["truth"][..., 2] - task.altitude_of(course)
+
+
+def _or_nan(values: np.ndarray) -> np.ndarray:
+    return np.where(np.isfinite(values), values, np.nan)
+
+
+register_scores(Flight, METRICS, figures)

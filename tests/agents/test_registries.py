@@ -1,0 +1,370 @@
+"""What a user brings is as good as what the package has.
+
+A task flies, is scored, drawn and trained with nothing registered; what is registered for it is found wherever ours is.
+"""
+
+from collections.abc import Iterator
+from contextlib import closing
+from copy import deepcopy
+from dataclasses import fields, replace
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from own_task import DepthPilot, KeepDepth, KeepDepthEnv, KeepShallowDepth, system_with
+
+import agents
+from agents import Metric, load_agent, register_pilot, register_scores, rollout
+from agents.metrics import at_end, components, rmse
+from agents.pilots import PILOTS, make_pilot, pilot_names
+from agents.scores import metrics, scores
+from agents.sheets import SHEETS
+from agents.source import _closure, source_digest
+from agents.studies import worlds
+from agents.studies.plan import plan
+from agents.studies.study import Study, StudyError, read_study
+from scripts import evaluate
+from vessel_gym.core import Core
+from vessel_gym.envs import ItsunusaAUVEnv, PunaUAVEnv, SegorogeniAUVEnv, SigmaCorvetteEnv, VesselEnv
+from vessel_gym.rendering import SCENES, make_renderer, register_scene
+from vessel_gym.tasks.dive import Dive, SpatialDive
+
+ENV, OWN = "KeepDepth-v0", "own_task:DepthPilot"
+SYSTEM = KeepDepthEnv.system
+COMMON = ["score", "return", "steps"]
+
+
+@pytest.fixture(autouse=True)
+def nothing_stays() -> Iterator[None]:
+    """Registries are as they were after each test."""
+    registries = (SHEETS, PILOTS, SCENES)
+    for registry in registries:
+        registry.of(None)  # ours are there
+    before = [deepcopy(registry._entries) for registry in registries]
+    yield
+    for registry, entries in zip(registries, before, strict=True):
+        registry._entries = entries
+
+
+# --- nothing registered --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("agent", [OWN, "random"])
+def test_a_task_of_ones_own_flies_and_is_scored_without_a_sheet(agent: str):
+    flight = rollout(agent, ENV, [1, 2])
+    figures = scores(flight)
+    names = ("u", "w", "q", "x", "z", "theta", "current")
+    assert list(figures) == [*COMMON, *(f"{name}_rmse" for name in names), "nees", "unhealthy"]
+    assert [m.key for m in metrics(SYSTEM)] == list(figures)
+    assert all(np.isfinite(values).all() and values.shape == (2,) for values in figures.values())
+    h = flight.history
+    depth = np.sqrt(np.mean((h["estimate"][..., 4] - h["truth"][..., 4]) ** 2, axis=0))
+    np.testing.assert_allclose(figures["z_rmse"], depth)
+
+
+@pytest.mark.parametrize("env", [SigmaCorvetteEnv, SegorogeniAUVEnv, ItsunusaAUVEnv, PunaUAVEnv])
+def test_without_a_sheet_a_task_is_measured_by_all_that_filters_estimate(env: type[VesselEnv]):
+    widest = {"model": env.system.vehicle.kinds[0]}
+    for disturbance in env.system.disturbances:
+        names = Core(env.system, 1, "dead-reckoning", widest, disturbance=disturbance).composition.names
+        errors = [m.label for m in metrics(replace(env.system, task=KeepDepth())) if m.key.endswith("_rmse")]
+        assert errors == list(names)
+
+
+def test_a_component_that_an_estimator_does_not_have_has_no_error():
+    flight = rollout("autopilot", "SigmaCorvette-v0", [0], {"estimator": "kf"})
+    assert np.isnan(rmse("u")(flight)).all()
+    assert components(flight, "psi", "v") == (0, 2)
+    assert "u" in SigmaCorvetteEnv.system.vehicle.estimated("nonlinear")  # others estimate it
+
+
+def test_the_commands_take_a_task_and_a_pilot_of_ones_own(capsys: pytest.CaptureFixture[str]):
+    evaluate.main(f"own_task:{ENV}", agent=OWN, episodes=2)
+    printed = capsys.readouterr().out
+    for label in ("Score", "theta", "NEES"):
+        assert label in printed
+
+
+@pytest.mark.slow
+def test_a_task_of_ones_own_is_trained(tmp_path: Path):
+    from agents.ppo import train
+
+    checkpoint = train(ENV, tmp_path / "ppo.zip", steps=8192)
+    assert rollout(checkpoint, ENV, [0]).length[0] == 60
+
+
+@pytest.mark.parametrize("task", [KeepDepth(), KeepShallowDepth()])
+def test_an_autopilot_that_is_not_there_is_asked_for_in_vain(task: KeepDepth):
+    sentence = (
+        r"^unknown agent 'autopilot' for Keep\w+: choose your own as module:object, or .* agents\.register_pilot$"
+    )
+    with pytest.raises(ValueError, match=sentence):
+        make_pilot("autopilot", system_with(task))
+
+
+@pytest.mark.parametrize(
+    ("agent", "error", "sentence"),
+    [
+        ("autopilot", ValueError, "choose random, the path of a checkpoint, your own as module:object"),
+        ("own_task:no_agent", TypeError, "'own_task:no_agent' makes str"),
+        ("own_task:CRUISE", TypeError, "cannot be called"),
+        ("own_task:Nobody", ValueError, "has no 'Nobody'"),
+        ("nowhere:Pilot", ValueError, "cannot import 'nowhere'"),
+    ],
+)
+def test_what_makes_no_agent_is_refused_in_one_sentence(agent: str, error: type, sentence: str):
+    with closing(gym.make(ENV)) as env, pytest.raises(error, match=sentence) as raised:
+        load_agent(agent, env)
+    assert "\n" not in str(raised.value)
+
+
+# --- registered ----------------------------------------------------------------------------------------
+
+
+def _offset(flown: agents.Rollout) -> np.ndarray:
+    return np.abs(at_end(flown)[:, 4] - flown.history["reference"][0, :, 0])
+
+
+def _pitch(flown: agents.Rollout) -> dict[str, np.ndarray]:
+    return {"pitch": np.rad2deg(np.abs(at_end(flown)[:, 5]))}
+
+
+OFFSET = Metric("offset", "Offset", "m", "lower", 2, "Distance from the depth at the end.", of=_offset)
+PITCH = Metric("pitch", "Pitch", "°", "lower", 1, "Pitch at the end.")
+
+
+@pytest.mark.parametrize("task", [KeepDepth(), KeepShallowDepth()])
+def test_what_is_registered_for_a_task_is_its_own_and_its_subclasses(task: KeepDepth):
+    register_scores(KeepDepth, (OFFSET, PITCH), _pitch)
+    register_pilot(KeepDepth, "autopilot")(DepthPilot)
+    keys = [m.key for m in metrics(system_with(task))]
+    assert keys == [*COMMON, "offset", "pitch", "nees", "unhealthy"]
+    assert pilot_names(system_with(task)) == ("autopilot",)
+    assert type(make_pilot("autopilot", system_with(task))) is DepthPilot
+
+
+def test_registered_figures_are_those_of_the_flight():
+    register_scores(KeepDepth, (OFFSET, PITCH), _pitch)
+    register_pilot(KeepDepth, "autopilot")(DepthPilot)
+    flight = rollout("autopilot", ENV, [3, 4])
+    figures = scores(flight)
+    last = flight.history["truth"][-1]
+    np.testing.assert_allclose(figures["offset"], np.abs(last[:, 4] - flight.history["reference"][-1, :, 0]))
+    np.testing.assert_allclose(figures["pitch"], np.rad2deg(np.abs(last[:, 5])))
+    np.testing.assert_array_equal(figures["score"], rollout(OWN, ENV, [3, 4]).score)
+
+
+def test_the_nearest_class_counts():
+    register_scores(KeepDepth, (OFFSET,))
+    register_scores(KeepShallowDepth, (PITCH,), _pitch)
+    assert [m.key for m in metrics(system_with(KeepShallowDepth()))] == [*COMMON, "pitch", "nees", "unhealthy"]
+    assert [m.key for m in metrics(SYSTEM)] == [*COMMON, "offset", "nees", "unhealthy"]
+
+
+def test_steps_may_be_said_in_a_sheets_own_words():
+    register_scores(
+        KeepDepth, (Metric("steps", "Steps", "", "higher", 0, "Till lost.", of=lambda flown: flown.length),)
+    )
+    assert [m.meaning for m in metrics(SYSTEM) if m.key == "steps"] == ["Till lost."]
+
+
+@pytest.mark.parametrize(
+    ("attempt", "error", "sentence"),
+    [
+        (lambda: register_scores("KeepDepth", ()), TypeError, "for a class of tasks"),  # type: ignore[arg-type]
+        (lambda: register_scores(KeepDepth, ("offset",)), TypeError, "made of metrics"),  # type: ignore[arg-type]
+        (lambda: register_scores(KeepDepth, (PITCH,)), ValueError, "nothing says how 'pitch' is found"),
+        (lambda: register_scores(KeepDepth, (OFFSET, OFFSET)), ValueError, "keys of their own"),
+        (lambda: register_scores(Dive, (OFFSET,)), ValueError, "its score sheet from agents.sheets.dive: subclass"),
+        (lambda: register_pilot(KeepDepth(), "me")(DepthPilot), TypeError, "class of tasks"),  # type: ignore[arg-type]
+        (lambda: register_pilot(KeepDepth, "a:b"), ValueError, "without a colon"),
+        (lambda: register_pilot(KeepDepth, "random"), ValueError, "other than random, ppo, checkpoint"),
+        (lambda: register_pilot(Dive, "autopilot")(DepthPilot), ValueError, "its pilot 'autopilot' from agents.pilots"),
+        (lambda: register_scene(Dive)(object), ValueError, "its scene from vessel_gym.rendering.dive"),
+    ],
+)
+def test_what_cannot_be_registered_is_refused_in_one_sentence(attempt, error: type, sentence: str):
+    with pytest.raises(error, match=sentence) as raised:
+        attempt()
+    assert "\n" not in str(raised.value)
+
+
+def test_the_same_module_may_register_again():
+    register_scores(KeepDepth, (OFFSET,))
+    register_scores(KeepDepth, (PITCH,), _pitch)
+    assert "pitch" in [m.key for m in metrics(SYSTEM)]
+
+
+# --- pictures ------------------------------------------------------------------------------------------
+
+
+def picture(task: object, steps: int = 5, **options: object) -> np.ndarray:
+    pytest.importorskip("pygame")
+    core = Core(system_with(task), 1, **options)  # type: ignore[arg-type]
+    core.start(seed=0)
+    renderer = make_renderer(core, "rgb_array", 20)
+    renderer.begin()
+    renderer.record()
+    for _ in range(steps):
+        core.step(np.full((1, 2), 0.5))
+        renderer.record()
+    drawn = renderer.draw()
+    assert drawn is not None
+    return drawn
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"estimator": "truth"}, {"estimator": "dead-reckoning"}, {"observe": "measurement"}]
+)
+def test_a_task_without_a_scene_has_the_plain_one(options: dict[str, str]):
+    drawn = picture(KeepDepth(), **options)
+    assert drawn.shape == (720, 1008, 3)
+    assert len(np.unique(drawn.reshape(-1, 3), axis=0)) > 50
+    assert (drawn != picture(KeepDepth(), steps=9, **options)).any()
+
+
+class Foreign:
+    """A task of ours that is no instance of its class: whatever is asked of it, it passes on."""
+
+    def __init__(self, task: object) -> None:
+        self._task = task
+
+    def __getattr__(self, name: str) -> object:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        return getattr(self._task, name)
+
+
+@pytest.mark.parametrize("env_id", ["SigmaCorvette-v0", "SegorogeniAUV-v0", "PunaUAV-v0"])
+def test_every_vehicle_can_be_drawn_plainly(env_id: str):
+    pytest.importorskip("pygame")
+    system = gym.make(env_id).unwrapped.system  # type: ignore[attr-defined]
+    core = Core(replace(system, task=Foreign(system.task)), 1)
+    core.start(seed=0)
+    renderer = make_renderer(core, "rgb_array", 20)
+    renderer.begin()
+    renderer.record()
+    core.step(np.zeros((1, core.action_size)))
+    renderer.record()
+    drawn = renderer.draw()
+    assert drawn is not None
+    assert len(np.unique(drawn.reshape(-1, 3), axis=0)) > 50
+
+
+def test_the_plain_scene_shows_truth_and_estimate_actions_and_score(monkeypatch: pytest.MonkeyPatch):
+    pytest.importorskip("pygame")
+    from vessel_gym.rendering.canvas import BELIEVED, TRUE, Canvas
+
+    written: list[str] = []
+    write = Canvas.text
+
+    def text(canvas: Canvas, x: float, y: float, text: str, *rest: object, **more: object) -> float:
+        written.append(text)
+        return write(canvas, x, y, text, *rest, **more)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(Canvas, "text", text)
+    drawn = picture(KeepDepth())
+    for words in ("Seen from the side", "u", "w", "q", "theta", "Actions", "stern plane", "thrust", "Score so far"):
+        assert words in written
+    for colour in (TRUE, BELIEVED):
+        assert (drawn[94:500, 18:500] == np.array(colour, np.uint8)).all(-1).any()
+
+
+def test_a_registered_scene_is_drawn_for_the_task_and_its_subclasses():
+    pytest.importorskip("pygame")
+
+    @register_scene(KeepDepth)
+    class Blank:
+        title = "nothing"
+
+        def __init__(self, core: Core, row: int) -> None: ...
+
+        def begin(self) -> None: ...
+
+        def record(self) -> None: ...
+
+        def draw(self, canvas) -> None:
+            canvas.clear((1, 2, 3))
+
+    for task in (KeepDepth(), KeepShallowDepth()):
+        assert (picture(task) == np.array([1, 2, 3])).all()
+
+
+def test_a_subclass_of_a_task_of_ours_has_all_that_ours_has():
+    class Mine(SpatialDive): ...
+
+    given = SegorogeniAUVEnv.system.task
+    mine = Mine(**{field.name: getattr(given, field.name) for field in fields(given)})
+    assert PILOTS.of(mine) == PILOTS.of(given)
+    assert SHEETS.of(mine) == SHEETS.of(given)
+    pytest.importorskip("pygame")
+    assert SCENES.of(mine) == SCENES.of(given)
+
+
+# --- studies, and what results depend on ---------------------------------------------------------------
+
+STUDY = f"""
+episodes = 2
+[environments]
+"own_task:{ENV}" = {{}}
+SigmaCorvette-v0 = {{}}
+[estimators]
+truth = {{}}
+[agents]
+mine = {{ kind = "{OWN}", environments = ["own_task:{ENV}"] }}
+lqg = {{ environments = ["SigmaCorvette-v0"] }}
+"""
+
+
+def read(tmp_path: Path, text: str) -> Study:
+    (tmp_path / "study.toml").write_text(text, encoding="utf-8")
+    return read_study(tmp_path / "study.toml")
+
+
+def test_studies_fly_registered_pilots_and_leave_out_those_that_a_task_has_not(tmp_path: Path):
+    planned = plan(read(tmp_path, STUDY))
+    flown = {(f.environment.partition(":")[2] or f.environment, f.agent) for f in planned.flights}
+    assert flown == {(ENV, "mine"), ("SigmaCorvette-v0", "lqg"), ("SigmaCorvette-v0", "autopilot")}
+    assert [(s.what, "unknown agent 'autopilot'" in s.reason) for s in planned.skipped] == [("autopilot", True)]
+
+
+def test_a_study_says_which_pilots_there_are(tmp_path: Path):
+    with pytest.raises(StudyError, match=r"unknown kind of agent 'lqr'.*\(did you mean 'lqg'\?\)"):
+        read(tmp_path, STUDY + 'x = { kind = "lqr" }\n')
+
+
+def test_where_nothing_has_an_autopilot_a_pilot_of_ones_own_takes_its_place(tmp_path: Path):
+    alone = STUDY.replace("SigmaCorvette-v0 = {}\n", "").replace('lqg = { environments = ["SigmaCorvette-v0"] }\n', "")
+    assert [agent.name for agent in read(tmp_path, alone).agents] == ["mine"]
+    without = "".join(line for line in alone.splitlines(keepends=True) if not line.startswith("mine"))
+    with pytest.raises(StudyError, match="no environment of the study has an autopilot: name a pilot"):
+        read(tmp_path, without)
+
+
+def test_a_cell_depends_on_the_sheets_and_pilots_that_are_looked_up_by_the_task():
+    imported = _closure("agents.studies.flying", "agents", {})
+    ours = {f"agents.{room}.{task}" for room in ("pilots", "sheets") for task in ("dive", "flight", "turning")}
+    assert ours | {"agents.pilots", "agents.sheets"} <= set(imported)
+
+
+def test_a_cell_depends_on_a_sheet_and_a_pilot_that_are_registered_elsewhere(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    text = (
+        "import own_task\nfrom agents import register_pilot, register_scores\n"
+        "register_scores(own_task.KeepDepth, ())\n"
+        "@register_pilot(own_task.KeepDepth, 'mine')\nclass Mine(own_task.DepthPilot):\n    gain = 1\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    path = tmp_path / "registered_elsewhere.py"
+    path.write_text(text, encoding="utf-8")
+    worlds.import_own({"registered_elsewhere": ""})
+    digests = []
+    for written in (text, text.replace("gain = 1", "gain = 2")):
+        path.write_text(written, encoding="utf-8")
+        source_digest.cache_clear()
+        digests.append(worlds.registered(f"own_task:{ENV}", "mine"))
+    assert [list(each) for each in digests] == 2 * [["registered_elsewhere"]]
+    assert digests[0] != digests[1]
+    assert worlds.registered("SigmaCorvette-v0", "autopilot") == {}

@@ -1,0 +1,61 @@
+"""A vehicle's sensors, what they give without a filter, and a sea: what the tests of all vehicles share."""
+
+import numpy as np
+
+from estimators import Gaussian
+from vessel_gym.composition import Composition
+from vessel_gym.disturbances import Disturbance
+from vessel_gym.estimation import HeldMeasurement
+from vessel_gym.processes import Process
+from vessel_gym.sensors import Sensors, SensorSuite
+from vessel_gym.system import Vehicle
+
+
+def sensors_of(vehicle: Vehicle, noise: float = 1.0) -> Sensors:
+    """A vehicle's sensors with so many times their nominal noise."""
+    each = SensorSuite(noise=noise).of(vehicle.sensors)
+    return Sensors(each, vehicle.state_names, vehicle.kicks + vehicle.flows, vehicle.dt)
+
+
+def forcing(vehicle: Vehicle, flow: np.ndarray) -> np.ndarray:
+    """The forcing ``(..., f)`` of a flow that kicks nothing."""
+    return np.concatenate([np.zeros((*flow.shape[:-1], len(vehicle.kicks))), flow], -1)
+
+
+class UnevenWater(Disturbance):
+    """Water that kicks every velocity by another amount, in a current of another size along every axis.
+
+    Args:
+        vehicle: What is kicked.
+        kicks: Standard deviations of what a step kicks each of its velocities.
+        currents: Of the components of the current [m/s], which change in 200 s.
+    """
+
+    def __init__(self, vehicle: Vehicle, kicks: tuple[float, ...], currents: tuple[float, ...]) -> None:
+        self.names = self.forces = vehicle.flows
+        self.shakes, self.white = vehicle.kicks, np.diag(kicks)
+        self.process = Process.wandering(currents, 200.0, vehicle.dt)
+
+
+def without_a_filter(
+    told: Composition, inputs: tuple[str, ...], readings: np.ndarray, previous: np.ndarray | None = None, steps: int = 1
+) -> tuple[np.ndarray, np.ndarray]:
+    """State ``(B, n)`` and unknown input ``(B, q)`` that the last readings ``(B, p)`` give, as environments hold them.
+
+    Args:
+        told: What is known of the world.
+        inputs: Names of the unknown input.
+        readings: The last ones.
+        previous: Those before; None: these are the first.
+        steps: How many steps lie between the two.
+    """
+    held = HeldMeasurement(told, inputs)
+    n = len(told.names)
+    belief = held.init(Gaussian(np.zeros((len(readings), n)), np.eye(n)))
+    if previous is not None:
+        belief = held.update(belief, previous)
+        for _ in range(steps):
+            belief = held.predict(belief, told.vehicle.cruise[1])
+    belief = held.update(belief, readings)
+    assert belief.input_mean is not None
+    return belief.mean, belief.input_mean

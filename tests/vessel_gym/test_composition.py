@@ -1,0 +1,773 @@
+"""A filter's model is composed of vehicle, disturbance and sensors, of one's own too, as much as it is told of them.
+
+Statistical tests have fixed seeds; their bands say their false-alarm rates.
+"""
+
+import copy
+import pickle
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from contract import (
+    CARRIED,
+    ENVIRONMENTS,
+    FEW_MEMBERS,
+    MODES,
+    AlteredCore,
+    assert_apart,
+    assert_same_tree,
+    assert_sound,
+    make_batch,
+    make_core,
+    observations_when_truth_is_altered,
+    single_class,
+)
+from scipy.linalg import block_diag
+from scipy.stats import chi2
+from scipy.stats import t as student
+
+from estimators import Gaussian, LinearModel, NonlinearModel, chi_square_band, make, nees
+from vessel_gym.composition import Forces, compose
+from vessel_gym.core import Core
+from vessel_gym.disturbances import Disturbance, Sea
+from vessel_gym.processes import Process
+from vessel_gym.sensors import SUITES, Bias, Sensor, Sensors, plain
+
+every_environment = pytest.mark.parametrize("env_id", ENVIRONMENTS)
+AUV, SHIP = "SegorogeniAUV-v0", "SigmaCorvette-v0"
+
+
+# --- sensors and disturbances of one's own ----------------------------------------------------------
+
+
+def slant(state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
+    """Slant range, bearing and elevation of the vehicle from the origin."""
+    x, y, z = state[..., 6], state[..., 7], state[..., 8]
+    level = np.hypot(x, y)
+    return np.stack([np.hypot(level, z), np.arctan2(y, x), np.arctan2(z, level)], -1)
+
+
+def place(readings: np.ndarray, known: Any) -> dict[str, np.ndarray]:
+    distance, bearing, elevation = readings[..., 0], readings[..., 1], readings[..., 2]
+    level = distance * np.cos(elevation)
+    return {"x": level * np.cos(bearing), "y": level * np.sin(bearing), "z": distance * np.sin(elevation)}
+
+
+USBL = Sensor(
+    "USBL", ("slant range [m]", "bearing [rad]", "elevation [rad]"), slant, (0.1, 0.02, 0.02), rate=1.0, dropout=0.1,
+    range=((1.0, 100.0), (-4.0, 4.0), (-2.0, 2.0)), angles=(1, 2), scale=(10.0, 1.0, 1.0), inverse=place,
+)  # fmt: skip
+WITHOUT_FIXES = [sensor for sensor in single_class(AUV).system.vehicle.sensors if sensor.name != "acoustic position"]
+WITH_USBL = [*WITHOUT_FIXES, USBL]
+
+
+class Sheared(Disturbance):
+    """A current that wanders, and fades with depth; and turbulence."""
+
+    names = ("surface current north", "surface current east")
+    forces = ("current north", "current east")
+    process = Process.wandering((0.3, 0.3), 60.0, 0.1)
+    shakes = tuple(f"kick {name}" for name in "uvwpqr")
+    white = 0.005 * np.eye(6)
+    dt = 0.1
+
+    def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
+        """The current at the vehicle's depth."""
+        return z * np.exp(-np.maximum(state[..., 8:9], 0.0) / 4.0)
+
+
+class Swell(Disturbance):
+    """Second-order swell that heaves and pitches a vehicle, less and less with depth; and turbulence."""
+
+    names = ("swell", "swell rate")
+    forces = ("kick w", "kick q")
+    process = Process.stationary(np.array([[0.0, 1.0], [-1.0, -0.2]]), np.diag([0.0, 0.4]), 0.1)
+    shakes = ("kick u", "kick v", "kick p", "kick r")
+    white = 0.005 * np.eye(4)
+    dt = 0.1
+
+    def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
+        """Kicks on heave and pitch rate over a step."""
+        return z * [0.01, 0.02] * np.exp(-np.maximum(state[..., 8:9], 0.0) / 10.0)
+
+
+OWN = {"sheared": Sheared(), "swell": Swell()}
+own_disturbances = pytest.mark.parametrize("disturbance", OWN.values(), ids=OWN)
+
+
+def gyroscope(**bias: Any) -> list[Sensor]:
+    """The nominal sensors, but for a bias of the gyroscope."""
+    names = tuple(f"bias {name}" for name in "pqr")
+    return [
+        replace(sensor, bias=Bias(names, scale=0.01, **bias)) if sensor.name == "gyroscope" else sensor
+        for sensor in single_class(AUV).system.vehicle.sensors
+    ]
+
+
+BIASED = {
+    "constant": gyroscope(start=(0.02,) * 3),
+    "walking": gyroscope(start=(0.01,) * 3, pace=(0.003,) * 3),
+    "drifting": gyroscope(start=(0.01,) * 3, slope=(0.001,) * 3),
+}
+
+
+# --- the model is the world's -----------------------------------------------------------------------
+
+WORLDS: list[tuple[str, dict[str, Any]]] = [
+    *((env_id, {"estimator_options": {"told": {"as": "states"}, "model": "nonlinear"}}) for env_id in ENVIRONMENTS),
+    *((AUV, {"sensors": sensors}) for sensors in (WITH_USBL, *BIASED.values())),
+    *((AUV, {"disturbance": disturbance}) for disturbance in OWN.values()),
+]
+every_world = pytest.mark.parametrize(
+    ("env_id", "chosen"), WORLDS, ids=[*ENVIRONMENTS, "USBL", *(f"{name} bias" for name in BIASED), *OWN]
+)
+
+
+def undisturbed(core: Core) -> None:
+    """From now on for a step nothing is new."""
+    core.noise = np.zeros_like(core.noise)
+    core.forcing = core.forcing.copy()
+    core.forcing[:, core.forces.shaken] = 0.0
+
+
+@every_world
+def test_where_nothing_is_new_the_world_moves_and_is_read_as_the_filter_has_it(env_id: str, chosen: dict[str, Any]):
+    core = make_core(env_id, 5, seed=1, estimator="dead-reckoning", **({"disturbance": "rough"} | chosen))
+    core.reset()
+    model = core.composition.model
+    assert isinstance(model, NonlinearModel)
+    rng, size = np.random.default_rng(1), core.action_size
+    for _ in range(20):
+        action = rng.uniform(-1.0, 1.0, (5, size)) * (
+            env_id not in (SHIP, "vessel_gym/Ship-v0")
+        )  # which is told the mean rudder of a step
+        undisturbed(core)
+        before, where = core.estimated(core.truth), core.actuators
+        np.testing.assert_allclose(
+            model.measurement(before, None), core.sensors.exact(core.state, core.forcing, core.loop.bias), atol=1e-12
+        )
+        u = core.vehicle.known_input(
+            where, core.vehicle.actuate(where, action), core.task.commanded(core.course, core.steps)
+        )
+        core.step(action)
+        np.testing.assert_allclose(core.estimated(core.truth), model.transition(before, u), rtol=1e-12, atol=1e-12)
+        assert np.abs(core.estimated(core.truth) - before).max() > 1e-3
+
+
+@every_world
+def test_what_is_new_in_the_world_has_the_covariance_that_the_filter_is_told(env_id: str, chosen: dict[str, Any]):
+    rows, steps = 1000, 10
+    core = make_core(env_id, rows, seed=2, estimator="dead-reckoning", **({"disturbance": "rough"} | chosen))
+    core.reset(options={"obstacles": []} if env_id in ("PunaUAV-v0", "vessel_gym/FixedWing-v0") else None)
+    model, vehicle, fresh = core.composition.model, core.vehicle, []
+    for _ in range(steps):
+        before, where = core.estimated(core.truth), core.actuators
+        idle = np.zeros((rows, core.action_size))
+        u = vehicle.known_input(where, vehicle.actuate(where, idle), core.task.commanded(core.course, core.steps))
+        core.step(idle)
+        fresh.append(core.estimated(core.truth) - model.transition(before, u))
+    sample = np.concatenate(fresh)
+    Q = model.Q.copy()
+    base = core.composition.base
+    Q[:base, :base] -= np.diag(vehicle.process_sd[:base] ** 2)  # what models leave out comes on top
+    moving = np.diag(Q) > 1e-18
+    scale = np.sqrt(np.where(moving, np.diag(Q), 0.0))
+    np.testing.assert_allclose(sample[:, ~moving], 0.0, atol=1e-12)
+    found = sample[:, moving].T @ sample[:, moving] / len(sample) / np.outer(scale[moving], scale[moving])
+    # a covariance of 10,000 unit normals has a standard deviation of at most 1.5 / sqrt(10,000): 7 of them
+    expected = Q[np.ix_(moving, moving)] / np.outer(scale[moving], scale[moving])
+    np.testing.assert_allclose(found, expected, rtol=0, atol=7.0 * 1.5 / np.sqrt(len(sample)))
+
+
+@every_world
+def test_what_is_known_at_the_start_is_how_episodes_start(env_id: str, chosen: dict[str, Any]):
+    """By chi-square of 2000 starts, false alarm 1e-6; dead reckoning believes what it is told and nothing else."""
+    rows = 2000
+    core = make_core(env_id, rows, seed=3, estimator="dead-reckoning", **({"disturbance": "rough"} | chosen))
+    core.reset(options={"obstacles": []} if env_id in ("PunaUAV-v0", "vessel_gym/FixedWing-v0") else None)
+    n = len(core.composition.names)
+    known = np.diagonal(core.belief.cov, axis1=-2, axis2=-1)[0] > 0.0
+    error = core.estimated(core.truth) - core.belief.mean
+    np.testing.assert_allclose(error[:, ~known], 0.0, atol=1e-12)  # a drift of nothing
+    cov = core.belief.cov[..., known, :][..., known]
+    values = nees(error[:, known], cov, np.zeros((rows, known.sum())))
+    low, high = chi2.ppf([5e-7, 1 - 5e-7], rows * known.sum()) / rows
+    assert low < values.mean() < high
+    assert known.sum() >= n - 3
+
+
+# --- biases -----------------------------------------------------------------------------------------
+
+
+def fly(core: Core, steps: int) -> tuple[np.ndarray, np.ndarray]:
+    """Steer gently: errors of all that the filter estimates ``(steps, rows, n)``, and their NEES ``(steps, rows)``."""
+    angles = tuple(i for i, name in enumerate(core.composition.names) if name in core.vehicle.angles)
+    errors, values = [], []
+    for k in range(steps):
+        core.step(np.tile([0.2 * np.sin(0.05 * k), 0.1, 0.0], (core.num_envs, 1)))
+        truth, belief = core.estimated(core.truth), core.belief
+        errors.append(belief.mean - truth)
+        values.append(nees(belief.mean, belief.cov, truth, angles=angles))
+    return np.stack(errors), np.stack(values)
+
+
+def assert_consistent(core: Core, values: np.ndarray) -> None:
+    """NEES ``(steps, rows)``: at every step the mean over the rows lies in a chi-square band of false alarm 1e-5."""
+    low, high = chi_square_band(values.shape[1], len(core.composition.names), 1.0 - 1e-5)
+    means = values.mean(-1)
+    assert low < means.min()
+    assert means.max() < high
+
+
+@pytest.mark.parametrize("sensors", BIASED.values(), ids=BIASED)
+def test_a_filter_that_is_told_of_a_bias_finds_it_and_is_consistent(sensors: list[Sensor]):
+    core = make_core(AUV, 200, seed=4, estimator="ekf", sensors=sensors)
+    core.reset()
+    begun = np.diagonal(core.belief.cov, axis1=-2, axis2=-1)[0]
+    errors, values = fly(core, 150)
+    columns = [core.composition.names.index(f"bias {name}") for name in "pqr"]
+    found = np.sqrt(np.mean(errors[-20:, :, columns] ** 2))
+    raw = np.sqrt(np.mean(core.loop.bias[:, :3] ** 2))
+    assert found < 0.5 * raw
+    assert (np.diagonal(core.belief.cov, axis1=-2, axis2=-1)[:, columns] < begun[columns]).all()
+    assert_consistent(core, values[20:])
+
+
+def test_a_filter_that_is_not_told_of_a_bias_is_not_consistent():
+    """The test above can fail: without the bias among its states the filter is far too sure."""
+    biased, unbiased = BIASED["constant"], single_class(AUV).system.vehicle.sensors
+    core = make_core(AUV, 100, seed=4, estimator="ekf", sensors=biased)
+    other = make_core(AUV, 100, seed=4, estimator="ekf", sensors=list(unbiased))
+    core.reset()
+    other.reset(readings=core.readings)
+    values = []
+    for _ in range(100):
+        core.step(np.zeros((100, 3)))
+        other.step(np.zeros((100, 3)), readings=core.readings)
+        # the truth of the one without, seen by who is handed the biased readings
+        truth = core.truth[:, : other.belief.mean.shape[1]]
+        values.append(nees(other.belief.mean, other.belief.cov, truth, angles=(9, 10, 11)))
+    assert np.mean(values[20:]) > 2.0 * len(other.composition.names)
+
+
+# --- a sensor of one's own --------------------------------------------------------------------------
+
+CARRIED_BY_AUV = [name for env_id, name in CARRIED if env_id == AUV]
+
+
+def position_error(core: Core, steps: int = 200) -> np.ndarray:
+    """RMS over time of the distance between true and believed position, one value a row ``(rows,)``."""
+    core.reset()
+    squares = []
+    for k in range(steps):
+        core.step(np.tile([0.3 * np.sin(0.05 * k), 0.1, 0.0], (core.num_envs, 1)))
+        squares.append(((core.belief.mean - core.estimated(core.truth))[:, 6:9] ** 2).sum(-1))
+    return np.sqrt(np.mean(squares, 0))
+
+
+def assert_smaller(one: np.ndarray, other: np.ndarray) -> None:
+    """Paired means, with a 99.9 % interval."""
+    difference = other - one
+    half = student.ppf(0.9995, len(one) - 1) * difference.std(ddof=1) / np.sqrt(len(one))
+    assert difference.mean() - half > 0.0
+
+
+@pytest.mark.parametrize("estimator", CARRIED_BY_AUV)
+def test_an_acoustic_system_of_ones_own_works_with_every_estimator_and_tells_where_the_vehicle_is(estimator: str):
+    errors = [
+        position_error(make_core(AUV, 24, seed=5, estimator=estimator, sensors=sensors, disturbance="rough"))
+        for sensors in (WITH_USBL, WITHOUT_FIXES)
+    ]
+    if estimator in ("truth", "dead-reckoning"):  # which use no readings
+        np.testing.assert_array_equal(*errors)
+    else:
+        assert_smaller(*errors)
+
+
+def test_the_localisation_of_a_sensor_that_says_nothing_of_what_it_informs_follows_from_its_geometry():
+    core = make_core(AUV, 1, sensors=WITH_USBL)
+    names, mask = core.composition.names, core.filter.localisation
+    informed = [{name for name, on in zip(names, column, strict=True) if on} for column in mask[:, -3:].T]
+    assert {"x", "y", "z"} <= informed[0]  # the range
+    assert {"x", "y"} <= informed[1]  # the bearing
+    assert "z" not in informed[1]
+    assert {"x", "y", "z"} <= informed[2]  # the elevation
+    nominal = make_core(AUV, 1).filter.localisation
+    np.testing.assert_array_equal(mask[:, :-3], nominal[:, :-2])  # the others as they were
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_gymnasium_makes_an_environment_with_sensors_of_ones_own(mode: str):
+    env = gym.make(AUV, sensors=WITH_USBL, observe=mode)
+    batch = make_batch(AUV, 2, sensors=WITH_USBL, observe=mode)
+    core = env.unwrapped.core
+    assert core.sensors_name == "own"
+    assert env.observation_space.shape == batch.single_observation_space.shape
+    (one, info), (two, _) = env.reset(seed=6), batch.reset(seed=6)
+    for _ in range(30):
+        np.testing.assert_allclose(two[0], one, rtol=0, atol=1e-6)
+        assert env.observation_space.contains(one)
+        assert info["measurement"].shape == (13,)
+        one, _, _, _, info = env.step(np.zeros(3, np.float32))
+        two = batch.step(np.zeros((2, 3), np.float32))[0]
+    assert info["available"][:3].any()
+
+
+def test_copies_with_parts_of_ones_own_go_on_as_the_original():
+    compass = Sensor("compass", ("psi",), plain((11,)), (0.02,), angles=(0,), gives=("psi",))
+    env = single_class(AUV)(sensors=[USBL, compass], disturbance=OWN["sheared"])
+    env.reset(seed=7)
+    env.step(np.zeros(3))
+    copies = copy.deepcopy(env), pickle.loads(pickle.dumps(env))
+    for _ in range(15):
+        expected = env.step(np.full(3, 0.3))
+        for other in copies:
+            assert_same_tree(other.step(np.full(3, 0.3)), expected)
+
+
+# --- a disturbance of one's own ---------------------------------------------------------------------
+
+
+@own_disturbances
+@pytest.mark.parametrize("how", ["states", "input", "noise"])
+def test_a_disturbance_of_ones_own_works_with_every_estimator(disturbance: Disturbance, how: str):
+    flown = 0
+    refused = {"kf": "LinearModel", "kf-umv-ui": "LinearModel", "kf-umv-ui-wdf": "LinearModel", "ulise": "LinearModel"}
+    if how != "input":
+        refused |= dict.fromkeys(("ekf-ui-wdf", "ukf-umv"), "an unknown input")
+    for estimator in (*CARRIED_BY_AUV, *refused, "ekf-ui-wdf", "ukf-umv"):
+        told = {"told": {"as": how}} | FEW_MEMBERS.get(estimator, {})
+        chosen = {"estimator": estimator, "estimator_options": told, "disturbance": disturbance, "observe": "mean+std"}
+        if estimator in refused:
+            with pytest.raises(ValueError, match=f"{estimator} needs .*{refused[estimator]}"):
+                make_core(AUV, 3, **chosen)
+            continue
+        core = make_core(AUV, 3, seed=8, **chosen)
+        assert core.disturbance_name == "own"
+        core.reset()
+        for _ in range(40):
+            reward, _ = core.step(np.full((3, 3), 0.1))
+            assert_sound(core, core.observe(), reward, core.info())
+        held = len(disturbance.names) * (how == "states" or estimator == "truth")
+        assert len(core.composition.names) == 12 + held
+        assert (core.belief.input_mean is not None) == (estimator in ("ekf-ui-wdf", "ukf-umv", "truth", "measurement"))
+        flown += 1
+    assert flown == len(CARRIED_BY_AUV) + 2 * (how == "input")
+
+
+@pytest.mark.parametrize("estimator", ["ekf", "ukf", "enkf"])
+@own_disturbances
+def test_who_is_told_of_a_disturbance_of_ones_own_sees_better(disturbance: Disturbance, estimator: str):
+    errors = []
+    for how in ("states", "noise"):
+        told = {"told": {"as": how}}
+        core = make_core(AUV, 48, seed=9, estimator=estimator, estimator_options=told, disturbance=disturbance)
+        core.reset()
+        error = fly(core, 150)[0]
+        columns = [6, 7] if disturbance is OWN["sheared"] else [2]  # the position in plan, or heave
+        errors.append(np.sqrt(np.mean(error[20:, :, columns] ** 2, (0, 2))))
+    assert_smaller(*errors)
+
+
+@own_disturbances
+def test_an_ekf_that_is_told_of_a_disturbance_of_ones_own_is_consistent(disturbance: Disturbance):
+    core = make_core(AUV, 200, seed=10, estimator="ekf", disturbance=disturbance)
+    core.reset()
+    assert_consistent(core, fly(core, 120)[1][20:])
+
+
+# --- truth stays where it is ------------------------------------------------------------------------
+
+LEAKS: list[tuple[str, dict[str, Any]]] = [
+    (AUV, {"sensors": WITH_USBL, "estimator": "enkf", "estimator_options": {"members": 20}}),
+    (AUV, {"sensors": BIASED["drifting"], "estimator": "ekf"}),
+    (AUV, {"sensors": BIASED["walking"], "estimator": "measurement", "disturbance": OWN["swell"]}),
+    (AUV, {"disturbance": OWN["sheared"], "estimator": "ukf"}),
+    (AUV, {"disturbance": OWN["swell"], "estimator": "ukf-umv", "estimator_options": {"told": {"as": "input"}}}),
+    (SHIP, {"estimator": "kf", "estimator_options": {"told": {"as": "states", "disturbance": "calm"}}}),
+    (SHIP, {"estimator": "ekf", "estimator_options": {"told": {"as": "noise", "Q": 2.0, "R": 0.5, "prior": 3.0}}}),
+]
+
+
+@pytest.mark.parametrize(("env_id", "chosen"), LEAKS, ids=range(len(LEAKS)))
+def test_no_observation_changes_when_truth_does_with_parts_of_ones_own(env_id: str, chosen: dict[str, Any]):
+    one, other, distance = observations_when_truth_is_altered(env_id, **chosen)
+    assert_apart(distance)
+    for mode in MODES:
+        np.testing.assert_array_equal(one[mode], other[mode], err_msg=mode)
+        assert (np.ptp(one[mode], axis=0) > 0.01).any(), mode
+
+
+def test_what_alters_the_truth_alters_every_part_of_it():
+    """The test above can fail: of these parts, each is drawn where another draws it."""
+    cores = [cls(single_class(AUV).system, 3, sensors=BIASED["drifting"]) for cls in (Core, AlteredCore)]
+    for core in cores:
+        core.start(seed=0)
+    one, other = cores
+    for a, b in ((one.state, other.state), (one.sea_state, other.sea_state), (one.loop.bias, other.loop.bias)):
+        assert (np.abs(a - b).max(-1) > 1e-3).all()
+
+
+# --- what a filter is told --------------------------------------------------------------------------
+
+
+def told(env_id: str, rows: int = 2, estimator: str = "ekf", **chosen: Any) -> Core:
+    return make_core(env_id, rows, estimator=estimator, disturbance="rough", estimator_options={"told": chosen})
+
+
+@every_environment
+@pytest.mark.parametrize("how", ["states", "input", "noise"])
+def test_factors_scale_what_they_say_and_nothing_else(env_id: str, how: str):
+    as_it_is, factored = told(env_id, **{"as": how}), told(env_id, **{"as": how}, Q=2.0, R=3.0, prior=5.0)
+    one, other = as_it_is.composition.model, factored.composition.model
+    np.testing.assert_array_equal(other.Q, 2.0 * one.Q)
+    np.testing.assert_array_equal(other.R, 3.0 * one.R)
+    x, u = np.full((1, one.n), 0.5), as_it_is.vehicle.cruise[1]
+    np.testing.assert_array_equal(other.measurement(x, u), one.measurement(x, u))
+    np.testing.assert_array_equal(other.transition(x, u), one.transition(x, u))
+    starts = []
+    for factor in (1.0, 5.0):
+        core = told(env_id, estimator="dead-reckoning", prior=factor, **{"as": how})
+        core.reset()
+        starts.append(core.belief)
+    np.testing.assert_array_equal(starts[1].cov, 5.0 * starts[0].cov)
+    np.testing.assert_array_equal(starts[1].mean, starts[0].mean)
+
+
+@every_environment
+@pytest.mark.parametrize("how", ["states", "noise"])
+def test_who_is_told_of_another_sea_has_the_model_of_who_sails_it(env_id: str, how: str):
+    wrong = told(env_id, disturbance="calm", **{"as": how})
+    options = {"told": {"as": how}}
+    there = make_core(env_id, 2, estimator="ekf", disturbance="calm", estimator_options=options)
+    right = told(env_id, **{"as": how})
+    np.testing.assert_array_equal(wrong.composition.model.Q, there.composition.model.Q)
+    np.testing.assert_array_equal(wrong.composition.model.R, there.composition.model.R)
+    if how != "noise" or env_id not in (
+        "PunaUAV-v0",
+        "vessel_gym/FixedWing-v0",
+    ):  # whose kicks are the same in every wind
+        assert (np.diag(wrong.composition.model.Q) < np.diag(right.composition.model.Q)).any()
+    for core in (wrong, there, right):
+        core.reset()
+    np.testing.assert_array_equal(wrong.state, right.state)  # it is another sea to the filter alone
+    np.testing.assert_array_equal(wrong.sea_state, right.sea_state)
+    np.testing.assert_array_equal(wrong.readings[0], right.readings[0])
+    assert (wrong.sea_state != there.sea_state).any()
+
+
+@every_environment
+def test_a_disturbance_may_be_told_by_name_or_as_an_object(env_id: str):
+    sea = single_class(env_id).system.disturbances["moderate"]
+    cores = [told(env_id, disturbance=choice) for choice in ("moderate", sea)]
+    for core in cores:
+        core.reset()
+        for _ in range(5):
+            core.step(np.zeros((2, core.action_size)))
+    assert_same_tree(cores[0].info(), cores[1].info())
+
+
+@every_environment
+def test_whatever_is_told_the_oracle_knows_what_there_is(env_id: str):
+    cores = [
+        told(env_id, estimator="truth", **given) for given in ({}, {"as": "noise"}, {"disturbance": "calm", "Q": 2.0})
+    ]
+    for core in cores:
+        core.reset()
+        for _ in range(5):
+            core.step(np.zeros((2, core.action_size)))
+    for core in cores[1:]:
+        assert_same_tree(core.info(), cores[0].info())
+        np.testing.assert_array_equal(core.observe(), cores[0].observe())
+
+
+def flown(core: Core, steps: int = 60) -> dict[str, np.ndarray]:
+    """Everything in ``info`` at every step ``(T, N, ...)`` of a gentle zigzag."""
+    core.reset()
+    frames = [core.info()]
+    for k in range(steps):
+        core.step(np.full((core.num_envs, 1), 0.5 * np.sin(0.2 * k)))
+        frames.append(core.info())
+    return {key: np.stack([frame[key] for frame in frames]) for key in frames[0]}
+
+
+def test_told_as_white_is_the_variance_given_by_hand():
+    by_word = told(SHIP, 5, estimator="kf", **{"as": "white"})
+    sea = single_class(SHIP).system.disturbances["rough"]
+    variance = 0.25 * (sea.wave**2 + sea.gust**2)  # of dt times the yaw rates of waves and gusts
+    given = {"input_cov": np.array([[variance]])}
+    by_hand = make_core(SHIP, 5, estimator="kf", disturbance="rough", estimator_options=given)
+    one, other = flown(by_word), flown(by_hand)
+    for key in ("estimate", "covariance", "input_estimate", "measurement", "truth"):
+        np.testing.assert_allclose(one[key], other[key], rtol=0, atol=1e-12, err_msg=key)
+    ignorant = flown(make_core(SHIP, 5, estimator="kf", disturbance="rough"))
+    assert np.abs(one["estimate"] - ignorant["estimate"]).max() > 1e-3
+    with pytest.raises(ValueError, match=r"^only kf can be told of a white input with its variance, not ekf: "):
+        told(SHIP, estimator="ekf", **{"as": "white"})
+
+
+def test_told_as_noise_adds_what_kicks_do_to_state_and_readings_as_if_they_were_unrelated():
+    as_input, as_noise = (told(SHIP, estimator="ekf", **{"as": how}).composition for how in ("input", "noise"))
+    d = as_input.forces.kick_cov
+    G, H = as_input.model.G, as_input.model.H
+    np.testing.assert_allclose(as_noise.model.Q, as_input.model.Q + G @ d @ G.T, rtol=1e-14)
+    np.testing.assert_allclose(as_noise.model.R, as_input.model.R + H @ d @ H.T, rtol=1e-14)
+    assert as_noise.model.G is None
+    assert as_noise.model.H is None
+    np.testing.assert_array_equal(G, [[0.0], [0.0], [1.0], [0.0]])
+    np.testing.assert_array_equal(H, [[1.0], [1.0]])
+
+
+def linear_runs(model: LinearModel, runs: int, steps: int, prior: np.ndarray) -> np.ndarray:
+    """NEES ``(steps, runs)`` of the Kalman filter on a truth that is its own model in a turn."""
+    rng, u = np.random.default_rng(11), np.array([0.15, 0.02])
+    root, start = np.linalg.cholesky(model.Q), np.linalg.cholesky(prior)
+    x = rng.normal(size=(runs, model.n)) @ start.T
+    kf = make("kf", model)
+    belief, values = kf.init(Gaussian(np.zeros((runs, model.n)), prior)), []
+    for k in range(steps):
+        if k:
+            x = model.transition(x, u) + rng.normal(size=x.shape) @ root.T
+            belief = kf.predict(belief, u)
+        y = model.measurement(x, u) + rng.normal(size=(runs, model.p)) * np.sqrt(np.diag(model.R))
+        belief = kf.update(belief, y, u=u)
+        values.append(nees(belief.mean, belief.cov, x, angles=(2,)))
+    return np.stack(values)
+
+
+def test_a_kalman_filter_holds_the_waves_as_states_and_is_consistent():
+    composition = told(SHIP, estimator="kf", **{"as": "states"}).composition
+    assert composition.names == (
+        "v",
+        "r",
+        "psi",
+        "wave yaw",
+        "wave yaw rate",
+        "gust yaw rate",
+    )  # no current: none shows
+    assert isinstance(composition.model, LinearModel)
+    sea = composition.forces.disturbance
+    prior = block_diag(np.diag([0.2, 0.002, 0.03]) ** 2, sea.process.start_cov[:3, :3])
+    root = composition.model.Q + 1e-24 * np.eye(6)
+    means = linear_runs(replace(composition.model, Q=root), 200, 300, prior).mean(-1)
+    low, high = chi_square_band(200, 6)
+    assert np.mean((low <= means) & (means <= high)) >= 0.9
+
+
+def test_the_composed_linear_model_is_that_of_the_ship_and_of_the_sea_beside_each_other():
+    composition = told(SHIP, estimator="kf", **{"as": "states"}).composition
+    plain_model = told(SHIP, estimator="kf", **{"as": "input"}).composition.model
+    model, sea, u = composition.model, composition.forces.disturbance, np.array([0.1, 0.03])
+    d = np.array([0.0, 0.5, 0.5])  # yaw increment by wave yaw, wave yaw rate, gust yaw rate
+    expected = np.zeros((6, 6))
+    expected[:3, :3], expected[3:, 3:] = plain_model.A(u), sea.process.transition[:3, :3]
+    expected[2, 3:] = d
+    np.testing.assert_allclose(model.A(u), expected, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(model.B(u), np.vstack([plain_model.B(u), np.zeros((3, 2))]), rtol=0, atol=1e-15)
+    np.testing.assert_allclose(model.C, [[0, 0, 1, *d], [0, 0, 0, *d]], rtol=0, atol=1e-12)
+
+
+# --- what is misdeclared ----------------------------------------------------------------------------
+
+
+def disturbance(**attributes: Any) -> Disturbance:
+    """A current for the underwater vehicle, but for some attributes."""
+    base = {"names": ("a", "b"), "forces": ("current north", "current east"), "dt": 0.1,
+            "process": Process.wandering((0.1, 0.1), 50.0, 0.1)}  # fmt: skip
+    return type("Mine", (Disturbance,), base | attributes)()
+
+
+KICKED = {"shakes": ("kick u", "kick q"), "white": 0.01 * np.eye(2)}
+MISDECLARED = [
+    (AUV, disturbance(forces=("current north", "tide")), "Mine gives 'tide', but what acts on this vehicle is .*"),
+    (AUV, disturbance(shakes=("wave",), white=np.eye(1)), "Mine gives 'wave', but what acts on this vehicle is .*"),
+    (AUV, disturbance(forces=("current north",), shakes=("current east",), white=np.eye(1)),
+     "Mine shakes current east, which must be a kick .kick u, .* that its effect does not give"),
+    (AUV, disturbance(forces=("current north", "kick u"), **KICKED),
+     "Mine shakes kick u, which must be a kick .* that its effect does not give"),
+    (AUV, disturbance(dt=0.5), "Mine was made for steps of 0.5 s, the vehicle's are 0.1 s: give it dt=0.1"),
+    (AUV, Sea(wave=0.01, peak=1.0, gust=0.01, current=0.1, dt=0.1),
+     "Sea gives 'yaw increment', but what acts on this vehicle is .*"),
+    (SHIP, Sea(wave=0.01, peak=1.0, gust=0.01, current=0.1, dt=0.1),
+     "Sea was made for steps of 0.1 s, the vehicle's are 0.5 s: give it dt=0.5"),
+    (AUV, disturbance(names=("a",)), "Mine names 1 components of a state that has 2"),
+    (AUV, disturbance(names=("a", "a")), r"names of Mine must be a tuple of different names, got \('a', 'a'\)"),
+    (AUV, disturbance(forces="current north"), "forces of Mine must be a tuple of different names, got 'current .*"),
+    (AUV, disturbance(names=("a", "psi")), "Mine calls a component 'psi', as another is called"),
+    (AUV, disturbance(scale=(1.0,)), "scale of Mine must have 2 rows, got 1"),
+    (AUV, disturbance(**(KICKED | {"white": np.eye(3)})), "white of Mine must have 2 rows, got 3"),
+    (AUV, disturbance(shakes=("kick u",)), "white of Mine must have 1 rows, got 0"),
+    (AUV, disturbance(forces=("current north",)),
+     r"effect of Mine must give 1 values a row, for current north: z of shape \(2, 2\) gave \(2, 2\)"),
+    (AUV, disturbance(effect=lambda self, z, state: z[0]), r"effect of Mine must give 2 values a row, .* gave \(2,\)"),
+    (AUV, disturbance(effect=lambda self, z, state: z[..., [0, 2]]), r"effect of Mine failed on z of shape .*"),
+    (AUV, disturbance(told="state"), "a filter is told of a disturbance as one of states, input, .*, got 'state'"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("env_id", "mine", "sentence"), MISDECLARED, ids=range(len(MISDECLARED)))
+def test_a_disturbance_that_is_misdeclared_is_refused_in_one_sentence(env_id: str, mine: Disturbance, sentence: str):
+    for refused in (
+        lambda: make_core(env_id, 1, disturbance=mine),
+        lambda: make_core(env_id, 1, estimator_options={"told": {"disturbance": mine}}),
+    ):
+        assert_refused(refused, ValueError, f"^{sentence}$")
+
+
+def assert_refused(call: Callable[[], Any], kind: type[Exception], sentence: str) -> None:
+    with pytest.raises(kind, match=sentence) as why:
+        call()
+    assert "\n" not in str(why.value)
+    assert len(str(why.value)) < 300
+
+
+def test_a_process_whose_arrays_do_not_fit_is_refused_in_one_sentence():
+    sentence = r"^transition must have shape \(3, 3\), as many rows as root of shape \(3, 1\), got \(2, 2\)$"
+    assert_refused(lambda: Process(np.eye(2), np.zeros((3, 1)), np.eye(3)), ValueError, sentence)
+    sentence = r"^start_cov must have shape \(2, 2\), as many rows as root of shape \(2, 2\), got \(2,\)$"
+    assert_refused(lambda: Process(np.eye(2), np.eye(2), np.ones(2)), ValueError, sentence)
+    sentence = r"^A must be stable \(eigenvalues with negative real parts\): otherwise the process grows$"
+    assert_refused(lambda: Process.stationary(np.eye(2), np.eye(2), 0.1), ValueError, sentence)
+
+
+def sensor(reads: Callable[..., np.ndarray], **changed: Any) -> Sensor:
+    return Sensor("mine", ("a", "b"), reads, (1.0, 1.0), **changed)
+
+
+WRONG_SENSORS = [
+    (AUV, sensor(plain((6,))), r"reads of mine must give 2 values for each state: \(2, 3, 12\) gave \(2, 3, 1\), .*"),
+    (AUV, sensor(plain((11, 12))), "reads of mine must give 2 values for each state: .*"),
+    (AUV, sensor(lambda state, forcing: state[..., [11, 12]]), "reads of mine failed on states of shape .*"),
+    (AUV, sensor(plain((6, 7)), rate=3.0), "mine reads at 3 Hz, which does not divide the 10 steps a second: .*"),
+    (SHIP, sensor(plain((0, 1))), "mine reads x, which filters of this model do not estimate .they estimate v, r, "
+                                  "psi.: leave it out, or choose another model"),
+    (SHIP, sensor(plain((2, 3))), "mine reads u, which filters of this model do not estimate .they estimate v, .*"),
+    (AUV, sensor(plain((6, 7)), bias=Bias(("x", "y"), start=(1.0, 1.0))), "a bias is called 'x', as another .*"),
+    (AUV, sensor(plain((6, 7)), bias=Bias(("current north",), start=(1.0,))),
+     "a bias is called 'current north', as is a component of Water"),
+    (AUV, sensor(plain((6, 7)), informs=(("height",), ("depth",))),
+     "mine informs nothing that this filter estimates: name some of u, .*"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("env_id", "mine", "sentence"), WRONG_SENSORS, ids=range(len(WRONG_SENSORS)))
+def test_a_sensor_that_is_misdeclared_is_refused_in_one_sentence(env_id: str, mine: Sensor, sentence: str):
+    sensors = [*single_class(env_id).system.vehicle.sensors, mine]
+    assert_refused(lambda: make_core(env_id, 1, sensors=sensors), ValueError, f"^{sentence}$")
+
+
+def test_a_sensor_that_is_not_linear_is_refused_by_linear_filters_alone():
+    squared = sensor(lambda state, forcing: state[..., [2, 2]] ** 2)
+    sensors = [*single_class(SHIP).system.vehicle.sensors, squared]
+    sentence = "^mine is not linear in what the filter estimates: choose a filter for nonlinear models$"
+    assert_refused(lambda: make_core(SHIP, 1, sensors=sensors), ValueError, sentence)
+    make_core(SHIP, 1, sensors=sensors, estimator="ekf").reset()
+
+
+def test_surge_may_be_read_where_the_model_has_it():
+    sensors = [*single_class(SHIP).system.vehicle.sensors, Sensor("log", ("u",), plain((3,)), (0.1,))]
+    errors = []
+    for chosen in (sensors, sensors[:-1]):
+        core = make_core(SHIP, 16, seed=12, estimator="ekf", sensors=chosen)
+        seen = flown(core, 100)
+        errors.append(np.sqrt(np.mean((seen["estimate"][..., 3] - seen["truth"][..., 3]) ** 2, 0)))
+    assert_smaller(*errors)
+
+
+WRONGLY_TOLD = [
+    ({"sea": "calm"}, TypeError, "unknown key of told 'sea': choose from disturbance, as, Q, R, prior"),
+    ({"how": "states"}, TypeError, "unknown key of told 'how': choose from disturbance, as, Q, R, prior"),
+    ("calm", TypeError, "told must be a dictionary of values by name, or None, got 'calm'"),
+    ({"disturbance": "hurricane"}, ValueError, "unknown disturbance 'hurricane': choose from calm, moderate, rough"),
+    ({"disturbance": 3}, TypeError, "disturbance must be one of calm, moderate, rough, or a Disturbance object, got 3"),
+    (
+        {"as": "state"},
+        ValueError,
+        "a filter is told of a disturbance as one of states, input, white, noise, got 'state'",
+    ),
+    ({"as": ["states"]}, ValueError, "a filter is told of a disturbance as one of .*, got .'states'."),
+    ({"as": np.ones(2)}, ValueError, "a filter is told of a disturbance as one of .*, got array.*"),
+    ({"as": None}, ValueError, "a filter is told of a disturbance as one of .*, got None"),
+    ({"Q": 0.0}, ValueError, "Q of told must be a factor above 0, got 0.0"),
+    ({"R": -1.0}, ValueError, "R of told must be a factor above 0, got -1.0"),
+    ({"prior": np.nan}, ValueError, "prior of told must be a factor above 0, got nan"),
+    ({"Q": np.inf}, ValueError, "Q of told must be a factor above 0, got inf"),
+    ({"Q": "2"}, ValueError, "Q of told must be a factor above 0, got '2'"),
+    ({"R": np.eye(2)}, ValueError, "R of told must be a factor above 0, got .*"),
+]
+
+
+@every_environment
+@pytest.mark.parametrize(("wrong", "kind", "sentence"), WRONGLY_TOLD, ids=range(len(WRONGLY_TOLD)))
+def test_what_cannot_be_told_is_refused_in_one_sentence(env_id: str, wrong: Any, kind: type[Exception], sentence: str):
+    options = {"told": wrong}
+    assert_refused(lambda: make_core(env_id, 1, estimator="ekf", estimator_options=options), kind, f"^{sentence}$")
+    assert options == {"told": wrong}
+
+
+def test_a_white_kick_that_a_sensor_reads_as_it_comes_is_told_as_input():
+    """Of such a kick reading and state know at once: then a Kalman filter that is told of its variance is exact."""
+    shaken = {"names": (), "forces": (), "process": Process.joined(), "dt": 0.5, "shakes": ("yaw increment",),
+              "white": np.array([[0.009]])}  # fmt: skip
+    sentence = (
+        '^a sensor reads the white kicks of Mine as they come: a filter is told of them with {"as": "input"}, or '
+        '{"as": "white"}$'
+    )
+    assert_refused(lambda: make_core(SHIP, 1, disturbance=disturbance(**shaken)), ValueError, sentence)
+    mine = disturbance(**shaken, told="input")
+    np.testing.assert_allclose(Forces(single_class(SHIP).system.vehicle, mine).kick_cov, [[0.009**2]])
+    errors = []
+    for estimator, how in (("kf", "white"), ("kf", "input"), ("kf-umv-ui", "input")):
+        options = {"told": {"as": how}}
+        core = make_core(SHIP, 32, seed=13, estimator=estimator, estimator_options=options, disturbance=mine)
+        seen = flown(core, 100)
+        errors.append(np.sqrt(np.mean((seen["estimate"][..., 2] - seen["truth"][..., 2]) ** 2, 0)))
+    assert_smaller(errors[0], errors[1])
+    assert_smaller(errors[2], errors[1])
+
+
+def test_the_names_of_a_composition_are_unique_and_every_state_has_one():
+    for env_id, chosen in WORLDS:
+        core = make_core(env_id, 1, estimator="ekf", **chosen)
+        names = core.composition.names
+        assert len(set(names)) == len(names) == core.composition.model.n
+        assert len(set(core.truth_names)) == len(core.truth_names)
+        assert set(names) <= set(core.truth_names)
+
+
+def test_a_composition_can_be_made_without_an_environment():
+    vehicle = single_class(AUV).system.vehicle
+    sensors = Sensors(SUITES["nominal"].of(vehicle.sensors), vehicle.state_names, vehicle.kicks + vehicle.flows, 0.1)
+    model = compose(vehicle, "nonlinear", OWN["sheared"], sensors).model
+    ekf = make("ekf", model)
+    x, u = vehicle.cruise
+    belief = ekf.init(Gaussian(np.concatenate([x, [0.0, 0.0]])[None], 0.01 * np.eye(14)))
+    assert np.isfinite(ekf.predict(belief, u[None]).mean).all()
+
+
+def test_an_effect_that_begins_somewhere_else_than_where_one_cruises_is_not_forgotten():
+    """Below 1 m, or only in some direction of its state: the filter that is told of it holds it all."""
+    for effect in (
+        lambda self, z, state: z * (state[..., 8:9] > 1.0),
+        lambda self, z, state: np.stack([z[..., 0] * np.cos(z[..., 1]), z[..., 0] * np.sin(z[..., 1])], -1),
+    ):
+        core = make_core(AUV, 1, estimator="ekf", disturbance=disturbance(effect=effect))
+        assert core.composition.held.tolist() == [0, 1]
+
+
+def test_a_reading_that_is_no_number_has_not_come():
+    from vessel_gym.sensors import Sensor
+
+    def echo(state, forcing):
+        return np.where(state[..., :1] > 0.1, np.nan, state[..., 8:9])  # when under way
+
+    broken = Sensor("echo", ("z",), echo, (0.1,))
+    core = make_core(AUV, 2, observe="measurement", sensors=[*single_class(AUV).system.vehicle.sensors, broken])
+    core.reset()
+    core.step(np.zeros((2, core.action_size)))
+    assert not core.readings[1][:, -1].any()
+    assert np.isfinite(core.observe()).all()

@@ -1,0 +1,299 @@
+"""Published vehicles given as files manoeuvre as their published equations do: a cargo ship and an underwater vehicle.
+
+Trial figures measured on either are not in our sources in print. So the reference is the full published model of each,
+written down here from print and integrated on its own: other terms, another solver, nothing of the package but the
+geometry of a recorded track.
+"""
+
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from vessel_gym.sea_trials import circle_geometry, initial_turning, nomoto_linear, turning_circle, zigzag
+from vessel_gym.vehicles.auv import UNCERTAIN
+from vessel_gym.vehicles.files import load
+from vessel_gym.vehicles.segorogeni import COEFFICIENTS, energy, segorogeni_step
+
+DEG = np.pi / 180.0
+
+# --- the Mariner class ------------------------------------------------------------------------------
+
+MARINER = load("mariner")
+L, U0 = MARINER.length, MARINER.speed
+RATE = 5.0 * DEG  # of the rudder, rad/s
+
+PRINTED = {
+    "m": 798, "Iz": 39.2, "Xudot": -42, "Yvdot": -748, "Yrdot": -9.354, "Nvdot": 4.646, "Nrdot": -43.8,
+    "Xu": -184, "Xuu": -110, "Xuuu": -215, "Xvv": -899, "Xrr": 18, "Xrv": 798, "Xdd": -95, "Xudd": -190, "Xvd": 93,
+    "Xuvd": 93,
+    "Yv": -1160, "Yr": -499, "Yvvv": -8078, "Yvvr": 15356, "Yvu": -1160, "Yru": -499, "Yd": 278, "Yddd": -90,
+    "Yud": 556, "Yuud": 278, "Yvdd": -4, "Yvvd": 1190, "Y0": -4, "Y0u": -8, "Y0uu": -4,
+    "Nv": -264, "Nr": -166, "Nvvv": 1636, "Nvvr": -5483, "Nvu": -264, "Nru": -166, "Nd": -139, "Nddd": 45,
+    "Nud": -278, "Nuud": -139, "Nvdd": 13, "Nvvd": -489, "N0": 3, "N0u": 6, "N0uu": 3,
+}  # fmt: skip
+"""Chislett & Strom-Tejsen (1965), times 1e5; x_g' is -0.023. Rudder to port positive."""
+P = {name: 1e-5 * value for name, value in PRINTED.items()}
+
+State = np.ndarray
+Rates = Callable[[State, float], State]
+
+
+def polynomial(state: State, rudder: float, instantaneous: bool) -> State:
+    """The printed model: rates of (x, y, psi, u, v, r) with the rudder to starboard positive.
+
+    The printed perturbations are made non-dimensional with the speed. That all terms in the change of speed are those
+    of u v, u r and u^2 delta about U0 (Yvu = Yv, Yud = 2 Yd, Yuud = Yd, Y0u = 2 Y0 ...) means the constant U0: then
+    forces go with the square of the speed. Fossen's mariner.m takes the instantaneous speed and so counts a loss of
+    speed twice.
+    """
+    _, _, psi, surge, sway, yaw = state
+    speed = np.hypot(surge, sway) if instantaneous else U0
+    u, v, r, d, x_g = (surge - U0) / speed, sway / speed, yaw * L / speed, -rudder, -0.023
+    terms = {
+        "u": u, "uu": u**2, "uuu": u**3, "v": v, "r": r, "vv": v**2, "rr": r**2, "rv": r * v, "dd": d**2,
+        "udd": u * d**2, "vd": v * d, "uvd": u * v * d, "vvv": v**3, "vvr": v**2 * r, "vu": v * u, "ru": r * u, "d": d,
+        "ddd": d**3, "ud": u * d, "uud": u**2 * d, "vdd": v * d**2, "vvd": v**2 * d, "0": 1.0, "0u": u, "0uu": u**2,
+    }  # fmt: skip
+    X, Y, N = (sum(P.get(axis + name, 0.0) * value for name, value in terms.items()) for axis in "XYN")
+    inertia = [[P["m"] - P["Yvdot"], P["m"] * x_g - P["Yrdot"]], [P["m"] * x_g - P["Nvdot"], P["Iz"] - P["Nrdot"]]]
+    sideways, turning = np.linalg.solve(inertia, [Y, N])
+    unit = speed**2 / L
+    return np.array([
+        surge * np.cos(psi) - sway * np.sin(psi), surge * np.sin(psi) + sway * np.cos(psi), yaw,
+        X / (P["m"] - P["Xudot"]) * unit, sideways * unit, turning * unit / L,
+    ])  # fmt: skip
+
+
+MIRROR = np.array([1, -1, -1, 1, -1, -1])
+
+
+def symmetric(state: State, rudder: float, instantaneous: bool = False) -> State:
+    """The printed model, the mean of it and its mirror image: a ship of twin screws, as all of ours are."""
+    mirrored = MIRROR * polynomial(MIRROR * state, -rudder, instantaneous)
+    return 0.5 * (polynomial(state, rudder, instantaneous) + mirrored)
+
+
+def instantaneous(state: State, rudder: float) -> State:
+    """The same as Fossen's mariner.m reads it."""
+    return symmetric(state, rudder, True)
+
+
+def helmed(rates: Rates, state: State, rudder: float, order: float, duration: float, event=None):
+    """The model under an order of the helm until the duration is over or an event: times, states, last rudder."""
+
+    def angle(t: float) -> float:
+        return rudder + np.clip(order - rudder, -RATE * t, RATE * t)
+
+    solution = solve_ivp(
+        lambda t, s: rates(s, angle(t)), (0.0, duration), state, rtol=1e-7, atol=1e-9, max_step=1.0,
+        events=event, dense_output=True,
+    )  # fmt: skip
+    return solution, angle(solution.t[-1])
+
+
+START = np.array([0.0, 0.0, 0.0, U0, 0.0, 0.0])
+
+
+@cache
+def reference_circle(rates: Rates, degrees: float):
+    solution, _ = helmed(rates, START, 0.0, degrees * DEG, 900.0)
+    time = np.arange(0.0, 900.0, 0.5)
+    x, y, psi, u, v, r = solution.sol(time)
+    return circle_geometry(x, y, psi), float(np.hypot(u[-1], v[-1]) / abs(r[-1]))
+
+
+@cache
+def reference_overshoots(rates: Rates, degrees: float) -> tuple[float, float]:
+    """First and second overshoot of a zig-zag [deg]."""
+    state, rudder, side, peaks = START, 0.0, 1.0, []
+    for _ in range(3):
+
+        def reached(_: float, s: State, side: float = side) -> float:
+            return side * s[2] - degrees * DEG
+
+        reached.terminal, reached.direction = True, 1.0
+        solution, rudder = helmed(rates, state, rudder, side * degrees * DEG, 600.0, reached)
+        peaks.append((-side * solution.y[2]).max() / DEG - degrees)
+        state, side = solution.y[:, -1], -side
+    return peaks[1], peaks[2]
+
+
+def test_the_reference_gives_the_turning_circle_that_fossen_prints():
+    """Fossen (2011), section 12.2: mariner.m at -15 deg after 100 s ahead; radius 711 m, advance 943 m.
+
+    Read as he reads it. It says that the coefficients here are the printed ones.
+    """
+
+    def as_fossen(state: State, rudder: float) -> State:
+        return polynomial(state, rudder, True)
+
+    ahead, _ = helmed(as_fossen, START, 0.0, 0.0, 100.0)
+    turn, _ = helmed(as_fossen, ahead.y[:, -1], 0.0, -15.0 * DEG, 900.0)
+    u, v, r = turn.y[3:, -1]
+    assert np.hypot(u, v) / abs(r) == pytest.approx(711.0, abs=0.5)
+    time = np.arange(0.0, 900.0, 0.1)
+    x, _, psi = turn.sol(time)[:3]
+    advance = x[np.argmax(psi <= -0.5 * np.pi)] - x[0]
+    assert advance == pytest.approx(943.0, abs=5.0)  # his rudder moves otherwise, by Euler's method
+
+
+def test_the_linear_mariner_is_the_published_one():
+    """Fossen (1994): K = 0.185 1/s, T1 = 118, T2 = 7.8 and T3 = 18.5 s, from the same report."""
+    nomoto = nomoto_linear(MARINER)
+    unit = L / U0
+    assert pytest.approx(0.185, abs=5e-4) == nomoto.K / unit
+    assert nomoto.T1 * unit == pytest.approx(118.0, abs=0.5)
+    assert nomoto.T2 * unit == pytest.approx(7.8, abs=0.05)
+    assert nomoto.T3 * unit == pytest.approx(18.5, abs=0.05)
+    assert MARINER.stability > 0.0
+
+
+@pytest.mark.parametrize("degrees", [10, 15, 20, 35])
+def test_the_mariner_turns_as_its_published_equations_do(degrees: int):
+    published, radius = reference_circle(symmetric, degrees)
+    ours = turning_circle(MARINER, degrees * DEG)
+    assert ours.advance == pytest.approx(published.advance, rel=0.10)
+    assert ours.transfer == pytest.approx(published.transfer, rel=0.10)
+    assert ours.tactical_diameter == pytest.approx(published.tactical_diameter, rel=0.10)
+    assert ours.steady_radius == pytest.approx(radius, rel=0.10)
+
+
+@pytest.mark.parametrize("degrees", [10, 20])
+def test_the_mariner_s_zig_zag_is_that_of_its_published_equations(degrees: int):
+    first, second = reference_overshoots(symmetric, degrees)
+    ours = zigzag(MARINER, degrees * DEG)
+    assert ours.first_overshoot / DEG == pytest.approx(first, rel=0.20)
+    assert ours.second_overshoot / DEG == pytest.approx(second, rel=0.20)
+
+
+@pytest.mark.parametrize("degrees", [10, 20, 35])
+def test_as_mariner_m_reads_its_equations_the_mariner_begins_to_turn_the_same(degrees: int):
+    """Until much speed is lost, in advance and overshoots: its tactical diameter at hard helm is a quarter larger."""
+    published, _ = reference_circle(instantaneous, degrees)
+    assert turning_circle(MARINER, degrees * DEG).advance == pytest.approx(published.advance, rel=0.10)
+    if degrees <= 20:
+        first, _ = reference_overshoots(instantaneous, degrees)
+        assert zigzag(MARINER, degrees * DEG).first_overshoot / DEG == pytest.approx(first, rel=0.20)
+
+
+def test_the_mariner_meets_the_standards_of_its_kind():
+    hard = turning_circle(MARINER, 35 * DEG)
+    assert hard.advance < 4.5 * L
+    assert hard.tactical_diameter < 5.0 * L
+    assert initial_turning(MARINER) < 2.5
+    assert zigzag(MARINER, 10 * DEG).first_overshoot / DEG < 5.0 + 0.5 * L / U0
+
+
+# --- REMUS ------------------------------------------------------------------------------------------
+
+REMUS = load("remus-100")
+STILL = np.zeros(2)  # no current
+R = {
+    "Xuu": -1.62, "Xudot": -0.93, "Xwq": -35.5, "Xqq": -1.93, "Xvr": 35.5, "Xrr": -1.93, "Xprop": 3.86,
+    "Yvv": -1310.0, "Yrr": 0.632, "Yuv": -28.6, "Yvdot": -35.5, "Yrdot": 1.93, "Yur": 5.22, "Ywp": 35.5, "Ypq": 1.93,
+    "Yuudr": 9.64,
+    "Zww": -131.0, "Zqq": -0.632, "Zuw": -28.6, "Zwdot": -35.5, "Zqdot": -1.93, "Zuq": -5.22, "Zvp": -35.5,
+    "Zrp": 1.93, "Zuuds": -9.64,
+    "Kpp": -0.130, "Kpdot": -0.0704, "Kprop": -0.543,
+    "Mww": 3.18, "Mqq": -188.0, "Muw": 24.0, "Mwdot": -1.93, "Mqdot": -4.88, "Muq": -2.0, "Mvp": -1.93, "Mrp": 4.86,
+    "Muuds": -6.15,
+    "Nvv": -3.18, "Nrr": -94.0, "Nuv": -24.0, "Nvdot": 1.93, "Nrdot": -4.88, "Nur": -2.0, "Nwp": -1.93, "Npq": -4.86,
+    "Nuudr": -6.15,
+}  # fmt: skip
+"""Prestero (2001): the combined coefficients, SI units."""
+
+
+def prestero(state: State, rudder: float, stern: float) -> State:
+    """His equations of motion: rates of (u, v, w, p, q, r, x, y, z, phi, theta, psi)."""
+    u, v, w, p, q, r = state[:6]
+    phi, theta, psi = state[9:]
+    W, B, z_g, Ixx, Iyy, Izz = 299.0, 306.0, 0.0196, 0.177, 3.45, 3.45
+    m = W / 9.81
+    sin_phi, cos_phi, sin_theta, cos_theta = np.sin(phi), np.cos(phi), np.sin(theta), np.cos(theta)
+    forces = [
+        -(W - B) * sin_theta + R["Xuu"] * u * abs(u) + (R["Xwq"] - m) * w * q + R["Xqq"] * q * q
+        + (R["Xvr"] + m) * v * r + R["Xrr"] * r * r - m * z_g * p * r + R["Xprop"],
+        (W - B) * cos_theta * sin_phi + R["Yvv"] * v * abs(v) + R["Yrr"] * r * abs(r) + R["Yuv"] * u * v
+        + (R["Ywp"] + m) * w * p + (R["Yur"] - m) * u * r - m * z_g * q * r + R["Ypq"] * p * q
+        + R["Yuudr"] * u * u * rudder,
+        (W - B) * cos_theta * cos_phi + R["Zww"] * w * abs(w) + R["Zqq"] * q * abs(q) + R["Zuw"] * u * w
+        + (R["Zuq"] + m) * u * q + (R["Zvp"] - m) * v * p + m * z_g * (p * p + q * q) + R["Zrp"] * r * p
+        + R["Zuuds"] * u * u * stern,
+        -z_g * W * cos_theta * sin_phi + R["Kpp"] * p * abs(p) - (Izz - Iyy) * q * r + m * z_g * (u * r - w * p)
+        + R["Kprop"],
+        -z_g * W * sin_theta + R["Mww"] * w * abs(w) + R["Mqq"] * q * abs(q) + (R["Mrp"] - (Ixx - Izz)) * r * p
+        + m * z_g * (v * r - w * q) + R["Muq"] * u * q + R["Mvp"] * v * p + R["Muw"] * u * w
+        + R["Muuds"] * u * u * stern,
+        R["Nvv"] * v * abs(v) + R["Nrr"] * r * abs(r) + R["Nuv"] * u * v + (R["Npq"] - (Iyy - Ixx)) * p * q
+        + R["Nwp"] * w * p + R["Nur"] * u * r + R["Nuudr"] * u * u * rudder,
+    ]  # fmt: skip
+    inertia = np.diag([
+        m - R["Xudot"], m - R["Yvdot"], m - R["Zwdot"], Ixx - R["Kpdot"], Iyy - R["Mqdot"], Izz - R["Nrdot"],
+    ])  # fmt: skip
+    inertia[0, 4], inertia[4, 0], inertia[1, 3], inertia[3, 1] = m * z_g, m * z_g, -m * z_g, -m * z_g
+    inertia[1, 5], inertia[5, 1], inertia[2, 4], inertia[4, 2] = -R["Yrdot"], -R["Nvdot"], -R["Zqdot"], -R["Mwdot"]
+    along = u * cos_theta + (v * sin_phi + w * cos_phi) * sin_theta
+    across = v * cos_phi - w * sin_phi
+    turn = (q * sin_phi + r * cos_phi) / cos_theta
+    return np.concatenate([np.linalg.solve(inertia, forces), [
+        along * np.cos(psi) - across * np.sin(psi), along * np.sin(psi) + across * np.cos(psi),
+        -u * sin_theta + (v * sin_phi + w * cos_phi) * cos_theta,
+        p + turn * sin_theta, q * cos_phi - r * sin_phi, turn,
+    ]])  # fmt: skip
+
+
+def both(rudder: float, stern: float, duration: float) -> tuple[State, State]:
+    """Tracks ``(k, 12)`` every 0.1 s of the published vehicle and of the file's, from cruising, fins over at once.
+
+    Prestero's rudder is positive to port.
+    """
+    start, time = np.zeros(12), np.arange(0.0, duration, 0.1)
+    start[0] = 1.54
+    solution = solve_ivp(
+        lambda _, s: prestero(s, -rudder, stern), (0.0, duration), start, t_eval=time, rtol=1e-9, atol=1e-10
+    )
+    c, control = REMUS.vector(), np.array([rudder, stern, 3.86] * 2)
+    states = [start]
+    for _ in time[1:]:
+        states.append(segorogeni_step(states[-1], control, STILL, c, 0.1, 4))
+    return solution.y.T, np.array(states)
+
+
+@pytest.mark.parametrize("degrees", [4.0, -8.0, 13.6])
+def test_remus_turns_as_its_published_equations_do(degrees: float):
+    published, ours = both(degrees * DEG, 0.0, 60.0)
+    assert np.sign(ours[-1, 11]) == np.sign(degrees)
+    geometry = [circle_geometry(*track[:, [6, 7, 11]].T) for track in (published, ours)]
+    assert geometry[1].advance == pytest.approx(geometry[0].advance, rel=0.01)
+    assert geometry[1].tactical_diameter == pytest.approx(geometry[0].tactical_diameter, rel=0.01)
+    largest = np.abs(published).max(0)
+    for i in (0, 1, 5, 8, 9, 10):  # speed, drift, yaw rate, depth, roll and pitch, all the way
+        np.testing.assert_allclose(ours[:, i], published[:, i], atol=0.01 * largest[i])
+
+
+@pytest.mark.parametrize(("degrees", "deeper"), [(5.0, True), (-10.0, False)])
+def test_remus_dives_and_climbs_as_its_published_equations_do(degrees: float, deeper: bool):
+    published, ours = both(0.0, degrees * DEG, 30.0)
+    assert (ours[-1, 8] > 5.0) == deeper
+    largest = np.abs(published).max(0)
+    for i in (0, 2, 4, 8, 10):  # speed, heave, pitch rate, depth and pitch, all the way
+        np.testing.assert_allclose(ours[:, i], published[:, i], atol=0.01 * largest[i])
+
+
+def test_remus_without_damping_keeps_its_energy():
+    """Whatever is given, added mass and weight take no energy: forces that are not Kirchhoff's are switched off."""
+    c = REMUS.vector(np.ones(len(UNCERTAIN)))
+    off = [i for i, name in enumerate(COEFFICIENTS) if name[:2] in ("X_", "Y_", "Z_", "K_", "M_", "N_")]
+    c[[*off, COEFFICIENTS.index("propeller_torque")]] = 0.0
+    start = np.array([1.5, 0.2, -0.1, 0.3, 0.1, -0.2, 0.0, 0.0, 5.0, 0.1, -0.2, 0.3])
+    lost = []
+    for substeps in (4, 8):
+        state = start
+        for _ in range(200):
+            state = segorogeni_step(state, np.array([0.2, 0.2, 0.0] * 2), STILL, c, 0.02, substeps)
+        lost.append(abs(energy(state, c) / energy(start, c) - 1.0))
+    assert lost[0] < 1e-6
+    assert lost[1] < 0.1 * lost[0]  # what is lost is RK4's error and dies with the step

@@ -1,0 +1,394 @@
+"""Vehicle files: those of the package, what may be given, and what is wrong, in one sentence with its line."""
+
+import re
+import subprocess
+import sys
+import tomllib
+from dataclasses import asdict, fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import vessel_gym.vehicles.files as files
+from vessel_gym.sea_trials import turning_circle
+from vessel_gym.vehicles.auv import AUVParameters
+from vessel_gym.vehicles.corvette import COEFFICIENTS, CorvetteParameters, steady_turns
+from vessel_gym.vehicles.files import load, names
+from vessel_gym.vehicles.hydrodynamics import Coefficients, axial_drag_coefficient
+from vessel_gym.vehicles.itsunusa import ItsunusaParameters
+from vessel_gym.vehicles.puna import PunaParameters, trim
+from vessel_gym.vehicles.segorogeni import SegorogeniParameters
+
+DATA = Path(files.__file__).with_name("data")
+
+SHIP = """\
+kind = "ship"
+
+[particulars]
+length = 60.0  # m
+beam = 10.0
+draught = 3.0
+mass = 0.9e6
+
+[rudder]
+rudder_area = 5.0
+rudder_limit_deg = 30
+
+[propulsion]
+speed = 7.0
+resistance = 6e4
+"""
+
+TORPEDO = """\
+kind = "auv"
+
+[particulars]
+length = 1.5
+diameter = 0.2
+z_g = 0.02
+
+[fins]
+fin_area = 0.01
+fin_position = -0.7
+
+[propulsion]
+cruise_speed = 1.5
+thrust_limit = 15.0
+"""
+
+WING = """\
+kind = "fixed-wing"
+
+[particulars]
+mass = 3.0
+area = 0.7
+
+[aerodynamics]
+lift = [4.0, 0.1]
+drag = [1.0, 0.1, 0.02]
+
+[propulsion]
+cruise_speed = 18.0
+thrust_limit = 15.0
+"""
+
+
+@pytest.fixture
+def write(tmp_path, monkeypatch):
+    """A function that writes ``my.toml`` into the working directory."""
+    monkeypatch.chdir(tmp_path)
+    return lambda text: Path("my.toml").write_text(text, encoding="utf-8") and "my.toml"
+
+
+def complaint(source: str, *wanted) -> str:
+    with pytest.raises(ValueError) as caught:  # noqa: PT011  its text is what is asked for
+        load(source, *wanted)
+    return str(caught.value)
+
+
+# --- the vehicles of the package --------------------------------------------------------------------
+
+
+def test_the_numbers_of_the_registered_vehicles_are_those_of_their_sources_to_the_last_bit():
+    """Written down a second time; the derived ones are compared with print in the tests of each vehicle."""
+    assert load("corvette") == CorvetteParameters(
+        length=101.07, beam=14.0, draught=3.7, mass=2.423e6, speed=15.4, x_g=5.5, water_density=1024.0,
+        yaw_radius=0.25, drag_coefficient=0.6, rudder_area=2 * 5.5, rudder_aspect=1.5, rudder_limit=np.deg2rad(35.0),
+        rudder_rate=np.deg2rad(5.0), slipstream=1.1, straightening=0.4, resistance=1.0e6,
+    )  # fmt: skip
+    assert load("segorogeni") == SegorogeniParameters(
+        length=0.98, diameter=0.188, fin_area=0.06 * 0.98 * 0.188, fin_position=-0.5 * 0.98, axial_drag=0.2, z_g=0.02,
+        buoyancy_excess=1.0, fin_limit=np.deg2rad(20.0), fin_rate=1.0, thrust_limit=8.0, thrust_lag=0.5,
+        cruise_speed=1.0, propeller_torque=0.006, fin_aspect=2.21, fin_taper=0.654, water_density=1025.0, gravity=9.81,
+    )  # fmt: skip
+    assert load("itsunusa") == ItsunusaParameters(
+        length=2.0, diameter=0.30, fin_area=0.045 * 2.0 * 0.30, fin_position=-0.5 * 2.0, axial_drag=0.2, z_g=0.015,
+        buoyancy_excess=6.0, fin_limit=np.deg2rad(20.0), fin_rate=1.0, thrust_limit=40.0, thrust_lag=0.5,
+        cruise_speed=1.5, fin_aspect=2.21, fin_taper=0.654, water_density=1025.0, gravity=9.81,
+    )  # fmt: skip
+    assert load("puna") == PunaParameters(
+        mass=3.364, area=0.75, drag=(1.0555, 0.07909, 0.0197), lift=(4.0203, 0.08674),
+        density=(4.319e-9, -1.1760e-4, 1.225), gravity=9.81, bank_rate=2.0, thrust_limit=16.0, thrust_lag=0.5,
+        alpha_low=np.deg2rad(-4.0), alpha_high=np.deg2rad(12.0), alpha_rate=0.5, bank_limit=np.deg2rad(35.0),
+        cruise_speed=20.0,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("name", names())
+def test_every_number_of_a_vehicle_in_the_package_has_a_word_on_its_source(name: str):
+    text = (DATA / f"{name}.toml").read_text(encoding="utf-8")
+    numbers = [line for line in text.splitlines() if re.match(r"[A-Za-z_]+ = [-\[0-9]", line)]
+    assert len(numbers) > 8
+    for line in numbers:
+        if not line.startswith("degrees_of_freedom"):
+            assert re.search(r"#.*[A-Za-z]{4}", line), line
+    assert all(len(source) > 20 for source in tomllib.loads(text)["sources"].values())
+
+
+def test_a_name_that_no_vehicle_has_is_answered_with_the_nearest():
+    assert complaint("corvete").startswith("unknown vehicle 'corvete' (did you mean 'corvette'?): choose from ")
+    assert "name a .toml file" in complaint("corvete")
+
+
+def test_a_file_that_is_not_there_is_called_that(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"nowhere\.toml"):
+        load(tmp_path / "nowhere.toml")
+
+
+def test_reading_files_needs_no_equations_of_motion():
+    program = "import sys, vessel_gym.vehicles.files; print('numba' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
+    assert done.stdout.split() == ["False"]
+
+
+def test_a_copy_of_a_file_is_the_same_vehicle(tmp_path):
+    for name in names():
+        copy = tmp_path / f"{name}.toml"
+        copy.write_bytes((DATA / f"{name}.toml").read_bytes())
+        assert load(copy) == load(str(copy)) == load(name)
+
+
+# --- what may be given ------------------------------------------------------------------------------
+
+
+def test_a_small_file_is_a_vehicle(write):
+    ship = load(write(SHIP))
+    assert isinstance(ship, CorvetteParameters)
+    assert (ship.length, ship.rudder_limit, ship.x_g) == (60.0, np.deg2rad(30.0), 0.0)
+    assert ship.stability > 0.0
+    assert turning_circle(ship, ship.rudder_limit).tactical_diameter < 5.0 * ship.length
+    assert isinstance(load(write(TORPEDO)), SegorogeniParameters)
+    assert isinstance(load(write(TORPEDO.replace('auv"', 'auv"\ndegrees_of_freedom = 3'))), ItsunusaParameters)
+    wing = load(write(WING))
+    assert trim(18.0, wing).thrust < wing.thrust_limit
+
+
+def test_what_the_layout_of_a_file_names_is_what_its_class_knows():
+    for cls in (CorvetteParameters, SegorogeniParameters, ItsunusaParameters, PunaParameters):
+        named = [name for keys in cls.TABLES.values() for name in keys]
+        assert len(named) == len(set(named))
+        assert {each.name for each in fields(cls)} - set(named) <= {"given", "printed_kinematics"}
+
+
+@pytest.mark.parametrize(
+    ("name", "coefficient", "power"),
+    [("Yv", "Yv", 2), ("Yr", "Yr", 3), ("Nv", "Nv", 3), ("Nr", "Nr", 4)],
+)
+def test_a_given_derivative_of_a_ship_replaces_the_estimated_one_and_no_other(write, name, coefficient, power):
+    prime = float(1.1 * load(write(SHIP)).clarke[name])
+    estimated, ship = load(write(SHIP)).vector(), load(write(f"{SHIP}\n[derivatives]\n{name} = {prime!r}\n"))
+    changed = np.flatnonzero(ship.vector() != estimated)
+    assert changed.tolist() == [COEFFICIENTS.index(coefficient)]
+    assert ship.vector()[changed[0]] == pytest.approx(0.5 * 1025.0 * 60.0**power * prime, rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("name", "coefficient", "power"),
+    [("Yvdot", "sway_inertia", 3), ("Yrdot", "sway_yaw_inertia", 4), ("Nvdot", "yaw_sway_inertia", 4),
+     ("Nrdot", "yaw_inertia", 5), ("Xudot", "surge_inertia", 3)],
+)  # fmt: skip
+def test_a_given_added_mass_of_a_ship_replaces_the_estimated_one(write, name, coefficient, power):
+    less, more = (load(write(f"{SHIP}\n[derivatives]\n{name} = {prime}\n")).vector() for prime in (-1e-4, -2e-4))
+    changed = np.flatnonzero(less != more)
+    assert changed.tolist() == [COEFFICIENTS.index(coefficient)]
+    assert (more - less)[changed[0]] == pytest.approx(0.5 * 1025.0 * 60.0**power * 1e-4, rel=1e-9)
+
+
+def test_a_given_rudder_force_replaces_area_and_aspect_ratio(write):
+    text = SHIP.replace("rudder_area = 5.0", "Ydelta = -3e-3\nslipstream = 1.2")
+    c = dict(zip(COEFFICIENTS, load(write(text)).vector(), strict=True))
+    assert c["rudder"] * 1.2**2 == pytest.approx(0.5 * 1025.0 * 60.0**2 * 3e-3)  # per u^2 and angle
+
+
+def test_the_cross_flow_drag_falls_with_beam_over_draught_where_it_is_not_given(write):
+    drags = []
+    for draught in (2.0, 3.0, 4.5, 6.0):
+        text = SHIP.replace("draught = 3.0", f"draught = {draught}")
+        c = dict(zip(COEFFICIENTS, load(write(text)).vector(), strict=True))
+        drags.append(c["cross_flow"] / (0.5 * 1025.0 * draught))
+    assert drags == sorted(drags)
+    assert drags[0] > 0.55
+    assert drags[-1] < 1.0
+    given = load(write(SHIP + "[derivatives]\ndrag_coefficient = 0.0\n"))
+    assert given.vector()[COEFFICIENTS.index("cross_flow")] == 0.0
+
+
+@pytest.mark.parametrize("name", [*(each.name for each in fields(Coefficients)), "K_up"])
+def test_a_given_coefficient_of_an_underwater_vehicle_replaces_the_estimated_one_and_no_other(write, name):
+    def all_of(body: AUVParameters) -> dict[str, float]:
+        return asdict(body.coefficients) | {"K_up": body.roll_lift}
+
+    partner = {"Y_rdot": "N_vdot", "N_vdot": "Y_rdot", "Z_qdot": "M_wdot", "M_wdot": "Z_qdot"}.get(name, name)
+    estimated = all_of(load(write(TORPEDO)))
+    value = float(0.9 * estimated[name])
+    lines = "".join(f"{each} = {value!r}\n" for each in {name, partner})
+    found = all_of(load(write(f"{TORPEDO}\n[coefficients]\n{lines}")))
+    assert found == estimated | {name: value, partner: value}
+
+
+def test_coefficients_may_hold_the_terms_of_added_mass_as_prestero_prints_them(write):
+    plain = load(write(TORPEDO)).coefficients
+    printed = {
+        "Y_ur": plain.Y_ur + plain.X_udot, "Z_uq": plain.Z_uq - plain.X_udot, "N_ur": plain.N_ur + plain.Y_rdot,
+        "N_uv": plain.N_uv + plain.Y_vdot - plain.X_udot, "M_uw": plain.M_uw - plain.Z_wdot + plain.X_udot,
+        "M_uq": plain.M_uq - plain.Z_qdot,
+    }  # fmt: skip
+    lines = "".join(f"{name} = {float(value)!r}\n" for name, value in printed.items())
+    found = load(write(f"{TORPEDO}\n[coefficients]\nwith_added_mass = true\n{lines}")).coefficients
+    np.testing.assert_allclose(list(asdict(found).values()), list(asdict(plain).values()), rtol=1e-12)
+    assert load(write(f"{TORPEDO}\n[coefficients]\nwith_added_mass = true\n")).coefficients == plain
+
+
+def test_a_given_mass_of_an_underwater_vehicle_sets_what_it_displaces(write):
+    body = load(write(TORPEDO.replace("z_g", "mass = 40.0\nbuoyancy_excess = 2.0\npitch_inertia = 5.0\nz_g")))
+    assert (body.mass, body.pitch_inertia) == (40.0, 5.0)
+    assert body.buoyancy == pytest.approx(40.0 * 9.81 + 2.0)
+    assert body.roll_inertia == 0.1 * 40.0 * 0.2**2
+
+
+def test_the_drag_of_an_underwater_vehicle_is_the_bare_hull_s_where_it_is_not_given(write):
+    assert load(write(TORPEDO)).torpedo.axial_drag == axial_drag_coefficient(1.5, 0.2, 1.5)
+
+
+def test_an_angle_may_be_in_degrees_or_in_radians(write):
+    radians = SHIP.replace("rudder_limit_deg = 30", f"rudder_limit = {float(np.deg2rad(30.0))!r}")
+    assert load(write(radians)) == load(write(SHIP))
+
+
+# --- what is wrong ----------------------------------------------------------------------------------
+
+WRONG = [  # file, what is replaced by what, the line, the sentence
+    (SHIP, "length = 60.0", "lenght = 60.0", 4, r"unknown key in \[particulars\] 'lenght' \(did you mean 'length'\?\)"),
+    (SHIP, "rudder_limit_deg", "rudder_limit_degree", 11, r"did you mean 'rudder_limit_deg'\?"),
+    (SHIP, "[rudder]", "[ruder]", 9, r"unknown table 'ruder' \(did you mean 'rudder'\?\)"),
+    (SHIP, 'kind = "ship"', 'kind = "ship"\nspeed = 7.0', 2, "unknown key outside of tables 'speed'"),
+    (SHIP, 'kind = "ship"', "", 1, "a vehicle file needs a 'kind': ship, auv, fixed-wing"),
+    (SHIP, '"ship"', '"shipp"', 1, r"unknown kind 'shipp' \(did you mean 'ship'\?\)"),
+    (SHIP, '"ship"', '["ship"]', 1, "unknown kind"),
+    (SHIP, '"ship"', '"ship"\ndegrees_of_freedom = 6', 2, "degrees_of_freedom must be 3, got 6"),
+    (TORPEDO, '"auv"', '"auv"\ndegrees_of_freedom = 4', 2, "degrees_of_freedom must be 6 or 3, got 4"),
+    (TORPEDO, '"auv"', '"auv"\ndegrees_of_freedom = [3]', 2, "degrees_of_freedom must be 6 or 3"),
+    (SHIP, "beam = 10.0\n", "", 3, r"\[particulars\] needs a 'beam'"),
+    (SHIP, "[propulsion]\nspeed = 7.0\nresistance = 6e4\n", "", 1, r"\[propulsion\] needs a 'speed'"),
+    (SHIP, "[rudder]\nrudder_area = 5.0\nrudder_limit_deg = 30\n", "", 1, "the rudder needs 'rudder_area', or"),
+    (SHIP, "rudder_area = 5.0\n", "", 9, "the rudder needs 'rudder_area', or 'Ydelta'"),
+    (SHIP, "60.0", '"60.0"', 4, "length must be a number above 0, got '60.0'"),
+    (SHIP, "60.0", "true", 4, "length must be a number above 0, got True"),
+    (SHIP, "60.0", "{ m = 60.0 }", 4, "length must be a number above 0, got {"),
+    (SHIP, "beam = 10.0", "beam = [\n  # wide\n  10.0,\n]", 5, r"beam must be a number above 0, got \[10.0\]"),
+    (SHIP, "mass = 0.9e6", "mass = -0.9e6", 7, "mass must be a number above 0, got -900000.0"),
+    (SHIP, "mass = 0.9e6", "mass = nan", 7, "mass must be a number above 0, got nan"),
+    (SHIP, "mass = 0.9e6", "mass = inf", 7, "mass must be a number above 0, got inf"),
+    (SHIP, "mass = 0.9e6", f"mass = 1{400 * '0'}", 7, "mass must be a number above 0, got 1000"),
+    (SHIP, "mass = 0.9e6", "mass = 900.0", 7, "900 kg are no mass of a hull in a box that displaces 1.845e\\+06 kg"),
+    (SHIP, "draught = 3.0", "draught = 30.0", 6, "a ship 10 m wide is not 30 m deep in the water"),
+    (SHIP, "beam = 10.0", "beam = 100.0", 5, "a ship of 60 m is not 100 m wide"),
+    (SHIP, "mass = 0.9e6", "mass = 0.9e6\nx_g = 40.0", 8, "40 m from amidships is not in a ship of 60 m"),
+    (SHIP, "rudder_area = 5.0", "rudder_area = 500.0", 10, "a rudder of 500 m2 is as large as the hull's profile"),
+    (SHIP, "_deg = 30", "_deg = 120", 11, "rudder_limit_deg must be an angle above 0 and below 90 degrees, got 120"),
+    (SHIP, "_deg = 30", "_deg = 30\nrudder_limit = 0.5", 12, "rudder_limit is given twice, in rad and in degrees"),
+    (SHIP, "[rudder]", "[derivatives]\nYv = 0.01\n[rudder]", 10, "Yv must be a number of at most 0: it resists"),
+    (SHIP, "[rudder]", "[derivatives]\nNvdot = 1.0\nYrdot = 1.0\n[rudder]", 9, "an inertia that is not positive"),
+    (SHIP, "[rudder]", "[derivatives]\nNv = -0.05\n[rudder]", 9, "the ship is directionally unstable"),
+    (SHIP, "speed = 7.0", "speed = 0", 14, "speed must be a number above 0, got 0"),
+    (SHIP, "speed = 7.0", "speed = 7,0", 14, "not TOML: "),
+    (SHIP, "[rudder]", "[rudder", 9, "not TOML: "),
+    (SHIP, "speed = 7.0", "speed = 7.0\nspeed = 8.0", 15, "not TOML: Cannot overwrite a value"),
+    (SHIP, "resistance = 6e4\n", 'resistance = """', 15, "not TOML: "),
+    (SHIP, "mass = 0.9e6", f"mass = {5000 * '9'}", None, "not TOML: "),
+    (SHIP, "[rudder]", "[sources]\nmass = 3\n[rudder]", 10, "a source is a text, got 3"),
+    (SHIP, "[particulars]\nlength = 60.0",
+     '[sources]\na = """\n[particulars]\nlength = 60\n"""\n[particulars]\nlength = -60', 9,
+     "length must be a number above 0"),
+    (TORPEDO, "diameter = 0.2", "diameter = 2.0", 5, "a torpedo of 1.5 m is not 2 m thick"),
+    (TORPEDO, "-0.7", "-7.0", 10, "fins -7 m from the origin are not on a hull of 1.5 m"),
+    (TORPEDO, "fin_area = 0.01", "fin_area = 1.0", 9, "a fin of 1 m2 does not belong to a hull"),
+    (TORPEDO, "z_g", "mass = 400.0\nz_g", 6, "400 kg do not float: a cylinder round the hull displaces 48.3 kg"),
+    (TORPEDO, "z_g", "buoyancy_excess = 1e4\nz_g", 6, "kg do not float"),
+    (TORPEDO, "= 15.0", "= 1.0", 14, "1 N are too little: at cruising speed the drag is"),
+    (TORPEDO, "[fins]", "[coefficients]\nY_rdot = 30.0\nN_vdot = 30.0\n[fins]", 8, "is not positive definite"),
+    (TORPEDO, "[fins]", "[coefficients]\nY_rdot = 0.1\n[fins]", 8, "added mass is symmetric: Y_rdot is N_vdot"),
+    (TORPEDO, "[fins]", "[coefficients]\nX_uu = 2.0\n[fins]", 9, "X_uu must be a number of at most 0"),
+    (TORPEDO, "[fins]", "[coefficients]\nwith_added_mass = 1\n[fins]", 9, "with_added_mass must be true or false"),
+    (TORPEDO, "[fins]", "[coefficients]\nY_uudr = inf\n[fins]", 9, "Y_uudr must be a finite number, got inf"),
+    (TORPEDO, "[fins]", "fins = 3", 8, r"\[fins\] must be a table, got 3|key"),
+    (WING, "lift = [4.0, 0.1]", "lift = [4.0]", 8, r"lift must be a list of 2 finite numbers, got \[4.0\]"),
+    (WING, "lift = [4.0, 0.1]", "lift = 4.0", 8, "lift must be a list of 2 finite numbers, got 4.0"),
+    (WING, "lift = [4.0, 0.1]", "lift = [4.0, nan]", 8, "lift must be a list of 2 finite numbers, got nan"),
+    (WING, "lift = [4.0, 0.1]", "lift = [-4.0, 0.1]", 8, "a wing lifts more at a higher angle of attack"),
+    (WING, "drag = [1.0, 0.1, 0.02]", "drag = [1.0, 0.1, -0.02]", 9, "it becomes a thrust"),
+    (WING, "18.0", "1.8", 12, "no level flight at 1.8 m/s"),
+    (WING, "thrust_limit = 15.0", "thrust_limit = 1.0", 12, "it takes"),
+    (WING, "[propulsion]", "[limits]\nalpha_low_deg = 15.0\n[propulsion]", 11, "no upper limit"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "old", "new", "line", "sentence"), WRONG)
+def test_what_is_wrong_is_said_in_one_sentence_with_the_line(write, text, old, new, line, sentence):
+    assert old in text
+    said = complaint(write(text.replace(old, new, 1)))
+    print(said)
+    assert re.match(rf"my\.toml, line {r'[0-9]+' if line is None else line}: ", said), said
+    assert sentence is None or re.search(sentence, said), said
+    assert "\n" not in said
+    assert len(said) < 700
+
+
+def test_a_file_that_is_no_text_is_called_that(tmp_path):
+    (tmp_path / "my.toml").write_bytes(b"\xff\xfe\x00kind")
+    assert complaint(tmp_path / "my.toml").endswith("my.toml, line 1: the file is not text in UTF-8")
+
+
+def test_a_vehicle_of_another_kind_is_refused_where_one_is_expected(write):
+    said = complaint(write(TORPEDO), CorvetteParameters)
+    assert said == "my.toml, line 1: kind 'auv' with 6 degrees of freedom, where Corvette is needed"
+    assert "with 3 degrees of freedom, where Segorogeni is needed" in complaint("itsunusa", SegorogeniParameters)
+    assert load("itsunusa", AUVParameters) is load("itsunusa")
+
+
+def test_a_ship_without_steady_turns_may_be_loaded_for_other_trials(write):
+    text = SHIP.replace("[rudder]", "[derivatives]\nNv = -0.05\n[rudder]")
+    ship = load(write(text), CorvetteParameters, stable=False)
+    assert ship.stability < 0.0
+    with pytest.raises(RuntimeError, match="steady turn"):
+        steady_turns(ship)
+
+
+@settings(max_examples=60, deadline=None)
+@given(factor=st.floats(0.2, 20.0), straight=st.floats(0.0, 1.0), x_g=st.floats(-3.0, 3.0))
+def test_the_sign_of_the_stability_is_whether_small_motions_of_the_compiled_ship_die_away(factor, straight, x_g):
+    from vessel_gym.vehicles.corvette import sway_yaw_jacobian
+
+    ship = load("corvette")
+    ship = replace(ship, given=(("Nv", factor * ship.clarke["Nv"]),), straightening=straight, x_g=x_g)
+    A, _ = sway_yaw_jacobian(np.array([ship.speed, 0.0, 0.0]), np.array(0.0), ship)
+    growth = np.linalg.eigvals(A).real.max() * ship.length / ship.speed
+    if abs(growth) > 1e-3:  # differences of |v| v add a little damping
+        assert (growth < 0.0) == (ship.stability > 0.0)
+
+
+@settings(max_examples=150, deadline=None)
+@given(data=st.data())
+def test_whatever_is_written_into_a_file_it_is_a_vehicle_or_one_sentence_with_a_line(data, tmp_path_factory):
+    lines = data.draw(st.sampled_from([SHIP, TORPEDO, WING])).split("\n")
+    where = data.draw(st.integers(0, len(lines) - 1))
+    keys = st.sampled_from(["length", "mass", "speed", "lift", "kind", "rudder", "[rudder]", "z_g", "x", '"a b"', ""])
+    values = st.one_of(
+        st.floats().map(repr), st.integers().map(str), st.booleans().map(lambda b: str(b).lower()),
+        st.lists(st.floats(-10, 10), max_size=3).map(str), st.text("ab\"'[]{}=#\\\n", max_size=6), st.just("{ a = 1 }"),
+    )  # fmt: skip
+    new = f"{data.draw(keys)} = {data.draw(values)}"
+    lines[where : where + data.draw(st.integers(0, 1))] = [new]
+    path = tmp_path_factory.mktemp("files") / "my.toml"
+    path.write_text("\n".join(lines), encoding="utf-8")
+    try:
+        assert np.isfinite(load(path).vector()).all()
+        return
+    except ValueError as error:
+        said = str(error)
+    found = re.fullmatch(rf"{re.escape(str(path))}, line ([1-9][0-9]*): [^\n]+", said)
+    assert found, said
+    assert int(found[1]) <= len("\n".join(lines).split("\n"))

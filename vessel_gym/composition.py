@@ -1,0 +1,474 @@
+"""A filter's model, composed of a vehicle, a disturbance and sensors, as much as the filter is told of them.
+
+The filter's state is the vehicle's, then the disturbance's as far as it is told and matters, then the sensors' biases.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from estimators import LinearModel, NonlinearModel
+from estimators.checks import shown
+from vessel_gym.disturbances import Disturbance
+from vessel_gym.processes import Process
+from vessel_gym.sensors import Sensors
+from vessel_gym.system import Vehicle
+
+TOLD = ("states", "input", "white", "noise")
+"""How a filter is told of a disturbance: its state is part of the filter's (``states``); its kicks are the unknown
+input d (``input``), perhaps with the variance that they have, and white (``white``); or they stand in Q and R alone
+(``noise``). Except in the first case the filter knows nothing of a flow."""
+
+
+def checked_told(how: object) -> str:
+    """One of `TOLD`.
+
+    Raises:
+        ValueError: for anything else.
+    """
+    if isinstance(how, str) and how in TOLD:
+        return how
+    raise ValueError(f"a filter is told of a disturbance as one of {', '.join(TOLD)}, got {shown(how)}")
+
+
+class Forces:
+    """What a disturbance does to a vehicle: its effect sorted into kicks and flows.
+
+    Args:
+        vehicle: What is acted on.
+        disturbance: What acts.
+
+    Raises:
+        ValueError: for a force that the vehicle does not have, a white one that is no kick, or another time step.
+    """
+
+    def __init__(self, vehicle: Vehicle, disturbance: Disturbance) -> None:
+        self.vehicle, self.disturbance = vehicle, disturbance
+        known = vehicle.kicks + vehicle.flows
+        for name in ("forces", "shakes", "names"):
+            given: Any = getattr(disturbance, name)
+            if isinstance(given, str) or len(set(given)) < len(given):
+                raise ValueError(
+                    f"{name} of {type(disturbance).__name__} must be a tuple of different names, got {shown(given)}"
+                )
+        if disturbance.told != "states" and disturbance.process.normals < disturbance.process.size:
+            raise ValueError(
+                f"{type(disturbance).__name__} needs as many normal numbers a step as its state has components to begin"
+            )
+        for name in (*disturbance.forces, *disturbance.shakes):
+            if name not in known:
+                raise ValueError(
+                    f"{type(disturbance).__name__} gives {shown(name)}, but what acts on this vehicle is "
+                    f"{', '.join(known)}"
+                )
+        for name in disturbance.shakes:
+            if name not in vehicle.kicks or name in disturbance.forces:
+                raise ValueError(
+                    f"{type(disturbance).__name__} shakes {name}, which must be a kick ({', '.join(vehicle.kicks)}) "
+                    "that its effect does not give"
+                )
+        if disturbance.dt not in (None, vehicle.dt):
+            raise ValueError(
+                f"{type(disturbance).__name__} was made for steps of {disturbance.dt:g} s, the vehicle's are "
+                f"{vehicle.dt:g} s: give it dt={vehicle.dt:g}"
+            )
+        if len(disturbance.names) != disturbance.process.size:
+            raise ValueError(
+                f"{type(disturbance).__name__} names {len(disturbance.names)} components of a state that has "
+                f"{disturbance.process.size}"
+            )
+        for name in disturbance.names:
+            if name in vehicle.state_names or disturbance.names.count(name) > 1:
+                raise ValueError(f"{type(disturbance).__name__} calls a component {name!r}, as another is called")
+        for what, found, wanted in (
+            ("white", len(disturbance.white), len(disturbance.shakes)),
+            ("scale", disturbance.process.size if disturbance.scale is None else len(disturbance.scale),
+             disturbance.process.size),
+        ):  # fmt: skip
+            if found != wanted:
+                raise ValueError(f"{what} of {type(disturbance).__name__} must have {wanted} rows, got {found}")
+        self.size = len(known)
+        self.to = [known.index(name) for name in disturbance.forces]
+        self.shaken = [known.index(name) for name in disturbance.shakes]
+        kicks = len(vehicle.kicks)
+        self._columns = columns(self.to)
+        self.kicks = [i for i in range(kicks) if i in self.to + self.shaken]
+        """The kicks that it gives."""
+        self._flows_only = self.to == list(range(kicks, self.size))
+        k, state = disturbance.process.size, vehicle.placed(vehicle.cruise[0])
+        try:
+            with np.errstate(all="ignore"):
+                given = np.asarray(disturbance.effect(np.zeros((2, k)), np.tile(state, (2, 1)))).shape
+        except Exception as error:
+            raise ValueError(
+                f"effect of {type(disturbance).__name__} failed on z of shape {(2, k)}: {shown(str(error))}"
+            ) from error
+        if given != (2, len(self.to)):
+            raise ValueError(
+                f"effect of {type(disturbance).__name__} must give {len(self.to)} values a row, for "
+                f"{', '.join(disturbance.forces)}: z of shape {(2, k)} gave {given}"
+            )
+
+    def on(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
+        """Kicks and flows ``(..., f)``, without the white noise."""
+        effect = self.disturbance.effect(z, state)
+        forcing = np.zeros(effect.shape[:-1] + (self.size,))
+        forcing[..., self._columns] = effect
+        return forcing
+
+    def flow(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
+        """The flows alone."""
+        if self._flows_only:
+            return self.disturbance.effect(z, state)
+        return self.on(z, state)[..., len(self.vehicle.kicks) :]
+
+    @cached_property
+    def linear(self) -> np.ndarray:
+        """What a unit of each component of z gives while cruising, ``(f, k)``."""
+        k, state = self.disturbance.process.size, self.vehicle.placed(self.vehicle.cruise[0])
+        still = self.on(np.zeros((1, k)), state[None])
+        return (self.on(np.eye(k), np.tile(state, (k, 1))) - still).T
+
+    @cached_property
+    def kick_cov(self) -> np.ndarray:
+        """Stationary covariance of the kicks that it gives."""
+        white = np.zeros((self.size, self.disturbance.white.shape[-1]))
+        white[self.shaken] = self.disturbance.white
+        E = self.linear
+        return (E @ self.disturbance.process.start_cov @ E.T + white @ white.T)[np.ix_(self.kicks, self.kicks)]
+
+
+@dataclass(frozen=True, eq=False)
+class Composition:
+    """What a filter knows of the world, as `compose` makes it.
+
+    Attributes:
+        model: The filter's model.
+        names: The components of its state: of the vehicle, of the disturbance, of the sensors' biases.
+        base: How many of them are the vehicle's.
+        held: Which components of the disturbance's state are part of the filter's.
+        forces: What it is told that acts.
+        sensors: What it is told of them.
+        told: One of `TOLD`.
+    """
+
+    model: LinearModel | NonlinearModel
+    names: tuple[str, ...]
+    base: int
+    held: np.ndarray
+    forces: Forces
+    sensors: Sensors
+    told: str
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """What moves."""
+        return self.forces.vehicle
+
+    def flow(self, mean: np.ndarray) -> np.ndarray:
+        """The flow that means ``(..., n)`` imply, ``(..., f)``; 0 where the filter is not told of any."""
+        if not len(self.held):
+            return np.zeros(mean.shape[:-1] + (len(self.vehicle.flows),))
+        z = _spread(mean[..., self.base : self.base + len(self.held)], self.held, self.forces.disturbance)
+        return self.forces.flow(z, self._place(mean[..., : self.base]))
+
+    @cached_property
+    def _place(self) -> "Placed":
+        return _placed(self.vehicle, self.names[: self.base])
+
+    @cached_property
+    def state_and_flow(self) -> np.ndarray:
+        """What turns all that the filter estimates ``(n,)`` into the vehicle's state and the flow, while cruising."""
+        flows, kicks = len(self.vehicle.flows), len(self.vehicle.kicks)
+        matrix = np.zeros((self.base + flows, len(self.names)))
+        matrix[: self.base, : self.base] = np.eye(self.base)
+        matrix[self.base :, self.base : self.base + len(self.held)] = self.forces.linear[kicks:, self.held]
+        return matrix
+
+    @property
+    def scale(self) -> np.ndarray:
+        """Sizes of what comes after the vehicle's state that count as 1 in an observation of standard deviations."""
+        disturbance = self.forces.disturbance
+        sizes = disturbance.scale or np.sqrt(np.diag(disturbance.process.start_cov))
+        return np.concatenate([np.asarray(sizes, float)[self.held], self.sensors.bias_scale])
+
+    @cached_property
+    def localisation(self) -> np.ndarray:
+        """Which reading may correct which state of an ensemble ``(n, p)``, see `vessel_gym.sensors.Sensor`."""
+        return self.sensors.informed(self.names, self._depends)
+
+    def _depends(self) -> np.ndarray:
+        """The mask ``(n, p)`` of the states on which readings depend at once or within two steps, while cruising.
+
+        It cruises at places of no consequence to how it moves: at the origin a range or a bearing from there says
+        nothing, or anything.
+        """
+        x, u = self.vehicle.cruise
+        full = np.zeros(len(self.names))
+        full[: self.base] = x[: self.base]
+        A = self.model.linearise_transition(full, u)[1]
+        free = [i for i in range(self.base) if np.abs(A[:, i] - np.eye(len(A))[i]).max() < 1e-9]
+        mask = np.zeros((len(self.names), self.sensors.size), bool)
+        for place in np.random.default_rng(0).uniform(-30.0, 30.0, (3, len(free))):
+            full[free] = x[free] + place
+            A, C = self.model.linearise_transition(full, u)[1], self.model.linearise_measurement(full, u)[1]
+            depends = np.abs(C)
+            for _ in range(2):
+                C = C @ A
+                depends = np.maximum(depends, np.abs(C))
+            mask |= (depends > 1e-6 * depends.max(-1, keepdims=True)).T
+        return mask.astype(float)
+
+
+def compose(
+    vehicle: Vehicle, kind: str, disturbance: Disturbance, sensors: Sensors, told: str | None = None
+) -> Composition:
+    """A filter's model.
+
+    Args:
+        vehicle: What moves.
+        kind: One of the vehicle's ``kinds`` of model.
+        disturbance: What the filter is told that acts.
+        sensors: What it is told of them.
+        told: One of `TOLD`; None: the disturbance's own.
+
+    Raises:
+        ValueError: if there is no such model, or it cannot be composed of these: a sensor reads what its filters do not
+            estimate, or is not linear where the model is.
+    """
+    told = checked_told(disturbance.told if told is None else told)
+    forces = Forces(vehicle, disturbance)
+    base = vehicle.estimated(kind)
+    placed = _placed(vehicle, base)
+    _check_seen(vehicle, base, sensors)
+    n = len(base)
+    held = _held(vehicle, forces, placed) if told == "states" else np.zeros(0, int)
+    process = disturbance.process
+    drift = Process.joined(_part(process, held), sensors.bias)
+    names = (*base, *(disturbance.names[i] for i in held), *sensors.bias_names)
+    for name in sensors.bias_names:
+        if name in disturbance.names:
+            raise ValueError(f"a bias is called {name!r}, as is a component of {type(disturbance).__name__}")
+    angles = tuple(i for i, name in enumerate(base) if name in vehicle.angles)
+    kicked = np.zeros((len(names), len(vehicle.kicks)))  # K: what kicks do to the state
+    for j, name in enumerate(vehicle.kicked):
+        if name in base:
+            kicked[base.index(name), j] = 1.0
+    root = np.zeros((len(names), disturbance.white.shape[-1] + process.normals + sensors.bias.normals))
+    if told == "states":
+        white = np.zeros((len(vehicle.kicks), disturbance.white.shape[-1]))
+        white[forces.shaken] = disturbance.white
+        root[:, : white.shape[-1]] = kicked @ white
+        root[n : n + len(held), white.shape[-1] : white.shape[-1] + process.normals] = process.root[held]
+    if sensors.bias.normals:
+        root[n + len(held) :, -sensors.bias.normals :] = sensors.bias.root
+    Q = root @ root.T
+    Q[:n, :n] += np.diag(np.asarray(vehicle.process_sd)[:n] ** 2)
+    R = np.diag(sensors.sd**2)
+    shown_kicks = _shown_kicks(vehicle, sensors)
+    if told == "states" and shown_kicks[:, forces.shaken].any():
+        raise ValueError(
+            f"a sensor reads the white kicks of {type(disturbance).__name__} as they come: a filter is told of them "
+            'with {"as": "input"}, or {"as": "white"}'
+        )
+    G = H = None
+    if told in ("input", "white") and forces.kicks:
+        G, H = kicked[:, forces.kicks], shown_kicks[:, forces.kicks]
+    if told == "noise":
+        K, S = kicked[:, forces.kicks], shown_kicks[:, forces.kicks]
+        Q += K @ forces.kick_cov @ K.T
+        R += S @ forces.kick_cov @ S.T
+    options: dict[str, Any] = {"G": G, "H": H, "state_angles": angles, "measurement_angles": sensors.angles}
+    make = _linear if kind in vehicle.linear_kinds else _nonlinear
+    model = make(vehicle, kind, forces, sensors, held, drift, placed, kicked, Q, R, options)
+    return Composition(model, names, n, held, forces, sensors, told)
+
+
+Placed = Callable[[np.ndarray], np.ndarray]
+
+
+def columns(indices: list[int]) -> Any:
+    """What picks components: a slice where they are neighbours, which is faster."""
+    if indices and indices == list(range(indices[0], indices[-1] + 1)):
+        return slice(indices[0], indices[-1] + 1)
+    return indices
+
+
+def _placed(vehicle: Vehicle, base: tuple[str, ...]) -> Placed:
+    """What puts a filter's components of the vehicle's state where the vehicle has them, others 0."""
+    where = [vehicle.state_names.index(name) for name in base]
+    if where == list(range(len(vehicle.state_names))):
+        return lambda x: x
+
+    def place(x: np.ndarray) -> np.ndarray:
+        state = np.zeros(x.shape[:-1] + (len(vehicle.state_names),))
+        state[..., where] = x
+        return state
+
+    return place
+
+
+def _spread(z: np.ndarray, held: np.ndarray, disturbance: Disturbance) -> np.ndarray:
+    """The disturbance's whole state out of the part that a filter holds, others 0."""
+    if len(held) == disturbance.process.size:
+        return z
+    full = np.zeros(z.shape[:-1] + (disturbance.process.size,))
+    full[..., held] = z
+    return full
+
+
+def _part(process: Process, held: np.ndarray) -> Process:
+    square = np.ix_(held, held)
+    return Process(process.transition[square], process.root[held], process.start_cov[square])
+
+
+def _held(vehicle: Vehicle, forces: Forces, placed: Placed) -> np.ndarray:
+    """Which components of a disturbance's state come to move what a filter estimates, at once or later."""
+    x, u = vehicle.cruise
+    kicks, process = len(vehicle.kicks), forces.disturbance.process
+    still = vehicle.drift(x, u, np.zeros(len(vehicle.flows)))
+    moving = [(vehicle.drift(x, u, unit) != still).any() for unit in np.eye(len(vehicle.flows))]
+    counts = np.array([True] * kicks + moving)
+    # An effect may depend on z and on where the vehicle is in any way: it is looked at in several places.
+    rng, matters = np.random.default_rng(0), np.zeros(process.size, bool)
+    for size in (0.0, 1.0, 10.0, 100.0):
+        z = 0.5 * rng.standard_normal(process.size) * (size > 0.0)
+        near = size * rng.standard_normal((2, len(vehicle.state_names)))
+        for place in vehicle.placed(x) + np.vstack([near, np.full((1, len(vehicle.state_names)), size)]):
+            rows = np.tile(place, (process.size + 1, 1))
+            with np.errstate(all="ignore"):
+                given = forces.on(np.vstack([z, z + np.eye(process.size)]), rows)
+            matters = matters | ((given[1:] != given[0]) & counts).any(-1)
+    transition = process.transition
+    for _ in transition:
+        matters = matters | (transition[matters] != 0.0).any(0)
+    return np.flatnonzero(matters)
+
+
+def _shown_kicks(vehicle: Vehicle, sensors: Sensors) -> np.ndarray:
+    """How a unit of each kick shows in the readings ``(p, kicks)``."""
+    state, forcing = np.zeros((len(vehicle.kicks) + 1, len(vehicle.state_names))), len(vehicle.kicks + vehicle.flows)
+    unit = np.eye(len(vehicle.kicks) + 1, forcing, -1)
+    readings = sensors.exact(state, unit)
+    return (readings[1:] - readings[0]).T
+
+
+def _check_seen(vehicle: Vehicle, base: tuple[str, ...], sensors: Sensors) -> None:
+    """Refuse a sensor that reads a part of the vehicle's state that the filter does not estimate."""
+    state = vehicle.placed(vehicle.cruise[0])
+    forcing = np.zeros((2, len(vehicle.kicks + vehicle.flows)))
+    for i, name in enumerate(vehicle.state_names):
+        if name in base:
+            continue
+        moved = np.stack([state, state])
+        moved[1, i] += 1.0
+        readings = sensors.exact(moved, forcing)
+        changed = np.flatnonzero(readings[1] != readings[0])
+        if len(changed):
+            sensor = sensors.each[sensors.owner[changed[0]]]
+            raise ValueError(
+                f"{sensor.name} reads {name}, which filters of this model do not estimate (they estimate "
+                f"{', '.join(base)}): leave it out, or choose another model"
+            )
+
+
+def _nonlinear(
+    vehicle: Vehicle,
+    kind: str,
+    forces: Forces,
+    sensors: Sensors,
+    held: np.ndarray,
+    drift: Process,
+    placed: Placed,
+    kicked: np.ndarray,
+    Q: np.ndarray,
+    R: np.ndarray,
+    options: dict[str, Any],
+) -> NonlinearModel:
+    n, k, kicks, flows = len(vehicle.estimated(kind)), len(held), len(vehicle.kicks), len(vehicle.flows)
+    still = np.zeros(flows)
+    moves = [forces.vehicle.estimated(kind).index(name) for name in vehicle.kicked if name in vehicle.estimated(kind)]
+    kicking = k > 0 and any(i < kicks for i in forces.to)
+    disturbance = forces.disturbance
+
+    def transition(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+        assert u is not None
+        alike = u.size == u.shape[-1] or u.shape[:-1] == x.shape[:-1]
+        moved = np.empty(x.shape if alike else np.broadcast_shapes(x.shape[:-1], u.shape[:-1]) + x.shape[-1:])
+        own = x[..., :n]
+        flow = still
+        if k:
+            z = _spread(x[..., n : n + k], held, disturbance)
+            flow = forces.flow(z, placed(own))
+        vehicle.drift(own, u, flow, moved[..., :n])
+        if kicking:
+            moved[..., moves] += forces.on(z, placed(own))[..., :kicks]
+        if x.shape[-1] > n:
+            drift.advance(x[..., n:], moved[..., n:])
+        return moved
+
+    def measurement(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+        state = placed(x[..., :n])
+        if k:
+            forcing = forces.on(_spread(x[..., n : n + k], held, disturbance), state)
+        else:
+            forcing = np.zeros(x.shape[:-1] + (kicks + flows,))
+        return sensors.exact(state, forcing, x[..., n + k :])
+
+    return NonlinearModel(transition, measurement, Q, R, **options)
+
+
+def _linear(
+    vehicle: Vehicle,
+    kind: str,
+    forces: Forces,
+    sensors: Sensors,
+    held: np.ndarray,
+    drift: Process,
+    placed: Placed,
+    kicked: np.ndarray,
+    Q: np.ndarray,
+    R: np.ndarray,
+    options: dict[str, Any],
+) -> LinearModel:
+    n, k = len(vehicle.estimated(kind)), len(held)
+    size, f = len(Q), len(vehicle.kicks + vehicle.flows)
+    kicks = len(vehicle.kicks)
+    effect = np.zeros((f, size))  # E: what the filter's state gives of the forcing
+    effect[:, n : n + k] = forces.linear[:, held]
+    nothing = sensors.exact(placed(np.zeros(n)), np.zeros(f), np.zeros(sensors.bias.size))
+
+    def read(x: np.ndarray) -> np.ndarray:
+        return sensors.exact(placed(x[..., :n]), x @ effect.T, x[..., n + k :]) - nothing
+
+    C = read(np.eye(size)).T
+    x = np.linspace(-1.0, 2.0, size)
+    wrong = np.flatnonzero(np.abs(read(x) - C @ x) > 1e-9 * (1.0 + np.abs(C) @ np.abs(x)))
+    if len(wrong):
+        raise ValueError(
+            f"{sensors.each[sensors.owner[wrong[0]]].name} is not linear in what the filter estimates: choose a filter "
+            "for nonlinear models"
+        )
+    A, B = vehicle.linear(kind)
+    if size == n:
+        return LinearModel(A, C, Q, R, B=B, **options)
+    kick = kicked[:n] @ effect[:kicks]  # what the disturbance's part of the state adds to the vehicle's
+
+    def whole(u: np.ndarray | None) -> np.ndarray:
+        own = A(u) if callable(A) else A
+        matrix = np.zeros(own.shape[:-2] + (size, size))
+        matrix[..., :n, :n] = own
+        matrix[..., :n, :] += kick
+        matrix[..., n:, n:] = drift.transition
+        return matrix
+
+    def known(u: np.ndarray | None) -> np.ndarray:
+        own = B(u) if callable(B) else B
+        matrix = np.zeros(own.shape[:-2] + (size, own.shape[-1]))
+        matrix[..., :n, :] = own
+        return matrix
+
+    return LinearModel(whole, C, Q, R, B=known, **options)

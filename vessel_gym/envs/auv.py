@@ -1,0 +1,89 @@
+"""AUV-v0: any torpedo-shaped vehicle of a vehicle file dives along a curve on what a filter believes."""
+
+from pathlib import Path
+from typing import Any
+
+from vessel_gym.composition import Composition
+from vessel_gym.disturbances import Water
+from vessel_gym.envs.single import VesselEnv
+from vessel_gym.envs.vector import VesselVectorEnv
+from vessel_gym.system import System
+from vessel_gym.tasks.dive import SpatialDive, VerticalDive
+from vessel_gym.vehicles.auv import AUVParameters
+from vessel_gym.vehicles.files import load
+from vessel_gym.vehicles.itsunusa import Itsunusa, ItsunusaParameters
+from vessel_gym.vehicles.segorogeni import Segorogeni
+
+WATERS = {
+    "calm": Water(turbulence=0.002, spin=0.002, current=0.05),
+    "moderate": Water(turbulence=0.005, spin=0.005, current=0.10),
+    "rough": Water(turbulence=0.010, spin=0.010, current=0.20),
+}
+_PLANE: dict[str, Any] = {"velocities": ("u", "w"), "rates": ("q",), "names": ("current",)}
+PLANE_WATERS = {
+    "calm": Water(turbulence=0.002, spin=0.001, current=0.05, **_PLANE),
+    "moderate": Water(turbulence=0.005, spin=0.0025, current=0.10, **_PLANE),
+    "rough": Water(turbulence=0.010, spin=0.005, current=0.20, **_PLANE),
+}
+
+
+def _tuning(name: str, told: Composition) -> dict[str, Any]:
+    # An ensemble of 100 is a little too sure of itself; 1 + 1/N mends that (docs/dives.md).
+    if name in ("enkf", "enkf-sr", "etkf"):
+        return {"members": 100, "inflation": 1.01, "localisation": told.localisation}
+    return {}
+
+
+def auv_system(vessel: str | Path, name: str = "vessel_gym/AUV-v0") -> System:
+    """A torpedo-shaped vehicle that dives, as an environment: in space, or in the vertical plane if its file says so.
+
+    Its dive is Segorogeni's, or ITSUNUSA's in the plane, times as long as it is fast.
+
+    Args:
+        vessel: A vehicle file of an underwater vehicle, or the name of one that comes with the package.
+        name: The environment's id.
+
+    Raises:
+        ValueError: for anything wrong in the file, in one sentence with its line.
+        OSError: if the file cannot be read.
+    """
+    body: Any = load(vessel, AUVParameters)
+    if isinstance(body, ItsunusaParameters):
+        share = body.cruise_speed / 1.5
+        plane = VerticalDive(body, (60.0 * share, 0.0, 20.0 * share), (2.0 * share, 0.0, share), 5.0 * share, 600)
+        return System(name, Itsunusa(body), plane, PLANE_WATERS, "enkf-sr", "nonlinear", _tuning)
+    share = body.cruise_speed
+    goal, spread = (10.0 * share, 18.0 * share, 6.0 * share), (share, share, 0.5 * share)
+    space = SpatialDive(body, goal, spread, 2.5 * share, 500)
+    return System(name, Segorogeni(body), space, WATERS, "enkf", "nonlinear", _tuning)
+
+
+class AUVEnv(VesselEnv):
+    """Dive along a curve with an underwater vehicle of one's own on what an estimator believes.
+
+    `SegorogeniAUVEnv`, or `ItsunusaAUVEnv` for a vehicle in the vertical plane, documents spaces, rewards and
+    arguments; the path is as many times as long as the vehicle is fast, and their files give their environments.
+
+    Args:
+        vessel: A vehicle file (docs/vehicles.md), or the name of one that comes with the package.
+        options: As `VesselEnv`.
+
+    Raises:
+        ValueError: for anything wrong in the file, in one sentence with its line; otherwise as `VesselEnv`.
+    """
+
+    system = auv_system("remus-100")
+
+    def __init__(self, vessel: str | Path = "remus-100", **options: Any) -> None:
+        self.system = auv_system(vessel)  # type: ignore[misc]
+        super().__init__(**options)
+
+
+class AUVVectorEnv(VesselVectorEnv):
+    """The native batch of `AUVEnv`, which documents the arguments."""
+
+    system = AUVEnv.system
+
+    def __init__(self, num_envs: int = 1, vessel: str | Path = "remus-100", **options: Any) -> None:
+        self.system = auv_system(vessel)  # type: ignore[misc]
+        super().__init__(num_envs, **options)

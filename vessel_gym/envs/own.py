@@ -1,0 +1,51 @@
+"""Environments of one's own, from a system."""
+
+from typing import Any
+
+import gymnasium as gym
+
+from vessel_gym.envs.single import VesselEnv
+from vessel_gym.envs.vector import VesselVectorEnv
+from vessel_gym.system import System
+
+
+def register_environment(system: System, max_episode_steps: int | None = None) -> str:
+    """Register a system with Gymnasium, both faces of it, under its name.
+
+    Args:
+        system: What moves, what acts, what is asked; `dataclasses.replace` changes a part of one of ours.
+        max_episode_steps: Steps of a full episode; None: the task's horizon.
+
+    Returns:
+        The id, which is the system's name.
+
+    Raises:
+        ValueError: for the name of an environment that was not registered here: give yours one of its own.
+    """
+    known = gym.registry.get(system.name)
+    if known is not None and not getattr(known.entry_point, "own", False):
+        raise ValueError(f"{system.name!r} is an environment already: give yours a name of its own")
+    made = {"system": system, "own": True, "__reduce__": _reduced}
+    faces = [type(base.__name__, (base,), made) for base in (VesselEnv, VesselVectorEnv)]
+    gym.registry.pop(system.name, None)  # a notebook's cell may run again
+    gym.register(
+        system.name,
+        entry_point=faces[0],  # type: ignore[arg-type]
+        vector_entry_point=faces[1],  # type: ignore[arg-type]
+        max_episode_steps=system.task.horizon if max_episode_steps is None else max_episode_steps,
+    )
+    return system.name
+
+
+def _reduced(self: VesselEnv | VesselVectorEnv) -> tuple[Any, ...]:
+    """What a pickle keeps: the name under which the class is registered where it is loaded, too, and the state."""
+    state = {name: value for name, value in self.__dict__.items() if name != "spec"}  # which holds the class
+    return _blank, (self.system.name, isinstance(self, VesselVectorEnv)), state
+
+
+def _blank(name: str, batch: bool) -> Any:
+    spec = gym.spec(name)
+    made: Any = spec.vector_entry_point if batch else spec.entry_point
+    blank = made.__new__(made)
+    blank.spec = spec
+    return blank

@@ -1,0 +1,136 @@
+"""What senses and estimates for many rows at once: the half of an environment that knows no truth and no task."""
+
+from collections.abc import Sequence
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from estimators import Belief, Gaussian
+from vessel_gym.estimation import Estimation, Oracle
+from vessel_gym.sensors import Sensors
+from vessel_gym.streams import Draws
+
+Readings = tuple[np.ndarray, np.ndarray]
+"""Readings ``(B, p)`` and the mask ``(B, p)`` of those that arrived."""
+
+
+class Loop:
+    """Sensors, their randomness, and the filter and belief of B rows.
+
+    `sense` reads what is true; `begin` and `estimate` are handed readings, and nothing else.
+
+    Args:
+        sensors: What is read.
+        estimation: The filter, and what it is told.
+        rows: B.
+
+    Attributes:
+        readings: The last ones.
+        bias: ``(B, k)`` states of the sensors' biases.
+        belief: What the filter believes.
+    """
+
+    def __init__(self, sensors: Sensors, estimation: Estimation, rows: int) -> None:
+        self.rows = rows
+        self.attach(sensors, estimation)
+        self._draws = Draws(rows, sensors.size, sensors.uniforms)
+        self._streams = [np.random.default_rng(0)] * rows if self.filter.random else None
+        self.readings: Readings = np.zeros((rows, sensors.size)), np.zeros((rows, sensors.size), bool)
+        self.bias = np.zeros((rows, sensors.bias.size))
+        self.belief: Belief
+
+    def attach(self, sensors: Sensors, estimation: Estimation) -> None:
+        """Take what is no state: a copy of a loop needs it again."""
+        self.sensors, self.composition = sensors, estimation.composition
+        self.filter, self._prior_factor = estimation.filter, estimation.prior
+        # A filter of somebody else's may write into what it is given; ours do not.
+        self._foreign = not self.filter._ours
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All but what `attach` gives, which may hold functions that cannot be pickled."""
+        state = {name: value for name, value in self.__dict__.items() if name not in _ATTACHED}
+        return state | ({"strides": _strides(self.belief)} if hasattr(self, "belief") else {})
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """The state as it was, to the last bit of what follows from it."""
+        strides = state.pop("strides", {})
+        self.__dict__.update(state)
+        if strides:
+            self.belief = _laid_out(self.belief, strides)
+
+    @property
+    def tells_truth(self) -> bool:
+        """Whether the filter is the declared exception, whose reading is the truth."""
+        return isinstance(self.filter, Oracle)
+
+    def restart(
+        self, rows: np.ndarray, sensing: Sequence[np.random.Generator], filtering: Sequence[np.random.Generator] | None
+    ) -> None:
+        """Begin some rows' random numbers again."""
+        self._draws.restart(rows, sensing)
+        if self._streams is not None and filtering is not None:
+            for row, generator in zip(rows, filtering, strict=True):
+                self._streams[row] = generator
+
+    def sense(self, state: np.ndarray, forcing: np.ndarray, steps: np.ndarray, rows: np.ndarray | None) -> Readings:
+        """Readings of rows (None: all) in a true ``state``, on which ``forcing`` acts, ``steps`` after their start."""
+        bias = self.bias if rows is None else self.bias[rows]
+        exact = self.sensors.exact(state, forcing, bias if bias.shape[-1] else None)
+        return self.sensors.read(exact, steps, *self._draws.next(rows))
+
+    def begin(self, rows: np.ndarray | None, prior: Gaussian, readings: Readings, u: np.ndarray) -> Belief:
+        """The belief of rows (None: all) after their first readings; those of the others stay.
+
+        Args:
+            rows: Which.
+            prior: What is known at the start, of what the filter estimates.
+            readings: The first.
+            u: The known input.
+        """
+        chosen = np.arange(self.rows) if rows is None else rows
+        rng = None if self._streams is None else [self._streams[row] for row in chosen]
+        prior = Gaussian(prior.mean, self._prior_factor * prior.cov)
+        belief = self._update(self.filter.init(prior, rng=rng), readings, rng, u)
+        if rows is None:
+            self.belief = belief
+        else:
+            self.belief = _laid_out(self.belief.with_rows(rows, belief), _strides(self.belief))
+        return belief
+
+    def estimate(self, readings: Readings, u: np.ndarray) -> None:
+        """One step of all rows: the known input over it, then what was read at its end."""
+        belief = self.filter.predict(self.belief, u, rng=self._streams)
+        self.belief = self._update(belief, readings, self._streams)
+
+    def _update(
+        self, belief: Belief, readings: Readings, rng: list[np.random.Generator] | None, u: np.ndarray | None = None
+    ) -> Belief:
+        y, available = readings
+        if self.tells_truth:
+            return self.filter.update(belief, y, rng=rng, u=u)
+        if self._foreign:
+            y, available = y.copy(), available.copy()
+        return self.filter.update(belief, y, rng=rng, available=available, u=u)
+
+
+_ATTACHED = ("sensors", "composition", "filter")
+
+
+def _strides(belief: Belief) -> dict[str, tuple[int, ...]]:
+    """How the arrays of a belief lie in memory."""
+    arrays = {field.name: getattr(belief, field.name) for field in fields(belief)}
+    return {name: array.strides for name, array in arrays.items() if array is not None}
+
+
+def _laid_out(belief: Belief, strides: dict[str, tuple[int, ...]]) -> Belief:
+    """The belief with arrays that lie in memory as told: the last bit of a product depends on that."""
+    arrays = {}
+    for name, steps in strides.items():
+        values = getattr(belief, name)
+        size = sum((n - 1) * step for n, step in zip(values.shape, steps, strict=True)) + values.itemsize
+        array: np.ndarray = np.ndarray(values.shape, values.dtype, np.empty(size, np.uint8), strides=steps)
+        array[...] = values
+        if np.array_equal(array, values):  # but where rows that share their memory have come to differ
+            arrays[name] = array
+    return belief.replace(**arrays)

@@ -1,0 +1,115 @@
+"""Gauss-Markov processes: what currents, gusts, waves and the biases of sensors are made of."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import block_diag, solve_continuous_lyapunov
+
+from estimators import van_loan
+
+
+@dataclass(frozen=True, eq=False)
+class Process:
+    """``z+ = transition z + root n`` over a step, with standard normals n.
+
+    Attributes:
+        transition: ``(k, k)``.
+        root: ``(k, m)`` a root of the covariance of what enters in a step.
+        start_cov: ``(k, k)`` covariance of z at the start.
+
+    Raises:
+        ValueError: for arrays that do not fit together.
+    """
+
+    transition: np.ndarray
+    root: np.ndarray
+    start_cov: np.ndarray
+
+    def __post_init__(self) -> None:
+        for name in ("transition", "root", "start_cov"):  # laid out alike in every copy: the last bit depends on it
+            object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name), float))
+        k = len(self.root)
+        for name, values in (("transition", self.transition), ("start_cov", self.start_cov)):
+            if np.shape(values) != (k, k):
+                raise ValueError(
+                    f"{name} must have shape {(k, k)}, as many rows as root of shape {np.shape(self.root)}, got "
+                    f"{np.shape(values)}"
+                )
+
+    @property
+    def size(self) -> int:
+        """k, components of the state."""
+        return self.root.shape[0]
+
+    @property
+    def normals(self) -> int:
+        """m, normal numbers a step."""
+        return self.root.shape[1]
+
+    def advance(self, z: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+        """``transition z`` of states ``(..., k)``, entry by entry: the same to the last bit in any batch."""
+        moved = np.multiply(z, self._decay, out=out)
+        for i, j, entry in self._couplings:
+            moved[..., i] += entry * z[..., j]
+        return moved
+
+    @cached_property
+    def _decay(self) -> np.ndarray:
+        """The diagonal of the transition."""
+        return np.diag(self.transition).copy()
+
+    @cached_property
+    def _couplings(self) -> list[tuple[int, int, float]]:
+        """Its other entries but for zeros, of which a few processes side by side have most."""
+        couples = self.transition - np.diag(self._decay)
+        return [(int(i), int(j), float(couples[i, j])) for i, j in np.argwhere(couples)]
+
+    @classmethod
+    def stationary(cls, A: np.ndarray, W: np.ndarray, dt: float) -> "Process":
+        """``z' = A z + w``, white w of intensity ``W (k, k)``, as it is long after its beginning.
+
+        Args:
+            A: ``(k, k)``, stable.
+            W: ``(k, k)``.
+            dt: Time step [s].
+
+        Raises:
+            ValueError: if A is not stable: then the process has no size to begin with.
+        """
+        A, W = np.asarray(A, float), np.asarray(W, float)
+        if not np.linalg.eigvals(A).real.max() < 0.0:
+            raise ValueError("A must be stable (eigenvalues with negative real parts): otherwise the process grows")
+        transition, noise = van_loan(A, np.eye(len(A)), W, dt)
+        return cls(transition, root_of(noise), solve_continuous_lyapunov(A, -W))
+
+    @classmethod
+    def wandering(cls, sd: tuple[float, ...] | np.ndarray, time: float, dt: float) -> "Process":
+        """Independent first-order processes of standard deviations ``sd (k,)`` that change in ``time`` [s]."""
+        sd = np.asarray(sd, float)
+        fresh = np.sqrt(-np.expm1(-2.0 * dt / time))
+        return cls(np.exp(-dt / time) * np.eye(len(sd)), np.diag(sd * fresh), np.diag(sd**2))
+
+    @classmethod
+    def walk(cls, start: tuple[float, ...] | np.ndarray, pace: tuple[float, ...] | np.ndarray, dt: float) -> "Process":
+        """Independent random walks: ``start (k,)`` standard deviations at first, ``pace (k,)`` of what a second adds.
+
+        With a pace of zero they are constants that nobody knows.
+        """
+        start, pace = np.asarray(start, float), np.asarray(pace, float)
+        return cls(np.eye(len(start)), np.diag(pace * np.sqrt(dt)), np.diag(start**2))
+
+    @classmethod
+    def joined(cls, *processes: "Process") -> "Process":
+        """Independent processes as one."""
+        if not processes:
+            return cls(np.zeros((0, 0)), np.zeros((0, 0)), np.zeros((0, 0)))
+        return cls(
+            *(block_diag(*(getattr(p, name) for p in processes)) for name in ("transition", "root", "start_cov"))
+        )
+
+
+def root_of(cov: np.ndarray) -> np.ndarray:
+    """A square root of a covariance that may be singular."""
+    values, vectors = np.linalg.eigh(cov)
+    return vectors * np.sqrt(np.maximum(values, 0.0))

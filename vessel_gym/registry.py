@@ -1,0 +1,57 @@
+"""What is known of kinds of tasks: score sheets, pilots and scenes, ours and everybody else's alike."""
+
+from collections.abc import Callable
+from typing import Any, Generic, TypeVar
+
+T = TypeVar("T")
+
+
+class Registry(Generic[T]):
+    """Entries by kind of task and name. What a class is given holds for its subclasses; the nearest class counts.
+
+    Args:
+        what: What an entry is, in a word.
+        ours: Imports the modules that register the package's own, when something is first looked for.
+    """
+
+    def __init__(self, what: str, ours: Callable[[], object]) -> None:
+        self._what, self._ours = what, ours
+        self._entries: dict[type, dict[str, tuple[str, T]]] = {}
+
+    def register(self, kind: type, entry: T, module: str, name: str = "") -> None:
+        """Give a kind of task an entry. A module may do so again, as in a notebook; another one may not.
+
+        Args:
+            kind: Class of the tasks.
+            entry: What they get.
+            module: Name of the module that it is from.
+            name: Of the entry, where a task may have several.
+
+        Raises:
+            TypeError: if ``kind`` is no class.
+            ValueError: if another module has given it one of this name.
+        """
+        if not isinstance(kind, type):
+            raise TypeError(f"a {self._what} is registered for a class of tasks, got {kind!r}")
+        entries = self._entries.setdefault(kind, {})
+        if name in entries and entries[name][0] != module:
+            called = f"{self._what} {name!r}" if name else self._what
+            raise ValueError(
+                f"{kind.__name__} has its {called} from {entries[name][0]}: subclass the task to give it another"
+            )
+        entries[name] = module, entry
+
+    def of(self, task: Any) -> dict[str, T]:
+        """What a task has, by name: its class's own, and what it inherits."""
+        return {name: entry for name, (_, entry) in self._found(task).items()}
+
+    def modules(self, task: Any) -> dict[str, str]:
+        """The modules that they are from, by name."""
+        return {name: module for name, (module, _) in self._found(task).items()}
+
+    def _found(self, task: Any) -> dict[str, tuple[str, T]]:
+        self._ours()
+        found: dict[str, tuple[str, T]] = {}
+        for kind in reversed(type(task).__mro__):
+            found |= self._entries.get(kind, {})
+        return found

@@ -1,0 +1,252 @@
+"""Ships in surge, sway and yaw, particulars and equations of motion; the SIGMA-class corvette is one.
+
+Frames: North-East-Down, body x forward, y starboard, origin amidships. Positive rudder turns the
+ship to starboard (yaw rate r > 0), as in the thesis' figures; Davidson and Schiff count it the other
+way, so Y'delta and N'delta change sign together.
+
+Sources: Hermawan (2020), the thesis that the task comes from, for the ship's particulars; Clarke,
+Gedling & Hine (1983) for the linear derivatives (eqs. 2.19 and 2.23 of the thesis misprint two of
+them); Fossen (2011) for the structure; Fujii & Tuda (1961) for the rudder; Hoerner (1965) for cross-flow drag.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import IntEnum
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+
+from vessel_gym.compiled import gufunc, inlined
+from vessel_gym.vehicles.integration import RATES, STEP, Numbers, blank, rate, step
+
+STATE = ("x", "y", "psi", "u", "v", "r")
+"""State: position north, east [m], heading [rad], surge, sway through the water [m/s], yaw rate [rad/s]."""
+
+
+I = IntEnum("I", (
+    "mass", "mass_x_g", "surge_inertia", "sway_inertia", "sway_yaw_inertia", "yaw_sway_inertia", "yaw_inertia",
+    "Yv", "Yr", "Nv", "Nr", "cross_flow", "resistance", "thrust", "rudder", "slipstream", "straightening",
+    "half_length",
+), start=0)  # fmt: skip
+"""Where a coefficient stands in the vector of the compiled equations."""
+
+COEFFICIENTS = tuple(I.__members__)
+UNCERTAIN = (
+    I.Yv, I.Yr, I.Nv, I.Nr, I.cross_flow, I.resistance, I.rudder, I.straightening, I.sway_inertia, I.yaw_inertia,
+)  # fmt: skip
+"""The coefficients that `mismatch` perturbs: hydrodynamics and inertia, not geometry."""
+
+
+_CROSS_FLOW = np.array([
+    [0.0109, 0.177, 0.353, 0.452, 0.473, 0.493, 0.558, 0.646, 0.834, 0.988, 1.308, 1.639, 1.860, 2.313, 2.600, 3.009],
+    [1.966, 1.966, 1.898, 1.787, 1.584, 1.245, 1.084, 0.999, 0.880, 0.828, 0.760, 0.691, 0.657, 0.631, 0.596, 0.587],
+])  # fmt: skip
+"""Hoerner's curve: beam / (2 draught) and cross-flow drag; as read by Leite, Aranha, Umeda & Conti (1998)."""
+
+
+@dataclass(frozen=True)
+class CorvetteParameters:
+    """Particulars of a ship, SI units: what a vehicle file gives, each number there with its source.
+
+    What has a default may be left out. ``given`` holds measured or computed derivatives by name, which replace the
+    estimated ones (`GIVEN`): non-dimensional (prime I: divided by ``rho / 2``, powers of L and U) as those of Clarke,
+    without the ship's own mass (Yr, not Yr - m), rudder to starboard positive.
+    """
+
+    length: float  # m, between perpendiculars
+    beam: float  # m
+    draught: float  # m
+    mass: float  # kg
+    speed: float  # m/s, service speed U
+    resistance: float  # N at U, grows with the square of the speed
+    rudder_area: float | None = None  # m2, of all rudders; None: Ydelta is given
+    x_g: float = 0.0  # m, centre of gravity forward of amidships
+    water_density: float = 1025.0  # kg/m3, sea water; Fossen (2011)
+    yaw_radius: float = 0.25  # gyration radius / L; Fossen (2011), sec. 3.3
+    drag_coefficient: float | None = None  # cross-flow drag; None: by Hoerner's curve
+    rudder_aspect: float = 1.5  # effective aspect ratio, assumed
+    rudder_limit: float = float(np.deg2rad(35.0))  # rad, usual; the angle of the trials of MSC.137(76)
+    rudder_rate: float = float(np.deg2rad(65.0 / 28.0))  # rad/s, the least; SOLAS II-1/29
+    slipstream: float = 1.1  # inflow speed at the rudder / u, assumed
+    straightening: float = 0.4  # share of the geometric drift angle that the rudder sees; Yasukawa & Yoshimura (2015)
+    given: tuple[tuple[str, float], ...] = ()  # derivatives by name
+
+    TABLES: ClassVar = {
+        "particulars": ("length", "beam", "draught", "mass", "x_g", "yaw_radius", "water_density"),
+        "derivatives": (
+            "Xudot", "Yvdot", "Yrdot", "Nvdot", "Nrdot", "Yv", "Yr", "Nv", "Nr", "drag_coefficient",
+        ),
+        "rudder": (
+            "rudder_area", "rudder_aspect", "rudder_limit", "rudder_rate", "slipstream", "straightening", "Ydelta",
+        ),
+        "propulsion": ("speed", "resistance"),
+    }  # fmt: skip
+    """Where the keys stand in a vehicle file; those that are no fields of this class go to ``given``."""
+
+    @cached_property
+    def block_coefficient(self) -> float:
+        """C_B that displaces the mass (the corvette's: 0.452; printed 0.65)."""
+        return self.mass / (self.water_density * self.length * self.beam * self.draught)
+
+    @cached_property
+    def clarke(self) -> dict[str, float]:
+        """Non-dimensional (prime I) derivatives by Clarke et al. (1983), with m', I'z and the rudder's."""
+        L, B, T, Cb = self.length, self.beam, self.draught, self.block_coefficient
+        slender = np.pi * (T / L) ** 2
+        mass = self.mass / (0.5 * self.water_density * L**3)
+        rudder = 0.5 * np.pi * (self.rudder_area or 0.0) / L**2
+        return {
+            "Yvdot": -slender * (1 + 0.16 * Cb * B / T - 5.1 * (B / L) ** 2),
+            "Yrdot": -slender * (0.67 * B / L - 0.0033 * (B / T) ** 2),
+            "Nvdot": -slender * (1.1 * B / L - 0.041 * B / T),
+            "Nrdot": -slender * (1 / 12 + 0.017 * Cb * B / T - 0.33 * B / L),
+            "Yv": -slender * (1 + 0.40 * Cb * B / T),
+            "Yr": -slender * (-1 / 2 + 2.2 * B / L - 0.080 * B / T),
+            "Nv": -slender * (1 / 2 + 2.4 * T / L),
+            "Nr": -slender * (1 / 4 + 0.039 * B / T - 0.56 * B / L),
+            "m": mass,
+            "Iz": mass * self.yaw_radius**2 + mass * (self.x_g / L) ** 2,
+            "Ydelta": -rudder,
+            "Ndelta": 0.5 * rudder,
+        }
+
+    @cached_property
+    def stability(self) -> float:
+        """Of the straight course, Yv' (Nr' - m' x_g') - Nv' (Yr' - m') with the rudder at rest: positive if it is.
+
+        The criterion of Davidson & Schiff (1946). An unstable ship turns at small helm to either side.
+        """
+        c, at = self.clarke | dict(self.given), dict(zip(COEFFICIENTS, self.vector(), strict=True))
+        force = at["rudder"] * self.slipstream * self.straightening / (0.5 * self.water_density * self.length**2)
+        Yv, Yr, Nv, Nr = c["Yv"] - force, c["Yr"] + 0.5 * force, c["Nv"] + 0.5 * force, c["Nr"] - 0.25 * force
+        return float(Yv * (Nr - c["m"] * self.x_g / self.length) - Nv * (Yr - c["m"]))
+
+    def vector(self) -> np.ndarray:
+        """The coefficients of the compiled equations, dimensional, in the order of `COEFFICIENTS`."""
+        given, L, rho = dict(self.given), self.length, self.water_density
+        c = self.clarke | given
+        volume = self.mass / rho
+        surge_added = 2.7 * rho * volume ** (5 / 3) / L**2  # Soding (1982)
+        q = 0.5 * rho
+        lift_slope = 6.13 * self.rudder_aspect / (self.rudder_aspect + 2.25)  # Fujii & Tuda (1961)
+        drag = self.drag_coefficient
+        if drag is None:
+            drag = float(np.interp(0.5 * self.beam / self.draught, *_CROSS_FLOW))
+        rudder = q * (self.rudder_area or 0.0) * lift_slope
+        values = {
+            "mass": self.mass,
+            "mass_x_g": self.mass * self.x_g,
+            "surge_inertia": self.mass + (-q * L**3 * given["Xudot"] if "Xudot" in given else surge_added),
+            "sway_inertia": self.mass - q * L**3 * c["Yvdot"],
+            "sway_yaw_inertia": self.mass * self.x_g - q * L**4 * c["Yrdot"],
+            "yaw_sway_inertia": self.mass * self.x_g - q * L**4 * c["Nvdot"],
+            "yaw_inertia": q * L**5 * (c["Iz"] - c["Nrdot"]),
+            "Yv": q * L**2 * c["Yv"],
+            "Yr": q * L**3 * c["Yr"],
+            "Nv": q * L**3 * c["Nv"],
+            "Nr": q * L**4 * c["Nr"],
+            "cross_flow": q * self.draught * drag,
+            "resistance": self.resistance / self.speed**2,
+            "thrust": self.resistance,
+            "rudder": -q * L**2 * given["Ydelta"] / self.slipstream**2 if "Ydelta" in given else rudder,
+            "slipstream": self.slipstream,
+            "straightening": self.straightening,
+            "half_length": 0.5 * L,
+        }
+        return np.array([values[name] for name in COEFFICIENTS])
+
+    def mistakes(self) -> Iterator[tuple[str, str]]:
+        """What no ship can be: the name of a number, and a sentence on it."""
+        L, B, T = self.length, self.beam, self.draught
+        if B >= L:
+            yield "beam", f"a ship of {L:g} m is not {B:g} m wide"
+        if T >= B:
+            yield "draught", f"a ship {B:g} m wide is not {T:g} m deep in the water"
+        if not 0.1 < self.block_coefficient < 1.0:
+            box = self.mass / self.block_coefficient
+            yield "mass", f"{self.mass:g} kg are no mass of a hull in a box that displaces {box:.4g} kg"
+        if abs(self.x_g) > 0.5 * L:
+            yield "x_g", f"a centre of gravity {self.x_g:g} m from amidships is not in a ship of {L:g} m"
+        if self.rudder_area is None and "Ydelta" not in dict(self.given):
+            yield "rudder", "the rudder needs 'rudder_area', or 'Ydelta' as measured"
+        if self.rudder_area is not None and self.rudder_area >= L * T:
+            yield "rudder_area", f"a rudder of {self.rudder_area:g} m2 is as large as the hull's profile"
+        m = dict(zip(COEFFICIENTS, self.vector(), strict=True))
+        if min(
+            m["surge_inertia"], m["sway_inertia"], m["yaw_inertia"],
+            m["sway_inertia"] * m["yaw_inertia"] - m["sway_yaw_inertia"] * m["yaw_sway_inertia"],
+        ) <= 0.0:  # fmt: skip
+            yield "derivatives", "the added masses leave an inertia that is not positive"
+
+
+@inlined
+def _cross_flow(v: float, r: float, a: float) -> tuple[float, float]:
+    """Integrals of |v + x r| (v + x r) {1, x} over -a <= x <= a, in closed form."""
+    if abs(r) * a <= abs(v):  # the flow has one sign along the hull
+        sign = 1.0 if v >= 0.0 else -1.0
+        return sign * (2.0 * a * v * v + 2.0 / 3.0 * a**3 * r * r), sign * 4.0 / 3.0 * a**3 * v * r
+    if abs(r) * a < 1e-12:  # nothing moves, and r * r would underflow
+        return 0.0, 0.0
+    bow, stern = v + a * r, v - a * r
+    cubic = (abs(bow) ** 3 - abs(stern) ** 3) / 3.0
+    quartic = (bow * abs(bow) ** 3 - stern * abs(stern) ** 3) / 4.0
+    return cubic / r, (quartic - v * cubic) / (r * r)
+
+
+@inlined
+def _accelerations(u: float, v: float, r: float, rudder: float, c: np.ndarray) -> Numbers:
+    """Surge, sway and yaw accelerations (3-DOF, added mass on the left)."""
+    m_vv, m_vr, m_rv, m_rr = c[I.sway_inertia], c[I.sway_yaw_inertia], c[I.yaw_sway_inertia], c[I.yaw_inertia]
+    a = c[I.half_length]
+    sway_drag, yaw_drag = _cross_flow(v, r, a)
+    # What flows to the rudder: drift and yaw rate in a turn reduce its angle of attack.
+    inflow, side = c[I.slipstream] * u, c[I.straightening] * (v - a * r)
+    attack = rudder + np.arctan2(side, inflow)
+    force = c[I.rudder] * (inflow * inflow + side * side) * np.sin(attack)
+    # Surge: the sway added mass takes part in the centripetal term (Kirchhoff), which slows the ship in a turn.
+    X = c[I.thrust] - c[I.resistance] * u * abs(u) + m_vv * v * r + m_vr * r * r - force * np.sin(rudder)
+    Y = u * (c[I.Yv] * v + c[I.Yr] * r) - c[I.mass] * u * r - c[I.cross_flow] * sway_drag - force * np.cos(rudder)
+    N = (
+        u * (c[I.Nv] * v + c[I.Nr] * r) - c[I.mass_x_g] * u * r
+        - c[I.cross_flow] * yaw_drag + a * force * np.cos(rudder)
+    )  # fmt: skip
+    determinant = m_vv * m_rr - m_vr * m_rv
+    return X / c[I.surge_inertia], (m_rr * Y - m_vr * N) / determinant, (m_vv * N - m_rv * Y) / determinant
+
+
+@inlined
+def _rates(s: Numbers, control: Numbers, current: Numbers, c: np.ndarray) -> Numbers:
+    """Of position, heading and velocities through the water, in a ``current`` north and east."""
+    psi, u, v, r = s[2], s[3], s[4], s[5]
+    cos, sin = np.cos(psi), np.sin(psi)
+    return (
+        u * cos - v * sin + current[0], u * sin + v * cos + current[1], r,
+        *_accelerations(u, v, r, control[0], c),
+    )  # fmt: skip
+
+
+_BLANK = blank(6, 1, 2)
+
+
+@gufunc(*RATES)
+def corvette_rates(state: np.ndarray, control: np.ndarray, current: np.ndarray, c: np.ndarray, out: np.ndarray) -> None:
+    """Time derivative of the state; control is the rudder ``(1,)``, current north and east ``(2,)``."""
+    rate(_rates, _BLANK, state, control, current, c, out)
+
+
+@gufunc(*STEP)
+def corvette_step(
+    state: np.ndarray, control: np.ndarray, current: np.ndarray, c: np.ndarray, dt: float, substeps: int,
+    out: np.ndarray,
+) -> None:  # fmt: skip
+    """The state after ``dt``; control ``(2,)`` is the rudder before and after."""
+    step(_rates, _BLANK, state, control, current, c, dt, substeps, out)
+
+
+def rudder_angle_of_attack(
+    u: np.ndarray, v: np.ndarray, r: np.ndarray, rudder: np.ndarray, ship: CorvetteParameters
+) -> np.ndarray:
+    """Angle of attack [rad] of the rudder for surge ``u``, sway ``v`` [m/s] and yaw rate ``r`` [rad/s]."""
+    side = ship.straightening * (v - 0.5 * ship.length * r)
+    return rudder + np.arctan2(side, ship.slipstream * u)

@@ -1,0 +1,245 @@
+"""Vehicles as data: a TOML file holds what is known of a ship, an underwater vehicle or an aircraft (docs/vehicles.md).
+
+A file only holds numbers: nothing in it is executed. What is wrong with it is said in one sentence, with the line.
+"""
+
+import re
+import tomllib
+from dataclasses import MISSING, fields
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, get_args, get_origin, overload
+
+import numpy as np
+
+from estimators.checks import number, shown
+from estimators.factory import unknown
+
+if TYPE_CHECKING:
+    from vessel_gym.vehicles.auv import AUVParameters
+    from vessel_gym.vehicles.corvette_equations import CorvetteParameters
+    from vessel_gym.vehicles.puna import PunaParameters
+
+    Parameters: TypeAlias = CorvetteParameters | AUVParameters | PunaParameters
+
+P = TypeVar("P")
+
+_DATA = Path(__file__).with_name("data")
+_KINDS = {
+    "ship": {3: ("corvette_equations", "CorvetteParameters")},
+    "auv": {6: ("segorogeni", "SegorogeniParameters"), 3: ("itsunusa", "ItsunusaParameters")},
+    "fixed-wing": {3: ("puna", "PunaParameters")},
+}
+"""Module and class of the parameters by kind and degrees of freedom, the usual ones first. Only the class that a file
+needs is imported, because that compiles its equations of motion."""
+
+_ANGLES = (
+    "rudder_limit",
+    "rudder_rate",
+    "fin_limit",
+    "fin_rate",
+    "alpha_low",
+    "alpha_high",
+    "alpha_rate",
+    "bank_limit",
+)
+"""In rad, or with ``_deg`` after the name in degrees."""
+_BELOW_ZERO, _ABOVE_ONE = np.nextafter(0.0, -1.0), np.nextafter(1.0, 2.0)
+_POSITIVE = (0.0, np.inf, "a number above 0")
+_ANY = (-np.inf, np.inf, "a finite number")
+_NEGATIVE = (-np.inf, np.nextafter(0.0, 1.0), "a number of at most 0: it resists the motion")
+_ACUTE = (0.0, 0.5 * np.pi, "an angle above 0 and below 90 degrees")
+_SHARE = (_BELOW_ZERO, _ABOVE_ONE, "a share from 0 to 1")
+_RANGES = (
+    dict.fromkeys(("x_g", "fin_position", "buoyancy_excess", "propeller_torque", "drag", "lift", "density"), _ANY)
+    | dict.fromkeys(("z_g", "drag_coefficient"), (_BELOW_ZERO, np.inf, "a number of at least 0"))
+    | dict.fromkeys(("rudder_limit", "fin_limit", "bank_limit"), _ACUTE)
+    | dict.fromkeys(("alpha_low", "alpha_high"), (-0.5 * np.pi, 0.5 * np.pi, "an angle within 90 degrees"))
+    | dict.fromkeys(("straightening", "fin_taper"), _SHARE)
+    | {"yaw_radius": (0.0, np.nextafter(0.5, 1.0), "a share of the length above 0 and up to 0.5")}
+    | dict.fromkeys(("Yr", "Nv", "Yrdot", "Nvdot"), _ANY)
+    | dict.fromkeys(("Xudot", "Yvdot", "Nrdot", "Yv", "Nr", "Ydelta"), _NEGATIVE)
+    | dict.fromkeys(("X_udot", "Y_vdot", "Z_wdot", "K_pdot", "M_qdot", "N_rdot"), _NEGATIVE)
+    | dict.fromkeys(("X_uu", "Y_vv", "Z_ww", "K_pp", "M_qq", "N_rr"), _NEGATIVE)
+    | dict.fromkeys(("Y_uv", "Z_uw", "M_uq", "N_ur", "K_up"), _NEGATIVE)
+)
+"""What a number may be, if not positive; other coefficients of an underwater vehicle may be anything finite."""
+
+
+def names() -> tuple[str, ...]:
+    """The vehicles that come with the package."""
+    return tuple(sorted(path.stem for path in _DATA.glob("*.toml")))
+
+
+@overload
+def load(source: str | Path) -> "Parameters": ...
+@overload
+def load(source: str | Path, expected: type[P], *, stable: bool = True) -> P: ...
+def load(source: str | Path, expected: type[Any] = object, *, stable: bool = True) -> Any:
+    """The parameters of a vehicle.
+
+    Args:
+        source: A TOML file, or one of `names`.
+        expected: The class that they must be of.
+        stable: Refuse a ship that is not directionally stable: the turning-circle task needs steady turns.
+
+    Raises:
+        ValueError: for an unknown name, or anything wrong in the file, in one sentence with its line.
+        OSError: if the file cannot be read.
+    """
+    if isinstance(source, str) and re.fullmatch(r"[\w-]+", source):
+        if source not in names():
+            raise ValueError(unknown("vehicle", source, names()) + ", or name a .toml file")
+        source = _DATA / f"{source}.toml"
+        if isinstance(parameters := _shipped(source), expected):
+            return parameters
+    return _File(Path(source)).parameters(expected, stable)
+
+
+@cache
+def _shipped(path: Path) -> Any:
+    return _File(path).parameters(object, stable=True)
+
+
+class _File:
+    """A file being read."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        try:
+            self.text = path.read_text(encoding="utf-8")
+            self.data = tomllib.loads(self.text)
+        except UnicodeDecodeError:
+            raise ValueError(f"{path}, line 1: the file is not text in UTF-8") from None
+        except (ValueError, RecursionError) as error:  # not TOML; a number of 5,000 digits, a thousand brackets
+            found = re.search(r"line (\d+)", str(error))
+            line = int(found[1]) if found else self.text.count("\n") + 1
+            sentence = re.sub(r" \(at .*?\)$", "", str(error)).replace("\n", " ")
+            raise ValueError(f"{path}, line {line}: not TOML: {sentence}") from None
+
+    def fault(self, keys: tuple[str, ...], sentence: str) -> ValueError:
+        """The error of a sentence on a key, or its table where it is missing, or the kind where that is."""
+        there, content = [], self.data
+        for key in keys:
+            if not isinstance(content, dict) or key not in content:
+                break
+            there.append(key)
+            content = content[key]
+        return ValueError(f"{self.path}, line {_line(self.text, tuple(there) or ('kind',))}: {sentence}")
+
+    def parameters(self, expected: type[Any], stable: bool) -> Any:
+        """What `load` returns."""
+        cls = self._class(expected)
+        values = self._values(cls)
+        known = {each.name for each in fields(cls)}
+        given = tuple((name, x) for name, x in values.items() if name not in known)
+        parameters = cls(
+            **{name: x for name, x in values.items() if name in known} | ({"given": given} if given else {})
+        )
+        for name, sentence in parameters.mistakes():
+            raise self.fault(self._where(cls, name), sentence)
+        if stable and getattr(parameters, "stability", 1.0) <= 0.0:
+            sentence = "the ship is directionally unstable: it has no steady turn at small helm"
+            raise self.fault(("derivatives",) if "derivatives" in self.data else ("particulars",), sentence)
+        return parameters
+
+    def _class(self, expected: type[Any]) -> type[Any]:
+        """The class of the file's kind."""
+        if "kind" not in self.data:
+            raise self.fault((), f"a vehicle file needs a 'kind': {', '.join(_KINDS)}")
+        kind = self.data["kind"]
+        if not isinstance(kind, str) or kind not in _KINDS:
+            raise self.fault(("kind",), unknown("kind", kind, _KINDS))
+        freedom = self.data.get("degrees_of_freedom", next(iter(_KINDS[kind])))
+        if type(freedom) is not int or freedom not in _KINDS[kind]:
+            choices = " or ".join(map(str, _KINDS[kind]))
+            raise self.fault(("degrees_of_freedom",), f"degrees_of_freedom must be {choices}, got {shown(freedom)}")
+        module, name = _KINDS[kind][freedom]
+        cls = getattr(import_module(f"vessel_gym.vehicles.{module}"), name)
+        if not issubclass(cls, expected):
+            wanted = expected.__name__.removesuffix("Parameters")
+            raise self.fault(("kind",), f"kind {kind!r} with {freedom} degrees of freedom, where {wanted} is needed")
+        return cls
+
+    def _values(self, cls: type[Any]) -> dict[str, Any]:
+        """The file's numbers by name, in the units of the class."""
+        tables, values = cls.TABLES, {}
+        for table, content in self.data.items():
+            if table in ("kind", "degrees_of_freedom"):
+                continue
+            if table not in (*tables, "sources"):
+                what = "table" if isinstance(content, dict) else "key outside of tables"
+                raise self.fault((table,), unknown(what, table, ("kind", "degrees_of_freedom", *tables, "sources")))
+            if not isinstance(content, dict):
+                raise self.fault((table,), f"[{table}] must be a table, got {shown(content)}")
+            if table == "sources":
+                for key, text in content.items():
+                    if not isinstance(text, str):
+                        raise self.fault((table, key), f"a source is a text, got {shown(text)}")
+                continue
+            spelled = {
+                f"{name}{unit}": name for name in tables[table] for unit in ("", "_deg")[: 1 + (name in _ANGLES)]
+            }
+            for key, value in content.items():
+                if key not in spelled:
+                    raise self.fault((table, key), unknown(f"key in [{table}]", key, spelled))
+                name = spelled[key]
+                if name in values:
+                    raise self.fault((table, key), f"{name} is given twice, in rad and in degrees")
+                try:
+                    values[name] = _value(cls, name, key, value)
+                except ValueError as error:
+                    raise self.fault((table, key), str(error)) from None
+        for each in fields(cls):
+            if each.default is MISSING and each.name not in values:
+                table, _ = self._where(cls, each.name)
+                raise self.fault((table,), f"[{table}] needs a {each.name!r}")
+        return values
+
+    def _where(self, cls: type[Any], name: str) -> tuple[str, ...]:
+        """Table and key of a number; of a table that is told apart from a number by its name, the table."""
+        if name in cls.TABLES:
+            return (name,)
+        table = next(table for table, keys in cls.TABLES.items() if name in keys)
+        content = self.data.get(table, {})
+        return (table, f"{name}_deg" if f"{name}_deg" in content else name)
+
+
+def _value(cls: type[Any], name: str, key: str, value: object) -> Any:
+    """A number in the units of the class, or the tuple of numbers or the truth value that it wants."""
+    kind = next((each.type for each in fields(cls) if each.name == name), float)
+    low, high, what = _RANGES.get(name, _ANY if re.match(r"[XYZKMN]_", name) else _POSITIVE)
+    if kind is bool:
+        if not isinstance(value, bool):
+            raise ValueError(f"{name} must be true or false, got {shown(value)}")
+        return value
+    if get_origin(kind) is tuple:
+        size = len(get_args(kind))
+        what = f"a list of {size} finite numbers"
+        if not isinstance(value, list) or len(value) != size:
+            raise ValueError(f"{name} must be {what}, got {shown(value)}")
+        return tuple(number(name, each, low, high, what) for each in value)
+    if key != name:
+        low, high = np.rad2deg([low, high])
+        return float(np.deg2rad(number(key, value, low, high, what)))
+    return number(name, value, low, high, what)
+
+
+def _line(text: str, keys: tuple[str, ...]) -> int:
+    """Where a key or table stands: right after the lines that make a file without it."""
+    lines = text.split("\n")
+    without = 0
+    for count in range(1, len(lines) + 1):
+        try:
+            found = tomllib.loads("\n".join(lines[:count]))
+        except ValueError:  # amid a value of several lines
+            continue
+        for key in keys:
+            if not isinstance(found, dict) or key not in found:
+                break
+            found = found[key]
+        else:
+            return without + 1
+        without = count
+    return 1
