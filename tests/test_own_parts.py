@@ -62,6 +62,7 @@ def test_what_else_a_page_shows_runs(page: str, parts: SimpleNamespace) -> None:
         exec(compile(example, page, "exec"), {"__name__": "page"})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("env_id", OWN)
 @pytest.mark.parametrize("estimator", estimator_names())
 def test_every_estimator_that_ours_carry_carries_a_part_of_ones_own(
@@ -79,6 +80,7 @@ def test_every_estimator_that_ours_carry_carries_a_part_of_ones_own(
     assert np.isfinite(flown.returns).all()
 
 
+@pytest.mark.slow
 def test_who_is_told_of_ones_own_sensor_or_disturbance_is_as_good_as_it_says(parts: SimpleNamespace) -> None:
     """64 dives: the mean NEES of 14 components over hundreds of steps lies within a quarter of its expectation."""
     for env_id in ("Usbl-v0", "Shear-v0"):
@@ -87,6 +89,7 @@ def test_who_is_told_of_ones_own_sensor_or_disturbance_is_as_good_as_it_says(par
         assert 0.75 < figures["nees"].mean() < 1.25
 
 
+@pytest.mark.slow
 def test_a_sensor_of_ones_own_is_not_ignored_by_the_default_filter(parts: SimpleNamespace) -> None:
     without = [s for s in parts.my_sensor.SENSORS if s.name != "USBL"]
     error = {}
@@ -99,6 +102,7 @@ def test_a_sensor_of_ones_own_is_not_ignored_by_the_default_filter(parts: Simple
     assert error["with"] < 0.5 * error["without"]
 
 
+@pytest.mark.slow
 def test_a_task_of_ones_own_has_pilot_score_and_picture(parts: SimpleNamespace) -> None:
     pytest.importorskip("pygame")
     flown = rollout("autopilot", "Docking-v0", range(8))

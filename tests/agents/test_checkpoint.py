@@ -125,6 +125,7 @@ def test_an_agent_that_stable_baselines3_saved_without_its_statistics_is_not_flo
     np.testing.assert_array_equal(one, other)
 
 
+@pytest.mark.slow
 def test_rewards_that_were_normalised_are_no_matter_of_the_flight(tmp_path: Path):
     model = trained(PPO, "MlpPolicy", SHORT, VecNormalize(adapter(), norm_obs=False))
     expected, _ = model.predict(observed(), deterministic=True)

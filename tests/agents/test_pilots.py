@@ -63,6 +63,7 @@ def acted(env_id: str, name: str, seen: np.ndarray) -> np.ndarray:
     return np.stack([agent.act(frame) for frame in seen])
 
 
+@pytest.mark.slow
 @every_pilot
 def test_a_batch_is_what_its_rows_are_alone(env_id: str, name: str):
     seen = observations(env_id)

@@ -214,6 +214,7 @@ def picture(task: object, steps: int = 5, **options: object) -> np.ndarray:
     return drawn
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "options", [{}, {"estimator": "truth"}, {"estimator": "dead-reckoning"}, {"observe": "measurement"}]
 )
@@ -236,6 +237,7 @@ class Foreign:
         return getattr(self._task, name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("env_id", ["SigmaCorvette-v0", "SegorogeniAUV-v0", "PunaUAV-v0"])
 def test_every_vehicle_can_be_drawn_plainly(env_id: str):
     pytest.importorskip("pygame")

@@ -65,6 +65,7 @@ def test_the_whiteness_test_fails_as_many_as_is_stated_and_not_fewer(reports: li
         assert low <= (p < level).sum() <= high
 
 
+@pytest.mark.slow
 def test_at_each_time_95_percent_of_consistent_filters_lie_in_the_band(reports: list[Consistency]):
     for test in ("nees", "nis"):
         bands = [getattr(report, test) for report in reports]

@@ -224,6 +224,7 @@ def test_perturbations_have_the_covariance_of_the_readings():
     assert error < 5.0 * np.sqrt(2.0 / N) * np.diag(R).max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_errors_are_as_large_as_a_large_ensemble_says_but_for_its_sample_size(name: str):
     """The inverse of a sample covariance is too large by (N - 1) / (N - n - 2) (Anderson 2003, sec. 7.7)."""
@@ -309,6 +310,7 @@ def test_inflation_multiplies_the_anomalies_of_the_analysis_and_leaves_the_mean(
     np.testing.assert_allclose(nothing.ensemble, before.ensemble, rtol=0, atol=1e-13)  # no reading, no inflation
 
 
+@pytest.mark.slow
 @settings(derandomize=True, max_examples=40, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), members=st.integers(2, 12), n=st.integers(1, 9))
 def test_a_rotation_keeps_mean_and_covariance_and_moves_the_members(seed: int, members: int, n: int):

@@ -20,6 +20,7 @@ def darouach() -> LinearModel:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv", "ulise"])
 def test_without_feedthrough_the_filter_settles_at_the_covariance_of_darouach_1995(name: str):
     filter = make(name, darouach())

@@ -391,6 +391,7 @@ def _simulate_least_favourable(worst: LeastFavourable, seed: int, runs: int) -> 
     return Record(np.array([*xs, x]), np.array(ys), np.zeros((len(ys), runs, worst.system.m)), None)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("radius", [0.01, 0.1, 0.3])
 @pytest.mark.parametrize("system", [_constant_velocity(), kalman_system(0), kalman_system(1, n=3, p=1)])
 def test_under_the_least_favourable_model_the_error_is_as_large_as_the_filter_claims(system: System, radius: float):

@@ -47,6 +47,7 @@ def refusals_to_make(env_id: str, expected: type[Exception], **options: Any) -> 
 # --- names ------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @every_environment
 @pytest.mark.parametrize(
     ("option", "wrong"),
@@ -78,6 +79,7 @@ def test_a_name_that_is_nearly_right_is_answered_with_the_one_that_was_meant(env
         assert "did you mean 'enkf-sr'?" in message
 
 
+@pytest.mark.slow
 @every_environment
 @pytest.mark.parametrize("wrong", ["kf-umv", "kf-umv-iu", "kf-umv-ui-wd", "ulis", "ekf-ui", "k"])
 def test_no_estimator_is_offered_that_refuses_the_vehicle(env_id: str, wrong: str):
@@ -250,6 +252,7 @@ def test_a_wrong_seed_of_a_batch_is_refused_and_the_old_one_stands(env_id: str, 
     assert_same_tree(env.reset(), twin.reset())
 
 
+@pytest.mark.slow
 @every_environment
 @pytest.mark.parametrize("wrong", [-1, 1.5, "7", [1], True, np.array([1])], ids=repr)
 def test_a_wrong_seed_of_a_single_environment_is_refused_and_the_old_one_stands(env_id: str, wrong: Any):
@@ -345,6 +348,7 @@ def test_a_refused_reset_changes_nothing(env_id: str, seed: int | None):
 # --- actions ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @every_environment
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_an_action_that_is_not_finite_is_refused_and_changes_nothing(env_id: str, value: float):
@@ -377,6 +381,7 @@ def test_an_action_of_the_wrong_shape_is_refused_with_both_shapes(env_id: str):
             assert message == f"action has shape {shape}, expected {(rows, size)}"
 
 
+@pytest.mark.slow
 @every_environment
 @pytest.mark.parametrize(
     "wrong", ["hard to port", None, {"rudder": 1.0}, ["0.5"], [[1.0], [1.0, 2.0]], np.array([1j]), [None]], ids=repr

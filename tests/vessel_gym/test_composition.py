@@ -158,6 +158,7 @@ def test_where_nothing_is_new_the_world_moves_and_is_read_as_the_filter_has_it(e
         assert np.abs(core.estimated(core.truth) - before).max() > 1e-3
 
 
+@pytest.mark.slow
 @every_world
 def test_what_is_new_in_the_world_has_the_covariance_that_the_filter_is_told(env_id: str, chosen: dict[str, Any]):
     rows, steps = 1000, 10
@@ -183,6 +184,7 @@ def test_what_is_new_in_the_world_has_the_covariance_that_the_filter_is_told(env
     np.testing.assert_allclose(found, expected, rtol=0, atol=7.0 * 1.5 / np.sqrt(len(sample)))
 
 
+@pytest.mark.slow
 @every_world
 def test_what_is_known_at_the_start_is_how_episodes_start(env_id: str, chosen: dict[str, Any]):
     """By chi-square of 2000 starts, false alarm 1e-6; dead reckoning believes what it is told and nothing else."""
@@ -223,6 +225,7 @@ def assert_consistent(core: Core, values: np.ndarray) -> None:
     assert means.max() < high
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sensors", BIASED.values(), ids=BIASED)
 def test_a_filter_that_is_told_of_a_bias_finds_it_and_is_consistent(sensors: list[Sensor]):
     core = make_core(AUV, 200, seed=4, estimator="ekf", sensors=sensors)
@@ -237,6 +240,7 @@ def test_a_filter_that_is_told_of_a_bias_finds_it_and_is_consistent(sensors: lis
     assert_consistent(core, values[20:])
 
 
+@pytest.mark.slow
 def test_a_filter_that_is_not_told_of_a_bias_is_not_consistent():
     """The test above can fail: without the bias among its states the filter is far too sure."""
     biased, unbiased = BIASED["constant"], single_class(AUV).system.vehicle.sensors
@@ -276,6 +280,7 @@ def assert_smaller(one: np.ndarray, other: np.ndarray) -> None:
     assert difference.mean() - half > 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("estimator", CARRIED_BY_AUV)
 def test_an_acoustic_system_of_ones_own_works_with_every_estimator_and_tells_where_the_vehicle_is(estimator: str):
     errors = [
@@ -332,6 +337,7 @@ def test_copies_with_parts_of_ones_own_go_on_as_the_original():
 # --- a disturbance of one's own ---------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @own_disturbances
 @pytest.mark.parametrize("how", ["states", "input", "noise"])
 def test_a_disturbance_of_ones_own_works_with_every_estimator(disturbance: Disturbance, how: str):
@@ -359,6 +365,7 @@ def test_a_disturbance_of_ones_own_works_with_every_estimator(disturbance: Distu
     assert flown == len(CARRIED_BY_AUV) + 2 * (how == "input")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("estimator", ["ekf", "ukf", "enkf"])
 @own_disturbances
 def test_who_is_told_of_a_disturbance_of_ones_own_sees_better(disturbance: Disturbance, estimator: str):
@@ -373,6 +380,7 @@ def test_who_is_told_of_a_disturbance_of_ones_own_sees_better(disturbance: Distu
     assert_smaller(*errors)
 
 
+@pytest.mark.slow
 @own_disturbances
 def test_an_ekf_that_is_told_of_a_disturbance_of_ones_own_is_consistent(disturbance: Disturbance):
     core = make_core(AUV, 200, seed=10, estimator="ekf", disturbance=disturbance)
@@ -393,6 +401,7 @@ LEAKS: list[tuple[str, dict[str, Any]]] = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("env_id", "chosen"), LEAKS, ids=range(len(LEAKS)))
 def test_no_observation_changes_when_truth_does_with_parts_of_ones_own(env_id: str, chosen: dict[str, Any]):
     one, other, distance = observations_when_truth_is_altered(env_id, **chosen)

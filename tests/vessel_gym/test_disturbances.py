@@ -305,6 +305,7 @@ def block_diagonal(*matrices: np.ndarray) -> np.ndarray:
     return block_diag(*(matrix for matrix in matrices if matrix.size))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("env_id", ENVIRONMENTS)
 def test_what_is_new_in_a_step_has_its_covariance_and_remembers_nothing(env_id: str):
     rows, steps = 500, 40
@@ -327,6 +328,7 @@ def test_what_is_new_in_a_step_has_its_covariance_and_remembers_nothing(env_id: 
     assert np.abs(np.einsum("tri,trj->ij", *neighbours)).max() / n < band
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("env_id", ENVIRONMENTS)
 def test_a_disturbance_has_its_stationary_sizes_from_the_first_step_on(env_id: str):
     core = make_core(env_id, 2000, seed=12, estimator="truth", disturbance="rough")

@@ -164,6 +164,7 @@ def test_where_another_word_than_the_shortest_is_clear_it_may_be_the_way():
     assert path.length == pytest.approx(word_path(start, goal, 1.0, "LRL").length, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_no_path_is_shorter_than_its_lower_bound_and_one_that_is_a_taut_string_is_as_long():
     for start, goal, obstacles in crowded_scenes(60, 6):
         if planned(start, goal, obstacles) < np.inf:

@@ -85,6 +85,7 @@ def test_kf_umv_ui_estimates_heading_better_than_kf_that_ignores_the_unknown_inp
     assert low > 0.0
 
 
+@pytest.mark.slow
 def test_telling_kf_the_true_variance_of_the_unknown_input_makes_it_as_good_as_kf_umv_ui():
     """In a rough sea the input is so large that knowing its variance adds next to nothing to not knowing it."""
     told, unbiased = heading_rmse(estimated("kf", told="white")), heading_rmse(estimated("kf-umv-ui"))

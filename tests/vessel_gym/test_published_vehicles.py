@@ -151,6 +151,7 @@ def test_the_linear_mariner_is_the_published_one():
     assert MARINER.stability > 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("degrees", [10, 15, 20, 35])
 def test_the_mariner_turns_as_its_published_equations_do(degrees: int):
     published, radius = reference_circle(symmetric, degrees)
@@ -169,6 +170,7 @@ def test_the_mariner_s_zig_zag_is_that_of_its_published_equations(degrees: int):
     assert ours.second_overshoot / DEG == pytest.approx(second, rel=0.20)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("degrees", [10, 20, 35])
 def test_as_mariner_m_reads_its_equations_the_mariner_begins_to_turn_the_same(degrees: int):
     """Until much speed is lost, in advance and overshoots: its tactical diameter at hard helm is a quarter larger."""
@@ -262,6 +264,7 @@ def both(rudder: float, stern: float, duration: float) -> tuple[State, State]:
     return solution.y.T, np.array(states)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("degrees", [4.0, -8.0, 13.6])
 def test_remus_turns_as_its_published_equations_do(degrees: float):
     published, ours = both(degrees * DEG, 0.0, 60.0)

@@ -114,6 +114,7 @@ def test_an_estimator_of_ones_own_cannot_spoil_an_episode_of_raw_readings(env_id
         assert_same_tree(one, other, f"step {step}")
 
 
+@pytest.mark.slow
 @every_environment
 def test_an_episode_is_judged_as_if_the_truth_were_believed(env_id: str):
     raw = make_core(env_id, 6, seed=4, observe="measurement", estimator="dead-reckoning")

@@ -250,6 +250,7 @@ def test_a_bias_has_the_variance_that_it_says_at_every_time(bias: Bias):
     assert bias.process(0.1).size == len(bias.states)
 
 
+@pytest.mark.slow
 @every_bias
 def test_biases_of_episodes_scatter_as_they_say(bias: Bias):
     """In an environment: chi-square bands of 2000 rows at three times, false alarm 1e-6 each."""

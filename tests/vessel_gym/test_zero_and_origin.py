@@ -216,6 +216,7 @@ def hold_steps(patch: pytest.MonkeyPatch, axes: Axes) -> None:
     patch.setattr(models, "steps", steps)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("env_id", "name"), cases(("SigmaCorvette-v0", "SegorogeniAUV-v0", "PunaUAV-v0"), reversed_too=True)
 )
@@ -238,6 +239,7 @@ def test_an_estimate_across_the_cut_of_a_heading_is_that_of_a_heading_north(
     assert apart(north, axes, track(name, north), track(name, south)) < SEAM
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("env_id", "name"), cases(("SegorogeniAUV-v0", "ItsunusaAUV-v0", "PunaUAV-v0"), reversed_too=False)
 )

@@ -135,6 +135,7 @@ def test_the_printed_falls_stand_where_ours_are_as_steep():
     assert (steep, flat) == ("undecided", "false")
 
 
+@pytest.mark.slow
 def test_the_misprinted_percentage_is_called_one():
     found = claims(page_of(0.0))
     assert found["The error of the position, 0.03 m of 20 m, is 0.0015 %."] == "false"

@@ -64,6 +64,7 @@ def test_what_claims_no_covariance_has_no_band():
     assert np.abs(truth["error"]).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_of_an_unknown_task_the_first_component_is_shown():
     episode = rollout("autopilot", CORVETTE, [0], {"estimator": "kf-umv-ui"})
     shown = _unknown(episode)

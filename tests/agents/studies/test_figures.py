@@ -46,6 +46,7 @@ def test_an_axis_is_made_of_the_conditions_that_differ_in_it_alone(found):
     assert [c.mismatch for c in along(graded, "mismatch")] == [0.0, 0.1, 0.2]
 
 
+@pytest.mark.slow
 def test_curves_are_drawn_for_the_axes_that_vary_and_for_no_other(found):
     panels = robustness_figure(found).axes
     assert len(panels) == 2

@@ -210,6 +210,7 @@ def test_few_training_runs_are_warned_of_and_one_has_no_interval(taught):
     assert "Warning" not in render(taught)
 
 
+@pytest.mark.slow
 def test_studies_without_learning_do_not_speak_of_it(plain):
     html = render(plain)
     assert "PPO" not in html
@@ -274,6 +275,7 @@ def test_the_price_is_what_the_score_on_the_truth_is_higher(classical, plain):
     assert shown.startswith(f"+{np.mean(truth - ours):.3f} ±")
 
 
+@pytest.mark.slow
 def test_every_setting_of_the_study_is_on_the_page(taught, learned):
     html = render(taught)
     for words in (
