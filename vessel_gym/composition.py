@@ -6,7 +6,7 @@ The filter's state is the vehicle's, then the disturbance's as far as it is told
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from estimators import LinearModel, NonlinearModel
 from estimators.checks import shown
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.processes import Process
-from vessel_gym.sensors import Sensors
+from vessel_gym.sensors import Sensors, columns
 from vessel_gym.system import Vehicle
 
 TOLD = ("states", "input", "white", "noise")
@@ -81,7 +81,7 @@ class Forces:
                 f"{disturbance.process.size}"
             )
         for name in disturbance.names:
-            if name in vehicle.state_names or disturbance.names.count(name) > 1:
+            if name in vehicle.state_names:
                 raise ValueError(f"{type(disturbance).__name__} calls a component {name!r}, as another is called")
         for what, found, wanted in (
             ("white", len(disturbance.white), len(disturbance.shakes)),
@@ -188,7 +188,7 @@ class Composition:
         matrix[self.base :, self.base : self.base + len(self.held)] = self.forces.linear[kicks:, self.held]
         return matrix
 
-    @property
+    @cached_property
     def scale(self) -> np.ndarray:
         """Sizes of what comes after the vehicle's state that count as 1 in an observation of standard deviations."""
         disturbance = self.forces.disturbance
@@ -198,8 +198,9 @@ class Composition:
     @cached_property
     def localisation(self) -> np.ndarray:
         """Which reading may correct which state of an ensemble ``(n, p)``, see `vessel_gym.sensors.Sensor`."""
-        return self.sensors.informed(self.names, self._depends)
+        return self.sensors.informed(self.names, lambda: self._depends)
 
+    @cached_property
     def _depends(self) -> np.ndarray:
         """The mask ``(n, p)`` of the states on which readings depend at once or within two steps, while cruising.
 
@@ -281,20 +282,25 @@ def compose(
         K, S = kicked[:, forces.kicks], shown_kicks[:, forces.kicks]
         Q += K @ forces.kick_cov @ K.T
         R += S @ forces.kick_cov @ S.T
-    options: dict[str, Any] = {"G": G, "H": H, "state_angles": angles, "measurement_angles": sensors.angles}
-    make = _linear if kind in vehicle.linear_kinds else _nonlinear
-    model = make(vehicle, kind, forces, sensors, held, drift, placed, kicked, Q, R, options)
+    options = {"Q": Q, "R": R, "G": G, "H": H, "state_angles": angles, "measurement_angles": sensors.angles}
+    parts = _Parts(forces, sensors, base, held, drift, placed, kicked)
+    model = _linear(parts, kind, options) if kind in vehicle.linear_kinds else _nonlinear(parts, options)
     return Composition(model, names, n, held, forces, sensors, told)
 
 
 Placed = Callable[[np.ndarray], np.ndarray]
 
 
-def columns(indices: list[int]) -> Any:
-    """What picks components: a slice where they are neighbours, which is faster."""
-    if indices and indices == list(range(indices[0], indices[-1] + 1)):
-        return slice(indices[0], indices[-1] + 1)
-    return indices
+class _Parts(NamedTuple):
+    """What a model is composed of."""
+
+    forces: Forces
+    sensors: Sensors
+    base: tuple[str, ...]  # what is estimated of the vehicle
+    held: np.ndarray  # which components of the disturbance's state are
+    drift: Process  # how these move, then the sensors' biases
+    placed: Placed
+    kicked: np.ndarray  # (n, kicks) what kicks do to the state
 
 
 def _placed(vehicle: Vehicle, base: tuple[str, ...]) -> Placed:
@@ -375,22 +381,12 @@ def _check_seen(vehicle: Vehicle, base: tuple[str, ...], sensors: Sensors) -> No
             )
 
 
-def _nonlinear(
-    vehicle: Vehicle,
-    kind: str,
-    forces: Forces,
-    sensors: Sensors,
-    held: np.ndarray,
-    drift: Process,
-    placed: Placed,
-    kicked: np.ndarray,
-    Q: np.ndarray,
-    R: np.ndarray,
-    options: dict[str, Any],
-) -> NonlinearModel:
-    n, k, kicks, flows = len(vehicle.estimated(kind)), len(held), len(vehicle.kicks), len(vehicle.flows)
+def _nonlinear(parts: _Parts, options: dict[str, Any]) -> NonlinearModel:
+    forces, sensors, base, held, drift, placed, _ = parts
+    vehicle = forces.vehicle
+    n, k, kicks, flows = len(base), len(held), len(vehicle.kicks), len(vehicle.flows)
     still = np.zeros(flows)
-    moves = [forces.vehicle.estimated(kind).index(name) for name in vehicle.kicked if name in vehicle.estimated(kind)]
+    moves = [base.index(name) for name in vehicle.kicked if name in base]
     kicking = k > 0 and any(i < kicks for i in forces.to)
     disturbance = forces.disturbance
 
@@ -418,24 +414,14 @@ def _nonlinear(
             forcing = np.zeros(x.shape[:-1] + (kicks + flows,))
         return sensors.exact(state, forcing, x[..., n + k :])
 
-    return NonlinearModel(transition, measurement, Q, R, **options)
+    return NonlinearModel(transition, measurement, **options)
 
 
-def _linear(
-    vehicle: Vehicle,
-    kind: str,
-    forces: Forces,
-    sensors: Sensors,
-    held: np.ndarray,
-    drift: Process,
-    placed: Placed,
-    kicked: np.ndarray,
-    Q: np.ndarray,
-    R: np.ndarray,
-    options: dict[str, Any],
-) -> LinearModel:
-    n, k = len(vehicle.estimated(kind)), len(held)
-    size, f = len(Q), len(vehicle.kicks + vehicle.flows)
+def _linear(parts: _Parts, kind: str, options: dict[str, Any]) -> LinearModel:
+    forces, sensors, base, held, drift, placed, kicked = parts
+    vehicle = forces.vehicle
+    n, k = len(base), len(held)
+    size, f = n + drift.size, len(vehicle.kicks + vehicle.flows)
     kicks = len(vehicle.kicks)
     effect = np.zeros((f, size))  # E: what the filter's state gives of the forcing
     effect[:, n : n + k] = forces.linear[:, held]
@@ -454,7 +440,7 @@ def _linear(
         )
     A, B = vehicle.linear(kind)
     if size == n:
-        return LinearModel(A, C, Q, R, B=B, **options)
+        return LinearModel(A, C, B=B, **options)
     kick = kicked[:n] @ effect[:kicks]  # what the disturbance's part of the state adds to the vehicle's
 
     def whole(u: np.ndarray | None) -> np.ndarray:
@@ -471,4 +457,4 @@ def _linear(
         matrix[..., :n, :] = own
         return matrix
 
-    return LinearModel(whole, C, Q, R, B=known, **options)
+    return LinearModel(whole, C, B=known, **options)

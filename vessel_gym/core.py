@@ -12,12 +12,11 @@ from estimators.checks import shown
 from estimators.linalg import semidefinite_cholesky
 from vessel_gym.checks import number, numbers, one_of
 from vessel_gym.checks import options as checked_options
-from vessel_gym.composition import Composition, Forces, columns
+from vessel_gym.composition import Composition, Forces
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.estimation import Estimation, EstimatorChoice, build, chosen_disturbance
 from vessel_gym.loop import Loop, Readings
-from vessel_gym.processes import root_of
-from vessel_gym.sensors import Sensor, Sensors
+from vessel_gym.sensors import Sensor, Sensors, columns
 from vessel_gym.streams import Draws, Purpose, stream
 from vessel_gym.system import Estimate, System
 
@@ -343,7 +342,7 @@ class Core:
             return prior.mean + x[:, :n], x[:, n : n + k], x[:, n + k :]
         own = np.r_[:n, n + k : n + k + bias.size]
         x = np.matvec(semidefinite_cholesky(cov[np.ix_(own, own)]), normals[:, : len(own)])
-        root = root_of(disturbance.process.start_cov)
+        root = disturbance.process.start_root
         first = self._draws.next(rows)[0][:, : root.shape[-1]]
         return prior.mean + x[:, :n], np.matvec(root, first), x[:, n:]
 
@@ -381,9 +380,9 @@ class Core:
         if not self.seeds:
             raise ResetNeeded("call reset() before the first step()")
         self.action = action = self.checked(action, ended)
-        declared = action[:, -1] > DECLARED
+        declared = None
         if self.ends == "declaration":
-            action = action[:, :-1]
+            action, declared = action[:, :-1], action[:, -1] > DECLARED
         if readings is not None:
             readings = _arrived(readings, self.loop.readings[0].shape)
         vehicle, task, loop = self.vehicle, self.task, self.loop
@@ -409,9 +408,9 @@ class Core:
         self.total += reward
         return reward, self.end > 0
 
-    def _over(self, declared: np.ndarray) -> np.ndarray:
+    def _over(self, declared: np.ndarray | None) -> np.ndarray:
         """Which missions are done ``(B,)``, as whoever ends them says."""
-        if self.ends == "declaration":
+        if declared is not None:
             return declared
         if (self.ends == "task") == (self.observe_mode == "measurement"):
             return self.task.over(self.reference)

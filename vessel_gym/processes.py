@@ -55,6 +55,11 @@ class Process:
         return moved
 
     @cached_property
+    def start_root(self) -> np.ndarray:
+        """A root of ``start_cov``."""
+        return root_of(self.start_cov)
+
+    @cached_property
     def _decay(self) -> np.ndarray:
         """The diagonal of the transition."""
         return np.diag(self.transition).copy()

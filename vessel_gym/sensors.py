@@ -7,7 +7,7 @@ ensembles and what can be had without a filter follow from it. Yours is a `Senso
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -229,6 +229,7 @@ class Sensors:
         self._dropout = np.array([sensor.dropout for sensor in self.each])[owner]
         self._outliers = np.array([sensor.outliers for sensor in self.each])[owner]
         self._outlier_sd = np.array([sensor.outlier_scale for sensor in self.each])[owner] * self.sd
+        self._spoils = bool(self._outliers.any())
         self._period = np.array([sensor.period(dt) for sensor in self.each])[owner]
         ranges = [r for sensor in self.each for r in (sensor.range or ((-np.inf, np.inf),) * len(sensor.channels))]
         self._lowest, self._highest = np.array(ranges, float).T
@@ -301,7 +302,7 @@ class Sensors:
             Readings ``(B, p)``, 0 where missing, and the mask ``(B, p)``.
         """
         scale = self.sd
-        if self._outliers.any():
+        if self._spoils:
             scale = np.where(uniforms[:, self._spoilt] < self._outliers, self._outlier_sd, scale)
         readings = exact + scale * normals
         if self._complete and math.isfinite(np.add.reduce(readings, None)):
@@ -318,7 +319,7 @@ class Sensors:
 
     # --- what readings tell -----------------------------------------------------------------------
 
-    @property
+    @cached_property
     def gives(self) -> tuple[str | None, ...]:
         """For each channel the state, or the part of the forcing, that it reads as such."""
         return tuple(name for s in self.each for name in (s.gives or (None,) * len(s.channels)))
@@ -347,12 +348,12 @@ class Sensors:
         """
         mask = np.zeros((len(names), self.size))
         for sensor, first in zip(self.each, self._first, strict=False):
-            columns = slice(first, first + len(sensor.channels))
+            own = slice(first, first + len(sensor.channels))
             if sensor.informs is None:
-                mask[:, columns] = depends()[:, columns]
+                mask[:, own] = depends()[:, own]
                 continue
-            mask[:, columns] = [[float(name in informed) for informed in sensor.informs] for name in names]
-            if not mask[:, columns].any():
+            mask[:, own] = [[float(name in informed) for informed in sensor.informs] for name in names]
+            if not mask[:, own].any():
                 raise ValueError(
                     f"{sensor.name} informs nothing that this filter estimates: name some of {', '.join(names)}"
                 )
@@ -363,13 +364,17 @@ class Sensors:
         return mask
 
 
-def plain(columns: Sequence[int]) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-    """What a sensor ``reads`` that reads components of the state as they are."""
-    chosen: Any = list(columns)
-    if chosen == list(range(chosen[0], chosen[-1] + 1)):  # a view
-        chosen = slice(chosen[0], chosen[-1] + 1)
+def columns(indices: Sequence[int]) -> Any:
+    """What picks components: a slice where they are neighbours, which gives a view."""
+    chosen = list(indices)
+    if chosen and chosen == list(range(chosen[0], chosen[-1] + 1)):
+        return slice(chosen[0], chosen[-1] + 1)
+    return chosen
 
-    return partial(_columns, chosen)
+
+def plain(components: Sequence[int]) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    """What a sensor ``reads`` that reads components of the state as they are."""
+    return partial(_columns, columns(components))
 
 
 def _columns(chosen: Any, state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
