@@ -29,6 +29,20 @@ def short_way(change: np.ndarray) -> np.ndarray:
     return change - _TURN * np.rint(change / _TURN)
 
 
+def together(angle: np.ndarray) -> np.ndarray:
+    """Angles ``(..., N)`` of members, whole turns taken off so that they lie within half a turn of each other's mean.
+
+    Beside the first where they are close to it; where they are spread out, beside their circular mean.
+    """
+    first = angle[..., :1]
+    close = near(angle, first)
+    spread = (np.abs(close - first) > 0.25 * np.pi).any(-1)
+    if spread.any():
+        wide = angle[spread]
+        close[spread] = near(wide, np.arctan2(np.sin(wide).mean(-1), np.cos(wide).mean(-1))[..., None])
+    return close
+
+
 def difference(a: np.ndarray, b: np.ndarray, angles: tuple[int, ...]) -> np.ndarray:
     """``a - b`` of vectors ``(..., n)``, with the components in ``angles`` wrapped.
 

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from estimators.angles import near, wrap
+from estimators.angles import difference, near, together
 from estimators.belief import Belief
 from estimators.checks import as_array, number, shown, whole
 from estimators.filter import Filter, Model, Reading, Streams
@@ -81,10 +81,10 @@ class EnsembleFilter(Filter):
         root = semidefinite_cholesky(resolve(model.Q, u)) if self._noise_root is None else self._noise_root
         if root.shape[-1]:
             noise = self._centred_noise(streams, batch, root)
-            ensemble += noise
-            anomalies = np.subtract(ensemble, mean[..., None, :], out=noise)
+            ensemble = np.add(ensemble, noise, out=noise)
         else:
-            anomalies = ensemble - mean[..., None, :]
+            ensemble = np.array(ensemble)  # what a model returns is its own
+        anomalies = ensemble - mean[..., None, :]
         cov = self._covariance(anomalies)
         return Belief(mean, cov, belief.prior_mean, belief.prior_cov, belief.recovery, u, ensemble=ensemble)
 
@@ -92,9 +92,7 @@ class EnsembleFilter(Filter):
         model, u = self.model, belief.u
         R, mask = self._noise(y, available, R, u)
         expected, anomalies = self._expected(belief)
-        innovation = y - expected
-        if model.measurement_angles:
-            innovation[..., model.measurement_angles] = wrap(innovation[..., model.measurement_angles])
+        innovation = difference(y, expected, model.measurement_angles)
         reading = Reading(innovation, None, None, R, mask, bool(mask.all()), anomalies=anomalies, whole_R=R)
         return reading if reading.complete else reading.only(mask)
 
@@ -153,13 +151,12 @@ class EnsembleFilter(Filter):
             anomalies -= expected[..., None, :]
             return expected, anomalies
         readings = at_points("measurement", model.measurement, belief.ensemble, u, model.p)
-        if model.measurement_angles:
-            readings = np.array(readings)
-            angles = readings[..., model.measurement_angles]
-            centre = np.arctan2(self._mean(np.sin(angles)), self._mean(np.cos(angles)))
-            readings[..., model.measurement_angles] = near(angles, centre[..., None, :])
+        readings = np.array(readings, dtype=float)
+        for i in model.measurement_angles:
+            readings[..., i] = together(readings[..., i])
         expected = self._mean(readings)
-        return expected, readings - expected[..., None, :]
+        readings -= expected[..., None, :]
+        return expected, readings
 
     def _inflation(self, available: np.ndarray) -> np.ndarray:
         """The factor on each component ``(..., n)``: none where no reading came that may correct it."""
@@ -417,13 +414,15 @@ def _groups(mask: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
 
 
 def _unwrapped_steps(before: np.ndarray, after: np.ndarray, angles: tuple[int, ...]) -> np.ndarray:
-    """``after`` as an array of its own, with whole turns taken off that some members made and others did not.
+    """``after``, whole turns taken off that some members made and others did not.
 
     A transition may wrap its angles. Members that cross the seam would then be a turn away from the others; over one
     step all turn by nearly as much as the first.
     """
-    after = np.array(after, dtype=float)
-    if angles:
-        step = after[..., angles] - before[..., angles]
-        after[..., angles] = before[..., angles] + near(step, step[..., :1, :])
+    for i in angles:
+        step = after[..., i] - before[..., i]
+        apart = (np.abs(step - step[..., :1]) > np.pi).any(-1)
+        if apart.any():
+            after = np.array(after)
+            after[apart, :, i] = (before[..., i] + near(step, step[..., :1]))[apart]
     return after

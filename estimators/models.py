@@ -336,12 +336,17 @@ def central_differences(
     ``angles`` are differenced the short way round, so that it does not matter where ``f`` wraps them.
     """
     n = x.shape[-1]
-    values = at_points(name, function, x[..., None, :] + _offsets(n) * step[..., None, :], u, size)
+    points = _offsets(n) * step[..., None, :]
+    points += x[..., None, :]
+    values = at_points(name, function, points, u, size)
     pairs = values[..., 1:, :].reshape(values.shape[:-2] + (2, 2, n, size))  # near and far, to either side
     change = pairs[..., 0, :, :] - pairs[..., 1, :, :]
     for i in angles:
         change[..., i] = short_way(change[..., i])
-    columns = (8.0 * change[..., 0, :, :] - change[..., 1, :, :]) / (12.0 * step[..., :, None])
+    columns, far = change[..., 0, :, :], change[..., 1, :, :]
+    columns *= 8.0
+    columns -= far
+    columns /= 12.0 * step[..., None]
     return values[..., 0, :], columns.mT
 
 

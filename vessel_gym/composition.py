@@ -12,6 +12,7 @@ import numpy as np
 
 from estimators import LinearModel, NonlinearModel
 from estimators.checks import shown
+from estimators.models import Function, central_differences, steps
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.processes import Process
 from vessel_gym.sensors import Sensors, columns
@@ -381,6 +382,41 @@ def _check_seen(vehicle: Vehicle, base: tuple[str, ...], sensors: Sensors) -> No
             )
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Composed(NonlinearModel):
+    """A nonlinear model of which only the vehicle's part is differenced: how the rest moves and is read is known."""
+
+    moved: Function  # the vehicle's part of the transition, of vehicle and disturbance
+    read: Function  # the measurement without biases, of the same
+    own: int  # components of the vehicle,
+    drift: Process  # and how what comes after them moves
+    shown: np.ndarray  # (p, b) how biases show in the readings
+
+    def linearise_transition(
+        self, x: np.ndarray, u: np.ndarray | None, cov: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The next state ``(..., n)`` and the Jacobian ``(..., n, n)``."""
+        n, m, step = self.own, self.n - self.shown.shape[-1], steps(x, cov, self.state_angles)
+        mean, F = central_differences("transition", self.moved, x[..., :m], u, n, self.state_angles, step[..., :m])
+        jacobian = np.zeros(x.shape + (self.n,))
+        jacobian[..., :n, :m] = F
+        jacobian[..., n:, n:] = self.drift.transition
+        return np.concatenate([mean, self.drift.advance(x[..., n:])], -1), jacobian
+
+    def linearise_measurement(
+        self, x: np.ndarray, u: np.ndarray | None, cov: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The expected reading ``(..., p)`` and the Jacobian ``(..., p, n)``."""
+        m, step = self.n - self.shown.shape[-1], steps(x, cov, self.state_angles)
+        angles = self.measurement_angles
+        mean, C = central_differences("measurement", self.read, x[..., :m], u, self.p, angles, step[..., :m])
+        if m == self.n:
+            return mean, C
+        jacobian = np.empty(C.shape[:-1] + (self.n,))
+        jacobian[..., :m], jacobian[..., m:] = C, self.shown
+        return mean + np.matvec(self.shown, x[..., m:]), jacobian
+
+
 def _nonlinear(parts: _Parts, options: dict[str, Any]) -> NonlinearModel:
     forces, sensors, base, held, drift, placed, _ = parts
     vehicle = forces.vehicle
@@ -390,31 +426,40 @@ def _nonlinear(parts: _Parts, options: dict[str, Any]) -> NonlinearModel:
     kicking = k > 0 and any(i < kicks for i in forces.to)
     disturbance = forces.disturbance
 
-    def transition(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+    def moved(x: np.ndarray, u: np.ndarray | None, out: np.ndarray | None = None) -> np.ndarray:
         assert u is not None
-        alike = u.size == u.shape[-1] or u.shape[:-1] == x.shape[:-1]
-        moved = np.empty(x.shape if alike else np.broadcast_shapes(x.shape[:-1], u.shape[:-1]) + x.shape[-1:])
-        own = x[..., :n]
-        flow = still
+        own, flow = x[..., :n], still
         if k:
             z = _spread(x[..., n : n + k], held, disturbance)
             flow = forces.flow(z, placed(own))
-        vehicle.drift(own, u, flow, moved[..., :n])
+        after = vehicle.drift(own, u, flow, out)
         if kicking:
-            moved[..., moves] += forces.on(z, placed(own))[..., :kicks]
-        if x.shape[-1] > n:
-            drift.advance(x[..., n:], moved[..., n:])
-        return moved
+            after[..., moves] += forces.on(z, placed(own))[..., :kicks]
+        return after
 
-    def measurement(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+    def transition(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+        assert u is not None
+        alike = u.size == u.shape[-1] or u.shape[:-1] == x.shape[:-1]
+        after = np.empty(x.shape if alike else np.broadcast_shapes(x.shape[:-1], u.shape[:-1]) + x.shape[-1:])
+        moved(x, u, after[..., :n])
+        if x.shape[-1] > n:
+            drift.advance(x[..., n:], after[..., n:])
+        return after
+
+    def read(x: np.ndarray, u: np.ndarray | None, bias: np.ndarray | None = None) -> np.ndarray:
         state = placed(x[..., :n])
         if k:
             forcing = forces.on(_spread(x[..., n : n + k], held, disturbance), state)
         else:
             forcing = np.zeros(x.shape[:-1] + (kicks + flows,))
-        return sensors.exact(state, forcing, x[..., n + k :])
+        return sensors.exact(state, forcing, bias)
 
-    return NonlinearModel(transition, measurement, **options)
+    def measurement(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+        return read(x, u, x[..., n + k :])
+
+    return _Composed(
+        transition, measurement, **options, moved=moved, read=read, own=n, drift=drift, shown=sensors.bias_shown
+    )
 
 
 def _linear(parts: _Parts, kind: str, options: dict[str, Any]) -> LinearModel:

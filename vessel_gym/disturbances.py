@@ -184,5 +184,6 @@ class Air(Disturbance):
         """The wind north, east and down [m/s]."""
         wind = np.empty(z.shape[:-1] + (3,))
         np.add(z[..., :2], z[..., 2:4], out=wind[..., :2])
-        wind[..., 2] = z[..., 4] + np.sqrt(3.0) * z[..., 5]
+        np.multiply(z[..., 5], np.sqrt(3.0), out=wind[..., 2])
+        wind[..., 2] += z[..., 4]
         return wind

@@ -203,6 +203,7 @@ class Sensors:
         size: p, the number of channels, and of standard normals a step.
         uniforms: Uniform numbers a step: for each sensor one for its loss, then one for its outliers.
         bias: How all biases move.
+        bias_shown: ``(p, k)`` how their states show in the readings.
 
     Raises:
         TypeError: for what is no sensor.
@@ -244,6 +245,15 @@ class Sensors:
         for name in self.bias_names:
             if name in states or self.bias_names.count(name) > 1:
                 raise ValueError(f"a bias is called {name!r}, as another component is: give it a name of its own")
+        self.bias_shown = np.zeros((self.size, self.bias.size))
+        self._biased: list[tuple[slice, slice]] = []
+        column = 0
+        for sensor, first in zip(self.each, self._first.tolist(), strict=False):
+            if sensor.bias is not None:
+                k = len(sensor.bias.names)
+                self._biased.append((slice(first, first + k), slice(column, column + k)))
+                self.bias_shown[self._biased[-1]] = np.eye(k)
+                column += len(sensor.bias.states)
         self.bias_scale = np.array([bias.scale for bias in biased for _ in bias.states])
         self._check()
 
@@ -279,12 +289,9 @@ class Sensors:
         parts = [sensor.reads(state, forcing) for sensor in self.each]
         if bias is None or not self.bias.size:
             return parts[0] if len(parts) == 1 else np.concatenate(parts, -1)
-        readings, column = np.concatenate(parts, -1, dtype=float), 0
-        for sensor, first in zip(self.each, self._first, strict=False):
-            if sensor.bias is not None:
-                k = len(sensor.bias.names)
-                readings[..., first : first + k] += bias[..., column : column + k]
-                column += len(sensor.bias.states)
+        readings = np.concatenate(parts, -1, dtype=float)
+        for channels, components in self._biased:
+            readings[..., channels] += bias[..., components]
         return readings
 
     def read(

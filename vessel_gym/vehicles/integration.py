@@ -59,8 +59,9 @@ def advanced(
         out: ``(..., n)`` where the states after the step go; None: a new array.
     """
     if state.ndim > 1 and control.shape[-2:-1] == (1,) and c.ndim == 1:
-        flows = np.broadcast_to(flow, state.shape[:-1] + flow.shape[-1:])
-        return steps(state, control[..., 0, :], flows, c, dt, substeps, out=out)
+        if flow.shape[:-1] != state.shape[:-1]:
+            flow = np.broadcast_to(flow, state.shape[:-1] + flow.shape[-1:])
+        return steps(state, control[..., 0, :], flow, c, dt, substeps, out=out)
     return step(state, control, flow, c, dt, substeps, out=out)
 
 
