@@ -143,6 +143,7 @@ class Itsunusa(AUV):
     parameter_names: ClassVar = COEFFICIENTS
     action_names: ClassVar = ("stern plane", "thrust")
     angles: ClassVar = ("theta",)
+    kicked: ClassVar = STATE[:3]
     flows: ClassVar = ("current",)
     rates: ClassVar = {"q": "theta"}
     sensors: ClassVar = (
@@ -162,7 +163,3 @@ class Itsunusa(AUV):
         ),
     )  # fmt: skip
     normals: ClassVar = VERTICAL
-
-    def vector(self, factors: np.ndarray) -> np.ndarray:
-        """Coefficients ``(..., k)`` with ``factors (..., 7)`` on the uncertain ones."""
-        return self.body.vector(factors)

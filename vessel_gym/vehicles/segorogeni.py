@@ -223,6 +223,7 @@ class Segorogeni(AUV):
     parameter_names: ClassVar = COEFFICIENTS
     action_names: ClassVar = ("rudder", "stern plane", "thrust")
     angles: ClassVar = ("phi", "theta", "psi")
+    kicked: ClassVar = STATE[:6]
     flows: ClassVar = ("current north", "current east")
     rates: ClassVar = {"p": "phi", "q": "theta", "r": "psi"}
     sensors: ClassVar = (
@@ -247,10 +248,6 @@ class Segorogeni(AUV):
         ),
     )  # fmt: skip
     normals: ClassVar = len(UNCERTAIN)
-
-    def vector(self, factors: np.ndarray) -> np.ndarray:
-        """Coefficients ``(..., k)`` with ``factors (..., 10)`` on the uncertain ones."""
-        return self.body.vector(factors)
 
     def start(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """State ``(B, 12)`` and actuators ``(B, 3)`` to begin with: 5 deg of rudder, as in the paper."""
