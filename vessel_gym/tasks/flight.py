@@ -12,6 +12,7 @@ from vessel_gym.checks import numbers, one_of
 from vessel_gym.compiled import gufunc
 from vessel_gym.guidance.dubins import NoPath, Path, plan
 from vessel_gym.guidance.path_following import COLUMNS, follow, track
+from vessel_gym.guidance.words import advance
 from vessel_gym.system import Estimate
 from vessel_gym.tasks.task import FARTHEST, Task, three_numbers
 from vessel_gym.vehicles.puna import PunaParameters, airspeed
@@ -385,9 +386,4 @@ class Flight(Task):
         """Where paths end, ``(B, 3)``: x, y [m], heading [rad]."""
         rows = course[:, :_PATH].reshape(-1, SEGMENTS, COLUMNS)
         last = rows[np.arange(len(rows)), (rows[..., 4] > 0.0).sum(-1) - 1]
-        turn = last[:, 3] * last[:, 4]
-        chord = last[:, 4] * np.sinc(0.5 * turn / np.pi)
-        middle = last[:, 2] + 0.5 * turn
-        return np.column_stack([
-            last[:, 0] + chord * np.cos(middle), last[:, 1] + chord * np.sin(middle), last[:, 2] + turn
-        ])  # fmt: skip
+        return advance(last[:, :3], last[:, 3], last[:, 4])

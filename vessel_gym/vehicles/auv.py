@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from vessel_gym.sensors import Sensor
 from vessel_gym.vehicles.hydrodynamics import (
     Coefficients,
     Fins,
@@ -253,6 +254,11 @@ def plane(name: str) -> tuple[str, ...]:
         return _PLAN
     drifting = ("current north", "current east") if name in ("u", "v", "psi") else ()
     return (*_VERTICAL, "current", *drifting) if name in _VERTICAL else (*_LATERAL, *drifting)
+
+
+def in_its_plane(sensor: Sensor) -> Sensor:
+    """The sensor, which informs of what lies in the plane of what it gives."""
+    return replace(sensor, informs=tuple(plane(str(name)) for name in sensor.gives or ()))
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,6 @@ for the added mass of a spheroid; Blevins (1979) for that of sections; Hoerner (
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -53,18 +52,6 @@ class Hull(ABC):
         x = middle[:, None] + half[:, None] * np.sin(0.5 * np.pi * t)
         dx = half[:, None] * (weight * 0.5 * np.pi * np.cos(0.5 * np.pi * t))
         return x.ravel(), dx.ravel()
-
-    @cached_property
-    def volume(self) -> float:
-        """Volume [m3]."""
-        x, dx = self.strips()
-        return float(dx @ (np.pi * self.radius(x) ** 2))
-
-    @cached_property
-    def centre_of_buoyancy(self) -> float:
-        """X of the centre of the volume [m]."""
-        x, dx = self.strips()
-        return float(dx @ (np.pi * self.radius(x) ** 2 * x)) / self.volume
 
 
 @dataclass(frozen=True)
@@ -165,11 +152,6 @@ class Torpedo:
     axial_drag: float  # on the frontal area; see `axial_drag_coefficient`
     cross_flow_drag: float = 1.1  # of a cylinder across the flow; Hoerner (1965), as in Prestero (2001)
     water_density: float = 1025.0  # kg/m3, sea water; Fossen (2011)
-
-    @property
-    def displaced_mass(self) -> float:
-        """Mass [kg] that is neutrally buoyant."""
-        return self.water_density * self.hull.volume
 
     @property
     def root(self) -> float:
