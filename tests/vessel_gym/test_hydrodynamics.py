@@ -3,7 +3,7 @@
 ``python tests/vessel_gym/test_hydrodynamics.py`` writes the tables of ``docs/hydrodynamics.md``.
 """
 
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -17,7 +17,6 @@ from vessel_gym.vehicles.hydrodynamics import (
     Coefficients,
     Fins,
     Hull,
-    Myring,
     Spheroid,
     Torpedo,
     axial_drag_coefficient,
@@ -33,6 +32,49 @@ from vessel_gym.vehicles.hydrodynamics import (
 )
 
 PAGE = Path(__file__).parents[2] / "docs" / "hydrodynamics.md"
+
+
+@dataclass(frozen=True)
+class Myring(Hull):
+    """Elliptic nose, cylinder and cubic tail, the ends cut short where asked. Myring (1976), as in Prestero (2001)."""
+
+    nose: float  # m, length before the nose is cut
+    middle: float  # m
+    tail: float  # m, length before the tail is cut
+    diameter: float  # m
+    tail_angle: float  # rad, half the angle enclosed at the uncut tip
+    origin: float  # m, aft of the (cut) nose
+    exponent: float = 2.0  # of the nose
+    nose_cut: float = 0.0  # m
+    tail_cut: float = 0.0  # m
+
+    @property
+    def bow(self) -> float:
+        """Foremost x [m]."""
+        return self.origin
+
+    @property
+    def stern(self) -> float:
+        """Aftmost x [m]."""
+        return self.joints[1] - self.tail + self.tail_cut
+
+    @property
+    def joints(self) -> tuple[float, float]:
+        """The ends [m] of the cylinder."""
+        fore = self.origin - self.nose + self.nose_cut
+        return fore, fore - self.middle
+
+    def radius(self, x: np.ndarray) -> np.ndarray:
+        """Radius [m] at ``x``, zero beyond the ends."""
+        x = np.asarray(x)
+        fore, aft = self.joints
+        ahead = np.clip((x - fore) / self.nose, 0.0, 1.0)  # of the cylinder, in lengths of the nose
+        behind = np.clip(aft - x, 0.0, self.tail)
+        c, slope = self.tail, np.tan(self.tail_angle)
+        nose = 0.5 * self.diameter * (1.0 - ahead**self.exponent) ** (1.0 / self.exponent)
+        lost = (1.5 * self.diameter / c**2 - slope / c) * behind**2 - (self.diameter / c**3 - slope / c**2) * behind**3
+        return np.where((x >= self.stern) & (x <= self.bow), nose - lost, 0.0)
+
 
 # Prestero (2001): hull, and fins by their area, effective aspect ratio 2.21, taper and place.
 REMUS_HULL = Myring(0.191, 0.654, 0.541, 0.191, 0.436, origin=0.611, nose_cut=0.0165, tail_cut=0.0368)

@@ -131,11 +131,8 @@ class DiveScene(Journey):
     def draw(self, canvas: Canvas) -> None:
         """Draw the episode so far."""
         history = self.history()
-        width, height = canvas.size
-        canvas.clear()
         missed = np.linalg.norm(self._now(history.truth)[0] - self._path[-1])
-        self.header(canvas, Box(16, 0, width - 32, 60), f"{missed:.2f} m")
-        box = Box(16, 60, width - 32 - _COLUMN - _GAP, height - 76)
+        box = self.sheet(canvas, f"{missed:.2f} m").inset(0, 0, _COLUMN + _GAP, 0)
         chart = 150.0 if self._turns else 128.0
         large = box.height - 2 * (chart + _GAP)
         count = len(self._views)

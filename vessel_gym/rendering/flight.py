@@ -92,11 +92,8 @@ class FlightScene(Journey):
     def draw(self, canvas: Canvas) -> None:
         """Draw the episode so far."""
         history = self.history()
-        width, height = canvas.size
-        canvas.clear()
         missed = np.hypot(*(history.truth[-1, :2] - self._goal[:2]))
-        self.header(canvas, Box(16, 0, width - 32, 60), f"{missed:.1f} m")
-        box = Box(16, 60, width - 32, height - 76)
+        box = self.sheet(canvas, f"{missed:.1f} m")
         left = Box(box.left, box.top, _LEFT, box.height - _CHART - _GAP)
         right = Box(left.right + _GAP, box.top, box.width - _LEFT - _GAP, box.height - 3 * (_CHART + _GAP))
         half = (right.width - _GAP) / 2

@@ -86,18 +86,24 @@ class Journey:
         words = f"estimator {core.estimator}   ·   {core.disturbance_name} {what}   ·   {core.sensors_name} sensors"
         return words + (f"   ·   mismatch {100 * core.mismatch:g} %" if core.mismatch else "")
 
-    def header(self, canvas: Canvas, box: Box, missed: str) -> None:
-        """Under which conditions the vehicle is on its way, for how long, and how it has ended.
+    def sheet(self, canvas: Canvas, missed: str) -> Box:
+        """Begin a picture with its header: under which conditions the vehicle is on its way, for how long, and its end.
 
         Args:
             canvas: Where to draw.
-            box: There.
             missed: How far from the goal the vehicle is, in words; empty where there is no goal.
+
+        Returns:
+            Where the rest belongs.
         """
+        canvas.clear()
+        width, height = canvas.size
+        box = Box(16, 0, width - 32, 60)
         core, task = self._core, self._task
         time = f"{self._samples[-1].step * core.vehicle.dt:.1f} s"
         values = {"score": f"{core.total[self._row] / task.perfect:.3f}", "time": time}
         draw_header(canvas, box, self.title, self.conditions("disturbance"), values, *self._outcome(missed))
+        return Box(16, 60, width - 32, height - 76)
 
     def _outcome(self, missed: str) -> tuple[str, Colour]:
         """How the journey has ended, in words, or that it has not."""

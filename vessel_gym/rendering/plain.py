@@ -61,10 +61,7 @@ class PlainScene(Journey):
     def draw(self, canvas: Canvas) -> None:
         """Draw the episode so far."""
         history = self.history()
-        width, height = canvas.size
-        canvas.clear()
-        self.header(canvas, Box(16, 0, width - 32, 60), "")
-        box, told = Box(16, 60, width - 32, height - 76), self._core.composition
+        box, told = self.sheet(canvas, ""), self._core.composition
         names = told.names[: told.base]
         shown = [(i, name) for i, name in enumerate(names) if self._plane is None or name not in self._plane[:2]]
         low = (box.height - (_CHARTS - 1) * _GAP) / _CHARTS
