@@ -11,13 +11,19 @@ def as_array(name: str, value: object) -> np.ndarray:
     """
     if type(value) is np.ndarray and value.dtype == np.float64:
         return value
+    array = numbers(value)
+    if array is None:
+        raise ValueError(f"{name} must be an array of real numbers, got {shown(value)}")
+    return array
+
+
+def numbers(value: object) -> np.ndarray | None:
+    """An array of real numbers as floats, or None."""
     try:
         array = np.asarray(value)
-        if array.dtype.kind in "biuf":
-            return array.astype(float, copy=False)
+        return array.astype(float, copy=False) if array.dtype.kind in "fiub" else None
     except (TypeError, ValueError):  # rows of unequal length, objects that are no sequences
-        pass
-    raise ValueError(f"{name} must be an array of real numbers, got {shown(value)}")
+        return None
 
 
 def as_mask(name: str, value: object) -> np.ndarray:
@@ -35,14 +41,20 @@ def number(name: str, value: object, low: float = -np.inf, high: float = np.inf,
     Raises:
         ValueError: if it is no number or lies outside; ``what`` says what it should be.
     """
-    a_number = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
-    try:
-        as_float = float(value) if a_number else np.nan  # type: ignore[arg-type]
-    except OverflowError:
-        as_float = np.nan
+    as_float = as_number(value)
     if not low < as_float < high:
         raise ValueError(f"{name} must be {what}, got {shown(value)}")
     return as_float
+
+
+def as_number(value: object) -> float:
+    """A number as float; NaN for anything else, infinity for one that is too large."""
+    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
+        return np.nan
+    try:
+        return float(value)
+    except OverflowError:
+        return np.inf
 
 
 def whole(name: str, value: object, lowest: int) -> int:

@@ -107,11 +107,7 @@ class KalmanFilter(ExtendedKalmanFilter):
     def _predict(self, belief: Belief, u: np.ndarray | None, rng: Streams) -> Belief:
         if self.input_cov is None:
             return super()._predict(belief, u, rng)
-        mean, A = self.model.linearise_transition(belief.mean, u)
-        G = resolve(self.model.G, u)
-        mean = mean + np.matvec(G, belief.input_mean)
-        cov = symmetrise(driven(A, G, belief.cov, belief.state_input_cov, belief.input_cov) + resolve(self.model.Q, u))
-        return self._with_unseen_input(Belief(mean, cov, belief.prior_mean, belief.prior_cov, belief.recovery, u))
+        return self._with_unseen_input(driven_prediction(self.model, belief, u))
 
     def _update(self, belief: Belief, reading: Reading, rng: Streams) -> Belief:
         if self.input_cov is None:
@@ -128,6 +124,16 @@ class KalmanFilter(ExtendedKalmanFilter):
             np.zeros(mean.shape[:-1], np.int8), belief.u, reading.innovation, S, reading.available,
             mean[..., n:], cov[..., n:, n:], cov[..., :n, n:],
         )  # fmt: skip
+
+
+def driven_prediction(model: LinearModel, belief: Belief, u: np.ndarray | None) -> Belief:
+    """One step ahead of a linear model that the estimated input drives, whose errors go with the state's."""
+    mean, A = model.linearise_transition(belief.mean, u)
+    G = resolve(model.G, u)
+    mean = mean + np.matvec(G, belief.input_mean)
+    cov = driven(A, G, belief.cov, belief.state_input_cov, belief.input_cov)
+    cov = symmetrise(cov + resolve(model.Q, u))
+    return Belief(mean, cov, belief.prior_mean, belief.prior_cov, belief.recovery, u)
 
 
 def input_covariance(name: str, value: np.ndarray | float, q: int) -> np.ndarray:

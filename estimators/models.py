@@ -100,19 +100,10 @@ class LinearModel:
         for name in "AC":
             if getattr(self, name) is None:
                 raise ValueError(f"{name} must be a matrix or a function of u, got None")
-        for name in "ACBGH":
-            _store_array(self, name)
-        for name in "QR":
-            if not callable(getattr(self, name)):
-                object.__setattr__(self, name, as_covariance(name, getattr(self, name)))
+        _store_arrays(self, "ACBGH")
         n = _dimension("n", {"A": (self.A, -1), "Q": (self.Q, -1), "C": (self.C, -1), "G": (self.G, -2)})
         p = _dimension("p", {"C": (self.C, -2), "R": (self.R, -1), "H": (self.H, -2)})
-        no_input = self.G is None and self.H is None
-        q = 0 if no_input else _dimension("q", {"G": (self.G, -1), "H": (self.H, -1)})
-        if not no_input and self.G is None:
-            object.__setattr__(self, "G", np.zeros((n, q)))
-        if not no_input and self.H is None:
-            object.__setattr__(self, "H", np.zeros((p, q)))
+        q = _unknown_inputs(self, n, p)
         _check_shapes({"A": (self.A, n, n), "C": (self.C, p, n), "B": (self.B, n, None), "G": (self.G, n, q),
                        "H": (self.H, p, q), "Q": (self.Q, n, n), "R": (self.R, p, p)})  # fmt: skip
         for name, shape in {"A": (n, n), "B": (n,), "C": (p, n), "G": (n, q), "H": (p, q)}.items():
@@ -209,25 +200,14 @@ class NonlinearModel:
     _compared: set[str] = field(init=False, repr=False, default_factory=set)
 
     def __post_init__(self) -> None:
-        for name in ("transition", "measurement"):
-            if not callable(getattr(self, name)):
-                raise ValueError(f"{name} must be a function of (x, u), got {shown(getattr(self, name))}")
-        for name in ("transition_jacobian", "measurement_jacobian"):
-            if getattr(self, name) is not None and not callable(getattr(self, name)):
-                raise ValueError(f"{name} must be a function of (x, u), got {shown(getattr(self, name))}")
-        for name in "QR":
-            if not callable(getattr(self, name)):
-                object.__setattr__(self, name, as_covariance(name, getattr(self, name)))
-        for name in "GH":
-            _store_array(self, name)
+        for name in ("transition", "measurement", "transition_jacobian", "measurement_jacobian"):
+            function = getattr(self, name)
+            if not callable(function) and not (function is None and name.endswith("jacobian")):
+                raise ValueError(f"{name} must be a function of (x, u), got {shown(function)}")
+        _store_arrays(self, "GH")
         n = _told("states", self.states, {"Q": (self.Q, -1), "G": (self.G, -2)})
         p = _told("measurements", self.measurements, {"R": (self.R, -1), "H": (self.H, -2)})
-        no_input = self.G is None and self.H is None
-        q = 0 if no_input else _dimension("q", {"G": (self.G, -1), "H": (self.H, -1)})
-        if not no_input and self.G is None:
-            object.__setattr__(self, "G", np.zeros((n, q)))
-        if not no_input and self.H is None:
-            object.__setattr__(self, "H", np.zeros((p, q)))
+        q = _unknown_inputs(self, n, p)
         _check_shapes({"G": (self.G, n, q), "H": (self.H, p, q), "Q": (self.Q, n, n), "R": (self.R, p, p)})
         _check_when_called(self, "H", (p, q))
         _check_noise_when_called(self, n, p)
@@ -504,16 +484,29 @@ def usable(R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return (R, finite) if finite.all() else (neutralised(R, finite), finite)
 
 
-def _store_array(model: object, name: str) -> None:
-    value = getattr(model, name)
-    if value is None or callable(value):
-        return
-    array = as_array(name, value)
-    if array.ndim < 2:
-        raise ValueError(f"{name} must be a matrix, got shape {array.shape}")
-    if not np.isfinite(array).all():
-        raise ValueError(f"{name} must be finite")
-    object.__setattr__(model, name, array)
+def _store_arrays(model: "LinearModel | NonlinearModel", matrices: str) -> None:
+    """Check the matrices of these letters, and Q and R, and keep as arrays those that are no functions."""
+    for name in (*matrices, "Q", "R"):
+        value = getattr(model, name)
+        if callable(value) or (value is None and name in matrices):
+            continue
+        array = as_array(name, value) if name in matrices else as_covariance(name, value)
+        if array.ndim < 2:
+            raise ValueError(f"{name} must be a matrix, got shape {array.shape}")
+        if not np.isfinite(array).all():
+            raise ValueError(f"{name} must be finite")
+        object.__setattr__(model, name, array)
+
+
+def _unknown_inputs(model: "LinearModel | NonlinearModel", n: int, p: int) -> int:
+    """How many there are; where one of G and H is given, the other is 0 unless it is, too."""
+    if model.G is None and model.H is None:
+        return 0
+    q = _dimension("q", {"G": (model.G, -1), "H": (model.H, -1)})
+    for name, rows in (("G", n), ("H", p)):
+        if getattr(model, name) is None:
+            object.__setattr__(model, name, np.zeros((rows, q)))
+    return q
 
 
 def _store_sizes(model: object, n: int, p: int, q: int) -> None:

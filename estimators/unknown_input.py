@@ -6,8 +6,8 @@ import numpy as np
 
 from estimators.belief import Belief
 from estimators.filter import Filter, Model, Reading, Streams
-from estimators.kalman import input_covariance
-from estimators.linalg import congruence, driven, identity, inverse, product, solve, symmetrise
+from estimators.kalman import driven_prediction, input_covariance
+from estimators.linalg import congruence, identity, inverse, product, solve, symmetrise
 from estimators.models import LinearModel, resolve
 
 
@@ -166,14 +166,7 @@ class UnbiasedMinimumVarianceFilter(UnknownInputFilter):
                 )
 
     def _predict(self, belief: Belief, u: np.ndarray | None, rng: Streams) -> Belief:
-        model = self.model
-        mean, A = model.linearise_transition(belief.mean, u)
-        G = resolve(model.G, u)
-        mean = mean + np.matvec(G, belief.input_mean)
-        cov = driven(A, G, belief.cov, belief.state_input_cov, belief.input_cov)
-        cov = symmetrise(cov + resolve(model.Q, u))
-        predicted = Belief(mean, cov, belief.prior_mean, belief.prior_cov, belief.recovery, u)
-        return self._with_unseen_input(predicted, belief.pending)
+        return self._with_unseen_input(driven_prediction(self.model, belief, u), belief.pending)
 
     def _shown_input(self, belief: Belief, reading: Reading) -> np.ndarray:
         return reading.H * self._input_units

@@ -8,16 +8,12 @@ from gymnasium.envs.registration import register
 
 __version__ = "0.1.0"
 
-for _name, _steps in (("SigmaCorvette", 600), ("SegorogeniAUV", 500), ("ItsunusaAUV", 600), ("PunaUAV", 900)):
+for _where, _name, _steps in (
+    ("", "SigmaCorvette", 600), ("", "SegorogeniAUV", 500), ("", "ItsunusaAUV", 600), ("", "PunaUAV", 900),
+    ("vessel_gym/", "Ship", 600), ("vessel_gym/", "AUV", 600), ("vessel_gym/", "FixedWing", 1800),
+):  # fmt: skip
     register(
-        id=f"{_name}-v0",
-        entry_point=f"vessel_gym.envs:{_name}Env",
-        vector_entry_point=f"vessel_gym.envs:{_name}VectorEnv",
-        max_episode_steps=_steps,
-    )
-for _name, _steps in (("Ship", 600), ("AUV", 600), ("FixedWing", 1800)):
-    register(
-        id=f"vessel_gym/{_name}-v0",
+        id=f"{_where}{_name}-v0",
         entry_point=f"vessel_gym.envs:{_name}Env",
         vector_entry_point=f"vessel_gym.envs:{_name}VectorEnv",
         max_episode_steps=_steps,

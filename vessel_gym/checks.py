@@ -4,10 +4,11 @@ import inspect
 from collections.abc import Collection, Mapping
 from typing import Any
 
-import numpy as np
-
-from estimators.checks import shown
+from estimators.checks import as_number as number
+from estimators.checks import numbers, shown
 from estimators.factory import unknown
+
+__all__ = ["no_others", "number", "numbers", "one_of", "options"]
 
 
 def one_of(kind: str, value: object, known: Collection[str]) -> str:
@@ -46,22 +47,3 @@ def no_others(name: str, made: type, others: Mapping[str, object]) -> None:
         listed = [parameter for function in own for parameter in inspect.signature(function).parameters.values()]
         known = dict.fromkeys(p.name for p in listed if p.kind is not p.VAR_KEYWORD and p.name != "self")
         raise TypeError(unknown(f"argument of {name}", other, list(known)))
-
-
-def number(value: object) -> float:
-    """A number as float; NaN for anything else, infinity for one that is too large."""
-    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
-        return np.nan
-    try:
-        return float(value)
-    except OverflowError:
-        return np.inf
-
-
-def numbers(value: object) -> np.ndarray | None:
-    """An array of real numbers as floats, or None."""
-    try:
-        array = np.asarray(value)
-        return array.astype(float, copy=False) if array.dtype.kind in "fiub" else None
-    except (TypeError, ValueError):
-        return None

@@ -9,7 +9,7 @@ Nomoto, Taguchi, Honda & Hirano (1957), On the steering qualities of ships.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 from scipy.optimize import brentq
@@ -143,18 +143,12 @@ class Circle:
 
 
 @dataclass(frozen=True)
-class TurningCircleTrial:
+class TurningCircleTrial(CircleGeometry):
     """The figures of a turning circle in calm water; None: not reached."""
 
-    advance: float | None  # m
-    transfer: float | None  # m
-    tactical_diameter: float | None  # m
     steady_radius: float | None  # m, of the track over the last full turn
     final_speed: float  # m/s through the water, at the end
     speed_ratio: float  # final speed / approach speed
-    time_to_90: float | None  # s
-    time_to_180: float | None  # s
-    time_to_360: float | None  # s
     track: Track
 
 
@@ -244,15 +238,10 @@ def turning_circle(
     last = np.abs(psi) >= abs(psi[-1]) - 2.0 * np.pi
     final = float(np.hypot(u[-1], v[-1]))
     return TurningCircleTrial(
-        advance=geometry.advance,
-        transfer=geometry.transfer,
-        tactical_diameter=geometry.tactical_diameter,
+        **asdict(geometry),
         steady_radius=None if geometry.time_to_360 is None else fit_circle(x[last], y[last]).radius,
         final_speed=final,
         speed_ratio=final / ship.speed,
-        time_to_90=geometry.time_to_90,
-        time_to_180=geometry.time_to_180,
-        time_to_360=geometry.time_to_360,
         track=track,
     )
 

@@ -6,36 +6,16 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from estimators import Gaussian
 from estimators.checks import shown
 from vessel_gym.checks import one_of
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.sensors import SUITES, Sensor, Sensors
+from vessel_gym.tasks.task import Estimate, Task
 
 if TYPE_CHECKING:
     from vessel_gym.composition import Composition
 
-
-@dataclass(frozen=True, slots=True)
-class Estimate:
-    """What a task sees of a belief.
-
-    Attributes:
-        state: ``(B, n)`` the vehicle's state, as in the prior.
-        flow: ``(B, f)`` what carries it; 0 where the filter knows of none.
-        input_mean: ``(B, q)`` the unknown input; None: the filter estimates none.
-        sd: ``(B, m)`` standard deviations of the state, then of all else that the filter estimates; like the next two
-            only where they are observed.
-        input_sd: ``(B, q)`` of the unknown input.
-        scale: ``(m - n,)`` sizes of all else that count as 1.
-    """
-
-    state: np.ndarray
-    flow: np.ndarray
-    input_mean: np.ndarray | None = None
-    sd: np.ndarray | None = None
-    input_sd: np.ndarray | None = None
-    scale: np.ndarray | None = None
+__all__ = ["Estimate", "System", "Task", "Vehicle"]
 
 
 class Vehicle(Protocol):
@@ -145,84 +125,6 @@ class Vehicle(Protocol):
     @property
     def carried(self) -> np.ndarray | None:
         """What a flow adds at the start to what the prior describes ``(n, flows)``, if velocities are over ground."""
-
-
-class Task(Protocol):
-    """What is asked. ``observe`` has no parameter through which truth could come; ``score`` alone reads it."""
-
-    @property
-    def horizon(self) -> int:
-        """Steps of a full episode."""
-
-    @property
-    def perfect(self) -> float:
-        """Sum of the rewards of a perfect episode: what the score is relative to."""
-
-    @property
-    def ends(self) -> tuple[str, ...]:
-        """Why an episode may end, by number; number 0 is that it goes on."""
-
-    @property
-    def success(self) -> str:
-        """Which of ``ends`` means success; empty where success is to go on to the time limit."""
-
-    @property
-    def uniforms(self) -> int:
-        """How many uniform numbers `course` needs."""
-
-    @property
-    def BOUND(self) -> float:
-        """Observations are clipped to +- this."""
-
-    def course(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
-        """What is drawn at reset, ``(B, k)``."""
-
-    def prior(self, course: np.ndarray) -> Gaussian:
-        """Where the vehicle starts, and all that is known of that: mean ``(B, n)``, covariance ``(n, n)``."""
-
-    def reference(self, course: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """What is commanded at a step, the vehicle being (or believed to be) in a state ``(B, n)``, as in the prior."""
-
-    def commanded(self, course: np.ndarray, step: np.ndarray) -> np.ndarray | None:
-        """What the task commands and filters are told of, besides the actuators; None: nothing."""
-
-    def sizes(self, readings: int, states: int) -> dict[str, int]:
-        """Lengths of the parts of observations, by what follows, of so many readings and states of the filter."""
-
-    def observe(self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
-        """``"guided"``: how to go on from the estimate, and the actuators."""
-
-    def observe_state(self, estimate: Estimate, course: np.ndarray) -> np.ndarray:
-        """The estimate as it is, which together with the mission is ``"unguided"``."""
-
-    def observe_std(self, estimate: Estimate) -> np.ndarray:
-        """``"std"``: what mode ``"mean+std"`` appends."""
-
-    def observe_readings(
-        self, sensors: Sensors, readings: np.ndarray, available: np.ndarray, course: np.ndarray, step: np.ndarray
-    ) -> np.ndarray:
-        """``"readings"``: as they come, with their mask."""
-
-    def observe_mission(self, course: np.ndarray, step: np.ndarray, actuators: np.ndarray) -> np.ndarray:
-        """``"mission"``: what is asked, and the actuators."""
-
-    def over(self, reference: np.ndarray) -> np.ndarray:
-        """Whether who is there has done what is asked ``(B,)``."""
-
-    def begin(self, state: np.ndarray, course: np.ndarray) -> np.ndarray:
-        """What `score` remembers, ``(B, k)``, at the start of an episode."""
-
-    def score(
-        self,
-        state: np.ndarray,
-        forcing: np.ndarray,
-        reference: np.ndarray,
-        over: np.ndarray,
-        actuators: np.ndarray,
-        action: np.ndarray,
-        tally: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Reward in [0, 1], the number in ``ends`` of why the episode ends (0: it goes on), and the next tally."""
 
 
 @dataclass(frozen=True)

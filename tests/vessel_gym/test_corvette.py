@@ -27,7 +27,6 @@ from vessel_gym.vehicles.corvette_equations import (
     CorvetteParameters,
     corvette_rates,
     corvette_step,
-    rudder_angle_of_attack,
 )
 from vessel_gym.vehicles.files import load
 
@@ -36,6 +35,14 @@ VEHICLE = Corvette(SHIP)
 L, U = SHIP.length, SHIP.speed
 DEG = np.pi / 180.0
 MIRROR = np.array([1, -1, -1, 1, -1, -1])
+
+
+def rudder_angle_of_attack(
+    u: np.ndarray, v: np.ndarray, r: np.ndarray, rudder: np.ndarray, ship: CorvetteParameters
+) -> np.ndarray:
+    """Angle of attack [rad] of the rudder for surge ``u``, sway ``v`` [m/s] and yaw rate ``r`` [rad/s]."""
+    side = ship.straightening * (v - 0.5 * ship.length * r)
+    return rudder + np.arctan2(side, ship.slipstream * u)
 
 
 def ship_rates(states: np.ndarray, controls: np.ndarray, c: np.ndarray) -> np.ndarray:

@@ -4,6 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from energies import energy as energy_in_space
+from energies import energy_in_the_plane as energy
+from energies import inertia as inertia_in_space
+from energies import inertia_in_the_plane as inertia
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
@@ -21,8 +25,6 @@ from vessel_gym.vehicles.itsunusa import (
     COEFFICIENTS,
     STATE,
     Itsunusa,
-    energy,
-    inertia,
     itsunusa_rates,
     itsunusa_step,
 )
@@ -31,8 +33,6 @@ from vessel_gym.vehicles.segorogeni import (
     segorogeni_rates,
     segorogeni_step,
 )
-from vessel_gym.vehicles.segorogeni import energy as energy_in_space
-from vessel_gym.vehicles.segorogeni import inertia as inertia_in_space
 
 BODY = load("itsunusa")
 C = BODY.vector()

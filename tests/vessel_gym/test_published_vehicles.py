@@ -10,12 +10,13 @@ from functools import cache
 
 import numpy as np
 import pytest
+from energies import energy
 from scipy.integrate import solve_ivp
 
 from vessel_gym.sea_trials import circle_geometry, initial_turning, nomoto_linear, turning_circle, zigzag
 from vessel_gym.vehicles.auv import UNCERTAIN
 from vessel_gym.vehicles.files import load
-from vessel_gym.vehicles.segorogeni import COEFFICIENTS, energy, segorogeni_step
+from vessel_gym.vehicles.segorogeni import COEFFICIENTS, segorogeni_step
 
 DEG = np.pi / 180.0
 

@@ -4,6 +4,7 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
+from energies import energy, inertia
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
@@ -24,8 +25,6 @@ from vessel_gym.vehicles.segorogeni import (
     STATE,
     Segorogeni,
     SegorogeniParameters,
-    energy,
-    inertia,
     segorogeni_log,
     segorogeni_rates,
     segorogeni_step,

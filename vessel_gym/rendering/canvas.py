@@ -35,6 +35,7 @@ LIMIT: Colour = (196, 61, 61)
 CURRENT: Colour = (20, 140, 126)
 MEMBER: Colour = (240, 165, 98)
 FIX: Colour = (128, 78, 168)
+OBSTACLE: Colour = (240, 216, 214)
 
 CIRCLE = np.stack([np.cos(np.linspace(0.0, 2.0 * np.pi, 48)), np.sin(np.linspace(0.0, 2.0 * np.pi, 48))], -1)
 """Points ``(48, 2)`` of a unit circle."""
@@ -283,10 +284,70 @@ def draw_start(canvas: Canvas, at: np.ndarray) -> None:
     canvas.dot(at, PANEL, 2.2)
 
 
-def draw_members(canvas: Canvas, x: float, y: float) -> None:
-    """A few members of an ensemble, for a legend."""
-    for dx, dy in ((-9, 1), (-5, -3), (-2, 3), (0, -1), (4, 4), (5, -2), (9, 0)):
-        canvas.dot((x + dx, y + dy), MEMBER, 1.5)
+def draw_map(canvas: Canvas, box: Box, title: str) -> None:
+    """The card of a map, with what is seen on it."""
+    canvas.panel(box, WATER)
+    canvas.text(box.left + 14, box.top + 18, title, TEXT, 13, bold=True)
+
+
+def close_up(
+    canvas: Canvas, box: Box, title: str, believed: np.ndarray, true: np.ndarray, spread: np.ndarray, body: float,
+    least: float,
+) -> PlanView:  # fmt: skip
+    """The card and the view of what is around a believed vehicle: as far as to the true one, and as the belief spreads.
+
+    Args:
+        canvas: Where to draw.
+        box: The card.
+        title: What is seen.
+        believed: ``(2,)`` where the vehicle believes to be [m].
+        true: ``(2,)`` where it is [m].
+        spread: ``(n, 2)`` two standard deviations about ``believed`` [m].
+        body: The vehicle's length or span [m].
+        least: How many times as much is seen to either side at least.
+    """
+    canvas.panel(box, WATER)
+    canvas.text(box.left + 12, box.top + 15, title, TEXT, 12, bold=True)
+    away = float(np.abs(true - believed).max()) + 0.55 * body
+    half = nice(max(least * body, away, 1.2 * float(np.abs(spread).max())))
+    return PlanView(box.inset(2, 28, 2, 30), np.array([believed - half, believed + half]), 0.0)
+
+
+def draw_spread(canvas: Canvas, points: np.ndarray) -> None:
+    """How sure an estimator is of a position: a pale area ``(n, 2)``, unless it is too small to be seen."""
+    if np.ptp(points, 0).max() > 1.0:
+        canvas.polygon(points, BELIEVED_PALE, MEMBER, 1.0)
+
+
+def draw_icon(canvas: Canvas, kind: str, at: np.ndarray, body: np.ndarray = CIRCLE) -> None:
+    """What an entry of a legend stands for; ``body (n, 2)`` is the outline of a vehicle in pixels."""
+    line = at + [[-14.0, 0.0], [14.0, 0.0]]
+    if kind == "path":
+        canvas.dashes(line, COMMANDED, 1.5)
+    elif kind == "start":
+        draw_start(canvas, at)
+    elif kind == "goal":
+        canvas.ring(at, CURRENT, 7.0, 1.5)
+        canvas.dot(at, CURRENT, 2.0)
+    elif kind == "true":
+        canvas.line(line, TRUE, 2.0)
+        canvas.polygon(body + at, TRUE_PALE, TRUE, 1.2)
+    elif kind == "believed":
+        canvas.line(line, BELIEVED, 1.5)
+        canvas.polygon(body + at, PANEL, BELIEVED, 1.2)
+    elif kind == "ellipse":
+        draw_spread(canvas, at + CIRCLE * [12.0, 6.0])
+    elif kind == "fix":
+        canvas.cross(at, FIX, 3.5, 1.5)
+    elif kind == "fin":
+        canvas.line(at + [[-7.0, 0.0], [7.0, 0.0]], LIMIT, 2.0)
+    elif kind == "obstacle":
+        canvas.polygon(at + CIRCLE * 7.0, OBSTACLE, LIMIT, 1.0)
+    elif kind == "berth":
+        canvas.dashes(line, LIMIT, 0.8, 2.0, 4.0)
+    elif kind == "cloud":
+        for member in ((-9, 1), (-5, -3), (-2, 3), (0, -1), (4, 4), (5, -2), (9, 0)):
+            canvas.dot(at + member, MEMBER, 1.5)
 
 
 def draw_flows(canvas: Canvas, box: Box, name: str, flows: Sequence[tuple[np.ndarray, np.ndarray]]) -> None:
@@ -412,8 +473,8 @@ def strip_chart(
 
 def comparison_chart(
     canvas: Canvas, box: Box, title: str, time: np.ndarray, span: tuple[float, float], least: float,
-    true: np.ndarray, believed: np.ndarray, sd: np.ndarray, limit: float = np.inf, lowest: float | None = None,
-    middle: float = 0.0,
+    true: np.ndarray, believed: np.ndarray, sd: np.ndarray, limit: float = np.inf, limit_label: str = "lost",
+    lowest: float | None = None, middle: float = 0.0, behind: Sequence[Series] = (),
 ) -> None:  # fmt: skip
     """A strip chart of something true and something believed, about zero or another middle.
 
@@ -427,9 +488,11 @@ def comparison_chart(
         true: What was.
         believed: What was believed.
         sd: The latter's standard deviation.
-        limit: Beyond plus and minus this, all is lost.
+        limit: Dashed lines at plus and minus this, if the axis reaches as far.
+        limit_label: What the limit means.
         lowest: Lower end of the axis, unless something lies below.
         middle: Of the axis.
+        behind: More lines, below the others.
     """
     low, high = believed - 2.0 * sd, believed + 2.0 * sd
     reach = nice(max(least, *(float(np.abs(value - middle).max()) for value in (true, low, high))))
@@ -440,8 +503,8 @@ def comparison_chart(
         lowest = middle - reach
     strip_chart(
         canvas, box, title,
-        [Series("true", TRUE_SOFT, time, true, 3.5), Series("believed ±2σ", BELIEVED, time, believed)],
-        span, middle + reach, band=(time, low, high), limit=seen, limit_label="lost", lowest=lowest,
+        [*behind, Series("true", TRUE_SOFT, time, true, 3.5), Series("believed ±2σ", BELIEVED, time, believed)],
+        span, middle + reach, band=(time, low, high), limit=seen, limit_label=limit_label, lowest=lowest,
     )  # fmt: skip
 
 

@@ -9,8 +9,6 @@ from vessel_gym.guidance.dive_path import follow, path_point
 from vessel_gym.rendering import register_scene
 from vessel_gym.rendering.canvas import (
     BELIEVED,
-    BELIEVED_PALE,
-    CIRCLE,
     COMMANDED,
     CURRENT,
     FIX,
@@ -18,21 +16,21 @@ from vessel_gym.rendering.canvas import (
     MEMBER,
     MUTED,
     PANEL,
-    TEXT,
     TRUE,
     TRUE_PALE,
     TRUE_SOFT,
-    WATER,
     Box,
     Canvas,
     PlanView,
     Series,
+    close_up,
     comparison_chart,
     draw_flows,
     draw_grid,
-    draw_members,
+    draw_map,
     draw_north,
     draw_scale_bar,
+    draw_spread,
     draw_start,
     nice,
     scale_bar_length,
@@ -40,7 +38,7 @@ from vessel_gym.rendering.canvas import (
     strip_chart,
     two_sigma,
 )
-from vessel_gym.rendering.journey import Journey, Sample
+from vessel_gym.rendering.journey import Journey, Sample, deviation
 from vessel_gym.tasks.dive import Dive
 
 _VEHICLE_PIXELS = 30.0  # least length of a vehicle in the large views
@@ -133,11 +131,8 @@ class DiveScene(Journey):
     def draw(self, canvas: Canvas) -> None:
         """Draw the episode so far."""
         history = self.history()
-        width, height = canvas.size
-        canvas.clear()
         missed = np.linalg.norm(self._now(history.truth)[0] - self._path[-1])
-        self.header(canvas, Box(16, 0, width - 32, 60), f"{missed:.2f} m")
-        box = Box(16, 60, width - 32 - _COLUMN - _GAP, height - 76)
+        box = self.sheet(canvas, f"{missed:.2f} m").inset(0, 0, _COLUMN + _GAP, 0)
         chart = 150.0 if self._turns else 128.0
         large = box.height - 2 * (chart + _GAP)
         count = len(self._views)
@@ -155,16 +150,10 @@ class DiveScene(Journey):
         heading = float(state[self._names.index("psi")]) if self._turns else 0.0
         return self._position @ state, heading, float(state[self._names.index("theta")])
 
-    def _cloud(self) -> np.ndarray | None:
-        """Where the members of the ensemble are, ``(N, 3)``, if there is one."""
-        ensemble = self._core.belief.ensemble
-        return None if ensemble is None else self._task.position(ensemble[self._row])
-
     def _two_sigma(self, view: _View, history: Sample) -> np.ndarray:
-        """Two standard deviations of the believed position as a view shows them, ``(k, 2)``; without any, one point."""
-        position = self._position @ history.estimate[-1]
-        root = view.gradient(position)
-        return view.points(position) + two_sigma(root @ self._spread(history)[-1] @ root.T)
+        """Two standard deviations about the believed position as a view shows them, ``(k, 2)``; none: one point."""
+        root = view.gradient(self._position @ history.estimate[-1])
+        return two_sigma(root @ self._spread(history)[-1] @ root.T)
 
     def _spread(self, history: Sample) -> np.ndarray:
         """Covariances ``(k, 3, 3)`` of the believed position."""
@@ -176,8 +165,7 @@ class DiveScene(Journey):
     def _large(self, canvas: Canvas, box: Box, view: _View, history: Sample) -> None:
         """The whole dive from one side."""
         task, course = self._task, view.course
-        canvas.panel(box, WATER)
-        canvas.text(box.left + 14, box.top + 18, view.title, TEXT, 13, bold=True)
+        draw_map(canvas, box, view.title)
         sea = box.inset(2, 34, 2, 50)
         true, believed = (view.points(states @ self._position.T) for states in (history.truth, history.estimate))
         shown = [view.points(self._path), true, believed]
@@ -255,15 +243,14 @@ class DiveScene(Journey):
 
     def _ellipse(self, canvas: Canvas, frame: PlanView, view: _View, history: Sample) -> None:
         """Two standard deviations of the believed position, where no ensemble shows how sure the estimator is."""
-        ellipse = frame.pixels(self._two_sigma(view, history))
-        if self._cloud() is None and np.ptp(ellipse, 0).max() > 1.0:
-            canvas.polygon(ellipse, BELIEVED_PALE, MEMBER, 1.0)
+        if self.members is None:
+            at = view.points(self._position @ history.estimate[-1])
+            draw_spread(canvas, frame.pixels(at + self._two_sigma(view, history)))
 
     def _members(self, canvas: Canvas, frame: PlanView, view: _View, radius: float) -> None:
         """The members of the ensemble."""
-        cloud = self._cloud()
-        if cloud is not None:
-            for at in frame.pixels(view.points(cloud)):
+        if self.members is not None:
+            for at in frame.pixels(view.points(self._task.position(self.members))):
                 canvas.dot(at, MEMBER, radius)
 
     def _vehicles(self, canvas: Canvas, frame: PlanView, view: _View, history: Sample, length: float) -> None:
@@ -302,35 +289,22 @@ class DiveScene(Journey):
 
     def _close_up(self, canvas: Canvas, box: Box, view: _View, history: Sample) -> None:
         """What is around the believed vehicle, to scale."""
-        canvas.panel(box, WATER)
-        middle = view.points(self._now(history.estimate)[0])
         true, believed = (view.points(states @ self._position.T) for states in (history.truth, history.estimate))
-        length = self._task.auv.length
-        away = float(np.abs(true[-1] - middle).max()) + 0.55 * length
-        spread = float(np.abs(self._two_sigma(view, history) - middle).max())
-        half = nice(max(1.2 * length, away, 1.2 * spread))
-        frame = PlanView(box.inset(2, 28, 2, 30), np.array([middle - half, middle + half]), 0.0)
+        length, title = self._task.auv.length, "Close-up from the side" if view.aside else "Close-up from above"
+        frame = close_up(canvas, box, title, believed[-1], true[-1], self._two_sigma(view, history), length, 1.2)
         with canvas.clipped(frame.box):
             draw_grid(canvas, frame, 36.0)
             if view.aside:
-                surface = frame.pixels(
-                    np.array([[self._task.launch_depth, middle[1] + x] for x in (-2 * half, 2 * half)])
-                )
-                canvas.line(surface, TRUE_SOFT, 2.0)
+                _, y = frame.pixels(np.array([self._task.launch_depth, 0.0]))
+                canvas.line(np.array([[frame.box.left, y], [frame.box.right, y]]), TRUE_SOFT, 2.0)
             self._ellipse(canvas, frame, view, history)
             self._paths(canvas, frame, view, true, believed)
             self._marks(canvas, frame, view)
             self._vehicles(canvas, frame, view, history, length * frame.scale)
             self._members(canvas, frame, view, 1.7)
         draw_scale_bar(canvas, frame, box.left + 12, box.bottom - 9, 36.0)
-        canvas.text(box.left + 12, box.top + 15, "Close-up from the side" if view.aside else "Close-up from above",
-                    TEXT, 12, bold=True)  # fmt: skip
 
     def _legend(self, canvas: Canvas, box: Box, history: Sample) -> None:
-        canvas.panel(box)
-        x, words = box.left + 25, box.left + 46
-        members = self._cloud()
-        spread = self._spread(history)[-1]
         labels = {
             "path": "path to follow",
             "start": "start",
@@ -338,43 +312,13 @@ class DiveScene(Journey):
             "true": "true vehicle, its track",
             "believed": "believed vehicle, its track",
             "fin": "fin of the true vehicle",
+            **self.belief_label(self._spread(history)[-1]),
+            "fix": "acoustic fix of the position",
         }
-        if members is not None:
-            labels["cloud"] = f"ensemble of {len(members)} guesses"
-        elif np.trace(spread) > 0.0:
-            labels["ellipse"] = "believed position ±2σ"
-        labels["fix"] = "acoustic fix of the position"
         pitch = min((box.height - 16) / (len(labels) + 0.7), 26.0)
-        for i, (kind, label) in enumerate(labels.items()):
-            y = box.top + 8 + (i + 0.5) * pitch
-            canvas.text(words, y, label, TEXT, 11)
-            self._icon(canvas, kind, x, y)
-        canvas.text(words, box.top + 4 + (len(labels) + 0.3) * pitch, "(from the side: at the surface)", MUTED, 10)
-
-    def _icon(self, canvas: Canvas, kind: str, x: float, y: float) -> None:
-        """What an entry of the legend stands for."""
-        line, at = np.array([[x - 14, y], [x + 14, y]]), np.array([x, y])
-        if kind == "path":
-            canvas.dashes(line, COMMANDED, 1.5)
-        elif kind == "start":
-            draw_start(canvas, at)
-        elif kind == "goal":
-            canvas.ring(at, CURRENT, 7.0, 1.5)
-            canvas.dot(at, CURRENT, 2.0)
-        elif kind == "true":
-            canvas.line(line, TRUE, 2.0)
-            canvas.polygon(self._hull * 26.0 + at, TRUE_PALE, TRUE, 1.2)
-        elif kind == "believed":
-            canvas.line(line, BELIEVED, 1.5)
-            canvas.polygon(self._hull * 26.0 + at, PANEL, BELIEVED, 1.2)
-        elif kind == "fin":
-            canvas.line(at + 0.5 * (line - at), LIMIT, 2.0)
-        elif kind == "ellipse":
-            canvas.polygon(at + CIRCLE * [12.0, 6.0], BELIEVED_PALE, MEMBER, 1.0)
-        elif kind == "fix":
-            canvas.cross(at, FIX, 3.5, 1.5)
-        else:
-            draw_members(canvas, x, y)
+        self.legend(canvas, box, labels, pitch, self._hull * 26.0)
+        below = box.top + 4 + (len(labels) + 0.3) * pitch
+        canvas.text(box.left + 46, below, "(from the side: at the surface)", MUTED, 10)
 
     # --- charts -------------------------------------------------------------------------------------
 
@@ -390,7 +334,7 @@ class DiveScene(Journey):
         ]  # fmt: skip
         right, above = self._errors(history)
         u = self._names.index("u")
-        speed = history.truth[:, u], history.estimate[:, u], np.sqrt(np.maximum(history.cov[:, u, u], 0.0))
+        speed = history.truth[:, u], history.estimate[:, u], history.sd(u)
 
         if self._turns:
             comparison_chart(canvas, boxes.pop(0), "Right of the path  [m]", time, span, 0.5, *right, limit=task.LOST)
@@ -398,8 +342,7 @@ class DiveScene(Journey):
         self._fins(canvas, boxes.pop(0), time, span, history)
         comparison_chart(canvas, boxes.pop(0), "Speed through the water  [m/s]", time, span, 1.0, *speed, lowest=0.0)
         if boxes:
-            sd = np.sqrt(np.maximum(history.cov[:, len(self._names), len(self._names)], 0.0))
-            flow = history.flow[:, 0], history.believed_flow[:, 0], sd
+            flow = history.flow[:, 0], history.believed_flow[:, 0], history.sd(len(self._names))
             comparison_chart(canvas, boxes.pop(0), "Current ahead  [m/s]", time, span, 0.1, *flow)
 
     def _errors(self, history: Sample) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
@@ -412,8 +355,7 @@ class DiveScene(Journey):
         heading, zero = on[:, 3], np.zeros(len(on))
         across = np.stack([-np.sin(heading), np.cos(heading), zero], -1)
         up = np.stack([on[:, 4] * np.cos(heading), on[:, 4] * np.sin(heading), zero - 1.0], -1) / steep[:, None]
-        cov = self._spread(history)
-        sds = [np.sqrt(np.maximum(np.einsum("ki,kij,kj->k", d, cov, d), 0.0)) for d in (across, up)]
+        sds = [deviation(direction, self._spread(history)) for direction in (across, up)]
         return [(errors[0][i], errors[1][i], sds[i]) for i in range(2)]
 
     def _fins(

@@ -8,7 +8,6 @@ from vessel_gym.guidance.path_following import COLUMNS, track
 from vessel_gym.rendering import register_scene
 from vessel_gym.rendering.canvas import (
     BELIEVED,
-    BELIEVED_PALE,
     CIRCLE,
     COMMANDED,
     CURRENT,
@@ -16,36 +15,31 @@ from vessel_gym.rendering.canvas import (
     LIMIT,
     MEMBER,
     MUTED,
+    OBSTACLE,
     PANEL,
-    TEXT,
     TRUE,
     TRUE_PALE,
-    TRUE_SOFT,
-    WATER,
     Box,
     Canvas,
-    Colour,
     PlanView,
     Series,
+    close_up,
     comparison_chart,
     draw_flows,
     draw_grid,
-    draw_members,
+    draw_map,
     draw_north,
     draw_scale_bar,
+    draw_spread,
     draw_start,
-    nice,
     scale_bar_length,
-    strip_chart,
     two_sigma,
 )
-from vessel_gym.rendering.journey import Journey, Sample
+from vessel_gym.rendering.journey import Journey, Sample, deviation
 from vessel_gym.tasks.flight import OBSTACLES, SEGMENTS, Flight
 
 SPAN = 2.1
 """Wing span [m] of the Skywalker X8, Gryte (2018); the point mass has none."""
-
-OBSTACLE: Colour = (240, 216, 214)
 
 _AIRCRAFT_PIXELS = 26.0  # least span of an aircraft in the large view
 _STEP = 60.0  # least pixels from one grid line to the next
@@ -98,11 +92,8 @@ class FlightScene(Journey):
     def draw(self, canvas: Canvas) -> None:
         """Draw the episode so far."""
         history = self.history()
-        width, height = canvas.size
-        canvas.clear()
         missed = np.hypot(*(history.truth[-1, :2] - self._goal[:2]))
-        self.header(canvas, Box(16, 0, width - 32, 60), f"{missed:.1f} m")
-        box = Box(16, 60, width - 32, height - 76)
+        box = self.sheet(canvas, f"{missed:.1f} m")
         left = Box(box.left, box.top, _LEFT, box.height - _CHART - _GAP)
         right = Box(left.right + _GAP, box.top, box.width - _LEFT - _GAP, box.height - 3 * (_CHART + _GAP))
         half = (right.width - _GAP) / 2
@@ -112,19 +103,11 @@ class FlightScene(Journey):
         boxes = [Box(right.left, right.bottom + _GAP + i * (_CHART + _GAP), right.width, _CHART) for i in range(3)]
         self._charts(canvas, [Box(left.left, left.bottom + _GAP, left.width, _CHART), *boxes], history)
 
-    # --- what is known of the present moment --------------------------------------------------------
-
-    def _cloud(self) -> np.ndarray | None:
-        """Where the members of the ensemble are in plan, ``(N, 2)``, if there is one."""
-        ensemble = self._core.belief.ensemble
-        return None if ensemble is None else ensemble[self._row, :, :2]
-
     # --- parts of the picture -----------------------------------------------------------------------
 
     def _plan(self, canvas: Canvas, box: Box, history: Sample) -> None:
         """The whole flight from above."""
-        canvas.panel(box, WATER)
-        canvas.text(box.left + 14, box.top + 18, "Seen from above", TEXT, 13, bold=True)
+        draw_map(canvas, box, "Seen from above")
         air = box.inset(2, 34, 2, 50)
         around = self._obstacles[:, None, :2] + self._obstacles[:, None, 2:] * CIRCLE
         points = [self._path[:, :2], history.truth[:, :2], history.estimate[:, :2], around.reshape(-1, 2)]
@@ -140,18 +123,15 @@ class FlightScene(Journey):
 
     def _close_up(self, canvas: Canvas, box: Box, history: Sample) -> None:
         """What is around the believed aircraft, to scale."""
-        canvas.panel(box, WATER)
-        middle = history.estimate[-1, :2]
-        away = float(np.abs(history.truth[-1, :2] - middle).max()) + 0.55 * SPAN
-        spread = float(np.abs(two_sigma(history.cov[-1, :2, :2])).max())
-        half = nice(max(3.0 * SPAN, away, 1.2 * spread))
-        frame = PlanView(box.inset(2, 28, 2, 30), np.array([middle - half, middle + half]), 0.0)
+        spread = two_sigma(history.cov[-1, :2, :2])
+        frame = close_up(
+            canvas, box, "Close-up", history.estimate[-1, :2], history.truth[-1, :2], spread, SPAN, 3.0
+        )  # fmt: skip
         with canvas.clipped(frame.box):
             draw_grid(canvas, frame, _CLOSE_STEP)
             span = max(SPAN * frame.scale, 0.7 * _AIRCRAFT_PIXELS)
             self._scene(canvas, frame, history, span, 1.7)
         self._scale(canvas, frame, box.left + 12, box.bottom - 9, _CLOSE_STEP, span)
-        canvas.text(box.left + 12, box.top + 15, "Close-up", TEXT, 12, bold=True)
 
     def _scale(self, canvas: Canvas, frame: PlanView, left: float, y: float, step: float, span: float) -> None:
         """A scale bar, and how much larger than to scale the aircraft are drawn."""
@@ -164,9 +144,8 @@ class FlightScene(Journey):
         """All that lies on a map: obstacles, path, tracks, fixes, belief and aircraft."""
         goal, tolerance = frame.pixels(self._goal[:2]), self._task.GOAL_TOLERANCE * frame.scale
         canvas.dot(goal, PANEL, tolerance)
-        cloud, ellipse = self._cloud(), frame.pixels(history.estimate[-1, :2] + two_sigma(history.cov[-1, :2, :2]))
-        if cloud is None and np.ptp(ellipse, 0).max() > 1.0:
-            canvas.polygon(ellipse, BELIEVED_PALE, MEMBER, 1.0)
+        if self.members is None:
+            draw_spread(canvas, frame.pixels(history.estimate[-1, :2] + two_sigma(history.cov[-1, :2, :2])))
         for x, y, size in self._obstacles:
             at = np.array([x, y])
             canvas.polygon(frame.pixels(at + size * CIRCLE), OBSTACLE, LIMIT, 1.0)
@@ -179,7 +158,7 @@ class FlightScene(Journey):
         draw_start(canvas, frame.pixels(self._path[0, :2]))
         for fix in self._fixes:
             canvas.cross(frame.pixels(fix[:2]), FIX, 2.0 * radius, 1.2)
-        for at in frame.pixels(cloud) if cloud is not None else ():
+        for at in frame.pixels(self.members[:, :2]) if self.members is not None else ():
             canvas.dot(at, MEMBER, radius)
         canvas.polygon(self._placed(frame, history.truth[-1], history.flow[-1], span), TRUE_PALE, TRUE, 1.5)
         believed = self._placed(frame, history.estimate[-1], history.believed_flow[-1], span)
@@ -191,8 +170,7 @@ class FlightScene(Journey):
         return frame.body(_AIRCRAFT * [1.0, np.cos(state[6])], state[:2], float(np.arctan2(east, north)), span)
 
     def _legend(self, canvas: Canvas, box: Box, history: Sample) -> None:
-        canvas.panel(box)
-        task, cloud = self._task, self._cloud()
+        task = self._task
         labels = {
             "path": "planned path",
             "start": "start",
@@ -201,44 +179,10 @@ class FlightScene(Journey):
             "berth": f"the path stays {task.margin:g} m clear",
             "true": "true aircraft, its track",
             "believed": "believed aircraft, its track",
+            **self.belief_label(history.cov[-1, :2, :2]),
+            "fix": "GNSS fix, once a second",
         }
-        if cloud is not None:
-            labels["cloud"] = f"ensemble of {len(cloud)} guesses"
-        elif np.trace(history.cov[-1, :2, :2]) > 0.0:
-            labels["ellipse"] = "believed position ±2σ"
-        labels["fix"] = "GNSS fix, once a second"
-        pitch = (box.height - 16) / len(labels)
-        for i, (kind, label) in enumerate(labels.items()):
-            y = box.top + 8 + (i + 0.5) * pitch
-            canvas.text(box.left + 46, y, label, TEXT, 11)
-            self._icon(canvas, kind, box.left + 25, y)
-
-    def _icon(self, canvas: Canvas, kind: str, x: float, y: float) -> None:
-        """What an entry of the legend stands for."""
-        line, at, aircraft = np.array([[x - 14, y], [x + 14, y]]), np.array([x, y]), _AIRCRAFT * 22.0 + [x, y]
-        if kind == "path":
-            canvas.dashes(line, COMMANDED, 1.5)
-        elif kind == "start":
-            draw_start(canvas, at)
-        elif kind == "goal":
-            canvas.ring(at, CURRENT, 7.0, 1.5)
-            canvas.dot(at, CURRENT, 2.0)
-        elif kind == "obstacle":
-            canvas.polygon(at + CIRCLE * 7.0, OBSTACLE, LIMIT, 1.0)
-        elif kind == "berth":
-            canvas.dashes(line, LIMIT, 0.8, 2.0, 4.0)
-        elif kind == "true":
-            canvas.line(line, TRUE, 2.0)
-            canvas.polygon(aircraft, TRUE_PALE, TRUE, 1.2)
-        elif kind == "believed":
-            canvas.line(line, BELIEVED, 1.5)
-            canvas.polygon(aircraft, PANEL, BELIEVED, 1.2)
-        elif kind == "ellipse":
-            canvas.polygon(at + CIRCLE * [12.0, 6.0], BELIEVED_PALE, MEMBER, 1.0)
-        elif kind == "fix":
-            canvas.cross(at, FIX, 3.5, 1.5)
-        else:
-            draw_members(canvas, x, y)
+        self.legend(canvas, box, labels, (box.height - 16) / len(labels), _AIRCRAFT * 22.0)
 
     # --- charts -------------------------------------------------------------------------------------
 
@@ -248,15 +192,21 @@ class FlightScene(Journey):
         time = history.step * task.dt
         usual = max(1.1 * self._length / task.body.cruise_speed, float(time[-1]))
         span = 0.0, 12.0 * np.ceil(usual / 12.0)
-        self._altitudes(canvas, boxes[0], time, span, history)
+        commanded = Series("commanded", COMMANDED, np.array(span), np.full(2, self._altitude), 1.2, dashed=True)
+        comparison_chart(
+            canvas, boxes[0], "Altitude  [m]", time, span, 5.0, history.truth[:, 2], history.estimate[:, 2],
+            history.sd(2), middle=float(round(self._altitude)), behind=[commanded],
+        )  # fmt: skip
         comparison_chart(canvas, boxes[1], "Right of the path  [m]", time, span, 3.0, *self._across(history), task.LOST)
         self._banks(canvas, boxes[2], time, span, history)
         pairs = (history.truth, history.flow), (history.estimate, history.believed_flow)
         through = [np.concatenate(pair, -1) @ _AIR.T for pair in pairs]
         true, believed = np.linalg.norm(through, axis=-1)
         ahead = through[1] / np.maximum(believed, 1e-9)[:, None] @ _AIR
-        sd = _sd(ahead, history.cov)
-        self._about(canvas, boxes[3], "Airspeed  [m/s]", time, span, 3.0, task.body.cruise_speed, true, believed, sd)
+        comparison_chart(
+            canvas, boxes[3], "Airspeed  [m/s]", time, span, 3.0, true, believed, deviation(ahead, history.cov),
+            middle=float(round(task.body.cruise_speed)),
+        )  # fmt: skip
 
     def _across(self, history: Sample) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Distance to starboard of the path [m]: true, believed, and the latter's standard deviation."""
@@ -267,53 +217,16 @@ class FlightScene(Journey):
         ]
         across = np.zeros((len(history.step), history.cov.shape[-1]))
         across[:, 0], across[:, 1] = -np.sin(on[1][:, 2]), np.cos(on[1][:, 2])
-        return on[0][:, 1], on[1][:, 1], _sd(across, history.cov)
-
-    def _altitudes(
-        self, canvas: Canvas, box: Box, time: np.ndarray, span: tuple[float, float], history: Sample
-    ) -> None:  # fmt: skip
-        sd = np.sqrt(np.maximum(history.cov[:, 2, 2], 0.0))
-        self._about(
-            canvas, box, "Altitude  [m]", time, span, 5.0, self._altitude, history.truth[:, 2], history.estimate[:, 2],
-            sd, "commanded",
-        )  # fmt: skip
-
-    def _about(
-        self, canvas: Canvas, box: Box, title: str, time: np.ndarray, span: tuple[float, float], least: float,
-        usual: float, true: np.ndarray, believed: np.ndarray, sd: np.ndarray, label: str = "",
-    ) -> None:  # fmt: skip
-        """A chart of something true and something believed about what is usual."""
-        low, high, middle = believed - 2.0 * sd, believed + 2.0 * sd, float(round(usual))
-        reach = nice(max(least, *(float(np.abs(value - middle).max()) for value in (true, low, high))))
-        series = [
-            Series("true", TRUE_SOFT, time, true, 3.5),
-            Series("believed ±2σ", BELIEVED, time, believed),
-        ]
-        if label:
-            series.insert(0, Series(label, COMMANDED, np.array(span), np.full(2, usual), 1.2, dashed=True))
-        strip_chart(
-            canvas, box, title, series, span, middle + reach, band=(time, low, high), lowest=middle - reach
-        )  # fmt: skip
+        return on[0][:, 1], on[1][:, 1], deviation(across, history.cov)
 
     def _banks(
         self, canvas: Canvas, box: Box, time: np.ndarray, span: tuple[float, float], history: Sample
     ) -> None:  # fmt: skip
         limit = float(np.rad2deg(self._task.body.bank_limit))
-        true, believed, command = np.rad2deg([history.truth[:, 6], history.estimate[:, 6], history.actuators[:, 2]])
-        sd = np.rad2deg(np.sqrt(np.maximum(history.cov[:, 6, 6], 0.0)))
-        low, high = believed - 2.0 * sd, believed + 2.0 * sd
-        reach = nice(max(1.2 * limit, *(float(np.abs(value).max()) for value in (true, low, high))))
-        series = [
-            Series("commanded", COMMANDED, time, command, 1.2, dashed=True),
-            Series("true", TRUE_SOFT, time, true, 3.5),
-            Series("believed ±2σ", BELIEVED, time, believed),
-        ]
-        strip_chart(
-            canvas, box, "Bank  [°]", series, span, reach, band=(time, low, high), limit=limit,
-            limit_label="limit of the command",
+        true, believed, command, sd = np.rad2deg(
+            [history.truth[:, 6], history.estimate[:, 6], history.actuators[:, 2], history.sd(6)]
+        )
+        comparison_chart(
+            canvas, box, "Bank  [°]", time, span, 1.2 * limit, true, believed, sd, limit, "limit of the command",
+            behind=[Series("commanded", COMMANDED, time, command, 1.2, dashed=True)],
         )  # fmt: skip
-
-
-def _sd(direction: np.ndarray, cov: np.ndarray) -> np.ndarray:
-    """Standard deviations ``(k,)`` along directions ``(k, n)`` of covariances ``(k, n, n)``."""
-    return np.sqrt(np.maximum(np.einsum("ki,kij,kj->k", direction, cov, direction), 0.0))

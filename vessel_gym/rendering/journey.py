@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vessel_gym.core import Core
-from vessel_gym.rendering.canvas import CURRENT, LIMIT, MUTED, Box, Canvas, Colour, draw_header
+from vessel_gym.rendering.canvas import CURRENT, LIMIT, MUTED, TEXT, Box, Canvas, Colour, draw_header, draw_icon
 
 
 class Sample(NamedTuple):
@@ -16,11 +16,18 @@ class Sample(NamedTuple):
     estimate: np.ndarray  # (n,)
     flow: np.ndarray  # (f,) what carries it
     believed_flow: np.ndarray  # (f,)
+    kicks: np.ndarray  # (k,) what changes it at the end of a step
+    input_estimate: np.ndarray  # (q,) what is believed of the unknown input; NaN where the estimator has none
     cov: np.ndarray  # (n + f, n + f) of what is believed of both
     action: np.ndarray  # (a,)
     actuators: np.ndarray  # (a,)
+    reference: np.ndarray  # (r,)
     tally: np.ndarray  # (k,) what the score remembers
     total: np.ndarray  # sum of the rewards
+
+    def sd(self, component: int) -> np.ndarray:
+        """Standard deviations ``(k,)`` of what is believed of a component of state and flow."""
+        return np.sqrt(np.maximum(self.cov[:, component, component], 0.0))
 
 
 class Journey:
@@ -53,8 +60,10 @@ class Journey:
         self._samples.append(
             Sample(
                 core.steps[row], core.state[row].copy(), belief.mean[row, : told.base].copy(),
-                core.forcing[row, kicks:].copy(), told.flow(belief.mean[row]), both @ belief.cov[row] @ both.T,
-                core.action[row].copy(), core.actuators[row].copy(), core.tally[row].copy(), core.total[row],
+                core.forcing[row, kicks:].copy(), told.flow(belief.mean[row]), core.forcing[row, :kicks].copy(),
+                np.full(1, np.nan) if belief.input_mean is None else belief.input_mean[row].copy(),
+                both @ belief.cov[row] @ both.T, core.action[row].copy(), core.actuators[row].copy(),
+                core.reference[row].copy(), core.tally[row].copy(), core.total[row],
             )
         )  # fmt: skip
         readings, available = core.readings
@@ -65,23 +74,36 @@ class Journey:
         """The episode so far, as columns."""
         return Sample(*(np.array(column) for column in zip(*self._samples, strict=True)))
 
-    def header(self, canvas: Canvas, box: Box, missed: str) -> None:
-        """Under which conditions the vehicle is on its way, for how long, and how it has ended.
+    @property
+    def members(self) -> np.ndarray | None:
+        """The members of the ensemble ``(N, n)``, if there is one."""
+        ensemble = self._core.belief.ensemble
+        return None if ensemble is None else ensemble[self._row]
+
+    def conditions(self, what: str) -> str:
+        """Under which conditions the vehicle is on its way, ``what`` being what its disturbance is called."""
+        core = self._core
+        words = f"estimator {core.estimator}   ·   {core.disturbance_name} {what}   ·   {core.sensors_name} sensors"
+        return words + (f"   ·   mismatch {100 * core.mismatch:g} %" if core.mismatch else "")
+
+    def sheet(self, canvas: Canvas, missed: str) -> Box:
+        """Begin a picture with its header: under which conditions the vehicle is on its way, for how long, and its end.
 
         Args:
             canvas: Where to draw.
-            box: There.
             missed: How far from the goal the vehicle is, in words; empty where there is no goal.
+
+        Returns:
+            Where the rest belongs.
         """
+        canvas.clear()
+        width, height = canvas.size
+        box = Box(16, 0, width - 32, 60)
         core, task = self._core, self._task
-        words = (
-            f"estimator {core.estimator}   ·   {core.disturbance_name} disturbance   ·   {core.sensors_name} sensors"
-        )
-        if core.mismatch:
-            words += f"   ·   mismatch {100 * core.mismatch:g} %"
         time = f"{self._samples[-1].step * core.vehicle.dt:.1f} s"
         values = {"score": f"{core.total[self._row] / task.perfect:.3f}", "time": time}
-        draw_header(canvas, box, self.title, words, values, *self._outcome(missed))
+        draw_header(canvas, box, self.title, self.conditions("disturbance"), values, *self._outcome(missed))
+        return Box(16, 60, width - 32, height - 76)
 
     def _outcome(self, missed: str) -> tuple[str, Colour]:
         """How the journey has ended, in words, or that it has not."""
@@ -95,3 +117,22 @@ class Journey:
         if self._samples[-1].step >= self._task.horizon:
             return "time is up", LIMIT if success else CURRENT
         return "under way", MUTED
+
+    def legend(self, canvas: Canvas, box: Box, labels: dict[str, str], pitch: float, body: np.ndarray) -> None:
+        """A card of what the marks mean, a line every ``pitch`` pixels; ``body`` as in `draw_icon`."""
+        canvas.panel(box)
+        for i, (kind, label) in enumerate(labels.items()):
+            y = box.top + 8 + (i + 0.5) * pitch
+            canvas.text(box.left + 46, y, label, TEXT, 11)
+            draw_icon(canvas, kind, np.array([box.left + 25, y]), body)
+
+    def belief_label(self, cov: np.ndarray) -> dict[str, str]:
+        """What shows in a legend how sure the estimator is of the position, ``cov`` being its covariance."""
+        if self.members is not None:
+            return {"cloud": f"ensemble of {len(self.members)} guesses"}
+        return {"ellipse": "believed position ±2σ"} if np.trace(cov) > 0.0 else {}
+
+
+def deviation(direction: np.ndarray, cov: np.ndarray) -> np.ndarray:
+    """Standard deviations ``(k,)`` along directions ``(k, n)`` of covariances ``(k, n, n)``."""
+    return np.sqrt(np.maximum(np.einsum("ki,kij,kj->k", direction, cov, direction), 0.0))

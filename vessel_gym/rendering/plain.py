@@ -6,24 +6,23 @@ from estimators.angles import difference
 from vessel_gym.core import Core
 from vessel_gym.rendering.canvas import (
     BELIEVED,
-    BELIEVED_PALE,
-    CIRCLE,
     CURRENT,
     EDGE,
     FIX,
     LIMIT,
-    MEMBER,
     TEXT,
     TRUE,
-    WATER,
     Box,
     Canvas,
     PlanView,
     Series,
     comparison_chart,
     draw_grid,
+    draw_icon,
+    draw_map,
     draw_north,
     draw_scale_bar,
+    draw_spread,
     draw_start,
     nice,
     strip_chart,
@@ -62,10 +61,7 @@ class PlainScene(Journey):
     def draw(self, canvas: Canvas) -> None:
         """Draw the episode so far."""
         history = self.history()
-        width, height = canvas.size
-        canvas.clear()
-        self.header(canvas, Box(16, 0, width - 32, 60), "")
-        box, told = Box(16, 60, width - 32, height - 76), self._core.composition
+        box, told = self.sheet(canvas, ""), self._core.composition
         names = told.names[: told.base]
         shown = [(i, name) for i, name in enumerate(names) if self._plane is None or name not in self._plane[:2]]
         low = (box.height - (_CHARTS - 1) * _GAP) / _CHARTS
@@ -95,8 +91,7 @@ class PlainScene(Journey):
         assert self._plane is not None
         first, second, title, sign = self._plane
         aside = second != "y"
-        canvas.panel(box, WATER)
-        canvas.text(box.left + 14, box.top + 18, title, TEXT, 13, bold=True)
+        draw_map(canvas, box, title)
         sea = box.inset(2, 34, 2, 70)
         # A map's first coordinate goes up: from above that is x, to the north, from the side the height.
         order = [(second, sign), (first, 1.0)] if aside else [(first, 1.0), (second, sign)]
@@ -115,8 +110,7 @@ class PlainScene(Journey):
         with canvas.clipped(sea):
             draw_grid(canvas, frame, 60.0, sea)
             if known:
-                if np.ptp(frame.pixels(ellipse), 0).max() > 1.0:
-                    canvas.polygon(frame.pixels(ellipse), BELIEVED_PALE, MEMBER, 1.0)
+                draw_spread(canvas, frame.pixels(ellipse))
                 canvas.line(frame.pixels(believed), BELIEVED, 1.5)
             canvas.line(frame.pixels(true), TRUE, 2.0)
             draw_start(canvas, frame.pixels(true[0]))
@@ -130,23 +124,22 @@ class PlainScene(Journey):
 
     def _legend(self, canvas: Canvas, box: Box, known: bool) -> None:
         canvas.line(np.array([[box.left, box.top], [box.right, box.top]]), EDGE, 1.0)
-        entries = ["start", "true position, its track"]
-        entries += (
-            ["believed position, its track", "believed position ±2σ"] if known else ["(no estimate of the position)"]
-        )
-        for i, label in enumerate(entries):
+        labels = {"start": "start", "where": "true position, its track"}
+        labels |= (
+            {"belief": "believed position, its track", "ellipse": "believed position ±2σ"}
+            if known else {"none": "(no estimate of the position)"}
+        )  # fmt: skip
+        for i, (kind, label) in enumerate(labels.items()):
             at = np.array([box.left + 30 + 230 * (i % 2), box.top + 20 + 26 * (i // 2)])
             line = at + [[-14.0, 0.0], [14.0, 0.0]]
-            if i == 0:
-                draw_start(canvas, at)
-            elif i == 1:
+            if kind == "where":
                 canvas.line(line, TRUE, 2.0)
                 canvas.dot(at, TRUE, 5.0)
-            elif known and i == 2:
+            elif kind == "belief":
                 canvas.line(line, BELIEVED, 1.5)
                 canvas.ring(at, BELIEVED, 7.0, 1.5)
-            elif known:
-                canvas.polygon(at + CIRCLE * [12.0, 6.0], BELIEVED_PALE, MEMBER, 1.0)
+            else:
+                draw_icon(canvas, kind, at)
             canvas.text(at[0] + 22, at[1], label, TEXT, 12)
 
     def _states(
@@ -163,9 +156,8 @@ class PlainScene(Journey):
         angles = tuple(i for i, name in enumerate(names) if name in self._core.vehicle.angles)
         believed = state + difference(history.estimate, state, angles)
         for row, (i, name) in enumerate(shown):
-            sd = np.sqrt(np.maximum(history.cov[:, i, i], 0.0))
             place = Box(box.left, box.top + row * each, box.width, each - _GAP)
-            middle = _middle(np.concatenate([state[:, i], believed[:, i]]))
+            sd, middle = history.sd(i), _middle(np.concatenate([state[:, i], believed[:, i]]))
             comparison_chart(canvas, place, name, time, span, 1e-3, state[:, i], believed[:, i], sd, middle=middle)
 
     def _actions(

@@ -1,7 +1,5 @@
 """The picture of a turning circle: the map on the left, what is true and what is believed on the right."""
 
-from typing import NamedTuple
-
 import numpy as np
 
 from estimators import wrap
@@ -25,6 +23,7 @@ from vessel_gym.rendering.canvas import (
     Canvas,
     PlanView,
     Series,
+    comparison_chart,
     draw_grid,
     draw_north,
     draw_scale_bar,
@@ -32,25 +31,14 @@ from vessel_gym.rendering.canvas import (
     ship_outline,
     strip_chart,
 )
+from vessel_gym.rendering.journey import Journey, Sample
 from vessel_gym.tasks.turning_circle import TurningCircle
 from vessel_gym.tracks import believed_path, commanded_path
 
 _SHIP_PIXELS = 88.0  # least length of a ship on the map
 _WEDGE_FACTORS = (50, 20, 10, 5, 2, 1)
 _WEDGE = np.deg2rad(9.0)  # the widest half-angle to which a wedge is magnified
-
-
-class Sample(NamedTuple):
-    """One moment of an episode, or as columns a whole one."""
-
-    step: np.ndarray
-    truth: np.ndarray  # (6,)
-    estimate: np.ndarray  # (n,)
-    heading_sd: np.ndarray  # rad
-    reference: np.ndarray  # (4,)
-    rudder: np.ndarray  # rad
-    unknown_input: np.ndarray  # rad
-    input_estimate: np.ndarray  # rad, NaN where the estimator has none
+_HEADING = 2  # of the estimate's components
 
 
 def wedge_factor(sd: float) -> int:
@@ -61,7 +49,7 @@ def wedge_factor(sd: float) -> int:
 
 
 @register_scene(TurningCircle)
-class TurningCircleScene:
+class TurningCircleScene(Journey):
     """History and picture of one ship on a commanded turn.
 
     Args:
@@ -69,40 +57,23 @@ class TurningCircleScene:
         row: Which environment of the batch is shown.
     """
 
+    _task: TurningCircle
+
     def __init__(self, core: Core, row: int = 0) -> None:
         assert isinstance(core.task, TurningCircle)
-        self.title = core.system.name
-        self._core, self._row = core, row
-        self._task, self._ship = core.task, core.task.ship
+        super().__init__(core, (), row)
+        self._ship = core.task.ship
         self._hull = ship_outline(self._ship.beam / self._ship.length)
-        self._samples: list[Sample] = []
         self._commanded = np.zeros((1, 2))
 
     def begin(self) -> None:
         """Start an episode with the course that the task has drawn."""
-        self._samples.clear()
+        super().begin()
         self._commanded = commanded_path(self._task, self._core.course[self._row])
-
-    def record(self) -> None:
-        """Append the core's present state."""
-        core, row = self._core, self._row
-        belief = core.belief
-        self._samples.append(
-            Sample(
-                core.steps[row],
-                core.truth[row].copy(),
-                belief.mean[row].copy(),
-                np.sqrt(max(belief.cov[row, 2, 2], 0.0)),
-                core.reference[row].copy(),
-                core.actuators[row, 0],
-                core.forcing[row, 0],
-                np.array(np.nan) if belief.input_mean is None else belief.input_mean[row, 0],
-            )
-        )
 
     def draw(self, canvas: Canvas) -> None:
         """Draw the episode so far."""
-        history = Sample(*(np.array(column) for column in zip(*self._samples, strict=True)))
+        history = self.history()
         width, height = canvas.size
         canvas.clear()
         self._header(canvas, Box(16, 0, width - 32, 52), history)
@@ -115,10 +86,7 @@ class TurningCircleScene:
         core = self._core
         y = box.top + 27
         x = box.left + canvas.text(box.left, y, self.title, TEXT, 17, bold=True) + 16
-        words = f"estimator {core.estimator}   ·   {core.disturbance_name} sea   ·   {core.sensors_name} sensors"
-        if core.mismatch:
-            words += f"   ·   mismatch {100 * core.mismatch:g} %"
-        canvas.text(x, y, words, MUTED, 13)
+        canvas.text(x, y, self.conditions("sea"), MUTED, 13)
         time = history.step[-1] * self._task.dt
         score = core.total[self._row] / self._task.horizon
         canvas.text(box.right, y, f"{score:.3f}", TEXT, 15, "right", bold=True)
@@ -133,8 +101,9 @@ class TurningCircleScene:
         view = PlanView(sea, np.concatenate([self._commanded, true, believed]), margin=84.0)
         draw_grid(canvas, view)
         length = max(self._ship.length * view.scale, _SHIP_PIXELS)
-        factor = wedge_factor(float(history.heading_sd.max()))
-        half = 2.0 * factor * history.heading_sd[-1]
+        heading_sd = history.sd(_HEADING)
+        factor = wedge_factor(float(heading_sd.max()))
+        half = 2.0 * factor * heading_sd[-1]
         psi, psi_hat = history.truth[-1, 2], history.estimate[-1, 2]
 
         if half > 0.0:
@@ -147,7 +116,7 @@ class TurningCircleScene:
         canvas.line(view.pixels(true), TRUE, 2.0)
         canvas.dot(view.pixels(true[0]), TRUE, 4.0)
         canvas.dot(view.pixels(true[0]), PANEL, 2.0)
-        self._draw_ship(canvas, view, true[-1], psi, length, history.rudder[-1])
+        self._draw_ship(canvas, view, true[-1], psi, length, history.actuators[-1, 0])
         canvas.outline(view.body(self._hull, believed[-1], psi_hat, length), BELIEVED, 1.5)
 
         draw_scale_bar(canvas, view, box.left + 18, sea.bottom - 12)
@@ -202,12 +171,8 @@ class TurningCircleScene:
 
         true = deg(wrap(history.reference[:, 0] - history.truth[:, 2]))
         believed = deg(wrap(history.reference[:, 0] - history.estimate[:, 2]))
-        low, high = believed - 2.0 * deg(history.heading_sd), believed + 2.0 * deg(history.heading_sd)
-        strip_chart(
-            canvas, rows[0], "Heading error  [°]",
-            [Series("true", TRUE_SOFT, time, true, 3.5), Series("believed ±2σ", BELIEVED, time, believed)],
-            span, _reach(2.0, true, low, high), band=(time, low, high),
-        )  # fmt: skip
+        sd = deg(history.sd(_HEADING))
+        comparison_chart(canvas, rows[0], "Heading error  [°]", time, span, 2.0, true, believed, sd)
 
         rates = [deg(rate) for rate in (history.reference[:, 1], history.estimate[:, 1], history.truth[:, 5])]
         strip_chart(
@@ -222,11 +187,11 @@ class TurningCircleScene:
 
         limit = float(deg(self._ship.rudder_limit))
         strip_chart(
-            canvas, rows[2], "Rudder  [°]", [Series("", TRUE, time, deg(history.rudder), 1.6)],
+            canvas, rows[2], "Rudder  [°]", [Series("", TRUE, time, deg(history.actuators[:, 0]), 1.6)],
             span, 40.0, limit=limit, note=f"limits ±{limit:g}°",
         )  # fmt: skip
 
-        d, d_hat = 1e3 * history.unknown_input, 1e3 * history.input_estimate
+        d, d_hat = 1e3 * history.kicks[:, 0], 1e3 * history.input_estimate[:, 0]
         estimated = np.isfinite(d_hat).all()
         lines = [Series("true", TRUE_SOFT if estimated else TRUE, time, d, 3.5 if estimated else 1.2)]
         if estimated:

@@ -9,12 +9,11 @@ import numpy as np
 
 from estimators import Gaussian
 from estimators.checks import shown
-from estimators.factory import unknown
-from vessel_gym.checks import numbers
+from vessel_gym.checks import one_of
 from vessel_gym.compiled import gufunc
 from vessel_gym.guidance.dive_path import course_to, follow, path_point
 from vessel_gym.system import Estimate
-from vessel_gym.tasks.task import Task
+from vessel_gym.tasks.task import Task, three_numbers
 from vessel_gym.vehicles.auv import AUVParameters
 
 ENDS = ("", "arrived", "missed the goal", "off the path", "surfaced", "too deep", "pitched over")
@@ -54,8 +53,6 @@ class Dive(Task, ABC):
 
     # --- what is drawn ----------------------------------------------------------------------------
 
-    FARTHEST = 1e5  # m: a goal beyond is a slip, in the unit or the origin
-
     def course(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
         """Draw courses ``(B, 3)`` from uniforms ``(B, 3)``.
 
@@ -68,18 +65,13 @@ class Dive(Task, ABC):
         """
         goal = np.array(self.goal) + np.array(self.goal_spread) * (2.0 * uniforms - 1.0)
         for option, value in options.items():
-            if option != "goal":
-                raise ValueError(unknown("reset option", option, ("goal",)))
+            one_of("reset option", option, ("goal",))
             goal = np.tile(self._checked(value), (len(uniforms), 1))
         return course_to(goal)
 
     def _checked(self, value: object) -> np.ndarray:
         """A goal that can be dived to."""
-        goal = numbers(value)
-        if goal is None or goal.shape != (3,) or not np.isfinite(goal).all():
-            raise ValueError(f"goal must be three finite numbers, metres north, east and down, got {shown(value)}")
-        if np.abs(goal).max() > self.FARTHEST:
-            raise ValueError(f"goal must lie within {self.FARTHEST:.0f} m of the start each way, got {shown(value)}")
+        goal = three_numbers("goal", value, "metres north, east and down", "of the start each way")
         angle, length, depth = course_to(goal) if np.hypot(goal[0], goal[1]) > 0.0 else (0.0, 0.0, goal[2])
         if abs(angle) > self.widest:
             widest, wanted = np.rad2deg([self.widest, abs(angle)])

@@ -8,13 +8,13 @@ import numpy as np
 
 from estimators import Gaussian
 from estimators.checks import shown
-from estimators.factory import unknown
-from vessel_gym.checks import numbers
+from vessel_gym.checks import numbers, one_of
 from vessel_gym.compiled import gufunc
 from vessel_gym.guidance.dubins import NoPath, Path, plan
 from vessel_gym.guidance.path_following import COLUMNS, follow, track
+from vessel_gym.guidance.words import advance
 from vessel_gym.system import Estimate
-from vessel_gym.tasks.task import Task
+from vessel_gym.tasks.task import FARTHEST, Task, three_numbers
 from vessel_gym.vehicles.puna import PunaParameters, airspeed
 
 ENDS = (
@@ -98,8 +98,6 @@ class Flight(Task):
 
     # --- what is drawn ----------------------------------------------------------------------------
 
-    FARTHEST = 1e5  # m: what lies beyond is a slip, in the unit or the origin
-
     def course(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
         """Draw courses ``(B, 97)`` from uniforms ``(B, 14)``.
 
@@ -117,8 +115,7 @@ class Flight(Task):
             ValueError: for an unknown option, a value that is none, or poses that no path joins.
         """
         for option in options:
-            if option not in _OPTIONS:
-                raise ValueError(unknown("reset option", option, _OPTIONS))
+            one_of("reset option", option, _OPTIONS)
         given: dict[str, np.ndarray] = {
             name: self._pose(name, options[name]) for name in _OPTIONS[:2] if name in options
         }
@@ -190,17 +187,8 @@ class Flight(Task):
         return np.concatenate([segments.ravel(), [path.length, altitude], listed.ravel()])
 
     def _pose(self, name: str, value: object) -> np.ndarray:
-        pose = numbers(value)
-        if pose is None or pose.shape != (3,) or not np.isfinite(pose).all():
-            raise ValueError(
-                f"{name} must be three finite numbers, metres x and y and a heading in rad, got {shown(value)}"
-            )
-        if np.abs(pose).max() > self.FARTHEST:
-            raise ValueError(
-                f"{name} must lie within {self.FARTHEST:.0f} m of the origin each way, on a heading of as many rad at "
-                f"most, got {shown(value)}"
-            )
-        return pose
+        where = "of the origin each way, on a heading of as many rad at most"
+        return three_numbers(name, value, "metres x and y and a heading in rad", where)
 
     def _obstacles(self, value: object) -> np.ndarray:
         obstacles = numbers(value)
@@ -212,8 +200,8 @@ class Flight(Task):
             raise ValueError(f"there may be {OBSTACLES} obstacles at most, got {len(obstacles)}")
         if not np.isfinite(obstacles).all() or not (obstacles[:, 2] > 0.0).all():
             raise ValueError(f"obstacles must have finite centres and radii above 0, got {shown(value)}")
-        if np.abs(obstacles).max() > self.FARTHEST:
-            raise ValueError(f"obstacles must lie within {self.FARTHEST:.0f} m of the origin, got {shown(value)}")
+        if np.abs(obstacles).max() > FARTHEST:
+            raise ValueError(f"obstacles must lie within {FARTHEST:.0f} m of the origin, got {shown(value)}")
         return obstacles
 
     def _altitude(self, value: object) -> float:
@@ -398,9 +386,4 @@ class Flight(Task):
         """Where paths end, ``(B, 3)``: x, y [m], heading [rad]."""
         rows = course[:, :_PATH].reshape(-1, SEGMENTS, COLUMNS)
         last = rows[np.arange(len(rows)), (rows[..., 4] > 0.0).sum(-1) - 1]
-        turn = last[:, 3] * last[:, 4]
-        chord = last[:, 4] * np.sinc(0.5 * turn / np.pi)
-        middle = last[:, 2] + 0.5 * turn
-        return np.column_stack([
-            last[:, 0] + chord * np.cos(middle), last[:, 1] + chord * np.sin(middle), last[:, 2] + turn
-        ])  # fmt: skip
+        return advance(last[:, :3], last[:, 3], last[:, 4])

@@ -1,23 +1,54 @@
-"""What a task has that says nothing else: the start of one of your own (docs/own-task.md)."""
+"""What every task has, and what one has that says nothing else: the start of one of your own (docs/own-task.md)."""
 
-from typing import Any, ClassVar
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from estimators import Gaussian
+from estimators.checks import shown
 from estimators.factory import unknown
+from vessel_gym.checks import numbers
 from vessel_gym.sensors import Sensors
-from vessel_gym.system import Estimate, Vehicle
+
+if TYPE_CHECKING:
+    from vessel_gym.system import Vehicle
+
+FARTHEST = 1e5
+"""m: a place beyond is a slip, in the unit or the origin."""
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """What a task sees of a belief.
+
+    Attributes:
+        state: ``(B, n)`` the vehicle's state, as in the prior.
+        flow: ``(B, f)`` what carries it; 0 where the filter knows of none.
+        input_mean: ``(B, q)`` the unknown input; None: the filter estimates none.
+        sd: ``(B, m)`` standard deviations of the state, then of all else that the filter estimates; like the next two
+            only where they are observed.
+        input_sd: ``(B, q)`` of the unknown input.
+        scale: ``(m - n,)`` sizes of all else that count as 1.
+    """
+
+    state: np.ndarray
+    flow: np.ndarray
+    input_mean: np.ndarray | None = None
+    sd: np.ndarray | None = None
+    input_sd: np.ndarray | None = None
+    scale: np.ndarray | None = None
 
 
 class Task:
-    """A task that draws nothing, guides nobody and goes on until time is up; `score` is yours, and so is the rest.
+    """What is asked. This one draws nothing, guides nobody and goes on until time is up.
 
-    See `vessel_gym.system.Task` for what each method is for. Where no others are given, observations are the estimate
-    or the readings, the course and the actuators, as they are but for the scales.
+    `score` is yours, and so is the rest. Where no others are given, observations are the estimate or the readings, the
+    course and the actuators, as they are but for the scales. ``observe`` has no parameter through which truth could
+    come; ``score`` alone reads it.
     """
 
-    vehicle: Vehicle
+    vehicle: "Vehicle"
     horizon: int = 500
     """Steps of a full episode."""
     uniforms: int = 0
@@ -41,7 +72,7 @@ class Task:
         return float(self.horizon)
 
     def course(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
-        """The uniform numbers themselves ``(B, uniforms)``; there are no options.
+        """What is drawn at reset, ``(B, k)``: the uniform numbers ``(B, uniforms)`` themselves; there are no options.
 
         Raises:
             ValueError: for an option.
@@ -51,20 +82,29 @@ class Task:
         return uniforms
 
     def prior(self, course: np.ndarray) -> Gaussian:
-        """Where the vehicle cruises, within ``prior_sd``."""
+        """Where the vehicle starts, and all that is known of that: mean ``(B, n)``, covariance ``(n, n)``.
+
+        Where it cruises, within ``prior_sd``.
+        """
         mean, _ = self.vehicle.cruise
         return Gaussian(np.tile(mean, (len(course), 1)), np.diag(self.prior_sd) ** 2)
 
     def reference(self, course: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """The course ``(B, k)``."""
+        """What is commanded at a step, the vehicle being (or believed to be) in a state ``(B, n)``, as in the prior.
+
+        The course ``(B, k)``.
+        """
         return course
 
     def commanded(self, course: np.ndarray, step: np.ndarray) -> np.ndarray | None:
-        """Nothing that filters are told of."""
+        """What the task commands and filters are told of, besides the actuators; None: nothing."""
         return None
 
     def sizes(self, readings: int, states: int) -> dict[str, int]:
-        """The lengths of the parts of observations: by looking at them."""
+        """Lengths of the parts of observations, by what follows, of so many readings and states of the filter.
+
+        By looking at them.
+        """
         vehicle = self.vehicle
         course = self.course(np.full((1, self.uniforms), 0.5), {})
         mean, actuators = self.prior(course).mean, np.zeros((1, len(vehicle.start(vehicle.cruise[0][None])[1][0])))
@@ -79,16 +119,25 @@ class Task:
         }
 
     def observe(self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
-        """The estimated state and flow, the reference and the actuators."""
+        """``"guided"``: how to go on from the estimate, and the actuators.
+
+        The estimated state and flow, the reference and the actuators.
+        """
         return np.concatenate([self.observe_state(estimate, reference), reference, actuators], -1)
 
     def observe_state(self, estimate: Estimate, course: np.ndarray) -> np.ndarray:
-        """The estimated state, scaled, and the flow."""
+        """The estimate as it is, which together with the mission is ``"unguided"``.
+
+        The estimated state, scaled, and the flow.
+        """
         scale = getattr(self, "state_scale", np.ones(estimate.state.shape[-1]))
         return np.concatenate([estimate.state / scale, estimate.flow], -1)
 
     def observe_std(self, estimate: Estimate) -> np.ndarray:
-        """The standard deviations ``(B, m)`` of all that the filter estimates, scaled."""
+        """``"std"``: what mode ``"mean+std"`` appends.
+
+        The standard deviations ``(B, m)`` of all that the filter estimates, scaled.
+        """
         assert estimate.sd is not None
         assert estimate.scale is not None
         scale = getattr(self, "std_scale", np.ones(estimate.state.shape[-1]))
@@ -97,19 +146,19 @@ class Task:
     def observe_readings(
         self, sensors: Sensors, readings: np.ndarray, available: np.ndarray, course: np.ndarray, step: np.ndarray
     ) -> np.ndarray:
-        """Raw readings ``(B, 2 p)``: readings and mask, no filter."""
+        """``"readings"``: as they come, with their mask, ``(B, 2 p)``: no filter."""
         return np.concatenate([readings / sensors.scale, available], -1)
 
     def observe_mission(self, course: np.ndarray, step: np.ndarray, actuators: np.ndarray) -> np.ndarray:
-        """The course and the actuators."""
+        """``"mission"``: what is asked, which is the course, and the actuators."""
         return np.concatenate([course, actuators], -1)
 
     def over(self, reference: np.ndarray) -> np.ndarray:
-        """Never ``(B,)``: it goes on until time is up."""
+        """Whether who is there has done what is asked ``(B,)``: never, it goes on until time is up."""
         return np.zeros(len(reference), bool)
 
     def begin(self, state: np.ndarray, course: np.ndarray) -> np.ndarray:
-        """Nothing to remember: ``(B, 0)``."""
+        """What `score` remembers, ``(B, k)``, at the start of an episode: nothing, ``(B, 0)``."""
         return np.zeros((len(state), 0))
 
     def score(
@@ -122,5 +171,24 @@ class Task:
         action: np.ndarray,
         tally: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Yours: reward in [0, 1] ``(B,)``, number in ``ends`` ``(B,)`` and the next tally, from the truth."""
+        """Yours, from the truth: what a step is worth, and whether it was the last.
+
+        Returns:
+            Reward in [0, 1] ``(B,)``, the number in ``ends`` of why the episode ends (0: it goes on) ``(B,)``, and the
+            next tally.
+        """
         raise NotImplementedError(f"{type(self).__name__} needs a method score: what is a step worth?")
+
+
+def three_numbers(name: str, value: object, what: str, within: str) -> np.ndarray:
+    """A place or a pose ``(3,)`` that somebody asks for.
+
+    Raises:
+        ValueError: if it is none, saying ``what`` it must be, or lies beyond `FARTHEST`, saying ``within`` what.
+    """
+    three = numbers(value)
+    if three is None or three.shape != (3,) or not np.isfinite(three).all():
+        raise ValueError(f"{name} must be three finite numbers, {what}, got {shown(value)}")
+    if np.abs(three).max() > FARTHEST:
+        raise ValueError(f"{name} must lie within {FARTHEST:.0f} m {within}, got {shown(value)}")
+    return three

@@ -8,8 +8,7 @@ import numpy as np
 
 from estimators import Gaussian, wrap
 from estimators.checks import shown
-from estimators.factory import unknown
-from vessel_gym.checks import number
+from vessel_gym.checks import number, one_of
 from vessel_gym.compiled import gufunc
 from vessel_gym.sensors import Sensors
 from vessel_gym.system import Estimate
@@ -95,8 +94,7 @@ class TurningCircle(Task):
         radius = self.ship.length * (shortest + (longest - shortest) * uniforms[:, 1])
         radius = np.where(uniforms[:, 2] < 0.5, -radius, radius)
         for option, value in options.items():
-            if option != "radius":
-                raise ValueError(unknown("reset option", option, ("radius",)))
+            one_of("reset option", option, ("radius",))
             low = self.tightest * self.ship.length
             wanted = number(value)
             if not low <= abs(wanted) < np.inf:
@@ -225,12 +223,7 @@ class TurningCircle(Task):
         return np.array([self.HEADING_TOLERANCE, self.RATE_TOLERANCE, self.HELM_COST])
 
     ends = ("", "turn lost")
-    success = ""  # the turn is held until time is up
-
-    @property
-    def perfect(self) -> float:
-        """A reward of 1 at every step."""
-        return self.horizon
+    """Success is to hold the turn until time is up, a perfect reward 1 at every step."""
 
     def score(
         self,

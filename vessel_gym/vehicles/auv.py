@@ -4,8 +4,7 @@ Both are bodies of revolution with four equal stern fins, a centre of gravity ri
 is the origin, and a propeller. Body axes: x forward, y starboard, z down; earth axes: north, east, down.
 """
 
-from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property
 from typing import Any, ClassVar
@@ -23,7 +22,6 @@ from vessel_gym.vehicles.hydrodynamics import (
     fin_lift,
     munk_moment,
 )
-from vessel_gym.vehicles.integration import advanced
 from vessel_gym.vehicles.whole_state import WholeState
 
 _FACTORS = {
@@ -258,51 +256,23 @@ def plane(name: str) -> tuple[str, ...]:
     return (*_VERTICAL, "current", *drifting) if name in _VERTICAL else (*_LATERAL, *drifting)
 
 
+def in_its_plane(sensor: Sensor) -> Sensor:
+    """The sensor, which informs of what lies in the plane of what it gives."""
+    return replace(sensor, informs=tuple(plane(str(name)) for name in sensor.gives or ()))
+
+
 @dataclass(frozen=True)
-class AUV(WholeState, ABC):
+class AUV(WholeState):
     """A torpedo-shaped vehicle in batches: actuators, state, sensors, and what filters know.
 
-    State: velocities through the water, then position and Euler angles. Kicks change the velocities at the end of a
-    step, a current carries the vehicle over it. Actuators: fin angles [rad], then thrust [N]. Filters estimate the
-    whole state; their known input is ``u = (actuators before, actuators after)``.
+    State: velocities through the water, then position and Euler angles. Kicks [m/s, rad/s] change the velocities at the
+    end of a step, a current [m/s] carries the vehicle over it. Actuators: fin angles [rad], then thrust [N]. Filters
+    estimate the whole state; their known input is ``u = (actuators before, actuators after)``.
     """
 
     body: AUVParameters
     dt: float = 0.1  # s, the papers' control rate
     substeps: int = 2
-
-    parameter_names: ClassVar[tuple[str, ...]]
-    kernels: ClassVar[tuple[np.ufunc, np.ufunc]]
-    """Of the equations of motion: a step of a state, and of many under one control."""
-    action_names: ClassVar[tuple[str, ...]]
-    sensors: ClassVar[tuple[Sensor, ...]]
-    angles: ClassVar[tuple[str, ...]]
-    flows: ClassVar[tuple[str, ...]]
-    """Components of the current [m/s]."""
-    rates: ClassVar[Mapping[str, str]]
-    normals: ClassVar[int]
-    """Normal numbers that `parameters` needs."""
-    carried: ClassVar[None] = None
-
-    @abstractmethod
-    def vector(self, factors: np.ndarray) -> np.ndarray:
-        """Coefficients ``(..., k)`` of the compiled equations with ``factors (..., normals)`` on the uncertain ones."""
-
-    def advance(
-        self, state: np.ndarray, control: np.ndarray, current: np.ndarray, c: np.ndarray, out: np.ndarray | None = None
-    ) -> np.ndarray:
-        """The state after a step that nothing kicks; control is actuators before and after."""
-        return advanced(*self.kernels, state, control, current, c, self.dt, self.substeps, out)
-
-    @property
-    def kicked(self) -> tuple[str, ...]:
-        """The velocities: the first half of the state."""
-        return self.state_names[: len(self.state_names) // 2]
-
-    @property
-    def kicks(self) -> tuple[str, ...]:
-        """One for each of them [m/s, rad/s]."""
-        return tuple(f"kick {name}" for name in self.kicked)
 
     @cached_property
     def cruise(self) -> tuple[np.ndarray, np.ndarray]:
@@ -310,16 +280,6 @@ class AUV(WholeState, ABC):
         x, still = np.zeros(len(self.state_names)), np.zeros(len(self.action_names))
         x[0], still[-1] = self.body.cruise_speed, self.body.cruise_thrust
         return x, np.concatenate([still, still])
-
-    def parameters(self, mismatch: float, normals: np.ndarray) -> np.ndarray:
-        """Coefficients ``(B, k)`` of the truth: the filter's, with a relative spread on the uncertain ones."""
-        return self.vector(1.0 + mismatch * np.clip(normals, -2.0, 2.0))
-
-    def start(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """State ``(B, n)`` and actuators ``(B, a)`` to begin with: fins centred, thrust for the cruising speed."""
-        actuators = np.zeros((len(x), len(self.action_names)))
-        actuators[:, -1] = self.body.cruise_thrust
-        return np.array(x, float), actuators
 
     def actuate(self, actuators: np.ndarray, action: np.ndarray) -> np.ndarray:
         """Actuators ``(B, a)`` after a step of ``action`` in [-1, 1]: fins at their rate, thrust with its lag.
@@ -333,20 +293,3 @@ class AUV(WholeState, ABC):
         asked = 0.5 * body.thrust_limit * (1.0 + action[..., -1])
         after[..., -1] = asked + (actuators[..., -1] - asked) * np.exp(-self.dt / body.thrust_lag)
         return after
-
-    def step(
-        self, state: np.ndarray, before: np.ndarray, after: np.ndarray, forcing: np.ndarray, parameters: np.ndarray
-    ) -> np.ndarray:
-        """The state one step later, with actuators moving from ``before`` to ``after``."""
-        kicks = len(self.state_names) // 2
-        moved = self.advance(state, np.concatenate([before, after], -1), forcing[..., kicks:], parameters)
-        moved[..., :kicks] += forcing[..., :kicks]
-        return moved
-
-    def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
-        """A step that nothing kicks, as filters know it."""
-        return self.advance(x, u, flow, self._nominal, out)
-
-    @cached_property
-    def _nominal(self) -> np.ndarray:
-        return self.vector(np.ones(self.normals))

@@ -242,11 +242,3 @@ def corvette_step(
 ) -> None:  # fmt: skip
     """The state after ``dt``; control ``(2,)`` is the rudder before and after."""
     step(_rates, _BLANK, state, control, current, c, dt, substeps, out)
-
-
-def rudder_angle_of_attack(
-    u: np.ndarray, v: np.ndarray, r: np.ndarray, rudder: np.ndarray, ship: CorvetteParameters
-) -> np.ndarray:
-    """Angle of attack [rad] of the rudder for surge ``u``, sway ``v`` [m/s] and yaw rate ``r`` [rad/s]."""
-    side = ship.straightening * (v - 0.5 * ship.length * r)
-    return rudder + np.arctan2(side, ship.slipstream * u)

@@ -4,13 +4,12 @@ The vehicle is cut into strips across its axis. Each formula is a function of it
 ``docs/hydrodynamics.md`` compares them with two vehicles whose coefficients are published.
 
 Sources: Prestero (2001), in whose thesis on REMUS most of these formulas stand together; Lamb (1932) and Fossen (2011)
-for the added mass of a spheroid; Blevins (1979) for that of sections; Hoerner (1965, 1975) for drag and lift; Myring
-(1976) for the hull; Triantafyllou & Amzallag (1984) for axial drag.
+for the added mass of a spheroid; Blevins (1979) for that of sections; Hoerner (1965, 1975) for drag and lift;
+Triantafyllou & Amzallag (1984) for axial drag.
 """
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -54,18 +53,6 @@ class Hull(ABC):
         dx = half[:, None] * (weight * 0.5 * np.pi * np.cos(0.5 * np.pi * t))
         return x.ravel(), dx.ravel()
 
-    @cached_property
-    def volume(self) -> float:
-        """Volume [m3]."""
-        x, dx = self.strips()
-        return float(dx @ (np.pi * self.radius(x) ** 2))
-
-    @cached_property
-    def centre_of_buoyancy(self) -> float:
-        """X of the centre of the volume [m]."""
-        x, dx = self.strips()
-        return float(dx @ (np.pi * self.radius(x) ** 2 * x)) / self.volume
-
 
 @dataclass(frozen=True)
 class Spheroid(Hull):
@@ -87,48 +74,6 @@ class Spheroid(Hull):
     def radius(self, x: np.ndarray) -> np.ndarray:
         """Radius [m] at ``x``, zero beyond the ends."""
         return 0.5 * self.diameter * np.sqrt(np.maximum(0.0, 1.0 - (2.0 * np.asarray(x) / self.length) ** 2))
-
-
-@dataclass(frozen=True)
-class Myring(Hull):
-    """Elliptic nose, cylinder and cubic tail, the ends cut short where asked. Myring (1976), as in Prestero (2001)."""
-
-    nose: float  # m, length before the nose is cut
-    middle: float  # m
-    tail: float  # m, length before the tail is cut
-    diameter: float  # m
-    tail_angle: float  # rad, half the angle enclosed at the uncut tip
-    origin: float  # m, aft of the (cut) nose
-    exponent: float = 2.0  # of the nose
-    nose_cut: float = 0.0  # m
-    tail_cut: float = 0.0  # m
-
-    @property
-    def bow(self) -> float:
-        """Foremost x [m]."""
-        return self.origin
-
-    @property
-    def stern(self) -> float:
-        """Aftmost x [m]."""
-        return self.joints[1] - self.tail + self.tail_cut
-
-    @property
-    def joints(self) -> tuple[float, float]:
-        """The ends [m] of the cylinder."""
-        fore = self.origin - self.nose + self.nose_cut
-        return fore, fore - self.middle
-
-    def radius(self, x: np.ndarray) -> np.ndarray:
-        """Radius [m] at ``x``, zero beyond the ends."""
-        x = np.asarray(x)
-        fore, aft = self.joints
-        ahead = np.clip((x - fore) / self.nose, 0.0, 1.0)  # of the cylinder, in lengths of the nose
-        behind = np.clip(aft - x, 0.0, self.tail)
-        c, slope = self.tail, np.tan(self.tail_angle)
-        nose = 0.5 * self.diameter * (1.0 - ahead**self.exponent) ** (1.0 / self.exponent)
-        lost = (1.5 * self.diameter / c**2 - slope / c) * behind**2 - (self.diameter / c**3 - slope / c**2) * behind**3
-        return np.where((x >= self.stern) & (x <= self.bow), nose - lost, 0.0)
 
 
 @dataclass(frozen=True)
@@ -165,11 +110,6 @@ class Torpedo:
     axial_drag: float  # on the frontal area; see `axial_drag_coefficient`
     cross_flow_drag: float = 1.1  # of a cylinder across the flow; Hoerner (1965), as in Prestero (2001)
     water_density: float = 1025.0  # kg/m3, sea water; Fossen (2011)
-
-    @property
-    def displaced_mass(self) -> float:
-        """Mass [kg] that is neutrally buoyant."""
-        return self.water_density * self.hull.volume
 
     @property
     def root(self) -> float:

@@ -17,7 +17,7 @@ import numpy as np
 
 from vessel_gym.compiled import gufunc, inlined, sincos
 from vessel_gym.sensors import Sensor, plain
-from vessel_gym.vehicles.auv import AUV, VERTICAL, AUVParameters, plane
+from vessel_gym.vehicles.auv import AUV, VERTICAL, AUVParameters, in_its_plane
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.integration import RATES, STEP, STEPS, Numbers, blank, rate, step, steps
 
@@ -103,24 +103,6 @@ def itsunusa_steps(
     steps(_rates, _BLANK, states, control, currents, c, dt, substeps, out)
 
 
-def inertia(c: np.ndarray) -> np.ndarray:
-    """Inertia ``(..., 3, 3)`` of body and added mass for coefficients ``(..., k)``."""
-    M = np.zeros(c.shape[:-1] + (3, 3))
-    M[..., [0, 1, 2], [0, 1, 2]] = c[..., :3]
-    M[..., [0, 1, 2, 2], [2, 2, 0, 1]] = c[..., [I.mass_z_g, I.heave_pitch, I.mass_z_g, I.heave_pitch]]
-    return M
-
-
-def energy(state: np.ndarray, c: np.ndarray) -> np.ndarray:
-    """Kinetic energy of body and water and potential energy [J] of states ``(..., 6)``, ``(...)``.
-
-    In water at rest, or seen from water that moves steadily.
-    """
-    nu, depth, theta = state[..., :3], state[..., 4], state[..., 5]
-    kinetic = 0.5 * np.vecdot(nu, np.matvec(inertia(c), nu))
-    return kinetic - c[..., I.net_weight] * depth - c[..., I.righting_moment] * np.cos(theta)
-
-
 def _over_ground(state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
     """Velocity over ground in body axes ``(..., 2)``."""
     velocity, current, theta = np.array(state[..., :2]), forcing[..., 3], state[..., 5]
@@ -143,26 +125,19 @@ class Itsunusa(AUV):
     parameter_names: ClassVar = COEFFICIENTS
     action_names: ClassVar = ("stern plane", "thrust")
     angles: ClassVar = ("theta",)
+    kicked: ClassVar = STATE[:3]
     flows: ClassVar = ("current",)
     rates: ClassVar = {"q": "theta"}
-    sensors: ClassVar = (
+    sensors: ClassVar = tuple(map(in_its_plane, (
         Sensor(
             "Doppler log", ("u over ground", "w over ground"), _over_ground, (0.01, 0.01), dropout=0.10,
-            scale=(0.5, 0.25), gives=("u", "w"), informs=(plane("u"), plane("w")),
+            scale=(0.5, 0.25), gives=("u", "w"),
         ),
-        Sensor("depth gauge", ("z",), plain((4,)), (0.02,), scale=(10.0,), gives=("z",), informs=(plane("z"),)),
-        Sensor(
-            "inclinometer", ("theta",), plain((5,)), (0.01,), angles=(0,), scale=(0.5,), gives=("theta",),
-            informs=(plane("theta"),),
-        ),
-        Sensor("gyroscope", ("q",), plain((2,)), (0.005,), scale=(0.5,), gives=("q",), informs=(plane("q"),)),
+        Sensor("depth gauge", ("z",), plain((4,)), (0.02,), scale=(10.0,), gives=("z",)),
+        Sensor("inclinometer", ("theta",), plain((5,)), (0.01,), angles=(0,), scale=(0.5,), gives=("theta",)),
+        Sensor("gyroscope", ("q",), plain((2,)), (0.005,), scale=(0.5,), gives=("q",)),
         Sensor(
             "acoustic position", ("x",), plain((3,)), (0.5,), rate=0.5, dropout=0.10, scale=(20.0,), gives=("x",),
-            informs=(plane("x"),),
         ),
-    )  # fmt: skip
+    )))  # fmt: skip
     normals: ClassVar = VERTICAL
-
-    def vector(self, factors: np.ndarray) -> np.ndarray:
-        """Coefficients ``(..., k)`` with ``factors (..., 7)`` on the uncertain ones."""
-        return self.body.vector(factors)

@@ -23,7 +23,7 @@ from scipy.optimize import brentq
 from vessel_gym.compiled import gufunc, inlined, sincos
 from vessel_gym.sensors import Bias, Known, Sensor, plain
 from vessel_gym.vehicles.files import load
-from vessel_gym.vehicles.integration import RATES, STEP, STEPS, Numbers, advanced, blank, rate, step, steps
+from vessel_gym.vehicles.integration import RATES, STEP, STEPS, Numbers, blank, rate, step, steps
 from vessel_gym.vehicles.point_mass import COEFFICIENTS, UNCERTAIN, I, PointMass, forces
 from vessel_gym.vehicles.whole_state import WholeState
 
@@ -249,10 +249,10 @@ class Puna(WholeState):
     substeps: int = 1  # one RK4 step is converged to 3 cm and 2e-4 rad in 30 s of full reversals
 
     state_names: ClassVar = STATE
+    kernels: ClassVar = (puna_step, puna_steps)
     angles: ClassVar = ("phi",)
     parameter_names: ClassVar = COEFFICIENTS
     action_names: ClassVar = ("thrust", "angle of attack", "bank")
-    kicks: ClassVar = ("kick north", "kick east", "kick climb", "kick phi")
     kicked: ClassVar = ("north", "east", "climb", "phi")
     flows: ClassVar = ("wind north", "wind east", "wind down")
     sensors: ClassVar = (
@@ -280,19 +280,11 @@ class Puna(WholeState):
     normals: ClassVar = len(UNCERTAIN)
     """Normal numbers that `parameters` needs."""
 
-    def parameters(self, mismatch: float, normals: np.ndarray) -> np.ndarray:
-        """Coefficients ``(B, k)`` of the truth: the filter's, with a relative spread on the uncertain ones."""
-        return self.body.vector(1.0 + mismatch * np.clip(normals, -2.0, 2.0))
-
     @property
     def cruise(self) -> tuple[np.ndarray, np.ndarray]:
         """Level at 100 m and the cruising speed."""
         x = np.array([0.0, 0.0, 100.0, self.body.cruise_speed, 0.0, 0.0, 0.0])
         return x, np.concatenate([self.body.cruise, self.body.cruise])
-
-    def start(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """State ``(B, 7)`` and actuators ``(B, 3)`` to begin with: trimmed for the cruising speed."""
-        return np.array(x, float), np.tile(self.body.cruise, (len(x), 1))
 
     def actuate(self, actuators: np.ndarray, action: np.ndarray) -> np.ndarray:
         """Actuators ``(B, 3)`` after a step of ``action`` in [-1, 1].
@@ -306,24 +298,3 @@ class Puna(WholeState):
         turn = body.alpha_rate * self.dt
         after[..., 1] = np.clip(after[..., 1], actuators[..., 1] - turn, actuators[..., 1] + turn)
         return after
-
-    def step(
-        self, state: np.ndarray, before: np.ndarray, after: np.ndarray, forcing: np.ndarray, parameters: np.ndarray
-    ) -> np.ndarray:
-        """The state one step later, with actuators moving from ``before`` to ``after``."""
-        moved = self._advance(state, np.concatenate([before, after], -1), forcing[..., 4:], parameters)
-        moved[..., 3:] += forcing[..., :4]
-        return moved
-
-    def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
-        """A step that nothing kicks, as filters know it."""
-        return self._advance(x, u, flow, self._nominal, out)
-
-    def _advance(
-        self, state: np.ndarray, control: np.ndarray, wind: np.ndarray, c: np.ndarray, out: np.ndarray | None = None
-    ) -> np.ndarray:
-        return advanced(puna_step, puna_steps, state, control, wind, c, self.dt, self.substeps, out)
-
-    @cached_property
-    def _nominal(self) -> np.ndarray:
-        return self.body.vector()

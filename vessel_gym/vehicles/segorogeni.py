@@ -16,7 +16,7 @@ import numpy as np
 
 from vessel_gym.compiled import gufunc, inlined, sincos
 from vessel_gym.sensors import Sensor, plain
-from vessel_gym.vehicles.auv import AUV, UNCERTAIN, AUVParameters, plane
+from vessel_gym.vehicles.auv import AUV, UNCERTAIN, AUVParameters, in_its_plane
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.integration import RATES, STEP, STEPS, Numbers, blank, rate, step, steps
 
@@ -182,28 +182,6 @@ def segorogeni_log(state: np.ndarray, current: np.ndarray, template: np.ndarray,
     out[2] = state[2] + ahead * sin_theta * cos_phi - aside * sin_phi
 
 
-def inertia(c: np.ndarray) -> np.ndarray:
-    """Inertia ``(..., 6, 6)`` of body and added mass for coefficients ``(..., k)``."""
-    M = np.zeros(c.shape[:-1] + (6, 6))
-    diagonal = np.arange(6)
-    M[..., diagonal, diagonal] = c[..., :6]
-    S, e, d = c[..., I.mass_z_g], c[..., I.sway_yaw], c[..., I.heave_pitch]
-    for row, column, value in ((0, 4, S), (1, 3, -S), (1, 5, e), (2, 4, d)):
-        M[..., row, column] = M[..., column, row] = value
-    return M
-
-
-def energy(state: np.ndarray, c: np.ndarray) -> np.ndarray:
-    """Kinetic energy of body and water and potential energy [J] of states ``(..., 12)``, ``(...)``.
-
-    In water at rest, or seen from water that moves steadily.
-    """
-    nu, depth = state[..., :6], state[..., 8]
-    upright = np.cos(state[..., 9]) * np.cos(state[..., 10])
-    kinetic = 0.5 * np.vecdot(nu, np.matvec(inertia(c), nu))
-    return kinetic - c[..., I.net_weight] * depth - c[..., I.righting_moment] * upright
-
-
 def _over_ground(state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
     """Velocity over ground in body axes ``(..., 3)``."""
     return segorogeni_log(state, forcing[..., 6:], np.empty(3))
@@ -223,34 +201,27 @@ class Segorogeni(AUV):
     parameter_names: ClassVar = COEFFICIENTS
     action_names: ClassVar = ("rudder", "stern plane", "thrust")
     angles: ClassVar = ("phi", "theta", "psi")
+    kicked: ClassVar = STATE[:6]
     flows: ClassVar = ("current north", "current east")
     rates: ClassVar = {"p": "phi", "q": "theta", "r": "psi"}
-    sensors: ClassVar = (
+    sensors: ClassVar = tuple(map(in_its_plane, (
         Sensor(
             "Doppler log", ("u over ground", "v over ground", "w over ground"),
             _over_ground,
             (0.01,) * 3, dropout=0.10, scale=(0.5, 0.25, 0.25), gives=("u", "v", "w"),
-            informs=(plane("u"), plane("v"), plane("w")),
         ),
-        Sensor("depth gauge", ("z",), plain((8,)), (0.02,), scale=(5.0,), gives=("z",), informs=(plane("z"),)),
+        Sensor("depth gauge", ("z",), plain((8,)), (0.02,), scale=(5.0,), gives=("z",)),
         Sensor(
             "attitude", ("phi", "theta", "psi"), plain((9, 10, 11)), (0.01, 0.01, 0.03), angles=(0, 1, 2),
-            scale=(0.25, 0.5, 1.0), gives=("phi", "theta", "psi"), informs=(plane("phi"), plane("theta"), plane("psi")),
+            scale=(0.25, 0.5, 1.0), gives=("phi", "theta", "psi"),
         ),
-        Sensor(
-            "gyroscope", ("p", "q", "r"), plain((3, 4, 5)), (0.005,) * 3, scale=(0.5,) * 3, gives=("p", "q", "r"),
-            informs=(plane("p"), plane("q"), plane("r")),
-        ),
+        Sensor("gyroscope", ("p", "q", "r"), plain((3, 4, 5)), (0.005,) * 3, scale=(0.5,) * 3, gives=("p", "q", "r")),
         Sensor(
             "acoustic position", ("x", "y"), plain((6, 7)), (0.5, 0.5), rate=0.5, dropout=0.10, scale=(10.0, 10.0),
-            gives=("x", "y"), informs=(plane("x"), plane("y")),
+            gives=("x", "y"),
         ),
-    )  # fmt: skip
+    )))  # fmt: skip
     normals: ClassVar = len(UNCERTAIN)
-
-    def vector(self, factors: np.ndarray) -> np.ndarray:
-        """Coefficients ``(..., k)`` with ``factors (..., 10)`` on the uncertain ones."""
-        return self.body.vector(factors)
 
     def start(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """State ``(B, 12)`` and actuators ``(B, 3)`` to begin with: 5 deg of rudder, as in the paper."""

@@ -1,14 +1,33 @@
 """What vehicles share whose filters estimate all of their state, with their own equations of motion as the model."""
 
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
 
+from vessel_gym.sensors import columns
+from vessel_gym.vehicles.integration import advanced
+
 
 class WholeState:
-    """A vehicle of which filters have one model, the nonlinear one, that leaves out nothing."""
+    """A vehicle of which filters have one model, the nonlinear one, that leaves out nothing.
 
+    It begins with its actuators as they are while it cruises. Kicks change some of its state at the end of a step, a
+    flow carries it over the step.
+    """
+
+    body: Any
+    """Its numbers; ``body.vector(factors)`` are the coefficients of its equations of motion."""
+    dt: float
+    substeps: int
     state_names: ClassVar[tuple[str, ...]]
+    action_names: ClassVar[tuple[str, ...]]
+    kicked: ClassVar[tuple[str, ...]]
+    flows: ClassVar[tuple[str, ...]]
+    cruise: Any
+    kernels: ClassVar[tuple[np.ufunc, np.ufunc]]
+    """Of the equations of motion: a step of a state, and of many under one control."""
+    carried: ClassVar[np.ndarray | None] = None
     kinds: ClassVar[tuple[str, ...]] = ("nonlinear",)
     linear_kinds: ClassVar[tuple[str, ...]] = ()
 
@@ -32,3 +51,44 @@ class WholeState:
     def linear(self, kind: str) -> tuple[Any, Any]:
         """There is none."""
         raise NotImplementedError
+
+    @cached_property
+    def kicks(self) -> tuple[str, ...]:
+        """One for each component that is kicked, in its unit."""
+        return tuple(f"kick {name}" for name in self.kicked)
+
+    def parameters(self, mismatch: float, normals: np.ndarray) -> np.ndarray:
+        """Coefficients ``(B, k)`` of the truth: the filter's, with a relative spread on the uncertain ones."""
+        return self.body.vector(1.0 + mismatch * np.clip(normals, -2.0, 2.0))
+
+    def start(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """State ``(B, n)`` and actuators ``(B, a)`` to begin with."""
+        return np.array(x, float), np.tile(self.cruise[1][: len(self.action_names)], (len(x), 1))
+
+    def advance(
+        self, state: np.ndarray, control: np.ndarray, flow: np.ndarray, c: np.ndarray, out: np.ndarray | None = None
+    ) -> np.ndarray:
+        """The state after a step that nothing kicks; control is actuators before and after."""
+        return advanced(*self.kernels, state, control, flow, c, self.dt, self.substeps, out)
+
+    def step(
+        self, state: np.ndarray, before: np.ndarray, after: np.ndarray, forcing: np.ndarray, parameters: np.ndarray
+    ) -> np.ndarray:
+        """The state one step later, with actuators moving from ``before`` to ``after``."""
+        kicks = len(self.kicked)
+        moved = self.advance(state, np.concatenate([before, after], -1), forcing[..., kicks:], parameters)
+        moved[..., self._kicked] += forcing[..., :kicks]
+        return moved
+
+    def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+        """A step that nothing kicks, as filters know it."""
+        return self.advance(x, u, flow, self._nominal, out)
+
+    @cached_property
+    def _kicked(self) -> Any:
+        """What picks the components that are kicked."""
+        return columns([self.state_names.index(name) for name in self.kicked])
+
+    @cached_property
+    def _nominal(self) -> np.ndarray:
+        return self.body.vector()
