@@ -15,7 +15,7 @@ for _name, _steps in (("SigmaCorvette", 600), ("SegorogeniAUV", 500), ("Itsunusa
         vector_entry_point=f"vessel_gym.envs:{_name}VectorEnv",
         max_episode_steps=_steps,
     )
-for _name, _steps in (("Ship", 600), ("AUV", 600), ("FixedWing", 1800)):
+for _name, _steps in (("Ship", 600), ("AUV", 500), ("FixedWing", 900)):
     register(
         id=f"vessel_gym/{_name}-v0",
         entry_point=f"vessel_gym.envs:{_name}Env",
