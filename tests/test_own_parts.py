@@ -1,54 +1,19 @@
 """What the pages on sensors, disturbances, tasks and vehicles of one's own show runs, is short, and stands a study."""
 
-import importlib
-import re
-import sys
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import gymnasium as gym
 import numpy as np
 import pytest
+from pages import OWN, PAGES, blocks, code, my_sensor
 
 from agents import rollout
 from agents.scores import scores
 from agents.studies.plan import plan
 from agents.studies.study import read_study
-from vessel_gym.envs import ItsunusaAUVEnv, SegorogeniAUVEnv, register_environment
+from vessel_gym.envs import ItsunusaAUVEnv, SegorogeniAUVEnv, ShipEnv, register_environment
 from vessel_gym.estimation import estimator_names
-
-DOCS = Path(__file__).parents[1] / "docs"
-PAGES = {"my_sensor": "own-sensor", "my_disturbance": "own-disturbance", "my_task": "own-task"}
-OWN = ("Usbl-v0", "Shear-v0", "Docking-v0")
-
-
-def code(module: str) -> str:
-    page = (DOCS / f"{PAGES[module]}.md").read_text(encoding="utf-8")
-    return re.search(rf"^```python {module}\n(.*?)^```", page, re.M | re.S)[1]  # type: ignore[index]
-
-
-@pytest.fixture(scope="module")
-def parts(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SimpleNamespace]:
-    """The modules of the pages, imported, and environments of a sensor and a disturbance of one's own."""
-    folder = tmp_path_factory.mktemp("own")
-    for module in PAGES:
-        (folder / f"{module}.py").write_text(code(module), encoding="utf-8")
-    sys.path.insert(0, str(folder))
-    try:
-        own = SimpleNamespace(**{module: importlib.import_module(module) for module in PAGES})
-        system = SegorogeniAUVEnv.system
-        register_environment(replace(system, name="Usbl-v0", sensors=tuple(own.my_sensor.SENSORS)))
-        shear = dict.fromkeys(("calm", "moderate", "rough"), own.my_disturbance.SHEAR)
-        register_environment(replace(system, name="Shear-v0", disturbances=shear))
-        yield own
-    finally:
-        sys.path.remove(str(folder))
-        for module in PAGES:
-            sys.modules.pop(module, None)
-        for name in OWN:
-            gym.registry.pop(name, None)
 
 
 @pytest.mark.parametrize("module", PAGES)
@@ -57,18 +22,16 @@ def test_a_part_of_ones_own_takes_thirty_lines_at_most(module: str) -> None:
 
 
 @pytest.mark.parametrize("page", PAGES.values())
-def test_what_else_a_page_shows_runs(page: str, parts: SimpleNamespace) -> None:
-    for example in re.findall(r"^```python\n(.*?)^```", (DOCS / f"{page}.md").read_text(encoding="utf-8"), re.M | re.S):
+def test_what_else_a_page_shows_runs(page: str) -> None:
+    for example in blocks(page, "python"):
         exec(compile(example, page, "exec"), {"__name__": "page"})
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("env_id", OWN)
 @pytest.mark.parametrize("estimator", estimator_names())
-def test_every_estimator_that_ours_carry_carries_a_part_of_ones_own(
-    env_id: str, estimator: str, parts: SimpleNamespace
-) -> None:
-    ours = ItsunusaAUVEnv if env_id == "Docking-v0" else SegorogeniAUVEnv
+def test_every_estimator_that_ours_carry_carries_a_part_of_ones_own(env_id: str, estimator: str) -> None:
+    ours = {"Docking-v0": ItsunusaAUVEnv, "HeavyShip-v0": ShipEnv}.get(env_id, SegorogeniAUVEnv)
     try:
         ours(estimator=estimator)
     except ValueError:
@@ -81,7 +44,7 @@ def test_every_estimator_that_ours_carry_carries_a_part_of_ones_own(
 
 
 @pytest.mark.slow
-def test_who_is_told_of_ones_own_sensor_or_disturbance_is_as_good_as_it_says(parts: SimpleNamespace) -> None:
+def test_who_is_told_of_ones_own_sensor_or_disturbance_is_as_good_as_it_says() -> None:
     """64 dives: the mean NEES of 14 components over hundreds of steps lies within a quarter of its expectation."""
     for env_id in ("Usbl-v0", "Shear-v0"):
         figures = scores(rollout("autopilot", env_id, range(64), {"estimator": "ekf"}))
@@ -90,10 +53,10 @@ def test_who_is_told_of_ones_own_sensor_or_disturbance_is_as_good_as_it_says(par
 
 
 @pytest.mark.slow
-def test_a_sensor_of_ones_own_is_not_ignored_by_the_default_filter(parts: SimpleNamespace) -> None:
-    without = [s for s in parts.my_sensor.SENSORS if s.name != "USBL"]
+def test_a_sensor_of_ones_own_is_not_ignored_by_the_default_filter() -> None:
+    without = [s for s in my_sensor.SENSORS if s.name != "USBL"]
     error = {}
-    for name, sensors in (("with", parts.my_sensor.SENSORS), ("without", without)):
+    for name, sensors in (("with", my_sensor.SENSORS), ("without", without)):
         flown = rollout("autopilot", "SegorogeniAUV-v0", range(16), {"sensors": sensors})
         error[name] = scores(flown)["position_rmse"].mean()
         told = flown.env.unwrapped.core.composition.localisation
@@ -103,7 +66,7 @@ def test_a_sensor_of_ones_own_is_not_ignored_by_the_default_filter(parts: Simple
 
 
 @pytest.mark.slow
-def test_a_task_of_ones_own_has_pilot_score_and_picture(parts: SimpleNamespace) -> None:
+def test_a_task_of_ones_own_has_pilot_score_and_picture() -> None:
     pytest.importorskip("pygame")
     flown = rollout("autopilot", "Docking-v0", range(8))
     assert scores(flown)["docked"].mean() == 100.0
@@ -135,7 +98,7 @@ estimator = "default"
 
 
 @pytest.mark.slow
-def test_a_study_runs_over_parts_of_ones_own(parts: SimpleNamespace, tmp_path: Path) -> None:
+def test_a_study_runs_over_parts_of_ones_own(tmp_path: Path) -> None:
     from agents.cells import run
 
     path = tmp_path / "own.toml"
@@ -146,7 +109,7 @@ def test_a_study_runs_over_parts_of_ones_own(parts: SimpleNamespace, tmp_path: P
     assert len(cells) == 4 * 4  # dead-reckoning flies in any case
 
 
-def test_an_environment_of_ones_own_can_be_pickled(parts: SimpleNamespace) -> None:
+def test_an_environment_of_ones_own_can_be_pickled() -> None:
     import pickle
 
     env = gym.make("Shear-v0", estimator="ekf").unwrapped
@@ -157,7 +120,7 @@ def test_an_environment_of_ones_own_can_be_pickled(parts: SimpleNamespace) -> No
         np.testing.assert_array_equal(copy.step(action)[0], env.step(action)[0])
 
 
-def test_the_name_of_another_environment_is_not_taken(parts: SimpleNamespace) -> None:
+def test_the_name_of_another_environment_is_not_taken() -> None:
     for name in ("CartPole-v1", "SegorogeniAUV-v0"):
         with pytest.raises(ValueError, match="is an environment already: give yours a name of its own"):
             register_environment(replace(SegorogeniAUVEnv.system, name=name))

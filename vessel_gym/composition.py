@@ -98,6 +98,8 @@ class Forces:
         self._columns = columns(self.to)
         self.kicks = [i for i in range(kicks) if i in self.to + self.shaken]
         """The kicks that it gives."""
+        self.kicking = min(self.to, default=kicks) < kicks
+        """Whether some follow from its state, and are not white."""
         self._flows_only = self.to == list(range(kicks, self.size))
         k, state = disturbance.process.size, vehicle.placed(vehicle.cruise[0])
         try:
@@ -168,6 +170,23 @@ class Composition:
     def vehicle(self) -> Vehicle:
         """What moves."""
         return self.forces.vehicle
+
+    def check_flows(self) -> None:
+        """Refuse a sensor that reads a flow of which the filter is told nothing, and which it would take to be 0.
+
+        Raises:
+            ValueError: naming both.
+        """
+        if self.told == "states":
+            return
+        vehicle, sensors, disturbance = self.vehicle, self.sensors, self.forces.disturbance
+        for i, name in enumerate(vehicle.flows, len(vehicle.kicks)):
+            readers = sensors.owner[np.flatnonzero(_shown_forcing(vehicle, sensors)[:, i])]
+            if name in disturbance.forces and len(readers):
+                raise ValueError(
+                    f"{sensors.each[readers[0]].name} reads {name}, of which a filter knows nothing that is told of "
+                    f'{type(disturbance).__name__} as "{self.told}": tell it with {{"as": "states"}}, or leave it out'
+                )
 
     def flow(self, mean: np.ndarray) -> np.ndarray:
         """The flow that means ``(..., n)`` imply, ``(..., f)``; 0 where the filter is not told of any."""
@@ -247,7 +266,8 @@ def compose(
     placed = _placed(vehicle, base)
     _check_seen(vehicle, base, sensors)
     n = len(base)
-    held = _held(vehicle, forces, placed) if told == "states" else np.zeros(0, int)
+    shown_forcing, kicks = _shown_forcing(vehicle, sensors), len(vehicle.kicks)
+    held = _held(vehicle, forces, shown_forcing) if told == "states" else np.zeros(0, int)
     process = disturbance.process
     drift = Process.joined(_part(process, held), sensors.bias)
     names = (*base, *(disturbance.names[i] for i in held), *sensors.bias_names)
@@ -270,7 +290,7 @@ def compose(
     Q = root @ root.T
     Q[:n, :n] += np.diag(np.asarray(vehicle.process_sd)[:n] ** 2)
     R = np.diag(sensors.sd**2)
-    shown_kicks = _shown_kicks(vehicle, sensors)
+    shown_kicks = shown_forcing[:, :kicks]
     if told == "states" and shown_kicks[:, forces.shaken].any():
         raise ValueError(
             f"a sensor reads the white kicks of {type(disturbance).__name__} as they come: a filter is told of them "
@@ -332,13 +352,13 @@ def _part(process: Process, held: np.ndarray) -> Process:
     return Process(process.transition[square], process.root[held], process.start_cov[square])
 
 
-def _held(vehicle: Vehicle, forces: Forces, placed: Placed) -> np.ndarray:
-    """Which components of a disturbance's state come to move what a filter estimates, at once or later."""
+def _held(vehicle: Vehicle, forces: Forces, shown_forcing: np.ndarray) -> np.ndarray:
+    """Which components of a disturbance's state come to move what a filter estimates, or show, at once or later."""
     x, u = vehicle.cruise
     kicks, process = len(vehicle.kicks), forces.disturbance.process
     still = vehicle.drift(x, u, np.zeros(len(vehicle.flows)))
     moving = [(vehicle.drift(x, u, unit) != still).any() for unit in np.eye(len(vehicle.flows))]
-    counts = np.array([True] * kicks + moving)
+    counts = np.array([True] * kicks + moving) | shown_forcing.any(0)
     # An effect may depend on z and on where the vehicle is in any way: it is looked at in several places.
     rng, matters = np.random.default_rng(0), np.zeros(process.size, bool)
     for size in (0.0, 1.0, 10.0, 100.0):
@@ -355,11 +375,10 @@ def _held(vehicle: Vehicle, forces: Forces, placed: Placed) -> np.ndarray:
     return np.flatnonzero(matters)
 
 
-def _shown_kicks(vehicle: Vehicle, sensors: Sensors) -> np.ndarray:
-    """How a unit of each kick shows in the readings ``(p, kicks)``."""
-    state, forcing = np.zeros((len(vehicle.kicks) + 1, len(vehicle.state_names))), len(vehicle.kicks + vehicle.flows)
-    unit = np.eye(len(vehicle.kicks) + 1, forcing, -1)
-    readings = sensors.exact(state, unit)
+def _shown_forcing(vehicle: Vehicle, sensors: Sensors) -> np.ndarray:
+    """How a unit of each kick and flow shows in the readings ``(p, f)``."""
+    size = len(vehicle.kicks + vehicle.flows)
+    readings = sensors.exact(np.zeros((size + 1, len(vehicle.state_names))), np.eye(size + 1, size, -1))
     return (readings[1:] - readings[0]).T
 
 
@@ -423,7 +442,7 @@ def _nonlinear(parts: _Parts, options: dict[str, Any]) -> NonlinearModel:
     n, k, kicks, flows = len(base), len(held), len(vehicle.kicks), len(vehicle.flows)
     still = np.zeros(flows)
     moves = [base.index(name) for name in vehicle.kicked if name in base]
-    kicking = k > 0 and any(i < kicks for i in forces.to)
+    kicking = k > 0 and forces.kicking
     disturbance = forces.disturbance
 
     def moved(x: np.ndarray, u: np.ndarray | None, out: np.ndarray | None = None) -> np.ndarray:

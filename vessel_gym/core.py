@@ -183,9 +183,12 @@ class Core:
 
     @property
     def unknown_inputs(self) -> tuple[str, ...]:
-        """What nobody is told of the coming step: the disturbance's kicks; all that is new, if told as states."""
+        """What nobody is told of the coming step, whatever filters are told of the disturbance.
+
+        Its kicks, if they follow from its state; otherwise all that is new: white kicks, changes of that and of biases.
+        """
         disturbance = self.forces.disturbance
-        if disturbance.told != "states":
+        if self.forces.kicking:
             return tuple(self.vehicle.kicks[i] for i in self.forces.kicks)
         changing = (*disturbance.names, *self.sensors.bias_names)
         return *disturbance.shakes, *(f"change of {name}" for name in changing)
@@ -193,7 +196,7 @@ class Core:
     @property
     def unknown_input(self) -> np.ndarray:
         """That of every environment ``(B, q)``."""
-        return self.noise if self.forces.disturbance.told == "states" else self.forcing[:, self.forces.kicks]
+        return self.forcing[:, self.forces.kicks] if self.forces.kicking else self.noise
 
     @property
     def truth(self) -> np.ndarray:

@@ -168,7 +168,7 @@ class Told:
     Attributes:
         disturbance: What acts, by name or as an object; None: what does.
         how: One of `vessel_gym.composition.TOLD` (``"as"`` in the options); None: as that disturbance has it.
-        Q: Factor on the covariance of what enters in a step,
+        Q: Factor on the covariance of what enters in a step, a white input's too,
         R: of the readings,
         prior: and of what is known at the start.
     """
@@ -256,6 +256,10 @@ def build(
     )
     composition = _composed(system, options.pop("model", default), told, sensors, disturbance)
     model = composition.model
+    acting = *disturbance.names, *composition.forces.disturbance.names
+    sensors.check_informs((*acting, *(name for sensor in system.vehicle.sensors for name in sensor.informed)))
+    if told.how is None and estimator not in ENVIRONMENT_ONLY:  # these do without a model of readings
+        composition.check_flows()
     if composition.told == "white" and estimator != "kf":
         name = estimator if isinstance(estimator, str) else "an estimator of one's own"
         raise ValueError(f'only kf can be told of a white input with its variance, not {name}: say "as": "noise"')
@@ -271,16 +275,25 @@ def build(
         "truth": lambda: Oracle(model.n, len(inputs)),
         "measurement": lambda: HeldMeasurement(composition, inputs),
         "dead-reckoning": lambda: DeadReckoning(model),
-    }.get(estimator, lambda: _made(system, estimator, options, composition))()
+    }.get(estimator, lambda: _made(system, estimator, options, composition, told.Q))()
     return Estimation(made, composition, told.prior)
 
 
-def _made(system: System, name: str, options: dict[str, Any], composition: Composition) -> Filter:
+def _made(system: System, name: str, options: dict[str, Any], composition: Composition, factor: float) -> Filter:
     """One of the package's filters, tuned for what it is told."""
     tuned = {**system.tuning(name, composition), **options}
     if composition.told == "white":
-        tuned = {"input_cov": composition.forces.kick_cov, **tuned}
-    return factory.make(name, composition.model, **tuned)
+        tuned = {"input_cov": factor * composition.forces.kick_cov, **tuned}
+    try:
+        return factory.make(name, composition.model, **tuned)
+    except ValueError as error:
+        if "needs an unknown input" not in str(error):
+            raise
+        acting = type(composition.forces.disturbance).__name__
+        raise ValueError(
+            f'{name} needs an unknown input, and is told of {acting} as "{composition.told}": tell it of one that '
+            'kicks, with {"as": "input"}, or choose another estimator'
+        ) from None
 
 
 def tuning(system: System, name: str, disturbance: str) -> dict[str, Any]:

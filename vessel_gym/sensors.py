@@ -5,7 +5,7 @@ ensembles and what can be had without a filter follow from it. Yours is a `Senso
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
@@ -41,12 +41,14 @@ class Bias:
 
     def __post_init__(self) -> None:
         names: Any = self.names
-        if isinstance(names, str):  # whose letters would pass for names
+        if not isinstance(names, tuple | list):  # a text's letters would pass for names
             raise ValueError(f"names of a bias must be a tuple of names, got {shown(names)}")
         for name in ("start", "pace", "slope"):
             values = getattr(self, name) or (0.0,) * len(self.names)
-            if len(values) != len(self.names):
-                raise ValueError(f"the bias {self.names} needs {len(self.names)} values of {name}, got {len(values)}")
+            if not isinstance(values, tuple | list) or len(values) != len(self.names):
+                raise ValueError(
+                    f"the bias {self.names} needs a tuple of {len(self.names)} values of {name}, got {shown(values)}"
+                )
             for value in values:
                 number(f"{name} of the bias {self.names}", value, low=-1e-300, what="0 or more")
             object.__setattr__(self, name, tuple(float(value) for value in values))
@@ -141,6 +143,11 @@ class Sensor:
             raise ValueError(f"angles of {self.name} must be indices below {k}, got {shown(self.angles)}")
         if self.bias is not None and len(self.bias.names) > k:
             raise ValueError(f"{self.name} has {k} channels, but a bias on {len(self.bias.names)}")
+
+    @property
+    def informed(self) -> tuple[str, ...]:
+        """All that its channels inform, if it says so."""
+        return tuple(name for names in self.informs or () for name in names)
 
     def period(self, dt: float) -> int:
         """Steps of ``dt`` [s] from one reading to the next.
@@ -343,6 +350,21 @@ class Sensors:
                 known.update(sensor.inverse(own, known))
         return known
 
+    def check_informs(self, others: Iterable[str]) -> None:
+        """Refuse a sensor that informs what there is not.
+
+        Args:
+            others: What may be named besides the vehicle's state and the biases.
+
+        Raises:
+            ValueError: naming the nearest.
+        """
+        known = dict.fromkeys((*self.state_names, *self.bias_names, *others))
+        for sensor in self.each:
+            for name in sensor.informed:
+                if name not in known:
+                    raise ValueError(unknown(f"state that {sensor.name} informs", name, known))
+
     def informed(self, names: tuple[str, ...], depends: Callable[[], np.ndarray]) -> np.ndarray:
         """Which reading may correct which state of an ensemble ``(n, p)``.
 
@@ -364,7 +386,7 @@ class Sensors:
                 raise ValueError(
                     f"{sensor.name} informs nothing that this filter estimates: name some of {', '.join(names)}"
                 )
-        named = {name for sensor in self.each for informed in sensor.informs or () for name in informed}
+        named = {name for sensor in self.each for name in sensor.informed}
         unnamed = [i for i, name in enumerate(names) if name not in named and not mask[i].any()]
         if unnamed:  # what somebody has added, and no sensor has heard of, would never be corrected
             mask[unnamed] = depends()[unnamed]

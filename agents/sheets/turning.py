@@ -64,10 +64,16 @@ def figures(rollout: Rollout) -> dict[str, np.ndarray]:
 def _raw_input(rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
     """Error of the reading that shows the yaw increment as it is, and whether it came ``(T + 1, N)``."""
     h, given = rollout.history, core_of(rollout).sensors.gives
-    if "yaw increment" not in given or not h["unknown_input"].shape[-1]:
+    if "yaw increment" not in given:
         return np.zeros(rollout.alive.shape), np.zeros(rollout.alive.shape, bool)
     channel = given.index("yaw increment")
-    return h["measurement"][..., channel] - h["unknown_input"][..., 0], h["available"][..., channel]
+    return h["measurement"][..., channel] - _true_input(rollout), h["available"][..., channel]
+
+
+def _true_input(rollout: Rollout) -> np.ndarray:
+    """The true yaw increment d ``(T + 1, N)``; 0 where nothing kicks the ship."""
+    names, new = core_of(rollout).unknown_inputs, rollout.history["unknown_input"]
+    return new[..., names.index("yaw increment")] if "yaw increment" in names else np.zeros(new.shape[:-1])
 
 
 def circle_errors(rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
@@ -102,8 +108,8 @@ def _input_rmse(rollout: Rollout) -> np.ndarray:
     if core.belief.input_mean is None:
         return np.full(len(rollout.seeds), np.nan)
     delay = core.filter.input_delay or 0  # the estimate of step k is of the input of step k - delay
-    known = len(h["unknown_input"]) - delay
-    return rms(h["input_estimate"][delay:, :, 0] - h["unknown_input"][:known, :, 0], rollout.alive[delay:])
+    true = _true_input(rollout)
+    return rms(h["input_estimate"][delay:, :, 0] - true[: len(true) - delay], rollout.alive[delay:])
 
 
 register_scores(TurningCircle, METRICS, figures)

@@ -8,6 +8,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
+from pages import OWN
 
 import vessel_gym  # noqa: F401  (registers the environments)
 from vessel_gym.core import Core, observed
@@ -16,8 +17,12 @@ from vessel_gym.estimation import estimator_names
 from vessel_gym.sensors import SUITES, Sensors, SensorSuite
 from vessel_gym.system import Estimate
 
-ENVIRONMENTS = [key for key, spec in gym.registry.items() if str(spec.entry_point).startswith("vessel_gym.")]
-"""Every registered environment: a new one joins all tests of the contract by being registered."""
+OURS = [key for key, spec in gym.registry.items() if str(spec.entry_point).startswith("vessel_gym.")]
+"""Every environment that the package registers: a new one joins all tests of the contract by being registered."""
+ENVIRONMENTS = [*OURS, *OWN]
+"""And those of the pages on parts of one's own."""
+MANUALS = [key for key in OURS if "/" not in key]
+"""Those with a manual of their own: those of any vehicle point to them."""
 
 _NONLINEAR_AND_NO_INPUT = dict.fromkeys(("kf", "kf-umv-ui", "kf-umv-ui-wdf", "ulise"), "a LinearModel") | dict.fromkeys(
     ("ekf-ui-wdf", "ukf-umv"), "an unknown input"
@@ -30,6 +35,10 @@ REFUSED = {
     "vessel_gym/Ship-v0": dict.fromkeys(("kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv"), "H = 0"),
     "vessel_gym/AUV-v0": _NONLINEAR_AND_NO_INPUT,
     "vessel_gym/FixedWing-v0": _NONLINEAR_AND_NO_INPUT,
+    "Usbl-v0": _NONLINEAR_AND_NO_INPUT,
+    "Shear-v0": _NONLINEAR_AND_NO_INPUT,
+    "Docking-v0": _NONLINEAR_AND_NO_INPUT,
+    "HeavyShip-v0": dict.fromkeys(("kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv"), "H = 0"),
 }
 """Estimators that an environment's model cannot carry, and the condition that the refusal must name."""
 
@@ -58,6 +67,8 @@ def vector_class(env_id: str) -> type[VesselVectorEnv]:
 
 
 def _entry(point: Any) -> Any:
+    if isinstance(point, type):
+        return point
     module, name = str(point).split(":")
     return getattr(importlib.import_module(module), name)
 
@@ -67,7 +78,7 @@ def _spread() -> Iterator[tuple[str, str]]:
     for i, key in enumerate(ENVIRONMENTS):
         always = {"truth", "measurement", single_class(key).system.estimator}
         for j, name in enumerate(estimator_names()):
-            if (key, name) in CARRIED and (name not in seen or name in always or j % (len(ENVIRONMENTS) - 1) == i - 1):
+            if (key, name) in CARRIED and (name not in seen or name in always or j % (len(OURS) - 1) == i - 1):
                 yield key, name
                 seen.add(name)
 

@@ -282,7 +282,8 @@ def test_any_whole_number_is_a_seed_of_either_face(env_id: str):
 def test_an_unknown_reset_option_is_named(env_id: str):
     for env in (gym.make(env_id), make_batch(env_id, 2)):
         message = refusal(ValueError, env.reset, seed=0, options={"speed": 3.0})
-        assert message.startswith("unknown reset option 'speed': choose from ")
+        assert message.startswith("unknown reset option 'speed'")
+        assert ": choose from " in message or env_id == "Docking-v0"  # which has none
 
 
 @every_environment
@@ -293,9 +294,7 @@ def test_reset_options_that_are_no_dictionary_are_refused(env_id: str, wrong: An
         assert message == f"options must be a dictionary of values by name, or None, got {wrong!r}"
 
 
-@pytest.mark.parametrize(
-    "env_id", [key for key in ENVIRONMENTS if key not in ("SigmaCorvette-v0", "vessel_gym/Ship-v0")]
-)
+@pytest.mark.parametrize("env_id", [key for key in ENVIRONMENTS if "arrived" in single_class(key).system.task.ends])
 @pytest.mark.parametrize("far", [1e7, -1e7, 1e308, -1e308])
 def test_a_goal_on_the_other_side_of_the_earth_is_refused_with_the_range(env_id: str, far: float):
     for goal in ((far, 0.0, 1.0), (1.0, far, far)):

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 from contract import (
     CARRIED,
-    ENVIRONMENTS,
     FEW_MEMBERS,
     MODES,
+    OURS,
     AlteredCore,
     assert_apart,
     assert_same_tree,
@@ -30,6 +30,8 @@ from scipy.linalg import block_diag
 from scipy.stats import chi2
 from scipy.stats import t as student
 
+from agents import rollout
+from agents.scores import scores
 from estimators import Gaussian, LinearModel, NonlinearModel, chi_square_band, make, nees
 from vessel_gym.composition import Forces, compose
 from vessel_gym.core import Core
@@ -37,7 +39,7 @@ from vessel_gym.disturbances import Disturbance, Sea
 from vessel_gym.processes import Process
 from vessel_gym.sensors import SUITES, Bias, Sensor, Sensors, plain
 
-every_environment = pytest.mark.parametrize("env_id", ENVIRONMENTS)
+every_environment = pytest.mark.parametrize("env_id", OURS)
 AUV, SHIP = "SegorogeniAUV-v0", "SigmaCorvette-v0"
 
 
@@ -118,12 +120,12 @@ BIASED = {
 # --- the model is the world's -----------------------------------------------------------------------
 
 WORLDS: list[tuple[str, dict[str, Any]]] = [
-    *((env_id, {"estimator_options": {"told": {"as": "states"}, "model": "nonlinear"}}) for env_id in ENVIRONMENTS),
+    *((env_id, {"estimator_options": {"told": {"as": "states"}, "model": "nonlinear"}}) for env_id in OURS),
     *((AUV, {"sensors": sensors}) for sensors in (WITH_USBL, *BIASED.values())),
     *((AUV, {"disturbance": disturbance}) for disturbance in OWN.values()),
 ]
 every_world = pytest.mark.parametrize(
-    ("env_id", "chosen"), WORLDS, ids=[*ENVIRONMENTS, "USBL", *(f"{name} bias" for name in BIASED), *OWN]
+    ("env_id", "chosen"), WORLDS, ids=[*OURS, "USBL", *(f"{name} bias" for name in BIASED), *OWN]
 )
 
 
@@ -394,6 +396,7 @@ LEAKS: list[tuple[str, dict[str, Any]]] = [
     (AUV, {"sensors": WITH_USBL, "estimator": "enkf", "estimator_options": {"members": 20}}),
     (AUV, {"sensors": BIASED["drifting"], "estimator": "ekf"}),
     (AUV, {"sensors": BIASED["walking"], "estimator": "measurement", "disturbance": OWN["swell"]}),
+    (AUV, {"sensors": BIASED["walking"], "observe": "measurement", "guidance": True}),
     (AUV, {"disturbance": OWN["sheared"], "estimator": "ukf"}),
     (AUV, {"disturbance": OWN["swell"], "estimator": "ukf-umv", "estimator_options": {"told": {"as": "input"}}}),
     (SHIP, {"estimator": "kf", "estimator_options": {"told": {"as": "states", "disturbance": "calm"}}}),
@@ -406,7 +409,7 @@ LEAKS: list[tuple[str, dict[str, Any]]] = [
 def test_no_observation_changes_when_truth_does_with_parts_of_ones_own(env_id: str, chosen: dict[str, Any]):
     one, other, distance = observations_when_truth_is_altered(env_id, **chosen)
     assert_apart(distance)
-    for mode in MODES:
+    for mode in one:
         np.testing.assert_array_equal(one[mode], other[mode], err_msg=mode)
         assert (np.ptp(one[mode], axis=0) > 0.01).any(), mode
 
@@ -517,6 +520,41 @@ def test_told_as_white_is_the_variance_given_by_hand():
     assert np.abs(one["estimate"] - ignorant["estimate"]).max() > 1e-3
     with pytest.raises(ValueError, match=r"^only kf can be told of a white input with its variance, not ekf: "):
         told(SHIP, estimator="ekf", **{"as": "white"})
+
+
+def test_the_factor_on_what_enters_is_on_the_variance_of_a_white_input_too():
+    one, other = (told(SHIP, estimator="kf", Q=factor, **{"as": "white"}) for factor in (1.0, 3.0))
+    np.testing.assert_allclose(other.filter.input_cov, 3.0 * one.filter.input_cov, rtol=1e-15)
+
+
+@pytest.mark.parametrize("estimator", ["kf-umv-ui", "ulise"])
+def test_a_filter_of_unknown_inputs_that_is_told_of_none_says_what_to_tell_it(estimator: str):
+    for how in ("states", "noise"):
+        sentence = (
+            f'^{estimator} needs an unknown input, and is told of Sea as "{how}": tell it of one that kicks, with '
+            '{"as": "input"}, or choose another estimator$'
+        )
+        assert_refused(lambda how=how: told(SHIP, estimator=estimator, **{"as": how}), ValueError, sentence)
+
+
+class SeaOfStates(Sea):
+    """A sea of which filters are told as states unless they are told otherwise."""
+
+    told = "states"
+
+
+def test_the_unknown_input_is_the_same_whatever_filters_are_told_of_it():
+    sea = single_class(SHIP).system.disturbances["rough"]
+    other = SeaOfStates(wave=sea.wave, peak=sea.peak, gust=sea.gust, current=sea.current)
+    errors = []
+    for acting in (sea, other):
+        options = {"disturbance": acting, "estimator_options": {"told": {"as": "input"}}}
+        flight = rollout("autopilot", SHIP, range(8), options)
+        core = flight.env.unwrapped.core
+        assert core.unknown_inputs == ("yaw increment",)
+        np.testing.assert_array_equal(core.unknown_input, core.forcing[:, :1])
+        errors.append(scores(flight)["input_rmse"].mean())
+    assert errors[1] == pytest.approx(errors[0], rel=0.1)
 
 
 def test_told_as_noise_adds_what_kicks_do_to_state_and_readings_as_if_they_were_unrelated():
@@ -658,8 +696,13 @@ WRONG_SENSORS = [
     (AUV, sensor(plain((6, 7)), bias=Bias(("x", "y"), start=(1.0, 1.0))), "a bias is called 'x', as another .*"),
     (AUV, sensor(plain((6, 7)), bias=Bias(("current north",), start=(1.0,))),
      "a bias is called 'current north', as is a component of Water"),
-    (AUV, sensor(plain((6, 7)), informs=(("height",), ("depth",))),
+    (AUV, sensor(plain((6, 7)), informs=(("x", "curent north"), ("y",))),
+     r"unknown state that mine informs 'curent north' \(did you mean 'current north'\?\): choose from u, .*"),
+    (AUV, sensor(plain((6, 7)), informs=((), ())),
      "mine informs nothing that this filter estimates: name some of u, .*"),
+    (SHIP, sensor(lambda state, forcing: forcing[..., 1:]),
+     'mine reads current north, of which a filter knows nothing that is told of Sea as "input": tell it with '
+     '{"as": "states"}, or leave it out'),
 ]  # fmt: skip
 
 
@@ -667,6 +710,39 @@ WRONG_SENSORS = [
 def test_a_sensor_that_is_misdeclared_is_refused_in_one_sentence(env_id: str, mine: Sensor, sentence: str):
     sensors = [*single_class(env_id).system.vehicle.sensors, mine]
     assert_refused(lambda: make_core(env_id, 1, sensors=sensors), ValueError, f"^{sentence}$")
+
+
+def test_a_sensor_may_inform_what_acts_or_is_biased_or_what_this_filter_does_not_estimate():
+    bias = Bias(("bias x",), start=(1.0,))
+    mine = sensor(plain((6, 7)), bias=bias, informs=(("x", "bias x", "current north"), ("surface current east", "u")))
+    sensors = [*single_class(AUV).system.vehicle.sensors, mine]
+    for chosen in ({}, {"told": {"as": "noise"}}, {"told": {"disturbance": "calm"}}):
+        make_core(AUV, 1, sensors=sensors, disturbance=OWN["sheared"], estimator_options=chosen | {"members": 20})
+
+
+CURRENT_METER = Sensor("current meter", ("north", "east"), lambda state, forcing: forcing[..., 1:], (0.05, 0.05))
+
+
+@pytest.mark.parametrize("estimator", ["kf", "ekf"])
+def test_a_current_that_a_sensor_alone_shows_is_a_state_of_who_is_told_of_it(estimator: str):
+    sensors = [*single_class(SHIP).system.vehicle.sensors, CURRENT_METER]
+    options = {"told": {"as": "states"}}
+    core = make_core(SHIP, 50, seed=14, estimator=estimator, estimator_options=options, sensors=sensors)
+    core.reset()
+    for _ in range(60):
+        core.step(np.zeros((50, 1)))
+    error = core.belief.mean[:, -2:] - core.sea_state[:, -2:]
+    assert core.composition.names[-2:] == ("current north", "current east")
+    cov = core.belief.cov[:, -2:, -2:]
+    low, high = chi_square_band(50, 2, 1.0 - 1e-5)
+    assert low < nees(error, cov, np.zeros(error.shape)).mean() < high
+
+
+def test_who_does_without_a_model_of_readings_may_read_a_current_that_nobody_is_told_of():
+    sensors = [*single_class(SHIP).system.vehicle.sensors, CURRENT_METER]
+    for estimator in ("truth", "measurement", "dead-reckoning"):
+        make_core(SHIP, 1, estimator=estimator, sensors=sensors, observe="measurement", guidance=True).reset()
+    make_core(SHIP, 1, estimator="kf", estimator_options={"told": {"as": "noise"}}, sensors=sensors)  # who insists
 
 
 def test_a_sensor_that_is_not_linear_is_refused_by_linear_filters_alone():

@@ -3,6 +3,7 @@
 import inspect
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,9 @@ from contract import (
     CARRIED,
     ENVIRONMENTS,
     FEW_MEMBERS,
+    MANUALS,
     MODES,
+    OURS,
     REFUSED,
     SPREAD,
     SilentSensors,
@@ -40,8 +43,9 @@ from gymnasium.vector import AutoresetMode
 import vessel_gym.core
 import vessel_gym.loop
 from agents import load_agent
+from estimators import Belief
 from vessel_gym.core import Core
-from vessel_gym.loop import Loop
+from vessel_gym.loop import Loop, Readings
 from vessel_gym.sensors import SUITES
 from vessel_gym.streams import Draws
 from vessel_gym.system import Estimate
@@ -101,7 +105,7 @@ def test_gymnasium_makes_the_environments_without_an_import_of_the_package():
 import sys
 import gymnasium
 assert "vessel_gym" not in sys.modules
-for env_id in {ENVIRONMENTS}:
+for env_id in {OURS}:
     env = gymnasium.make("vessel_gym:" + env_id)
     env.reset(seed=0)
     env.step(env.action_space.sample())
@@ -147,6 +151,10 @@ def draws(monkeypatch: pytest.MonkeyPatch) -> list[RecordedDraws]:
     return RecordedDraws.registry
 
 
+ARRIVED = ("arrived", "missed the goal", "docked")
+"""Ends of a mission that was flown to its end."""
+
+
 def fly_both(env_id: str, seeds: int | list[int], listed: list[int], steps: int, **options: Any) -> dict[str, int]:
     """Fly a batch and its single environments with the same actions, and compare everything at every step.
 
@@ -176,7 +184,7 @@ def fly_both(env_id: str, seeds: int | list[int], listed: list[int], steps: int,
         counts["truncated"] += int(truncated.sum())
         counts["staggered"] += int(done.any() and not done.all())
         if done.any():
-            counts["arrived"] += int((info["final_info"]["end"] == "arrived").sum())
+            counts["arrived"] += int(np.isin(info["final_info"]["end"].astype(str), ARRIVED).sum())
         for i, env in enumerate(singles):
             observation, reward, ended, cut, single_info = env.step(actions[i])
             assert abs(rewards[i] - reward) <= EXACT
@@ -358,7 +366,7 @@ def test_swapping_the_estimator_leaves_nature_as_it_was_in_every_episode(env_id:
             different += not np.array_equal(one["truth"][:k], two["truth"][:k])
         assert different > len(common) / 2  # the agents did react to another estimator
         elsewhere += int((lengths[:, 0] != lengths[:, 1]).sum())
-    assert elsewhere > 10  # and episodes ended at other times
+    assert elsewhere > 3 * (len(names) - 1)  # and episodes ended at other times
 
 
 # --- truth never reaches an observation -------------------------------------------------------------
@@ -383,6 +391,71 @@ def test_raw_readings_do_not_change_when_truth_does_not_even_beside_the_oracle(e
     assert_apart(distance)
     assert list(one) == ["measurement"]
     np.testing.assert_array_equal(one["measurement"], other["measurement"])
+
+
+@pytest.mark.slow
+@every_environment
+@pytest.mark.parametrize(
+    "options",
+    [{"observe": "measurement", "estimator": "truth", "guidance": True}, {"guidance": False}, {"ends": "declaration"}],
+    ids=["guided by readings", "unguided", "declared"],
+)
+def test_what_guides_and_what_ends_do_not_change_what_is_seen_when_truth_does(env_id: str, options: dict[str, Any]):
+    if "ends" in options and not single_class(env_id).system.task.success:
+        pytest.skip("there is nothing to declare")
+    one, other, distance = observations_when_truth_is_altered(env_id, sensors="degraded", **options)
+    assert_apart(distance)
+    for mode, seen in one.items():
+        np.testing.assert_array_equal(seen, other[mode], err_msg=mode)
+        assert (np.ptp(seen, axis=0)[:, :2] > 0.01).all(), mode
+
+
+def told_the_position(monkeypatch: pytest.MonkeyPatch) -> None:
+    def reference(core: Core, course: np.ndarray, steps: np.ndarray, belief: Belief, state: np.ndarray) -> np.ndarray:
+        return core.task.reference(course, steps, state[:, core._based])
+
+    monkeypatch.setattr(Core, "_reference", reference)
+
+
+def told_the_bias(monkeypatch: pytest.MonkeyPatch) -> None:
+    def estimate(loop: Loop, readings: Readings, u: np.ndarray) -> None:
+        honest(loop, readings, u)
+        mean = loop.belief.mean.copy()
+        mean[:, -loop.bias.shape[-1] :] = loop.bias
+        loop.belief = loop.belief.replace(mean=mean)
+
+    honest = Loop.estimate
+    monkeypatch.setattr(Loop, "estimate", estimate)
+
+
+def guided_from_where_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    def step(core: Core, *args: Any, **kwargs: Any) -> Any:
+        out = honest(core, *args, **kwargs)
+        mean = core.held.belief.mean.copy()
+        mean[:, : len(core._based)] = core.state[:, core._based]
+        core.held.belief = core.held.belief.replace(mean=mean)
+        return out
+
+    honest = Core.step
+    monkeypatch.setattr(Core, "step", step)
+
+
+@pytest.mark.parametrize(
+    ("env_id", "leak", "options"),
+    [
+        ("Usbl-v0", told_the_position, {"estimator": "ekf"}),
+        ("PunaUAV-v0", told_the_bias, {"estimator": "ekf"}),  # its receiver's
+        ("Usbl-v0", guided_from_where_it_is, {"observe": "measurement", "guidance": True}),
+    ],
+)
+def test_a_leak_of_position_bias_or_guidance_would_be_seen(
+    env_id: str, leak: Callable[[pytest.MonkeyPatch], None], options: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+):
+    """The tests above can fail."""
+    leak(monkeypatch)
+    one, other, _ = observations_when_truth_is_altered(env_id, **options)
+    mode = options.get("observe", "mean")
+    assert (one[mode] != other[mode]).any(-1).mean() > 0.5
 
 
 @every_environment
@@ -529,7 +602,7 @@ def test_info_holds_the_parameters_that_an_episode_s_truth_has(env_id: str):
         assert len(np.unique(np.concatenate(episodes), axis=0)) == (1 if mismatch == 0.0 else 6)
 
 
-@pytest.mark.parametrize("env_id", [env_id for env_id in ENVIRONMENTS if "/" not in env_id])
+@pytest.mark.parametrize("env_id", MANUALS)
 def test_the_docstring_says_what_every_key_of_info_is(env_id: str):
     table = single_class(env_id).__doc__.split("## Information")[1].split("## Arguments")[0]
     listed = [line.split("`")[1] for line in table.splitlines() if line.strip().startswith("| `")]
@@ -684,7 +757,9 @@ def test_after_a_long_gap_the_estimate_returns_to_what_it_would_have_been(env_id
             during = max(during, float(np.abs(whole.observe() - gapped.observe()).max()))
     assert (during > 0.5) == (estimator != "truth")
     claims = [np.diagonal(core.belief.cov, axis1=-2, axis2=-1) for core in (whole, gapped)]
-    assert (claims[1] <= 4.0 * claims[0] + 1e-12).all()  # so that the cost is no excuse for anything
+    # So that the cost is no excuse for anything: four times, and for the ratio of two sampled variances its scatter.
+    members = whole.belief.ensemble.shape[-2] if whole.belief.ensemble is not None else np.inf
+    assert (claims[1] <= 4.0 * (1.0 + 4.0 * np.sqrt(4.0 / (members - 1.0))) * claims[0] + 1e-12).all()
     cost = cost_of_the_gap(gapped, whole.belief.cov)
     # 5 standard deviations: eight rows with a dozen components, false-alarm rate 1e-4.
     assert (np.abs(gapped.observe() - whole.observe()) <= np.maximum(1e-3, 5.0 * cost)).all()

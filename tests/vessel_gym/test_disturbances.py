@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from contract import ENVIRONMENTS, make_core
+from contract import OURS, make_core
 from scipy.integrate import quad
 from scipy.linalg import block_diag, expm
 from scipy.stats import chi2, norm
@@ -306,7 +306,7 @@ def block_diagonal(*matrices: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("env_id", ENVIRONMENTS)
+@pytest.mark.parametrize("env_id", OURS)
 def test_what_is_new_in_a_step_has_its_covariance_and_remembers_nothing(env_id: str):
     rows, steps = 500, 40
     core = make_core(env_id, rows, seed=11, estimator="truth", disturbance="rough")
@@ -329,7 +329,7 @@ def test_what_is_new_in_a_step_has_its_covariance_and_remembers_nothing(env_id: 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("env_id", ENVIRONMENTS)
+@pytest.mark.parametrize("env_id", OURS)
 def test_a_disturbance_has_its_stationary_sizes_from_the_first_step_on(env_id: str):
     core = make_core(env_id, 2000, seed=12, estimator="truth", disturbance="rough")
     core.reset(options=SOON_PLANNED.get(env_id))
@@ -345,7 +345,7 @@ def test_a_disturbance_has_its_stationary_sizes_from_the_first_step_on(env_id: s
         core.step(np.zeros((2000, core.action_size)))
 
 
-@pytest.mark.parametrize("env_id", ENVIRONMENTS)
+@pytest.mark.parametrize("env_id", OURS)
 def test_what_acts_is_the_effect_of_the_disturbance_and_what_shakes(env_id: str):
     core = make_core(env_id, 3, seed=13, estimator="truth", disturbance="rough")
     core.reset()

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from contract import ENVIRONMENTS, FEW_MEMBERS, assert_same_tree, assert_sound, single_class, vector_class
+from contract import FEW_MEMBERS, OURS, assert_same_tree, assert_sound, single_class, vector_class
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
@@ -65,7 +65,7 @@ OPTIONS = {
     "obstacles": st.lists(POSES, max_size=7),
 }  # fmt: skip
 
-environments = st.sampled_from(ENVIRONMENTS)
+environments = st.sampled_from(OURS)
 
 
 def refusal(words: tuple[str, ...], call: Any, *args: Any, **kwargs: Any) -> bool:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import gymnasium as gym
 import pytest
-from contract import ENVIRONMENTS, single_class, sizes_by_mode, vector_class
+from contract import MANUALS, OURS, single_class, sizes_by_mode, vector_class
 
 import vessel_gym
 from vessel_gym.core import OBSERVE
@@ -23,9 +23,6 @@ PACKAGES = ("estimators", "vessel_gym", "agents", "scripts")
 """In the direction of imports: each may import those before it, and none after."""
 HEAVY = {"torch", "stable_baselines3", "pygame", "matplotlib", "jinja2", "imageio", "tyro", "rich", "joblib"}
 """What only a command, a picture or a training needs."""
-
-MANUALS = [env_id for env_id in ENVIRONMENTS if "/" not in env_id]
-"""Environments with a manual of their own: those of any vehicle point to them."""
 
 
 def modules(package: str) -> list[Path]:
@@ -110,15 +107,14 @@ def test_every_public_name_exists_and_is_documented(package: str):
         assert getattr(module, name).__doc__, name
 
 
-@pytest.mark.parametrize("env_id", ENVIRONMENTS)
+@pytest.mark.parametrize("env_id", OURS)
 def test_an_environment_is_registered_with_both_faces_and_its_horizon(env_id: str):
     spec = gym.spec(env_id)
     single, vector = single_class(env_id), vector_class(env_id)
     assert issubclass(single, gym.Env)
     assert issubclass(vector, gym.vector.VectorEnv)
     assert single.system is vector.system
-    horizon = single.system.task.horizon  # of any vehicle: room for the longest
-    assert spec.max_episode_steps == horizon or ("/" in env_id and spec.max_episode_steps > horizon)
+    assert spec.max_episode_steps == single.system.task.horizon
     assert spec.order_enforce
 
 
@@ -144,7 +140,7 @@ def test_the_docstring_of_an_environment_is_its_manual(env_id: str):
         assert f"`{key}`" in manual, key
 
 
-@pytest.mark.parametrize("env_id", ENVIRONMENTS)
+@pytest.mark.parametrize("env_id", OURS)
 def test_make_vec_chooses_the_native_batch_without_being_asked(env_id: str):
     env = gym.make_vec(env_id, num_envs=2)
     assert isinstance(env, vector_class(env_id))

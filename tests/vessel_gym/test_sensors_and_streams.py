@@ -311,6 +311,7 @@ MISDECLARED = [
     (fix(informs=("ab", "ab")), ValueError, r"informs of fix must hold tuples of names, got 'ab'"),
     (fix(channels="xy"), ValueError, r"channels of fix must hold tuples of names, got 'xy'"),
     (lambda: Bias("bias", start=(1.0,) * 4), ValueError, r"names of a bias must be a tuple of names, got 'bias'"),
+    (lambda: Bias(3, start=(1.0,)), ValueError, r"names of a bias must be a tuple of names, got 3"),
     (fix(gives=("a",)), ValueError, r"fix has 2 channels, so gives must have 2 entries, got .*"),
     (fix(gives="ab"), ValueError, r"fix has 2 channels, so gives must have 2 entries, got 'ab'"),
     (fix(informs=(("a",),)), ValueError, r"fix has 2 channels, so informs must have 2 entries, got .*"),
@@ -331,8 +332,9 @@ MISDECLARED = [
     (of(fix(reads=lambda state, forcing: state[0])), ValueError, r"reads of fix must give 2 values for each state: .*"),
     (of(fix(reads=lambda state, forcing: state[..., 9:11] @ np.eye(3))), ValueError, r"reads of fix failed on .*"),
     (of(fix(reads=lambda state: state[..., :2])), ValueError, r"reads of fix failed on states of shape .*"),
-    (lambda: Bias(("b",), start=(1.0, 2.0)), ValueError, r"the bias \('b',\) needs 1 values of start, got 2"),
-    (lambda: Bias(("b",), start=(1.0,), pace=(1.0, 2.0)), ValueError, r"the bias \('b',\) needs 1 values of pace, .*"),
+    (lambda: Bias(("b",), start=(1.0, 2.0)), ValueError, r"the bias .* needs a tuple of 1 values of start, got .*"),
+    (lambda: Bias(("b",), 0.1), ValueError, r"the bias \('b',\) needs a tuple of 1 values of start, got 0\.1"),
+    (lambda: Bias(("b",), start=(1.0,), pace=(1.0, 2.0)), ValueError, r"the bias .* a tuple of 1 values of pace, .*"),
     (lambda: Bias(("b",), start=(-1.0,)), ValueError, r"start of the bias \('b',\) must be 0 or more, got -1\.0"),
 ]  # fmt: skip
 

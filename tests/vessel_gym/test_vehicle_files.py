@@ -133,6 +133,12 @@ def test_a_name_that_no_vehicle_has_is_answered_with_the_nearest():
     assert "name a .toml file" in complaint("corvete")
 
 
+@pytest.mark.parametrize("wrong", [3, None, b"puna", ["puna"]], ids=repr)
+def test_what_is_neither_a_name_nor_a_path_is_refused_in_one_sentence(wrong):
+    with pytest.raises(TypeError, match=r"^a vehicle is the path of a file or one of corvette, .*, got [^\n]*$"):
+        load(wrong)
+
+
 def test_a_file_that_is_not_there_is_called_that(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"nowhere\.toml"):
         load(tmp_path / "nowhere.toml")

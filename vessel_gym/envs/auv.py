@@ -63,6 +63,7 @@ class AUVEnv(VesselEnv):
 
     `SegorogeniAUVEnv`, or `ItsunusaAUVEnv` for a vehicle in the vertical plane, documents spaces, rewards and
     arguments; the path is as many times as long as the vehicle is fast, and their files give their environments.
+    Truncation is after 500 steps; ``gym.make(..., max_episode_steps=600)`` leaves one in the plane ITSUNUSA's time.
 
     Args:
         vessel: A vehicle file (docs/vehicles.md), or the name of one that comes with the package.

@@ -59,7 +59,8 @@ class FixedWingEnv(VesselEnv):
     """Fly a path round obstacles with an aircraft of one's own on what an estimator believes.
 
     `PunaUAVEnv` documents spaces, rewards and arguments; paths are wider as the square of the cruising speed, and the
-    PUNA's file gives the PUNA's environment.
+    PUNA's file gives the PUNA's environment. Truncation is after its 900 steps: give a much faster aircraft, whose
+    paths take longer, more by ``gym.make(..., max_episode_steps=...)``; ``system.task.horizon`` says how many.
 
     Args:
         vessel: A vehicle file of an aircraft (docs/vehicles.md), or the name of one that comes with the package.

@@ -86,8 +86,11 @@ def load(source: str | Path, expected: type[Any] = object, *, stable: bool = Tru
 
     Raises:
         ValueError: for an unknown name, or anything wrong in the file, in one sentence with its line.
+        TypeError: for what is neither a name nor a path.
         OSError: if the file cannot be read.
     """
+    if not isinstance(source, str | Path):
+        raise TypeError(f"a vehicle is the path of a file or one of {', '.join(names())}, got {shown(source)}")
     if isinstance(source, str) and re.fullmatch(r"[\w-]+", source):
         if source not in names():
             raise ValueError(unknown("vehicle", source, names()) + ", or name a .toml file")
