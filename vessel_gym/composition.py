@@ -3,7 +3,7 @@
 The filter's state is the vehicle's, then the disturbance's as far as it is told and matters, then the sensors' biases.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -35,6 +35,45 @@ def checked_told(how: object) -> str:
     raise ValueError(f"a filter is told of a disturbance as one of {', '.join(TOLD)}, got {shown(how)}")
 
 
+def _mistakes(vehicle: Vehicle, disturbance: Disturbance) -> Iterator[str]:
+    """What is wrong with a disturbance of this vehicle."""
+    who, known, process = type(disturbance).__name__, vehicle.kicks + vehicle.flows, disturbance.process
+    for what in ("forces", "shakes", "names"):
+        given: Any = getattr(disturbance, what)
+        if isinstance(given, str) or len(set(given)) < len(given):
+            yield f"{what} of {who} must be a tuple of different names, got {shown(given)}"
+    if disturbance.told != "states" and process.normals < process.size:
+        yield f"{who} needs as many normal numbers a step as its state has components to begin"
+    for name in (*disturbance.forces, *disturbance.shakes):
+        if name not in known:
+            yield f"{who} gives {shown(name)}, but what acts on this vehicle is {', '.join(known)}"
+    for name in disturbance.shakes:
+        if name not in vehicle.kicks or name in disturbance.forces:
+            kicks = ", ".join(vehicle.kicks)
+            yield f"{who} shakes {name}, which must be a kick ({kicks}) that its effect does not give"
+    if disturbance.dt not in (None, vehicle.dt):
+        own, dt = disturbance.dt, vehicle.dt
+        yield f"{who} was made for steps of {own:g} s, the vehicle's are {dt:g} s: give it dt={dt:g}"
+    if len(disturbance.names) != process.size:
+        yield f"{who} names {len(disturbance.names)} components of a state that has {process.size}"
+    for name in disturbance.names:
+        if name in vehicle.state_names:
+            yield f"{who} calls a component {name!r}, as another is called"
+    if len(disturbance.white) != len(disturbance.shakes):
+        yield f"white of {who} must have {len(disturbance.shakes)} rows, got {len(disturbance.white)}"
+    if disturbance.scale is not None and len(disturbance.scale) != process.size:
+        yield f"scale of {who} must have {process.size} rows, got {len(disturbance.scale)}"
+    z, state = np.zeros((2, process.size)), np.tile(_cruising(vehicle), (2, 1))
+    try:
+        with np.errstate(all="ignore"):
+            shape = np.asarray(disturbance.effect(z, state)).shape
+    except Exception as error:
+        raise ValueError(f"effect of {who} failed on z of shape {z.shape}: {shown(str(error))}") from error
+    if shape != (2, len(disturbance.forces)):
+        values = f"{len(disturbance.forces)} values a row, for {', '.join(disturbance.forces)}"
+        yield f"effect of {who} must give {values}: z of shape {z.shape} gave {shape}"
+
+
 class Forces:
     """What a disturbance does to a vehicle: its effect sorted into kicks and flows.
 
@@ -47,50 +86,10 @@ class Forces:
     """
 
     def __init__(self, vehicle: Vehicle, disturbance: Disturbance) -> None:
+        for mistake in _mistakes(vehicle, disturbance):
+            raise ValueError(mistake)
         self.vehicle, self.disturbance = vehicle, disturbance
         known = vehicle.kicks + vehicle.flows
-        for name in ("forces", "shakes", "names"):
-            given: Any = getattr(disturbance, name)
-            if isinstance(given, str) or len(set(given)) < len(given):
-                raise ValueError(
-                    f"{name} of {type(disturbance).__name__} must be a tuple of different names, got {shown(given)}"
-                )
-        if disturbance.told != "states" and disturbance.process.normals < disturbance.process.size:
-            raise ValueError(
-                f"{type(disturbance).__name__} needs as many normal numbers a step as its state has components to begin"
-            )
-        for name in (*disturbance.forces, *disturbance.shakes):
-            if name not in known:
-                raise ValueError(
-                    f"{type(disturbance).__name__} gives {shown(name)}, but what acts on this vehicle is "
-                    f"{', '.join(known)}"
-                )
-        for name in disturbance.shakes:
-            if name not in vehicle.kicks or name in disturbance.forces:
-                raise ValueError(
-                    f"{type(disturbance).__name__} shakes {name}, which must be a kick ({', '.join(vehicle.kicks)}) "
-                    "that its effect does not give"
-                )
-        if disturbance.dt not in (None, vehicle.dt):
-            raise ValueError(
-                f"{type(disturbance).__name__} was made for steps of {disturbance.dt:g} s, the vehicle's are "
-                f"{vehicle.dt:g} s: give it dt={vehicle.dt:g}"
-            )
-        if len(disturbance.names) != disturbance.process.size:
-            raise ValueError(
-                f"{type(disturbance).__name__} names {len(disturbance.names)} components of a state that has "
-                f"{disturbance.process.size}"
-            )
-        for name in disturbance.names:
-            if name in vehicle.state_names:
-                raise ValueError(f"{type(disturbance).__name__} calls a component {name!r}, as another is called")
-        for what, found, wanted in (
-            ("white", len(disturbance.white), len(disturbance.shakes)),
-            ("scale", disturbance.process.size if disturbance.scale is None else len(disturbance.scale),
-             disturbance.process.size),
-        ):  # fmt: skip
-            if found != wanted:
-                raise ValueError(f"{what} of {type(disturbance).__name__} must have {wanted} rows, got {found}")
         self.size = len(known)
         self.to = [known.index(name) for name in disturbance.forces]
         self.shaken = [known.index(name) for name in disturbance.shakes]
@@ -101,19 +100,6 @@ class Forces:
         self.kicking = min(self.to, default=kicks) < kicks
         """Whether some follow from its state, and are not white."""
         self._flows_only = self.to == list(range(kicks, self.size))
-        k, state = disturbance.process.size, vehicle.placed(vehicle.cruise[0])
-        try:
-            with np.errstate(all="ignore"):
-                given = np.asarray(disturbance.effect(np.zeros((2, k)), np.tile(state, (2, 1)))).shape
-        except Exception as error:
-            raise ValueError(
-                f"effect of {type(disturbance).__name__} failed on z of shape {(2, k)}: {shown(str(error))}"
-            ) from error
-        if given != (2, len(self.to)):
-            raise ValueError(
-                f"effect of {type(disturbance).__name__} must give {len(self.to)} values a row, for "
-                f"{', '.join(disturbance.forces)}: z of shape {(2, k)} gave {given}"
-            )
 
     def on(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
         """Kicks and flows ``(..., f)``, without the white noise."""
@@ -131,7 +117,7 @@ class Forces:
     @cached_property
     def linear(self) -> np.ndarray:
         """What a unit of each component of z gives while cruising, ``(f, k)``."""
-        k, state = self.disturbance.process.size, self.vehicle.placed(self.vehicle.cruise[0])
+        k, state = self.disturbance.process.size, _cruising(self.vehicle)
         still = self.on(np.zeros((1, k)), state[None])
         return (self.on(np.eye(k), np.tile(state, (k, 1))) - still).T
 
@@ -338,6 +324,11 @@ def _placed(vehicle: Vehicle, base: tuple[str, ...]) -> Placed:
     return place
 
 
+def _cruising(vehicle: Vehicle) -> np.ndarray:
+    """The state ``(n,)`` of a vehicle that cruises."""
+    return vehicle.start(vehicle.cruise[0][None])[0][0]
+
+
 def _spread(z: np.ndarray, held: np.ndarray, disturbance: Disturbance) -> np.ndarray:
     """The disturbance's whole state out of the part that a filter holds, others 0."""
     if len(held) == disturbance.process.size:
@@ -364,7 +355,7 @@ def _held(vehicle: Vehicle, forces: Forces, shown_forcing: np.ndarray) -> np.nda
     for size in (0.0, 1.0, 10.0, 100.0):
         z = 0.5 * rng.standard_normal(process.size) * (size > 0.0)
         near = size * rng.standard_normal((2, len(vehicle.state_names)))
-        for place in vehicle.placed(x) + np.vstack([near, np.full((1, len(vehicle.state_names)), size)]):
+        for place in _cruising(vehicle) + np.vstack([near, np.full((1, len(vehicle.state_names)), size)]):
             rows = np.tile(place, (process.size + 1, 1))
             with np.errstate(all="ignore"):
                 given = forces.on(np.vstack([z, z + np.eye(process.size)]), rows)
@@ -384,7 +375,7 @@ def _shown_forcing(vehicle: Vehicle, sensors: Sensors) -> np.ndarray:
 
 def _check_seen(vehicle: Vehicle, base: tuple[str, ...], sensors: Sensors) -> None:
     """Refuse a sensor that reads a part of the vehicle's state that the filter does not estimate."""
-    state = vehicle.placed(vehicle.cruise[0])
+    state = _cruising(vehicle)
     forcing = np.zeros((2, len(vehicle.kicks + vehicle.flows)))
     for i, name in enumerate(vehicle.state_names):
         if name in base:

@@ -98,9 +98,6 @@ class Vehicle(Protocol):
         Those of the first of ``kinds`` are what a task's prior describes; those of others are its first ones.
         """
 
-    def placed(self, x: np.ndarray) -> np.ndarray:
-        """The state ``(..., n)`` out of what filters estimate with the first of ``kinds``, 0 where they do not."""
-
     @property
     def cruise(self) -> tuple[np.ndarray, np.ndarray]:
         """What filters estimate, and the known input, where it goes its usual way: where models are looked at."""

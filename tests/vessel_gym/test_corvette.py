@@ -607,7 +607,6 @@ def test_the_truth_starts_where_the_filter_s_state_says():
     state, actuators = VEHICLE.start(x)
     np.testing.assert_array_equal(seen_by_filters(state, "nonlinear"), x)
     np.testing.assert_array_equal(seen_by_filters(state), x[:, :3])
-    np.testing.assert_array_equal(state, VEHICLE.placed(x))
     np.testing.assert_array_equal(state[:, :2], 0.0)
     np.testing.assert_array_equal(actuators, np.zeros((4, 1)))
 

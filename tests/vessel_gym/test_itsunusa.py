@@ -318,7 +318,6 @@ def test_names_and_sizes_agree():
     x = np.random.default_rng(13).normal(size=(4, 6))
     state, actuators = VEHICLE.start(x)
     np.testing.assert_array_equal(state, x)
-    np.testing.assert_array_equal(VEHICLE.placed(x), x)
     assert SENSORS.exact(state, np.zeros((4, 4))).shape == (4, 6)
     np.testing.assert_array_equal(actuators, np.tile([0.0, BODY.cruise_thrust], (4, 1)))
     _, (_, thrust) = level_flight(1.5)

@@ -544,7 +544,6 @@ def test_the_start_is_the_prior_s_trimmed_for_20_m_s():
     x = np.random.default_rng(14).normal(size=(4, 7))
     state, actuators = VEHICLE.start(x)
     np.testing.assert_array_equal(state, x)
-    np.testing.assert_array_equal(VEHICLE.placed(x), x)
     np.testing.assert_allclose(actuators, np.tile(level_flight(20.0)[1], (4, 1)))
     state += 1.0
     actuators += 1.0

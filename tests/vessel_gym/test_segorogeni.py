@@ -492,7 +492,6 @@ def test_the_start_is_the_prior_s_with_the_paper_s_rudder():
     x = np.random.default_rng(12).normal(size=(4, 12))
     state, actuators = VEHICLE.start(x)
     np.testing.assert_array_equal(state, x)
-    np.testing.assert_array_equal(VEHICLE.placed(x), x)
     np.testing.assert_allclose(actuators, np.tile([5 * DEG, 0.0, BODY.cruise_thrust], (4, 1)))
     state += 1.0
     assert (state != x).all()  # a copy

@@ -221,7 +221,7 @@ class Corvette:
         """(v, r, psi), and u in the nonlinear model."""
         return ("v", "r", "psi", "u") if kind == "nonlinear" else ("v", "r", "psi")
 
-    def placed(self, x: np.ndarray) -> np.ndarray:
+    def _placed(self, x: np.ndarray) -> np.ndarray:
         """The state ``(..., 6)`` out of (v, r, psi, u), at the origin."""
         state = np.zeros(x.shape[:-1] + (6,))
         state[..., 2], state[..., 3], state[..., 4], state[..., 5] = x[..., 2], x[..., 3], x[..., 0], x[..., 1]
@@ -234,7 +234,7 @@ class Corvette:
 
     def start(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """State ``(B, 6)`` and actuators ``(B, 1)`` from (v, r, psi, u)."""
-        return self.placed(x), np.zeros((len(x), 1))
+        return self._placed(x), np.zeros((len(x), 1))
 
     def actuate(self, actuators: np.ndarray, action: np.ndarray) -> np.ndarray:
         """The rudder ``(B, 1)`` after a step of rudder rate ``action`` in [-1, 1]."""
@@ -258,7 +258,7 @@ class Corvette:
     def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """(v, r, psi, u) one step on under ``u = (rudder, commanded yaw rate)``."""
         control = np.repeat(u[..., :1], 2, axis=-1)
-        after = corvette_step(self.placed(x), control, flow, self._nominal, self.dt, 1)
+        after = corvette_step(self._placed(x), control, flow, self._nominal, self.dt, 1)
         moved = np.empty(after.shape[:-1] + (4,)) if out is None else out
         moved[...] = after[..., [4, 5, 2, 3]]
         return moved

@@ -35,10 +35,6 @@ class WholeState:
         """All of the state."""
         return self.state_names
 
-    def placed(self, x: np.ndarray) -> np.ndarray:
-        """The state out of what filters estimate, which is the same."""
-        return x
-
     @property
     def process_sd(self) -> np.ndarray:
         """The models leave out nothing."""
