@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
+from agents.reproduction.planar_puna import PlanarPuna, planar_derivative
 from estimators import Gaussian, LinearModel, make, zero_order_hold
 from vessel_gym.core import Core
 from vessel_gym.envs.sigma_corvette import SIGMA_CORVETTE
 from vessel_gym.guidance.dubins import lengths
 from vessel_gym.vehicles.files import load
-from vessel_gym.vehicles.planar_puna import PlanarPuna, planar_derivative
 from vessel_gym.vehicles.puna import trim
 
 ROOT = Path(__file__).parents[1]

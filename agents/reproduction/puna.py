@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from agents.cells import Cell
+from agents.reproduction.planar_puna import MISSILE, PlanarPuna, planar_derivative
 from agents.reproduction.settings import puna as paper
 from estimators import Filter, Gaussian, make, rmse, wrap
 from vessel_gym.guidance.dubins import WORDS, Path, approach, candidates, lengths, plan, shortest, word_path
 from vessel_gym.guidance.words import chain
 from vessel_gym.vehicles.files import load
-from vessel_gym.vehicles.planar_puna import MISSILE, PlanarPuna, planar_derivative
 from vessel_gym.vehicles.puna import PunaParameters, trim
 
 PLANE = PlanarPuna()

@@ -7,13 +7,13 @@ import pytest
 from scipy.integrate import solve_ivp
 from sensing import forcing, sensors_of, without_a_filter
 
+from agents.reproduction.planar_puna import MISSILE, PlanarPuna, planar_derivative
 from estimators import Gaussian, make, wrap
 from vessel_gym.composition import Composition, compose
 from vessel_gym.core import Core
 from vessel_gym.disturbances import Air
 from vessel_gym.envs.puna_uav import PUNA_UAV
 from vessel_gym.vehicles.files import load
-from vessel_gym.vehicles.planar_puna import MISSILE, PlanarPuna, planar_derivative
 from vessel_gym.vehicles.point_mass import COEFFICIENTS, UNCERTAIN
 from vessel_gym.vehicles.puna import (
     STATE,

@@ -35,15 +35,8 @@ _KINDS = {
 needs is imported, because that compiles its equations of motion."""
 
 _ANGLES = (
-    "rudder_limit",
-    "rudder_rate",
-    "fin_limit",
-    "fin_rate",
-    "alpha_low",
-    "alpha_high",
-    "alpha_rate",
-    "bank_limit",
-)
+    "rudder_limit", "rudder_rate", "fin_limit", "fin_rate", "alpha_low", "alpha_high", "alpha_rate", "bank_limit",
+)  # fmt: skip
 """In rad, or with ``_deg`` after the name in degrees."""
 _BELOW_ZERO, _ABOVE_ONE = np.nextafter(0.0, -1.0), np.nextafter(1.0, 2.0)
 _POSITIVE = (0.0, np.inf, "a number above 0")
