@@ -132,9 +132,8 @@ class Sensor:
         for ends in self.range or ():
             pair = numbers(ends)
             if pair is None or pair.shape != (2,) or not pair[0] < pair[1]:
-                raise ValueError(
-                    f"range of {self.name} must have (least, greatest) for each channel, got {shown(self.range)}"
-                )
+                each = "(least, greatest) for each channel"
+                raise ValueError(f"range of {self.name} must have {each}, got {shown(self.range)}")
         if self.rate is not None:
             number(f"rate of {self.name}", self.rate, low=0.0, what="above 0 Hz, or None for one reading every step")
         if not callable(self.reads):
@@ -231,7 +230,7 @@ class Sensors:
         owner = np.repeat(np.arange(len(self.each)), sizes)
         self.owner = owner  # which sensor a channel belongs to
         self.size, self.uniforms = len(owner), 2 * len(self.each)
-        self._first = np.cumsum([0, *sizes])
+        self._own = [slice(end - size, end) for size, end in zip(sizes, np.cumsum(sizes).tolist(), strict=True)]
         self._loss, self._spoilt = owner, owner + len(self.each)  # which uniform is a channel's
         self.sd = np.array([sd for sensor in self.each for sd in sensor.sd])
         self._dropout = np.array([sensor.dropout for sensor in self.each])[owner]
@@ -243,7 +242,7 @@ class Sensors:
         self._lowest, self._highest = np.array(ranges, float).T
         self._bounded = bool(np.isfinite(self._lowest).any() or np.isfinite(self._highest).any())
         self._complete = not self._dropout.any() and bool((self._period == 1).all()) and not self._bounded
-        self.angles = tuple(int(first) + i for s, first in zip(self.each, self._first, strict=False) for i in s.angles)
+        self.angles = tuple(own.start + i for s, own in zip(self.each, self._own, strict=True) for i in s.angles)
         self.scale = np.array([x for s in self.each for x in (s.scale or (1.0,) * len(s.channels))])
         self.channels = tuple(channel for sensor in self.each for channel in sensor.channels)
         biased = [sensor.bias for sensor in self.each if sensor.bias is not None]
@@ -254,34 +253,27 @@ class Sensors:
                 raise ValueError(f"a bias is called {name!r}, as another component is: give it a name of its own")
         self.bias_shown = np.zeros((self.size, self.bias.size))
         self._biased: list[tuple[slice, slice]] = []
-        column = 0
-        for sensor, first in zip(self.each, self._first.tolist(), strict=False):
+        for sensor, own in zip(self.each, self._own, strict=True):
             if sensor.bias is not None:
-                k = len(sensor.bias.names)
-                self._biased.append((slice(first, first + k), slice(column, column + k)))
+                k, column = len(sensor.bias.names), self.bias_names.index(sensor.bias.names[0])
+                self._biased.append((slice(own.start, own.start + k), slice(column, column + k)))
                 self.bias_shown[self._biased[-1]] = np.eye(k)
-                column += len(sensor.bias.states)
         self.bias_scale = np.array([bias.scale for bias in biased for _ in bias.states])
         self._check()
 
     def _check(self) -> None:
-        rows = (2, 3)
-        state, forcing = np.zeros(rows + (len(self.state_names),)), np.zeros(rows + (len(self.forcing_names),))
+        state, forcing = (np.zeros((2, 3, len(names))) for names in (self.state_names, self.forcing_names))
         for sensor in self.each:
-            expected = rows + (len(sensor.channels),)
+            who, expected = f"reads of {sensor.name}", (2, 3, len(sensor.channels))
             try:
                 with np.errstate(all="ignore"):
                     got = np.asarray(sensor.reads(state, forcing), float).shape
             except Exception as error:
-                raise ValueError(
-                    f"reads of {sensor.name} failed on states of shape {state.shape}: {shown(str(error))}"
-                ) from error
+                raise ValueError(f"{who} failed on states of shape {state.shape}: {shown(str(error))}") from error
             if got != expected:
-                raise ValueError(
-                    f"reads of {sensor.name} must give {len(sensor.channels)} values for each state: {state.shape} "
-                    f"gave {got}, expected {expected}"
-                )
-            for name in (*(sensor.gives or ()),):
+                values = f"{expected[-1]} values for each state"
+                raise ValueError(f"{who} must give {values}: {state.shape} gave {got}, expected {expected}")
+            for name in sensor.gives or ():
                 if name is not None and name not in self.state_names + self.forcing_names:
                     raise ValueError(unknown(f"state that {sensor.name} gives", name, self.state_names))
 
@@ -326,8 +318,8 @@ class Sensors:
         available = (uniforms[:, self._loss] >= self._dropout) & (steps[:, None] % self._period == 0)
         if self._bounded:
             seen = (exact >= self._lowest) & (exact <= self._highest)
-            for first, last in zip(self._first[:-1], self._first[1:], strict=True):
-                available[:, first:last] &= seen[:, first:last].all(-1, keepdims=True)
+            for own in self._own:
+                available[:, own] &= seen[:, own].all(-1, keepdims=True)
         available &= np.isfinite(readings)
         return np.where(available, readings, 0.0), available
 
@@ -341,13 +333,10 @@ class Sensors:
     def states_from(self, readings: np.ndarray) -> dict[str, np.ndarray]:
         """States, and parts of the forcing, that are to be had from readings ``(..., p)`` alone, ``(...)`` by name."""
         known: dict[str, np.ndarray] = {}
-        for sensor, first in zip(self.each, self._first, strict=False):
-            own = readings[..., first : first + len(sensor.channels)]
-            for i, name in enumerate(sensor.gives or ()):
-                if name is not None:
-                    known[name] = own[..., i]
+        for sensor, own in zip(self.each, self._own, strict=True):
+            known.update((name, readings[..., i]) for i, name in enumerate(sensor.gives or (), own.start) if name)
             if sensor.inverse is not None:
-                known.update(sensor.inverse(own, known))
+                known.update(sensor.inverse(readings[..., own], known))
         return known
 
     def check_informs(self, others: Iterable[str]) -> None:
@@ -376,8 +365,7 @@ class Sensors:
             ValueError: if a sensor informs none of them.
         """
         mask = np.zeros((len(names), self.size))
-        for sensor, first in zip(self.each, self._first, strict=False):
-            own = slice(first, first + len(sensor.channels))
+        for sensor, own in zip(self.each, self._own, strict=True):
             if sensor.informs is None:
                 mask[:, own] = depends()[:, own]
                 continue
