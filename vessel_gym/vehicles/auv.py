@@ -23,7 +23,7 @@ from vessel_gym.vehicles.hydrodynamics import (
     fin_lift,
     munk_moment,
 )
-from vessel_gym.vehicles.integration import advanced
+from vessel_gym.vehicles.integration import Kernel, advanced
 from vessel_gym.vehicles.whole_state import WholeState
 
 _FACTORS = {
@@ -272,7 +272,7 @@ class AUV(WholeState, ABC):
     substeps: int = 2
 
     parameter_names: ClassVar[tuple[str, ...]]
-    kernels: ClassVar[tuple[np.ufunc, np.ufunc]]
+    kernels: ClassVar[tuple[Kernel, Kernel]]
     """Of the equations of motion: a step of a state, and of many under one control."""
     action_names: ClassVar[tuple[str, ...]]
     sensors: ClassVar[tuple[Sensor, ...]]
