@@ -1,6 +1,7 @@
-"""Compiled kernels, cached on disk, safe when many processes start at once."""
+"""Compiled kernels: compiled when they are first called, cached on disk, safe when many processes start at once."""
 
 import atexit
+import gc
 import os
 import shutil
 import stat
@@ -8,42 +9,71 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, partial, update_wrapper
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+import llvmlite
+import numba
 import numpy as np
 from filelock import FileLock, Timeout
 from numba import guvectorize, njit
 from numba.core import config, event
 
 _PATIENCE = 2.0  # seconds; whoever only loads kernels holds the lock for less
+_KEPT = 4  # folders of kernels; older ones are those of sources that have changed since
+
+_settings: dict[str, Any] = vars(config)  # Numba's
+
+_Function = Callable[..., Any]
 
 
-def gufunc(signature: str, layout: str) -> Callable[[Callable[..., None]], Any]:
-    """Compile a scalar kernel to a NumPy generalised ufunc, once for all processes; who compiles says so once.
-
-    Numba caches a gufunc as two files, kernel and wrapper. Processes that compile the same one
-    at the same time mix theirs, and every later process that loads such a pair crashes: so only one
-    compiles, and the others wait and load.
+def gufunc(signature: str, layout: str) -> Callable[[_Function], Any]:
+    """Compile a scalar kernel to a NumPy generalised ufunc, `lazy`.
 
     Args:
         signature: Numba's, e.g. ``"void(float64[:], float64[:])"``.
         layout: NumPy's, e.g. ``"(n)->(n)"``.
     """
+    return lazy(lambda kernel: guvectorize([signature], layout, nopython=True, cache=True)(kernel).ufunc)
 
-    def decorate(kernel: Callable[..., None]) -> Any:
-        with _alone(), event.install_listener("numba:run_pass", _Announcement()):
-            return guvectorize([signature], layout, nopython=True, cache=True)(kernel).ufunc
+
+def lazy(compiler: Callable[[_Function], _Function]) -> Callable[[_Function], Any]:
+    """Compile a function when it is first called, once for all processes; who compiles says so once.
+
+    Numba caches a kernel as several files. Processes that compile the same one at the same time mix theirs, and every
+    later process that loads such files crashes: so only one compiles, and the others wait and load.
+
+    Args:
+        compiler: Compiles a function, all of it at once, with Numba's cache on.
+    """
+
+    def decorate(function: _Function) -> Any:
+        def first(*args: Any, **kwargs: Any) -> Any:
+            with _alone(), event.install_listener("numba:run_pass", _Announcement()):
+                compiled = compiler(function)
+            kernel.__setstate__((compiled, (), {}, kernel.__dict__))
+            return compiled(*args, **kwargs)
+
+        kernel: Any = update_wrapper(_Kernel(first), function)
+        return kernel
 
     return decorate
+
+
+class _Kernel(partial[Any]):
+    """What calls a function that can be exchanged, in C: a method of Python's would cost several times as much."""
+
+    def __reduce__(self) -> str:
+        return str(vars(self)["__qualname__"])  # pickles find it in its module
 
 
 class _Announcement(event.Listener):
     """Tells of the first pass of a compiler in this process; a kernel that is loaded needs none."""
 
     def on_start(self, event: Any) -> None:
-        _say("compiling its equations, this once: it takes some 20 s")
+        _say("compiling its equations, this once: it takes some 10 s")
 
     def on_end(self, event: Any) -> None:
         """Nothing to tell."""
@@ -51,16 +81,22 @@ class _Announcement(event.Listener):
 
 @contextmanager
 def _alone() -> Iterator[None]:
-    """No other process compiles meanwhile."""
-    lock = FileLock(_FOLDER / "vessel-gym-compiling.lock")
+    """No other process compiles meanwhile, Numba's cache is our folder, and no garbage is collected: a tenth faster."""
+    lock = FileLock(_folder() / "lock")
     try:
         lock.acquire(timeout=_PATIENCE)
     except Timeout:
         _say("waiting for another process, which compiles its equations")
         lock.acquire()
+    chosen, collecting = _settings["CACHE_DIR"], gc.isenabled()
+    gc.disable()
     try:
+        _settings["CACHE_DIR"] = str(_current(_folder()))
         yield
     finally:
+        _settings["CACHE_DIR"] = chosen
+        if collecting:
+            gc.enable()
         lock.release()
 
 
@@ -71,49 +107,58 @@ def _say(text: str) -> None:
         print(f"vessel_gym: {text}", file=sys.stderr, flush=True)
 
 
-def _cache_folder() -> Path:
-    """Where Numba keeps kernels: beside the code, else in the user's home, else in a temporary folder of the user's."""
-    try:
-        return _numbas_folder()
-    except RuntimeError:  # neither can be written
-        config.CACHE_DIR = str(_private_folder())  # type: ignore[attr-defined]  # which Numba sets by name
-        return _numbas_folder()
+@cache
+def _current(folder: Path) -> Path:
+    """Where the kernels of these sources are, beside those of others, of which only the last are kept.
 
-
-def _numbas_folder() -> Path:
-    """Where Numba keeps the kernels of this file."""
-
-    def probe() -> None:
-        """Never compiled."""
-
-    return Path(str(njit(cache=True)(probe).stats.cache_path))
-
-
-def _private_folder() -> Path:
-    """A temporary folder that nobody else can write to: what is cached there is executed.
-
-    The same in every process of a user; but if somebody else has taken its name, a new one that goes with the process.
+    Numba itself knows only the file that a kernel stands in, not those of functions that are compiled into it.
     """
-    user = os.getuid() if hasattr(os, "getuid") else None  # None: each user has a place for temporaries, as on Windows
-    folder = Path(tempfile.gettempdir()) / f"vessel-gym-{user}"
-    try:
-        folder.mkdir(mode=0o700, exist_ok=True)
-        found = folder.lstat()
-        if user is None or (stat.S_ISDIR(found.st_mode) and found.st_uid == user and not found.st_mode & 0o022):
+    digest = sha256(f"{sys.version} {np.__version__} {numba.__version__} {llvmlite.__version__}".encode())
+    for path in sorted(Path(__file__).parent.rglob("*.py")):
+        source = path.read_bytes()
+        if b"numba" in source or b"vessel_gym.compiled" in source:
+            digest.update(source)
+    current = folder / digest.hexdigest()[:16]
+    current.mkdir(exist_ok=True)
+    os.utime(current)
+    for old in sorted((each for each in folder.iterdir() if each.is_dir()), key=os.path.getmtime)[:-_KEPT]:
+        shutil.rmtree(old, ignore_errors=True)
+    return current
+
+
+@cache
+def _folder() -> Path:
+    """Where kernels are kept: where Numba is told to, beside the code, in the user's home or among temporary files."""
+    chosen, beside = _settings["CACHE_DIR"], os.path.join(os.path.dirname(__file__), "__pycache__")
+    homes = os.environ.get("XDG_CACHE_HOME", ""), os.path.expanduser("~/.cache")
+    for place in (chosen and os.path.abspath(chosen), os.path.abspath(beside), *homes, tempfile.gettempdir()):
+        if os.path.isabs(place) and (folder := _own(Path(place))):
             return folder
-    except OSError:
-        pass
     folder = Path(tempfile.mkdtemp(prefix="vessel-gym-"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return folder
 
 
-_FOLDER = _cache_folder()
+def _own(place: Path) -> Path | None:
+    """A folder that the user can write to and nobody else, as what is cached there is executed; None if there is none.
+
+    The same in every process of a user.
+    """
+    user = os.getuid() if hasattr(os, "getuid") else None  # None: folders are the user's own, as on Windows
+    folder = place / f"vessel-gym-{user}"
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        found = folder.lstat()
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError:
+        return None
+    safe = user is None or (stat.S_ISDIR(found.st_mode) and found.st_uid == user and not found.st_mode & 0o022)
+    return folder if safe else None
+
 
 inlined = njit(forceinline=True, error_model="numpy")
 """Compile a function into the kernels that call it, without tests for zero divisors: loops over it can then be
-compiled to vector instructions. Numba's cache knows a kernel's own file only: after a change to a function that
-another file's kernels inline, `make clean`."""
+compiled to vector instructions."""
 
 
 @inlined

@@ -8,6 +8,7 @@ from scipy.integrate import solve_ivp
 
 from vessel_gym.vehicles.corvette_equations import corvette_rates, corvette_step
 from vessel_gym.vehicles.files import load
+from vessel_gym.vehicles.integration import Kernel
 from vessel_gym.vehicles.itsunusa import itsunusa_rates, itsunusa_step, itsunusa_steps
 from vessel_gym.vehicles.puna import puna_rates, puna_step, puna_steps
 from vessel_gym.vehicles.segorogeni import segorogeni_rates, segorogeni_step, segorogeni_steps
@@ -17,7 +18,7 @@ from vessel_gym.vehicles.segorogeni import segorogeni_rates, segorogeni_step, se
 class Case:
     """A vehicle in a hard manoeuvre, along which no velocity changes sign: v |v| has no second derivative there."""
 
-    kernels: tuple[np.ufunc, ...]  # rates, step and, where there is one, steps
+    kernels: tuple[Kernel, ...]  # rates, step and, where there is one, steps
     c: np.ndarray
     state: list[float]
     control: list[float]  # before and after

@@ -17,7 +17,20 @@ from dataclasses import replace
 import numpy as np
 from numba import njit
 
-from vessel_gym.guidance.words import Path, chain, checked, follow_on, numbers, pieces_of, relative, shortest, whole
+from estimators import wrap
+from vessel_gym.compiled import gufunc, lazy
+from vessel_gym.guidance.words import (
+    Path,
+    advance,
+    chain,
+    checked,
+    follow_on,
+    numbers,
+    pieces_of,
+    relative,
+    shortest,
+    whole,
+)
 
 _FULL = 2.0 * np.pi
 _HAIR = 1e-9  # turn radii that touches keep from edges, so that what touches one passes the check
@@ -40,12 +53,19 @@ class NoPath(ValueError):
 # --- what keeps clear -------------------------------------------------------------------------------
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
+def _put(row: np.ndarray, values: np.ndarray) -> None:
+    """Writes values to the beginning of a row; Numba takes a second to compile ``row[:] = values``."""
+    for k in range(len(values)):
+        row[k] = values[k]
+
+
+@njit(error_model="numpy")
 def _far(a: np.ndarray, b: np.ndarray) -> float:
     return np.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _straight_clear(x: float, y: float, cos: float, sin: float, length: float, discs: np.ndarray) -> bool:
     """Whether a straight keeps out of all discs."""
     for k in range(len(discs)):
@@ -57,7 +77,7 @@ def _straight_clear(x: float, y: float, cos: float, sin: float, length: float, d
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _arc_clear(x: float, y: float, heading: float, bend: float, angle: float, discs: np.ndarray) -> bool:
     """Whether an arc from a place that is clear, of radius ``bend`` (L positive), keeps out of all discs."""
     radius, side = abs(bend), 1.0 if bend > 0.0 else -1.0
@@ -76,7 +96,7 @@ def _arc_clear(x: float, y: float, heading: float, bend: float, angle: float, di
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _word_clear(pose: np.ndarray, word: int, pieces: tuple[float, float, float], discs: np.ndarray) -> bool:
     """Whether a word from a pose keeps out of all discs."""
     x, y, heading = pose[0], pose[1], pose[2]
@@ -93,7 +113,7 @@ def _word_clear(pose: np.ndarray, word: int, pieces: tuple[float, float, float],
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _join(a: np.ndarray, b: np.ndarray, discs: np.ndarray, limit: float) -> tuple[int, float, float]:
     """The shortest clear way from one touch to another below a limit.
 
@@ -120,7 +140,7 @@ def _join(a: np.ndarray, b: np.ndarray, discs: np.ndarray, limit: float) -> tupl
 # --- tangents and touches ---------------------------------------------------------------------------
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _circles(start: np.ndarray, goal: np.ndarray, turn: float, discs: np.ndarray, gaps: np.ndarray) -> np.ndarray:
     """Directed circles ``(4 + 2 m, 5)`` x, y, radius, side, kind: the turning circles of both poses, then the discs."""
     circles = np.empty((4 + 2 * len(discs), 5))
@@ -136,7 +156,7 @@ def _circles(start: np.ndarray, goal: np.ndarray, turn: float, discs: np.ndarray
     return circles
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _tangents(circles: np.ndarray, discs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The clear straights from one directed circle to another.
 
@@ -171,7 +191,7 @@ def _tangents(circles: np.ndarray, discs: np.ndarray) -> tuple[np.ndarray, np.nd
     return pairs[:count].copy(), lines[:count].copy()
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy", inline="always")
 def _gaps(discs: np.ndarray) -> np.ndarray:
     """What touches keep from each edge: a hair, or half of the narrowest gap to another circle if that is less."""
     gaps = np.full(len(discs), _HAIR)
@@ -183,14 +203,14 @@ def _gaps(discs: np.ndarray) -> np.ndarray:
     return gaps
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _set_touch(row: np.ndarray, disc: int, side: float, bearing: float, discs: np.ndarray, gaps: np.ndarray) -> None:
     reach = discs[disc, 2] + gaps[disc]
     row[0], row[1] = discs[disc, 0] + reach * np.cos(bearing), discs[disc, 1] + reach * np.sin(bearing)
     row[2], row[3], row[4], row[5] = bearing + side * 0.5 * np.pi, disc, side, bearing
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _outside(row: np.ndarray, discs: np.ndarray) -> bool:
     outside = True
     for k in range(len(discs)):
@@ -198,14 +218,15 @@ def _outside(row: np.ndarray, discs: np.ndarray) -> bool:
     return outside
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy", inline="always")
 def _touches(start: np.ndarray, goal: np.ndarray, discs: np.ndarray, gaps: np.ndarray, count: int) -> np.ndarray:
     """The nodes of the graph ``(n, 6)``: start, touches, goal."""
     m = len(discs)
     circles = _circles(start, goal, 1.0, discs, gaps)
     pairs, lines = _tangents(circles, discs)
     rows = np.empty((2 + 2 * len(pairs) + 2 * m * (count + m) + 8 * m * len(circles), 6))
-    rows[0, :3], rows[0, 3:] = start, _NOWHERE
+    rows[0, 3:] = _NOWHERE
+    _put(rows[0], start)
     n = 1
     for e in range(len(pairs)):
         for i in pairs[e]:
@@ -234,11 +255,12 @@ def _touches(start: np.ndarray, goal: np.ndarray, discs: np.ndarray, gaps: np.nd
             for side in (1.0, -1.0):
                 _set_touch(rows[n], k, side, bearing, discs, gaps)
                 n += _outside(rows[n], discs)
-    rows[n, :3], rows[n, 3:] = goal, _NOWHERE
+    rows[n, 3:] = _NOWHERE
+    _put(rows[n], goal)
     return rows[: n + 1].copy()
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _turning_on(circle: np.ndarray, apart: float, disc: np.ndarray, gap: float, sign: float) -> np.ndarray:
     """The bearings at which the turning circles touch a disc whose centres lie ``apart`` from that of a circle.
 
@@ -264,7 +286,7 @@ def _turning_on(circle: np.ndarray, apart: float, disc: np.ndarray, gap: float, 
 # --- the shortest way -------------------------------------------------------------------------------
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy", inline="always")
 def _search(nodes: np.ndarray, discs: np.ndarray, limit: float) -> np.ndarray:
     """The rows of ``nodes`` on the shortest way from the first to the last below a limit, by A*; none if there is none.
 
@@ -316,11 +338,12 @@ def _search(nodes: np.ndarray, discs: np.ndarray, limit: float) -> np.ndarray:
         v, count = before[v], count + 1
     found, v = np.empty((count, 6)), last
     for i in range(count - 1, -1, -1):
-        found[i], v = nodes[v], before[v]
+        _put(found[i], nodes[v])
+        v = before[v]
     return found
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _taut(way: np.ndarray, discs: np.ndarray) -> np.ndarray:
     """The way without the touches that it is no longer without."""
     i = 1
@@ -333,7 +356,7 @@ def _taut(way: np.ndarray, discs: np.ndarray) -> np.ndarray:
     return way
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _legs(way: np.ndarray, i: int, j: int, discs: np.ndarray, limit: float) -> float:
     """The length of the way from touch i to touch j, or something above the limit."""
     length = 0.0
@@ -344,7 +367,7 @@ def _legs(way: np.ndarray, i: int, j: int, discs: np.ndarray, limit: float) -> f
     return length
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy", inline="always")
 def _follow(way: np.ndarray, i: int, j: int, discs: np.ndarray, gaps: np.ndarray, limit: float) -> float:
     """Set touch j so that an arc through it goes over into one through its neighbour i without a straight between.
 
@@ -362,12 +385,13 @@ def _follow(way: np.ndarray, i: int, j: int, discs: np.ndarray, gaps: np.ndarray
             if _outside(way[j], discs):
                 length = _legs(way, first, last, discs, least)
                 if length < least:
-                    least, best[:] = length, way[j]
-    way[j] = best
+                    least = length
+                    _put(best, way[j])
+    _put(way[j], best)
     return least if least < limit else np.inf
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy", inline="always")
 def _slide(way: np.ndarray, discs: np.ndarray, gaps: np.ndarray, step: float) -> None:
     """Move the touches along their edges until no slide of `_SLIDE` shortens the way.
 
@@ -383,7 +407,7 @@ def _slide(way: np.ndarray, discs: np.ndarray, gaps: np.ndarray, step: float) ->
                 first, last = min(i, j) - 1, max(i, j) + 1
                 limit = _legs(way, first, last, discs, np.inf) * (1.0 - 1e-12)
                 for sign in (1.0, -1.0):
-                    row[:] = way[i]
+                    _put(row, way[i])
                     _set_touch(way[i], int(row[3]), row[4], row[5] + sign * step, discs, gaps)
                     if _outside(way[i], discs):
                         if j == i:
@@ -393,19 +417,19 @@ def _slide(way: np.ndarray, discs: np.ndarray, gaps: np.ndarray, step: float) ->
                         if length < limit:
                             better, limit = True, length
                             break
-                    way[i] = row
+                    _put(way[i], row)
         if not better:
             step *= 0.5
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy", inline="always")
 def _meet(a: np.ndarray, b: np.ndarray, discs: np.ndarray, step: float) -> bool:
     """Whether the way between touches turns both ways with so short a straight between that a step could close it."""
     how = _join(a, b, discs, np.inf)[0]
     return (how == 1 or how == 2) and pieces_of(how, relative(a, b, 1.0))[1] ** 2 < 4.0 * step
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy", inline="always")
 def _pieces(way: np.ndarray, discs: np.ndarray) -> np.ndarray:
     """Curvatures and lengths ``(k, 2)`` of a way, successive ones of one curvature joined."""
     pieces, count = np.zeros((1 + 3 * len(way), 2)), 0
@@ -415,7 +439,7 @@ def _pieces(way: np.ndarray, discs: np.ndarray) -> np.ndarray:
         if how == _ALONG:
             sides[0] = way[i, 4] / _far(way[i], discs[int(way[i, 3])])
         else:
-            sides[:], parts = _SIDES[how], pieces_of(how, relative(way[i], way[i + 1], 1.0))
+            sides, parts = _SIDES[how], pieces_of(how, relative(way[i], way[i + 1], 1.0))
         for k in range(3):
             if parts[k] > 0.0:
                 count += pieces[count, 1] > 0.0 and pieces[count, 0] != sides[k]
@@ -427,14 +451,15 @@ def _pieces(way: np.ndarray, discs: np.ndarray) -> np.ndarray:
 # --- the string -------------------------------------------------------------------------------------
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy", inline="always")
 def _string(start: np.ndarray, goal: np.ndarray, discs: np.ndarray) -> float:
     """The length of the shortest way that may bend as sharply as it likes; infinite where there is none.
 
     The discs are smaller by a hair or two here: poses may lie on their edge, and no rounding closes a gap.
     """
     discs = discs.copy()
-    discs[:, 2] = np.maximum(discs[:, 2] - 2.0 * _HAIR, 0.0)
+    for disc in discs:
+        disc[2] = max(disc[2] - 2.0 * _HAIR, 0.0)
     circles = _circles(start, goal, 0.0, discs, np.full(len(discs), _HAIR))
     pairs, lines = _tangents(circles, discs)
     e = len(pairs)
@@ -446,7 +471,9 @@ def _string(start: np.ndarray, goal: np.ndarray, discs: np.ndarray) -> float:
     order = np.argsort(owner * 7.0 + turned)
     arcs, angles = _arcs(circles, discs, owner[order], turned[order])
     way = np.full(2 * e, np.inf)
-    way[:e][pairs[:, 0] < 2] = 0.0
+    for i in range(e):
+        if pairs[i, 0] < 2:
+            way[i] = 0.0
     changed = True
     while changed:  # Bellman and Ford
         changed = False
@@ -467,7 +494,7 @@ def _string(start: np.ndarray, goal: np.ndarray, discs: np.ndarray) -> float:
     return least
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy", inline="always")
 def _arcs(
     circles: np.ndarray, discs: np.ndarray, owner: np.ndarray, turned: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -505,10 +532,14 @@ def _arcs(
 # --- the check --------------------------------------------------------------------------------------
 
 
-@njit(cache=True, error_model="numpy")
-def _approach(segments: np.ndarray, points: np.ndarray) -> np.ndarray:
-    nearest = np.full(len(points), np.inf)
-    for x, y, heading, curvature, length in segments:
+@gufunc("void(float64[:, :], float64[:, :], float64[:])", "(k,s),(m,p)->(m)")
+def _approach(segments: np.ndarray, points: np.ndarray, nearest: np.ndarray) -> None:
+    for k in range(len(points)):
+        nearest[k] = np.inf
+    for i in range(len(segments)):
+        x, y, heading, curvature, length = (
+            segments[i, 0], segments[i, 1], segments[i, 2], segments[i, 3], segments[i, 4],
+        )  # fmt: skip
         cos, sin = np.cos(heading), np.sin(heading)
         ex, ey, _ = follow_on(length, x, y, heading, curvature)
         for k in range(len(points)):
@@ -517,14 +548,13 @@ def _approach(segments: np.ndarray, points: np.ndarray) -> np.ndarray:
             if curvature == 0.0:
                 distance = np.hypot(ahead - min(max(ahead, 0.0), length), left)
             else:
-                radius, side = 1.0 / abs(curvature), 1.0 if curvature > 0.0 else -1.0
+                radius, side = 1.0 / max(abs(curvature), 1e-300), 1.0 if curvature > 0.0 else -1.0
                 beside = radius - side * left  # from the point to the centre
                 if np.arctan2(ahead, beside) % _FULL * radius <= length:
                     distance = abs(np.hypot(ahead, beside) - radius)
                 else:
                     distance = min(np.hypot(dx, dy), np.hypot(points[k, 0] - ex, points[k, 1] - ey))
             nearest[k] = min(nearest[k], distance)
-    return nearest
 
 
 def approach(path: Path, points: np.ndarray) -> np.ndarray:
@@ -534,40 +564,49 @@ def approach(path: Path, points: np.ndarray) -> np.ndarray:
         path: The path.
         points: x, y [m].
     """
-    return _approach(path.segments, np.asarray(points, float))
+    return _approach(path.segments, points)
 
 
-@njit(cache=True, error_model="numpy")
 def _sound(segments: np.ndarray, goal: np.ndarray, radius: float, discs: np.ndarray) -> bool:
     """Whether a path ends at the goal, turns no tighter than the radius and keeps out of all discs."""
-    x, y, heading, curvature, length = segments[-1]
-    x, y, heading = follow_on(length, x, y, heading, curvature)
-    turn = abs(whole(heading - goal[2] + np.pi) - np.pi)
-    size = radius + max(abs(goal[0]), abs(goal[1])) + segments[:, 4].sum()
-    arrives = max(abs(x - goal[0]), abs(y - goal[1]), radius * turn) <= 1e-9 * size
+    last = segments[-1]
+    off = advance(last[:3], last[3], last[4]) - goal
+    off[2] = radius * wrap(off[2])
+    size = radius + np.abs(goal[:2]).max() + segments[:, 4].sum()
     bends = np.abs(segments[:, 3]).max() * radius <= 1.0 + 1e-12
-    return bool(arrives and bends and (_approach(segments, discs[:, :2]) >= discs[:, 2]).all())
+    return bool(np.abs(off).max() <= 1e-9 * size and bends and (_approach(segments, discs[:, :2]) >= discs[:, 2]).all())
 
 
 # --- planning ---------------------------------------------------------------------------------------
+
+
+@lazy(
+    njit(
+        "Tuple((float64, float64[:, ::1]))(float64[::1], float64[::1], float64[:, ::1], int64, float64)",
+        cache=True, error_model="numpy",
+    )
+)  # fmt: skip
+def _way(start: np.ndarray, goal: np.ndarray, discs: np.ndarray, count: int, limit: float) -> tuple[float, np.ndarray]:
+    """A lower bound and the curvatures and lengths ``(k, 2)`` of a way below a limit, if any, all in turn radii."""
+    bound = _string(start, goal, discs)
+    if bound == np.inf:
+        return bound, np.empty((0, 2))
+    gaps = _gaps(discs)
+    way = _search(_touches(start, goal, discs, gaps, count), discs, limit)
+    if len(way):
+        way = _taut(way, discs)
+        _slide(way, discs, gaps, np.pi / count)
+        way = _taut(way, discs)
+    return bound, _pieces(way, discs)
 
 
 def _detour(
     start: np.ndarray, goal: np.ndarray, radius: float, obstacles: np.ndarray, count: int, limit: float
 ) -> tuple[float, np.ndarray]:
     """A lower bound [m] and the curvatures [1/m] and lengths [m] ``(k, 2)`` of a way below a limit [m], if any."""
-    discs = (obstacles - [*start[:2], 0.0]) / radius
-    from_, to = np.array([0.0, 0.0, start[2]]), (goal - [*start[:2], 0.0]) / [radius, radius, 1.0]
-    bound = _string(from_, to, discs)
-    if bound == np.inf:
-        return bound, np.empty((0, 2))
-    gaps = _gaps(discs)
-    way = _search(_touches(from_, to, discs, gaps, count), discs, limit / radius)
-    if len(way):
-        way = _taut(way, discs)
-        _slide(way, discs, gaps, np.pi / count)
-        way = _taut(way, discs)
-    pieces = _pieces(way, discs)
+    origin = [start[0], start[1], 0.0]
+    discs, to = np.ascontiguousarray((obstacles - origin) / radius), (goal - origin) / [radius, radius, 1.0]
+    bound, pieces = _way(np.array([0.0, 0.0, start[2]]), to, discs, count, limit / radius)
     return bound * radius, pieces * [1.0 / radius, radius]
 
 
@@ -594,7 +633,7 @@ def plan(start: np.ndarray, goal: np.ndarray, radius: float, obstacles: np.ndarr
     start, goal, _ = checked(start, goal, radius)
     discs = _discs(obstacles, margin)
     for name, pose in (("start", start), ("goal", goal)):
-        if not _outside(pose, discs):
+        if (np.square(discs[:, :2] - pose[:2]).sum(-1) < np.square(discs[:, 2])).any():
             depth = discs[:, 2] - np.hypot(discs[:, 0] - pose[0], discs[:, 1] - pose[1])
             raise ValueError(
                 f"the {name} is {depth.max():.6g} m inside obstacle {depth.argmax()} or its margin: move the {name} or "

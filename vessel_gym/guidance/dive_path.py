@@ -22,13 +22,13 @@ def course_to(goal: np.ndarray) -> np.ndarray:
     return np.stack([2.0 * half, chord / np.sinc(half / np.pi), goal[..., 2]], -1)
 
 
-@njit(cache=True)
+@njit()
 def _curvature(angle: float, length: float) -> float:
     curvature = angle / length
     return curvature if abs(curvature) > _STRAIGHT else _STRAIGHT
 
 
-@njit(cache=True)
+@njit()
 def _point(s: float, curvature: float, length: float, depth: float) -> tuple[float, float, float, float, float]:
     """Position, heading and slope (depth per metre in plan) of the path at ``s`` metres in plan."""
     on = min(max(s, 0.0), length)

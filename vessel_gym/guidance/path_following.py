@@ -24,7 +24,7 @@ _FAR = 1e6  # m: what is farther off is treated as this far, so that nothing ove
 _FULL = 2.0 * np.pi
 
 
-@njit(cache=True)
+@njit()
 def _closest(x: float, y: float, curvature: float, low: float, high: float) -> float:
     """Arc length in [low, high] of the point closest to (x ahead, y to the side of positive curvature) of a segment."""
     if curvature == 0.0:

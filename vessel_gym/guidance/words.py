@@ -30,20 +30,20 @@ _NONE = (np.inf, np.inf, np.inf)
 # --- the words, for a start at the origin heading along +x and a radius of 1 ------------------------
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def whole(angle: float) -> float:
     """An angle modulo a full turn, in [0, 2 pi]; many times faster than ``%``."""
     return max(angle - _FULL * np.floor(angle / _FULL), 0.0)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _turn(angle: float) -> float:
     """The angle in [0, 2 pi), where a hair below a full turn is none: headings that agree need no circle."""
     angle = whole(angle)
     return 0.0 if angle > _FULL - 1e-11 else angle
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _lsl(x: float, y: float, a: float, sin: float, cos: float, hair: float) -> tuple[float, float, float]:
     """First arc, straight and last arc of LSL to the pose (x, y, a); errors below a hair are rounding."""
     dx, dy = x - sin, y + cos - 1.0  # from the centre of the first arc to that of the last
@@ -56,7 +56,7 @@ def _lsl(x: float, y: float, a: float, sin: float, cos: float, hair: float) -> t
     return whole(heading), np.hypot(dx, dy), whole(a - heading)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _lsr(x: float, y: float, a: float, sin: float, cos: float, hair: float) -> tuple[float, float, float]:
     """First arc, straight and last arc of LSR; infinite where the two circles overlap."""
     dx, dy = x + sin, y - cos - 1.0
@@ -73,7 +73,7 @@ def _lsr(x: float, y: float, a: float, sin: float, cos: float, hair: float) -> t
     return whole(heading), straight, whole(heading - a)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _lrl(x: float, y: float, a: float, sin: float, cos: float, hair: float) -> tuple[float, float, float]:
     """The three arcs of LRL, the middle one of half a turn or more; infinite where no circle fits between.
 
@@ -100,7 +100,7 @@ def _lrl(x: float, y: float, a: float, sin: float, cos: float, hair: float) -> t
     return whole(heading + half), 2.0 * half, whole(a - heading + half)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def relative(start: np.ndarray, goal: np.ndarray, radius: float) -> tuple[float, float, float, float, float, float]:
     """The goal seen from the start: x and y in units of the radius, heading, its sine and cosine, what is rounding."""
     dx, dy = (goal[0] - start[0]) / radius, (goal[1] - start[1]) / radius
@@ -109,7 +109,7 @@ def relative(start: np.ndarray, goal: np.ndarray, radius: float) -> tuple[float,
     return dx * cos + dy * sin, dy * cos - dx * sin, a, np.sin(a), np.cos(a), hair
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def pieces_of(word: int, seen: tuple[float, float, float, float, float, float]) -> tuple[float, float, float]:
     """The three lengths of a word of `WORDS` to a goal that is seen so; a word that begins with R is its mirror's."""
     x, y, a, sin, cos, hair = seen
@@ -123,17 +123,6 @@ def pieces_of(word: int, seen: tuple[float, float, float, float, float, float]) 
 
 
 @gufunc(
-    "void(float64[:], float64[:], float64, float64[:], float64[:])",
-    "(n),(n),(),(w)->(w)",
-)
-def _word_lengths(start: np.ndarray, goal: np.ndarray, radius: float, order: np.ndarray, out: np.ndarray) -> None:
-    seen = relative(start, goal, radius)
-    for word in range(len(order)):
-        t, p, q = pieces_of(word, seen)
-        out[word] = (t + p + q) * radius
-
-
-@gufunc(
     "void(float64[:], float64[:], float64, float64[:], float64[:, :])",
     "(n),(n),(),(w)->(w,n)",
 )
@@ -143,7 +132,7 @@ def _word_pieces(start: np.ndarray, goal: np.ndarray, radius: float, order: np.n
         out[word, 0], out[word, 1], out[word, 2] = pieces_of(word, seen)
 
 
-@njit(cache=True)
+@njit()
 def follow_on(s: float, x: float, y: float, heading: float, curvature: float) -> tuple[float, float, float]:
     """The pose ``s`` metres on from a pose."""
     half = 0.5 * curvature * s
@@ -151,14 +140,14 @@ def follow_on(s: float, x: float, y: float, heading: float, curvature: float) ->
     return x + chord * np.cos(heading + half), y + chord * np.sin(heading + half), heading + 2.0 * half
 
 
-@njit(cache=True)
-def _chained(start: np.ndarray, curvatures: np.ndarray, lengths: np.ndarray) -> np.ndarray:
-    rows = np.empty((len(lengths), 5))
+@gufunc("void(float64[:], float64[:], float64[:], float64[:], float64[:, :])", "(n),(k),(k),(w)->(k,w)")
+def _chained(
+    start: np.ndarray, curvatures: np.ndarray, lengths: np.ndarray, room: np.ndarray, rows: np.ndarray
+) -> None:
     x, y, heading = start[0], start[1], start[2]
     for k in range(len(lengths)):
         rows[k, 0], rows[k, 1], rows[k, 2], rows[k, 3], rows[k, 4] = x, y, heading, curvatures[k], lengths[k]
         x, y, heading = follow_on(lengths[k], x, y, heading, curvatures[k])
-    return rows
 
 
 # --- paths ------------------------------------------------------------------------------------------
@@ -238,7 +227,7 @@ def chain(start: np.ndarray, curvatures: np.ndarray, lengths: np.ndarray) -> Pat
     kept = lengths > 0.0
     if not kept.any():
         return Path(np.array([[*start, 0.0, 0.0]]))
-    return Path(_chained(np.asarray(start, float), curvatures[kept], lengths[kept]))
+    return Path(_chained(start, curvatures[kept], lengths[kept], np.empty(5)))
 
 
 # --- shortest paths ---------------------------------------------------------------------------------
@@ -258,7 +247,8 @@ def lengths(start: np.ndarray, goal: np.ndarray, radius: np.ndarray | float) -> 
         ValueError: for poses that are not finite or a radius that is not positive.
     """
     start, goal, radius = checked(start, goal, radius)
-    return _word_lengths(start, goal, radius, _ORDER)
+    pieces = _word_pieces(start, goal, radius, _ORDER)
+    return (pieces[..., 0] + pieces[..., 1] + pieces[..., 2]) * radius[..., None]
 
 
 def candidates(start: np.ndarray, goal: np.ndarray, radius: float) -> dict[str, float]:

@@ -22,6 +22,7 @@ from vessel_gym.compiled import inlined
 Numbers = tuple[float, ...]
 Rates = Callable[[Numbers, Numbers, Numbers, np.ndarray], Numbers]
 Blank = tuple[Numbers, Numbers, Numbers]
+Kernel = Callable[..., np.ndarray]
 
 RATES = "void(float64[:], float64[:], float64[:], float64[:], float64[:])", "(n),(a),(f),(k)->(n)"
 """State, actuators, flow and coefficients to the rates of the state."""
@@ -42,7 +43,7 @@ def blank(state: int, actuators: int, flow: int) -> Blank:
 
 
 def advanced(
-    step: np.ufunc, steps: np.ufunc, state: np.ndarray, control: np.ndarray, flow: np.ndarray, c: np.ndarray,
+    step: Kernel, steps: Kernel, state: np.ndarray, control: np.ndarray, flow: np.ndarray, c: np.ndarray,
     dt: float, substeps: int, out: np.ndarray | None = None,
 ) -> np.ndarray:  # fmt: skip
     """States ``(..., n)`` after a step, by ``steps`` where they share control and coefficients, as an ensemble does.
@@ -61,8 +62,8 @@ def advanced(
     if state.ndim > 1 and control.shape[-2:-1] == (1,) and c.ndim == 1:
         if flow.shape[:-1] != state.shape[:-1]:
             flow = np.broadcast_to(flow, state.shape[:-1] + flow.shape[-1:])
-        return steps(state, control[..., 0, :], flow, c, dt, substeps, out=out)
-    return step(state, control, flow, c, dt, substeps, out=out)
+        return steps(state, control[..., 0, :], flow, c, dt, substeps, out)
+    return step(state, control, flow, c, dt, substeps, out)
 
 
 # --- tuples, half by half: loops over their numbers would stay loops in the compiled code, and slow -----

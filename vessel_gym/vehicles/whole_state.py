@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from vessel_gym.sensors import columns
-from vessel_gym.vehicles.integration import advanced
+from vessel_gym.vehicles.integration import Kernel, advanced
 
 
 class WholeState:
@@ -25,7 +25,7 @@ class WholeState:
     kicked: ClassVar[tuple[str, ...]]
     flows: ClassVar[tuple[str, ...]]
     cruise: Any
-    kernels: ClassVar[tuple[np.ufunc, np.ufunc]]
+    kernels: ClassVar[tuple[Kernel, Kernel]]
     """Of the equations of motion: a step of a state, and of many under one control."""
     carried: ClassVar[np.ndarray | None] = None
     kinds: ClassVar[tuple[str, ...]] = ("nonlinear",)
