@@ -315,15 +315,9 @@ class Flight(Task):
         return tally
 
     def score(
-        self,
-        state: np.ndarray,
-        forcing: np.ndarray,
-        reference: np.ndarray,
-        over: np.ndarray,
-        actuators: np.ndarray,
-        action: np.ndarray,
-        tally: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        self, state: np.ndarray, forcing: np.ndarray, reference: np.ndarray, over: np.ndarray, actuators: np.ndarray,
+        action: np.ndarray, tally: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
         """Reward in [0, 1], end of the episode ``(B,)`` and tally ``(B, 4)``: the only reader of truth.
 
         Every metre of the path pays once, when it is first covered, and the more the closer the aircraft is to the path

@@ -162,15 +162,9 @@ class Task:
         return np.zeros((len(state), 0))
 
     def score(
-        self,
-        state: np.ndarray,
-        forcing: np.ndarray,
-        reference: np.ndarray,
-        over: np.ndarray,
-        actuators: np.ndarray,
-        action: np.ndarray,
-        tally: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        self, state: np.ndarray, forcing: np.ndarray, reference: np.ndarray, over: np.ndarray, actuators: np.ndarray,
+        action: np.ndarray, tally: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
         """Yours, from the truth: what a step is worth, and whether it was the last.
 
         Returns:

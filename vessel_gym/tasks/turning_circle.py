@@ -226,15 +226,9 @@ class TurningCircle(Task):
     """Success is to hold the turn until time is up, a perfect reward 1 at every step."""
 
     def score(
-        self,
-        state: np.ndarray,
-        forcing: np.ndarray,
-        reference: np.ndarray,
-        over: np.ndarray,
-        actuators: np.ndarray,
-        action: np.ndarray,
-        tally: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        self, state: np.ndarray, forcing: np.ndarray, reference: np.ndarray, over: np.ndarray, actuators: np.ndarray,
+        action: np.ndarray, tally: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
         """Reward in [0, 1], end of the episode and tally, ``(B,)`` and ``(B, 0)``: the only reader of truth.
 
         The kernels are sharp on purpose: with wide ones an agent trades heading for rudder.

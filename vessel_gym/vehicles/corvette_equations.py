@@ -17,8 +17,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from vessel_gym.compiled import gufunc, inlined
-from vessel_gym.vehicles.integration import RATES, STEP, Numbers, blank, rate, step
+from vessel_gym.compiled import inlined
+from vessel_gym.vehicles.integration import Numbers, kernels
 
 STATE = ("x", "y", "psi", "u", "v", "r")
 """State: position north, east [m], heading [rad], surge, sway through the water [m/s], yaw rate [rad/s]."""
@@ -226,19 +226,5 @@ def _rates(s: Numbers, control: Numbers, current: Numbers, c: np.ndarray) -> Num
     )  # fmt: skip
 
 
-_BLANK = blank(6, 1, 2)
-
-
-@gufunc(*RATES)
-def corvette_rates(state: np.ndarray, control: np.ndarray, current: np.ndarray, c: np.ndarray, out: np.ndarray) -> None:
-    """Time derivative of the state; control is the rudder ``(1,)``, current north and east ``(2,)``."""
-    rate(_rates, _BLANK, state, control, current, c, out)
-
-
-@gufunc(*STEP)
-def corvette_step(
-    state: np.ndarray, control: np.ndarray, current: np.ndarray, c: np.ndarray, dt: float, substeps: int,
-    out: np.ndarray,
-) -> None:  # fmt: skip
-    """The state after ``dt``; control ``(2,)`` is the rudder before and after."""
-    step(_rates, _BLANK, state, control, current, c, dt, substeps, out)
+corvette_rates, corvette_step, corvette_steps = kernels("corvette", _rates, 6, 1, 2)
+"""Control is the rudder ``(1,)``, for a step before and after ``(2,)``; the current is north and east ``(2,)``."""

@@ -5,41 +5,60 @@ its actuators at that moment, ``flow`` the current or the wind, all of them tupl
 coefficients. Over a step the flow is constant, and actuators move linearly, so that their rate limits are integrated
 exactly.
 
-From `rate`, `step` and `steps` a vehicle makes its kernels, of the signatures and layouts `RATES`, `STEP` and `STEPS`.
-They are a line each, in the vehicle's own file, because Numba's cache could not tell kernels apart that are made here.
-The compiler has to know how long the tuples are: `blank` tells it.
+`kernels` makes what a vehicle needs of its rates. The compiler has to know how long the tuples are: blank ones tell it.
 """
 
 from collections.abc import Callable
-from typing import Any
+from types import FunctionType
+from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numba.extending import overload
 
-from vessel_gym.compiled import inlined
+from vessel_gym.compiled import gufunc, inlined
 
 Numbers = tuple[float, ...]
 Rates = Callable[[Numbers, Numbers, Numbers, np.ndarray], Numbers]
-Blank = tuple[Numbers, Numbers, Numbers]
 Kernel = Callable[..., np.ndarray]
-
-RATES = "void(float64[:], float64[:], float64[:], float64[:], float64[:])", "(n),(a),(f),(k)->(n)"
-"""State, actuators, flow and coefficients to the rates of the state."""
-STEP = "void(float64[:], float64[:], float64[:], float64[:], float64, int64, float64[:])", "(n),(m),(f),(k),(),()->(n)"
-"""State, actuators before and after, flow, coefficients, seconds and substeps to the state after."""
-STEPS = (
-    "void(float64[:, :], float64[:], float64[:, :], float64[:], float64, int64, float64[:, :])",
-    "(N,n),(m),(N,f),(k),(),()->(N,n)",
-)
-"""The same for many states, each in its own flow, under one control."""
 
 _LANES = 16  # states that are stepped side by side: a number that the compiler knows, to see that they are independent
 
 
-def blank(state: int, actuators: int, flow: int) -> Blank:
-    """Zeros in place of a state, of actuators and of a flow: how many numbers each has."""
-    return state * (0.0,), actuators * (0.0,), flow * (0.0,)
+class Kernels(NamedTuple):
+    """The compiled equations of motion of a vehicle, generalised ufuncs."""
+
+    rates: Kernel
+    """State ``(n,)``, actuators, flow and coefficients to the rates of the state."""
+    step: Kernel
+    """State, actuators before and after, flow, coefficients, seconds and substeps to the state after."""
+    steps: Kernel
+    """The same for many states ``(N, n)``, each in its own flow, under one control; several times as fast."""
+
+
+def kernels(name: str, rates: Any, state: int, actuators: int, flow: int) -> Kernels:
+    """A vehicle's kernels, called ``{name}_rates``, ``{name}_step`` and ``{name}_steps`` in the module of its rates.
+
+    Args:
+        name: The vehicle's.
+        rates: Its rates, `vessel_gym.compiled.inlined`.
+        state: How many numbers its state has,
+        actuators: its actuators,
+        flow: and what it moves in.
+    """
+    blank = tuple(size * (0.0,) for size in (state, actuators, flow))
+
+    def made(template: Any, what: str, signature: str, layout: str) -> Kernel:
+        own = FunctionType(template.__code__, globals() | {"_rates": rates, "_blank": blank})
+        own.__module__, own.__doc__ = rates.py_func.__module__, template.__doc__
+        own.__name__ = own.__qualname__ = f"{name}_{what}"  # by which Numba's cache and pickles tell them apart
+        return gufunc(f"void({signature})", layout)(own)
+
+    x, xs = "float64[:]", "float64[:, :]"
+    return Kernels(
+        made(_rates_of, "rates", f"{x}, {x}, {x}, {x}, {x}", "(n),(a),(f),(k)->(n)"),
+        made(_step, "step", f"{x}, {x}, {x}, {x}, float64, int64, {x}", "(n),(m),(f),(k),(),()->(n)"),
+        made(_steps, "steps", f"{xs}, {x}, {xs}, {x}, float64, int64, {xs}", "(N,n),(m),(N,f),(k),(),()->(N,n)"),
+    )
 
 
 def advanced(
@@ -136,46 +155,43 @@ def _substep(
     return _moved(_moved(_moved(_moved(s, h / 6.0, k1), h / 3.0, k2), h / 3.0, k3), h / 6.0, k4)
 
 
-@njit(inline="always")
-def rate(
-    rates: Rates, blank: Blank, state: np.ndarray, control: np.ndarray, flow: np.ndarray, c: np.ndarray, out: np.ndarray
-) -> None:
+_rates: Any = None  # in what follows those of a vehicle,
+_blank: Any = None  # and as many zeros as its state, its actuators and what it moves in have numbers
+
+
+def _rates_of(state: np.ndarray, control: np.ndarray, flow: np.ndarray, c: np.ndarray, out: np.ndarray) -> None:
     """The rates of a state ``(n,)``."""
-    s, actuators, around = _loaded(blank[0], state, 0), _loaded(blank[1], control, 0), _loaded(blank[2], flow, 0)
-    _stored(rates(s, actuators, around, c), out, 0)
+    s, actuators, around = _loaded(_blank[0], state, 0), _loaded(_blank[1], control, 0), _loaded(_blank[2], flow, 0)
+    _stored(_rates(s, actuators, around, c), out, 0)
 
 
-@njit(inline="always")
-def step(
-    rates: Rates, blank: Blank, state: np.ndarray, control: np.ndarray, flow: np.ndarray, c: np.ndarray, dt: float,
-    substeps: int, out: np.ndarray,
-) -> None:  # fmt: skip
-    """A step of a state ``(n,)``."""
-    s, around, start = _loaded(blank[0], state, 0), _loaded(blank[2], flow, 0), _loaded(blank[1], control, 0)
-    change = _moved(_loaded(blank[1], control, len(start)), -1.0, start)
+def _step(
+    state: np.ndarray, control: np.ndarray, flow: np.ndarray, c: np.ndarray, dt: float, substeps: int, out: np.ndarray
+) -> None:
+    """A state ``(n,)`` after a step."""
+    s, around, start = _loaded(_blank[0], state, 0), _loaded(_blank[2], flow, 0), _loaded(_blank[1], control, 0)
+    change = _moved(_loaded(_blank[1], control, len(start)), -1.0, start)
     for i in range(substeps):
-        s = _substep(rates, s, start, change, around, c, dt, i, substeps)
+        s = _substep(_rates, s, start, change, around, c, dt, i, substeps)
     _stored(s, out, 0)
 
 
-@njit(inline="always")
-def steps(
-    rates: Rates, blank: Blank, states: np.ndarray, control: np.ndarray, flows: np.ndarray, c: np.ndarray, dt: float,
-    substeps: int, out: np.ndarray,
-) -> None:  # fmt: skip
-    """A step of many states ``(N, n)``: the same numbers as `step`, but side by side in vector instructions."""
-    start = _loaded(blank[1], control, 0)
-    change = _moved(_loaded(blank[1], control, len(start)), -1.0, start)
-    a, w = np.empty((len(blank[0]), _LANES)), np.empty((len(blank[2]), _LANES))
+def _steps(
+    states: np.ndarray, control: np.ndarray, flows: np.ndarray, c: np.ndarray, dt: float, substeps: int, out: np.ndarray
+) -> None:
+    """Many states ``(N, n)`` after a step: the same numbers as for each, but side by side in vector instructions."""
+    start = _loaded(_blank[1], control, 0)
+    change = _moved(_loaded(_blank[1], control, len(start)), -1.0, start)
+    a, w = np.empty((len(_blank[0]), _LANES)), np.empty((len(_blank[2]), _LANES))
     for first in range(0, len(states), _LANES):
         size = min(_LANES, len(states) - first)
         for j in range(_LANES):
             row = first + min(j, size - 1)
-            _stored(_loaded(blank[0], states[row], 0), a[:, j], 0)
-            _stored(_loaded(blank[2], flows[row], 0), w[:, j], 0)
+            _stored(_loaded(_blank[0], states[row], 0), a[:, j], 0)
+            _stored(_loaded(_blank[2], flows[row], 0), w[:, j], 0)
         for i in range(substeps):
             for j in range(_LANES):
-                s, around = _loaded(blank[0], a[:, j], 0), _loaded(blank[2], w[:, j], 0)
-                _stored(_substep(rates, s, start, change, around, c, dt, i, substeps), a[:, j], 0)
+                s, around = _loaded(_blank[0], a[:, j], 0), _loaded(_blank[2], w[:, j], 0)
+                _stored(_substep(_rates, s, start, change, around, c, dt, i, substeps), a[:, j], 0)
         for j in range(size):
-            _stored(_loaded(blank[0], a[:, j], 0), out[first + j], 0)
+            _stored(_loaded(_blank[0], a[:, j], 0), out[first + j], 0)

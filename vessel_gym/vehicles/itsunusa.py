@@ -15,11 +15,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from vessel_gym.compiled import gufunc, inlined, sincos
+from vessel_gym.compiled import inlined, sincos
 from vessel_gym.sensors import Sensor, plain
 from vessel_gym.vehicles.auv import AUV, VERTICAL, AUVParameters, in_its_plane
 from vessel_gym.vehicles.files import load
-from vessel_gym.vehicles.integration import RATES, STEP, STEPS, Numbers, blank, rate, step, steps
+from vessel_gym.vehicles.integration import Numbers, kernels
 
 STATE = ("u", "w", "q", "x", "z", "theta")
 """State: velocity through the water [m/s], pitch rate [rad/s], position [m] and pitch [rad]."""
@@ -76,31 +76,8 @@ def _rates(s: Numbers, control: Numbers, current: Numbers, c: np.ndarray) -> Num
     )  # fmt: skip
 
 
-_BLANK = blank(6, 2, 1)
-
-
-@gufunc(*RATES)
-def itsunusa_rates(state: np.ndarray, control: np.ndarray, current: np.ndarray, c: np.ndarray, out: np.ndarray) -> None:
-    """Time derivative of the vehicle's own state ``(6,)``; control is (stern plane, thrust)."""
-    rate(_rates, _BLANK, state, control, current, c, out)
-
-
-@gufunc(*STEP)
-def itsunusa_step(
-    state: np.ndarray, control: np.ndarray, current: np.ndarray, c: np.ndarray, dt: float, substeps: int,
-    out: np.ndarray,
-) -> None:  # fmt: skip
-    """The vehicle's own state ``(6,)`` after ``dt``; control ``(4,)``: actuators before and after."""
-    step(_rates, _BLANK, state, control, current, c, dt, substeps, out)
-
-
-@gufunc(*STEPS)
-def itsunusa_steps(
-    states: np.ndarray, control: np.ndarray, currents: np.ndarray, c: np.ndarray, dt: float, substeps: int,
-    out: np.ndarray,
-) -> None:  # fmt: skip
-    """`itsunusa_step` of many states ``(N, 6)`` under one control: the same numbers, several times as fast."""
-    steps(_rates, _BLANK, states, control, currents, c, dt, substeps, out)
+itsunusa_rates, itsunusa_step, itsunusa_steps = kernels("itsunusa", _rates, 6, 2, 1)
+"""State ``(6,)``; control is (stern plane, thrust), for a step before and after; the current is ``(1,)``."""
 
 
 def _over_ground(state: np.ndarray, forcing: np.ndarray) -> np.ndarray:

@@ -23,7 +23,7 @@ from scipy.optimize import brentq
 from vessel_gym.compiled import gufunc, inlined, sincos
 from vessel_gym.sensors import Bias, Known, Sensor, plain
 from vessel_gym.vehicles.files import load
-from vessel_gym.vehicles.integration import RATES, STEP, STEPS, Numbers, blank, rate, step, steps
+from vessel_gym.vehicles.integration import Numbers, kernels
 from vessel_gym.vehicles.point_mass import COEFFICIENTS, UNCERTAIN, I, PointMass, forces
 from vessel_gym.vehicles.whole_state import WholeState
 
@@ -159,29 +159,8 @@ def _rates(s: Numbers, control: Numbers, wind: Numbers, c: np.ndarray) -> Number
     )  # fmt: skip
 
 
-_BLANK = blank(7, 3, 3)
-
-
-@gufunc(*RATES)
-def puna_rates(state: np.ndarray, control: np.ndarray, wind: np.ndarray, c: np.ndarray, out: np.ndarray) -> None:
-    """Time derivative of the aircraft's own state ``(7,)``; control is (thrust, angle of attack, commanded bank)."""
-    rate(_rates, _BLANK, state, control, wind, c, out)
-
-
-@gufunc(*STEP)
-def puna_step(
-    state: np.ndarray, control: np.ndarray, wind: np.ndarray, c: np.ndarray, dt: float, substeps: int, out: np.ndarray
-) -> None:
-    """The aircraft's own state ``(7,)`` after ``dt``; control ``(6,)``: actuators before and after."""
-    step(_rates, _BLANK, state, control, wind, c, dt, substeps, out)
-
-
-@gufunc(*STEPS)
-def puna_steps(
-    states: np.ndarray, control: np.ndarray, winds: np.ndarray, c: np.ndarray, dt: float, substeps: int, out: np.ndarray
-) -> None:
-    """`puna_step` of many states ``(N, 7)`` under one control: the same numbers, several times as fast."""
-    steps(_rates, _BLANK, states, control, winds, c, dt, substeps, out)
+puna_rates, puna_step, puna_steps = kernels("puna", _rates, 7, 3, 3)
+"""State ``(7,)``; control is (thrust, angle of attack, commanded bank), for a step before and after; wind ``(3,)``."""
 
 
 @gufunc("void(float64[:], float64[:], float64[:])", "(n),(f)->()")

@@ -18,7 +18,7 @@ from vessel_gym.compiled import gufunc, inlined, sincos
 from vessel_gym.sensors import Sensor, plain
 from vessel_gym.vehicles.auv import AUV, UNCERTAIN, AUVParameters, in_its_plane
 from vessel_gym.vehicles.files import load
-from vessel_gym.vehicles.integration import RATES, STEP, STEPS, Numbers, blank, rate, step, steps
+from vessel_gym.vehicles.integration import Numbers, kernels
 
 STATE = ("u", "v", "w", "p", "q", "r", "x", "y", "z", "phi", "theta", "psi")
 """State: velocity through the water [m/s], angular velocity [rad/s], position [m] and Euler angles [rad]."""
@@ -141,33 +141,8 @@ def _rates(s: Numbers, control: Numbers, current: Numbers, c: np.ndarray) -> Num
     )  # fmt: skip
 
 
-_BLANK = blank(12, 3, 2)
-
-
-@gufunc(*RATES)
-def segorogeni_rates(
-    state: np.ndarray, control: np.ndarray, current: np.ndarray, c: np.ndarray, out: np.ndarray
-) -> None:
-    """Time derivative of the vehicle's own state ``(12,)``; control is (rudder, stern plane, thrust)."""
-    rate(_rates, _BLANK, state, control, current, c, out)
-
-
-@gufunc(*STEP)
-def segorogeni_step(
-    state: np.ndarray, control: np.ndarray, current: np.ndarray, c: np.ndarray, dt: float, substeps: int,
-    out: np.ndarray,
-) -> None:  # fmt: skip
-    """The vehicle's own state ``(12,)`` after ``dt``; control ``(6,)``: actuators before and after."""
-    step(_rates, _BLANK, state, control, current, c, dt, substeps, out)
-
-
-@gufunc(*STEPS)
-def segorogeni_steps(
-    states: np.ndarray, control: np.ndarray, currents: np.ndarray, c: np.ndarray, dt: float, substeps: int,
-    out: np.ndarray,
-) -> None:  # fmt: skip
-    """`segorogeni_step` of many states ``(N, 12)`` under one control: the same numbers, several times as fast."""
-    steps(_rates, _BLANK, states, control, currents, c, dt, substeps, out)
+segorogeni_rates, segorogeni_step, segorogeni_steps = kernels("segorogeni", _rates, 12, 3, 2)
+"""State ``(12,)``; control is (rudder, stern plane, thrust), for a step before and after; current north and east."""
 
 
 @gufunc("void(float64[:], float64[:], float64[:], float64[:])", "(n),(f),(k)->(k)")
