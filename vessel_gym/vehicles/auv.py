@@ -267,7 +267,8 @@ class AUV(WholeState):
 
     State: velocities through the water, then position and Euler angles. Kicks [m/s, rad/s] change the velocities at the
     end of a step, a current [m/s] carries the vehicle over it. Actuators: fin angles [rad], then thrust [N]. Filters
-    estimate the whole state; their known input is ``u = (actuators before, actuators after)``.
+    estimate the whole state; their known input is ``u = (actuators before, actuators after)``. Figures of
+    the sensors are from public vehicle configurations.
     """
 
     body: AUVParameters

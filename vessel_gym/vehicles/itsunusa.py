@@ -90,10 +90,7 @@ def _over_ground(state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Itsunusa(AUV):
-    """The vehicle in batches, as an environment uses it.
-
-    Figures of the sensors are from public vehicle configurations.
-    """
+    """ITSUNUSA, in the vertical plane."""
 
     body: ItsunusaParameters = field(default_factory=lambda: load("itsunusa", ItsunusaParameters))
 

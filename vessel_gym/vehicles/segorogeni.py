@@ -164,10 +164,7 @@ def _over_ground(state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Segorogeni(AUV):
-    """The vehicle in batches, as an environment uses it.
-
-    Figures of the sensors are from public vehicle configurations.
-    """
+    """Segorogeni, in space."""
 
     body: SegorogeniParameters = field(default_factory=lambda: load("segorogeni", SegorogeniParameters))
 
