@@ -1,12 +1,15 @@
 """The step that all vehicles share: the solution of their rates, and the same for many states as for each."""
 
+import subprocess
+import sys
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from vessel_gym.vehicles.corvette_equations import corvette_rates, corvette_step
+from vessel_gym.vehicles.corvette_equations import corvette_rates, corvette_step, corvette_steps
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.integration import Kernel
 from vessel_gym.vehicles.itsunusa import itsunusa_rates, itsunusa_step, itsunusa_steps
@@ -18,7 +21,7 @@ from vessel_gym.vehicles.segorogeni import segorogeni_rates, segorogeni_step, se
 class Case:
     """A vehicle in a hard manoeuvre, along which no velocity changes sign: v |v| has no second derivative there."""
 
-    kernels: tuple[Kernel, ...]  # rates, step and, where there is one, steps
+    kernels: tuple[Kernel, Kernel, Kernel]  # rates, step and steps
     c: np.ndarray
     state: list[float]
     control: list[float]  # before and after
@@ -28,7 +31,7 @@ class Case:
 
 CASES = {
     "corvette": Case(
-        (corvette_rates, corvette_step), load("corvette").vector(),
+        (corvette_rates, corvette_step, corvette_steps), load("corvette").vector(),
         [3.0, -4.0, 0.7, 13.0, -1.5, 0.03], [0.3, 0.5], [0.3, -0.5], 4.0,
     ),
     "segorogeni": Case(
@@ -66,7 +69,7 @@ def test_a_step_nears_the_solution_of_the_rates_with_the_fourth_power_of_its_len
 
 
 @pytest.mark.parametrize("members", [1, 15, 16, 17, 40])
-@pytest.mark.parametrize("vehicle", [name for name, case in CASES.items() if len(case.kernels) == 3])
+@pytest.mark.parametrize("vehicle", CASES)
 def test_many_states_side_by_side_step_as_each_alone(vehicle: str, members: int):
     case, rng = CASES[vehicle], np.random.default_rng(0)
     _, step, steps = case.kernels
@@ -76,3 +79,24 @@ def test_many_states_side_by_side_step_as_each_alone(vehicle: str, members: int)
     stepped = steps(states, controls, flows, case.c, case.dt, 2)
     np.testing.assert_array_equal(stepped, step(states, controls[:, None], flows, case.c, case.dt, 2))
     assert (stepped != states).all()
+
+
+OWN = """
+from vessel_gym.compiled import inlined
+from vessel_gym.vehicles.integration import kernels
+
+@inlined
+def _rates(s, control, flow, c):
+    return (FACTOR * s[0] + control[0] + flow[0],)
+
+own_rates, own_step, own_steps = kernels("own", _rates, 1, 1, 1)
+"""
+
+
+@pytest.mark.slow
+def test_a_change_of_one_s_own_rates_is_seen(tmp_path: Path):
+    for factor in (1.0, 20.0, 300.0):  # files of another size each: times of files may be coarse
+        (tmp_path / "own.py").write_text(OWN.replace("FACTOR", str(factor)))
+        program = "import own, numpy as np; print(own.own_rates(np.ones(1), *np.zeros((3, 1)))[0])"
+        told = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=True)
+        assert float(told.stdout) == factor

@@ -48,7 +48,9 @@ def kernels(name: str, rates: Any, state: int, actuators: int, flow: int) -> Ker
     blank = tuple(size * (0.0,) for size in (state, actuators, flow))
 
     def made(template: Any, what: str, signature: str, layout: str) -> Kernel:
-        own = FunctionType(template.__code__, globals() | {"_rates": rates, "_blank": blank})
+        # As if it stood in the file of the rates, which Numba's cache then looks at for changes.
+        code = template.__code__.replace(co_filename=rates.py_func.__code__.co_filename)
+        own = FunctionType(code, globals() | {"_rates": rates, "_blank": blank})
         own.__module__, own.__doc__ = rates.py_func.__module__, template.__doc__
         own.__name__ = own.__qualname__ = f"{name}_{what}"  # by which Numba's cache and pickles tell them apart
         return gufunc(f"void({signature})", layout)(own)
