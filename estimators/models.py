@@ -252,8 +252,7 @@ class NonlinearModel:
     ) -> tuple[np.ndarray, np.ndarray]:
         function, own = getattr(self, name), getattr(self, f"{name}_jacobian")
         if own is None:
-            step = steps(x, cov, self.state_angles)
-            return central_differences(name, function, x, u, size, angles, step)
+            return self._differenced(name, function, size, angles, x, u, cov, self.n)
         jacobian = as_array(f"{name}_jacobian", own(x, u))
         expected = x.shape[:-1] + (size, self.n)
         if jacobian.shape != expected:
@@ -264,6 +263,14 @@ class NonlinearModel:
             _compare(name, function, jacobian, x, u, angles, steps(x, cov, self.state_angles))
             self._compared.add(name)
         return at_points(name, function, x[..., None, :], u, size)[..., 0, :], jacobian
+
+    def _differenced(
+        self, name: str, function: "Function", size: int, angles: tuple[int, ...], x: np.ndarray, u: np.ndarray | None,
+        cov: np.ndarray | None, m: int,
+    ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+        """A function of the first ``m`` components, and its Jacobian ``(..., size, m)``."""
+        step = steps(x, cov, self.state_angles)
+        return central_differences(name, function, x[..., :m], u, size, angles, step[..., :m])
 
 
 Function = Callable[[np.ndarray, np.ndarray | None], np.ndarray]

@@ -14,7 +14,6 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-import llvmlite
 import numba
 import numpy as np
 from filelock import FileLock, Timeout
@@ -113,7 +112,7 @@ def _current(folder: Path) -> Path:
 
     Numba itself knows only the file that a kernel stands in, not those of functions that are compiled into it.
     """
-    digest = sha256(f"{sys.version} {np.__version__} {numba.__version__} {llvmlite.__version__}".encode())
+    digest = sha256(f"{sys.version} {np.__version__} {numba.__version__}".encode())
     for path in sorted(Path(__file__).parent.rglob("*.py")):
         source = path.read_bytes()
         if b"numba" in source or b"vessel_gym.compiled" in source:

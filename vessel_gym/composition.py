@@ -12,7 +12,7 @@ import numpy as np
 
 from estimators import LinearModel, NonlinearModel
 from estimators.checks import shown
-from estimators.models import Function, central_differences, steps
+from estimators.models import Function
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.processes import Process
 from vessel_gym.sensors import Sensors, columns
@@ -406,8 +406,8 @@ class _Composed(NonlinearModel):
         self, x: np.ndarray, u: np.ndarray | None, cov: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
         """The next state ``(..., n)`` and the Jacobian ``(..., n, n)``."""
-        n, m, step = self.own, self.n - self.shown.shape[-1], steps(x, cov, self.state_angles)
-        mean, F = central_differences("transition", self.moved, x[..., :m], u, n, self.state_angles, step[..., :m])
+        n, m = self.own, self.n - self.shown.shape[-1]
+        mean, F = self._differenced("transition", self.moved, n, self.state_angles, x, u, cov, m)
         jacobian = np.zeros(x.shape + (self.n,))
         jacobian[..., :n, :m] = F
         jacobian[..., n:, n:] = self.drift.transition
@@ -417,9 +417,8 @@ class _Composed(NonlinearModel):
         self, x: np.ndarray, u: np.ndarray | None, cov: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
         """The expected reading ``(..., p)`` and the Jacobian ``(..., p, n)``."""
-        m, step = self.n - self.shown.shape[-1], steps(x, cov, self.state_angles)
-        angles = self.measurement_angles
-        mean, C = central_differences("measurement", self.read, x[..., :m], u, self.p, angles, step[..., :m])
+        m = self.n - self.shown.shape[-1]
+        mean, C = self._differenced("measurement", self.read, self.p, self.measurement_angles, x, u, cov, m)
         if m == self.n:
             return mean, C
         jacobian = np.empty(C.shape[:-1] + (self.n,))
