@@ -1,364 +1,411 @@
-"""Microseconds per environment step, and the ratio to what one would write by hand."""
+"""Microseconds, and ratios to what else one could run: everything timed in turns, in short blocks, in one run."""
 
-import math
+import json
+import os
+import platform
+import subprocess
+import sys
 import time
-from collections.abc import Callable
-from typing import Literal
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Literal
+from unittest.mock import patch
 
-import gymnasium as gym
 import numpy as np
-from rich.console import Console
-from rich.progress import track
-from rich.table import Table
 
-from agents import load_agent
+import vessel_gym
 from agents.studies.worlds import environment_id
-from estimators import Gaussian, LinearModel, make, names
-from scripts.console import asked, command, in_range
-from vessel_gym.envs.sigma_corvette import SEAS
+from estimators import names
+from scripts.by_hand import (
+    MEASUREMENTS,
+    MEMBERS,
+    STATES,
+    HandWrittenLoop,
+    ensemble_floor,
+    filterpys,
+    flight_floor,
+    kalman_floor,
+    ours,
+    readings,
+)
+from scripts.console import Refusal, asked, command, in_range, progress_bar
+from scripts.flights import STEPS, Flight, units
+from vessel_gym.core import Core
 from vessel_gym.extras import require
-from vessel_gym.tasks.turning_circle import TurningCircle
-from vessel_gym.vehicles.corvette import Corvette, secant_models, steady_turns
-from vessel_gym.vehicles.corvette_equations import COEFFICIENTS
+from vessel_gym.loop import Loop
+from vessel_gym.streams import Draws
 
-ENSEMBLES = ("enkf", "enkf-sr", "etkf")
+CORVETTE = "SigmaCorvette-v0"
+BATCH = 256
+MARKS = "<!-- measured -->\n", "<!-- end -->\n"
+"""Between these a page holds what was printed."""
 
 
-class HandWrittenLoop:
-    """SigmaCorvette-v0 as a user would write it: plain NumPy, filterpy's KalmanFilter, one environment.
+@dataclass(frozen=True, eq=False)
+class Timed:
+    """Something to time: ``block()`` does ``units`` of work and tells its seconds."""
 
-    The same ship, integration step, sea, sensors, filter model, observation and reward as the
-    package's, in a Python loop. A test holds it against the package step by step.
+    block: Callable[[], float]
+    units: int
 
-    Args:
-        seed: Of its own random numbers.
-        disturbance: Name of the sea.
+
+Cell = Timed | tuple[Timed, Timed] | Callable[[], str] | None
+"""Microseconds a unit; the ratio of the first to the second; what was found meanwhile; nothing."""
+
+
+@dataclass
+class Table:
+    """What is printed of what is timed: a label and cells a line."""
+
+    title: str
+    headings: tuple[str, ...]
+    lines: dict[str, tuple[Cell, ...]]
+    note: str = ""
+
+    def timed(self) -> list[Timed]:
+        """What must be timed, each once: what is compared side by side."""
+        cells = [cell for line in self.lines.values() for cell in line]
+        cells.sort(key=lambda cell: not isinstance(cell, tuple))
+        parts = [part for cell in cells for part in (cell if isinstance(cell, tuple) else (cell,))]
+        return list(dict.fromkeys(part for part in parts if isinstance(part, Timed)))
+
+    def text(self, times: dict[Timed, np.ndarray]) -> str:
+        """The table in Markdown."""
+        rule = ("---", *("---:" for _ in self.headings))
+        lines = [("", *self.headings), rule]
+        lines += [(label, *(shown(cell, times) for cell in cells)) for label, cells in self.lines.items()]
+        widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+        drawn = ["| " + " | ".join(map(str.ljust, line, widths)) + " |" for line in lines]
+        return "\n".join([f"**{self.title}**", "", *drawn, "", *([self.note, ""] if self.note else [])])
+
+
+def measure(timed: list[Timed], rounds: int) -> dict[Timed, np.ndarray]:
+    """Microseconds a unit ``(rounds,)`` of each: a block of all in turn, every other round in the reverse order."""
+    times = defaultdict(list)
+    with progress_bar("measuring", rounds + 1) as advance:
+        for number in range(rounds + 1):  # the first warms up
+            for one in timed[:: -1 if number % 2 else 1]:
+                times[one].append(1e6 * one.block() / one.units)
+            advance()
+    return {one: np.array(values[1:]) for one, values in times.items()}
+
+
+def shown(cell: Cell, times: dict[Timed, np.ndarray]) -> str:
+    """The median and the quartiles; of a ratio, those of the ratios round by round."""
+    if cell is None:
+        return ""
+    if not isinstance(cell, Timed | tuple):
+        return cell()
+    values = times[cell] if isinstance(cell, Timed) else times[cell[0]] / times[cell[1]]
+    median, *ends = (f"{q:,.0f}" if q >= 100.0 else f"{q:.2g}" if q < 0.1 else f"{q:.3g}"
+                     for q in np.quantile(values, (0.5, 0.25, 0.75)))  # fmt: skip
+    return f"{median} [{', '.join(ends)}]"
+
+
+def stepped(step: Callable[[np.ndarray], Any], rows: int, steps: int) -> Timed:
+    """A filter's steps, or a floor's."""
+    given = readings(steps, rows)
+
+    def block() -> float:
+        start = time.perf_counter()
+        for y in given:
+            step(y)
+        return time.perf_counter() - start
+
+    return Timed(block, rows * steps)
+
+
+def flown(**description: Any) -> Timed:
+    """A flight in this process."""
+    with asked():
+        return Timed(Flight(**description).block, units(**description))
+
+
+class Lacking(Refusal):
+    """A version does not have what it is asked for."""
+
+
+class Worker:
+    """A process that flies with the `vessel_gym` of a folder, block by block on demand.
+
+    Raises:
+        Refusal: if the folder holds none, it cannot be imported, or it has ended.
     """
 
-    def __init__(self, seed: int, disturbance: str = "moderate") -> None:
-        from filterpy.kalman import KalmanFilter
-
-        self.rng = np.random.default_rng(seed)
-        self.vehicle, self.sea = Corvette(), SEAS[disturbance]
-        self.task = TurningCircle(self.vehicle.ship)
-        self.ship = self.vehicle.ship
-        self.dt, self.reading_sd = (
-            self.vehicle.dt,
-            np.array([sd for sensor in self.vehicle.sensors for sd in sensor.sd]),
+    def __init__(self, folder: Path) -> None:
+        self.folder, home = folder, folder.resolve()
+        path = os.pathsep.join(filter(None, (str(home), os.environ.get("PYTHONPATH"))))
+        call = [sys.executable, "-P", str(Path(__file__).with_name("flights.py"))]
+        self.process = subprocess.Popen(
+            call, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=os.environ | {"PYTHONPATH": path}
         )
-        self.c = dict(zip(COEFFICIENTS, self.ship.vector(), strict=True))
-        self.sea_A, self.sea_L = self.sea.process.transition, self.sea.process.root
-        self.A_table, self.B_table = secant_models(self.ship, self.dt)
-        self.rate_step = steady_turns(self.ship).yaw_rate[1]
-        self.filter = KalmanFilter(dim_x=3, dim_z=2, dim_u=1)
-        self.filter.H = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 0.0]])
-        self.filter.Q = np.diag(self.vehicle.process_sd[:3] ** 2)
-        self.filter.R = np.diag(self.reading_sd**2)
-        self.reset()
+        try:
+            where = self.ask("where")
+            if not Path(where).resolve().is_relative_to(home):
+                raise Refusal(f"the vessel_gym in {folder} was asked for, but that in {where} is imported")
+        except Refusal:
+            self.close()
+            raise
 
-    def reset(self) -> None:
-        """Start an episode."""
-        course = self.task.course(self.rng.random((1, 3)), {})[0]
-        self.heading, self.rate = course
-        prior = self.task.prior(course[None])
-        x = self.rng.multivariate_normal(prior.mean[0], prior.cov)
-        self.truth = np.array([0.0, 0.0, x[2], x[3], x[0], x[1]])
-        self.rudder, self.k = 0.0, 0
-        self.sea_state = self.rng.multivariate_normal(np.zeros(5), self.sea.process.start_cov)
-        self.filter.x, self.filter.P = prior.mean[0, :3].copy(), prior.cov[:3, :3].copy()
+    def ask(self, question: Any) -> Any:
+        """The answer of `scripts.flights.serve`."""
+        there, back = self.process.stdin, self.process.stdout
+        assert there is not None
+        assert back is not None
+        try:
+            print(json.dumps(question), file=there, flush=True)
+            answer = json.loads(back.readline())
+        except (BrokenPipeError, json.JSONDecodeError):
+            raise Refusal(f"the process that flies with the vessel_gym in {self.folder} has ended") from None
+        if isinstance(answer, dict):
+            raise Lacking(f"the vessel_gym in {self.folder} cannot: {answer['error']}")
+        return answer
 
-    def derivative(self, state: np.ndarray, rudder: float, current: np.ndarray) -> np.ndarray:
-        """The ship's equations of motion."""
-        c = self.c
-        _, _, psi, u, v, r = state
-        a = c["half_length"]
-        if abs(r) * a <= abs(v):
-            sign = math.copysign(1.0, v)
-            sway_drag = sign * (2.0 * a * v**2 + 2.0 / 3.0 * a**3 * r**2)
-            yaw_drag = sign * 4.0 / 3.0 * a**3 * v * r
-        else:
-            bow, stern = v + a * r, v - a * r
-            cubic = (abs(bow) ** 3 - abs(stern) ** 3) / 3.0
-            sway_drag = cubic / r
-            yaw_drag = ((bow * abs(bow) ** 3 - stern * abs(stern) ** 3) / 4.0 - v * cubic) / r**2
-        inflow, side = c["slipstream"] * u, c["straightening"] * (v - a * r)
-        force = c["rudder"] * (inflow**2 + side**2) * np.sin(rudder + np.arctan2(side, inflow))
-        surge = c["thrust"] - c["resistance"] * u * abs(u) + c["sway_inertia"] * v * r
-        surge += c["sway_yaw_inertia"] * r**2 - force * np.sin(rudder)
-        sway = u * (c["Yv"] * v + c["Yr"] * r) - c["mass"] * u * r - c["cross_flow"] * sway_drag
-        yaw = u * (c["Nv"] * v + c["Nr"] * r) - c["mass_x_g"] * u * r - c["cross_flow"] * yaw_drag
-        forces = np.array([sway - force * np.cos(rudder), yaw + a * force * np.cos(rudder)])
-        inertia = np.array([[c["sway_inertia"], c["sway_yaw_inertia"]], [c["yaw_sway_inertia"], c["yaw_inertia"]]])
-        dv, dr = np.linalg.solve(inertia, forces)
-        north = u * np.cos(psi) - v * np.sin(psi) + current[0]
-        east = u * np.sin(psi) + v * np.cos(psi) + current[1]
-        return np.array([north, east, r, surge / c["surge_inertia"], dv, dr])
+    def flown(self, **description: Any) -> Timed:
+        """A flight over there."""
+        number = self.ask(description)
+        return Timed(lambda: self.ask(number), units(**description))
 
-    def ship_step(self, state: np.ndarray, before: float, after: float, current: np.ndarray) -> np.ndarray:
-        """One RK4 step with the rudder moving linearly."""
-        dt, middle = self.dt, 0.5 * (before + after)
-        k1 = self.derivative(state, before, current)
-        k2 = self.derivative(state + 0.5 * dt * k1, middle, current)
-        k3 = self.derivative(state + 0.5 * dt * k2, middle, current)
-        k4 = self.derivative(state + dt * k3, after, current)
-        return state + dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
-
-    def step(self, action: float) -> tuple[np.ndarray, float]:
-        """Advance by one step; observation and reward."""
-        before = self.rudder
-        limit = self.ship.rudder_limit
-        self.rudder = float(np.clip(before + self.ship.rudder_rate * self.dt * action, -limit, limit))
-        _, r_reference, _ = self.reference(self.k)
-        d = self.dt * (self.sea_state[1] + self.sea_state[2])
-        self.truth = self.ship_step(self.truth, before, self.rudder, self.sea_state[3:])
-        self.truth[2] += d
-        self.sea_state = self.sea_A @ self.sea_state + self.sea_L @ self.rng.standard_normal(5)
-        self.k += 1
-        d = self.dt * (self.sea_state[1] + self.sea_state[2])
-        reading = np.array([self.truth[2] + d, d]) + self.reading_sd * self.rng.standard_normal(2)
-        turn = round(abs(r_reference) / self.rate_step)
-        u = np.array([0.5 * (before + self.rudder)])
-        self.filter.predict(u=u, B=self.B_table[turn], F=self.A_table[turn])
-        self.filter.update(reading)
-        heading, rate, ahead = self.reference(self.k)
-        x = self.filter.x
-        error = (heading - x[2] + np.pi) % (2.0 * np.pi) - np.pi
-        observation = [
-            error / 0.1,
-            (rate - x[1]) / 0.01,
-            x[0] / 2.0,
-            0.0,
-            self.rudder / limit,
-            rate / 0.04,
-            ahead / 0.04,
-        ]
-        true_error = (heading - self.truth[2] + np.pi) % (2.0 * np.pi) - np.pi
-        rate_error = (rate - self.truth[5]) / (0.15 * self.rate)
-        reward = 0.8 / (1.0 + (true_error / 0.05) ** 2) + 0.2 / (1.0 + rate_error**2)
-        return np.clip(observation, -10.0, 10.0).astype(np.float32), float(reward * (1.0 - 0.15 * action**2))
-
-    def reference(self, k: int) -> tuple[float, float, float]:
-        """Commanded heading, yaw rate and yaw rate ahead."""
-        task = self.task
-        elapsed = k * self.dt - task.lead
-        share = min(max(elapsed / task.ramp, 0.0), 1.0)
-        ahead = min(max((elapsed + task.preview) / task.ramp, 0.0), 1.0)
-        heading = self.heading + self.rate * (0.5 * task.ramp * share**2 + max(elapsed - task.ramp, 0.0))
-        return heading, self.rate * share, self.rate * ahead
+    def close(self) -> None:
+        """End the process."""
+        self.process.communicate()
 
 
-class Run:
-    """Something to time: ``run()`` flies one episode (or ``episodes`` of them) of ``num_envs`` environments."""
+def loop_table(sizes: tuple[int, ...]) -> Table:
+    """The corvette on a Kalman filter: by hand, ours, and the floor."""
+    env, actions = HandWrittenLoop(seed=0), np.random.default_rng(0).uniform(-0.2, 0.2, STEPS)
 
-    def __init__(self, run: Callable[[], None], num_envs: int, steps: int) -> None:
-        self.run, self.env_steps = run, num_envs * steps
-
-
-def recorded_actions(env_id: str, estimator: str | None, num_envs: int) -> np.ndarray:
-    """The autopilot's actions ``(T, num_envs, a)`` until the first episode ends: vehicles on their course are timed."""
-    env = gym.make_vec(env_id, num_envs=num_envs, estimator=estimator)
-    agent = load_agent("autopilot", env)
-    agent.reset(num_envs)
-    observation, _ = env.reset(seed=0)
-    actions = []
-    done = np.zeros(num_envs, bool)
-    while not done.any():
-        actions.append(agent.act(observation))
-        observation, _, terminated, truncated, _ = env.step(actions[-1])
-        done = terminated | truncated
-    return np.stack(actions)
-
-
-def single(env_id: str, estimator: str | None) -> Run:
-    """One environment through ``gymnasium.make``, its reset included."""
-    actions = recorded_actions(env_id, estimator, 1)[:, 0]
-    env = gym.make(env_id, estimator=estimator)
-
-    def run() -> None:
-        env.reset(seed=0)
-        for action in actions:
-            env.step(action)
-
-    return Run(run, 1, len(actions))
-
-
-def batch(env_id: str, estimator: str | None, num_envs: int) -> Run:
-    """A native batch, its resets before and after the episode included."""
-    actions = recorded_actions(env_id, estimator, num_envs)
-    env = gym.make_vec(env_id, num_envs=num_envs, vectorization_mode="vector_entry_point", estimator=estimator)
-
-    def run() -> None:
-        env.reset(seed=0)
-        for action in actions:
-            env.step(action)
-
-    return Run(run, num_envs, len(actions))
-
-
-def by_hand(estimator: str | None) -> Run:
-    """The hand-written loop."""
-    env = HandWrittenLoop(seed=0)
-    actions = recorded_actions("SigmaCorvette-v0", estimator, 1)[:, 0, 0]
-
-    def run() -> None:
+    def fly() -> float:
         env.reset()
-        for action in actions:
-            env.step(float(action))
+        start = time.perf_counter()
+        for action in actions.tolist():
+            env.step(action)
+        return time.perf_counter() - start
 
-    return Run(run, 1, len(actions))
-
-
-def microseconds(runs: dict[str, Run], repeats: int) -> dict[str, float]:
-    """Median time of an environment step, the runs taken in turns so that all meet the same machine."""
-    times: dict[str, list[float]] = {label: [] for label in runs}
-    for run in runs.values():
-        run.run()
-    for _ in track(range(repeats), description="measuring", console=Console(stderr=True), transient=True):
-        for label, run in runs.items():
-            start = time.perf_counter()
-            run.run()
-            times[label].append(1e6 * (time.perf_counter() - start) / run.env_steps)
-    return {label: float(np.median(values)) for label, values in times.items()}
+    hand, floors = Timed(fly, STEPS), {rows: stepped(flight_floor(rows), rows, STEPS) for rows in (1, *sizes)}
+    lines: dict[str, tuple[Cell, ...]] = {"by hand: NumPy, filterpy": (hand, None, (hand, floors[1]))}
+    for rows in (0, *sizes):
+        one = flown(env_id=CORVETTE, rows=rows, estimator="kf")
+        lines[f"batch of {rows:,}" if rows else "gymnasium.make"] = one, (one, hand), (one, floors[rows or 1])
+    return Table(
+        f"{CORVETTE} on `kf`: a step of one environment", ("µs", "times by hand", "times the floor"), lines,
+        "Floor: equations of motion and the filter's equations, compiled, and the normal numbers, as many environments "
+        "at once; without sea, actuators, readings, task, observation, info, checks and Gymnasium.",
+    )  # fmt: skip
 
 
-STATES, MEASUREMENTS, INPUTS, MEMBERS = 12, 8, 2, 100
-"""Size of the linear system on which estimators are timed: its own cost hardly counts."""
+def filter_tables(sizes: tuple[int, ...]) -> Iterator[Table]:
+    """Prediction and update of a row: beside filterpy, by rows, by members."""
+    floors = {"kf": stepped(kalman_floor(1), 1, 100), "enkf": stepped(ensemble_floor(1, MEMBERS), 1, 100)}
+    lines: dict[str, tuple[Cell, ...]] = {}
+    for name in ("kf", "ekf", "ukf", "enkf"):
+        one, rival = stepped(ours(name, 1), 1, 100), stepped(filterpys(name), 1, 10)
+        lines[name] = one, rival, (one, rival), (one, floors[name]) if name in floors else None
+    size = f"{STATES} states, {MEASUREMENTS} readings"
+    yield Table(
+        f"Filters: prediction and update of one row, {size}, {MEMBERS} members",
+        ("µs", "filterpy, µs", "times filterpy", "times the floor"), lines,
+        "Floor: the filter's equations (`kf` compiled, `enkf` in NumPy, with its normal numbers) without checks, "
+        "missing readings, angles and recovery; none is given where the cost is the model's.",
+    )  # fmt: skip
+
+    steps = {rows: max(2, 100 // rows) for rows in sizes}
+    lines = {name: tuple(stepped(ours(name, rows), rows, steps[rows]) for rows in sizes) for name in names()}
+    lines["floor of kf"] = tuple(stepped(kalman_floor(rows), rows, steps[rows]) for rows in sizes)
+    lines["floor of enkf"] = tuple(stepped(ensemble_floor(rows, MEMBERS), rows, steps[rows]) for rows in sizes)
+    yield Table(
+        f"Filters by rows: µs a row, prediction and update, {size}, {MEMBERS} members",
+        tuple(f"{rows:,} row{'s' if rows > 1 else ''}" for rows in sizes), lines, "Every row has its own covariance.",
+    )  # fmt: skip
+
+    lines = {}
+    for members in (10, 30, 100, 300):
+        cells: list[Cell] = []
+        for rows in (1, BATCH):
+            count = max(2, 100 // rows)
+            one = stepped(ours("enkf", rows, members=members), rows, count)
+            cells += [one, (one, stepped(ensemble_floor(rows, members), rows, count))]
+        lines[f"{members} members"] = tuple(cells)
+    headings = "one row, µs", "times the floor", f"{BATCH} rows, µs a row", "times the floor"
+    yield Table(f"`enkf` by members: prediction and update of a row, {size}", headings, lines)
 
 
-def linear_system(feedthrough: bool) -> LinearModel:
-    """A stable random system; the unknown input shows in the reading or only in the state."""
-    rng = np.random.default_rng(0)
-    A = rng.normal(size=(STATES, STATES))
-    A *= 0.9 / np.abs(np.linalg.eigvals(A)).max()
-    C, G = rng.normal(size=(MEASUREMENTS, STATES)), rng.normal(size=(STATES, INPUTS))
-    H = rng.normal(size=(MEASUREMENTS, INPUTS)) * feedthrough
-    return LinearModel(A, C, 0.1 * np.eye(STATES), np.eye(MEASUREMENTS), G=G, H=H)
+def flight_plan(env_ids: tuple[str, ...]) -> dict[str, dict[str, Any]]:
+    """Flights by their label: every environment, its default estimator and others, batches, resets, lost readings."""
+    plan: dict[str, dict[str, Any]] = {}
+    for env_id in env_ids:
+        plan[env_id] = {"rows": 0}
+        plan[batch := f"{env_id}, batch of {BATCH}"] = {"rows": BATCH}
+        plan[f"{batch}, degraded sensors"] = {"rows": BATCH, "sensors": "degraded"}
+        if env_id == CORVETTE:
+            plan |= {f"{env_id}, batch of {rows:,}": {"rows": rows} for rows in (1, 4 * BATCH)}
+            plan |= {f"{batch}, {name}": {"rows": BATCH, "estimator": name} for name in ("kf", "ekf", "ukf")}
+            plan[f"{batch}, scattered resets"] = {"rows": BATCH, "kind": "scattered"}
+            plan[f"{batch}: a reset of one"] = {"rows": BATCH, "kind": "resets"}
+        elif env_id == "SegorogeniAUV-v0":
+            plan[f"{batch}, ekf"] = {"rows": BATCH, "estimator": "ekf"}
+        for description in plan.values():
+            description.setdefault("env_id", env_id)
+    return plan
 
 
-def estimator(name: str, rows: int, steps: int) -> Run:
-    """Predictions and updates of one filter over a batch."""
-    options = {"members": MEMBERS} if name in ENSEMBLES else {}
-    try:
-        filter = make(name, linear_system(feedthrough=True), **options)
-    except ValueError:  # a filter without feedthrough
-        filter = make(name, linear_system(feedthrough=False), **options)
-    rng = [np.random.default_rng(row) for row in range(rows)]
-    prior = Gaussian(np.zeros((rows, STATES)), np.eye(STATES))
-    readings = np.random.default_rng(1).normal(size=(steps, rows, MEASUREMENTS))
-
-    def run() -> None:
-        belief = filter.init(prior, rng=rng)
-        for reading in readings:
-            belief = filter.update(filter.predict(belief, rng=rng), reading, rng=rng)
-
-    return Run(run, rows, steps)
-
-
-def filterpy_ensemble(steps: int) -> Run:
-    """The same with filterpy's ensemble Kalman filter, one row."""
-    from filterpy.kalman import EnsembleKalmanFilter
-
-    model, rng = linear_system(feedthrough=False), np.random.default_rng(0)
-    A, C = np.asarray(model.A), np.asarray(model.C)
-    readings = rng.normal(size=(steps, MEASUREMENTS))
-
-    def run() -> None:
-        rival = EnsembleKalmanFilter(
-            np.zeros(STATES), np.eye(STATES), MEASUREMENTS, 1.0, MEMBERS, lambda x: C @ x, lambda x, dt: A @ x
-        )
-        rival.Q, rival.R = np.asarray(model.Q), np.asarray(model.R)
-        for reading in readings:
-            rival.predict()
-            rival.update(reading)
-
-    return Run(run, 1, steps)
+def flight_table(env_ids: tuple[str, ...], this: Worker | None, that: Worker | None) -> Table:
+    """Flights with this version, beside those with that of a folder."""
+    lines: dict[str, tuple[Cell, ...]] = {}
+    refused = []
+    for label, description in flight_plan(env_ids).items():
+        one = flown(**description) if this is None else this.flown(**description)
+        lines[label] = (one,)
+        if that is not None:
+            try:
+                other = that.flown(**description)
+                lines[label] = one, other, (one, other)
+            except Lacking:
+                lines[label] = one, None, None
+                refused.append(label)
+    headings = ("µs",) if that is None else ("this, µs", "that, µs", "this / that")
+    title = "Flights: a step of one environment" + (f", beside the vessel_gym in {that.folder}" if that else "")
+    return Table(title, headings, lines, f"That version has no {'; '.join(refused)}." if refused else "")
 
 
-def random_numbers(rows: int, steps: int) -> Run:
-    """The floor of a perturbed-observation filter: drawing its numbers, one stream a row, and nothing else."""
-    rng = [np.random.default_rng(row) for row in range(rows)]
+class Clock:
+    """What a flight's steps spend in each part of `Core.step` and around it; what parts call belongs to them."""
 
-    def run() -> None:
-        for _ in range(steps):
-            for generator in rng:
-                generator.standard_normal((MEMBERS, STATES + MEASUREMENTS))
+    PARTS = "vehicle", "disturbance", "sensors", "prediction", "update", "task", "observation", "info", "the rest"
 
-    return Run(run, rows, steps)
+    def __init__(self, flight: Flight) -> None:
+        self.flight, self.core, self.inside = flight, flight.env.unwrapped.core, False
+        self.shares: dict[str, list[float]] = {part: [] for part in self.PARTS}
+
+    def block(self) -> float:
+        """Fly a block, and keep its parts' shares."""
+        core, self.spent = self.core, dict.fromkeys(self.PARTS, 0.0)
+        filter, process = type(core.filter), type(core.forces.disturbance.process)
+        timed: dict[str, list[tuple[type, str]]] = {
+            "vehicle": [(type(core.vehicle), name) for name in ("actuate", "known_input", "step")],
+            "disturbance": [(process, "advance"), (Draws, "next"), (Core, "_forcing")],
+            "sensors": [(Loop, "sense")], "prediction": [(filter, "predict")], "update": [(filter, "update")],
+            "task": [(type(core.task), name) for name in ("commanded", "reference", "over", "score")],
+            "observation": [(Core, "observe")], "info": [(Core, "info")],
+        }  # fmt: skip
+        self.flight.prepare()
+        with ExitStack() as stack:
+            for part, methods in timed.items():
+                for owner, name in methods:
+                    stack.enter_context(patch.object(owner, name, self.around(part, getattr(owner, name))))
+            seconds = self.flight.fly()
+        self.spent["the rest"] = seconds - sum(self.spent.values())
+        for part, spent in self.spent.items():
+            self.shares[part].append(spent / seconds)
+        return seconds
+
+    def around(self, part: str, method: Callable[..., Any]) -> Callable[..., Any]:
+        """A method that tells its time."""
+
+        def timed(*args: Any, **named: Any) -> Any:
+            if self.inside:
+                return method(*args, **named)
+            self.inside, start = True, time.perf_counter()
+            try:
+                return method(*args, **named)
+            finally:
+                self.spent[part] += time.perf_counter() - start
+                self.inside = False
+
+        return timed
+
+    def share(self, part: str) -> Callable[[], str]:
+        """A part's share, once it is known."""
+        return lambda: f"{100.0 * np.median(self.shares[part][1:]):.0f} %"
 
 
-def environment_table(env_id: str, estimator: str | None, num_envs: tuple[int, ...], repeats: int) -> Table:
-    """Environment steps against the number of environments, and for the corvette the loop written by hand."""
-    runs = {"by hand (NumPy, filterpy)": by_hand(estimator)} if env_id == "SigmaCorvette-v0" else {}
-    runs["gymnasium.make"] = single(env_id, estimator)
-    runs |= {f"batch of {size}": batch(env_id, estimator, size) for size in num_envs}
-    medians = microseconds(runs, repeats)
-    first, rival = next(iter(medians.items()))
-    table = Table(title=f"{env_id}, {estimator or 'default estimator'}, one core, median of {repeats}")
-    table.add_column("environment", no_wrap=True)
-    for heading in ("us per step", "steps/s", "times the loop" if "hand" in first else f"times {first}"):
-        table.add_column(heading, justify="right")
-    for label, value in medians.items():
-        table.add_row(label, f"{value:.2f}", f"{1e6 / value:,.0f}", f"{rival / value:.1f}")
-    return table
+def where_table(env_ids: tuple[str, ...]) -> Table:
+    """Where the time of a step goes, in one environment and in a batch."""
+    lines: dict[str, tuple[Cell, ...]] = {}
+    for env_id in env_ids:
+        for rows in (0, BATCH):
+            plain, clock = flown(env_id=env_id, rows=rows), Clock(Flight(env_id, rows))
+            clocked = Timed(clock.block, plain.units)
+            label = f"{env_id}, batch of {rows}" if rows else env_id
+            lines[label] = plain, *(clock.share(part) for part in Clock.PARTS), (clocked, plain)
+    headings = "µs", *Clock.PARTS, "times with the clock"
+    return Table("Where a step's time goes, on default estimators", headings, lines)
 
 
-def estimator_table(repeats: int) -> Table:
-    """Prediction and update of every filter, at one row and in batches, beside filterpy's ensemble filter."""
-    sizes = {1: 200, 256: 5, 1024: 2}
-    runs = {"filterpy EnKF": filterpy_ensemble(20)}
-    for rows, steps in sizes.items():
-        runs |= {f"{name} {rows}": estimator(name, rows, steps if name in ENSEMBLES else 5 * steps) for name in names()}
-        runs[f"random numbers {rows}"] = random_numbers(rows, steps)
-    medians = microseconds(runs, repeats)
-    rival = medians["filterpy EnKF"]
-    table = Table(
-        title=f"us per row: prediction and update, {STATES} states, {MEASUREMENTS} measurements, {MEMBERS} members",
-        caption=f"one core, median of {repeats}; filterpy EnKF: {rival:.0f} us",
-    )
-    table.add_column("filter", no_wrap=True)
-    for rows in sizes:
-        table.add_column(f"{rows} row{'s' if rows > 1 else ''}", justify="right")
-    for rows in (1, 256):
-        table.add_column(f"times filterpy, {rows}", justify="right")
-    for name in (*names(), "random numbers"):
-        times = [f"{medians[f'{name} {rows}']:.2f}" for rows in sizes]
-        ensemble = name in ENSEMBLES
-        table.add_row(name, *times, *(f"{rival / medians[f'{name} {r}']:.1f}" if ensemble else "" for r in (1, 256)))
-    return table
+def machine() -> str:
+    """What it was measured on."""
+    found = np.show_config(mode="dicts")["SIMD Extensions"]["found"]
+    wide = ", AVX-512" if any(name.startswith(("AVX512", "X86_V4")) for name in found) else ""
+    threads = os.environ.get("OPENBLAS_NUM_THREADS", os.environ.get("OMP_NUM_THREADS", "not set"))
+    versions = ", ".join(f"{name} {version(name)}" for name in ("numpy", "numba", "gymnasium", "filterpy"))
+    return f"{os.cpu_count()} cores{wide}, BLAS threads: {threads}, Python {platform.python_version()}, {versions}"
 
 
 def main(
-    env_id: str = "SigmaCorvette-v0",
+    env_ids: tuple[str, ...] = (CORVETTE, "SegorogeniAUV-v0", "ItsunusaAUV-v0", "PunaUAV-v0"),
     /,
-    what: Literal["all", "environment", "estimators"] = "all",
-    estimator: str | None = None,
-    num_envs: tuple[int, ...] = (1, 16, 64, 256, 1024),
-    repeats: int = 11,
+    what: tuple[Literal["loop", "filters", "flights", "where"], ...] = ("loop", "filters", "flights", "where"),
+    against: Path | None = None,
+    rows: tuple[int, ...] = (1, 16, 256, 1024, 4096),
+    rounds: int = 11,
+    page: Path | None = None,
 ) -> None:
-    """Time environment steps and estimators on one core, and in the same run what one would write or use instead.
+    """Time steps and filters on one core: by hand, by filterpy, by another version, and their floor, in the same run.
 
-    Whole episodes are timed, resets included, under the autopilot's recorded actions.
+    Everything is timed in turns in short blocks; printed are medians and quartiles over rounds, and those of ratios.
 
     Args:
-        env_id: Registered environment.
-        what: environment, estimators or all.
-        estimator: The environment's estimator; its default if not given.
-        num_envs: Sizes of the native batch.
-        repeats: Measurements of each; the median is reported.
+        env_ids: Registered environments, for flights and where.
+        what: loop: the corvette beside a loop written by hand; filters: beside filterpy, by rows, by members; flights:
+            environments, estimators, batches; where: the parts of a step.
+        against: A folder with another version, to fly beside this one: pip install --no-deps --target FOLDER
+            vessel-gym==VERSION, or a checkout.
+        rows: Sizes of batches in loop and filters.
+        rounds: Blocks of each.
+        page: A Markdown page: what is printed also goes between its marks.
     """
     require("filterpy")
     with asked():
-        in_range("--repeats", repeats, 1)
-        if not num_envs:
-            raise ValueError("--num-envs needs at least one number")
-        for size in num_envs:
-            in_range("--num-envs", size, 1)
-        env_id = environment_id(env_id)
-        gym.make(env_id, estimator=estimator).close()
-    if what != "estimators":
-        Console().print(environment_table(env_id, estimator, num_envs, repeats))
-    if what != "environment":
-        Console().print(estimator_table(repeats))
+        in_range("--rounds", rounds, 1)
+        for size in rows:
+            in_range("--rows", size, 1)
+        for name, words in {"--rows": rows, "--what": what, "ENV-IDS": env_ids}.items():
+            if not words:
+                raise ValueError(f"{name} needs at least one word")
+        if against is not None and not (against / "vessel_gym" / "__init__.py").is_file():
+            raise ValueError(f"{against} holds no vessel_gym: pip install --no-deps --target {against} vessel-gym==...")
+        written = None if page is None else page.read_text(encoding="utf-8")
+        if written is not None and not all(written.count(mark) == 1 for mark in MARKS):
+            raise ValueError(f"{page} needs a line {MARKS[0].strip()} and a line {MARKS[1].strip()} below it")
+        env_ids = tuple(map(environment_id, env_ids))
+    text = report(env_ids, what, against, rows, rounds)
+    print(text)
+    if page is not None and written is not None:
+        before, after = written.split(MARKS[0])[0], written.split(MARKS[1])[1]
+        page.write_text(before + MARKS[0] + f"\n{text}\n\n" + MARKS[1] + after, encoding="utf-8")
+
+
+def report(
+    env_ids: tuple[str, ...], what: tuple[str, ...], against: Path | None, rows: tuple[int, ...], rounds: int
+) -> str:
+    """Build, measure and write all tables."""
+    with ExitStack() as stack:
+        this = that = None
+        if against is not None and "flights" in what:
+            this, that = Worker(Path(vessel_gym.__file__).parents[1]), Worker(against)
+            stack.callback(this.close)
+            stack.callback(that.close)
+        tables = [loop_table(rows)] if "loop" in what else []
+        tables += filter_tables(rows) if "filters" in what else []
+        tables += [flight_table(env_ids, this, that)] if "flights" in what else []
+        tables += [where_table(env_ids)] if "where" in what else []
+        times = measure([timed for table in tables for timed in table.timed()], rounds)
+    note = f"Median [quartiles] of {rounds} rounds; {machine()}."
+    return "\n".join([note, "", *(table.text(times) for table in tables)]).strip()
 
 
 if __name__ == "__main__":

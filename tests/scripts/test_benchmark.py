@@ -1,13 +1,29 @@
-"""The benchmark: what it is compared with is the same environment, and it reports what it says."""
+"""The benchmark: what is compared computes the same, in turns, and another version is another version."""
 
+import re
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import gymnasium as gym
 import numpy as np
 import pytest
 
+import vessel_gym
 from estimators import names
 from scripts import benchmark
-from scripts.benchmark import HandWrittenLoop, batch, main, microseconds, single
+from scripts.benchmark import Clock, Table, Timed, Worker, main, measure, shown
+from scripts.by_hand import HandWrittenLoop, ensemble_floor, filterpys, flight_floor, kalman_floor, ours, readings
+from scripts.console import Refusal
+from scripts.flights import STEPS, Flight, units
 from vessel_gym.core import Core
 from vessel_gym.envs.sigma_corvette import SIGMA_CORVETTE
+
+HERE = Path(vessel_gym.__file__).parents[1]
+ENV = "SigmaCorvette-v0"
+
+
+# --- what is compared is the same ---------------------------------------------------------------------
 
 
 def test_the_hand_written_loop_is_the_same_environment_on_the_same_random_numbers(monkeypatch: pytest.MonkeyPatch):
@@ -22,10 +38,10 @@ def test_the_hand_written_loop_is_the_same_environment_on_the_same_random_number
         reward, _ = core.step(np.array([[action]]))
         monkeypatch.setattr(loop, "rng", _Scripted([sea, _last_normals(core.loop._draws)]))
         observation, hand_reward = loop.step(float(action))
-        np.testing.assert_allclose(loop.truth, core.state[0], rtol=0, atol=1e-8)
-        np.testing.assert_allclose(loop.filter.x, core.belief.mean[0], rtol=0, atol=1e-8)
-        np.testing.assert_allclose(observation, core.observe()[0], rtol=0, atol=1e-5)
-        assert hand_reward == pytest.approx(reward[0], abs=1e-8)
+        np.testing.assert_allclose(loop.truth, core.state[0], rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(loop.filter.x, core.belief.mean[0], rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(observation, core.observe()[0], rtol=0, atol=1e-6)  # float32
+        assert hand_reward == pytest.approx(reward[0], abs=1e-9)
 
 
 def _last_normals(draws) -> np.ndarray:
@@ -44,46 +60,208 @@ class _Scripted:
         return number
 
 
-@pytest.mark.slow
-def test_a_run_counts_every_environment_and_step_of_an_episode():
-    assert single("SigmaCorvette-v0", "kf").env_steps == 600
-    assert batch("SigmaCorvette-v0", "kf", 3).env_steps == 1800
+@pytest.mark.parametrize("name", ["kf", "ekf", "ukf"])
+def test_the_filters_of_filterpy_compute_the_same(name: str):
+    one, rival = ours(name, 1), filterpys(name)
+    for y in readings(30, 1):
+        np.testing.assert_allclose(one(y), rival(y), rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("rows", [1, 5])
+def test_the_floor_of_a_kalman_filter_computes_the_same(rows: int):
+    one, floor = ours("kf", rows), kalman_floor(rows)
+    for y in readings(30, rows):
+        np.testing.assert_allclose(one(y), floor(y), rtol=1e-9, atol=1e-9)
+
+
+def test_ensembles_compute_the_same_but_for_chance():
+    exact, errors = ours("kf", 3), {"ours": [], "floor": [], "filterpy": []}
+    np.random.seed(0)  # noqa: NPY002  (filterpy's)
+    steps = {"ours": ours("enkf", 3, members=400), "floor": ensemble_floor(3, 400), "filterpy": filterpys("enkf")}
+    for y in readings(100, 3):
+        mean = exact(y)
+        for name, step in steps.items():
+            errors[name].append(step(y)[0] - mean[0])
+    for name, error in errors.items():
+        assert np.sqrt(np.mean(np.square(error))) < (0.1 if name == "filterpy" else 0.05), name  # 100 members, 400
+
+
+@pytest.mark.parametrize("rows", [1, 3])
+def test_the_floor_of_a_flight_moves_the_ship_and_the_belief(rows: int):
+    step = flight_floor(rows)
+    first, second = step(readings(1, rows)[0]).copy(), step(readings(1, rows)[0])
+    assert first.shape == (rows, 3)
+    assert np.isfinite(second).all()
+    assert (first != second).any()
+
+
+# --- how it is timed ----------------------------------------------------------------------------------
+
+
+def test_blocks_take_turns_and_every_other_round_goes_backwards():
+    order: list[str] = []
+
+    def timed(name: str, seconds: float) -> Timed:
+        return Timed(lambda: order.append(name) or seconds, units=2)
+
+    a, b, c = timed("a", 1e-6), timed("b", 2e-6), timed("c", 4e-6)
+    times = measure([a, b, c], rounds=3)
+    assert "".join(order) == "abccbaabccba"
+    assert times[c].tolist() == [2.0, 2.0, 2.0]  # the first round warms up
+
+
+def test_a_ratio_is_that_of_the_same_round():
+    one, other = Timed(lambda: 0.0, 1), Timed(lambda: 0.0, 1)
+    times = {one: np.array([1.0, 20.0, 3.0]), other: np.array([2.0, 40.0, 6.0])}
+    assert shown((one, other), times) == "0.5 [0.5, 0.5]"
+    assert shown(one, times) == "3 [2, 11.5]"
+    assert shown(None, times) == ""
+
+
+def test_what_is_compared_is_timed_once_and_side_by_side():
+    a, b, c = (Timed(lambda: 0.0, 1) for _ in range(3))
+    assert Table("", (), {"x": (a, c, None), "y": (c, (a, b))}).timed() == [a, b, c]
+
+
+@pytest.mark.parametrize(
+    ("rows", "kind", "before", "after"),
+    [(0, "steps", {0}, {64}), (3, "steps", {0}, {64}), (3, "scattered", {0, 16}, {64, 80}), (3, "resets", {64}, {0})],
+)
+def test_a_block_has_the_steps_that_are_counted(rows: int, kind: str, before: set[int], after: set[int]):
+    flight = Flight(ENV, rows, "steps", estimator="truth")
+    flight.block()
+    flight.kind = kind
+    flight.prepare()
+    assert set(flight.env.unwrapped.core.steps) == before
+    assert flight.fly() > 0.0
+    assert set(flight.env.unwrapped.core.steps) == after
+    assert units(rows, kind) == max(rows, 1) * (64 if kind != "resets" else 1)
 
 
 @pytest.mark.slow
-def test_a_run_of_a_dive_ends_with_its_first_arrival():
-    assert 300 < single("ItsunusaAUV-v0", "truth").env_steps < 600
+@pytest.mark.parametrize("env_id", ["SegorogeniAUV-v0", "PunaUAV-v0", ENV])
+def test_hardly_an_episode_ends_in_a_block(env_id: str):
+    flight = Flight(env_id, 64, estimator="ekf")
+    flight.block()
+    assert (flight.env.unwrapped.core.episodes > 0).sum() <= 1
+    assert flight.env.unwrapped.core.steps.max() == STEPS
+
+
+def test_the_parts_of_a_step_are_all_of_it_and_the_clock_leaves_nothing_behind():
+    before = Core.observe
+    clock = Clock(Flight(ENV, 2))
+    for _ in range(2):
+        seconds = clock.block()
+        assert sum(clock.spent.values()) == pytest.approx(seconds)
+        assert min(clock.spent.values()) > 0.0
+    assert Core.observe is before
+    assert "step" not in vars(Clock(Flight(ENV, 2)).core.vehicle)
+    assert re.fullmatch(r"\d+ %", clock.share("update")())
+
+
+# --- another version ----------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of the package that can be told from it, and knows no ukf."""
+    folder = tmp_path_factory.mktemp("version")
+    for package in ("vessel_gym", "estimators"):
+        shutil.copytree(HERE / package, folder / package)
+    factory = folder / "estimators" / "factory.py"
+    factory.write_text(factory.read_text().replace("        UnscentedKalmanFilter,\n", ""))
+    return folder
+
+
+@pytest.fixture
+def worker(folder: Path) -> Iterator[Worker]:
+    worker = Worker(folder)
+    yield worker
+    worker.close()
 
 
 @pytest.mark.slow
-def test_only_the_corvette_has_a_loop_written_by_hand(capsys: pytest.CaptureFixture[str]):
-    main("ItsunusaAUV-v0", what="environment", estimator="truth", num_envs=(2,), repeats=1)
+def test_a_worker_flies_with_the_package_of_its_folder(worker: Worker, folder: Path):
+    assert Path(worker.ask("where")).is_relative_to(folder)
+    one = worker.flown(env_id=ENV, rows=2, estimator="kf")
+    assert one.block() > 0.0
+    assert one.units == 2 * STEPS
+    with pytest.raises(Refusal, match="cannot: ValueError: unknown estimator 'ukf'"):
+        worker.flown(env_id=ENV, rows=2, estimator="ukf")
+    assert one.block() > 0.0
+
+
+@pytest.mark.slow
+def test_a_worker_that_has_ended_is_one_sentence(worker: Worker, folder: Path):
+    worker.process.terminate()
+    worker.process.wait()
+    with pytest.raises(Refusal, match=re.escape(f"the vessel_gym in {folder} has ended")):
+        worker.ask("where")
+    with pytest.raises(Refusal, match="has ended"):  # which is not that it has none
+        benchmark.flight_table(("ItsunusaAUV-v0",), worker, worker)
+
+
+def test_a_folder_whose_package_cannot_be_imported_is_one_sentence(tmp_path: Path):
+    (tmp_path / "vessel_gym").mkdir()
+    (tmp_path / "vessel_gym" / "__init__.py").write_text("import nothing_like_it")
+    with pytest.raises(Refusal, match="cannot: ModuleNotFoundError: No module named 'nothing_like_it'"):
+        Worker(tmp_path)
+
+
+def test_flights_import_nothing_of_this_project_by_themselves():
+    source = (HERE / "scripts" / "flights.py").read_text(encoding="utf-8")
+    ours_ = re.findall(r"(?:from|import) (?:vessel_gym|estimators|agents|scripts)\S*", source)
+    assert ours_ == ["import vessel_gym"]
+
+
+@pytest.mark.slow
+def test_the_report_has_ratios_to_the_other_version(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setattr(benchmark, "BATCH", 2)
+    main((ENV,), what=("flights",), against=folder, rounds=1)
     printed = capsys.readouterr().out
-    assert "by hand" not in printed
-    assert "ItsunusaAUV-v0, truth" in printed
-
-
-@pytest.mark.slow
-def test_times_are_positive_and_named_as_the_runs():
-    times = microseconds({"one": single("SigmaCorvette-v0", "truth")}, repeats=2)
-    assert list(times) == ["one"]
-    assert times["one"] > 0.0
-
-
-@pytest.mark.slow
-def test_the_report_names_every_size_and_the_loop(capsys: pytest.CaptureFixture[str]):
-    main("SigmaCorvette-v0", what="environment", estimator="kf", num_envs=(2,), repeats=1)
-    printed = capsys.readouterr().out
-    for label in ("by hand", "gymnasium.make", "batch of 2", "times the loop"):
+    for label in ("batch of 2, degraded sensors", "scattered resets", "a reset of one", "this / that", "batch of 8"):
         assert label in printed
+    assert f"That version has no {ENV}, batch of 2, ukf." in printed
+    cells = next(line for line in printed.splitlines() if line.startswith(f"| {ENV}  ")).split("|")[2:5]
+    assert all(re.fullmatch(r" *\S+ \[\S+, \S+\] *", cell) for cell in cells)
+
+
+# --- the report ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.slow
-def test_every_filter_is_timed_beside_filterpy(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
-    monkeypatch.setattr(benchmark, "MEMBERS", 5)
-    timed = benchmark.estimator
-    monkeypatch.setattr(benchmark, "estimator", lambda name, rows, steps: timed(name, rows, 1))
-    main("SigmaCorvette-v0", what="estimators", repeats=1)
+def test_the_report_names_all_that_is_timed_and_goes_onto_a_page(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setattr(benchmark, "BATCH", 2)
+    page = tmp_path / "page.md"
+    page.write_text("before\n<!-- measured -->\nold\n<!-- end -->\nafter\n")
+    main(("ItsunusaAUV-v0",), rows=(1, 2), rounds=1, page=page)
     printed = capsys.readouterr().out
-    for label in (*names(), "random numbers", "filterpy EnKF"):
+    assert page.read_text() == f"before\n<!-- measured -->\n\n{printed}\n<!-- end -->\nafter\n".replace(
+        "\n\n\n", "\n\n"
+    )
+    for label in (
+        "by hand",
+        "gymnasium.make",
+        "batch of 2",
+        "times filterpy",
+        "floor of enkf",
+        "300 members",
+        *names(),
+    ):
         assert label in printed
+    for part in Clock.PARTS:
+        assert part in printed
+
+
+def test_the_page_of_speed_can_be_written_again():
+    page = (HERE / "docs" / "speed.md").read_text(encoding="utf-8")
+    assert all(page.count(mark) == 1 for mark in benchmark.MARKS)
+
+
+def test_a_flight_is_what_gymnasium_makes():
+    assert isinstance(Flight(ENV, 0).env, gym.Wrapper)
+    assert Flight(ENV, 2).env.num_envs == 2

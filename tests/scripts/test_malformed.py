@@ -74,7 +74,7 @@ def workplace(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         patch.setattr("agents.cells.pools._PATIENCE", 0)
         for place, name in (
             (agents, "rollout"), (agents.ppo, "train"), (ablate, "run"), (reproduce, "run"), (watch, "fly"),
-            (benchmark, "environment_table"), (benchmark, "estimator_table"), (lorenz, "analysis_rmse"),
+            (benchmark, "report"), (lorenz, "analysis_rmse"),
         ):  # fmt: skip
             patch.setattr(place, name, begin)
         yield folder
@@ -158,9 +158,14 @@ def test_any_command_line_is_refused_in_one_sentence_or_begins_its_work(line: tu
         ("watch --seed -1 --out turn.gif", "--seed must be at least 0, got -1"),
         ("watch", "there is no display"),
         ("benchmark CartPole-v1", "'CartPole-v1' has no estimator in the loop"),
-        ("benchmark --repeats 0", "--repeats must be at least 1, got 0"),
-        ("benchmark --num-envs", "--num-envs needs at least one number"),
-        ("benchmark --num-envs 4 0", "--num-envs must be at least 1, got 0"),
+        ("benchmark --rounds 0", "--rounds must be at least 1, got 0"),
+        ("benchmark --rows", "--rows needs at least one word"),
+        ("benchmark --what", "--what needs at least one word"),
+        ("benchmark --rows 4 0", "--rows must be at least 1, got 0"),
+        ("benchmark --against folder.gif", "folder.gif holds no vessel_gym: pip install --no-deps --target folder.gif"),
+        ("benchmark --against nowhere", "nowhere holds no vessel_gym"),
+        ("benchmark --page nowhere.md", "No such file or directory"),
+        ("benchmark --page study.toml", "study.toml needs a line <!-- measured --> and a line <!-- end --> below it"),
         ("lorenz --seed -1", "seed must be at least 0, got -1"),
         ("lorenz --runs 99999999999999999999", "runs must be at most"),
         ("reproduce robust --jobs 0", "--jobs must be at least 1, got 0"),
@@ -209,7 +214,7 @@ def test_a_seed_below_the_first_is_not_answered_with_advice_on_how_many():
     "line",
     [
         "evaluate vessel_gym:SigmaCorvette-v0 --estimator kf None --episodes 1", "train --out new/ppo --steps 128",
-        "watch --out turn.png", "benchmark --what environment --num-envs 2", "lorenz --runs 2 --cycles 1",
+        "watch --out turn.png", "benchmark --what loop flights --rows 2", "lorenz --runs 2 --cycles 1",
         "reproduce robust puna --jobs 1", "ablate study.toml --shard 1/2 --jobs 3",
     ],
 )  # fmt: skip
@@ -231,8 +236,8 @@ def test_too_little_memory_is_told_in_one_sentence(monkeypatch: pytest.MonkeyPat
     def greedy(*_: Any, **__: Any) -> None:
         raise MemoryError("Unable to allocate 7 TiB")
 
-    monkeypatch.setattr(benchmark, "environment_table", greedy)
-    told = refused("benchmark", "--num-envs", "1000000000")
+    monkeypatch.setattr(benchmark, "report", greedy)
+    told = refused("benchmark", "--rows", "1000000000")
     assert told == "error: this machine has too little memory for that: Unable to allocate 7 TiB"
 
 

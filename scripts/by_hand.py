@@ -1,0 +1,337 @@
+"""What one would write or use instead of the package, and the floor: the arithmetic and random numbers alone."""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from estimators import Gaussian, LinearModel, NonlinearModel, make
+from estimators.models import resolve
+from vessel_gym.core import Core
+from vessel_gym.envs.sigma_corvette import SEAS, SIGMA_CORVETTE
+from vessel_gym.tasks.turning_circle import TurningCircle
+from vessel_gym.vehicles.corvette import Corvette, secant_models, steady_turns
+from vessel_gym.vehicles.corvette_equations import COEFFICIENTS
+
+
+class HandWrittenLoop:
+    """SigmaCorvette-v0 as a user would write it: plain NumPy, filterpy's KalmanFilter, one environment.
+
+    The same ship, integration step, sea, sensors, filter model, observation and reward as the
+    package's, in a Python loop. A test holds it against the package step by step.
+
+    Args:
+        seed: Of its own random numbers.
+        disturbance: Name of the sea.
+    """
+
+    def __init__(self, seed: int, disturbance: str = "moderate") -> None:
+        from filterpy.kalman import KalmanFilter
+
+        self.rng = np.random.default_rng(seed)
+        self.vehicle, self.sea = Corvette(), SEAS[disturbance]
+        self.task = TurningCircle(self.vehicle.ship)
+        self.ship = self.vehicle.ship
+        self.dt, self.reading_sd = (
+            self.vehicle.dt,
+            np.array([sd for sensor in self.vehicle.sensors for sd in sensor.sd]),
+        )
+        self.c = dict(zip(COEFFICIENTS, self.ship.vector(), strict=True))
+        self.sea_A, self.sea_L = self.sea.process.transition, self.sea.process.root
+        self.A_table, self.B_table = secant_models(self.ship, self.dt)
+        self.rate_step = steady_turns(self.ship).yaw_rate[1]
+        self.filter = KalmanFilter(dim_x=3, dim_z=2, dim_u=1)
+        self.filter.H = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 0.0]])
+        self.filter.Q = np.diag(self.vehicle.process_sd[:3] ** 2)
+        self.filter.R = np.diag(self.reading_sd**2)
+        self.reset()
+
+    def reset(self) -> None:
+        """Start an episode."""
+        course = self.task.course(self.rng.random((1, 3)), {})[0]
+        self.heading, self.rate = course
+        prior = self.task.prior(course[None])
+        x = self.rng.multivariate_normal(prior.mean[0], prior.cov)
+        self.truth = np.array([0.0, 0.0, x[2], x[3], x[0], x[1]])
+        self.rudder, self.k = 0.0, 0
+        self.sea_state = self.rng.multivariate_normal(np.zeros(5), self.sea.process.start_cov)
+        self.filter.x, self.filter.P = prior.mean[0, :3].copy(), prior.cov[:3, :3].copy()
+
+    def derivative(self, state: np.ndarray, rudder: float, current: np.ndarray) -> np.ndarray:
+        """The ship's equations of motion."""
+        c = self.c
+        _, _, psi, u, v, r = state
+        a = c["half_length"]
+        if abs(r) * a <= abs(v):
+            sign = math.copysign(1.0, v)
+            sway_drag = sign * (2.0 * a * v**2 + 2.0 / 3.0 * a**3 * r**2)
+            yaw_drag = sign * 4.0 / 3.0 * a**3 * v * r
+        else:
+            bow, stern = v + a * r, v - a * r
+            cubic = (abs(bow) ** 3 - abs(stern) ** 3) / 3.0
+            sway_drag = cubic / r
+            yaw_drag = ((bow * abs(bow) ** 3 - stern * abs(stern) ** 3) / 4.0 - v * cubic) / r**2
+        inflow, side = c["slipstream"] * u, c["straightening"] * (v - a * r)
+        force = c["rudder"] * (inflow**2 + side**2) * np.sin(rudder + np.arctan2(side, inflow))
+        surge = c["thrust"] - c["resistance"] * u * abs(u) + c["sway_inertia"] * v * r
+        surge += c["sway_yaw_inertia"] * r**2 - force * np.sin(rudder)
+        sway = u * (c["Yv"] * v + c["Yr"] * r) - c["mass"] * u * r - c["cross_flow"] * sway_drag
+        yaw = u * (c["Nv"] * v + c["Nr"] * r) - c["mass_x_g"] * u * r - c["cross_flow"] * yaw_drag
+        forces = np.array([sway - force * np.cos(rudder), yaw + a * force * np.cos(rudder)])
+        inertia = np.array([[c["sway_inertia"], c["sway_yaw_inertia"]], [c["yaw_sway_inertia"], c["yaw_inertia"]]])
+        dv, dr = np.linalg.solve(inertia, forces)
+        north = u * np.cos(psi) - v * np.sin(psi) + current[0]
+        east = u * np.sin(psi) + v * np.cos(psi) + current[1]
+        return np.array([north, east, r, surge / c["surge_inertia"], dv, dr])
+
+    def ship_step(self, state: np.ndarray, before: float, after: float, current: np.ndarray) -> np.ndarray:
+        """One RK4 step with the rudder moving linearly."""
+        dt, middle = self.dt, 0.5 * (before + after)
+        k1 = self.derivative(state, before, current)
+        k2 = self.derivative(state + 0.5 * dt * k1, middle, current)
+        k3 = self.derivative(state + 0.5 * dt * k2, middle, current)
+        k4 = self.derivative(state + dt * k3, after, current)
+        return state + dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+
+    def step(self, action: float) -> tuple[np.ndarray, float]:
+        """Advance by one step; observation and reward."""
+        before = self.rudder
+        limit = self.ship.rudder_limit
+        self.rudder = float(np.clip(before + self.ship.rudder_rate * self.dt * action, -limit, limit))
+        _, r_reference, _ = self.reference(self.k)
+        d = self.dt * (self.sea_state[1] + self.sea_state[2])
+        self.truth = self.ship_step(self.truth, before, self.rudder, self.sea_state[3:])
+        self.truth[2] += d
+        self.sea_state = self.sea_A @ self.sea_state + self.sea_L @ self.rng.standard_normal(5)
+        self.k += 1
+        d = self.dt * (self.sea_state[1] + self.sea_state[2])
+        reading = np.array([self.truth[2] + d, d]) + self.reading_sd * self.rng.standard_normal(2)
+        turn = round(abs(r_reference) / self.rate_step)
+        u = np.array([0.5 * (before + self.rudder)])
+        self.filter.predict(u=u, B=self.B_table[turn], F=self.A_table[turn])
+        self.filter.update(reading)
+        heading, rate, ahead = self.reference(self.k)
+        x = self.filter.x
+        error = (heading - x[2] + np.pi) % (2.0 * np.pi) - np.pi
+        observation = [
+            error / 0.1,
+            (rate - x[1]) / 0.01,
+            x[0] / 2.0,
+            0.0,
+            self.rudder / limit,
+            rate / 0.04,
+            ahead / 0.04,
+        ]
+        true_error = (heading - self.truth[2] + np.pi) % (2.0 * np.pi) - np.pi
+        rate_error = (rate - self.truth[5]) / (0.15 * self.rate)
+        reward = 0.8 / (1.0 + (true_error / 0.05) ** 2) + 0.2 / (1.0 + rate_error**2)
+        return np.clip(observation, -10.0, 10.0).astype(np.float32), float(reward * (1.0 - 0.15 * action**2))
+
+    def reference(self, k: int) -> tuple[float, float, float]:
+        """Commanded heading, yaw rate and yaw rate ahead."""
+        task = self.task
+        elapsed = k * self.dt - task.lead
+        share = min(max(elapsed / task.ramp, 0.0), 1.0)
+        ahead = min(max((elapsed + task.preview) / task.ramp, 0.0), 1.0)
+        heading = self.heading + self.rate * (0.5 * task.ramp * share**2 + max(elapsed - task.ramp, 0.0))
+        return heading, self.rate * share, self.rate * ahead
+
+
+STATES, MEASUREMENTS, INPUTS, MEMBERS = 12, 8, 2, 100
+"""Size of the system on which filters are timed: its own cost hardly counts."""
+Step = Callable[[np.ndarray], np.ndarray]
+"""Prediction and update by readings ``(rows, p)``, then the means ``(rows, n)``."""
+
+_rng = np.random.default_rng(0)
+A, C = _rng.normal(size=(STATES, STATES)), _rng.normal(size=(MEASUREMENTS, STATES))
+A *= 0.9 / np.abs(np.linalg.eigvals(A)).max()
+G, H = _rng.normal(size=(STATES, INPUTS)), _rng.normal(size=(MEASUREMENTS, INPUTS))
+Q, R = 0.1 * np.eye(STATES), np.eye(MEASUREMENTS)
+
+
+def bent(x: np.ndarray, u: Any = None) -> np.ndarray:
+    """How a nonlinear system of that size moves."""
+    return np.matvec(A, x) + 0.1 * np.sin(x)
+
+
+def bent_reading(x: np.ndarray, u: Any = None) -> np.ndarray:
+    """What is read of it."""
+    return np.matvec(C, x + 0.1 * np.sin(x))
+
+
+def bent_jacobian(x: np.ndarray, u: Any = None) -> np.ndarray:
+    """Of how it moves."""
+    return A + 0.1 * np.cos(x)[..., None] * np.eye(STATES)
+
+
+def bent_reading_jacobian(x: np.ndarray, u: Any = None) -> np.ndarray:
+    """Of what is read."""
+    return C * (1.0 + 0.1 * np.cos(x))[..., None, :]
+
+
+def start(rows: int) -> Gaussian:
+    """What is known at first; no two rows agree, so that each needs a covariance of its own."""
+    return Gaussian(np.zeros((rows, STATES)), np.linspace(1.0, 2.0, rows)[:, None, None] * np.eye(STATES))
+
+
+def readings(steps: int, rows: int) -> np.ndarray:
+    """Readings ``(steps, rows, p)``."""
+    return np.random.default_rng(1).normal(size=(steps, rows, MEASUREMENTS))
+
+
+def ours(name: str, rows: int, **options: Any) -> Step:
+    """A filter of the package: `ekf` and `ukf` on the nonlinear system, the others on the linear one."""
+    if name in ("ekf", "ukf"):
+        filter = make(name, NonlinearModel(bent, bent_reading, Q, R, transition_jacobian=bent_jacobian,
+                                           measurement_jacobian=bent_reading_jacobian), **options)  # fmt: skip
+    else:
+        try:
+            filter = make(name, LinearModel(A, C, Q, R, G=G, H=H), **options)
+        except ValueError:  # a filter without feedthrough
+            filter = make(name, LinearModel(A, C, Q, R, G=G), **options)
+    rng = [np.random.default_rng(row) for row in range(rows)] if filter.random else None
+    belief = filter.init(start(rows), rng=rng)
+
+    def step(y: np.ndarray) -> np.ndarray:
+        nonlocal belief
+        belief = filter.update(filter.predict(belief, rng=rng), y, rng=rng)
+        return belief.mean
+
+    return step
+
+
+def filterpys(name: str) -> Step:
+    """The filter of filterpy that computes the same for one row."""
+    from filterpy import kalman
+
+    prior = start(1)
+    seen: tuple[Any, ...] = ()
+    x, P = prior.mean[0].copy(), prior.cov[0].copy()
+    rival: Any
+    if name == "kf":
+        rival = kalman.KalmanFilter(STATES, MEASUREMENTS)
+        rival.F, rival.H = A, C
+    elif name == "ekf":
+        rival = kalman.ExtendedKalmanFilter(STATES, MEASUREMENTS)
+
+        def predict_x(u: Any = 0) -> None:  # which is left to its user
+            rival.F, rival.x = bent_jacobian(rival.x), bent(rival.x)
+
+        rival.predict_x, seen = predict_x, (bent_reading_jacobian, bent_reading)
+    elif name == "ukf":
+        points = kalman.MerweScaledSigmaPoints(STATES, 1.0, 2.0, 0.0)
+        rival = kalman.UnscentedKalmanFilter(STATES, MEASUREMENTS, 1.0, bent_reading, bent, points)
+    else:
+        rival = kalman.EnsembleKalmanFilter(x, P, MEASUREMENTS, 1.0, MEMBERS, lambda x: C @ x, lambda x, dt: A @ x)
+    rival.x, rival.P, rival.Q, rival.R = x, P, Q, R
+
+    def step(y: np.ndarray) -> np.ndarray:
+        rival.predict()
+        rival.update(y[0], *seen)
+        return rival.x[None]
+
+    return step
+
+
+@njit(cache=True, fastmath=True)
+def _kalman(A: Any, C: Any, Q: Any, R: Any, mean: Any, cov: Any, y: Any) -> None:
+    """A Kalman filter's step row by row, in place; the noise of readings is independent, and they come one by one."""
+    n = len(Q)
+    AP, P, x, PC = np.empty((n, n)), np.empty((n, n)), np.empty(n), np.empty(n)
+    for row in range(len(mean)):
+        for i in range(n):
+            x[i] = 0.0
+            AP[i] = 0.0
+            for k in range(n):
+                x[i] += A[i, k] * mean[row, k]
+                for j in range(n):
+                    AP[i, j] += A[i, k] * cov[row, k, j]
+        for i in range(n):
+            for j in range(n):
+                P[i, j] = Q[i, j]
+                for k in range(n):
+                    P[i, j] += AP[i, k] * A[j, k]
+        for reading in range(len(R)):
+            innovation, variance = y[row, reading], R[reading, reading]
+            for i in range(n):
+                PC[i] = 0.0
+                for j in range(n):
+                    PC[i] += P[i, j] * C[reading, j]
+                innovation -= C[reading, i] * x[i]
+                variance += C[reading, i] * PC[i]
+            for i in range(n):
+                gain = PC[i] / variance
+                x[i] += gain * innovation
+                for j in range(n):
+                    P[i, j] -= gain * PC[j]
+        mean[row] = x
+        cov[row] = P
+
+
+def kalman_floor(rows: int, model: LinearModel | None = None, prior: Gaussian | None = None) -> Step:
+    """A Kalman filter's arithmetic in one compiled loop: no checks, no missing readings, no angles, no recovery."""
+    model, prior = model or LinearModel(A, C, Q, R), prior or start(rows)
+    matrices = model.A, model.C, model.Q, model.R
+    mean, cov = prior.mean.copy(), np.array(np.broadcast_to(prior.cov, (rows, model.n, model.n)))
+
+    def step(y: np.ndarray) -> np.ndarray:
+        _kalman(*matrices, mean, cov, y)
+        return mean
+
+    return step
+
+
+def ensemble_floor(rows: int, members: int) -> Step:
+    """A stochastic ensemble filter's arithmetic in NumPy and its normal numbers from one stream, few rows at a time.
+
+    Leaves out what `kalman_floor` does, a stream for each row, centred noise, and the covariance that nobody asks for.
+    """
+    prior, rng = start(rows), np.random.default_rng(0)
+    most = max(1, 1000 // members)  # whose members stay in the processor's cache
+    noise, mean = np.empty((most, members, STATES + MEASUREMENTS)), np.empty((rows, STATES))
+    ensemble = rng.standard_normal((rows, members, STATES)) @ np.linalg.cholesky(prior.cov).mT
+    spread = np.sqrt(np.concatenate([Q.diagonal(), R.diagonal()]))
+
+    def step(y: np.ndarray) -> np.ndarray:
+        for first in range(0, rows, most):
+            few = slice(first, first + most)
+            drawn = noise[: rows - first]
+            rng.standard_normal(out=drawn)
+            drawn *= spread
+            x = ensemble[few] @ A.T
+            x += drawn[..., :STATES]
+            expected = x @ C.T
+            X, Y = x - x.mean(1, keepdims=True), expected - expected.mean(1, keepdims=True)
+            K = np.linalg.solve(Y.mT @ Y / (members - 1) + R, Y.mT @ X / (members - 1))
+            innovation = np.subtract(drawn[..., STATES:], expected, out=expected)
+            innovation += y[few, None]
+            ensemble[few] = x + innovation @ K
+            mean[few] = ensemble[few].mean(1)
+        return mean
+
+    return step
+
+
+def flight_floor(rows: int) -> Step:
+    """The corvette on a Kalman filter: its compiled equations of motion, `kalman_floor` and the normal numbers needed.
+
+    Leaves out Gymnasium, sea, actuators, readings, task, observation, reward, info and checks.
+    """
+    core, rng = Core(SIGMA_CORVETTE, rows, estimator="kf"), np.random.default_rng(0)
+    core.start(seed=0)
+    model, belief, state = core.filter.model, core.belief, core.state
+    assert isinstance(model, LinearModel)
+    turn = core.vehicle.known_input(core.actuators, core.actuators, core.task.commanded(core.course, core.steps))
+    fixed = LinearModel(resolve(model.A, turn)[0], model.C, model.Q, model.R)
+    filter = kalman_floor(rows, fixed, Gaussian(belief.mean, belief.cov))
+    noise = np.empty((rows, core.sea_state.shape[-1] + core.sensors.size))
+
+    def step(_: np.ndarray) -> np.ndarray:
+        nonlocal state
+        state = core.vehicle.step(state, core.actuators, core.actuators, core.forcing, core.parameters)
+        rng.standard_normal(out=noise)
+        return filter(noise)
+
+    return step
