@@ -30,9 +30,9 @@ def short_way(change: np.ndarray) -> np.ndarray:
 
 
 def together(angle: np.ndarray) -> np.ndarray:
-    """Angles ``(..., N)`` of members, whole turns taken off so that they lie within half a turn of each other's mean.
+    """Angles ``(..., N)`` of members, whole turns taken off so that their mean is one of angles.
 
-    Beside the first where they are close to it; where they are spread out, beside their circular mean.
+    Where they are close to the first they come to lie beside it; where they are spread out, beside their circular mean.
     """
     first = angle[..., :1]
     close = near(angle, first)

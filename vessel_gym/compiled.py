@@ -28,14 +28,15 @@ _settings: dict[str, Any] = vars(config)  # Numba's
 _Function = Callable[..., Any]
 
 
-def gufunc(signature: str, layout: str) -> Callable[[_Function], Any]:
+def gufunc(signature: str, layout: str, cache: bool = True) -> Callable[[_Function], Any]:
     """Compile a scalar kernel to a NumPy generalised ufunc, `lazy`.
 
     Args:
         signature: Numba's, e.g. ``"void(float64[:], float64[:])"``.
         layout: NumPy's, e.g. ``"(n)->(n)"``.
+        cache: Whether to keep it on disk.
     """
-    return lazy(lambda kernel: guvectorize([signature], layout, nopython=True, cache=True)(kernel).ufunc)
+    return lazy(lambda kernel: guvectorize([signature], layout, nopython=True, cache=cache)(kernel).ufunc)
 
 
 def lazy(compiler: Callable[[_Function], _Function]) -> Callable[[_Function], Any]:

@@ -53,7 +53,7 @@ def _mistakes(vehicle: Vehicle, disturbance: Disturbance) -> Iterator[str]:
             yield f"{who} shakes {name}, which must be a kick ({kicks}) that its effect does not give"
     if disturbance.dt not in (None, vehicle.dt):
         own, dt = disturbance.dt, vehicle.dt
-        yield f"{who} was made for steps of {own:g} s, the vehicle's are {dt:g} s: give it dt={dt:g}"
+        yield f"{who} was made for steps of {own} s, the vehicle's are {dt:g} s: give it dt={dt:g}"
     if len(disturbance.names) != process.size:
         yield f"{who} names {len(disturbance.names)} components of a state that has {process.size}"
     for name in disturbance.names:
@@ -66,9 +66,10 @@ def _mistakes(vehicle: Vehicle, disturbance: Disturbance) -> Iterator[str]:
     z, state = np.zeros((2, process.size)), np.tile(_cruising(vehicle), (2, 1))
     try:
         with np.errstate(all="ignore"):
-            shape = np.asarray(disturbance.effect(z, state)).shape
+            given = disturbance.effect(z, state)
     except Exception as error:
         raise ValueError(f"effect of {who} failed on z of shape {z.shape}: {shown(str(error))}") from error
+    shape = given.shape if isinstance(given, np.ndarray) else f"a {type(given).__name__}"
     if shape != (2, len(disturbance.forces)):
         values = f"{len(disturbance.forces)} values a row, for {', '.join(disturbance.forces)}"
         yield f"effect of {who} must give {values}: z of shape {z.shape} gave {shape}"
@@ -86,7 +87,11 @@ class Forces:
     """
 
     def __init__(self, vehicle: Vehicle, disturbance: Disturbance) -> None:
-        for mistake in _mistakes(vehicle, disturbance):
+        try:
+            mistake = next(_mistakes(vehicle, disturbance), None)
+        except (TypeError, AttributeError) as error:
+            mistake = f"{type(disturbance).__name__} is not what a Disturbance must be: {shown(str(error))}"
+        if mistake is not None:
             raise ValueError(mistake)
         self.vehicle, self.disturbance = vehicle, disturbance
         known = vehicle.kicks + vehicle.flows
@@ -167,7 +172,7 @@ class Composition:
             return
         vehicle, sensors, disturbance = self.vehicle, self.sensors, self.forces.disturbance
         for i, name in enumerate(vehicle.flows, len(vehicle.kicks)):
-            readers = sensors.owner[np.flatnonzero(_shown_forcing(vehicle, sensors)[:, i])]
+            readers = sensors.owner[np.flatnonzero(_shown_anywhere(vehicle, sensors)[:, i])]
             if name in disturbance.forces and len(readers):
                 raise ValueError(
                     f"{sensors.each[readers[0]].name} reads {name}, of which a filter knows nothing that is told of "
@@ -252,8 +257,7 @@ def compose(
     placed = _placed(vehicle, base)
     _check_seen(vehicle, base, sensors)
     n = len(base)
-    shown_forcing, kicks = _shown_forcing(vehicle, sensors), len(vehicle.kicks)
-    held = _held(vehicle, forces, shown_forcing) if told == "states" else np.zeros(0, int)
+    held = _held(vehicle, forces, sensors) if told == "states" else np.zeros(0, int)
     process = disturbance.process
     drift = Process.joined(_part(process, held), sensors.bias)
     names = (*base, *(disturbance.names[i] for i in held), *sensors.bias_names)
@@ -276,7 +280,7 @@ def compose(
     Q = root @ root.T
     Q[:n, :n] += np.diag(np.asarray(vehicle.process_sd)[:n] ** 2)
     R = np.diag(sensors.sd**2)
-    shown_kicks = shown_forcing[:, :kicks]
+    shown_kicks = _shown(vehicle, sensors, _cruising(vehicle))[:, : len(vehicle.kicks)]
     if told == "states" and shown_kicks[:, forces.shaken].any():
         raise ValueError(
             f"a sensor reads the white kicks of {type(disturbance).__name__} as they come: a filter is told of them "
@@ -343,13 +347,13 @@ def _part(process: Process, held: np.ndarray) -> Process:
     return Process(process.transition[square], process.root[held], process.start_cov[square])
 
 
-def _held(vehicle: Vehicle, forces: Forces, shown_forcing: np.ndarray) -> np.ndarray:
+def _held(vehicle: Vehicle, forces: Forces, sensors: Sensors) -> np.ndarray:
     """Which components of a disturbance's state come to move what a filter estimates, or show, at once or later."""
     x, u = vehicle.cruise
     kicks, process = len(vehicle.kicks), forces.disturbance.process
     still = vehicle.drift(x, u, np.zeros(len(vehicle.flows)))
     moving = [(vehicle.drift(x, u, unit) != still).any() for unit in np.eye(len(vehicle.flows))]
-    counts = np.array([True] * kicks + moving) | shown_forcing.any(0)
+    counts = np.array([True] * kicks + moving) | _shown_anywhere(vehicle, sensors).any(0)
     # An effect may depend on z and on where the vehicle is in any way: it is looked at in several places.
     rng, matters = np.random.default_rng(0), np.zeros(process.size, bool)
     for size in (0.0, 1.0, 10.0, 100.0):
@@ -366,11 +370,18 @@ def _held(vehicle: Vehicle, forces: Forces, shown_forcing: np.ndarray) -> np.nda
     return np.flatnonzero(matters)
 
 
-def _shown_forcing(vehicle: Vehicle, sensors: Sensors) -> np.ndarray:
-    """How a unit of each kick and flow shows in the readings ``(p, f)``."""
+def _shown(vehicle: Vehicle, sensors: Sensors, state: np.ndarray) -> np.ndarray:
+    """How a unit of each kick and flow shows in the readings ``(p, f)`` of a vehicle in a state; 0 where none comes."""
     size = len(vehicle.kicks + vehicle.flows)
-    readings = sensors.exact(np.zeros((size + 1, len(vehicle.state_names))), np.eye(size + 1, size, -1))
-    return (readings[1:] - readings[0]).T
+    with np.errstate(all="ignore"):
+        readings = sensors.exact(np.tile(state, (size + 1, 1)), np.eye(size + 1, size, -1))
+        return np.nan_to_num(readings[1:] - readings[0]).T
+
+
+def _shown_anywhere(vehicle: Vehicle, sensors: Sensors) -> np.ndarray:
+    """Whether it shows at all ``(p, f)``: a current need not show in the log of a ship that heads across it."""
+    near = np.random.default_rng(0).standard_normal((8, len(vehicle.state_names)))
+    return np.any([_shown(vehicle, sensors, _cruising(vehicle) + place) for place in near], 0)
 
 
 def _check_seen(vehicle: Vehicle, base: tuple[str, ...], sensors: Sensors) -> None:

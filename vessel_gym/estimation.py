@@ -260,7 +260,7 @@ def build(
     sensors.check_informs((*acting, *(name for sensor in system.vehicle.sensors for name in sensor.informed)))
     if told.how is None and estimator not in ENVIRONMENT_ONLY:  # these do without a model of readings
         composition.check_flows()
-    if composition.told == "white" and estimator != "kf":
+    if composition.told == "white" and estimator not in ("kf", *ENVIRONMENT_ONLY):
         name = estimator if isinstance(estimator, str) else "an estimator of one's own"
         raise ValueError(f'only kf can be told of a white input with its variance, not {name}: say "as": "noise"')
     if own:

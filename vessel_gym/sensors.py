@@ -41,14 +41,15 @@ class Bias:
 
     def __post_init__(self) -> None:
         names: Any = self.names
-        if not isinstance(names, tuple | list):  # a text's letters would pass for names
+        if not isinstance(names, tuple | list) or not names:  # a text's letters would pass for names
             raise ValueError(f"names of a bias must be a tuple of names, got {shown(names)}")
+        object.__setattr__(self, "names", tuple(names))
         for name in ("start", "pace", "slope"):
-            values = getattr(self, name) or (0.0,) * len(self.names)
-            if not isinstance(values, tuple | list) or len(values) != len(self.names):
-                raise ValueError(
-                    f"the bias {self.names} needs a tuple of {len(self.names)} values of {name}, got {shown(values)}"
-                )
+            values = getattr(self, name)
+            values = (0.0,) * len(names) if isinstance(values, tuple) and not values else values
+            if not isinstance(values, tuple | list) or len(values) != len(names):
+                wanted = f"a tuple of {len(names)} values of {name}"
+                raise ValueError(f"the bias {self.names} needs {wanted}, got {shown(values)}")
             for value in values:
                 number(f"{name} of the bias {self.names}", value, low=-1e-300, what="0 or more")
             object.__setattr__(self, name, tuple(float(value) for value in values))

@@ -650,6 +650,12 @@ MISDECLARED = [
     (AUV, disturbance(shakes=("kick u",)), "white of Mine must have 1 rows, got 0"),
     (AUV, disturbance(forces=("current north",)),
      r"effect of Mine must give 1 values a row, for current north: z of shape \(2, 2\) gave \(2, 2\)"),
+    (AUV, disturbance(effect=lambda self, z, state: z.tolist()), r"effect of Mine must give 2 .* gave a list"),
+    (AUV, disturbance(dt="0.1"), "Mine was made for steps of 0.1 s, the vehicle's are 0.1 s: give it dt=0.1"),
+    (AUV, disturbance(white=0.1), "Mine is not what a Disturbance must be: .*"),
+    (AUV, disturbance(scale=1.0), "Mine is not what a Disturbance must be: .*"),
+    (AUV, disturbance(process=None), "Mine is not what a Disturbance must be: .*"),
+    (AUV, disturbance(forces=(["current north"],)), "Mine is not what a Disturbance must be: .*"),
     (AUV, disturbance(effect=lambda self, z, state: z[0]), r"effect of Mine must give 2 values a row, .* gave \(2,\)"),
     (AUV, disturbance(effect=lambda self, z, state: z[..., [0, 2]]), r"effect of Mine failed on z of shape .*"),
     (AUV, disturbance(told="state"), "a filter is told of a disturbance as one of states, input, .*, got 'state'"),
@@ -736,6 +742,32 @@ def test_a_current_that_a_sensor_alone_shows_is_a_state_of_who_is_told_of_it(est
     cov = core.belief.cov[:, -2:, -2:]
     low, high = chi_square_band(50, 2, 1.0 - 1e-5)
     assert low < nees(error, cov, np.zeros(error.shape)).mean() < high
+
+
+def test_a_current_that_shows_on_other_headings_only_is_a_state_too():
+    def over_ground(state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
+        psi = state[..., 2]
+        return (state[..., 3] + np.cos(psi) * forcing[..., 1] + np.sin(psi) * forcing[..., 2])[..., None]
+
+    log = Sensor("log", ("u over ground",), over_ground, (0.05,))
+    sensors = [*single_class(SHIP).system.vehicle.sensors, log]
+    core = make_core(SHIP, 1, estimator="ekf", estimator_options={"told": {"as": "states"}}, sensors=sensors)
+    assert core.composition.names[-2:] == ("current north", "current east")
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_sensor_may_read_what_has_no_value_at_rest():
+    drift = Sensor("vane", ("drift angle",), lambda state, forcing: state[..., 4:5] / state[..., 3:4], (0.01,))
+    sensors = [*single_class(SHIP).system.vehicle.sensors, drift]
+    for chosen in ({}, {"told": {"as": "noise"}}, {"told": {"as": "states"}}):
+        make_core(SHIP, 1, estimator="ekf", estimator_options=chosen, sensors=sensors).reset()
+
+
+def test_what_is_told_as_white_by_itself_concerns_none_that_has_no_model():
+    mine = type("Mine", (Sea,), {"told": "white"})(wave=0.01, peak=0.8, gust=0.002, current=0.3)
+    for estimator in ("kf", "truth", "measurement", "dead-reckoning"):
+        make_core(SHIP, 1, estimator=estimator, disturbance=mine).reset()
+    assert_refused(lambda: make_core(SHIP, 1, estimator="ekf", disturbance=mine), ValueError, "^only kf can be told")
 
 
 def test_who_does_without_a_model_of_readings_may_read_a_current_that_nobody_is_told_of():

@@ -4,14 +4,17 @@ import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from numba.core.errors import TypingError
 from scipy.integrate import solve_ivp
 
+from vessel_gym.compiled import inlined
 from vessel_gym.vehicles.corvette_equations import corvette_rates, corvette_step, corvette_steps
 from vessel_gym.vehicles.files import load
-from vessel_gym.vehicles.integration import Kernel
+from vessel_gym.vehicles.integration import Kernel, kernels
 from vessel_gym.vehicles.itsunusa import itsunusa_rates, itsunusa_step, itsunusa_steps
 from vessel_gym.vehicles.puna import puna_rates, puna_step, puna_steps
 from vessel_gym.vehicles.segorogeni import segorogeni_rates, segorogeni_step, segorogeni_steps
@@ -100,3 +103,21 @@ def test_a_change_of_one_s_own_rates_is_seen(tmp_path: Path):
         program = "import own, numpy as np; print(own.own_rates(np.ones(1), *np.zeros((3, 1)))[0])"
         told = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=True)
         assert float(told.stdout) == factor
+
+
+def rates_of(factor: float, count: int) -> Any:
+    if count == 1:
+        return inlined(lambda s, control, flow, c: (factor * s[0] + control[0],))
+    return inlined(lambda s, control, flow, c: (factor * s[0], 1.0))
+
+
+def test_vehicles_of_one_name_have_the_kernels_of_their_own_rates():
+    made = [kernels("boat", rates_of(factor, 1), 1, 1, 1) for factor in (1.0, 5.0)]
+    assert [each.rates(np.ones(1), *np.zeros((3, 1)))[0] for each in made] == [1.0, 5.0]
+
+
+def test_sizes_that_do_not_fit_are_refused():
+    with pytest.raises(TypingError, match="there are 2 rates of a state of 1 numbers"):
+        kernels("boat", rates_of(1.0, 2), 1, 1, 1).rates(np.ones(1), *np.zeros((3, 1)))
+    with pytest.raises(ValueError, match=r"^still needs a state, actuators and a flow of one number each at least$"):
+        kernels("still", rates_of(1.0, 1), 1, 1, 0)

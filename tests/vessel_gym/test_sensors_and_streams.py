@@ -334,6 +334,8 @@ MISDECLARED = [
     (of(fix(reads=lambda state: state[..., :2])), ValueError, r"reads of fix failed on states of shape .*"),
     (lambda: Bias(("b",), start=(1.0, 2.0)), ValueError, r"the bias .* needs a tuple of 1 values of start, got .*"),
     (lambda: Bias(("b",), 0.1), ValueError, r"the bias \('b',\) needs a tuple of 1 values of start, got 0\.1"),
+    (lambda: Bias(("b",), np.array([0.1])), ValueError, r"the bias .* needs a tuple of 1 values of start, got array.*"),
+    (lambda: Bias((), ()), ValueError, r"names of a bias must be a tuple of names, got \(\)"),
     (lambda: Bias(("b",), start=(1.0,), pace=(1.0, 2.0)), ValueError, r"the bias .* a tuple of 1 values of pace, .*"),
     (lambda: Bias(("b",), start=(-1.0,)), ValueError, r"start of the bias \('b',\) must be 0 or more, got -1\.0"),
 ]  # fmt: skip
@@ -345,6 +347,11 @@ def test_what_is_misdeclared_is_refused_in_one_sentence(make: Callable, kind: ty
         make()
     assert "\n" not in str(why.value)
     assert len(str(why.value)) < 300
+
+
+def test_a_bias_may_be_declared_by_lists():
+    listed, bias = Bias(["b"], [0.1]), Bias(("b",), (0.1,))
+    assert (listed.names, listed.start, listed.pace) == (bias.names, bias.start, bias.pace)
 
 
 # --- streams ----------------------------------------------------------------------------------------

@@ -191,7 +191,8 @@ def _cross_flow(v: float, r: float, a: float) -> tuple[float, float]:
     bow, stern = v + a * r, v - a * r
     cubic = (abs(bow) ** 3 - abs(stern) ** 3) / 3.0
     quartic = (bow * abs(bow) ** 3 - stern * abs(stern) ** 3) / 4.0
-    return cubic / r, (quartic - v * cubic) / (r * r)
+    turning = r if abs(r) * a >= 1e-12 else 1.0  # side by side with others, what is not asked for is computed, too
+    return cubic / turning, (quartic - v * cubic) / (turning * turning)
 
 
 @inlined

@@ -31,8 +31,7 @@ _KINDS = {
     "auv": {6: ("segorogeni", "SegorogeniParameters"), 3: ("itsunusa", "ItsunusaParameters")},
     "fixed-wing": {3: ("puna", "PunaParameters")},
 }
-"""Module and class of the parameters by kind and degrees of freedom, the usual ones first. Only the class that a file
-needs is imported, because that compiles its equations of motion."""
+"""Module and class of the parameters by kind and degrees of freedom, the usual ones first."""
 
 _ANGLES = (
     "rudder_limit", "rudder_rate", "fin_limit", "fin_rate", "alpha_low", "alpha_high", "alpha_rate", "bank_limit",

@@ -13,6 +13,7 @@ from types import FunctionType
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba.core.errors import TypingError
 from numba.extending import overload
 
 from vessel_gym.compiled import gufunc, inlined
@@ -44,16 +45,21 @@ def kernels(name: str, rates: Any, state: int, actuators: int, flow: int) -> Ker
         state: How many numbers its state has,
         actuators: its actuators,
         flow: and what it moves in.
+
+    Raises:
+        ValueError: for a size below 1; when first called, numba.TypingError, if the rates are not as many as the state.
     """
+    if min(state, actuators, flow) < 1:
+        raise ValueError(f"{name} needs a state, actuators and a flow of one number each at least")
+    module = rates.py_func.__module__
+    kept = module.startswith("vessel_gym.")  # Numba's cache does not see the rates: the digest of our sources does
     blank = tuple(size * (0.0,) for size in (state, actuators, flow))
 
     def made(template: Any, what: str, signature: str, layout: str) -> Kernel:
-        # As if it stood in the file of the rates, which Numba's cache then looks at for changes.
-        code = template.__code__.replace(co_filename=rates.py_func.__code__.co_filename)
-        own = FunctionType(code, globals() | {"_rates": rates, "_blank": blank})
-        own.__module__, own.__doc__ = rates.py_func.__module__, template.__doc__
-        own.__name__ = own.__qualname__ = f"{name}_{what}"  # by which Numba's cache and pickles tell them apart
-        return gufunc(f"void({signature})", layout)(own)
+        own = FunctionType(template.__code__, globals() | {"_rates": rates, "_blank": blank})
+        own.__module__, own.__doc__ = module, template.__doc__
+        own.__name__ = own.__qualname__ = f"{name}_{what}"  # by which the cache and pickles tell them apart
+        return gufunc(f"void({signature})", layout, cache=kept)(own)
 
     x, xs = "float64[:]", "float64[:, :]"
     return Kernels(
@@ -134,6 +140,8 @@ def _halves_stored(s: Any, out: Any, first: Any) -> Callable[..., None]:
 
 @overload(_moved, **_compiled)
 def _halves_moved(s: Any, h: Any, rate: Any) -> Callable[..., Numbers]:
+    if len(s) != len(rate):
+        raise TypingError(f"there are {len(rate)} rates of a state of {len(s)} numbers")
     half = len(s) // 2
     if half == 0:
         return lambda s, h, rate: (s[0] + h * rate[0],)
@@ -164,7 +172,7 @@ _blank: Any = None  # and as many zeros as its state, its actuators and what it 
 def _rates_of(state: np.ndarray, control: np.ndarray, flow: np.ndarray, c: np.ndarray, out: np.ndarray) -> None:
     """The rates of a state ``(n,)``."""
     s, actuators, around = _loaded(_blank[0], state, 0), _loaded(_blank[1], control, 0), _loaded(_blank[2], flow, 0)
-    _stored(_rates(s, actuators, around, c), out, 0)
+    _stored(_moved(_blank[0], 1.0, _rates(s, actuators, around, c)), out, 0)
 
 
 def _step(
