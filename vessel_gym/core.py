@@ -86,6 +86,9 @@ class Core:
             raise ValueError(f"guidance must be True, False or None, got {shown(guidance)}")
         self.guidance = not raw if guidance is None else guidance
         choice = system.estimator if estimator is None else estimator
+        self.sensors_name, self.disturbance_name = (
+            name if isinstance(name, str) else "own" for name in (sensors, disturbance)
+        )
         self._chosen = sensors, disturbance, choice, checked_options("estimator_options", estimator_options)
         self.loop: Loop
         self.held: Loop  # what raw readings give as they are, where they guide
@@ -170,16 +173,6 @@ class Core:
     def readings(self) -> Readings:
         """What it was told last."""
         return self.loop.readings
-
-    @property
-    def sensors_name(self) -> str:
-        """The suite's name; "own" for somebody's own sensors."""
-        return self._chosen[0] if isinstance(self._chosen[0], str) else "own"
-
-    @property
-    def disturbance_name(self) -> str:
-        """The disturbance's name in the system; "own" for somebody's own."""
-        return self._chosen[1] if isinstance(self._chosen[1], str) else "own"
 
     @property
     def unknown_inputs(self) -> tuple[str, ...]:

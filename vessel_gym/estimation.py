@@ -251,9 +251,7 @@ def build(
     told = Told.of(options.pop("told", None))
     if estimator == "truth":  # whatever the others are told, it knows what there is
         told = Told()
-    default = (
-        system.filter_models.get(estimator, system.filter_model) if isinstance(estimator, str) else system.filter_model
-    )
+    default = system.filter_models.get(str(estimator), system.filter_model)
     composition = _composed(system, options.pop("model", default), told, sensors, disturbance)
     model = composition.model
     acting = *disturbance.names, *composition.forces.disturbance.names
