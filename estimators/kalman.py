@@ -9,16 +9,13 @@ from estimators.linalg import congruence, driven, identity, product, solve, symm
 from estimators.models import LinearModel, as_covariance, resolve
 
 
-class ExtendedKalmanFilter(Filter):
-    """Linearises the model at the mean; on a linear model it is the Kalman filter exactly.
+class GaussianFilter(Filter):
+    """What filters share whose belief is a mean and a covariance: a model made straight, and the Kalman update.
 
-    Jacobians that the model does not give are taken by central differences. An unknown input in
-    the model is ignored.
-
-    Source: Jazwinski (1970), Stochastic Processes and Filtering Theory, ch. 8.
+    How it is made straight is the model's to say (a matrix, a Jacobian at the mean), or a mix-in's (`SigmaPoints`). An
+    unknown input in the model is ignored.
     """
 
-    name = "ekf"
     shares = True
 
     def _predict(self, belief: Belief, u: np.ndarray | None, rng: Streams) -> Belief:
@@ -56,7 +53,19 @@ def joseph_update(
     return mean + np.matvec(K, innovation), symmetrise(left + product(K, R) @ K.mT), S
 
 
-class KalmanFilter(ExtendedKalmanFilter):
+class ExtendedKalmanFilter(GaussianFilter):
+    """Linearises the model at the mean; on a linear model it is the Kalman filter exactly.
+
+    Jacobians that the model does not give are taken by central differences. An unknown input in
+    the model is ignored.
+
+    Source: Jazwinski (1970), Stochastic Processes and Filtering Theory, ch. 8.
+    """
+
+    name = "ekf"
+
+
+class KalmanFilter(GaussianFilter):
     """The minimum-variance filter of a linear Gaussian model.
 
     An unknown input ``d`` in the model is ignored unless its covariance D is told. It is then white noise that acts on

@@ -5,11 +5,11 @@ import numpy as np
 from estimators.belief import Belief
 from estimators.checks import number, whole
 from estimators.filter import Model, Reading, Streams
-from estimators.kalman import ExtendedKalmanFilter, joseph_update
+from estimators.kalman import GaussianFilter, joseph_update
 from estimators.linalg import semidefinite_cholesky, solve, symmetrise
 
 
-class HuberKalmanFilter(ExtendedKalmanFilter):
+class HuberKalmanFilter(GaussianFilter):
     """A Kalman filter whose update minimises Huber's loss instead of squares: for readings with outliers.
 
     The whitened residuals of the reading and of the prediction, ``zeta = [R^-1/2 (y - h(x)); (P-)^-1/2 (x- - x)]``
@@ -99,7 +99,7 @@ def _reweighted(cov: np.ndarray, root: np.ndarray, inflation: np.ndarray) -> np.
     return cov + (root * (inflation - 1.0)[..., None, :]) @ root.mT
 
 
-class RobustKalmanFilter(ExtendedKalmanFilter):
+class RobustKalmanFilter(GaussianFilter):
     """Minimax filter for a model that is only known within a relative-entropy ball.
 
     At each step nature may replace the joint density of the next state and the reading by any other within

@@ -9,7 +9,7 @@ from estimators.models import LinearModel, resolve
 from estimators.unknown_input import DelayedInputFilter, hidden_directions, unbiased_gain, waiting
 
 
-class UnifiedInputStateEstimator(DelayedInputFilter):
+class ULISE(DelayedInputFilter):
     """ULISE: state and unknown input together, whatever the rank of H.
 
     What H shows of d(k) is estimated at once and drives the next prediction, as in `kf-umv-ui`; the rest shows in the

@@ -127,7 +127,7 @@ def hidden_directions(F: np.ndarray, whole: np.ndarray, units: np.ndarray) -> tu
     return hidden.mT @ hidden, np.asarray(~shown.any(-1))
 
 
-class UnbiasedMinimumVarianceFilter(UnknownInputFilter):
+class UMVFilter(UnknownInputFilter):
     """KF-UMV-UI: state and unknown input together, with direct feedthrough (rank H = q).
 
     The input of a step is estimated from the same step's reading (``input_delay`` 0)::
@@ -226,32 +226,12 @@ class DelayedInputFilter(UnknownInputFilter):
         return belief.cov + congruence(unseen, self.input_prior) * waiting(belief)
 
 
-class ExtendedUnbiasedMinimumVarianceFilterWithoutFeedthrough(DelayedInputFilter):
-    """EKF-UI-WDF: the unknown input acts on the state only, and shows in the next reading.
+class NoFeedthroughFilter(DelayedInputFilter):
+    """What the filters share whose model has H = 0: the unknown input acts on the state only.
 
-    With C the measurement's Jacobian at the prediction and ``G = df/dd`` at the estimate before it, step k
-    estimates d(k-1) (``input_delay`` 1)::
-
-        F = C G     Pd = (F' S^-1 F)^-1     M = Pd F' S^-1     d(k-1) = M e     L = K + (I - K C) G M
-        x = x- + L e      P = (I - L C) P- (I - L C)' + L R L'      x-+ = f(x, u)      P-+ = A P A' + Q
-
-    The first update after ``init`` has no d(k-1): it is a Kalman update. Where a reading does not show a direction of
-    ``d``, because a channel dropped or C G lost rank at this state, that direction falls back to
-    N(0, ``input_prior``) for that step. Jacobians are taken at a prediction that knows nothing of d(k-1):
-    what an input does to them within one step is neglected.
-
-    Sources: Kitanidis (1987); Gillijns & De Moor (2007a); Pan et al. (2010), the extended filter without feedthrough.
-
-    Args:
-        model: A model with H = 0 and rank(C G) = q; a nonlinear one may give G as a function of ``(x, u)``.
-        input_prior: Covariance ``(q, q)`` of the unknown input where no reading shows it; a number
-            stands for that number times identity. Its scale is the problem's: set it.
-
-    Raises:
-        ValueError: if H is not zero or the rank condition cannot hold.
+    Each says how it makes a nonlinear model straight, as the filters below `GaussianFilter` do.
     """
 
-    name = "ekf-ui-wdf"
     linear = False
 
     def __init__(self, model: Model, input_prior: np.ndarray | float = 1.0) -> None:
@@ -307,10 +287,38 @@ class ExtendedUnbiasedMinimumVarianceFilterWithoutFeedthrough(DelayedInputFilter
         )  # fmt: skip
 
 
-class UnbiasedMinimumVarianceFilterWithoutFeedthrough(ExtendedUnbiasedMinimumVarianceFilterWithoutFeedthrough):
+class ExtendedUMVFilter(NoFeedthroughFilter):
+    """EKF-UI-WDF: the unknown input acts on the state only, and shows in the next reading.
+
+    With C the measurement's Jacobian at the prediction and ``G = df/dd`` at the estimate before it, step k
+    estimates d(k-1) (``input_delay`` 1)::
+
+        F = C G     Pd = (F' S^-1 F)^-1     M = Pd F' S^-1     d(k-1) = M e     L = K + (I - K C) G M
+        x = x- + L e      P = (I - L C) P- (I - L C)' + L R L'      x-+ = f(x, u)      P-+ = A P A' + Q
+
+    The first update after ``init`` has no d(k-1): it is a Kalman update. Where a reading does not show a direction of
+    ``d``, because a channel dropped or C G lost rank at this state, that direction falls back to
+    N(0, ``input_prior``) for that step. Jacobians are taken at a prediction that knows nothing of d(k-1):
+    what an input does to them within one step is neglected.
+
+    Sources: Kitanidis (1987); Gillijns & De Moor (2007a); Pan et al. (2010), the extended filter without feedthrough.
+
+    Args:
+        model: A model with H = 0 and rank(C G) = q; a nonlinear one may give G as a function of ``(x, u)``.
+        input_prior: Covariance ``(q, q)`` of the unknown input where no reading shows it; a number
+            stands for that number times identity. Its scale is the problem's: set it.
+
+    Raises:
+        ValueError: if H is not zero or the rank condition cannot hold.
+    """
+
+    name = "ekf-ui-wdf"
+
+
+class DelayedUMVFilter(NoFeedthroughFilter):
     """KF-UMV-UI-WDF: unbiased and of minimum variance for a linear model without feedthrough (rank C G = q).
 
-    The formulas of `ExtendedUnbiasedMinimumVarianceFilterWithoutFeedthrough`, exact here, with ``x-+ = A x + B u``.
+    The formulas of `ExtendedUMVFilter`, exact here, with ``x-+ = A x + B u``.
 
     Sources: Kitanidis (1987); Darouach & Zasadzinski (1997); Gillijns & De Moor (2007a).
 

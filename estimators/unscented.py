@@ -6,10 +6,10 @@ from estimators.angles import difference
 from estimators.belief import Belief
 from estimators.checks import number
 from estimators.filter import Filter, Model
-from estimators.kalman import ExtendedKalmanFilter
+from estimators.kalman import GaussianFilter
 from estimators.linalg import semidefinite_cholesky, solve
 from estimators.models import LinearModel, at_points, steps
-from estimators.unknown_input import ExtendedUnbiasedMinimumVarianceFilterWithoutFeedthrough
+from estimators.unknown_input import NoFeedthroughFilter
 
 
 class SigmaPoints(Filter):
@@ -93,7 +93,7 @@ class SigmaPoints(Filter):
         return centre + shift, slopes, excess
 
 
-class UnscentedKalmanFilter(SigmaPoints, ExtendedKalmanFilter):
+class UnscentedKalmanFilter(SigmaPoints, GaussianFilter):
     """UKF: a Kalman filter whose moments come from sigma points; on a linear model it is the Kalman filter exactly.
 
     Needs no Jacobian and keeps second-order terms: with the defaults the mean is right to third order for a Gaussian.
@@ -120,7 +120,7 @@ class UnscentedKalmanFilter(SigmaPoints, ExtendedKalmanFilter):
         self._set_points(alpha, beta, kappa)
 
 
-class UnscentedUnbiasedMinimumVarianceFilter(SigmaPoints, ExtendedUnbiasedMinimumVarianceFilterWithoutFeedthrough):
+class UnscentedUMVFilter(SigmaPoints, NoFeedthroughFilter):
     """UKF-UMV: `ekf-ui-wdf` with sigma points in place of Jacobians; the input shows one step late.
 
     With ``C = Pxy' (P-)^-1``, ``K = Pxy Pyy^-1`` and R replaced by ``Pyy - C P- C'``, where Pyy holds R::

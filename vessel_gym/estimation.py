@@ -6,10 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from estimators import Belief, Filter, LinearModel, factory, wrap
+from estimators import Belief, Filter, GaussianFilter, LinearModel, factory, wrap
 from estimators.checks import number, shown
 from estimators.filter import Reading, Streams
-from estimators.kalman import ExtendedKalmanFilter
 from estimators.models import resolve
 from vessel_gym import checks
 from vessel_gym.composition import Composition, checked_told, compose
@@ -52,7 +51,7 @@ class Oracle(Filter):
         )  # fmt: skip
 
 
-class DeadReckoning(ExtendedKalmanFilter):
+class DeadReckoning(GaussianFilter):
     """The model alone: readings are not used."""
 
     name = "dead-reckoning"
