@@ -4,9 +4,10 @@ import numpy as np
 
 from estimators.belief import Belief
 from estimators.checks import number, whole
-from estimators.filter import Model, Reading, Streams
+from estimators.filter import Model, Streams
 from estimators.kalman import GaussianFilter, joseph_update
 from estimators.linalg import semidefinite_cholesky, solve, symmetrise
+from estimators.reading import Reading
 
 
 class HuberKalmanFilter(GaussianFilter):
@@ -63,10 +64,7 @@ class HuberKalmanFilter(GaussianFilter):
             belief.mean, _reweighted(belief.cov, root_P, inflation[..., :n]), e,
             C, _reweighted(R, root_R, inflation[..., n:]),
         )  # fmt: skip
-        return Belief(
-            mean, cov, belief.prior_mean, belief.prior_cov, np.zeros(mean.shape[:-1], np.int8), belief.u,
-            e, S, reading.available,
-        )  # fmt: skip
+        return Belief.updated(belief, mean, cov, reading, S)
 
     def _inflation(self, M: np.ndarray, S: np.ndarray, e: np.ndarray) -> np.ndarray:
         """``1 / psi`` for the last update, ``(..., n + p)``; a row that has converged is left alone."""
