@@ -12,42 +12,59 @@ The last axis holds the components of a vector, every leading axis is a batch::
 """
 
 from estimators.angles import wrap
-from estimators.belief import Belief, Recovery
-from estimators.ensemble import EnsembleKalmanFilter, EnsembleSquareRootFilter, EnsembleTransformFilter
+from estimators.belief import Belief, DelayedInputBelief, EnsembleBelief, FeedthroughBelief, InputBelief, Recovery
+from estimators.ensemble import EnsembleFilter, EnsembleKalmanFilter, EnsembleSquareRootFilter, EnsembleTransformFilter
 from estimators.factory import make, names
-from estimators.filter import Filter
-from estimators.kalman import ExtendedKalmanFilter, KalmanFilter
+from estimators.filter import Filter, Model, Streams
+from estimators.kalman import ExtendedKalmanFilter, GaussianFilter, KalmanFilter
 from estimators.metrics import chi_square_band, nees, nis, rmse
 from estimators.models import Gaussian, LinearModel, NonlinearModel, forward_euler, van_loan, zero_order_hold
+from estimators.reading import Reading
 from estimators.robust import HuberKalmanFilter, RobustKalmanFilter
-from estimators.ulise import UnifiedInputStateEstimator
+from estimators.ulise import ULISE
 from estimators.unknown_input import (
-    ExtendedUnbiasedMinimumVarianceFilterWithoutFeedthrough,
-    UnbiasedMinimumVarianceFilter,
-    UnbiasedMinimumVarianceFilterWithoutFeedthrough,
+    DelayedInputFilter,
+    DelayedUMVFilter,
+    ExtendedUMVFilter,
+    NoFeedthroughFilter,
+    UMVFilter,
+    UnknownInputFilter,
 )
-from estimators.unscented import UnscentedKalmanFilter, UnscentedUnbiasedMinimumVarianceFilter
+from estimators.unscented import SigmaPoints, UnscentedKalmanFilter, UnscentedUMVFilter
 
 __all__ = [
+    "ULISE",
     "Belief",
+    "DelayedInputBelief",
+    "DelayedInputFilter",
+    "DelayedUMVFilter",
+    "EnsembleBelief",
+    "EnsembleFilter",
     "EnsembleKalmanFilter",
     "EnsembleSquareRootFilter",
     "EnsembleTransformFilter",
     "ExtendedKalmanFilter",
-    "ExtendedUnbiasedMinimumVarianceFilterWithoutFeedthrough",
+    "ExtendedUMVFilter",
+    "FeedthroughBelief",
     "Filter",
     "Gaussian",
+    "GaussianFilter",
     "HuberKalmanFilter",
+    "InputBelief",
     "KalmanFilter",
     "LinearModel",
+    "Model",
+    "NoFeedthroughFilter",
     "NonlinearModel",
+    "Reading",
     "Recovery",
     "RobustKalmanFilter",
-    "UnbiasedMinimumVarianceFilter",
-    "UnbiasedMinimumVarianceFilterWithoutFeedthrough",
-    "UnifiedInputStateEstimator",
+    "SigmaPoints",
+    "Streams",
+    "UMVFilter",
+    "UnknownInputFilter",
     "UnscentedKalmanFilter",
-    "UnscentedUnbiasedMinimumVarianceFilter",
+    "UnscentedUMVFilter",
     "chi_square_band",
     "forward_euler",
     "make",

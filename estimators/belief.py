@@ -1,10 +1,12 @@
-"""What a filter believes at one time: an immutable record of arrays."""
+"""What a filter believes at one time: an immutable record of arrays, one record for each family of filters."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
+
+from estimators.reading import Reading
 
 
 class Recovery(IntEnum):
@@ -37,30 +39,19 @@ _REASONS = {
 class Belief:
     """A filter's belief and everything its next step needs; leading axes are a batch.
 
+    Every filter has these; a family that has more adds it in a record of its own. Of any belief one may ask for
+    ``input_mean``, ``input_cov`` and ``ensemble``: they are None where the filter has none.
+
     Attributes:
         mean: ``(..., n)`` state estimate.
         cov: ``(..., n, n)`` its covariance.
         prior_mean: ``(..., n)`` where a lost row starts again.
         prior_cov: ``(..., n, n)`` likewise.
         recovery: ``(...)`` what the last update had to do, as the numbers of `Recovery`; 0: the usual.
-        u: ``(..., m)`` the known input of the last prediction.
-        innovation: ``(..., p)`` reading minus expectation, 0 where no reading came.
-        innovation_cov: ``(..., p, p)`` its covariance, unit where no reading came.
-        available: ``(..., p)`` which readings the last update used.
-        input_mean: ``(..., q)`` estimate of the unknown input (unknown-input filters).
-        input_cov: ``(..., q, q)`` its covariance.
-        state_input_cov: ``(..., n, q)`` covariance between the two errors.
-        input_observed: ``(..., q, q)`` projector on the directions of the unknown input that the
-            readings determined; in the others the estimate is its prior.
-        pending: ``(...)`` True where a prediction waits for the reading that shows its unknown
-            input (filters without feedthrough).
-        ensemble: ``(..., N, n)`` members as rows (ensemble filters).
-        input_matrix: ``(..., n, q)`` G of the last prediction, for a model whose G is a function.
-        feedthrough_mean: ``(..., q)`` what the readings of this very step show of the unknown input that acts
-            now, 0 in the other directions (filters that know the whole input one step later).
-        feedthrough_cov: ``(..., q, q)`` its covariance, 0 in the other directions.
-        state_feedthrough_cov: ``(..., n, q)`` covariance of its error and the state's.
-        feedthrough_observed: ``(..., q, q)`` projector on the directions that they show.
+        u: ``(..., m)`` the known input of the last prediction; None: it was told none.
+        innovation: ``(..., p)`` reading minus expectation, 0 where no reading came; None before an update.
+        innovation_cov: ``(..., p, p)`` its covariance, unit where no reading came; likewise.
+        available: ``(..., p)`` which readings the last update used; likewise.
     """
 
     mean: np.ndarray
@@ -72,17 +63,21 @@ class Belief:
     innovation: np.ndarray | None = None
     innovation_cov: np.ndarray | None = None
     available: np.ndarray | None = None
-    input_mean: np.ndarray | None = None
-    input_cov: np.ndarray | None = None
-    state_input_cov: np.ndarray | None = None
-    input_observed: np.ndarray | None = None
-    pending: np.ndarray | None = None
-    ensemble: np.ndarray | None = None
-    input_matrix: np.ndarray | None = None
-    feedthrough_mean: np.ndarray | None = None
-    feedthrough_cov: np.ndarray | None = None
-    state_feedthrough_cov: np.ndarray | None = None
-    feedthrough_observed: np.ndarray | None = None
+
+    @property
+    def input_mean(self) -> np.ndarray | None:
+        """``(..., q)`` estimate of the unknown input; None: the filter has none."""
+        return None
+
+    @property
+    def input_cov(self) -> np.ndarray | None:
+        """``(..., q, q)`` its covariance, likewise."""
+        return None
+
+    @property
+    def ensemble(self) -> np.ndarray | None:
+        """``(..., N, n)`` members as rows; None: the filter has none."""
+        return None
 
     @property
     def healthy(self) -> np.ndarray:
@@ -95,11 +90,32 @@ class Belief:
         sentences = np.array([rung.reason for rung in Recovery], dtype=object)
         return np.asarray(sentences[self.recovery], dtype=object)
 
-    def __getitem__(self, rows: Any) -> "Belief":
-        """The beliefs of some rows of the batch: a mask, an index or a slice over leading axes."""
-        return type(self)(*(None if a is None else a[rows] for a in self._arrays()))
+    @classmethod
+    def of(cls, belief: "Belief", **own: Any) -> Self:
+        """A belief as this record, which has ``own`` arrays beside those of every belief."""
+        return cls(**{name: getattr(belief, name) for name in Belief.__dataclass_fields__}, **own)
 
-    def with_rows(self, rows: np.ndarray, other: "Belief") -> "Belief":
+    @classmethod
+    def predicted(cls, before: "Belief", mean: np.ndarray, cov: np.ndarray, u: np.ndarray | None, **own: Any) -> Self:
+        """What a prediction from the belief ``before`` leaves, and the record's ``own`` arrays."""
+        return cls(mean, cov, before.prior_mean, before.prior_cov, before.recovery, u, **own)
+
+    @classmethod
+    def updated(
+        cls, before: "Belief", mean: np.ndarray, cov: np.ndarray, reading: Reading, S: np.ndarray, **own: Any
+    ) -> Self:
+        """What a usual update of the belief ``before`` leaves, ``S`` the innovation's covariance; likewise."""
+        return cls(
+            mean, cov, before.prior_mean, before.prior_cov, np.zeros(mean.shape[:-1], np.int8), before.u,
+            reading.innovation, S, reading.available, **own,
+        )  # fmt: skip
+
+    def __getitem__(self, rows: Any) -> Self:
+        """The beliefs of some rows of the batch: a mask, an index or a slice over leading axes."""
+        arrays: dict[str, Any] = {name: None if a is None else a[rows] for name, a in self._arrays().items()}
+        return type(self)(**arrays)
+
+    def with_rows(self, rows: np.ndarray, other: "Belief") -> Self:
         """This belief with the rows of a mask ``(...)`` replaced, in order, by those of ``other``.
 
         One of the two may have seen no reading or no known input yet: its rows then have none (an innovation of 0).
@@ -107,34 +123,95 @@ class Belief:
         Raises:
             ValueError: if the two are beliefs of different filters.
         """
-        values: list[np.ndarray | None] = []
-        for f in fields(self):
-            mine, theirs = getattr(self, f.name), getattr(other, f.name)
-            if mine is None and theirs is None:
-                values.append(None)
-                continue
-            if mine is None:
-                mine = _unseen(f.name, theirs, self.mean.shape[:-1])
-            elif theirs is None:
-                theirs = _unseen(f.name, mine, other.mean.shape[:-1])
-            merged = np.array(mine)
-            merged[rows] = theirs
-            values.append(merged)
-        return type(self)(*values)
+        if type(other) is not type(self):
+            kinds = f"{type(self).__name__} and {type(other).__name__}"
+            raise ValueError(f"cannot merge {kinds}: they are of different filters")
+        merged: dict[str, Any] = {}
+        for name, mine in self._arrays().items():
+            theirs = getattr(other, name)
+            if mine is not None or theirs is not None:
+                merged[name] = np.array(_unseen(name, theirs, self) if mine is None else mine)
+                merged[name][rows] = _unseen(name, mine, other) if theirs is None else theirs
+        return type(self)(**merged)
 
-    def replace(self, **changes: Any) -> "Belief":
+    def replace(self, **changes: Any) -> Self:
         """This belief with some fields changed."""
-        names = self.__match_args__
-        return type(self)(**(dict(zip(names, self._arrays(), strict=True)) | changes))
+        return type(self)(**(self._arrays() | changes))
 
-    def _arrays(self) -> list[np.ndarray | None]:
-        return [getattr(self, name) for name in self.__match_args__]
+    def _arrays(self) -> dict[str, Any]:
+        return {name: getattr(self, name) for name in self.__dataclass_fields__}
 
 
-def _unseen(name: str, like: np.ndarray, batch: tuple[int, ...]) -> np.ndarray:
-    """What a field says in rows ``batch`` that have seen no reading, or were told no known input, yet."""
+# Where a record gives what every belief can be asked for, `field` hides the property above, which is no default.
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class InputBelief(Belief):
+    """The belief of a filter that estimates the unknown input, too.
+
+    Attributes:
+        input_mean: ``(..., q)`` estimate of the unknown input.
+        input_cov: ``(..., q, q)`` its covariance.
+        state_input_cov: ``(..., n, q)`` covariance between the two errors.
+        input_observed: ``(..., q, q)`` projector on the directions of the unknown input that the readings
+            determined; in the others the estimate is its prior. None: the filter was told the input's covariance, which
+            counts in every direction.
+    """
+
+    input_mean: np.ndarray = field()
+    input_cov: np.ndarray = field()
+    state_input_cov: np.ndarray
+    input_observed: np.ndarray | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class DelayedInputBelief(InputBelief):
+    """The belief of a filter to which a reading shows the unknown input of the step before.
+
+    Attributes:
+        input_observed: As in `InputBelief`.
+        pending: ``(...)`` True where a prediction waits for the reading that shows its unknown input.
+        input_matrix: ``(..., n, q)`` G of the last prediction, for a model whose G is a function.
+    """
+
+    input_observed: np.ndarray
+    pending: np.ndarray
+    input_matrix: np.ndarray | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class FeedthroughBelief(DelayedInputBelief):
+    """The belief of a filter that sees a part of the unknown input at once, and the whole one step later.
+
+    Attributes:
+        feedthrough_mean: ``(..., q)`` what the readings of this very step show of the unknown input that acts
+            now, 0 in the other directions.
+        feedthrough_cov: ``(..., q, q)`` its covariance, 0 in the other directions.
+        state_feedthrough_cov: ``(..., n, q)`` covariance of its error and the state's.
+        feedthrough_observed: ``(..., q, q)`` projector on the directions that they show.
+    """
+
+    feedthrough_mean: np.ndarray
+    feedthrough_cov: np.ndarray
+    state_feedthrough_cov: np.ndarray
+    feedthrough_observed: np.ndarray
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class EnsembleBelief(Belief):
+    """The belief of a filter that carries members.
+
+    Attributes:
+        ensemble: ``(..., N, n)`` members as rows.
+    """
+
+    ensemble: np.ndarray = field()
+
+
+def _unseen(name: str, like: np.ndarray, belief: Belief) -> np.ndarray:
+    """What a field says in a belief that has seen no reading, or was told no known input, yet."""
     if name not in ("u", "innovation", "innovation_cov", "available"):
         raise ValueError(f"cannot merge two beliefs of which only one has {name}: they are of different filters")
-    if name == "innovation_cov":
-        return np.broadcast_to(np.eye(like.shape[-1]), batch + like.shape[-2:])
-    return np.zeros(batch + like.shape[-1:], like.dtype)
+    size = like.shape[-1]
+    blank = np.eye(size) if name == "innovation_cov" else np.zeros(size, like.dtype)
+    return np.broadcast_to(blank, belief.mean.shape[:-1] + blank.shape)

@@ -23,7 +23,7 @@ import numpy as np
 from scipy.special import bdtr, bdtrc, bdtrik, gammainc, gammaincc, gammaincinv, ndtri
 
 from estimators.angles import difference
-from estimators.belief import Belief
+from estimators.belief import Belief, FeedthroughBelief, InputBelief
 from estimators.filter import Filter, Model, Streams
 from estimators.linalg import neutralised, semidefinite_cholesky
 from estimators.metrics import nees, nis
@@ -69,8 +69,10 @@ def simulate(
         d: Unknown input, broadcast to ``(T, M, q)``; None: zero.
 
     Raises:
-        ValueError: if ``runs`` or ``steps`` is below 2.
+        ValueError: if ``runs`` or ``steps`` is below 2, or there is a ``d`` that the model has not.
     """
+    if d is not None and model.H is None:
+        raise ValueError("d was given, but the model has no unknown input (G and H are missing)")
     if runs < 2 or steps < 2:
         raise ValueError(f"runs and steps must be at least 2, got {runs} and {steps}")
     u, d = (None if a is None else np.broadcast_to(a, (steps, runs, np.shape(a)[-1])) for a in (u, d))
@@ -80,7 +82,7 @@ def simulate(
         before, now = (None if u is None else u[j] for j in (max(k - 1, 0), k))
         y = model.measurement(x, before) + _noise(resolve(model.R, before), rng, runs)
         following = model.transition(x, now) + _noise(resolve(model.Q, now), rng, runs)
-        if d is not None:
+        if d is not None and model.H is not None:
             y = y + np.matvec(resolve(model.H, before), d[k])
             following = following + np.matvec(model.input_matrix(x, now), d[k])
         xs.append(x)
@@ -364,12 +366,12 @@ def assess(
     errors, surprise, freedom = np.empty((T, M)), nis(innovation, S), available.sum(-1).astype(float)
     for k, belief in enumerate(beliefs):
         errors[k] = nees(belief.mean, belief.cov, data.x[k], filter.model.state_angles)
-        if belief.input_mean is not None:
+        if isinstance(belief, InputBelief) and belief.input_observed is not None:
             surprise[k] -= nis(belief.input_mean, belief.input_cov)
             freedom[k] -= np.round(np.trace(belief.input_observed, axis1=-2, axis2=-1))
     last = beliefs[-1]
     innovations = None
-    if last.feedthrough_mean is None:
+    if not isinstance(last, FeedthroughBelief):
         innovations = chi_square_test(surprise, freedom, confidence, conservative)
     whiteness = None
     if filter.input_delay is None:

@@ -14,14 +14,18 @@ from collections.abc import Sequence
 import numpy as np
 
 from estimators.angles import difference, near, together
-from estimators.belief import Belief
+from estimators.belief import Belief, EnsembleBelief
 from estimators.checks import as_array, number, shown, whole
-from estimators.filter import Filter, Model, Reading, Streams
+from estimators.filter import Filter, Model, Streams
 from estimators.linalg import cholesky, product, semidefinite_cholesky, solve, symmetrise
 from estimators.models import LinearModel, at_points, resolve
+from estimators.reading import Reading
+
+Drawn = np.random.Generator | Sequence[np.random.Generator]
+"""`Streams` of a filter that draws from them: there are some."""
 
 
-class EnsembleFilter(Filter):
+class EnsembleFilter(Filter[EnsembleBelief]):
     """What the ensemble filters share: members, their prediction, the moments, inflation and localisation.
 
     Random numbers: the members of ``init`` and the process noise of ``predict`` are drawn and centred, so that they
@@ -35,6 +39,7 @@ class EnsembleFilter(Filter):
         localisation: ``(n, p)``: which reading may correct which component; None: every one.
     """
 
+    record = EnsembleBelief
     random = True
 
     def __init__(
@@ -59,15 +64,15 @@ class EnsembleFilter(Filter):
 
     # --- the contract -----------------------------------------------------------------------------
 
-    def _init(self, belief: Belief, rng: Streams) -> Belief:
+    def _init(self, belief: Belief, rng: Streams) -> EnsembleBelief:
         batch = belief.mean.shape[:-1]
         streams = self._streams(rng, batch)
         ensemble = self._centred_noise(streams, batch, semidefinite_cholesky(belief.cov))
         cov = self._covariance(ensemble)
         ensemble += belief.mean[..., None, :]
-        return belief.replace(mean=self._mean(ensemble), cov=cov, ensemble=ensemble)
+        return EnsembleBelief.of(belief.replace(mean=self._mean(ensemble), cov=cov), ensemble=ensemble)
 
-    def _predict(self, belief: Belief, u: np.ndarray | None, rng: Streams) -> Belief:
+    def _predict(self, belief: EnsembleBelief, u: np.ndarray | None, rng: Streams) -> EnsembleBelief:
         model, batch = self.model, belief.mean.shape[:-1]
         streams = self._streams(rng, batch)
         if isinstance(model, LinearModel):
@@ -85,42 +90,44 @@ class EnsembleFilter(Filter):
         else:
             ensemble = np.array(ensemble)  # what a model returns is its own
         anomalies = ensemble - mean[..., None, :]
-        cov = self._covariance(anomalies)
-        return Belief(mean, cov, belief.prior_mean, belief.prior_cov, belief.recovery, u, ensemble=ensemble)
+        return EnsembleBelief.predicted(belief, mean, self._covariance(anomalies), u, ensemble=ensemble)
 
-    def _reading(self, belief: Belief, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None) -> Reading:
+    def _reading(
+        self, belief: EnsembleBelief, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None
+    ) -> Reading:
         model, u = self.model, belief.u
         R, mask = self._noise(y, available, R, u)
         expected, anomalies = self._expected(belief)
         innovation = difference(y, expected, model.measurement_angles)
-        reading = Reading(innovation, None, None, R, mask, bool(mask.all()), anomalies=anomalies, whole_R=R)
+        none = self._no_columns
+        reading = Reading(innovation, none, none, R, mask, bool(mask.all()), none, none, anomalies, R)
         return reading if reading.complete else reading.only(mask)
 
     def _condensed(
-        self, start: Belief, reading: Reading, S: np.ndarray, lost: np.ndarray
+        self, start: EnsembleBelief, reading: Reading, S: np.ndarray, lost: np.ndarray
     ) -> tuple[Reading, np.ndarray] | None:
         # Mixed channels have no place in a localisation, which is about channels.
         return None if self.localisation is not None else super()._condensed(start, reading, S, lost)
 
-    def _update(self, belief: Belief, reading: Reading, rng: Streams) -> Belief:
-        batch = belief.mean.shape[:-1]
-        streams = self._streams(rng, batch)
-        S = self._covariance(reading.anomalies) + reading.R
+    def _update(self, belief: EnsembleBelief, reading: Reading, rng: Streams) -> EnsembleBelief:
+        streams, Y = self._streams(rng, belief.mean.shape[:-1]), reading.anomalies
+        assert Y is not None
+        S = self._covariance(Y) + reading.R
         ensemble = belief.ensemble - belief.mean[..., None, :]
-        mean, ensemble = self._analysis(belief.mean, ensemble, S, reading, streams)
+        mean, ensemble = self._analysis(belief.mean, ensemble, Y, S, reading, streams)
         if self.inflation != 1.0:
             ensemble *= self._inflation(reading.available)[..., None, :]
         cov = self._covariance(ensemble)
         ensemble += mean[..., None, :]
-        return Belief(
-            mean, cov, belief.prior_mean, belief.prior_cov, np.zeros(batch, np.int8), belief.u, reading.innovation, S,
-            reading.available, ensemble=ensemble,
-        )  # fmt: skip
+        return EnsembleBelief.updated(belief, mean, cov, reading, S, ensemble=ensemble)
 
     def _analysis(
-        self, mean: np.ndarray, anomalies: np.ndarray, S: np.ndarray, reading: Reading, streams: Streams
+        self, mean: np.ndarray, anomalies: np.ndarray, Y: np.ndarray, S: np.ndarray, reading: Reading, streams: Drawn
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The mean ``(..., n)`` and the centred anomalies ``(..., N, n)`` after a reading; may write on the latter."""
+        """The mean ``(..., n)`` and the centred anomalies ``(..., N, n)`` after a reading; may write on the latter.
+
+        ``Y (..., N, p)`` are the anomalies of the readings that the members expect.
+        """
         raise NotImplementedError
 
     # --- pieces -----------------------------------------------------------------------------------
@@ -133,11 +140,7 @@ class EnsembleFilter(Filter):
         """``A' A / (N - 1)``."""
         return symmetrise(anomalies.mT @ anomalies) / (self.members - 1)
 
-    def _cross_covariance(self, reading: Reading, anomalies: np.ndarray) -> np.ndarray:
-        """``C P- = Y' A / (N - 1)``, shape ``(..., p, n)``."""
-        return (reading.anomalies.mT @ anomalies) / (self.members - 1)
-
-    def _expected(self, belief: Belief) -> tuple[np.ndarray, np.ndarray]:
+    def _expected(self, belief: EnsembleBelief) -> tuple[np.ndarray, np.ndarray]:
         """The mean ``(..., p)`` of the readings that the members expect, and their anomalies ``(..., N, p)``.
 
         A linear model's angles need no care: its readings are as unwrapped as its states. Others are taken about their
@@ -168,7 +171,7 @@ class EnsembleFilter(Filter):
 
     # --- random numbers ---------------------------------------------------------------------------
 
-    def _streams(self, rng: Streams, batch: tuple[int, ...]) -> Streams:
+    def _streams(self, rng: Streams, batch: tuple[int, ...]) -> Drawn:
         """``rng``, checked: a Generator for the whole batch at once, or one for each row."""
         if isinstance(rng, np.random.Generator):
             return rng
@@ -181,7 +184,7 @@ class EnsembleFilter(Filter):
             raise ValueError(f"rng has {len(rng)} streams, expected one Generator or one for each of {rows} rows")
         return rng
 
-    def _centred_noise(self, streams: Streams, batch: tuple[int, ...], root: np.ndarray) -> np.ndarray:
+    def _centred_noise(self, streams: Drawn, batch: tuple[int, ...], root: np.ndarray) -> np.ndarray:
         """``(..., N, k)`` draws with covariance ``root root'``, their mean over the members taken off."""
         normals = draw(streams, batch, (self.members, root.shape[-1]))
         normals -= self._mean(normals)[..., None, :]
@@ -214,15 +217,17 @@ class EnsembleKalmanFilter(EnsembleFilter):
         self._reading_root = None if callable(model.R) else semidefinite_cholesky(model.R)
 
     def _analysis(
-        self, mean: np.ndarray, anomalies: np.ndarray, S: np.ndarray, reading: Reading, streams: Streams
+        self, mean: np.ndarray, anomalies: np.ndarray, Y: np.ndarray, S: np.ndarray, reading: Reading, streams: Drawn
     ) -> tuple[np.ndarray, np.ndarray]:
-        gain = solve(S, self._cross_covariance(reading, anomalies))  # K', (..., p, n)
+        gain = solve(S, (Y.mT @ anomalies) / (self.members - 1))  # K', (..., p, n)
         if self.localisation is not None:
             gain *= self.localisation.T
         # The gain of a missing reading is zero, so that the root of the whole R does: it is known beforehand.
-        root = self._reading_root if reading.whole_R is self.model.R else semidefinite_cholesky(reading.R)
+        root = self._reading_root
+        if root is None or reading.whole_R is not self.model.R:
+            root = semidefinite_cholesky(reading.R)
         departures = self._centred_noise(streams, mean.shape[:-1], root)
-        departures -= reading.anomalies
+        departures -= Y
         anomalies += product(departures, gain)
         return mean + np.vecmat(reading.innovation, gain), anomalies
 
@@ -272,16 +277,16 @@ class EnsembleTransformFilter(EnsembleFilter):
         return mask
 
     def _analysis(
-        self, mean: np.ndarray, anomalies: np.ndarray, S: np.ndarray, reading: Reading, streams: Streams
+        self, mean: np.ndarray, anomalies: np.ndarray, Y: np.ndarray, S: np.ndarray, reading: Reading, streams: Drawn
     ) -> tuple[np.ndarray, np.ndarray]:
         if self._groups is None:
-            mean, anomalies = self._transformed(mean, anomalies, reading.anomalies, S, reading.R, reading.innovation)
+            mean, anomalies = self._transformed(mean, anomalies, Y, S, reading.R, reading.innovation)
         else:
             mean = np.array(mean)
             for states, readings in self._groups:
                 block = (..., readings[:, None], readings)
                 mean[..., states], anomalies[..., states] = self._transformed(
-                    mean[..., states], anomalies[..., states], reading.anomalies[..., readings], S[block],
+                    mean[..., states], anomalies[..., states], Y[..., readings], S[block],
                     reading.R[block], reading.innovation[..., readings],
                 )  # fmt: skip
         if self.rotate:
@@ -364,7 +369,7 @@ class EnsembleSquareRootFilter(EnsembleTransformFilter):
 # --- shared -------------------------------------------------------------------------------------------
 
 
-def draw(streams: Streams, batch: tuple[int, ...], shape: tuple[int, ...]) -> np.ndarray:
+def draw(streams: Drawn, batch: tuple[int, ...], shape: tuple[int, ...]) -> np.ndarray:
     """Standard normals ``(*batch, *shape)``: row by row from its stream, or all at once from a Generator."""
     normals = np.empty(batch + shape)
     if isinstance(streams, np.random.Generator):

@@ -10,25 +10,21 @@ from estimators.ensemble import EnsembleKalmanFilter, EnsembleSquareRootFilter, 
 from estimators.filter import Filter, Model
 from estimators.kalman import ExtendedKalmanFilter, KalmanFilter
 from estimators.robust import HuberKalmanFilter, RobustKalmanFilter
-from estimators.ulise import UnifiedInputStateEstimator
-from estimators.unknown_input import (
-    ExtendedUnbiasedMinimumVarianceFilterWithoutFeedthrough,
-    UnbiasedMinimumVarianceFilter,
-    UnbiasedMinimumVarianceFilterWithoutFeedthrough,
-)
-from estimators.unscented import UnscentedKalmanFilter, UnscentedUnbiasedMinimumVarianceFilter
+from estimators.ulise import ULISE
+from estimators.unknown_input import DelayedUMVFilter, ExtendedUMVFilter, UMVFilter
+from estimators.unscented import UnscentedKalmanFilter, UnscentedUMVFilter
 
 _FILTERS: dict[str, type[Filter]] = {
     cls.name: cls
     for cls in (
         KalmanFilter,
         ExtendedKalmanFilter,
-        UnbiasedMinimumVarianceFilter,
-        UnbiasedMinimumVarianceFilterWithoutFeedthrough,
-        ExtendedUnbiasedMinimumVarianceFilterWithoutFeedthrough,
-        UnifiedInputStateEstimator,
+        UMVFilter,
+        DelayedUMVFilter,
+        ExtendedUMVFilter,
+        ULISE,
         UnscentedKalmanFilter,
-        UnscentedUnbiasedMinimumVarianceFilter,
+        UnscentedUMVFilter,
         EnsembleKalmanFilter,
         EnsembleSquareRootFilter,
         EnsembleTransformFilter,

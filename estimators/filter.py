@@ -3,79 +3,36 @@
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, Generic, TypeVar, cast
 
 import numpy as np
 
 from estimators.angles import difference
-from estimators.belief import Belief, Recovery
+from estimators.belief import Belief, FeedthroughBelief, InputBelief, Recovery
 from estimators.checks import as_array, as_mask
 from estimators.linalg import congruence, equilibrated, identity, neutralised, semidefinite_cholesky
 from estimators.models import Gaussian, LinearModel, NonlinearModel, as_covariance, resolve, usable
+from estimators.reading import Reading
 
 Streams = np.random.Generator | Sequence[np.random.Generator] | None
 Model = LinearModel | NonlinearModel
+Record = TypeVar("Record", bound=Belief)
+"""The record of a filter's beliefs."""
+Other = TypeVar("Other", bound=Belief)
 
 
-class Reading(NamedTuple):
-    """A measurement prepared for an update: missing channels carry no information.
-
-    A missing channel has innovation 0, a zero row in ``C`` and ``H`` and a unit, uncorrelated
-    variance in ``R``, so that the formulas need no special case.
-    """
-
-    innovation: np.ndarray  # (..., p)
-    C: np.ndarray  # (..., p, n)
-    H: np.ndarray | None  # (..., p, q)
-    R: np.ndarray  # (..., p, p)
-    available: np.ndarray  # (..., p)
-    complete: bool
-    whole: np.ndarray | None = None  # (..., p, n) C with the rows of missing readings, too
-    whole_H: np.ndarray | None = None  # (..., p, q) H likewise
-    anomalies: np.ndarray | None = None  # (..., N, p) spread of what the members expect (ensemble filters)
-    whole_R: np.ndarray | None = None  # (..., p, p) R with that of missing readings, too (ensemble filters)
-    spread: np.ndarray | None = None  # (..., p, p) what stands for the unknown input in S, where S alone is singular
-
-    def only(self, kept: np.ndarray) -> "Reading":
-        """The reading without the channels where the mask ``kept (..., p)`` is False."""
-        rows = kept[..., None]
-        return self._replace(
-            innovation=np.where(kept, self.innovation, 0.0),
-            C=None if self.C is None else np.where(rows, self.C, 0.0),
-            H=None if self.H is None else np.where(rows, self.H, 0.0),
-            R=neutralised(self.R, kept),
-            available=kept,
-            complete=False,
-            anomalies=None if self.anomalies is None else np.where(kept[..., None, :], self.anomalies, 0.0),
-        )
-
-    def mixed(self, T: np.ndarray, spread: np.ndarray | None = None) -> "Reading":
-        """The reading ``T y``, ``T (..., p, p)``; where T has a row of zeros a channel is missing."""
-        kept = np.asarray(T.any(-1))
-        R = neutralised(congruence(T, self.R), kept)
-        return self._replace(
-            innovation=np.matvec(T, self.innovation),
-            C=None if self.C is None else T @ self.C,
-            H=None if self.H is None else T @ self.H,
-            R=R,
-            complete=False,
-            whole=None if self.whole is None else T @ self.whole,
-            whole_H=None if self.whole_H is None else T @ self.whole_H,
-            anomalies=None if self.anomalies is None else self.anomalies @ T.mT,
-            whole_R=R,
-            spread=None if spread is None else congruence(T, spread),
-        )
-
-
-class Filter(ABC):
+class Filter(ABC, Generic[Record]):
     """A filter is immutable configuration; a `Belief` is what it believes.
 
     Randomness is an argument (a Generator, or one a row), and filters without randomness ignore it. A filter of
-    your own fills in ``_predict`` and ``_update``, and calls ``super().__init__(model)``.
+    your own fills in ``_predict`` and ``_update``, and calls ``super().__init__(model)``. One whose beliefs are another
+    record than `Belief` says so (``Filter[InputBelief]``, ``record``) and makes them so in ``_init``.
     """
 
     name: ClassVar[str]
     """What it is called; the class' own name if it does not say."""
+    record: type[Belief] = Belief
+    """What its beliefs are."""
     input_delay: int | None = None
     """Steps by which the unknown input is known late (0 or 1); None: the filter estimates none."""
     random: ClassVar[bool] = False
@@ -88,7 +45,7 @@ class Filter(ABC):
         if not isinstance(model, LinearModel | NonlinearModel):
             raise TypeError(f"model must be a LinearModel or a NonlinearModel, got {type(model).__name__}")
         self.model = model
-        self._identity = identity(model.n)
+        self._identity, self._no_columns = identity(model.n), np.zeros((model.p, 0))
         self._regular = None if callable(model.R) else _regular(model.R)
 
     def __init_subclass__(cls, **arguments: Any) -> None:
@@ -100,7 +57,7 @@ class Filter(ABC):
             cls._ours = cls.__module__.startswith("estimators.")
 
     def __getattr__(self, name: str) -> Any:
-        if name in ("model", "_identity", "_regular"):
+        if name in ("model", "_identity", "_no_columns", "_regular"):
             raise TypeError(f"{type(self).__name__} has no model: its __init__ must call super().__init__(model)")
         raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
 
@@ -109,7 +66,7 @@ class Filter(ABC):
 
     # --- public contract --------------------------------------------------------------------------
 
-    def init(self, prior: Gaussian, rng: Streams = None) -> Belief:
+    def init(self, prior: Gaussian, rng: Streams = None) -> Record:
         """The belief before any reading: ``x(0|-1)``.
 
         Args:
@@ -129,15 +86,15 @@ class Filter(ABC):
         mean = np.array(np.broadcast_to(prior.mean, batch + (n,)))
         cov = np.broadcast_to(prior.cov, batch + (n, n))
         cov = cov if self.shares else np.array(cov)
-        begun = Belief(mean, cov, mean, cov, np.zeros(batch, np.int8))
-        begun = self._returned("_init", self._sharing(begun, lambda belief: self._init(belief, rng)), batch)
+        start = Belief(mean, cov, mean, cov, np.zeros(batch, np.int8))
+        begun = self._returned("_init", self._sharing(start, lambda belief: self._init(belief, rng)), batch)
         if not (_finite_rows(begun).all() and (self._ours or _proper(begun.cov))):
             raise ValueError(
                 f"{type(self).__name__}._init must give a finite mean and a covariance for a prior that is so"
             )
         return begun
 
-    def predict(self, belief: Belief, u: np.ndarray | None = None, rng: Streams = None) -> Belief:
+    def predict(self, belief: Record, u: np.ndarray | None = None, rng: Streams = None) -> Record:
         """One step ahead: ``x(k-1|k-1)`` to ``x(k|k-1)``.
 
         Numerical trouble stays silent here: the next update finds the rows that are lost.
@@ -160,13 +117,13 @@ class Filter(ABC):
 
     def update(
         self,
-        belief: Belief,
+        belief: Record,
         y: np.ndarray,
         rng: Streams = None,
         available: np.ndarray | None = None,
         R: np.ndarray | None = None,
         u: np.ndarray | None = None,
-    ) -> Belief:
+    ) -> Record:
         """Take in a reading: ``x(k|k-1)`` to ``x(k|k)``.
 
         Never raises for numerical trouble, and forgets no more than it must. Where the usual gain gives no finite
@@ -215,28 +172,28 @@ class Filter(ABC):
 
     # --- what a filter fills in -------------------------------------------------------------------
 
-    def _init(self, belief: Belief, rng: Streams) -> Belief:
-        return belief
+    def _init(self, belief: Belief, rng: Streams) -> Record:
+        return cast(Record, belief)
 
     @abstractmethod
-    def _predict(self, belief: Belief, u: np.ndarray | None, rng: Streams) -> Belief: ...
+    def _predict(self, belief: Record, u: np.ndarray | None, rng: Streams) -> Record: ...
 
     @abstractmethod
-    def _update(self, belief: Belief, reading: Reading, rng: Streams) -> Belief: ...
+    def _update(self, belief: Record, reading: Reading, rng: Streams) -> Record: ...
 
     # --- shared -----------------------------------------------------------------------------------
 
-    def _sharing(self, belief: Belief, formulas: Callable[[Belief], Belief]) -> Belief:
+    def _sharing(self, belief: Other, formulas: Callable[[Other], Record]) -> Record:
         """The formulas on the belief, with covariances that all rows have in common computed once."""
         if not self.shares or len(belief.mean) == 1:
             return formulas(belief)
         return _spread(formulas(_shared(belief)), belief.mean.shape[:-1])
 
-    def _reading(self, belief: Belief, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None) -> Reading:
+    def _reading(self, belief: Record, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None) -> Reading:
         """Innovation and measurement matrices, with missing channels neutralised."""
         model, u = self.model, belief.u
         expected, C, excess = self._linearise(belief)
-        H = None if model.H is None else resolve(model.H, u)
+        H = self._no_columns if model.H is None else resolve(model.H, u)
         R, mask = self._noise(y, available, R, u)
         reading = Reading(
             difference(y, expected, model.measurement_angles), C, H, R if excess is None else R + excess, mask,
@@ -254,7 +211,7 @@ class Filter(ABC):
         R, known = usable(resolve(self.model.R, u) if R is None else R)
         return R, mask & known
 
-    def _linearise(self, belief: Belief) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    def _linearise(self, belief: Record) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
         """The expected reading ``(..., p)``, C ``(..., p, n)``, and what is to be added to R for what C leaves out."""
         return *self.model.linearise_measurement(belief.mean, belief.u, belief.cov), None
 
@@ -265,10 +222,11 @@ class Filter(ABC):
 
     # --- what came in, and what a filter gave back ------------------------------------------------
 
-    def _batch(self, belief: Belief) -> tuple[int, ...]:
+    def _batch(self, belief: Record) -> tuple[int, ...]:
         """The leading axes of a belief, checked to be one for this model."""
-        if not isinstance(belief, Belief):
-            raise TypeError(f"belief must be a Belief, got {type(belief).__name__}: begin with init(prior)")
+        if not isinstance(belief, self.record):
+            kinds = f"of type {self.record.__name__}, got {type(belief).__name__}"
+            raise TypeError(f"belief must be {kinds}: begin with init(prior)")
         if belief.mean.shape[-1:] != (self.model.n,):
             raise ValueError(f"the belief is for {belief.mean.shape[-1:]} states, the model has {self.model.n}")
         return belief.mean.shape[:-1]
@@ -283,10 +241,11 @@ class Filter(ABC):
     def _check_known_input(self, u: np.ndarray | None) -> None:
         self.model.check_known_input(u)
 
-    def _returned(self, method: str, belief: Belief, batch: tuple[int, ...]) -> Belief:
+    def _returned(self, method: str, belief: Record, batch: tuple[int, ...]) -> Record:
         """What a filter's own method returned, checked to be a belief of the right shape."""
-        if not isinstance(belief, Belief):
-            raise TypeError(f"{type(self).__name__}.{method} must return a Belief, got {type(belief).__name__}")
+        if not isinstance(belief, self.record):
+            kinds = f"a belief of type {self.record.__name__}, got {type(belief).__name__}"
+            raise TypeError(f"{type(self).__name__}.{method} must return {kinds}")
         n, mean, cov = self.model.n, getattr(belief.mean, "shape", None), getattr(belief.cov, "shape", None)
         if mean != batch + (n,) or cov != batch + (n, n):
             raise ValueError(
@@ -299,14 +258,14 @@ class Filter(ABC):
 
     def _recovered(
         self,
-        belief: Belief,
-        updated: Belief,
+        belief: Record,
+        updated: Record,
         reading: Reading,
         y: np.ndarray,
         rng: Streams,
         available: np.ndarray | None,
         R: np.ndarray | None,
-    ) -> Belief:
+    ) -> Record:
         """The update with every lost row replaced by the first rung of the ladder that holds."""
         settled = _settled(belief.cov)
         uneven = (settled != belief.cov).any((-2, -1)) & _finite_rows(belief)
@@ -320,10 +279,8 @@ class Filter(ABC):
         if lost.any():
             prior = belief.prior_mean, belief.prior_cov
             streams = _streams_of(lost, rng)
-            begun = Belief(
-                *prior, *prior, np.zeros(lost.shape, np.int8), u=None if belief.u is None else np.nan_to_num(belief.u)
-            )
-            begun = self._init(begun, streams)
+            u = None if belief.u is None else np.nan_to_num(belief.u)
+            begun = self._init(Belief(*prior, *prior, np.zeros(lost.shape, np.int8), u), streams)
             reading = self._reading(begun, y, available, R)
             fresh = self._update(begun, reading, streams)
             cured = lost & ~_lost(fresh, begun, reading.R)
@@ -331,11 +288,12 @@ class Filter(ABC):
             result = self._climbed(begun, result, fresh, reading, lost & ~cured, rng)
             result = result.replace(recovery=np.where(lost, Recovery.PRIOR, result.recovery).astype(np.int8))
         names = ("cov", "input_cov", "feedthrough_cov")
-        return result.replace(**{name: _settled(cov) for name in names if (cov := getattr(result, name)) is not None})
+        covs = {name: getattr(result, name, None) for name in names}
+        return result.replace(**{name: _settled(cov) for name, cov in covs.items() if cov is not None})
 
     def _climbed(
-        self, start: Belief, result: Belief, failed: Belief, reading: Reading, lost: np.ndarray, rng: Streams
-    ) -> Belief:
+        self, start: Record, result: Record, failed: Record, reading: Reading, lost: np.ndarray, rng: Streams
+    ) -> Record:
         """The result with each lost row as the first rung below the prior gives it; ``start`` is finite there."""
         S = failed.innovation_cov
         rungs = (
@@ -364,7 +322,7 @@ class Filter(ABC):
         return result
 
     def _condensed(
-        self, start: Belief, reading: Reading, S: np.ndarray, lost: np.ndarray
+        self, start: Record, reading: Reading, S: np.ndarray, lost: np.ndarray
     ) -> tuple[Reading, np.ndarray] | None:
         """The reading in the directions in which S is not singular, so that ``S^-1`` of it is S's pseudo-inverse.
 
@@ -392,7 +350,7 @@ class Filter(ABC):
         T = np.where(kept[..., None], vectors.mT / scale[..., None, :], 0.0)
         return reading.mixed(np.where(chosen[..., None, None], T, eye), spread), chosen
 
-    def _shown_input(self, belief: Belief, reading: Reading) -> np.ndarray | None:
+    def _shown_input(self, belief: Record, reading: Reading) -> np.ndarray | None:
         """How an unknown input without a covariance shows in the reading ``(..., p, k)``; None: there is none."""
         return None
 
@@ -404,9 +362,10 @@ _SINGULAR = 1e-13
 def _finite(updated: Belief) -> bool:
     """Whether every row is finite; False also where only the sum of them all is not. `_exhausted` looks at S."""
     total = np.add.reduce(updated.mean, None) + np.add.reduce(updated.cov, None)
-    for array in (updated.input_mean, updated.feedthrough_cov):
-        if array is not None:
-            total = total + np.add.reduce(array, None)
+    if isinstance(updated, InputBelief):
+        total = total + np.add.reduce(updated.input_mean, None)
+    if isinstance(updated, FeedthroughBelief):
+        total = total + np.add.reduce(updated.feedthrough_cov, None)
     return math.isfinite(total)
 
 
@@ -487,9 +446,10 @@ def _without_offending(reading: Reading, S: np.ndarray | None) -> tuple[Reading,
         The reading and the rows ``(...)`` in which it is another one.
     """
     kept = np.isfinite(reading.innovation) & np.isfinite(np.diagonal(reading.R, axis1=-2, axis2=-1))
-    for rows in (reading.C, reading.H, None if reading.anomalies is None else reading.anomalies.mT):
-        if rows is not None:
-            kept = kept & np.isfinite(rows).all(-1)
+    for rows in (reading.C, reading.H):
+        kept = kept & np.isfinite(rows).all(-1)
+    if reading.anomalies is not None:
+        kept = kept & np.isfinite(reading.anomalies).all(-2)
     if S is not None:
         kept = kept & np.isfinite(np.diagonal(S, axis1=-2, axis2=-1))
         _, scaled = equilibrated(neutralised(S, kept))
@@ -504,29 +464,32 @@ _COVARIANCES = (
 )  # fmt: skip
 
 
-def _shared(belief: Belief) -> Belief:
+def _covariances(belief: Belief) -> dict[str, np.ndarray]:
+    """Those of these arrays that the belief has."""
+    named = {name: getattr(belief, name) for name in _COVARIANCES if name in belief.__dataclass_fields__}
+    return {name: array for name, array in named.items() if array is not None}
+
+
+def _shared(belief: Other) -> Other:
     """The belief with covariances ``(1, ..., n, n)`` where all rows have the same: a linear filter's usual case.
 
     That they are the same shows in their strides: `_spread` gave them none along the batch.
     """
-    changes = {}
-    for name in _COVARIANCES:
-        array = getattr(belief, name)
-        if array is None:
-            continue
+    changes = _covariances(belief)
+    for name, array in changes.items():
         if any(array.strides[:-2]):
             return belief
         changes[name] = array[(slice(0, 1),) * (array.ndim - 2)]
     return belief.replace(**changes)
 
 
-def _spread(belief: Belief, batch: tuple[int, ...]) -> Belief:
+def _spread(belief: Record, batch: tuple[int, ...]) -> Record:
     """The belief with a covariance for every row, as views of the one where they share it."""
-    changes = {}
-    for name in _COVARIANCES:
-        array = getattr(belief, name)
-        if array is not None and array.shape[:-2] != batch:
-            changes[name] = np.broadcast_to(array, batch + array.shape[-2:])
+    changes = {
+        name: np.broadcast_to(array, batch + array.shape[-2:])
+        for name, array in _covariances(belief).items()
+        if array.shape[:-2] != batch
+    }
     return belief.replace(**changes) if changes else belief
 
 
@@ -540,13 +503,16 @@ def _streams_of(rows: np.ndarray, rng: Streams) -> Streams:
 
 def _finite_rows(belief: Belief) -> np.ndarray:
     finite = np.isfinite(belief.mean).all(-1)
-    for vector in (belief.input_mean, belief.feedthrough_mean, belief.innovation):
-        if vector is not None:
-            finite = finite & np.isfinite(vector).all(-1)
-    for matrix in (belief.cov, belief.innovation_cov, belief.input_cov, belief.feedthrough_cov, belief.ensemble):
-        if matrix is not None:
-            finite = finite & np.isfinite(matrix).all((-2, -1))
+    for name, axes in _CHECKED.items():
+        if (array := getattr(belief, name, None)) is not None:
+            finite = finite & np.isfinite(array).all(axes)
     return finite
+
+
+_CHECKED: dict[str, int | tuple[int, int]] = {
+    **dict.fromkeys(("input_mean", "feedthrough_mean", "innovation"), -1),
+    **dict.fromkeys(("cov", "innovation_cov", "input_cov", "feedthrough_cov", "ensemble"), (-2, -1)),
+}
 
 
 def _broadcast(name: str, value: np.ndarray, shape: tuple[int, ...], core: int = 1) -> np.ndarray:

@@ -2,36 +2,31 @@
 
 import numpy as np
 
-from estimators.belief import Belief
+from estimators.belief import Belief, InputBelief
 from estimators.checks import as_array
-from estimators.filter import Filter, Model, Reading, Streams
+from estimators.filter import Filter, Model, Streams
 from estimators.linalg import congruence, driven, identity, product, solve, symmetrise
 from estimators.models import LinearModel, as_covariance, resolve
+from estimators.reading import Reading
 
 
-class ExtendedKalmanFilter(Filter):
-    """Linearises the model at the mean; on a linear model it is the Kalman filter exactly.
+class GaussianFilter(Filter[Belief]):
+    """What filters share whose belief is a mean and a covariance: a model made straight, and the Kalman update.
 
-    Jacobians that the model does not give are taken by central differences. An unknown input in
-    the model is ignored.
-
-    Source: Jazwinski (1970), Stochastic Processes and Filtering Theory, ch. 8.
+    How it is made straight is the model's to say (a matrix, a Jacobian at the mean), or a mix-in's (`SigmaPoints`). An
+    unknown input in the model is ignored.
     """
 
-    name = "ekf"
     shares = True
 
     def _predict(self, belief: Belief, u: np.ndarray | None, rng: Streams) -> Belief:
         mean, cov = self._propagate(belief.mean, belief.cov, u)
         cov = symmetrise(cov + resolve(self.model.Q, u))
-        return Belief(mean, cov, belief.prior_mean, belief.prior_cov, belief.recovery, u)
+        return Belief.predicted(belief, mean, cov, u)
 
     def _update(self, belief: Belief, reading: Reading, rng: Streams) -> Belief:
         mean, cov, S = joseph_update(belief.mean, belief.cov, reading.innovation, reading.C, reading.R)
-        return Belief(
-            mean, cov, belief.prior_mean, belief.prior_cov, np.zeros(mean.shape[:-1], np.int8), belief.u,
-            reading.innovation, S, reading.available,
-        )  # fmt: skip
+        return Belief.updated(belief, mean, cov, reading, S)
 
 
 def joseph_update(
@@ -56,7 +51,19 @@ def joseph_update(
     return mean + np.matvec(K, innovation), symmetrise(left + product(K, R) @ K.mT), S
 
 
-class KalmanFilter(ExtendedKalmanFilter):
+class ExtendedKalmanFilter(GaussianFilter):
+    """Linearises the model at the mean; on a linear model it is the Kalman filter exactly.
+
+    Jacobians that the model does not give are taken by central differences. An unknown input in
+    the model is ignored.
+
+    Source: Jazwinski (1970), Stochastic Processes and Filtering Theory, ch. 8.
+    """
+
+    name = "ekf"
+
+
+class KalmanFilter(GaussianFilter):
     """The minimum-variance filter of a linear Gaussian model.
 
     An unknown input ``d`` in the model is ignored unless its covariance D is told. It is then white noise that acts on
@@ -90,24 +97,20 @@ class KalmanFilter(ExtendedKalmanFilter):
         if input_cov is not None and model.q == 0:
             raise ValueError("input_cov was given, but the model has no unknown input (G and H are missing)")
         self.input_cov = None if input_cov is None else input_covariance("input_cov", input_cov, model.q)
-        self.input_delay = None if input_cov is None else 0
+        if self.input_cov is not None:
+            self.input_delay, self.record = 0, InputBelief
 
     def _init(self, belief: Belief, rng: Streams) -> Belief:
-        return belief if self.input_cov is None else self._with_unseen_input(belief)
-
-    def _with_unseen_input(self, belief: Belief) -> Belief:
-        """The belief with nothing known of the input beyond its covariance."""
-        n, q, rows = self.model.n, self.model.q, belief.cov.shape[:-2]
-        return belief.replace(
-            input_mean=np.zeros(belief.mean.shape[:-1] + (q,)),
-            input_cov=np.zeros(rows + (q, q)) + self.input_cov,
-            state_input_cov=np.zeros(rows + (n, q)),
-        )
+        if self.input_cov is None:
+            return belief
+        return InputBelief.of(belief, **unseen_input(belief.mean, belief.cov, self.input_cov))
 
     def _predict(self, belief: Belief, u: np.ndarray | None, rng: Streams) -> Belief:
         if self.input_cov is None:
             return super()._predict(belief, u, rng)
-        return self._with_unseen_input(driven_prediction(self.model, belief, u))
+        assert isinstance(belief, InputBelief)
+        mean, cov = driven_prediction(self.model, belief, u)
+        return InputBelief.predicted(belief, mean, cov, u, **unseen_input(mean, cov, self.input_cov))
 
     def _update(self, belief: Belief, reading: Reading, rng: Streams) -> Belief:
         if self.input_cov is None:
@@ -119,21 +122,29 @@ class KalmanFilter(ExtendedKalmanFilter):
         seen[..., :n], seen[..., n:] = reading.C, reading.H
         mean = np.concatenate([belief.mean, np.zeros(belief.mean.shape[:-1] + (q,))], -1)
         mean, cov, S = joseph_update(mean, joint, reading.innovation, seen, reading.R)
-        return Belief(
-            mean[..., :n], cov[..., :n, :n], belief.prior_mean, belief.prior_cov,
-            np.zeros(mean.shape[:-1], np.int8), belief.u, reading.innovation, S, reading.available,
-            mean[..., n:], cov[..., n:, n:], cov[..., :n, n:],
+        return InputBelief.updated(
+            belief, mean[..., :n], cov[..., :n, :n], reading, S,
+            input_mean=mean[..., n:], input_cov=cov[..., n:, n:], state_input_cov=cov[..., :n, n:],
         )  # fmt: skip
 
 
-def driven_prediction(model: LinearModel, belief: Belief, u: np.ndarray | None) -> Belief:
-    """One step ahead of a linear model that the estimated input drives, whose errors go with the state's."""
+def driven_prediction(model: LinearModel, belief: InputBelief, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and covariance one step on, of a linear model that the estimated input drives; its errors go with x's."""
     mean, A = model.linearise_transition(belief.mean, u)
-    G = resolve(model.G, u)
+    G = model.input_matrix(belief.mean, u)
     mean = mean + np.matvec(G, belief.input_mean)
     cov = driven(A, G, belief.cov, belief.state_input_cov, belief.input_cov)
-    cov = symmetrise(cov + resolve(model.Q, u))
-    return Belief(mean, cov, belief.prior_mean, belief.prior_cov, belief.recovery, u)
+    return mean, symmetrise(cov + resolve(model.Q, u))
+
+
+def unseen_input(mean: np.ndarray, cov: np.ndarray, input_cov: np.ndarray) -> dict[str, np.ndarray]:
+    """What an `InputBelief` of this mean and covariance says of an input of which its covariance alone is known."""
+    n, q, rows = mean.shape[-1], input_cov.shape[-1], cov.shape[:-2]  # one where all rows share it
+    return {
+        "input_mean": np.zeros(mean.shape[:-1] + (q,)),
+        "input_cov": np.zeros(rows + (q, q)) + input_cov,
+        "state_input_cov": np.zeros(rows + (n, q)),
+    }
 
 
 def input_covariance(name: str, value: np.ndarray | float, q: int) -> np.ndarray:

@@ -58,8 +58,6 @@ class Gaussian:
             return NotImplemented
         return np.array_equal(self.mean, other.mean) and np.array_equal(self.cov, other.cov)
 
-    __hash__ = None  # equal by its arrays, which can change
-
 
 @dataclass(frozen=True, eq=False)
 class LinearModel:
@@ -137,6 +135,7 @@ class LinearModel:
 
     def input_matrix(self, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         """G ``(..., n, q)``: how the unknown input moves the next state."""
+        assert self.G is not None, "the model has no unknown input"
         return resolve(self.G, u)
 
     def linearise_transition(
@@ -222,6 +221,7 @@ class NonlinearModel:
         Raises:
             ValueError: if G is a function whose value has another shape.
         """
+        assert self.G is not None, "the model has no unknown input"
         if not callable(self.G):
             return self.G
         G = np.asarray(self.G(x, u))

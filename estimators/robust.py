@@ -4,12 +4,13 @@ import numpy as np
 
 from estimators.belief import Belief
 from estimators.checks import number, whole
-from estimators.filter import Model, Reading, Streams
-from estimators.kalman import ExtendedKalmanFilter, joseph_update
+from estimators.filter import Model, Streams
+from estimators.kalman import GaussianFilter, joseph_update
 from estimators.linalg import semidefinite_cholesky, solve, symmetrise
+from estimators.reading import Reading
 
 
-class HuberKalmanFilter(ExtendedKalmanFilter):
+class HuberKalmanFilter(GaussianFilter):
     """A Kalman filter whose update minimises Huber's loss instead of squares: for readings with outliers.
 
     The whitened residuals of the reading and of the prediction, ``zeta = [R^-1/2 (y - h(x)); (P-)^-1/2 (x- - x)]``
@@ -63,10 +64,7 @@ class HuberKalmanFilter(ExtendedKalmanFilter):
             belief.mean, _reweighted(belief.cov, root_P, inflation[..., :n]), e,
             C, _reweighted(R, root_R, inflation[..., n:]),
         )  # fmt: skip
-        return Belief(
-            mean, cov, belief.prior_mean, belief.prior_cov, np.zeros(mean.shape[:-1], np.int8), belief.u,
-            e, S, reading.available,
-        )  # fmt: skip
+        return Belief.updated(belief, mean, cov, reading, S)
 
     def _inflation(self, M: np.ndarray, S: np.ndarray, e: np.ndarray) -> np.ndarray:
         """``1 / psi`` for the last update, ``(..., n + p)``; a row that has converged is left alone."""
@@ -99,7 +97,7 @@ def _reweighted(cov: np.ndarray, root: np.ndarray, inflation: np.ndarray) -> np.
     return cov + (root * (inflation - 1.0)[..., None, :]) @ root.mT
 
 
-class RobustKalmanFilter(ExtendedKalmanFilter):
+class RobustKalmanFilter(GaussianFilter):
     """Minimax filter for a model that is only known within a relative-entropy ball.
 
     At each step nature may replace the joint density of the next state and the reading by any other within

@@ -2,14 +2,15 @@
 
 import numpy as np
 
-from estimators.belief import Belief
-from estimators.filter import Model, Reading, Streams
+from estimators.belief import Belief, FeedthroughBelief
+from estimators.filter import Model, Streams
 from estimators.linalg import congruence, driven, identity, product, solve, symmetrise
 from estimators.models import LinearModel, resolve
+from estimators.reading import Reading
 from estimators.unknown_input import DelayedInputFilter, hidden_directions, unbiased_gain, waiting
 
 
-class UnifiedInputStateEstimator(DelayedInputFilter):
+class ULISE(DelayedInputFilter[FeedthroughBelief]):
     """ULISE: state and unknown input together, whatever the rank of H.
 
     What H shows of d(k) is estimated at once and drives the next prediction, as in `kf-umv-ui`; the rest shows in the
@@ -44,6 +45,7 @@ class UnifiedInputStateEstimator(DelayedInputFilter):
     """
 
     name = "ulise"
+    record = FeedthroughBelief
     model: LinearModel
 
     def __init__(self, model: Model, input_prior: np.ndarray | float = 1.0) -> None:
@@ -51,7 +53,7 @@ class UnifiedInputStateEstimator(DelayedInputFilter):
         n, p, q = self.model.n, self.model.p, self.model.q
         self._error_rows = np.eye(n + 2 * q, n)
         C, G, H = self.model.C, self.model.G, self.model.H
-        if callable(C) or callable(G) or callable(H):
+        if not (isinstance(C, np.ndarray) and isinstance(G, np.ndarray) and isinstance(H, np.ndarray)):
             return
         unseen, _ = hidden_directions(H, H, self._input_units)
         clean = np.eye(p) - H @ np.linalg.pinv(H, rcond=1e-9)
@@ -66,40 +68,42 @@ class UnifiedInputStateEstimator(DelayedInputFilter):
                 "that it drives directly, by a reading that no other unknown input disturbs"
             )
 
-    def _init(self, belief: Belief, rng: Streams) -> Belief:
-        return self._without_feedthrough(super()._init(belief, rng))
+    def _init(self, belief: Belief, rng: Streams) -> FeedthroughBelief:
+        begun = self._begun_input(belief.mean, belief.cov)
+        return FeedthroughBelief.of(belief, **begun, **self._nothing_now(belief.mean, belief.cov))
 
-    def _without_feedthrough(self, belief: Belief) -> Belief:
-        """The belief with nothing known of the input that acts now."""
-        return belief.replace(
-            feedthrough_mean=np.zeros(belief.input_mean.shape),
-            feedthrough_cov=np.zeros(belief.input_cov.shape),
-            state_feedthrough_cov=np.zeros(belief.state_input_cov.shape),
-            feedthrough_observed=np.zeros(belief.input_cov.shape),
-        )
+    def _nothing_now(self, mean: np.ndarray, cov: np.ndarray) -> dict[str, np.ndarray]:
+        """What a belief of this mean and covariance says of the input that acts now if no reading showed it."""
+        n, q, rows = self.model.n, self.model.q, cov.shape[:-2]
+        return {
+            "feedthrough_mean": np.zeros(mean.shape[:-1] + (q,)),
+            "feedthrough_cov": np.zeros(rows + (q, q)),
+            "state_feedthrough_cov": np.zeros(rows + (n, q)),
+            "feedthrough_observed": np.zeros(rows + (q, q)),
+        }
 
-    def _predict(self, belief: Belief, u: np.ndarray | None, rng: Streams) -> Belief:
+    def _predict(self, belief: FeedthroughBelief, u: np.ndarray | None, rng: Streams) -> FeedthroughBelief:
         model = self.model
         mean, A = model.linearise_transition(belief.mean, u)
-        G = resolve(model.G, u)
+        G = model.input_matrix(belief.mean, u)
         mean = mean + np.matvec(G, belief.feedthrough_mean)
         cross, input_cov = belief.state_feedthrough_cov, belief.feedthrough_cov
         cov = symmetrise(driven(A, G, self._covariance(belief), cross, input_cov) + resolve(model.Q, u))
         hidden = identity(model.q) - belief.feedthrough_observed
-        predicted = Belief(
-            mean, cov, belief.prior_mean, belief.prior_cov, belief.recovery, u,
+        return FeedthroughBelief.predicted(
+            belief, mean, cov, u,
             input_mean=belief.feedthrough_mean, input_cov=symmetrise(input_cov + congruence(hidden, self.input_prior)),
             state_input_cov=A @ cross + G @ input_cov, input_observed=belief.feedthrough_observed,
-            pending=np.ones(mean.shape[:-1], bool),
+            pending=np.ones(mean.shape[:-1], bool), input_matrix=self._moving_G(belief.mean, u),
+            **self._nothing_now(mean, cov),
         )  # fmt: skip
-        return self._without_feedthrough(self._with_input_matrix(predicted, belief.mean, u))
 
-    def _shown_input(self, belief: Belief, reading: Reading) -> np.ndarray:
+    def _shown_input(self, belief: FeedthroughBelief, reading: Reading) -> np.ndarray:
         late = super()._shown_input(belief, reading)
         now = np.broadcast_to(reading.H * self._input_units, late.shape)
         return np.concatenate([now, late], -1)
 
-    def _update(self, belief: Belief, reading: Reading, rng: Streams) -> Belief:
+    def _update(self, belief: FeedthroughBelief, reading: Reading, rng: Streams) -> FeedthroughBelief:
         C, H, R, units = reading.C, reading.H, reading.R, self._input_units
         n, p, q = self.model.n, self.model.p, self.model.q
         before = belief.input_observed
@@ -129,12 +133,11 @@ class UnifiedInputStateEstimator(DelayedInputFilter):
         reach[..., :n, :], reach[..., n : n + q, :], reach[..., n + q :, :] = G, identity(q), -(D @ (C @ G))
         cov = congruence(errors, joint) + product(Z, R) @ Z.mT
         cov = symmetrise(cov + congruence(reach @ (identity(q) - observed), self.input_prior))
-        rows = correction.shape[:-1]
-        return Belief(
-            belief.mean + correction[..., :n], cov[..., :n, :n], belief.prior_mean, belief.prior_cov,
-            np.zeros(rows, np.int8), belief.u, reading.innovation, S, reading.available,
-            belief.input_mean + correction[..., n : n + q], cov[..., n : n + q, n : n + q], cov[..., :n, n : n + q],
-            observed, np.zeros(rows, bool), input_matrix=belief.input_matrix,
+        return FeedthroughBelief.updated(
+            belief, belief.mean + correction[..., :n], cov[..., :n, :n], reading, S,
+            input_mean=belief.input_mean + correction[..., n : n + q], input_cov=cov[..., n : n + q, n : n + q],
+            state_input_cov=cov[..., :n, n : n + q], input_observed=observed,
+            pending=np.zeros(correction.shape[:-1], bool), input_matrix=belief.input_matrix,
             feedthrough_mean=correction[..., n + q :], feedthrough_cov=cov[..., n + q :, n + q :],
             state_feedthrough_cov=cov[..., :n, n + q :], feedthrough_observed=now,
         )  # fmt: skip

@@ -1,17 +1,21 @@
 """Unbiased minimum-variance filters that estimate an unknown input together with the state."""
 
-from typing import ClassVar
+from typing import ClassVar, TypeVar
 
 import numpy as np
 
-from estimators.belief import Belief
-from estimators.filter import Filter, Model, Reading, Streams
-from estimators.kalman import driven_prediction, input_covariance
+from estimators.belief import Belief, DelayedInputBelief, InputBelief
+from estimators.filter import Filter, Model, Streams
+from estimators.kalman import driven_prediction, input_covariance, unseen_input
 from estimators.linalg import congruence, identity, inverse, product, solve, symmetrise
 from estimators.models import LinearModel, resolve
+from estimators.reading import Reading
+
+WithInput = TypeVar("WithInput", bound=InputBelief)
+Delayed = TypeVar("Delayed", bound=DelayedInputBelief)
 
 
-class UnknownInputFilter(Filter):
+class UnknownInputFilter(Filter[WithInput]):
     """What the filters with and without feedthrough share: their input prior and its bookkeeping.
 
     A missing reading can leave directions of ``d`` undetermined. Those get N(0, ``input_prior``)
@@ -36,21 +40,13 @@ class UnknownInputFilter(Filter):
             raise ValueError("input_prior must have positive variances: an input without variance is no input")
         self._state_rows = np.eye(model.n + model.q)[:, : model.n]
 
-    def _init(self, belief: Belief, rng: Streams) -> Belief:
-        return self._with_unseen_input(belief, np.zeros(belief.mean.shape[:-1], bool))
-
-    def _with_unseen_input(self, belief: Belief, pending: np.ndarray) -> Belief:
-        """The belief with nothing known of the input beyond its prior."""
-        n, q = self.model.n, self.model.q
-        rows = belief.cov.shape[:-2]  # one where all rows share it
-        return Belief(
-            belief.mean, belief.cov, belief.prior_mean, belief.prior_cov, belief.recovery, belief.u,
-            input_mean=np.zeros(belief.mean.shape[:-1] + (q,)), input_cov=np.zeros(rows + (q, q)) + self.input_prior,
-            state_input_cov=np.zeros(rows + (n, q)), input_observed=np.zeros(rows + (q, q)), pending=pending,
-        )  # fmt: skip
+    def _unseen_input(self, mean: np.ndarray, cov: np.ndarray) -> dict[str, np.ndarray]:
+        """What a belief of this mean and covariance says of an input of which its prior alone is known."""
+        unseen = unseen_input(mean, cov, self.input_prior)
+        return unseen | {"input_observed": np.zeros(unseen["input_cov"].shape)}
 
 
-def waiting(belief: Belief) -> np.ndarray:
+def waiting(belief: DelayedInputBelief) -> np.ndarray:
     """The belief's ``pending`` as ``(..., 1, 1)``, of one row where all agree, so that what they share stays shared."""
     pending = belief.pending
     if pending.all() or not pending.any():
@@ -127,7 +123,7 @@ def hidden_directions(F: np.ndarray, whole: np.ndarray, units: np.ndarray) -> tu
     return hidden.mT @ hidden, np.asarray(~shown.any(-1))
 
 
-class UnbiasedMinimumVarianceFilter(UnknownInputFilter):
+class UMVFilter(UnknownInputFilter[InputBelief]):
     """KF-UMV-UI: state and unknown input together, with direct feedthrough (rank H = q).
 
     The input of a step is estimated from the same step's reading (``input_delay`` 0)::
@@ -152,12 +148,13 @@ class UnbiasedMinimumVarianceFilter(UnknownInputFilter):
     """
 
     name = "kf-umv-ui"
+    record = InputBelief
     input_delay = 0
     model: LinearModel
 
     def __init__(self, model: Model, input_prior: np.ndarray | float = 1.0) -> None:
         super().__init__(model, input_prior)
-        if not callable(model.H):
+        if isinstance(model.H, np.ndarray):
             rank = int(np.linalg.matrix_rank(model.H).min())
             if rank < model.q:
                 raise ValueError(
@@ -165,13 +162,17 @@ class UnbiasedMinimumVarianceFilter(UnknownInputFilter):
                     "measure the input or use kf-umv-ui-wdf"
                 )
 
-    def _predict(self, belief: Belief, u: np.ndarray | None, rng: Streams) -> Belief:
-        return self._with_unseen_input(driven_prediction(self.model, belief, u), belief.pending)
+    def _init(self, belief: Belief, rng: Streams) -> InputBelief:
+        return InputBelief.of(belief, **self._unseen_input(belief.mean, belief.cov))
 
-    def _shown_input(self, belief: Belief, reading: Reading) -> np.ndarray:
+    def _predict(self, belief: InputBelief, u: np.ndarray | None, rng: Streams) -> InputBelief:
+        mean, cov = driven_prediction(self.model, belief, u)
+        return InputBelief.predicted(belief, mean, cov, u, **self._unseen_input(mean, cov))
+
+    def _shown_input(self, belief: InputBelief, reading: Reading) -> np.ndarray:
         return reading.H * self._input_units
 
-    def _update(self, belief: Belief, reading: Reading, rng: Streams) -> Belief:
+    def _update(self, belief: InputBelief, reading: Reading, rng: Streams) -> InputBelief:
         C, H, R = reading.C, reading.H, reading.R
         PC = product(belief.cov, C.mT)
         S = product(PC.mT, C.mT) + R
@@ -186,39 +187,43 @@ class UnbiasedMinimumVarianceFilter(UnknownInputFilter):
         input_cov = cov[..., n:, n:]
         if not reading.complete:
             input_cov = input_cov + congruence(identity(self.model.q) - observed, self.input_prior)
-        return Belief(
-            belief.mean + correction[..., :n], cov[..., :n, :n], belief.prior_mean, belief.prior_cov,
-            np.zeros(correction.shape[:-1], np.int8), belief.u, reading.innovation, S, reading.available,
-            correction[..., n:], input_cov, cov[..., :n, n:], observed, belief.pending,
+        return InputBelief.updated(
+            belief, belief.mean + correction[..., :n], cov[..., :n, :n], reading, S, input_mean=correction[..., n:],
+            input_cov=input_cov, state_input_cov=cov[..., :n, n:], input_observed=observed,
         )  # fmt: skip
 
 
-class DelayedInputFilter(UnknownInputFilter):
+class DelayedInputFilter(UnknownInputFilter[Delayed]):
     """What the filters share to which a reading shows the unknown input of the step before: d(k-1) at k."""
 
+    record: type[Belief] = DelayedInputBelief
     input_delay = 1
 
-    def _init(self, belief: Belief, rng: Streams) -> Belief:
-        begun = super()._init(belief, rng)
-        if not callable(self.model.G):
-            return begun
-        return begun.replace(input_matrix=np.zeros(begun.state_input_cov.shape))
+    def __init__(self, model: Model, input_prior: np.ndarray | float = 1.0) -> None:
+        super().__init__(model, input_prior)
+        self._G = model.G if isinstance(model.G, np.ndarray) else np.zeros((model.n, model.q))
 
-    def _input_matrix(self, belief: Belief) -> np.ndarray:
+    def _begun_input(self, mean: np.ndarray, cov: np.ndarray) -> dict[str, np.ndarray | None]:
+        """What a first belief of this mean and covariance says of the input: as yet no G has moved anything."""
+        unseen = self._unseen_input(mean, cov)
+        G = np.zeros(unseen["state_input_cov"].shape) if callable(self.model.G) else None
+        return {**unseen, "pending": np.zeros(mean.shape[:-1], bool), "input_matrix": G}
+
+    def _input_matrix(self, belief: Delayed) -> np.ndarray:
         """G of the last prediction ``(..., n, q)``."""
-        return belief.input_matrix if callable(self.model.G) else self.model.G
+        return self._G if belief.input_matrix is None else belief.input_matrix
 
-    def _shown_input(self, belief: Belief, reading: Reading) -> np.ndarray:
+    def _shown_input(self, belief: Delayed, reading: Reading) -> np.ndarray:
         return reading.C @ (self._input_matrix(belief) * waiting(belief) * self._input_units)
 
-    def _with_input_matrix(self, predicted: Belief, x: np.ndarray, u: np.ndarray | None) -> Belief:
-        """The prediction from ``x`` with the G that held there, if it changes."""
+    def _moving_G(self, x: np.ndarray, u: np.ndarray | None) -> np.ndarray | None:
+        """G of a prediction from ``x (..., n)``, if it changes."""
         if not callable(self.model.G):
-            return predicted
+            return None
         G = self.model.input_matrix(x, u)
-        return predicted.replace(input_matrix=np.broadcast_to(G, x.shape[:-1] + G.shape[-2:]))
+        return np.broadcast_to(G, x.shape[:-1] + G.shape[-2:])
 
-    def _covariance(self, belief: Belief) -> np.ndarray:
+    def _covariance(self, belief: Delayed) -> np.ndarray:
         """The state's covariance, with the input that an earlier prediction left open if it never met its reading."""
         if not belief.pending.any():
             return belief.cov
@@ -226,7 +231,71 @@ class DelayedInputFilter(UnknownInputFilter):
         return belief.cov + congruence(unseen, self.input_prior) * waiting(belief)
 
 
-class ExtendedUnbiasedMinimumVarianceFilterWithoutFeedthrough(DelayedInputFilter):
+class NoFeedthroughFilter(DelayedInputFilter[DelayedInputBelief]):
+    """What the filters share whose model has H = 0: the unknown input acts on the state only.
+
+    Each says how it makes a nonlinear model straight, as the filters below `GaussianFilter` do.
+    """
+
+    linear = False
+
+    def __init__(self, model: Model, input_prior: np.ndarray | float = 1.0) -> None:
+        super().__init__(model, input_prior)
+        if callable(model.H) or np.any(model.H):
+            raise ValueError(f"{self.name} needs H = 0 (no feedthrough): use kf-umv-ui or ulise")
+        C, changes = getattr(model, "C", None), callable(model.G)
+        self._always_shown = isinstance(C, np.ndarray) and not changes
+        if isinstance(C, np.ndarray) and not changes:
+            rank = int(np.linalg.matrix_rank(C @ self._G).min())
+        else:  # C G changes, but is never of higher rank than this
+            rank = min(model.p, model.q if changes else int(np.linalg.matrix_rank(self._G).min()))
+        if rank < model.q:
+            raise ValueError(
+                f"{self.name} needs rank(C G) = {model.q} unknown input{'s' if model.q > 1 else ''}, "
+                f"got {'' if self._always_shown else 'at most '}{rank}: measure a state that each input drives directly"
+            )
+
+    def _init(self, belief: Belief, rng: Streams) -> DelayedInputBelief:
+        return DelayedInputBelief.of(belief, **self._begun_input(belief.mean, belief.cov))
+
+    def _predict(self, belief: DelayedInputBelief, u: np.ndarray | None, rng: Streams) -> DelayedInputBelief:
+        mean, cov = self._propagate(belief.mean, self._covariance(belief), u)
+        cov = symmetrise(cov + resolve(self.model.Q, u))
+        return DelayedInputBelief.predicted(
+            belief, mean, cov, u, **self._unseen_input(mean, cov), pending=np.ones(mean.shape[:-1], bool),
+            input_matrix=self._moving_G(belief.mean, u),
+        )  # fmt: skip
+
+    def _update(self, belief: DelayedInputBelief, reading: Reading, rng: Streams) -> DelayedInputBelief:
+        C, R = reading.C, reading.R
+        G = self._input_matrix(belief)
+        PC = product(belief.cov, C.mT)
+        S = product(PC.mT, C.mT) + R
+        pending = waiting(belief)
+        complete = reading.complete and self._always_shown and bool(pending.all())
+        whole = None if complete else reading.whole @ G
+        weight = S if reading.spread is None else S + reading.spread
+        K, M, observed = _gains(weight, PC.mT, C @ G if complete else (C @ G) * pending, whole, self._input_units)
+        n, q = self.model.n, self.model.q
+        GM = G @ M
+        Z = np.empty(K.shape[:-2] + (n + q, self.model.p))  # (x, d) = (x-, 0) + Z e
+        Z[..., :n, :], Z[..., n:, :] = K + GM - K @ (C @ GM), M
+        correction = np.matvec(Z, reading.innovation)
+        # Errors: x~ = x~- - L (C x~- + v), the input's share in it cancelling, and d~ = -M (C x~- + v).
+        cov = congruence(self._state_rows - product(Z, C), belief.cov) + product(Z, R) @ Z.mT
+        if not complete:
+            reach = np.empty(Z.shape[:-1] + (q,))
+            reach[..., :n, :], reach[..., n:, :] = G * pending, identity(q)
+            cov = cov + congruence(reach @ (identity(q) - observed), self.input_prior)
+        cov = symmetrise(cov)
+        return DelayedInputBelief.updated(
+            belief, belief.mean + correction[..., :n], cov[..., :n, :n], reading, S, input_mean=correction[..., n:],
+            input_cov=cov[..., n:, n:], state_input_cov=cov[..., :n, n:], input_observed=observed,
+            pending=np.zeros(correction.shape[:-1], bool), input_matrix=belief.input_matrix,
+        )  # fmt: skip
+
+
+class ExtendedUMVFilter(NoFeedthroughFilter):
     """EKF-UI-WDF: the unknown input acts on the state only, and shows in the next reading.
 
     With C the measurement's Jacobian at the prediction and ``G = df/dd`` at the estimate before it, step k
@@ -252,65 +321,12 @@ class ExtendedUnbiasedMinimumVarianceFilterWithoutFeedthrough(DelayedInputFilter
     """
 
     name = "ekf-ui-wdf"
-    linear = False
-
-    def __init__(self, model: Model, input_prior: np.ndarray | float = 1.0) -> None:
-        super().__init__(model, input_prior)
-        if callable(model.H) or np.any(model.H):
-            raise ValueError(f"{self.name} needs H = 0 (no feedthrough): use kf-umv-ui or ulise")
-        C, G = getattr(model, "C", None), model.G
-        self._always_shown = isinstance(C, np.ndarray) and isinstance(G, np.ndarray)
-        if self._always_shown:
-            rank = int(np.linalg.matrix_rank(C @ G).min())
-        else:  # C G changes, but is never of higher rank than this
-            rank = min(model.p, model.q if callable(G) else int(np.linalg.matrix_rank(G).min()))
-        if rank < model.q:
-            raise ValueError(
-                f"{self.name} needs rank(C G) = {model.q} unknown input{'s' if model.q > 1 else ''}, "
-                f"got {'' if self._always_shown else 'at most '}{rank}: measure a state that each input drives directly"
-            )
-
-    def _predict(self, belief: Belief, u: np.ndarray | None, rng: Streams) -> Belief:
-        mean, cov = self._propagate(belief.mean, self._covariance(belief), u)
-        cov = symmetrise(cov + resolve(self.model.Q, u))
-        predicted = Belief(mean, cov, belief.prior_mean, belief.prior_cov, belief.recovery, u)
-        predicted = self._with_unseen_input(predicted, np.ones(mean.shape[:-1], bool))
-        return self._with_input_matrix(predicted, belief.mean, u)
-
-    def _update(self, belief: Belief, reading: Reading, rng: Streams) -> Belief:
-        C, R = reading.C, reading.R
-        G = self._input_matrix(belief)
-        PC = product(belief.cov, C.mT)
-        S = product(PC.mT, C.mT) + R
-        pending = waiting(belief)
-        complete = reading.complete and self._always_shown and bool(pending.all())
-        whole = None if complete else reading.whole @ G
-        weight = S if reading.spread is None else S + reading.spread
-        K, M, observed = _gains(weight, PC.mT, C @ G if complete else (C @ G) * pending, whole, self._input_units)
-        n, q = self.model.n, self.model.q
-        GM = G @ M
-        Z = np.empty(K.shape[:-2] + (n + q, self.model.p))  # (x, d) = (x-, 0) + Z e
-        Z[..., :n, :], Z[..., n:, :] = K + GM - K @ (C @ GM), M
-        correction = np.matvec(Z, reading.innovation)
-        # Errors: x~ = x~- - L (C x~- + v), the input's share in it cancelling, and d~ = -M (C x~- + v).
-        cov = congruence(self._state_rows - product(Z, C), belief.cov) + product(Z, R) @ Z.mT
-        if not complete:
-            reach = np.empty(Z.shape[:-1] + (q,))
-            reach[..., :n, :], reach[..., n:, :] = G * pending, identity(q)
-            cov = cov + congruence(reach @ (identity(q) - observed), self.input_prior)
-        cov = symmetrise(cov)
-        usual, settled = np.zeros(correction.shape[:-1], np.int8), np.zeros(correction.shape[:-1], bool)
-        return Belief(
-            belief.mean + correction[..., :n], cov[..., :n, :n], belief.prior_mean, belief.prior_cov, usual, belief.u,
-            reading.innovation, S, reading.available, correction[..., n:], cov[..., n:, n:], cov[..., :n, n:], observed,
-            settled, input_matrix=belief.input_matrix,
-        )  # fmt: skip
 
 
-class UnbiasedMinimumVarianceFilterWithoutFeedthrough(ExtendedUnbiasedMinimumVarianceFilterWithoutFeedthrough):
+class DelayedUMVFilter(NoFeedthroughFilter):
     """KF-UMV-UI-WDF: unbiased and of minimum variance for a linear model without feedthrough (rank C G = q).
 
-    The formulas of `ExtendedUnbiasedMinimumVarianceFilterWithoutFeedthrough`, exact here, with ``x-+ = A x + B u``.
+    The formulas of `ExtendedUMVFilter`, exact here, with ``x-+ = A x + B u``.
 
     Sources: Kitanidis (1987); Darouach & Zasadzinski (1997); Gillijns & De Moor (2007a).
 

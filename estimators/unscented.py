@@ -3,16 +3,16 @@
 import numpy as np
 
 from estimators.angles import difference
-from estimators.belief import Belief
+from estimators.belief import Belief, DelayedInputBelief
 from estimators.checks import number
-from estimators.filter import Filter, Model
-from estimators.kalman import ExtendedKalmanFilter
+from estimators.filter import Filter, Model, Record
+from estimators.kalman import GaussianFilter
 from estimators.linalg import semidefinite_cholesky, solve
 from estimators.models import LinearModel, at_points, steps
-from estimators.unknown_input import ExtendedUnbiasedMinimumVarianceFilterWithoutFeedthrough
+from estimators.unknown_input import NoFeedthroughFilter
 
 
-class SigmaPoints(Filter):
+class SigmaPoints(Filter[Record]):
     """How the unscented filters see a model: a mix-in that replaces the linearisation of `Filter`.
 
     A function f of x ~ N(x^, P), ``P = L L'``, is evaluated at the 2 n + 1 points ``x^`` and ``x^ +- c L_i``,
@@ -51,7 +51,7 @@ class SigmaPoints(Filter):
         mean, slopes, excess = self._transform("transition", mean, root, u, model.n, model.state_angles)
         return mean, slopes.mT @ slopes + excess
 
-    def _linearise(self, belief: Belief) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    def _linearise(self, belief: Record) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
         model, mean = self.model, belief.mean
         if isinstance(model, LinearModel):
             return super()._linearise(belief)
@@ -93,7 +93,7 @@ class SigmaPoints(Filter):
         return centre + shift, slopes, excess
 
 
-class UnscentedKalmanFilter(SigmaPoints, ExtendedKalmanFilter):
+class UnscentedKalmanFilter(SigmaPoints[Belief], GaussianFilter):
     """UKF: a Kalman filter whose moments come from sigma points; on a linear model it is the Kalman filter exactly.
 
     Needs no Jacobian and keeps second-order terms: with the defaults the mean is right to third order for a Gaussian.
@@ -120,7 +120,7 @@ class UnscentedKalmanFilter(SigmaPoints, ExtendedKalmanFilter):
         self._set_points(alpha, beta, kappa)
 
 
-class UnscentedUnbiasedMinimumVarianceFilter(SigmaPoints, ExtendedUnbiasedMinimumVarianceFilterWithoutFeedthrough):
+class UnscentedUMVFilter(SigmaPoints[DelayedInputBelief], NoFeedthroughFilter):
     """UKF-UMV: `ekf-ui-wdf` with sigma points in place of Jacobians; the input shows one step late.
 
     With ``C = Pxy' (P-)^-1``, ``K = Pxy Pyy^-1`` and R replaced by ``Pyy - C P- C'``, where Pyy holds R::

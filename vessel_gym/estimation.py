@@ -6,10 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from estimators import Belief, Filter, LinearModel, factory, wrap
+from estimators import Belief, Filter, GaussianFilter, InputBelief, LinearModel, Reading, Streams, factory, wrap
 from estimators.checks import number, shown
-from estimators.filter import Reading, Streams
-from estimators.kalman import ExtendedKalmanFilter
+from estimators.kalman import unseen_input
 from estimators.models import resolve
 from vessel_gym import checks
 from vessel_gym.composition import Composition, checked_told, compose
@@ -25,10 +24,11 @@ def estimator_names() -> tuple[str, ...]:
     return factory.names() + ENVIRONMENT_ONLY
 
 
-class Oracle(Filter):
+class Oracle(Filter[InputBelief]):
     """The declared exception: it is handed the true state and unknown input as its reading."""
 
     name = "truth"
+    record = InputBelief
     _ours = True
 
     def __init__(self, n: int, q: int) -> None:
@@ -39,20 +39,21 @@ class Oracle(Filter):
     def _check_known_input(self, u: np.ndarray | None) -> None:
         """It is told, like every filter, and needs it not."""
 
-    def _predict(self, belief: Belief, u: np.ndarray | None, rng: Streams) -> Belief:
+    def _init(self, belief: Belief, rng: Streams) -> InputBelief:
+        return InputBelief.of(belief, **unseen_input(belief.mean, belief.cov, np.zeros((self.q, self.q))))
+
+    def _predict(self, belief: InputBelief, u: np.ndarray | None, rng: Streams) -> InputBelief:
         return belief
 
-    def _update(self, belief: Belief, reading: Reading, rng: Streams) -> Belief:
-        n, q = self.model.n, self.q
-        state = belief.mean + reading.innovation[..., :n]
-        batch = state.shape[:-1]
-        return Belief(
-            state, np.zeros(batch + (n, n)), belief.prior_mean, belief.prior_cov, np.zeros(batch, np.int8),
-            input_mean=reading.innovation[..., n:], input_cov=np.zeros(batch + (q, q)),
+    def _update(self, belief: InputBelief, reading: Reading, rng: Streams) -> InputBelief:
+        n = self.model.n
+        return belief.replace(
+            mean=belief.mean + reading.innovation[..., :n], cov=np.zeros(belief.cov.shape), u=None,
+            recovery=np.zeros(belief.recovery.shape, np.int8), input_mean=reading.innovation[..., n:],
         )  # fmt: skip
 
 
-class DeadReckoning(ExtendedKalmanFilter):
+class DeadReckoning(GaussianFilter):
     """The model alone: readings are not used."""
 
     name = "dead-reckoning"
@@ -62,18 +63,18 @@ class DeadReckoning(ExtendedKalmanFilter):
         return belief
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class HeldReadings(Belief):
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class HeldReadings(InputBelief):
     """A belief that also holds the last two readings of every channel, ``(..., p)`` each."""
 
-    held: np.ndarray = None  # type: ignore[assignment]  # the base class has defaults, so must this
-    previous: np.ndarray = None  # type: ignore[assignment]  # the reading before
-    interval: np.ndarray = None  # type: ignore[assignment]  # seconds between the two
-    seen: np.ndarray = None  # type: ignore[assignment]  # whether the channel has ever been read
-    age: np.ndarray = None  # type: ignore[assignment]  # steps since the last reading
+    held: np.ndarray
+    previous: np.ndarray  # the reading before
+    interval: np.ndarray  # seconds between the two
+    seen: np.ndarray  # whether the channel has ever been read
+    age: np.ndarray  # steps since the last reading
 
 
-class HeldMeasurement(Filter):
+class HeldMeasurement(Filter[HeldReadings]):
     """The last reading of every channel, held until the next; no model at all.
 
     States follow from what the sensors give (`vessel_gym.sensors.Sensor`); rates that none gives are differenced from
@@ -81,6 +82,7 @@ class HeldMeasurement(Filter):
     """
 
     name = "measurement"
+    record = HeldReadings
     _ours = True
 
     def __init__(self, composition: Composition, inputs: tuple[str, ...]) -> None:
@@ -123,29 +125,26 @@ class HeldMeasurement(Filter):
             return state, np.zeros(readings.shape[:-1] + (0,))
         return state, np.stack([known.get(name, nothing) for name in self._inputs], -1)
 
-    def _init(self, belief: Belief, rng: Streams) -> Belief:
+    def _init(self, belief: Belief, rng: Streams) -> HeldReadings:
         shape = belief.mean.shape[:-1] + (self.model.p,)
         held = self._expected(belief)
         # What no reading shows (the sway, a current) keeps the variance of the prior.
         prior = np.diagonal(belief.cov, axis1=-2, axis2=-1)
         cov = np.where(self._variance > 0.0, self._variance, prior)[..., None] * self._identity
         input_cov = np.zeros(shape[:-1] + 2 * self._input_variance.shape) + np.diag(self._input_variance)
-        return HeldReadings(
-            belief.mean, cov, belief.prior_mean, belief.prior_cov, belief.recovery, u=belief.u,
-            input_mean=np.zeros(shape[:-1] + self._input_variance.shape), input_cov=input_cov,
-            held=held, previous=held, interval=np.full(shape, self._dt), seen=np.zeros(shape, bool),
-            age=np.zeros(shape),
+        return HeldReadings.of(
+            belief.replace(cov=cov), input_mean=np.zeros(shape[:-1] + self._input_variance.shape), input_cov=input_cov,
+            state_input_cov=np.zeros(belief.mean.shape + self._input_variance.shape), held=held, previous=held,
+            interval=np.full(shape, self._dt), seen=np.zeros(shape, bool), age=np.zeros(shape),
         )  # fmt: skip
 
     def _expected(self, belief: Belief) -> np.ndarray:
         return self.model.linearise_measurement(belief.mean, belief.u)[0]
 
-    def _predict(self, belief: Belief, u: np.ndarray | None, rng: Streams) -> Belief:
-        assert isinstance(belief, HeldReadings)
+    def _predict(self, belief: HeldReadings, u: np.ndarray | None, rng: Streams) -> HeldReadings:
         return belief.replace(age=belief.age + 1.0)
 
-    def _update(self, belief: Belief, reading: Reading, rng: Streams) -> Belief:
-        assert isinstance(belief, HeldReadings)
+    def _update(self, belief: HeldReadings, reading: Reading, rng: Streams) -> HeldReadings:
         arrived = reading.available
         held = np.where(arrived, self._expected(belief) + reading.innovation, belief.held)
         previous = np.where(arrived, np.where(belief.seen, belief.held, held), belief.previous)
@@ -269,11 +268,12 @@ def build(
     assert isinstance(estimator, str)
     if estimator in ENVIRONMENT_ONLY and options:
         raise TypeError(f"{estimator} has no option {next(iter(options))!r}: it takes model and told")
-    made = {
+    makers: dict[str, Callable[[], Filter]] = {
         "truth": lambda: Oracle(model.n, len(inputs)),
         "measurement": lambda: HeldMeasurement(composition, inputs),
         "dead-reckoning": lambda: DeadReckoning(model),
-    }.get(estimator, lambda: _made(system, estimator, options, composition, told.Q))()
+    }
+    made = makers.get(estimator, lambda: _made(system, estimator, options, composition, told.Q))()
     return Estimation(made, composition, told.prior)
 
 

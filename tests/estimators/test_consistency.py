@@ -147,6 +147,22 @@ def test_a_filter_whose_innovations_carry_the_inputs_of_two_steps_is_judged_with
     assert not assess(make("ulise", wrong, input_prior=4.0), system.prior, _rng(0), data).passed(1e-3)
 
 
+def test_a_filter_that_is_told_the_variance_of_its_input_is_judged_by_whole_innovations():
+    system = unknown_input_system(0, feedthrough=True)
+    d = 3.0 * _rng(1).normal(size=(40, 300, 1))
+    data = simulate(system.model, system.prior, _rng(3), runs=300, steps=40, u=np.zeros(system.m), d=d)
+    report = assess(make("kf", system.model, input_cov=9.0), system.prior, _rng(0), data)
+    assert report.passed(0.01)
+    np.testing.assert_array_equal(report.nis.expected, 3.0)
+    assert not assess(make("kf", system.model, input_cov=3.0), system.prior, _rng(0), data).passed(1e-3)
+
+
+def test_an_unknown_input_that_the_model_does_not_have_is_refused():
+    system = kalman_system(0)
+    with pytest.raises(ValueError, match="d was given, but the model has no unknown input"):
+        simulate(system.model, system.prior, _rng(0), d=[[[1.0]]])
+
+
 def test_what_is_not_a_number_is_not_consistent():
     values = _rng(0).chisquare(3, size=(20, 50))
     assert chi_square_test(values, 3).p_value > 0.0

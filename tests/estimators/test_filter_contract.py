@@ -1,6 +1,8 @@
 """What every filter promises its user: names, refusals, missing readings, rows, recovery, angles."""
 
+import copy
 import dataclasses
+import pickle
 
 import numpy as np
 import pytest
@@ -257,8 +259,27 @@ def test_a_fresh_row_joins_others_as_one_that_has_seen_no_reading():
 def test_beliefs_of_different_filters_do_not_merge():
     prior = Gaussian(np.zeros((2, 2)), I2)
     one, other = make("kf", _linear()), make("kf-umv-ui", _linear(G=[[1.0], [0.0]], H=[[1.0], [0.0]]))
-    with pytest.raises(ValueError, match="only one has input_mean: they are of different filters"):
+    with pytest.raises(ValueError, match="cannot merge Belief and InputBelief: they are of different filters"):
         one.init(prior).with_rows(np.array([True, False]), other.init(prior)[:1])
+
+
+def test_a_belief_of_another_family_is_refused_in_one_sentence():
+    prior, model = Gaussian(np.zeros((2, 2)), I2), _linear(G=[[1.0], [0.0]], H=[[1.0], [0.0]])
+    with pytest.raises(TypeError, match=r"belief must be of type InputBelief, got Belief: begin with init\(prior\)"):
+        make("kf-umv-ui", model).predict(make("kf", model).init(prior))
+
+
+@every_case()
+def test_a_belief_can_be_asked_for_its_input_and_its_members_pickled_and_copied(case: Case):
+    system = case.system(0)
+    filter = case.make(system.model)
+    belief = filter.init(system.rows(2), rng=np.random.default_rng(0))
+    assert type(belief) is filter.record
+    assert (belief.input_mean is None) == (belief.input_cov is None) == (filter.input_delay is None)
+    assert (belief.ensemble is None) == (not filter.random)
+    for same in (pickle.loads(pickle.dumps(belief)), copy.deepcopy(belief), belief.replace()):
+        assert type(same) is type(belief)
+        assert_same(same, belief)
 
 
 @every_case("deterministic")
@@ -512,7 +533,7 @@ def test_without_feedthrough_the_first_reading_after_the_prior_shows_no_input():
     # A row that has just begun beside one that runs: each is treated as what it is.
     running = filter.predict(first, np.zeros(system.m))
     fresh = filter.init(system.prior).replace(u=np.zeros(system.m))
-    both = Belief(**{name: np.stack([array, arrays(fresh)[name]]) for name, array in arrays(running).items()})
+    both = running.replace(**{name: np.stack([array, arrays(fresh)[name]]) for name, array in arrays(running).items()})
     after = filter.update(both, y)
     np.testing.assert_array_equal(after.input_observed[:, 0, 0], [1.0, 0.0])
     assert_same(after[0], filter.update(running, y), 1e-12)

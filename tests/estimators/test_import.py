@@ -55,3 +55,15 @@ def test_only_numpy_and_scipy_are_needed(loaded: set[str]):
 def test_everything_that_is_exported_exists():
     for name in estimators.__all__:
         assert getattr(estimators, name) is not None
+
+
+def test_every_filter_and_every_belief_is_exported():
+    classes = [estimators.Filter, estimators.Belief]
+    for cls in classes:
+        classes += [below for below in cls.__subclasses__() if below.__module__.startswith("estimators.")]
+    assert {cls.__name__ for cls in classes} <= set(estimators.__all__)
+
+
+def test_a_linear_filter_is_no_extended_one():
+    assert not issubclass(estimators.KalmanFilter, estimators.ExtendedKalmanFilter)
+    assert not issubclass(estimators.DelayedUMVFilter, estimators.ExtendedUMVFilter)

@@ -9,7 +9,19 @@ from hypothesis import strategies as st
 from scipy.linalg import block_diag, solve_discrete_are
 from scipy.stats import chi2
 
-from estimators import Belief, Filter, Gaussian, LinearModel, NonlinearModel, chi_square_band, make, names, nees, nis
+from estimators import (
+    Belief,
+    FeedthroughBelief,
+    Filter,
+    Gaussian,
+    LinearModel,
+    NonlinearModel,
+    chi_square_band,
+    make,
+    names,
+    nees,
+    nis,
+)
 from tests.estimators.cases import (
     CASES,
     INPUT_PRIOR,
@@ -149,7 +161,7 @@ def test_the_update_is_least_squares_with_nothing_known_of_the_input(case: Case,
         np.testing.assert_allclose(
             known @ belief.input_mean * filter.input_delay, known @ predicted.input_mean, rtol=0, atol=1e-12
         )
-        if belief.feedthrough_mean is not None:
+        if isinstance(belief, FeedthroughBelief):
             estimate = belief.feedthrough_mean, belief.feedthrough_cov, belief.state_feedthrough_cov
             estimates.append((*estimate, present, now))
             np.testing.assert_allclose(belief.feedthrough_observed, now, rtol=0, atol=1e-9)
@@ -171,7 +183,7 @@ def test_the_prediction_carries_on_all_that_is_known_of_state_and_input(case: Ca
         acting = None  # what is estimated now and acts on this step
         if filter.input_delay == 0:
             acting = belief.input_mean, belief.input_cov, belief.state_input_cov
-        elif belief.feedthrough_mean is not None:
+        elif isinstance(belief, FeedthroughBelief):
             acting = belief.feedthrough_mean, belief.feedthrough_cov, belief.state_feedthrough_cov
         if acting is not None:
             mean = mean + model.G @ acting[0]
@@ -311,7 +323,7 @@ def test_what_the_input_leaves_of_the_innovation_is_as_large_as_the_filter_says(
     late = model.C @ model.G @ (np.eye(model.q) - shown_directions(model.H))
     values = []
     for b in beliefs:
-        if b.feedthrough_mean is not None:
+        if isinstance(b, FeedthroughBelief):
             explained = np.matvec(late, b.input_mean) + np.matvec(model.H, b.feedthrough_mean)
         else:
             explained = np.matvec(late if case.make(model).input_delay else model.H, b.input_mean)

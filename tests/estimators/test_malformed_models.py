@@ -67,7 +67,7 @@ def _sentence(error: Exception) -> None:
 
 def _check(belief: Belief) -> None:
     for name in ("mean", "cov", "input_mean", "input_cov", "ensemble", "feedthrough_mean"):
-        array = getattr(belief, name)
+        array = getattr(belief, name, None)
         assert array is None or np.isfinite(array).all(), name
     np.testing.assert_array_equal(belief.cov, belief.cov.mT)
     with np.errstate(over="ignore"):

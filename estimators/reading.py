@@ -1,0 +1,57 @@
+"""What a filter's update is handed: a measurement prepared for it."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from estimators.linalg import congruence, neutralised
+
+
+class Reading(NamedTuple):
+    """A measurement prepared for an update: missing channels carry no information.
+
+    A missing channel has innovation 0, a zero row in ``C`` and ``H`` and a unit, uncorrelated
+    variance in ``R``, so that the formulas need no special case.
+    """
+
+    innovation: np.ndarray  # (..., p)
+    C: np.ndarray  # (..., p, n); (p, 0) where members stand for it (ensemble filters)
+    H: np.ndarray  # (..., p, q)
+    R: np.ndarray  # (..., p, p)
+    available: np.ndarray  # (..., p)
+    complete: bool
+    whole: np.ndarray  # (..., p, n) C with the rows of missing readings, too
+    whole_H: np.ndarray  # (..., p, q) H likewise
+    anomalies: np.ndarray | None = None  # (..., N, p) spread of what the members expect (ensemble filters)
+    whole_R: np.ndarray | None = None  # (..., p, p) R with that of missing readings, too (ensemble filters)
+    spread: np.ndarray | None = None  # (..., p, p) what stands for the unknown input in S, where S alone is singular
+
+    def only(self, kept: np.ndarray) -> "Reading":
+        """The reading without the channels where the mask ``kept (..., p)`` is False."""
+        rows = kept[..., None]
+        return self._replace(
+            innovation=np.where(kept, self.innovation, 0.0),
+            C=np.where(rows, self.C, 0.0) if self.C.size else self.C,
+            H=np.where(rows, self.H, 0.0) if self.H.size else self.H,
+            R=neutralised(self.R, kept),
+            available=kept,
+            complete=False,
+            anomalies=None if self.anomalies is None else np.where(kept[..., None, :], self.anomalies, 0.0),
+        )
+
+    def mixed(self, T: np.ndarray, spread: np.ndarray | None = None) -> "Reading":
+        """The reading ``T y``, ``T (..., p, p)``; where T has a row of zeros a channel is missing."""
+        kept = np.asarray(T.any(-1))
+        R = neutralised(congruence(T, self.R), kept)
+        return self._replace(
+            innovation=np.matvec(T, self.innovation),
+            C=T @ self.C,
+            H=T @ self.H,
+            R=R,
+            complete=False,
+            whole=T @ self.whole,
+            whole_H=T @ self.whole_H,
+            anomalies=None if self.anomalies is None else self.anomalies @ T.mT,
+            whole_R=R,
+            spread=None if spread is None else congruence(T, spread),
+        )
