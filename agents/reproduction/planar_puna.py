@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from estimators import NonlinearModel
-from vessel_gym.compiled import gufunc
+from estimators.compiled import gufunc
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.point_mass import I, PointMass, forces
 from vessel_gym.vehicles.puna import PunaParameters

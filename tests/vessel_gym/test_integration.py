@@ -11,7 +11,7 @@ import pytest
 from numba.core.errors import TypingError
 from scipy.integrate import solve_ivp
 
-from vessel_gym.compiled import inlined
+from estimators.compiled import inlined
 from vessel_gym.vehicles.corvette_equations import corvette_rates, corvette_step, corvette_steps
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.integration import Kernel, kernels
@@ -85,7 +85,7 @@ def test_many_states_side_by_side_step_as_each_alone(vehicle: str, members: int)
 
 
 OWN = """
-from vessel_gym.compiled import inlined
+from estimators.compiled import inlined
 from vessel_gym.vehicles.integration import kernels
 
 @inlined

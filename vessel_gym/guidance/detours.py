@@ -18,7 +18,7 @@ import numpy as np
 from numba import njit
 
 from estimators import wrap
-from vessel_gym.compiled import gufunc, lazy
+from estimators.compiled import gufunc, lazy
 from vessel_gym.guidance.words import (
     Path,
     advance,

@@ -11,7 +11,7 @@ of its goal [m]. Frames: x north, y east, z down; a positive angle turns to star
 import numpy as np
 from numba import njit
 
-from vessel_gym.compiled import gufunc
+from estimators.compiled import gufunc
 
 _STRAIGHT = 1e-9  # 1/m, the least curvature: over 100 m it bends a straight path by 5 micrometres
 

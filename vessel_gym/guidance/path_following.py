@@ -11,7 +11,7 @@ counts like `PER_RAD` metres a radian, and twice that at most. So no memory is n
 import numpy as np
 from numba import njit
 
-from vessel_gym.compiled import gufunc
+from estimators.compiled import gufunc
 from vessel_gym.guidance.words import follow_on
 
 LEAD = 50.0

@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from numba import njit
 
-from vessel_gym.compiled import gufunc
+from estimators.compiled import gufunc
 
 WORDS = ("LSL", "LSR", "RSL", "RSR", "LRL", "RLR")
 """The order of the last axis of `lengths`."""

@@ -9,7 +9,7 @@ import numpy as np
 from estimators import Gaussian
 from estimators.checks import shown
 from vessel_gym.checks import numbers, one_of
-from vessel_gym.compiled import gufunc
+from estimators.compiled import gufunc
 from vessel_gym.guidance.dubins import NoPath, Path, plan
 from vessel_gym.guidance.path_following import COLUMNS, follow, track
 from vessel_gym.guidance.words import advance

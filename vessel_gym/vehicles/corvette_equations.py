@@ -17,7 +17,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from vessel_gym.compiled import inlined
+from estimators.compiled import inlined
 from vessel_gym.vehicles.integration import Numbers, kernels
 
 STATE = ("x", "y", "psi", "u", "v", "r")

@@ -16,7 +16,7 @@ import numpy as np
 from numba.core.errors import TypingError
 from numba.extending import overload
 
-from vessel_gym.compiled import gufunc, inlined
+from estimators.compiled import gufunc, inlined
 
 Numbers = tuple[float, ...]
 Rates = Callable[[Numbers, Numbers, Numbers, np.ndarray], Numbers]
@@ -41,7 +41,7 @@ def kernels(name: str, rates: Any, state: int, actuators: int, flow: int) -> Ker
 
     Args:
         name: The vehicle's.
-        rates: Its rates, `vessel_gym.compiled.inlined`.
+        rates: Its rates, `estimators.compiled.inlined`.
         state: How many numbers its state has,
         actuators: its actuators,
         flow: and what it moves in.

@@ -15,7 +15,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from vessel_gym.compiled import inlined, sincos
+from estimators.compiled import inlined, sincos
 from vessel_gym.sensors import Sensor, plain
 from vessel_gym.vehicles.auv import AUV, VERTICAL, AUVParameters, in_its_plane
 from vessel_gym.vehicles.files import load

@@ -9,7 +9,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from vessel_gym.compiled import inlined
+from estimators.compiled import inlined
 
 I = IntEnum("I", (
     "mass", "area", "gravity", "drag_2", "drag_1", "drag_0", "lift_1", "lift_0", "density_2", "density_1", "density_0",

@@ -20,7 +20,7 @@ from typing import ClassVar
 import numpy as np
 from scipy.optimize import brentq
 
-from vessel_gym.compiled import gufunc, inlined, sincos
+from estimators.compiled import gufunc, inlined, sincos
 from vessel_gym.sensors import Bias, Known, Sensor, plain
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.integration import Numbers, kernels

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from vessel_gym.compiled import gufunc, inlined, sincos
+from estimators.compiled import gufunc, inlined, sincos
 from vessel_gym.sensors import Sensor, plain
 from vessel_gym.vehicles.auv import AUV, UNCERTAIN, AUVParameters, in_its_plane
 from vessel_gym.vehicles.files import load

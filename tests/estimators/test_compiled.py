@@ -14,7 +14,7 @@ import pytest
 from filelock import FileLock
 from numba.core import config
 
-from vessel_gym import compiled
+from estimators import compiled
 from vessel_gym.vehicles.corvette_equations import corvette_rates
 from vessel_gym.vehicles.files import load
 
@@ -24,7 +24,7 @@ WAITING = "vessel_gym: waiting for another process"
 
 
 KERNELS = """
-from vessel_gym.compiled import gufunc
+from estimators.compiled import gufunc
 from vessel_gym.functions import doubled
 
 @gufunc("void(float64, float64[:])", "()->()")
@@ -32,7 +32,7 @@ def kernel(number, out):
     out[0] = doubled(number)
 """
 FUNCTIONS = """
-from vessel_gym.compiled import inlined
+from estimators.compiled import inlined
 
 @inlined
 def doubled(number):
@@ -54,7 +54,7 @@ def package(tmp_path: Path) -> Path:
 
 def calling(folder: Path, **environment: str) -> subprocess.Popen[str]:
     """A process without a home that calls the kernel; stdout is its own."""
-    program = "from vessel_gym import compiled, kernels; print(compiled.__file__, kernels.kernel(0.5))"
+    program = "from estimators import compiled, kernels; print(compiled.__file__, kernels.kernel(0.5))"
     clean = {key: value for key, value in os.environ.items() if key not in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME")}
     nowhere = {"HOME": "/dev/null/nobody", "TMPDIR": str(folder / "temporary"), "PYTHONDONTWRITEBYTECODE": "1"}
     return subprocess.Popen(

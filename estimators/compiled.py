@@ -114,10 +114,11 @@ def _current(folder: Path) -> Path:
     Numba itself knows only the file that a kernel stands in, not those of functions that are compiled into it.
     """
     digest = sha256(f"{sys.version} {np.__version__} {numba.__version__}".encode())
-    for path in sorted(Path(__file__).parent.rglob("*.py")):
-        source = path.read_bytes()
-        if b"numba" in source or b"vessel_gym.compiled" in source:
-            digest.update(source)
+    for package in ("estimators", "vessel_gym"):
+        for path in sorted(Path(__file__).parents[1].joinpath(package).rglob("*.py")):
+            source = path.read_bytes()
+            if b"numba" in source or b"estimators.compiled" in source:
+                digest.update(source)
     current = folder / digest.hexdigest()[:16]
     current.mkdir(exist_ok=True)
     os.utime(current)
