@@ -15,10 +15,11 @@ from estimators.angles import wrap
 from estimators.belief import Belief, DelayedInputBelief, EnsembleBelief, FeedthroughBelief, InputBelief, Recovery
 from estimators.ensemble import EnsembleFilter, EnsembleKalmanFilter, EnsembleSquareRootFilter, EnsembleTransformFilter
 from estimators.factory import make, names
-from estimators.filter import Filter, Model, Streams
+from estimators.filter import Filter, Model, Rng
 from estimators.kalman import ExtendedKalmanFilter, GaussianFilter, KalmanFilter
 from estimators.metrics import chi_square_band, nees, nis, rmse
 from estimators.models import Gaussian, LinearModel, NonlinearModel, forward_euler, van_loan, zero_order_hold
+from estimators.randomness import Numbers
 from estimators.reading import Reading
 from estimators.robust import HuberKalmanFilter, RobustKalmanFilter
 from estimators.ulise import ULISE
@@ -56,11 +57,12 @@ __all__ = [
     "Model",
     "NoFeedthroughFilter",
     "NonlinearModel",
+    "Numbers",
     "Reading",
     "Recovery",
+    "Rng",
     "RobustKalmanFilter",
     "SigmaPoints",
-    "Streams",
     "UMVFilter",
     "UnknownInputFilter",
     "UnscentedKalmanFilter",

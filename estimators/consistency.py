@@ -24,7 +24,7 @@ from scipy.special import bdtr, bdtrc, bdtrik, gammainc, gammaincc, gammaincinv,
 
 from estimators.angles import difference
 from estimators.belief import Belief, FeedthroughBelief, InputBelief
-from estimators.filter import Filter, Model, Streams
+from estimators.filter import Filter, Model, Rng
 from estimators.linalg import neutralised, semidefinite_cholesky
 from estimators.metrics import nees, nis
 from estimators.models import Gaussian, resolve
@@ -388,7 +388,7 @@ def assess(
     )  # fmt: skip
 
 
-def _track(filter: Filter, prior: Gaussian, data: Runs, rng: Streams) -> list[Belief]:
+def _track(filter: Filter, prior: Gaussian, data: Runs, rng: Rng) -> list[Belief]:
     """The belief after every reading."""
     rows = Gaussian(np.broadcast_to(prior.mean, data.x.shape[1:]), prior.cov)
     belief, beliefs = filter.init(rows, rng=rng), []

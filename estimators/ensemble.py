@@ -8,21 +8,21 @@ Rows are members: an ensemble is ``(..., N, n)``. With the anomalies ``A`` of th
 Everything costs O(N p (n + p)) and nothing is N x N (``variant="evensen2004"`` of `enkf-sr` excepted).
 """
 
-import math
-from collections.abc import Sequence
-
 import numpy as np
 
 from estimators.angles import difference, near, together
 from estimators.belief import Belief, EnsembleBelief
 from estimators.checks import as_array, number, shown, whole
-from estimators.filter import Filter, Model, Streams
+from estimators.filter import Filter, Model, Rng
 from estimators.linalg import cholesky, product, semidefinite_cholesky, solve, symmetrise
 from estimators.models import LinearModel, at_points, resolve
+from estimators.randomness import Numbers
 from estimators.reading import Reading
 
-Drawn = np.random.Generator | Sequence[np.random.Generator]
-"""`Streams` of a filter that draws from them: there are some."""
+Drawn = Numbers | np.random.Generator
+"""`Rng` of a filter that draws from it: there is one."""
+START, PROCESS, READINGS, ROTATION = range(4)
+"""Uses of random numbers."""
 
 
 class EnsembleFilter(Filter[EnsembleBelief]):
@@ -64,17 +64,17 @@ class EnsembleFilter(Filter[EnsembleBelief]):
 
     # --- the contract -----------------------------------------------------------------------------
 
-    def _init(self, belief: Belief, rng: Streams) -> EnsembleBelief:
+    def _init(self, belief: Belief, rng: Rng) -> EnsembleBelief:
         batch = belief.mean.shape[:-1]
-        streams = self._streams(rng, batch)
-        ensemble = self._centred_noise(streams, batch, semidefinite_cholesky(belief.cov))
+        numbers = self._numbers(rng, batch)
+        ensemble = self._centred_noise(numbers, batch, semidefinite_cholesky(belief.cov), START)
         cov = self._covariance(ensemble)
         ensemble += belief.mean[..., None, :]
         return EnsembleBelief.of(belief.replace(mean=self._mean(ensemble), cov=cov), ensemble=ensemble)
 
-    def _predict(self, belief: EnsembleBelief, u: np.ndarray | None, rng: Streams) -> EnsembleBelief:
+    def _predict(self, belief: EnsembleBelief, u: np.ndarray | None, rng: Rng) -> EnsembleBelief:
         model, batch = self.model, belief.mean.shape[:-1]
-        streams = self._streams(rng, batch)
+        numbers = self._numbers(rng, batch)
         if isinstance(model, LinearModel):
             ensemble = product(belief.ensemble, resolve(model.A, u).mT)
             if model.B is not None and u is not None:
@@ -85,7 +85,7 @@ class EnsembleFilter(Filter[EnsembleBelief]):
         mean = self._mean(ensemble)
         root = semidefinite_cholesky(resolve(model.Q, u)) if self._noise_root is None else self._noise_root
         if root.shape[-1]:
-            noise = self._centred_noise(streams, batch, root)
+            noise = self._centred_noise(numbers, batch, root, PROCESS)
             ensemble = np.add(ensemble, noise, out=noise)
         else:
             ensemble = np.array(ensemble)  # what a model returns is its own
@@ -109,12 +109,12 @@ class EnsembleFilter(Filter[EnsembleBelief]):
         # Mixed channels have no place in a localisation, which is about channels.
         return None if self.localisation is not None else super()._condensed(start, reading, S, lost)
 
-    def _update(self, belief: EnsembleBelief, reading: Reading, rng: Streams) -> EnsembleBelief:
-        streams, Y = self._streams(rng, belief.mean.shape[:-1]), reading.anomalies
+    def _update(self, belief: EnsembleBelief, reading: Reading, rng: Rng) -> EnsembleBelief:
+        numbers, Y = self._numbers(rng, belief.mean.shape[:-1]), reading.anomalies
         assert Y is not None
         S = self._covariance(Y) + reading.R
         ensemble = belief.ensemble - belief.mean[..., None, :]
-        mean, ensemble = self._analysis(belief.mean, ensemble, Y, S, reading, streams)
+        mean, ensemble = self._analysis(belief.mean, ensemble, Y, S, reading, numbers)
         if self.inflation != 1.0:
             ensemble *= self._inflation(reading.available)[..., None, :]
         cov = self._covariance(ensemble)
@@ -122,7 +122,7 @@ class EnsembleFilter(Filter[EnsembleBelief]):
         return EnsembleBelief.updated(belief, mean, cov, reading, S, ensemble=ensemble)
 
     def _analysis(
-        self, mean: np.ndarray, anomalies: np.ndarray, Y: np.ndarray, S: np.ndarray, reading: Reading, streams: Drawn
+        self, mean: np.ndarray, anomalies: np.ndarray, Y: np.ndarray, S: np.ndarray, reading: Reading, numbers: Drawn
     ) -> tuple[np.ndarray, np.ndarray]:
         """The mean ``(..., n)`` and the centred anomalies ``(..., N, n)`` after a reading; may write on the latter.
 
@@ -171,22 +171,22 @@ class EnsembleFilter(Filter[EnsembleBelief]):
 
     # --- random numbers ---------------------------------------------------------------------------
 
-    def _streams(self, rng: Streams, batch: tuple[int, ...]) -> Drawn:
-        """``rng``, checked: a Generator for the whole batch at once, or one for each row."""
+    def _numbers(self, rng: Rng, batch: tuple[int, ...]) -> Drawn:
+        """``rng``, checked: a key for every row, or a Generator for all."""
         if isinstance(rng, np.random.Generator):
             return rng
-        rows = math.prod(batch)
-        if rng is None:
-            raise ValueError(f"{self.name} draws random numbers: pass rng, a numpy Generator or one for each row")
-        if not isinstance(rng, Sequence | np.ndarray) or not all(isinstance(g, np.random.Generator) for g in rng):
-            raise TypeError(f"rng must be a numpy Generator or a list of them, got {shown(rng)}")
-        if len(rng) != rows:
-            raise ValueError(f"rng has {len(rng)} streams, expected one Generator or one for each of {rows} rows")
+        if not isinstance(rng, Numbers):
+            how = "pass rng, keys (estimators.Numbers) or a numpy Generator"
+            raise (ValueError if rng is None else TypeError)(
+                f"{self.name} draws random numbers: {how}, got {shown(rng)}"
+            )
+        if rng.keys.shape[:-1] != batch:
+            raise ValueError(f"rng has keys for rows {rng.keys.shape[:-1]}, expected {batch}")
         return rng
 
-    def _centred_noise(self, streams: Drawn, batch: tuple[int, ...], root: np.ndarray) -> np.ndarray:
+    def _centred_noise(self, numbers: Drawn, batch: tuple[int, ...], root: np.ndarray, use: int) -> np.ndarray:
         """``(..., N, k)`` draws with covariance ``root root'``, their mean over the members taken off."""
-        normals = draw(streams, batch, (self.members, root.shape[-1]))
+        normals = draw(numbers, batch, self.members, root.shape[-1], use)
         normals -= self._mean(normals)[..., None, :]
         return product(normals, root.mT)
 
@@ -217,7 +217,7 @@ class EnsembleKalmanFilter(EnsembleFilter):
         self._reading_root = None if callable(model.R) else semidefinite_cholesky(model.R)
 
     def _analysis(
-        self, mean: np.ndarray, anomalies: np.ndarray, Y: np.ndarray, S: np.ndarray, reading: Reading, streams: Drawn
+        self, mean: np.ndarray, anomalies: np.ndarray, Y: np.ndarray, S: np.ndarray, reading: Reading, numbers: Drawn
     ) -> tuple[np.ndarray, np.ndarray]:
         gain = solve(S, (Y.mT @ anomalies) / (self.members - 1))  # K', (..., p, n)
         if self.localisation is not None:
@@ -226,7 +226,7 @@ class EnsembleKalmanFilter(EnsembleFilter):
         root = self._reading_root
         if root is None or reading.whole_R is not self.model.R:
             root = semidefinite_cholesky(reading.R)
-        departures = self._centred_noise(streams, mean.shape[:-1], root)
+        departures = self._centred_noise(numbers, mean.shape[:-1], root, READINGS)
         departures -= Y
         anomalies += product(departures, gain)
         return mean + np.vecmat(reading.innovation, gain), anomalies
@@ -277,7 +277,7 @@ class EnsembleTransformFilter(EnsembleFilter):
         return mask
 
     def _analysis(
-        self, mean: np.ndarray, anomalies: np.ndarray, Y: np.ndarray, S: np.ndarray, reading: Reading, streams: Drawn
+        self, mean: np.ndarray, anomalies: np.ndarray, Y: np.ndarray, S: np.ndarray, reading: Reading, numbers: Drawn
     ) -> tuple[np.ndarray, np.ndarray]:
         if self._groups is None:
             mean, anomalies = self._transformed(mean, anomalies, Y, S, reading.R, reading.innovation)
@@ -290,7 +290,8 @@ class EnsembleTransformFilter(EnsembleFilter):
                     reading.R[block], reading.innovation[..., readings],
                 )  # fmt: skip
         if self.rotate:
-            normals = draw(streams, mean.shape[:-1], (self.members - 1, min(self.members - 1, self.model.n)))
+            rank = min(self.members - 1, self.model.n)
+            normals = draw(numbers, mean.shape[:-1], self.members - 1, rank, ROTATION)
             anomalies = rotated(anomalies, normals)
         return mean, anomalies
 
@@ -369,14 +370,11 @@ class EnsembleSquareRootFilter(EnsembleTransformFilter):
 # --- shared -------------------------------------------------------------------------------------------
 
 
-def draw(streams: Drawn, batch: tuple[int, ...], shape: tuple[int, ...]) -> np.ndarray:
-    """Standard normals ``(*batch, *shape)``: row by row from its stream, or all at once from a Generator."""
-    normals = np.empty(batch + shape)
-    if isinstance(streams, np.random.Generator):
-        return streams.standard_normal(out=normals)
-    for stream, row in zip(streams, normals.reshape((-1,) + shape), strict=True):
-        stream.standard_normal(out=row)
-    return normals
+def draw(numbers: Drawn, batch: tuple[int, ...], members: int, count: int, use: int) -> np.ndarray:
+    """Standard normals ``(*batch, members, count)``."""
+    if isinstance(numbers, np.random.Generator):
+        return numbers.standard_normal(batch + (members, count))
+    return numbers.members(members, count, use)
 
 
 def noise_root(cov: np.ndarray) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, ClassVar, Generic, TypeVar, cast
 
 import numpy as np
@@ -12,9 +12,11 @@ from estimators.belief import Belief, FeedthroughBelief, InputBelief, Recovery
 from estimators.checks import as_array, as_mask
 from estimators.linalg import congruence, equilibrated, identity, neutralised, semidefinite_cholesky
 from estimators.models import Gaussian, LinearModel, NonlinearModel, as_covariance, resolve, usable
+from estimators.randomness import Numbers
 from estimators.reading import Reading
 
-Streams = np.random.Generator | Sequence[np.random.Generator] | None
+Rng = Numbers | np.random.Generator | None
+"""Where random numbers come from: keys a row and a step, or a Generator for the whole batch."""
 Model = LinearModel | NonlinearModel
 Record = TypeVar("Record", bound=Belief)
 """The record of a filter's beliefs."""
@@ -66,12 +68,12 @@ class Filter(ABC, Generic[Record]):
 
     # --- public contract --------------------------------------------------------------------------
 
-    def init(self, prior: Gaussian, rng: Streams = None) -> Record:
+    def init(self, prior: Gaussian, rng: Rng = None) -> Record:
         """The belief before any reading: ``x(0|-1)``.
 
         Args:
             prior: Mean ``(..., n)`` and covariance ``(..., n, n)``; leading axes are the batch.
-            rng: A Generator, or one for each row, for filters that draw members.
+            rng: For filters that draw members: `Numbers` of this step, or a Generator.
 
         Raises:
             TypeError: if the prior is no `Gaussian`.
@@ -94,7 +96,7 @@ class Filter(ABC, Generic[Record]):
             )
         return begun
 
-    def predict(self, belief: Record, u: np.ndarray | None = None, rng: Streams = None) -> Record:
+    def predict(self, belief: Record, u: np.ndarray | None = None, rng: Rng = None) -> Record:
         """One step ahead: ``x(k-1|k-1)`` to ``x(k|k-1)``.
 
         Numerical trouble stays silent here: the next update finds the rows that are lost.
@@ -102,7 +104,7 @@ class Filter(ABC, Generic[Record]):
         Args:
             belief: The belief after the last update.
             u: Known input ``(..., m)`` over the step.
-            rng: A Generator, or one for each row.
+            rng: Likewise, as for `init`.
 
         Raises:
             TypeError: if ``belief`` is none.
@@ -119,7 +121,7 @@ class Filter(ABC, Generic[Record]):
         self,
         belief: Record,
         y: np.ndarray,
-        rng: Streams = None,
+        rng: Rng = None,
         available: np.ndarray | None = None,
         R: np.ndarray | None = None,
         u: np.ndarray | None = None,
@@ -133,7 +135,7 @@ class Filter(ABC, Generic[Record]):
         Args:
             belief: The predicted belief.
             y: Readings ``(..., p)``; a value that is not finite counts as missing.
-            rng: A Generator, or one for each row.
+            rng: Likewise, as for `init`.
             available: Mask ``(..., p)`` of the readings that arrived; None: all.
             R: Measurement covariance ``(..., p, p)`` for this reading only; None: the model's. A reading whose
                 variance is not finite counts as missing; what R says of missing readings does not matter.
@@ -172,14 +174,14 @@ class Filter(ABC, Generic[Record]):
 
     # --- what a filter fills in -------------------------------------------------------------------
 
-    def _init(self, belief: Belief, rng: Streams) -> Record:
+    def _init(self, belief: Belief, rng: Rng) -> Record:
         return cast(Record, belief)
 
     @abstractmethod
-    def _predict(self, belief: Record, u: np.ndarray | None, rng: Streams) -> Record: ...
+    def _predict(self, belief: Record, u: np.ndarray | None, rng: Rng) -> Record: ...
 
     @abstractmethod
-    def _update(self, belief: Record, reading: Reading, rng: Streams) -> Record: ...
+    def _update(self, belief: Record, reading: Reading, rng: Rng) -> Record: ...
 
     # --- shared -----------------------------------------------------------------------------------
 
@@ -262,7 +264,7 @@ class Filter(ABC, Generic[Record]):
         updated: Record,
         reading: Reading,
         y: np.ndarray,
-        rng: Streams,
+        rng: Rng,
         available: np.ndarray | None,
         R: np.ndarray | None,
     ) -> Record:
@@ -271,18 +273,17 @@ class Filter(ABC, Generic[Record]):
         uneven = (settled != belief.cov).any((-2, -1)) & _finite_rows(belief)
         if uneven.any():  # a prediction that is a covariance but for rounding is not given up for that
             belief = belief.replace(cov=settled)
-            again = self._update(belief, reading, _streams_of(uneven, rng))
+            again = self._update(belief, reading, rng)
             updated = updated.with_rows(uneven, again[uneven])
         lost, predicted = _lost(updated, belief, reading.R), ~_lost(belief, belief)
         result = self._climbed(belief, updated, updated, reading, lost & predicted, rng)
         lost = lost & ~predicted
         if lost.any():
             prior = belief.prior_mean, belief.prior_cov
-            streams = _streams_of(lost, rng)
             u = None if belief.u is None else np.nan_to_num(belief.u)
-            begun = self._init(Belief(*prior, *prior, np.zeros(lost.shape, np.int8), u), streams)
+            begun = self._init(Belief(*prior, *prior, np.zeros(lost.shape, np.int8), u), rng)
             reading = self._reading(begun, y, available, R)
-            fresh = self._update(begun, reading, streams)
+            fresh = self._update(begun, reading, rng)
             cured = lost & ~_lost(fresh, begun, reading.R)
             result = result.with_rows(cured, fresh[cured])
             result = self._climbed(begun, result, fresh, reading, lost & ~cured, rng)
@@ -292,7 +293,7 @@ class Filter(ABC, Generic[Record]):
         return result.replace(**{name: _settled(cov) for name, cov in covs.items() if cov is not None})
 
     def _climbed(
-        self, start: Record, result: Record, failed: Record, reading: Reading, lost: np.ndarray, rng: Streams
+        self, start: Record, result: Record, failed: Record, reading: Reading, lost: np.ndarray, rng: Rng
     ) -> Record:
         """The result with each lost row as the first rung below the prior gives it; ``start`` is finite there."""
         S = failed.innovation_cov
@@ -310,7 +311,7 @@ class Filter(ABC, Generic[Record]):
             milder_reading, tried = changed[0], lost & changed[1]
             if not tried.any():
                 continue
-            again = self._update(start, milder_reading, _streams_of(tried, rng))
+            again = self._update(start, milder_reading, rng)
             cured = tried & ~_lost(again, start)
             if rung == Recovery.PSEUDO_INVERSE:  # in the channels as they are, not as they were mixed
                 again = again.replace(innovation=reading.innovation, innovation_cov=S)
@@ -491,14 +492,6 @@ def _spread(belief: Record, batch: tuple[int, ...]) -> Record:
         if array.shape[:-2] != batch
     }
     return belief.replace(**changes) if changes else belief
-
-
-def _streams_of(rows: np.ndarray, rng: Streams) -> Streams:
-    """The streams of a mask's rows; the others get one to waste, so that theirs do not advance."""
-    if rng is None or isinstance(rng, np.random.Generator):
-        return rng
-    wasted = np.random.default_rng(0)
-    return [stream if row else wasted for stream, row in zip(rng, rows.ravel(), strict=True)]
 
 
 def _finite_rows(belief: Belief) -> np.ndarray:

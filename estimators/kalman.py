@@ -4,7 +4,7 @@ import numpy as np
 
 from estimators.belief import Belief, InputBelief
 from estimators.checks import as_array
-from estimators.filter import Filter, Model, Streams
+from estimators.filter import Filter, Model, Rng
 from estimators.linalg import congruence, driven, identity, product, solve, symmetrise
 from estimators.models import LinearModel, as_covariance, resolve
 from estimators.reading import Reading
@@ -19,12 +19,12 @@ class GaussianFilter(Filter[Belief]):
 
     shares = True
 
-    def _predict(self, belief: Belief, u: np.ndarray | None, rng: Streams) -> Belief:
+    def _predict(self, belief: Belief, u: np.ndarray | None, rng: Rng) -> Belief:
         mean, cov = self._propagate(belief.mean, belief.cov, u)
         cov = symmetrise(cov + resolve(self.model.Q, u))
         return Belief.predicted(belief, mean, cov, u)
 
-    def _update(self, belief: Belief, reading: Reading, rng: Streams) -> Belief:
+    def _update(self, belief: Belief, reading: Reading, rng: Rng) -> Belief:
         mean, cov, S = joseph_update(belief.mean, belief.cov, reading.innovation, reading.C, reading.R)
         return Belief.updated(belief, mean, cov, reading, S)
 
@@ -100,19 +100,19 @@ class KalmanFilter(GaussianFilter):
         if self.input_cov is not None:
             self.input_delay, self.record = 0, InputBelief
 
-    def _init(self, belief: Belief, rng: Streams) -> Belief:
+    def _init(self, belief: Belief, rng: Rng) -> Belief:
         if self.input_cov is None:
             return belief
         return InputBelief.of(belief, **unseen_input(belief.mean, belief.cov, self.input_cov))
 
-    def _predict(self, belief: Belief, u: np.ndarray | None, rng: Streams) -> Belief:
+    def _predict(self, belief: Belief, u: np.ndarray | None, rng: Rng) -> Belief:
         if self.input_cov is None:
             return super()._predict(belief, u, rng)
         assert isinstance(belief, InputBelief)
         mean, cov = driven_prediction(self.model, belief, u)
         return InputBelief.predicted(belief, mean, cov, u, **unseen_input(mean, cov, self.input_cov))
 
-    def _update(self, belief: Belief, reading: Reading, rng: Streams) -> Belief:
+    def _update(self, belief: Belief, reading: Reading, rng: Rng) -> Belief:
         if self.input_cov is None:
             return super()._update(belief, reading, rng)
         n, q = self.model.n, self.model.q

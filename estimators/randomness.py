@@ -9,6 +9,7 @@ as 1, 2, 3), a generator by counters that passes BigCrush; the normal numbers th
 products and square roots alone, hence the same to the last bit on every processor.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from hashlib import blake2b
@@ -59,30 +60,35 @@ def _derived(key: np.ndarray, first: Any, second: Any, out: np.ndarray) -> None:
 
 @inlined
 def _log_unit(m: Any) -> float:
-    """``ln((m + 0.5) / 2^32)`` of a whole number below 2^32, without a branch: fdlibm's log (Sun Microsystems, 1993)."""
+    """``ln((m + 0.5) / 2^32)`` of a whole number below 2^32, without a branch, as fdlibm has it (Sun, 1993)."""
     bits = np.float64(np.float64(m) + 0.5).view(np.int64)
     exponent = (bits - np.int64(0x3FE6A09E667F3BCD)) >> np.int64(52)  # so that the rest lies within sqrt(2) of 1
     f = np.int64(bits - (exponent << np.int64(52))).view(np.float64) - 1.0
     s = f / (2.0 + f)
     z = s * s
-    r = z * (6.666666666666735130e-01 + z * (3.999999999940941908e-01 + z * (2.857142874366239149e-01
+    r = z * (
+        6.666666666666735130e-01 + z * (3.999999999940941908e-01 + z * (2.857142874366239149e-01
         + z * (2.222219843214978396e-01 + z * (1.818357216161805012e-01 + z * (1.531383769920937332e-01
-        + z * 1.479819860511658591e-01))))))  # fmt: skip
+        + z * 1.479819860511658591e-01)))))
+    )  # fmt: skip
     half, k = 0.5 * f * f, np.float64(exponent - np.int64(32))
     return k * 6.93147180369123816490e-01 - ((half - (s * (half + r) + k * 1.90821492927058770002e-10)) - f)
 
 
 @inlined
 def _sincos_of_turn(m: Any) -> tuple[float, float]:
-    """Sine and cosine of ``(m + 0.5) / 2^32`` turns, without a branch; polynomials of fdlibm (Sun Microsystems, 1993)."""
+    """Sine and cosine of ``(m + 0.5) / 2^32`` turns, without a branch, by the polynomials of fdlibm (Sun, 1993)."""
     quarter = (m + _U(0x20000000)) >> _U(30)
     x = (np.float64(np.int64(m) - np.int64(quarter << _U(30))) + 0.5) * 1.4629180792671596e-09  # 2 pi / 2^32
     z = x * x
-    sine = x + x * z * (-1.66666666666666324348e-01 + z * (8.33333333332248946124e-03 + z * (-1.98412698298579493134e-04
-        + z * (2.75573137070700676789e-06 + z * (-2.50507602534068634195e-08 + z * 1.58969099521155010221e-10)))))  # fmt: skip
-    cosine = 1.0 - 0.5 * z + z * z * (4.16666666666666019037e-02 + z * (-1.38888888888741095749e-03
-        + z * (2.48015872894767294178e-05 + z * (-2.75573143513906633035e-07 + z * (2.08757232129817482790e-09
-        + z * -1.13596475577881948265e-11)))))  # fmt: skip
+    sine = x + x * z * (
+        -1.66666666666666324348e-01 + z * (8.33333333332248946124e-03 + z * (-1.98412698298579493134e-04
+        + z * (2.75573137070700676789e-06 + z * (-2.50507602534068634195e-08 + z * 1.58969099521155010221e-10))))
+    )  # fmt: skip
+    cosine = 1.0 - 0.5 * z + z * z * (
+        4.16666666666666019037e-02 + z * (-1.38888888888741095749e-03 + z * (2.48015872894767294178e-05
+        + z * (-2.75573143513906633035e-07 + z * (2.08757232129817482790e-09 + z * -1.13596475577881948265e-11))))
+    )  # fmt: skip
     odd = (quarter & _U(1)) != _U(0)
     s, c = cosine if odd else sine, sine if odd else cosine
     return (
@@ -152,6 +158,10 @@ def key(seed: int) -> np.ndarray:
     return np.frombuffer(digest, np.uint64).copy()
 
 
+def _unsigned(number: Any) -> np.ndarray:
+    return np.asarray(number).astype(np.uint64)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Numbers:
     """The random numbers of a batch of rows at one step.
@@ -164,12 +174,19 @@ class Numbers:
     keys: np.ndarray
     step: np.ndarray | int = 0
 
+    @classmethod
+    def seeded(cls, seeds: Sequence[int]) -> "Numbers":
+        """Those of rows that have these seeds, whole numbers of any size that are not negative."""
+        return cls(np.array([key(seed) for seed in seeds], np.uint64).reshape(-1, 2))
+
     def __getitem__(self, rows: Any) -> "Numbers":
-        return Numbers(self.keys[rows], self.step if isinstance(self.step, int) else self.step[rows])
+        step = self.step if isinstance(self.step, int) else np.broadcast_to(self.step, self.keys.shape[:-1])[rows]
+        return Numbers(self.keys[rows], step)
 
     def of(self, first: Any, second: Any = 0) -> "Numbers":
         """Those of keys that are derived by whole numbers ``(...)``, or by a name."""
-        return replace(self, keys=_derived(self.keys, word(first) if isinstance(first, str) else first, second))
+        words = (word(part) if isinstance(part, str) else _unsigned(part) for part in (first, second))
+        return replace(self, keys=_derived(self.keys, *words))
 
     def at(self, step: np.ndarray | int) -> "Numbers":
         """Those of another step."""
@@ -177,12 +194,12 @@ class Numbers:
 
     def normals(self, count: int, use: int = 0) -> np.ndarray:
         """Standard normal numbers ``(..., count)``."""
-        return _normals(self.keys, self.step, use, np.empty(count))
+        return _normals(self.keys, _unsigned(self.step), use, np.empty(count))
 
     def uniforms(self, count: int, use: int = 0) -> np.ndarray:
         """Numbers ``(..., count)`` from 0 to below 1."""
-        return _uniforms(self.keys, self.step, use, np.empty(count))
+        return _uniforms(self.keys, _unsigned(self.step), use, np.empty(count))
 
     def members(self, members: int, count: int, use: int = 0) -> np.ndarray:
         """Standard normal numbers ``(..., members, count)``: a member's are the same however many there are."""
-        return _of_members(self.keys, self.step, use, np.empty((members, count)))
+        return _of_members(self.keys, _unsigned(self.step), use, np.empty((members, count)))

@@ -4,7 +4,7 @@ import numpy as np
 
 from estimators.belief import Belief
 from estimators.checks import number, whole
-from estimators.filter import Model, Streams
+from estimators.filter import Model, Rng
 from estimators.kalman import GaussianFilter, joseph_update
 from estimators.linalg import semidefinite_cholesky, solve, symmetrise
 from estimators.reading import Reading
@@ -53,7 +53,7 @@ class HuberKalmanFilter(GaussianFilter):
         self.iterations = whole("iterations", iterations, 1)
         self.tolerance = number("tolerance", tolerance, 0.0, what="positive")
 
-    def _update(self, belief: Belief, reading: Reading, rng: Streams) -> Belief:
+    def _update(self, belief: Belief, reading: Reading, rng: Rng) -> Belief:
         C, R, e, n = reading.C, reading.R, reading.innovation, self.model.n
         root_P, root_R = semidefinite_cholesky(belief.cov), semidefinite_cholesky(R)
         M = np.empty(e.shape + (n + self.model.p,))
@@ -129,7 +129,7 @@ class RobustKalmanFilter(GaussianFilter):
         super().__init__(model)
         self.radius = number("radius", radius, -_LEAST, np.inf, "finite and not negative")
 
-    def _predict(self, belief: Belief, u: np.ndarray | None, rng: Streams) -> Belief:
+    def _predict(self, belief: Belief, u: np.ndarray | None, rng: Rng) -> Belief:
         predicted = super()._predict(belief, u, rng)
         if self.radius == 0.0:
             return predicted

@@ -3,7 +3,7 @@
 import numpy as np
 
 from estimators.belief import Belief, FeedthroughBelief
-from estimators.filter import Model, Streams
+from estimators.filter import Model, Rng
 from estimators.linalg import congruence, driven, identity, product, solve, symmetrise
 from estimators.models import LinearModel, resolve
 from estimators.reading import Reading
@@ -68,7 +68,7 @@ class ULISE(DelayedInputFilter[FeedthroughBelief]):
                 "that it drives directly, by a reading that no other unknown input disturbs"
             )
 
-    def _init(self, belief: Belief, rng: Streams) -> FeedthroughBelief:
+    def _init(self, belief: Belief, rng: Rng) -> FeedthroughBelief:
         begun = self._begun_input(belief.mean, belief.cov)
         return FeedthroughBelief.of(belief, **begun, **self._nothing_now(belief.mean, belief.cov))
 
@@ -82,7 +82,7 @@ class ULISE(DelayedInputFilter[FeedthroughBelief]):
             "feedthrough_observed": np.zeros(rows + (q, q)),
         }
 
-    def _predict(self, belief: FeedthroughBelief, u: np.ndarray | None, rng: Streams) -> FeedthroughBelief:
+    def _predict(self, belief: FeedthroughBelief, u: np.ndarray | None, rng: Rng) -> FeedthroughBelief:
         model = self.model
         mean, A = model.linearise_transition(belief.mean, u)
         G = model.input_matrix(belief.mean, u)
@@ -103,7 +103,7 @@ class ULISE(DelayedInputFilter[FeedthroughBelief]):
         now = np.broadcast_to(reading.H * self._input_units, late.shape)
         return np.concatenate([now, late], -1)
 
-    def _update(self, belief: FeedthroughBelief, reading: Reading, rng: Streams) -> FeedthroughBelief:
+    def _update(self, belief: FeedthroughBelief, reading: Reading, rng: Rng) -> FeedthroughBelief:
         C, H, R, units = reading.C, reading.H, reading.R, self._input_units
         n, p, q = self.model.n, self.model.p, self.model.q
         before = belief.input_observed

@@ -5,7 +5,7 @@ from typing import ClassVar, TypeVar
 import numpy as np
 
 from estimators.belief import Belief, DelayedInputBelief, InputBelief
-from estimators.filter import Filter, Model, Streams
+from estimators.filter import Filter, Model, Rng
 from estimators.kalman import driven_prediction, input_covariance, unseen_input
 from estimators.linalg import congruence, identity, inverse, product, solve, symmetrise
 from estimators.models import LinearModel, resolve
@@ -162,17 +162,17 @@ class UMVFilter(UnknownInputFilter[InputBelief]):
                     "measure the input or use kf-umv-ui-wdf"
                 )
 
-    def _init(self, belief: Belief, rng: Streams) -> InputBelief:
+    def _init(self, belief: Belief, rng: Rng) -> InputBelief:
         return InputBelief.of(belief, **self._unseen_input(belief.mean, belief.cov))
 
-    def _predict(self, belief: InputBelief, u: np.ndarray | None, rng: Streams) -> InputBelief:
+    def _predict(self, belief: InputBelief, u: np.ndarray | None, rng: Rng) -> InputBelief:
         mean, cov = driven_prediction(self.model, belief, u)
         return InputBelief.predicted(belief, mean, cov, u, **self._unseen_input(mean, cov))
 
     def _shown_input(self, belief: InputBelief, reading: Reading) -> np.ndarray:
         return reading.H * self._input_units
 
-    def _update(self, belief: InputBelief, reading: Reading, rng: Streams) -> InputBelief:
+    def _update(self, belief: InputBelief, reading: Reading, rng: Rng) -> InputBelief:
         C, H, R = reading.C, reading.H, reading.R
         PC = product(belief.cov, C.mT)
         S = product(PC.mT, C.mT) + R
@@ -255,10 +255,10 @@ class NoFeedthroughFilter(DelayedInputFilter[DelayedInputBelief]):
                 f"got {'' if self._always_shown else 'at most '}{rank}: measure a state that each input drives directly"
             )
 
-    def _init(self, belief: Belief, rng: Streams) -> DelayedInputBelief:
+    def _init(self, belief: Belief, rng: Rng) -> DelayedInputBelief:
         return DelayedInputBelief.of(belief, **self._begun_input(belief.mean, belief.cov))
 
-    def _predict(self, belief: DelayedInputBelief, u: np.ndarray | None, rng: Streams) -> DelayedInputBelief:
+    def _predict(self, belief: DelayedInputBelief, u: np.ndarray | None, rng: Rng) -> DelayedInputBelief:
         mean, cov = self._propagate(belief.mean, self._covariance(belief), u)
         cov = symmetrise(cov + resolve(self.model.Q, u))
         return DelayedInputBelief.predicted(
@@ -266,7 +266,7 @@ class NoFeedthroughFilter(DelayedInputFilter[DelayedInputBelief]):
             input_matrix=self._moving_G(belief.mean, u),
         )  # fmt: skip
 
-    def _update(self, belief: DelayedInputBelief, reading: Reading, rng: Streams) -> DelayedInputBelief:
+    def _update(self, belief: DelayedInputBelief, reading: Reading, rng: Rng) -> DelayedInputBelief:
         C, R = reading.C, reading.R
         G = self._input_matrix(belief)
         PC = product(belief.cov, C.mT)

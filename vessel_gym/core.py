@@ -7,9 +7,10 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 from scipy.linalg import block_diag
 
-from estimators import Belief, Filter, Gaussian
+from estimators import Belief, Filter, Gaussian, Numbers
 from estimators.checks import shown
 from estimators.linalg import semidefinite_cholesky
+from estimators.randomness import word
 from vessel_gym.checks import number, numbers, one_of
 from vessel_gym.checks import options as checked_options
 from vessel_gym.composition import Composition, Forces
@@ -17,7 +18,6 @@ from vessel_gym.disturbances import Disturbance
 from vessel_gym.estimation import Estimation, EstimatorChoice, build, chosen_disturbance
 from vessel_gym.loop import Loop, Readings
 from vessel_gym.sensors import Sensor, Sensors, columns
-from vessel_gym.streams import Draws, Purpose, stream
 from vessel_gym.system import Estimate, System
 
 OBSERVE = ("mean", "mean+std", "measurement")
@@ -102,7 +102,7 @@ class Core:
 
         self.seeds: list[int] = []
         self.episodes = np.zeros(num_envs, int)
-        self._draws = Draws(num_envs, self._root.shape[-1])
+        self._noise = Numbers(np.zeros((num_envs, len(self._parts), 2), np.uint64))
         self._rows = np.arange(num_envs)
         self.steps = np.zeros(num_envs, int)
         self.total = np.zeros(num_envs)
@@ -143,6 +143,12 @@ class Core:
         self._estimated = [self.truth_names.index(n) if n in self.truth_names else -1 for n in self.composition.names]
         self._based = [vehicle.state_names.index(name) for name in vehicle.estimated(vehicle.kinds[0])]
         self._root = block_diag(self.forces.disturbance.white, process.root, bias.root)
+        biased = [sensor for sensor in self.sensors.each if sensor.bias is not None]
+        names = "disturbance", *(f"bias of {sensor.name}" for sensor in biased)
+        self._parts = np.array([word(name) for name in names], np.uint64)
+        # How many normal numbers each takes at a step, and at the start.
+        own = [(p.normals, p.start_root.shape[-1]) for p in (s.bias.process(vehicle.dt) for s in biased if s.bias)]
+        self._sizes = [(self.forces.disturbance.white.shape[-1] + process.normals, 0), *own]
         self._kicked, self._shaken = columns(self.forces.shaken), slice(0, len(self.forces.shaken))
         self._drifting = slice(len(self.forces.shaken), len(self.forces.shaken) + process.size)
         self._wandering = slice(self._drifting.stop, len(self._root))
@@ -282,17 +288,16 @@ class Core:
         if readings is not None:
             readings = _arrived(readings, (len(rows), self.sensors.size))
         loop = self.loop
-        uniforms, normals = self._drawn_at_reset(rows)
-        course = self.task.course(uniforms, options)
+        numbers = Numbers.seeded([self.seeds[row] for row in rows]).of(self.episodes[rows])
+        course = self.task.course(numbers.of("task").uniforms(self.task.uniforms), options)
         prior = self.task.prior(course)
-        streams = [self._streams(rows, purpose) for purpose in (Purpose.DISTURBANCE, Purpose.SENSORS, Purpose.FILTER)]
-        self._draws.restart(rows, streams[0])
-        loop.restart(rows, *streams[1:])
+        self._noise.keys[rows] = Numbers(numbers.keys[:, None]).of(self._parts).keys
+        loop.restart(rows, numbers)
         some = self._some(rows)
-        x, sea_state, bias = self._begun(prior, normals, some)
+        x, sea_state, bias = self._begun(prior, numbers)
         state, actuators = self.vehicle.start(x)
-        parameters = self.vehicle.parameters(self.mismatch, normals[:, -self.vehicle.normals :])
-        noise = np.matvec(self._root, self._draws.next(some)[0])
+        parameters = self.vehicle.parameters(self.mismatch, numbers.of("parameters").normals(self.vehicle.normals))
+        noise = self._shaken_by(self._noise[rows].at(0))
         forcing = self._forcing(sea_state, state, noise)
         self._put(
             rows, course=course, state=state, actuators=actuators, parameters=parameters, sea_state=sea_state,
@@ -312,35 +317,22 @@ class Core:
             self.held.begin(some, self._known(prior, self.held.composition), readings, u)
         self._put(rows, reference=self._reference(course, steps, belief, state))
 
-    def _drawn_at_reset(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Uniform numbers for the course, and normal ones for where the truth starts and for its parameters."""
-        bias, process = self.sensors.bias, self.forces.disturbance.process
-        size = len(self._based) + bias.size + (process.size if self.forces.disturbance.told == "states" else 0)
-        uniforms, normals = (
-            np.empty((len(rows), self.task.uniforms)),
-            np.empty((len(rows), size + self.vehicle.normals)),
-        )
-        for i, row in enumerate(rows):
-            generator = stream(self.seeds[row], int(self.episodes[row]), Purpose.RESET)
-            generator.random(out=uniforms[i])
-            generator.standard_normal(out=normals[i])
-        return uniforms, normals
-
-    def _begun(
-        self, prior: Gaussian, normals: np.ndarray, rows: np.ndarray | None
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _begun(self, prior: Gaussian, numbers: Numbers) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """What the prior describes, the disturbance's state and the biases, drawn from what is known of them."""
-        disturbance, bias = self.forces.disturbance, self.sensors.bias
-        n, k = len(self._based), disturbance.process.size
-        cov = joint_prior(prior.cov, self.forces, self.sensors)
-        if disturbance.told == "states":
-            x = np.matvec(semidefinite_cholesky(cov), normals[:, : n + k + bias.size])
-            return prior.mean + x[:, :n], x[:, n : n + k], x[:, n + k :]
-        own = np.r_[:n, n + k : n + k + bias.size]
-        x = np.matvec(semidefinite_cholesky(cov[np.ix_(own, own)]), normals[:, : len(own)])
-        root = disturbance.process.start_root
-        first = self._draws.next(rows)[0][:, : root.shape[-1]]
-        return prior.mean + x[:, :n], np.matvec(root, first), x[:, n:]
+        process, n = self.forces.disturbance.process, len(self._based)
+        x = prior.mean + np.matvec(semidefinite_cholesky(prior.cov), numbers.of("vehicle").normals(n))
+        own = Numbers(numbers.keys[:, None]).of(self._parts)
+        z = np.matvec(process.start_root, own[:, 0].normals(process.start_root.shape[-1], use=1))
+        if self.vehicle.carried is not None:
+            x += z @ (self.vehicle.carried @ self.forces.linear[len(self.vehicle.kicks) :]).T
+        biases = [own[:, i].normals(m, use=1) for i, (_, m) in enumerate(self._sizes) if i > 0]
+        bias = np.matvec(self.sensors.bias.start_root, np.concatenate([np.zeros((len(x), 0)), *biases], -1))
+        return x, z, bias
+
+    def _shaken_by(self, numbers: Numbers) -> np.ndarray:
+        """What is new over a step: white kicks, then what moves the disturbance and the biases."""
+        normals = [numbers[:, i].normals(m) for i, (m, _) in enumerate(self._sizes)]
+        return np.matvec(self._root, normals[0] if len(normals) == 1 else np.concatenate(normals, -1))
 
     def _known(self, prior: Gaussian, told: Composition) -> Gaussian:
         """What a filter knows at the start, of what it estimates."""
@@ -389,13 +381,13 @@ class Core:
         self.sea_state = self.forces.disturbance.process.advance(self.sea_state) + self.noise[:, self._drifting]
         if loop.bias.shape[-1]:
             loop.bias = self.sensors.bias.advance(loop.bias) + self.noise[:, self._wandering]
-        self.noise = np.matvec(self._root, self._draws.next()[0])
-        self.forcing = self._forcing(self.sea_state, self.state, self.noise)
         self.steps += 1
+        self.noise = self._shaken_by(self._noise.at(self.steps[:, None]))
+        self.forcing = self._forcing(self.sea_state, self.state, self.noise)
         loop.readings = loop.sense(self.state, self.forcing, self.steps, None) if readings is None else readings
-        loop.estimate(self._handed(loop.readings), u)
+        loop.estimate(self._handed(loop.readings), u, self.steps)
         if hasattr(self, "held"):
-            self.held.estimate(loop.readings, u)
+            self.held.estimate(loop.readings, u, self.steps)
         self.reference = self._reference(self.course, self.steps, loop.belief, self.state)
         over = self._over(declared)
         reward, self.end, self.tally = task.score(
@@ -501,9 +493,6 @@ class Core:
         return np.minimum(np.maximum(asked, -1.0), 1.0)
 
     # --- inside -----------------------------------------------------------------------------------
-
-    def _streams(self, rows: np.ndarray, purpose: Purpose) -> list[np.random.Generator]:
-        return [stream(self.seeds[row], int(self.episodes[row]), purpose) for row in rows]
 
     def _some(self, rows: np.ndarray) -> np.ndarray | None:
         """The rows, or None when they are all of them, which is faster."""

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from estimators import Belief, Filter, GaussianFilter, InputBelief, LinearModel, Reading, Streams, factory, wrap
+from estimators import Belief, Filter, GaussianFilter, InputBelief, LinearModel, Reading, Rng, factory, wrap
 from estimators.checks import number, shown
 from estimators.kalman import unseen_input
 from estimators.models import resolve
@@ -39,13 +39,13 @@ class Oracle(Filter[InputBelief]):
     def _check_known_input(self, u: np.ndarray | None) -> None:
         """It is told, like every filter, and needs it not."""
 
-    def _init(self, belief: Belief, rng: Streams) -> InputBelief:
+    def _init(self, belief: Belief, rng: Rng) -> InputBelief:
         return InputBelief.of(belief, **unseen_input(belief.mean, belief.cov, np.zeros((self.q, self.q))))
 
-    def _predict(self, belief: InputBelief, u: np.ndarray | None, rng: Streams) -> InputBelief:
+    def _predict(self, belief: InputBelief, u: np.ndarray | None, rng: Rng) -> InputBelief:
         return belief
 
-    def _update(self, belief: InputBelief, reading: Reading, rng: Streams) -> InputBelief:
+    def _update(self, belief: InputBelief, reading: Reading, rng: Rng) -> InputBelief:
         n = self.model.n
         return belief.replace(
             mean=belief.mean + reading.innovation[..., :n], cov=np.zeros(belief.cov.shape), u=None,
@@ -59,7 +59,7 @@ class DeadReckoning(GaussianFilter):
     name = "dead-reckoning"
     _ours = True
 
-    def _update(self, belief: Belief, reading: Reading, rng: Streams) -> Belief:
+    def _update(self, belief: Belief, reading: Reading, rng: Rng) -> Belief:
         return belief
 
 
@@ -125,7 +125,7 @@ class HeldMeasurement(Filter[HeldReadings]):
             return state, np.zeros(readings.shape[:-1] + (0,))
         return state, np.stack([known.get(name, nothing) for name in self._inputs], -1)
 
-    def _init(self, belief: Belief, rng: Streams) -> HeldReadings:
+    def _init(self, belief: Belief, rng: Rng) -> HeldReadings:
         shape = belief.mean.shape[:-1] + (self.model.p,)
         held = self._expected(belief)
         # What no reading shows (the sway, a current) keeps the variance of the prior.
@@ -141,10 +141,10 @@ class HeldMeasurement(Filter[HeldReadings]):
     def _expected(self, belief: Belief) -> np.ndarray:
         return self.model.linearise_measurement(belief.mean, belief.u)[0]
 
-    def _predict(self, belief: HeldReadings, u: np.ndarray | None, rng: Streams) -> HeldReadings:
+    def _predict(self, belief: HeldReadings, u: np.ndarray | None, rng: Rng) -> HeldReadings:
         return belief.replace(age=belief.age + 1.0)
 
-    def _update(self, belief: HeldReadings, reading: Reading, rng: Streams) -> HeldReadings:
+    def _update(self, belief: HeldReadings, reading: Reading, rng: Rng) -> HeldReadings:
         arrived = reading.available
         held = np.where(arrived, self._expected(belief) + reading.innovation, belief.held)
         previous = np.where(arrived, np.where(belief.seen, belief.held, held), belief.previous)

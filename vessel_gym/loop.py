@@ -1,15 +1,14 @@
 """What senses and estimates for many rows at once: the half of an environment that knows no truth and no task."""
 
-from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any
 
 import numpy as np
 
-from estimators import Belief, Gaussian
+from estimators import Belief, Gaussian, Numbers
+from estimators.randomness import word
 from vessel_gym.estimation import Estimation, Oracle
 from vessel_gym.sensors import Sensors
-from vessel_gym.streams import Draws
 
 Readings = tuple[np.ndarray, np.ndarray]
 """Readings ``(B, p)`` and the mask ``(B, p)`` of those that arrived."""
@@ -34,8 +33,8 @@ class Loop:
     def __init__(self, sensors: Sensors, estimation: Estimation, rows: int) -> None:
         self.rows = rows
         self.attach(sensors, estimation)
-        self._draws = Draws(rows, sensors.size, sensors.uniforms)
-        self._streams = [np.random.default_rng(0)] * rows if self.filter.random else None
+        self._sensing = Numbers(np.zeros((rows, len(sensors.each), 2), np.uint64))
+        self._filtering = Numbers(np.zeros((rows, 2), np.uint64))
         self.readings: Readings = np.zeros((rows, sensors.size)), np.zeros((rows, sensors.size), bool)
         self.bias = np.zeros((rows, sensors.bias.size))
         self.belief: Belief
@@ -64,20 +63,18 @@ class Loop:
         """Whether the filter is the declared exception, whose reading is the truth."""
         return isinstance(self.filter, Oracle)
 
-    def restart(
-        self, rows: np.ndarray, sensing: Sequence[np.random.Generator], filtering: Sequence[np.random.Generator] | None
-    ) -> None:
-        """Begin some rows' random numbers again."""
-        self._draws.restart(rows, sensing)
-        if self._streams is not None and filtering is not None:
-            for row, generator in zip(rows, filtering, strict=True):
-                self._streams[row] = generator
+    def restart(self, rows: np.ndarray, numbers: Numbers) -> None:
+        """Begin an episode of some rows, with their random numbers in it."""
+        names = [word(f"sensor {sensor.name}") for sensor in self.sensors.each]
+        self._sensing.keys[rows] = Numbers(numbers.keys[:, None]).of(np.array(names, np.uint64)).keys
+        self._filtering.keys[rows] = numbers.of("filter").keys
 
     def sense(self, state: np.ndarray, forcing: np.ndarray, steps: np.ndarray, rows: np.ndarray | None) -> Readings:
         """Readings of rows (None: all) in a true ``state``, on which ``forcing`` acts, ``steps`` after their start."""
         bias = self.bias if rows is None else self.bias[rows]
         exact = self.sensors.exact(state, forcing, bias if bias.shape[-1] else None)
-        return self.sensors.read(exact, steps, *self._draws.next(rows))
+        numbers = self._sensing if rows is None else self._sensing[rows]
+        return self.sensors.read(exact, steps, numbers.at(steps[:, None]))
 
     def begin(self, rows: np.ndarray | None, prior: Gaussian, readings: Readings, u: np.ndarray) -> Belief:
         """The belief of rows (None: all) after their first readings; those of the others stay.
@@ -89,7 +86,7 @@ class Loop:
             u: The known input.
         """
         chosen = np.arange(self.rows) if rows is None else rows
-        rng = None if self._streams is None else [self._streams[row] for row in chosen]
+        rng = self._filtering[chosen] if self.filter.random else None
         prior = Gaussian(prior.mean, self._prior_factor * prior.cov)
         belief = self._update(self.filter.init(prior, rng=rng), readings, rng, u)
         if rows is None:
@@ -98,14 +95,13 @@ class Loop:
             self.belief = _laid_out(self.belief.with_rows(rows, belief), _strides(self.belief))
         return belief
 
-    def estimate(self, readings: Readings, u: np.ndarray) -> None:
-        """One step of all rows: the known input over it, then what was read at its end."""
-        belief = self.filter.predict(self.belief, u, rng=self._streams)
-        self.belief = self._update(belief, readings, self._streams)
+    def estimate(self, readings: Readings, u: np.ndarray, steps: np.ndarray) -> None:
+        """One step of all rows, after which they are ``steps (B,)`` on: the known input, then what was read."""
+        rng = self._filtering.at(steps) if self.filter.random else None
+        belief = self.filter.predict(self.belief, u, rng=rng)
+        self.belief = self._update(belief, readings, rng)
 
-    def _update(
-        self, belief: Belief, readings: Readings, rng: list[np.random.Generator] | None, u: np.ndarray | None = None
-    ) -> Belief:
+    def _update(self, belief: Belief, readings: Readings, rng: Numbers | None, u: np.ndarray | None = None) -> Belief:
         y, available = readings
         if self.tells_truth:
             return self.filter.update(belief, y, rng=rng, u=u)

@@ -14,6 +14,7 @@ import numpy as np
 
 from estimators.checks import number, shown
 from estimators.factory import unknown
+from estimators.randomness import Numbers
 from vessel_gym.checks import numbers
 from vessel_gym.processes import Process
 
@@ -207,8 +208,7 @@ class Sensors:
         dt: Time step [s].
 
     Attributes:
-        size: p, the number of channels, and of standard normals a step.
-        uniforms: Uniform numbers a step: for each sensor one for its loss, then one for its outliers.
+        size: p, the number of channels.
         bias: How all biases move.
         bias_shown: ``(p, k)`` how their states show in the readings.
 
@@ -230,9 +230,8 @@ class Sensors:
         sizes = [len(sensor.channels) for sensor in self.each]
         owner = np.repeat(np.arange(len(self.each)), sizes)
         self.owner = owner  # which sensor a channel belongs to
-        self.size, self.uniforms = len(owner), 2 * len(self.each)
+        self.size = len(owner)
         self._own = [slice(end - size, end) for size, end in zip(sizes, np.cumsum(sizes).tolist(), strict=True)]
-        self._loss, self._spoilt = owner, owner + len(self.each)  # which uniform is a channel's
         self.sd = np.array([sd for sensor in self.each for sd in sensor.sd])
         self._dropout = np.array([sensor.dropout for sensor in self.each])[owner]
         self._outliers = np.array([sensor.outliers for sensor in self.each])[owner]
@@ -242,7 +241,8 @@ class Sensors:
         ranges = [r for sensor in self.each for r in (sensor.range or ((-np.inf, np.inf),) * len(sensor.channels))]
         self._lowest, self._highest = np.array(ranges, float).T
         self._bounded = bool(np.isfinite(self._lowest).any() or np.isfinite(self._highest).any())
-        self._complete = not self._dropout.any() and bool((self._period == 1).all()) and not self._bounded
+        self._loses = bool(self._dropout.any())
+        self._complete = not self._loses and bool((self._period == 1).all()) and not self._bounded
         self.angles = tuple(own.start + i for s, own in zip(self.each, self._own, strict=True) for i in s.angles)
         self.scale = np.array([x for s in self.each for x in (s.scale or (1.0,) * len(s.channels))])
         self.channels = tuple(channel for sensor in self.each for channel in sensor.channels)
@@ -294,29 +294,32 @@ class Sensors:
             readings[..., channels] += bias[..., components]
         return readings
 
-    def read(
-        self, exact: np.ndarray, steps: np.ndarray, normals: np.ndarray, uniforms: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def read(self, exact: np.ndarray, steps: np.ndarray, numbers: Numbers) -> tuple[np.ndarray, np.ndarray]:
         """Noisy readings and the mask of those that arrived.
 
         Args:
             exact: ``(B, p)`` what sensors without noise would read.
             steps: ``(B,)`` steps since the episode's start, at which every sensor reads.
-            normals: ``(B, p)`` standard normals.
-            uniforms: ``(B, uniforms)`` in [0, 1). Always drawn, so that suites are paired.
+            numbers: ``(B, sensors)`` of this step.
 
         Returns:
             Readings ``(B, p)``, 0 where missing, and the mask ``(B, p)``.
         """
-        scale = self.sd
+        scale, readings = self.sd, np.empty(exact.shape)
+        if self._spoils or self._loses:
+            lost, spoilt = np.moveaxis(numbers.uniforms(2, use=1), -1, 0)[..., self.owner]
         if self._spoils:
-            scale = np.where(uniforms[:, self._spoilt] < self._outliers, self._outlier_sd, scale)
-        readings = exact + scale * normals
+            scale = np.where(spoilt < self._outliers, self._outlier_sd, scale)
+        for i, own in enumerate(self._own):
+            readings[:, own] = numbers[:, i].normals(own.stop - own.start)
+        readings *= scale
+        readings += exact
         if self._complete and math.isfinite(np.add.reduce(readings, None)):
             available = np.empty(readings.shape, bool)
             available.fill(True)
             return readings, available
-        available = (uniforms[:, self._loss] >= self._dropout) & (steps[:, None] % self._period == 0)
+        available = np.broadcast_to(steps[:, None] % self._period == 0, readings.shape)
+        available = available & (lost >= self._dropout) if self._loses else available.copy()
         if self._bounded:
             seen = (exact >= self._lowest) & (exact <= self._highest)
             for own in self._own:

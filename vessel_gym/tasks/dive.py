@@ -9,8 +9,8 @@ import numpy as np
 
 from estimators import Gaussian
 from estimators.checks import shown
-from vessel_gym.checks import one_of
 from estimators.compiled import gufunc
+from vessel_gym.checks import one_of
 from vessel_gym.guidance.dive_path import course_to, follow, path_point
 from vessel_gym.system import Estimate
 from vessel_gym.tasks.task import Task, three_numbers

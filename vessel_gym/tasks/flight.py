@@ -8,8 +8,8 @@ import numpy as np
 
 from estimators import Gaussian
 from estimators.checks import shown
-from vessel_gym.checks import numbers, one_of
 from estimators.compiled import gufunc
+from vessel_gym.checks import numbers, one_of
 from vessel_gym.guidance.dubins import NoPath, Path, plan
 from vessel_gym.guidance.path_following import COLUMNS, follow, track
 from vessel_gym.guidance.words import advance

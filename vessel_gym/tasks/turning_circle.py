@@ -8,8 +8,8 @@ import numpy as np
 
 from estimators import Gaussian, wrap
 from estimators.checks import shown
-from vessel_gym.checks import number, one_of
 from estimators.compiled import gufunc
+from vessel_gym.checks import number, one_of
 from vessel_gym.sensors import Sensors
 from vessel_gym.system import Estimate
 from vessel_gym.tasks.task import Task
