@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from estimators import Belief, Filter, Gaussian, LinearModel, NonlinearModel, make
+from estimators import Belief, Filter, Gaussian, LinearModel, NonlinearModel, Numbers, Rng, make
 
 INPUT_PRIOR = 4.0
 """Variance of the unknown input where no reading shows it, in every system of this suite."""
@@ -192,17 +192,18 @@ def track(
     filter: Filter,
     prior: Gaussian,
     record: Record,
-    rng: np.random.Generator | Sequence[np.random.Generator] | None = None,
+    rng: Rng = None,
     available: np.ndarray | None = None,
     R: np.ndarray | None = None,
 ) -> list[Belief]:
     """The belief after every reading of a record; ``available (T, ...)`` and ``R (T, ...)`` one for each time."""
     belief, beliefs = filter.init(prior, rng=rng), []
     for k, y in enumerate(record.y):
+        now = rng.at(k) if isinstance(rng, Numbers) else rng
         if k:
-            belief = filter.predict(belief, record.u[k - 1], rng=rng)
+            belief = filter.predict(belief, record.u[k - 1], rng=now)
         mask, cov = (None if a is None else a[k] for a in (available, R))
-        belief = filter.update(belief, y, rng=rng, available=mask, R=cov)
+        belief = filter.update(belief, y, rng=now, available=mask, R=cov)
         beliefs.append(belief)
     return beliefs
 

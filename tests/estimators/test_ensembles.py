@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import sqrtm
 
-from estimators import Belief, Gaussian, LinearModel, NonlinearModel, make
+from estimators import Belief, Gaussian, LinearModel, NonlinearModel, Numbers, make
 from estimators.ensemble import noise_root, rotated
 from tests.estimators.cases import (
     Case,
@@ -30,8 +30,8 @@ SQUARE_ROOT = ["enkf-sr", "etkf"]
 SIZES = [(2, 4, 3), (3, 5, 6), (4, 4, 4), (8, 3, 1), (12, 6, 5), (60, 4, 2)]  # members, states, readings
 
 
-def _streams(*rows: int) -> list[np.random.Generator]:
-    return [np.random.default_rng([7, row]) for row in rows]
+def _numbers(*rows: int) -> Numbers:
+    return Numbers.seeded(rows).of(7)
 
 
 def _spread(belief: Belief) -> tuple[np.ndarray, np.ndarray]:
@@ -250,8 +250,9 @@ class _Counting(np.random.Generator):
         self.drawn = 0
 
     def standard_normal(self, size=None, dtype=np.float64, out=None):
-        self.drawn += out.size
-        return super().standard_normal(size, dtype, out)
+        normals = super().standard_normal(size, dtype, out)
+        self.drawn += normals.size
+        return normals
 
 
 @pytest.mark.parametrize("rank", [0, 1, 2, 4])
@@ -414,11 +415,11 @@ def test_masking_a_channel_of_a_square_root_filter_equals_a_model_without_it(cas
     record = simulate(system, 0, runs=3, steps=15)
     kept = np.arange(3) != j
     masked = track(
-        case.make(system.model), system.rows(3), record, _streams(0, 1, 2), np.broadcast_to(kept, record.y.shape)
+        case.make(system.model), system.rows(3), record, _numbers(0, 1, 2), np.broadcast_to(kept, record.y.shape)
     )
     reduced = track(
         case.make(without_channel(system.model, j)), system.rows(3), record._replace(y=record.y[..., kept]),
-        _streams(0, 1, 2),
+        _numbers(0, 1, 2),
     )  # fmt: skip
     for one, other in zip(masked, reduced, strict=True):
         np.testing.assert_allclose(one.ensemble, other.ensemble, rtol=0, atol=1e-11)
@@ -442,7 +443,7 @@ def test_an_update_without_readings_leaves_the_members_alone_up_to_a_rotation(ca
 
 
 @every_case("ensemble")
-def test_a_missing_generator_or_a_wrong_number_of_streams_is_named(case: Case):
+def test_missing_random_numbers_or_those_of_other_rows_are_named(case: Case):
     system = case.system(0)
     filter = case.make(system.model)
     belief = filter.init(system.rows(3), rng=np.random.default_rng(0))
@@ -455,8 +456,8 @@ def test_a_missing_generator_or_a_wrong_number_of_streams_is_named(case: Case):
     for step in steps:
         with pytest.raises(ValueError, match=rf"^{case.name} draws random numbers: pass rng"):
             step(None)
-        with pytest.raises(ValueError, match=r"^rng has 2 streams, expected one Generator or one for each of 3 rows"):
-            step(_streams(0, 1))
+        with pytest.raises(ValueError, match=r"^rng has keys for rows \(2,\), expected \(3,\)"):
+            step(_numbers(0, 1))
 
 
 @every_case("ensemble")
@@ -474,21 +475,21 @@ def test_one_generator_serves_a_whole_batch_and_every_row_is_different(case: Cas
 
 
 @every_case("ensemble")
-def test_a_lost_row_is_drawn_again_from_its_prior_and_leaves_the_others_streams_alone(case: Case):
+def test_a_lost_row_is_drawn_again_from_its_prior_and_leaves_the_others_alone(case: Case):
     system = case.system(0)
     filter = case.make(system.model)
     record = simulate(system, 0, runs=3, steps=4)
 
     def run(lost: bool) -> list[Belief]:
-        streams, beliefs = _streams(0, 1, 2), []
-        belief = filter.init(system.rows(3), rng=streams)
+        rng, beliefs = _numbers(0, 1, 2), []
+        belief = filter.init(system.rows(3), rng=rng)
         for k in range(4):
-            belief = filter.predict(belief, record.u[k], rng=streams)
+            belief = filter.predict(belief, record.u[k], rng=rng.at(k))
             if lost and k == 1:
                 ensemble = belief.ensemble.copy()
                 ensemble[1, 0] = np.nan
                 belief = belief.replace(ensemble=ensemble)
-            belief = filter.update(belief, record.y[k], rng=streams)
+            belief = filter.update(belief, record.y[k], rng=rng.at(k))
             beliefs.append(belief)
         return beliefs
 
@@ -498,12 +499,9 @@ def test_a_lost_row_is_drawn_again_from_its_prior_and_leaves_the_others_streams_
         for name, array in arrays(one).items():
             assert np.isfinite(array).all(), name
     fresh = run(True)[1]
-    again = _streams(1)  # the lost row's stream: start, prediction and update twice, then the prior and the update
-    mine = filter.init(system.rows(1), rng=again)
-    for k in range(2):
-        mine = filter.update(filter.predict(mine, record.u[k][1:2], rng=again), record.y[k][1:2], rng=again)
-    begun = filter.init(system.rows(1), rng=again).replace(u=record.u[1][1:2])
-    expected = filter.update(begun, record.y[1][1:2], rng=again)
+    own = _numbers(1).at(1)  # the numbers of the step at which it was lost
+    begun = filter.init(system.rows(1), rng=own).replace(u=record.u[1][1:2])
+    expected = filter.update(begun, record.y[1][1:2], rng=own)
     np.testing.assert_allclose(fresh.ensemble[1:2], expected.ensemble, rtol=0, atol=1e-12)
 
 
@@ -564,7 +562,7 @@ def test_a_vehicle_is_followed_by_range_and_bearing_as_the_extended_filter_follo
     errors = []
     for filter, rng in (
         (make("ekf", system.model), None),
-        (make(name, system.model, members=50), _streams(*range(100))),
+        (make(name, system.model, members=50), _numbers(*range(100))),
     ):
         beliefs = track(filter, system.rows(100), record, rng)[20:]
         error = np.array([b.mean[:, :2] for b in beliefs]) - record.x[20:, :, :2]
@@ -626,7 +624,7 @@ def test_an_unknown_input_in_the_model_is_ignored(name: str):
     driven = dataclasses.replace(system.model, G=np.ones((4, 1)), H=np.ones((3, 1)))
     record = simulate(system, 0, runs=2, steps=4)
     one, other = (
-        track(make(name, model, members=9), system.rows(2), record, _streams(0, 1))[-1]
+        track(make(name, model, members=9), system.rows(2), record, _numbers(0, 1))[-1]
         for model in (system.model, driven)
     )
     assert_same(one, other)

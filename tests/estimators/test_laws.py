@@ -16,6 +16,7 @@ from estimators import (
     Gaussian,
     LinearModel,
     NonlinearModel,
+    Numbers,
     chi_square_band,
     make,
     names,
@@ -348,8 +349,8 @@ def test_normalised_errors_follow_the_whole_chi_square_law(case: Case):
 # --- 6. batches, arguments, missing readings --------------------------------------------------------
 
 
-def _streams(*rows: int) -> list[np.random.Generator]:
-    return [np.random.default_rng([7, row]) for row in rows]
+def _numbers(*rows: int) -> Numbers:
+    return Numbers.seeded(rows).of(7)
 
 
 @pytest.mark.slow
@@ -366,11 +367,11 @@ def test_a_batch_equals_a_loop_over_its_rows(case: Case, seed: int):
     available = rng.random((steps, rows, model.p)) < 0.7
     available[:, 0] = True  # a row that never misses a reading, in a batch that does
     R = model.R * rng.uniform(0.5, 2.0, (steps, rows, 1, 1))
-    batch = track(filter, prior, record, _streams(*range(rows)), available, R)
+    batch = track(filter, prior, record, _numbers(*range(rows)), available, R)
     for i in range(rows):
         single = track(
             filter, Gaussian(prior.mean[i], prior.cov[i]), record._replace(y=record.y[:, i], u=record.u[:, i]),
-            _streams(i)[0], available[:, i], R[:, i],
+            _numbers(i)[0], available[:, i], R[:, i],
         )  # fmt: skip
         for one, other in zip(batch, single, strict=True):
             assert_same(one[i], other, 1e-12)
@@ -383,9 +384,15 @@ def test_a_batch_may_have_several_axes(case: Case):
     filter = case.make(system.model)
     record = simulate(system, 0, runs=6, steps=8)
     available = np.random.default_rng(0).random((8, 6, system.model.p)) < 0.7
-    flat = track(filter, system.rows(6), record, _streams(*range(6)), available)
+    flat = track(filter, system.rows(6), record, _numbers(*range(6)), available)
     grid = record._replace(y=record.y.reshape(8, 2, 3, -1), u=record.u.reshape(8, 2, 3, -1))
-    shaped = track(filter, system.rows(2, 3), grid, _streams(*range(6)), available.reshape(8, 2, 3, -1))
+    shaped = track(
+        filter,
+        system.rows(2, 3),
+        grid,
+        Numbers(_numbers(*range(6)).keys.reshape(2, 3, 2)),
+        available.reshape(8, 2, 3, -1),
+    )
     for one, other in zip(shaped, flat, strict=True):
         for name, array in arrays(one).items():
             assert array.shape[:2] == (2, 3), name
@@ -408,10 +415,10 @@ def test_a_model_for_each_row_equals_a_filter_for_each_model(case: Case):
     )
     available = rng.random((steps, 3, p)) < 0.8
     prior = Gaussian(np.stack([s.mean for s in systems]), np.stack([s.cov for s in systems]))
-    batch = track(case.make(LinearModel(**matrices)), prior, record, _streams(0, 1, 2), available)
+    batch = track(case.make(LinearModel(**matrices)), prior, record, _numbers(0, 1, 2), available)
     for i, system in enumerate(systems):
         one_row = record._replace(y=record.y[:, i], u=record.u[:, i])
-        single = track(case.make(system.model), system.prior, one_row, _streams(i)[0], available[:, i])
+        single = track(case.make(system.model), system.prior, one_row, _numbers(i)[0], available[:, i])
         for one, other in zip(batch, single, strict=True):
             assert_same(one[i], other, 1e-12)
 
@@ -457,8 +464,8 @@ def test_the_value_of_a_masked_reading_has_no_effect(case: Case, garbage: float)
     available = np.random.default_rng(1).random(record.y.shape) < 0.6
     other = record._replace(y=np.where(available, record.y, garbage))
     pairs = zip(
-        track(filter, system.rows(rows), record, _streams(*range(rows)), available),
-        track(filter, system.rows(rows), other, _streams(*range(rows)), available),
+        track(filter, system.rows(rows), record, _numbers(*range(rows)), available),
+        track(filter, system.rows(rows), other, _numbers(*range(rows)), available),
         strict=True,
     )
     for one, two in pairs:
@@ -474,8 +481,8 @@ def test_a_reading_that_is_not_finite_counts_as_missing(case: Case, value: float
     available = np.random.default_rng(1).random(record.y.shape) < 0.6
     holes = record._replace(y=np.where(available, record.y, value))
     pairs = zip(
-        track(filter, system.rows(rows), record, _streams(*range(rows)), available),
-        track(filter, system.rows(rows), holes, _streams(*range(rows))),
+        track(filter, system.rows(rows), record, _numbers(*range(rows)), available),
+        track(filter, system.rows(rows), holes, _numbers(*range(rows))),
         strict=True,
     )
     for one, two in pairs:
@@ -538,8 +545,8 @@ def test_a_reading_covariance_that_is_passed_replaces_that_of_the_model(case: Ca
     model = system.model
     record = simulate(system, 0, rows, 8)
     R = random_covariance(np.random.default_rng(5), model.p)
-    passed = track(case.make(model), system.rows(rows), record, _streams(0, 1, 2), R=np.broadcast_to(R, (8, *R.shape)))
-    built_in = track(case.make(dataclasses.replace(model, R=R)), system.rows(rows), record, _streams(0, 1, 2))
+    passed = track(case.make(model), system.rows(rows), record, _numbers(0, 1, 2), R=np.broadcast_to(R, (8, *R.shape)))
+    built_in = track(case.make(dataclasses.replace(model, R=R)), system.rows(rows), record, _numbers(0, 1, 2))
     for one, other in zip(passed, built_in, strict=True):
         assert_same(one, other, 1e-13)
 
@@ -584,7 +591,7 @@ def test_whole_turns_of_a_measured_angle_change_nothing(case: Case, turns: int):
     # A Jacobian by central differences turns rounding of the state into 1e-16 * 30 m / 6e-6.
     tolerance = 1e-11 if isinstance(model, LinearModel) else 1e-8
     filter = case.make(model)
-    one, other = (track(filter, system.rows(4), record._replace(y=r), _streams(*range(4))) for r in (y, turned))
+    one, other = (track(filter, system.rows(4), record._replace(y=r), _numbers(*range(4))) for r in (y, turned))
     for left, right in zip(one, other, strict=True):
         assert (np.abs(right.innovation[..., 1]) <= np.pi).all()
         assert_same(left, right, tolerance)

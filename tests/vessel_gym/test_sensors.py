@@ -1,4 +1,4 @@
-"""Sensors spoil readings as much as they say; streams give an environment its numbers whatever its neighbours do.
+"""Sensors spoil readings as much as they say.
 
 Statistical tests have fixed seeds and bands with the false-alarm rate 1e-6.
 """
@@ -11,13 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 from contract import make_core, single_class
-from hypothesis import given
-from hypothesis import strategies as st
-from scipy.stats import binom, chi2, kstest
+from scipy.stats import binom, chi2
 
+from estimators import Numbers
 from vessel_gym.processes import Process
 from vessel_gym.sensors import SUITES, Bias, Sensor, Sensors, SensorSuite, plain
-from vessel_gym.streams import Draws, Purpose, entropy, stream
 
 FALSE_ALARM = 1e-6
 SD = np.array([2e-3, 0.5, 3.0])
@@ -30,13 +28,19 @@ def made(sensors: Sequence[Sensor], dt: float = DT) -> Sensors:
     return Sensors(sensors, STATES, ("force",), dt)
 
 
+def numbers(sensors: Sensors, seed: int, rows: int) -> Numbers:
+    """Those of every row and sensor ``(rows, sensors)``."""
+    episodes = Numbers.seeded([seed]).of(np.arange(rows))
+    return Numbers(episodes.keys[:, None]).of(np.arange(len(sensors.each)))
+
+
 def corrupted(suite: SensorSuite, seed: int, n: int = 20_000, exact: float = 0.0, nominal=APART, steps=0):
     """Readings, their mask and the normals in them: n at one step, or as many as ``steps`` says."""
-    rng = np.random.default_rng(seed)
     sensors = made(suite.of(nominal))
-    normals, uniforms = rng.standard_normal((n, sensors.size)), rng.random((n, sensors.uniforms))
+    drawn = numbers(sensors, seed, n)
+    normals = [drawn[:, i].normals(len(sensor.channels)) for i, sensor in enumerate(sensors.each)]
     steps = np.broadcast_to(steps, n)
-    return *sensors.read(np.full((n, sensors.size), exact), steps, normals, uniforms), normals
+    return *sensors.read(np.full((n, sensors.size), exact), steps, drawn), np.concatenate(normals, -1)
 
 
 def assert_variance(samples: np.ndarray, variance: float):
@@ -110,10 +114,9 @@ def test_suites_are_paired_where_they_do_not_differ():
 
 @pytest.mark.parametrize("suite", SUITES.values(), ids=SUITES)
 def test_sensors_leave_the_truth_alone(suite):
-    rng = np.random.default_rng(7)
-    arrays = rng.normal(size=(9, 3)), np.arange(9), rng.normal(size=(9, 3)), rng.random((9, 6))
+    sensors, arrays = made(suite.of(APART)), (np.random.default_rng(7).normal(size=(9, 3)), np.arange(9))
     copies = [a.copy() for a in arrays]
-    made(suite.of(APART)).read(*arrays)
+    sensors.read(*arrays, numbers(sensors, 7, 9))
     for a, b in zip(arrays, copies, strict=True):
         np.testing.assert_array_equal(a, b)
 
@@ -172,7 +175,7 @@ def test_a_suite_changes_the_quality_of_sensors_and_nothing_else():
                                                     (2.5, 0.1, 4), (1.0 / 3.0, 0.1, 30)])  # fmt: skip
 def test_a_rate_that_divides_the_steps_is_kept(rate: float | None, dt: float, period: int):
     sensors, steps = made([Sensor("fix", ("x",), plain((0,)), (1.0,), rate=rate)], dt), np.arange(100)
-    _, available = sensors.read(np.ones((100, 1)), steps, np.zeros((100, 1)), np.zeros((100, 2)))
+    _, available = sensors.read(np.ones((100, 1)), steps, numbers(sensors, 0, 100))
     np.testing.assert_array_equal(available[:, 0], steps % period == 0)
 
 
@@ -193,21 +196,23 @@ def test_beyond_its_range_a_sensor_reads_nothing_and_up_to_it_everything():
     exact = np.array(
         [[0.5, 0, 9], [50, 1, 9], [0.4999, 0, 9], [50.0001, 0, 9], [9, 1.01, 9], [9, -1.01, 9], [9, -1, 9]]
     )
-    rng, n = np.random.default_rng(20), len(exact)
-    for _ in range(50):
-        noise = rng.standard_normal((n, 3)), rng.random((n, 4))
-        readings, available = sensors.read(exact, np.zeros(n), *noise)
+    n = len(exact)
+    for seed in range(50):
+        drawn = numbers(sensors, seed, n)
+        noise = np.concatenate([drawn[:, 0].normals(2), drawn[:, 1].normals(1)], -1)
+        readings, available = sensors.read(exact, np.zeros(n, int), drawn)
         there = np.array([1, 1, 0, 0, 0, 0, 1], bool)
         np.testing.assert_array_equal(available, np.stack([there, there, there | True], -1))
         np.testing.assert_array_equal(readings[~available], 0.0)
-        np.testing.assert_allclose(readings[available], (exact + 0.1 * noise[0])[available])
+        np.testing.assert_allclose(readings[available], (exact + 0.1 * noise)[available])
 
 
 def test_a_range_does_not_keep_a_sensor_from_losing_readings():
     sonar = Sensor("sonar", ("range",), plain((0,)), (0.1,), range=((0.0, 50.0),), dropout=0.3, rate=5.0)
     rng, n = np.random.default_rng(21), 20_000
     exact, steps = rng.uniform(0.0, 100.0, (n, 1)), np.arange(n)
-    _, available = made([sonar]).read(exact, steps, rng.standard_normal((n, 1)), rng.random((n, 2)))
+    sensors = made([sonar])
+    _, available = sensors.read(exact, steps, numbers(sensors, 21, n))
     asked = (exact[:, 0] <= 50.0) & (steps % 2 == 0)
     assert not available[~asked].any()
     assert_rate(~available[asked, 0], 0.3)
@@ -352,153 +357,3 @@ def test_what_is_misdeclared_is_refused_in_one_sentence(make: Callable, kind: ty
 def test_a_bias_may_be_declared_by_lists():
     listed, bias = Bias(["b"], [0.1]), Bias(("b",), (0.1,))
     assert (listed.names, listed.start, listed.pace) == (bias.names, bias.start, bias.pace)
-
-
-# --- streams ----------------------------------------------------------------------------------------
-
-
-def test_a_stream_can_be_had_again():
-    np.testing.assert_array_equal(stream(3, 2, Purpose.SENSORS).random(9), stream(3, 2, Purpose.SENSORS).random(9))
-
-
-def test_seeds_episodes_and_purposes_have_streams_of_their_own():
-    keys = [(seed, episode, purpose) for seed in (0, 1, 2**40) for episode in range(5) for purpose in Purpose]
-    firsts = {stream(*key).random() for key in keys}
-    assert len(firsts) == len(keys) == 60
-
-
-NUMBERS = st.one_of(st.integers(0, 9), st.integers(2**32 - 3, 2**32 + 9), st.integers(0, 2**70), st.integers(0, 2**200))
-KEYS = st.tuples(NUMBERS, NUMBERS, st.sampled_from(Purpose))
-
-
-def split(*numbers: int) -> list[int]:
-    """The 32-bit words that NumPy makes of numbers, one after the other."""
-    words = []
-    for number in numbers:
-        words.append(number % 2**32)
-        while number := number // 2**32:
-            words.append(number % 2**32)
-    return words
-
-
-def grown(words: tuple[int, ...]) -> tuple[int, ...]:
-    """What NumPy grows a stream from: words beyond the last are 0 up to the fourth."""
-    return *words, *(0 for _ in range(4 - len(words)))
-
-
-@given(KEYS, KEYS)
-def test_no_two_keys_grow_the_same_stream(one: tuple[int, int, Purpose], other: tuple[int, int, Purpose]):
-    assert (grown(entropy(*one)) == grown(entropy(*other))) == (one == other)
-    assert all(0 <= word < 2**32 for word in entropy(*one))
-
-
-@given(st.lists(st.integers(0, 3) | st.integers(0, 2**32 - 1), min_size=4, max_size=7))
-def test_no_key_grows_the_stream_of_another_that_splits_into_the_same_words(words: list[int]):
-    """Every way to read a row of words as a seed, an episode and a purpose: to NumPy alone these are one key."""
-    number = [sum(word << 32 * i for i, word in enumerate(words[:k])) for k in range(len(words))]
-    rest = [sum(word << 32 * i for i, word in enumerate(words[k:-1])) for k in range(len(words))]
-    keys = {(number[k], rest[k], Purpose(words[-1] % 4)) for k in range(1, len(words) - 1)}
-    assert len({grown(entropy(*key)) for key in keys}) == len(keys)
-
-
-def test_the_streams_of_two_keys_that_split_alike_differ():
-    one, other = (2**32 + 5, 2, Purpose.RESET), (5, 1, Purpose.SENSORS)
-    assert split(*one)[:3] == split(*other)
-    assert stream(*one).random() != stream(*other).random()
-
-
-@given(st.integers(0, 2**32 - 1), st.integers(0, 2**32 - 1), st.sampled_from(Purpose))
-def test_smaller_seeds_keep_the_stream_that_they_have_always_had(seed: int, episode: int, purpose: Purpose):
-    always = np.random.default_rng(np.random.SeedSequence((seed, episode, int(purpose))))
-    assert stream(seed, episode, purpose).random() == always.random()
-
-
-def test_the_order_of_a_key_matters():
-    assert stream(1, 2, Purpose.RESET).random() != stream(2, 1, Purpose.RESET).random()
-    assert stream(0, 1, Purpose.RESET).random() != stream(1, 0, Purpose.RESET).random()
-    assert stream(5, 1, Purpose.FILTER).random() != stream(5, 3, Purpose.DISTURBANCE).random()
-
-
-def test_neighbouring_streams_are_not_correlated():
-    n = 5000
-    a, b = stream(7, 0, Purpose.SENSORS).standard_normal(n), stream(8, 0, Purpose.SENSORS).standard_normal(n)
-    assert abs(np.corrcoef(a, b)[0, 1]) < 4.9 / np.sqrt(n)  # two-sided 1e-6
-    c = stream(7, 1, Purpose.SENSORS).standard_normal(n)
-    assert abs(np.corrcoef(a, c)[0, 1]) < 4.9 / np.sqrt(n)
-
-
-def drawn(draws: Draws, steps: int, rows: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-    normals, uniforms = [], []
-    for _ in range(steps):
-        for record, numbers in zip((normals, uniforms), draws.next(rows), strict=True):
-            record.append(numbers.copy())
-    return np.array(normals), np.array(uniforms)
-
-
-def started(num_envs: int, seeds, normals: int = 3, uniforms: int = 2, block: int = 64) -> Draws:
-    draws = Draws(num_envs, normals, uniforms, block)
-    draws.restart(np.arange(num_envs), [stream(seed, 0, Purpose.SENSORS) for seed in seeds])
-    return draws
-
-
-def test_a_row_draws_the_same_numbers_in_any_batch_and_any_order():
-    alone = [drawn(started(1, [seed]), 150) for seed in (5, 6, 7)]  # more than two blocks
-    together = drawn(started(3, [5, 6, 7]), 150)
-    reordered = drawn(started(4, [7, 9, 5, 6]), 150)
-    for kind in (0, 1):
-        for i, j in ((0, 2), (1, 3), (2, 0)):
-            np.testing.assert_array_equal(together[kind][:, i], alone[i][kind][:, 0])
-            np.testing.assert_array_equal(reordered[kind][:, j], alone[i][kind][:, 0])
-
-
-def test_rows_that_are_not_asked_stay_where_they_are():
-    whole = drawn(started(3, [5, 6, 7]), 160)
-    draws = started(3, [5, 6, 7])
-    first = drawn(draws, 50)  # all rows
-    some = drawn(draws, 60, np.array([2, 0]))  # two of them, past the end of the block, in another order
-    rest = drawn(draws, 40)  # all again, from three different places
-    for kind in (0, 1):
-        np.testing.assert_array_equal(first[kind], whole[kind][:50])
-        np.testing.assert_array_equal(some[kind][:, 0], whole[kind][50:110, 2])
-        np.testing.assert_array_equal(some[kind][:, 1], whole[kind][50:110, 0])
-        np.testing.assert_array_equal(rest[kind][:, 1], whole[kind][50:90, 1])
-        np.testing.assert_array_equal(rest[kind][:, [0, 2]], whole[kind][110:150, [0, 2]])
-
-
-@pytest.mark.parametrize("after", [0, 1, 63, 64, 65, 100])
-def test_a_restarted_row_begins_its_new_stream_wherever_its_block_was(after):
-    fresh = drawn(started(1, [9]), 70)
-    draws = started(2, [5, 6])
-    undisturbed = drawn(started(2, [5, 6]), after + 70)
-    if after:
-        drawn(draws, after)
-    draws.restart(np.array([1]), [stream(9, 0, Purpose.SENSORS)])
-    later = drawn(draws, 70)
-    for kind in (0, 1):
-        np.testing.assert_array_equal(later[kind][:, 1], fresh[kind][:, 0])
-        np.testing.assert_array_equal(later[kind][:, 0], undisturbed[kind][after:, 0])  # its neighbour goes on
-
-
-def test_the_size_of_the_block_does_not_matter_to_a_stream_of_one_kind():
-    for normals, uniforms in ((3, 0), (0, 3)):
-        reference = drawn(started(2, [5, 6], normals, uniforms, block=64), 130)
-        for block in (1, 7, 200):
-            other = drawn(started(2, [5, 6], normals, uniforms, block), 130)
-            for kind in (0, 1):
-                np.testing.assert_array_equal(other[kind], reference[kind])
-
-
-def test_draws_are_standard_normal_and_uniform():
-    normals, uniforms = drawn(started(20, range(20)), 640)
-    assert normals.shape == (640, 20, 3)
-    assert uniforms.shape == (640, 20, 2)
-    assert kstest(normals.ravel(), "norm").pvalue > FALSE_ALARM
-    assert kstest(uniforms.ravel(), "uniform").pvalue > FALSE_ALARM
-    assert len(np.unique(normals)) == normals.size  # no number comes twice
-
-
-def test_a_row_without_a_stream_does_not_draw():
-    draws = Draws(2, 1)
-    draws.restart(np.array([0]), [stream(0, 0, Purpose.SENSORS)])
-    with pytest.raises(KeyError):
-        draws.next()
