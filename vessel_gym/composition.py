@@ -445,6 +445,7 @@ def _nonlinear(parts: _Parts, options: dict[str, Any]) -> NonlinearModel:
     moves = [base.index(name) for name in vehicle.kicked if name in base]
     kicking = k > 0 and forces.kicking
     disturbance = forces.disturbance
+    whole = Process.joined(Process.walk(np.zeros(n), np.zeros(n), vehicle.dt), drift)
 
     def moved(x: np.ndarray, u: np.ndarray | None, out: np.ndarray | None = None) -> np.ndarray:
         assert u is not None
@@ -459,11 +460,10 @@ def _nonlinear(parts: _Parts, options: dict[str, Any]) -> NonlinearModel:
 
     def transition(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         assert u is not None
-        alike = u.size == u.shape[-1] or u.shape[:-1] == x.shape[:-1]
-        after = np.empty(x.shape if alike else np.broadcast_shapes(x.shape[:-1], u.shape[:-1]) + x.shape[-1:])
+        if u.size > u.shape[-1] and u.shape[:-1] != x.shape[:-1]:
+            x = np.broadcast_to(x, np.broadcast_shapes(x.shape[:-1], u.shape[:-1]) + x.shape[-1:])
+        after = whole.advance(x) if drift.size else np.empty(x.shape)
         moved(x, u, after[..., :n])
-        if x.shape[-1] > n:
-            drift.advance(x[..., n:], after[..., n:])
         return after
 
     def read(x: np.ndarray, u: np.ndarray | None, bias: np.ndarray | None = None) -> np.ndarray:

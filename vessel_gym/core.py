@@ -407,27 +407,32 @@ class Core:
 
     def observe(self) -> np.ndarray:
         """The observations ``(B, k)``, float32 and within bounds, made of estimates or readings, mission, actuators."""
+        with np.errstate(over="ignore"):  # what is absurd is clipped
+            parts = self._observed()
+        observation = parts[0] if len(parts) == 1 else np.concatenate(parts, -1)
+        np.maximum(observation, -self.task.BOUND, out=observation)
+        return np.minimum(observation, self.task.BOUND, out=observation).astype(np.float32)
+
+    def _observed(self) -> list[np.ndarray]:
+        """The parts of the observations, before they are clipped."""
         task, course, steps = self.task, self.course, self.steps
         if self.observe_mode == "measurement":
-            with np.errstate(over="ignore"):  # an absurd reading is clipped
-                parts = [task.observe_readings(self.sensors, *self.loop.readings, course, steps)]
-                parts.append(task.observe_mission(course, steps, self.actuators))
-                if hasattr(self, "held"):
-                    held = self._estimate(self.held.belief, self.held.composition)
-                    reference = task.reference(course, steps, held.state)
-                    parts.insert(0, task.observe(held, reference, self.actuators))
+            parts = [task.observe_readings(self.sensors, *self.loop.readings, course, steps)]
+            parts.append(task.observe_mission(course, steps, self.actuators))
+            if hasattr(self, "held"):
+                held = self._estimate(self.held.belief, self.held.composition)
+                reference = task.reference(course, steps, held.state)
+                parts.insert(0, task.observe(held, reference, self.actuators))
+            return parts
+        estimate = self._estimate(self.loop.belief, self.composition)
+        if self.guidance:
+            parts = [task.observe(estimate, self.reference, self.actuators)]
         else:
-            estimate = self._estimate(self.loop.belief, self.composition)
-            if self.guidance:
-                parts = [task.observe(estimate, self.reference, self.actuators)]
-            else:
-                mission = task.observe_mission(course, steps, self.actuators)
-                parts = [task.observe_state(estimate, course), mission]
-            if self.observe_mode == "mean+std":
-                parts.append(task.observe_std(estimate))
-        observation = parts[0] if len(parts) == 1 else np.concatenate(parts, -1)
-        np.maximum(observation, -task.BOUND, out=observation)
-        return np.minimum(observation, task.BOUND, out=observation).astype(np.float32)
+            mission = task.observe_mission(course, steps, self.actuators)
+            parts = [task.observe_state(estimate, course), mission]
+        if self.observe_mode == "mean+std":
+            parts.append(task.observe_std(estimate))
+        return parts
 
     def _estimate(self, belief: Belief, told: Composition) -> Estimate:
         """What the task sees of a belief."""

@@ -253,12 +253,12 @@ class Sensors:
             if name in states or self.bias_names.count(name) > 1:
                 raise ValueError(f"a bias is called {name!r}, as another component is: give it a name of its own")
         self.bias_shown = np.zeros((self.size, self.bias.size))
-        self._biased: list[tuple[slice, slice]] = []
-        for sensor, own in zip(self.each, self._own, strict=True):
+        self._biased: list[tuple[int, int, slice]] = []  # of the last sensor first: which, how many channels, where
+        for i, (sensor, own) in enumerate(zip(self.each, self._own, strict=True)):
             if sensor.bias is not None:
                 k, column = len(sensor.bias.names), self.bias_names.index(sensor.bias.names[0])
-                self._biased.append((slice(own.start, own.start + k), slice(column, column + k)))
-                self.bias_shown[self._biased[-1]] = np.eye(k)
+                self._biased.insert(0, (i, k, slice(column, column + k)))
+                self.bias_shown[own.start : own.start + k, column : column + k] = np.eye(k)
         self.bias_scale = np.array([bias.scale for bias in biased for _ in bias.states])
         self._check()
 
@@ -287,12 +287,10 @@ class Sensors:
             bias: ``(..., k)`` states of the biases; None: they have none.
         """
         parts = [sensor.reads(state, forcing) for sensor in self.each]
-        if bias is None or not self.bias.size:
-            return parts[0] if len(parts) == 1 else np.concatenate(parts, -1)
-        readings = np.concatenate(parts, -1, dtype=float)
-        for channels, components in self._biased:
-            readings[..., channels] += bias[..., components]
-        return readings
+        if bias is not None:
+            for i, k, own in self._biased:
+                parts[i : i + 1] = parts[i][..., :k] + bias[..., own], parts[i][..., k:]
+        return parts[0] if len(parts) == 1 else np.concatenate(parts, -1)
 
     def read(self, exact: np.ndarray, steps: np.ndarray, numbers: Numbers) -> tuple[np.ndarray, np.ndarray]:
         """Noisy readings and the mask of those that arrived.

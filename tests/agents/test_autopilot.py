@@ -54,6 +54,7 @@ def test_the_gains_are_those_of_an_independent_riccati_iteration():
     np.testing.assert_allclose(designed, K[:, 0], rtol=1e-6, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_the_closed_loop_is_stable_and_well_damped_in_every_turn():
     A, B = design_models()
     K = gains(SHIP, DT, Tolerances())

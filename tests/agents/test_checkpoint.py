@@ -132,6 +132,7 @@ def test_rewards_that_were_normalised_are_no_matter_of_the_flight(tmp_path: Path
     np.testing.assert_array_equal(flown(save_agent(model, tmp_path / "agent"), observed()), expected)
 
 
+@pytest.mark.slow
 def test_an_agent_from_a_single_environment_is_stored_as_one_from_a_batch(tmp_path: Path):
     model = trained(A2C, "MlpPolicy", {}, DummyVecEnv([lambda: gym.make(ENV)]))
     expected, _ = model.predict(observed(), deterministic=True)

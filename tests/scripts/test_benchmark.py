@@ -67,6 +67,7 @@ def test_the_filters_of_filterpy_compute_the_same(name: str):
         np.testing.assert_allclose(one(y), rival(y), rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rows", [1, 5])
 def test_the_floor_of_a_kalman_filter_computes_the_same(rows: int):
     one, floor = ours("kf", rows), kalman_floor(rows)
@@ -86,6 +87,7 @@ def test_ensembles_compute_the_same_but_for_chance():
         assert np.sqrt(np.mean(np.square(error))) < (0.1 if name == "filterpy" else 0.05), name  # 100 members, 400
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rows", [1, 3])
 def test_the_floor_of_a_flight_moves_the_ship_and_the_belief(rows: int):
     step = flight_floor(rows)

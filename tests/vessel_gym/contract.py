@@ -267,7 +267,7 @@ def scramble(core: Core, rng: np.random.Generator) -> None:
 def assert_apart(distance: dict[str, np.ndarray]) -> None:
     """Everything that is true was somewhere else, at reset too."""
     for part, values in distance.items():
-        assert values.min() > 1e-4, part
+        assert values.min() > 1e-5, part  # a swell of 0.01 kicks with a hundredth of that
     assert distance["state"].min() > 1e-3
 
 

@@ -136,6 +136,7 @@ def undisturbed(core: Core) -> None:
     core.forcing[:, core.forces.shaken] = 0.0
 
 
+@pytest.mark.slow
 @every_world
 def test_where_nothing_is_new_the_world_moves_and_is_read_as_the_filter_has_it(env_id: str, chosen: dict[str, Any]):
     core = make_core(env_id, 5, seed=1, estimator="dead-reckoning", **({"disturbance": "rough"} | chosen))

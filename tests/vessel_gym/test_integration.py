@@ -53,6 +53,7 @@ CASES = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("vehicle", CASES)
 def test_a_step_nears_the_solution_of_the_rates_with_the_fourth_power_of_its_length(vehicle: str):
     case = CASES[vehicle]

@@ -33,6 +33,7 @@ def modules_after(code):
     return subprocess.run([sys.executable, "-c", command], capture_output=True, text=True, check=True).stdout.split()
 
 
+@pytest.mark.slow
 def test_importing_and_stepping_import_no_pygame():
     code = "import gymnasium, vessel_gym; e = gymnasium.make('SigmaCorvette-v0'); e.reset(seed=0)"
     modules = modules_after(code + "; e.step(e.action_space.sample())")

@@ -69,6 +69,7 @@ def test_the_vehicle_weighs_what_the_assumptions_say():
     assert any(text.startswith("Coefficients") and "96 kg" in text for _, text in paper.ASSUMPTIONS)
 
 
+@pytest.mark.slow
 def test_true_motions_integrate_to_the_true_depth():
     dive = itsunusa.dive()
     truth = dive.fly(3, np.random.default_rng(0)).truth
@@ -141,6 +142,7 @@ def test_the_misprinted_percentage_is_called_one():
     assert found["The error of the position, 0.03 m of 20 m, is 0.0015 %."] == "false"
 
 
+@pytest.mark.slow
 def test_the_page_is_one_file_with_its_assumptions():
     html = render(page_of(0.0))
     assert html.count("data:image/svg+xml") == 2

@@ -55,6 +55,7 @@ def test_the_table_is_the_papers():
     assert paper.PUBLISHED[300]["time"].value == 18.15
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("scheme", "tolerance"), [("own", 1e-6), ("printed", 0.01)])
 def test_the_undisturbed_dive_goes_from_rest_to_the_papers_goal(scheme: str, tolerance: float):
     dive = segorogeni.dive(scheme)
