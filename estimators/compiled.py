@@ -46,7 +46,7 @@ def lazy(compiler: Callable[[_Function], _Function]) -> Callable[[_Function], An
     later process that loads such files crashes: so only one compiles, and the others wait and load.
 
     Args:
-        compiler: Compiles a function, all of it at once, with Numba's cache on.
+        compiler: Compiles a function, all of it at once; what it caches lies in our folder.
     """
 
     def decorate(function: _Function) -> Any:

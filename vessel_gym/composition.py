@@ -171,8 +171,9 @@ class Composition:
         if self.told == "states":
             return
         vehicle, sensors, disturbance = self.vehicle, self.sensors, self.forces.disturbance
+        shown = _shown_anywhere(vehicle, sensors)
         for i, name in enumerate(vehicle.flows, len(vehicle.kicks)):
-            readers = sensors.owner[np.flatnonzero(_shown_anywhere(vehicle, sensors)[:, i])]
+            readers = sensors.owner[np.flatnonzero(shown[:, i])]
             if name in disturbance.forces and len(readers):
                 raise ValueError(
                     f"{sensors.each[readers[0]].name} reads {name}, of which a filter knows nothing that is told of "

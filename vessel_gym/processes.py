@@ -47,9 +47,9 @@ class Process:
         """m, normal numbers a step."""
         return self.root.shape[1]
 
-    def advance(self, z: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+    def advance(self, z: np.ndarray) -> np.ndarray:
         """``transition z`` of states ``(..., k)``, entry by entry: the same to the last bit in any batch."""
-        moved = np.multiply(z, self._decay, out=out)
+        moved = np.multiply(z, self._decay)
         for i, j, entry in self._couplings:
             moved[..., i] += entry * z[..., j]
         return moved
