@@ -18,7 +18,15 @@ from estimators.factory import make, names
 from estimators.filter import Filter, Model, Rng
 from estimators.kalman import ExtendedKalmanFilter, GaussianFilter, KalmanFilter
 from estimators.metrics import chi_square_band, nees, nis, rmse
-from estimators.models import Gaussian, LinearModel, NonlinearModel, forward_euler, van_loan, zero_order_hold
+from estimators.models import (
+    Gaussian,
+    LinearModel,
+    NonlinearModel,
+    Schedule,
+    forward_euler,
+    van_loan,
+    zero_order_hold,
+)
 from estimators.randomness import Numbers
 from estimators.reading import Reading
 from estimators.robust import HuberKalmanFilter, RobustKalmanFilter
@@ -62,6 +70,7 @@ __all__ = [
     "Recovery",
     "Rng",
     "RobustKalmanFilter",
+    "Schedule",
     "SigmaPoints",
     "UMVFilter",
     "UnknownInputFilter",

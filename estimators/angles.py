@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from estimators.formulas import Symbol
+
 _TURN = 2.0 * np.pi
 _LOWEST = np.nextafter(-np.pi, 0.0)
 
@@ -49,6 +51,8 @@ def difference(a: np.ndarray, b: np.ndarray, angles: tuple[int, ...]) -> np.ndar
     State angles stay unwrapped inside filters, so this is where a residual becomes small again.
     """
     residual = a - b
+    if isinstance(residual, Symbol):
+        return np.where(np.isin(np.arange(residual.shape[-1]), angles), wrap(residual), residual) if angles else residual
     for i in angles:
         residual[..., i] = wrap(residual[..., i])
     return residual

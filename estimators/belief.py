@@ -1,8 +1,10 @@
 """What a filter believes at one time: an immutable record of arrays, one record for each family of filters."""
 
+import math
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import Any, Self
+from functools import cache
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -35,8 +37,48 @@ _REASONS = {
 }
 
 
+class Packed:
+    """A record whose arrays may stand side by side in one, where each is looked at when it is first asked for."""
+
+    __slots__ = ("packed", "layout")
+    packed: np.ndarray  # (..., k)
+    layout: "Layout"
+
+    def __getattr__(self, name: str) -> Any:
+        if name in Packed.__slots__:
+            return None
+        if (layout := self.layout) is None or name not in self.__dataclass_fields__:  # type: ignore[attr-defined]
+            raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
+        value: Any = None
+        if name == "recovery":
+            value = np.zeros(self.packed.shape[:-1], np.int8)
+        elif name in layout.columns:
+            first, shape = layout.columns[name]
+            value = self.packed[..., first : first + math.prod(shape)].reshape(self.packed.shape[:-1] + shape)
+            value = value != 0.0 if name in _MASKS else value
+        object.__setattr__(self, name, value)
+        return value
+
+
+class Layout(NamedTuple):
+    """Where the arrays of a packed record stand.
+
+    Attributes:
+        columns: By name the first column, and the shape of one row.
+        width: How many columns there are.
+    """
+
+    columns: dict[str, tuple[int, tuple[int, ...]]]
+    width: int
+
+
+_MASKS = ("available", "pending")
+APART = ("prior_mean", "prior_cov", "recovery", "u")
+"""Arrays that are not packed with the others."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class Belief:
+class Belief(Packed):
     """A filter's belief and everything its next step needs; leading axes are a batch.
 
     Every filter has these; a family that has more adds it in a record of its own. Of any belief one may ask for
@@ -79,6 +121,30 @@ class Belief:
         """``(..., N, n)`` members as rows; None: the filter has none."""
         return None
 
+    @classmethod
+    def looked_at(cls, packed: np.ndarray, layout: Layout, before: "Belief", u: np.ndarray | None) -> Self:
+        """A belief of packed arrays ``(..., k)`` that follows one ``before``, and is told ``u``."""
+        belief = object.__new__(cls)
+        put = object.__setattr__
+        put(belief, "packed", packed)
+        put(belief, "layout", layout)
+        put(belief, "prior_mean", before.prior_mean)
+        put(belief, "prior_cov", before.prior_cov)
+        put(belief, "u", u)
+        return belief
+
+    def side_by_side(self) -> tuple[np.ndarray, Layout]:
+        """Its arrays packed ``(..., k)``, and where each stands."""
+        if self.packed is not None:
+            return self.packed, self.layout
+        arrays = {name: a for name, a in self._arrays().items() if a is not None and name not in APART}
+        batch = self.mean.shape[:-1]
+        layout = laid_out(tuple((name, array.shape[len(batch) :]) for name, array in arrays.items()))
+        packed = np.empty(batch + (layout.width,))
+        for name, (first, shape) in layout.columns.items():
+            packed[..., first : first + math.prod(shape)] = arrays[name].reshape(batch + (-1,))
+        return packed, layout
+
     @property
     def healthy(self) -> np.ndarray:
         """``(...)`` True where the last update was the usual one."""
@@ -112,6 +178,12 @@ class Belief:
 
     def __getitem__(self, rows: Any) -> Self:
         """The beliefs of some rows of the batch: a mask, an index or a slice over leading axes."""
+        if self.packed is not None:
+            apart = {name: getattr(self, name) for name in APART}
+            before = self.looked_at(self.packed[rows], self.layout, self, None)
+            for name, array in apart.items():
+                object.__setattr__(before, name, None if array is None else array[rows])
+            return before
         arrays: dict[str, Any] = {name: None if a is None else a[rows] for name, a in self._arrays().items()}
         return type(self)(**arrays)
 
@@ -206,6 +278,15 @@ class EnsembleBelief(Belief):
     """
 
     ensemble: np.ndarray = field()
+
+
+@cache
+def laid_out(shapes: tuple[tuple[str, tuple[int, ...]], ...]) -> Layout:
+    """Arrays of these names and shapes of a row, in their order."""
+    columns, width = {}, 0
+    for name, shape in shapes:
+        columns[name], width = (width, shape), width + math.prod(shape)
+    return Layout(columns, width)
 
 
 def _unseen(name: str, like: np.ndarray, belief: Belief) -> np.ndarray:

@@ -3,13 +3,14 @@
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import Any, ClassVar, Generic, TypeVar, cast
+from typing import Any, ClassVar, Generic, NamedTuple, TypeVar, cast
 
 import numpy as np
 
 from estimators.angles import difference
-from estimators.belief import Belief, FeedthroughBelief, InputBelief, Recovery
+from estimators.belief import APART, Belief, FeedthroughBelief, InputBelief, Layout, Recovery, laid_out
 from estimators.checks import as_array, as_mask
+from estimators.formulas import Program, Symbol
 from estimators.linalg import congruence, equilibrated, identity, neutralised, semidefinite_cholesky
 from estimators.models import Gaussian, LinearModel, NonlinearModel, as_covariance, resolve, usable
 from estimators.randomness import Numbers
@@ -40,8 +41,8 @@ class Filter(ABC, Generic[Record]):
     random: ClassVar[bool] = False
     """Whether the filter draws random numbers, so that ``rng`` must be given."""
     _ours: ClassVar[bool]
-    shares: ClassVar[bool] = False
-    """Whether covariances that all rows have in common are computed once; the formulas then only broadcast."""
+    formulas: ClassVar[bool] = False
+    """Whether ``_predict`` and ``_update`` are formulas, which are compiled, see `estimators.formulas`."""
 
     def __init__(self, model: Model) -> None:
         if not isinstance(model, LinearModel | NonlinearModel):
@@ -49,6 +50,12 @@ class Filter(ABC, Generic[Record]):
         self.model = model
         self._identity, self._no_columns = identity(model.n), np.zeros((model.p, 0))
         self._regular = None if callable(model.R) else _regular(model.R)
+        one = all(getattr(matrix, "ndim", 2) == 2 for matrix in vars(model).values())  # for all rows
+        self._programs: dict[Any, _Noted | None] | None = {} if self.formulas and one else None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All but what was noted, which is noted again."""
+        return self.__dict__ | {"_programs": None if self._programs is None else {}}
 
     def __init_subclass__(cls, **arguments: Any) -> None:
         super().__init_subclass__(**arguments)
@@ -59,7 +66,7 @@ class Filter(ABC, Generic[Record]):
             cls._ours = cls.__module__.startswith("estimators.")
 
     def __getattr__(self, name: str) -> Any:
-        if name in ("model", "_identity", "_no_columns", "_regular"):
+        if name in ("model", "_identity", "_no_columns", "_regular", "_programs"):
             raise TypeError(f"{type(self).__name__} has no model: its __init__ must call super().__init__(model)")
         raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
 
@@ -86,10 +93,9 @@ class Filter(ABC, Generic[Record]):
             raise ValueError(f"the prior is for {prior.mean.shape[-1]} states, the model has {n}")
         batch = np.broadcast_shapes(prior.mean.shape[:-1], prior.cov.shape[:-2])
         mean = np.array(np.broadcast_to(prior.mean, batch + (n,)))
-        cov = np.broadcast_to(prior.cov, batch + (n, n))
-        cov = cov if self.shares else np.array(cov)
+        cov = np.array(np.broadcast_to(prior.cov, batch + (n, n)))
         start = Belief(mean, cov, mean, cov, np.zeros(batch, np.int8))
-        begun = self._returned("_init", self._sharing(start, lambda belief: self._init(belief, rng)), batch)
+        begun = self._returned("_init", self._init(start, rng), batch)
         if not (_finite_rows(begun).all() and (self._ours or _proper(begun.cov))):
             raise ValueError(
                 f"{type(self).__name__}._init must give a finite mean and a covariance for a prior that is so"
@@ -113,8 +119,7 @@ class Filter(ABC, Generic[Record]):
         batch = self._batch(belief)
         u = self._known(u, batch)
         self._check_known_input(u)
-        with np.errstate(all="ignore"):
-            predicted = self._sharing(belief, lambda belief: self._predict(belief, u, rng))
+        predicted = self._predicted(belief, u, rng)
         return predicted if self._ours else self._returned("_predict", predicted, batch)
 
     def update(
@@ -157,20 +162,52 @@ class Filter(ABC, Generic[Record]):
             as_covariance("R", neutralised(R, arrived))
         if u is not None:
             belief = belief.replace(u=self._known(u, batch))
-        with np.errstate(all="ignore"):
-            reading = self._reading(belief, y, available, R)
-            updated = self._sharing(belief, lambda belief: self._update(belief, reading, rng))
-            if not self._ours:
-                updated = self._returned("_update", updated, batch)
-            regular = self._regular if R is None and self._regular is not None else _regular(reading.R)
-            if (
-                regular
-                and _finite(updated)
-                and not _exhausted(updated, reading.R)
-                and (self._ours or _proper(updated.cov))
-            ):
+        return self._updated(belief, y, rng, available, R)
+
+    # --- the same for whoever has checked what comes in -------------------------------------------
+
+    def _advance(
+        self, belief: Record, u: np.ndarray | None, y: np.ndarray, available: np.ndarray, rng: Rng = None
+    ) -> Record:
+        """`predict`, then `update`."""
+        if self._programs is not None and isinstance(self.model, LinearModel):
+            with np.errstate(all="ignore"):
+                updated, doubtful = self._carried_out(("_predict", "_update"), belief, u, y, available)
+            if self._regular and not doubtful:
                 return updated
-            return self._recovered(belief, updated, reading, y, rng, available, R)
+        return self._updated(self._predicted(belief, u, rng), y, rng, available, None)
+
+    def _predicted(self, belief: Record, u: np.ndarray | None, rng: Rng) -> Record:
+        with np.errstate(all="ignore"):
+            if self._programs is None:
+                return self._predict(belief, u, rng)
+            return self._carried_out(("_predict",), belief, u)[0]
+
+    def _updated(
+        self, belief: Record, y: np.ndarray, rng: Rng, available: np.ndarray | None, R: np.ndarray | None
+    ) -> Record:
+        with np.errstate(all="ignore"):
+            if self._programs is None:
+                reading = self._reading(belief, y, available, R)
+                updated = self._update(belief, reading, rng)
+                if not self._ours:
+                    updated = self._returned("_update", updated, belief.mean.shape[:-1])
+                rows = _doubtful(updated, reading.R)
+                doubtful = rows.any() or not (self._ours or _proper(updated.cov))
+            else:
+                updated, doubtful = self._carried_out(("_update",), belief, belief.u, y, available, R)
+                rows = updated.packed[..., -1] != 0.0
+            regular = self._regular
+            if R is not None or regular is None:
+                regular = _regular(neutralised(*self._noise(y, available, R, belief.u)))
+            if regular and not doubtful:
+                return updated
+            if not (regular and self._ours):
+                rows = np.ones(belief.mean.shape[:-1], bool)
+            some, y, rng = belief[rows], y[rows], rng[rows] if isinstance(rng, Numbers) else rng
+            available, R = (None if a is None else a[rows] for a in (available, R))
+            reading = self._reading(some, y, available, R)
+            return updated.with_rows(rows, self._recovered(some, updated[rows], reading, y, rng, available, R))
 
     # --- what a filter fills in -------------------------------------------------------------------
 
@@ -185,21 +222,88 @@ class Filter(ABC, Generic[Record]):
 
     # --- shared -----------------------------------------------------------------------------------
 
-    def _sharing(self, belief: Other, formulas: Callable[[Other], Record]) -> Record:
-        """The formulas on the belief, with covariances that all rows have in common computed once."""
-        if not self.shares or len(belief.mean) == 1:
-            return formulas(belief)
-        return _spread(formulas(_shared(belief)), belief.mean.shape[:-1])
+    def _asked(self, question: str, belief: Record, u: np.ndarray | None) -> Any:
+        """What a method says of a belief: beforehand where a formula is noted, for functions of a model are none."""
+        if isinstance(belief.mean, Symbol) and not isinstance(self.model, LinearModel):
+            axes = _ANSWERS[question]
+            return belief.mean.program.ask(lambda belief, u, R: getattr(self, question)(belief, u), *axes)
+        return getattr(self, question)(belief, u)
+
+    def _moved(self, belief: Record, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+        """Mean ``(..., n)`` and covariance ``(..., n, n)`` one step on, without process noise."""
+        return self._propagate(belief.mean, belief.cov, u)
+
+    def _carried_out(
+        self, formulas: tuple[str, ...], belief: Record, u: np.ndarray | None, y: np.ndarray | None = None,
+        available: np.ndarray | None = None, R: np.ndarray | None = None,
+    ) -> tuple[Record, int]:  # fmt: skip
+        """Some of `_predict` and `_update`, compiled; and of how many rows the result is `_doubtful`."""
+        packed, layout = belief.side_by_side()
+        key = formulas, id(layout), None if u is None else u.shape[-1], R is None
+        assert self._programs is not None
+        noted = self._programs.get(key)
+        if noted is None:
+            noted = self._programs[key] = self._noted(formulas, belief, layout, u, R)
+        batch = packed.shape[:-1]
+        out = np.empty(batch + (noted.layout.width + 1,))
+        answers = noted.answers(belief, u, R, batch)
+        rows = math.prod(batch)
+        arrays = [
+            np.ascontiguousarray(array).reshape(rows, array.shape[-1])
+            for array in (packed, packed if u is None else u, packed if y is None else y)
+        ]
+        mask = np.ones(arrays[2].shape, bool) if available is None else np.ascontiguousarray(available)
+        doubtful = noted.program.run(
+            *arrays, mask.reshape(rows, mask.shape[-1]), answers.reshape(rows, answers.shape[-1]),
+            out.reshape(rows, out.shape[-1]),
+        )  # fmt: skip
+        return self.record.looked_at(out, noted.layout, belief, u), doubtful  # type: ignore[return-value]
+
+    def _noted(
+        self, formulas: tuple[str, ...], belief: Record, layout: Layout, u: np.ndarray | None, R: np.ndarray | None
+    ) -> "_Noted":
+        """The program of some of `_predict` and `_update`, for beliefs and a known input like these."""
+        program, questions, column = Program(), [], 0
+
+        def ask(question: _Question, *axes: int) -> Any:
+            nonlocal column
+            values = question(belief, u, R)
+            answers = []
+            questions.append((question, axes))
+            for value, k in zip(values if isinstance(values, tuple) else (values,), axes, strict=True):
+                answers.append(None if value is None else program.given(4, column, *value.shape[value.ndim - k :]))
+                column += 0 if value is None else answers[-1].size
+            return tuple(answers) if len(axes) > 1 else answers[0]
+
+        program.ask = ask
+        fields = dict.fromkeys(belief.__dataclass_fields__)
+        given = {name: program.given(0, first, *shape) for name, (first, shape) in layout.columns.items()}
+        known = None if u is None else program.given(1, 0, u.shape[-1])
+        now: Any = self.record(**(fields | given | {"u": known}))
+        doubtful: Any = 0.0
+        if "_predict" in formulas:
+            now = self._predict(now, known, None)
+        if "_update" in formulas:
+            y, mask = program.given(2, 0, self.model.p), program.given(3, 0, self.model.p)
+            told = None if R is None else ask(lambda belief, u, R: R, 2)
+            reading = self._reading(now, y, mask, told)
+            now = self._update(now, reading, None)
+            doubtful = _doubtful(now, reading.R)
+        results = {name: value for name, value in now._arrays().items() if value is not None and name not in APART}
+        found = laid_out(tuple((name, value.shape) for name, value in results.items()))
+        wanted = [(results[name], first) for name, (first, _) in found.columns.items()]
+        program.finish([*wanted, (doubtful, found.width)])
+        return _Noted(program, found, tuple(questions), column)
 
     def _reading(self, belief: Record, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None) -> Reading:
         """Innovation and measurement matrices, with missing channels neutralised."""
         model, u = self.model, belief.u
-        expected, C, excess = self._linearise(belief)
+        expected, C, excess = self._asked("_linearise", belief, u)
         H = self._no_columns if model.H is None else resolve(model.H, u)
         R, mask = self._noise(y, available, R, u)
         reading = Reading(
             difference(y, expected, model.measurement_angles), C, H, R if excess is None else R + excess, mask,
-            bool(mask.all()), C, H,
+            not isinstance(mask, Symbol) and bool(mask.all()), C, H,
         )  # fmt: skip
         return reading if reading.complete else reading.only(mask)
 
@@ -213,9 +317,11 @@ class Filter(ABC, Generic[Record]):
         R, known = usable(resolve(self.model.R, u) if R is None else R)
         return R, mask & known
 
-    def _linearise(self, belief: Record) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    def _linearise(
+        self, belief: Record, u: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
         """The expected reading ``(..., p)``, C ``(..., p, n)``, and what is to be added to R for what C leaves out."""
-        return *self.model.linearise_measurement(belief.mean, belief.u, belief.cov), None
+        return *self.model.linearise_measurement(belief.mean, u, belief.cov), None
 
     def _propagate(self, mean: np.ndarray, cov: np.ndarray, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """Mean ``(..., n)`` and covariance ``(..., n, n)`` one step on, without process noise."""
@@ -360,23 +466,44 @@ _SINGULAR = 1e-13
 """An eigenvalue of a covariance scaled to a unit diagonal is rounding where it is below its size times this."""
 
 
-def _finite(updated: Belief) -> bool:
-    """Whether every row is finite; False also where only the sum of them all is not. `_exhausted` looks at S."""
-    total = np.add.reduce(updated.mean, None) + np.add.reduce(updated.cov, None)
+_Question = Callable[[Any, Any, Any], Any]
+_ANSWERS = {"_moved": (1, 2), "_linearise": (1, 2, 2), "_moving_G": (2,)}
+"""Axes of what these methods say of a row."""
+
+
+class _Noted(NamedTuple):
+    """A program, how its results are laid out, and what is asked before it is run."""
+
+    program: Program
+    layout: Layout
+    questions: tuple[tuple[_Question, tuple[int, ...]], ...]
+    columns: int  # of the answers
+
+    def answers(self, belief: Belief, u: np.ndarray | None, R: np.ndarray | None, batch: tuple[int, ...]) -> np.ndarray:
+        """The answers of a batch, side by side ``(..., columns)``."""
+        out, first = np.empty(batch + (self.columns,)), 0
+        for question, axes in self.questions:
+            values = question(belief, u, R)
+            for value, k in zip(values if isinstance(values, tuple) else (values,), axes, strict=True):
+                if value is not None:
+                    own = value.shape[value.ndim - k :]
+                    flat = value.reshape(value.shape[: value.ndim - k] + (-1,))
+                    out[..., first : first + math.prod(own)] = flat
+                    first += math.prod(own)
+        return out
+
+
+def _doubtful(updated: Belief, R: np.ndarray) -> np.ndarray:
+    """The rows ``(...)`` that are not finite, or of which a reading left nothing, perhaps, but rounding."""
+    total = updated.mean.sum(-1) + updated.cov.sum((-2, -1))
     if isinstance(updated, InputBelief):
-        total = total + np.add.reduce(updated.input_mean, None)
+        total = total + updated.input_mean.sum(-1)
     if isinstance(updated, FeedthroughBelief):
-        total = total + np.add.reduce(updated.feedthrough_cov, None)
-    return math.isfinite(total)
-
-
-def _exhausted(updated: Belief, R: np.ndarray) -> bool:
-    """Whether a channel took away so much uncertainty that what is left may be nothing but rounding."""
-    S = updated.innovation_cov
-    if S is None:
-        return False
-    within = S.diagonal(0, -2, -1) <= _DIGITS * R.diagonal(0, -2, -1)  # which a NaN is not
-    return not np.logical_and.reduce(within, None)
+        total = total + updated.feedthrough_cov.sum((-2, -1))
+    if (S := updated.innovation_cov) is not None:
+        exhausted = S.diagonal(0, -2, -1) > _DIGITS * R.diagonal(0, -2, -1)
+        total = total + np.where(exhausted, np.nan, 0.0).sum(-1)
+    return ~np.isfinite(total)
 
 
 _DIGITS = 1e4
@@ -457,41 +584,6 @@ def _without_offending(reading: Reading, S: np.ndarray | None) -> tuple[Reading,
         kept = kept & (np.diagonal(semidefinite_cholesky(scaled), axis1=-2, axis2=-1) > 1e-6)
     kept = kept & reading.available
     return reading.only(kept), (kept != reading.available).any(-1)
-
-
-_COVARIANCES = (
-    "cov", "innovation_cov", "input_cov", "state_input_cov", "input_observed", "input_matrix",
-    "feedthrough_cov", "state_feedthrough_cov", "feedthrough_observed",
-)  # fmt: skip
-
-
-def _covariances(belief: Belief) -> dict[str, np.ndarray]:
-    """Those of these arrays that the belief has."""
-    named = {name: getattr(belief, name) for name in _COVARIANCES if name in belief.__dataclass_fields__}
-    return {name: array for name, array in named.items() if array is not None}
-
-
-def _shared(belief: Other) -> Other:
-    """The belief with covariances ``(1, ..., n, n)`` where all rows have the same: a linear filter's usual case.
-
-    That they are the same shows in their strides: `_spread` gave them none along the batch.
-    """
-    changes = _covariances(belief)
-    for name, array in changes.items():
-        if any(array.strides[:-2]):
-            return belief
-        changes[name] = array[(slice(0, 1),) * (array.ndim - 2)]
-    return belief.replace(**changes)
-
-
-def _spread(belief: Record, batch: tuple[int, ...]) -> Record:
-    """The belief with a covariance for every row, as views of the one where they share it."""
-    changes = {
-        name: np.broadcast_to(array, batch + array.shape[-2:])
-        for name, array in _covariances(belief).items()
-        if array.shape[:-2] != batch
-    }
-    return belief.replace(**changes) if changes else belief
 
 
 def _finite_rows(belief: Belief) -> np.ndarray:

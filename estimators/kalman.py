@@ -5,7 +5,7 @@ import numpy as np
 from estimators.belief import Belief, InputBelief
 from estimators.checks import as_array
 from estimators.filter import Filter, Model, Rng
-from estimators.linalg import congruence, driven, identity, product, solve, symmetrise
+from estimators.linalg import congruence, driven, identity, joined, solve, symmetrise
 from estimators.models import LinearModel, as_covariance, resolve
 from estimators.reading import Reading
 
@@ -17,10 +17,10 @@ class GaussianFilter(Filter[Belief]):
     unknown input in the model is ignored.
     """
 
-    shares = True
+    formulas = True
 
     def _predict(self, belief: Belief, u: np.ndarray | None, rng: Rng) -> Belief:
-        mean, cov = self._propagate(belief.mean, belief.cov, u)
+        mean, cov = self._asked("_moved", belief, u)
         cov = symmetrise(cov + resolve(self.model.Q, u))
         return Belief.predicted(belief, mean, cov, u)
 
@@ -44,11 +44,11 @@ def joseph_update(
     Returns:
         The mean ``(..., n)`` and covariance ``(..., n, n)`` after the reading, and S ``(..., p, p)``.
     """
-    PC = product(cov, C.mT)
-    S = product(PC.mT, C.mT) + R
+    PC = cov @ C.mT
+    S = C @ PC + R
     K = solve(S, PC.mT).mT
-    left = congruence(identity(mean.shape[-1]) - product(K, C), cov)
-    return mean + np.matvec(K, innovation), symmetrise(left + product(K, R) @ K.mT), S
+    left = congruence(identity(mean.shape[-1]) - K @ C, cov)
+    return mean + np.matvec(K, innovation), symmetrise(left + congruence(K, R)), S
 
 
 class ExtendedKalmanFilter(GaussianFilter):
@@ -103,23 +103,23 @@ class KalmanFilter(GaussianFilter):
     def _init(self, belief: Belief, rng: Rng) -> Belief:
         if self.input_cov is None:
             return belief
-        return InputBelief.of(belief, **unseen_input(belief.mean, belief.cov, self.input_cov))
+        return InputBelief.of(belief, **unseen_input(belief.mean, self.input_cov))
 
     def _predict(self, belief: Belief, u: np.ndarray | None, rng: Rng) -> Belief:
         if self.input_cov is None:
             return super()._predict(belief, u, rng)
         assert isinstance(belief, InputBelief)
         mean, cov = driven_prediction(self.model, belief, u)
-        return InputBelief.predicted(belief, mean, cov, u, **unseen_input(mean, cov, self.input_cov))
+        return InputBelief.predicted(belief, mean, cov, u, **unseen_input(mean, self.input_cov))
 
     def _update(self, belief: Belief, reading: Reading, rng: Rng) -> Belief:
         if self.input_cov is None:
             return super()._update(belief, reading, rng)
         n, q = self.model.n, self.model.q
-        rows = np.broadcast_shapes(belief.cov.shape[:-2], reading.C.shape[:-2], reading.H.shape[:-2])
-        joint, seen = np.zeros(rows + (n + q, n + q)), np.empty(rows + (self.model.p, n + q))
-        joint[..., :n, :n], joint[..., n:, n:] = belief.cov, self.input_cov
-        seen[..., :n], seen[..., n:] = reading.C, reading.H
+        joint = joined([
+            joined([belief.cov, np.zeros((n, q))], -1), joined([np.zeros((q, n)), self.input_cov], -1)
+        ], -2)  # fmt: skip
+        seen = joined([reading.C, reading.H], -1)
         mean = np.concatenate([belief.mean, np.zeros(belief.mean.shape[:-1] + (q,))], -1)
         mean, cov, S = joseph_update(mean, joint, reading.innovation, seen, reading.R)
         return InputBelief.updated(
@@ -137,11 +137,11 @@ def driven_prediction(model: LinearModel, belief: InputBelief, u: np.ndarray | N
     return mean, symmetrise(cov + resolve(model.Q, u))
 
 
-def unseen_input(mean: np.ndarray, cov: np.ndarray, input_cov: np.ndarray) -> dict[str, np.ndarray]:
-    """What an `InputBelief` of this mean and covariance says of an input of which its covariance alone is known."""
-    n, q, rows = mean.shape[-1], input_cov.shape[-1], cov.shape[:-2]  # one where all rows share it
+def unseen_input(mean: np.ndarray, input_cov: np.ndarray) -> dict[str, np.ndarray]:
+    """What an `InputBelief` of this mean says of an input of which its covariance alone is known."""
+    n, q, rows = mean.shape[-1], input_cov.shape[-1], mean.shape[:-1]
     return {
-        "input_mean": np.zeros(mean.shape[:-1] + (q,)),
+        "input_mean": np.zeros(rows + (q,)),
         "input_cov": np.zeros(rows + (q, q)) + input_cov,
         "state_input_cov": np.zeros(rows + (n, q)),
     }

@@ -1,9 +1,12 @@
 """Small dense linear algebra over batches: covariances ``(..., n, n)`` and vectors ``(..., n)``."""
 
+from collections.abc import Sequence
 from contextlib import suppress
 from functools import cache
 
 import numpy as np
+
+from estimators.formulas import Symbol, root_of, rotated
 
 
 @cache
@@ -29,7 +32,7 @@ def driven(
 ) -> np.ndarray:
     """``[A G] [[P, Pxd], [Pxd', Pd]] [A G]'``, not yet symmetrised: where one term of two is doubled instead."""
     half = 2.0 * (A @ state_input_cov) + G @ input_cov
-    return congruence(A, cov) + product(half, G.mT)
+    return congruence(A, cov) + half @ G.mT
 
 
 def neutralised(R: np.ndarray, kept: np.ndarray) -> np.ndarray:
@@ -51,6 +54,14 @@ def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return (a.reshape(-1, a.shape[-1]) @ b).reshape(a.shape[:-1] + b.shape[-1:])
 
 
+def joined(parts: Sequence[np.ndarray], axis: int) -> np.ndarray:
+    """Matrices ``(..., i, j)`` below (axis -2) or beside (axis -1) each other, one batch for all."""
+    if not any(isinstance(part, Symbol) for part in parts):
+        batch = np.broadcast_shapes(*(part.shape[:-2] for part in parts))
+        parts = [np.broadcast_to(part, batch + part.shape[-2:]) for part in parts]
+    return np.concatenate(parts, axis)
+
+
 def solve(s: np.ndarray, b: np.ndarray) -> np.ndarray:
     """``S^-1 B`` for symmetric positive definite ``S (..., p, p)`` and ``B (..., p, k)``.
 
@@ -70,12 +81,26 @@ def solve(s: np.ndarray, b: np.ndarray) -> np.ndarray:
         return solution
 
 
+def singular(a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Singular values ``(..., n)`` of ``A (..., m, n)``, zeros among them, and V ``(..., n, n)`` whose columns they are of."""
+    n = a.shape[-1]
+    if isinstance(a, Symbol):
+        turned, V = rotated(a)
+        return np.sqrt(np.square(turned).sum(-2)), V
+    _, found, directions = np.linalg.svd(a)
+    values = np.zeros(a.shape[:-2] + (n,))
+    values[..., : found.shape[-1]] = found
+    return values, directions.mT
+
+
 def semidefinite_cholesky(a: np.ndarray) -> np.ndarray:
     """Lower triangular ``L (..., n, n)`` with ``L L' = A`` for symmetric positive semidefinite ``A``.
 
     A pivot that is zero to rounding gives a column of zeros, where `numpy.linalg.cholesky` would raise. Column by
     column over the whole batch, which for a few states is as fast.
     """
+    if isinstance(a, Symbol):
+        return root_of(a)
     n = a.shape[-1]
     rest, root = np.array(a), np.zeros(a.shape)
     for j in range(n):
@@ -106,4 +131,4 @@ def inverse(s: np.ndarray) -> np.ndarray:
     """``S^-1`` of a small symmetric matrix; a scalar needs no factorisation."""
     if s.shape[-1] == 1:
         return 1.0 / s
-    return symmetrise(solve(s, np.broadcast_to(identity(s.shape[-1]), s.shape)))
+    return symmetrise(solve(s, identity(s.shape[-1])))

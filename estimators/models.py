@@ -15,6 +15,7 @@ from scipy.linalg import expm
 
 from estimators.angles import difference, short_way
 from estimators.checks import as_array, shown, whole
+from estimators.formulas import Symbol
 from estimators.linalg import congruence, neutralised
 
 Matrix = np.ndarray | Callable[[np.ndarray | None], np.ndarray]
@@ -23,7 +24,39 @@ StateMatrix = np.ndarray | Callable[[np.ndarray, np.ndarray | None], np.ndarray]
 
 def resolve(matrix: Matrix, u: np.ndarray | None) -> np.ndarray:
     """The matrix itself, or its value at the known input ``u`` when it is a function of it."""
-    return matrix(u) if callable(matrix) else matrix
+    if not callable(matrix):
+        return matrix
+    if isinstance(u, Symbol):
+        return matrix.noted(u) if isinstance(matrix, Schedule) else u.program.ask(lambda belief, u, R: matrix(u), 2)
+    return matrix(u)
+
+
+@dataclass(frozen=True, eq=False)
+class Schedule:
+    """A matrix that follows one component of the known input: the entry of a table that is nearest.
+
+    Args:
+        table: ``(k, n, m)``.
+        component: Which component of ``u``.
+        scale: Entries to a unit of it.
+        middle: The entry at 0, and half of one more.
+    """
+
+    table: np.ndarray
+    component: int
+    scale: float
+    middle: float
+
+    def __call__(self, u: np.ndarray | None) -> np.ndarray:
+        """The matrices ``(..., n, m)`` at ``u (..., k)``."""
+        if u is None:
+            raise ValueError(f"this model needs a known input u: its matrices follow component {self.component} of it")
+        index = u[..., self.component] * self.scale + self.middle
+        return self.table.take(index.astype(np.intp), axis=0, mode="clip")
+
+    def noted(self, u: Symbol) -> Symbol:
+        """The same where a formula is noted."""
+        return u.program.lookup(self.table, u[..., self.component] * self.scale + self.middle)
 
 
 @dataclass(frozen=True, eq=False)
@@ -487,7 +520,9 @@ def usable(R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
     Receivers report an unknown variance as NaN or infinity: such a reading tells nothing.
     """
-    finite = np.isfinite(np.diagonal(R, axis1=-2, axis2=-1))
+    finite = np.isfinite(R.diagonal(0, -2, -1))
+    if isinstance(R, Symbol):
+        return neutralised(R, finite), finite
     return (R, finite) if finite.all() else (neutralised(R, finite), finite)
 
 
@@ -583,7 +618,9 @@ class _Checked:
 
 def _check_when_called(model: object, name: str, shape: tuple[int, ...], covariance: bool = False) -> None:
     function = getattr(model, name)
-    if callable(function):
+    if isinstance(function, Schedule):
+        _check_shapes({name: (function.table, shape[0], shape[1] if len(shape) > 1 else None)})
+    elif callable(function):
         function = function.function if isinstance(function, _Checked) else function
         object.__setattr__(model, name, _Checked(model, name, function, shape, covariance))
 

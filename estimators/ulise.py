@@ -4,7 +4,7 @@ import numpy as np
 
 from estimators.belief import Belief, FeedthroughBelief
 from estimators.filter import Model, Rng
-from estimators.linalg import congruence, driven, identity, product, solve, symmetrise
+from estimators.linalg import congruence, driven, identity, joined, solve, symmetrise
 from estimators.models import LinearModel, resolve
 from estimators.reading import Reading
 from estimators.unknown_input import DelayedInputFilter, hidden_directions, unbiased_gain, waiting
@@ -50,8 +50,7 @@ class ULISE(DelayedInputFilter[FeedthroughBelief]):
 
     def __init__(self, model: Model, input_prior: np.ndarray | float = 1.0) -> None:
         super().__init__(model, input_prior)
-        n, p, q = self.model.n, self.model.p, self.model.q
-        self._error_rows = np.eye(n + 2 * q, n)
+        p, q = self.model.p, self.model.q
         C, G, H = self.model.C, self.model.G, self.model.H
         if not (isinstance(C, np.ndarray) and isinstance(G, np.ndarray) and isinstance(H, np.ndarray)):
             return
@@ -69,14 +68,13 @@ class ULISE(DelayedInputFilter[FeedthroughBelief]):
             )
 
     def _init(self, belief: Belief, rng: Rng) -> FeedthroughBelief:
-        begun = self._begun_input(belief.mean, belief.cov)
-        return FeedthroughBelief.of(belief, **begun, **self._nothing_now(belief.mean, belief.cov))
+        return FeedthroughBelief.of(belief, **self._begun_input(belief.mean), **self._nothing_now(belief.mean))
 
-    def _nothing_now(self, mean: np.ndarray, cov: np.ndarray) -> dict[str, np.ndarray]:
-        """What a belief of this mean and covariance says of the input that acts now if no reading showed it."""
-        n, q, rows = self.model.n, self.model.q, cov.shape[:-2]
+    def _nothing_now(self, mean: np.ndarray) -> dict[str, np.ndarray]:
+        """What a belief of this mean says of the input that acts now if no reading showed it."""
+        n, q, rows = self.model.n, self.model.q, mean.shape[:-1]
         return {
-            "feedthrough_mean": np.zeros(mean.shape[:-1] + (q,)),
+            "feedthrough_mean": np.zeros(rows + (q,)),
             "feedthrough_cov": np.zeros(rows + (q, q)),
             "state_feedthrough_cov": np.zeros(rows + (n, q)),
             "feedthrough_observed": np.zeros(rows + (q, q)),
@@ -89,13 +87,13 @@ class ULISE(DelayedInputFilter[FeedthroughBelief]):
         mean = mean + np.matvec(G, belief.feedthrough_mean)
         cross, input_cov = belief.state_feedthrough_cov, belief.feedthrough_cov
         cov = symmetrise(driven(A, G, self._covariance(belief), cross, input_cov) + resolve(model.Q, u))
-        hidden = identity(model.q) - belief.feedthrough_observed
         return FeedthroughBelief.predicted(
             belief, mean, cov, u,
-            input_mean=belief.feedthrough_mean, input_cov=symmetrise(input_cov + congruence(hidden, self.input_prior)),
+            input_mean=belief.feedthrough_mean,
+            input_cov=symmetrise(input_cov + self._open(belief.feedthrough_observed)),
             state_input_cov=A @ cross + G @ input_cov, input_observed=belief.feedthrough_observed,
-            pending=np.ones(mean.shape[:-1], bool), input_matrix=self._moving_G(belief.mean, u),
-            **self._nothing_now(mean, cov),
+            pending=np.ones(mean.shape[:-1], bool), input_matrix=self._moving_G(belief, u),
+            **self._nothing_now(mean),
         )  # fmt: skip
 
     def _shown_input(self, belief: FeedthroughBelief, reading: Reading) -> np.ndarray:
@@ -105,39 +103,34 @@ class ULISE(DelayedInputFilter[FeedthroughBelief]):
 
     def _update(self, belief: FeedthroughBelief, reading: Reading, rng: Rng) -> FeedthroughBelief:
         C, H, R, units = reading.C, reading.H, reading.R, self._input_units
-        n, p, q = self.model.n, self.model.p, self.model.q
+        n, q = self.model.n, self.model.q
         before = belief.input_observed
         G = self._input_matrix(belief) * waiting(belief)
-        PC = product(belief.cov, C.mT)
-        S = product(PC.mT, C.mT) + R
+        CP = C @ belief.cov
+        S = CP @ C.mT + R
         CGN = C @ (G @ (identity(q) - before))
-        right = np.empty(np.broadcast_shapes(S.shape[:-2], H.shape[:-2], CGN.shape[:-2]) + (p, n + 2 * q))
-        right[..., :n], right[..., n : n + q], right[..., n + q :] = PC.mT, H, CGN
-        solved = solve(S if reading.spread is None else S + reading.spread, right)
+        solved = solve(S if reading.spread is None else S + reading.spread, joined([CP, H, CGN], -1))
         K, SH, SF = solved[..., :n].mT, solved[..., n : n + q], solved[..., n + q :]
         D, now = unbiased_gain(H, SH, reading.whole_H, units)
         M, late = unbiased_gain(CGN - H @ (D @ CGN), SF - SH @ (D @ CGN), reading.whole @ G, units)
         GM, K = G @ M, K - (K @ H) @ D
         CGM = C @ GM
-        Z = np.empty(K.shape[:-2] + (n + 2 * q, p))  # (x, d(k-1), d(k)) = (x-, d1(k-1), 0) + Z e
-        Z[..., :n, :], Z[..., n : n + q, :], Z[..., n + q :, :] = K + GM - K @ CGM, M, D - D @ CGM
+        Z = joined([K + GM - K @ CGM, M, D - D @ CGM], -2)  # (x, d(k-1), d(k)) = (x-, d1(k-1), 0) + Z e
         correction = np.matvec(Z, reading.innovation)
         # Errors: those of (x-, d1(k-1)) less Z (C x~- + v); what the inputs add to e cancels where they are seen.
-        joint = np.empty(Z.shape[:-2] + (n + q, n + q))
-        joint[..., :n, :n], joint[..., :n, n:] = belief.cov, belief.state_input_cov
-        joint[..., n:, :n], joint[..., n:, n:] = belief.state_input_cov.mT, belief.input_cov
-        errors = np.zeros(Z.shape[:-1] + (n + q,))
-        errors[..., :n], errors[..., n : n + q, n:] = self._error_rows - product(Z, C), before
+        cross = belief.state_input_cov
+        joint = joined([joined([belief.cov, cross], -1), joined([cross.mT, belief.input_cov], -1)], -2)
+        kept = joined([np.zeros((n, q)), before, np.zeros((q, q))], -2)
+        errors = joined([np.eye(n + 2 * q, n) - Z @ C, kept], -1)
         observed = before + late
-        reach = np.empty(Z.shape[:-1] + (q,))
-        reach[..., :n, :], reach[..., n : n + q, :], reach[..., n + q :, :] = G, identity(q), -(D @ (C @ G))
-        cov = congruence(errors, joint) + product(Z, R) @ Z.mT
-        cov = symmetrise(cov + congruence(reach @ (identity(q) - observed), self.input_prior))
+        reach = joined([G, identity(q), -(D @ (C @ G))], -2)
+        cov = congruence(errors, joint) + congruence(Z, R)
+        cov = symmetrise(cov + congruence(reach, self._open(observed)))
         return FeedthroughBelief.updated(
             belief, belief.mean + correction[..., :n], cov[..., :n, :n], reading, S,
             input_mean=belief.input_mean + correction[..., n : n + q], input_cov=cov[..., n : n + q, n : n + q],
             state_input_cov=cov[..., :n, n : n + q], input_observed=observed,
-            pending=np.zeros(correction.shape[:-1], bool), input_matrix=belief.input_matrix,
+            pending=np.zeros(belief.pending.shape, bool), input_matrix=belief.input_matrix,
             feedthrough_mean=correction[..., n + q :], feedthrough_cov=cov[..., n + q :, n + q :],
             state_feedthrough_cov=cov[..., :n, n + q :], feedthrough_observed=now,
         )  # fmt: skip

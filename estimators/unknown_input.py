@@ -1,13 +1,15 @@
 """Unbiased minimum-variance filters that estimate an unknown input together with the state."""
 
+from functools import reduce
 from typing import ClassVar, TypeVar
 
 import numpy as np
 
 from estimators.belief import Belief, DelayedInputBelief, InputBelief
 from estimators.filter import Filter, Model, Rng
+from estimators.formulas import Symbol
 from estimators.kalman import driven_prediction, input_covariance, unseen_input
-from estimators.linalg import congruence, identity, inverse, product, solve, symmetrise
+from estimators.linalg import congruence, identity, inverse, joined, singular, solve, symmetrise
 from estimators.models import LinearModel, resolve
 from estimators.reading import Reading
 
@@ -22,7 +24,7 @@ class UnknownInputFilter(Filter[WithInput]):
     for that step, and the belief's ``input_observed`` is the projector on the others.
     """
 
-    shares = True
+    formulas = True
     linear: ClassVar[bool] = True
     """Whether the filter needs a `LinearModel`."""
 
@@ -38,66 +40,39 @@ class UnknownInputFilter(Filter[WithInput]):
         self._input_units = np.sqrt(np.diagonal(self.input_prior))
         if not self._input_units.all():
             raise ValueError("input_prior must have positive variances: an input without variance is no input")
-        self._state_rows = np.eye(model.n + model.q)[:, : model.n]
 
-    def _unseen_input(self, mean: np.ndarray, cov: np.ndarray) -> dict[str, np.ndarray]:
-        """What a belief of this mean and covariance says of an input of which its prior alone is known."""
-        unseen = unseen_input(mean, cov, self.input_prior)
+    def _unseen_input(self, mean: np.ndarray) -> dict[str, np.ndarray]:
+        """What a belief of this mean says of an input of which its prior alone is known."""
+        unseen = unseen_input(mean, self.input_prior)
         return unseen | {"input_observed": np.zeros(unseen["input_cov"].shape)}
 
-
-def waiting(belief: DelayedInputBelief) -> np.ndarray:
-    """The belief's ``pending`` as ``(..., 1, 1)``, of one row where all agree, so that what they share stays shared."""
-    pending = belief.pending
-    if pending.all() or not pending.any():
-        pending = pending[(slice(0, 1),) * pending.ndim]
-    return pending[..., None, None]
-
-
-def _gains(
-    S: np.ndarray, CP: np.ndarray, F: np.ndarray, whole: np.ndarray | None, units: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The Kalman gain, and the best linear unbiased estimate of ``d`` from ``e = F d + noise of covariance S``.
-
-    ``K = P- C' S^-1`` and ``M = (F' S^-1 F)^-1 F' S^-1``, the latter restricted to the directions that F
-    shows. Directions are told apart with each input in units of its prior, so that the units do not matter.
-
-    Args:
-        S: ``(..., p, p)`` innovation covariance.
-        CP: ``(..., p, n)``.
-        F: ``(..., p, q)`` with the rows of missing readings zero.
-        whole: F as it would be with every reading, against which a direction counts as shown;
-            None when nothing is missing: F then shows every direction.
-        units: ``(q,)`` standard deviations of the inputs' prior.
-
-    Returns:
-        K ``(..., n, p)``, M ``(..., q, p)`` and the projector ``(..., q, q)`` on the directions shown.
-    """
-    n, q = CP.shape[-1], F.shape[-1]
-    rows = CP.shape[:-2] if F.ndim == 2 else np.broadcast_shapes(CP.shape[:-2], F.shape[:-2])
-    right = np.empty(rows + (CP.shape[-2], n + q))
-    right[..., :n], right[..., n:] = CP, F
-    solved = solve(S, right)
-    K, SF = solved[..., :n].mT, solved[..., n:]
-    return K, *unbiased_gain(F, SF, whole, units)
+    def _open(self, observed: np.ndarray) -> np.ndarray:
+        """The prior's share ``(..., q, q)`` in directions of the input that were not ``observed (..., q, q)``."""
+        return congruence(identity(self.model.q) - observed, self.input_prior)
 
 
 def unbiased_gain(
-    F: np.ndarray, SF: np.ndarray, whole: np.ndarray | None, units: np.ndarray
+    F: np.ndarray, SF: np.ndarray, whole: np.ndarray, units: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """``M = (F' S^-1 F)^-1 F' S^-1`` on the directions that F shows, given ``SF = S^-1 F``; otherwise as `_gains`.
+    """The best linear unbiased estimate ``M e`` of ``d`` from ``e = F d`` and noise of covariance S.
+
+    ``M = (F' S^-1 F)^-1 F' S^-1``, restricted to the directions that F shows. Directions are told apart with each input
+    in units of its prior, so that the units do not matter.
+
+    Args:
+        F: ``(..., p, q)`` with the rows of missing readings zero.
+        SF: ``(..., p, q)`` ``S^-1 F``.
+        whole: ``(..., p, q)`` F as it would be with every reading, against which a direction counts as shown.
+        units: ``(q,)`` standard deviations of the inputs' prior.
 
     Returns:
         M ``(..., q, p)`` and the projector ``(..., q, q)`` on the directions shown.
     """
-    q, information = F.shape[-1], F.mT @ SF
-    if whole is None:
-        return inverse(information) @ SF.mT, np.zeros(information.shape) + (1.0 if q == 1 else identity(q))
-    unseen, nothing = hidden_directions(F, whole, units)
-    scale = units[:, None] * units
-    seen, information = identity(q) - unseen, information * scale
+    q, scale = F.shape[-1], units[:, None] * units
+    unseen, shown = hidden_directions(F, whole, units)
+    seen, information = identity(q) - unseen, (F.mT @ SF) * scale
     # The hidden directions get a finite information of the same size, so that the inverse stays well conditioned.
-    size = np.where(nothing, 1.0, np.trace(information, axis1=-2, axis2=-1))[..., None, None]
+    size = np.where(shown > 0.0, information.diagonal(0, -2, -1).sum(-1), 1.0)[..., None, None]
     cov = seen @ inverse(information + size * unseen) @ seen
     return (cov * scale) @ SF.mT, seen * (units[:, None] / units) + np.zeros(information.shape)
 
@@ -111,16 +86,16 @@ def hidden_directions(F: np.ndarray, whole: np.ndarray, units: np.ndarray) -> tu
         units: ``(q,)``.
 
     Returns:
-        The orthogonal projector ``(..., q, q)`` on them, and whether they are all ``(...)``.
+        The orthogonal projector ``(..., q, q)`` on them, and how many are shown ``(...)``.
     """
     # A row that is lost, and not finite, must not raise: it shows nothing.
     F, whole = (np.where(np.isfinite(matrix), matrix, 0.0) * units for matrix in (F, whole))
-    strongest = np.linalg.svd(whole, compute_uv=False).max(-1)
-    _, strength, directions = np.linalg.svd(F)
-    shown = np.zeros(directions.shape[:-1], bool)
-    shown[..., : strength.shape[-1]] = strength > 1e-9 * strongest[..., None]
-    hidden = directions * ~shown[..., None]
-    return hidden.mT @ hidden, np.asarray(~shown.any(-1))
+    strength, directions = singular(F)
+    values, _ = singular(whole)
+    strongest = reduce(np.maximum, [values[..., i] for i in range(values.shape[-1])])
+    shown = 1.0 * (strength > 1e-9 * strongest[..., None])
+    hidden = directions * (1.0 - shown)[..., None, :]
+    return hidden @ hidden.mT, shown.sum(-1)
 
 
 class UMVFilter(UnknownInputFilter[InputBelief]):
@@ -163,33 +138,30 @@ class UMVFilter(UnknownInputFilter[InputBelief]):
                 )
 
     def _init(self, belief: Belief, rng: Rng) -> InputBelief:
-        return InputBelief.of(belief, **self._unseen_input(belief.mean, belief.cov))
+        return InputBelief.of(belief, **self._unseen_input(belief.mean))
 
     def _predict(self, belief: InputBelief, u: np.ndarray | None, rng: Rng) -> InputBelief:
         mean, cov = driven_prediction(self.model, belief, u)
-        return InputBelief.predicted(belief, mean, cov, u, **self._unseen_input(mean, cov))
+        return InputBelief.predicted(belief, mean, cov, u, **self._unseen_input(mean))
 
     def _shown_input(self, belief: InputBelief, reading: Reading) -> np.ndarray:
         return reading.H * self._input_units
 
     def _update(self, belief: InputBelief, reading: Reading, rng: Rng) -> InputBelief:
         C, H, R = reading.C, reading.H, reading.R
-        PC = product(belief.cov, C.mT)
-        S = product(PC.mT, C.mT) + R
-        whole = None if reading.complete else reading.whole_H
-        K, M, observed = _gains(S if reading.spread is None else S + reading.spread, PC.mT, H, whole, self._input_units)
         n = self.model.n
-        Z = np.empty(K.shape[:-2] + (n + self.model.q, self.model.p))  # (x, d) = (x-, 0) + Z e
-        Z[..., :n, :], Z[..., n:, :] = K - product(K, H) @ M, M
+        CP = C @ belief.cov
+        S = CP @ C.mT + R
+        solved = solve(S if reading.spread is None else S + reading.spread, joined([CP, H], -1))
+        K, M, observed = solved[..., :n].mT, *unbiased_gain(H, solved[..., n:], reading.whole_H, self._input_units)
+        Z = joined([K - K @ H @ M, M], -2)  # (x, d) = (x-, 0) + Z e
         correction = np.matvec(Z, reading.innovation)
         # Errors: x~ = x~- - L (C x~- + v), as L H = 0, and d~ = -M (C x~- + v) where d is seen (M H = I).
-        cov = symmetrise(congruence(self._state_rows - product(Z, C), belief.cov) + product(Z, R) @ Z.mT)
-        input_cov = cov[..., n:, n:]
-        if not reading.complete:
-            input_cov = input_cov + congruence(identity(self.model.q) - observed, self.input_prior)
+        cov = symmetrise(congruence(np.eye(n + self.model.q, n) - Z @ C, belief.cov) + congruence(Z, R))
         return InputBelief.updated(
             belief, belief.mean + correction[..., :n], cov[..., :n, :n], reading, S, input_mean=correction[..., n:],
-            input_cov=input_cov, state_input_cov=cov[..., :n, n:], input_observed=observed,
+            input_cov=cov[..., n:, n:] + self._open(observed), state_input_cov=cov[..., :n, n:],
+            input_observed=observed,
         )  # fmt: skip
 
 
@@ -203,9 +175,9 @@ class DelayedInputFilter(UnknownInputFilter[Delayed]):
         super().__init__(model, input_prior)
         self._G = model.G if isinstance(model.G, np.ndarray) else np.zeros((model.n, model.q))
 
-    def _begun_input(self, mean: np.ndarray, cov: np.ndarray) -> dict[str, np.ndarray | None]:
-        """What a first belief of this mean and covariance says of the input: as yet no G has moved anything."""
-        unseen = self._unseen_input(mean, cov)
+    def _begun_input(self, mean: np.ndarray) -> dict[str, np.ndarray | None]:
+        """What a first belief of this mean says of the input: as yet no G has moved anything."""
+        unseen = self._unseen_input(mean)
         G = np.zeros(unseen["state_input_cov"].shape) if callable(self.model.G) else None
         return {**unseen, "pending": np.zeros(mean.shape[:-1], bool), "input_matrix": G}
 
@@ -216,19 +188,21 @@ class DelayedInputFilter(UnknownInputFilter[Delayed]):
     def _shown_input(self, belief: Delayed, reading: Reading) -> np.ndarray:
         return reading.C @ (self._input_matrix(belief) * waiting(belief) * self._input_units)
 
-    def _moving_G(self, x: np.ndarray, u: np.ndarray | None) -> np.ndarray | None:
-        """G of a prediction from ``x (..., n)``, if it changes."""
+    def _moving_G(self, belief: Belief, u: np.ndarray | None) -> np.ndarray | None:
+        """G of a prediction, if it changes."""
         if not callable(self.model.G):
             return None
-        G = self.model.input_matrix(x, u)
-        return np.broadcast_to(G, x.shape[:-1] + G.shape[-2:])
+        G = self.model.input_matrix(belief.mean, u)
+        return G if isinstance(G, Symbol) else np.broadcast_to(G, belief.mean.shape[:-1] + G.shape[-2:])
 
     def _covariance(self, belief: Delayed) -> np.ndarray:
         """The state's covariance, with the input that an earlier prediction left open if it never met its reading."""
-        if not belief.pending.any():
-            return belief.cov
-        unseen = self._input_matrix(belief) @ (identity(self.model.q) - belief.input_observed)
-        return belief.cov + congruence(unseen, self.input_prior) * waiting(belief)
+        return belief.cov + congruence(self._input_matrix(belief), self._open(belief.input_observed)) * waiting(belief)
+
+
+def waiting(belief: DelayedInputBelief) -> np.ndarray:
+    """The belief's ``pending`` as ``(..., 1, 1)``."""
+    return belief.pending[..., None, None]
 
 
 class NoFeedthroughFilter(DelayedInputFilter[DelayedInputBelief]):
@@ -244,54 +218,49 @@ class NoFeedthroughFilter(DelayedInputFilter[DelayedInputBelief]):
         if callable(model.H) or np.any(model.H):
             raise ValueError(f"{self.name} needs H = 0 (no feedthrough): use kf-umv-ui or ulise")
         C, changes = getattr(model, "C", None), callable(model.G)
-        self._always_shown = isinstance(C, np.ndarray) and not changes
-        if isinstance(C, np.ndarray) and not changes:
+        if constant := isinstance(C, np.ndarray) and not changes:
             rank = int(np.linalg.matrix_rank(C @ self._G).min())
         else:  # C G changes, but is never of higher rank than this
             rank = min(model.p, model.q if changes else int(np.linalg.matrix_rank(self._G).min()))
         if rank < model.q:
             raise ValueError(
                 f"{self.name} needs rank(C G) = {model.q} unknown input{'s' if model.q > 1 else ''}, "
-                f"got {'' if self._always_shown else 'at most '}{rank}: measure a state that each input drives directly"
+                f"got {'' if constant else 'at most '}{rank}: measure a state that each input drives directly"
             )
 
     def _init(self, belief: Belief, rng: Rng) -> DelayedInputBelief:
-        return DelayedInputBelief.of(belief, **self._begun_input(belief.mean, belief.cov))
+        return DelayedInputBelief.of(belief, **self._begun_input(belief.mean))
 
     def _predict(self, belief: DelayedInputBelief, u: np.ndarray | None, rng: Rng) -> DelayedInputBelief:
-        mean, cov = self._propagate(belief.mean, self._covariance(belief), u)
+        mean, cov = self._asked("_moved", belief, u)
         cov = symmetrise(cov + resolve(self.model.Q, u))
         return DelayedInputBelief.predicted(
-            belief, mean, cov, u, **self._unseen_input(mean, cov), pending=np.ones(mean.shape[:-1], bool),
-            input_matrix=self._moving_G(belief.mean, u),
+            belief, mean, cov, u, **self._unseen_input(mean), pending=np.ones(mean.shape[:-1], bool),
+            input_matrix=self._asked("_moving_G", belief, u),
         )  # fmt: skip
 
+    def _moved(self, belief: DelayedInputBelief, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+        return self._propagate(belief.mean, self._covariance(belief), u)
+
     def _update(self, belief: DelayedInputBelief, reading: Reading, rng: Rng) -> DelayedInputBelief:
-        C, R = reading.C, reading.R
-        G = self._input_matrix(belief)
-        PC = product(belief.cov, C.mT)
-        S = product(PC.mT, C.mT) + R
-        pending = waiting(belief)
-        complete = reading.complete and self._always_shown and bool(pending.all())
-        whole = None if complete else reading.whole @ G
-        weight = S if reading.spread is None else S + reading.spread
-        K, M, observed = _gains(weight, PC.mT, C @ G if complete else (C @ G) * pending, whole, self._input_units)
-        n, q = self.model.n, self.model.q
+        C, R, n, q = reading.C, reading.R, self.model.n, self.model.q
+        G, pending = self._input_matrix(belief), waiting(belief)
+        CP, F = C @ belief.cov, (C @ G) * pending
+        S = CP @ C.mT + R
+        solved = solve(S if reading.spread is None else S + reading.spread, joined([CP, F], -1))
+        K, units = solved[..., :n].mT, self._input_units
+        M, observed = unbiased_gain(F, solved[..., n:], reading.whole @ G, units)
         GM = G @ M
-        Z = np.empty(K.shape[:-2] + (n + q, self.model.p))  # (x, d) = (x-, 0) + Z e
-        Z[..., :n, :], Z[..., n:, :] = K + GM - K @ (C @ GM), M
+        Z = joined([K + GM - K @ (C @ GM), M], -2)  # (x, d) = (x-, 0) + Z e
         correction = np.matvec(Z, reading.innovation)
         # Errors: x~ = x~- - L (C x~- + v), the input's share in it cancelling, and d~ = -M (C x~- + v).
-        cov = congruence(self._state_rows - product(Z, C), belief.cov) + product(Z, R) @ Z.mT
-        if not complete:
-            reach = np.empty(Z.shape[:-1] + (q,))
-            reach[..., :n, :], reach[..., n:, :] = G * pending, identity(q)
-            cov = cov + congruence(reach @ (identity(q) - observed), self.input_prior)
-        cov = symmetrise(cov)
+        cov = congruence(np.eye(n + q, n) - Z @ C, belief.cov) + congruence(Z, R)
+        reach = joined([G * pending, identity(q)], -2)
+        cov = symmetrise(cov + congruence(reach, self._open(observed)))
         return DelayedInputBelief.updated(
             belief, belief.mean + correction[..., :n], cov[..., :n, :n], reading, S, input_mean=correction[..., n:],
             input_cov=cov[..., n:, n:], state_input_cov=cov[..., :n, n:], input_observed=observed,
-            pending=np.zeros(correction.shape[:-1], bool), input_matrix=belief.input_matrix,
+            pending=np.zeros(belief.pending.shape, bool), input_matrix=belief.input_matrix,
         )  # fmt: skip
 
 

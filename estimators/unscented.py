@@ -51,16 +51,18 @@ class SigmaPoints(Filter[Record]):
         mean, slopes, excess = self._transform("transition", mean, root, u, model.n, model.state_angles)
         return mean, slopes.mT @ slopes + excess
 
-    def _linearise(self, belief: Record) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    def _linearise(
+        self, belief: Record, u: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
         model, mean = self.model, belief.mean
         if isinstance(model, LinearModel):
-            return super()._linearise(belief)
+            return super()._linearise(belief, u)
         root = semidefinite_cholesky(belief.cov)
         flat = np.diagonal(root, axis1=-2, axis2=-1) == 0.0
         if flat.any():  # C is a derivative there
             root = root + (flat * steps(mean, belief.cov, model.state_angles))[..., None] * self._identity
         angles = model.measurement_angles
-        expected, slopes, excess = self._transform("measurement", mean, root, belief.u, model.p, angles)
+        expected, slopes, excess = self._transform("measurement", mean, root, u, model.p, angles)
         return expected, solve(root.mT, slopes).mT, excess
 
     def _transform(

@@ -40,7 +40,7 @@ class Oracle(Filter[InputBelief]):
         """It is told, like every filter, and needs it not."""
 
     def _init(self, belief: Belief, rng: Rng) -> InputBelief:
-        return InputBelief.of(belief, **unseen_input(belief.mean, belief.cov, np.zeros((self.q, self.q))))
+        return InputBelief.of(belief, **unseen_input(belief.mean, np.zeros((self.q, self.q))))
 
     def _predict(self, belief: InputBelief, u: np.ndarray | None, rng: Rng) -> InputBelief:
         return belief

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy.optimize import root
 
-from estimators import zero_order_hold
+from estimators import Schedule, zero_order_hold
 from vessel_gym.sensors import Sensor
 from vessel_gym.vehicles.corvette_equations import (
     COEFFICIENTS,
@@ -131,10 +131,7 @@ AS_PRINTED = (
 )
 """A and B of eq. 4.3 of the thesis to the digit, kept for reproduction: neither the ship's nor consistent in units."""
 
-Follow = Callable[[np.ndarray | None], np.ndarray]
-
-
-def linear_matrices(ship: CorvetteParameters, dt: float) -> tuple[Follow, Follow]:
+def linear_matrices(ship: CorvetteParameters, dt: float) -> tuple[Schedule, Schedule]:
     """A and B of (v, r, psi) as functions of ``u = (rudder, commanded yaw rate)``: they follow the commanded turn.
 
     Args:
@@ -147,15 +144,7 @@ def linear_matrices(ship: CorvetteParameters, dt: float) -> tuple[Follow, Follow
     B_table = np.concatenate([B_table, np.zeros_like(B_table)], -1)
     middle, scale = len(A_table) // 2 + 0.5, 1.0 / steady_turns(ship).yaw_rate[1]
 
-    def follow(table: np.ndarray) -> Follow:
-        def matrix(u: np.ndarray | None) -> np.ndarray:
-            if u is None:
-                raise ValueError("the corrected model needs u = (rudder, commanded yaw rate)")
-            return table.take((u[..., 1] * scale + middle).astype(np.intp), axis=0, mode="clip")
-
-        return matrix
-
-    return follow(A_table), follow(B_table)
+    return Schedule(A_table, 1, scale, middle), Schedule(B_table, 1, scale, middle)
 
 
 # --- the vehicle as an environment uses it ----------------------------------------------------------

@@ -1,0 +1,282 @@
+"""Formulas of small matrices: written once, in NumPy, and computed by NumPy or, for many rows at once, compiled.
+
+A formula is a function of vectors ``(..., n)`` and matrices ``(..., n, m)`` in NumPy's words. Given arrays it is
+computed. Given a `Symbol` in place of each array it is noted down: each of its steps becomes a sentence ("S is C times
+PC"), and one compiled function carries out the sentences of any formula: nothing is compiled anew for another filter.
+
+There the rows of a batch lie last, some 32 side by side, so that a sentence is a few loops over neighbours, which become
+vector instructions. Each row meets the same operations in the same order as it would alone, and no sums are fused or
+reordered: the same bits in any batch, on any processor.
+"""
+
+import math
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.lib.mixins import NDArrayOperatorsMixin
+
+from estimators.sentences import (
+    ABSOLUTE, ADD, CHOLESKY, DIVIDE, FLOOR, GREATER, ISFINITE, LOG1P, LOOKUP, MATMUL, MAXIMUM, MINIMUM, MULTIPLY,
+    ROTATE, SOLVE, SQRT, SUBTRACT, WHERE, carried_out,
+)  # fmt: skip
+
+_ENTRYWISE = {
+    np.add: ADD, np.subtract: SUBTRACT, np.multiply: MULTIPLY, np.divide: DIVIDE, np.maximum: MAXIMUM,
+    np.minimum: MINIMUM, np.greater: GREATER, np.logical_and: MULTIPLY, np.bitwise_and: MULTIPLY, np.sqrt: SQRT,
+    np.absolute: ABSOLUTE, np.floor: FLOOR, np.isfinite: ISFINITE, np.log1p: LOG1P,
+}  # fmt: skip
+
+
+class Symbol(NDArrayOperatorsMixin):
+    """What stands for an array while a formula is noted: its shape is that of one row, and its masks are 1 and 0."""
+
+    def __init__(
+        self, program: "Program", buffer: int, shape: tuple[int, ...], start: int = 0, steps: Any = None
+    ) -> None:
+        self.program, self.buffer, self.shape, self.start = program, buffer, shape, start
+        self.steps = steps if steps is not None else (*shape[1:], 1)[: len(shape)]
+
+    def __bool__(self) -> bool:
+        raise TypeError("a formula is noted for all rows and cannot go another way for some of them: use np.where")
+
+    def __array_ufunc__(self, ufunc: Any, method: str, *parts: Any, **others: Any) -> "Symbol":
+        if method == "__call__" and not others:
+            if ufunc in _ENTRYWISE:
+                return self.program.entrywise(_ENTRYWISE[ufunc], *parts)
+            if ufunc in _WRITTEN:
+                return _WRITTEN[ufunc](self.program, *parts)
+        raise TypeError(f"a formula that is to be compiled cannot have np.{ufunc.__name__} in it, so used")
+
+    def __array_function__(self, function: Any, types: Any, args: Any, kwargs: Any) -> "Symbol":
+        if function not in _WRITTEN:
+            raise TypeError(f"a formula that is to be compiled cannot have np.{function.__name__} in it")
+        return _WRITTEN[function](self.program, *args, **kwargs)
+
+    @property
+    def size(self) -> int:
+        """Entries of a row."""
+        return math.prod(self.shape)
+
+    @property
+    def ndim(self) -> int:
+        """Axes of a row."""
+        return len(self.shape)
+
+    @property
+    def mT(self) -> "Symbol":  # noqa: N802  (NumPy's name)
+        """The transposed matrix."""
+        return Symbol(self.program, self.buffer, self.shape[::-1], self.start, self.steps[::-1])
+
+    def diagonal(self, offset: int = 0, axis1: int = -2, axis2: int = -1) -> "Symbol":
+        """The diagonal of a matrix, whose axes are the last two."""
+        return Symbol(self.program, self.buffer, self.shape[:1], self.start, (sum(self.steps),))
+
+    def sum(self, axis: int | tuple[int, int]) -> "Symbol":
+        """The sum over the last axis, the one before, or both."""
+        matrix = self[None] if self.ndim == 1 else self
+        if axis != -1:
+            matrix = np.ones((1, matrix.shape[0])) @ matrix
+        if axis != -2:
+            matrix = matrix @ np.ones((matrix.shape[1], 1))
+        return matrix[0] if axis == -2 else matrix[:, 0] if axis == -1 and self.ndim == 2 else matrix[0, 0]
+
+    def __getitem__(self, key: Any) -> "Symbol":
+        keys = list(key if isinstance(key, tuple) else (key,))
+        others = [slice(None)] * (self.ndim - sum(each is not None and each is not Ellipsis for each in keys))
+        keys = [*others, *keys[1:]] if keys[0] is Ellipsis else [*keys, *others]
+        axis, start, shape, steps = 0, self.start, [], []
+        for each in keys:
+            if each is None:
+                shape, steps = [*shape, 1], [*steps, 0]
+                continue
+            chosen, step = range(self.shape[axis])[each], self.steps[axis]
+            axis += 1
+            if isinstance(chosen, int):
+                start += chosen * step
+            else:
+                start += chosen.start * step
+                shape, steps = [*shape, len(chosen)], [*steps, chosen.step * step]
+        return Symbol(self.program, self.buffer, tuple(shape), start, tuple(steps))
+
+
+class Program:
+    """A formula as it was noted."""
+
+    def __init__(self) -> None:
+        self._sentences: list[tuple[int, tuple[int, int, int], tuple[Symbol, ...]]] = []
+        self._sizes: list[int] = []  # of buffers, in numbers a row
+        self._constants: dict[int, np.ndarray] = {}  # what buffers hold that are the same for all rows
+        self._loads: list[tuple[Symbol, int, int]] = []  # from which array, and its column
+        self._tables: list[np.ndarray] = []
+        self.ask: Callable[..., Any]  # for what no formula says, see `estimators.filter.Filter`
+        self.run: Callable[..., int]
+
+    # --- noting -----------------------------------------------------------------------------------
+
+    def symbol(self, *shape: int) -> Symbol:
+        """A new one."""
+        self._sizes.append(math.prod(shape))
+        return Symbol(self, len(self._sizes) - 1, shape)
+
+    def given(self, array: int, column: int, *shape: int) -> Symbol:
+        """What stands in an array that is given, from a column on."""
+        symbol = self.symbol(*shape)
+        self._loads.append((symbol, array, column))
+        return symbol
+
+    def of(self, value: Any) -> Symbol:
+        """What stands for a value: itself, or an array that is the same for all rows."""
+        if isinstance(value, Symbol):
+            return value
+        array = np.asarray(value, float)
+        if array.ndim > 2:
+            raise TypeError("what differs from row to row must be given")
+        for buffer, known in self._constants.items():
+            if known.shape == array.shape and np.array_equal(known, array):
+                return Symbol(self, buffer, array.shape)
+        symbol = self.symbol(*array.shape)
+        self._constants[symbol.buffer] = array
+        return symbol
+
+    def entrywise(self, verb: int, *parts: Any) -> Symbol:
+        """Entry by entry, what has one row or column being the same in all."""
+        operands = [self.of(part) for part in parts]
+        shape = np.broadcast_shapes(*(operand.shape for operand in operands))
+        out = self.symbol(*shape)
+        rows, columns = (1,) * (2 - len(shape)) + shape
+        spread = [
+            Symbol(self, o.buffer, o.shape, o.start, tuple(s if k > 1 else 0 for s, k in zip(o.steps, o.shape, strict=True)))
+            for o in operands
+        ]
+        return self.say(verb, (rows, columns, 0), out, *spread)
+
+    def say(self, verb: int, sizes: tuple[int, int, int], out: Symbol, *parts: Symbol) -> Symbol:
+        """A sentence."""
+        self._sentences.append((verb, sizes, (out, *parts)))
+        return out
+
+    def lookup(self, table: np.ndarray, index: Symbol) -> Symbol:
+        """The matrix of a table ``(k, n, m)`` at an index, the first or last one beyond."""
+        out, start = self.symbol(*table.shape[1:]), sum(each.size for each in self._tables)
+        self._tables.append(table)
+        where = Symbol(self, out.buffer, (), start, ())  # not a place in a buffer, but in the tables
+        return self.say(LOOKUP, (*table.shape[1:], len(table)), out, self.of(index), where)
+
+    # --- carrying out -----------------------------------------------------------------------------
+
+    def finish(self, wanted: list[tuple[Any, int]]) -> None:
+        """Make `run`, which puts what is ``wanted`` into the columns told of an array ``(B, k)``.
+
+        Numbers are laid out so that buffers which are no longer needed give their place to later ones.
+        """
+        results = [(self.of(value), column) for value, column in wanted]
+        last = {part.buffer: i for i, (_, _, parts) in enumerate(self._sentences) for part in parts}
+        last |= {symbol.buffer: len(self._sentences) for symbol, _ in results}
+        last |= {buffer: len(self._sentences) for buffer in self._constants}  # they are put there once for all blocks
+        places: dict[int, int] = {}
+        free: dict[int, list[int]] = {}
+        size = 0
+
+        def placed(buffer: int) -> int:
+            nonlocal size
+            if buffer not in places:
+                if free.get(self._sizes[buffer]):
+                    places[buffer] = free[self._sizes[buffer]].pop()
+                else:
+                    places[buffer], size = size, size + self._sizes[buffer]
+            return places[buffer]
+
+        for buffer in (*self._constants, *(symbol.buffer for symbol, _, _ in self._loads)):
+            placed(buffer)
+        code = []
+        for i, (verb, sizes, parts) in enumerate(self._sentences):
+            words = [verb, *sizes]
+            for part in parts:
+                table = verb == LOOKUP and part is parts[2]
+                words += [part.start + (0 if table else placed(part.buffer))]
+                words += [0] * (2 - part.ndim) + list(part.steps)
+            code.append(words + [0] * (16 - len(words)))
+            for buffer in {part.buffer for part in parts}:
+                if last[buffer] == i:
+                    free.setdefault(self._sizes[buffer], []).append(places[buffer])
+        where = [places[b] + i for b, values in self._constants.items() for i in range(values.size)]
+        values = [float(x) for array in self._constants.values() for x in array.flat]
+        loads = [(array, column, placed(s.buffer), self._sizes[s.buffer]) for s, array, column in self._loads]
+        stores = []
+        for symbol, column in results:
+            shape, steps = (1,) * (2 - symbol.ndim) + symbol.shape, (0,) * (2 - symbol.ndim) + symbol.steps
+            stores.append((column, *shape, placed(symbol.buffer) + symbol.start, *steps))
+        header = [len(code), len(where), len(loads), len(stores), size]
+        words = np.array([*header, *np.ravel(code), *where, *np.ravel(loads), *np.ravel(stores)], np.int64)
+        numbers = np.concatenate([values, *(np.ravel(table) for table in self._tables)])
+        self.run = partial(carried_out, words, numbers)
+
+
+def _matmul(program: Program, a: Any, b: Any) -> Symbol:
+    a, b = program.of(a), program.of(b)
+    return program.say(MATMUL, (a.shape[0], b.shape[1], a.shape[1]), program.symbol(a.shape[0], b.shape[1]), a, b)
+
+
+def _matvec(program: Program, a: Any, x: Any) -> Symbol:
+    return _matmul(program, a, program.of(x)[:, None])[:, 0]
+
+
+def _where(program: Program, mask: Any, a: Any, b: Any) -> Symbol:
+    return program.entrywise(WHERE, mask, a, b)
+
+
+def _concatenate(program: Program, parts: Any, axis: int = 0) -> Symbol:
+    """Side by side."""
+    parts = [program.of(part) for part in parts]
+    axis = axis % parts[0].ndim
+    shape = list(parts[0].shape)
+    shape[axis] = sum(part.shape[axis] for part in parts)
+    whole, first = program.symbol(*shape), 0
+    for part in parts:
+        own = slice(first, first + part.shape[axis])
+        first = own.stop
+        rows, columns = (1,) * (2 - part.ndim) + part.shape
+        program.say(ADD, (rows, columns, 0), whole[(slice(None),) * axis + (own,)], part, program.of(0.0))
+    return whole
+
+
+def _solve(program: Program, s: Any, b: Any) -> Symbol:
+    s, b = program.of(s), program.of(b)
+    n, k = b.shape
+    return program.say(SOLVE, (n, k, 0), program.symbol(n, k), s, b, program.symbol(n, n))
+
+
+_WRITTEN: dict[Any, Callable[..., Symbol]] = {
+    np.matmul: _matmul,
+    np.matvec: _matvec,
+    np.vecmat: lambda program, x, a: _matvec(program, program.of(a).mT, x),
+    np.where: _where,
+    np.concatenate: _concatenate,
+    np.linalg.solve: _solve,
+    np.negative: lambda program, a: program.entrywise(SUBTRACT, 0.0, a),
+    np.square: lambda program, a: program.entrywise(MULTIPLY, a, a),
+    np.remainder: lambda program, a, b: a - b * np.floor(a / b),
+    np.less: lambda program, a, b: program.entrywise(GREATER, b, a),
+    np.logical_not: lambda program, a: program.entrywise(SUBTRACT, 1.0, a),
+    np.invert: lambda program, a: program.entrywise(SUBTRACT, 1.0, a),
+}
+
+
+def root_of(s: Symbol) -> Symbol:
+    """Lower triangular L with ``L L' = S``, positive semidefinite; see `estimators.linalg.semidefinite_cholesky`."""
+    n = s.shape[0]
+    return s.program.say(CHOLESKY, (n, n, 0), s.program.symbol(n, n), s)
+
+
+def rotated(a: Symbol) -> tuple[Symbol, Symbol]:
+    """``A V`` with orthogonal columns, and the rotation V: the singular value decomposition but for dividing.
+
+    Source: Hestenes (1958), Inversion of matrices by biorthogonalization; de Rijk (1989) for its accuracy.
+    """
+    program, (m, n) = a.program, a.shape
+    if n == 1:
+        return a, program.of(np.ones((1, 1)))
+    turned = program.symbol(m, n)
+    return turned, program.say(ROTATE, (m, n, 0), program.symbol(n, n), turned, a)

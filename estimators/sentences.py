@@ -1,0 +1,308 @@
+"""What carries out the sentences of formulas (`estimators.formulas`), compiled once for all.
+
+Numbers stand in a scratch ``w (size, L)``, L rows of the batch side by side. A matrix is a place in it and two steps: its
+entry (i, j) is ``w[place + i * step + j * other]``; transposed and cut out of others it needs no copy.
+"""
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from estimators.compiled import inlined, lazy
+
+LANES = 64
+"""Rows side by side."""
+
+(MATMUL, ADD, SUBTRACT, MULTIPLY, DIVIDE, MAXIMUM, MINIMUM, GREATER, WHERE, SQRT, ABSOLUTE, FLOOR, ISFINITE, LOG1P,
+ SOLVE, CHOLESKY, ROTATE, LOOKUP) = range(18)  # fmt: skip
+"""The verbs."""
+_WORDS = 16  # a sentence: its verb, three sizes, then four places and their steps
+_EPS = float(np.finfo(float).eps)
+_SWEEPS = 30
+
+
+_part = njit(error_model="numpy", nogil=True)  # compiled with what calls it
+
+
+@_part
+def _load(source: np.ndarray, start: int, column: int, count: int, w: np.ndarray, place: int, block: int) -> None:
+    """Columns of some rows of an array."""
+    for k in range(count):
+        out = w[place + k]
+        for r in range(block):
+            out[r] = source[start + r, column + k]
+
+
+@_part
+def _store(w: np.ndarray, s: np.ndarray, out: np.ndarray, start: int, block: int) -> None:
+    """A matrix, row by row, to columns of some rows of an array."""
+    for i in range(s[1]):
+        for j in range(s[2]):
+            a, column = w[s[3] + i * s[4] + j * s[5]], s[0] + i * s[2] + j
+            for r in range(block):
+                out[start + r, column] = a[r]
+
+
+@_part
+def _matmul(w: np.ndarray, s: np.ndarray) -> None:
+    """``A B``."""
+    for i in range(s[1]):
+        for j in range(s[2]):
+            out, a, b = s[4] + i * s[5] + j * s[6], s[7] + i * s[8], s[10] + j * s[12]
+            if w.shape[1] == 1:
+                total = w[a, 0] * w[b, 0]
+                for k in range(1, s[3]):
+                    total += w[a + k * s[9], 0] * w[b + k * s[11], 0]
+                w[out, 0] = total
+                continue
+            z, x, y = w[out], w[a], w[b]
+            for r in range(w.shape[1]):
+                z[r] = x[r] * y[r]
+            for k in range(1, s[3]):
+                x, y = w[a + k * s[9]], w[b + k * s[11]]
+                for r in range(w.shape[1]):
+                    z[r] += x[r] * y[r]
+
+
+@inlined
+def _entry(verb: int, a: float, b: float, c: float) -> float:
+    if verb == ADD:
+        return a + b
+    if verb == SUBTRACT:
+        return a - b
+    if verb == MULTIPLY:
+        return a * b
+    if verb == DIVIDE:
+        return a / b
+    if verb == MAXIMUM:
+        return a if a > b or np.isnan(a) else b
+    if verb == MINIMUM:
+        return a if a < b or np.isnan(a) else b
+    if verb == GREATER:
+        return 1.0 if a > b else 0.0
+    if verb == WHERE:
+        return b if a != 0.0 else c
+    if verb == SQRT:
+        return np.sqrt(a)
+    if verb == ABSOLUTE:
+        return abs(a)
+    if verb == FLOOR:
+        return np.floor(a)
+    if verb == ISFINITE:
+        return 1.0 if a - a == 0.0 else 0.0
+    return np.log1p(a)
+
+
+@_part
+def _entrywise(w: np.ndarray, s: np.ndarray) -> None:
+    """Entry by entry."""
+    verb = s[0]
+    for i in range(s[1]):
+        for j in range(s[2]):
+            out, a = s[4] + i * s[5] + j * s[6], s[7] + i * s[8] + j * s[9]
+            b, c = s[10] + i * s[11] + j * s[12], s[13] + i * s[14] + j * s[15]
+            if w.shape[1] == 1:
+                w[out, 0] = _entry(verb, w[a, 0], w[b, 0], w[c, 0])
+            elif verb == ADD:
+                _each(ADD, w[out], w[a], w[b], w[c])
+            elif verb == SUBTRACT:
+                _each(SUBTRACT, w[out], w[a], w[b], w[c])
+            elif verb == MULTIPLY:
+                _each(MULTIPLY, w[out], w[a], w[b], w[c])
+            elif verb == WHERE:
+                _each(WHERE, w[out], w[a], w[b], w[c])
+            else:
+                _each(verb, w[out], w[a], w[b], w[c])
+
+
+@inlined
+def _each(verb: int, out: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> None:
+    for r in range(len(out)):
+        out[r] = _entry(verb, a[r], b[r], c[r])
+
+
+@_part
+def _solve(w: np.ndarray, s: np.ndarray) -> None:
+    """``S^-1 B`` by ``S = L D L'``, which is left beside; NaN where S is not positive definite."""
+    n, rows, f = s[1], w.shape[1], s[13]
+    for j in range(n):
+        for i in range(j, n):  # L D below the diagonal, D on it, and L where its transpose would be
+            out, a = w[f + i * n + j], w[s[7] + i * s[8] + j * s[9]]
+            for r in range(rows):
+                out[r] = a[r]
+            for k in range(j):
+                x, y = w[f + i * n + k], w[f + k * n + j]
+                for r in range(rows):
+                    out[r] -= x[r] * y[r]
+        pivot = w[f + j * n + j]
+        for r in range(rows):
+            pivot[r] = pivot[r] if pivot[r] > 0.0 else np.nan
+        for i in range(j + 1, n):
+            out, a = w[f + j * n + i], w[f + i * n + j]
+            for r in range(rows):
+                out[r] = a[r] / pivot[r]
+    for c in range(s[2]):
+        for i in range(n):
+            out, b = w[s[4] + i * s[5] + c * s[6]], w[s[10] + i * s[11] + c * s[12]]
+            for r in range(rows):
+                out[r] = b[r]
+            for k in range(i):
+                x, y = w[f + k * n + i], w[s[4] + k * s[5] + c * s[6]]
+                for r in range(rows):
+                    out[r] -= x[r] * y[r]
+        for i in range(n - 1, -1, -1):
+            out, pivot = w[s[4] + i * s[5] + c * s[6]], w[f + i * n + i]
+            for r in range(rows):
+                out[r] /= pivot[r]
+            for k in range(i + 1, n):
+                x, y = w[f + i * n + k], w[s[4] + k * s[5] + c * s[6]]
+                for r in range(rows):
+                    out[r] -= x[r] * y[r]
+
+
+@_part
+def _cholesky(w: np.ndarray, s: np.ndarray) -> None:
+    """``L L' = S``; a pivot that is zero to rounding gives a column of zeros."""
+    n, rows = s[1], w.shape[1]
+    for i in range(n):
+        for j in range(n):
+            out, a = w[s[4] + i * s[5] + j * s[6]], w[s[7] + i * s[8] + j * s[9]]
+            for r in range(rows):
+                out[r] = a[r] if i >= j else 0.0
+    for j in range(n):
+        pivot, whole = w[s[4] + j * (s[5] + s[6])], w[s[7] + j * (s[8] + s[9])]
+        for r in range(rows):
+            pivot[r] = np.sqrt(pivot[r]) if not pivot[r] <= n * _EPS * whole[r] else np.inf
+        for i in range(j + 1, n):
+            out = w[s[4] + i * s[5] + j * s[6]]
+            for r in range(rows):
+                out[r] /= pivot[r]
+        for r in range(rows):
+            pivot[r] = 0.0 if pivot[r] == np.inf else pivot[r]
+        for i in range(j + 1, n):
+            x = w[s[4] + i * s[5] + j * s[6]]
+            for k in range(j + 1, i + 1):
+                out, y = w[s[4] + i * s[5] + k * s[6]], w[s[4] + k * s[5] + j * s[6]]
+                for r in range(rows):
+                    out[r] -= x[r] * y[r]
+
+
+@_part
+def _rotate(w: np.ndarray, s: np.ndarray) -> None:
+    """V, and ``A V`` with orthogonal columns."""
+    m, n, rows = s[1], s[2], w.shape[1]
+    for j in range(n):
+        for i in range(m):
+            out, a = w[s[7] + i * s[8] + j * s[9]], w[s[10] + i * s[11] + j * s[12]]
+            for r in range(rows):
+                out[r] = a[r]
+        for i in range(n):
+            out = w[s[4] + i * s[5] + j * s[6]]
+            for r in range(rows):
+                out[r] = 1.0 if i == j else 0.0
+    for _ in range(_SWEEPS):
+        turning = False
+        for p in range(n):
+            for q in range(p + 1, n):
+                for r in range(rows):
+                    aa, bb, ab = 0.0, 0.0, 0.0
+                    for i in range(m):
+                        x, y = w[s[7] + i * s[8] + p * s[9], r], w[s[7] + i * s[8] + q * s[9], r]
+                        aa, bb, ab = aa + x * x, bb + y * y, ab + x * y
+                    if not abs(ab) > _EPS * np.sqrt(aa * bb):
+                        continue
+                    turning = True
+                    zeta = (bb - aa) / (2.0 * ab)
+                    t = (1.0 if zeta >= 0.0 else -1.0) / (abs(zeta) + np.sqrt(1.0 + zeta * zeta))
+                    cosine = 1.0 / np.sqrt(1.0 + t * t)
+                    sine = cosine * t
+                    for i in range(m):
+                        a, b = s[7] + i * s[8] + p * s[9], s[7] + i * s[8] + q * s[9]
+                        x, y = w[a, r], w[b, r]
+                        w[a, r], w[b, r] = cosine * x - sine * y, sine * x + cosine * y
+                    for i in range(n):
+                        a, b = s[4] + i * s[5] + p * s[6], s[4] + i * s[5] + q * s[6]
+                        x, y = w[a, r], w[b, r]
+                        w[a, r], w[b, r] = cosine * x - sine * y, sine * x + cosine * y
+        if not turning:
+            return
+
+
+@_part
+def _lookup(w: np.ndarray, s: np.ndarray, numbers: np.ndarray) -> None:
+    """The matrix of a table."""
+    size = s[1] * s[2]
+    for r in range(w.shape[1]):
+        at = w[s[7], r]
+        entry = 0 if not at >= 0.0 else int(min(at, s[3] - 1.0))
+        for i in range(s[1]):
+            for j in range(s[2]):
+                w[s[4] + i * s[5] + j * s[6], r] = numbers[s[10] + entry * size + i * s[2] + j]
+
+
+_ARRAYS = "int64[::1], float64[::1], float64[:, ::1], float64[:, ::1], float64[:, ::1], boolean[:, ::1], float64[:, ::1]"
+
+
+@lazy(lambda f: njit(f"int64({_ARRAYS}, float64[:, ::1])", error_model="numpy", nogil=True, cache=True)(f))
+def carried_out(
+    words: np.ndarray, numbers: np.ndarray, first: np.ndarray, second: np.ndarray, third: np.ndarray, mask: np.ndarray,
+    fourth: np.ndarray, out: np.ndarray,
+) -> int:  # fmt: skip
+    """Carry out a `estimators.formulas.Program` on arrays ``(B, k)``.
+
+    Args:
+        words: The program's sentences, what stands where, what is loaded and stored.
+        numbers: Its constants and tables.
+        first: What is given, array number 0; those that follow are numbers 1 to 4.
+        second: Likewise.
+        third: Likewise.
+        mask: Likewise.
+        fourth: Likewise.
+        out: Where results are put.
+
+    Returns:
+        In how many rows the last column of the results is not 0.
+    """
+    sentences, constants, loads, stores, size = words[0], words[1], words[2], words[3], words[4]
+    where = 5 + _WORDS * sentences
+    load, store = where + constants, where + constants + 4 * loads
+    rows, marked = len(out), 0
+    w = np.empty((size, min(rows, LANES)))
+    for i in range(constants):
+        w[words[where + i]] = numbers[i]
+    tables = numbers[constants:]
+    for start in range(0, rows, LANES):
+        block = min(LANES, rows - start)
+        for i in range(loads):
+            array, column, place, count = words[load + 4 * i : load + 4 * i + 4]
+            if array == 0:
+                _load(first, start, column, count, w, place, block)
+            elif array == 1:
+                _load(second, start, column, count, w, place, block)
+            elif array == 2:
+                _load(third, start, column, count, w, place, block)
+            elif array == 3:
+                _load(mask, start, column, count, w, place, block)
+            else:
+                _load(fourth, start, column, count, w, place, block)
+        for i in range(sentences):
+            sentence = words[5 + _WORDS * i : 5 + _WORDS * (i + 1)]
+            verb = sentence[0]
+            if verb == MATMUL:
+                _matmul(w, sentence)
+            elif verb < SOLVE:
+                _entrywise(w, sentence)
+            elif verb == SOLVE:
+                _solve(w, sentence)
+            elif verb == CHOLESKY:
+                _cholesky(w, sentence)
+            elif verb == ROTATE:
+                _rotate(w, sentence)
+            else:
+                _lookup(w, sentence, tables)
+        for i in range(stores):
+            _store(w, words[store + 6 * i : store + 6 * i + 6], out, start, block)
+        for r in range(block):
+            marked += out[start + r, out.shape[1] - 1] != 0.0
+    return marked
