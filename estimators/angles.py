@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from estimators.formulas import Symbol
+from estimators.formulas import is_noted
 
 _TURN = 2.0 * np.pi
 _LOWEST = np.nextafter(-np.pi, 0.0)
@@ -51,8 +51,9 @@ def difference(a: np.ndarray, b: np.ndarray, angles: tuple[int, ...]) -> np.ndar
     State angles stay unwrapped inside filters, so this is where a residual becomes small again.
     """
     residual = a - b
-    if isinstance(residual, Symbol):
-        return np.where(np.isin(np.arange(residual.shape[-1]), angles), wrap(residual), residual) if angles else residual
+    if is_noted(residual):
+        are_angles = np.isin(np.arange(residual.shape[-1]), angles)
+        return np.where(are_angles, wrap(residual), residual) if angles else residual
     for i in angles:
         residual[..., i] = wrap(residual[..., i])
     return residual

@@ -40,14 +40,14 @@ _REASONS = {
 class Packed:
     """A record whose arrays may stand side by side in one, where each is looked at when it is first asked for."""
 
-    __slots__ = ("packed", "layout")
-    packed: np.ndarray  # (..., k)
-    layout: "Layout"
+    __slots__ = ("layout", "packed")
+    packed: Any  # (..., k); None: they stand apart
+    layout: Any  # where
 
     def __getattr__(self, name: str) -> Any:
         if name in Packed.__slots__:
             return None
-        if (layout := self.layout) is None or name not in self.__dataclass_fields__:  # type: ignore[attr-defined]
+        if (layout := self.layout) is None or name not in self.__dataclass_fields__:
             raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
         value: Any = None
         if name == "recovery":

@@ -10,7 +10,7 @@ import numpy as np
 from estimators.angles import difference
 from estimators.belief import APART, Belief, FeedthroughBelief, InputBelief, Layout, Recovery, laid_out
 from estimators.checks import as_array, as_mask
-from estimators.formulas import Program, Symbol
+from estimators.formulas import Program, is_noted
 from estimators.linalg import congruence, equilibrated, identity, neutralised, semidefinite_cholesky
 from estimators.models import Gaussian, LinearModel, NonlinearModel, as_covariance, resolve, usable
 from estimators.randomness import Numbers
@@ -171,8 +171,7 @@ class Filter(ABC, Generic[Record]):
     ) -> Record:
         """`predict`, then `update`."""
         if self._programs is not None and isinstance(self.model, LinearModel):
-            with np.errstate(all="ignore"):
-                updated, doubtful = self._carried_out(("_predict", "_update"), belief, u, y, available)
+            updated, doubtful = self._carried_out(_BOTH, belief, u, y, available)
             if self._regular and not doubtful:
                 return updated
         return self._updated(self._predicted(belief, u, rng), y, rng, available, None)
@@ -193,7 +192,7 @@ class Filter(ABC, Generic[Record]):
                 if not self._ours:
                     updated = self._returned("_update", updated, belief.mean.shape[:-1])
                 rows = _doubtful(updated, reading.R)
-                doubtful = rows.any() or not (self._ours or _proper(updated.cov))
+                doubtful = int(rows.any() or not (self._ours or _proper(updated.cov)))
             else:
                 updated, doubtful = self._carried_out(("_update",), belief, belief.u, y, available, R)
                 rows = updated.packed[..., -1] != 0.0
@@ -224,9 +223,9 @@ class Filter(ABC, Generic[Record]):
 
     def _asked(self, question: str, belief: Record, u: np.ndarray | None) -> Any:
         """What a method says of a belief: beforehand where a formula is noted, for functions of a model are none."""
-        if isinstance(belief.mean, Symbol) and not isinstance(self.model, LinearModel):
-            axes = _ANSWERS[question]
-            return belief.mean.program.ask(lambda belief, u, R: getattr(self, question)(belief, u), *axes)
+        if is_noted(belief.mean) and not isinstance(self.model, LinearModel):
+            axes, program = _ANSWERS[question], cast(Any, belief.mean).program
+            return program.ask(lambda belief, u, R: getattr(self, question)(belief, u), *axes)
         return getattr(self, question)(belief, u)
 
     def _moved(self, belief: Record, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
@@ -245,18 +244,15 @@ class Filter(ABC, Generic[Record]):
         if noted is None:
             noted = self._programs[key] = self._noted(formulas, belief, layout, u, R)
         batch = packed.shape[:-1]
-        out = np.empty(batch + (noted.layout.width + 1,))
-        answers = noted.answers(belief, u, R, batch)
-        rows = math.prod(batch)
-        arrays = [
-            np.ascontiguousarray(array).reshape(rows, array.shape[-1])
-            for array in (packed, packed if u is None else u, packed if y is None else y)
-        ]
-        mask = np.ones(arrays[2].shape, bool) if available is None else np.ascontiguousarray(available)
-        doubtful = noted.program.run(
-            *arrays, mask.reshape(rows, mask.shape[-1]), answers.reshape(rows, answers.shape[-1]),
-            out.reshape(rows, out.shape[-1]),
-        )  # fmt: skip
+        out = np.empty((*batch, noted.layout.width + 1))
+        answers = noted.answers(belief, u, R, batch) if noted.questions else packed
+        if available is None:
+            available = np.ones(batch + (self.model.p,), bool)
+        given = packed, packed if u is None else u, packed if y is None else y, available, answers
+        arrays = [array if array.flags.carray else np.array(array) for array in (*given, out)]  # as it must be
+        if len(batch) != 1:
+            arrays = [array.reshape(math.prod(batch), array.shape[-1]) for array in arrays]
+        doubtful = noted.program.run(*arrays)
         return self.record.looked_at(out, noted.layout, belief, u), doubtful  # type: ignore[return-value]
 
     def _noted(
@@ -268,7 +264,7 @@ class Filter(ABC, Generic[Record]):
         def ask(question: _Question, *axes: int) -> Any:
             nonlocal column
             values = question(belief, u, R)
-            answers = []
+            answers: list[Any] = []
             questions.append((question, axes))
             for value, k in zip(values if isinstance(values, tuple) else (values,), axes, strict=True):
                 answers.append(None if value is None else program.given(4, column, *value.shape[value.ndim - k :]))
@@ -276,10 +272,11 @@ class Filter(ABC, Generic[Record]):
             return tuple(answers) if len(axes) > 1 else answers[0]
 
         program.ask = ask
-        fields = dict.fromkeys(belief.__dataclass_fields__)
-        given = {name: program.given(0, first, *shape) for name, (first, shape) in layout.columns.items()}
+        fields: dict[str, Any] = dict.fromkeys(belief.__dataclass_fields__)
+        for name, (first, shape) in layout.columns.items():
+            fields[name] = program.given(0, first, *shape)
         known = None if u is None else program.given(1, 0, u.shape[-1])
-        now: Any = self.record(**(fields | given | {"u": known}))
+        now: Any = self.record(**(fields | {"u": known}))
         doubtful: Any = 0.0
         if "_predict" in formulas:
             now = self._predict(now, known, None)
@@ -303,7 +300,7 @@ class Filter(ABC, Generic[Record]):
         R, mask = self._noise(y, available, R, u)
         reading = Reading(
             difference(y, expected, model.measurement_angles), C, H, R if excess is None else R + excess, mask,
-            not isinstance(mask, Symbol) and bool(mask.all()), C, H,
+            not is_noted(mask) and bool(mask.all()), C, H,
         )  # fmt: skip
         return reading if reading.complete else reading.only(mask)
 
@@ -317,9 +314,7 @@ class Filter(ABC, Generic[Record]):
         R, known = usable(resolve(self.model.R, u) if R is None else R)
         return R, mask & known
 
-    def _linearise(
-        self, belief: Record, u: np.ndarray | None
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    def _linearise(self, belief: Record, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
         """The expected reading ``(..., p)``, C ``(..., p, n)``, and what is to be added to R for what C leaves out."""
         return *self.model.linearise_measurement(belief.mean, u, belief.cov), None
 
@@ -466,6 +461,7 @@ _SINGULAR = 1e-13
 """An eigenvalue of a covariance scaled to a unit diagonal is rounding where it is below its size times this."""
 
 
+_BOTH = "_predict", "_update"
 _Question = Callable[[Any, Any, Any], Any]
 _ANSWERS = {"_moved": (1, 2), "_linearise": (1, 2, 2), "_moving_G": (2,)}
 """Axes of what these methods say of a row."""

@@ -4,29 +4,53 @@ A formula is a function of vectors ``(..., n)`` and matrices ``(..., n, m)`` in 
 computed. Given a `Symbol` in place of each array it is noted down: each of its steps becomes a sentence ("S is C times
 PC"), and one compiled function carries out the sentences of any formula: nothing is compiled anew for another filter.
 
-There the rows of a batch lie last, some 32 side by side, so that a sentence is a few loops over neighbours, which become
-vector instructions. Each row meets the same operations in the same order as it would alone, and no sums are fused or
-reordered: the same bits in any batch, on any processor.
+There the rows of a batch lie last, some 64 side by side, so that a sentence is a few loops over neighbours, which
+become vector instructions. Each row meets the same operations in the same order as it would alone, and no sums are
+fused or reordered: the same bits in any batch, on any processor.
 """
 
 import math
 from collections.abc import Callable
+from enum import IntEnum
 from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
 
-from estimators.sentences import (
-    ABSOLUTE, ADD, CHOLESKY, DIVIDE, FLOOR, GREATER, ISFINITE, LOG1P, LOOKUP, MATMUL, MAXIMUM, MINIMUM, MULTIPLY,
-    ROTATE, SOLVE, SQRT, SUBTRACT, WHERE, carried_out,
-)  # fmt: skip
 
-_ENTRYWISE = {
-    np.add: ADD, np.subtract: SUBTRACT, np.multiply: MULTIPLY, np.divide: DIVIDE, np.maximum: MAXIMUM,
-    np.minimum: MINIMUM, np.greater: GREATER, np.logical_and: MULTIPLY, np.bitwise_and: MULTIPLY, np.sqrt: SQRT,
-    np.absolute: ABSOLUTE, np.floor: FLOOR, np.isfinite: ISFINITE, np.log1p: LOG1P,
-}  # fmt: skip
+class Verb(IntEnum):
+    """What a sentence does; those from ADD to WHERE do it entry by entry."""
+
+    MATMUL = 0
+    ADD = 1
+    SUBTRACT = 2
+    MULTIPLY = 3
+    DIVIDE = 4
+    MAXIMUM = 5
+    MINIMUM = 6
+    GREATER = 7
+    SQRT = 8
+    ABSOLUTE = 9
+    FLOOR = 10
+    ISFINITE = 11
+    LOG1P = 12
+    WHERE = 13
+    SOLVE = 14
+    CHOLESKY = 15
+    ROTATE = 16
+    LOOKUP = 17
+
+
+_ENTRYWISE = {getattr(np, verb.name.lower()): verb for verb in Verb if Verb.ADD <= verb < Verb.WHERE}
+_ENTRYWISE |= {np.logical_and: Verb.MULTIPLY, np.bitwise_and: Verb.MULTIPLY}  # of masks
+_NOTHING = {Verb.ADD: 0.0, Verb.MULTIPLY: 1.0}
+"""What changes nothing."""
+
+
+def is_noted(value: Any) -> bool:
+    """Whether this is a `Symbol`: the formula that has it is noted, not computed."""
+    return isinstance(value, Symbol)
 
 
 class Symbol(NDArrayOperatorsMixin):
@@ -65,9 +89,14 @@ class Symbol(NDArrayOperatorsMixin):
         return len(self.shape)
 
     @property
-    def mT(self) -> "Symbol":  # noqa: N802  (NumPy's name)
+    def mT(self) -> "Symbol":
         """The transposed matrix."""
         return Symbol(self.program, self.buffer, self.shape[::-1], self.start, self.steps[::-1])
+
+    def spread(self) -> "Symbol":
+        """The same, with steps that stay where there is one row or column only."""
+        steps = tuple(step if size > 1 else 0 for step, size in zip(self.steps, self.shape, strict=True))
+        return Symbol(self.program, self.buffer, self.shape, self.start, steps)
 
     def diagonal(self, offset: int = 0, axis1: int = -2, axis2: int = -1) -> "Symbol":
         """The diagonal of a matrix, whose axes are the last two."""
@@ -86,7 +115,9 @@ class Symbol(NDArrayOperatorsMixin):
         keys = list(key if isinstance(key, tuple) else (key,))
         others = [slice(None)] * (self.ndim - sum(each is not None and each is not Ellipsis for each in keys))
         keys = [*others, *keys[1:]] if keys[0] is Ellipsis else [*keys, *others]
-        axis, start, shape, steps = 0, self.start, [], []
+        axis, start = 0, self.start
+        shape: list[int] = []
+        steps: list[int] = []
         for each in keys:
             if each is None:
                 shape, steps = [*shape, 1], [*steps, 0]
@@ -110,6 +141,7 @@ class Program:
         self._constants: dict[int, np.ndarray] = {}  # what buffers hold that are the same for all rows
         self._loads: list[tuple[Symbol, int, int]] = []  # from which array, and its column
         self._tables: list[np.ndarray] = []
+        self._said: dict[Any, Symbol] = {}
         self.ask: Callable[..., Any]  # for what no formula says, see `estimators.filter.Filter`
         self.run: Callable[..., int]
 
@@ -120,7 +152,7 @@ class Program:
         self._sizes.append(math.prod(shape))
         return Symbol(self, len(self._sizes) - 1, shape)
 
-    def given(self, array: int, column: int, *shape: int) -> Symbol:
+    def given(self, array: int, column: int, *shape: int) -> Any:
         """What stands in an array that is given, from a column on."""
         symbol = self.symbol(*shape)
         self._loads.append((symbol, array, column))
@@ -140,29 +172,35 @@ class Program:
         self._constants[symbol.buffer] = array
         return symbol
 
-    def entrywise(self, verb: int, *parts: Any) -> Symbol:
+    def entrywise(self, verb: Verb, *parts: Any) -> Symbol:
         """Entry by entry, what has one row or column being the same in all."""
         operands = [self.of(part) for part in parts]
         shape = np.broadcast_shapes(*(operand.shape for operand in operands))
-        out = self.symbol(*shape)
+        for one, other in zip(operands, operands[::-1], strict=True):
+            constant = self._constants.get(one.buffer)
+            if constant is not None and other.shape == shape and (constant == _NOTHING.get(verb)).all():
+                return other
         rows, columns = (1,) * (2 - len(shape)) + shape
-        spread = [
-            Symbol(self, o.buffer, o.shape, o.start, tuple(s if k > 1 else 0 for s, k in zip(o.steps, o.shape, strict=True)))
-            for o in operands
-        ]
-        return self.say(verb, (rows, columns, 0), out, *spread)
+        return self.once(verb, (rows, columns, 0), shape, *(operand.spread() for operand in operands))
 
     def say(self, verb: int, sizes: tuple[int, int, int], out: Symbol, *parts: Symbol) -> Symbol:
         """A sentence."""
         self._sentences.append((verb, sizes, (out, *parts)))
         return out
 
+    def once(self, verb: int, sizes: tuple[int, int, int], shape: tuple[int, ...], *parts: Symbol) -> Symbol:
+        """A sentence that gives a new symbol, or the one that it gave before."""
+        key = verb, shape, *((part.buffer, part.start, part.shape, part.steps) for part in parts)
+        if key not in self._said:
+            self._said[key] = self.say(verb, sizes, self.symbol(*shape), *parts)
+        return self._said[key]
+
     def lookup(self, table: np.ndarray, index: Symbol) -> Symbol:
         """The matrix of a table ``(k, n, m)`` at an index, the first or last one beyond."""
         out, start = self.symbol(*table.shape[1:]), sum(each.size for each in self._tables)
         self._tables.append(table)
         where = Symbol(self, out.buffer, (), start, ())  # not a place in a buffer, but in the tables
-        return self.say(LOOKUP, (*table.shape[1:], len(table)), out, self.of(index), where)
+        return self.say(Verb.LOOKUP, (*table.shape[1:], len(table)), out, self.of(index), where)
 
     # --- carrying out -----------------------------------------------------------------------------
 
@@ -171,6 +209,8 @@ class Program:
 
         Numbers are laid out so that buffers which are no longer needed give their place to later ones.
         """
+        from estimators.sentences import carried_out  # late: whoever only imports a filter need not wait for numba
+
         results = [(self.of(value), column) for value, column in wanted]
         last = {part.buffer: i for i, (_, _, parts) in enumerate(self._sentences) for part in parts}
         last |= {symbol.buffer: len(self._sentences) for symbol, _ in results}
@@ -194,7 +234,7 @@ class Program:
         for i, (verb, sizes, parts) in enumerate(self._sentences):
             words = [verb, *sizes]
             for part in parts:
-                table = verb == LOOKUP and part is parts[2]
+                table = verb == Verb.LOOKUP and part is parts[2]
                 words += [part.start + (0 if table else placed(part.buffer))]
                 words += [0] * (2 - part.ndim) + list(part.steps)
             code.append(words + [0] * (16 - len(words)))
@@ -209,14 +249,14 @@ class Program:
             shape, steps = (1,) * (2 - symbol.ndim) + symbol.shape, (0,) * (2 - symbol.ndim) + symbol.steps
             stores.append((column, *shape, placed(symbol.buffer) + symbol.start, *steps))
         header = [len(code), len(where), len(loads), len(stores), size]
-        words = np.array([*header, *np.ravel(code), *where, *np.ravel(loads), *np.ravel(stores)], np.int64)
+        told = np.array([*header, *np.ravel(code), *where, *np.ravel(loads), *np.ravel(stores)], np.int64)
         numbers = np.concatenate([values, *(np.ravel(table) for table in self._tables)])
-        self.run = partial(carried_out, words, numbers)
+        self.run = partial(carried_out, told, numbers)
 
 
 def _matmul(program: Program, a: Any, b: Any) -> Symbol:
     a, b = program.of(a), program.of(b)
-    return program.say(MATMUL, (a.shape[0], b.shape[1], a.shape[1]), program.symbol(a.shape[0], b.shape[1]), a, b)
+    return program.once(Verb.MATMUL, (a.shape[0], b.shape[1], a.shape[1]), (a.shape[0], b.shape[1]), a, b)
 
 
 def _matvec(program: Program, a: Any, x: Any) -> Symbol:
@@ -224,7 +264,7 @@ def _matvec(program: Program, a: Any, x: Any) -> Symbol:
 
 
 def _where(program: Program, mask: Any, a: Any, b: Any) -> Symbol:
-    return program.entrywise(WHERE, mask, a, b)
+    return program.entrywise(Verb.WHERE, mask, a, b)
 
 
 def _concatenate(program: Program, parts: Any, axis: int = 0) -> Symbol:
@@ -238,14 +278,14 @@ def _concatenate(program: Program, parts: Any, axis: int = 0) -> Symbol:
         own = slice(first, first + part.shape[axis])
         first = own.stop
         rows, columns = (1,) * (2 - part.ndim) + part.shape
-        program.say(ADD, (rows, columns, 0), whole[(slice(None),) * axis + (own,)], part, program.of(0.0))
+        program.say(Verb.ADD, (rows, columns, 0), whole[(slice(None),) * axis + (own,)], part, program.of(0.0))
     return whole
 
 
 def _solve(program: Program, s: Any, b: Any) -> Symbol:
     s, b = program.of(s), program.of(b)
     n, k = b.shape
-    return program.say(SOLVE, (n, k, 0), program.symbol(n, k), s, b, program.symbol(n, n))
+    return program.say(Verb.SOLVE, (n, k, 0), program.symbol(n, k), s, b, program.symbol(n, n))
 
 
 _WRITTEN: dict[Any, Callable[..., Symbol]] = {
@@ -255,22 +295,22 @@ _WRITTEN: dict[Any, Callable[..., Symbol]] = {
     np.where: _where,
     np.concatenate: _concatenate,
     np.linalg.solve: _solve,
-    np.negative: lambda program, a: program.entrywise(SUBTRACT, 0.0, a),
-    np.square: lambda program, a: program.entrywise(MULTIPLY, a, a),
+    np.negative: lambda program, a: program.entrywise(Verb.SUBTRACT, 0.0, a),
+    np.square: lambda program, a: program.entrywise(Verb.MULTIPLY, a, a),
     np.remainder: lambda program, a, b: a - b * np.floor(a / b),
-    np.less: lambda program, a, b: program.entrywise(GREATER, b, a),
-    np.logical_not: lambda program, a: program.entrywise(SUBTRACT, 1.0, a),
-    np.invert: lambda program, a: program.entrywise(SUBTRACT, 1.0, a),
+    np.less: lambda program, a, b: program.entrywise(Verb.GREATER, b, a),
+    np.logical_not: lambda program, a: program.entrywise(Verb.SUBTRACT, 1.0, a),
+    np.invert: lambda program, a: program.entrywise(Verb.SUBTRACT, 1.0, a),
 }
 
 
-def root_of(s: Symbol) -> Symbol:
+def root_of(s: Any) -> Any:
     """Lower triangular L with ``L L' = S``, positive semidefinite; see `estimators.linalg.semidefinite_cholesky`."""
     n = s.shape[0]
-    return s.program.say(CHOLESKY, (n, n, 0), s.program.symbol(n, n), s)
+    return s.program.say(Verb.CHOLESKY, (n, n, 0), s.program.symbol(n, n), s)
 
 
-def rotated(a: Symbol) -> tuple[Symbol, Symbol]:
+def rotated(a: Any) -> tuple[Any, Any]:
     """``A V`` with orthogonal columns, and the rotation V: the singular value decomposition but for dividing.
 
     Source: Hestenes (1958), Inversion of matrices by biorthogonalization; de Rijk (1989) for its accuracy.
@@ -279,4 +319,4 @@ def rotated(a: Symbol) -> tuple[Symbol, Symbol]:
     if n == 1:
         return a, program.of(np.ones((1, 1)))
     turned = program.symbol(m, n)
-    return turned, program.say(ROTATE, (m, n, 0), program.symbol(n, n), turned, a)
+    return turned, program.say(Verb.ROTATE, (m, n, 0), program.symbol(n, n), turned, a)

@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 
-from estimators.formulas import Symbol, root_of, rotated
+from estimators.formulas import is_noted, root_of, rotated
 
 
 @cache
@@ -56,7 +56,7 @@ def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 def joined(parts: Sequence[np.ndarray], axis: int) -> np.ndarray:
     """Matrices ``(..., i, j)`` below (axis -2) or beside (axis -1) each other, one batch for all."""
-    if not any(isinstance(part, Symbol) for part in parts):
+    if not any(is_noted(part) for part in parts):
         batch = np.broadcast_shapes(*(part.shape[:-2] for part in parts))
         parts = [np.broadcast_to(part, batch + part.shape[-2:]) for part in parts]
     return np.concatenate(parts, axis)
@@ -82,9 +82,9 @@ def solve(s: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def singular(a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Singular values ``(..., n)`` of ``A (..., m, n)``, zeros among them, and V ``(..., n, n)`` whose columns they are of."""
+    """Singular values ``(..., n)`` of ``A (..., m, n)``, zeros among them, and V ``(..., n, n)``, column by column."""
     n = a.shape[-1]
-    if isinstance(a, Symbol):
+    if is_noted(a):
         turned, V = rotated(a)
         return np.sqrt(np.square(turned).sum(-2)), V
     _, found, directions = np.linalg.svd(a)
@@ -99,7 +99,7 @@ def semidefinite_cholesky(a: np.ndarray) -> np.ndarray:
     A pivot that is zero to rounding gives a column of zeros, where `numpy.linalg.cholesky` would raise. Column by
     column over the whole batch, which for a few states is as fast.
     """
-    if isinstance(a, Symbol):
+    if is_noted(a):
         return root_of(a)
     n = a.shape[-1]
     rest, root = np.array(a), np.zeros(a.shape)

@@ -9,13 +9,14 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
+from typing import Any
 
 import numpy as np
 from scipy.linalg import expm
 
 from estimators.angles import difference, short_way
 from estimators.checks import as_array, shown, whole
-from estimators.formulas import Symbol
+from estimators.formulas import is_noted
 from estimators.linalg import congruence, neutralised
 
 Matrix = np.ndarray | Callable[[np.ndarray | None], np.ndarray]
@@ -26,8 +27,9 @@ def resolve(matrix: Matrix, u: np.ndarray | None) -> np.ndarray:
     """The matrix itself, or its value at the known input ``u`` when it is a function of it."""
     if not callable(matrix):
         return matrix
-    if isinstance(u, Symbol):
-        return matrix.noted(u) if isinstance(matrix, Schedule) else u.program.ask(lambda belief, u, R: matrix(u), 2)
+    if is_noted(u):
+        program: Any = u.program  # type: ignore[union-attr]
+        return matrix.noted(u) if isinstance(matrix, Schedule) else program.ask(lambda belief, u, R: matrix(u), 2)
     return matrix(u)
 
 
@@ -54,7 +56,7 @@ class Schedule:
         index = u[..., self.component] * self.scale + self.middle
         return self.table.take(index.astype(np.intp), axis=0, mode="clip")
 
-    def noted(self, u: Symbol) -> Symbol:
+    def noted(self, u: Any) -> Any:
         """The same where a formula is noted."""
         return u.program.lookup(self.table, u[..., self.component] * self.scale + self.middle)
 
@@ -521,7 +523,7 @@ def usable(R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     Receivers report an unknown variance as NaN or infinity: such a reading tells nothing.
     """
     finite = np.isfinite(R.diagonal(0, -2, -1))
-    if isinstance(R, Symbol):
+    if is_noted(R):
         return neutralised(R, finite), finite
     return (R, finite) if finite.all() else (neutralised(R, finite), finite)
 

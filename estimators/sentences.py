@@ -1,22 +1,19 @@
 """What carries out the sentences of formulas (`estimators.formulas`), compiled once for all.
 
-Numbers stand in a scratch ``w (size, L)``, L rows of the batch side by side. A matrix is a place in it and two steps: its
-entry (i, j) is ``w[place + i * step + j * other]``; transposed and cut out of others it needs no copy.
+Numbers stand in a scratch ``w (size, L)``, L rows of the batch side by side. A matrix is a place in it and two steps:
+its entry (i, j) is ``w[place + i * step + j * other]``; transposed and cut out of others it needs no copy.
 """
-
-from typing import Any
 
 import numpy as np
 from numba import njit
 
 from estimators.compiled import inlined, lazy
+from estimators.formulas import Verb
 
 LANES = 64
 """Rows side by side."""
 
-(MATMUL, ADD, SUBTRACT, MULTIPLY, DIVIDE, MAXIMUM, MINIMUM, GREATER, WHERE, SQRT, ABSOLUTE, FLOOR, ISFINITE, LOG1P,
- SOLVE, CHOLESKY, ROTATE, LOOKUP) = range(18)  # fmt: skip
-"""The verbs."""
+
 _WORDS = 16  # a sentence: its verb, three sizes, then four places and their steps
 _EPS = float(np.finfo(float).eps)
 _SWEEPS = 30
@@ -67,29 +64,29 @@ def _matmul(w: np.ndarray, s: np.ndarray) -> None:
 
 @inlined
 def _entry(verb: int, a: float, b: float, c: float) -> float:
-    if verb == ADD:
+    if verb == Verb.ADD:
         return a + b
-    if verb == SUBTRACT:
+    if verb == Verb.SUBTRACT:
         return a - b
-    if verb == MULTIPLY:
+    if verb == Verb.MULTIPLY:
         return a * b
-    if verb == DIVIDE:
+    if verb == Verb.DIVIDE:
         return a / b
-    if verb == MAXIMUM:
+    if verb == Verb.MAXIMUM:
         return a if a > b or np.isnan(a) else b
-    if verb == MINIMUM:
+    if verb == Verb.MINIMUM:
         return a if a < b or np.isnan(a) else b
-    if verb == GREATER:
+    if verb == Verb.GREATER:
         return 1.0 if a > b else 0.0
-    if verb == WHERE:
+    if verb == Verb.WHERE:
         return b if a != 0.0 else c
-    if verb == SQRT:
+    if verb == Verb.SQRT:
         return np.sqrt(a)
-    if verb == ABSOLUTE:
+    if verb == Verb.ABSOLUTE:
         return abs(a)
-    if verb == FLOOR:
+    if verb == Verb.FLOOR:
         return np.floor(a)
-    if verb == ISFINITE:
+    if verb == Verb.ISFINITE:
         return 1.0 if a - a == 0.0 else 0.0
     return np.log1p(a)
 
@@ -104,14 +101,14 @@ def _entrywise(w: np.ndarray, s: np.ndarray) -> None:
             b, c = s[10] + i * s[11] + j * s[12], s[13] + i * s[14] + j * s[15]
             if w.shape[1] == 1:
                 w[out, 0] = _entry(verb, w[a, 0], w[b, 0], w[c, 0])
-            elif verb == ADD:
-                _each(ADD, w[out], w[a], w[b], w[c])
-            elif verb == SUBTRACT:
-                _each(SUBTRACT, w[out], w[a], w[b], w[c])
-            elif verb == MULTIPLY:
-                _each(MULTIPLY, w[out], w[a], w[b], w[c])
-            elif verb == WHERE:
-                _each(WHERE, w[out], w[a], w[b], w[c])
+            elif verb == Verb.ADD:
+                _each(Verb.ADD, w[out], w[a], w[b], w[c])
+            elif verb == Verb.SUBTRACT:
+                _each(Verb.SUBTRACT, w[out], w[a], w[b], w[c])
+            elif verb == Verb.MULTIPLY:
+                _each(Verb.MULTIPLY, w[out], w[a], w[b], w[c])
+            elif verb == Verb.WHERE:
+                _each(Verb.WHERE, w[out], w[a], w[b], w[c])
             else:
                 _each(verb, w[out], w[a], w[b], w[c])
 
@@ -241,10 +238,11 @@ def _lookup(w: np.ndarray, s: np.ndarray, numbers: np.ndarray) -> None:
                 w[s[4] + i * s[5] + j * s[6], r] = numbers[s[10] + entry * size + i * s[2] + j]
 
 
-_ARRAYS = "int64[::1], float64[::1], float64[:, ::1], float64[:, ::1], float64[:, ::1], boolean[:, ::1], float64[:, ::1]"
+_X = "float64[:, ::1]"
+_ARGUMENTS = f"int64(int64[::1], float64[::1], {_X}, {_X}, {_X}, boolean[:, ::1], {_X}, {_X})"
 
 
-@lazy(lambda f: njit(f"int64({_ARRAYS}, float64[:, ::1])", error_model="numpy", nogil=True, cache=True)(f))
+@lazy(lambda f: njit(_ARGUMENTS, error_model="numpy", nogil=True, cache=True)(f))
 def carried_out(
     words: np.ndarray, numbers: np.ndarray, first: np.ndarray, second: np.ndarray, third: np.ndarray, mask: np.ndarray,
     fourth: np.ndarray, out: np.ndarray,
@@ -289,15 +287,15 @@ def carried_out(
         for i in range(sentences):
             sentence = words[5 + _WORDS * i : 5 + _WORDS * (i + 1)]
             verb = sentence[0]
-            if verb == MATMUL:
+            if verb == Verb.MATMUL:
                 _matmul(w, sentence)
-            elif verb < SOLVE:
+            elif verb < Verb.SOLVE:
                 _entrywise(w, sentence)
-            elif verb == SOLVE:
+            elif verb == Verb.SOLVE:
                 _solve(w, sentence)
-            elif verb == CHOLESKY:
+            elif verb == Verb.CHOLESKY:
                 _cholesky(w, sentence)
-            elif verb == ROTATE:
+            elif verb == Verb.ROTATE:
                 _rotate(w, sentence)
             else:
                 _lookup(w, sentence, tables)

@@ -7,7 +7,7 @@ import numpy as np
 
 from estimators.belief import Belief, DelayedInputBelief, InputBelief
 from estimators.filter import Filter, Model, Rng
-from estimators.formulas import Symbol
+from estimators.formulas import is_noted
 from estimators.kalman import driven_prediction, input_covariance, unseen_input
 from estimators.linalg import congruence, identity, inverse, joined, singular, solve, symmetrise
 from estimators.models import LinearModel, resolve
@@ -51,9 +51,7 @@ class UnknownInputFilter(Filter[WithInput]):
         return congruence(identity(self.model.q) - observed, self.input_prior)
 
 
-def unbiased_gain(
-    F: np.ndarray, SF: np.ndarray, whole: np.ndarray, units: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def unbiased_gain(F: np.ndarray, SF: np.ndarray, whole: np.ndarray, units: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The best linear unbiased estimate ``M e`` of ``d`` from ``e = F d`` and noise of covariance S.
 
     ``M = (F' S^-1 F)^-1 F' S^-1``, restricted to the directions that F shows. Directions are told apart with each input
@@ -193,7 +191,7 @@ class DelayedInputFilter(UnknownInputFilter[Delayed]):
         if not callable(self.model.G):
             return None
         G = self.model.input_matrix(belief.mean, u)
-        return G if isinstance(G, Symbol) else np.broadcast_to(G, belief.mean.shape[:-1] + G.shape[-2:])
+        return G if is_noted(G) else np.broadcast_to(G, belief.mean.shape[:-1] + G.shape[-2:])
 
     def _covariance(self, belief: Delayed) -> np.ndarray:
         """The state's covariance, with the input that an earlier prediction left open if it never met its reading."""

@@ -51,9 +51,7 @@ class SigmaPoints(Filter[Record]):
         mean, slopes, excess = self._transform("transition", mean, root, u, model.n, model.state_angles)
         return mean, slopes.mT @ slopes + excess
 
-    def _linearise(
-        self, belief: Record, u: np.ndarray | None
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    def _linearise(self, belief: Record, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
         model, mean = self.model, belief.mean
         if isinstance(model, LinearModel):
             return super()._linearise(belief, u)
