@@ -37,7 +37,6 @@ from scripts.flights import STEPS, Flight, units
 from vessel_gym.core import Core
 from vessel_gym.extras import require
 from vessel_gym.loop import Loop
-from vessel_gym.streams import Draws
 
 CORVETTE = "SigmaCorvette-v0"
 BATCH = 256
@@ -287,7 +286,7 @@ class Clock:
         filter, process = type(core.filter), type(core.forces.disturbance.process)
         timed: dict[str, list[tuple[type, str]]] = {
             "vehicle": [(type(core.vehicle), name) for name in ("actuate", "known_input", "step")],
-            "disturbance": [(process, "advance"), (Draws, "next"), (Core, "_forcing")],
+            "disturbance": [(process, "advance"), (Core, "_shaken_by"), (Core, "_forcing")],
             "sensors": [(Loop, "sense")], "prediction": [(filter, "predict")], "update": [(filter, "update")],
             "task": [(type(core.task), name) for name in ("commanded", "reference", "over", "score")],
             "observation": [(Core, "observe")], "info": [(Core, "info")],

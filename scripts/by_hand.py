@@ -1,13 +1,14 @@
 """What one would write or use instead of the package, and the floor: the arithmetic and random numbers alone."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from itertools import count, repeat
 from typing import Any
 
 import numpy as np
 from numba import njit
 
-from estimators import Gaussian, LinearModel, NonlinearModel, make
+from estimators import Gaussian, LinearModel, NonlinearModel, Numbers, make
 from estimators.models import resolve
 from vessel_gym.core import Core
 from vessel_gym.envs.sigma_corvette import SEAS, SIGMA_CORVETTE
@@ -191,11 +192,12 @@ def ours(name: str, rows: int, **options: Any) -> Step:
             filter = make(name, LinearModel(A, C, Q, R, G=G, H=H), **options)
         except ValueError:  # a filter without feedthrough
             filter = make(name, LinearModel(A, C, Q, R, G=G), **options)
-    rng = [np.random.default_rng(row) for row in range(rows)] if filter.random else None
-    belief = filter.init(start(rows), rng=rng)
+    drawn: Iterator[Any] = map(Numbers.seeded(range(rows)).at, count()) if filter.random else repeat(None)
+    belief = filter.init(start(rows), rng=next(drawn))
 
     def step(y: np.ndarray) -> np.ndarray:
         nonlocal belief
+        rng = next(drawn)
         belief = filter.update(filter.predict(belief, rng=rng), y, rng=rng)
         return belief.mean
 
@@ -284,9 +286,9 @@ def kalman_floor(rows: int, model: LinearModel | None = None, prior: Gaussian | 
 
 
 def ensemble_floor(rows: int, members: int) -> Step:
-    """A stochastic ensemble filter's arithmetic in NumPy and its normal numbers from one stream, few rows at a time.
+    """A stochastic ensemble filter's arithmetic in NumPy and its normal numbers from one generator, few rows at a time.
 
-    Leaves out what `kalman_floor` does, a stream for each row, centred noise, and the covariance that nobody asks for.
+    Leaves out what `kalman_floor` does, numbers of a row's own, centred noise, and the covariance that nobody asks for.
     """
     prior, rng = start(rows), np.random.default_rng(0)
     most = max(1, 1000 // members)  # whose members stay in the processor's cache

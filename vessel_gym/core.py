@@ -142,16 +142,15 @@ class Core:
         """Components of `truth`."""
         self._estimated = [self.truth_names.index(n) if n in self.truth_names else -1 for n in self.composition.names]
         self._based = [vehicle.state_names.index(name) for name in vehicle.estimated(vehicle.kinds[0])]
-        self._root = block_diag(self.forces.disturbance.white, process.root, bias.root)
-        biased = [sensor for sensor in self.sensors.each if sensor.bias is not None]
-        names = "disturbance", *(f"bias of {sensor.name}" for sensor in biased)
-        self._parts = np.array([word(name) for name in names], np.uint64)
-        # How many normal numbers each takes at a step, and at the start.
-        own = [(p.normals, p.start_root.shape[-1]) for p in (s.bias.process(vehicle.dt) for s in biased if s.bias)]
-        self._sizes = [(self.forces.disturbance.white.shape[-1] + process.normals, 0), *own]
+        biases = {f"bias of {s.name}": s.bias.process(vehicle.dt) for s in self.sensors.each if s.bias is not None}
+        self._parts = np.array([word(name) for name in ("disturbance", *biases)], np.uint64)
+        # What each part makes of its own normal numbers, at a step and at the start.
+        shaken = block_diag(self.forces.disturbance.white, process.root)
+        self._roots = [shaken, *(own.root for own in biases.values())]
+        self._start_roots = [process.start_root, *(own.start_root for own in biases.values())]
         self._kicked, self._shaken = columns(self.forces.shaken), slice(0, len(self.forces.shaken))
         self._drifting = slice(len(self.forces.shaken), len(self.forces.shaken) + process.size)
-        self._wandering = slice(self._drifting.stop, len(self._root))
+        self._wandering = slice(self._drifting.stop, self._drifting.stop + bias.size)
 
     def _attach_loop(self, name: str, estimation: Estimation) -> None:
         if hasattr(self, name):
@@ -319,20 +318,16 @@ class Core:
 
     def _begun(self, prior: Gaussian, numbers: Numbers) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """What the prior describes, the disturbance's state and the biases, drawn from what is known of them."""
-        process, n = self.forces.disturbance.process, len(self._based)
-        x = prior.mean + np.matvec(semidefinite_cholesky(prior.cov), numbers.of("vehicle").normals(n))
-        own = Numbers(numbers.keys[:, None]).of(self._parts)
-        z = np.matvec(process.start_root, own[:, 0].normals(process.start_root.shape[-1], use=1))
+        x = prior.mean + np.matvec(semidefinite_cholesky(prior.cov), numbers.of("vehicle").normals(len(self._based)))
+        z, *biases = _rooted(self._start_roots, Numbers(numbers.keys[:, None]).of(self._parts), use=1)
         if self.vehicle.carried is not None:
-            x += z @ (self.vehicle.carried @ self.forces.linear[len(self.vehicle.kicks) :]).T
-        biases = [own[:, i].normals(m, use=1) for i, (_, m) in enumerate(self._sizes) if i > 0]
-        bias = np.matvec(self.sensors.bias.start_root, np.concatenate([np.zeros((len(x), 0)), *biases], -1))
-        return x, z, bias
+            x += np.matvec(self.vehicle.carried @ self.forces.linear[len(self.vehicle.kicks) :], z)
+        return x, z, np.concatenate([np.zeros((len(x), 0)), *biases], -1)
 
     def _shaken_by(self, numbers: Numbers) -> np.ndarray:
         """What is new over a step: white kicks, then what moves the disturbance and the biases."""
-        normals = [numbers[:, i].normals(m) for i, (m, _) in enumerate(self._sizes)]
-        return np.matvec(self._root, normals[0] if len(normals) == 1 else np.concatenate(normals, -1))
+        parts = _rooted(self._roots, numbers, use=0)
+        return parts[0] if len(parts) == 1 else np.concatenate(parts, -1)
 
     def _known(self, prior: Gaussian, told: Composition) -> Gaussian:
         """What a filter knows at the start, of what it estimates."""
@@ -560,6 +555,11 @@ def joint_prior(cov: np.ndarray, forces: Forces, sensors: Sensors) -> np.ndarray
 def whole(value: object) -> bool:
     """Whether a value is a whole number: NumPy's too, but not True or 2.0."""
     return isinstance(value, int | np.integer) and not isinstance(value, bool)
+
+
+def _rooted(roots: list[np.ndarray], numbers: Numbers, use: int) -> list[np.ndarray]:
+    """For each part ``(B, k)`` numbers with the root ``(k, m)`` of a covariance, from ``numbers (B, parts)``."""
+    return [np.matvec(root, numbers[:, i].normals(root.shape[-1], use)) for i, root in enumerate(roots)]
 
 
 def _arrived(readings: Readings, shape: tuple[int, ...]) -> Readings:

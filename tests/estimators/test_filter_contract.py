@@ -7,7 +7,7 @@ import pickle
 import numpy as np
 import pytest
 
-from estimators import Belief, Filter, Gaussian, LinearModel, NonlinearModel, make, names
+from estimators import Belief, Filter, Gaussian, LinearModel, NonlinearModel, Numbers, make, names
 from tests.estimators.cases import (
     INPUT_PRIOR,
     Case,
@@ -174,14 +174,11 @@ def test_one_reading_mask_or_covariance_may_serve_every_row(case: Case):
     system = case.system(0)
     model, filter = system.model, case.make(system.model)
     p = model.p
-    streams = [np.random.default_rng(i) for i in range(3)]
-    belief = filter.predict(filter.init(system.rows(3), rng=streams), np.zeros((3, system.m)), rng=streams)
+    rng = Numbers.seeded(range(3))
+    belief = filter.predict(filter.init(system.rows(3), rng=rng), np.zeros((3, system.m)), rng=rng)
     y, mask, R = np.arange(1.0, p + 1.0), np.arange(p) != 1, 2.0 * model.R
-    streams = [[np.random.default_rng(i) for i in range(3)] for _ in range(2)]
-    one = filter.update(belief, y, available=mask, R=R, rng=streams[0])
-    each = filter.update(
-        belief, np.tile(y, (3, 1)), available=np.tile(mask, (3, 1)), R=np.tile(R, (3, 1, 1)), rng=streams[1]
-    )
+    one = filter.update(belief, y, available=mask, R=R, rng=rng)
+    each = filter.update(belief, np.tile(y, (3, 1)), available=np.tile(mask, (3, 1)), R=np.tile(R, (3, 1, 1)), rng=rng)
     assert_same(one, each, 1e-13)
 
 
@@ -192,11 +189,11 @@ def test_one_known_input_may_serve_every_row(case: Case):
     u, y = np.full(system.m, 0.3), np.full(system.model.p, 0.1)
 
     def run(u: np.ndarray, restart: bool) -> Belief:
-        streams = [np.random.default_rng(i) for i in range(3)]
-        belief = filter.predict(filter.init(system.rows(3), rng=streams), u, rng=streams)
+        rng = Numbers.seeded(range(3))
+        belief = filter.predict(filter.init(system.rows(3), rng=rng), u, rng=rng)
         if restart:
             belief = belief.replace(mean=np.where(np.arange(3)[:, None] == 1, np.nan, belief.mean))
-        return filter.update(belief, y, rng=streams)
+        return filter.update(belief, y, rng=rng)
 
     assert_same(run(u, False), run(np.tile(u, (3, 1)), False), 1e-13, ignore=["u"])
     # Rows stay rows: the shared input neither breaks a selection nor the recovery of a lost row.

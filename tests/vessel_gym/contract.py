@@ -49,6 +49,8 @@ CARRIED = [(key, name) for key in ENVIRONMENTS for name in estimator_names() if 
 BLIND = [(key, name) for key, name in CARRIED if name != "truth"]
 """Every pair: for what is cheap, and for what a filter may make of a vehicle's own numbers."""
 MODES = ("mean", "mean+std", "measurement")
+NATURE = "truth", "unknown_input", "parameters", "measurement", "available"
+"""Keys of info that are the same to the last bit in every batch, under equal actions."""
 BROKEN = SensorSuite(noise=1.0, dropout=0.7, outliers=0.2, outlier_scale=1e4)
 """Worse than any suite that users can choose: long gaps and absurd readings."""
 

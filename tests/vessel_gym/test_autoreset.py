@@ -6,7 +6,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
-from contract import ENVIRONMENTS, FEW_MEMBERS, assert_same_tree, make_batch, random_walk, row_of, single_class
+from contract import ENVIRONMENTS, FEW_MEMBERS, NATURE, assert_same_tree, make_batch, random_walk, row_of, single_class
 from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers.vector import RecordEpisodeStatistics
@@ -100,7 +100,8 @@ def assert_same_episode(one: tuple[Any, ...], other: tuple[Any, ...], where: str
         assert_same_tree(np.asarray(a), np.asarray(b), where, EXACT)
     assert set(one[-1]) == set(other[-1])
     for key, value in other[-1].items():
-        assert_same_tree(np.asarray(one[-1][key]), np.asarray(value), f"{where}, {key}", EXACT)
+        tolerance = 0.0 if key in NATURE else EXACT
+        assert_same_tree(np.asarray(one[-1][key]), np.asarray(value), f"{where}, {key}", tolerance)
 
 
 @pytest.mark.slow
