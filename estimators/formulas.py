@@ -40,6 +40,7 @@ class Verb(IntEnum):
     CHOLESKY = 15
     ROTATE = 16
     LOOKUP = 17
+    SYMMETRISE = 18
 
 
 _ENTRYWISE = {getattr(np, verb.name.lower()): verb for verb in Verb if Verb.ADD <= verb < Verb.WHERE}
@@ -77,6 +78,9 @@ class Symbol(NDArrayOperatorsMixin):
         if function not in _WRITTEN:
             raise TypeError(f"a formula that is to be compiled cannot have np.{function.__name__} in it")
         return _WRITTEN[function](self.program, *args, **kwargs)
+
+    def __len__(self) -> int:
+        return self.shape[0]
 
     @property
     def size(self) -> int:
@@ -181,7 +185,7 @@ class Program:
             if constant is not None and other.shape == shape and (constant == _NOTHING.get(verb)).all():
                 return other
         rows, columns = (1,) * (2 - len(shape)) + shape
-        return self.once(verb, (rows, columns, 0), shape, *(operand.spread() for operand in operands))
+        return self.once(verb, (rows, columns, 1), shape, *(operand.spread() for operand in operands))
 
     def say(self, verb: int, sizes: tuple[int, int, int], out: Symbol, *parts: Symbol) -> Symbol:
         """A sentence."""
@@ -232,7 +236,7 @@ class Program:
             placed(buffer)
         code = []
         for i, (verb, sizes, parts) in enumerate(self._sentences):
-            words = [verb, *sizes]
+            words = [verb, *(_side_by_side(sizes, parts) if Verb.ADD <= verb <= Verb.WHERE else sizes)]
             for part in parts:
                 table = verb == Verb.LOOKUP and part is parts[2]
                 words += [part.start + (0 if table else placed(part.buffer))]
@@ -252,6 +256,17 @@ class Program:
         told = np.array([*header, *np.ravel(code), *where, *np.ravel(loads), *np.ravel(stores)], np.int64)
         numbers = np.concatenate([values, *(np.ravel(table) for table in self._tables)])
         self.run = partial(carried_out, told, numbers)
+
+
+def _side_by_side(sizes: tuple[int, int, int], parts: tuple[Symbol, ...]) -> tuple[int, int, int]:
+    """Rows, columns, and how many entries lie side by side in every part, so that they can be done at once."""
+    rows, columns, _ = sizes
+    steps = [(0,) * (2 - part.ndim) + tuple(part.steps) for part in parts]
+    if columns > 1 and any(step != 1 for _, step in steps):
+        return sizes
+    if rows == 1 or all(step == columns for step, _ in steps):
+        return 1, 1, rows * columns
+    return rows, 1, columns
 
 
 def _matmul(program: Program, a: Any, b: Any) -> Symbol:
@@ -278,7 +293,7 @@ def _concatenate(program: Program, parts: Any, axis: int = 0) -> Symbol:
         own = slice(first, first + part.shape[axis])
         first = own.stop
         rows, columns = (1,) * (2 - part.ndim) + part.shape
-        program.say(Verb.ADD, (rows, columns, 0), whole[(slice(None),) * axis + (own,)], part, program.of(0.0))
+        program.say(Verb.ADD, (rows, columns, 1), whole[(slice(None),) * axis + (own,)], part, program.of(0.0))
     return whole
 
 
@@ -302,6 +317,11 @@ _WRITTEN: dict[Any, Callable[..., Symbol]] = {
     np.logical_not: lambda program, a: program.entrywise(Verb.SUBTRACT, 1.0, a),
     np.invert: lambda program, a: program.entrywise(Verb.SUBTRACT, 1.0, a),
 }
+
+
+def symmetric(a: Any) -> Any:
+    """``(A + A') / 2``."""
+    return a.program.once(Verb.SYMMETRISE, (len(a), len(a), 0), a.shape, a)
 
 
 def root_of(s: Any) -> Any:

@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 
-from estimators.formulas import is_noted, root_of, rotated
+from estimators.formulas import is_noted, root_of, rotated, symmetric
 
 
 @cache
@@ -19,7 +19,7 @@ def identity(n: int) -> np.ndarray:
 
 def symmetrise(a: np.ndarray) -> np.ndarray:
     """The symmetric part of ``(..., n, n)``, so that rounding never accumulates."""
-    return 0.5 * (a + a.mT)
+    return symmetric(a) if is_noted(a) else 0.5 * (a + a.mT)
 
 
 def congruence(a: np.ndarray, p: np.ndarray) -> np.ndarray:

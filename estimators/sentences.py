@@ -56,10 +56,28 @@ def _matmul(w: np.ndarray, s: np.ndarray) -> None:
             z, x, y = w[out], w[a], w[b]
             for r in range(w.shape[1]):
                 z[r] = x[r] * y[r]
-            for k in range(1, s[3]):
-                x, y = w[a + k * s[9]], w[b + k * s[11]]
+            for k in range(1, s[3] - 1, 2):  # two at once, added one after the other
+                x, y, u, v = w[a + k * s[9]], w[b + k * s[11]], w[a + (k + 1) * s[9]], w[b + (k + 1) * s[11]]
+                for r in range(w.shape[1]):
+                    z[r] = (z[r] + x[r] * y[r]) + u[r] * v[r]
+            if s[3] % 2 == 0:
+                x, y = w[a + (s[3] - 1) * s[9]], w[b + (s[3] - 1) * s[11]]
                 for r in range(w.shape[1]):
                     z[r] += x[r] * y[r]
+
+
+@_part
+def _symmetrise(w: np.ndarray, s: np.ndarray) -> None:
+    """``(A + A') / 2``."""
+    for i in range(s[1]):
+        for j in range(i + 1):
+            out, other = w[s[4] + i * s[5] + j * s[6]], w[s[4] + j * s[5] + i * s[6]]
+            a, b = w[s[7] + i * s[8] + j * s[9]], w[s[7] + j * s[8] + i * s[9]]
+            for r in range(w.shape[1]):
+                out[r] = 0.5 * (a[r] + b[r])
+            if i != j:
+                for r in range(w.shape[1]):
+                    other[r] = out[r]
 
 
 @inlined
@@ -93,24 +111,27 @@ def _entry(verb: int, a: float, b: float, c: float) -> float:
 
 @_part
 def _entrywise(w: np.ndarray, s: np.ndarray) -> None:
-    """Entry by entry."""
-    verb = s[0]
+    """Entry by entry, as many at once as lie side by side in all matrices."""
+    verb, rows, flat = s[0], w.shape[1], w.ravel()
+    size = s[3] * rows
     for i in range(s[1]):
         for j in range(s[2]):
-            out, a = s[4] + i * s[5] + j * s[6], s[7] + i * s[8] + j * s[9]
-            b, c = s[10] + i * s[11] + j * s[12], s[13] + i * s[14] + j * s[15]
-            if w.shape[1] == 1:
-                w[out, 0] = _entry(verb, w[a, 0], w[b, 0], w[c, 0])
-            elif verb == Verb.ADD:
-                _each(Verb.ADD, w[out], w[a], w[b], w[c])
+            o, a = rows * (s[4] + i * s[5] + j * s[6]), rows * (s[7] + i * s[8] + j * s[9])
+            b, c = rows * (s[10] + i * s[11] + j * s[12]), rows * (s[13] + i * s[14] + j * s[15])
+            if size == 1:
+                flat[o] = _entry(verb, flat[a], flat[b], flat[c])
+                continue
+            out, x, y, z = flat[o : o + size], flat[a : a + size], flat[b : b + size], flat[c : c + size]
+            if verb == Verb.ADD:
+                _each(Verb.ADD, out, x, y, z)
             elif verb == Verb.SUBTRACT:
-                _each(Verb.SUBTRACT, w[out], w[a], w[b], w[c])
+                _each(Verb.SUBTRACT, out, x, y, z)
             elif verb == Verb.MULTIPLY:
-                _each(Verb.MULTIPLY, w[out], w[a], w[b], w[c])
+                _each(Verb.MULTIPLY, out, x, y, z)
             elif verb == Verb.WHERE:
-                _each(Verb.WHERE, w[out], w[a], w[b], w[c])
+                _each(Verb.WHERE, out, x, y, z)
             else:
-                _each(verb, w[out], w[a], w[b], w[c])
+                _each(verb, out, x, y, z)
 
 
 @inlined
@@ -289,10 +310,12 @@ def carried_out(
             verb = sentence[0]
             if verb == Verb.MATMUL:
                 _matmul(w, sentence)
-            elif verb < Verb.SOLVE:
+            elif verb <= Verb.WHERE:
                 _entrywise(w, sentence)
             elif verb == Verb.SOLVE:
                 _solve(w, sentence)
+            elif verb == Verb.SYMMETRISE:
+                _symmetrise(w, sentence)
             elif verb == Verb.CHOLESKY:
                 _cholesky(w, sentence)
             elif verb == Verb.ROTATE:

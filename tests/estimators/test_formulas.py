@@ -1,0 +1,183 @@
+"""Formulas of small matrices: what is carried out compiled is what NumPy computes, for every row by itself."""
+
+import pickle
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from estimators import Belief, Filter, Gaussian, LinearModel, Schedule, make
+from estimators.filter import Model, Rng
+from estimators.formulas import Program
+from estimators.linalg import inverse, joined, semidefinite_cholesky, singular, solve, symmetrise
+from estimators.reading import Reading
+from tests.estimators.cases import Case, arrays, assert_same, every_case, random_covariance, simulate, some_readings
+
+ROWS = (1, 2, 63, 64, 65, 200)
+"""Of one row, of a block and of several, one of them not full."""
+FORMULAS: dict[str, Callable[..., Any]] = {
+    "sums": lambda S, B, x, m: S @ B - 2.0 * B + B / 3.0,
+    "transposed": lambda S, B, x, m: (S @ B).mT @ S,
+    "vectors": lambda S, B, x, m: np.matvec(S, x) + np.vecmat(x, S) - x,
+    "slices": lambda S, B, x, m: joined([B[..., 1:, :], B[..., :1, ::-1]], -2) + B[..., 2, None, :],
+    "beside": lambda S, B, x, m: joined([S, B, np.eye(3)], -1),
+    "masks": lambda S, B, x, m: np.where((m & np.isfinite(x))[..., None], B, 0.0) + np.where(~m, x, 1.0)[..., None],
+    "sizes": lambda S, B, x, m: np.maximum(np.abs(x), 0.5) - np.minimum(np.square(x), 0.5) + np.sqrt(x * x),
+    "comparisons": lambda S, B, x, m: np.where(x > 0.1, x, -x) + np.where(x < -0.2, np.floor(x), np.log1p(x * x)),
+    "sums of entries": lambda S, B, x, m: B.sum(-2).sum(-1) + B.sum(-1).sum(-1) * B.sum((-2, -1)) + x.sum(-1),
+    "diagonal": lambda S, B, x, m: S.diagonal(0, -2, -1) - np.remainder(x, 0.7),
+    "solve": lambda S, B, x, m: solve(S, B),
+    "inverse": lambda S, B, x, m: inverse(S) + inverse(S[..., :1, :1]),
+    "cholesky": lambda S, B, x, m: semidefinite_cholesky(S),
+    "cholesky of less than full rank": lambda S, B, x, m: semidefinite_cholesky(B @ B.mT) @ semidefinite_cholesky(B @ B.mT).mT,
+    "symmetrise": lambda S, B, x, m: symmetrise(S @ S),
+    "singular values": lambda S, B, x, m: (singular(B)[1] * singular(B)[0][..., None, :]) @ singular(B)[1].mT,
+    "squared": lambda S, B, x, m: (singular(S)[1] * np.square(singular(S)[0])[..., None, :]) @ singular(S)[1].mT,
+}  # fmt: skip
+
+
+def carried_out(formula: Callable[..., Any], S: np.ndarray, B: np.ndarray, x: np.ndarray, m: np.ndarray) -> np.ndarray:
+    """The formula of ``S (B, 3, 3)``, ``B (B, 3, 2)``, ``x (B, 3)`` and a mask ``m (B, 3)``, compiled."""
+    program, rows = Program(), len(x)
+    given = program.given(0, 0, 3, 3), program.given(1, 0, 3, 2), program.given(2, 0, 3), program.given(3, 0, 3)
+    result = formula(*given)
+    program.finish([(result, 0), (0.0, result.size)])
+    out = np.empty((rows, result.size + 1))
+    program.run(S.reshape(rows, -1), B.reshape(rows, -1), x, m, x, out)
+    return out[:, :-1].reshape((rows, *result.shape))
+
+
+def given(rows: int) -> tuple[np.ndarray, ...]:
+    rng = np.random.default_rng(rows)
+    mask = rng.random((rows, 3)) < 0.5
+    return random_covariance(rng, 3, (rows,)), rng.normal(size=(rows, 3, 2)), rng.normal(size=(rows, 3)), mask
+
+
+@pytest.mark.parametrize("rows", ROWS)
+@pytest.mark.parametrize("formula", FORMULAS.values(), ids=FORMULAS.keys())
+def test_what_is_carried_out_is_what_numpy_computes(formula: Callable[..., Any], rows: int):
+    parts = given(rows)
+    np.testing.assert_allclose(carried_out(formula, *parts), formula(*parts), rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("formula", FORMULAS.values(), ids=FORMULAS.keys())
+def test_a_row_is_the_same_to_the_last_bit_in_any_batch(formula: Callable[..., Any]):
+    parts = given(200)
+    whole = carried_out(formula, *parts)
+    for rows in (slice(7, 8), slice(60, 70), slice(3, 197)):
+        some = (np.ascontiguousarray(part[rows]) for part in parts)
+        np.testing.assert_array_equal(carried_out(formula, *some), whole[rows])
+
+
+def test_a_matrix_that_is_no_covariance_is_lost_and_no_other():
+    S, B, x, m = given(70)
+    S[5], S[66] = -np.eye(3), np.nan
+    solved = carried_out(FORMULAS["solve"], S, B, x, m)
+    lost = np.isin(np.arange(70), (5, 66))
+    assert np.isnan(solved[lost]).any((-2, -1)).all()
+    np.testing.assert_allclose(solved[~lost], np.linalg.solve(S[~lost], B[~lost]), rtol=0.0, atol=1e-12)
+
+
+def test_a_formula_that_cannot_be_compiled_is_refused():
+    program = Program()
+    x = program.given(0, 0, 3)
+    with pytest.raises(TypeError, match=r"cannot have np\.tanh in it"):
+        np.tanh(x)
+    with pytest.raises(TypeError, match=r"cannot have np\.cross in it"):
+        np.cross(x, x)
+    with pytest.raises(TypeError, match=r"use np\.where"):
+        if x > 0.0:
+            pass
+
+
+# --- filters ----------------------------------------------------------------------------------------
+
+
+@every_case("deterministic")
+def test_a_compiled_filter_is_the_same_source_over_numpy(case: Case):
+    """Step by step from the same belief, readings missing: no further apart than their rounding, entry for entry."""
+    compiled, plain = (case.make(case.system(3).model) for _ in range(2))
+    assert compiled._programs == {}
+    plain._programs = None
+    system = case.system(3)
+    record = simulate(system, 3, runs=70, steps=12)
+    available = some_readings(np.random.default_rng(3), compiled.model.p, 12, 70)
+    belief = compiled.init(system.rows(70))
+    for k in range(12):
+        after = [f.predict(belief, record.u[k]) for f in (compiled, plain)]
+        assert_same(*after, 1e-12)
+        after = [f.update(after[0], record.y[k], available=available[k]) for f in (compiled, plain)]
+        assert_same(*after, 1e-12 * condition(after[0]))
+        belief = after[0]
+
+
+def condition(belief: Belief) -> float:
+    """How much rounding a reading's covariance magnifies, 10 at least."""
+    assert belief.innovation_cov is not None
+    return max(10.0, float(np.linalg.cond(belief.innovation_cov).max()))
+
+
+@every_case("deterministic")
+def test_a_compiled_row_is_the_row_alone_to_the_last_bit(case: Case):
+    filter, system = case.make(case.system(4).model), case.system(4)
+    record = simulate(system, 4, runs=67, steps=5)
+    belief, alone = filter.init(system.rows(67)), filter.init(system.rows(1))
+    for k in range(5):
+        belief = filter.update(filter.predict(belief, record.u[k]), record.y[k])
+        alone = filter.update(filter.predict(alone, record.u[k, 65:66]), record.y[k, 65:66])
+    assert_same(belief[65:66], alone)
+
+
+def test_a_packed_belief_is_like_any_other():
+    model = LinearModel(np.eye(2), np.eye(2), np.eye(2), np.eye(2))
+    filter = make("kf", model)
+    belief = filter.update(filter.predict(filter.init(Gaussian(np.zeros((4, 2)), np.eye(2)))), np.ones((4, 2)))
+    again = pickle.loads(pickle.dumps(belief))
+    assert_same(belief, again)
+    assert_same(belief[1:3], again[1:3])
+    rows = np.array([True, False, False, True])
+    assert_same(belief.with_rows(rows, filter.init(Gaussian(np.ones((2, 2)), np.eye(2)))),
+                again.with_rows(rows, filter.init(Gaussian(np.ones((2, 2)), np.eye(2)))))  # fmt: skip
+    assert_same(filter.predict(belief), filter.predict(again))
+    with pytest.raises(AttributeError, match="has no attribute 'members'"):
+        _ = belief.members  # type: ignore[attr-defined]
+
+
+def test_a_schedule_is_looked_up_as_it_is_called():
+    table = np.random.default_rng(0).normal(size=(7, 2, 2)) * 0.3
+    schedule = Schedule(table, component=1, scale=2.0, middle=3.5)
+    model = LinearModel(schedule, np.eye(2), np.eye(2), np.eye(2))
+    called = LinearModel(lambda u: schedule(u), np.eye(2), np.eye(2), np.eye(2))
+    u = np.stack([np.zeros(90), np.linspace(-4.0, 4.0, 90)], -1)
+    one, other = (
+        f.predict(f.init(Gaussian(np.ones((90, 2)), np.eye(2))), u) for f in (make("kf", model), make("kf", called))
+    )
+    np.testing.assert_array_equal(one.mean, other.mean)
+    with pytest.raises(ValueError, match="needs a known input u"):
+        schedule(None)
+
+
+class Alpha(Filter[Belief]):
+    """A filter of one's own, of a constant gain."""
+
+    formulas = True
+
+    def _predict(self, belief: Belief, u: np.ndarray | None, rng: Rng) -> Belief:
+        mean, cov = self._asked("_moved", belief, u)
+        return Belief.predicted(belief, mean, cov, u)
+
+    def _update(self, belief: Belief, reading: Reading, rng: Rng) -> Belief:
+        mean = belief.mean + 0.5 * np.where(reading.available, reading.innovation, 0.0)
+        return Belief.updated(belief, mean, belief.cov, reading, belief.cov + reading.R)
+
+
+def test_a_filter_of_ones_own_may_be_formulas():
+    model: Model = LinearModel(0.9 * np.eye(2), np.eye(2), np.eye(2), np.eye(2))
+    own, plain = Alpha(model), Alpha(model)
+    plain._programs = None
+    y = np.random.default_rng(0).normal(size=(9, 2))
+    one, other = (f.update(f.predict(f.init(Gaussian(np.zeros((9, 2)), np.eye(2)))), y) for f in (own, plain))
+    assert own._programs
+    assert_same(one, other, 1e-15)
+    assert arrays(one).keys() == arrays(other).keys()
