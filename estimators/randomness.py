@@ -49,6 +49,8 @@ def _unsigned(number: Any) -> np.ndarray:
 class Numbers:
     """The random numbers of a batch of rows at one step.
 
+    Numbers of two kinds or purposes under one key need a ``use`` each, from 0 to below 2^16: they are made of one word.
+
     Attributes:
         keys: ``(..., 2)`` words, a key a row.
         step: ``(...)`` of which step they are.
