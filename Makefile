@@ -9,7 +9,7 @@ BIN := .venv/bin
 WORKERS := pytest -n 2 --dist worksteal
 
 .DEFAULT_GOAL := help
-.PHONY: help venv ablation test quick lint clean
+.PHONY: help venv ablation test quick nightly lint clean
 
 help:  ## Show this help
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -29,7 +29,10 @@ test: venv  ## Run the tests
 	$(BIN)/python -m $(WORKERS)
 
 quick: venv  ## Run those of the tests that take a minute in all
-	$(BIN)/python -m $(WORKERS) -m "not slow"
+	$(BIN)/python -m $(WORKERS) -m "not slow and not nightly"
+
+nightly: venv  ## Run the tests that take minutes: the quality of the random numbers
+	$(BIN)/python -m $(WORKERS) -m nightly
 
 lint: venv  ## Check style, format and types
 	$(BIN)/ruff check .

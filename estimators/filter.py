@@ -27,7 +27,7 @@ Other = TypeVar("Other", bound=Belief)
 class Filter(ABC, Generic[Record]):
     """A filter is immutable configuration; a `Belief` is what it believes.
 
-    Randomness is an argument (a Generator, or one a row), and filters without randomness ignore it. A filter of
+    Randomness is an argument (`Rng`), and filters without randomness ignore it. A filter of
     your own fills in ``_predict`` and ``_update``, and calls ``super().__init__(model)``. One whose beliefs are another
     record than `Belief` says so (``Filter[InputBelief]``, ``record``) and makes them so in ``_init``.
     """

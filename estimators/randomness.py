@@ -4,9 +4,7 @@ There is no state, so nothing has to be restarted or drawn in order: a number is
 whatever batch, and any step can be drawn again by itself. Each row has a key; those of its episodes, of their parts and
 of its filters are derived from it by numbers and names.
 
-The words are those of Threefry-2x64 with 13 rounds (Salmon, Moraes, Dror & Shaw 2011, Parallel random numbers: as easy
-as 1, 2, 3), a generator by counters that passes BigCrush; the normal numbers those of Box & Muller (1958), of sums,
-products and square roots alone, hence the same to the last bit on every processor.
+What computes them is in `estimators.threefry`.
 """
 
 from collections.abc import Sequence
@@ -17,128 +15,13 @@ from typing import Any
 
 import numpy as np
 
-from estimators.compiled import gufunc, inlined
 
-_U = np.uint64
-_LOW, _PARITY = _U(0xFFFFFFFF), _U(0x1BD11BDAA9FC1A22)
+@cache
+def _kernels() -> Any:
+    """What is compiled: imported when the first number is drawn, because Numba takes longer than all else together."""
+    from estimators import threefry
 
-
-# --- words ------------------------------------------------------------------------------------------
-
-
-@inlined
-def _mixed(x: Any, y: Any, bits: Any) -> tuple[Any, Any]:
-    x += y
-    return x, ((y << _U(bits)) | (y >> _U(64 - bits))) ^ x
-
-
-@inlined
-def _mixed_four_times(x: Any, y: Any, a: int, b: int, c: int, d: int) -> tuple[Any, Any]:
-    x, y = _mixed(x, y, a)
-    x, y = _mixed(x, y, b)
-    x, y = _mixed(x, y, c)
-    return _mixed(x, y, d)
-
-
-@inlined
-def threefry(c0: Any, c1: Any, k0: Any, k1: Any) -> tuple[Any, Any]:
-    """Two random words of a counter ``(c0, c1)`` under a key ``(k0, k1)``, all of 64 bits."""
-    k2 = _PARITY ^ k0 ^ k1
-    x, y = _mixed_four_times(c0 + k0, c1 + k1, 16, 42, 12, 31)
-    x, y = _mixed_four_times(x + k1, y + k2 + _U(1), 16, 32, 24, 21)
-    x, y = _mixed_four_times(x + k2, y + k0 + _U(2), 16, 42, 12, 31)
-    return _mixed(x + k0, y + k1 + _U(3), 16)
-
-
-@gufunc("void(uint64[:], uint64, uint64, uint64[:])", "(k),(),()->(k)")
-def _derived(key: np.ndarray, first: Any, second: Any, out: np.ndarray) -> None:
-    out[0], out[1] = threefry(first, second, key[0], key[1])
-
-
-# --- numbers ----------------------------------------------------------------------------------------
-
-
-@inlined
-def _log_unit(m: Any) -> float:
-    """``ln((m + 0.5) / 2^32)`` of a whole number below 2^32, without a branch, as fdlibm has it (Sun, 1993)."""
-    bits = np.float64(np.float64(m) + 0.5).view(np.int64)
-    exponent = (bits - np.int64(0x3FE6A09E667F3BCD)) >> np.int64(52)  # so that the rest lies within sqrt(2) of 1
-    f = np.int64(bits - (exponent << np.int64(52))).view(np.float64) - 1.0
-    s = f / (2.0 + f)
-    z = s * s
-    r = z * (
-        6.666666666666735130e-01 + z * (3.999999999940941908e-01 + z * (2.857142874366239149e-01
-        + z * (2.222219843214978396e-01 + z * (1.818357216161805012e-01 + z * (1.531383769920937332e-01
-        + z * 1.479819860511658591e-01)))))
-    )  # fmt: skip
-    half, k = 0.5 * f * f, np.float64(exponent - np.int64(32))
-    return k * 6.93147180369123816490e-01 - ((half - (s * (half + r) + k * 1.90821492927058770002e-10)) - f)
-
-
-@inlined
-def _sincos_of_turn(m: Any) -> tuple[float, float]:
-    """Sine and cosine of ``(m + 0.5) / 2^32`` turns, without a branch, by the polynomials of fdlibm (Sun, 1993)."""
-    quarter = (m + _U(0x20000000)) >> _U(30)
-    x = (np.float64(np.int64(m) - np.int64(quarter << _U(30))) + 0.5) * 1.4629180792671596e-09  # 2 pi / 2^32
-    z = x * x
-    sine = x + x * z * (
-        -1.66666666666666324348e-01 + z * (8.33333333332248946124e-03 + z * (-1.98412698298579493134e-04
-        + z * (2.75573137070700676789e-06 + z * (-2.50507602534068634195e-08 + z * 1.58969099521155010221e-10))))
-    )  # fmt: skip
-    cosine = 1.0 - 0.5 * z + z * z * (
-        4.16666666666666019037e-02 + z * (-1.38888888888741095749e-03 + z * (2.48015872894767294178e-05
-        + z * (-2.75573143513906633035e-07 + z * (2.08757232129817482790e-09 + z * -1.13596475577881948265e-11))))
-    )  # fmt: skip
-    odd = (quarter & _U(1)) != _U(0)
-    s, c = cosine if odd else sine, sine if odd else cosine
-    return (
-        -s if (quarter & _U(2)) != _U(0) else s,
-        -c if ((quarter + _U(1)) & _U(2)) != _U(0) else c,
-    )
-
-
-@inlined
-def normal_pair(word: Any) -> tuple[float, float]:
-    """Two independent standard normal numbers of a random word."""
-    radius = np.sqrt(-2.0 * _log_unit(word >> _U(32)))
-    sine, cosine = _sincos_of_turn(word & _LOW)
-    return radius * cosine, radius * sine
-
-
-@gufunc("void(uint64[:], uint64, uint64, float64[:], float64[:])", "(k),(),(),(m)->(m)")
-def _normals(key: np.ndarray, step: Any, use: Any, blank: np.ndarray, out: np.ndarray) -> None:
-    for i in range(0, len(out), 4):
-        first, second = threefry(_U(i // 4), (step << _U(16)) | use, key[0], key[1])
-        a, b = normal_pair(first)
-        c, d = normal_pair(second)
-        out[i] = a
-        if i + 1 < len(out):
-            out[i + 1] = b
-        if i + 2 < len(out):
-            out[i + 2] = c
-        if i + 3 < len(out):
-            out[i + 3] = d
-
-
-@gufunc("void(uint64[:], uint64, uint64, float64[:], float64[:])", "(k),(),(),(m)->(m)")
-def _uniforms(key: np.ndarray, step: Any, use: Any, blank: np.ndarray, out: np.ndarray) -> None:
-    for i in range(0, len(out), 2):
-        first, second = threefry(_U(i // 2), (step << _U(16)) | use, key[0], key[1])
-        out[i] = np.float64(first >> _U(11)) * 2.0**-53
-        if i + 1 < len(out):
-            out[i + 1] = np.float64(second >> _U(11)) * 2.0**-53
-
-
-@gufunc("void(uint64[:], uint64, uint64, float64[:, :], float64[:, :])", "(k),(),(),(N,m)->(N,m)")
-def _of_members(key: np.ndarray, step: Any, use: Any, blank: np.ndarray, out: np.ndarray) -> None:
-    four, counter = np.empty((4, (len(out) + 3) // 4)), (step << _U(16)) | use
-    for i in range(out.shape[1]):
-        for j in range(four.shape[1]):  # side by side in vector instructions
-            first, second = threefry(_U(j) | (_U(i) << _U(32)), counter, key[0], key[1])
-            four[0, j], four[1, j] = normal_pair(first)
-            four[2, j], four[3, j] = normal_pair(second)
-        for j in range(len(out)):
-            out[j, i] = four[j % 4, j // 4]
+    return threefry
 
 
 # --- keys -------------------------------------------------------------------------------------------
@@ -166,6 +49,8 @@ def _unsigned(number: Any) -> np.ndarray:
 class Numbers:
     """The random numbers of a batch of rows at one step.
 
+    Numbers of two kinds or purposes under one key need a ``use`` each, from 0 to below 2^16: they are made of one word.
+
     Attributes:
         keys: ``(..., 2)`` words, a key a row.
         step: ``(...)`` of which step they are.
@@ -186,7 +71,7 @@ class Numbers:
     def of(self, first: Any, second: Any = 0) -> "Numbers":
         """Those of keys that are derived by whole numbers ``(...)``, or by a name."""
         words = (word(part) if isinstance(part, str) else _unsigned(part) for part in (first, second))
-        return replace(self, keys=_derived(self.keys, *words))
+        return replace(self, keys=_kernels().derived(self.keys, *words))
 
     def at(self, step: np.ndarray | int) -> "Numbers":
         """Those of another step."""
@@ -194,12 +79,12 @@ class Numbers:
 
     def normals(self, count: int, use: int = 0) -> np.ndarray:
         """Standard normal numbers ``(..., count)``."""
-        return _normals(self.keys, _unsigned(self.step), use, np.empty(count))
+        return _kernels().normals(self.keys, _unsigned(self.step), use, np.empty(count))
 
     def uniforms(self, count: int, use: int = 0) -> np.ndarray:
         """Numbers ``(..., count)`` from 0 to below 1."""
-        return _uniforms(self.keys, _unsigned(self.step), use, np.empty(count))
+        return _kernels().uniforms(self.keys, _unsigned(self.step), use, np.empty(count))
 
     def members(self, members: int, count: int, use: int = 0) -> np.ndarray:
         """Standard normal numbers ``(..., members, count)``: a member's are the same however many there are."""
-        return _of_members(self.keys, _unsigned(self.step), use, np.empty((members, count)))
+        return _kernels().of_members(self.keys, _unsigned(self.step), use, np.empty((members, count)))

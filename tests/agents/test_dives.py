@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from agents import rollout
-from agents.metrics import components, consistency
+from agents.metrics import components, consistency, nees_of
 from agents.rollouts import Rollout
 from agents.seeds import evaluation_seeds
 from agents.sheets.dive import POSITION, path_errors
@@ -73,12 +73,16 @@ def test_a_plain_ensemble_takes_chance_correlations_for_knowledge(env_id: str):
 
 @every_dive
 def test_the_default_filter_is_as_sure_of_the_position_as_it_may_be(env_id: str):
-    """The mean NEES over 100 runs lies in its 95 % chi-square band at 95 % of times."""
+    """The mean NEES of a run, by its size, is 1 on average: 100 runs, 4 standard errors, false-alarm rate 6e-5.
+
+    The share of times in a chi-square band is no law of 100 runs: errors last, and it scatters from 0.6 to 1.
+    """
     flight = flown(env_id)
-    position = components(flight, *POSITION)
-    share = consistency(flight, position)
-    assert share is not None
-    assert share >= 0.95
+    position, alive = components(flight, *POSITION), flight.alive
+    values = nees_of(flight, position)
+    assert values is not None
+    means = np.where(alive, values, 0.0).sum(0) / alive.sum(0) / len(position)
+    assert abs(means.mean() - 1.0) <= 4.0 * means.std(ddof=1) / np.sqrt(len(means))
 
 
 def test_the_example_of_the_page_runs(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):

@@ -25,7 +25,7 @@ WAITING = "vessel_gym: waiting for another process"
 
 KERNELS = """
 from estimators.compiled import gufunc
-from vessel_gym.functions import doubled
+from estimators.functions import doubled
 
 @gufunc("void(float64, float64[:])", "()->()")
 def kernel(number, out):
@@ -43,11 +43,12 @@ def doubled(number):
 @pytest.fixture
 def package(tmp_path: Path) -> Path:
     """A copy with a kernel of one file and a function of another."""
-    (tmp_path / "vessel_gym").mkdir()
-    for name in ("__init__.py", "compiled.py"):
-        shutil.copy(ROOT / "vessel_gym" / name, tmp_path / "vessel_gym")
-    (tmp_path / "vessel_gym" / "kernels.py").write_text(KERNELS)
-    (tmp_path / "vessel_gym" / "functions.py").write_text(FUNCTIONS)
+    own = tmp_path / "estimators"
+    own.mkdir()
+    (own / "__init__.py").touch()
+    shutil.copy(ROOT / "estimators" / "compiled.py", own)
+    (own / "kernels.py").write_text(KERNELS)
+    (own / "functions.py").write_text(FUNCTIONS)
     (tmp_path / "temporary").mkdir()
     return tmp_path
 
@@ -70,7 +71,7 @@ def called(folder: Path, *processes: subprocess.Popen[str]) -> tuple[set[float],
         out, err = process.communicate()
         assert process.returncode == 0, err
         source, number = out.split()
-        assert source == str(folder / "vessel_gym" / "compiled.py")
+        assert source == str(folder / "estimators" / "compiled.py")
         found.add(float(number))
         said += err
     return found, said
@@ -78,7 +79,7 @@ def called(folder: Path, *processes: subprocess.Popen[str]) -> tuple[set[float],
 
 @pytest.mark.slow
 def test_without_a_place_to_write_kernels_are_kept_in_a_private_folder_and_compiled_once(package: Path):
-    (package / "vessel_gym" / "__pycache__").touch()  # a file where a folder would lie keeps out even root
+    (package / "estimators" / "__pycache__").touch()  # a file where a folder would lie keeps out even root
     first = called(package, calling(package))
     second = called(package, calling(package, NUMBA_CACHE_DIR="/dev/null/cache"))
     assert first[0] == second[0] == {1.0}
@@ -96,7 +97,7 @@ def test_processes_that_start_at_once_compile_once_and_a_change_in_another_file_
     assert said.count(COMPILING) == 1
     assert not list((package / "temporary").iterdir())  # all lies beside the code
 
-    other = package / "vessel_gym" / "functions.py"
+    other = package / "estimators" / "functions.py"
     for factor, result in (("3.0", 1.5), ("2.0", 1.0)):
         other.write_text(FUNCTIONS.replace("2.0", factor))
         found, said = called(package, calling(package))

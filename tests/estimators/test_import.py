@@ -1,4 +1,4 @@
-"""The package is NumPy and SciPy, and quick to import."""
+"""The package is NumPy and SciPy, and quick to import; only random numbers of keys need Numba."""
 
 import os
 import subprocess

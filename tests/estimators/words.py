@@ -8,10 +8,10 @@ from itertools import count
 
 import numpy as np
 
-from estimators.randomness import _derived
+from estimators.threefry import derived
 
 if __name__ == "__main__":
     keys = np.stack([np.arange(4096, dtype=np.uint64), np.zeros(4096, np.uint64)], -1)
     for step in count():
-        blocks = _derived(keys[:, None], np.arange(8, dtype=np.uint64), np.uint64(step << 16))
+        blocks = derived(keys[:, None], np.arange(8, dtype=np.uint64), np.uint64(step << 16))
         sys.stdout.buffer.write(blocks.tobytes())

@@ -34,18 +34,14 @@ def test_the_hand_written_loop_is_the_same_environment_on_the_same_random_number
     loop.truth, loop.sea_state = core.state[0].copy(), core.sea_state[0].copy()
     loop.filter.x, loop.filter.P = core.belief.mean[0].copy(), core.belief.cov[0].copy()
     for action in actions:
-        sea = _last_normals(core._draws)  # of what moves the sea over the coming step
+        sea = core._noise.at(core.steps).normals(5)[0, 0]  # of what moves the sea over the coming step
         reward, _ = core.step(np.array([[action]]))
-        monkeypatch.setattr(loop, "rng", _Scripted([sea, _last_normals(core.loop._draws)]))
+        monkeypatch.setattr(loop, "rng", _Scripted([sea, core.loop._sensing.at(core.steps).normals(1)[0, :, 0]]))
         observation, hand_reward = loop.step(float(action))
         np.testing.assert_allclose(loop.truth, core.state[0], rtol=1e-9, atol=1e-9)
         np.testing.assert_allclose(loop.filter.x, core.belief.mean[0], rtol=1e-9, atol=1e-9)
         np.testing.assert_allclose(observation, core.observe()[0], rtol=0, atol=1e-6)  # float32
         assert hand_reward == pytest.approx(reward[0], abs=1e-9)
-
-
-def _last_normals(draws) -> np.ndarray:
-    return draws._normal[0, draws._common - 1].copy()
 
 
 class _Scripted:
