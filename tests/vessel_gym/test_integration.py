@@ -12,19 +12,19 @@ from numba.core.errors import TypingError
 from scipy.integrate import solve_ivp
 
 from estimators.compiled import inlined
-from vessel_gym.vehicles.corvette_equations import corvette_rates, corvette_step, corvette_steps
+from vessel_gym.vehicles.corvette_equations import corvette_rates, corvette_step
 from vessel_gym.vehicles.files import load
-from vessel_gym.vehicles.integration import Kernel, kernels
-from vessel_gym.vehicles.itsunusa import itsunusa_rates, itsunusa_step, itsunusa_steps
-from vessel_gym.vehicles.puna import puna_rates, puna_step, puna_steps
-from vessel_gym.vehicles.segorogeni import segorogeni_rates, segorogeni_step, segorogeni_steps
+from vessel_gym.vehicles.integration import Kernels, kernels
+from vessel_gym.vehicles.itsunusa import itsunusa_rates, itsunusa_step
+from vessel_gym.vehicles.puna import puna_rates, puna_step
+from vessel_gym.vehicles.segorogeni import segorogeni_rates, segorogeni_step
 
 
 @dataclass(frozen=True)
 class Case:
     """A vehicle in a hard manoeuvre, along which no velocity changes sign: v |v| has no second derivative there."""
 
-    kernels: tuple[Kernel, Kernel, Kernel]  # rates, step and steps
+    kernels: Kernels
     c: np.ndarray
     state: list[float]
     control: list[float]  # before and after
@@ -34,20 +34,20 @@ class Case:
 
 CASES = {
     "corvette": Case(
-        (corvette_rates, corvette_step, corvette_steps), load("corvette").vector(),
+        Kernels(corvette_rates, corvette_step), load("corvette").vector(),
         [3.0, -4.0, 0.7, 13.0, -1.5, 0.03], [0.3, 0.5], [0.3, -0.5], 4.0,
     ),
     "segorogeni": Case(
-        (segorogeni_rates, segorogeni_step, segorogeni_steps), load("segorogeni").vector(),
+        Kernels(segorogeni_rates, segorogeni_step), load("segorogeni").vector(),
         [1.2, 0.5, -0.4, -1.5, 0.8, -1.0, 5.0, -3.0, 4.0, 0.4, -0.5, 2.0], [0.1, -0.2, 2.0, 0.2, 0.3, 7.0], [0.3, -0.2],
         0.1,
     ),
     "itsunusa": Case(
-        (itsunusa_rates, itsunusa_step, itsunusa_steps), load("itsunusa").vector(),
+        Kernels(itsunusa_rates, itsunusa_step), load("itsunusa").vector(),
         [1.4, -0.1, 0.2, 5.0, 4.0, -0.5], [-0.2, 10.0, 0.3, 35.0], [0.3], 0.2,
     ),
     "puna": Case(
-        (puna_rates, puna_step, puna_steps), load("puna").vector(),
+        Kernels(puna_rates, puna_step), load("puna").vector(),
         [3.0, -4.0, 100.0, 14.0, 11.0, 3.0, 0.4], [4.0, 0.02, -0.6, 7.0, 0.07, 0.6], [2.0, -1.0, 0.5], 1.0,
     ),
 }  # fmt: skip
@@ -57,32 +57,48 @@ CASES = {
 @pytest.mark.parametrize("vehicle", CASES)
 def test_a_step_nears_the_solution_of_the_rates_with_the_fourth_power_of_its_length(vehicle: str):
     case = CASES[vehicle]
-    rates, step = case.kernels[:2]
-    control, flow = np.array(case.control), np.array(case.flow)
+    rates, step = case.kernels
+    state, control, flow = np.array(case.state), np.array(case.control), np.array(case.flow)
     before, after = np.split(control, 2)
     solution = solve_ivp(
         lambda t, s: rates(s, before + (after - before) * t / case.dt, flow, case.c),
-        (0.0, case.dt), case.state, method="DOP853", rtol=1e-13, atol=1e-13,
+        (0.0, case.dt), state, method="DOP853", rtol=1e-13, atol=1e-13,
     )  # fmt: skip
     exact = solution.y[:, -1]
-    errors = [np.abs(step(case.state, control, flow, case.c, case.dt, n) - exact).max() for n in (8, 16, 32)]
+    errors = [np.abs(step(state, control, flow, case.c, case.dt, n) - exact).max() for n in (8, 16, 32)]
     ratios = np.array(errors[:-1]) / errors[1:]
     assert ((ratios > 13.0) & (ratios < 20.0)).all()
-    finest = step(case.state, control, flow, case.c, case.dt, 512)
+    finest = step(state, control, flow, case.c, case.dt, 512)
     np.testing.assert_allclose(finest, exact, rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize("members", [1, 15, 16, 17, 40])
+@pytest.mark.parametrize("rows", [1, 3, 15, 16, 17, 40])
 @pytest.mark.parametrize("vehicle", CASES)
-def test_many_states_side_by_side_step_as_each_alone(vehicle: str, members: int):
+def test_rows_side_by_side_step_as_each_alone(vehicle: str, rows: int):
     case, rng = CASES[vehicle], np.random.default_rng(0)
-    _, step, steps = case.kernels
-    states = np.array(case.state) * rng.uniform(0.5, 1.5, (3, members, len(case.state)))
-    controls = np.array(case.control) * rng.uniform(0.5, 1.5, (3, len(case.control)))
-    flows = rng.normal(size=(3, members, len(case.flow)))
-    stepped = steps(states, controls, flows, case.c, case.dt, 2)
-    np.testing.assert_array_equal(stepped, step(states, controls[:, None], flows, case.c, case.dt, 2))
+    step = case.kernels.step
+    states = np.array(case.state) * rng.uniform(0.5, 1.5, (3, rows, len(case.state)))
+    controls = np.array(case.control) * rng.uniform(0.5, 1.5, (3, rows, len(case.control)))
+    flows = rng.normal(size=(3, rows, len(case.flow)))
+    c = case.c * rng.uniform(0.9, 1.1, (rows, len(case.c)))
+    stepped, together = (
+        step(states, controls, flows, c, case.dt, 2), step(states, controls[:, :1], flows, case.c, case.dt, 2)
+    )  # fmt: skip
+    for i, j in np.ndindex(3, rows):
+        alone = step(states[i, j], controls[i, j], flows[i, j], c[j], case.dt, 2)
+        np.testing.assert_array_equal(stepped[i, j], alone)
+        alone = step(states[i, j], controls[i, 0], flows[i, j], case.c, case.dt, 2)
+        np.testing.assert_array_equal(together[i, j], alone)
     assert (stepped != states).all()
+    rows_last = states.swapaxes(1, 2).copy().swapaxes(1, 2)
+    np.testing.assert_array_equal(step(rows_last, controls, flows, c, case.dt, 2, np.empty_like(rows_last)), stepped)
+
+
+def test_rows_that_do_not_go_with_the_states_are_refused():
+    case = CASES["corvette"]
+    states, control, flow = (np.tile(x, (4, 1)) for x in (case.state, case.control, case.flow))
+    with pytest.raises(ValueError, match="a row of control, flow and coefficients for each state, or one for all"):
+        case.kernels.step(states, control[:3], flow, case.c, case.dt, 1)
 
 
 OWN = """
@@ -93,7 +109,7 @@ from vessel_gym.vehicles.integration import kernels
 def _rates(s, control, flow, c):
     return (FACTOR * s[0] + control[0] + flow[0],)
 
-own_rates, own_step, own_steps = kernels("own", _rates, 1, 1, 1)
+own_rates, own_step = kernels("own", _rates, 1, 1, 1)
 """
 
 

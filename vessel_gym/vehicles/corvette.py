@@ -20,10 +20,8 @@ from vessel_gym.vehicles.corvette_equations import (
     CorvetteParameters,
     corvette_rates,
     corvette_step,
-    corvette_steps,
 )
 from vessel_gym.vehicles.files import load
-from vessel_gym.vehicles.integration import advanced
 
 _CALM = np.zeros(2)  # no current
 
@@ -249,7 +247,7 @@ class Corvette:
     def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """(v, r, psi, u) one step on under ``u = (rudder, commanded yaw rate)``."""
         control = np.repeat(u[..., :1], 2, axis=-1)
-        after = advanced(corvette_step, corvette_steps, self._placed(x), control, flow, self._nominal, self.dt, 1)
+        after = corvette_step(self._placed(x), control, flow, self._nominal, self.dt, 1)
         moved = np.empty(after.shape[:-1] + (4,)) if out is None else out
         moved[...] = after[..., [4, 5, 2, 3]]
         return moved

@@ -17,7 +17,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from estimators.compiled import inlined
+from estimators.compiled import inlined, sincos
 from vessel_gym.vehicles.integration import Numbers, kernels
 
 STATE = ("x", "y", "psi", "u", "v", "r")
@@ -183,16 +183,15 @@ class CorvetteParameters:
 @inlined
 def _cross_flow(v: float, r: float, a: float) -> tuple[float, float]:
     """Integrals of |v + x r| (v + x r) {1, x} over -a <= x <= a, in closed form."""
-    if abs(r) * a <= abs(v):  # the flow has one sign along the hull
-        sign = 1.0 if v >= 0.0 else -1.0
-        return sign * (2.0 * a * v * v + 2.0 / 3.0 * a**3 * r * r), sign * 4.0 / 3.0 * a**3 * v * r
-    if abs(r) * a < 1e-12:  # nothing moves, and r * r would underflow
-        return 0.0, 0.0
+    sign = 1.0 if v >= 0.0 else -1.0  # if the flow has one sign along the hull
+    sway, yaw = sign * (2.0 * a * v * v + 2.0 / 3.0 * a**3 * r * r), sign * 4.0 / 3.0 * a**3 * v * r
     bow, stern = v + a * r, v - a * r
     cubic = (abs(bow) ** 3 - abs(stern) ** 3) / 3.0
     quartic = (bow * abs(bow) ** 3 - stern * abs(stern) ** 3) / 4.0
-    turning = r if abs(r) * a >= 1e-12 else 1.0  # side by side with others, what is not asked for is computed, too
-    return cubic / turning, (quartic - v * cubic) / (turning * turning)
+    turning = r if abs(r) * a >= 1e-12 else np.inf  # slower, nothing moves, and r * r would underflow
+    both_sway, both_yaw = cubic / turning, (quartic - v * cubic) / (turning * turning)
+    one_sign = abs(r) * a <= abs(v)
+    return sway if one_sign else both_sway, yaw if one_sign else both_yaw
 
 
 @inlined
@@ -203,14 +202,15 @@ def _accelerations(u: float, v: float, r: float, rudder: float, c: np.ndarray) -
     sway_drag, yaw_drag = _cross_flow(v, r, a)
     # What flows to the rudder: drift and yaw rate in a turn reduce its angle of attack.
     inflow, side = c[I.slipstream] * u, c[I.straightening] * (v - a * r)
-    attack = rudder + np.arctan2(side, inflow)
-    force = c[I.rudder] * (inflow * inflow + side * side) * np.sin(attack)
+    sin_rudder, cos_rudder = sincos(rudder)
+    attacking = inflow * sin_rudder + side * cos_rudder  # all of the inflow times the sine of that angle
+    force = c[I.rudder] * np.sqrt(inflow * inflow + side * side) * attacking
     # Surge: the sway added mass takes part in the centripetal term (Kirchhoff), which slows the ship in a turn.
-    X = c[I.thrust] - c[I.resistance] * u * abs(u) + m_vv * v * r + m_vr * r * r - force * np.sin(rudder)
-    Y = u * (c[I.Yv] * v + c[I.Yr] * r) - c[I.mass] * u * r - c[I.cross_flow] * sway_drag - force * np.cos(rudder)
+    X = c[I.thrust] - c[I.resistance] * u * abs(u) + m_vv * v * r + m_vr * r * r - force * sin_rudder
+    Y = u * (c[I.Yv] * v + c[I.Yr] * r) - c[I.mass] * u * r - c[I.cross_flow] * sway_drag - force * cos_rudder
     N = (
         u * (c[I.Nv] * v + c[I.Nr] * r) - c[I.mass_x_g] * u * r
-        - c[I.cross_flow] * yaw_drag + a * force * np.cos(rudder)
+        - c[I.cross_flow] * yaw_drag + a * force * cos_rudder
     )  # fmt: skip
     determinant = m_vv * m_rr - m_vr * m_rv
     return X / c[I.surge_inertia], (m_rr * Y - m_vr * N) / determinant, (m_vv * N - m_rv * Y) / determinant
@@ -220,12 +220,12 @@ def _accelerations(u: float, v: float, r: float, rudder: float, c: np.ndarray) -
 def _rates(s: Numbers, control: Numbers, current: Numbers, c: np.ndarray) -> Numbers:
     """Of position, heading and velocities through the water, in a ``current`` north and east."""
     psi, u, v, r = s[2], s[3], s[4], s[5]
-    cos, sin = np.cos(psi), np.sin(psi)
+    sin, cos = sincos(psi)
     return (
         u * cos - v * sin + current[0], u * sin + v * cos + current[1], r,
         *_accelerations(u, v, r, control[0], c),
     )  # fmt: skip
 
 
-corvette_rates, corvette_step, corvette_steps = kernels("corvette", _rates, 6, 1, 2)
+corvette_rates, corvette_step = kernels("corvette", _rates, 6, 1, 2)
 """Control is the rudder ``(1,)``, for a step before and after ``(2,)``; the current is north and east ``(2,)``."""

@@ -9,6 +9,7 @@ exactly.
 """
 
 from collections.abc import Callable
+from functools import wraps
 from types import FunctionType
 from typing import Any, NamedTuple
 
@@ -22,22 +23,20 @@ Numbers = tuple[float, ...]
 Rates = Callable[[Numbers, Numbers, Numbers, np.ndarray], Numbers]
 Kernel = Callable[..., np.ndarray]
 
-_LANES = 16  # states that are stepped side by side: a number that the compiler knows, to see that they are independent
+_LANES = 16  # rows side by side, at most: a number that the compiler knows, to see that they are independent
 
 
 class Kernels(NamedTuple):
-    """The compiled equations of motion of a vehicle, generalised ufuncs."""
+    """The compiled equations of motion of a vehicle."""
 
     rates: Kernel
-    """State ``(n,)``, actuators, flow and coefficients to the rates of the state."""
+    """State ``(n,)``, actuators, flow and coefficients to the rates of the state: a generalised ufunc."""
     step: Kernel
-    """State, actuators before and after, flow, coefficients, seconds and substeps to the state after."""
-    steps: Kernel
-    """The same for many states ``(N, n)``, each in its own flow, under one control; several times as fast."""
+    """State, actuators before and after, flow, coefficients, seconds and substeps to the state after (`_for_all`)."""
 
 
 def kernels(name: str, rates: Any, state: int, actuators: int, flow: int) -> Kernels:
-    """A vehicle's kernels, called ``{name}_rates``, ``{name}_step`` and ``{name}_steps`` in the module of its rates.
+    """A vehicle's kernels, called ``{name}_rates`` and ``{name}_step`` in the module of its rates.
 
     Args:
         name: The vehicle's.
@@ -62,35 +61,42 @@ def kernels(name: str, rates: Any, state: int, actuators: int, flow: int) -> Ker
         return gufunc(f"void({signature})", layout, cache=kept)(own)
 
     x, xs = "float64[:]", "float64[:, :]"
+    step = f"{xs}, {xs}, {xs}, {xs}, float64, int64, {xs}"
     return Kernels(
         made(_rates_of, "rates", f"{x}, {x}, {x}, {x}, {x}", "(n),(a),(f),(k)->(n)"),
-        made(_step, "step", f"{x}, {x}, {x}, {x}, float64, int64, {x}", "(n),(m),(f),(k),(),()->(n)"),
-        made(_steps, "steps", f"{xs}, {x}, {xs}, {x}, float64, int64, {xs}", "(N,n),(m),(N,f),(k),(),()->(N,n)"),
+        _for_all(made(_step, "step", step, "(b,n),(p,m),(q,f),(r,k),(),()->(b,n)")),
     )
 
 
-def advanced(
-    step: Kernel, steps: Kernel, state: np.ndarray, control: np.ndarray, flow: np.ndarray, c: np.ndarray,
-    dt: float, substeps: int, out: np.ndarray | None = None,
-) -> np.ndarray:  # fmt: skip
-    """States ``(..., n)`` after a step, by ``steps`` where they share control and coefficients, as an ensemble does.
+def _for_all(kernel: Kernel) -> Kernel:
+    """The kernel of rows for one state or many, whose controls, flows and coefficients are their own or shared."""
 
-    Args:
-        step: the vehicle's kernel for a state.
-        steps: its kernel for many.
-        state: ``(..., n)``.
-        control: ``(..., m)`` actuators before and after, or ``(..., 1, m)`` the same for all members.
-        flow: ``(..., f)``.
-        c: ``(..., k)`` coefficients.
-        dt: Seconds.
-        substeps: Equal parts of the step.
-        out: ``(..., n)`` where the states after the step go; None: a new array.
-    """
-    if state.ndim > 1 and control.shape[-2:-1] == (1,) and c.ndim == 1:
-        if flow.shape[:-1] != state.shape[:-1]:
-            flow = np.broadcast_to(flow, state.shape[:-1] + flow.shape[-1:])
-        return steps(state, control[..., 0, :], flow, c, dt, substeps, out)
-    return step(state, control, flow, c, dt, substeps, out)
+    @wraps(kernel, ("__module__", "__name__", "__qualname__"))  # by which pickles find it
+    def step(
+        state: np.ndarray, control: np.ndarray, flow: np.ndarray, c: np.ndarray, dt: float, substeps: int,
+        out: np.ndarray | None = None,
+    ) -> np.ndarray:  # fmt: skip
+        """States ``(..., n)`` after a step: the same numbers for each alone as among others.
+
+        Args:
+            state: ``(..., n)``.
+            control: ``(..., m)`` actuators before and after; these, flow and coefficients broadcast to the states.
+            flow: ``(..., f)``.
+            c: ``(..., k)`` coefficients.
+            dt: Seconds.
+            substeps: Equal parts of the step.
+            out: ``(..., n)`` where the states after the step go; None: a new array.
+
+        Raises:
+            ValueError: for another number of rows.
+        """
+        if state.ndim == 1:
+            return step(state[None], control, flow, c, dt, substeps, None if out is None else out[None])[..., 0, :]
+        if control.ndim == 1 or flow.ndim == 1 or c.ndim == 1:
+            control, flow, c = (x if x.ndim > 1 else x[None] for x in (control, flow, c))
+        return kernel(state, control, flow, c, dt, substeps, out)
+
+    return step
 
 
 # --- tuples, half by half: loops over their numbers would stay loops in the compiled code, and slow -----
@@ -176,32 +182,39 @@ def _rates_of(state: np.ndarray, control: np.ndarray, flow: np.ndarray, c: np.nd
 
 
 def _step(
-    state: np.ndarray, control: np.ndarray, flow: np.ndarray, c: np.ndarray, dt: float, substeps: int, out: np.ndarray
+    states: np.ndarray, control: np.ndarray, flow: np.ndarray, c: np.ndarray, dt: float, substeps: int, out: np.ndarray
 ) -> None:
-    """A state ``(n,)`` after a step."""
-    s, around, start = _loaded(_blank[0], state, 0), _loaded(_blank[2], flow, 0), _loaded(_blank[1], control, 0)
-    change = _moved(_loaded(_blank[1], control, len(start)), -1.0, start)
-    for i in range(substeps):
-        s = _substep(_rates, s, start, change, around, c, dt, i, substeps)
-    _stored(s, out, 0)
+    """States ``(b, n)`` after a step, side by side in vector instructions; of the others there is a row each, or one.
 
-
-def _steps(
-    states: np.ndarray, control: np.ndarray, flows: np.ndarray, c: np.ndarray, dt: float, substeps: int, out: np.ndarray
-) -> None:
-    """Many states ``(N, n)`` after a step: the same numbers as for each, but side by side in vector instructions."""
-    start = _loaded(_blank[1], control, 0)
-    change = _moved(_loaded(_blank[1], control, len(start)), -1.0, start)
-    a, w = np.empty((len(_blank[0]), _LANES)), np.empty((len(_blank[2]), _LANES))
+    How many there are in a block is no constant: for a few the compiler would leave the vector instructions.
+    """
+    s, actuators, around = _blank
+    n, m = len(s), len(actuators)
+    a, k = np.empty((n + 2 * m + len(around), _LANES)), np.empty((c.shape[1], _LANES))
+    for rows in (len(control), len(flow), len(c)):
+        if rows != 1 and rows != len(states):
+            raise ValueError("there must be a row of control, flow and coefficients for each state, or one for all")
     for first in range(0, len(states), _LANES):
         size = min(_LANES, len(states) - first)
-        for j in range(_LANES):
-            row = first + min(j, size - 1)
-            _stored(_loaded(_blank[0], states[row], 0), a[:, j], 0)
-            _stored(_loaded(_blank[2], flows[row], 0), w[:, j], 0)
+        _gather(states, first, size, a)
+        _gather(control, first, size, a[n:])
+        _gather(flow, first, size, a[n + 2 * m :])
+        _gather(c, first, size, k)
         for i in range(substeps):
-            for j in range(_LANES):
-                s, around = _loaded(_blank[0], a[:, j], 0), _loaded(_blank[2], w[:, j], 0)
-                _stored(_substep(_rates, s, start, change, around, c, dt, i, substeps), a[:, j], 0)
+            for j in range(size):
+                start, end = _loaded(actuators, a[:, j], n), _loaded(actuators, a[:, j], n + m)
+                s, around = _loaded(s, a[:, j], 0), _loaded(around, a[:, j], n + 2 * m)
+                change = _moved(end, -1.0, start)
+                _stored(_substep(_rates, s, start, change, around, k[:, j], dt, i, substeps), a[:, j], 0)
         for j in range(size):
-            _stored(_loaded(_blank[0], a[:, j], 0), out[first + j], 0)
+            _stored(_loaded(s, a[:, j], 0), out[first + j], 0)
+
+
+@inlined
+def _gather(rows: np.ndarray, first: int, size: int, lanes: np.ndarray) -> None:
+    """Sets the first lanes to the next rows, ``lanes[k, j] = rows[first + j, k]``; one for all does not change."""
+    each = min(len(rows) - 1, 1)
+    if first == 0 or each:
+        for j in range(size):
+            for k in range(rows.shape[1]):
+                lanes[k, j] = rows[each * (first + j), k]

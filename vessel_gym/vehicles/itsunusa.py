@@ -76,7 +76,7 @@ def _rates(s: Numbers, control: Numbers, current: Numbers, c: np.ndarray) -> Num
     )  # fmt: skip
 
 
-itsunusa_rates, itsunusa_step, itsunusa_steps = kernels("itsunusa", _rates, 6, 2, 1)
+itsunusa_rates, itsunusa_step = kernels("itsunusa", _rates, 6, 2, 1)
 """State ``(6,)``; control is (stern plane, thrust), for a step before and after; the current is ``(1,)``."""
 
 
@@ -95,7 +95,7 @@ class Itsunusa(AUV):
     body: ItsunusaParameters = field(default_factory=lambda: load("itsunusa", ItsunusaParameters))
 
     state_names: ClassVar = STATE
-    kernels: ClassVar = (itsunusa_step, itsunusa_steps)
+    kernel: ClassVar = staticmethod(itsunusa_step)
     parameter_names: ClassVar = COEFFICIENTS
     action_names: ClassVar = ("stern plane", "thrust")
     angles: ClassVar = ("theta",)

@@ -159,7 +159,7 @@ def _rates(s: Numbers, control: Numbers, wind: Numbers, c: np.ndarray) -> Number
     )  # fmt: skip
 
 
-puna_rates, puna_step, puna_steps = kernels("puna", _rates, 7, 3, 3)
+puna_rates, puna_step = kernels("puna", _rates, 7, 3, 3)
 """State ``(7,)``; control is (thrust, angle of attack, commanded bank), for a step before and after; wind ``(3,)``."""
 
 
@@ -228,7 +228,7 @@ class Puna(WholeState):
     substeps: int = 1  # one RK4 step is converged to 3 cm and 2e-4 rad in 30 s of full reversals
 
     state_names: ClassVar = STATE
-    kernels: ClassVar = (puna_step, puna_steps)
+    kernel: ClassVar = staticmethod(puna_step)
     angles: ClassVar = ("phi",)
     parameter_names: ClassVar = COEFFICIENTS
     action_names: ClassVar = ("thrust", "angle of attack", "bank")

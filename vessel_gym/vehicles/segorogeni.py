@@ -141,7 +141,7 @@ def _rates(s: Numbers, control: Numbers, current: Numbers, c: np.ndarray) -> Num
     )  # fmt: skip
 
 
-segorogeni_rates, segorogeni_step, segorogeni_steps = kernels("segorogeni", _rates, 12, 3, 2)
+segorogeni_rates, segorogeni_step = kernels("segorogeni", _rates, 12, 3, 2)
 """State ``(12,)``; control is (rudder, stern plane, thrust), for a step before and after; current north and east."""
 
 
@@ -169,7 +169,7 @@ class Segorogeni(AUV):
     body: SegorogeniParameters = field(default_factory=lambda: load("segorogeni", SegorogeniParameters))
 
     state_names: ClassVar = STATE
-    kernels: ClassVar = (segorogeni_step, segorogeni_steps)
+    kernel: ClassVar = staticmethod(segorogeni_step)
     parameter_names: ClassVar = COEFFICIENTS
     action_names: ClassVar = ("rudder", "stern plane", "thrust")
     angles: ClassVar = ("phi", "theta", "psi")

@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from vessel_gym.sensors import columns
-from vessel_gym.vehicles.integration import Kernel, advanced
+from vessel_gym.vehicles.integration import Kernel
 
 
 class WholeState:
@@ -25,8 +25,8 @@ class WholeState:
     kicked: ClassVar[tuple[str, ...]]
     flows: ClassVar[tuple[str, ...]]
     cruise: Any
-    kernels: ClassVar[tuple[Kernel, Kernel]]
-    """Of the equations of motion: a step of a state, and of many under one control."""
+    kernel: ClassVar[Kernel]
+    """A step of the equations of motion."""
     carried: ClassVar[np.ndarray | None] = None
     kinds: ClassVar[tuple[str, ...]] = ("nonlinear",)
     linear_kinds: ClassVar[tuple[str, ...]] = ()
@@ -65,7 +65,7 @@ class WholeState:
         self, state: np.ndarray, control: np.ndarray, flow: np.ndarray, c: np.ndarray, out: np.ndarray | None = None
     ) -> np.ndarray:
         """The state after a step that nothing kicks; control is actuators before and after."""
-        return advanced(*self.kernels, state, control, flow, c, self.dt, self.substeps, out)
+        return self.kernel(state, control, flow, c, self.dt, self.substeps, out)
 
     def step(
         self, state: np.ndarray, before: np.ndarray, after: np.ndarray, forcing: np.ndarray, parameters: np.ndarray
