@@ -468,7 +468,7 @@ _BOTH = "_predict", "_update"
 
 def _in_rows(array: np.ndarray) -> np.ndarray:
     """The array ``(B, k)`` of one ``(..., k)``, as kernels need it."""
-    array = array if array.flags.carray else np.array(array)
+    array = array if array.flags.carray else np.array(array, order="C")
     return array if array.ndim == 2 else array.reshape(math.prod(array.shape[:-1]), array.shape[-1])
 
 
