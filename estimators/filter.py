@@ -3,6 +3,7 @@
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from functools import cache
 from typing import Any, ClassVar, Generic, NamedTuple, TypeVar, cast
 
 import numpy as np
@@ -177,34 +178,36 @@ class Filter(ABC, Generic[Record]):
         return self._updated(self._predicted(belief, u, rng), y, rng, available, None)
 
     def _predicted(self, belief: Record, u: np.ndarray | None, rng: Rng) -> Record:
-        with np.errstate(all="ignore"):
-            if self._programs is None:
-                return self._predict(belief, u, rng)
+        if self._programs is not None:
             return self._carried_out(("_predict",), belief, u)[0]
+        with np.errstate(all="ignore"):
+            return self._predict(belief, u, rng)
 
     def _updated(
         self, belief: Record, y: np.ndarray, rng: Rng, available: np.ndarray | None, R: np.ndarray | None
     ) -> Record:
-        with np.errstate(all="ignore"):
-            if self._programs is None:
+        regular = self._regular
+        if R is not None or regular is None:
+            regular = _regular(neutralised(*self._noise(y, available, R, belief.u)))
+        if self._programs is not None:
+            updated, doubtful = self._carried_out(("_update",), belief, belief.u, y, available, R)
+            if regular and not doubtful:
+                return updated
+            rows = updated.packed[..., -1] != 0.0
+        else:
+            with np.errstate(all="ignore"):
                 reading = self._reading(belief, y, available, R)
                 updated = self._update(belief, reading, rng)
                 if not self._ours:
                     updated = self._returned("_update", updated, belief.mean.shape[:-1])
                 rows = _doubtful(updated, reading.R)
-                doubtful = int(rows.any() or not (self._ours or _proper(updated.cov)))
-            else:
-                updated, doubtful = self._carried_out(("_update",), belief, belief.u, y, available, R)
-                rows = updated.packed[..., -1] != 0.0
-            regular = self._regular
-            if R is not None or regular is None:
-                regular = _regular(neutralised(*self._noise(y, available, R, belief.u)))
-            if regular and not doubtful:
+            if regular and not rows.any() and (self._ours or _proper(updated.cov)):
                 return updated
-            if not (regular and self._ours):
-                rows = np.ones(belief.mean.shape[:-1], bool)
-            some, y, rng = belief[rows], y[rows], rng[rows] if isinstance(rng, Numbers) else rng
-            available, R = (None if a is None else a[rows] for a in (available, R))
+        if not (regular and self._ours):
+            rows = np.ones(belief.mean.shape[:-1], bool)
+        some, y, rng = belief[rows], y[rows], rng[rows] if isinstance(rng, Numbers) else rng
+        available, R = (None if a is None else a[rows] for a in (available, R))
+        with np.errstate(all="ignore"):
             reading = self._reading(some, y, available, R)
             return updated.with_rows(rows, self._recovered(some, updated[rows], reading, y, rng, available, R))
 
@@ -245,14 +248,12 @@ class Filter(ABC, Generic[Record]):
             noted = self._programs[key] = self._noted(formulas, belief, layout, u, R)
         batch = packed.shape[:-1]
         out = np.empty((*batch, noted.layout.width + 1))
-        answers = noted.answers(belief, u, R, batch) if noted.questions else packed
-        if available is None:
-            available = np.ones(batch + (self.model.p,), bool)
-        given = packed, packed if u is None else u, packed if y is None else y, available, answers
-        arrays = [array if array.flags.carray else np.array(array) for array in (*given, out)]  # as it must be
-        if len(batch) != 1:
-            arrays = [array.reshape(math.prod(batch), array.shape[-1]) for array in arrays]
-        doubtful = noted.program.run(*arrays)
+        own = _in_rows(packed)
+        doubtful = noted.program.run(
+            own, own if u is None else _in_rows(u), own if y is None else _in_rows(y),
+            _all(own.shape[0], self.model.p) if available is None else _in_rows(available),
+            _in_rows(noted.answers(belief, u, R, batch)) if noted.questions else own, _in_rows(out),
+        )  # fmt: skip
         return self.record.looked_at(out, noted.layout, belief, u), doubtful  # type: ignore[return-value]
 
     def _noted(
@@ -330,9 +331,10 @@ class Filter(ABC, Generic[Record]):
         if not isinstance(belief, self.record):
             kinds = f"of type {self.record.__name__}, got {type(belief).__name__}"
             raise TypeError(f"belief must be {kinds}: begin with init(prior)")
-        if belief.mean.shape[-1:] != (self.model.n,):
-            raise ValueError(f"the belief is for {belief.mean.shape[-1:]} states, the model has {self.model.n}")
-        return belief.mean.shape[:-1]
+        *batch, n = belief.mean.shape
+        if n != self.model.n:
+            raise ValueError(f"the belief is for {n} states, the model has {self.model.n}")
+        return tuple(batch)
 
     def _known(self, u: np.ndarray | None, batch: tuple[int, ...]) -> np.ndarray | None:
         """The known input with a row for each belief, so that rows can be taken out and replaced."""
@@ -462,6 +464,20 @@ _SINGULAR = 1e-13
 
 
 _BOTH = "_predict", "_update"
+
+
+def _in_rows(array: np.ndarray) -> np.ndarray:
+    """The array ``(B, k)`` of one ``(..., k)``, as kernels need it."""
+    array = array if array.flags.carray else np.array(array, order="C")
+    return array if array.ndim == 2 else array.reshape(math.prod(array.shape[:-1]), array.shape[-1])
+
+
+@cache
+def _all(rows: int, readings: int) -> np.ndarray:
+    """The mask of readings that have all arrived, made once."""
+    return np.ones((rows, readings), bool)
+
+
 _Question = Callable[[Any, Any, Any], Any]
 _ANSWERS = {"_moved": (1, 2), "_linearise": (1, 2, 2), "_moving_G": (2,)}
 """Axes of what these methods say of a row."""
@@ -479,7 +495,8 @@ class _Noted(NamedTuple):
         """The answers of a batch, side by side ``(..., columns)``."""
         out, first = np.empty(batch + (self.columns,)), 0
         for question, axes in self.questions:
-            values = question(belief, u, R)
+            with np.errstate(all="ignore"):
+                values = question(belief, u, R)
             for value, k in zip(values if isinstance(values, tuple) else (values,), axes, strict=True):
                 if value is not None:
                     own = value.shape[value.ndim - k :]
