@@ -6,6 +6,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from estimators.members import covariance
 from estimators.reading import Reading
 
 
@@ -201,11 +202,23 @@ class FeedthroughBelief(DelayedInputBelief):
 class EnsembleBelief(Belief):
     """The belief of a filter that carries members.
 
+    Its ``cov``, where it is given None, is computed of the members when somebody first asks for it.
+
     Attributes:
         ensemble: ``(..., N, n)`` members as rows.
     """
 
     ensemble: np.ndarray = field()
+
+    def __post_init__(self) -> None:
+        if self.cov is None:
+            object.__delattr__(self, "cov")
+
+    def __getattr__(self, name: str) -> Any:
+        if name != "cov":
+            raise AttributeError(f"EnsembleBelief has no attribute {name!r}")
+        object.__setattr__(self, "cov", covariance(self.ensemble, self.mean))
+        return self.cov
 
 
 def _unseen(name: str, like: np.ndarray, belief: Belief) -> np.ndarray:

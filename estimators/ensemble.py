@@ -1,6 +1,8 @@
 """Ensemble filters: a belief is N members, and its moments are theirs.
 
-Rows are members: an ensemble is ``(..., N, n)``. With the anomalies ``A`` of the members ``(N, n)`` and the anomalies
+Rows are members: an ensemble is ``(..., N, n)``; in memory members are last, see `estimators.members`, whose kernels
+predict and update. The formulas are here once more, in NumPy, for what is rare: rows that need a milder update, random
+rotations, and the filter as it was published. With the anomalies ``A`` of the members ``(N, n)`` and the anomalies
 ``Y`` of the readings that they expect ``(N, p)``, every update here has the same three small matrices::
 
     C P- = Y' A / (N - 1)        S = Y' Y / (N - 1) + R        K = (C P-)' S^-1
@@ -8,21 +10,35 @@ Rows are members: an ensemble is ``(..., N, n)``. With the anomalies ``A`` of th
 Everything costs O(N p (n + p)) and nothing is N x N (``variant="evensen2004"`` of `enkf-sr` excepted).
 """
 
+from collections.abc import Callable, Iterator
+from math import prod
+from typing import Any
+
 import numpy as np
 
-from estimators.angles import difference, near, together
+from estimators.angles import difference, together
 from estimators.belief import Belief, EnsembleBelief
 from estimators.checks import as_array, number, shown, whole
 from estimators.filter import Filter, Model, Rng
-from estimators.linalg import cholesky, product, semidefinite_cholesky, solve, symmetrise
-from estimators.models import LinearModel, at_points, resolve
+from estimators.linalg import cholesky, neutralised, product, semidefinite_cholesky, solve, symmetrise
+from estimators.members import PROCESS, READINGS, forecast, members_last, perturbed, transformed
+from estimators.models import LinearModel, NonlinearModel, at_points, resolve
 from estimators.randomness import Numbers
 from estimators.reading import Reading
 
 Drawn = Numbers | np.random.Generator
 """`Rng` of a filter that draws from it: there is one."""
-START, PROCESS, READINGS, ROTATION = range(4)
-"""Uses of random numbers."""
+START, ROTATION = 0, 3
+"""Uses of random numbers, beside those of `estimators.members`."""
+_CACHE = 2**18
+"""Bytes of members that are predicted and updated at a time, so that they stay in the cache meanwhile."""
+_LATER: Any = None
+"""A covariance that is computed when somebody asks for it."""
+_Moments = tuple[np.ndarray, np.ndarray]
+"""Means ``(b, n)`` and members ``(b, n, N)`` of rows."""
+
+
+Analyser = Callable[[slice, tuple[np.ndarray, ...], tuple[np.ndarray, ...]], None]
 
 
 class EnsembleFilter(Filter[EnsembleBelief]):
@@ -52,6 +68,17 @@ class EnsembleFilter(Filter[EnsembleBelief]):
         self._mean_weights = np.full(self.members, 1.0 / self.members)
         Q = model.Q
         self._noise_root = None if callable(Q) else noise_root(Q)
+        curved = isinstance(model, NonlinearModel)
+        self._wrapped = np.array(model.state_angles if curved else (), np.int64)
+        self._angles = np.isin(np.arange(model.p), model.measurement_angles)
+        self._seams = self._angles & curved
+        matrices = (getattr(model, name, None) for name in "ABCQR")
+        self._batched = any(isinstance(matrix, np.ndarray) and matrix.ndim > 2 for matrix in matrices)
+
+    @property
+    def _compiled(self) -> bool:
+        """Whether kernels update; what somebody has made of this class may have formulas of its own."""
+        return self._ours
 
     def _taper(self, localisation: np.ndarray) -> np.ndarray:
         """The localisation as numbers ``(n, p)`` from 0 to 1."""
@@ -68,29 +95,57 @@ class EnsembleFilter(Filter[EnsembleBelief]):
         batch = belief.mean.shape[:-1]
         numbers = self._numbers(rng, batch)
         ensemble = self._centred_noise(numbers, batch, semidefinite_cholesky(belief.cov), START)
-        cov = self._covariance(ensemble)
         ensemble += belief.mean[..., None, :]
-        return EnsembleBelief.of(belief.replace(mean=self._mean(ensemble), cov=cov), ensemble=ensemble)
+        return EnsembleBelief.of(belief.replace(mean=self._mean(ensemble), cov=_LATER), ensemble=ensemble)
 
     def _predict(self, belief: EnsembleBelief, u: np.ndarray | None, rng: Rng) -> EnsembleBelief:
-        model, batch = self.model, belief.mean.shape[:-1]
-        numbers = self._numbers(rng, batch)
-        if isinstance(model, LinearModel):
-            ensemble = product(belief.ensemble, resolve(model.A, u).mT)
-            if model.B is not None and u is not None:
-                ensemble += np.matvec(resolve(model.B, u), u)[..., None, :]
-        else:
-            ensemble = at_points("transition", model.transition, belief.ensemble, u, model.n)
-            ensemble = _unwrapped_steps(belief.ensemble, ensemble, model.state_angles)
-        mean = self._mean(ensemble)
-        root = semidefinite_cholesky(resolve(model.Q, u)) if self._noise_root is None else self._noise_root
-        if root.shape[-1]:
-            noise = self._centred_noise(numbers, batch, root, PROCESS)
-            ensemble = np.add(ensemble, noise, out=noise)
-        else:
-            ensemble = np.array(ensemble)  # what a model returns is its own
-        anomalies = ensemble - mean[..., None, :]
-        return EnsembleBelief.predicted(belief, mean, self._covariance(anomalies), u, ensemble=ensemble)
+        mean, members = self._room(prod(belief.mean.shape[:-1]))
+        predict = self._prediction(belief, u, rng)
+        for rows in self._chunks(len(mean)):
+            predict(rows, (mean[rows], members[rows]))
+        mean = mean.reshape(belief.mean.shape)
+        return EnsembleBelief.predicted(belief, mean, _LATER, u, ensemble=_ensemble(members, mean))
+
+    def _advance(
+        self, belief: EnsembleBelief, u: np.ndarray | None, y: np.ndarray, available: np.ndarray | None, rng: Rng
+    ) -> EnsembleBelief:
+        if not self._compiled or not isinstance(rng, Numbers):  # which gives the same numbers again
+            return super()._advance(belief, u, y, available, rng)
+        predict = self._prediction(belief, u, rng)
+
+        def predicted(rows: slice) -> _Moments:
+            moments = self._room(rows.stop - rows.start)
+            predict(rows, moments)
+            return moments
+
+        with np.errstate(all="ignore"):
+            updated, lost = self._analysis_of(predicted, belief, u, y, rng, available, None)
+            if not lost.any():
+                return updated
+            return self._cured(self._predict(belief, u, rng), updated, lost, y, rng, available, None)
+
+    def _corrected(
+        self, belief: EnsembleBelief, y: np.ndarray, rng: Rng, available: np.ndarray | None, R: np.ndarray | None
+    ) -> EnsembleBelief:
+        if not self._compiled:
+            return super()._corrected(belief, y, rng, available, R)
+        mean, members = _rows(belief.mean, belief.mean.shape[:-1], 1), members_last(belief.ensemble)
+        updated, lost = self._analysis_of(
+            lambda rows: (mean[rows], members[rows]), belief, belief.u, y, rng, available, R
+        )  # fmt: skip
+        return self._cured(belief, updated, lost, y, rng, available, R) if lost.any() else updated
+
+    def _cured(
+        self, belief: EnsembleBelief, updated: EnsembleBelief, lost: np.ndarray, y: np.ndarray, rng: Rng,
+        available: np.ndarray | None, R: np.ndarray | None,
+    ) -> EnsembleBelief:  # fmt: skip
+        """The update with its lost rows ``(...)`` taken from one in NumPy, which recovers them."""
+        some = np.ones_like(lost) if self._batched else lost  # matrices of a batch are for all of its rows
+        cured = super()._corrected(
+            belief[some], y[some], rng[some] if isinstance(rng, Numbers) else rng,
+            None if available is None else available[some], None if R is None else R[some],
+        )  # fmt: skip
+        return updated.with_rows(lost, cured[lost[some]])
 
     def _reading(
         self, belief: EnsembleBelief, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None
@@ -117,9 +172,8 @@ class EnsembleFilter(Filter[EnsembleBelief]):
         mean, ensemble = self._analysis(belief.mean, ensemble, Y, S, reading, numbers)
         if self.inflation != 1.0:
             ensemble *= self._inflation(reading.available)[..., None, :]
-        cov = self._covariance(ensemble)
         ensemble += mean[..., None, :]
-        return EnsembleBelief.updated(belief, mean, cov, reading, S, ensemble=ensemble)
+        return EnsembleBelief.updated(belief, mean, _LATER, reading, S, ensemble=ensemble)
 
     def _analysis(
         self, mean: np.ndarray, anomalies: np.ndarray, Y: np.ndarray, S: np.ndarray, reading: Reading, numbers: Drawn
@@ -127,6 +181,100 @@ class EnsembleFilter(Filter[EnsembleBelief]):
         """The mean ``(..., n)`` and the centred anomalies ``(..., N, n)`` after a reading; may write on the latter.
 
         ``Y (..., N, p)`` are the anomalies of the readings that the members expect.
+        """
+        raise NotImplementedError
+
+    # --- chunks of rows, as the kernels take them -----------------------------------------------------
+
+    def _room(self, rows: int) -> _Moments:
+        """Moments of rows that are to be computed."""
+        return np.empty((rows, self.model.n)), np.empty((rows, self.model.n, self.members))
+
+    def _chunks(self, rows: int) -> Iterator[slice]:
+        """Rows that are predicted and updated at a time; every chunk is independent of the others."""
+        size = max(1, _CACHE // (8 * self.members * self.model.n))
+        return (slice(first, min(first + size, rows)) for first in range(0, rows, size))
+
+    def _words(self, rng: Rng, batch: tuple[int, ...], count: int, use: int) -> tuple[np.ndarray, ...]:
+        """Keys ``(B, 2)`` and steps ``(B,)`` of all rows, and the normals ``(B, N, count)`` of a Generator."""
+        numbers, rows = self._numbers(rng, batch), prod(batch)
+        steps = np.zeros(batch, np.uint64)
+        if isinstance(numbers, np.random.Generator):
+            given = draw(numbers, batch, self.members, count, use).reshape(rows, self.members, count)
+            return np.zeros((rows, 2), np.uint64), steps.reshape(rows), given
+        steps[...] = numbers.step
+        return _rows(numbers.keys, batch, 1), steps.reshape(rows), np.empty((0, 0, 0))
+
+    def _at_members(self, name: str, members: np.ndarray, known: np.ndarray | None, size: int) -> np.ndarray:
+        """The model's function of this name at members ``(b, n, N)``: ``(b, size, N)``."""
+        values = at_points(name, getattr(self.model, name), members.mT, known, size)
+        return np.ascontiguousarray(values.mT)
+
+    def _prediction(
+        self, belief: EnsembleBelief, u: np.ndarray | None, rng: Rng
+    ) -> Callable[[slice, _Moments], None]:  # fmt: skip
+        """What predicts rows, and writes their moments."""
+        model, batch = self.model, belief.mean.shape[:-1]
+        before, known = members_last(belief.ensemble), None if u is None else _rows(u, batch, 1)
+        root = semidefinite_cholesky(resolve(model.Q, u)) if self._noise_root is None else self._noise_root
+        roots, words = _rows(root, batch, 2), self._words(rng, batch, root.shape[-1], PROCESS)
+        if isinstance(model, LinearModel):
+            A, push = _rows(resolve(model.A, u), batch, 2), None
+            if model.B is not None and u is not None:
+                push = _rows(np.matvec(resolve(model.B, u), u), batch, 1)
+
+        def predict(rows: slice, moments: _Moments) -> None:
+            members = before[rows]
+            if not isinstance(model, LinearModel):
+                after = self._at_members("transition", members, None if known is None else known[rows], model.n)
+            else:
+                after = _of(A, rows) @ members
+                if push is not None:
+                    after += push[rows, :, None]
+            forecast(members, after, self._wrapped, _of(roots, rows), *(a[rows] for a in words), *moments)
+
+        return predict
+
+    def _analysis_of(
+        self, predicted: Callable[[slice], _Moments], belief: EnsembleBelief, u: np.ndarray | None, y: np.ndarray,
+        rng: Rng, available: np.ndarray | None, R: np.ndarray | None,
+    ) -> tuple[EnsembleBelief, np.ndarray]:  # fmt: skip
+        """The belief after a reading, by kernels, and which of its rows ``(...)`` are lost.
+
+        Args:
+            predicted: Gives the moments of rows.
+            belief: What else there is of them.
+        """
+        model, batch, p = self.model, belief.mean.shape[:-1], self.model.p
+        whole, arrived = self._noise(y, available, R, u)
+        known, C = None if u is None else _rows(u, batch, 1), getattr(model, "C", None)
+        Cs = None if C is None else _rows(resolve(C, u), batch, 2)
+        Rs = _rows(whole, batch, 2)
+        mean, members = self._room(prod(batch))
+        out = mean, members, np.empty((len(mean), p)), np.empty((len(mean), p, p)), np.empty(len(mean), bool)
+        given = _rows(y, batch, 1), _rows(arrived, batch, 1), Rs
+        analyse = self._analyser(whole, arrived, rng)
+        for rows in self._chunks(len(mean)):
+            before, own = predicted(rows)
+            if Cs is None:
+                readings = self._at_members("measurement", own, None if known is None else known[rows], p)
+            else:
+                readings = _of(Cs, rows) @ own
+            analyse(rows, (own, readings, before, *(_of(a, rows) for a in given)), tuple(a[rows] for a in out))
+        mean, innovation, S = (a.reshape(batch + a.shape[1:]) for a in (mean, out[2], out[3]))
+        updated = EnsembleBelief(
+            mean, _LATER, belief.prior_mean, belief.prior_cov, np.zeros(batch, np.int8), u, innovation, S, arrived,
+            ensemble=_ensemble(members, mean),
+        )  # fmt: skip
+        return updated, out[4].reshape(batch)
+
+    def _analyser(self, R: np.ndarray, arrived: np.ndarray, rng: Rng) -> "Analyser":
+        """What a kernel makes of rows, their members and what was read of them ``(b, ...)``, written to the last.
+
+        Args:
+            R: ``(..., p, p)``.
+            arrived: ``(..., p)``.
+            rng: Where random numbers come from.
         """
         raise NotImplementedError
 
@@ -215,6 +363,23 @@ class EnsembleKalmanFilter(EnsembleFilter):
     ) -> None:
         super().__init__(model, members, inflation, localisation)
         self._reading_root = None if callable(model.R) else semidefinite_cholesky(model.R)
+        taper = np.ones((model.n, model.p)) if self.localisation is None else self.localisation
+        self._factors = np.ascontiguousarray(taper.T)
+
+    def _root(self, R: np.ndarray, arrived: np.ndarray) -> np.ndarray:
+        """A root ``(..., p, p)`` of R. The gain of a missing reading is zero, so that of the model's R will do."""
+        if self._reading_root is not None and R is self.model.R:
+            return self._reading_root
+        return semidefinite_cholesky(neutralised(R, arrived))
+
+    def _analyser(self, R: np.ndarray, arrived: np.ndarray, rng: Rng) -> Analyser:
+        batch, options = arrived.shape[:-1], (self._angles, self._seams, self._factors, self.inflation)
+        roots, words = _rows(self._root(R, arrived), batch, 2), self._words(rng, batch, self.model.p, READINGS)
+
+        def analyse(rows: slice, given: tuple[np.ndarray, ...], out: tuple[np.ndarray, ...]) -> None:
+            perturbed(*given, _of(roots, rows), *options, *(a[rows] for a in words), *out)
+
+        return analyse
 
     def _analysis(
         self, mean: np.ndarray, anomalies: np.ndarray, Y: np.ndarray, S: np.ndarray, reading: Reading, numbers: Drawn
@@ -222,10 +387,8 @@ class EnsembleKalmanFilter(EnsembleFilter):
         gain = solve(S, (Y.mT @ anomalies) / (self.members - 1))  # K', (..., p, n)
         if self.localisation is not None:
             gain *= self.localisation.T
-        # The gain of a missing reading is zero, so that the root of the whole R does: it is known beforehand.
-        root = self._reading_root
-        if root is None or reading.whole_R is not self.model.R:
-            root = semidefinite_cholesky(reading.R)
+        assert reading.whole_R is not None
+        root = self._root(reading.whole_R, reading.available)
         departures = self._centred_noise(numbers, mean.shape[:-1], root, READINGS)
         departures -= Y
         anomalies += product(departures, gain)
@@ -268,7 +431,19 @@ class EnsembleTransformFilter(EnsembleFilter):
         if not isinstance(rotate, bool):
             raise ValueError(f"rotate must be True or False, got {shown(rotate)}")
         self.rotate = rotate
-        self._groups = None if self.localisation is None else _groups(self.localisation)
+        mask = np.ones((model.n, model.p)) if self.localisation is None else self.localisation
+        self._groups = _groups(mask)
+        marks = (np.array([np.isin(np.arange(size), each[i]) for each in self._groups]) for i, size in enumerate(mask.shape))
+        self._marks = tuple(marks)
+
+    @property
+    def _compiled(self) -> bool:
+        return self._ours and not self.rotate
+
+    def _analyser(self, R: np.ndarray, arrived: np.ndarray, rng: Rng) -> Analyser:
+        self._numbers(rng, arrived.shape[:-1])
+        options = self._angles, self._seams, *self._marks, self.inflation
+        return lambda rows, given, out: transformed(*given, *options, *out)
 
     def _taper(self, localisation: np.ndarray) -> np.ndarray:
         mask = super()._taper(localisation)
@@ -279,7 +454,7 @@ class EnsembleTransformFilter(EnsembleFilter):
     def _analysis(
         self, mean: np.ndarray, anomalies: np.ndarray, Y: np.ndarray, S: np.ndarray, reading: Reading, numbers: Drawn
     ) -> tuple[np.ndarray, np.ndarray]:
-        if self._groups is None:
+        if self.localisation is None:
             mean, anomalies = self._transformed(mean, anomalies, Y, S, reading.R, reading.innovation)
         else:
             mean = np.array(mean)
@@ -349,6 +524,10 @@ class EnsembleSquareRootFilter(EnsembleTransformFilter):
             raise ValueError(f"variant must be 'symmetric' or 'evensen2004', got {shown(variant)}")
         self.variant = variant
 
+    @property
+    def _compiled(self) -> bool:
+        return super()._compiled and self.variant == "symmetric"
+
     def _transformed(
         self, mean: np.ndarray, anomalies: np.ndarray, Y: np.ndarray, S: np.ndarray, R: np.ndarray, e: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
@@ -416,16 +595,19 @@ def _groups(mask: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     return [(np.flatnonzero(member_of == i), np.flatnonzero(row)) for i, row in enumerate(rows) if row.any()]
 
 
-def _unwrapped_steps(before: np.ndarray, after: np.ndarray, angles: tuple[int, ...]) -> np.ndarray:
-    """``after``, whole turns taken off that some members made and others did not.
+def _rows(a: np.ndarray, batch: tuple[int, ...], core: int) -> np.ndarray:
+    """An array ``(..., k)`` or ``(..., k, l)`` by rows of the batch ``(B, ...)``, or ``(1, ...)`` for all of them."""
+    if a.ndim == core:
+        return np.ascontiguousarray(a)[None]
+    own = a.shape[-core:]
+    return np.ascontiguousarray(np.broadcast_to(a, batch + own)).reshape(prod(batch), *own)
 
-    A transition may wrap its angles. Members that cross the seam would then be a turn away from the others; over one
-    step all turn by nearly as much as the first.
-    """
-    for i in angles:
-        step = after[..., i] - before[..., i]
-        apart = (np.abs(step - step[..., :1]) > np.pi).any(-1)
-        if apart.any():
-            after = np.array(after)
-            after[apart, :, i] = (before[..., i] + near(step, step[..., :1]))[apart]
-    return after
+
+def _of(a: np.ndarray, rows: slice) -> np.ndarray:
+    """That of some rows of what there is once for each of them, or for all."""
+    return a if len(a) == 1 else a[rows]
+
+
+def _ensemble(members: np.ndarray, mean: np.ndarray) -> np.ndarray:
+    """Members ``(B, n, N)`` as a belief has them, ``(..., N, n)``."""
+    return members.reshape(mean.shape + members.shape[-1:]).mT

@@ -158,19 +158,7 @@ class Filter(ABC, Generic[Record]):
         if u is not None:
             belief = belief.replace(u=self._known(u, batch))
         with np.errstate(all="ignore"):
-            reading = self._reading(belief, y, available, R)
-            updated = self._sharing(belief, lambda belief: self._update(belief, reading, rng))
-            if not self._ours:
-                updated = self._returned("_update", updated, batch)
-            regular = self._regular if R is None and self._regular is not None else _regular(reading.R)
-            if (
-                regular
-                and _finite(updated)
-                and not _exhausted(updated, reading.R)
-                and (self._ours or _proper(updated.cov))
-            ):
-                return updated
-            return self._recovered(belief, updated, reading, y, rng, available, R)
+            return self._corrected(belief, y, rng, available, R)
 
     # --- what a filter fills in -------------------------------------------------------------------
 
@@ -184,6 +172,32 @@ class Filter(ABC, Generic[Record]):
     def _update(self, belief: Record, reading: Reading, rng: Rng) -> Record: ...
 
     # --- shared -----------------------------------------------------------------------------------
+
+    def _advance(
+        self, belief: Record, u: np.ndarray | None, y: np.ndarray, available: np.ndarray | None, rng: Rng
+    ) -> Record:
+        """`predict` and `update`, of arguments that need no check."""
+        with np.errstate(all="ignore"):
+            predicted = self._sharing(belief, lambda belief: self._predict(belief, u, rng))
+            return self._corrected(predicted, y, rng, available, None)
+
+    def _corrected(
+        self, belief: Record, y: np.ndarray, rng: Rng, available: np.ndarray | None, R: np.ndarray | None
+    ) -> Record:
+        """`update` of arguments that have been checked."""
+        reading = self._reading(belief, y, available, R)
+        updated = self._sharing(belief, lambda belief: self._update(belief, reading, rng))
+        if not self._ours:
+            updated = self._returned("_update", updated, belief.mean.shape[:-1])
+        regular = self._regular if R is None and self._regular is not None else _regular(reading.R)
+        if (
+            regular
+            and _finite(updated)
+            and not _exhausted(updated, reading.R)
+            and (self._ours or _proper(updated.cov))
+        ):
+            return updated
+        return self._recovered(belief, updated, reading, y, rng, available, R)
 
     def _sharing(self, belief: Other, formulas: Callable[[Other], Record]) -> Record:
         """The formulas on the belief, with covariances that all rows have in common computed once."""
