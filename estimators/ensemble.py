@@ -597,10 +597,12 @@ def _groups(mask: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
 
 def _rows(a: np.ndarray, batch: tuple[int, ...], core: int) -> np.ndarray:
     """An array ``(..., k)`` or ``(..., k, l)`` by rows of the batch ``(B, ...)``, or ``(1, ...)`` for all of them."""
-    if a.ndim == core:
+    leading, own = a.shape[:-core], a.shape[-core:]
+    if not leading:
         return np.ascontiguousarray(a)[None]
-    own = a.shape[-core:]
-    return np.ascontiguousarray(np.broadcast_to(a, batch + own)).reshape(prod(batch), *own)
+    if leading != batch:
+        a = np.broadcast_to(a, batch + own)
+    return np.ascontiguousarray(a).reshape(prod(batch), *own)
 
 
 def _of(a: np.ndarray, rows: slice) -> np.ndarray:
