@@ -6,7 +6,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from estimators.members import covariance
+from estimators.members import covariance, members_last
 from estimators.reading import Reading
 
 
@@ -202,7 +202,7 @@ class FeedthroughBelief(DelayedInputBelief):
 class EnsembleBelief(Belief):
     """The belief of a filter that carries members.
 
-    Its ``cov``, where it is given None, is computed of the members when somebody first asks for it.
+    Its ``cov`` is computed of the members when somebody first asks for it, where it is given as None.
 
     Attributes:
         ensemble: ``(..., N, n)`` members as rows.
@@ -211,14 +211,30 @@ class EnsembleBelief(Belief):
     ensemble: np.ndarray = field()
 
     def __post_init__(self) -> None:
-        if self.cov is None:
+        if self._later is None:
             object.__delattr__(self, "cov")
 
     def __getattr__(self, name: str) -> Any:
         if name != "cov":
             raise AttributeError(f"EnsembleBelief has no attribute {name!r}")
-        object.__setattr__(self, "cov", covariance(self.ensemble, self.mean))
+        object.__setattr__(self, "cov", covariance(members_last(self.ensemble), self.mean))
         return self.cov
+
+    def replace(self, **changes: Any) -> Self:
+        """This belief with some fields changed; its covariance is what it was."""
+        return Belief.replace(self, **({"cov": self.cov} | changes))
+
+    def _arrays(self) -> dict[str, Any]:
+        names = (name for name in self.__dataclass_fields__ if name != "cov")
+        return {"cov": self._later} | {name: getattr(self, name) for name in names}
+
+    @property
+    def _later(self) -> np.ndarray | None:
+        """The covariance, None as long as nobody has asked for it."""
+        try:
+            return object.__getattribute__(self, "cov")
+        except AttributeError:
+            return None
 
 
 def _unseen(name: str, like: np.ndarray, belief: Belief) -> np.ndarray:

@@ -41,16 +41,6 @@ def gufunc(signature: str, layout: str, cache: bool = True) -> Callable[[_Functi
     return lazy(lambda kernel: guvectorize([signature], layout, nopython=True, cache=cache)(kernel).ufunc)
 
 
-def loop(arguments: list[Any]) -> Callable[[_Function], Any]:
-    """Compile a loop over rows that writes its results into some of its arguments, `lazy`; other threads run meanwhile.
-
-    Args:
-        arguments: Numba's types of them.
-    """
-    options = {"nogil": True, "error_model": "numpy", "cache": True}
-    return lazy(lambda kernel: njit(types.void(*arguments), **options)(kernel))
-
-
 def lazy(compiler: Callable[[_Function], _Function]) -> Callable[[_Function], Any]:
     """Compile a function when it is first called, once for all processes; who compiles says so once.
 

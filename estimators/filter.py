@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Generic, TypeVar, cast
 import numpy as np
 
 from estimators.angles import difference
-from estimators.belief import Belief, FeedthroughBelief, InputBelief, Recovery
+from estimators.belief import Belief, EnsembleBelief, FeedthroughBelief, InputBelief, Recovery
 from estimators.checks import as_array, as_mask
 from estimators.linalg import congruence, equilibrated, identity, neutralised, semidefinite_cholesky
 from estimators.models import Gaussian, LinearModel, NonlinearModel, as_covariance, resolve, usable
@@ -158,7 +158,7 @@ class Filter(ABC, Generic[Record]):
         if u is not None:
             belief = belief.replace(u=self._known(u, batch))
         with np.errstate(all="ignore"):
-            return self._corrected(belief, y, rng, available, R)
+            return self._corrected(belief, y, available, R, rng)
 
     # --- what a filter fills in -------------------------------------------------------------------
 
@@ -179,10 +179,10 @@ class Filter(ABC, Generic[Record]):
         """`predict` and `update`, of arguments that need no check."""
         with np.errstate(all="ignore"):
             predicted = self._sharing(belief, lambda belief: self._predict(belief, u, rng))
-            return self._corrected(predicted, y, rng, available, None)
+            return self._corrected(predicted, y, available, None, rng)
 
     def _corrected(
-        self, belief: Record, y: np.ndarray, rng: Rng, available: np.ndarray | None, R: np.ndarray | None
+        self, belief: Record, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None, rng: Rng
     ) -> Record:
         """`update` of arguments that have been checked."""
         reading = self._reading(belief, y, available, R)
@@ -328,7 +328,9 @@ class Filter(ABC, Generic[Record]):
             again = self._update(start, milder_reading, rng)
             cured = tried & ~_lost(again, start)
             if rung == Recovery.PSEUDO_INVERSE:  # in the channels as they are, not as they were mixed
-                again = again.replace(innovation=reading.innovation, innovation_cov=S)
+                again = again.replace(
+                    innovation=reading.innovation, innovation_cov=S, available=reading.available
+                )
             again = again.replace(recovery=np.full(lost.shape, rung, np.int8))
             result, lost = result.with_rows(cured, again[cured]), lost & ~cured
         if lost.any():  # a filter that fails even without a reading keeps what it had
@@ -376,7 +378,10 @@ _SINGULAR = 1e-13
 
 def _finite(updated: Belief) -> bool:
     """Whether every row is finite; False also where only the sum of them all is not. `_exhausted` looks at S."""
-    total = np.add.reduce(updated.mean, None) + np.add.reduce(updated.cov, None)
+    total = np.add.reduce(updated.mean, None)
+    if isinstance(updated, EnsembleBelief):  # whose mean is that of the members
+        return math.isfinite(total)
+    total = total + np.add.reduce(updated.cov, None)
     if isinstance(updated, InputBelief):
         total = total + np.add.reduce(updated.input_mean, None)
     if isinstance(updated, FeedthroughBelief):
@@ -387,7 +392,7 @@ def _finite(updated: Belief) -> bool:
 def _exhausted(updated: Belief, R: np.ndarray) -> bool:
     """Whether a channel took away so much uncertainty that what is left may be nothing but rounding."""
     S = updated.innovation_cov
-    if S is None:
+    if S is None or isinstance(updated, EnsembleBelief):  # of members no variance becomes negative
         return False
     within = S.diagonal(0, -2, -1) <= _DIGITS * R.diagonal(0, -2, -1)  # which a NaN is not
     return not np.logical_and.reduce(within, None)

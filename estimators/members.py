@@ -1,35 +1,25 @@
-"""What ensemble filters compute of the members of one row at a time, compiled: a row stays in the cache meanwhile.
+"""What ensemble filters compute of the members of one row, compiled: these stay in the cache meanwhile.
 
 Members are last here, an ensemble is ``(n, N)``: loops over the members of a component are vector instructions. Sums
 over members have eight partial sums in a fixed order, so that a row's numbers depend neither on its batch nor on the
-processor. Random numbers are functions of a row's key: each is drawn where it is needed, and nowhere else.
+processor.
 
 Notation: the anomalies ``A (n, N)`` of the members and ``Y (k, N)`` of the readings that they expect, of those k that
 arrived; ``S = Y Y' / (N - 1) + R`` and ``C P = Y A' / (N - 1)``.
 """
 
-from math import prod
 from typing import Any
 
 import numpy as np
-from numba import types
 
-from estimators.compiled import dot, inlined, loop, part, sincos
-from estimators.randomness import normal_pair, threefry
+from estimators.compiled import dot, gufunc, inlined, part, sincos
 
-PROCESS, READINGS = 1, 2
-"""Uses of random numbers."""
 _TURN = 2.0 * np.pi
-_U = np.uint64
 
 
-def _arrays(kinds: str) -> list[types.Type]:
-    """Types of arrays: ``f3`` holds floats along three axes, ``i`` whole numbers, ``b`` truth values, ``u`` words.
-
-    An exclamation mark before one that is written to; the others may be read-only.
-    """
-    dtypes = {"f": types.float64, "i": types.int64, "b": types.boolean, "u": types.uint64}
-    return [types.Array(dtypes[kind[-2]], int(kind[-1]), "C", readonly=kind[0] != "!") for kind in kinds.split()]
+def members_last(ensemble: np.ndarray) -> np.ndarray:
+    """``(..., n, N)`` of an ensemble ``(..., N, n)``, contiguous as the kernels need it: a view of what they gave."""
+    return np.ascontiguousarray(ensemble.mT)
 
 
 # --- angles -----------------------------------------------------------------------------------------
@@ -43,7 +33,11 @@ def _near(angle: float, centre: float) -> float:
 
 @part
 def _step_together(before: Any, after: Any) -> None:
-    """Takes off whole turns that some members of an angle ``(N,)`` made over a step, and the first did not."""
+    """Takes off whole turns that some members of an angle ``(N,)`` made over a step, and the first did not.
+
+    A transition may wrap its angles. Members that cross the seam would then be a turn away from the others; over one
+    step all turn by nearly as much as the first.
+    """
     first, apart = after[0] - before[0], 0
     for j in range(len(after)):
         apart += abs(after[j] - before[j] - first) > np.pi
@@ -72,20 +66,19 @@ def _gather(angle: Any) -> None:
 
 
 @part
-def _centred(a: Any, weights: Any) -> float:
-    """The mean of a component ``(N,)`` over the members, which is taken off; ``weights`` are ``1 / N`` each."""
-    mean = dot(a, weights)
-    for j in range(len(a)):
-        a[j] -= mean
-    return mean
+def _departed(a: Any, mean: Any, out: Any) -> None:
+    """The anomalies of ``(k, N)``."""
+    for i in range(len(a)):
+        for j in range(a.shape[1]):
+            out[i, j] = a[i, j] - mean[i]
 
 
 @part
-def _departed(members: Any, mean: Any, anomalies: Any) -> None:
-    """The anomalies of an ensemble ``(n, N)``."""
-    for i in range(len(mean)):
-        for j in range(members.shape[1]):
-            anomalies[i, j] = members[i, j] - mean[i]
+def _averaged(a: Any, out: Any) -> None:
+    """The means ``(k,)`` of ``(k, N)`` over the members."""
+    weights = np.full(a.shape[1], 1.0 / a.shape[1])
+    for i in range(len(a)):
+        out[i] = dot(a[i], weights)
 
 
 @part
@@ -104,42 +97,33 @@ def _add(factor: float, a: Any, out: Any) -> None:
 
 
 @part
-def _combine(factors: Any, k: int, a: Any, out: Any) -> None:
-    """Adds ``factors (k,)`` times the first k rows of A to one row ``(N,)``."""
-    for i in range(k):
-        if factors[i] != 0.0:
-            _add(factors[i], a[i], out)
-
-
-@part
-def _inflated(mean: float, factor: float, anomalies: Any, weights: Any) -> bool:
-    """The members ``(N,)`` of a component in place of their anomalies; whether all of them are finite."""
-    for j in range(len(anomalies)):
-        anomalies[j] = mean + factor * anomalies[j]
-    return np.isfinite(dot(anomalies, weights))
+def _add_noise(root: Any, normals: Any, index: Any, k: int, out: Any) -> None:
+    """Adds ``L n_i`` to the members, the normals n ``(r, N)`` centred over them; rows ``index (k,)`` of L ``(:, r)``."""
+    noise, mean = np.empty((1, out.shape[1])), np.empty(1)
+    for r in range(root.shape[1]):
+        centred = False
+        for a in range(k):
+            if root[index[a], r] != 0.0:
+                if not centred:
+                    _averaged(normals[r : r + 1], mean)
+                    _departed(normals[r : r + 1], mean, noise)
+                    centred = True
+                _add(root[index[a], r], noise[0], out[a])
 
 
 # --- small matrices ---------------------------------------------------------------------------------
 
 
 @part
-def _cholesky(s: Any, k: int) -> bool:
-    """``S = L L'`` of the first k rows, L in place of the lower triangle; whether S is far from singular.
-
-    It may not be where earlier variances leave less than 1e-10 of one: the eigenvalues have to tell.
-    """
-    regular = True
+def _cholesky(s: Any, k: int) -> None:
+    """``S = L L'`` of the first k rows, L in place of the lower triangle."""
     for j in range(k):
-        whole = s[j, j]
         for i in range(j, k):
             for m in range(j):
                 s[i, j] -= s[i, m] * s[j, m]
-        if not s[j, j] > 1e-10 * whole:  # nor is NaN
-            regular = False
         s[j, j] = np.sqrt(s[j, j])
         for i in range(j + 1, k):
             s[i, j] /= s[j, j]
-    return regular
 
 
 @part
@@ -149,9 +133,7 @@ def _solve(L: Any, k: int, b: Any, transposed: bool) -> None:
         i = k - 1 - step if transposed else step
         for other in range(step):
             m = k - 1 - other if transposed else other
-            factor = L[m, i] if transposed else L[i, m]
-            for c in range(b.shape[1]):
-                b[i, c] -= factor * b[m, c]
+            _add(-L[m, i] if transposed else -L[i, m], b[m], b[i])
         for c in range(b.shape[1]):
             b[i, c] /= L[i, i]
 
@@ -191,189 +173,150 @@ def _diagonalise(a: Any, k: int, v: Any) -> None:
                     v[j, m], v[i, m] = c * x - s * y, s * x + c * y
 
 
-# --- random numbers ---------------------------------------------------------------------------------
-
-
 @part
-def _drawn(keys: Any, steps: Any, given: Any, row: int, use: int, component: int, four: Any, out: Any) -> None:
-    """Standard normals of the members ``(N,)``: those ``given`` for all rows, or else those of the row's key.
-
-    The latter are those of `estimators.randomness.Numbers.members`; ``four (4, N / 4)`` is room for them.
-    """
-    if len(given):
-        for j in range(len(out)):
-            out[j] = given[row, j, component]
-        return
-    counter, own = (steps[row] << _U(16)) | _U(use), _U(component) << _U(32)
-    for j in range(four.shape[1]):
-        first, second = threefry(_U(j) | own, counter, keys[row, 0], keys[row, 1])
-        four[0, j], four[1, j] = normal_pair(first)
-        four[2, j], four[3, j] = normal_pair(second)
-    for j in range(len(out)):
-        out[j] = four[j % 4, j // 4]
-
-
-# --- kernels ----------------------------------------------------------------------------------------
-
-
-@loop(_arrays("f3 f3 i1 f3 u2 u1 f3 !f2 !f3"))
-def forecast(
-    before: Any, after: Any, angles: Any, roots: Any, keys: Any, steps: Any, given: Any, mean: Any, out: Any
-) -> None:
-    """Members ``x_i = f(x_i-) + L n_i`` with standard normals n that are centred over the members, and their mean.
-
-    Args:
-        before: ``(B, n, N)``,
-        after: and ``(B, n, N)`` what the transition makes of them.
-        angles: Components that it may have wrapped.
-        roots: ``(1 or B, n, r)`` L, a root of the process noise.
-        keys: ``(B, 2)`` of the rows,
-        steps: and ``(B,)`` their steps.
-        given: ``(B, N, r)`` normals, where no key gives them, or ``(0, 0, 0)``.
-        mean: ``(B, n)`` takes the mean,
-        out: and ``(B, n, N)`` the members.
-    """
-    _, n, N = after.shape
-    noise, four, weights = np.empty(N), np.empty((4, (N + 3) // 4)), np.full(N, 1.0 / N)
-    for b in range(len(after)):
-        root, x = roots[min(b, len(roots) - 1)], out[b]
-        for i in range(n):
-            for j in range(N):
-                x[i, j] = after[b, i, j]
-        for i in angles:
-            _step_together(before[b, i], x[i])
-        for i in range(n):
-            mean[b, i] = dot(x[i], weights)
-        for r in range(root.shape[1]):
-            _drawn(keys, steps, given, b, PROCESS, r, four, noise)
-            _centred(noise, weights)
-            for i in range(n):
-                if root[i, r] != 0.0:
-                    _add(root[i, r], noise, x[i])
-
-
-@part
-def _innovate(
-    readings: Any, y: Any, arrived: Any, R: Any, angles: Any, seams: Any, weights: Any,
-    Y: Any, index: Any, innovation: Any, S: Any,
-) -> int:  # fmt: skip
-    """The anomalies Y of the readings that arrived; k, how many these are, and to ``index (k,)``, which.
-
-    The innovation ``(p,)``, 0 where nothing arrived, and its covariance S ``(p, p)``, unit there.
-    """
-    p, N, k = len(y), readings.shape[1], 0
-    for i in range(p):
-        innovation[i] = 0.0
-        for j in range(p):
-            S[i, j] = 1.0 if i == j else 0.0
-        if not arrived[i]:
-            continue
-        for j in range(N):
-            Y[k, j] = readings[i, j]
-        if seams[i]:
-            _gather(Y[k])
-        innovation[i] = y[i] - _centred(Y[k], weights)
-        if angles[i]:
-            innovation[i] = max(np.pi - np.mod(np.pi - innovation[i], _TURN), np.nextafter(-np.pi, 0.0))
-        index[k] = i
-        k += 1
-    for a in range(k):
-        for b in range(a + 1):
-            i, j = index[a], index[b]
-            S[i, j] = S[j, i] = dot(Y[a], Y[b]) / (N - 1) + R[i, j]
-    return k
-
-
-@loop([*_arrays("f3 f3 f2 f2 b2 f3 f3 b1 b1 f2"), types.float64, *_arrays("u2 u1 f3 !f2 !f3 !f2 !f3 !b1")])
-def perturbed(
-    members: Any, readings: Any, before: Any, y: Any, arrived: Any, Rs: Any, roots: Any, angles: Any, seams: Any,
-    taper: Any, inflation: float, keys: Any, steps: Any, given: Any,
-    mean: Any, out: Any, innovation: Any, S: Any, lost: Any,
-) -> None:  # fmt: skip
-    """The analysis of perturbed readings, ``x_i = x_i- + K (y + v_i - h(x_i-))`` with ``K = (C P)' S^-1``.
-
-    Args:
-        members: ``(B, n, N)``, with
-        readings: ``(B, p, N)`` that they expect,
-        before: and ``(B, n)`` their mean.
-        y: ``(B, p)`` readings,
-        arrived: and ``(B, p)`` which there are.
-        Rs: ``(1 or B, p, p)`` covariance of the readings,
-        roots: and ``(1 or B, p, p)`` a root of it.
-        angles: ``(p,)`` which of them are angles,
-        seams: and ``(p,)`` which of these may be wrapped.
-        taper: ``(p, n)`` factors on the gain.
-        inflation: Factor on the anomalies of components that a reading may correct.
-        keys: ``(B, 2)`` of the rows,
-        steps: and ``(B,)`` their steps.
-        given: ``(B, N, p)`` normals, where no key gives them, or ``(0, 0, 0)``.
-        mean: ``(B, n)`` takes the mean,
-        out: ``(B, n, N)`` the members,
-        innovation: ``(B, p)`` and
-        S: ``(B, p, p)`` its covariance,
-        lost: and ``(B,)`` whether something is not finite, or S all but singular.
-    """
-    (_, n, N), p = members.shape, y.shape[1]
-    Y, D, gain, L, index = np.empty((p, N)), np.empty((p, N)), np.empty((p, n)), np.empty((p, p)), np.empty(p, np.int64)
-    noise, four, weights, own = np.empty(N), np.empty((4, (N + 3) // 4)), np.full(N, 1.0 / N), np.empty(p)
-    for b in range(len(members)):
-        R, root, A, e = Rs[min(b, len(Rs) - 1)], roots[min(b, len(roots) - 1)], out[b], innovation[b]
-        k = _innovate(readings[b], y[b], arrived[b], R, angles, seams, weights, Y, index, e, S[b])
-        _departed(members[b], before[b], A)
-        _covary(Y, k, A, gain)
-        for a in range(k):
-            for m in range(k):
-                L[a, m] = S[b, index[a], index[m]]
-            for j in range(N):
-                D[a, j] = -Y[a, j]
-        sound = _cholesky(L, k)
-        _solve(L, k, gain, False)
-        _solve(L, k, gain, True)
-        for i in range(p):  # v_i = L n_i: a number is drawn if a reading that arrived has a share of it
-            shared = False
-            for a in range(k):
-                shared |= root[index[a], i] != 0.0
-            if shared:
-                _drawn(keys, steps, given, b, READINGS, i, four, noise)
-                _centred(noise, weights)
-                for a in range(k):
-                    if root[index[a], i] != 0.0:
-                        _add(root[index[a], i], noise, D[a])
-        for c in range(n):
-            mean[b, c], factor = before[b, c], 1.0
-            for a in range(k):
-                own[a] = taper[index[a], c] * gain[a, c]
-                mean[b, c] += own[a] * e[index[a]]
-                if taper[index[a], c] > 0.0:
-                    factor = inflation
-            _combine(own, k, D, A[c])
-            sound &= _inflated(mean[b, c], factor, A[c], weights) and np.isfinite(mean[b, c])
-        lost[b] = not (sound and np.isfinite(e.sum()))
-
-
-@part
-def _transposed(a: Any, k: int) -> None:
-    """The first k rows and columns of A, in place."""
+def _softened(L: Any, k: int, R: Any, out: Any) -> None:
+    """``(I + B^1/2)^-1`` with ``B = L^-1 R L'^-1``; R is overwritten."""
+    _solve(L, k, R, False)
     for i in range(k):
         for j in range(i):
-            a[i, j], a[j, i] = a[j, i], a[i, j]
-
-
-@part
-def _softened(shares: Any, k: int, V: Any, out: Any) -> None:
-    """``(I + B^1/2)^-1`` of the first k rows of a symmetric B, which is overwritten."""
-    _diagonalise(shares, k, V)
+            R[i, j], R[j, i] = R[j, i], R[i, j]
+    _solve(L, k, R, False)
+    V = np.empty(R.shape)
+    _diagonalise(R, k, V)
     for i in range(k):
         for j in range(k):
             out[i, j] = 0.0
             for m in range(k):
-                out[i, j] += V[m, i] * V[m, j] / (1.0 + np.sqrt(max(shares[m, m], 0.0)))
+                out[i, j] += V[m, i] * V[m, j] / (1.0 + np.sqrt(max(R[m, m], 0.0)))
 
 
-@loop([*_arrays("f3 f3 f2 f2 b2 f3 b1 b1 b2 b2"), types.float64, *_arrays("!f2 !f3 !f2 !f3 !b1")])
+# --- kernels ----------------------------------------------------------------------------------------
+
+_ROW, _BITS, _SMALL, _LAST = "float64[:]", "boolean[:]", "float64[:, :]", "float64[:, ::1]"
+
+
+@gufunc(
+    f"void({_LAST}, {_LAST}, {_BITS}, {_SMALL}, {_LAST}, {_ROW}, {_LAST})",
+    "(n,N),(n,N),(n),(n,r),(r,N)->(n),(n,N)",
+)
+def forecast(before: Any, after: Any, wrapped: Any, root: Any, normals: Any, mean: Any, out: Any) -> None:
+    """The mean ``(n,)``, and members ``x_i = f(x_i-) + L n_i`` whose noise moves it by nothing.
+
+    Args:
+        before: ``(n, N)``,
+        after: and ``(n, N)`` what the transition makes of them.
+        wrapped: ``(n,)`` which components it may have wrapped.
+        root: ``(n, r)`` L, a root of the process noise.
+        normals: ``(r, N)``.
+    """
+    for i in range(len(after)):
+        for j in range(after.shape[1]):
+            out[i, j] = after[i, j]
+        if wrapped[i]:
+            _step_together(before[i], out[i])
+    _averaged(out, mean)
+    _add_noise(root, normals, np.arange(len(out)), len(out), out)
+
+
+@gufunc(f"void({_LAST}, {_BITS}, {_ROW}, {_LAST})", "(p,N),(p)->(p),(p,N)")
+def expected(readings: Any, wrapped: Any, mean: Any, anomalies: Any) -> None:
+    """The mean ``(p,)`` of readings that members expect, and their anomalies; those that are angles about it."""
+    for i in range(len(readings)):
+        for j in range(readings.shape[1]):
+            anomalies[i, j] = readings[i, j]
+        if wrapped[i]:
+            _gather(anomalies[i])
+    _averaged(anomalies, mean)
+    _departed(anomalies, mean, anomalies)
+
+
+@part
+def _chosen(wanted: Any, Y: Any, S: Any, R: Any, own: Any, L: Any, shares: Any, index: Any) -> int:
+    """The rows of Y that are wanted, of S and R likewise; returns how many, and writes to ``index`` which."""
+    k = 0
+    for i in range(len(wanted)):
+        if wanted[i]:
+            own[k] = Y[i]
+            index[k] = i
+            k += 1
+    for a in range(k):
+        for b in range(k):
+            L[a, b], shares[a, b] = S[index[a], index[b]], R[index[a], index[b]]
+    return k
+
+
+@part
+def _innovation_cov(Y: Any, arrived: Any, R: Any, S: Any) -> None:
+    """``S = Y Y' / (N - 1) + R`` of the readings that arrived; of the others R."""
+    for i in range(len(S)):
+        for j in range(i + 1):
+            S[i, j] = R[i, j]
+            if arrived[i] and arrived[j]:
+                S[i, j] += dot(Y[i], Y[j]) / (Y.shape[1] - 1)
+            S[j, i] = S[i, j]
+
+
+@gufunc(
+    f"void({_LAST}, {_ROW}, {_LAST}, {_ROW}, {_BITS}, {_SMALL}, {_SMALL}, {_LAST}, {_SMALL}, float64, "
+    f"{_ROW}, {_LAST}, {_SMALL})",
+    "(n,N),(n),(p,N),(p),(p),(p,p),(p,p),(p,N),(p,n),()->(n),(n,N),(p,p)",
+)
+def perturbed(
+    members: Any, before: Any, Y: Any, innovation: Any, arrived: Any, R: Any, root: Any, normals: Any, taper: Any,
+    inflation: float, mean: Any, A: Any, S: Any,
+) -> None:  # fmt: skip
+    """The analysis of perturbed readings, ``x_i = x_i- + K (y + v_i - h(x_i-))`` with ``K = (C P)' S^-1``.
+
+    Args:
+        members: ``(n, N)``,
+        before: and ``(n,)`` their mean.
+        Y: ``(p, N)`` anomalies of the readings that they expect.
+        innovation: ``(p,)``.
+        arrived: ``(p,)`` which readings there are.
+        R: ``(p, p)`` their covariance,
+        root: and ``(p, p)`` a root of it.
+        normals: ``(p, N)``, as many as its root has a use for.
+        taper: ``(p, n)`` factors on the gain.
+        inflation: Factor on the anomalies of components that a reading may correct.
+        mean: ``(n,)``,
+        A: ``(n, N)`` and
+        S: ``(p, p)`` take the mean and the members after it, and the innovation's covariance.
+    """
+    (n, N), p, index = members.shape, len(R), np.empty(len(R), np.int64)
+    own, D, gain, L, shares = np.empty((p, N)), np.zeros((p, N)), np.empty((p, n)), np.empty((p, p)), np.empty((p, p))
+    _innovation_cov(Y, arrived, R, S)
+    k = _chosen(arrived, Y, S, R, own, L, shares, index)
+    _departed(members, before, A)
+    _covary(own, k, A, gain)
+    _cholesky(L, k)
+    _solve(L, k, gain, False)
+    _solve(L, k, gain, True)
+    _add_noise(root, normals, index, k, D)
+    for a in range(k):
+        for j in range(N):
+            D[a, j] -= own[a, j]
+    for c in range(n):
+        shift, factor = before[c], 1.0
+        for a in range(k):
+            share = taper[index[a], c]
+            if share > 0.0:
+                gain[a, c] *= share
+                shift += gain[a, c] * innovation[index[a]]
+                _add(gain[a, c], D[a], A[c])
+                factor = inflation
+        for j in range(N):
+            A[c, j] = shift + factor * A[c, j]
+    _averaged(A, mean)
+
+
+@gufunc(
+    f"void({_LAST}, {_ROW}, {_LAST}, {_ROW}, {_BITS}, {_SMALL}, boolean[:, :], boolean[:, :], float64, "
+    f"{_ROW}, {_LAST}, {_SMALL})",
+    "(n,N),(n),(p,N),(p),(p),(p,p),(g,n),(g,p),()->(n),(n,N),(p,p)",
+)
 def transformed(
-    members: Any, readings: Any, before: Any, y: Any, arrived: Any, Rs: Any, angles: Any, seams: Any,
-    states: Any, channels: Any, inflation: float, mean: Any, out: Any, innovation: Any, S: Any, lost: Any,
+    members: Any, before: Any, Y: Any, innovation: Any, arrived: Any, R: Any, states: Any, channels: Any,
+    inflation: float, mean: Any, A: Any, S: Any,
 ) -> None:  # fmt: skip
     """The analysis of a symmetric transform, ``A <- A - K~ Y``, with ``S = L L'``::
 
@@ -385,78 +328,44 @@ def transformed(
 
     The others are those of `perturbed`.
     """
-    (_, n, N), p = members.shape, y.shape[1]
-    Y, own, index, at = np.empty((p, N)), np.empty((p, N)), np.empty(p, np.int64), np.empty(p, np.int64)
-    L, B, V, M = np.empty((p, p)), np.zeros((p, p)), np.empty((p, p)), np.empty((p, p))
-    CP, gain, e, column, weights = np.empty((p, n)), np.empty((p, n)), np.empty((p, 1)), np.empty(p), np.full(N, 1.0 / N)
-    for b in range(len(members)):
-        R, A = Rs[min(b, len(Rs) - 1)], out[b]
-        arrivals = _innovate(readings[b], y[b], arrived[b], R, angles, seams, weights, Y, index, innovation[b], S[b])
-        _departed(members[b], before[b], A)
-        sound = np.isfinite(innovation[b].sum())
-        for c in range(n):
-            mean[b, c] = before[b, c]
-        for g in range(len(states)):
-            k = 0
-            for a in range(arrivals):
-                if channels[g, index[a]]:
-                    at[k], e[k, 0] = index[a], innovation[b, index[a]]
-                    for j in range(N):
-                        own[k, j] = Y[a, j]
-                    k += 1
-            for a in range(k):
-                for m in range(k):
-                    L[a, m], B[a, m] = S[b, at[a], at[m]], R[at[a], at[m]]
-            if not _cholesky(L, k):
-                sound = False
-                break
-            _solve(L, k, B, False)
-            _transposed(B, k)
-            _solve(L, k, B, False)
-            _softened(B, k, V, M)
-            _covary(own, k, A, CP)
-            _solve(L, k, CP, False)
-            _solve(L, k, e, False)
-            for a in range(k):
-                for c in range(n):
-                    gain[a, c] = 0.0
-                    for m in range(k):
-                        gain[a, c] -= M[a, m] * CP[m, c]
-            _solve(L, k, gain, True)
+    (n, N), p, index = members.shape, len(R), np.empty(len(R), np.int64)
+    own, L, shares, M = np.empty((p, N)), np.empty((p, p)), np.empty((p, p)), np.empty((p, p))
+    CP, gain, e = np.empty((p, n)), np.empty((p, n)), np.empty((p, 1))
+    _innovation_cov(Y, arrived, R, S)
+    _departed(members, before, A)
+    for c in range(n):
+        mean[c] = before[c]
+    for g in range(len(states)):
+        k = _chosen(arrived & channels[g], Y, S, R, own, L, shares, index)
+        for a in range(k):
+            e[a, 0] = innovation[index[a]]
+        _covary(own, k, A, CP)
+        _cholesky(L, k)
+        _softened(L, k, shares, M)
+        _solve(L, k, CP, False)
+        _solve(L, k, e, False)
+        for a in range(k):
             for c in range(n):
-                if k and states[g, c]:
-                    for a in range(k):
-                        mean[b, c] += CP[a, c] * e[a, 0]
-                        column[a] = gain[a, c]
-                    _combine(column, k, own, A[c])
-                    for j in range(N):
-                        A[c, j] *= inflation
+                gain[a, c] = 0.0
+                for m in range(k):
+                    gain[a, c] += M[a, m] * CP[m, c]
+        _solve(L, k, gain, True)
         for c in range(n):
-            sound &= _inflated(mean[b, c], 1.0, A[c], weights) and np.isfinite(mean[b, c])
-        lost[b] = not sound
+            if k and states[g, c]:
+                for a in range(k):
+                    mean[c] += CP[a, c] * e[a, 0]
+                    _add(-gain[a, c], own[a], A[c])
+                for j in range(N):
+                    A[c, j] *= inflation
+    for c in range(n):
+        for j in range(N):
+            A[c, j] += mean[c]
+    _averaged(A, mean)
 
 
-@loop(_arrays("f3 f2 !f3"))
-def _covariances(members: Any, mean: Any, out: Any) -> None:
-    """``A A' / (N - 1)`` of members ``(B, n, N)``."""
-    A = np.empty(members.shape[1:])
-    for b in range(len(members)):
-        _departed(members[b], mean[b], A)
-        _covary(A, len(A), A, out[b])
-
-
-# --- of arrays as a belief has them -----------------------------------------------------------------
-
-
-def members_last(ensemble: np.ndarray) -> np.ndarray:
-    """An ensemble ``(..., N, n)`` as rows ``(B, n, N)``, a view where it lies in memory so."""
-    *batch, N, n = ensemble.shape
-    return np.ascontiguousarray(ensemble.mT.reshape(prod(batch), n, N))
-
-
-def covariance(ensemble: np.ndarray, mean: np.ndarray) -> np.ndarray:
-    """That of members ``(..., N, n)`` about ``mean (..., n)``."""
-    out = np.empty(mean.shape + mean.shape[-1:])
-    rows = prod(mean.shape[:-1]), mean.shape[-1]
-    _covariances(members_last(ensemble), np.ascontiguousarray(mean).reshape(rows), out.reshape(*rows, rows[1]))
-    return out
+@gufunc(f"void({_LAST}, {_ROW}, {_SMALL})", "(n,N),(n)->(n,n)")
+def covariance(members: Any, mean: Any, out: Any) -> None:
+    """``A A' / (N - 1)`` of members ``(n, N)``."""
+    A = np.empty(members.shape)
+    _departed(members, mean, A)
+    _covary(A, len(A), A, out)

@@ -129,10 +129,12 @@ def _uniforms(key: np.ndarray, step: Any, use: Any, blank: np.ndarray, out: np.n
             out[i + 1] = np.float64(second >> _U(11)) * 2.0**-53
 
 
-@gufunc("void(uint64[:], uint64, uint64, float64[:, :], float64[:, :])", "(k),(),(),(N,m)->(N,m)")
-def _of_members(key: np.ndarray, step: Any, use: Any, blank: np.ndarray, out: np.ndarray) -> None:
+@gufunc("void(uint64[:], uint64, uint64, boolean[:], float64[:, :], float64[:, :])", "(k),(),(),(m),(N,m)->(N,m)")
+def _of_members(key: np.ndarray, step: Any, use: Any, wanted: np.ndarray, blank: np.ndarray, out: np.ndarray) -> None:
     four, counter = np.empty((4, (len(out) + 3) // 4)), (step << _U(16)) | use
     for i in range(out.shape[1]):
+        if not wanted[i]:
+            continue
         for j in range(four.shape[1]):  # side by side in vector instructions
             first, second = threefry(_U(j) | (_U(i) << _U(32)), counter, key[0], key[1])
             four[0, j], four[1, j] = normal_pair(first)
@@ -200,6 +202,11 @@ class Numbers:
         """Numbers ``(..., count)`` from 0 to below 1."""
         return _uniforms(self.keys, _unsigned(self.step), use, np.empty(count))
 
-    def members(self, members: int, count: int, use: int = 0) -> np.ndarray:
-        """Standard normal numbers ``(..., members, count)``: a member's are the same however many there are."""
-        return _of_members(self.keys, _unsigned(self.step), use, np.empty((members, count)))
+    def members(self, members: int, count: int, use: int = 0, wanted: np.ndarray | bool = True) -> np.ndarray:
+        """Standard normal numbers ``(..., members, count)``: a member's are the same however many there are.
+
+        Members lie last in memory. Components that are not ``wanted (..., count)`` are left as the memory was.
+        """
+        out = np.empty((*self.keys.shape[:-1], count, members)).mT
+        wanted = np.broadcast_to(wanted, np.shape(wanted)[:-1] + (count,))
+        return _of_members(self.keys, _unsigned(self.step), use, wanted, out, out)
