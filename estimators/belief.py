@@ -217,8 +217,10 @@ class EnsembleBelief(Belief):
     def __getattr__(self, name: str) -> Any:
         if name != "cov":
             raise AttributeError(f"EnsembleBelief has no attribute {name!r}")
-        object.__setattr__(self, "cov", covariance(members_last(self.ensemble), self.mean))
-        return self.cov
+        with np.errstate(all="ignore"):
+            cov = covariance(members_last(self.ensemble), self.mean)
+        object.__setattr__(self, "cov", cov)
+        return cov
 
     def replace(self, **changes: Any) -> Self:
         """This belief with some fields changed; its covariance is what it was."""

@@ -192,8 +192,7 @@ def sincos(angle: float) -> tuple[float, float]:
     return -s if quarter >= 2.0 else s, -c if quarter == 1.0 or quarter == 2.0 else c
 
 
-@intrinsic  # type: ignore[untyped-decorator]
-def _eight_products(typing: Any, a: Any, b: Any, count: Any) -> Any:
+def _products(typing: Any, a: Any, b: Any, count: Any) -> Any:
     """Sum of the first ``count`` products of two vectors, a multiple of eight: eight partial sums, added by halves."""
 
     def code(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -215,6 +214,9 @@ def _eight_products(typing: Any, a: Any, b: Any, count: Any) -> Any:
     return types.float64(a, b, types.intp), code
 
 
+_summed: Any = intrinsic(_products)
+
+
 @inlined
 def dot(a: np.ndarray, b: np.ndarray) -> float:
     """``a . b`` of contiguous vectors, in an order of their products that is the same on every processor.
@@ -222,7 +224,7 @@ def dot(a: np.ndarray, b: np.ndarray) -> float:
     The compiler keeps the order that it is told, and that of one sum would leave no vector instructions.
     """
     whole = len(a) // 8 * 8
-    total = _eight_products(a, b, whole)
+    total: float = _summed(a, b, whole)
     for j in range(whole, len(a)):
         total += a[j] * b[j]
     return total

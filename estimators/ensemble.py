@@ -18,7 +18,7 @@ from estimators.angles import difference
 from estimators.belief import Belief, EnsembleBelief
 from estimators.checks import as_array, number, shown, whole
 from estimators.filter import Filter, Model, Rng
-from estimators.linalg import cholesky, neutralised, product, semidefinite_cholesky, solve
+from estimators.linalg import cholesky, neutralised, product, semidefinite_cholesky
 from estimators.members import expected, forecast, members_last, perturbed, transformed
 from estimators.models import LinearModel, NonlinearModel, at_points, resolve
 from estimators.randomness import Numbers
@@ -28,7 +28,7 @@ Drawn = Numbers | np.random.Generator
 """`Rng` of a filter that draws from it: there is one."""
 START, PROCESS, READINGS, ROTATION = range(4)
 """Uses of random numbers."""
-_CACHE = 2**18
+_CACHE = 2**20
 """Bytes of members that are predicted and updated at a time, so that they stay in the cache meanwhile."""
 _LATER: Any = None
 """A covariance that is computed when somebody asks for it."""
@@ -98,7 +98,9 @@ class EnsembleFilter(Filter[EnsembleBelief]):
     def _predict(self, belief: EnsembleBelief, u: np.ndarray | None, rng: Rng) -> EnsembleBelief:
         return self._in_chunks(self._forecast, belief, u, rng)
 
-    def _in_chunks(self, formulas: Callable[..., EnsembleBelief], belief: EnsembleBelief, *given: Any) -> EnsembleBelief:
+    def _in_chunks(
+        self, formulas: Callable[..., EnsembleBelief], belief: EnsembleBelief, *given: Any
+    ) -> EnsembleBelief:
         """The formulas on as many rows at a time as the cache holds: no row depends on the others.
 
         Args:
@@ -107,7 +109,8 @@ class EnsembleFilter(Filter[EnsembleBelief]):
             given: Likewise.
         """
         batch, size = belief.mean.shape[:-1], max(1, _CACHE // (8 * self.members * self.model.n))
-        if len(batch) != 1 or batch[0] <= size or not self._alike or not isinstance(given[-1], Numbers):
+        numbers = self._numbers(given[-1], batch)
+        if len(batch) != 1 or batch[0] <= size or not self._alike or not isinstance(numbers, Numbers):
             return formulas(belief, *given)
         whole: dict[str, Any] = {}
         for first in range(0, batch[0], size):
@@ -118,7 +121,7 @@ class EnsembleFilter(Filter[EnsembleBelief]):
                     if first == 0:
                         whole[name] = np.empty_like(values, shape=batch + values.shape[1:])
                     whole[name][rows] = values
-        return EnsembleBelief(cov=_LATER, **whole)
+        return type(belief)(cov=_LATER, **whole)
 
     def _forecast(self, belief: EnsembleBelief, u: np.ndarray | None, rng: Rng) -> EnsembleBelief:
         """The prediction of rows."""

@@ -190,12 +190,7 @@ class Filter(ABC, Generic[Record]):
         if not self._ours:
             updated = self._returned("_update", updated, belief.mean.shape[:-1])
         regular = self._regular if R is None and self._regular is not None else _regular(reading.R)
-        if (
-            regular
-            and _finite(updated)
-            and not _exhausted(updated, reading.R)
-            and (self._ours or _proper(updated.cov))
-        ):
+        if regular and _finite(updated) and not _exhausted(updated, reading.R) and (self._ours or _proper(updated.cov)):
             return updated
         return self._recovered(belief, updated, reading, y, rng, available, R)
 
@@ -328,9 +323,7 @@ class Filter(ABC, Generic[Record]):
             again = self._update(start, milder_reading, rng)
             cured = tried & ~_lost(again, start)
             if rung == Recovery.PSEUDO_INVERSE:  # in the channels as they are, not as they were mixed
-                again = again.replace(
-                    innovation=reading.innovation, innovation_cov=S, available=reading.available
-                )
+                again = again.replace(innovation=reading.innovation, innovation_cov=S, available=reading.available)
             again = again.replace(recovery=np.full(lost.shape, rung, np.int8))
             result, lost = result.with_rows(cured, again[cured]), lost & ~cured
         if lost.any():  # a filter that fails even without a reading keeps what it had

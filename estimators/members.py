@@ -98,7 +98,7 @@ def _add(factor: float, a: Any, out: Any) -> None:
 
 @part
 def _add_noise(root: Any, normals: Any, index: Any, k: int, out: Any) -> None:
-    """Adds ``L n_i`` to the members, the normals n ``(r, N)`` centred over them; rows ``index (k,)`` of L ``(:, r)``."""
+    """Adds ``L n_i``, the normals n ``(r, N)`` centred over the members, of the rows ``index (k,)`` of L ``(:, r)``."""
     noise, mean = np.empty((1, out.shape[1])), np.empty(1)
     for r in range(root.shape[1]):
         centred = False
@@ -153,22 +153,24 @@ def _diagonalise(a: Any, k: int, v: Any) -> None:
             size += a[i, i] * a[i, i]
             for j in range(i):
                 aside += a[i, j] * a[i, j]
-        if not aside > 1e-34 * size:
+        if not aside > 1e-32 * size:
             break
         for i in range(1, k):
             for j in range(i):
-                if a[i, j] == 0.0:
+                if not a[i, j] * a[i, j] > 1e-36 * size:
                     continue
                 ratio = 0.5 * (a[i, i] - a[j, j]) / a[i, j]
                 t = 1.0 / (ratio + np.copysign(np.sqrt(1.0 + ratio * ratio), ratio))
                 c = 1.0 / np.sqrt(1.0 + t * t)
                 s = t * c
+                a[j, j] -= t * a[i, j]
+                a[i, i] += t * a[i, j]
+                a[i, j] = a[j, i] = 0.0
                 for m in range(k):
-                    x, y = a[m, j], a[m, i]
-                    a[m, j], a[m, i] = c * x - s * y, s * x + c * y
-                for m in range(k):
-                    x, y = a[j, m], a[i, m]
-                    a[j, m], a[i, m] = c * x - s * y, s * x + c * y
+                    if m != i and m != j:
+                        x, y = a[j, m], a[i, m]
+                        a[j, m] = a[m, j] = c * x - s * y
+                        a[i, m] = a[m, i] = s * x + c * y
                     x, y = v[j, m], v[i, m]
                     v[j, m], v[i, m] = c * x - s * y, s * x + c * y
 
@@ -208,6 +210,8 @@ def forecast(before: Any, after: Any, wrapped: Any, root: Any, normals: Any, mea
         wrapped: ``(n,)`` which components it may have wrapped.
         root: ``(n, r)`` L, a root of the process noise.
         normals: ``(r, N)``.
+        mean: ``(n,)`` and
+        out: ``(n, N)`` take the results.
     """
     for i in range(len(after)):
         for j in range(after.shape[1]):
@@ -231,12 +235,13 @@ def expected(readings: Any, wrapped: Any, mean: Any, anomalies: Any) -> None:
 
 
 @part
-def _chosen(wanted: Any, Y: Any, S: Any, R: Any, own: Any, L: Any, shares: Any, index: Any) -> int:
-    """The rows of Y that are wanted, of S and R likewise; returns how many, and writes to ``index`` which."""
+def _chosen(wanted: Any, arrived: Any, Y: Any, S: Any, R: Any, own: Any, L: Any, shares: Any, index: Any) -> int:
+    """The rows of Y, S and R that are wanted and arrived; how many, and to ``index``, which."""
     k = 0
-    for i in range(len(wanted)):
-        if wanted[i]:
-            own[k] = Y[i]
+    for i in range(len(arrived)):
+        if wanted[i] and arrived[i]:
+            for j in range(Y.shape[1]):
+                own[k, j] = Y[i, j]
             index[k] = i
             k += 1
     for a in range(k):
@@ -285,7 +290,7 @@ def perturbed(
     (n, N), p, index = members.shape, len(R), np.empty(len(R), np.int64)
     own, D, gain, L, shares = np.empty((p, N)), np.zeros((p, N)), np.empty((p, n)), np.empty((p, p)), np.empty((p, p))
     _innovation_cov(Y, arrived, R, S)
-    k = _chosen(arrived, Y, S, R, own, L, shares, index)
+    k = _chosen(arrived, arrived, Y, S, R, own, L, shares, index)
     _departed(members, before, A)
     _covary(own, k, A, gain)
     _cholesky(L, k)
@@ -318,15 +323,14 @@ def transformed(
     members: Any, before: Any, Y: Any, innovation: Any, arrived: Any, R: Any, states: Any, channels: Any,
     inflation: float, mean: Any, A: Any, S: Any,
 ) -> None:  # fmt: skip
-    """The analysis of a symmetric transform, ``A <- A - K~ Y``, with ``S = L L'``::
+    """The analysis of a symmetric transform, ``A <- A - K~ Y``.
 
-        K = (C P)' L'^-1 L^-1        K~ = (C P)' L'^-1 (I + B^1/2)^-1 L^-1        B = L^-1 R L'^-1
+    With ``S = L L'`` and ``B = L^-1 R L'^-1``::
 
-    Args:
-        states: ``(g, n)`` which components form a group,
-        channels: and ``(g, p)`` the readings that may correct it.
+        K = (C P)' L'^-1 L^-1        K~ = (C P)' L'^-1 (I + B^1/2)^-1 L^-1
 
-    The others are those of `perturbed`.
+    ``states (g, n)`` tells which components form a group, ``channels (g, p)`` the readings that may correct it; all
+    else is as for `perturbed`.
     """
     (n, N), p, index = members.shape, len(R), np.empty(len(R), np.int64)
     own, L, shares, M = np.empty((p, N)), np.empty((p, p)), np.empty((p, p)), np.empty((p, p))
@@ -336,7 +340,7 @@ def transformed(
     for c in range(n):
         mean[c] = before[c]
     for g in range(len(states)):
-        k = _chosen(arrived & channels[g], Y, S, R, own, L, shares, index)
+        k = _chosen(channels[g], arrived, Y, S, R, own, L, shares, index)
         for a in range(k):
             e[a, 0] = innovation[index[a]]
         _covary(own, k, A, CP)

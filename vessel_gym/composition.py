@@ -109,7 +109,7 @@ class Forces:
     def on(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
         """Kicks and flows ``(..., f)``, without the white noise."""
         effect = self.disturbance.effect(z, state)
-        forcing = np.empty_like(effect, shape=effect.shape[:-1] + (self.size,))
+        forcing = np.empty_like(effect, float, shape=effect.shape[:-1] + (self.size,))
         forcing.fill(0.0)
         forcing[..., self._columns] = effect
         return forcing

@@ -167,4 +167,6 @@ def test_a_covariance_is_that_of_the_members_at_the_time():
 def test_numbers_that_nobody_asks_for_leave_the_others_as_they_are():
     numbers = Numbers.seeded(range(3)).at(4)
     wanted = np.array([True, False, True])
-    np.testing.assert_array_equal(numbers.members(10, 3, 1, wanted)[..., wanted], numbers.members(10, 3, 1)[..., wanted])
+    np.testing.assert_array_equal(
+        numbers.members(10, 3, 1, wanted)[..., wanted], numbers.members(10, 3, 1)[..., wanted]
+    )
