@@ -128,8 +128,8 @@ class Belief:
             kinds = f"{type(self).__name__} and {type(other).__name__}"
             raise ValueError(f"cannot merge {kinds}: they are of different filters")
         merged: dict[str, Any] = {}
-        for name, mine in self._arrays().items():
-            theirs = getattr(other, name)
+        for name in self.__dataclass_fields__:
+            mine, theirs = getattr(self, name), getattr(other, name)
             if mine is not None or theirs is not None:
                 merged[name] = np.array(_unseen(name, theirs, self) if mine is None else mine)
                 merged[name][rows] = _unseen(name, mine, other) if theirs is None else theirs

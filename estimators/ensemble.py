@@ -359,9 +359,9 @@ class EnsembleSquareRootFilter(EnsembleTransformFilter):
 
 
 def draw(
-    numbers: Drawn, batch: tuple[int, ...], members: int, count: int, use: int, wanted: np.ndarray | bool = True
+    numbers: Drawn, batch: tuple[int, ...], members: int, count: int, use: int, wanted: np.ndarray | None = None
 ) -> np.ndarray:
-    """Standard normals ``(*batch, members, count)``, those components that are ``wanted (*batch, count)``."""
+    """Standard normals ``(*batch, members, count)``; components not ``wanted (*batch, count)`` hold anything."""
     if isinstance(numbers, np.random.Generator):
         return numbers.standard_normal(batch + (members, count))
     return numbers.members(members, count, use, wanted)

@@ -202,11 +202,11 @@ class Numbers:
         """Numbers ``(..., count)`` from 0 to below 1."""
         return _uniforms(self.keys, _unsigned(self.step), use, np.empty(count))
 
-    def members(self, members: int, count: int, use: int = 0, wanted: np.ndarray | bool = True) -> np.ndarray:
+    def members(self, members: int, count: int, use: int = 0, wanted: np.ndarray | None = None) -> np.ndarray:
         """Standard normal numbers ``(..., members, count)``: a member's are the same however many there are.
 
-        Members lie last in memory. Components that are not ``wanted (..., count)`` are left as the memory was.
+        Members lie last in memory. Components that are not ``wanted (..., count)`` hold anything; None: all are.
         """
         out = np.empty((*self.keys.shape[:-1], count, members)).mT
-        wanted = np.broadcast_to(wanted, np.shape(wanted)[:-1] + (count,))
+        wanted = np.ones(count, bool) if wanted is None else wanted
         return _of_members(self.keys, _unsigned(self.step), use, wanted, out, out)
