@@ -18,7 +18,7 @@ from estimators.angles import difference
 from estimators.belief import Belief, EnsembleBelief
 from estimators.checks import as_array, number, shown, whole
 from estimators.filter import Filter, Model, Rng
-from estimators.linalg import cholesky, neutralised, product, semidefinite_cholesky
+from estimators.linalg import cholesky, neutralised, semidefinite_cholesky
 from estimators.members import expected, forecast, members_last, perturbed, transformed
 from estimators.models import LinearModel, NonlinearModel, at_points, resolve
 from estimators.randomness import Numbers
@@ -193,7 +193,7 @@ class EnsembleFilter(Filter[EnsembleBelief]):
         """``(..., N, k)`` draws with covariance ``root root'``, their mean over the members taken off."""
         normals = draw(numbers, batch, self.members, root.shape[-1], use)
         normals -= self._mean(normals)[..., None, :]
-        return product(normals, root.mT)
+        return normals @ root.mT
 
 
 class EnsembleKalmanFilter(EnsembleFilter):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimators import Belief, Filter, Gaussian, NonlinearModel, Numbers, ensemble, make
-from estimators.angles import difference, near, together
+from estimators.angles import difference
 from estimators.ensemble import PROCESS, READINGS
 from estimators.linalg import neutralised, semidefinite_cholesky
 from tests.estimators.cases import assert_same, random_covariance
@@ -53,6 +53,25 @@ def _begun(filter: Filter, spread: float, rows: slice = slice(None)) -> tuple[Be
     return belief, numbers.at(1), y[rows], available[rows]
 
 
+def _near(angle: np.ndarray, centre: np.ndarray) -> np.ndarray:
+    """The angles, whole turns taken off so that they lie within half a turn of ``centre``."""
+    return angle - 2.0 * np.pi * np.rint((angle - centre) / (2.0 * np.pi))
+
+
+def _together(angle: np.ndarray) -> np.ndarray:
+    """Angles ``(..., N)`` of members, whole turns taken off so that their mean is one of angles.
+
+    Where they are close to the first they come to lie beside it; where they are spread out, beside their circular mean.
+    """
+    first = angle[..., :1]
+    close = _near(angle, first)
+    spread = (np.abs(close - first) > 0.25 * np.pi).any(-1)
+    if spread.any():
+        wide = angle[spread]
+        close[spread] = _near(wide, np.arctan2(np.sin(wide).mean(-1), np.cos(wide).mean(-1))[..., None])
+    return close
+
+
 def _centred(numbers: Numbers, members: int, count: int, use: int) -> np.ndarray:
     normals = numbers.members(members, count, use)
     return normals - normals.mean(-2, keepdims=True)
@@ -64,7 +83,7 @@ def _analysis(
     """The members after a reading of one row, their mean, the innovation and its covariance, by the formulas."""
     model, N, p = filter.model, filter.members, filter.model.p
     Y = model.measurement(belief.ensemble, None)
-    Y[:, 1] = together(Y[:, 1])
+    Y[:, 1] = _together(Y[:, 1])
     e = np.where(arrived, difference(y, Y.mean(0), model.measurement_angles), 0.0)
     A, Y = belief.ensemble - belief.mean, np.where(arrived, Y - Y.mean(0), 0.0)
     whole, R = R, neutralised(R, arrived)
@@ -118,7 +137,7 @@ def test_the_kernel_predicts_as_the_formulas_do(members: int, spread: float):
     after = filter.model.transition(x, None)
     step = after[..., 2] - x[..., 2]
     apart = (np.abs(step - step[:, :1]) > np.pi).any(-1)
-    after[apart, :, 2] = (x[..., 2] + near(step, step[:, :1]))[apart]
+    after[apart, :, 2] = (x[..., 2] + _near(step, step[:, :1]))[apart]
     noise = _centred(numbers, members, filter._noise_root.shape[-1], PROCESS) @ filter._noise_root.T
     predicted = filter.predict(begun, rng=numbers)
     np.testing.assert_allclose(predicted.mean, after.mean(-2), rtol=0, atol=1e-13)
