@@ -21,28 +21,9 @@ def wrap(angle: np.ndarray | float) -> np.ndarray:
     return np.maximum(wrapped, _LOWEST)  # a hair above pi is rounded to a whole turn
 
 
-def near(angle: np.ndarray, centre: np.ndarray) -> np.ndarray:
-    """The angles, whole turns taken off so that they lie within half a turn of ``centre``."""
-    return angle - _TURN * np.rint((angle - centre) / _TURN)
-
-
 def short_way(change: np.ndarray) -> np.ndarray:
     """Changes of an angle the short way round; where that is half a turn, either way."""
     return change - _TURN * np.rint(change / _TURN)
-
-
-def together(angle: np.ndarray) -> np.ndarray:
-    """Angles ``(..., N)`` of members, whole turns taken off so that their mean is one of angles.
-
-    Where they are close to the first they come to lie beside it; where they are spread out, beside their circular mean.
-    """
-    first = angle[..., :1]
-    close = near(angle, first)
-    spread = (np.abs(close - first) > 0.25 * np.pi).any(-1)
-    if spread.any():
-        wide = angle[spread]
-        close[spread] = near(wide, np.arctan2(np.sin(wide).mean(-1), np.cos(wide).mean(-1))[..., None])
-    return close
 
 
 def difference(a: np.ndarray, b: np.ndarray, angles: tuple[int, ...]) -> np.ndarray:

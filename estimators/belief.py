@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
+from estimators.members import covariance, members_last
 from estimators.reading import Reading
 
 
@@ -199,8 +200,8 @@ class Belief(Packed):
             kinds = f"{type(self).__name__} and {type(other).__name__}"
             raise ValueError(f"cannot merge {kinds}: they are of different filters")
         merged: dict[str, Any] = {}
-        for name, mine in self._arrays().items():
-            theirs = getattr(other, name)
+        for name in self.__dataclass_fields__:
+            mine, theirs = getattr(self, name), getattr(other, name)
             if mine is not None or theirs is not None:
                 merged[name] = np.array(_unseen(name, theirs, self) if mine is None else mine)
                 merged[name][rows] = _unseen(name, mine, other) if theirs is None else theirs
@@ -273,11 +274,41 @@ class FeedthroughBelief(DelayedInputBelief):
 class EnsembleBelief(Belief):
     """The belief of a filter that carries members.
 
+    Its ``cov`` is computed of the members when somebody first asks for it, where it is given as None.
+
     Attributes:
         ensemble: ``(..., N, n)`` members as rows.
     """
 
     ensemble: np.ndarray = field()
+
+    def __post_init__(self) -> None:
+        if self._later is None:
+            object.__delattr__(self, "cov")
+
+    def __getattr__(self, name: str) -> Any:
+        if name != "cov":
+            raise AttributeError(f"EnsembleBelief has no attribute {name!r}")
+        with np.errstate(all="ignore"):
+            cov = covariance(members_last(self.ensemble), self.mean)
+        object.__setattr__(self, "cov", cov)
+        return cov
+
+    def replace(self, **changes: Any) -> Self:
+        """This belief with some fields changed; its covariance is what it was."""
+        return Belief.replace(self, **({"cov": self.cov} | changes))
+
+    def _arrays(self) -> dict[str, Any]:
+        names = (name for name in self.__dataclass_fields__ if name != "cov")
+        return {"cov": self._later} | {name: getattr(self, name) for name in names}
+
+    @property
+    def _later(self) -> np.ndarray | None:
+        """The covariance, None as long as nobody has asked for it."""
+        try:
+            return object.__getattribute__(self, "cov")
+        except AttributeError:
+            return None
 
 
 @cache

@@ -1,6 +1,7 @@
 """Ensemble filters: a belief is N members, and its moments are theirs.
 
-Rows are members: an ensemble is ``(..., N, n)``. With the anomalies ``A`` of the members ``(N, n)`` and the anomalies
+Rows are members: an ensemble is ``(..., N, n)``; in memory members are last, for the kernels of `estimators.members`,
+which predict and update. With the anomalies ``A`` of the members ``(N, n)`` and the anomalies
 ``Y`` of the readings that they expect ``(N, p)``, every update here has the same three small matrices::
 
     C P- = Y' A / (N - 1)        S = Y' Y / (N - 1) + R        K = (C P-)' S^-1
@@ -8,14 +9,18 @@ Rows are members: an ensemble is ``(..., N, n)``. With the anomalies ``A`` of th
 Everything costs O(N p (n + p)) and nothing is N x N (``variant="evensen2004"`` of `enkf-sr` excepted).
 """
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 
-from estimators.angles import difference, near, together
+from estimators.angles import difference
 from estimators.belief import Belief, EnsembleBelief
 from estimators.checks import as_array, number, shown, whole
 from estimators.filter import Filter, Model, Rng
-from estimators.linalg import cholesky, product, semidefinite_cholesky, solve, symmetrise
-from estimators.models import LinearModel, at_points, resolve
+from estimators.linalg import cholesky, neutralised, semidefinite_cholesky
+from estimators.members import expected, forecast, members_last, perturbed, transformed
+from estimators.models import LinearModel, NonlinearModel, at_points, resolve
 from estimators.randomness import Numbers
 from estimators.reading import Reading
 
@@ -23,6 +28,10 @@ Drawn = Numbers | np.random.Generator
 """`Rng` of a filter that draws from it: there is one."""
 START, PROCESS, READINGS, ROTATION = range(4)
 """Uses of random numbers."""
+_CACHE = 2**20
+"""Bytes of members that are predicted and updated at a time, so that they stay in the cache meanwhile."""
+_LATER: Any = None
+"""A covariance that is computed when somebody asks for it."""
 
 
 class EnsembleFilter(Filter[EnsembleBelief]):
@@ -52,6 +61,11 @@ class EnsembleFilter(Filter[EnsembleBelief]):
         self._mean_weights = np.full(self.members, 1.0 / self.members)
         Q = model.Q
         self._noise_root = None if callable(Q) else noise_root(Q)
+        curved = isinstance(model, NonlinearModel)  # a linear model's readings are as unwrapped as its states
+        self._wrapped = np.isin(np.arange(model.n), model.state_angles) & curved
+        self._seams = np.isin(np.arange(model.p), model.measurement_angles) & curved
+        matrices = (getattr(model, name, None) for name in "ABCQR")
+        self._alike = not any(isinstance(matrix, np.ndarray) and matrix.ndim > 2 for matrix in matrices)
 
     def _taper(self, localisation: np.ndarray) -> np.ndarray:
         """The localisation as numbers ``(n, p)`` from 0 to 1."""
@@ -68,67 +82,85 @@ class EnsembleFilter(Filter[EnsembleBelief]):
         batch = belief.mean.shape[:-1]
         numbers = self._numbers(rng, batch)
         ensemble = self._centred_noise(numbers, batch, semidefinite_cholesky(belief.cov), START)
-        cov = self._covariance(ensemble)
         ensemble += belief.mean[..., None, :]
-        return EnsembleBelief.of(belief.replace(mean=self._mean(ensemble), cov=cov), ensemble=ensemble)
+        return EnsembleBelief.of(belief.replace(mean=self._mean(ensemble), cov=_LATER), ensemble=ensemble)
+
+    def _advance(
+        self, belief: EnsembleBelief, u: np.ndarray | None, y: np.ndarray, available: np.ndarray | None, rng: Rng
+    ) -> EnsembleBelief:
+        return self._in_chunks(super()._advance, belief, u, y, available, rng)
+
+    def _corrected(
+        self, belief: EnsembleBelief, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None, rng: Rng
+    ) -> EnsembleBelief:
+        return self._in_chunks(super()._corrected, belief, y, available, R, rng)
 
     def _predict(self, belief: EnsembleBelief, u: np.ndarray | None, rng: Rng) -> EnsembleBelief:
-        model, batch = self.model, belief.mean.shape[:-1]
-        numbers = self._numbers(rng, batch)
+        return self._in_chunks(self._forecast, belief, u, rng)
+
+    def _in_chunks(
+        self, formulas: Callable[..., EnsembleBelief], belief: EnsembleBelief, *given: Any
+    ) -> EnsembleBelief:
+        """The formulas on as many rows at a time as the cache holds: no row depends on the others.
+
+        Args:
+            formulas: Of a belief and what else is given for each of its rows, random numbers last.
+            belief: For all rows.
+            given: Likewise.
+        """
+        batch, size = belief.mean.shape[:-1], max(1, _CACHE // (8 * self.members * self.model.n))
+        numbers = self._numbers(given[-1], batch)
+        if len(batch) != 1 or batch[0] <= size or not self._alike or not isinstance(numbers, Numbers):
+            return formulas(belief, *given)
+        whole: dict[str, Any] = {}
+        for first in range(0, batch[0], size):
+            rows = slice(first, first + size)
+            part = formulas(belief[rows], *(None if each is None else each[rows] for each in given))
+            for name, values in part._arrays().items():
+                if values is not None and name != "cov":
+                    if first == 0:
+                        whole[name] = np.empty_like(values, shape=batch + values.shape[1:])
+                    whole[name][rows] = values
+        return type(belief)(cov=_LATER, **whole)
+
+    def _forecast(self, belief: EnsembleBelief, u: np.ndarray | None, rng: Rng) -> EnsembleBelief:
+        """The prediction of rows."""
+        model, before = self.model, members_last(belief.ensemble)
+        numbers = self._numbers(rng, belief.mean.shape[:-1])
         if isinstance(model, LinearModel):
-            ensemble = product(belief.ensemble, resolve(model.A, u).mT)
+            after = resolve(model.A, u) @ before
             if model.B is not None and u is not None:
-                ensemble += np.matvec(resolve(model.B, u), u)[..., None, :]
+                after += np.matvec(resolve(model.B, u), u)[..., None]
         else:
-            ensemble = at_points("transition", model.transition, belief.ensemble, u, model.n)
-            ensemble = _unwrapped_steps(belief.ensemble, ensemble, model.state_angles)
-        mean = self._mean(ensemble)
+            after = members_last(at_points("transition", model.transition, before.mT, u, model.n))
         root = semidefinite_cholesky(resolve(model.Q, u)) if self._noise_root is None else self._noise_root
-        if root.shape[-1]:
-            noise = self._centred_noise(numbers, batch, root, PROCESS)
-            ensemble = np.add(ensemble, noise, out=noise)
-        else:
-            ensemble = np.array(ensemble)  # what a model returns is its own
-        anomalies = ensemble - mean[..., None, :]
-        return EnsembleBelief.predicted(belief, mean, self._covariance(anomalies), u, ensemble=ensemble)
+        normals = draw(numbers, belief.mean.shape[:-1], self.members, root.shape[-1], PROCESS)
+        mean, members = forecast(before, after, self._wrapped, root, members_last(normals))
+        return EnsembleBelief.predicted(belief, mean, _LATER, u, ensemble=members.mT)
 
     def _reading(
         self, belief: EnsembleBelief, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None
     ) -> Reading:
-        model, u = self.model, belief.u
-        R, mask = self._noise(y, available, R, u)
-        expected, anomalies = self._expected(belief)
-        innovation = difference(y, expected, model.measurement_angles)
-        none = self._no_columns
-        reading = Reading(innovation, none, none, R, mask, bool(mask.all()), none, none, anomalies, R)
-        return reading if reading.complete else reading.only(mask)
+        model, u, members = self.model, belief.u, members_last(belief.ensemble)
+        if isinstance(model, LinearModel):
+            readings = resolve(model.C, u) @ members
+        else:
+            readings = members_last(at_points("measurement", model.measurement, members.mT, u, model.p))
+        mean, anomalies = expected(readings, self._seams)
+        whole, mask = self._noise(y, available, R, u)
+        complete, none = bool(mask.all()), self._no_columns
+        innovation, R = difference(y, mean, model.measurement_angles), whole
+        if not complete:
+            innovation, R = np.where(mask, innovation, 0.0), neutralised(whole, mask)
+        return Reading(innovation, none, none, R, mask, complete, none, none, anomalies.mT, whole)
 
     def _condensed(
         self, start: EnsembleBelief, reading: Reading, S: np.ndarray, lost: np.ndarray
     ) -> tuple[Reading, np.ndarray] | None:
-        # Mixed channels have no place in a localisation, which is about channels.
-        return None if self.localisation is not None else super()._condensed(start, reading, S, lost)
-
-    def _update(self, belief: EnsembleBelief, reading: Reading, rng: Rng) -> EnsembleBelief:
-        numbers, Y = self._numbers(rng, belief.mean.shape[:-1]), reading.anomalies
-        assert Y is not None
-        S = self._covariance(Y) + reading.R
-        ensemble = belief.ensemble - belief.mean[..., None, :]
-        mean, ensemble = self._analysis(belief.mean, ensemble, Y, S, reading, numbers)
-        if self.inflation != 1.0:
-            ensemble *= self._inflation(reading.available)[..., None, :]
-        cov = self._covariance(ensemble)
-        ensemble += mean[..., None, :]
-        return EnsembleBelief.updated(belief, mean, cov, reading, S, ensemble=ensemble)
-
-    def _analysis(
-        self, mean: np.ndarray, anomalies: np.ndarray, Y: np.ndarray, S: np.ndarray, reading: Reading, numbers: Drawn
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """The mean ``(..., n)`` and the centred anomalies ``(..., N, n)`` after a reading; may write on the latter.
-
-        ``Y (..., N, p)`` are the anomalies of the readings that the members expect.
-        """
-        raise NotImplementedError
+        if self.localisation is not None:  # which is about channels: mixed ones have no place in it
+            return None
+        alone = reading.only(reading.available)
+        return super()._condensed(start, alone._replace(available=np.ones_like(alone.available)), S, lost)
 
     # --- pieces -----------------------------------------------------------------------------------
 
@@ -136,38 +168,11 @@ class EnsembleFilter(Filter[EnsembleBelief]):
         """The mean over the members of ``(..., N, k)``."""
         return np.vecmat(self._mean_weights, ensemble)
 
-    def _covariance(self, anomalies: np.ndarray) -> np.ndarray:
-        """``A' A / (N - 1)``."""
-        return symmetrise(anomalies.mT @ anomalies) / (self.members - 1)
-
-    def _expected(self, belief: EnsembleBelief) -> tuple[np.ndarray, np.ndarray]:
-        """The mean ``(..., p)`` of the readings that the members expect, and their anomalies ``(..., N, p)``.
-
-        A linear model's angles need no care: its readings are as unwrapped as its states. Others are taken about their
-        circular mean.
-        """
-        model, u = self.model, belief.u
-        if isinstance(model, LinearModel):
-            C = resolve(model.C, u)
-            expected = np.matvec(C, belief.mean)
-            anomalies = product(belief.ensemble, C.mT)
-            anomalies -= expected[..., None, :]
-            return expected, anomalies
-        readings = at_points("measurement", model.measurement, belief.ensemble, u, model.p)
-        readings = np.array(readings, dtype=float)
-        for i in model.measurement_angles:
-            readings[..., i] = together(readings[..., i])
-        expected = self._mean(readings)
-        readings -= expected[..., None, :]
-        return expected, readings
-
-    def _inflation(self, available: np.ndarray) -> np.ndarray:
-        """The factor on each component ``(..., n)``: none where no reading came that may correct it."""
-        if self.localisation is None:
-            corrected = available.any(-1, keepdims=True)
-        else:
-            corrected = np.matvec(self.localisation, available.astype(float)) > 0.0
-        return np.where(corrected, self.inflation, 1.0)
+    def _moments(self, belief: EnsembleBelief, reading: Reading) -> tuple[np.ndarray, ...]:
+        """What every analysis is about: members, mean, anomalies of readings, innovation, which arrived, R."""
+        assert reading.anomalies is not None
+        members, Y = members_last(belief.ensemble), members_last(reading.anomalies)
+        return members, belief.mean, Y, reading.innovation, reading.available, reading.R
 
     # --- random numbers ---------------------------------------------------------------------------
 
@@ -188,7 +193,7 @@ class EnsembleFilter(Filter[EnsembleBelief]):
         """``(..., N, k)`` draws with covariance ``root root'``, their mean over the members taken off."""
         normals = draw(numbers, batch, self.members, root.shape[-1], use)
         normals -= self._mean(normals)[..., None, :]
-        return product(normals, root.mT)
+        return normals @ root.mT
 
 
 class EnsembleKalmanFilter(EnsembleFilter):
@@ -215,21 +220,21 @@ class EnsembleKalmanFilter(EnsembleFilter):
     ) -> None:
         super().__init__(model, members, inflation, localisation)
         self._reading_root = None if callable(model.R) else semidefinite_cholesky(model.R)
+        self._factors = np.ones((model.p, model.n)) if self.localisation is None else self.localisation.T
 
-    def _analysis(
-        self, mean: np.ndarray, anomalies: np.ndarray, Y: np.ndarray, S: np.ndarray, reading: Reading, numbers: Drawn
-    ) -> tuple[np.ndarray, np.ndarray]:
-        gain = solve(S, (Y.mT @ anomalies) / (self.members - 1))  # K', (..., p, n)
-        if self.localisation is not None:
-            gain *= self.localisation.T
+    def _update(self, belief: EnsembleBelief, reading: Reading, rng: Rng) -> EnsembleBelief:
+        batch, arrived = belief.mean.shape[:-1], reading.available
+        numbers = self._numbers(rng, batch)
         # The gain of a missing reading is zero, so that the root of the whole R does: it is known beforehand.
         root = self._reading_root
         if root is None or reading.whole_R is not self.model.R:
             root = semidefinite_cholesky(reading.R)
-        departures = self._centred_noise(numbers, mean.shape[:-1], root, READINGS)
-        departures -= Y
-        anomalies += product(departures, gain)
-        return mean + np.vecmat(reading.innovation, gain), anomalies
+        wanted = np.vecmat(arrived, root != 0.0)  # the numbers of which a reading that arrived has a share
+        normals = members_last(draw(numbers, batch, self.members, self.model.p, READINGS, wanted))
+        mean, members, S = perturbed(
+            *self._moments(belief, reading), root, normals, self._factors, self.inflation
+        )  # fmt: skip
+        return EnsembleBelief.updated(belief, mean, _LATER, reading, S, ensemble=members.mT)
 
 
 class EnsembleTransformFilter(EnsembleFilter):
@@ -268,7 +273,9 @@ class EnsembleTransformFilter(EnsembleFilter):
         if not isinstance(rotate, bool):
             raise ValueError(f"rotate must be True or False, got {shown(rotate)}")
         self.rotate = rotate
-        self._groups = None if self.localisation is None else _groups(self.localisation)
+        mask = np.ones((model.n, model.p)) if self.localisation is None else self.localisation
+        channels, group = np.unique(mask != 0.0, axis=0, return_inverse=True)
+        self._groups = group.reshape(-1) == np.arange(len(channels))[:, None], channels
 
     def _taper(self, localisation: np.ndarray) -> np.ndarray:
         mask = super()._taper(localisation)
@@ -276,41 +283,19 @@ class EnsembleTransformFilter(EnsembleFilter):
             raise ValueError(f"localisation of {self.name} must be 0 or 1 everywhere: a taper is for enkf")
         return mask
 
-    def _analysis(
-        self, mean: np.ndarray, anomalies: np.ndarray, Y: np.ndarray, S: np.ndarray, reading: Reading, numbers: Drawn
-    ) -> tuple[np.ndarray, np.ndarray]:
-        if self._groups is None:
-            mean, anomalies = self._transformed(mean, anomalies, Y, S, reading.R, reading.innovation)
-        else:
-            mean = np.array(mean)
-            for states, readings in self._groups:
-                block = (..., readings[:, None], readings)
-                mean[..., states], anomalies[..., states] = self._transformed(
-                    mean[..., states], anomalies[..., states], Y[..., readings], S[block],
-                    reading.R[block], reading.innovation[..., readings],
-                )  # fmt: skip
+    def _update(self, belief: EnsembleBelief, reading: Reading, rng: Rng) -> EnsembleBelief:
+        numbers = self._numbers(rng, belief.mean.shape[:-1])
+        mean, members, S = self._analysis(*self._moments(belief, reading))
+        ensemble = members.mT
         if self.rotate:
-            rank = min(self.members - 1, self.model.n)
-            normals = draw(numbers, mean.shape[:-1], self.members - 1, rank, ROTATION)
-            anomalies = rotated(anomalies, normals)
-        return mean, anomalies
+            normals = draw(numbers, mean.shape[:-1], self.members - 1, min(self.members - 1, self.model.n), ROTATION)
+            ensemble = rotated(ensemble - mean[..., None, :], normals) + mean[..., None, :]
+        return EnsembleBelief.updated(belief, mean, _LATER, reading, S, ensemble=ensemble)
 
-    def _transformed(
-        self, mean: np.ndarray, anomalies: np.ndarray, Y: np.ndarray, S: np.ndarray, R: np.ndarray, e: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Mean ``(..., k)`` and anomalies ``(..., N, k)`` of some components, corrected by some readings."""
-        factor = np.linalg.inv(cholesky(S))  # L^-1
-        shares = product(factor, R) @ factor.mT  # of R in S, eigenvalues from 0 to 1
-        lost = ~np.isfinite(shares).all((-2, -1))
-        if lost.any():  # their NaN comes back with the factor
-            shares[lost] = np.eye(S.shape[-1])
-        m, U = np.linalg.eigh(shares)
-        W = factor.mT @ U
-        whitened = W.mT @ ((Y.mT @ anomalies) / (self.members - 1))  # W' C P-, (..., p, k)
-        correction = np.vecmat(np.vecmat(e, W), whitened)
-        whitened /= (1.0 + np.sqrt(np.maximum(m, 0.0)))[..., None]
-        anomalies -= Y @ (W @ whitened)
-        return mean + correction, anomalies
+    def _analysis(self, *moments: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The mean ``(..., n)``, the members ``(..., n, N)`` and S, of what `_moments` tells."""
+        mean, members, S = transformed(*moments, *self._groups, self.inflation)
+        return mean, members, S
 
 
 class EnsembleSquareRootFilter(EnsembleTransformFilter):
@@ -349,32 +334,37 @@ class EnsembleSquareRootFilter(EnsembleTransformFilter):
             raise ValueError(f"variant must be 'symmetric' or 'evensen2004', got {shown(variant)}")
         self.variant = variant
 
-    def _transformed(
-        self, mean: np.ndarray, anomalies: np.ndarray, Y: np.ndarray, S: np.ndarray, R: np.ndarray, e: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def _analysis(self, *moments: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        mean, members, S = super()._analysis(*moments)
         if self.variant == "symmetric":
-            return super()._transformed(mean, anomalies, Y, S, R, e)
-        gain = solve(S, (Y.mT @ anomalies) / (self.members - 1))  # K'
-        X = (np.linalg.inv(cholesky(S)) @ Y.mT) / np.sqrt(self.members - 1)  # (..., p, N)
-        lost = ~np.isfinite(X).all((-2, -1))
-        X[lost] = 0.0  # their NaN comes back with the gain
-        _, s, Vt = np.linalg.svd(X)
-        scale = np.ones(X.shape[:-2] + (self.members,))
-        scale[..., : s.shape[-1]] = np.sqrt(np.maximum(1.0 - s**2, 0.0))
-        anomalies = scale[..., None] * (Vt @ anomalies)
-        shift = self._mean(anomalies)
-        anomalies -= shift[..., None, :]
-        return mean + np.vecmat(e, gain) + shift, anomalies
+            return mean, members, S
+        before, centre, Y, _, arrived, _ = moments
+        mean, members = np.array(mean), np.array(members)
+        for states, channels in zip(*self._groups, strict=True):
+            used = arrived & channels
+            own = np.where(used[..., None], Y, 0.0)
+            X = (np.linalg.inv(cholesky(neutralised(S, used))) @ own) / np.sqrt(self.members - 1)  # (..., p, N)
+            X[~np.isfinite(X).all((-2, -1))] = 0.0  # what is lost is so in the mean
+            _, s, Vt = np.linalg.svd(X)
+            scale = np.ones(X.shape[:-2] + (self.members,))
+            scale[..., : s.shape[-1]] = np.sqrt(np.maximum(1.0 - s**2, 0.0))
+            anomalies = scale[..., None] * (Vt @ (before - centre[..., None]).mT)  # (..., N, n)
+            shift, factor = anomalies.mean(-2), np.where(used.any(-1), self.inflation, 1.0)[..., None]
+            turned = (mean + (1.0 - factor) * shift)[..., None] + factor[..., None] * anomalies.mT
+            members[..., states, :] = turned[..., states, :]
+        return members.mean(-1), members, S
 
 
 # --- shared -------------------------------------------------------------------------------------------
 
 
-def draw(numbers: Drawn, batch: tuple[int, ...], members: int, count: int, use: int) -> np.ndarray:
-    """Standard normals ``(*batch, members, count)``."""
+def draw(
+    numbers: Drawn, batch: tuple[int, ...], members: int, count: int, use: int, wanted: np.ndarray | None = None
+) -> np.ndarray:
+    """Standard normals ``(*batch, members, count)``; components not ``wanted (*batch, count)`` hold anything."""
     if isinstance(numbers, np.random.Generator):
         return numbers.standard_normal(batch + (members, count))
-    return numbers.members(members, count, use)
+    return numbers.members(members, count, use, wanted)
 
 
 def noise_root(cov: np.ndarray) -> np.ndarray:
@@ -408,24 +398,3 @@ def _reflected(a: np.ndarray) -> np.ndarray:
     normal = np.full(members, -1.0 / np.sqrt(members))
     normal[0] += 1.0
     return a - normal[:, None] * (np.vecmat(normal, a) * (2.0 / (normal @ normal)))[..., None, :]
-
-
-def _groups(mask: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Components with the same row of ``(n, p)``, and the readings of that row; those without readings are left out."""
-    rows, member_of = np.unique(mask, axis=0, return_inverse=True)
-    return [(np.flatnonzero(member_of == i), np.flatnonzero(row)) for i, row in enumerate(rows) if row.any()]
-
-
-def _unwrapped_steps(before: np.ndarray, after: np.ndarray, angles: tuple[int, ...]) -> np.ndarray:
-    """``after``, whole turns taken off that some members made and others did not.
-
-    A transition may wrap its angles. Members that cross the seam would then be a turn away from the others; over one
-    step all turn by nearly as much as the first.
-    """
-    for i in angles:
-        step = after[..., i] - before[..., i]
-        apart = (np.abs(step - step[..., :1]) > np.pi).any(-1)
-        if apart.any():
-            after = np.array(after)
-            after[apart, :, i] = (before[..., i] + near(step, step[..., :1]))[apart]
-    return after

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Generic, NamedTuple, TypeVar, cast
 import numpy as np
 
 from estimators.angles import difference
-from estimators.belief import APART, Belief, FeedthroughBelief, InputBelief, Layout, Recovery, laid_out
+from estimators.belief import APART, Belief, EnsembleBelief, FeedthroughBelief, InputBelief, Layout, Recovery, laid_out
 from estimators.checks import as_array, as_mask
 from estimators.formulas import Program, is_noted
 from estimators.linalg import congruence, equilibrated, identity, neutralised, semidefinite_cholesky
@@ -163,19 +163,19 @@ class Filter(ABC, Generic[Record]):
             as_covariance("R", neutralised(R, arrived))
         if u is not None:
             belief = belief.replace(u=self._known(u, batch))
-        return self._updated(belief, y, rng, available, R)
+        return self._corrected(belief, y, available, R, rng)
 
     # --- the same for whoever has checked what comes in -------------------------------------------
 
     def _advance(
-        self, belief: Record, u: np.ndarray | None, y: np.ndarray, available: np.ndarray, rng: Rng = None
+        self, belief: Record, u: np.ndarray | None, y: np.ndarray, available: np.ndarray | None, rng: Rng
     ) -> Record:
         """`predict`, then `update`."""
         if self._programs is not None and isinstance(self.model, LinearModel):
             updated, doubtful = self._carried_out(_BOTH, belief, u, y, available)
             if self._regular and not doubtful:
                 return updated
-        return self._updated(self._predicted(belief, u, rng), y, rng, available, None)
+        return self._corrected(self._predicted(belief, u, rng), y, available, None, rng)
 
     def _predicted(self, belief: Record, u: np.ndarray | None, rng: Rng) -> Record:
         if self._programs is not None:
@@ -183,8 +183,8 @@ class Filter(ABC, Generic[Record]):
         with np.errstate(all="ignore"):
             return self._predict(belief, u, rng)
 
-    def _updated(
-        self, belief: Record, y: np.ndarray, rng: Rng, available: np.ndarray | None, R: np.ndarray | None
+    def _corrected(
+        self, belief: Record, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None, rng: Rng
     ) -> Record:
         regular = self._regular
         if R is not None or regular is None:
@@ -417,7 +417,7 @@ class Filter(ABC, Generic[Record]):
             again = self._update(start, milder_reading, rng)
             cured = tried & ~_lost(again, start)
             if rung == Recovery.PSEUDO_INVERSE:  # in the channels as they are, not as they were mixed
-                again = again.replace(innovation=reading.innovation, innovation_cov=S)
+                again = again.replace(innovation=reading.innovation, innovation_cov=S, available=reading.available)
             again = again.replace(recovery=np.full(lost.shape, rung, np.int8))
             result, lost = result.with_rows(cured, again[cured]), lost & ~cured
         if lost.any():  # a filter that fails even without a reading keeps what it had
@@ -508,6 +508,8 @@ class _Noted(NamedTuple):
 
 def _doubtful(updated: Belief, R: np.ndarray) -> np.ndarray:
     """The rows ``(...)`` that are not finite, or of which a reading left nothing, perhaps, but rounding."""
+    if isinstance(updated, EnsembleBelief):  # whose mean is that of the members, and no variance of theirs negative
+        return ~np.isfinite(updated.mean.sum(-1))
     total = updated.mean.sum(-1) + updated.cov.sum((-2, -1))
     if isinstance(updated, InputBelief):
         total = total + updated.input_mean.sum(-1)

@@ -85,6 +85,11 @@ class Numbers:
         """Numbers ``(..., count)`` from 0 to below 1."""
         return _kernels().uniforms(self.keys, _unsigned(self.step), use, np.empty(count))
 
-    def members(self, members: int, count: int, use: int = 0) -> np.ndarray:
-        """Standard normal numbers ``(..., members, count)``: a member's are the same however many there are."""
-        return _kernels().of_members(self.keys, _unsigned(self.step), use, np.empty((members, count)))
+    def members(self, members: int, count: int, use: int = 0, wanted: np.ndarray | None = None) -> np.ndarray:
+        """Standard normal numbers ``(..., members, count)``: a member's are the same however many there are.
+
+        Members lie last in memory. Components that are not ``wanted (..., count)`` hold anything; None: all are.
+        """
+        out = np.empty((*self.keys.shape[:-1], count, members)).mT
+        wanted = np.ones(count, bool) if wanted is None else wanted
+        return _kernels().of_members(self.keys, _unsigned(self.step), use, wanted, out, out)

@@ -125,10 +125,12 @@ def uniforms(key: np.ndarray, step: Any, use: Any, blank: np.ndarray, out: np.nd
 
 
 @gufunc("void(uint64[:], uint64, uint64, float64[:, :], float64[:, :])", "(k),(),(),(N,m)->(N,m)")
-def of_members(key: np.ndarray, step: Any, use: Any, blank: np.ndarray, out: np.ndarray) -> None:
-    """Standard normal numbers ``(N, m)``, as many as ``blank`` has: those of four neighbouring members of a counter."""
+def of_members(key: np.ndarray, step: Any, use: Any, wanted: np.ndarray, blank: np.ndarray, out: np.ndarray) -> None:
+    """Standard normal numbers ``(N, m)`` of ``wanted`` components, as many as ``blank`` has: four members a counter."""
     four, counter = np.empty((4, (len(out) + 3) // 4)), (step << _U(16)) | use
     for i in range(out.shape[1]):
+        if not wanted[i]:
+            continue
         for j in range(four.shape[1]):  # side by side in vector instructions
             first, second = threefry(_U(j) | (_U(i) << _U(32)), counter, key[0], key[1])
             four[0, j], four[1, j] = normal_pair(first)

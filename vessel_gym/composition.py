@@ -109,7 +109,8 @@ class Forces:
     def on(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
         """Kicks and flows ``(..., f)``, without the white noise."""
         effect = self.disturbance.effect(z, state)
-        forcing = np.zeros(effect.shape[:-1] + (self.size,))
+        forcing = np.empty_like(effect, float, shape=effect.shape[:-1] + (self.size,))
+        forcing.fill(0.0)
         forcing[..., self._columns] = effect
         return forcing
 
@@ -446,7 +447,6 @@ def _nonlinear(parts: _Parts, options: dict[str, Any]) -> NonlinearModel:
     moves = [base.index(name) for name in vehicle.kicked if name in base]
     kicking = k > 0 and forces.kicking
     disturbance = forces.disturbance
-    whole = Process.joined(Process.walk(np.zeros(n), np.zeros(n), vehicle.dt), drift)
 
     def moved(x: np.ndarray, u: np.ndarray | None, out: np.ndarray | None = None) -> np.ndarray:
         assert u is not None
@@ -463,8 +463,9 @@ def _nonlinear(parts: _Parts, options: dict[str, Any]) -> NonlinearModel:
         assert u is not None
         if u.size > u.shape[-1] and u.shape[:-1] != x.shape[:-1]:
             x = np.broadcast_to(x, np.broadcast_shapes(x.shape[:-1], u.shape[:-1]) + x.shape[-1:])
-        after = whole.advance(x) if drift.size else np.empty(x.shape)
+        after = np.empty_like(x)  # which lies in memory as x does
         moved(x, u, after[..., :n])
+        drift.advance(x[..., n:], after[..., n:])
         return after
 
     def read(x: np.ndarray, u: np.ndarray | None, bias: np.ndarray | None = None) -> np.ndarray:

@@ -98,8 +98,10 @@ class Loop:
     def estimate(self, readings: Readings, u: np.ndarray, steps: np.ndarray) -> None:
         """One step of all rows, after which they are ``steps (B,)`` on: the known input, then what was read."""
         rng = self._filtering.at(steps) if self.filter.random else None
-        belief = self.filter.predict(self.belief, u, rng=rng)
-        self.belief = self._update(belief, readings, rng)
+        if self._foreign or self.tells_truth:
+            self.belief = self._update(self.filter.predict(self.belief, u, rng=rng), readings, rng)
+        else:
+            self.belief = self.filter._advance(self.belief, u, *readings, rng)
 
     def _update(self, belief: Belief, readings: Readings, rng: Numbers | None, u: np.ndarray | None = None) -> Belief:
         y, available = readings

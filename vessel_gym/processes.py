@@ -47,9 +47,9 @@ class Process:
         """m, normal numbers a step."""
         return self.root.shape[1]
 
-    def advance(self, z: np.ndarray) -> np.ndarray:
+    def advance(self, z: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """``transition z`` of states ``(..., k)``, entry by entry: the same to the last bit in any batch."""
-        moved = np.multiply(z, self._decay)
+        moved = np.multiply(z, self._decay, out)
         for i, j, entry in self._couplings:
             moved[..., i] += entry * z[..., j]
         return moved

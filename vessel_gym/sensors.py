@@ -290,7 +290,9 @@ class Sensors:
         if bias is not None:
             for i, k, own in self._biased:
                 parts[i : i + 1] = parts[i][..., :k] + bias[..., own], parts[i][..., k:]
-        return parts[0] if len(parts) == 1 else np.concatenate(parts, -1)
+        if len(parts) == 1:
+            return parts[0]
+        return np.concatenate(parts, -1, np.empty_like(state, float, shape=state.shape[:-1] + (self.size,)))
 
     def read(self, exact: np.ndarray, steps: np.ndarray, numbers: Numbers) -> tuple[np.ndarray, np.ndarray]:
         """Noisy readings and the mask of those that arrived.

@@ -1,0 +1,375 @@
+"""What ensemble filters compute of the members of one row, compiled: these stay in the cache meanwhile.
+
+Members are last here, an ensemble is ``(n, N)``: loops over the members of a component are vector instructions. Sums
+over members have eight partial sums in a fixed order, so that a row's numbers depend neither on its batch nor on the
+processor.
+
+Notation: the anomalies ``A (n, N)`` of the members and ``Y (k, N)`` of the readings that they expect, of those k that
+arrived; ``S = Y Y' / (N - 1) + R`` and ``C P = Y A' / (N - 1)``.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from estimators.compiled import dot, gufunc, inlined, part, sincos
+
+_TURN = 2.0 * np.pi
+
+
+def members_last(ensemble: np.ndarray) -> np.ndarray:
+    """``(..., n, N)`` of an ensemble ``(..., N, n)``, contiguous as the kernels need it: a view of what they gave."""
+    return np.ascontiguousarray(ensemble.mT)
+
+
+# --- angles -----------------------------------------------------------------------------------------
+
+
+@inlined
+def _near(angle: float, centre: float) -> float:
+    """The angle, whole turns taken off so that it lies within half a turn of ``centre``."""
+    return angle - _TURN * np.rint((angle - centre) / _TURN)
+
+
+@part
+def _step_together(before: Any, after: Any) -> None:
+    """Takes off whole turns that some members of an angle ``(N,)`` made over a step, and the first did not.
+
+    A transition may wrap its angles. Members that cross the seam would then be a turn away from the others; over one
+    step all turn by nearly as much as the first.
+    """
+    first, apart = after[0] - before[0], 0
+    for j in range(len(after)):
+        apart += abs(after[j] - before[j] - first) > np.pi
+    if apart:
+        for j in range(len(after)):
+            after[j] = before[j] + _near(after[j] - before[j], first)
+
+
+@part
+def _gather(angle: Any) -> None:
+    """Members of an angle ``(N,)`` beside the first, or, where they are spread out, beside their circular mean."""
+    centre, apart = angle[0], 0
+    for j in range(len(angle)):
+        apart += abs(_near(angle[j], centre) - centre) > 0.25 * np.pi
+    if apart:
+        sine, cosine = 0.0, 0.0
+        for j in range(len(angle)):
+            s, c = sincos(angle[j])
+            sine, cosine = sine + s, cosine + c
+        centre = np.arctan2(sine, cosine)
+    for j in range(len(angle)):
+        angle[j] = _near(angle[j], centre)
+
+
+# --- moments ----------------------------------------------------------------------------------------
+
+
+@part
+def _departed(a: Any, mean: Any, out: Any) -> None:
+    """The anomalies of ``(k, N)``."""
+    for i in range(len(a)):
+        for j in range(a.shape[1]):
+            out[i, j] = a[i, j] - mean[i]
+
+
+@part
+def _averaged(a: Any, out: Any) -> None:
+    """The means ``(k,)`` of ``(k, N)`` over the members."""
+    weights = np.full(a.shape[1], 1.0 / a.shape[1])
+    for i in range(len(a)):
+        out[i] = dot(a[i], weights)
+
+
+@part
+def _covary(a: Any, k: int, b: Any, out: Any) -> None:
+    """``A B' / (N - 1)`` of anomalies, of the first k rows of A."""
+    for i in range(k):
+        for j in range(len(b)):
+            out[i, j] = dot(a[i], b[j]) / (a.shape[1] - 1)
+
+
+@inlined
+def _add(factor: float, a: Any, out: Any) -> None:
+    """Adds ``factor a (N,)``."""
+    for j in range(len(out)):
+        out[j] += factor * a[j]
+
+
+@part
+def _add_noise(root: Any, normals: Any, index: Any, k: int, out: Any) -> None:
+    """Adds ``L n_i``, the normals n ``(r, N)`` centred over the members, of the rows ``index (k,)`` of L ``(:, r)``."""
+    noise, mean = np.empty((1, out.shape[1])), np.empty(1)
+    for r in range(root.shape[1]):
+        centred = False
+        for a in range(k):
+            if root[index[a], r] != 0.0:
+                if not centred:
+                    _averaged(normals[r : r + 1], mean)
+                    _departed(normals[r : r + 1], mean, noise)
+                    centred = True
+                _add(root[index[a], r], noise[0], out[a])
+
+
+# --- small matrices ---------------------------------------------------------------------------------
+
+
+@part
+def _cholesky(s: Any, k: int) -> None:
+    """``S = L L'`` of the first k rows, L in place of the lower triangle."""
+    for j in range(k):
+        for i in range(j, k):
+            for m in range(j):
+                s[i, j] -= s[i, m] * s[j, m]
+        s[j, j] = np.sqrt(s[j, j])
+        for i in range(j + 1, k):
+            s[i, j] /= s[j, j]
+
+
+@part
+def _solve(L: Any, k: int, b: Any, transposed: bool) -> None:
+    """``L^-1 B``, or ``L'^-1 B``, in place of the first k rows of B."""
+    for step in range(k):
+        i = k - 1 - step if transposed else step
+        for other in range(step):
+            m = k - 1 - other if transposed else other
+            _add(-L[m, i] if transposed else -L[i, m], b[m], b[i])
+        for c in range(b.shape[1]):
+            b[i, c] /= L[i, i]
+
+
+@part
+def _diagonalise(a: Any, k: int, v: Any) -> None:
+    """``A = V' diag(m) V`` of the first k rows of a symmetric A: m to its diagonal, eigenvectors to the rows of V.
+
+    By the rotations of Jacobi (1846), row by row, with the formulas of Golub & Van Loan (2013, sec. 8.5).
+    """
+    for i in range(k):
+        for j in range(k):
+            v[i, j] = 1.0 if i == j else 0.0
+    for _ in range(30):
+        aside, size = 0.0, 0.0
+        for i in range(k):
+            size += a[i, i] * a[i, i]
+            for j in range(i):
+                aside += a[i, j] * a[i, j]
+        if not aside > 1e-32 * size:
+            break
+        for i in range(1, k):
+            for j in range(i):
+                if not a[i, j] * a[i, j] > 1e-36 * size:
+                    continue
+                ratio = 0.5 * (a[i, i] - a[j, j]) / a[i, j]
+                t = 1.0 / (ratio + np.copysign(np.sqrt(1.0 + ratio * ratio), ratio))
+                c = 1.0 / np.sqrt(1.0 + t * t)
+                s = t * c
+                a[j, j] -= t * a[i, j]
+                a[i, i] += t * a[i, j]
+                a[i, j] = a[j, i] = 0.0
+                for m in range(k):
+                    if m != i and m != j:
+                        x, y = a[j, m], a[i, m]
+                        a[j, m] = a[m, j] = c * x - s * y
+                        a[i, m] = a[m, i] = s * x + c * y
+                    x, y = v[j, m], v[i, m]
+                    v[j, m], v[i, m] = c * x - s * y, s * x + c * y
+
+
+@part
+def _softened(L: Any, k: int, R: Any, out: Any) -> None:
+    """``(I + B^1/2)^-1`` with ``B = L^-1 R L'^-1``; R is overwritten."""
+    _solve(L, k, R, False)
+    for i in range(k):
+        for j in range(i):
+            R[i, j], R[j, i] = R[j, i], R[i, j]
+    _solve(L, k, R, False)
+    V = np.empty(R.shape)
+    _diagonalise(R, k, V)
+    for i in range(k):
+        for j in range(k):
+            out[i, j] = 0.0
+            for m in range(k):
+                out[i, j] += V[m, i] * V[m, j] / (1.0 + np.sqrt(max(R[m, m], 0.0)))
+
+
+# --- kernels ----------------------------------------------------------------------------------------
+
+_ROW, _BITS, _SMALL, _LAST = "float64[:]", "boolean[:]", "float64[:, :]", "float64[:, ::1]"
+
+
+@gufunc(
+    f"void({_LAST}, {_LAST}, {_BITS}, {_SMALL}, {_LAST}, {_ROW}, {_LAST})",
+    "(n,N),(n,N),(n),(n,r),(r,N)->(n),(n,N)",
+)
+def forecast(before: Any, after: Any, wrapped: Any, root: Any, normals: Any, mean: Any, out: Any) -> None:
+    """The mean ``(n,)``, and members ``x_i = f(x_i-) + L n_i`` whose noise moves it by nothing.
+
+    Args:
+        before: ``(n, N)``,
+        after: and ``(n, N)`` what the transition makes of them.
+        wrapped: ``(n,)`` which components it may have wrapped.
+        root: ``(n, r)`` L, a root of the process noise.
+        normals: ``(r, N)``.
+        mean: ``(n,)`` and
+        out: ``(n, N)`` take the results.
+    """
+    for i in range(len(after)):
+        for j in range(after.shape[1]):
+            out[i, j] = after[i, j]
+        if wrapped[i]:
+            _step_together(before[i], out[i])
+    _averaged(out, mean)
+    _add_noise(root, normals, np.arange(len(out)), len(out), out)
+
+
+@gufunc(f"void({_LAST}, {_BITS}, {_ROW}, {_LAST})", "(p,N),(p)->(p),(p,N)")
+def expected(readings: Any, wrapped: Any, mean: Any, anomalies: Any) -> None:
+    """The mean ``(p,)`` of readings that members expect, and their anomalies; those that are angles about it."""
+    for i in range(len(readings)):
+        for j in range(readings.shape[1]):
+            anomalies[i, j] = readings[i, j]
+        if wrapped[i]:
+            _gather(anomalies[i])
+    _averaged(anomalies, mean)
+    _departed(anomalies, mean, anomalies)
+
+
+@part
+def _chosen(wanted: Any, arrived: Any, Y: Any, S: Any, R: Any, own: Any, L: Any, shares: Any, index: Any) -> int:
+    """The rows of Y, S and R that are wanted and arrived; how many, and to ``index``, which."""
+    k = 0
+    for i in range(len(arrived)):
+        if wanted[i] and arrived[i]:
+            for j in range(Y.shape[1]):
+                own[k, j] = Y[i, j]
+            index[k] = i
+            k += 1
+    for a in range(k):
+        for b in range(k):
+            L[a, b], shares[a, b] = S[index[a], index[b]], R[index[a], index[b]]
+    return k
+
+
+@part
+def _innovation_cov(Y: Any, arrived: Any, R: Any, S: Any) -> None:
+    """``S = Y Y' / (N - 1) + R`` of the readings that arrived; of the others R."""
+    for i in range(len(S)):
+        for j in range(i + 1):
+            S[i, j] = R[i, j]
+            if arrived[i] and arrived[j]:
+                S[i, j] += dot(Y[i], Y[j]) / (Y.shape[1] - 1)
+            S[j, i] = S[i, j]
+
+
+@gufunc(
+    f"void({_LAST}, {_ROW}, {_LAST}, {_ROW}, {_BITS}, {_SMALL}, {_SMALL}, {_LAST}, {_SMALL}, float64, "
+    f"{_ROW}, {_LAST}, {_SMALL})",
+    "(n,N),(n),(p,N),(p),(p),(p,p),(p,p),(p,N),(p,n),()->(n),(n,N),(p,p)",
+)
+def perturbed(
+    members: Any, before: Any, Y: Any, innovation: Any, arrived: Any, R: Any, root: Any, normals: Any, taper: Any,
+    inflation: float, mean: Any, A: Any, S: Any,
+) -> None:  # fmt: skip
+    """The analysis of perturbed readings, ``x_i = x_i- + K (y + v_i - h(x_i-))`` with ``K = (C P)' S^-1``.
+
+    Args:
+        members: ``(n, N)``,
+        before: and ``(n,)`` their mean.
+        Y: ``(p, N)`` anomalies of the readings that they expect.
+        innovation: ``(p,)``.
+        arrived: ``(p,)`` which readings there are.
+        R: ``(p, p)`` their covariance,
+        root: and ``(p, p)`` a root of it.
+        normals: ``(p, N)``, as many as its root has a use for.
+        taper: ``(p, n)`` factors on the gain.
+        inflation: Factor on the anomalies of components that a reading may correct.
+        mean: ``(n,)``,
+        A: ``(n, N)`` and
+        S: ``(p, p)`` take the mean and the members after it, and the innovation's covariance.
+    """
+    (n, N), p, index = members.shape, len(R), np.empty(len(R), np.int64)
+    own, D, gain, L, shares = np.empty((p, N)), np.zeros((p, N)), np.empty((p, n)), np.empty((p, p)), np.empty((p, p))
+    _innovation_cov(Y, arrived, R, S)
+    k = _chosen(arrived, arrived, Y, S, R, own, L, shares, index)
+    _departed(members, before, A)
+    _covary(own, k, A, gain)
+    _cholesky(L, k)
+    _solve(L, k, gain, False)
+    _solve(L, k, gain, True)
+    _add_noise(root, normals, index, k, D)
+    for a in range(k):
+        for j in range(N):
+            D[a, j] -= own[a, j]
+    for c in range(n):
+        shift, factor = before[c], 1.0
+        for a in range(k):
+            share = taper[index[a], c]
+            if share > 0.0:
+                gain[a, c] *= share
+                shift += gain[a, c] * innovation[index[a]]
+                _add(gain[a, c], D[a], A[c])
+                factor = inflation
+        for j in range(N):
+            A[c, j] = shift + factor * A[c, j]
+    _averaged(A, mean)
+
+
+@gufunc(
+    f"void({_LAST}, {_ROW}, {_LAST}, {_ROW}, {_BITS}, {_SMALL}, boolean[:, :], boolean[:, :], float64, "
+    f"{_ROW}, {_LAST}, {_SMALL})",
+    "(n,N),(n),(p,N),(p),(p),(p,p),(g,n),(g,p),()->(n),(n,N),(p,p)",
+)
+def transformed(
+    members: Any, before: Any, Y: Any, innovation: Any, arrived: Any, R: Any, states: Any, channels: Any,
+    inflation: float, mean: Any, A: Any, S: Any,
+) -> None:  # fmt: skip
+    """The analysis of a symmetric transform, ``A <- A - K~ Y``.
+
+    With ``S = L L'`` and ``B = L^-1 R L'^-1``::
+
+        K = (C P)' L'^-1 L^-1        K~ = (C P)' L'^-1 (I + B^1/2)^-1 L^-1
+
+    ``states (g, n)`` tells which components form a group, ``channels (g, p)`` the readings that may correct it; all
+    else is as for `perturbed`.
+    """
+    (n, N), p, index = members.shape, len(R), np.empty(len(R), np.int64)
+    own, L, shares, M = np.empty((p, N)), np.empty((p, p)), np.empty((p, p)), np.empty((p, p))
+    CP, gain, e = np.empty((p, n)), np.empty((p, n)), np.empty((p, 1))
+    _innovation_cov(Y, arrived, R, S)
+    _departed(members, before, A)
+    for c in range(n):
+        mean[c] = before[c]
+    for g in range(len(states)):
+        k = _chosen(channels[g], arrived, Y, S, R, own, L, shares, index)
+        for a in range(k):
+            e[a, 0] = innovation[index[a]]
+        _covary(own, k, A, CP)
+        _cholesky(L, k)
+        _softened(L, k, shares, M)
+        _solve(L, k, CP, False)
+        _solve(L, k, e, False)
+        for a in range(k):
+            for c in range(n):
+                gain[a, c] = 0.0
+                for m in range(k):
+                    gain[a, c] += M[a, m] * CP[m, c]
+        _solve(L, k, gain, True)
+        for c in range(n):
+            if k and states[g, c]:
+                for a in range(k):
+                    mean[c] += CP[a, c] * e[a, 0]
+                    _add(-gain[a, c], own[a], A[c])
+                for j in range(N):
+                    A[c, j] *= inflation
+    for c in range(n):
+        for j in range(N):
+            A[c, j] += mean[c]
+    _averaged(A, mean)
+
+
+@gufunc(f"void({_LAST}, {_ROW}, {_SMALL})", "(n,N),(n)->(n,n)")
+def covariance(members: Any, mean: Any, out: Any) -> None:
+    """``A A' / (N - 1)`` of members ``(n, N)``."""
+    A = np.empty(members.shape)
+    _departed(members, mean, A)
+    _covary(A, len(A), A, out)

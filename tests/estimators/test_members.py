@@ -1,0 +1,195 @@
+"""The kernels of the ensemble filters against their formulas in NumPy, and rows and chunks against each other."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from estimators import Belief, Filter, Gaussian, NonlinearModel, Numbers, ensemble, make
+from estimators.angles import difference
+from estimators.ensemble import PROCESS, READINGS
+from estimators.linalg import neutralised, semidefinite_cholesky
+from tests.estimators.cases import assert_same, random_covariance
+
+ROWS = 9
+TAPER = np.linspace(0.0, 1.0, 20).reshape(5, 4)
+MASK = np.array([[1, 1, 0, 0], [0, 1, 1, 0], [1, 1, 0, 0], [0, 0, 0, 0], [0, 0, 1, 1]])
+FILTERS = [
+    ("enkf", {}),
+    ("enkf", {"inflation": 1.1, "localisation": TAPER}),
+    ("etkf", {}),
+    ("etkf", {"rotate": True}),
+    ("enkf-sr", {"inflation": 1.1, "localisation": MASK}),
+    ("enkf-sr", {"variant": "evensen2004"}),
+]
+SPREADS = pytest.mark.parametrize("spread", [0.05, 2.0], ids=["members close together", "angles all round"])
+
+
+def _wrapping(seed: int = 0) -> NonlinearModel:
+    """Five states and four readings, all of them correlated; an angle among each, which the functions wrap."""
+    rng = np.random.default_rng(seed)
+    A, C = 0.5 * rng.normal(size=(5, 5)), rng.normal(size=(4, 5))
+
+    def folded(x: np.ndarray, i: int) -> np.ndarray:
+        x = np.array(x)
+        x[..., i] = np.arctan2(np.sin(x[..., i]), np.cos(x[..., i]))
+        return x
+
+    return NonlinearModel(
+        lambda x, u: folded(np.matvec(A, x) + 0.1 * np.sin(x), 2),
+        lambda x, u: folded(np.matvec(C, x) + 0.1 * np.cos(x[..., :4]), 1),
+        Q=random_covariance(rng, 5), R=0.1 * random_covariance(rng, 4), state_angles=(2,), measurement_angles=(1,),
+    )  # fmt: skip
+
+
+def _begun(filter: Filter, spread: float, rows: slice = slice(None)) -> tuple[Belief, Numbers, np.ndarray, np.ndarray]:
+    """Beliefs of rows about the cut of the angles, their random numbers, readings, and which of these arrive."""
+    rng = np.random.default_rng(1)
+    mean, y = rng.normal(size=(ROWS, 5)) + [0, 0, np.pi, 0, 0], rng.normal(size=(ROWS, 4))
+    available = rng.random((ROWS, 4)) < 0.7
+    available[0], available[1] = False, True
+    numbers = Numbers.seeded(range(ROWS))[rows]
+    belief = filter.init(Gaussian(mean[rows], spread**2 * np.eye(5)), rng=numbers)
+    return belief, numbers.at(1), y[rows], available[rows]
+
+
+def _near(angle: np.ndarray, centre: np.ndarray) -> np.ndarray:
+    """The angles, whole turns taken off so that they lie within half a turn of ``centre``."""
+    return angle - 2.0 * np.pi * np.rint((angle - centre) / (2.0 * np.pi))
+
+
+def _together(angle: np.ndarray) -> np.ndarray:
+    """Angles ``(..., N)`` of members, whole turns taken off so that their mean is one of angles.
+
+    Where they are close to the first they come to lie beside it; where they are spread out, beside their circular mean.
+    """
+    first = angle[..., :1]
+    close = _near(angle, first)
+    spread = (np.abs(close - first) > 0.25 * np.pi).any(-1)
+    if spread.any():
+        wide = angle[spread]
+        close[spread] = _near(wide, np.arctan2(np.sin(wide).mean(-1), np.cos(wide).mean(-1))[..., None])
+    return close
+
+
+def _centred(numbers: Numbers, members: int, count: int, use: int) -> np.ndarray:
+    normals = numbers.members(members, count, use)
+    return normals - normals.mean(-2, keepdims=True)
+
+
+def _analysis(
+    filter: Filter, belief: Belief, y: np.ndarray, arrived: np.ndarray, R: np.ndarray, numbers: Numbers
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The members after a reading of one row, their mean, the innovation and its covariance, by the formulas."""
+    model, N, p = filter.model, filter.members, filter.model.p
+    Y = model.measurement(belief.ensemble, None)
+    Y[:, 1] = _together(Y[:, 1])
+    e = np.where(arrived, difference(y, Y.mean(0), model.measurement_angles), 0.0)
+    A, Y = belief.ensemble - belief.mean, np.where(arrived, Y - Y.mean(0), 0.0)
+    whole, R = R, neutralised(R, arrived)
+    root = semidefinite_cholesky(whole if whole is model.R else R)
+    S, mean = Y.T @ Y / (N - 1) + R, np.array(belief.mean)
+    taper = np.ones((5, p)) if filter.localisation is None else filter.localisation
+    if filter.name == "enkf":
+        gain = taper * (A.T @ Y / (N - 1) @ np.linalg.inv(S))
+        mean += gain @ e
+        A = A + (_centred(numbers, N, p, READINGS) @ root.T - Y) @ gain.T
+    else:
+        for i, row in enumerate(taper):
+            used = (row > 0.0) & arrived
+            own, whitening = np.where(used, Y, 0.0), np.linalg.inv(np.linalg.cholesky(neutralised(S, used)))
+            m, U = np.linalg.eigh(whitening @ neutralised(R, used) @ whitening.T)
+            W = whitening.T @ U
+            cross = A[:, i] @ own / (N - 1) @ W
+            mean[i] += cross @ W.T @ np.where(used, e, 0.0)
+            A[:, i] -= own @ W @ (cross / (1.0 + np.sqrt(m)))
+    A *= np.where(((taper > 0.0) & arrived).any(-1), filter.inflation, 1.0)
+    return mean + A, mean, e, S
+
+
+@SPREADS
+@pytest.mark.parametrize("members", [2, 7, 100])
+@pytest.mark.parametrize(("name", "options"), [each for each in FILTERS if not {"rotate", "variant"} & each[1].keys()])
+def test_the_kernels_update_as_the_formulas_do(name: str, options: dict[str, object], members: int, spread: float):
+    filter = make(name, _wrapping(), members=members, **options)
+    begun, numbers, y, available = _begun(filter, spread)
+    before = filter.predict(begun, rng=numbers)
+    own = np.linspace(1.0, 2.0, ROWS)[:, None, None] * random_covariance(np.random.default_rng(2), 4)
+    for R in (None, own):
+        after = filter.update(before, y, rng=numbers, available=available, R=R)
+        assert after.healthy.all()
+        for row in range(ROWS):
+            noise = filter.model.R if R is None else R[row]
+            ensemble, mean, e, S = _analysis(filter, before[row], y[row], available[row], noise, numbers[row])
+            size = max(1.0, np.abs(ensemble).max())
+            np.testing.assert_allclose(after.ensemble[row], ensemble, rtol=0, atol=1e-12 * size)
+            np.testing.assert_allclose(after.mean[row], mean, rtol=0, atol=1e-12 * size)
+            np.testing.assert_allclose(after.innovation[row], e, rtol=0, atol=1e-12)
+            np.testing.assert_allclose(after.innovation_cov[row], S, rtol=0, atol=1e-12 * np.abs(S).max())
+
+
+@SPREADS
+@pytest.mark.parametrize("members", [2, 7, 100])
+def test_the_kernel_predicts_as_the_formulas_do(members: int, spread: float):
+    filter = make("enkf", _wrapping(), members=members)
+    begun, numbers, *_ = _begun(filter, spread)
+    x = begun.ensemble
+    after = filter.model.transition(x, None)
+    step = after[..., 2] - x[..., 2]
+    apart = (np.abs(step - step[:, :1]) > np.pi).any(-1)
+    after[apart, :, 2] = (x[..., 2] + _near(step, step[:, :1]))[apart]
+    noise = _centred(numbers, members, filter._noise_root.shape[-1], PROCESS) @ filter._noise_root.T
+    predicted = filter.predict(begun, rng=numbers)
+    np.testing.assert_allclose(predicted.mean, after.mean(-2), rtol=0, atol=1e-13)
+    np.testing.assert_allclose(predicted.ensemble, after + noise, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(("name", "options"), FILTERS)
+def test_rows_are_the_same_to_the_last_bit_alone_together_and_in_chunks_of_any_size(
+    name: str, options: dict[str, object], monkeypatch: pytest.MonkeyPatch
+):
+    def flown(cache: int, rows: slice = slice(None)) -> list[Belief]:
+        monkeypatch.setattr(ensemble, "_CACHE", cache)
+        filter = make(name, _wrapping(), members=20, **options)
+        belief, numbers, y, available = _begun(filter, 0.5, rows)
+        lost = np.where(np.arange(ROWS)[rows] == 3, np.nan, 1.0)[:, None, None]
+        apart = filter.update(filter.predict(belief, rng=numbers), y, rng=numbers, available=available)
+        recovered = filter._advance(belief.replace(ensemble=lost * belief.ensemble), None, y, available, numbers)
+        assert_same(apart, filter._advance(belief, None, y, available, numbers))
+        return [apart, recovered]
+
+    together = flown(2**30)
+    assert together[1].healthy.tolist() == [row != 3 for row in range(ROWS)]
+    for cache in (1, 2 * 8 * 20 * 5, 4 * 8 * 20 * 5):
+        for one, other in zip(flown(cache), together, strict=True):
+            assert_same(one, other)
+    for row in range(ROWS):
+        for one, other in zip(flown(2**30, slice(row, row + 1)), together, strict=True):
+            assert_same(one, other[row : row + 1])
+
+
+def test_a_covariance_is_that_of_the_members_at_the_time():
+    filter = make("enkf", _wrapping(), members=20)
+    belief, numbers, y, _ = _begun(filter, 0.5)
+    updated = filter.update(filter.predict(belief, rng=numbers), y, rng=numbers)
+    anomalies = updated.ensemble - updated.mean[:, None]
+    expected = anomalies.mT @ anomalies / 19
+    moved = updated.replace(ensemble=2.0 * updated.ensemble)
+    for cov, wanted in ((updated[2:4].cov, expected[2:4]), (updated.cov, expected), (moved.cov, expected)):
+        np.testing.assert_allclose(cov, wanted, rtol=0, atol=1e-13)
+        np.testing.assert_array_equal(cov, cov.mT)
+    rows = np.arange(ROWS) == 3
+    begun = dataclasses.replace(belief, cov=None)
+    for one, other in ((updated, begun[3:4]), (begun, updated[3:4])):  # one of which has been asked
+        np.testing.assert_array_equal(one.with_rows(rows, other).cov[3], other.cov[0])
+    with pytest.raises(AttributeError, match="no attribute 'covariance'"):
+        updated.covariance  # noqa: B018
+    assert dataclasses.replace(updated, cov=None).cov is not None
+
+
+def test_numbers_that_nobody_asks_for_leave_the_others_as_they_are():
+    numbers = Numbers.seeded(range(3)).at(4)
+    wanted = np.array([True, False, True])
+    np.testing.assert_array_equal(
+        numbers.members(10, 3, 1, wanted)[..., wanted], numbers.members(10, 3, 1)[..., wanted]
+    )
