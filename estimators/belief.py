@@ -8,7 +8,6 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from estimators.members import covariance, members_last
 from estimators.reading import Reading
 
 
@@ -288,7 +287,9 @@ class EnsembleBelief(Belief):
 
     def __getattr__(self, name: str) -> Any:
         if name != "cov":
-            raise AttributeError(f"EnsembleBelief has no attribute {name!r}")
+            return Packed.__getattr__(self, name)
+        from estimators.members import covariance  # late, as whatever is compiled
+
         with np.errstate(all="ignore"):
             cov = covariance(members_last(self.ensemble), self.mean)
         object.__setattr__(self, "cov", cov)
@@ -318,6 +319,11 @@ def laid_out(shapes: tuple[tuple[str, tuple[int, ...]], ...]) -> Layout:
     for name, shape in shapes:
         columns[name], width = (width, shape), width + math.prod(shape)
     return Layout(columns, width)
+
+
+def members_last(ensemble: np.ndarray) -> np.ndarray:
+    """``(..., n, N)`` of an ensemble ``(..., N, n)``, contiguous as the kernels need it: a view of what they gave."""
+    return np.ascontiguousarray(ensemble.mT)
 
 
 def _unseen(name: str, like: np.ndarray, belief: Belief) -> np.ndarray:

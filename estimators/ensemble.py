@@ -10,16 +10,16 @@ Everything costs O(N p (n + p)) and nothing is N x N (``variant="evensen2004"`` 
 """
 
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numpy as np
 
 from estimators.angles import difference
-from estimators.belief import Belief, EnsembleBelief
+from estimators.belief import Belief, EnsembleBelief, members_last
 from estimators.checks import as_array, number, shown, whole
 from estimators.filter import Filter, Model, Rng
 from estimators.linalg import cholesky, neutralised, semidefinite_cholesky
-from estimators.members import expected, forecast, members_last, perturbed, transformed
 from estimators.models import LinearModel, NonlinearModel, at_points, resolve
 from estimators.randomness import Numbers
 from estimators.reading import Reading
@@ -32,6 +32,14 @@ _CACHE = 2**20
 """Bytes of members that are predicted and updated at a time, so that they stay in the cache meanwhile."""
 _LATER: Any = None
 """A covariance that is computed when somebody asks for it."""
+
+
+@cache
+def _kernels() -> Any:
+    """What is compiled: imported late, because Numba takes longer than all else together."""
+    from estimators import members
+
+    return members
 
 
 class EnsembleFilter(Filter[EnsembleBelief]):
@@ -135,7 +143,7 @@ class EnsembleFilter(Filter[EnsembleBelief]):
             after = members_last(at_points("transition", model.transition, before.mT, u, model.n))
         root = semidefinite_cholesky(resolve(model.Q, u)) if self._noise_root is None else self._noise_root
         normals = draw(numbers, belief.mean.shape[:-1], self.members, root.shape[-1], PROCESS)
-        mean, members = forecast(before, after, self._wrapped, root, members_last(normals))
+        mean, members = _kernels().forecast(before, after, self._wrapped, root, members_last(normals))
         return EnsembleBelief.predicted(belief, mean, _LATER, u, ensemble=members.mT)
 
     def _reading(
@@ -146,7 +154,7 @@ class EnsembleFilter(Filter[EnsembleBelief]):
             readings = resolve(model.C, u) @ members
         else:
             readings = members_last(at_points("measurement", model.measurement, members.mT, u, model.p))
-        mean, anomalies = expected(readings, self._seams)
+        mean, anomalies = _kernels().expected(readings, self._seams)
         whole, mask = self._noise(y, available, R, u)
         complete, none = bool(mask.all()), self._no_columns
         innovation, R = difference(y, mean, model.measurement_angles), whole
@@ -231,7 +239,7 @@ class EnsembleKalmanFilter(EnsembleFilter):
             root = semidefinite_cholesky(reading.R)
         wanted = np.vecmat(arrived, root != 0.0)  # the numbers of which a reading that arrived has a share
         normals = members_last(draw(numbers, batch, self.members, self.model.p, READINGS, wanted))
-        mean, members, S = perturbed(
+        mean, members, S = _kernels().perturbed(
             *self._moments(belief, reading), root, normals, self._factors, self.inflation
         )  # fmt: skip
         return EnsembleBelief.updated(belief, mean, _LATER, reading, S, ensemble=members.mT)
@@ -294,7 +302,7 @@ class EnsembleTransformFilter(EnsembleFilter):
 
     def _analysis(self, *moments: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The mean ``(..., n)``, the members ``(..., n, N)`` and S, of what `_moments` tells."""
-        mean, members, S = transformed(*moments, *self._groups, self.inflation)
+        mean, members, S = _kernels().transformed(*moments, *self._groups, self.inflation)
         return mean, members, S
 
 

@@ -47,13 +47,6 @@ def equilibrated(s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return scale, s / scale[..., None] / scale[..., None, :]
 
 
-def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """``A B`` for a batch ``A (..., i, j)``; a ``B (j, k)`` that the batch shares costs one call, not one a row."""
-    if b.ndim > 2 or a.ndim < 3 or len(a) < 8:
-        return a @ b
-    return (a.reshape(-1, a.shape[-1]) @ b).reshape(a.shape[:-1] + b.shape[-1:])
-
-
 def joined(parts: Sequence[np.ndarray], axis: int) -> np.ndarray:
     """Matrices ``(..., i, j)`` below (axis -2) or beside (axis -1) each other, one batch for all."""
     if not any(is_noted(part) for part in parts):

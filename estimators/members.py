@@ -17,11 +17,6 @@ from estimators.compiled import dot, gufunc, inlined, part, sincos
 _TURN = 2.0 * np.pi
 
 
-def members_last(ensemble: np.ndarray) -> np.ndarray:
-    """``(..., n, N)`` of an ensemble ``(..., N, n)``, contiguous as the kernels need it: a view of what they gave."""
-    return np.ascontiguousarray(ensemble.mT)
-
-
 # --- angles -----------------------------------------------------------------------------------------
 
 

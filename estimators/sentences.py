@@ -7,7 +7,7 @@ its entry (i, j) is ``w[place + i * step + j * other]``; transposed and cut out 
 import numpy as np
 from numba import njit
 
-from estimators.compiled import inlined, lazy
+from estimators.compiled import inlined, lazy, part
 from estimators.formulas import Verb
 
 LANES = 64
@@ -19,10 +19,7 @@ _EPS = float(np.finfo(float).eps)
 _SWEEPS = 30
 
 
-_part = njit(error_model="numpy", nogil=True)  # compiled with what calls it
-
-
-@_part
+@part
 def _load(source: np.ndarray, start: int, column: int, count: int, w: np.ndarray, place: int, block: int) -> None:
     """Columns of some rows of an array."""
     for k in range(count):
@@ -31,7 +28,7 @@ def _load(source: np.ndarray, start: int, column: int, count: int, w: np.ndarray
             out[r] = source[start + r, column + k]
 
 
-@_part
+@part
 def _store(w: np.ndarray, s: np.ndarray, out: np.ndarray, start: int, block: int) -> None:
     """A matrix, row by row, to columns of some rows of an array."""
     for i in range(s[1]):
@@ -41,7 +38,7 @@ def _store(w: np.ndarray, s: np.ndarray, out: np.ndarray, start: int, block: int
                 out[start + r, column] = a[r]
 
 
-@_part
+@part
 def _matmul(w: np.ndarray, s: np.ndarray) -> None:
     """``A B``."""
     for i in range(s[1]):
@@ -66,7 +63,7 @@ def _matmul(w: np.ndarray, s: np.ndarray) -> None:
                     z[r] += x[r] * y[r]
 
 
-@_part
+@part
 def _symmetrise(w: np.ndarray, s: np.ndarray) -> None:
     """``(A + A') / 2``."""
     for i in range(s[1]):
@@ -109,7 +106,7 @@ def _entry(verb: int, a: float, b: float, c: float) -> float:
     return np.log1p(a)
 
 
-@_part
+@part
 def _entrywise(w: np.ndarray, s: np.ndarray) -> None:
     """Entry by entry, as many at once as lie side by side in all matrices."""
     verb, rows, flat = s[0], w.shape[1], w.ravel()
@@ -140,7 +137,7 @@ def _each(verb: int, out: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarra
         out[r] = _entry(verb, a[r], b[r], c[r])
 
 
-@_part
+@part
 def _solve(w: np.ndarray, s: np.ndarray) -> None:
     """``S^-1 B`` by ``S = L D L'``, which is left beside; NaN where S is not positive definite."""
     n, rows, f = s[1], w.shape[1], s[13]
@@ -179,7 +176,7 @@ def _solve(w: np.ndarray, s: np.ndarray) -> None:
                     out[r] -= x[r] * y[r]
 
 
-@_part
+@part
 def _cholesky(w: np.ndarray, s: np.ndarray) -> None:
     """``L L' = S``; a pivot that is zero to rounding gives a column of zeros."""
     n, rows = s[1], w.shape[1]
@@ -206,7 +203,7 @@ def _cholesky(w: np.ndarray, s: np.ndarray) -> None:
                     out[r] -= x[r] * y[r]
 
 
-@_part
+@part
 def _rotate(w: np.ndarray, s: np.ndarray) -> None:
     """V, and ``A V`` with orthogonal columns."""
     m, n, rows = s[1], s[2], w.shape[1]
@@ -247,7 +244,7 @@ def _rotate(w: np.ndarray, s: np.ndarray) -> None:
             return
 
 
-@_part
+@part
 def _lookup(w: np.ndarray, s: np.ndarray, numbers: np.ndarray) -> None:
     """The matrix of a table."""
     size = s[1] * s[2]
