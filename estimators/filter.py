@@ -84,17 +84,21 @@ class Filter(ABC, Generic[Record]):
         n = self.model.n
         if prior.mean.shape[-1] != n:
             raise ValueError(f"the prior is for {prior.mean.shape[-1]} states, the model has {n}")
-        batch = np.broadcast_shapes(prior.mean.shape[:-1], prior.cov.shape[:-2])
-        mean = np.array(np.broadcast_to(prior.mean, batch + (n,)))
-        cov = np.broadcast_to(prior.cov, batch + (n, n))
-        cov = cov if self.shares else np.array(cov)
-        start = Belief(mean, cov, mean, cov, np.zeros(batch, np.int8))
-        begun = self._returned("_init", self._sharing(start, lambda belief: self._init(belief, rng)), batch)
+        begun = self._started(prior, rng)
         if not (_finite_rows(begun).all() and (self._ours or _proper(begun.cov))):
             raise ValueError(
                 f"{type(self).__name__}._init must give a finite mean and a covariance for a prior that is so"
             )
         return begun
+
+    def _started(self, prior: Gaussian, rng: Rng) -> Record:
+        """What `init` gives, of a prior for this model."""
+        n, batch = self.model.n, np.broadcast_shapes(prior.mean.shape[:-1], prior.cov.shape[:-2])
+        mean = np.array(np.broadcast_to(prior.mean, batch + (n,)))
+        cov = np.broadcast_to(prior.cov, batch + (n, n))
+        cov = cov if self.shares else np.array(cov)
+        start = Belief(mean, cov, mean, cov, np.zeros(batch, np.int8))
+        return self._returned("_init", self._sharing(start, lambda belief: self._init(belief, rng)), batch)
 
     def predict(self, belief: Record, u: np.ndarray | None = None, rng: Rng = None) -> Record:
         """One step ahead: ``x(k-1|k-1)`` to ``x(k|k-1)``.
@@ -157,11 +161,23 @@ class Filter(ABC, Generic[Record]):
             as_covariance("R", neutralised(R, arrived))
         if u is not None:
             belief = belief.replace(u=self._known(u, batch))
+        return self._taken(belief, y, available, rng, R)
+
+    def _advance(self, belief: Record, u: np.ndarray, y: np.ndarray, available: np.ndarray | None, rng: Rng) -> Record:
+        """A step, `predict` and `update`, of ours for whoever gives what fits: arguments are not looked at."""
+        with np.errstate(all="ignore"):
+            predicted = self._sharing(belief, lambda belief: self._predict(belief, u, rng))
+        return self._taken(predicted, y, available, rng)
+
+    def _taken(
+        self, belief: Record, y: np.ndarray, available: np.ndarray | None, rng: Rng, R: np.ndarray | None = None
+    ) -> Record:
+        """What `update` gives, of arguments that fit."""
         with np.errstate(all="ignore"):
             reading = self._reading(belief, y, available, R)
             updated = self._sharing(belief, lambda belief: self._update(belief, reading, rng))
             if not self._ours:
-                updated = self._returned("_update", updated, batch)
+                updated = self._returned("_update", updated, belief.mean.shape[:-1])
             regular = self._regular if R is None and self._regular is not None else _regular(reading.R)
             if (
                 regular

@@ -105,6 +105,20 @@ class Forces:
         self.kicking = min(self.to, default=kicks) < kicks
         """Whether some follow from its state, and are not white."""
         self._flows_only = self.to == list(range(kicks, self.size))
+        self.constant = getattr(disturbance.effect, "linear", False)
+        """Whether its effect is declared to be `gains` times its state, wherever the vehicle is."""
+
+    @cached_property
+    def gains(self) -> np.ndarray:
+        """What a unit of each white kick gives, and of z as far as that is `constant`, ``(f, s + k)``."""
+        white = np.eye(self.size)[:, self.shaken]
+        z = self.linear if self.constant else np.zeros((self.size, self.disturbance.process.size))
+        return np.ascontiguousarray(np.hstack([white, z]))
+
+    def add(self, forcing: np.ndarray, z: np.ndarray, state: np.ndarray) -> None:
+        """Put in what is not `constant` of the effect, in place: forcing ``(B, f)``."""
+        if not self.constant:
+            forcing[:, self._columns] = self.disturbance.effect(z, state)
 
     def on(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
         """Kicks and flows ``(..., f)``, without the white noise."""

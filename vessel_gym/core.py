@@ -1,6 +1,8 @@
 """The batched core that both faces of an environment share: one step of many environments at once."""
 
+import math
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -17,6 +19,7 @@ from vessel_gym.composition import Composition, Forces
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.estimation import Estimation, EstimatorChoice, build, chosen_disturbance
 from vessel_gym.loop import Loop, Readings
+from vessel_gym.processes import stir
 from vessel_gym.sensors import Sensor, Sensors, columns
 from vessel_gym.system import Estimate, System
 
@@ -29,6 +32,8 @@ DECLARED = 0.5
 
 _ATTACHED = ("system", "vehicle", "task", "forces", "sensors", "composition")
 """What `Core.attach` gives, and may hold functions that cannot be pickled."""
+_DRAWN = ("task", "vehicle", "parameters", "filter")
+"""What is drawn by itself at the start of an episode; then come the parts of the world and the sensors."""
 
 
 class Core:
@@ -102,7 +107,7 @@ class Core:
 
         self.seeds: list[int] = []
         self.episodes = np.zeros(num_envs, int)
-        self._noise = Numbers(np.zeros((num_envs, len(self._parts), 2), np.uint64))
+        self._keys = np.zeros((num_envs, self._sensed - len(_DRAWN), 2), np.uint64)  # of the world's parts
         self._rows = np.arange(num_envs)
         self.steps = np.zeros(num_envs, int)
         self.total = np.zeros(num_envs)
@@ -113,7 +118,7 @@ class Core:
         self.action: np.ndarray  # the last one, clipped; zero after a reset
         self.actuators: np.ndarray
         self.parameters: np.ndarray  # the truth's
-        self.sea_state: np.ndarray  # the disturbance's
+        self.drifting: np.ndarray  # the states of the disturbance, then of the sensors' biases
         self.noise: np.ndarray  # what is new in kicks, disturbance and biases over the coming step
         self.forcing: np.ndarray  # over the coming step
         self.tally: np.ndarray  # what the score remembers
@@ -142,16 +147,22 @@ class Core:
         """Components of `truth`."""
         self._estimated = [self.truth_names.index(n) if n in self.truth_names else -1 for n in self.composition.names]
         self._based = [vehicle.state_names.index(name) for name in vehicle.estimated(vehicle.kinds[0])]
+        self._transition = block_diag(process.transition, bias.transition)
         self._root = block_diag(self.forces.disturbance.white, process.root, bias.root)
+        self._kicks = columns(self.forces.kicks)
+        self._carried = vehicle.carried
+        if self._carried is not None:  # what a flow adds to what the prior describes, of the disturbance's state
+            self._carried = self._carried @ self.forces.linear[len(vehicle.kicks) :]
         biased = [sensor for sensor in self.sensors.each if sensor.bias is not None]
-        names = "disturbance", *(f"bias of {sensor.name}" for sensor in biased)
-        self._parts = np.array([word(name) for name in names], np.uint64)
-        # How many normal numbers each takes at a step, and at the start.
-        own = [(p.normals, p.start_root.shape[-1]) for p in (s.bias.process(vehicle.dt) for s in biased if s.bias)]
-        self._sizes = [(self.forces.disturbance.white.shape[-1] + process.normals, 0), *own]
-        self._kicked, self._shaken = columns(self.forces.shaken), slice(0, len(self.forces.shaken))
-        self._drifting = slice(len(self.forces.shaken), len(self.forces.shaken) + process.size)
-        self._wandering = slice(self._drifting.stop, len(self._root))
+        parts = "disturbance", *(f"bias of {sensor.name}" for sensor in biased)
+        sensed = (f"sensor {sensor.name}" for sensor in self.sensors.each)
+        self._names = np.array([word(name) for name in (*_DRAWN, *parts, *sensed)], np.uint64)
+        self._sensed = len(_DRAWN) + len(parts)  # where the sensors' keys begin
+        # The normal numbers that each part takes at a step, and what makes its start of them.
+        own = [s.bias.process(vehicle.dt) for s in biased if s.bias]
+        self._counts = np.array([p.normals for p in (process, *own)])
+        self._counts[0] += self.forces.disturbance.white.shape[-1]
+        self._begin = [p.start_root for p in (process, *own)]
 
     def _attach_loop(self, name: str, estimation: Estimation) -> None:
         if hasattr(self, name):
@@ -195,17 +206,23 @@ class Core:
     @property
     def unknown_input(self) -> np.ndarray:
         """That of every environment ``(B, q)``."""
-        return self.forcing[:, self.forces.kicks] if self.forces.kicking else self.noise
+        return self.forcing[:, self._kicks] if self.forces.kicking else self.noise
 
     @property
     def truth(self) -> np.ndarray:
         """The true states ``(B, n)``: the vehicle's, the disturbance's if filters are told of them, and the biases."""
-        parts = [self.state]
-        if self._shown:
-            parts.append(self.sea_state)
-        if self.loop.bias.shape[-1]:
-            parts.append(self.loop.bias)
-        return self.state if len(parts) == 1 else np.concatenate(parts, -1)
+        drifting = self.drifting if self._shown else self.bias
+        return np.concatenate([self.state, drifting], -1) if drifting.shape[-1] else self.state
+
+    @property
+    def sea_state(self) -> np.ndarray:
+        """The disturbance's state ``(B, k)``."""
+        return self.drifting[:, : self.forces.disturbance.process.size]
+
+    @property
+    def bias(self) -> np.ndarray:
+        """The states of the sensors' biases ``(B, b)``."""
+        return self.drifting[:, self.forces.disturbance.process.size :]
 
     def estimated(self, truth: np.ndarray) -> np.ndarray:
         """What the filter estimates ``(..., n)`` out of true states; NaN for what only the filter thinks there is."""
@@ -287,62 +304,52 @@ class Core:
         options = checked_options("options", options)
         if readings is not None:
             readings = _arrived(readings, (len(rows), self.sensors.size))
-        loop = self.loop
-        numbers = Numbers.seeded([self.seeds[row] for row in rows]).of(self.episodes[rows])
-        course = self.task.course(numbers.of("task").uniforms(self.task.uniforms), options)
-        prior = self.task.prior(course)
-        self._noise.keys[rows] = Numbers(numbers.keys[:, None]).of(self._parts).keys
-        loop.restart(rows, numbers)
-        some = self._some(rows)
-        x, sea_state, bias = self._begun(prior, numbers)
-        state, actuators = self.vehicle.start(x)
-        parameters = self.vehicle.parameters(self.mismatch, numbers.of("parameters").normals(self.vehicle.normals))
-        noise = self._shaken_by(self._noise[rows].at(0))
-        forcing = self._forcing(sea_state, state, noise)
+        loop, task, vehicle, some = self.loop, self.task, self.vehicle, self._some(rows)
+        episodes = Numbers.seeded([self.seeds[row] for row in rows]).of(self.episodes[rows])
+        keys = Numbers(episodes.keys[:, None]).of(self._names).keys
+        of_task, of_vehicle, of_parameters, of_filter = (Numbers(keys[:, i]) for i in range(len(_DRAWN)))
+        self._keys[rows] = keys[:, len(_DRAWN) : self._sensed]
+        loop.restart(rows, keys[:, self._sensed :], of_filter)
+        course = task.course(of_task.uniforms(task.uniforms), options)
+        prior = task.prior(course)
+        x, drifting = self._begun(prior, of_vehicle, self._keys[rows])
+        state, actuators = (np.ascontiguousarray(started, float) for started in vehicle.start(x))
+        parameters = vehicle.parameters(self.mismatch, of_parameters.normals(vehicle.normals))
+        steps = np.zeros(len(rows), int)
+        noise, forcing = np.zeros((len(rows), len(self._root))), np.zeros((len(rows), self.forces.size))
+        # A step in which nothing moves: what is new over the first one, and what acts then.
+        stir(self._keys[rows], steps, self._counts, self._root, np.eye(len(self._transition)), self.forces.gains,
+             drifting, noise, forcing)  # fmt: skip
+        self.forces.add(forcing, drifting[:, : self.forces.disturbance.process.size], state)
         self._put(
-            rows, course=course, state=state, actuators=actuators, parameters=parameters, sea_state=sea_state,
-            noise=noise, forcing=forcing, tally=self.task.begin(state, course),
-            action=np.zeros((len(rows), self.action_size)),
+            rows, course=course, state=state, actuators=actuators, parameters=parameters, drifting=drifting,
+            noise=noise, forcing=forcing, tally=task.begin(state, course), steps=steps, total=np.zeros(len(rows)),
+            end=np.zeros(len(rows), int), action=np.zeros((len(rows), self.action_size)),
         )  # fmt: skip
-        self.steps[rows], self.total[rows], self.end[rows] = 0, 0.0, 0
-
-        steps = self.steps[rows]
-        loop.bias = self._with_rows(loop.bias, rows, bias)
-        readings = loop.sense(state, forcing, steps, some) if readings is None else readings
+        readings = loop.sense(state, forcing, self.bias[rows], steps, some) if readings is None else readings
         y, available = loop.readings
         loop.readings = self._with_rows(y, rows, readings[0]), self._with_rows(available, rows, readings[1])
-        u = self.vehicle.known_input(actuators, actuators, self.task.commanded(course, steps))
+        u = vehicle.known_input(actuators, actuators, task.commanded(course, steps))
         belief = loop.begin(some, self._known(prior, self.composition), self._handed(readings, rows), u)
         if hasattr(self, "held"):
             self.held.begin(some, self._known(prior, self.held.composition), readings, u)
         self._put(rows, reference=self._reference(course, steps, belief, state))
 
-    def _begun(self, prior: Gaussian, numbers: Numbers) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """What the prior describes, the disturbance's state and the biases, drawn from what is known of them."""
-        process, n = self.forces.disturbance.process, len(self._based)
-        x = prior.mean + np.matvec(semidefinite_cholesky(prior.cov), numbers.of("vehicle").normals(n))
-        own = Numbers(numbers.keys[:, None]).of(self._parts)
-        z = np.matvec(process.start_root, own[:, 0].normals(process.start_root.shape[-1], use=1))
-        if self.vehicle.carried is not None:
-            x += z @ (self.vehicle.carried @ self.forces.linear[len(self.vehicle.kicks) :]).T
-        biases = [own[:, i].normals(m, use=1) for i, (_, m) in enumerate(self._sizes) if i > 0]
-        bias = np.matvec(self.sensors.bias.start_root, np.concatenate([np.zeros((len(x), 0)), *biases], -1))
-        return x, z, bias
-
-    def _shaken_by(self, numbers: Numbers) -> np.ndarray:
-        """What is new over a step: white kicks, then what moves the disturbance and the biases."""
-        normals = [numbers[:, i].normals(m) for i, (m, _) in enumerate(self._sizes)]
-        return np.matvec(self._root, normals[0] if len(normals) == 1 else np.concatenate(normals, -1))
+    def _begun(self, prior: Gaussian, numbers: Numbers, keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What the prior describes, and the disturbance's state and the biases, drawn from what is known of them."""
+        own = [Numbers(keys[:, i]).normals(root.shape[-1], use=1) for i, root in enumerate(self._begin)]
+        drifting = np.concatenate([np.matvec(root, n) for root, n in zip(self._begin, own, strict=True)], -1)
+        x = prior.mean + np.matvec(_root_of(prior.cov.tobytes()), numbers.normals(len(self._based)))
+        if self._carried is not None:
+            x += np.matvec(self._carried, drifting[:, : self._carried.shape[-1]])
+        return x, drifting
 
     def _known(self, prior: Gaussian, told: Composition) -> Gaussian:
         """What a filter knows at the start, of what it estimates."""
-        n = prior.cov.shape[-1]
-        cov = joint_prior(prior.cov, told.forces, told.sensors)
-        bias = np.arange(len(cov) - told.sensors.bias.size, len(cov))
-        kept = np.concatenate([np.arange(told.base), n + told.held, bias])
-        mean = np.zeros((len(prior.mean), len(kept)))
+        known = _start(prior.cov.tobytes(), told)
+        mean = np.zeros((len(prior.mean), len(known.cov)))
         mean[:, : told.base] = prior.mean[:, : told.base]
-        return Gaussian(mean, cov[np.ix_(kept, kept)])
+        return known.about(mean)
 
     # --- step -------------------------------------------------------------------------------------
 
@@ -377,17 +384,17 @@ class Core:
         before = self.actuators
         after = self.actuators = vehicle.actuate(before, action)
         u = vehicle.known_input(before, after, task.commanded(self.course, self.steps))
-        self.state = vehicle.step(self.state, before, after, self.forcing, self.parameters)
-        self.sea_state = self.forces.disturbance.process.advance(self.sea_state) + self.noise[:, self._drifting]
-        if loop.bias.shape[-1]:
-            loop.bias = self.sensors.bias.advance(loop.bias) + self.noise[:, self._wandering]
+        self.state = np.ascontiguousarray(vehicle.step(self.state, before, after, self.forcing, self.parameters), float)
         self.steps += 1
-        self.noise = self._shaken_by(self._noise.at(self.steps[:, None]))
-        self.forcing = self._forcing(self.sea_state, self.state, self.noise)
-        loop.readings = loop.sense(self.state, self.forcing, self.steps, None) if readings is None else readings
-        loop.estimate(self._handed(loop.readings), u, self.steps)
+        stir(self._keys, self.steps, self._counts, self._root, self._transition, self.forces.gains,
+             self.drifting, self.noise, self.forcing)  # fmt: skip
+        self.forces.add(self.forcing, self.sea_state, self.state)
+        if readings is None:
+            readings = loop.sense(self.state, self.forcing, self.bias, self.steps, None)
+        loop.readings = readings
+        loop.estimate(self._handed(readings), u, self.steps)
         if hasattr(self, "held"):
-            self.held.estimate(loop.readings, u, self.steps)
+            self.held.estimate(readings, u, self.steps)
         self.reference = self._reference(self.course, self.steps, loop.belief, self.state)
         over = self._over(declared)
         reward, self.end, self.tally = task.score(
@@ -503,13 +510,6 @@ class Core:
         """The rows, or None when they are all of them, which is faster."""
         return None if len(rows) == self.num_envs else rows
 
-    def _forcing(self, sea_state: np.ndarray, state: np.ndarray, noise: np.ndarray) -> np.ndarray:
-        """What acts on the vehicle over the coming step."""
-        forcing = self.forces.on(sea_state, state)
-        if self.forces.shaken:
-            forcing[:, self._kicked] = noise[:, self._shaken]
-        return forcing
-
     def _handed(self, readings: Readings, rows: np.ndarray | None = None) -> Readings:
         """What the filter is handed: the readings; the oracle alone, and no other, the truth."""
         if not self.loop.tells_truth:
@@ -555,6 +555,26 @@ def joint_prior(cov: np.ndarray, forces: Forces, sensors: Sensors) -> np.ndarray
     n = len(cov)
     root[:n, n : n + process.size] = forces.vehicle.carried @ forces.linear[len(forces.vehicle.kicks) :]
     return root @ whole @ root.T
+
+
+@lru_cache(maxsize=16)
+def _root_of(cov: bytes) -> np.ndarray:
+    """A root of a covariance ``(n, n)``."""
+    return semidefinite_cholesky(_square(cov))
+
+
+@lru_cache(maxsize=16)
+def _start(cov: bytes, told: Composition) -> Gaussian:
+    """What a filter knows at the start about a mean of 0, given a covariance ``(n, n)`` of the vehicle."""
+    whole = joint_prior(_square(cov), told.forces, told.sensors)
+    n, bias = len(_square(cov)), np.arange(len(whole) - told.sensors.bias.size, len(whole))
+    kept = np.concatenate([np.arange(told.base), n + told.held, bias])
+    return Gaussian(np.zeros(len(kept)), whole[np.ix_(kept, kept)])
+
+
+def _square(matrix: bytes) -> np.ndarray:
+    flat = np.frombuffer(matrix)
+    return flat.reshape(2 * (math.isqrt(len(flat)),))
 
 
 def whole(value: object) -> bool:

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 
 from estimators import Belief, Gaussian, Numbers
-from estimators.randomness import word
 from vessel_gym.estimation import Estimation, Oracle
 from vessel_gym.sensors import Sensors
 
@@ -26,17 +25,15 @@ class Loop:
 
     Attributes:
         readings: The last ones.
-        bias: ``(B, k)`` states of the sensors' biases.
         belief: What the filter believes.
     """
 
     def __init__(self, sensors: Sensors, estimation: Estimation, rows: int) -> None:
         self.rows = rows
         self.attach(sensors, estimation)
-        self._sensing = Numbers(np.zeros((rows, len(sensors.each), 2), np.uint64))
+        self._sensing = np.zeros((rows, len(sensors.each), 2), np.uint64)
         self._filtering = Numbers(np.zeros((rows, 2), np.uint64))
         self.readings: Readings = np.zeros((rows, sensors.size)), np.zeros((rows, sensors.size), bool)
-        self.bias = np.zeros((rows, sensors.bias.size))
         self.belief: Belief
 
     def attach(self, sensors: Sensors, estimation: Estimation) -> None:
@@ -63,18 +60,16 @@ class Loop:
         """Whether the filter is the declared exception, whose reading is the truth."""
         return isinstance(self.filter, Oracle)
 
-    def restart(self, rows: np.ndarray, numbers: Numbers) -> None:
-        """Begin an episode of some rows, with their random numbers in it."""
-        names = [word(f"sensor {sensor.name}") for sensor in self.sensors.each]
-        self._sensing.keys[rows] = Numbers(numbers.keys[:, None]).of(np.array(names, np.uint64)).keys
-        self._filtering.keys[rows] = numbers.of("filter").keys
+    def restart(self, rows: np.ndarray, sensing: np.ndarray, filtering: Numbers) -> None:
+        """Begin an episode of some rows, with keys ``(rows, sensors, 2)`` and the filter's numbers in it."""
+        self._sensing[rows], self._filtering.keys[rows] = sensing, filtering.keys
 
-    def sense(self, state: np.ndarray, forcing: np.ndarray, steps: np.ndarray, rows: np.ndarray | None) -> Readings:
+    def sense(
+        self, state: np.ndarray, forcing: np.ndarray, bias: np.ndarray, steps: np.ndarray, rows: np.ndarray | None
+    ) -> Readings:
         """Readings of rows (None: all) in a true ``state``, on which ``forcing`` acts, ``steps`` after their start."""
-        bias = self.bias if rows is None else self.bias[rows]
-        exact = self.sensors.exact(state, forcing, bias if bias.shape[-1] else None)
-        numbers = self._sensing if rows is None else self._sensing[rows]
-        return self.sensors.read(exact, steps, numbers.at(steps[:, None]))
+        keys = self._sensing if rows is None else self._sensing[rows]
+        return self.sensors.read(state, forcing, bias, steps, keys)
 
     def begin(self, rows: np.ndarray | None, prior: Gaussian, readings: Readings, u: np.ndarray) -> Belief:
         """The belief of rows (None: all) after their first readings; those of the others stay.
@@ -87,8 +82,11 @@ class Loop:
         """
         chosen = np.arange(self.rows) if rows is None else rows
         rng = self._filtering[chosen] if self.filter.random else None
-        prior = Gaussian(prior.mean, self._prior_factor * prior.cov)
-        belief = self._update(self.filter.init(prior, rng=rng), readings, rng, u)
+        prior = prior if self._prior_factor == 1.0 else Gaussian(prior.mean, self._prior_factor * prior.cov)
+        if self._foreign:
+            belief = self._update(self.filter.init(prior, rng=rng), readings, rng, u)
+        else:
+            belief = self.filter._taken(self.filter._started(prior, rng).replace(u=u), *self._told(readings), rng)
         if rows is None:
             self.belief = belief
         else:
@@ -98,16 +96,20 @@ class Loop:
     def estimate(self, readings: Readings, u: np.ndarray, steps: np.ndarray) -> None:
         """One step of all rows, after which they are ``steps (B,)`` on: the known input, then what was read."""
         rng = self._filtering.at(steps) if self.filter.random else None
-        belief = self.filter.predict(self.belief, u, rng=rng)
-        self.belief = self._update(belief, readings, rng)
+        if self._foreign:
+            self.belief = self._update(self.filter.predict(self.belief, u, rng=rng), readings, rng)
+        else:
+            self.belief = self.filter._advance(self.belief, u, *self._told(readings), rng)
 
     def _update(self, belief: Belief, readings: Readings, rng: Numbers | None, u: np.ndarray | None = None) -> Belief:
-        y, available = readings
-        if self.tells_truth:
-            return self.filter.update(belief, y, rng=rng, u=u)
+        y, available = self._told(readings)
         if self._foreign:
-            y, available = y.copy(), available.copy()
+            y, available = y.copy(), None if available is None else available.copy()
         return self.filter.update(belief, y, rng=rng, available=available, u=u)
+
+    def _told(self, readings: Readings) -> tuple[np.ndarray, np.ndarray | None]:
+        """Readings and mask, as filters take them."""
+        return (readings[0], None) if self.tells_truth else readings
 
 
 _ATTACHED = ("sensors", "composition", "filter")

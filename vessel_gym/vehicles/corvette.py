@@ -12,6 +12,7 @@ import numpy as np
 from scipy.optimize import root
 
 from estimators import zero_order_hold
+from vessel_gym.processes import linear
 from vessel_gym.sensors import Sensor
 from vessel_gym.vehicles.corvette_equations import (
     COEFFICIENTS,
@@ -161,11 +162,13 @@ def linear_matrices(ship: CorvetteParameters, dt: float) -> tuple[Follow, Follow
 # --- the vehicle as an environment uses it ----------------------------------------------------------
 
 
+@linear
 def _compass(state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
     """The heading with what waves and gusts do to it over the step ``(..., 1)`` (eq. 4.5)."""
     return state[..., 2:3] + forcing[..., :1]
 
 
+@linear
 def _motion(state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
     """What waves and gusts do to the heading over the step ``(..., 1)``."""
     return forcing[..., :1]
