@@ -116,9 +116,8 @@ class Forces:
         return np.ascontiguousarray(np.hstack([white, z]))
 
     def add(self, forcing: np.ndarray, z: np.ndarray, state: np.ndarray) -> None:
-        """Put in what is not `constant` of the effect, in place: forcing ``(B, f)``."""
-        if not self.constant:
-            forcing[:, self._columns] = self.disturbance.effect(z, state)
+        """Put in an effect that is not `constant`, in place: forcing ``(B, f)``."""
+        forcing[:, self._columns] = self.disturbance.effect(z, state)
 
     def on(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
         """Kicks and flows ``(..., f)``, without the white noise."""
@@ -197,9 +196,13 @@ class Composition:
     def flow(self, mean: np.ndarray) -> np.ndarray:
         """The flow that means ``(..., n)`` imply, ``(..., f)``; 0 where the filter is not told of any."""
         if not len(self.held):
-            return np.zeros(mean.shape[:-1] + (len(self.vehicle.flows),))
+            return np.zeros((*mean.shape[:-1], self._flows))
         z = _spread(mean[..., self.base : self.base + len(self.held)], self.held, self.forces.disturbance)
         return self.forces.flow(z, self._place(mean[..., : self.base]))
+
+    @cached_property
+    def _flows(self) -> int:
+        return len(self.vehicle.flows)
 
     @cached_property
     def _place(self) -> "Placed":

@@ -11,6 +11,7 @@ from scipy.linalg import block_diag
 
 from estimators import Belief, Filter, Gaussian, Numbers
 from estimators.checks import shown
+from estimators.compiled import kernel
 from estimators.linalg import semidefinite_cholesky
 from estimators.randomness import word
 from vessel_gym.checks import number, numbers, one_of
@@ -100,10 +101,11 @@ class Core:
         self.attach(system)
         self.estimator = self.loop.filter.name
         self._ends = np.array(self.task.ends, dtype=object)
-        self._success = self.task.ends.index(self.task.success)
+        self.success = self.task.ends.index(self.task.success)
         if self.ends == "declaration" and not self.task.success:
             raise ValueError(f"{system.name} goes on until time is up, so there is nothing to declare: ends='task'")
         self.action_size = len(self.vehicle.action_names) + (self.ends == "declaration")
+        self.action_shape: tuple[int, ...] = (self.num_envs, self.action_size)  # a single environment's has no rows
 
         self.seeds: list[int] = []
         self.episodes = np.zeros(num_envs, int)
@@ -135,6 +137,8 @@ class Core:
         estimation = build(system, estimator, options, self.sensors, self.forces.disturbance, self.unknown_inputs)
         self.composition = estimation.composition
         self._attach_loop("loop", estimation)
+        ours = type(self.task).__module__.startswith("vessel_gym.tasks.")
+        self._compiled = ours and self.guidance and self.observe_mode == "mean"  # so that nothing warns
         if self.guidance and self.observe_mode == "measurement":
             wide = {"model": vehicle.kinds[0]}  # the same whatever estimator is named
             held = build(system, "measurement", wide, self.sensors, self.forces.disturbance, self.unknown_inputs)
@@ -149,6 +153,7 @@ class Core:
         self._based = [vehicle.state_names.index(name) for name in vehicle.estimated(vehicle.kinds[0])]
         self._transition = block_diag(process.transition, bias.transition)
         self._root = block_diag(self.forces.disturbance.white, process.root, bias.root)
+        self._size = process.size
         self._kicks = columns(self.forces.kicks)
         self._carried = vehicle.carried
         if self._carried is not None:  # what a flow adds to what the prior describes, of the disturbance's state
@@ -217,12 +222,12 @@ class Core:
     @property
     def sea_state(self) -> np.ndarray:
         """The disturbance's state ``(B, k)``."""
-        return self.drifting[:, : self.forces.disturbance.process.size]
+        return self.drifting[:, : self._size]
 
     @property
     def bias(self) -> np.ndarray:
         """The states of the sensors' biases ``(B, b)``."""
-        return self.drifting[:, self.forces.disturbance.process.size :]
+        return self.drifting[:, self._size :]
 
     def estimated(self, truth: np.ndarray) -> np.ndarray:
         """What the filter estimates ``(..., n)`` out of true states; NaN for what only the filter thinks there is."""
@@ -308,19 +313,20 @@ class Core:
         episodes = Numbers.seeded([self.seeds[row] for row in rows]).of(self.episodes[rows])
         keys = Numbers(episodes.keys[:, None]).of(self._names).keys
         of_task, of_vehicle, of_parameters, of_filter = (Numbers(keys[:, i]) for i in range(len(_DRAWN)))
-        self._keys[rows] = keys[:, len(_DRAWN) : self._sensed]
-        loop.restart(rows, keys[:, self._sensed :], of_filter)
         course = task.course(of_task.uniforms(task.uniforms), options)
         prior = task.prior(course)
+        self._keys[rows] = keys[:, len(_DRAWN) : self._sensed]
+        loop.restart(rows, keys[:, self._sensed :], of_filter)
         x, drifting = self._begun(prior, of_vehicle, self._keys[rows])
         state, actuators = (np.ascontiguousarray(started, float) for started in vehicle.start(x))
         parameters = vehicle.parameters(self.mismatch, of_parameters.normals(vehicle.normals))
-        steps = np.zeros(len(rows), int)
+        steps = np.full(len(rows), -1)
         noise, forcing = np.zeros((len(rows), len(self._root))), np.zeros((len(rows), self.forces.size))
-        # A step in which nothing moves: what is new over the first one, and what acts then.
+        # The step before the first, in which nothing moves: what is new over that one, and what acts then.
         stir(self._keys[rows], steps, self._counts, self._root, np.eye(len(self._transition)), self.forces.gains,
              drifting, noise, forcing)  # fmt: skip
-        self.forces.add(forcing, drifting[:, : self.forces.disturbance.process.size], state)
+        if not self.forces.constant:
+            self.forces.add(forcing, drifting[:, : self._size], state)
         self._put(
             rows, course=course, state=state, actuators=actuators, parameters=parameters, drifting=drifting,
             noise=noise, forcing=forcing, tally=task.begin(state, course), steps=steps, total=np.zeros(len(rows)),
@@ -385,10 +391,10 @@ class Core:
         after = self.actuators = vehicle.actuate(before, action)
         u = vehicle.known_input(before, after, task.commanded(self.course, self.steps))
         self.state = np.ascontiguousarray(vehicle.step(self.state, before, after, self.forcing, self.parameters), float)
-        self.steps += 1
         stir(self._keys, self.steps, self._counts, self._root, self._transition, self.forces.gains,
              self.drifting, self.noise, self.forcing)  # fmt: skip
-        self.forces.add(self.forcing, self.sea_state, self.state)
+        if not self.forces.constant:
+            self.forces.add(self.forcing, self.sea_state, self.state)
         if readings is None:
             readings = loop.sense(self.state, self.forcing, self.bias, self.steps, None)
         loop.readings = readings
@@ -400,8 +406,8 @@ class Core:
         reward, self.end, self.tally = task.score(
             self.state, self.forcing, self.reference, over, after, action, self.tally
         )
-        self.total += reward
-        return reward, self.end > 0
+        np.add(self.total, reward, self.total)
+        return reward, self.end.astype(bool)
 
     def _over(self, declared: np.ndarray | None) -> np.ndarray:
         """Which missions are done ``(B,)``, as whoever ends them says."""
@@ -414,11 +420,15 @@ class Core:
 
     def observe(self) -> np.ndarray:
         """The observations ``(B, k)``, float32 and within bounds, made of estimates or readings, mission, actuators."""
-        with np.errstate(over="ignore"):  # what is absurd is clipped
+        if self._compiled:
             parts = self._observed()
-        observation = parts[0] if len(parts) == 1 else np.concatenate(parts, -1)
-        np.maximum(observation, -self.task.BOUND, out=observation)
-        return np.minimum(observation, self.task.BOUND, out=observation).astype(np.float32)
+        else:
+            with np.errstate(over="ignore"):  # what is absurd is clipped
+                parts = self._observed()
+        observation = np.asarray(parts[0] if len(parts) == 1 else np.concatenate(parts, -1), float)
+        seen = np.empty(observation.shape, np.float32)
+        rounded(observation, self.task.BOUND, seen)
+        return seen
 
     def _observed(self) -> list[np.ndarray]:
         """The parts of the observations, before they are clipped."""
@@ -444,18 +454,19 @@ class Core:
     def _estimate(self, belief: Belief, told: Composition) -> Estimate:
         """What the task sees of a belief."""
         mean, input_mean = belief.mean, belief.input_mean
+        state = mean if told.base == mean.shape[1] else mean[:, : told.base]
         if input_mean is not None and not input_mean.shape[-1]:
             input_mean = None
         flow = told.flow(mean)
         if self.observe_mode != "mean+std":
-            return Estimate(mean[:, : told.base], flow, input_mean)
+            return Estimate(state, flow, input_mean)
         variance = np.maximum(belief.cov.diagonal(0, -2, -1), 0.0)
         known = (
             None
             if input_mean is None or belief.input_cov is None
             else np.maximum(belief.input_cov.diagonal(0, -2, -1), 0.0)
         )
-        return Estimate(mean[:, : told.base], flow, input_mean, np.sqrt(variance),
+        return Estimate(state, flow, input_mean, np.sqrt(variance),
                         None if known is None else np.sqrt(known), told.scale)  # fmt: skip
 
     def scored_truth(self) -> np.ndarray:
@@ -471,38 +482,43 @@ class Core:
 
     def info(self) -> dict[str, np.ndarray]:
         """Copies of what happened, one row an environment; documented with the environment."""
-        belief = self.loop.belief
-        unknown_input = self.unknown_input
-        input_mean = np.zeros(unknown_input.shape) if belief.input_mean is None else belief.input_mean.copy()
-        return {
-            "truth": self.scored_truth(),
-            "unknown_input": unknown_input.copy(),
-            "reference": self.reference.copy(),
-            "actuators": self.actuators.copy(),
-            "measurement": self.loop.readings[0].copy(),
-            "available": self.loop.readings[1].copy(),
-            "estimate": belief.mean.copy(),
-            "covariance": belief.cov.copy(),
-            "input_estimate": input_mean,
-            "healthy": belief.healthy,
+        return {name: values.copy() for name, values in self.happened().items()} | {
+            "healthy": self.loop.belief.healthy,
             "score": self.total / self.task.perfect,
             "end": self._ends[self.end],
-            "is_success": self.end == self._success,
-            "parameters": self.parameters.copy(),
+            "is_success": self.end == self.success,
+        }
+
+    def happened(self) -> dict[str, np.ndarray]:
+        """What happened as it is kept, one row an environment: not to be written into."""
+        belief, unknown_input = self.loop.belief, self.unknown_input
+        input_mean = belief.input_mean
+        return {
+            "truth": self.truth,
+            "unknown_input": unknown_input,
+            "reference": self.reference,
+            "actuators": self.actuators,
+            "measurement": self.loop.readings[0],
+            "available": self.loop.readings[1],
+            "estimate": belief.mean,
+            "covariance": belief.cov,
+            "input_estimate": np.zeros(unknown_input.shape) if input_mean is None else input_mean,
+            "parameters": self.parameters,
         }
 
     def checked(self, action: np.ndarray, ended: np.ndarray | None = None) -> np.ndarray:
         """The action as floats ``(B, a)`` clipped to [-1, 1], and 0 where an episode has ended."""
-        asked = numbers(action)
+        asked = action if type(action) is np.ndarray and action.dtype.kind == "f" else numbers(action)
         if asked is None:
             raise ValueError(f"action must be an array of numbers, got {shown(action)}")
-        if asked.shape != (self.num_envs, self.action_size):
-            raise ValueError(f"action has shape {asked.shape}, expected {(self.num_envs, self.action_size)}")
+        if asked.shape != self.action_shape:
+            raise ValueError(f"action has shape {asked.shape}, expected {self.action_shape}")
+        asked = np.array(asked, float, order="C", ndmin=2)
         if ended is not None:
-            asked = np.where(ended[:, None], 0.0, asked)
-        if not np.logical_and.reduce(np.isfinite(asked), None):
+            asked[ended] = 0.0
+        if not clip(asked):
             raise ValueError("action must be finite, got NaN or infinity")
-        return np.minimum(np.maximum(asked, -1.0), 1.0)
+        return asked
 
     # --- inside -----------------------------------------------------------------------------------
 
@@ -533,6 +549,26 @@ class Core:
         merged = whole.copy()
         merged[rows] = values
         return merged
+
+
+@kernel("b1(f8[:,::1])")
+def clip(action: np.ndarray) -> bool:
+    """Clip actions ``(B, a)`` to [-1, 1] in place, and say whether all were finite."""
+    finite = True
+    for row in range(action.shape[0]):
+        for i in range(action.shape[1]):
+            finite = finite and np.isfinite(action[row, i])
+            action[row, i] = min(max(action[row, i], -1.0), 1.0)
+    return finite
+
+
+@kernel("void(f8[:,:],f8,f4[:,::1])")
+def rounded(observation: np.ndarray, bound: float, out: np.ndarray) -> None:
+    """Observations ``(B, k)`` within bounds and as they are shown; NaN stays."""
+    for row in range(out.shape[0]):
+        for i in range(out.shape[1]):
+            value = observation[row, i]
+            out[row, i] = -bound if value < -bound else (bound if value > bound else value)
 
 
 def observed(observe: str, guidance: bool) -> tuple[str, ...]:

@@ -40,6 +40,8 @@ class Loop:
         """Take what is no state: a copy of a loop needs it again."""
         self.sensors, self.composition = sensors, estimation.composition
         self.filter, self._prior_factor = estimation.filter, estimation.prior
+        self.tells_truth = isinstance(self.filter, Oracle)
+        """Whether the filter is the declared exception, whose reading is the truth."""
         # A filter of somebody else's may write into what it is given; ours do not.
         self._foreign = not self.filter._ours
 
@@ -54,11 +56,6 @@ class Loop:
         self.__dict__.update(state)
         if strides:
             self.belief = _laid_out(self.belief, strides)
-
-    @property
-    def tells_truth(self) -> bool:
-        """Whether the filter is the declared exception, whose reading is the truth."""
-        return isinstance(self.filter, Oracle)
 
     def restart(self, rows: np.ndarray, sensing: np.ndarray, filtering: Numbers) -> None:
         """Begin an episode of some rows, with keys ``(rows, sensors, 2)`` and the filter's numbers in it."""

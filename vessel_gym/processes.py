@@ -6,11 +6,10 @@ from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
-from numba import njit
 from scipy.linalg import block_diag, solve_continuous_lyapunov
 
 from estimators import van_loan
-from estimators.compiled import lazy
+from estimators.compiled import kernel
 from estimators.randomness import normals_of_rows
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
@@ -136,19 +135,18 @@ def root_of(cov: np.ndarray) -> np.ndarray:
     return vectors * np.sqrt(np.maximum(values, 0.0))
 
 
-@lazy(njit("void(u8[:,:,::1],i8[::1],i8[::1],f8[:,::1],f8[:,::1],f8[:,::1],f8[:,::1],f8[:,::1],f8[:,::1])",
-           error_model="numpy", cache=True))  # fmt: skip
+@kernel("void(u8[:,:,::1],i8[::1],i8[::1],f8[:,::1],f8[:,::1],f8[:,::1],f8[:,::1],f8[:,::1],f8[:,::1])")
 def stir(
     keys: np.ndarray, steps: np.ndarray, counts: np.ndarray, root: np.ndarray, transition: np.ndarray,
     gains: np.ndarray, z: np.ndarray, noise: np.ndarray, forcing: np.ndarray,
 ) -> None:  # fmt: skip
-    """Move processes by a step, draw what is new over the next one, and what acts then, the last three in place.
+    """Move processes by a step, draw what is new over the next one, and what acts then; steps and the last three in place.
 
     Products are sums entry by entry: the same to the last bit in any batch.
 
     Args:
         keys: ``(B, parts, 2)`` of the random numbers of each part.
-        steps: ``(B,)`` of which step they are.
+        steps: ``(B,)`` how many lie behind.
         counts: ``(parts,)`` how many each takes.
         root: ``(s + k, m)`` what they make: white kicks, then what is new in the processes.
         transition: ``(k, k)`` of these.
@@ -159,6 +157,8 @@ def stir(
     """
     B, size, drawn = len(steps), len(transition), 0
     shaken = len(root) - size
+    for row in range(B):
+        steps[row] += 1
     normals, words = np.empty((root.shape[1] + 1, B)), np.empty((2, B), np.uint64)
     for part in range(len(counts)):
         normals_of_rows(keys, part, steps, counts[part], words, normals, drawn)

@@ -10,10 +10,9 @@ from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from estimators.checks import number, shown
-from estimators.compiled import lazy
+from estimators.compiled import kernel
 from estimators.factory import unknown
 from estimators.randomness import normals_of_rows, words_of_rows
 from vessel_gym.checks import numbers
@@ -400,8 +399,7 @@ def _columns(chosen: Any, state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
     return state[..., chosen]
 
 
-@lazy(njit("void(u8[:,:,::1],i8[::1],f8[:,::1],f8[:,::1],f8[:,:],f8[:,::1],f8[:,::1],f8[:,::1],f8[:,::1],b1[:,::1])",
-           error_model="numpy", cache=True))  # fmt: skip
+@kernel("void(u8[:,:,::1],i8[::1],f8[:,::1],f8[:,::1],f8[:,:],f8[:,::1],f8[:,::1],f8[:,::1],f8[:,::1],b1[:,::1])")
 def spoil(
     keys: np.ndarray, steps: np.ndarray, state: np.ndarray, forcing: np.ndarray, bias: np.ndarray, gains: np.ndarray,
     of_channels: np.ndarray, of_sensors: np.ndarray, readings: np.ndarray, available: np.ndarray,
@@ -430,14 +428,14 @@ def spoil(
                     readings[row, i] += gain * part
     normals, words, least = np.empty((len(gains) + 1, B)), np.empty((2, B), np.uint64), 2.0**-53
     for sensor in range(len(of_sensors)):
-        dropout, outliers, scale, period, start, stop = of_sensors[sensor]
-        first, last = int(start), int(stop)
+        dropout, outliers, scale = of_sensors[sensor, 0], of_sensors[sensor, 1], of_sensors[sensor, 2]
+        period, first, last = int(of_sensors[sensor, 3]), int(of_sensors[sensor, 4]), int(of_sensors[sensor, 5])
         normals_of_rows(keys, sensor, steps, last - first, words, normals, 0)
         doubtful = dropout > 0.0 or outliers > 0.0
         if doubtful:
             words_of_rows(keys, sensor, steps, 0, 1, words)
         for row in range(B):
-            arrives, size = steps[row] % int(period) == 0, 1.0
+            arrives, size = period == 1 or steps[row] % period == 0, 1.0
             if doubtful:
                 arrives = arrives and np.float64(words[0, row] >> np.uint64(11)) * least >= dropout
                 size = scale if np.float64(words[1, row] >> np.uint64(11)) * least < outliers else 1.0
