@@ -105,7 +105,7 @@ class Core:
         if self.ends == "declaration" and not self.task.success:
             raise ValueError(f"{system.name} goes on until time is up, so there is nothing to declare: ends='task'")
         self.action_size = len(self.vehicle.action_names) + (self.ends == "declaration")
-        self.action_shape: tuple[int, ...] = (self.num_envs, self.action_size)  # a single environment's has no rows
+        self.action_shape = self.num_envs, self.action_size
 
         self.seeds: list[int] = []
         self.episodes = np.zeros(num_envs, int)
@@ -360,8 +360,9 @@ class Core:
     # --- step -------------------------------------------------------------------------------------
 
     def step(
-        self, action: np.ndarray, readings: Readings | None = None, ended: np.ndarray | None = None
-    ) -> tuple[np.ndarray, np.ndarray]:
+        self, action: np.ndarray, readings: Readings | None = None, ended: np.ndarray | None = None,
+        shape: tuple[int, ...] | None = None,
+    ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
         """Advance every environment by one step.
 
         Args:
@@ -369,6 +370,7 @@ class Core:
             readings: Readings to use instead of the sensors' (for replays); the sensors then draw nothing.
             ended: Mask ``(B,)`` of environments whose episode has ended and that are reset next: their actions are
                 not looked at.
+            shape: That the action must have; None: ``(B, a)``.
 
         Returns:
             Reward ``(B,)`` and termination ``(B,)``.
@@ -380,7 +382,7 @@ class Core:
         """
         if not self.seeds:
             raise ResetNeeded("call reset() before the first step()")
-        self.action = action = self.checked(action, ended)
+        self.action = action = self.checked(action, ended, shape)
         declared = None
         if self.ends == "declaration":
             action, declared = action[:, :-1], action[:, -1] > DECLARED
@@ -506,13 +508,16 @@ class Core:
             "parameters": self.parameters,
         }
 
-    def checked(self, action: np.ndarray, ended: np.ndarray | None = None) -> np.ndarray:
+    def checked(
+        self, action: np.ndarray, ended: np.ndarray | None = None, shape: tuple[int, ...] | None = None
+    ) -> np.ndarray:
         """The action as floats ``(B, a)`` clipped to [-1, 1], and 0 where an episode has ended."""
         asked = action if type(action) is np.ndarray and action.dtype.kind == "f" else numbers(action)
         if asked is None:
             raise ValueError(f"action must be an array of numbers, got {shown(action)}")
-        if asked.shape != self.action_shape:
-            raise ValueError(f"action has shape {asked.shape}, expected {self.action_shape}")
+        shape = self.action_shape if shape is None else shape
+        if asked.shape != shape:
+            raise ValueError(f"action has shape {asked.shape}, expected {shape}")
         asked = np.array(asked, float, order="C", ndmin=2)
         if ended is not None:
             asked[ended] = 0.0

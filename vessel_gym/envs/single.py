@@ -65,9 +65,9 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
         self.core = Core(
             self.system, 1, estimator, estimator_options, sensors, disturbance, mismatch, observe, ends, guidance
         )
-        self.core.action_shape = (self.core.action_size,)
         self.observation_space = observation_space(self.core)
         self.action_space = action_space(self.core)
+        self._shape = self.action_space.shape
         self.render_mode = render_mode
         self._renderer: Any = None
 
@@ -95,7 +95,7 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Advance one step; see `gymnasium.Env.step`. Truncation is `gymnasium.wrappers.TimeLimit`'s."""
-        reward, terminated = self.core.step(action)
+        reward, terminated = self.core.step(action, shape=self._shape)
         if self.render_mode is not None:
             self._record()
         return self.core.observe()[0], float(reward[0]), bool(terminated[0]), False, self._info()
@@ -118,8 +118,8 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
         happened = core.happened()
         info: dict[str, Any] = dict(zip(happened, map(np.ndarray.flatten, happened.values()), strict=True))  # copies
         info["covariance"] = info["covariance"].reshape(happened["covariance"].shape[1:])
-        info["healthy"], info["is_success"] = not core.belief.recovery[0], end == core.success
-        info["score"], info["end"] = float(core.total[0]) / core.task.perfect, core.task.ends[end]
+        info["healthy"], info["score"] = not core.belief.recovery[0], float(core.total[0]) / core.task.perfect
+        info["end"], info["is_success"] = core.task.ends[end], end == core.success
         return info
 
     def _record(self, begin: bool = False) -> None:
