@@ -40,7 +40,7 @@ def gufunc(signature: str, layout: str, cache: bool = True) -> Callable[[_Functi
 
 
 def kernel(*signatures: str) -> Callable[[_Function], Any]:
-    """Compile a function of whole arrays for Numba's signatures, `lazy`: called faster than a ufunc, without its checks."""
+    """Compile a function of whole arrays for Numba's signatures, `lazy`: faster than a ufunc, which checks shapes."""
     return lazy(njit(list(signatures), error_model="numpy", cache=True))
 
 

@@ -140,7 +140,7 @@ def stir(
     keys: np.ndarray, steps: np.ndarray, counts: np.ndarray, root: np.ndarray, transition: np.ndarray,
     gains: np.ndarray, z: np.ndarray, noise: np.ndarray, forcing: np.ndarray,
 ) -> None:  # fmt: skip
-    """Move processes by a step, draw what is new over the next one, and what acts then; steps and the last three in place.
+    """Move processes by a step, draw what is new over the next one, and what acts then: steps and the last three.
 
     Products are sums entry by entry: the same to the last bit in any batch.
 

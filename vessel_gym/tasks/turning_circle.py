@@ -42,7 +42,7 @@ def turning_score(
     truth: np.ndarray, reference: np.ndarray, action: np.ndarray, kernel: np.ndarray, reward: np.ndarray,
     lost: np.ndarray,
 ) -> None:  # fmt: skip
-    """Reward, and whether the turn is lost; kernel is (heading and yaw rate tolerance, helm cost, heading error lost)."""
+    """Reward, and whether the turn is lost; kernel is (heading, yaw rate tolerance, helm cost, heading error lost)."""
     for row in range(len(reward)):
         heading = _wrapped(reference[row, 0] - truth[row, 2])
         rate = (reference[row, 1] - truth[row, 5]) / reference[row, 3]
