@@ -39,8 +39,8 @@ def gufunc(signature: str, layout: str, cache: bool = True) -> Callable[[_Functi
     return lazy(lambda kernel: guvectorize([signature], layout, nopython=True, cache=cache)(kernel).ufunc)
 
 
-def kernel(*signatures: str) -> Callable[[_Function], Any]:
-    """Compile a function of whole arrays for Numba's signatures, `lazy`: faster than a ufunc, which checks shapes."""
+def rowwise(*signatures: str) -> Callable[[_Function], Any]:
+    """Compile a function of arrays of rows for Numba's signatures, `lazy`: faster than a ufunc, which checks shapes."""
     return lazy(njit(list(signatures), error_model="numpy", cache=True))
 
 

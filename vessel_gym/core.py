@@ -11,7 +11,7 @@ from scipy.linalg import block_diag
 
 from estimators import Belief, Filter, Gaussian, Numbers
 from estimators.checks import shown
-from estimators.compiled import kernel
+from estimators.compiled import rowwise
 from estimators.linalg import semidefinite_cholesky
 from estimators.randomness import word
 from vessel_gym.checks import number, numbers, one_of
@@ -151,6 +151,8 @@ class Core:
         """Components of `truth`."""
         self._estimated = [self.truth_names.index(n) if n in self.truth_names else -1 for n in self.composition.names]
         self._based = [vehicle.state_names.index(name) for name in vehicle.estimated(vehicle.kinds[0])]
+        self._nominal = np.array(vehicle.parameters(0.0, np.zeros((1, vehicle.normals))))
+        self._still = np.eye(process.size + bias.size)
         self._transition = block_diag(process.transition, bias.transition)
         self._root = block_diag(self.forces.disturbance.white, process.root, bias.root)
         self._size = process.size
@@ -315,16 +317,18 @@ class Core:
         of_task, of_vehicle, of_parameters, of_filter = (Numbers(keys[:, i]) for i in range(len(_DRAWN)))
         course = task.course(of_task.uniforms(task.uniforms), options)
         prior = task.prior(course)
-        self._keys[rows] = keys[:, len(_DRAWN) : self._sensed]
+        of_parts = self._keys[rows] = keys[:, len(_DRAWN) : self._sensed].copy()
         loop.restart(rows, keys[:, self._sensed :], of_filter)
-        x, drifting = self._begun(prior, of_vehicle, self._keys[rows])
+        x, drifting = self._begun(prior, of_vehicle, of_parts)
         state, actuators = (np.ascontiguousarray(started, float) for started in vehicle.start(x))
-        parameters = vehicle.parameters(self.mismatch, of_parameters.normals(vehicle.normals))
+        if self.mismatch:
+            parameters = vehicle.parameters(self.mismatch, of_parameters.normals(vehicle.normals))
+        else:
+            parameters = self._nominal.repeat(len(rows), 0)
         steps = np.full(len(rows), -1)
         noise, forcing = np.zeros((len(rows), len(self._root))), np.zeros((len(rows), self.forces.size))
         # The step before the first, in which nothing moves: what is new over that one, and what acts then.
-        stir(self._keys[rows], steps, self._counts, self._root, np.eye(len(self._transition)), self.forces.gains,
-             drifting, noise, forcing)  # fmt: skip
+        stir(of_parts, steps, self._counts, self._root, self._still, self.forces.gains, drifting, noise, forcing)
         if not self.forces.constant:
             self.forces.add(forcing, drifting[:, : self._size], state)
         self._put(
@@ -556,7 +560,7 @@ class Core:
         return merged
 
 
-@kernel("b1(f8[:,::1])")
+@rowwise("b1(f8[:,::1])")
 def clip(action: np.ndarray) -> bool:
     """Clip actions ``(B, a)`` to [-1, 1] in place, and say whether all were finite."""
     finite = True
@@ -567,7 +571,7 @@ def clip(action: np.ndarray) -> bool:
     return finite
 
 
-@kernel("void(f8[:,:],f8,f4[:,::1])")
+@rowwise("void(f8[:,:],f8,f4[:,::1])")
 def rounded(observation: np.ndarray, bound: float, out: np.ndarray) -> None:
     """Observations ``(B, k)`` within bounds and as they are shown; NaN stays."""
     for row in range(out.shape[0]):

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import block_diag, solve_continuous_lyapunov
 
 from estimators import van_loan
-from estimators.compiled import kernel
+from estimators.compiled import rowwise
 from estimators.randomness import normals_of_rows
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
@@ -135,7 +135,7 @@ def root_of(cov: np.ndarray) -> np.ndarray:
     return vectors * np.sqrt(np.maximum(values, 0.0))
 
 
-@kernel("void(u8[:,:,::1],i8[::1],i8[::1],f8[:,::1],f8[:,::1],f8[:,::1],f8[:,::1],f8[:,::1],f8[:,::1])")
+@rowwise("void(u8[:,:,::1],i8[::1],i8[::1],f8[:,::1],f8[:,::1],f8[:,::1],f8[:,::1],f8[:,::1],f8[:,::1])")
 def stir(
     keys: np.ndarray, steps: np.ndarray, counts: np.ndarray, root: np.ndarray, transition: np.ndarray,
     gains: np.ndarray, z: np.ndarray, noise: np.ndarray, forcing: np.ndarray,

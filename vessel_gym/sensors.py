@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from estimators.checks import number, shown
-from estimators.compiled import kernel
+from estimators.compiled import rowwise
 from estimators.factory import unknown
 from estimators.randomness import normals_of_rows, words_of_rows
 from vessel_gym.checks import numbers
@@ -399,7 +399,7 @@ def _columns(chosen: Any, state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
     return state[..., chosen]
 
 
-@kernel("void(u8[:,:,::1],i8[::1],f8[:,::1],f8[:,::1],f8[:,:],f8[:,::1],f8[:,::1],f8[:,::1],f8[:,::1],b1[:,::1])")
+@rowwise("void(u8[:,:,::1],i8[::1],f8[:,::1],f8[:,::1],f8[:,:],f8[:,::1],f8[:,::1],f8[:,::1],f8[:,::1],b1[:,::1])")
 def spoil(
     keys: np.ndarray, steps: np.ndarray, state: np.ndarray, forcing: np.ndarray, bias: np.ndarray, gains: np.ndarray,
     of_channels: np.ndarray, of_sensors: np.ndarray, readings: np.ndarray, available: np.ndarray,

@@ -9,7 +9,7 @@ from numba import njit
 
 from estimators import Gaussian
 from estimators.checks import shown
-from estimators.compiled import inlined, kernel
+from estimators.compiled import inlined, rowwise
 from vessel_gym.checks import one_of
 from vessel_gym.guidance import dive_path
 from vessel_gym.guidance.dive_path import course_to, follow
@@ -31,7 +31,7 @@ def _position(state: np.ndarray, row: int, where: np.ndarray, position: np.ndarr
         position[i] = state[row, where[i]] if where[i] >= 0 else 0.0
 
 
-@kernel("void(f8[:,:],i8[::1],f8[:,:],f8,f8[:,::1])")
+@rowwise("void(f8[:,:],i8[::1],f8[:,:],f8,f8[:,::1])")
 def dive_reference(state: np.ndarray, where: np.ndarray, course: np.ndarray, ahead: float, out: np.ndarray) -> None:
     """Where on their paths vehicles in these states are ``(B, 11)``."""
     position = np.empty(3)
@@ -51,7 +51,7 @@ def _scaled(first: int, actuators: np.ndarray, gains: np.ndarray, seen: np.ndarr
         seen[i] = (seen[i] - gains[0, i]) * gains[1, i]
 
 
-@kernel("void(f8[:,:],i8[::1],f8[:,:],b1[:],f8[:,:],f8[:,:],f8[::1],f8[::1],i8[::1],f8[:,::1])")
+@rowwise("void(f8[:,:],i8[::1],f8[:,:],b1[:],f8[:,:],f8[:,:],f8[::1],f8[::1],i8[::1],f8[:,::1])")
 def dive_score(
     state: np.ndarray, where: np.ndarray, reference: np.ndarray, over: np.ndarray, actuators: np.ndarray,
     tally: np.ndarray, figures: np.ndarray, reward: np.ndarray, end: np.ndarray, after: np.ndarray,
@@ -306,7 +306,7 @@ def _spatial_errors(x: np.ndarray, flow: np.ndarray, reference: np.ndarray, out:
     out[10] = -np.arctan(reference[4]) - x[10]
 
 
-@kernel("void(f8[:,:],f8[:,:],f8[:,:],f8[:,:],f8[:,::1],f8[:,::1])")
+@rowwise("void(f8[:,:],f8[:,:],f8[:,:],f8[:,:],f8[:,::1],f8[:,::1])")
 def spatial_view(
     state: np.ndarray, flow: np.ndarray, reference: np.ndarray, actuators: np.ndarray, gains: np.ndarray,
     out: np.ndarray,
@@ -363,7 +363,7 @@ def _vertical_errors(x: np.ndarray, flow: np.ndarray, reference: np.ndarray, out
     out[6] = -np.arctan(reference[4]) - x[5]
 
 
-@kernel("void(f8[:,:],f8[:,:],f8[:,:],f8[:,:],f8[:,::1],f8[:,::1])")
+@rowwise("void(f8[:,:],f8[:,:],f8[:,:],f8[:,:],f8[:,::1],f8[:,::1])")
 def vertical_view(
     state: np.ndarray, flow: np.ndarray, reference: np.ndarray, actuators: np.ndarray, gains: np.ndarray,
     out: np.ndarray,

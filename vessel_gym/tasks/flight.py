@@ -9,7 +9,7 @@ from numba import njit
 
 from estimators import Gaussian
 from estimators.checks import shown
-from estimators.compiled import inlined, kernel
+from estimators.compiled import inlined, rowwise
 from vessel_gym.checks import numbers, one_of
 from vessel_gym.guidance import path_following
 from vessel_gym.guidance.dubins import NoPath, Path, plan
@@ -66,7 +66,7 @@ def _flight_errors(x: np.ndarray, wind: np.ndarray, reference: np.ndarray, gravi
     out[14] = reference[_WHERE + _PATH] - reference[0]
 
 
-@kernel("void(f8[:,:],f8[:,:],f8[:,:],f8[:,:],f8,f8[:,::1],f8[:,::1],f8[:,::1])")
+@rowwise("void(f8[:,:],f8[:,:],f8[:,:],f8[:,:],f8,f8[:,::1],f8[:,::1],f8[:,::1])")
 def flight_view(
     state: np.ndarray, wind: np.ndarray, reference: np.ndarray, actuators: np.ndarray, gravity: float,
     gains: np.ndarray, reach: np.ndarray, out: np.ndarray,
@@ -85,7 +85,7 @@ def flight_view(
 _on_path: Any = njit(error_model="numpy")(path_following._follow.__wrapped__)
 
 
-@kernel("void(f8[:,:],f8[:,:],f8[::1],f8[::1],f8[:,::1])")
+@rowwise("void(f8[:,:],f8[:,:],f8[::1],f8[::1],f8[:,::1])")
 def flight_reference(
     state: np.ndarray, course: np.ndarray, window: np.ndarray, ahead: np.ndarray, out: np.ndarray
 ) -> None:
@@ -100,7 +100,7 @@ def flight_reference(
             out[row, _WHERE + i] = course[row, i]
 
 
-@kernel("void(f8[:,:],f8[:,:],f8[:,:],b1[:],f8[:,:],f8[:,:],f8[::1],f8[::1],i8[::1],f8[:,::1])")
+@rowwise("void(f8[:,:],f8[:,:],f8[:,:],b1[:],f8[:,:],f8[:,:],f8[::1],f8[::1],i8[::1],f8[:,::1])")
 def flight_score(
     state: np.ndarray, wind: np.ndarray, reference: np.ndarray, over: np.ndarray, action: np.ndarray,
     tally: np.ndarray, figures: np.ndarray, reward: np.ndarray, end: np.ndarray, after: np.ndarray,

@@ -8,7 +8,7 @@ import numpy as np
 
 from estimators import Gaussian, wrap
 from estimators.checks import shown
-from estimators.compiled import inlined, kernel
+from estimators.compiled import inlined, rowwise
 from vessel_gym.checks import number, one_of
 from vessel_gym.sensors import Sensors
 from vessel_gym.system import Estimate
@@ -23,7 +23,7 @@ def _wrapped(angle: float) -> float:
     return angle - 2.0 * np.pi * np.ceil(angle / (2.0 * np.pi) - 0.5)
 
 
-@kernel("void(f8[:,:],i8[:],f8[::1],f8[:,::1])", "void(f8[:,:],f8[:],f8[::1],f8[:,::1])")
+@rowwise("void(f8[:,:],i8[:],f8[::1],f8[:,::1])", "void(f8[:,:],f8[:],f8[::1],f8[:,::1])")
 def turning_reference(course: np.ndarray, step: np.ndarray, timing: np.ndarray, out: np.ndarray) -> None:
     """Heading and yaw rates now, ahead and finally; timing is (time step, lead, ramp, preview) in s."""
     dt, lead, ramp, preview = timing
@@ -37,7 +37,7 @@ def turning_reference(course: np.ndarray, step: np.ndarray, timing: np.ndarray, 
         out[row, 3] = rate
 
 
-@kernel("void(f8[:,:],f8[:,:],f8[:,:],f8[::1],f8[::1],i8[::1])")
+@rowwise("void(f8[:,:],f8[:,:],f8[:,:],f8[::1],f8[::1],i8[::1])")
 def turning_score(
     truth: np.ndarray, reference: np.ndarray, action: np.ndarray, kernel: np.ndarray, reward: np.ndarray,
     lost: np.ndarray,
@@ -51,7 +51,7 @@ def turning_score(
         lost[row] = abs(heading) > kernel[3]
 
 
-@kernel("void(f8[:,:],f8[:,:],f8[:,:],f8[:,:],f8[::1],f8[:,::1])")
+@rowwise("void(f8[:,:],f8[:,:],f8[:,:],f8[:,:],f8[::1],f8[:,::1])")
 def turning_view(
     mean: np.ndarray, d: np.ndarray, reference: np.ndarray, rudder: np.ndarray, gains: np.ndarray, out: np.ndarray
 ) -> None:

@@ -1,0 +1,125 @@
+"""A random number of an environment is a function of seed, episode, purpose, part, step and component, and no other.
+
+That batches and resets do not matter is in test_contract and test_autoreset, to the last bit.
+"""
+
+import numpy as np
+import pytest
+from contract import FEW_MEMBERS, OURS, SPREAD, make_core, random_walk, single_class
+
+from estimators import Numbers
+from vessel_gym.core import Core
+from vessel_gym.disturbances import Water
+from vessel_gym.sensors import SUITES, Bias, Sensor
+
+SEED, ROWS, STEPS = 5, 3, 12
+AUV = "SegorogeniAUV-v0"
+
+every_environment = pytest.mark.parametrize("env_id", OURS)
+
+
+def nature(core: Core) -> dict[str, np.ndarray]:
+    """What is drawn in a step, or follows from what was."""
+    readings, available = core.loop.readings
+    drawn = {
+        "state": core.state, "sea": core.sea_state, "forcing": core.forcing, "bias": core.bias,
+        "parameters": core.parameters, "course": core.course, "readings": readings, "available": available,
+    }  # fmt: skip
+    return {name: values.copy() for name, values in drawn.items()}
+
+
+def flown(core: Core, injected: int = STEPS + 1) -> list[dict[str, np.ndarray]]:
+    """Every step of the second episode under given actions; every so many steps are without readings."""
+    core.start(SEED)
+    core.start()
+    walk, steps = random_walk(0, ROWS, core.action_size), [nature(core)]
+    nothing = np.zeros((ROWS, core.sensors.size)), np.zeros((ROWS, core.sensors.size), bool)
+    for step in range(1, STEPS + 1):
+        core.step(next(walk), None if step % injected else nothing)
+        steps.append(nature(core))
+    return steps
+
+
+@every_environment
+def test_the_readings_of_a_step_can_be_had_by_themselves(env_id: str):
+    core = make_core(env_id, ROWS, sensors="degraded", disturbance="rough")
+    episode, sensors = Numbers.seeded(range(SEED, SEED + ROWS)).of(1), core.sensors
+    keys = np.stack([episode.of(f"sensor {sensor.name}").keys for sensor in sensors.each], 1)
+    for step, now in reversed(list(enumerate(flown(core)))):
+        steps = np.full(ROWS, step)
+        readings, available = sensors.read(now["state"], now["forcing"], now["bias"], steps, keys)
+        np.testing.assert_array_equal(readings, now["readings"])
+        np.testing.assert_array_equal(available, now["available"])
+
+
+@every_environment
+@pytest.mark.parametrize("place", [0, 1])
+def test_one_sensor_more_moves_the_numbers_of_no_other(env_id: str, place: int):
+    own = SUITES["degraded"].of(single_class(env_id).system.vehicle.sensors)
+    bias = Bias(("more bias",), start=(1.0,), pace=(0.1,), slope=(0.1,))
+    quality = {"sd": (1.0, 1.0), "dropout": 0.3, "outliers": 0.2, "bias": bias}
+    more = Sensor("one more", ("one", "other"), lambda state, forcing: 0.0 * state[..., :2], **quality)
+    others = [*own[:place], more, *own[place:]]
+    one, other = (make_core(env_id, ROWS, sensors=s, disturbance="rough", estimator="truth") for s in (own, others))
+    kept = [i for i, channel in enumerate(other.sensors.channels) if channel in one.sensors.channels]
+    biases = [other.sensors.bias_names.index(name) for name in one.sensors.bias_names]
+    for told, beside in zip(flown(one), flown(other), strict=True):
+        beside["bias"] = beside["bias"][:, biases]
+        beside |= {name: beside[name][:, kept] for name in ("readings", "available")}
+        for name, values in told.items():
+            np.testing.assert_array_equal(values, beside[name], err_msg=name)
+
+
+@pytest.mark.parametrize(("env_id", "estimator"), SPREAD)
+def test_nature_is_paired_between_estimators_even_where_sensors_are_not_asked(env_id: str, estimator: str):
+    """With one of them readings are injected at every third step, so that the sensors draw nothing."""
+    options = {"sensors": "degraded", "disturbance": "rough", "mismatch": 0.2}
+    few = FEW_MEMBERS.get(estimator)
+    one = flown(make_core(env_id, ROWS, estimator="measurement", **options))
+    other = flown(make_core(env_id, ROWS, estimator=estimator, estimator_options=few, **options), injected=3)
+    for step, (told, beside) in enumerate(zip(one, other, strict=True)):
+        for name in told if step == 0 or step % 3 else set(told) - {"readings", "available"}:
+            np.testing.assert_array_equal(told[name], beside[name], err_msg=name)
+
+
+# --- what is declared to be linear ------------------------------------------------------------------
+
+
+@every_environment
+def test_readings_that_are_declared_linear_are_a_matrix_times_state_and_forcing(env_id: str):
+    vehicle, rng = single_class(env_id).system.vehicle, np.random.default_rng(0)
+    n, f = len(vehicle.state_names), len(vehicle.kicks + vehicle.flows)
+    x, units = rng.normal(0.0, 10.0, (9, n + f)), np.eye(n + f)
+    declared = [sensor for sensor in vehicle.sensors if getattr(sensor.reads, "linear", False)]
+    assert declared
+    for sensor in declared:
+        matrix = sensor.reads(units[:, :n], units[:, n:])
+        np.testing.assert_allclose(sensor.reads(x[:, :n], x[:, n:]), x @ matrix, rtol=1e-13, atol=1e-12)
+
+
+@every_environment
+def test_an_effect_that_is_declared_linear_is_a_matrix_times_its_state_wherever_the_vehicle_is(env_id: str):
+    system, rng = single_class(env_id).system, np.random.default_rng(0)
+    for disturbance in system.disturbances.values():
+        assert disturbance.effect.linear
+        k = disturbance.process.size
+        z, state = rng.normal(0.0, 10.0, (9, k)), rng.normal(0.0, 10.0, (9, len(system.vehicle.state_names)))
+        matrix = disturbance.effect(np.eye(k), np.zeros((k, state.shape[1])))
+        np.testing.assert_allclose(disturbance.effect(z, state), z @ matrix, rtol=1e-13, atol=1e-12)
+
+
+def test_whoever_changes_an_effect_is_asked_for_it_though_another_was_declared_linear():
+    class Doubled(Water):
+        def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
+            return 2.0 * z
+
+    nominal = single_class(AUV).system.disturbances["calm"]
+    doubled = Doubled(nominal.turbulence, nominal.spin, nominal.current)
+    one, other = (make_core(AUV, ROWS, disturbance=d, estimator="truth") for d in (nominal, doubled))
+    for core in (one, other):
+        core.reset()
+    np.testing.assert_array_equal(other.forcing[:, 6:], 2.0 * other.sea_state)
+    np.testing.assert_array_equal(other.sea_state, one.sea_state)
+    for told, beside in zip(flown(one), flown(other), strict=True):
+        np.testing.assert_array_equal(beside["sea"], told["sea"])
+        np.testing.assert_array_equal(beside["forcing"][:, 6:], 2.0 * told["forcing"][:, 6:])
