@@ -149,6 +149,7 @@ class Core:
             *vehicle.state_names, *(self.forces.disturbance.names if self._shown else ()), *self.sensors.bias_names
         )  # fmt: skip
         """Components of `truth`."""
+        self._alone = len(self.truth_names) == len(vehicle.state_names)
         self._estimated = [self.truth_names.index(n) if n in self.truth_names else -1 for n in self.composition.names]
         self._based = [vehicle.state_names.index(name) for name in vehicle.estimated(vehicle.kinds[0])]
         self._nominal = np.array(vehicle.parameters(0.0, np.zeros((1, vehicle.normals))))
@@ -218,8 +219,9 @@ class Core:
     @property
     def truth(self) -> np.ndarray:
         """The true states ``(B, n)``: the vehicle's, the disturbance's if filters are told of them, and the biases."""
-        drifting = self.drifting if self._shown else self.bias
-        return np.concatenate([self.state, drifting], -1) if drifting.shape[-1] else self.state
+        if self._alone:
+            return self.state
+        return np.concatenate([self.state, self.drifting if self._shown else self.bias], -1)
 
     @property
     def sea_state(self) -> np.ndarray:

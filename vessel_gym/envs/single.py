@@ -115,9 +115,7 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
 
     def _info(self) -> dict[str, Any]:
         core, end = self.core, int(self.core.end[0])
-        happened = core.happened()
-        info: dict[str, Any] = dict(zip(happened, map(np.ndarray.flatten, happened.values()), strict=True))  # copies
-        info["covariance"] = info["covariance"].reshape(happened["covariance"].shape[1:])
+        info: dict[str, Any] = {name: values.copy()[0] for name, values in core.happened().items()}
         info["healthy"], info["score"] = not core.belief.recovery[0], float(core.total[0]) / core.task.perfect
         info["end"], info["is_success"] = core.task.ends[end], end == core.success
         return info
