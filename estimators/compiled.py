@@ -41,6 +41,11 @@ def gufunc(signature: str, layout: str, cache: bool = True) -> Callable[[_Functi
     return lazy(lambda kernel: guvectorize([signature], layout, nopython=True, cache=cache)(kernel).ufunc)
 
 
+def rowwise(*signatures: str) -> Callable[[_Function], Any]:
+    """Compile a function of arrays of rows for Numba's signatures, `lazy`: faster than a ufunc, which checks shapes."""
+    return lazy(njit(list(signatures), error_model="numpy", cache=True))
+
+
 def lazy(compiler: Callable[[_Function], _Function]) -> Callable[[_Function], Any]:
     """Compile a function when it is first called, once for all processes; who compiles says so once.
 

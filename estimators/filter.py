@@ -92,16 +92,20 @@ class Filter(ABC, Generic[Record]):
         n = self.model.n
         if prior.mean.shape[-1] != n:
             raise ValueError(f"the prior is for {prior.mean.shape[-1]} states, the model has {n}")
-        batch = np.broadcast_shapes(prior.mean.shape[:-1], prior.cov.shape[:-2])
-        mean = np.array(np.broadcast_to(prior.mean, batch + (n,)))
-        cov = np.array(np.broadcast_to(prior.cov, batch + (n, n)))
-        start = Belief(mean, cov, mean, cov, np.zeros(batch, np.int8))
-        begun = self._returned("_init", self._init(start, rng), batch)
+        begun = self._started(prior, rng)
         if not (_finite_rows(begun).all() and (self._ours or _proper(begun.cov))):
             raise ValueError(
                 f"{type(self).__name__}._init must give a finite mean and a covariance for a prior that is so"
             )
         return begun
+
+    def _started(self, prior: Gaussian, rng: Rng) -> Record:
+        """What `init` gives, of a prior for this model."""
+        n, batch = self.model.n, np.broadcast_shapes(prior.mean.shape[:-1], prior.cov.shape[:-2])
+        mean = np.array(np.broadcast_to(prior.mean, batch + (n,)))
+        cov = np.array(np.broadcast_to(prior.cov, batch + (n, n)))
+        start = Belief(mean, cov, mean, cov, np.zeros(batch, np.int8))
+        return self._returned("_init", self._init(start, rng), batch)
 
     def predict(self, belief: Record, u: np.ndarray | None = None, rng: Rng = None) -> Record:
         """One step ahead: ``x(k-1|k-1)`` to ``x(k|k-1)``.

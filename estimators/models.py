@@ -88,6 +88,13 @@ class Gaussian:
         object.__setattr__(self, "mean", mean)
         object.__setattr__(self, "cov", cov)
 
+    def about(self, mean: np.ndarray) -> "Gaussian":
+        """The same covariance about other means ``(..., n)``, which are not looked at."""
+        moved = object.__new__(Gaussian)
+        object.__setattr__(moved, "mean", mean)
+        object.__setattr__(moved, "cov", self.cov)
+        return moved
+
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Gaussian):
             return NotImplemented

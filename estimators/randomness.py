@@ -8,7 +8,7 @@ What computes them is in `estimators.threefry`.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from hashlib import blake2b
 from typing import Any
@@ -42,7 +42,7 @@ def key(seed: int) -> np.ndarray:
 
 
 def _unsigned(number: Any) -> np.ndarray:
-    return np.asarray(number).astype(np.uint64)
+    return np.asarray(number).astype(np.uint64, copy=False)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,12 +70,12 @@ class Numbers:
 
     def of(self, first: Any, second: Any = 0) -> "Numbers":
         """Those of keys that are derived by whole numbers ``(...)``, or by a name."""
-        words = (word(part) if isinstance(part, str) else _unsigned(part) for part in (first, second))
-        return replace(self, keys=_kernels().derived(self.keys, *words))
+        first, second = (word(part) if isinstance(part, str) else _unsigned(part) for part in (first, second))
+        return Numbers(_kernels().derived(self.keys, first, second), self.step)
 
     def at(self, step: np.ndarray | int) -> "Numbers":
         """Those of another step."""
-        return replace(self, step=step)
+        return Numbers(self.keys, step)
 
     def normals(self, count: int, use: int = 0) -> np.ndarray:
         """Standard normal numbers ``(..., count)``."""

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from estimators.compiled import gufunc, inlined
+from estimators.compiled import gufunc, inlined, part
 
 _U = np.uint64
 _LOW, _PARITY = _U(0xFFFFFFFF), _U(0x1BD11BDAA9FC1A22)
@@ -137,3 +137,26 @@ def of_members(key: np.ndarray, step: Any, use: Any, wanted: np.ndarray, blank: 
             four[2, j], four[3, j] = normal_pair(second)
         for j in range(len(out)):
             out[j, i] = four[j % 4, j // 4]
+
+
+@part
+def words_of_rows(keys: np.ndarray, kind: int, steps: np.ndarray, counter: int, use: int, out: np.ndarray) -> None:
+    """Two random words ``(2, B)`` of a part of each row, for kernels: keys ``(B, parts, 2)``, steps ``(B,)``."""
+    for row in range(len(steps)):
+        of_step = (_U(steps[row]) << _U(16)) | _U(use)
+        out[0, row], out[1, row] = threefry(_U(counter), of_step, keys[row, kind, 0], keys[row, kind, 1])
+
+
+@part
+def normals_of_rows(
+    keys: np.ndarray, kind: int, steps: np.ndarray, count: int, words: np.ndarray, out: np.ndarray, at: int
+) -> None:
+    """So many standard normal numbers of a part of each row, to ``out (..., B)`` from ``at`` on; one more may follow.
+
+    Rows stand side by side so that loops over them become vector instructions; ``words (2, B)`` is room for theirs.
+    """
+    for i in range(0, count, 2):
+        if i % 4 == 0:
+            words_of_rows(keys, kind, steps, i // 4, 0, words)
+        for row in range(len(steps)):
+            out[at + i, row], out[at + i + 1, row] = normal_pair(words[i % 4 // 2, row])

@@ -105,6 +105,19 @@ class Forces:
         self.kicking = min(self.to, default=kicks) < kicks
         """Whether some follow from its state, and are not white."""
         self._flows_only = self.to == list(range(kicks, self.size))
+        self.constant = getattr(disturbance.effect, "linear", False)
+        """Whether its effect is declared to be `gains` times its state, wherever the vehicle is."""
+
+    @cached_property
+    def gains(self) -> np.ndarray:
+        """What a unit of each white kick gives, and of z as far as that is `constant`, ``(f, s + k)``."""
+        white = np.eye(self.size)[:, self.shaken]
+        z = self.linear if self.constant else np.zeros((self.size, self.disturbance.process.size))
+        return np.ascontiguousarray(np.hstack([white, z]))
+
+    def add(self, forcing: np.ndarray, z: np.ndarray, state: np.ndarray) -> None:
+        """Put in an effect that is not `constant`, in place: forcing ``(B, f)``."""
+        forcing[:, self._columns] = self.disturbance.effect(z, state)
 
     def on(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
         """Kicks and flows ``(..., f)``, without the white noise."""
@@ -184,9 +197,13 @@ class Composition:
     def flow(self, mean: np.ndarray) -> np.ndarray:
         """The flow that means ``(..., n)`` imply, ``(..., f)``; 0 where the filter is not told of any."""
         if not len(self.held):
-            return np.zeros(mean.shape[:-1] + (len(self.vehicle.flows),))
+            return np.zeros((*mean.shape[:-1], self._flows))
         z = _spread(mean[..., self.base : self.base + len(self.held)], self.held, self.forces.disturbance)
         return self.forces.flow(z, self._place(mean[..., : self.base]))
+
+    @cached_property
+    def _flows(self) -> int:
+        return len(self.vehicle.flows)
 
     @cached_property
     def _place(self) -> "Placed":

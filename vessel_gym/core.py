@@ -1,6 +1,8 @@
 """The batched core that both faces of an environment share: one step of many environments at once."""
 
+import math
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -9,6 +11,7 @@ from scipy.linalg import block_diag
 
 from estimators import Belief, Filter, Gaussian, Numbers
 from estimators.checks import shown
+from estimators.compiled import rowwise
 from estimators.linalg import semidefinite_cholesky
 from estimators.randomness import word
 from vessel_gym.checks import number, numbers, one_of
@@ -17,6 +20,7 @@ from vessel_gym.composition import Composition, Forces
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.estimation import Estimation, EstimatorChoice, build, chosen_disturbance
 from vessel_gym.loop import Loop, Readings
+from vessel_gym.processes import stir
 from vessel_gym.sensors import Sensor, Sensors, columns
 from vessel_gym.system import Estimate, System
 
@@ -29,6 +33,8 @@ DECLARED = 0.5
 
 _ATTACHED = ("system", "vehicle", "task", "forces", "sensors", "composition")
 """What `Core.attach` gives, and may hold functions that cannot be pickled."""
+_DRAWN = ("task", "vehicle", "parameters", "filter")
+"""What is drawn by itself at the start of an episode; then come the parts of the world and the sensors."""
 
 
 class Core:
@@ -95,14 +101,15 @@ class Core:
         self.attach(system)
         self.estimator = self.loop.filter.name
         self._ends = np.array(self.task.ends, dtype=object)
-        self._success = self.task.ends.index(self.task.success)
+        self.success = self.task.ends.index(self.task.success)
         if self.ends == "declaration" and not self.task.success:
             raise ValueError(f"{system.name} goes on until time is up, so there is nothing to declare: ends='task'")
         self.action_size = len(self.vehicle.action_names) + (self.ends == "declaration")
+        self.action_shape = self.num_envs, self.action_size
 
         self.seeds: list[int] = []
         self.episodes = np.zeros(num_envs, int)
-        self._noise = Numbers(np.zeros((num_envs, len(self._parts), 2), np.uint64))
+        self._keys = np.zeros((num_envs, self._sensed - len(_DRAWN), 2), np.uint64)  # of the world's parts
         self._rows = np.arange(num_envs)
         self.steps = np.zeros(num_envs, int)
         self.total = np.zeros(num_envs)
@@ -113,7 +120,7 @@ class Core:
         self.action: np.ndarray  # the last one, clipped; zero after a reset
         self.actuators: np.ndarray
         self.parameters: np.ndarray  # the truth's
-        self.sea_state: np.ndarray  # the disturbance's
+        self.drifting: np.ndarray  # the states of the disturbance, then of the sensors' biases
         self.noise: np.ndarray  # what is new in kicks, disturbance and biases over the coming step
         self.forcing: np.ndarray  # over the coming step
         self.tally: np.ndarray  # what the score remembers
@@ -130,6 +137,8 @@ class Core:
         estimation = build(system, estimator, options, self.sensors, self.forces.disturbance, self.unknown_inputs)
         self.composition = estimation.composition
         self._attach_loop("loop", estimation)
+        ours = type(self.task).__module__.startswith("vessel_gym.tasks.")
+        self._compiled = ours and self.guidance and self.observe_mode == "mean"  # so that nothing warns
         if self.guidance and self.observe_mode == "measurement":
             wide = {"model": vehicle.kinds[0]}  # the same whatever estimator is named
             held = build(system, "measurement", wide, self.sensors, self.forces.disturbance, self.unknown_inputs)
@@ -140,17 +149,28 @@ class Core:
             *vehicle.state_names, *(self.forces.disturbance.names if self._shown else ()), *self.sensors.bias_names
         )  # fmt: skip
         """Components of `truth`."""
+        self._alone = len(self.truth_names) == len(vehicle.state_names)
         self._estimated = [self.truth_names.index(n) if n in self.truth_names else -1 for n in self.composition.names]
         self._based = [vehicle.state_names.index(name) for name in vehicle.estimated(vehicle.kinds[0])]
-        biases = {f"bias of {s.name}": s.bias.process(vehicle.dt) for s in self.sensors.each if s.bias is not None}
-        self._parts = np.array([word(name) for name in ("disturbance", *biases)], np.uint64)
-        # What each part makes of its own normal numbers, at a step and at the start.
-        shaken = block_diag(self.forces.disturbance.white, process.root)
-        self._roots = [shaken, *(own.root for own in biases.values())]
-        self._start_roots = [process.start_root, *(own.start_root for own in biases.values())]
-        self._kicked, self._shaken = columns(self.forces.shaken), slice(0, len(self.forces.shaken))
-        self._drifting = slice(len(self.forces.shaken), len(self.forces.shaken) + process.size)
-        self._wandering = slice(self._drifting.stop, self._drifting.stop + bias.size)
+        self._nominal = np.array(vehicle.parameters(0.0, np.zeros((1, vehicle.normals))))
+        self._still = np.eye(process.size + bias.size)
+        self._transition = block_diag(process.transition, bias.transition)
+        self._root = block_diag(self.forces.disturbance.white, process.root, bias.root)
+        self._size = process.size
+        self._kicks = columns(self.forces.kicks)
+        self._carried = vehicle.carried
+        if self._carried is not None:  # what a flow adds to what the prior describes, of the disturbance's state
+            self._carried = self._carried @ self.forces.linear[len(vehicle.kicks) :]
+        biased = [sensor for sensor in self.sensors.each if sensor.bias is not None]
+        parts = "disturbance", *(f"bias of {sensor.name}" for sensor in biased)
+        sensed = (f"sensor {sensor.name}" for sensor in self.sensors.each)
+        self._names = np.array([word(name) for name in (*_DRAWN, *parts, *sensed)], np.uint64)
+        self._sensed = len(_DRAWN) + len(parts)  # where the sensors' keys begin
+        # The normal numbers that each part takes at a step, and what makes its start of them.
+        own = [s.bias.process(vehicle.dt) for s in biased if s.bias]
+        self._counts = np.array([p.normals for p in (process, *own)])
+        self._counts[0] += self.forces.disturbance.white.shape[-1]
+        self._begin = [p.start_root for p in (process, *own)]
 
     def _attach_loop(self, name: str, estimation: Estimation) -> None:
         if hasattr(self, name):
@@ -194,17 +214,24 @@ class Core:
     @property
     def unknown_input(self) -> np.ndarray:
         """That of every environment ``(B, q)``."""
-        return self.forcing[:, self.forces.kicks] if self.forces.kicking else self.noise
+        return self.forcing[:, self._kicks] if self.forces.kicking else self.noise
 
     @property
     def truth(self) -> np.ndarray:
         """The true states ``(B, n)``: the vehicle's, the disturbance's if filters are told of them, and the biases."""
-        parts = [self.state]
-        if self._shown:
-            parts.append(self.sea_state)
-        if self.loop.bias.shape[-1]:
-            parts.append(self.loop.bias)
-        return self.state if len(parts) == 1 else np.concatenate(parts, -1)
+        if self._alone:
+            return self.state
+        return np.concatenate([self.state, self.drifting if self._shown else self.bias], -1)
+
+    @property
+    def sea_state(self) -> np.ndarray:
+        """The disturbance's state ``(B, k)``."""
+        return self.drifting[:, : self._size]
+
+    @property
+    def bias(self) -> np.ndarray:
+        """The states of the sensors' biases ``(B, b)``."""
+        return self.drifting[:, self._size :]
 
     def estimated(self, truth: np.ndarray) -> np.ndarray:
         """What the filter estimates ``(..., n)`` out of true states; NaN for what only the filter thinks there is."""
@@ -286,64 +313,62 @@ class Core:
         options = checked_options("options", options)
         if readings is not None:
             readings = _arrived(readings, (len(rows), self.sensors.size))
-        loop = self.loop
-        numbers = Numbers.seeded([self.seeds[row] for row in rows]).of(self.episodes[rows])
-        course = self.task.course(numbers.of("task").uniforms(self.task.uniforms), options)
-        prior = self.task.prior(course)
-        self._noise.keys[rows] = Numbers(numbers.keys[:, None]).of(self._parts).keys
-        loop.restart(rows, numbers)
-        some = self._some(rows)
-        x, sea_state, bias = self._begun(prior, numbers)
-        state, actuators = self.vehicle.start(x)
-        parameters = self.vehicle.parameters(self.mismatch, numbers.of("parameters").normals(self.vehicle.normals))
-        noise = self._shaken_by(self._noise[rows].at(0))
-        forcing = self._forcing(sea_state, state, noise)
+        loop, task, vehicle, some = self.loop, self.task, self.vehicle, self._some(rows)
+        episodes = Numbers.seeded([self.seeds[row] for row in rows]).of(self.episodes[rows])
+        keys = Numbers(episodes.keys[:, None]).of(self._names).keys
+        of_task, of_vehicle, of_parameters, of_filter = (Numbers(keys[:, i]) for i in range(len(_DRAWN)))
+        course = task.course(of_task.uniforms(task.uniforms), options)
+        prior = task.prior(course)
+        of_parts = self._keys[rows] = keys[:, len(_DRAWN) : self._sensed].copy()
+        loop.restart(rows, keys[:, self._sensed :], of_filter)
+        x, drifting = self._begun(prior, of_vehicle, of_parts)
+        state, actuators = (np.ascontiguousarray(started, float) for started in vehicle.start(x))
+        if self.mismatch:
+            parameters = vehicle.parameters(self.mismatch, of_parameters.normals(vehicle.normals))
+        else:
+            parameters = self._nominal.repeat(len(rows), 0)
+        steps = np.full(len(rows), -1)
+        noise, forcing = np.zeros((len(rows), len(self._root))), np.zeros((len(rows), self.forces.size))
+        # The step before the first, in which nothing moves: what is new over that one, and what acts then.
+        stir(of_parts, steps, self._counts, self._root, self._still, self.forces.gains, drifting, noise, forcing)
+        if not self.forces.constant:
+            self.forces.add(forcing, drifting[:, : self._size], state)
         self._put(
-            rows, course=course, state=state, actuators=actuators, parameters=parameters, sea_state=sea_state,
-            noise=noise, forcing=forcing, tally=self.task.begin(state, course),
-            action=np.zeros((len(rows), self.action_size)),
+            rows, course=course, state=state, actuators=actuators, parameters=parameters, drifting=drifting,
+            noise=noise, forcing=forcing, tally=task.begin(state, course), steps=steps, total=np.zeros(len(rows)),
+            end=np.zeros(len(rows), int), action=np.zeros((len(rows), self.action_size)),
         )  # fmt: skip
-        self.steps[rows], self.total[rows], self.end[rows] = 0, 0.0, 0
-
-        steps = self.steps[rows]
-        loop.bias = self._with_rows(loop.bias, rows, bias)
-        readings = loop.sense(state, forcing, steps, some) if readings is None else readings
+        readings = loop.sense(state, forcing, self.bias[rows], steps, some) if readings is None else readings
         y, available = loop.readings
         loop.readings = self._with_rows(y, rows, readings[0]), self._with_rows(available, rows, readings[1])
-        u = self.vehicle.known_input(actuators, actuators, self.task.commanded(course, steps))
+        u = vehicle.known_input(actuators, actuators, task.commanded(course, steps))
         belief = loop.begin(some, self._known(prior, self.composition), self._handed(readings, rows), u)
         if hasattr(self, "held"):
             self.held.begin(some, self._known(prior, self.held.composition), readings, u)
         self._put(rows, reference=self._reference(course, steps, belief, state))
 
-    def _begun(self, prior: Gaussian, numbers: Numbers) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """What the prior describes, the disturbance's state and the biases, drawn from what is known of them."""
-        x = prior.mean + np.matvec(semidefinite_cholesky(prior.cov), numbers.of("vehicle").normals(len(self._based)))
-        z, *biases = _rooted(self._start_roots, Numbers(numbers.keys[:, None]).of(self._parts), use=1)
-        if self.vehicle.carried is not None:
-            x += np.matvec(self.vehicle.carried @ self.forces.linear[len(self.vehicle.kicks) :], z)
-        return x, z, np.concatenate([np.zeros((len(x), 0)), *biases], -1)
-
-    def _shaken_by(self, numbers: Numbers) -> np.ndarray:
-        """What is new over a step: white kicks, then what moves the disturbance and the biases."""
-        parts = _rooted(self._roots, numbers, use=0)
-        return parts[0] if len(parts) == 1 else np.concatenate(parts, -1)
+    def _begun(self, prior: Gaussian, numbers: Numbers, keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What the prior describes, and the disturbance's state and the biases, drawn from what is known of them."""
+        own = [Numbers(keys[:, i]).normals(root.shape[-1], use=1) for i, root in enumerate(self._begin)]
+        drifting = np.concatenate([np.matvec(root, n) for root, n in zip(self._begin, own, strict=True)], -1)
+        x = prior.mean + np.matvec(_root_of(prior.cov.tobytes()), numbers.normals(len(self._based)))
+        if self._carried is not None:
+            x += np.matvec(self._carried, drifting[:, : self._carried.shape[-1]])
+        return x, drifting
 
     def _known(self, prior: Gaussian, told: Composition) -> Gaussian:
         """What a filter knows at the start, of what it estimates."""
-        n = prior.cov.shape[-1]
-        cov = joint_prior(prior.cov, told.forces, told.sensors)
-        bias = np.arange(len(cov) - told.sensors.bias.size, len(cov))
-        kept = np.concatenate([np.arange(told.base), n + told.held, bias])
-        mean = np.zeros((len(prior.mean), len(kept)))
+        known = _start(prior.cov.tobytes(), told)
+        mean = np.zeros((len(prior.mean), len(known.cov)))
         mean[:, : told.base] = prior.mean[:, : told.base]
-        return Gaussian(mean, cov[np.ix_(kept, kept)])
+        return known.about(mean)
 
     # --- step -------------------------------------------------------------------------------------
 
     def step(
-        self, action: np.ndarray, readings: Readings | None = None, ended: np.ndarray | None = None
-    ) -> tuple[np.ndarray, np.ndarray]:
+        self, action: np.ndarray, readings: Readings | None = None, ended: np.ndarray | None = None,
+        shape: tuple[int, ...] | None = None,
+    ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
         """Advance every environment by one step.
 
         Args:
@@ -351,6 +376,7 @@ class Core:
             readings: Readings to use instead of the sensors' (for replays); the sensors then draw nothing.
             ended: Mask ``(B,)`` of environments whose episode has ended and that are reset next: their actions are
                 not looked at.
+            shape: That the action must have; None: ``(B, a)``.
 
         Returns:
             Reward ``(B,)`` and termination ``(B,)``.
@@ -362,7 +388,7 @@ class Core:
         """
         if not self.seeds:
             raise ResetNeeded("call reset() before the first step()")
-        self.action = action = self.checked(action, ended)
+        self.action = action = self.checked(action, ended, shape)
         declared = None
         if self.ends == "declaration":
             action, declared = action[:, :-1], action[:, -1] > DECLARED
@@ -372,24 +398,24 @@ class Core:
         before = self.actuators
         after = self.actuators = vehicle.actuate(before, action)
         u = vehicle.known_input(before, after, task.commanded(self.course, self.steps))
-        self.state = vehicle.step(self.state, before, after, self.forcing, self.parameters)
-        self.sea_state = self.forces.disturbance.process.advance(self.sea_state) + self.noise[:, self._drifting]
-        if loop.bias.shape[-1]:
-            loop.bias = self.sensors.bias.advance(loop.bias) + self.noise[:, self._wandering]
-        self.steps += 1
-        self.noise = self._shaken_by(self._noise.at(self.steps[:, None]))
-        self.forcing = self._forcing(self.sea_state, self.state, self.noise)
-        loop.readings = loop.sense(self.state, self.forcing, self.steps, None) if readings is None else readings
-        loop.estimate(self._handed(loop.readings), u, self.steps)
+        self.state = np.ascontiguousarray(vehicle.step(self.state, before, after, self.forcing, self.parameters), float)
+        stir(self._keys, self.steps, self._counts, self._root, self._transition, self.forces.gains,
+             self.drifting, self.noise, self.forcing)  # fmt: skip
+        if not self.forces.constant:
+            self.forces.add(self.forcing, self.sea_state, self.state)
+        if readings is None:
+            readings = loop.sense(self.state, self.forcing, self.bias, self.steps, None)
+        loop.readings = readings
+        loop.estimate(self._handed(readings), u, self.steps)
         if hasattr(self, "held"):
-            self.held.estimate(loop.readings, u, self.steps)
+            self.held.estimate(readings, u, self.steps)
         self.reference = self._reference(self.course, self.steps, loop.belief, self.state)
         over = self._over(declared)
         reward, self.end, self.tally = task.score(
             self.state, self.forcing, self.reference, over, after, action, self.tally
         )
-        self.total += reward
-        return reward, self.end > 0
+        np.add(self.total, reward, self.total)
+        return reward, self.end.astype(bool)
 
     def _over(self, declared: np.ndarray | None) -> np.ndarray:
         """Which missions are done ``(B,)``, as whoever ends them says."""
@@ -402,11 +428,15 @@ class Core:
 
     def observe(self) -> np.ndarray:
         """The observations ``(B, k)``, float32 and within bounds, made of estimates or readings, mission, actuators."""
-        with np.errstate(over="ignore"):  # what is absurd is clipped
+        if self._compiled:
             parts = self._observed()
-        observation = parts[0] if len(parts) == 1 else np.concatenate(parts, -1)
-        np.maximum(observation, -self.task.BOUND, out=observation)
-        return np.minimum(observation, self.task.BOUND, out=observation).astype(np.float32)
+        else:
+            with np.errstate(over="ignore"):  # what is absurd is clipped
+                parts = self._observed()
+        observation = np.asarray(parts[0] if len(parts) == 1 else np.concatenate(parts, -1), float)
+        seen = np.empty(observation.shape, np.float32)
+        rounded(observation, self.task.BOUND, seen)
+        return seen
 
     def _observed(self) -> list[np.ndarray]:
         """The parts of the observations, before they are clipped."""
@@ -432,18 +462,19 @@ class Core:
     def _estimate(self, belief: Belief, told: Composition) -> Estimate:
         """What the task sees of a belief."""
         mean, input_mean = belief.mean, belief.input_mean
+        state = mean if told.base == mean.shape[1] else mean[:, : told.base]
         if input_mean is not None and not input_mean.shape[-1]:
             input_mean = None
         flow = told.flow(mean)
         if self.observe_mode != "mean+std":
-            return Estimate(mean[:, : told.base], flow, input_mean)
+            return Estimate(state, flow, input_mean)
         variance = np.maximum(belief.cov.diagonal(0, -2, -1), 0.0)
         known = (
             None
             if input_mean is None or belief.input_cov is None
             else np.maximum(belief.input_cov.diagonal(0, -2, -1), 0.0)
         )
-        return Estimate(mean[:, : told.base], flow, input_mean, np.sqrt(variance),
+        return Estimate(state, flow, input_mean, np.sqrt(variance),
                         None if known is None else np.sqrt(known), told.scale)  # fmt: skip
 
     def scored_truth(self) -> np.ndarray:
@@ -459,51 +490,52 @@ class Core:
 
     def info(self) -> dict[str, np.ndarray]:
         """Copies of what happened, one row an environment; documented with the environment."""
-        belief = self.loop.belief
-        unknown_input = self.unknown_input
-        input_mean = np.zeros(unknown_input.shape) if belief.input_mean is None else belief.input_mean.copy()
-        return {
-            "truth": self.scored_truth(),
-            "unknown_input": unknown_input.copy(),
-            "reference": self.reference.copy(),
-            "actuators": self.actuators.copy(),
-            "measurement": self.loop.readings[0].copy(),
-            "available": self.loop.readings[1].copy(),
-            "estimate": belief.mean.copy(),
-            "covariance": belief.cov.copy(),
-            "input_estimate": input_mean,
-            "healthy": belief.healthy,
+        return {name: values.copy() for name, values in self.happened().items()} | {
+            "healthy": self.loop.belief.healthy,
             "score": self.total / self.task.perfect,
             "end": self._ends[self.end],
-            "is_success": self.end == self._success,
-            "parameters": self.parameters.copy(),
+            "is_success": self.end == self.success,
         }
 
-    def checked(self, action: np.ndarray, ended: np.ndarray | None = None) -> np.ndarray:
+    def happened(self) -> dict[str, np.ndarray]:
+        """What happened as it is kept, one row an environment: not to be written into."""
+        belief, unknown_input = self.loop.belief, self.unknown_input
+        input_mean = belief.input_mean
+        return {
+            "truth": self.truth,
+            "unknown_input": unknown_input,
+            "reference": self.reference,
+            "actuators": self.actuators,
+            "measurement": self.loop.readings[0],
+            "available": self.loop.readings[1],
+            "estimate": belief.mean,
+            "covariance": belief.cov,
+            "input_estimate": np.zeros(unknown_input.shape) if input_mean is None else input_mean,
+            "parameters": self.parameters,
+        }
+
+    def checked(
+        self, action: np.ndarray, ended: np.ndarray | None = None, shape: tuple[int, ...] | None = None
+    ) -> np.ndarray:
         """The action as floats ``(B, a)`` clipped to [-1, 1], and 0 where an episode has ended."""
-        asked = numbers(action)
+        asked = action if type(action) is np.ndarray and action.dtype.kind == "f" else numbers(action)
         if asked is None:
             raise ValueError(f"action must be an array of numbers, got {shown(action)}")
-        if asked.shape != (self.num_envs, self.action_size):
-            raise ValueError(f"action has shape {asked.shape}, expected {(self.num_envs, self.action_size)}")
+        shape = self.action_shape if shape is None else shape
+        if asked.shape != shape:
+            raise ValueError(f"action has shape {asked.shape}, expected {shape}")
+        asked = np.array(asked, float, order="C", ndmin=2)
         if ended is not None:
-            asked = np.where(ended[:, None], 0.0, asked)
-        if not np.logical_and.reduce(np.isfinite(asked), None):
+            asked[ended] = 0.0
+        if not clip(asked):
             raise ValueError("action must be finite, got NaN or infinity")
-        return np.minimum(np.maximum(asked, -1.0), 1.0)
+        return asked
 
     # --- inside -----------------------------------------------------------------------------------
 
     def _some(self, rows: np.ndarray) -> np.ndarray | None:
         """The rows, or None when they are all of them, which is faster."""
         return None if len(rows) == self.num_envs else rows
-
-    def _forcing(self, sea_state: np.ndarray, state: np.ndarray, noise: np.ndarray) -> np.ndarray:
-        """What acts on the vehicle over the coming step."""
-        forcing = self.forces.on(sea_state, state)
-        if self.forces.shaken:
-            forcing[:, self._kicked] = noise[:, self._shaken]
-        return forcing
 
     def _handed(self, readings: Readings, rows: np.ndarray | None = None) -> Readings:
         """What the filter is handed: the readings; the oracle alone, and no other, the truth."""
@@ -530,6 +562,26 @@ class Core:
         return merged
 
 
+@rowwise("b1(f8[:,::1])")
+def clip(action: np.ndarray) -> bool:
+    """Clip actions ``(B, a)`` to [-1, 1] in place, and say whether all were finite."""
+    finite = True
+    for row in range(action.shape[0]):
+        for i in range(action.shape[1]):
+            finite = finite and np.isfinite(action[row, i])
+            action[row, i] = min(max(action[row, i], -1.0), 1.0)
+    return finite
+
+
+@rowwise("void(f8[:,:],f8,f4[:,::1])")
+def rounded(observation: np.ndarray, bound: float, out: np.ndarray) -> None:
+    """Observations ``(B, k)`` within bounds and as they are shown; NaN stays."""
+    for row in range(out.shape[0]):
+        for i in range(out.shape[1]):
+            value = observation[row, i]
+            out[row, i] = -bound if value < -bound else (bound if value > bound else value)
+
+
 def observed(observe: str, guidance: bool) -> tuple[str, ...]:
     """The parts of an observation, in the words of `vessel_gym.system.Task.sizes`."""
     if observe == "measurement":
@@ -552,14 +604,29 @@ def joint_prior(cov: np.ndarray, forces: Forces, sensors: Sensors) -> np.ndarray
     return root @ whole @ root.T
 
 
+@lru_cache(maxsize=16)
+def _root_of(cov: bytes) -> np.ndarray:
+    """A root of a covariance ``(n, n)``."""
+    return semidefinite_cholesky(_square(cov))
+
+
+@lru_cache(maxsize=16)
+def _start(cov: bytes, told: Composition) -> Gaussian:
+    """What a filter knows at the start about a mean of 0, given a covariance ``(n, n)`` of the vehicle."""
+    whole = joint_prior(_square(cov), told.forces, told.sensors)
+    n, bias = len(_square(cov)), np.arange(len(whole) - told.sensors.bias.size, len(whole))
+    kept = np.concatenate([np.arange(told.base), n + told.held, bias])
+    return Gaussian(np.zeros(len(kept)), whole[np.ix_(kept, kept)])
+
+
+def _square(matrix: bytes) -> np.ndarray:
+    flat = np.frombuffer(matrix)
+    return flat.reshape(2 * (math.isqrt(len(flat)),))
+
+
 def whole(value: object) -> bool:
     """Whether a value is a whole number: NumPy's too, but not True or 2.0."""
     return isinstance(value, int | np.integer) and not isinstance(value, bool)
-
-
-def _rooted(roots: list[np.ndarray], numbers: Numbers, use: int) -> list[np.ndarray]:
-    """For each part ``(B, k)`` numbers with the root ``(k, m)`` of a covariance, from ``numbers (B, parts)``."""
-    return [np.matvec(root, numbers[:, i].normals(root.shape[-1], use)) for i, root in enumerate(roots)]
 
 
 def _arrived(readings: Readings, shape: tuple[int, ...]) -> Readings:

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import block_diag
 
-from vessel_gym.processes import Process
+from vessel_gym.processes import Process, linear
 
 
 class Disturbance:
@@ -41,8 +41,12 @@ class Disturbance:
     scale: tuple[float, ...] | None = None
     dt: float | None = None
 
+    @linear
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """What z gives a vehicle in a state, ``(..., len(forces))``.
+        """What z gives a vehicle in a state, ``(..., len(forces))``: z itself.
+
+        Yours may be any function of both; faster if it is declared to be `vessel_gym.processes.linear` in z, wherever
+        the vehicle is.
 
         Args:
             z: ``(..., k)``.
@@ -84,6 +88,7 @@ class Sea(Disturbance):
                      drift])  # fmt: skip
         return Process.stationary(A, W, self.dt)
 
+    @linear
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
         """The yaw increment d [rad] over the coming step, and the current north and east [m/s]: ``(..., 3)``."""
         forcing = z[..., 2:].copy()
@@ -180,6 +185,7 @@ class Air(Disturbance):
         """Kicks on velocities [m/s] and bank [rad]."""
         return np.diag([self.kick, self.kick, self.kick, self.roll])
 
+    @linear
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
         """The wind north, east and down [m/s]."""
         wind = np.empty(z.shape[:-1] + (3,))

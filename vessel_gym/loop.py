@@ -1,12 +1,10 @@
 """What senses and estimates for many rows at once: the half of an environment that knows no truth and no task."""
 
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
 
 from estimators import Belief, Gaussian, Numbers
-from estimators.randomness import word
 from vessel_gym.estimation import Estimation, Oracle
 from vessel_gym.sensors import Sensors
 
@@ -26,55 +24,40 @@ class Loop:
 
     Attributes:
         readings: The last ones.
-        bias: ``(B, k)`` states of the sensors' biases.
         belief: What the filter believes.
     """
 
     def __init__(self, sensors: Sensors, estimation: Estimation, rows: int) -> None:
         self.rows = rows
         self.attach(sensors, estimation)
-        self._sensing = Numbers(np.zeros((rows, len(sensors.each), 2), np.uint64))
+        self._sensing = np.zeros((rows, len(sensors.each), 2), np.uint64)
         self._filtering = Numbers(np.zeros((rows, 2), np.uint64))
         self.readings: Readings = np.zeros((rows, sensors.size)), np.zeros((rows, sensors.size), bool)
-        self.bias = np.zeros((rows, sensors.bias.size))
         self.belief: Belief
 
     def attach(self, sensors: Sensors, estimation: Estimation) -> None:
         """Take what is no state: a copy of a loop needs it again."""
         self.sensors, self.composition = sensors, estimation.composition
         self.filter, self._prior_factor = estimation.filter, estimation.prior
+        self.tells_truth = isinstance(self.filter, Oracle)
+        """Whether the filter is the declared exception, whose reading is the truth."""
         # A filter of somebody else's may write into what it is given; ours do not.
         self._foreign = not self.filter._ours
 
     def __getstate__(self) -> dict[str, Any]:
         """All but what `attach` gives, which may hold functions that cannot be pickled."""
-        state = {name: value for name, value in self.__dict__.items() if name not in _ATTACHED}
-        return state | ({"strides": _strides(self.belief)} if hasattr(self, "belief") else {})
+        return {name: value for name, value in self.__dict__.items() if name not in _ATTACHED}
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """The state as it was, to the last bit of what follows from it."""
-        strides = state.pop("strides", {})
-        self.__dict__.update(state)
-        if strides:
-            self.belief = _laid_out(self.belief, strides)
+    def restart(self, rows: np.ndarray, sensing: np.ndarray, filtering: Numbers) -> None:
+        """Begin an episode of some rows, with keys ``(rows, sensors, 2)`` and the filter's numbers in it."""
+        self._sensing[rows], self._filtering.keys[rows] = sensing, filtering.keys
 
-    @property
-    def tells_truth(self) -> bool:
-        """Whether the filter is the declared exception, whose reading is the truth."""
-        return isinstance(self.filter, Oracle)
-
-    def restart(self, rows: np.ndarray, numbers: Numbers) -> None:
-        """Begin an episode of some rows, with their random numbers in it."""
-        names = [word(f"sensor {sensor.name}") for sensor in self.sensors.each]
-        self._sensing.keys[rows] = Numbers(numbers.keys[:, None]).of(np.array(names, np.uint64)).keys
-        self._filtering.keys[rows] = numbers.of("filter").keys
-
-    def sense(self, state: np.ndarray, forcing: np.ndarray, steps: np.ndarray, rows: np.ndarray | None) -> Readings:
+    def sense(
+        self, state: np.ndarray, forcing: np.ndarray, bias: np.ndarray, steps: np.ndarray, rows: np.ndarray | None
+    ) -> Readings:
         """Readings of rows (None: all) in a true ``state``, on which ``forcing`` acts, ``steps`` after their start."""
-        bias = self.bias if rows is None else self.bias[rows]
-        exact = self.sensors.exact(state, forcing, bias if bias.shape[-1] else None)
-        numbers = self._sensing if rows is None else self._sensing[rows]
-        return self.sensors.read(exact, steps, numbers.at(steps[:, None]))
+        keys = self._sensing if rows is None else self._sensing[rows]
+        return self.sensors.read(state, forcing, bias, steps, keys)
 
     def begin(self, rows: np.ndarray | None, prior: Gaussian, readings: Readings, u: np.ndarray) -> Belief:
         """The belief of rows (None: all) after their first readings; those of the others stay.
@@ -87,48 +70,35 @@ class Loop:
         """
         chosen = np.arange(self.rows) if rows is None else rows
         rng = self._filtering[chosen] if self.filter.random else None
-        prior = Gaussian(prior.mean, self._prior_factor * prior.cov)
-        belief = self._update(self.filter.init(prior, rng=rng), readings, rng, u)
+        prior = prior if self._prior_factor == 1.0 else Gaussian(prior.mean, self._prior_factor * prior.cov)
+        if self._foreign:
+            belief = self._update(self.filter.init(prior, rng=rng), readings, rng, u)
+        else:
+            y, available = self._told(readings)
+            belief = self.filter._corrected(self.filter._started(prior, rng).replace(u=u), y, available, None, rng)
         if rows is None:
             self.belief = belief
         else:
-            self.belief = _laid_out(self.belief.with_rows(rows, belief), _strides(self.belief))
+            self.belief = self.belief.with_rows(rows, belief)
         return belief
 
     def estimate(self, readings: Readings, u: np.ndarray, steps: np.ndarray) -> None:
         """One step of all rows, after which they are ``steps (B,)`` on: the known input, then what was read."""
         rng = self._filtering.at(steps) if self.filter.random else None
-        if self._foreign or self.tells_truth:
+        if self._foreign:
             self.belief = self._update(self.filter.predict(self.belief, u, rng=rng), readings, rng)
         else:
-            self.belief = self.filter._advance(self.belief, u, *readings, rng)
+            self.belief = self.filter._advance(self.belief, u, *self._told(readings), rng)
 
     def _update(self, belief: Belief, readings: Readings, rng: Numbers | None, u: np.ndarray | None = None) -> Belief:
-        y, available = readings
-        if self.tells_truth:
-            return self.filter.update(belief, y, rng=rng, u=u)
+        y, available = self._told(readings)
         if self._foreign:
-            y, available = y.copy(), available.copy()
+            y, available = y.copy(), None if available is None else available.copy()
         return self.filter.update(belief, y, rng=rng, available=available, u=u)
+
+    def _told(self, readings: Readings) -> tuple[np.ndarray, np.ndarray | None]:
+        """Readings and mask, as filters take them."""
+        return (readings[0], None) if self.tells_truth else readings
 
 
 _ATTACHED = ("sensors", "composition", "filter")
-
-
-def _strides(belief: Belief) -> dict[str, tuple[int, ...]]:
-    """How the arrays of a belief lie in memory."""
-    arrays = {field.name: getattr(belief, field.name) for field in fields(belief)}
-    return {name: array.strides for name, array in arrays.items() if array is not None}
-
-
-def _laid_out(belief: Belief, strides: dict[str, tuple[int, ...]]) -> Belief:
-    """The belief with arrays that lie in memory as told: the last bit of a product depends on that."""
-    arrays = {}
-    for name, steps in strides.items():
-        values = getattr(belief, name)
-        size = sum((n - 1) * step for n, step in zip(values.shape, steps, strict=True)) + values.itemsize
-        array: np.ndarray = np.ndarray(values.shape, values.dtype, np.empty(size, np.uint8), strides=steps)
-        array[...] = values
-        if np.array_equal(array, values):  # but where rows that share their memory have come to differ
-            arrays[name] = array
-    return belief.replace(**arrays)

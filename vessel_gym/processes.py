@@ -1,12 +1,27 @@
 """Gauss-Markov processes: what currents, gusts, waves and the biases of sensors are made of."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, TypeVar
 
 import numpy as np
 from scipy.linalg import block_diag, solve_continuous_lyapunov
 
 from estimators import van_loan
+from estimators.compiled import rowwise
+from estimators.threefry import normals_of_rows
+
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+
+
+def linear(function: _Function) -> _Function:
+    """Declare that what a disturbance does, or a sensor reads, is a matrix times its arguments.
+
+    The matrix is taken from the function, which is then no longer called at every step.
+    """
+    vars(function)["linear"] = True
+    return function
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,3 +133,55 @@ def root_of(cov: np.ndarray) -> np.ndarray:
     """A square root of a covariance that may be singular."""
     values, vectors = np.linalg.eigh(cov)
     return vectors * np.sqrt(np.maximum(values, 0.0))
+
+
+@rowwise("void(u8[:,:,::1],i8[::1],i8[::1],f8[:,::1],f8[:,::1],f8[:,::1],f8[:,::1],f8[:,::1],f8[:,::1])")
+def stir(
+    keys: np.ndarray, steps: np.ndarray, counts: np.ndarray, root: np.ndarray, transition: np.ndarray,
+    gains: np.ndarray, z: np.ndarray, noise: np.ndarray, forcing: np.ndarray,
+) -> None:  # fmt: skip
+    """Move processes by a step, draw what is new over the next one, and what acts then: steps and the last three.
+
+    Products are sums entry by entry: the same to the last bit in any batch.
+
+    Args:
+        keys: ``(B, parts, 2)`` of the random numbers of each part.
+        steps: ``(B,)`` how many lie behind.
+        counts: ``(parts,)`` how many each takes.
+        root: ``(s + k, m)`` what they make: white kicks, then what is new in the processes.
+        transition: ``(k, k)`` of these.
+        gains: ``(f, s + k)`` what white kicks and processes give.
+        z: ``(B, k)`` the processes.
+        noise: ``(B, s + k)`` what ``root`` has made.
+        forcing: ``(B, f)`` what ``gains`` do.
+    """
+    B, size, drawn = len(steps), len(transition), 0
+    shaken = len(root) - size
+    for row in range(B):
+        steps[row] += 1
+    normals, words = np.empty((root.shape[1] + 1, B)), np.empty((2, B), np.uint64)
+    for part in range(len(counts)):
+        normals_of_rows(keys, part, steps, counts[part], words, normals, drawn)
+        drawn += counts[part]
+    for i in range(size):
+        for j in range(size):
+            if transition[i, j] != 0.0:
+                for row in range(B):
+                    noise[row, shaken + i] += transition[i, j] * z[row, j]
+    for row in range(B):
+        for i in range(size):
+            z[row, i] = noise[row, shaken + i]
+        for i in range(len(root)):
+            noise[row, i] = 0.0
+        for i in range(len(gains)):
+            forcing[row, i] = 0.0
+    for i in range(len(root)):
+        for j in range(root.shape[1]):
+            if root[i, j] != 0.0:
+                for row in range(B):
+                    noise[row, i] += root[i, j] * normals[j, row]
+    for i in range(len(gains)):
+        for j in range(gains.shape[1]):
+            if gains[i, j] != 0.0:
+                for row in range(B):
+                    forcing[row, i] += gains[i, j] * (noise[row, j] if j < shaken else z[row, j - shaken])

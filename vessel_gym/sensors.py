@@ -4,8 +4,7 @@ A sensor is one object, and nothing else knows of it: readings, raw observations
 ensembles and what can be had without a filter follow from it. Yours is a `Sensor`: docs/own-sensor.md.
 """
 
-import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
@@ -13,10 +12,11 @@ from typing import Any
 import numpy as np
 
 from estimators.checks import number, shown
+from estimators.compiled import rowwise
 from estimators.factory import unknown
-from estimators.randomness import Numbers
+from estimators.threefry import normals_of_rows, words_of_rows
 from vessel_gym.checks import numbers
-from vessel_gym.processes import Process
+from vessel_gym.processes import Process, linear
 
 Known = Mapping[str, np.ndarray]
 """States by name, ``(...)`` each, that sensors before have given; what else they found may be there, too."""
@@ -80,7 +80,8 @@ class Sensor:
         name: What it is.
         channels: What each of its channels reads, with the unit.
         reads: What it would read without noise ``(..., k)``, a function that broadcasts of the vehicle's state
-            ``(..., n)`` and forcing ``(..., f)``, see `vessel_gym.system.Vehicle`.
+            ``(..., n)`` and forcing ``(..., f)``, see `vessel_gym.system.Vehicle`; faster if it is declared to be
+            `vessel_gym.processes.linear` in both.
         sd: Standard deviation of each channel's white noise.
         rate: Readings a second [Hz], which must divide the steps a second; None: one every step.
         dropout: Probability that a reading is lost.
@@ -228,22 +229,15 @@ class Sensors:
                 raise ValueError(f"two sensors are called {name!r}: give each a name of its own")
         self.state_names, self.forcing_names, self.dt = states, forcing, dt
         sizes = [len(sensor.channels) for sensor in self.each]
-        owner = np.repeat(np.arange(len(self.each)), sizes)
-        self.owner = owner  # which sensor a channel belongs to
-        self.size = len(owner)
+        self.owner = np.repeat(np.arange(len(self.each)), sizes)  # which sensor a channel belongs to
+        self.size = len(self.owner)
         self._own = [slice(end - size, end) for size, end in zip(sizes, np.cumsum(sizes).tolist(), strict=True)]
         self.sd = np.array([sd for sensor in self.each for sd in sensor.sd])
-        self._dropout = np.array([sensor.dropout for sensor in self.each])[owner]
-        self._outliers = np.array([sensor.outliers for sensor in self.each])[owner]
-        self._outlier_sd = np.array([sensor.outlier_scale for sensor in self.each])[owner] * self.sd
-        self._spoils = bool(self._outliers.any())
-        self._period = np.array([sensor.period(dt) for sensor in self.each])[owner]
         ranges = [r for sensor in self.each for r in (sensor.range or ((-np.inf, np.inf),) * len(sensor.channels))]
-        self._lowest, self._highest = np.array(ranges, float).T
-        self._bounded = bool(np.isfinite(self._lowest).any() or np.isfinite(self._highest).any())
-        self._loses = bool(self._dropout.any())
-        self._complete = not self._loses and bool((self._period == 1).all()) and not self._bounded
-        self.angles = tuple(own.start + i for s, own in zip(self.each, self._own, strict=True) for i in s.angles)
+        self._of_channels = np.array([self.sd, *np.array(ranges, float).T])
+        each = [(s.dropout, s.outliers, s.outlier_scale, s.period(dt), own.start, own.stop) for s, own in self._owning]
+        self._of_sensors = np.array(each)
+        self.angles = tuple(own.start + i for s, own in self._owning for i in s.angles)
         self.scale = np.array([x for s in self.each for x in (s.scale or (1.0,) * len(s.channels))])
         self.channels = tuple(channel for sensor in self.each for channel in sensor.channels)
         biased = [sensor.bias for sensor in self.each if sensor.bias is not None]
@@ -253,14 +247,28 @@ class Sensors:
             if name in states or self.bias_names.count(name) > 1:
                 raise ValueError(f"a bias is called {name!r}, as another component is: give it a name of its own")
         self.bias_shown = np.zeros((self.size, self.bias.size))
-        self._biased: list[tuple[int, int, slice]] = []  # of the last sensor first: which, how many channels, where
-        for i, (sensor, own) in enumerate(zip(self.each, self._own, strict=True)):
+        self._biased: list[tuple[slice, slice]] = []  # which channels, and where their biases are
+        for sensor, own in self._owning:
             if sensor.bias is not None:
                 k, column = len(sensor.bias.names), self.bias_names.index(sensor.bias.names[0])
-                self._biased.insert(0, (i, k, slice(column, column + k)))
-                self.bias_shown[own.start : own.start + k, column : column + k] = np.eye(k)
+                self._biased.append((slice(own.start, own.start + k), slice(column, column + k)))
+                self.bias_shown[self._biased[-1]] = np.eye(k)
         self.bias_scale = np.array([bias.scale for bias in biased for _ in bias.states])
         self._check()
+        n, units = len(states), np.eye(len(states) + len(forcing))
+        self._gains = np.zeros((self.size, len(units) + self.bias.size))  # of state, forcing and biases
+        self._gains[:, len(units) :] = self.bias_shown
+        self._called = []  # which channels, and what is asked at every step
+        for sensor, own in self._owning:
+            if getattr(sensor.reads, "linear", False):
+                self._gains[own, : len(units)] = sensor.reads(units[:, :n], units[:, n:]).T
+            else:
+                self._called.append((own, sensor.reads))
+
+    @property
+    def _owning(self) -> Iterator[tuple[Sensor, slice]]:
+        """Sensors and their channels."""
+        return zip(self.each, self._own, strict=True)
 
     def _check(self) -> None:
         state, forcing = (np.zeros((2, 3, len(names))) for names in (self.state_names, self.forcing_names))
@@ -279,53 +287,42 @@ class Sensors:
                     raise ValueError(unknown(f"state that {sensor.name} gives", name, self.state_names))
 
     def exact(self, state: np.ndarray, forcing: np.ndarray, bias: np.ndarray | None = None) -> np.ndarray:
-        """What they would read without noise ``(..., p)``.
+        """What they would read without noise ``(..., p)``, laid out in memory as the state is.
 
         Args:
             state: ``(..., n)`` of the vehicle.
             forcing: ``(..., f)`` on it.
             bias: ``(..., k)`` states of the biases; None: they have none.
         """
-        parts = [sensor.reads(state, forcing) for sensor in self.each]
+        exact = np.empty_like(state, float, shape=state.shape[:-1] + (self.size,))
+        for sensor, own in self._owning:
+            exact[..., own] = sensor.reads(state, forcing)
         if bias is not None:
-            for i, k, own in self._biased:
-                parts[i : i + 1] = parts[i][..., :k] + bias[..., own], parts[i][..., k:]
-        if len(parts) == 1:
-            return parts[0]
-        return np.concatenate(parts, -1, np.empty_like(state, float, shape=state.shape[:-1] + (self.size,)))
+            for own, column in self._biased:
+                exact[..., own] += bias[..., column]
+        return exact
 
-    def read(self, exact: np.ndarray, steps: np.ndarray, numbers: Numbers) -> tuple[np.ndarray, np.ndarray]:
+    def read(
+        self, state: np.ndarray, forcing: np.ndarray, bias: np.ndarray, steps: np.ndarray, keys: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Noisy readings and the mask of those that arrived.
 
         Args:
-            exact: ``(B, p)`` what sensors without noise would read.
+            state: ``(B, n)`` of the vehicle.
+            forcing: ``(B, f)`` on it.
+            bias: ``(B, k)`` states of the biases.
             steps: ``(B,)`` steps since the episode's start, at which every sensor reads.
-            numbers: ``(B, sensors)`` of this step.
+            keys: ``(B, sensors, 2)`` of the random numbers of each.
 
         Returns:
             Readings ``(B, p)``, 0 where missing, and the mask ``(B, p)``.
         """
-        scale, readings = self.sd, np.empty(exact.shape)
-        if self._spoils or self._loses:
-            lost, spoilt = np.moveaxis(numbers.uniforms(2, use=1), -1, 0)[..., self.owner]
-        if self._spoils:
-            scale = np.where(spoilt < self._outliers, self._outlier_sd, scale)
-        for i, own in enumerate(self._own):
-            readings[:, own] = numbers[:, i].normals(own.stop - own.start)
-        readings *= scale
-        readings += exact
-        if self._complete and math.isfinite(np.add.reduce(readings, None)):
-            available = np.empty(readings.shape, bool)
-            available.fill(True)
-            return readings, available
-        available = np.broadcast_to(steps[:, None] % self._period == 0, readings.shape)
-        available = available & (lost >= self._dropout) if self._loses else available.copy()
-        if self._bounded:
-            seen = (exact >= self._lowest) & (exact <= self._highest)
-            for own in self._own:
-                available[:, own] &= seen[:, own].all(-1, keepdims=True)
-        available &= np.isfinite(readings)
-        return np.where(available, readings, 0.0), available
+        readings = np.zeros((len(state), self.size))
+        available = np.empty(readings.shape, bool)
+        for own, reads in self._called:
+            readings[:, own] = reads(state, forcing)
+        spoil(keys, steps, state, forcing, bias, self._gains, self._of_channels, self._of_sensors, readings, available)
+        return readings, available
 
     # --- what readings tell -----------------------------------------------------------------------
 
@@ -337,7 +334,7 @@ class Sensors:
     def states_from(self, readings: np.ndarray) -> dict[str, np.ndarray]:
         """States, and parts of the forcing, that are to be had from readings ``(..., p)`` alone, ``(...)`` by name."""
         known: dict[str, np.ndarray] = {}
-        for sensor, own in zip(self.each, self._own, strict=True):
+        for sensor, own in self._owning:
             known.update((name, readings[..., i]) for i, name in enumerate(sensor.gives or (), own.start) if name)
             if sensor.inverse is not None:
                 known.update(sensor.inverse(readings[..., own], known))
@@ -369,7 +366,7 @@ class Sensors:
             ValueError: if a sensor informs none of them.
         """
         mask = np.zeros((len(names), self.size))
-        for sensor, own in zip(self.each, self._own, strict=True):
+        for sensor, own in self._owning:
             if sensor.informs is None:
                 mask[:, own] = depends()[:, own]
                 continue
@@ -395,8 +392,56 @@ def columns(indices: Sequence[int]) -> Any:
 
 def plain(components: Sequence[int]) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
     """What a sensor ``reads`` that reads components of the state as they are."""
-    return partial(_columns, columns(components))
+    return linear(partial(_columns, columns(components)))
 
 
 def _columns(chosen: Any, state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
     return state[..., chosen]
+
+
+@rowwise("void(u8[:,:,::1],i8[::1],f8[:,::1],f8[:,::1],f8[:,:],f8[:,::1],f8[:,::1],f8[:,::1],f8[:,::1],b1[:,::1])")
+def spoil(
+    keys: np.ndarray, steps: np.ndarray, state: np.ndarray, forcing: np.ndarray, bias: np.ndarray, gains: np.ndarray,
+    of_channels: np.ndarray, of_sensors: np.ndarray, readings: np.ndarray, available: np.ndarray,
+) -> None:  # fmt: skip
+    """Add to readings what is linear of them and their noise, and say which arrive, the last two in place.
+
+    Args:
+        keys: ``(B, sensors, 2)`` of the random numbers of each.
+        steps: ``(B,)`` of which step they are.
+        state: ``(B, n)``.
+        forcing: ``(B, f)``.
+        bias: ``(B, b)``.
+        gains: ``(p, n + f + b)`` of these three.
+        of_channels: ``(3, p)`` standard deviations, least and greatest values.
+        of_sensors: ``(sensors, 6)`` chances of a loss and of an outlier, its scale, period, channels from and to.
+        readings: ``(B, p)`` what is not linear of them.
+        available: ``(B, p)``.
+    """
+    B, n, f = len(steps), state.shape[1], forcing.shape[1]
+    for i in range(len(gains)):
+        for j in range(gains.shape[1]):
+            gain = gains[i, j]
+            if gain != 0.0:
+                for row in range(B):
+                    part = state[row, j] if j < n else (forcing[row, j - n] if j < n + f else bias[row, j - n - f])
+                    readings[row, i] += gain * part
+    normals, words, least = np.empty((len(gains) + 1, B)), np.empty((2, B), np.uint64), 2.0**-53
+    for sensor in range(len(of_sensors)):
+        dropout, outliers, scale = of_sensors[sensor, 0], of_sensors[sensor, 1], of_sensors[sensor, 2]
+        period, first, last = int(of_sensors[sensor, 3]), int(of_sensors[sensor, 4]), int(of_sensors[sensor, 5])
+        normals_of_rows(keys, sensor, steps, last - first, words, normals, 0)
+        doubtful = dropout > 0.0 or outliers > 0.0
+        if doubtful:
+            words_of_rows(keys, sensor, steps, 0, 1, words)
+        for row in range(B):
+            arrives, size = period == 1 or steps[row] % period == 0, 1.0
+            if doubtful:
+                arrives = arrives and np.float64(words[0, row] >> np.uint64(11)) * least >= dropout
+                size = scale if np.float64(words[1, row] >> np.uint64(11)) * least < outliers else 1.0
+            for i in range(first, last):
+                arrives = arrives and of_channels[1, i] <= readings[row, i] <= of_channels[2, i]
+            for i in range(first, last):
+                reading = readings[row, i] + of_channels[0, i] * size * normals[i - first, row]
+                available[row, i] = arrives and np.isfinite(reading)
+                readings[row, i] = reading if available[row, i] else 0.0

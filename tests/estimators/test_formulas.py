@@ -30,7 +30,7 @@ FORMULAS: dict[str, Callable[..., Any]] = {
     "solve": lambda S, B, x, m: solve(S, B),
     "inverse": lambda S, B, x, m: inverse(S) + inverse(S[..., :1, :1]),
     "cholesky": lambda S, B, x, m: semidefinite_cholesky(S),
-    "cholesky of less than full rank": lambda S, B, x, m: semidefinite_cholesky(B @ B.mT) @ semidefinite_cholesky(B @ B.mT).mT,
+    "cholesky of less than full rank": lambda S, B, x, m: semidefinite_cholesky(B @ B.mT) @ np.ones((3, 1)),
     "symmetrise": lambda S, B, x, m: symmetrise(S @ S),
     "singular values": lambda S, B, x, m: (singular(B)[1] * singular(B)[0][..., None, :]) @ singular(B)[1].mT,
     "squared": lambda S, B, x, m: (singular(S)[1] * np.square(singular(S)[0])[..., None, :]) @ singular(S)[1].mT,
@@ -87,8 +87,7 @@ def test_a_formula_that_cannot_be_compiled_is_refused():
     with pytest.raises(TypeError, match=r"cannot have np\.cross in it"):
         np.cross(x, x)
     with pytest.raises(TypeError, match=r"use np\.where"):
-        if x > 0.0:
-            pass
+        bool(x > 0.0)
 
 
 # --- filters ----------------------------------------------------------------------------------------

@@ -151,7 +151,7 @@ def test_where_nothing_is_new_the_world_moves_and_is_read_as_the_filter_has_it(e
         undisturbed(core)
         before, where = core.estimated(core.truth), core.actuators
         np.testing.assert_allclose(
-            model.measurement(before, None), core.sensors.exact(core.state, core.forcing, core.loop.bias), atol=1e-12
+            model.measurement(before, None), core.sensors.exact(core.state, core.forcing, core.bias), atol=1e-12
         )
         u = core.vehicle.known_input(
             where, core.vehicle.actuate(where, action), core.task.commanded(core.course, core.steps)
@@ -237,7 +237,7 @@ def test_a_filter_that_is_told_of_a_bias_finds_it_and_is_consistent(sensors: lis
     errors, values = fly(core, 150)
     columns = [core.composition.names.index(f"bias {name}") for name in "pqr"]
     found = np.sqrt(np.mean(errors[-20:, :, columns] ** 2))
-    raw = np.sqrt(np.mean(core.loop.bias[:, :3] ** 2))
+    raw = np.sqrt(np.mean(core.bias[:, :3] ** 2))
     assert found < 0.5 * raw
     assert (np.diagonal(core.belief.cov, axis1=-2, axis2=-1)[:, columns] < begun[columns]).all()
     assert_consistent(core, values[20:])
@@ -421,7 +421,7 @@ def test_what_alters_the_truth_alters_every_part_of_it():
     for core in cores:
         core.start(seed=0)
     one, other = cores
-    for a, b in ((one.state, other.state), (one.sea_state, other.sea_state), (one.loop.bias, other.loop.bias)):
+    for a, b in ((one.state, other.state), (one.sea_state, other.sea_state), (one.bias, other.bias)):
         assert (np.abs(a - b).max(-1) > 1e-3).all()
 
 

@@ -47,7 +47,8 @@ def moved(core, truth=(), belief=()):
     change = np.zeros((2, core.truth.shape[1]))
     change[0, : len(truth)], change[1, : len(belief)] = truth, belief
     n, k = core.state.shape[1], core.sea_state.shape[1]
-    core.state, core.sea_state = core.state + change[0, :n], core.sea_state + change[0, n : n + k]
+    core.state = core.state + change[0, :n]
+    core.sea_state[:] += change[0, n : n + k]
     core.forcing[:, 4:] = core.forces.flow(core.sea_state, core.state)
     core.loop.belief = core.belief.replace(mean=core.belief.mean + change[1])
     return core

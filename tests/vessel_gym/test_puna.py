@@ -556,11 +556,11 @@ def test_filters_estimate_the_state_the_wind_and_the_gnss_s_bias():
     core.start(seed=3)
     core.step(np.zeros((4, 3)))
     assert core.truth_names == core.composition.names == (*STATE, *AROUND)
-    whole = np.hstack([core.state, core.sea_state, core.loop.bias])
+    whole = np.hstack([core.state, core.sea_state, core.bias])
     np.testing.assert_array_equal(core.estimated(core.truth), whole)
     unaware = Core(PUNA_UAV, 4, "dead-reckoning", {"told": {"as": "noise"}})
     unaware.start(seed=3)
-    np.testing.assert_array_equal(unaware.estimated(unaware.truth), np.hstack([unaware.state, unaware.loop.bias]))
+    np.testing.assert_array_equal(unaware.estimated(unaware.truth), np.hstack([unaware.state, unaware.bias]))
 
 
 def test_actions_reach_from_limit_to_limit_and_0_is_cruising():

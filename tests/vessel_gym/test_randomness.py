@@ -9,9 +9,11 @@ from contract import FEW_MEMBERS, OURS, SPREAD, make_core, random_walk, single_c
 
 from estimators import Numbers
 from vessel_gym.core import Core
+from vessel_gym.disturbances import Water
 from vessel_gym.sensors import SUITES, Bias, Sensor
 
 SEED, ROWS, STEPS = 5, 3, 12
+AUV = "SegorogeniAUV-v0"
 
 every_environment = pytest.mark.parametrize("env_id", OURS)
 
@@ -19,10 +21,11 @@ every_environment = pytest.mark.parametrize("env_id", OURS)
 def nature(core: Core) -> dict[str, np.ndarray]:
     """What is drawn in a step, or follows from what was."""
     readings, available = core.loop.readings
-    return {
-        "state": core.state, "sea": core.sea_state, "forcing": core.forcing, "bias": core.loop.bias,
+    drawn = {
+        "state": core.state, "sea": core.sea_state, "forcing": core.forcing, "bias": core.bias,
         "parameters": core.parameters, "course": core.course, "readings": readings, "available": available,
     }  # fmt: skip
+    return {name: values.copy() for name, values in drawn.items()}
 
 
 def flown(core: Core, injected: int = STEPS + 1) -> list[dict[str, np.ndarray]]:
@@ -43,8 +46,8 @@ def test_the_readings_of_a_step_can_be_had_by_themselves(env_id: str):
     episode, sensors = Numbers.seeded(range(SEED, SEED + ROWS)).of(1), core.sensors
     keys = np.stack([episode.of(f"sensor {sensor.name}").keys for sensor in sensors.each], 1)
     for step, now in reversed(list(enumerate(flown(core)))):
-        exact = sensors.exact(now["state"], now["forcing"], now["bias"])
-        readings, available = sensors.read(exact, np.full(ROWS, step), Numbers(keys).at(step))
+        steps = np.full(ROWS, step)
+        readings, available = sensors.read(now["state"], now["forcing"], now["bias"], steps, keys)
         np.testing.assert_array_equal(readings, now["readings"])
         np.testing.assert_array_equal(available, now["available"])
 
@@ -77,3 +80,46 @@ def test_nature_is_paired_between_estimators_even_where_sensors_are_not_asked(en
     for step, (told, beside) in enumerate(zip(one, other, strict=True)):
         for name in told if step == 0 or step % 3 else set(told) - {"readings", "available"}:
             np.testing.assert_array_equal(told[name], beside[name], err_msg=name)
+
+
+# --- what is declared to be linear ------------------------------------------------------------------
+
+
+@every_environment
+def test_readings_that_are_declared_linear_are_a_matrix_times_state_and_forcing(env_id: str):
+    vehicle, rng = single_class(env_id).system.vehicle, np.random.default_rng(0)
+    n, f = len(vehicle.state_names), len(vehicle.kicks + vehicle.flows)
+    x, units = rng.normal(0.0, 10.0, (9, n + f)), np.eye(n + f)
+    declared = [sensor for sensor in vehicle.sensors if getattr(sensor.reads, "linear", False)]
+    assert declared
+    for sensor in declared:
+        matrix = sensor.reads(units[:, :n], units[:, n:])
+        np.testing.assert_allclose(sensor.reads(x[:, :n], x[:, n:]), x @ matrix, rtol=1e-13, atol=1e-12)
+
+
+@every_environment
+def test_an_effect_that_is_declared_linear_is_a_matrix_times_its_state_wherever_the_vehicle_is(env_id: str):
+    system, rng = single_class(env_id).system, np.random.default_rng(0)
+    for disturbance in system.disturbances.values():
+        assert disturbance.effect.linear
+        k = disturbance.process.size
+        z, state = rng.normal(0.0, 10.0, (9, k)), rng.normal(0.0, 10.0, (9, len(system.vehicle.state_names)))
+        matrix = disturbance.effect(np.eye(k), np.zeros((k, state.shape[1])))
+        np.testing.assert_allclose(disturbance.effect(z, state), z @ matrix, rtol=1e-13, atol=1e-12)
+
+
+def test_whoever_changes_an_effect_is_asked_for_it_though_another_was_declared_linear():
+    class Doubled(Water):
+        def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
+            return 2.0 * z
+
+    nominal = single_class(AUV).system.disturbances["calm"]
+    doubled = Doubled(nominal.turbulence, nominal.spin, nominal.current)
+    one, other = (make_core(AUV, ROWS, disturbance=d, estimator="truth") for d in (nominal, doubled))
+    for core in (one, other):
+        core.reset()
+    np.testing.assert_array_equal(other.forcing[:, 6:], 2.0 * other.sea_state)
+    np.testing.assert_array_equal(other.sea_state, one.sea_state)
+    for told, beside in zip(flown(one), flown(other), strict=True):
+        np.testing.assert_array_equal(beside["sea"], told["sea"])
+        np.testing.assert_array_equal(beside["forcing"][:, 6:], 2.0 * told["forcing"][:, 6:])

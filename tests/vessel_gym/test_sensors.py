@@ -34,13 +34,20 @@ def numbers(sensors: Sensors, seed: int, rows: int) -> Numbers:
     return Numbers(episodes.keys[:, None]).of(np.arange(len(sensors.each)))
 
 
+def read(sensors: Sensors, exact: np.ndarray, steps: np.ndarray, drawn: Numbers) -> tuple[np.ndarray, np.ndarray]:
+    """Readings of sensors that read the first states as they are, ``exact (n, p)``."""
+    state, nothing = np.zeros((len(exact), len(STATES))), np.zeros((len(exact), 1))
+    state[:, : exact.shape[1]] = exact
+    return sensors.read(state, nothing, nothing[:, :0], np.array(steps), drawn.keys)
+
+
 def corrupted(suite: SensorSuite, seed: int, n: int = 20_000, exact: float = 0.0, nominal=APART, steps=0):
     """Readings, their mask and the normals in them: n at one step, or as many as ``steps`` says."""
     sensors = made(suite.of(nominal))
     drawn = numbers(sensors, seed, n)
     normals = [drawn[:, i].normals(len(sensor.channels)) for i, sensor in enumerate(sensors.each)]
     steps = np.broadcast_to(steps, n)
-    return *sensors.read(np.full((n, sensors.size), exact), steps, drawn), np.concatenate(normals, -1)
+    return *read(sensors, np.full((n, sensors.size), exact), steps, drawn), np.concatenate(normals, -1)
 
 
 def assert_variance(samples: np.ndarray, variance: float):
@@ -116,7 +123,7 @@ def test_suites_are_paired_where_they_do_not_differ():
 def test_sensors_leave_the_truth_alone(suite):
     sensors, arrays = made(suite.of(APART)), (np.random.default_rng(7).normal(size=(9, 3)), np.arange(9))
     copies = [a.copy() for a in arrays]
-    sensors.read(*arrays, numbers(sensors, 7, 9))
+    read(sensors, *arrays, numbers(sensors, 7, 9))
     for a, b in zip(arrays, copies, strict=True):
         np.testing.assert_array_equal(a, b)
 
@@ -175,7 +182,7 @@ def test_a_suite_changes_the_quality_of_sensors_and_nothing_else():
                                                     (2.5, 0.1, 4), (1.0 / 3.0, 0.1, 30)])  # fmt: skip
 def test_a_rate_that_divides_the_steps_is_kept(rate: float | None, dt: float, period: int):
     sensors, steps = made([Sensor("fix", ("x",), plain((0,)), (1.0,), rate=rate)], dt), np.arange(100)
-    _, available = sensors.read(np.ones((100, 1)), steps, numbers(sensors, 0, 100))
+    _, available = read(sensors, np.ones((100, 1)), steps, numbers(sensors, 0, 100))
     np.testing.assert_array_equal(available[:, 0], steps % period == 0)
 
 
@@ -200,7 +207,7 @@ def test_beyond_its_range_a_sensor_reads_nothing_and_up_to_it_everything():
     for seed in range(50):
         drawn = numbers(sensors, seed, n)
         noise = np.concatenate([drawn[:, 0].normals(2), drawn[:, 1].normals(1)], -1)
-        readings, available = sensors.read(exact, np.zeros(n, int), drawn)
+        readings, available = read(sensors, exact, np.zeros(n, int), drawn)
         there = np.array([1, 1, 0, 0, 0, 0, 1], bool)
         np.testing.assert_array_equal(available, np.stack([there, there, there | True], -1))
         np.testing.assert_array_equal(readings[~available], 0.0)
@@ -212,7 +219,7 @@ def test_a_range_does_not_keep_a_sensor_from_losing_readings():
     rng, n = np.random.default_rng(21), 20_000
     exact, steps = rng.uniform(0.0, 100.0, (n, 1)), np.arange(n)
     sensors = made([sonar])
-    _, available = sensors.read(exact, steps, numbers(sensors, 21, n))
+    _, available = read(sensors, exact, steps, numbers(sensors, 21, n))
     asked = (exact[:, 0] <= 50.0) & (steps % 2 == 0)
     assert not available[~asked].any()
     assert_rate(~available[asked, 0], 0.3)
@@ -268,13 +275,13 @@ def test_biases_of_episodes_scatter_as_they_say(bias: Bias):
         if step in (0, 1, 40):
             for channel, variance in enumerate(variance_of(bias, 0.1 * step)):
                 if variance:
-                    assert_variance(core.loop.bias[:, channel], variance)
+                    assert_variance(core.bias[:, channel], variance)
                 else:
-                    np.testing.assert_array_equal(core.loop.bias[:, channel], 0.0)
+                    np.testing.assert_array_equal(core.bias[:, channel], 0.0)
         if before is not None and not any(bias.pace):  # what does not walk goes straight on
-            drift = core.loop.bias[:, 2:] if any(bias.slope) else np.zeros((2000, 2))
-            np.testing.assert_allclose(core.loop.bias[:, :2] - before[:, :2], 0.1 * drift, rtol=0, atol=1e-12)
-        before = core.loop.bias
+            drift = core.bias[:, 2:] if any(bias.slope) else np.zeros((2000, 2))
+            np.testing.assert_allclose(core.bias[:, :2] - before[:, :2], 0.1 * drift, rtol=0, atol=1e-12)
+        before = core.bias.copy()
         core.step(np.zeros((2000, 3)))
 
 

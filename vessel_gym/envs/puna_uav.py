@@ -126,13 +126,13 @@ class PunaUAVEnv(VesselEnv):
     | `estimate`       | of the truth's 16 components                                                            |
     | `covariance`     | of the estimate                                                                         |
     | `input_estimate` | 0: no estimator here gives one                                                          |
+    | `parameters`     | the truth's coefficients, as `system.vehicle.parameter_names` lists them: the filters'  |
+    |                  | own, but for ``mismatch``                                                               |
     | `healthy`        | False in a step where the estimator's usual update failed:                              |
     |                  | ``core.belief.recovery`` says what it did instead                                       |
     | `score`          | sum of rewards so far                                                                   |
     | `end`            | why the episode has ended, or empty                                                     |
     | `is_success`     | whether the aircraft has arrived: at an episode's end, whether it succeeded             |
-    | `parameters`     | the truth's coefficients, as `system.vehicle.parameter_names` lists them: the filters'  |
-    |                  | own, but for ``mismatch``                                                               |
 
     ## Arguments
 

@@ -95,13 +95,13 @@ class SigmaCorvetteEnv(VesselEnv):
     | `estimate`       | sway, yaw rate, heading (and surge for `ekf`)                               |
     | `covariance`     | of the estimate                                                             |
     | `input_estimate` | estimated d [rad], 0 where the estimator gives none                         |
+    | `parameters`     | the truth's coefficients, as `system.vehicle.parameter_names` lists them:   |
+    |                  | the filters' own, but for ``mismatch``                                      |
     | `healthy`        | False in a step where the estimator's usual update failed:                  |
     |                  | ``core.belief.recovery`` says what it did instead                           |
     | `score`          | sum of rewards so far over 600                                              |
     | `end`            | why the episode has ended: `turn lost`, or empty                            |
     | `is_success`     | whether the turn is held so far: at an episode's end, whether it succeeded  |
-    | `parameters`     | the truth's coefficients, as `system.vehicle.parameter_names` lists them:   |
-    |                  | the filters' own, but for ``mismatch``                                      |
 
     ## Arguments
 

@@ -7,7 +7,7 @@ import gymnasium as gym
 import numpy as np
 
 from estimators.checks import shown
-from vessel_gym.checks import no_others, numbers
+from vessel_gym.checks import no_others
 from vessel_gym.core import Core, whole
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.envs.shared import action_space, check_render_mode, first_seed, observation_space
@@ -67,6 +67,7 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
         )
         self.observation_space = observation_space(self.core)
         self.action_space = action_space(self.core)
+        self._shape = self.action_space.shape
         self.render_mode = render_mode
         self._renderer: Any = None
 
@@ -94,12 +95,7 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Advance one step; see `gymnasium.Env.step`. Truncation is `gymnasium.wrappers.TimeLimit`'s."""
-        asked = numbers(action)
-        if asked is None:
-            raise ValueError(f"action must be an array of numbers, got {shown(action)}")
-        if asked.shape != self.action_space.shape:
-            raise ValueError(f"action has shape {asked.shape}, expected {self.action_space.shape}")
-        reward, terminated = self.core.step(asked[None])
+        reward, terminated = self.core.step(action, shape=self._shape)
         if self.render_mode is not None:
             self._record()
         return self.core.observe()[0], float(reward[0]), bool(terminated[0]), False, self._info()
@@ -118,9 +114,10 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
             self._renderer = None
 
     def _info(self) -> dict[str, Any]:
-        info: dict[str, Any] = {key: value[0] for key, value in self.core.info().items()}
-        info["healthy"], info["is_success"] = bool(info["healthy"]), bool(info["is_success"])
-        info["score"] = float(info["score"])
+        core, end = self.core, int(self.core.end[0])
+        info: dict[str, Any] = {name: values.copy()[0] for name, values in core.happened().items()}
+        info["healthy"], info["score"] = not core.belief.recovery[0], float(core.total[0]) / core.task.perfect
+        info["end"], info["is_success"] = core.task.ends[end], end == core.success
         return info
 
     def _record(self, begin: bool = False) -> None:

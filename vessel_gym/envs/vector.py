@@ -143,9 +143,7 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             reward, terminated = self._step_and_restart(actions, restarted)
         else:
             reward, terminated = core.step(actions)
-        truncated = np.zeros(self.num_envs, bool)
-        if self.max_episode_steps is not None:
-            truncated = core.steps >= self.max_episode_steps
+        truncated = core.steps >= (np.inf if self.max_episode_steps is None else self.max_episode_steps)
         done, final = terminated | truncated, {}
         if self.autoreset_mode is not AutoresetMode.SAME_STEP:
             self._ended = done
@@ -224,10 +222,7 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def _masked(self, info: dict[str, np.ndarray], rows: np.ndarray | None = None) -> dict[str, Any]:
         """Gymnasium's form of a batch's info: every array with a ``_key`` mask of the rows that have it."""
         mask = np.ones(self.num_envs, bool) if rows is None else rows
-        masked: dict[str, Any] = dict(info)
-        for key in info:
-            masked[f"_{key}"] = mask.copy()
-        return masked
+        return info | {f"_{key}": mask.copy() for key in info}
 
 
 def _autoreset_mode(mode: Any) -> AutoresetMode:

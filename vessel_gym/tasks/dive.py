@@ -1,17 +1,18 @@
 """Dive along a smooth path to a goal, and say when you are there."""
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
+from numba import njit
 
 from estimators import Gaussian
 from estimators.checks import shown
-from estimators.compiled import gufunc
+from estimators.compiled import inlined, rowwise
 from vessel_gym.checks import one_of
-from vessel_gym.guidance.dive_path import course_to, follow, path_point
+from vessel_gym.guidance import dive_path
+from vessel_gym.guidance.dive_path import course_to, follow
 from vessel_gym.system import Estimate
 from vessel_gym.tasks.task import Task, three_numbers
 from vessel_gym.vehicles.auv import AUVParameters
@@ -20,8 +21,74 @@ ENDS = ("", "arrived", "missed the goal", "off the path", "surfaced", "too deep"
 _ARRIVED, _MISSED, _OFF, _SURFACED, _DEEP, _PITCHED = range(1, len(ENDS))
 
 
+_on_path: Any = njit(error_model="numpy")(dive_path._follow.__wrapped__)
+
+
+@inlined
+def _position(state: np.ndarray, row: int, where: np.ndarray, position: np.ndarray) -> None:
+    """North, east and down out of a row's state, which has them at ``where``; -1: it is 0."""
+    for i in range(3):
+        position[i] = state[row, where[i]] if where[i] >= 0 else 0.0
+
+
+@rowwise("void(f8[:,:],i8[::1],f8[:,:],f8,f8[:,::1])")
+def dive_reference(state: np.ndarray, where: np.ndarray, course: np.ndarray, ahead: float, out: np.ndarray) -> None:
+    """Where on their paths vehicles in these states are ``(B, 11)``."""
+    position = np.empty(3)
+    for row in range(len(out)):
+        _position(state, row, where, position)
+        _on_path(position, course[row], ahead, out[row, :8], out[row, :8])
+        for i in range(3):
+            out[row, 8 + i] = course[row, i]
+
+
+@inlined
+def _scaled(first: int, actuators: np.ndarray, gains: np.ndarray, seen: np.ndarray) -> None:
+    """Put the actuators behind the ``first`` numbers that are seen of a dive, and scale all of them."""
+    for i in range(len(actuators)):
+        seen[first + i] = actuators[i]
+    for i in range(len(seen)):
+        seen[i] = (seen[i] - gains[0, i]) * gains[1, i]
+
+
+@rowwise("void(f8[:,:],i8[::1],f8[:,:],b1[:],f8[:,:],f8[:,:],f8[::1],f8[::1],i8[::1],f8[:,::1])")
+def dive_score(
+    state: np.ndarray, where: np.ndarray, reference: np.ndarray, over: np.ndarray, actuators: np.ndarray,
+    tally: np.ndarray, figures: np.ndarray, reward: np.ndarray, end: np.ndarray, after: np.ndarray,
+) -> None:  # fmt: skip
+    """Reward and end ``(B,)`` and the next tally ``(B, 2)``, see `Dive.score`; ``figures`` are `Dive._figures`."""
+    tracking, track_tolerance, goal_tolerance, lost, pitch_limit, hotel = figures[:6]
+    most, speed, dt, thrust, launch_depth, margin = figures[6:]
+    position, true = np.empty(3), np.empty(8)
+    for row in range(len(reward)):
+        _position(state, row, where, position)
+        course = reference[row, 8:]
+        length, depth = course[1], course[2]
+        _on_path(position, course, 0.0, true, true)
+        off = np.hypot(true[1], true[2] / np.sqrt(1.0 + true[4] ** 2))
+        farthest = tally[row, 0]
+        fresh = min(max(min(true[0], length) - farthest, 0.0), most)
+        power = (hotel + (actuators[row, -1] / thrust) ** 1.5) / (hotel + 1.0)
+        energy = tally[row, 1] + dt * power
+        after[row, 0], after[row, 1] = farthest + fresh, energy
+        reward[row] = tracking * fresh / length / (1.0 + (off / track_tolerance) ** 2)
+        end[row] = _OFF if off > lost else 0
+        if position[2] < -launch_depth:
+            end[row] = _SURFACED
+        if position[2] > depth + margin:
+            end[row] = _DEEP
+        if abs(state[row, where[3]]) > pitch_limit:
+            end[row] = _PITCHED
+        if over[row]:
+            x, y, z, _, _ = dive_path._point(length, dive_path._curvature(course[0], length), length, depth)
+            miss = np.sqrt((position[0] - x) ** 2 + (position[1] - y) ** 2 + (position[2] - z) ** 2)
+            economy = min(np.hypot(length, depth) / speed / energy, 1.0)
+            reward[row] += (1.0 - tracking) * economy / (1.0 + (miss / goal_tolerance) ** 2)
+            end[row] = _ARRIVED if miss <= goal_tolerance else _MISSED
+
+
 @dataclass(frozen=True)
-class Dive(Task, ABC):
+class Dive(Task):
     """What all dives share: the path, how it is drawn, and how a dive is scored.
 
     The path is `vessel_gym.guidance.dive_path`'s. A course (what is drawn at reset) is ``(angle, length, depth)`` of
@@ -92,11 +159,17 @@ class Dive(Task, ABC):
         """What is known at the start, level at the path's beginning at cruising speed: mean ``(B, n)``, covariance."""
         mean = np.zeros((len(course), len(self.prior_sd)))
         mean[:, 0] = self.auv.cruise_speed
-        return Gaussian(mean, np.diag(self.prior_sd) ** 2)
+        return self._spread.about(mean)
+
+    @cached_property
+    def _spread(self) -> Gaussian:
+        return Gaussian(np.zeros(len(self.prior_sd)), np.diag(self.prior_sd) ** 2)
 
     def reference(self, course: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
         """Where on the path a vehicle in a state ``(B, n)`` is, ``(B, 11)``."""
-        return np.concatenate([follow(self.position(state), course, self.ahead), course], -1)
+        reference = np.empty((len(state), 11))
+        dive_reference(state, self.where, course, self.ahead, reference)
+        return reference
 
     # --- what the agent sees ----------------------------------------------------------------------
 
@@ -105,7 +178,11 @@ class Dive(Task, ABC):
 
     @cached_property
     def _gains(self) -> np.ndarray:
-        return 1.0 / np.array(list(self.observed.values()))
+        """What counts as 0 and one over what counts as 1 of an observation, then of the actuators, ``(2, k)``."""
+        fin, thrust = self.auv.fin_limit, 0.5 * self.auv.thrust_limit
+        zeros = [self.auv.cruise_speed * (name == "surge error") for name in self.observed]
+        sizes = [*self.observed.values(), *(fin,) * (self.actuators - 1), thrust]
+        return np.array([[*zeros, *(0.0,) * (self.actuators - 1), thrust], 1.0 / np.array(sizes)])
 
     def named(self, observations: np.ndarray) -> dict[str, np.ndarray]:
         """What observations ``(B, k)`` of mode ``"mean"`` say, by the names of ``observed``, ``(B,)`` each in SI."""
@@ -138,13 +215,12 @@ class Dive(Task, ABC):
         """The estimated state and current ``(B, n + f)`` as they are, without guidance."""
         return np.concatenate([estimate.state / self.state_scale, estimate.flow / 0.25], -1)
 
-    @abstractmethod
+    where: ClassVar[np.ndarray]
+    """Which components of a state are north, east and down [m] and the pitch [rad]; -1: there is none, it is 0."""
+
     def position(self, state: np.ndarray) -> np.ndarray:
         """North, east and down [m] out of a state, ``(B, 3)``."""
-
-    @abstractmethod
-    def pitch(self, state: np.ndarray) -> np.ndarray:
-        """Pitch angle [rad] out of a state, ``(B,)``."""
+        return np.where(self.where[:3] < 0, 0.0, state[:, self.where[:3]])
 
     def scaled(self, actuators: np.ndarray) -> np.ndarray:
         """Fins relative to their limit and thrust from -1 (none) to 1 (all)."""
@@ -191,36 +267,24 @@ class Dive(Task, ABC):
         staying, going back and circling pay nothing. Arriving pays by the distance to the goal and by the energy that
         a dive at cruising speed would take over that used, so that waiting costs. Ending early forgoes the rest.
         """
-        course, position = self.course_of(reference), self.position(state)
-        length = course[:, 1]
-        true = follow(position, course, 0.0)
-        off = np.hypot(true[:, 1], true[:, 2] / np.sqrt(1.0 + true[:, 4] ** 2))
+        reward, end, after = np.empty(len(state)), np.empty(len(state), int), np.empty((len(state), 2))
+        dive_score(state, self.where, reference, over, actuators, tally, self._figures, reward, end, after)
+        return reward, end, after
 
-        farthest, speed = tally[:, 0], self.auv.cruise_speed
-        fresh = np.clip(np.minimum(true[:, 0], length) - farthest, 0.0, self.FASTEST * speed * self.dt)
-        energy = tally[:, 1] + self.dt * self.power(actuators)
-        reward = self.TRACKING * fresh / length / (1.0 + (off / self.TRACK_TOLERANCE) ** 2)
-
-        goal = path_point(length, course)[:, :3]
-        miss = np.sqrt(np.vecdot(position - goal, position - goal))
-        economy = np.minimum(np.hypot(length, course[:, 2]) / speed / energy, 1.0)
-        reward += np.where(over, (1.0 - self.TRACKING) * economy / (1.0 + (miss / self.GOAL_TOLERANCE) ** 2), 0.0)
-
-        depth = position[:, 2]
-        end = np.zeros(len(state), int)
-        end[off > self.LOST] = _OFF
-        end[depth < -self.launch_depth] = _SURFACED
-        end[depth > course[:, 2] + self.margin] = _DEEP
-        end[np.abs(self.pitch(state)) > self.PITCH_LIMIT] = _PITCHED
-        end[over] = np.where(miss[over] <= self.GOAL_TOLERANCE, _ARRIVED, _MISSED)
-        return reward, end, np.stack([farthest + fresh, energy], -1)
+    @cached_property
+    def _figures(self) -> np.ndarray:
+        speed = self.auv.cruise_speed
+        return np.array([
+            self.TRACKING, self.TRACK_TOLERANCE, self.GOAL_TOLERANCE, self.LOST, self.PITCH_LIMIT, self.HOTEL,
+            self.FASTEST * speed * self.dt, speed, self.dt, self.auv.cruise_thrust, self.launch_depth, self.margin,
+        ])  # fmt: skip
 
 
 # --- six degrees of freedom -------------------------------------------------------------------------
 
 
-@gufunc("void(float64[:], float64[:], float64[:], float64[:], float64[:])", "(n),(f),(r),(k)->(k)")
-def _spatial_errors(x: np.ndarray, flow: np.ndarray, reference: np.ndarray, room: np.ndarray, out: np.ndarray) -> None:
+@inlined
+def _spatial_errors(x: np.ndarray, flow: np.ndarray, reference: np.ndarray, out: np.ndarray) -> None:
     """In body axes: vector to the path, vector to the point ahead, current; then heading and pitch error."""
     sin_phi, cos_phi, sin_theta, cos_theta = np.sin(x[9]), np.cos(x[9]), np.sin(x[10]), np.cos(x[10])
     sin_psi, cos_psi = np.sin(x[11]), np.cos(x[11])
@@ -242,10 +306,27 @@ def _spatial_errors(x: np.ndarray, flow: np.ndarray, reference: np.ndarray, room
     out[10] = -np.arctan(reference[4]) - x[10]
 
 
+@rowwise("void(f8[:,:],f8[:,:],f8[:,:],f8[:,:],f8[:,::1],f8[:,::1])")
+def spatial_view(
+    state: np.ndarray, flow: np.ndarray, reference: np.ndarray, actuators: np.ndarray, gains: np.ndarray,
+    out: np.ndarray,
+) -> None:  # fmt: skip
+    """What is seen of a dive ``(B, 24)``; ``gains`` are `Dive._gains`."""
+    for row in range(len(out)):
+        x, place, seen = state[row], reference[row], out[row]
+        _spatial_errors(x, flow[row], place, seen)
+        seen[11], seen[12] = place[9] - place[0], place[8] / place[9]
+        for i in range(6):
+            seen[13 + i] = x[i]
+        seen[19], seen[20] = x[9], x[10]
+        _scaled(21, actuators[row], gains, seen)
+
+
 @dataclass(frozen=True)
 class SpatialDive(Dive):
     """A dive of a vehicle with six degrees of freedom, whose state is `vessel_gym.vehicles.segorogeni.STATE`."""
 
+    where = np.array([6, 7, 8, 10])
     prior_sd = (0.05,) * 3 + (0.02,) * 3 + (0.2,) * 3 + (0.05,) * 3
     state_scale = (0.5, 0.25, 0.25) + (0.5,) * 3 + (10.0, 10.0, 5.0) + (0.25, 0.5, 1.0)
     flows = 2
@@ -261,28 +342,18 @@ class SpatialDive(Dive):
         "roll": 0.25, "pitch": 0.5,
     }  # fmt: skip
 
-    def position(self, state: np.ndarray) -> np.ndarray:
-        """North, east and down [m]."""
-        return state[:, 6:9]
-
-    def pitch(self, state: np.ndarray) -> np.ndarray:
-        """Pitch angle [rad]."""
-        return state[:, 10]
-
     def observe(self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
         """The observation ``(B, 24)`` of mode ``"mean"``, before clipping: errors, estimates, actuators."""
-        x, errors = estimate.state, _spatial_errors(estimate.state, estimate.flow, reference, np.empty(11))
-        remaining, curvature = reference[:, 9:10] - reference[:, :1], reference[:, 8:9] / reference[:, 9:10]
-        speed = x[:, :1] - self.auv.cruise_speed
-        seen = np.concatenate([errors, remaining, curvature, speed, x[:, 1:6], x[:, 9:11]], -1) * self._gains
-        return np.concatenate([seen, self.scaled(actuators)], -1)
+        seen = np.empty((len(reference), 24))
+        spatial_view(estimate.state, estimate.flow, reference, actuators, self._gains, seen)
+        return seen
 
 
 # --- the vertical plane -----------------------------------------------------------------------------
 
 
-@gufunc("void(float64[:], float64[:], float64[:], float64[:], float64[:])", "(n),(f),(r),(k)->(k)")
-def _vertical_errors(x: np.ndarray, flow: np.ndarray, reference: np.ndarray, room: np.ndarray, out: np.ndarray) -> None:
+@inlined
+def _vertical_errors(x: np.ndarray, flow: np.ndarray, reference: np.ndarray, out: np.ndarray) -> None:
     """In body axes, ahead and down: vector to the path, vector to the point ahead, current; then the pitch error."""
     sin_theta, cos_theta = np.sin(x[5]), np.cos(x[5])
     out[0], out[1] = reference[2] * sin_theta, -reference[2] * cos_theta
@@ -292,10 +363,27 @@ def _vertical_errors(x: np.ndarray, flow: np.ndarray, reference: np.ndarray, roo
     out[6] = -np.arctan(reference[4]) - x[5]
 
 
+@rowwise("void(f8[:,:],f8[:,:],f8[:,:],f8[:,:],f8[:,::1],f8[:,::1])")
+def vertical_view(
+    state: np.ndarray, flow: np.ndarray, reference: np.ndarray, actuators: np.ndarray, gains: np.ndarray,
+    out: np.ndarray,
+) -> None:  # fmt: skip
+    """What is seen of a dive ``(B, 14)``; ``gains`` are `Dive._gains`."""
+    for row in range(len(out)):
+        x, place, seen = state[row], reference[row], out[row]
+        _vertical_errors(x, flow[row], place, seen)
+        seen[7] = place[9] - place[0]
+        for i in range(3):
+            seen[8 + i] = x[i]
+        seen[11] = x[5]
+        _scaled(12, actuators[row], gains, seen)
+
+
 @dataclass(frozen=True)
 class VerticalDive(Dive):
     """A dive in the vertical plane, of a vehicle whose state is `vessel_gym.vehicles.itsunusa.STATE`."""
 
+    where = np.array([3, -1, 4, 5])
     prior_sd = (0.05, 0.05, 0.02, 0.2, 0.2, 0.05)
     state_scale = (0.5, 0.25, 0.5, 20.0, 10.0, 0.5)
     flows = 1
@@ -316,19 +404,8 @@ class VerticalDive(Dive):
             )
         return goal
 
-    def position(self, state: np.ndarray) -> np.ndarray:
-        """North (ahead), east (0) and down [m]."""
-        position = np.zeros((len(state), 3))
-        position[:, ::2] = state[:, 3:5]
-        return position
-
-    def pitch(self, state: np.ndarray) -> np.ndarray:
-        """Pitch angle [rad]."""
-        return state[:, 5]
-
     def observe(self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
         """The observation ``(B, 14)`` of mode ``"mean"``, before clipping: errors, estimates, actuators."""
-        x, errors = estimate.state, _vertical_errors(estimate.state, estimate.flow, reference, np.empty(7))
-        remaining, speed = reference[:, 9:10] - reference[:, :1], x[:, :1] - self.auv.cruise_speed
-        seen = np.concatenate([errors, remaining, speed, x[:, 1:3], x[:, 5:6]], -1) * self._gains
-        return np.concatenate([seen, self.scaled(actuators)], -1)
+        seen = np.empty((len(reference), 14))
+        vertical_view(estimate.state, estimate.flow, reference, actuators, self._gains, seen)
+        return seen

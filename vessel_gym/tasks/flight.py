@@ -5,17 +5,19 @@ from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
+from numba import njit
 
 from estimators import Gaussian
 from estimators.checks import shown
-from estimators.compiled import gufunc
+from estimators.compiled import inlined, rowwise
 from vessel_gym.checks import numbers, one_of
+from vessel_gym.guidance import path_following
 from vessel_gym.guidance.dubins import NoPath, Path, plan
-from vessel_gym.guidance.path_following import COLUMNS, follow, track
-from vessel_gym.guidance.words import advance
+from vessel_gym.guidance.path_following import COLUMNS, track
+from vessel_gym.guidance.words import advance, follow_on
 from vessel_gym.system import Estimate
 from vessel_gym.tasks.task import FARTHEST, Task, three_numbers
-from vessel_gym.vehicles.puna import PunaParameters, airspeed
+from vessel_gym.vehicles.puna import PunaParameters
 
 ENDS = (
     "", "arrived", "missed the goal", "hit an obstacle", "stalled", "crashed", "off the path", "off the altitude",
@@ -31,10 +33,8 @@ _WHERE = 6  # numbers of a reference before its course
 _OPTIONS = ("start", "goal", "obstacles", "altitude")
 
 
-@gufunc("void(float64[:], float64[:], float64[:], float64, float64[:], float64[:])", "(n),(f),(r),(),(k)->(k)")
-def _flight_errors(
-    x: np.ndarray, wind: np.ndarray, reference: np.ndarray, gravity: float, room: np.ndarray, out: np.ndarray
-) -> None:
+@inlined
+def _flight_errors(x: np.ndarray, wind: np.ndarray, reference: np.ndarray, gravity: float, out: np.ndarray) -> None:
     """What is to be seen of a state ``(7,)``, a wind and a reference, in SI and in the order of `Flight.observed`."""
     heading, curvature, later = reference[3], reference[4], reference[5]
     down = wind[2]
@@ -64,6 +64,89 @@ def _flight_errors(
                 aside += near * (dy * np.cos(course) - dx * np.sin(course))
     out[12], out[13] = ahead, aside
     out[14] = reference[_WHERE + _PATH] - reference[0]
+
+
+@rowwise("void(f8[:,:],f8[:,:],f8[:,:],f8[:,:],f8,f8[:,::1],f8[:,::1],f8[:,::1])")
+def flight_view(
+    state: np.ndarray, wind: np.ndarray, reference: np.ndarray, actuators: np.ndarray, gravity: float,
+    gains: np.ndarray, reach: np.ndarray, out: np.ndarray,
+) -> None:  # fmt: skip
+    """What is seen of a flight ``(B, 18)``; ``gains`` and ``reach`` are `Flight._gains` and `Flight._reach`."""
+    count = gains.shape[1]
+    for row in range(len(out)):
+        _flight_errors(state[row], wind[row], reference[row], gravity, out[row])
+        for i in range(count):
+            out[row, i] = (out[row, i] - gains[0, i]) * gains[1, i]
+        for i in range(3):
+            change = actuators[row, i] - reach[0, i]
+            out[row, count + i] = change / (reach[1, i] if change < 0.0 else reach[2, i])
+
+
+_on_path: Any = njit(error_model="numpy")(path_following._follow.__wrapped__)
+
+
+@rowwise("void(f8[:,:],f8[:,:],f8[::1],f8[::1],f8[:,::1])")
+def flight_reference(
+    state: np.ndarray, course: np.ndarray, window: np.ndarray, ahead: np.ndarray, out: np.ndarray
+) -> None:
+    """Where on their paths aircraft in these states are ``(B, 103)``; window and look-ahead as `path_following` has."""
+    pose, where = np.empty(3), np.empty(7)
+    for row in range(len(out)):
+        pose[0], pose[1], pose[2] = state[row, 0], state[row, 1], np.arctan2(state[row, 4], state[row, 3])
+        _on_path(pose, window, course[row, :_PATH], ahead, where, where)
+        out[row, 0], out[row, 1], out[row, 2] = where[0], where[1], state[row, 2] - course[row, _PATH + 1]
+        out[row, 3], out[row, 4], out[row, 5] = where[2], where[3], where[4]
+        for i in range(course.shape[1]):
+            out[row, _WHERE + i] = course[row, i]
+
+
+@rowwise("void(f8[:,:],f8[:,:],f8[:,:],b1[:],f8[:,:],f8[:,:],f8[::1],f8[::1],i8[::1],f8[:,::1])")
+def flight_score(
+    state: np.ndarray, wind: np.ndarray, reference: np.ndarray, over: np.ndarray, action: np.ndarray,
+    tally: np.ndarray, figures: np.ndarray, reward: np.ndarray, end: np.ndarray, after: np.ndarray,
+) -> None:  # fmt: skip
+    """Reward and end ``(B,)`` and the next tally ``(B, 4)``, see `Flight.score`; ``figures`` are `Flight._figures`."""
+    tracking, track_tolerance, altitude_tolerance, berth, helm_cost, goal_tolerance = figures[:6]
+    lost, height_lost, stall, most, reach = figures[6:]
+    pose, window, ahead, true = np.zeros(3), np.zeros(3), np.array([1.0, 2.0]), np.empty(7)
+    for row in range(len(reward)):
+        x, y, course, farthest = state[row, 0], state[row, 1], reference[row, _WHERE:], tally[row, 0]
+        length, above = course[_PATH], state[row, 2] - course[_PATH + 1]
+        pose[0], pose[1], window[0], window[1] = x, y, farthest - reach, farthest + reach
+        _on_path(pose, window, course[:_PATH], ahead, true, true)
+        off, clearance = true[6], np.inf
+        for k in range(len(course) - 3 * OBSTACLES, len(course), 3):
+            if course[k + 2] > 0.0:
+                clearance = min(clearance, np.hypot(course[k] - x, course[k + 1] - y) - course[k + 2])
+        fresh, jump = min(max(min(true[0], length) - farthest, 0.0), most), 0.0
+        for i in range(3):
+            jump += (action[row, i] - tally[row, 1 + i]) ** 2 / 3.0
+            after[row, 1 + i] = action[row, i]
+        quality = (1.0 - helm_cost * min(jump, 1.0)) * min(max(clearance / berth, 0.0), 1.0)
+        quality /= (1.0 + (off / track_tolerance) ** 2) * (1.0 + (above / altitude_tolerance) ** 2)
+        reward[row] = tracking * fresh / length * quality
+        after[row, 0] = farthest + fresh
+        end[row] = _HEIGHT if abs(above) > height_lost else 0
+        if off > lost:
+            end[row] = _OFF
+        north, east = state[row, 3] - wind[row, 0], state[row, 4] - wind[row, 1]
+        if np.hypot(np.hypot(north, east), state[row, 5] + wind[row, 2]) < stall:
+            end[row] = _STALLED
+        if over[row]:
+            last = 0
+            for k in range(0, _PATH, COLUMNS):
+                last = k if course[k + 4] > 0.0 else last
+            ex, ey, _ = follow_on(course[last + 4], course[last], course[last + 1], course[last + 2], course[last + 3])
+            miss = np.hypot(x - ex, y - ey)
+            covered = min((farthest + fresh + goal_tolerance) / length, 1.0)
+            reward[row] += (1.0 - tracking) * covered / (1.0 + (miss / goal_tolerance) ** 2)
+            end[row] = _ARRIVED if miss <= goal_tolerance else _MISSED
+        if state[row, 2] <= 0.0:
+            end[row] = _CRASHED
+        if clearance < 0.0:
+            end[row] = _HIT
+        if end[row] == _HIT or end[row] == _CRASHED:
+            reward[row] = 0.0
 
 
 @dataclass(frozen=True)
@@ -219,14 +302,21 @@ class Flight(Task):
         mean[:, :2], mean[:, 2] = course[:, :2], course[:, _PATH + 1]
         mean[:, 3] = self.body.cruise_speed * np.cos(course[:, 2])
         mean[:, 4] = self.body.cruise_speed * np.sin(course[:, 2])
-        return Gaussian(mean, np.diag([1.0, 1.0, 1.0, 0.5, 0.5, 0.3, 0.02]) ** 2)
+        return self._spread.about(mean)
+
+    @cached_property
+    def _spread(self) -> Gaussian:
+        return Gaussian(np.zeros(7), np.diag([1.0, 1.0, 1.0, 0.5, 0.5, 0.3, 0.02]) ** 2)
 
     def reference(self, course: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
         """Where on the path an aircraft in a state ``(B, n)`` is, ``(B, 103)``."""
-        pose = np.stack([state[:, 0], state[:, 1], np.arctan2(state[:, 4], state[:, 3])], -1)
-        where = follow(pose, course[:, :_PATH], self.ahead)
-        altitude = state[:, 2] - course[:, _PATH + 1]
-        return np.column_stack([where[:, :2], altitude, where[:, 2:5], course])
+        reference = np.empty((len(state), _WHERE + course.shape[1]))
+        flight_reference(state, course, path_following._ANYWHERE, self._ahead, reference)
+        return reference
+
+    @cached_property
+    def _ahead(self) -> np.ndarray:
+        return np.array(self.ahead)
 
     # --- what the agent sees ----------------------------------------------------------------------
 
@@ -241,12 +331,15 @@ class Flight(Task):
     actuators follow."""
 
     @cached_property
-    def _offsets(self) -> np.ndarray:
-        return np.array([offset for offset, _ in self.observed.values()])
+    def _gains(self) -> np.ndarray:
+        """What counts as 0 and one over what counts as 1 of an observation ``(2, 15)``."""
+        offsets, scales = np.array(list(self.observed.values())).T
+        return np.array([offsets, 1.0 / scales])
 
     @cached_property
-    def _gains(self) -> np.ndarray:
-        return 1.0 / np.array([scale for _, scale in self.observed.values()])
+    def _reach(self) -> np.ndarray:
+        """Actuators that cruise, and from there to the lower and the upper limits ``(3, 3)``."""
+        return np.array([self.body.cruise, *self.body._reach])
 
     def named(self, observations: np.ndarray) -> dict[str, np.ndarray]:
         """What observations ``(B, k)`` of mode ``"mean"`` say, by the names of ``observed``, ``(B,)`` each in SI."""
@@ -275,9 +368,9 @@ class Flight(Task):
 
     def observe(self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
         """The observation ``(B, 18)`` of mode ``"mean"``, before clipping: errors, estimates, actuators."""
-        room = np.empty(len(self.observed))
-        seen = _flight_errors(estimate.state, estimate.flow, reference, self.body.gravity, room)
-        return np.concatenate([(seen - self._offsets) * self._gains, self.scaled(actuators)], -1)
+        seen, gravity = np.empty((len(reference), self._gains.shape[1] + 3)), self.body.gravity
+        flight_view(estimate.state, estimate.flow, reference, actuators, gravity, self._gains, self._reach, seen)
+        return seen
 
     def observe_mission(self, course: np.ndarray, step: np.ndarray, actuators: np.ndarray) -> np.ndarray:
         """What is asked, and the actuators: path, altitude, obstacles and they ``(B, 99)``."""
@@ -324,34 +417,17 @@ class Flight(Task):
         and to its altitude, the smoother its commands and the clearer of obstacles: waiting, circling and short cuts
         pay nothing. Arriving pays by the distance to the goal and the share of the path that was covered.
         """
-        course = reference[:, _WHERE:]
-        length, altitude = course[:, _PATH], course[:, _PATH + 1]
-        farthest = tally[:, 0]
-        true = self.track(state, course, farthest)
-        off, above = true[:, 6], state[:, 2] - altitude
-        clearance = self.clearance(state, course)
+        reward, end, after = np.empty(len(state)), np.empty(len(state), int), np.empty(tally.shape)
+        flight_score(state, forcing[:, 4:], reference, over, action, tally, self._figures, reward, end, after)
+        return reward, end, after
 
-        fresh = np.clip(np.minimum(true[:, 0], length) - farthest, 0.0, self.FASTEST * self.body.cruise_speed * self.dt)
-        jump = np.minimum(np.mean((action - tally[:, 1:]) ** 2, axis=-1), 1.0)
-        quality = (1.0 - self.HELM_COST * jump) * np.clip(clearance / self.BERTH, 0.0, 1.0)
-        quality /= (1.0 + (off / self.TRACK_TOLERANCE) ** 2) * (1.0 + (above / self.ALTITUDE_TOLERANCE) ** 2)
-        reward = self.TRACKING * fresh / length * quality
-        farthest = farthest + fresh
-
-        miss = np.hypot(*(state[:, :2] - self.goal(course)[:, :2]).T)
-        covered = np.minimum((farthest + self.GOAL_TOLERANCE) / length, 1.0)
-        arriving = (1.0 - self.TRACKING) * covered / (1.0 + (miss / self.GOAL_TOLERANCE) ** 2)
-        reward += np.where(over, arriving, 0.0)
-
-        end = np.zeros(len(state), int)
-        end[np.abs(above) > self.HEIGHT_LOST] = _HEIGHT
-        end[off > self.LOST] = _OFF
-        end[airspeed(state, forcing[:, 4:]) < self.STALL] = _STALLED
-        end[over] = np.where(miss[over] <= self.GOAL_TOLERANCE, _ARRIVED, _MISSED)
-        end[state[:, 2] <= 0.0] = _CRASHED
-        end[clearance < 0.0] = _HIT
-        reward[end == _HIT] = reward[end == _CRASHED] = 0.0
-        return reward, end, np.column_stack([farthest, action])
+    @cached_property
+    def _figures(self) -> np.ndarray:
+        most = self.FASTEST * self.body.cruise_speed * self.dt
+        return np.array([
+            self.TRACKING, self.TRACK_TOLERANCE, self.ALTITUDE_TOLERANCE, self.BERTH, self.HELM_COST,
+            self.GOAL_TOLERANCE, self.LOST, self.HEIGHT_LOST, self.STALL, most, self.WINDOW,
+        ])  # fmt: skip
 
     def track(self, state: np.ndarray, course: np.ndarray, farthest: np.ndarray | float) -> np.ndarray:
         """Where states ``(B, n)`` are on the path near the farthest progress [m], see `path_following.track`."""

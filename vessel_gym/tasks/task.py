@@ -18,7 +18,7 @@ FARTHEST = 1e5
 """m: a place beyond is a slip, in the unit or the origin."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, eq=False)
 class Estimate:
     """What a task sees of a belief.
 

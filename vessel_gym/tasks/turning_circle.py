@@ -8,7 +8,7 @@ import numpy as np
 
 from estimators import Gaussian, wrap
 from estimators.checks import shown
-from estimators.compiled import gufunc
+from estimators.compiled import inlined, rowwise
 from vessel_gym.checks import number, one_of
 from vessel_gym.sensors import Sensors
 from vessel_gym.system import Estimate
@@ -17,27 +17,53 @@ from vessel_gym.vehicles.corvette import steady_turns
 from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 
 
-@gufunc("void(float64[:], float64, float64[:], float64[:])", "(c),(),(r)->(r)")
-def turning_reference(course: np.ndarray, step: float, timing: np.ndarray, out: np.ndarray) -> None:
+@inlined
+def _wrapped(angle: float) -> float:
+    """An angle in (-pi, pi]."""
+    return angle - 2.0 * np.pi * np.ceil(angle / (2.0 * np.pi) - 0.5)
+
+
+@rowwise("void(f8[:,:],i8[:],f8[::1],f8[:,::1])", "void(f8[:,:],f8[:],f8[::1],f8[:,::1])")
+def turning_reference(course: np.ndarray, step: np.ndarray, timing: np.ndarray, out: np.ndarray) -> None:
     """Heading and yaw rates now, ahead and finally; timing is (time step, lead, ramp, preview) in s."""
-    dt, lead, ramp, preview = timing[0], timing[1], timing[2], timing[3]
-    heading, rate = course[0], course[1]
-    elapsed = step * dt - lead
-    share = min(max(elapsed / ramp, 0.0), 1.0)
-    out[0] = heading + rate * (0.5 * ramp * share * share + max(elapsed - ramp, 0.0))
-    out[1] = rate * share
-    out[2] = rate * min(max((elapsed + preview) / ramp, 0.0), 1.0)
-    out[3] = rate
+    dt, lead, ramp, preview = timing
+    for row in range(len(out)):
+        heading, rate = course[row, 0], course[row, 1]
+        elapsed = step[row] * dt - lead
+        share = min(max(elapsed / ramp, 0.0), 1.0)
+        out[row, 0] = heading + rate * (0.5 * ramp * share * share + max(elapsed - ramp, 0.0))
+        out[row, 1] = rate * share
+        out[row, 2] = rate * min(max((elapsed + preview) / ramp, 0.0), 1.0)
+        out[row, 3] = rate
 
 
-@gufunc("void(float64, float64[:], float64[:], float64[:], float64[:], float64[:])", "(),(n),(r),(a),(k)->()")
-def turning_reward(
-    heading: float, truth: np.ndarray, reference: np.ndarray, action: np.ndarray, kernel: np.ndarray, out: np.ndarray
+@rowwise("void(f8[:,:],f8[:,:],f8[:,:],f8[::1],f8[::1],i8[::1])")
+def turning_score(
+    truth: np.ndarray, reference: np.ndarray, action: np.ndarray, kernel: np.ndarray, reward: np.ndarray,
+    lost: np.ndarray,
+) -> None:  # fmt: skip
+    """Reward, and whether the turn is lost; kernel is (heading, yaw rate tolerance, helm cost, heading error lost)."""
+    for row in range(len(reward)):
+        heading = _wrapped(reference[row, 0] - truth[row, 2])
+        rate = (reference[row, 1] - truth[row, 5]) / reference[row, 3]
+        value = 0.8 / (1.0 + (heading / kernel[0]) ** 2) + 0.2 / (1.0 + (rate / kernel[1]) ** 2)
+        reward[row] = value * (1.0 - kernel[2] * action[row, 0] ** 2)
+        lost[row] = abs(heading) > kernel[3]
+
+
+@rowwise("void(f8[:,:],f8[:,:],f8[:,:],f8[:,:],f8[::1],f8[:,::1])")
+def turning_view(
+    mean: np.ndarray, d: np.ndarray, reference: np.ndarray, rudder: np.ndarray, gains: np.ndarray, out: np.ndarray
 ) -> None:
-    """Reward for a wrapped heading error; kernel is (heading tolerance, yaw rate tolerance, helm cost)."""
-    rate = (reference[1] - truth[5]) / reference[3]
-    value = 0.8 / (1.0 + (heading / kernel[0]) ** 2) + 0.2 / (1.0 + (rate / kernel[1]) ** 2)
-    out[0] = value * (1.0 - kernel[2] * action[0] ** 2)
+    """What is seen of a turn ``(B, 7)``: errors of heading and yaw rate, sway, d, rudder, yaw rates now and ahead."""
+    for row in range(len(out)):
+        out[row, 0] = _wrapped(reference[row, 0] - mean[row, 2]) * gains[0]
+        out[row, 1] = (reference[row, 1] - mean[row, 1]) * gains[1]
+        out[row, 2] = mean[row, 0] * gains[2]
+        out[row, 3] = d[row, 0] * gains[3]
+        out[row, 4] = rudder[row, 0] * gains[4]
+        out[row, 5] = reference[row, 1] * gains[5]
+        out[row, 6] = reference[row, 2] * gains[6]
 
 
 @dataclass(frozen=True)
@@ -113,7 +139,11 @@ class TurningCircle(Task):
         """What is known of (v, r, psi, u) at the start: mean ``(B, 4)`` and covariance ``(4, 4)``."""
         mean = np.zeros((len(course), 4))
         mean[:, 2], mean[:, 3] = course[:, 0], self.ship.speed
-        return Gaussian(mean, np.diag([0.2, 0.002, 0.03, 0.2]) ** 2)
+        return self._spread.about(mean)
+
+    @cached_property
+    def _spread(self) -> Gaussian:
+        return Gaussian(np.zeros(4), np.diag([0.2, 0.002, 0.03, 0.2]) ** 2)
 
     def reference(self, course: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
         """The reference ``(B, 4)`` at a step ``(B,)``: it moves with time, wherever the ship is."""
@@ -121,7 +151,9 @@ class TurningCircle(Task):
 
     def command(self, course: np.ndarray, step: np.ndarray) -> np.ndarray:
         """What is commanded ``(B, 4)`` at a step ``(B,)``."""
-        return turning_reference(course, step, self._timing)
+        reference = np.empty((len(course), 4))
+        turning_reference(course, step, self._timing, reference)
+        return reference
 
     @cached_property
     def _timing(self) -> np.ndarray:
@@ -166,15 +198,11 @@ class TurningCircle(Task):
 
     def observe(self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
         """The observation ``(B, 7)`` of mode ``"mean"``, before clipping: estimates, reference, rudder."""
-        mean = estimate.state
+        mean, d = estimate.state, estimate.input_mean
         observation = np.empty((len(mean), 7))
-        observation[:, 0] = wrap(reference[:, 0] - mean[:, 2])
-        observation[:, 1] = reference[:, 1] - mean[:, 1]
-        observation[:, 2] = mean[:, 0]
-        observation[:, 3] = 0.0 if estimate.input_mean is None else estimate.input_mean[:, 0]
-        observation[:, 4] = actuators[:, 0]
-        observation[:, 5:] = reference[:, 1:3]
-        return observation * self._mean_gains
+        d = np.zeros((len(mean), 1)) if d is None else d
+        turning_view(mean, d, reference, actuators, self._mean_gains, observation)
+        return observation
 
     def observe_std(self, estimate: Estimate) -> np.ndarray:
         """The standard deviations ``(B, 4)`` of sway, yaw rate, heading and unknown input, scaled likewise."""
@@ -220,7 +248,7 @@ class TurningCircle(Task):
 
     @cached_property
     def _kernel(self) -> np.ndarray:
-        return np.array([self.HEADING_TOLERANCE, self.RATE_TOLERANCE, self.HELM_COST])
+        return np.array([self.HEADING_TOLERANCE, self.RATE_TOLERANCE, self.HELM_COST, self.LOST])
 
     ends = ("", "turn lost")
     """Success is to hold the turn until time is up, a perfect reward 1 at every step."""
@@ -235,6 +263,6 @@ class TurningCircle(Task):
         Rewards are never negative, so ending early never pays; the reference moves with time, so
         neither does loitering.
         """
-        heading = wrap(reference[:, 0] - state[:, 2])
-        reward = turning_reward(heading, state, reference, action, self._kernel)
-        return reward, (np.abs(heading) > self.LOST).astype(int), tally
+        reward, lost = np.empty(len(state)), np.empty(len(state), int)
+        turning_score(state, reference, action, self._kernel, reward, lost)
+        return reward, lost, tally

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.optimize import root
 
 from estimators import Schedule, zero_order_hold
+from vessel_gym.processes import linear
 from vessel_gym.sensors import Sensor
 from vessel_gym.vehicles.corvette_equations import (
     COEFFICIENTS,
@@ -129,6 +130,7 @@ AS_PRINTED = (
 )
 """A and B of eq. 4.3 of the thesis to the digit, kept for reproduction: neither the ship's nor consistent in units."""
 
+
 def linear_matrices(ship: CorvetteParameters, dt: float) -> tuple[Schedule, Schedule]:
     """A and B of (v, r, psi) as functions of ``u = (rudder, commanded yaw rate)``: they follow the commanded turn.
 
@@ -148,11 +150,13 @@ def linear_matrices(ship: CorvetteParameters, dt: float) -> tuple[Schedule, Sche
 # --- the vehicle as an environment uses it ----------------------------------------------------------
 
 
+@linear
 def _compass(state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
     """The heading with what waves and gusts do to it over the step ``(..., 1)`` (eq. 4.5)."""
     return state[..., 2:3] + forcing[..., :1]
 
 
+@linear
 def _motion(state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
     """What waves and gusts do to the heading over the step ``(..., 1)``."""
     return forcing[..., :1]
