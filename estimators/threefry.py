@@ -124,7 +124,7 @@ def uniforms(key: np.ndarray, step: Any, use: Any, blank: np.ndarray, out: np.nd
             out[i + 1] = np.float64(second >> _U(11)) * 2.0**-53
 
 
-@gufunc("void(uint64[:], uint64, uint64, float64[:, :], float64[:, :])", "(k),(),(),(N,m)->(N,m)")
+@gufunc("void(uint64[:], uint64, uint64, boolean[:], float64[:, :], float64[:, :])", "(k),(),(),(m),(N,m)->(N,m)")
 def of_members(key: np.ndarray, step: Any, use: Any, wanted: np.ndarray, blank: np.ndarray, out: np.ndarray) -> None:
     """Standard normal numbers ``(N, m)`` of ``wanted`` components, as many as ``blank`` has: four members a counter."""
     four, counter = np.empty((4, (len(out) + 3) // 4)), (step << _U(16)) | use
