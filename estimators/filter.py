@@ -268,7 +268,8 @@ class Filter(ABC, Generic[Record]):
 
         def ask(question: _Question, *axes: int) -> Any:
             nonlocal column
-            values = question(belief, u, R)
+            with np.errstate(all="ignore"):
+                values = question(belief, u, R)
             answers: list[Any] = []
             questions.append((question, axes))
             for value, k in zip(values if isinstance(values, tuple) else (values,), axes, strict=True):
