@@ -57,7 +57,7 @@ def test_estimators_know_numpy_and_scipy_only():
         if path.stem == "consistency":
             known.add("matplotlib")  # inside its one figure function: importing the package does not load it
         if path.stem == "compiled":
-            known |= {"numba", "filelock"}  # loaded when the first random number of a key is asked for
+            known |= {"numba", "llvmlite", "filelock"}  # loaded when the first random number of a key is asked for
         foreign = imported(path) - set(sys.stdlib_module_names) - known
         assert not foreign, path
 
