@@ -99,6 +99,8 @@ def test_rows_that_do_not_go_with_the_states_are_refused():
     states, control, flow = (np.tile(x, (4, 1)) for x in (case.state, case.control, case.flow))
     with pytest.raises(ValueError, match="a row of control, flow and coefficients for each state, or one for all"):
         case.kernels.step(states, control[:3], flow, case.c, case.dt, 1)
+    with pytest.raises(ValueError, match="must be as long as the equations say"):
+        case.kernels.step(states, control, flow, np.append(case.c, 1.0), case.dt, 1)
 
 
 OWN = """
@@ -109,7 +111,7 @@ from vessel_gym.vehicles.integration import kernels
 def _rates(s, control, flow, c):
     return (FACTOR * s[0] + control[0] + flow[0],)
 
-own_rates, own_step = kernels("own", _rates, 1, 1, 1)
+own_rates, own_step = kernels("own", _rates, 1, 1, 1, 1)
 """
 
 
@@ -129,12 +131,12 @@ def rates_of(factor: float, count: int) -> Any:
 
 
 def test_vehicles_of_one_name_have_the_kernels_of_their_own_rates():
-    made = [kernels("boat", rates_of(factor, 1), 1, 1, 1) for factor in (1.0, 5.0)]
+    made = [kernels("boat", rates_of(factor, 1), 1, 1, 1, 1) for factor in (1.0, 5.0)]
     assert [each.rates(np.ones(1), *np.zeros((3, 1)))[0] for each in made] == [1.0, 5.0]
 
 
 def test_sizes_that_do_not_fit_are_refused():
     with pytest.raises(TypingError, match="there are 2 rates of a state of 1 numbers"):
-        kernels("boat", rates_of(1.0, 2), 1, 1, 1).rates(np.ones(1), *np.zeros((3, 1)))
-    with pytest.raises(ValueError, match=r"^still needs a state, actuators and a flow of one number each at least$"):
-        kernels("still", rates_of(1.0, 1), 1, 1, 0)
+        kernels("boat", rates_of(1.0, 2), 1, 1, 1, 1).rates(np.ones(1), *np.zeros((3, 1)))
+    with pytest.raises(ValueError, match=r"^still needs a state, actuators, a flow and coefficients of one number"):
+        kernels("still", rates_of(1.0, 1), 1, 1, 0, 1)

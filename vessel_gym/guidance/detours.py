@@ -12,6 +12,7 @@ are rows ``(n, 6)`` x, y, heading, circle (none: -1), side (1: the circle is on 
 bearing from the circle's centre.
 """
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -46,6 +47,11 @@ _NEAR = 1.01  # times its lower bound: a path as short as that needs no second s
 _SLIDE = 1e-4  # rad, the smallest slide of a touch: what it leaves is of its square
 
 
+Touch = tuple[float, float, float, float, float, float]
+
+_part = njit(error_model="numpy")
+
+
 class NoPath(ValueError):
     """No path was found; where the way is not shown to be closed, this is no proof that there is none."""
 
@@ -53,19 +59,28 @@ class NoPath(ValueError):
 # --- what keeps clear -------------------------------------------------------------------------------
 
 
-@njit(error_model="numpy")
-def _put(row: np.ndarray, values: np.ndarray) -> None:
-    """Writes values to the beginning of a row; Numba takes a second to compile ``row[:] = values``."""
-    for k in range(len(values)):
-        row[k] = values[k]
+@_part
+def _row(rows: np.ndarray, i: int) -> Touch:
+    """A touch as a tuple: Numba takes many times as long to compile what passes rows of arrays on."""
+    return rows[i, 0], rows[i, 1], rows[i, 2], rows[i, 3], rows[i, 4], rows[i, 5]
 
 
-@njit(error_model="numpy")
-def _far(a: np.ndarray, b: np.ndarray) -> float:
-    return np.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2)
+@_part
+def _put(rows: np.ndarray, i: int, touch: Touch) -> None:
+    rows[i, 0], rows[i, 1], rows[i, 2], rows[i, 3], rows[i, 4], rows[i, 5] = touch
 
 
-@njit(error_model="numpy")
+@_part
+def _far(ax: float, ay: float, bx: float, by: float) -> float:
+    return np.sqrt((ax - bx) ** 2 + (ay - by) ** 2)
+
+
+@_part
+def _apart(rows: np.ndarray, i: int, j: int) -> float:
+    return _far(rows[i, 0], rows[i, 1], rows[j, 0], rows[j, 1])
+
+
+@_part
 def _straight_clear(x: float, y: float, cos: float, sin: float, length: float, discs: np.ndarray) -> bool:
     """Whether a straight keeps out of all discs."""
     for k in range(len(discs)):
@@ -77,7 +92,7 @@ def _straight_clear(x: float, y: float, cos: float, sin: float, length: float, d
     return True
 
 
-@njit(error_model="numpy")
+@_part
 def _arc_clear(x: float, y: float, heading: float, bend: float, angle: float, discs: np.ndarray) -> bool:
     """Whether an arc from a place that is clear, of radius ``bend`` (L positive), keeps out of all discs."""
     radius, side = abs(bend), 1.0 if bend > 0.0 else -1.0
@@ -96,8 +111,8 @@ def _arc_clear(x: float, y: float, heading: float, bend: float, angle: float, di
     return True
 
 
-@njit(error_model="numpy")
-def _word_clear(pose: np.ndarray, word: int, pieces: tuple[float, float, float], discs: np.ndarray) -> bool:
+@_part
+def _word_clear(pose: Touch, word: int, pieces: tuple[float, float, float], discs: np.ndarray) -> bool:
     """Whether a word from a pose keeps out of all discs."""
     x, y, heading = pose[0], pose[1], pose[2]
     for k in range(3):
@@ -113,16 +128,17 @@ def _word_clear(pose: np.ndarray, word: int, pieces: tuple[float, float, float],
     return True
 
 
-@njit(error_model="numpy")
-def _join(a: np.ndarray, b: np.ndarray, discs: np.ndarray, limit: float) -> tuple[int, float, float]:
+@_part
+def _join(a: Touch, b: Touch, discs: np.ndarray, limit: float) -> tuple[int, float, float]:
     """The shortest clear way from one touch to another below a limit.
 
     Returns:
         Which word, `_ALONG` or -1 for none; its length, or the limit; the length of the shortest word, clear or not.
     """
     best, length, free = -1, limit, np.inf
-    if a[3] >= 0.0 and a[3] == b[3] and a[4] == b[4] and discs[int(a[3]), 2] >= 1.0:
-        radius, angle = _far(a, discs[int(a[3])]), whole(a[4] * (b[5] - a[5]))
+    disc = int(max(a[3], 0.0))
+    if a[3] >= 0.0 and a[3] == b[3] and a[4] == b[4] and discs[disc, 2] >= 1.0:
+        radius, angle = _far(a[0], a[1], discs[disc, 0], discs[disc, 1]), whole(a[4] * (b[5] - a[5]))
         if angle * radius < length and _arc_clear(a[0], a[1], a[2], a[4] * radius, angle, discs):
             best, length = _ALONG, angle * radius
     seen = relative(a, b, 1.0)
@@ -140,23 +156,20 @@ def _join(a: np.ndarray, b: np.ndarray, discs: np.ndarray, limit: float) -> tupl
 # --- tangents and touches ---------------------------------------------------------------------------
 
 
-@njit(error_model="numpy")
 def _circles(start: np.ndarray, goal: np.ndarray, turn: float, discs: np.ndarray, gaps: np.ndarray) -> np.ndarray:
     """Directed circles ``(4 + 2 m, 5)`` x, y, radius, side, kind: the turning circles of both poses, then the discs."""
     circles = np.empty((4 + 2 * len(discs), 5))
     for i in range(4):
-        pose, side = (start if i < 2 else goal), 1.0 - 2.0 * (i % 2)
-        circles[i, 0], circles[i, 1] = pose[0] - side * turn * np.sin(pose[2]), pose[1] + side * turn * np.cos(pose[2])
-        circles[i, 2], circles[i, 3], circles[i, 4] = turn, side, _START if i < 2 else _GOAL
-    for k in range(len(discs)):
-        for i in range(2):
-            row = circles[4 + 2 * k + i]
-            row[0], row[1], row[2] = discs[k, 0], discs[k, 1], discs[k, 2] + gaps[k]
-            row[3], row[4] = 1.0 - 2.0 * i, k
+        (x, y, heading), side = start if i < 2 else goal, 1.0 - 2.0 * (i % 2)
+        x, y = x - side * turn * math.sin(heading), y + side * turn * math.cos(heading)
+        circles[i] = x, y, turn, side, _START if i < 2 else _GOAL
+    circles[4:, :3] = np.repeat(discs + gaps[:, None] * [0.0, 0.0, 1.0], 2, 0)
+    circles[4::2, 3], circles[5::2, 3] = 1.0, -1.0
+    circles[4:, 4] = np.repeat(np.arange(len(discs)), 2)
     return circles
 
 
-@njit(error_model="numpy")
+@lazy(njit("Tuple((int64[:, :], float64[:, :]))(float64[:, ::1], float64[:, ::1])", cache=True, error_model="numpy"))
 def _tangents(circles: np.ndarray, discs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The clear straights from one directed circle to another.
 
@@ -188,124 +201,147 @@ def _tangents(circles: np.ndarray, discs: np.ndarray) -> tuple[np.ndarray, np.nd
                 pairs[count, 0], pairs[count, 1] = i, j
                 lines[count, 0], lines[count, 1] = np.arctan2(sin, cos), length
                 count += 1
-    return pairs[:count].copy(), lines[:count].copy()
+    return pairs[:count], lines[:count]
 
 
-@njit(error_model="numpy", inline="always")
 def _gaps(discs: np.ndarray) -> np.ndarray:
     """What touches keep from each edge: a hair, or half of the narrowest gap to another circle if that is less."""
-    gaps = np.full(len(discs), _HAIR)
-    for k in range(len(discs)):
-        for j in range(len(discs)):
-            gap = _far(discs[k], discs[j]) - discs[k, 2] - discs[j, 2]
-            if gap > 0.0:
-                gaps[k] = min(gaps[k], 0.5 * gap)
-    return gaps
+    apart = np.sqrt(np.square(discs[:, None, :2] - discs[:, :2]).sum(-1)) - discs[:, None, 2] - discs[:, 2]
+    return np.minimum(0.5 * np.where(apart > 0.0, apart, np.inf).min(-1, initial=np.inf), _HAIR)
 
 
-@njit(error_model="numpy")
-def _set_touch(row: np.ndarray, disc: int, side: float, bearing: float, discs: np.ndarray, gaps: np.ndarray) -> None:
+@_part
+def _touch(disc: int, side: float, bearing: float, discs: np.ndarray, gaps: np.ndarray) -> Touch:
     reach = discs[disc, 2] + gaps[disc]
-    row[0], row[1] = discs[disc, 0] + reach * np.cos(bearing), discs[disc, 1] + reach * np.sin(bearing)
-    row[2], row[3], row[4], row[5] = bearing + side * 0.5 * np.pi, disc, side, bearing
+    x, y = discs[disc, 0] + reach * np.cos(bearing), discs[disc, 1] + reach * np.sin(bearing)
+    return x, y, bearing + side * 0.5 * np.pi, float(disc), side, bearing
 
 
-@njit(error_model="numpy")
-def _outside(row: np.ndarray, discs: np.ndarray) -> bool:
+@_part
+def _outside(touch: Touch, discs: np.ndarray) -> bool:
     outside = True
     for k in range(len(discs)):
-        outside &= (row[0] - discs[k, 0]) ** 2 + (row[1] - discs[k, 1]) ** 2 >= discs[k, 2] ** 2
+        outside &= (touch[0] - discs[k, 0]) ** 2 + (touch[1] - discs[k, 1]) ** 2 >= discs[k, 2] ** 2
     return outside
 
 
-@njit(error_model="numpy", inline="always")
-def _touches(start: np.ndarray, goal: np.ndarray, discs: np.ndarray, gaps: np.ndarray, count: int) -> np.ndarray:
-    """The nodes of the graph ``(n, 6)``: start, touches, goal."""
+@lazy(
+    njit(
+        "float64[:, ::1](float64[:, ::1], int64[:, :], float64[:, :], float64[:, ::1], float64[::1], float64, int64)",
+        cache=True, error_model="numpy",
+    )
+)  # fmt: skip
+def _touches(
+    circles: np.ndarray, pairs: np.ndarray, lines: np.ndarray, discs: np.ndarray, gaps: np.ndarray, along: float,
+    count: int,
+) -> np.ndarray:  # fmt: skip
+    """The touches ``(n, 6)`` on clear ``lines`` between ``pairs`` of circles, between turning circles, and others.
+
+    Args:
+        circles: ``(4 + 2 m, 5)``.
+        pairs: ``(e, 2)``.
+        lines: ``(e, 2)`` headings and lengths.
+        discs: ``(m, 3)``.
+        gaps: ``(m,)``.
+        along: The bearing of the first of the evenly spread ones [rad].
+        count: How many of these a circle and way round.
+    """
     m = len(discs)
-    circles = _circles(start, goal, 1.0, discs, gaps)
-    pairs, lines = _tangents(circles, discs)
-    rows = np.empty((2 + 2 * len(pairs) + 2 * m * (count + m) + 8 * m * len(circles), 6))
-    rows[0, 3:] = _NOWHERE
-    _put(rows[0], start)
-    n = 1
+    rows = np.empty((2 * len(pairs) + 2 * m * (count + m) + 8 * m * len(circles), 6))
+    n = 0
     for e in range(len(pairs)):
-        for i in pairs[e]:
+        for end in range(2):
+            i = pairs[e, end]
             if i >= 4:
                 side = circles[i, 3]
-                _set_touch(rows[n], (i - 4) // 2, side, lines[e, 0] - side * 0.5 * np.pi, discs, gaps)
+                _put(rows, n, _touch((i - 4) // 2, side, lines[e, 0] - side * 0.5 * np.pi, discs, gaps))
                 n += 1
-    along = np.arctan2(goal[1] - start[1], goal[0] - start[0]) + 0.5 * np.pi
     for k in range(m):
         for i in range(len(circles)):
             if i >= 4 and (i - 4) // 2 == k:
                 continue
-            for out in (1.0, -1.0):
-                for sign in (1.0, -1.0):
-                    for bearing in _turning_on(circles[i], 1.0 + out * circles[i, 2], discs[k], gaps[k], sign):
-                        _set_touch(rows[n], k, sign * out * circles[i, 3], bearing, discs, gaps)
-                        n += _outside(rows[n], discs)
+            for way in range(4):
+                out, sign = 1.0 - 2.0 * (way // 2), 1.0 - 2.0 * (way % 2)
+                apart = 1.0 + out * circles[i, 2]
+                for bearing in _turning_on(circles[i, 0], circles[i, 1], apart, k, discs, gaps, sign):
+                    touch = _touch(k, sign * out * circles[i, 3], bearing, discs, gaps)
+                    if _outside(touch, discs):
+                        _put(rows, n, touch)
+                        n += 1
         for i in range(count + m):
-            if i < count:
-                bearing = along + i * _FULL / count
-            else:  # a narrow gap is passed at its narrowest place
-                other = discs[i - count]
-                if not 0.0 < _far(discs[k], other) - discs[k, 2] - other[2] < 1.0:
+            bearing = along + i * _FULL / count
+            if i >= count:  # a narrow gap is passed at its narrowest place
+                x, y, radius = discs[i - count, 0], discs[i - count, 1], discs[i - count, 2]
+                if not 0.0 < _far(discs[k, 0], discs[k, 1], x, y) - discs[k, 2] - radius < 1.0:
                     continue
-                bearing = np.arctan2(other[1] - discs[k, 1], other[0] - discs[k, 0])
-            for side in (1.0, -1.0):
-                _set_touch(rows[n], k, side, bearing, discs, gaps)
-                n += _outside(rows[n], discs)
-    rows[n, 3:] = _NOWHERE
-    _put(rows[n], goal)
-    return rows[: n + 1].copy()
+                bearing = np.arctan2(y - discs[k, 1], x - discs[k, 0])
+            for way in range(2):
+                touch = _touch(k, 1.0 - 2.0 * way, bearing, discs, gaps)
+                if _outside(touch, discs):
+                    _put(rows, n, touch)
+                    n += 1
+    return rows[:n]
 
 
-@njit(error_model="numpy")
-def _turning_on(circle: np.ndarray, apart: float, disc: np.ndarray, gap: float, sign: float) -> np.ndarray:
+@_part
+def _turning_on(
+    x: float, y: float, apart: float, disc: int, discs: np.ndarray, gaps: np.ndarray, sign: float
+) -> tuple[float, float]:
     """The bearings at which the turning circles touch a disc whose centres lie ``apart`` from that of a circle.
 
     Args:
-        circle: x, y: a circle that the turning circles are to touch.
+        x: Of the centre of a circle that the turning circles are to touch.
+        y: Likewise.
         apart: 1 and its radius for those beside it, 1 less its radius for those about it.
         disc: What else to touch.
-        gap: What to keep from its edge.
+        discs: ``(m, 3)``.
+        gaps: ``(m,)`` what to keep from edges.
         sign: 1: the disc lies outside of the turning circle, -1: inside.
 
     Returns:
-        Two bearings from the disc's centre, or none.
+        Two bearings from the disc's centre; NaN for none, which is outside of nothing.
     """
-    dx, dy = circle[0] - disc[0], circle[1] - disc[1]
-    reach, distance = 1.0 + sign * (disc[2] + gap), np.sqrt(dx * dx + dy * dy)
+    dx, dy = x - discs[disc, 0], y - discs[disc, 1]
+    reach, distance = 1.0 + sign * (discs[disc, 2] + gaps[disc]), np.sqrt(dx * dx + dy * dy)
     if min(apart, reach) <= 0.0 or abs(distance - reach) > apart or distance + reach < apart or distance == 0.0:
-        return np.empty(0)
+        return np.nan, np.nan
     cos = (distance * distance + reach * reach - apart * apart) / (2.0 * distance * reach)
     middle, half = np.arctan2(dy, dx) + (0.0 if sign > 0.0 else np.pi), np.arccos(min(max(cos, -1.0), 1.0))
-    return np.array([middle - half, middle + half])
+    return middle - half, middle + half
 
 
 # --- the shortest way -------------------------------------------------------------------------------
 
 
-@njit(error_model="numpy", inline="always")
-def _search(nodes: np.ndarray, discs: np.ndarray, limit: float) -> np.ndarray:
+@_part
+def _search(nodes: np.ndarray, discs: np.ndarray, straight: np.ndarray, order: np.ndarray, limit: float) -> np.ndarray:
     """The rows of ``nodes`` on the shortest way from the first to the last below a limit, by A*; none if there is none.
 
     Words that ignore the obstacles say how much is left at least. Ways with one touch come first: they bound the
     length, and most touches then lie too far off for any way.
+
+    Args:
+        nodes: ``(n, 6)`` start, touches, goal.
+        discs: ``(m, 3)``.
+        straight: ``(n,)`` lengths of the straights by way of each.
+        order: ``(n,)`` what sorts them.
+        limit: What the length must be below.
     """
     last = len(nodes) - 1
     way, ahead = np.full(last + 1, np.inf), np.zeros(last + 1)
     before, kept = np.zeros(last + 1, np.int64), np.zeros(last + 1, np.int64)
-    way[0], way[last] = 0.0, _join(nodes[0], nodes[last], discs, limit)[1]
-    straight = np.array([_far(nodes[0], node) + _far(node, nodes[last]) for node in nodes])
+    start, goal = _row(nodes, 0), _row(nodes, last)
+    way[0], way[last] = 0.0, _join(start, goal, discs, limit)[1]
     count = 0
-    for v in np.argsort(straight):
+    for i in range(last + 1):
+        v = order[i]
         if v == 0 or v == last or straight[v] >= way[last]:
             continue
-        on, rest, ahead[v] = _join(nodes[v], nodes[last], discs, way[last] - _far(nodes[0], nodes[v]))
-        if _far(nodes[0], nodes[v]) + ahead[v] >= way[last]:
+        near = _apart(nodes, 0, v)
+        on, rest, ahead[v] = _join(_row(nodes, v), goal, discs, way[last] - near)
+        if near + ahead[v] >= way[last]:
             continue
-        how, length, free = _join(nodes[0], nodes[v], discs, way[last] - ahead[v])
+        how, length, free = _join(start, _row(nodes, v), discs, way[last] - ahead[v])
         if free + ahead[v] < way[last]:
             kept[count] = v
             count += 1
@@ -325,49 +361,53 @@ def _search(nodes: np.ndarray, discs: np.ndarray, limit: float) -> np.ndarray:
         count -= 1
         for i in range(chosen, count + 1):
             kept[i] = kept[i + 1]
-        for v in kept[: count + 1]:
+        for i in range(count + 1):
+            v = kept[i]
             room = min(way[v], way[last] - ahead[v]) - way[u]
-            if _far(nodes[u], nodes[v]) < room:
-                how, length, _ = _join(nodes[u], nodes[v], discs, room)
+            if _apart(nodes, u, v) < room:
+                how, length, _ = _join(_row(nodes, u), _row(nodes, v), discs, room)
                 if how >= 0:
                     way[v], before[v] = way[u] + length, u
     if way[last] == limit:
-        return nodes[:0].copy()
+        return np.empty((0, 6))
     count, v = 1, last
     while v > 0:
         v, count = before[v], count + 1
     found, v = np.empty((count, 6)), last
     for i in range(count - 1, -1, -1):
-        _put(found[i], nodes[v])
+        _put(found, i, _row(nodes, v))
         v = before[v]
     return found
 
 
-@njit(error_model="numpy")
+@_part
 def _taut(way: np.ndarray, discs: np.ndarray) -> np.ndarray:
     """The way without the touches that it is no longer without."""
     i = 1
     while i < len(way) - 1:
-        length = _join(way[i - 1], way[i], discs, np.inf)[1] + _join(way[i], way[i + 1], discs, np.inf)[1]
-        if _join(way[i - 1], way[i + 1], discs, length + _HAIR)[0] >= 0:
-            way = np.concatenate((way[:i], way[i + 1 :]))
+        before, after = _row(way, i - 1), _row(way, i + 1)
+        length = _join(before, _row(way, i), discs, np.inf)[1] + _join(_row(way, i), after, discs, np.inf)[1]
+        if _join(before, after, discs, length + _HAIR)[0] >= 0:
+            for k in range(i + 1, len(way)):
+                _put(way, k - 1, _row(way, k))
+            way = way[:-1]
         else:
             i += 1
     return way
 
 
-@njit(error_model="numpy")
+@_part
 def _legs(way: np.ndarray, i: int, j: int, discs: np.ndarray, limit: float) -> float:
     """The length of the way from touch i to touch j, or something above the limit."""
     length = 0.0
     for k in range(i, j):
         if length < limit:
-            how, leg, _ = _join(way[k], way[k + 1], discs, limit - length)
+            how, leg, _ = _join(_row(way, k), _row(way, k + 1), discs, limit - length)
             length = length + leg if how >= 0 else np.inf
     return length
 
 
-@njit(error_model="numpy", inline="always")
+@_part
 def _follow(way: np.ndarray, i: int, j: int, discs: np.ndarray, gaps: np.ndarray, limit: float) -> float:
     """Set touch j so that an arc through it goes over into one through its neighbour i without a straight between.
 
@@ -375,41 +415,40 @@ def _follow(way: np.ndarray, i: int, j: int, discs: np.ndarray, gaps: np.ndarray
         The length from before both to after both, or infinity where none is below the limit; then nothing is set.
     """
     first, last = min(i, j) - 1, max(i, j) + 1
-    kept, best = way[j].copy(), way[j].copy()
+    kept = best = _row(way, j)
     disc, least = int(kept[3]), limit
-    circle = np.empty(2)
     for side in (1.0, -1.0):
-        circle[0], circle[1] = way[i, 0] - side * np.sin(way[i, 2]), way[i, 1] + side * np.cos(way[i, 2])
-        for bearing in _turning_on(circle, 2.0, discs[disc], gaps[disc], kept[4] * side):
-            _set_touch(way[j], disc, kept[4], bearing, discs, gaps)
-            if _outside(way[j], discs):
+        x, y = way[i, 0] - side * np.sin(way[i, 2]), way[i, 1] + side * np.cos(way[i, 2])
+        for bearing in _turning_on(x, y, 2.0, disc, discs, gaps, kept[4] * side):
+            touch = _touch(disc, kept[4], bearing, discs, gaps)
+            if _outside(touch, discs):
+                _put(way, j, touch)
                 length = _legs(way, first, last, discs, least)
                 if length < least:
-                    least = length
-                    _put(best, way[j])
-    _put(way[j], best)
+                    best, least = touch, length
+    _put(way, j, best)
     return least if least < limit else np.inf
 
 
-@njit(error_model="numpy", inline="always")
+@_part
 def _slide(way: np.ndarray, discs: np.ndarray, gaps: np.ndarray, step: float) -> None:
     """Move the touches along their edges until no slide of `_SLIDE` shortens the way.
 
     Where two neighbours' arcs meet without a straight between, neither can slide alone: then one follows the other.
     """
-    row = np.empty(6)
     while step > _SLIDE:
         better = False
         for i in range(1, len(way) - 1):
             for j in (i, i - 1, i + 1):
-                if not 0 < j < len(way) - 1 or (j != i and not _meet(way[min(i, j)], way[max(i, j)], discs, step)):
-                    continue
                 first, last = min(i, j) - 1, max(i, j) + 1
+                if not 0 < j < len(way) - 1 or (j != i and not _meet(way, first + 1, discs, step)):
+                    continue
                 limit = _legs(way, first, last, discs, np.inf) * (1.0 - 1e-12)
+                kept = _row(way, i)
                 for sign in (1.0, -1.0):
-                    _put(row, way[i])
-                    _set_touch(way[i], int(row[3]), row[4], row[5] + sign * step, discs, gaps)
-                    if _outside(way[i], discs):
+                    touch = _touch(int(kept[3]), kept[4], kept[5] + sign * step, discs, gaps)
+                    if _outside(touch, discs):
+                        _put(way, i, touch)
                         if j == i:
                             length = _legs(way, first, last, discs, limit)
                         else:
@@ -417,116 +456,79 @@ def _slide(way: np.ndarray, discs: np.ndarray, gaps: np.ndarray, step: float) ->
                         if length < limit:
                             better, limit = True, length
                             break
-                    _put(way[i], row)
+                    _put(way, i, kept)
         if not better:
             step *= 0.5
 
 
-@njit(error_model="numpy", inline="always")
-def _meet(a: np.ndarray, b: np.ndarray, discs: np.ndarray, step: float) -> bool:
-    """Whether the way between touches turns both ways with so short a straight between that a step could close it."""
+@_part
+def _meet(way: np.ndarray, i: int, discs: np.ndarray, step: float) -> bool:
+    """Whether the way to the next touch turns both ways with so short a straight between that a step could close it."""
+    a, b = _row(way, i), _row(way, i + 1)
     how = _join(a, b, discs, np.inf)[0]
     return (how == 1 or how == 2) and pieces_of(how, relative(a, b, 1.0))[1] ** 2 < 4.0 * step
 
 
-@njit(error_model="numpy", inline="always")
+@_part
 def _pieces(way: np.ndarray, discs: np.ndarray) -> np.ndarray:
     """Curvatures and lengths ``(k, 2)`` of a way, successive ones of one curvature joined."""
     pieces, count = np.zeros((1 + 3 * len(way), 2)), 0
     for i in range(len(way) - 1):
-        how, length, _ = _join(way[i], way[i + 1], discs, np.inf)
-        sides, parts = np.zeros(3), (length, 0.0, 0.0)
-        if how == _ALONG:
-            sides[0] = way[i, 4] / _far(way[i], discs[int(way[i, 3])])
-        else:
-            sides, parts = _SIDES[how], pieces_of(how, relative(way[i], way[i + 1], 1.0))
+        a, b = _row(way, i), _row(way, i + 1)
+        how, length, _ = _join(a, b, discs, np.inf)
+        parts = (length, 0.0, 0.0) if how == _ALONG else pieces_of(how, relative(a, b, 1.0))
         for k in range(3):
             if parts[k] > 0.0:
-                count += pieces[count, 1] > 0.0 and pieces[count, 0] != sides[k]
-                pieces[count, 0] = sides[k]
+                disc = int(max(a[3], 0.0))
+                side = a[4] / _far(a[0], a[1], discs[disc, 0], discs[disc, 1]) if how == _ALONG else _SIDES[how, k]
+                count += pieces[count, 1] > 0.0 and pieces[count, 0] != side
+                pieces[count, 0] = side
                 pieces[count, 1] += parts[k]
-    return pieces[: count + (len(way) > 0)].copy()
+    return pieces[: count + (len(way) > 0)]
 
 
 # --- the string -------------------------------------------------------------------------------------
 
 
-@njit(error_model="numpy", inline="always")
 def _string(start: np.ndarray, goal: np.ndarray, discs: np.ndarray) -> float:
     """The length of the shortest way that may bend as sharply as it likes; infinite where there is none.
 
     The discs are smaller by a hair or two here: poses may lie on their edge, and no rounding closes a gap.
     """
-    discs = discs.copy()
-    for disc in discs:
-        disc[2] = max(disc[2] - 2.0 * _HAIR, 0.0)
+    discs = np.maximum(discs - [0.0, 0.0, 2.0 * _HAIR], [-np.inf, -np.inf, 0.0])
     circles = _circles(start, goal, 0.0, discs, np.full(len(discs), _HAIR))
     pairs, lines = _tangents(circles, discs)
-    e = len(pairs)
-    owner, turned = np.empty(2 * e, np.int64), np.empty(2 * e)  # where tangents leave their circle, where they arrive
-    for i in range(e):
-        for end in range(2):
-            owner[i + end * e] = pairs[i, end]
-            turned[i + end * e] = (circles[pairs[i, end], 3] * lines[i, 0]) % _FULL
-    order = np.argsort(owner * 7.0 + turned)
-    arcs, angles = _arcs(circles, discs, owner[order], turned[order])
+    e, lengths = len(pairs), lines[:, 1]
+    owner = pairs.T.ravel()  # where tangents leave their circle, then where they arrive
+    turned = circles[owner, 3] * np.tile(lines[:, 0], 2) % _FULL  # grows along the circle
+    order = np.argsort(owner * 7.0 + turned, kind="stable")
+    if not e:
+        return np.inf
+    first = np.flatnonzero(np.diff(owner[order], prepend=-1))  # points of each circle
+    following = np.arange(1, 2 * e + 1)
+    following[np.append(first[1:], 2 * e) - 1] = first
+    tail, head = order, order[following]
+    angles = (turned[head] - turned[tail]) % _FULL
+    clear = (head != tail) & _runs_clear(circles[owner[tail]], turned[tail], angles, discs)
+    tail, head = tail[clear], head[clear]
+    arcs = angles[clear] * circles[owner[tail], 2]
     way = np.full(2 * e, np.inf)
-    for i in range(e):
-        if pairs[i, 0] < 2:
-            way[i] = 0.0
-    changed = True
-    while changed:  # Bellman and Ford
-        changed = False
-        for i in range(e):
-            if way[i] + lines[i, 1] < way[e + i]:
-                way[e + i] = way[i] + lines[i, 1]
-                changed = True
-        for i in range(len(arcs)):
-            tail, head = order[arcs[i, 0]], order[arcs[i, 1]]
-            reached = way[tail] + angles[i] * circles[owner[tail], 2]
-            if reached < way[head]:
-                way[head] = reached
-                changed = True
-    least = np.inf
-    for i in range(e):
-        if circles[pairs[i, 1], 4] == _GOAL:
-            least = min(least, way[e + i])
-    return least
+    way[:e][pairs[:, 0] < 2] = 0.0
+    before = np.zeros(0)
+    while not np.array_equal(before, way):  # Bellman and Ford
+        before = way.copy()
+        way[e:] = np.minimum(way[e:], way[:e] + lengths)
+        np.minimum.at(way, head, way[tail] + arcs)
+    return float(way[e:][circles[pairs[:, 1], 4] == _GOAL].min(initial=np.inf))
 
 
-@njit(error_model="numpy", inline="always")
-def _arcs(
-    circles: np.ndarray, discs: np.ndarray, owner: np.ndarray, turned: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """The clear arcs between neighbouring points on the circles.
-
-    Args:
-        circles: ``(n, 5)``.
-        discs: ``(m, 3)``.
-        owner: ``(p,)`` the circle of each point, sorted.
-        turned: ``(p,)`` side times heading in [0, 2 pi), sorted within a circle: it grows along the circle.
-
-    Returns:
-        Pairs ``(e, 2)`` of points and ``(e,)`` angles between them.
-    """
-    points = len(owner)
-    pairs, angles = np.empty((points, 2), np.int64), np.empty(points)
-    count = first = 0
-    while first < points:
-        last = first
-        while last < points and owner[last] == owner[first]:
-            last += 1
-        x, y, radius, side = circles[owner[first]][:4]
-        for p in range(first, last):
-            following = p + 1 if p + 1 < last else first
-            angle = (turned[following] - turned[p]) % _FULL
-            heading = side * turned[p]
-            ax, ay = x + side * radius * np.sin(heading), y - side * radius * np.cos(heading)
-            if following != p and _arc_clear(ax, ay, heading, side * radius, angle, discs):
-                pairs[count, 0], pairs[count, 1], angles[count] = p, following, angle
-                count += 1
-        first = last
-    return pairs[:count].copy(), angles[:count].copy()
+@gufunc("void(float64[:], float64, float64, float64[:, :], boolean[:])", "(c),(),(),(m,d)->()")
+def _runs_clear(circle: np.ndarray, turned: float, angle: float, discs: np.ndarray, clear: np.ndarray) -> None:
+    """Whether an arc keeps out of all discs that begins where ``turned`` is a circle's side times the heading."""
+    bend = circle[3] * circle[2]
+    heading = circle[3] * turned
+    x, y = circle[0] + bend * np.sin(heading), circle[1] - bend * np.cos(heading)
+    clear[0] = _arc_clear(x, y, heading, bend, angle, discs)
 
 
 # --- the check --------------------------------------------------------------------------------------
@@ -582,31 +584,40 @@ def _sound(segments: np.ndarray, goal: np.ndarray, radius: float, discs: np.ndar
 
 @lazy(
     njit(
-        "Tuple((float64, float64[:, ::1]))(float64[::1], float64[::1], float64[:, ::1], int64, float64)",
+        "float64[:, ::1](float64[:, ::1], float64[:, ::1], float64[::1], float64[::1], int64[::1], float64, float64)",
         cache=True, error_model="numpy",
     )
 )  # fmt: skip
-def _way(start: np.ndarray, goal: np.ndarray, discs: np.ndarray, count: int, limit: float) -> tuple[float, np.ndarray]:
-    """A lower bound and the curvatures and lengths ``(k, 2)`` of a way below a limit, if any, all in turn radii."""
-    bound = _string(start, goal, discs)
-    if bound == np.inf:
-        return bound, np.empty((0, 2))
-    gaps = _gaps(discs)
-    way = _search(_touches(start, goal, discs, gaps, count), discs, limit)
+def _way(
+    nodes: np.ndarray, discs: np.ndarray, gaps: np.ndarray, straight: np.ndarray, order: np.ndarray, step: float,
+    limit: float,
+) -> np.ndarray:  # fmt: skip
+    """The curvatures and lengths ``(k, 2)`` of a way below a limit, if any; touches slide by a ``step`` at first."""
+    way = _search(nodes, discs, straight, order, limit)
     if len(way):
         way = _taut(way, discs)
-        _slide(way, discs, gaps, np.pi / count)
+        _slide(way, discs, gaps, step)
         way = _taut(way, discs)
-    return bound, _pieces(way, discs)
+    return _pieces(way, discs)
 
 
 def _detour(
     start: np.ndarray, goal: np.ndarray, radius: float, obstacles: np.ndarray, count: int, limit: float
 ) -> tuple[float, np.ndarray]:
     """A lower bound [m] and the curvatures [1/m] and lengths [m] ``(k, 2)`` of a way below a limit [m], if any."""
-    origin = [start[0], start[1], 0.0]
-    discs, to = np.ascontiguousarray((obstacles - origin) / radius), (goal - origin) / [radius, radius, 1.0]
-    bound, pieces = _way(np.array([0.0, 0.0, start[2]]), to, discs, count, limit / radius)
+    discs, to = np.ascontiguousarray((obstacles - [start[0], start[1], 0.0]) / radius), goal - [start[0], start[1], 0.0]
+    start, goal = np.array([0.0, 0.0, start[2]]), to / [radius, radius, 1.0]
+    bound = _string(start, goal, discs)
+    if bound == np.inf:
+        return bound, np.empty((0, 2))
+    gaps = _gaps(discs)
+    circles = _circles(start, goal, 1.0, discs, gaps)
+    along = math.atan2(goal[1], goal[0]) + 0.5 * np.pi
+    touches = _touches(circles, *_tangents(circles, discs), discs, gaps, along, count)
+    ends = [[*pose, _NOWHERE, _NOWHERE, _NOWHERE] for pose in (start, goal)]
+    nodes = np.concatenate([ends[:1], touches, ends[1:]])
+    straight = sum(np.sqrt(np.square(nodes[:, :2] - pose[:2]).sum(-1)) for pose in (start, goal))
+    pieces = _way(nodes, discs, gaps, straight, np.argsort(straight, kind="stable"), np.pi / count, limit / radius)
     return bound * radius, pieces * [1.0 / radius, radius]
 
 

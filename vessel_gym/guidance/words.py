@@ -25,6 +25,7 @@ TURNS = {"L": 1.0, "S": 0.0, "R": -1.0}
 _FULL = 2.0 * np.pi
 _ORDER = np.arange(len(WORDS), dtype=float)  # tells the compiled functions how many words there are
 _NONE = (np.inf, np.inf, np.inf)
+Pose = np.ndarray | tuple[float, ...]
 
 
 # --- the words, for a start at the origin heading along +x and a radius of 1 ------------------------
@@ -101,7 +102,7 @@ def _lrl(x: float, y: float, a: float, sin: float, cos: float, hair: float) -> t
 
 
 @njit(error_model="numpy")
-def relative(start: np.ndarray, goal: np.ndarray, radius: float) -> tuple[float, float, float, float, float, float]:
+def relative(start: Pose, goal: Pose, radius: float) -> tuple[float, float, float, float, float, float]:
     """The goal seen from the start: x and y in units of the radius, heading, its sine and cosine, what is rounding."""
     dx, dy = (goal[0] - start[0]) / radius, (goal[1] - start[1]) / radius
     sin, cos, a = np.sin(start[2]), np.cos(start[2]), goal[2] - start[2]

@@ -258,7 +258,8 @@ class Corvette:
 
     @cached_property
     def _nominal(self) -> np.ndarray:
-        return self.ship.vector()
+        """The coefficients that filters know ``(1, k)``: the one row of all states."""
+        return self.ship.vector()[None]
 
     def known_input(self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None) -> np.ndarray:
         """The mean rudder over a step, and the commanded yaw rate, or that of the steady turn which it holds."""

@@ -35,7 +35,7 @@ class Kernels(NamedTuple):
     """State, actuators before and after, flow, coefficients, seconds and substeps to the state after (`_for_all`)."""
 
 
-def kernels(name: str, rates: Any, state: int, actuators: int, flow: int) -> Kernels:
+def kernels(name: str, rates: Any, state: int, actuators: int, flow: int, coefficients: int) -> Kernels:
     """A vehicle's kernels, called ``{name}_rates`` and ``{name}_step`` in the module of its rates.
 
     Args:
@@ -43,16 +43,17 @@ def kernels(name: str, rates: Any, state: int, actuators: int, flow: int) -> Ker
         rates: Its rates, `estimators.compiled.inlined`.
         state: How many numbers its state has,
         actuators: its actuators,
-        flow: and what it moves in.
+        flow: what it moves in,
+        coefficients: and its equations.
 
     Raises:
         ValueError: for a size below 1; when first called, numba.TypingError, if the rates are not as many as the state.
     """
-    if min(state, actuators, flow) < 1:
-        raise ValueError(f"{name} needs a state, actuators and a flow of one number each at least")
+    if min(state, actuators, flow, coefficients) < 1:
+        raise ValueError(f"{name} needs a state, actuators, a flow and coefficients of one number each at least")
     module = rates.py_func.__module__
     kept = module.startswith("vessel_gym.")  # Numba's cache does not see the rates: the digest of our sources does
-    blank = tuple(size * (0.0,) for size in (state, actuators, flow))
+    blank = tuple(size * (0.0,) for size in (state, actuators, flow, coefficients))
 
     def made(template: Any, what: str, signature: str, layout: str) -> Kernel:
         own = FunctionType(template.__code__, globals() | {"_rates": rates, "_blank": blank})
@@ -88,7 +89,7 @@ def _for_all(kernel: Kernel) -> Kernel:
             out: ``(..., n)`` where the states after the step go; None: a new array.
 
         Raises:
-            ValueError: for another number of rows.
+            ValueError: for numbers of rows or columns that do not fit.
         """
         if state.ndim == 1:
             return step(state[None], control, flow, c, dt, substeps, None if out is None else out[None])[..., 0, :]
@@ -186,35 +187,38 @@ def _step(
 ) -> None:
     """States ``(b, n)`` after a step, side by side in vector instructions; of the others there is a row each, or one.
 
-    How many there are in a block is no constant: for a few the compiler would leave the vector instructions.
+    How many there are in a block is no constant: a loop over a few the compiler unrolls, and leaves scalar.
     """
-    s, actuators, around = _blank
-    n, m = len(s), len(actuators)
-    a, k = np.empty((n + 2 * m + len(around), _LANES)), np.empty((c.shape[1], _LANES))
+    s, actuators, around, coefficients = _blank
+    n, m, f = len(s), len(actuators), len(around)
+    a = np.empty((n + 2 * m + f + len(coefficients), _LANES))
+    if (states.shape[1], control.shape[1], flow.shape[1], c.shape[1]) != (n, 2 * m, f, len(coefficients)):
+        raise ValueError("state, control, flow and coefficients must be as long as the equations say")
     for rows in (len(control), len(flow), len(c)):
         if rows != 1 and rows != len(states):
             raise ValueError("there must be a row of control, flow and coefficients for each state, or one for all")
     for first in range(0, len(states), _LANES):
-        size = min(_LANES, len(states) - first)
+        left = min(len(states) - first, _LANES)
+        size = (left + 3) // 4 * 4  # whole vectors: nothing is compiled for what is left over
         _gather(states, first, size, a)
         _gather(control, first, size, a[n:])
         _gather(flow, first, size, a[n + 2 * m :])
-        _gather(c, first, size, k)
+        _gather(c, first, size, a[n + 2 * m + f :])
         for i in range(substeps):
             for j in range(size):
                 start, end = _loaded(actuators, a[:, j], n), _loaded(actuators, a[:, j], n + m)
                 s, around = _loaded(s, a[:, j], 0), _loaded(around, a[:, j], n + 2 * m)
                 change = _moved(end, -1.0, start)
-                _stored(_substep(_rates, s, start, change, around, k[:, j], dt, i, substeps), a[:, j], 0)
-        for j in range(size):
+                _stored(_substep(_rates, s, start, change, around, a[n + 2 * m + f :, j], dt, i, substeps), a[:, j], 0)
+        for j in range(left):
             _stored(_loaded(s, a[:, j], 0), out[first + j], 0)
 
 
 @inlined
 def _gather(rows: np.ndarray, first: int, size: int, lanes: np.ndarray) -> None:
-    """Sets the first lanes to the next rows, ``lanes[k, j] = rows[first + j, k]``; one for all does not change."""
-    each = min(len(rows) - 1, 1)
-    if first == 0 or each:
+    """Sets ``lanes[k, j]`` to ``rows[first + j, k]``; beyond the last row there are more of it, as there are of one."""
+    if first == 0 or len(rows) > 1:
         for j in range(size):
+            row = min(first + j, len(rows) - 1)
             for k in range(rows.shape[1]):
-                lanes[k, j] = rows[each * (first + j), k]
+                lanes[k, j] = rows[row, k]

@@ -76,7 +76,7 @@ def _rates(s: Numbers, control: Numbers, current: Numbers, c: np.ndarray) -> Num
     )  # fmt: skip
 
 
-itsunusa_rates, itsunusa_step = kernels("itsunusa", _rates, 6, 2, 1)
+itsunusa_rates, itsunusa_step = kernels("itsunusa", _rates, 6, 2, 1, len(COEFFICIENTS))
 """State ``(6,)``; control is (stern plane, thrust), for a step before and after; the current is ``(1,)``."""
 
 

@@ -87,4 +87,5 @@ class WholeState:
 
     @cached_property
     def _nominal(self) -> np.ndarray:
-        return self.body.vector()
+        """The coefficients that filters know ``(1, k)``: the one row of all states."""
+        return self.body.vector()[None]
