@@ -43,7 +43,7 @@ def gufunc(signature: str, layout: str, cache: bool = True) -> Callable[[_Functi
 
 def rowwise(*signatures: str) -> Callable[[_Function], Any]:
     """Compile a function of arrays of rows for Numba's signatures, `lazy`: faster than a ufunc, which checks shapes."""
-    return lazy(njit(list(signatures), error_model="numpy", cache=True))
+    return lazy(njit(list(signatures), error_model="numpy", nogil=True, cache=True))
 
 
 def lazy(compiler: Callable[[_Function], _Function]) -> Callable[[_Function], Any]:

@@ -5,9 +5,8 @@ its entry (i, j) is ``w[place + i * step + j * other]``; transposed and cut out 
 """
 
 import numpy as np
-from numba import njit
 
-from estimators.compiled import inlined, lazy, part
+from estimators.compiled import inlined, part, rowwise
 from estimators.formulas import Verb
 
 LANES = 64
@@ -260,7 +259,7 @@ _X = "float64[:, ::1]"
 _ARGUMENTS = f"int64(int64[::1], float64[::1], {_X}, {_X}, {_X}, boolean[:, ::1], {_X}, {_X})"
 
 
-@lazy(lambda f: njit(_ARGUMENTS, error_model="numpy", nogil=True, cache=True)(f))
+@rowwise(_ARGUMENTS)
 def carried_out(
     words: np.ndarray, numbers: np.ndarray, first: np.ndarray, second: np.ndarray, third: np.ndarray, mask: np.ndarray,
     fourth: np.ndarray, out: np.ndarray,
