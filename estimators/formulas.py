@@ -213,7 +213,10 @@ class Program:
 
         Numbers are laid out so that buffers which are no longer needed give their place to later ones.
         """
-        from estimators.sentences import carried_out  # late: whoever only imports a filter need not wait for numba
+        from estimators.sentences import (  # late: whoever only imports a filter need not wait for numba
+            WORDS,
+            carried_out,
+        )
 
         results = [(self.of(value), column) for value, column in wanted]
         last = {part.buffer: i for i, (_, _, parts) in enumerate(self._sentences) for part in parts}
@@ -241,7 +244,7 @@ class Program:
                 table = verb == Verb.LOOKUP and part is parts[2]
                 words += [part.start + (0 if table else placed(part.buffer))]
                 words += [0] * (2 - part.ndim) + list(part.steps)
-            code.append(words + [0] * (16 - len(words)))
+            code.append(words + [0] * (WORDS - len(words)))
             for buffer in {part.buffer for part in parts}:
                 if last[buffer] == i:
                     free.setdefault(self._sizes[buffer], []).append(places[buffer])
@@ -253,7 +256,9 @@ class Program:
             shape, steps = (1,) * (2 - symbol.ndim) + symbol.shape, (0,) * (2 - symbol.ndim) + symbol.steps
             stores.append((column, *shape, placed(symbol.buffer) + symbol.start, *steps))
         header = [len(code), len(where), len(loads), len(stores), size]
-        told = np.array([*header, *np.ravel(code), *where, *np.ravel(loads), *np.ravel(stores)], np.int64)
+        told = np.array([*header, *np.ravel(code), *where, *np.ravel(loads), *np.ravel(stores)], np.int64).astype(
+            np.uint64
+        )
         numbers = np.concatenate([values, *(np.ravel(table) for table in self._tables)])
         self.run = partial(carried_out, told, numbers)
 

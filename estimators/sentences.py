@@ -1,89 +1,104 @@
 """What carries out the sentences of formulas (`estimators.formulas`), compiled once for all.
 
-Numbers stand in a scratch ``w (size, L)``, L rows of the batch side by side. A matrix is a place in it and two steps:
-its entry (i, j) is ``w[place + i * step + j * other]``; transposed and cut out of others it needs no copy.
+Numbers stand in a scratch ``w``, those of L rows of the batch side by side. A matrix is a place in it and two steps: its
+entry (i, j) begins at ``w[L * (place + i * step + j * other)]``; transposed and cut out of others it needs no copy.
+
+A sentence is `WORDS` of ``s`` from ``at`` on: its verb, three sizes, and four places with their steps, of which the first
+is that of the result. Words have no sign, for an index that could be negative would have to be looked at.
 """
+
+from typing import Any
 
 import numpy as np
 
 from estimators.compiled import inlined, part, rowwise
 from estimators.formulas import Verb
 
-LANES = 64
-"""Rows side by side."""
-
-
-_WORDS = 16  # a sentence: its verb, three sizes, then four places and their steps
+WORDS = 16
+_LANES = np.uint64(64)  # rows side by side
 _EPS = float(np.finfo(float).eps)
 _SWEEPS = 30
-
-
-@part
-def _load(source: np.ndarray, start: int, column: int, count: int, w: np.ndarray, place: int, block: int) -> None:
-    """Columns of some rows of an array."""
-    for k in range(count):
-        out = w[place + k]
-        for r in range(block):
-            out[r] = source[start + r, column + k]
-
-
-@part
-def _store(w: np.ndarray, s: np.ndarray, out: np.ndarray, start: int, block: int) -> None:
-    """A matrix, row by row, to columns of some rows of an array."""
-    for i in range(s[1]):
-        for j in range(s[2]):
-            a, column = w[s[3] + i * s[4] + j * s[5]], s[0] + i * s[2] + j
-            for r in range(block):
-                out[start + r, column] = a[r]
-
-
-@part
-def _matmul(w: np.ndarray, s: np.ndarray) -> None:
-    """``A B``."""
-    for i in range(s[1]):
-        for j in range(s[2]):
-            out, a, b = s[4] + i * s[5] + j * s[6], s[7] + i * s[8], s[10] + j * s[12]
-            if w.shape[1] == 1:
-                total = w[a, 0] * w[b, 0]
-                for k in range(1, s[3]):
-                    total += w[a + k * s[9], 0] * w[b + k * s[11], 0]
-                w[out, 0] = total
-                continue
-            z, x, y = w[out], w[a], w[b]
-            for r in range(w.shape[1]):
-                z[r] = x[r] * y[r]
-            for k in range(1, s[3] - 1, 2):  # two at once, added one after the other
-                x, y, u, v = w[a + k * s[9]], w[b + k * s[11]], w[a + (k + 1) * s[9]], w[b + (k + 1) * s[11]]
-                for r in range(w.shape[1]):
-                    z[r] = (z[r] + x[r] * y[r]) + u[r] * v[r]
-            if s[3] % 2 == 0:
-                x, y = w[a + (s[3] - 1) * s[9]], w[b + (s[3] - 1) * s[11]]
-                for r in range(w.shape[1]):
-                    z[r] += x[r] * y[r]
-
-
-@part
-def _symmetrise(w: np.ndarray, s: np.ndarray) -> None:
-    """``(A + A') / 2``."""
-    for i in range(s[1]):
-        for j in range(i + 1):
-            out, other = w[s[4] + i * s[5] + j * s[6]], w[s[4] + j * s[5] + i * s[6]]
-            a, b = w[s[7] + i * s[8] + j * s[9]], w[s[7] + j * s[8] + i * s[9]]
-            for r in range(w.shape[1]):
-                out[r] = 0.5 * (a[r] + b[r])
-            if i != j:
-                for r in range(w.shape[1]):
-                    other[r] = out[r]
+_0, _1, _2, _3 = (np.uint64(i) for i in range(4))
 
 
 @inlined
-def _entry(verb: int, a: float, b: float, c: float) -> float:
+def _place(s: Any, at: Any, which: int, i: Any, j: Any, L: Any) -> Any:
+    """Where an entry of one of the places begins."""
+    first = at + np.uint64(4 + 3 * which)
+    return L * (s[first] + i * s[first + _1] + j * s[first + _2])
+
+
+@part
+def _load(source: Any, start: Any, column: Any, count: Any, w: Any, place: Any, L: Any, block: Any) -> None:
+    """Columns of some rows of an array."""
+    for k in range(count):
+        out = L * (place + k)
+        for r in range(block):
+            w[out + r] = source[start + r, column + k]
+
+
+@part
+def _store(w: Any, s: Any, at: Any, out: Any, start: Any, L: Any, block: Any) -> None:
+    """A matrix, row by row, to columns of some rows of an array."""
+    for i in range(s[at + _1]):
+        for j in range(s[at + _2]):
+            a = L * (s[at + _3] + i * s[at + np.uint64(4)] + j * s[at + np.uint64(5)])
+            column = s[at] + i * s[at + _2] + j
+            for r in range(block):
+                out[start + r, column] = w[a + r]
+
+
+@part
+def _matmul(w: Any, s: Any, at: Any, L: Any) -> None:
+    """``A B``."""
+    inner, across, down = s[at + _3], L * s[at + np.uint64(9)], L * s[at + np.uint64(11)]
+    for i in range(s[at + _1]):
+        for j in range(s[at + _2]):
+            z, x, y = _place(s, at, 0, i, j, L), _place(s, at, 1, i, _0, L), _place(s, at, 2, _0, j, L)
+            if _1 == L:
+                total = w[x] * w[y]
+                for k in range(_1, inner):
+                    total += w[x + k * across] * w[y + k * down]
+                w[z] = total
+                continue
+            for r in range(L):
+                w[z + r] = w[x + r] * w[y + r]
+            k = _1
+            while k + _1 < inner:  # two at once, added one after the other
+                a, b = x + k * across, y + k * down
+                for r in range(L):
+                    w[z + r] = (w[z + r] + w[a + r] * w[b + r]) + w[a + across + r] * w[b + down + r]
+                k += _2
+            if k < inner:
+                a, b = x + k * across, y + k * down
+                for r in range(L):
+                    w[z + r] += w[a + r] * w[b + r]
+
+
+@part
+def _symmetrise(w: Any, s: Any, at: Any, L: Any) -> None:
+    """``(A + A') / 2``."""
+    for i in range(s[at + _1]):
+        for j in range(i + _1):
+            z, x, y = _place(s, at, 0, i, j, L), _place(s, at, 1, i, j, L), _place(s, at, 1, j, i, L)
+            for r in range(L):
+                w[z + r] = 0.5 * (w[x + r] + w[y + r])
+            if i != j:
+                x = _place(s, at, 0, j, i, L)
+                for r in range(L):
+                    w[x + r] = w[z + r]
+
+
+@inlined
+def _entry(verb: Any, a: float, b: float, c: float) -> float:
     if verb == Verb.ADD:
         return a + b
     if verb == Verb.SUBTRACT:
         return a - b
     if verb == Verb.MULTIPLY:
         return a * b
+    if verb == Verb.WHERE:
+        return b if a != 0.0 else c
     if verb == Verb.DIVIDE:
         return a / b
     if verb == Verb.MAXIMUM:
@@ -92,8 +107,6 @@ def _entry(verb: int, a: float, b: float, c: float) -> float:
         return a if a < b or np.isnan(a) else b
     if verb == Verb.GREATER:
         return 1.0 if a > b else 0.0
-    if verb == Verb.WHERE:
-        return b if a != 0.0 else c
     if verb == Verb.SQRT:
         return np.sqrt(a)
     if verb == Verb.ABSOLUTE:
@@ -105,169 +118,171 @@ def _entry(verb: int, a: float, b: float, c: float) -> float:
     return np.log1p(a)
 
 
+@inlined
+def _entries(verb: Any, w: Any, z: Any, x: Any, y: Any, m: Any, size: Any) -> None:
+    for r in range(size):
+        w[z + r] = _entry(verb, w[x + r], w[y + r], w[m + r])
+
+
 @part
-def _entrywise(w: np.ndarray, s: np.ndarray) -> None:
+def _entrywise(w: Any, s: Any, at: Any, L: Any) -> None:
     """Entry by entry, as many at once as lie side by side in all matrices."""
-    verb, rows, flat = s[0], w.shape[1], w.ravel()
-    size = s[3] * rows
-    for i in range(s[1]):
-        for j in range(s[2]):
-            o, a = rows * (s[4] + i * s[5] + j * s[6]), rows * (s[7] + i * s[8] + j * s[9])
-            b, c = rows * (s[10] + i * s[11] + j * s[12]), rows * (s[13] + i * s[14] + j * s[15])
-            if size == 1:
-                flat[o] = _entry(verb, flat[a], flat[b], flat[c])
-                continue
-            out, x, y, z = flat[o : o + size], flat[a : a + size], flat[b : b + size], flat[c : c + size]
-            if verb == Verb.ADD:
-                _each(Verb.ADD, out, x, y, z)
+    verb, size = np.int64(s[at]), L * s[at + _3]
+    for i in range(s[at + _1]):
+        for j in range(s[at + _2]):
+            z, x = _place(s, at, 0, i, j, L), _place(s, at, 1, i, j, L)
+            y, m = _place(s, at, 2, i, j, L), _place(s, at, 3, i, j, L)
+            if size == _1:
+                w[z] = _entry(verb, w[x], w[y], w[m])
+            elif verb == Verb.ADD:
+                _entries(Verb.ADD, w, z, x, y, m, size)
             elif verb == Verb.SUBTRACT:
-                _each(Verb.SUBTRACT, out, x, y, z)
+                _entries(Verb.SUBTRACT, w, z, x, y, m, size)
             elif verb == Verb.MULTIPLY:
-                _each(Verb.MULTIPLY, out, x, y, z)
+                _entries(Verb.MULTIPLY, w, z, x, y, m, size)
+            elif verb == Verb.DIVIDE:
+                _entries(Verb.DIVIDE, w, z, x, y, m, size)
             elif verb == Verb.WHERE:
-                _each(Verb.WHERE, out, x, y, z)
+                _entries(Verb.WHERE, w, z, x, y, m, size)
             else:
-                _each(verb, out, x, y, z)
+                _entries(verb, w, z, x, y, m, size)
+
+
+@part
+def _solve(w: Any, s: Any, at: Any, L: Any) -> None:
+    """``S^-1 B`` by ``S = L D L'``, which is left beside; NaN where S is not positive definite."""
+    n = s[at + _1]
+    for j in range(n):
+        pivot = _place(s, at, 3, j, j, L)
+        for i in range(j, n):  # L D below the diagonal, D on it, and L where its transpose would be
+            z, x = _place(s, at, 3, i, j, L), _place(s, at, 1, i, j, L)
+            for r in range(L):
+                w[z + r] = w[x + r]
+            for k in range(j):
+                x, y = _place(s, at, 3, i, k, L), _place(s, at, 3, k, j, L)
+                for r in range(L):
+                    w[z + r] -= w[x + r] * w[y + r]
+        for r in range(L):
+            w[pivot + r] = w[pivot + r] if w[pivot + r] > 0.0 else np.nan
+        for i in range(j + _1, n):
+            z, x = _place(s, at, 3, j, i, L), _place(s, at, 3, i, j, L)
+            for r in range(L):
+                w[z + r] = w[x + r] / w[pivot + r]
+    for c in range(s[at + _2]):
+        for i in range(n):
+            z, x = _place(s, at, 0, i, c, L), _place(s, at, 2, i, c, L)
+            for r in range(L):
+                w[z + r] = w[x + r]
+            for k in range(i):
+                x, y = _place(s, at, 3, k, i, L), _place(s, at, 0, k, c, L)
+                for r in range(L):
+                    w[z + r] -= w[x + r] * w[y + r]
+        for below in range(n):
+            i = n - _1 - below
+            z, pivot = _place(s, at, 0, i, c, L), _place(s, at, 3, i, i, L)
+            for r in range(L):
+                w[z + r] /= w[pivot + r]
+            for k in range(i + _1, n):
+                x, y = _place(s, at, 3, i, k, L), _place(s, at, 0, k, c, L)
+                for r in range(L):
+                    w[z + r] -= w[x + r] * w[y + r]
+
+
+@part
+def _cholesky(w: Any, s: Any, at: Any, L: Any) -> None:
+    """``L L' = S``; a pivot that is zero to rounding gives a column of zeros."""
+    n = s[at + _1]
+    for i in range(n):
+        for j in range(n):
+            z, x = _place(s, at, 0, i, j, L), _place(s, at, 1, i, j, L)
+            for r in range(L):
+                w[z + r] = w[x + r] if i >= j else 0.0
+    for j in range(n):
+        pivot, whole = _place(s, at, 0, j, j, L), _place(s, at, 1, j, j, L)
+        for r in range(L):
+            nothing = w[pivot + r] <= np.float64(n) * _EPS * w[whole + r]
+            w[pivot + r] = np.inf if nothing else np.sqrt(w[pivot + r])
+        for i in range(j + _1, n):
+            z = _place(s, at, 0, i, j, L)
+            for r in range(L):
+                w[z + r] /= w[pivot + r]
+        for r in range(L):
+            w[pivot + r] = 0.0 if w[pivot + r] == np.inf else w[pivot + r]
+        for i in range(j + _1, n):
+            x = _place(s, at, 0, i, j, L)
+            for k in range(j + _1, i + _1):
+                z, y = _place(s, at, 0, i, k, L), _place(s, at, 0, k, j, L)
+                for r in range(L):
+                    w[z + r] -= w[x + r] * w[y + r]
 
 
 @inlined
-def _each(verb: int, out: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> None:
-    for r in range(len(out)):
-        out[r] = _entry(verb, a[r], b[r], c[r])
+def _turned(w: Any, x: Any, y: Any, cosine: float, sine: float) -> None:
+    a, b = w[x], w[y]
+    w[x], w[y] = cosine * a - sine * b, sine * a + cosine * b
 
 
 @part
-def _solve(w: np.ndarray, s: np.ndarray) -> None:
-    """``S^-1 B`` by ``S = L D L'``, which is left beside; NaN where S is not positive definite."""
-    n, rows, f = s[1], w.shape[1], s[13]
-    for j in range(n):
-        for i in range(j, n):  # L D below the diagonal, D on it, and L where its transpose would be
-            out, a = w[f + i * n + j], w[s[7] + i * s[8] + j * s[9]]
-            for r in range(rows):
-                out[r] = a[r]
-            for k in range(j):
-                x, y = w[f + i * n + k], w[f + k * n + j]
-                for r in range(rows):
-                    out[r] -= x[r] * y[r]
-        pivot = w[f + j * n + j]
-        for r in range(rows):
-            pivot[r] = pivot[r] if pivot[r] > 0.0 else np.nan
-        for i in range(j + 1, n):
-            out, a = w[f + j * n + i], w[f + i * n + j]
-            for r in range(rows):
-                out[r] = a[r] / pivot[r]
-    for c in range(s[2]):
-        for i in range(n):
-            out, b = w[s[4] + i * s[5] + c * s[6]], w[s[10] + i * s[11] + c * s[12]]
-            for r in range(rows):
-                out[r] = b[r]
-            for k in range(i):
-                x, y = w[f + k * n + i], w[s[4] + k * s[5] + c * s[6]]
-                for r in range(rows):
-                    out[r] -= x[r] * y[r]
-        for i in range(n - 1, -1, -1):
-            out, pivot = w[s[4] + i * s[5] + c * s[6]], w[f + i * n + i]
-            for r in range(rows):
-                out[r] /= pivot[r]
-            for k in range(i + 1, n):
-                x, y = w[f + i * n + k], w[s[4] + k * s[5] + c * s[6]]
-                for r in range(rows):
-                    out[r] -= x[r] * y[r]
-
-
-@part
-def _cholesky(w: np.ndarray, s: np.ndarray) -> None:
-    """``L L' = S``; a pivot that is zero to rounding gives a column of zeros."""
-    n, rows = s[1], w.shape[1]
-    for i in range(n):
-        for j in range(n):
-            out, a = w[s[4] + i * s[5] + j * s[6]], w[s[7] + i * s[8] + j * s[9]]
-            for r in range(rows):
-                out[r] = a[r] if i >= j else 0.0
-    for j in range(n):
-        pivot, whole = w[s[4] + j * (s[5] + s[6])], w[s[7] + j * (s[8] + s[9])]
-        for r in range(rows):
-            pivot[r] = np.sqrt(pivot[r]) if not pivot[r] <= n * _EPS * whole[r] else np.inf
-        for i in range(j + 1, n):
-            out = w[s[4] + i * s[5] + j * s[6]]
-            for r in range(rows):
-                out[r] /= pivot[r]
-        for r in range(rows):
-            pivot[r] = 0.0 if pivot[r] == np.inf else pivot[r]
-        for i in range(j + 1, n):
-            x = w[s[4] + i * s[5] + j * s[6]]
-            for k in range(j + 1, i + 1):
-                out, y = w[s[4] + i * s[5] + k * s[6]], w[s[4] + k * s[5] + j * s[6]]
-                for r in range(rows):
-                    out[r] -= x[r] * y[r]
-
-
-@part
-def _rotate(w: np.ndarray, s: np.ndarray) -> None:
-    """V, and ``A V`` with orthogonal columns."""
-    m, n, rows = s[1], s[2], w.shape[1]
+def _rotate(w: Any, s: Any, at: Any, L: Any) -> None:
+    """V, and ``A V`` with orthogonal columns: pairs of columns are turned until none is left that is not."""
+    m, n = s[at + _1], s[at + _2]
     for j in range(n):
         for i in range(m):
-            out, a = w[s[7] + i * s[8] + j * s[9]], w[s[10] + i * s[11] + j * s[12]]
-            for r in range(rows):
-                out[r] = a[r]
+            z, x = _place(s, at, 1, i, j, L), _place(s, at, 2, i, j, L)
+            for r in range(L):
+                w[z + r] = w[x + r]
         for i in range(n):
-            out = w[s[4] + i * s[5] + j * s[6]]
-            for r in range(rows):
-                out[r] = 1.0 if i == j else 0.0
+            z = _place(s, at, 0, i, j, L)
+            for r in range(L):
+                w[z + r] = 1.0 if i == j else 0.0
     for _ in range(_SWEEPS):
         turning = False
         for p in range(n):
-            for q in range(p + 1, n):
-                for r in range(rows):
+            for q in range(p + _1, n):
+                for r in range(L):
                     aa, bb, ab = 0.0, 0.0, 0.0
                     for i in range(m):
-                        x, y = w[s[7] + i * s[8] + p * s[9], r], w[s[7] + i * s[8] + q * s[9], r]
-                        aa, bb, ab = aa + x * x, bb + y * y, ab + x * y
+                        a, b = w[_place(s, at, 1, i, p, L) + r], w[_place(s, at, 1, i, q, L) + r]
+                        aa, bb, ab = aa + a * a, bb + b * b, ab + a * b
                     if not abs(ab) > _EPS * np.sqrt(aa * bb):
                         continue
                     turning = True
                     zeta = (bb - aa) / (2.0 * ab)
                     t = (1.0 if zeta >= 0.0 else -1.0) / (abs(zeta) + np.sqrt(1.0 + zeta * zeta))
                     cosine = 1.0 / np.sqrt(1.0 + t * t)
-                    sine = cosine * t
                     for i in range(m):
-                        a, b = s[7] + i * s[8] + p * s[9], s[7] + i * s[8] + q * s[9]
-                        x, y = w[a, r], w[b, r]
-                        w[a, r], w[b, r] = cosine * x - sine * y, sine * x + cosine * y
+                        _turned(w, _place(s, at, 1, i, p, L) + r, _place(s, at, 1, i, q, L) + r, cosine, cosine * t)
                     for i in range(n):
-                        a, b = s[4] + i * s[5] + p * s[6], s[4] + i * s[5] + q * s[6]
-                        x, y = w[a, r], w[b, r]
-                        w[a, r], w[b, r] = cosine * x - sine * y, sine * x + cosine * y
+                        _turned(w, _place(s, at, 0, i, p, L) + r, _place(s, at, 0, i, q, L) + r, cosine, cosine * t)
         if not turning:
             return
 
 
 @part
-def _lookup(w: np.ndarray, s: np.ndarray, numbers: np.ndarray) -> None:
+def _lookup(w: Any, s: Any, at: Any, L: Any, tables: Any) -> None:
     """The matrix of a table."""
-    size = s[1] * s[2]
-    for r in range(w.shape[1]):
-        at = w[s[7], r]
-        entry = 0 if not at >= 0.0 else int(min(at, s[3] - 1.0))
-        for i in range(s[1]):
-            for j in range(s[2]):
-                w[s[4] + i * s[5] + j * s[6], r] = numbers[s[10] + entry * size + i * s[2] + j]
+    rows, columns, entries = s[at + _1], s[at + _2], np.float64(s[at + _3])
+    for r in range(L):
+        index = w[_place(s, at, 1, _0, _0, L) + r]
+        entry = _0 if not index >= 0.0 else np.uint64(min(index, entries - 1.0))
+        for i in range(rows):
+            for j in range(columns):
+                found = tables[s[at + np.uint64(10)] + (entry * rows + i) * columns + j]
+                w[_place(s, at, 0, i, j, L) + r] = found
 
 
 _X = "float64[:, ::1]"
-_ARGUMENTS = f"int64(int64[::1], float64[::1], {_X}, {_X}, {_X}, boolean[:, ::1], {_X}, {_X})"
 
 
-@rowwise(_ARGUMENTS)
+@rowwise(f"int64(uint64[::1], float64[::1], {_X}, {_X}, {_X}, boolean[:, ::1], {_X}, {_X})")
 def carried_out(
-    words: np.ndarray, numbers: np.ndarray, first: np.ndarray, second: np.ndarray, third: np.ndarray, mask: np.ndarray,
+    s: np.ndarray, numbers: np.ndarray, first: np.ndarray, second: np.ndarray, third: np.ndarray, mask: np.ndarray,
     fourth: np.ndarray, out: np.ndarray,
 ) -> int:  # fmt: skip
     """Carry out a `estimators.formulas.Program` on arrays ``(B, k)``.
 
     Args:
-        words: The program's sentences, what stands where, what is loaded and stored.
+        s: The program's sentences, what stands where, what is loaded and stored.
         numbers: Its constants and tables.
         first: What is given, array number 0; those that follow are numbers 1 to 4.
         second: Likewise.
@@ -279,47 +294,48 @@ def carried_out(
     Returns:
         In how many rows the last column of the results is not 0.
     """
-    sentences, constants, loads, stores, size = words[0], words[1], words[2], words[3], words[4]
-    where = 5 + _WORDS * sentences
-    load, store = where + constants, where + constants + 4 * loads
-    rows, marked = len(out), 0
-    w = np.empty((size, min(rows, LANES)))
+    sentences, constants, loads, stores, size = s[0], s[1], s[2], s[3], s[4]
+    begin, four, six, words = np.uint64(5), np.uint64(4), np.uint64(6), np.uint64(WORDS)
+    where = begin + words * sentences
+    load, store = where + constants, where + constants + four * loads
+    rows, marked = np.uint64(len(out)), 0
+    L = min(rows, _LANES)
+    w, tables = np.empty(size * L), numbers[constants:]
     for i in range(constants):
-        w[words[where + i]] = numbers[i]
-    tables = numbers[constants:]
-    for start in range(0, rows, LANES):
-        block = min(LANES, rows - start)
-        for i in range(loads):
-            array, column, place, count = words[load + 4 * i : load + 4 * i + 4]
+        for r in range(L):
+            w[L * s[where + i] + r] = numbers[i]
+    for start in range(_0, rows, _LANES):
+        block = min(_LANES, rows - start)
+        for at in range(load, load + four * loads, four):
+            array, column, place, count = np.int64(s[at]), s[at + _1], s[at + _2], s[at + _3]
             if array == 0:
-                _load(first, start, column, count, w, place, block)
+                _load(first, start, column, count, w, place, L, block)
             elif array == 1:
-                _load(second, start, column, count, w, place, block)
+                _load(second, start, column, count, w, place, L, block)
             elif array == 2:
-                _load(third, start, column, count, w, place, block)
+                _load(third, start, column, count, w, place, L, block)
             elif array == 3:
-                _load(mask, start, column, count, w, place, block)
+                _load(mask, start, column, count, w, place, L, block)
             else:
-                _load(fourth, start, column, count, w, place, block)
-        for i in range(sentences):
-            sentence = words[5 + _WORDS * i : 5 + _WORDS * (i + 1)]
-            verb = sentence[0]
+                _load(fourth, start, column, count, w, place, L, block)
+        for at in range(begin, where, words):
+            verb = np.int64(s[at])
             if verb == Verb.MATMUL:
-                _matmul(w, sentence)
+                _matmul(w, s, at, L)
             elif verb <= Verb.WHERE:
-                _entrywise(w, sentence)
+                _entrywise(w, s, at, L)
             elif verb == Verb.SOLVE:
-                _solve(w, sentence)
+                _solve(w, s, at, L)
             elif verb == Verb.SYMMETRISE:
-                _symmetrise(w, sentence)
+                _symmetrise(w, s, at, L)
             elif verb == Verb.CHOLESKY:
-                _cholesky(w, sentence)
+                _cholesky(w, s, at, L)
             elif verb == Verb.ROTATE:
-                _rotate(w, sentence)
+                _rotate(w, s, at, L)
             else:
-                _lookup(w, sentence, tables)
+                _lookup(w, s, at, L, tables)
         for i in range(stores):
-            _store(w, words[store + 6 * i : store + 6 * i + 6], out, start, block)
+            _store(w, s, store + six * i, out, start, L, block)
         for r in range(block):
             marked += out[start + r, out.shape[1] - 1] != 0.0
     return marked
