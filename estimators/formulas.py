@@ -260,7 +260,7 @@ class Program:
             np.uint64
         )
         numbers = np.concatenate([values, *(np.ravel(table) for table in self._tables)])
-        self.run = partial(carried_out, told, numbers)
+        self.run = partial(carried_out, told.astype(np.uint64), numbers)
 
 
 def _side_by_side(sizes: tuple[int, int, int], parts: tuple[Symbol, ...]) -> tuple[int, int, int]:

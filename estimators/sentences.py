@@ -1,10 +1,10 @@
 """What carries out the sentences of formulas (`estimators.formulas`), compiled once for all.
 
-Numbers stand in a scratch ``w``, those of L rows of the batch side by side. A matrix is a place in it and two steps: its
-entry (i, j) begins at ``w[L * (place + i * step + j * other)]``; transposed and cut out of others it needs no copy.
+Numbers stand in a scratch ``w``, those of L rows of the batch side by side. A matrix is a place in it and two steps:
+its entry (i, j) begins at ``w[L * (place + i * step + j * other)]``; transposed and cut out of others it needs no copy.
 
-A sentence is `WORDS` of ``s`` from ``at`` on: its verb, three sizes, and four places with their steps, of which the first
-is that of the result. Words have no sign, for an index that could be negative would have to be looked at.
+A sentence is `WORDS` of ``s`` from ``at`` on: its verb, three sizes, and four places with their steps, of which the
+first is that of the result. Words have no sign, for an index that could be negative would have to be looked at.
 """
 
 from typing import Any
@@ -63,14 +63,12 @@ def _matmul(w: Any, s: Any, at: Any, L: Any) -> None:
                 continue
             for r in range(L):
                 w[z + r] = w[x + r] * w[y + r]
-            k = _1
-            while k + _1 < inner:  # two at once, added one after the other
+            for k in range(_1, inner - (inner + _1) % _2, _2):  # two at once, added one after the other
                 a, b = x + k * across, y + k * down
                 for r in range(L):
                     w[z + r] = (w[z + r] + w[a + r] * w[b + r]) + w[a + across + r] * w[b + down + r]
-                k += _2
-            if k < inner:
-                a, b = x + k * across, y + k * down
+            if inner % _2 == _0:
+                a, b = x + (inner - _1) * across, y + (inner - _1) * down
                 for r in range(L):
                     w[z + r] += w[a + r] * w[b + r]
 
@@ -89,41 +87,6 @@ def _symmetrise(w: Any, s: Any, at: Any, L: Any) -> None:
                     w[x + r] = w[z + r]
 
 
-@inlined
-def _entry(verb: Any, a: float, b: float, c: float) -> float:
-    if verb == Verb.ADD:
-        return a + b
-    if verb == Verb.SUBTRACT:
-        return a - b
-    if verb == Verb.MULTIPLY:
-        return a * b
-    if verb == Verb.WHERE:
-        return b if a != 0.0 else c
-    if verb == Verb.DIVIDE:
-        return a / b
-    if verb == Verb.MAXIMUM:
-        return a if a > b or np.isnan(a) else b
-    if verb == Verb.MINIMUM:
-        return a if a < b or np.isnan(a) else b
-    if verb == Verb.GREATER:
-        return 1.0 if a > b else 0.0
-    if verb == Verb.SQRT:
-        return np.sqrt(a)
-    if verb == Verb.ABSOLUTE:
-        return abs(a)
-    if verb == Verb.FLOOR:
-        return np.floor(a)
-    if verb == Verb.ISFINITE:
-        return 1.0 if a - a == 0.0 else 0.0
-    return np.log1p(a)
-
-
-@inlined
-def _entries(verb: Any, w: Any, z: Any, x: Any, y: Any, m: Any, size: Any) -> None:
-    for r in range(size):
-        w[z + r] = _entry(verb, w[x + r], w[y + r], w[m + r])
-
-
 @part
 def _entrywise(w: Any, s: Any, at: Any, L: Any) -> None:
     """Entry by entry, as many at once as lie side by side in all matrices."""
@@ -132,20 +95,48 @@ def _entrywise(w: Any, s: Any, at: Any, L: Any) -> None:
         for j in range(s[at + _2]):
             z, x = _place(s, at, 0, i, j, L), _place(s, at, 1, i, j, L)
             y, m = _place(s, at, 2, i, j, L), _place(s, at, 3, i, j, L)
-            if size == _1:
-                w[z] = _entry(verb, w[x], w[y], w[m])
-            elif verb == Verb.ADD:
-                _entries(Verb.ADD, w, z, x, y, m, size)
+            if verb == Verb.ADD:
+                for r in range(size):
+                    w[z + r] = w[x + r] + w[y + r]
             elif verb == Verb.SUBTRACT:
-                _entries(Verb.SUBTRACT, w, z, x, y, m, size)
+                for r in range(size):
+                    w[z + r] = w[x + r] - w[y + r]
             elif verb == Verb.MULTIPLY:
-                _entries(Verb.MULTIPLY, w, z, x, y, m, size)
+                for r in range(size):
+                    w[z + r] = w[x + r] * w[y + r]
             elif verb == Verb.DIVIDE:
-                _entries(Verb.DIVIDE, w, z, x, y, m, size)
+                for r in range(size):
+                    w[z + r] = w[x + r] / w[y + r]
             elif verb == Verb.WHERE:
-                _entries(Verb.WHERE, w, z, x, y, m, size)
+                for r in range(size):
+                    a, b = w[y + r], w[m + r]
+                    w[z + r] = a if w[x + r] != 0.0 else b
+            elif verb == Verb.GREATER:
+                for r in range(size):
+                    w[z + r] = 1.0 if w[x + r] > w[y + r] else 0.0
+            elif verb == Verb.MAXIMUM:
+                for r in range(size):
+                    a, b = w[x + r], w[y + r]
+                    w[z + r] = b if a <= b else a
+            elif verb == Verb.MINIMUM:
+                for r in range(size):
+                    a, b = w[x + r], w[y + r]
+                    w[z + r] = b if a >= b else a
+            elif verb == Verb.SQRT:
+                for r in range(size):
+                    w[z + r] = np.sqrt(w[x + r])
+            elif verb == Verb.ABSOLUTE:
+                for r in range(size):
+                    w[z + r] = abs(w[x + r])
+            elif verb == Verb.FLOOR:
+                for r in range(size):
+                    w[z + r] = np.floor(w[x + r])
+            elif verb == Verb.ISFINITE:
+                for r in range(size):
+                    w[z + r] = 1.0 if w[x + r] - w[x + r] == 0.0 else 0.0
             else:
-                _entries(verb, w, z, x, y, m, size)
+                for r in range(size):
+                    w[z + r] = np.log1p(w[x + r])
 
 
 @part
