@@ -117,11 +117,11 @@ def _entrywise(w: Any, s: Any, at: Any, L: Any) -> None:
             elif verb == Verb.MAXIMUM:
                 for r in range(size):
                     a, b = w[x + r], w[y + r]
-                    w[z + r] = b if a <= b else a
+                    w[z + r] = a if a > b or a != a else b
             elif verb == Verb.MINIMUM:
                 for r in range(size):
                     a, b = w[x + r], w[y + r]
-                    w[z + r] = b if a >= b else a
+                    w[z + r] = a if a < b or a != a else b
             elif verb == Verb.SQRT:
                 for r in range(size):
                     w[z + r] = np.sqrt(w[x + r])

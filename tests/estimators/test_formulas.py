@@ -70,6 +70,14 @@ def test_a_row_is_the_same_to_the_last_bit_in_any_batch(formula: Callable[..., A
         np.testing.assert_array_equal(carried_out(formula, *some), whole[rows])
 
 
+@pytest.mark.parametrize("function", [np.maximum, np.minimum])
+def test_what_is_no_number_stays_none(function: np.ufunc):
+    S, B, x, m = given(70)
+    x[::3], S[::2, 0] = np.nan, np.nan
+    found = carried_out(lambda S, B, x, m: function(x, S[..., 0, :]), S, B, x, m)
+    np.testing.assert_array_equal(found, function(x, S[..., 0, :]))
+
+
 def test_a_matrix_that_is_no_covariance_is_lost_and_no_other():
     S, B, x, m = given(70)
     S[5], S[66] = -np.eye(3), np.nan
