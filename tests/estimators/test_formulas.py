@@ -14,6 +14,11 @@ from estimators.linalg import inverse, joined, semidefinite_cholesky, singular, 
 from estimators.reading import Reading
 from tests.estimators.cases import Case, arrays, assert_same, every_case, random_covariance, simulate, some_readings
 
+
+def squared(root: np.ndarray) -> np.ndarray:
+    return root @ root.mT
+
+
 ROWS = (1, 2, 63, 64, 65, 200)
 """Of one row, of a block and of several, one of them not full."""
 FORMULAS: dict[str, Callable[..., Any]] = {
@@ -30,7 +35,7 @@ FORMULAS: dict[str, Callable[..., Any]] = {
     "solve": lambda S, B, x, m: solve(S, B),
     "inverse": lambda S, B, x, m: inverse(S) + inverse(S[..., :1, :1]),
     "cholesky": lambda S, B, x, m: semidefinite_cholesky(S),
-    "cholesky of less than full rank": lambda S, B, x, m: semidefinite_cholesky(B @ B.mT) @ np.ones((3, 1)),
+    "cholesky of less than full rank": lambda S, B, x, m: squared(semidefinite_cholesky(B @ B.mT)),
     "symmetrise": lambda S, B, x, m: symmetrise(S @ S),
     "singular values": lambda S, B, x, m: (singular(B)[1] * singular(B)[0][..., None, :]) @ singular(B)[1].mT,
     "squared": lambda S, B, x, m: (singular(S)[1] * np.square(singular(S)[0])[..., None, :]) @ singular(S)[1].mT,
