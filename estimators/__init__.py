@@ -1,4 +1,4 @@
-"""State estimators behind one batched contract: NumPy and SciPy only.
+"""State estimators behind one batched contract: NumPy and SciPy; Numba compiles what they do when it is first done.
 
 The last axis holds the components of a vector, every leading axis is a batch::
 

@@ -207,11 +207,12 @@ class Filter(ABC, Generic[Record]):
                 rows = _doubtful(updated, reading.R)
             if regular and not rows.any() and (self._ours or _proper(updated.cov)):
                 return updated
-        if not (regular and self._ours):
-            rows = np.ones(belief.mean.shape[:-1], bool)
-        some, y, rng = belief[rows], y[rows], rng[rows] if isinstance(rng, Numbers) else rng
-        available, R = (None if a is None else a[rows] for a in (available, R))
         with np.errstate(all="ignore"):
+            if not (regular and self._ours):
+                reading = self._reading(belief, y, available, R)
+                return self._recovered(belief, updated, reading, y, rng, available, R)
+            some, y, rng = belief[rows], y[rows], rng[rows] if isinstance(rng, Numbers) else rng
+            available, R = (None if a is None else a[rows] for a in (available, R))
             reading = self._reading(some, y, available, R)
             return updated.with_rows(rows, self._recovered(some, updated[rows], reading, y, rng, available, R))
 
