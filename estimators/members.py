@@ -70,10 +70,10 @@ def _departed(a: Any, mean: Any, out: Any) -> None:
 
 @part
 def _averaged(a: Any, out: Any) -> None:
-    """The means ``(k,)`` of ``(k, N)`` over the members."""
+    """The means ``(k,)`` of ``(k, N)`` over the members; none where these have no finite covariance."""
     weights = np.full(a.shape[1], 1.0 / a.shape[1])
     for i in range(len(a)):
-        out[i] = dot(a[i], weights)
+        out[i] = dot(a[i], weights) if np.isfinite(dot(a[i], a[i])) else np.nan
 
 
 @part

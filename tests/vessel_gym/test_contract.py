@@ -321,7 +321,7 @@ def test_swapping_the_estimator_leaves_nature_as_it_was_in_every_episode(env_id:
         different = 0
         for key in common:
             one, two = reference[key], other[key]
-            for what in ("unknown_input", "sea", "bias", "available", *(("measurement",) if silent else ())):
+            for what in ("unknown_input", "sea", "bias", "available", *(("measurement",) if quiet else ())):
                 k = min(len(one[what]), len(two[what]))
                 np.testing.assert_array_equal(one[what][:k], two[what][:k], err_msg=f"{what} with {name} in {key}")
             k = min(len(one["truth"]), len(two["truth"]))

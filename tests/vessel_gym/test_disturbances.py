@@ -311,10 +311,10 @@ def test_what_is_new_in_a_step_has_its_covariance_and_remembers_nothing(env_id: 
     rows, steps = 500, 40
     core = make_core(env_id, rows, seed=11, estimator="truth", disturbance="rough")
     core.reset(options=SOON_PLANNED.get(env_id))
-    noise = [core.noise]
+    noise = [core.noise.copy()]
     for _ in range(steps - 1):
         core.step(np.zeros((rows, core.action_size)))
-        noise.append(core.noise)
+        noise.append(core.noise.copy())
     white, process, bias = core.forces.disturbance.white, core.forces.disturbance.process, core.sensors.bias
     cov = block_diagonal(white @ white.T, process.root @ process.root.T, bias.root @ bias.root.T)
     scale = np.sqrt(np.diag(cov))
