@@ -18,6 +18,7 @@ from unittest.mock import patch
 import numpy as np
 
 import vessel_gym
+import vessel_gym.core
 from agents.studies.worlds import environment_id
 from estimators import names
 from scripts.by_hand import (
@@ -34,6 +35,7 @@ from scripts.by_hand import (
 )
 from scripts.console import Refusal, asked, command, in_range, progress_bar
 from scripts.flights import STEPS, Flight, units
+from vessel_gym.composition import Forces
 from vessel_gym.core import Core
 from vessel_gym.extras import require
 from vessel_gym.loop import Loop
@@ -274,7 +276,7 @@ def flight_table(env_ids: tuple[str, ...], this: Worker | None, that: Worker | N
 class Clock:
     """What a flight's steps spend in each part of `Core.step` and around it; what parts call belongs to them."""
 
-    PARTS = "vehicle", "disturbance", "sensors", "prediction", "update", "task", "observation", "info", "the rest"
+    PARTS = "vehicle", "disturbance", "sensors", "filter", "task", "observation", "info", "the rest"
 
     def __init__(self, flight: Flight) -> None:
         self.flight, self.core, self.inside = flight, flight.env.unwrapped.core, False
@@ -283,13 +285,13 @@ class Clock:
     def block(self) -> float:
         """Fly a block, and keep its parts' shares."""
         core, self.spent = self.core, dict.fromkeys(self.PARTS, 0.0)
-        filter, process = type(core.filter), type(core.forces.disturbance.process)
-        timed: dict[str, list[tuple[type, str]]] = {
+        filter = type(core.filter)
+        timed: dict[str, list[tuple[Any, str]]] = {
             "vehicle": [(type(core.vehicle), name) for name in ("actuate", "known_input", "step")],
-            "disturbance": [(process, "advance"), (Core, "_shaken_by"), (Core, "_forcing")],
-            "sensors": [(Loop, "sense")], "prediction": [(filter, "predict")], "update": [(filter, "update")],
+            "disturbance": [(vessel_gym.core, "stir"), (Forces, "add")],
+            "sensors": [(Loop, "sense")], "filter": [(filter, "_advance")],
             "task": [(type(core.task), name) for name in ("commanded", "reference", "over", "score")],
-            "observation": [(Core, "observe")], "info": [(Core, "info")],
+            "observation": [(Core, "observe")], "info": [(Core, "happened"), (Core, "info")],
         }  # fmt: skip
         self.flight.prepare()
         with ExitStack() as stack:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import vessel_gym
-from estimators import names
+from estimators import Numbers, names
 from scripts import benchmark
 from scripts.benchmark import Clock, Table, Timed, Worker, main, measure, shown
 from scripts.by_hand import HandWrittenLoop, ensemble_floor, filterpys, flight_floor, kalman_floor, ours, readings
@@ -34,9 +34,10 @@ def test_the_hand_written_loop_is_the_same_environment_on_the_same_random_number
     loop.truth, loop.sea_state = core.state[0].copy(), core.sea_state[0].copy()
     loop.filter.x, loop.filter.P = core.belief.mean[0].copy(), core.belief.cov[0].copy()
     for action in actions:
-        sea = core._noise.at(core.steps).normals(5)[0, 0]  # of what moves the sea over the coming step
+        sea = Numbers(core._keys).at(core.steps).normals(5)[0, 0]  # of what moves the sea over the coming step
         reward, _ = core.step(np.array([[action]]))
-        monkeypatch.setattr(loop, "rng", _Scripted([sea, core.loop._sensing.at(core.steps).normals(1)[0, :, 0]]))
+        read = Numbers(core.loop._sensing).at(core.steps).normals(1)[0, :, 0]
+        monkeypatch.setattr(loop, "rng", _Scripted([sea, read]))
         observation, hand_reward = loop.step(float(action))
         np.testing.assert_allclose(loop.truth, core.state[0], rtol=1e-9, atol=1e-9)
         np.testing.assert_allclose(loop.filter.x, core.belief.mean[0], rtol=1e-9, atol=1e-9)
@@ -154,7 +155,7 @@ def test_the_parts_of_a_step_are_all_of_it_and_the_clock_leaves_nothing_behind()
         assert min(clock.spent.values()) > 0.0
     assert Core.observe is before
     assert "step" not in vars(Clock(Flight(ENV, 2)).core.vehicle)
-    assert re.fullmatch(r"\d+ %", clock.share("update")())
+    assert re.fullmatch(r"\d+ %", clock.share("filter")())
 
 
 # --- another version ----------------------------------------------------------------------------------
