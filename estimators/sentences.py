@@ -107,16 +107,16 @@ def _entry(verb: int, a: float, b: float, c: float) -> float:
 
 
 @part
-def _entrywise(w: np.ndarray, s: np.ndarray) -> None:
-    """Entry by entry, as many at once as lie side by side in all matrices."""
-    verb, rows, flat = s[0], w.shape[1], w.ravel()
-    size = s[3] * rows
+def _entrywise(flat: np.ndarray, rows: int, s: np.ndarray) -> None:
+    """Entry by entry, as many at once as lie side by side in all matrices; ``flat`` is the scratch in one row."""
+    verb, size = s[0], s[3] * rows
     for i in range(s[1]):
         for j in range(s[2]):
             o, a = rows * (s[4] + i * s[5] + j * s[6]), rows * (s[7] + i * s[8] + j * s[9])
             b, c = rows * (s[10] + i * s[11] + j * s[12]), rows * (s[13] + i * s[14] + j * s[15])
-            if size == 1:
-                flat[o] = _entry(verb, flat[a], flat[b], flat[c])
+            if rows == 1:  # no slices, which would take longer than what is done with them
+                for k in range(size):
+                    flat[o + k] = _entry(verb, flat[a + k], flat[b + k], flat[c + k])
                 continue
             out, x, y, z = flat[o : o + size], flat[a : a + size], flat[b : b + size], flat[c : c + size]
             if verb == Verb.ADD:
@@ -285,6 +285,7 @@ def carried_out(
     load, store = where + constants, where + constants + 4 * loads
     rows, marked = len(out), 0
     w = np.empty((size, min(rows, LANES)))
+    flat = w.ravel()
     for i in range(constants):
         w[words[where + i]] = numbers[i]
     tables = numbers[constants:]
@@ -308,7 +309,7 @@ def carried_out(
             if verb == Verb.MATMUL:
                 _matmul(w, sentence)
             elif verb <= Verb.WHERE:
-                _entrywise(w, sentence)
+                _entrywise(flat, w.shape[1], sentence)
             elif verb == Verb.SOLVE:
                 _solve(w, sentence)
             elif verb == Verb.SYMMETRISE:
