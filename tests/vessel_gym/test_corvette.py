@@ -486,7 +486,7 @@ def test_the_filter_model_follows_the_commanded_turn_to_either_side():
 
 def test_without_the_commanded_turn_the_corrected_model_is_none():
     for matrix in linear_matrices(SHIP, 0.5):
-        with pytest.raises(ValueError, match=r"the corrected model needs u = \(rudder, commanded yaw rate\)"):
+        with pytest.raises(ValueError, match="needs a known input u"):
             matrix(None)
 
 

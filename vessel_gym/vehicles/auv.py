@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from vessel_gym.sensors import Sensor
+from vessel_gym.vehicles.actuators import Actuator, figures, moved
 from vessel_gym.vehicles.hydrodynamics import (
     Coefficients,
     Fins,
@@ -287,10 +288,13 @@ class AUV(WholeState):
 
         Action -1 stops the propeller, 1 asks for all its thrust.
         """
-        body = self.body
-        after = np.empty_like(actuators)
-        fins, turn = actuators[..., :-1], body.fin_rate * self.dt
-        after[..., :-1] = np.clip(body.fin_limit * action[..., :-1], fins - turn, fins + turn)
-        asked = 0.5 * body.thrust_limit * (1.0 + action[..., -1])
-        after[..., -1] = asked + (actuators[..., -1] - asked) * np.exp(-self.dt / body.thrust_lag)
+        after = np.empty(actuators.shape)
+        moved(actuators, action, self._actuators, after)
         return after
+
+    @cached_property
+    def _actuators(self) -> np.ndarray:
+        body = self.body
+        fin = Actuator(body.fin_limit, turn=body.fin_rate * self.dt)
+        thrust = Actuator(0.5 * body.thrust_limit, offset=1.0, lag=np.exp(-self.dt / body.thrust_lag))
+        return figures(*(fin,) * (len(self.action_names) - 1), thrust)
