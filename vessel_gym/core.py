@@ -379,7 +379,7 @@ class Core:
             shape: That the action must have; None: ``(B, a)``.
 
         Returns:
-            Reward ``(B,)`` and termination ``(B,)``.
+            Reward ``(B,)`` and `end` ``(B,)``, which is 0 where an episode goes on.
 
         Raises:
             ValueError: if the action or the readings have the wrong shape, or the action is not finite.
@@ -397,7 +397,10 @@ class Core:
         vehicle, task, loop = self.vehicle, self.task, self.loop
         before = self.actuators
         after = self.actuators = vehicle.actuate(before, action)
-        u = vehicle.known_input(before, after, task.commanded(self.course, self.steps))
+        if task.commanding is None:
+            u = vehicle.known_input(before, after, task.commanded(self.course, self.steps))
+        else:
+            u = vehicle.known_input(before, after, self.reference[:, task.commanding])
         self.state = np.ascontiguousarray(vehicle.step(self.state, before, after, self.forcing, self.parameters), float)
         stir(self._keys, self.steps, self._counts, self._root, self._transition, self.forces.gains,
              self.drifting, self.noise, self.forcing)  # fmt: skip
@@ -415,7 +418,7 @@ class Core:
             self.state, self.forcing, self.reference, over, after, action, self.tally
         )
         np.add(self.total, reward, self.total)
-        return reward, self.end.astype(bool)
+        return reward, self.end
 
     def _over(self, declared: np.ndarray | None) -> np.ndarray:
         """Which missions are done ``(B,)``, as whoever ends them says."""
