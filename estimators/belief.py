@@ -56,8 +56,6 @@ class Packed:
             value = value != 0.0 if name in _MASKS else value
         elif layout is None or name not in self.__dataclass_fields__:
             raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
-        elif name == "recovery":
-            value = np.zeros(self.packed.shape[:-1], np.int8)
         object.__setattr__(self, name, value)
         return value
 
@@ -135,6 +133,10 @@ class Belief(Packed):
         put(belief, "layout", layout)
         put(belief, "prior_mean", prior_mean)
         put(belief, "prior_cov", prior_cov)
+        put(belief, "recovery", _usual(packed.shape[:-1]))
+        (mean, _), (cov, square) = layout.cuts["mean"], layout.cuts["cov"]  # what everybody asks for
+        put(belief, "mean", packed[mean])
+        put(belief, "cov", packed[cov].reshape(packed.shape[:-1] + square))
         put(belief, "u", u)
         return belief
 
@@ -315,6 +317,14 @@ class EnsembleBelief(Belief):
             return object.__getattribute__(self, "cov")
         except AttributeError:
             return None
+
+
+@cache
+def _usual(rows: tuple[int, ...]) -> np.ndarray:
+    """What updates had to do to rows of which each took the usual one, made once for as many."""
+    recovery = np.zeros(rows, np.int8)
+    recovery.flags.writeable = False
+    return recovery
 
 
 @cache

@@ -5,7 +5,7 @@ is the origin, and a propeller. Body axes: x forward, y starboard, z down; earth
 """
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -153,7 +153,7 @@ class AUVParameters:
         Returns:
             Numbers or arrays of shape ``(...)``.
         """
-        c: dict[str, Any] = asdict(self.coefficients) | {"K_up": self.roll_lift}
+        c: dict[str, Any] = vars(self.coefficients) | {"K_up": self.roll_lift}
         f = dict(zip(UNCERTAIN, np.moveaxis(factors, -1, 0), strict=False))
         for kind, factor in f.items():
             for name in _FACTORS[kind]:
@@ -199,7 +199,7 @@ class AUVParameters:
         if self.cruise_thrust > self.thrust_limit:
             drag = f"at cruising speed the drag is {self.cruise_thrust:.3g} N"
             yield "thrust_limit", f"{self.thrust_limit:g} N are too little: {drag}"
-        c = asdict(self.coefficients)
+        c = vars(self.coefficients)
         if any(np.linalg.eigvalsh(block).min() <= 0.0 for block in _inertia(self._with_body(c))):
             yield "coefficients", "the added masses leave an inertia that is not positive definite"
         elif (c["Y_rdot"], c["Z_qdot"]) != (c["N_vdot"], c["M_wdot"]):
