@@ -12,7 +12,7 @@ from scipy.linalg import block_diag
 from estimators import Belief, Filter, Gaussian, Numbers
 from estimators.checks import shown
 from estimators.compiled import rowwise
-from estimators.linalg import semidefinite_cholesky
+from estimators.linalg import shared_root
 from estimators.randomness import word
 from vessel_gym.checks import number, numbers, one_of
 from vessel_gym.checks import options as checked_options
@@ -354,7 +354,7 @@ class Core:
         """What the prior describes, and the disturbance's state and the biases, drawn from what is known of them."""
         own = [Numbers(keys[:, i]).normals(root.shape[-1], use=1) for i, root in enumerate(self._begin)]
         drifting = np.concatenate([np.matvec(root, n) for root, n in zip(self._begin, own, strict=True)], -1)
-        x = prior.mean + np.matvec(_root_of(prior.cov.tobytes()), numbers.normals(len(self._based)))
+        x = prior.mean + np.matvec(shared_root(prior.cov), numbers.normals(len(self._based)))
         if self._carried is not None:
             x += np.matvec(self._carried, drifting[:, : self._carried.shape[-1]])
         return x, drifting
@@ -616,12 +616,6 @@ def joint_prior(cov: np.ndarray, forces: Forces, sensors: Sensors) -> np.ndarray
     n = len(cov)
     root[:n, n : n + process.size] = forces.vehicle.carried @ forces.linear[len(forces.vehicle.kicks) :]
     return root @ whole @ root.T
-
-
-@lru_cache(maxsize=16)
-def _root_of(cov: bytes) -> np.ndarray:
-    """A root of a covariance ``(n, n)``."""
-    return semidefinite_cholesky(_square(cov))
 
 
 @lru_cache(maxsize=16)
