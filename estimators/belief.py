@@ -47,15 +47,15 @@ class Packed:
     def __getattr__(self, name: str) -> Any:
         if name in Packed.__slots__:
             return None
-        if (layout := self.layout) is None or name not in self.__dataclass_fields__:
-            raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
-        value: Any = None
-        if name == "recovery":
-            value = np.zeros(self.packed.shape[:-1], np.int8)
-        elif name in layout.columns:
-            first, shape = layout.columns[name]
-            value = self.packed[..., first : first + math.prod(shape)].reshape(self.packed.shape[:-1] + shape)
+        layout, value = self.layout, None
+        if layout is not None and name in layout.cuts:
+            own, shape = layout.cuts[name]
+            value = self.packed[own]
+            if len(shape) != 1:
+                value = value.reshape(value.shape[:-1] + shape)
             value = value != 0.0 if name in _MASKS else value
+        elif layout is None or name not in self.__dataclass_fields__:
+            raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
         object.__setattr__(self, name, value)
         return value
 
@@ -66,10 +66,12 @@ class Layout(NamedTuple):
     Attributes:
         columns: By name the first column, and the shape of one row.
         width: How many columns there are.
+        cuts: By name what picks the columns, and the shape of one row.
     """
 
     columns: dict[str, tuple[int, tuple[int, ...]]]
     width: int
+    cuts: dict[str, tuple[Any, tuple[int, ...]]]
 
 
 _MASKS = ("available", "pending")
@@ -122,14 +124,19 @@ class Belief(Packed):
         return None
 
     @classmethod
-    def looked_at(cls, packed: np.ndarray, layout: Layout, before: "Belief", u: np.ndarray | None) -> Self:
-        """A belief of packed arrays ``(..., k)`` that follows one ``before``, and is told ``u``."""
-        belief = object.__new__(cls)
-        put = object.__setattr__
+    def looked_at(
+        cls, packed: np.ndarray, layout: Layout, prior_mean: Any, prior_cov: Any, u: np.ndarray | None
+    ) -> Self:
+        """A belief of packed arrays ``(..., k)``, and of some that stand apart."""
+        belief, put = object.__new__(cls), object.__setattr__
         put(belief, "packed", packed)
         put(belief, "layout", layout)
-        put(belief, "prior_mean", before.prior_mean)
-        put(belief, "prior_cov", before.prior_cov)
+        put(belief, "prior_mean", prior_mean)
+        put(belief, "prior_cov", prior_cov)
+        put(belief, "recovery", _usual(packed.shape[:-1]))
+        (mean, _), (cov, square) = layout.cuts["mean"], layout.cuts["cov"]  # what everybody asks for
+        put(belief, "mean", packed[mean])
+        put(belief, "cov", packed[cov].reshape(packed.shape[:-1] + square))
         put(belief, "u", u)
         return belief
 
@@ -180,7 +187,7 @@ class Belief(Packed):
         """The beliefs of some rows of the batch: a mask, an index or a slice over leading axes."""
         if self.packed is not None:
             apart = {name: getattr(self, name) for name in APART}
-            before = self.looked_at(self.packed[rows], self.layout, self, None)
+            before = self.looked_at(self.packed[rows], self.layout, None, None, None)
             for name, array in apart.items():
                 object.__setattr__(before, name, None if array is None else array[rows])
             return before
@@ -313,12 +320,21 @@ class EnsembleBelief(Belief):
 
 
 @cache
+def _usual(rows: tuple[int, ...]) -> np.ndarray:
+    """What updates had to do to rows of which each took the usual one, made once for as many."""
+    recovery = np.zeros(rows, np.int8)
+    recovery.flags.writeable = False
+    return recovery
+
+
+@cache
 def laid_out(shapes: tuple[tuple[str, tuple[int, ...]], ...]) -> Layout:
     """Arrays of these names and shapes of a row, in their order."""
     columns, width = {}, 0
     for name, shape in shapes:
         columns[name], width = (width, shape), width + math.prod(shape)
-    return Layout(columns, width)
+    cuts = {name: ((..., slice(at, at + math.prod(shape))), shape) for name, (at, shape) in columns.items()}
+    return Layout(columns, width, cuts)
 
 
 def members_last(ensemble: np.ndarray) -> np.ndarray:

@@ -41,9 +41,14 @@ def gufunc(signature: str, layout: str, cache: bool = True) -> Callable[[_Functi
     return lazy(lambda kernel: guvectorize([signature], layout, nopython=True, cache=cache)(kernel).ufunc)
 
 
-def rowwise(*signatures: str) -> Callable[[_Function], Any]:
-    """Compile a function of arrays of rows for Numba's signatures, `lazy`: faster than a ufunc, which checks shapes."""
-    return lazy(njit(list(signatures), error_model="numpy", nogil=True, cache=True))
+def rowwise(*signatures: str, cache: bool = True) -> Callable[[_Function], Any]:
+    """Compile a function of arrays of rows for Numba's signatures, `lazy`: faster than a ufunc, which checks shapes.
+
+    Args:
+        signatures: As many as there are kinds of arguments.
+        cache: Whether to keep it on disk.
+    """
+    return lazy(njit(list(signatures), error_model="numpy", nogil=True, cache=cache))
 
 
 def lazy(compiler: Callable[[_Function], _Function]) -> Callable[[_Function], Any]:

@@ -19,7 +19,7 @@ from estimators.angles import difference
 from estimators.belief import Belief, EnsembleBelief, members_last
 from estimators.checks import as_array, number, shown, whole
 from estimators.filter import Filter, Model, Rng
-from estimators.linalg import cholesky, neutralised, semidefinite_cholesky
+from estimators.linalg import cholesky, neutralised, semidefinite_cholesky, shared_root
 from estimators.models import LinearModel, NonlinearModel, at_points, resolve
 from estimators.randomness import Numbers
 from estimators.reading import Reading
@@ -89,7 +89,7 @@ class EnsembleFilter(Filter[EnsembleBelief]):
     def _init(self, belief: Belief, rng: Rng) -> EnsembleBelief:
         batch = belief.mean.shape[:-1]
         numbers = self._numbers(rng, batch)
-        ensemble = self._centred_noise(numbers, batch, semidefinite_cholesky(belief.cov), START)
+        ensemble = self._centred_noise(numbers, batch, shared_root(belief.cov), START)
         ensemble += belief.mean[..., None, :]
         return EnsembleBelief.of(belief.replace(mean=self._mean(ensemble), cov=_LATER), ensemble=ensemble)
 

@@ -53,10 +53,11 @@ class Filter(ABC, Generic[Record]):
         self._regular = None if callable(model.R) else _regular(model.R)
         one = all(getattr(matrix, "ndim", 2) == 2 for matrix in vars(model).values())  # for all rows
         self._programs: dict[Any, _Noted | None] | None = {} if self.formulas and one else None
+        self._first: tuple[np.ndarray, Layout] | None = None  # a row as it begins, but for mean and covariance
 
     def __getstate__(self) -> dict[str, Any]:
         """All but what was noted, which is noted again."""
-        return self.__dict__ | {"_programs": None if self._programs is None else {}}
+        return self.__dict__ | {"_programs": None if self._programs is None else {}, "_first": None}
 
     def __init_subclass__(cls, **arguments: Any) -> None:
         super().__init_subclass__(**arguments)
@@ -67,7 +68,7 @@ class Filter(ABC, Generic[Record]):
             cls._ours = cls.__module__.startswith("estimators.")
 
     def __getattr__(self, name: str) -> Any:
-        if name in ("model", "_identity", "_no_columns", "_regular", "_programs"):
+        if name in ("model", "_identity", "_no_columns", "_regular", "_programs", "_first"):
             raise TypeError(f"{type(self).__name__} has no model: its __init__ must call super().__init__(model)")
         raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
 
@@ -92,20 +93,35 @@ class Filter(ABC, Generic[Record]):
         n = self.model.n
         if prior.mean.shape[-1] != n:
             raise ValueError(f"the prior is for {prior.mean.shape[-1]} states, the model has {n}")
-        begun = self._started(prior, rng)
+        begun = self._started(prior, rng, None)
         if not (_finite_rows(begun).all() and (self._ours or _proper(begun.cov))):
             raise ValueError(
                 f"{type(self).__name__}._init must give a finite mean and a covariance for a prior that is so"
             )
         return begun
 
-    def _started(self, prior: Gaussian, rng: Rng) -> Record:
-        """What `init` gives, of a prior for this model."""
+    def _started(self, prior: Gaussian, rng: Rng, u: np.ndarray | None) -> Record:
+        """What `init` gives, of a prior for this model, told the known input of the first reading."""
+        if self._ours and self._programs is not None and prior.mean.ndim == prior.cov.ndim == 2:
+            return self._started_alike(prior, u)
         n, batch = self.model.n, np.broadcast_shapes(prior.mean.shape[:-1], prior.cov.shape[:-2])
         mean = np.array(np.broadcast_to(prior.mean, batch + (n,)))
         cov = np.array(np.broadcast_to(prior.cov, batch + (n, n)))
-        start = Belief(mean, cov, mean, cov, np.zeros(batch, np.int8))
+        start = Belief(mean, cov, mean, cov, np.zeros(batch, np.int8), u)
         return self._returned("_init", self._init(start, rng), batch)
+
+    def _started_alike(self, prior: Gaussian, u: np.ndarray | None) -> Record:
+        """The same of rows that share a covariance: nothing else of a filter of formulas depends on the prior."""
+        if self._first is None:
+            mean, cov = np.zeros((1, self.model.n)), prior.cov[None]
+            self._first = self._init(Belief(mean, cov, mean, cov, np.zeros(1, np.int8)), None).side_by_side()
+        row, layout = self._first
+        packed = row.repeat(len(prior.mean), 0)
+        packed[layout.cuts["mean"][0]], packed[layout.cuts["cov"][0]] = prior.mean, prior.cov.ravel()
+        begun: Any = self.record.looked_at(packed, layout, None, None, u)
+        object.__setattr__(begun, "prior_mean", begun.mean)
+        object.__setattr__(begun, "prior_cov", begun.cov)
+        return cast(Record, begun)
 
     def predict(self, belief: Record, u: np.ndarray | None = None, rng: Rng = None) -> Record:
         """One step ahead: ``x(k-1|k-1)`` to ``x(k|k-1)``.
@@ -251,15 +267,16 @@ class Filter(ABC, Generic[Record]):
         noted = self._programs.get(key)
         if noted is None:
             noted = self._programs[key] = self._noted(formulas, belief, layout, u, R)
-        batch = packed.shape[:-1]
-        out = np.empty((*batch, noted.layout.width + 1))
-        own = _in_rows(packed)
+        batch, own = packed.shape[:-1], _in_rows(packed)
+        out = np.empty((len(own), noted.layout.width + 1))
         doubtful = noted.program.run(
             own, own if u is None else _in_rows(u), own if y is None else _in_rows(y),
-            _all(own.shape[0], self.model.p) if available is None else _in_rows(available),
-            _in_rows(noted.answers(belief, u, R, batch)) if noted.questions else own, _in_rows(out),
+            _all(len(own), self.model.p) if available is None else _in_rows(available),
+            _in_rows(noted.answers(belief, u, R, batch)) if noted.questions else own, out,
         )  # fmt: skip
-        return self.record.looked_at(out, noted.layout, belief, u), doubtful  # type: ignore[return-value]
+        out = out if len(batch) == 1 else out.reshape(*batch, out.shape[-1])
+        updated: Any = self.record.looked_at(out, noted.layout, belief.prior_mean, belief.prior_cov, u)
+        return updated, doubtful
 
     def _noted(
         self, formulas: tuple[str, ...], belief: Record, layout: Layout, u: np.ndarray | None, R: np.ndarray | None
@@ -474,7 +491,8 @@ _BOTH = "_predict", "_update"
 
 def _in_rows(array: np.ndarray) -> np.ndarray:
     """The array ``(B, k)`` of one ``(..., k)``, as kernels need it."""
-    array = array if array.flags.carray else np.array(array, order="C")
+    if not array.flags.carray:
+        array = np.array(array, order="C")
     return array if array.ndim == 2 else array.reshape(math.prod(array.shape[:-1]), array.shape[-1])
 
 

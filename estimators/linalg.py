@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from contextlib import suppress
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 
@@ -103,6 +103,22 @@ def semidefinite_cholesky(a: np.ndarray) -> np.ndarray:
         root[..., j:, j] = column
         rest[..., j:, j:] -= column[..., :, None] * column[..., None, :]
     return root
+
+
+def shared_root(cov: np.ndarray) -> np.ndarray:
+    """`semidefinite_cholesky` of covariances ``(..., n, n)``; one ``(n, n)`` for all rows where they are the same.
+
+    Those of the last ones are kept: episodes begin with the same covariance again and again.
+    """
+    n = cov.shape[-1]
+    rows = cov.reshape(-1, n, n)
+    alike = len(rows) > 0 and (rows == rows[0]).all()
+    return _kept_root(rows[0].tobytes(), n) if alike else semidefinite_cholesky(cov)
+
+
+@lru_cache(maxsize=16)
+def _kept_root(cov: bytes, n: int) -> np.ndarray:
+    return semidefinite_cholesky(np.frombuffer(cov).reshape(n, n))
 
 
 _EPS = np.finfo(float).eps

@@ -197,7 +197,7 @@ class Composition:
     def flow(self, mean: np.ndarray) -> np.ndarray:
         """The flow that means ``(..., n)`` imply, ``(..., f)``; 0 where the filter is not told of any."""
         if not len(self.held):
-            return np.zeros((*mean.shape[:-1], self._flows))
+            return np.zeros(mean.shape[:-1] + (self._flows,))
         z = _spread(mean[..., self.base : self.base + len(self.held)], self.held, self.forces.disturbance)
         return self.forces.flow(z, self._place(mean[..., : self.base]))
 

@@ -12,7 +12,7 @@ from scipy.linalg import block_diag
 from estimators import Belief, Filter, Gaussian, Numbers
 from estimators.checks import shown
 from estimators.compiled import rowwise
-from estimators.linalg import semidefinite_cholesky
+from estimators.linalg import shared_root
 from estimators.randomness import word
 from vessel_gym.checks import number, numbers, one_of
 from vessel_gym.checks import options as checked_options
@@ -30,6 +30,8 @@ ENDS = ("belief", "declaration", "task")
 """Who says that a mission is done: what the estimator believes, the agent, or the task, which knows the truth."""
 DECLARED = 0.5
 """An agent declares a mission done by a last component of its action above this."""
+
+_FLOATS = np.dtype(np.float32), np.dtype(np.float64)
 
 _ATTACHED = ("system", "vehicle", "task", "forces", "sensors", "composition")
 """What `Core.attach` gives, and may hold functions that cannot be pickled."""
@@ -106,6 +108,7 @@ class Core:
             raise ValueError(f"{system.name} goes on until time is up, so there is nothing to declare: ends='task'")
         self.action_size = len(self.vehicle.action_names) + (self.ends == "declaration")
         self.action_shape = self.num_envs, self.action_size
+        self._none = np.zeros(num_envs, bool)
 
         self.seeds: list[int] = []
         self.episodes = np.zeros(num_envs, int)
@@ -351,7 +354,7 @@ class Core:
         """What the prior describes, and the disturbance's state and the biases, drawn from what is known of them."""
         own = [Numbers(keys[:, i]).normals(root.shape[-1], use=1) for i, root in enumerate(self._begin)]
         drifting = np.concatenate([np.matvec(root, n) for root, n in zip(self._begin, own, strict=True)], -1)
-        x = prior.mean + np.matvec(_root_of(prior.cov.tobytes()), numbers.normals(len(self._based)))
+        x = prior.mean + np.matvec(shared_root(prior.cov), numbers.normals(len(self._based)))
         if self._carried is not None:
             x += np.matvec(self._carried, drifting[:, : self._carried.shape[-1]])
         return x, drifting
@@ -379,7 +382,7 @@ class Core:
             shape: That the action must have; None: ``(B, a)``.
 
         Returns:
-            Reward ``(B,)`` and termination ``(B,)``.
+            Reward ``(B,)`` and `end` ``(B,)``, which is 0 where an episode goes on.
 
         Raises:
             ValueError: if the action or the readings have the wrong shape, or the action is not finite.
@@ -397,7 +400,10 @@ class Core:
         vehicle, task, loop = self.vehicle, self.task, self.loop
         before = self.actuators
         after = self.actuators = vehicle.actuate(before, action)
-        u = vehicle.known_input(before, after, task.commanded(self.course, self.steps))
+        if task.commanding is None:
+            u = vehicle.known_input(before, after, task.commanded(self.course, self.steps))
+        else:
+            u = vehicle.known_input(before, after, self.reference[:, task.commanding])
         self.state = np.ascontiguousarray(vehicle.step(self.state, before, after, self.forcing, self.parameters), float)
         stir(self._keys, self.steps, self._counts, self._root, self._transition, self.forces.gains,
              self.drifting, self.noise, self.forcing)  # fmt: skip
@@ -414,8 +420,8 @@ class Core:
         reward, self.end, self.tally = task.score(
             self.state, self.forcing, self.reference, over, after, action, self.tally
         )
-        np.add(self.total, reward, self.total)
-        return reward, self.end.astype(bool)
+        add(self.total, np.ascontiguousarray(reward, float))
+        return reward, self.end
 
     def _over(self, declared: np.ndarray | None) -> np.ndarray:
         """Which missions are done ``(B,)``, as whoever ends them says."""
@@ -524,12 +530,12 @@ class Core:
         shape = self.action_shape if shape is None else shape
         if asked.shape != shape:
             raise ValueError(f"action has shape {asked.shape}, expected {shape}")
-        asked = np.array(asked, float, order="C", ndmin=2)
-        if ended is not None:
-            asked[ended] = 0.0
-        if not clip(asked):
+        if asked.dtype not in _FLOATS or not asked.flags.carray:
+            asked = np.array(asked, float, order="C")
+        checked = np.empty(self.action_shape)
+        if not clip(asked if asked.ndim == 2 else asked[None], ended if ended is not None else self._none, checked):
             raise ValueError("action must be finite, got NaN or infinity")
-        return asked
+        return checked
 
     # --- inside -----------------------------------------------------------------------------------
 
@@ -562,15 +568,23 @@ class Core:
         return merged
 
 
-@rowwise("b1(f8[:,::1])")
-def clip(action: np.ndarray) -> bool:
-    """Clip actions ``(B, a)`` to [-1, 1] in place, and say whether all were finite."""
+@rowwise("b1(f4[:,::1],b1[::1],f8[:,::1])", "b1(f8[:,::1],b1[::1],f8[:,::1])")
+def clip(action: np.ndarray, ended: np.ndarray, clipped: np.ndarray) -> bool:
+    """Actions ``(B, a)`` clipped to [-1, 1], 0 where an episode has ended, and whether all others were finite."""
     finite = True
-    for row in range(action.shape[0]):
-        for i in range(action.shape[1]):
-            finite = finite and np.isfinite(action[row, i])
-            action[row, i] = min(max(action[row, i], -1.0), 1.0)
+    for row in range(len(clipped)):
+        for i in range(clipped.shape[1]):
+            asked = 0.0 if ended[row] else np.float64(action[row, i])
+            finite = finite and np.isfinite(asked)
+            clipped[row, i] = min(max(asked, -1.0), 1.0)
     return finite
+
+
+@rowwise("void(f8[::1],f8[::1])")
+def add(total: np.ndarray, reward: np.ndarray) -> None:
+    """Add rewards ``(B,)`` to their totals, in place: NumPy takes several times as long for a few."""
+    for row in range(len(total)):
+        total[row] += reward[row]
 
 
 @rowwise("void(f8[:,:],f8,f4[:,::1])")
@@ -602,12 +616,6 @@ def joint_prior(cov: np.ndarray, forces: Forces, sensors: Sensors) -> np.ndarray
     n = len(cov)
     root[:n, n : n + process.size] = forces.vehicle.carried @ forces.linear[len(forces.vehicle.kicks) :]
     return root @ whole @ root.T
-
-
-@lru_cache(maxsize=16)
-def _root_of(cov: bytes) -> np.ndarray:
-    """A root of a covariance ``(n, n)``."""
-    return semidefinite_cholesky(_square(cov))
 
 
 @lru_cache(maxsize=16)

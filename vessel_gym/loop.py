@@ -75,7 +75,7 @@ class Loop:
             belief = self._update(self.filter.init(prior, rng=rng), readings, rng, u)
         else:
             y, available = self._told(readings)
-            belief = self.filter._corrected(self.filter._started(prior, rng).replace(u=u), y, available, None, rng)
+            belief = self.filter._corrected(self.filter._started(prior, rng, u), y, available, None, rng)
         if rows is None:
             self.belief = belief
         else:

@@ -12,12 +12,12 @@ from numba.core.errors import TypingError
 from scipy.integrate import solve_ivp
 
 from estimators.compiled import inlined
-from vessel_gym.vehicles.corvette_equations import corvette_rates, corvette_step
+from vessel_gym.vehicles.corvette_equations import corvette_forced, corvette_rates, corvette_step
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.integration import Kernels, kernels
-from vessel_gym.vehicles.itsunusa import itsunusa_rates, itsunusa_step
-from vessel_gym.vehicles.puna import puna_rates, puna_step
-from vessel_gym.vehicles.segorogeni import segorogeni_rates, segorogeni_step
+from vessel_gym.vehicles.itsunusa import itsunusa_forced, itsunusa_rates, itsunusa_step
+from vessel_gym.vehicles.puna import puna_forced, puna_rates, puna_step
+from vessel_gym.vehicles.segorogeni import segorogeni_forced, segorogeni_rates, segorogeni_step
 
 
 @dataclass(frozen=True)
@@ -34,20 +34,20 @@ class Case:
 
 CASES = {
     "corvette": Case(
-        Kernels(corvette_rates, corvette_step), load("corvette").vector(),
+        Kernels(corvette_rates, corvette_step, corvette_forced), load("corvette").vector(),
         [3.0, -4.0, 0.7, 13.0, -1.5, 0.03], [0.3, 0.5], [0.3, -0.5], 4.0,
     ),
     "segorogeni": Case(
-        Kernels(segorogeni_rates, segorogeni_step), load("segorogeni").vector(),
+        Kernels(segorogeni_rates, segorogeni_step, segorogeni_forced), load("segorogeni").vector(),
         [1.2, 0.5, -0.4, -1.5, 0.8, -1.0, 5.0, -3.0, 4.0, 0.4, -0.5, 2.0], [0.1, -0.2, 2.0, 0.2, 0.3, 7.0], [0.3, -0.2],
         0.1,
     ),
     "itsunusa": Case(
-        Kernels(itsunusa_rates, itsunusa_step), load("itsunusa").vector(),
+        Kernels(itsunusa_rates, itsunusa_step, itsunusa_forced), load("itsunusa").vector(),
         [1.4, -0.1, 0.2, 5.0, 4.0, -0.5], [-0.2, 10.0, 0.3, 35.0], [0.3], 0.2,
     ),
     "puna": Case(
-        Kernels(puna_rates, puna_step), load("puna").vector(),
+        Kernels(puna_rates, puna_step, puna_forced), load("puna").vector(),
         [3.0, -4.0, 100.0, 14.0, 11.0, 3.0, 0.4], [4.0, 0.02, -0.6, 7.0, 0.07, 0.6], [2.0, -1.0, 0.5], 1.0,
     ),
 }  # fmt: skip
@@ -57,7 +57,7 @@ CASES = {
 @pytest.mark.parametrize("vehicle", CASES)
 def test_a_step_nears_the_solution_of_the_rates_with_the_fourth_power_of_its_length(vehicle: str):
     case = CASES[vehicle]
-    rates, step = case.kernels
+    rates, step, _ = case.kernels
     state, control, flow = np.array(case.state), np.array(case.control), np.array(case.flow)
     before, after = np.split(control, 2)
     solution = solve_ivp(
@@ -94,6 +94,18 @@ def test_rows_side_by_side_step_as_each_alone(vehicle: str, rows: int):
     np.testing.assert_array_equal(step(rows_last, controls, flows, c, case.dt, 2, np.empty_like(rows_last)), stepped)
 
 
+@pytest.mark.parametrize("vehicle", CASES)
+def test_a_forced_step_is_a_step_with_kicks_added_at_its_end(vehicle: str):
+    case, rng = CASES[vehicle], np.random.default_rng(0)
+    state, control, flow, c = (np.tile(x, (5, 1)) for x in (case.state, case.control, case.flow, case.c))
+    kicks, after = rng.normal(size=(5, 2)), np.empty((5, len(case.state)))
+    expected = case.kernels.step(state, control, flow, c, case.dt, 2)
+    expected[:, [3, 1]] += kicks
+    forcing, kicked = np.hstack([kicks, flow]), np.array([3, 1])
+    case.kernels.forced(state, *np.split(control, 2, -1), forcing, c, case.dt, 2, kicked, after)
+    np.testing.assert_array_equal(after, expected)
+
+
 def test_rows_that_do_not_go_with_the_states_are_refused():
     case = CASES["corvette"]
     states, control, flow = (np.tile(x, (4, 1)) for x in (case.state, case.control, case.flow))
@@ -111,7 +123,7 @@ from vessel_gym.vehicles.integration import kernels
 def _rates(s, control, flow, c):
     return (FACTOR * s[0] + control[0] + flow[0],)
 
-own_rates, own_step = kernels("own", _rates, 1, 1, 1, 1)
+own_rates, own_step, own_forced = kernels("own", _rates, 1, 1, 1, 1)
 """
 
 

@@ -95,10 +95,10 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Advance one step; see `gymnasium.Env.step`. Truncation is `gymnasium.wrappers.TimeLimit`'s."""
-        reward, terminated = self.core.step(action, shape=self._shape)
+        reward, end = self.core.step(action, shape=self._shape)
         if self.render_mode is not None:
             self._record()
-        return self.core.observe()[0], float(reward[0]), bool(terminated[0]), False, self._info()
+        return self.core.observe()[0], float(reward[0]), bool(end[0]), False, self._info()
 
     def render(self) -> np.ndarray | None:
         """An image ``(height, width, 3)`` of the episode so far; in mode ``"human"``, the window is kept current."""
@@ -115,7 +115,7 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
 
     def _info(self) -> dict[str, Any]:
         core, end = self.core, int(self.core.end[0])
-        info: dict[str, Any] = {name: values.copy()[0] for name, values in core.happened().items()}
+        info: dict[str, Any] = {name: values[0].copy() for name, values in core.happened().items()}
         info["healthy"], info["score"] = not core.belief.recovery[0], float(core.total[0]) / core.task.perfect
         info["end"], info["is_success"] = core.task.ends[end], end == core.success
         return info

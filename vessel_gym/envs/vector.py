@@ -142,7 +142,8 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if restarted.any():
             reward, terminated = self._step_and_restart(actions, restarted)
         else:
-            reward, terminated = core.step(actions)
+            reward, end = core.step(actions)
+            terminated = end.astype(bool)
         truncated = core.steps >= (np.inf if self.max_episode_steps is None else self.max_episode_steps)
         done, final = terminated | truncated, {}
         if self.autoreset_mode is not AutoresetMode.SAME_STEP:
@@ -172,9 +173,10 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                 "call reset(options={'reset_mask': terminated | truncated}) before the next step()"
             )
         with np.errstate(all="ignore"):  # what would become of an ended vehicle is nobody's business
-            reward, terminated = self.core.step(actions, ended=ended)
+            reward, end = self.core.step(actions, ended=ended)
+        terminated = end.astype(bool) & ~ended
         self.core.start(rows=np.flatnonzero(ended))
-        return np.where(ended, 0.0, reward), terminated & ~ended
+        return np.where(ended, 0.0, reward), terminated
 
     def _final(self, done: np.ndarray) -> dict[str, Any]:
         """What ended episodes end with."""

@@ -82,6 +82,7 @@ class TurningCircle(Task):
 
     uniforms = 3
     """Uniform numbers that `course` needs."""
+    commanding = slice(1, 2)
 
     @property
     def dt(self) -> float:
@@ -128,12 +129,20 @@ class TurningCircle(Task):
             if abs(wanted) > self.WIDEST:
                 raise ValueError(f"radius must be at most {self.WIDEST:.0f} m to either side, got {shown(value)}")
             radius = np.full(len(uniforms), wanted)
-        return np.stack([heading, self.yaw_rate(radius)], -1)
+        course = np.empty((len(uniforms), 2))
+        course[:, 0], course[:, 1] = heading, self.yaw_rate(radius)
+        return course
 
     def yaw_rate(self, radius: np.ndarray) -> np.ndarray:
         """The yaw rate [rad/s] of the steady turn with a signed radius [m]."""
+        curvature = 1.0 / radius
+        return np.copysign(np.interp(np.abs(curvature), *self._turns), curvature)
+
+    @cached_property
+    def _turns(self) -> tuple[np.ndarray, np.ndarray]:
+        """Curvatures [1/m] and yaw rates [rad/s] of steady turns."""
         turns = steady_turns(self.ship)
-        return np.sign(radius) * np.interp(1.0 / np.abs(radius), 1.0 / turns.radius, turns.yaw_rate)
+        return 1.0 / turns.radius, turns.yaw_rate
 
     def prior(self, course: np.ndarray) -> Gaussian:
         """What is known of (v, r, psi, u) at the start: mean ``(B, 4)`` and covariance ``(4, 4)``."""
@@ -161,7 +170,7 @@ class TurningCircle(Task):
 
     def commanded(self, course: np.ndarray, step: np.ndarray) -> np.ndarray:
         """The commanded yaw rate ``(B, 1)``."""
-        return self.command(course, step)[:, 1:2]
+        return self.command(course, step)[:, self.commanding]
 
     # --- what the agent sees ----------------------------------------------------------------------
 

@@ -5,13 +5,14 @@ is the origin, and a propeller. Body axes: x forward, y starboard, z down; earth
 """
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
 
 from vessel_gym.sensors import Sensor
+from vessel_gym.vehicles.actuators import Actuator, figures, moved
 from vessel_gym.vehicles.hydrodynamics import (
     Coefficients,
     Fins,
@@ -152,7 +153,7 @@ class AUVParameters:
         Returns:
             Numbers or arrays of shape ``(...)``.
         """
-        c: dict[str, Any] = asdict(self.coefficients) | {"K_up": self.roll_lift}
+        c: dict[str, Any] = vars(self.coefficients) | {"K_up": self.roll_lift}
         f = dict(zip(UNCERTAIN, np.moveaxis(factors, -1, 0), strict=False))
         for kind, factor in f.items():
             for name in _FACTORS[kind]:
@@ -198,7 +199,7 @@ class AUVParameters:
         if self.cruise_thrust > self.thrust_limit:
             drag = f"at cruising speed the drag is {self.cruise_thrust:.3g} N"
             yield "thrust_limit", f"{self.thrust_limit:g} N are too little: {drag}"
-        c = asdict(self.coefficients)
+        c = vars(self.coefficients)
         if any(np.linalg.eigvalsh(block).min() <= 0.0 for block in _inertia(self._with_body(c))):
             yield "coefficients", "the added masses leave an inertia that is not positive definite"
         elif (c["Y_rdot"], c["Z_qdot"]) != (c["N_vdot"], c["M_wdot"]):
@@ -287,10 +288,13 @@ class AUV(WholeState):
 
         Action -1 stops the propeller, 1 asks for all its thrust.
         """
-        body = self.body
-        after = np.empty_like(actuators)
-        fins, turn = actuators[..., :-1], body.fin_rate * self.dt
-        after[..., :-1] = np.clip(body.fin_limit * action[..., :-1], fins - turn, fins + turn)
-        asked = 0.5 * body.thrust_limit * (1.0 + action[..., -1])
-        after[..., -1] = asked + (actuators[..., -1] - asked) * np.exp(-self.dt / body.thrust_lag)
+        after = np.empty(actuators.shape)
+        moved(actuators, action, self._actuators, after)
         return after
+
+    @cached_property
+    def _actuators(self) -> np.ndarray:
+        body = self.body
+        fin = Actuator(body.fin_limit, turn=body.fin_rate * self.dt)
+        thrust = Actuator(0.5 * body.thrust_limit, offset=1.0, lag=np.exp(-self.dt / body.thrust_lag))
+        return figures(*(fin,) * (len(self.action_names) - 1), thrust)

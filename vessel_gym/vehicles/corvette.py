@@ -14,17 +14,20 @@ from scipy.optimize import root
 from estimators import Schedule, zero_order_hold
 from vessel_gym.processes import linear
 from vessel_gym.sensors import Sensor
+from vessel_gym.vehicles.actuators import Actuator, figures, mean_input, moved
 from vessel_gym.vehicles.corvette_equations import (
     COEFFICIENTS,
     STATE,
     UNCERTAIN,
     CorvetteParameters,
+    corvette_forced,
     corvette_rates,
     corvette_step,
 )
 from vessel_gym.vehicles.files import load
 
 _CALM = np.zeros(2)  # no current
+_PSI = np.array([STATE.index("psi")])  # what is kicked
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,8 +234,13 @@ class Corvette:
 
     def actuate(self, actuators: np.ndarray, action: np.ndarray) -> np.ndarray:
         """The rudder ``(B, 1)`` after a step of rudder rate ``action`` in [-1, 1]."""
-        limit = self.ship.rudder_limit
-        return np.minimum(np.maximum(actuators + (self.ship.rudder_rate * self.dt) * action, -limit), limit)
+        after = np.empty(actuators.shape)
+        moved(actuators, action, self._steering, after)
+        return after
+
+    @cached_property
+    def _steering(self) -> np.ndarray:
+        return figures(Actuator(self.ship.rudder_rate * self.dt, kept=1.0, limit=self.ship.rudder_limit))
 
     def step(
         self,
@@ -243,10 +251,9 @@ class Corvette:
         parameters: np.ndarray,
     ) -> np.ndarray:
         """The state one step later; forcing is (yaw increment d of waves and gusts, current north, current east)."""
-        control = np.concatenate([before, after], -1)
-        state = corvette_step(state, control, forcing[:, 1:], parameters, self.dt, self.substeps)
-        state[:, 2] += forcing[:, 0]
-        return state
+        moved = np.empty(state.shape)
+        corvette_forced(state, before, after, forcing, parameters, self.dt, self.substeps, _PSI, moved)
+        return moved
 
     def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """(v, r, psi, u) one step on under ``u = (rudder, commanded yaw rate)``."""
@@ -263,13 +270,11 @@ class Corvette:
 
     def known_input(self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None) -> np.ndarray:
         """The mean rudder over a step, and the commanded yaw rate, or that of the steady turn which it holds."""
-        u = np.empty((len(before), 2))
-        u[:, 0] = 0.5 * (before[:, 0] + after[:, 0])
         if commanded is None:
-            turns = steady_turns(self.ship)
-            u[:, 1] = np.copysign(np.interp(np.abs(u[:, 0]), turns.rudder, turns.yaw_rate), u[:, 0])
-        else:
-            u[:, 1] = commanded[:, 0]
+            turns, rudder = steady_turns(self.ship), 0.5 * (before + after)
+            commanded = np.copysign(np.interp(np.abs(rudder), turns.rudder, turns.yaw_rate), rudder)
+        u = np.empty((len(before), 2))
+        mean_input(before, after, commanded, u)
         return u
 
     def linear(self, kind: str) -> tuple[Any, Any]:

@@ -227,5 +227,5 @@ def _rates(s: Numbers, control: Numbers, current: Numbers, c: np.ndarray) -> Num
     )  # fmt: skip
 
 
-corvette_rates, corvette_step = kernels("corvette", _rates, 6, 1, 2, len(COEFFICIENTS))
+corvette_rates, corvette_step, corvette_forced = kernels("corvette", _rates, 6, 1, 2, len(COEFFICIENTS))
 """Control is the rudder ``(1,)``, for a step before and after ``(2,)``; the current is north and east ``(2,)``."""

@@ -17,7 +17,7 @@ import numpy as np
 from numba.core.errors import TypingError
 from numba.extending import overload
 
-from estimators.compiled import gufunc, inlined
+from estimators.compiled import gufunc, inlined, part, rowwise
 
 Numbers = tuple[float, ...]
 Rates = Callable[[Numbers, Numbers, Numbers, np.ndarray], Numbers]
@@ -33,10 +33,14 @@ class Kernels(NamedTuple):
     """State ``(n,)``, actuators, flow and coefficients to the rates of the state: a generalised ufunc."""
     step: Kernel
     """State, actuators before and after, flow, coefficients, seconds and substeps to the state after (`_for_all`)."""
+    forced: Callable[..., None]
+    """Likewise for rows of each, kicked at the end: state, actuators before, after, forcing ``(B, kicks + f)``,
+    coefficients, seconds, substeps, which component each kick is added to ``(kicks,)``, and where the states after go.
+    """
 
 
 def kernels(name: str, rates: Any, state: int, actuators: int, flow: int, coefficients: int) -> Kernels:
-    """A vehicle's kernels, called ``{name}_rates`` and ``{name}_step`` in the module of its rates.
+    """A vehicle's kernels, called ``{name}_rates``, ``{name}_step`` and ``{name}_forced`` in the module of its rates.
 
     Args:
         name: The vehicle's.
@@ -55,17 +59,22 @@ def kernels(name: str, rates: Any, state: int, actuators: int, flow: int, coeffi
     kept = module.startswith("vessel_gym.")  # Numba's cache does not see the rates: the digest of our sources does
     blank = tuple(size * (0.0,) for size in (state, actuators, flow, coefficients))
 
-    def made(template: Any, what: str, signature: str, layout: str) -> Kernel:
-        own = FunctionType(template.__code__, globals() | {"_rates": rates, "_blank": blank})
+    def made(template: Any, what: str, compiler: Callable[[Any], Any], **known: Any) -> Any:
+        own = FunctionType(template.__code__, globals() | {"_rates": rates, "_blank": blank} | known)
         own.__module__, own.__doc__ = module, template.__doc__
         own.__name__ = own.__qualname__ = f"{name}_{what}"  # by which the cache and pickles tell them apart
-        return gufunc(f"void({signature})", layout, cache=kept)(own)
+        return compiler(own)
 
     x, xs = "float64[:]", "float64[:, :]"
-    step = f"{xs}, {xs}, {xs}, {xs}, float64, int64, {xs}"
+    rated, stepped = f"void({x}, {x}, {x}, {x}, {x})", f"void({xs}, {xs}, {xs}, {xs}, float64, int64, {xs})"
+    forced = f"void({xs}, {xs}, {xs}, {xs}, {xs}, float64, int64, int64[::1], {xs})"
+    moved = made(_moved_rows, "moved", part)
     return Kernels(
-        made(_rates_of, "rates", f"{x}, {x}, {x}, {x}, {x}", "(n),(a),(f),(k)->(n)"),
-        _for_all(made(_step, "step", step, "(b,n),(p,m),(q,f),(r,k),(),()->(b,n)")),
+        made(_rates_of, "rates", gufunc(rated, "(n),(a),(f),(k)->(n)", cache=kept)),
+        _for_all(
+            made(_step, "step", gufunc(stepped, "(b,n),(p,m),(q,f),(r,k),(),()->(b,n)", cache=kept), _moved_rows=moved)
+        ),
+        made(_forced, "forced", rowwise(forced, cache=kept), _moved_rows=moved),
     )
 
 
@@ -185,6 +194,23 @@ def _rates_of(state: np.ndarray, control: np.ndarray, flow: np.ndarray, c: np.nd
 def _step(
     states: np.ndarray, control: np.ndarray, flow: np.ndarray, c: np.ndarray, dt: float, substeps: int, out: np.ndarray
 ) -> None:
+    """States ``(b, n)`` after a step; of the others there is a row each, or one."""
+    m, unkicked = control.shape[1] // 2, np.empty(0, np.int64)
+    _moved_rows(states, control[:, :m], control[:, m:], flow, c, dt, substeps, unkicked, out)
+
+
+def _forced(
+    states: np.ndarray, before: np.ndarray, after: np.ndarray, forcing: np.ndarray, c: np.ndarray, dt: float,
+    substeps: int, kicked: np.ndarray, out: np.ndarray,
+) -> None:  # fmt: skip
+    """States ``(b, n)`` after a step at whose end they are kicked."""
+    _moved_rows(states, before, after, forcing, c, dt, substeps, kicked, out)
+
+
+def _moved_rows(
+    states: np.ndarray, before: np.ndarray, after: np.ndarray, forcing: np.ndarray, c: np.ndarray, dt: float,
+    substeps: int, kicked: np.ndarray, out: np.ndarray,
+) -> None:  # fmt: skip
     """States ``(b, n)`` after a step, side by side in vector instructions; of the others there is a row each, or one.
 
     How many there are in a block is no constant: a loop over a few the compiler unrolls, and leaves scalar.
@@ -192,17 +218,19 @@ def _step(
     s, actuators, around, coefficients = _blank
     n, m, f = len(s), len(actuators), len(around)
     a = np.empty((n + 2 * m + f + len(coefficients), _LANES))
-    if (states.shape[1], control.shape[1], flow.shape[1], c.shape[1]) != (n, 2 * m, f, len(coefficients)):
+    told = states.shape[1], before.shape[1], after.shape[1], forcing.shape[1] - len(kicked), c.shape[1]
+    if told != (n, m, m, f, len(coefficients)):
         raise ValueError("state, control, flow and coefficients must be as long as the equations say")
-    for rows in (len(control), len(flow), len(c)):
+    for rows in (len(before), len(after), len(forcing), len(c)):
         if rows != 1 and rows != len(states):
             raise ValueError("there must be a row of control, flow and coefficients for each state, or one for all")
     for first in range(0, len(states), _LANES):
         left = min(len(states) - first, _LANES)
         size = (left + 3) // 4 * 4  # whole vectors: nothing is compiled for what is left over
         _gather(states, first, size, a)
-        _gather(control, first, size, a[n:])
-        _gather(flow, first, size, a[n + 2 * m :])
+        _gather(before, first, size, a[n:])
+        _gather(after, first, size, a[n + m :])
+        _gather(forcing[:, len(kicked) :], first, size, a[n + 2 * m :])
         _gather(c, first, size, a[n + 2 * m + f :])
         for i in range(substeps):
             for j in range(size):
@@ -212,6 +240,8 @@ def _step(
                 _stored(_substep(_rates, s, start, change, around, a[n + 2 * m + f :, j], dt, i, substeps), a[:, j], 0)
         for j in range(left):
             _stored(_loaded(s, a[:, j], 0), out[first + j], 0)
+            for i in range(len(kicked)):
+                out[first + j, kicked[i]] += forcing[first + j, i]
 
 
 @inlined

@@ -76,7 +76,7 @@ def _rates(s: Numbers, control: Numbers, current: Numbers, c: np.ndarray) -> Num
     )  # fmt: skip
 
 
-itsunusa_rates, itsunusa_step = kernels("itsunusa", _rates, 6, 2, 1, len(COEFFICIENTS))
+itsunusa_rates, itsunusa_step, itsunusa_forced = kernels("itsunusa", _rates, 6, 2, 1, len(COEFFICIENTS))
 """State ``(6,)``; control is (stern plane, thrust), for a step before and after; the current is ``(1,)``."""
 
 
@@ -96,6 +96,7 @@ class Itsunusa(AUV):
 
     state_names: ClassVar = STATE
     kernel: ClassVar = staticmethod(itsunusa_step)
+    forced: ClassVar = staticmethod(itsunusa_forced)
     parameter_names: ClassVar = COEFFICIENTS
     action_names: ClassVar = ("stern plane", "thrust")
     angles: ClassVar = ("theta",)

@@ -22,6 +22,7 @@ from scipy.optimize import brentq
 
 from estimators.compiled import gufunc, inlined, sincos
 from vessel_gym.sensors import Bias, Known, Sensor, plain
+from vessel_gym.vehicles.actuators import Actuator, figures, moved
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.integration import Numbers, kernels
 from vessel_gym.vehicles.point_mass import COEFFICIENTS, UNCERTAIN, I, PointMass, forces
@@ -159,7 +160,7 @@ def _rates(s: Numbers, control: Numbers, wind: Numbers, c: np.ndarray) -> Number
     )  # fmt: skip
 
 
-puna_rates, puna_step = kernels("puna", _rates, 7, 3, 3, len(COEFFICIENTS))
+puna_rates, puna_step, puna_forced = kernels("puna", _rates, 7, 3, 3, len(COEFFICIENTS))
 """State ``(7,)``; control is (thrust, angle of attack, commanded bank), for a step before and after; wind ``(3,)``."""
 
 
@@ -229,6 +230,7 @@ class Puna(WholeState):
 
     state_names: ClassVar = STATE
     kernel: ClassVar = staticmethod(puna_step)
+    forced: ClassVar = staticmethod(puna_forced)
     angles: ClassVar = ("phi",)
     parameter_names: ClassVar = COEFFICIENTS
     action_names: ClassVar = ("thrust", "angle of attack", "bank")
@@ -271,9 +273,14 @@ class Puna(WholeState):
         At 0 the aircraft cruises level, at -1 and 1 every actuator is at a limit. Thrust follows with its lag, angle of
         attack at its rate, commanded bank at once: the bank itself lags.
         """
-        body, after = self.body, self.body.commands(action)
-        thrust = after[..., 0]
-        after[..., 0] = thrust + (actuators[..., 0] - thrust) * np.exp(-self.dt / body.thrust_lag)
-        turn = body.alpha_rate * self.dt
-        after[..., 1] = np.clip(after[..., 1], actuators[..., 1] - turn, actuators[..., 1] + turn)
+        after = np.empty(actuators.shape)
+        moved(actuators, action, self._actuators, after)
         return after
+
+    @cached_property
+    def _actuators(self) -> np.ndarray:
+        body = self.body
+        of_thrust = {"lag": np.exp(-self.dt / body.thrust_lag)}
+        others: tuple[dict[str, float], ...] = (of_thrust, {"turn": body.alpha_rate * self.dt}, {})
+        each = zip(body.cruise, *body._reach, others, strict=True)
+        return figures(*(Actuator(above, below, base=cruise, **own) for cruise, below, above, own in each))

@@ -141,7 +141,7 @@ def _rates(s: Numbers, control: Numbers, current: Numbers, c: np.ndarray) -> Num
     )  # fmt: skip
 
 
-segorogeni_rates, segorogeni_step = kernels("segorogeni", _rates, 12, 3, 2, len(COEFFICIENTS))
+segorogeni_rates, segorogeni_step, segorogeni_forced = kernels("segorogeni", _rates, 12, 3, 2, len(COEFFICIENTS))
 """State ``(12,)``; control is (rudder, stern plane, thrust), for a step before and after; current north and east."""
 
 
@@ -170,6 +170,7 @@ class Segorogeni(AUV):
 
     state_names: ClassVar = STATE
     kernel: ClassVar = staticmethod(segorogeni_step)
+    forced: ClassVar = staticmethod(segorogeni_forced)
     parameter_names: ClassVar = COEFFICIENTS
     action_names: ClassVar = ("rudder", "stern plane", "thrust")
     angles: ClassVar = ("phi", "theta", "psi")

@@ -1,11 +1,11 @@
 """What vehicles share whose filters estimate all of their state, with their own equations of motion as the model."""
 
+from collections.abc import Callable
 from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
 
-from vessel_gym.sensors import columns
 from vessel_gym.vehicles.integration import Kernel
 
 
@@ -27,6 +27,8 @@ class WholeState:
     cruise: Any
     kernel: ClassVar[Kernel]
     """A step of the equations of motion."""
+    forced: ClassVar[Callable[..., None]]
+    """One of rows that are kicked at its end, see `vessel_gym.vehicles.integration.Kernels`."""
     carried: ClassVar[np.ndarray | None] = None
     kinds: ClassVar[tuple[str, ...]] = ("nonlinear",)
     linear_kinds: ClassVar[tuple[str, ...]] = ()
@@ -71,9 +73,8 @@ class WholeState:
         self, state: np.ndarray, before: np.ndarray, after: np.ndarray, forcing: np.ndarray, parameters: np.ndarray
     ) -> np.ndarray:
         """The state one step later, with actuators moving from ``before`` to ``after``."""
-        kicks = len(self.kicked)
-        moved = self.advance(state, np.concatenate([before, after], -1), forcing[..., kicks:], parameters)
-        moved[..., self._kicked] += forcing[..., :kicks]
+        moved = np.empty(state.shape)
+        self.forced(state, before, after, forcing, parameters, self.dt, self.substeps, self._kicked, moved)
         return moved
 
     def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
@@ -81,9 +82,9 @@ class WholeState:
         return self.advance(x, u, flow, self._nominal, out)
 
     @cached_property
-    def _kicked(self) -> Any:
-        """What picks the components that are kicked."""
-        return columns([self.state_names.index(name) for name in self.kicked])
+    def _kicked(self) -> np.ndarray:
+        """Which components are kicked."""
+        return np.array([self.state_names.index(name) for name in self.kicked])
 
     @cached_property
     def _nominal(self) -> np.ndarray:
