@@ -400,10 +400,10 @@ class Core:
         vehicle, task, loop = self.vehicle, self.task, self.loop
         before = self.actuators
         after = self.actuators = vehicle.actuate(before, action)
-        if task.commanding is None:
+        if getattr(task, "commanding", None) is None:
             u = vehicle.known_input(before, after, task.commanded(self.course, self.steps))
         else:
-            u = vehicle.known_input(before, after, self.reference[:, task.commanding])
+            u = vehicle.known_input(before, after, self.reference[:, getattr(task, "commanding", None)])
         self.state = np.ascontiguousarray(vehicle.step(self.state, before, after, self.forcing, self.parameters), float)
         stir(self._keys, self.steps, self._counts, self._root, self._transition, self.forces.gains,
              self.drifting, self.noise, self.forcing)  # fmt: skip
