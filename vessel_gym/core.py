@@ -152,6 +152,7 @@ class Core:
             *vehicle.state_names, *(self.forces.disturbance.names if self._shown else ()), *self.sensors.bias_names
         )  # fmt: skip
         """Components of `truth`."""
+        self._commanding = getattr(self.task, "commanding", None)  # which a task that is no `Task` need not have
         self._alone = len(self.truth_names) == len(vehicle.state_names)
         self._estimated = [self.truth_names.index(n) if n in self.truth_names else -1 for n in self.composition.names]
         self._based = [vehicle.state_names.index(name) for name in vehicle.estimated(vehicle.kinds[0])]
@@ -400,10 +401,10 @@ class Core:
         vehicle, task, loop = self.vehicle, self.task, self.loop
         before = self.actuators
         after = self.actuators = vehicle.actuate(before, action)
-        if getattr(task, "commanding", None) is None:
+        if self._commanding is None:
             u = vehicle.known_input(before, after, task.commanded(self.course, self.steps))
         else:
-            u = vehicle.known_input(before, after, self.reference[:, getattr(task, "commanding", None)])
+            u = vehicle.known_input(before, after, self.reference[:, self._commanding])
         self.state = np.ascontiguousarray(vehicle.step(self.state, before, after, self.forcing, self.parameters), float)
         stir(self._keys, self.steps, self._counts, self._root, self._transition, self.forces.gains,
              self.drifting, self.noise, self.forcing)  # fmt: skip

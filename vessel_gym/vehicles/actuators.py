@@ -27,13 +27,24 @@ class Actuator(NamedTuple):
 
 
 def figures(*actuators: Actuator) -> np.ndarray:
-    """What `moved` needs to know of actuators ``(a, 8)``."""
+    """What `actuated` needs to know of actuators ``(a, 8)``."""
     return np.array([each if each.below is not None else each._replace(below=each.above) for each in actuators], float)
 
 
+def actuated(before: np.ndarray, action: np.ndarray, figures: np.ndarray) -> np.ndarray:
+    """Actuators ``(..., a)`` a step after those ``before``, of which `figures` are known."""
+    after = np.empty(before.shape)
+    if after.ndim == 2 and before.dtype == action.dtype == float:
+        _moved(before, action, figures, after)
+    else:  # by hand: the kernel is for rows of floats
+        rows = (np.asarray(each, float).reshape(-1, len(figures)) for each in (before, action))
+        _moved(*rows, figures, after.reshape(-1, len(figures)))
+    return after
+
+
 @rowwise("void(f8[:,:],f8[:,:],f8[:,::1],f8[:,::1])")
-def moved(before: np.ndarray, action: np.ndarray, figures: np.ndarray, after: np.ndarray) -> None:
-    """Actuators ``(B, a)`` a step after those ``before``, of which `figures` are known."""
+def _moved(before: np.ndarray, action: np.ndarray, figures: np.ndarray, after: np.ndarray) -> None:
+    """`actuated`, of rows ``(B, a)``."""
     for i in range(len(figures)):
         above, below, offset, base, kept, lag, turn, limit = figures[i]
         for row in range(len(after)):

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from vessel_gym.sensors import Sensor
-from vessel_gym.vehicles.actuators import Actuator, figures, moved
+from vessel_gym.vehicles.actuators import Actuator, actuated, figures
 from vessel_gym.vehicles.hydrodynamics import (
     Coefficients,
     Fins,
@@ -288,9 +288,7 @@ class AUV(WholeState):
 
         Action -1 stops the propeller, 1 asks for all its thrust.
         """
-        after = np.empty(actuators.shape)
-        moved(actuators, action, self._actuators, after)
-        return after
+        return actuated(actuators, action, self._actuators)
 
     @cached_property
     def _actuators(self) -> np.ndarray:

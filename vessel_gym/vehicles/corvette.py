@@ -14,7 +14,7 @@ from scipy.optimize import root
 from estimators import Schedule, zero_order_hold
 from vessel_gym.processes import linear
 from vessel_gym.sensors import Sensor
-from vessel_gym.vehicles.actuators import Actuator, figures, mean_input, moved
+from vessel_gym.vehicles.actuators import Actuator, actuated, figures, mean_input
 from vessel_gym.vehicles.corvette_equations import (
     COEFFICIENTS,
     STATE,
@@ -234,9 +234,7 @@ class Corvette:
 
     def actuate(self, actuators: np.ndarray, action: np.ndarray) -> np.ndarray:
         """The rudder ``(B, 1)`` after a step of rudder rate ``action`` in [-1, 1]."""
-        after = np.empty(actuators.shape)
-        moved(actuators, action, self._steering, after)
-        return after
+        return actuated(actuators, action, self._steering)
 
     @cached_property
     def _steering(self) -> np.ndarray:

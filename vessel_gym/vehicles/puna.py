@@ -22,7 +22,7 @@ from scipy.optimize import brentq
 
 from estimators.compiled import gufunc, inlined, sincos
 from vessel_gym.sensors import Bias, Known, Sensor, plain
-from vessel_gym.vehicles.actuators import Actuator, figures, moved
+from vessel_gym.vehicles.actuators import Actuator, actuated, figures
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.integration import Numbers, kernels
 from vessel_gym.vehicles.point_mass import COEFFICIENTS, UNCERTAIN, I, PointMass, forces
@@ -273,9 +273,7 @@ class Puna(WholeState):
         At 0 the aircraft cruises level, at -1 and 1 every actuator is at a limit. Thrust follows with its lag, angle of
         attack at its rate, commanded bank at once: the bank itself lags.
         """
-        after = np.empty(actuators.shape)
-        moved(actuators, action, self._actuators, after)
-        return after
+        return actuated(actuators, action, self._actuators)
 
     @cached_property
     def _actuators(self) -> np.ndarray:
