@@ -13,7 +13,7 @@ import gymnasium as gym
 import numpy as np
 
 STEPS = 64
-"""Steps of a block. Random numbers are drawn for so many at once: every block pays for them once."""
+"""Steps of a block. Versions that draw random numbers for so many at once pay for them once a block."""
 LEAD = 16
 """Steps between the two starts in a scattered batch."""
 
