@@ -33,7 +33,7 @@ from scripts.by_hand import (
     ours,
     readings,
 )
-from scripts.console import Refusal, asked, command, in_range, progress_bar
+from scripts.console import Refusal, around, asked, command, in_range, progress_bar, put
 from scripts.flights import STEPS, Flight, units
 from vessel_gym.composition import Forces
 from vessel_gym.core import Core
@@ -42,8 +42,8 @@ from vessel_gym.loop import Loop
 
 CORVETTE = "SigmaCorvette-v0"
 BATCH = 256
-MARKS = "<!-- measured -->\n", "<!-- end -->\n"
-"""Between these a page holds what was printed."""
+MARK = "measured"
+"""Where a page holds what was printed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -379,15 +379,13 @@ def main(
                 raise ValueError(f"{name} needs at least one word")
         if against is not None and not (against / "vessel_gym" / "__init__.py").is_file():
             raise ValueError(f"{against} holds no vessel_gym: pip install --no-deps --target {against} vessel-gym==...")
-        written = None if page is None else page.read_text(encoding="utf-8")
-        if written is not None and not all(written.count(mark) == 1 for mark in MARKS):
-            raise ValueError(f"{page} needs a line {MARKS[0].strip()} and a line {MARKS[1].strip()} below it")
+        if page is not None:
+            around(page, MARK)
         env_ids = tuple(map(environment_id, env_ids))
     text = report(env_ids, what, against, rows, rounds)
     print(text)
-    if page is not None and written is not None:
-        before, after = written.split(MARKS[0])[0], written.split(MARKS[1])[1]
-        page.write_text(before + MARKS[0] + f"\n{text}\n\n" + MARKS[1] + after, encoding="utf-8")
+    if page is not None:
+        put(page, MARK, text)
 
 
 def report(

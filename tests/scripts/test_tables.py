@@ -1,0 +1,62 @@
+"""Tables of README.md and docs/, written anew."""
+
+from pathlib import Path
+
+import pytest
+
+from scripts import tables
+from scripts.console import Refusal, around, put
+
+
+@pytest.mark.parametrize("name", tables.TABLES)
+def test_a_table_has_its_place_and_as_many_columns_as_before(name: str):
+    page, _ = tables.TABLES[name]
+    before, after = around(page, f"table: {name}")
+    inside = page.read_text(encoding="utf-8")[len(before) : -len(after)].strip().splitlines()
+    assert len(inside) > 2
+    assert all(line.startswith("|") and line.endswith("|") for line in inside)
+    assert len({line.count("|") for line in inside}) == 1
+
+
+def test_a_text_goes_between_its_own_marks(tmp_path: Path):
+    page = tmp_path / "page.md"
+    page.write_text("a\n<!-- table: one -->\nold\n<!-- end -->\nb\n<!-- table: two -->\nkept\n<!-- end -->\n")
+    put(page, "table: one", "new\n")
+    assert page.read_text() == (
+        "a\n<!-- table: one -->\n\nnew\n\n<!-- end -->\nb\n<!-- table: two -->\nkept\n<!-- end -->\n"
+    )
+    for lacking in ("table: three", "table: "):
+        with pytest.raises(Refusal, match="needs one line"):
+            put(page, lacking, "new")
+
+
+def test_the_tables_of_journeys_show_each_way_once(monkeypatch: pytest.MonkeyPatch):
+    ways = {label: way for way in tables.JOURNEYS["ItsunusaAUV-v0"] if (label := way.label) in ("`truth`", "`ekf`")}
+    monkeypatch.setattr(tables, "EPISODES", 2)
+    monkeypatch.setattr(tables, "JOURNEYS", {"ItsunusaAUV-v0": tuple(ways.values())})
+    tables.flown.cache_clear()
+    lines = tables.journeys("ItsunusaAUV-v0").splitlines()
+    tables.flown.cache_clear()
+    assert [line.split(" | ")[0].strip("| ") for line in lines] == ["estimates", "---", *ways]
+    truth, ekf = (line.split(" | ") for line in lines[2:])
+    assert truth[4] == "0.000"
+    assert truth[5:7] == [tables.WITHOUT] * 2
+    assert 0.0 < float(ekf[5]) < 20.0
+
+
+def test_the_table_of_a_study_is_made_of_its_episodes(tmp_path: Path):
+    lines = ["condition,agent,estimator,training_seed,seed,score"]
+    names = ("truth", "kf-umv-ui", "kf told d", "kf told less", "kf", "measurement", "dead-reckoning")
+    for sea in ("moderate", "rough"):
+        for name in names:
+            lines += [f"{sea},autopilot,{name},,{seed},{0.25 * seed}" for seed in range(3)]
+            lines += [f"{sea},PPO,{name},{run},{seed},0.5" for run in range(2) for seed in range(3)]
+    (tmp_path / "episodes.csv").write_text("\n".join(lines))
+    table = tables.ablation(tmp_path).splitlines()
+    assert table[2].split(" | ")[1] == "0.250 ± 0.621"  # Student's, two degrees of freedom: 4.303 x 0.25 / sqrt(3)
+    assert table[3].split(" | ")[1] == "0.500 ± 0.000"
+
+
+def test_a_table_that_does_not_exist_is_refused():
+    with pytest.raises(Refusal, match="known are segorogeni"):
+        tables.main(("nobody",))
