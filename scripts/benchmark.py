@@ -192,6 +192,8 @@ def loop_table(sizes: tuple[int, ...]) -> Table:
     for rows in (0, *sizes):
         one = flown(env_id=CORVETTE, rows=rows, estimator="kf")
         lines[f"batch of {rows:,}" if rows else "gymnasium.make"] = one, (one, hand), (one, floors[rows or 1])
+    default = flown(env_id=CORVETTE, rows=0)
+    lines["gymnasium.make, its own filter"] = default, (default, hand), None
     return Table(
         f"{CORVETTE} on `kf`: a step of one environment", ("µs", "times by hand", "times the floor"), lines,
         "Floor: equations of motion and the filter's equations, compiled, and the normal numbers, as many environments "
