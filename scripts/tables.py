@@ -177,6 +177,11 @@ def ablation(results: Path) -> str:
     return table(("Score", *estimators), rows)
 
 
+def rows_of(page: Path) -> str:
+    """The table alone of a report's page."""
+    return "\n".join(line for line in page.read_text(encoding="utf-8").splitlines() if line.startswith("|"))
+
+
 def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """In Markdown."""
     return "\n".join("| " + " | ".join(line) + " |" for line in (heads, ["---"] * len(heads), *rows))
@@ -207,7 +212,7 @@ TABLES: dict[str, tuple[Path, Callable[[], str]]] = {
     "flights": (README, lambda: worth("plain ensemble, inflation 1", "PunaUAV-v0")),
     "insurance": (ROOT / "docs/estimators/unknown-input.md", insurance),
     "ablation": (README, lambda: ablation(ROOT / "results/ablation")),
-    "shares": (README, lambda: (ROOT / "results/quick/tables/ranking.md").read_text(encoding="utf-8")),
+    "shares": (README, lambda: rows_of(ROOT / "results/quick/tables/ranking.md")),
 }
 """Where each table stands, and what makes it."""
 
