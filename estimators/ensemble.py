@@ -131,14 +131,17 @@ class EnsembleFilter(Filter[EnsembleBelief]):
 
         def work(rows: slice) -> None:
             part = formulas(belief[rows], *(None if one is None else one[rows] for one in given))
-            for name, values in part._arrays().items():
-                if values is not None and name != "cov":
+            arrays = part._arrays() | {"cov": _LATER}
+            if self._threads > 1:  # whoever asks for it later has one thread
+                arrays["cov"] = type(part)(**arrays).cov
+            for name, values in arrays.items():
+                if values is not None:
                     if name not in whole:
                         whole.setdefault(name, np.empty_like(values, shape=batch + values.shape[1:]))
                     whole[name][rows] = values
 
         each(work, [slice(*ends) for ends in pairwise(cuts)], self._threads if self._ours else 1)
-        return type(belief)(cov=_LATER, **whole)
+        return type(belief)(**({"cov": _LATER} | whole))
 
     def _forecast(self, belief: EnsembleBelief, u: np.ndarray | None, rng: Rng) -> EnsembleBelief:
         """The prediction of rows."""
