@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from functools import cache, partial, update_wrapper
 from hashlib import sha256
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 import numba
@@ -28,6 +29,8 @@ _KEPT = 4  # folders of kernels; older ones are those of sources that have chang
 _settings: dict[str, Any] = vars(config)  # Numba's
 
 _Function = Callable[..., Any]
+_compiling = Lock()
+"""Held by the thread that compiles."""
 
 
 def gufunc(signature: str, layout: str, cache: bool = True) -> Callable[[_Function], Any]:
@@ -63,10 +66,10 @@ def lazy(compiler: Callable[[_Function], _Function]) -> Callable[[_Function], An
 
     def decorate(function: _Function) -> Any:
         def first(*args: Any, **kwargs: Any) -> Any:
-            with _alone(), event.install_listener("numba:run_pass", _Announcement()):
-                compiled = compiler(function)
-            kernel.__setstate__((compiled, (), {}, kernel.__dict__))
-            return compiled(*args, **kwargs)
+            with _compiling, _alone(), event.install_listener("numba:run_pass", _Announcement()):
+                if kernel.func is first:  # no other thread has done it meanwhile
+                    kernel.__setstate__((compiler(function), (), {}, kernel.__dict__))
+            return kernel(*args, **kwargs)
 
         kernel: Any = update_wrapper(_Kernel(first), function)
         return kernel

@@ -11,6 +11,7 @@ Everything costs O(N p (n + p)) and nothing is N x N (``variant="evensen2004"`` 
 
 from collections.abc import Callable
 from functools import cache
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from estimators.linalg import cholesky, neutralised, semidefinite_cholesky, shar
 from estimators.models import LinearModel, NonlinearModel, at_points, resolve
 from estimators.randomness import Numbers
 from estimators.reading import Reading
+from estimators.threads import each
 
 Drawn = Numbers | np.random.Generator
 """`Rng` of a filter that draws from it: there is one."""
@@ -111,6 +113,9 @@ class EnsembleFilter(Filter[EnsembleBelief]):
     ) -> EnsembleBelief:
         """The formulas on as many rows at a time as the cache holds: no row depends on the others.
 
+        How many these are does not depend on the threads, so that a model of one's own, whose last digits may follow
+        the size of a batch, has the same with any number of them; a power of two is shared evenly by two or four.
+
         Args:
             formulas: Of a belief and what else is given for each of its rows, random numbers last.
             belief: For all rows.
@@ -120,16 +125,23 @@ class EnsembleFilter(Filter[EnsembleBelief]):
         numbers = self._numbers(given[-1], batch)
         if len(batch) != 1 or batch[0] <= size or not self._alike or not isinstance(numbers, Numbers):
             return formulas(belief, *given)
+        count = min(2 ** (-(-batch[0] // size) - 1).bit_length(), batch[0])
+        cuts = [batch[0] * i // count for i in range(count + 1)]
         whole: dict[str, Any] = {}
-        for first in range(0, batch[0], size):
-            rows = slice(first, first + size)
-            part = formulas(belief[rows], *(None if each is None else each[rows] for each in given))
-            for name, values in part._arrays().items():
-                if values is not None and name != "cov":
-                    if first == 0:
-                        whole[name] = np.empty_like(values, shape=batch + values.shape[1:])
+
+        def work(rows: slice) -> None:
+            part = formulas(belief[rows], *(None if one is None else one[rows] for one in given))
+            arrays = part._arrays() | {"cov": _LATER}
+            if self._threads > 1:  # whoever asks for it later has one thread
+                arrays["cov"] = type(part)(**arrays).cov
+            for name, values in arrays.items():
+                if values is not None:
+                    if name not in whole:
+                        whole.setdefault(name, np.empty_like(values, shape=batch + values.shape[1:]))
                     whole[name][rows] = values
-        return type(belief)(cov=_LATER, **whole)
+
+        each(work, [slice(*ends) for ends in pairwise(cuts)], self._threads if self._ours else 1)
+        return type(belief)(**({"cov": _LATER} | whole))
 
     def _forecast(self, belief: EnsembleBelief, u: np.ndarray | None, rng: Rng) -> EnsembleBelief:
         """The prediction of rows."""

@@ -16,6 +16,7 @@ from estimators.linalg import congruence, equilibrated, identity, neutralised, s
 from estimators.models import Gaussian, LinearModel, NonlinearModel, as_covariance, resolve, usable
 from estimators.randomness import Numbers
 from estimators.reading import Reading
+from estimators.threads import each, shares
 
 Rng = Numbers | np.random.Generator | None
 """Where random numbers come from: keys a row and a step, or a Generator for the whole batch."""
@@ -42,6 +43,8 @@ class Filter(ABC, Generic[Record]):
     random: ClassVar[bool] = False
     """Whether the filter draws random numbers, so that ``rng`` must be given."""
     _ours: ClassVar[bool]
+    _threads: int = 1
+    """That rows are shared among (`estimators.threads`), set by who has asked for them: no result depends on it."""
     formulas: ClassVar[bool] = False
     """Whether ``_predict`` and ``_update`` are formulas, which are compiled, see `estimators.formulas`."""
 
@@ -269,11 +272,16 @@ class Filter(ABC, Generic[Record]):
             noted = self._programs[key] = self._noted(formulas, belief, layout, u, R)
         batch, own = packed.shape[:-1], _in_rows(packed)
         out = np.empty((len(own), noted.layout.width + 1))
-        doubtful = noted.program.run(
+        given = (
             own, own if u is None else _in_rows(u), own if y is None else _in_rows(y),
             _all(len(own), self.model.p) if available is None else _in_rows(available),
             _in_rows(noted.answers(belief, u, R, batch)) if noted.questions else own, out,
         )  # fmt: skip
+        if self._threads == 1:
+            doubtful = noted.program.run(*given)
+        else:
+            run, rows = noted.program.run, shares(len(own), self._threads)
+            doubtful = sum(each(lambda part: run(*(array[part] for array in given)), rows, self._threads))
         out = out if len(batch) == 1 else out.reshape(*batch, out.shape[-1])
         updated: Any = self.record.looked_at(out, noted.layout, belief.prior_mean, belief.prior_cov, u)
         return updated, doubtful

@@ -14,6 +14,7 @@ from estimators.checks import shown
 from estimators.compiled import rowwise
 from estimators.linalg import shared_root
 from estimators.randomness import word
+from estimators.threads import each, shares
 from vessel_gym.checks import number, numbers, one_of
 from vessel_gym.checks import options as checked_options
 from vessel_gym.composition import Composition, Forces
@@ -63,6 +64,7 @@ class Core:
         ends: One of `ENDS`; None: ``"belief"`` where estimates are observed, ``"task"`` where readings are.
         guidance: Whether the agent is told how to go on, by the path's errors where it is believed to be, or, of raw
             readings, where the last of them put it; None: where estimates are observed.
+        num_threads: Threads that share the rows; no result depends on it.
 
     Raises:
         ValueError: for a name that does not exist (saying which do) or a number out of range.
@@ -81,13 +83,16 @@ class Core:
         observe: str = "mean",
         ends: str | None = None,
         guidance: bool | None = None,
+        num_threads: int = 1,
     ) -> None:
-        if not whole(num_envs) or num_envs < 1:
-            raise ValueError(f"num_envs must be a positive whole number, got {shown(num_envs)}")
+        for name, count in (("num_envs", num_envs), ("num_threads", num_threads)):
+            if not whole(count) or count < 1:
+                raise ValueError(f"{name} must be a positive whole number, got {shown(count)}")
         one_of("observe mode", observe, OBSERVE)
         if not 0.0 <= number(mismatch) <= 0.25:
             raise ValueError(f"mismatch must be between 0 and 0.25, got {shown(mismatch)}")
         raw = observe == "measurement"
+        self.num_threads = int(num_threads)
         self.num_envs, self.observe_mode, self.mismatch = int(num_envs), observe, float(mismatch)
         self.ends = one_of("ends", ("task" if raw else "belief") if ends is None else ends, ENDS)
         if guidance is not None and not isinstance(guidance, bool):
@@ -140,6 +145,10 @@ class Core:
         estimation = build(system, estimator, options, self.sensors, self.forces.disturbance, self.unknown_inputs)
         self.composition = estimation.composition
         self._attach_loop("loop", estimation)
+        # What somebody has written in NumPy may round otherwise in a part of the rows.
+        compiled = type(vehicle).__module__.startswith("vessel_gym.vehicles.") and self.forces.constant
+        shared = self.num_threads if compiled and not self.sensors.called else 1
+        self._parts = shares(self.num_envs, shared)
         ours = type(self.task).__module__.startswith("vessel_gym.tasks.")
         self._compiled = ours and self.guidance and self.observe_mode == "mean"  # so that nothing warns
         if self.guidance and self.observe_mode == "measurement":
@@ -181,6 +190,7 @@ class Core:
             getattr(self, name).attach(self.sensors, estimation)
         else:
             setattr(self, name, Loop(self.sensors, estimation, self.num_envs))
+        estimation.filter._threads = self.num_threads
 
     def __getstate__(self) -> dict[str, Any]:
         """All but what `attach` gives."""
@@ -405,14 +415,15 @@ class Core:
             u = vehicle.known_input(before, after, task.commanded(self.course, self.steps))
         else:
             u = vehicle.known_input(before, after, self.reference[:, self._commanding])
-        self.state = np.ascontiguousarray(vehicle.step(self.state, before, after, self.forcing, self.parameters), float)
-        stir(self._keys, self.steps, self._counts, self._root, self._transition, self.forces.gains,
-             self.drifting, self.noise, self.forcing)  # fmt: skip
-        if not self.forces.constant:
-            self.forces.add(self.forcing, self.sea_state, self.state)
-        if readings is None:
-            readings = loop.sense(self.state, self.forcing, self.bias, self.steps, None)
-        loop.readings = readings
+        given = (
+            self.state, before, after, self.forcing, self.parameters, self._keys, self.steps, self.drifting, self.noise
+        )  # fmt: skip
+        if len(self._parts) == 1 or readings is not None:
+            self.state, *read = self._moved(None, readings, *given)
+        else:
+            moved = each(lambda rows: self._moved(rows, None, *(a[rows] for a in given)), self._parts, self.num_threads)
+            self.state, *read = map(np.concatenate, zip(*moved, strict=True))
+        loop.readings = readings = read[0], read[1]
         loop.estimate(self._handed(readings), u, self.steps)
         if hasattr(self, "held"):
             self.held.estimate(readings, u, self.steps)
@@ -423,6 +434,20 @@ class Core:
         )
         add(self.total, np.ascontiguousarray(reward, float))
         return reward, self.end
+
+    def _moved(
+        self, rows: slice | None, readings: Readings | None, state: np.ndarray, before: np.ndarray, after: np.ndarray,
+        forcing: np.ndarray, parameters: np.ndarray, keys: np.ndarray, steps: np.ndarray, drifting: np.ndarray,
+        noise: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+        """The vehicle of rows (None: all) a step on, and what is read; forcing and the last three move in place."""
+        state = np.ascontiguousarray(self.vehicle.step(state, before, after, forcing, parameters), float)
+        stir(keys, steps, self._counts, self._root, self._transition, self.forces.gains, drifting, noise, forcing)
+        if not self.forces.constant:
+            self.forces.add(forcing, drifting[:, : self._size], state)
+        if readings is None:
+            readings = self.loop.sense(state, forcing, drifting[:, self._size :], steps, rows)
+        return state, *readings
 
     def _over(self, declared: np.ndarray | None) -> np.ndarray:
         """Which missions are done ``(B,)``, as whoever ends them says."""

@@ -53,8 +53,9 @@ class Loop:
         self._sensing[rows], self._filtering.keys[rows] = sensing, filtering.keys
 
     def sense(
-        self, state: np.ndarray, forcing: np.ndarray, bias: np.ndarray, steps: np.ndarray, rows: np.ndarray | None
-    ) -> Readings:
+        self, state: np.ndarray, forcing: np.ndarray, bias: np.ndarray, steps: np.ndarray,
+        rows: np.ndarray | slice | None,
+    ) -> Readings:  # fmt: skip
         """Readings of rows (None: all) in a true ``state``, on which ``forcing`` acts, ``steps`` after their start."""
         keys = self._sensing if rows is None else self._sensing[rows]
         return self.sensors.read(state, forcing, bias, steps, keys)

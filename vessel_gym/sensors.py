@@ -258,12 +258,12 @@ class Sensors:
         n, units = len(states), np.eye(len(states) + len(forcing))
         self._gains = np.zeros((self.size, len(units) + self.bias.size))  # of state, forcing and biases
         self._gains[:, len(units) :] = self.bias_shown
-        self._called = []  # which channels, and what is asked at every step
+        self.called = []  # which channels, and what is asked at every step
         for sensor, own in self._owning:
             if getattr(sensor.reads, "linear", False):
                 self._gains[own, : len(units)] = sensor.reads(units[:, :n], units[:, n:]).T
             else:
-                self._called.append((own, sensor.reads))
+                self.called.append((own, sensor.reads))
 
     @property
     def _owning(self) -> Iterator[tuple[Sensor, slice]]:
@@ -319,7 +319,7 @@ class Sensors:
         """
         readings = np.zeros((len(state), self.size))
         available = np.empty(readings.shape, bool)
-        for own, reads in self._called:
+        for own, reads in self.called:
             readings[:, own] = reads(state, forcing)
         spoil(keys, steps, state, forcing, bias, self._gains, self._of_channels, self._of_sensors, readings, available)
         return readings, available

@@ -1,0 +1,95 @@
+"""Threads that share the rows of a batch."""
+
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from estimators import compiled
+from estimators.threads import each, shares
+
+PARTS = tuple(slice(i, i + 1) for i in range(7))
+
+
+@pytest.mark.parametrize("threads", [1, 2, 3, 5000])
+@pytest.mark.parametrize("rows", [0, 1, 65, 511, 512, 800, 1024, 5000])
+def test_every_row_is_in_one_part(rows: int, threads: int):
+    parts = shares(rows, threads)
+    assert [row for part in parts for row in range(rows)[part]] == list(range(rows))
+    assert 1 <= len(parts) <= threads
+    sizes = [part.stop - part.start for part in parts]
+    assert max(sizes) - min(sizes) <= 64
+
+
+@pytest.mark.parametrize("threads", [1, 2, 3, 9])
+def test_results_come_in_the_order_of_the_parts(threads: int):
+    def work(part: slice) -> int:
+        time.sleep(0.001 * (7 - part.start))
+        return part.start
+
+    assert each(work, PARTS, threads) == list(range(7))
+
+
+def test_the_parts_are_worked_on_at_once_and_the_caller_works_too():
+    together = threading.Barrier(3, timeout=60)
+
+    def work(part: slice) -> int:
+        together.wait()
+        return threading.get_ident()
+
+    who = each(work, PARTS[:3], 3)
+    assert len(set(who)) == 3
+    assert who[0] == threading.get_ident()
+
+
+def test_the_caller_does_what_nobody_has_begun():
+    caller, begun, left = threading.get_ident(), threading.Event(), threading.Event()
+
+    def work(part: slice) -> int:
+        if threading.get_ident() != caller:
+            begun.set()
+            left.wait(60)
+        elif part.start == 0:
+            begun.wait(60)
+        elif part.start == 2:  # all but what the other thread holds
+            left.set()
+        return threading.get_ident()
+
+    assert [ident == caller for ident in each(work, PARTS, 2)] == [True, False, *[True] * 5]
+
+
+def test_what_a_thread_raises_reaches_the_caller_and_numpy_warns_as_the_caller_wants():
+    caller, together = threading.get_ident(), threading.Barrier(2, timeout=60)
+
+    def work(part: slice) -> None:
+        together.wait()
+        if threading.get_ident() != caller:
+            np.log(np.zeros(1))
+
+    with np.errstate(divide="ignore"):
+        each(work, PARTS[:2], 2)
+    with np.errstate(divide="raise"), pytest.raises(FloatingPointError):
+        each(work, PARTS[:2], 2)
+
+
+def test_threads_that_call_a_kernel_first_compile_it_once():
+    compiling = []
+
+    def compiler(function: object) -> object:
+        compiling.append(threading.get_ident())
+        time.sleep(0.05)
+        return function
+
+    @compiled.lazy(compiler)
+    def tripled(number: float) -> float:
+        return 3.0 * number
+
+    together = threading.Barrier(3, timeout=60)
+
+    def work(part: slice) -> float:
+        together.wait()
+        return tripled(part.start)
+
+    assert each(work, PARTS[:3], 3) == [0.0, 3.0, 6.0]
+    assert len(compiling) == 1
