@@ -62,7 +62,11 @@ class Numbers:
     @classmethod
     def seeded(cls, seeds: Sequence[int]) -> "Numbers":
         """Those of rows that have these seeds, whole numbers of any size that are not negative."""
-        return cls(np.array([key(seed) for seed in seeds], np.uint64).reshape(-1, 2))
+        try:
+            low = np.array(seeds, np.uint64)
+        except OverflowError:  # some have more than 64 bits
+            return cls(np.array([key(seed) for seed in seeds]))
+        return cls(np.stack([low, np.zeros_like(low)], -1))
 
     def __getitem__(self, rows: Any) -> "Numbers":
         step = self.step if isinstance(self.step, int) else np.broadcast_to(self.step, self.keys.shape[:-1])[rows]

@@ -317,14 +317,17 @@ class Core:
         options = checked_options("options", options)
         if readings is not None:
             readings = _arrived(readings, (len(rows), self.sensors.size))
-        loop, task, vehicle, some = self.loop, self.task, self.vehicle, self._some(rows)
-        episodes = Numbers.seeded([self.seeds[row] for row in rows]).of(self.episodes[rows])
+        loop, task, vehicle = self.loop, self.task, self.vehicle
+        some = None if len(rows) == self.num_envs else rows  # all rows are faster as such
+        at = slice(None) if some is None else rows
+        seeds = self.seeds if some is None else [self.seeds[row] for row in rows]
+        episodes = Numbers.seeded(seeds).of(self.episodes[at])
         keys = Numbers(episodes.keys[:, None]).of(self._names).keys
         of_task, of_vehicle, of_parameters, of_filter = (Numbers(keys[:, i]) for i in range(len(_DRAWN)))
         course = task.course(of_task.uniforms(task.uniforms), options)
         prior = task.prior(course)
-        of_parts = self._keys[rows] = keys[:, len(_DRAWN) : self._sensed].copy()
-        loop.restart(rows, keys[:, self._sensed :], of_filter)
+        of_parts = self._keys[at] = keys[:, len(_DRAWN) : self._sensed].copy()
+        loop.restart(at, keys[:, self._sensed :], of_filter)
         x, drifting = self._begun(prior, of_vehicle, of_parts)
         state, actuators = (np.ascontiguousarray(started, float) for started in vehicle.start(x))
         if self.mismatch:
@@ -338,18 +341,18 @@ class Core:
         if not self.forces.constant:
             self.forces.add(forcing, drifting[:, : self._size], state)
         self._put(
-            rows, course=course, state=state, actuators=actuators, parameters=parameters, drifting=drifting,
+            some, course=course, state=state, actuators=actuators, parameters=parameters, drifting=drifting,
             noise=noise, forcing=forcing, tally=task.begin(state, course), steps=steps, total=np.zeros(len(rows)),
             end=np.zeros(len(rows), int), action=np.zeros((len(rows), self.action_size)),
         )  # fmt: skip
-        readings = loop.sense(state, forcing, self.bias[rows], steps, some) if readings is None else readings
+        readings = loop.sense(state, forcing, drifting[:, self._size :], steps, some) if readings is None else readings
         y, available = loop.readings
-        loop.readings = self._with_rows(y, rows, readings[0]), self._with_rows(available, rows, readings[1])
+        loop.readings = _merged(y, some, readings[0]), _merged(available, some, readings[1])
         u = vehicle.known_input(actuators, actuators, task.commanded(course, steps))
         belief = loop.begin(some, self._known(prior, self.composition), self._handed(readings, rows), u)
         if hasattr(self, "held"):
             self.held.begin(some, self._known(prior, self.held.composition), readings, u)
-        self._put(rows, reference=self._reference(course, steps, belief, state))
+        self._put(some, reference=self._reference(course, steps, belief, state))
 
     def _begun(self, prior: Gaussian, numbers: Numbers, keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What the prior describes, and the disturbance's state and the biases, drawn from what is known of them."""
@@ -540,10 +543,6 @@ class Core:
 
     # --- inside -----------------------------------------------------------------------------------
 
-    def _some(self, rows: np.ndarray) -> np.ndarray | None:
-        """The rows, or None when they are all of them, which is faster."""
-        return None if len(rows) == self.num_envs else rows
-
     def _handed(self, readings: Readings, rows: np.ndarray | None = None) -> Readings:
         """What the filter is handed: the readings; the oracle alone, and no other, the truth."""
         if not self.loop.tells_truth:
@@ -557,16 +556,11 @@ class Core:
         where = state[:, self._based] if self.observe_mode == "measurement" else belief.mean
         return self.task.reference(course, steps, where)
 
-    def _put(self, rows: np.ndarray, **arrays: np.ndarray) -> None:
-        for name, values in arrays.items():
-            setattr(self, name, self._with_rows(getattr(self, name, None), rows, values))
-
-    def _with_rows(self, whole: np.ndarray | None, rows: np.ndarray, values: np.ndarray) -> np.ndarray:
-        if whole is None or len(rows) == self.num_envs:
-            return values
-        merged = whole.copy()
-        merged[rows] = values
-        return merged
+    def _put(self, rows: np.ndarray | None, **arrays: np.ndarray) -> None:
+        """Take new values of some rows; None: of all."""
+        self.__dict__.update(
+            arrays if rows is None else {name: _merged(getattr(self, name), rows, new) for name, new in arrays.items()}
+        )
 
 
 @rowwise("b1(f4[:,::1],b1[::1],f8[:,::1])", "b1(f8[:,::1],b1[::1],f8[:,::1])")
@@ -595,6 +589,15 @@ def rounded(observation: np.ndarray, bound: float, out: np.ndarray) -> None:
         for i in range(out.shape[1]):
             value = observation[row, i]
             out[row, i] = -bound if value < -bound else (bound if value > bound else value)
+
+
+def _merged(whole: np.ndarray, rows: np.ndarray | None, values: np.ndarray) -> np.ndarray:
+    """An array with new values of some rows; None: of all."""
+    if rows is None:
+        return values
+    merged = whole.copy()
+    merged[rows] = values
+    return merged
 
 
 def observed(observe: str, guidance: bool) -> tuple[str, ...]:
