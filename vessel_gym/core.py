@@ -508,14 +508,19 @@ class Core:
         truth = self.truth
         return truth.copy() if truth is self.state else truth
 
-    def info(self) -> dict[str, np.ndarray]:
-        """Copies of what happened, one row an environment; documented with the environment."""
-        return {name: values.copy() for name, values in self.happened().items()} | {
+    def info(self, rows: np.ndarray | None = None) -> dict[str, np.ndarray]:
+        """Copies of what happened, one row an environment; documented with the environment.
+
+        Args:
+            rows: Mask ``(B,)`` of those that are wanted; of the others comes 0 or None. None: all.
+        """
+        happened = self.happened() | {
             "healthy": self.loop.belief.healthy,
             "score": self.total / self.task.perfect,
             "end": self._ends[self.end],
             "is_success": self.end == self.success,
         }
+        return {name: _only(rows, values) for name, values in happened.items()}
 
     def happened(self) -> dict[str, np.ndarray]:
         """What happened as it is kept, one row an environment: not to be written into."""
@@ -634,6 +639,15 @@ def rounded(observation: np.ndarray, bound: float, out: np.ndarray) -> None:
         for i in range(out.shape[1]):
             value = observation[row, i]
             out[row, i] = -bound if value < -bound else (bound if value > bound else value)
+
+
+def _only(rows: np.ndarray | None, values: np.ndarray) -> np.ndarray:
+    """A copy of the values of some rows, with 0 or None in the others; None: of all."""
+    if rows is None:
+        return values.copy()
+    only = np.full(values.shape, None) if values.dtype == object else np.zeros(values.shape, values.dtype)
+    only[rows] = values[rows]
+    return only
 
 
 def _merged(whole: np.ndarray, rows: np.ndarray | None, values: np.ndarray) -> np.ndarray:
