@@ -35,6 +35,7 @@ def difference(a: np.ndarray, b: np.ndarray, angles: tuple[int, ...]) -> np.ndar
     if is_noted(residual):
         are_angles = np.isin(np.arange(residual.shape[-1]), angles)
         return np.where(are_angles, wrap(residual), residual) if angles else residual
-    for i in angles:
-        residual[..., i] = wrap(residual[..., i])
+    if angles:
+        own = ..., angles[0] if len(angles) == 1 else list(angles)
+        residual[own] = wrap(residual[own])
     return residual

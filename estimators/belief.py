@@ -205,13 +205,18 @@ class Belief(Packed):
         if type(other) is not type(self):
             kinds = f"{type(self).__name__} and {type(other).__name__}"
             raise ValueError(f"cannot merge {kinds}: they are of different filters")
+        packed = self.packed is not None and self.layout is other.layout
         merged: dict[str, Any] = {}
-        for name in self.__dataclass_fields__:
+        for name in ("prior_mean", "prior_cov", "u") if packed else self.__dataclass_fields__:
             mine, theirs = getattr(self, name), getattr(other, name)
             if mine is not None or theirs is not None:
                 merged[name] = np.array(_unseen(name, theirs, self) if mine is None else mine)
                 merged[name][rows] = _unseen(name, mine, other) if theirs is None else theirs
-        return type(self)(**merged)
+        if not packed:
+            return type(self)(**merged)
+        together, width = self.packed.copy(), self.layout.width  # what a program adds behind is for itself
+        together[rows, :width] = other.packed[..., :width]
+        return self.looked_at(together, self.layout, **({"u": None} | merged))
 
     def replace(self, **changes: Any) -> Self:
         """This belief with some fields changed."""

@@ -93,7 +93,8 @@ class EnsembleFilter(Filter[EnsembleBelief]):
         numbers = self._numbers(rng, batch)
         ensemble = self._centred_noise(numbers, batch, shared_root(belief.cov), START)
         ensemble += belief.mean[..., None, :]
-        return EnsembleBelief.of(belief.replace(mean=self._mean(ensemble), cov=_LATER), ensemble=ensemble)
+        mean, members = self._mean(ensemble), members_last(ensemble)
+        return EnsembleBelief.predicted(belief, mean, _LATER, belief.u, ensemble=members.mT)
 
     def _advance(
         self, belief: EnsembleBelief, u: np.ndarray | None, y: np.ndarray, available: np.ndarray | None, rng: Rng

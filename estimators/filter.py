@@ -107,11 +107,11 @@ class Filter(ABC, Generic[Record]):
         """What `init` gives, of a prior for this model, told the known input of the first reading."""
         if self._ours and self._programs is not None and prior.mean.ndim == prior.cov.ndim == 2:
             return self._started_alike(prior, u)
-        n, batch = self.model.n, np.broadcast_shapes(prior.mean.shape[:-1], prior.cov.shape[:-2])
-        mean = np.array(np.broadcast_to(prior.mean, batch + (n,)))
-        cov = np.array(np.broadcast_to(prior.cov, batch + (n, n)))
-        start = Belief(mean, cov, mean, cov, np.zeros(batch, np.int8), u)
-        return self._returned("_init", self._init(start, rng), batch)
+        n, batch = self.model.n, np.broadcast(prior.mean[..., 0], prior.cov[..., 0, 0]).shape
+        mean, cov = np.empty(batch + (n,)), np.empty(batch + (n, n))
+        mean[...], cov[...] = prior.mean, prior.cov
+        begun = self._init(Belief(mean, cov, mean, cov, np.zeros(batch, np.int8), u), rng)
+        return begun if self._ours else self._returned("_init", begun, batch)
 
     def _started_alike(self, prior: Gaussian, u: np.ndarray | None) -> Record:
         """The same of rows that share a covariance: nothing else of a filter of formulas depends on the prior."""

@@ -62,7 +62,12 @@ class Numbers:
     @classmethod
     def seeded(cls, seeds: Sequence[int]) -> "Numbers":
         """Those of rows that have these seeds, whole numbers of any size that are not negative."""
-        return cls(np.array([key(seed) for seed in seeds], np.uint64).reshape(-1, 2))
+        keys = np.zeros((len(seeds), 2), np.uint64)
+        try:
+            keys[:, 0] = np.array(seeds, np.uint64)
+        except OverflowError:  # some have more than 64 bits
+            keys[:] = [key(seed) for seed in seeds]
+        return cls(keys)
 
     def __getitem__(self, rows: Any) -> "Numbers":
         step = self.step if isinstance(self.step, int) else np.broadcast_to(self.step, self.keys.shape[:-1])[rows]

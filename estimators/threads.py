@@ -2,12 +2,10 @@
 
 import os
 from collections.abc import Callable, Sequence
-from contextlib import suppress
+from concurrent.futures import ThreadPoolExecutor
 from contextvars import copy_context
-from functools import cache, partial
-from queue import Empty, SimpleQueue
-from threading import Thread
-from typing import Any, TypeVar
+from functools import cache
+from typing import TypeVar
 
 Result = TypeVar("Result")
 _FEWEST = 256
@@ -31,40 +29,14 @@ def each(work: Callable[[slice], Result], parts: Sequence[slice], threads: int) 
     """
     if threads == 1 or len(parts) == 1:
         return [work(part) for part in parts]
-    asked, done = _asked(os.getpid(), threads - 1), SimpleQueue[tuple[int, Any, BaseException | None]]()
-
-    def finish(i: int) -> None:
-        try:
-            done.put((i, work(parts[i]), None))
-        except BaseException as error:
-            done.put((i, None, error))
-
-    for i in range(1, len(parts)):
-        asked.put(partial(copy_context().run, finish, i))
-    finish(0)
-    with suppress(Empty):
-        while True:
-            asked.get_nowait()()
-    results: list[Any] = [None] * len(parts)
-    for _ in parts:
-        i, results[i], error = done.get()
-        if error is not None:
-            raise error
-    return results
+    submit = _pool(os.getpid(), threads - 1).submit
+    asked = {part.start: submit(copy_context().run, work, part) for part in parts[1:]}
+    results = {parts[0].start: work(parts[0])}
+    results |= {part.start: work(part) for part in parts[1:] if asked[part.start].cancel()}
+    return [results[part.start] if part.start in results else asked[part.start].result() for part in parts]
 
 
 @cache
-def _asked(process: int, threads: int) -> SimpleQueue[Callable[[], None]]:
-    """What some threads of a process are asked to do: half the price of the library's pool, which wants a lock each.
-
-    A process that is forked has none of its parent's threads, hence its number.
-    """
-    asked = SimpleQueue[Callable[[], None]]()
-    for _ in range(threads):
-        Thread(target=_serve, args=(asked,), name="vessel-gym", daemon=True).start()
-    return asked
-
-
-def _serve(asked: SimpleQueue[Callable[[], None]]) -> None:
-    while True:
-        asked.get()()
+def _pool(process: int, threads: int) -> ThreadPoolExecutor:
+    """Threads of a process, by its number: one that is forked has none of its parent's."""
+    return ThreadPoolExecutor(threads, "vessel-gym")

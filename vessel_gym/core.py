@@ -15,6 +15,7 @@ from estimators.compiled import rowwise
 from estimators.linalg import shared_root
 from estimators.randomness import word
 from estimators.threads import each, shares
+from estimators.threefry import normal_pair, threefry
 from vessel_gym.checks import number, numbers, one_of
 from vessel_gym.checks import options as checked_options
 from vessel_gym.composition import Composition, Forces
@@ -184,6 +185,12 @@ class Core:
         self._counts = np.array([p.normals for p in (process, *own)])
         self._counts[0] += self.forces.disturbance.white.shape[-1]
         self._begin = [p.start_root for p in (process, *own)]
+        spread = vehicle.normals if self.mismatch else 0
+        normals = [(0, root.shape[-1], 1) for root in self._begin]
+        drawn = [(self.task.uniforms, 0, 0), (0, len(self._based), 0), (0, spread, 0), (0, 0, 0), *normals]
+        self._drawn = np.array(drawn + [(0, 0, 0)] * len(self.sensors.each))
+        ends = [0, *self._drawn[:, :2].sum(-1).cumsum().tolist()]
+        self._own = [slice(*ends[i : i + 2]) for i in range(self._sensed)]  # what is whose of the numbers drawn
 
     def _attach_loop(self, name: str, estimation: Estimation) -> None:
         if hasattr(self, name):
@@ -327,45 +334,51 @@ class Core:
         options = checked_options("options", options)
         if readings is not None:
             readings = _arrived(readings, (len(rows), self.sensors.size))
-        loop, task, vehicle, some = self.loop, self.task, self.vehicle, self._some(rows)
-        episodes = Numbers.seeded([self.seeds[row] for row in rows]).of(self.episodes[rows])
-        keys = Numbers(episodes.keys[:, None]).of(self._names).keys
-        of_task, of_vehicle, of_parameters, of_filter = (Numbers(keys[:, i]) for i in range(len(_DRAWN)))
-        course = task.course(of_task.uniforms(task.uniforms), options)
+        loop, task, vehicle = self.loop, self.task, self.vehicle
+        some = None if len(rows) == self.num_envs else rows  # all rows are faster as such
+        at = slice(None) if some is None else rows
+        seeds = self.seeds if some is None else [self.seeds[row] for row in rows]
+        keys = np.empty((len(rows), len(self._names), 2), np.uint64)
+        numbers = np.empty((len(rows), self._own[-1].stop))
+        draw(Numbers.seeded(seeds).keys, self.episodes[at], self._names, self._drawn, keys, numbers)
+        of_task, of_vehicle, of_parameters, _, *of_parts = (numbers[:, own] for own in self._own)
+        course = task.course(of_task, options)
         prior = task.prior(course)
-        of_parts = self._keys[rows] = keys[:, len(_DRAWN) : self._sensed].copy()
-        loop.restart(rows, keys[:, self._sensed :], of_filter)
+        self._keys[at] = parts = keys[:, len(_DRAWN) : self._sensed].copy()
+        loop.restart(at, keys[:, self._sensed :], keys[:, _DRAWN.index("filter")])
         x, drifting = self._begun(prior, of_vehicle, of_parts)
         state, actuators = (np.ascontiguousarray(started, float) for started in vehicle.start(x))
         if self.mismatch:
-            parameters = vehicle.parameters(self.mismatch, of_parameters.normals(vehicle.normals))
+            parameters = vehicle.parameters(self.mismatch, of_parameters)
         else:
             parameters = self._nominal.repeat(len(rows), 0)
         steps = np.full(len(rows), -1)
         noise, forcing = np.zeros((len(rows), len(self._root))), np.zeros((len(rows), self.forces.size))
         # The step before the first, in which nothing moves: what is new over that one, and what acts then.
-        stir(of_parts, steps, self._counts, self._root, self._still, self.forces.gains, drifting, noise, forcing)
+        stir(parts, steps, self._counts, self._root, self._still, self.forces.gains, drifting, noise, forcing)
         if not self.forces.constant:
             self.forces.add(forcing, drifting[:, : self._size], state)
         self._put(
-            rows, course=course, state=state, actuators=actuators, parameters=parameters, drifting=drifting,
+            some, course=course, state=state, actuators=actuators, parameters=parameters, drifting=drifting,
             noise=noise, forcing=forcing, tally=task.begin(state, course), steps=steps, total=np.zeros(len(rows)),
             end=np.zeros(len(rows), int), action=np.zeros((len(rows), self.action_size)),
         )  # fmt: skip
-        readings = loop.sense(state, forcing, self.bias[rows], steps, some) if readings is None else readings
+        readings = loop.sense(state, forcing, drifting[:, self._size :], steps, some) if readings is None else readings
         y, available = loop.readings
-        loop.readings = self._with_rows(y, rows, readings[0]), self._with_rows(available, rows, readings[1])
+        loop.readings = _merged(y, some, readings[0]), _merged(available, some, readings[1])
         u = vehicle.known_input(actuators, actuators, task.commanded(course, steps))
         belief = loop.begin(some, self._known(prior, self.composition), self._handed(readings, rows), u)
         if hasattr(self, "held"):
             self.held.begin(some, self._known(prior, self.held.composition), readings, u)
-        self._put(rows, reference=self._reference(course, steps, belief, state))
+        self._put(some, reference=self._reference(course, steps, belief, state))
 
-    def _begun(self, prior: Gaussian, numbers: Numbers, keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What the prior describes, and the disturbance's state and the biases, drawn from what is known of them."""
-        own = [Numbers(keys[:, i]).normals(root.shape[-1], use=1) for i, root in enumerate(self._begin)]
-        drifting = np.concatenate([np.matvec(root, n) for root, n in zip(self._begin, own, strict=True)], -1)
-        x = prior.mean + np.matvec(shared_root(prior.cov), numbers.normals(len(self._based)))
+    def _begun(
+        self, prior: Gaussian, of_vehicle: np.ndarray, of_parts: list[np.ndarray]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """What the prior describes, and the disturbance's state and the biases, made of normal numbers of each."""
+        own = [np.matvec(root, normals) for root, normals in zip(self._begin, of_parts, strict=True)]
+        drifting = own[0] if len(own) == 1 else np.concatenate(own, -1)
+        x = prior.mean + np.matvec(shared_root(prior.cov), of_vehicle)
         if self._carried is not None:
             x += np.matvec(self._carried, drifting[:, : self._carried.shape[-1]])
         return x, drifting
@@ -520,14 +533,19 @@ class Core:
         truth = self.truth
         return truth.copy() if truth is self.state else truth
 
-    def info(self) -> dict[str, np.ndarray]:
-        """Copies of what happened, one row an environment; documented with the environment."""
-        return {name: values.copy() for name, values in self.happened().items()} | {
+    def info(self, rows: np.ndarray | None = None) -> dict[str, np.ndarray]:
+        """Copies of what happened, one row an environment; documented with the environment.
+
+        Args:
+            rows: Mask ``(B,)`` of those that are wanted; of the others comes 0 or None. None: all.
+        """
+        happened = self.happened() | {
             "healthy": self.loop.belief.healthy,
             "score": self.total / self.task.perfect,
             "end": self._ends[self.end],
             "is_success": self.end == self.success,
         }
+        return {name: _only(rows, values) for name, values in happened.items()}
 
     def happened(self) -> dict[str, np.ndarray]:
         """What happened as it is kept, one row an environment: not to be written into."""
@@ -565,10 +583,6 @@ class Core:
 
     # --- inside -----------------------------------------------------------------------------------
 
-    def _some(self, rows: np.ndarray) -> np.ndarray | None:
-        """The rows, or None when they are all of them, which is faster."""
-        return None if len(rows) == self.num_envs else rows
-
     def _handed(self, readings: Readings, rows: np.ndarray | None = None) -> Readings:
         """What the filter is handed: the readings; the oracle alone, and no other, the truth."""
         if not self.loop.tells_truth:
@@ -582,16 +596,46 @@ class Core:
         where = state[:, self._based] if self.observe_mode == "measurement" else belief.mean
         return self.task.reference(course, steps, where)
 
-    def _put(self, rows: np.ndarray, **arrays: np.ndarray) -> None:
-        for name, values in arrays.items():
-            setattr(self, name, self._with_rows(getattr(self, name, None), rows, values))
+    def _put(self, rows: np.ndarray | None, **arrays: np.ndarray) -> None:
+        """Take new values of some rows; None: of all."""
+        self.__dict__.update(
+            arrays if rows is None else {name: _merged(getattr(self, name), rows, new) for name, new in arrays.items()}
+        )
 
-    def _with_rows(self, whole: np.ndarray | None, rows: np.ndarray, values: np.ndarray) -> np.ndarray:
-        if whole is None or len(rows) == self.num_envs:
-            return values
-        merged = whole.copy()
-        merged[rows] = values
-        return merged
+
+@rowwise("void(u8[:,::1],i8[::1],u8[::1],i8[:,::1],u8[:,:,::1],f8[:,::1])")
+def draw(
+    seeds: np.ndarray, episodes: np.ndarray, names: np.ndarray, drawn: np.ndarray, keys: np.ndarray,
+    numbers: np.ndarray,
+) -> None:  # fmt: skip
+    """The keys of the parts of episodes, and the numbers that each draws at the start: the last two.
+
+    They are those of `estimators.Numbers`, at step 0.
+
+    Args:
+        seeds: ``(B, 2)`` keys.
+        episodes: ``(B,)``.
+        names: ``(parts,)`` words.
+        drawn: ``(parts, 3)`` how many uniform numbers, how many normal ones, and the use of these.
+        keys: ``(B, parts, 2)``.
+        numbers: ``(B, k)``, part by part.
+    """
+    none = np.uint64(0)
+    for row in range(len(seeds)):
+        first, second = threefry(np.uint64(episodes[row]), none, seeds[row, 0], seeds[row, 1])
+        at = 0
+        for part in range(len(names)):
+            key = threefry(names[part], none, first, second)
+            keys[row, part, 0], keys[row, part, 1] = key
+            uniforms, normals, use = drawn[part]
+            for i in range(uniforms):
+                words = threefry(np.uint64(i // 2), none, key[0], key[1])
+                numbers[row, at + i] = np.float64(words[i % 2] >> np.uint64(11)) * 2.0**-53
+            at += uniforms
+            for i in range(normals):
+                words = threefry(np.uint64(i // 4), np.uint64(use), key[0], key[1])
+                numbers[row, at + i] = normal_pair(words[i % 4 // 2])[i % 2]
+            at += normals
 
 
 @rowwise("b1(f4[:,::1],b1[::1],f8[:,::1])", "b1(f8[:,::1],b1[::1],f8[:,::1])")
@@ -620,6 +664,24 @@ def rounded(observation: np.ndarray, bound: float, out: np.ndarray) -> None:
         for i in range(out.shape[1]):
             value = observation[row, i]
             out[row, i] = -bound if value < -bound else (bound if value > bound else value)
+
+
+def _only(rows: np.ndarray | None, values: np.ndarray) -> np.ndarray:
+    """A copy of the values of some rows, with 0 or None in the others; None: of all."""
+    if rows is None:
+        return values.copy()
+    only = np.full(values.shape, None) if values.dtype == object else np.zeros(values.shape, values.dtype)
+    only[rows] = values[rows]
+    return only
+
+
+def _merged(whole: np.ndarray, rows: np.ndarray | None, values: np.ndarray) -> np.ndarray:
+    """An array with new values of some rows; None: of all."""
+    if rows is None:
+        return values
+    merged = whole.copy()
+    merged[rows] = values
+    return merged
 
 
 def observed(observe: str, guidance: bool) -> tuple[str, ...]:

@@ -48,9 +48,9 @@ class Loop:
         """All but what `attach` gives, which may hold functions that cannot be pickled."""
         return {name: value for name, value in self.__dict__.items() if name not in _ATTACHED}
 
-    def restart(self, rows: np.ndarray, sensing: np.ndarray, filtering: Numbers) -> None:
-        """Begin an episode of some rows, with keys ``(rows, sensors, 2)`` and the filter's numbers in it."""
-        self._sensing[rows], self._filtering.keys[rows] = sensing, filtering.keys
+    def restart(self, rows: np.ndarray | slice, sensing: np.ndarray, filtering: np.ndarray) -> None:
+        """Begin an episode of some rows, with keys ``(rows, sensors, 2)`` and ``(rows, 2)`` of the filter's numbers."""
+        self._sensing[rows], self._filtering.keys[rows] = sensing, filtering
 
     def sense(
         self, state: np.ndarray, forcing: np.ndarray, bias: np.ndarray, steps: np.ndarray,
@@ -69,8 +69,9 @@ class Loop:
             readings: The first.
             u: The known input.
         """
-        chosen = np.arange(self.rows) if rows is None else rows
-        rng = self._filtering[chosen] if self.filter.random else None
+        rng = None
+        if self.filter.random:
+            rng = self._filtering if rows is None else self._filtering[rows]
         prior = prior if self._prior_factor == 1.0 else Gaussian(prior.mean, self._prior_factor * prior.cov)
         if self._foreign:
             belief = self._update(self.filter.init(prior, rng=rng), readings, rng, u)

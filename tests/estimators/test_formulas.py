@@ -152,6 +152,11 @@ def test_a_packed_belief_is_like_any_other():
     assert_same(belief.with_rows(rows, filter.init(Gaussian(np.ones((2, 2)), np.eye(2)))),
                 again.with_rows(rows, filter.init(Gaussian(np.ones((2, 2)), np.eye(2)))))  # fmt: skip
     assert_same(filter.predict(belief), filter.predict(again))
+    begun, predicted = filter.init(Gaussian(np.ones((4, 2)), np.eye(2))), filter.predict(belief)
+    for one, other in ((begun, filter.predict(begun)), (belief, filter.update(begun, np.ones((4, 2)))),
+                       (predicted, begun)):  # fmt: skip
+        unpacked = (pickle.loads(pickle.dumps(each)) for each in (one, other))
+        assert_same(one.with_rows(rows, other[:2]), next(unpacked).with_rows(rows, next(unpacked)[:2]))
     with pytest.raises(AttributeError, match="has no attribute 'members'"):
         _ = belief.members  # type: ignore[attr-defined]
 

@@ -133,10 +133,7 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             self._keep_seed()
         self._ended &= ~mask
         self._record(mask, np.zeros_like(mask))
-        info = core.info()
-        if not mask.all():
-            info = {key: _only(mask, value) for key, value in info.items()}
-        return core.observe(), self._masked(info, mask)
+        return core.observe(), self._masked(core.info(None if mask.all() else mask), mask)
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Advance every environment by one step; the class says what follows where an episode has ended.
@@ -191,7 +188,7 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         final_observations = np.full(self.num_envs, None, dtype=object)
         for row in np.flatnonzero(done):
             final_observations[row] = observation[row]
-        final_info = self._masked({key: _only(done, value) for key, value in self.core.info().items()}, done)
+        final_info = self._masked(self.core.info(done), done)
         return {
             "final_obs": final_observations, "_final_obs": done.copy(),
             "final_info": final_info, "_final_info": done.copy(),
@@ -240,12 +237,6 @@ def _autoreset_mode(mode: Any) -> AutoresetMode:
     except ValueError:
         known = ", ".join(repr(known.value) for known in AutoresetMode)
         raise ValueError(f"unknown autoreset_mode {mode!r}: choose from {known}") from None
-
-
-def _only(rows: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """The values of some rows; of the others what Gymnasium puts where nothing is, 0 or None."""
-    nothing = np.full((), None) if values.dtype == object else np.zeros((), values.dtype)
-    return np.where(rows_like(rows, values), values, nothing)
 
 
 def rows_like(rows: np.ndarray, array: np.ndarray) -> np.ndarray:

@@ -12,17 +12,14 @@ are rows ``(n, 6)`` x, y, heading, circle (none: -1), side (1: the circle is on 
 bearing from the circle's centre.
 """
 
-import math
 from dataclasses import replace
 
 import numpy as np
 from numba import njit
 
-from estimators import wrap
 from estimators.compiled import gufunc, lazy
 from vessel_gym.guidance.words import (
     Path,
-    advance,
     chain,
     checked,
     follow_on,
@@ -156,20 +153,24 @@ def _join(a: Touch, b: Touch, discs: np.ndarray, limit: float) -> tuple[int, flo
 # --- tangents and touches ---------------------------------------------------------------------------
 
 
+@_part
 def _circles(start: np.ndarray, goal: np.ndarray, turn: float, discs: np.ndarray, gaps: np.ndarray) -> np.ndarray:
     """Directed circles ``(4 + 2 m, 5)`` x, y, radius, side, kind: the turning circles of both poses, then the discs."""
     circles = np.empty((4 + 2 * len(discs), 5))
-    for i in range(4):
-        (x, y, heading), side = start if i < 2 else goal, 1.0 - 2.0 * (i % 2)
-        x, y = x - side * turn * math.sin(heading), y + side * turn * math.cos(heading)
-        circles[i] = x, y, turn, side, _START if i < 2 else _GOAL
-    circles[4:, :3] = np.repeat(discs + gaps[:, None] * [0.0, 0.0, 1.0], 2, 0)
-    circles[4::2, 3], circles[5::2, 3] = 1.0, -1.0
-    circles[4:, 4] = np.repeat(np.arange(len(discs)), 2)
+    for i in range(len(circles)):
+        side = 1.0 - 2.0 * (i % 2)
+        if i < 4:
+            pose = start if i < 2 else goal
+            x, y = pose[0] - side * turn * np.sin(pose[2]), pose[1] + side * turn * np.cos(pose[2])
+            radius, kind = turn, _START if i < 2 else _GOAL
+        else:
+            k = (i - 4) // 2
+            x, y, radius, kind = discs[k, 0], discs[k, 1], discs[k, 2] + gaps[k], float(k)
+        circles[i, 0], circles[i, 1], circles[i, 2], circles[i, 3], circles[i, 4] = x, y, radius, side, kind
     return circles
 
 
-@lazy(njit("Tuple((int64[:, :], float64[:, :]))(float64[:, ::1], float64[:, ::1])", cache=True, error_model="numpy"))
+@_part
 def _tangents(circles: np.ndarray, discs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The clear straights from one directed circle to another.
 
@@ -204,10 +205,16 @@ def _tangents(circles: np.ndarray, discs: np.ndarray) -> tuple[np.ndarray, np.nd
     return pairs[:count], lines[:count]
 
 
+@_part
 def _gaps(discs: np.ndarray) -> np.ndarray:
     """What touches keep from each edge: a hair, or half of the narrowest gap to another circle if that is less."""
-    apart = np.sqrt(np.square(discs[:, None, :2] - discs[:, :2]).sum(-1)) - discs[:, None, 2] - discs[:, 2]
-    return np.minimum(0.5 * np.where(apart > 0.0, apart, np.inf).min(-1, initial=np.inf), _HAIR)
+    gaps = np.full(len(discs), _HAIR)
+    for k in range(len(discs)):
+        for j in range(len(discs)):
+            apart = _far(discs[k, 0], discs[k, 1], discs[j, 0], discs[j, 1]) - discs[k, 2] - discs[j, 2]
+            if apart > 0.0:
+                gaps[k] = min(gaps[k], 0.5 * apart)
+    return gaps
 
 
 @_part
@@ -225,12 +232,7 @@ def _outside(touch: Touch, discs: np.ndarray) -> bool:
     return outside
 
 
-@lazy(
-    njit(
-        "float64[:, ::1](float64[:, ::1], int64[:, :], float64[:, :], float64[:, ::1], float64[::1], float64, int64)",
-        cache=True, error_model="numpy",
-    )
-)  # fmt: skip
+@_part
 def _touches(
     circles: np.ndarray, pairs: np.ndarray, lines: np.ndarray, discs: np.ndarray, gaps: np.ndarray, along: float,
     count: int,
@@ -308,6 +310,19 @@ def _turning_on(
     cos = (distance * distance + reach * reach - apart * apart) / (2.0 * distance * reach)
     middle, half = np.arctan2(dy, dx) + (0.0 if sign > 0.0 else np.pi), np.arccos(min(max(cos, -1.0), 1.0))
     return middle - half, middle + half
+
+
+@_part
+def _sorted(keys: np.ndarray) -> np.ndarray:
+    """What sorts so few keys: Numba's own sort takes seconds to compile."""
+    order = np.arange(len(keys))
+    for i in range(1, len(keys)):
+        j = i
+        while j > 0 and keys[order[j - 1]] > keys[i]:
+            order[j] = order[j - 1]
+            j -= 1
+        order[j] = i
+    return order
 
 
 # --- the shortest way -------------------------------------------------------------------------------
@@ -490,73 +505,94 @@ def _pieces(way: np.ndarray, discs: np.ndarray) -> np.ndarray:
 # --- the string -------------------------------------------------------------------------------------
 
 
+@lazy(njit("float64(float64[::1], float64[::1], float64[:, ::1])", cache=True, error_model="numpy"))
 def _string(start: np.ndarray, goal: np.ndarray, discs: np.ndarray) -> float:
     """The length of the shortest way that may bend as sharply as it likes; infinite where there is none.
 
     The discs are smaller by a hair or two here: poses may lie on their edge, and no rounding closes a gap.
     """
-    discs = np.maximum(discs - [0.0, 0.0, 2.0 * _HAIR], [-np.inf, -np.inf, 0.0])
+    discs = discs.copy()
+    for k in range(len(discs)):
+        discs[k, 2] = max(discs[k, 2] - 2.0 * _HAIR, 0.0)
     circles = _circles(start, goal, 0.0, discs, np.full(len(discs), _HAIR))
     pairs, lines = _tangents(circles, discs)
-    e, lengths = len(pairs), lines[:, 1]
-    owner = pairs.T.ravel()  # where tangents leave their circle, then where they arrive
-    turned = circles[owner, 3] * np.tile(lines[:, 0], 2) % _FULL  # grows along the circle
-    order = np.argsort(owner * 7.0 + turned, kind="stable")
-    if not e:
-        return np.inf
-    first = np.flatnonzero(np.diff(owner[order], prepend=-1))  # points of each circle
-    following = np.arange(1, 2 * e + 1)
-    following[np.append(first[1:], 2 * e) - 1] = first
-    tail, head = order, order[following]
-    angles = (turned[head] - turned[tail]) % _FULL
-    clear = (head != tail) & _runs_clear(circles[owner[tail]], turned[tail], angles, discs)
-    tail, head = tail[clear], head[clear]
-    arcs = angles[clear] * circles[owner[tail], 2]
-    way = np.full(2 * e, np.inf)
-    way[:e][pairs[:, 0] < 2] = 0.0
-    before = np.zeros(0)
-    while not np.array_equal(before, way):  # Bellman and Ford
-        before = way.copy()
-        way[e:] = np.minimum(way[e:], way[:e] + lengths)
-        np.minimum.at(way, head, way[tail] + arcs)
-    return float(way[e:][circles[pairs[:, 1], 4] == _GOAL].min(initial=np.inf))
+    e = len(pairs)
+    owner, turned, along = (
+        np.empty(2 * e, np.int64),
+        np.empty(2 * e),
+        np.empty(2 * e),
+    )  # where tangents leave their circle, then arrive
+    way, following, arcs = np.full(2 * e, np.inf), np.full(2 * e, -1), np.empty(2 * e)
+    for i in range(2 * e):
+        owner[i] = pairs[i % e, i // e]
+        turned[i] = circles[owner[i], 3] * lines[i % e, 0] % _FULL  # grows along the circle
+        along[i] = owner[i] * 7.0 + turned[i]
+        if i < e and owner[i] < 2:
+            way[i] = 0.0
+    order, first = _sorted(along), 0
+    for i in range(2 * e):
+        tail = order[i]
+        last = i + 1 == 2 * e or owner[order[i + 1]] != owner[tail]
+        head = order[first if last else i + 1]
+        angle = (turned[head] - turned[tail]) % _FULL
+        if head != tail and _runs_clear(circles[owner[tail]], turned[tail], angle, discs):
+            following[tail], arcs[tail] = head, angle * circles[owner[tail], 2]
+        first = i + 1 if last else first
+    shorter = True
+    while shorter:  # Bellman and Ford
+        shorter = False
+        for i in range(2 * e):
+            if i < e and way[i] + lines[i, 1] < way[e + i]:
+                way[e + i], shorter = way[i] + lines[i, 1], True
+            if following[i] >= 0 and way[i] + arcs[i] < way[following[i]]:
+                way[following[i]], shorter = way[i] + arcs[i], True
+    shortest = np.inf
+    for i in range(e):
+        if circles[pairs[i, 1], 4] == _GOAL:
+            shortest = min(shortest, way[e + i])
+    return shortest
 
 
-@gufunc("void(float64[:], float64, float64, float64[:, :], boolean[:])", "(c),(),(),(m,d)->()")
-def _runs_clear(circle: np.ndarray, turned: float, angle: float, discs: np.ndarray, clear: np.ndarray) -> None:
+@_part
+def _runs_clear(circle: np.ndarray, turned: float, angle: float, discs: np.ndarray) -> bool:
     """Whether an arc keeps out of all discs that begins where ``turned`` is a circle's side times the heading."""
     bend = circle[3] * circle[2]
     heading = circle[3] * turned
     x, y = circle[0] + bend * np.sin(heading), circle[1] - bend * np.cos(heading)
-    clear[0] = _arc_clear(x, y, heading, bend, angle, discs)
+    return _arc_clear(x, y, heading, bend, angle, discs)
 
 
 # --- the check --------------------------------------------------------------------------------------
 
 
-@gufunc("void(float64[:, :], float64[:, :], float64[:])", "(k,s),(m,p)->(m)")
-def _approach(segments: np.ndarray, points: np.ndarray, nearest: np.ndarray) -> None:
-    for k in range(len(points)):
-        nearest[k] = np.inf
+@_part
+def _nearest(segments: np.ndarray, px: float, py: float) -> float:
+    """The distance at which a path passes a point."""
+    nearest = np.inf
     for i in range(len(segments)):
         x, y, heading, curvature, length = (
             segments[i, 0], segments[i, 1], segments[i, 2], segments[i, 3], segments[i, 4],
         )  # fmt: skip
         cos, sin = np.cos(heading), np.sin(heading)
-        ex, ey, _ = follow_on(length, x, y, heading, curvature)
-        for k in range(len(points)):
-            dx, dy = points[k, 0] - x, points[k, 1] - y
-            ahead, left = dx * cos + dy * sin, dy * cos - dx * sin
-            if curvature == 0.0:
-                distance = np.hypot(ahead - min(max(ahead, 0.0), length), left)
+        dx, dy = px - x, py - y
+        ahead, left = dx * cos + dy * sin, dy * cos - dx * sin
+        if curvature == 0.0:
+            distance = np.hypot(ahead - min(max(ahead, 0.0), length), left)
+        else:
+            radius, side = 1.0 / max(abs(curvature), 1e-300), 1.0 if curvature > 0.0 else -1.0
+            beside = radius - side * left  # from the point to the centre
+            if np.arctan2(ahead, beside) % _FULL * radius <= length:
+                distance = abs(np.hypot(ahead, beside) - radius)
             else:
-                radius, side = 1.0 / max(abs(curvature), 1e-300), 1.0 if curvature > 0.0 else -1.0
-                beside = radius - side * left  # from the point to the centre
-                if np.arctan2(ahead, beside) % _FULL * radius <= length:
-                    distance = abs(np.hypot(ahead, beside) - radius)
-                else:
-                    distance = min(np.hypot(dx, dy), np.hypot(points[k, 0] - ex, points[k, 1] - ey))
-            nearest[k] = min(nearest[k], distance)
+                ex, ey, _ = follow_on(length, x, y, heading, curvature)
+                distance = min(np.hypot(dx, dy), np.hypot(px - ex, py - ey))
+        nearest = min(nearest, distance)
+    return nearest
+
+
+@gufunc("void(float64[:, :], float64[:], float64[:])", "(k,s),(p)->()")
+def _approach(segments: np.ndarray, point: np.ndarray, nearest: np.ndarray) -> None:
+    nearest[0] = _nearest(segments, point[0], point[1])
 
 
 def approach(path: Path, points: np.ndarray) -> np.ndarray:
@@ -569,14 +605,23 @@ def approach(path: Path, points: np.ndarray) -> np.ndarray:
     return _approach(path.segments, points)
 
 
+@lazy(njit("boolean(float64[:, :], float64[:], float64, float64[:, :])", cache=True, error_model="numpy"))
 def _sound(segments: np.ndarray, goal: np.ndarray, radius: float, discs: np.ndarray) -> bool:
     """Whether a path ends at the goal, turns no tighter than the radius and keeps out of all discs."""
-    last = segments[-1]
-    off = advance(last[:3], last[3], last[4]) - goal
-    off[2] = radius * wrap(off[2])
-    size = radius + np.abs(goal[:2]).max() + segments[:, 4].sum()
-    bends = np.abs(segments[:, 3]).max() * radius <= 1.0 + 1e-12
-    return bool(np.abs(off).max() <= 1e-9 * size and bends and (_approach(segments, discs[:, :2]) >= discs[:, 2]).all())
+    last, size = len(segments) - 1, radius + max(abs(goal[0]), abs(goal[1]))
+    for i in range(last + 1):
+        size += segments[i, 4]
+        if not abs(segments[i, 3]) * radius <= 1.0 + 1e-12:
+            return False
+    x, y, heading, curvature, length = (
+        segments[last, 0], segments[last, 1], segments[last, 2], segments[last, 3], segments[last, 4],
+    )  # fmt: skip
+    x, y, heading = follow_on(length, x, y, heading, curvature)
+    turned = abs((heading - goal[2] + np.pi) % _FULL - np.pi)
+    sound = max(abs(x - goal[0]), abs(y - goal[1]), radius * turned) <= 1e-9 * size
+    for k in range(len(discs)):
+        sound = sound and _nearest(segments, discs[k, 0], discs[k, 1]) >= discs[k, 2]
+    return sound
 
 
 # --- planning ---------------------------------------------------------------------------------------
@@ -584,41 +629,28 @@ def _sound(segments: np.ndarray, goal: np.ndarray, radius: float, discs: np.ndar
 
 @lazy(
     njit(
-        "float64[:, ::1](float64[:, ::1], float64[:, ::1], float64[::1], float64[::1], int64[::1], float64, float64)",
-        cache=True, error_model="numpy",
+        "float64[:, ::1](float64[::1], float64[::1], float64[:, ::1], int64, float64)", cache=True, error_model="numpy",
     )
 )  # fmt: skip
-def _way(
-    nodes: np.ndarray, discs: np.ndarray, gaps: np.ndarray, straight: np.ndarray, order: np.ndarray, step: float,
-    limit: float,
-) -> np.ndarray:  # fmt: skip
-    """The curvatures and lengths ``(k, 2)`` of a way below a limit, if any; touches slide by a ``step`` at first."""
-    way = _search(nodes, discs, straight, order, limit)
-    if len(way):
-        way = _taut(way, discs)
-        _slide(way, discs, gaps, step)
-        way = _taut(way, discs)
-    return _pieces(way, discs)
-
-
-def _detour(
-    start: np.ndarray, goal: np.ndarray, radius: float, obstacles: np.ndarray, count: int, limit: float
-) -> tuple[float, np.ndarray]:
-    """A lower bound [m] and the curvatures [1/m] and lengths [m] ``(k, 2)`` of a way below a limit [m], if any."""
-    discs, to = np.ascontiguousarray((obstacles - [start[0], start[1], 0.0]) / radius), goal - [start[0], start[1], 0.0]
-    start, goal = np.array([0.0, 0.0, start[2]]), to / [radius, radius, 1.0]
-    bound = _string(start, goal, discs)
-    if bound == np.inf:
-        return bound, np.empty((0, 2))
+def _detour(start: np.ndarray, goal: np.ndarray, discs: np.ndarray, count: int, limit: float) -> np.ndarray:
+    """The curvatures and lengths ``(k, 2)`` of a way below a limit, if any, by so many evenly spread touches."""
     gaps = _gaps(discs)
     circles = _circles(start, goal, 1.0, discs, gaps)
-    along = math.atan2(goal[1], goal[0]) + 0.5 * np.pi
-    touches = _touches(circles, *_tangents(circles, discs), discs, gaps, along, count)
-    ends = [[*pose, _NOWHERE, _NOWHERE, _NOWHERE] for pose in (start, goal)]
-    nodes = np.concatenate([ends[:1], touches, ends[1:]])
-    straight = sum(np.sqrt(np.square(nodes[:, :2] - pose[:2]).sum(-1)) for pose in (start, goal))
-    pieces = _way(nodes, discs, gaps, straight, np.argsort(straight, kind="stable"), np.pi / count, limit / radius)
-    return bound * radius, pieces * [1.0 / radius, radius]
+    pairs, lines = _tangents(circles, discs)
+    touches = _touches(circles, pairs, lines, discs, gaps, np.arctan2(goal[1], goal[0]) + 0.5 * np.pi, count)
+    nodes, straight = np.empty((len(touches) + 2, 6)), np.empty(len(touches) + 2)
+    _put(nodes, 0, (start[0], start[1], start[2], _NOWHERE, _NOWHERE, _NOWHERE))
+    _put(nodes, len(nodes) - 1, (goal[0], goal[1], goal[2], _NOWHERE, _NOWHERE, _NOWHERE))
+    for i in range(len(touches)):
+        _put(nodes, i + 1, _row(touches, i))
+    for i in range(len(nodes)):
+        straight[i] = _apart(nodes, i, 0) + _apart(nodes, i, len(nodes) - 1)
+    way = _search(nodes, discs, straight, _sorted(straight), limit)
+    if len(way):
+        way = _taut(way, discs)
+        _slide(way, discs, gaps, np.pi / count)
+        way = _taut(way, discs)
+    return _pieces(way, discs)
 
 
 def plan(start: np.ndarray, goal: np.ndarray, radius: float, obstacles: np.ndarray, margin: float = 0.0) -> Path:
@@ -642,7 +674,7 @@ def plan(start: np.ndarray, goal: np.ndarray, radius: float, obstacles: np.ndarr
     """
     direct = shortest(start, goal, radius)
     start, goal, _ = checked(start, goal, radius)
-    discs = _discs(obstacles, margin)
+    radius, discs = float(radius), _discs(obstacles, margin)
     for name, pose in (("start", start), ("goal", goal)):
         if (np.square(discs[:, :2] - pose[:2]).sum(-1) < np.square(discs[:, 2])).any():
             depth = discs[:, 2] - np.hypot(discs[:, 0] - pose[0], discs[:, 1] - pose[1])
@@ -650,24 +682,28 @@ def plan(start: np.ndarray, goal: np.ndarray, radius: float, obstacles: np.ndarr
                 f"the {name} is {depth.max():.6g} m inside obstacle {depth.argmax()} or its margin: move the {name} or "
                 "the obstacle, or ask for less margin"
             )
-    if _sound(direct.segments, goal, float(radius), discs):
+    if _sound(direct.segments, goal, radius, discs):
         return direct
-    size = np.abs(np.concatenate([discs - [*start[:2], 0.0], [goal - start]])[:, :2]).max() / float(radius)
+    size = np.abs(np.concatenate([discs - [*start[:2], 0.0], [goal - start]])[:, :2]).max() / radius
     if size > _FAR:
         raise ValueError(
             f"poses and obstacles must lie within {_FAR:.0e} turn radii of each other for a way round, got {size:.0e}: "
             "turn wider or leave out what is far away"
         )
+    units, origin = [1.0 / radius, radius], [start[0], start[1], 0.0]
+    here, there = np.array([0.0, 0.0, start[2]]), (goal - origin) / [radius, radius, 1.0]
+    rounds = np.ascontiguousarray((discs - origin) / radius)
+    bound = _string(here, there, rounds) * radius
+    if bound == np.inf:
+        raise NoPath(
+            "the obstacles with their margin close every way to the goal: ask for less margin or remove an obstacle"
+        )
     path = None
     for count in TOUCHES:
-        bound, pieces = _detour(start, goal, float(radius), discs, count, path.length if path else np.inf)
-        if bound == np.inf:
-            raise NoPath(
-                "the obstacles with their margin close every way to the goal: ask for less margin or remove an obstacle"
-            )
+        pieces = _detour(here, there, rounds, count, (path.length if path else np.inf) / radius) * units
         if len(pieces):
             found = chain(start, pieces[:, 0], pieces[:, 1])
-            if _sound(found.segments, goal, float(radius), discs):
+            if _sound(found.segments, goal, radius, discs):
                 path = replace(found, lower_bound=min(max(bound, direct.length), found.length))
         if path and path.length <= _NEAR * path.lower_bound:
             break

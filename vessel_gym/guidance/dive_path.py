@@ -19,7 +19,9 @@ _STRAIGHT = 1e-9  # 1/m, the least curvature: over 100 m it bends a straight pat
 def course_to(goal: np.ndarray) -> np.ndarray:
     """The courses ``(..., 3)`` from the origin to goals ``(..., 3)`` [m]: a chord and a tangent make an arc."""
     chord, half = np.hypot(goal[..., 0], goal[..., 1]), np.arctan2(goal[..., 1], goal[..., 0])
-    return np.stack([2.0 * half, chord / np.sinc(half / np.pi), goal[..., 2]], -1)
+    course = np.array(goal, float)  # whose depth is its last component
+    course[..., 0], course[..., 1] = 2.0 * half, chord / np.sinc(half / np.pi)
+    return course
 
 
 @njit()

@@ -21,6 +21,7 @@ WORDS = ("LSL", "LSR", "RSL", "RSR", "LRL", "RLR")
 """The order of the last axis of `lengths`."""
 TURNS = {"L": 1.0, "S": 0.0, "R": -1.0}
 """Curvature of a piece in units of 1 / R."""
+_CURVATURES = np.array([[TURNS[letter] for letter in word] for word in WORDS])
 
 _FULL = 2.0 * np.pi
 _ORDER = np.arange(len(WORDS), dtype=float)  # tells the compiled functions how many words there are
@@ -274,7 +275,7 @@ def word_path(start: np.ndarray, goal: np.ndarray, radius: float, word: str) -> 
     pieces = _word_pieces(start, goal, radius, _ORDER)[WORDS.index(word)]
     if not np.isfinite(pieces).all():
         raise ValueError(f"no path {word} joins these poses: `candidates` says which words do")
-    return chain(start, np.array([TURNS[letter] for letter in word]) / radius, pieces * radius)
+    return chain(start, _CURVATURES[WORDS.index(word)] / radius, pieces * radius)
 
 
 def shortest(start: np.ndarray, goal: np.ndarray, radius: float) -> Path:
@@ -286,8 +287,10 @@ def shortest(start: np.ndarray, goal: np.ndarray, radius: float) -> Path:
     Raises:
         ValueError: for poses that are not finite or a radius that is not positive.
     """
-    values = lengths(*_single(start, goal), radius)
-    path = word_path(start, goal, radius, WORDS[int(np.argmin(values))])
+    start, goal, _ = checked(*_single(start, goal), radius)
+    pieces = _word_pieces(start, goal, radius, _ORDER)
+    word = ((pieces[:, 0] + pieces[:, 1] + pieces[:, 2]) * radius).argmin()
+    path = chain(start, _CURVATURES[word] / radius, pieces[word] * radius)
     return replace(path, lower_bound=path.length)
 
 

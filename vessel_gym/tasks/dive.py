@@ -12,7 +12,7 @@ from estimators.checks import shown
 from estimators.compiled import inlined, rowwise
 from vessel_gym.checks import one_of
 from vessel_gym.guidance import dive_path
-from vessel_gym.guidance.dive_path import course_to, follow
+from vessel_gym.guidance.dive_path import course_to
 from vessel_gym.system import Estimate
 from vessel_gym.tasks.task import Task, three_numbers
 from vessel_gym.vehicles.auv import AUVParameters
@@ -253,8 +253,9 @@ class Dive(Task):
 
     def begin(self, state: np.ndarray, course: np.ndarray) -> np.ndarray:
         """The farthest progress [m] and the energy used [s at cruising power], ``(B, 2)``."""
-        tally = np.zeros((len(state), 2))
-        tally[:, 0] = np.clip(follow(self.position(state), course, 0.0)[:, 0], 0.0, course[:, 1])
+        tally, place = np.zeros((len(state), 2)), np.empty((len(state), 11))
+        dive_reference(state, self.where, course, 0.0, place)
+        tally[:, 0] = np.minimum(np.maximum(place[:, 0], 0.0), course[:, 1])
         return tally
 
     def score(

@@ -402,9 +402,9 @@ class Flight(Task):
 
     def begin(self, state: np.ndarray, course: np.ndarray) -> np.ndarray:
         """The farthest progress [m] and the last commands, ``(B, 4)``."""
-        tally = np.zeros((len(state), 4))
-        true = self.track(state, course, 0.0)
-        tally[:, 0] = np.maximum(true[:, 0], 0.0)
+        tally, place = np.zeros((len(state), 4)), np.empty((len(state), _WHERE + course.shape[1]))
+        flight_reference(state, course, np.array([-self.WINDOW, self.WINDOW, 0.0]), self._ahead, place)
+        tally[:, 0] = np.maximum(place[:, 0], 0.0)
         return tally
 
     def score(

@@ -119,7 +119,7 @@ class TurningCircle(Task):
         shortest, longest = self.radius
         heading = np.pi * (1.0 - 2.0 * uniforms[:, 0])
         radius = self.ship.length * (shortest + (longest - shortest) * uniforms[:, 1])
-        radius = np.where(uniforms[:, 2] < 0.5, -radius, radius)
+        radius = np.copysign(radius, uniforms[:, 2] - 0.5)
         for option, value in options.items():
             one_of("reset option", option, ("radius",))
             low = self.tightest * self.ship.length

@@ -261,7 +261,7 @@ class Puna(WholeState):
     normals: ClassVar = len(UNCERTAIN)
     """Normal numbers that `parameters` needs."""
 
-    @property
+    @cached_property
     def cruise(self) -> tuple[np.ndarray, np.ndarray]:
         """Level at 100 m and the cruising speed."""
         x = np.array([0.0, 0.0, 100.0, self.body.cruise_speed, 0.0, 0.0, 0.0])

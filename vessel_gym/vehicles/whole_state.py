@@ -61,7 +61,7 @@ class WholeState:
 
     def start(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """State ``(B, n)`` and actuators ``(B, a)`` to begin with."""
-        return np.array(x, float), np.tile(self.cruise[1][: len(self.action_names)], (len(x), 1))
+        return np.array(x, float), self.cruise[1][None, : len(self.action_names)].repeat(len(x), 0)
 
     def advance(
         self, state: np.ndarray, control: np.ndarray, flow: np.ndarray, c: np.ndarray, out: np.ndarray | None = None
