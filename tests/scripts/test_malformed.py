@@ -165,7 +165,7 @@ def test_any_command_line_is_refused_in_one_sentence_or_begins_its_work(line: tu
         ("benchmark --against folder.gif", "folder.gif holds no vessel_gym: pip install --no-deps --target folder.gif"),
         ("benchmark --against nowhere", "nowhere holds no vessel_gym"),
         ("benchmark --page nowhere.md", "No such file or directory"),
-        ("benchmark --page study.toml", "study.toml needs a line <!-- measured --> and a line <!-- end --> below it"),
+        ("benchmark --page study.toml", "study.toml needs one line <!-- measured --> and a line <!-- end --> below it"),
         ("lorenz --seed -1", "seed must be at least 0, got -1"),
         ("lorenz --runs 99999999999999999999", "runs must be at most"),
         ("reproduce robust --jobs 0", "--jobs must be at least 1, got 0"),
