@@ -344,4 +344,14 @@ def rotated(a: Any) -> tuple[Any, Any]:
     if n == 1:
         return a, program.of(np.ones((1, 1)))
     turned = program.symbol(m, n)
-    return turned, program.say(Verb.ROTATE, (m, n, 0), program.symbol(n, n), turned, a)
+    return turned, program.say(Verb.ROTATE, (m, n, n), program.symbol(n, n), turned, a)
+
+
+def orthogonal(a: Any) -> Any:
+    """``A V`` alone."""
+    program, (m, n) = a.program, a.shape
+    if n == 1:
+        return a
+    turned = program.symbol(m, n)
+    program.say(Verb.ROTATE, (m, n, 0), turned, turned, a)
+    return turned

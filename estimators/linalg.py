@@ -6,7 +6,7 @@ from functools import cache, lru_cache
 
 import numpy as np
 
-from estimators.formulas import is_noted, root_of, rotated, symmetric
+from estimators.formulas import is_noted, orthogonal, root_of, rotated, symmetric
 
 
 @cache
@@ -84,6 +84,19 @@ def singular(a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     values = np.zeros(a.shape[:-2] + (n,))
     values[..., : found.shape[-1]] = found
     return values, directions.mT
+
+
+def principal_root(cov: np.ndarray) -> np.ndarray:
+    """``W (..., n, n)`` with ``W W' = P``, positive semidefinite, and orthogonal columns.
+
+    These are the eigenvectors of P, each as long as the root of its eigenvalue; found by turning the columns of a
+    triangular root (Veselic & Hari 1989), which takes fewer turns than P itself.
+    """
+    root = semidefinite_cholesky(cov)
+    if is_noted(cov):
+        return orthogonal(root)
+    vectors, values, _ = np.linalg.svd(root)
+    return vectors * values[..., None, :]
 
 
 def semidefinite_cholesky(a: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ from estimators.belief import Belief
 from estimators.checks import number, whole
 from estimators.filter import Model, Rng
 from estimators.kalman import GaussianFilter, joseph_update
-from estimators.linalg import joined, semidefinite_cholesky, singular, solve, symmetrise
+from estimators.linalg import joined, principal_root, semidefinite_cholesky, solve, symmetrise
 from estimators.reading import Reading
 
 
@@ -151,8 +151,8 @@ def least_favourable_covariance(cov: np.ndarray, radius: float) -> np.ndarray:
         ``(..., n, n)`` V, with KL(N(0, V) || N(0, P)) = radius / 2.
     """
     finite = np.isfinite(cov)
-    values, vectors = singular(np.where(finite, cov, 0.0))
-    V = cov + symmetrise((vectors * (values * _entropy_odds(values, radius))[..., None, :]) @ vectors.mT)
+    root = principal_root(np.where(finite, cov, 0.0))
+    V = cov + symmetrise((root * _entropy_odds(np.square(root).sum(-2), radius)[..., None, :]) @ root.mT)
     return np.where(finite, V, cov)
 
 

@@ -51,16 +51,22 @@ def _store(w: Any, s: Any, at: Any, out: Any, start: Any, L: Any, block: Any) ->
 @part
 def _matmul(w: Any, s: Any, at: Any, L: Any) -> None:
     """``A B``."""
-    inner, across, down = s[at + _3], L * s[at + np.uint64(9)], L * s[at + np.uint64(11)]
-    for i in range(s[at + _1]):
-        for j in range(s[at + _2]):
+    rows, columns, inner = s[at + _1], s[at + _2], s[at + _3]
+    across, down = L * s[at + np.uint64(9)], L * s[at + np.uint64(11)]
+    if _1 == L:  # sums side by side, for the terms of one wait for each other
+        beside, other = s[at + np.uint64(6)], s[at + np.uint64(12)]
+        for i in range(rows):
+            first, x, y = _place(s, at, 0, i, _0, L), _place(s, at, 1, i, _0, L), _place(s, at, 2, _0, _0, L)
+            for j in range(columns):
+                w[first + j * beside] = w[x] * w[y + j * other]
+            for k in range(_1, inner):
+                factor, b = w[x + k * across], y + k * down
+                for j in range(columns):
+                    w[first + j * beside] += factor * w[b + j * other]
+        return
+    for i in range(rows):
+        for j in range(columns):
             z, x, y = _place(s, at, 0, i, j, L), _place(s, at, 1, i, _0, L), _place(s, at, 2, _0, j, L)
-            if _1 == L:
-                total = w[x] * w[y]
-                for k in range(_1, inner):
-                    total += w[x + k * across] * w[y + k * down]
-                w[z] = total
-                continue
             for r in range(L):
                 w[z + r] = w[x + r] * w[y + r]
             for k in range(_1, inner - (inner + _1) % _2, _2):  # two at once, added one after the other
@@ -208,21 +214,25 @@ def _cholesky(w: Any, s: Any, at: Any, L: Any) -> None:
 
 
 @inlined
-def _turned(w: Any, x: Any, y: Any, cosine: float, sine: float) -> None:
-    a, b = w[x], w[y]
-    w[x], w[y] = cosine * a - sine * b, sine * a + cosine * b
+def _turn(w: Any, x: Any, y: Any, turns: Any, L: Any) -> None:
+    """Turns ``x`` and ``y`` of each row by its own angle; a row without one keeps its bits."""
+    for r in range(L):
+        a, b, cosine, sine = w[x + r], w[y + r], turns[r], turns[L + r]
+        w[x + r] = cosine * a - sine * b if sine != 0.0 else a
+        w[y + r] = sine * a + cosine * b if sine != 0.0 else b
 
 
 @part
 def _rotate(w: Any, s: Any, at: Any, L: Any) -> None:
-    """V, and ``A V`` with orthogonal columns: pairs of columns are turned until none is left that is not."""
-    m, n = s[at + _1], s[at + _2]
+    """``A V`` with orthogonal columns, and V where it is wanted: pairs of columns that are not yet are turned."""
+    m, n, wanted = s[at + _1], s[at + _2], s[at + _3]
+    turns = np.empty(np.uint64(3) * L)
     for j in range(n):
         for i in range(m):
             z, x = _place(s, at, 1, i, j, L), _place(s, at, 2, i, j, L)
             for r in range(L):
                 w[z + r] = w[x + r]
-        for i in range(n):
+        for i in range(wanted):
             z = _place(s, at, 0, i, j, L)
             for r in range(L):
                 w[z + r] = 1.0 if i == j else 0.0
@@ -230,21 +240,30 @@ def _rotate(w: Any, s: Any, at: Any, L: Any) -> None:
         turning = False
         for p in range(n):
             for q in range(p + _1, n):
+                for r in range(np.uint64(3) * L):
+                    turns[r] = 0.0
+                for i in range(m):
+                    x, y = _place(s, at, 1, i, p, L), _place(s, at, 1, i, q, L)
+                    for r in range(L):
+                        a, b = w[x + r], w[y + r]
+                        turns[r] += a * a
+                        turns[L + r] += b * b
+                        turns[L + L + r] += a * b
+                aside = 0.0
                 for r in range(L):
-                    aa, bb, ab = 0.0, 0.0, 0.0
-                    for i in range(m):
-                        a, b = w[_place(s, at, 1, i, p, L) + r], w[_place(s, at, 1, i, q, L) + r]
-                        aa, bb, ab = aa + a * a, bb + b * b, ab + a * b
-                    if not abs(ab) > _EPS * np.sqrt(aa * bb):
-                        continue
-                    turning = True
+                    aa, bb, ab = turns[r], turns[L + r], turns[L + L + r]
+                    apart = 1.0 if abs(ab) > _EPS * np.sqrt(aa * bb) else 0.0
                     zeta = (bb - aa) / (2.0 * ab)
-                    t = (1.0 if zeta >= 0.0 else -1.0) / (abs(zeta) + np.sqrt(1.0 + zeta * zeta))
-                    cosine = 1.0 / np.sqrt(1.0 + t * t)
+                    tangent = (1.0 if zeta >= 0.0 else -1.0) / (abs(zeta) + np.sqrt(1.0 + zeta * zeta))
+                    cosine = 1.0 / np.sqrt(1.0 + tangent * tangent)
+                    turns[r], turns[L + r] = cosine, cosine * tangent if apart != 0.0 else 0.0
+                    aside += apart
+                if aside > 0.0:
+                    turning = True
                     for i in range(m):
-                        _turned(w, _place(s, at, 1, i, p, L) + r, _place(s, at, 1, i, q, L) + r, cosine, cosine * t)
-                    for i in range(n):
-                        _turned(w, _place(s, at, 0, i, p, L) + r, _place(s, at, 0, i, q, L) + r, cosine, cosine * t)
+                        _turn(w, _place(s, at, 1, i, p, L), _place(s, at, 1, i, q, L), turns, L)
+                    for i in range(wanted):
+                        _turn(w, _place(s, at, 0, i, p, L), _place(s, at, 0, i, q, L), turns, L)
         if not turning:
             return
 
