@@ -46,7 +46,12 @@ class Filter(ABC, Generic[Record]):
     _threads: int = 1
     """That rows are shared among (`estimators.threads`), set by who has asked for them: no result depends on it."""
     formulas: ClassVar[bool] = False
-    """Whether ``_predict`` and ``_update`` are formulas, which are compiled, see `estimators.formulas`."""
+    """Whether ``_predict`` and ``_update`` are formulas, which are compiled, see `estimators.formulas`.
+
+    They are then noted once: what they read of the filter itself, or do besides, counts as it was then. It is not
+    inherited: a filter of your own is NumPy until it says otherwise. Arrays that its record has besides are numbers
+    afterwards, masks 1 and 0.
+    """
 
     def __init__(self, model: Model) -> None:
         if not isinstance(model, LinearModel | NonlinearModel):
@@ -69,6 +74,8 @@ class Filter(ABC, Generic[Record]):
         # Ours return covariances by their algebra, as the tests hold; what somebody else's return is looked at.
         if "_ours" not in cls.__dict__:
             cls._ours = cls.__module__.startswith("estimators.")
+        if not cls._ours and "formulas" not in cls.__dict__:  # NumPy of any kind, unless it says that it is formulas
+            cls.formulas = False
 
     def __getattr__(self, name: str) -> Any:
         if name in ("model", "_identity", "_no_columns", "_regular", "_programs", "_first"):
@@ -194,9 +201,9 @@ class Filter(ABC, Generic[Record]):
         self, belief: Record, u: np.ndarray | None, y: np.ndarray, available: np.ndarray | None, rng: Rng
     ) -> Record:
         """`predict`, then `update`."""
-        if self._programs is not None and isinstance(self.model, LinearModel):
+        if self._programs is not None and self._regular and isinstance(self.model, LinearModel):
             updated, doubtful = self._carried_out(_BOTH, belief, u, y, available)
-            if self._regular and not doubtful:
+            if not doubtful and (self._ours or _proper(updated.cov)):
                 return updated
         return self._corrected(self._predicted(belief, u, rng), y, available, None, rng)
 
@@ -214,7 +221,7 @@ class Filter(ABC, Generic[Record]):
             regular = _regular(neutralised(*self._noise(y, available, R, belief.u)))
         if self._programs is not None:
             updated, doubtful = self._carried_out(("_update",), belief, belief.u, y, available, R)
-            if regular and not doubtful:
+            if regular and not doubtful and (self._ours or _proper(updated.cov)):
                 return updated
             rows = updated.packed[..., -1] != 0.0
         else:
@@ -284,6 +291,8 @@ class Filter(ABC, Generic[Record]):
             doubtful = sum(each(lambda part: run(*(array[part] for array in given)), rows, self._threads))
         out = out if len(batch) == 1 else out.reshape(*batch, out.shape[-1])
         updated: Any = self.record.looked_at(out, noted.layout, belief.prior_mean, belief.prior_cov, u)
+        if y is None:
+            object.__setattr__(updated, "recovery", belief.recovery)
         return updated, doubtful
 
     def _noted(
@@ -310,19 +319,36 @@ class Filter(ABC, Generic[Record]):
         known = None if u is None else program.given(1, 0, u.shape[-1])
         now: Any = self.record(**(fields | {"u": known}))
         doubtful: Any = 0.0
-        if "_predict" in formulas:
-            now = self._predict(now, known, None)
-        if "_update" in formulas:
-            y, mask = program.given(2, 0, self.model.p), program.given(3, 0, self.model.p)
-            told = None if R is None else ask(lambda belief, u, R: R, 2)
-            reading = self._reading(now, y, mask, told)
-            now = self._update(now, reading, None)
-            doubtful = _doubtful(now, reading.R)
+        try:
+            if "_predict" in formulas:
+                now = self._sound(self._predict(now, known, None))
+            if "_update" in formulas:
+                y, mask = program.given(2, 0, self.model.p), program.given(3, 0, self.model.p)
+                told = None if R is None else ask(lambda belief, u, R: R, 2)
+                reading = self._reading(now, y, mask, told)
+                now = self._sound(self._update(now, reading, None))
+                doubtful = _doubtful(now, reading.R)
+        except (TypeError, ValueError, AttributeError, IndexError) as error:
+            if self._ours:
+                raise
+            raise TypeError(
+                f"{type(self).__name__} says that it is formulas, but cannot be noted as such ({error}): write it in "
+                f"the words of estimators.formulas, or without formulas = True"
+            ) from error
         results = {name: value for name, value in now._arrays().items() if value is not None and name not in APART}
         found = laid_out(tuple((name, value.shape) for name, value in results.items()))
         wanted = [(results[name], first) for name, (first, _) in found.columns.items()]
         program.finish([*wanted, (doubtful, found.width)])
         return _Noted(program, found, tuple(questions), column)
+
+    def _sound(self, noted: Any) -> Record:
+        """A belief that a formula of one's own gave, if its symbols are such."""
+        n = self.model.n
+        if not self._ours and not (
+            isinstance(noted, self.record) and noted.mean.shape == (n,) and noted.cov.shape == (n, n)
+        ):
+            raise ValueError(f"it must return a {self.record.__name__} with a mean ({n},) and a cov ({n}, {n}) a row")
+        return cast(Record, noted)
 
     def _reading(self, belief: Record, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None) -> Reading:
         """Innovation and measurement matrices, with missing channels neutralised."""

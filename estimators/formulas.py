@@ -20,7 +20,11 @@ from numpy.lib.mixins import NDArrayOperatorsMixin
 
 
 class Verb(IntEnum):
-    """What a sentence does; those from ADD to WHERE do it entry by entry."""
+    """What a sentence does; those from ADD to WHERE do it entry by entry.
+
+    Kernels have these numbers compiled into them, so that this file belongs to what their cache is named after
+    (`estimators.compiled`).
+    """
 
     MATMUL = 0
     ADD = 1
@@ -104,21 +108,28 @@ class Symbol(NDArrayOperatorsMixin):
 
     def diagonal(self, offset: int = 0, axis1: int = -2, axis2: int = -1) -> "Symbol":
         """The diagonal of a matrix, whose axes are the last two."""
-        return Symbol(self.program, self.buffer, self.shape[:1], self.start, (sum(self.steps),))
+        if (offset, axis1, axis2) != (0, -2, -1) or self.ndim != 2:
+            raise TypeError("of a formula's matrices diagonal(0, -2, -1) alone can be had")
+        return Symbol(self.program, self.buffer, (min(self.shape),), self.start, (sum(self.steps),))
 
     def sum(self, axis: int | tuple[int, int]) -> "Symbol":
         """The sum over the last axis, the one before, or both."""
-        matrix = self[None] if self.ndim == 1 else self
+        if axis not in (-1, -2, (-2, -1)):
+            raise TypeError(f"a formula sums over its last axes, -1, -2 or (-2, -1), not {axis}: the batch's are first")
+        matrix = self[..., None, :] if self.ndim == 1 else self
         if axis != -1:
             matrix = np.ones((1, matrix.shape[0])) @ matrix
         if axis != -2:
             matrix = matrix @ np.ones((matrix.shape[1], 1))
-        return matrix[0] if axis == -2 else matrix[:, 0] if axis == -1 and self.ndim == 2 else matrix[0, 0]
+        if axis == -2:
+            return matrix[..., 0, :]
+        return matrix[..., 0] if axis == -1 and self.ndim == 2 else matrix[..., 0, 0]
 
     def __getitem__(self, key: Any) -> "Symbol":
-        keys = list(key if isinstance(key, tuple) else (key,))
-        others = [slice(None)] * (self.ndim - sum(each is not None and each is not Ellipsis for each in keys))
-        keys = [*others, *keys[1:]] if keys[0] is Ellipsis else [*keys, *others]
+        first, *named = key if isinstance(key, tuple) else (key,)
+        if first is not Ellipsis:
+            raise TypeError("a formula's arrays are indexed from behind, a[..., i]: the first axes are the batch's")
+        keys: list[Any] = [slice(None)] * (self.ndim - sum(each is not None for each in named)) + named
         axis, start = 0, self.start
         shape: list[int] = []
         steps: list[int] = []
@@ -276,11 +287,15 @@ def _side_by_side(sizes: tuple[int, int, int], parts: tuple[Symbol, ...]) -> tup
 
 def _matmul(program: Program, a: Any, b: Any) -> Symbol:
     a, b = program.of(a), program.of(b)
+    if a.ndim != 2 or b.ndim != 2:
+        raise TypeError("@ is of matrices; of a matrix and a vector there is np.matvec")
+    if a.shape[1] == 0:
+        return program.of(np.zeros((a.shape[0], b.shape[1])))
     return program.once(Verb.MATMUL, (a.shape[0], b.shape[1], a.shape[1]), (a.shape[0], b.shape[1]), a, b)
 
 
 def _matvec(program: Program, a: Any, x: Any) -> Symbol:
-    return _matmul(program, a, program.of(x)[:, None])[:, 0]
+    return _matmul(program, a, program.of(x)[..., None])[..., 0]
 
 
 def _where(program: Program, mask: Any, a: Any, b: Any) -> Symbol:
@@ -298,11 +313,13 @@ def _concatenate(program: Program, parts: Any, axis: int = 0) -> Symbol:
         own = slice(first, first + part.shape[axis])
         first = own.stop
         rows, columns = (1,) * (2 - part.ndim) + part.shape
-        program.say(Verb.ADD, (rows, columns, 1), whole[(slice(None),) * axis + (own,)], part, program.of(0.0))
+        place = whole[(..., own, *(slice(None),) * (whole.ndim - 1 - axis))]
+        program.say(Verb.ADD, (rows, columns, 1), place, part, program.of(0.0))
     return whole
 
 
 def _solve(program: Program, s: Any, b: Any) -> Symbol:
+    """``S^-1 B`` of a symmetric positive definite S, as all are that filters solve for."""
     s, b = program.of(s), program.of(b)
     n, k = b.shape
     return program.say(Verb.SOLVE, (n, k, 0), program.symbol(n, k), s, b, program.symbol(n, n))

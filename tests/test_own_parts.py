@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -12,8 +13,12 @@ from agents import rollout
 from agents.scores import scores
 from agents.studies.plan import plan
 from agents.studies.study import read_study
-from vessel_gym.envs import ItsunusaAUVEnv, SegorogeniAUVEnv, ShipEnv, register_environment
+from estimators import EnsembleKalmanFilter
+from vessel_gym.core import Core
+from vessel_gym.envs import ItsunusaAUVEnv, SegorogeniAUVEnv, ShipEnv, SigmaCorvetteEnv, register_environment
 from vessel_gym.estimation import estimator_names
+from vessel_gym.tasks.turning_circle import TurningCircle
+from vessel_gym.vehicles.corvette import Corvette
 
 
 @pytest.mark.parametrize("module", PAGES)
@@ -128,3 +133,54 @@ def test_the_name_of_another_environment_is_not_taken() -> None:
     for name in ("CartPole-v1", "SegorogeniAUV-v0"):
         with pytest.raises(ValueError, match="is an environment already: give yours a name of its own"):
             register_environment(replace(SegorogeniAUVEnv.system, name=name))
+
+
+def test_numbers_of_ones_own_need_be_neither_doubles_nor_a_row_each() -> None:
+    """What broadcasts in NumPy, or is float32, counts as its doubles for every row."""
+    system = SigmaCorvetteEnv.system
+
+    class Narrow(TurningCircle):
+        def commanded(self, course: Any, step: Any) -> Any:
+            return np.array([[0.005]], np.float32)
+
+        def reference(self, course: Any, step: Any, state: Any) -> Any:
+            return super().reference(course, step, state).astype(np.float32)
+
+        def score(self, *args: Any) -> Any:
+            _, end, tally = super().score(*args)
+            return np.float32(0.25), end, tally
+
+    class Light(Corvette):
+        def actuate(self, before: Any, action: Any) -> Any:
+            return super().actuate(before, action).astype(np.float32)
+
+        def known_input(self, before: Any, after: Any, commanded: Any) -> Any:
+            return super().known_input(before, after, commanded).astype(np.float32)
+
+    task, vehicle = Narrow(system.vehicle.ship), Light()
+    core = Core(replace(system, task=task, vehicle=vehicle), 4)
+    core.start(0, None)
+    for steps in range(1, 4):
+        core.step(np.full((4, 1), 0.3, np.float32))
+        np.testing.assert_array_equal(core.belief.u[:, 1], np.full(4, np.float32(0.005)))  # not only after a reset
+        np.testing.assert_array_equal(core.total, np.full(4, 0.25 * steps))
+        assert core.actuators.dtype == core.reference.dtype == float
+    assert np.isfinite(core.observe()).all()
+    one = Corvette().actuate(np.zeros((1, 1)), np.ones((1, 1)))
+    np.testing.assert_array_equal(Corvette().actuate(np.zeros((4, 1)), np.ones((1, 1))), one.repeat(4, 0))
+
+
+def test_numbers_that_a_filter_of_ones_own_keeps_stay_those_of_their_step() -> None:
+    kept = []
+
+    class Keeps(EnsembleKalmanFilter):
+        def _predict(self, belief: Any, u: Any, rng: Any) -> Any:
+            kept.append((rng, rng.normals(3)))
+            return super()._predict(belief, u, rng)
+
+    env = gym.make("SigmaCorvette-v0", estimator=Keeps)
+    env.reset(seed=0)
+    for _ in range(3):
+        env.step(env.action_space.sample())
+    for rng, drawn in kept:
+        np.testing.assert_array_equal(rng.normals(3), drawn)

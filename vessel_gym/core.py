@@ -151,6 +151,7 @@ class Core:
         shared = self.num_threads if compiled and not self.sensors.called else 1
         self._parts = shares(self.num_envs, shared)
         ours = type(self.task).__module__.startswith("vessel_gym.tasks.")
+        self._foreign = not (ours and type(vehicle).__module__.startswith("vessel_gym.vehicles."))
         self._compiled = ours and self.guidance and self.observe_mode == "mean"  # so that nothing warns
         if self.guidance and self.observe_mode == "measurement":
             wide = {"model": vehicle.kinds[0]}  # the same whatever estimator is named
@@ -162,7 +163,7 @@ class Core:
             *vehicle.state_names, *(self.forces.disturbance.names if self._shown else ()), *self.sensors.bias_names
         )  # fmt: skip
         """Components of `truth`."""
-        self._commanding = getattr(self.task, "commanding", None)  # which a task that is no `Task` need not have
+        self._commanding = self.task.commanding if ours else None  # what somebody has written is asked
         self._alone = len(self.truth_names) == len(vehicle.state_names)
         self._estimated = [self.truth_names.index(n) if n in self.truth_names else -1 for n in self.composition.names]
         self._based = [vehicle.state_names.index(name) for name in vehicle.estimated(vehicle.kinds[0])]
@@ -234,7 +235,7 @@ class Core:
 
     @property
     def unknown_input(self) -> np.ndarray:
-        """That of every environment ``(B, q)``."""
+        """That of every environment ``(B, q)``; the next step writes over it, as over `sea_state` and `bias`."""
         return self.forcing[:, self._kicks] if self.forces.kicking else self.noise
 
     @property
@@ -342,14 +343,14 @@ class Core:
         numbers = np.empty((len(rows), self._own[-1].stop))
         draw(Numbers.seeded(seeds).keys, self.episodes[at], self._names, self._drawn, keys, numbers)
         of_task, of_vehicle, of_parameters, _, *of_parts = (numbers[:, own] for own in self._own)
-        course = task.course(of_task, options)
+        course = self._rows_of(task.course(of_task, options), len(rows))
         prior = task.prior(course)
         self._keys[at] = parts = keys[:, len(_DRAWN) : self._sensed].copy()
         loop.restart(at, keys[:, self._sensed :], keys[:, _DRAWN.index("filter")])
         x, drifting = self._begun(prior, of_vehicle, of_parts)
         state, actuators = (np.ascontiguousarray(started, float) for started in vehicle.start(x))
         if self.mismatch:
-            parameters = vehicle.parameters(self.mismatch, of_parameters)
+            parameters = self._rows_of(vehicle.parameters(self.mismatch, of_parameters), len(rows))
         else:
             parameters = self._nominal.repeat(len(rows), 0)
         steps = np.full(len(rows), -1)
@@ -358,15 +359,16 @@ class Core:
         stir(parts, steps, self._counts, self._root, self._still, self.forces.gains, drifting, noise, forcing)
         if not self.forces.constant:
             self.forces.add(forcing, drifting[:, : self._size], state)
+        tally = self._rows_of(task.begin(state, course), len(rows))
         self._put(
             some, course=course, state=state, actuators=actuators, parameters=parameters, drifting=drifting,
-            noise=noise, forcing=forcing, tally=task.begin(state, course), steps=steps, total=np.zeros(len(rows)),
+            noise=noise, forcing=forcing, tally=tally, steps=steps, total=np.zeros(len(rows)),
             end=np.zeros(len(rows), int), action=np.zeros((len(rows), self.action_size)),
         )  # fmt: skip
         readings = loop.sense(state, forcing, drifting[:, self._size :], steps, some) if readings is None else readings
         y, available = loop.readings
         loop.readings = _merged(y, some, readings[0]), _merged(available, some, readings[1])
-        u = vehicle.known_input(actuators, actuators, task.commanded(course, steps))
+        u = self._known_input(actuators, actuators, task.commanded(course, steps))
         belief = loop.begin(some, self._known(prior, self.composition), self._handed(readings, rows), u)
         if hasattr(self, "held"):
             self.held.begin(some, self._known(prior, self.held.composition), readings, u)
@@ -423,9 +425,9 @@ class Core:
             readings = _arrived(readings, self.loop.readings[0].shape)
         vehicle, task, loop = self.vehicle, self.task, self.loop
         before = self.actuators
-        after = self.actuators = vehicle.actuate(before, action)
+        after = self.actuators = self._rows_of(vehicle.actuate(before, action), self.num_envs)
         if self._commanding is None:
-            u = vehicle.known_input(before, after, task.commanded(self.course, self.steps))
+            u = self._known_input(before, after, task.commanded(self.course, self.steps))
         else:
             u = vehicle.known_input(before, after, self.reference[:, self._commanding])
         given = (
@@ -445,7 +447,8 @@ class Core:
         reward, self.end, self.tally = task.score(
             self.state, self.forcing, self.reference, over, after, action, self.tally
         )
-        add(self.total, np.ascontiguousarray(reward, float))
+        reward, self.tally = self._rows_of(reward, self.num_envs), self._rows_of(self.tally, self.num_envs)
+        add(self.total, reward)
         return reward, self.end
 
     def _moved(
@@ -594,7 +597,21 @@ class Core:
     def _reference(self, course: np.ndarray, steps: np.ndarray, belief: Belief, state: np.ndarray) -> np.ndarray:
         """The reference ``(B, k)``: where the vehicle believes to be, or is, if nobody sees what it believes."""
         where = state[:, self._based] if self.observe_mode == "measurement" else belief.mean
-        return self.task.reference(course, steps, where)
+        return self._rows_of(self.task.reference(course, steps, where), len(steps))
+
+    def _known_input(self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None) -> np.ndarray:
+        """What filters are told of a step ``(B, m)``."""
+        if commanded is not None:
+            commanded = self._rows_of(commanded, len(before))
+        return self._rows_of(self.vehicle.known_input(before, after, commanded), len(before))
+
+    def _rows_of(self, values: np.ndarray, count: int) -> np.ndarray:
+        """Numbers of a vehicle or a task as kernels take them, which ours give: float64, a row each of ``count``."""
+        if not self._foreign:
+            return values
+        values = np.asarray(values, float)
+        shape = count, *values.shape[1:]
+        return np.ascontiguousarray(values) if values.shape == shape else np.array(np.broadcast_to(values, shape))
 
     def _put(self, rows: np.ndarray | None, **arrays: np.ndarray) -> None:
         """Take new values of some rows; None: of all."""

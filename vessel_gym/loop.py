@@ -86,7 +86,7 @@ class Loop:
 
     def estimate(self, readings: Readings, u: np.ndarray, steps: np.ndarray) -> None:
         """One step of all rows, after which they are ``steps (B,)`` on: the known input, then what was read."""
-        rng = self._filtering.at(steps) if self.filter.random else None
+        rng = self._filtering.at(steps.copy()) if self.filter.random else None  # the core counts on in place
         if self._foreign:
             self.belief = self._update(self.filter.predict(self.belief, u, rng=rng), readings, rng)
         else:

@@ -2,12 +2,13 @@
 
 import pickle
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from estimators import Belief, Filter, Gaussian, LinearModel, Schedule, make
+from estimators import Belief, Filter, Gaussian, KalmanFilter, LinearModel, Schedule, formulas, make
 from estimators.filter import Model, Rng
 from estimators.formulas import Program
 from estimators.linalg import inverse, joined, semidefinite_cholesky, singular, solve, symmetrise
@@ -198,3 +199,96 @@ def test_a_filter_of_ones_own_may_be_formulas():
     assert own._programs
     assert_same(one, other, 1e-15)
     assert arrays(one).keys() == arrays(other).keys()
+
+
+class Fading(KalmanFilter):
+    """A Kalman filter of one's own, in NumPy of any kind."""
+
+    forget, updates = 1.0, 0
+
+    def _predict(self, belief: Belief, u: np.ndarray | None, rng: Rng) -> Belief:
+        before = super()._predict(belief, u, rng)
+        return before.replace(cov=before.cov * self.forget)
+
+    def _update(self, belief: Belief, reading: Reading, rng: Rng) -> Belief:
+        self.updates += 1
+        mean = belief.mean.copy()
+        if np.abs(reading.innovation).max() > 1e6:
+            mean[..., 0] = 0.0
+        return super()._update(belief.replace(mean=np.clip(mean, -1e9, 1e9)), reading, rng)
+
+
+def test_a_filter_below_one_of_ours_is_numpy_until_it_says_otherwise():
+    model: Model = LinearModel(0.9 * np.eye(2), np.eye(2), np.eye(2), np.eye(2))
+    own, ours = Fading(model), make("kf", model)
+    y = np.random.default_rng(0).normal(size=(9, 2))
+    one, other = (f.update(f.predict(f.init(Gaussian(np.zeros((9, 2)), np.eye(2)))), y) for f in (own, ours))
+    assert_same(one, other, 1e-14)
+    own.forget = 2.0  # which counts from now on
+    assert (own.predict(one).cov > 1.5 * ours.predict(other).cov)[:, 0, 0].all()
+    assert own.updates == 1
+
+
+def test_what_a_formula_of_ones_own_gives_is_looked_at():
+    class Negative(Alpha):
+        formulas = True
+
+        def _update(self, belief: Belief, reading: Reading, rng: Rng) -> Belief:
+            return super()._update(belief, reading, rng).replace(cov=-1.0 * belief.cov)
+
+    model: Model = LinearModel(np.eye(2), np.eye(2), np.eye(2), np.eye(2))
+    filter = Negative(model)
+    assert filter.update(filter.init(Gaussian(np.zeros((3, 2)), np.eye(2))), np.zeros((3, 2))).recovery.all()
+
+    for returned in (
+        lambda belief: (belief.mean, belief.cov),
+        lambda belief: belief.replace(mean=belief.mean[..., :1]),
+    ):
+
+        class Wrong(Alpha):
+            formulas = True
+            given = staticmethod(returned)
+
+            def _update(self, belief: Belief, reading: Reading, rng: Rng) -> Belief:
+                return self.given(belief)
+
+        filter = Wrong(model)
+        with pytest.raises(TypeError, match="Wrong says that it is formulas, but cannot be noted as such"):
+            filter.update(filter.init(Gaussian(np.zeros((3, 2)), np.eye(2))), np.zeros((3, 2)))
+
+
+@pytest.mark.parametrize(
+    ("formula", "sentence"),
+    [
+        (lambda P, x: P.sum(0), "sums over its last axes"),
+        (lambda P, x: x[:1], "indexed from behind"),
+        (lambda P, x: P.diagonal(1, -2, -1), "diagonal"),
+        (lambda P, x: P @ x, "np.matvec"),
+        (lambda P, x: np.sort(x), "cannot have np.sort in it"),
+        (lambda P, x: 1.0 if x[..., 0] > 0.0 else 2.0, "use np.where"),
+    ],
+)
+def test_what_means_something_else_in_a_formula_is_refused(formula: Callable[..., Any], sentence: str):
+    program = Program()
+    with pytest.raises(TypeError, match=sentence):
+        formula(program.given(0, 0, 3, 3), program.given(0, 9, 3))
+
+
+def test_a_product_over_nothing_is_zero():
+    program = Program()
+    H = program.given(0, 0, 3, 0)
+    program.finish([(H @ H.mT + 1.0, 0)])
+    given, out = np.zeros((5, 1)), np.full((5, 10), np.nan)
+    program.run(given, given, given, np.ones((5, 1), bool), given, out)
+    assert (out[:, :9] == 1.0).all()
+
+
+def test_a_prediction_leaves_what_the_last_update_had_to_do():
+    filter = make("kf", LinearModel(np.eye(1), np.eye(1), np.eye(1), np.eye(1)))
+    belief = filter.update(filter.init(Gaussian(np.zeros((2, 1)), np.eye(1))), np.array([[0.0], [np.nan]]))
+    belief = belief.replace(recovery=np.array([0, 4], np.int8))
+    np.testing.assert_array_equal(filter.predict(belief).recovery, [0, 4])
+
+
+def test_the_numbers_of_verbs_are_part_of_what_kernels_are_kept_by():
+    assert b"estimators.compiled" in Path(formulas.__file__).read_bytes()

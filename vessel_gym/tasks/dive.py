@@ -97,6 +97,9 @@ class Dive(Task):
     course.
     The dive is over when the vehicle believes to have covered the path, or has covered it where nobody sees what it
     believes (see `vessel_gym.core.Core`).
+
+    `score` and `observe` are compiled: they do not ask other methods, so a subclass that scales or pays otherwise
+    writes these two itself.
     """
 
     auv: AUVParameters

@@ -160,6 +160,9 @@ class Flight(Task):
 
     The flight is over when the aircraft believes to have covered the path, or has covered it where nobody sees what it
     believes (see `vessel_gym.core.Core`).
+
+    `score` and `observe` are compiled: they do not ask other methods, so a subclass that scales or pays otherwise
+    writes these two itself.
     """
 
     body: PunaParameters

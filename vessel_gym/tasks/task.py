@@ -58,7 +58,7 @@ class Task:
     success: str = ""
     """Which of ``ends`` means success; empty where success is to go on to the time limit."""
     commanding: slice | None = None
-    """Columns of a reference that hold what is `commanded`, where that does not depend on the state; None: none do."""
+    """Columns of a reference that hold what is `commanded`, for tasks of this package; None: none do."""
     BOUND = 10.0
     """Observations are scaled to be of order 1 and clipped to +-10."""
     prior_sd: ClassVar[tuple[float, ...]]

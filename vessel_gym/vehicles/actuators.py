@@ -34,9 +34,11 @@ def figures(*actuators: Actuator) -> np.ndarray:
 def actuated(before: np.ndarray, action: np.ndarray, figures: np.ndarray) -> np.ndarray:
     """Actuators ``(..., a)`` a step after those ``before``, of which `figures` are known."""
     after = np.empty(before.shape)
-    if after.ndim == 2 and before.dtype == action.dtype == float:
+    if after.ndim == 2 and before.shape == action.shape and before.dtype == action.dtype == float:
         _moved(before, action, figures, after)
     else:  # by hand: the kernel is for rows of floats
+        before, action = np.broadcast_arrays(before, action)
+        after = np.empty(before.shape)
         rows = (np.asarray(each, float).reshape(-1, len(figures)) for each in (before, action))
         _moved(*rows, figures, after.reshape(-1, len(figures)))
     return after
