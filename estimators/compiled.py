@@ -180,16 +180,8 @@ part = njit(error_model="numpy")
 
 
 @inlined
-def sincos(angle: float) -> tuple[float, float]:
-    """Sine and cosine, to the last digit for angles up to 1e6 rad.
-
-    Without a branch, so that loops over it can be compiled to vector instructions, which with the library's functions
-    they cannot. Whole quarters of a turn are taken off in three parts (Cody & Waite); the polynomials for what is left
-    are those of fdlibm (Sun Microsystems, 1993).
-    """
-    quarters = np.floor(angle * 0.6366197723675814 + 0.5)
-    x = angle - quarters * 1.5707963267341256 - quarters * 6.077100506303966e-11 - quarters * 2.0222662487959506e-21
-    x = 0.786 if x > 0.786 else (-0.786 if x < -0.786 else x)  # angles without an accurate digit stay bounded
+def sincos_near_zero(x: float) -> tuple[float, float]:
+    """Sine and cosine of an angle within an eighth of a turn of 0, by the polynomials of fdlibm (Sun, 1993)."""
     z = x * x
     sine = x + x * z * (
         -1.66666666666666324348e-01 + z * (8.33333333332248946124e-03 + z * (-1.98412698298579493134e-04
@@ -199,6 +191,20 @@ def sincos(angle: float) -> tuple[float, float]:
         4.16666666666666019037e-02 + z * (-1.38888888888741095749e-03 + z * (2.48015872894767294178e-05
         + z * (-2.75573143513906633035e-07 + z * (2.08757232129817482790e-09 + z * -1.13596475577881948265e-11))))
     )  # fmt: skip
+    return sine, cosine
+
+
+@inlined
+def sincos(angle: float) -> tuple[float, float]:
+    """Sine and cosine, to the last digit for angles up to 1e6 rad.
+
+    Without a branch, so that loops over it can be compiled to vector instructions, which with the library's functions
+    they cannot. Whole quarters of a turn are taken off in three parts (Cody & Waite).
+    """
+    quarters = np.floor(angle * 0.6366197723675814 + 0.5)
+    x = angle - quarters * 1.5707963267341256 - quarters * 6.077100506303966e-11 - quarters * 2.0222662487959506e-21
+    x = 0.786 if x > 0.786 else (-0.786 if x < -0.786 else x)  # angles without an accurate digit stay bounded
+    sine, cosine = sincos_near_zero(x)
     quarter = quarters - 4.0 * np.floor(0.25 * quarters)
     odd = quarter == 1.0 or quarter == 3.0
     s, c = cosine if odd else sine, sine if odd else cosine

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from estimators.compiled import gufunc, inlined, part
+from estimators.compiled import gufunc, inlined, part, sincos_near_zero
 
 _U = np.uint64
 _LOW, _PARITY = _U(0xFFFFFFFF), _U(0x1BD11BDAA9FC1A22)
@@ -70,18 +70,10 @@ def _log_unit(m: Any) -> float:
 
 @inlined
 def _sincos_of_turn(m: Any) -> tuple[float, float]:
-    """Sine and cosine of ``(m + 0.5) / 2^32`` turns, without a branch, by the polynomials of fdlibm (Sun, 1993)."""
+    """Sine and cosine of ``(m + 0.5) / 2^32`` turns, without a branch."""
     quarter = (m + _U(0x20000000)) >> _U(30)
     x = (np.float64(np.int64(m) - np.int64(quarter << _U(30))) + 0.5) * 1.4629180792671596e-09  # 2 pi / 2^32
-    z = x * x
-    sine = x + x * z * (
-        -1.66666666666666324348e-01 + z * (8.33333333332248946124e-03 + z * (-1.98412698298579493134e-04
-        + z * (2.75573137070700676789e-06 + z * (-2.50507602534068634195e-08 + z * 1.58969099521155010221e-10))))
-    )  # fmt: skip
-    cosine = 1.0 - 0.5 * z + z * z * (
-        4.16666666666666019037e-02 + z * (-1.38888888888741095749e-03 + z * (2.48015872894767294178e-05
-        + z * (-2.75573143513906633035e-07 + z * (2.08757232129817482790e-09 + z * -1.13596475577881948265e-11))))
-    )  # fmt: skip
+    sine, cosine = sincos_near_zero(x)
     odd = (quarter & _U(1)) != _U(0)
     s, c = cosine if odd else sine, sine if odd else cosine
     return (
