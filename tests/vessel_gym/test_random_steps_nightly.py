@@ -1,6 +1,6 @@
-"""A hundred million steps under random actions: nothing raises, and nothing that is shown is not a number.
+"""1.2e8 steps under random actions: nothing raises, and nothing that is shown is not a number.
 
-``make nightly``; ten minutes on one core. Degraded sensors, rough weather and a wrong model, a seed each.
+``make nightly``; some twenty minutes on two cores. Degraded sensors, rough weather and a wrong model, a seed each.
 """
 
 import gymnasium as gym
