@@ -88,7 +88,7 @@ class _Announcement(event.Listener):
     """Tells of the first pass of a compiler in this process; a kernel that is loaded needs none."""
 
     def on_start(self, event: Any) -> None:
-        _say("compiling its equations, this once: it takes some 10 s")
+        _say("compiling its equations, this once: it takes some 20 s")
 
     def on_end(self, event: Any) -> None:
         """Nothing to tell."""
