@@ -146,12 +146,12 @@ class Core:
         estimation = build(system, estimator, options, self.sensors, self.forces.disturbance, self.unknown_inputs)
         self.composition = estimation.composition
         self._attach_loop("loop", estimation)
-        # What somebody has written in NumPy may round otherwise in a part of the rows.
-        compiled = type(vehicle).__module__.startswith("vessel_gym.vehicles.") and self.forces.constant
-        shared = self.num_threads if compiled and not self.sensors.called else 1
-        self._parts = shares(self.num_envs, shared)
         ours = type(self.task).__module__.startswith("vessel_gym.tasks.")
-        self._foreign = not (ours and type(vehicle).__module__.startswith("vessel_gym.vehicles."))
+        our_vehicle = type(vehicle).__module__.startswith("vessel_gym.vehicles.")
+        self._foreign = not (ours and our_vehicle)
+        # What somebody has written in NumPy may round otherwise in a part of the rows.
+        compiled = our_vehicle and self.forces.constant and not self.sensors.called
+        self._parts = shares(self.num_envs, self.num_threads if compiled else 1)
         self._compiled = ours and self.guidance and self.observe_mode == "mean"  # so that nothing warns
         if self.guidance and self.observe_mode == "measurement":
             wide = {"model": vehicle.kinds[0]}  # the same whatever estimator is named

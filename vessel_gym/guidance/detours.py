@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 from numba import njit
 
-from estimators.compiled import gufunc, lazy
+from estimators.compiled import gufunc, lazy, part
 from vessel_gym.guidance.words import (
     Path,
     chain,
@@ -46,8 +46,6 @@ _SLIDE = 1e-4  # rad, the smallest slide of a touch: what it leaves is of its sq
 
 Touch = tuple[float, float, float, float, float, float]
 
-_part = njit(error_model="numpy")
-
 
 class NoPath(ValueError):
     """No path was found; where the way is not shown to be closed, this is no proof that there is none."""
@@ -56,28 +54,28 @@ class NoPath(ValueError):
 # --- what keeps clear -------------------------------------------------------------------------------
 
 
-@_part
+@part
 def _row(rows: np.ndarray, i: int) -> Touch:
     """A touch as a tuple: Numba takes many times as long to compile what passes rows of arrays on."""
     return rows[i, 0], rows[i, 1], rows[i, 2], rows[i, 3], rows[i, 4], rows[i, 5]
 
 
-@_part
+@part
 def _put(rows: np.ndarray, i: int, touch: Touch) -> None:
     rows[i, 0], rows[i, 1], rows[i, 2], rows[i, 3], rows[i, 4], rows[i, 5] = touch
 
 
-@_part
+@part
 def _far(ax: float, ay: float, bx: float, by: float) -> float:
     return np.sqrt((ax - bx) ** 2 + (ay - by) ** 2)
 
 
-@_part
+@part
 def _apart(rows: np.ndarray, i: int, j: int) -> float:
     return _far(rows[i, 0], rows[i, 1], rows[j, 0], rows[j, 1])
 
 
-@_part
+@part
 def _straight_clear(x: float, y: float, cos: float, sin: float, length: float, discs: np.ndarray) -> bool:
     """Whether a straight keeps out of all discs."""
     for k in range(len(discs)):
@@ -89,7 +87,7 @@ def _straight_clear(x: float, y: float, cos: float, sin: float, length: float, d
     return True
 
 
-@_part
+@part
 def _arc_clear(x: float, y: float, heading: float, bend: float, angle: float, discs: np.ndarray) -> bool:
     """Whether an arc from a place that is clear, of radius ``bend`` (L positive), keeps out of all discs."""
     radius, side = abs(bend), 1.0 if bend > 0.0 else -1.0
@@ -108,7 +106,7 @@ def _arc_clear(x: float, y: float, heading: float, bend: float, angle: float, di
     return True
 
 
-@_part
+@part
 def _word_clear(pose: Touch, word: int, pieces: tuple[float, float, float], discs: np.ndarray) -> bool:
     """Whether a word from a pose keeps out of all discs."""
     x, y, heading = pose[0], pose[1], pose[2]
@@ -125,7 +123,7 @@ def _word_clear(pose: Touch, word: int, pieces: tuple[float, float, float], disc
     return True
 
 
-@_part
+@part
 def _join(a: Touch, b: Touch, discs: np.ndarray, limit: float) -> tuple[int, float, float]:
     """The shortest clear way from one touch to another below a limit.
 
@@ -153,7 +151,7 @@ def _join(a: Touch, b: Touch, discs: np.ndarray, limit: float) -> tuple[int, flo
 # --- tangents and touches ---------------------------------------------------------------------------
 
 
-@_part
+@part
 def _circles(start: np.ndarray, goal: np.ndarray, turn: float, discs: np.ndarray, gaps: np.ndarray) -> np.ndarray:
     """Directed circles ``(4 + 2 m, 5)`` x, y, radius, side, kind: the turning circles of both poses, then the discs."""
     circles = np.empty((4 + 2 * len(discs), 5))
@@ -170,7 +168,7 @@ def _circles(start: np.ndarray, goal: np.ndarray, turn: float, discs: np.ndarray
     return circles
 
 
-@_part
+@part
 def _tangents(circles: np.ndarray, discs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The clear straights from one directed circle to another.
 
@@ -205,7 +203,7 @@ def _tangents(circles: np.ndarray, discs: np.ndarray) -> tuple[np.ndarray, np.nd
     return pairs[:count], lines[:count]
 
 
-@_part
+@part
 def _gaps(discs: np.ndarray) -> np.ndarray:
     """What touches keep from each edge: a hair, or half of the narrowest gap to another circle if that is less."""
     gaps = np.full(len(discs), _HAIR)
@@ -217,14 +215,14 @@ def _gaps(discs: np.ndarray) -> np.ndarray:
     return gaps
 
 
-@_part
+@part
 def _touch(disc: int, side: float, bearing: float, discs: np.ndarray, gaps: np.ndarray) -> Touch:
     reach = discs[disc, 2] + gaps[disc]
     x, y = discs[disc, 0] + reach * np.cos(bearing), discs[disc, 1] + reach * np.sin(bearing)
     return x, y, bearing + side * 0.5 * np.pi, float(disc), side, bearing
 
 
-@_part
+@part
 def _outside(touch: Touch, discs: np.ndarray) -> bool:
     outside = True
     for k in range(len(discs)):
@@ -232,7 +230,7 @@ def _outside(touch: Touch, discs: np.ndarray) -> bool:
     return outside
 
 
-@_part
+@part
 def _touches(
     circles: np.ndarray, pairs: np.ndarray, lines: np.ndarray, discs: np.ndarray, gaps: np.ndarray, along: float,
     count: int,
@@ -285,7 +283,7 @@ def _touches(
     return rows[:n]
 
 
-@_part
+@part
 def _turning_on(
     x: float, y: float, apart: float, disc: int, discs: np.ndarray, gaps: np.ndarray, sign: float
 ) -> tuple[float, float]:
@@ -312,7 +310,7 @@ def _turning_on(
     return middle - half, middle + half
 
 
-@_part
+@part
 def _sorted(keys: np.ndarray) -> np.ndarray:
     """What sorts so few keys: Numba's own sort takes seconds to compile."""
     order = np.arange(len(keys))
@@ -328,7 +326,7 @@ def _sorted(keys: np.ndarray) -> np.ndarray:
 # --- the shortest way -------------------------------------------------------------------------------
 
 
-@_part
+@part
 def _search(nodes: np.ndarray, discs: np.ndarray, straight: np.ndarray, order: np.ndarray, limit: float) -> np.ndarray:
     """The rows of ``nodes`` on the shortest way from the first to the last below a limit, by A*; none if there is none.
 
@@ -395,7 +393,7 @@ def _search(nodes: np.ndarray, discs: np.ndarray, straight: np.ndarray, order: n
     return found
 
 
-@_part
+@part
 def _taut(way: np.ndarray, discs: np.ndarray) -> np.ndarray:
     """The way without the touches that it is no longer without."""
     i = 1
@@ -411,7 +409,7 @@ def _taut(way: np.ndarray, discs: np.ndarray) -> np.ndarray:
     return way
 
 
-@_part
+@part
 def _legs(way: np.ndarray, i: int, j: int, discs: np.ndarray, limit: float) -> float:
     """The length of the way from touch i to touch j, or something above the limit."""
     length = 0.0
@@ -422,7 +420,7 @@ def _legs(way: np.ndarray, i: int, j: int, discs: np.ndarray, limit: float) -> f
     return length
 
 
-@_part
+@part
 def _follow(way: np.ndarray, i: int, j: int, discs: np.ndarray, gaps: np.ndarray, limit: float) -> float:
     """Set touch j so that an arc through it goes over into one through its neighbour i without a straight between.
 
@@ -445,7 +443,7 @@ def _follow(way: np.ndarray, i: int, j: int, discs: np.ndarray, gaps: np.ndarray
     return least if least < limit else np.inf
 
 
-@_part
+@part
 def _slide(way: np.ndarray, discs: np.ndarray, gaps: np.ndarray, step: float) -> None:
     """Move the touches along their edges until no slide of `_SLIDE` shortens the way.
 
@@ -476,7 +474,7 @@ def _slide(way: np.ndarray, discs: np.ndarray, gaps: np.ndarray, step: float) ->
             step *= 0.5
 
 
-@_part
+@part
 def _meet(way: np.ndarray, i: int, discs: np.ndarray, step: float) -> bool:
     """Whether the way to the next touch turns both ways with so short a straight between that a step could close it."""
     a, b = _row(way, i), _row(way, i + 1)
@@ -484,7 +482,7 @@ def _meet(way: np.ndarray, i: int, discs: np.ndarray, step: float) -> bool:
     return (how == 1 or how == 2) and pieces_of(how, relative(a, b, 1.0))[1] ** 2 < 4.0 * step
 
 
-@_part
+@part
 def _pieces(way: np.ndarray, discs: np.ndarray) -> np.ndarray:
     """Curvatures and lengths ``(k, 2)`` of a way, successive ones of one curvature joined."""
     pieces, count = np.zeros((1 + 3 * len(way), 2)), 0
@@ -553,7 +551,7 @@ def _string(start: np.ndarray, goal: np.ndarray, discs: np.ndarray) -> float:
     return shortest
 
 
-@_part
+@part
 def _runs_clear(circle: np.ndarray, turned: float, angle: float, discs: np.ndarray) -> bool:
     """Whether an arc keeps out of all discs that begins where ``turned`` is a circle's side times the heading."""
     bend = circle[3] * circle[2]
@@ -565,7 +563,7 @@ def _runs_clear(circle: np.ndarray, turned: float, angle: float, discs: np.ndarr
 # --- the check --------------------------------------------------------------------------------------
 
 
-@_part
+@part
 def _nearest(segments: np.ndarray, px: float, py: float) -> float:
     """The distance at which a path passes a point."""
     nearest = np.inf

@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from numba import njit
 
-from estimators.compiled import gufunc
+from estimators.compiled import gufunc, part
 
 WORDS = ("LSL", "LSR", "RSL", "RSR", "LRL", "RLR")
 """The order of the last axis of `lengths`."""
@@ -32,20 +32,20 @@ Pose = np.ndarray | tuple[float, ...]
 # --- the words, for a start at the origin heading along +x and a radius of 1 ------------------------
 
 
-@njit(error_model="numpy")
+@part
 def whole(angle: float) -> float:
     """An angle modulo a full turn, in [0, 2 pi]; many times faster than ``%``."""
     return max(angle - _FULL * np.floor(angle / _FULL), 0.0)
 
 
-@njit(error_model="numpy")
+@part
 def _turn(angle: float) -> float:
     """The angle in [0, 2 pi), where a hair below a full turn is none: headings that agree need no circle."""
     angle = whole(angle)
     return 0.0 if angle > _FULL - 1e-11 else angle
 
 
-@njit(error_model="numpy")
+@part
 def _lsl(x: float, y: float, a: float, sin: float, cos: float, hair: float) -> tuple[float, float, float]:
     """First arc, straight and last arc of LSL to the pose (x, y, a); errors below a hair are rounding."""
     dx, dy = x - sin, y + cos - 1.0  # from the centre of the first arc to that of the last
@@ -58,7 +58,7 @@ def _lsl(x: float, y: float, a: float, sin: float, cos: float, hair: float) -> t
     return whole(heading), np.hypot(dx, dy), whole(a - heading)
 
 
-@njit(error_model="numpy")
+@part
 def _lsr(x: float, y: float, a: float, sin: float, cos: float, hair: float) -> tuple[float, float, float]:
     """First arc, straight and last arc of LSR; infinite where the two circles overlap."""
     dx, dy = x + sin, y - cos - 1.0
@@ -75,7 +75,7 @@ def _lsr(x: float, y: float, a: float, sin: float, cos: float, hair: float) -> t
     return whole(heading), straight, whole(heading - a)
 
 
-@njit(error_model="numpy")
+@part
 def _lrl(x: float, y: float, a: float, sin: float, cos: float, hair: float) -> tuple[float, float, float]:
     """The three arcs of LRL, the middle one of half a turn or more; infinite where no circle fits between.
 
@@ -102,7 +102,7 @@ def _lrl(x: float, y: float, a: float, sin: float, cos: float, hair: float) -> t
     return whole(heading + half), 2.0 * half, whole(a - heading + half)
 
 
-@njit(error_model="numpy")
+@part
 def relative(start: Pose, goal: Pose, radius: float) -> tuple[float, float, float, float, float, float]:
     """The goal seen from the start: x and y in units of the radius, heading, its sine and cosine, what is rounding."""
     dx, dy = (goal[0] - start[0]) / radius, (goal[1] - start[1]) / radius
@@ -111,7 +111,7 @@ def relative(start: Pose, goal: Pose, radius: float) -> tuple[float, float, floa
     return dx * cos + dy * sin, dy * cos - dx * sin, a, np.sin(a), np.cos(a), hair
 
 
-@njit(error_model="numpy")
+@part
 def pieces_of(word: int, seen: tuple[float, float, float, float, float, float]) -> tuple[float, float, float]:
     """The three lengths of a word of `WORDS` to a goal that is seen so; a word that begins with R is its mirror's."""
     x, y, a, sin, cos, hair = seen

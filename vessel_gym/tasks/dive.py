@@ -5,11 +5,10 @@ from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
-from numba import njit
 
 from estimators import Gaussian
 from estimators.checks import shown
-from estimators.compiled import inlined, rowwise
+from estimators.compiled import inlined, part, rowwise
 from vessel_gym.checks import one_of
 from vessel_gym.guidance import dive_path
 from vessel_gym.guidance.dive_path import course_to
@@ -21,7 +20,7 @@ ENDS = ("", "arrived", "missed the goal", "off the path", "surfaced", "too deep"
 _ARRIVED, _MISSED, _OFF, _SURFACED, _DEEP, _PITCHED = range(1, len(ENDS))
 
 
-_on_path: Any = njit(error_model="numpy")(dive_path._follow.__wrapped__)
+_on_path: Any = part(dive_path._follow.__wrapped__)
 
 
 @inlined

@@ -5,11 +5,10 @@ from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
-from numba import njit
 
 from estimators import Gaussian
 from estimators.checks import shown
-from estimators.compiled import inlined, rowwise
+from estimators.compiled import inlined, part, rowwise
 from vessel_gym.checks import numbers, one_of
 from vessel_gym.guidance import path_following
 from vessel_gym.guidance.dubins import NoPath, Path, plan
@@ -82,7 +81,7 @@ def flight_view(
             out[row, count + i] = change / (reach[1, i] if change < 0.0 else reach[2, i])
 
 
-_on_path: Any = njit(error_model="numpy")(path_following._follow.__wrapped__)
+_on_path: Any = part(path_following._follow.__wrapped__)
 
 
 @rowwise("void(f8[:,:],f8[:,:],f8[::1],f8[::1],f8[:,::1])")
