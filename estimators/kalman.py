@@ -109,7 +109,8 @@ class KalmanFilter(GaussianFilter):
         if self.input_cov is None:
             return super()._predict(belief, u, rng)
         assert isinstance(belief, InputBelief)
-        mean, cov = driven_prediction(self.model, belief, u)
+        mean, cov = driven_on(self.model, belief, u)
+        cov = symmetrise(cov + resolve(self.model.Q, u))
         return InputBelief.predicted(belief, mean, cov, u, **unseen_input(mean, self.input_cov))
 
     def _update(self, belief: Belief, reading: Reading, rng: Rng) -> Belief:
@@ -128,13 +129,12 @@ class KalmanFilter(GaussianFilter):
         )  # fmt: skip
 
 
-def driven_prediction(model: LinearModel, belief: InputBelief, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and covariance one step on, of a linear model that the estimated input drives; its errors go with x's."""
-    mean, A = model.linearise_transition(belief.mean, u)
+def driven_on(model: Model, belief: InputBelief, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and covariance one step on, without process noise, where the estimated input drives a model."""
+    mean, A = model.linearise_transition(belief.mean, u, belief.cov)
     G = model.input_matrix(belief.mean, u)
-    mean = mean + np.matvec(G, belief.input_mean)
     cov = driven(A, G, belief.cov, belief.state_input_cov, belief.input_cov)
-    return mean, symmetrise(cov + resolve(model.Q, u))
+    return mean + np.matvec(G, belief.input_mean), cov
 
 
 def unseen_input(mean: np.ndarray, input_cov: np.ndarray) -> dict[str, np.ndarray]:

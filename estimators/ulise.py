@@ -46,6 +46,7 @@ class ULISE(DelayedInputFilter[FeedthroughBelief]):
 
     name = "ulise"
     record = FeedthroughBelief
+    linear = True
     model: LinearModel
 
     def __init__(self, model: Model, input_prior: np.ndarray | float = 1.0) -> None:

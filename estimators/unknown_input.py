@@ -8,7 +8,7 @@ import numpy as np
 from estimators.belief import Belief, DelayedInputBelief, InputBelief
 from estimators.filter import Filter, Model, Rng
 from estimators.formulas import is_noted
-from estimators.kalman import driven_prediction, input_covariance, unseen_input
+from estimators.kalman import driven_on, input_covariance, unseen_input
 from estimators.linalg import congruence, identity, inverse, joined, singular, solve, symmetrise
 from estimators.models import LinearModel, resolve
 from estimators.reading import Reading
@@ -25,14 +25,15 @@ class UnknownInputFilter(Filter[WithInput]):
     """
 
     formulas = True
-    linear: ClassVar[bool] = True
+    linear: ClassVar[bool] = False
     """Whether the filter needs a `LinearModel`."""
 
     def __init__(self, model: Model, input_prior: np.ndarray | float = 1.0) -> None:
         super().__init__(model)
         if self.linear and not isinstance(model, LinearModel):
             raise ValueError(
-                f"{self.name} needs a LinearModel: for a nonlinear one without feedthrough use ekf-ui-wdf or ukf-umv"
+                f"{self.name} needs a LinearModel: for a nonlinear one use kf-umv-ui, without feedthrough ekf-ui-wdf "
+                "or ukf-umv"
             )
         if model.q == 0:
             raise ValueError(f"{self.name} needs an unknown input: give the model G, H or both")
@@ -109,10 +110,14 @@ class UMVFilter(UnknownInputFilter[InputBelief]):
     that H loses a row that ``d`` needs, ``d`` falls back to N(0, ``input_prior``) for that step: the
     state is corrected by the channels that remain and the next prediction is the more uncertain.
 
+    A nonlinear model is linearised as by the extended Kalman filter: A is the Jacobian of f at the estimate, C that of
+    h at the prediction, and f gives the mean. What d adds is linear, ``G d`` and ``H d``: how a G that is a function of
+    the state bends it is neglected.
+
     Sources: Gillijns & De Moor (2007b); Pan et al. (2010); Hermawan (2020), Table 2.5.
 
     Args:
-        model: A `LinearModel` with rank(H) = q.
+        model: A model with rank(H) = q; a nonlinear one may give G as a function of ``(x, u)``.
         input_prior: Covariance ``(q, q)`` of the unknown input where no reading shows it; a number
             stands for that number times identity. Its scale is the problem's: set it.
 
@@ -123,24 +128,28 @@ class UMVFilter(UnknownInputFilter[InputBelief]):
     name = "kf-umv-ui"
     record = InputBelief
     input_delay = 0
-    model: LinearModel
 
     def __init__(self, model: Model, input_prior: np.ndarray | float = 1.0) -> None:
         super().__init__(model, input_prior)
         if isinstance(model.H, np.ndarray):
             rank = int(np.linalg.matrix_rank(model.H).min())
             if rank < model.q:
+                late = "kf-umv-ui-wdf" if isinstance(model, LinearModel) else "ekf-ui-wdf"
                 raise ValueError(
                     f"kf-umv-ui needs rank(H) = {model.q} unknown input{'s' if model.q > 1 else ''}, got {rank}: "
-                    "measure the input or use kf-umv-ui-wdf"
+                    f"measure the input or use {late}"
                 )
 
     def _init(self, belief: Belief, rng: Rng) -> InputBelief:
         return InputBelief.of(belief, **self._unseen_input(belief.mean))
 
     def _predict(self, belief: InputBelief, u: np.ndarray | None, rng: Rng) -> InputBelief:
-        mean, cov = driven_prediction(self.model, belief, u)
+        mean, cov = self._asked("_moved", belief, u)
+        cov = symmetrise(cov + resolve(self.model.Q, u))
         return InputBelief.predicted(belief, mean, cov, u, **self._unseen_input(mean))
+
+    def _moved(self, belief: InputBelief, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+        return driven_on(self.model, belief, u)
 
     def _shown_input(self, belief: InputBelief, reading: Reading) -> np.ndarray:
         return reading.H * self._input_units
@@ -208,8 +217,6 @@ class NoFeedthroughFilter(DelayedInputFilter[DelayedInputBelief]):
 
     Each says how it makes a nonlinear model straight, as the filters below `GaussianFilter` do.
     """
-
-    linear = False
 
     def __init__(self, model: Model, input_prior: np.ndarray | float = 1.0) -> None:
         super().__init__(model, input_prior)

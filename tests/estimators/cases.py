@@ -133,6 +133,12 @@ def pushed_vehicle(seed: int) -> System:
     return replace(system, model=replace(system.model, G=push, H=np.zeros((3, 1))))
 
 
+def shaken_vehicle(seed: int) -> System:
+    """`pushed_vehicle`, whose bearing and heading show the push at once."""
+    system = pushed_vehicle(seed)
+    return replace(system, model=replace(system.model, H=np.array([[0.0], [0.02], [0.1]])))
+
+
 def without_channel(model: LinearModel | NonlinearModel, j: int) -> LinearModel | NonlinearModel:
     """The model of the same system without measurement channel ``j``."""
     kept = np.arange(model.p) != j
@@ -297,6 +303,10 @@ CASES = (
     _case(
         "kf-umv-ui with two inputs", "kf-umv-ui", lambda seed: unknown_input_system(seed, True, p=4, q=2),
         _UI, input_prior=INPUT_PRIOR,
+    ),
+    _case(
+        "kf-umv-ui on a shaken vehicle", "kf-umv-ui", shaken_vehicle, "unknown-input deterministic",
+        input_prior=INPUT_PRIOR,
     ),
     _case(
         "kf-umv-ui-wdf", "kf-umv-ui-wdf", lambda seed: unknown_input_system(seed, False),

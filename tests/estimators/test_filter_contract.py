@@ -3,6 +3,7 @@
 import copy
 import dataclasses
 import pickle
+import re
 
 import numpy as np
 import pytest
@@ -104,11 +105,17 @@ def test_wdf_refuses_feedthrough_and_an_input_that_no_reading_shows():
         make("kf-umv-ui-wdf", _linear(C=[[1.0, 0.0]], R=[[1.0]], G=I2))
 
 
-@pytest.mark.parametrize("name", [name for name in UNKNOWN_INPUT if name not in ("ekf-ui-wdf", "ukf-umv")])
-def test_unknown_input_filters_need_a_linear_model_with_an_unknown_input(name: str):
-    with pytest.raises(ValueError, match=f"{name} needs an unknown input"):
-        make(name, _linear())
-    with pytest.raises(ValueError, match=f"{name} needs a LinearModel"):
+@pytest.mark.parametrize("name", UNKNOWN_INPUT)
+def test_unknown_input_filters_need_an_unknown_input(name: str):
+    for model in (_linear(), _nonlinear()):
+        with pytest.raises(ValueError, match=r"needs (an unknown input|a LinearModel)"):
+            make(name, model)
+
+
+@pytest.mark.parametrize("name", ["kf-umv-ui-wdf", "ulise"])
+def test_linear_unknown_input_filters_say_which_take_a_nonlinear_model(name: str):
+    instead = "for a nonlinear one use kf-umv-ui, without feedthrough ekf-ui-wdf or ukf-umv"
+    with pytest.raises(ValueError, match=re.escape(f"{name} needs a LinearModel: {instead}")):
         make(name, _nonlinear(G=[[1.0], [0.0]], H=[[1.0], [0.0]]))
 
 

@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 from scipy.stats import chi2
 
 from estimators import Belief, Gaussian, LinearModel, NonlinearModel, chi_square_band, make, nees, rmse
@@ -19,6 +20,7 @@ from tests.estimators.cases import (
     every_case,
     pushed_vehicle,
     rounding,
+    shaken_vehicle,
     shown_directions,
     simulate,
     some_readings,
@@ -222,16 +224,59 @@ def test_with_full_feedthrough_ulise_is_the_filter_with_feedthrough_and_tells_th
                 np.testing.assert_allclose(given, expected, rtol=0, atol=1e-10 * max(1.0, np.abs(expected).max()))
 
 
-@pytest.mark.parametrize("name", ["ekf-ui-wdf", "ukf-umv"])
-def test_on_functions_that_are_linear_the_nonlinear_filters_are_the_linear_one(name: str):
-    system = unknown_input_system(1, False, p=4, q=2)
+@pytest.mark.parametrize(
+    ("name", "exact"), [("ekf-ui-wdf", "kf-umv-ui-wdf"), ("ukf-umv", "kf-umv-ui-wdf"), ("kf-umv-ui", "kf-umv-ui")]
+)
+def test_on_functions_that_are_linear_the_nonlinear_filters_are_the_linear_one(name: str, exact: str):
+    system = unknown_input_system(1, exact == "kf-umv-ui", p=4, q=2)
     record = simulate(system, 1, runs=6, steps=40)
     available = some_readings(np.random.default_rng(1), 4, 40, 6)
-    linear = track(make("kf-umv-ui-wdf", system.model), system.rows(6), record, available=available)
+    linear = track(make(exact, system.model), system.rows(6), record, available=available)
     functions = track(make(name, _as_functions(system.model)), system.rows(6), record, available=available)
     for one, other in zip(functions, linear, strict=True):
         # A step of 1e-3 or a standard deviation, across readings of some 100: rounding of 1e-14 / 1e-3.
         assert_same(one, other, 1e-9)
+
+
+def _with_a_white_input(model: NonlinearModel, cov: np.ndarray) -> NonlinearModel:
+    """The model with d as further states, white and of this covariance."""
+    n = model.n
+
+    def transition(z: np.ndarray, u: np.ndarray) -> np.ndarray:
+        x = model.transition(z[..., :n], u) + np.matvec(model.G, z[..., n:])
+        return np.concatenate([x, np.zeros(z[..., n:].shape)], -1)
+
+    return NonlinearModel(
+        transition, lambda z, u: model.measurement(z[..., :n], u) + np.matvec(model.H, z[..., n:]),
+        block_diag(model.Q, cov), model.R, state_angles=model.state_angles, measurement_angles=model.measurement_angles,
+    )  # fmt: skip
+
+
+def _shaken() -> System:
+    """`shaken_vehicle` with a push that is fixed in space."""
+    system = shaken_vehicle(0)
+    return dataclasses.replace(system, model=dataclasses.replace(system.model, G=[[0.05], [0.1], [0.05], [0.02]]))
+
+
+def test_on_a_nonlinear_system_it_is_the_limit_of_an_extended_kalman_filter_told_the_variance_of_the_input():
+    system = _shaken()
+    model, record = system.model, simulate(system, 3, runs=20, steps=30)
+    unbiased = track(make("kf-umv-ui", model), system.rows(20), record)
+    apart = []
+    for variance in (1e2, 1e4, 1e6):
+        cov = np.array([[variance]])
+        prior = Gaussian(np.append(system.mean, 0.0), block_diag(system.cov, cov))
+        prior = Gaussian(np.broadcast_to(prior.mean, (20, 5)), prior.cov)
+        told = track(make("ekf", _with_a_white_input(model, cov)), prior, record)
+        pairs = [(np.concatenate([b.mean, b.input_mean], -1), a.mean) for a, b in zip(told, unbiased, strict=True)]
+        pairs += [
+            (np.concatenate([np.concatenate([b.cov, b.state_input_cov], -1),
+                             np.concatenate([b.state_input_cov.mT, b.input_cov], -1)], -2), a.cov)
+            for a, b in zip(told, unbiased, strict=True)
+        ]  # fmt: skip
+        apart.append(max(float(np.abs(one - other).max()) for one, other in pairs))
+    assert apart[2] < 1e-3
+    np.testing.assert_allclose(np.divide(apart[:2], apart[1:]), 100.0, rtol=0.1)
 
 
 # --- matrices that change ---------------------------------------------------------------------------
@@ -324,6 +369,12 @@ def test_on_the_system_of_darouach_1995_state_and_input_are_unbiased_and_consist
     model = dataclasses.replace(darouach(), B=np.zeros((3, 1)))
     system = System(model, np.array([1.0, -1.0, 2.0]), 5.0 * np.eye(3), 1)
     for errors, cov in _errors(name, system, _as_functions(model) if functions else model, 5):
+        _assert_unbiased_and_consistent(errors, cov)
+
+
+def test_on_a_mildly_nonlinear_system_state_and_input_are_as_uncertain_as_the_filter_with_feedthrough_says():
+    system = _shaken()
+    for errors, cov in _errors("kf-umv-ui", system, system.model, 6):
         _assert_unbiased_and_consistent(errors, cov)
 
 

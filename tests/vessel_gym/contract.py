@@ -24,8 +24,8 @@ ENVIRONMENTS = [*OURS, *OWN]
 MANUALS = [key for key in OURS if "/" not in key]
 """Those with a manual of their own: those of any vehicle point to them."""
 
-_NONLINEAR_AND_NO_INPUT = dict.fromkeys(("kf", "kf-umv-ui", "kf-umv-ui-wdf", "ulise"), "a LinearModel") | dict.fromkeys(
-    ("ekf-ui-wdf", "ukf-umv"), "an unknown input"
+_NONLINEAR_AND_NO_INPUT = dict.fromkeys(("kf", "kf-umv-ui-wdf", "ulise"), "a LinearModel") | dict.fromkeys(
+    ("kf-umv-ui", "ekf-ui-wdf", "ukf-umv"), "an unknown input"
 )
 REFUSED = {
     "SigmaCorvette-v0": dict.fromkeys(("kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv"), "H = 0"),

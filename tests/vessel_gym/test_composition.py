@@ -345,9 +345,9 @@ def test_copies_with_parts_of_ones_own_go_on_as_the_original():
 @pytest.mark.parametrize("how", ["states", "input", "noise"])
 def test_a_disturbance_of_ones_own_works_with_every_estimator(disturbance: Disturbance, how: str):
     flown = 0
-    refused = {"kf": "LinearModel", "kf-umv-ui": "LinearModel", "kf-umv-ui-wdf": "LinearModel", "ulise": "LinearModel"}
+    refused = dict.fromkeys(("kf", "kf-umv-ui-wdf", "ulise"), "LinearModel") | {"kf-umv-ui": "rank"}
     if how != "input":
-        refused |= dict.fromkeys(("ekf-ui-wdf", "ukf-umv"), "an unknown input")
+        refused |= dict.fromkeys(("kf-umv-ui", "ekf-ui-wdf", "ukf-umv"), "an unknown input")
     for estimator in (*CARRIED_BY_AUV, *refused, "ekf-ui-wdf", "ukf-umv"):
         told = {"told": {"as": how}} | FEW_MEMBERS.get(estimator, {})
         chosen = {"estimator": estimator, "estimator_options": told, "disturbance": disturbance, "observe": "mean+std"}
