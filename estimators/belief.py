@@ -237,9 +237,9 @@ class InputBelief(Belief):
         input_mean: ``(..., q)`` estimate of the unknown input.
         input_cov: ``(..., q, q)`` its covariance.
         state_input_cov: ``(..., n, q)`` covariance between the two errors.
-        input_observed: ``(..., q, q)`` projector on the directions of the unknown input that the readings
-            determined; in the others the estimate is its prior. None: the filter was told the input's covariance, which
-            counts in every direction.
+        input_observed: ``(..., q, q)`` projector on the directions of the unknown input that the readings show well;
+            in the others its prior counts, too. None: the filter was told the input's covariance, which counts in every
+            direction.
     """
 
     input_mean: np.ndarray = field()
@@ -273,12 +273,16 @@ class FeedthroughBelief(DelayedInputBelief):
         feedthrough_cov: ``(..., q, q)`` its covariance, 0 in the other directions.
         state_feedthrough_cov: ``(..., n, q)`` covariance of its error and the state's.
         feedthrough_observed: ``(..., q, q)`` projector on the directions that they show.
+        input_reach: ``(..., n + q, q)`` how the unknown input stands in the errors of the state and of what is known of
+            the input, in the directions of it that no reading has shown yet: those that act now, and after a prediction
+            those that acted before it.
     """
 
     feedthrough_mean: np.ndarray
     feedthrough_cov: np.ndarray
     state_feedthrough_cov: np.ndarray
     feedthrough_observed: np.ndarray
+    input_reach: np.ndarray
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -173,7 +173,7 @@ class EnsembleFilter(Filter[EnsembleBelief]):
         innovation, R = difference(y, mean, model.measurement_angles), whole
         if not complete:
             innovation, R = np.where(mask, innovation, 0.0), neutralised(whole, mask)
-        return Reading(innovation, none, none, R, mask, complete, none, none, anomalies.mT, whole)
+        return Reading(innovation, none, none, R, mask, complete, anomalies.mT, whole)
 
     def _condensed(
         self, start: EnsembleBelief, reading: Reading, S: np.ndarray, lost: np.ndarray

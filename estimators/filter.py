@@ -358,7 +358,7 @@ class Filter(ABC, Generic[Record]):
         R, mask = self._noise(y, available, R, u)
         reading = Reading(
             difference(y, expected, model.measurement_angles), C, H, R if excess is None else R + excess, mask,
-            not is_noted(mask) and bool(mask.all()), C, H,
+            not is_noted(mask) and bool(mask.all()),
         )  # fmt: skip
         return reading if reading.complete else reading.only(mask)
 
@@ -488,8 +488,8 @@ class Filter(ABC, Generic[Record]):
         """The reading in the directions in which S is not singular, so that ``S^-1`` of it is S's pseudo-inverse.
 
         Directions are told apart with each channel in units of its innovation. Rows that are not lost stay as they are.
-        An unknown input that shows where S has nothing is seen there without noise: ``S + F F'`` takes the place of S,
-        from which the best unbiased estimate is the same (Rao, 1971, Unified theory of linear estimation).
+        An unknown input that shows where S has nothing is seen there without noise: ``S + a F F'`` takes the place of
+        S, from which the best unbiased estimate is the same (Rao, 1971, Unified theory of linear estimation).
 
         Returns:
             The reading and the rows ``(...)`` that it is for, or None.
@@ -498,10 +498,9 @@ class Filter(ABC, Generic[Record]):
         spread, F = None, self._shown_input(start, reading)
         if F is not None:
             F = F / scale[..., None]
-            size = np.sqrt(np.square(F).sum(-2, keepdims=True))
-            F = F / np.where(size > 0.0, size, 1.0)
-            unit = F @ F.mT
-            scaled, spread = scaled + unit, unit * scale[..., None] * scale[..., None, :]
+            size = np.square(F).sum((-2, -1), keepdims=True)
+            spread = 1.0 / np.where(size > 0.0, size, 1.0)
+            scaled = scaled + spread * (F @ F.mT)
         chosen = lost & np.isfinite(scaled).all((-2, -1))
         if not chosen.any():
             return None
@@ -512,7 +511,7 @@ class Filter(ABC, Generic[Record]):
         return reading.mixed(np.where(chosen[..., None, None], T, eye), spread), chosen
 
     def _shown_input(self, belief: Record, reading: Reading) -> np.ndarray | None:
-        """How an unknown input without a covariance shows in the reading ``(..., p, k)``; None: there is none."""
+        """How an unknown input, in units of its prior, shows in the reading ``(..., p, k)``; None: there is none."""
         return None
 
 

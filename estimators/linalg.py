@@ -147,10 +147,3 @@ def cholesky(s: np.ndarray) -> np.ndarray:
             with suppress(np.linalg.LinAlgError):
                 factor[row] = np.linalg.cholesky(s[row])
         return factor
-
-
-def inverse(s: np.ndarray) -> np.ndarray:
-    """``S^-1`` of a small symmetric matrix; a scalar needs no factorisation."""
-    if s.shape[-1] == 1:
-        return 1.0 / s
-    return symmetrise(solve(s, identity(s.shape[-1])))

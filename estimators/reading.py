@@ -20,11 +20,9 @@ class Reading(NamedTuple):
     R: np.ndarray  # (..., p, p)
     available: np.ndarray  # (..., p)
     complete: bool
-    whole: np.ndarray  # (..., p, n) C with the rows of missing readings, too
-    whole_H: np.ndarray  # (..., p, q) H likewise
     anomalies: np.ndarray | None = None  # (..., N, p) spread of what the members expect (ensemble filters)
     whole_R: np.ndarray | None = None  # (..., p, p) R with that of missing readings, too (ensemble filters)
-    spread: np.ndarray | None = None  # (..., p, p) what stands for the unknown input in S, where S alone is singular
+    spread: np.ndarray | None = None  # (..., 1, 1) share of the unknown input's prior in S, where S alone is singular
 
     def only(self, kept: np.ndarray) -> "Reading":
         """The reading without the channels where the mask ``kept (..., p)`` is False."""
@@ -49,9 +47,7 @@ class Reading(NamedTuple):
             H=T @ self.H,
             R=R,
             complete=False,
-            whole=T @ self.whole,
-            whole_H=T @ self.whole_H,
             anomalies=None if self.anomalies is None else self.anomalies @ T.mT,
             whole_R=R,
-            spread=None if spread is None else congruence(T, spread),
+            spread=spread,
         )

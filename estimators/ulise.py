@@ -4,10 +4,10 @@ import numpy as np
 
 from estimators.belief import Belief, FeedthroughBelief
 from estimators.filter import Model, Rng
-from estimators.linalg import congruence, driven, identity, joined, solve, symmetrise
+from estimators.linalg import congruence, identity, joined, symmetrise
 from estimators.models import LinearModel, resolve
 from estimators.reading import Reading
-from estimators.unknown_input import DelayedInputFilter, hidden_directions, unbiased_gain, waiting
+from estimators.unknown_input import DelayedInputFilter, waiting
 
 
 class ULISE(DelayedInputFilter[FeedthroughBelief]):
@@ -25,8 +25,10 @@ class ULISE(DelayedInputFilter[FeedthroughBelief]):
 
     These are the estimates of the source, which splits H by its singular values and transforms the readings to match:
     least squares does not depend on coordinates. Written with projectors they hold for any rank in any row, so
-    that a channel of H that drops leaves its part of d(k) to the next reading, not to a prior. Only what neither
-    reading shows falls back to N(0, ``input_prior``) for that step. Covariances follow in Joseph form.
+    that a channel of H that drops leaves its part of d(k) to the next reading, not to a prior. What H hardly shows of
+    d(k) is noise of covariance ``input_prior`` first, in D as well; how it then stands in the errors of x and d1 is
+    carried on in place of G, so that the next reading still shows it without bias. Only what neither reading shows well
+    is estimated from N(0, ``input_prior``). Covariances follow in Joseph form.
 
     The input is known whole one step late: ``input_mean`` is d(k-1) (``input_delay`` 1), ``feedthrough_mean`` is d1(k).
     With H = 0 this is `kf-umv-ui-wdf`; with rank H = q the states are those of `kf-umv-ui`.
@@ -37,7 +39,7 @@ class ULISE(DelayedInputFilter[FeedthroughBelief]):
     Args:
         model: A `LinearModel` with rank(C2 G2) = q - rank(H): the readings that H leaves clean (C2) show the inputs
             that H does not (G2).
-        input_prior: Covariance ``(q, q)`` of the unknown input where no reading shows it; a number
+        input_prior: Covariance ``(q, q)`` of the unknown input where two readings hardly show it; a number
             stands for that number times identity. Its scale is the problem's: set it.
 
     Raises:
@@ -55,11 +57,11 @@ class ULISE(DelayedInputFilter[FeedthroughBelief]):
         C, G, H = self.model.C, self.model.G, self.model.H
         if not (isinstance(C, np.ndarray) and isinstance(G, np.ndarray) and isinstance(H, np.ndarray)):
             return
-        unseen, _ = hidden_directions(H, H, self._input_units)
-        clean = np.eye(p) - H @ np.linalg.pinv(H, rcond=1e-9)
-        CG = C @ G * self._input_units
-        hidden, _ = hidden_directions(clean @ CG @ unseen, CG, np.ones(q))
-        late, shown = _rank(unseen), q - _rank(hidden)
+        H, CG = H @ self._root, C @ G @ self._root
+        seen = np.linalg.pinv(H, rcond=1e-9)
+        late = q - np.linalg.matrix_rank(H, rtol=1e-9)
+        clean = (np.eye(p) - H @ seen) @ CG @ (np.eye(q) - seen @ H)
+        shown = np.linalg.matrix_rank(clean, tol=1e-9 * np.linalg.norm(CG, 2, (-2, -1)))
         if (shown < late).any():
             row = np.argmax(late - shown)
             late, shown = (np.broadcast_to(rank, (late - shown).shape).flat[row] for rank in (late, shown))
@@ -69,7 +71,9 @@ class ULISE(DelayedInputFilter[FeedthroughBelief]):
             )
 
     def _init(self, belief: Belief, rng: Rng) -> FeedthroughBelief:
-        return FeedthroughBelief.of(belief, **self._begun_input(belief.mean), **self._nothing_now(belief.mean))
+        begun = self._begun_input(belief.mean) | {"input_matrix": None}
+        reach = np.zeros(belief.mean.shape[:-1] + (self.model.n + self.model.q, self.model.q))
+        return FeedthroughBelief.of(belief, **begun, input_reach=reach, **self._nothing_now(belief.mean))
 
     def _nothing_now(self, mean: np.ndarray) -> dict[str, np.ndarray]:
         """What a belief of this mean says of the input that acts now if no reading showed it."""
@@ -82,61 +86,69 @@ class ULISE(DelayedInputFilter[FeedthroughBelief]):
         }
 
     def _predict(self, belief: FeedthroughBelief, u: np.ndarray | None, rng: Rng) -> FeedthroughBelief:
-        model = self.model
+        model, n, q = self.model, self.model.n, self.model.q
         mean, A = model.linearise_transition(belief.mean, u)
         G = model.input_matrix(belief.mean, u)
         mean = mean + np.matvec(G, belief.feedthrough_mean)
-        cross, input_cov = belief.state_feedthrough_cov, belief.feedthrough_cov
-        cov = symmetrise(driven(A, G, self._covariance(belief), cross, input_cov) + resolve(model.Q, u))
+        # The directions of d that are not in d1 wait for the next reading, and with them what they are in the errors.
+        observed, reach = belief.feedthrough_observed, belief.input_reach * (1.0 - waiting(belief))
+        cross = belief.state_feedthrough_cov
+        joint = joined([
+            joined([self._covariance(belief), cross], -1), joined([cross.mT, belief.feedthrough_cov], -1)
+        ], -2) - congruence(reach, self._open(observed))  # fmt: skip
+        drive = joined([joined([A, G], -1), np.eye(q, n + q, n)], -2)
+        joint = congruence(drive, joint)
         return FeedthroughBelief.predicted(
-            belief, mean, cov, u,
+            belief, mean, symmetrise(joint[..., :n, :n] + resolve(model.Q, u)), u,
             input_mean=belief.feedthrough_mean,
-            input_cov=symmetrise(input_cov + self._open(belief.feedthrough_observed)),
-            state_input_cov=A @ cross + G @ input_cov, input_observed=belief.feedthrough_observed,
-            pending=np.ones(mean.shape[:-1], bool), input_matrix=self._moving_G(belief, u),
+            input_cov=symmetrise(joint[..., n:, n:] + self._open(observed)),
+            state_input_cov=joint[..., :n, n:], input_observed=observed,
+            pending=np.ones(mean.shape[:-1], bool),
+            input_reach=drive @ reach + joined([G, identity(q)], -2) @ (identity(q) - observed),
             **self._nothing_now(mean),
         )  # fmt: skip
 
+    def _input_matrix(self, belief: FeedthroughBelief) -> np.ndarray:
+        return belief.input_reach[..., : self.model.n, :]
+
     def _shown_input(self, belief: FeedthroughBelief, reading: Reading) -> np.ndarray:
         late = super()._shown_input(belief, reading)
-        now = np.broadcast_to(reading.H * self._input_units, late.shape)
+        now = np.broadcast_to(reading.H @ self._root, late.shape)
         return np.concatenate([now, late], -1)
 
     def _update(self, belief: FeedthroughBelief, reading: Reading, rng: Rng) -> FeedthroughBelief:
-        C, H, R, units = reading.C, reading.H, reading.R, self._input_units
+        C, H, R = reading.C, reading.H, reading.R
         n, q = self.model.n, self.model.q
-        before = belief.input_observed
-        G = self._input_matrix(belief) * waiting(belief)
-        CP = C @ belief.cov
+        pending = waiting(belief)
+        reach = belief.input_reach * pending + np.eye(n + q, q, -n) * (1.0 - pending)
+        G, rest = reach[..., :n, :], reach[..., n:, :]
+        CP, F = C @ belief.cov, C @ G
         S = CP @ C.mT + R
-        CGN = C @ (G @ (identity(q) - before))
-        solved = solve(S if reading.spread is None else S + reading.spread, joined([CP, H, CGN], -1))
+        solved = self._solved(belief, reading, S, joined([CP, H, F], -1))
         K, SH, SF = solved[..., :n].mT, solved[..., n : n + q], solved[..., n + q :]
-        D, now = unbiased_gain(H, SH, reading.whole_H, units)
-        M, late = unbiased_gain(CGN - H @ (D @ CGN), SF - SH @ (D @ CGN), reading.whole @ G, units)
-        GM, K = G @ M, K - (K @ H) @ D
-        CGM = C @ GM
-        Z = joined([K + GM - K @ CGM, M, D - D @ CGM], -2)  # (x, d(k-1), d(k)) = (x-, d1(k-1), 0) + Z e
+        D, now = self._gain(H, SH, reading)
+        M, late = self._gain(F, SF - SH @ (D @ F), reading)
+        K, D = K - (K @ H) @ D, now @ D
+        Z = joined([K + (G - K @ F) @ M, rest @ M, D - (D @ F) @ M], -2)  # (x, d(k-1), d(k)) = (x-, d1(k-1), 0) + Z e
         correction = np.matvec(Z, reading.innovation)
-        # Errors: those of (x-, d1(k-1)) less Z (C x~- + v); what the inputs add to e cancels where they are seen.
+        # Errors: those of (x-, d1(k-1)) less Z (C x~- + v), and the inputs' share in Z e, which cancels where they are
+        # seen; elsewhere they have their prior.
         cross = belief.state_input_cov
         joint = joined([joined([belief.cov, cross], -1), joined([cross.mT, belief.input_cov], -1)], -2)
+        before = belief.input_observed
         kept = joined([np.zeros((n, q)), before, np.zeros((q, q))], -2)
         errors = joined([np.eye(n + 2 * q, n) - Z @ C, kept], -1)
         observed = before + late
-        reach = joined([G, identity(q), -(D @ (C @ G))], -2)
+        past, present = joined([reach, np.zeros((q, q))], -2) - Z @ F, -1.0 * (Z @ H)
         cov = congruence(errors, joint) + congruence(Z, R)
-        cov = symmetrise(cov + congruence(reach, self._open(observed)))
+        cov = cov + congruence(past, self._open(observed)) + congruence(present, self._open(now))
+        cov = symmetrise(cov)
         return FeedthroughBelief.updated(
             belief, belief.mean + correction[..., :n], cov[..., :n, :n], reading, S,
             input_mean=belief.input_mean + correction[..., n : n + q], input_cov=cov[..., n : n + q, n : n + q],
             state_input_cov=cov[..., :n, n : n + q], input_observed=observed,
-            pending=np.zeros(belief.pending.shape, bool), input_matrix=belief.input_matrix,
+            pending=np.zeros(belief.pending.shape, bool),
             feedthrough_mean=correction[..., n + q :], feedthrough_cov=cov[..., n + q :, n + q :],
             state_feedthrough_cov=cov[..., :n, n + q :], feedthrough_observed=now,
+            input_reach=joined([present[..., :n, :], present[..., n + q :, :]], -2) @ (identity(q) - now),
         )  # fmt: skip
-
-
-def _rank(projector: np.ndarray) -> np.ndarray:
-    """The ranks ``(...)`` of projectors ``(..., q, q)``."""
-    return np.asarray(np.rint(np.trace(projector, axis1=-2, axis2=-1)), dtype=int)

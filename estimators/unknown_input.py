@@ -1,6 +1,6 @@
 """Unbiased minimum-variance filters that estimate an unknown input together with the state."""
 
-from functools import reduce
+from abc import abstractmethod
 from typing import ClassVar, TypeVar
 
 import numpy as np
@@ -9,7 +9,7 @@ from estimators.belief import Belief, DelayedInputBelief, InputBelief
 from estimators.filter import Filter, Model, Rng
 from estimators.formulas import is_noted
 from estimators.kalman import driven_on, input_covariance, unseen_input
-from estimators.linalg import congruence, identity, inverse, joined, singular, solve, symmetrise
+from estimators.linalg import congruence, identity, joined, singular, solve, symmetrise
 from estimators.models import LinearModel, resolve
 from estimators.reading import Reading
 
@@ -18,10 +18,12 @@ Delayed = TypeVar("Delayed", bound=DelayedInputBelief)
 
 
 class UnknownInputFilter(Filter[WithInput]):
-    """What the filters with and without feedthrough share: their input prior and its bookkeeping.
+    """What the filters with and without feedthrough share: their input prior, and what a reading shows of the input.
 
-    A missing reading can leave directions of ``d`` undetermined. Those get N(0, ``input_prior``)
-    for that step, and the belief's ``input_observed`` is the projector on the others.
+    With ``input_prior = W W'`` and ``e = F d`` and noise of covariance S, the eigenvalues of ``W' F' S^-1 F W`` are the
+    prior variances of as many directions of ``d``, over those that the reading alone leaves them. Directions where this
+    exceeds `SHOWN` are estimated without bias, the others from N(0, ``input_prior``), as a Kalman filter would: what
+    they do to the reading is noise. The belief's ``input_observed`` is the projector on the former.
     """
 
     formulas = True
@@ -38,9 +40,11 @@ class UnknownInputFilter(Filter[WithInput]):
         if model.q == 0:
             raise ValueError(f"{self.name} needs an unknown input: give the model G, H or both")
         self.input_prior = input_covariance("input_prior", input_prior, model.q)
-        self._input_units = np.sqrt(np.diagonal(self.input_prior))
-        if not self._input_units.all():
-            raise ValueError("input_prior must have positive variances: an input without variance is no input")
+        try:
+            self._root = np.linalg.cholesky(self.input_prior)
+        except np.linalg.LinAlgError:
+            raise ValueError("input_prior must be positive definite: an input without variance is no input") from None
+        self._inverse_root = np.linalg.inv(self._root)
 
     def _unseen_input(self, mean: np.ndarray) -> dict[str, np.ndarray]:
         """What a belief of this mean says of an input of which its prior alone is known."""
@@ -51,50 +55,59 @@ class UnknownInputFilter(Filter[WithInput]):
         """The prior's share ``(..., q, q)`` in directions of the input that were not ``observed (..., q, q)``."""
         return congruence(identity(self.model.q) - observed, self.input_prior)
 
+    @abstractmethod
+    def _shown_input(self, belief: WithInput, reading: Reading) -> np.ndarray: ...
 
-def unbiased_gain(F: np.ndarray, SF: np.ndarray, whole: np.ndarray, units: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The best linear unbiased estimate ``M e`` of ``d`` from ``e = F d`` and noise of covariance S.
+    def _solved(self, belief: WithInput, reading: Reading, S: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """``S^-1 B``; where S is singular a share of the input's prior is in it, too, as `Filter._condensed` tells."""
+        if reading.spread is None:
+            return solve(S, b)
+        F = self._shown_input(belief, reading)
+        return solve(S + reading.spread * (F @ F.mT), b)
 
-    ``M = (F' S^-1 F)^-1 F' S^-1``, restricted to the directions that F shows. Directions are told apart with each input
-    in units of its prior, so that the units do not matter.
+    def _gain(self, F: np.ndarray, SF: np.ndarray, reading: Reading) -> tuple[np.ndarray, np.ndarray]:
+        """The estimate ``M e`` of ``d`` from ``e = F d`` and noise of covariance S.
 
-    Args:
-        F: ``(..., p, q)`` with the rows of missing readings zero.
-        SF: ``(..., p, q)`` ``S^-1 F``.
-        whole: ``(..., p, q)`` F as it would be with every reading, against which a direction counts as shown.
-        units: ``(q,)`` standard deviations of the inputs' prior.
+        Args:
+            F: ``(..., p, q)`` with the rows of missing readings zero.
+            SF: ``(..., p, q)`` ``S^-1 F``.
+            reading: For the share of the prior that is in S.
 
-    Returns:
-        M ``(..., q, p)`` and the projector ``(..., q, q)`` on the directions shown.
-    """
-    q, scale = F.shape[-1], units[:, None] * units
-    unseen, shown = hidden_directions(F, whole, units)
-    seen, information = identity(q) - unseen, (F.mT @ SF) * scale
-    # The hidden directions get a finite information of the same size, so that the inverse stays well conditioned.
-    size = np.where(shown > 0.0, information.diagonal(0, -2, -1).sum(-1), 1.0)[..., None, None]
-    cov = seen @ inverse(information + size * unseen) @ seen
-    return (cov * scale) @ SF.mT, seen * (units[:, None] / units) + np.zeros(information.shape)
+        Returns:
+            M ``(..., q, p)`` and the projector ``(..., q, q)`` on the directions shown.
+        """
+        root, share = self._root, 0.0 if reading.spread is None else reading.spread[..., 0]
+        information = symmetrise(root.T @ (F.mT @ SF) @ root)
+        # A row that is lost, and not finite, must not raise: it shows nothing.
+        strength, directions = singular(np.where(np.isfinite(information), information, 0.0))
+        hidden = (1.0 - (strength > SHOWN / (1.0 + SHOWN * share)))[..., None, :]
+        gain = (directions / (strength[..., None, :] + hidden)) @ directions.mT
+        unseen = (directions * hidden) @ directions.mT
+        return root @ gain @ root.T @ SF.mT, identity(self.model.q) - root @ unseen @ self._inverse_root
+
+    def _estimated(
+        self, belief: WithInput, reading: Reading, F: np.ndarray, G: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """State and input together, of ``x = x- + G d`` and ``e = C x~- + F d + v``.
+
+        Returns:
+            The correction ``(..., n + q)`` of (x-, 0), the covariance of (x, d), the directions observed, and S.
+        """
+        C, R, n, q = reading.C, reading.R, self.model.n, self.model.q
+        CP = C @ belief.cov
+        S = CP @ C.mT + R
+        solved = self._solved(belief, reading, S, joined([CP, F], -1))
+        K, (M, observed) = solved[..., :n].mT, self._gain(F, solved[..., n:], reading)
+        Z = joined([K + (G - K @ F) @ M, M], -2)  # (x, d) = (x-, 0) + Z e
+        # Errors: x~ = x~- + G d - Z e and d~ = d - Z e. Where d is seen its share cancels, elsewhere it has its prior.
+        reach = joined([G, identity(q)], -2) - Z @ F
+        cov = congruence(np.eye(n + q, n) - Z @ C, belief.cov) + congruence(Z, R)
+        cov = symmetrise(cov + congruence(reach, self._open(observed)))
+        return np.matvec(Z, reading.innovation), cov, observed, S
 
 
-def hidden_directions(F: np.ndarray, whole: np.ndarray, units: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The directions of ``d`` that ``F d`` does not show, each input in units of its prior.
-
-    Args:
-        F: ``(..., p, q)``.
-        whole: ``(..., p, q)``, against whose largest singular value a direction counts as shown.
-        units: ``(q,)``.
-
-    Returns:
-        The orthogonal projector ``(..., q, q)`` on them, and how many are shown ``(...)``.
-    """
-    # A row that is lost, and not finite, must not raise: it shows nothing.
-    F, whole = (np.where(np.isfinite(matrix), matrix, 0.0) * units for matrix in (F, whole))
-    strength, directions = singular(F)
-    values, _ = singular(whole)
-    strongest = reduce(np.maximum, [values[..., i] for i in range(values.shape[-1])])
-    shown = 1.0 * (strength > 1e-9 * strongest[..., None])
-    hidden = directions * (1.0 - shown)[..., None, :]
-    return hidden @ hidden.mT, shown.sum(-1)
+SHOWN = 0.1
+"""A direction of the input counts as shown where its prior has more than this share of the variance that is left."""
 
 
 class UMVFilter(UnknownInputFilter[InputBelief]):
@@ -106,9 +119,9 @@ class UMVFilter(UnknownInputFilter[InputBelief]):
         x = x- + K (e - H d)     P = P- - K (S - H Pd H') K'      Pxd = -K H Pd
         x-+ = A x + B u + G d    P-+ = [A G] [[P, Pxd], [Pxd', Pd]] [A G]' + Q
 
-    computed in the equivalent Joseph form, which cannot lose definiteness. When a channel drops so
-    that H loses a row that ``d`` needs, ``d`` falls back to N(0, ``input_prior``) for that step: the
-    state is corrected by the channels that remain and the next prediction is the more uncertain.
+    computed in the equivalent Joseph form, which cannot lose definiteness. When a channel drops so that the others
+    hardly show a direction of ``d``, it has the prior N(0, ``input_prior``) for that step: the state is corrected by
+    the channels that remain and the next prediction is the more uncertain.
 
     A nonlinear model is linearised as by the extended Kalman filter: A is the Jacobian of f at the estimate, C that of
     h at the prediction, and f gives the mean. What d adds is linear, ``G d`` and ``H d``: how a G that is a function of
@@ -118,7 +131,7 @@ class UMVFilter(UnknownInputFilter[InputBelief]):
 
     Args:
         model: A model with rank(H) = q; a nonlinear one may give G as a function of ``(x, u)``.
-        input_prior: Covariance ``(q, q)`` of the unknown input where no reading shows it; a number
+        input_prior: Covariance ``(q, q)`` of the unknown input where a reading hardly shows it; a number
             stands for that number times identity. Its scale is the problem's: set it.
 
     Raises:
@@ -152,23 +165,14 @@ class UMVFilter(UnknownInputFilter[InputBelief]):
         return driven_on(self.model, belief, u)
 
     def _shown_input(self, belief: InputBelief, reading: Reading) -> np.ndarray:
-        return reading.H * self._input_units
+        return reading.H @ self._root
 
     def _update(self, belief: InputBelief, reading: Reading, rng: Rng) -> InputBelief:
-        C, H, R = reading.C, reading.H, reading.R
         n = self.model.n
-        CP = C @ belief.cov
-        S = CP @ C.mT + R
-        solved = solve(S if reading.spread is None else S + reading.spread, joined([CP, H], -1))
-        K, M, observed = solved[..., :n].mT, *unbiased_gain(H, solved[..., n:], reading.whole_H, self._input_units)
-        Z = joined([K - K @ H @ M, M], -2)  # (x, d) = (x-, 0) + Z e
-        correction = np.matvec(Z, reading.innovation)
-        # Errors: x~ = x~- - L (C x~- + v), as L H = 0, and d~ = -M (C x~- + v) where d is seen (M H = I).
-        cov = symmetrise(congruence(np.eye(n + self.model.q, n) - Z @ C, belief.cov) + congruence(Z, R))
+        correction, cov, observed, S = self._estimated(belief, reading, reading.H, np.zeros((n, self.model.q)))
         return InputBelief.updated(
             belief, belief.mean + correction[..., :n], cov[..., :n, :n], reading, S, input_mean=correction[..., n:],
-            input_cov=cov[..., n:, n:] + self._open(observed), state_input_cov=cov[..., :n, n:],
-            input_observed=observed,
+            input_cov=cov[..., n:, n:], state_input_cov=cov[..., :n, n:], input_observed=observed,
         )  # fmt: skip
 
 
@@ -193,7 +197,7 @@ class DelayedInputFilter(UnknownInputFilter[Delayed]):
         return self._G if belief.input_matrix is None else belief.input_matrix
 
     def _shown_input(self, belief: Delayed, reading: Reading) -> np.ndarray:
-        return reading.C @ (self._input_matrix(belief) * waiting(belief) * self._input_units)
+        return reading.C @ (self._input_matrix(belief) * waiting(belief)) @ self._root
 
     def _moving_G(self, belief: Belief, u: np.ndarray | None) -> np.ndarray | None:
         """G of a prediction, if it changes."""
@@ -248,20 +252,8 @@ class NoFeedthroughFilter(DelayedInputFilter[DelayedInputBelief]):
         return self._propagate(belief.mean, self._covariance(belief), u)
 
     def _update(self, belief: DelayedInputBelief, reading: Reading, rng: Rng) -> DelayedInputBelief:
-        C, R, n, q = reading.C, reading.R, self.model.n, self.model.q
-        G, pending = self._input_matrix(belief), waiting(belief)
-        CP, F = C @ belief.cov, (C @ G) * pending
-        S = CP @ C.mT + R
-        solved = solve(S if reading.spread is None else S + reading.spread, joined([CP, F], -1))
-        K, units = solved[..., :n].mT, self._input_units
-        M, observed = unbiased_gain(F, solved[..., n:], reading.whole @ G, units)
-        GM = G @ M
-        Z = joined([K + GM - K @ (C @ GM), M], -2)  # (x, d) = (x-, 0) + Z e
-        correction = np.matvec(Z, reading.innovation)
-        # Errors: x~ = x~- - L (C x~- + v), the input's share in it cancelling, and d~ = -M (C x~- + v).
-        cov = congruence(np.eye(n + q, n) - Z @ C, belief.cov) + congruence(Z, R)
-        reach = joined([G * pending, identity(q)], -2)
-        cov = symmetrise(cov + congruence(reach, self._open(observed)))
+        n, G = self.model.n, self._input_matrix(belief) * waiting(belief)
+        correction, cov, observed, S = self._estimated(belief, reading, reading.C @ G, G)
         return DelayedInputBelief.updated(
             belief, belief.mean + correction[..., :n], cov[..., :n, :n], reading, S, input_mean=correction[..., n:],
             input_cov=cov[..., n:, n:], state_input_cov=cov[..., :n, n:], input_observed=observed,
@@ -278,8 +270,8 @@ class ExtendedUMVFilter(NoFeedthroughFilter):
         F = C G     Pd = (F' S^-1 F)^-1     M = Pd F' S^-1     d(k-1) = M e     L = K + (I - K C) G M
         x = x- + L e      P = (I - L C) P- (I - L C)' + L R L'      x-+ = f(x, u)      P-+ = A P A' + Q
 
-    The first update after ``init`` has no d(k-1): it is a Kalman update. Where a reading does not show a direction of
-    ``d``, because a channel dropped or C G lost rank at this state, that direction falls back to
+    The first update after ``init`` has no d(k-1): it is a Kalman update. Where a reading hardly shows a direction of
+    ``d``, because a channel dropped or C G lost rank at this state, that direction has the prior
     N(0, ``input_prior``) for that step. Jacobians are taken at a prediction that knows nothing of d(k-1):
     what an input does to them within one step is neglected.
 
@@ -287,7 +279,7 @@ class ExtendedUMVFilter(NoFeedthroughFilter):
 
     Args:
         model: A model with H = 0 and rank(C G) = q; a nonlinear one may give G as a function of ``(x, u)``.
-        input_prior: Covariance ``(q, q)`` of the unknown input where no reading shows it; a number
+        input_prior: Covariance ``(q, q)`` of the unknown input where a reading hardly shows it; a number
             stands for that number times identity. Its scale is the problem's: set it.
 
     Raises:
@@ -306,7 +298,7 @@ class DelayedUMVFilter(NoFeedthroughFilter):
 
     Args:
         model: A `LinearModel` with H = 0 and rank(C G) = q.
-        input_prior: Covariance ``(q, q)`` of the unknown input where no reading shows it.
+        input_prior: Covariance ``(q, q)`` of the unknown input where a reading hardly shows it.
 
     Raises:
         ValueError: if H is not zero or the rank condition fails.

@@ -13,8 +13,8 @@ import pytest
 
 from estimators import Belief, Filter, Gaussian, LinearModel, NonlinearModel, Numbers, Rng, make
 
-INPUT_PRIOR = 4.0
-"""Variance of the unknown input where no reading shows it, in every system of this suite."""
+INPUT_PRIOR = 50.0
+"""Variance of the unknown input where no reading shows it, in every system of this suite: that of `wild_input`."""
 
 
 # --- random models ----------------------------------------------------------------------------------
@@ -95,6 +95,16 @@ def shown_directions(F: np.ndarray) -> np.ndarray:
     _, strength, directions = np.linalg.svd(F, full_matrices=False)
     shown = directions[strength > 1e-9]
     return shown.T @ shown
+
+
+def counted_directions(F: np.ndarray, precision: np.ndarray, prior: float) -> np.ndarray:
+    """The projector ``(q, q)`` on the directions of ``d`` that ``F d`` and noise of this ``precision`` show well.
+
+    That is so where the prior has more than a tenth of the variance that is left.
+    """
+    values, directions = np.linalg.eigh(prior * F.T @ precision @ F)
+    counted = directions[:, values > 0.1]
+    return counted @ counted.T
 
 
 def turning_vehicle(seed: int) -> System:

@@ -128,7 +128,13 @@ def test_kf_sends_a_nonlinear_model_to_ekf():
 @pytest.mark.parametrize("name", UNKNOWN_INPUT)
 def test_an_input_prior_that_is_no_covariance_of_the_inputs_is_refused(name: str):
     unknown = {"G": [[1.0], [0.0]], "H": [[1.0], [0.0]] if name == "kf-umv-ui" else None}
-    for value, problem in ((-1.0, "positive semidefinite"), (I2, "shape"), ([1.0], "square"), (np.nan, "finite")):
+    for value, problem in (
+        (-1.0, "positive semidefinite"),
+        (0.0, "positive definite"),
+        (I2, "shape"),
+        ([1.0], "square"),
+        (np.nan, "finite"),
+    ):
         with pytest.raises(ValueError, match="input_prior") as caught:
             make(name, _linear(**unknown), input_prior=value)
         assert problem in _message(caught)
@@ -476,10 +482,8 @@ def test_of_two_inputs_the_direction_that_is_lost_gets_its_prior_and_the_other_i
     predicted = filter.predict(belief)
     mask, y = np.array([True, False, True]), rng.normal(size=3)
     after = filter.update(predicted, y, available=mask)
-    # Each input in units of its prior: the split must not depend on the units of either.
-    sd = np.sqrt(np.diag(prior))
-    direction = shown[0] * sd / np.linalg.norm(shown[0] * sd)
-    seen = np.outer(direction * sd, direction / sd)
+    # What the prior says of the input, given that the seen direction of it has a value: whatever the units of either.
+    seen = np.outer(prior @ shown[0], shown[0]) / (shown[0] @ prior @ shown[0])
     hidden = np.eye(2) - seen
     np.testing.assert_allclose(after.input_observed, seen, rtol=0, atol=1e-12)
     np.testing.assert_allclose(hidden @ after.input_mean, 0.0, atol=1e-12)
@@ -495,13 +499,11 @@ def test_of_two_inputs_the_direction_that_is_lost_gets_its_prior_and_the_other_i
 
 @pytest.mark.parametrize("noise", [1.0, 1e6, 1e12])
 @pytest.mark.parametrize("name", UNKNOWN_INPUT)
-def test_the_direction_that_is_seen_stays_unbiased_however_large_the_noise_beside_the_input_prior(
-    name: str, noise: float
-):
+def test_the_direction_that_is_seen_stays_unbiased_however_large_noise_and_prior_are(name: str, noise: float):
     shown = np.array([[1.0, 1.0], [1.0, -1.0], [0.0, 0.5]])
     unknown = {"G": np.eye(3, 2), "H": shown} if name == "kf-umv-ui" else {"G": shown}
     model = LinearModel(A=0.8 * np.eye(3), C=np.eye(3), Q=np.eye(3), R=noise * np.eye(3), **unknown)
-    filter = make(name, model, input_prior=1.0)
+    filter = make(name, model, input_prior=noise)
     predicted = filter.predict(filter.init(Gaussian(np.zeros(3), noise * np.eye(3))))
     mask, change = [True, False, False], np.array([3.0, -7.0])
     before, after = (filter.update(predicted, y, available=mask) for y in (np.zeros(3), shown @ change))

@@ -18,6 +18,7 @@ from tests.estimators.cases import (
     assert_covariance,
     assert_same,
     every_case,
+    flat_prior_posterior,
     pushed_vehicle,
     rounding,
     shaken_vehicle,
@@ -93,7 +94,7 @@ def _yong_zhu_frazzoli(system: System, y: np.ndarray, u: np.ndarray) -> list[tup
 def test_ulise_gives_what_the_formulas_of_its_paper_give(seed: int, n: int, p: int, q: int, rank: int):
     system = _mixed(seed, n, p, q, rank)
     record = _one_run(simulate(system, seed, runs=1, steps=30))
-    beliefs = track(make("ulise", system.model), system.prior, record)[1:]
+    beliefs = track(make("ulise", system.model, input_prior=1e3), system.prior, record)[1:]
     for b, expected in zip(beliefs, _yong_zhu_frazzoli(system, record.y, record.u), strict=True):
         given = b.mean, b.cov, b.input_mean, b.input_cov, b.feedthrough_mean, b.feedthrough_cov
         for one, other in zip(given, expected, strict=True):
@@ -210,7 +211,7 @@ def test_with_full_feedthrough_ulise_is_the_filter_with_feedthrough_and_tells_th
         record = simulate(system, seed, runs=10, steps=40)
         available = np.arange(p) != np.random.default_rng(seed).integers(2 * p, size=(40, 10, 1))
         unified, direct = (
-            track(make(name, system.model), system.rows(10), record, available=available)
+            track(make(name, system.model, input_prior=1e6), system.rows(10), record, available=available)
             for name in ("ulise", "kf-umv-ui")
         )
         for k, (one, other) in enumerate(zip(unified, direct, strict=True)):
@@ -279,6 +280,108 @@ def test_on_a_nonlinear_system_it_is_the_limit_of_an_extended_kalman_filter_told
     np.testing.assert_allclose(np.divide(apart[:2], apart[1:]), 100.0, rtol=0.1)
 
 
+# --- what hardly shows ------------------------------------------------------------------------------
+
+WEAK = {
+    "kf-umv-ui": lambda seed: unknown_input_system(seed, True, p=4, q=2),
+    **{name: lambda seed: unknown_input_system(seed, False, p=4, q=2) for name in NO_FEEDTHROUGH},
+    "ulise with full feedthrough": lambda seed: unknown_input_system(seed, True, p=4, q=2),
+    "ulise with one input of two fed through": lambda seed: unknown_input_system(seed, True, p=4, q=2, rank=1),
+}
+CORRELATED = np.array([[1.0, 0.3], [0.3, 0.2]])
+"""A covariance of two inputs, of which the readings of these systems show some directions well and others hardly."""
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("name", ["kf-umv-ui", "kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv", "ulise"])
+def test_what_hardly_shows_is_estimated_as_by_a_kalman_filter_told_its_prior(name: str, seed: int):
+    """A whole run, any readings missing: d is a white state of the prior's covariance, but for what shows well."""
+    system, steps = WEAK[name](seed), 40
+    model, n, q = system.model, system.model.n, system.model.q
+    record = _one_run(simulate(system, seed, runs=1, steps=steps))
+    available = np.random.default_rng(seed).random((steps, model.p)) < 0.5
+    filter, root = make(name, model, input_prior=CORRELATED), np.linalg.cholesky(CORRELATED)
+    beliefs = track(filter, system.prior, record, available=available)
+    mean, cov, late, kinds = system.mean, system.cov, np.zeros((n, q)), set()
+    for k, (belief, mask) in enumerate(zip(beliefs, available, strict=True)):
+        C, H, R = model.C[mask], model.H[mask], model.R[mask][:, mask]
+        F = (C @ late + H) @ root
+        values, directions = np.linalg.eigh(F.T @ np.linalg.inv(C @ cov @ C.T + R) @ F)
+        kinds |= {"well" if value > 0.1 else "hardly" if value > 1e-6 else "not" for value in values}
+        hidden = directions[:, values <= 0.1]
+        precision = np.linalg.inv(root).T @ hidden @ hidden.T @ np.linalg.inv(root)
+        posterior, joint = flat_prior_posterior(mean, cov, late, C, H, R, record.y[k][mask], precision)
+        close = {"rtol": 0, "atol": 1e-9 * max(1.0, np.abs(joint).max())}
+        np.testing.assert_allclose(np.concatenate([belief.mean, belief.input_mean]), posterior, **close)
+        np.testing.assert_allclose(belief.cov, joint[:n, :n], **close)
+        np.testing.assert_allclose(belief.input_cov, joint[n:, n:], **close)
+        np.testing.assert_allclose(belief.state_input_cov, joint[:n, n:], **close)
+        mean, cov = posterior[:n], joint[:n, :n]
+        drive = np.hstack([model.A, model.G])
+        if filter.input_delay:
+            mean, cov, late = model.A @ mean, model.A @ cov @ model.A.T, model.G
+        else:
+            mean, cov = drive @ posterior, drive @ joint @ drive.T
+        mean, cov = mean + model.B @ record.u[k], cov + model.Q
+    assert kinds == {"well", "hardly", "not"}
+
+
+@pytest.mark.parametrize("family", WEAK)
+def test_whatever_readings_are_lost_the_input_stays_near_its_prior_and_errors_as_large_as_the_filter_says(family: str):
+    system, name, runs, steps = WEAK[family](4), family.split(" ")[0], 2000, 12
+    rng = np.random.default_rng(7)
+    d = np.matvec(np.linalg.cholesky(CORRELATED), rng.normal(size=(steps, runs, 2)))
+    record = simulate(system, 7, runs, steps, d=d)
+    available = rng.random((steps, runs, 4)) < 0.6
+    filter = make(name, system.model, input_prior=CORRELATED)
+    beliefs = track(filter, system.rows(runs), record, available=available)
+    for k, b in enumerate(beliefs[1:], 1):
+        assert b.healthy.all()
+        truth = np.concatenate([record.x[k], d[k - filter.input_delay]], -1)
+        mean, cross = np.concatenate([b.mean, b.input_mean], -1), b.state_input_cov
+        cov = np.concatenate([np.concatenate([b.cov, cross], -1), np.concatenate([cross.mT, b.input_cov], -1)], -2)
+        low, high = chi_square_band(runs, truth.shape[-1], 0.9999)
+        assert low < nees(mean, cov, truth).mean() < high
+        # Where it counts as shown, its variance is 10 priors at most: d^ = d - d~ is of 11 at most, in any direction.
+        size = nees(np.zeros(d.shape[1:]), CORRELATED, b.input_mean)
+        assert (size < 11.0 * chi2.ppf(1.0 - 1e-4 / size.size, 2)).all()
+
+
+@pytest.mark.parametrize("family", WEAK)
+def test_in_which_coordinates_an_input_is_told_does_not_matter(family: str):
+    """Other units of each input, and sums of them: readings missing, too."""
+    system, name = WEAK[family](1), family.split(" ")[0]
+    record = simulate(system, 1, runs=6, steps=25)
+    available = np.random.default_rng(1).random((25, 6, 4)) < 0.7
+    T = np.array([[1e6, 0.0], [5e-4, 1e-3]])
+    back = np.linalg.inv(T)
+    changed = dataclasses.replace(system.model, G=system.model.G @ back, H=system.model.H @ back)
+    plain, told = (
+        track(make(name, model, input_prior=cov), system.rows(6), record, available=available)
+        for model, cov in ((system.model, CORRELATED), (changed, T @ CORRELATED @ T.T))
+    )
+    for one, other in zip(plain, told, strict=True):
+        for given, expected in (
+            (other.mean, one.mean), (other.cov, one.cov), (np.matvec(back, other.input_mean), one.input_mean),
+            (back @ other.input_cov @ back.T, one.input_cov), (back @ other.input_observed @ T, one.input_observed),
+        ):  # fmt: skip
+            np.testing.assert_allclose(given, expected, rtol=0, atol=1e-7 * max(1.0, np.abs(expected).max()))
+
+
+def test_what_ulise_hardly_sees_at_once_it_sees_without_bias_in_the_next_reading():
+    system = unknown_input_system(2, True, p=4, q=2)
+    model = dataclasses.replace(system.model, H=system.model.H * [1.0, 1e-3])
+    d = np.zeros((9, 1, 2))
+    d[4] = 0.0, 1e3
+    record = simulate(dataclasses.replace(system, model=model), 2, runs=1, steps=9, d=d, noise=0.0)
+    beliefs = track(make("ulise", model, input_prior=INPUT_PRIOR), system.rows(1), record)
+    np.testing.assert_allclose(np.trace(beliefs[4].feedthrough_observed[0]), 1.0, rtol=1e-9)
+    errors = [float(np.abs(b.mean - x).max()) for b, x in zip(beliefs, record.x, strict=True)]
+    assert errors[4] > 0.1
+    assert max(errors[:4] + errors[5:]) < 1e-9
+    np.testing.assert_allclose(beliefs[5].input_mean, d[4], rtol=0, atol=1e-9)
+
+
 # --- matrices that change ---------------------------------------------------------------------------
 
 
@@ -309,7 +412,7 @@ def test_feedthrough_may_be_a_function_of_the_known_input_and_of_another_rank_in
     record.u[..., 0] = np.arange(rows)
 
     def run(feedthrough: object, rows: object) -> Belief:
-        filter = make("ulise", dataclasses.replace(model, H=feedthrough))
+        filter = make("ulise", dataclasses.replace(model, H=feedthrough), input_prior=1e3)
         belief = filter.init(system.rows(*record.y[0, rows].shape[:-1]))
         for y, u in zip(record.y[:, rows], record.u[:, rows], strict=True):
             belief = filter.predict(filter.update(belief, y, u=u), u)
