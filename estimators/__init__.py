@@ -35,9 +35,11 @@ from estimators.unknown_input import (
     DelayedInputFilter,
     DelayedUMVFilter,
     ExtendedUMVFilter,
+    InputConditions,
     NoFeedthroughFilter,
     UMVFilter,
     UnknownInputFilter,
+    input_conditions,
 )
 from estimators.unscented import SigmaPoints, UnscentedKalmanFilter, UnscentedUMVFilter
 
@@ -60,6 +62,7 @@ __all__ = [
     "GaussianFilter",
     "HuberKalmanFilter",
     "InputBelief",
+    "InputConditions",
     "KalmanFilter",
     "LinearModel",
     "Model",
@@ -78,6 +81,7 @@ __all__ = [
     "UnscentedUMVFilter",
     "chi_square_band",
     "forward_euler",
+    "input_conditions",
     "make",
     "names",
     "nees",

@@ -7,7 +7,7 @@ from estimators.filter import Model, Rng
 from estimators.linalg import congruence, identity, joined, symmetrise
 from estimators.models import LinearModel, resolve
 from estimators.reading import Reading
-from estimators.unknown_input import DelayedInputFilter, waiting
+from estimators.unknown_input import DelayedInputFilter, shown_ranks, waiting
 
 
 class ULISE(DelayedInputFilter[FeedthroughBelief]):
@@ -53,15 +53,12 @@ class ULISE(DelayedInputFilter[FeedthroughBelief]):
 
     def __init__(self, model: Model, input_prior: np.ndarray | float = 1.0) -> None:
         super().__init__(model, input_prior)
-        p, q = self.model.p, self.model.q
+        q = self.model.q
         C, G, H = self.model.C, self.model.G, self.model.H
         if not (isinstance(C, np.ndarray) and isinstance(G, np.ndarray) and isinstance(H, np.ndarray)):
             return
-        H, CG = H @ self._root, C @ G @ self._root
-        seen = np.linalg.pinv(H, rcond=1e-9)
-        late = q - np.linalg.matrix_rank(H, rtol=1e-9)
-        clean = (np.eye(p) - H @ seen) @ CG @ (np.eye(q) - seen @ H)
-        shown = np.linalg.matrix_rank(clean, tol=1e-9 * np.linalg.norm(CG, 2, (-2, -1)))
+        now, shown = shown_ranks(C, G @ self._root, H @ self._root)
+        late = q - now
         if (shown < late).any():
             row = np.argmax(late - shown)
             late, shown = (np.broadcast_to(rank, (late - shown).shape).flat[row] for rank in (late, shown))

@@ -1,0 +1,169 @@
+"""Whether an unknown input can be told: ranks, deviations and zeros of systems that were built to have them."""
+
+import numpy as np
+import pytest
+from scipy.linalg import block_diag, solve_discrete_are
+
+from estimators import Gaussian, InputConditions, LinearModel, input_conditions, make
+from tests.estimators.cases import random_covariance, random_transition, unknown_input_system
+
+POLES = (0.9, 0.5, -0.3)
+
+
+def _with_zeros(*numerators: tuple[float, ...], poles: tuple[float, ...] = POLES) -> tuple[np.ndarray, ...]:
+    """``A, C, G, H`` of one input and as many readings: each has these zeros (of all, all have the poles)."""
+    denominator, n = np.poly(poles), len(poles)
+    A = np.eye(n, k=1)
+    A[-1] = -denominator[:0:-1]
+    C, H = np.zeros((len(numerators), n)), np.zeros((len(numerators), 1))
+    for i, zeros in enumerate(numerators):
+        numerator = np.poly(zeros) if len(zeros) else np.ones(1)
+        numerator = np.concatenate([np.zeros(n + 1 - len(numerator)), numerator])
+        H[i] = numerator[0]
+        C[i] = (numerator[1:] - numerator[0] * denominator[1:])[::-1]
+    return A, C, np.eye(n, 1, 1 - n), H
+
+
+def _conditions(system: tuple[np.ndarray, ...], seed: int = 0, prior: float = 1.0) -> InputConditions:
+    """Of the same system in other coordinates of its states, and with other sums of its readings and inputs."""
+    A, C, G, H = system
+    rng = np.random.default_rng(seed)
+    x, y, d = (random_covariance(rng, k) for k in (len(A), *H.shape))
+    back = np.linalg.inv(x)
+    system = x @ A @ back, y @ C @ back, x @ G @ d, y @ H @ d
+    return input_conditions(*system, random_covariance(rng, len(A)), random_covariance(rng, len(C)), prior)
+
+
+def _assert_zeros(found: np.ndarray, expected: tuple[complex, ...]) -> None:
+    assert len(found) == len(expected)
+    np.testing.assert_allclose(np.sort_complex(found), np.sort_complex(np.array(expected, complex)), rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(
+    "zeros", [(), (1.5,), (-0.4, 1.1), (0.2 + 0.5j, 0.2 - 0.5j), (2.0, 0.6, -0.1), (1.2, 0.5 + 1.0j, 0.5 - 1.0j)]
+)
+def test_the_zeros_of_one_input_and_reading_are_those_of_its_transfer_function(zeros: tuple[complex, ...], seed: int):
+    found = _conditions(_with_zeros(zeros), seed)
+    _assert_zeros(found.zeros, zeros)
+    assert found.rank == (len(zeros) >= 2)  # at once with as many zeros as poles, one step later with one less
+    assert np.isfinite(found.sd).all() == (found.rank == 1)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_of_several_readings_the_common_zeros_are_left(seed: int):
+    _assert_zeros(_conditions(_with_zeros((1.4, 0.3), (1.4, -0.6)), seed).zeros, (1.4,))
+    _assert_zeros(_conditions(_with_zeros((1.4, 0.3), (-0.6, 0.1, 0.7), (0.3,)), seed).zeros, ())
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_inputs_side_by_side_have_the_zeros_of_each(seed: int):
+    parts = _with_zeros((1.4, 0.3, 0.8)), _with_zeros((0.1, -1.2), poles=(0.2, 0.6, -0.8))
+    both = tuple(block_diag(*matrices) for matrices in zip(*parts, strict=True))
+    found = _conditions(both, seed)
+    _assert_zeros(found.zeros, (1.4, 0.3, 0.8, 0.1, -1.2))
+    assert found.rank == 2
+    # With the second reading lost, no number tells the two apart.
+    A, C, G, H = both
+    found = _conditions((A, C[:1], G, H[:1]), seed)
+    assert np.isnan(found.zeros).all()
+    assert found.rank == 1
+    assert np.isinf(found.sd).all()
+
+
+def test_a_mode_that_no_reading_shows_anyhow_is_no_zero_of_the_input():
+    A, C, G, H = _with_zeros((0.4, 0.3))
+    A, C = block_diag(A, np.diag([1.0, 0.7])), np.hstack([C, np.zeros((1, 2))])
+    for G_hidden in ([[0.0], [0.0]], [[2.0], [1.0]]):
+        _assert_zeros(_conditions((A, C, np.vstack([G, G_hidden]), H)).zeros, (0.4, 0.3))
+
+
+@pytest.mark.parametrize("name", ["kf-umv-ui", "kf-umv-ui-wdf"])
+def test_an_unbiased_filter_diverges_where_a_zero_is_outside_the_unit_circle(name: str):
+    """Random stable systems with as many readings as inputs; its covariance grows in some, settles in others."""
+    rng, grown = np.random.default_rng(0), []
+    for _ in range(30):
+        A, C, G = random_transition(rng, 3, 0.9), rng.normal(size=(1, 3)), rng.normal(size=(3, 1))
+        H = rng.normal(size=(1, 1)) * (name == "kf-umv-ui")
+        largest = np.abs(input_conditions(A, C, G, H, np.eye(3), np.eye(1), 1.0).zeros).max(initial=0.0)
+        filter = make(name, LinearModel(A, C, np.eye(3), np.eye(1), G=G, H=H), input_prior=1e80)
+        belief = filter.init(Gaussian(np.zeros(3), np.eye(3)))
+        sizes = []
+        for _ in range(60):
+            belief = filter.predict(filter.update(belief, np.zeros(1)))
+            sizes.append(np.trace(belief.cov))
+        if not 0.95 < largest < 1.05 and largest < 3.0:  # the others take longer, or leave what numbers can hold
+            grown.append(largest > 1.0)
+            assert (sizes[-1] > 1.02 * sizes[-11]) == grown[-1], largest
+    assert 2 < sum(grown) < len(grown) - 2
+
+
+FAMILIES = {
+    "kf-umv-ui": lambda seed: unknown_input_system(seed, True, p=4, q=2),
+    "kf-umv-ui-wdf": lambda seed: unknown_input_system(seed, False, p=4, q=2),
+    "ulise": lambda seed: unknown_input_system(seed, True, p=4, q=2, rank=1),
+}
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("name", FAMILIES)
+def test_deviations_are_those_of_one_step_of_the_filter_from_what_a_kalman_filter_knows(name: str, seed: int):
+    model = FAMILIES[name](seed).model
+    prior = np.array([[9.0, 2.0], [2.0, 4.0]])
+    found = input_conditions(model.A, model.C, model.G, model.H, model.Q, model.R, prior)
+    assert found.rank == 2
+    assert np.abs(found.zeros).max(initial=0.0) < 1.0
+    P = solve_discrete_are(model.A.T, model.C.T, model.Q, model.R)
+    filter = make(name, LinearModel(model.A, model.C, model.Q, model.R, G=model.G, H=model.H), input_prior=1e6 * prior)
+    belief = filter.init(Gaussian(np.zeros(4), P))
+    if name == "kf-umv-ui":
+        cov = filter.update(belief, np.zeros(4)).input_cov
+    else:  # as if d acted on a state that was known so well that the prediction is as uncertain as P
+        predicted = filter.predict(belief).replace(cov=P)
+        cov = filter.update(predicted, np.zeros(4)).input_cov
+        if name == "ulise":  # what it sees at once is in one estimate, what it sees late in the other
+            now = filter.update(belief, np.zeros(4))
+            fresh = filter.predict(belief).replace(
+                cov=P, input_observed=now.feedthrough_observed,
+                input_reach=filter.predict(now).input_reach, input_cov=0.0 * cov, state_input_cov=0.0 * model.G,
+            )  # fmt: skip
+            cov = now.feedthrough_cov + filter.update(fresh, np.zeros(4)).input_cov
+    np.testing.assert_allclose(found.sd, np.sqrt(np.diag(cov) / np.diag(prior)), rtol=1e-5)
+
+
+def test_without_a_steady_state_deviations_are_those_of_the_readings_alone():
+    """A mode that grows and that no reading shows."""
+    A, C, G, H = _with_zeros((0.4, 0.3))
+    A, C, G = block_diag(A, 1.1), np.hstack([C, [[0.0]]]), np.vstack([G, [[0.0]]])
+    found = input_conditions(A, C, G, H, np.eye(4), [[0.25]], 4.0)
+    np.testing.assert_allclose(found.sd, 0.5 / np.abs(C @ G).ravel() / 2.0, rtol=1e-9)
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_units_do_not_matter(name: str):
+    model = FAMILIES[name](0).model
+    rng = np.random.default_rng(0)
+    x, y, d = (np.diag(10.0 ** rng.uniform(-4.0, 4.0, size=k)) for k in (4, 4, 2))
+    back = np.linalg.inv(x)
+    plain = input_conditions(model.A, model.C, model.G, model.H, model.Q, model.R, 2.0)
+    other = input_conditions(
+        x @ model.A @ back, y @ model.C @ back, x @ model.G @ np.linalg.inv(d), y @ model.H @ np.linalg.inv(d),
+        x @ model.Q @ x, y @ model.R @ y, 2.0 * d @ d,
+    )  # fmt: skip
+    assert other.rank == plain.rank
+    np.testing.assert_allclose(other.sd, plain.sd, rtol=1e-6)
+    assert len(other.zeros) == len(plain.zeros)
+
+
+def test_what_is_no_single_system_is_refused_in_a_sentence():
+    A, C, G, H = _with_zeros((0.4, 0.3))
+    Q, R = np.eye(3), np.eye(1)
+    for changes, sentence in (
+        ({"A": np.stack([A, A])}, "of one system: give"), ({"G": G[:2]}, "G has shape"),
+        ({"R": 0.0 * R}, "prior and R must be positive definite"), ({"prior": 0.0}, "must be positive definite"),
+        ({"prior": -1.0}, "prior must be positive semidefinite"), ({"prior": np.eye(2)}, "prior has shape"),
+    ):  # fmt: skip
+        given = {"A": A, "C": C, "G": G, "H": H, "Q": Q, "R": R, "prior": 1.0} | changes
+        with pytest.raises(ValueError, match=sentence) as caught:
+            input_conditions(**given)
+        assert "\n" not in str(caught.value)
