@@ -24,6 +24,7 @@ from estimators.models import (
     NonlinearModel,
     Schedule,
     forward_euler,
+    stacked,
     van_loan,
     zero_order_hold,
 )
@@ -87,6 +88,7 @@ __all__ = [
     "nees",
     "nis",
     "rmse",
+    "stacked",
     "van_loan",
     "wrap",
     "zero_order_hold",

@@ -7,7 +7,7 @@ Notation throughout: ``x+ = A x + B u + G d + w`` and ``y = C x + H d + v`` with
 import operator
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Any
 
@@ -17,7 +17,7 @@ from scipy.linalg import expm
 from estimators.angles import difference, short_way
 from estimators.checks import as_array, shown, whole
 from estimators.formulas import is_noted
-from estimators.linalg import congruence, neutralised
+from estimators.linalg import congruence, joined, neutralised
 
 Matrix = np.ndarray | Callable[[np.ndarray | None], np.ndarray]
 StateMatrix = np.ndarray | Callable[[np.ndarray, np.ndarray | None], np.ndarray]
@@ -55,6 +55,11 @@ class Schedule:
             raise ValueError(f"this model needs a known input u: its matrices follow component {self.component} of it")
         index = u[..., self.component] * self.scale + self.middle
         return self.table.take(index.astype(np.intp), axis=0, mode="clip")
+
+    def follows(self, other: "Schedule") -> bool:
+        """Whether both tables have the same entry at every known input."""
+        mine, theirs = ((len(s.table), s.component, s.scale, s.middle) for s in (self, other))
+        return mine == theirs
 
     def noted(self, u: Any) -> Any:
         """The same where a formula is noted."""
@@ -464,6 +469,72 @@ def _compare(
         f"{name}_jacobian differs from {name}: entry ({i}, {j}) is {jacobian[worst]:.6g}, "
         f"by differences {0.5 * (forward + backward)[worst]:.6g}"
     )
+
+
+# --- an unknown input as a state --------------------------------------------------------------------
+
+
+def stacked(model: "LinearModel | NonlinearModel") -> "LinearModel | NonlinearModel":
+    """The model without feedthrough: its unknown input is n + 1 to n + q of the states, and d(k) drives it from k - 1.
+
+    ``(x, d)+ = [A, G; 0, 0] (x, d) + [0; I] d(k+1)`` and ``y = [C, H] (x, d)``. So filters that need H = 0 take a model
+    with feedthrough: what they call the input of the step before is the d that acts now. Begin with the input's prior
+    beside that of the state.
+
+    Args:
+        model: With unknown inputs, and H of rank q if an unbiased filter is to tell them. A Jacobian of your own is
+            taken over unless G is a function of the state.
+
+    Raises:
+        ValueError: if the model has no unknown input.
+    """
+    n, p, q = model.n, model.p, model.q
+    G: Any = model.G
+    H: Any = model.H
+    if q == 0:
+        raise ValueError("stacked needs an unknown input: give the model G, H or both")
+    options: dict[str, Any] = {
+        "Q": _assembled(lambda Q: _above(joined([Q, np.zeros((n, q))], -1), q), model.Q), "R": model.R,
+        "G": np.eye(n + q, q, -n), "H": np.zeros((p, q)),
+        "state_angles": model.state_angles, "measurement_angles": model.measurement_angles,
+    }  # fmt: skip
+    if isinstance(model, LinearModel):
+        return LinearModel(
+            _assembled(lambda A, G: _above(joined([A, G], -1), q), model.A, G),
+            _assembled(lambda C, H: joined([C, H], -1), model.C, H),
+            B=None if model.B is None else _assembled(lambda B: _above(B, q), model.B), **options,
+        )  # fmt: skip
+
+    def transition(z: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+        x, d = z[..., :n], z[..., n:]
+        moved = model.transition(x, u) + np.matvec(model.input_matrix(x, u), d)
+        return np.concatenate([moved, np.zeros(moved.shape[:-1] + (q,))], -1)
+
+    def measurement(z: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+        return model.measurement(z[..., :n], u) + np.matvec(resolve(H, u), z[..., n:])
+
+    moves, shows = None if callable(G) else model.transition_jacobian, model.measurement_jacobian
+    return NonlinearModel(
+        transition, measurement, states=n + q, measurements=p, **options,
+        transition_jacobian=moves and (lambda z, u: _above(joined([moves(z[..., :n], u), G], -1), q)),
+        measurement_jacobian=shows and (lambda z, u: joined([shows(z[..., :n], u), resolve(H, u)], -1)),
+    )  # fmt: skip
+
+
+def _above(matrix: np.ndarray, q: int) -> np.ndarray:
+    """A matrix ``(..., n, m)`` with q rows of zeros below."""
+    return joined([matrix, np.zeros((q, matrix.shape[-1]))], -2)
+
+
+def _assembled(assemble: Callable[..., np.ndarray], *parts: Matrix) -> Matrix:
+    """A matrix made of others; a function of u where one of them is, a `Schedule` where they follow the same."""
+    functions = [part for part in parts if callable(part)]
+    if not functions:
+        return assemble(*parts)
+    first = functions[0]
+    if isinstance(first, Schedule) and all(isinstance(part, Schedule) and part.follows(first) for part in functions):
+        return replace(first, table=assemble(*(part.table if isinstance(part, Schedule) else part for part in parts)))
+    return lambda u: assemble(*(resolve(part, u) for part in parts))
 
 
 # --- discretisation ---------------------------------------------------------------------------------

@@ -8,7 +8,18 @@ import pytest
 from scipy.linalg import block_diag
 from scipy.stats import chi2
 
-from estimators import Belief, Gaussian, LinearModel, NonlinearModel, chi_square_band, make, nees, rmse
+from estimators import (
+    Belief,
+    Gaussian,
+    LinearModel,
+    NonlinearModel,
+    Schedule,
+    chi_square_band,
+    make,
+    nees,
+    rmse,
+    stacked,
+)
 from tests.estimators.cases import (
     INPUT_PRIOR,
     Case,
@@ -380,6 +391,99 @@ def test_what_ulise_hardly_sees_at_once_it_sees_without_bias_in_the_next_reading
     assert errors[4] > 0.1
     assert max(errors[:4] + errors[5:]) < 1e-9
     np.testing.assert_allclose(beliefs[5].input_mean, d[4], rtol=0, atol=1e-9)
+
+
+# --- an input that is a state -----------------------------------------------------------------------
+
+
+def _begun_alike(system: System, record: Record, available: np.ndarray, filter_name: str, model: object) -> tuple:
+    """Beliefs of `kf-umv-ui`, and of a filter of the stacked model that begins with what that knows of (x, d)."""
+    direct = track(make("kf-umv-ui", system.model, input_prior=INPUT_PRIOR), system.rows(6), record, None, available)
+    late = make(filter_name, model, input_prior=INPUT_PRIOR)
+    belief = late.init(Gaussian(*_joint(direct[0])))
+    beliefs = []
+    for k in range(1, len(record.y)):
+        belief = late.update(late.predict(belief, record.u[k - 1]), record.y[k], available=available[k])
+        beliefs.append(belief)
+    return direct[1:], beliefs
+
+
+def _joint(belief: Belief) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and covariance of state and input together."""
+    cov = np.block([[belief.cov, belief.state_input_cov], [belief.state_input_cov.mT, belief.input_cov]])
+    return np.concatenate([belief.mean, belief.input_mean], -1), 0.5 * (cov + cov.mT)
+
+
+def _assert_stacked_is_direct(direct: list[Belief], late: list[Belief], tolerance: float) -> None:
+    """What the one says of (x, d) now the other says of its state, and again of d as the input of the step before."""
+    n = direct[0].mean.shape[-1]
+    for one, other in zip(direct, late, strict=True):
+        for given, expected in (
+            *zip((other.mean, other.cov), _joint(one), strict=True), (other.mean[..., n:], other.input_mean),
+            (other.cov[..., n:, n:], other.input_cov), (other.input_observed, one.input_observed),
+        ):  # fmt: skip
+            close = tolerance * max(1.0, float(np.abs(expected).max()))
+            np.testing.assert_allclose(given, expected, rtol=0, atol=close)
+
+
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("name", ["kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv", "ulise"])
+def test_with_the_input_as_a_state_filters_without_feedthrough_are_the_one_with_it(name: str, seed: int):
+    system = unknown_input_system(seed, True, p=4, q=2)
+    record = simulate(system, seed, runs=6, steps=30)
+    available = some_readings(np.random.default_rng(seed), 4, 30, 6)
+    _assert_stacked_is_direct(*_begun_alike(system, record, available, name, stacked(system.model)), 1e-9)
+    if name in ("ekf-ui-wdf", "ukf-umv"):
+        functions = stacked(_as_functions(system.model))
+        _assert_stacked_is_direct(*_begun_alike(system, record, available, name, functions), 1e-8)
+
+
+@pytest.mark.parametrize("own", [False, True], ids=["by differences", "with Jacobians"])
+def test_with_the_input_as_a_state_a_nonlinear_system_is_followed_as_with_feedthrough(own: bool):
+    system = _shaken()
+    model = system.model
+    if own:
+        jacobians = {
+            f"{name}_jacobian": lambda x, u, name=name: getattr(model, f"linearise_{name}")(x, u)[1]
+            for name in ("transition", "measurement")
+        }
+        system = dataclasses.replace(system, model=dataclasses.replace(model, **jacobians))
+    record = simulate(system, 2, runs=6, steps=30)
+    available = some_readings(np.random.default_rng(2), 3, 30, 6)
+    told = stacked(system.model)
+    assert (told.transition_jacobian is not None) == (told.measurement_jacobian is not None) == own
+    _assert_stacked_is_direct(*_begun_alike(system, record, available, "ekf-ui-wdf", told), 1e-7)
+
+
+@pytest.mark.parametrize("way", ["rows", "schedule", "function"])
+def test_matrices_of_many_rows_or_of_the_known_input_stay_so_with_the_input_as_a_state(way: str):
+    systems = [unknown_input_system(seed, True, p=4, q=2) for seed in range(6)]
+    tables = {name: np.stack([getattr(s.model, name) for s in systems]) for name in "ABCGHQR"}
+    record = simulate(systems[0], 0, runs=6, steps=12)
+    record.u[..., 0] = np.arange(6)
+
+    def told(name: str) -> object:
+        table = tables[name]
+        if way == "rows" or name in "CHQR":
+            return table if way == "rows" else table[0]
+        return Schedule(table, 0, 1.0, 0.5) if way == "schedule" else lambda u: table[u[..., 0].astype(int)]
+
+    model = LinearModel(**{name: told(name) for name in "ABCGHQR"})
+    given = stacked(model)
+    assert isinstance(given.A, {"rows": np.ndarray, "schedule": Schedule, "function": object}[way])
+    filter = make("kf-umv-ui-wdf", given, input_prior=INPUT_PRIOR)
+    whole = track(filter, Gaussian(np.zeros((6, 6)), np.eye(6)), record)[-1]
+    for i, system in enumerate(systems):
+        shared = {name: tables[name][i if way == "rows" else 0] for name in "CHQR"}
+        alone = make("kf-umv-ui-wdf", stacked(dataclasses.replace(system.model, **shared)), input_prior=INPUT_PRIOR)
+        row = record._replace(y=record.y[:, i], u=record.u[:, i])
+        expected = track(alone, Gaussian(np.zeros(6), np.eye(6)), row)[-1]
+        np.testing.assert_allclose(whole.mean[i], expected.mean, rtol=0, atol=1e-9 * np.abs(expected.mean).max())
+
+
+def test_a_model_without_unknown_input_has_none_to_be_a_state():
+    for model in (_matrices(), _functions()):
+        assert _refusal(lambda model=model: stacked(model)).startswith("stacked needs an unknown input")
 
 
 # --- matrices that change ---------------------------------------------------------------------------
