@@ -72,6 +72,18 @@ def steps(rollout: Rollout) -> np.ndarray:
     return rollout.length.astype(float)
 
 
+def _input_rmse(rollout: Rollout) -> np.ndarray:
+    core, h = core_of(rollout), rollout.history
+    told = core.composition
+    if core.belief.input_mean is None or not told.inputs:
+        return np.full(len(rollout.seeds), np.nan)
+    delay = core.filter.input_delay or 0  # the estimate of step k is of the input of step k - delay
+    true = h["unknown_input"][: len(rollout.alive) - delay]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        error = (h["input_estimate"][delay:] - true) / np.sqrt(np.diag(told.forces.input_cov))
+    return rms(np.sqrt((error**2).mean(-1)), rollout.alive[delay:])
+
+
 def _rmse(rollout: Rollout, names: tuple[str, ...], scale: float) -> np.ndarray:
     chosen = components(rollout, *names)
     if not chosen:
@@ -121,6 +133,11 @@ NEES = Metric(
     "nees", "NEES/n", "", "near 1", 2,
     "Mean squared estimation error in units of the claimed covariance, per state; above 1: too sure of itself.",
     of=mean_nees,
+)  # fmt: skip
+INPUT = Metric(
+    "input_rmse", "Input d", "σ", "lower", 3,
+    "RMS error of the estimated unknown input, each component in units of the size that filters are told it has.",
+    of=_input_rmse,
 )  # fmt: skip
 UNHEALTHY = Metric(
     "unhealthy", "Failed updates", "steps", "lower", 1, "Steps at which the estimator's usual update failed.",

@@ -3,25 +3,27 @@
 The filter's state is the vehicle's, then the disturbance's as far as it is told and matters, then the sensors' biases.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from estimators import LinearModel, NonlinearModel
 from estimators.checks import shown
-from estimators.models import Function
+from estimators.models import Function, Matrix, StateMatrix, central_differences, resolve, steps
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.processes import Process
 from vessel_gym.sensors import Sensors, columns
 from vessel_gym.system import Vehicle
 
 TOLD = ("states", "input", "white", "noise")
-"""How a filter is told of a disturbance: its state is part of the filter's (``states``); its kicks are the unknown
-input d (``input``), perhaps with the variance that they have, and white (``white``); or they stand in Q and R alone
-(``noise``). Except in the first case the filter knows nothing of a flow."""
+"""How a filter is told of a disturbance: its state is part of the filter's (``states``); its `Disturbance.inputs` are
+the unknown input d (``input``), perhaps with the variance that they have, and white (``white``), and what of its state
+does something else is part of the filter's; or its kicks stand in Q and R alone (``noise``), and the filter knows
+nothing of a flow."""
 
 
 def checked_told(how: object) -> str:
@@ -38,8 +40,8 @@ def checked_told(how: object) -> str:
 def _mistakes(vehicle: Vehicle, disturbance: Disturbance) -> Iterator[str]:
     """What is wrong with a disturbance of this vehicle."""
     who, known, process = type(disturbance).__name__, vehicle.kicks + vehicle.flows, disturbance.process
-    for what in ("forces", "shakes", "names"):
-        given: Any = getattr(disturbance, what)
+    for what in ("forces", "shakes", "names", "inputs"):
+        given: Any = getattr(disturbance, what) or ()
         if isinstance(given, str) or len(set(given)) < len(given):
             yield f"{what} of {who} must be a tuple of different names, got {shown(given)}"
     if disturbance.told != "states" and process.normals < process.size:
@@ -51,6 +53,10 @@ def _mistakes(vehicle: Vehicle, disturbance: Disturbance) -> Iterator[str]:
         if name not in vehicle.kicks or name in disturbance.forces:
             kicks = ", ".join(vehicle.kicks)
             yield f"{who} shakes {name}, which must be a kick ({kicks}) that its effect does not give"
+    possible = *disturbance.forces, *disturbance.shakes, *map(change_of, disturbance.names)
+    for name in disturbance.inputs or ():
+        if name not in possible:
+            yield f"{who} has the unknown input {shown(name)}, which must be one of {', '.join(possible)}"
     if disturbance.dt not in (None, vehicle.dt):
         own, dt = disturbance.dt, vehicle.dt
         yield f"{who} was made for steps of {own} s, the vehicle's are {dt:g} s: give it dt={dt:g}"
@@ -73,6 +79,11 @@ def _mistakes(vehicle: Vehicle, disturbance: Disturbance) -> Iterator[str]:
     if shape != (2, len(disturbance.forces)):
         values = f"{len(disturbance.forces)} values a row, for {', '.join(disturbance.forces)}"
         yield f"effect of {who} must give {values}: z of shape {z.shape} gave {shape}"
+
+
+def change_of(name: str) -> str:
+    """What a step adds to a component of a state, by name."""
+    return f"change of {name}"
 
 
 class Forces:
@@ -105,6 +116,12 @@ class Forces:
         self.kicking = min(self.to, default=kicks) < kicks
         """Whether some follow from its state, and are not white."""
         self._flows_only = self.to == list(range(kicks, self.size))
+        changes = [*known, *map(change_of, disturbance.names)]
+        given = (known[i] for i in self.kicks) if disturbance.inputs is None else disturbance.inputs
+        self.input_names = tuple(given)
+        """What the unknown input d is by name,"""
+        self.inputs = [changes.index(name) for name in self.input_names]
+        """and by place: in the forcing, and behind it in the changes of the disturbance's state."""
         self.constant = getattr(disturbance.effect, "linear", False)
         """Whether its effect is declared to be `gains` times its state, wherever the vehicle is."""
 
@@ -119,19 +136,21 @@ class Forces:
         """Put in an effect that is not `constant`, in place: forcing ``(B, f)``."""
         forcing[:, self._columns] = self.disturbance.effect(z, state)
 
-    def on(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """Kicks and flows ``(..., f)``, without the white noise."""
+    def on(self, z: np.ndarray, state: np.ndarray, unknown: Sequence[int] = ()) -> np.ndarray:
+        """Kicks and flows ``(..., f)``, without the white noise and what is ``unknown``, which is 0."""
         effect = self.disturbance.effect(z, state)
         forcing = np.empty_like(effect, float, shape=effect.shape[:-1] + (self.size,))
         forcing.fill(0.0)
         forcing[..., self._columns] = effect
+        for i in unknown:
+            forcing[..., i] = 0.0
         return forcing
 
-    def flow(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
+    def flow(self, z: np.ndarray, state: np.ndarray, unknown: Sequence[int] = ()) -> np.ndarray:
         """The flows alone."""
-        if self._flows_only:
+        if self._flows_only and not unknown:
             return self.disturbance.effect(z, state)
-        return self.on(z, state)[..., len(self.vehicle.kicks) :]
+        return self.on(z, state, unknown)[..., len(self.vehicle.kicks) :]
 
     @cached_property
     def linear(self) -> np.ndarray:
@@ -140,13 +159,24 @@ class Forces:
         still = self.on(np.zeros((1, k)), state[None])
         return (self.on(np.eye(k), np.tile(state, (k, 1))) - still).T
 
-    @cached_property
+    @property
     def kick_cov(self) -> np.ndarray:
         """Stationary covariance of the kicks that it gives."""
+        return self._cov[np.ix_(self.kicks, self.kicks)]
+
+    @cached_property
+    def input_cov(self) -> np.ndarray:
+        """Stationary covariance of the unknown input d."""
+        root = self.disturbance.process.root
+        return block_diag(self._cov, root @ root.T)[np.ix_(self.inputs, self.inputs)]
+
+    @cached_property
+    def _cov(self) -> np.ndarray:
+        """That of the forcing."""
         white = np.zeros((self.size, self.disturbance.white.shape[-1]))
         white[self.shaken] = self.disturbance.white
         E = self.linear
-        return (E @ self.disturbance.process.start_cov @ E.T + white @ white.T)[np.ix_(self.kicks, self.kicks)]
+        return E @ self.disturbance.process.start_cov @ E.T + white @ white.T
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,6 +188,7 @@ class Composition:
         names: The components of its state: of the vehicle, of the disturbance, of the sensors' biases.
         base: How many of them are the vehicle's.
         held: Which components of the disturbance's state are part of the filter's.
+        inputs: What its unknown input d is, by name.
         forces: What it is told that acts.
         sensors: What it is told of them.
         told: One of `TOLD`.
@@ -167,6 +198,7 @@ class Composition:
     names: tuple[str, ...]
     base: int
     held: np.ndarray
+    inputs: tuple[str, ...]
     forces: Forces
     sensors: Sensors
     told: str
@@ -182,7 +214,7 @@ class Composition:
         Raises:
             ValueError: naming both.
         """
-        if self.told == "states":
+        if self.told != "noise":
             return
         vehicle, sensors, disturbance = self.vehicle, self.sensors, self.forces.disturbance
         shown = _shown_anywhere(vehicle, sensors)
@@ -194,16 +226,33 @@ class Composition:
                     f'{type(disturbance).__name__} as "{self.told}": tell it with {{"as": "states"}}, or leave it out'
                 )
 
-    def flow(self, mean: np.ndarray) -> np.ndarray:
-        """The flow that means ``(..., n)`` imply, ``(..., f)``; 0 where the filter is not told of any."""
+    def flow(self, mean: np.ndarray, input_mean: np.ndarray | None = None) -> np.ndarray:
+        """The flow that means ``(..., n)``, and of d ``(..., q)``, imply ``(..., f)``; 0 where nothing is known."""
         if not len(self.held):
-            return np.zeros(mean.shape[:-1] + (self._flows,))
-        z = _spread(mean[..., self.base : self.base + len(self.held)], self.held, self.forces.disturbance)
-        return self.forces.flow(z, self._place(mean[..., : self.base]))
+            flow = np.zeros(mean.shape[:-1] + (len(self.vehicle.flows),))
+        else:
+            z = _spread(mean[..., self.base : self.base + len(self.held)], self.held, self.forces.disturbance)
+            flow = self.forces.flow(z, self._place(mean[..., : self.base]), self._unknown)
+        if input_mean is not None:
+            for i, j in self._unknown_flows:
+                flow[..., j] = input_mean[..., i]
+        return flow
+
+    @property
+    def recorded(self) -> tuple[str, ...]:
+        """What nobody is told of the coming step, see `unknown_inputs`."""
+        return self.inputs or unknown_inputs(self.forces, self.sensors)
 
     @cached_property
-    def _flows(self) -> int:
-        return len(self.vehicle.flows)
+    def _unknown(self) -> list[int]:
+        """Which parts of the forcing are d."""
+        return [i for i in self.forces.inputs if i < self.forces.size] if self.inputs else []
+
+    @cached_property
+    def _unknown_flows(self) -> list[tuple[int, int]]:
+        """Which component of d each flow is that d holds."""
+        flows = self.vehicle.flows
+        return [(i, flows.index(name)) for i, name in enumerate(self.inputs) if name in flows]
 
     @cached_property
     def _place(self) -> "Placed":
@@ -216,6 +265,8 @@ class Composition:
         matrix = np.zeros((self.base + flows, len(self.names)))
         matrix[: self.base, : self.base] = np.eye(self.base)
         matrix[self.base :, self.base : self.base + len(self.held)] = self.forces.linear[kicks:, self.held]
+        for _, flow in self._unknown_flows:
+            matrix[self.base + flow] = 0.0
         return matrix
 
     @cached_property
@@ -254,6 +305,18 @@ class Composition:
         return mask.astype(float)
 
 
+def unknown_inputs(forces: Forces, sensors: Sensors) -> tuple[str, ...]:
+    """What nobody is told of a coming step where no filter is told of an unknown input.
+
+    Kicks, if they follow from the disturbance's state; otherwise all that is new: white kicks, changes of that and of
+    biases.
+    """
+    disturbance = forces.disturbance
+    if forces.kicking:
+        return tuple(forces.vehicle.kicks[i] for i in forces.kicks)
+    return *disturbance.shakes, *map(change_of, (*disturbance.names, *sensors.bias_names))
+
+
 def compose(
     vehicle: Vehicle, kind: str, disturbance: Disturbance, sensors: Sensors, told: str | None = None
 ) -> Composition:
@@ -276,7 +339,10 @@ def compose(
     placed = _placed(vehicle, base)
     _check_seen(vehicle, base, sensors)
     n = len(base)
-    held = _held(vehicle, forces, sensors) if told == "states" else np.zeros(0, int)
+    asked = told in ("input", "white")
+    unknown = [i for i in forces.inputs if asked and i < forces.size]
+    changing = [i - forces.size for i in forces.inputs if asked and i >= forces.size]
+    held = np.zeros(0, int) if told == "noise" else _held(vehicle, n, forces, sensors, unknown, changing)
     process = disturbance.process
     drift = Process.joined(_part(process, held), sensors.bias)
     names = (*base, *(disturbance.names[i] for i in held), *sensors.bias_names)
@@ -289,33 +355,42 @@ def compose(
         if name in base:
             kicked[base.index(name), j] = 1.0
     root = np.zeros((len(names), disturbance.white.shape[-1] + process.normals + sensors.bias.normals))
-    if told == "states":
-        white = np.zeros((len(vehicle.kicks), disturbance.white.shape[-1]))
+    shown = _shown(vehicle, sensors, _cruising(vehicle))
+    if told != "noise":
+        white = np.zeros((forces.size, disturbance.white.shape[-1]))
         white[forces.shaken] = disturbance.white
+        white[unknown] = 0.0
+        white = white[: len(vehicle.kicks)]
+        if shown[:, [i for i in forces.shaken if i not in unknown]].any():
+            raise ValueError(
+                f"a sensor reads the white kicks of {type(disturbance).__name__} as they come: a filter is told of "
+                'them with {"as": "input"}, or {"as": "white"}'
+            )
+        fresh = process.root.copy()
+        fresh[changing] = 0.0
         root[:, : white.shape[-1]] = kicked @ white
-        root[n : n + len(held), white.shape[-1] : white.shape[-1] + process.normals] = process.root[held]
+        root[n : n + len(held), white.shape[-1] : white.shape[-1] + process.normals] = fresh[held]
     if sensors.bias.normals:
         root[n + len(held) :, -sensors.bias.normals :] = sensors.bias.root
     Q = root @ root.T
     Q[:n, :n] += np.diag(np.asarray(vehicle.process_sd)[:n] ** 2)
     R = np.diag(sensors.sd**2)
-    shown_kicks = _shown(vehicle, sensors, _cruising(vehicle))[:, : len(vehicle.kicks)]
-    if told == "states" and shown_kicks[:, forces.shaken].any():
-        raise ValueError(
-            f"a sensor reads the white kicks of {type(disturbance).__name__} as they come: a filter is told of them "
-            'with {"as": "input"}, or {"as": "white"}'
-        )
-    G = H = None
-    if told in ("input", "white") and forces.kicks:
-        G, H = kicked[:, forces.kicks], shown_kicks[:, forces.kicks]
     if told == "noise":
-        K, S = kicked[:, forces.kicks], shown_kicks[:, forces.kicks]
+        K, S = kicked[:, forces.kicks], shown[:, forces.kicks]
         Q += K @ forces.kick_cov @ K.T
         R += S @ forces.kick_cov @ S.T
-    options = {"Q": Q, "R": R, "G": G, "H": H, "state_angles": angles, "measurement_angles": sensors.angles}
-    parts = _Parts(forces, sensors, base, held, drift, placed, kicked)
+    inputs = forces.input_names if asked else ()
+    options: dict[str, Any] = {"Q": Q, "R": R, "state_angles": angles, "measurement_angles": sensors.angles}
+    G, H = np.zeros((len(names), len(inputs))), np.zeros((sensors.size, len(inputs)))
+    for j, i in enumerate(forces.inputs if asked else ()):
+        if i < len(vehicle.kicks):
+            G[:, j] = kicked[:, i]
+        elif i >= forces.size:
+            G[n + held.tolist().index(i - forces.size), j] = 1.0
+    H[:, [j for j, i in enumerate(forces.inputs) if i in unknown]] = shown[:, unknown]
+    parts = _Parts(forces, sensors, base, held, drift, placed, kicked, unknown, G, H)
     model = _linear(parts, kind, options) if kind in vehicle.linear_kinds else _nonlinear(parts, options)
-    return Composition(model, names, n, held, forces, sensors, told)
+    return Composition(model, names, n, held, inputs, forces, sensors, told)
 
 
 Placed = Callable[[np.ndarray], np.ndarray]
@@ -331,6 +406,9 @@ class _Parts(NamedTuple):
     drift: Process  # how these move, then the sensors' biases
     placed: Placed
     kicked: np.ndarray  # (n, kicks) what kicks do to the state
+    unknown: list[int]  # parts of the forcing that are d
+    G: np.ndarray  # (n, q) what d does to the state, but for its flows,
+    H: np.ndarray  # (p, q) and to the readings
 
 
 def _placed(vehicle: Vehicle, base: tuple[str, ...]) -> Placed:
@@ -366,15 +444,26 @@ def _part(process: Process, held: np.ndarray) -> Process:
     return Process(process.transition[square], process.root[held], process.start_cov[square])
 
 
-def _held(vehicle: Vehicle, forces: Forces, sensors: Sensors) -> np.ndarray:
-    """Which components of a disturbance's state come to move what a filter estimates, or show, at once or later."""
+def _moving(vehicle: Vehicle, n: int) -> list[bool]:
+    """Which flows move the first ``n`` components that filters estimate."""
     x, u = vehicle.cruise
-    kicks, process = len(vehicle.kicks), forces.disturbance.process
     still = vehicle.drift(x, u, np.zeros(len(vehicle.flows)))
-    moving = [(vehicle.drift(x, u, unit) != still).any() for unit in np.eye(len(vehicle.flows))]
-    counts = np.array([True] * kicks + moving) | _shown_anywhere(vehicle, sensors).any(0)
+    return [bool((vehicle.drift(x, u, unit) != still)[:n].any()) for unit in np.eye(len(vehicle.flows))]
+
+
+def _held(
+    vehicle: Vehicle, n: int, forces: Forces, sensors: Sensors, unknown: list[int], changing: list[int]
+) -> np.ndarray:
+    """Which components of a disturbance's state a filter of ``n`` components of the vehicle's holds.
+
+    Those that come to move what it estimates, or show, at once or later, otherwise than as what is ``unknown`` in the
+    forcing; and those ``changing`` in ways that are unknown.
+    """
+    kicks, process = len(vehicle.kicks), forces.disturbance.process
+    counts = np.array([True] * kicks + _moving(vehicle, n)) | _shown_anywhere(vehicle, sensors).any(0)
+    counts[unknown] = False
     # An effect may depend on z and on where the vehicle is in any way: it is looked at in several places.
-    rng, matters = np.random.default_rng(0), np.zeros(process.size, bool)
+    rng, matters = np.random.default_rng(0), np.isin(np.arange(process.size), changing)
     for size in (0.0, 1.0, 10.0, 100.0):
         z = 0.5 * rng.standard_normal(process.size) * (size > 0.0)
         near = size * rng.standard_normal((2, len(vehicle.state_names)))
@@ -457,7 +546,7 @@ class _Composed(NonlinearModel):
 
 
 def _nonlinear(parts: _Parts, options: dict[str, Any]) -> NonlinearModel:
-    forces, sensors, base, held, drift, placed, _ = parts
+    forces, sensors, base, held, drift, placed, _, unknown, constant, H = parts
     vehicle = forces.vehicle
     n, k, kicks, flows = len(base), len(held), len(vehicle.kicks), len(vehicle.flows)
     still = np.zeros(flows)
@@ -470,10 +559,10 @@ def _nonlinear(parts: _Parts, options: dict[str, Any]) -> NonlinearModel:
         own, flow = x[..., :n], still
         if k:
             z = _spread(x[..., n : n + k], held, disturbance)
-            flow = forces.flow(z, placed(own))
+            flow = forces.flow(z, placed(own), unknown)
         after = vehicle.drift(own, u, flow, out)
         if kicking:
-            after[..., moves] += forces.on(z, placed(own))[..., :kicks]
+            after[..., moves] += forces.on(z, placed(own), unknown)[..., :kicks]
         return after
 
     def transition(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
@@ -488,7 +577,7 @@ def _nonlinear(parts: _Parts, options: dict[str, Any]) -> NonlinearModel:
     def read(x: np.ndarray, u: np.ndarray | None, bias: np.ndarray | None = None) -> np.ndarray:
         state = placed(x[..., :n])
         if k:
-            forcing = forces.on(_spread(x[..., n : n + k], held, disturbance), state)
+            forcing = forces.on(_spread(x[..., n : n + k], held, disturbance), state, unknown)
         else:
             forcing = np.zeros(x.shape[:-1] + (kicks + flows,))
         return sensors.exact(state, forcing, bias)
@@ -496,19 +585,60 @@ def _nonlinear(parts: _Parts, options: dict[str, Any]) -> NonlinearModel:
     def measurement(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         return read(x, u, x[..., n + k :])
 
+    flowing = [(j, i - kicks) for j, i in enumerate(forces.inputs) if i in unknown and i >= kicks]
+    for _, i in flowing:
+        if not _alike(vehicle, sensors, kicks + i):
+            raise ValueError(
+                f"how readings show {vehicle.flows[i]} depends on where the vehicle is, which a nonlinear model cannot "
+                f"have of an unknown input: let it be {change_of('a component')!r} instead, or leave the sensor out"
+            )
+
+    def pushed(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+        """G at a state: what d's flows do is differenced about none of them."""
+        assert u is not None
+        own, flow = x[..., :n], still
+        if k:
+            flow = forces.flow(_spread(x[..., n : n + k], held, disturbance), placed(own), unknown)[..., None, :]
+
+        def after(d: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+            assert u is not None
+            flows = np.broadcast_to(flow, d.shape[:-1] + still.shape).copy()
+            flows[..., [i for _, i in flowing]] = d
+            return vehicle.drift(np.broadcast_to(own[..., None, :], d.shape[:-1] + (n,)), u, flows)
+
+        none = np.zeros(x.shape[:-1] + (len(flowing),))
+        G = np.empty(x.shape[:-1] + constant.shape)
+        G[...] = constant
+        columns = [j for j, _ in flowing]
+        G[..., :n, columns] = central_differences(
+            "drift", after, none, u, n, options["state_angles"], steps(none, None)
+        )[1]
+        return G
+
+    G: StateMatrix | None = pushed if flowing else constant
     return _Composed(
-        transition, measurement, **options, moved=moved, read=read, own=n, drift=drift, shown=sensors.bias_shown
-    )
+        transition, measurement, **options, G=G if H.size else None, H=H if H.size else None, moved=moved, read=read,
+        own=n, drift=drift, shown=sensors.bias_shown,
+    )  # fmt: skip
+
+
+def _alike(vehicle: Vehicle, sensors: Sensors, i: int) -> bool:
+    """Whether readings show a part of the forcing alike wherever the vehicle is."""
+    rng, cruising = np.random.default_rng(0), _cruising(vehicle)
+    places = cruising + rng.standard_normal((5, len(cruising)))
+    once, *others = (_shown(vehicle, sensors, place)[:, i] for place in (cruising, *places))
+    return all(np.allclose(shown, once, rtol=1e-9, atol=1e-9) for shown in others)
 
 
 def _linear(parts: _Parts, kind: str, options: dict[str, Any]) -> LinearModel:
-    forces, sensors, base, held, drift, placed, kicked = parts
+    forces, sensors, base, held, drift, placed, kicked, unknown, constant, H = parts
     vehicle = forces.vehicle
     n, k = len(base), len(held)
     size, f = n + drift.size, len(vehicle.kicks + vehicle.flows)
     kicks = len(vehicle.kicks)
     effect = np.zeros((f, size))  # E: what the filter's state gives of the forcing
     effect[:, n : n + k] = forces.linear[:, held]
+    effect[unknown] = 0.0
     nothing = sensors.exact(placed(np.zeros(n)), np.zeros(f), np.zeros(sensors.bias.size))
 
     def read(x: np.ndarray) -> np.ndarray:
@@ -522,23 +652,45 @@ def _linear(parts: _Parts, kind: str, options: dict[str, Any]) -> LinearModel:
             f"{sensors.each[sensors.owner[wrong[0]]].name} is not linear in what the filter estimates: choose a filter "
             "for nonlinear models"
         )
-    A, B = vehicle.linear(kind)
-    if size == n:
-        return LinearModel(A, C, B=B, **options)
+    given = vehicle.linear(kind)
+    A, B, flowed = given if len(given) == 3 else (*given, np.zeros((n, len(vehicle.flows))))
+    moving = np.flatnonzero([*(False,) * kicks, *_moving(vehicle, n)])
+    for i in moving:
+        if len(given) == 2 and (i in unknown or effect[i].any()):
+            raise ValueError(
+                f"the {kind} model does not say what {vehicle.flows[i - kicks]} does to it: choose a nonlinear one"
+            )
+    flowing = [(j, i - kicks) for j, i in enumerate(forces.inputs) if i in unknown and i in moving]
     kick = kicked[:n] @ effect[:kicks]  # what the disturbance's part of the state adds to the vehicle's
+    carry = effect[kicks:]  # and what of flows
 
     def whole(u: np.ndarray | None) -> np.ndarray:
-        own = A(u) if callable(A) else A
+        own = resolve(A, u)
         matrix = np.zeros(own.shape[:-2] + (size, size))
         matrix[..., :n, :n] = own
         matrix[..., :n, :] += kick
+        if carry.any():
+            matrix[..., :n, :] += resolve(flowed, u) @ carry
         matrix[..., n:, n:] = drift.transition
         return matrix
 
     def known(u: np.ndarray | None) -> np.ndarray:
-        own = B(u) if callable(B) else B
+        own = resolve(B, u)
         matrix = np.zeros(own.shape[:-2] + (size, own.shape[-1]))
         matrix[..., :n, :] = own
         return matrix
 
+    def pushed(u: np.ndarray | None) -> np.ndarray:
+        own = resolve(flowed, u)
+        matrix = np.zeros(own.shape[:-2] + constant.shape)
+        matrix[...] = constant
+        for j, i in flowing:
+            matrix[..., :n, j] = own[..., i]
+        return matrix
+
+    G: Matrix = constant if not flowing else pushed if callable(flowed) else pushed(None)
+    if H.size:
+        options |= {"G": G, "H": H}
+    if size == n:
+        return LinearModel(A, C, B=B, **options)
     return LinearModel(whole, C, B=known, **options)

@@ -18,7 +18,7 @@ from estimators.threads import each, shares
 from estimators.threefry import normal_pair, threefry
 from vessel_gym.checks import number, numbers, one_of
 from vessel_gym.checks import options as checked_options
-from vessel_gym.composition import Composition, Forces
+from vessel_gym.composition import Composition, Forces, change_of, unknown_inputs
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.estimation import Estimation, EstimatorChoice, build, chosen_disturbance
 from vessel_gym.loop import Loop, Readings
@@ -143,7 +143,7 @@ class Core:
         vehicle = self.vehicle
         self.sensors = system.sensors_of(sensors)
         self.forces = Forces(vehicle, chosen_disturbance(system, disturbance))
-        estimation = build(system, estimator, options, self.sensors, self.forces.disturbance, self.unknown_inputs)
+        estimation = build(system, estimator, options, self.sensors, self.forces.disturbance)
         self.composition = estimation.composition
         self._attach_loop("loop", estimation)
         ours = type(self.task).__module__.startswith("vessel_gym.tasks.")
@@ -155,7 +155,7 @@ class Core:
         self._compiled = ours and self.guidance and self.observe_mode == "mean"  # so that nothing warns
         if self.guidance and self.observe_mode == "measurement":
             wide = {"model": vehicle.kinds[0]}  # the same whatever estimator is named
-            held = build(system, "measurement", wide, self.sensors, self.forces.disturbance, self.unknown_inputs)
+            held = build(system, "measurement", wide, self.sensors, self.forces.disturbance)
             self._attach_loop("held", held)
         process, bias = self.forces.disturbance.process, self.sensors.bias
         self._shown = self.forces.disturbance.told == "states" or len(self.composition.held) > 0
@@ -172,7 +172,15 @@ class Core:
         self._transition = block_diag(process.transition, bias.transition)
         self._root = block_diag(self.forces.disturbance.white, process.root, bias.root)
         self._size = process.size
-        self._kicks = columns(self.forces.kicks)
+        self.unknown_inputs = self.composition.inputs or unknown_inputs(self.forces, self.sensors)
+        """What nobody is told of the coming step: a filter's unknown input d; if it has none, see `unknown_inputs`."""
+        new = (*self.forces.disturbance.names, *self.sensors.bias_names)
+        new = (*self.forces.disturbance.shakes, *map(change_of, new))  # what `noise` holds
+        acting = (*new, *vehicle.kicks, *vehicle.flows)
+        places = [acting.index(name) if name in acting else len(acting) for name in self.unknown_inputs]
+        fresh, forced = all(i < len(new) for i in places), all(len(new) <= i < len(acting) for i in places)
+        self._input = columns([i - len(new) for i in places] if forced else places)
+        self._input_in = "noise" if fresh else "forcing" if forced else ""
         self._carried = vehicle.carried
         if self._carried is not None:  # what a flow adds to what the prior describes, of the disturbance's state
             self._carried = self._carried @ self.forces.linear[len(vehicle.kicks) :]
@@ -222,21 +230,12 @@ class Core:
         return self.loop.readings
 
     @property
-    def unknown_inputs(self) -> tuple[str, ...]:
-        """What nobody is told of the coming step, whatever filters are told of the disturbance.
-
-        Its kicks, if they follow from its state; otherwise all that is new: white kicks, changes of that and of biases.
-        """
-        disturbance = self.forces.disturbance
-        if self.forces.kicking:
-            return tuple(self.vehicle.kicks[i] for i in self.forces.kicks)
-        changing = (*disturbance.names, *self.sensors.bias_names)
-        return *disturbance.shakes, *(f"change of {name}" for name in changing)
-
-    @property
     def unknown_input(self) -> np.ndarray:
-        """That of every environment ``(B, q)``; the next step writes over it, as over `sea_state` and `bias`."""
-        return self.forcing[:, self._kicks] if self.forces.kicking else self.noise
+        """The true one of every environment ``(B, q)``; NaN what only the filter thinks there is."""
+        if self._input_in:
+            return getattr(self, self._input_in)[:, self._input]
+        unheard = np.full((self.num_envs, 1), np.nan)
+        return np.concatenate([self.noise, self.forcing, unheard], -1)[:, self._input]
 
     @property
     def truth(self) -> np.ndarray:
@@ -513,7 +512,7 @@ class Core:
         state = mean if told.base == mean.shape[1] else mean[:, : told.base]
         if input_mean is not None and not input_mean.shape[-1]:
             input_mean = None
-        flow = told.flow(mean)
+        flow = told.flow(mean, input_mean)
         if self.observe_mode != "mean+std":
             return Estimate(state, flow, input_mean)
         variance = np.maximum(belief.cov.diagonal(0, -2, -1), 0.0)

@@ -28,6 +28,8 @@ class Disturbance:
         white: and a root ``(len(shakes), m)`` of their covariance.
         told: What filters are told of it unless ``estimator_options={"told": ...}`` says otherwise, see
             `vessel_gym.composition.TOLD`.
+        inputs: What the unknown input d is, where filters are told of one: names of what it ``forces`` or ``shakes``,
+            or ``"change of NAME"`` for what a step adds to one of its ``names``; None: its kicks.
         scale: Sizes of z that count as 1 in an observation of standard deviations; None: those at the start.
         dt: The step [s] that it was made for; None: any.
     """
@@ -38,6 +40,7 @@ class Disturbance:
     shakes: tuple[str, ...] = ()
     white: np.ndarray = np.zeros((0, 0))
     told: str = "states"
+    inputs: tuple[str, ...] | None = None
     scale: tuple[float, ...] | None = None
     dt: float | None = None
 

@@ -220,7 +220,6 @@ def build(
     options: dict[str, Any] | None,
     sensors: Sensors,
     disturbance: Disturbance,
-    inputs: tuple[str, ...] = (),
 ) -> Estimation:
     """The estimator of an environment.
 
@@ -231,7 +230,6 @@ def build(
             ``told`` what it is told (see `Told`); the oracle knows better.
         sensors: The sensors, which the filter knows.
         disturbance: What acts.
-        inputs: Names of the unknown input that is kept for scoring.
 
     Raises:
         ValueError: for an unknown name, or a filter that cannot work with the model.
@@ -269,8 +267,8 @@ def build(
     if estimator in ENVIRONMENT_ONLY and options:
         raise TypeError(f"{estimator} has no option {next(iter(options))!r}: it takes model and told")
     makers: dict[str, Callable[[], Filter]] = {
-        "truth": lambda: Oracle(model.n, len(inputs)),
-        "measurement": lambda: HeldMeasurement(composition, inputs),
+        "truth": lambda: Oracle(model.n, len(composition.recorded)),
+        "measurement": lambda: HeldMeasurement(composition, composition.recorded),
         "dead-reckoning": lambda: DeadReckoning(model),
     }
     made = makers.get(estimator, lambda: _made(system, estimator, options, composition, told.Q))()
@@ -281,7 +279,7 @@ def _made(system: System, name: str, options: dict[str, Any], composition: Compo
     """One of the package's filters, tuned for what it is told."""
     tuned = {**system.tuning(name, composition), **options}
     if composition.told == "white":
-        tuned = {"input_cov": factor * composition.forces.kick_cov, **tuned}
+        tuned = {"input_cov": factor * composition.forces.input_cov, **tuned}
     try:
         return factory.make(name, composition.model, **tuned)
     except ValueError as error:

@@ -112,8 +112,11 @@ class Vehicle(Protocol):
     def known_input(self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None) -> np.ndarray:
         """What its filters are told over a step ``(B, m)``: of the actuators, and of what a task may command."""
 
-    def linear(self, kind: str) -> tuple[Any, Any]:
-        """A and B of a linear model, each a matrix or a function of the known input."""
+    def linear(self, kind: str) -> tuple[Any, ...]:
+        """A and B of a linear model, each a matrix or a function of the known input.
+
+        And where flows move what it estimates, what each does over a step ``(n, flows)``, likewise.
+        """
 
     @property
     def rates(self) -> Mapping[str, str]:

@@ -1,7 +1,7 @@
 """Score sheets: what episodes of a kind of task are measured by, registered beside the figures that they need.
 
-Every task has a score, a return, steps, NEES and failed updates. A sheet adds what its task is about; without one, a
-task is also measured by how well each component of the state was estimated.
+Every task has a score, a return, steps, the error of an estimated unknown input, NEES and failed updates. A sheet adds
+what its task is about; without one, a task is also measured by how well each component of the state was estimated.
 """
 
 import sys
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agents.metrics import NEES, RETURN, SCORE, STEPS, UNHEALTHY, Metric, rmse
+from agents.metrics import INPUT, NEES, RETURN, SCORE, STEPS, UNHEALTHY, Metric, rmse
 from agents.rollouts import Rollout
 from vessel_gym.registry import Registry
 from vessel_gym.system import System
@@ -49,8 +49,8 @@ def register_scores(task_type: type, metrics: Sequence[Metric], figures: Figures
 
     Args:
         task_type: The class of the task.
-        metrics: Beside score, return, steps, NEES and failed updates, which every task has; one with the key
-            ``"steps"`` stands for these.
+        metrics: Beside score, return, steps, the input's error, NEES and failed updates, which every task has; one with
+            the key ``"steps"`` or ``"input_rmse"`` stands for these.
         figures: Those of the metrics that have no ``of``: a function of a `Rollout` that gives ``(N,)`` by key.
 
     Raises:
@@ -63,8 +63,9 @@ def register_scores(task_type: type, metrics: Sequence[Metric], figures: Figures
     for m in metrics:
         if m.of is None and figures is None:
             raise ValueError(f"nothing says how {m.key!r} is found: give the metric an `of`, or the sheet its figures")
-    steps = () if any(m.key == STEPS.key for m in metrics) else (STEPS,)
-    every = (SCORE, RETURN, *steps, *metrics, NEES, UNHEALTHY)
+    own = [m.key for m in metrics]
+    steps, inputs = (() if m.key in own else (m,) for m in (STEPS, INPUT))
+    every = (SCORE, RETURN, *steps, *metrics, *inputs, NEES, UNHEALTHY)
     keys = [m.key for m in every]
     if len(set(keys)) < len(keys):
         raise ValueError(f"the metrics of a score sheet need keys of their own, got {', '.join(keys)}")
@@ -83,7 +84,7 @@ def sheet_of(system: System) -> Sheet:
         )
         for name in _estimated(system)
     )  # fmt: skip
-    return Sheet((SCORE, RETURN, STEPS, *errors, NEES, UNHEALTHY))
+    return Sheet((SCORE, RETURN, STEPS, *errors, INPUT, NEES, UNHEALTHY))
 
 
 def _estimated(system: System) -> tuple[str, ...]:

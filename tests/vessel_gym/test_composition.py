@@ -707,9 +707,6 @@ WRONG_SENSORS = [
      r"unknown state that mine informs 'curent north' \(did you mean 'current north'\?\): choose from u, .*"),
     (AUV, sensor(plain((6, 7)), informs=((), ())),
      "mine informs nothing that this filter estimates: name some of u, .*"),
-    (SHIP, sensor(lambda state, forcing: forcing[..., 1:]),
-     'mine reads current north, of which a filter knows nothing that is told of Sea as "input": tell it with '
-     '{"as": "states"}, or leave it out'),
 ]  # fmt: skip
 
 
@@ -730,10 +727,11 @@ def test_a_sensor_may_inform_what_acts_or_is_biased_or_what_this_filter_does_not
 CURRENT_METER = Sensor("current meter", ("north", "east"), lambda state, forcing: forcing[..., 1:], (0.05, 0.05))
 
 
+@pytest.mark.parametrize("how", ["states", "input"])
 @pytest.mark.parametrize("estimator", ["kf", "ekf"])
-def test_a_current_that_a_sensor_alone_shows_is_a_state_of_who_is_told_of_it(estimator: str):
+def test_a_current_that_a_sensor_alone_shows_is_a_state_of_who_is_told_of_it(estimator: str, how: str):
     sensors = [*single_class(SHIP).system.vehicle.sensors, CURRENT_METER]
-    options = {"told": {"as": "states"}}
+    options = {"told": {"as": how}}
     core = make_core(SHIP, 50, seed=14, estimator=estimator, estimator_options=options, sensors=sensors)
     core.reset()
     for _ in range(60):
@@ -771,11 +769,18 @@ def test_what_is_told_as_white_by_itself_concerns_none_that_has_no_model():
     assert_refused(lambda: make_core(SHIP, 1, estimator="ekf", disturbance=mine), ValueError, "^only kf can be told")
 
 
-def test_who_does_without_a_model_of_readings_may_read_a_current_that_nobody_is_told_of():
+def test_a_current_that_nobody_is_told_of_may_be_read_by_who_does_without_a_model_of_readings():
     sensors = [*single_class(SHIP).system.vehicle.sensors, CURRENT_METER]
+    noise = type("Noise", (Sea,), {"told": "noise"})(wave=0.01, peak=0.8, gust=0.002, current=0.3)
+    chosen: dict[str, Any] = {"sensors": sensors, "disturbance": noise}
     for estimator in ("truth", "measurement", "dead-reckoning"):
-        make_core(SHIP, 1, estimator=estimator, sensors=sensors, observe="measurement", guidance=True).reset()
-    make_core(SHIP, 1, estimator="kf", estimator_options={"told": {"as": "noise"}}, sensors=sensors)  # who insists
+        make_core(SHIP, 1, estimator=estimator, observe="measurement", guidance=True, **chosen).reset()
+    make_core(SHIP, 1, estimator="kf", estimator_options={"told": {"as": "noise"}}, **chosen)  # who insists
+    sentence = (
+        '^current meter reads current north, of which a filter knows nothing that is told of Noise as "noise": tell it '
+        'with {"as": "states"}, or leave it out$'
+    )
+    assert_refused(lambda: make_core(SHIP, 1, estimator="kf", **chosen), ValueError, sentence)
 
 
 def test_a_sensor_that_is_not_linear_is_refused_by_linear_filters_alone():

@@ -81,7 +81,7 @@ def elsewhere(core: Core) -> Axes:
 
 def estimation(core: Core, name: str, options: dict[str, object] | None) -> Estimation:
     """An estimator of the core's system, told what there is."""
-    return build(core.system, name, options, core.sensors, core.forces.disturbance, core.unknown_inputs)
+    return build(core.system, name, options, core.sensors, core.forces.disturbance)
 
 
 def written(values: np.ndarray, axes: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
