@@ -26,6 +26,10 @@ does something else is part of the filter's; or its kicks stand in Q and R alone
 nothing of a flow."""
 
 
+OF_UNKNOWN_INPUTS = ("kf-umv-ui", "kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv", "ulise")
+"""The filters that take a prior of an unknown input, which is to be true where no reading shows it."""
+
+
 def checked_told(how: object) -> str:
     """One of `TOLD`.
 
@@ -39,7 +43,7 @@ def checked_told(how: object) -> str:
 
 def _mistakes(vehicle: Vehicle, disturbance: Disturbance) -> Iterator[str]:
     """What is wrong with a disturbance of this vehicle."""
-    who, known, process = type(disturbance).__name__, vehicle.kicks + vehicle.flows, disturbance.process
+    who, known, process = type(disturbance).__name__, acting_on(vehicle), disturbance.process
     for what in ("forces", "shakes", "names", "inputs"):
         given: Any = getattr(disturbance, what) or ()
         if isinstance(given, str) or len(set(given)) < len(given):
@@ -81,6 +85,12 @@ def _mistakes(vehicle: Vehicle, disturbance: Disturbance) -> Iterator[str]:
         yield f"effect of {who} must give {values}: z of shape {z.shape} gave {shape}"
 
 
+def acting_on(vehicle: Vehicle) -> tuple[str, ...]:
+    """All that can act on a vehicle: kicks, flows, what may be added to each actuator, the share of it that is lost."""
+    faults: tuple[str, ...] = getattr(vehicle, "faults", ())  # which a vehicle need not have
+    return *vehicle.kicks, *vehicle.flows, *faults, *(f"{name.removesuffix('fault')}loss" for name in faults)
+
+
 def change_of(name: str) -> str:
     """What a step adds to a component of a state, by name."""
     return f"change of {name}"
@@ -105,9 +115,15 @@ class Forces:
         if mistake is not None:
             raise ValueError(mistake)
         self.vehicle, self.disturbance = vehicle, disturbance
-        known = vehicle.kicks + vehicle.flows
-        self.size = len(known)
+        known = acting_on(vehicle)
         self.to = [known.index(name) for name in disturbance.forces]
+        self.outside = len(vehicle.kicks + vehicle.flows)
+        """How many kicks and flows there are: the first parts of a forcing,"""
+        self.faulty = max(self.to, default=-1) >= self.outside
+        """and whether faults of the actuators follow, and what is lost of each."""
+        known = known if self.faulty else known[: self.outside]
+        self.size = len(known)
+        self._losses = (self.outside + self.size) // 2
         self.shaken = [known.index(name) for name in disturbance.shakes]
         kicks = len(vehicle.kicks)
         self._columns = columns(self.to)
@@ -122,7 +138,10 @@ class Forces:
         """What the unknown input d is by name,"""
         self.inputs = [changes.index(name) for name in self.input_names]
         """and by place: in the forcing, and behind it in the changes of the disturbance's state."""
-        self.constant = getattr(disturbance.effect, "linear", False)
+        self.unknown = [i for i in self.inputs if i < self.size]
+        """The parts of the forcing that nobody knows who is told of d: a fault is with what is lost."""
+        self.unknown += [i + len(known) - self._losses for i in self.unknown if self.outside <= i < self._losses]
+        self.constant = getattr(disturbance.effect, "linear", False) and not self.faulty
         """Whether its effect is declared to be `gains` times its state, wherever the vehicle is."""
 
     @cached_property
@@ -132,9 +151,16 @@ class Forces:
         z = self.linear if self.constant else np.zeros((self.size, self.disturbance.process.size))
         return np.ascontiguousarray(np.hstack([white, z]))
 
-    def add(self, forcing: np.ndarray, z: np.ndarray, state: np.ndarray) -> None:
-        """Put in an effect that is not `constant`, in place: forcing ``(B, f)``."""
+    def add(self, forcing: np.ndarray, z: np.ndarray, state: np.ndarray, actuators: np.ndarray) -> None:
+        """Put in an effect that is not `constant`, in place: forcing ``(B, f)``; a fault is with what is lost."""
         forcing[:, self._columns] = self.disturbance.effect(z, state)
+        if self.faulty:
+            offsets, losses = self.of_actuators(forcing)
+            offsets -= losses * actuators
+
+    def of_actuators(self, forcing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What a forcing ``(..., f)`` adds to the actuators, and the share of each that is lost, ``(..., a)`` each."""
+        return forcing[..., self.outside : self._losses], forcing[..., self._losses :]
 
     def on(self, z: np.ndarray, state: np.ndarray, unknown: Sequence[int] = ()) -> np.ndarray:
         """Kicks and flows ``(..., f)``, without the white noise and what is ``unknown``, which is 0."""
@@ -150,7 +176,13 @@ class Forces:
         """The flows alone."""
         if self._flows_only and not unknown:
             return self.disturbance.effect(z, state)
-        return self.on(z, state, unknown)[..., len(self.vehicle.kicks) :]
+        return self.on(z, state, unknown)[..., len(self.vehicle.kicks) : self.outside]
+
+    def moved(self, x: np.ndarray, u: np.ndarray, forcing: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+        """What filters estimate of the vehicle a step on, under flows and faults of a forcing, without its kicks."""
+        if self.faulty:
+            u = self.vehicle.faulty(u, *self.of_actuators(forcing))  # type: ignore[attr-defined]
+        return self.vehicle.drift(x, u, forcing[..., len(self.vehicle.kicks) : self.outside], out)
 
     @cached_property
     def linear(self) -> np.ndarray:
@@ -166,7 +198,9 @@ class Forces:
 
     @cached_property
     def input_cov(self) -> np.ndarray:
-        """Stationary covariance of the unknown input d."""
+        """Stationary covariance of the unknown input d, unless the disturbance says otherwise."""
+        if self.disturbance.input_sd is not None:
+            return np.diag(np.square(self.disturbance.input_sd))
         root = self.disturbance.process.root
         return block_diag(self._cov, root @ root.T)[np.ix_(self.inputs, self.inputs)]
 
@@ -246,7 +280,7 @@ class Composition:
     @cached_property
     def _unknown(self) -> list[int]:
         """Which parts of the forcing are d."""
-        return [i for i in self.forces.inputs if i < self.forces.size] if self.inputs else []
+        return self.forces.unknown if self.inputs else []
 
     @cached_property
     def _unknown_flows(self) -> list[tuple[int, int]]:
@@ -264,7 +298,9 @@ class Composition:
         flows, kicks = len(self.vehicle.flows), len(self.vehicle.kicks)
         matrix = np.zeros((self.base + flows, len(self.names)))
         matrix[: self.base, : self.base] = np.eye(self.base)
-        matrix[self.base :, self.base : self.base + len(self.held)] = self.forces.linear[kicks:, self.held]
+        matrix[self.base :, self.base : self.base + len(self.held)] = self.forces.linear[
+            kicks : kicks + flows, self.held
+        ]
         for _, flow in self._unknown_flows:
             matrix[self.base + flow] = 0.0
         return matrix
@@ -340,7 +376,7 @@ def compose(
     _check_seen(vehicle, base, sensors)
     n = len(base)
     asked = told in ("input", "white")
-    unknown = [i for i in forces.inputs if asked and i < forces.size]
+    unknown = forces.unknown if asked else []
     changing = [i - forces.size for i in forces.inputs if asked and i >= forces.size]
     held = np.zeros(0, int) if told == "noise" else _held(vehicle, n, forces, sensors, unknown, changing)
     process = disturbance.process
@@ -387,7 +423,8 @@ def compose(
             G[:, j] = kicked[:, i]
         elif i >= forces.size:
             G[n + held.tolist().index(i - forces.size), j] = 1.0
-    H[:, [j for j, i in enumerate(forces.inputs) if i in unknown]] = shown[:, unknown]
+        if i < forces.outside:
+            H[:, j] = shown[:, i]
     parts = _Parts(forces, sensors, base, held, drift, placed, kicked, unknown, G, H)
     model = _linear(parts, kind, options) if kind in vehicle.linear_kinds else _nonlinear(parts, options)
     return Composition(model, names, n, held, inputs, forces, sensors, told)
@@ -444,11 +481,11 @@ def _part(process: Process, held: np.ndarray) -> Process:
     return Process(process.transition[square], process.root[held], process.start_cov[square])
 
 
-def _moving(vehicle: Vehicle, n: int) -> list[bool]:
-    """Which flows move the first ``n`` components that filters estimate."""
-    x, u = vehicle.cruise
-    still = vehicle.drift(x, u, np.zeros(len(vehicle.flows)))
-    return [bool((vehicle.drift(x, u, unit) != still)[:n].any()) for unit in np.eye(len(vehicle.flows))]
+def _moving(forces: Forces, n: int) -> np.ndarray:
+    """Which parts of a forcing, kicks aside, move the first ``n`` components that filters estimate ``(f,)``."""
+    x, u = forces.vehicle.cruise
+    still = forces.moved(x, u, np.zeros(forces.size))[:n]
+    return np.array([(forces.moved(x, u, unit)[:n] != still).any() for unit in np.eye(forces.size)])
 
 
 def _held(
@@ -460,7 +497,9 @@ def _held(
     forcing; and those ``changing`` in ways that are unknown.
     """
     kicks, process = len(vehicle.kicks), forces.disturbance.process
-    counts = np.array([True] * kicks + _moving(vehicle, n)) | _shown_anywhere(vehicle, sensors).any(0)
+    counts = _moving(forces, n)
+    counts[:kicks] = True
+    counts[: forces.outside] |= _shown_anywhere(vehicle, sensors).any(0)
     counts[unknown] = False
     # An effect may depend on z and on where the vehicle is in any way: it is looked at in several places.
     rng, matters = np.random.default_rng(0), np.isin(np.arange(process.size), changing)
@@ -548,21 +587,25 @@ class _Composed(NonlinearModel):
 def _nonlinear(parts: _Parts, options: dict[str, Any]) -> NonlinearModel:
     forces, sensors, base, held, drift, placed, _, unknown, constant, H = parts
     vehicle = forces.vehicle
-    n, k, kicks, flows = len(base), len(held), len(vehicle.kicks), len(vehicle.flows)
-    still = np.zeros(flows)
+    n, k, kicks = len(base), len(held), len(vehicle.kicks)
+    nothing = np.zeros(forces.size)
     moves = [base.index(name) for name in vehicle.kicked if name in base]
     kicking = k > 0 and forces.kicking
     disturbance = forces.disturbance
 
+    def forcing(x: np.ndarray) -> np.ndarray:
+        """What a state ``(..., n)`` implies that acts, ``(..., f)`` or ``(f,)``."""
+        return forces.on(_spread(x[..., n : n + k], held, disturbance), placed(x[..., :n]), unknown) if k else nothing
+
     def moved(x: np.ndarray, u: np.ndarray | None, out: np.ndarray | None = None) -> np.ndarray:
         assert u is not None
-        own, flow = x[..., :n], still
-        if k:
-            z = _spread(x[..., n : n + k], held, disturbance)
-            flow = forces.flow(z, placed(own), unknown)
-        after = vehicle.drift(own, u, flow, out)
+        if k and not kicking and not forces.faulty:  # flows alone: faster
+            flow = forces.flow(_spread(x[..., n : n + k], held, disturbance), placed(x[..., :n]), unknown)
+            return vehicle.drift(x[..., :n], u, flow, out)
+        acting = forcing(x)
+        after = forces.moved(x[..., :n], u, acting, out)
         if kicking:
-            after[..., moves] += forces.on(z, placed(own), unknown)[..., :kicks]
+            after[..., moves] += acting[..., :kicks]
         return after
 
     def transition(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
@@ -575,44 +618,36 @@ def _nonlinear(parts: _Parts, options: dict[str, Any]) -> NonlinearModel:
         return after
 
     def read(x: np.ndarray, u: np.ndarray | None, bias: np.ndarray | None = None) -> np.ndarray:
-        state = placed(x[..., :n])
-        if k:
-            forcing = forces.on(_spread(x[..., n : n + k], held, disturbance), state, unknown)
-        else:
-            forcing = np.zeros(x.shape[:-1] + (kicks + flows,))
-        return sensors.exact(state, forcing, bias)
+        acting = np.broadcast_to(forcing(x)[..., : forces.outside], x.shape[:-1] + (forces.outside,))
+        return sensors.exact(placed(x[..., :n]), acting, bias)
 
     def measurement(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         return read(x, u, x[..., n + k :])
 
-    flowing = [(j, i - kicks) for j, i in enumerate(forces.inputs) if i in unknown and i >= kicks]
+    flowing = [(j, i) for j, i in enumerate(forces.inputs) if i in unknown and i >= kicks]
     for _, i in flowing:
-        if not _alike(vehicle, sensors, kicks + i):
+        if i < forces.outside and not _alike(vehicle, sensors, i):
             raise ValueError(
-                f"how readings show {vehicle.flows[i]} depends on where the vehicle is, which a nonlinear model cannot "
-                f"have of an unknown input: let it be {change_of('a component')!r} instead, or leave the sensor out"
+                f"how readings show {vehicle.flows[i - kicks]} depends on where the vehicle is, which a nonlinear "
+                f"model cannot have of an unknown input: let it be {change_of('a component')!r} instead, or leave the "
+                "sensor out"
             )
 
     def pushed(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-        """G at a state: what d's flows do is differenced about none of them."""
-        assert u is not None
-        own, flow = x[..., :n], still
-        if k:
-            flow = forces.flow(_spread(x[..., n : n + k], held, disturbance), placed(own), unknown)[..., None, :]
+        """G at a state: what d's flows and faults do is differenced about none of them."""
+        own, acting = x[..., None, :n], forcing(x)[..., None, :]
 
         def after(d: np.ndarray, u: np.ndarray | None) -> np.ndarray:
             assert u is not None
-            flows = np.broadcast_to(flow, d.shape[:-1] + still.shape).copy()
-            flows[..., [i for _, i in flowing]] = d
-            return vehicle.drift(np.broadcast_to(own[..., None, :], d.shape[:-1] + (n,)), u, flows)
+            with_d = np.broadcast_to(acting, d.shape[:-1] + nothing.shape).copy()
+            with_d[..., [i for _, i in flowing]] = d
+            return forces.moved(np.broadcast_to(own, d.shape[:-1] + (n,)), u, with_d)
 
         none = np.zeros(x.shape[:-1] + (len(flowing),))
+        columns = central_differences("drift", after, none, u, n, options["state_angles"], steps(none, None))[1]
         G = np.empty(x.shape[:-1] + constant.shape)
         G[...] = constant
-        columns = [j for j, _ in flowing]
-        G[..., :n, columns] = central_differences(
-            "drift", after, none, u, n, options["state_angles"], steps(none, None)
-        )[1]
+        G[..., :n, [j for j, _ in flowing]] = columns
         return G
 
     G: StateMatrix | None = pushed if flowing else constant
@@ -634,15 +669,16 @@ def _linear(parts: _Parts, kind: str, options: dict[str, Any]) -> LinearModel:
     forces, sensors, base, held, drift, placed, kicked, unknown, constant, H = parts
     vehicle = forces.vehicle
     n, k = len(base), len(held)
-    size, f = n + drift.size, len(vehicle.kicks + vehicle.flows)
+    size, f = n + drift.size, forces.size
     kicks = len(vehicle.kicks)
     effect = np.zeros((f, size))  # E: what the filter's state gives of the forcing
     effect[:, n : n + k] = forces.linear[:, held]
     effect[unknown] = 0.0
-    nothing = sensors.exact(placed(np.zeros(n)), np.zeros(f), np.zeros(sensors.bias.size))
+    shown = effect[: forces.outside].T
+    nothing = sensors.exact(placed(np.zeros(n)), np.zeros(forces.outside), np.zeros(sensors.bias.size))
 
     def read(x: np.ndarray) -> np.ndarray:
-        return sensors.exact(placed(x[..., :n]), x @ effect.T, x[..., n + k :]) - nothing
+        return sensors.exact(placed(x[..., :n]), x @ shown, x[..., n + k :]) - nothing
 
     C = read(np.eye(size)).T
     x = np.linspace(-1.0, 2.0, size)
@@ -654,15 +690,14 @@ def _linear(parts: _Parts, kind: str, options: dict[str, Any]) -> LinearModel:
         )
     given = vehicle.linear(kind)
     A, B, flowed = given if len(given) == 3 else (*given, np.zeros((n, len(vehicle.flows))))
-    moving = np.flatnonzero([*(False,) * kicks, *_moving(vehicle, n)])
+    moving = [i for i in np.flatnonzero(_moving(forces, n)) if i in unknown or effect[i].any()]
     for i in moving:
-        if len(given) == 2 and (i in unknown or effect[i].any()):
-            raise ValueError(
-                f"the {kind} model does not say what {vehicle.flows[i - kicks]} does to it: choose a nonlinear one"
-            )
+        if len(given) == 2 or i >= forces.outside:
+            what = acting_on(vehicle)[i]
+            raise ValueError(f"the {kind} model does not say what {what} does to it: choose a nonlinear one")
     flowing = [(j, i - kicks) for j, i in enumerate(forces.inputs) if i in unknown and i in moving]
     kick = kicked[:n] @ effect[:kicks]  # what the disturbance's part of the state adds to the vehicle's
-    carry = effect[kicks:]  # and what of flows
+    carry = effect[kicks : forces.outside]  # and what of flows
 
     def whole(u: np.ndarray | None) -> np.ndarray:
         own = resolve(A, u)

@@ -18,7 +18,7 @@ from estimators.threads import each, shares
 from estimators.threefry import normal_pair, threefry
 from vessel_gym.checks import number, numbers, one_of
 from vessel_gym.checks import options as checked_options
-from vessel_gym.composition import Composition, Forces, change_of, unknown_inputs
+from vessel_gym.composition import Composition, Forces, acting_on, change_of, unknown_inputs
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.estimation import Estimation, EstimatorChoice, build, chosen_disturbance
 from vessel_gym.loop import Loop, Readings
@@ -176,14 +176,14 @@ class Core:
         """What nobody is told of the coming step: a filter's unknown input d; if it has none, see `unknown_inputs`."""
         new = (*self.forces.disturbance.names, *self.sensors.bias_names)
         new = (*self.forces.disturbance.shakes, *map(change_of, new))  # what `noise` holds
-        acting = (*new, *vehicle.kicks, *vehicle.flows)
+        acting = (*new, *acting_on(vehicle)[: self.forces.size])
         places = [acting.index(name) if name in acting else len(acting) for name in self.unknown_inputs]
         fresh, forced = all(i < len(new) for i in places), all(len(new) <= i < len(acting) for i in places)
         self._input = columns([i - len(new) for i in places] if forced else places)
         self._input_in = "noise" if fresh else "forcing" if forced else ""
         self._carried = vehicle.carried
         if self._carried is not None:  # what a flow adds to what the prior describes, of the disturbance's state
-            self._carried = self._carried @ self.forces.linear[len(vehicle.kicks) :]
+            self._carried = self._carried @ self.forces.linear[len(vehicle.kicks) : self.forces.outside]
         biased = [sensor for sensor in self.sensors.each if sensor.bias is not None]
         parts = "disturbance", *(f"bias of {sensor.name}" for sensor in biased)
         sensed = (f"sensor {sensor.name}" for sensor in self.sensors.each)
@@ -357,14 +357,16 @@ class Core:
         # The step before the first, in which nothing moves: what is new over that one, and what acts then.
         stir(parts, steps, self._counts, self._root, self._still, self.forces.gains, drifting, noise, forcing)
         if not self.forces.constant:
-            self.forces.add(forcing, drifting[:, : self._size], state)
+            self.forces.add(forcing, drifting[:, : self._size], state, actuators)
         tally = self._rows_of(task.begin(state, course), len(rows))
         self._put(
             some, course=course, state=state, actuators=actuators, parameters=parameters, drifting=drifting,
             noise=noise, forcing=forcing, tally=tally, steps=steps, total=np.zeros(len(rows)),
             end=np.zeros(len(rows), int), action=np.zeros((len(rows), self.action_size)),
         )  # fmt: skip
-        readings = loop.sense(state, forcing, drifting[:, self._size :], steps, some) if readings is None else readings
+        if readings is None:
+            outside = np.ascontiguousarray(forcing[:, : self.forces.outside])
+            readings = loop.sense(state, outside, drifting[:, self._size :], steps, some)
         y, available = loop.readings
         loop.readings = _merged(y, some, readings[0]), _merged(available, some, readings[1])
         u = self._known_input(actuators, actuators, task.commanded(course, steps))
@@ -444,7 +446,7 @@ class Core:
         self.reference = self._reference(self.course, self.steps, loop.belief, self.state)
         over = self._over(declared)
         reward, self.end, self.tally = task.score(
-            self.state, self.forcing, self.reference, over, after, action, self.tally
+            self.state, self.forcing[:, : self.forces.outside], self.reference, over, after, action, self.tally
         )
         reward, self.tally = self._rows_of(reward, self.num_envs), self._rows_of(self.tally, self.num_envs)
         add(self.total, reward)
@@ -456,12 +458,17 @@ class Core:
         noise: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
         """The vehicle of rows (None: all) a step on, and what is read; forcing and the last three move in place."""
-        state = np.ascontiguousarray(self.vehicle.step(state, before, after, forcing, parameters), float)
+        outside, measured = forcing, after
+        if self.forces.faulty:
+            offsets, outside = self.forces.of_actuators(forcing)[0], forcing[:, : self.forces.outside]
+            before, after = before + offsets, after + offsets
+        state = np.ascontiguousarray(self.vehicle.step(state, before, after, outside, parameters), float)
         stir(keys, steps, self._counts, self._root, self._transition, self.forces.gains, drifting, noise, forcing)
         if not self.forces.constant:
-            self.forces.add(forcing, drifting[:, : self._size], state)
+            self.forces.add(forcing, drifting[:, : self._size], state, measured)
         if readings is None:
-            readings = self.loop.sense(state, forcing, drifting[:, self._size :], steps, rows)
+            outside = np.ascontiguousarray(outside)
+            readings = self.loop.sense(state, outside, drifting[:, self._size :], steps, rows)
         return state, *readings
 
     def _over(self, declared: np.ndarray | None) -> np.ndarray:
@@ -718,7 +725,7 @@ def joint_prior(cov: np.ndarray, forces: Forces, sensors: Sensors) -> np.ndarray
         return whole
     root = np.eye(len(whole))
     n = len(cov)
-    root[:n, n : n + process.size] = forces.vehicle.carried @ forces.linear[len(forces.vehicle.kicks) :]
+    root[:n, n : n + process.size] = forces.vehicle.carried @ forces.linear[len(forces.vehicle.kicks) : forces.outside]
     return root @ whole @ root.T
 
 

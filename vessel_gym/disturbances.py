@@ -1,15 +1,18 @@
 """What the sea and the air do to a vehicle: waves, gusts, turbulence, currents and winds, all made from white noise.
 
+And what a vehicle does to itself: faults of its actuators.
+
 A disturbance has a state of its own, z, and acts on a vehicle through the parts of its forcing. Yours is a subclass of
 `Disturbance`: docs/own-disturbance.md.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 from scipy.linalg import block_diag
 
+from estimators.checks import number
 from vessel_gym.processes import Process, linear
 
 
@@ -30,6 +33,8 @@ class Disturbance:
             `vessel_gym.composition.TOLD`.
         inputs: What the unknown input d is, where filters are told of one: names of what it ``forces`` or ``shakes``,
             or ``"change of NAME"`` for what a step adds to one of its ``names``; None: its kicks.
+        input_sd: Standard deviations that filters take d to have where no reading shows it; None: what follows from
+            `process` and ``white``.
         scale: Sizes of z that count as 1 in an observation of standard deviations; None: those at the start.
         dt: The step [s] that it was made for; None: any.
     """
@@ -41,6 +46,7 @@ class Disturbance:
     white: np.ndarray = np.zeros((0, 0))
     told: str = "states"
     inputs: tuple[str, ...] | None = None
+    input_sd: tuple[float, ...] | None = None
     scale: tuple[float, ...] | None = None
     dt: float | None = None
 
@@ -197,3 +203,108 @@ class Air(Disturbance):
         np.multiply(z[..., 5], np.sqrt(3.0), out=wind[..., 2])
         wind[..., 2] += z[..., 4]
         return wind
+
+
+@dataclass(frozen=True)
+class Fault(Disturbance):
+    """A fault of an actuator beside whatever else acts: the actuator is not where it is measured to be.
+
+    Over a step it is off by ``bias - loss * angle + amplitude sin(2 pi t / period + phase)`` and by a random walk: the
+    angle is that at the step's beginning, the phase is random. Filters are told where the fault is, and not how large:
+    it is their unknown input d. What else acts is the same to the last bit as without the fault.
+
+    Raises:
+        ValueError: for a number out of range.
+    """
+
+    actuator: str  # as the vehicle calls it
+    bias: float = 0.0  # rad, or N of a thrust
+    loss: float = 0.0  # share of its effect that is lost
+    amplitude: float = 0.0  # of an oscillation, rad or N
+    period: float = 2.0  # s
+    start: float = 0.0  # standard deviation of the walk at first, rad or N
+    walk: float = 0.0  # of what a second adds to it
+    size: float = float(np.deg2rad(5.0))  # rad or N, that filters take it to have where no reading shows it
+    beside: Disturbance = field(default_factory=Disturbance)
+    dt: float = 0.1  # s
+
+    told = "input"
+
+    def __post_init__(self) -> None:
+        number("loss of a fault", self.loss, low=-1e-300, high=1.0 + 1e-15, what="0 to 1")
+        number("period of a fault", self.period, low=2.0 * self.dt, what=f"above two steps of {self.dt:g} s")
+        number("size of a fault", self.size, low=0.0, what="above 0")
+
+    @property
+    def _own(self) -> dict[str, Process]:
+        """What its state is beside that of what else acts, and the names of it."""
+        turn = 2.0 * np.pi * self.dt / self.period
+        rotation = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+        own = {}
+        if self.start or self.walk:
+            own["offset"] = Process.walk((self.start,), (self.walk,), self.dt)
+        if self.amplitude:
+            own["swing"] = Process(rotation, np.zeros((2, 2)), np.eye(2))
+        return own
+
+    @property
+    def names(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Of what else acts, then a walk and a swing, if there are."""
+        own = {"offset": ("offset",), "swing": ("swing", "swing back")}
+        return *self.beside.names, *(f"{self.actuator} {name}" for part in self._own for name in own[part])
+
+    @property
+    def forces(self) -> tuple[str, ...]:  # type: ignore[override]
+        """What else acts, the fault, and a loss if there is."""
+        loss = (f"{self.actuator} loss",) if self.loss else ()
+        return *self.beside.forces, f"{self.actuator} fault", *loss
+
+    @property
+    def inputs(self) -> tuple[str, ...]:  # type: ignore[override]
+        """The fault, and others beside it."""
+        return *(self.beside.inputs or ()), f"{self.actuator} fault"
+
+    @property
+    def input_sd(self) -> tuple[float, ...]:  # type: ignore[override]
+        """Their sizes."""
+        return *(self.beside.input_sd or ()), self.size
+
+    @cached_property
+    def process(self) -> Process:  # type: ignore[override]
+        """Of what else acts, then its own."""
+        parts = self.beside.process, *self._own.values()
+        process = Process.joined(*parts)
+        vars(process)["start_root"] = block_diag(*(part.start_root for part in parts))  # each begins as it does alone
+        return process
+
+    @property
+    def shakes(self) -> tuple[str, ...]:  # type: ignore[override]
+        """What else does."""
+        return self.beside.shakes
+
+    @property
+    def white(self) -> np.ndarray:  # type: ignore[override]
+        """As of what else acts."""
+        return self.beside.white
+
+    @property
+    def scale(self) -> tuple[float, ...]:  # type: ignore[override]
+        """Of what else acts; that of the fault; 1 of what swings."""
+        there = self.beside.scale or tuple(np.sqrt(np.diag(self.beside.process.start_cov)))
+        sizes = {"offset": (self.size,), "swing": (1.0, 1.0)}
+        return *there, *(size for part in self._own for size in sizes[part])
+
+    def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
+        """What else acts, the fault without what a loss takes, and the share that is lost."""
+        k = self.beside.process.size
+        forcing = np.empty(z.shape[:-1] + (len(self.forces),))
+        forcing[..., : len(self.beside.forces)] = self.beside.effect(z[..., :k], state)
+        offset = forcing[..., len(self.beside.forces)]
+        offset[...] = self.bias
+        if "offset" in self._own:
+            offset += z[..., k]
+        if self.amplitude:
+            offset += self.amplitude * z[..., -2] / np.maximum(np.hypot(z[..., -2], z[..., -1]), 1e-12)
+        if self.loss:
+            forcing[..., -1] = self.loss
+        return forcing

@@ -23,6 +23,9 @@ class Vehicle(Protocol):
 
     What acts on it is a forcing ``(B, f)``: kicks, which change its state at the end of a step, then flows, which are
     held over it. The equations may be compiled or plain NumPy: anything that broadcasts over leading axes.
+
+    A vehicle may have ``faults``, too, as `vessel_gym.vehicles.whole_state.WholeState` has: the names of what may be
+    added to its actuators over a step, and ``faulty``, the known input with that; without them it has none.
     """
 
     @property

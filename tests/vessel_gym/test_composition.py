@@ -35,7 +35,7 @@ from agents.scores import scores
 from estimators import Gaussian, LinearModel, NonlinearModel, chi_square_band, make, nees
 from vessel_gym.composition import Forces, compose
 from vessel_gym.core import Core
-from vessel_gym.disturbances import Disturbance, Sea
+from vessel_gym.disturbances import Disturbance, Fault, Sea
 from vessel_gym.processes import Process
 from vessel_gym.sensors import SUITES, Bias, Sensor, Sensors, plain
 
@@ -117,15 +117,25 @@ BIASED = {
 }
 
 
+_FAULT: dict[str, Any] = {"bias": 0.03, "loss": 0.2, "amplitude": 0.05, "start": 0.03, "walk": 0.02}
+FAULTS = [
+    (AUV, Fault("stern plane", beside=single_class(AUV).system.disturbances["rough"], **_FAULT)),
+    ("PunaUAV-v0", Fault("bank", beside=single_class("PunaUAV-v0").system.disturbances["rough"], **_FAULT)),
+]
+
+
 # --- the model is the world's -----------------------------------------------------------------------
 
 WORLDS: list[tuple[str, dict[str, Any]]] = [
     *((env_id, {"estimator_options": {"told": {"as": "states"}, "model": "nonlinear"}}) for env_id in OURS),
     *((AUV, {"sensors": sensors}) for sensors in (WITH_USBL, *BIASED.values())),
     *((AUV, {"disturbance": disturbance}) for disturbance in OWN.values()),
+    *((env_id, {"disturbance": fault, "estimator_options": {"told": {"as": "states"}}}) for env_id, fault in FAULTS),
 ]
 every_world = pytest.mark.parametrize(
-    ("env_id", "chosen"), WORLDS, ids=[*OURS, "USBL", *(f"{name} bias" for name in BIASED), *OWN]
+    ("env_id", "chosen"),
+    WORLDS,
+    ids=[*OURS, "USBL", *(f"{name} bias" for name in BIASED), *OWN, "faulty stern plane", "faulty bank"],
 )
 
 
@@ -361,7 +371,8 @@ def test_a_disturbance_of_ones_own_works_with_every_estimator(disturbance: Distu
         for _ in range(40):
             reward, _ = core.step(np.full((3, 3), 0.1))
             assert_sound(core, core.observe(), reward, core.info())
-        held = len(disturbance.names) * (how == "states" or estimator == "truth")
+        flows = not any(name.startswith("kick") for name in disturbance.forces)  # which are not d, but held
+        held = len(disturbance.names) * (how == "states" or estimator == "truth" or (how == "input" and flows))
         assert len(core.composition.names) == 12 + held
         assert (core.belief.input_mean is not None) == (estimator in ("ekf-ui-wdf", "ukf-umv", "truth", "measurement"))
         flown += 1

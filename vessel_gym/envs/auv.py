@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from vessel_gym.composition import Composition
+from vessel_gym.composition import OF_UNKNOWN_INPUTS, Composition
 from vessel_gym.disturbances import Water
 from vessel_gym.envs.single import VesselEnv
 from vessel_gym.envs.vector import VesselVectorEnv
@@ -31,6 +31,8 @@ def _tuning(name: str, told: Composition) -> dict[str, Any]:
     # An ensemble of 100 is a little too sure of itself; 1 + 1/N mends that (docs/dives.md).
     if name in ("enkf", "enkf-sr", "etkf"):
         return {"members": 100, "inflation": 1.01, "localisation": told.localisation}
+    if name in OF_UNKNOWN_INPUTS and told.inputs:
+        return {"input_prior": told.forces.input_cov}
     return {}
 
 

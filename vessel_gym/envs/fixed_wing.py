@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from vessel_gym.composition import Composition
+from vessel_gym.composition import OF_UNKNOWN_INPUTS, Composition
 from vessel_gym.disturbances import Air
 from vessel_gym.envs.single import VesselEnv
 from vessel_gym.envs.vector import VesselVectorEnv
@@ -26,6 +26,8 @@ def _tuning(name: str, told: Composition) -> dict[str, Any]:
     # Without localisation an ensemble of 100 is three times too sure of the position; 1 + 1/N mends the rest.
     if name in ("enkf", "enkf-sr", "etkf"):
         return {"members": 100, "inflation": 1.01, "localisation": told.localisation}
+    if name in OF_UNKNOWN_INPUTS and told.inputs:
+        return {"input_prior": told.forces.input_cov}
     # No reading shows the GNSS's bias in plan: a filter that doubts its model at every step doubts it ever more.
     if name == "robust-kf":
         return {"radius": 1e-6}

@@ -56,12 +56,13 @@ class Journey:
         """Append the core's present state, and a fix of the position if one has come."""
         core, row = self._core, self._row
         belief, told, kicks = core.belief, core.composition, len(core.vehicle.kicks)
+        acting = core.forcing[row, : core.forces.outside].copy()
         both, d = told.state_and_flow, belief.input_mean
         believed = belief.mean[row], None if d is None else d[row]
         self._samples.append(
             Sample(
                 core.steps[row], core.state[row].copy(), belief.mean[row, : told.base].copy(),
-                core.forcing[row, kicks:].copy(), told.flow(*believed), core.forcing[row, :kicks].copy(),
+                acting[kicks:], told.flow(*believed), acting[:kicks],
                 np.full(1, np.nan) if d is None else d[row].copy(),
                 both @ belief.cov[row] @ both.T, core.action[row].copy(), core.actuators[row].copy(),
                 core.reference[row].copy(), core.tally[row].copy(), core.total[row],

@@ -55,6 +55,21 @@ class WholeState:
         """One for each component that is kicked, in its unit."""
         return tuple(f"kick {name}" for name in self.kicked)
 
+    @cached_property
+    def faults(self) -> tuple[str, ...]:
+        """What may be added to its actuators over a step, in their units."""
+        return tuple(f"{name} fault" for name in self.action_names)
+
+    def faulty(self, u: np.ndarray, offsets: np.ndarray, losses: np.ndarray) -> np.ndarray:
+        """The known input with ``offsets (..., a)`` of the actuators, and without the share ``losses`` of them."""
+        a = len(self.action_names)
+        shape = np.broadcast_shapes(u.shape[:-1], offsets.shape[:-1])
+        known = np.array(np.broadcast_to(u, shape + u.shape[-1:]))
+        added = offsets - losses * u[..., :a]
+        known[..., :a] += added
+        known[..., a : 2 * a] += added
+        return known
+
     def parameters(self, mismatch: float, normals: np.ndarray) -> np.ndarray:
         """Coefficients ``(B, k)`` of the truth: the filter's, with a relative spread on the uncertain ones."""
         return self.body.vector(1.0 + mismatch * np.clip(normals, -2.0, 2.0))

@@ -1,0 +1,208 @@
+"""Faults of actuators: what they do to a vehicle, what a filter knows that knows where they are, and what that buys."""
+
+from functools import reduce
+from typing import Any
+
+import numpy as np
+import pytest
+
+from agents import rollout
+from agents.scores import scores
+from tests.vessel_gym.contract import FEW_MEMBERS, make_core
+from vessel_gym.core import Core
+from vessel_gym.disturbances import Disturbance, Fault
+from vessel_gym.envs.auv import PLANE_WATERS, WATERS
+from vessel_gym.envs.puna_uav import PUNA_UAV
+
+AUV, PLANE, AIRCRAFT = "SegorogeniAUV-v0", "ItsunusaAUV-v0", "PunaUAV-v0"
+ACTUATORS = {
+    AUV: ("rudder", "stern plane", "thrust"),
+    PLANE: ("stern plane", "thrust"),
+    AIRCRAFT: ("thrust", "angle of attack", "bank"),
+}
+BESIDE: dict[str, Disturbance] = {
+    AUV: WATERS["rough"],
+    PLANE: PLANE_WATERS["rough"],
+    AIRCRAFT: PUNA_UAV.disturbances["rough"],
+}
+SEEN = {AUV: ("rudder", "stern plane"), PLANE: ("stern plane",), AIRCRAFT: ("bank",)}
+DEG = np.pi / 180.0
+every_vehicle = pytest.mark.parametrize("env_id", ACTUATORS)
+
+
+def faulty(env_id: str, *actuators: str, **fault: Any) -> Disturbance:
+    """The same fault of several actuators in rough water or air."""
+    return reduce(lambda beside, actuator: Fault(actuator, beside=beside, **fault), actuators, BESIDE[env_id])
+
+
+def moved(core: Core, steps: int, seed: int = 1) -> list[dict[str, np.ndarray]]:
+    """What there was before each of some random steps, and the actuators and the state after it."""
+    rng, seen = np.random.default_rng(seed), []
+    for _ in range(steps):
+        before = {"state": core.state.copy(), "before": core.actuators.copy(), "forcing": core.forcing.copy()}
+        before |= {"d": core.unknown_input.copy(), "z": core.sea_state.copy()}
+        core.step(rng.uniform(-1.0, 1.0, (core.num_envs, core.action_size)))
+        seen.append(before | {"after": core.actuators.copy(), "moved": core.state.copy()})
+    return seen
+
+
+@every_vehicle
+def test_a_faulty_vehicle_moves_as_a_sound_one_whose_actuators_are_elsewhere(env_id: str):
+    actuators = ACTUATORS[env_id]
+    core = make_core(env_id, 4, seed=1, disturbance=faulty(env_id, *actuators, bias=0.04, loss=0.3), estimator="truth")
+    core.reset()
+    assert core.unknown_inputs == tuple(f"{name} fault" for name in actuators)
+    sound = core.vehicle.kicks + core.vehicle.flows
+    for step in moved(core, 10):
+        offset = 0.04 - 0.3 * step["before"]
+        np.testing.assert_allclose(step["d"], offset, rtol=0, atol=1e-14)
+        before, after = step["before"] + step["d"], step["after"] + step["d"]
+        expected = core.vehicle.step(step["state"], before, after, step["forcing"][:, : len(sound)], core.parameters)
+        np.testing.assert_array_equal(step["moved"], expected)
+
+
+@every_vehicle
+def test_what_else_acts_is_the_same_to_the_last_bit_with_a_fault_and_without(env_id: str):
+    own: dict[str, Any] = {"bias": 0.05, "amplitude": 0.02, "start": 0.01, "walk": 0.01}
+    cores = [
+        make_core(env_id, 3, seed=2, disturbance=disturbance, estimator="truth")
+        for disturbance in (BESIDE[env_id], faulty(env_id, SEEN[env_id][0], **own))
+    ]
+    kept = len(cores[0].vehicle.kicks + cores[0].vehicle.flows)
+    for core in cores:
+        core.reset()
+    for without, fault in zip(*(moved(core, 20) for core in cores), strict=True):
+        np.testing.assert_array_equal(fault["forcing"][:, :kept], without["forcing"])
+        np.testing.assert_array_equal(fault["before"], without["before"])
+        assert np.abs(fault["d"]).min() > 0.0
+
+
+@every_vehicle
+def test_a_fault_of_no_size_changes_nothing_for_who_takes_no_heed_of_it(env_id: str):
+    flights = [
+        rollout("autopilot", env_id, range(3), {"disturbance": disturbance, "estimator": "ekf"})
+        for disturbance in (BESIDE[env_id], faulty(env_id, *SEEN[env_id]))
+    ]
+    sound, fault = (flight.history for flight in flights)
+    for key in ("truth", "measurement", "estimate", "covariance", "actuators"):
+        np.testing.assert_array_equal(fault[key], sound[key])
+    np.testing.assert_array_equal(fault["unknown_input"], 0.0)
+
+
+def test_an_oscillation_has_its_amplitude_and_period_and_begins_anywhere():
+    wave = faulty(PLANE, "stern plane", amplitude=0.1, period=1.7)
+    core = make_core(PLANE, 400, seed=3, disturbance=wave, estimator="truth")
+    core.reset()
+    d = np.stack([step["d"][:, 0] for step in moved(core, 60)])
+    turn = 2.0 * np.pi * 0.1 / 1.7
+    quarter = (d[1:] - np.cos(turn) * d[:-1]) / np.sin(turn)
+    np.testing.assert_allclose(np.hypot(d[:-1], quarter), 0.1, rtol=1e-9)
+    np.testing.assert_allclose(d[2:] + d[:-2], 2.0 * np.cos(turn) * d[1:-1], atol=1e-12)
+    phase = np.arctan2(d[0], quarter[0])
+    assert np.abs(np.exp(1j * phase).mean()) < 3.0 / np.sqrt(400)  # of random phases above with probability exp(-9)
+
+
+@every_vehicle
+def test_what_a_fault_does_in_a_step_is_G_times_it_to_first_order(env_id: str):
+    told = faulty(env_id, *SEEN[env_id])
+    core = make_core(env_id, 5, seed=4, disturbance=told, estimator="ekf-ui-wdf")
+    core.reset()
+    model, vehicle = core.composition.model, core.vehicle
+    base = core.composition.base
+    for step in moved(core, 5):
+        x, u = core.belief.mean, vehicle.known_input(step["before"], step["after"], None)
+        G = model.input_matrix(x, u)
+        assert G.shape[-1] == len(SEEN[env_id])
+        np.testing.assert_array_equal(G[..., base:, :], 0.0)
+        errors = []
+        for size in (0.04, 0.02):
+            offset = np.zeros((5, len(step["before"][0])))
+            offset[:, [ACTUATORS[env_id].index(name) for name in SEEN[env_id]]] = size
+            there = model.transition(x, vehicle.faulty(u, offset, np.zeros(offset.shape)))  # type: ignore[attr-defined]
+            did = there - model.transition(x, u)
+            errors.append(np.abs(did - size * G.sum(-1)).max())
+            assert errors[-1] < 0.03 * np.abs(did).max()
+        assert errors[1] < 0.3 * errors[0] + 1e-9
+
+
+@every_vehicle
+def test_who_is_told_of_a_fault_as_d_knows_all_else_as_without_it(env_id: str):
+    fault = faulty(env_id, *SEEN[env_id], bias=0.1, amplitude=0.1, start=0.1, loss=0.5)
+    told = make_core(env_id, 1, disturbance=fault, estimator="ekf-ui-wdf").composition
+    sound = make_core(env_id, 1, disturbance=BESIDE[env_id], estimator="ekf").composition
+    assert told.names == sound.names
+    x, u = np.ones((2, len(sound.names))), np.tile(told.vehicle.cruise[1], (2, 1))
+    np.testing.assert_array_equal(told.model.transition(x, u), sound.model.transition(x, u))
+    np.testing.assert_array_equal(told.model.measurement(x, u), sound.model.measurement(x, u))
+    np.testing.assert_array_equal(told.model.Q, sound.model.Q)
+    assert not np.any(told.model.H)
+    np.testing.assert_allclose(np.sqrt(np.diag(told.forces.input_cov)), 5.0 * DEG)
+
+
+@every_vehicle
+def test_who_takes_a_fault_for_a_random_walk_finds_it(env_id: str):
+    actuator = SEEN[env_id][0]
+    walk = {"told": {"disturbance": faulty(env_id, actuator, start=5.0 * DEG, walk=0.5 * DEG), "as": "states"}}
+    options: dict[str, Any] = {"disturbance": faulty(env_id, actuator, bias=5.0 * DEG), "estimator": "ekf"}
+    core = make_core(env_id, 20, seed=5, estimator_options=walk, **options)
+    core.reset()
+    at = core.composition.names.index(f"{actuator} offset")
+    moved(core, 60)
+    error = (core.belief.mean[:, at] - 5.0 * DEG) / np.sqrt(core.belief.cov[:, at, at])
+    assert np.abs(error).max() < 4.5
+    assert np.sqrt(core.belief.cov[:, at, at]).max() < 2.5 * DEG
+
+
+@every_vehicle
+def test_every_filter_of_a_faulty_vehicle_stays_finite(env_id: str):
+    fault = faulty(env_id, *SEEN[env_id], bias=0.2, amplitude=0.3, loss=0.5)
+    for estimator in ("ekf", "enkf", "huber-kf", "ekf-ui-wdf", "ukf-umv"):
+        options = FEW_MEMBERS.get(estimator, {})
+        core = make_core(env_id, 3, seed=6, disturbance=fault, estimator=estimator, estimator_options=options)
+        core.reset()
+        moved(core, 40)
+        assert np.isfinite(core.belief.mean).all()
+        assert np.isfinite(core.observe()).all()
+    states = {"told": {"as": "states"}}
+    core = make_core(env_id, 3, seed=6, disturbance=fault, estimator="ekf", estimator_options=states)
+    core.reset()
+    moved(core, 40)
+    assert np.isfinite(core.belief.mean).all()
+
+
+@pytest.mark.slow
+@every_vehicle
+@pytest.mark.parametrize("estimator", ["ekf-ui-wdf", "ukf-umv"])
+def test_who_knows_where_a_fault_is_flies_as_without_it_and_is_consistent(env_id: str, estimator: str):
+    seeds = range(400, 412)
+
+    def flown(who: str, **fault: float) -> dict[str, np.ndarray]:
+        options = {"disturbance": faulty(env_id, *SEEN[env_id], **fault), "estimator": who}
+        return scores(rollout("autopilot", env_id, seeds, options))
+
+    sound, fault, ignorant = flown(estimator), flown(estimator, bias=5.0 * DEG), flown("ekf", bias=5.0 * DEG)
+    assert fault["score"].mean() > 0.9 * sound["score"].mean()
+    assert ignorant["score"].mean() < 0.75 * sound["score"].mean()
+    assert ignorant["nees"].mean() > 3.0
+    assert 0.75 < fault["nees"].mean() < 1.25
+    assert fault["input_rmse"].mean() == pytest.approx(sound["input_rmse"].mean(), rel=0.02)  # unbiased
+
+
+@pytest.mark.parametrize(
+    ("wrong", "sentence"),
+    [
+        ({"actuator": "fin"}, "^Fault gives 'fin fault', but what acts on this vehicle is kick u, .*, thrust loss$"),
+        ({"loss": 1.5}, "^loss of a fault must be .*0 to 1.*1.5"),
+        ({"period": 0.1}, "^period of a fault must be .*above two steps of 0.1 s.*0.1"),
+        ({"size": 0.0}, "^size of a fault must be .*above 0"),
+        ({"beside": Fault("rudder")}, r"^forces of Fault must be a tuple of different names, got \('rudder fault', "),
+    ],
+)
+def test_a_fault_that_cannot_be_is_refused_in_one_sentence(wrong: dict[str, Any], sentence: str):
+    with pytest.raises(ValueError, match=sentence):
+        make_core(AUV, 1, disturbance=Fault(**({"actuator": "rudder"} | wrong)))
+
+
+def test_a_vehicle_without_faults_says_what_acts_on_it():
+    with pytest.raises(ValueError, match=r"^Fault gives 'rudder fault', but what acts on this vehicle is yaw "):
+        make_core("SigmaCorvette-v0", 1, disturbance=Fault("rudder", dt=0.5))
