@@ -13,11 +13,11 @@ from scipy.linalg import block_diag
 
 from estimators import LinearModel, NonlinearModel
 from estimators.checks import shown
-from estimators.models import Function, Matrix, StateMatrix, central_differences, resolve, steps
+from estimators.models import Function, Matrix, Schedule, StateMatrix, central_differences, resolve, steps
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.processes import Process
 from vessel_gym.sensors import Sensors, columns
-from vessel_gym.system import Vehicle
+from vessel_gym.system import Trims, Vehicle
 
 TOLD = ("states", "input", "white", "noise")
 """How a filter is told of a disturbance: its state is part of the filter's (``states``); its `Disturbance.inputs` are
@@ -426,7 +426,12 @@ def compose(
         if i < forces.outside:
             H[:, j] = shown[:, i]
     parts = _Parts(forces, sensors, base, held, drift, placed, kicked, unknown, G, H)
-    model = _linear(parts, kind, options) if kind in vehicle.linear_kinds else _nonlinear(parts, options)
+    if kind not in vehicle.linear_kinds:
+        model: LinearModel | NonlinearModel = _nonlinear(parts, options)
+    elif isinstance(given := vehicle.linear(kind), Trims):
+        model = _straightened(parts, options, given)
+    else:
+        model = _linear(parts, kind, options, given)
     return Composition(model, names, n, held, inputs, forces, sensors, told)
 
 
@@ -665,7 +670,34 @@ def _alike(vehicle: Vehicle, sensors: Sensors, i: int) -> bool:
     return all(np.allclose(shown, once, rtol=1e-9, atol=1e-9) for shown in others)
 
 
-def _linear(parts: _Parts, kind: str, options: dict[str, Any]) -> LinearModel:
+def _straightened(parts: _Parts, options: dict[str, Any], trims: Trims) -> LinearModel:
+    """The nonlinear model made straight about each of some steady motions."""
+    bent, n = _nonlinear(parts, options), trims.x.shape[-1]
+    x = np.zeros((len(trims.x), bent.n))
+    x[:, :n], u = trims.x, trims.u
+    after, A = bent.linearise_transition(x, u)
+    readings, C = bent.linearise_measurement(x, u)
+    wrong = np.abs(readings - np.matvec(C, x)).max(0) > 1e-6 * (1.0 + np.abs(readings).max(0))
+    if wrong.any():
+        sensor = parts.sensors.each[parts.sensors.owner[np.argmax(wrong)]]
+        raise ValueError(
+            f"{sensor.name} is not linear about the vehicle's steady motions: choose a filter for nonlinear models"
+        )
+
+    def moved(u: np.ndarray, _: np.ndarray | None) -> np.ndarray:
+        return bent.transition(np.broadcast_to(x[:, None, :], u.shape[:-1] + (bent.n,)), u)
+
+    B = central_differences("transition", moved, u, None, bent.n, bent.state_angles, steps(np.zeros(u.shape), None))[1]
+    B[..., -1] += after - np.matvec(A, x) - np.matvec(B, u)
+
+    def scheduled(table: np.ndarray) -> Schedule:
+        return Schedule(np.ascontiguousarray(table), *trims[2:])
+
+    G = None if bent.G is None else scheduled(np.broadcast_to(bent.input_matrix(x, u), (*x.shape, bent.q)))
+    return LinearModel(scheduled(A), scheduled(C), B=scheduled(B), G=G, H=bent.H, **options)
+
+
+def _linear(parts: _Parts, kind: str, options: dict[str, Any], given: tuple[Any, ...]) -> LinearModel:
     forces, sensors, base, held, drift, placed, kicked, unknown, constant, H = parts
     vehicle = forces.vehicle
     n, k = len(base), len(held)
@@ -688,7 +720,6 @@ def _linear(parts: _Parts, kind: str, options: dict[str, Any]) -> LinearModel:
             f"{sensors.each[sensors.owner[wrong[0]]].name} is not linear in what the filter estimates: choose a filter "
             "for nonlinear models"
         )
-    given = vehicle.linear(kind)
     A, B, flowed = given if len(given) == 3 else (*given, np.zeros((n, len(vehicle.flows))))
     moving = [i for i in np.flatnonzero(_moving(forces, n)) if i in unknown or effect[i].any()]
     for i in moving:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -15,7 +15,20 @@ from vessel_gym.tasks.task import Estimate, Task
 if TYPE_CHECKING:
     from vessel_gym.composition import Composition
 
-__all__ = ["Estimate", "System", "Task", "Vehicle"]
+__all__ = ["Estimate", "System", "Task", "Trims", "Vehicle"]
+
+
+class Trims(NamedTuple):
+    """Steady motions about which a nonlinear model is made straight: the nearest one holds, by the known input.
+
+    The known input's last component must be 1: what no matrix gives stands in its column of B.
+    """
+
+    x: np.ndarray  # (k, n) what filters estimate of the vehicle,
+    u: np.ndarray  # (k, m) and the known input
+    component: int  # of the known input that tells one from another,
+    scale: float  # how many there are to a unit of it,
+    middle: float  # and which is that of 0, and half of one more: see `estimators.Schedule`
 
 
 class Vehicle(Protocol):
@@ -115,10 +128,11 @@ class Vehicle(Protocol):
     def known_input(self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None) -> np.ndarray:
         """What its filters are told over a step ``(B, m)``: of the actuators, and of what a task may command."""
 
-    def linear(self, kind: str) -> tuple[Any, ...]:
+    def linear(self, kind: str) -> "tuple[Any, ...] | Trims":
         """A and B of a linear model, each a matrix or a function of the known input.
 
-        And where flows move what it estimates, what each does over a step ``(n, flows)``, likewise.
+        And where flows move what it estimates, what each does over a step ``(n, flows)``, likewise. Or the `Trims`
+        about which the nonlinear model is made straight.
         """
 
     @property

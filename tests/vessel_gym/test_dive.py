@@ -188,7 +188,19 @@ def test_the_prior_lies_level_at_the_beginning_of_the_path_at_cruising_speed(sys
 def test_filters_are_told_the_actuators_before_and_after_a_step(system: System):
     before, after = np.arange(4.0).reshape(2, 2), 10.0 + np.arange(4.0).reshape(2, 2)
     told = system.vehicle.known_input(before, after, system.task.commanded(courses(system.task, 2), np.zeros(2)))
-    np.testing.assert_array_equal(told, [[0, 1, 10, 11], [2, 3, 12, 13]])
+    np.testing.assert_array_equal(told[:, :4], [[0, 1, 10, 11], [2, 3, 12, 13]])
+
+
+def test_filters_in_the_plane_are_told_the_angle_of_the_path_where_one_cruises():
+    system = VERTICAL
+    course, step = courses(system.task, 2), np.array([0, 200])
+    told = system.vehicle.known_input(np.zeros((2, 2)), np.zeros((2, 2)), system.task.commanded(course, step))
+    there = path_point(np.array([0.0, 30.0]), course)  # 20 s at 1.5 m/s
+    np.testing.assert_allclose(np.tan(told[:, 4]), -there[:, 4], rtol=1e-12)
+    np.testing.assert_array_equal(told[:, 5], 1.0)
+    late = system.task.commanded(course, np.array([2000, 3000]))
+    np.testing.assert_allclose(late, 0.0, atol=1e-12)  # level beyond the path's end
+    assert system.vehicle.known_input(np.zeros((1, 2)), np.zeros((1, 2)), None)[0, 4] == 0.0
 
 
 @DIVES

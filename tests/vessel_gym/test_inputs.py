@@ -117,7 +117,7 @@ class Straight(Itsunusa):
             return central_differences("drift", moved, at, None, 6, (), steps(at, None))[1][0]
 
         A = slopes(lambda e, _: self.drift(x + e, u, flow), 6)
-        B = slopes(lambda e, _: self.drift(np.broadcast_to(x, (*e.shape[:-1], 6)), u + e, flow), 4)
+        B = slopes(lambda e, _: self.drift(np.broadcast_to(x, (*e.shape[:-1], 6)), u + e, flow), 6)
         F = slopes(lambda e, _: self.drift(np.broadcast_to(x, (*e.shape[:-1], 6)), u, e), 1)
         return (A, B, F) if self.flow_told else (A, B)
 

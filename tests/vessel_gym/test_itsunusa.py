@@ -14,9 +14,11 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import root
 from sensing import UnevenWater, forcing, sensors_of, without_a_filter
 
+from agents import rollout
 from estimators import wrap
 from vessel_gym.composition import Composition, compose
 from vessel_gym.core import Core
+from vessel_gym.disturbances import Fault
 from vessel_gym.envs.auv import PLANE_WATERS as WATERS
 from vessel_gym.envs.itsunusa_auv import ITSUNUSA_AUV
 from vessel_gym.vehicles.auv import UNCERTAIN, VERTICAL
@@ -402,7 +404,7 @@ def test_the_filter_s_model_is_the_vehicle_when_nothing_kicks():
     np.testing.assert_allclose(model.Q, np.diag(np.array([*KICKS, 0.0, 0.0, 0.0, increment]) ** 2), rtol=1e-12, atol=0)
     assert model.G is model.H is None
     assert (model.state_angles, model.measurement_angles) == ((5,), (3,))
-    with pytest.raises(ValueError, match=r"^unknown filter model 'linear' .*: choose from nonlinear$"):
+    with pytest.raises(ValueError, match=r"^unknown filter model 'linear' .*: choose from nonlinear, steady dives$"):
         Core(ITSUNUSA_AUV, estimator_options={"model": "linear"})
 
 
@@ -428,3 +430,55 @@ def test_mismatch_is_that_of_six_degrees_of_freedom():
     assert np.linalg.eigvalsh(inertia(c)).min() > 0.0
     assert power(states, itsunusa_rates(states, np.zeros(2), currents, c), c).max() < 0.0
     np.testing.assert_array_equal(VEHICLE.parameters(0.0, normals[:3, :VERTICAL]), np.tile(C, (3, 1)))
+
+
+def test_the_linear_model_is_the_nonlinear_one_to_first_order_about_each_steady_dive():
+    fault = Fault("stern plane", beside=WATER)
+    bent, straight = (compose(VEHICLE, kind, fault, SENSORS).model for kind in VEHICLE.kinds)
+    trims = VEHICLE.linear("steady dives")
+    x = np.hstack([trims.x, np.zeros((len(trims.x), 1))])
+    angle = x[:, 5] - np.arctan2(x[:, 1], x[:, 0])
+    np.testing.assert_allclose(angle, np.deg2rad(np.linspace(-45.0, 45.0, 91)), atol=1e-9)
+    after = bent.transition(x, trims.u)
+    np.testing.assert_allclose(after[:, [0, 1, 2, 5]], x[:, [0, 1, 2, 5]], atol=1e-9)  # they are steady
+    np.testing.assert_allclose(straight.transition(x, trims.u), after, atol=1e-9)
+    np.testing.assert_allclose(straight.measurement(x, trims.u), bent.measurement(x, trims.u), atol=1e-9)
+    np.testing.assert_allclose(straight.input_matrix(x, trims.u), bent.input_matrix(x, trims.u), atol=1e-12)
+    rng, errors = np.random.default_rng(12), []
+    dx, du = rng.normal(size=x.shape) * ([0.05] * 3 + [1.0] * 2 + [0.05] * 2), rng.normal(size=(91, 4)) * 0.05
+    du = np.hstack([du, np.zeros((91, 2))])
+    for size in (1.0, 0.5):
+        there = x + size * dx, trims.u + size * du
+        moved = np.abs(straight.transition(*there) - bent.transition(*there)).max()
+        read = np.abs(straight.measurement(*there) - bent.measurement(*there)).max()
+        errors.append((moved, read))
+    (moved, read), (half, less) = errors
+    assert half < 0.35 * moved < 0.35 * 0.02
+    assert less < 0.35 * read < 0.35 * 0.02
+
+
+@pytest.mark.parametrize("angle", [-0.5, -0.1, 0.004, 0.3])
+def test_the_linear_model_follows_the_angle_of_the_path_commanded(angle: float):
+    model = compose(VEHICLE, "steady dives", WATER, SENSORS).model
+    trims, (x, u) = VEHICLE.linear("steady dives"), VEHICLE.cruise
+    u = np.concatenate([u[:4], [angle, 1.0]])
+    nearest = np.abs(trims.u[:, 4] - angle).argmin()
+    expected = model.linearise_transition(np.zeros(7), trims.u[nearest])[1]
+    np.testing.assert_array_equal(model.linearise_transition(np.append(x, 0.0), u)[1], expected)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("water", ["moderate", "rough"])
+def test_linear_filters_fly_the_dive_nearly_as_well_as_the_extended_one(water: str):
+    def score(estimator: str, **options: str) -> float:
+        world = {"disturbance": water, "estimator": estimator, "estimator_options": options}
+        return rollout("autopilot", "ItsunusaAUV-v0", range(500, 508), world).score.mean()
+
+    best = score("ekf")
+    assert score("kf") > 0.95 * best
+    for robust in ("huber-kf", "robust-kf"):
+        assert score(robust, model="steady dives") > 0.95 * score(robust)
+    fault = {"disturbance": Fault("stern plane", np.deg2rad(5.0), beside=WATERS[water])}
+    for estimator in ("kf-umv-ui-wdf", "ulise"):
+        flight = rollout("autopilot", "ItsunusaAUV-v0", range(500, 508), {"estimator": estimator, **fault})
+        assert flight.score.mean() > 0.9 * best

@@ -53,7 +53,8 @@ def auv_system(vessel: str | Path, name: str = "vessel_gym/AUV-v0") -> System:
     if isinstance(body, ItsunusaParameters):
         share = body.cruise_speed / 1.5
         plane = VerticalDive(body, (60.0 * share, 0.0, 20.0 * share), (2.0 * share, 0.0, share), 5.0 * share, 600)
-        return System(name, Itsunusa(body), plane, PLANE_WATERS, "enkf-sr", "nonlinear", _tuning)
+        linear = dict.fromkeys(("kf", "kf-umv-ui-wdf", "ulise"), "steady dives")
+        return System(name, Itsunusa(body), plane, PLANE_WATERS, "enkf-sr", "nonlinear", _tuning, linear)
     share = body.cruise_speed
     goal, spread = (10.0 * share, 18.0 * share, 6.0 * share), (share, share, 0.5 * share)
     space = SpatialDive(body, goal, spread, 2.5 * share, 500)

@@ -121,10 +121,12 @@ class ItsunusaAUVEnv(VesselEnv):
     ```
 
     - ``estimator``: ``enkf-sr`` (default; 100 members, inflation 1.01, localised), ``enkf``, ``etkf``, ``ekf``,
-      ``ukf``, ``huber-kf``, ``robust-kf``, ``truth``, ``measurement`` (the last reading of everything, current 0),
-      ``dead-reckoning``. Those that need a linear model or an unknown input refuse this one: ``kf``, ``kf-umv-ui``,
-      ``kf-umv-ui-wdf``, ``ekf-ui-wdf``, ``ulise``, ``ukf-umv``.
-    - ``estimator_options``: the filter's own, e.g. ``{"members": 400}``, ``{"localisation": None}``.
+      ``ukf``, ``kf`` (made straight about steady dives along the path), ``huber-kf``, ``robust-kf``, ``truth``,
+      ``measurement`` (the last reading of everything, current 0), ``dead-reckoning``. Those of an unknown input need a
+      `vessel_gym.disturbances.Fault`, or a disturbance told as ``"input"``: ``kf-umv-ui-wdf``, ``ekf-ui-wdf``,
+      ``ulise``, ``ukf-umv``.
+    - ``estimator_options``: the filter's own, e.g. ``{"members": 400}``, ``{"localisation": None}``;
+      ``{"model": "steady dives"}`` gives any of them the linear model.
     - ``sensors``: ``clean``, ``nominal`` or ``degraded``. Nominal: Doppler log over ground 0.01 m/s with 10 % lost,
       depth 0.02 m, pitch 0.01 rad, gyroscope 0.005 rad/s, and every 2 s a position fix of 0.5 m with 10 % lost.
       ``degraded`` loses 10 % more of everything, and 5 % of readings have ten times the noise: bad ranges.

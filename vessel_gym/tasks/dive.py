@@ -11,7 +11,7 @@ from estimators.checks import shown
 from estimators.compiled import inlined, part, rowwise
 from vessel_gym.checks import one_of
 from vessel_gym.guidance import dive_path
-from vessel_gym.guidance.dive_path import course_to
+from vessel_gym.guidance.dive_path import course_to, path_point
 from vessel_gym.system import Estimate
 from vessel_gym.tasks.task import Task, three_numbers
 from vessel_gym.vehicles.auv import AUVParameters
@@ -406,6 +406,11 @@ class VerticalDive(Dive):
                 f"the goal must lie ahead, (x, 0, z) with x > 0: the vehicle does not turn, got {shown(value)}"
             )
         return goal
+
+    def commanded(self, course: np.ndarray, step: np.ndarray) -> np.ndarray:
+        """The angle of the path [rad] where a vehicle at the cruising speed would be, upwards, ``(B, 1)``."""
+        covered = np.minimum(step * self.dt * self.auv.cruise_speed, course[:, 1])
+        return -np.arctan(path_point(covered, course)[:, 4:])
 
     def observe(self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
         """The observation ``(B, 14)`` of mode ``"mean"``, before clipping: errors, estimates, actuators."""

@@ -11,12 +11,15 @@ Fossen (2011) for Kirchhoff's equations and the kinematics.
 
 from dataclasses import dataclass, field
 from enum import IntEnum
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
+from scipy.optimize import root
 
 from estimators.compiled import inlined, sincos
 from vessel_gym.sensors import Sensor, plain
+from vessel_gym.system import Trims
 from vessel_gym.vehicles.auv import AUV, VERTICAL, AUVParameters, in_its_plane
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.integration import Numbers, kernels
@@ -88,12 +91,22 @@ def _over_ground(state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
     return velocity
 
 
+_STEEPEST, _TRIMS = np.deg2rad(45.0), 91
+"""The steepest path that a linear model follows, and how many steady motions there are up to it, either way."""
+
+
 @dataclass(frozen=True)
 class Itsunusa(AUV):
-    """ITSUNUSA, in the vertical plane."""
+    """ITSUNUSA, in the vertical plane.
+
+    The known input of its filters is ``u = (actuators before, actuators after, path angle commanded, 1)``. Linear
+    filters follow the steady dive along the commanded path, whose angle counts upwards.
+    """
 
     body: ItsunusaParameters = field(default_factory=lambda: load("itsunusa", ItsunusaParameters))
 
+    kinds: ClassVar = ("nonlinear", "steady dives")
+    linear_kinds: ClassVar = ("steady dives",)
     state_names: ClassVar = STATE
     kernel: ClassVar = staticmethod(itsunusa_step)
     forced: ClassVar = staticmethod(itsunusa_forced)
@@ -116,3 +129,44 @@ class Itsunusa(AUV):
         ),
     )))  # fmt: skip
     normals: ClassVar = VERTICAL
+
+    @cached_property
+    def cruise(self) -> tuple[np.ndarray, np.ndarray]:
+        """Level at the cruising speed, fins centred."""
+        x, u = super().cruise
+        return x, np.concatenate([u, [0.0, 1.0]])
+
+    def known_input(self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None) -> np.ndarray:
+        """The actuators at the start of a step and at its end, the path angle commanded (level if there is none), 1."""
+        known = np.empty((len(before), 6))
+        known[:, :2], known[:, 2:4], known[:, 4:] = before, after, (0.0, 1.0)
+        if commanded is not None:
+            known[:, 4:5] = commanded
+        return known
+
+    def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+        """A step that nothing kicks, as filters know it."""
+        return super().drift(x, u[..., :4], flow, out)
+
+    def linear(self, kind: str) -> Trims:
+        """The steady dives along straight paths, at the cruising speed."""
+        return self._dives
+
+    @cached_property
+    def _dives(self) -> Trims:
+        speed, c = self.body.cruise_speed, self.body.vector()
+        angles = np.linspace(-_STEEPEST, _STEEPEST, _TRIMS)
+
+        def state(heave: float, pitch: float) -> np.ndarray:
+            return np.array([speed, heave, 0.0, 0.0, 0.0, pitch])
+
+        def residual(z: np.ndarray, angle: float) -> np.ndarray:
+            heave, pitch, *actuators = z
+            rates = itsunusa_rates(state(heave, pitch), np.array(actuators), np.zeros(1), c)
+            return np.array([*rates[:3], pitch - np.arctan2(heave, speed) - angle])
+
+        level = np.array([0.0, 0.0, 0.0, self.body.cruise_thrust])
+        dives = np.array([root(residual, level, args=(angle,), tol=1e-12).x for angle in angles])
+        x = np.array([state(heave, pitch) for heave, pitch, *_ in dives])
+        u = np.column_stack([dives[:, 2:], dives[:, 2:], angles, np.ones(_TRIMS)])
+        return Trims(x, u, 4, (_TRIMS - 1) / (2.0 * _STEEPEST), 0.5 * _TRIMS)

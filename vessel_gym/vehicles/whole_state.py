@@ -46,7 +46,7 @@ class WholeState:
         """The actuators at the start of a step and at its end."""
         return np.concatenate([before, after], -1)
 
-    def linear(self, kind: str) -> tuple[Any, Any]:
+    def linear(self, kind: str) -> tuple[Any, ...]:
         """There is none."""
         raise NotImplementedError
 
