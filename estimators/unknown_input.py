@@ -364,7 +364,7 @@ def input_conditions(
     now, late = shown_ranks(C, G, H)
     try:
         S = congruence(C, solve_discrete_are(A.T, C.T, Q, R)) + R
-    except np.linalg.LinAlgError:
+    except (np.linalg.LinAlgError, ValueError):  # which SciPy raises where QZ fails
         S = R
     one_step, told = _one_step(driven_readings(C, G), H, np.linalg.inv(S))
     variances, size = (np.diagonal(congruence(root, share)) for share in (one_step, np.eye(model.q) - told))

@@ -11,6 +11,7 @@ from estimators.checks import number, shown
 from estimators.kalman import unseen_input
 from estimators.models import resolve
 from vessel_gym import checks
+from vessel_gym.acceptance import check_input
 from vessel_gym.composition import Composition, checked_told, compose
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.sensors import Sensors
@@ -262,6 +263,7 @@ def build(
         made = estimator(model, **options)  # type: ignore[operator]
         if not isinstance(made, Filter):
             raise TypeError(f"estimator must return an estimators.Filter, got {type(made).__name__}")
+        check_input(made, composition)
         return Estimation(made, composition, told.prior)
     assert isinstance(estimator, str)
     if estimator in ENVIRONMENT_ONLY and options:
@@ -272,6 +274,7 @@ def build(
         "dead-reckoning": lambda: DeadReckoning(model),
     }
     made = makers.get(estimator, lambda: _made(system, estimator, options, composition, told.Q))()
+    check_input(made, composition)
     return Estimation(made, composition, told.prior)
 
 

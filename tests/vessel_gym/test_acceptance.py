@@ -1,0 +1,110 @@
+"""Which filters of an unknown input an environment accepts, and what it says of the others."""
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+import pytest
+
+from estimators import make
+from tests.vessel_gym.contract import make_core
+from vessel_gym.acceptance import VAGUEST, nominal_flight
+from vessel_gym.disturbances import Air, Disturbance, Fault
+from vessel_gym.envs.auv import PLANE_WATERS, WATERS
+from vessel_gym.envs.puna_uav import PUNA_UAV
+from vessel_gym.envs.segorogeni_auv import SEGOROGENI_AUV
+from vessel_gym.envs.sigma_corvette import SIGMA_CORVETTE
+
+AUV, PLANE, AIRCRAFT, SHIP = "SegorogeniAUV-v0", "ItsunusaAUV-v0", "PunaUAV-v0", "SigmaCorvette-v0"
+AIR = PUNA_UAV.disturbances["moderate"]
+
+
+@dataclass(frozen=True)
+class Front(Air):
+    """Air whose mean wind changes in ways that are unknown."""
+
+    told = "input"
+    inputs = ("change of mean wind north", "change of mean wind east")
+
+
+def only(*names: str) -> list[Any]:
+    """Some of the aircraft's sensors."""
+    return [sensor for sensor in PUNA_UAV.vehicle.sensors if sensor.name in names]
+
+
+REFUSED: dict[str, tuple[str, str, dict[str, Any], str]] = {
+    "too many inputs": (
+        AIRCRAFT, "ekf-ui-wdf", {"disturbance": Front(**{f.name: getattr(AIR, f.name) for f in fields(AIR)})},
+        "the readings of every step show 1 of 2 directions of it",
+    ),
+    "seen weakly": (
+        PLANE, "ukf-umv", {"disturbance": Fault("thrust", size=2.0, beside=PLANE_WATERS["moderate"])},
+        "a step's readings tell thrust fault to within 5.0 of the sizes that it is told to have, not 3",
+    ),
+    "lift": (
+        AIRCRAFT, "ekf-ui-wdf", {"disturbance": Fault("angle of attack", size=0.03, beside=AIR)},
+        r"a step's readings tell angle of attack fault to within \d+.\d of the sizes that it is told to have, not 3",
+    ),
+    "a zero": (
+        AIRCRAFT, "ekf-ui-wdf", {"disturbance": Fault("thrust", size=1e6, beside=AIR), "sensors": only("barometer")},
+        r"it adds a zero of modulus \d+\.\d+, outside the unit circle, so that errors grow",
+    ),
+    "fixes alone": (
+        AIRCRAFT, "ekf-ui-wdf", {"disturbance": Fault("bank", beside=AIR), "sensors": only("GNSS")},
+        "no sensor reads in every step",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("env_id", "estimator", "world", "why"), REFUSED.values(), ids=REFUSED)
+def test_a_filter_that_readings_do_not_tell_of_its_input_is_refused_with_the_number(
+    env_id: str, estimator: str, world: dict[str, Any], why: str
+):
+    kind, names = type(world["disturbance"]).__name__, ", ".join(world["disturbance"].inputs)
+    sentence = f'{estimator} cannot be told of {kind} as "input", with the unknown input {names}: {why}; tell it with '
+    with pytest.raises(ValueError, match=f'^{sentence}{{"as": "states"}}, or add a sensor$'):
+        make_core(env_id, 1, estimator=estimator, **world)
+    own = {"estimator": lambda model: make(estimator, model)}
+    with pytest.raises(ValueError, match=why):
+        make_core(env_id, 1, **own, **world)
+    make_core(env_id, 1, estimator="ekf", **world)  # who takes no heed of it
+
+
+@pytest.mark.parametrize("size", [0.5, 2.0])
+def test_a_step_tells_what_is_unknown_relative_to_its_size(size: float):
+    """The thrust of Segorogeni shows to within 0.75 N, as a sweep of priors along an autopilot's runs has shown."""
+    world = {"disturbance": Fault("thrust", size=0.75 / VAGUEST * size, beside=WATERS["moderate"])}
+    if size > 1.0:
+        make_core(AUV, 1, estimator="ekf-ui-wdf", **world)
+        return
+    with pytest.raises(ValueError, match=r"a step's readings tell thrust fault to within (5.9|6.0|6.1) of the sizes"):
+        make_core(AUV, 1, estimator="ekf-ui-wdf", **world)
+
+
+ACCEPTED: list[tuple[str, str, Disturbance]] = [
+    *((SHIP, name, sea) for sea in SIGMA_CORVETTE.disturbances.values() for name in ("kf-umv-ui", "ulise")),
+    *((AUV, name, Fault("rudder", beside=Fault("stern plane", beside=WATERS[water])))
+      for water in WATERS for name in ("ekf-ui-wdf", "ukf-umv")),
+    *((PLANE, name, Fault("stern plane", beside=PLANE_WATERS[water]))
+      for water in WATERS for name in ("kf-umv-ui-wdf", "ulise", "ekf-ui-wdf", "ukf-umv")),
+    *((AIRCRAFT, name, Fault("bank", beside=air))
+      for air in PUNA_UAV.disturbances.values() for name in ("ekf-ui-wdf", "ukf-umv")),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("env_id", "estimator", "disturbance"), ACCEPTED)
+def test_what_readings_show_well_is_accepted(env_id: str, estimator: str, disturbance: Disturbance):
+    make_core(env_id, 1, estimator=estimator, disturbance=disturbance)
+
+
+def test_the_nominal_flight_is_the_vehicles_own_and_goes_its_usual_way():
+    vehicle = SEGOROGENI_AUV.vehicle
+    x, u = nominal_flight(vehicle, vehicle.state_names)
+    cruising = vehicle.cruise
+    assert x.shape == (3, 12)
+    assert u.shape == (3, 6)
+    np.testing.assert_allclose(u[0, :3], cruising[1][:3] * [1.0, 1.0, u[0, 2] / cruising[1][2]], atol=0.09)
+    assert np.abs(x[1:, 3:6] - x[:1, 3:6]).max() > 0.05  # the others turn
+    assert (x[:, 0] > 0.5 * cruising[0][0]).all()
+    part, _ = nominal_flight(vehicle, ("q", "u"))
+    np.testing.assert_array_equal(part, x[:, [4, 0]])

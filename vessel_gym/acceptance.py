@@ -1,0 +1,77 @@
+"""Whether a vehicle's readings tell of an unknown input: looked at along a nominal flight, before anything is flown."""
+
+import numpy as np
+
+from estimators import Filter, input_conditions
+from estimators.models import resolve
+from estimators.unknown_input import UnknownInputFilter
+from vessel_gym.composition import Composition
+from vessel_gym.system import Vehicle
+
+VAGUEST = 3.0
+"""How many of its sizes an unknown input may be uncertain by when one step's readings have told of it."""
+_STEPS, _DEFLECTED = 30, 0.3
+
+
+def check_input(filter: Filter, composition: Composition) -> None:
+    """Refuse a filter of an unknown input d that the readings do not tell it of.
+
+    Along a nominal flight, in every step's readings (a fix now and then leaves d to its prior in between): all of d
+    must show, to within `VAGUEST` of the sizes that it is told to have, and the estimate's error must not grow.
+
+    Raises:
+        ValueError: saying what fails, and by how much.
+    """
+    if not isinstance(filter, UnknownInputFilter) or not composition.inputs:
+        return
+    model, sensors = composition.model, composition.sensors
+    base, u = nominal_flight(composition.vehicle, composition.names[: composition.base])
+    x = np.zeros((len(base), model.n))
+    x[:, : composition.base] = base
+    often = np.flatnonzero(np.array([sensor.period(sensors.dt) for sensor in sensors.each])[sensors.owner] == 1)
+    Q, R = (resolve(matrix, u[0]) for matrix in (model.Q, model.R))
+    prior, names = composition.forces.input_cov, ", ".join(composition.inputs)
+
+    def failing(A: np.ndarray, C: np.ndarray, G: np.ndarray, H: np.ndarray) -> str:
+        if not len(often):
+            return "no sensor reads in every step"
+        found = input_conditions(A, C[often], G, H[often], Q, R[np.ix_(often, often)], prior)
+        if found.rank < model.q:
+            return f"the readings of every step show {found.rank} of {model.q} directions of it"
+        vague = int(np.argmax(found.sd))
+        if found.sd[vague] > VAGUEST:
+            within = f"{found.sd[vague]:.1f} of the sizes that it is told to have, not {VAGUEST:g}"
+            return f"a step's readings tell {composition.inputs[vague]} to within {within}"
+        farthest = np.abs(found.zeros).max(initial=0.0)
+        if farthest > 1.0 + 1e-6:
+            return f"it adds a zero of modulus {farthest:.3g}, outside the unit circle, so that errors grow"
+        return ""
+
+    A, C = model.linearise_transition(x, u)[1], model.linearise_measurement(x, u)[1]
+    given = A, C, model.input_matrix(x, u), resolve(model.H, u)  # type: ignore[arg-type]
+    for matrices in zip(*(np.broadcast_to(each, (len(x), *each.shape[-2:])) for each in given), strict=True):
+        if why := failing(*matrices):
+            acting = type(composition.forces.disturbance).__name__
+            raise ValueError(
+                f'{filter.name} cannot be told of {acting} as "{composition.told}", with the unknown input {names}: '
+                f'{why}; tell it with {{"as": "states"}}, or add a sensor'
+            )
+
+
+def nominal_flight(vehicle: Vehicle, estimated: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """What filters estimate ``(k, n)`` and their known input ``(k, m)``: cruising, and a while after small deflections.
+
+    Args:
+        vehicle: What moves; nothing acts on it.
+        estimated: The components of its state.
+    """
+    cruising, actions = vehicle.cruise[0], len(vehicle.action_names)
+    action = _DEFLECTED * np.vstack([np.zeros(actions), np.random.default_rng(0).uniform(-1.0, 1.0, (2, actions))])
+    state, after = vehicle.start(np.tile(cruising, (len(action), 1)))
+    parameters = vehicle.parameters(0.0, np.zeros((len(action), vehicle.normals)))
+    calm = np.zeros((len(action), len(vehicle.kicks + vehicle.flows)))
+    for _ in range(_STEPS):
+        before, after = after, vehicle.actuate(after, action)
+        state = vehicle.step(state, before, after, calm, parameters)
+    places = [vehicle.state_names.index(name) for name in estimated]
+    return state[:, places], vehicle.known_input(after, vehicle.actuate(after, action), None)
