@@ -474,6 +474,29 @@ def _compare(
 # --- an unknown input as a state --------------------------------------------------------------------
 
 
+def retimed(model: "LinearModel") -> "LinearModel":
+    """The linear model without feedthrough as one with: the input of the step before is taken for that of now.
+
+    With ``x' = x - G d(k-1)`` and ``d' = d(k-1)``: ``x'+ = A x' + A G d' + B u``, ``y = C x' + C G d'``. So a filter
+    that needs rank(H) = q takes a model of rank(C G) = q; it estimates x', and calls the input of the step before that
+    of now. Exact where G does not change.
+
+    Args:
+        model: With unknown inputs and H = 0.
+
+    Raises:
+        ValueError: if the model has no unknown input, or one that feeds through.
+    """
+    G: Any = model.G
+    if model.q == 0 or callable(model.H) or np.any(model.H):
+        raise ValueError("retimed needs an unknown input without feedthrough: give the model G, and H = 0")
+    return LinearModel(
+        model.A, model.C, model.Q, model.R, B=model.B,
+        G=_assembled(lambda A, G: A @ G, model.A, G), H=_assembled(lambda C, G: C @ G, model.C, G),
+        state_angles=model.state_angles, measurement_angles=model.measurement_angles,
+    )  # fmt: skip
+
+
 def stacked(model: "LinearModel | NonlinearModel") -> "LinearModel | NonlinearModel":
     """The model without feedthrough: its unknown input is n + 1 to n + q of the states, and d(k) drives it from k - 1.
 
@@ -661,8 +684,9 @@ def _told(name: str, number: int | None, sources: dict[str, tuple[object, int]])
 
 
 def _size(sources: dict[str, tuple[object, int]]) -> int | None:
-    """The length of the first array's axis; None: there is no array among them."""
-    return next((matrix.shape[axis] for matrix, axis in sources.values() if isinstance(matrix, np.ndarray)), None)
+    """The length of the first array's axis; None: there is no array among them, and no table of arrays."""
+    tables = ((m.table if isinstance(m, Schedule) else m, axis) for m, axis in sources.values())
+    return next((table.shape[axis] for table, axis in tables if isinstance(table, np.ndarray)), None)
 
 
 def _dimension(symbol: str, sources: dict[str, tuple[object, int]]) -> int:

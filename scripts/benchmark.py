@@ -40,7 +40,7 @@ from vessel_gym.core import Core
 from vessel_gym.extras import require
 from vessel_gym.loop import Loop
 
-CORVETTE = "SigmaCorvette-v0"
+CORVETTE = "ThesisCorvette-v0"
 BATCH = 256
 MARK = "measured"
 """Where a page holds what was printed."""
@@ -351,7 +351,7 @@ def machine() -> str:
 
 
 def main(
-    env_ids: tuple[str, ...] = (CORVETTE, "SegorogeniAUV-v0", "ItsunusaAUV-v0", "PunaUAV-v0"),
+    env_ids: tuple[str, ...] = ("SigmaCorvette-v0", CORVETTE, "SegorogeniAUV-v0", "ItsunusaAUV-v0", "PunaUAV-v0"),
     /,
     what: tuple[Literal["loop", "filters", "flights", "where"], ...] = ("loop", "filters", "flights", "where"),
     against: Path | None = None,

@@ -11,17 +11,18 @@ from numba import njit
 from estimators import Gaussian, LinearModel, NonlinearModel, Numbers, make
 from estimators.models import resolve
 from vessel_gym.core import Core
-from vessel_gym.envs.sigma_corvette import SEAS, SIGMA_CORVETTE
+from vessel_gym.envs.thesis_corvette import SEAS, THESIS_CORVETTE
 from vessel_gym.tasks.turning_circle import TurningCircle
 from vessel_gym.vehicles.corvette import Corvette, secant_models, steady_turns
 from vessel_gym.vehicles.corvette_equations import COEFFICIENTS
 
 
 class HandWrittenLoop:
-    """SigmaCorvette-v0 as a user would write it: plain NumPy, filterpy's KalmanFilter, one environment.
+    """ThesisCorvette-v0 as a user would write it: plain NumPy, filterpy's KalmanFilter, one environment.
 
     The same ship, integration step, sea, sensors, filter model, observation and reward as the
-    package's, in a Python loop. A test holds it against the package step by step.
+    package's, in a Python loop, but for roll, on which nothing of these depends. A test holds it against the package
+    step by step.
 
     Args:
         seed: Of its own random numbers.
@@ -321,7 +322,7 @@ def flight_floor(rows: int) -> Step:
 
     Leaves out Gymnasium, sea, actuators, readings, task, observation, reward, info and checks.
     """
-    core, rng = Core(SIGMA_CORVETTE, rows, estimator="kf"), np.random.default_rng(0)
+    core, rng = Core(THESIS_CORVETTE, rows, estimator="kf"), np.random.default_rng(0)
     core.start(seed=0)
     model, belief, state = core.filter.model, core.belief, core.state
     assert isinstance(model, LinearModel)

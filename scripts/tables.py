@@ -3,7 +3,7 @@
 import csv
 from collections import defaultdict
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -89,8 +89,38 @@ SHORT = {
     "PunaUAV-v0": ("PUNA (`enkf`)", "`truth`", "`enkf`, localised", "`enkf`, plain, inflation 1"),
 }
 """What the README calls each, and which of the ways it shows beside those that it shows of all."""
+OTHER = {"moderate": "calm", "rough": "moderate"}
+"""A sea that a filter is told of wrongly."""
+
+
+def turns_in(sea: str) -> tuple[Way, ...]:
+    """Ways of telling filters of the corvette's sea."""
+    met, other = ({"told": {"disturbance": name, "as": "states"}} for name in (sea, OTHER[sea]))
+    still = {"told": {"disturbance": replace(_corvette().disturbances[sea].believed, current=0.0)}}
+    return (
+        Way("`truth`", "truth"),
+        Way("`kf-umv-ui`", "kf-umv-ui"),
+        Way("`kf-umv-ui`, without a current", "kf-umv-ui", still),
+        Way("`ekf`, waves as states, as the ship meets them", "ekf", met),
+        Way(f"`ekf`, likewise, told of a {OTHER[sea]} sea", "ekf", other),
+        Way("`ekf`, waves as states, of no direction", "ekf", {"told": {"as": "states"}}),
+        Way("`ekf`, waves in Q and R, without a current", "ekf", {"told": {"as": "noise"}}),
+        Way("`ekf`, nothing of waves", "ekf"),
+        Way("`kf-umv-ui`, linear", "kf-umv-ui", {"model": "linear"}),
+        Way("`kf` told d's variance, linear", "kf", {"told": {"as": "white"}}),
+        *(Way(f"`{name}`, linear", name) for name in ("ulise", "kf", "huber-kf", "robust-kf")),
+        *(Way(f"`{name}`", name) for name in ("measurement", "dead-reckoning")),
+    )
+
+
+def _corvette() -> Any:
+    from vessel_gym.envs.sigma_corvette import SIGMA_CORVETTE
+
+    return SIGMA_CORVETTE
+
+
 TOLD = {"calm": 2.2e-7, "moderate": 1.29e-5, "rough": 7.92e-5}
-"""The variance of the corvette's unknown input in each sea."""
+"""The variance of the thesis' corvette's unknown input in each sea."""
 
 
 @cache
@@ -129,6 +159,34 @@ def journeys(env_id: str) -> str:
     return table(heads, rows)
 
 
+def turns(sea: str) -> str:
+    """What estimators are worth to the corvette in a sea, and what they see."""
+    from agents import rollout
+    from agents.scores import scores
+    from agents.seeds import evaluation_seeds
+
+    def fly(way: Way, mismatch: float) -> dict[str, np.ndarray]:
+        world = {"estimator": way.estimator, "estimator_options": way.options, "disturbance": sea, "mismatch": mismatch}
+        return scores(rollout("autopilot", "SigmaCorvette-v0", evaluation_seeds(EPISODES), world))
+
+    heads = ("estimates", "score", "model 10 % off", "less than `kf-umv-ui`", "off track [m]", "place [m]",
+             "heading [mrad]", "yaw rate [mrad/s]", "d [mrad]", "NEES/n")  # fmt: skip
+    ways = turns_in(sea)
+    ours, rows = fly(ways[1], 0.0)["score"], []
+    for way in ways:
+        of, off = fly(way, 0.0), fly(way, 0.1)
+        seen = ((name, digits) for name, digits in (
+            ("track_error", 1), ("position_rmse", 2), ("heading_rmse", 2), ("yaw_rate_rmse", 2), ("input_rmse", 2),
+            ("nees", 2),
+        ))  # fmt: skip
+        less = WITHOUT if way is ways[1] else shown(ours - of["score"])
+        rows.append((
+            way.label, shown(of["score"]), shown(off["score"]), less,
+            *(WITHOUT if np.isnan(of[name]).any() else number(of[name], digits) for name, digits in seen),
+        ))  # fmt: skip
+    return table(heads, rows)
+
+
 def worth(plain: str, *env_ids: str) -> str:
     """Of these tables, what the README shows."""
     same = ("`ekf`", "`measurement`", "`dead-reckoning`")
@@ -141,14 +199,14 @@ def worth(plain: str, *env_ids: str) -> str:
 
 
 def insurance() -> str:
-    """The corvette's heading error with `kf`, told of a sea, over that with `kf-umv-ui`."""
+    """The thesis' corvette's heading error with `kf`, told of a sea, over that with `kf-umv-ui`."""
     from agents import rollout
     from agents.scores import scores
     from agents.seeds import evaluation_seeds
 
     def error(sea: str, estimator: str, **options: Any) -> np.ndarray:
         world = {"estimator": estimator, "estimator_options": options, "disturbance": sea}
-        return scores(rollout("autopilot", "SigmaCorvette-v0", evaluation_seeds(EPISODES), world))["heading_rmse"]
+        return scores(rollout("autopilot", "ThesisCorvette-v0", evaluation_seeds(EPISODES), world))["heading_rmse"]
 
     ours = {sea: error(sea, "kf-umv-ui") for sea in TOLD}
     rows = []
@@ -161,6 +219,116 @@ def insurance() -> str:
     return table(("`kf` is told of", *(f"{sea} sea" for sea in TOLD)), rows)
 
 
+class Faulty(NamedTuple):
+    """A vehicle, and which of its actuators are at fault."""
+
+    name: str
+    env_id: str
+    actuators: tuple[str, ...]
+
+    def fault(self, weather: str, **fault: float) -> Any:
+        """The same fault of each, beside the water or the air of the environment."""
+        from functools import reduce
+
+        from agents.studies.worlds import system_of
+        from vessel_gym.disturbances import Fault
+
+        beside = system_of(self.env_id).disturbances[weather]
+        return reduce(lambda beside, actuator: Fault(actuator, beside=beside, **fault), self.actuators, beside)
+
+
+FAULTY = (
+    Faulty("Segorogeni, rudder and stern plane", "SegorogeniAUV-v0", ("rudder", "stern plane")),
+    Faulty("ITSUNUSA, stern plane", "ItsunusaAUV-v0", ("stern plane",)),
+    Faulty("PUNA, bank", "PunaUAV-v0", ("bank",)),
+)
+FAULTS = {
+    "none": {},
+    "5° off": {"bias": np.deg2rad(5.0)},
+    "±10° in 2 s": {"amplitude": np.deg2rad(10.0), "period": 2.0},
+}
+SEEDS = 60
+
+
+def faults() -> str:
+    """The score of filters of faulty vehicles: of those that know where the fault is, how fast it walks, or nothing."""
+    heads = ("", "fault", "`truth`", "default", "`ekf`", "`ekf`, 10 Q", "`ekf-ui-wdf`", "`ukf-umv`", "`kf-umv-ui-wdf`",
+             "`ekf`, slow walk", "`ekf`, fast walk")  # fmt: skip
+    rows = []
+    for vehicle in FAULTY:
+        for weather in ("moderate", "rough"):
+            flyers: dict[str, tuple[str | None, dict[str, Any]]] = {
+                "truth": ("truth", {}), "default": (None, {}), "ekf": ("ekf", {}), "Q": ("ekf", {"told": {"Q": 10.0}}),
+                "ekf-ui-wdf": ("ekf-ui-wdf", {}), "ukf-umv": ("ukf-umv", {}), "linear": ("kf-umv-ui-wdf", {}),
+            }  # fmt: skip
+            for name, degrees in (("slow", 0.3), ("fast", 3.0)):  # a second, as a random walk
+                walk = vehicle.fault(weather, start=np.deg2rad(2.0), walk=np.deg2rad(degrees))
+                flyers[name] = "ekf", {"told": {"disturbance": walk, "as": "states"}}
+            for label, fault in FAULTS.items():
+                world = {"disturbance": vehicle.fault(weather, **fault)}
+                scores = (_flown(vehicle.env_id, *flyer, world) for flyer in flyers.values())
+                cells = (WITHOUT if isinstance(of, str) else f"{of['score'].mean():.3f}" for of in scores)
+                rows.append((f"{vehicle.name}; {weather}", label, *cells))
+    return table(heads, rows)
+
+
+def faults_found() -> str:
+    """The error of the input's estimate, in units of its prior."""
+    from agents.studies.worlds import system_of
+    from vessel_gym.sensors import SensorSuite
+
+    heads = ("", "sensors", "`ekf-ui-wdf`", "`ukf-umv`", "`kf-umv-ui-wdf`")
+    rows = []
+    for vehicle in FAULTY:
+        lossy = SensorSuite(noise=1.0, dropout=0.1).of(system_of(vehicle.env_id).vehicle.sensors)
+        for label, sensors in (("nominal", "nominal"), ("10 % lost", list(lossy)), ("degraded", "degraded")):
+            world = {"disturbance": vehicle.fault("moderate", bias=np.deg2rad(5.0)), "sensors": sensors}
+            found = [_flown(vehicle.env_id, name, {}, world) for name in ("ekf-ui-wdf", "ukf-umv", "kf-umv-ui-wdf")]
+            cells = (WITHOUT if isinstance(of, str) else f"{of['input_rmse'].mean():.2f}" for of in found)
+            rows.append((vehicle.name, label, *cells))
+    return table(heads, rows)
+
+
+def inputs() -> str:
+    """Every filter of an unknown input with every vehicle: its share of the `ekf`'s score, or why it is refused."""
+    from vessel_gym.disturbances import Fault
+
+    names = ("kf-umv-ui", "kf-umv-ui-wdf", "ulise", "ekf-ui-wdf", "ukf-umv")
+    worlds: list[tuple[str, str, Any]] = [
+        ("corvette, waves", "SigmaCorvette-v0", "moderate"),
+        ("thesis' corvette, waves and gusts", "ThesisCorvette-v0", "moderate"),
+    ]
+    for vehicle in FAULTY:
+        worlds.append((vehicle.name, vehicle.env_id, vehicle.fault("moderate")))
+    for vehicle, actuator, size in ((FAULTY[0], "thrust", 1.0), (FAULTY[1], "thrust", 2.0), (FAULTY[2], "thrust", 1.0),
+                                    (FAULTY[2], "angle of attack", np.deg2rad(2.0))):  # fmt: skip
+        beside = vehicle.fault("moderate").beside
+        beside = beside if len(vehicle.actuators) == 1 else beside.beside
+        name = vehicle.name.split(",")[0]
+        worlds.append((f"{name}, {actuator}", vehicle.env_id, Fault(actuator, size=float(size), beside=beside)))
+    rows = []
+    for label, env_id, disturbance in worlds:
+        plain, *found = (_flown(env_id, name, {}, {"disturbance": disturbance}) for name in ("ekf", *names))
+        assert not isinstance(plain, str)
+        cells = (of if isinstance(of, str) else f"{of['score'].mean() / plain['score'].mean():.3f}" for of in found)
+        rows.append((label, *cells))
+    return table(("", *(f"`{name}`" for name in names)), rows)
+
+
+def _flown(env_id: str, estimator: str | None, options: dict[str, Any], world: dict[str, Any]) -> Any:
+    """Figures of `SEEDS` flights, or why the environment refuses the filter."""
+    from agents import rollout
+    from agents.scores import scores
+    from agents.seeds import evaluation_seeds
+
+    chosen = world | {"estimator_options": options} | ({} if estimator is None else {"estimator": estimator})
+    try:
+        return scores(rollout("autopilot", env_id, evaluation_seeds(SEEDS), chosen))
+    except ValueError as error:
+        why = str(error).removeprefix(f"{estimator} ").split("; tell it")[0]
+        return why.split(": ")[-1 if why.startswith("cannot") else 0]
+
+
 def ablation(results: Path) -> str:
     """Scores of the corvette's study, by its condition and agent."""
     with (results / "episodes.csv").open(encoding="utf-8") as file:
@@ -168,7 +336,10 @@ def ablation(results: Path) -> str:
     scores: dict[tuple[str, ...], dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
     for one in sorted(episodes, key=lambda one: int(one["seed"])):
         scores[one["condition"], one["agent"], one["estimator"]][one["training_seed"]].append(float(one["score"]))
-    estimators = ("truth", "kf-umv-ui", "kf told d", "kf told less", "kf", "measurement", "dead-reckoning")
+    estimators = (
+        "truth", "kf-umv-ui", "ekf told waves", "ekf", "ekf, no current", "kf told d", "kf", "measurement",
+        "dead-reckoning",
+    )  # fmt: skip
     rows = [
         (f"{sea}, {agent}",
          *(shown(np.array(list(scores[sea, agent, name].values()))) for name in estimators))
@@ -208,9 +379,14 @@ TABLES: dict[str, tuple[Path, Callable[[], str]]] = {
     "segorogeni": (ROOT / "docs/dives.md", lambda: journeys("SegorogeniAUV-v0")),
     "itsunusa": (ROOT / "docs/dives.md", lambda: journeys("ItsunusaAUV-v0")),
     "puna": (ROOT / "docs/flight.md", lambda: journeys("PunaUAV-v0")),
+    "moderate": (ROOT / "docs/seaway.md", lambda: turns("moderate")),
+    "rough": (ROOT / "docs/seaway.md", lambda: turns("rough")),
     "dives": (README, lambda: worth("plain ensemble", "SegorogeniAUV-v0", "ItsunusaAUV-v0")),
     "flights": (README, lambda: worth("plain ensemble, inflation 1", "PunaUAV-v0")),
     "insurance": (ROOT / "docs/estimators/unknown-input.md", insurance),
+    "inputs": (ROOT / "docs/estimators/unknown-input.md", inputs),
+    "faults": (ROOT / "docs/estimators/unknown-input.md", faults),
+    "faults found": (ROOT / "docs/estimators/unknown-input.md", faults_found),
     "ablation": (README, lambda: ablation(ROOT / "results/ablation")),
     "shares": (README, lambda: rows_of(ROOT / "results/quick/tables/ranking.md")),
 }
@@ -218,7 +394,7 @@ TABLES: dict[str, tuple[Path, Callable[[], str]]] = {
 
 
 def main(names: tuple[str, ...] = tuple(TABLES), /) -> None:
-    """Write tables of README.md and docs/ anew: dives, flights and the price of insurance are flown, in ten minutes.
+    """Write tables of README.md and docs/ anew: dives, flights, faults and others are flown, in half an hour.
 
     Those of studies are taken from results/ablation and results/quick, where `make ablation` and
     `python -m scripts.ablate studies/quick.toml --out results/quick` leave them.

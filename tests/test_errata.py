@@ -15,7 +15,7 @@ from scipy.linalg import solve_discrete_are
 from agents.reproduction.planar_puna import PlanarPuna, planar_derivative
 from estimators import Gaussian, LinearModel, make, zero_order_hold
 from vessel_gym.core import Core
-from vessel_gym.envs.sigma_corvette import SIGMA_CORVETTE
+from vessel_gym.envs.thesis_corvette import THESIS_CORVETTE
 from vessel_gym.guidance.dubins import lengths
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.puna import trim
@@ -150,7 +150,7 @@ def test_i_xy_and_i_yz_vanish_for_a_hull_that_is_its_own_mirror_in_the_xz_plane(
 
 def test_the_printed_covariance_prediction_lacks_a_sign_the_gain_and_s() -> None:
     noise = 1e-3 * np.eye(3)  # eq. 4.6
-    told = Core(SIGMA_CORVETTE, estimator_options={"model": "as-printed"}).composition.model
+    told = Core(THESIS_CORVETTE, estimator_options={"model": "as-printed"}).composition.model
     model = replace(told, Q=noise, R=1e-3 * np.eye(2))
     A, C, G, H, Q, R = (np.asarray(matrix) for matrix in (model.A, model.C, model.G, model.H, model.Q, model.R))
     prior = np.diag([0.02, 3e-4, 2e-3])

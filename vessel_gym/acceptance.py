@@ -67,11 +67,17 @@ def nominal_flight(vehicle: Vehicle, estimated: tuple[str, ...]) -> tuple[np.nda
     """
     cruising, actions = vehicle.cruise[0], len(vehicle.action_names)
     action = _DEFLECTED * np.vstack([np.zeros(actions), np.random.default_rng(0).uniform(-1.0, 1.0, (2, actions))])
-    state, after = vehicle.start(np.tile(cruising, (len(action), 1)))
-    parameters = vehicle.parameters(0.0, np.zeros((len(action), vehicle.normals)))
-    calm = np.zeros((len(action), len(vehicle.kicks + vehicle.flows)))
+    rows = len(action)
+
+    def whole(values: np.ndarray) -> np.ndarray:
+        """Somebody's numbers as kernels take them: float64, a row each."""
+        return np.array(np.broadcast_to(np.asarray(values, float), (rows, values.shape[-1])))
+
+    state, after = map(whole, vehicle.start(np.tile(cruising, (rows, 1))))
+    parameters = whole(vehicle.parameters(0.0, np.zeros((rows, vehicle.normals))))
+    calm = np.zeros((rows, len(vehicle.kicks + vehicle.flows)))
     for _ in range(_STEPS):
-        before, after = after, vehicle.actuate(after, action)
-        state = vehicle.step(state, before, after, calm, parameters)
+        before, after = after, whole(vehicle.actuate(after, action))
+        state = whole(vehicle.step(state, before, after, calm, parameters))
     places = [vehicle.state_names.index(name) for name in estimated]
-    return state[:, places], vehicle.known_input(after, vehicle.actuate(after, action), None)
+    return state[:, places], whole(vehicle.known_input(after, whole(vehicle.actuate(after, action)), None))

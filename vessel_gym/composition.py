@@ -4,14 +4,14 @@ The filter's state is the vehicle's, then the disturbance's as far as it is told
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import block_diag
 
-from estimators import LinearModel, NonlinearModel
+from estimators import LinearModel, NonlinearModel, retimed, stacked
 from estimators.checks import shown
 from estimators.models import Function, Matrix, Schedule, StateMatrix, central_differences, resolve, steps
 from vessel_gym.disturbances import Disturbance
@@ -131,7 +131,7 @@ class Forces:
         """The kicks that it gives."""
         self.kicking = min(self.to, default=kicks) < kicks
         """Whether some follow from its state, and are not white."""
-        self._flows_only = self.to == list(range(kicks, self.size))
+        self._flows_only = self.to == list(range(kicks, self.outside))
         changes = [*known, *map(change_of, disturbance.names)]
         given = (known[i] for i in self.kicks) if disturbance.inputs is None else disturbance.inputs
         self.input_names = tuple(given)
@@ -142,7 +142,9 @@ class Forces:
         """The parts of the forcing that nobody knows who is told of d: a fault is with what is lost."""
         self.unknown += [i + len(known) - self._losses for i in self.unknown if self.outside <= i < self._losses]
         self.constant = getattr(disturbance.effect, "linear", False) and not self.faulty
-        """Whether its effect is declared to be `gains` times its state, wherever the vehicle is."""
+        """Whether its effect is declared to be `gains` times its state, wherever the vehicle is,"""
+        self.row_by_row = self.constant or getattr(disturbance.effect, "row_by_row", False)
+        """and whether each vehicle's has the same bits among others."""
 
     @cached_property
     def gains(self) -> np.ndarray:
@@ -163,7 +165,7 @@ class Forces:
         return forcing[..., self.outside : self._losses], forcing[..., self._losses :]
 
     def on(self, z: np.ndarray, state: np.ndarray, unknown: Sequence[int] = ()) -> np.ndarray:
-        """Kicks and flows ``(..., f)``, without the white noise and what is ``unknown``, which is 0."""
+        """What acts ``(..., f)``, without the white noise and what is ``unknown``, which is 0."""
         effect = self.disturbance.effect(z, state)
         forcing = np.empty_like(effect, float, shape=effect.shape[:-1] + (self.size,))
         forcing.fill(0.0)
@@ -226,6 +228,7 @@ class Composition:
         forces: What it is told that acts.
         sensors: What it is told of them.
         told: One of `TOLD`.
+        late: Whether the unknown input that acts now is the last part of the filter's state.
     """
 
     model: LinearModel | NonlinearModel
@@ -236,6 +239,18 @@ class Composition:
     forces: Forces
     sensors: Sensors
     told: str
+    late: bool = False
+
+    def suiting(self, filter_name: str) -> "Composition":
+        """With the unknown input when a filter of that name needs it: in the readings at once, or one step later."""
+        model = self.model
+        fed = model.q > 0 and (callable(model.H) or bool(np.any(model.H)))
+        if fed and filter_name in ("kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv"):
+            names = *self.names, *(f"{name} now" for name in self.inputs)
+            return replace(self, model=stacked(model), names=names, late=True)
+        if filter_name == "kf-umv-ui" and model.q > 0 and not fed and isinstance(model, LinearModel):
+            return replace(self, model=retimed(model))
+        return self
 
     @property
     def vehicle(self) -> Vehicle:
@@ -272,11 +287,6 @@ class Composition:
                 flow[..., j] = input_mean[..., i]
         return flow
 
-    @property
-    def recorded(self) -> tuple[str, ...]:
-        """What nobody is told of the coming step, see `unknown_inputs`."""
-        return self.inputs or unknown_inputs(self.forces, self.sensors)
-
     @cached_property
     def _unknown(self) -> list[int]:
         """Which parts of the forcing are d."""
@@ -310,7 +320,8 @@ class Composition:
         """Sizes of what comes after the vehicle's state that count as 1 in an observation of standard deviations."""
         disturbance = self.forces.disturbance
         sizes = disturbance.scale or np.sqrt(np.diag(disturbance.process.start_cov))
-        return np.concatenate([np.asarray(sizes, float)[self.held], self.sensors.bias_scale])
+        inputs = np.sqrt(np.diag(self.forces.input_cov)) if self.late else np.zeros(0)
+        return np.concatenate([np.asarray(sizes, float)[self.held], self.sensors.bias_scale, inputs])
 
     @cached_property
     def localisation(self) -> np.ndarray:
@@ -564,13 +575,18 @@ class _Composed(NonlinearModel):
     own: int  # components of the vehicle,
     drift: Process  # and how what comes after them moves
     shown: np.ndarray  # (p, b) how biases show in the readings
+    matrix: np.ndarray | None  # (p, n) of readings that are linear in all; None: they are not
+    slopes: Callable[..., tuple[np.ndarray, np.ndarray]] | None  # the vehicle's own of what moves; None: differences
 
     def linearise_transition(
         self, x: np.ndarray, u: np.ndarray | None, cov: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
         """The next state ``(..., n)`` and the Jacobian ``(..., n, n)``."""
         n, m = self.own, self.n - self.shown.shape[-1]
-        mean, F = self._differenced("transition", self.moved, n, self.state_angles, x, u, cov, m)
+        if self.slopes is not None:
+            mean, F = self.slopes(x, u, steps(x, cov, self.state_angles))
+        else:
+            mean, F = self._differenced("transition", self.moved, n, self.state_angles, x, u, cov, m)
         jacobian = np.zeros(x.shape + (self.n,))
         jacobian[..., :n, :m] = F
         jacobian[..., n:, n:] = self.drift.transition
@@ -580,6 +596,8 @@ class _Composed(NonlinearModel):
         self, x: np.ndarray, u: np.ndarray | None, cov: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
         """The expected reading ``(..., p)`` and the Jacobian ``(..., p, n)``."""
+        if self.matrix is not None:
+            return np.matvec(self.matrix, x), np.broadcast_to(self.matrix, x.shape[:-1] + self.matrix.shape)
         m = self.n - self.shown.shape[-1]
         mean, C = self._differenced("measurement", self.read, self.p, self.measurement_angles, x, u, cov, m)
         if m == self.n:
@@ -656,10 +674,42 @@ def _nonlinear(parts: _Parts, options: dict[str, Any]) -> NonlinearModel:
         return G
 
     G: StateMatrix | None = pushed if flowing else constant
+    linear = not k or forces.constant
     return _Composed(
         transition, measurement, **options, G=G if H.size else None, H=H if H.size else None, moved=moved, read=read,
         own=n, drift=drift, shown=sensors.bias_shown,
+        matrix=measurement(np.eye(n + drift.size), None).T if linear and not sensors.called else None,
+        slopes=_sloped(parts) if linear and not forces.faulty and hasattr(vehicle, "slopes") else None,
     )  # fmt: skip
+
+
+def _sloped(parts: _Parts) -> Callable[..., tuple[np.ndarray, np.ndarray]]:
+    """How a vehicle's part moves and its Jacobian, by what the vehicle says of both; the disturbance is linear."""
+    forces, n, held = parts.forces, len(parts.base), parts.held
+    vehicle: Any = forces.vehicle
+    kicks, k = len(forces.vehicle.kicks), len(held)
+    effect = forces.linear[:, held]
+    effect[parts.unknown] = 0.0
+    flows = np.flatnonzero(effect[kicks:].any(1))
+    columns = np.array([*vehicle.bent, *(n + flows)])
+    straight = np.setdiff1d(np.arange(n), vehicle.bent)
+    kick, carry = parts.kicked[:n] @ effect[:kicks], effect[kicks:]
+
+    def sloped(x: np.ndarray, u: np.ndarray | None, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The vehicle's part ``(..., n)`` after states, and its Jacobian ``(..., n, m)`` by steps as large."""
+        assert u is not None
+        rows, by = x.reshape(-1, x.shape[-1]), np.ones((x.size // x.shape[-1], len(columns)))
+        by[:, : len(vehicle.bent)] = step.reshape(rows.shape)[:, vehicle.bent]
+        told = np.broadcast_to(u, x.shape[:-1] + u.shape[-1:]).reshape(-1, u.shape[-1])
+        z = rows[:, n : n + k]
+        after, derivatives = vehicle.slopes(rows[:, :n], told, z @ carry.T, columns, by)
+        jacobian = np.zeros((len(rows), n, n + k))
+        jacobian[:, straight, straight] = 1.0
+        jacobian[:, :, vehicle.bent] = derivatives[..., : len(vehicle.bent)]
+        jacobian[..., n:] = derivatives[..., len(vehicle.bent) :] @ carry[flows] + kick
+        return (after + z @ kick.T).reshape(x.shape[:-1] + (n,)), jacobian.reshape(x.shape[:-1] + (n, n + k))
+
+    return sloped
 
 
 def _alike(vehicle: Vehicle, sensors: Sensors, i: int) -> bool:

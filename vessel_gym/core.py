@@ -18,7 +18,7 @@ from estimators.threads import each, shares
 from estimators.threefry import normal_pair, threefry
 from vessel_gym.checks import number, numbers, one_of
 from vessel_gym.checks import options as checked_options
-from vessel_gym.composition import Composition, Forces, acting_on, change_of, unknown_inputs
+from vessel_gym.composition import Composition, Forces, acting_on, change_of
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.estimation import Estimation, EstimatorChoice, build, chosen_disturbance
 from vessel_gym.loop import Loop, Readings
@@ -150,7 +150,7 @@ class Core:
         our_vehicle = type(vehicle).__module__.startswith("vessel_gym.vehicles.")
         self._foreign = not (ours and our_vehicle)
         # What somebody has written in NumPy may round otherwise in a part of the rows.
-        compiled = our_vehicle and self.forces.constant and not self.sensors.called
+        compiled = our_vehicle and self.forces.row_by_row and not self.sensors.called
         self._parts = shares(self.num_envs, self.num_threads if compiled else 1)
         self._compiled = ours and self.guidance and self.observe_mode == "mean"  # so that nothing warns
         if self.guidance and self.observe_mode == "measurement":
@@ -172,8 +172,8 @@ class Core:
         self._transition = block_diag(process.transition, bias.transition)
         self._root = block_diag(self.forces.disturbance.white, process.root, bias.root)
         self._size = process.size
-        self.unknown_inputs = self.composition.inputs or unknown_inputs(self.forces, self.sensors)
-        """What nobody is told of the coming step: a filter's unknown input d; if it has none, see `unknown_inputs`."""
+        self.unknown_inputs = estimation.inputs
+        """What nobody is told of the coming step, by name."""
         new = (*self.forces.disturbance.names, *self.sensors.bias_names)
         new = (*self.forces.disturbance.shakes, *map(change_of, new))  # what `noise` holds
         acting = (*new, *acting_on(vehicle)[: self.forces.size])
@@ -735,7 +735,10 @@ def _start(cov: bytes, told: Composition) -> Gaussian:
     whole = joint_prior(_square(cov), told.forces, told.sensors)
     n, bias = len(_square(cov)), np.arange(len(whole) - told.sensors.bias.size, len(whole))
     kept = np.concatenate([np.arange(told.base), n + told.held, bias])
-    return Gaussian(np.zeros(len(kept)), whole[np.ix_(kept, kept)])
+    known = whole[np.ix_(kept, kept)]
+    if told.late:
+        known = block_diag(known, told.forces.input_cov)
+    return Gaussian(np.zeros(len(known)), known)
 
 
 def _square(matrix: bytes) -> np.ndarray:

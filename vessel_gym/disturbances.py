@@ -14,6 +14,7 @@ from scipy.linalg import block_diag
 
 from estimators.checks import number
 from vessel_gym.processes import Process, linear
+from vessel_gym.waves import GRAVITY, WaveField
 
 
 class Disturbance:
@@ -37,6 +38,7 @@ class Disturbance:
             `process` and ``white``.
         scale: Sizes of z that count as 1 in an observation of standard deviations; None: those at the start.
         dt: The step [s] that it was made for; None: any.
+        believed: What filters take it for unless they are told of one by name; None: what it is.
     """
 
     names: tuple[str, ...] = ()
@@ -49,6 +51,7 @@ class Disturbance:
     input_sd: tuple[float, ...] | None = None
     scale: tuple[float, ...] | None = None
     dt: float | None = None
+    believed: "Disturbance | None" = None
 
     @linear
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
@@ -147,6 +150,82 @@ class Water(Disturbance):
     def white(self) -> np.ndarray:  # type: ignore[override]
         """Kicks [m/s, rad/s]."""
         return np.diag(np.repeat([self.turbulence, self.spin], [len(self.velocities), len(self.rates)]))
+
+
+@dataclass(frozen=True)
+class SurfaceWater(Disturbance):
+    """Water near the surface: beside what else it does, waves carry a submerged vehicle to and fro.
+
+    The horizontal orbital velocity of a `WaveField` that runs to the north, which dies away with the depth as
+    ``exp(-k z)`` (Airy), is that of a current; the vertical one is left out. A filter that is told all of it holds the
+    waves as states.
+    """
+
+    height: float  # significant, m
+    period: float  # of the spectrum's peak, s
+    beside: Water
+    north: int  # which component of the vehicle's state is its place north,
+    down: int  # and which its depth
+    depth: float = 2.0  # m, of the place 0
+
+    @property
+    def names(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Of what else the water does, then the waves."""
+        return *self.beside.names, *WaveField.names
+
+    @property
+    def forces(self) -> tuple[str, ...]:  # type: ignore[override]
+        """The current."""
+        return self.beside.forces
+
+    @property
+    def shakes(self) -> tuple[str, ...]:  # type: ignore[override]
+        """What else the water does."""
+        return self.beside.shakes
+
+    @property
+    def white(self) -> np.ndarray:  # type: ignore[override]
+        """Of these."""
+        return self.beside.white
+
+    @property
+    def scale(self) -> tuple[float, ...]:  # type: ignore[override]
+        """Of the current; 1 of waves."""
+        return *self.beside.scale, *(1.0 for _ in WaveField.names)
+
+    @property
+    def dt(self) -> float:  # type: ignore[override]
+        """As of what else the water does."""
+        return self.beside.dt
+
+    @cached_property
+    def waves(self) -> WaveField:
+        """The waves alone."""
+        return WaveField(self.height, self.period)
+
+    @cached_property
+    def process(self) -> Process:  # type: ignore[override]
+        """The current, then the waves."""
+        return Process.joined(self.beside.process, self.waves.process(self.dt))
+
+    @cached_property
+    def speeds(self) -> np.ndarray:
+        """Standard deviations of the velocity in each band [m/s] at depths of 0, 1, 2 ... metres, ``(101, 3)``."""
+        depths = np.arange(101.0)
+        decay = [np.exp(-np.outer(w**2 / GRAVITY, depths)) * w[:, None] for w in self.waves.within]
+        return np.sqrt(np.stack([self.waves.power(band, each) for band, each in enumerate(decay)], -1))
+
+    def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
+        """The current with what waves add to its first component [m/s]."""
+        k, depths = self.beside.process.size, np.arange(len(self.speeds))
+        flow = np.array(self.beside.effect(z[..., :k], state))
+        depth = self.depth + state[..., self.down]
+        for band, wave_number in enumerate(self.waves.numbers):
+            real, imaginary = z[..., k + 2 * band], z[..., k + 2 * band + 1]
+            phase = wave_number * state[..., self.north]
+            seen = real * np.cos(phase) + imaginary * np.sin(phase)
+            flow[..., 0] += np.interp(depth, depths, self.speeds[:, band]) * seen
+        return flow
 
 
 @dataclass(frozen=True)

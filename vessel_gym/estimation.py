@@ -12,7 +12,7 @@ from estimators.kalman import unseen_input
 from estimators.models import resolve
 from vessel_gym import checks
 from vessel_gym.acceptance import check_input
-from vessel_gym.composition import Composition, checked_told, compose
+from vessel_gym.composition import Composition, Forces, checked_told, compose, unknown_inputs
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.sensors import Sensors
 from vessel_gym.system import System
@@ -208,11 +208,13 @@ class Estimation:
         filter: The filter.
         composition: What its model is composed of.
         prior: Factor on the covariance of what is known at the start.
+        inputs: What is kept of the unknown input for scoring: the filter's d; if it has none, see `unknown_inputs`.
     """
 
     filter: Filter
     composition: Composition
     prior: float
+    inputs: tuple[str, ...]
 
 
 def build(
@@ -251,7 +253,12 @@ def build(
         told = Told()
     default = system.filter_models.get(str(estimator), system.filter_model)
     composition = _composed(system, options.pop("model", default), told, sensors, disturbance)
+    straight = composition.model
+    if not own:
+        composition = composition.suiting(str(estimator))
     model = composition.model
+    nature = composition.forces if told.disturbance is None else Forces(system.vehicle, disturbance)
+    inputs = composition.inputs or unknown_inputs(nature, sensors)
     acting = *disturbance.names, *composition.forces.disturbance.names
     sensors.check_informs((*acting, *(name for sensor in system.vehicle.sensors for name in sensor.informed)))
     if told.how is None and estimator not in ENVIRONMENT_ONLY:  # these do without a model of readings
@@ -264,18 +271,20 @@ def build(
         if not isinstance(made, Filter):
             raise TypeError(f"estimator must return an estimators.Filter, got {type(made).__name__}")
         check_input(made, composition)
-        return Estimation(made, composition, told.prior)
+        return Estimation(made, composition, told.prior, inputs)
     assert isinstance(estimator, str)
     if estimator in ENVIRONMENT_ONLY and options:
         raise TypeError(f"{estimator} has no option {next(iter(options))!r}: it takes model and told")
     makers: dict[str, Callable[[], Filter]] = {
-        "truth": lambda: Oracle(model.n, len(composition.recorded)),
-        "measurement": lambda: HeldMeasurement(composition, composition.recorded),
+        "truth": lambda: Oracle(model.n, len(inputs)),
+        "measurement": lambda: HeldMeasurement(composition, inputs),
         "dead-reckoning": lambda: DeadReckoning(model),
     }
     made = makers.get(estimator, lambda: _made(system, estimator, options, composition, told.Q))()
+    if model is not straight:  # what the filter calls the input of a step is that of the next one, or of the one before
+        made.input_delay = 0 if composition.late else 1
     check_input(made, composition)
-    return Estimation(made, composition, told.prior)
+    return Estimation(made, composition, told.prior, inputs)
 
 
 def _made(system: System, name: str, options: dict[str, Any], composition: Composition, factor: float) -> Filter:
@@ -322,6 +331,8 @@ def _composed(system: System, kind: object, told: Told, sensors: Sensors, distur
         raise ValueError(factory.unknown("filter model", kind, system.vehicle.kinds))
     if told.disturbance is not None:
         disturbance = chosen_disturbance(system, told.disturbance)
+    elif disturbance.believed is not None:
+        disturbance = disturbance.believed
     composition = compose(system.vehicle, kind, disturbance, sensors, told.how)
     if told.Q == told.R == 1.0:
         return composition

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from vessel_gym.vehicles.corvette import sway_yaw_jacobian
-from vessel_gym.vehicles.corvette_equations import CorvetteParameters, corvette_step
+from vessel_gym.vehicles.corvette_equations import AROUND, STATE, CorvetteParameters, corvette_step
 
 Command = float | Sequence[float] | np.ndarray | Callable[[float, np.ndarray], float]
 """What the helm is told [rad]: an angle, one angle a step, or a function of time [s] and the truth state."""
@@ -54,7 +54,7 @@ def simulate(
         duration: Time to run [s], rounded to whole steps.
         dt: Step [s].
         substeps: RK4 steps in each.
-        start: ``(6,)`` truth state; None: straight ahead to the north at the service speed.
+        start: ``(8,)`` truth state; None: straight ahead to the north at the service speed.
         rudder: Rudder angle at the start [rad].
         current: Velocity of the water, north and east [m/s].
         stop: Ends the run after the first state for which it holds.
@@ -70,7 +70,7 @@ def simulate(
         orders = np.full(steps, orders)
     if not callable(command) and len(orders) < steps:
         raise ValueError(f"the schedule has {len(orders)} commands for {steps} steps")
-    state = np.array([0.0, 0.0, 0.0, ship.speed, 0.0, 0.0]) if start is None else np.array(start, float)
+    state = _straight_on(ship) if start is None else np.array(start, float)
     c = ship.vector()
     states, rudders = [state], [float(rudder)]
     for k in range(steps):
@@ -81,6 +81,13 @@ def simulate(
         if stop is not None and stop(state):
             break
     return Track(dt * np.arange(len(states)), np.array(states), np.array(rudders))
+
+
+def _straight_on(ship: CorvetteParameters) -> np.ndarray:
+    """The state ``(8,)`` of a ship that goes to the north at service speed."""
+    state = np.zeros(len(STATE))
+    state[STATE.index("u")] = ship.speed
+    return state
 
 
 def _helm_step(
@@ -97,13 +104,14 @@ def _helm_step(
     if dt <= 0.0:
         return state, rudder
     command = min(max(command, -ship.rudder_limit), ship.rudder_limit)
+    around = np.array([*current, *np.zeros(len(AROUND) - 2)])
     moving = abs(command - rudder) / ship.rudder_rate
     if moving >= dt:
         end = rudder + np.copysign(ship.rudder_rate * dt, command - rudder)
-        return corvette_step(state, np.array([rudder, end]), np.array(current), c, dt, substeps), float(end)
+        return corvette_step(state, np.array([rudder, end]), around, c, dt, substeps), float(end)
     if moving > 0.0:
-        state = corvette_step(state, np.array([rudder, command]), np.array(current), c, moving, substeps)
-    return corvette_step(state, np.array([command, command]), np.array(current), c, dt - moving, substeps), command
+        state = corvette_step(state, np.array([rudder, command]), around, c, moving, substeps)
+    return corvette_step(state, np.array([command, command]), around, c, dt - moving, substeps), command
 
 
 def _time_to_heading(
@@ -233,7 +241,7 @@ def turning_circle(
     """
     ship = _at_speed(ship, speed)
     track = simulate(ship, rudder, longest, dt, stop=lambda state: abs(state[2]) >= 2.0 * np.pi * turns)
-    x, y, psi, u, v, _ = track.state.T
+    x, y, psi, u, v = track.state.T[:5]
     geometry = circle_geometry(x, y, psi, dt)
     last = np.abs(psi) >= abs(psi[-1]) - 2.0 * np.pi
     final = float(np.hypot(u[-1], v[-1]))
@@ -289,7 +297,7 @@ def zigzag(
     ship = _at_speed(ship, speed)
     target = abs(rudder if heading is None else heading)
     c = ship.vector()
-    state, angle, order = np.array([0.0, 0.0, 0.0, ship.speed, 0.0, 0.0]), 0.0, float(rudder)
+    state, angle, order = _straight_on(ship), 0.0, float(rudder)
     states, angles, executes, peaks = [state], [angle], [0.0], []
     for k in range(max(round(longest / dt), 1)):
         elapsed = 0.0

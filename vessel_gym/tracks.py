@@ -1,11 +1,12 @@
-"""Tracks of a ship on a turning circle that nobody measures: commanded, and believed.
+"""Tracks of a ship on a turning circle: commanded, and believed.
 
-No filter here estimates a position, so a believed track is dead-reckoned from what it does believe.
-Both are tracks through the water: a current carries the true ship away from them.
+Where no filter estimates a position, a believed track is dead-reckoned from what it does believe, and both are tracks
+through the water: a current carries the true ship away from them.
 """
 
 import numpy as np
 
+from vessel_gym.tasks.circle_track import CircleTrack
 from vessel_gym.tasks.turning_circle import TurningCircle
 from vessel_gym.vehicles.corvette import steady_turns
 from vessel_gym.vehicles.corvette_equations import CorvetteParameters
@@ -28,12 +29,16 @@ def path(heading: np.ndarray, surge: np.ndarray, sway: np.ndarray, dt: float) ->
 
 
 def commanded_path(task: TurningCircle, course: np.ndarray) -> np.ndarray:
-    """The path ``(k, 2)`` of the reference heading at the steady turn's speed and drift, one circle long.
+    """The path ``(k, 2)``, one circle long: the track, or that of the reference heading at the turn's speed and drift.
 
     Args:
         task: The task.
         course: ``(2,)`` what it drew.
     """
+    if isinstance(task, CircleTrack):
+        lead, whole = task.ship.speed * (task.lead + task.ramp), 2.0 * np.pi / abs(course[2])
+        along = np.linspace(0.0, lead + whole, 200)
+        return task.track(np.tile(course, (len(along), 1)), along)[0]
     steps = np.arange(task.horizon + 1)
     reference = task.command(np.tile(course, (len(steps), 1)), steps)
     turned = np.abs(reference[:, 0] - course[0]) - 0.5 * task.ramp * abs(course[1])
@@ -46,10 +51,12 @@ def commanded_path(task: TurningCircle, course: np.ndarray) -> np.ndarray:
 
 
 def believed_path(estimate: np.ndarray, ship: CorvetteParameters, dt: float) -> np.ndarray:
-    """The path ``(k, 2)`` dead-reckoned from estimates ``(k, n)`` of (v, r, psi) and perhaps u.
+    """The path ``(k, 2)`` that estimates ``(k, n)`` hold, of (x, y, psi, u, v, r), or (v, r, psi) and perhaps u imply.
 
     Where the surge speed is not estimated, it is the steady turn's at the believed yaw rate.
     """
+    if estimate.shape[-1] > 4:
+        return estimate[:, :2]
     turns = steady_turns(ship)
     held = np.interp(np.abs(estimate[:, 1]), turns.yaw_rate, turns.speed)
     surge = estimate[:, 3] if estimate.shape[-1] > 3 else held

@@ -27,7 +27,7 @@ F = TypeVar("F", bound=Factory)
 
 
 def _ours() -> None:
-    from agents.pilots import dive, flight, turning  # noqa: F401
+    from agents.pilots import dive, flight, track, turning  # noqa: F401
 
 
 PILOTS: Registry[Factory] = Registry("pilot", _ours)

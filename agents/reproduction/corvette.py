@@ -11,13 +11,13 @@ from agents.reproduction.settings import corvette as settings
 from agents.reproduction.settings.corvette import SAMPLES, SIMULATIONS, Simulation
 from estimators import Gaussian, LinearModel, make
 from vessel_gym.vehicles.corvette import Corvette, steady_turns
-from vessel_gym.vehicles.corvette_equations import CorvetteParameters, corvette_step
+from vessel_gym.vehicles.corvette_equations import AROUND, CorvetteParameters, corvette_step
 from vessel_gym.vehicles.files import load
 
 MODELS = ("as-printed", "corrected")
 LEVELS = (settings.NOISE, settings.SMALL**0.5, settings.LARGE**0.5)
 """Standard deviations [rad] of the reading noise: fixed, and what the two printed R mean as variances."""
-_SHIP = load("corvette", CorvetteParameters)
+_SHIP = load("corvette-thesis", CorvetteParameters)
 
 
 # --- the experiment ---------------------------------------------------------------------------------
@@ -45,10 +45,10 @@ def turning_record() -> tuple[np.ndarray, np.ndarray]:
     fine = 16  # RK4 steps a sample: the rudder's stop falls between samples
     dt, helm, c = settings.STEP / fine, np.deg2rad(settings.HELM), _SHIP.vector()
     rudder = np.minimum(_SHIP.rudder_rate * dt * np.arange(fine * (SAMPLES - 1) + 1), helm)
-    state = np.array([0.0, 0.0, 0.0, _SHIP.speed, 0.0, 0.0])
+    state = np.array([0.0, 0.0, 0.0, _SHIP.speed, *np.zeros(4)])
     heading = [state[2]]
     for start, end in pairwise(rudder):
-        state = corvette_step(state, np.array([start, end]), np.zeros(2), c, dt, 1)
+        state = corvette_step(state, np.array([start, end]), np.zeros(len(AROUND)), c, dt, 1)
         heading.append(state[2])
     turns = steady_turns(_SHIP)
     commanded = np.full(SAMPLES, np.interp(helm, turns.rudder, turns.yaw_rate))

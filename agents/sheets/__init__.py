@@ -12,6 +12,7 @@ import numpy as np
 
 from agents.metrics import INPUT, NEES, RETURN, SCORE, STEPS, UNHEALTHY, Metric, rmse
 from agents.rollouts import Rollout
+from vessel_gym.estimation import build, chosen_disturbance
 from vessel_gym.registry import Registry
 from vessel_gym.system import System
 
@@ -38,7 +39,7 @@ class Sheet:
 
 
 def _ours() -> None:
-    from agents.sheets import dive, flight, turning  # noqa: F401
+    from agents.sheets import dive, flight, track, turning  # noqa: F401
 
 
 SHEETS: Registry[Sheet] = Registry("score sheet", _ours)
@@ -88,17 +89,10 @@ def sheet_of(system: System) -> Sheet:
 
 
 def _estimated(system: System) -> tuple[str, ...]:
-    """What filters estimate that nobody tells otherwise: of the vehicle, of what acts on it, of its sensors' biases."""
-    vehicle = system.vehicle
-    acting = [disturbance for disturbance in system.disturbances.values() if disturbance.told == "states"]
-    names = [
-        *vehicle.estimated(vehicle.kinds[0]),
-        *(name for disturbance in acting for name in disturbance.names),
-        *(
-            name
-            for sensor in system.sensors or vehicle.sensors
-            if sensor.bias is not None
-            for name in sensor.bias.states
-        ),
-    ]
-    return tuple(dict.fromkeys(names))
+    """What filters estimate that nobody tells otherwise, whatever acts: of the vehicle, that, its sensors' biases."""
+    widest, sensors = {"model": system.vehicle.kinds[0]}, system.sensors_of("nominal")
+    disturbances = (chosen_disturbance(system, name) for name in system.disturbances)
+    first, *others = (
+        build(system, "dead-reckoning", widest, sensors, acting).composition.names for acting in disturbances
+    )
+    return tuple(name for name in first if all(name in names for names in others))

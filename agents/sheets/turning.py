@@ -56,7 +56,7 @@ def figures(rollout: Rollout) -> dict[str, np.ndarray]:
         "radius_error": radius_error,
         "out_of_round": out_of_round,
         "rudder_rate": deg(rms(np.diff(h["actuators"][..., 0], axis=0) / dt, alive[1:])),
-        "input_rmse": milli * _input_rmse(rollout),
+        "input_rmse": milli * input_error(rollout),
         "raw_input_rmse": milli * rms(raw, alive & came),
     }
 
@@ -83,13 +83,16 @@ def circle_errors(rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
     full turn of the true heading. Less than half a turn is no circle: NaN. The current carries the
     track along, so that even a perfect turn is a little out of round.
     """
-    core = core_of(rollout)
-    task, truth = core.task, rollout.history["truth"]
-    turns = steady_turns(task.ship)
+    turns = steady_turns(core_of(rollout).task.ship)
     rate = np.abs(rollout.history["reference"][0, :, 3])
-    commanded = 1.0 / np.interp(rate, turns.yaw_rate, 1.0 / turns.radius)
+    return circle_fit(rollout, 1.0 / np.interp(rate, turns.yaw_rate, 1.0 / turns.radius))
+
+
+def circle_fit(rollout: Rollout, commanded: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """`circle_errors` of commanded radii ``(N,)``."""
+    task, truth = core_of(rollout).task, rollout.history["truth"]
     begin = int(np.ceil((task.lead + task.ramp) / task.dt))
-    radius_error, out_of_round = np.full((2, len(rate)), np.nan)
+    radius_error, out_of_round = np.full((2, len(commanded)), np.nan)
     for i, length in enumerate(rollout.length):
         track = truth[begin : length + 1, i]
         turned = np.abs(np.unwrap(track[:, _PSI]) - track[:1, _PSI])
@@ -103,7 +106,8 @@ def circle_errors(rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
     return radius_error, out_of_round
 
 
-def _input_rmse(rollout: Rollout) -> np.ndarray:
+def input_error(rollout: Rollout) -> np.ndarray:
+    """RMS error ``(N,)`` of the estimated yaw increment [rad]; NaN where none is estimated."""
     core, h = core_of(rollout), rollout.history
     if core.belief.input_mean is None:
         return np.full(len(rollout.seeds), np.nan)

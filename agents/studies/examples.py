@@ -15,6 +15,7 @@ from estimators.angles import difference
 from vessel_gym.guidance.dive_path import path_point
 from vessel_gym.guidance.path_following import COLUMNS
 from vessel_gym.guidance.words import Path as DubinsPath
+from vessel_gym.tasks.circle_track import TRACK, CircleTrack
 from vessel_gym.tasks.dive import Dive, VerticalDive
 from vessel_gym.tasks.flight import OBSTACLES, SEGMENTS, Flight
 from vessel_gym.tasks.turning_circle import TurningCircle
@@ -76,11 +77,9 @@ def example(environment: str, options: dict[str, Any], agent: str, seed: int, ow
     pilot, options = classical_pilot(agent, environment), environment_options(options)
     flown = rollout(pilot, environment_id(environment), [seed], options)
     task = core_of(flown).task
-    shown = _unknown(flown)
-    for kind, view in ((TurningCircle, _turn), (Dive, _dive), (Flight, _flight)):
-        if isinstance(task, kind):
-            shown = view(flown)
-    return shown | {"score": float(flown.score[0]), "end": str(flown.end[0])}
+    views = (CircleTrack, _track), (TurningCircle, _turn), (Dive, _dive), (Flight, _flight)
+    view = next((view for kind, view in views if isinstance(task, kind)), _unknown)
+    return view(flown) | {"score": float(flown.score[0]), "end": str(flown.end[0])}
 
 
 def _turn(flown: Rollout) -> dict[str, Any]:
@@ -100,6 +99,15 @@ def _turn(flown: Rollout) -> dict[str, Any]:
         "what": "heading",
         "unit": "mrad",
     } | _error(flown, 1e3 * wrap(h["estimate"][:, 2] - heading), 1e3 * np.sqrt(h["covariance"][:, 2, 2]))
+
+
+def _track(flown: Rollout) -> dict[str, Any]:
+    """From above, and the position to starboard of the track."""
+    task, h = core_of(flown).task, _episode(flown)
+    line = commanded_path(task, task.course_of(h["reference"][:1])[0])
+    return {"axes": ["east [m]", "north [m]"], "down": False, "obstacles": []} | _plane(
+        flown, ("y", "x"), _thin(line[:, ::-1]), -h["reference"][:, TRACK], "position across the track"
+    )
 
 
 def _dive(flown: Rollout) -> dict[str, Any]:
@@ -146,14 +154,15 @@ def _plane(
     """
     h, core = _episode(flown), core_of(flown)
     both = [core.truth_names.index(name) for name in names]
+    believed = [core.composition.names.index(name) for name in names]
     direction = np.stack([np.cos(angle), np.sin(angle)], -1)
-    error = np.vecdot(direction, h["estimate"][:, both] - h["truth"][:, both])
-    variance = np.einsum("ti,tij,tj->t", direction, h["covariance"][:, both][:, :, both], direction)
+    error = np.vecdot(direction, h["estimate"][:, believed] - h["truth"][:, both])
+    variance = np.einsum("ti,tij,tj->t", direction, h["covariance"][:, believed][:, :, believed], direction)
     return {
         "tracks": {
             "commanded": commanded,
             "true": _thin(h["truth"][:, both]),
-            "believed": _thin(h["estimate"][:, both]),
+            "believed": _thin(h["estimate"][:, believed]),
         },
         "what": what,
         "unit": "m",

@@ -7,13 +7,13 @@ import pytest
 from agents import TurningAutopilot, load_agent, rollout
 from agents.pilots.turning import Tolerances, gains
 from estimators import wrap
-from vessel_gym.envs import SigmaCorvetteEnv
+from vessel_gym.envs import ThesisCorvetteEnv
 from vessel_gym.vehicles.corvette import secant_models, steady_turns
 from vessel_gym.vehicles.files import load
 
-ENV = "SigmaCorvette-v0"
-SHIP, DT = load("corvette"), 0.5
-SYSTEM = SigmaCorvetteEnv.system
+ENV = "ThesisCorvette-v0"
+SHIP, DT = load("corvette-thesis"), 0.5
+SYSTEM = ThesisCorvetteEnv.system
 
 
 def design_models() -> tuple[np.ndarray, np.ndarray]:

@@ -51,7 +51,7 @@ def trained(algorithm: Any, policy: str, settings: dict[str, Any], env: VecEnv) 
     return model.learn(16 * ROWS)
 
 
-def observed(rows: int = 5, size: int = 7) -> np.ndarray:
+def observed(rows: int = 5, size: int = 11) -> np.ndarray:
     return np.random.default_rng(0).uniform(-3.0, 3.0, (rows, size)).astype(np.float32)
 
 
@@ -209,8 +209,8 @@ def test_an_agent_of_another_environment_is_answered_in_a_sentence(tmp_path: Pat
     balancing = DQN("MlpPolicy", "CartPole-v1", device="cpu")
     balancing.save(tmp_path / "cart.zip")
     for name, env, sentence in (
-        (path, "ItsunusaAUV-v0", r"trained in another environment: .* shape \(7,\) .*\(1,\), not \(14,\) and \(2,\)"),
-        (tmp_path / "cart.zip", ENV, r"trained in another environment: .* shape \(4,\) .*\(\), not \(7,\) and \(1,\)"),
+        (path, "ItsunusaAUV-v0", r"trained in another environment: .* shape \(11,\) .*\(1,\), not \(14,\) and \(2,\)"),
+        (tmp_path / "cart.zip", ENV, r"trained in another environment: .* shape \(4,\) .*\(\), not \(11,\) and \(1,\)"),
     ):
         with pytest.raises(ValueError, match=sentence) as caught:
             load_agent(name, gym.make(env), trust=True)

@@ -10,6 +10,7 @@ from scipy.optimize import brentq
 
 from agents import TurningAutopilot, load_agent, rollout
 from agents.pilots.dive import DiveAutopilot, DiveTolerances, Loop, lateral_loop, vertical_loop
+from agents.pilots.track import TrackAutopilot
 from vessel_gym.core import Core
 from vessel_gym.envs import ItsunusaAUVEnv, SegorogeniAUVEnv, SigmaCorvetteEnv
 from vessel_gym.guidance.dive_path import follow
@@ -330,14 +331,15 @@ def test_other_goals_are_reached_to_either_side(goal: tuple[float, float, float]
 
 def test_every_environment_gets_the_autopilot_of_its_task():
     for name, kind in (
-        (SPATIAL.name, DiveAutopilot), (VERTICAL.name, DiveAutopilot), ("SigmaCorvette-v0", TurningAutopilot),
+        (SPATIAL.name, DiveAutopilot), (VERTICAL.name, DiveAutopilot), ("SigmaCorvette-v0", TrackAutopilot),
+        ("ThesisCorvette-v0", TurningAutopilot),
     ):  # fmt: skip
         for env in (gym.make(name), gym.make_vec(name, num_envs=2)):
             assert type(load_agent("autopilot", env)) is kind
 
 
 def test_another_task_is_refused():
-    with pytest.raises(ValueError, match=r"^this autopilot flies dives, not TurningCircle$"):
+    with pytest.raises(ValueError, match=r"^this autopilot flies dives, not CircleTrack$"):
         DiveAutopilot(SigmaCorvetteEnv.system)
 
 

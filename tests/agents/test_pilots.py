@@ -14,19 +14,20 @@ from agents.pilots.loops import Loop, first_order
 from agents.pilots.turning import TurningRegulator
 from agents.seeds import evaluation_seeds
 from agents.studies.worlds import system_of
-from vessel_gym.envs import ItsunusaAUVEnv, SigmaCorvetteEnv
+from vessel_gym.envs import ItsunusaAUVEnv, ThesisCorvetteEnv
 
-ENVIRONMENTS = ["SigmaCorvette-v0", "SegorogeniAUV-v0", "ItsunusaAUV-v0", "PunaUAV-v0"]
+ENVIRONMENTS = ["SigmaCorvette-v0", "ThesisCorvette-v0", "SegorogeniAUV-v0", "ItsunusaAUV-v0", "PunaUAV-v0"]
 PILOTS = [(env_id, name) for env_id in ENVIRONMENTS for name in pilot_names(system_of(env_id))]
 
 LEAST = {
-    ("SigmaCorvette-v0", "pid"): 0.75, ("SigmaCorvette-v0", "lqg"): 0.87,
+    ("SigmaCorvette-v0", "pid"): 0.52, ("SigmaCorvette-v0", "lqg"): 0.74,
+    ("ThesisCorvette-v0", "pid"): 0.75, ("ThesisCorvette-v0", "lqg"): 0.87,
     ("SegorogeniAUV-v0", "pid"): 0.70, ("SegorogeniAUV-v0", "lqg"): 0.66,
     ("ItsunusaAUV-v0", "pid"): 0.88, ("ItsunusaAUV-v0", "lqg"): 0.82,
     ("PunaUAV-v0", "pid"): 0.78, ("PunaUAV-v0", "lqg"): 0.80,
 }  # fmt: skip
-"""What the first 32 evaluation seeds give on default estimates is 0.02 to 0.06 more: 0.80, 0.90; 0.76, 0.72; 0.92,
-0.86; 0.83, 0.85. The autopilots give 0.91, 0.77, 0.91 and 0.85."""
+"""What the first 32 evaluation seeds give on default estimates is 0.02 to 0.06 more: 0.56, 0.77; 0.80, 0.90; 0.76,
+0.72; 0.92, 0.86; 0.83, 0.85. The autopilots give 0.77, 0.91, 0.77, 0.91 and 0.85."""
 
 every_pilot = pytest.mark.parametrize(("env_id", "name"), PILOTS)
 
@@ -97,12 +98,12 @@ def test_another_vehicles_task_is_refused(env_id: str, name: str):
 
     factory = registered.of(system_of(env_id).task)[name]
     other = "PunaUAV-v0" if env_id != "PunaUAV-v0" else "SigmaCorvette-v0"
-    with pytest.raises(ValueError, match=r"^this autopilot (steers|flies) "):
+    with pytest.raises(ValueError, match=r"^this autopilot (steers|flies|holds) "):
         factory(system_of(other))
 
 
 def test_without_the_integral_a_regulator_of_turns_has_no_memory():
-    regulator, seen = TurningRegulator(SigmaCorvetteEnv.system), observations("SigmaCorvette-v0")
+    regulator, seen = TurningRegulator(ThesisCorvetteEnv.system), observations("ThesisCorvette-v0")
     regulator.reset(seen.shape[1])
     first = regulator.act(seen[0])
     for frame in seen:

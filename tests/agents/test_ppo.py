@@ -96,7 +96,7 @@ def test_a_checkpoint_flies_as_the_policy_that_was_saved(tmp_path: Path, saved: 
     env = gym.make(ENV, observe="mean+std")
     agent = load_agent(path, env)
     agent.reset(5)
-    observations = np.random.default_rng(0).uniform(-3.0, 3.0, (5, 11)).astype(np.float32)
+    observations = np.random.default_rng(0).uniform(-3.0, 3.0, (5, 17)).astype(np.float32)
     actions = agent.act(observations)
     expected, _ = saved[0].predict(observations, deterministic=True)
     np.testing.assert_array_equal(actions, expected)
@@ -112,7 +112,7 @@ def test_frames_at_flight_are_those_of_the_training_at_starts_and_ends_of_episod
     path = train(ENV, tmp_path / "agent.zip", RAW, steps=STEPS, memory="frames")
     trained = saved[0]
     agent = load_agent(path, gym.make(ENV, **RAW))
-    rows, limit = 4, 70
+    rows, limit = 4, 100
     hard_over = np.where(np.arange(rows) % 2, 1.0, 0.0)[:, None]  # which loses the turn before its time
 
     def batch() -> StableBaselinesVecEnv:
@@ -141,7 +141,7 @@ def test_frames_at_flight_are_those_of_the_training_at_starts_and_ends_of_episod
             flown = [agent.act(observation[None])[0] for observation in lived[i]]
             expected, _ = trained.predict(np.stack(seen[i]), deterministic=True)
             np.testing.assert_allclose(flown, expected, rtol=0, atol=1e-6)
-            newest = trained.predict(np.roll(seen[i], 7, axis=-1), deterministic=True)[0]
+            newest = trained.predict(np.roll(seen[i], news.shape[-1], axis=-1), deterministic=True)[0]
             assert (np.abs(newest - expected) > 1e-3).any()  # the order of the frames matters to it
             lived[i], seen[i] = [], []
     assert len(ends) >= 2 * rows
@@ -153,7 +153,7 @@ def test_frames_at_flight_are_those_of_the_training_at_starts_and_ends_of_episod
 def test_each_row_remembers_its_own_past_until_the_reset(tmp_path: Path, memory: str):
     path = train(ENV, tmp_path / "agent.zip", RAW, steps=STEPS, memory=memory)
     agent = load_agent(path, gym.make(ENV, **RAW))
-    past = np.random.default_rng(0).uniform(-2.0, 2.0, (6, 3, 7)).astype(np.float32)
+    past = np.random.default_rng(0).uniform(-2.0, 2.0, (6, 3, 10)).astype(np.float32)
     past[-1] = past[-1, 0]  # all see the same in the end
 
     def flown(observations: np.ndarray) -> np.ndarray:
@@ -174,7 +174,7 @@ def test_a_recurrent_agent_flies_as_the_policy_that_was_saved_and_as_before(tmp_
     agent = load_agent(path, gym.make(ENV, **RAW))
     agent.reset(5)
     state, starts = None, np.ones(5, bool)
-    for observations in np.random.default_rng(0).uniform(-3.0, 3.0, (6, 5, 7)).astype(np.float32):
+    for observations in np.random.default_rng(0).uniform(-3.0, 3.0, (6, 5, 10)).astype(np.float32):
         expected, state = saved[0].predict(observations, state, starts, deterministic=True)
         np.testing.assert_array_equal(agent.act(observations), expected)
         starts[:] = False
@@ -219,7 +219,7 @@ def test_training_leaves_the_user_s_threads_and_random_numbers_of_flights_alone(
         agent = load_agent(path, gym.make(ENV))
         state = torch.random.get_rng_state()
         load_agent(path, gym.make(ENV))
-        agent.act(np.zeros((1, 7), np.float32))
+        agent.act(np.zeros((1, 11), np.float32))
         assert torch.get_num_threads() == 2
         assert torch.equal(torch.random.get_rng_state(), state)
     finally:

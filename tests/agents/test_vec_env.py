@@ -18,7 +18,7 @@ import vessel_gym  # noqa: F401  (registers the environments)
 from agents.vec_env import StableBaselinesVecEnv
 
 ENV = "SigmaCorvette-v0"
-LIMIT = 70
+LIMIT = 100
 ROWS = 4
 
 
@@ -31,7 +31,7 @@ def leaning_actions(seed: int, rows: int = ROWS) -> np.ndarray:
     rng = np.random.default_rng(seed)
     lean = np.where(np.arange(rows) % 2, 1.0, 0.0)[:, None]
     side = rng.choice([-1.0, 1.0], (rows, 1))
-    return np.clip(side * lean + rng.normal(0.0, 0.2, (220, rows, 1)), -1.0, 1.0).astype(np.float32)
+    return np.clip(side * lean + rng.normal(0.0, 0.2, (330, rows, 1)), -1.0, 1.0).astype(np.float32)
 
 
 def test_every_step_equals_that_of_single_environments_with_staggered_ends():
@@ -49,7 +49,7 @@ def test_every_step_equals_that_of_single_environments_with_staggered_ends():
         observations, rewards, dones, infos = env.step(actions)
         assert observations.dtype == rewards.dtype == np.float32
         assert dones.dtype == bool
-        assert observations.shape == (ROWS, 7)
+        assert observations.shape == (ROWS, 11)
         assert rewards.shape == dones.shape == (ROWS,)
         assert len(infos) == ROWS
         alone += dones.sum() == 1
@@ -173,7 +173,7 @@ def test_a_batch_of_ours_may_have_any_autoreset_mode_and_gives_the_same():
         env.seed(5)
         first.append(env.reset())
     ended = 0
-    for actions in leaning_actions(1)[:120]:
+    for actions in leaning_actions(1):
         first, *others = [env.step(actions) for env in envs]
         for other in others:
             for one, two in zip(first[:3], other[:3], strict=True):

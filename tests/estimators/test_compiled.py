@@ -135,7 +135,7 @@ def test_a_function_is_compiled_when_it_is_first_called_and_other_people_s_are_c
 def test_kernels_can_be_pickled_before_and_after_they_are_called():
     for _ in range(2):
         assert pickle.loads(pickle.dumps(corvette_rates)) is corvette_rates
-        corvette_rates(np.zeros(6), np.zeros(1), np.zeros(2), load("corvette").vector())
+        corvette_rates(np.zeros(8), np.zeros(1), np.zeros(7), load("corvette").vector())
 
 
 def test_of_old_sources_kernels_only_the_last_are_kept(tmp_path: Path):

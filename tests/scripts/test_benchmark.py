@@ -17,21 +17,21 @@ from scripts.by_hand import HandWrittenLoop, ensemble_floor, filterpys, flight_f
 from scripts.console import Refusal, around
 from scripts.flights import STEPS, Flight, units
 from vessel_gym.core import Core
-from vessel_gym.envs.sigma_corvette import SIGMA_CORVETTE
+from vessel_gym.envs.thesis_corvette import THESIS_CORVETTE
 
 HERE = Path(vessel_gym.__file__).parents[1]
-ENV = "SigmaCorvette-v0"
+ENV = "ThesisCorvette-v0"
 
 
 # --- what is compared is the same ---------------------------------------------------------------------
 
 
 def test_the_hand_written_loop_is_the_same_environment_on_the_same_random_numbers(monkeypatch: pytest.MonkeyPatch):
-    core, loop = Core(SIGMA_CORVETTE, 1, estimator="kf"), HandWrittenLoop(seed=0)
+    core, loop = Core(THESIS_CORVETTE, 1, estimator="kf"), HandWrittenLoop(seed=0)
     core.start(seed=5)
     actions = np.random.default_rng(1).uniform(-1.0, 1.0, 200)
     loop.heading, loop.rate = core.course[0]
-    loop.truth, loop.sea_state = core.state[0].copy(), core.sea_state[0].copy()
+    loop.truth, loop.sea_state = core.state[0, :6].copy(), core.sea_state[0].copy()
     loop.filter.x, loop.filter.P = core.belief.mean[0].copy(), core.belief.cov[0].copy()
     for action in actions:
         sea = Numbers(core._keys).at(core.steps).normals(5)[0, 0]  # of what moves the sea over the coming step
@@ -39,7 +39,7 @@ def test_the_hand_written_loop_is_the_same_environment_on_the_same_random_number
         read = Numbers(core.loop._sensing).at(core.steps).normals(1)[0, :, 0]
         monkeypatch.setattr(loop, "rng", _Scripted([sea, read]))
         observation, hand_reward = loop.step(float(action))
-        np.testing.assert_allclose(loop.truth, core.state[0], rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(loop.truth, core.state[0, :6], rtol=1e-9, atol=1e-9)
         np.testing.assert_allclose(loop.filter.x, core.belief.mean[0], rtol=1e-9, atol=1e-9)
         np.testing.assert_allclose(observation, core.observe()[0], rtol=0, atol=1e-6)  # float32
         assert hand_reward == pytest.approx(reward[0], abs=1e-9)

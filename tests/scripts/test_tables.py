@@ -46,11 +46,14 @@ def test_the_tables_of_journeys_show_each_way_once(monkeypatch: pytest.MonkeyPat
 
 def test_the_table_of_a_study_is_made_of_its_episodes(tmp_path: Path):
     lines = ["condition,agent,estimator,training_seed,seed,score"]
-    names = ("truth", "kf-umv-ui", "kf told d", "kf told less", "kf", "measurement", "dead-reckoning")
+    names = (
+        "truth", "kf-umv-ui", "ekf told waves", "ekf", "ekf, no current", "kf told d", "kf", "measurement",
+        "dead-reckoning",
+    )  # fmt: skip
     for sea in ("moderate", "rough"):
         for name in names:
-            lines += [f"{sea},autopilot,{name},,{seed},{0.25 * seed}" for seed in range(3)]
-            lines += [f"{sea},PPO,{name},{run},{seed},0.5" for run in range(2) for seed in range(3)]
+            lines += [f'{sea},autopilot,"{name}",,{seed},{0.25 * seed}' for seed in range(3)]
+            lines += [f'{sea},PPO,"{name}",{run},{seed},0.5' for run in range(2) for seed in range(3)]
     (tmp_path / "episodes.csv").write_text("\n".join(lines))
     table = tables.ablation(tmp_path).splitlines()
     assert table[2].split(" | ")[1] == "0.250 ± 0.621"  # Student's, two degrees of freedom: 4.303 x 0.25 / sqrt(3)

@@ -29,17 +29,14 @@ _NONLINEAR_AND_NO_INPUT = dict.fromkeys(("kf", "kf-umv-ui-wdf", "ulise"), "a Lin
     ("kf-umv-ui", "ekf-ui-wdf", "ukf-umv"), "an unknown input"
 )
 REFUSED = {
-    "SigmaCorvette-v0": dict.fromkeys(("kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv"), "H = 0"),
     "SegorogeniAUV-v0": _NONLINEAR_AND_NO_INPUT,
     "ItsunusaAUV-v0": _NO_INPUT,
     "PunaUAV-v0": _NONLINEAR_AND_NO_INPUT,
-    "vessel_gym/Ship-v0": dict.fromkeys(("kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv"), "H = 0"),
     "vessel_gym/AUV-v0": _NONLINEAR_AND_NO_INPUT,
     "vessel_gym/FixedWing-v0": _NONLINEAR_AND_NO_INPUT,
     "Usbl-v0": _NONLINEAR_AND_NO_INPUT,
     "Shear-v0": _NONLINEAR_AND_NO_INPUT,
     "Docking-v0": _NO_INPUT,
-    "HeavyShip-v0": dict.fromkeys(("kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv"), "H = 0"),
 }
 """Estimators that an environment's model cannot carry, and the condition that the refusal must name."""
 

@@ -40,7 +40,7 @@ from vessel_gym.processes import Process
 from vessel_gym.sensors import SUITES, Bias, Sensor, Sensors, plain
 
 every_environment = pytest.mark.parametrize("env_id", OURS)
-AUV, SHIP = "SegorogeniAUV-v0", "SigmaCorvette-v0"
+AUV, SHIP = "SegorogeniAUV-v0", "ThesisCorvette-v0"
 
 
 # --- sensors and disturbances of one's own ----------------------------------------------------------
@@ -465,7 +465,8 @@ def test_factors_scale_what_they_say_and_nothing_else(env_id: str, how: str):
 @every_environment
 @pytest.mark.parametrize("how", ["states", "noise"])
 def test_who_is_told_of_another_sea_has_the_model_of_who_sails_it(env_id: str, how: str):
-    wrong = told(env_id, disturbance="calm", **{"as": how})
+    calm = single_class(env_id).system.disturbances["calm"]
+    wrong = told(env_id, disturbance=calm.believed or "calm", **{"as": how})
     options = {"told": {"as": how}}
     there = make_core(env_id, 2, estimator="ekf", disturbance="calm", estimator_options=options)
     right = told(env_id, **{"as": how})
@@ -735,7 +736,7 @@ def test_a_sensor_may_inform_what_acts_or_is_biased_or_what_this_filter_does_not
         make_core(AUV, 1, sensors=sensors, disturbance=OWN["sheared"], estimator_options=chosen | {"members": 20})
 
 
-CURRENT_METER = Sensor("current meter", ("north", "east"), lambda state, forcing: forcing[..., 1:], (0.05, 0.05))
+CURRENT_METER = Sensor("current meter", ("north", "east"), lambda state, forcing: forcing[..., 1:3], (0.05, 0.05))
 
 
 @pytest.mark.parametrize("how", ["states", "input"])
@@ -812,12 +813,21 @@ def test_surge_may_be_read_where_the_model_has_it():
     assert_smaller(*errors)
 
 
+SEAS = "calm, moderate, rough(, surface)?"
 WRONGLY_TOLD = [
     ({"sea": "calm"}, TypeError, "unknown key of told 'sea': choose from disturbance, as, Q, R, prior"),
     ({"how": "states"}, TypeError, "unknown key of told 'how': choose from disturbance, as, Q, R, prior"),
     ("calm", TypeError, "told must be a dictionary of values by name, or None, got 'calm'"),
-    ({"disturbance": "hurricane"}, ValueError, "unknown disturbance 'hurricane': choose from calm, moderate, rough"),
-    ({"disturbance": 3}, TypeError, "disturbance must be one of calm, moderate, rough, or a Disturbance object, got 3"),
+    (
+        {"disturbance": "hurricane"},
+        ValueError,
+        f"unknown disturbance 'hurricane': choose from {SEAS}",
+    ),
+    (
+        {"disturbance": 3},
+        TypeError,
+        f"disturbance must be one of {SEAS}, or a Disturbance object, got 3",
+    ),
     (
         {"as": "state"},
         ValueError,
@@ -870,7 +880,8 @@ def test_the_names_of_a_composition_are_unique_and_every_state_has_one():
         names = core.composition.names
         assert len(set(names)) == len(names) == core.composition.model.n
         assert len(set(core.truth_names)) == len(core.truth_names)
-        assert set(names) <= set(core.truth_names)
+        believed = core.forces.disturbance.believed
+        assert set(names) <= {*core.truth_names, *(believed.names if believed else ())}
 
 
 def test_a_composition_can_be_made_without_an_environment():

@@ -1,4 +1,4 @@
-"""The corvette: published derivatives, compiled equations against plain ones, equilibria and filter models."""
+"""Both corvettes: published derivatives, compiled equations against plain ones, equilibria; the thesis' models."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -12,7 +12,7 @@ from sensing import sensors_of, without_a_filter
 from estimators import LinearModel, NonlinearModel, wrap, zero_order_hold
 from vessel_gym.composition import compose
 from vessel_gym.core import Core
-from vessel_gym.envs.sigma_corvette import SEAS, SIGMA_CORVETTE
+from vessel_gym.envs.thesis_corvette import SEAS, THESIS_CORVETTE
 from vessel_gym.sea_trials import simulate
 from vessel_gym.vehicles.corvette import (
     Corvette,
@@ -22,7 +22,9 @@ from vessel_gym.vehicles.corvette import (
     sway_yaw_jacobian,
 )
 from vessel_gym.vehicles.corvette_equations import (
+    AROUND,
     COEFFICIENTS,
+    STATE,
     UNCERTAIN,
     CorvetteParameters,
     corvette_rates,
@@ -30,11 +32,14 @@ from vessel_gym.vehicles.corvette_equations import (
 )
 from vessel_gym.vehicles.files import load
 
-SHIP = load("corvette")
+SHIP = load("corvette-thesis")
+SHIPS = {"thesis": SHIP, "corvette": load("corvette")}
+each_ship = pytest.mark.parametrize("ship", SHIPS.values(), ids=SHIPS)
 VEHICLE = Corvette(SHIP)
 L, U = SHIP.length, SHIP.speed
 DEG = np.pi / 180.0
-MIRROR = np.array([1, -1, -1, 1, -1, -1])
+MIRROR = np.array([1, -1, -1, 1, -1, -1, -1, -1])
+MIRROR_AROUND = np.array([1, -1, 1, -1, -1, -1, -1])
 
 
 def rudder_angle_of_attack(
@@ -46,24 +51,34 @@ def rudder_angle_of_attack(
 
 
 def ship_rates(states: np.ndarray, controls: np.ndarray, c: np.ndarray) -> np.ndarray:
-    """Rates ``(..., 6)``; controls ``(..., 3)``: rudder, current north and east."""
+    """Rates ``(..., 8)``; controls ``(..., 8)``: rudder, and what is around."""
     return corvette_rates(states, controls[..., :1], controls[..., 1:], c)
 
 
 def ship_step(states: np.ndarray, controls: np.ndarray, c: np.ndarray, dt: float, substeps: int) -> np.ndarray:
-    """States ``(..., 6)`` after ``dt``; controls ``(..., 4)``: rudder before and after, current north and east."""
+    """States ``(..., 8)`` after ``dt``; controls ``(..., 9)``: rudder before and after, and what is around."""
     return corvette_step(states, controls[..., :2], controls[..., 2:], c, dt, substeps)
 
 
-def derivative(u, v, r, rudder, c=None, psi=0.0, current=(0.0, 0.0)):
+def upright(motion: np.ndarray) -> np.ndarray:
+    """States ``(..., 8)`` of ships that do not roll, out of the first of their components."""
+    state = np.zeros(np.shape(motion)[:-1] + (len(STATE),))
+    state[..., : np.shape(motion)[-1]] = motion
+    return state
+
+
+def derivative(u, v, r, rudder, c=None):
     c = SHIP.vector() if c is None else c
-    return ship_rates(np.array([0.0, 0.0, psi, u, v, r]), np.array([rudder, *current]), c)
+    return ship_rates(upright(np.array([0.0, 0.0, 0.0, u, v, r])), np.array([rudder, *np.zeros(len(AROUND))]), c)
 
 
 def random_motions(rng: np.random.Generator, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """States ``(n, 6)`` and controls ``(n, 3)`` over all that the ship can meet, and more."""
-    state = rng.uniform([-500, -500, -4, 2, -5, -0.08], [500, 500, 4, 18, 5, 0.08], (n, 6))
-    return state, rng.uniform([-0.61, -1, -1], [0.61, 1, 1], (n, 3))
+    """States ``(n, 8)`` and controls ``(n, 8)`` over all that the ship can meet, and more."""
+    most = np.array([500, 500, 4, 8, 5, 0.08, 0.5, 0.2])
+    state = rng.uniform(-most, most, (n, 8))
+    state[:, 3] += 10.0
+    most = np.array([0.61, 1, 1, 2e5, 4e5, 1e7, 5e6, 0.5])
+    return state, rng.uniform(-most, most, (n, 8))
 
 
 # --- parameters -------------------------------------------------------------------------------------
@@ -172,10 +187,38 @@ def plain_cross_flow(v: float, r: float, a: float) -> np.ndarray:
     return size**2 * a * np.array([integrals[0], a * integrals[1]])
 
 
+def plain_propulsion(u: float, ship: CorvetteParameters) -> tuple[float, float]:
+    """Thrust [N] and the speed [m/s] of what flows to the rudder."""
+    if ship.thrust_coefficient is None:
+        return ship.resistance, ship.slipstream * u
+    # Propellers of constant revolutions (diameter D, n turns a second), and the race behind a disc of their thrust.
+    nD = ship.speed / ship.advance_ratio
+    at_speed, K_T = (ship.thrust_coefficient - ship.thrust_slope * speed / nD for speed in (ship.speed, u))
+    K_T = max(K_T, 0.0)
+    race = np.sqrt(u**2 + 8.0 * K_T * nD**2 / np.pi)
+    return ship.resistance * K_T / at_speed, (1.0 - ship.race) * u + ship.race * race
+
+
+def plain_roll(forces: tuple[float, float, float], ship: CorvetteParameters, u: float, phi: float, p: float) -> float:
+    """Roll acceleration [rad/s2] by sway forces at hull and rudder [N] and a moment [N m]."""
+    hull, rudder, moment = forces
+    if ship.roll_period is None:  # IMO's weather criterion
+        stiffness, height = 0.08 * ship.beam, 1.5 * ship.draught
+        c = 0.373 + 0.023 * ship.beam / ship.draught - 0.00043 * ship.length
+        period = 2.0 * c * ship.beam / np.sqrt(stiffness)
+    else:
+        stiffness, height, period = ship.metacentric_height, ship.gravity_height, ship.roll_period
+    frequency = 2.0 * np.pi / period
+    inertia = ship.mass * 9.81 * stiffness / frequency**2
+    damping = 2.0 * frequency * (0.071 + 0.051 * u / np.sqrt(9.81 * ship.length))
+    arms = -(height - 0.5 * ship.draught) * hull - (height - 0.34 * ship.draught) * rudder
+    return (arms + moment) / inertia - frequency**2 * np.sin(phi) - damping * p
+
+
 def plain_derivative(state: np.ndarray, control: np.ndarray, ship: CorvetteParameters) -> np.ndarray:
     """The equations of motion written out with the ship's particulars, and quadrature for the cross-flow."""
-    _, _, psi, u, v, r = state
-    rudder, north, east = control
+    _, _, psi, u, v, r, phi, p = state
+    rudder, north, east, *outside, rolling, wave_sway = control
     rho, m, x_g = ship.water_density, ship.mass, ship.x_g
     c = ship.clarke
     q = rho / 2
@@ -186,7 +229,8 @@ def plain_derivative(state: np.ndarray, control: np.ndarray, ship: CorvetteParam
     )  # fmt: skip
     M_RB = np.array([[m, 0, 0], [0, m, m * x_g], [0, m * x_g, q * L**5 * c["Iz"]]])
 
-    inflow, side = ship.slipstream * u, ship.straightening * (v - L / 2 * r)
+    thrust, inflow = plain_propulsion(u, ship)
+    side = ship.straightening * (v - L / 2 * r)
     speed2 = inflow**2 + side**2
     angle = rudder + np.arctan2(side, inflow)
     normal = q * ship.rudder_area * 6.13 * ship.rudder_aspect / (ship.rudder_aspect + 2.25) * speed2 * np.sin(angle)
@@ -197,21 +241,26 @@ def plain_derivative(state: np.ndarray, control: np.ndarray, ship: CorvetteParam
     hull = q * u * np.array(
         [0.0, L**2 * c["Yv"] * v + L**3 * c["Yr"] * r, L**3 * c["Nv"] * v + L**4 * c["Nr"] * r]
     )  # fmt: skip
-    propulsion = np.array([ship.resistance * (1 - u * abs(u) / ship.speed**2), 0.0, 0.0])
+    propulsion = np.array([thrust - ship.resistance * u * abs(u) / ship.speed**2, 0.0, 0.0])
     centripetal = np.array([(m * v + m * x_g * r) * r, -m * u * r, -m * x_g * u * r])
     added_centripetal = np.array([(M_A[1, 1] * v + M_A[1, 2] * r) * r, 0.0, 0.0])  # Clarke's Yr, Nr hold the others
     nu_dot = np.linalg.solve(
-        M_RB + M_A, propulsion + hull + drag + rudder_force + centripetal + added_centripetal
+        M_RB + M_A, propulsion + hull + drag + rudder_force + centripetal + added_centripetal + outside
     )  # fmt: skip
+    sideways = m * (nu_dot[1] + x_g * nu_dot[2] + u * r)  # Newton: all sway forces move the centre of gravity
+    by_hull = sideways - rudder_force[1] - outside[1]
+    roll = plain_roll((by_hull, rudder_force[1], rolling), ship, u, phi, p)
     turn = np.array([[np.cos(psi), -np.sin(psi)], [np.sin(psi), np.cos(psi)]])
-    return np.concatenate([turn @ [u, v] + [north, east], [r], nu_dot])
+    return np.concatenate([turn @ [u, v + wave_sway] + [north, east], [r], nu_dot, [p, roll]])
 
 
-def test_the_compiled_equations_are_the_plain_ones():
-    ship = replace(SHIP, yaw_radius=0.22, x_g=-3.0, slipstream=1.3, straightening=0.6, drag_coefficient=0.9)
+@each_ship
+def test_the_compiled_equations_are_the_plain_ones(ship: CorvetteParameters):
     states, controls = random_motions(np.random.default_rng(1), 150)
-    states[:20, 4:] *= 1e-3
-    for s in (SHIP, ship):
+    states[:20, 4:6] *= 1e-3
+    states[20:25, 3] += 40.0  # faster than propellers of constant revolutions push
+    own = {"yaw_radius": 0.22, "x_g": -3.0, "slipstream": 1.3, "straightening": 0.6, "drag_coefficient": 0.9}
+    for s in (ship, replace(ship, **own)):
         plain = np.array([plain_derivative(x, u, s) for x, u in zip(states, controls, strict=True)])
         compiled = ship_rates(states, controls, s.vector())
         np.testing.assert_allclose(compiled, plain, rtol=1e-9, atol=1e-11)
@@ -220,12 +269,12 @@ def test_the_compiled_equations_are_the_plain_ones():
 def cross_flow(v, r, half_length: float) -> np.ndarray:
     """The two integrals out of the compiled equations: unit inertia, no other force."""
     c = np.zeros(len(COEFFICIENTS))
-    for name in ("surge_inertia", "sway_inertia", "yaw_inertia", "cross_flow"):
+    for name in ("surge_inertia", "sway_inertia", "yaw_inertia", "roll_inertia", "service_speed", "cross_flow"):
         c[COEFFICIENTS.index(name)] = 1.0
     c[COEFFICIENTS.index("half_length")] = half_length
-    state = np.zeros(np.shape(v) + (6,))
+    state = np.zeros(np.shape(v) + (len(STATE),))
     state[..., 4], state[..., 5] = v, r
-    return -ship_rates(state, np.zeros(3), c)[..., 4:]
+    return -ship_rates(state, np.zeros(1 + len(AROUND)), c)[..., 4:6]
 
 
 def test_the_closed_form_of_the_cross_flow_is_the_integral_over_the_hull():
@@ -251,21 +300,23 @@ def test_the_two_branches_of_the_cross_flow_meet():
     np.testing.assert_allclose(inside, outside, rtol=1e-10)
 
 
-def test_port_mirrors_starboard():
+@each_ship
+def test_port_mirrors_starboard(ship: CorvetteParameters):
     states, controls = random_motions(np.random.default_rng(3), 200)
-    c = SHIP.vector()
-    mirrored = ship_rates(states * MIRROR, controls * [-1, 1, -1], c)
+    c = ship.vector()
+    mirrored = ship_rates(states * MIRROR, controls * [-1, *MIRROR_AROUND], c)
     np.testing.assert_allclose(mirrored, ship_rates(states, controls, c) * MIRROR, rtol=1e-12, atol=1e-13)
 
 
-def test_a_batch_is_a_loop():
+@each_ship
+def test_a_batch_is_a_loop(ship: CorvetteParameters):
     rng = np.random.default_rng(4)
     states, controls = random_motions(rng, 12)
-    states, controls = states.reshape(3, 4, 6), controls.reshape(3, 4, 3)
-    c = SHIP.vector() * rng.uniform(0.9, 1.1, (4, len(COEFFICIENTS)))  # one ship a column
+    states, controls = states.reshape(3, 4, 8), controls.reshape(3, 4, 8)
+    c = ship.vector() * rng.uniform(0.9, 1.1, (4, len(COEFFICIENTS)))  # one ship a column
     moving = np.concatenate([controls[..., :1], controls], -1)
     rates, after = ship_rates(states, controls, c), ship_step(states, moving, c, 0.5, 2)
-    assert rates.shape == after.shape == (3, 4, 6)
+    assert rates.shape == after.shape == (3, 4, 8)
     for i, j in np.ndindex(3, 4):
         np.testing.assert_array_equal(rates[i, j], ship_rates(states[i, j], controls[i, j], c[j]))
         np.testing.assert_array_equal(after[i, j], ship_step(states[i, j], moving[i, j], c[j], 0.5, 2))
@@ -281,64 +332,74 @@ def test_the_compiled_functions_leave_their_inputs_alone():
         np.testing.assert_array_equal(a, b)
 
 
-def precise(state: np.ndarray, start: float, end: float, current: tuple[float, float], dt: float) -> np.ndarray:
+def precise(
+    ship: CorvetteParameters, state: np.ndarray, start: float, end: float, around: np.ndarray, dt: float
+) -> np.ndarray:
     """A step by SciPy's integrator, the rudder moving linearly."""
-    c = SHIP.vector()
+    c = ship.vector()
     solution = solve_ivp(
-        lambda t, s: ship_rates(s, np.array([start + (end - start) * t / dt, *current]), c),
+        lambda t, s: ship_rates(s, np.array([start + (end - start) * t / dt, *around]), c),
         (0.0, dt), state, method="DOP853", rtol=1e-13, atol=1e-12,
     )  # fmt: skip
     return solution.y[:, -1]
 
 
-HARD_OVER = np.array([3.0, -4.0, 0.7, 13.0, -1.5, 0.03])
+HARD_OVER = np.array([3.0, -4.0, 0.7, 13.0, -1.5, 0.03, -0.1, 0.02])
+PUSHED = np.array([0.3, -0.5, 1e5, -2e5, 5e6, 1e6, 0.2])
 
 
-def test_a_step_is_the_solution_of_the_equations():
-    c, current = SHIP.vector(), (0.3, -0.5)
-    exact = precise(HARD_OVER, 0.5, 0.54, current, 0.5)
-    step = ship_step(HARD_OVER, np.array([0.5, 0.54, *current]), c, 0.5, 1)
+@each_ship
+def test_a_step_is_the_solution_of_the_equations(ship: CorvetteParameters):
+    c = ship.vector()
+    exact = precise(ship, HARD_OVER, 0.5, 0.54, PUSHED, 0.5)
+    step = ship_step(HARD_OVER, np.array([0.5, 0.54, *PUSHED]), c, 0.5, 1)
     np.testing.assert_allclose(step, exact, rtol=0, atol=1e-5)
-    finer = ship_step(HARD_OVER, np.array([0.5, 0.54, *current]), c, 0.5, 32)
+    finer = ship_step(HARD_OVER, np.array([0.5, 0.54, *PUSHED]), c, 0.5, 32)
     np.testing.assert_allclose(finer, exact, rtol=0, atol=1e-11)
 
 
-def test_the_step_is_of_fourth_order():
-    exact = precise(HARD_OVER, 0.3, 0.5, (0.0, 0.0), 4.0)
-    control = np.array([0.3, 0.5, 0.0, 0.0])
-    errors = [np.abs(ship_step(HARD_OVER, control, SHIP.vector(), 4.0, n) - exact).max() for n in (8, 16, 32)]
+@each_ship
+def test_the_step_is_of_fourth_order(ship: CorvetteParameters):
+    exact = precise(ship, HARD_OVER, 0.3, 0.5, PUSHED, 4.0)
+    control = np.array([0.3, 0.5, *PUSHED])
+    errors = [np.abs(ship_step(HARD_OVER, control, ship.vector(), 4.0, n) - exact).max() for n in (8, 16, 32)]
     ratios = np.array(errors[:-1]) / errors[1:]
     assert ((ratios > 13.0) & (ratios < 19.0)).all()
 
 
-def test_substeps_are_steps():
-    half = ship_step(HARD_OVER, np.array([0.50, 0.52, 0.1, 0.2]), SHIP.vector(), 0.25, 1)
-    two = ship_step(half, np.array([0.52, 0.54, 0.1, 0.2]), SHIP.vector(), 0.25, 1)
-    whole = ship_step(HARD_OVER, np.array([0.50, 0.54, 0.1, 0.2]), SHIP.vector(), 0.5, 2)
+@each_ship
+def test_substeps_are_steps(ship: CorvetteParameters):
+    c = ship.vector()
+    half = ship_step(HARD_OVER, np.array([0.50, 0.52, *PUSHED]), c, 0.25, 1)
+    two = ship_step(half, np.array([0.52, 0.54, *PUSHED]), c, 0.25, 1)
+    whole = ship_step(HARD_OVER, np.array([0.50, 0.54, *PUSHED]), c, 0.5, 2)
     np.testing.assert_allclose(whole, two, rtol=1e-14)
 
 
 # --- what the ship does -----------------------------------------------------------------------------
 
 
-def test_a_straight_run_keeps_its_speed_and_its_course():
-    track = simulate(SHIP, 0.0, 1000.0)
+@each_ship
+def test_a_straight_run_keeps_its_speed_and_its_course(ship: CorvetteParameters):
+    track = simulate(ship, 0.0, 1000.0)
     np.testing.assert_allclose(track.state[:, 3], U, rtol=1e-12)
-    np.testing.assert_array_equal(track.state[:, [1, 2, 4, 5]], 0.0)
+    np.testing.assert_array_equal(track.state[:, [1, 2, 4, 5, 6, 7]], 0.0)
     np.testing.assert_allclose(track.state[:, 0], U * track.time, rtol=1e-12)
 
 
 @pytest.mark.parametrize("excess", [-5.0, 3.0])
-def test_another_speed_returns_to_the_service_speed_without_passing_it(excess):
-    start = np.array([0.0, 0.0, 0.0, U + excess, 0.0, 0.0])
-    difference = simulate(SHIP, 0.0, 600.0, start=start).state[:, 3] - U
+@each_ship
+def test_another_speed_returns_to_the_service_speed_without_passing_it(ship: CorvetteParameters, excess: float):
+    start = upright(np.array([0.0, 0.0, 0.0, U + excess]))
+    difference = simulate(ship, 0.0, 200.0, start=start).state[:, 3] - U
     assert (np.sign(excess) * difference > 0.0).all()
     assert (np.diff(np.abs(difference)) < 0.0).all()
     assert abs(difference[-1]) < 0.05 * abs(excess)
 
 
-def test_the_ship_is_straight_line_stable():
-    A, _ = sway_yaw_jacobian(np.array([U, 0.0, 0.0]), np.array(0.0), SHIP)
+@each_ship
+def test_the_ship_is_straight_line_stable(ship: CorvetteParameters):
+    A, _ = sway_yaw_jacobian(np.array([U, 0.0, 0.0]), np.array(0.0), ship)
     assert np.linalg.eigvals(A).real.max() < 0.0
 
 
@@ -353,7 +414,7 @@ def rudder_load(u: float, v: float, r: float, rudder: float) -> np.ndarray:
     """Surge force, sway force and yaw moment of the rudder alone: the compiled equations with and without it."""
     c = SHIP.vector()
     bare = np.where(np.arange(len(c)) == COEFFICIENTS.index("rudder"), 0.0, c)
-    rates = derivative(u, v, r, rudder, c)[3:] - derivative(u, v, r, rudder, bare)[3:]
+    rates = derivative(u, v, r, rudder, c)[3:6] - derivative(u, v, r, rudder, bare)[3:6]
     m = dict(zip(COEFFICIENTS, c, strict=True))
     inertia = np.array([[m["surge_inertia"], 0, 0], [0, m["sway_inertia"], m["sway_yaw_inertia"]],
                         [0, m["yaw_sway_inertia"], m["yaw_inertia"]]])  # fmt: skip
@@ -395,17 +456,19 @@ def test_in_a_steady_turn_the_rudder_works_less_than_on_the_straight_course_at_t
 # --- equilibria and linear models -------------------------------------------------------------------
 
 
-def test_a_steady_turn_is_an_equilibrium():
-    turns = steady_turns(SHIP)
+@each_ship
+def test_a_steady_turn_is_an_equilibrium(ship: CorvetteParameters):
+    turns = steady_turns(ship)
     zeros = np.zeros_like(turns.speed)
-    state = np.stack([zeros, zeros, zeros, turns.speed, turns.sway, turns.yaw_rate], -1)
-    rates = ship_rates(state, np.stack([turns.rudder, zeros, zeros], -1), SHIP.vector())[:, 3:]
+    state = upright(np.stack([zeros, zeros, zeros, turns.speed, turns.sway, turns.yaw_rate], -1))
+    rates = corvette_rates(state, turns.rudder[:, None], np.zeros(len(AROUND)), ship.vector())[:, 3:6]
     assert np.abs(rates[:, :2]).max() < 1e-8  # m/s2
     assert np.abs(rates[:, 2]).max() < 1e-10  # rad/s2
 
 
-def test_faster_turns_are_tighter_slower_and_need_more_rudder():
-    turns = steady_turns(SHIP)
+@each_ship
+def test_faster_turns_are_tighter_slower_and_need_more_rudder(ship: CorvetteParameters):
+    turns = steady_turns(ship)
     assert turns.yaw_rate[0] == 0.0
     assert turns.radius[0] == np.inf
     np.testing.assert_allclose([turns.speed[0], turns.sway[0], turns.rudder[0]], [U, 0.0, 0.0], atol=1e-12)
@@ -413,7 +476,7 @@ def test_faster_turns_are_tighter_slower_and_need_more_rudder():
     assert (np.diff(turns.rudder) > 0.0).all()
     assert (np.diff(turns.speed) < 0.0).all()
     assert (np.diff(turns.sway) < 0.0).all()
-    assert turns.rudder[-1] < SHIP.rudder_limit
+    assert turns.rudder[-1] < ship.rudder_limit
 
 
 @pytest.mark.parametrize(
@@ -424,29 +487,31 @@ def test_the_tightest_steady_turn_of_any_ship_leaves_a_fifth_of_the_rudder(chang
     assert turns.rudder[-1] == pytest.approx(0.8 * SHIP.rudder_limit, abs=1e-6)
 
 
-def test_the_jacobian_is_that_of_the_equations():
+@each_ship
+def test_the_jacobian_is_that_of_the_equations(ship: CorvetteParameters):
     rng = np.random.default_rng(6)
     states, controls = random_motions(rng, 20)
-    A, B = sway_yaw_jacobian(states[:, 3:], controls[:, 0], SHIP)
+    A, B = sway_yaw_jacobian(states[:, 3:6], controls[:, 0], ship)
     assert A.shape == (20, 2, 2)
     assert B.shape == (20, 2, 1)
     for state, control, a, b in zip(states, controls, A, B, strict=True):
         for j, step in ((0, 1e-3), (1, 1e-5)):  # Richardson: steps unlike the function's own
-            offset = step * np.eye(6)[4 + j]
+            offset = step * np.eye(8)[4 + j]
             d1, d2 = (
-                (plain_derivative(state + k * offset, control, SHIP)
-                 - plain_derivative(state - k * offset, control, SHIP))[4:] / (2 * k * step)
+                (plain_derivative(state + k * offset, control, ship)
+                 - plain_derivative(state - k * offset, control, ship))[4:6] / (2 * k * step)
                 for k in (1, 2)
             )  # fmt: skip
             np.testing.assert_allclose(a[:, j], (4 * d1 - d2) / 3, rtol=1e-4, atol=1e-6)
-        offset = 1e-5 * np.array([1.0, 0.0, 0.0])
-        d = plain_derivative(state, control + offset, SHIP) - plain_derivative(state, control - offset, SHIP)
-        np.testing.assert_allclose(b[:, 0], d[4:] / 2e-5, rtol=1e-6, atol=1e-7)
+        offset = 1e-5 * np.eye(8)[0]
+        d = plain_derivative(state, control + offset, ship) - plain_derivative(state, control - offset, ship)
+        np.testing.assert_allclose(b[:, 0], d[4:6] / 2e-5, rtol=1e-6, atol=1e-7)
 
 
-def test_the_secant_model_holds_every_steady_turn():
-    dt, turns = 0.5, steady_turns(SHIP)
-    A, B = secant_models(SHIP, dt)
+@each_ship
+def test_the_secant_model_holds_every_steady_turn(ship: CorvetteParameters):
+    dt, turns = 0.5, steady_turns(ship)
+    A, B = secant_models(ship, dt)
     x = np.stack([turns.sway, turns.yaw_rate, np.zeros_like(turns.sway)], -1)
     after = (A @ x[..., None] + B * turns.rudder[:, None, None])[..., 0]
     np.testing.assert_allclose(after[:, 0], turns.sway, rtol=0, atol=1e-8)
@@ -517,7 +582,7 @@ def test_the_printed_model_drops_the_identity_in_its_first_row():
 
 def test_an_unknown_filter_model_is_refused_with_the_choices():
     with pytest.raises(ValueError, match=r"^unknown filter model 'printed' .*: choose from nonlinear, corrected, as-"):
-        Core(SIGMA_CORVETTE, estimator_options={"model": "printed"})
+        Core(THESIS_CORVETTE, estimator_options={"model": "printed"})
 
 
 def test_the_nonlinear_model_is_the_ship_with_its_rudder_held():
@@ -525,8 +590,7 @@ def test_the_nonlinear_model_is_the_ship_with_its_rudder_held():
     states, controls = random_motions(rng, 6)
     model = filter_model("nonlinear")
     x, u = states[:, [4, 5, 2, 3]], np.stack([controls[:, 0], np.zeros(6)], -1)
-    held = np.stack([controls[:, 0], controls[:, 0], np.zeros(6), np.zeros(6)], -1)
-    after = ship_step(states, held, SHIP.vector(), 0.5, 1)
+    after = corvette_step(states, controls[:, [0, 0]], np.zeros(len(AROUND)), SHIP.vector(), 0.5, 1)
     np.testing.assert_allclose(model.transition(x, u), after[:, [4, 5, 2, 3]], rtol=0, atol=1e-12)
     np.testing.assert_array_equal(model.measurement(x, u), np.stack([x[:, 2], np.zeros(6)], -1))
     ensemble = np.broadcast_to(x, (4, 6, 4))
@@ -576,15 +640,16 @@ def test_without_mismatch_the_truth_has_the_filter_s_parameters():
 
 def test_mismatch_spreads_hydrodynamics_within_two_deviations_and_leaves_geometry_alone():
     normals = np.array([[1.0] * len(UNCERTAIN), [-9.0] * len(UNCERTAIN), [0.0] * len(UNCERTAIN)])
-    ratio = VEHICLE.parameters(0.1, normals) / SHIP.vector()
+    drawn, nominal = VEHICLE.parameters(0.1, normals), np.tile(SHIP.vector(), (3, 1))
     known = np.setdiff1d(np.arange(len(COEFFICIENTS)), UNCERTAIN)
-    np.testing.assert_allclose(ratio[:, UNCERTAIN], np.outer([1.1, 0.8, 1.0], np.ones(len(UNCERTAIN))))
-    np.testing.assert_array_equal(ratio[:, known], 1.0)
+    np.testing.assert_allclose(drawn[:, UNCERTAIN], nominal[:, UNCERTAIN] * [[1.1], [0.8], [1.0]])
+    np.testing.assert_array_equal(drawn[:, known], nominal[:, known])
+    assert (nominal[:, UNCERTAIN] != 0.0).all()
     assert {COEFFICIENTS[i] for i in known} >= {"mass", "half_length", "thrust", "slipstream"}
 
 
 def seen_by_filters(state: np.ndarray, kind: str = "corrected") -> np.ndarray:
-    """What filters with a model estimate of states ``(..., 6)``."""
+    """What filters with a model estimate of states ``(..., 8)``."""
     return state[..., [VEHICLE.state_names.index(name) for name in VEHICLE.estimated(kind)]]
 
 
@@ -595,11 +660,11 @@ def test_linear_filters_estimate_sway_yaw_rate_and_heading_and_nonlinear_ones_su
     told = compose(VEHICLE, kind, SEAS["rough"], sensors_of(VEHICLE))
     assert told.names == named  # the sea is the unknown input, and the current moves none of these
     assert told.model.n == len(named)
-    core = Core(SIGMA_CORVETTE, 3, "dead-reckoning" if kind == "nonlinear" else "kf", {"model": kind}, sensors="clean")
+    core = Core(THESIS_CORVETTE, 3, "dead-reckoning" if kind == "nonlinear" else "kf", {"model": kind}, sensors="clean")
     core.start(seed=1)
     core.step(np.ones((3, 1)))
     np.testing.assert_array_equal(core.estimated(core.truth), seen_by_filters(core.state, kind))
-    assert (core.state[:, 3:] != 0.0).all()
+    assert (core.state[:, 3:6] != 0.0).all()
 
 
 def test_the_truth_starts_where_the_filter_s_state_says():
@@ -614,18 +679,18 @@ def test_the_truth_starts_where_the_filter_s_state_says():
 def test_a_step_of_the_vehicle_is_a_step_of_the_ship_kicked_by_the_unknown_input():
     rng = np.random.default_rng(10)
     states, controls = random_motions(rng, 6)
-    before, after, current = controls[:, :1], controls[:, :1] + 0.02, controls[:, 1:]
+    before, after, around = controls[:, :1], controls[:, :1] + 0.02, controls[:, 1:]
     d, c = rng.normal(size=(6, 1)) * 0.01, VEHICLE.parameters(0.0, np.zeros((6, VEHICLE.normals)))
-    stepped = VEHICLE.step(states, before, after, np.hstack([d, current]), c)
-    plain = ship_step(states, np.hstack([before, after, current]), c, 0.5, 1)
-    np.testing.assert_array_equal(stepped[:, [0, 1, 3, 4, 5]], plain[:, [0, 1, 3, 4, 5]])
+    stepped = VEHICLE.step(states, before, after, np.hstack([d, around]), c)
+    plain = ship_step(states, np.hstack([before, after, around]), c, 0.5, 1)
+    np.testing.assert_array_equal(np.delete(stepped, 2, -1), np.delete(plain, 2, -1))
     np.testing.assert_allclose(stepped[:, 2], plain[:, 2] + d[:, 0], rtol=0, atol=1e-15)
 
 
 def test_a_perfect_compass_reads_heading_and_yaw_increment():
-    state = np.random.default_rng(11).normal(size=(3, 6))
+    state = np.random.default_rng(11).normal(size=(3, 8))
     d = np.array([[0.01], [-0.02], [0.0]])
-    readings = sensors_of(VEHICLE).exact(state, np.hstack([d, d, d]))
+    readings = sensors_of(VEHICLE).exact(state, np.repeat(d, 1 + len(AROUND), -1))
     np.testing.assert_allclose(readings, np.hstack([state[:, 2:3] + d, d]), rtol=0, atol=1e-15)
 
 
@@ -637,7 +702,7 @@ def test_the_truth_and_the_filter_s_model_agree_on_what_the_unknown_input_does()
     u = np.zeros(2)
     for k in range(20):
         d = np.array([[1e-3 * (1.0 + np.sin(k))]])
-        forcing = np.hstack([d, np.zeros((1, 2))])
+        forcing = np.hstack([d, np.zeros((1, len(AROUND)))])
         expected = model.C @ x + model.H[:, 0] * d[0, 0]
         np.testing.assert_allclose(sensors.exact(state, forcing)[0], expected, atol=1e-14)
         state = VEHICLE.step(state, rudder, rudder, forcing, c)

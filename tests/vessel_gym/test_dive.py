@@ -180,7 +180,9 @@ def test_the_prior_lies_level_at_the_beginning_of_the_path_at_cruising_speed(sys
         assert np.linalg.eigvalsh(cov).min() > 0.0
         assert not cov[:n, n:].any()  # velocities are through the water: no current carries them
         np.testing.assert_array_equal(cov[:n, :n], prior.cov)
-        np.testing.assert_allclose(np.diag(cov)[n:], water.current**2 / flows(task))
+        m, beside = n + flows(task), getattr(water, "beside", water)
+        np.testing.assert_allclose(np.diag(cov)[n:m], beside.current**2 / flows(task))
+        np.testing.assert_array_equal(cov[m:, m:], np.eye(len(cov) - m))  # bands of waves, where there are any
     np.testing.assert_allclose(believed(task, prior.mean, course)[:, :3], 0.0, atol=1e-12)
 
 

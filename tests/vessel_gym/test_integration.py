@@ -12,7 +12,7 @@ from numba.core.errors import TypingError
 from scipy.integrate import solve_ivp
 
 from estimators.compiled import inlined
-from vessel_gym.vehicles.corvette_equations import corvette_forced, corvette_rates, corvette_step
+from vessel_gym.vehicles.corvette_equations import corvette_forced, corvette_rates, corvette_sloped, corvette_step
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.integration import Kernels, kernels
 from vessel_gym.vehicles.itsunusa import itsunusa_forced, itsunusa_rates, itsunusa_step
@@ -34,20 +34,20 @@ class Case:
 
 CASES = {
     "corvette": Case(
-        Kernels(corvette_rates, corvette_step, corvette_forced), load("corvette").vector(),
-        [3.0, -4.0, 0.7, 13.0, -1.5, 0.03], [0.3, 0.5], [0.3, -0.5], 4.0,
+        Kernels(corvette_rates, corvette_step, corvette_forced, corvette_sloped), load("corvette").vector(),
+        [3.0, -4.0, 0.7, 13.0, -1.5, 0.03, -0.1, 0.02], [0.3, 0.5], [0.3, -0.5, 1e5, -2e5, 5e6, 1e6, 0.2], 4.0,
     ),
     "segorogeni": Case(
-        Kernels(segorogeni_rates, segorogeni_step, segorogeni_forced), load("segorogeni").vector(),
+        Kernels(segorogeni_rates, segorogeni_step, segorogeni_forced, None), load("segorogeni").vector(),
         [1.2, 0.5, -0.4, -1.5, 0.8, -1.0, 5.0, -3.0, 4.0, 0.4, -0.5, 2.0], [0.1, -0.2, 2.0, 0.2, 0.3, 7.0], [0.3, -0.2],
         0.1,
     ),
     "itsunusa": Case(
-        Kernels(itsunusa_rates, itsunusa_step, itsunusa_forced), load("itsunusa").vector(),
+        Kernels(itsunusa_rates, itsunusa_step, itsunusa_forced, None), load("itsunusa").vector(),
         [1.4, -0.1, 0.2, 5.0, 4.0, -0.5], [-0.2, 10.0, 0.3, 35.0], [0.3], 0.2,
     ),
     "puna": Case(
-        Kernels(puna_rates, puna_step, puna_forced), load("puna").vector(),
+        Kernels(puna_rates, puna_step, puna_forced, None), load("puna").vector(),
         [3.0, -4.0, 100.0, 14.0, 11.0, 3.0, 0.4], [4.0, 0.02, -0.6, 7.0, 0.07, 0.6], [2.0, -1.0, 0.5], 1.0,
     ),
 }  # fmt: skip
@@ -57,7 +57,7 @@ CASES = {
 @pytest.mark.parametrize("vehicle", CASES)
 def test_a_step_nears_the_solution_of_the_rates_with_the_fourth_power_of_its_length(vehicle: str):
     case = CASES[vehicle]
-    rates, step, _ = case.kernels
+    rates, step = case.kernels[:2]
     state, control, flow = np.array(case.state), np.array(case.control), np.array(case.flow)
     before, after = np.split(control, 2)
     solution = solve_ivp(
@@ -106,6 +106,26 @@ def test_a_forced_step_is_a_step_with_kicks_added_at_its_end(vehicle: str):
     np.testing.assert_array_equal(after, expected)
 
 
+def test_slopes_are_those_of_the_step():
+    case, rng = CASES["corvette"], np.random.default_rng(0)
+    step, sloped = case.kernels.step, case.kernels.sloped
+    states = np.array(case.state) * rng.uniform(0.5, 1.5, (3, len(case.state)))
+    before, after = np.array(case.control)[None, :1], np.array(case.control)[None, 1:]
+    flow, c, n = np.array(case.flow)[None], case.c[None], len(case.state)
+    columns, by = np.array([2, 3, 5, n, n + 4]), np.array([1e-3, 1e-2, 1e-4, 1e-2, 1e3]) * [[1.0], [0.5], [2.0]]
+    out, slopes = np.empty((3, n)), np.empty((3, n, 5))
+    sloped(states, before, after, flow, c, case.dt, 2, columns, by, out, slopes)
+    control = np.concatenate([before, after], -1)
+    np.testing.assert_array_equal(out, step(states, control, flow, c, case.dt, 2))
+    both = np.concatenate([states, flow.repeat(3, 0)], -1)
+    for j, column in enumerate(columns):
+        offset = 0.3 * by[:, j : j + 1] * np.eye(both.shape[1])[column]
+        one, other = (step(x[:, :n], control, x[:, n:], c, case.dt, 2) for x in (both + offset, both - offset))
+        size = np.abs(slopes[:, :, j]).max()
+        np.testing.assert_allclose(slopes[:, :, j], (one - other) / (0.6 * by[:, j : j + 1]), rtol=0, atol=1e-6 * size)
+        assert size > 0.0
+
+
 def test_rows_that_do_not_go_with_the_states_are_refused():
     case = CASES["corvette"]
     states, control, flow = (np.tile(x, (4, 1)) for x in (case.state, case.control, case.flow))
@@ -113,6 +133,11 @@ def test_rows_that_do_not_go_with_the_states_are_refused():
         case.kernels.step(states, control[:3], flow, case.c, case.dt, 1)
     with pytest.raises(ValueError, match="must be as long as the equations say"):
         case.kernels.step(states, control, flow, np.append(case.c, 1.0), case.dt, 1)
+    given = states, control[:, :1], flow, case.c
+    for i in range(4):
+        for wrong in (given[i][..., :-1], np.concatenate([given[i], given[i]], -1)):
+            with pytest.raises(ValueError, match="must be as long as the equations say"):
+                case.kernels.rates(*given[:i], wrong, *given[i + 1 :])
 
 
 OWN = """
@@ -123,7 +148,7 @@ from vessel_gym.vehicles.integration import kernels
 def _rates(s, control, flow, c):
     return (FACTOR * s[0] + control[0] + flow[0],)
 
-own_rates, own_step, own_forced = kernels("own", _rates, 1, 1, 1, 1)
+own_rates, own_step, own_forced, own_sloped = kernels("own", _rates, 1, 1, 1, 1)
 """
 
 

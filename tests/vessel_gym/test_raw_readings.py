@@ -30,6 +30,7 @@ BELIEVED = {"estimate", "covariance", "input_estimate", "healthy"}
 
 NEAR = {
     "SigmaCorvette-v0": {"radius": 300.0},
+    "ThesisCorvette-v0": {"radius": 300.0},
     "SegorogeniAUV-v0": {"goal": (4.5, 0.0, 0.2)},
     "ItsunusaAUV-v0": {"goal": (9.0, 0.0, 0.4)},
     "PunaUAV-v0": {"start": (0.0, 0.0, 0.0), "goal": (140.0, 0.0, 0.0), "obstacles": []},

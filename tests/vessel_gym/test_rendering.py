@@ -13,13 +13,14 @@ pygame = pytest.importorskip("pygame")
 
 from vessel_gym.rendering.canvas import Box, Canvas, PlanView, nice, ship_outline  # noqa: E402
 from vessel_gym.rendering.turning_circle import wedge_factor  # noqa: E402
+from vessel_gym.sea_trials import fit_circle  # noqa: E402
 from vessel_gym.tracks import believed_path, commanded_path, path  # noqa: E402
 
 IDLE = np.zeros(1, np.float32)
 
 
-def drawn(steps=3, seed=0, **options):
-    env = gym.make("SigmaCorvette-v0", render_mode="rgb_array", **options)
+def drawn(steps=3, seed=0, env_id="SigmaCorvette-v0", **options):
+    env = gym.make(env_id, render_mode="rgb_array", **options)
     env.reset(seed=seed)
     for _ in range(steps):
         env.step(IDLE)
@@ -80,8 +81,9 @@ def test_drawing_changes_nothing_in_the_episode():
 
 
 @pytest.mark.parametrize("estimator", ["kf", "ekf", "truth", "measurement", "dead-reckoning"])
-def test_every_kind_of_belief_can_be_drawn(estimator):
-    picture = drawn(estimator=estimator, disturbance="rough", sensors="degraded", mismatch=0.2)
+@pytest.mark.parametrize("env_id", ["SigmaCorvette-v0", "ThesisCorvette-v0"])
+def test_every_kind_of_belief_can_be_drawn(env_id, estimator):
+    picture = drawn(env_id=env_id, estimator=estimator, disturbance="rough", sensors="degraded", mismatch=0.2)
     assert picture.std() > 1.0
 
 
@@ -117,7 +119,7 @@ def test_without_pygame_the_error_says_what_to_install(monkeypatch):
 
 
 def test_the_commanded_path_closes_a_circle_of_the_commanded_radius():
-    task = gym.make("SigmaCorvette-v0").unwrapped.core.task
+    task = gym.make("ThesisCorvette-v0").unwrapped.core.task
     radius = 4.0 * task.ship.length
     for side in (1.0, -1.0):
         course = task.course(np.zeros((1, task.uniforms)), {"radius": side * radius})[0]
@@ -127,6 +129,22 @@ def test_the_commanded_path_closes_a_circle_of_the_commanded_radius():
         assert np.hypot(*(turn - centre).T) == pytest.approx(radius, rel=0.03)
         along, across = turn[1] - turn[0], centre - turn[0]
         assert np.sign(along[0] * across[1] - along[1] * across[0]) == side  # starboard is to the right
+
+
+def test_a_commanded_track_closes_its_circle():
+    task = gym.make("SigmaCorvette-v0").unwrapped.core.task
+    radius = 4.0 * task.ship.length
+    for side in (1.0, -1.0):
+        course = task.course(np.zeros((1, task.uniforms)), {"radius": side * radius})[0]
+        points = commanded_path(task, course)
+        length = np.hypot(*np.diff(points, axis=0).T)
+        turn = points[np.concatenate([[0.0], length.cumsum()]) >= task.ship.speed * (task.lead + task.ramp)]
+        circle = fit_circle(*turn.T)
+        assert circle.radius == pytest.approx(radius, rel=1e-4)
+        assert circle.rms < 1e-6 * radius
+        assert np.hypot(*(turn[-1] - turn[0])) < 1.5 * length.max()  # once round
+        along, across = turn[1] - turn[0], np.array([circle.x, circle.y]) - turn[0]
+        assert np.sign(along[0] * across[1] - along[1] * across[0]) == side
 
 
 def test_the_believed_path_runs_straight_at_the_service_speed_and_uses_a_believed_surge():

@@ -20,7 +20,9 @@ from vessel_gym.vehicles.corvette import steady_turns, sway_yaw_jacobian
 from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 from vessel_gym.vehicles.files import load
 
-SHIP = load("corvette")
+SHIP = load("corvette-thesis")
+SHIPS = {"thesis": SHIP, "corvette": load("corvette")}
+each_ship = pytest.mark.parametrize("ship", SHIPS.values(), ids=SHIPS)
 L = SHIP.length
 DEG = np.pi / 180.0
 
@@ -184,32 +186,36 @@ def test_the_turning_circle_is_what_was_measured_when_the_ship_was_chosen():
     np.testing.assert_allclose([trial.speed_ratio, trial.time_to_360], [0.5972, 148.75], rtol=1e-4)
 
 
+@each_ship
 @pytest.mark.parametrize("rudder", [5 * DEG, 20 * DEG, 35 * DEG])
-def test_port_and_starboard_mirror_each_other(rudder):
-    starboard, port = turning_circle(SHIP, rudder), turning_circle(SHIP, -rudder)
-    mirror = np.array([1, -1, -1, 1, -1, -1])
+def test_port_and_starboard_mirror_each_other(ship: CorvetteParameters, rudder):
+    starboard, port = turning_circle(ship, rudder), turning_circle(ship, -rudder)
+    mirror = np.array([1, -1, -1, 1, -1, -1, -1, -1])
     np.testing.assert_allclose(port.track.state * mirror, starboard.track.state, rtol=0, atol=1e-9)
     for name in ("advance", "transfer", "tactical_diameter", "steady_radius", "speed_ratio", "time_to_360"):
         assert getattr(port, name) == pytest.approx(getattr(starboard, name), rel=0, abs=1e-9)
 
 
-def test_halving_the_step_moves_the_tactical_diameter_by_less_than_a_hundredth_of_a_percent():
+@each_ship
+def test_halving_the_step_moves_the_tactical_diameter_by_less_than_a_hundredth_of_a_percent(ship: CorvetteParameters):
     for rudder in (10 * DEG, 20 * DEG, 35 * DEG):
-        whole, half = (turning_circle(SHIP, rudder, dt=dt).tactical_diameter for dt in (0.5, 0.25))
+        whole, half = (turning_circle(ship, rudder, dt=dt).tactical_diameter for dt in (0.5, 0.25))
         assert abs(half / whole - 1.0) < 1e-4
 
 
+@each_ship
 @pytest.mark.parametrize("k", [20, 80, 160])
-def test_the_trial_settles_on_the_steady_turn_that_was_solved_for(k):
-    turns = steady_turns(SHIP)
-    trial = turning_circle(SHIP, turns.rudder[k], turns=3.0)
+def test_the_trial_settles_on_the_steady_turn_that_was_solved_for(ship: CorvetteParameters, k):
+    turns = steady_turns(ship)
+    trial = turning_circle(ship, turns.rudder[k], turns=3.0)
     assert trial.steady_radius == pytest.approx(turns.radius[k], rel=1e-6)
     assert trial.final_speed == pytest.approx(np.hypot(turns.speed[k], turns.sway[k]), rel=1e-6)
 
 
-def test_steady_turns_are_similar_at_every_speed():
+@each_ship
+def test_steady_turns_are_similar_at_every_speed(ship: CorvetteParameters):
     # Every force goes with the square of the speed.
-    fast, slow = turning_circle(SHIP, 0.4, turns=3.0), turning_circle(SHIP, 0.4, speed=7.0, turns=3.0)
+    fast, slow = turning_circle(ship, 0.4, turns=3.0), turning_circle(ship, 0.4, speed=7.0, turns=3.0)
     assert slow.track.state[0, 3] == 7.0
     assert slow.steady_radius == pytest.approx(fast.steady_radius, rel=1e-5)
     assert slow.speed_ratio == pytest.approx(fast.speed_ratio, rel=1e-5)
@@ -225,18 +231,20 @@ def test_a_turn_that_is_cut_short_has_no_steady_radius():
 # --- zig-zag and initial turning --------------------------------------------------------------------
 
 
+@each_ship
 @both_sides
-def test_the_zigzag_overshoots_meet_the_standard(side):
-    assert L / SHIP.speed < 10.0  # s, the class of ships to which these limits belong
-    ten, twenty = zigzag(SHIP, side * 10 * DEG), zigzag(SHIP, side * 20 * DEG)
+def test_the_zigzag_overshoots_meet_the_standard(ship: CorvetteParameters, side):
+    assert L / ship.speed < 10.0  # s, the class of ships to which these limits belong
+    ten, twenty = zigzag(ship, side * 10 * DEG), zigzag(ship, side * 20 * DEG)
     assert 0.0 < ten.first_overshoot <= 10 * DEG
     assert 0.0 < ten.second_overshoot <= 25 * DEG
     assert 0.0 < twenty.first_overshoot <= 25 * DEG
 
 
-def test_a_zigzag_to_port_mirrors_one_to_starboard():
-    starboard, port = zigzag(SHIP, 20 * DEG), zigzag(SHIP, -20 * DEG)
-    mirror = np.array([1, -1, -1, 1, -1, -1])
+@each_ship
+def test_a_zigzag_to_port_mirrors_one_to_starboard(ship: CorvetteParameters):
+    starboard, port = zigzag(ship, 20 * DEG), zigzag(ship, -20 * DEG)
+    mirror = np.array([1, -1, -1, 1, -1, -1, -1, -1])
     np.testing.assert_allclose(port.track.state * mirror, starboard.track.state, rtol=0, atol=1e-9)
     np.testing.assert_allclose(port.executes, starboard.executes, rtol=0, atol=1e-9)
     assert port.first_overshoot == pytest.approx(starboard.first_overshoot, abs=1e-9)
@@ -253,8 +261,9 @@ def test_the_rudder_is_reversed_when_the_heading_is_reached_and_the_overshoot_is
     np.testing.assert_allclose(soon_after, 20 * DEG * np.array([1, -1, 1]), atol=1e-12)
 
 
-def test_overshoots_do_not_depend_on_where_the_samples_fall():
-    fine, coarse = zigzag(SHIP, 20 * DEG, dt=0.02), zigzag(SHIP, 20 * DEG, dt=0.5)
+@each_ship
+def test_overshoots_do_not_depend_on_where_the_samples_fall(ship: CorvetteParameters):
+    fine, coarse = zigzag(ship, 20 * DEG, dt=0.02), zigzag(ship, 20 * DEG, dt=0.5)
     assert coarse.first_overshoot == pytest.approx(fine.first_overshoot, abs=0.002 * DEG)
     assert coarse.period == pytest.approx(fine.period, abs=1e-3)
 
@@ -266,38 +275,42 @@ def test_a_zigzag_that_runs_out_of_time_says_so():
     assert trial.track.time[-1] == 20.0
 
 
+@each_ship
 @both_sides
-def test_ten_degrees_of_heading_take_less_than_two_and_a_half_lengths(side):
-    distance = initial_turning(SHIP, side * 10 * DEG)
+def test_ten_degrees_of_heading_take_less_than_two_and_a_half_lengths(ship: CorvetteParameters, side):
+    distance = initial_turning(ship, side * 10 * DEG)
     assert 1.0 < distance < 2.5  # MSC.137(76)
-    assert initial_turning(SHIP, side * 10 * DEG, dt=0.05) == pytest.approx(distance, rel=1e-4)
-    assert initial_turning(SHIP, side * 10 * DEG, longest=5.0) is None
+    assert initial_turning(ship, side * 10 * DEG, dt=0.05) == pytest.approx(distance, rel=1e-4)
+    assert initial_turning(ship, side * 10 * DEG, longest=5.0) is None
 
 
 # --- Nomoto -----------------------------------------------------------------------------------------
 
 
-def test_the_fit_is_exact_for_a_linear_ship_whose_rudder_moves_linearly_between_samples():
-    A, B = sway_yaw_jacobian(np.array([SHIP.speed, 0.0, 0.0]), np.array(0.0), SHIP)
+@each_ship
+def test_the_fit_is_exact_for_a_linear_ship_whose_rudder_moves_linearly_between_samples(ship: CorvetteParameters):
+    A, B = sway_yaw_jacobian(np.array([ship.speed, 0.0, 0.0]), np.array(0.0), ship)
     time = 0.5 * np.arange(240)
     rudder = np.repeat(np.random.default_rng(0).normal(size=40), 6) * 0.1
     _, yaw_rate, _ = lsim(StateSpace(A, B, [[0.0, 1.0]], [[0.0]]), rudder, time)
-    fit, exact = nomoto_fit(time, rudder, yaw_rate, SHIP.speed, L), nomoto_linear(SHIP)
+    fit, exact = nomoto_fit(time, rudder, yaw_rate, ship.speed, L), nomoto_linear(ship)
     for name in ("K", "T", "T1", "T2", "T3"):
         assert getattr(fit, name) == pytest.approx(getattr(exact, name), rel=1e-9)
 
 
-def test_the_linear_figures_are_the_gain_and_the_slope_of_the_ships_transfer_function():
-    A, B = sway_yaw_jacobian(np.array([SHIP.speed, 0.0, 0.0]), np.array(0.0), SHIP)
-    unit = L / SHIP.speed
+@each_ship
+def test_the_linear_figures_are_the_gain_and_the_slope_of_the_ships_transfer_function(ship: CorvetteParameters):
+    A, B = sway_yaw_jacobian(np.array([ship.speed, 0.0, 0.0]), np.array(0.0), ship)
+    unit = L / ship.speed
 
     def gain(s: complex) -> complex:
         return np.linalg.solve(s * np.eye(2) - A, B)[1, 0]
 
-    n = nomoto_linear(SHIP)
+    n = nomoto_linear(ship)
     assert pytest.approx(gain(0.0) * unit) == n.K
     assert n.K > 0.0  # positive rudder turns to starboard
-    slope = (np.log(gain(1e-4)) - np.log(gain(-1e-4))) / 2e-4
+    rises = [np.log(gain(s)) - np.log(gain(-s)) for s in (1e-4, 2e-4)]
+    slope = (8.0 * rises[0] - rises[1]) / 12e-4
     assert pytest.approx(-slope / unit, rel=1e-6) == n.T
     s = 0.3j  # any other point of the complex plane
     model = n.K * (1.0 + n.T3 * s) / ((1.0 + n.T1 * s) * (1.0 + n.T2 * s))

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from contract import assert_same_tree, copy_tree, make_batch, random_walk
+from contract import assert_same_tree, copy_tree, make_batch, make_core, random_walk
 from gymnasium.vector import AutoresetMode
 
 from estimators import Belief, Filter
@@ -39,7 +39,8 @@ WORLDS: dict[str, tuple[str, dict[str, Any]]] = {
     "corvette": ("SigmaCorvette-v0", {}),
     "corvette, linear": ("SigmaCorvette-v0", {"estimator": "kf"}),
     "corvette, asked": ("SigmaCorvette-v0", {"estimator": "ekf", "observe": "mean+std"}),
-    "corvette, own": ("SigmaCorvette-v0", {"estimator": OwnKalman}),
+    "corvette, own": ("SigmaCorvette-v0", {"estimator": OwnKalman, "estimator_options": {"model": "linear"}}),
+    "the thesis' corvette": ("ThesisCorvette-v0", {}),
     "Segorogeni": ("SegorogeniAUV-v0", {}),
     "Puna": ("PunaUAV-v0", {"estimator": "etkf", "guidance": False}),
     "Itsunusa, readings": ("ItsunusaAUV-v0", {"estimator": "ekf", "observe": "measurement", "guidance": True}),
@@ -81,6 +82,11 @@ def test_the_bits_are_the_same_for_any_number_of_threads(world: str):
     alone = flown(make(world, 1), 12)
     for threads in (2, 3, 2 * MANY):
         assert_same(flown(make(world, threads), 12), alone)
+
+
+@pytest.mark.parametrize("env_id", ["SigmaCorvette-v0", "ThesisCorvette-v0", "vessel_gym/Ship-v0"])
+def test_threads_share_ships_at_sea_whose_sensors_are_linear(env_id: str):
+    assert len(make_core(env_id, MANY, num_threads=3)._parts) == 3
 
 
 @pytest.mark.parametrize("mode", [AutoresetMode.SAME_STEP, AutoresetMode.DISABLED])

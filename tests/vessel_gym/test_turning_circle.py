@@ -11,15 +11,15 @@ from scipy.optimize import root
 from estimators import Belief, Gaussian, make
 from vessel_gym.composition import compose
 from vessel_gym.core import Core
-from vessel_gym.envs.sigma_corvette import SEAS, SIGMA_CORVETTE
+from vessel_gym.envs.thesis_corvette import SEAS, THESIS_CORVETTE
 from vessel_gym.sensors import Sensors
 from vessel_gym.system import Estimate
 from vessel_gym.tasks.turning_circle import TurningCircle
 from vessel_gym.vehicles.corvette import Corvette, steady_turns
-from vessel_gym.vehicles.corvette_equations import corvette_rates
+from vessel_gym.vehicles.corvette_equations import AROUND, STATE, corvette_rates
 from vessel_gym.vehicles.files import load
 
-SHIP = load("corvette")
+SHIP = load("corvette-thesis")
 L = SHIP.length
 TASK = TurningCircle(SHIP)
 SEA = SEAS["moderate"]
@@ -47,7 +47,7 @@ def started(rows: int, model: str = "corrected", estimator: str = "kf-umv-ui") -
 
 def seen_of(belief: Belief) -> Estimate:
     """What the task sees of a belief that knows of no current."""
-    sd, no_flow = np.sqrt(belief.cov.diagonal(0, -2, -1)), np.zeros((len(belief.mean), 2))
+    sd, no_flow = np.sqrt(belief.cov.diagonal(0, -2, -1)), np.zeros((len(belief.mean), len(AROUND)))
     input_sd = None if belief.input_cov is None else np.sqrt(belief.input_cov.diagonal(0, -2, -1))
     return Estimate(belief.mean, no_flow, belief.input_mean, sd, input_sd, np.zeros(0))
 
@@ -75,8 +75,8 @@ def test_the_commanded_yaw_rate_is_that_of_the_steady_turn_with_the_commanded_ra
     turns = steady_turns(SHIP)
 
     def residual(z):
-        motion = np.array([0.0, 0.0, 0.0, z[0], z[1], abs(float(rate))])
-        return corvette_rates(motion, z[2:], np.zeros(2), SHIP.vector())[3:] * [1.0, 1.0, 100.0]
+        motion = np.array([0.0, 0.0, 0.0, z[0], z[1], abs(float(rate)), 0.0, 0.0])
+        return corvette_rates(motion, z[2:], np.zeros(len(AROUND)), SHIP.vector())[3:6] * [1.0, 1.0, 100.0]
 
     guess = [np.interp(abs(rate), turns.yaw_rate, column) for column in (turns.speed, turns.sway, turns.rudder)]
     surge, sway, _ = root(residual, guess, tol=1e-12).x
@@ -153,7 +153,7 @@ def test_a_turn_to_port_mirrors_one_to_starboard():
 
 def test_filters_are_told_the_mean_rudder_and_the_commanded_yaw_rate():
     before, after, course, step = np.array([[0.1], [0.2]]), np.array([[0.14], [0.2]]), courses(2), np.array([30, 90])
-    told = SIGMA_CORVETTE.vehicle.known_input(before, after, TASK.commanded(course, step))
+    told = THESIS_CORVETTE.vehicle.known_input(before, after, TASK.commanded(course, step))
     np.testing.assert_allclose(told[:, 0], [0.12, 0.2])
     np.testing.assert_array_equal(told[:, 1], TASK.command(course, step)[:, 1])
 
@@ -255,7 +255,7 @@ def test_the_current_moves_the_ship_and_neither_observation_nor_reward(estimator
     flown = []
     for current in (SEA.current, 50.0):  # m/s
         sea = {"moderate": replace(SEA, current=current)}
-        core = Core(replace(SIGMA_CORVETTE, disturbances=sea), 3, estimator, observe="mean+std")
+        core = Core(replace(THESIS_CORVETTE, disturbances=sea), 3, estimator, observe="mean+std")
         core.seed(0)
         core.reset()
         seen = [core.observe()]
@@ -277,7 +277,7 @@ def rewarded(truth, reference, action):
     """Reward and whether the turn is lost; neither rudder nor what acts counts, and there is nothing to remember."""
     rudder = np.random.default_rng(0).normal(size=(len(truth), 1))
     tally = TASK.begin(truth, courses(len(truth)))
-    acting = np.random.default_rng(1).normal(size=(len(truth), 3))
+    acting = np.random.default_rng(1).normal(size=(len(truth), 1 + len(AROUND)))
     reward, end, after = TASK.score(truth, acting, reference, TASK.over(reference), rudder, action, tally)
     assert tally.shape == after.shape == (len(truth), 0)
     return reward, np.array(TASK.ends)[end] == "turn lost"
@@ -288,7 +288,7 @@ def scored(heading_error, rate_error, action, commanded=0.03):
     heading_error, rate_error, action = np.broadcast_arrays(
         np.atleast_1d(np.asarray(heading_error, float)), rate_error, action
     )  # fmt: skip
-    truth = np.zeros((len(heading_error), 6))
+    truth = np.zeros((len(heading_error), len(STATE)))
     truth[:, 2], truth[:, 5] = 1.0 - heading_error, commanded - rate_error
     reference = np.tile([1.0, commanded, 0.5 * commanded, commanded], (len(truth), 1))  # the preview does not count
     return rewarded(truth, reference, np.array(action, float)[:, None])
@@ -330,7 +330,7 @@ def test_the_turn_is_lost_a_quarter_turn_off_and_not_before():
 def test_turns_to_port_are_scored_like_turns_to_starboard():
     rng = np.random.default_rng(3)
     heading, rate, action = rng.normal(size=100), rng.normal(size=100) * 0.01, rng.uniform(-1, 1, 100)
-    truth = np.zeros((100, 6))
+    truth = np.zeros((100, len(STATE)))
     reference = np.tile([0.7, 0.03, 0.03, 0.03], (100, 1))
     truth[:, 2], truth[:, 5] = 0.7 + heading, 0.03 + rate
     starboard = rewarded(truth, reference, action[:, None])
@@ -341,7 +341,7 @@ def test_turns_to_port_are_scored_like_turns_to_starboard():
 
 def test_the_score_reads_heading_and_yaw_rate_of_the_truth_and_nothing_else():
     rng = np.random.default_rng(4)
-    truth, reference = rng.normal(size=(50, 6)), np.tile([0.7, 0.03, 0.03, 0.03], (50, 1))
-    other = np.where([False, False, True, False, False, True], truth, rng.normal(size=(50, 6)))
+    truth, reference = rng.normal(size=(50, len(STATE))), np.tile([0.7, 0.03, 0.03, 0.03], (50, 1))
+    other = np.where(np.isin(STATE, ("psi", "r")), truth, rng.normal(size=(50, len(STATE))))
     action = rng.uniform(-1, 1, (50, 1))
     np.testing.assert_array_equal(rewarded(truth, reference, action)[0], rewarded(other, reference, action)[0])

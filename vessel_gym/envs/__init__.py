@@ -9,6 +9,7 @@ from vessel_gym.envs.segorogeni_auv import SegorogeniAUVEnv, SegorogeniAUVVector
 from vessel_gym.envs.ship import ShipEnv, ShipVectorEnv
 from vessel_gym.envs.sigma_corvette import SigmaCorvetteEnv, SigmaCorvetteVectorEnv
 from vessel_gym.envs.single import VesselEnv
+from vessel_gym.envs.thesis_corvette import ThesisCorvetteEnv, ThesisCorvetteVectorEnv
 from vessel_gym.envs.vector import VesselVectorEnv
 
 __all__ = [
@@ -26,6 +27,8 @@ __all__ = [
     "ShipVectorEnv",
     "SigmaCorvetteEnv",
     "SigmaCorvetteVectorEnv",
+    "ThesisCorvetteEnv",
+    "ThesisCorvetteVectorEnv",
     "VesselEnv",
     "VesselVectorEnv",
     "register_environment",

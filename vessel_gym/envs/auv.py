@@ -4,27 +4,29 @@ from pathlib import Path
 from typing import Any
 
 from vessel_gym.composition import OF_UNKNOWN_INPUTS, Composition
-from vessel_gym.disturbances import Water
+from vessel_gym.disturbances import Disturbance, SurfaceWater, Water
 from vessel_gym.envs.single import VesselEnv
 from vessel_gym.envs.vector import VesselVectorEnv
 from vessel_gym.system import System
 from vessel_gym.tasks.dive import SpatialDive, VerticalDive
 from vessel_gym.vehicles.auv import AUVParameters
 from vessel_gym.vehicles.files import load
+from vessel_gym.vehicles.itsunusa import STATE as PLANE
 from vessel_gym.vehicles.itsunusa import Itsunusa, ItsunusaParameters
+from vessel_gym.vehicles.segorogeni import STATE as SPACE
 from vessel_gym.vehicles.segorogeni import Segorogeni
 
-WATERS = {
-    "calm": Water(turbulence=0.002, spin=0.002, current=0.05),
-    "moderate": Water(turbulence=0.005, spin=0.005, current=0.10),
-    "rough": Water(turbulence=0.010, spin=0.010, current=0.20),
-}
-_PLANE: dict[str, Any] = {"velocities": ("u", "w"), "rates": ("q",), "names": ("current",)}
-PLANE_WATERS = {
-    "calm": Water(turbulence=0.002, spin=0.001, current=0.05, **_PLANE),
-    "moderate": Water(turbulence=0.005, spin=0.0025, current=0.10, **_PLANE),
-    "rough": Water(turbulence=0.010, spin=0.005, current=0.20, **_PLANE),
-}
+
+def _waters(spin: float, state: tuple[str, ...], **of_vehicle: Any) -> dict[str, Disturbance]:
+    """Waters by name, the last under waves; ``spin`` is what turbulence does to rates beside velocities."""
+    figures = {"calm": (0.002, 0.05), "moderate": (0.005, 0.10), "rough": (0.010, 0.20)}
+    waters = {name: Water(kick, spin * kick, current, **of_vehicle) for name, (kick, current) in figures.items()}
+    above = SurfaceWater(0.88, 7.5, waters["moderate"], state.index("x"), state.index("z"))
+    return waters | {"surface": above}
+
+
+WATERS = _waters(1.0, SPACE)
+PLANE_WATERS = _waters(0.5, PLANE, velocities=("u", "w"), rates=("q",), names=("current",))
 
 
 def _tuning(name: str, told: Composition) -> dict[str, Any]:
@@ -53,7 +55,7 @@ def auv_system(vessel: str | Path, name: str = "vessel_gym/AUV-v0") -> System:
     if isinstance(body, ItsunusaParameters):
         share = body.cruise_speed / 1.5
         plane = VerticalDive(body, (60.0 * share, 0.0, 20.0 * share), (2.0 * share, 0.0, share), 5.0 * share, 600)
-        linear = dict.fromkeys(("kf", "kf-umv-ui-wdf", "ulise"), "steady dives")
+        linear = dict.fromkeys(("kf", "kf-umv-ui", "kf-umv-ui-wdf", "ulise"), "steady dives")
         return System(name, Itsunusa(body), plane, PLANE_WATERS, "enkf-sr", "nonlinear", _tuning, linear)
     share = body.cruise_speed
     goal, spread = (10.0 * share, 18.0 * share, 6.0 * share), (share, share, 0.5 * share)

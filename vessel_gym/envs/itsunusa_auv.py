@@ -123,15 +123,15 @@ class ItsunusaAUVEnv(VesselEnv):
     - ``estimator``: ``enkf-sr`` (default; 100 members, inflation 1.01, localised), ``enkf``, ``etkf``, ``ekf``,
       ``ukf``, ``kf`` (made straight about steady dives along the path), ``huber-kf``, ``robust-kf``, ``truth``,
       ``measurement`` (the last reading of everything, current 0), ``dead-reckoning``. Those of an unknown input need a
-      `vessel_gym.disturbances.Fault`, or a disturbance told as ``"input"``: ``kf-umv-ui-wdf``, ``ekf-ui-wdf``,
-      ``ulise``, ``ukf-umv``.
+      `vessel_gym.disturbances.Fault`, or a disturbance told as ``"input"``: ``kf-umv-ui`` (which takes the input of
+      the step before for that of now), ``kf-umv-ui-wdf``, ``ulise``, ``ekf-ui-wdf``, ``ukf-umv``.
     - ``estimator_options``: the filter's own, e.g. ``{"members": 400}``, ``{"localisation": None}``;
       ``{"model": "steady dives"}`` gives any of them the linear model.
     - ``sensors``: ``clean``, ``nominal`` or ``degraded``. Nominal: Doppler log over ground 0.01 m/s with 10 % lost,
       depth 0.02 m, pitch 0.01 rad, gyroscope 0.005 rad/s, and every 2 s a position fix of 0.5 m with 10 % lost.
       ``degraded`` loses 10 % more of everything, and 5 % of readings have ten times the noise: bad ranges.
     - ``disturbance``: ``calm``, ``moderate``, ``rough``: kicks of 0.002, 0.005, 0.01 m/s and half as many rad/s a
-      step, and a current of 0.05, 0.1, 0.2 m/s that wanders in 200 s.
+      step, and a current of 0.05, 0.1, 0.2 m/s that wanders in 200 s; ``surface``: ``moderate`` under waves of 0.88 m.
     - ``mismatch``: relative spread of the truth's coefficients around the filter's, 0 to 0.25.
     - ``observe``: ``mean``, ``mean+std`` or ``measurement``, see above.
     - ``render_mode``: ``human`` (a window) or ``rgb_array``.

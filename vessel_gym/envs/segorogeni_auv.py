@@ -130,14 +130,14 @@ class SegorogeniAUVEnv(VesselEnv):
       ``ekf``, ``ukf``, ``huber-kf``, ``robust-kf``, ``truth``, ``measurement`` (the last reading of everything,
       current 0), ``dead-reckoning``. Those that need a linear model refuse this one: ``kf``,
       ``kf-umv-ui-wdf``, ``ulise``; those of an unknown input need a `vessel_gym.disturbances.Fault`, or a disturbance
-      told as ``"input"``: ``ekf-ui-wdf``, ``ukf-umv``.
+      told as ``"input"``: ``ekf-ui-wdf``, ``ukf-umv``, and ``kf-umv-ui`` if a sensor reads that input itself.
     - ``estimator_options``: the filter's own, e.g. ``{"members": 300}``, ``{"localisation": None}``.
     - ``sensors``: ``clean``, ``nominal`` or ``degraded``. Nominal: Doppler log over ground 0.01 m/s with 10 % lost,
       depth 0.02 m, roll and pitch 0.01, yaw 0.03 rad, gyroscope 0.005 rad/s, and every 2 s a position fix of 0.5 m
       with 10 % lost. ``degraded`` loses 10 % more of everything, and 5 % of readings have ten times the noise: bad
       ranges.
     - ``disturbance``: ``calm``, ``moderate``, ``rough``: kicks of 0.002, 0.005, 0.01 m/s and rad/s a step, and a
-      current of 0.05, 0.1, 0.2 m/s that wanders in 200 s.
+      current of 0.05, 0.1, 0.2 m/s that wanders in 200 s; ``surface``: ``moderate`` under waves of 0.88 m.
     - ``mismatch``: relative spread of the truth's coefficients around the filter's, 0 to 0.25.
     - ``observe``: ``mean``, ``mean+std`` or ``measurement``, see above.
     - ``render_mode``: ``human`` (a window) or ``rgb_array``.

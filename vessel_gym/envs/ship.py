@@ -3,63 +3,63 @@
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from vessel_gym.composition import Composition
-from vessel_gym.disturbances import Sea
 from vessel_gym.envs.single import VesselEnv
 from vessel_gym.envs.vector import VesselVectorEnv
+from vessel_gym.seaway import Seaway
 from vessel_gym.system import System
-from vessel_gym.tasks.turning_circle import TurningCircle
-from vessel_gym.vehicles.corvette import Corvette
+from vessel_gym.tasks.circle_track import CircleTrack
 from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 from vessel_gym.vehicles.files import load
+from vessel_gym.vehicles.ship import Ship
 
-_DEG = np.pi / 180.0
-_NONLINEAR = ("ekf", "ukf", "enkf", "enkf-sr", "etkf")
+_KNOT = 1852.0 / 3600.0
+_LINEAR = ("kf", "kf-umv-ui-wdf", "ulise", "huber-kf", "robust-kf")
 
 
-def seas(dt: float) -> dict[str, Sea]:
-    """Calm, moderate and rough seas at steps of ``dt`` [s]: as the corvette meets them, whatever the ship."""
+def seas(ship: CorvetteParameters, dt: float) -> dict[str, Seaway]:
+    """Sea states 2, 4 and 5 (Bales et al. 1981, as NATO has them) at steps of ``dt`` [s]; the currents are assumed."""
     return {
-        "calm": Sea(wave=0.05 * _DEG, peak=0.9, gust=0.02 * _DEG, current=0.1, dt=dt),
-        "moderate": Sea(wave=0.4 * _DEG, peak=0.8, gust=0.1 * _DEG, current=0.3, dt=dt),
-        "rough": Sea(wave=1.0 * _DEG, peak=0.6, gust=0.2 * _DEG, current=0.6, dt=dt),
+        "calm": Seaway(ship, height=0.3, period=6.9, wind=8.5 * _KNOT, current=0.1, dt=dt),
+        "moderate": Seaway(ship, height=1.88, period=8.8, wind=19.0 * _KNOT, current=0.3, dt=dt),
+        "rough": Seaway(ship, height=3.25, period=9.7, wind=24.5 * _KNOT, current=0.6, dt=dt),
     }
 
 
-def _tuning(name: str, told: Composition) -> dict[str, Any]:
+def input_tuning(name: str, told: Composition) -> dict[str, Any]:
+    """The variance of the yaw increment, for filters that estimate it."""
     if name in ("kf-umv-ui", "ulise"):
         return {"input_prior": told.forces.kick_cov}
     return {}
 
 
-def ship_system(vessel: str | Path, name: str = "vessel_gym/Ship-v0") -> System:
+def ship_system(vessel: str | Path | CorvetteParameters, name: str = "vessel_gym/Ship-v0") -> System:
     """A ship that turns, as an environment.
 
     All times are those of the corvette, times as long as the ship takes to sail its own length: a slow ship gets longer
     steps, not more of them.
 
     Args:
-        vessel: A vehicle file of a ship, or the name of one that comes with the package.
+        vessel: A vehicle file of a ship, the name of one that comes with the package, or its parameters.
         name: The environment's id.
 
     Raises:
         ValueError: for anything wrong in the file, in one sentence with its line.
         OSError: if the file cannot be read.
     """
-    ship, corvette = load(vessel, CorvetteParameters), load("corvette", CorvetteParameters)
+    ship = vessel if isinstance(vessel, CorvetteParameters) else load(vessel, CorvetteParameters)
+    corvette = load("corvette", CorvetteParameters)
     pace = (ship.length / ship.speed) / (corvette.length / corvette.speed)
-    task = TurningCircle(ship, pace)
+    task = CircleTrack(ship, pace)
     return System(
         name=name,
-        vehicle=Corvette(ship, task.dt),
+        vehicle=Ship(ship, task.dt),
         task=task,
-        disturbances=seas(task.dt),
+        disturbances=seas(ship, task.dt),
         estimator="kf-umv-ui",
-        filter_model="corrected",
-        filter_models=dict.fromkeys(_NONLINEAR, "nonlinear"),
-        tuning=_tuning,
+        filter_model="nonlinear",
+        filter_models=dict.fromkeys(_LINEAR, "linear"),
+        tuning=input_tuning,
     )
 
 

@@ -9,23 +9,25 @@ SEAS = SIGMA_CORVETTE.disturbances
 
 
 class SigmaCorvetteEnv(VesselEnv):
-    """Hold a commanded turning circle on what an estimator believes.
+    """Hold a turning circle, as a place on the map, on what an estimator believes.
 
     ## Description
 
-    A SIGMA-class corvette (101 m, 2423 t, 15.4 m/s = 29.9 kn) is commanded into a turn of 3 to 6 ship
-    lengths radius, to either side: 5 s straight on, 25 s of rising yaw rate, then a steady turn for the
-    rest of 300 s. Waves and gusts kick the heading, a current sets the track. The compass and a motion
-    reference unit are noisy, and the agent sees only what a filter makes of them.
+    A SIGMA-class corvette (101 m, 2423 t, 15.4 m/s = 29.9 kn) is commanded onto a track: 77 m straight on, a clothoid
+    of some 350 m, then a circle of 3 to 6 ship lengths radius, to either side, for the rest of 300 s. Waves, which she
+    meets at every angle and frequency as she turns, kick the heading; wind, drift and a current set her off the track.
+    Compass, rate gyro and receiver are noisy, and the agent sees only what a filter makes of them.
 
-    The current moves nothing but the true position, which no instrument reads and no reward counts: one of 50 m/s
-    leaves every observation and reward as it is, bit for bit.
+    The ship moves in surge, sway, yaw and roll: Clarke's linear derivatives, cross-flow drag, propellers of constant
+    revolutions, rudders in their race, speed loss in the turn; one RK4 step of 0.5 s. The sea is a field of long waves
+    (JONSWAP, three bands) that run to the north, like the wind: see `vessel_gym.seaway.Seaway`. Their first-order
+    motion is superposed on manoeuvring: with the unknown input ``d``, the yaw increment that waves give in a step, the
+    heading goes on by ``d`` beside its own change, the compass reads ``psi + d`` and the gyro ``r + d / dt``, which is
+    the thesis' arrangement (Hermawan 2020, eq. 4.5) with a rate gyro.
 
-    The ship is a nonlinear 3-DOF model (surge, sway, yaw): Clarke's linear derivatives, cross-flow
-    drag, rudder with inflow angle, speed loss in the turn; one RK4 step of 0.5 s. The filter's model
-    is linear: ``x = (sway, yaw rate, heading)``, ``x+ = A x + B u + G d + w``, ``y = C x + H d + v`` with the unknown
-    input ``d``, the yaw increment that waves and gusts give in one step. Source of system and filter:
-    Hermawan (2020), corrected as the vehicle's documentation says.
+    Filters estimate ``x = (north, east, heading, surge, sway, yaw rate)``, and a current, for which they also take the
+    leeway of wind and drift: by position nobody can tell these apart. They are told nothing of waves but that ``d`` is
+    unknown, and how large it is; ``estimator_options={"told": ...}`` tells them otherwise.
 
     ## Action Space
 
@@ -39,60 +41,70 @@ class SigmaCorvetteEnv(VesselEnv):
 
     ## Observation Space
 
-    ``Box(-10, 10, (7,), float32)``, scaled to be of order 1 and clipped. With ``e`` for the reference minus the
-    estimate:
+    ``Box(-10, 10, (11,), float32)``, scaled to be of order 1 and clipped. What is commanded is that of the track's
+    point next to where the ship is believed to be:
 
-    | Num | Observation                              | Scale (1 means) |
-    |-----|------------------------------------------|-----------------|
-    | 0   | heading error e, wrapped                 | 0.1 rad         |
-    | 1   | yaw rate error e                         | 0.01 rad/s      |
-    | 2   | sway velocity, estimate                  | 2 m/s           |
-    | 3   | unknown input d, estimate (0 where the estimator gives none) | 0.01 rad |
-    | 4   | rudder angle, measured                   | 35 deg          |
-    | 5   | commanded yaw rate                       | 0.04 rad/s      |
-    | 6   | commanded yaw rate 10 s ahead            | 0.04 rad/s      |
+    | Num | Observation                                                         | Scale (1 means) |
+    |-----|---------------------------------------------------------------------|-----------------|
+    | 0   | heading that holds the track in the believed current, less the estimated one | 0.1 rad |
+    | 1   | yaw rate that does so, less the estimated one                       | 0.01 rad/s      |
+    | 2   | sway velocity, estimate                                             | 2 m/s           |
+    | 3   | unknown input d, estimate (0 where the estimator gives none)        | 0.01 rad        |
+    | 4   | rudder angle, measured                                              | 35 deg          |
+    | 5   | commanded yaw rate                                                  | 0.04 rad/s      |
+    | 6   | commanded yaw rate 10 s ahead                                       | 0.04 rad/s      |
+    | 7   | estimated distance to starboard of the track                        | 20 m            |
+    | 8   | estimated surge, less that of the steady turn                       | 2 m/s           |
+    | 9   | estimated current along the track                                   | 1 m/s           |
+    | 10  | and to starboard of it                                              | 1 m/s           |
 
-    ``observe="mean+std"`` appends the estimator's standard deviations of sway, yaw rate, heading and
-    unknown input in the scales 2 m/s, 0.01 rad/s, 0.1 rad, 0.01 rad: ``(11,)``.
-    ``observe="measurement"`` replaces 0 to 3 by raw readings: heading error of the compass (0.1 rad),
-    yaw increment of the motion reference unit (0.01 rad), and 1 or 0 for whether each arrived; a missing
-    reading is 0. Whichever estimator is named, nothing of what it believes enters such an episode.
+    ``observe="mean+std"`` appends the estimator's standard deviations of north, east, heading, sway, yaw rate and
+    unknown input in the scales 5 m, 5 m, 0.1 rad, 2 m/s, 0.01 rad/s, 0.01 rad: ``(17,)``.
+    ``observe="measurement"`` shows raw readings instead: compass [rad] and place (in two ship lengths) from the first
+    heading on, yaw rate (0.01 rad/s), and 1 or 0 for whether each arrived; then rudder and yaw rate of the turn:
+    ``(10,)``. A missing reading is 0. Whichever estimator is named, nothing of what it believes enters such an episode.
+    ``guidance=False`` shows the estimate as it is, from the first heading on, and the mission: ``(12,)``.
 
     ## Rewards
 
     From the truth, each step in [0, 1]::
 
-        (0.8 / (1 + (heading error / 0.05 rad)^2) + 0.2 / (1 + (yaw rate error / 0.15 r_c)^2)) (1 - 0.15 a^2)
+        (0.5 / (1 + (e / 10 m)^2) + 0.3 / (1 + (chi_e / 0.05 rad)^2) + 0.2 / (1 + (r_e / 0.15 r_c)^2))
+        (1 - 0.15 a^2) p
 
-    with the commanded yaw rate ``r_c`` and the action ``a``. The kernel is sharp: with a wide one, an agent
-    trades heading for rudder. It is never negative and the reference moves with time, so neither
-    ending early nor loitering pays. The episode's score, ``info["score"]``, is the sum of rewards over
-    600 steps, in [0, 1].
+    with the distance ``e`` from the track, the course over ground off the track's direction ``chi_e``, the yaw rate off
+    that of the track ``r_e``, the commanded yaw rate ``r_c`` of the turn, the action ``a``, and the progress ``p``: how
+    much further along the track the ship has come than ever before, in [0, 1] of 0.85 of what she should. It is never
+    negative, and neither ending early nor loitering pays. The episode's score, ``info["score"]``, is the sum of rewards
+    over 600 steps, in [0, 1].
 
     ## Starting State
 
-    The initial heading, radius and side are uniform. The true sway, yaw rate, heading and surge are drawn
-    from the task's prior (standard deviations 0.2 m/s, 0.002 rad/s, 0.03 rad, 0.2 m/s around 0, 0, the
-    initial heading, 15.4 m/s), and the estimator starts from that same prior and takes in the first
-    reading before the first observation. ``reset(options={"radius": r})`` sets the commanded radius
+    The initial heading, radius and side are uniform. The track begins at the origin. The true sway, yaw rate, heading,
+    place and surge are drawn from the task's prior (standard deviations 0.2 m/s, 0.002 rad/s, 0.03 rad, 2 m, 2 m,
+    0.2 m/s around 0, 0, the initial heading, the origin, 15.4 m/s), and the estimator starts from that same prior and
+    takes in the first readings before the first observation. ``reset(options={"radius": r})`` sets the commanded radius
     [m], 253 m to 100 km, positive to starboard.
 
     ## Episode End
 
-    - Termination: the true heading is more than 90 deg off the commanded one (the turn is lost).
+    - Termination: the true ship is more than 3 ship lengths off the track (the turn is lost).
     - Truncation: after 600 steps (300 s).
 
     ## Information
 
     | Key              | Content                                                                     |
     |------------------|-----------------------------------------------------------------------------|
-    | `truth`          | x, y [m], heading [rad], surge, sway [m/s], yaw rate [rad/s]: scoring only  |
+    | `truth`          | x, y [m], heading [rad], surge, sway [m/s], yaw rate [rad/s], roll [rad],   |
+    |                  | its rate [rad/s], then the sea: bands of waves, current: scoring only       |
     | `unknown_input`  | true d [rad] over the coming step                                           |
-    | `reference`      | commanded heading, yaw rate, yaw rate 10 s ahead, final yaw rate            |
+    | `reference`      | of the track's nearest point: heading to steer in still water, yaw rate,    |
+    |                  | yaw rate 10 s ahead, final yaw rate, distance to starboard of the track     |
+    |                  | [m], its direction, surge of the steady turn [m/s], believed heading        |
     | `actuators`      | rudder [rad]                                                                |
-    | `measurement`    | compass and yaw increment [rad], 0 where missing                            |
+    | `measurement`    | compass [rad], yaw rate [rad/s], north, east [m], 0 where missing           |
     | `available`      | which readings arrived                                                      |
-    | `estimate`       | sway, yaw rate, heading (and surge for `ekf`)                               |
+    | `estimate`       | north, east, heading, surge, sway, yaw rate, current north and east         |
     | `covariance`     | of the estimate                                                             |
     | `input_estimate` | estimated d [rad], 0 where the estimator gives none                         |
     | `parameters`     | the truth's coefficients, as `system.vehicle.parameter_names` lists them:   |
@@ -110,25 +122,26 @@ class SigmaCorvetteEnv(VesselEnv):
              mismatch=0.0, observe="mean")
     ```
 
-    - ``estimator``: on the linear model ``kf-umv-ui`` (default), ``ulise`` (whose d is one step late), ``kf``,
-      ``huber-kf``, ``robust-kf``; on the nonlinear ship ``ekf``, ``ukf``, ``enkf``, ``enkf-sr``, ``etkf``; and
-      ``truth``, ``measurement`` (compass differenced for the yaw rate, sway 0), ``dead-reckoning``.
-      ``kf-umv-ui-wdf``, ``ekf-ui-wdf`` and ``ukf-umv`` refuse this model: its input feeds through to the readings.
-    - ``estimator_options``: the filter's own, e.g. ``{"input_cov": 8e-5}`` tells ``kf`` the variance of d; ``model``
-      is ``"corrected"`` (default), ``"nonlinear"`` (default of the nonlinear filters) or ``"as-printed"``, eq. 4.3
-      of the thesis.
-    - ``sensors``: ``clean``, ``nominal`` (compass 2e-3 rad, motion reference unit 1e-3 rad) or ``degraded``.
-      When one channel drops, KF-UMV-UI cannot tell ``d`` from a heading error: the reading that is left goes
-      to ``d`` and the heading stays as predicted; when both drop, ``d`` gets its prior, N(0, its variance).
-    - ``disturbance``: yaw increments of 5e-4, 3.6e-3 or 9e-3 rad a step (``calm``, ``moderate``, ``rough``), and a
-      current of 0.1, 0.3 or 0.6 m/s, which only the true position shows.
+    - ``estimator``: on the nonlinear ship ``kf-umv-ui`` (default, linearised at the estimate), ``ekf``, ``ukf``,
+      ``enkf``, ``enkf-sr``, ``etkf``, and with d as a further state ``ekf-ui-wdf``, ``ukf-umv``; on a linear model
+      about the commanded turn ``ulise`` (whose d is one step late), ``kf-umv-ui-wdf``, ``kf``, ``huber-kf``,
+      ``robust-kf``; and ``truth``, ``measurement`` (readings held), ``dead-reckoning``.
+    - ``estimator_options``: the filter's own, and ``model``: ``"nonlinear"`` or ``"linear"``; ``told``: what the filter
+      is told of the sea. Waves as states: ``{"told": {"disturbance": "moderate", "as": "states"}}``; as noise, without
+      a current: ``{"told": {"as": "noise"}}``; d as white of known variance, for ``kf``: ``{"told": {"as": "white"}}``.
+    - ``sensors``: ``clean``, ``nominal`` (compass 2e-3 rad, gyro 2e-3 rad/s, receiver 2 m every second) or
+      ``degraded``; or your own, such as the thesis' motion reference unit, `vessel_gym.vehicles.corvette.MOTION_UNIT`.
+    - ``disturbance``: ``calm``, ``moderate`` or ``rough``: significant heights of 0.3, 1.88 and 3.25 m, winds of 8.5,
+      19 and 24.5 kn, currents of 0.1, 0.3 and 0.6 m/s.
     - ``mismatch``: relative spread of the hull's and rudder's coefficients around the filter's, 0 to 0.25.
     - ``observe``: ``mean``, ``mean+std`` or ``measurement``, see above.
     - ``render_mode``: ``human`` (a window) or ``rgb_array``.
 
     ## Version History
 
-    - v0: first version.
+    - v0: before 1.0, a new world under the old name: waves as a turning ship meets them, wind and drift, propellers of
+      constant revolutions, roll, a receiver, and a track over ground instead of a heading over time. The first one is
+      ``ThesisCorvette-v0``.
     """
 
     system = SIGMA_CORVETTE

@@ -31,7 +31,8 @@ from vessel_gym.rendering.canvas import (
     ship_outline,
     strip_chart,
 )
-from vessel_gym.rendering.journey import Journey, Sample
+from vessel_gym.rendering.journey import Journey, Sample, deviation
+from vessel_gym.tasks.circle_track import TRACK, CircleTrack
 from vessel_gym.tasks.turning_circle import TurningCircle
 from vessel_gym.tracks import believed_path, commanded_path
 
@@ -65,6 +66,7 @@ class TurningCircleScene(Journey):
         self._ship = core.task.ship
         self._hull = ship_outline(self._ship.beam / self._ship.length)
         self._commanded = np.zeros((1, 2))
+        self._tracked = isinstance(core.task, CircleTrack)
 
     def begin(self) -> None:
         """Start an episode with the course that the task has drawn."""
@@ -96,7 +98,8 @@ class TurningCircleScene(Journey):
     def _map(self, canvas: Canvas, box: Box, history: Sample) -> None:
         canvas.panel(box, WATER)
         true = history.truth[:, :2]
-        believed = true[0] + believed_path(history.estimate, self._ship, self._task.dt)
+        believed = believed_path(history.estimate, self._ship, self._task.dt)
+        believed = believed if self._tracked else true[0] + believed
         sea = box.inset(2, 2, 2, 66)
         view = PlanView(sea, np.concatenate([self._commanded, true, believed]), margin=84.0)
         draw_grid(canvas, view)
@@ -134,7 +137,7 @@ class TurningCircleScene(Journey):
         canvas.polygon(view.body(self._hull, at, heading, length), TRUE_PALE, TRUE, 1.5)
 
     def _draw_current(self, canvas: Canvas, box: Box) -> None:
-        _, north, east = self._core.forcing[self._row]
+        _, north, east, *_ = self._core.forcing[self._row]
         speed = float(np.hypot(north, east))
         x, y = box.left + 34, box.top + 34
         half = 16.0 * np.array([east, -north]) / max(speed, 1e-9)
@@ -145,7 +148,11 @@ class TurningCircleScene(Journey):
         canvas.line(np.array([[left, top], [left + width, top]]), EDGE, 1.0)
         x, y = left + np.array([16.0, 194.0, 336.0]), top + np.array([20.0, 44.0])
         for column, (label, colour) in enumerate(
-            [("commanded path", COMMANDED), ("true track", TRUE), ("believed track (dead-reckoned)", BELIEVED)]
+            [
+                ("commanded path", COMMANDED),
+                ("true track", TRUE),
+                ("believed track" if self._tracked else "believed track (dead-reckoned)", BELIEVED),
+            ]
         ):
             sample = np.array([[x[column], y[0]], [x[column] + 26, y[0]]])
             (canvas.dashes if colour == COMMANDED else canvas.line)(sample, colour, 2.0)
@@ -172,9 +179,24 @@ class TurningCircleScene(Journey):
         true = deg(wrap(history.reference[:, 0] - history.truth[:, 2]))
         believed = deg(wrap(history.reference[:, 0] - history.estimate[:, 2]))
         sd = deg(history.sd(_HEADING))
-        comparison_chart(canvas, rows[0], "Heading error  [°]", time, span, 2.0, true, believed, sd)
+        if isinstance(self._task, CircleTrack):
+            course = self._core.course[self._row][None]
+            along = np.stack([history.truth[:, :2], history.estimate[:, :2]])
+            true, believed = (self._task.off_track(course, each[:, None])[:, 0] for each in along)
+            side = history.reference[:, TRACK] + 0.5 * np.pi
+            direction = np.zeros((len(side), history.cov.shape[-1]))
+            direction[:, 0], direction[:, 1] = np.cos(side), np.sin(side)
+            comparison_chart(
+                canvas, rows[0], "To starboard of the track  [m]", time, span, 10.0, true, believed,
+                deviation(direction, history.cov),
+            )  # fmt: skip
+        else:
+            comparison_chart(canvas, rows[0], "Heading error  [°]", time, span, 2.0, true, believed, sd)
 
-        rates = [deg(rate) for rate in (history.reference[:, 1], history.estimate[:, 1], history.truth[:, 5])]
+        rates = [
+            deg(rate)
+            for rate in (history.reference[:, 1], history.estimate[:, 5 if self._tracked else 1], history.truth[:, 5])
+        ]
         strip_chart(
             canvas, rows[1], "Yaw rate  [°/s]",
             [

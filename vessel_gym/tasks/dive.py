@@ -11,7 +11,7 @@ from estimators.checks import shown
 from estimators.compiled import inlined, part, rowwise
 from vessel_gym.checks import one_of
 from vessel_gym.guidance import dive_path
-from vessel_gym.guidance.dive_path import course_to, path_point
+from vessel_gym.guidance.dive_path import course_to
 from vessel_gym.system import Estimate
 from vessel_gym.tasks.task import Task, three_numbers
 from vessel_gym.vehicles.auv import AUVParameters
@@ -382,6 +382,15 @@ def vertical_view(
         _scaled(12, actuators[row], gains, seen)
 
 
+@rowwise("void(f8[:],f8[:,:],f8[:,::1])")
+def path_angle(covered: np.ndarray, course: np.ndarray, out: np.ndarray) -> None:
+    """Angles of paths ``(B, 1)`` [rad], upwards, at so many metres in plan ``(B,)``; their ends are level."""
+    for row in range(len(out)):
+        length, depth = course[row, 1], course[row, 2]
+        share = min(covered[row] / length, 1.0)
+        out[row, 0] = -np.arctan(6.0 * depth * share * (1.0 - share) / length)
+
+
 @dataclass(frozen=True)
 class VerticalDive(Dive):
     """A dive in the vertical plane, of a vehicle whose state is `vessel_gym.vehicles.itsunusa.STATE`."""
@@ -409,8 +418,9 @@ class VerticalDive(Dive):
 
     def commanded(self, course: np.ndarray, step: np.ndarray) -> np.ndarray:
         """The angle of the path [rad] where a vehicle at the cruising speed would be, upwards, ``(B, 1)``."""
-        covered = np.minimum(step * self.dt * self.auv.cruise_speed, course[:, 1])
-        return -np.arctan(path_point(covered, course)[:, 4:])
+        angle = np.empty((len(course), 1))
+        path_angle(step * (self.dt * self.auv.cruise_speed), course, angle)
+        return angle
 
     def observe(self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
         """The observation ``(B, 14)`` of mode ``"mean"``, before clipping: errors, estimates, actuators."""

@@ -57,7 +57,7 @@ class Task:
     """Why an episode may end, by number; number 0 is that it goes on."""
     success: str = ""
     """Which of ``ends`` means success; empty where success is to go on to the time limit."""
-    commanding: slice | None = None
+    commanding: ClassVar[slice | list[int] | None] = None
     """Columns of a reference that hold what is `commanded`, for tasks of this package; None: none do."""
     BOUND = 10.0
     """Observations are scaled to be of order 1 and clipped to +-10."""

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 
 
 @inlined
-def _wrapped(angle: float) -> float:
+def wrapped(angle: float) -> float:
     """An angle in (-pi, pi]."""
     return angle - 2.0 * np.pi * np.ceil(angle / (2.0 * np.pi) - 0.5)
 
@@ -44,7 +44,7 @@ def turning_score(
 ) -> None:  # fmt: skip
     """Reward, and whether the turn is lost; kernel is (heading, yaw rate tolerance, helm cost, heading error lost)."""
     for row in range(len(reward)):
-        heading = _wrapped(reference[row, 0] - truth[row, 2])
+        heading = wrapped(reference[row, 0] - truth[row, 2])
         rate = (reference[row, 1] - truth[row, 5]) / reference[row, 3]
         value = 0.8 / (1.0 + (heading / kernel[0]) ** 2) + 0.2 / (1.0 + (rate / kernel[1]) ** 2)
         reward[row] = value * (1.0 - kernel[2] * action[row, 0] ** 2)
@@ -57,7 +57,7 @@ def turning_view(
 ) -> None:
     """What is seen of a turn ``(B, 7)``: errors of heading and yaw rate, sway, d, rudder, yaw rates now and ahead."""
     for row in range(len(out)):
-        out[row, 0] = _wrapped(reference[row, 0] - mean[row, 2]) * gains[0]
+        out[row, 0] = wrapped(reference[row, 0] - mean[row, 2]) * gains[0]
         out[row, 1] = (reference[row, 1] - mean[row, 1]) * gains[1]
         out[row, 2] = mean[row, 0] * gains[2]
         out[row, 3] = d[row, 0] * gains[3]
@@ -82,7 +82,7 @@ class TurningCircle(Task):
 
     uniforms = 3
     """Uniform numbers that `course` needs."""
-    commanding = slice(1, 2)
+    commanding: ClassVar[slice | list[int]] = slice(1, 2)
 
     @property
     def dt(self) -> float:

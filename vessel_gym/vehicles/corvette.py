@@ -16,6 +16,7 @@ from vessel_gym.processes import linear
 from vessel_gym.sensors import Sensor
 from vessel_gym.vehicles.actuators import Actuator, actuated, figures, mean_input
 from vessel_gym.vehicles.corvette_equations import (
+    AROUND,
     COEFFICIENTS,
     STATE,
     UNCERTAIN,
@@ -26,7 +27,7 @@ from vessel_gym.vehicles.corvette_equations import (
 )
 from vessel_gym.vehicles.files import load
 
-_CALM = np.zeros(2)  # no current
+_CALM = np.zeros(len(AROUND))  # no current, no forces
 _PSI = np.array([STATE.index("psi")])  # what is kicked
 
 
@@ -53,8 +54,8 @@ def steady_turns(ship: CorvetteParameters, points: int = 165) -> SteadyTurn:
     c, scale = ship.vector(), np.array([ship.speed, ship.speed, ship.speed / ship.length])
 
     def accelerations(motion: np.ndarray, rudder: float) -> np.ndarray:
-        state = np.concatenate([np.zeros(3), motion])
-        return corvette_rates(state, np.array([rudder]), _CALM, c)[3:] / scale
+        state = np.concatenate([np.zeros(3), motion, np.zeros(2)])
+        return corvette_rates(state, np.array([rudder]), _CALM, c)[3:6] / scale
 
     def held_rudder(z: np.ndarray, rudder: float) -> np.ndarray:
         return accelerations(z * scale, rudder)
@@ -96,9 +97,9 @@ def sway_yaw_jacobian(state: np.ndarray, rudder: np.ndarray, ship: CorvetteParam
     offsets[[0, 1, 2], [1, 2, 3]] = step
 
     def rates(p: np.ndarray) -> np.ndarray:
-        full = np.zeros(p.shape[:-1] + (6,))
-        full[..., 3:] = p[..., :3]
-        return corvette_rates(full, p[..., 3:], _CALM, c)[..., 4:]
+        full = np.zeros(p.shape[:-1] + (len(STATE),))
+        full[..., 3:6] = p[..., :3]
+        return corvette_rates(full, p[..., 3:], _CALM, c)[..., 4:6]
 
     difference = rates(points[..., None, :] + offsets) - rates(points[..., None, :] - offsets)
     jacobian = np.swapaxes(difference / (2.0 * step[:, None]), -1, -2)
@@ -125,6 +126,19 @@ def secant_models(ship: CorvetteParameters, dt: float) -> tuple[np.ndarray, np.n
         B[:, :2] += weight * b
     A[:, 2, 1] = 1.0
     return zero_order_hold(A, B, dt)
+
+
+@cache
+def surge_models(ship: CorvetteParameters, dt: float) -> np.ndarray:
+    """Which share of a deviation from the speed of each of `steady_turns` is left after a step ``(k,)``."""
+    turns, c, step = steady_turns(ship), ship.vector(), 1e-4
+    zero = np.zeros(len(turns.speed))
+
+    def surge(speed: np.ndarray) -> np.ndarray:
+        state = np.stack([zero, zero, zero, speed, turns.sway, turns.yaw_rate, zero, zero], -1)
+        return corvette_rates(state, turns.rudder[:, None], _CALM, c)[:, 3]
+
+    return np.exp(dt * (surge(turns.speed + step) - surge(turns.speed - step)) / (2.0 * step))
 
 
 AS_PRINTED = (
@@ -165,9 +179,16 @@ def _motion(state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
     return forcing[..., :1]
 
 
+COMPASS = Sensor("gyro compass", ("heading [rad]",), _compass, (2e-3,), angles=(0,), gives=("psi",))  # 0.11 deg
+MOTION_UNIT = Sensor(
+    "motion reference unit", ("wave-band yaw increment [rad]",), _motion, (1e-3,),  # 0.06 deg
+    scale=(0.01,), gives=("yaw increment",),
+)  # fmt: skip
+
+
 @dataclass(frozen=True)
 class Corvette:
-    """The ship in batches: actuator, state, sensors, and what filters know.
+    """The ship as the thesis has it, in batches: actuator, state, sensors, and what filters know.
 
     The action is the rudder *rate*: with an angle as action, the estimate's noise would saturate
     the steering gear.
@@ -177,7 +198,7 @@ class Corvette:
     and ``y2 = d``: a motion reference unit gives it in its own noise (eq. 4.5).
     """
 
-    ship: CorvetteParameters = field(default_factory=lambda: load("corvette", CorvetteParameters))
+    ship: CorvetteParameters = field(default_factory=lambda: load("corvette-thesis", CorvetteParameters))
     dt: float = 0.5  # s
     substeps: int = 1  # one RK4 step of 0.5 s is converged to 0.002 %
 
@@ -187,16 +208,10 @@ class Corvette:
     action_names = ("rudder rate",)
     kicks = ("yaw increment",)
     kicked = ("psi",)
-    flows = ("current north", "current east")
-    sensors = (
-        Sensor("gyro compass", ("heading [rad]",), _compass, (2e-3,), angles=(0,), gives=("psi",)),  # 0.11 deg
-        Sensor(
-            "motion reference unit", ("wave-band yaw increment [rad]",), _motion, (1e-3,),  # 0.06 deg
-            scale=(0.01,), gives=("yaw increment",),
-        ),
-    )  # fmt: skip
-    kinds = ("nonlinear", "corrected", "as-printed")
-    linear_kinds = ("corrected", "as-printed")
+    flows = AROUND
+    sensors = (COMPASS, MOTION_UNIT)
+    kinds: ClassVar[tuple[str, ...]] = ("nonlinear", "corrected", "as-printed")
+    linear_kinds: ClassVar[tuple[str, ...]] = ("corrected", "as-printed")
     rates: ClassVar = {"r": "psi"}
     carried = None
     normals = len(UNCERTAIN)
@@ -218,8 +233,8 @@ class Corvette:
         return ("v", "r", "psi", "u") if kind == "nonlinear" else ("v", "r", "psi")
 
     def _placed(self, x: np.ndarray) -> np.ndarray:
-        """The state ``(..., 6)`` out of (v, r, psi, u), at the origin."""
-        state = np.zeros(x.shape[:-1] + (6,))
+        """The state ``(..., 8)`` out of (v, r, psi, u), at the origin and upright."""
+        state = np.zeros(x.shape[:-1] + (len(STATE),))
         state[..., 2], state[..., 3], state[..., 4], state[..., 5] = x[..., 2], x[..., 3], x[..., 0], x[..., 1]
         return state
 
@@ -229,7 +244,7 @@ class Corvette:
         return np.array([0.0, 0.0, 0.0, self.ship.speed]), np.zeros(2)
 
     def start(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """State ``(B, 6)`` and actuators ``(B, 1)`` from (v, r, psi, u)."""
+        """State ``(B, 8)`` and actuators ``(B, 1)`` from what is estimated."""
         return self._placed(x), np.zeros((len(x), 1))
 
     def actuate(self, actuators: np.ndarray, action: np.ndarray) -> np.ndarray:
@@ -248,7 +263,7 @@ class Corvette:
         forcing: np.ndarray,
         parameters: np.ndarray,
     ) -> np.ndarray:
-        """The state one step later; forcing is (yaw increment d of waves and gusts, current north, current east)."""
+        """The state one step later; forcing is the yaw increment d of waves, and what is `AROUND` the ship."""
         moved = np.empty(state.shape)
         corvette_forced(state, before, after, forcing, parameters, self.dt, self.substeps, _PSI, moved)
         return moved
@@ -275,6 +290,6 @@ class Corvette:
         mean_input(before, after, commanded, u)
         return u
 
-    def linear(self, kind: str) -> tuple[Any, Any]:
+    def linear(self, kind: str) -> tuple[Any, ...]:
         """A and B of (v, r, psi): ``"corrected"`` (see `linear_matrices`) or ``"as-printed"``."""
         return AS_PRINTED if kind == "as-printed" else linear_matrices(self.ship, self.dt)

@@ -1,12 +1,14 @@
-"""Ships in surge, sway and yaw, particulars and equations of motion; the SIGMA-class corvette is one.
+"""Ships in surge, sway, yaw and roll, particulars and equations of motion; the SIGMA-class corvette is one.
 
 Frames: North-East-Down, body x forward, y starboard, origin amidships. Positive rudder turns the
 ship to starboard (yaw rate r > 0), as in the thesis' figures; Davidson and Schiff count it the other
-way, so Y'delta and N'delta change sign together.
+way, so Y'delta and N'delta change sign together. Positive roll is starboard down.
 
 Sources: Hermawan (2020), the thesis that the task comes from, for the ship's particulars; Clarke,
 Gedling & Hine (1983) for the linear derivatives (eqs. 2.19 and 2.23 of the thesis misprint two of
-them); Fossen (2011) for the structure; Fujii & Tuda (1961) for the rudder; Hoerner (1965) for cross-flow drag.
+them); Fossen (2011) for the structure; Fujii & Tuda (1961) for the rudder; Hoerner (1965) for cross-flow drag;
+Yasukawa & Yoshimura (2015) for what the propellers do to the rudder; Blanke & Christensen (1993), in Perez (2005), for
+roll, which follows sway and yaw and does nothing to them.
 """
 
 from collections.abc import Iterator
@@ -19,15 +21,22 @@ import numpy as np
 
 from estimators.compiled import inlined, sincos
 from vessel_gym.vehicles.integration import Numbers, kernels
+from vessel_gym.waves import GRAVITY
 
-STATE = ("x", "y", "psi", "u", "v", "r")
-"""State: position north, east [m], heading [rad], surge, sway through the water [m/s], yaw rate [rad/s]."""
-
+STATE = ("x", "y", "psi", "u", "v", "r", "phi", "p")
+"""State: position north, east [m], heading [rad], surge, sway through the water [m/s], yaw rate [rad/s], roll [rad] and
+its rate [rad/s]."""
+AROUND = (
+    "current north", "current east", "surge force", "sway force", "yaw moment", "roll moment", "wave sway",
+)  # fmt: skip
+"""What a ship moves in: a current [m/s], forces [N] and moments [N m] from outside in the ship's frame, and the sway
+velocity [m/s] of waves, which carries her sideways and does no more."""
 
 I = IntEnum("I", (
     "mass", "mass_x_g", "surge_inertia", "sway_inertia", "sway_yaw_inertia", "yaw_sway_inertia", "yaw_inertia",
-    "Yv", "Yr", "Nv", "Nr", "cross_flow", "resistance", "thrust", "rudder", "slipstream", "straightening",
-    "half_length",
+    "Yv", "Yr", "Nv", "Nr", "cross_flow", "resistance", "thrust", "thrust_rise", "service_speed", "rudder",
+    "slipstream", "race", "race_power", "straightening", "half_length", "roll_inertia", "righting", "roll_damping",
+    "roll_damping_speed", "hull_arm", "rudder_arm",
 ), start=0)  # fmt: skip
 """Where a coefficient stands in the vector of the compiled equations."""
 
@@ -70,6 +79,15 @@ class CorvetteParameters:
     rudder_rate: float = float(np.deg2rad(65.0 / 28.0))  # rad/s, the least; SOLAS II-1/29
     slipstream: float = 1.1  # inflow speed at the rudder / u, assumed
     straightening: float = 0.4  # share of the geometric drift angle that the rudder sees; Yasukawa & Yoshimura (2015)
+    thrust_coefficient: float | None = None  # K_T of propellers at rest; None: constant thrust, constant slipstream
+    thrust_slope: float | None = None  # by which K_T falls with J
+    advance_ratio: float | None = None  # J at service speed
+    race: float = 0.47  # share of the propellers' race that the rudder is in; Yasukawa & Yoshimura (2015)
+    metacentric_height: float | None = None  # GM, m; None: 8 % of the beam, assumed
+    roll_period: float | None = None  # s; None: by GM, weather criterion of IMO's intact stability code, A.749(18)
+    gravity_height: float | None = None  # KG, m; None: 1.5 draughts, assumed
+    frontal_area: float | None = None  # m2 above the water; None: 0.82 B^2, as the corvette's
+    lateral_area: float | None = None  # m2; None: 0.083 L^2, likewise
     given: tuple[tuple[str, float], ...] = ()  # derivatives by name
 
     TABLES: ClassVar = {
@@ -80,7 +98,9 @@ class CorvetteParameters:
         "rudder": (
             "rudder_area", "rudder_aspect", "rudder_limit", "rudder_rate", "slipstream", "straightening", "Ydelta",
         ),
-        "propulsion": ("speed", "resistance"),
+        "propulsion": ("speed", "resistance", "thrust_coefficient", "thrust_slope", "advance_ratio", "race"),
+        "roll": ("metacentric_height", "roll_period", "gravity_height"),
+        "air": ("frontal_area", "lateral_area"),
     }  # fmt: skip
     """Where the keys stand in a vehicle file; those that are no fields of this class go to ``given``."""
 
@@ -122,6 +142,19 @@ class CorvetteParameters:
         Yv, Yr, Nv, Nr = c["Yv"] - force, c["Yr"] + 0.5 * force, c["Nv"] + 0.5 * force, c["Nr"] - 0.25 * force
         return float(Yv * (Nr - c["m"] * self.x_g / self.length) - Nv * (Yr - c["m"]))
 
+    @cached_property
+    def stiffness(self) -> float:
+        """GM [m]."""
+        return 0.08 * self.beam if self.metacentric_height is None else self.metacentric_height
+
+    @cached_property
+    def period_of_roll(self) -> float:
+        """The natural one [s]."""
+        if self.roll_period is not None:
+            return self.roll_period
+        radius = 0.373 + 0.023 * self.beam / self.draught - 0.043 * self.length / 100.0
+        return 2.0 * radius * self.beam / np.sqrt(self.stiffness)
+
     def vector(self) -> np.ndarray:
         """The coefficients of the compiled equations, dimensional, in the order of `COEFFICIENTS`."""
         given, L, rho = dict(self.given), self.length, self.water_density
@@ -134,6 +167,16 @@ class CorvetteParameters:
         if drag is None:
             drag = float(np.interp(0.5 * self.beam / self.draught, *_CROSS_FLOW))
         rudder = q * (self.rudder_area or 0.0) * lift_slope
+        rise, race_power = 0.0, 0.0  # constant thrust
+        if self.thrust_coefficient is not None and self.thrust_slope is not None and self.advance_ratio is not None:
+            at_speed = self.thrust_coefficient - self.thrust_slope * self.advance_ratio
+            rise = self.thrust_slope * self.advance_ratio / at_speed
+            race_power = 8.0 / np.pi * at_speed * (self.speed / self.advance_ratio) ** 2
+        righting = self.mass * GRAVITY * self.stiffness
+        natural = 2.0 * np.pi / self.period_of_roll
+        inertia = righting / natural**2
+        damping = 2.0 * natural * inertia * np.array([0.071, 0.051 / np.sqrt(GRAVITY * L)])  # Perez (2005)
+        height = 1.5 * self.draught if self.gravity_height is None else self.gravity_height
         values = {
             "mass": self.mass,
             "mass_x_g": self.mass * self.x_g,
@@ -149,10 +192,20 @@ class CorvetteParameters:
             "cross_flow": q * self.draught * drag,
             "resistance": self.resistance / self.speed**2,
             "thrust": self.resistance,
+            "thrust_rise": rise,
+            "service_speed": self.speed,
             "rudder": -q * L**2 * given["Ydelta"] / self.slipstream**2 if "Ydelta" in given else rudder,
-            "slipstream": self.slipstream,
+            "slipstream": 1.0 if rise else self.slipstream,
+            "race": self.race if rise else 0.0,
+            "race_power": race_power,
             "straightening": self.straightening,
             "half_length": 0.5 * L,
+            "roll_inertia": inertia,
+            "righting": righting,
+            "roll_damping": damping[0],
+            "roll_damping_speed": damping[1],
+            "hull_arm": height - 0.5 * self.draught,  # of hull and rudders below the centre of gravity
+            "rudder_arm": height - 0.34 * self.draught,
         }
         return np.array([values[name] for name in COEFFICIENTS])
 
@@ -172,7 +225,13 @@ class CorvetteParameters:
             yield "rudder", "the rudder needs 'rudder_area', or 'Ydelta' as measured"
         if self.rudder_area is not None and self.rudder_area >= L * T:
             yield "rudder_area", f"a rudder of {self.rudder_area:g} m2 is as large as the hull's profile"
+        given = [x is not None for x in (self.thrust_coefficient, self.thrust_slope, self.advance_ratio)]
+        if any(given) and not all(given):
+            yield "propulsion", "propellers need 'thrust_coefficient', 'thrust_slope', 'advance_ratio', or none"
+            return
         m = dict(zip(COEFFICIENTS, self.vector(), strict=True))
+        if not 0.0 <= m["thrust_rise"] < np.inf:
+            yield "thrust_coefficient", "propellers of this slope give no thrust at that advance ratio"
         if min(
             m["surge_inertia"], m["sway_inertia"], m["yaw_inertia"],
             m["sway_inertia"] * m["yaw_inertia"] - m["sway_yaw_inertia"] * m["yaw_sway_inertia"],
@@ -195,37 +254,59 @@ def _cross_flow(v: float, r: float, a: float) -> tuple[float, float]:
 
 
 @inlined
-def _accelerations(u: float, v: float, r: float, rudder: float, c: np.ndarray) -> Numbers:
-    """Surge, sway and yaw accelerations (3-DOF, added mass on the left)."""
+def _accelerations(
+    u: float, v: float, r: float, phi: float, p: float, rudder: float, forces: Numbers, c: np.ndarray
+) -> Numbers:
+    """In surge, sway, yaw (3-DOF, added mass on the left) and roll, which follows."""
     m_vv, m_vr, m_rv, m_rr = c[I.sway_inertia], c[I.sway_yaw_inertia], c[I.yaw_sway_inertia], c[I.yaw_inertia]
     a = c[I.half_length]
     sway_drag, yaw_drag = _cross_flow(v, r, a)
+    # A propeller of constant revolutions pushes the more, and races the faster, the slower the ship.
+    load = max(1.0 + c[I.thrust_rise] * (1.0 - u / c[I.service_speed]), 0.0)
+    race = np.sqrt(u * u + c[I.race_power] * load) - abs(u)
     # What flows to the rudder: drift and yaw rate in a turn reduce its angle of attack.
-    inflow, side = c[I.slipstream] * u, c[I.straightening] * (v - a * r)
+    inflow, side = c[I.slipstream] * u + c[I.race] * race, c[I.straightening] * (v - a * r)
     sin_rudder, cos_rudder = sincos(rudder)
     attacking = inflow * sin_rudder + side * cos_rudder  # all of the inflow times the sine of that angle
     force = c[I.rudder] * np.sqrt(inflow * inflow + side * side) * attacking
     # Surge: the sway added mass takes part in the centripetal term (Kirchhoff), which slows the ship in a turn.
-    X = c[I.thrust] - c[I.resistance] * u * abs(u) + m_vv * v * r + m_vr * r * r - force * sin_rudder
-    Y = u * (c[I.Yv] * v + c[I.Yr] * r) - c[I.mass] * u * r - c[I.cross_flow] * sway_drag - force * cos_rudder
+    X = (
+        c[I.thrust] * load - c[I.resistance] * u * abs(u) + m_vv * v * r + m_vr * r * r - force * sin_rudder
+        + forces[0]
+    )  # fmt: skip
+    Y = (
+        u * (c[I.Yv] * v + c[I.Yr] * r) - c[I.mass] * u * r - c[I.cross_flow] * sway_drag - force * cos_rudder
+        + forces[1]
+    )  # fmt: skip
     N = (
         u * (c[I.Nv] * v + c[I.Nr] * r) - c[I.mass_x_g] * u * r
-        - c[I.cross_flow] * yaw_drag + a * force * cos_rudder
+        - c[I.cross_flow] * yaw_drag + a * force * cos_rudder + forces[2]
     )  # fmt: skip
     determinant = m_vv * m_rr - m_vr * m_rv
-    return X / c[I.surge_inertia], (m_rr * Y - m_vr * N) / determinant, (m_vv * N - m_rv * Y) / determinant
+    sway, yaw = (m_rr * Y - m_vr * N) / determinant, (m_vv * N - m_rv * Y) / determinant
+    # What pushes the ship's mass sideways: at the rudder, and what is left, but for forces from outside, at the hull.
+    side_force = c[I.mass] * (sway + u * r) + c[I.mass_x_g] * yaw - forces[1] + force * cos_rudder
+    sin_roll, _ = sincos(phi)
+    K = (
+        c[I.rudder_arm] * force * cos_rudder - c[I.hull_arm] * side_force - c[I.righting] * sin_roll
+        - (c[I.roll_damping] + c[I.roll_damping_speed] * abs(u)) * p + forces[3]
+    )  # fmt: skip
+    return X / c[I.surge_inertia], sway, yaw, p, K / c[I.roll_inertia]
 
 
 @inlined
-def _rates(s: Numbers, control: Numbers, current: Numbers, c: np.ndarray) -> Numbers:
-    """Of position, heading and velocities through the water, in a ``current`` north and east."""
+def _rates(s: Numbers, control: Numbers, around: Numbers, c: np.ndarray) -> Numbers:
+    """Of position, heading, velocities through the water and roll, in what is `AROUND`."""
     psi, u, v, r = s[2], s[3], s[4], s[5]
     sin, cos = sincos(psi)
+    sway = v + around[6]
     return (
-        u * cos - v * sin + current[0], u * sin + v * cos + current[1], r,
-        *_accelerations(u, v, r, control[0], c),
+        u * cos - sway * sin + around[0], u * sin + sway * cos + around[1], r,
+        *_accelerations(u, v, r, s[6], s[7], control[0], around[2:], c),
     )  # fmt: skip
 
 
-corvette_rates, corvette_step, corvette_forced = kernels("corvette", _rates, 6, 1, 2, len(COEFFICIENTS))
-"""Control is the rudder ``(1,)``, for a step before and after ``(2,)``; the current is north and east ``(2,)``."""
+corvette_rates, corvette_step, corvette_forced, corvette_sloped = kernels(
+    "corvette", _rates, 8, 1, 7, len(COEFFICIENTS)
+)
+"""Control is the rudder ``(1,)``, for a step before and after ``(2,)``; what is `AROUND` the ship ``(7,)``."""

@@ -48,7 +48,7 @@ _RANGES = (
     | dict.fromkeys(("z_g", "drag_coefficient"), (_BELOW_ZERO, np.inf, "a number of at least 0"))
     | dict.fromkeys(("rudder_limit", "fin_limit", "bank_limit"), _ACUTE)
     | dict.fromkeys(("alpha_low", "alpha_high"), (-0.5 * np.pi, 0.5 * np.pi, "an angle within 90 degrees"))
-    | dict.fromkeys(("straightening", "fin_taper"), _SHARE)
+    | dict.fromkeys(("straightening", "fin_taper", "race"), _SHARE)
     | {"yaw_radius": (0.0, np.nextafter(0.5, 1.0), "a share of the length above 0 and up to 0.5")}
     | dict.fromkeys(("Yr", "Nv", "Yrdot", "Nvdot"), _ANY)
     | dict.fromkeys(("Xudot", "Yvdot", "Nrdot", "Yv", "Nr", "Ydelta"), _NEGATIVE)

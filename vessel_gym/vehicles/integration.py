@@ -37,10 +37,14 @@ class Kernels(NamedTuple):
     """Likewise for rows of each, kicked at the end: state, actuators before, after, forcing ``(B, kicks + f)``,
     coefficients, seconds, substeps, which component each kick is added to ``(kicks,)``, and where the states after go.
     """
+    sloped: Callable[..., None]
+    """Likewise for rows that nothing kicks: states, actuators before, after, flow, coefficients, seconds, substeps,
+    which numbers of state and flow ``(k,)`` to differ in, by how much ``(B, k)``, and where the states after go and
+    their derivatives to these ``(B, n, k)``."""
 
 
 def kernels(name: str, rates: Any, state: int, actuators: int, flow: int, coefficients: int) -> Kernels:
-    """A vehicle's kernels, called ``{name}_rates``, ``{name}_step`` and ``{name}_forced`` in the module of its rates.
+    """A vehicle's kernels, called ``{name}_rates``, ``_step``, ``_forced`` and ``_sloped`` in the module of its rates.
 
     Args:
         name: The vehicle's.
@@ -68,6 +72,7 @@ def kernels(name: str, rates: Any, state: int, actuators: int, flow: int, coeffi
     x, xs = "float64[:]", "float64[:, :]"
     rated, stepped = f"void({x}, {x}, {x}, {x}, {x})", f"void({xs}, {xs}, {xs}, {xs}, float64, int64, {xs})"
     forced = f"void({xs}, {xs}, {xs}, {xs}, {xs}, float64, int64, int64[::1], {xs})"
+    sloped = f"void({xs}, {xs}, {xs}, {xs}, {xs}, float64, int64, int64[::1], {xs}, {xs}, float64[:, :, :])"
     moved = made(_moved_rows, "moved", part)
     return Kernels(
         made(_rates_of, "rates", gufunc(rated, "(n),(a),(f),(k)->(n)", cache=kept)),
@@ -75,6 +80,7 @@ def kernels(name: str, rates: Any, state: int, actuators: int, flow: int, coeffi
             made(_step, "step", gufunc(stepped, "(b,n),(p,m),(q,f),(r,k),(),()->(b,n)", cache=kept), _moved_rows=moved)
         ),
         made(_forced, "forced", rowwise(forced, cache=kept), _moved_rows=moved),
+        made(_sloped, "sloped", rowwise(sloped, cache=kept), _moved_rows=moved),
     )
 
 
@@ -187,6 +193,9 @@ _blank: Any = None  # and as many zeros as its state, its actuators and what it 
 
 def _rates_of(state: np.ndarray, control: np.ndarray, flow: np.ndarray, c: np.ndarray, out: np.ndarray) -> None:
     """The rates of a state ``(n,)``."""
+    n, m, f, k = _blank
+    if (len(state), len(control), len(flow), len(c)) != (len(n), len(m), len(f), len(k)):
+        raise ValueError("state, control, flow and coefficients must be as long as the equations say")
     s, actuators, around = _loaded(_blank[0], state, 0), _loaded(_blank[1], control, 0), _loaded(_blank[2], flow, 0)
     _stored(_moved(_blank[0], 1.0, _rates(s, actuators, around, c)), out, 0)
 
@@ -205,6 +214,32 @@ def _forced(
 ) -> None:  # fmt: skip
     """States ``(b, n)`` after a step at whose end they are kicked."""
     _moved_rows(states, before, after, forcing, c, dt, substeps, kicked, out)
+
+
+def _sloped(
+    states: np.ndarray, before: np.ndarray, after: np.ndarray, flow: np.ndarray, c: np.ndarray, dt: float,
+    substeps: int, columns: np.ndarray, by: np.ndarray, out: np.ndarray, slopes: np.ndarray,
+) -> None:  # fmt: skip
+    """States ``(b, n)`` after a step, and their derivatives by fourth-order differences ``(b, n, k)``."""
+    n, k, unkicked = states.shape[1], len(columns), np.empty(0, np.int64)
+    points, around = np.empty((4 * k + 1, n)), np.empty((4 * k + 1, flow.shape[1]))
+    ends = np.empty((4 * k + 1, n))
+    for row in range(len(states)):
+        points[:], around[:] = states[row], flow[min(row, len(flow) - 1)]
+        for j in range(k):
+            for side in range(4):
+                change = (1.0, -1.0, 2.0, -2.0)[side] * by[row, j]
+                if columns[j] < n:
+                    points[1 + 4 * j + side, columns[j]] += change
+                else:
+                    around[1 + 4 * j + side, columns[j] - n] += change
+        now, then = min(row, len(before) - 1), min(row, len(after) - 1)
+        _moved_rows(points, before[now : now + 1], after[then : then + 1], around, c[:1], dt, substeps, unkicked, ends)
+        for i in range(n):
+            out[row, i] = ends[0, i]
+            for j in range(k):
+                near, far = ends[1 + 4 * j, i] - ends[2 + 4 * j, i], ends[3 + 4 * j, i] - ends[4 + 4 * j, i]
+                slopes[row, i, j] = (8.0 * near - far) / (12.0 * by[row, j])
 
 
 def _moved_rows(

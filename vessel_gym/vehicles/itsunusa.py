@@ -79,7 +79,7 @@ def _rates(s: Numbers, control: Numbers, current: Numbers, c: np.ndarray) -> Num
     )  # fmt: skip
 
 
-itsunusa_rates, itsunusa_step, itsunusa_forced = kernels("itsunusa", _rates, 6, 2, 1, len(COEFFICIENTS))
+itsunusa_rates, itsunusa_step, itsunusa_forced, _ = kernels("itsunusa", _rates, 6, 2, 1, len(COEFFICIENTS))
 """State ``(6,)``; control is (stern plane, thrust), for a step before and after; the current is ``(1,)``."""
 
 

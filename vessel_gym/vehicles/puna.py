@@ -160,7 +160,7 @@ def _rates(s: Numbers, control: Numbers, wind: Numbers, c: np.ndarray) -> Number
     )  # fmt: skip
 
 
-puna_rates, puna_step, puna_forced = kernels("puna", _rates, 7, 3, 3, len(COEFFICIENTS))
+puna_rates, puna_step, puna_forced, _ = kernels("puna", _rates, 7, 3, 3, len(COEFFICIENTS))
 """State ``(7,)``; control is (thrust, angle of attack, commanded bank), for a step before and after; wind ``(3,)``."""
 
 

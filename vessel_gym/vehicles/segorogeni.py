@@ -141,7 +141,7 @@ def _rates(s: Numbers, control: Numbers, current: Numbers, c: np.ndarray) -> Num
     )  # fmt: skip
 
 
-segorogeni_rates, segorogeni_step, segorogeni_forced = kernels("segorogeni", _rates, 12, 3, 2, len(COEFFICIENTS))
+segorogeni_rates, segorogeni_step, segorogeni_forced, _ = kernels("segorogeni", _rates, 12, 3, 2, len(COEFFICIENTS))
 """State ``(12,)``; control is (rudder, stern plane, thrust), for a step before and after; current north and east."""
 
 

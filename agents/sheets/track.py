@@ -1,0 +1,63 @@
+"""What a turn on a track was like: figures of each episode, from a rollout's truth and estimates."""
+
+import numpy as np
+
+from agents.metrics import Metric, core_of, position_nees, rms, rmse, steps
+from agents.rollouts import Rollout
+from agents.sheets import register_scores
+from agents.sheets.turning import circle_fit, input_error
+from vessel_gym.tasks.circle_track import CircleTrack
+
+METRICS = (
+    Metric("steps", "Steps", "", "higher", 0, "Steps flown until the turn was complete or lost.", of=steps),
+    Metric("track_error", "Off track", "m", "lower", 1, "RMS distance of the true ship from the track."),
+    Metric(
+        "radius_error", "Radius error", "%", "lower", 2,
+        "Distance between the radius of the circle fitted to the true track over ground and the commanded radius.",
+    ),
+    Metric("out_of_round", "Out of round", "m", "lower", 1, "RMS distance of that track from its fitted circle."),
+    Metric("rudder_rate", "Rudder rate", "°/s", "lower", 2, "RMS rate of the rudder: what the steering gear endures."),
+    Metric("roll", "Roll", "°", "lower", 2, "RMS roll of the true ship."),
+    Metric(
+        "position_rmse", "Position", "m", "lower", 2, "RMS error of the estimated position, all of its components.",
+        of=rmse("x", "y"),
+    ),
+    Metric(
+        "current_rmse", "Current", "m/s", "lower", 3,
+        "RMS error of the estimated current, for which filters also take the leeway.",
+        of=rmse("current north", "current east"),
+    ),
+    Metric(
+        "heading_rmse", "Heading", "mrad", "lower", 2, "RMS error of the estimated heading.", of=rmse("psi", scale=1e3)
+    ),
+    Metric(
+        "yaw_rate_rmse", "Yaw rate", "mrad/s", "lower", 2, "RMS error of the estimated yaw rate.",
+        of=rmse("r", scale=1e3),
+    ),
+    Metric("sway_rmse", "Sway", "m/s", "lower", 3, "RMS error of the estimated sway velocity.", of=rmse("v")),
+    Metric("input_rmse", "Input d", "mrad", "lower", 3, "RMS error of the estimated unknown input."),
+    position_nees("x", "y"),
+)  # fmt: skip
+
+
+def figures(rollout: Rollout) -> dict[str, np.ndarray]:
+    """What of every episode the sheet itself finds, ``(N,)`` by key; see `agents.scores.scores`.
+
+    The unknown input is NaN where none is estimated, and so is the circle of an episode that flew less than half of it.
+    """
+    core = core_of(rollout)
+    h, alive, names = rollout.history, rollout.alive, core.vehicle.state_names
+    course = core.task.course_of(h["reference"][0])
+    place = h["truth"][..., [names.index("x"), names.index("y")]]
+    radius_error, out_of_round = circle_fit(rollout, 1.0 / np.abs(course[:, 2]))
+    return {
+        "track_error": rms(core.task.off_track(course, place), alive),
+        "radius_error": radius_error,
+        "out_of_round": out_of_round,
+        "rudder_rate": np.rad2deg(rms(np.diff(h["actuators"][..., 0], axis=0) / core.vehicle.dt, alive[1:])),
+        "roll": np.rad2deg(rms(h["truth"][..., names.index("phi")], alive)),
+        "input_rmse": 1e3 * input_error(rollout),
+    }
+
+
+register_scores(CircleTrack, METRICS, figures)

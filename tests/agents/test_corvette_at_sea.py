@@ -1,0 +1,78 @@
+"""What estimators are worth to the corvette in her seaway: fixed seeds, thresholds with their false-alarm rates."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from agents import rollout
+from agents.scores import scores
+from agents.seeds import evaluation_seeds
+from vessel_gym.envs.sigma_corvette import SEAS
+
+pytestmark = pytest.mark.slow
+SEEDS = evaluation_seeds(40)
+
+
+@cache
+def flown(estimator: str, sea: str, without: bool = False) -> dict[str, np.ndarray]:
+    options = {"told": {"disturbance": replace(SEAS[sea].believed, current=0.0)}} if without else {}
+    world = {"estimator": estimator, "estimator_options": options, "disturbance": sea}
+    return scores(rollout("autopilot", "SigmaCorvette-v0", SEEDS, world))
+
+
+@pytest.mark.parametrize("sea", ["moderate", "rough"])
+def test_to_know_the_current_is_worth_more_than_chance(sea):
+    """Paired; the 99.9 % interval of the difference lies above 0."""
+    gain = flown("kf-umv-ui", sea)["score"] - flown("kf-umv-ui", sea, without=True)["score"]
+    assert gain.mean() > 3.5 * gain.std(ddof=1) / np.sqrt(len(gain))
+    assert gain.mean() > 0.02
+
+
+def test_kf_umv_ui_knows_in_moderate_seas_how_much_it_knows():
+    """NEES/n between 0.8 and 1.3: the better model has taken the room that process noise had to cover before."""
+    assert 0.8 < flown("kf-umv-ui", "moderate")["nees"].mean() < 1.3
+
+
+def test_kf_umv_ui_sees_heading_and_yaw_rate_best_of_those_who_are_told_nothing_of_waves():
+    ours = flown("kf-umv-ui", "rough")
+    for other in ("ekf", "kf", "ulise", "measurement"):
+        theirs = flown(other, "rough")
+        assert ours["heading_rmse"].mean() < 0.8 * theirs["heading_rmse"].mean()
+        assert ours["yaw_rate_rmse"].mean() < 0.8 * theirs["yaw_rate_rmse"].mean()
+
+
+@pytest.mark.parametrize(
+    "estimator",
+    [
+        "kf-umv-ui",
+        "kf-umv-ui-wdf",
+        "ekf-ui-wdf",
+        "ukf-umv",
+        "ulise",
+        "kf",
+        "huber-kf",
+        "robust-kf",
+        "ukf",
+        "enkf",
+        "enkf-sr",
+    ],
+)
+def test_every_filter_that_takes_the_model_flies(estimator):
+    assert flown(estimator, "moderate")["score"].mean() > 0.8 * flown("ekf", "moderate")["score"].mean()
+
+
+@pytest.mark.parametrize("estimator", ["ekf-ui-wdf", "ukf-umv"])
+def test_filters_that_take_d_for_a_late_state_see_what_kf_umv_ui_sees(estimator):
+    ours, theirs = flown("kf-umv-ui", "moderate"), flown(estimator, "moderate")
+    for name in ("heading_rmse", "yaw_rate_rmse", "position_rmse"):
+        assert theirs[name].mean() == pytest.approx(ours[name].mean(), rel=0.01)
+    # They have no estimate of the very first d, which is one of 600 and four times as large as the errors.
+    assert theirs["input_rmse"].mean() == pytest.approx(ours["input_rmse"].mean(), rel=0.03)
+
+
+def test_the_ship_rolls_as_hard_as_her_sea_and_her_turn_make_her():
+    calm, rough = (flown("kf-umv-ui", sea)["roll"].mean() for sea in ("calm", "rough"))
+    assert 1.0 < calm < 6.0  # degrees: what the turn does
+    assert calm + 0.5 < rough < 15.0

@@ -1,0 +1,187 @@
+"""The track of a turning circle: its geometry, what is seen of it, and that nothing but holding it pays."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import minimize_scalar
+
+from agents.pilots import make_pilot
+from vessel_gym.core import Core
+from vessel_gym.envs.sigma_corvette import SIGMA_CORVETTE
+from vessel_gym.tasks.circle_track import BELIEVED, CURVATURE, OFF, RATE_NOW, SPEED, TRACK, WANTED
+from vessel_gym.vehicles.corvette import steady_turns
+
+TASK = SIGMA_CORVETTE.task
+SHIP = TASK.ship
+
+
+def courses(count: int, seed: int = 0) -> np.ndarray:
+    return TASK.course(np.random.default_rng(seed).random((count, 3)), {})
+
+
+def integrated(course: np.ndarray, along: float) -> np.ndarray:
+    """Place and direction, by quadrature of the direction along the track."""
+    lead, ramp = TASK.lead * SHIP.speed, 0.5 * TASK.ramp * (SHIP.speed + course[SPEED])
+
+    def forward(s: float, at: np.ndarray) -> list[float]:
+        share = min(max((s - lead) / ramp, 0.0), 1.0)
+        return [np.cos(at[2]), np.sin(at[2]), course[CURVATURE] * share]
+
+    start = [0.0, 0.0, course[0]]
+    pieces = [0.0, *(edge for edge in (lead, lead + ramp) if edge < along), along]
+    for low, high in pairwise(pieces):
+        start = solve_ivp(forward, (low, high), start, rtol=1e-10, atol=1e-8).y[:, -1]
+    return np.asarray(start)
+
+
+def test_the_track_is_a_straight_a_clothoid_and_a_circle():
+    for course in courses(6):
+        for along in (30.0, 77.0, 200.0, 400.0, 900.0, 2500.0):
+            place, direction = TASK.track(course[None], np.array([along]))
+            expected = integrated(course, along)
+            assert np.abs(place[0] - expected[:2]).max() < 0.05
+            assert direction[0] == pytest.approx(expected[2], abs=1e-6)
+
+
+def test_the_nearest_point_is_nearest():
+    """Against a search along the track, from places up to 80 m off."""
+    rng = np.random.default_rng(1)
+    for course in courses(20):
+        step = rng.integers(0, 600)
+        nominal = TASK.nominal(course[None], np.array([step]))[0]
+        place = nominal[:2] + rng.uniform(-80.0, 80.0, 2)
+        state = np.zeros((1, 6))
+        state[0, :2] = place
+        reference = TASK.reference(course[None], np.array([step]), state)[0]
+
+        def distance(s: float, course: np.ndarray = course, place: np.ndarray = place) -> float:
+            return float(np.hypot(*(TASK.track(course[None], np.array([s]))[0][0] - place)))
+
+        over = TASK.lead + TASK.ramp
+        sailed = over * SHIP.speed + course[SPEED] * (step * TASK.dt - over)
+        guesses = np.linspace(max(sailed - 600.0, 0.0), sailed + 600.0, 241)
+        near = guesses[np.argmin([distance(s) for s in guesses])]
+        along = minimize_scalar(distance, bounds=(max(near - 10.0, 0.0), near + 10.0), method="bounded").x
+        if along < 1.0:
+            continue  # before the track begins, its straight goes on backwards
+        assert abs(reference[OFF]) == pytest.approx(distance(along), abs=0.1)
+        direction = TASK.track(course[None], np.array([along]))[1][0]
+        assert np.cos(reference[TRACK] - direction) > 1.0 - 1e-6
+        point = TASK.track(course[None], np.array([along]))[0][0]
+        starboard = np.array([-np.sin(direction), np.cos(direction)])
+        assert np.sign(reference[OFF]) == np.sign((place - point) @ starboard)
+
+
+def test_who_keeps_to_the_track_is_on_it_and_turns_at_the_commanded_rate():
+    course, steps = courses(5), np.arange(0, 600, 7)
+    for step in steps:
+        at = np.full(5, step)
+        state = TASK.nominal(course, at)
+        reference = TASK.reference(course, at, state)
+        assert np.abs(reference[:, OFF]).max() < 0.05
+        assert np.abs(np.sin(reference[:, TRACK] - state[:, 2])).max() < 1e-3
+        assert (reference[:, BELIEVED] == state[:, 2]).all()
+    assert reference[:, RATE_NOW] == pytest.approx(course[:, 1], rel=1e-9)
+    # In a turn to starboard the ship's head points inside of her track.
+    assert (np.sin(reference[:, WANTED] - reference[:, TRACK]) * np.sign(course[:, 1]) > 0.02).all()
+
+
+def test_a_turn_to_port_mirrors_one_to_starboard():
+    course = courses(1)
+    course[:, 0] = 0.0
+    mirrored = course * [1.0, -1.0, -1.0, 1.0]
+    state = np.array([[300.0, 60.0, 0.2, 14.0, 0.3, 0.01]])
+    port = state * [1.0, -1.0, -1.0, 1.0, -1.0, -1.0]
+    one, other = (TASK.reference(c, np.array([70]), s)[0] for c, s in ((course, state), (mirrored, port)))
+    assert other == pytest.approx(one * [-1.0, -1.0, -1.0, -1.0, -1.0, -1.0, 1.0, -1.0], rel=1e-9, abs=1e-12)
+
+
+def test_courses_are_found_again_in_references():
+    course = courses(8)
+    start = TASK.nominal(course, np.zeros(8, int))
+    reference = TASK.reference(course, np.zeros(8, int), start)
+    assert TASK.course_of(reference) == pytest.approx(course, rel=1e-6)
+
+
+# --- what it is worth --------------------------------------------------------------------------------
+
+
+def flown(policy, rows: int, disturbance: str) -> np.ndarray:
+    core = Core(SIGMA_CORVETTE, rows, estimator="truth", disturbance=disturbance)
+    core.start(list(range(10_000, 10_000 + rows)))
+    total, alive = np.zeros(rows), np.ones(rows, bool)
+    for k in range(TASK.horizon):
+        reward, end = core.step(policy(k, core))
+        total += reward * alive
+        alive &= end == 0
+    return total / TASK.horizon
+
+
+IDLE = {
+    "hard over inwards": lambda k, core: np.sign(core.course[:, 1:2]),
+    "hard over outwards": lambda k, core: -np.sign(core.course[:, 1:2]),
+    "hands off": lambda k, core: np.zeros((core.num_envs, 1)),
+    "weaving": lambda k, core: np.full((core.num_envs, 1), 1.0 if k // 14 % 2 == 0 else -1.0),
+}
+
+
+@pytest.mark.parametrize("disturbance", ["moderate", "rough"])
+@pytest.mark.parametrize("policy", sorted(IDLE))
+def test_nothing_but_holding_the_track_pays(policy, disturbance):
+    assert flown(IDLE[policy], 16, disturbance).mean() <= 0.06
+
+
+def test_loitering_on_the_track_does_not_pay():
+    """A ship that is put back again and again to where the turn begins is on the track, and gets no further."""
+    core = Core(SIGMA_CORVETTE, 8, estimator="truth", disturbance="calm")
+    core.start(0)
+    state = core.state.copy()
+    total = np.zeros(8)
+    for _ in range(200):
+        reward, _ = core.step(np.zeros((8, 1)))
+        total += reward
+        core.state = state.copy()
+    assert total.max() / 200 <= 0.06
+
+
+@pytest.mark.parametrize("estimator", ["truth", "kf-umv-ui"])
+def test_the_autopilot_holds_the_track(estimator):
+    rows = 16
+    core, pilot = Core(SIGMA_CORVETTE, rows, estimator=estimator), make_pilot("autopilot", SIGMA_CORVETTE)
+    core.start(list(range(10_000, 10_000 + rows)))
+    pilot.reset(rows)
+    for _ in range(TASK.horizon):
+        core.step(pilot.act(core.observe()))
+    assert (core.total / TASK.horizon).mean() > 0.7
+
+
+def test_a_perfect_step_is_worth_one_and_every_error_costs():
+    course = courses(1)
+    course[0, 0] = 0.0
+    course[0, 1:3] = np.abs(course[0, 1:3])
+    step = np.array([300])
+    place, direction = TASK.track(course, np.array([1200.0]))
+    turns = steady_turns(SHIP)
+    u, v = (np.interp(course[0, 1], turns.yaw_rate, each) for each in (turns.speed, turns.sway))
+    state = np.zeros((1, 8))
+    state[0, :2], state[0, 2] = place[0], direction[0] - np.arctan2(v, u)
+    state[0, 3:6] = u, v, course[0, 1]
+    tally = TASK.begin(state, course)
+    tally[0, 4:] = 1200.0 - course[0, SPEED] * TASK.dt
+
+    def reward(change: np.ndarray | float = 0.0, action: float = 0.0) -> float:
+        return TASK.score(
+            state + change, np.zeros((1, 8)), np.zeros((1, 8)), step, np.zeros((1, 1)), np.full((1, 1), action), tally
+        )[0][0]
+
+    best = reward()
+    assert best == pytest.approx(1.0, abs=1e-3)
+    off = np.zeros((1, 8))
+    off[0, :2] = 10.0 * np.array([-np.sin(direction[0]), np.cos(direction[0])])
+    assert reward(off) == pytest.approx(0.75, abs=0.02)
+    turned = np.zeros((1, 8))
+    turned[0, 2] = 0.05
+    assert reward(turned) == pytest.approx(0.85, abs=0.02)
+    assert reward(action=1.0) == pytest.approx(0.85, abs=2e-3)

@@ -1,0 +1,201 @@
+"""A sea that knows the ship: long waves at the frequency and angle at which she meets them, wind, drift, a current."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from estimators.compiled import rowwise, sincos
+from vessel_gym.disturbances import Disturbance, Sea
+from vessel_gym.processes import Process, row_by_row
+from vessel_gym.vehicles.corvette_equations import AROUND, STATE, CorvetteParameters, I
+from vessel_gym.vehicles.seakeeping import wave_loads, wave_response
+from vessel_gym.waves import GRAVITY, WaveField
+
+_AIR_DENSITY = 1.224  # kg/m3
+_REFLECTED = 0.25  # share of the waves' energy that a ship abeam reflects; assumed
+
+
+@dataclass(frozen=True, eq=False)
+class Seaway(Disturbance):
+    """What the sea does to a ship that turns in it: first-order motion in waves, and slow loads.
+
+    The waves are a `WaveField`, which the ship sees from where she is: the frequency of encounter
+    ``w - k U cos(beta)``, zero and negative in following seas, follows from how she moves, and her yaw rate and sway
+    velocity from `wave_response`.
+    Superposed on manoeuvring (Fossen 2021, ch. 10), the first turns the heading, the second carries the track; the
+    roll moment acts on the ship. Wind (Blendermann 1994, a destroyer) and the drift of the waves that she reflects
+    (Faltinsen 1990) push her to leeward, which nobody can tell from a current by her position.
+
+    Waves and wind run to the north, unless ``direction`` says otherwise.
+    """
+
+    ship: CorvetteParameters
+    height: float  # significant, m
+    period: float  # of the spectrum's peak, s
+    wind: float  # m/s
+    current: float  # RMS speed, m/s
+    dt: float
+    direction: float = 0.0  # to which waves and wind run, rad
+    current_time: float = 1000.0  # s
+
+    names = (*WaveField.names, "current north", "current east")
+    forces = ("yaw increment", *AROUND)
+    told = "input"
+
+    @cached_property
+    def waves(self) -> WaveField:
+        """The waves alone."""
+        return WaveField(self.height, self.period)
+
+    @cached_property
+    def process(self) -> Process:  # type: ignore[override]
+        """The bands, rotating, and the current."""
+        sd = self.current / np.sqrt(2.0)
+        return Process.joined(self.waves.process(self.dt), Process.wandering((sd, sd), self.current_time, self.dt))
+
+    def response(self, beta: np.ndarray, speed: float) -> np.ndarray:
+        """Sway velocity [m/s], yaw rate [rad/s] and roll moment [N m] of a unit of each band ``(3, ..., 3)``, complex.
+
+        As strong as all waves of the band together, in the phase of those at its frequency.
+
+        Args:
+            beta: Where the waves run to, from the heading on [rad].
+            speed: [m/s].
+        """
+        waves, each = self.waves, []
+        for band, frequencies in enumerate(waves.within):
+            w = np.append(frequencies, waves.frequencies[band]).reshape((-1,) + np.ndim(beta) * (1,))
+            motion, loads = wave_response(self.ship, w, beta, speed), wave_loads(self.ship, w, beta)[..., 2:]
+            given = np.concatenate([motion, loads], -1)
+            each.append(np.sqrt(waves.power(band, given[:-1])) * given[-1] / np.abs(given[-1]))
+        return np.stack(each)
+
+    def yaw_rate(self, beta: np.ndarray, speed: float) -> np.ndarray:
+        """RMS of the yaw rate in waves ``(...)`` [rad/s]; arguments as `response`."""
+        return np.sqrt((np.abs(self.response(beta, speed)[..., 1]) ** 2).sum(0))
+
+    @cached_property
+    def believed(self) -> Sea:  # type: ignore[override]
+        """What filters take it for unless told otherwise: yaw of no direction, and a current that leeway moves."""
+        beta, speed = np.linspace(0.0, 2.0 * np.pi, 72, endpoint=False), 0.8 * self.ship.speed
+        yaw = float(np.sqrt((self.yaw_rate(beta, speed) ** 2).mean()))
+        leeway = self.leeway
+        return Sea(
+            wave=yaw, peak=float(self.waves.frequencies[1]), gust=0.0, current=float(np.hypot(self.current, leeway)),
+            current_time=100.0, dt=self.dt,
+        )  # fmt: skip
+
+    @cached_property
+    def input_sd(self) -> tuple[float, ...]:  # type: ignore[override]
+        """Of the yaw increment, over all headings."""
+        return (self.dt * self.believed.wave,)
+
+    @cached_property
+    def leeway(self) -> float:
+        """How fast wind and drift abeam push the ship sideways [m/s] at 0.8 of her speed."""
+        state = np.zeros(len(STATE))
+        state[STATE.index("psi")], state[STATE.index("u")] = self.direction + 0.5 * np.pi, 0.8 * self.ship.speed
+        force = self.effect(np.zeros(len(self.names)), state)[self.forces.index("sway force")]
+        c = self.ship.vector()
+        linear, square = -c[I.Yv] * 0.8 * self.ship.speed, 2.0 * c[I.half_length] * c[I.cross_flow]
+        return float((np.sqrt(linear**2 + 4.0 * square * abs(force)) - linear) / (2.0 * square))
+
+    @row_by_row
+    def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
+        """The yaw increment [rad], and what is `AROUND` the ship, ``(..., 8)``."""
+        out = np.empty((*z.shape[:-1], len(self.forces)))
+        rows = [np.ascontiguousarray(each, float).reshape(-1, each.shape[-1]) for each in (z, state)]
+        seaway(*rows, self._numbers, self.waves.numbers, self._table, out.reshape(-1, len(self.forces)))
+        return out
+
+    @cached_property
+    def _numbers(self) -> np.ndarray:
+        """What the kernel knows of sea and ship."""
+        ship = self.ship
+        frontal = 0.82 * ship.beam**2 if ship.frontal_area is None else ship.frontal_area
+        lateral = 0.083 * ship.length**2 if ship.lateral_area is None else ship.lateral_area
+        drift = ship.water_density * GRAVITY * ship.length * self.height**2 / 16.0 * _REFLECTED
+        return np.array(
+            [self.dt, self.direction, self.wind, frontal, lateral, 1.04 * ship.length, drift, *_speeds(ship)[[0, -1]]]
+        )
+
+    @cached_property
+    def _table(self) -> np.ndarray:
+        """Real and imaginary parts of `response` by band, speed and beta ``(3, speeds, betas, 6)``."""
+        beta = np.linspace(0.0, 2.0 * np.pi, _BETAS + 1)
+        response = np.stack([self.response(beta, speed) for speed in _speeds(self.ship)], 1)
+        return np.ascontiguousarray(np.concatenate([response.real, response.imag], -1))
+
+
+_SPEEDS, _BETAS = 21, 120
+
+
+def _speeds(ship: CorvetteParameters) -> np.ndarray:
+    """Speeds [m/s] at which responses are tabled."""
+    return ship.speed * np.linspace(0.25, 1.25, _SPEEDS)
+
+
+@rowwise("void(f8[:,::1],f8[:,::1],f8[::1],f8[::1],f8[:,:,:,::1],f8[:,::1])")
+def seaway(
+    z: np.ndarray, state: np.ndarray, numbers: np.ndarray, waves: np.ndarray, table: np.ndarray, out: np.ndarray
+) -> None:
+    """What a seaway gives ships ``(B, 8)``: the yaw increment, and what is `AROUND` them.
+
+    Args:
+        z: ``(B, 2 bands + 2)`` the bands' complex numbers and the current.
+        state: ``(B, n)`` of the ships.
+        numbers: Step [s], direction of waves and wind, wind [m/s], frontal and lateral area, length over all, drift
+            force of the waves abeam [N], least and greatest speed of the table.
+        waves: ``(bands,)`` wave numbers.
+        table: ``(bands, speeds, betas, 6)`` sway velocity, yaw rate, roll moment, real parts and imaginary ones.
+        out: ``(B, 8)``.
+    """
+    dt, direction, wind, frontal, lateral, length, drift, slowest, fastest = numbers
+    bands, speeds, betas = table.shape[0], table.shape[1], table.shape[2] - 1
+    sin_mu, cos_mu = sincos(direction)
+    for row in range(len(out)):
+        x, y, psi, u, v = state[row, 0], state[row, 1], state[row, 2], state[row, 3], state[row, 4]
+        beta = direction - psi
+        turn = beta / (2.0 * np.pi)
+        at = (turn - np.floor(turn)) * betas
+        i = min(int(at), betas - 1)
+        f = at - i
+        to = min(max((u - slowest) / (fastest - slowest), 0.0), 1.0) * (speeds - 1)
+        j = min(int(to), speeds - 2)
+        g = to - j
+        sway, yaw, roll = 0.0, 0.0, 0.0
+        for band in range(bands):
+            sin, cos = sincos(waves[band] * (x * cos_mu + y * sin_mu))
+            re = z[row, 2 * band] * cos + z[row, 2 * band + 1] * sin  # z exp(-j k x)
+            im = z[row, 2 * band + 1] * cos - z[row, 2 * band] * sin
+            a, b = table[band, j], table[band, j + 1]
+            for k in range(3):
+                real = (1.0 - g) * ((1.0 - f) * a[i, k] + f * a[i + 1, k])
+                real += g * ((1.0 - f) * b[i, k] + f * b[i + 1, k])
+                imaginary = (1.0 - g) * ((1.0 - f) * a[i, k + 3] + f * a[i + 1, k + 3])
+                imaginary += g * ((1.0 - f) * b[i, k + 3] + f * b[i + 1, k + 3])
+                moved = real * re - imaginary * im
+                if k == 0:
+                    sway += moved
+                elif k == 1:
+                    yaw += moved
+                else:
+                    roll += moved
+        sin_beta, cos_beta = sincos(beta)
+        along, across = wind * cos_beta - u, wind * sin_beta - v  # of the air, as the ship feels it
+        angle = abs(np.arctan2(-across, -along))  # from the bow, from which it comes
+        front = 0.60 if angle < 0.5 * np.pi else 0.65
+        sin_angle, cos_angle = sincos(angle)
+        sin_twice = 2.0 * sin_angle * cos_angle
+        shape = 1.0 - 0.5 * 0.65 * (1.0 - front * frontal / lateral / 0.85) * sin_twice * sin_twice
+        pressure = 0.5 * _AIR_DENSITY * (along * along + across * across)
+        side = 0.85 * sin_angle / shape * (1.0 if across > 0.0 else -1.0) * pressure * lateral
+        out[row, 0] = dt * yaw
+        out[row, 1] = z[row, 2 * bands]
+        out[row, 2] = z[row, 2 * bands + 1]
+        out[row, 3] = -pressure * frontal * front * cos_angle / shape
+        out[row, 4] = side + drift * sin_beta * abs(sin_beta)
+        out[row, 5] = side * length * 0.18 * (0.5 * np.pi - angle)
+        out[row, 6] = roll
+        out[row, 7] = sway

@@ -1,0 +1,85 @@
+"""A field of long-crested waves, seen from where one is."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+
+from vessel_gym.processes import Process
+
+GRAVITY = 9.81  # m/s2
+BANDS = 3
+_PEAKS = np.array([0.8, 1.0, 1.35])
+"""The frequencies of the bands, in units of the spectrum's peak,"""
+_EDGES = np.array([0.4, 0.894, 1.162, 4.0])
+"""and where they end."""
+_DAMPING = 0.05
+"""Half the width of a band, in units of its frequency."""
+
+
+def encounter_frequency(frequency: np.ndarray, beta: np.ndarray, speed: np.ndarray) -> np.ndarray:
+    """At which a ship meets waves [rad/s]: 0 where it runs with them, negative where it overtakes them.
+
+    Args:
+        frequency: Of the waves [rad/s].
+        beta: Where they run to, from the heading on [rad].
+        speed: [m/s].
+    """
+    return frequency - frequency**2 * speed * np.cos(beta) / GRAVITY
+
+
+def jonswap(frequency: np.ndarray, height: float, period: float, peakedness: float = 3.3) -> np.ndarray:
+    """Spectrum of a sea [m2 s], scaled on the frequencies given [rad/s] to its significant ``height`` [m].
+
+    Hasselmann et al. (1973); a peakedness of 1 is Pierson and Moskowitz's. The ``period`` is the peak's [s].
+    """
+    peak = 2.0 * np.pi / period
+    width = np.where(frequency <= peak, 0.07, 0.09)
+    bump = np.exp(-((frequency - peak) ** 2) / (2.0 * (width * peak) ** 2))
+    shape = frequency**-5.0 * np.exp(-1.25 * (peak / frequency) ** 4) * peakedness**bump
+    return shape * (height**2 / 16.0) / np.trapezoid(shape, frequency)
+
+
+@dataclass(frozen=True)
+class WaveField:
+    """JONSWAP waves in three bands, each a complex number that rotates at their frequency: ``exp((j w - b) dt) z + n``.
+
+    Its variance is 1 whatever the frequency is. At a place x along the direction of the waves it is ``exp(-j k x) z``.
+    """
+
+    height: float  # significant, m
+    period: float  # of the spectrum's peak, s
+
+    names = tuple(f"wave {band} {part}" for band in range(1, BANDS + 1) for part in ("real", "imaginary"))
+
+    @cached_property
+    def frequencies(self) -> np.ndarray:
+        """Those of the bands [rad/s], ``(3,)``."""
+        return 2.0 * np.pi / self.period * _PEAKS
+
+    @cached_property
+    def numbers(self) -> np.ndarray:
+        """Their wave numbers [1/m], in deep water."""
+        return self.frequencies**2 / GRAVITY
+
+    @cached_property
+    def within(self) -> list[np.ndarray]:
+        """Frequencies within each band [rad/s]."""
+        return [np.linspace(low, high, 30) for low, high in pairwise(2.0 * np.pi / self.period * _EDGES)]
+
+    def power(self, band: int, response: np.ndarray) -> np.ndarray:
+        """Variance of what waves `within` a band do that gives ``response (30, ...)`` per metre of amplitude."""
+        inside = self.within[band]
+        whole = np.linspace(self.within[0][0], self.within[-1][-1], 400)
+        spectrum = np.interp(inside, whole, jonswap(whole, self.height, self.period))
+        return np.trapezoid((spectrum * np.abs(response.T) ** 2).T, inside, axis=0)
+
+    def process(self, dt: float) -> Process:
+        """How the bands' real and imaginary parts move over a step of ``dt`` [s]."""
+        bands = []
+        for frequency in self.frequencies:
+            kept = np.exp(-_DAMPING * frequency * dt)
+            cos, sin = kept * np.cos(frequency * dt), kept * np.sin(frequency * dt)
+            bands.append(Process(np.array([[cos, -sin], [sin, cos]]), np.sqrt(1.0 - kept**2) * np.eye(2), np.eye(2)))
+        return Process.joined(*bands)
