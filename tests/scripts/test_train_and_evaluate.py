@@ -22,7 +22,7 @@ def test_a_trained_agent_can_be_evaluated_on_several_estimators(
     assert description(checkpoint)["memory"] == memory
     evaluate.main("SigmaCorvette-v0", agent=str(checkpoint), estimator=("truth", "kf"), episodes=2)
     printed = capsys.readouterr().out
-    for label in ("Score", "Heading error", "truth", "kf"):
+    for label in ("Score", "Off track", "truth", "kf"):
         assert label in printed
 
 

@@ -126,8 +126,13 @@ FAULTS = [
 
 # --- the model is the world's -----------------------------------------------------------------------
 
+MET = {env_id: {"disturbance": "rough"} for env_id in ("SigmaCorvette-v0", "vessel_gym/Ship-v0")}
+"""Where filters take a sea for another one, unless they are told of it by name."""
 WORLDS: list[tuple[str, dict[str, Any]]] = [
-    *((env_id, {"estimator_options": {"told": {"as": "states"}, "model": "nonlinear"}}) for env_id in OURS),
+    *(
+        (env_id, {"estimator_options": {"told": {"as": "states"} | MET.get(env_id, {}), "model": "nonlinear"}})
+        for env_id in OURS
+    ),
     *((AUV, {"sensors": sensors}) for sensors in (WITH_USBL, *BIASED.values())),
     *((AUV, {"disturbance": disturbance}) for disturbance in OWN.values()),
     *((env_id, {"disturbance": fault, "estimator_options": {"told": {"as": "states"}}}) for env_id, fault in FAULTS),
@@ -156,7 +161,7 @@ def test_where_nothing_is_new_the_world_moves_and_is_read_as_the_filter_has_it(e
     rng, size = np.random.default_rng(1), core.action_size
     for _ in range(20):
         action = rng.uniform(-1.0, 1.0, (5, size)) * (
-            env_id not in (SHIP, "vessel_gym/Ship-v0")
+            env_id not in (SHIP, *MET)
         )  # which is told the mean rudder of a step
         undisturbed(core)
         before, where = core.estimated(core.truth), core.actuators

@@ -56,6 +56,13 @@ EXACT = 1e-10
 """For one row and many: a library may sum in another order for another number of rows."""
 
 every_environment = pytest.mark.parametrize("env_id", ENVIRONMENTS)
+
+
+def at_sea(env_id: str) -> bool:
+    """Whether it is about a ship on a track, which takes a hundred steps to lose."""
+    return isinstance(single_class(env_id).system.task, CircleTrack)
+
+
 every_pair = pytest.mark.parametrize(("env_id", "estimator"), CARRIED)
 every_estimator = pytest.mark.parametrize(("env_id", "estimator"), SPREAD)
 every_estimator_and_mode = pytest.mark.parametrize(
@@ -185,7 +192,7 @@ def assert_same_row(info: dict[str, Any], single: dict[str, Any], row: int) -> N
 @pytest.mark.slow
 @every_estimator
 def test_environment_i_of_a_batch_is_the_single_environment_seeded_s_plus_i(env_id: str, estimator: str):
-    rows, steps, limit = 4, 220, 100
+    rows, steps, limit = 4, *((520, 220) if at_sea(env_id) else (220, 100))
     counts = fly_both(
         env_id, 18, [18 + i for i in range(rows)], steps, max_episode_steps=limit, estimator=estimator,
         estimator_options=FEW_MEMBERS.get(estimator), sensors="degraded", mismatch=0.2,
@@ -202,8 +209,9 @@ def test_a_batch_and_its_single_environments_agree_through_whole_episodes_and_on
     horizon = gym.spec(env_id).max_episode_steps
     counts = fly_both(env_id, 13, [13, 14], horizon + 60, sensors="degraded", mismatch=0.2)
     assert counts["truncated"] + counts["arrived"] >= 1
-    assert counts["terminated"] >= 4
-    assert counts["staggered"] >= 4
+    least = 2 if at_sea(env_id) else 4
+    assert counts["terminated"] >= least
+    assert counts["staggered"] >= least
 
 
 @pytest.mark.slow
@@ -311,7 +319,11 @@ def fly_reacting(env_id: str, quiet: bool, steps: int, **options: Any) -> dict[t
 @pytest.mark.parametrize("quiet", [False, True], ids=["as it is", "with nothing to read but noise"])
 def test_swapping_the_estimator_leaves_nature_as_it_was_in_every_episode(env_id: str, quiet: bool):
     names = [name for key, name in SPREAD if key == env_id]
-    options = {"sensors": "degraded", "disturbance": "rough", "mismatch": 0.2, "steps": 320}
+    steps = 1200 if at_sea(env_id) else 320
+    options = {"sensors": "degraded", "disturbance": "rough", "mismatch": 0.2, "steps": steps}
+    # What a field of waves does to a ship depends on where she is, and not only on the waves.
+    same = "unknown_input", "sea", "bias", "available", *(("measurement",) if quiet else ())
+    same = same[at_sea(env_id) :]
     reference = fly_reacting(env_id, quiet, estimator=names[0], **options)
     elsewhere = 0
     for name in names[1:]:
@@ -323,7 +335,7 @@ def test_swapping_the_estimator_leaves_nature_as_it_was_in_every_episode(env_id:
         different = 0
         for key in common:
             one, two = reference[key], other[key]
-            for what in ("unknown_input", "sea", "bias", "available", *(("measurement",) if quiet else ())):
+            for what in same:
                 k = min(len(one[what]), len(two[what]))
                 np.testing.assert_array_equal(one[what][:k], two[what][:k], err_msg=f"{what} with {name} in {key}")
             k = min(len(one["truth"]), len(two["truth"]))
@@ -611,7 +623,7 @@ def test_random_actions_leave_everything_finite_and_in_bounds(env_id: str, monke
     monkeypatch.setitem(SUITES, "broken", BROKEN)
     seen = soak(env_id, SOAK_STEPS)
     assert seen.steps >= SOAK_STEPS
-    assert seen.ended > 50
+    assert seen.ended > (10 if at_sea(env_id) else 50)
     assert seen.missing > 0.1 * seen.steps
 
 

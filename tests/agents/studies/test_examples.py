@@ -66,7 +66,7 @@ def test_what_claims_no_covariance_has_no_band():
 
 @pytest.mark.slow
 def test_of_an_unknown_task_the_first_component_is_shown():
-    episode = rollout("autopilot", CORVETTE, [0], {"estimator": "kf-umv-ui"})
+    episode = rollout("autopilot", "ThesisCorvette-v0", [0], {"estimator": "kf-umv-ui"})
     shown = _unknown(episode)
     assert shown["tracks"] == {}
     rms = np.sqrt(np.mean(np.square(shown["error"])))
