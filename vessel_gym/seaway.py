@@ -5,6 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
+from estimators.checks import number
 from estimators.compiled import rowwise, sincos
 from vessel_gym.disturbances import Disturbance, Sea
 from vessel_gym.processes import Process, row_by_row
@@ -28,6 +29,9 @@ class Seaway(Disturbance):
     (Faltinsen 1990) push her to leeward, which nobody can tell from a current by her position.
 
     Waves and wind run to the north, unless ``direction`` says otherwise.
+
+    Raises:
+        ValueError: for a number that no sea has.
     """
 
     ship: CorvetteParameters
@@ -42,6 +46,13 @@ class Seaway(Disturbance):
     names = (*WaveField.names, "current north", "current east")
     forces = ("yaw increment", *AROUND)
     told = "input"
+
+    def __post_init__(self) -> None:
+        for name in ("height", "period", "dt"):
+            number(f"{name} of a seaway", getattr(self, name), low=0.0, what="a number above 0")
+        for name in ("wind", "current"):
+            number(f"{name} of a seaway", getattr(self, name), low=-1e-300, what="a number of at least 0")
+        number("direction of a seaway", self.direction)
 
     @cached_property
     def waves(self) -> WaveField:

@@ -286,3 +286,13 @@ def test_the_ship_s_own_jacobian_is_that_of_her_model():
 def test_who_is_told_of_the_sea_itself_holds_its_waves():
     core = Core(SIGMA_CORVETTE, 2, "ekf", {"told": {"disturbance": "moderate", "as": "states"}})
     assert core.composition.names[6:] == MODERATE.names
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"height": 0.0}, {"period": -1.0}, {"wind": np.nan}, {"current": -0.1}, {"direction": np.inf}, {"dt": 0.0}],
+)
+def test_what_no_sea_has_is_refused_in_a_sentence(wrong):
+    name = next(iter(wrong))
+    with pytest.raises(ValueError, match=f"{name} of a seaway must be"):
+        Seaway(SHIP, **({"height": 1.0, "period": 8.0, "wind": 5.0, "current": 0.1, "dt": 0.5} | wrong))
