@@ -25,6 +25,7 @@ from estimators.models import (
     Schedule,
     forward_euler,
     retimed,
+    sampled,
     stacked,
     van_loan,
     zero_order_hold,
@@ -32,6 +33,8 @@ from estimators.models import (
 from estimators.randomness import Numbers
 from estimators.reading import Reading
 from estimators.robust import HuberKalmanFilter, RobustKalmanFilter
+from estimators.series import Series, run
+from estimators.smoothers import smooth
 from estimators.ulise import ULISE
 from estimators.unknown_input import (
     DelayedInputFilter,
@@ -76,6 +79,7 @@ __all__ = [
     "Rng",
     "RobustKalmanFilter",
     "Schedule",
+    "Series",
     "SigmaPoints",
     "UMVFilter",
     "UnknownInputFilter",
@@ -90,6 +94,9 @@ __all__ = [
     "nis",
     "retimed",
     "rmse",
+    "run",
+    "sampled",
+    "smooth",
     "stacked",
     "van_loan",
     "wrap",

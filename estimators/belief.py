@@ -1,14 +1,18 @@
 """What a filter believes at one time: an immutable record of arrays, one record for each family of filters."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import cache
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple, Self, TypeVar
 
 import numpy as np
 
 from estimators.reading import Reading
+
+Record = TypeVar("Record", bound="Belief")
+"""The record of a filter's beliefs."""
 
 
 class Recovery(IntEnum):
@@ -349,6 +353,30 @@ def laid_out(shapes: tuple[tuple[str, tuple[int, ...]], ...]) -> Layout:
 def members_last(ensemble: np.ndarray) -> np.ndarray:
     """``(..., n, N)`` of an ensemble ``(..., N, n)``, contiguous as the kernels need it: a view of what they gave."""
     return np.ascontiguousarray(ensemble.mT)
+
+
+def over_time(beliefs: Sequence[Record]) -> Record:
+    """Beliefs of one filter at successive times as one whose leading axis is time.
+
+    Where one has seen no reading or no known input yet and another has, it has none (an innovation of 0).
+
+    Raises:
+        ValueError: if there is none, or they are of different filters.
+    """
+    kinds = {type(belief) for belief in beliefs}
+    if len(kinds) != 1:
+        raise ValueError(f"beliefs at successive times must be of one filter, got {len(kinds)} kinds of them")
+    times = [belief._arrays() for belief in beliefs]
+    whole: dict[str, Any] = {}
+    for name in times[0]:
+        values = [arrays[name] for arrays in times]
+        seen = next((value for value in values if value is not None), None)
+        if seen is None or (name == "cov" and any(value is None for value in values)):  # computed when asked for
+            whole[name] = None
+            continue
+        pairs = zip(values, beliefs, strict=True)
+        whole[name] = np.stack([_unseen(name, seen, belief) if value is None else value for value, belief in pairs])
+    return kinds.pop()(**whole)
 
 
 def _unseen(name: str, like: np.ndarray, belief: Belief) -> np.ndarray:

@@ -4,15 +4,35 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import cache
-from typing import Any, ClassVar, Generic, NamedTuple, TypeVar, cast
+from typing import Any, ClassVar, Generic, NamedTuple, cast
 
 import numpy as np
 
 from estimators.angles import difference
-from estimators.belief import APART, Belief, EnsembleBelief, FeedthroughBelief, InputBelief, Layout, Recovery, laid_out
+from estimators.belief import (
+    APART,
+    Belief,
+    EnsembleBelief,
+    FeedthroughBelief,
+    InputBelief,
+    Layout,
+    Record,
+    Recovery,
+    laid_out,
+)
 from estimators.checks import as_array, as_mask
 from estimators.formulas import Program, is_noted
-from estimators.linalg import congruence, equilibrated, identity, neutralised, semidefinite_cholesky
+from estimators.linalg import (
+    SINGULAR,
+    congruence,
+    equilibrated,
+    identity,
+    lacks_rank,
+    log_density,
+    neutralised,
+    semidefinite,
+    semidefinite_cholesky,
+)
 from estimators.models import Gaussian, LinearModel, NonlinearModel, as_covariance, resolve, usable
 from estimators.randomness import Numbers
 from estimators.reading import Reading
@@ -21,9 +41,6 @@ from estimators.threads import each, shares
 Rng = Numbers | np.random.Generator | None
 """Where random numbers come from: keys a row and a step, or a Generator for the whole batch."""
 Model = LinearModel | NonlinearModel
-Record = TypeVar("Record", bound=Belief)
-"""The record of a filter's beliefs."""
-Other = TypeVar("Other", bound=Belief)
 
 
 class Filter(ABC, Generic[Record]):
@@ -45,6 +62,8 @@ class Filter(ABC, Generic[Record]):
     _ours: ClassVar[bool]
     _threads: int = 1
     """That rows are shared among (`estimators.threads`), set by who has asked for them: no result depends on it."""
+    likelihood: ClassVar[str] = "approximate"
+    """What `log_likelihood` is: "exact", "diffuse" or "approximate"."""
     formulas: ClassVar[bool] = False
     """Whether ``_predict`` and ``_update`` are formulas, which are compiled, see `estimators.formulas`.
 
@@ -194,6 +213,26 @@ class Filter(ABC, Generic[Record]):
         if u is not None:
             belief = belief.replace(u=self._known(u, batch))
         return self._corrected(belief, y, available, R, rng)
+
+    def log_likelihood(self, predicted: Record, updated: Record) -> np.ndarray:
+        """The log density ``(...)`` of a reading, given those before it; 0 where none came.
+
+        Args:
+            predicted: The belief that the reading met.
+            updated: What `update` made of it.
+
+        Raises:
+            ValueError: if the filter gives no innovation covariance.
+        """
+        if (own := getattr(updated, "log_likelihood", None)) is not None:
+            return np.asarray(own)
+        e, S, available = updated.innovation, updated.innovation_cov, updated.available
+        if e is None or S is None or available is None:
+            raise ValueError(
+                f"{self.name} gives no covariance of its innovations, so that readings have no likelihood: return it "
+                "from _update (Belief.updated does), or compare predictions with readings"
+            )
+        return log_density(e, S, available)
 
     # --- the same for whoever has checked what comes in -------------------------------------------
 
@@ -381,6 +420,10 @@ class Filter(ABC, Generic[Record]):
         mean, A = self.model.linearise_transition(mean, u, cov)
         return mean, congruence(A, cov)
 
+    def _slopes(self, belief: Record, u: np.ndarray | None) -> np.ndarray:
+        """A ``(..., n, n)``: how the next state follows the state, of which the belief is."""
+        return self.model.linearise_transition(belief.mean, u, belief.cov)[1]
+
     # --- what came in, and what a filter gave back ------------------------------------------------
 
     def _batch(self, belief: Record) -> tuple[int, ...]:
@@ -429,7 +472,7 @@ class Filter(ABC, Generic[Record]):
         R: np.ndarray | None,
     ) -> Record:
         """The update with every lost row replaced by the first rung of the ladder that holds."""
-        settled = _settled(belief.cov)
+        settled = semidefinite(belief.cov)
         uneven = (settled != belief.cov).any((-2, -1)) & _finite_rows(belief)
         if uneven.any():  # a prediction that is a covariance but for rounding is not given up for that
             belief = belief.replace(cov=settled)
@@ -450,7 +493,7 @@ class Filter(ABC, Generic[Record]):
             result = result.replace(recovery=np.where(lost, Recovery.PRIOR, result.recovery).astype(np.int8))
         names = ("cov", "input_cov", "feedthrough_cov")
         covs = {name: getattr(result, name, None) for name in names}
-        return result.replace(**{name: _settled(cov) for name, cov in covs.items() if cov is not None})
+        return result.replace(**{name: semidefinite(cov) for name, cov in covs.items() if cov is not None})
 
     def _climbed(
         self, start: Record, result: Record, failed: Record, reading: Reading, lost: np.ndarray, rng: Rng
@@ -506,17 +549,13 @@ class Filter(ABC, Generic[Record]):
             return None
         eye = identity(S.shape[-1])
         values, vectors = np.linalg.eigh(np.where(chosen[..., None, None], scaled, eye))
-        kept = values > _SINGULAR * S.shape[-1]
+        kept = values > SINGULAR * S.shape[-1]
         T = np.where(kept[..., None], vectors.mT / scale[..., None, :], 0.0)
         return reading.mixed(np.where(chosen[..., None, None], T, eye), spread), chosen
 
     def _shown_input(self, belief: Record, reading: Reading) -> np.ndarray | None:
         """How an unknown input, in units of its prior, shows in the reading ``(..., p, k)``; None: there is none."""
         return None
-
-
-_SINGULAR = 1e-13
-"""An eigenvalue of a covariance scaled to a unit diagonal is rounding where it is below its size times this."""
 
 
 _BOTH = "_predict", "_update"
@@ -593,18 +632,7 @@ def _proper(cov: np.ndarray) -> bool:
 
 def _regular(cov: np.ndarray) -> bool:
     """Whether no row of a covariance ``(..., p, p)`` is singular. Where R is not, ``S = C P C' + R`` is not."""
-    return not _singular(cov).any()
-
-
-def _singular(cov: np.ndarray) -> np.ndarray:
-    """Which rows ``(...)`` of a covariance ``(..., p, p)`` have a direction without variance, but for rounding.
-
-    A row that is not finite is none of them: the eigenvalue solver would raise.
-    """
-    _, scaled = equilibrated(cov)
-    finite = np.isfinite(scaled).all((-2, -1))
-    values = np.linalg.eigvalsh(np.where(finite[..., None, None], scaled, identity(cov.shape[-1])))
-    return (values[..., 0] <= _SINGULAR * values.shape[-1]) | (np.diagonal(cov, axis1=-2, axis2=-1) == 0.0).any(-1)
+    return not lacks_rank(cov).any()
 
 
 def _lost(updated: Belief, start: Belief, R: np.ndarray | None = None) -> np.ndarray:
@@ -616,27 +644,10 @@ def _lost(updated: Belief, start: Belief, R: np.ndarray | None = None) -> np.nda
     lost = ~finite | (np.linalg.eigvalsh(cov)[..., 0] < -_ROUNDING * size) | (skew > _ROUNDING * size)
     if R is None or updated.innovation_cov is None:
         return lost
-    return lost | (_singular(R) & _singular(updated.innovation_cov))
+    return lost | (lacks_rank(R) & lacks_rank(updated.innovation_cov))
 
 
 _ROUNDING = 1e-9
-
-
-def _settled(cov: np.ndarray) -> np.ndarray:
-    """Covariances ``(..., n, n)`` with negative eigenvalues, which are rounding here, set to zero.
-
-    Perfect readings leave variances that are nothing but rounding, of either sign.
-    """
-    cov = 0.5 * cov + 0.5 * cov.mT
-    size = np.abs(cov).max((-2, -1), keepdims=True)
-    usable_size = (size > 0.0) & np.isfinite(size)
-    unit = np.where(usable_size, cov / np.where(usable_size, size, 1.0), 0.0)
-    values, vectors = np.linalg.eigh(unit)
-    wrong = values[..., 0] < -1e-12 * np.abs(values).sum(-1)
-    if not wrong.any():
-        return cov
-    repaired = (vectors * np.maximum(values, 0.0)[..., None, :]) @ vectors.mT * size
-    return np.where(wrong[..., None, None], 0.5 * (repaired + repaired.mT), cov)
 
 
 def _without_offending(reading: Reading, S: np.ndarray | None) -> tuple[Reading, np.ndarray]:

@@ -88,6 +88,7 @@ class KalmanFilter(GaussianFilter):
     """
 
     name = "kf"
+    likelihood = "exact"
     model: LinearModel
 
     def __init__(self, model: Model, input_cov: np.ndarray | float | None = None) -> None:

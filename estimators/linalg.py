@@ -147,3 +147,60 @@ def cholesky(s: np.ndarray) -> np.ndarray:
             with suppress(np.linalg.LinAlgError):
                 factor[row] = np.linalg.cholesky(s[row])
         return factor
+
+
+def log_density(e: np.ndarray, s: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """The log density ``(...)`` of vectors ``e (..., p)`` of N(0, S), where S is singular in the directions it has.
+
+    Args:
+        e: 0 in components that are not seen.
+        s: ``(..., p, p)``, unit and uncorrelated there.
+        seen: Mask ``(..., p)``.
+    """
+    scale, unit = equilibrated(s)
+    e, rank = e / scale, seen.sum(-1)
+    with np.errstate(all="ignore"):
+        root = cholesky(unit)
+        spread, white = np.diagonal(root, axis1=-2, axis2=-1), np.linalg.solve(root, e[..., None])[..., 0]
+    flat = ~(spread > 1e-7).all(-1)
+    if flat.any():
+        spread, white, rank = np.array(spread), np.array(white), np.array(rank)
+        values, vectors = np.linalg.eigh(np.where(np.isfinite(unit[flat]), unit[flat], 0.0))
+        kept = values > 1e-13 * values.shape[-1]
+        spread[flat] = np.sqrt(np.where(kept, values, 1.0))
+        white[flat] = np.where(kept, np.vecmat(e[flat], vectors), 0.0) / spread[flat]
+        rank[flat] -= (~kept).sum(-1)
+    logs = np.log(spread).sum(-1) + np.log(scale).sum(-1)
+    return -0.5 * (np.square(white).sum(-1) + rank * np.log(2.0 * np.pi)) - logs
+
+
+def lacks_rank(cov: np.ndarray) -> np.ndarray:
+    """Which rows ``(...)`` of a covariance ``(..., p, p)`` have a direction without variance, but for rounding.
+
+    A row that is not finite is none of them: the eigenvalue solver would raise.
+    """
+    _, scaled = equilibrated(cov)
+    finite = np.isfinite(scaled).all((-2, -1))
+    values = np.linalg.eigvalsh(np.where(finite[..., None, None], scaled, identity(cov.shape[-1])))
+    return (values[..., 0] <= SINGULAR * values.shape[-1]) | (np.diagonal(cov, axis1=-2, axis2=-1) == 0.0).any(-1)
+
+
+SINGULAR = 1e-13
+"""An eigenvalue of a covariance scaled to a unit diagonal is rounding where it is below its size times this."""
+
+
+def semidefinite(cov: np.ndarray) -> np.ndarray:
+    """Covariances ``(..., n, n)`` with negative eigenvalues, which are rounding here, set to zero.
+
+    Perfect readings leave variances that are nothing but rounding, of either sign.
+    """
+    cov = 0.5 * cov + 0.5 * cov.mT
+    size = np.abs(cov).max((-2, -1), keepdims=True)
+    usable_size = (size > 0.0) & np.isfinite(size)
+    unit = np.where(usable_size, cov / np.where(usable_size, size, 1.0), 0.0)
+    values, vectors = np.linalg.eigh(unit)
+    wrong = values[..., 0] < -1e-12 * np.abs(values).sum(-1)
+    if not wrong.any():
+        return cov
+    repaired = (vectors * np.maximum(values, 0.0)[..., None, :]) @ vectors.mT * size
+    return np.where(wrong[..., None, None], 0.5 * (repaired + repaired.mT), cov)

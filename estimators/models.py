@@ -8,7 +8,7 @@ import operator
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
@@ -587,6 +587,46 @@ def van_loan(A: np.ndarray, G: np.ndarray, Q: np.ndarray, dt: float) -> tuple[np
     transition = phi[n:, n:].T
     noise = transition @ phi[:n, n:]
     return transition, 0.5 * (noise + noise.T)
+
+
+def sampled(
+    A: np.ndarray, C: np.ndarray, Q: np.ndarray, R: np.ndarray, B: np.ndarray | None = None, **options: Any
+) -> LinearModel:
+    """The model of ``x' = A x + B u + w``, ``y = C x + v``, read at times that need not be regular.
+
+    How long a step takes is the last component of the known input, where `run` puts it when it is told times; the
+    control before it is held over the step.
+
+    Args:
+        A: ``(n, n)``, of continuous time.
+        C: ``(p, n)``.
+        Q: ``(n, n)`` intensity of the white noise w: variance a unit of time.
+        R: ``(p, p)`` covariance of a reading.
+        B: ``(n, m)``, or None.
+        **options: ``state_angles`` and ``measurement_angles``.
+
+    Raises:
+        ValueError: naming the argument whose shape or definiteness is wrong, or if the model is told no length.
+    """
+    own = LinearModel(A, C, Q, R, B=B, **options)  # which checks them
+    rates: Any = own
+    n, drive = own.n, np.zeros((own.n, 0)) if B is None else rates.B
+
+    @lru_cache(maxsize=64)
+    def discrete(length: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        transition, noise = van_loan(rates.A, np.eye(n), rates.Q, length)
+        return transition, np.concatenate([zero_order_hold(rates.A, drive, length)[1], np.zeros((n, 1))], 1), noise
+
+    def at(part: int) -> Callable[[np.ndarray | None], np.ndarray]:
+        def matrix(u: np.ndarray | None) -> np.ndarray:
+            if u is None:
+                raise ValueError("this model needs to know how long a step takes: give run the times t of the readings")
+            lengths, rows = np.unique(u[..., -1], return_inverse=True)
+            return np.stack([discrete(float(length))[part] for length in lengths])[rows.reshape(u.shape[:-1])]
+
+        return matrix
+
+    return replace(own, A=at(0), B=None if B is None else at(1), Q=at(2))
 
 
 def forward_euler(A: np.ndarray, B: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:

@@ -10,7 +10,7 @@ from estimators.belief import Belief, DelayedInputBelief, InputBelief
 from estimators.filter import Filter, Model, Rng
 from estimators.formulas import is_noted
 from estimators.kalman import driven_on, input_covariance, unseen_input
-from estimators.linalg import congruence, identity, joined, singular, solve, symmetrise
+from estimators.linalg import congruence, identity, joined, neutralised, singular, solve, symmetrise
 from estimators.models import LinearModel, resolve
 from estimators.reading import Reading
 
@@ -28,6 +28,7 @@ class UnknownInputFilter(Filter[WithInput]):
     """
 
     formulas = True
+    likelihood = "diffuse"
     linear: ClassVar[bool] = False
     """Whether the filter needs a `LinearModel`."""
 
@@ -58,6 +59,34 @@ class UnknownInputFilter(Filter[WithInput]):
 
     @abstractmethod
     def _shown_input(self, belief: WithInput, reading: Reading) -> np.ndarray: ...
+
+    def log_likelihood(self, predicted: WithInput, updated: WithInput) -> np.ndarray:
+        """The diffuse log likelihood ``(...)`` of a reading: that of `Filter`, integrated over the unknown input.
+
+        Over all values alike in the directions that the reading shows, in units of d, and over the input's prior in the
+        others. So it does not depend on ``input_prior`` where a reading shows all of d.
+
+        Source: de Jong (1991), The diffuse Kalman filter.
+        """
+        density, q = super().log_likelihood(predicted, updated), self.model.q
+        e, S, available = updated.innovation, updated.innovation_cov, updated.available
+        assert e is not None
+        assert S is not None
+        reading = self._reading(predicted, np.zeros(e.shape), available, None)
+        shown = self._shown_input(predicted, reading)
+        shown = np.broadcast_to(shown, (*e.shape, shown.shape[-1]))
+        precision = np.linalg.pinv(S, hermitian=True)
+        for F in np.split(shown, shown.shape[-1] // q, -1):  # what acts now, then what acted a step before
+            values, directions = np.linalg.eigh(symmetrise(F.mT @ precision @ F))
+            flat = values > SHOWN
+            size, F = np.where(flat, values, 1.0 + np.maximum(values, 0.0)), F @ directions
+            seen = precision @ F
+            score = np.vecmat(e, seen)
+            volume = congruence((self._root @ directions).mT, identity(q))
+            _, volume = np.linalg.slogdet(neutralised(volume, flat))
+            density = density + 0.5 * (np.square(score) / size - np.log(size) + flat * np.log(2.0 * np.pi)).sum(-1)
+            density, precision = density + 0.5 * volume, precision - (seen / size[..., None, :]) @ seen.mT
+        return density
 
     def _solved(self, belief: WithInput, reading: Reading, S: np.ndarray, b: np.ndarray) -> np.ndarray:
         """``S^-1 B``; where S is singular a share of the input's prior is in it, too, as `Filter._condensed` tells."""

@@ -3,9 +3,9 @@
 import numpy as np
 
 from estimators.angles import difference
-from estimators.belief import Belief, DelayedInputBelief
+from estimators.belief import Belief, DelayedInputBelief, Record
 from estimators.checks import number
-from estimators.filter import Filter, Model, Record
+from estimators.filter import Filter, Model
 from estimators.kalman import GaussianFilter
 from estimators.linalg import semidefinite_cholesky, solve
 from estimators.models import LinearModel, at_points, steps
@@ -55,13 +55,25 @@ class SigmaPoints(Filter[Record]):
         model, mean = self.model, belief.mean
         if isinstance(model, LinearModel):
             return super()._linearise(belief, u)
-        root = semidefinite_cholesky(belief.cov)
-        flat = np.diagonal(root, axis1=-2, axis2=-1) == 0.0
-        if flat.any():  # C is a derivative there
-            root = root + (flat * steps(mean, belief.cov, model.state_angles))[..., None] * self._identity
-        angles = model.measurement_angles
+        root, angles = self._full_root(belief), model.measurement_angles
         expected, slopes, excess = self._transform("measurement", mean, root, u, model.p, angles)
         return expected, solve(root.mT, slopes).mT, excess
+
+    def _slopes(self, belief: Record, u: np.ndarray | None) -> np.ndarray:
+        model = self.model
+        if isinstance(model, LinearModel):
+            return super()._slopes(belief, u)
+        root = self._full_root(belief)
+        _, slopes, _ = self._transform("transition", belief.mean, root, u, model.n, model.state_angles)
+        return solve(root.mT, slopes).mT
+
+    def _full_root(self, belief: Record) -> np.ndarray:
+        """A root ``(..., n, n)`` of the covariance with an inverse: where it has no spread slopes are derivatives."""
+        root = semidefinite_cholesky(belief.cov)
+        flat = np.diagonal(root, axis1=-2, axis2=-1) == 0.0
+        if flat.any():
+            root = root + (flat * steps(belief.mean, belief.cov, self.model.state_angles))[..., None] * self._identity
+        return root
 
     def _transform(
         self,

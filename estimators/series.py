@@ -1,0 +1,156 @@
+"""A whole series at once: what a filter believes at every time, and how likely it makes the readings.
+
+::
+
+    from estimators import run
+
+    series = run(filter, prior, y)  # y (T, ..., p), NaN where no reading came
+    series.mean, series.cov, series.log_likelihood
+
+Times come first, then rows, then components. `run` needs nothing of a filter but ``init``, ``predict`` and ``update``.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Generic
+
+import numpy as np
+
+from estimators.belief import Record, over_time
+from estimators.checks import as_array, as_mask, whole
+from estimators.filter import Filter, Rng
+from estimators.models import Gaussian
+from estimators.randomness import Numbers, key
+
+
+@dataclass(frozen=True, eq=False)
+class Series(Generic[Record]):
+    """What a filter believed of a series of T readings.
+
+    Attributes:
+        filter: Which filter.
+        predicted: Beliefs before each reading, ``x(k|k-1)``; the first is the prior. Times lead every array.
+        updated: Beliefs after each reading, ``x(k|k)``.
+    """
+
+    filter: Filter[Record]
+    predicted: Record
+    updated: Record
+
+    def __len__(self) -> int:
+        return len(self.updated.mean)
+
+    @property
+    def mean(self) -> np.ndarray:
+        """``(T, ..., n)`` estimates after each reading."""
+        return self.updated.mean
+
+    @property
+    def cov(self) -> np.ndarray:
+        """``(T, ..., n, n)`` their covariances."""
+        return self.updated.cov
+
+    @property
+    def input_mean(self) -> np.ndarray | None:
+        """``(T, ..., q)`` estimates of the unknown input, ``input_delay`` steps late; None: the filter has none."""
+        return self.updated.input_mean
+
+    @cached_property
+    def log_likelihoods(self) -> np.ndarray:
+        """``(T, ...)`` log density of each reading, given those before it; 0 where none came.
+
+        ``filter.likelihood`` says what it is: "exact"; "diffuse", of the part of the readings that the unknown input
+        cannot explain, in the directions in which nothing is supposed of it; or "approximate", of the Gaussian with the
+        filter's own innovation covariance.
+
+        Raises:
+            ValueError: if the filter gives no innovation covariance.
+        """
+        return self.filter.log_likelihood(self.predicted, self.updated)
+
+    @property
+    def log_likelihood(self) -> np.ndarray:
+        """``(...)`` log density of all readings of a row: the sum of `log_likelihoods` over time."""
+        return self.log_likelihoods.sum(0)
+
+
+def run(
+    filter: Filter[Record],
+    prior: Gaussian,
+    y: np.ndarray,
+    u: np.ndarray | None = None,
+    t: np.ndarray | None = None,
+    available: np.ndarray | None = None,
+    R: np.ndarray | None = None,
+    rng: Rng | int = None,
+) -> Series[Record]:
+    """Filter a series of readings.
+
+    The first reading is taken in by the prior itself; before every other one there is a prediction.
+
+    Args:
+        filter: Any filter, one of your own too: what has ``init``, ``predict`` and ``update``.
+        prior: Of the state at the first reading: mean ``(n,)`` or ``(..., n)``.
+        y: ``(T, ..., p)`` readings, one series or a batch; a value that is not finite counts as missing.
+        u: ``(T, m)`` or ``(T, ..., m)`` known input over the step that follows each reading, and of the first reading;
+            the last one is not used.
+        t: ``(T,)`` or ``(T, ...)`` times of the readings, where steps are not all alike. How long each step takes is
+            then the last component of the known input, which the model follows (`sampled`; a function of u).
+        available: ``(T, ..., p)`` mask of the readings that arrived; None: all that are finite.
+        R: ``(T, ..., p, p)`` covariance of each reading; None: the model's.
+        rng: For filters that draw numbers: a seed, `Numbers` with a key a row, or a Generator.
+
+    Raises:
+        ValueError: if a shape does not fit, or times go back.
+    """
+    y = as_array("y", y)
+    if y.ndim < 2 or len(y) == 0:
+        hint = ": one channel has y[:, None]" if y.ndim == 1 else ""
+        raise ValueError(f"y has shape {y.shape}, expected (T, ..., p), times first{hint}")
+    T, batch = len(y), y.shape[1:-1]
+    available = None if available is None else as_mask("available", available)
+    R = None if R is None else as_array("R", R)
+    for name, array in (("available", available), ("R", R)):
+        if array is not None and array.shape[:1] != (T,):
+            raise ValueError(f"{name} has shape {array.shape}, expected one for each of the {T} readings of y")
+    u = _known_inputs(u, t, T, batch)
+    if isinstance(rng, int):
+        rows = np.arange(int(np.prod(batch))).reshape(batch)
+        rng = Numbers(np.broadcast_to(key(whole("rng", rng, 0)), (*batch, 2))).of(rows)
+    if isinstance(prior, Gaussian):
+        prior = Gaussian(np.broadcast_to(prior.mean, batch + prior.mean.shape[-1:]), prior.cov)
+    predicted, updated, belief = [], [], None
+    for k in range(T):
+        now = rng.at(k) if isinstance(rng, Numbers) else rng
+        known = None if u is None else u[max(k - 1, 0)]
+        belief = filter.init(prior, rng=now) if belief is None else filter.predict(belief, known, rng=now)
+        mask, cov = (None if a is None else a[k] for a in (available, R))
+        told = known if k == 0 else None
+        predicted.append(belief)
+        belief = filter.update(belief, y[k], rng=now, available=mask, R=cov, u=told)
+        updated.append(belief)
+    return Series(filter, over_time(predicted), over_time(updated))
+
+
+def _known_inputs(u: np.ndarray | None, t: np.ndarray | None, T: int, batch: tuple[int, ...]) -> np.ndarray | None:
+    """The known inputs ``(T, ..., m)``, how long each step takes last among them where times are given."""
+    if u is not None:
+        u = as_array("u", u)
+        if u.ndim < 2 or len(u) != T:
+            raise ValueError(f"u has shape {u.shape}, expected ({T}, ..., m): one for each reading of y")
+        if u.ndim == 2:
+            u = u.reshape(T, *(1,) * len(batch), -1)
+    if t is None:
+        return u
+    t = as_array("t", t)
+    if t.shape not in ((T,), (T, *batch)):
+        raise ValueError(f"t has shape {t.shape}, expected ({T},) or {(T, *batch)}: one time for each reading of y")
+    if not np.isfinite(t).all() or (np.diff(t, axis=0) < 0.0).any():
+        wrong = "hold a time that is not finite" if not np.isfinite(t).all() else "go back"
+        raise ValueError(f"times t {wrong}: sort the readings by time, or use Delayed for those that come late")
+    lengths = np.diff(t, axis=0, append=t[-1:])
+    lengths = lengths.reshape(lengths.shape + (1,) * (len(batch) + 2 - lengths.ndim))
+    if u is None:
+        return lengths
+    rows = np.broadcast_shapes(u.shape[:-1], lengths.shape[:-1])
+    return np.concatenate([np.broadcast_to(a, rows + a.shape[-1:]) for a in (u, lengths)], -1)

@@ -1,0 +1,157 @@
+"""Smoothers: what a whole series says of every time in it.
+
+A smoother goes back through what a filter stored. With z what is estimated at one time, the state or the state and the
+unknown input, and ``zeta = D z+`` the part of the next that the past predicts, ``zeta- , P-``::
+
+    J = cov(z, zeta) P-^-1        z^s = z + J (D z^s+ - zeta-)        P^s = P + J (D P^s+ D' - P-) J'
+
+For a Kalman filter z is the state and D the identity (Rauch, Tung & Striebel). For a filter that estimates the unknown
+input of the very step, ``z = (x, d)``, ``D = [I, 0]`` and ``cov(z, zeta) = P_z [A, G]'``. For one to which d shows a
+step late, ``z = (x, d(k-1))`` and ``D = [I, -G]``: what is left of the next state without its input, of which nothing
+is supposed. Both are the least-squares solution for all states and inputs, given all readings.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from estimators.angles import difference
+from estimators.belief import Belief, InputBelief, Record, Recovery
+from estimators.checks import whole
+from estimators.ensemble import EnsembleFilter
+from estimators.kalman import GaussianFilter
+from estimators.linalg import congruence, equilibrated, identity, joined, lacks_rank, semidefinite
+from estimators.robust import HuberKalmanFilter
+from estimators.series import Series
+from estimators.unknown_input import NoFeedthroughFilter, UMVFilter
+
+
+def smooth(series: Series[Record], lag: int | None = None) -> Record:
+    """What all readings of a series say of each time, or those up to ``lag`` steps later.
+
+    For a linear model without unknown input, or with one, this is exact. A nonlinear model is made straight where the
+    filter did so; `robust-kf` goes back through its own, larger predictions. Members are moved by the regression of
+    each on those that follow from it, which is the ensemble Kalman smoother.
+
+    Sources: Rauch, Tung & Striebel (1965), Maximum likelihood estimates of linear dynamic systems; Särkkä (2008),
+    Unscented Rauch-Tung-Striebel smoother; Raanes (2016), On the ensemble Rauch-Tung-Striebel smoother and its
+    equivalence to the ensemble Kalman smoother.
+
+    Args:
+        series: What `run` gives.
+        lag: Steps after each time whose readings count (fixed-lag smoothing); None: all.
+
+    Returns:
+        The beliefs, times first, with what was smoothed in ``mean``, ``cov``, ``input_mean``, ``input_cov``,
+        ``state_input_cov`` and ``ensemble``, as far as the filter has them. An unknown input that shows late stands
+        where the filter has it: ``input_delay`` steps after it acted.
+
+    Raises:
+        TypeError: if the filter has no smoother.
+        ValueError: if ``lag`` is negative, or members cannot be followed back (localised or rotated).
+    """
+    later = len(series) - 1
+    steps = None if lag is None else min(whole("lag", lag, 0), later)
+    filter, updated, predicted = series.filter, series.updated, series.predicted
+    if isinstance(filter, EnsembleFilter):
+        return _members(filter, updated, predicted, steps)
+    if not isinstance(filter, GaussianFilter | UMVFilter | NoFeedthroughFilter) or isinstance(
+        filter, HuberKalmanFilter
+    ):
+        raise TypeError(
+            f"{filter.name} has no smoother: smooth a series of kf, ekf, ukf, robust-kf, kf-umv-ui, kf-umv-ui-wdf, "
+            "ekf-ui-wdf, ukf-umv or of members"
+        )
+    z, P = _joint(updated)
+    D, J = _gains(filter, updated[:-1], predicted[1:], updated.recovery[1:], P[:-1])
+    before, cov = np.nan_to_num(predicted.mean[1:]), np.nan_to_num(predicted.cov[1:])
+
+    def back(k: slice, z_later: np.ndarray, P_later: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        change = difference(np.matvec(D[k], z_later), before[k], filter.model.state_angles)
+        return z[:-1][k] + np.matvec(J[k], change), P[:-1][k] + congruence(J[k], congruence(D[k], P_later) - cov[k])
+
+    smoothed, covs = np.array(z), np.array(P)
+    if steps is None:
+        for k in reversed(range(later)):
+            now, after = slice(k, k + 1), slice(k + 1, k + 2)
+            smoothed[now], covs[now] = back(now, smoothed[after], covs[after])
+    else:
+        for _ in range(steps):  # all times at once: each looks one step further
+            smoothed[:-1], covs[:-1] = back(slice(None), smoothed[1:], covs[1:])
+    return _parted(updated, smoothed, semidefinite(covs))
+
+
+def _joint(belief: Belief) -> tuple[np.ndarray, np.ndarray]:
+    """State, and unknown input if there is one: mean ``(..., k)`` and covariance ``(..., k, k)``."""
+    if not isinstance(belief, InputBelief):
+        return belief.mean, belief.cov
+    cross = belief.state_input_cov
+    cov = joined([joined([belief.cov, cross], -1), joined([cross.mT, belief.input_cov], -1)], -2)
+    return np.concatenate([belief.mean, belief.input_mean], -1), cov
+
+
+def _parted(belief: Record, z: np.ndarray, P: np.ndarray) -> Record:
+    """The belief with what `_joint` takes together."""
+    n = belief.mean.shape[-1]
+    changes = {"mean": z[..., :n], "cov": P[..., :n, :n]}
+    if isinstance(belief, InputBelief):
+        changes |= {"input_mean": z[..., n:], "input_cov": P[..., n:, n:], "state_input_cov": P[..., :n, n:]}
+    return belief.replace(**changes)
+
+
+def _gains(
+    filter: Any, updated: Belief, following: Belief, recovery: np.ndarray, P: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """D ``(..., n, k)`` and J ``(..., k, n)`` of beliefs and their predictions; J is 0 where one was lost."""
+    n, k, u = updated.mean.shape[-1], P.shape[-1], following.u
+    A, D = filter._slopes(updated, u), np.eye(n, k)
+    if isinstance(updated, InputBelief):
+        if filter.input_delay == 0:
+            G = filter.model.input_matrix(updated.mean, u)
+            A = joined([A, G], -1)
+        else:
+            D = joined([identity(n), -filter._input_matrix(following)], -1)
+    cross = P[..., : A.shape[-1]] @ A.mT
+    forgot = (recovery == Recovery.PRIOR) | ~np.isfinite(following.cov).all((-2, -1))
+    J = _regression(cross, np.where(forgot[..., None, None], identity(n), following.cov))
+    return np.broadcast_to(D, J.shape[:-2] + (n, k)), np.where(forgot[..., None, None], 0.0, J)
+
+
+def _regression(cross: np.ndarray, cov: np.ndarray) -> np.ndarray:
+    """``cross cov^-1`` of ``(..., k, n)`` and ``(..., n, n)``, with the pseudo-inverse of those that are singular."""
+    scale, unit = equilibrated(cov)
+    cross, flat = cross / scale[..., None, :], lacks_rank(cov)
+    unit = np.array(unit)
+    if flat.any():
+        unit[flat] = np.linalg.pinv(unit[flat], rcond=1e-13 * cov.shape[-1], hermitian=True)
+        cross[flat] = cross[flat] @ unit[flat]
+        unit[flat] = identity(cov.shape[-1])
+    return np.linalg.solve(unit, cross.mT).mT / scale[..., None, :]
+
+
+def _members(filter: EnsembleFilter, updated: Any, predicted: Any, steps: int | None) -> Any:
+    """The same, member by member."""
+    if filter.localisation is not None or getattr(filter, "rotate", False):
+        raise ValueError(
+            f"members of {filter.name} cannot be followed back where they are localised or rotated: run it without, or "
+            "smooth with kf, ekf or ukf"
+        )
+    angles, own = filter.model.state_angles, updated.ensemble
+    spread, ahead = (
+        difference(belief.ensemble, belief.mean[..., None, :], angles) for belief in (updated[:-1], predicted[1:])
+    )
+    forgot = (updated.recovery[1:] == Recovery.PRIOR) | ~np.isfinite(ahead).all((-2, -1))
+    ahead = np.where(forgot[..., None, None], 0.0, ahead)
+    gain, expected = np.linalg.pinv(ahead, rcond=1e-10) @ spread, np.nan_to_num(predicted.ensemble[1:])
+
+    def back(k: slice, later: np.ndarray) -> np.ndarray:
+        return own[:-1][k] + difference(later, expected[k], angles) @ gain[k]
+
+    smoothed = np.array(own)
+    if steps is None:
+        for k in reversed(range(len(own) - 1)):
+            smoothed[k] = back(slice(k, k + 1), smoothed[k + 1 : k + 2])[0]
+    else:
+        for _ in range(steps):
+            smoothed[:-1] = back(slice(None), smoothed[1:])
+    return type(updated)(**(updated._arrays() | {"cov": None, "mean": smoothed.mean(-2), "ensemble": smoothed}))

@@ -1,0 +1,232 @@
+"""Whole series: the beliefs of a loop by hand, and likelihoods by other roads."""
+
+import numpy as np
+import pytest
+from batch import least_squares
+from cases import CASES, Case, kalman_system, shown_directions, simulate, track, unknown_input_system
+
+from estimators import (
+    Belief,
+    Filter,
+    Gaussian,
+    LinearModel,
+    NonlinearModel,
+    Numbers,
+    make,
+    run,
+    sampled,
+    zero_order_hold,
+)
+
+
+def gaps(y: np.ndarray, seed: int = 0, share: float = 0.2) -> np.ndarray:
+    y = y.copy()
+    y[np.random.default_rng(seed).random(y.shape) < share] = np.nan
+    return y
+
+
+# --- a run is the loop --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.id)
+def test_a_run_is_the_loop_by_hand(case: Case):
+    system = case.system(0)
+    record = simulate(system, 1, runs=3, steps=8)
+    record = record._replace(y=gaps(record.y))
+    filter, keys = case.make(system.model), Numbers.seeded([1, 2, 3])
+    series = run(filter, system.prior, record.y, u=record.u, rng=keys)
+    by_hand = track(filter, system.rows(3), record, rng=keys)
+    for name in ("mean", "cov", "input_mean", "innovation", "ensemble"):
+        wanted = [getattr(belief, name) for belief in by_hand]
+        if wanted[0] is not None:
+            np.testing.assert_array_equal(getattr(series.updated, name), np.array(wanted))
+    assert len(series) == 8
+    one = run(filter, system.prior, record.y[:, 1], u=record.u[:, 1], rng=Numbers(keys.keys[1]))
+    np.testing.assert_allclose(one.mean, series.mean[:, 1], rtol=0, atol=1e-12 * np.abs(series.mean).max())
+    np.testing.assert_allclose(
+        one.log_likelihood, series.log_likelihood[1], rtol=0, atol=1e-9 * np.abs(series.log_likelihoods).sum()
+    )
+
+
+def test_a_seed_gives_every_row_numbers_of_its_own_and_the_same_ones_again():
+    system = kalman_system(0)
+    filter, y = make("enkf", system.model, members=10), np.zeros((4, 2, 3))
+    u = np.zeros((4, 2, 2))
+    first, again, other = (run(filter, system.prior, y, u=u, rng=seed) for seed in (3, 3, 4))
+    np.testing.assert_array_equal(first.mean, again.mean)
+    assert np.abs(first.mean[:, 0] - first.mean[:, 1]).min() > 0.0
+    assert np.abs(first.mean - other.mean).min() > 0.0
+
+
+# --- the likelihood -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_likelihood_is_the_density_of_all_readings_together_whatever_is_missing(seed: int):
+    system = kalman_system(seed)
+    record = simulate(system, seed, runs=3, steps=25)
+    y = gaps(record.y, seed)
+    y[7] = np.nan
+    series = run(make("kf", system.model), system.prior, y, u=record.u)
+    expected = [least_squares(system, y[:, i], record.u[:, i]).log_likelihood for i in range(3)]
+    np.testing.assert_allclose(series.log_likelihood, expected, rtol=1e-9)
+    np.testing.assert_array_equal(series.log_likelihoods[7], 0.0)
+
+
+@pytest.mark.parametrize("name", ["ekf", "ukf", "huber-kf", "robust-kf"])
+def test_filters_that_are_the_kalman_filter_have_its_likelihood(name: str):
+    system = kalman_system(0)
+    record = simulate(system, 0, runs=2, steps=20)
+    options = {"huber-kf": {"gamma": np.inf}, "robust-kf": {"radius": 0.0}}.get(name, {})
+    series = [
+        run(make(n, system.model, **o), system.prior, record.y, u=record.u) for n, o in (("kf", {}), (name, options))
+    ]
+    np.testing.assert_allclose(series[1].log_likelihood, series[0].log_likelihood, rtol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["kf-umv-ui", "kf-umv-ui-wdf", "ulise"])
+@pytest.mark.parametrize("q", [1, 2])
+def test_the_likelihood_with_an_unknown_input_is_that_of_a_prior_without_end(name: str, q: int):
+    """Diffuse: the density of all readings, integrated over all inputs alike."""
+    feedthrough = name != "kf-umv-ui-wdf"
+    rank = 1 if name == "ulise" else None
+    system = unknown_input_system(2, feedthrough, p=4, q=q, rank=rank)
+    record = simulate(system, 1, runs=2, steps=20)
+    y = record.y.copy()
+    y[5, :, 0] = np.nan  # the others show the input, too
+    series = run(make(name, system.model, input_prior=50.0), system.prior, y, u=record.u)
+    unseen = np.eye(q) - shown_directions(
+        system.model.H
+    )  # of the last input nothing shows there; told, it counts for 1
+    values, directions = np.linalg.eigh(unseen)
+    told = {19: directions[:, values > 0.5].T}
+    expected = [least_squares(system, y[:, i], record.u[:, i], told).log_likelihood for i in range(2)]
+    np.testing.assert_allclose(series.log_likelihood, expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("prior", [0.3, 1e4])
+def test_the_diffuse_likelihood_does_not_depend_on_the_prior_of_an_input_that_shows(prior: float):
+    system = unknown_input_system(0, True)
+    record = simulate(system, 1, runs=2, steps=20)
+    series = [
+        run(make("kf-umv-ui", system.model, input_prior=p), system.prior, record.y, u=record.u) for p in (50.0, prior)
+    ]
+    np.testing.assert_allclose(series[1].log_likelihood, series[0].log_likelihood, rtol=1e-9)
+
+
+def test_readings_that_repeat_each_other_without_noise_have_the_density_of_one():
+    twice = LinearModel([[1.0]], [[1.0], [1.0]], [[0.1]], np.zeros((2, 2)))
+    once = LinearModel([[1.0]], [[np.sqrt(2.0)]], [[0.1]], np.zeros((1, 1)))  # along the one direction that there is
+    y = np.random.default_rng(0).normal(size=(10, 1))
+    both = run(make("kf", twice), Gaussian([0.0], [[1.0]]), np.repeat(y, 2, 1))
+    one = run(make("kf", once), Gaussian([0.0], [[1.0]]), np.sqrt(2.0) * y)
+    # in units of the standard deviation of each reading, in which directions are told apart
+    spread = np.sqrt(one.updated.innovation_cov[:, 0, 0] / 2.0)
+    np.testing.assert_allclose(both.log_likelihoods, one.log_likelihoods - np.log(spread), rtol=1e-9)
+
+
+class Plain(Filter):
+    """A filter of one's own that says nothing of its innovations."""
+
+    def _predict(self, belief, u, rng):
+        return Belief.predicted(belief, belief.mean, belief.cov + self.model.Q, u)
+
+    def _update(self, belief, reading, rng):
+        return belief.replace(
+            mean=belief.mean + 0.5 * np.vecmat(reading.innovation, reading.C), recovery=belief.recovery
+        )
+
+
+def test_a_filter_of_ones_own_runs_and_its_likelihood_is_refused_where_it_cannot_be_told():
+    model = LinearModel(np.eye(2), np.eye(2), 0.1 * np.eye(2), np.eye(2))
+    series = run(Plain(model), Gaussian(np.zeros(2), np.eye(2)), np.ones((4, 2)))
+    np.testing.assert_allclose(series.mean[:, 0], 1.0 - 0.5 ** np.arange(1, 5))
+    with pytest.raises(ValueError, match="Plain gives no covariance of its innovations"):
+        series.log_likelihood  # noqa: B018
+
+
+def test_what_a_likelihood_is_can_be_asked():
+    kinds = {"kf": "exact", "ekf": "approximate", "enkf": "approximate", "kf-umv-ui": "diffuse", "ulise": "diffuse"}
+    for name, kind in kinds.items():
+        system = unknown_input_system(0, name != "kf-umv-ui-wdf") if kind == "diffuse" else kalman_system(0)
+        assert make(name, system.model).likelihood == kind
+
+
+# --- times --------------------------------------------------------------------------------------------
+
+
+def _drifting() -> LinearModel:
+    return sampled([[-0.3, 1.0], [0.0, -0.1]], [[1.0, 0.0]], np.diag([0.01, 0.2]), [[0.1]], B=[[0.0], [1.0]])
+
+
+def test_readings_at_irregular_times_are_regular_ones_with_gaps():
+    """Times on a grid with nothing read between: the control held, the noise accumulated as on the grid."""
+    rng = np.random.default_rng(0)
+    whole = np.unique(np.concatenate([[0], rng.choice(60, 25, replace=False)]))
+    y, control = rng.normal(size=(61, 4, 1)), rng.normal(size=(61, 1))
+    times = np.arange(61.0) / 4.0
+    control = control[whole[np.searchsorted(whole, np.arange(61), side="right") - 1]]  # held from reading to reading
+    y[np.setdiff1d(np.arange(61), whole)] = np.nan
+    kf, prior = make("kf", _drifting()), Gaussian([1.0, 0.0], np.eye(2))
+    grid = run(kf, prior, y, u=control, t=times)
+    sparse = run(kf, prior, y[whole], u=control[whole], t=times[whole])
+    np.testing.assert_allclose(sparse.mean, grid.mean[whole], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(sparse.cov, np.broadcast_to(grid.cov, (61, 4, 2, 2))[whole], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(sparse.log_likelihood, grid.log_likelihood, rtol=1e-10)
+
+
+def test_each_row_may_have_times_of_its_own_and_an_unscented_filter_the_same_through_a_function():
+    rng = np.random.default_rng(1)
+    t, y, u = np.cumsum(rng.exponential(size=(12, 3)), 0), rng.normal(size=(12, 3, 1)), rng.normal(size=(12, 3, 1))
+    model, prior = _drifting(), Gaussian([1.0, 0.0], np.eye(2))
+    together = run(make("kf", model), prior, y, u=u, t=t)
+    for i in range(3):
+        alone = run(make("kf", model), prior, y[:, i], u=u[:, i], t=t[:, i])
+        np.testing.assert_allclose(together.mean[:, i], alone.mean, rtol=0, atol=1e-12)
+
+    def transition(x, u):
+        return np.matvec(model.A(u), x) + np.matvec(model.B(u), u)
+
+    curved = NonlinearModel(transition, lambda x, u: x[..., :1], model.Q, model.R, states=2)
+    through = run(make("ukf", curved), prior, y, u=u, t=t)
+    np.testing.assert_allclose(through.mean, together.mean, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(through.log_likelihood, together.log_likelihood, rtol=1e-8)
+
+
+def test_a_sampled_model_is_the_discrete_one_at_a_regular_step():
+    model, u = _drifting(), np.array([0.0, 0.7])
+    A, B = zero_order_hold(np.array([[-0.3, 1.0], [0.0, -0.1]]), np.array([[0.0], [1.0]]), 0.7)
+    np.testing.assert_allclose(model.A(u), A, rtol=1e-13)
+    np.testing.assert_allclose(model.B(u), np.concatenate([B, np.zeros((2, 1))], 1), rtol=0, atol=1e-14)
+    half = model.Q(np.array([0.0, 0.35]))
+    step = model.A(np.array([0.0, 0.35]))
+    np.testing.assert_allclose(model.Q(u), step @ half @ step.T + half, rtol=1e-12)
+    np.testing.assert_allclose(model.Q(np.zeros(2)), 0.0, atol=1e-15)
+
+
+# --- what does not fit --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"y": np.zeros(5)}, r"y has shape \(5,\), expected \(T, ..., p\), times first: one channel has y\[:, None\]"),
+        ({"y": np.zeros((0, 1))}, "y has shape"),
+        ({"y": np.zeros((5, 2))}, r"y has shape \(2,\), expected \(1,\)"),
+        ({"u": np.zeros((4, 1))}, "u has shape .* one for each reading"),
+        ({"t": np.arange(4.0)}, "t has shape .* one time for each reading"),
+        ({"t": np.array([0.0, 1.0, 0.5, 2.0, 3.0])}, "times t go back: sort the readings"),
+        ({"t": np.array([0.0, 1.0, np.nan, 2.0, 3.0])}, "times t hold a time that is not finite"),
+        ({"available": np.ones((4, 1), bool)}, "available has shape"),
+        ({"R": np.eye(1)}, "R has shape"),
+        ({"rng": -1}, "rng must be a whole number of at least 0"),
+        ({"prior": Gaussian(np.zeros(3), np.eye(3))}, "the prior is for 3 states, the model has 2"),
+        ({"filter": make("kf", sampled(-np.eye(2), [[1.0, 0.0]], np.eye(2), [[1.0]]))}, "give run the times t"),
+    ],
+)
+def test_what_does_not_fit_gets_one_sentence(changes: dict, sentence: str):
+    model = LinearModel(np.eye(2), [[1.0, 0.0]], np.eye(2), [[1.0]])
+    given = {"filter": make("kf", model), "prior": Gaussian(np.zeros(2), np.eye(2)), "y": np.zeros((5, 1))} | changes
+    with pytest.raises(ValueError, match=sentence) as error:
+        run(**given)
+    assert "\n" not in str(error.value)

@@ -1,0 +1,321 @@
+"""Smoothers: the least-squares solution for all times at once, and what follows from it."""
+
+import numpy as np
+import pytest
+from batch import least_squares, marginals
+from cases import (
+    INPUT_PRIOR,
+    System,
+    kalman_system,
+    pushed_vehicle,
+    shaken_vehicle,
+    simulate,
+    turning_vehicle,
+    unknown_input_system,
+)
+from filterpy.common import Q_discrete_white_noise
+from filterpy.kalman import KalmanFilter as FilterpyKalman
+
+from estimators import (
+    Gaussian,
+    LinearModel,
+    NonlinearModel,
+    Recovery,
+    make,
+    nees,
+    run,
+    smooth,
+    stacked,
+)
+from estimators.metrics import chi_square_band
+
+KALMAN = ("kf", "ekf", "ukf")
+UNKNOWN = ("kf-umv-ui", "kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv")
+
+
+def gaps(y: np.ndarray, share: float = 0.2) -> np.ndarray:
+    y = y.copy()
+    y[np.random.default_rng(0).random(y.shape) < share] = np.nan
+    return y
+
+
+def at_all_times(system: System, solution) -> tuple[np.ndarray, np.ndarray]:
+    """The states and their covariances, of the least-squares solution."""
+    T, n = solution.x.shape
+    return solution.x, marginals(solution.cov[: T * n, : T * n], n)
+
+
+@pytest.mark.parametrize("name", KALMAN)
+@pytest.mark.parametrize("seed", range(3))
+def test_smoothed_states_are_the_least_squares_solution_for_all_of_them(name: str, seed: int):
+    system = kalman_system(seed)
+    record = simulate(system, seed, runs=2, steps=20)
+    y = gaps(record.y)
+    y[4] = np.nan
+    smoothed = smooth(run(make(name, system.model), system.prior, y, u=record.u))
+    for i in range(2):
+        x, cov = at_all_times(system, least_squares(system, y[:, i], record.u[:, i]))
+        np.testing.assert_allclose(smoothed.mean[:, i], x, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(smoothed.cov[:, i], cov, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", UNKNOWN)
+@pytest.mark.parametrize("q", [1, 2])
+def test_smoothed_states_and_inputs_are_the_least_squares_solution_for_all_of_them(name: str, q: int):
+    now = name == "kf-umv-ui"
+    system = unknown_input_system(q, now, p=4, q=q)
+    record = simulate(system, 1, runs=2, steps=20)
+    y, n, T = record.y, system.model.n, 20
+    y[5, :, 0] = np.nan  # the others show the input, too
+    smoothed = smooth(run(make(name, system.model, input_prior=INPUT_PRIOR), system.prior, y, u=record.u))
+    told = {} if now else {T - 1: np.eye(q)}  # the last one acts on nothing
+    for i in range(2):
+        solution = least_squares(system, y[:, i], record.u[:, i], told)
+        x, cov = at_all_times(system, solution)
+        scale = max(1.0, np.abs(solution.d).max())
+        np.testing.assert_allclose(smoothed.mean[:, i], x, rtol=0, atol=1e-9 * scale)
+        np.testing.assert_allclose(smoothed.cov[:, i], cov, rtol=0, atol=1e-9 * np.abs(cov).max())
+        late = 0 if now else 1  # of the step before
+        steps = slice(None) if now else slice(0, T - 1)
+        d, cov = solution.d[steps], marginals(solution.cov[T * n :, T * n :], q)[steps]
+        np.testing.assert_allclose(smoothed.input_mean[late:, i], d, rtol=0, atol=1e-9 * scale)
+        np.testing.assert_allclose(smoothed.input_cov[late:, i], cov, rtol=0, atol=1e-9 * np.abs(cov).max())
+        for k in range(T - late):
+            own = solution.cov[n * (k + late) : n * (k + late + 1), T * n + q * k : T * n + q * (k + 1)]
+            bound = 1e-9 * max(1.0, np.abs(own).max())
+            np.testing.assert_allclose(smoothed.state_input_cov[k + late, i], own, rtol=0, atol=bound)
+
+
+@pytest.mark.parametrize("name", ["kf-umv-ui", "kf-umv-ui-wdf"])
+def test_an_input_that_no_reading_shows_is_smoothed_with_its_prior(name: str):
+    now = name == "kf-umv-ui"
+    system = unknown_input_system(3, now)
+    record = simulate(system, 1, runs=1, steps=15)
+    y, T = record.y, 15
+    y[6] = np.nan  # of that input (or the one before) nothing shows at once, but later readings tell of it
+    filter = make(name, system.model, input_prior=INPUT_PRIOR)
+    series = run(filter, system.prior, y, u=record.u)
+    smoothed = smooth(series)
+    told = {6 if now else 5: np.eye(1) / np.sqrt(INPUT_PRIOR)}
+    solution = least_squares(system, y[:, 0], record.u[:, 0], told | ({} if now else {T - 1: np.eye(1)}))
+    np.testing.assert_allclose(smoothed.mean[:, 0], solution.x, rtol=0, atol=1e-8)
+    late = 0 if now else 1
+    np.testing.assert_allclose(smoothed.input_mean[late:, 0], solution.d[: T - late], rtol=0, atol=1e-8)
+    assert smoothed.input_cov[6, 0, 0, 0] < 0.5 * series.updated.input_cov[6, 0, 0, 0]
+
+
+@pytest.mark.parametrize("told", [0.5, 20.0])
+def test_an_input_whose_variance_is_told_is_smoothed_as_the_state_that_it_could_be(told: float):
+    system = unknown_input_system(0, True)
+    record = simulate(system, 1, runs=2, steps=15)
+    smoothed = smooth(run(make("kf", system.model, input_cov=told), system.prior, record.y, u=record.u))
+    whole, n = stacked(system.model), system.model.n
+    Q = whole.Q.copy()
+    Q[n:, n:] = told
+    as_state = make("kf", LinearModel(whole.A, whole.C, Q, whole.R, B=whole.B))
+    prior = np.eye(n + 1) * told
+    prior[:n, :n] = system.cov
+    other = smooth(run(as_state, Gaussian([*system.mean, 0.0], prior), record.y, u=record.u))
+    np.testing.assert_allclose(smoothed.mean, other.mean[..., :n], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(smoothed.input_mean, other.mean[..., n:], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(smoothed.input_cov, other.cov[..., n:, n:], rtol=0, atol=1e-9)
+
+
+def test_the_smoother_is_that_of_filterpy():
+    kf = FilterpyKalman(dim_x=2, dim_z=1)
+    kf.x, kf.P = np.array([1.0, 0.5]), np.diag([2.0, 1.0])
+    kf.F, kf.H = np.array([[1.0, 0.5], [0.0, 1.0]]), np.array([[1.0, 0.0]])
+    kf.Q, kf.R = Q_discrete_white_noise(2, dt=0.5, var=0.3) + 1e-3 * np.eye(2), np.array([[0.4]])
+    y = np.cumsum(np.random.default_rng(0).normal(size=(40, 1)), 0)
+    log_likelihood, means, covs = 0.0, [], []
+    for k, reading in enumerate(y):
+        if k:
+            kf.predict()
+        kf.update(reading)
+        log_likelihood += kf.log_likelihood
+        means.append(kf.x)
+        covs.append(kf.P)
+    model = LinearModel(kf.F, kf.H, kf.Q, kf.R)
+    series = run(make("kf", model), Gaussian([1.0, 0.5], np.diag([2.0, 1.0])), y)
+    np.testing.assert_allclose(series.mean, means, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(series.log_likelihood, log_likelihood, rtol=1e-9)
+    mean, cov, *_ = kf.rts_smoother(np.array(means), np.array(covs))
+    smoothed = smooth(series)
+    np.testing.assert_allclose(smoothed.mean, mean, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(smoothed.cov, cov, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "make_system", "options"),
+    [
+        ("kf", kalman_system, {}),
+        ("robust-kf", kalman_system, {"radius": 0.1}),
+        ("ekf", turning_vehicle, {}),
+        ("ukf", turning_vehicle, {}),
+        ("kf-umv-ui", shaken_vehicle, {"input_prior": INPUT_PRIOR}),
+        ("ekf-ui-wdf", pushed_vehicle, {"input_prior": INPUT_PRIOR}),
+        ("ukf-umv", pushed_vehicle, {"input_prior": INPUT_PRIOR}),
+    ],
+)
+def test_a_smoothed_covariance_is_never_larger_than_the_filters(name: str, make_system, options: dict):
+    system = make_system(0)
+    record = simulate(system, 1, runs=5, steps=30)
+    series = run(make(name, system.model, **options), system.prior, gaps(record.y), u=record.u)
+    smoothed = smooth(series)
+    for own, covs in (("cov", series.cov), ("input_cov", series.updated.input_cov)):
+        if covs is not None:
+            less = np.linalg.eigvalsh(covs - getattr(smoothed, own))
+            assert less.min() > -1e-9 * np.abs(covs).max()
+            assert np.linalg.eigvalsh(getattr(smoothed, own)).min() > -1e-12 * np.abs(covs).max()
+    np.testing.assert_array_equal(smoothed.mean[-1], series.mean[-1])
+
+
+@pytest.mark.parametrize(
+    ("name", "make_system"),
+    [
+        ("kf", kalman_system),
+        ("ekf", turning_vehicle),
+        ("ukf", turning_vehicle),
+        ("kf-umv-ui", lambda seed: unknown_input_system(seed, True)),
+        ("kf-umv-ui-wdf", lambda seed: unknown_input_system(seed, False)),
+    ],
+)
+def test_smoothed_errors_are_as_large_as_the_smoother_says(name: str, make_system):
+    """One time of each of 400 runs, which are independent: a consistent smoother fails with probability 1e-4."""
+    system = make_system(0)
+    record = simulate(system, 5, runs=400, steps=25)
+    smoothed = smooth(run(make(name, system.model), system.prior, record.y, u=record.u))
+    values = nees(smoothed.mean[12], smoothed.cov[12], record.x[12], system.model.state_angles)
+    low, high = chi_square_band(400, system.model.n, 1.0 - 1e-4)
+    assert low < values.mean() < high
+
+
+def test_a_fixed_lag_is_a_whole_smoother_whose_series_ends_so_much_later():
+    for name, feedthrough in (("kf", None), ("kf-umv-ui", True), ("kf-umv-ui-wdf", False)):
+        system = kalman_system(0) if feedthrough is None else unknown_input_system(0, feedthrough)
+        record = simulate(system, 1, runs=2, steps=12)
+        filter = make(name, system.model)
+        series = run(filter, system.prior, record.y, u=record.u)
+        lagged = smooth(series, lag=3)
+        for k in (0, 4, 8, 10, 11):
+            part = run(filter, system.prior, record.y[: k + 4], u=record.u[: k + 4])
+            np.testing.assert_allclose(lagged.mean[k], smooth(part).mean[k], rtol=0, atol=1e-11)
+            np.testing.assert_allclose(lagged.cov[k], smooth(part).cov[k], rtol=0, atol=1e-11)
+        np.testing.assert_array_equal(smooth(series, lag=0).mean, series.mean)
+        np.testing.assert_allclose(smooth(series, lag=100).mean, smooth(series).mean, rtol=0, atol=1e-11)
+
+
+def test_a_batch_is_smoothed_as_its_rows_are():
+    system = unknown_input_system(0, True)
+    record = simulate(system, 1, runs=4, steps=12)
+    filter = make("kf-umv-ui", system.model)
+    y = gaps(record.y)
+    together = smooth(run(filter, system.prior, y, u=record.u))
+    for i in range(4):
+        alone = smooth(run(filter, system.prior, y[:, i], u=record.u[:, i]))
+        np.testing.assert_allclose(together.mean[:, i], alone.mean, rtol=0, atol=1e-11)
+        np.testing.assert_allclose(together.input_mean[:, i], alone.input_mean, rtol=0, atol=1e-11)
+
+
+def test_a_state_that_is_known_beforehand_stays_so():
+    """Predictions without spread in a direction have no inverse: nothing is learnt of it, and nothing breaks."""
+    model = LinearModel([[1.0, 1.0], [0.0, 1.0]], [[1.0, 0.0]], np.zeros((2, 2)), [[1.0]])
+    y = np.random.default_rng(0).normal(size=(10, 1))
+    smoothed = smooth(run(make("kf", model), Gaussian([0.0, 0.3], np.diag([1.0, 0.0])), y))
+    np.testing.assert_allclose(smoothed.mean[:, 1], 0.3, rtol=0, atol=1e-14)
+    x0 = (y[:, 0] - 0.3 * np.arange(10)).sum() / 11.0  # one number, of ten readings and a prior
+    np.testing.assert_allclose(smoothed.mean[:, 0], x0 + 0.3 * np.arange(10), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(smoothed.cov[:, 0, 0], 1.0 / 11.0, rtol=1e-12)
+
+
+def test_a_row_that_was_lost_does_not_pass_on_what_came_later():
+    f = NonlinearModel(
+        lambda x, u: np.where(u > 0.0, np.inf, x), lambda x, u: x, [[0.1]], [[1.0]],
+        transition_jacobian=lambda x, u: np.ones(x.shape + (1,)),
+    )  # fmt: skip
+    u, y = np.zeros((8, 2, 1)), np.random.default_rng(0).normal(size=(8, 2, 1))
+    u[3, 0] = 1.0  # the step to the fifth reading loses the first row
+    series = run(make("ekf", f), Gaussian([0.0], [[1.0]]), y, u=u)
+    np.testing.assert_array_equal(series.updated.recovery[4], [Recovery.PRIOR, Recovery.USUAL])
+    smoothed = smooth(series)
+    np.testing.assert_array_equal(smoothed.mean[3, 0], series.mean[3, 0])
+    assert np.isfinite(smoothed.mean).all()
+    assert np.isfinite(smoothed.cov).all()
+    late = smooth(run(make("ekf", f), Gaussian([0.0], [[1.0]]), y[4:, :1], u=u[4:, :1]))
+    np.testing.assert_allclose(smoothed.mean[4:, :1], late.mean, rtol=0, atol=1e-12)
+
+
+def test_angles_are_smoothed_across_their_seam():
+    def turned(by: float) -> NonlinearModel:
+        return NonlinearModel(
+            lambda x, u: np.stack([np.remainder(x[..., 0] + 0.3 * x[..., 1] + by, 2.0 * np.pi) - by, x[..., 1]], -1),
+            lambda x, u: x[..., :1], np.diag([1e-3, 1e-3]), [[0.01]], state_angles=(0,), measurement_angles=(0,),
+        )  # fmt: skip
+
+    y = (0.3 * np.arange(30.0) + 0.05 * np.random.default_rng(0).normal(size=30))[:, None]
+    prior = Gaussian([0.0, 1.0], 0.1 * np.eye(2))
+    wrapped, apart = (smooth(run(make("ekf", turned(by)), prior, y)) for by in (0.1, 1.7))
+    turns = (wrapped.mean - apart.mean)[:, 0] / (2.0 * np.pi)
+    np.testing.assert_allclose(turns, np.rint(turns), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(wrapped.mean[:, 1], apart.mean[:, 1], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(wrapped.cov, apart.cov, rtol=0, atol=1e-9)
+
+
+# --- members ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("members", [3, 12])
+def test_smoothed_members_have_the_moments_of_the_exact_smoother_where_nothing_is_drawn(members: int):
+    """Without process noise a transform is exact from the moments that it began with, be they of full rank or not."""
+    system = kalman_system(0)
+    model = LinearModel(system.model.A, system.model.C, np.zeros((4, 4)), system.model.R, B=system.model.B)
+    record = simulate(system, 1, runs=1, steps=10)
+    etkf = make("etkf", model, members=members)
+    series = run(etkf, system.prior, record.y[:, 0], u=record.u[:, 0], rng=0)
+    begun = series.predicted[0]
+    exact = smooth(run(make("kf", model), Gaussian(begun.mean, begun.cov), record.y[:, 0], u=record.u[:, 0]))
+    smoothed = smooth(series)
+    np.testing.assert_allclose(smoothed.mean, exact.mean, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(smoothed.cov, exact.cov, rtol=0, atol=1e-9)
+    assert np.linalg.eigvalsh(series.cov - smoothed.cov).min() > -1e-12
+    np.testing.assert_allclose(smooth(series, lag=20).mean, smoothed.mean, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["enkf", "etkf"])
+def test_many_members_are_smoothed_as_a_kalman_filter_is(name: str):
+    """The mean of the members is that of the exact smoother, but for some 5 deviations of sampling."""
+    system = kalman_system(0)
+    record = simulate(system, 1, runs=1, steps=12)
+    exact = smooth(run(make("kf", system.model), system.prior, record.y, u=record.u))
+    filter = make(name, system.model, members=4000)
+    smoothed = smooth(run(filter, system.prior, record.y, u=record.u, rng=0))
+    sd = np.sqrt(np.diagonal(exact.cov, axis1=-2, axis2=-1))
+    np.testing.assert_array_less(np.abs(smoothed.mean - exact.mean) / sd, 5.0 * 3.0 / np.sqrt(4000))
+    spread = np.diagonal(smoothed.cov, axis1=-2, axis2=-1) / sd**2
+    np.testing.assert_allclose(spread, 1.0, rtol=0, atol=5.0 * 3.0 * np.sqrt(2.0 / 4000))
+
+
+# --- what has no smoother -----------------------------------------------------------------------------
+
+
+def test_what_cannot_be_smoothed_says_why():
+    for name in ("ulise", "huber-kf"):  # the latter may doubt its own prediction after it was made
+        system = unknown_input_system(0, True)
+        record = simulate(system, 1, runs=1, steps=4)
+        series = run(make(name, system.model), system.prior, record.y, u=record.u)
+        with pytest.raises(TypeError, match=f"{name} has no smoother: smooth a series of kf"):
+            smooth(series)
+    plain = kalman_system(0)
+    record = simulate(plain, 1, runs=1, steps=4)
+    for options in ({"rotate": True}, {"localisation": np.ones((4, 3))}):
+        series = run(make("etkf", plain.model, members=5, **options), plain.prior, record.y, u=record.u, rng=0)
+        with pytest.raises(ValueError, match="members of etkf cannot be followed back"):
+            smooth(series)
+    with pytest.raises(ValueError, match="lag must be a whole number of at least 0"):
+        smooth(run(make("kf", plain.model), plain.prior, record.y, u=record.u), lag=-1)
+
+
+def test_one_reading_is_smoothed_already():
+    system = kalman_system(0)
+    series = run(make("kf", system.model), system.prior, np.zeros((1, 3)), u=np.zeros((1, 2)))
+    np.testing.assert_array_equal(smooth(series).mean, series.mean)
