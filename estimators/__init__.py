@@ -13,6 +13,7 @@ The last axis holds the components of a vector, every leading axis is a batch::
 
 from estimators.angles import wrap
 from estimators.belief import Belief, DelayedInputBelief, EnsembleBelief, FeedthroughBelief, InputBelief, Recovery
+from estimators.delayed import Delayed, DelayedBelief, by_age
 from estimators.ensemble import EnsembleFilter, EnsembleKalmanFilter, EnsembleSquareRootFilter, EnsembleTransformFilter
 from estimators.factory import make, names
 from estimators.filter import Filter, Model, Rng
@@ -51,6 +52,8 @@ from estimators.unscented import SigmaPoints, UnscentedKalmanFilter, UnscentedUM
 __all__ = [
     "ULISE",
     "Belief",
+    "Delayed",
+    "DelayedBelief",
     "DelayedInputBelief",
     "DelayedInputFilter",
     "DelayedUMVFilter",
@@ -85,6 +88,7 @@ __all__ = [
     "UnknownInputFilter",
     "UnscentedKalmanFilter",
     "UnscentedUMVFilter",
+    "by_age",
     "chi_square_band",
     "forward_euler",
     "input_conditions",

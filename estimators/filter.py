@@ -202,7 +202,13 @@ class Filter(ABC, Generic[Record]):
             ValueError: if ``y``, ``available``, ``R`` or ``u`` have the wrong shape, or R is no covariance.
         """
         batch, p = self._batch(belief), self.model.p
-        y = _broadcast("y", as_array("y", y), batch + (p,))
+        y = as_array("y", y)
+        if y.ndim == len(batch) + 2 and y.shape[-1] == p:
+            raise ValueError(
+                f"y has shape {y.shape}, expected {(*batch, p)}: readings by age, some of them late, are for "
+                "Delayed(filter, horizon)"
+            )
+        y = _broadcast("y", y, batch + (p,))
         if available is not None:
             available = _broadcast("available", as_mask("available", available), batch + (p,))
         if R is not None:

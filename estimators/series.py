@@ -12,12 +12,13 @@ Times come first, then rows, then components. `run` needs nothing of a filter bu
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Generic
+from typing import Any, Generic
 
 import numpy as np
 
 from estimators.belief import Record, over_time
 from estimators.checks import as_array, as_mask, whole
+from estimators.delayed import Delayed
 from estimators.filter import Filter, Rng
 from estimators.models import Gaussian
 from estimators.randomness import Numbers, key
@@ -33,7 +34,7 @@ class Series(Generic[Record]):
         updated: Beliefs after each reading, ``x(k|k)``.
     """
 
-    filter: Filter[Record]
+    filter: Filter[Record] | Delayed[Record]
     predicted: Record
     updated: Record
 
@@ -75,7 +76,7 @@ class Series(Generic[Record]):
 
 
 def run(
-    filter: Filter[Record],
+    filter: Filter[Record] | Delayed[Record],
     prior: Gaussian,
     y: np.ndarray,
     u: np.ndarray | None = None,
@@ -91,7 +92,8 @@ def run(
     Args:
         filter: Any filter, one of your own too: what has ``init``, ``predict`` and ``update``.
         prior: Of the state at the first reading: mean ``(n,)`` or ``(..., n)``.
-        y: ``(T, ..., p)`` readings, one series or a batch; a value that is not finite counts as missing.
+        y: ``(T, ..., p)`` readings, one series or a batch; a value that is not finite counts as missing. For a
+            `Delayed` filter ``(T, ..., ages, p)``, as they come.
         u: ``(T, m)`` or ``(T, ..., m)`` known input over the step that follows each reading, and of the first reading;
             the last one is not used.
         t: ``(T,)`` or ``(T, ...)`` times of the readings, where steps are not all alike. How long each step takes is
@@ -107,7 +109,7 @@ def run(
     if y.ndim < 2 or len(y) == 0:
         hint = ": one channel has y[:, None]" if y.ndim == 1 else ""
         raise ValueError(f"y has shape {y.shape}, expected (T, ..., p), times first{hint}")
-    T, batch = len(y), y.shape[1:-1]
+    T, batch = len(y), y.shape[1:-2] if isinstance(filter, Delayed) else y.shape[1:-1]
     available = None if available is None else as_mask("available", available)
     R = None if R is None else as_array("R", R)
     for name, array in (("available", available), ("R", R)):
@@ -119,16 +121,18 @@ def run(
         rng = Numbers(np.broadcast_to(key(whole("rng", rng, 0)), (*batch, 2))).of(rows)
     if isinstance(prior, Gaussian):
         prior = Gaussian(np.broadcast_to(prior.mean, batch + prior.mean.shape[-1:]), prior.cov)
-    predicted, updated, belief = [], [], None
+    loop: Any = filter
+    predicted: list[Any] = []
+    updated: list[Any] = []
     for k in range(T):
         now = rng.at(k) if isinstance(rng, Numbers) else rng
         known = None if u is None else u[max(k - 1, 0)]
-        belief = filter.init(prior, rng=now) if belief is None else filter.predict(belief, known, rng=now)
+        belief = loop.predict(updated[-1], known, rng=now) if updated else loop.init(prior, rng=now)
         mask, cov = (None if a is None else a[k] for a in (available, R))
-        told = known if k == 0 else None
         predicted.append(belief)
-        belief = filter.update(belief, y[k], rng=now, available=mask, R=cov, u=told)
-        updated.append(belief)
+        updated.append(loop.update(belief, y[k], rng=now, available=mask, R=cov, u=None if k else known))
+    if isinstance(filter, Delayed):
+        predicted, updated = ([belief.now for belief in beliefs] for beliefs in (predicted, updated))
     return Series(filter, over_time(predicted), over_time(updated))
 
 

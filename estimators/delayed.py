@@ -1,0 +1,270 @@
+"""Readings that come late, or out of order: fused where they belong.
+
+A `Delayed` filter keeps what it believed before each of the last readings. A reading of some steps ago is put into its
+step, and what came after is repeated with the same inputs, readings and random numbers: the belief is then, to the last
+bit, what it had been if all had come in time. Nothing is approximated, so it holds for every filter.
+
+Source: Bar-Shalom, Li & Kirubarajan (2001), Estimation with applications to tracking and navigation, on measurements
+out of sequence, whose formulas for one step of a linear model this makes needless.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Generic, NamedTuple, cast
+
+import numpy as np
+
+from estimators.belief import Belief, Record
+from estimators.checks import as_array, as_mask, shown, whole
+from estimators.filter import Filter, Rng
+from estimators.models import Gaussian, resolve
+from estimators.randomness import Numbers
+
+
+class Step(NamedTuple):
+    """One step that a late reading may still reach."""
+
+    predicted: Belief  # that its readings meet
+    u: np.ndarray | None  # (..., m) known input of the prediction
+    moved: Numbers | None  # random numbers of it
+    y: np.ndarray  # (..., p) what has come of its readings so far
+    available: np.ndarray  # (..., p)
+    R: np.ndarray | None  # (..., p, p) of readings that brought their own, NaN where none did
+    read: np.ndarray  # (...) whether there was an update
+    keys: Numbers | None  # random numbers of that
+
+    def with_rows(self, rows: np.ndarray, other: "Step") -> "Step":
+        """The same step with some rows of another."""
+        merged = (_with_rows(mine, rows, theirs) for mine, theirs in zip(self[1:], other[1:], strict=True))
+        return Step(self.predicted.with_rows(rows, other.predicted), *merged)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DelayedBelief(Generic[Record]):
+    """A belief and the steps that late readings may still reach; it may be asked for all that the belief may.
+
+    Attributes:
+        now: The filter's own belief.
+        steps: Oldest first; the last is that of ``now``.
+        reach: ``(...)`` how many steps ago a row may still be read: back to where it began, at most the horizon.
+        refused: ``(...)`` readings since then that came too late, or a second time.
+    """
+
+    now: Record
+    steps: tuple[Step, ...]
+    reach: np.ndarray
+    refused: np.ndarray
+
+    def __getattr__(self, name: str) -> Any:
+        if name == "replace" or name.startswith("__"):  # the steps would not know of it
+            raise AttributeError(name)
+        return getattr(self.now, name)
+
+    def __getitem__(self, rows: Any) -> "DelayedBelief[Record]":
+        """The beliefs of some rows of the batch."""
+        steps = tuple(Step(*(_rows(one, rows) for one in step)) for step in self.steps)
+        return DelayedBelief(self.now[rows], steps, self.reach[rows], self.refused[rows])
+
+    def with_rows(self, rows: np.ndarray, other: "DelayedBelief[Record]") -> "DelayedBelief[Record]":
+        """This belief with the rows of a mask ``(...)`` replaced, in order, by those of ``other``."""
+        k = min(len(self.steps), len(other.steps))  # the newest meet; what lies before a row's first is out of reach
+        steps = (a.with_rows(rows, b) for a, b in zip(self.steps[-k:], other.steps[-k:], strict=True))
+        return DelayedBelief(
+            self.now.with_rows(rows, other.now), (*self.steps[:-k], *steps),
+            _with_rows(self.reach, rows, np.minimum(other.reach, k - 1)), _with_rows(self.refused, rows, other.refused),
+        )  # fmt: skip
+
+
+class Delayed(Generic[Record]):
+    """A filter to which readings may come late.
+
+    Its ``update`` takes readings by age, ``y (..., ages, p)``: ``y[..., 0, :]`` are of now, ``y[..., a, :]`` of a steps
+    ago, each NaN or masked unless it comes with this very call. A channel has one reading a step. Readings that are
+    older than the horizon, of before a row began, or that come a second time are refused, and counted in the belief's
+    ``refused``. All else is the filter's.
+
+    Args:
+        filter: Any filter, one of your own too: what has ``init``, ``predict`` and ``update``.
+        horizon: How many steps late a reading may come. 0: the filter itself, to the last bit.
+
+    Raises:
+        TypeError: if ``filter`` is none.
+        ValueError: if ``horizon`` is no whole number of at least 0.
+    """
+
+    def __init__(self, filter: Filter[Record], horizon: int) -> None:
+        if isinstance(filter, type) or not all(hasattr(filter, name) for name in ("init", "predict", "update")):
+            raise TypeError(f"filter must be a filter, as estimators.make gives one, got {shown(filter)}")
+        self.filter, self.horizon = filter, whole("horizon", horizon, 0)
+
+    def __getattr__(self, name: str) -> Any:
+        if name in ("filter", "horizon"):  # not yet set: a copy that is being made
+            raise AttributeError(name)
+        return getattr(self.filter, name)
+
+    def __repr__(self) -> str:
+        return f"Delayed({self.filter!r}, horizon={self.horizon})"
+
+    def init(self, prior: Gaussian, rng: Rng = None) -> DelayedBelief[Record]:
+        """The belief before any reading, as `Filter.init`."""
+        begun = self.filter.init(prior, rng=self._keys(rng))
+        nothing = np.zeros(begun.mean.shape[:-1], int)
+        return DelayedBelief(begun, (self._step(begun, None, None),), nothing, nothing)
+
+    def predict(self, belief: DelayedBelief[Record], u: Any = None, rng: Rng = None) -> DelayedBelief[Record]:
+        """One step ahead, as `Filter.predict`."""
+        keys, rows = self._keys(rng), belief.mean.shape[:-1]
+        if u is not None:  # a row each, to be repeated apart
+            u = as_array("u", u)
+            u = np.broadcast_to(u, rows + u.shape[-1:])
+        predicted = self.filter.predict(belief.now, u, rng=keys)
+        steps = (*belief.steps, self._step(predicted, u, keys))[-self.horizon - 1 :]
+        return DelayedBelief(predicted, steps, np.minimum(belief.reach + 1, self.horizon), belief.refused)
+
+    def update(
+        self,
+        belief: DelayedBelief[Record],
+        y: np.ndarray,
+        rng: Rng = None,
+        available: np.ndarray | None = None,
+        R: np.ndarray | None = None,
+        u: np.ndarray | None = None,
+    ) -> DelayedBelief[Record]:
+        """Take in what has come: readings of now, and late ones.
+
+        Args:
+            belief: The predicted belief.
+            y: ``(..., ages, p)``; a value that is not finite has not come.
+            rng: As for `Filter.update`.
+            available: Mask ``(..., ages, p)`` of the readings that come with this call; None: all that are finite.
+            R: ``(..., ages, p, p)`` their own covariances; None: the model's.
+            u: As for `Filter.update`.
+
+        Raises:
+            ValueError: if ``y``, ``available`` or ``R`` have the wrong shape.
+        """
+        rows, p = belief.mean.shape[:-1], self.filter.model.p
+        y = as_array("y", y)
+        if y.ndim < 2 or y.shape[-1] != p or y.shape[:-2] not in ((), rows):
+            raise ValueError(
+                f"y has shape {y.shape}, expected {(*rows, 'ages', p)}: readings by age, those of now first"
+            )
+        y = np.broadcast_to(y, rows + y.shape[-2:])
+        come = np.isfinite(y)
+        if available is not None:
+            come = come & np.broadcast_to(as_mask("available", available), y.shape)
+        if R is not None:
+            R = np.broadcast_to(as_array("R", R), (*y.shape, p))
+            come = come & np.isfinite(np.diagonal(R, axis1=-2, axis2=-1))
+        steps, reach, refused, oldest = list(belief.steps), belief.reach, belief.refused, np.zeros(rows, int)
+        if u is not None:
+            u = as_array("u", u)
+            u = np.broadcast_to(u, rows + u.shape[-1:])
+            steps[-1] = steps[-1]._replace(predicted=steps[-1].predicted.replace(u=u))
+        steps[-1] = steps[-1]._replace(read=np.ones(rows, bool), keys=self._keys(rng))
+        for age in range(y.shape[-2]):
+            new = come[..., age, :]
+            if not new.any():
+                continue
+            if age < len(steps):
+                step = steps[-1 - age]
+                taken = new & (age <= reach)[..., None] & ~step.available
+                steps[-1 - age] = _taken(step, y[..., age, :], taken, None if R is None else R[..., age, :, :])
+                oldest = np.where(taken.any(-1), age, oldest)
+                new = new & ~taken
+            refused = refused + new.sum(-1)
+        for age in range(int(oldest.max(initial=0)), 0, -1):  # rows join where their oldest reading is
+            again, following = oldest >= age, steps[-age]
+            u, moved = _rows(following.u, again), _rows(following.moved, again)
+            predicted = self.filter.predict(self._read(steps[-1 - age], again), u, rng=moved)
+            steps[-age] = following._replace(predicted=following.predicted.with_rows(again, predicted))
+        return DelayedBelief(self._read(steps[-1], ...), tuple(steps), reach, refused)
+
+    def log_likelihood(self, predicted: Any, updated: Any) -> np.ndarray:
+        """Refused: what a reading was worth is known when those before it have come.
+
+        Raises:
+            ValueError: always.
+        """
+        raise ValueError(
+            "readings that come late have a likelihood once they are sorted: run the filter itself on them"
+        )
+
+    def _keys(self, rng: Rng) -> Numbers | None:
+        """The random numbers, where there are any, which can be drawn again."""
+        if not getattr(self.filter, "random", False):
+            return None
+        if isinstance(rng, np.random.Generator):
+            raise TypeError("a late reading repeats random numbers: give rng as keys (estimators.Numbers)")
+        return rng
+
+    def _step(self, predicted: Record, u: np.ndarray | None, moved: Numbers | None) -> Step:
+        """A step of which nothing has been read."""
+        rows, p = predicted.mean.shape[:-1], self.filter.model.p
+        nothing = np.zeros((*rows, p))
+        return Step(predicted, u, moved, nothing, nothing != 0.0, None, np.zeros(rows, bool), None)
+
+    def _read(self, step: Step, rows: Any) -> Record:
+        """Some rows after what has come of this step's readings; as they were predicted where there was no update."""
+        some: Any = (one if rows is ... else _rows(one, rows) for one in step)
+        predicted, _, _, y, available, R, read, keys = some
+        if not read.all():
+            if not read.any():
+                return cast(Record, predicted)
+            updated = self._read(step._replace(read=np.ones(step.read.shape, bool)), rows)
+            return cast(Record, predicted.with_rows(read, updated[read]))
+        if R is not None:
+            R = np.where(np.isnan(R), resolve(self.filter.model.R, predicted.u), R)
+        return self.filter.update(predicted, y, rng=keys, available=available, R=R)
+
+
+def _taken(step: Step, y: np.ndarray, taken: np.ndarray, R: np.ndarray | None) -> Step:
+    """The step with the readings ``taken (..., p)`` of ``y (..., p)``."""
+    if R is not None:
+        entries = taken[..., None] | taken[..., None, :]
+        R = np.where(entries, R, np.nan if step.R is None else step.R)
+    return step._replace(
+        y=np.where(taken, y, step.y), available=step.available | taken, R=step.R if R is None else R,
+        read=step.read | taken.any(-1),
+    )  # fmt: skip
+
+
+def _rows(values: Any, rows: Any) -> Any:
+    return None if values is None else values[rows]
+
+
+def _with_rows(mine: Any, rows: np.ndarray, theirs: Any) -> Any:
+    """Arrays or keys with some rows of others; where one has none, its rows have nothing that is ever looked at."""
+    some = theirs if mine is None else mine
+    if isinstance(some, Numbers):
+        keys = (None if one is None else one.keys for one in (mine, theirs))
+        steps = (None if one is None else np.broadcast_to(one.step, one.keys.shape[:-1]) for one in (mine, theirs))
+        (my_keys, their_keys), (my_step, their_step) = keys, steps
+        return Numbers(_with_rows(my_keys, rows, their_keys), _with_rows(my_step, rows, their_step))
+    if some is None:
+        return None
+    nothing = np.nan if some.dtype == float else 0
+    if mine is None:
+        mine = np.full(rows.shape + theirs.shape[1:], nothing, theirs.dtype)
+    merged = np.array(mine)
+    merged[rows] = nothing if theirs is None else theirs
+    return merged
+
+
+def by_age(y: np.ndarray, delay: np.ndarray) -> np.ndarray:
+    """Readings ``(T, ..., ages, p)`` as they come, for `Delayed`, of those ``y (T, ..., p)`` as they were taken.
+
+    Args:
+        y: Times first; NaN where none was taken.
+        delay: Whole steps by which each comes late, broadcast to y. What comes after the last time is not in it.
+
+    Raises:
+        ValueError: if delays are negative or no whole numbers.
+    """
+    y, late = as_array("y", y), np.broadcast_to(as_array("delay", delay), np.shape(y))
+    if not ((late >= 0.0) & (late == np.rint(late))).all():
+        raise ValueError("delay must be whole numbers of steps of at least 0")
+    ages = int(late.max(initial=0.0)) + 1
+    come = np.full((*y.shape[:-1], ages, y.shape[-1]), np.nan)
+    for age in range(min(ages, len(y))):
+        come[age:, ..., age, :] = np.where(late == age, y, np.nan)[: len(y) - age]
+    return come
