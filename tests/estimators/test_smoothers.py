@@ -15,6 +15,7 @@ from cases import (
 )
 from filterpy.common import Q_discrete_white_noise
 from filterpy.kalman import KalmanFilter as FilterpyKalman
+from pykalman import KalmanFilter as PykalmanFilter
 
 from estimators import (
     Gaussian,
@@ -143,6 +144,22 @@ def test_the_smoother_is_that_of_filterpy():
     smoothed = smooth(series)
     np.testing.assert_allclose(smoothed.mean, mean, rtol=0, atol=1e-9)
     np.testing.assert_allclose(smoothed.cov, cov, rtol=0, atol=1e-9)
+
+
+def test_filter_smoother_and_likelihood_are_those_of_pykalman_where_readings_are_missing():
+    system = kalman_system(1, m=1)
+    model, y = system.model, simulate(system, 0, 1, 30).y[:, 0]
+    y[3], y[10:14] = np.nan, np.nan
+    theirs = PykalmanFilter(
+        model.A, model.C, model.Q, model.R, initial_state_mean=system.mean, initial_state_covariance=system.cov
+    )
+    masked = np.ma.masked_invalid(y)
+    series = run(make("kf", model), system.prior, y, u=np.zeros((30, 1)))
+    smoothed = smooth(series)
+    for own, other in ((series, theirs.filter(masked)), (smoothed, theirs.smooth(masked))):
+        np.testing.assert_allclose(own.mean, other[0], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(own.cov, other[1], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(series.log_likelihood, theirs.loglikelihood(masked), rtol=1e-9)
 
 
 @pytest.mark.parametrize(
