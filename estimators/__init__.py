@@ -16,6 +16,7 @@ from estimators.belief import Belief, DelayedInputBelief, EnsembleBelief, Feedth
 from estimators.delayed import Delayed, DelayedBelief, by_age
 from estimators.ensemble import EnsembleFilter, EnsembleKalmanFilter, EnsembleSquareRootFilter, EnsembleTransformFilter
 from estimators.factory import make, names
+from estimators.faults import ChiSquareMonitor, CusumMonitor, FaultMonitor, Watch
 from estimators.filter import Filter, Model, Rng
 from estimators.kalman import ExtendedKalmanFilter, GaussianFilter, KalmanFilter
 from estimators.metrics import chi_square_band, nees, nis, rmse
@@ -52,6 +53,8 @@ from estimators.unscented import SigmaPoints, UnscentedKalmanFilter, UnscentedUM
 __all__ = [
     "ULISE",
     "Belief",
+    "ChiSquareMonitor",
+    "CusumMonitor",
     "Delayed",
     "DelayedBelief",
     "DelayedInputBelief",
@@ -64,6 +67,7 @@ __all__ = [
     "EnsembleTransformFilter",
     "ExtendedKalmanFilter",
     "ExtendedUMVFilter",
+    "FaultMonitor",
     "FeedthroughBelief",
     "Filter",
     "Gaussian",
@@ -88,6 +92,7 @@ __all__ = [
     "UnknownInputFilter",
     "UnscentedKalmanFilter",
     "UnscentedUMVFilter",
+    "Watch",
     "by_age",
     "chi_square_band",
     "forward_euler",
