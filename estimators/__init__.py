@@ -13,6 +13,7 @@ The last axis holds the components of a vector, every leading axis is a batch::
 
 from estimators.angles import wrap
 from estimators.belief import Belief, DelayedInputBelief, EnsembleBelief, FeedthroughBelief, InputBelief, Recovery
+from estimators.check import check_filter
 from estimators.delayed import Delayed, DelayedBelief, by_age
 from estimators.ensemble import EnsembleFilter, EnsembleKalmanFilter, EnsembleSquareRootFilter, EnsembleTransformFilter
 from estimators.factory import make, names
@@ -94,6 +95,7 @@ __all__ = [
     "UnscentedUMVFilter",
     "Watch",
     "by_age",
+    "check_filter",
     "chi_square_band",
     "forward_euler",
     "input_conditions",
