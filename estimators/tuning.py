@@ -32,6 +32,8 @@ _FAR = 20.0
 """How far a search may go from its start, in logarithms: a factor of 5e8."""
 _LITTLE = 0.1
 """Less information than this on a logarithm leaves its 95 % interval a factor of 490 either way."""
+_LEFT = 0.02
+"""As much log-likelihood may be left to gain where a search has converged."""
 _SMOOTH, _ROUGH = 0.1, 0.5
 """Steps of the Hessian's differences in standard errors; the second where members are drawn."""
 _AWAY = np.arange(4.0, 2.0 * _FAR, 4.0)
@@ -94,7 +96,7 @@ def fit(
     prior have in common. The search goes by gradients (L-BFGS-B), for filters that draw numbers by a simplex (Nelder &
     Mead) with the same numbers throughout. Standard errors are of the observed information: second derivatives there.
 
-    Source: Ljung (1999), System Identification, sec. 7.2 to 7.4, eq. 7.29 and 7.96; Harvey (1989), Forecasting,
+    Source: Ljung (1999), System Identification, sec. 7.2 to 7.4; Harvey (1989), Forecasting,
     Structural Time Series Models and the Kalman Filter, sec. 3.4.
 
     Args:
@@ -114,8 +116,6 @@ def fit(
             argument does not fit (see `run`).
         TypeError: if ``build`` does not take these names, or gives no filter and prior.
     """
-    from scipy.optimize import minimize  # late: it takes longer to import than the whole package
-
     if objective not in _OBJECTIVES:
         raise ValueError(unknown("objective", objective, _OBJECTIVES))
     origin = _started(start, signed)
@@ -129,7 +129,7 @@ def fit(
 
     def of(filter: Any, prior: Gaussian) -> float:
         with np.errstate(all="ignore"):
-            series = run(filter, prior, y, u, t, available, R, rng)
+            series = run(filter, prior, y, u, t, available, R, rng if _random(filter) else None)
             if (series.updated.recovery >= Recovery.WITHOUT_CHANNEL).any():  # a reading that is given up must not pay
                 return np.inf
             if objective == "likelihood":
@@ -143,31 +143,20 @@ def fit(
             return np.inf
         return np.inf if np.isnan(value) else value
 
-    def slope(theta: np.ndarray) -> np.ndarray:
-        pairs = [(cost(theta + step), cost(theta - step)) for step in 1e-4 * np.eye(len(theta))]
-        return np.array([(a - b) / 2e-4 if np.isfinite(a - b) else 0.0 for a, b in pairs])
-
     first = np.where(positive, np.log(np.where(positive, origin, 1.0)), origin / units)
     begun = built(first)
     if not (isinstance(begun, tuple) and len(begun) == 2 and isinstance(begun[1], Gaussian)):
         raise TypeError(f"build must return a filter and its prior, a Gaussian, got {shown(begun)}")
-    worst = of(*begun)
-    if not np.isfinite(worst):
+    if not np.isfinite(of(*begun)):
         raise ValueError("the readings have no likelihood at the start: begin where the filter can follow them")
-    worst += 100.0 * (1.0 + abs(worst))  # what a search can step back from
-    random = bool(getattr(begun[0], "random", False))
     low, high = (np.where(positive, first + far, np.copysign(np.inf, far)) for far in (-_FAR, _FAR))
-    if random:
-        search: dict[str, Any] = {"method": "Nelder-Mead", "options": {"xatol": 1e-3, "fatol": 1e-3}}
-    else:
-        search = {"method": "L-BFGS-B", "jac": slope, "options": {"ftol": 1e-13, "gtol": 1e-4}}
     at: np.ndarray | None = first
     while at is not None:
-        found = minimize(lambda theta: min(cost(theta), worst), at, bounds=list(zip(low, high, strict=True)), **search)
-        best, least = found.x, float(found.fun)
-        information = _hessian(cost, best, least, _ROUGH if random else _SMOOTH)
-        covariance, flat, peaked = _covariance(np.where(np.isfinite(information), information, 0.0), positive)
+        best, least, slopes, information = _searched(cost, at, low, high, _random(begun[0]))
+        covariance, flat, peaked = _covariance(information, positive)
         at = _beyond(cost, best, least, flat, low, high)
+    with np.errstate(invalid="ignore"):
+        gain = 0.5 * slopes @ covariance @ slopes + sum(abs(slopes @ direction) for direction in flat)
     loose = np.array([_involved(direction) for direction in flat]).reshape(-1, len(names)).any(0)
     spread = np.sqrt(np.diagonal(covariance))
     errors = np.where(loose, np.inf, spread)
@@ -182,7 +171,7 @@ def fit(
         correlation=covariance / (spread * spread[:, None]),
         log_likelihood=-least,
         undetermined=tuple(_sentence(direction, names, positive, cost, best, least) for direction in flat),
-        converged=bool(found.success and peaked and np.isfinite(information).all()),
+        converged=peaked and bool(gain < _LEFT),
         filter=filter,
         prior=prior,
     )
@@ -204,6 +193,10 @@ def _started(start: Mapping[str, float], signed: Collection[str]) -> np.ndarray:
             what = "a finite number" if name in signed else "a positive number"
             raise ValueError(f"start of {name} must be {what}, got {shown(value)}{hint}")
     return np.array([float(value) for value in start.values()])
+
+
+def _random(filter: Any) -> bool:
+    return bool(getattr(filter, "random", False))
 
 
 def _prediction_error(series: Series, y: np.ndarray, available: np.ndarray | None) -> float:
@@ -229,27 +222,57 @@ def _prediction_error(series: Series, y: np.ndarray, available: np.ndarray | Non
     return float(-0.5 * np.trace(together) / p * (size + p * (1.0 + np.log(2.0 * np.pi))))
 
 
+# --- the search ---------------------------------------------------------------------------------------
+
+
+def _searched(
+    cost: Callable[[np.ndarray], float], start: np.ndarray, low: np.ndarray, high: np.ndarray, random: bool
+) -> tuple[np.ndarray, float, np.ndarray, np.ndarray]:
+    """Where the cost is least ``(k,)``, how much it is, and its derivatives there, not finite where none can be had."""
+    from scipy.optimize import minimize  # late: it takes longer to import than the whole package
+
+    least = cost(start)
+    worst = least + 100.0 * (1.0 + abs(least))  # what a search can step back from
+
+    def slope(theta: np.ndarray) -> np.ndarray:
+        pairs = [(cost(theta + step), cost(theta - step)) for step in 1e-4 * np.eye(len(theta))]
+        return np.array([(a - b) / 2e-4 if np.isfinite(a - b) else 0.0 for a, b in pairs])
+
+    if random:
+        simplex = start + 0.5 * np.eye(len(start) + 1, len(start), -1)
+        search: dict[str, Any] = {"method": "Nelder-Mead"}
+        search["options"] = {"initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-3}
+    else:
+        search = {"method": "L-BFGS-B", "jac": slope, "options": {"ftol": 1e-13, "gtol": 1e-4}}
+    bounds = list(zip(low, high, strict=True))
+    found = minimize(lambda theta: min(cost(theta), worst), start, bounds=bounds, **search)
+    best, least = found.x, float(found.fun)
+    return best, least, *_derivatives(cost, best, least, _ROUGH if random else _SMOOTH)
+
+
 # --- what is known of the estimates -------------------------------------------------------------------
 
 
-def _hessian(cost: Callable[[np.ndarray], float], best: np.ndarray, least: float, step: float) -> np.ndarray:
-    """Second derivatives ``(k, k)`` by central differences over a share of a standard error."""
-    k = len(best)
+def _derivatives(
+    cost: Callable[[np.ndarray], float], best: np.ndarray, least: float, step: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """First and second derivatives ``(k,)`` and ``(k, k)`` by central differences over a share of a standard error."""
 
-    def curved(i: int, h: float) -> float:
-        move = h * np.eye(k)[i]
-        return (cost(best + move) - 2.0 * least + cost(best - move)) / h**2
+    def along(move: np.ndarray) -> tuple[float, float]:
+        ahead, behind = cost(best + move), cost(best - move)
+        return 0.5 * (ahead - behind), ahead - 2.0 * least + behind
 
-    def share(curvature: float) -> float:
-        return float(np.clip(step / np.sqrt(max(curvature, 1e-300)), 1e-6, step))
+    def shorter(move: np.ndarray) -> np.ndarray:
+        curvature = along(move)[1] / (move @ move)
+        return move / np.linalg.norm(move) * np.clip(step / np.sqrt(max(curvature, 1e-300)), 1e-6, step)
 
-    steps = np.array([share(curved(i, share(curved(i, 0.01 * step)))) for i in range(k)])
-    hessian = np.diag([curved(i, h) for i, h in enumerate(steps)])
-    for i, j in combinations(range(k), 2):
-        a, b = steps[i] * np.eye(k)[i], steps[j] * np.eye(k)[j]
-        mixed = cost(best + a + b) - cost(best + a - b) - cost(best - a + b) + cost(best - a - b)
-        hessian[i, j] = hessian[j, i] = mixed / (4.0 * steps[i] * steps[j])
-    return hessian
+    moves = [shorter(shorter(0.01 * step * move)) for move in np.eye(len(best))]
+    sizes = np.linalg.norm(moves, axis=-1)
+    slopes, curvatures = np.array([along(move) for move in moves]).T
+    hessian = np.diag(curvatures)
+    for i, j in combinations(range(len(best)), 2):
+        hessian[i, j] = hessian[j, i] = 0.25 * (along(moves[i] + moves[j])[1] - along(moves[i] - moves[j])[1])
+    return slopes / sizes, hessian / sizes / sizes[:, None]
 
 
 def _beyond(
@@ -268,13 +291,16 @@ def _covariance(information: np.ndarray, positive: np.ndarray) -> tuple[np.ndarr
     A logarithm has units of its own. Others are measured by what is known of them if all else were: there a direction
     is flat that is known 300 times less well for what is not.
     """
+    finite = np.isfinite(information)
+    information = np.where(finite, information, 0.0)
     own = np.sqrt(np.maximum(np.diagonal(information), 0.0))
     units = np.where(positive | (own == 0.0), 1.0, own / (300.0 * np.sqrt(_LITTLE)))
     values, vectors = np.linalg.eigh(information / units / units[:, None])
     known = values > _LITTLE
     inverse = np.where(known, 1.0 / np.where(known, values, 1.0), 0.0)
     covariance = (vectors * inverse) @ vectors.T / units / units[:, None]
-    return covariance, list(vectors.T[~known]), bool(values[0] > -max(1.0, 1e-3 * values[-1]))
+    peaked = finite.all() and values[0] > -max(1.0, 1e-3 * values[-1])
+    return covariance, list(vectors.T[~known]), bool(peaked)
 
 
 def _involved(direction: np.ndarray) -> np.ndarray:
