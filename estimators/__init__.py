@@ -16,6 +16,7 @@ from estimators.belief import Belief, DelayedInputBelief, EnsembleBelief, Feedth
 from estimators.ensemble import EnsembleFilter, EnsembleKalmanFilter, EnsembleSquareRootFilter, EnsembleTransformFilter
 from estimators.factory import make, names
 from estimators.filter import Filter, Model, Rng
+from estimators.iterated import IteratedExtendedKalmanFilter
 from estimators.kalman import ExtendedKalmanFilter, GaussianFilter, KalmanFilter
 from estimators.metrics import chi_square_band, nees, nis, rmse
 from estimators.models import (
@@ -65,6 +66,7 @@ __all__ = [
     "HuberKalmanFilter",
     "InputBelief",
     "InputConditions",
+    "IteratedExtendedKalmanFilter",
     "KalmanFilter",
     "LinearModel",
     "Model",

@@ -8,6 +8,7 @@ from typing import Any
 from estimators.checks import shown
 from estimators.ensemble import EnsembleKalmanFilter, EnsembleSquareRootFilter, EnsembleTransformFilter
 from estimators.filter import Filter, Model
+from estimators.iterated import IteratedExtendedKalmanFilter
 from estimators.kalman import ExtendedKalmanFilter, KalmanFilter
 from estimators.robust import HuberKalmanFilter, RobustKalmanFilter
 from estimators.ulise import ULISE
@@ -19,6 +20,7 @@ _FILTERS: dict[str, type[Filter]] = {
     for cls in (
         KalmanFilter,
         ExtendedKalmanFilter,
+        IteratedExtendedKalmanFilter,
         UMVFilter,
         DelayedUMVFilter,
         ExtendedUMVFilter,

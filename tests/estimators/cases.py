@@ -306,6 +306,8 @@ CASES = (
     ),
     _case("etkf on a turning vehicle", "etkf", turning_vehicle, "ensemble square-root", members=20),
     _case("ekf on a turning vehicle", "ekf", turning_vehicle, "deterministic"),
+    _case("iekf", "iekf", kalman_system, "kalman consistent linear deterministic"),
+    _case("iekf on a turning vehicle", "iekf", turning_vehicle, "deterministic"),
     _case(
         "kf-umv-ui", "kf-umv-ui", lambda seed: unknown_input_system(seed, True),
         f"{_UI} long", input_prior=INPUT_PRIOR,
