@@ -33,6 +33,7 @@ from estimators.models import (
 from estimators.randomness import Numbers
 from estimators.reading import Reading
 from estimators.robust import HuberKalmanFilter, RobustKalmanFilter
+from estimators.square_root import RootBelief, SquareRootKalmanFilter
 from estimators.ulise import ULISE
 from estimators.unknown_input import (
     DelayedInputFilter,
@@ -77,8 +78,10 @@ __all__ = [
     "Recovery",
     "Rng",
     "RobustKalmanFilter",
+    "RootBelief",
     "Schedule",
     "SigmaPoints",
+    "SquareRootKalmanFilter",
     "UMVFilter",
     "UnknownInputFilter",
     "UnscentedKalmanFilter",

@@ -11,6 +11,7 @@ from estimators.filter import Filter, Model
 from estimators.iterated import IteratedExtendedKalmanFilter
 from estimators.kalman import ExtendedKalmanFilter, KalmanFilter
 from estimators.robust import HuberKalmanFilter, RobustKalmanFilter
+from estimators.square_root import SquareRootKalmanFilter
 from estimators.ulise import ULISE
 from estimators.unknown_input import DelayedUMVFilter, ExtendedUMVFilter, UMVFilter
 from estimators.unscented import UnscentedKalmanFilter, UnscentedUMVFilter
@@ -21,6 +22,7 @@ _FILTERS: dict[str, type[Filter]] = {
         KalmanFilter,
         ExtendedKalmanFilter,
         IteratedExtendedKalmanFilter,
+        SquareRootKalmanFilter,
         UMVFilter,
         DelayedUMVFilter,
         ExtendedUMVFilter,

@@ -141,7 +141,7 @@ class PunaUAVEnv(VesselEnv):
     ```
 
     - ``estimator``: ``enkf`` (default; 100 members, inflation 1.01, localised by instrument), ``enkf-sr``, ``etkf``,
-      ``ekf``, ``iekf``, ``ukf``, ``huber-kf``, ``robust-kf``, ``truth``, ``measurement`` (the last reading of
+      ``ekf``, ``iekf``, ``srkf``, ``ukf``, ``huber-kf``, ``robust-kf``, ``truth``, ``measurement`` (the last reading of
       everything; a wind along the course alone), ``dead-reckoning``. Those that need a linear model refuse this one:
       ``kf``, ``kf-umv-ui-wdf``, ``ulise``; those of an unknown input need a `vessel_gym.disturbances.Fault`, or a
       disturbance told as ``"input"``: ``ekf-ui-wdf``, ``ukf-umv``, and ``kf-umv-ui`` if a sensor reads that input
