@@ -79,6 +79,6 @@ def triangular(array: np.ndarray) -> np.ndarray:
     A row that is not finite comes out as NaN.
     """
     finite = np.isfinite(array).all((-2, -1))[..., None, None]
-    upper = np.linalg.qr(np.where(finite, array, 0.0).mT, mode="r")
+    upper: Any = np.linalg.qr(np.where(finite, array, 0.0).mT, mode="r")
     signs = np.where(upper.diagonal(0, -2, -1) < 0.0, -1.0, 1.0)
     return np.where(finite, upper.mT * signs[..., None, :], np.nan)
