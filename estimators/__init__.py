@@ -30,6 +30,7 @@ from estimators.models import (
     van_loan,
     zero_order_hold,
 )
+from estimators.multiple_models import InteractingMultipleModels, MixtureBelief
 from estimators.randomness import Numbers
 from estimators.reading import Reading
 from estimators.robust import HuberKalmanFilter, RobustKalmanFilter
@@ -67,9 +68,11 @@ __all__ = [
     "HuberKalmanFilter",
     "InputBelief",
     "InputConditions",
+    "InteractingMultipleModels",
     "IteratedExtendedKalmanFilter",
     "KalmanFilter",
     "LinearModel",
+    "MixtureBelief",
     "Model",
     "NoFeedthroughFilter",
     "NonlinearModel",
