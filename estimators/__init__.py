@@ -14,6 +14,7 @@ The last axis holds the components of a vector, every leading axis is a batch::
 from estimators.angles import wrap
 from estimators.belief import Belief, DelayedInputBelief, EnsembleBelief, FeedthroughBelief, InputBelief, Recovery
 from estimators.ensemble import EnsembleFilter, EnsembleKalmanFilter, EnsembleSquareRootFilter, EnsembleTransformFilter
+from estimators.error_state import ErrorStateKalmanFilter
 from estimators.factory import make, names
 from estimators.filter import Filter, Model, Rng
 from estimators.iterated import IteratedExtendedKalmanFilter
@@ -22,6 +23,7 @@ from estimators.metrics import chi_square_band, nees, nis, rmse
 from estimators.models import (
     Gaussian,
     LinearModel,
+    ManifoldGaussian,
     NonlinearModel,
     Schedule,
     forward_euler,
@@ -59,6 +61,7 @@ __all__ = [
     "EnsembleKalmanFilter",
     "EnsembleSquareRootFilter",
     "EnsembleTransformFilter",
+    "ErrorStateKalmanFilter",
     "ExtendedKalmanFilter",
     "ExtendedUMVFilter",
     "FeedthroughBelief",
@@ -72,6 +75,7 @@ __all__ = [
     "IteratedExtendedKalmanFilter",
     "KalmanFilter",
     "LinearModel",
+    "ManifoldGaussian",
     "MixtureBelief",
     "Model",
     "NoFeedthroughFilter",

@@ -7,6 +7,7 @@ from typing import Any
 
 from estimators.checks import shown
 from estimators.ensemble import EnsembleKalmanFilter, EnsembleSquareRootFilter, EnsembleTransformFilter
+from estimators.error_state import ErrorStateKalmanFilter
 from estimators.filter import Filter, Model
 from estimators.iterated import IteratedExtendedKalmanFilter
 from estimators.kalman import ExtendedKalmanFilter, KalmanFilter
@@ -23,6 +24,7 @@ _FILTERS: dict[str, type[Filter]] = {
         ExtendedKalmanFilter,
         IteratedExtendedKalmanFilter,
         SquareRootKalmanFilter,
+        ErrorStateKalmanFilter,
         UMVFilter,
         DelayedUMVFilter,
         ExtendedUMVFilter,

@@ -310,6 +310,8 @@ CASES = (
     _case("iekf on a turning vehicle", "iekf", turning_vehicle, "deterministic"),
     _case("srkf", "srkf", kalman_system, "kalman consistent linear deterministic long"),
     _case("srkf on a turning vehicle", "srkf", turning_vehicle, "deterministic"),
+    _case("eskf", "eskf", kalman_system, "kalman consistent linear deterministic"),
+    _case("eskf on a turning vehicle", "eskf", turning_vehicle, "deterministic"),
     _case(
         "kf-umv-ui", "kf-umv-ui", lambda seed: unknown_input_system(seed, True),
         f"{_UI} long", input_prior=INPUT_PRIOR,

@@ -82,7 +82,7 @@ def _options(name: str) -> st.SearchStrategy[dict[str, Any]]:
         "ukf": ["alpha", "beta", "kappa"], "huber-kf": ["gamma", "iterations", "tolerance"],
         "robust-kf": ["radius"], "enkf": ["inflation", "localisation"], "etkf": ["inflation", "localisation", "rotate"],
         "enkf-sr": ["inflation", "variant"], "ukf-umv": ["input_prior", "alpha"],
-    }.get(name, ["input_prior"] if name not in ("ekf", "srkf") else [])  # fmt: skip
+    }.get(name, ["input_prior"] if name not in ("ekf", "srkf", "eskf") else [])  # fmt: skip
     value = st.one_of(JUNK, NUMBERS, _arrays(2, 2))
     some = st.dictionaries(st.sampled_from([*known, "colour"]), value, max_size=1)
     return st.one_of(st.just({}), st.just({}), some)
