@@ -11,6 +11,7 @@ The last axis holds the components of a vector, every leading axis is a batch::
     belief.mean, belief.cov
 """
 
+from estimators.adaptive import AdaptiveBelief, AdaptiveKalmanFilter
 from estimators.angles import wrap
 from estimators.belief import Belief, DelayedInputBelief, EnsembleBelief, FeedthroughBelief, InputBelief, Recovery
 from estimators.ensemble import EnsembleFilter, EnsembleKalmanFilter, EnsembleSquareRootFilter, EnsembleTransformFilter
@@ -52,6 +53,8 @@ from estimators.unscented import SigmaPoints, UnscentedKalmanFilter, UnscentedUM
 
 __all__ = [
     "ULISE",
+    "AdaptiveBelief",
+    "AdaptiveKalmanFilter",
     "Belief",
     "DelayedInputBelief",
     "DelayedInputFilter",

@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 from typing import Any
 
+from estimators.adaptive import AdaptiveKalmanFilter
 from estimators.checks import shown
 from estimators.ensemble import EnsembleKalmanFilter, EnsembleSquareRootFilter, EnsembleTransformFilter
 from estimators.error_state import ErrorStateKalmanFilter
@@ -25,6 +26,7 @@ _FILTERS: dict[str, type[Filter]] = {
         IteratedExtendedKalmanFilter,
         SquareRootKalmanFilter,
         ErrorStateKalmanFilter,
+        AdaptiveKalmanFilter,
         UMVFilter,
         DelayedUMVFilter,
         ExtendedUMVFilter,

@@ -101,7 +101,7 @@ def test_where_channels_cannot_be_mixed_the_one_that_repeats_another_is_left_out
 
 
 @pytest.mark.parametrize(
-    "name", ["ekf", "iekf", "srkf", "eskf", "ukf", "enkf", "enkf-sr", "etkf", "huber-kf", "robust-kf"]
+    "name", ["ekf", "iekf", "srkf", "eskf", "adaptive-kf", "ukf", "enkf", "enkf-sr", "etkf", "huber-kf", "robust-kf"]
 )
 def test_a_channel_whose_expectation_is_not_finite_is_left_out_alone(name: str):
     def measurement(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
