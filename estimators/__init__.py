@@ -11,19 +11,23 @@ The last axis holds the components of a vector, every leading axis is a batch::
     belief.mean, belief.cov
 """
 
+from estimators.adaptive import AdaptiveBelief, AdaptiveKalmanFilter
 from estimators.angles import wrap
 from estimators.belief import Belief, DelayedInputBelief, EnsembleBelief, FeedthroughBelief, InputBelief, Recovery
 from estimators.check import check_filter
 from estimators.delayed import Delayed, DelayedBelief, by_age
 from estimators.ensemble import EnsembleFilter, EnsembleKalmanFilter, EnsembleSquareRootFilter, EnsembleTransformFilter
+from estimators.error_state import ErrorStateKalmanFilter
 from estimators.factory import make, names
 from estimators.faults import ChiSquareMonitor, CusumMonitor, FaultMonitor, Watch
 from estimators.filter import Filter, Model, Rng
+from estimators.iterated import IteratedExtendedKalmanFilter
 from estimators.kalman import ExtendedKalmanFilter, GaussianFilter, KalmanFilter
 from estimators.metrics import chi_square_band, nees, nis, rmse
 from estimators.models import (
     Gaussian,
     LinearModel,
+    ManifoldGaussian,
     NonlinearModel,
     Schedule,
     forward_euler,
@@ -33,11 +37,13 @@ from estimators.models import (
     van_loan,
     zero_order_hold,
 )
+from estimators.multiple_models import InteractingMultipleModels, MixtureBelief
 from estimators.randomness import Numbers
 from estimators.reading import Reading
 from estimators.robust import HuberKalmanFilter, RobustKalmanFilter
 from estimators.series import Series, run
 from estimators.smoothers import smooth
+from estimators.square_root import RootBelief, SquareRootKalmanFilter
 from estimators.tuning import Fit, fit
 from estimators.ulise import ULISE
 from estimators.unknown_input import (
@@ -54,6 +60,8 @@ from estimators.unscented import SigmaPoints, UnscentedKalmanFilter, UnscentedUM
 
 __all__ = [
     "ULISE",
+    "AdaptiveBelief",
+    "AdaptiveKalmanFilter",
     "Belief",
     "ChiSquareMonitor",
     "CusumMonitor",
@@ -67,6 +75,7 @@ __all__ = [
     "EnsembleKalmanFilter",
     "EnsembleSquareRootFilter",
     "EnsembleTransformFilter",
+    "ErrorStateKalmanFilter",
     "ExtendedKalmanFilter",
     "ExtendedUMVFilter",
     "FaultMonitor",
@@ -78,8 +87,12 @@ __all__ = [
     "HuberKalmanFilter",
     "InputBelief",
     "InputConditions",
+    "InteractingMultipleModels",
+    "IteratedExtendedKalmanFilter",
     "KalmanFilter",
     "LinearModel",
+    "ManifoldGaussian",
+    "MixtureBelief",
     "Model",
     "NoFeedthroughFilter",
     "NonlinearModel",
@@ -88,9 +101,11 @@ __all__ = [
     "Recovery",
     "Rng",
     "RobustKalmanFilter",
+    "RootBelief",
     "Schedule",
     "Series",
     "SigmaPoints",
+    "SquareRootKalmanFilter",
     "UMVFilter",
     "UnknownInputFilter",
     "UnscentedKalmanFilter",

@@ -374,7 +374,9 @@ def test_a_known_input_that_is_not_finite_loses_no_more_than_its_row_and_step(ca
     assert np.isfinite(belief.cov).all()
 
 
-@pytest.mark.parametrize("name", ["kf", "ekf", "ukf", "huber-kf", "robust-kf", *UNKNOWN_INPUT])
+@pytest.mark.parametrize(
+    "name", ["kf", "ekf", "iekf", "srkf", "eskf", "adaptive-kf", "ukf", "huber-kf", "robust-kf", *UNKNOWN_INPUT]
+)
 def test_readings_that_contradict_each_other_without_noise_raise_nothing_and_leave_no_nan(name: str):
     """Two perfect sensors of the same state: their innovation covariance is singular, at the prior as later."""
     unknown = {"G": [[1.0], [0.5]]} if name in UNKNOWN_INPUT else {}

@@ -100,7 +100,9 @@ def test_where_channels_cannot_be_mixed_the_one_that_repeats_another_is_left_out
     np.testing.assert_allclose(belief.mean[:2], [5.0, 6.0], rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize("name", ["ekf", "ukf", "enkf", "enkf-sr", "etkf", "huber-kf", "robust-kf"])
+@pytest.mark.parametrize(
+    "name", ["ekf", "iekf", "srkf", "eskf", "adaptive-kf", "ukf", "enkf", "enkf-sr", "etkf", "huber-kf", "robust-kf"]
+)
 def test_a_channel_whose_expectation_is_not_finite_is_left_out_alone(name: str):
     def measurement(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         return np.concatenate([x[..., :2], np.sqrt(x[..., 2:])], -1)  # of a negative number at the prior
