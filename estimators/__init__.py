@@ -13,7 +13,13 @@ The last axis holds the components of a vector, every leading axis is a batch::
 
 from estimators.angles import wrap
 from estimators.belief import Belief, DelayedInputBelief, EnsembleBelief, FeedthroughBelief, InputBelief, Recovery
-from estimators.ensemble import EnsembleFilter, EnsembleKalmanFilter, EnsembleSquareRootFilter, EnsembleTransformFilter
+from estimators.ensemble import (
+    DrawingFilter,
+    EnsembleFilter,
+    EnsembleKalmanFilter,
+    EnsembleSquareRootFilter,
+    EnsembleTransformFilter,
+)
 from estimators.factory import make, names
 from estimators.filter import Filter, Model, Rng
 from estimators.kalman import ExtendedKalmanFilter, GaussianFilter, KalmanFilter
@@ -29,6 +35,7 @@ from estimators.models import (
     van_loan,
     zero_order_hold,
 )
+from estimators.particles import ParticleBelief, ParticleFilter
 from estimators.randomness import Numbers
 from estimators.reading import Reading
 from estimators.robust import HuberKalmanFilter, RobustKalmanFilter
@@ -51,6 +58,7 @@ __all__ = [
     "DelayedInputBelief",
     "DelayedInputFilter",
     "DelayedUMVFilter",
+    "DrawingFilter",
     "EnsembleBelief",
     "EnsembleFilter",
     "EnsembleKalmanFilter",
@@ -71,6 +79,8 @@ __all__ = [
     "NoFeedthroughFilter",
     "NonlinearModel",
     "Numbers",
+    "ParticleBelief",
+    "ParticleFilter",
     "Reading",
     "Recovery",
     "Rng",

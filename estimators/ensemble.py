@@ -19,7 +19,7 @@ import numpy as np
 from estimators.angles import difference
 from estimators.belief import Belief, EnsembleBelief, members_last
 from estimators.checks import as_array, number, shown, whole
-from estimators.filter import Filter, Model, Rng
+from estimators.filter import Filter, Model, Record, Rng
 from estimators.linalg import cholesky, neutralised, semidefinite_cholesky, shared_root
 from estimators.models import LinearModel, NonlinearModel, at_points, resolve
 from estimators.randomness import Numbers
@@ -44,7 +44,26 @@ def _kernels() -> Any:
     return members
 
 
-class EnsembleFilter(Filter[EnsembleBelief]):
+class DrawingFilter(Filter[Record]):
+    """What filters share that draw random numbers."""
+
+    random = True
+
+    def _numbers(self, rng: Rng, batch: tuple[int, ...]) -> Drawn:
+        """``rng``, checked: a key for every row, or a Generator for all."""
+        if isinstance(rng, np.random.Generator):
+            return rng
+        if not isinstance(rng, Numbers):
+            how = "pass rng, keys (estimators.Numbers) or a numpy Generator"
+            raise (ValueError if rng is None else TypeError)(
+                f"{self.name} draws random numbers: {how}, got {shown(rng)}"
+            )
+        if rng.keys.shape[:-1] != batch:
+            raise ValueError(f"rng has keys for rows {rng.keys.shape[:-1]}, expected {batch}")
+        return rng
+
+
+class EnsembleFilter(DrawingFilter[EnsembleBelief]):
     """What the ensemble filters share: members, their prediction, the moments, inflation and localisation.
 
     Random numbers: the members of ``init`` and the process noise of ``predict`` are drawn and centred, so that they
@@ -59,7 +78,6 @@ class EnsembleFilter(Filter[EnsembleBelief]):
     """
 
     record = EnsembleBelief
-    random = True
 
     def __init__(
         self, model: Model, members: int = 100, inflation: float = 1.0, localisation: np.ndarray | None = None
@@ -196,19 +214,6 @@ class EnsembleFilter(Filter[EnsembleBelief]):
         return members, belief.mean, Y, reading.innovation, reading.available, reading.R
 
     # --- random numbers ---------------------------------------------------------------------------
-
-    def _numbers(self, rng: Rng, batch: tuple[int, ...]) -> Drawn:
-        """``rng``, checked: a key for every row, or a Generator for all."""
-        if isinstance(rng, np.random.Generator):
-            return rng
-        if not isinstance(rng, Numbers):
-            how = "pass rng, keys (estimators.Numbers) or a numpy Generator"
-            raise (ValueError if rng is None else TypeError)(
-                f"{self.name} draws random numbers: {how}, got {shown(rng)}"
-            )
-        if rng.keys.shape[:-1] != batch:
-            raise ValueError(f"rng has keys for rows {rng.keys.shape[:-1]}, expected {batch}")
-        return rng
 
     def _centred_noise(self, numbers: Drawn, batch: tuple[int, ...], root: np.ndarray, use: int) -> np.ndarray:
         """``(..., N, k)`` draws with covariance ``root root'``, their mean over the members taken off."""

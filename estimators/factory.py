@@ -9,6 +9,7 @@ from estimators.checks import shown
 from estimators.ensemble import EnsembleKalmanFilter, EnsembleSquareRootFilter, EnsembleTransformFilter
 from estimators.filter import Filter, Model
 from estimators.kalman import ExtendedKalmanFilter, KalmanFilter
+from estimators.particles import ParticleFilter
 from estimators.robust import HuberKalmanFilter, RobustKalmanFilter
 from estimators.ulise import ULISE
 from estimators.unknown_input import DelayedUMVFilter, ExtendedUMVFilter, UMVFilter
@@ -28,6 +29,7 @@ _FILTERS: dict[str, type[Filter]] = {
         EnsembleKalmanFilter,
         EnsembleSquareRootFilter,
         EnsembleTransformFilter,
+        ParticleFilter,
         HuberKalmanFilter,
         RobustKalmanFilter,
     )

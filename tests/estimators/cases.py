@@ -305,6 +305,10 @@ CASES = (
         rotate=True, localisation=np.array([[1, 1, 0], [0, 1, 1], [1, 1, 0], [0, 0, 0]]),
     ),
     _case("etkf on a turning vehicle", "etkf", turning_vehicle, "ensemble square-root", members=20),
+    _case("pf", "pf", kalman_system, "linear", particles=40),
+    _case("pf, resampled and spread out at every step", "pf", kalman_system, "linear", particles=30, threshold=1.0,
+          jitter=0.5),
+    _case("pf on a turning vehicle", "pf", turning_vehicle, "", particles=40),
     _case("ekf on a turning vehicle", "ekf", turning_vehicle, "deterministic"),
     _case(
         "kf-umv-ui", "kf-umv-ui", lambda seed: unknown_input_system(seed, True),

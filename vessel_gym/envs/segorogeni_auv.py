@@ -127,7 +127,7 @@ class SegorogeniAUVEnv(VesselEnv):
     ```
 
     - ``estimator``: ``enkf`` (default; 100 members, inflation 1.01, localised by plane), ``enkf-sr``, ``etkf``,
-      ``ekf``, ``ukf``, ``huber-kf``, ``robust-kf``, ``truth``, ``measurement`` (the last reading of everything,
+      ``pf``, ``ekf``, ``ukf``, ``huber-kf``, ``robust-kf``, ``truth``, ``measurement`` (the last reading of everything,
       current 0), ``dead-reckoning``. Those that need a linear model refuse this one: ``kf``,
       ``kf-umv-ui-wdf``, ``ulise``; those of an unknown input need a `vessel_gym.disturbances.Fault`, or a disturbance
       told as ``"input"``: ``ekf-ui-wdf``, ``ukf-umv``, and ``kf-umv-ui`` if a sensor reads that input itself.
