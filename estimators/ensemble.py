@@ -6,7 +6,8 @@ which predict and update. With the anomalies ``A`` of the members ``(N, n)`` and
 
     C P- = Y' A / (N - 1)        S = Y' Y / (N - 1) + R        K = (C P-)' S^-1
 
-Everything costs O(N p (n + p)) and nothing is N x N (``variant="evensen2004"`` of `enkf-sr` excepted).
+Everything costs O(N p (n + p)), and nothing is N x N unless that is less than p x p (``variant="evensen2004"`` of
+`enkf-sr` excepted).
 """
 
 from collections.abc import Callable
@@ -271,7 +272,8 @@ class EnsembleTransformFilter(EnsembleFilter):
 
         K = (C P-)' W W'        K~ = (C P-)' W diag(1 / (1 + sqrt(m))) W'        A <- A - Y K~'
 
-    which needs no inverse of R, loses no digits where a reading is precise, and is exact for any N.
+    which needs no inverse of R, loses no digits where a reading is precise, and is exact for any N. Where more readings
+    arrive than there are members, T is formed, N x N, unless R is singular.
 
     Sources: Bishop, Etherton & Majumdar (2001); Wang, Bishop & Julier (2004); the reduced gain of Whitaker & Hamill
     (2002) for readings taken together; rotations: Sakov & Oke (2008b); localisation: Hunt, Kostelich & Szunyogh (2007).

@@ -133,6 +133,14 @@ def _solve(L: Any, k: int, b: Any, transposed: bool) -> None:
             b[i, c] /= L[i, i]
 
 
+@inlined
+def _rotate(c: float, s: float, a: Any, b: Any) -> None:
+    """``c a - s b`` and ``s a + c b`` in place of vectors a and b."""
+    for m in range(len(a)):
+        x, y = a[m], b[m]
+        a[m], b[m] = c * x - s * y, s * x + c * y
+
+
 @part
 def _diagonalise(a: Any, k: int, v: Any) -> None:
     """``A = V' diag(m) V`` of the first k rows of a symmetric A: m to its diagonal, eigenvectors to the rows of V.
@@ -158,16 +166,12 @@ def _diagonalise(a: Any, k: int, v: Any) -> None:
                 t = 1.0 / (ratio + np.copysign(np.sqrt(1.0 + ratio * ratio), ratio))
                 c = 1.0 / np.sqrt(1.0 + t * t)
                 s = t * c
-                a[j, j] -= t * a[i, j]
-                a[i, i] += t * a[i, j]
-                a[i, j] = a[j, i] = 0.0
+                first, second = a[j, j] - t * a[i, j], a[i, i] + t * a[i, j]
+                _rotate(c, s, a[j, :k], a[i, :k])
+                _rotate(c, s, v[j, :k], v[i, :k])
+                a[j, j], a[i, i], a[i, j], a[j, i] = first, second, 0.0, 0.0
                 for m in range(k):
-                    if m != i and m != j:
-                        x, y = a[j, m], a[i, m]
-                        a[j, m] = a[m, j] = c * x - s * y
-                        a[i, m] = a[m, i] = s * x + c * y
-                    x, y = v[j, m], v[i, m]
-                    v[j, m], v[i, m] = c * x - s * y, s * x + c * y
+                    a[m, j], a[m, i] = a[j, m], a[i, m]
 
 
 @part
@@ -185,6 +189,53 @@ def _softened(L: Any, k: int, R: Any, out: Any) -> None:
             out[i, j] = 0.0
             for m in range(k):
                 out[i, j] += V[m, i] * V[m, j] / (1.0 + np.sqrt(max(R[m, m], 0.0)))
+
+
+@part
+def _among_members(own: Any, k: int, L: Any, e: Any, white: Any, G: Any, V: Any, shift: Any) -> bool:
+    """``I - T`` to G, with ``T = (I + G)^-1/2``, and ``(I + G)^-1 Y' R^-1 e / (N - 1)`` to shift ``(N,)``.
+
+    ``G = Y' R^-1 Y / (N - 1)`` is N x N: less work than p x p where readings outnumber the members, and more
+    digits, as S is ill-conditioned there (Bishop et al. 2001). L ``(k, k)`` comes as R and is overwritten, e as well.
+    False: R is singular, and nothing else has changed.
+    """
+    N = own.shape[1]
+    _cholesky(L, k)
+    for a in range(k):
+        total = 0.0
+        for b in range(a + 1):
+            total += L[a, b] * L[a, b]
+        if not L[a, a] * L[a, a] > 1e-12 * total:
+            return False
+        for j in range(N):
+            white[a, j] = own[a, j]
+    _solve(L, k, white, False)
+    _solve(L, k, e, False)
+    for j in range(N):
+        for i in range(N):
+            G[j, i] = 0.0
+        for a in range(k):
+            _add(white[a, j], white[a], G[j])
+        for i in range(N):
+            G[j, i] /= N - 1
+    _diagonalise(G, N, V)
+    values = np.empty(N)
+    for m in range(N):
+        values[m], shift[m] = max(G[m, m], 0.0), 0.0
+    for a in range(k):
+        _add(e[a, 0] / (N - 1), white[a], shift)
+    for m in range(N):
+        white[0, m] = dot(V[m], shift) / (1.0 + values[m])
+    for j in range(N):
+        shift[j] = 0.0
+        for i in range(N):
+            G[j, i] = 0.0
+    for m in range(N):
+        _add(white[0, m], V[m], shift)
+        root = np.sqrt(1.0 + values[m])
+        for j in range(N):
+            _add(values[m] / (root * (1.0 + root)) * V[m, j], V[m], G[j])
+    return True
 
 
 # --- kernels ----------------------------------------------------------------------------------------
@@ -324,12 +375,16 @@ def transformed(
 
         K = (C P)' L'^-1 L^-1        K~ = (C P)' L'^-1 (I + B^1/2)^-1 L^-1
 
+    Where more readings arrived than there are members, the same is computed as ``A <- A T``, see `_among_members`.
+
     ``states (g, n)`` tells which components form a group, ``channels (g, p)`` the readings that may correct it; all
     else is as for `perturbed`.
     """
     (n, N), p, index = members.shape, len(R), np.empty(len(R), np.int64)
     own, L, shares, M = np.empty((p, N)), np.empty((p, p)), np.empty((p, p)), np.empty((p, p))
     CP, gain, e = np.empty((p, n)), np.empty((p, n)), np.empty((p, 1))
+    many = N if p > N else 0
+    white, T, V, shift = np.empty((p, many)), np.empty((many, many)), np.empty((many, many)), np.empty(many)
     _innovation_cov(Y, arrived, R, S)
     _departed(members, before, A)
     for c in range(n):
@@ -338,6 +393,21 @@ def transformed(
         k = _chosen(channels[g], arrived, Y, S, R, own, L, shares, index)
         for a in range(k):
             e[a, 0] = innovation[index[a]]
+        if k > N:
+            for a in range(k):
+                for b in range(k):
+                    M[a, b] = shares[a, b]
+            if _among_members(own, k, M, e, white, T, V, shift):
+                for c in range(n):
+                    if states[g, c]:
+                        mean[c] += dot(A[c], shift)
+                        for j in range(N):
+                            own[0, j] = A[c, j]
+                        for j in range(N):
+                            _add(-own[0, j], T[j], A[c])
+                        for j in range(N):
+                            A[c, j] *= inflation
+                continue
         _covary(own, k, A, CP)
         _cholesky(L, k)
         _softened(L, k, shares, M)
