@@ -19,6 +19,8 @@ from estimators.ensemble import (
     EnsembleKalmanFilter,
     EnsembleSquareRootFilter,
     EnsembleTransformFilter,
+    LocalEnsembleTransformFilter,
+    gaspari_cohn,
 )
 from estimators.factory import make, names
 from estimators.filter import Filter, Model, Rng
@@ -75,6 +77,7 @@ __all__ = [
     "InputConditions",
     "KalmanFilter",
     "LinearModel",
+    "LocalEnsembleTransformFilter",
     "Model",
     "NoFeedthroughFilter",
     "NonlinearModel",
@@ -93,6 +96,7 @@ __all__ = [
     "UnscentedUMVFilter",
     "chi_square_band",
     "forward_euler",
+    "gaspari_cohn",
     "input_conditions",
     "make",
     "names",

@@ -6,7 +6,12 @@ from difflib import get_close_matches
 from typing import Any
 
 from estimators.checks import shown
-from estimators.ensemble import EnsembleKalmanFilter, EnsembleSquareRootFilter, EnsembleTransformFilter
+from estimators.ensemble import (
+    EnsembleKalmanFilter,
+    EnsembleSquareRootFilter,
+    EnsembleTransformFilter,
+    LocalEnsembleTransformFilter,
+)
 from estimators.filter import Filter, Model
 from estimators.kalman import ExtendedKalmanFilter, KalmanFilter
 from estimators.particles import ParticleFilter
@@ -29,6 +34,7 @@ _FILTERS: dict[str, type[Filter]] = {
         EnsembleKalmanFilter,
         EnsembleSquareRootFilter,
         EnsembleTransformFilter,
+        LocalEnsembleTransformFilter,
         ParticleFilter,
         HuberKalmanFilter,
         RobustKalmanFilter,

@@ -305,6 +305,12 @@ CASES = (
         rotate=True, localisation=np.array([[1, 1, 0], [0, 1, 1], [1, 1, 0], [0, 0, 0]]),
     ),
     _case("etkf on a turning vehicle", "etkf", turning_vehicle, "ensemble square-root", members=20),
+    _case("letkf", "letkf", kalman_system, "linear ensemble square-root", members=20),
+    _case(
+        "letkf, tapered, rotated and adaptive", "letkf", kalman_system, "linear ensemble", members=9, inflation=1.05,
+        rotate=True, adaptive=2.0, localisation=np.array([[1, 0.5, 0], [0, 1, 0.2], [1, 0.5, 0], [0, 0, 0]]),
+    ),
+    _case("letkf with fewer members than readings", "letkf", kalman_system, "linear ensemble", members=2, adaptive=1.0),
     _case("pf", "pf", kalman_system, "linear", particles=40),
     _case("pf, resampled and spread out at every step", "pf", kalman_system, "linear", particles=30, threshold=1.0,
           jitter=0.5),

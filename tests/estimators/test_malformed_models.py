@@ -80,7 +80,8 @@ def _options(name: str) -> st.SearchStrategy[dict[str, Any]]:
     known = {
         "kf": ["input_cov"], "ukf": ["alpha", "beta", "kappa"], "huber-kf": ["gamma", "iterations", "tolerance"],
         "robust-kf": ["radius"], "enkf": ["inflation", "localisation"], "etkf": ["inflation", "localisation", "rotate"],
-        "enkf-sr": ["inflation", "variant"], "pf": ["threshold", "jitter"], "ukf-umv": ["input_prior", "alpha"],
+        "enkf-sr": ["inflation", "variant"], "pf": ["threshold", "jitter"],
+        "letkf": ["inflation", "localisation", "adaptive"], "ukf-umv": ["input_prior", "alpha"],
     }.get(name, ["input_prior"] if name not in ("ekf",) else [])  # fmt: skip
     value = st.one_of(JUNK, NUMBERS, _arrays(2, 2))
     some = st.dictionaries(st.sampled_from([*known, "colour"]), value, max_size=1)
@@ -108,7 +109,7 @@ def _models(draw: st.DrawFn, nonlinear: bool) -> tuple[Any, int, int]:
     ("name", "option"),
     [("ukf", "alpha"), ("ukf", "beta"), ("ukf", "kappa"), ("enkf", "members"), ("enkf", "inflation"),
      ("enkf-sr", "variant"), ("huber-kf", "gamma"), ("huber-kf", "iterations"), ("huber-kf", "tolerance"),
-     ("robust-kf", "radius"), ("pf", "particles"), ("pf", "threshold"), ("pf", "jitter")],
+     ("robust-kf", "radius"), ("pf", "particles"), ("pf", "threshold"), ("pf", "jitter"), ("letkf", "adaptive")],
 )  # fmt: skip
 def test_an_option_that_is_too_large_or_no_number_is_refused_by_its_name(name: str, option: str, value: Any):
     model = LinearModel(np.eye(2), np.eye(2), np.eye(2), np.eye(2))
@@ -123,7 +124,7 @@ def test_whatever_a_filter_is_given_it_answers_with_a_sentence_or_a_belief(data:
         nonlinear = data.draw(st.booleans())
         model, p, m = data.draw(_models(nonlinear))
         options = data.draw(_options(name))
-        members = {"pf": {"particles": 5}} | {key: {"members": 5} for key in ("enkf", "enkf-sr", "etkf")}
+        members = {"pf": {"particles": 5}} | {key: {"members": 5} for key in ("enkf", "enkf-sr", "etkf", "letkf")}
         filter = make(name, model, **{**members.get(name, {}), **options})
         prior = Gaussian(data.draw(_arrays(model.n)), data.draw(_covariances(model.n)))
         rng = np.random.default_rng(0)

@@ -30,7 +30,7 @@ PERFECT = [name for name in names() if name != "pf"]
 
 
 def _make(name: str, model: LinearModel) -> Filter:
-    return make(name, model, **({"members": 20} if name in ("enkf", "enkf-sr", "etkf") else {}))
+    return make(name, model, **({"members": 20} if name in ("enkf", "enkf-sr", "etkf", "letkf") else {}))
 
 
 def _seen(filter: Filter, x: np.ndarray, steps: int) -> Belief:
@@ -104,7 +104,7 @@ def test_where_channels_cannot_be_mixed_the_one_that_repeats_another_is_left_out
     np.testing.assert_allclose(belief.mean[:2], [5.0, 6.0], rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize("name", ["ekf", "ukf", "enkf", "enkf-sr", "etkf", "pf", "huber-kf", "robust-kf"])
+@pytest.mark.parametrize("name", ["ekf", "ukf", "enkf", "enkf-sr", "etkf", "letkf", "pf", "huber-kf", "robust-kf"])
 def test_a_channel_whose_expectation_is_not_finite_is_left_out_alone(name: str):
     def measurement(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         return np.concatenate([x[..., :2], np.sqrt(x[..., 2:])], -1)  # of a negative number at the prior
