@@ -16,7 +16,15 @@ from estimators.angles import wrap
 from estimators.belief import Belief, DelayedInputBelief, EnsembleBelief, FeedthroughBelief, InputBelief, Recovery
 from estimators.check import check_filter
 from estimators.delayed import Delayed, DelayedBelief, by_age
-from estimators.ensemble import EnsembleFilter, EnsembleKalmanFilter, EnsembleSquareRootFilter, EnsembleTransformFilter
+from estimators.ensemble import (
+    DrawingFilter,
+    EnsembleFilter,
+    EnsembleKalmanFilter,
+    EnsembleSquareRootFilter,
+    EnsembleTransformFilter,
+    LocalEnsembleTransformFilter,
+    gaspari_cohn,
+)
 from estimators.error_state import ErrorStateKalmanFilter
 from estimators.factory import make, names
 from estimators.faults import ChiSquareMonitor, CusumMonitor, FaultMonitor, Watch
@@ -38,6 +46,7 @@ from estimators.models import (
     zero_order_hold,
 )
 from estimators.multiple_models import InteractingMultipleModels, MixtureBelief
+from estimators.particles import ParticleBelief, ParticleFilter
 from estimators.randomness import Numbers
 from estimators.reading import Reading
 from estimators.robust import HuberKalmanFilter, RobustKalmanFilter
@@ -70,6 +79,7 @@ __all__ = [
     "DelayedInputBelief",
     "DelayedInputFilter",
     "DelayedUMVFilter",
+    "DrawingFilter",
     "EnsembleBelief",
     "EnsembleFilter",
     "EnsembleKalmanFilter",
@@ -91,12 +101,15 @@ __all__ = [
     "IteratedExtendedKalmanFilter",
     "KalmanFilter",
     "LinearModel",
+    "LocalEnsembleTransformFilter",
     "ManifoldGaussian",
     "MixtureBelief",
     "Model",
     "NoFeedthroughFilter",
     "NonlinearModel",
     "Numbers",
+    "ParticleBelief",
+    "ParticleFilter",
     "Reading",
     "Recovery",
     "Rng",
@@ -116,6 +129,7 @@ __all__ = [
     "chi_square_band",
     "fit",
     "forward_euler",
+    "gaspari_cohn",
     "input_conditions",
     "make",
     "names",

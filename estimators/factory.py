@@ -7,11 +7,17 @@ from typing import Any
 
 from estimators.adaptive import AdaptiveKalmanFilter
 from estimators.checks import shown
-from estimators.ensemble import EnsembleKalmanFilter, EnsembleSquareRootFilter, EnsembleTransformFilter
+from estimators.ensemble import (
+    EnsembleKalmanFilter,
+    EnsembleSquareRootFilter,
+    EnsembleTransformFilter,
+    LocalEnsembleTransformFilter,
+)
 from estimators.error_state import ErrorStateKalmanFilter
 from estimators.filter import Filter, Model
 from estimators.iterated import IteratedExtendedKalmanFilter
 from estimators.kalman import ExtendedKalmanFilter, KalmanFilter
+from estimators.particles import ParticleFilter
 from estimators.robust import HuberKalmanFilter, RobustKalmanFilter
 from estimators.square_root import SquareRootKalmanFilter
 from estimators.ulise import ULISE
@@ -36,6 +42,8 @@ _FILTERS: dict[str, type[Filter]] = {
         EnsembleKalmanFilter,
         EnsembleSquareRootFilter,
         EnsembleTransformFilter,
+        LocalEnsembleTransformFilter,
+        ParticleFilter,
         HuberKalmanFilter,
         RobustKalmanFilter,
     )

@@ -81,7 +81,8 @@ def _options(name: str) -> st.SearchStrategy[dict[str, Any]]:
         "kf": ["input_cov"], "iekf": ["iterations", "tolerance"], "adaptive-kf": ["q_rate", "r_rate"],
         "ukf": ["alpha", "beta", "kappa"], "huber-kf": ["gamma", "iterations", "tolerance"],
         "robust-kf": ["radius"], "enkf": ["inflation", "localisation"], "etkf": ["inflation", "localisation", "rotate"],
-        "enkf-sr": ["inflation", "variant"], "ukf-umv": ["input_prior", "alpha"],
+        "enkf-sr": ["inflation", "variant"], "pf": ["threshold", "jitter"],
+        "letkf": ["inflation", "localisation", "adaptive"], "ukf-umv": ["input_prior", "alpha"],
     }.get(name, ["input_prior"] if name not in ("ekf", "srkf", "eskf") else [])  # fmt: skip
     value = st.one_of(JUNK, NUMBERS, _arrays(2, 2))
     some = st.dictionaries(st.sampled_from([*known, "colour"]), value, max_size=1)
@@ -110,7 +111,8 @@ def _models(draw: st.DrawFn, nonlinear: bool) -> tuple[Any, int, int]:
     [("ukf", "alpha"), ("ukf", "beta"), ("ukf", "kappa"), ("enkf", "members"), ("enkf", "inflation"),
      ("enkf-sr", "variant"), ("huber-kf", "gamma"), ("huber-kf", "iterations"), ("huber-kf", "tolerance"),
      ("robust-kf", "radius"), ("adaptive-kf", "q_rate"), ("adaptive-kf", "r_rate"),
-     ("iekf", "iterations"), ("iekf", "tolerance")],
+     ("iekf", "iterations"), ("iekf", "tolerance"),
+     ("pf", "particles"), ("pf", "threshold"), ("pf", "jitter"), ("letkf", "adaptive")],
 )  # fmt: skip
 def test_an_option_that_is_too_large_or_no_number_is_refused_by_its_name(name: str, option: str, value: Any):
     model = LinearModel(np.eye(2), np.eye(2), np.eye(2), np.eye(2))
@@ -125,8 +127,8 @@ def test_whatever_a_filter_is_given_it_answers_with_a_sentence_or_a_belief(data:
         nonlinear = data.draw(st.booleans())
         model, p, m = data.draw(_models(nonlinear))
         options = data.draw(_options(name))
-        members = {"members": 5} if name in ("enkf", "enkf-sr", "etkf") else {}
-        filter = make(name, model, **{**members, **options})
+        members = {"pf": {"particles": 5}} | {key: {"members": 5} for key in ("enkf", "enkf-sr", "etkf", "letkf")}
+        filter = make(name, model, **{**members.get(name, {}), **options})
         prior = Gaussian(data.draw(_arrays(model.n)), data.draw(_covariances(model.n)))
         rng = np.random.default_rng(0)
         belief = filter.init(prior, rng=rng)
