@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 
 from estimators.angles import difference
-from estimators.belief import Belief, EnsembleBelief, members_last
+from estimators.belief import Belief, EnsembleBelief, Record, members_last
 from estimators.checks import as_array, number, shown, whole
-from estimators.filter import Filter, Model, Record, Rng
+from estimators.filter import Filter, Model, Rng
 from estimators.linalg import cholesky, neutralised, semidefinite_cholesky, shared_root
 from estimators.models import LinearModel, NonlinearModel, at_points, resolve
 from estimators.randomness import Numbers
