@@ -93,8 +93,6 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief]):
         curved = isinstance(model, NonlinearModel)  # a linear model's readings are as unwrapped as its states
         self._wrapped = np.isin(np.arange(model.n), model.state_angles) & curved
         self._seams = np.isin(np.arange(model.p), model.measurement_angles) & curved
-        matrices = (getattr(model, name, None) for name in "ABCQR")
-        self._alike = not any(isinstance(matrix, np.ndarray) and matrix.ndim > 2 for matrix in matrices)
 
     def _taper(self, localisation: np.ndarray) -> np.ndarray:
         """The localisation as numbers ``(n, p)`` from 0 to 1."""

@@ -82,8 +82,8 @@ class Filter(ABC, Generic[Record]):
         self.model = model
         self._identity, self._no_columns = identity(model.n), np.zeros((model.p, 0))
         self._regular = None if callable(model.R) else _regular(model.R)
-        one = all(getattr(matrix, "ndim", 2) == 2 for matrix in vars(model).values())  # for all rows
-        self._programs: dict[Any, _Noted | None] | None = {} if self.formulas and one else None
+        self._alike = all(getattr(matrix, "ndim", 2) == 2 for matrix in vars(model).values())  # all rows have one model
+        self._programs: dict[Any, _Noted | None] | None = {} if self.formulas and self._alike else None
         self._first: tuple[np.ndarray, Layout] | None = None  # a row as it begins, but for mean and covariance
 
     def __getstate__(self) -> dict[str, Any]:
@@ -286,7 +286,7 @@ class Filter(ABC, Generic[Record]):
             if regular and not rows.any() and (self._ours or _proper(updated.cov)):
                 return updated
         with np.errstate(all="ignore"):
-            if not (regular and self._ours):
+            if not (regular and self._ours and self._alike):
                 reading = self._reading(belief, y, available, R)
                 return self._recovered(belief, updated, reading, y, rng, available, R)
             some, y, rng = belief[rows], y[rows], rng[rows] if isinstance(rng, Numbers) else rng

@@ -4,6 +4,7 @@ Notation throughout: ``x+ = A x + B u + G d + w`` and ``y = C x + H d + v`` with
 ``v ~ N(0, R)`` and ``d`` unknown; n states, m known inputs, q unknown inputs, p measurements.
 """
 
+import math
 import operator
 from collections.abc import Callable
 from contextlib import suppress
@@ -627,19 +628,25 @@ def van_loan(A: np.ndarray, G: np.ndarray, Q: np.ndarray, dt: float) -> tuple[np
     Source: Van Loan (1978), Computing integrals involving the matrix exponential.
     """
     n = A.shape[-1]
+    # exp(-A t) is in it, which a fast decay makes huge: over a part of the step, of which two make one twice as long
+    halves = max(0, math.ceil(np.log2(np.linalg.norm(A, 1) * dt / 4.0))) if dt > 0.0 and np.any(A) else 0
     block = np.zeros((2 * n, 2 * n))
     block[:n, :n] = -A
     block[:n, n:] = congruence(G, Q)
     block[n:, n:] = A.T
-    phi = expm(block * dt)
+    phi = expm(block * (dt / 2**halves))
     transition = phi[n:, n:].T
     noise = transition @ phi[:n, n:]
+    for _ in range(halves):
+        noise = congruence(transition, noise) + noise
+        transition = transition @ transition
     return transition, 0.5 * (noise + noise.T)
 
 
 def sampled(
-    A: np.ndarray, C: np.ndarray, Q: np.ndarray, R: np.ndarray, B: np.ndarray | None = None, **options: Any
-) -> LinearModel:
+    A: np.ndarray, C: np.ndarray, Q: np.ndarray, R: np.ndarray, B: np.ndarray | None = None,
+    state_angles: tuple[int, ...] = (), measurement_angles: tuple[int, ...] = (),
+) -> LinearModel:  # fmt: skip
     """The model of ``x' = A x + B u + w``, ``y = C x + v``, read at times that need not be regular.
 
     How long a step takes is the last component of the known input, where `run` puts it when it is told times; the
@@ -651,30 +658,51 @@ def sampled(
         Q: ``(n, n)`` intensity of the white noise w: variance a unit of time.
         R: ``(p, p)`` covariance of a reading.
         B: ``(n, m)``, or None.
-        **options: ``state_angles`` and ``measurement_angles``.
+        state_angles: As of `LinearModel`.
+        measurement_angles: Likewise.
 
     Raises:
-        ValueError: naming the argument whose shape or definiteness is wrong, or if the model is told no length.
+        ValueError: naming the argument whose shape or definiteness is wrong, or later if a step has no length.
     """
-    own = LinearModel(A, C, Q, R, B=B, **options)  # which checks them
-    rates: Any = own
-    n, drive = own.n, np.zeros((own.n, 0)) if B is None else rates.B
+    model = LinearModel(A, C, Q, R, B=B, state_angles=state_angles, measurement_angles=measurement_angles)
+    rates: Any = model  # which has checked them
+    for name in "ACQR" if B is None else "ABCQR":
+        if callable(getattr(rates, name)) or getattr(rates, name).ndim > 2:
+            raise ValueError(f"{name} of a sampled model must be one matrix, for all rows and times")
+    drive = np.zeros((model.n, 0)) if B is None else rates.B
+    held = {part: _Held(rates.A, drive, rates.Q, part) for part in "ABQ"}
+    return replace(model, A=held["A"], B=held["B"] if drive.size else None, Q=held["Q"])
 
-    @lru_cache(maxsize=64)
-    def discrete(length: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        transition, noise = van_loan(rates.A, np.eye(n), rates.Q, length)
-        return transition, np.concatenate([zero_order_hold(rates.A, drive, length)[1], np.zeros((n, 1))], 1), noise
 
-    def at(part: int) -> Callable[[np.ndarray | None], np.ndarray]:
-        def matrix(u: np.ndarray | None) -> np.ndarray:
-            if u is None:
-                raise ValueError("this model needs to know how long a step takes: give run the times t of the readings")
-            lengths, rows = np.unique(u[..., -1], return_inverse=True)
-            return np.stack([discrete(float(length))[part] for length in lengths])[rows.reshape(u.shape[:-1])]
+@dataclass(frozen=True, eq=False)
+class _Held:
+    """One of the matrices of a `sampled` model, a function of the known input."""
 
-        return matrix
+    rates: np.ndarray
+    drive: np.ndarray
+    intensity: np.ndarray
+    part: str
 
-    return replace(own, A=at(0), B=None if B is None else at(1), Q=at(2))
+    def __call__(self, u: np.ndarray | None) -> np.ndarray:
+        m = self.drive.shape[1]
+        if u is None or u.shape[-1] != m + 1 or (u[..., -1] < 0.0).any():
+            raise ValueError(
+                f"the known input of a sampled model is {f'its {m} controls and ' if m else ''}how long each step "
+                "takes, not below 0: give run the times t of the readings"
+            )
+        lengths, rows = np.unique(u[..., -1], return_inverse=True)
+        return np.stack([_over_step(self, float(length)) for length in lengths])[rows.reshape(u.shape[:-1])]
+
+
+@lru_cache(maxsize=256)
+def _over_step(held: _Held, length: float) -> np.ndarray:
+    """The matrix over one step; of one whose length is not finite nothing is known."""
+    n, m = held.drive.shape
+    if not np.isfinite(length):
+        return np.full((n, m + 1 if held.part == "B" else n), np.nan)
+    if held.part == "B":
+        return np.concatenate([zero_order_hold(held.rates, held.drive, length)[1], np.zeros((n, 1))], 1)
+    return van_loan(held.rates, np.eye(n), held.intensity, length)[held.part == "Q"]
 
 
 def forward_euler(A: np.ndarray, B: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:

@@ -29,8 +29,8 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
             observation=lambda x: [np.cos(x[..., 0]), np.sin(x[..., 0]), x[..., 1]], estimator="ukf",
         )
 
-    ``info`` has ``truth`` and ``estimate`` ``(n,)``, ``covariance`` ``(n, n)``, ``measurement`` and ``available``
-    ``(p,)``, ``healthy``.
+    ``info`` has, besides the environment's own and in place of its keys of these names, ``truth`` and ``estimate``
+    ``(n,)``, ``covariance`` ``(n, n)``, ``measurement`` and ``available`` ``(p,)``, ``healthy``.
 
     Args:
         env: Any environment whose observations are numbers, or dictionaries of such.
@@ -45,10 +45,10 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
         known_input: What the filter is told of an action, a function of it; None: the action as numbers.
         estimator: Name of a filter, "truth", "dead-reckoning", or a function of the model that returns a filter.
         estimator_options: Its options.
-        sensors: "clean", "nominal" or "degraded", or a list of `Sensor` objects that read ``(state, known input)``; a
-            step is the unit of time.
+        sensors: "clean", "nominal" or "degraded", or a list of `Sensor` objects that read ``(state, known input)``,
+            whose noise then takes the place of the model's R; a step is the unit of time.
         observe: "mean"; "mean+std": with the deviations of the states behind, or as ``std`` in a dictionary; or
-            "measurement": the readings and the mask of those that arrived.
+            "measurement": the readings and the mask of those that arrived, and what passes.
 
     Raises:
         TypeError: for what is no model, prior or estimator, or observations that are images.
@@ -75,11 +75,16 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
             observe=observe,
         )  # fmt: skip
         gym.Wrapper.__init__(self, env)
+        within = env
+        while isinstance(within, gym.Wrapper):
+            if isinstance(within, gym.wrappers.Autoreset):
+                raise ValueError("Autoreset within hides how episodes end: put it around EstimatedObservation")
+            within = within.env
         self._state = state or (lambda env, obs: obs)
         prior = sampled_prior(env, self._state) if prior is None else prior
         self.watch = Watch(
             env.observation_space, env.action_space, model, prior, estimator, estimator_options, sensors, observe,
-            None if observation is None else lambda x: observation(x[0]), passes, known_input, rows=1,
+            None if observation is None else lambda x: _row(observation(x[0])), passes, known_input, rows=1,
         )  # fmt: skip
         self.observation_space = self.watch.space
 
@@ -97,7 +102,7 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
         return self._observed(seen), reward, terminated, truncated, info | self._info()
 
     def _truth(self, seen: Any) -> np.ndarray:
-        return np.asarray(self._state(self.env, seen))[None]
+        return np.asarray(self._state(self.env, seen))[None]  # which is copied where it is checked
 
     def _observed(self, seen: Any) -> Any:
         watch = self.watch
@@ -109,3 +114,10 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
 
     def _info(self) -> dict[str, Any]:
         return {name: values[0] for name, values in self.watch.info().items()}
+
+
+def _row(value: Any) -> Any:
+    """What a function of one state gave, as that of a batch of one."""
+    if isinstance(value, dict):
+        return {key: np.asarray(part)[None] for key, part in value.items()}
+    return np.asarray(value)[None]

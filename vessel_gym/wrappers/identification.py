@@ -50,11 +50,20 @@ def identify(
     env.action_space.seed(seed)
     seen, _ = env.reset(seed=seed)
     x = np.asarray(look(env, seen), float)
+    least = 10 * (len(x) + len(known_input(env.action_space.sample())))
+    if steps < least:
+        raise ValueError(f"{steps} steps are too few for {least // 10} numbers a state: take {least} at least")
+    ends = 0
     while len(before) < steps:
         action = env.action_space.sample()
         seen, _, terminated, truncated, _ = env.step(action)
         following = np.asarray(look(env, seen), float)
         if terminated or truncated:  # how episodes end is not how they go on
+            ends += 1
+            if ends > steps:
+                raise ValueError(
+                    f"{ends} episodes have ended within {ends + len(before)} steps: too short to learn from"
+                )
             seen, _ = env.reset()
             following = np.asarray(look(env, seen), float)
         else:
@@ -63,8 +72,6 @@ def identify(
             after.append(following)
         x = following
     Z, n = np.concatenate([before, inputs], 1), x.shape[-1]
-    if steps < 10 * Z.shape[1]:
-        raise ValueError(f"{steps} steps are too few for {Z.shape[1]} numbers a state: take {10 * Z.shape[1]} at least")
     W, *_ = np.linalg.lstsq(Z, np.array(after), rcond=None)
     left = np.array(after) - Z @ W
     C = as_array("C", C)

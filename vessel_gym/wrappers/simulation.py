@@ -8,7 +8,8 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from estimators import NonlinearModel
-from estimators.checks import as_array, shown
+from estimators.checks import as_array
+from vessel_gym.wrappers.watch import made_again
 
 _TRIES = 8
 """States and actions on which a simulator is tried."""
@@ -26,7 +27,8 @@ def simulator(
     """The model of an environment that is its own simulator.
 
     A copy of the environment is set to each state and stepped. MuJoCo's environments and those of classic control know
-    how; MuJoCo's points are stepped all at once, natively. The known input is the action.
+    how; MuJoCo's points are stepped all at once, natively. The known input is the action. Where a simulator keeps its
+    state in few digits (float32), differences of close points are nothing but rounding: use `ukf`.
 
     Args:
         env: An environment that can be made again from its spec; it is left as it is.
@@ -42,9 +44,7 @@ def simulator(
         ValueError: if a state that is set is not the one that is found, or two steps from one state differ: the
             simulator draws random numbers, or has a state beyond that.
     """
-    if env.spec is None:
-        raise TypeError(f"a simulator is a copy of an environment, and this one has no spec: {shown(env)}")
-    copy = gym.make(env.spec)
+    copy = made_again(env)
     copy.reset(seed=0)
     base: Any = copy.unwrapped
     mujoco = hasattr(base, "set_state") and hasattr(base, "data") and hasattr(base, "model")
@@ -54,7 +54,7 @@ def simulator(
         elif hasattr(base, "state"):
             get, put = _classic_state, _set_classic
         else:
-            raise TypeError(f"nobody knows how to set the state of {env.spec.id}: give get and put, or use identify")
+            raise TypeError(f"nobody knows how to set the state of {base.spec.id}: give get and put, or use identify")
     if get is None or put is None:
         raise TypeError("give both get and put, or neither")
     steps: Any = _Simulator(copy, get, put)

@@ -74,10 +74,18 @@ class EstimatedObservation(VectorWrapper):
     ) -> tuple[Any, dict[str, Any]]:
         """Begin episodes, in all environments or in those of ``options["reset_mask"]``."""
         mask = (options or {}).get("reset_mask", np.ones(self.num_envs, bool))
-        seeds = None if seed is None else [seed + i for i in range(self.num_envs)] if isinstance(seed, int) else [*seed]
+        seeds: list[Any] | None = None
+        if isinstance(seed, int | np.integer):
+            seed = int(seed)
+            seeds = [seed + i for i in range(self.num_envs)]
+        elif seed is not None:
+            seeds = list(seed)
         if seeds is not None and len(seeds) != self.num_envs:
             raise ValueError(f"seed must be one number, or one for each of {self.num_envs}, got {shown(seed)}")
         seen, info = self.env.reset(seed=seed, options=options)  # type: ignore[arg-type]
+        if seeds and None in seeds:  # of chance
+            chance = np.random.SeedSequence().generate_state(self.num_envs, np.uint64)
+            seeds = [int(other) if one is None else one for one, other in zip(seeds, chance, strict=True)]
         self.watch.seed(seeds)
         self.watch.begin(np.asarray(mask, bool), self._truth(seen))
         self._over &= ~mask

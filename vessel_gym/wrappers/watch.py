@@ -7,9 +7,10 @@ from typing import Any, cast
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Space
 
-from estimators import Filter, Gaussian, LinearModel, NonlinearModel, Numbers, factory
+from estimators import Filter, Gaussian, LinearModel, NonlinearModel, Numbers, factory, wrap
 from estimators.checks import numbers, shown
 from vessel_gym import checks
 from vessel_gym.core import OBSERVE
@@ -53,14 +54,18 @@ class Watch:
         if prior.mean.shape != (model.n,):
             raise ValueError(f"the prior is for shape {prior.mean.shape}, the model has {model.n} states: ({model.n},)")
         self.observe_mode = checks.one_of("observe mode", observe, OBSERVE)
+        self._angles = list(model.state_angles)
         self.rows, self.n, self.prior, self.own = rows, model.n, prior, space
         self._observation, self._known = observation, known_input or plain_action(action_space)
         self._passes = _checked_passes(space, passes, observe)
-        u = self.known(deepcopy(action_space).sample())  # whose own numbers go on as they would have
+        action = deepcopy(action_space).sample()  # whose own numbers go on as they would have
+        u = np.atleast_1d(self._numbers(action))
+        model.check_known_input(u)
         self.sensors = _sensors(model, sensors, u.shape[-1])
         model = replace(cast(Any, model), R=np.diag(self.sensors.sd**2))
         self.filter = _filter(model, estimator, checks.options("estimator_options", options))
-        self.loop = Loop(self.sensors, Estimation(self.filter, cast(Any, None), 1.0, ()), rows)
+        self._estimation = Estimation(self.filter, cast(Any, None), 1.0, ())
+        self.loop = Loop(self.sensors, self._estimation, rows)
         self.steps = np.zeros(rows, int)
         self._nothing = np.zeros((rows, self.sensors.bias.size))
         self._still = np.zeros((rows, u.shape[-1]))
@@ -68,6 +73,11 @@ class Watch:
         self.episodes = np.zeros(rows, int)
         self.truth = np.zeros((rows, model.n))
         self.space = self._space()
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Copies go on as the original would have."""
+        self.__dict__.update(state)
+        self.loop.attach(self.sensors, self._estimation)
 
     # --- one step -----------------------------------------------------------------------------------
 
@@ -97,9 +107,11 @@ class Watch:
 
     def go_on(self, state: np.ndarray, action: Any) -> None:
         """A step of all rows, to states ``(B, n)``."""
+        if not self.seeds:
+            raise ResetNeeded("call reset() before step()")
         self.truth = self._checked(state)
         self.steps += 1
-        u = self.known(action).reshape(self.rows, -1)
+        u = self.known(action)
         readings = self.loop.sense(self.truth, u, self._nothing, self.steps, None)
         self._keep(readings, None)
         self.loop.estimate(self._handed(readings, self.truth), u, self.steps)
@@ -107,9 +119,11 @@ class Watch:
     def observe(self, seen: Any) -> Any:
         """Observations ``(B, ...)`` where the environment itself shows ``seen``."""
         if self.observe_mode == "measurement":
-            return np.concatenate(self.loop.readings, -1).astype(np.float32)
+            return self._read(seen)
         belief = self.loop.belief
-        mean = self.truth if self.loop.tells_truth else belief.mean
+        mean = np.array(self.truth if self.loop.tells_truth else belief.mean)
+        if self._observation is None and not self.loop.tells_truth:
+            mean[:, self._angles] = wrap(mean[:, self._angles])  # filters count turns
         value = mean if self._observation is None else self._observation(mean)
         sd = np.sqrt(np.maximum(belief.cov.diagonal(0, -2, -1), 0.0)) if self.observe_mode == "mean+std" else None
         if isinstance(self.own, Dict):
@@ -128,10 +142,25 @@ class Watch:
 
     def known(self, action: Any) -> np.ndarray:
         """What filters are told of an action."""
-        u = numbers(self._known(action))
+        u, wanted = self._numbers(action), (self.rows, self._still.shape[1])
+        if u.shape not in (wanted, wanted[1:] if self.rows == 1 else wanted):
+            raise ValueError(f"known_input must give an array {wanted}, a row for each environment, got {u.shape}")
+        return u.reshape(wanted)
+
+    def _numbers(self, action: Any) -> np.ndarray:
+        told = self._known(action)
+        u = numbers(told)
         if u is None:
-            raise ValueError(f"known_input must give numbers, got {shown(self._known(action))} for {shown(action)}")
-        return np.atleast_1d(u)
+            raise ValueError(f"known_input must give numbers, got {shown(told)} for {shown(action)}")
+        return u
+
+    def _read(self, seen: Any) -> Any:
+        """Readings, the mask of those that arrived, and what passes."""
+        readings = np.concatenate(self.loop.readings, -1).astype(np.float32)
+        if isinstance(self.own, Dict):
+            return {"measurement": readings, **{key: seen[key] for key in self._passes}}
+        whole = np.asarray(seen, np.float32).reshape(self.rows, -1)
+        return np.concatenate([readings, whole[:, list(self._passes)]], -1) if self._passes else readings
 
     # --- inside -------------------------------------------------------------------------------------
 
@@ -154,16 +183,25 @@ class Watch:
             raise ValueError(f"state must give the model's states, {wanted} numbers, got {got}")
         if not np.isfinite(array).all():
             raise ValueError(f"state gave what is not finite: {shown(array[~np.isfinite(array).all(-1)][0].tolist())}")
-        return np.ascontiguousarray(array)
+        return np.array(array, order="C")
 
     def _space(self) -> Space:
         """The space of what is observed."""
         if self.observe_mode == "measurement":
-            return Box(-np.inf, np.inf, (2 * self.sensors.size,), np.float32)
+            readings = Box(-np.inf, np.inf, (2 * self.sensors.size,), np.float32)
+            if isinstance(self.own, Dict):
+                return Dict({"measurement": readings, **{key: self.own.spaces[key] for key in self._passes}})
+            own, passing = cast(Box, self.own), list(self._passes)
+            low, high = (
+                np.append(a, b.ravel()[passing]) for a, b in ((readings.low, own.low), (readings.high, own.high))
+            )
+            return Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
         if self.observe_mode == "mean":
             return self.own
         spread = Box(0.0, np.inf, (self.n,), np.float32)
         if isinstance(self.own, Dict):
+            if "std" in self.own.spaces:
+                raise ValueError("the environment's observations have a key std of their own: observe='mean'")
             return Dict({**self.own.spaces, "std": spread})
         own = cast(Box, self.own)
         ends = ((own.low, spread.low), (own.high, spread.high))
@@ -194,14 +232,16 @@ class Watch:
 
     def _fit(self, value: Any, own: Space) -> np.ndarray:
         """What a function gave, as the space has it."""
-        box = cast(Box, own)
-        shaped = self._shaped(value, box.shape)
-        return np.clip(shaped, box.low, box.high).astype(box.dtype)
+        if not isinstance(own, Box):
+            raise ValueError(f"an estimate is of numbers, not of {shown(own)}: name it in passes")
+        shaped = np.clip(self._shaped(value, own.shape), own.low, own.high)
+        return (np.rint(shaped) if own.dtype.kind in "iu" else shaped).astype(own.dtype)
 
     def _shaped(self, value: Any, shape: tuple[int, ...]) -> np.ndarray:
         array = numbers(value)
-        if array is None or array.size != self.rows * int(np.prod(shape)):
-            got = shown(value) if array is None else f"shape {array.shape}"
+        flat = self.rows, int(np.prod(shape))
+        if array is None or array.shape not in ((self.rows, *shape), flat):
+            got = shown(value) if array is None else f"shape {array.shape[1:] if self.rows == 1 else array.shape}"
             raise ValueError(
                 f"the observation space wants {shape} numbers, the estimate gives {got}: give observation=, a function "
                 "of the state, or name in passes what it does not give"
@@ -224,7 +264,7 @@ def plain_action(space: Space) -> Callable[[Any], Any]:
 
 
 def _checked_passes(space: Space, passes: Sequence[Any], observe: str) -> tuple[Any, ...]:
-    if isinstance(passes, str):
+    if not isinstance(passes, list | tuple | range | np.ndarray):
         raise TypeError(f"passes must be a list of keys or components, got {shown(passes)}")
     chosen = tuple(passes)
     if isinstance(space, Dict):
@@ -232,7 +272,7 @@ def _checked_passes(space: Space, passes: Sequence[Any], observe: str) -> tuple[
             if key not in space.spaces:
                 raise ValueError(factory.unknown("key of the observation in passes", key, list(space.spaces)))
         return chosen
-    if not isinstance(space, Box) or (space.dtype == np.uint8 and len(space.shape) > 1):
+    if not isinstance(space, Box) or len(space.shape) > 2 or (space.dtype == np.uint8 and len(space.shape) > 1):
         what = "images" if isinstance(space, Box) else shown(space)
         raise TypeError(
             f"the environment shows {what}, and an estimate is of numbers: wrap it in one whose observations are a Box "
@@ -267,6 +307,8 @@ def _channel(model: Model, i: int) -> Callable[[np.ndarray, np.ndarray], np.ndar
 
 
 def _filter(model: Model, estimator: EstimatorChoice, options: dict[str, Any]) -> Filter:
+    if isinstance(estimator, Filter):
+        raise TypeError(f"estimator must be a name, or a Filter class or function of the model, got {shown(estimator)}")
     if callable(estimator):
         made = estimator(model, **options)
         if not isinstance(made, Filter):
@@ -282,15 +324,26 @@ def _filter(model: Model, estimator: EstimatorChoice, options: dict[str, Any]) -
     return Oracle(model.n, 0) if estimator == "truth" else DeadReckoning(model)
 
 
+def made_again(env: gym.Env) -> gym.Env:
+    """Another environment of the same spec, which nobody looks at."""
+    if env.spec is None:
+        raise TypeError(f"a copy is made of an environment's spec, and this one has no spec: {shown(env)}")
+    spec: Any = deepcopy(env.spec)
+    spec.kwargs.pop("render_mode", None)
+    return gym.make(spec)
+
+
 def sampled_prior(env: gym.Env, state: Callable[[gym.Env, Any], Any], resets: int = 256) -> Gaussian:
     """What is known at the start: mean and covariance of the states in which a copy of the environment begins.
 
     Raises:
         ValueError: if there is no way to make a copy.
     """
-    if env.spec is None:
-        raise ValueError("give prior=, what is known of the state at the start: this environment cannot be copied")
-    copy = gym.make(env.spec)
+    try:
+        copy = made_again(env)
+    except Exception as error:
+        wanted = "give prior=, what is known of the state at the start"
+        raise ValueError(f"{wanted}: this environment cannot be made again ({shown(str(error))})") from error
     starts = []
     for seed in range(resets):
         seen, _ = copy.reset(seed=seed)

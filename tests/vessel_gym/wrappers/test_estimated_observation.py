@@ -1,5 +1,6 @@
 """An estimator in the loop of environments that nobody here wrote."""
 
+import copy
 import importlib
 import inspect
 from functools import partial
@@ -155,21 +156,38 @@ def test_readings_are_the_same_under_every_estimator_in_all_episodes():
                 np.testing.assert_array_equal(mine[key], first[key])
 
 
+class Elsewhere(Linear):
+    """The same, shown and truly somewhere else."""
+
+    def reset(self, *, seed=None, options=None):
+        return super().reset(seed=seed)[0] + 0.7, {}
+
+    def step(self, action):
+        seen, *rest = super().step(action)
+        return seen + 0.7, *rest
+
+
 @pytest.mark.parametrize("observe", ["mean", "mean+std", "measurement"])
-@pytest.mark.parametrize("estimator", ["ekf", "enkf"])
-def test_another_truth_under_the_same_readings_changes_no_observation(observe: str, estimator: str):
+@pytest.mark.parametrize("estimator", ["ekf", "enkf", "dead-reckoning"])
+@pytest.mark.parametrize("leaks", [False, True])
+def test_another_truth_under_the_same_readings_changes_no_observation(observe: str, estimator: str, leaks: bool):
+    """The environment shows itself elsewhere, and is there; readings stay. An agent that is shown it would know."""
+
+    class Leaky(EstimatedObservation):
+        def _observed(self, seen):
+            return np.asarray(seen)
+
     flights = []
-    for shift in (0.0, 0.7):
-        readings = iter(np.random.default_rng(1).normal(size=(41, 1)))
-        told = Sensor("told", ("y",), lambda x, u, r=readings: np.zeros(x.shape[:-1] + (1,)), (0.1,))
-        env = EstimatedObservation(
-            Linear(), LINEAR, LINEAR_PRIOR, lambda env, obs, s=shift: obs + s, estimator=estimator, sensors=[told],
-            observe=observe,
-        )  # fmt: skip
+    for world in (Linear(), Elsewhere()):
+        readings = np.random.default_rng(1).normal(size=41)
+        told = Sensor("told", ("y",), lambda x, u, r=readings: np.full((*x.shape[:-1], 1), r[0]), (0.1,))
+        kind = Leaky if leaks else EstimatedObservation
+        env = kind(world, LINEAR, LINEAR_PRIOR, estimator=estimator, sensors=[told], observe=observe)
         flights.append(_flown(env))
     for one, other in zip(*flights, strict=True):
         assert np.abs(one["truth"] - other["truth"]).min() > 0.5
-        np.testing.assert_array_equal(one["observation"], other["observation"])
+        np.testing.assert_array_equal(one["measurement"], other["measurement"])
+        assert np.array_equal(one["observation"], other["observation"]) is not leaks
 
 
 # --- many at once -------------------------------------------------------------------------------------
@@ -237,6 +255,50 @@ def test_a_native_batch_is_wrapped_as_others_are():
     assert wrapped.watch.episodes.max() > 0
 
 
+def test_functions_of_a_batch_must_keep_its_rows():
+    single = pendulum().watch
+    envs = SyncVectorEnv([partial(gym.make, "Pendulum-v1")] * 4)
+    states = lambda env, obs: np.array([e.unwrapped.state for e in env.envs])  # noqa: E731
+    given = {"model": single.filter.model, "prior": single.prior, "state": states}
+    flat = lambda x: [np.cos(x[..., 0]), np.sin(x[..., 0]), x[..., 1]]  # noqa: E731
+    with pytest.raises(ValueError, match=r"wants \(3,\) numbers, the estimate gives shape \(3, 4\)"):
+        EstimatedObservations(envs, **given, observation=flat).reset(seed=0)
+    told = EstimatedObservations(
+        envs, **given, observation=lambda x: np.stack(flat(x), -1), known_input=lambda a: np.moveaxis(a, -1, 0)
+    )
+    told.reset(seed=0)
+    with pytest.raises(ValueError, match=r"known_input must give an array \(4, 1\)"):
+        told.step(np.zeros((4, 1), np.float32))
+
+
+def test_episodes_that_are_reset_within_are_refused():
+    with pytest.raises(ValueError, match="Autoreset within hides how episodes end"):
+        EstimatedObservation(gym.wrappers.Autoreset(Linear()), LINEAR, LINEAR_PRIOR)
+
+
+def test_angles_are_shown_as_angles():
+    class Turning(Linear):
+        def reset(self, *, seed=None, options=None):
+            self.x = np.array([3.0, 1.0])
+            return self.x.copy(), {}
+
+        def step(self, action):
+            self.x = self.x + [0.1 * self.x[1], 0.0]
+            shown = self.x.copy()
+            shown[0] = (shown[0] + np.pi) % (2.0 * np.pi) - np.pi
+            return shown, 0.0, False, False, {}
+
+    model = LinearModel(
+        [[1.0, 0.1], [0.0, 1.0]], [[1.0, 0.0]], 1e-9 * np.eye(2), [[1e-6]], B=np.zeros((2, 1)), state_angles=(0,),
+        measurement_angles=(0,),
+    )  # fmt: skip
+    env = EstimatedObservation(Turning(), model, Gaussian([3.0, 1.0], 1e-4 * np.eye(2)), estimator="kf")
+    env.reset(seed=0)
+    for _ in range(40):
+        seen, *_, info = env.step(np.zeros(1))
+        np.testing.assert_allclose(seen, info["truth"], rtol=0, atol=0.05)
+
+
 def test_batches_that_hide_how_episodes_end_are_refused():
     with pytest.raises(ValueError, match="resets in the same step hides the state in which an episode ended"):
         _many(2, "ekf", AutoresetMode.SAME_STEP)
@@ -255,6 +317,15 @@ def test_gymnasiums_and_stable_baselines_checkers_pass(name: str, observe: str):
     check_env(built(name, observe=observe), skip_render_check=True)
     checker = pytest.importorskip("stable_baselines3.common.env_checker")
     checker.check_env(built(name, observe=observe), warn=False)
+
+
+def test_a_copy_goes_on_as_the_original_does():
+    env = cart_pole(estimator="enkf")
+    env.reset(seed=3)
+    env.step(1)
+    again = copy.deepcopy(env)
+    np.testing.assert_array_equal(env.step(0)[0], again.step(0)[0])
+    np.testing.assert_array_equal(env.reset()[0], again.reset()[0])
 
 
 def test_an_environment_is_made_again_from_its_spec():
@@ -432,7 +503,7 @@ def test_simulators_that_are_none_are_refused():
         simulator(gym.make("Linear-v0"), read, 1e-6, 1e-4, get=lambda env: env.unwrapped.x, put=lambda env, x: None)
     with pytest.raises(ValueError, match="too few"):
         identify(Linear(), None, [[1.0, 0.0]], 0.01, steps=20)
-    with pytest.raises(ValueError, match=r"give prior=, .* cannot be copied"):
+    with pytest.raises(ValueError, match=r"give prior=, .* cannot be made again"):
         EstimatedObservation(Linear(), LINEAR)
 
 
