@@ -38,6 +38,7 @@ from estimators.reading import Reading
 from estimators.robust import HuberKalmanFilter, RobustKalmanFilter
 from estimators.series import Series, run
 from estimators.smoothers import smooth
+from estimators.tuning import Fit, fit
 from estimators.ulise import ULISE
 from estimators.unknown_input import (
     DelayedInputFilter,
@@ -71,6 +72,7 @@ __all__ = [
     "FaultMonitor",
     "FeedthroughBelief",
     "Filter",
+    "Fit",
     "Gaussian",
     "GaussianFilter",
     "HuberKalmanFilter",
@@ -97,6 +99,7 @@ __all__ = [
     "by_age",
     "check_filter",
     "chi_square_band",
+    "fit",
     "forward_euler",
     "input_conditions",
     "make",

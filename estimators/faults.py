@@ -10,7 +10,7 @@
 As long as model and filter are right, innovations are independent of each other and as large as S says. A fault in the
 direction ``f`` shows best in ``f' S^-1 e``, its matched filter. So a sensor is judged by ``w = S^-1 e``, each channel
 in units of its own standard deviation there: a reading that is odd only beside another, with which it is correlated,
-speaks against the odd one the most (Basseville & Nikiforov, 1993, Detection of Abrupt Changes, sec. 7.2).
+speaks against the odd one the most (Basseville & Nikiforov, 1993, Detection of Abrupt Changes, ch. 7).
 
 Thresholds follow from the rate of false alarms that is stated, not from data. A reading that is missing counts for
 nothing, and nor does one that the filter could take in by a pseudo-inverse alone.
@@ -208,7 +208,7 @@ class CusumMonitor(FaultMonitor):
     the alarm, and all sums of the row begin again. The threshold makes the mean time between false alarms of all
     channels together no shorter than stated: rates of channels add, but for what they have in common.
 
-    Source: Page (1954), Continuous inspection schemes; Basseville & Nikiforov (1993), sec. 2.2 and 5.2.
+    Source: Page (1954), Continuous inspection schemes; Basseville & Nikiforov (1993), sec. 2.2 and ch. 5.
 
     Args:
         sensors: See `FaultMonitor`.
@@ -251,7 +251,7 @@ def cusum_run_length(threshold: float, drift: float, mean: float = 0.0) -> float
     distribution and density, solved on the nodes of Gauss and Legendre: a sharper form of the Markov chain of Brook &
     Evans (1972). Two sides, or independent channels, have the reciprocal of the sum of reciprocals.
 
-    Source: Page (1954), eq. 7; Brook & Evans (1972), An approach to the probability distribution of cusum run length.
+    Source: Page (1954); Brook & Evans (1972), An approach to the probability distribution of cusum run length.
 
     Args:
         threshold: h.

@@ -58,7 +58,7 @@ def assert_mean(values: np.ndarray, expected: float) -> None:
     ("h", "mean", "two_sided"), [(4, 0, 168), (4, 0.5, 26.6), (4, 1, 8.38), (4, 2, 3.34), (5, 0, 465), (5, 1, 10.4)]
 )
 def test_run_lengths_are_those_printed(h: float, mean: float, two_sided: float):
-    """Lucas & Crosier (1982), Technometrics 24, table 1: k = 1/2, no head start."""
+    """Lucas & Crosier (1982), Technometrics 24: k = 1/2, no head start."""
     rates = [1.0 / cusum_run_length(h, 0.5, side * mean) for side in (1, -1)]
     assert f"{1.0 / sum(rates):.3g}" == f"{two_sided:.3g}"
 
