@@ -25,8 +25,9 @@ from typing import Any, Self
 import numpy as np
 from scipy.special import gammainccinv, ndtr, ndtri
 
-from estimators.belief import Belief, InputBelief, Recovery
+from estimators.belief import Belief, Recovery
 from estimators.checks import number, shown, whole
+from estimators.delayed import DelayedBelief
 from estimators.linalg import identity, neutralised, solve
 
 Sensors = int | Mapping[str, int | Sequence[int]]
@@ -91,7 +92,7 @@ class FaultMonitor(ABC):
         suspicion, memory = (np.zeros(nothing.shape + own) for own in ((len(self.names),), self._remembered))
         return Watch(nothing > 0.0, np.full(batch, -1), nothing, suspicion, memory)
 
-    def watch(self, state: Watch, belief: Belief) -> Watch:
+    def watch(self, state: Watch, belief: Belief | DelayedBelief[Any]) -> Watch:
         """Take in what an update left.
 
         Args:
@@ -123,12 +124,12 @@ class FaultMonitor(ABC):
             states.append(state)
         return Watch(**{name: np.stack([getattr(s, name) for s in states]) for name in Watch.__dataclass_fields__})
 
-    def _innovation(self, belief: Belief) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _innovation(self, belief: Belief | DelayedBelief[Any]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Innovation, its covariance, and the mask of what counts."""
         e, S, arrived = belief.innovation, belief.innovation_cov, belief.available
         if e is None or S is None or arrived is None:
             raise ValueError("the belief has seen no reading: watch it after an update")
-        if isinstance(belief, InputBelief) and belief.input_observed is not None:
+        if getattr(belief, "input_observed", None) is not None:
             raise TypeError(
                 "the innovations of this filter carry its unknown input, so that they say nothing of faults: watch a "
                 "filter that is told of the input as noise"

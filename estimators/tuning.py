@@ -46,7 +46,7 @@ class Fit:
 
     Attributes:
         estimates: The most likely value of each, by name.
-        standard_errors: Of each; infinite where the readings do not determine it.
+        standard_errors: Of each; infinite where the readings do not determine it, or the search found no maximum.
         intervals: 95 % interval of each, likewise; of a positive parameter that of its logarithm.
         correlation: ``(k, k)`` of the errors of the estimates (of logarithms where they are positive), in their order;
             NaN where one is not determined.
@@ -93,8 +93,9 @@ def fit(
     ``"likelihood"`` maximises the density of all readings (`Series.log_likelihood`). ``"prediction-error"`` minimises
     the determinant of the covariance of the innovations, which is the likelihood where that covariance is unknown: it
     needs nothing of a filter but ``init``, ``predict`` and ``update``, and tells nothing of a factor that Q, R and the
-    prior have in common. The search goes by gradients (L-BFGS-B), for filters that draw numbers by a simplex (Nelder &
-    Mead) with the same numbers throughout. Standard errors are of the observed information: second derivatives there.
+    prior have in common. The search goes by gradients (L-BFGS-B); for filters that draw numbers, with the same numbers
+    throughout, and where gradients lead to no minimum, by a simplex (Nelder & Mead). Standard errors are of the
+    observed information: second derivatives there.
 
     Source: Ljung (1999), System Identification, sec. 7.2 to 7.4; Harvey (1989), Forecasting,
     Structural Time Series Models and the Kalman Filter, sec. 3.4.
@@ -150,14 +151,21 @@ def fit(
     if not np.isfinite(of(*begun)):
         raise ValueError("the readings have no likelihood at the start: begin where the filter can follow them")
     low, high = (np.where(positive, first + far, np.copysign(np.inf, far)) for far in (-_FAR, _FAR))
-    at: np.ndarray | None = first
-    while at is not None:
-        best, least, slopes, information = _searched(cost, at, low, high, _random(begun[0]))
+    rough, at = _random(begun[0]), first
+    while True:
+        best, least, slopes, information = _searched(cost, at, low, high, rough)
         covariance, flat, peaked = _covariance(information, positive)
-        at = _beyond(cost, best, least, flat, low, high)
-    with np.errstate(invalid="ignore"):
-        gain = 0.5 * slopes @ covariance @ slopes + sum(abs(slopes @ direction) for direction in flat)
-    loose = np.array([_involved(direction) for direction in flat]).reshape(-1, len(names)).any(0)
+        with np.errstate(invalid="ignore"):
+            gain = 0.5 * slopes @ covariance @ slopes + sum(abs(slopes @ direction) for direction in flat)
+        converged = peaked and bool(gain < _LEFT)
+        beyond = _beyond(cost, best, least, flat, low, high)
+        if beyond is not None:
+            at = beyond
+        elif converged or rough:
+            break
+        else:  # no smooth likelihood, such as that of weights that are found by iteration
+            rough, at = True, first
+    loose = np.array([_involved(direction) for direction in flat]).reshape(-1, len(names)).any(0) | (not converged)
     spread = np.sqrt(np.diagonal(covariance))
     errors = np.where(loose, np.inf, spread)
     ends = (best, best - _QUANTILE * errors, best + _QUANTILE * errors)
@@ -171,7 +179,7 @@ def fit(
         correlation=covariance / (spread * spread[:, None]),
         log_likelihood=-least,
         undetermined=tuple(_sentence(direction, names, positive, cost, best, least) for direction in flat),
-        converged=peaked and bool(gain < _LEFT),
+        converged=converged,
         filter=filter,
         prior=prior,
     )
@@ -246,7 +254,7 @@ def _searched(
         search = {"method": "L-BFGS-B", "jac": slope, "options": {"ftol": 1e-13, "gtol": 1e-4}}
     bounds = list(zip(low, high, strict=True))
     found = minimize(lambda theta: min(cost(theta), worst), start, bounds=bounds, **search)
-    best, least = found.x, float(found.fun)
+    best, least = found.x, cost(found.x)
     return best, least, *_derivatives(cost, best, least, _ROUGH if random else _SMOOTH)
 
 
@@ -256,7 +264,10 @@ def _searched(
 def _derivatives(
     cost: Callable[[np.ndarray], float], best: np.ndarray, least: float, step: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """First and second derivatives ``(k,)`` and ``(k, k)`` by central differences over a share of a standard error."""
+    """First and second derivatives ``(k,)`` and ``(k, k)`` by central differences over a share of a standard error.
+
+    The second are NaN where they are others over a whole one: what bends in the small alone is rough, and no minimum.
+    """
 
     def along(move: np.ndarray) -> tuple[float, float]:
         ahead, behind = cost(best + move), cost(best - move)
@@ -269,7 +280,9 @@ def _derivatives(
     moves = [shorter(shorter(0.01 * step * move)) for move in np.eye(len(best))]
     sizes = np.linalg.norm(moves, axis=-1)
     slopes, curvatures = np.array([along(move) for move in moves]).T
-    hessian = np.diag(curvatures)
+    wide = np.array([along(move / step)[1] for move in moves]) * step**2
+    told = (curvatures > _LITTLE * sizes**2) & np.isfinite(wide)
+    hessian = np.diag(np.where(told & ((wide < 0.25 * curvatures) | (wide > 4.0 * curvatures)), np.nan, curvatures))
     for i, j in combinations(range(len(best)), 2):
         hessian[i, j] = hessian[j, i] = 0.25 * (along(moves[i] + moves[j])[1] - along(moves[i] - moves[j])[1])
     return slopes / sizes, hessian / sizes / sizes[:, None]
@@ -281,8 +294,8 @@ def _beyond(
 ) -> np.ndarray | None:  # fmt: skip
     """Where a search that ended on a plateau should go on, as that of a variance beside a far greater one; or None."""
     points = [np.clip(best + far * way, low, high) for way in flat for far in (*_AWAY, *-_AWAY)]
-    lowest = min(points, key=cost, default=best)
-    return lowest if cost(lowest) < least - 0.01 else None
+    costs = [cost(point) for point in points]
+    return points[int(np.argmin(costs))] if min(costs, default=np.inf) < least - _LEFT else None
 
 
 def _covariance(information: np.ndarray, positive: np.ndarray) -> tuple[np.ndarray, list[np.ndarray], bool]:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom, chi2, ncx2, norm
 
-from estimators import Belief, ChiSquareMonitor, CusumMonitor, Gaussian, LinearModel, Watch, make, nis
+from estimators import Belief, ChiSquareMonitor, CusumMonitor, Delayed, Gaussian, LinearModel, Watch, make, nis
 from estimators.faults import cusum_run_length
 from tests.estimators.cases import kalman_system, random_covariance, simulate, some_readings, unknown_input_system
 
@@ -393,3 +393,16 @@ def test_beliefs_that_cannot_be_watched_are_refused():
     umv = make("kf-umv-ui", unknown.model)
     with pytest.raises(TypeError, match="carry its unknown input"):
         monitor.watch(monitor.start(), umv.update(umv.init(unknown.prior), np.zeros(3)))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_filter_to_which_readings_come_late_is_watched_as_any_other(kind: type):
+    system = kalman_system(0)
+    delayed, plain, monitor = Delayed(make("kf", system.model), 2), make("kf", system.model), kind(3)
+    beliefs = [f.init(system.rows(2)) for f in (delayed, plain)]
+    states = [monitor.start(2), monitor.start(2)]
+    for y in simulate(system, 0, 2, 5).y:
+        beliefs = [delayed.update(beliefs[0], y[:, None]), plain.update(beliefs[1], y)]
+        states = [monitor.watch(state, belief) for state, belief in zip(states, beliefs, strict=True)]
+        beliefs = [f.predict(belief, np.zeros(2)) for f, belief in zip((delayed, plain), beliefs, strict=True)]
+    np.testing.assert_array_equal(states[0].statistic, states[1].statistic)

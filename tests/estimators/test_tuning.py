@@ -1,11 +1,14 @@
 """`fit` against closed forms, an independent likelihood and its own promise: intervals that hold the truth."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import minimize
 from scipy.stats import binom, chi2, multivariate_normal
 
 from estimators import Filter, Fit, Gaussian, KalmanFilter, LinearModel, Numbers, fit, make, run, sampled
+from tests.estimators.cases import INPUT_PRIOR, kalman_system, simulate, unknown_input_system
 
 NILE = np.array([
     1120, 1160, 963, 1210, 1160, 1160, 813, 1230, 1370, 1140, 995, 935, 1110, 994, 1020, 960, 1180, 799, 958, 1140,
@@ -145,7 +148,7 @@ def covered(trials: int, steps: int, **truth: float) -> dict[str, int]:
     for seed in range(trials):
         y = random_walk(seed, steps, truth.get("q", 0.0), truth["r"])
         build = noise if "q" not in truth else lambda q, r: level(q, r, 0.0)
-        found = fit(build, dict.fromkeys(truth, 0.5), y)
+        found = fit(build, truth, y)
         for name, (low, high) in found.intervals.items():
             inside[name] += low <= truth[name] <= high
     return inside
@@ -267,6 +270,42 @@ def test_a_filter_that_draws_numbers_has_the_same_in_every_evaluation():
     assert one.standard_errors["r"] == pytest.approx(exact.standard_errors["r"], rel=0.3)
 
 
+@pytest.mark.slow
+def test_the_inputs_that_nobody_knows_leave_q_and_r_to_be_found():
+    """The diffuse likelihood: whatever the unknown input is, factors of Q and R of 1 lie within 3.3 standard errors."""
+    system = unknown_input_system(0, False)
+    record = simulate(system, 1, runs=4, steps=150)
+
+    def build(q: float, r: float) -> tuple[Filter, Gaussian]:
+        model = replace(system.model, Q=q * system.model.Q, R=r * system.model.R)
+        return make("kf-umv-ui-wdf", model, input_prior=INPUT_PRIOR), system.prior
+
+    found = fit(build, {"q": 3.0, "r": 0.3}, record.y, record.u)
+    for name, value in found.estimates.items():
+        assert abs(np.log(value)) < 3.3 * found.standard_errors[name] / value
+        assert found.standard_errors[name] < 0.2
+
+
+@pytest.mark.slow
+def test_where_a_likelihood_is_not_smooth_a_simplex_finds_its_maximum():
+    """Huber's weights are found by iteration: below a hundredth the likelihood is rough."""
+    system = kalman_system(0)
+    record, rng = simulate(system, 1, runs=6, steps=30), np.random.default_rng(0)
+    y = record.y + 10.0 * (rng.random(record.y.shape) < 0.1) * rng.normal(size=record.y.shape)
+
+    def build(gamma: float) -> tuple[Filter, Gaussian]:
+        return make("huber-kf", system.model, gamma=gamma), system.prior
+
+    def error(gamma: float) -> float:
+        e = run(build(gamma)[0], system.prior, y, record.u).updated.innovation.reshape(-1, 3)
+        return np.linalg.slogdet(e.T @ e / len(e))[1]
+
+    found = fit(build, {"gamma": 1.345}, y, record.u, objective="prediction-error")
+    assert found.converged
+    grid = [error(gamma) for gamma in np.geomspace(0.02, 20.0, 40)]
+    assert error(found.estimates["gamma"]) <= min(grid) + 1e-3
+
+
 def test_what_is_found_is_ready_to_use():
     found = fit(level, {"q": 1e3, "r": 1e4}, NILE)
     assert isinstance(found, Fit)
@@ -277,17 +316,23 @@ def test_what_is_found_is_ready_to_use():
     assert lines[1].split()[:2] == ["q", "1469"]
 
 
-def test_parameters_that_no_filter_takes_are_left_aside():
-    """An autoregression of more than 1 is refused by whoever builds it, and a reading given up does not pay."""
+def test_a_maximum_at_the_edge_of_what_can_be_built_is_none():
+    """An autoregression of more than a half is refused by whoever builds it, and the readings ask for 0.9."""
+    rng = np.random.default_rng(6)
+    y = np.zeros((100, 1))
+    for k in range(1, 100):
+        y[k] = 0.9 * y[k - 1] + rng.normal()
 
     def build(a: float) -> tuple[Filter, Gaussian]:
-        if abs(a) > 1.0:
-            raise ValueError("not stable")
-        return make("kf", LinearModel([[a]], [[1.0]], [[1.0]], [[1.0]])), Gaussian([0.0], [[1.0]])
+        if a > 0.5:
+            raise ValueError("it wanders too far")
+        return make("kf", LinearModel([[a]], [[1.0]], [[1.0]], [[0.1]])), Gaussian([0.0], [[1.0]])
 
-    y = random_walk(6, 200, 1.0, 1.0)
-    found = fit(build, {"a": 0.9}, y, signed=["a"])
-    assert 0.9 < found.estimates["a"] <= 1.0
+    found = fit(build, {"a": 0.1}, y, signed=["a"])
+    assert 0.49 < found.estimates["a"] <= 0.5
+    assert not found.converged
+    assert found.intervals["a"] == (-np.inf, np.inf)
+    assert "did not converge" in str(found)
 
 
 # --- what is refused ----------------------------------------------------------------------------------
