@@ -25,6 +25,7 @@ from estimators.ensemble import (
 from estimators.factory import make, names
 from estimators.filter import Filter, Model, Rng
 from estimators.kalman import ExtendedKalmanFilter, GaussianFilter, KalmanFilter
+from estimators.learned import GainNetwork, LearnedGainBelief, LearnedGainFilter
 from estimators.metrics import chi_square_band, nees, nis, rmse
 from estimators.models import (
     Gaussian,
@@ -70,12 +71,15 @@ __all__ = [
     "ExtendedUMVFilter",
     "FeedthroughBelief",
     "Filter",
+    "GainNetwork",
     "Gaussian",
     "GaussianFilter",
     "HuberKalmanFilter",
     "InputBelief",
     "InputConditions",
     "KalmanFilter",
+    "LearnedGainBelief",
+    "LearnedGainFilter",
     "LinearModel",
     "LocalEnsembleTransformFilter",
     "Model",

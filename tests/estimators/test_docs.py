@@ -23,6 +23,8 @@ def test_an_example_runs_as_it_stands(code: str, capsys: pytest.CaptureFixture, 
     monkeypatch.chdir(tmp_path)  # what an example saves is not kept
     if "consistency_figure" in code:
         pytest.importorskip("matplotlib")
+    if "agents" in code:
+        pytest.importorskip("torch")
     exec(compile(code, "<example>", "exec"), {"__name__": "__main__"})
 
 
