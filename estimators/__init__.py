@@ -31,6 +31,7 @@ from estimators.faults import ChiSquareMonitor, CusumMonitor, FaultMonitor, Watc
 from estimators.filter import Filter, Model, Rng
 from estimators.iterated import IteratedExtendedKalmanFilter
 from estimators.kalman import ExtendedKalmanFilter, GaussianFilter, KalmanFilter
+from estimators.learned import GainNetwork, LearnedGainBelief, LearnedGainFilter
 from estimators.metrics import chi_square_band, nees, nis, rmse
 from estimators.models import (
     Gaussian,
@@ -92,6 +93,7 @@ __all__ = [
     "FeedthroughBelief",
     "Filter",
     "Fit",
+    "GainNetwork",
     "Gaussian",
     "GaussianFilter",
     "HuberKalmanFilter",
@@ -100,6 +102,8 @@ __all__ = [
     "InteractingMultipleModels",
     "IteratedExtendedKalmanFilter",
     "KalmanFilter",
+    "LearnedGainBelief",
+    "LearnedGainFilter",
     "LinearModel",
     "LocalEnsembleTransformFilter",
     "ManifoldGaussian",

@@ -234,18 +234,28 @@ def _among_members(own: Any, k: int, L: Any, e: Any, certainty: float, white: An
     digits, as S is ill-conditioned there (Bishop et al. 2001). L ``(k, k)`` comes as R and is overwritten, e as well.
     x is 1 unless there is a ``certainty``, see `_scale`; 0: R is singular, and nothing else has changed.
     """
-    N = own.shape[1]
-    _cholesky(L, k)
+    N, apart = own.shape[1], True
+    for a in range(k):
+        for b in range(a):
+            apart = apart and L[a, b] == 0.0
+    if apart:
+        for a in range(k):
+            L[a, a] = np.sqrt(L[a, a])
+    else:
+        _cholesky(L, k)
     for a in range(k):
         total = 0.0
         for b in range(a + 1):
             total += L[a, b] * L[a, b]
         if not L[a, a] * L[a, a] > 1e-12 * total:
             return 0.0
+    for a in range(k):
         for j in range(N):
-            white[a, j] = own[a, j]
-    _solve(L, k, white, False)
-    _solve(L, k, e, False)
+            white[a, j] = own[a, j] / L[a, a] if apart else own[a, j]
+        e[a, 0] /= L[a, a] if apart else 1.0
+    if not apart:
+        _solve(L, k, white, False)
+        _solve(L, k, e, False)
     for j in range(N):
         shift[j] = 0.0
         for i in range(N):
