@@ -46,6 +46,7 @@ from estimators.models import (
     van_loan,
     zero_order_hold,
 )
+from estimators.moving_horizon import HorizonBelief, MovingHorizonEstimator
 from estimators.multiple_models import InteractingMultipleModels, MixtureBelief
 from estimators.particles import ParticleBelief, ParticleFilter
 from estimators.randomness import Numbers
@@ -96,6 +97,7 @@ __all__ = [
     "GainNetwork",
     "Gaussian",
     "GaussianFilter",
+    "HorizonBelief",
     "HuberKalmanFilter",
     "InputBelief",
     "InputConditions",
@@ -109,6 +111,7 @@ __all__ = [
     "ManifoldGaussian",
     "MixtureBelief",
     "Model",
+    "MovingHorizonEstimator",
     "NoFeedthroughFilter",
     "NonlinearModel",
     "Numbers",

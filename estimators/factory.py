@@ -17,6 +17,7 @@ from estimators.error_state import ErrorStateKalmanFilter
 from estimators.filter import Filter, Model
 from estimators.iterated import IteratedExtendedKalmanFilter
 from estimators.kalman import ExtendedKalmanFilter, KalmanFilter
+from estimators.moving_horizon import MovingHorizonEstimator
 from estimators.particles import ParticleFilter
 from estimators.robust import HuberKalmanFilter, RobustKalmanFilter
 from estimators.square_root import SquareRootKalmanFilter
@@ -33,6 +34,7 @@ _FILTERS: dict[str, type[Filter]] = {
         SquareRootKalmanFilter,
         ErrorStateKalmanFilter,
         AdaptiveKalmanFilter,
+        MovingHorizonEstimator,
         UMVFilter,
         DelayedUMVFilter,
         ExtendedUMVFilter,

@@ -322,6 +322,8 @@ CASES = (
     _case("srkf on a turning vehicle", "srkf", turning_vehicle, "deterministic"),
     _case("eskf", "eskf", kalman_system, "kalman consistent linear deterministic"),
     _case("eskf on a turning vehicle", "eskf", turning_vehicle, "deterministic"),
+    _case("mhe", "mhe", kalman_system, "kalman consistent linear deterministic", horizon=4),
+    _case("mhe on a turning vehicle", "mhe", turning_vehicle, "deterministic", horizon=4),
     _case(
         "adaptive-kf with rates of 0", "adaptive-kf", kalman_system, "kalman consistent linear deterministic",
         q_rate=0.0, r_rate=0.0,

@@ -79,6 +79,7 @@ def _check(belief: Belief) -> None:
 def _options(name: str) -> st.SearchStrategy[dict[str, Any]]:
     known = {
         "kf": ["input_cov"], "iekf": ["iterations", "tolerance"], "adaptive-kf": ["q_rate", "r_rate"],
+        "mhe": ["horizon", "iterations", "tolerance"],
         "ukf": ["alpha", "beta", "kappa"], "huber-kf": ["gamma", "iterations", "tolerance"],
         "robust-kf": ["radius"], "enkf": ["inflation", "localisation"], "etkf": ["inflation", "localisation", "rotate"],
         "enkf-sr": ["inflation", "variant"], "pf": ["threshold", "jitter"],
@@ -111,7 +112,7 @@ def _models(draw: st.DrawFn, nonlinear: bool) -> tuple[Any, int, int]:
     [("ukf", "alpha"), ("ukf", "beta"), ("ukf", "kappa"), ("enkf", "members"), ("enkf", "inflation"),
      ("enkf-sr", "variant"), ("huber-kf", "gamma"), ("huber-kf", "iterations"), ("huber-kf", "tolerance"),
      ("robust-kf", "radius"), ("adaptive-kf", "q_rate"), ("adaptive-kf", "r_rate"),
-     ("iekf", "iterations"), ("iekf", "tolerance"),
+     ("mhe", "horizon"), ("mhe", "iterations"), ("iekf", "iterations"), ("iekf", "tolerance"),
      ("pf", "particles"), ("pf", "threshold"), ("pf", "jitter"), ("letkf", "adaptive")],
 )  # fmt: skip
 def test_an_option_that_is_too_large_or_no_number_is_refused_by_its_name(name: str, option: str, value: Any):

@@ -127,9 +127,9 @@ class SegorogeniAUVEnv(VesselEnv):
     ```
 
     - ``estimator``: ``enkf`` (default; 100 members, inflation 1.01, localised by plane), ``enkf-sr``, ``etkf``,
-      ``letkf``, ``pf``, ``ekf``, ``iekf``, ``srkf``, ``eskf``, ``adaptive-kf``, ``ukf``, ``huber-kf``, ``robust-kf``,
-      ``truth``, ``measurement`` (the last reading of everything, current 0), ``dead-reckoning``. Those that need a
-      linear model refuse this one: ``kf``, ``kf-umv-ui-wdf``, ``ulise``; those of an unknown input need a
+      ``letkf``, ``pf``, ``ekf``, ``iekf``, ``srkf``, ``eskf``, ``adaptive-kf``, ``mhe``, ``ukf``, ``huber-kf``,
+      ``robust-kf``, ``truth``, ``measurement`` (the last reading of everything, current 0), ``dead-reckoning``. Those
+      that need a linear model refuse this one: ``kf``, ``kf-umv-ui-wdf``, ``ulise``; those of an unknown input need a
       `vessel_gym.disturbances.Fault`, or a disturbance told as ``"input"``: ``ekf-ui-wdf``, ``ukf-umv``, and
       ``kf-umv-ui`` if a sensor reads that input itself.
     - ``estimator_options``: the filter's own, e.g. ``{"members": 300}``, ``{"localisation": None}``.
