@@ -9,7 +9,7 @@ from estimators.angles import difference
 from estimators.belief import Belief
 from estimators.checks import as_array
 from estimators.filter import Filter, Rng
-from estimators.linalg import cholesky, identity, neutralised, whitened
+from estimators.linalg import identity, log_density, neutralised
 from estimators.reading import Reading
 
 
@@ -173,14 +173,6 @@ def matched(
     spread = away - shift[..., None, :]
     each = np.where(some[..., None], covs + spread[..., :, None] * spread[..., None, :], 0.0)
     return centre[..., 0, :] + shift, (weights[..., None, None] * each).sum(-3)
-
-
-def log_density(innovation: np.ndarray, S: np.ndarray, available: np.ndarray) -> np.ndarray:
-    """``log N(e; 0, S)`` of the readings that came ``(...)``; not a number where S is singular."""
-    root = cholesky(S)
-    white, scale = whitened(root, innovation), root.diagonal(0, -2, -1)
-    terms = np.square(white) + 2.0 * np.log(scale) + np.where(available, np.log(2.0 * np.pi), 0.0)
-    return -0.5 * terms.sum(-1)
 
 
 def _probabilities(name: str, value: object, shape: tuple[int, ...]) -> np.ndarray:
