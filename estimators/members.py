@@ -316,14 +316,18 @@ def _inflated(share: Any, V: Any, e: Any, certainty: float, N: int, M: Any) -> f
 @part
 def _taper(taper: Any, index: Any, k: int, R: Any, own: Any, e: Any, S: Any) -> None:
     """Divides R by the taper ``(p,)`` of the readings: R stays, and innovation and anomalies shrink by its root."""
+    whole = True
     for a in range(k):
+        whole = whole and taper[index[a]] == 1.0
+    for a in range(0 if whole else k):
         for b in range(k):
             share = np.sqrt(taper[index[a]] * taper[index[b]])
             if share < 1.0:
                 S[a, b] = R[a, b] + share * (S[a, b] - R[a, b])
+        root = np.sqrt(taper[index[a]])
         for j in range(own.shape[1]):
-            own[a, j] *= np.sqrt(taper[index[a]])
-        e[a, 0] *= np.sqrt(taper[index[a]])
+            own[a, j] *= root
+        e[a, 0] *= root
 
 
 # --- kernels ----------------------------------------------------------------------------------------
