@@ -45,7 +45,7 @@ RAW = {"observe": "measurement"}
 WORLDS = {
     "estimates": World("estimates", 300_000),
     "raw": World("raw readings", 1_000_000, options=RAW, arms=("observation", "truth", "leak")),
-    "lstm": World("raw readings, LSTM", 300_000, "lstm", RAW),
+    "lstm": World("raw readings, LSTM", 200_000, "lstm", RAW),
 }
 
 

@@ -1,5 +1,6 @@
 """The truth for the critic alone: the actor has no input for it, in the network, the learning and the flight."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from agents.ppo import MEMORIES, describe, hyperparameters, train
 from agents.vec_env import StableBaselinesVecEnv
 from scripts.critic import leaking
 
+PAGE = Path(__file__).parents[2] / "docs/critic.md"
 ENV = "SigmaCorvette-v0"
 TINY = {"num_envs": 8, "n_steps": 16, "batch_size": 64, "n_epochs": 2, "net_arch": [8]}
 REMEMBERING = {"none": {}, "frames": {"frames": 3}, "lstm": {"lstm_hidden_size": 4}}
@@ -192,7 +194,10 @@ class Learned(TruthPolicy):
 
 @pytest.mark.parametrize("mutant", [WithoutGain, Spread, Tail, Remembered, Learned])
 def test_a_policy_that_leaks_is_found(mutant: type):
-    assert leaks(policy_of(mutant))
+    found = leaks(policy_of(mutant))
+    assert found
+    one_mean = {name for name in found if name.startswith("mean") and name.endswith("step 0")}
+    assert bool(one_mean) == (mutant is Tail)  # the plain question would see this one alone
 
 
 def test_the_leak_of_the_page_is_found_in_all_that_the_actor_does():
@@ -431,6 +436,15 @@ def test_another_critic_is_refused_in_a_sentence_before_anything_is_made(tmp_pat
         train(ENV, tmp_path / "agent.zip", critic=critic)
     assert "\n" not in str(caught.value)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.slow
+def test_what_the_page_shows_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    examples = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    assert len(examples) == 2
+    for example in examples:
+        exec(compile(example, str(PAGE), "exec"), {"__name__": "page"})
 
 
 def test_descriptions_tell_critics_apart():
