@@ -24,6 +24,8 @@ _POLICIES = {
     "TD3Policy": "stable_baselines3.td3.policies",
     "RecurrentActorCriticPolicy": "sb3_contrib.common.recurrent.policies",
     "LstmPolicy": "agents.lstm_policy",
+    "TruthPolicy": "agents.critic",
+    "TruthLstmPolicy": "agents.critic",
 }
 """The networks that a checkpoint may ask for, and where they are."""
 _OF_THE_TRAINING = ("optimizer_class", "optimizer_kwargs")
@@ -120,7 +122,6 @@ def write(path: Path, model: Any, described: dict[str, Any]) -> None:
     policy = {
         "class": _class_name(model.policy_class),
         "network": _in_words(model),
-        "observations": _size(model.observation_space),
         "actions": _size(model.action_space),
         **spoken,
     }
@@ -185,7 +186,11 @@ def _environment(model: Any) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         raise ValueError("an agent is stored for the environments of vessel_gym: this one was trained in another")
     for inner in (*getattr(env, "envs", ())[:1], *([env.env] if hasattr(env, "env") else ())):
         _refuse_wrappers(inner)
-    return spoken | {"observe": core.observe_mode}, statistics
+    # What a critic alone was told while it learned is no part of what the agent sees.
+    seen = spoken["frames"] * core.observation_size
+    if statistics and _size(model.observation_space) != seen:
+        raise ValueError("cannot store a VecNormalize that counts what the critic alone is told: leave it out")
+    return spoken | {"observations": seen, "observe": core.observe_mode}, statistics
 
 
 def _size(space: Any) -> int:

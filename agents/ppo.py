@@ -2,7 +2,8 @@
 
 import json
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from importlib import metadata
 from importlib.resources import files
 from pathlib import Path
@@ -17,12 +18,16 @@ from agents.files import replacing
 from agents.named import vector_class
 from agents.seeds import training_seed
 from agents.source import source_digest
+from estimators.checks import shown
 from estimators.factory import unknown
 from vessel_gym.envs.vector import VesselVectorEnv
 from vessel_gym.extras import require
 
 MEMORIES = ("none", "frames", "lstm")
 """What an agent may remember: nothing, its last observations, or what a recurrent network makes of all of them."""
+
+CRITICS = (None, "truth")
+"""What a critic may be told beside the agent's observation while it learns: nothing, or the truth."""
 
 OTHERS = "others"
 """The settings of environments that have none of their own."""
@@ -56,7 +61,12 @@ def _has_system(env_id: str) -> bool:
 
 
 def describe(
-    env_id: str, env_options: dict[str, Any] | None, seed: int, steps: int | None, memory: str = "none"
+    env_id: str,
+    env_options: dict[str, Any] | None,
+    seed: int,
+    steps: int | None,
+    memory: str = "none",
+    critic: str | None = None,
 ) -> dict[str, Any]:
     """Everything that decides what `train` gives, as plain data: equal descriptions, equal checkpoints.
 
@@ -66,16 +76,19 @@ def describe(
         seed: See `train`.
         steps: See `train`.
         memory: See `train`.
+        critic: See `train`.
 
     Returns:
         The arguments, the tuned settings, the versions of the libraries that compute, and a digest of the
         environments' and estimators' source code.
 
     Raises:
-        ValueError: for an environment or memory without settings, or a budget below one rollout.
+        ValueError: for an environment or memory without settings, an unknown critic, or a budget below one rollout.
         ModuleNotFoundError: without torch or stable-baselines3.
     """
     require("torch", "stable_baselines3", "sb3_contrib")
+    if critic not in CRITICS:
+        raise ValueError(f"critic must be 'truth', or None for one that is told nothing more, got {shown(critic)}")
     settings = hyperparameters(env_id, memory)
     steps = settings["steps"] if steps is None else steps
     if steps < settings["num_envs"]:
@@ -86,6 +99,7 @@ def describe(
         "seed": seed,
         "steps": steps,
         "memory": memory,
+        "critic": critic,
         "hyperparameters": settings,
         "versions": {"vessel-gym": vessel_gym.__version__}
         | {name: metadata.version(name) for name in ("numpy", "torch", "stable-baselines3", "sb3-contrib")},
@@ -107,6 +121,7 @@ def train(
     steps: int | None = None,
     progress: Callable[[int, int, float], None] | None = None,
     memory: str = "none",
+    critic: str | None = None,
 ) -> Path:
     """Train PPO on an environment and save the checkpoint.
 
@@ -121,16 +136,18 @@ def train(
         progress: Called with (steps so far, steps in all, mean score of late episodes).
         memory: ``"none"``: the agent acts on the newest observation alone; ``"frames"``: on its last ones, side by
             side, zeros before the first; ``"lstm"``: through a recurrent network (``RecurrentPPO``).
+        critic: ``"truth"``: the critic alone is told the truth while it learns, see `agents.critic`; what is trained
+            acts on its observations as any other. None: it sees what the agent sees.
 
     Returns:
         The path of the checkpoint.
 
     Raises:
-        ValueError: for an environment or memory without settings, or a budget below one rollout.
+        ValueError: for an environment or memory without settings, an unknown critic, or a budget below one rollout.
         OSError: if the checkpoint cannot be written.
         ModuleNotFoundError: without torch or stable-baselines3.
     """
-    described = describe(env_id, env_options, seed, steps, memory)
+    described = describe(env_id, env_options, seed, steps, memory, critic)
     with replacing(zip_path(path)) as temporary, one_thread():
         _learn(described, temporary, progress)
     return zip_path(path)
@@ -138,20 +155,35 @@ def train(
 
 def _learn(described: dict[str, Any], path: Path, progress: Callable[[int, int, float], None] | None) -> None:
     """Train what `describe` described and save the policy, with the steps that it took: whole rollouts."""
-    import torch
     from stable_baselines3.common.callbacks import BaseCallback
+
+    budget = described["steps"]
+
+    class Report(BaseCallback):
+        def _on_step(self) -> bool:
+            return True
+
+        def _on_rollout_end(self) -> None:
+            if progress is not None:
+                late = [info["r"] for info in self.model.ep_info_buffer or ()]
+                perfect = self.training_env.get_attr("unwrapped", 0)[0].core.task.perfect
+                mean = float(np.mean(late)) / perfect if late else float("nan")
+                progress(self.num_timesteps, budget, mean)
+
+    with learner(described) as model:
+        model.learn(budget, callback=Report())
+        write(path, model, described | {"trained_steps": model.num_timesteps})
+
+
+@contextmanager
+def learner(described: dict[str, Any]) -> Iterator[Any]:
+    """The model of stable-baselines3 that learns what `describe` described, with its environment while it does."""
+    import torch
     from stable_baselines3.common.utils import LinearSchedule
-    from stable_baselines3.common.vec_env import VecEnv, VecFrameStack
 
-    from agents.vec_env import StableBaselinesVecEnv
-
-    settings, budget, seed, memory = (described[key] for key in ("hyperparameters", "steps", "seed", "memory"))
+    settings, seed, memory = (described[key] for key in ("hyperparameters", "seed", "memory"))
     num_envs = settings["num_envs"]
-    vector = gym.make_vec(described["env_id"], num_envs=num_envs, **described["env_options"])
-    perfect = vector.unwrapped.core.task.perfect  # type: ignore[attr-defined]
-    env: VecEnv = StableBaselinesVecEnv(vector)
-    if memory == "frames":
-        env = VecFrameStack(env, settings["frames"])
+    env = batch(described, num_envs)
     env.seed(training_seed(seed))
     network: dict[str, Any] = {
         "log_std_init": settings["log_std_init"],
@@ -164,17 +196,11 @@ def _learn(described: dict[str, Any], path: Path, progress: Callable[[int, int, 
 
         policy = LstmPolicy
         network["lstm_hidden_size"] = settings["lstm_hidden_size"]
+    if described["critic"] == "truth":
+        from agents.critic import TruthLstmPolicy, TruthPolicy
 
-    class Report(BaseCallback):
-        def _on_step(self) -> bool:
-            return True
-
-        def _on_rollout_end(self) -> None:
-            if progress is not None:
-                late = [info["r"] for info in self.model.ep_info_buffer or ()]
-                mean = float(np.mean(late)) / perfect if late else float("nan")
-                progress(self.num_timesteps, budget, mean)
-
+        policy = TruthLstmPolicy if memory == "lstm" else TruthPolicy
+        network |= {"seen": env.seen, "truth": env.truth, "frames": settings.get("frames", 1)}
     model = _algorithm(memory)(
         policy,
         env,
@@ -194,10 +220,25 @@ def _learn(described: dict[str, Any], path: Path, progress: Callable[[int, int, 
     # PPO reseeds the environments with its own seed: put the training range back.
     env.seed(training_seed(seed))
     try:
-        model.learn(budget, callback=Report())
-        write(path, model, described | {"trained_steps": model.num_timesteps})
+        yield model
     finally:
         env.close()
+
+
+def batch(described: dict[str, Any], num_envs: int) -> Any:
+    """The environments, as the learner of what `describe` described sees them."""
+    from stable_baselines3.common.vec_env import VecFrameStack
+
+    from agents.vec_env import StableBaselinesVecEnv
+
+    vector: Any = gym.make_vec(described["env_id"], num_envs=num_envs, **described["env_options"])
+    if described["critic"] == "truth":
+        from agents.critic import TruthVecEnv
+
+        env: StableBaselinesVecEnv = TruthVecEnv(vector)
+    else:
+        env = StableBaselinesVecEnv(vector)
+    return VecFrameStack(env, described["hyperparameters"]["frames"]) if described["memory"] == "frames" else env
 
 
 def _algorithm(memory: str) -> Any:

@@ -20,6 +20,7 @@ def main(
     mismatch: float = 0.0,
     observe: str = "mean",
     memory: str = "none",
+    critic: str | None = None,
     seed: int = 0,
     steps: int | None = None,
 ) -> None:
@@ -34,6 +35,7 @@ def main(
         mismatch: Relative spread of the truth's parameters.
         observe: mean, mean+std or measurement.
         memory: What the agent remembers: none, frames (its last observations) or lstm (a recurrent network).
+        critic: truth, so that the critic alone is told the truth while it learns (docs/critic.md).
         seed: Number of the training run.
         steps: Environment steps; the tuned budget if not given.
     """
@@ -52,10 +54,10 @@ def main(
         in_range("--seed", seed, 0)
         if steps is not None:
             in_range("--steps", steps, 1)
-        describe(env_id, options, seed, steps, memory)
+        describe(env_id, options, seed, steps, memory, critic)
     check_file(out)
     with training_progress(f"PPO on {env_id}") as progress:
-        path = train(env_id, out, options, seed, steps, progress, memory)
+        path = train(env_id, out, options, seed, steps, progress, memory, critic)
     print(f"checkpoint: {path}")
 
 

@@ -12,12 +12,12 @@ from scripts.console import command
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("memory", ["none", "frames"])
+@pytest.mark.parametrize(("memory", "critic"), [("none", None), ("frames", None), ("none", "truth")])
 def test_a_trained_agent_can_be_evaluated_on_several_estimators(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], memory: str
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], memory: str, critic: str | None
 ):
     checkpoint = tmp_path / "ppo.zip"
-    train.main("SigmaCorvette-v0", out=checkpoint, memory=memory, steps=128)
+    train.main("SigmaCorvette-v0", out=checkpoint, memory=memory, critic=critic, steps=128)
     assert f"checkpoint: {checkpoint}" in capsys.readouterr().out
     assert description(checkpoint)["memory"] == memory
     evaluate.main("SigmaCorvette-v0", agent=str(checkpoint), estimator=("truth", "kf"), episodes=2)
@@ -35,6 +35,7 @@ def test_a_trained_agent_can_be_evaluated_on_several_estimators(
         ("evaluate", ["SigmaFrigate-v0", "--episodes", "2"], "SigmaFrigate"),
         ("train", ["--out", "/dev/null/ppo.zip"], "cannot write /dev/null/ppo.zip"),
         ("train", ["--steps", "5"], "steps must be at least"),
+        ("train", ["--critic", "oracle"], "critic must be 'truth', or None"),
     ],
 )
 def test_a_command_refuses_in_one_sentence(
