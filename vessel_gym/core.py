@@ -566,12 +566,7 @@ class Core:
         """What happened as it is kept, one row an environment: not to be written into."""
         belief, unknown_input = self.loop.belief, self.unknown_input
         input_mean = belief.input_mean
-        at_sea = {}  # what there is where sensors are late, or have faults
-        if self.sensors.horizon:
-            at_sea["refused"] = self.loop.refused
-        if self.sensors.faults:
-            at_sea["sensor_faults"] = self.loop.faulty(self.steps)
-        return {
+        happened = {
             "truth": self.truth,
             "unknown_input": unknown_input,
             "reference": self.reference,
@@ -582,8 +577,12 @@ class Core:
             "covariance": belief.cov,
             "input_estimate": np.zeros(unknown_input.shape) if input_mean is None else input_mean,
             "parameters": self.parameters,
-            **at_sea,
         }
+        if self.sensors.horizon:
+            happened["refused"] = self.loop.refused
+        if self.sensors.faults:
+            happened["sensor_faults"] = self.loop.faulty(self.steps)
+        return happened
 
     def checked(
         self, action: np.ndarray, ended: np.ndarray | None = None, shape: tuple[int, ...] | None = None

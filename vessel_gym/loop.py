@@ -82,22 +82,11 @@ class Loop:
             rows: Which.
             injected: Whether these are what comes, ``(rows, p)`` or by age; nothing has been read then.
         """
-        some: Any = slice(None) if rows is None else rows
         come = readings
-        if self._faults is not None and not injected:
-            come = self._faults.spoil(come, steps, some)
-        if self._transit is None:
-            self.come = self.readings = _merged(self.readings, rows, come)
-            return come
-        if injected:
-            taken = np.zeros((len(steps), self.sensors.size))
-            self._transit.carry((taken, taken != 0.0), steps, self._sensing[some], some)
-            come = come if come[0].ndim == 3 else of_now(come, self.sensors.horizon)
-        else:
-            come = self._transit.carry(come, steps, self._sensing[some], some)
-        self._refused[some] += self._neglected(come[1])
+        if self._faults is not None or self._transit is not None:
+            come = self._delivered(readings, steps, slice(None) if rows is None else rows, injected)
         self.come = _merged(self.come, rows, come)
-        self.readings = youngest(self.come)
+        self.readings = self.come if self._transit is None else youngest(self.come)
         return come
 
     def begin(self, rows: np.ndarray | None, prior: Gaussian, readings: Readings, u: np.ndarray) -> Belief:
@@ -141,6 +130,21 @@ class Loop:
         """Readings since each row's start that came too late for its filter to take in ``(B,)``."""
         refused = self._refused if self._transit is None else self._refused + self._transit.lost
         return refused + self.belief.refused if self._fuses else refused
+
+    def _delivered(self, readings: Readings, steps: np.ndarray, rows: np.ndarray | slice, injected: bool) -> Readings:
+        """What comes at sea of what is read, or is injected."""
+        taken = readings
+        if self._faults is not None and not injected:
+            taken = self._faults.spoil(taken, steps, rows)
+        if self._transit is None:
+            return taken
+        if injected:
+            taken = np.zeros((len(steps), self.sensors.size)), np.zeros((len(steps), self.sensors.size), bool)
+        come = self._transit.carry(taken, steps, self._sensing[rows], rows)
+        if injected:
+            come = readings if readings[0].ndim == 3 else of_now(readings, self.sensors.horizon)
+        self._refused[rows] += self._neglected(come[1])
+        return come
 
     def _update(self, belief: Belief, readings: Readings, rng: Numbers | None, u: np.ndarray | None = None) -> Belief:
         y, available = self._told(readings)
