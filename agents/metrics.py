@@ -209,8 +209,11 @@ def consistency(rollout: Rollout, components: tuple[int, ...] | None = None) -> 
 def nis_consistency(rollout: Rollout) -> float | None:
     """Share of times at which the mean NIS over the runs lies in its 95 % chi-square band; None without innovations.
 
-    The degrees of freedom are the readings that arrived.
+    The degrees of freedom are the readings that arrived. None, too, where they come late: not all have an innovation
+    when they come.
     """
+    if core_of(rollout).sensors.horizon:
+        return None
     values = rollout.history["nis"]
     seen = np.isfinite(values)
     degrees = np.where(seen, rollout.history["available"].sum(-1), 0).sum(1)

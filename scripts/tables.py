@@ -348,6 +348,84 @@ def ablation(results: Path) -> str:
     return table(("Score", *estimators), rows)
 
 
+LATE = {"fused": "", "as new": ", as new", "discarded": ", discarded"}
+"""Ways with late readings, and what they add to the names of estimators."""
+
+
+def latency(results: Path) -> str:
+    """Score, position error and its NEES in the study of late fixes: in time, and by what is done with late ones."""
+    with (results / "episodes.csv").open(encoding="utf-8") as file:
+        episodes = sorted(csv.DictReader(file), key=lambda one: int(one["seed"]))
+    flown: dict[tuple[str, ...], dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
+    for one in episodes:
+        for figure in ("score", "position_rmse", "position_nees"):
+            flown[one["environment"], one["condition"], one["estimator"]][figure].append(float(one[figure] or "nan"))
+
+    def cell(*where: str) -> str:
+        of = {figure: np.array(values) for figure, values in flown[where].items()}
+        error, nees = number(of["position_rmse"], 2), number(of["position_nees"], 2)
+        return f"{shown(of['score'])}; {error} m; {nees}"
+
+    rows = [
+        (f"{environment.removesuffix('-v0')}, `{estimator}`", condition, cell(environment, "in time", estimator),
+         *(cell(environment, condition, estimator + way) for way in LATE.values()))
+        for environment in dict.fromkeys(one["environment"] for one in episodes)
+        for estimator in ("ekf", "enkf")
+        for condition in ("1 s late", "2 s late")
+    ]  # fmt: skip
+    return table(("score; position error; its NEES/n", "the fix is", "in time", *LATE), rows)
+
+
+GAP = 6.0
+"""Seconds after the start at which Segorogeni's fix is switched off."""
+
+
+def gap() -> str:
+    """What becomes of Segorogeni's position without a fix, and what `robust-kf` makes of its heading."""
+    fewer = {"told": {"R": 400.0}}
+    ways = (
+        Way("`ekf`", "ekf"),
+        *(Way(f"`robust-kf`, radius {radius:g}", "robust-kf", {"radius": radius}) for radius in (1e-4, 1e-3, 1e-2)),
+        Way("radius 0.01, readings with a twentieth of their noise", "robust-kf", {"radius": 1e-2} | fewer,
+            {"sensors": "clean"}),
+    )  # fmt: skip
+    times = (0.0, 2.0, 4.0, 6.0)
+    heads = ("after", *(f"{after:g} s [m]" for after in times), "claimed [m]", "a radian of heading moves it by [m]")
+    return table(heads, [(way.label, *_without_a_fix(way, times)) for way in ways])
+
+
+def _without_a_fix(way: Way, times: Sequence[float]) -> list[str]:
+    """RMS errors of the position so long after the fix was switched off; what is claimed at the end, and the gain."""
+    from agents.studies.worlds import system_of
+    from vessel_gym.core import Core
+    from vessel_gym.sensor_faults import SensorFault
+
+    off = [SensorFault("acoustic position", "off", begin=GAP)]
+    core = Core(system_of("SegorogeniAUV-v0"), SEEDS, way.estimator, way.options, sensor_faults=off, **way.world)
+    core.start(0)
+    x, heading, dt = [core.composition.names.index(name) for name in ("x", "y")], [0.0], core.vehicle.dt
+    cells, estimate, filter = [], core.loop.estimate, core.filter
+
+    def looked_at(readings: Any, u: np.ndarray, steps: np.ndarray) -> None:
+        predicted = filter.predict(core.belief, u)
+        C, R = filter.model.linearise_measurement(predicted.mean, u, predicted.cov)[1], filter.model.R
+        C = np.where(readings[1][..., None], C, 0.0)
+        gain = predicted.cov @ C.mT @ np.linalg.inv(C @ predicted.cov @ C.mT + R)
+        heading[0] = float(np.median(np.linalg.norm(gain[:, x, core.sensors.gives.index("psi")], axis=1)))
+        estimate(readings, u, steps)
+
+    core.loop.estimate = looked_at  # type: ignore[method-assign]
+    for step in range(1, round((GAP + times[-1]) / dt) + 1):
+        action = np.zeros((SEEDS, core.action_size))
+        action[:, 0] = 0.5 * np.sin(step / 20.0)
+        core.step(action)
+        if any(step == round((GAP + after) / dt) for after in times):
+            error = (core.estimated(core.truth) - core.belief.mean)[:, x]
+            cells.append(f"{np.sqrt(np.square(error).sum(1).mean()):.2f}")
+    variance = np.diagonal(core.belief.cov, axis1=1, axis2=2)[:, x]
+    return [*cells, f"{np.sqrt(variance.sum(1).mean()):.2f}", f"{heading[0]:.3g}"]
+
+
 def rows_of(page: Path) -> str:
     """The table alone of a report's page."""
     return "\n".join(line for line in page.read_text(encoding="utf-8").splitlines() if line.startswith("|"))
@@ -387,6 +465,8 @@ TABLES: dict[str, tuple[Path, Callable[[], str]]] = {
     "inputs": (ROOT / "docs/estimators/unknown-input.md", inputs),
     "faults": (ROOT / "docs/estimators/unknown-input.md", faults),
     "faults found": (ROOT / "docs/estimators/unknown-input.md", faults_found),
+    "latency": (ROOT / "docs/time-at-sea.md", lambda: latency(ROOT / "results/latency")),
+    "gap": (ROOT / "docs/time-at-sea.md", gap),
     "ablation": (README, lambda: ablation(ROOT / "results/ablation")),
     "shares": (README, lambda: rows_of(ROOT / "results/quick/tables/ranking.md")),
 }
@@ -396,8 +476,8 @@ TABLES: dict[str, tuple[Path, Callable[[], str]]] = {
 def main(names: tuple[str, ...] = tuple(TABLES), /) -> None:
     """Write tables of README.md and docs/ anew: dives, flights, faults and others are flown, in half an hour.
 
-    Those of studies are taken from results/ablation and results/quick, where `make ablation` and
-    `python -m scripts.ablate studies/quick.toml --out results/quick` leave them.
+    Those of studies are taken from results/ablation, results/quick and results/latency, where `make ablation` and
+    `python -m scripts.ablate studies/quick.toml --out results/quick` (or latency) leave them.
 
     Args:
         names: Which.

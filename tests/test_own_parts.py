@@ -26,7 +26,7 @@ def test_a_part_of_ones_own_takes_thirty_lines_at_most(module: str) -> None:
     assert len([line for line in code(module).splitlines() if line.strip()]) <= 30
 
 
-@pytest.mark.parametrize("page", PAGES.values())
+@pytest.mark.parametrize("page", [*PAGES.values(), "time-at-sea"])
 def test_what_else_a_page_shows_runs(page: str) -> None:
     for example in blocks(page, "python"):
         exec(compile(example, page, "exec"), {"__name__": "page"})

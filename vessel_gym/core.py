@@ -16,13 +16,15 @@ from estimators.linalg import shared_root
 from estimators.randomness import word
 from estimators.threads import each, shares
 from estimators.threefry import normal_pair, threefry
+from vessel_gym.arrivals import Readings
 from vessel_gym.checks import number, numbers, one_of
 from vessel_gym.checks import options as checked_options
 from vessel_gym.composition import Composition, Forces, acting_on, change_of
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.estimation import Estimation, EstimatorChoice, build, chosen_disturbance
-from vessel_gym.loop import Loop, Readings
+from vessel_gym.loop import Loop
 from vessel_gym.processes import stir
+from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Sensor, Sensors, columns
 from vessel_gym.system import Estimate, System
 
@@ -66,10 +68,11 @@ class Core:
         guidance: Whether the agent is told how to go on, by the path's errors where it is believed to be, or, of raw
             readings, where the last of them put it; None: where estimates are observed.
         num_threads: Threads that share the rows; no result depends on it.
+        sensor_faults: What goes wrong with the sensors, and when.
 
     Raises:
         ValueError: for a name that does not exist (saying which do) or a number out of range.
-        TypeError: for an option that the estimator does not have, or sensors or a disturbance that are none.
+        TypeError: for an option that the estimator does not have, or sensors, faults or a disturbance that are none.
     """
 
     def __init__(
@@ -85,6 +88,7 @@ class Core:
         ends: str | None = None,
         guidance: bool | None = None,
         num_threads: int = 1,
+        sensor_faults: Sequence[SensorFault] = (),
     ) -> None:
         for name, count in (("num_envs", num_envs), ("num_threads", num_threads)):
             if not whole(count) or count < 1:
@@ -103,7 +107,8 @@ class Core:
         self.sensors_name, self.disturbance_name = (
             name if isinstance(name, str) else "own" for name in (sensors, disturbance)
         )
-        self._chosen = sensors, disturbance, choice, checked_options("estimator_options", estimator_options)
+        estimator_options = checked_options("estimator_options", estimator_options)
+        self._chosen = sensors, sensor_faults, disturbance, choice, estimator_options
         self.loop: Loop
         self.held: Loop  # what raw readings give as they are, where they guide
         self.attach(system)
@@ -138,10 +143,10 @@ class Core:
 
     def attach(self, system: System) -> None:
         """Take what is the same for all copies from the system, and build the filter: a copied core needs it again."""
-        sensors, disturbance, estimator, options = self._chosen
+        sensors, sensor_faults, disturbance, estimator, options = self._chosen
         self.system, self.vehicle, self.task = system, system.vehicle, system.task
         vehicle = self.vehicle
-        self.sensors = system.sensors_of(sensors)
+        self.sensors = system.sensors_of(sensors, sensor_faults)
         self.forces = Forces(vehicle, chosen_disturbance(system, disturbance))
         estimation = build(system, estimator, options, self.sensors, self.forces.disturbance)
         self.composition = estimation.composition
@@ -226,7 +231,7 @@ class Core:
 
     @property
     def readings(self) -> Readings:
-        """What it was told last."""
+        """What has arrived last, of each channel the youngest."""
         return self.loop.readings
 
     @property
@@ -324,7 +329,8 @@ class Core:
         Args:
             rows: Indices of the environments; None: all.
             options: The task's reset options.
-            readings: Readings to use instead of the sensors' (for replays), ``(len(rows), p)`` each.
+            readings: Readings to use instead of the sensors' (for replays), ``(len(rows), p)`` each; where sensors are
+                late, ``loop.come`` holds those of a step, by age, ``(len(rows), ages, p)``.
 
         Raises:
             ValueError: for an option or a value that the task does not have, or readings of another shape.
@@ -333,7 +339,7 @@ class Core:
         rows = self._rows if rows is None else rows
         options = checked_options("options", options)
         if readings is not None:
-            readings = _arrived(readings, (len(rows), self.sensors.size))
+            readings = _arrived(readings, len(rows), self.sensors)
         loop, task, vehicle = self.loop, self.task, self.vehicle
         some = None if len(rows) == self.num_envs else rows  # all rows are faster as such
         at = slice(None) if some is None else rows
@@ -364,11 +370,11 @@ class Core:
             noise=noise, forcing=forcing, tally=tally, steps=steps, total=np.zeros(len(rows)),
             end=np.zeros(len(rows), int), action=np.zeros((len(rows), self.action_size)),
         )  # fmt: skip
+        injected = readings is not None
         if readings is None:
             outside = np.ascontiguousarray(forcing[:, : self.forces.outside])
             readings = loop.sense(state, outside, drifting[:, self._size :], steps, some)
-        y, available = loop.readings
-        loop.readings = _merged(y, some, readings[0]), _merged(available, some, readings[1])
+        readings = loop.receive(readings, steps, some, injected)
         u = self._known_input(actuators, actuators, task.commanded(course, steps))
         belief = loop.begin(some, self._known(prior, self.composition), self._handed(readings, rows), u)
         if hasattr(self, "held"):
@@ -423,7 +429,7 @@ class Core:
         if self.ends == "declaration":
             action, declared = action[:, :-1], action[:, -1] > DECLARED
         if readings is not None:
-            readings = _arrived(readings, self.loop.readings[0].shape)
+            readings = _arrived(readings, self.num_envs, self.sensors)
         vehicle, task, loop = self.vehicle, self.task, self.loop
         before = self.actuators
         after = self.actuators = self._rows_of(vehicle.actuate(before, action), self.num_envs)
@@ -439,7 +445,7 @@ class Core:
         else:
             moved = each(lambda rows: self._moved(rows, None, *(a[rows] for a in given)), self._parts, self.num_threads)
             self.state, *read = map(np.concatenate, zip(*moved, strict=True))
-        loop.readings = readings = read[0], read[1]
+        readings = loop.receive((read[0], read[1]), self.steps, None, readings is not None)
         loop.estimate(self._handed(readings), u, self.steps)
         if hasattr(self, "held"):
             self.held.estimate(readings, u, self.steps)
@@ -560,7 +566,7 @@ class Core:
         """What happened as it is kept, one row an environment: not to be written into."""
         belief, unknown_input = self.loop.belief, self.unknown_input
         input_mean = belief.input_mean
-        return {
+        happened = {
             "truth": self.truth,
             "unknown_input": unknown_input,
             "reference": self.reference,
@@ -572,6 +578,11 @@ class Core:
             "input_estimate": np.zeros(unknown_input.shape) if input_mean is None else input_mean,
             "parameters": self.parameters,
         }
+        if self.sensors.horizon:
+            happened["refused"] = self.loop.refused
+        if self.sensors.faults:
+            happened["sensor_faults"] = self.loop.faulty(self.steps)
+        return happened
 
     def checked(
         self, action: np.ndarray, ended: np.ndarray | None = None, shape: tuple[int, ...] | None = None
@@ -751,13 +762,15 @@ def whole(value: object) -> bool:
     return isinstance(value, int | np.integer) and not isinstance(value, bool)
 
 
-def _arrived(readings: Readings, shape: tuple[int, ...]) -> Readings:
+def _arrived(readings: Readings, rows: int, sensors: Sensors) -> Readings:
     """Injected readings as sensors give them: what is not finite did not arrive, and reads 0."""
     pair = readings if isinstance(readings, tuple | list) and len(readings) == 2 else (None, None)
     y, mask = (numbers(part) for part in pair)
     if y is None or mask is None:
         raise TypeError(f"readings must be two arrays, values and the mask of those that came, got {shown(readings)}")
-    if y.shape != shape or mask.shape != shape:
-        raise ValueError(f"readings have the shapes {y.shape} and {mask.shape}, expected {shape} each")
+    shapes = [(rows, sensors.size), (rows, sensors.horizon + 1, sensors.size)][: 2 if sensors.horizon else 1]
+    if y.shape != mask.shape or y.shape not in shapes:
+        expected = " each, or by age ".join(map(str, shapes))
+        raise ValueError(f"readings have the shapes {y.shape} and {mask.shape}, expected {expected} each")
     available = (mask != 0.0) & np.isfinite(y)
     return np.where(available, y, 0.0), available

@@ -17,6 +17,8 @@ from vessel_gym.disturbances import Disturbance
 from vessel_gym.sensors import Sensors
 from vessel_gym.system import System
 
+LATE = ("fused", "as new", "discarded")
+"""What is done with readings that come late: fused where they belong, taken for new ones, or thrown away."""
 ENVIRONMENT_ONLY = ("truth", "measurement", "dead-reckoning")
 
 
@@ -209,12 +211,14 @@ class Estimation:
         composition: What its model is composed of.
         prior: Factor on the covariance of what is known at the start.
         inputs: What is kept of the unknown input for scoring: the filter's d; if it has none, see `unknown_inputs`.
+        late: What is done with readings that come late: one of `LATE`.
     """
 
     filter: Filter
     composition: Composition
     prior: float
     inputs: tuple[str, ...]
+    late: str = LATE[0]
 
 
 def build(
@@ -230,12 +234,13 @@ def build(
         system: The environment's system.
         estimator: One of `estimator_names`, or a function of the model (and options) that returns a filter.
         options: The filter's own options, over the system's tuning; ``model`` chooses the kind of the filter's model,
-            ``told`` what it is told (see `Told`); the oracle knows better.
+            ``told`` what it is told (see `Told`), ``late`` what is done with late readings (one of `LATE`); the oracle
+            knows better.
         sensors: The sensors, which the filter knows.
         disturbance: What acts.
 
     Raises:
-        ValueError: for an unknown name, or a filter that cannot work with the model.
+        ValueError: for an unknown name or way with late readings, or a filter that cannot work with the model.
         TypeError: for an option that the filter does not have, options that are no dictionary, an object that is
             neither a name nor a function, or a function that returns no filter.
     """
@@ -248,7 +253,7 @@ def build(
     own = callable(estimator)
     if not own and (not isinstance(estimator, str) or estimator not in estimator_names()):
         raise ValueError(factory.unknown("estimator", estimator, accepted(system, sensors, disturbance)))
-    told = Told.of(options.pop("told", None))
+    told, late = Told.of(options.pop("told", None)), checks.one_of("value of late", options.pop("late", LATE[0]), LATE)
     if estimator == "truth":  # whatever the others are told, it knows what there is
         told = Told()
     default = system.filter_models.get(str(estimator), system.filter_model)
@@ -272,10 +277,10 @@ def build(
             raise TypeError(f"estimator must return an estimators.Filter, got {type(made).__name__}")
         check_own(made, composition)
         check_input(made, composition)
-        return Estimation(made, composition, told.prior, inputs)
+        return Estimation(made, composition, told.prior, inputs, late)
     assert isinstance(estimator, str)
     if estimator in ENVIRONMENT_ONLY and options:
-        raise TypeError(f"{estimator} has no option {next(iter(options))!r}: it takes model and told")
+        raise TypeError(f"{estimator} has no option {next(iter(options))!r}: it takes model, told and late")
     makers: dict[str, Callable[[], Filter]] = {
         "truth": lambda: Oracle(model.n, len(inputs)),
         "measurement": lambda: HeldMeasurement(composition, inputs),
@@ -285,7 +290,7 @@ def build(
     if model is not straight:  # what the filter calls the input of a step is that of the next one, or of the one before
         made.input_delay = 0 if composition.late else 1
     check_input(made, composition)
-    return Estimation(made, composition, told.prior, inputs)
+    return Estimation(made, composition, told.prior, inputs, late)
 
 
 def _made(system: System, name: str, options: dict[str, Any], composition: Composition, factor: float) -> Filter:

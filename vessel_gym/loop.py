@@ -4,18 +4,17 @@ from typing import Any
 
 import numpy as np
 
-from estimators import Belief, Gaussian, Numbers
+from estimators import Belief, Delayed, Gaussian, Numbers
+from vessel_gym.arrivals import Faulty, Readings, Transit, of_now, youngest
 from vessel_gym.estimation import Estimation, Oracle
 from vessel_gym.sensors import Sensors
-
-Readings = tuple[np.ndarray, np.ndarray]
-"""Readings ``(B, p)`` and the mask ``(B, p)`` of those that arrived."""
 
 
 class Loop:
     """Sensors, their randomness, and the filter and belief of B rows.
 
-    `sense` reads what is true; `begin` and `estimate` are handed readings, and nothing else.
+    `sense` reads what is true; `receive` says what of that arrives when, `begin` and `estimate` are handed what has,
+    and nothing else.
 
     Args:
         sensors: What is read.
@@ -23,7 +22,8 @@ class Loop:
         rows: B.
 
     Attributes:
-        readings: The last ones.
+        come: What has come last, ``(B, p)``, or by age ``(B, ages, p)`` where sensors are late,
+        readings: and of that the youngest reading of each channel.
         belief: What the filter believes.
     """
 
@@ -32,8 +32,13 @@ class Loop:
         self.attach(sensors, estimation)
         self._sensing = np.zeros((rows, len(sensors.each), 2), np.uint64)
         self._filtering = Numbers(np.zeros((rows, 2), np.uint64))
-        self.readings: Readings = np.zeros((rows, sensors.size)), np.zeros((rows, sensors.size), bool)
+        self._faults = Faulty(sensors, rows) if sensors.faults else None
+        self._transit = Transit(sensors, rows) if sensors.horizon else None
+        ages = (sensors.horizon + 1,) if sensors.horizon else ()
+        self.come: Readings = tuple(np.zeros((rows, *ages, sensors.size), kind) for kind in (float, bool))  # type: ignore
+        self.readings: Readings = youngest(self.come) if ages else self.come
         self.belief: Belief
+        self._refused = np.zeros(rows, int)
 
     def attach(self, sensors: Sensors, estimation: Estimation) -> None:
         """Take what is no state: a copy of a loop needs it again."""
@@ -41,8 +46,10 @@ class Loop:
         self.filter, self._prior_factor = estimation.filter, estimation.prior
         self.tells_truth = isinstance(self.filter, Oracle)
         """Whether the filter is the declared exception, whose reading is the truth."""
-        # A filter of somebody else's may write into what it is given; ours do not.
-        self._foreign = not self.filter._ours
+        self._late = estimation.late
+        self._fuses = self._late == "fused" and sensors.horizon > 0 and not self.tells_truth
+        self._asked: Any = Delayed(self.filter, sensors.horizon) if self._fuses else self.filter
+        self._plain = self.filter._ours and not self._fuses
 
     def __getstate__(self) -> dict[str, Any]:
         """All but what `attach` gives, which may hold functions that cannot be pickled."""
@@ -51,14 +58,36 @@ class Loop:
     def restart(self, rows: np.ndarray | slice, sensing: np.ndarray, filtering: np.ndarray) -> None:
         """Begin an episode of some rows, with keys ``(rows, sensors, 2)`` and ``(rows, 2)`` of the filter's numbers."""
         self._sensing[rows], self._filtering.keys[rows] = sensing, filtering
+        self._refused[rows] = 0
+        for part in (self._faults, self._transit):
+            if part is not None:
+                part.restart(rows, sensing)
 
     def sense(
         self, state: np.ndarray, forcing: np.ndarray, bias: np.ndarray, steps: np.ndarray,
         rows: np.ndarray | slice | None,
     ) -> Readings:  # fmt: skip
-        """Readings of rows (None: all) in a true ``state``, on which ``forcing`` acts, ``steps`` after their start."""
+        """What rows (None: all) read in a true ``state``, on which ``forcing`` acts, ``steps`` after their start."""
         keys = self._sensing if rows is None else self._sensing[rows]
         return self.sensors.read(state, forcing, bias, steps, keys)
+
+    def receive(
+        self, readings: Readings, steps: np.ndarray, rows: np.ndarray | None, injected: bool = False
+    ) -> Readings:
+        """What comes to rows (None: all) that are ``steps`` after their start, and have just read this.
+
+        Args:
+            readings: What `sense` gave.
+            steps: ``(rows,)``.
+            rows: Which.
+            injected: Whether these are what comes, ``(rows, p)`` or by age; nothing has been read then.
+        """
+        come = readings
+        if self._faults is not None or self._transit is not None:
+            come = self._delivered(readings, steps, slice(None) if rows is None else rows, injected)
+        self.come = _merged(self.come, rows, come)
+        self.readings = self.come if self._transit is None else youngest(self.come)
+        return come
 
     def begin(self, rows: np.ndarray | None, prior: Gaussian, readings: Readings, u: np.ndarray) -> Belief:
         """The belief of rows (None: all) after their first readings; those of the others stay.
@@ -73,11 +102,11 @@ class Loop:
         if self.filter.random:
             rng = self._filtering if rows is None else self._filtering[rows]
         prior = prior if self._prior_factor == 1.0 else Gaussian(prior.mean, self._prior_factor * prior.cov)
-        if self._foreign:
-            belief = self._update(self.filter.init(prior, rng=rng), readings, rng, u)
-        else:
+        if self._plain:
             y, available = self._told(readings)
             belief = self.filter._corrected(self.filter._started(prior, rng, u), y, available, None, rng)
+        else:
+            belief = self._update(self._asked.init(prior, rng=rng), readings, rng, u)
         if rows is None:
             self.belief = belief
         else:
@@ -87,20 +116,64 @@ class Loop:
     def estimate(self, readings: Readings, u: np.ndarray, steps: np.ndarray) -> None:
         """One step of all rows, after which they are ``steps (B,)`` on: the known input, then what was read."""
         rng = self._filtering.at(steps.copy()) if self.filter.random else None  # the core counts on in place
-        if self._foreign:
-            self.belief = self._update(self.filter.predict(self.belief, u, rng=rng), readings, rng)
-        else:
+        if self._plain:
             self.belief = self.filter._advance(self.belief, u, *self._told(readings), rng)
+        else:
+            self.belief = self._update(self._asked.predict(self.belief, u, rng=rng), readings, rng)
+
+    def faulty(self, steps: np.ndarray) -> np.ndarray:
+        """Which of the sensors' faults act in rows that are ``steps (B,)`` after their start: ``(B, faults)``."""
+        return np.zeros((self.rows, 0), bool) if self._faults is None else self._faults.on(steps)
+
+    @property
+    def refused(self) -> np.ndarray:
+        """Readings since each row's start that came too late for its filter to take in ``(B,)``."""
+        refused = self._refused if self._transit is None else self._refused + self._transit.lost
+        return refused + self.belief.refused if self._fuses else refused
+
+    def _delivered(self, readings: Readings, steps: np.ndarray, rows: np.ndarray | slice, injected: bool) -> Readings:
+        """What comes at sea of what is read, or is injected."""
+        taken = readings
+        if self._faults is not None and not injected:
+            taken = self._faults.spoil(taken, steps, rows)
+        if self._transit is None:
+            return taken
+        if injected:
+            taken = np.zeros((len(steps), self.sensors.size)), np.zeros((len(steps), self.sensors.size), bool)
+        come = self._transit.carry(taken, steps, self._sensing[rows], rows)
+        if injected:
+            come = readings if readings[0].ndim == 3 else of_now(readings, self.sensors.horizon)
+        self._refused[rows] += self._neglected(come[1])
+        return come
 
     def _update(self, belief: Belief, readings: Readings, rng: Numbers | None, u: np.ndarray | None = None) -> Belief:
         y, available = self._told(readings)
-        if self._foreign:
+        if not self.filter._ours:  # somebody else's may write into what it is given; ours do not
             y, available = y.copy(), None if available is None else available.copy()
-        return self.filter.update(belief, y, rng=rng, available=available, u=u)
+        return self._asked.update(belief, y, rng=rng, available=available, u=u)
 
     def _told(self, readings: Readings) -> tuple[np.ndarray, np.ndarray | None]:
         """Readings and mask, as filters take them."""
-        return (readings[0], None) if self.tells_truth else readings
+        if self.tells_truth:
+            return readings[0], None
+        if self._fuses or readings[0].ndim == 2:
+            return readings
+        return youngest(readings) if self._late == "as new" else (readings[0][:, 0], readings[1][:, 0])
+
+    def _neglected(self, arrived: np.ndarray) -> Any:
+        """How many of the readings that have come ``(rows, ages, p)`` no filter is told of, ``(rows,)``."""
+        if self._late == "as new":
+            return arrived.sum((1, 2)) - arrived.any(1).sum(1)
+        return arrived[:, 1:].sum((1, 2)) if self._late == "discarded" else 0
 
 
-_ATTACHED = ("sensors", "composition", "filter")
+def _merged(whole: Readings, rows: np.ndarray | None, some: Readings) -> Readings:
+    """Readings with those of some rows in their place; None: of all."""
+    if rows is None:
+        return some
+    y, available = whole[0].copy(), whole[1].copy()
+    y[rows], available[rows] = some
+    return y, available
+
+
+_ATTACHED = ("sensors", "composition", "filter", "_asked")

@@ -17,6 +17,7 @@ from estimators.factory import unknown
 from estimators.threefry import normals_of_rows, words_of_rows
 from vessel_gym.checks import numbers
 from vessel_gym.processes import Process, linear
+from vessel_gym.sensor_faults import SensorFault
 
 Known = Mapping[str, np.ndarray]
 """States by name, ``(...)`` each, that sensors before have given; what else they found may be there, too."""
@@ -96,6 +97,11 @@ class Sensor:
             before it have given, that returns states by name; None: what it ``gives``.
         informs: For each channel the states that it may correct in an ensemble; None: those on which its reading
             depends, at once or two steps on.
+        latency: Seconds from a measurement to its arrival,
+        jitter: and the most that may be added to them: each reading comes later by any whole number of steps up to
+            that, so that one may overtake another.
+        clock: The most by which its clock may be wrong [s]: its time stamps tell a whole number of steps, drawn in each
+            episode, too much or too little; never a time to come.
     """
 
     name: str
@@ -113,6 +119,9 @@ class Sensor:
     gives: tuple[str | None, ...] | None = None
     inverse: Callable[[np.ndarray, Known], Known] | None = None
     informs: tuple[tuple[str, ...], ...] | None = None
+    latency: float = 0.0
+    jitter: float = 0.0
+    clock: float = 0.0
 
     def __post_init__(self) -> None:
         k = len(self.channels)
@@ -132,6 +141,8 @@ class Sensor:
         for name in ("dropout", "outliers"):
             number(f"{name} of {self.name}", getattr(self, name), low=-1e-300, high=1.0 + 1e-15, what="0 to 1")
         number(f"outlier_scale of {self.name}", self.outlier_scale, low=-1e-300, what="0 or more")
+        for name in ("latency", "jitter", "clock"):
+            number(f"{name} of {self.name}", getattr(self, name), low=-1e-300, what="0 s or more")
         for ends in self.range or ():
             pair = numbers(ends)
             if pair is None or pair.shape != (2,) or not pair[0] < pair[1]:
@@ -166,6 +177,33 @@ class Sensor:
                 "readings would fall between steps"
             )
         return round(steps)
+
+    def delays(self, dt: float) -> tuple[int, int, int]:
+        """Latency, jitter and error of the clock in steps of ``dt`` [s].
+
+        Raises:
+            ValueError: if they are no whole numbers of steps, or too many together.
+        """
+        counts = []
+        for name in ("latency", "jitter", "clock"):
+            seconds = getattr(self, name)
+            steps = seconds / dt
+            if abs(steps - np.rint(steps)) > 1e-6 * max(steps, 1.0):
+                raise ValueError(
+                    f"{name} of {self.name} is {seconds:g} s, which is no whole number of steps of {dt:g} s: its "
+                    "readings would arrive between steps"
+                )
+            counts.append(steps)
+        if sum(counts) > LONGEST:
+            raise ValueError(
+                f"latency, jitter and clock of {self.name} are {sum(counts):g} steps together, of {LONGEST} at most"
+            )
+        latency, jitter, clock = map(round, counts)
+        return latency, jitter, clock
+
+
+LONGEST = 1000
+"""How many steps a reading may be late: all that long everything is kept."""
 
 
 @dataclass(frozen=True)
@@ -207,19 +245,30 @@ class Sensors:
         states: Names of the components of the vehicle's state.
         forcing: Of its forcing.
         dt: Time step [s].
+        faults: What goes wrong with them, and when.
 
     Attributes:
         size: p, the number of channels.
+        delays: ``(sensors, 3)`` latency, jitter and error of the clock of each, in steps.
+        horizon: How many steps late a reading may be, or be said to be.
         bias: How all biases move.
         bias_shown: ``(p, k)`` how their states show in the readings.
 
     Raises:
-        TypeError: for what is no sensor.
+        TypeError: for what is no sensor, or no fault of one.
         ValueError: for none, two of a name, a bias that is called as something else, a rate that does not divide the
-            steps', or a function ``reads`` that does not give a value for each channel or does not broadcast.
+            steps', a delay of no whole steps, a function ``reads`` that does not give a value for each channel or does
+            not broadcast, or the fault of a sensor that there is not, or has another number of channels.
     """
 
-    def __init__(self, sensors: Sequence[Sensor], states: tuple[str, ...], forcing: tuple[str, ...], dt: float) -> None:
+    def __init__(
+        self,
+        sensors: Sequence[Sensor],
+        states: tuple[str, ...],
+        forcing: tuple[str, ...],
+        dt: float,
+        faults: Sequence[SensorFault] = (),
+    ) -> None:
         self.each = tuple(sensors)
         if not self.each or not all(isinstance(sensor, Sensor) for sensor in self.each):
             raise TypeError(f"sensors must be Sensor objects, one at least, got {shown(sensors)}")
@@ -237,6 +286,9 @@ class Sensors:
         self._of_channels = np.array([self.sd, *np.array(ranges, float).T])
         each = [(s.dropout, s.outliers, s.outlier_scale, s.period(dt), own.start, own.stop) for s, own in self._owning]
         self._of_sensors = np.array(each)
+        self.delays = np.array([sensor.delays(dt) for sensor in self.each])
+        self.horizon = int(self.delays.sum(1).max())
+        self.faults = self._checked_faults(faults, names)
         self.angles = tuple(own.start + i for s, own in self._owning for i in s.angles)
         self.scale = np.array([x for s in self.each for x in (s.scale or (1.0,) * len(s.channels))])
         self.channels = tuple(channel for sensor in self.each for channel in sensor.channels)
@@ -285,6 +337,19 @@ class Sensors:
             for name in sensor.gives or ():
                 if name is not None and name not in self.state_names + self.forcing_names:
                     raise ValueError(unknown(f"state that {sensor.name} gives", name, self.state_names))
+
+    def _checked_faults(self, faults: Any, names: list[str]) -> tuple[SensorFault, ...]:
+        listed = isinstance(faults, list | tuple) and all(isinstance(fault, SensorFault) for fault in faults)
+        if not listed:
+            raise TypeError(f"sensor_faults must be a list of SensorFault objects, got {shown(faults)}")
+        for fault in faults:
+            if fault.sensor not in names:
+                raise ValueError(unknown("sensor of sensor_faults", fault.sensor, names))
+            channels = len(self.each[names.index(fault.sensor)].channels)
+            if np.size(fault.size) not in (1, channels):
+                raise ValueError(f"{fault.sensor} has {channels} channels, so size of {fault} must be one number or "
+                                 f"{channels}, got {shown(fault.size)}")  # fmt: skip
+        return tuple(faults)
 
     def exact(self, state: np.ndarray, forcing: np.ndarray, bias: np.ndarray | None = None) -> np.ndarray:
         """What they would read without noise ``(..., p)``, laid out in memory as the state is.

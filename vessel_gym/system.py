@@ -9,6 +9,7 @@ import numpy as np
 from estimators.checks import shown
 from vessel_gym.checks import one_of
 from vessel_gym.disturbances import Disturbance
+from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import SUITES, Sensor, Sensors
 from vessel_gym.tasks.task import Estimate, Task
 
@@ -170,12 +171,12 @@ class System:
     filter_models: Mapping[str, str] = field(default_factory=dict)
     sensors: tuple[Sensor, ...] | None = None
 
-    def sensors_of(self, choice: "str | Sequence[Sensor]") -> Sensors:
-        """Its sensors in the quality of a suite by name, or somebody's own.
+    def sensors_of(self, choice: "str | Sequence[Sensor]", faults: Sequence[SensorFault] = ()) -> Sensors:
+        """Its sensors in the quality of a suite by name, or somebody's own, with their faults.
 
         Raises:
             ValueError: for a name that there is not, or sensors that do not fit the vehicle, see `Sensors`.
-            TypeError: for what is no sensor.
+            TypeError: for what is no sensor, or no fault of one.
         """
         vehicle = self.vehicle
         if isinstance(choice, str):
@@ -183,4 +184,4 @@ class System:
             choice = suite.of(vehicle.sensors if self.sensors is None else self.sensors)
         elif not (isinstance(choice, list | tuple) and choice and all(isinstance(part, Sensor) for part in choice)):
             raise TypeError(f"sensors must be one of {', '.join(SUITES)}, or Sensor objects, got {shown(choice)}")
-        return Sensors(choice, vehicle.state_names, vehicle.kicks + vehicle.flows, vehicle.dt)
+        return Sensors(choice, vehicle.state_names, vehicle.kicks + vehicle.flows, vehicle.dt, faults)

@@ -74,7 +74,7 @@ def example(environment: str, options: dict[str, Any], agent: str, seed: int, ow
         episode ended, empty for its time limit. Lines are thinned to `POINTS`.
     """
     import_own(own)
-    pilot, options = classical_pilot(agent, environment), environment_options(options)
+    pilot, options = classical_pilot(agent, environment), environment_options(environment, options)
     flown = rollout(pilot, environment_id(environment), [seed], options)
     task = core_of(flown).task
     views = (CircleTrack, _track), (TurningCircle, _turn), (Dive, _dive), (Flight, _flight)

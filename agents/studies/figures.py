@@ -24,7 +24,10 @@ ALL = "All"
 """Heading of what holds for all environments together."""
 _MARKS = "os^vDP<>Xp*h"
 _LINES = ("-", "--", "-.", ":")
-AXES = {"disturbance": "disturbance", "sensors": "sensor suite", "mismatch": "mismatch of the model"}
+AXES = {
+    "disturbance": "disturbance", "sensors": "sensor suite", "mismatch": "mismatch of the model", "latency": "latency",
+    "faults": "faults of sensors",
+}  # fmt: skip
 """What conditions differ in, and what that is called."""
 _ORDER = {"disturbance": ("calm", "moderate", "rough"), "sensors": ("clean", "nominal", "degraded")}
 
@@ -221,10 +224,10 @@ def _box(column: int, row: int) -> Any:
 def along(results: Results, axis: str) -> list[Condition]:
     """The conditions that differ from the first in one axis alone, the first among them, in the axis' order."""
     first, *others = results.plan.study.conditions
-    found: dict[Any, Condition] = {getattr(first, axis): first}
+    found: dict[Any, Condition] = {_value(first, axis): first}
     for other in others:
         if {name for name in AXES if getattr(other, name) != getattr(first, name)} == {axis}:
-            found.setdefault(getattr(other, axis), other)
+            found.setdefault(_value(other, axis), other)
     order = _ORDER.get(axis)
     return [found[value] for value in sorted(found, key=order.index if order and set(found) <= set(order) else None)]
 
@@ -284,9 +287,20 @@ def _curve(
         )  # fmt: skip
 
 
+def _value(condition: Condition, axis: str) -> Any:
+    """Where a condition stands on an axis: latencies by the longest, faults by what the study calls them."""
+    if axis == "latency":
+        return max(condition.latency.values(), default=0.0)
+    if axis == "faults":
+        return condition.name if condition.faults else ""
+    return getattr(condition, axis)
+
+
 def _level(condition: Condition, axis: str) -> str:
-    value = getattr(condition, axis)
-    return f"{100 * value:g} %" if axis == "mismatch" else value
+    value = _value(condition, axis)
+    if axis in ("mismatch", "latency"):
+        return f"{100 * value:g} %" if axis == "mismatch" else f"{value:g} s"
+    return value or "none"
 
 
 def cost_figure(results: Results) -> "Figure | None":

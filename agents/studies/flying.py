@@ -45,7 +45,7 @@ def fly(
         _pilot(agent, environment, needs),
         environment_id(environment),
         evaluation_seeds(episodes),
-        environment_options(options),
+        environment_options(environment, options),
     )
     return {
         "figures": scores(flown),

@@ -3,7 +3,8 @@
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from agents.ppo import MEMORIES, describe
 from agents.seeds import evaluation_seeds
 from agents.studies.worlds import CLASSICAL, environment_id, has_pilot, known_estimator, refusal, system_of
 from estimators.factory import unknown
+from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import SUITES
 
 ORACLE, FLOOR = "truth", "dead-reckoning"
@@ -95,17 +97,23 @@ class Condition:
         sensors: Sensor suite, or ``"module:object"``: a list of sensors of one's own.
         disturbance: Sea, water or air by name, or ``"module:object"``: one's own.
         mismatch: Relative spread of the truth's parameters around the filters'.
+        latency: Seconds by which sensors are late, by name; an environment has those of them that it has.
+        faults: What goes wrong with sensors, likewise: fields of a `vessel_gym.sensor_faults.SensorFault` each.
     """
 
     name: str
     sensors: str = "nominal"
     disturbance: str = "moderate"
     mismatch: float = 0.0
+    latency: dict[str, float] = field(default_factory=dict)
+    faults: tuple[dict[str, Any], ...] = ()
 
     @property
     def options(self) -> dict[str, Any]:
-        """As options of an environment."""
-        return {"sensors": self.sensors, "disturbance": self.disturbance, "mismatch": self.mismatch}
+        """As options of an environment, see `agents.studies.worlds.environment_options`."""
+        chosen = {"sensors": self.sensors, "disturbance": self.disturbance, "mismatch": self.mismatch}
+        at_sea = {"latency": self.latency, "faults": list(self.faults)}
+        return chosen | {key: value for key, value in at_sea.items() if value}
 
 
 @dataclass(frozen=True)
@@ -192,7 +200,7 @@ _SECTIONS: dict[str, tuple[str, ...]] = {
     "environments": (),
     "estimators": ("estimator", "options", "environments"),
     "agents": ("kind", "observe", "memory", "trained_on", "steps", "environments"),
-    "conditions": ("sensors", "disturbance", "mismatch"),
+    "conditions": ("sensors", "disturbance", "mismatch", "latency", "faults"),
 }
 _NUMBERS = {"episodes": 2, "training_seeds": 1}
 _MOST_TRAINING_SEEDS, _MOST_STEPS = 1000, 2**31 - 1
@@ -254,6 +262,8 @@ class _Reader:
                 "disturbance", condition.disturbance, system_of(world).disturbances,
                 ("conditions", condition.name, "disturbance"),
             )  # fmt: skip
+        for condition in study.conditions:
+            self.check_time(condition, worlds)
         for estimator in study.estimators:
             place = ("estimators", estimator.name)
             wrong = None if estimator.estimator == DEFAULT else known_estimator(estimator.estimator)
@@ -273,6 +283,23 @@ class _Reader:
                 if world in (agent.environments or worlds):
                     described = (environment_id(world), None, 0, agent.steps.get(world), agent.memory)
                     self.accepts((*place, "steps"), describe, *described)
+
+    def check_time(self, condition: Condition, worlds: Sequence[str]) -> None:
+        """A sensor that is late, or fails, is one of some environment, and is so as that takes it."""
+        place = ("conditions", condition.name)
+        if not (condition.latency or condition.faults) or ":" in condition.sensors + condition.disturbance:
+            return
+        known = dict.fromkeys(s.name for world in worlds for s in system_of(world).sensors_of("nominal").each)
+        named = [
+            *(("latency", name) for name in condition.latency),
+            *(("faults", f["sensor"]) for f in condition.faults),
+        ]
+        for key, name in named if worlds else ():
+            self.name("sensor", name, known, (*place, key))
+        for world in worlds if all(name in known for _, name in named) else ():
+            error = refusal(world, {"estimator": ORACLE} | condition.options)
+            if error is not None:
+                self.wrong(place, f"{world} refuses the condition {condition.name}: {error}")
 
     def check_estimator(self, place: Place, estimator: Estimator, worlds: Sequence[str]) -> None:
         """An estimator may be refused by some environments, but not by all, and not for its options."""
@@ -366,11 +393,26 @@ class _Reader:
                 self.value(place, table, "sensors", str, "a name", "nominal"),
                 self.value(place, table, "disturbance", str, "a name", "moderate"),
                 float(mismatch),
+                self.value(place, table, "latency", dict, "a table of seconds by sensor", {}),
+                self.faults(place, table),
             )
             if ":" not in condition.sensors:
                 self.name("sensor suite", condition.sensors, SUITES, (*place, "sensors"))
             found.append(condition)
         return tuple(found) or (Condition("nominal"),)
+
+    def faults(self, place: Place, table: dict[str, Any]) -> tuple[dict[str, Any], ...]:
+        """The faults of a condition that are some."""
+        faults = self.value(place, table, "faults", list, "a list of tables", [])
+        known = [each.name for each in fields(SensorFault)]
+        good = []
+        for fault in faults:
+            if not isinstance(fault, dict) or not {"sensor", "kind"} <= set(fault) <= set(known):
+                text = f"faults must be tables of sensor, kind and perhaps size, begin, end, got {fault!r}"
+                self.wrong((*place, "faults"), text)
+            elif self.accepts((*place, "faults"), partial(SensorFault, **fault)):
+                good.append(fault)
+        return tuple(good)
 
     # --- pieces -----------------------------------------------------------------------------------
 

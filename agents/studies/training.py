@@ -34,7 +34,7 @@ def train_agent(
     from agents.checkpoint import description
     from agents.ppo import train
 
-    train(environment_id(environment), artifact, environment_options(options), seed, steps, memory=memory)
+    train(environment_id(environment), artifact, environment_options(environment, options), seed, steps, memory=memory)
     described = description(artifact)
     assert described is not None
     return {"steps": described["trained_steps"]}

@@ -1,5 +1,6 @@
 """What a study names, made real: environments, estimators and agents, the package's own or ``module:object``."""
 
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -13,6 +14,7 @@ from agents.source import source_digest
 from estimators.factory import unknown
 from vessel_gym.envs import VesselVectorEnv
 from vessel_gym.estimation import estimator_names
+from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.system import System
 
 CLASSICAL = AUTOPILOT
@@ -62,10 +64,23 @@ def system_of(name: str) -> System:
     return vector_class(environment_id(name)).system  # type: ignore[attr-defined]
 
 
-def environment_options(options: dict[str, Any]) -> dict[str, Any]:
-    """Options as an environment takes them: estimator, sensors and disturbance of one's own imported."""
+def environment_options(environment: str, options: dict[str, Any]) -> dict[str, Any]:
+    """A study's options as an environment takes them.
+
+    Estimator, sensors and disturbance of one's own are imported; of late sensors and faults those are taken that the
+    environment has.
+    """
     names = {key: options[key] for key in ("estimator", "sensors", "disturbance") if key in options}
-    return options | {key: named_object(name) if ":" in name else name for key, name in names.items()}
+    made = options | {key: named_object(name) if ":" in name else name for key, name in names.items()}
+    latency, faults = made.pop("latency", {}), made.pop("faults", ())
+    if not latency and not faults:
+        return made
+    each = system_of(environment).sensors_of(made.get("sensors", "nominal")).each
+    there = {sensor.name for sensor in each}
+    return made | {
+        "sensors": [replace(sensor, latency=latency.get(sensor.name, sensor.latency)) for sensor in each],
+        "sensor_faults": [SensorFault(**fault) for fault in faults if fault["sensor"] in there],
+    }
 
 
 def has_pilot(agent: str, environment: str) -> bool:
@@ -81,7 +96,7 @@ def classical_pilot(agent: str, environment: str) -> Any:
 def refusal(name: str, options: dict[str, Any]) -> Exception | None:
     """Why an environment refuses options: a ValueError if it cannot carry the estimator, a TypeError for an option."""
     try:
-        gym.make_vec(environment_id(name), num_envs=1, **environment_options(options)).close()
+        gym.make_vec(environment_id(name), num_envs=1, **environment_options(name, options)).close()
     except (ValueError, TypeError) as error:
         return error
     return None

@@ -63,3 +63,29 @@ def test_the_table_of_a_study_is_made_of_its_episodes(tmp_path: Path):
 def test_a_table_that_does_not_exist_is_refused():
     with pytest.raises(Refusal, match="known are segorogeni"):
         tables.main(("nobody",))
+
+
+def test_the_table_of_late_fixes_is_made_of_its_episodes(tmp_path: Path):
+    lines = ["environment,condition,estimator,seed,score,position_rmse,position_nees", "A-v0,in time,truth,0,1.0,0.0,"]
+    for estimator in ("ekf", "enkf"):
+        for way, error in (("", 1.0), (", as new", 2.0), (", discarded", 3.0)):
+            for condition in ("in time", "1 s late", "2 s late"):
+                lines += [f'A-v0,{condition},"{estimator}{way}",{seed},0.5,{error + seed},1.5' for seed in range(2)]
+    (tmp_path / "episodes.csv").write_text("\n".join(lines))
+    rows = tables.latency(tmp_path).splitlines()
+    assert len(rows) == 2 + 4
+    cells = rows[2].strip("| ").split(" | ")
+    assert cells[:2] == ["A, `ekf`", "1 s late"]
+    assert [cell.split("; ")[1] for cell in cells[2:]] == ["1.50 m", "1.50 m", "2.50 m", "3.50 m"]
+    assert cells[2].endswith("0.500 ± 0.000; 1.50 m; 1.50")
+
+
+@pytest.mark.slow
+def test_a_robust_filter_without_a_fix_is_moved_by_the_noise_of_its_other_readings(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(tables, "SEEDS", 8)
+    ekf, *_, robust, quiet = (line.strip("| ").split(" | ") for line in tables.gap().splitlines()[2:])
+    (sure, gain), (doubtful, large), (_, same) = ((float(row[4]), float(row[6])) for row in (ekf, robust, quiet))
+    assert doubtful > 10.0 * sure
+    assert large > 500.0 * gain
+    assert same == pytest.approx(large, rel=0.2)
+    assert float(quiet[4]) < 0.3 * doubtful

@@ -74,7 +74,12 @@ def fly(mode: AutoresetMode, env_id: str, steps: int, **options: Any) -> dict[tu
 @with_and_without_randomness_of_its_own
 @every_environment
 def test_the_episodes_of_a_row_are_the_same_in_every_mode_and_in_a_single_environment(env_id: str, estimator: str):
-    options = {"estimator": estimator, "estimator_options": FEW_MEMBERS.get(estimator), "max_episode_steps": 25} | ROUGH
+    assert_same_in_every_mode(env_id, estimator, **ROUGH)
+
+
+def assert_same_in_every_mode(env_id: str, estimator: str, **options: Any) -> None:
+    """That episodes of a batch, in each mode, are those of single environments."""
+    options |= {"estimator": estimator, "estimator_options": FEW_MEMBERS.get(estimator), "max_episode_steps": 25}
     modes = {mode: fly(mode, env_id, 56, **options) for mode in MODES}
     complete = 0
     for row in range(ROWS):

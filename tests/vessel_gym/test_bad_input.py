@@ -34,7 +34,7 @@ def refusal(expected: type[Exception] | tuple[type[Exception], ...], call: Any, 
         call(*args, **kwargs)
     message = str(caught.value)
     assert "\n" not in message
-    assert 10 < len(message) < 330, message
+    assert 10 < len(message) < 350, message
     return message
 
 

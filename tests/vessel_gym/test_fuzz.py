@@ -47,15 +47,18 @@ def told(draw: Any) -> Any:
 ARGUMENTS = {  # what is, or nearly is, right
     "estimator": st.sampled_from([*estimator_names(), "kf-umv", "EKF"]),
     # What a filter makes of the values of its own options is tested with the filters.
-    "estimator_options": st.fixed_dictionaries({"model": JUNK}) | st.fixed_dictionaries({"told": told()}),
+    "estimator_options": st.fixed_dictionaries({"model": JUNK})
+    | st.fixed_dictionaries({"told": told()})
+    | st.fixed_dictionaries({"late": st.sampled_from(["fused", "as new", "discarded", "late"]) | JUNK}),
     "sensors": st.sampled_from([*SUITES, "clen"]),
     "disturbance": st.sampled_from(["calm", "Rough"]),
     "mismatch": st.floats(0.0, 0.3),
     "observe": st.sampled_from(["mean+std", "measurement", "means"]),
     "render_mode": st.sampled_from([None, "ansi"]),
+    "sensor_faults": st.just([]) | st.lists(JUNK, max_size=2),
 }
 OTHER_WORDS = {
-    "estimator": ("needs",), "estimator_options": ("has no option", "model", "told", "disturbance"),
+    "estimator": ("needs",), "estimator_options": ("has no option", "model", "told", "disturbance", "late"),
     "sensors": ("sensor suite",), "render_mode": ("argument",),
 }  # fmt: skip
 NUMBERS = st.floats(-300.0, 900.0) | EXTREME

@@ -12,6 +12,7 @@ from vessel_gym.core import Core, whole
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.envs.shared import action_space, check_render_mode, first_seed, observation_space
 from vessel_gym.estimation import EstimatorChoice
+from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Sensor
 from vessel_gym.system import System
 
@@ -25,7 +26,8 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
             or your own: an `estimators.Filter` subclass, or a function of the model that returns a filter.
         estimator_options: Options of that estimator, over the environment's tuning; ``model``
             chooses the filter's model where there are several, ``told`` what it is told of the world
-            (see `vessel_gym.estimation.Told`).
+            (see `vessel_gym.estimation.Told`), ``late`` what it does with readings that come late: ``"fused"``
+            where they belong (the default), ``"as new"`` or ``"discarded"``.
         sensors: ``"clean"``, ``"nominal"`` or ``"degraded"`` (10 % drop-outs, 5 % outliers), or your own: a list of
             `vessel_gym.sensors.Sensor`, to which those of ``system.vehicle.sensors`` may belong.
         disturbance: ``"calm"``, ``"moderate"`` or ``"rough"``, or your own: a `vessel_gym.disturbances.Disturbance`.
@@ -38,10 +40,15 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
             the last of them put it; without, it sees estimates or readings as they are, and the mission. Default:
             where estimates are observed.
         render_mode: ``None``, ``"human"`` or ``"rgb_array"``.
+        sensor_faults: What goes wrong with sensors, and when: a list of `vessel_gym.sensor_faults.SensorFault`.
+
+    Where sensors are late (`vessel_gym.sensors.Sensor`), ``info["refused"]`` counts the readings of the episode that
+    came too late for the estimator; where they have faults, ``info["sensor_faults"]`` says which act.
 
     Raises:
         ValueError: for a name that does not exist, or a filter that the model cannot carry.
-        TypeError: for an argument that there is not, or an option that the estimator does not have.
+        TypeError: for an argument that there is not, an option that the estimator does not have, or sensors or faults
+            that are none.
     """
 
     metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 20}
@@ -58,13 +65,15 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
         ends: str | None = None,
         guidance: bool | None = None,
         render_mode: str | None = None,
+        sensor_faults: Sequence[SensorFault] = (),
         **others: Any,
     ) -> None:
         no_others(self.system.name, type(self), others)
         check_render_mode(render_mode, self.metadata)
         self.core = Core(
-            self.system, 1, estimator, estimator_options, sensors, disturbance, mismatch, observe, ends, guidance
-        )
+            self.system, 1, estimator, estimator_options, sensors, disturbance, mismatch, observe, ends, guidance,
+            sensor_faults=sensor_faults,
+        )  # fmt: skip
         self.observation_space = observation_space(self.core)
         self.action_space = action_space(self.core)
         self._shape = self.action_space.shape

@@ -15,6 +15,7 @@ from vessel_gym.core import Core, whole
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.envs.shared import action_space, check_render_mode, first_seed, observation_space
 from vessel_gym.estimation import EstimatorChoice
+from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Sensor
 from vessel_gym.system import System
 
@@ -51,6 +52,7 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             whatever is your own, stays in the calling thread. No result depends on it, to the last bit. It pays where a
             step takes milliseconds: from thousands of rows on, or 110 with an ensemble of 100 members. An ensemble asks
             the functions of a vehicle, a disturbance or a sensor of your own from several threads at once.
+        sensor_faults: See `VesselEnv`.
 
     Raises:
         ValueError: as `VesselEnv`, and for a ``num_envs`` or ``num_threads`` that is not a positive whole number, or
@@ -75,6 +77,7 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
         num_threads: int = 1,
+        sensor_faults: Sequence[SensorFault] = (),
         **others: Any,
     ) -> None:
         no_others(self.system.name, type(self), others)
@@ -85,7 +88,7 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.metadata = self.metadata | {"autoreset_mode": self.autoreset_mode}
         self.core = Core(
             self.system, num_envs, estimator, estimator_options, sensors, disturbance, mismatch, observe, ends,
-            guidance, num_threads,
+            guidance, num_threads, sensor_faults,
         )  # fmt: skip
         self.num_envs = num_envs
         self.max_episode_steps = max_episode_steps

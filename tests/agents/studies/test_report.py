@@ -267,7 +267,10 @@ def test_an_agent_of_ones_own_may_be_the_classical_one():
     mine = Agent("mine", "agents.pilots.dive:DiveAutopilot")
     found = results(study((SEGOROGENI,), (mine,), conditions=CONDITIONS[:1]))
     assert "on it mine keeps" in answer(found)[0]
-    assert "The study varies no disturbance, sensor suite and mismatch" in render(page(found, OUT))
+    assert (
+        "The study varies no disturbance, sensor suite, mismatch of the model, latency and faults of sensors"
+        in render(page(found, OUT))
+    )
 
 
 def test_the_price_is_what_the_score_on_the_truth_is_higher(classical, plain):

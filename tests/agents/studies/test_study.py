@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from agents.studies.study import Study, StudyError, read_study
+from agents.studies.worlds import environment_options, system_of
 
 SMALL = """
 title = "A small study"
@@ -82,11 +83,11 @@ def test_what_is_left_out_has_its_documented_default(tmp_path):
 def test_a_resolved_study_is_plain_data_with_every_default(tmp_path):
     resolved = read(tmp_path, SMALL).resolved()
     assert json.loads(json.dumps(resolved))["conditions"][1] == {
-        "name": "rough", "sensors": "nominal", "disturbance": "rough", "mismatch": 0.1
+        "name": "rough", "sensors": "nominal", "disturbance": "rough", "mismatch": 0.1, "latency": {}, "faults": []
     }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", ["quick", "corvette", "learned", "full"])
+@pytest.mark.parametrize("name", ["quick", "corvette", "learned", "full", "latency"])
 def test_the_studies_of_the_package_are_studies(name):
     study = read_study(Path(__file__).parents[3] / "studies" / f"{name}.toml")
     assert study.title
@@ -95,6 +96,54 @@ def test_the_studies_of_the_package_are_studies(name):
         assert len(study.estimators) >= 8
         assert len(study.conditions) >= 3
         assert study.episodes == 20
+
+
+def test_sensors_may_be_late_and_fail_in_a_condition(tmp_path):
+    text = """[environments]
+SegorogeniAUV-v0 = {}
+SigmaCorvette-v0 = {}
+[conditions]
+late = { sensors = "degraded", latency = { "acoustic position" = 1.0, receiver = 2.0 } }
+spoofed = { faults = [{ sensor = "receiver", kind = "drift", size = [0.5, -0.2], begin = [20.0, 40.0], end = inf }] }
+"""
+    late, spoofed = read(tmp_path, text).conditions
+    for world, delays in (("SegorogeniAUV-v0", [0, 0, 0, 0, 10]), ("SigmaCorvette-v0", [0, 0, 4])):
+        own = environment_options(world, late.options)
+        assert [sensor.delays(system_of(world).vehicle.dt)[0] for sensor in own["sensors"]] == delays
+        assert {sensor.dropout > 0.0 for sensor in own["sensors"]} == {True}  # of the suite, all the same
+        assert own["sensor_faults"] == []
+    assert environment_options("SegorogeniAUV-v0", spoofed.options)["sensor_faults"] == []
+    (fault,) = environment_options("SigmaCorvette-v0", spoofed.options)["sensor_faults"]
+    assert (fault.kind, fault.begin) == ("drift", [20.0, 40.0])
+
+
+def test_what_is_wrong_with_times_and_faults_is_reported_with_its_line(tmp_path):
+    text = """[environments]
+SegorogeniAUV-v0 = {}
+[conditions]
+a = { latency = { "acoustic positon" = 1.0 } }
+b = { latency = { "acoustic position" = 0.25 } }
+c = { latency = 1.0 }
+d = { faults = [{ sensor = "gyroscope", kind = "stuk" }] }
+e = { faults = [{ sensor = "gyroscope" }] }
+f = { faults = [{ sensor = "gyro", kind = "off" }] }
+g = { faults = [{ sensor = "gyroscope", kind = "bias", size = [1.0, 2.0] }] }
+h = { faults = { sensor = "gyroscope" } }
+"""
+    found = mistakes(tmp_path, text)
+    expected = {
+        4: "unknown sensor 'acoustic positon' (did you mean 'acoustic position'?)",
+        5: "SegorogeniAUV-v0 refuses the condition b: latency of acoustic position is 0.25 s, which is no whole number",
+        6: "latency must be a table of seconds by sensor, got 1.0",
+        7: "unknown kind of sensor fault 'stuk' (did you mean 'stuck'?)",
+        8: "faults must be tables of sensor, kind and perhaps size, begin, end, got",
+        9: "unknown sensor 'gyro'",
+        10: "gyroscope has 3 channels, so size of the fault 'bias' of gyroscope must be one number or 3",
+        11: "faults must be a list of tables",
+    }
+    assert [line for line, _ in found] == list(expected)
+    for line, text in found:
+        assert expected[line] in text
 
 
 def test_every_mistake_is_reported_at_once_with_its_line(tmp_path):

@@ -1,0 +1,547 @@
+"""Readings that come late, out of order and wrongly stamped, and sensors that fail.
+
+That without either nothing changes is what every other test says: they are of such environments.
+"""
+
+import copy
+import pickle
+from dataclasses import replace
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from contract import (
+    ENVIRONMENTS,
+    FEW_MEMBERS,
+    MANUALS,
+    SPREAD,
+    AlteredCore,
+    AlteredVehicle,
+    assert_same_tree,
+    make_batch,
+    make_core,
+    random_walk,
+    single_class,
+    with_vehicle,
+)
+from scipy.stats import chi2
+from test_autoreset import assert_same_in_every_mode
+from test_bad_input import refusal
+
+from agents import rollout
+from agents.scores import scores
+from vessel_gym.core import Core
+from vessel_gym.estimation import LATE
+from vessel_gym.sensor_faults import KINDS, SensorFault
+from vessel_gym.sensors import LONGEST, SUITES, Sensor, Sensors, plain
+
+AUV, ROWS = "SegorogeniAUV-v0", 3
+FIX = "acoustic position"
+
+every_environment = pytest.mark.parametrize("env_id", ENVIRONMENTS)
+every_vehicle = pytest.mark.parametrize("env_id", MANUALS)
+
+
+def sensors_of(env_id: str, suite: str = "nominal", **late: float) -> list[Sensor]:
+    """An environment's sensors, each of them late by so many steps."""
+    system = single_class(env_id).system
+    late = {name: steps * system.vehicle.dt for name, steps in late.items()}
+    each = system.vehicle.sensors if system.sensors is None else system.sensors
+    return [replace(sensor, **late) for sensor in SUITES[suite].of(each)]
+
+
+def late_fix(suite: str = "nominal", **late: float) -> list[Sensor]:
+    """Segorogeni's sensors, whose fix alone is late by so many seconds."""
+    each = SUITES[suite].of(single_class(AUV).system.vehicle.sensors)
+    return [replace(sensor, **late) if sensor.name == FIX else sensor for sensor in each]
+
+
+def every_fault(env_id: str) -> list[SensorFault]:
+    """One of each kind, now and then, on this sensor or that."""
+    names = [sensor.name for sensor in sensors_of(env_id)]
+    dt = single_class(env_id).system.vehicle.dt
+    sizes = {"bias": 0.1, "drift": 0.02, "scale": 1.1, "garbage": 0.5}
+    return [
+        SensorFault(names[i % len(names)], kind, sizes.get(kind), (2 * dt, 6 * dt), (8 * dt, 14 * dt))
+        for i, kind in enumerate(KINDS)
+    ]
+
+
+def at_sea(env_id: str) -> dict[str, Any]:
+    """All at once."""
+    sensors = sensors_of(env_id, "degraded", latency=2, jitter=4, clock=2)
+    return {"sensors": sensors, "sensor_faults": every_fault(env_id), "disturbance": "rough", "mismatch": 0.2}
+
+
+def flown(core: Core, steps: int, seed: int = 5) -> list[tuple[np.ndarray, np.ndarray]]:
+    """What has come after the start and each step."""
+    core.start(seed)
+    walk, come = random_walk(0, core.num_envs, core.action_size), [core.loop.come]
+    for _ in range(steps):
+        core.step(next(walk))
+        come.append(core.loop.come)
+    return come
+
+
+# --- time -------------------------------------------------------------------------------------------
+
+
+@every_environment
+def test_with_a_latency_each_reading_comes_so_much_later_and_says_of_when_it_is(env_id: str):
+    late, steps = 3, 12
+    now = flown(make_core(env_id, ROWS, estimator="truth", sensors=sensors_of(env_id)), steps)
+    come = flown(make_core(env_id, ROWS, estimator="truth", sensors=sensors_of(env_id, latency=late)), steps)
+    for step, (y, available) in enumerate(come):
+        assert not np.delete(available, late, 1).any()
+        if step < late:
+            assert not available.any()
+            continue
+        np.testing.assert_array_equal(y[:, late], now[step - late][0])
+        np.testing.assert_array_equal(available[:, late], now[step - late][1])
+
+
+def test_with_jitter_every_reading_comes_once_and_later_by_any_number_of_steps_alike():
+    latency, jitter, rows, steps = 2, 3, 200, 40
+    options = {"estimator": "truth", "disturbance": "calm"}
+    now = flown(make_core(AUV, rows, sensors=sensors_of(AUV), **options), steps)
+    come = flown(make_core(AUV, rows, sensors=sensors_of(AUV, latency=latency, jitter=jitter), **options), steps)
+    delays = np.zeros(jitter + 1)
+    overtaken = 0
+    for taken in range(steps - latency - jitter):
+        y, available = now[taken]
+        times = np.zeros(available.shape, int)
+        for age in range(latency + jitter + 1):
+            values, arrived = (one[:, age] for one in come[taken + age])
+            np.testing.assert_array_equal(values[arrived], y[arrived])
+            times += arrived
+            if age < latency:
+                assert not arrived.any()
+            else:  # the channels of a sensor come together: its first alone is counted
+                delays[age - latency] += arrived[:, [0, 3, 4, 7, 10]].sum()
+        np.testing.assert_array_equal(times, available)
+    for _, available in come:
+        overtaken += (available.sum(1) > 1).sum()
+    assert overtaken > 1000
+    expected = delays.sum() / len(delays)
+    assert ((delays - expected) ** 2 / expected).sum() < chi2.isf(1e-6, len(delays) - 1)
+
+
+def test_a_wrong_clock_is_wrong_by_the_same_for_a_whole_episode_and_tells_of_no_time_to_come():
+    rows, steps, latency, clock = 300, 15, 2, 3
+    late = make_core(AUV, rows, estimator="truth", sensors=sensors_of(AUV, latency=latency, clock=clock))
+    exact = make_core(AUV, rows, estimator="truth", sensors=sensors_of(AUV, latency=latency))
+    told, true = flown(late, steps), flown(exact, steps)
+    gyroscope = 7  # a reading in every step
+    ages = [available[:, :, gyroscope].argmax(1) for _, available in told[latency:]]
+    assert all((age == ages[0]).all() for age in ages)
+    np.testing.assert_array_equal(np.unique(ages[0]), np.arange(latency + clock + 1))
+    off, counts = np.unique(ages[0], return_counts=True)
+    expected = rows / (2 * clock + 1) * np.array([2.0, *np.ones(len(off) - 1)])  # -3 and -2: both as of now
+    assert ((counts - expected) ** 2 / expected).sum() < chi2.isf(1e-6, len(off) - 1)
+    for (y, available), (same, arrived) in zip(told, true, strict=True):
+        np.testing.assert_array_equal(y.sum(1), same.sum(1))
+        np.testing.assert_array_equal(available.sum(1), arrived.sum(1))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("env_id", "estimator"), [pair for pair in SPREAD if pair[1] != "truth"])
+def test_late_readings_are_fused_to_the_last_bit_as_if_those_that_are_still_under_way_were_lost(
+    env_id: str, estimator: str, monkeypatch: pytest.MonkeyPatch
+):
+    late, steps, options = 4, 14, {"estimator": estimator, "estimator_options": FEW_MEMBERS.get(estimator)}
+    one = make_core(env_id, ROWS, sensors=sensors_of(env_id, "degraded", latency=late), **options)
+    other = make_core(env_id, ROWS, sensors=sensors_of(env_id, "degraded"), **options)
+    told: list[tuple[np.ndarray, np.ndarray]] = []  # what a filter knows of its input may follow from what it believes
+    estimate = one.loop.estimate
+
+    def noted(readings: Any, u: np.ndarray, steps: np.ndarray) -> None:
+        told.append((u.copy(), steps.copy()))
+        estimate(readings, u, steps)
+
+    monkeypatch.setattr(one.loop, "estimate", noted)
+    come = flown(one, steps)
+    flown(other, 0)
+    nothing = np.zeros((ROWS, other.sensors.size))
+    for step, (u, behind) in enumerate(told, 1):
+        there = step + late <= steps
+        readings = tuple(values[:, late] for values in come[step + late]) if there else (nothing, nothing != 0.0)
+        other.loop.estimate(readings, u, behind)
+    np.testing.assert_array_equal(one.belief.mean, other.belief.mean)
+    np.testing.assert_array_equal(one.belief.cov, other.belief.cov)
+    assert not one.loop.refused.any()
+
+
+@pytest.mark.parametrize("estimator", ["ekf", "enkf", "measurement"])
+def test_a_shuffle_is_put_in_order(estimator: str):
+    """Under jitter a filter ends where it had been in time, when all has come."""
+    options = {"estimator": estimator, "estimator_options": FEW_MEMBERS.get(estimator)}
+    late, steps = 5, 20
+    one = make_core(AUV, ROWS, sensors=sensors_of(AUV, jitter=late), **options)
+    other = make_core(AUV, ROWS, sensors=sensors_of(AUV), **options)
+    nothing = np.zeros((ROWS, one.sensors.size))
+    for core in (one, other):
+        core.start(3)
+    walk, under_way = random_walk(1, ROWS, one.action_size), [one.loop.come]
+    for _ in range(steps):
+        actions = next(walk)
+        one.step(actions)
+        other.step(actions)
+        under_way.append(one.loop.come)
+    assert not np.array_equal(one.belief.mean, other.belief.mean)
+    taken = make_core(AUV, ROWS, sensors=sensors_of(AUV), estimator="truth")
+    healthy = flown(taken, 0, seed=3)
+    walk = random_walk(1, ROWS, one.action_size)
+    for _ in range(steps):
+        taken.step(next(walk))
+        healthy.append(taken.loop.come)
+    shape = ROWS, late + 1, one.sensors.size
+    rest = np.zeros(shape), np.zeros(shape, bool)  # all at once, of each age what has not come
+    for age in range(1, late + 1):
+        step = steps - age + 1
+        come = np.zeros(healthy[step][1].shape, bool)
+        for waited in range(age):
+            come |= under_way[step + waited][1][:, waited]
+        rest[0][:, age], rest[1][:, age] = healthy[step][0], healthy[step][1] & ~come
+    actions = next(walk)
+    one.step(actions, readings=rest)
+    other.step(actions, readings=(nothing, nothing != 0.0))
+    np.testing.assert_array_equal(one.belief.mean, other.belief.mean)
+    np.testing.assert_array_equal(one.belief.cov, other.belief.cov)
+
+
+def test_what_is_discarded_is_as_if_it_were_lost_and_is_counted():
+    discards = {"estimator": "ekf", "estimator_options": {"late": "discarded"}}
+    one = make_core(AUV, ROWS, sensors=late_fix(latency=0.3), **discards)
+    other = make_core(AUV, ROWS, estimator="ekf", sensors=[replace(s, dropout=1.0) if s.name == FIX else s
+                                                           for s in late_fix()])  # fmt: skip
+    come = flown(one, 45)
+    flown(other, 45)
+    np.testing.assert_array_equal(one.belief.mean, other.belief.mean)
+    late = sum(available[:, 1:].sum((1, 2)) for _, available in come)
+    assert late.all()
+    np.testing.assert_array_equal(one.info()["refused"], late)
+
+
+def test_what_is_taken_as_new_is_as_if_it_had_been_read_when_it_came():
+    one = make_core(AUV, ROWS, sensors=late_fix(latency=0.3), estimator="ekf", estimator_options={"late": "as new"})
+    other = make_core(AUV, ROWS, sensors=late_fix(), estimator="ekf")
+    one.start(5)
+    other.start(5)
+    other.reset(readings=one.readings)
+    walk = random_walk(0, ROWS, one.action_size)
+    for _ in range(45):
+        actions = next(walk)
+        one.step(actions)
+        other.step(actions, readings=one.readings)
+        np.testing.assert_array_equal(one.belief.mean, other.belief.mean)
+    assert not one.info()["refused"].any()
+
+
+def test_of_two_readings_that_come_together_only_the_younger_is_new():
+    jittery = sensors_of(AUV, jitter=3)
+    core = make_core(AUV, ROWS, sensors=jittery, estimator="ekf", estimator_options={"late": "as new"})
+    come = flown(core, 30)
+    older = sum((available.sum(1) - 1).clip(0).sum(-1) for _, available in come)
+    assert older.all()
+    np.testing.assert_array_equal(core.info()["refused"], older)
+    y, available = come[-1]
+    for row in range(ROWS):
+        for channel in range(core.sensors.size):
+            ages = np.flatnonzero(available[row, :, channel])
+            assert core.readings[1][row, channel] == bool(len(ages))
+            assert core.readings[0][row, channel] == (y[row, ages[0], channel] if len(ages) else 0.0)
+
+
+def test_a_clock_that_tells_of_before_the_start_costs_readings_and_they_are_counted():
+    core = make_core(AUV, 100, sensors=sensors_of(AUV, latency=2, clock=3), estimator="ekf")
+    flown(core, 20)
+    refused = core.info()["refused"]
+    assert (refused > 0).any()
+    assert (refused == 0).any()
+    assert core.belief.healthy.all()
+
+
+def test_how_late_readings_are_taken_moves_no_reading_and_no_truth():
+    names = "ekf", "enkf", "measurement", "dead-reckoning", "truth"
+    chosen = [(name, FEW_MEMBERS.get(name, {}) | {"late": late}) for name in names for late in LATE]
+    each = [make_core(AUV, ROWS, estimator=name, estimator_options=few, **at_sea(AUV)) for name, few in chosen]
+    first, *others = [flown(core, 25) for core in each]
+    for other in others:
+        for (y, available), (same, arrived) in zip(first, other, strict=True):
+            np.testing.assert_array_equal(y, same)
+            np.testing.assert_array_equal(available, arrived)
+    for core in each[1:]:
+        np.testing.assert_array_equal(core.truth, each[0].truth)
+
+
+@pytest.mark.slow
+@every_environment
+@pytest.mark.parametrize("estimator", ["measurement", "enkf"])
+def test_at_sea_too_the_episodes_of_a_row_are_those_of_a_single_environment_in_every_mode(env_id: str, estimator: str):
+    assert_same_in_every_mode(env_id, estimator, **at_sea(env_id))
+
+
+@pytest.mark.parametrize("estimator", ["ekf", "enkf"])
+def test_at_sea_no_result_depends_on_threads(estimator: str):
+    options = at_sea(AUV) | {"estimator": estimator, "estimator_options": FEW_MEMBERS.get(estimator)}
+    one, other = (make_core(AUV, 7, num_threads=threads, **options) for threads in (1, 3))
+    flown(one, 20)
+    flown(other, 20)
+    assert_same_tree(one.info(), other.info())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("late", LATE)
+@every_vehicle
+def test_at_sea_a_copy_goes_on_bit_for_bit(env_id: str, late: str):
+    options = at_sea(env_id) | {"estimator_options": {"late": late}, "estimator": "ekf", "max_episode_steps": 12}
+    env = make_batch(env_id, ROWS, **options)
+    env.reset(seed=3)
+    walk = random_walk(2, ROWS, env.single_action_space.shape[0])
+    for _ in range(7):
+        env.step(next(walk))
+    env.reset(options={"reset_mask": np.array([False, True, False])})
+    for twin in (pickle.loads(pickle.dumps(env)), copy.deepcopy(env)):
+        original, again = copy.deepcopy(env), random_walk(4, ROWS, env.single_action_space.shape[0])
+        for _ in range(10):
+            actions = next(again)
+            assert_same_tree(original.step(actions), twin.step(actions))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("estimator", ["ekf", "enkf", "measurement"])
+def test_at_sea_nothing_but_readings_reaches_a_filter(estimator: str):
+    """Replayed to another truth, which is put elsewhere before each step, they give the same beliefs."""
+    options = at_sea(AUV) | {"estimator": estimator, "estimator_options": FEW_MEMBERS.get(estimator)}
+    true = make_core(AUV, ROWS, seed=5, **options)
+    other = AlteredCore(with_vehicle(AUV, AlteredVehicle), ROWS, **options)
+    other.seed(5)
+    true.reset()
+    other.reset(readings=true.loop.come)
+    walk = random_walk(5, ROWS, true.action_size)
+    for step in range(30):
+        if step == 15:
+            some = np.array([0, 2])
+            for core in (true, other):
+                core.episodes[some] += 1
+            true.reset(some)
+            other.reset(some, readings=tuple(values[some] for values in true.loop.come))
+        actions = next(walk)
+        true.step(actions)
+        other.step(actions, readings=true.loop.come)
+        np.testing.assert_array_equal(other.belief.mean, true.belief.mean)
+        np.testing.assert_array_equal(other.observe(), true.observe())
+        assert np.abs(other.state - true.state).max() > 0.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("estimator", ["ekf", "enkf"])
+def test_a_fix_that_is_a_second_late_costs_a_twentieth_at_most_where_it_is_fused_where_it_belongs(estimator: str):
+    """Paired by seed; NEES of 12 s and more over 60 dives scatters by some hundredths."""
+
+    def fly(late: str | None) -> dict[str, float]:
+        world: dict[str, Any] = {"estimator": estimator}
+        if late is not None:
+            world |= {"sensors": late_fix(latency=1.0), "estimator_options": {"late": late}}
+        return {
+            key: float(values.mean()) for key, values in scores(rollout("autopilot", AUV, range(60), world)).items()
+        }
+
+    in_time, fused, new, lost = (fly(late) for late in (None, *LATE))
+    assert fused["position_rmse"] < 1.05 * in_time["position_rmse"]
+    assert 1.15 * in_time["position_rmse"] < lost["position_rmse"] < new["position_rmse"]
+    assert fused["nees"] == pytest.approx(in_time["nees"], abs=0.03)
+    if estimator == "ekf":
+        assert 0.9 < fused["nees"] < 1.1
+    assert new["position_nees"] > 2.0
+
+
+# --- faults -----------------------------------------------------------------------------------------
+
+
+def faulty_and_healthy(*faults: SensorFault, steps: int = 12) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Readings and their mask ``(steps + 1, ROWS, p)``, with faults and without."""
+    each = [flown(make_core(AUV, ROWS, estimator="truth", sensor_faults=list(f)), steps) for f in (faults, ())]
+    return tuple(np.stack(values) for come in each for values in zip(*come, strict=True))  # type: ignore[return-value]
+
+
+GYROSCOPE, ATTITUDE = slice(7, 10), slice(4, 7)
+
+
+@pytest.mark.parametrize(
+    ("kind", "size", "wrong"),
+    [
+        ("bias", 0.2, lambda y, t: y + 0.2),
+        ("bias", (0.1, 0.0, -0.3), lambda y, t: y + np.array([0.1, 0.0, -0.3])),
+        ("drift", (0.5, 0.0, 1.0), lambda y, t: y + t * np.array([0.5, 0.0, 1.0])),
+        ("scale", 1.5, lambda y, t: 1.5 * y),
+    ],
+)
+def test_a_wrong_sensor_is_wrong_by_so_much_in_its_time_and_no_other_is(kind: str, size: Any, wrong: Any):
+    faulty, came, healthy, arrived = faulty_and_healthy(SensorFault("gyroscope", kind, size, begin=0.4, end=0.9))
+    np.testing.assert_array_equal(came, arrived)
+    for step, (y, expected) in enumerate(zip(faulty, healthy, strict=True)):
+        if 4 <= step < 9:
+            expected[:, GYROSCOPE] = wrong(expected[:, GYROSCOPE], 0.1 * step - 0.4)
+        np.testing.assert_allclose(y, expected, rtol=0, atol=1e-15)
+
+
+def test_a_sensor_that_is_off_reads_nothing_and_one_that_is_stuck_its_last_reading():
+    off = SensorFault("attitude", "off", begin=0.3, end=0.6)
+    stuck = SensorFault("gyroscope", "stuck", begin=0.5)
+    faulty, came, healthy, arrived = faulty_and_healthy(off, stuck)
+    arrived[3:6, :, ATTITUDE] = False
+    healthy[3:6, :, ATTITUDE] = 0.0
+    healthy[5:, :, GYROSCOPE] = healthy[4, :, GYROSCOPE]
+    np.testing.assert_array_equal(came, arrived)
+    np.testing.assert_array_equal(faulty, healthy)
+
+
+def test_a_sensor_that_has_always_been_stuck_shows_its_first_reading():
+    faulty, came, healthy, _ = faulty_and_healthy(SensorFault("Doppler log", "stuck"), steps=30)
+    log = slice(0, 3)
+    for row in range(ROWS):
+        first = healthy[np.flatnonzero(came[:, row, 0])[0], row, log]
+        np.testing.assert_array_equal(faulty[came[:, row, 0], row, log], np.tile(first, (came[:, row, 0].sum(), 1)))
+    assert not came[:, :, 0].all()  # a stuck sensor still loses readings
+
+
+def test_garbage_is_noise_of_its_size_whatever_there_is_to_read():
+    rows, steps = 500, 20
+    core = make_core(AUV, rows, estimator="truth", sensor_faults=[SensorFault("depth gauge", "garbage", 4.0)])
+    z = np.stack([y[:, 3] for y, _ in flown(core, steps)])
+    low, high = chi2.ppf([5e-7, 1 - 5e-7], z.size) * 16.0 / z.size
+    assert low < (z**2).mean() < high
+    assert abs(np.corrcoef(z[1:].ravel(), z[:-1].ravel())[0, 1]) < 5.0 / np.sqrt(z.size)
+
+
+def test_when_a_fault_begins_and_ends_is_drawn_in_each_episode_and_shown():
+    fault = SensorFault("gyroscope", "bias", 0.1, begin=(1.0, 2.0), end=(2.5, 4.5))
+    core = make_core(AUV, 400, estimator="truth", sensor_faults=[fault])
+    core.start(0)
+    acting = [core.info()["sensor_faults"][:, 0]]
+    for _ in range(49):
+        core.step(np.zeros((400, 3)))
+        acting.append(core.info()["sensor_faults"][:, 0])
+    begun = np.argmax(acting, 0)
+    ended = len(acting) - np.argmax(acting[::-1], 0)
+    assert (begun >= 10).all()
+    assert (begun <= 20).all()
+    assert (ended >= 25).all()
+    assert (ended <= 45).all()
+    # a uniform number of 1 s in steps of 0.1 s, rounded up; its mean to within 5 standard errors
+    assert abs(begun.mean() - 15.5) < 5.0 * np.sqrt(100.0 / 12.0 / 400.0)
+    assert abs(ended.mean() - 35.5) < 5.0 * np.sqrt(400.0 / 12.0 / 400.0)
+    assert abs(np.corrcoef(begun, ended)[0, 1]) < 5.0 / 20.0
+    core.start()
+    core.step(np.zeros((400, 3)))
+    again = [core.info()["sensor_faults"][:, 0]]
+    for _ in range(48):
+        core.step(np.zeros((400, 3)))
+        again.append(core.info()["sensor_faults"][:, 0])
+    assert not np.array_equal(again, acting[1:])
+
+
+@every_environment
+def test_a_fault_that_never_begins_changes_no_bit(env_id: str):
+    idle = [replace(fault, begin=1e9, end=np.inf) for fault in every_fault(env_id)]
+    options = {"estimator_options": FEW_MEMBERS.get(single_class(env_id).system.estimator), "sensors": "degraded"}
+    one, other = make_core(env_id, ROWS, sensor_faults=idle, **options), make_core(env_id, ROWS, **options)
+    flown(one, 12)
+    flown(other, 12)
+    info = one.info()
+    assert not info.pop("sensor_faults").any()
+    assert_same_tree(info, other.info())
+
+
+def test_a_fault_acts_when_the_reading_is_taken_not_when_it_comes():
+    fault = SensorFault(FIX, "bias", 100.0, begin=2.0, end=2.1)  # the second fix
+    core = make_core(AUV, ROWS, estimator="ekf", sensors=[replace(s, dropout=0.0) for s in late_fix(latency=1.0)],
+                     sensor_faults=[fault])  # fmt: skip
+    come = flown(core, 60)
+    x = np.stack([y[:, 10, 10] for y, _ in come])
+    assert (x[30] > 50.0).all()
+    assert (np.abs(np.delete(x, 30, 0)) < 50.0).all()
+
+
+def test_raw_readings_show_what_has_come_and_the_mission_is_guided_by_it():
+    options = {"observe": "measurement", "guidance": True}
+    env = gym.make(AUV, sensors=sensors_of(AUV, latency=5), disable_env_checker=True, **options)
+    observation, info = env.reset(seed=0)
+    core, p = env.unwrapped.core, env.unwrapped.core.sensors.size
+    assert not info["available"].any()
+    guided = core.task.sizes(p, len(core.composition.names))["guided"]
+    for step in range(1, 12):
+        observation, _, _, _, info = env.step(np.zeros(3, np.float32))
+        seen = observation[guided + p : guided + 2 * p]
+        np.testing.assert_array_equal(seen.astype(bool), info["available"])
+        assert info["available"].any() == (step >= 5)
+
+
+# --- what is no such thing ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("field", ["latency", "jitter", "clock"])
+def test_a_delay_that_is_none_is_refused_in_a_sentence(field: str):
+    sensor = Sensor("log", ("u",), plain((0,)), (0.1,))
+    for wrong in (-0.1, np.nan, np.inf, "1", None, True):
+        message = refusal(ValueError, replace, sensor, **{field: wrong})
+        assert message == f"{field} of log must be 0 s or more, got {wrong!r}"
+    for wrong in (0.25, 0.101):
+        message = refusal(ValueError, Sensors, [replace(sensor, **{field: wrong})], ("u",), (), 0.1)
+        assert message.startswith(f"{field} of log is {wrong:g} s, which is no whole number of steps of 0.1 s")
+    message = refusal(ValueError, Sensors, [replace(sensor, **{field: 1e6})], ("u",), (), 0.1)
+    assert message == f"latency, jitter and clock of log are 1e+07 steps together, of {LONGEST} at most"
+    Sensors([replace(sensor, **{field: 0.3})], ("u",), (), 0.1)  # which is 2.9999999999999996 steps
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"kind": "of"}, "unknown kind of sensor fault 'of' (did you mean 'off'?): choose from off, stuck, "),
+        ({"kind": 3}, "unknown kind of sensor fault 3"),
+        ({"kind": "bias"}, "size of the fault 'bias' of gyroscope must be what is added, one for all channels or "),
+        ({"kind": "drift", "size": "1"}, "size of the fault 'drift' of gyroscope must be what a second adds, "),
+        ({"kind": "scale", "size": np.nan}, "size of the fault 'scale' of gyroscope must be the factor, "),
+        ({"kind": "bias", "size": ((1.0,),)}, "size of the fault 'bias' of gyroscope must be what is added"),
+        ({"kind": "garbage", "size": -1.0}, "size of the fault 'garbage' of gyroscope must be 0 or more, got -1.0"),
+        ({"kind": "off", "size": 1.0}, "the fault 'off' of gyroscope has no size, got 1.0"),
+        ({"kind": "off", "begin": -1.0}, "begin of the fault 'off' of gyroscope must be 0 s or more, or two such "),
+        ({"kind": "off", "begin": np.inf}, "begin of the fault 'off' of gyroscope must be 0 s or more"),
+        ({"kind": "off", "begin": (2.0, 1.0)}, "begin of the fault 'off' of gyroscope must be 0 s or more, or two "),
+        ({"kind": "off", "end": np.nan}, "end of the fault 'off' of gyroscope must be 0 s or more"),
+        ({"kind": "off", "end": "late"}, "end of the fault 'off' of gyroscope must be 0 s or more"),
+        ({"kind": "off", "begin": 2.0, "end": 2.0}, "the fault 'off' of gyroscope must begin before it ends, got "),
+        ({"kind": "off", "begin": (1.0, 3.0), "end": (2.0, 4.0)}, "the fault 'off' of gyroscope must begin before "),
+    ],
+)
+def test_a_fault_that_makes_no_sense_is_refused_in_a_sentence(options: dict[str, Any], sentence: str):
+    assert refusal(ValueError, SensorFault, "gyroscope", **options).startswith(sentence)
+
+
+@every_vehicle
+def test_an_environment_refuses_faults_and_ways_that_it_does_not_have(env_id: str):
+    name, size = single_class(env_id).system.sensors_of("nominal").each[0].name, (1.0,) * 9
+
+    def asked(expected: type[Exception], **options: Any) -> str:
+        return refusal(expected, gym.make, env_id, **options)
+
+    for wrong in (3, "off", None, [1], {"off": 1}, SensorFault(name, "off")):
+        assert asked(TypeError, sensor_faults=wrong).startswith("sensor_faults must be a list of SensorFault objects")
+    message = asked(ValueError, sensor_faults=[SensorFault("sextant", "off")])
+    assert message.startswith("unknown sensor of sensor_faults 'sextant'")
+    message = asked(ValueError, sensor_faults=[SensorFault(name, "bias", size)])
+    assert "channels, so size of the fault 'bias' of" in message or "1 channels" in message
+    for wrong in ("newest", 3, None, ["fused"]):
+        message = asked(ValueError, estimator_options={"late": wrong})
+        assert message.startswith(f"unknown value of late {wrong!r}")
+        assert message.endswith("choose from fused, as new, discarded")
+
+
+def test_injected_readings_by_age_of_another_form_are_refused():
+    core = make_core(AUV, 2, sensors=late_fix(latency=0.3))
+    core.start(0)
+    y = np.zeros((2, 3, 12))
+    message = refusal(ValueError, core.step, np.zeros((2, 3)), readings=(y, y != 0.0))
+    assert message.endswith("expected (2, 12) each, or by age (2, 4, 12) each")

@@ -1,0 +1,161 @@
+"""What becomes of readings between sensors and those who use them: faults, and time."""
+
+import numpy as np
+
+from estimators import Numbers
+from vessel_gym.sensor_faults import SensorFault
+from vessel_gym.sensors import Sensors, columns
+
+Readings = tuple[np.ndarray, np.ndarray]
+"""Readings ``(B, p)`` and the mask ``(B, p)`` of those that arrived; or by age, ``(B, ages, p)`` each."""
+
+_JITTER, _CLOCK = 2, 3
+"""Uses of a sensor's random numbers: `vessel_gym.sensors.spoil` has 0 and 1."""
+
+
+class Faulty:
+    """The faults of the sensors of B rows: when each acts in this episode, and what stuck ones show.
+
+    Args:
+        sensors: The sensors, with their faults, which act in their order.
+        rows: B.
+    """
+
+    def __init__(self, sensors: Sensors, rows: int) -> None:
+        self.each, self._dt = sensors.faults, sensors.dt
+        names = [sensor.name for sensor in sensors.each]
+        self._sensor = [names.index(fault.sensor) for fault in self.each]
+        self._own = [columns(np.flatnonzero(sensors.owner == i).tolist()) for i in self._sensor]
+        self._keys = np.zeros((rows, len(self.each), 2), np.uint64)
+        self._begin, self._end = np.zeros((2, rows, len(self.each)))  # s
+        self._last, self._seen = np.zeros((rows, sensors.size)), np.zeros((rows, sensors.size), bool)
+
+    def restart(self, rows: np.ndarray | slice, keys: np.ndarray) -> None:
+        """Begin an episode of some rows, with keys ``(rows, sensors, 2)``."""
+        self._seen[rows] = False
+        for i, (fault, sensor) in enumerate(zip(self.each, self._sensor, strict=True)):
+            drawn = Numbers(keys[:, sensor]).of("fault", i)
+            self._keys[rows, i], share = drawn.keys, drawn.uniforms(2)
+            for times, kept, where in ((fault.times("begin"), self._begin, 0), (fault.times("end"), self._end, 1)):
+                earliest, latest = times
+                later = share[:, where] * (latest - earliest) if earliest < latest else 0.0  # infinity less itself
+                kept[rows, i] = earliest + later
+
+    def on(self, steps: np.ndarray, rows: np.ndarray | slice = slice(None)) -> np.ndarray:
+        """Which of them act in rows that are ``steps (rows,)`` after their start: ``(rows, faults)``."""
+        now = (steps * self._dt)[:, None] + _ROUNDING
+        return (self._begin[rows] <= now) & (now < self._end[rows])
+
+    def spoil(self, readings: Readings, steps: np.ndarray, rows: np.ndarray | slice) -> Readings:
+        """What rows that are ``steps (rows,)`` after their start read with their faults: values and mask."""
+        y, available = readings[0].copy(), readings[1].copy()
+        acting = self.on(steps, rows)
+        for i, (fault, own) in enumerate(zip(self.each, self._own, strict=True)):
+            on, read, came = acting[:, i, None], y[:, own], available[:, own]
+            if fault.kind == "off":
+                available[:, own] = came = came & ~on
+            elif fault.kind == "stuck":
+                last, seen = self._last[rows], self._seen[rows]
+                held = np.where(seen[:, own], last[:, own], read)
+                renewed = came & ~(on & seen[:, own])
+                last[:, own], seen[:, own] = np.where(renewed, read, last[:, own]), seen[:, own] | came
+                self._last[rows], self._seen[rows] = last, seen
+                read = np.where(on, held, read)
+            else:
+                with np.errstate(over="ignore"):
+                    read = np.where(on, self._wrong(i, fault, read, steps, rows), read)
+                available[:, own] = came = came & np.isfinite(read)
+            y[:, own] = np.where(came, read, 0.0)
+        return y, available
+
+    def _wrong(
+        self, i: int, fault: SensorFault, read: np.ndarray, steps: np.ndarray, rows: np.ndarray | slice
+    ) -> np.ndarray:
+        """What is read instead ``(rows, k)`` under the fault of this number."""
+        size = np.asarray(fault.size, float)
+        if fault.kind == "garbage":
+            return size * Numbers(self._keys[rows, i], steps).normals(read.shape[1], use=1)
+        if fault.kind == "drift":
+            size = size * (steps * self._dt - self._begin[rows, i])[:, None]
+        return read * size if fault.kind == "scale" else read + size
+
+
+class Transit:
+    """Readings of B rows that are under way.
+
+    Args:
+        sensors: The sensors, some of which are late.
+        rows: B.
+
+    Attributes:
+        lost: ``(B,)`` readings since the start that arrived with others whose wrong time stamps are the same.
+    """
+
+    def __init__(self, sensors: Sensors, rows: int) -> None:
+        self._owner = sensors.owner
+        self._latency, self._jitter, self._clock = sensors.delays.T
+        shape = rows, sensors.horizon + 1, sensors.size
+        self._y, self._delay = np.zeros(shape), np.full(shape, _NONE)  # by age, with the age at which each arrives
+        self.lost = np.zeros(rows, np.int64)
+        self._off = np.zeros((rows, sensors.size), np.int64)  # what its clock adds to the age of a reading, in steps
+
+    def restart(self, rows: np.ndarray | slice, keys: np.ndarray) -> None:
+        """Begin an episode of some rows, with keys ``(rows, sensors, 2)``: nothing is under way."""
+        self._delay[rows], self.lost[rows] = _NONE, 0
+        if self._clock.any():
+            self._off[rows] = self._drawn(2 * self._clock, Numbers(keys), _CLOCK) - self._clock[self._owner]
+
+    def carry(self, taken: Readings, steps: np.ndarray, keys: np.ndarray, rows: np.ndarray | slice) -> Readings:
+        """What arrives now, by the age that its time stamp gives it ``(rows, ages, p)``, with the mask.
+
+        Args:
+            taken: What the sensors of these rows take now.
+            steps: ``(rows,)`` after their start.
+            keys: ``(rows, sensors, 2)``.
+            rows: Which.
+        """
+        delay = self._latency[self._owner]
+        if self._jitter.any():
+            delay = delay + self._drawn(self._jitter, Numbers(keys, steps[:, None]), _JITTER)
+        delay = np.where(taken[1], delay, _NONE)
+        self._y[rows] = y = np.concatenate([taken[0][:, None], self._y[rows][:, :-1]], 1)
+        self._delay[rows] = delay = np.concatenate([delay[:, None], self._delay[rows][:, :-1]], 1)
+        arrived: np.ndarray = delay == np.arange(delay.shape[1])[:, None]
+        if not self._clock.any():
+            return np.where(arrived, y, 0.0), arrived
+        stamped, there = self._stamped(y, arrived, self._off[rows])
+        self.lost[rows] += arrived.sum((1, 2)) - there.sum((1, 2))
+        return stamped, there
+
+    def _drawn(self, most: np.ndarray, drawn: Numbers, use: int) -> np.ndarray:
+        """Whole numbers from 0 to ``most (sensors,)``, of each channel's sensor: ``(rows, p)``."""
+        return np.floor(drawn.uniforms(1, use)[..., 0] * (most + 1)).astype(np.int64)[:, self._owner]
+
+    def _stamped(self, y: np.ndarray, arrived: np.ndarray, off: np.ndarray) -> Readings:
+        """Readings by the ages that wrong clocks give them, none below 0; the youngest, where two have one."""
+        ages = arrived.shape[1]
+        stamped, there = np.zeros(y.shape), np.zeros(y.shape, bool)
+        for age in range(ages - 1, -1, -1):
+            said, comes = np.clip(age + off, 0, ages - 1)[:, None], arrived[:, age, None]
+            np.put_along_axis(stamped, said, np.where(comes, y[:, age, None], np.take_along_axis(stamped, said, 1)), 1)
+            np.put_along_axis(there, said, comes | np.take_along_axis(there, said, 1), 1)
+        return stamped, there
+
+
+def youngest(readings: Readings) -> Readings:
+    """Of readings by age the youngest of each channel."""
+    y, arrived = readings
+    age = arrived.argmax(1)[:, None]
+    return np.take_along_axis(y, age, 1)[:, 0], np.asarray(arrived.any(1))
+
+
+def of_now(readings: Readings, horizon: int) -> Readings:
+    """Readings ``(rows, p)`` by age: none of them is late."""
+    y, available = (np.zeros((len(one), horizon + 1, one.shape[1]), one.dtype) for one in readings)
+    y[:, 0], available[:, 0] = readings
+    return y, available
+
+
+_NONE = -1
+_ROUNDING = 1e-6
+"""Seconds: a fault that begins at 0.3 s begins in the third step of 0.1 s."""
