@@ -16,6 +16,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from estimators import Filter, Gaussian, LinearModel, NonlinearModel, make, names
 from estimators.metrics import chi_square_band, nees
+from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import SUITES, Sensor, SensorSuite
 from vessel_gym.wrappers import EstimatedObservation, identify, simulator
 from vessel_gym.wrappers.vector import EstimatedObservation as EstimatedObservations
@@ -302,6 +303,65 @@ def test_angles_are_shown_as_angles():
 def test_batches_that_hide_how_episodes_end_are_refused():
     with pytest.raises(ValueError, match="resets in the same step hides the state in which an episode ended"):
         _many(2, "ekf", AutoresetMode.SAME_STEP)
+
+
+# --- time, and faults ---------------------------------------------------------------------------------
+
+
+def _positions(latency: float, jitter: float = 0.0) -> list[Sensor]:
+    read = [("cart", 0, 0.02), ("pole", 2, 0.01)]
+    return [
+        Sensor(name, (name,), lambda x, u, i=i: x[..., i : i + 1], (sd,), latency=latency, jitter=jitter)
+        for name, i, sd in read
+    ]
+
+
+@pytest.mark.parametrize("estimator", ["ekf", "enkf", "huber-kf"])
+def test_readings_that_come_late_are_fused_where_they_belong(estimator: str):
+    """When the last has come, the belief is that of the readings in time; rows of a batch are as single ones."""
+    options = {"members": 20} if estimator == "enkf" else {}
+    given = {"estimator": estimator, "estimator_options": options}
+    late, timely = (cart_pole(sensors=_positions(*delay), **given) for delay in ((3.0, 2.0), (0.0, 0.0)))
+    for env in (late, timely):
+        env.reset(seed=3)
+    rng = np.random.default_rng(0)
+    for _ in range(12):
+        action = int(rng.integers(2))
+        infos = [env.step(action)[-1] for env in (late, timely)]
+        np.testing.assert_array_equal(infos[0]["truth"], infos[1]["truth"])
+    assert infos[0]["refused"] == 0
+    assert np.abs(infos[0]["estimate"] - infos[1]["estimate"]).max() > 0.0
+    step = late.watch.loop.belief.steps[-1 - 5]  # all that was taken then has come: the same before it
+    assert step.available.all()
+
+
+def test_what_is_done_with_late_readings_is_said_and_counted():
+    errors = {}
+    for how in ("fused", "as new", "discarded"):
+        env = pendulum(
+            estimator="ukf", estimator_options={"late": how},
+            sensors=[Sensor("angle", ("angle",), lambda x, u: x[..., :1], (0.05,), latency=5.0, angles=(0,))],
+        )  # fmt: skip
+        env.reset(seed=1)
+        env.action_space.seed(1)
+        for _ in range(150):
+            *_, info = env.step(env.action_space.sample())
+        errors[how] = abs(np.sin(info["truth"][0] - info["estimate"][0])), info["refused"]
+    assert errors["fused"][0] < 0.2
+    assert [errors[how][1] for how in errors] == [0, 0, 146]
+
+
+def test_faults_of_sensors_act_and_are_told_in_info():
+    fault = SensorFault("y1", "bias", size=0.5, begin=5.0, end=9.0)
+    flights = [_flown(cart_pole(sensor_faults=faults), steps=12) for faults in ((), [fault])]
+    for k, (one, other) in enumerate(zip(*flights, strict=True)):
+        on = 5 <= k < 9
+        np.testing.assert_allclose(other["measurement"] - one["measurement"], [0.0, 0.5 * on], rtol=0, atol=1e-12)
+        assert bool(other["sensor_faults"][0]) is on
+    with pytest.raises(ValueError, match="unknown sensor of sensor_faults 'y3'"):
+        cart_pole(sensor_faults=[SensorFault("y3", "off")])
+    with pytest.raises(ValueError, match="unknown value of late 'fresh'"):
+        cart_pole(estimator_options={"late": "fresh"})
 
 
 # --- checkers, copies, modes --------------------------------------------------------------------------
