@@ -11,17 +11,32 @@ The last axis holds the components of a vector, every leading axis is a batch::
     belief.mean, belief.cov
 """
 
+from estimators.adaptive import AdaptiveBelief, AdaptiveKalmanFilter
 from estimators.angles import wrap
 from estimators.belief import Belief, DelayedInputBelief, EnsembleBelief, FeedthroughBelief, InputBelief, Recovery
+from estimators.check import check_filter
 from estimators.delayed import Delayed, DelayedBelief, by_age
-from estimators.ensemble import EnsembleFilter, EnsembleKalmanFilter, EnsembleSquareRootFilter, EnsembleTransformFilter
+from estimators.ensemble import (
+    DrawingFilter,
+    EnsembleFilter,
+    EnsembleKalmanFilter,
+    EnsembleSquareRootFilter,
+    EnsembleTransformFilter,
+    LocalEnsembleTransformFilter,
+    gaspari_cohn,
+)
+from estimators.error_state import ErrorStateKalmanFilter
 from estimators.factory import make, names
+from estimators.faults import ChiSquareMonitor, CusumMonitor, FaultMonitor, Watch
 from estimators.filter import Filter, Model, Rng
+from estimators.iterated import IteratedExtendedKalmanFilter
 from estimators.kalman import ExtendedKalmanFilter, GaussianFilter, KalmanFilter
+from estimators.learned import GainNetwork, LearnedGainBelief, LearnedGainFilter
 from estimators.metrics import chi_square_band, nees, nis, rmse
 from estimators.models import (
     Gaussian,
     LinearModel,
+    ManifoldGaussian,
     NonlinearModel,
     Schedule,
     forward_euler,
@@ -31,11 +46,16 @@ from estimators.models import (
     van_loan,
     zero_order_hold,
 )
+from estimators.moving_horizon import HorizonBelief, MovingHorizonEstimator
+from estimators.multiple_models import InteractingMultipleModels, MixtureBelief
+from estimators.particles import ParticleBelief, ParticleFilter
 from estimators.randomness import Numbers
 from estimators.reading import Reading
 from estimators.robust import HuberKalmanFilter, RobustKalmanFilter
 from estimators.series import Series, run
 from estimators.smoothers import smooth
+from estimators.square_root import RootBelief, SquareRootKalmanFilter
+from estimators.tuning import Fit, fit
 from estimators.ulise import ULISE
 from estimators.unknown_input import (
     DelayedInputFilter,
@@ -51,46 +71,72 @@ from estimators.unscented import SigmaPoints, UnscentedKalmanFilter, UnscentedUM
 
 __all__ = [
     "ULISE",
+    "AdaptiveBelief",
+    "AdaptiveKalmanFilter",
     "Belief",
+    "ChiSquareMonitor",
+    "CusumMonitor",
     "Delayed",
     "DelayedBelief",
     "DelayedInputBelief",
     "DelayedInputFilter",
     "DelayedUMVFilter",
+    "DrawingFilter",
     "EnsembleBelief",
     "EnsembleFilter",
     "EnsembleKalmanFilter",
     "EnsembleSquareRootFilter",
     "EnsembleTransformFilter",
+    "ErrorStateKalmanFilter",
     "ExtendedKalmanFilter",
     "ExtendedUMVFilter",
+    "FaultMonitor",
     "FeedthroughBelief",
     "Filter",
+    "Fit",
+    "GainNetwork",
     "Gaussian",
     "GaussianFilter",
+    "HorizonBelief",
     "HuberKalmanFilter",
     "InputBelief",
     "InputConditions",
+    "InteractingMultipleModels",
+    "IteratedExtendedKalmanFilter",
     "KalmanFilter",
+    "LearnedGainBelief",
+    "LearnedGainFilter",
     "LinearModel",
+    "LocalEnsembleTransformFilter",
+    "ManifoldGaussian",
+    "MixtureBelief",
     "Model",
+    "MovingHorizonEstimator",
     "NoFeedthroughFilter",
     "NonlinearModel",
     "Numbers",
+    "ParticleBelief",
+    "ParticleFilter",
     "Reading",
     "Recovery",
     "Rng",
     "RobustKalmanFilter",
+    "RootBelief",
     "Schedule",
     "Series",
     "SigmaPoints",
+    "SquareRootKalmanFilter",
     "UMVFilter",
     "UnknownInputFilter",
     "UnscentedKalmanFilter",
     "UnscentedUMVFilter",
+    "Watch",
     "by_age",
+    "check_filter",
     "chi_square_band",
+    "fit",
     "forward_euler",
+    "gaspari_cohn",
     "input_conditions",
     "make",
     "names",

@@ -20,6 +20,8 @@ def as_array(name: str, value: object) -> np.ndarray:
 def numbers(value: object) -> np.ndarray | None:
     """An array of real numbers as floats, or None."""
     try:
+        if isinstance(value, np.ma.MaskedArray):  # whose masked entries are no numbers
+            value = np.ma.filled(value.astype(float), np.nan)
         array = np.asarray(value)
         return array.astype(float, copy=False) if array.dtype.kind in "fiub" else None
     except (TypeError, ValueError):  # rows of unequal length, objects that are no sequences

@@ -92,12 +92,15 @@ class Delayed(Generic[Record]):
     """
 
     def __init__(self, filter: Filter[Record], horizon: int) -> None:
-        if isinstance(filter, type) or not all(hasattr(filter, name) for name in ("init", "predict", "update")):
+        if isinstance(filter, type | Delayed) or not all(
+            hasattr(filter, name) for name in ("init", "predict", "update")
+        ):
             raise TypeError(f"filter must be a filter, as estimators.make gives one, got {shown(filter)}")
         self.filter, self.horizon = filter, whole("horizon", horizon, 0)
+        self._apart = getattr(filter, "_alike", True)  # rows can be repeated by themselves: they share one model
 
     def __getattr__(self, name: str) -> Any:
-        if name in ("filter", "horizon"):  # not yet set: a copy that is being made
+        if name in ("filter", "horizon", "_apart"):  # not yet set: a copy that is being made
             raise AttributeError(name)
         return getattr(self.filter, name)
 
@@ -106,16 +109,14 @@ class Delayed(Generic[Record]):
 
     def init(self, prior: Gaussian, rng: Rng = None) -> DelayedBelief[Record]:
         """The belief before any reading, as `Filter.init`."""
-        begun = self.filter.init(prior, rng=self._keys(rng))
+        keys = self._keys(rng)
+        begun = self.filter.init(prior, rng=keys)
         nothing = np.zeros(begun.mean.shape[:-1], int)
-        return DelayedBelief(begun, (self._step(begun, None, None),), nothing, nothing)
+        return DelayedBelief(begun, (self._step(begun, None, keys),), nothing, nothing)
 
     def predict(self, belief: DelayedBelief[Record], u: Any = None, rng: Rng = None) -> DelayedBelief[Record]:
         """One step ahead, as `Filter.predict`."""
-        keys, rows = self._keys(rng), belief.mean.shape[:-1]
-        if u is not None:  # a row each, to be repeated apart
-            u = as_array("u", u)
-            u = np.broadcast_to(u, rows + u.shape[-1:])
+        keys, u = self._keys(rng), self._known(belief, u)
         predicted = self.filter.predict(belief.now, u, rng=keys)
         steps = (*belief.steps, self._step(predicted, u, keys))[-self.horizon - 1 :]
         return DelayedBelief(predicted, steps, np.minimum(belief.reach + 1, self.horizon), belief.refused)
@@ -144,21 +145,18 @@ class Delayed(Generic[Record]):
         """
         rows, p = belief.mean.shape[:-1], self.filter.model.p
         y = as_array("y", y)
-        if y.ndim < 2 or y.shape[-1] != p or y.shape[:-2] not in ((), rows):
+        if y.ndim < 2 or y.shape[-1] != p or y.shape[:-2] != rows:
             raise ValueError(
                 f"y has shape {y.shape}, expected {(*rows, 'ages', p)}: readings by age, those of now first"
             )
-        y = np.broadcast_to(y, rows + y.shape[-2:])
-        come = np.isfinite(y)
+        come, u = np.isfinite(y), self._known(belief, u)
         if available is not None:
-            come = come & np.broadcast_to(as_mask("available", available), y.shape)
+            come = come & _fitting("available", as_mask("available", available), y.shape)
         if R is not None:
-            R = np.broadcast_to(as_array("R", R), (*y.shape, p))
+            R = _fitting("R", as_array("R", R), (*y.shape, p))
             come = come & np.isfinite(np.diagonal(R, axis1=-2, axis2=-1))
         steps, reach, refused, oldest = list(belief.steps), belief.reach, belief.refused, np.zeros(rows, int)
         if u is not None:
-            u = as_array("u", u)
-            u = np.broadcast_to(u, rows + u.shape[-1:])
             steps[-1] = steps[-1]._replace(predicted=steps[-1].predicted.replace(u=u))
         steps[-1] = steps[-1]._replace(read=np.ones(rows, bool), keys=self._keys(rng))
         for age in range(y.shape[-2]):
@@ -174,10 +172,14 @@ class Delayed(Generic[Record]):
             refused = refused + new.sum(-1)
         for age in range(int(oldest.max(initial=0)), 0, -1):  # rows join where their oldest reading is
             again, following = oldest >= age, steps[-age]
-            u, moved = _rows(following.u, again), _rows(following.moved, again)
-            predicted = self.filter.predict(self._read(steps[-1 - age], again), u, rng=moved)
+            chosen = again if self._apart else np.ones_like(again)
+            u, moved = _rows(following.u, chosen), _rows(following.moved, chosen)
+            predicted = self.filter.predict(self._read(steps[-1 - age], chosen), u, rng=moved)
+            predicted = predicted if self._apart else predicted[again]
             steps[-age] = following._replace(predicted=following.predicted.with_rows(again, predicted))
         return DelayedBelief(self._read(steps[-1], ...), tuple(steps), reach, refused)
+
+    likelihood = "refused"
 
     def log_likelihood(self, predicted: Any, updated: Any) -> np.ndarray:
         """Refused: what a reading was worth is known when those before it have come.
@@ -198,10 +200,19 @@ class Delayed(Generic[Record]):
         return rng
 
     def _step(self, predicted: Record, u: np.ndarray | None, moved: Numbers | None) -> Step:
-        """A step of which nothing has been read."""
+        """A step of which nothing has been read; what is read later draws the numbers of the prediction."""
         rows, p = predicted.mean.shape[:-1], self.filter.model.p
         nothing = np.zeros((*rows, p))
-        return Step(predicted, u, moved, nothing, nothing != 0.0, None, np.zeros(rows, bool), None)
+        return Step(predicted, u, moved, nothing, nothing != 0.0, None, np.zeros(rows, bool), moved)
+
+    def _known(self, belief: DelayedBelief[Record], u: Any) -> np.ndarray | None:
+        """The known input, a row each and of our own, to be repeated apart."""
+        if not isinstance(belief, DelayedBelief):
+            raise TypeError(f"belief must be a DelayedBelief, got {type(belief).__name__}: begin with init(prior)")
+        if u is None:
+            return None
+        u = np.atleast_1d(as_array("u", u))
+        return np.array(_fitting("u", u, belief.mean.shape[:-1] + u.shape[-1:]))
 
     def _read(self, step: Step, rows: Any) -> Record:
         """Some rows after what has come of this step's readings; as they were predicted where there was no update."""
@@ -219,13 +230,21 @@ class Delayed(Generic[Record]):
 
 def _taken(step: Step, y: np.ndarray, taken: np.ndarray, R: np.ndarray | None) -> Step:
     """The step with the readings ``taken (..., p)`` of ``y (..., p)``."""
-    if R is not None:
-        entries = taken[..., None] | taken[..., None, :]
-        R = np.where(entries, R, np.nan if step.R is None else step.R)
+    if R is not None or step.R is not None:  # those of different calls have nothing in common
+        together, one = taken[..., None] & taken[..., None, :], taken[..., None] ^ taken[..., None, :]
+        before = np.nan if step.R is None else step.R
+        R = np.where(together, np.nan if R is None else R, np.where(one, 0.0, before))
     return step._replace(
-        y=np.where(taken, y, step.y), available=step.available | taken, R=step.R if R is None else R,
+        y=np.where(taken, y, step.y), available=step.available | taken, R=R,
         read=step.read | taken.any(-1),
     )  # fmt: skip
+
+
+def _fitting(name: str, values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    try:
+        return np.broadcast_to(values, shape)
+    except ValueError:
+        raise ValueError(f"{name} has shape {values.shape}, expected {shape}") from None
 
 
 def _rows(values: Any, rows: Any) -> Any:
@@ -260,10 +279,13 @@ def by_age(y: np.ndarray, delay: np.ndarray) -> np.ndarray:
     Raises:
         ValueError: if delays are negative or no whole numbers.
     """
-    y, late = as_array("y", y), np.broadcast_to(as_array("delay", delay), np.shape(y))
+    y = as_array("y", y)
+    if y.ndim < 2 or len(y) == 0:
+        raise ValueError(f"y has shape {y.shape}, expected (T, ..., p), times first")
+    late = _fitting("delay", as_array("delay", delay), y.shape)
     if not ((late >= 0.0) & (late == np.rint(late))).all():
         raise ValueError("delay must be whole numbers of steps of at least 0")
-    ages = int(late.max(initial=0.0)) + 1
+    ages = int(late[late < len(y)].max(initial=0.0)) + 1  # what comes later does not come at all
     come = np.full((*y.shape[:-1], ages, y.shape[-1]), np.nan)
     for age in range(min(ages, len(y))):
         come[age:, ..., age, :] = np.where(late == age, y, np.nan)[: len(y) - age]

@@ -6,7 +6,8 @@ which predict and update. With the anomalies ``A`` of the members ``(N, n)`` and
 
     C P- = Y' A / (N - 1)        S = Y' Y / (N - 1) + R        K = (C P-)' S^-1
 
-Everything costs O(N p (n + p)) and nothing is N x N (``variant="evensen2004"`` of `enkf-sr` excepted).
+Everything costs O(N p (n + p)), and nothing is N x N unless that is less than p x p (``variant="evensen2004"`` of
+`enkf-sr` excepted).
 """
 
 from collections.abc import Callable
@@ -17,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from estimators.angles import difference
-from estimators.belief import Belief, EnsembleBelief, members_last
+from estimators.belief import Belief, EnsembleBelief, Record, members_last
 from estimators.checks import as_array, number, shown, whole
 from estimators.filter import Filter, Model, Rng
 from estimators.linalg import cholesky, neutralised, semidefinite_cholesky, shared_root
@@ -44,7 +45,26 @@ def _kernels() -> Any:
     return members
 
 
-class EnsembleFilter(Filter[EnsembleBelief]):
+class DrawingFilter(Filter[Record]):
+    """What filters share that draw random numbers."""
+
+    random = True
+
+    def _numbers(self, rng: Rng, batch: tuple[int, ...]) -> Drawn:
+        """``rng``, checked: a key for every row, or a Generator for all."""
+        if isinstance(rng, np.random.Generator):
+            return rng
+        if not isinstance(rng, Numbers):
+            how = "pass rng, keys (estimators.Numbers) or a numpy Generator"
+            raise (ValueError if rng is None else TypeError)(
+                f"{self.name} draws random numbers: {how}, got {shown(rng)}"
+            )
+        if rng.keys.shape[:-1] != batch:
+            raise ValueError(f"rng has keys for rows {rng.keys.shape[:-1]}, expected {batch}")
+        return rng
+
+
+class EnsembleFilter(DrawingFilter[EnsembleBelief]):
     """What the ensemble filters share: members, their prediction, the moments, inflation and localisation.
 
     Random numbers: the members of ``init`` and the process noise of ``predict`` are drawn and centred, so that they
@@ -59,7 +79,6 @@ class EnsembleFilter(Filter[EnsembleBelief]):
     """
 
     record = EnsembleBelief
-    random = True
 
     def __init__(
         self, model: Model, members: int = 100, inflation: float = 1.0, localisation: np.ndarray | None = None
@@ -74,8 +93,6 @@ class EnsembleFilter(Filter[EnsembleBelief]):
         curved = isinstance(model, NonlinearModel)  # a linear model's readings are as unwrapped as its states
         self._wrapped = np.isin(np.arange(model.n), model.state_angles) & curved
         self._seams = np.isin(np.arange(model.p), model.measurement_angles) & curved
-        matrices = (getattr(model, name, None) for name in "ABCQR")
-        self._alike = not any(isinstance(matrix, np.ndarray) and matrix.ndim > 2 for matrix in matrices)
 
     def _taper(self, localisation: np.ndarray) -> np.ndarray:
         """The localisation as numbers ``(n, p)`` from 0 to 1."""
@@ -197,19 +214,6 @@ class EnsembleFilter(Filter[EnsembleBelief]):
 
     # --- random numbers ---------------------------------------------------------------------------
 
-    def _numbers(self, rng: Rng, batch: tuple[int, ...]) -> Drawn:
-        """``rng``, checked: a key for every row, or a Generator for all."""
-        if isinstance(rng, np.random.Generator):
-            return rng
-        if not isinstance(rng, Numbers):
-            how = "pass rng, keys (estimators.Numbers) or a numpy Generator"
-            raise (ValueError if rng is None else TypeError)(
-                f"{self.name} draws random numbers: {how}, got {shown(rng)}"
-            )
-        if rng.keys.shape[:-1] != batch:
-            raise ValueError(f"rng has keys for rows {rng.keys.shape[:-1]}, expected {batch}")
-        return rng
-
     def _centred_noise(self, numbers: Drawn, batch: tuple[int, ...], root: np.ndarray, use: int) -> np.ndarray:
         """``(..., N, k)`` draws with covariance ``root root'``, their mean over the members taken off."""
         normals = draw(numbers, batch, self.members, root.shape[-1], use)
@@ -266,7 +270,8 @@ class EnsembleTransformFilter(EnsembleFilter):
 
         K = (C P-)' W W'        K~ = (C P-)' W diag(1 / (1 + sqrt(m))) W'        A <- A - Y K~'
 
-    which needs no inverse of R, loses no digits where a reading is precise, and is exact for any N.
+    which needs no inverse of R, loses no digits where a reading is precise, and is exact for any N. Where more readings
+    arrive than there are members, T is formed, N x N, unless R is singular.
 
     Sources: Bishop, Etherton & Majumdar (2001); Wang, Bishop & Julier (2004); the reduced gain of Whitaker & Hamill
     (2002) for readings taken together; rotations: Sakov & Oke (2008b); localisation: Hunt, Kostelich & Szunyogh (2007).
@@ -281,6 +286,8 @@ class EnsembleTransformFilter(EnsembleFilter):
     """
 
     name = "etkf"
+    _certainty = 0.0
+    """Of the scale of the members, which is then told by the readings, too; 0: they stay as they are."""
 
     def __init__(
         self,
@@ -294,14 +301,14 @@ class EnsembleTransformFilter(EnsembleFilter):
         if not isinstance(rotate, bool):
             raise ValueError(f"rotate must be True or False, got {shown(rotate)}")
         self.rotate = rotate
-        mask = np.ones((model.n, model.p)) if self.localisation is None else self.localisation
-        channels, group = np.unique(mask != 0.0, axis=0, return_inverse=True)
+        taper = np.ones((model.n, model.p)) if self.localisation is None else self.localisation
+        channels, group = np.unique(taper, axis=0, return_inverse=True)
         self._groups = group.reshape(-1) == np.arange(len(channels))[:, None], channels
 
     def _taper(self, localisation: np.ndarray) -> np.ndarray:
         mask = super()._taper(localisation)
         if not np.isin(mask, (0.0, 1.0)).all():
-            raise ValueError(f"localisation of {self.name} must be 0 or 1 everywhere: a taper is for enkf")
+            raise ValueError(f"localisation of {self.name} must be 0 or 1 everywhere: a taper is for enkf and letkf")
         return mask
 
     def _update(self, belief: EnsembleBelief, reading: Reading, rng: Rng) -> EnsembleBelief:
@@ -315,7 +322,7 @@ class EnsembleTransformFilter(EnsembleFilter):
 
     def _analysis(self, *moments: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The mean ``(..., n)``, the members ``(..., n, N)`` and S, of what `_moments` tells."""
-        mean, members, S = _kernels().transformed(*moments, *self._groups, self.inflation)
+        mean, members, S = _kernels().transformed(*moments, *self._groups, self.inflation, self._certainty)
         return mean, members, S
 
 
@@ -362,7 +369,7 @@ class EnsembleSquareRootFilter(EnsembleTransformFilter):
         before, centre, Y, _, arrived, _ = moments
         mean, members = np.array(mean), np.array(members)
         for states, channels in zip(*self._groups, strict=True):
-            used = arrived & channels
+            used = arrived & (channels > 0.0)
             own = np.where(used[..., None], Y, 0.0)
             X = (np.linalg.inv(cholesky(neutralised(S, used))) @ own) / np.sqrt(self.members - 1)  # (..., p, N)
             X[~np.isfinite(X).all((-2, -1))] = 0.0  # what is lost is so in the mean
@@ -374,6 +381,70 @@ class EnsembleSquareRootFilter(EnsembleTransformFilter):
             turned = (mean + (1.0 - factor) * shift)[..., None] + factor[..., None] * anomalies.mT
             members[..., states, :] = turned[..., states, :]
         return members.mean(-1), members, S
+
+
+class LocalEnsembleTransformFilter(EnsembleTransformFilter):
+    """LETKF: each component is transformed by the readings near it, which count the less the farther they are.
+
+    The transform of `etkf` for every group of components with equal rows of ``localisation``, with R divided by their
+    taper, so that a reading's information fades with distance instead of ending: see `gaspari_cohn`.
+
+    With ``adaptive`` every analysis also finds by how much the members differ from each other too little, or too much,
+    in each group: the finite-size filter EnKF-N in its dual form, for an ensemble of N tells the covariance of a
+    sample, and its scale is told again by the reading. It has no memory, so that a belief is no more than its members,
+    and no tuning but how much the scale of a sample is believed: chaos without model error needs 1 to 2.
+
+    Sources: Hunt, Kostelich & Szunyogh (2007); Bocquet, Raanes & Hannart (2015); Raanes, Bocquet & Carrassi (2019).
+
+    Args:
+        model: Any model; an unknown input in it is ignored.
+        members: N, at least 2.
+        inflation: Factor on the anomalies of the analysis, whether or not it is adaptive, too; 1: none.
+        localisation: ``(n, p)`` from 0 to 1: by what the information of a reading is multiplied for a component; None:
+            by 1.
+        rotate: Rotate the anomalies at random after each update, keeping their mean and covariance.
+        adaptive: How many samples of N the prior of the scale is worth, above 0; None: no inflation that adapts.
+    """
+
+    name = "letkf"
+
+    def __init__(
+        self,
+        model: Model,
+        members: int = 100,
+        inflation: float = 1.0,
+        localisation: np.ndarray | None = None,
+        rotate: bool = False,
+        adaptive: float | None = None,
+    ) -> None:
+        super().__init__(model, members, inflation, localisation, rotate)
+        self.adaptive = adaptive
+        if adaptive is not None:
+            self._certainty = number("adaptive", adaptive, 0.0, np.inf, "a positive number, or None")
+
+    def _taper(self, localisation: np.ndarray) -> np.ndarray:
+        return EnsembleFilter._taper(self, localisation)
+
+
+def gaspari_cohn(distance: np.ndarray | float, radius: float) -> np.ndarray:
+    """A taper for a localisation: like a Gaussian, from 1 at no distance to 0 at twice the radius and beyond.
+
+    The Gaussian that it is like has a standard deviation of ``sqrt(0.3)`` of the radius.
+
+    Source: Gaspari & Cohn (1999), eq. 4.10.
+
+    Args:
+        distance: Any shape, of either sign.
+        radius: In the same units.
+
+    Raises:
+        ValueError: for a radius that is not positive.
+    """
+    r = np.abs(as_array("distance", distance)) / number("radius", radius, 0.0, np.inf, "a positive number")
+    near = 1.0 + r**2 * (-5.0 / 3.0 + r * (0.625 + r * (0.5 - 0.25 * r)))
+    s = np.clip(r, 1.0, 2.0)
+    far = 4.0 + s * (-5.0 + s * (5.0 / 3.0 + s * (0.625 + s * (-0.5 + s / 12.0)))) - 2.0 / (3.0 * s)
+    return np.where(r < 1.0, near, np.where(r < 2.0, np.maximum(far, 0.0), 0.0))
 
 
 # --- shared -------------------------------------------------------------------------------------------

@@ -5,11 +5,22 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 from typing import Any
 
+from estimators.adaptive import AdaptiveKalmanFilter
 from estimators.checks import shown
-from estimators.ensemble import EnsembleKalmanFilter, EnsembleSquareRootFilter, EnsembleTransformFilter
+from estimators.ensemble import (
+    EnsembleKalmanFilter,
+    EnsembleSquareRootFilter,
+    EnsembleTransformFilter,
+    LocalEnsembleTransformFilter,
+)
+from estimators.error_state import ErrorStateKalmanFilter
 from estimators.filter import Filter, Model
+from estimators.iterated import IteratedExtendedKalmanFilter
 from estimators.kalman import ExtendedKalmanFilter, KalmanFilter
+from estimators.moving_horizon import MovingHorizonEstimator
+from estimators.particles import ParticleFilter
 from estimators.robust import HuberKalmanFilter, RobustKalmanFilter
+from estimators.square_root import SquareRootKalmanFilter
 from estimators.ulise import ULISE
 from estimators.unknown_input import DelayedUMVFilter, ExtendedUMVFilter, UMVFilter
 from estimators.unscented import UnscentedKalmanFilter, UnscentedUMVFilter
@@ -19,6 +30,11 @@ _FILTERS: dict[str, type[Filter]] = {
     for cls in (
         KalmanFilter,
         ExtendedKalmanFilter,
+        IteratedExtendedKalmanFilter,
+        SquareRootKalmanFilter,
+        ErrorStateKalmanFilter,
+        AdaptiveKalmanFilter,
+        MovingHorizonEstimator,
         UMVFilter,
         DelayedUMVFilter,
         ExtendedUMVFilter,
@@ -28,6 +44,8 @@ _FILTERS: dict[str, type[Filter]] = {
         EnsembleKalmanFilter,
         EnsembleSquareRootFilter,
         EnsembleTransformFilter,
+        LocalEnsembleTransformFilter,
+        ParticleFilter,
         HuberKalmanFilter,
         RobustKalmanFilter,
     )

@@ -59,6 +59,8 @@ class Filter(ABC, Generic[Record]):
     """Steps by which the unknown input is known late (0 or 1); None: the filter estimates none."""
     random: ClassVar[bool] = False
     """Whether the filter draws random numbers, so that ``rng`` must be given."""
+    manifolds: ClassVar[bool] = False
+    """Whether states may be no vectors (`NonlinearModel.difference`)."""
     _ours: ClassVar[bool]
     _threads: int = 1
     """That rows are shared among (`estimators.threads`), set by who has asked for them: no result depends on it."""
@@ -75,11 +77,13 @@ class Filter(ABC, Generic[Record]):
     def __init__(self, model: Model) -> None:
         if not isinstance(model, LinearModel | NonlinearModel):
             raise TypeError(f"model must be a LinearModel or a NonlinearModel, got {type(model).__name__}")
+        if getattr(model, "difference", None) is not None and not self.manifolds:
+            raise ValueError(f"{self.name} needs states that are vectors: for a model with a difference use eskf")
         self.model = model
         self._identity, self._no_columns = identity(model.n), np.zeros((model.p, 0))
         self._regular = None if callable(model.R) else _regular(model.R)
-        one = all(getattr(matrix, "ndim", 2) == 2 for matrix in vars(model).values())  # for all rows
-        self._programs: dict[Any, _Noted | None] | None = {} if self.formulas and one else None
+        self._alike = all(getattr(matrix, "ndim", 2) == 2 for matrix in vars(model).values())  # all rows have one model
+        self._programs: dict[Any, _Noted | None] | None = {} if self.formulas and self._alike else None
         self._first: tuple[np.ndarray, Layout] | None = None  # a row as it begins, but for mean and covariance
 
     def __getstate__(self) -> dict[str, Any]:
@@ -119,9 +123,7 @@ class Filter(ABC, Generic[Record]):
         """
         if not isinstance(prior, Gaussian):
             raise TypeError(f"prior must be a Gaussian(mean, cov), got {type(prior).__name__}")
-        n = self.model.n
-        if prior.mean.shape[-1] != n:
-            raise ValueError(f"the prior is for {prior.mean.shape[-1]} states, the model has {n}")
+        self._check_prior(prior)
         begun = self._started(prior, rng, None)
         if not (_finite_rows(begun).all() and (self._ours or _proper(begun.cov))):
             raise ValueError(
@@ -129,12 +131,17 @@ class Filter(ABC, Generic[Record]):
             )
         return begun
 
+    def _check_prior(self, prior: Gaussian) -> None:
+        for size in (prior.mean.shape[-1], prior.cov.shape[-1]):
+            if size != self.model.n:
+                raise ValueError(f"the prior is for {size} states, the model has {self.model.n}")
+
     def _started(self, prior: Gaussian, rng: Rng, u: np.ndarray | None) -> Record:
         """What `init` gives, of a prior for this model, told the known input of the first reading."""
         if self._ours and self._programs is not None and prior.mean.ndim == prior.cov.ndim == 2:
             return self._started_alike(prior, u)
         n, batch = self.model.n, np.broadcast(prior.mean[..., 0], prior.cov[..., 0, 0]).shape
-        mean, cov = np.empty(batch + (n,)), np.empty(batch + (n, n))
+        mean, cov = np.empty(batch + prior.mean.shape[-1:]), np.empty(batch + (n, n))
         mean[...], cov[...] = prior.mean, prior.cov
         begun = self._init(Belief(mean, cov, mean, cov, np.zeros(batch, np.int8), u), rng)
         return begun if self._ours else self._returned("_init", begun, batch)
@@ -279,7 +286,7 @@ class Filter(ABC, Generic[Record]):
             if regular and not rows.any() and (self._ours or _proper(updated.cov)):
                 return updated
         with np.errstate(all="ignore"):
-            if not (regular and self._ours):
+            if not (regular and self._ours and self._alike):
                 reading = self._reading(belief, y, available, R)
                 return self._recovered(belief, updated, reading, y, rng, available, R)
             some, y, rng = belief[rows], y[rows], rng[rows] if isinstance(rng, Numbers) else rng

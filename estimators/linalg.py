@@ -137,6 +137,17 @@ def _kept_root(cov: bytes, n: int) -> np.ndarray:
 _EPS = np.finfo(float).eps
 
 
+def whitened(root: np.ndarray, e: np.ndarray) -> np.ndarray:
+    """``L^-1 e`` for a triangular root ``L (..., p, p)``; a column of zeros counts as a unit one: it weighs nothing."""
+    entries: list[np.ndarray] = []
+    for i in range(e.shape[-1]):
+        rest, pivot = e[..., i], root[..., i, i]
+        for j, entry in enumerate(entries):
+            rest = rest - root[..., i, j] * entry
+        entries.append(rest / np.where(pivot > 0.0, pivot, 1.0))
+    return np.concatenate([entry[..., None] for entry in entries], -1)
+
+
 def cholesky(s: np.ndarray) -> np.ndarray:
     """The lower factor of ``S (..., p, p)``; a row that is not positive definite comes out as NaN."""
     try:

@@ -133,6 +133,14 @@ def _solve(L: Any, k: int, b: Any, transposed: bool) -> None:
             b[i, c] /= L[i, i]
 
 
+@inlined
+def _rotate(c: float, s: float, a: Any, b: Any) -> None:
+    """``c a - s b`` and ``s a + c b`` in place of vectors a and b."""
+    for m in range(len(a)):
+        x, y = a[m], b[m]
+        a[m], b[m] = c * x - s * y, s * x + c * y
+
+
 @part
 def _diagonalise(a: Any, k: int, v: Any) -> None:
     """``A = V' diag(m) V`` of the first k rows of a symmetric A: m to its diagonal, eigenvectors to the rows of V.
@@ -158,33 +166,168 @@ def _diagonalise(a: Any, k: int, v: Any) -> None:
                 t = 1.0 / (ratio + np.copysign(np.sqrt(1.0 + ratio * ratio), ratio))
                 c = 1.0 / np.sqrt(1.0 + t * t)
                 s = t * c
-                a[j, j] -= t * a[i, j]
-                a[i, i] += t * a[i, j]
-                a[i, j] = a[j, i] = 0.0
+                first, second = a[j, j] - t * a[i, j], a[i, i] + t * a[i, j]
+                _rotate(c, s, a[j, :k], a[i, :k])
+                _rotate(c, s, v[j, :k], v[i, :k])
+                a[j, j], a[i, i], a[i, j], a[j, i] = first, second, 0.0, 0.0
                 for m in range(k):
-                    if m != i and m != j:
-                        x, y = a[j, m], a[i, m]
-                        a[j, m] = a[m, j] = c * x - s * y
-                        a[i, m] = a[m, i] = s * x + c * y
-                    x, y = v[j, m], v[i, m]
-                    v[j, m], v[i, m] = c * x - s * y, s * x + c * y
+                    a[m, j], a[m, i] = a[j, m], a[i, m]
 
 
 @part
-def _softened(L: Any, k: int, R: Any, out: Any) -> None:
-    """``(I + B^1/2)^-1`` with ``B = L^-1 R L'^-1``; R is overwritten."""
+def _softened(L: Any, k: int, R: Any, V: Any, out: Any) -> None:
+    """``(I + B^1/2)^-1`` with ``B = L^-1 R L'^-1 = V' diag(m) V``; m to the diagonal of R."""
     _solve(L, k, R, False)
     for i in range(k):
         for j in range(i):
             R[i, j], R[j, i] = R[j, i], R[i, j]
     _solve(L, k, R, False)
-    V = np.empty(R.shape)
     _diagonalise(R, k, V)
     for i in range(k):
         for j in range(k):
             out[i, j] = 0.0
             for m in range(k):
                 out[i, j] += V[m, i] * V[m, j] / (1.0 + np.sqrt(max(R[m, m], 0.0)))
+
+
+_MOST = 100.0
+"""Square of the most that anomalies are inflated by: an absurd reading shall not inflate what it does not show."""
+
+
+@part
+def _wanting(x: float, share: Any, size: Any, N: int, a: float, b: float) -> float:
+    """Whether `_scale` lies above x: positive, or below."""
+    slope = a / x - b
+    for m in range(len(share)):
+        q = x * (1.0 - share[m]) + share[m]
+        slope += x * (1.0 - share[m]) * size[m] / (q * q) / (N - 1)
+    return slope
+
+
+@part
+def _scale(share: Any, size: Any, N: int, certainty: float) -> float:
+    """The square x of the inflation of anomalies that a reading asks for: the finite-size filter's, in its dual form.
+
+    The least of ``sum_m z_m^2 / q_m / (N - 1) + a / x + b log x`` downhill of 1, ``q = x (1 - m) + m``: the reading's
+    likelihood, and a prior of the scale that stands for ``certainty`` samples of N. m are the ``share (k,)`` of R in S
+    by its directions, k at most N, z^2 the ``size (k,)`` of the innovation there in units of S. The prior's mode tends
+    to 1 where readings tell nothing (Bocquet, Raanes & Hannart 2015, eq. 36).
+    """
+    a, b = (N + 1.0) / N, N / (N - 1.0)
+    mode = (a / b) ** (0.5 * (N - len(share) + share.sum()) / N)
+    a, b = certainty * a / mode, certainty * b * mode
+    low, high = (1.0, _MOST) if _wanting(1.0, share, size, N, a, b) > 0.0 else (1.0 / _MOST, 1.0)
+    for _ in range(50):
+        x = 0.5 * (low + high)
+        if _wanting(x, share, size, N, a, b) > 0.0:
+            low = x
+        else:
+            high = x
+    return low
+
+
+@part
+def _among_members(own: Any, k: int, L: Any, e: Any, certainty: float, white: Any, G: Any, V: Any, shift: Any) -> float:
+    """``I - T`` to G, with ``T = (I + x G)^-1/2``, ``x (I + x G)^-1 Y' R^-1 e / (N - 1)`` to shift ``(N,)``; and x.
+
+    ``G = Y' R^-1 Y / (N - 1)`` is N x N: less work than p x p where readings outnumber the members, and more
+    digits, as S is ill-conditioned there (Bishop et al. 2001). L ``(k, k)`` comes as R and is overwritten, e as well.
+    x is 1 unless there is a ``certainty``, see `_scale`; 0: R is singular, and nothing else has changed.
+    """
+    N, apart = own.shape[1], True
+    for a in range(k):
+        for b in range(a):
+            apart = apart and L[a, b] == 0.0
+    if apart:
+        for a in range(k):
+            L[a, a] = np.sqrt(L[a, a])
+    else:
+        _cholesky(L, k)
+    for a in range(k):
+        total = 0.0
+        for b in range(a + 1):
+            total += L[a, b] * L[a, b]
+        if not L[a, a] * L[a, a] > 1e-12 * total:
+            return 0.0
+    for a in range(k):
+        for j in range(N):
+            white[a, j] = own[a, j] / L[a, a] if apart else own[a, j]
+        e[a, 0] /= L[a, a] if apart else 1.0
+    if not apart:
+        _solve(L, k, white, False)
+        _solve(L, k, e, False)
+    for j in range(N):
+        shift[j] = 0.0
+        for i in range(N):
+            G[j, i] = 0.0
+        for a in range(k):
+            _add(white[a, j], white[a], G[j])
+        for i in range(N):
+            G[j, i] /= N - 1
+    for a in range(k):
+        _add(e[a, 0] / (N - 1), white[a], shift)
+    _diagonalise(G, N, V)
+    values, along, x = np.empty(N), np.empty(N), 1.0
+    for m in range(N):
+        values[m], along[m] = max(G[m, m], 0.0), dot(V[m], shift)
+    if certainty > 0.0:
+        share, size = 1.0 / (1.0 + values), np.zeros(N)
+        for m in range(N):
+            if values[m] > 1e-14 * values.max():
+                size[m] = share[m] * along[m] ** 2 * (N - 1) / values[m]
+        x = _scale(share, size, N, certainty)
+    for j in range(N):
+        shift[j] = 0.0
+        for i in range(N):
+            G[j, i] = 0.0
+    for m in range(N):
+        value = x * values[m]
+        _add(x * along[m] / (1.0 + value), V[m], shift)
+        root = np.sqrt(1.0 + value)
+        for j in range(N):
+            _add(value / (root * (1.0 + root)) * V[m, j], V[m], G[j])
+    return x
+
+
+@part
+def _inflated(share: Any, V: Any, e: Any, certainty: float, N: int, M: Any) -> float:
+    """What `_scale` says; to e and M what then becomes of e and of `_softened`.
+
+    Shares, V and e are those of ``B = V' diag(m) V``, see `_softened`, and ``L^-1 e``.
+    """
+    k = len(share)
+    along = np.zeros(k)
+    for m in range(k):
+        for a in range(k):
+            along[m] += V[m, a] * e[a, 0]
+    x = _scale(share, along * along, N, certainty)
+    for i in range(k):
+        e[i, 0] = 0.0
+        for j in range(k):
+            M[i, j] = 0.0
+        for m in range(k):
+            q = x * (1.0 - share[m]) + share[m]
+            e[i, 0] += x / q * V[m, i] * along[m]
+            for j in range(k):
+                M[i, j] += x / (q + np.sqrt(q * share[m])) * V[m, i] * V[m, j]
+    return x
+
+
+@part
+def _taper(taper: Any, index: Any, k: int, R: Any, own: Any, e: Any, S: Any) -> None:
+    """Divides R by the taper ``(p,)`` of the readings: R stays, and innovation and anomalies shrink by its root."""
+    whole = True
+    for a in range(k):
+        whole = whole and taper[index[a]] == 1.0
+    for a in range(0 if whole else k):
+        for b in range(k):
+            share = np.sqrt(taper[index[a]] * taper[index[b]])
+            if share < 1.0:
+                S[a, b] = R[a, b] + share * (S[a, b] - R[a, b])
+        root = np.sqrt(taper[index[a]])
+        for j in range(own.shape[1]):
+            own[a, j] *= root
+        e[a, 0] *= root
 
 
 # --- kernels ----------------------------------------------------------------------------------------
@@ -310,13 +453,13 @@ def perturbed(
 
 
 @gufunc(
-    f"void({_LAST}, {_ROW}, {_LAST}, {_ROW}, {_BITS}, {_SMALL}, boolean[:, :], boolean[:, :], float64, "
+    f"void({_LAST}, {_ROW}, {_LAST}, {_ROW}, {_BITS}, {_SMALL}, boolean[:, :], {_SMALL}, float64, float64, "
     f"{_ROW}, {_LAST}, {_SMALL})",
-    "(n,N),(n),(p,N),(p),(p),(p,p),(g,n),(g,p),()->(n),(n,N),(p,p)",
+    "(n,N),(n),(p,N),(p),(p),(p,p),(g,n),(g,p),(),()->(n),(n,N),(p,p)",
 )
 def transformed(
     members: Any, before: Any, Y: Any, innovation: Any, arrived: Any, R: Any, states: Any, channels: Any,
-    inflation: float, mean: Any, A: Any, S: Any,
+    inflation: float, certainty: float, mean: Any, A: Any, S: Any,
 ) -> None:  # fmt: skip
     """The analysis of a symmetric transform, ``A <- A - K~ Y``.
 
@@ -324,38 +467,68 @@ def transformed(
 
         K = (C P)' L'^-1 L^-1        K~ = (C P)' L'^-1 (I + B^1/2)^-1 L^-1
 
-    ``states (g, n)`` tells which components form a group, ``channels (g, p)`` the readings that may correct it; all
-    else is as for `perturbed`.
+    Where more readings arrived than there are members, the same is computed as ``A <- A T``, see `_among_members`.
+
+    ``states (g, n)`` tells which components form a group, ``channels (g, p)`` what share of a reading's information it
+    gets; with a ``certainty`` above 0 anomalies are inflated before the analysis, see `_scale`. All else is as for
+    `perturbed`.
     """
-    (n, N), p, index = members.shape, len(R), np.empty(len(R), np.int64)
-    own, L, shares, M = np.empty((p, N)), np.empty((p, p)), np.empty((p, p)), np.empty((p, p))
+    (n, N), p, index, which = members.shape, len(R), np.empty(len(R), np.int64), np.empty(len(members), np.int64)
+    own, L, shares, M, V = np.empty((p, N)), np.empty((p, p)), np.empty((p, p)), np.empty((p, p)), np.empty((p, p))
     CP, gain, e = np.empty((p, n)), np.empty((p, n)), np.empty((p, 1))
+    many = N if p > N else 0
+    white, T, U, shift = np.empty((p, many)), np.empty((many, many)), np.empty((many, many)), np.empty(many)
     _innovation_cov(Y, arrived, R, S)
     _departed(members, before, A)
     for c in range(n):
         mean[c] = before[c]
     for g in range(len(states)):
-        k = _chosen(channels[g], arrived, Y, S, R, own, L, shares, index)
+        k, count, x = _chosen(channels[g], arrived, Y, S, R, own, L, shares, index), 0, 1.0
+        if k == 0:
+            continue
+        for c in range(n):
+            if states[g, c]:
+                which[count] = c
+                count += 1
         for a in range(k):
             e[a, 0] = innovation[index[a]]
-        _covary(own, k, A, CP)
-        _cholesky(L, k)
-        _softened(L, k, shares, M)
-        _solve(L, k, CP, False)
-        _solve(L, k, e, False)
-        for a in range(k):
-            for c in range(n):
-                gain[a, c] = 0.0
-                for m in range(k):
-                    gain[a, c] += M[a, m] * CP[m, c]
-        _solve(L, k, gain, True)
-        for c in range(n):
-            if k and states[g, c]:
-                for a in range(k):
-                    mean[c] += CP[a, c] * e[a, 0]
-                    _add(-gain[a, c], own[a], A[c])
+        _taper(channels[g], index, k, shares, own, e, L)
+        if k > N:
+            for a in range(k):
+                for b in range(k):
+                    M[a, b] = shares[a, b]
+            x = _among_members(own, k, M, e, certainty, white, T, U, shift)
+            for i in range(count if x > 0.0 else 0):
+                row = A[which[i]]
+                mean[which[i]] += dot(row, shift)
                 for j in range(N):
-                    A[c, j] *= inflation
+                    own[0, j] = row[j]
+                for j in range(N):
+                    _add(-own[0, j], T[j], row)
+        if k <= N or x == 0.0:
+            x = 1.0
+            for a in range(k):
+                for i in range(count):
+                    CP[a, i] = dot(own[a], A[which[i]]) / (N - 1)
+            _cholesky(L, k)
+            _softened(L, k, shares, V, M)
+            _solve(L, k, CP[:, :count], False)
+            _solve(L, k, e, False)
+            if certainty > 0.0:
+                x = _inflated(np.maximum(np.diag(shares[:k, :k]), 0.0), V, e, certainty, N, M)
+            for a in range(k):
+                for i in range(count):
+                    gain[a, i] = 0.0
+                    for m in range(k):
+                        gain[a, i] += M[a, m] * CP[m, i]
+            _solve(L, k, gain[:, :count], True)
+            for i in range(count):
+                for a in range(k):
+                    mean[which[i]] += CP[a, i] * e[a, 0]
+                    _add(-gain[a, i], own[a], A[which[i]])
+        for i in range(count):
+            for j in range(N):
+                A[which[i], j] *= inflation * np.sqrt(x)
     for c in range(n):
         for j in range(N):
             A[c, j] += mean[c]

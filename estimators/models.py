@@ -4,12 +4,13 @@ Notation throughout: ``x+ = A x + B u + G d + w`` and ``y = C x + H d + v`` with
 ``v ~ N(0, R)`` and ``d`` unknown; n states, m known inputs, q unknown inputs, p measurements.
 """
 
+import math
 import operator
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.linalg import expm
@@ -78,11 +79,12 @@ class Gaussian:
 
     mean: np.ndarray
     cov: np.ndarray
+    _vector: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         mean = as_array("mean", self.mean)
         cov = as_covariance("cov", self.cov)
-        if mean.ndim < 1 or mean.shape[-1] != cov.shape[-1]:
+        if mean.ndim < 1 or (self._vector and mean.shape[-1] != cov.shape[-1]):
             raise ValueError(f"mean has shape {mean.shape}, but cov {cov.shape} is for a vector of {cov.shape[-1]}")
         if not np.isfinite(mean).all():
             raise ValueError("mean must be finite")
@@ -95,7 +97,7 @@ class Gaussian:
 
     def about(self, mean: np.ndarray) -> "Gaussian":
         """The same covariance about other means ``(..., n)``, which are not looked at."""
-        moved = object.__new__(Gaussian)
+        moved = object.__new__(type(self))
         object.__setattr__(moved, "mean", mean)
         object.__setattr__(moved, "cov", self.cov)
         return moved
@@ -104,6 +106,16 @@ class Gaussian:
         if not isinstance(other, Gaussian):
             return NotImplemented
         return np.array_equal(self.mean, other.mean) and np.array_equal(self.cov, other.cov)
+
+
+@dataclass(frozen=True, eq=False)
+class ManifoldGaussian(Gaussian):
+    """A state ``(..., nx)`` that is no vector, and the covariance ``(..., n, n)`` of its error, which is one.
+
+    What the error of a state is, a model says (`NonlinearModel.difference`); it may have fewer numbers than the state.
+    """
+
+    _vector = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,6 +233,10 @@ class NonlinearModel:
         measurement_jacobian: ``dh/dx (x, u) -> (..., p, n)``; None: by central differences.
         states: n, where Q and G are functions, and Q has no value at ``u = None`` that would tell.
         measurements: p, where R and H are functions, likewise.
+        difference: ``e(a, b) -> (..., n)``, the error of ``b (..., nx)`` where ``a (..., nx)`` is true, for states that
+            are no vectors, as attitudes are; it broadcasts, and ``sum`` is its inverse. n is then the size of the
+            error, Q its noise, and Jacobians are by errors. None: states are vectors, but for their angles.
+        sum: ``x(b, e) -> (..., nx)``, the state that is the error ``e (..., n)`` away from b; likewise.
 
     A Jacobian of your own is compared with differences when it is first used.
 
@@ -240,6 +256,8 @@ class NonlinearModel:
     measurement_jacobian: Callable[[np.ndarray, np.ndarray | None], np.ndarray] | None = None
     states: int | None = None
     measurements: int | None = None
+    difference: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
+    sum: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
     n: int = field(init=False)
     p: int = field(init=False)
     q: int = field(init=False)
@@ -250,6 +268,10 @@ class NonlinearModel:
             function = getattr(self, name)
             if not callable(function) and not (function is None and name.endswith("jacobian")):
                 raise ValueError(f"{name} must be a function of (x, u), got {shown(function)}")
+        if (self.difference is None) != (self.sum is None):
+            raise ValueError("difference and sum belong together: give both, or neither")
+        if self.difference is not None and self.state_angles:
+            raise ValueError("difference and sum say what errors of angles are: leave state_angles out")
         _store_arrays(self, "GH")
         n = _told("states", self.states, {"Q": (self.Q, -1), "G": (self.G, -2)})
         p = _told("measurements", self.measurements, {"R": (self.R, -1), "H": (self.H, -2)})
@@ -298,18 +320,45 @@ class NonlinearModel:
         self, name: str, size: int, angles: tuple[int, ...], x: np.ndarray, u: np.ndarray | None, cov: np.ndarray | None
     ) -> tuple[np.ndarray, np.ndarray]:
         function, own = getattr(self, name), getattr(self, f"{name}_jacobian")
+        if self.difference is not None:
+            return self._linearise_errors(name, size, angles, x, u, cov)
         if own is None:
             return self._differenced(name, function, size, angles, x, u, cov, self.n)
-        jacobian = as_array(f"{name}_jacobian", own(x, u))
+        jacobian = self._own(name, function, size, angles, x, x, u, cov)
+        return at_points(name, function, x[..., None, :], u, size)[..., 0, :], jacobian
+
+    def _own(
+        self, name: str, function: "Function", size: int, angles: tuple[int, ...], x: np.ndarray, at: np.ndarray,
+        u: np.ndarray | None, cov: np.ndarray | None,
+    ) -> np.ndarray:  # fmt: skip
+        """The user's Jacobian at the state ``x``, compared when first used with differences of a function at ``at``."""
+        jacobian = as_array(f"{name}_jacobian", getattr(self, f"{name}_jacobian")(x, u))
         expected = x.shape[:-1] + (size, self.n)
         if jacobian.shape != expected:
             if jacobian.shape[-2:] != expected[-2:]:
                 raise ValueError(f"{name}_jacobian gave a matrix of shape {jacobian.shape}, expected {expected}")
             jacobian = np.broadcast_to(jacobian, expected)
         if name not in self._compared:
-            _compare(name, function, jacobian, x, u, angles, steps(x, cov, self.state_angles))
+            _compare(name, function, jacobian, at, u, angles, steps(at, cov, self.state_angles))
             self._compared.add(name)
-        return at_points(name, function, x[..., None, :], u, size)[..., 0, :], jacobian
+        return jacobian
+
+    def _linearise_errors(
+        self, name: str, size: int, angles: tuple[int, ...], x: np.ndarray, u: np.ndarray | None, cov: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """A function of the model at a state, and the Jacobian of its error, or of a reading, by the state's error."""
+        function, moved, none = getattr(self, name), name == "transition", np.zeros(x.shape[:-1] + (self.n,))
+        value = np.asarray(function(x, u))
+
+        def of_errors(e: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+            assert self.sum is not None
+            assert self.difference is not None
+            after = np.asarray(function(self.sum(x[..., None, :], e), u))
+            return self.difference(after, value[..., None, :]) if moved else after
+
+        if getattr(self, f"{name}_jacobian") is not None:
+            return value, self._own(name, of_errors, size, angles, x, none, u, cov)
+        return value, central_differences(name, of_errors, none, u, size, angles, steps(none, cov))[1]
 
     def _differenced(
         self, name: str, function: "Function", size: int, angles: tuple[int, ...], x: np.ndarray, u: np.ndarray | None,
@@ -579,19 +628,25 @@ def van_loan(A: np.ndarray, G: np.ndarray, Q: np.ndarray, dt: float) -> tuple[np
     Source: Van Loan (1978), Computing integrals involving the matrix exponential.
     """
     n = A.shape[-1]
+    # exp(-A t) is in it, which a fast decay makes huge: over a part of the step, of which two make one twice as long
+    halves = max(0, math.ceil(np.log2(np.linalg.norm(A, 1) * dt / 4.0))) if dt > 0.0 and np.any(A) else 0
     block = np.zeros((2 * n, 2 * n))
     block[:n, :n] = -A
     block[:n, n:] = congruence(G, Q)
     block[n:, n:] = A.T
-    phi = expm(block * dt)
+    phi = expm(block * (dt / 2**halves))
     transition = phi[n:, n:].T
     noise = transition @ phi[:n, n:]
+    for _ in range(halves):
+        noise = congruence(transition, noise) + noise
+        transition = transition @ transition
     return transition, 0.5 * (noise + noise.T)
 
 
 def sampled(
-    A: np.ndarray, C: np.ndarray, Q: np.ndarray, R: np.ndarray, B: np.ndarray | None = None, **options: Any
-) -> LinearModel:
+    A: np.ndarray, C: np.ndarray, Q: np.ndarray, R: np.ndarray, B: np.ndarray | None = None,
+    state_angles: tuple[int, ...] = (), measurement_angles: tuple[int, ...] = (),
+) -> LinearModel:  # fmt: skip
     """The model of ``x' = A x + B u + w``, ``y = C x + v``, read at times that need not be regular.
 
     How long a step takes is the last component of the known input, where `run` puts it when it is told times; the
@@ -603,30 +658,51 @@ def sampled(
         Q: ``(n, n)`` intensity of the white noise w: variance a unit of time.
         R: ``(p, p)`` covariance of a reading.
         B: ``(n, m)``, or None.
-        **options: ``state_angles`` and ``measurement_angles``.
+        state_angles: As of `LinearModel`.
+        measurement_angles: Likewise.
 
     Raises:
-        ValueError: naming the argument whose shape or definiteness is wrong, or if the model is told no length.
+        ValueError: naming the argument whose shape or definiteness is wrong, or later if a step has no length.
     """
-    own = LinearModel(A, C, Q, R, B=B, **options)  # which checks them
-    rates: Any = own
-    n, drive = own.n, np.zeros((own.n, 0)) if B is None else rates.B
+    model = LinearModel(A, C, Q, R, B=B, state_angles=state_angles, measurement_angles=measurement_angles)
+    rates: Any = model  # which has checked them
+    for name in "ACQR" if B is None else "ABCQR":
+        if callable(getattr(rates, name)) or getattr(rates, name).ndim > 2:
+            raise ValueError(f"{name} of a sampled model must be one matrix, for all rows and times")
+    drive = np.zeros((model.n, 0)) if B is None else rates.B
+    held = {part: _Held(rates.A, drive, rates.Q, part) for part in "ABQ"}
+    return replace(model, A=held["A"], B=held["B"] if drive.size else None, Q=held["Q"])
 
-    @lru_cache(maxsize=64)
-    def discrete(length: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        transition, noise = van_loan(rates.A, np.eye(n), rates.Q, length)
-        return transition, np.concatenate([zero_order_hold(rates.A, drive, length)[1], np.zeros((n, 1))], 1), noise
 
-    def at(part: int) -> Callable[[np.ndarray | None], np.ndarray]:
-        def matrix(u: np.ndarray | None) -> np.ndarray:
-            if u is None:
-                raise ValueError("this model needs to know how long a step takes: give run the times t of the readings")
-            lengths, rows = np.unique(u[..., -1], return_inverse=True)
-            return np.stack([discrete(float(length))[part] for length in lengths])[rows.reshape(u.shape[:-1])]
+@dataclass(frozen=True, eq=False)
+class _Held:
+    """One of the matrices of a `sampled` model, a function of the known input."""
 
-        return matrix
+    rates: np.ndarray
+    drive: np.ndarray
+    intensity: np.ndarray
+    part: str
 
-    return replace(own, A=at(0), B=None if B is None else at(1), Q=at(2))
+    def __call__(self, u: np.ndarray | None) -> np.ndarray:
+        m = self.drive.shape[1]
+        if u is None or u.shape[-1] != m + 1 or (u[..., -1] < 0.0).any():
+            raise ValueError(
+                f"the known input of a sampled model is {f'its {m} controls and ' if m else ''}how long each step "
+                "takes, not below 0: give run the times t of the readings"
+            )
+        lengths, rows = np.unique(u[..., -1], return_inverse=True)
+        return np.stack([_over_step(self, float(length)) for length in lengths])[rows.reshape(u.shape[:-1])]
+
+
+@lru_cache(maxsize=256)
+def _over_step(held: _Held, length: float) -> np.ndarray:
+    """The matrix over one step; of one whose length is not finite nothing is known."""
+    n, m = held.drive.shape
+    if not np.isfinite(length):
+        return np.full((n, m + 1 if held.part == "B" else n), np.nan)
+    if held.part == "B":
+        return np.concatenate([zero_order_hold(held.rates, held.drive, length)[1], np.zeros((n, 1))], 1)
+    return van_loan(held.rates, np.eye(n), held.intensity, length)[held.part == "Q"]
 
 
 def forward_euler(A: np.ndarray, B: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:

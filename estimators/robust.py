@@ -8,7 +8,7 @@ from estimators.belief import Belief
 from estimators.checks import number, whole
 from estimators.filter import Model, Rng
 from estimators.kalman import GaussianFilter, joseph_update
-from estimators.linalg import joined, principal_root, semidefinite_cholesky, solve, symmetrise
+from estimators.linalg import joined, principal_root, semidefinite_cholesky, solve, symmetrise, whitened
 from estimators.reading import Reading
 
 
@@ -70,7 +70,7 @@ class HuberKalmanFilter(GaussianFilter):
     def _inflation(self, M: np.ndarray, S: np.ndarray, e: np.ndarray) -> np.ndarray:
         """``1 / psi`` for the last update, ``(..., n + p)``; a row that has converged is left alone."""
         n = self.model.n
-        seen = self._weighted(_whitened(M[..., n:], e))
+        seen = self._weighted(whitened(M[..., n:], e))
         inflation = np.concatenate([np.ones(seen.shape[:-1] + (n,)), seen], -1)
         running = seen[..., 0] > 0.0
         for _ in range(self.iterations - 1):
@@ -83,17 +83,6 @@ class HuberKalmanFilter(GaussianFilter):
 
     def _weighted(self, zeta: np.ndarray) -> np.ndarray:
         return np.maximum(1.0, np.abs(zeta) / self.gamma)
-
-
-def _whitened(root: np.ndarray, e: np.ndarray) -> np.ndarray:
-    """``L^-1 e`` for a triangular root ``L (..., p, p)``; a column of zeros counts as a unit one: it weighs nothing."""
-    entries: list[np.ndarray] = []
-    for i in range(e.shape[-1]):
-        rest, pivot = e[..., i], root[..., i, i]
-        for j, entry in enumerate(entries):
-            rest = rest - root[..., i, j] * entry
-        entries.append(rest / np.where(pivot > 0.0, pivot, 1.0))
-    return np.concatenate([entry[..., None] for entry in entries], -1)
 
 
 def _reweighted(cov: np.ndarray, root: np.ndarray, inflation: np.ndarray) -> np.ndarray:

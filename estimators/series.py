@@ -17,10 +17,10 @@ from typing import Any, Generic
 import numpy as np
 
 from estimators.belief import Record, over_time
-from estimators.checks import as_array, as_mask, whole
+from estimators.checks import as_array, as_mask, shown, whole
 from estimators.delayed import Delayed
 from estimators.filter import Filter, Rng
-from estimators.models import Gaussian
+from estimators.models import Gaussian, LinearModel
 from estimators.randomness import Numbers, key
 
 
@@ -67,7 +67,10 @@ class Series(Generic[Record]):
         Raises:
             ValueError: if the filter gives no innovation covariance.
         """
-        return self.filter.log_likelihood(self.predicted, self.updated)
+        own = getattr(self.filter, "log_likelihood", None)
+        if own is None:
+            raise ValueError(f"{type(self.filter).__name__} has no log_likelihood: make it a Filter, or compare errors")
+        return own(self.predicted, self.updated)
 
     @property
     def log_likelihood(self) -> np.ndarray:
@@ -90,7 +93,7 @@ def run(
     The first reading is taken in by the prior itself; before every other one there is a prediction.
 
     Args:
-        filter: Any filter, one of your own too: what has ``init``, ``predict`` and ``update``.
+        filter: Any filter, one of your own too: what has ``init``, ``predict`` and ``update``, and gives a `Belief`.
         prior: Of the state at the first reading: mean ``(n,)`` or ``(..., n)``.
         y: ``(T, ..., p)`` readings, one series or a batch; a value that is not finite counts as missing. For a
             `Delayed` filter ``(T, ..., ages, p)``, as they come.
@@ -103,8 +106,11 @@ def run(
         rng: For filters that draw numbers: a seed, `Numbers` with a key a row, or a Generator.
 
     Raises:
-        ValueError: if a shape does not fit, or times go back.
+        TypeError: if ``filter`` is none.
+        ValueError: if a shape does not fit, times go back, or the model does not follow them.
     """
+    if isinstance(filter, type) or not all(hasattr(filter, name) for name in ("init", "predict", "update")):
+        raise TypeError(f"filter must be a filter, as estimators.make gives one, got {shown(filter)}")
     y = as_array("y", y)
     if y.ndim < 2 or len(y) == 0:
         hint = ": one channel has y[:, None]" if y.ndim == 1 else ""
@@ -115,11 +121,19 @@ def run(
     for name, array in (("available", available), ("R", R)):
         if array is not None and array.shape[:1] != (T,):
             raise ValueError(f"{name} has shape {array.shape}, expected one for each of the {T} readings of y")
+    model = getattr(filter, "model", None)
+    if t is not None and isinstance(model, LinearModel) and not any(callable(m) for m in vars(model).values()):
+        raise ValueError("this model is the same however long a step takes: make it with sampled, or leave out t")
     u = _known_inputs(u, t, T, batch)
-    if isinstance(rng, int):
+    if isinstance(rng, int | np.integer):
         rows = np.arange(int(np.prod(batch))).reshape(batch)
         rng = Numbers(np.broadcast_to(key(whole("rng", rng, 0)), (*batch, 2))).of(rows)
     if isinstance(prior, Gaussian):
+        for name, own in (("mean", prior.mean.shape[:-1]), ("cov", prior.cov.shape[:-2])):
+            if own not in ((), batch):
+                raise ValueError(
+                    f"the prior's {name} has rows {own}, y has {batch}: give one, or one for each row of y"
+                )
         prior = Gaussian(np.broadcast_to(prior.mean, batch + prior.mean.shape[-1:]), prior.cov)
     loop: Any = filter
     predicted: list[Any] = []
@@ -133,6 +147,8 @@ def run(
         updated.append(loop.update(belief, y[k], rng=now, available=mask, R=cov, u=None if k else known))
     if isinstance(filter, Delayed):
         predicted, updated = ([belief.now for belief in beliefs] for beliefs in (predicted, updated))
+    if u is not None:  # which the first reading was told, too
+        predicted[0] = predicted[0].replace(u=updated[0].u)
     return Series(filter, over_time(predicted), over_time(updated))
 
 

@@ -18,7 +18,9 @@ import numpy as np
 from estimators.angles import difference
 from estimators.belief import Belief, InputBelief, Record, Recovery
 from estimators.checks import whole
+from estimators.delayed import Delayed
 from estimators.ensemble import EnsembleFilter
+from estimators.error_state import ErrorStateKalmanFilter
 from estimators.kalman import GaussianFilter
 from estimators.linalg import congruence, equilibrated, identity, joined, lacks_rank, semidefinite
 from estimators.robust import HuberKalmanFilter
@@ -55,11 +57,12 @@ def smooth(series: Series[Record], lag: int | None = None) -> Record:
     filter, updated, predicted = series.filter, series.updated, series.predicted
     if isinstance(filter, EnsembleFilter):
         return _members(filter, updated, predicted, steps)
-    if not isinstance(filter, GaussianFilter | UMVFilter | NoFeedthroughFilter) or isinstance(
-        filter, HuberKalmanFilter
-    ):
+    if isinstance(filter, Delayed):
+        raise TypeError(f"{filter!r} has no smoother: sort readings by when they were taken, and run the filter itself")
+    if not _goes_back(filter):
+        name = getattr(filter, "name", type(filter).__name__)
         raise TypeError(
-            f"{filter.name} has no smoother: smooth a series of kf, ekf, ukf, robust-kf, kf-umv-ui, kf-umv-ui-wdf, "
+            f"{name} has no smoother: smooth a series of kf, ekf, ukf, iekf, robust-kf, kf-umv-ui, kf-umv-ui-wdf, "
             "ekf-ui-wdf, ukf-umv or of members"
         )
     z, P = _joint(updated)
@@ -79,6 +82,14 @@ def smooth(series: Series[Record], lag: int | None = None) -> Record:
         for _ in range(steps):  # all times at once: each looks one step further
             smoothed[:-1], covs[:-1] = back(slice(None), smoothed[1:], covs[1:])
     return _parted(updated, smoothed, semidefinite(covs))
+
+
+def _goes_back(filter: Any) -> bool:
+    """Whether what a filter stores is all that it did: predictions and updates of our own, none doubted later."""
+    known = isinstance(filter, GaussianFilter | UMVFilter | NoFeedthroughFilter)
+    steps = (getattr(type(filter), name, None) for name in ("_predict", "_update", "_moved", "_propagate", "_slopes"))
+    ours = all(step is None or step.__module__.startswith("estimators.") for step in steps)
+    return known and ours and not isinstance(filter, HuberKalmanFilter | ErrorStateKalmanFilter)
 
 
 def _joint(belief: Belief) -> tuple[np.ndarray, np.ndarray]:

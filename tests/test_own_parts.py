@@ -41,8 +41,8 @@ def test_every_estimator_that_ours_carry_carries_a_part_of_ones_own(env_id: str,
         ours(estimator=estimator)
     except ValueError:
         pytest.skip("ours refuses it, too")
-    members = {"members": 20} if estimator in ("enkf", "enkf-sr", "etkf") else {}
-    flown = rollout("random", env_id, range(2), {"estimator": estimator, "estimator_options": members})
+    few = {"pf": {"particles": 20}} | {key: {"members": 20} for key in ("enkf", "enkf-sr", "etkf", "letkf")}
+    flown = rollout("random", env_id, range(2), {"estimator": estimator, "estimator_options": few.get(estimator, {})})
     for key in ("truth", "estimate", "covariance"):
         assert np.isfinite(flown.history[key]).all()
     assert np.isfinite(flown.returns).all()

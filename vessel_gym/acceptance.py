@@ -1,8 +1,12 @@
-"""Whether a vehicle's readings tell of an unknown input: looked at along a nominal flight, before anything is flown."""
+"""What filters are refused for before anything is flown: looked at along a nominal flight.
+
+That readings do not tell of an unknown input; that a filter of a user's own cannot take an ordinary step.
+"""
 
 import numpy as np
 
-from estimators import Filter, input_conditions
+from estimators import Filter, Gaussian, input_conditions
+from estimators.check import check_steps
 from estimators.models import resolve
 from estimators.unknown_input import UnknownInputFilter
 from vessel_gym.composition import Composition
@@ -11,6 +15,8 @@ from vessel_gym.system import Vehicle
 VAGUEST = 3.0
 """How many of its sizes an unknown input may be uncertain by when one step's readings have told of it."""
 _STEPS, _DEFLECTED = 30, 0.3
+_NEAR = 1e-4
+"""Variance of every state of a start that any model can have, in SI units and radians."""
 
 
 def check_input(filter: Filter, composition: Composition) -> None:
@@ -56,6 +62,20 @@ def check_input(filter: Filter, composition: Composition) -> None:
                 f'{filter.name} cannot be told of {acting} as "{composition.told}", with the unknown input {names}: '
                 f'{why}; tell it with {{"as": "states"}}, or add a sensor'
             )
+
+
+def check_own(filter: Filter, composition: Composition) -> None:
+    """Refuse a filter of a user's own that does not keep the contract in a few ordinary steps of this very model.
+
+    Raises:
+        ValueError: saying what is wrong, see `estimators.check.check_steps`.
+    """
+    if filter._ours:
+        return
+    base, u = nominal_flight(composition.vehicle, composition.names[: composition.base])
+    mean = np.zeros(composition.model.n)
+    mean[: composition.base] = base[-1]
+    check_steps(filter, Gaussian(mean, _NEAR * np.eye(len(mean))), u[-1])
 
 
 def nominal_flight(vehicle: Vehicle, estimated: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:

@@ -11,7 +11,7 @@ from estimators.checks import number, shown
 from estimators.kalman import unseen_input
 from estimators.models import resolve
 from vessel_gym import checks
-from vessel_gym.acceptance import check_input
+from vessel_gym.acceptance import check_input, check_own
 from vessel_gym.composition import Composition, Forces, checked_told, compose, unknown_inputs
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.sensors import Sensors
@@ -275,6 +275,7 @@ def build(
         made = estimator(model, **options)  # type: ignore[operator]
         if not isinstance(made, Filter):
             raise TypeError(f"estimator must return an estimators.Filter, got {type(made).__name__}")
+        check_own(made, composition)
         check_input(made, composition)
         return Estimation(made, composition, told.prior, inputs, late)
     assert isinstance(estimator, str)

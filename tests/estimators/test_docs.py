@@ -25,6 +25,8 @@ def test_an_example_runs_as_it_stands(code: str, capsys: pytest.CaptureFixture, 
         pytest.importorskip("matplotlib")
     for library in re.findall(r"^(?:from|import) (filterpy|pykalman|dapper)\b", code, re.M):
         pytest.importorskip(library)
+    if "agents" in code:
+        pytest.importorskip("torch")
     exec(compile(code, "<example>", "exec"), {"__name__": "__main__"})
 
 

@@ -78,10 +78,13 @@ def _check(belief: Belief) -> None:
 
 def _options(name: str) -> st.SearchStrategy[dict[str, Any]]:
     known = {
-        "kf": ["input_cov"], "ukf": ["alpha", "beta", "kappa"], "huber-kf": ["gamma", "iterations", "tolerance"],
+        "kf": ["input_cov"], "iekf": ["iterations", "tolerance"], "adaptive-kf": ["q_rate", "r_rate"],
+        "mhe": ["horizon", "iterations", "tolerance"],
+        "ukf": ["alpha", "beta", "kappa"], "huber-kf": ["gamma", "iterations", "tolerance"],
         "robust-kf": ["radius"], "enkf": ["inflation", "localisation"], "etkf": ["inflation", "localisation", "rotate"],
-        "enkf-sr": ["inflation", "variant"], "ukf-umv": ["input_prior", "alpha"],
-    }.get(name, ["input_prior"] if name not in ("ekf",) else [])  # fmt: skip
+        "enkf-sr": ["inflation", "variant"], "pf": ["threshold", "jitter"],
+        "letkf": ["inflation", "localisation", "adaptive"], "ukf-umv": ["input_prior", "alpha"],
+    }.get(name, ["input_prior"] if name not in ("ekf", "srkf", "eskf") else [])  # fmt: skip
     value = st.one_of(JUNK, NUMBERS, _arrays(2, 2))
     some = st.dictionaries(st.sampled_from([*known, "colour"]), value, max_size=1)
     return st.one_of(st.just({}), st.just({}), some)
@@ -108,7 +111,9 @@ def _models(draw: st.DrawFn, nonlinear: bool) -> tuple[Any, int, int]:
     ("name", "option"),
     [("ukf", "alpha"), ("ukf", "beta"), ("ukf", "kappa"), ("enkf", "members"), ("enkf", "inflation"),
      ("enkf-sr", "variant"), ("huber-kf", "gamma"), ("huber-kf", "iterations"), ("huber-kf", "tolerance"),
-     ("robust-kf", "radius")],
+     ("robust-kf", "radius"), ("adaptive-kf", "q_rate"), ("adaptive-kf", "r_rate"),
+     ("mhe", "horizon"), ("mhe", "iterations"), ("iekf", "iterations"), ("iekf", "tolerance"),
+     ("pf", "particles"), ("pf", "threshold"), ("pf", "jitter"), ("letkf", "adaptive")],
 )  # fmt: skip
 def test_an_option_that_is_too_large_or_no_number_is_refused_by_its_name(name: str, option: str, value: Any):
     model = LinearModel(np.eye(2), np.eye(2), np.eye(2), np.eye(2))
@@ -123,8 +128,8 @@ def test_whatever_a_filter_is_given_it_answers_with_a_sentence_or_a_belief(data:
         nonlinear = data.draw(st.booleans())
         model, p, m = data.draw(_models(nonlinear))
         options = data.draw(_options(name))
-        members = {"members": 5} if name in ("enkf", "enkf-sr", "etkf") else {}
-        filter = make(name, model, **{**members, **options})
+        members = {"pf": {"particles": 5}} | {key: {"members": 5} for key in ("enkf", "enkf-sr", "etkf", "letkf")}
+        filter = make(name, model, **{**members.get(name, {}), **options})
         prior = Gaussian(data.draw(_arrays(model.n)), data.draw(_covariances(model.n)))
         rng = np.random.default_rng(0)
         belief = filter.init(prior, rng=rng)

@@ -4,8 +4,9 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 
-from estimators import Belief, Filter, Gaussian, NonlinearModel, Numbers, ensemble, make
+from estimators import Belief, Filter, Gaussian, LinearModel, NonlinearModel, Numbers, ensemble, make
 from estimators.angles import difference
 from estimators.ensemble import PROCESS, READINGS
 from estimators.linalg import neutralised, semidefinite_cholesky
@@ -126,6 +127,30 @@ def test_the_kernels_update_as_the_formulas_do(name: str, options: dict[str, obj
             np.testing.assert_allclose(after.mean[row], mean, rtol=0, atol=1e-12 * size)
             np.testing.assert_allclose(after.innovation[row], e, rtol=0, atol=1e-12)
             np.testing.assert_allclose(after.innovation_cov[row], S, rtol=0, atol=1e-12 * np.abs(S).max())
+
+
+@pytest.mark.parametrize("perfect", [False, True], ids=["each with noise", "one without"])
+@pytest.mark.parametrize("arriving", [12, 6, 4, 0])
+def test_readings_that_outnumber_the_members_are_taken_in_as_pair_after_pair(arriving: int, perfect: bool):
+    """Among members, or among readings where R is singular. Independent pairs may as well come one after the other."""
+    rng = np.random.default_rng(0)
+    R = block_diag(*(random_covariance(rng, 2) for _ in range(6)))
+    if perfect:
+        R[3], R[:, 3] = 0.0, 0.0
+    model = LinearModel(np.eye(7), rng.normal(size=(12, 7)), np.eye(7), R)
+    filter, numbers = make("etkf", model, members=5), Numbers.seeded(range(3))
+    before = filter.init(Gaussian(np.zeros((3, 7)), random_covariance(rng, 7)), rng=numbers)
+    y, available = rng.normal(size=(3, 12)), rng.permuted(np.arange(12) < arriving)
+    together = filter.update(before, y, rng=numbers, available=available)
+    apart = before
+    for pair in range(6):
+        own = available & (np.arange(12) // 2 == pair)
+        apart = filter.update(apart, y, rng=numbers, available=own)
+    assert together.healthy.all()
+    np.testing.assert_allclose(together.mean, apart.mean, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(together.cov, apart.cov, rtol=0, atol=1e-11)
+    shift = (together.ensemble - together.mean[:, None]).mean(-2)
+    np.testing.assert_allclose(shift, 0.0, atol=1e-13)
 
 
 @SPREADS

@@ -1,5 +1,7 @@
 """Whole series: the beliefs of a loop by hand, and likelihoods by other roads."""
 
+import pickle
+
 import numpy as np
 import pytest
 from batch import least_squares
@@ -204,7 +206,44 @@ def test_a_sampled_model_is_the_discrete_one_at_a_regular_step():
     np.testing.assert_allclose(model.Q(np.zeros(2)), 0.0, atol=1e-15)
 
 
+@pytest.mark.parametrize("length", [0.01, 1.0, 30.0, 1e3, 1e5])
+def test_noise_over_a_long_step_is_that_of_two_halves(length: float):
+    """However long against the fastest decay, which the exponential of -A would overflow at."""
+    model = sampled([[-10.0, 0.0], [1.0, -0.01]], [[0.0, 1.0]], np.diag([20.0, 0.1]), [[0.1]])
+    half, whole = np.array([length]), np.array([2.0 * length])
+    A, Q = model.A(half), model.Q(half)
+    np.testing.assert_allclose(model.Q(whole), A @ Q @ A.T + Q, rtol=1e-9)
+    np.testing.assert_allclose(model.A(whole), A @ A, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(model)).Q(whole), model.Q(whole))
+
+
+@pytest.mark.parametrize("T", [1, 6])
+def test_what_follows_the_known_input_follows_that_of_the_first_reading_too(T: int):
+    """Readings through an H, or a C, that is a function of u, held, are those of a constant one."""
+    rng = np.random.default_rng(0)
+    y, u = rng.normal(size=(T, 3)), np.full((T, 1), 2.0)
+    shown = np.array([[1.0], [0.5], [0.0]])
+    parts = {"A": 0.9 * np.eye(2), "Q": 0.1 * np.eye(2), "R": np.eye(3), "B": np.zeros((2, 1)), "G": [[1.0], [0.0]]}
+    C = np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
+    prior = Gaussian(np.zeros(2), np.eye(2))
+    constant = LinearModel(**parts, C=2.0 * C, H=2.0 * shown)
+    following = LinearModel(**parts, C=lambda u: u[..., :1, None] * C, H=lambda u: u[..., :1, None] * shown)
+    for name in ("kf", "kf-umv-ui", "ulise"):
+        wanted, found = (run(make(name, model), prior, y, u=u) for model in (constant, following))
+        np.testing.assert_allclose(found.log_likelihoods, wanted.log_likelihoods, rtol=0, atol=1e-12)
+
+
+def test_masked_readings_are_missing_ones():
+    model, y = LinearModel([[1.0]], [[1.0]], [[0.1]], [[1.0]]), np.array([[1.0], [99.0], [2.0]])
+    masked = run(make("kf", model), Gaussian([0.0], [[1.0]]), np.ma.masked_greater(y, 50.0))
+    missing = run(make("kf", model), Gaussian([0.0], [[1.0]]), np.where(y > 50.0, np.nan, y))
+    np.testing.assert_array_equal(masked.mean, missing.mean)
+
+
 # --- what does not fit --------------------------------------------------------------------------------
+
+
+_KF = make("kf", sampled(-np.eye(2), [[1.0, 0.0]], np.eye(2), [[1.0]]))
 
 
 @pytest.mark.parametrize(
@@ -214,14 +253,17 @@ def test_a_sampled_model_is_the_discrete_one_at_a_regular_step():
         ({"y": np.zeros((0, 1))}, "y has shape"),
         ({"y": np.zeros((5, 2))}, r"y has shape \(2,\), expected \(1,\)"),
         ({"u": np.zeros((4, 1))}, "u has shape .* one for each reading"),
-        ({"t": np.arange(4.0)}, "t has shape .* one time for each reading"),
-        ({"t": np.array([0.0, 1.0, 0.5, 2.0, 3.0])}, "times t go back: sort the readings"),
-        ({"t": np.array([0.0, 1.0, np.nan, 2.0, 3.0])}, "times t hold a time that is not finite"),
+        ({"t": np.arange(4.0), "filter": _KF}, "t has shape .* one time for each reading"),
+        ({"t": np.array([0.0, 1.0, 0.5, 2.0, 3.0]), "filter": _KF}, "times t go back: sort the readings"),
+        ({"t": np.array([0.0, 1.0, np.nan, 2.0, 3.0]), "filter": _KF}, "times t hold a time that is not finite"),
         ({"available": np.ones((4, 1), bool)}, "available has shape"),
         ({"R": np.eye(1)}, "R has shape"),
+        ({"t": np.arange(5.0)}, "this model is the same however long a step takes: make it with sampled"),
+        ({"prior": Gaussian(np.zeros((3, 2)), np.eye(2))}, r"the prior's mean has rows \(3,\), y has \(\)"),
+        ({"prior": Gaussian(np.zeros(2), np.eye(2)[None].repeat(3, 0))}, r"the prior's cov has rows"),
         ({"rng": -1}, "rng must be a whole number of at least 0"),
         ({"prior": Gaussian(np.zeros(3), np.eye(3))}, "the prior is for 3 states, the model has 2"),
-        ({"filter": make("kf", sampled(-np.eye(2), [[1.0, 0.0]], np.eye(2), [[1.0]]))}, "give run the times t"),
+        ({"filter": _KF}, "give run the times t"),
     ],
 )
 def test_what_does_not_fit_gets_one_sentence(changes: dict, sentence: str):

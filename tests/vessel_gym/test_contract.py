@@ -720,7 +720,7 @@ def cost_of_the_gap(core: Core, without: np.ndarray, members: float) -> np.ndarr
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("env_id", "estimator"), [pair for pair in SPREAD if pair[1] != "dead-reckoning"])
+@pytest.mark.parametrize(("env_id", "estimator"), [pair for pair in SPREAD if pair[1] not in ("dead-reckoning", "pf")])
 def test_after_a_long_gap_the_estimate_returns_to_what_it_would_have_been(env_id: str, estimator: str):
     """To a thousandth, but for what the estimate itself says that the gap has cost for good.
 
@@ -729,7 +729,8 @@ def test_after_a_long_gap_the_estimate_returns_to_what_it_would_have_been(env_id
 
     A linearised filter that rare fixes guide is sure of too much after their gap, as it saw it from elsewhere, and
     takes its time: a ship at sea, whose heading wanders by radians meanwhile, to a quarter of what counts as 1, an
-    aircraft to a twentieth.
+    aircraft to a twentieth. A particle filter makes no such promise: of particles that have spread over a gap, the
+    first reading leaves the few that happen to be near.
     """
     whole, gapped = (make_core(env_id, 8, seed=2, estimator=estimator) for _ in range(2))
     whole.reset()

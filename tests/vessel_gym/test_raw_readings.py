@@ -89,20 +89,27 @@ def test_an_episode_is_the_same_to_the_last_bit_whatever_estimator_is_named(env_
 
 
 class Vandal(Filter):
-    """An estimator of one's own that writes into whatever it is given, and believes nonsense."""
+    """An estimator of one's own that writes into whatever it is given, and believes nonsense, once it flies."""
+
+    flies = False  # in an environment, not before one that looks at it first
 
     def update(self, belief: Belief, y: np.ndarray, *args: Any, **kwargs: Any) -> Belief:
-        for array in (y, kwargs["available"], kwargs["u"]):
+        self.flies = "u" in kwargs
+        for array in (y, kwargs["available"], kwargs["u"]) if self.flies else ():
             if array is not None and array.flags.writeable:
                 array[...] = 0
         return super().update(belief, y, *args, **kwargs)
 
     def _predict(self, belief: Belief, u: np.ndarray | None, rng: Any) -> Belief:
+        if not self.flies:
+            return belief
         if u is not None and u.flags.writeable:
             u[...] = 7.0
         return belief.replace(mean=np.full_like(belief.mean, np.nan))
 
     def _update(self, belief: Belief, reading: Any, rng: Any) -> Belief:
+        if not self.flies:
+            return belief
         reading.available[...] = False
         return belief.replace(mean=np.full_like(belief.mean, 1e300), cov=-belief.cov)
 

@@ -31,7 +31,7 @@ PLANE_WATERS = _waters(0.5, PLANE, velocities=("u", "w"), rates=("q",), names=("
 
 def _tuning(name: str, told: Composition) -> dict[str, Any]:
     # An ensemble of 100 is a little too sure of itself; 1 + 1/N mends that (docs/dives.md).
-    if name in ("enkf", "enkf-sr", "etkf"):
+    if name in ("enkf", "enkf-sr", "etkf", "letkf"):
         return {"members": 100, "inflation": 1.01, "localisation": told.localisation}
     if name in OF_UNKNOWN_INPUTS and told.inputs:
         return {"input_prior": told.forces.input_cov}

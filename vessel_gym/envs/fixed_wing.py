@@ -24,7 +24,7 @@ def airs(dt: float, airspeed: float) -> dict[str, Air]:
 
 def _tuning(name: str, told: Composition) -> dict[str, Any]:
     # Without localisation an ensemble of 100 is three times too sure of the position; 1 + 1/N mends the rest.
-    if name in ("enkf", "enkf-sr", "etkf"):
+    if name in ("enkf", "enkf-sr", "etkf", "letkf"):
         return {"members": 100, "inflation": 1.01, "localisation": told.localisation}
     if name in OF_UNKNOWN_INPUTS and told.inputs:
         return {"input_prior": told.forces.input_cov}

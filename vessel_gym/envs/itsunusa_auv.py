@@ -120,11 +120,12 @@ class ItsunusaAUVEnv(VesselEnv):
              mismatch=0.0, observe="mean")
     ```
 
-    - ``estimator``: ``enkf-sr`` (default; 100 members, inflation 1.01, localised), ``enkf``, ``etkf``, ``ekf``,
-      ``ukf``, ``kf`` (made straight about steady dives along the path), ``huber-kf``, ``robust-kf``, ``truth``,
-      ``measurement`` (the last reading of everything, current 0), ``dead-reckoning``. Those of an unknown input need a
-      `vessel_gym.disturbances.Fault`, or a disturbance told as ``"input"``: ``kf-umv-ui`` (which takes the input of
-      the step before for that of now), ``kf-umv-ui-wdf``, ``ulise``, ``ekf-ui-wdf``, ``ukf-umv``.
+    - ``estimator``: ``enkf-sr`` (default; 100 members, inflation 1.01, localised), ``enkf``, ``etkf``, ``letkf``,
+      ``pf``, ``ekf``, ``iekf``, ``srkf``, ``eskf``, ``adaptive-kf``, ``mhe``, ``ukf``, ``kf`` (made straight about
+      steady dives along the path), ``huber-kf``, ``robust-kf``, ``truth``, ``measurement`` (the last reading of
+      everything, current 0), ``dead-reckoning``. Those of an unknown input need a `vessel_gym.disturbances.Fault`, or a
+      disturbance told as ``"input"``: ``kf-umv-ui`` (which takes the input of the step before for that of now),
+      ``kf-umv-ui-wdf``, ``ulise``, ``ekf-ui-wdf``, ``ukf-umv``.
     - ``estimator_options``: the filter's own, e.g. ``{"members": 400}``, ``{"localisation": None}``;
       ``{"model": "steady dives"}`` gives any of them the linear model.
     - ``sensors``: ``clean``, ``nominal`` or ``degraded``. Nominal: Doppler log over ground 0.01 m/s with 10 % lost,

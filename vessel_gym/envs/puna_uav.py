@@ -141,10 +141,11 @@ class PunaUAVEnv(VesselEnv):
     ```
 
     - ``estimator``: ``enkf`` (default; 100 members, inflation 1.01, localised by instrument), ``enkf-sr``, ``etkf``,
-      ``ekf``, ``ukf``, ``huber-kf``, ``robust-kf``, ``truth``, ``measurement`` (the last reading of everything; a wind
-      along the course alone), ``dead-reckoning``. Those that need a linear model refuse this one: ``kf``,
-      ``kf-umv-ui-wdf``, ``ulise``; those of an unknown input need a `vessel_gym.disturbances.Fault`, or a disturbance
-      told as ``"input"``: ``ekf-ui-wdf``, ``ukf-umv``, and ``kf-umv-ui`` if a sensor reads that input itself.
+      ``letkf``, ``pf``, ``ekf``, ``iekf``, ``srkf``, ``eskf``, ``adaptive-kf``, ``mhe``, ``ukf``, ``huber-kf``,
+      ``robust-kf``, ``truth``, ``measurement`` (the last reading of everything; a wind along the course alone),
+      ``dead-reckoning``. Those that need a linear model refuse this one: ``kf``, ``kf-umv-ui-wdf``, ``ulise``; those of
+      an unknown input need a `vessel_gym.disturbances.Fault`, or a disturbance told as ``"input"``: ``ekf-ui-wdf``,
+      ``ukf-umv``, and ``kf-umv-ui`` if a sensor reads that input itself.
     - ``estimator_options``: the filter's own, e.g. ``{"members": 300}``, ``{"localisation": None}``.
     - ``sensors``: ``clean``, ``nominal`` or ``degraded``. Nominal: every second a GNSS fix of 1 m in plan and 1.5 m in
       altitude, with ground speed 0.05 m/s, course 0.03 rad and climb 0.1 m/s; every step barometer 0.5 m, pitot tube

@@ -127,10 +127,11 @@ class SegorogeniAUVEnv(VesselEnv):
     ```
 
     - ``estimator``: ``enkf`` (default; 100 members, inflation 1.01, localised by plane), ``enkf-sr``, ``etkf``,
-      ``ekf``, ``ukf``, ``huber-kf``, ``robust-kf``, ``truth``, ``measurement`` (the last reading of everything,
-      current 0), ``dead-reckoning``. Those that need a linear model refuse this one: ``kf``,
-      ``kf-umv-ui-wdf``, ``ulise``; those of an unknown input need a `vessel_gym.disturbances.Fault`, or a disturbance
-      told as ``"input"``: ``ekf-ui-wdf``, ``ukf-umv``, and ``kf-umv-ui`` if a sensor reads that input itself.
+      ``letkf``, ``pf``, ``ekf``, ``iekf``, ``srkf``, ``eskf``, ``adaptive-kf``, ``mhe``, ``ukf``, ``huber-kf``,
+      ``robust-kf``, ``truth``, ``measurement`` (the last reading of everything, current 0), ``dead-reckoning``. Those
+      that need a linear model refuse this one: ``kf``, ``kf-umv-ui-wdf``, ``ulise``; those of an unknown input need a
+      `vessel_gym.disturbances.Fault`, or a disturbance told as ``"input"``: ``ekf-ui-wdf``, ``ukf-umv``, and
+      ``kf-umv-ui`` if a sensor reads that input itself.
     - ``estimator_options``: the filter's own, e.g. ``{"members": 300}``, ``{"localisation": None}``.
     - ``sensors``: ``clean``, ``nominal`` or ``degraded``. Nominal: Doppler log over ground 0.01 m/s with 10 % lost,
       depth 0.02 m, roll and pitch 0.01, yaw 0.03 rad, gyroscope 0.005 rad/s, and every 2 s a position fix of 0.5 m

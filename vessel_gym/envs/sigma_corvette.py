@@ -122,10 +122,11 @@ class SigmaCorvetteEnv(VesselEnv):
              mismatch=0.0, observe="mean")
     ```
 
-    - ``estimator``: on the nonlinear ship ``kf-umv-ui`` (default, linearised at the estimate), ``ekf``, ``ukf``,
-      ``enkf``, ``enkf-sr``, ``etkf``, and with d as a further state ``ekf-ui-wdf``, ``ukf-umv``; on a linear model
-      about the commanded turn ``ulise`` (whose d is one step late), ``kf-umv-ui-wdf``, ``kf``, ``huber-kf``,
-      ``robust-kf``; and ``truth``, ``measurement`` (readings held), ``dead-reckoning``.
+    - ``estimator``: on the nonlinear ship ``kf-umv-ui`` (default, linearised at the estimate), ``ekf``, ``iekf``,
+      ``srkf``, ``eskf``, ``adaptive-kf``, ``mhe``, ``ukf``, ``enkf``, ``enkf-sr``, ``etkf``, ``letkf``, ``pf``, and
+      with d as a further state ``ekf-ui-wdf``, ``ukf-umv``; on a linear model about the commanded turn ``ulise`` (whose
+      d is one step late), ``kf-umv-ui-wdf``, ``kf``, ``huber-kf``, ``robust-kf``; and ``truth``, ``measurement``
+      (readings held), ``dead-reckoning``.
     - ``estimator_options``: the filter's own, and ``model``: ``"nonlinear"`` or ``"linear"``; ``told``: what the filter
       is told of the sea. Waves as states: ``{"told": {"disturbance": "moderate", "as": "states"}}``; as noise, without
       a current: ``{"told": {"as": "noise"}}``; d as white of known variance, for ``kf``: ``{"told": {"as": "white"}}``.

@@ -23,7 +23,10 @@ THESIS_CORVETTE = System(
     disturbances=SEAS,
     estimator="kf-umv-ui",
     filter_model="corrected",
-    filter_models=dict.fromkeys(("ekf", "ukf", "enkf", "enkf-sr", "etkf"), "nonlinear"),
+    filter_models=dict.fromkeys(
+        ("ekf", "iekf", "srkf", "eskf", "adaptive-kf", "mhe", "ukf", "enkf", "enkf-sr", "etkf", "letkf", "pf"),
+        "nonlinear",
+    ),
     tuning=input_tuning,
 )
 
@@ -135,9 +138,10 @@ class ThesisCorvetteEnv(VesselEnv):
     ```
 
     - ``estimator``: on the linear model ``kf-umv-ui`` (default), ``ulise`` (whose d is one step late), ``kf``,
-      ``huber-kf``, ``robust-kf``; on the nonlinear ship ``ekf``, ``ukf``, ``enkf``, ``enkf-sr``, ``etkf``; and
-      ``truth``, ``measurement`` (compass differenced for the yaw rate, sway 0), ``dead-reckoning``.
-      ``kf-umv-ui-wdf``, ``ekf-ui-wdf`` and ``ukf-umv`` take d for a further state, as it feeds through to the readings.
+      ``huber-kf``, ``robust-kf``; on the nonlinear ship ``ekf``, ``iekf``, ``srkf``, ``eskf``, ``adaptive-kf``,
+      ``mhe``, ``ukf``, ``enkf``, ``enkf-sr``, ``etkf``, ``letkf``, ``pf``; and ``truth``, ``measurement`` (compass
+      differenced for the yaw rate, sway 0), ``dead-reckoning``. ``kf-umv-ui-wdf``, ``ekf-ui-wdf`` and ``ukf-umv`` take
+      d for a further state, as it feeds through to the readings.
     - ``estimator_options``: the filter's own, e.g. ``{"input_cov": 8e-5}`` tells ``kf`` the variance of d; ``model``
       is ``"corrected"`` (default), ``"nonlinear"`` (default of the nonlinear filters) or ``"as-printed"``, eq. 4.3
       of the thesis.

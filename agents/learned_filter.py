@@ -1,0 +1,163 @@
+"""Training for `estimators.LearnedGainFilter`, in torch: series of states and readings make a gain."""
+
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from agents.checkpoint import one_thread
+from estimators import GainNetwork, Gaussian, LinearModel, make
+from estimators.checks import as_array, number, whole
+from estimators.models import resolve
+from vessel_gym.extras import require
+
+
+def train_filter(
+    model: LinearModel,
+    prior: Gaussian,
+    x: np.ndarray,
+    y: np.ndarray,
+    u: np.ndarray | None = None,
+    hidden: int = 24,
+    epochs: int = 150,
+    rate: float = 3e-3,
+    seed: int = 0,
+) -> GainNetwork:
+    """The network whose gains make the means of a filter with this model, off as it may be, come near the states.
+
+    It begins as the steady gain of a Kalman filter of the model. The mean square error of all states, each in units of
+    what that filter leaves of it, is brought down over the whole length of the series, by Adam with a rate that falls
+    to nothing. A fifth of the series is not learned from: the weights that did best there are kept, if only the first.
+
+    Args:
+        model: What the filter will believe, of arrays.
+        prior: From which it will begin, one for all series.
+        x: ``(T, series, n)`` states: the truth of simulations, or reference measurements.
+        y: ``(T, series, p)`` readings; NaN where none came.
+        u: ``(T, series, m)`` known input over the step that follows; None: there is none.
+        hidden: How many numbers the network remembers.
+        epochs: How many times the series are seen, all at once.
+        rate: Of learning.
+        seed: Of the first weights.
+
+    Raises:
+        ValueError: if the series do not fit the model, are fewer than five, or the model has functions for matrices.
+        ModuleNotFoundError: without torch.
+    """
+    require("torch")
+    x, y = as_array("x", x), as_array("y", y)
+    hidden, epochs = whole("hidden", hidden, 1), whole("epochs", epochs, 1)
+    rate = number("rate", rate, 0.0, np.inf, "a positive number")
+    seed = whole("seed", seed, 0)
+    matrices = [getattr(model, name, None) for name in "ABCQR"]
+    if not isinstance(model, LinearModel) or not all(a is None or getattr(a, "ndim", 0) == 2 for a in matrices):
+        raise ValueError("train_filter needs a LinearModel of arrays: make a nonlinear one straight first")
+    for name, series, size in (("x", x, model.n), ("y", y, model.p)):
+        if series.ndim != 3 or series.shape[-1] != size or series.shape[:2] != x.shape[:2]:
+            raise ValueError(f"{name} has shape {series.shape}, expected (T, series, {size}) with those of x")
+    if x.shape[1] < 5:
+        raise ValueError(f"train_filter needs five series at least, got {x.shape[1]}: it learns from four of five")
+    model.check_known_input(u)
+    moved = np.zeros(x.shape)  # what the known input does over the step before
+    if u is not None and model.B is not None:
+        moved[1:] = np.matvec(resolve(model.B, None), as_array("u", u)[:-1])
+    with one_thread():
+        return _trained(model, prior, x, y, moved, _first(model, prior, x, y, u, hidden, seed), epochs, rate)
+
+
+def _first(
+    model: LinearModel, prior: Gaussian, x: np.ndarray, y: np.ndarray, u: np.ndarray | None, hidden: int, seed: int
+) -> GainNetwork:
+    """A network that says the steady gain of the model's Kalman filter, nearly, in scales of what that one leaves."""
+    filter = make("kf", model)
+    belief = filter.init(Gaussian(np.broadcast_to(prior.mean, x.shape[1:]), prior.cov))
+    errors, innovations = [], []
+    for k in range(len(x)):
+        if k:
+            belief = filter.predict(belief, None if u is None else u[k - 1])
+        belief = filter.update(belief, y[k])
+        errors.append(belief.mean - x[k])
+        innovations.append(np.where(belief.available, belief.innovation, np.nan))
+    state_scale = np.sqrt(np.square(errors).mean((0, 1)))
+    innovation_scale = np.sqrt(np.nanmean(np.square(innovations), (0, 1)))
+    steady = filter.init(prior)
+    for _ in range(200):
+        predicted = filter.predict(steady, None if u is None else u[0, 0])
+        steady = filter.update(predicted, np.zeros(model.p))
+    gain = np.linalg.solve(steady.innovation_cov, model.C @ predicted.cov).T
+    rng, n, p = np.random.default_rng(seed), model.n, model.p
+
+    def drawn(*shape: int) -> np.ndarray:
+        return rng.uniform(-1.0, 1.0, shape) / np.sqrt(hidden)
+
+    return GainNetwork(
+        drawn(3 * hidden, p + n), drawn(3 * hidden, hidden), drawn(3 * hidden), drawn(3 * hidden),
+        0.01 * drawn(n * p, hidden), (gain * innovation_scale / state_scale[:, None]).ravel(), innovation_scale,
+        state_scale,
+    )  # fmt: skip
+
+
+def means(network: dict[str, Any], model: LinearModel, start: np.ndarray, y: Any, moved: Any) -> Any:
+    """The filter's means ``(T, series, n)``, as a tensor that can be differentiated by the network's weights.
+
+    Args:
+        network: Tensors by the names of `GainNetwork`.
+        model: Of the filter.
+        start: ``(n,)`` the prior's mean.
+        y: ``(T, series, p)`` readings, NaN where none came.
+        moved: ``(T, series, n)`` what the known input did over the step before.
+    """
+    import torch
+
+    A, C = torch.as_tensor(model.A), torch.as_tensor(model.C)
+    angles = list(model.measurement_angles)
+    mean = torch.as_tensor(start).expand(y.shape[1], model.n)
+    memory, correction = mean.new_zeros(y.shape[1], network["hidden_weights"].shape[1]), torch.zeros_like(mean)
+    told, means = torch.isfinite(y), []
+    for k in range(len(y)):
+        if k:
+            mean = mean @ A.T + moved[k]
+        e = y[k] - mean @ C.T
+        if angles:
+            e[:, angles] = torch.remainder(e[:, angles] + torch.pi, 2.0 * torch.pi) - torch.pi
+        e = torch.where(told[k], torch.nan_to_num(e), 0.0)
+        seen = torch.cat([e / network["innovation_scale"], correction / network["state_scale"]], -1)
+        after = torch.gru_cell(
+            seen, memory, network["input_weights"], network["hidden_weights"], network["input_bias"],
+            network["hidden_bias"],
+        )  # fmt: skip
+        gain = (after @ network["gain_weights"].T + network["gain_bias"]).reshape(-1, model.n, model.p)
+        step = (gain @ (e / network["innovation_scale"])[..., None])[..., 0] * network["state_scale"]
+        came = told[k].any(-1, keepdim=True)
+        memory, correction = torch.where(came, after, memory), torch.where(came, step, correction)
+        mean = mean + step
+        means.append(mean)
+    return torch.stack(means)
+
+
+def _trained(
+    model: LinearModel, prior: Gaussian, x: np.ndarray, y: np.ndarray, moved: np.ndarray, first: GainNetwork,
+    epochs: int, rate: float,
+) -> GainNetwork:  # fmt: skip
+    import torch
+
+    network = {field.name: torch.as_tensor(getattr(first, field.name)).clone() for field in fields(first)}
+    learned = [tensor.requires_grad_() for name, tensor in network.items() if not name.endswith("scale")]
+    truth, readings, pushed = (torch.as_tensor(array) for array in (x, y, moved))
+    kept = torch.arange(x.shape[1]) % 5 == 4
+    optimizer = torch.optim.Adam(learned, lr=rate)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, epochs)
+    best, found = np.inf, first
+    for _ in range(epochs + 1):
+        error = (means(network, model, prior.mean, readings, pushed) - truth) / network["state_scale"]
+        square = error.square().mean((0, 2))
+        score = square.detach()[kept].mean().item()
+        if score < best:
+            best = score
+            found = GainNetwork(**{name: tensor.detach().numpy().copy() for name, tensor in network.items()})
+        optimizer.zero_grad()
+        square[~kept].mean().backward()
+        torch.nn.utils.clip_grad_norm_(learned, 1.0)
+        optimizer.step()
+        schedule.step()
+    return found

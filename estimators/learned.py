@@ -1,0 +1,168 @@
+"""A filter whose gain a recurrent network says: KalmanNet's kind, run in NumPy from weights trained elsewhere."""
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+
+from estimators.belief import Belief
+from estimators.checks import as_array
+from estimators.filter import Filter, Model, Rng
+from estimators.linalg import congruence, symmetrise
+from estimators.models import resolve
+from estimators.reading import Reading
+
+
+@dataclass(frozen=True, eq=False)
+class GainNetwork:
+    """A gated recurrent unit of k numbers, and a layer that makes a gain of what it remembers.
+
+    It is fed with the innovation and with the last correction of the state, each in units of its scale.
+
+    Attributes:
+        input_weights: ``(3 k, p + n)`` of reset, update and candidate, one below the other, as torch has them.
+        hidden_weights: ``(3 k, k)``.
+        input_bias: ``(3 k,)``.
+        hidden_bias: ``(3 k,)``.
+        gain_weights: ``(n p, k)``.
+        gain_bias: ``(n p,)``.
+        innovation_scale: ``(p,)``, positive.
+        state_scale: ``(n,)``, positive.
+
+    Raises:
+        ValueError: if shapes do not fit each other, or numbers are not finite.
+    """
+
+    input_weights: np.ndarray
+    hidden_weights: np.ndarray
+    input_bias: np.ndarray
+    hidden_bias: np.ndarray
+    gain_weights: np.ndarray
+    gain_bias: np.ndarray
+    innovation_scale: np.ndarray
+    state_scale: np.ndarray
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            array = as_array(field.name, getattr(self, field.name))
+            if not np.isfinite(array).all():
+                raise ValueError(f"{field.name} must be finite")
+            object.__setattr__(self, field.name, array)
+        k, n, p = self.hidden_weights.shape[-1], self.state_scale.size, self.innovation_scale.size
+        expected = ((3 * k, p + n), (3 * k, k), (3 * k,), (3 * k,), (n * p, k), (n * p,), (p,), (n,))
+        for field, shape in zip(fields(self), expected, strict=True):
+            if (found := getattr(self, field.name).shape) != shape:
+                raise ValueError(f"{field.name} has shape {found}, expected {shape} by the other weights")
+
+    @property
+    def size(self) -> int:
+        """How many numbers it remembers."""
+        return self.hidden_weights.shape[-1]
+
+    def save(self, path: str | Path) -> None:
+        """Write the weights to an ``.npz`` file of plain arrays."""
+        np.savez(path, **{field.name: getattr(self, field.name) for field in fields(self)})
+
+    @classmethod
+    def load(cls, path: str | Path) -> Self:
+        """The weights of a file that `save` wrote; nothing in it is run.
+
+        Raises:
+            ValueError: if it holds anything but the arrays of a network.
+            OSError: if it cannot be read.
+        """
+        with np.load(path, allow_pickle=False) as file:
+            names = [field.name for field in fields(cls)]
+            if sorted(file.files) != sorted(names):
+                raise ValueError(f"{path} holds {', '.join(file.files)}: no weights of a GainNetwork")
+            return cls(**{name: file[name] for name in names})
+
+    def __call__(
+        self, hidden: np.ndarray, innovation: np.ndarray, correction: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """What it remembers after a reading ``(..., k)``, and the gain ``(..., n, p)``."""
+        seen = np.concatenate([innovation / self.innovation_scale, correction / self.state_scale], -1)
+        told = np.split(np.matvec(self.input_weights, seen) + self.input_bias, 3, -1)
+        kept = np.split(np.matvec(self.hidden_weights, hidden) + self.hidden_bias, 3, -1)
+        reset, update = (1.0 / (1.0 + np.exp(-(a + b))) for a, b in zip(told[:2], kept[:2], strict=True))
+        hidden = (1.0 - update) * np.tanh(told[2] + reset * kept[2]) + update * hidden
+        gain = np.matvec(self.gain_weights, hidden) + self.gain_bias
+        gain = gain.reshape(gain.shape[:-1] + (self.state_scale.size, self.innovation_scale.size))
+        return hidden, self.state_scale[:, None] * gain / self.innovation_scale
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class LearnedGainBelief(Belief):
+    """The belief of a filter whose gain a network says.
+
+    Attributes:
+        hidden: ``(..., k)`` what the network remembers.
+        correction: ``(..., n)`` by how much the last reading moved the mean.
+    """
+
+    hidden: np.ndarray
+    correction: np.ndarray
+
+
+class LearnedGainFilter(Filter[LearnedGainBelief]):
+    """Predicted by the model, corrected with a gain that a recurrent network has learned: for a model known to be off.
+
+    The network sees the innovation and the last correction. Of a missing reading it sees 0, and of none at all nothing,
+    so that it remembers what it did. `agents.learned_filter.train_filter` trains it.
+
+    The covariance is that of this gain, ``(I - K C) P- (I - K C)' + K R K'``, if the model were right: what the filter
+    makes of its model's errors is in its mean alone.
+
+    Source: Revach, Shlezinger, Ni, Escoriza, van Sloun & Eldar (2022), KalmanNet: features F2 and F4, one gated unit.
+
+    Args:
+        model: That of the training; an unknown input in it is ignored.
+        network: A `GainNetwork` for as many states and readings.
+
+    Raises:
+        ValueError: if the network is for another number of states or readings.
+        TypeError: if it is none.
+    """
+
+    record = LearnedGainBelief
+
+    def __init__(self, model: Model, network: GainNetwork) -> None:
+        super().__init__(model)
+        if not isinstance(network, GainNetwork):
+            raise TypeError(f"network must be a GainNetwork, got {type(network).__name__}")
+        sizes = network.state_scale.size, network.innovation_scale.size
+        if sizes != (model.n, model.p):
+            raise ValueError(
+                f"the network is for {sizes[0]} states and {sizes[1]} readings, the model has {model.n} and {model.p}"
+            )
+        self.network = network
+
+    def _init(self, belief: Belief, rng: Rng) -> LearnedGainBelief:
+        hidden = np.zeros(belief.mean.shape[:-1] + (self.network.size,))
+        return LearnedGainBelief.of(belief, hidden=hidden, correction=np.zeros(belief.mean.shape))
+
+    def _predict(self, belief: LearnedGainBelief, u: np.ndarray | None, rng: Rng) -> LearnedGainBelief:
+        mean, cov = self._moved(belief, u)
+        cov = symmetrise(cov + resolve(self.model.Q, u))
+        return LearnedGainBelief.predicted(
+            belief, mean, cov, u, hidden=belief.hidden, correction=belief.correction
+        )  # fmt: skip
+
+    def _update(self, belief: LearnedGainBelief, reading: Reading, rng: Rng) -> LearnedGainBelief:
+        hidden, gain = self.network(belief.hidden, reading.innovation, belief.correction)
+        gain = np.where(reading.available[..., None, :], gain, 0.0)
+        correction, any_came = np.matvec(gain, reading.innovation), reading.available.any(-1, keepdims=True)
+        S = congruence(reading.C, belief.cov) + reading.R
+        cov = congruence(self._identity - gain @ reading.C, belief.cov) + congruence(gain, reading.R)
+        return LearnedGainBelief.updated(
+            belief, belief.mean + correction, symmetrise(cov), reading, symmetrise(S),
+            hidden=np.where(any_came, hidden, belief.hidden),
+            correction=np.where(any_came, correction, belief.correction),
+        )  # fmt: skip
+
+    def _condensed(
+        self, start: LearnedGainBelief, reading: Reading, S: np.ndarray, lost: np.ndarray
+    ) -> tuple[Reading, np.ndarray] | None:
+        """The network knows the channels as they are, not mixed ones."""
+        return None

@@ -1,0 +1,341 @@
+"""What readings say of a model's numbers: Q, R, the prior, and whatever else a filter is built with.
+
+::
+
+    def build(q, r):
+        return make("kf", LinearModel(A, C, q * np.eye(2), [[r]])), Gaussian(mean, cov)
+
+    found = fit(build, {"q": 1.0, "r": 1.0}, y)
+    print(found)  # estimates, 95 % intervals, and what the readings cannot tell
+
+No truth is needed: a filter foretells each reading, and the numbers that make its readings likely are the estimate.
+"""
+
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from estimators.angles import difference
+from estimators.belief import Recovery
+from estimators.checks import as_mask, as_number, shown
+from estimators.factory import unknown
+from estimators.models import Gaussian
+from estimators.randomness import Numbers
+from estimators.series import Series, run
+
+_OBJECTIVES = ("likelihood", "prediction-error")
+_QUANTILE = 1.959963984540054
+_FAR = 20.0
+"""How far a search may go from its start, in logarithms: a factor of 5e8."""
+_LITTLE = 0.1
+"""Less information than this on a logarithm leaves its 95 % interval a factor of 490 either way."""
+_LEFT = 0.02
+"""As much log-likelihood may be left to gain where a search has converged."""
+_SMOOTH, _ROUGH = 0.1, 0.5
+"""Steps of the Hessian's differences in standard errors; the second where members are drawn."""
+_AWAY = np.arange(4.0, 2.0 * _FAR, 4.0)
+"""How far along a direction without information is looked whether there is some farther on."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """What readings say of parameters.
+
+    Attributes:
+        estimates: The most likely value of each, by name.
+        standard_errors: Of each; infinite where the readings do not determine it, or the search found no maximum.
+        intervals: 95 % interval of each, likewise; of a positive parameter that of its logarithm.
+        correlation: ``(k, k)`` of the errors of the estimates (of logarithms where they are positive), in their order;
+            NaN where one is not determined.
+        log_likelihood: Of all readings, at the estimates.
+        undetermined: What the readings cannot determine: a sentence for each direction.
+        converged: Whether the search found a maximum.
+        filter: The filter of the estimates, as `fit` was told to build it.
+        prior: Its prior, likewise.
+    """
+
+    estimates: dict[str, float]
+    standard_errors: dict[str, float]
+    intervals: dict[str, tuple[float, float]]
+    correlation: np.ndarray
+    log_likelihood: float
+    undetermined: tuple[str, ...]
+    converged: bool
+    filter: Any
+    prior: Gaussian
+
+    def __str__(self) -> str:
+        width = max(map(len, self.estimates))
+        lines = [f"log-likelihood {self.log_likelihood:.6g}" + ("" if self.converged else ", search did not converge")]
+        for name, value in self.estimates.items():
+            low, high = self.intervals[name]
+            lines.append(f"{name:{width}} {value:.4g}  [{low:.4g}, {high:.4g}]")
+        return "\n".join([*lines, *self.undetermined])
+
+
+def fit(
+    build: Callable[..., tuple[Any, Gaussian]],
+    start: Mapping[str, float],
+    y: np.ndarray,
+    u: np.ndarray | None = None,
+    t: np.ndarray | None = None,
+    available: np.ndarray | None = None,
+    R: np.ndarray | None = None,
+    signed: Collection[str] = (),
+    objective: str = "likelihood",
+    rng: Numbers | int = 0,
+) -> Fit:
+    """Find what a filter is built with from readings alone.
+
+    ``"likelihood"`` maximises the density of all readings (`Series.log_likelihood`). ``"prediction-error"`` minimises
+    the determinant of the covariance of the innovations, which is the likelihood where that covariance is unknown: it
+    needs nothing of a filter but ``init``, ``predict`` and ``update``, and tells nothing of a factor that Q, R and the
+    prior have in common. The search goes by gradients (L-BFGS-B); for filters that draw numbers, with the same numbers
+    throughout, and where gradients lead to no minimum, by a simplex (Nelder & Mead). Standard errors are of the
+    observed information: second derivatives there.
+
+    Source: Ljung (1999), System Identification, sec. 7.2 to 7.4; Harvey (1989), Forecasting,
+    Structural Time Series Models and the Kalman Filter, sec. 3.4.
+
+    Args:
+        build: Makes a filter and its prior of parameters, given by name.
+        start: Where the search begins, by name: positive numbers, which are searched as their logarithms.
+        y: ``(T, ..., p)`` readings, as `run` takes them; rows of a batch are independent series of the same parameters.
+        u: As for `run`.
+        t: Likewise.
+        available: Likewise.
+        R: Likewise.
+        signed: Names of parameters that may have any sign; start them at their order of magnitude.
+        objective: "likelihood" or "prediction-error".
+        rng: Seed or keys of the numbers that a filter draws.
+
+    Raises:
+        ValueError: if there is no start, it is not positive, readings have no likelihood there, or none came; or an
+            argument does not fit (see `run`).
+        TypeError: if ``build`` does not take these names, or gives no filter and prior.
+    """
+    if objective not in _OBJECTIVES:
+        raise ValueError(unknown("objective", objective, _OBJECTIVES))
+    origin = _started(start, signed)
+    names = tuple(start)
+    positive = np.array([name not in signed for name in names])
+    units = np.where(positive | (origin == 0.0), 1.0, np.abs(origin))
+
+    def built(theta: np.ndarray) -> tuple[Any, Gaussian]:
+        values = np.where(positive, np.exp(np.where(positive, theta, 0.0)), theta * units)
+        return build(**dict(zip(names, map(float, values), strict=True)))
+
+    def of(filter: Any, prior: Gaussian) -> float:
+        with np.errstate(all="ignore"):
+            series = run(filter, prior, y, u, t, available, R, rng if _random(filter) else None)
+            if (series.updated.recovery >= Recovery.WITHOUT_CHANNEL).any():  # a reading that is given up must not pay
+                return np.inf
+            if objective == "likelihood":
+                return -float(np.sum(series.log_likelihood))
+            return -_prediction_error(series, y, available)
+
+    def cost(theta: np.ndarray) -> float:
+        try:
+            value = of(*built(theta))
+        except ValueError:  # of numbers that are far from the start, which no filter takes
+            return np.inf
+        return np.inf if np.isnan(value) else value
+
+    first = np.where(positive, np.log(np.where(positive, origin, 1.0)), origin / units)
+    begun = built(first)
+    if not (isinstance(begun, tuple) and len(begun) == 2 and isinstance(begun[1], Gaussian)):
+        raise TypeError(f"build must return a filter and its prior, a Gaussian, got {shown(begun)}")
+    if not np.isfinite(of(*begun)):
+        raise ValueError("the readings have no likelihood at the start: begin where the filter can follow them")
+    low, high = (np.where(positive, first + far, np.copysign(np.inf, far)) for far in (-_FAR, _FAR))
+    rough, at = _random(begun[0]), first
+    while True:
+        best, least, slopes, information = _searched(cost, at, low, high, rough)
+        covariance, flat, peaked = _covariance(information, positive)
+        with np.errstate(invalid="ignore"):
+            gain = 0.5 * slopes @ covariance @ slopes + sum(abs(slopes @ direction) for direction in flat)
+        converged = peaked and bool(gain < _LEFT)
+        beyond = _beyond(cost, best, least, flat, low, high)
+        if beyond is not None:
+            at = beyond
+        elif converged or rough:
+            break
+        else:  # no smooth likelihood, such as that of weights that are found by iteration
+            rough, at = True, first
+    loose = np.array([_involved(direction) for direction in flat]).reshape(-1, len(names)).any(0) | (not converged)
+    spread = np.sqrt(np.diagonal(covariance))
+    errors = np.where(loose, np.inf, spread)
+    ends = (best, best - _QUANTILE * errors, best + _QUANTILE * errors)
+    values, *limits = (np.where(positive, np.exp(end), end * units).tolist() for end in ends)
+    covariance[loose], covariance[:, loose] = np.nan, np.nan
+    filter, prior = built(best)
+    return Fit(
+        estimates=dict(zip(names, values, strict=True)),
+        standard_errors=dict(zip(names, (np.where(positive, values, units) * errors).tolist(), strict=True)),
+        intervals=dict(zip(names, zip(*limits, strict=True), strict=True)),
+        correlation=covariance / (spread * spread[:, None]),
+        log_likelihood=-least,
+        undetermined=tuple(_sentence(direction, names, positive, cost, best, least) for direction in flat),
+        converged=converged,
+        filter=filter,
+        prior=prior,
+    )
+
+
+def _started(start: Mapping[str, float], signed: Collection[str]) -> np.ndarray:
+    """Where a search begins, checked."""
+    if not isinstance(start, Mapping) or not start:
+        raise ValueError(
+            f"start must hold a value for each parameter by name, such as {{'q': 1.0}}, got {shown(start)}"
+        )
+    for name in (signed,) if isinstance(signed, str) else signed:
+        if name not in start:
+            raise ValueError(unknown("signed parameter", name, start))
+    for name, value in start.items():
+        number = as_number(value)
+        if not np.isfinite(number) or (number <= 0.0 and name not in signed):
+            hint = "" if not np.isfinite(number) else ": name it in signed if it may have any sign"
+            what = "a finite number" if name in signed else "a positive number"
+            raise ValueError(f"start of {name} must be {what}, got {shown(value)}{hint}")
+    return np.array([float(value) for value in start.values()])
+
+
+def _random(filter: Any) -> bool:
+    return bool(getattr(filter, "random", False))
+
+
+def _prediction_error(series: Series, y: np.ndarray, available: np.ndarray | None) -> float:
+    """The log-likelihood of Gaussian innovations whose covariance is what it is found to be.
+
+    Where readings are missing, each entry of the covariance is of those that came together.
+    """
+    e, arrived = series.updated.innovation, series.updated.available
+    if e is None or arrived is None:  # a filter that says no more than what it expects
+        model = series.filter.model
+        expected = model.measurement(series.predicted.mean, series.updated.u)
+        e = difference(np.asarray(y, float), expected, model.measurement_angles)
+        arrived = np.isfinite(e) if available is None else np.isfinite(e) & as_mask("available", available)
+        e = np.where(arrived, e, 0.0)
+    p = e.shape[-1]
+    flat, mask = e.reshape(-1, p), arrived.reshape(-1, p).astype(float)
+    together = mask.T @ mask
+    if (np.diagonal(together) == 0.0).any():
+        raise ValueError(f"channel {int(np.argmin(np.diagonal(together)))} of y has no reading at all: leave it out")
+    sign, size = np.linalg.slogdet(flat.T @ flat / np.maximum(together, 1.0))
+    if sign <= 0.0:
+        return -np.inf
+    return float(-0.5 * np.trace(together) / p * (size + p * (1.0 + np.log(2.0 * np.pi))))
+
+
+# --- the search ---------------------------------------------------------------------------------------
+
+
+def _searched(
+    cost: Callable[[np.ndarray], float], start: np.ndarray, low: np.ndarray, high: np.ndarray, random: bool
+) -> tuple[np.ndarray, float, np.ndarray, np.ndarray]:
+    """Where the cost is least ``(k,)``, how much it is, and its derivatives there, not finite where none can be had."""
+    from scipy.optimize import minimize  # late: it takes longer to import than the whole package
+
+    least = cost(start)
+    worst = least + 100.0 * (1.0 + abs(least))  # what a search can step back from
+
+    def slope(theta: np.ndarray) -> np.ndarray:
+        pairs = [(cost(theta + step), cost(theta - step)) for step in 1e-4 * np.eye(len(theta))]
+        return np.array([(a - b) / 2e-4 if np.isfinite(a - b) else 0.0 for a, b in pairs])
+
+    if random:
+        simplex = start + 0.5 * np.eye(len(start) + 1, len(start), -1)
+        search: dict[str, Any] = {"method": "Nelder-Mead"}
+        search["options"] = {"initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-3}
+    else:
+        search = {"method": "L-BFGS-B", "jac": slope, "options": {"ftol": 1e-13, "gtol": 1e-4}}
+    bounds = list(zip(low, high, strict=True))
+    found = minimize(lambda theta: min(cost(theta), worst), start, bounds=bounds, **search)
+    best, least = found.x, cost(found.x)
+    return best, least, *_derivatives(cost, best, least, _ROUGH if random else _SMOOTH)
+
+
+# --- what is known of the estimates -------------------------------------------------------------------
+
+
+def _derivatives(
+    cost: Callable[[np.ndarray], float], best: np.ndarray, least: float, step: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """First and second derivatives ``(k,)`` and ``(k, k)`` by central differences over a share of a standard error.
+
+    The second are NaN where they are others over a whole one: what bends in the small alone is rough, and no minimum.
+    """
+
+    def along(move: np.ndarray) -> tuple[float, float]:
+        ahead, behind = cost(best + move), cost(best - move)
+        return 0.5 * (ahead - behind), ahead - 2.0 * least + behind
+
+    def shorter(move: np.ndarray) -> np.ndarray:
+        curvature = along(move)[1] / (move @ move)
+        return move / np.linalg.norm(move) * np.clip(step / np.sqrt(max(curvature, 1e-300)), 1e-6, step)
+
+    moves = [shorter(shorter(0.01 * step * move)) for move in np.eye(len(best))]
+    sizes = np.linalg.norm(moves, axis=-1)
+    slopes, curvatures = np.array([along(move) for move in moves]).T
+    wide = np.array([along(move / step)[1] for move in moves]) * step**2
+    told = (curvatures > _LITTLE * sizes**2) & np.isfinite(wide)
+    hessian = np.diag(np.where(told & ((wide < 0.25 * curvatures) | (wide > 4.0 * curvatures)), np.nan, curvatures))
+    for i, j in combinations(range(len(best)), 2):
+        hessian[i, j] = hessian[j, i] = 0.25 * (along(moves[i] + moves[j])[1] - along(moves[i] - moves[j])[1])
+    return slopes / sizes, hessian / sizes / sizes[:, None]
+
+
+def _beyond(
+    cost: Callable[[np.ndarray], float], best: np.ndarray, least: float, flat: list[np.ndarray], low: np.ndarray,
+    high: np.ndarray,
+) -> np.ndarray | None:  # fmt: skip
+    """Where a search that ended on a plateau should go on, as that of a variance beside a far greater one; or None."""
+    points = [np.clip(best + far * way, low, high) for way in flat for far in (*_AWAY, *-_AWAY)]
+    costs = [cost(point) for point in points]
+    return points[int(np.argmin(costs))] if min(costs, default=np.inf) < least - _LEFT else None
+
+
+def _covariance(information: np.ndarray, positive: np.ndarray) -> tuple[np.ndarray, list[np.ndarray], bool]:
+    """Covariance ``(k, k)`` of estimates, the directions that readings say nothing of, and whether it is a maximum.
+
+    A logarithm has units of its own. Others are measured by what is known of them if all else were: there a direction
+    is flat that is known 300 times less well for what is not.
+    """
+    finite = np.isfinite(information)
+    information = np.where(finite, information, 0.0)
+    own = np.sqrt(np.maximum(np.diagonal(information), 0.0))
+    units = np.where(positive | (own == 0.0), 1.0, own / (300.0 * np.sqrt(_LITTLE)))
+    values, vectors = np.linalg.eigh(information / units / units[:, None])
+    known = values > _LITTLE
+    inverse = np.where(known, 1.0 / np.where(known, values, 1.0), 0.0)
+    covariance = (vectors * inverse) @ vectors.T / units / units[:, None]
+    peaked = finite.all() and values[0] > -max(1.0, 1e-3 * values[-1])
+    return covariance, list(vectors.T[~known]), bool(peaked)
+
+
+def _involved(direction: np.ndarray) -> np.ndarray:
+    """Which parameters a direction moves."""
+    return np.abs(direction) > 0.1
+
+
+def _sentence(
+    direction: np.ndarray, names: tuple[str, ...], positive: np.ndarray, cost: Callable[[np.ndarray], float],
+    best: np.ndarray, least: float,
+) -> str:  # fmt: skip
+    """What the readings do not tell, of a direction without information."""
+    moved = np.flatnonzero(_involved(direction))
+    up = direction * np.sign(direction[moved[0]])
+    if len(moved) > 1:
+        ways = " and ".join(f"{names[i]} {'up' if up[i] > 0.0 else 'down'}" for i in moved)
+        apart = " and ".join((", ".join(names[i] for i in moved[:-1]), names[moved[-1]]))
+        return f"the readings cannot tell {apart} apart: with {ways} they are as likely"
+    name = names[moved[0]]
+    if positive[moved[0]]:
+        less, more = (any(2.0 < cost(best + far * up) - least < np.inf for far in aways) for aways in (-_AWAY, _AWAY))
+        if less != more:
+            size = "small" if more else "great"
+            return f"the readings say of {name} only that it is {size}: they are as likely if it is {size}er still"
+    return f"the readings tell nothing of {name}: they are as likely with another"

@@ -1,0 +1,79 @@
+"""Training of a filter's gain."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+
+from dataclasses import replace
+
+from agents.learned_filter import train_filter
+from estimators import GainNetwork, Gaussian, LearnedGainFilter, LinearModel, make, rmse
+
+BELIEVED = LinearModel([[1.0, 0.2], [-0.05, 0.97]], [[1.0, 0.0]], np.diag([1e-5, 4e-4]), [[4e-3]], B=[[0.0], [0.1]])
+TRUE = replace(BELIEVED, A=[[1.0, 0.2], [-0.2, 0.97]])
+PRIOR = Gaussian(np.zeros(2), 0.04 * np.eye(2))
+
+
+def _sailed(seed: int, series: int, steps: int = 40) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """States, readings of which some are lost, and the known input."""
+    rng = np.random.default_rng(seed)
+    x, xs, ys, u = 0.2 * rng.normal(size=(series, 2)), [], [], rng.normal(size=(steps, series, 1))
+    for k in range(steps):
+        xs.append(x)
+        ys.append(x[:, :1] + np.sqrt(4e-3) * rng.normal(size=(series, 1)))
+        x = TRUE.transition(x, u[k]) + rng.normal(size=(series, 2)) * np.sqrt(np.diag(TRUE.Q))
+    y = np.array(ys)
+    y[rng.random(y.shape) < 0.1] = np.nan
+    return np.array(xs), y, u
+
+
+def _error(filter, x: np.ndarray, y: np.ndarray, u: np.ndarray, settled: int = 0) -> float:
+    belief, errors = filter.init(Gaussian(np.zeros(x.shape[1:]), PRIOR.cov)), []
+    for k in range(len(y)):
+        if k:
+            belief = filter.predict(belief, u[k - 1])
+        belief = filter.update(belief, y[k])
+        errors.append(belief.mean - x[k])
+    return float(rmse(np.array(errors[settled:]), 0.0).mean())
+
+
+@pytest.mark.slow
+def test_what_is_learned_holds_on_other_series_and_is_the_same_again():
+    """Between the Kalman filter of what is believed and that of what is true, on series that it has not seen."""
+    learned, again = (train_filter(BELIEVED, PRIOR, *_sailed(0, 60), hidden=8, epochs=60, rate=1e-2) for _ in range(2))
+    for name, array in vars(learned).items():
+        np.testing.assert_array_equal(array, getattr(again, name))
+    unseen = _sailed(1, 200)
+    wrong, ours, best = (
+        _error(filter, *unseen)
+        for filter in (make("kf", BELIEVED), LearnedGainFilter(BELIEVED, learned), make("kf", TRUE))
+    )
+    assert best < ours < 0.97 * wrong
+
+
+def test_before_it_learns_it_is_nearly_the_steady_kalman_filter():
+    """One epoch at a rate of nothing: where the model is true it is as good once settled, but for the gaps."""
+    x, y, u = _sailed(0, 20)
+    network = train_filter(TRUE, PRIOR, x, y, u, hidden=4, epochs=1, rate=1e-12)
+    assert isinstance(network, GainNetwork)
+    assert network.size == 4
+    unseen = _sailed(1, 100)
+    mine, theirs = (
+        _error(filter, *unseen, settled=25) for filter in (LearnedGainFilter(TRUE, network), make("kf", TRUE))
+    )
+    assert theirs < mine < 1.1 * theirs
+
+
+def test_series_that_do_not_fit_are_named():
+    x, y, u = _sailed(0, 5, steps=4)
+    with pytest.raises(ValueError, match=r"y has shape \(4, 5, 2\), expected \(T, series, 1\)"):
+        train_filter(BELIEVED, PRIOR, x, x, u)
+    with pytest.raises(ValueError, match="needs five series at least, got 4"):
+        train_filter(BELIEVED, PRIOR, x[:, :4], y[:, :4], u[:, :4])
+    with pytest.raises(ValueError, match="the model has B: give the known input u"):
+        train_filter(BELIEVED, PRIOR, x, y)
+    with pytest.raises(ValueError, match="needs a LinearModel of arrays"):
+        train_filter(replace(BELIEVED, A=lambda u: np.eye(2)), PRIOR, x, y, u)
+    with pytest.raises(ValueError, match="rate must be a positive number"):
+        train_filter(BELIEVED, PRIOR, x, y, u, rate=0.0)

@@ -1,0 +1,366 @@
+"""`fit` against closed forms, an independent likelihood and its own promise: intervals that hold the truth."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+from scipy.stats import binom, chi2, multivariate_normal
+
+from estimators import Filter, Fit, Gaussian, KalmanFilter, LinearModel, Numbers, fit, make, run, sampled
+from tests.estimators.cases import INPUT_PRIOR, kalman_system, simulate, unknown_input_system
+
+NILE = np.array([
+    1120, 1160, 963, 1210, 1160, 1160, 813, 1230, 1370, 1140, 995, 935, 1110, 994, 1020, 960, 1180, 799, 958, 1140,
+    1100, 1210, 1150, 1250, 1260, 1220, 1030, 1100, 774, 840, 874, 694, 940, 833, 701, 916, 692, 1020, 1050, 969, 831,
+    726, 456, 824, 702, 1120, 1100, 832, 764, 821, 768, 845, 864, 862, 698, 845, 744, 796, 1040, 759, 781, 865, 845,
+    944, 984, 897, 822, 1010, 771, 676, 649, 846, 812, 742, 801, 1040, 860, 874, 848, 890, 744, 749, 838, 1050, 918,
+    986, 797, 923, 975, 815, 1020, 906, 901, 1170, 912, 746, 919, 718, 714, 740,
+])[:, None]  # fmt: skip
+"""Annual flow of the Nile at Aswan, 1871 to 1970 (Cobb 1978)."""
+
+
+def level(q: float, r: float, cov: float = 1e7) -> tuple[Filter, Gaussian]:
+    return make("kf", LinearModel([[1.0]], [[1.0]], [[q]], [[r]])), Gaussian([0.0], [[cov]])
+
+
+def noise(r: float) -> tuple[Filter, Gaussian]:
+    return level(0.0, r, 0.0)
+
+
+def random_walk(seed: int, steps: int, q: float, r: float) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    return np.cumsum(np.sqrt(q) * rng.normal(size=(steps, 1)), 0) + np.sqrt(r) * rng.normal(size=(steps, 1))
+
+
+# --- closed forms -------------------------------------------------------------------------------------
+
+
+def test_the_nile_has_the_variances_that_everybody_finds():
+    """Durbin & Koopman (2012), Time Series Analysis by State Space Methods, sec. 2.10.3."""
+    found = fit(level, {"q": 1e4, "r": 1e4}, NILE)
+    assert found.estimates["q"] == pytest.approx(1469.1, rel=2e-3)
+    assert found.estimates["r"] == pytest.approx(15099.0, rel=2e-3)
+    assert found.converged
+    assert not found.undetermined
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("q", "r"), [(1e-4, 1e9), (1e8, 1e-2)])
+def test_a_start_far_off_leads_to_the_same(q: float, r: float):
+    """There the likelihood is a plateau: the one variance does not show beside the other."""
+    near, far = (fit(level, start, NILE) for start in ({"q": 1e3, "r": 1e4}, {"q": q, "r": r}))
+    assert far.log_likelihood == pytest.approx(near.log_likelihood, abs=1e-6)
+    assert far.estimates == pytest.approx(near.estimates, rel=1e-3)
+
+
+@pytest.mark.parametrize("shape", [(200, 1), (40, 5, 1)])
+def test_a_variance_is_the_mean_square_and_its_error_follows(shape: tuple[int, ...]):
+    """Rows are independent series, and what is missing counts for nothing."""
+    rng = np.random.default_rng(0)
+    y = 3.0 * rng.normal(size=shape)
+    y[rng.random(shape) < 0.2] = np.nan
+    found, T, variance = fit(noise, {"r": 1.0}, y), np.isfinite(y).sum(), np.nanmean(y**2)
+    assert found.estimates["r"] == pytest.approx(variance, rel=1e-6)
+    assert found.standard_errors["r"] == pytest.approx(np.sqrt(2.0 / T) * variance, rel=1e-4)
+    ends = variance * np.exp(np.array([-1, 1]) * 1.959964 * np.sqrt(2.0 / T))
+    assert found.intervals["r"] == pytest.approx(tuple(ends), rel=1e-4)
+    assert found.log_likelihood == pytest.approx(-0.5 * T * (np.log(2.0 * np.pi * variance) + 1.0))
+
+
+def test_a_mean_of_any_sign_and_a_variance_know_nothing_of_each_other():
+    y = 2.0 * np.random.default_rng(1).normal(size=(100, 1)) - 300.0
+    found = fit(lambda m, r: (noise(r)[0], Gaussian([m], [[0.0]])), {"m": -200.0, "r": 9.0}, y, signed=["m"])
+    assert found.estimates == pytest.approx({"m": y.mean(), "r": y.var()}, rel=1e-6)
+    errors = {"m": np.sqrt(y.var() / 100.0), "r": np.sqrt(2.0 / 100.0) * y.var()}
+    assert found.standard_errors == pytest.approx(errors, rel=1e-4)
+    np.testing.assert_allclose(found.correlation, np.eye(2), rtol=0, atol=1e-3)
+
+
+@pytest.mark.parametrize("objective", ["likelihood", "prediction-error"])
+def test_an_autoregression_is_least_squares(objective: str):
+    rng, a = np.random.default_rng(2), 0.8
+    y = np.zeros((60, 1))  # the first is known, and no part of the regression
+    for k in range(1, 60):
+        y[k] = a * y[k - 1] + 0.5 * rng.normal()
+
+    def build(a: float, q: float) -> tuple[Filter, Gaussian]:
+        return make("kf", LinearModel([[a]], [[1.0]], [[q]], [[1e-12]])), Gaussian([0.0], [[0.0]])
+
+    found = fit(build, {"a": 0.3, "q": 1.0}, y, signed=["a"], objective=objective)
+    before, after = y[:-1, 0], y[1:, 0]
+    slope = before @ after / (before @ before)
+    rest = np.mean((after - slope * before) ** 2)
+    assert found.estimates["a"] == pytest.approx(slope, rel=1e-5)
+    counted = 1.0 if objective == "likelihood" else 59.0 / 60.0  # what is known is no error, and counts as one
+    assert found.standard_errors["a"] == pytest.approx(np.sqrt(counted * rest / (before @ before)), rel=1e-3)
+    if objective == "likelihood":
+        assert found.estimates["q"] == pytest.approx(rest, rel=1e-5)
+    else:  # which knows no scale
+        (sentence,) = found.undetermined  # unless it is as small as R
+        assert sentence == "the readings say of q only that it is great: they are as likely if it is greater still"
+        assert np.isfinite(found.standard_errors["a"])
+
+
+@pytest.mark.slow
+def test_estimates_and_errors_are_those_of_the_joint_density_of_all_readings():
+    """At uneven times, with gaps: the readings are one Gaussian vector, whose covariance is known."""
+    rng = np.random.default_rng(3)
+    t = np.sort(rng.uniform(0.0, 30.0, 60))
+    walk = np.cumsum(np.sqrt(0.5 * np.diff(t, prepend=t[0])) * rng.normal(size=60))
+    y = (2.0 * rng.normal() + walk + 0.8 * rng.normal(size=60))[:, None]
+    y[[0, 7, 30]] = np.nan
+
+    def build(q: float, r: float, spread: float) -> tuple[Filter, Gaussian]:
+        return make("kf", sampled([[0.0]], [[1.0]], [[q]], [[r]])), Gaussian([0.0], [[spread]])
+
+    seen = np.isfinite(y[:, 0])
+    since = t[seen] - t[0]
+
+    def minus_log_density(theta: np.ndarray) -> float:
+        q, r, spread = np.exp(theta)
+        cov = spread + q * np.minimum(since, since[:, None]) + r * np.eye(seen.sum())
+        return -multivariate_normal(np.zeros(seen.sum()), cov).logpdf(y[seen, 0])
+
+    best = minimize(minus_log_density, np.zeros(3), method="BFGS", options={"gtol": 1e-6})
+    found = fit(build, {"q": 1.0, "r": 1.0, "spread": 1.0}, y, t=t)
+    np.testing.assert_allclose(np.log(list(found.estimates.values())), best.x, rtol=0, atol=1e-4)
+    assert found.log_likelihood == pytest.approx(-best.fun, abs=1e-8)
+    h, information = 1e-3, np.zeros((3, 3))
+    for i in range(3):
+        for j in range(3):
+            a, b = h * np.eye(3)[i], h * np.eye(3)[j]
+            signs = [(1, 1), (1, -1), (-1, 1), (-1, -1)]
+            information[i, j] = sum(s * r * minus_log_density(best.x + s * a + r * b) for s, r in signs) / (4 * h**2)
+    cov = np.linalg.inv(information)
+    errors = np.sqrt(np.diagonal(cov))
+    relative = [found.standard_errors[name] / found.estimates[name] for name in found.estimates]
+    np.testing.assert_allclose(relative, errors, rtol=1e-3)
+    np.testing.assert_allclose(found.correlation, cov / errors / errors[:, None], rtol=0, atol=1e-3)
+
+
+# --- the promise --------------------------------------------------------------------------------------
+
+
+def covered(trials: int, steps: int, **truth: float) -> dict[str, int]:
+    """In how many simulated series the interval of each parameter holds the truth."""
+    inside = dict.fromkeys(truth, 0)
+    for seed in range(trials):
+        y = random_walk(seed, steps, truth.get("q", 0.0), truth["r"])
+        build = noise if "q" not in truth else lambda q, r: level(q, r, 0.0)
+        found = fit(build, truth, y)
+        for name, (low, high) in found.intervals.items():
+            inside[name] += low <= truth[name] <= high
+    return inside
+
+
+@pytest.mark.parametrize("trials", [40, pytest.param(200, marks=pytest.mark.slow)])
+def test_an_interval_of_a_variance_holds_the_truth_as_often_as_theory_says(trials: int):
+    """Its estimate is chi-square, and the interval that of a normal logarithm: 94.1 % for 20 readings."""
+    ends = 20.0 * np.exp(np.array([-1.0, 1.0]) * 1.959964 * np.sqrt(2.0 / 20.0))
+    low, high = binom.interval(0.999, trials, np.diff(chi2.cdf(ends, 20))[0])
+    assert low <= covered(trials, 20, r=2.0)["r"] <= high
+
+
+@pytest.mark.nightly
+def test_intervals_of_two_variances_hold_the_truth_in_90_to_99_percent():
+    for inside in covered(200, 50, q=1.0, r=1.0).values():
+        assert 180 <= inside <= 198
+
+
+# --- what readings cannot tell ------------------------------------------------------------------------
+
+
+def test_two_numbers_of_which_only_the_sum_is_seen_are_named():
+    y = random_walk(0, 60, 0.0, 4.0)
+    start = {"a": 1.0, "b": 1.0, "p": 1.0}
+    found = fit(lambda a, b, p: (noise(a + b)[0], Gaussian([p], [[0.0]])), start, y, signed="p")
+    assert found.undetermined == ("the readings cannot tell a and b apart: with a up and b down they are as likely",)
+    for name in "ab":
+        assert found.standard_errors[name] == np.inf
+        assert found.intervals[name] == (0.0, np.inf)
+    assert found.estimates["a"] + found.estimates["b"] == pytest.approx(np.mean((y - y.mean()) ** 2), rel=1e-5)
+    assert found.standard_errors["p"] == pytest.approx(np.sqrt(np.var(y) / 60), rel=1e-3)
+    assert np.isnan(found.correlation[:2]).all()
+    assert found.correlation[2, 2] == pytest.approx(1.0)
+    assert found.undetermined[0] in str(found)
+
+
+def test_two_means_of_which_only_the_sum_is_seen_are_named():
+    y = random_walk(1, 60, 0.0, 4.0) + 5.0
+    start = {"a": 1.0, "b": 2.0, "r": 1.0}
+    found = fit(lambda a, b, r: (noise(r)[0], Gaussian([a + b], [[0.0]])), start, y, signed=("a", "b"))
+    (sentence,) = found.undetermined
+    assert sentence.startswith("the readings cannot tell a and b apart")
+    assert found.standard_errors["r"] == pytest.approx(np.sqrt(2.0 / 60) * np.var(y), rel=1e-3)
+
+
+def test_a_number_that_does_nothing_and_one_that_is_only_bounded_are_named():
+    y = random_walk(0, 60, 0.0, 4.0)
+    nothing = fit(lambda r, idle: noise(r), {"r": 1.0, "idle": 3.0}, y)
+    assert nothing.undetermined == ("the readings tell nothing of idle: they are as likely with another",)
+    assert nothing.standard_errors["r"] == pytest.approx(np.sqrt(2.0 / 60) * nothing.estimates["r"], rel=1e-3)
+    alternating = 2.0 * (-1.0) ** np.arange(60)[:, None]  # nothing walks there
+    small = fit(lambda q, r: level(q, r, 0.0), {"q": 1.0, "r": 1.0}, alternating)
+    (sentence,) = small.undetermined
+    assert sentence == "the readings say of q only that it is small: they are as likely if it is smaller still"
+    assert small.estimates["r"] == pytest.approx(4.0, rel=1e-3)
+
+
+# --- other filters ------------------------------------------------------------------------------------
+
+
+class Terse(KalmanFilter):
+    """Says what it expects, and nothing of how sure it is."""
+
+    def _update(self, belief, reading, rng):
+        updated = super()._update(belief, reading, rng)
+        return belief.replace(mean=updated.mean, cov=updated.cov)
+
+
+def test_prediction_errors_need_nothing_but_predictions():
+    y = random_walk(4, 150, 0.5, 1.0)
+    y[20:25] = np.nan
+
+    def terse(q: float) -> tuple[Filter, Gaussian]:
+        filter, prior = level(q, 1.0, 1.0)
+        return Terse(filter.model), prior
+
+    said, measured = (
+        fit(b, {"q": 1.0}, y, objective="prediction-error") for b in (lambda q: level(q, 1.0, 1.0), terse)
+    )
+    assert measured.estimates == pytest.approx(said.estimates, rel=1e-6)
+    assert measured.log_likelihood == pytest.approx(said.log_likelihood)
+    likely = fit(lambda q: level(q, 1.0, 1.0), {"q": 1.0}, y)
+    low, high = likely.intervals["q"]
+    assert low < measured.estimates["q"] < high  # of the ratio to r, which is true
+    with pytest.raises(ValueError, match="gives no covariance of its innovations"):
+        fit(terse, {"q": 1.0}, y)
+
+
+@pytest.mark.slow
+def test_the_determinant_counts_channels_that_came_together():
+    """Two channels with noise of one scale each: the best gain is that of least squares, whatever the scales."""
+    rng = np.random.default_rng(5)
+    y = np.cumsum(rng.normal(size=(200, 1)), 0) + rng.normal(size=(200, 2)) * [1.0, 2.0]
+    y[rng.random(y.shape) < 0.1] = np.nan
+
+    def build(q: float) -> tuple[Filter, Gaussian]:
+        return make("kf", LinearModel([[1.0]], [[1.0], [1.0]], [[q]], np.diag([1.0, 4.0]))), Gaussian([0.0], [[1.0]])
+
+    found = fit(build, {"q": 0.1}, y, objective="prediction-error")
+    low, high = fit(build, {"q": 0.1}, y).intervals["q"]
+    assert found.converged
+    assert low < found.estimates["q"] < high
+
+
+@pytest.mark.slow
+def test_a_filter_that_draws_numbers_has_the_same_in_every_evaluation():
+    def build(q: float, r: float) -> tuple[Filter, Gaussian]:
+        filter, prior = level(q, r)
+        return make("enkf", filter.model, members=100), prior
+
+    start = {"q": 1e3, "r": 1e4}
+    one, again, other = (fit(build, start, NILE, rng=rng) for rng in (1, 1, Numbers.seeded([7])[0]))
+    assert one.estimates == again.estimates
+    assert one.estimates != other.estimates
+    exact = fit(level, start, NILE)
+    for name, (low, high) in exact.intervals.items():
+        assert low < one.estimates[name] < high
+    assert one.standard_errors["r"] == pytest.approx(exact.standard_errors["r"], rel=0.3)
+
+
+@pytest.mark.slow
+def test_the_inputs_that_nobody_knows_leave_q_and_r_to_be_found():
+    """The diffuse likelihood: whatever the unknown input is, factors of Q and R of 1 lie within 3.3 standard errors."""
+    system = unknown_input_system(0, False)
+    record = simulate(system, 1, runs=4, steps=150)
+
+    def build(q: float, r: float) -> tuple[Filter, Gaussian]:
+        model = replace(system.model, Q=q * system.model.Q, R=r * system.model.R)
+        return make("kf-umv-ui-wdf", model, input_prior=INPUT_PRIOR), system.prior
+
+    found = fit(build, {"q": 3.0, "r": 0.3}, record.y, record.u)
+    for name, value in found.estimates.items():
+        assert abs(np.log(value)) < 3.3 * found.standard_errors[name] / value
+        assert found.standard_errors[name] < 0.2
+
+
+@pytest.mark.slow
+def test_where_a_likelihood_is_not_smooth_a_simplex_finds_its_maximum():
+    """Huber's weights are found by iteration: below a hundredth the likelihood is rough."""
+    system = kalman_system(0)
+    record, rng = simulate(system, 1, runs=6, steps=30), np.random.default_rng(0)
+    y = record.y + 10.0 * (rng.random(record.y.shape) < 0.1) * rng.normal(size=record.y.shape)
+
+    def build(gamma: float) -> tuple[Filter, Gaussian]:
+        return make("huber-kf", system.model, gamma=gamma), system.prior
+
+    def error(gamma: float) -> float:
+        e = run(build(gamma)[0], system.prior, y, record.u).updated.innovation.reshape(-1, 3)
+        return np.linalg.slogdet(e.T @ e / len(e))[1]
+
+    found = fit(build, {"gamma": 1.345}, y, record.u, objective="prediction-error")
+    assert found.converged
+    grid = [error(gamma) for gamma in np.geomspace(0.02, 20.0, 40)]
+    assert error(found.estimates["gamma"]) <= min(grid) + 1e-3
+
+
+def test_what_is_found_is_ready_to_use():
+    found = fit(level, {"q": 1e3, "r": 1e4}, NILE)
+    assert isinstance(found, Fit)
+    series = run(found.filter, found.prior, NILE)
+    assert float(series.log_likelihood) == pytest.approx(found.log_likelihood)
+    lines = str(found).splitlines()
+    assert lines[0] == "log-likelihood -641.586"
+    assert lines[1].split()[:2] == ["q", "1469"]
+
+
+def test_a_maximum_at_the_edge_of_what_can_be_built_is_none():
+    """An autoregression of more than a half is refused by whoever builds it, and the readings ask for 0.9."""
+    rng = np.random.default_rng(6)
+    y = np.zeros((100, 1))
+    for k in range(1, 100):
+        y[k] = 0.9 * y[k - 1] + rng.normal()
+
+    def build(a: float) -> tuple[Filter, Gaussian]:
+        if a > 0.5:
+            raise ValueError("it wanders too far")
+        return make("kf", LinearModel([[a]], [[1.0]], [[1.0]], [[0.1]])), Gaussian([0.0], [[1.0]])
+
+    found = fit(build, {"a": 0.1}, y, signed=["a"])
+    assert 0.49 < found.estimates["a"] <= 0.5
+    assert not found.converged
+    assert found.intervals["a"] == (-np.inf, np.inf)
+    assert "did not converge" in str(found)
+
+
+# --- what is refused ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ({"start": {}}, "start must hold a value for each parameter by name"),
+        ({"start": 3.0}, "start must hold a value for each parameter by name"),
+        ({"start": {"q": 0.0, "r": 1.0}}, "start of q must be a positive number, got 0.0: name it in signed"),
+        ({"start": {"q": -1.0, "r": 1.0}}, "start of q must be a positive number"),
+        ({"start": {"q": "1", "r": 1.0}}, "start of q must be a positive number, got '1'$"),
+        ({"start": {"q": np.inf, "r": 1.0}, "signed": "q"}, "start of q must be a finite number, got inf$"),
+        ({"signed": ["s"]}, "unknown signed parameter 's'.*choose from q, r"),
+        ({"objective": "likelyhood"}, "unknown objective 'likelyhood' .did you mean 'likelihood'"),
+        ({"y": NILE[:, 0]}, "y has shape"),
+        ({"y": np.full((10, 1), np.nan), "objective": "prediction-error"}, "channel 0 of y has no reading at all"),
+        ({"y": np.full((10, 1), 1e300)}, "the readings have no likelihood at the start"),
+    ],
+)
+def test_bad_input_gets_a_sentence(arguments: dict, sentence: str):
+    with pytest.raises(ValueError, match=sentence):
+        fit(**({"build": level, "start": {"q": 1.0, "r": 1.0}, "y": NILE} | arguments))
+
+
+def test_a_build_that_is_none_is_refused():
+    with pytest.raises(TypeError, match="unexpected keyword argument 's'"):
+        fit(level, {"s": 1.0}, NILE)
+    with pytest.raises(TypeError, match="build must return a filter and its prior, a Gaussian, got KalmanFilter"):
+        fit(lambda q: level(q, 1.0)[0], {"q": 1.0}, NILE)

@@ -1,0 +1,137 @@
+"""Environments that nobody here wrote, with an estimator in their loop: what a user writes for each, in 12 lines."""
+
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from estimators import Gaussian, NonlinearModel
+from vessel_gym.wrappers import EstimatedObservation, identify, simulator
+
+
+def cart_pole(**options: Any) -> gym.Env:
+    def swing(x, u):
+        p, v, a, w = np.moveaxis(x, -1, 0)
+        t = (20.0 * u[..., 0] - 10.0 + 0.05 * w**2 * np.sin(a)) / 1.1
+        turn = (9.8 * np.sin(a) - np.cos(a) * t) / (0.5 * (4.0 / 3.0 - 0.1 * np.cos(a) ** 2 / 1.1))
+        slide = t - 0.05 * turn * np.cos(a) / 1.1
+        return np.stack([p + 0.02 * v, v + 0.02 * slide, a + 0.02 * w, w + 0.02 * turn], -1)
+
+    model = NonlinearModel(swing, lambda x, u: x[..., [0, 2]], 1e-9 * np.eye(4), np.diag([4e-4, 1e-4]))
+    prior = Gaussian(np.zeros(4), np.eye(4) * 0.05**2 / 3)
+    return EstimatedObservation(gym.make("CartPole-v1"), model, prior, lambda env, obs: env.unwrapped.state, **options)
+
+
+def pendulum(**options: Any) -> gym.Env:
+    def swing(x, u):
+        rate = np.clip(x[..., 1] + (15.0 * np.sin(x[..., 0]) + 3.0 * u[..., 0]) * 0.05, -8.0, 8.0)
+        return np.stack([x[..., 0] + 0.05 * rate, rate], -1)
+
+    angle = {"state_angles": (0,), "measurement_angles": (0,)}
+    model = NonlinearModel(swing, lambda x, u: x[..., :1], 1e-9 * np.eye(2), [[0.0025]], **angle)
+    prior = Gaussian([0.0, 0.0], np.diag([3.3, 0.33]))
+    return EstimatedObservation(
+        gym.make("Pendulum-v1"), model, prior, lambda env, obs: env.unwrapped.state,
+        lambda x: [np.cos(x[..., 0]), np.sin(x[..., 0]), x[..., 1]], **options,
+    )  # fmt: skip
+
+
+def mountain_car(**options: Any) -> gym.Env:
+    env = gym.make("MountainCar-v0")
+    model = simulator(env, lambda x, u: x[..., :1], Q=1e-11, R=1e-4)
+    return EstimatedObservation(env, model, Gaussian([-0.5, 0.0], np.diag([0.0034, 0.0])), **options)
+
+
+def mountain_car_continuous(**options: Any) -> gym.Env:
+    def climb(x, u):
+        v = np.clip(x[..., 1] + 0.0015 * u[..., 0] - 0.0025 * np.cos(3.0 * x[..., 0]), -0.07, 0.07)
+        p = np.clip(x[..., 0] + v, -1.2, 0.6)
+        return np.stack([p, np.where((p == -1.2) & (v < 0.0), 0.0, v)], -1)
+
+    model = NonlinearModel(climb, lambda x, u: x[..., :1], 1e-11 * np.eye(2), [[1e-4]])
+    return EstimatedObservation(gym.make("MountainCarContinuous-v0"), model, **options)
+
+
+def acrobot(**options: Any) -> gym.Env:
+    env = gym.make("Acrobot-v1")
+    model = simulator(env, lambda x, u: x[..., :2], Q=1e-9, R=1e-4, state_angles=(0, 1), measurement_angles=(0, 1))
+    return EstimatedObservation(
+        env, model, None, lambda env, obs: env.unwrapped.state,
+        lambda x: [np.cos(x[..., 0]), np.sin(x[..., 0]), np.cos(x[..., 1]), np.sin(x[..., 1]), x[..., 2], x[..., 3]],
+        **options,
+    )  # fmt: skip
+
+
+def lunar_lander(**options: Any) -> gym.Env:
+    env = gym.make("LunarLanderContinuous-v3")
+    model, known = identify(gym.make("LunarLanderContinuous-v3"), lambda env, obs: obs[:6], np.eye(6)[[0, 1, 4]], 1e-4)
+    return EstimatedObservation(
+        env, model, None, lambda env, obs: obs[:6], passes=(6, 7), known_input=known, **options
+    )  # the legs' contacts pass
+
+
+def _mujoco(name: str, observation: Callable, measurement: Callable, passes=(), **options: Any) -> gym.Env:
+    env = gym.make(name)
+    model = simulator(env, measurement, Q=1e-8, R=1e-4)
+    return EstimatedObservation(
+        env, model, None, lambda env, obs: np.concatenate([env.unwrapped.data.qpos, env.unwrapped.data.qvel]),
+        observation, passes, **options,
+    )  # fmt: skip
+
+
+def inverted_pendulum(**options: Any) -> gym.Env:
+    return _mujoco("InvertedPendulum-v5", None, lambda x, u: x[..., :2], **options)
+
+
+def inverted_double_pendulum(**options: Any) -> gym.Env:
+    def seen(x):
+        angles, rates = x[..., 1:3], np.clip(x[..., 3:], -10.0, 10.0)
+        return np.concatenate([x[..., :1], np.sin(angles), np.cos(angles), rates], -1)
+
+    return _mujoco("InvertedDoublePendulum-v5", seen, lambda x, u: x[..., :3], passes=(8,), **options)
+
+
+def swimmer(**options: Any) -> gym.Env:
+    return _mujoco("Swimmer-v5", lambda x: x[..., 2:], lambda x, u: x[..., :5], **options)
+
+
+def hopper(**options: Any) -> gym.Env:
+    def seen(x):
+        return np.concatenate([x[..., 1:6], np.clip(x[..., 6:], -10.0, 10.0)], -1)
+
+    return _mujoco("Hopper-v5", seen, lambda x, u: x[..., :6], **options)
+
+
+def half_cheetah(**options: Any) -> gym.Env:
+    return _mujoco("HalfCheetah-v5", lambda x: x[..., 1:], lambda x, u: x[..., :9], **options)
+
+
+def reacher(**options: Any) -> gym.Env:
+    def seen(x):
+        joints = x[..., :2]
+        return np.concatenate([np.cos(joints), np.sin(joints), x[..., 2:4], x[..., 4:6]], -1)
+
+    return _mujoco("Reacher-v5", seen, lambda x, u: x[..., :4], passes=(8, 9), **options)
+
+
+def point_maze(**options: Any) -> gym.Env:
+    import gymnasium_robotics
+
+    gym.register_envs(gymnasium_robotics)
+    model, known = identify(gym.make("PointMaze_UMaze-v3"), lambda env, obs: obs["observation"], np.eye(2, 4), 1e-4)
+    return EstimatedObservation(
+        gym.make("PointMaze_UMaze-v3"), model, None, lambda env, obs: obs["observation"],
+        lambda x: {"observation": x, "achieved_goal": x[..., :2]}, ["desired_goal"], known, **options,
+    )  # fmt: skip
+
+
+def parking(**options: Any) -> gym.Env:
+    import highway_env
+
+    gym.register_envs(highway_env)
+    model, known = identify(gym.make("parking-v0"), lambda env, obs: obs["observation"], np.eye(6)[[0, 1, 4, 5]], 1e-4)
+    return EstimatedObservation(
+        gym.make("parking-v0"), model, None, lambda env, obs: obs["observation"],
+        lambda x: {"observation": x, "achieved_goal": x}, ["desired_goal"], known, **options,
+    )  # fmt: skip

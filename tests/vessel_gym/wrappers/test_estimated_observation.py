@@ -1,0 +1,521 @@
+"""An estimator in the loop of environments that nobody here wrote."""
+
+import copy
+import importlib
+import inspect
+from functools import partial
+from typing import Any
+
+import anybody
+import gymnasium as gym
+import numpy as np
+import pytest
+from anybody import cart_pole, pendulum
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+
+from estimators import Filter, Gaussian, LinearModel, NonlinearModel, make, names
+from estimators.metrics import chi_square_band, nees
+from vessel_gym.sensors import SUITES, Sensor, SensorSuite
+from vessel_gym.wrappers import EstimatedObservation, identify, simulator
+from vessel_gym.wrappers.vector import EstimatedObservation as EstimatedObservations
+
+NEEDS = dict.fromkeys(
+    ("inverted_pendulum", "inverted_double_pendulum", "swimmer", "hopper", "half_cheetah", "reacher"), "mujoco"
+) | {"lunar_lander": "Box2D", "point_maze": "gymnasium_robotics", "parking": "highway_env"}
+SLOW = ("parking", "point_maze", "acrobot")
+ALL = [
+    pytest.param(name, marks=pytest.mark.slow if name in SLOW else ())
+    for name, made in inspect.getmembers(anybody, inspect.isfunction)
+    if made.__module__ == "anybody" and not name.startswith("_")
+]
+
+
+def built(name: str, **options: Any) -> gym.Env:
+    if name in NEEDS:
+        pytest.importorskip(NEEDS[name])
+    return getattr(anybody, name)(**options)
+
+
+def same(one: Any, other: Any) -> bool:
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(np.array_equal(one[key], other[key]) for key in one)
+    return one.dtype == other.dtype and np.array_equal(one, other)
+
+
+def test_there_are_at_least_twelve_each_in_twelve_lines():
+    assert len(ALL) >= 12
+    for name in (param.values[0] for param in ALL):
+        lines = inspect.getsource(getattr(anybody, name)).splitlines()[1:]
+        assert len([line for line in lines if line.strip() and not line.strip().startswith((")", "#"))]) <= 12, name
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_the_oracle_gives_what_the_environment_itself_gives_bit_for_bit(name: str):
+    env = built(name, estimator="truth")
+    bare = gym.make(env.spec.id)
+    bare.action_space.seed(0)
+    seen, _ = env.reset(seed=3)
+    expected, _ = bare.reset(seed=3)
+    for _ in range(150 if name in SLOW else 1000):
+        assert same(seen, expected)
+        action = bare.action_space.sample()
+        seen, *mine, _ = env.step(action)
+        expected, *theirs, _ = bare.step(action)
+        assert mine == theirs
+        if mine[1] or mine[2]:
+            assert same(seen, expected)
+            seen, expected = env.reset()[0], bare.reset()[0]
+
+
+EXACT = ("cart_pole", "pendulum", "mountain_car", "mountain_car_continuous", "acrobot", "inverted_pendulum", "swimmer")
+
+
+@pytest.mark.parametrize("name", EXACT)
+@pytest.mark.parametrize("estimator", ["ekf", "ukf"])
+def test_without_noise_the_estimate_is_the_state_within_twenty_steps(name: str, estimator: str, monkeypatch):
+    monkeypatch.setitem(SUITES, "perfect", SensorSuite(noise=1e-6, lossless=True))
+    env = built(name, estimator=estimator, sensors="perfect")
+    env.action_space.seed(0)
+    _, info = env.reset(seed=0)
+    for k in range(60):
+        *_, terminated, truncated, info = env.step(env.action_space.sample())
+        if k >= 20:
+            assert np.abs(info["truth"] - info["estimate"]).max() < 1e-4
+        if terminated or truncated:
+            break
+    assert k >= 4
+
+
+class Linear(gym.Env):
+    """``x+ = A x + B u + w``: a linear environment whose noise is the model's."""
+
+    A, B, Q = np.array([[1.0, 0.1], [-0.1, 0.95]]), np.array([[0.0], [0.1]]), np.diag([1e-4, 4e-4])
+    observation_space = gym.spaces.Box(-np.inf, np.inf, (2,), np.float64)
+    action_space = gym.spaces.Box(-10.0, 10.0, (1,), np.float64)
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.x = self.np_random.normal(size=2) * 0.3
+        return self.x.copy(), {}
+
+    def step(self, action):
+        noise = np.sqrt(np.diag(self.Q)) * self.np_random.normal(size=2)
+        reward = -float(self.x @ self.x + 0.1 * action @ action)
+        self.x = self.A @ self.x + self.B @ action + noise
+        return self.x.copy(), reward, False, False, {}
+
+
+LINEAR = LinearModel(Linear.A, [[1.0, 0.0]], Linear.Q, [[0.01]], B=Linear.B)
+LINEAR_PRIOR = Gaussian([0.0, 0.0], 0.09 * np.eye(2))
+
+
+@pytest.mark.parametrize("estimator", ["kf", "ekf", "ukf", "etkf"])
+def test_driven_by_its_own_noise_errors_are_as_large_as_the_filter_says(estimator: str):
+    """One late time of 300 independent episodes: false alarm 1e-4."""
+    options = {"members": 200} if estimator == "etkf" else {}
+    env = EstimatedObservation(Linear(), LINEAR, LINEAR_PRIOR, estimator=estimator, estimator_options=options)
+    means, covs, truths = [], [], []
+    for seed in range(300):
+        env.reset(seed=seed)
+        for _ in range(15):
+            *_, info = env.step(np.zeros(1))
+        means.append(info["estimate"])
+        covs.append(info["covariance"])
+        truths.append(info["truth"])
+    low, high = chi_square_band(300, 2, 1.0 - 1e-4)
+    assert low < nees(np.array(means), np.array(covs), np.array(truths)).mean() < high
+
+
+def _flown(env: gym.Env, steps: int = 40, seed: int = 5) -> list[dict[str, Any]]:
+    seen, info = env.reset(seed=seed)
+    flown = [info | {"observation": seen}]
+    rng = np.random.default_rng(0)
+    for _ in range(steps):
+        action = (
+            rng.integers(2)
+            if isinstance(env.action_space, gym.spaces.Discrete)
+            else rng.uniform(-1, 1, env.action_space.shape)
+        )
+        seen, _, terminated, truncated, info = env.step(action)
+        flown.append(info | {"observation": seen})
+        if terminated or truncated:
+            seen, info = env.reset()
+            flown.append(info | {"observation": seen})
+    return flown
+
+
+def test_readings_are_the_same_under_every_estimator_in_all_episodes():
+    flights = [
+        _flown(cart_pole(estimator=name, sensors="degraded")) for name in ("truth", "ekf", "enkf", "dead-reckoning")
+    ]
+    for flight in flights[1:]:
+        assert len(flight) == len(flights[0])
+        for mine, first in zip(flight, flights[0], strict=True):
+            for key in ("measurement", "available", "truth"):
+                np.testing.assert_array_equal(mine[key], first[key])
+
+
+class Elsewhere(Linear):
+    """The same, shown and truly somewhere else."""
+
+    def reset(self, *, seed=None, options=None):
+        return super().reset(seed=seed)[0] + 0.7, {}
+
+    def step(self, action):
+        seen, *rest = super().step(action)
+        return seen + 0.7, *rest
+
+
+@pytest.mark.parametrize("observe", ["mean", "mean+std", "measurement"])
+@pytest.mark.parametrize("estimator", ["ekf", "enkf", "dead-reckoning"])
+@pytest.mark.parametrize("leaks", [False, True])
+def test_another_truth_under_the_same_readings_changes_no_observation(observe: str, estimator: str, leaks: bool):
+    """The environment shows itself elsewhere, and is there; readings stay. An agent that is shown it would know."""
+
+    class Leaky(EstimatedObservation):
+        def _observed(self, seen):
+            return np.asarray(seen)
+
+    flights = []
+    for world in (Linear(), Elsewhere()):
+        readings = np.random.default_rng(1).normal(size=41)
+        told = Sensor("told", ("y",), lambda x, u, r=readings: np.full((*x.shape[:-1], 1), r[0]), (0.1,))
+        kind = Leaky if leaks else EstimatedObservation
+        env = kind(world, LINEAR, LINEAR_PRIOR, estimator=estimator, sensors=[told], observe=observe)
+        flights.append(_flown(env))
+    for one, other in zip(*flights, strict=True):
+        assert np.abs(one["truth"] - other["truth"]).min() > 0.5
+        np.testing.assert_array_equal(one["measurement"], other["measurement"])
+        assert np.array_equal(one["observation"], other["observation"]) is not leaks
+
+
+# --- many at once -------------------------------------------------------------------------------------
+
+
+def _many(rows: int, estimator: str, mode: AutoresetMode = AutoresetMode.NEXT_STEP, **options: Any):
+    single = cart_pole().watch
+    model, prior = single.filter.model, single.prior
+    envs = SyncVectorEnv([partial(gym.make, "CartPole-v1", max_episode_steps=30)] * rows, autoreset_mode=mode)
+    return EstimatedObservations(
+        envs,
+        model,
+        prior,
+        lambda env, obs: np.array([e.unwrapped.state for e in env.envs]),
+        estimator=estimator,
+        **options,
+    )
+
+
+CARRIED = [name for name in names() if "ui" not in name and "umv" not in name and name not in ("kf", "ulise")]
+
+
+@pytest.mark.parametrize("estimator", CARRIED)
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.DISABLED])
+def test_rows_of_a_vector_fly_as_single_ones_over_their_ends(estimator: str, mode: AutoresetMode):
+    options = {"members": 20} if make(estimator, cart_pole().watch.filter.model).random and estimator != "pf" else {}
+    many = _many(3, estimator, mode, sensors="degraded", estimator_options=options)
+    ones = [
+        EstimatedObservation(
+            gym.make("CartPole-v1", max_episode_steps=30), many.watch.filter.model, many.watch.prior,
+            lambda env, obs: env.unwrapped.state, estimator=estimator, sensors="degraded", estimator_options=options,
+        )
+        for _ in range(3)
+    ]  # fmt: skip
+    seen, _ = many.reset(seed=7)
+    for i, one in enumerate(ones):
+        np.testing.assert_array_equal(one.reset(seed=7 + i)[0], seen[i])
+    rng, over = np.random.default_rng(0), np.zeros(3, bool)
+    for _ in range(60):
+        actions = rng.integers(0, 2, 3)
+        if mode is AutoresetMode.DISABLED and over.any():
+            seen, info = many.reset(options={"reset_mask": over})
+            for i in np.flatnonzero(over):
+                np.testing.assert_array_equal(ones[i].reset()[0], seen[i])
+            over[:] = False
+        seen, _, terminated, truncated, info = many.step(actions)
+        for i, one in enumerate(ones):
+            alone, *_, told = one.reset() if over[i] else one.step(actions[i])
+            np.testing.assert_array_equal(alone, seen[i])
+            np.testing.assert_array_equal(told["measurement"], info["measurement"][i])
+        over = terminated | truncated
+    assert many.watch.episodes.min() >= 1
+
+
+def test_a_native_batch_is_wrapped_as_others_are():
+    env = gym.make_vec("CartPole-v1", num_envs=64, vectorization_mode="vector_entry_point")
+    single = cart_pole().watch
+    wrapped = EstimatedObservations(
+        env, single.filter.model, single.prior, lambda env, obs: env.unwrapped.state.T, estimator="ukf"
+    )
+    wrapped.reset(seed=0)
+    for _ in range(50):
+        *_, info = wrapped.step(wrapped.action_space.sample())
+    assert np.abs(info["truth"] - info["estimate"]).max() < 0.5
+    assert wrapped.watch.episodes.max() > 0
+
+
+def test_functions_of_a_batch_must_keep_its_rows():
+    single = pendulum().watch
+    envs = SyncVectorEnv([partial(gym.make, "Pendulum-v1")] * 4)
+    states = lambda env, obs: np.array([e.unwrapped.state for e in env.envs])  # noqa: E731
+    given = {"model": single.filter.model, "prior": single.prior, "state": states}
+    flat = lambda x: [np.cos(x[..., 0]), np.sin(x[..., 0]), x[..., 1]]  # noqa: E731
+    with pytest.raises(ValueError, match=r"wants \(3,\) numbers, the estimate gives shape \(3, 4\)"):
+        EstimatedObservations(envs, **given, observation=flat).reset(seed=0)
+    told = EstimatedObservations(
+        envs, **given, observation=lambda x: np.stack(flat(x), -1), known_input=lambda a: np.moveaxis(a, -1, 0)
+    )
+    told.reset(seed=0)
+    with pytest.raises(ValueError, match=r"known_input must give an array \(4, 1\)"):
+        told.step(np.zeros((4, 1), np.float32))
+
+
+def test_episodes_that_are_reset_within_are_refused():
+    with pytest.raises(ValueError, match="Autoreset within hides how episodes end"):
+        EstimatedObservation(gym.wrappers.Autoreset(Linear()), LINEAR, LINEAR_PRIOR)
+
+
+def test_angles_are_shown_as_angles():
+    class Turning(Linear):
+        def reset(self, *, seed=None, options=None):
+            self.x = np.array([3.0, 1.0])
+            return self.x.copy(), {}
+
+        def step(self, action):
+            self.x = self.x + [0.1 * self.x[1], 0.0]
+            shown = self.x.copy()
+            shown[0] = (shown[0] + np.pi) % (2.0 * np.pi) - np.pi
+            return shown, 0.0, False, False, {}
+
+    model = LinearModel(
+        [[1.0, 0.1], [0.0, 1.0]], [[1.0, 0.0]], 1e-9 * np.eye(2), [[1e-6]], B=np.zeros((2, 1)), state_angles=(0,),
+        measurement_angles=(0,),
+    )  # fmt: skip
+    env = EstimatedObservation(Turning(), model, Gaussian([3.0, 1.0], 1e-4 * np.eye(2)), estimator="kf")
+    env.reset(seed=0)
+    for _ in range(40):
+        seen, *_, info = env.step(np.zeros(1))
+        np.testing.assert_allclose(seen, info["truth"], rtol=0, atol=0.05)
+
+
+def test_batches_that_hide_how_episodes_end_are_refused():
+    with pytest.raises(ValueError, match="resets in the same step hides the state in which an episode ended"):
+        _many(2, "ekf", AutoresetMode.SAME_STEP)
+
+
+# --- checkers, copies, modes --------------------------------------------------------------------------
+
+
+CHECKED = ["cart_pole", "pendulum", "inverted_pendulum", "lunar_lander", "reacher", "mountain_car"]
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")  # of spaces without bounds, which are the environment's own
+@pytest.mark.parametrize("name", CHECKED)
+@pytest.mark.parametrize("observe", ["mean", "mean+std", "measurement"])
+def test_gymnasiums_and_stable_baselines_checkers_pass(name: str, observe: str):
+    check_env(built(name, observe=observe), skip_render_check=True)
+    checker = pytest.importorskip("stable_baselines3.common.env_checker")
+    checker.check_env(built(name, observe=observe), warn=False)
+
+
+def test_a_copy_goes_on_as_the_original_does():
+    env = cart_pole(estimator="enkf")
+    env.reset(seed=3)
+    env.step(1)
+    again = copy.deepcopy(env)
+    np.testing.assert_array_equal(env.step(0)[0], again.step(0)[0])
+    np.testing.assert_array_equal(env.reset()[0], again.reset()[0])
+
+
+def test_an_environment_is_made_again_from_its_spec():
+    env = pendulum(estimator="ukf")
+    again = gym.make(env.spec)
+    np.testing.assert_array_equal(env.reset(seed=4)[0], again.reset(seed=4)[0])
+    np.testing.assert_array_equal(env.step([0.5])[0], again.step([0.5])[0])
+
+
+def test_resets_without_a_seed_differ_and_a_seed_begins_the_same_series_again():
+    env = cart_pole(sensors="degraded")
+    first = [env.reset(seed=1)[1]["measurement"], env.reset()[1]["measurement"]]
+    again = [env.reset(seed=1)[1]["measurement"], env.reset()[1]["measurement"]]
+    np.testing.assert_array_equal(first, again)
+    assert not np.array_equal(first[0], first[1])
+    chance = [cart_pole().reset()[1]["truth"] for _ in range(2)]
+    assert not np.array_equal(*chance)  # a prior that is sampled on copies leaves the environment's own numbers alone
+
+
+# --- LQG ----------------------------------------------------------------------------------------------
+
+
+def test_a_linear_regulator_on_estimates_costs_what_riccati_says():
+    """The mean cost of a step, 20 seeds, within 3 standard errors of LQG's."""
+    from scipy.linalg import solve_discrete_are
+
+    A, B, Q, C, R = Linear.A, Linear.B, Linear.Q, LINEAR.C, LINEAR.R
+    weight, effort = np.eye(2), 0.1 * np.eye(1)
+    S = solve_discrete_are(A, B, weight, effort)
+    K = np.linalg.solve(B.T @ S @ B + effort, B.T @ S @ A)
+    P = solve_discrete_are(A.T, C.T, Q, R)
+    after = P - P @ C.T @ np.linalg.solve(C @ P @ C.T + R, C @ P)
+    expected = np.trace(S @ Q) + np.trace(after @ K.T @ (B.T @ S @ B + effort) @ K)
+    env, costs = EstimatedObservation(Linear(), LINEAR, LINEAR_PRIOR, estimator="kf"), []
+    for seed in range(20):
+        seen, _ = env.reset(seed=seed)
+        total = 0.0
+        for k in range(1500):
+            seen, reward, *_ = env.step(-K @ seen)
+            total -= reward if k >= 100 else 0.0
+        costs.append(total / 1400)
+    error = np.std(costs, ddof=1) / np.sqrt(20)
+    assert abs(np.mean(costs) - expected) < 3.0 * error
+
+
+# --- models from simulators and steps -----------------------------------------------------------------
+
+
+def test_a_simulator_steps_as_the_equations_do():
+    by_hand = pendulum().watch.filter.model
+    sim = simulator(gym.make("Pendulum-v1"), lambda x, u: x[..., :1], 1e-9, 1e-4)
+    rng = np.random.default_rng(0)
+    x, u = rng.normal(size=(4, 3, 2)), rng.uniform(-2, 2, (4, 1, 1))
+    after = sim.transition(x, u)
+    np.testing.assert_allclose(after, by_hand.transition(x, u), rtol=0, atol=1e-6)  # its actions are float32
+
+
+@pytest.mark.parametrize("name", ["InvertedPendulum-v5", "Swimmer-v5", "Hopper-v5"])
+def test_a_native_rollout_steps_as_the_environment_does(name: str):
+    pytest.importorskip("mujoco")
+    env = gym.make(name)
+    model = simulator(env, lambda x, u: x[..., :2], 1e-9, 1e-4)
+    assert type(model.transition).__name__ == "_Rollout"
+    env.reset(seed=0)
+    env.action_space.seed(0)
+    base = env.unwrapped
+    for _ in range(10):
+        x, action = np.concatenate([base.data.qpos, base.data.qvel]), env.action_space.sample()
+        env.step(action)
+        expected = np.concatenate([base.data.qpos, base.data.qvel])
+        np.testing.assert_allclose(model.transition(x, action.astype(float)), expected, rtol=0, atol=1e-4)
+
+
+def test_an_identified_linear_environment_is_that_environment():
+    model, known = identify(Linear(), None, [[1.0, 0.0]], 0.01, steps=20000)
+    spread = 5.0 * np.sqrt(np.diag(Linear.Q).max() / 20000 / 1e-3)  # five deviations of the least certain entry
+    np.testing.assert_allclose(model.A, Linear.A, rtol=0, atol=spread)
+    np.testing.assert_allclose(model.B[:, :1], Linear.B, rtol=0, atol=spread)
+    np.testing.assert_allclose(np.diag(model.Q), np.diag(Linear.Q), rtol=5.0 * np.sqrt(2.0 / 20000))
+    np.testing.assert_array_equal(known(np.array([0.5])), [0.5, 1.0])
+
+
+class Dice(Linear):
+    """Its steps draw random numbers, and its state can be set."""
+
+    @property
+    def state(self):
+        return self.x
+
+    @state.setter
+    def state(self, x):
+        self.x = np.asarray(x)
+
+
+gym.register("Dice-v0", Dice)
+gym.register("Linear-v0", Linear)
+
+
+# --- what does not fit --------------------------------------------------------------------------------
+
+
+def _identity(x, u):
+    return x
+
+
+def _first(x, u):
+    return x[..., :1]
+
+
+GIVEN = {
+    "model": NonlinearModel(_identity, _first, 1e-6 * np.eye(2), [[0.1]]),
+    "prior": Gaussian(np.zeros(2), np.eye(2)), "state": lambda env, obs: env.unwrapped.state,
+    "observation": lambda x: np.zeros(3),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "sentence"),
+    [
+        ({"estimator": "ufk"}, ValueError, "unknown estimator 'ufk'.*did you mean 'ukf'"),
+        ({"estimator": "kf"}, ValueError, "kf needs a LinearModel"),
+        ({"estimator": lambda model: 3}, TypeError, "estimator must return an estimators.Filter"),
+        ({"estimator_options": {"members": 5}}, TypeError, "ekf has no option 'members'"),
+        ({"estimator": "truth", "estimator_options": {"members": 5}}, TypeError, "truth has no option 'members'"),
+        ({"sensors": "nominall"}, ValueError, "did you mean 'nominal'"),
+        ({"sensors": []}, TypeError, "sensors must be Sensor objects"),
+        ({"sensors": [Sensor("two", ("a", "b"), lambda x, u: x, (1.0, 1.0))]}, ValueError, "the model reads 1"),
+        ({"observe": "men"}, ValueError, "did you mean 'mean'"),
+        ({"model": None}, TypeError, "model must be a LinearModel or a NonlinearModel"),
+        ({"prior": Gaussian(np.zeros(3), np.eye(3))}, ValueError, "the model has 2 states"),
+        ({"prior": 3.0}, TypeError, "prior must be a Gaussian"),
+        ({"passes": ["angle"]}, ValueError, "passes must be indices of components below 3"),
+        ({"passes": "angle"}, TypeError, "passes must be a list"),
+        ({"known_input": lambda action: "left"}, ValueError, "known_input must give numbers"),
+        ({"state": None}, ValueError, r"state must give the model's states, \(2,\) numbers, got shape \(3,\)"),
+        ({"state": lambda env, obs: np.array([np.nan, 0.0])}, ValueError, "state gave what is not finite"),
+        ({"observation": None}, ValueError, "give observation=, a function of the state"),
+        ({"observation": lambda x: np.zeros(2)}, ValueError, r"wants \(3,\) numbers, the estimate gives shape \(2,\)"),
+        ({"model": NonlinearModel(lambda x, u: np.array([x[0], x[1]]), _first, np.eye(2), [[1.0]])}, ValueError,
+         "transition must broadcast over leading axes"),
+        ({"model": NonlinearModel(_identity, lambda x, u: x, np.eye(2), np.eye(2) + 0.5)}, ValueError, "diagonal R"),
+    ],
+)  # fmt: skip
+def test_what_does_not_fit_gets_one_sentence(changes: dict, error: type, sentence: str):
+    def flown():
+        env = EstimatedObservation(gym.make("Pendulum-v1"), **(GIVEN | changes))
+        env.reset(seed=0)
+        env.step(np.zeros(1, np.float32))
+
+    with pytest.raises(error, match=sentence) as caught:
+        flown()
+    assert "\n" not in str(caught.value)
+
+
+class Picture(Linear):
+    observation_space = gym.spaces.Box(0, 255, (8, 8, 3), np.uint8)
+
+
+def test_images_are_refused():
+    with pytest.raises(TypeError, match="the environment shows images, and an estimate is of numbers"):
+        EstimatedObservation(Picture(), LINEAR, LINEAR_PRIOR)
+
+
+def test_simulators_that_are_none_are_refused():
+    read = lambda x, u: x[..., :1]  # noqa: E731
+    with pytest.raises(ValueError, match="the simulator draws random numbers"):
+        simulator(gym.make("Dice-v0"), read, 1e-6, 1e-4)
+    with pytest.raises(TypeError, match="nobody knows how to set the state of Linear-v0: give get and put"):
+        simulator(gym.make("Linear-v0"), read, 1e-6, 1e-4)
+    with pytest.raises(TypeError, match="this one has no spec"):
+        simulator(Linear(), read, 1e-6, 1e-4)
+    with pytest.raises(TypeError, match="give both get and put"):
+        simulator(gym.make("Linear-v0"), read, 1e-6, 1e-4, get=lambda env: env.unwrapped.x)
+    with pytest.raises(ValueError, match="a state that put sets is not the one that get finds"):
+        simulator(gym.make("Linear-v0"), read, 1e-6, 1e-4, get=lambda env: env.unwrapped.x, put=lambda env, x: None)
+    with pytest.raises(ValueError, match="too few"):
+        identify(Linear(), None, [[1.0, 0.0]], 0.01, steps=20)
+    with pytest.raises(ValueError, match=r"give prior=, .* cannot be made again"):
+        EstimatedObservation(Linear(), LINEAR)
+
+
+def test_a_filter_of_ones_own_is_in_the_loop_too():
+    class Still(Filter):
+        def _predict(self, belief, u, rng):
+            return belief.replace(u=u)
+
+        def _update(self, belief, reading, rng):
+            return belief
+
+    env = EstimatedObservation(Linear(), LINEAR, LINEAR_PRIOR, estimator=Still)
+    env.reset(seed=0)
+    np.testing.assert_array_equal(env.step(np.ones(1))[0], 0.0)
+    assert importlib.import_module("vessel_gym.wrappers").__all__ == ["EstimatedObservation", "identify", "simulator"]

@@ -1,0 +1,7 @@
+"""Wrappers for environments that are not ours: an estimator in the loop of any Gymnasium environment."""
+
+from vessel_gym.wrappers.estimated import EstimatedObservation
+from vessel_gym.wrappers.identification import identify
+from vessel_gym.wrappers.simulation import simulator
+
+__all__ = ["EstimatedObservation", "identify", "simulator"]

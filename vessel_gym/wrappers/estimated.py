@@ -1,0 +1,123 @@
+"""An estimator in the loop of any Gymnasium environment."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.utils import RecordConstructorArgs
+
+from estimators import Gaussian
+from vessel_gym.estimation import EstimatorChoice
+from vessel_gym.sensors import Sensor
+from vessel_gym.wrappers.watch import Model, Watch, sampled_prior
+
+
+class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
+    """An environment whose agent sees what a filter believes.
+
+    The environment goes on as it is, and so do its rewards and ends, which are about the truth. Sensors read its state,
+    with noise; a filter is told these readings and the actions, and nothing else; the observation is made of what it
+    believes. So an agent that was trained on the truth flies unchanged, and one that is trained here learns to live
+    with an estimate.
+
+    ::
+
+        env = EstimatedObservation(
+            gym.make("Pendulum-v1"), model, prior=Gaussian([0, 0], np.diag([3.3, 0.33])),
+            state=lambda env, obs: env.unwrapped.state,
+            observation=lambda x: [np.cos(x[..., 0]), np.sin(x[..., 0]), x[..., 1]], estimator="ukf",
+        )
+
+    ``info`` has, besides the environment's own and in place of its keys of these names, ``truth`` and ``estimate``
+    ``(n,)``, ``covariance`` ``(n, n)``, ``measurement`` and ``available`` ``(p,)``, ``healthy``.
+
+    Args:
+        env: Any environment whose observations are numbers, or dictionaries of such.
+        model: What the filter knows of it: a `LinearModel` or `NonlinearModel` of one step, of your own or from
+            `simulator` or `identify`. R says how well its readings are read.
+        prior: What is known of the state at the start; None: how copies of the environment begin.
+        state: The true state ``(n,)``, a function of (env, observation); None: the observation itself. Nobody but the
+            sensors, the oracle and ``info`` gets it.
+        observation: The observation as a function of the state ``(n,)``: an array, or a dictionary; None: the state.
+        passes: Keys of a dictionary, or components of an array, that pass to the agent as they are: goals, say. What is
+            not named here comes from the estimate.
+        known_input: What the filter is told of an action, a function of it; None: the action as numbers.
+        estimator: Name of a filter, "truth", "dead-reckoning", or a function of the model that returns a filter.
+        estimator_options: Its options.
+        sensors: "clean", "nominal" or "degraded", or a list of `Sensor` objects that read ``(state, known input)``,
+            whose noise then takes the place of the model's R; a step is the unit of time.
+        observe: "mean"; "mean+std": with the deviations of the states behind, or as ``std`` in a dictionary; or
+            "measurement": the readings and the mask of those that arrived, and what passes.
+
+    Raises:
+        TypeError: for what is no model, prior or estimator, or observations that are images.
+        ValueError: for names that there are not, or sizes that do not fit.
+    """
+
+    def __init__(
+        self,
+        env: gym.Env,
+        model: Model,
+        prior: Gaussian | None = None,
+        state: Callable[[gym.Env, Any], Any] | None = None,
+        observation: Callable[[np.ndarray], Any] | None = None,
+        passes: Sequence[Any] = (),
+        known_input: Callable[[Any], Any] | None = None,
+        estimator: EstimatorChoice = "ekf",
+        estimator_options: dict[str, Any] | None = None,
+        sensors: str | Sequence[Sensor] = "nominal",
+        observe: str = "mean",
+    ) -> None:
+        RecordConstructorArgs.__init__(
+            self, _disable_deepcopy=True, model=model, prior=prior, state=state, observation=observation, passes=passes,
+            known_input=known_input, estimator=estimator, estimator_options=estimator_options, sensors=sensors,
+            observe=observe,
+        )  # fmt: skip
+        gym.Wrapper.__init__(self, env)
+        within = env
+        while isinstance(within, gym.Wrapper):
+            if isinstance(within, gym.wrappers.Autoreset):
+                raise ValueError("Autoreset within hides how episodes end: put it around EstimatedObservation")
+            within = within.env
+        self._state = state or (lambda env, obs: obs)
+        prior = sampled_prior(env, self._state) if prior is None else prior
+        self.watch = Watch(
+            env.observation_space, env.action_space, model, prior, estimator, estimator_options, sensors, observe,
+            None if observation is None else lambda x: _row(observation(x[0])), passes, known_input, rows=1,
+        )  # fmt: skip
+        self.observation_space = self.watch.space
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Begin an episode; a seed is that of the sensors and of the filter, too."""
+        seen, info = self.env.reset(seed=seed, options=options)
+        self.watch.seed(None if seed is None else [seed])
+        self.watch.begin(np.ones(1, bool), self._truth(seen))
+        return self._observed(seen), info | self._info()
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """A step of the environment, of which the agent sees an estimate."""
+        seen, reward, terminated, truncated, info = self.env.step(action)
+        self.watch.go_on(self._truth(seen), action)
+        return self._observed(seen), reward, terminated, truncated, info | self._info()
+
+    def _truth(self, seen: Any) -> np.ndarray:
+        return np.asarray(self._state(self.env, seen))[None]  # which is copied where it is checked
+
+    def _observed(self, seen: Any) -> Any:
+        watch = self.watch
+        if isinstance(seen, dict):
+            observed = watch.observe({key: np.asarray(value)[None] for key, value in seen.items()})
+        else:
+            observed = watch.observe(np.asarray(seen)[None])
+        return {key: value[0] for key, value in observed.items()} if isinstance(observed, dict) else observed[0]
+
+    def _info(self) -> dict[str, Any]:
+        return {name: values[0] for name, values in self.watch.info().items()}
+
+
+def _row(value: Any) -> Any:
+    """What a function of one state gave, as that of a batch of one."""
+    if isinstance(value, dict):
+        return {key: np.asarray(part)[None] for key, part in value.items()}
+    return np.asarray(value)[None]

@@ -1,0 +1,80 @@
+"""A linear model of an environment, from random steps."""
+
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from estimators import LinearModel
+from estimators.checks import as_array, whole
+from vessel_gym.wrappers.watch import plain_action
+
+
+def identify(
+    env: gym.Env,
+    state: Callable[[gym.Env, Any], Any] | None,
+    C: np.ndarray,
+    R: np.ndarray | float,
+    steps: int = 2000,
+    seed: int = 0,
+) -> tuple[LinearModel, Callable[[Any], np.ndarray]]:
+    """The linear model that fits random steps best: ``x+ = A x + B [a, 1] + w``.
+
+    Q is the covariance of what it leaves: a model that is far from linear tells its filter so.
+
+    Args:
+        env: The environment; it is stepped, and reset.
+        state: Its state ``(n,)``, a function of (env, observation); None: the observation itself.
+        C: ``(p, n)`` what is read.
+        R: ``(p, p)`` how well, or a number for that number times identity.
+        steps: How many steps.
+        seed: Of the actions and of the first reset.
+
+    Returns:
+        The model, and the known input as a function of the action, for `EstimatedObservation`.
+
+    Raises:
+        ValueError: if there are too few steps to tell the numbers, or sizes do not fit.
+    """
+    look, numbers = state or (lambda env, seen: seen), plain_action(env.action_space)
+    whole("steps", steps, 1)
+
+    def known_input(action: Any) -> np.ndarray:
+        a = np.asarray(numbers(action), float)
+        return np.concatenate([a, np.ones((*a.shape[:-1], 1))], -1)
+
+    before: list[np.ndarray] = []
+    inputs: list[np.ndarray] = []
+    after: list[np.ndarray] = []
+    env.action_space.seed(seed)
+    seen, _ = env.reset(seed=seed)
+    x = np.asarray(look(env, seen), float)
+    least = 10 * (len(x) + len(known_input(env.action_space.sample())))
+    if steps < least:
+        raise ValueError(f"{steps} steps are too few for {least // 10} numbers a state: take {least} at least")
+    ends = 0
+    while len(before) < steps:
+        action = env.action_space.sample()
+        seen, _, terminated, truncated, _ = env.step(action)
+        following = np.asarray(look(env, seen), float)
+        if terminated or truncated:  # how episodes end is not how they go on
+            ends += 1
+            if ends > steps:
+                raise ValueError(
+                    f"{ends} episodes have ended within {ends + len(before)} steps: too short to learn from"
+                )
+            seen, _ = env.reset()
+            following = np.asarray(look(env, seen), float)
+        else:
+            before.append(x)
+            inputs.append(known_input(action))
+            after.append(following)
+        x = following
+    Z, n = np.concatenate([before, inputs], 1), x.shape[-1]
+    W, *_ = np.linalg.lstsq(Z, np.array(after), rcond=None)
+    left = np.array(after) - Z @ W
+    C = as_array("C", C)
+    noise = as_array("R", R)
+    noise = noise * np.eye(len(C)) if noise.ndim == 0 else noise
+    return LinearModel(W[:n].T, C, left.T @ left / (steps - Z.shape[1]), noise, B=W[n:].T), known_input

@@ -1,0 +1,167 @@
+"""A simulator as a filter's model: copies of an environment, set to a state and stepped."""
+
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.spaces import Box
+
+from estimators import NonlinearModel
+from estimators.checks import as_array
+from vessel_gym.wrappers.watch import made_again
+
+_TRIES = 8
+"""States and actions on which a simulator is tried."""
+
+
+def simulator(
+    env: gym.Env,
+    measurement: Callable[[np.ndarray, np.ndarray | None], np.ndarray],
+    Q: np.ndarray | float,
+    R: np.ndarray | float,
+    get: Callable[[gym.Env], np.ndarray] | None = None,
+    put: Callable[[gym.Env, np.ndarray], None] | None = None,
+    **angles: Any,
+) -> NonlinearModel:
+    """The model of an environment that is its own simulator.
+
+    A copy of the environment is set to each state and stepped. MuJoCo's environments and those of classic control know
+    how; MuJoCo's points are stepped all at once, natively. The known input is the action. Where a simulator keeps its
+    state in few digits (float32), differences of close points are nothing but rounding: use `ukf`.
+
+    Args:
+        env: An environment that can be made again from its spec; it is left as it is.
+        measurement: ``h(x, u)``, which broadcasts.
+        Q: ``(n, n)``, or a number for that number times identity.
+        R: ``(p, p)``, likewise.
+        get: The state ``(n,)`` of an environment; None: MuJoCo's positions and velocities, classic control's ``state``.
+        put: Sets it; None: likewise.
+        **angles: ``state_angles`` and ``measurement_angles`` of `NonlinearModel`.
+
+    Raises:
+        TypeError: for an environment that cannot be copied, or whose state nobody knows how to set.
+        ValueError: if a state that is set is not the one that is found, or two steps from one state differ: the
+            simulator draws random numbers, or has a state beyond that.
+    """
+    copy = made_again(env)
+    copy.reset(seed=0)
+    base: Any = copy.unwrapped
+    mujoco = hasattr(base, "set_state") and hasattr(base, "data") and hasattr(base, "model")
+    if get is None and put is None:
+        if mujoco:
+            get, put = _mujoco_state, _set_mujoco
+        elif hasattr(base, "state"):
+            get, put = _classic_state, _set_classic
+        else:
+            raise TypeError(f"nobody knows how to set the state of {base.spec.id}: give get and put, or use identify")
+    if get is None or put is None:
+        raise TypeError("give both get and put, or neither")
+    steps: Any = _Simulator(copy, get, put)
+    x, u = _tried(copy, steps)
+    if mujoco and get is _mujoco_state:
+        rollout = _Rollout(base)
+        if np.allclose(rollout(x, u), steps(x, u), rtol=1e-6, atol=1e-8):  # actions are MuJoCo's controls as they are
+            steps = rollout
+    p = np.shape(measurement(x, u))[-1]
+    return NonlinearModel(steps, measurement, _square("Q", Q, x.shape[-1]), _square("R", R, p), **angles)
+
+
+def _square(name: str, value: np.ndarray | float, size: int) -> np.ndarray:
+    """A covariance; a number stands for that number times identity."""
+    array = as_array(name, value)
+    return array * np.eye(size) if array.ndim == 0 else array
+
+
+def _tried(env: gym.Env, steps: "_Simulator") -> tuple[np.ndarray, np.ndarray]:
+    """States and actions on which the simulator was tried, and found to be one."""
+    env.action_space.seed(0)
+    x, u = [], []
+    for seed in range(_TRIES):
+        env.reset(seed=seed)
+        x.append(np.array(steps.get(env), float))
+        u.append(np.asarray(env.action_space.sample(), float).reshape(-1))
+        steps.put(env, x[0])
+        if not np.allclose(steps.get(env), x[0], rtol=1e-12, atol=1e-12):
+            raise ValueError("a state that put sets is not the one that get finds: they must be of the same numbers")
+    states, actions = np.array(x), np.array(u)
+    first, second = steps(states, actions), steps(states[::-1], actions[::-1])[::-1]
+    if not np.allclose(first, second, rtol=1e-6, atol=1e-9):
+        raise ValueError(
+            "two steps from one state end in different ones: the simulator draws random numbers, or get does not give "
+            "all of its state, so it is no model"
+        )
+    return states, actions
+
+
+class _Simulator:
+    """``f(x, u)``: a copy is set to each point and stepped."""
+
+    def __init__(self, env: gym.Env, get: Callable[[gym.Env], Any], put: Callable[[gym.Env, Any], None]) -> None:
+        self.env, self.get, self.put = env, get, put
+        self._float = isinstance(env.action_space, Box)
+
+    def __call__(self, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+        assert u is not None
+        shape = np.broadcast_shapes(x.shape[:-1], u.shape[:-1])
+        states = np.broadcast_to(x, shape + x.shape[-1:]).reshape(-1, x.shape[-1])
+        actions = np.broadcast_to(u, shape + u.shape[-1:]).reshape(len(states), -1)
+        after = np.full(states.shape, np.nan)
+        for i in np.flatnonzero(np.isfinite(states).all(1) & np.isfinite(actions).all(1)):
+            self.put(self.env, states[i])
+            self.env.step(self._action(actions[i]))
+            after[i] = self.get(self.env)
+        return after.reshape(shape + x.shape[-1:])
+
+    def _action(self, u: np.ndarray) -> Any:
+        space: Any = self.env.action_space
+        if self._float:
+            return np.clip(u.reshape(space.shape), space.low, space.high).astype(space.dtype)
+        whole = np.rint(u).astype(int)
+        return int(whole[0]) if space.shape == () else whole.reshape(space.shape)
+
+
+class _Rollout:
+    """The same for MuJoCo: all points in one native call."""
+
+    def __init__(self, base: Any) -> None:
+        import mujoco
+        from mujoco.rollout import Rollout
+
+        self._model, self._substeps = base.model, base.frame_skip
+        self._rollout, self._data = Rollout(nthread=1), [mujoco.MjData(base.model)]
+        self._size = mujoco.mj_stateSize(base.model, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+
+    def __call__(self, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+        assert u is not None
+        n, shape = x.shape[-1], np.broadcast_shapes(x.shape[:-1], u.shape[:-1])
+        states = np.broadcast_to(x, (*shape, n)).reshape(-1, n)
+        actions = np.broadcast_to(u, shape + u.shape[-1:]).reshape(len(states), 1, -1)
+        whole = np.zeros((len(states), self._size))  # time stands first
+        whole[:, 1 : 1 + n] = np.nan_to_num(states)
+        controls = np.ascontiguousarray(np.repeat(np.nan_to_num(actions), self._substeps, 1))
+        after, _ = self._rollout.rollout(self._model, self._data, whole, controls, nstep=self._substeps)
+        finite = np.isfinite(states).all(1) & np.isfinite(actions).all((1, 2))
+        return np.where(finite[:, None], after[:, -1, 1 : 1 + n], np.nan).reshape(*shape, n)
+
+
+def _mujoco_state(env: gym.Env) -> np.ndarray:
+    data = env.unwrapped.data  # type: ignore[attr-defined]
+    return np.concatenate([data.qpos, data.qvel])
+
+
+def _set_mujoco(env: gym.Env, x: np.ndarray) -> None:
+    base: Any = env.unwrapped
+    base.data.qacc_warmstart[:] = 0.0  # what the solver begins with, which is of the last point
+    base.set_state(x[: base.model.nq], x[base.model.nq :])
+
+
+def _classic_state(env: gym.Env) -> np.ndarray:
+    return np.array(env.unwrapped.state, float)  # type: ignore[attr-defined]
+
+
+def _set_classic(env: gym.Env, x: np.ndarray) -> None:
+    base: Any = env.unwrapped
+    base.state = np.array(x)
+    if hasattr(base, "steps_beyond_terminated"):  # a state may lie beyond an episode's end
+        base.steps_beyond_terminated = None

@@ -1,0 +1,110 @@
+"""An estimator in the loop of many environments at once: one batched filter for all of them."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
+from gymnasium.vector.utils import batch_space
+
+from estimators import Gaussian
+from estimators.checks import shown
+from vessel_gym.estimation import EstimatorChoice
+from vessel_gym.sensors import Sensor
+from vessel_gym.wrappers.watch import Model, Watch
+
+
+class EstimatedObservation(VectorWrapper):
+    """Environments whose agents see what one batched filter believes: the single wrapper, for many.
+
+    Environment i, seeded with s, has the sensors' and the filter's numbers of the single one seeded with s + i: the
+    same seeds give the same flights. Native batches and Gymnasium's Sync and Async ones are wrapped alike.
+
+    Args:
+        env: A vector environment that resets at the next step, or not by itself.
+        model: As for the single one.
+        prior: What is known of the state at the start, ``(n,)``.
+        state: The true states ``(B, n)``, a function of (env, observations); None: the observations.
+        observation: The observations as a function of the states ``(B, n)``; None: the states.
+        passes: As for the single one.
+        known_input: What the filter is told ``(B, m)``, a function of the actions; None: these as numbers.
+        estimator: As for the single one.
+        estimator_options: Likewise.
+        sensors: Likewise.
+        observe: Likewise.
+
+    Raises:
+        TypeError: as the single one.
+        ValueError: likewise; or for an environment that resets in the same step, which hides how episodes end.
+    """
+
+    def __init__(
+        self,
+        env: VectorEnv,
+        model: Model,
+        prior: Gaussian,
+        state: Callable[[VectorEnv, Any], Any] | None = None,
+        observation: Callable[[np.ndarray], Any] | None = None,
+        passes: Sequence[Any] = (),
+        known_input: Callable[[Any], Any] | None = None,
+        estimator: EstimatorChoice = "ekf",
+        estimator_options: dict[str, Any] | None = None,
+        sensors: str | Sequence[Sensor] = "nominal",
+        observe: str = "mean",
+    ) -> None:
+        super().__init__(env)
+        mode = env.metadata.get("autoreset_mode", AutoresetMode.NEXT_STEP)
+        if mode not in (AutoresetMode.NEXT_STEP, AutoresetMode.DISABLED):
+            raise ValueError(
+                "an environment that resets in the same step hides the state in which an episode ended: make it with "
+                "autoreset_mode=AutoresetMode.NEXT_STEP or DISABLED"
+            )
+        self._restarts = mode is AutoresetMode.NEXT_STEP
+        self._state = state or (lambda env, obs: obs)
+        self.watch = Watch(
+            env.single_observation_space, env.single_action_space, model, prior, estimator, estimator_options, sensors,
+            observe, observation, passes, known_input, rows=env.num_envs,
+        )  # fmt: skip
+        self.single_observation_space = self.watch.space
+        self.observation_space = batch_space(self.watch.space, env.num_envs)
+        self._over = np.zeros(env.num_envs, bool)
+
+    def reset(
+        self, *, seed: int | Sequence[int] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Begin episodes, in all environments or in those of ``options["reset_mask"]``."""
+        mask = (options or {}).get("reset_mask", np.ones(self.num_envs, bool))
+        seeds: list[Any] | None = None
+        if isinstance(seed, int | np.integer):
+            seed = int(seed)
+            seeds = [seed + i for i in range(self.num_envs)]
+        elif seed is not None:
+            seeds = list(seed)
+        if seeds is not None and len(seeds) != self.num_envs:
+            raise ValueError(f"seed must be one number, or one for each of {self.num_envs}, got {shown(seed)}")
+        seen, info = self.env.reset(seed=seed, options=options)  # type: ignore[arg-type]
+        if seeds and None in seeds:  # of chance
+            chance = np.random.SeedSequence().generate_state(self.num_envs, np.uint64)
+            seeds = [int(other) if one is None else one for one, other in zip(seeds, chance, strict=True)]
+        self.watch.seed(seeds)
+        self.watch.begin(np.asarray(mask, bool), self._truth(seen))
+        self._over &= ~mask
+        return self.watch.observe(seen), info | self._info(np.asarray(mask, bool))
+
+    def step(self, actions: Any) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """A step of all environments; those whose episode was over begin the next."""
+        seen, reward, terminated, truncated, info = self.env.step(actions)
+        truth = self._truth(seen)
+        self.watch.go_on(truth, actions)
+        if self._restarts and self._over.any():
+            self.watch.begin(self._over, truth)
+        self._over = terminated | truncated
+        every = np.ones(self.num_envs, bool)
+        return self.watch.observe(seen), reward, terminated, truncated, info | self._info(every)
+
+    def _truth(self, seen: Any) -> np.ndarray:
+        return np.array(self._state(self.env, seen), float)
+
+    def _info(self, rows: np.ndarray) -> dict[str, Any]:
+        happened = self.watch.info()
+        return happened | {f"_{name}": rows.copy() for name in happened}

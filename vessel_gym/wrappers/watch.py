@@ -1,0 +1,353 @@
+"""What the wrappers of one environment and of many share: a loop around somebody else's environment."""
+
+from collections.abc import Callable, Sequence
+from copy import deepcopy
+from dataclasses import replace
+from typing import Any, cast
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.error import ResetNeeded
+from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Space
+
+from estimators import Filter, Gaussian, LinearModel, NonlinearModel, Numbers, factory, wrap
+from estimators.checks import numbers, shown
+from vessel_gym import checks
+from vessel_gym.core import OBSERVE
+from vessel_gym.estimation import DeadReckoning, Estimation, EstimatorChoice, Oracle
+from vessel_gym.loop import Loop, Readings
+from vessel_gym.sensors import SUITES, Sensor, Sensors
+
+Model = LinearModel | NonlinearModel
+KNOWN = ("truth", "dead-reckoning")
+"""Estimators that only an environment can have."""
+
+
+class Watch:
+    """Sensors, filter and belief of B rows of an environment whose state somebody reads out.
+
+    Args:
+        space: Observation space of one environment.
+        action_space: Action space of one.
+        model: What the filter knows of it.
+        prior: What is known of the state at the start.
+        estimator: Name, or a function of the model that returns a filter.
+        options: The filter's own.
+        sensors: Name of a suite, or sensors of one's own.
+        observe: One of `vessel_gym.core.OBSERVE`.
+        observation: The observation as a function of the state; None: the state itself.
+        passes: Keys, or components, of the observation that pass as they are.
+        known_input: The known input as a function of the action; None: the action itself.
+        rows: B.
+    """
+
+    def __init__(
+        self, space: Space, action_space: Space, model: Model, prior: Gaussian, estimator: EstimatorChoice,
+        options: dict[str, Any] | None, sensors: str | Sequence[Sensor], observe: str,
+        observation: Callable[[np.ndarray], Any] | None, passes: Sequence[Any],
+        known_input: Callable[[Any], Any] | None, rows: int,
+    ) -> None:  # fmt: skip
+        if not isinstance(model, LinearModel | NonlinearModel):
+            raise TypeError(f"model must be a LinearModel or a NonlinearModel, got {shown(model)}")
+        if not isinstance(prior, Gaussian):
+            raise TypeError(f"prior must be a Gaussian(mean, cov), got {shown(prior)}")
+        if prior.mean.shape != (model.n,):
+            raise ValueError(f"the prior is for shape {prior.mean.shape}, the model has {model.n} states: ({model.n},)")
+        self.observe_mode = checks.one_of("observe mode", observe, OBSERVE)
+        self._angles = list(model.state_angles)
+        self.rows, self.n, self.prior, self.own = rows, model.n, prior, space
+        self._observation, self._known = observation, known_input or plain_action(action_space)
+        self._passes = _checked_passes(space, passes, observe)
+        action = deepcopy(action_space).sample()  # whose own numbers go on as they would have
+        u = np.atleast_1d(self._numbers(action))
+        model.check_known_input(u)
+        self.sensors = _sensors(model, sensors, u.shape[-1])
+        model = replace(cast(Any, model), R=np.diag(self.sensors.sd**2))
+        self.filter = _filter(model, estimator, checks.options("estimator_options", options))
+        self._estimation = Estimation(self.filter, cast(Any, None), 1.0, ())
+        self.loop = Loop(self.sensors, self._estimation, rows)
+        self.steps = np.zeros(rows, int)
+        self._nothing = np.zeros((rows, self.sensors.bias.size))
+        self._still = np.zeros((rows, u.shape[-1]))
+        self.seeds: list[int] = []
+        self.episodes = np.zeros(rows, int)
+        self.truth = np.zeros((rows, model.n))
+        self.space = self._space()
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Copies go on as the original would have."""
+        self.__dict__.update(state)
+        self.loop.attach(self.sensors, self._estimation)
+
+    # --- one step -----------------------------------------------------------------------------------
+
+    def seed(self, seeds: Sequence[int] | None) -> None:
+        """Begin again to count episodes, with these seeds; None: go on, with seeds of chance if there are none yet."""
+        if seeds is not None:
+            self.seeds, self.episodes[:] = [int(seed) for seed in seeds], -1
+        elif not self.seeds:
+            chance = np.random.SeedSequence().generate_state(self.rows, np.uint64)
+            self.seeds, self.episodes[:] = [int(seed) for seed in chance], -1
+
+    def begin(self, rows: np.ndarray, state: np.ndarray) -> None:
+        """Episodes begin in the rows of a mask ``(B,)``, in states ``(B, n)``."""
+        self.episodes[rows] += 1
+        self.steps[rows] = 0
+        self.truth = np.where(rows[:, None], self._checked(state), self.truth)
+        chosen = np.flatnonzero(rows)
+        episode = Numbers.seeded([self.seeds[row] for row in chosen]).of(self.episodes[chosen])
+        sensing = np.stack([episode.of(sensor.name).keys for sensor in self.sensors.each], 1)
+        self.loop.restart(chosen, sensing, episode.of("filter").keys)
+        some = None if rows.all() else chosen
+        still, nothing, steps = self._still[chosen], self._nothing[chosen], self.steps[chosen]
+        readings = self.loop.sense(self.truth[chosen], still, nothing, steps, some)
+        self._keep(readings, some)
+        prior = Gaussian(np.broadcast_to(self.prior.mean, (len(chosen), self.n)), self.prior.cov)
+        self.loop.begin(some if some is None else rows, prior, self._handed(readings, self.truth[chosen]), still)
+
+    def go_on(self, state: np.ndarray, action: Any) -> None:
+        """A step of all rows, to states ``(B, n)``."""
+        if not self.seeds:
+            raise ResetNeeded("call reset() before step()")
+        self.truth = self._checked(state)
+        self.steps += 1
+        u = self.known(action)
+        readings = self.loop.sense(self.truth, u, self._nothing, self.steps, None)
+        self._keep(readings, None)
+        self.loop.estimate(self._handed(readings, self.truth), u, self.steps)
+
+    def observe(self, seen: Any) -> Any:
+        """Observations ``(B, ...)`` where the environment itself shows ``seen``."""
+        if self.observe_mode == "measurement":
+            return self._read(seen)
+        belief = self.loop.belief
+        mean = np.array(self.truth if self.loop.tells_truth else belief.mean)
+        if self._observation is None and not self.loop.tells_truth:
+            mean[:, self._angles] = wrap(mean[:, self._angles])  # filters count turns
+        value = mean if self._observation is None else self._observation(mean)
+        sd = np.sqrt(np.maximum(belief.cov.diagonal(0, -2, -1), 0.0)) if self.observe_mode == "mean+std" else None
+        if isinstance(self.own, Dict):
+            return self._filled(value, seen, sd)
+        fitted = self._fitted(value, np.asarray(seen), cast(Box, self.own))
+        return fitted if sd is None else np.concatenate([fitted.reshape(self.rows, -1), sd], -1).astype(np.float32)
+
+    def info(self) -> dict[str, np.ndarray]:
+        """Copies of what happened, one row an environment."""
+        belief, (y, available) = self.loop.belief, self.loop.readings
+        happened = {
+            "truth": self.truth, "estimate": belief.mean, "covariance": belief.cov, "measurement": y,
+            "available": available, "healthy": belief.healthy,
+        }  # fmt: skip
+        return {name: values.copy() for name, values in happened.items()}
+
+    def known(self, action: Any) -> np.ndarray:
+        """What filters are told of an action."""
+        u, wanted = self._numbers(action), (self.rows, self._still.shape[1])
+        if u.shape not in (wanted, wanted[1:] if self.rows == 1 else wanted):
+            raise ValueError(f"known_input must give an array {wanted}, a row for each environment, got {u.shape}")
+        return u.reshape(wanted)
+
+    def _numbers(self, action: Any) -> np.ndarray:
+        told = self._known(action)
+        u = numbers(told)
+        if u is None:
+            raise ValueError(f"known_input must give numbers, got {shown(told)} for {shown(action)}")
+        return u
+
+    def _read(self, seen: Any) -> Any:
+        """Readings, the mask of those that arrived, and what passes."""
+        readings = np.concatenate(self.loop.readings, -1).astype(np.float32)
+        if isinstance(self.own, Dict):
+            return {"measurement": readings, **{key: seen[key] for key in self._passes}}
+        whole = np.asarray(seen, np.float32).reshape(self.rows, -1)
+        return np.concatenate([readings, whole[:, list(self._passes)]], -1) if self._passes else readings
+
+    # --- inside -------------------------------------------------------------------------------------
+
+    def _keep(self, readings: Readings, rows: np.ndarray | None) -> None:
+        if rows is None:
+            self.loop.readings = readings
+        else:
+            for kept, new in zip(self.loop.readings, readings, strict=True):
+                kept[rows] = new
+
+    def _handed(self, readings: Readings, state: np.ndarray) -> Readings:
+        """What the filter is handed: the readings; the oracle alone, and no other, the truth."""
+        return (state, np.ones(state.shape, bool)) if self.loop.tells_truth else readings
+
+    def _checked(self, state: Any) -> np.ndarray:
+        array = numbers(state)
+        if array is None or array.shape != (self.rows, self.n):
+            got = shown(state) if array is None else f"shape {array.shape[1:] if self.rows == 1 else array.shape}"
+            wanted = (self.n,) if self.rows == 1 else (self.rows, self.n)
+            raise ValueError(f"state must give the model's states, {wanted} numbers, got {got}")
+        if not np.isfinite(array).all():
+            raise ValueError(f"state gave what is not finite: {shown(array[~np.isfinite(array).all(-1)][0].tolist())}")
+        return np.array(array, order="C")
+
+    def _space(self) -> Space:
+        """The space of what is observed."""
+        if self.observe_mode == "measurement":
+            readings = Box(-np.inf, np.inf, (2 * self.sensors.size,), np.float32)
+            if isinstance(self.own, Dict):
+                return Dict({"measurement": readings, **{key: self.own.spaces[key] for key in self._passes}})
+            own, passing = cast(Box, self.own), list(self._passes)
+            low, high = (
+                np.append(a, b.ravel()[passing]) for a, b in ((readings.low, own.low), (readings.high, own.high))
+            )
+            return Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
+        if self.observe_mode == "mean":
+            return self.own
+        spread = Box(0.0, np.inf, (self.n,), np.float32)
+        if isinstance(self.own, Dict):
+            if "std" in self.own.spaces:
+                raise ValueError("the environment's observations have a key std of their own: observe='mean'")
+            return Dict({**self.own.spaces, "std": spread})
+        own = cast(Box, self.own)
+        ends = ((own.low, spread.low), (own.high, spread.high))
+        low, high = (np.concatenate([a.ravel(), b]).astype(np.float32) for a, b in ends)
+        return Box(low, high, dtype=np.float32)
+
+    def _filled(self, value: Any, seen: dict[str, Any], sd: np.ndarray | None) -> dict[str, Any]:
+        """A dictionary of observations: what the function gives, what passes, and deviations."""
+        own = cast(Dict, self.own).spaces
+        given = value if isinstance(value, dict) else {}
+        if {*given, *self._passes} != {*own}:
+            missing = sorted({*own} - {*given, *self._passes}) or sorted({*given} - {*own})
+            raise ValueError(
+                f"observation must give a dictionary of all that does not pass, {', '.join(missing)} too: give it, or "
+                "name it in passes"
+            )
+        filled = {key: seen[key] if key in self._passes else self._fit(given[key], own[key]) for key in own}
+        return filled if sd is None else filled | {"std": sd.astype(np.float32)}
+
+    def _fitted(self, value: Any, seen: np.ndarray, own: Box) -> np.ndarray:
+        """An observation of what the function gives, and what passes."""
+        if not self._passes:
+            return self._fit(value, own)
+        whole = np.array(seen, float).reshape(self.rows, -1)
+        rest = np.setdiff1d(np.arange(whole.shape[1]), self._passes)
+        whole[:, rest] = self._shaped(value, (len(rest),))
+        return self._fit(whole, own)
+
+    def _fit(self, value: Any, own: Space) -> np.ndarray:
+        """What a function gave, as the space has it."""
+        if not isinstance(own, Box):
+            raise ValueError(f"an estimate is of numbers, not of {shown(own)}: name it in passes")
+        shaped = np.clip(self._shaped(value, own.shape), own.low, own.high)
+        return (np.rint(shaped) if own.dtype.kind in "iu" else shaped).astype(own.dtype)
+
+    def _shaped(self, value: Any, shape: tuple[int, ...]) -> np.ndarray:
+        array = numbers(value)
+        flat = self.rows, int(np.prod(shape))
+        if array is None or array.shape not in ((self.rows, *shape), flat):
+            got = shown(value) if array is None else f"shape {array.shape[1:] if self.rows == 1 else array.shape}"
+            raise ValueError(
+                f"the observation space wants {shape} numbers, the estimate gives {got}: give observation=, a function "
+                "of the state, or name in passes what it does not give"
+            )
+        return array.reshape(self.rows, *shape)
+
+
+def plain_action(space: Space) -> Callable[[Any], Any]:
+    """An action of a space, or a batch of them, as numbers ``(..., m)``."""
+    if isinstance(space, Box):
+        low, high = space.low.astype(float), space.high.astype(float)
+        return lambda action: np.clip(np.asarray(action, float), low, high).reshape(
+            *np.shape(action)[: np.ndim(action) - len(space.shape)], -1
+        )
+    if isinstance(space, Discrete):
+        return lambda action: np.asarray(action, float)[..., None]
+    if isinstance(space, MultiDiscrete | MultiBinary):
+        return lambda action: np.asarray(action, float)
+    raise TypeError(f"give known_input=, a function of the action: no numbers follow by themselves from {shown(space)}")
+
+
+def _checked_passes(space: Space, passes: Sequence[Any], observe: str) -> tuple[Any, ...]:
+    if not isinstance(passes, list | tuple | range | np.ndarray):
+        raise TypeError(f"passes must be a list of keys or components, got {shown(passes)}")
+    chosen = tuple(passes)
+    if isinstance(space, Dict):
+        for key in chosen:
+            if key not in space.spaces:
+                raise ValueError(factory.unknown("key of the observation in passes", key, list(space.spaces)))
+        return chosen
+    if not isinstance(space, Box) or len(space.shape) > 2 or (space.dtype == np.uint8 and len(space.shape) > 1):
+        what = "images" if isinstance(space, Box) else shown(space)
+        raise TypeError(
+            f"the environment shows {what}, and an estimate is of numbers: wrap it in one whose observations are a Box "
+            "of states or a Dict of such"
+        )
+    size = int(np.prod(space.shape))
+    if any(isinstance(i, bool) or not isinstance(i, int | np.integer) or not 0 <= i < size for i in chosen):
+        raise ValueError(f"passes must be indices of components below {size}, got {shown(passes)}")
+    return chosen
+
+
+def _sensors(model: Model, sensors: str | Sequence[Sensor], inputs: int) -> Sensors:
+    """Sensors that read what the model says that there is to read, in a quality; or somebody's own."""
+    states = tuple(f"x{i}" for i in range(model.n))
+    if isinstance(sensors, str):
+        suite = SUITES[checks.one_of("sensor suite", sensors, SUITES)]
+        R: Any = model.R
+        if callable(R) or R.ndim > 2 or np.any(np.diag(np.diagonal(R)) != R):
+            raise ValueError("sensors read with independent noise: give the model a diagonal R, or sensors of your own")
+        sd = np.sqrt(np.diagonal(R))
+        sensors = suite.of([Sensor(f"y{i}", (f"y{i}",), _channel(model, i), (float(one),)) for i, one in enumerate(sd)])
+    made = Sensors(sensors, states, tuple(f"u{i}" for i in range(inputs)), 1.0)
+    if made.bias.size:
+        raise ValueError("sensors here have no bias: make it a state of the model")
+    if made.size != model.p:
+        raise ValueError(f"the sensors have {made.size} channels, the model reads {model.p}")
+    return made
+
+
+def _channel(model: Model, i: int) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    return lambda state, forcing: model.measurement(state, forcing)[..., i : i + 1]
+
+
+def _filter(model: Model, estimator: EstimatorChoice, options: dict[str, Any]) -> Filter:
+    if isinstance(estimator, Filter):
+        raise TypeError(f"estimator must be a name, or a Filter class or function of the model, got {shown(estimator)}")
+    if callable(estimator):
+        made = estimator(model, **options)
+        if not isinstance(made, Filter):
+            raise TypeError(f"estimator must return an estimators.Filter, got {type(made).__name__}")
+        return made
+    known = (*factory.names(), *KNOWN)
+    if not isinstance(estimator, str) or estimator not in known:
+        raise ValueError(factory.unknown("estimator", estimator, known))
+    if estimator not in KNOWN:
+        return factory.make(estimator, model, **options)
+    if options:
+        raise TypeError(f"{estimator} has no option {next(iter(options))!r}: it takes none")
+    return Oracle(model.n, 0) if estimator == "truth" else DeadReckoning(model)
+
+
+def made_again(env: gym.Env) -> gym.Env:
+    """Another environment of the same spec, which nobody looks at."""
+    if env.spec is None:
+        raise TypeError(f"a copy is made of an environment's spec, and this one has no spec: {shown(env)}")
+    spec: Any = deepcopy(env.spec)
+    spec.kwargs.pop("render_mode", None)
+    return gym.make(spec)
+
+
+def sampled_prior(env: gym.Env, state: Callable[[gym.Env, Any], Any], resets: int = 256) -> Gaussian:
+    """What is known at the start: mean and covariance of the states in which a copy of the environment begins.
+
+    Raises:
+        ValueError: if there is no way to make a copy.
+    """
+    try:
+        copy = made_again(env)
+    except Exception as error:
+        wanted = "give prior=, what is known of the state at the start"
+        raise ValueError(f"{wanted}: this environment cannot be made again ({shown(str(error))})") from error
+    starts = []
+    for seed in range(resets):
+        seen, _ = copy.reset(seed=seed)
+        starts.append(np.asarray(state(copy, seen), float))
+    copy.close()
+    x = np.array(starts)
+    return Gaussian(x.mean(0), np.cov(x.T).reshape(x.shape[1], x.shape[1]))
