@@ -19,6 +19,7 @@ from contract import (
     AlteredCore,
     AlteredVehicle,
     assert_same_tree,
+    assert_sound,
     make_batch,
     make_core,
     random_walk,
@@ -463,6 +464,18 @@ def test_a_fault_acts_when_the_reading_is_taken_not_when_it_comes():
     x = np.stack([y[:, 10, 10] for y, _ in come])
     assert (x[30] > 50.0).all()
     assert (np.abs(np.delete(x, 30, 0)) < 50.0).all()
+
+
+@pytest.mark.parametrize("estimator", ["ekf", "huber-kf", "measurement"])
+def test_faults_without_measure_leave_everything_finite(estimator: str):
+    names = [sensor.name for sensor in sensors_of(AUV)]
+    for size in (1e30, 1e308):
+        wrong = [SensorFault(name, kind, size) for name in names for kind in ("bias", "drift", "scale", "garbage")]
+        core = make_core(AUV, ROWS, estimator=estimator, sensor_faults=wrong, sensors=sensors_of(AUV, jitter=2))
+        core.start(0)
+        for _ in range(15):
+            reward, _ = core.step(np.zeros((ROWS, 3)))
+            assert_sound(core, core.observe(), reward, core.info())
 
 
 def test_raw_readings_show_what_has_come_and_the_mission_is_guided_by_it():
