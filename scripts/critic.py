@@ -45,7 +45,8 @@ RAW = {"observe": "measurement"}
 WORLDS = {
     "estimates": World("estimates", 300_000),
     "raw": World("raw readings", 1_000_000, options=RAW, arms=("observation", "truth", "leak")),
-    "lstm": World("raw readings, LSTM", 200_000, "lstm", RAW),
+    "frames": World("raw readings, frames", 300_000, "frames", RAW),
+    "lstm": World("raw readings, LSTM", 150_000, "lstm", RAW),
 }
 
 
