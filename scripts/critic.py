@@ -44,6 +44,7 @@ class World:
 RAW = {"observe": "measurement"}
 WORLDS = {
     "estimates": World("estimates", 300_000),
+    "rough": World("estimates, rough sea", 300_000, options={"disturbance": "rough"}),
     "raw": World("raw readings", 1_000_000, options=RAW, arms=("observation", "truth", "leak")),
     "frames": World("raw readings, frames", 300_000, "frames", RAW),
     "lstm": World("raw readings, LSTM", 150_000, "lstm", RAW),
@@ -138,7 +139,7 @@ def draw(found: Found) -> None:
         "zeroed": (PALETTE[3], "likewise, the critic's input zeroed"),
     }
     with styled():
-        figure = Figure(figsize=(9.0, 4.8), layout="constrained")
+        figure = Figure(figsize=(11.0, 4.8), layout="constrained")
         axes = figure.subplots(2, len(WORLDS), sharey="row")
         for (top, bottom), world in zip(axes.T, WORLDS.values(), strict=True):
             top.set_title(world.label)
