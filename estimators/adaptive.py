@@ -96,7 +96,10 @@ class AdaptiveKalmanFilter(Filter[AdaptiveBelief]):
     def _reading(
         self, belief: AdaptiveBelief, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None
     ) -> Reading:
-        return super()._reading(belief, y, available, belief.measurement_noise if R is None else R)
+        return super()._reading(belief, y, available, self._own_R(belief) if R is None else R)
+
+    def _own_R(self, belief: AdaptiveBelief) -> np.ndarray:
+        return belief.measurement_noise
 
     def _update(self, belief: AdaptiveBelief, reading: Reading, rng: Rng) -> AdaptiveBelief:
         n, C, e = self.model.n, reading.C, reading.innovation
@@ -138,6 +141,7 @@ def _apart(Q: np.ndarray, R: np.ndarray) -> np.ndarray:
 
 
 def _towards(old: np.ndarray, moment: np.ndarray, rate: float) -> np.ndarray:
-    """An average that forgets, where the moment is finite."""
-    known = np.isfinite(moment).all((-2, -1))[..., None, None]
-    return np.where(known, old + rate * symmetrise(np.where(known, moment, old) - old), old)
+    """An average that forgets, where it is finite."""
+    new = old + rate * symmetrise(moment - old)
+    known = np.asarray(np.isfinite(new).all((-2, -1)))
+    return np.where(known[..., None, None], new, old)

@@ -153,7 +153,7 @@ class Belief(Packed):
         layout = laid_out(tuple((name, array.shape[len(batch) :]) for name, array in arrays.items()))
         packed = np.empty(batch + (layout.width,))
         for name, (first, shape) in layout.columns.items():
-            packed[..., first : first + math.prod(shape)] = arrays[name].reshape(batch + (-1,))
+            packed[..., first : first + math.prod(shape)] = arrays[name].reshape(*batch, math.prod(shape))
         return packed, layout
 
     @property

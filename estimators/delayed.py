@@ -224,7 +224,9 @@ class Delayed(Generic[Record]):
             updated = self._read(step._replace(read=np.ones(step.read.shape, bool)), rows)
             return cast(Record, predicted.with_rows(read, updated[read]))
         if R is not None:
-            R = np.where(np.isnan(R), resolve(self.filter.model.R, predicted.u), R)
+            own: Any = self.filter
+            usual = own._own_R(predicted) if hasattr(own, "_own_R") else resolve(own.model.R, predicted.u)
+            R = np.where(np.isnan(R), usual, R)
         return self.filter.update(predicted, y, rng=keys, available=available, R=R)
 
 

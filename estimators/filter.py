@@ -424,6 +424,10 @@ class Filter(ABC, Generic[Record]):
         R, known = usable(resolve(self.model.R, u) if R is None else R)
         return R, mask & known
 
+    def _own_R(self, belief: Record) -> np.ndarray:
+        """R ``(..., p, p)`` of readings that bring none of their own."""
+        return resolve(self.model.R, belief.u)
+
     def _linearise(self, belief: Record, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
         """The expected reading ``(..., p)``, C ``(..., p, n)``, and what is to be added to R for what C leaves out."""
         return *self.model.linearise_measurement(belief.mean, u, belief.cov), None

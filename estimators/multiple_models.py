@@ -9,7 +9,7 @@ from estimators.angles import difference
 from estimators.belief import Belief
 from estimators.checks import as_array
 from estimators.filter import Filter, Rng
-from estimators.linalg import identity, log_density, neutralised
+from estimators.linalg import identity, lacks_rank, log_density, neutralised
 from estimators.reading import Reading
 
 
@@ -41,7 +41,8 @@ class InteractingMultipleModels(Filter[MixtureBelief]):
 
     A mixture is replaced by the Gaussian of its mean and covariance; means of angles are taken the short way round the
     likeliest mode. A mode climbs down the ladder of recovery by itself, and its probability is 0 at a reading of which
-    it could use less than others; if no mode can tell anything of the reading, probabilities stay.
+    it could use less than others; if no mode can tell anything of the reading, or one is sure of a combination of
+    readings (S is singular, so that densities do not compare), probabilities stay.
 
     Sources: Blom & Bar-Shalom (1988), The interacting multiple model algorithm for systems with Markovian switching
     coefficients; Bar-Shalom, Li & Kirubarajan (2001), Estimation with Applications to Tracking and Navigation, sec.
@@ -78,6 +79,8 @@ class InteractingMultipleModels(Filter[MixtureBelief]):
                     f"filters must have the same states, readings and angles: mode 0 has (n, p, state_angles, "
                     f"measurement_angles) = {sizes[0]}, mode {j} {size}"
                 )
+        self._alike = all(filter._alike for filter in self.filters)
+        self.random = any(filter.random for filter in self.filters)  # type: ignore[misc]
         M = len(self.filters)
         self.transition = _probabilities("transition", transition, (M, M))
         start = np.full(M, 1.0 / M) if probabilities is None else probabilities
@@ -120,21 +123,22 @@ class InteractingMultipleModels(Filter[MixtureBelief]):
             density = log_density(innovations, spreads, used)
             counts = used.sum(-1)
             fair = np.isfinite(density) & (counts == counts.max(-1, keepdims=True))
+            compared = ~(lacks_rank(spreads) & fair).any(-1, keepdims=True)  # of fewer directions it is another density
             weights = np.where(fair, np.log(belief.probabilities) + density, -np.inf)
             top = weights.max(-1, keepdims=True)
-            told = np.isfinite(top)
+            told = np.isfinite(top) & compared
             shares = np.exp(weights - np.where(told, top, 0.0))
             total = shares.sum(-1, keepdims=True)
             probabilities = np.where(told, shares / total, belief.probabilities)
             seen = np.asarray(used.any(-2))
             likelihood = np.where(told[..., 0] & seen.any(-1), (top + np.log(total))[..., 0], 0.0)
-        before = np.where(told & ~fair, 0.0, belief.probabilities)
-        before = before / before.sum(-1, keepdims=True)
-        innovation, S = matched(before, innovations, spreads, self.model.measurement_angles)
-        return self._together(
-            belief, modes, probabilities, recovery=np.min([mode.recovery for mode in modes], 0), innovation=innovation,
-            innovation_cov=neutralised(S, seen), available=seen, log_likelihood=likelihood,
-        )  # fmt: skip
+            before = np.where(told & ~fair, 0.0, belief.probabilities)
+            before = before / before.sum(-1, keepdims=True)
+            innovation, S = matched(before, innovations, spreads, self.model.measurement_angles)
+            return self._together(
+                belief, modes, probabilities, recovery=np.min([mode.recovery for mode in modes], 0),
+                innovation=innovation, innovation_cov=neutralised(S, seen), available=seen, log_likelihood=likelihood,
+            )  # fmt: skip
 
     def _update(self, belief: MixtureBelief, reading: Reading, rng: Rng) -> MixtureBelief:
         raise TypeError("each mode makes a reading of its own: call update")
@@ -165,6 +169,8 @@ def matched(
         means: ``(..., M, k)``.
         covs: ``(..., M, k, k)``.
         angles: Components that are averaged the short way round the mean with the greatest weight.
+
+    Those of the greatest weight alone, where others are too far for the moments to be numbers.
     """
     some = (weights > 0.0)[..., None]
     centre = np.take_along_axis(means, weights.argmax(-1)[..., None, None], -2)
@@ -172,7 +178,10 @@ def matched(
     shift = np.vecmat(weights, away)
     spread = away - shift[..., None, :]
     each = np.where(some[..., None], covs + spread[..., :, None] * spread[..., None, :], 0.0)
-    return centre[..., 0, :] + shift, (weights[..., None, None] * each).sum(-3)
+    mean, cov = centre[..., 0, :] + shift, (weights[..., None, None] * each).sum(-3)
+    apart = ~(np.isfinite(mean).all(-1) & np.isfinite(cov).all((-2, -1)))  # beyond all numbers
+    own = np.take_along_axis(covs, weights.argmax(-1)[..., None, None, None], -3)[..., 0, :, :]
+    return np.where(apart[..., None], centre[..., 0, :], mean), np.where(apart[..., None, None], own, cov)
 
 
 def _probabilities(name: str, value: object, shape: tuple[int, ...]) -> np.ndarray:

@@ -115,6 +115,12 @@ class ParticleFilter(DrawingFilter[ParticleBelief]):
         log_weights = _normalised(np.where(gone, _NOWHERE, log_weights))[0]
         return self._believed(belief, after, log_weights, u)
 
+    def _condensed(
+        self, start: ParticleBelief, reading: Reading, S: np.ndarray, lost: np.ndarray
+    ) -> tuple[Reading, np.ndarray] | None:
+        """Particles are weighed by the channels as they are: where R is singular the reading is left out."""
+        return None
+
     def _update(self, belief: ParticleBelief, reading: Reading, rng: Rng) -> ParticleBelief:
         self._numbers(rng, belief.mean.shape[:-1])
         assert reading.anomalies is not None
@@ -202,6 +208,7 @@ def systematic(weights: np.ndarray, offset: np.ndarray) -> np.ndarray:
     N = weights.shape[-1]
     reached = np.cumsum(weights, -1)
     ends = np.ceil(N * (reached / reached[..., -1:]) - offset[..., None])  # how many lie below each one's end
+    ends[..., -1] = N  # all, however near to 1 the offset is
     counts = np.diff(ends.astype(np.intp), axis=-1, prepend=0)
     return np.repeat(np.broadcast_to(np.arange(N), counts.shape).ravel(), counts.ravel()).reshape(counts.shape)
 

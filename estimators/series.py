@@ -121,8 +121,9 @@ def run(
     for name, array in (("available", available), ("R", R)):
         if array is not None and array.shape[:1] != (T,):
             raise ValueError(f"{name} has shape {array.shape}, expected one for each of the {T} readings of y")
-    model = getattr(filter, "model", None)
-    if t is not None and isinstance(model, LinearModel) and not any(callable(m) for m in vars(model).values()):
+    models = [getattr(mode, "model", None) for mode in getattr(filter, "filters", (filter,))]
+    constant = [isinstance(model, LinearModel) and not any(map(callable, vars(model).values())) for model in models]
+    if t is not None and all(constant):
         raise ValueError("this model is the same however long a step takes: make it with sampled, or leave out t")
     u = _known_inputs(u, t, T, batch)
     if isinstance(rng, int | np.integer):
@@ -134,7 +135,7 @@ def run(
                 raise ValueError(
                     f"the prior's {name} has rows {own}, y has {batch}: give one, or one for each row of y"
                 )
-        prior = Gaussian(np.broadcast_to(prior.mean, batch + prior.mean.shape[-1:]), prior.cov)
+        prior = type(prior)(np.broadcast_to(prior.mean, batch + prior.mean.shape[-1:]), prior.cov)
     loop: Any = filter
     predicted: list[Any] = []
     updated: list[Any] = []

@@ -11,7 +11,7 @@
 No truth is needed: a filter foretells each reading, and the numbers that make its readings likely are the estimate.
 """
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Any
@@ -20,7 +20,7 @@ import numpy as np
 
 from estimators.angles import difference
 from estimators.belief import Recovery
-from estimators.checks import as_mask, as_number, shown
+from estimators.checks import as_array, as_mask, as_number, shown
 from estimators.factory import unknown
 from estimators.models import Gaussian
 from estimators.randomness import Numbers
@@ -119,6 +119,7 @@ def fit(
     """
     if objective not in _OBJECTIVES:
         raise ValueError(unknown("objective", objective, _OBJECTIVES))
+    signed = _names(signed)
     origin = _started(start, signed)
     names = tuple(start)
     positive = np.array([name not in signed for name in names])
@@ -145,6 +146,9 @@ def fit(
         return np.inf if np.isnan(value) else value
 
     first = np.where(positive, np.log(np.where(positive, origin, 1.0)), origin / units)
+    come = np.isfinite(as_array("y", y))
+    if not (come if available is None else come & as_mask("available", available)).any():
+        raise ValueError("none of the readings came: there is nothing to fit")
     begun = built(first)
     if not (isinstance(begun, tuple) and len(begun) == 2 and isinstance(begun[1], Gaussian)):
         raise TypeError(f"build must return a filter and its prior, a Gaussian, got {shown(begun)}")
@@ -185,13 +189,22 @@ def fit(
     )
 
 
+def _names(signed: object) -> tuple[str, ...]:
+    """Names, be it one or several."""
+    if isinstance(signed, str):
+        return (signed,)
+    if not isinstance(signed, Iterable):
+        raise TypeError(f"signed must be names of parameters, got {shown(signed)}")
+    return tuple(signed)
+
+
 def _started(start: Mapping[str, float], signed: Collection[str]) -> np.ndarray:
     """Where a search begins, checked."""
     if not isinstance(start, Mapping) or not start:
         raise ValueError(
             f"start must hold a value for each parameter by name, such as {{'q': 1.0}}, got {shown(start)}"
         )
-    for name in (signed,) if isinstance(signed, str) else signed:
+    for name in signed:
         if name not in start:
             raise ValueError(unknown("signed parameter", name, start))
     for name, value in start.items():

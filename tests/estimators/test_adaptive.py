@@ -208,3 +208,13 @@ def test_a_model_for_each_row_begins_with_its_own_noises():
     system = kalman_system(0)
     model = dataclasses.replace(system.model, Q=Q)
     np.testing.assert_array_equal(make("adaptive-kf", model).init(system.rows(3)).process_noise, Q)
+
+
+@pytest.mark.parametrize("reading", np.geomspace(1e150, 1e156, 13).tolist())
+def test_no_reading_makes_the_filter_deaf(reading: float):
+    filter = make("adaptive-kf", LinearModel([[0.9]], [[1.0]], [[0.1]], [[0.1]]))
+    belief = filter.update(filter.init(Gaussian([0.0], [[1.0]])), [reading])
+    for _ in range(5):
+        belief = filter.update(filter.predict(belief), [1.0])
+        assert np.isfinite(belief.measurement_noise).all()
+        assert belief.available.all()

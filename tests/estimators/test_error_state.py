@@ -9,16 +9,19 @@ from scipy.spatial.transform import Rotation
 
 from estimators import (
     Belief,
+    Delayed,
     Gaussian,
     InteractingMultipleModels,
     ManifoldGaussian,
     NonlinearModel,
     Recovery,
+    by_age,
     chi_square_band,
     make,
     names,
     nees,
-)  # fmt: skip
+    run,
+)
 from tests.estimators.cases import assert_covariance, assert_same, simulate, track, turning_vehicle
 
 DT, DOWN, NORTH = 0.05, np.array([0.0, 0.0, 9.81]), np.array([0.5, 0.0, 0.8])
@@ -262,3 +265,16 @@ def test_other_filters_refuse_states_that_are_no_vectors(name: str):
         make(name, model)
     with pytest.raises(ValueError, match="imm needs states that are vectors"):
         InteractingMultipleModels([make("eskf", ATTITUDE)], [[1.0]])
+
+
+def test_whole_series_of_states_that_are_no_vectors_are_run_and_come_late():
+    start, _, rates, readings = _flown(4, 12, 3)
+    filter, prior = make("eskf", ATTITUDE), ManifoldGaussian(start, PRIOR)
+    series = run(filter, prior, readings, u=rates)
+    by_hand = _tracked(start, rates, readings)
+    assert np.isfinite(series.log_likelihood).all()
+    delay = np.minimum(np.random.default_rng(0).integers(0, 4, readings.shape), 11 - np.arange(12)[:, None, None])
+    late = run(Delayed(filter, 3), prior, by_age(readings, delay), u=rates)
+    for found in (series, late):
+        np.testing.assert_allclose(error(found.mean[-1], by_hand[-1].mean), 0.0, atol=1e-12)
+        np.testing.assert_allclose(found.cov[-1], by_hand[-1].cov, rtol=0, atol=1e-12)

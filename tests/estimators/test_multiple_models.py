@@ -13,17 +13,20 @@ from scipy.stats import multivariate_normal
 
 from estimators import (
     Belief,
+    Delayed,
     Filter,
     Gaussian,
     InteractingMultipleModels,
     LinearModel,
     NonlinearModel,
     Recovery,
+    by_age,
     chi_square_band,
     make,
     nees,
+    run,
     wrap,
-)  # fmt: skip
+)
 from tests.estimators import test_laws as laws
 from tests.estimators.cases import (
     Case,
@@ -353,3 +356,38 @@ def test_an_aircraft_that_turns():
     for k in range(len(turns)):  # twenty seconds into a turn, and fifty after it
         assert turns[k] > 0.5 or not turning[max(k - 4, 0) : k + 1].all()
         assert turns[k] < 0.25 or turning[max(k - 9, 0) : k + 1].any()
+
+
+def test_a_mode_for_which_a_reading_is_impossible_does_not_win():
+    """Two sensors without noise that disagree: densities of one and of two directions do not compare."""
+    perfect, noisy = (LinearModel([[1.0]], [[1.0], [1.0]], [[1.0]], R) for R in (np.zeros((2, 2)), 0.01 * np.eye(2)))
+    imm = InteractingMultipleModels([make("kf", perfect), make("kf", noisy)], [[0.9, 0.1], [0.1, 0.9]])
+    predicted = imm.predict(imm.init(Gaussian([0.0], [[1.0]])))
+    belief = imm.update(predicted, [0.5, 0.9])
+    np.testing.assert_allclose(belief.probabilities, 0.5, rtol=0, atol=1e-15)
+    assert np.isfinite(belief.mean).all()
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("reading", [1e160, 1e200, -1e306])
+def test_an_absurd_reading_leaves_numbers_and_the_next_ones_what_they_are(reading: float):
+    slow, fast = (LinearModel([[1.0]], [[1.0]], [[q]], [[1.0]]) for q in (1.0, 9.0))
+    imm = InteractingMultipleModels([make("kf", slow), make("kf", fast)], [[0.9, 0.1], [0.1, 0.9]])
+    belief = imm.update(imm.predict(imm.init(Gaussian([0.0], [[1.0]]))), [reading])
+    for _ in range(30):
+        assert np.isfinite(belief.mean).all()
+        assert np.isfinite(belief.cov).all()
+        np.testing.assert_allclose(belief.probabilities.sum(-1), 1.0, rtol=1e-12)
+        belief = imm.update(imm.predict(belief), [1.0])
+
+
+def test_late_rows_are_repeated_by_modes_of_which_one_has_a_model_for_each_row():
+    one = LinearModel(np.eye(1), np.eye(1), np.eye(1), np.eye(1))
+    each = LinearModel(np.eye(1), np.eye(1), np.array([[[1.0]], [[4.0]]]), np.eye(1))
+    imm = InteractingMultipleModels([make("kf", one), make("kf", each)], [[0.9, 0.1], [0.1, 0.9]])
+    y = np.random.default_rng(0).normal(size=(4, 2, 1))
+    delay = np.zeros((4, 2, 1), int)
+    delay[1, 0] = delay[2, 0] = 1
+    prior = Gaussian(np.zeros((2, 1)), np.eye(1))
+    in_time, late = run(imm, prior, y), run(Delayed(imm, 1), prior, by_age(y, delay))
+    np.testing.assert_allclose(late.mean[-1], in_time.mean[-1], rtol=0, atol=1e-13)

@@ -350,7 +350,7 @@ def test_a_maximum_at_the_edge_of_what_can_be_built_is_none():
         ({"signed": ["s"]}, "unknown signed parameter 's'.*choose from q, r"),
         ({"objective": "likelyhood"}, "unknown objective 'likelyhood' .did you mean 'likelihood'"),
         ({"y": NILE[:, 0]}, "y has shape"),
-        ({"y": np.full((10, 1), np.nan), "objective": "prediction-error"}, "channel 0 of y has no reading at all"),
+        ({"y": np.full((10, 1), np.nan), "objective": "prediction-error"}, "none of the readings came"),
         ({"y": np.full((10, 1), 1e300)}, "the readings have no likelihood at the start"),
     ],
 )
@@ -364,3 +364,19 @@ def test_a_build_that_is_none_is_refused():
         fit(level, {"s": 1.0}, NILE)
     with pytest.raises(TypeError, match="build must return a filter and its prior, a Gaussian, got KalmanFilter"):
         fit(lambda q: level(q, 1.0)[0], {"q": 1.0}, NILE)
+
+
+def test_a_name_that_is_part_of_another_signs_that_one_alone():
+    y = np.random.default_rng(0).normal(size=(60, 1))
+    for signed in ("bias", ["bias"], (name for name in ["bias"])):
+        found = fit(lambda bias, b: (noise(b)[0], Gaussian([bias], [[0.0]])), {"bias": 1.0, "b": 1.0}, y, signed=signed)
+        low, high = found.intervals["b"]
+        np.testing.assert_allclose(low * high, found.estimates["b"] ** 2, rtol=1e-6)  # even about it, of the logarithm
+    with pytest.raises(TypeError, match="signed must be names of parameters"):
+        fit(lambda b: (noise(b)[0], Gaussian([0.0], [[0.0]])), {"b": 1.0}, y, signed=5)
+
+
+@pytest.mark.parametrize("objective", ["likelihood", "prediction-error"])
+def test_where_no_reading_came_there_is_nothing_to_fit(objective: str):
+    with pytest.raises(ValueError, match="none of the readings came"):
+        fit(lambda b: (noise(b)[0], Gaussian([0.0], [[0.0]])), {"b": 1.0}, np.full((5, 1), np.nan), objective=objective)
