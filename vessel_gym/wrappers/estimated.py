@@ -9,6 +9,7 @@ from gymnasium.utils import RecordConstructorArgs
 
 from estimators import Gaussian
 from vessel_gym.estimation import EstimatorChoice
+from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Sensor
 from vessel_gym.wrappers.watch import Model, Watch, sampled_prior
 
@@ -44,11 +45,12 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
             not named here comes from the estimate.
         known_input: What the filter is told of an action, a function of it; None: the action as numbers.
         estimator: Name of a filter, "truth", "dead-reckoning", or a function of the model that returns a filter.
-        estimator_options: Its options.
+        estimator_options: Its options, and ``late``: what is done with readings that come late, see `VesselEnv`.
         sensors: "clean", "nominal" or "degraded", or a list of `Sensor` objects that read ``(state, known input)``,
             whose noise then takes the place of the model's R; a step is the unit of time.
         observe: "mean"; "mean+std": with the deviations of the states behind, or as ``std`` in a dictionary; or
             "measurement": the readings and the mask of those that arrived, and what passes.
+        sensor_faults: What goes wrong with the sensors, and when: `vessel_gym.sensor_faults.SensorFault` objects.
 
     Raises:
         TypeError: for what is no model, prior or estimator, or observations that are images.
@@ -68,11 +70,12 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
         estimator_options: dict[str, Any] | None = None,
         sensors: str | Sequence[Sensor] = "nominal",
         observe: str = "mean",
+        sensor_faults: Sequence[SensorFault] = (),
     ) -> None:
         RecordConstructorArgs.__init__(
             self, _disable_deepcopy=True, model=model, prior=prior, state=state, observation=observation, passes=passes,
             known_input=known_input, estimator=estimator, estimator_options=estimator_options, sensors=sensors,
-            observe=observe,
+            observe=observe, sensor_faults=sensor_faults,
         )  # fmt: skip
         gym.Wrapper.__init__(self, env)
         within = env
@@ -84,7 +87,8 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
         prior = sampled_prior(env, self._state) if prior is None else prior
         self.watch = Watch(
             env.observation_space, env.action_space, model, prior, estimator, estimator_options, sensors, observe,
-            None if observation is None else lambda x: _row(observation(x[0])), passes, known_input, rows=1,
+            None if observation is None else lambda x: _row(observation(x[0])), passes, known_input, 1,
+            sensor_faults,
         )  # fmt: skip
         self.observation_space = self.watch.space
 

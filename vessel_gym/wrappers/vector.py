@@ -10,6 +10,7 @@ from gymnasium.vector.utils import batch_space
 from estimators import Gaussian
 from estimators.checks import shown
 from vessel_gym.estimation import EstimatorChoice
+from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Sensor
 from vessel_gym.wrappers.watch import Model, Watch
 
@@ -32,6 +33,7 @@ class EstimatedObservation(VectorWrapper):
         estimator_options: Likewise.
         sensors: Likewise.
         observe: Likewise.
+        sensor_faults: Likewise.
 
     Raises:
         TypeError: as the single one.
@@ -51,6 +53,7 @@ class EstimatedObservation(VectorWrapper):
         estimator_options: dict[str, Any] | None = None,
         sensors: str | Sequence[Sensor] = "nominal",
         observe: str = "mean",
+        sensor_faults: Sequence[SensorFault] = (),
     ) -> None:
         super().__init__(env)
         mode = env.metadata.get("autoreset_mode", AutoresetMode.NEXT_STEP)
@@ -63,7 +66,7 @@ class EstimatedObservation(VectorWrapper):
         self._state = state or (lambda env, obs: obs)
         self.watch = Watch(
             env.single_observation_space, env.single_action_space, model, prior, estimator, estimator_options, sensors,
-            observe, observation, passes, known_input, rows=env.num_envs,
+            observe, observation, passes, known_input, env.num_envs, sensor_faults,
         )  # fmt: skip
         self.single_observation_space = self.watch.space
         self.observation_space = batch_space(self.watch.space, env.num_envs)

@@ -13,9 +13,11 @@ from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Sp
 from estimators import Filter, Gaussian, LinearModel, NonlinearModel, Numbers, factory, wrap
 from estimators.checks import numbers, shown
 from vessel_gym import checks
+from vessel_gym.arrivals import Readings
 from vessel_gym.core import OBSERVE
-from vessel_gym.estimation import DeadReckoning, Estimation, EstimatorChoice, Oracle
-from vessel_gym.loop import Loop, Readings
+from vessel_gym.estimation import LATE, DeadReckoning, Estimation, EstimatorChoice, Oracle
+from vessel_gym.loop import Loop
+from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import SUITES, Sensor, Sensors
 
 Model = LinearModel | NonlinearModel
@@ -39,13 +41,14 @@ class Watch:
         passes: Keys, or components, of the observation that pass as they are.
         known_input: The known input as a function of the action; None: the action itself.
         rows: B.
+        faults: What goes wrong with the sensors, and when.
     """
 
     def __init__(
         self, space: Space, action_space: Space, model: Model, prior: Gaussian, estimator: EstimatorChoice,
         options: dict[str, Any] | None, sensors: str | Sequence[Sensor], observe: str,
         observation: Callable[[np.ndarray], Any] | None, passes: Sequence[Any],
-        known_input: Callable[[Any], Any] | None, rows: int,
+        known_input: Callable[[Any], Any] | None, rows: int, faults: Sequence[SensorFault],
     ) -> None:  # fmt: skip
         if not isinstance(model, LinearModel | NonlinearModel):
             raise TypeError(f"model must be a LinearModel or a NonlinearModel, got {shown(model)}")
@@ -61,10 +64,12 @@ class Watch:
         action = deepcopy(action_space).sample()  # whose own numbers go on as they would have
         u = np.atleast_1d(self._numbers(action))
         model.check_known_input(u)
-        self.sensors = _sensors(model, sensors, u.shape[-1])
+        self.sensors = _sensors(model, sensors, u.shape[-1], faults)
         model = replace(cast(Any, model), R=np.diag(self.sensors.sd**2))
-        self.filter = _filter(model, estimator, checks.options("estimator_options", options))
-        self._estimation = Estimation(self.filter, cast(Any, None), 1.0, ())
+        options = checks.options("estimator_options", options)
+        late = checks.one_of("value of late", options.pop("late", LATE[0]), LATE)
+        self.filter = _filter(model, estimator, options)
+        self._estimation = Estimation(self.filter, cast(Any, None), 1.0, (), late)
         self.loop = Loop(self.sensors, self._estimation, rows)
         self.steps = np.zeros(rows, int)
         self._nothing = np.zeros((rows, self.sensors.bias.size))
@@ -101,7 +106,7 @@ class Watch:
         some = None if rows.all() else chosen
         still, nothing, steps = self._still[chosen], self._nothing[chosen], self.steps[chosen]
         readings = self.loop.sense(self.truth[chosen], still, nothing, steps, some)
-        self._keep(readings, some)
+        readings = self.loop.receive(readings, steps, some)
         prior = Gaussian(np.broadcast_to(self.prior.mean, (len(chosen), self.n)), self.prior.cov)
         self.loop.begin(some if some is None else rows, prior, self._handed(readings, self.truth[chosen]), still)
 
@@ -113,7 +118,7 @@ class Watch:
         self.steps += 1
         u = self.known(action)
         readings = self.loop.sense(self.truth, u, self._nothing, self.steps, None)
-        self._keep(readings, None)
+        readings = self.loop.receive(readings, self.steps, None)
         self.loop.estimate(self._handed(readings, self.truth), u, self.steps)
 
     def observe(self, seen: Any) -> Any:
@@ -138,6 +143,10 @@ class Watch:
             "truth": self.truth, "estimate": belief.mean, "covariance": belief.cov, "measurement": y,
             "available": available, "healthy": belief.healthy,
         }  # fmt: skip
+        if self.sensors.horizon:
+            happened["refused"] = self.loop.refused
+        if self.sensors.faults:
+            happened["sensor_faults"] = self.loop.faulty(self.steps)
         return {name: values.copy() for name, values in happened.items()}
 
     def known(self, action: Any) -> np.ndarray:
@@ -163,13 +172,6 @@ class Watch:
         return np.concatenate([readings, whole[:, list(self._passes)]], -1) if self._passes else readings
 
     # --- inside -------------------------------------------------------------------------------------
-
-    def _keep(self, readings: Readings, rows: np.ndarray | None) -> None:
-        if rows is None:
-            self.loop.readings = readings
-        else:
-            for kept, new in zip(self.loop.readings, readings, strict=True):
-                kept[rows] = new
 
     def _handed(self, readings: Readings, state: np.ndarray) -> Readings:
         """What the filter is handed: the readings; the oracle alone, and no other, the truth."""
@@ -284,7 +286,7 @@ def _checked_passes(space: Space, passes: Sequence[Any], observe: str) -> tuple[
     return chosen
 
 
-def _sensors(model: Model, sensors: str | Sequence[Sensor], inputs: int) -> Sensors:
+def _sensors(model: Model, sensors: str | Sequence[Sensor], inputs: int, faults: Sequence[SensorFault]) -> Sensors:
     """Sensors that read what the model says that there is to read, in a quality; or somebody's own."""
     states = tuple(f"x{i}" for i in range(model.n))
     if isinstance(sensors, str):
@@ -294,7 +296,7 @@ def _sensors(model: Model, sensors: str | Sequence[Sensor], inputs: int) -> Sens
             raise ValueError("sensors read with independent noise: give the model a diagonal R, or sensors of your own")
         sd = np.sqrt(np.diagonal(R))
         sensors = suite.of([Sensor(f"y{i}", (f"y{i}",), _channel(model, i), (float(one),)) for i, one in enumerate(sd)])
-    made = Sensors(sensors, states, tuple(f"u{i}" for i in range(inputs)), 1.0)
+    made = Sensors(sensors, states, tuple(f"u{i}" for i in range(inputs)), 1.0, faults)
     if made.bias.size:
         raise ValueError("sensors here have no bias: make it a state of the model")
     if made.size != model.p:

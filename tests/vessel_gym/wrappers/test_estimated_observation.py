@@ -16,6 +16,8 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from estimators import Filter, Gaussian, LinearModel, NonlinearModel, make, names
 from estimators.metrics import chi_square_band, nees
+from vessel_gym.estimation import LATE
+from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import SUITES, Sensor, SensorSuite
 from vessel_gym.wrappers import EstimatedObservation, identify, simulator
 from vessel_gym.wrappers.vector import EstimatedObservation as EstimatedObservations
@@ -519,3 +521,75 @@ def test_a_filter_of_ones_own_is_in_the_loop_too():
     env.reset(seed=0)
     np.testing.assert_array_equal(env.step(np.ones(1))[0], 0.0)
     assert importlib.import_module("vessel_gym.wrappers").__all__ == ["EstimatedObservation", "identify", "simulator"]
+
+
+def late_pendulum(estimator: str = "ukf", late: str = "fused", **delay: float) -> gym.Env:
+    angle = Sensor("angle", ("angle",), lambda x, u: x[..., :1], (0.05,), angles=(0,), **delay)
+    fault = SensorFault("angle", "bias", 0.3, begin=30.0, end=40.0)
+    return pendulum(estimator=estimator, estimator_options={"late": late}, sensors=[angle], sensor_faults=[fault])
+
+
+@pytest.mark.parametrize("late", LATE)
+def test_sensors_are_late_and_fail_here_as_they_do_at_sea(late: str):
+    """A step is the unit of time. Under the oracle the environment is what it is; of the readings the same arrive."""
+    delayed, oracle = late_pendulum(late=late, latency=4.0), late_pendulum("truth", late, latency=4.0)
+    in_time, seen = late_pendulum(late=late), []
+    for env in (delayed, oracle, in_time):
+        env.reset(seed=1)
+        rng = np.random.default_rng(0)
+        seen.append([env.step(rng.uniform(-0.5, 0.5, 1).astype(np.float32))[-1] for _ in range(60)])
+    for step, (info, known, before) in enumerate(zip(seen[0], seen[1], [None] * 4 + seen[2][:-4], strict=True)):
+        assert np.array_equal(info["truth"], known["truth"])
+        assert np.array_equal(info["measurement"], known["measurement"])
+        assert info["available"].all() == (step + 1 >= 4)
+        assert before is None or np.array_equal(info["measurement"], before["measurement"])
+        assert info["sensor_faults"].tolist() == [30 <= step + 1 < 40]
+    assert seen[0][-1]["refused"] == (57 if late == "discarded" else 0)
+    assert "refused" not in seen[2][0]
+
+
+def test_at_sea_a_batch_is_its_single_environments():
+    names = ("angle", "rate")
+    sensors = [
+        Sensor(name, (name,), partial(reading, i), (0.05,), jitter=3.0, clock=1.0) for i, name in enumerate(names)
+    ]
+    faults = [SensorFault("rate", "stuck", begin=(3.0, 9.0), end=(10.0, 20.0))]
+    at_sea: dict[str, Any] = {"sensors": sensors, "sensor_faults": faults, "estimator": "ekf"}
+    model = LinearModel([[1.0, 0.05], [0.0, 1.0]], np.eye(2), 1e-3 * np.eye(2), 0.0025 * np.eye(2), B=[[0.0], [0.15]])
+    prior = Gaussian(np.zeros(2), np.eye(2))
+
+    def state(obs: np.ndarray) -> np.ndarray:
+        return np.stack([np.arctan2(obs[..., 1], obs[..., 0]), obs[..., 2]], -1)
+
+    made = partial(gym.make, "Pendulum-v1", max_episode_steps=15)
+    shown = lambda x: np.stack([np.cos(x[..., 0]), np.sin(x[..., 0]), x[..., 1]], -1)  # noqa: E731
+    batch = EstimatedObservations(SyncVectorEnv([made] * 3), model, prior, lambda env, obs: state(obs), shown, **at_sea)
+    singles = [EstimatedObservation(made(), model, prior, lambda env, obs: state(obs), shown, **at_sea) for _ in "123"]
+    seen, _ = batch.reset(seed=4)
+    for i, env in enumerate(singles):
+        assert same(seen[i], env.reset(seed=4 + i)[0])
+    rng = np.random.default_rng(1)
+    for step in range(40):
+        actions = rng.uniform(-2.0, 2.0, (3, 1)).astype(np.float32)
+        seen, *_, info = batch.step(actions)
+        for i, env in enumerate(singles):
+            begins = step % 16 == 15
+            one, mine = env.reset() if begins else env.step(actions[i])[::4]
+            np.testing.assert_allclose(seen[i], one, rtol=0, atol=1e-6)
+            for key in ("measurement", "available", "refused", "sensor_faults"):
+                np.testing.assert_array_equal(info[key][i], mine[key], err_msg=key)
+
+
+def reading(i: int, x: np.ndarray, u: np.ndarray) -> np.ndarray:
+    return x[..., i : i + 1]
+
+
+def test_what_is_wrong_at_sea_is_refused():
+    for wrong, sentence in (
+        ({"latency": 0.5}, "latency of angle is 0.5 s, which is no whole number of steps of 1 s"),
+        ({"late": "newest"}, "unknown value of late 'newest'"),
+    ):
+        with pytest.raises(ValueError, match=sentence):
+            late_pendulum(**wrong)
+    with pytest.raises(TypeError, match="sensor_faults must be a list of SensorFault objects"):
+        pendulum(sensor_faults=["off"])
