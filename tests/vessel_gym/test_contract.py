@@ -51,7 +51,7 @@ from vessel_gym.tasks.circle_track import CircleTrack
 from vessel_gym.tasks.flight import Flight
 
 ROOT = Path(__file__).parents[2]
-SOAK_STEPS = 20_000
+SOAK_STEPS = 28_000
 EXACT = 1e-10
 """For one row and many: a library may sum in another order for another number of rows."""
 
@@ -720,7 +720,9 @@ def cost_of_the_gap(core: Core, without: np.ndarray, members: float) -> np.ndarr
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("env_id", "estimator"), [pair for pair in SPREAD if pair[1] not in ("dead-reckoning", "pf")])
+@pytest.mark.parametrize(
+    ("env_id", "estimator"), [pair for pair in SPREAD if pair[1] not in ("dead-reckoning", "pf", "adaptive-kf")]
+)
 def test_after_a_long_gap_the_estimate_returns_to_what_it_would_have_been(env_id: str, estimator: str):
     """To a thousandth, but for what the estimate itself says that the gap has cost for good.
 
@@ -730,7 +732,7 @@ def test_after_a_long_gap_the_estimate_returns_to_what_it_would_have_been(env_id
     A linearised filter that rare fixes guide is sure of too much after their gap, as it saw it from elsewhere, and
     takes its time: a ship at sea, whose heading wanders by radians meanwhile, to a quarter of what counts as 1, an
     aircraft to a twentieth. A particle filter makes no such promise: of particles that have spread over a gap, the
-    first reading leaves the few that happen to be near.
+    first reading leaves the few that happen to be near; and one that learns its noises has learnt others.
     """
     whole, gapped = (make_core(env_id, 8, seed=2, estimator=estimator) for _ in range(2))
     whole.reset()

@@ -29,7 +29,8 @@ class OwnKalman(Filter[Belief]):
 
     def _update(self, belief: Belief, reading: Reading, rng: Any) -> Belief:
         C, R = self.model.C, self.model.R  # type: ignore[union-attr]
-        gain = np.linalg.solve(C @ belief.cov[0] @ C.T + R, C @ belief.cov[0]).T  # the first row's, for all
+        first = belief.cov.reshape(-1, *belief.cov.shape[-2:])[0]
+        gain = np.linalg.solve(C @ first @ C.T + R, C @ first).T  # the first row's, for all
         mean = belief.mean + reading.innovation @ gain.T
         cov = belief.cov - gain @ C @ belief.cov
         return Belief.updated(belief, mean, 0.5 * (cov + cov.mT), reading, C @ belief.cov @ C.T + R)

@@ -177,7 +177,9 @@ def apart(told: Episode, axes: Axes, one: list[Belief], other: list[Belief]) -> 
 
 # --- the law ----------------------------------------------------------------------------------------
 
-DIFFERENCING = ("ekf", "huber-kf", "robust-kf", "dead-reckoning")
+DIFFERENCING = (
+    "ekf", "iekf", "srkf", "eskf", "adaptive-kf", "mhe", "huber-kf", "robust-kf", "dead-reckoning",
+)  # fmt: skip
 """Filters that take the vehicles' Jacobians by differences (on the thesis' corvette only `ekf` does)."""
 
 # A heading of half a turn has digits of 4e-16 rad. Over a step of 1e-5 rad a difference has 4e-11, which the gains of
@@ -195,12 +197,15 @@ STEPPED = 1e-3
 def cases(env_ids: tuple[str, ...], reversed_too: bool) -> list[object]:
     """Every estimator of these environments; those that only environments have and one that differences for daily work.
 
-    Where axes are reversed, ensembles, whose members are drawn along the axes, are others and no worse.
+    Where axes are reversed, ensembles, whose members are drawn along the axes, are others and no worse. Which particles
+    a particle filter keeps, rounding decides.
     """
     chosen = []
     for env_id, name in CARRIED:
         if "Corvette" in env_id and name in ("kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv"):
             continue  # whose state holds the unknown input besides
+        if name == "pf":
+            continue
         if env_id not in env_ids or (reversed_too and name in ENSEMBLES and env_id != "ThesisCorvette-v0"):
             continue
         quick = name in (*ENVIRONMENT_ONLY, "ekf")
