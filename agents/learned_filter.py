@@ -7,6 +7,7 @@ import numpy as np
 
 from agents.checkpoint import one_thread
 from estimators import GainNetwork, Gaussian, LinearModel, make
+from estimators.angles import difference
 from estimators.checks import as_array, number, whole
 from estimators.models import resolve
 from vessel_gym.extras import require
@@ -76,7 +77,7 @@ def _first(
         if k:
             belief = filter.predict(belief, None if u is None else u[k - 1])
         belief = filter.update(belief, y[k])
-        errors.append(belief.mean - x[k])
+        errors.append(difference(belief.mean, x[k], model.state_angles))
         innovations.append(np.where(belief.available, belief.innovation, np.nan))
     state_scale = np.sqrt(np.square(errors).mean((0, 1)))
     innovation_scale = np.sqrt(np.nanmean(np.square(innovations), (0, 1)))
@@ -110,16 +111,13 @@ def means(network: dict[str, Any], model: LinearModel, start: np.ndarray, y: Any
     import torch
 
     A, C = torch.as_tensor(model.A), torch.as_tensor(model.C)
-    angles = list(model.measurement_angles)
     mean = torch.as_tensor(start).expand(y.shape[1], model.n)
     memory, correction = mean.new_zeros(y.shape[1], network["hidden_weights"].shape[1]), torch.zeros_like(mean)
     told, means = torch.isfinite(y), []
     for k in range(len(y)):
         if k:
             mean = mean @ A.T + moved[k]
-        e = y[k] - mean @ C.T
-        if angles:
-            e[:, angles] = torch.remainder(e[:, angles] + torch.pi, 2.0 * torch.pi) - torch.pi
+        e = wrapped(y[k] - mean @ C.T, model.measurement_angles)
         e = torch.where(told[k], torch.nan_to_num(e), 0.0)
         seen = torch.cat([e / network["innovation_scale"], correction / network["state_scale"]], -1)
         after = torch.gru_cell(
@@ -133,6 +131,16 @@ def means(network: dict[str, Any], model: LinearModel, start: np.ndarray, y: Any
         mean = mean + step
         means.append(mean)
     return torch.stack(means)
+
+
+def wrapped(residual: Any, angles: tuple[int, ...]) -> Any:
+    """A residual ``(..., n)``, a tensor, with its components in ``angles`` wrapped in place, as `difference` does."""
+    import torch
+
+    if angles:
+        own = ..., list(angles)
+        residual[own] = torch.remainder(residual[own] + torch.pi, 2.0 * torch.pi) - torch.pi
+    return residual
 
 
 def _trained(
@@ -149,7 +157,8 @@ def _trained(
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, epochs)
     best, found = np.inf, first
     for _ in range(epochs + 1):
-        error = (means(network, model, prior.mean, readings, pushed) - truth) / network["state_scale"]
+        error = wrapped(means(network, model, prior.mean, readings, pushed) - truth, model.state_angles)
+        error = error / network["state_scale"]
         square = error.square().mean((0, 2))
         score = square.detach()[kept].mean().item()
         if score < best:
