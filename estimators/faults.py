@@ -34,6 +34,10 @@ Sensors = int | Mapping[str, int | Sequence[int]]
 """How many channels there are, each a sensor by itself; or by name those of each sensor."""
 
 
+_ABSURD = 1e100
+"""Standard deviations of an innovation beyond which it counts as so many: their squares can be summed up."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Watch:
     """What a monitor has seen, and what it says of it; leading axes are a batch.
@@ -139,9 +143,12 @@ class FaultMonitor(ABC):
         return e, S, arrived & (belief.recovery != Recovery.PSEUDO_INVERSE)[..., None]
 
     def _watched(self, state: Watch, e: np.ndarray, S: np.ndarray, arrived: np.ndarray) -> Watch:
-        precision = solve(neutralised(S, arrived), identity(e.shape[-1]))
-        w = np.where(arrived, np.matvec(precision, e), 0.0)
-        memory, statistic, suspicion = self._judged(state, w, precision, arrived, np.vecdot(e, w))
+        with np.errstate(all="ignore"):
+            precision = solve(neutralised(S, arrived), identity(e.shape[-1]))
+            most = _ABSURD * np.sqrt(np.diagonal(S, axis1=-2, axis2=-1))
+            e = np.clip(e, -most, most)
+            w = np.where(arrived, np.matvec(precision, e), 0.0)
+            memory, statistic, suspicion = self._judged(state, w, precision, arrived, np.vecdot(e, w))
         alarm = statistic > 1.0
         return Watch(alarm, np.where(alarm, suspicion.argmax(-1), -1), statistic, suspicion, memory)
 

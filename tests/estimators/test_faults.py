@@ -231,6 +231,21 @@ def test_a_filter_with_sensors_to_spare_accuses_the_biased_one(kind: type):
     assert (accused == 1).mean() > 0.95
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("size", [1e90, 1e160, -1e200, 1e306])
+def test_a_reading_that_is_absurd_is_accused_and_forgotten_like_any_other(kind: type, size: float):
+    rng, monitor = np.random.default_rng(14), kind(3)
+    S = 1e-3 * random_covariance(rng, 3)
+    e = 1e-3 * rng.normal(size=(12, 3, 3))
+    e[0] += size * np.eye(3)
+    states = monitor.run(read(e, S))
+    np.testing.assert_array_equal(states.accused[0], [0, 1, 2])
+    for name in Watch.__dataclass_fields__:
+        assert np.isfinite(getattr(states, name)).all(), name
+    assert not states.alarm[10:].any()
+
+
 def test_what_speaks_against_a_sensor_is_what_the_innovation_has_less_without_it():
     """The normalised innovation squared, less that of the other channels alone: as its standard normal deviate."""
     rng = np.random.default_rng(10)
