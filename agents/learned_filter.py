@@ -9,6 +9,7 @@ from agents.checkpoint import one_thread
 from estimators import GainNetwork, Gaussian, LinearModel, make
 from estimators.angles import difference
 from estimators.checks import as_array, number, whole
+from estimators.learned import LARGEST
 from estimators.models import resolve
 from vessel_gym.extras import require
 
@@ -120,6 +121,7 @@ def means(network: dict[str, Any], model: LinearModel, start: np.ndarray, y: Any
         e = wrapped(y[k] - mean @ C.T, model.measurement_angles)
         e = torch.where(told[k], torch.nan_to_num(e), 0.0)
         seen = torch.cat([e / network["innovation_scale"], correction / network["state_scale"]], -1)
+        seen = seen.clamp(-LARGEST, LARGEST)
         after = torch.gru_cell(
             seen, memory, network["input_weights"], network["hidden_weights"], network["input_bias"],
             network["hidden_bias"],
