@@ -438,9 +438,12 @@ def gaspari_cohn(distance: np.ndarray | float, radius: float) -> np.ndarray:
         radius: In the same units.
 
     Raises:
-        ValueError: for a radius that is not positive.
+        ValueError: for a radius that is not positive, or a distance that is not a number.
     """
-    r = np.abs(as_array("distance", distance)) / number("radius", radius, 0.0, np.inf, "a positive number")
+    distance = as_array("distance", distance)
+    if np.isnan(distance).any():
+        raise ValueError("distance must be numbers, got NaN: a pair that is to be left out is far apart, at np.inf")
+    r = np.abs(distance) / number("radius", radius, 0.0, np.inf, "a positive number")
     near = 1.0 + r**2 * (-5.0 / 3.0 + r * (0.625 + r * (0.5 - 0.25 * r)))
     s = np.clip(r, 1.0, 2.0)
     far = 4.0 + s * (-5.0 + s * (5.0 / 3.0 + s * (0.625 + s * (-0.5 + s / 12.0)))) - 2.0 / (3.0 * s)
