@@ -8,8 +8,9 @@ import numpy as np
 from agents.checkpoint import one_thread
 from estimators import GainNetwork, Gaussian, LinearModel, make
 from estimators.angles import difference
-from estimators.checks import as_array, number, whole
+from estimators.checks import as_array, number, shown, whole
 from estimators.learned import LARGEST
+from estimators.linalg import lacks_rank
 from estimators.models import resolve
 from vessel_gym.extras import require
 
@@ -43,7 +44,9 @@ def train_filter(
         seed: Of the first weights.
 
     Raises:
-        ValueError: if the series do not fit the model, are fewer than five, or the model has functions for matrices.
+        ValueError: if the series or the prior do not fit the model, states are not all finite, a channel is never
+            read, the series are fewer than five, the model has functions for matrices, or its innovations have a
+            singular covariance.
         ModuleNotFoundError: without torch.
     """
     require("torch")
@@ -59,10 +62,19 @@ def train_filter(
             raise ValueError(f"{name} has shape {series.shape}, expected (T, series, {size}) with those of x")
     if x.shape[1] < 5:
         raise ValueError(f"train_filter needs five series at least, got {x.shape[1]}: it learns from four of five")
+    if not np.isfinite(x).all():
+        raise ValueError("x must be finite: it is the truth that is learned from")
+    if not (read := np.isfinite(y).any((0, 1))).all():
+        raise ValueError(f"y has no reading of channel {read.argmin()}: leave it out of the model")
+    if not isinstance(prior, Gaussian) or (prior.mean.shape, prior.cov.shape) != ((model.n,), (model.n, model.n)):
+        raise ValueError(f"prior must be one Gaussian of {model.n} states for all series, got {shown(prior)}")
+    u = None if u is None else as_array("u", u)
+    if u is not None and (u.ndim != 3 or u.shape[:2] != x.shape[:2]):
+        raise ValueError(f"u has shape {u.shape}, expected (T, series, m) = ({x.shape[0]}, {x.shape[1]}, m)")
     model.check_known_input(u)
     moved = np.zeros(x.shape)  # what the known input does over the step before
     if u is not None and model.B is not None:
-        moved[1:] = np.matvec(resolve(model.B, None), as_array("u", u)[:-1])
+        moved[1:] = np.matvec(resolve(model.B, None), u[:-1])
     with one_thread():
         return _trained(model, prior, x, y, moved, _first(model, prior, x, y, u, hidden, seed), epochs, rate)
 
@@ -86,6 +98,8 @@ def _first(
     for _ in range(200):
         predicted = filter.predict(steady, None if u is None else u[0, 0])
         steady = filter.update(predicted, np.zeros(model.p))
+    if lacks_rank(steady.innovation_cov):
+        raise ValueError("the innovations have a singular covariance: give every channel noise of its own in R")
     gain = np.linalg.solve(steady.innovation_cov, model.C @ predicted.cov).T
     rng, n, p = np.random.default_rng(seed), model.n, model.p
 
