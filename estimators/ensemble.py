@@ -270,8 +270,10 @@ class EnsembleTransformFilter(EnsembleFilter):
 
         K = (C P-)' W W'        K~ = (C P-)' W diag(1 / (1 + sqrt(m))) W'        A <- A - Y K~'
 
-    which needs no inverse of R, loses no digits where a reading is precise, and is exact for any N. Where more readings
-    arrive than there are members, T is formed, N x N, unless R is singular.
+    which needs no inverse of R and is exact for any N. Where more readings arrive than there are members, T is formed,
+    N x N, unless R is singular. However precise they are, readings cost no digits unless they outnumber the directions
+    of the members; then the covariance, not the mean, is off by up to ``eps P / R`` of itself, P the variance that is
+    predicted and eps the machine's precision, and by some ``eps sqrt(P / R)`` where T is formed.
 
     Sources: Bishop, Etherton & Majumdar (2001); Wang, Bishop & Julier (2004); the reduced gain of Whitaker & Hamill
     (2002) for readings taken together; rotations: Sakov & Oke (2008b); localisation: Hunt, Kostelich & Szunyogh (2007).
@@ -392,7 +394,8 @@ class LocalEnsembleTransformFilter(EnsembleTransformFilter):
     With ``adaptive`` every analysis also finds by how much the members differ from each other too little, or too much,
     in each group: the finite-size filter EnKF-N in its dual form, for an ensemble of N tells the covariance of a
     sample, and its scale is told again by the reading. It has no memory, so that a belief is no more than its members,
-    and no tuning but how much the scale of a sample is believed: chaos without model error needs 1 to 2.
+    and no tuning but how much the scale of a sample is believed: chaos without model error needs 1 to 2. The belief's
+    ``innovation_cov`` is that of the members as they came: where they are inflated, it is too small for the reading.
 
     Sources: Hunt, Kostelich & Szunyogh (2007); Bocquet, Raanes & Hannart (2015); Raanes, Bocquet & Carrassi (2019).
 
