@@ -7,7 +7,10 @@ import numpy as np
 
 from agents.checkpoint import one_thread
 from estimators import GainNetwork, Gaussian, LinearModel, make
-from estimators.checks import as_array, number, whole
+from estimators.angles import difference
+from estimators.checks import as_array, number, shown, whole
+from estimators.learned import LARGEST
+from estimators.linalg import lacks_rank
 from estimators.models import resolve
 from vessel_gym.extras import require
 
@@ -41,7 +44,9 @@ def train_filter(
         seed: Of the first weights.
 
     Raises:
-        ValueError: if the series do not fit the model, are fewer than five, or the model has functions for matrices.
+        ValueError: if the series or the prior do not fit the model, states are not all finite, a channel is never
+            read, the series are fewer than five, the model has functions for matrices, or its innovations have a
+            singular covariance.
         ModuleNotFoundError: without torch.
     """
     require("torch")
@@ -57,10 +62,19 @@ def train_filter(
             raise ValueError(f"{name} has shape {series.shape}, expected (T, series, {size}) with those of x")
     if x.shape[1] < 5:
         raise ValueError(f"train_filter needs five series at least, got {x.shape[1]}: it learns from four of five")
+    if not np.isfinite(x).all():
+        raise ValueError("x must be finite: it is the truth that is learned from")
+    if not (read := np.isfinite(y).any((0, 1))).all():
+        raise ValueError(f"y has no reading of channel {read.argmin()}: leave it out of the model")
+    if not isinstance(prior, Gaussian) or (prior.mean.shape, prior.cov.shape) != ((model.n,), (model.n, model.n)):
+        raise ValueError(f"prior must be one Gaussian of {model.n} states for all series, got {shown(prior)}")
+    u = None if u is None else as_array("u", u)
+    if u is not None and (u.ndim != 3 or u.shape[:2] != x.shape[:2]):
+        raise ValueError(f"u has shape {u.shape}, expected (T, series, m) = ({x.shape[0]}, {x.shape[1]}, m)")
     model.check_known_input(u)
     moved = np.zeros(x.shape)  # what the known input does over the step before
     if u is not None and model.B is not None:
-        moved[1:] = np.matvec(resolve(model.B, None), as_array("u", u)[:-1])
+        moved[1:] = np.matvec(resolve(model.B, None), u[:-1])
     with one_thread():
         return _trained(model, prior, x, y, moved, _first(model, prior, x, y, u, hidden, seed), epochs, rate)
 
@@ -76,7 +90,7 @@ def _first(
         if k:
             belief = filter.predict(belief, None if u is None else u[k - 1])
         belief = filter.update(belief, y[k])
-        errors.append(belief.mean - x[k])
+        errors.append(difference(belief.mean, x[k], model.state_angles))
         innovations.append(np.where(belief.available, belief.innovation, np.nan))
     state_scale = np.sqrt(np.square(errors).mean((0, 1)))
     innovation_scale = np.sqrt(np.nanmean(np.square(innovations), (0, 1)))
@@ -84,6 +98,8 @@ def _first(
     for _ in range(200):
         predicted = filter.predict(steady, None if u is None else u[0, 0])
         steady = filter.update(predicted, np.zeros(model.p))
+    if lacks_rank(steady.innovation_cov):
+        raise ValueError("the innovations have a singular covariance: give every channel noise of its own in R")
     gain = np.linalg.solve(steady.innovation_cov, model.C @ predicted.cov).T
     rng, n, p = np.random.default_rng(seed), model.n, model.p
 
@@ -110,18 +126,16 @@ def means(network: dict[str, Any], model: LinearModel, start: np.ndarray, y: Any
     import torch
 
     A, C = torch.as_tensor(model.A), torch.as_tensor(model.C)
-    angles = list(model.measurement_angles)
     mean = torch.as_tensor(start).expand(y.shape[1], model.n)
     memory, correction = mean.new_zeros(y.shape[1], network["hidden_weights"].shape[1]), torch.zeros_like(mean)
     told, means = torch.isfinite(y), []
     for k in range(len(y)):
         if k:
             mean = mean @ A.T + moved[k]
-        e = y[k] - mean @ C.T
-        if angles:
-            e[:, angles] = torch.remainder(e[:, angles] + torch.pi, 2.0 * torch.pi) - torch.pi
+        e = wrapped(y[k] - mean @ C.T, model.measurement_angles)
         e = torch.where(told[k], torch.nan_to_num(e), 0.0)
         seen = torch.cat([e / network["innovation_scale"], correction / network["state_scale"]], -1)
+        seen = seen.clamp(-LARGEST, LARGEST)
         after = torch.gru_cell(
             seen, memory, network["input_weights"], network["hidden_weights"], network["input_bias"],
             network["hidden_bias"],
@@ -133,6 +147,16 @@ def means(network: dict[str, Any], model: LinearModel, start: np.ndarray, y: Any
         mean = mean + step
         means.append(mean)
     return torch.stack(means)
+
+
+def wrapped(residual: Any, angles: tuple[int, ...]) -> Any:
+    """A residual ``(..., n)``, a tensor, with its components in ``angles`` wrapped in place, as `difference` does."""
+    import torch
+
+    if angles:
+        own = ..., list(angles)
+        residual[own] = torch.remainder(residual[own] + torch.pi, 2.0 * torch.pi) - torch.pi
+    return residual
 
 
 def _trained(
@@ -149,7 +173,8 @@ def _trained(
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, epochs)
     best, found = np.inf, first
     for _ in range(epochs + 1):
-        error = (means(network, model, prior.mean, readings, pushed) - truth) / network["state_scale"]
+        error = wrapped(means(network, model, prior.mean, readings, pushed) - truth, model.state_angles)
+        error = error / network["state_scale"]
         square = error.square().mean((0, 2))
         score = square.detach()[kept].mean().item()
         if score < best:

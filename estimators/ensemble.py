@@ -270,8 +270,10 @@ class EnsembleTransformFilter(EnsembleFilter):
 
         K = (C P-)' W W'        K~ = (C P-)' W diag(1 / (1 + sqrt(m))) W'        A <- A - Y K~'
 
-    which needs no inverse of R, loses no digits where a reading is precise, and is exact for any N. Where more readings
-    arrive than there are members, T is formed, N x N, unless R is singular.
+    which needs no inverse of R and is exact for any N. Where more readings arrive than there are members, T is formed,
+    N x N, unless R is singular. However precise they are, readings cost no digits unless they outnumber the directions
+    of the members; then the covariance, not the mean, is off by up to ``eps P / R`` of itself, P the variance that is
+    predicted and eps the machine's precision, and by some ``eps sqrt(P / R)`` where T is formed.
 
     Sources: Bishop, Etherton & Majumdar (2001); Wang, Bishop & Julier (2004); the reduced gain of Whitaker & Hamill
     (2002) for readings taken together; rotations: Sakov & Oke (2008b); localisation: Hunt, Kostelich & Szunyogh (2007).
@@ -392,7 +394,8 @@ class LocalEnsembleTransformFilter(EnsembleTransformFilter):
     With ``adaptive`` every analysis also finds by how much the members differ from each other too little, or too much,
     in each group: the finite-size filter EnKF-N in its dual form, for an ensemble of N tells the covariance of a
     sample, and its scale is told again by the reading. It has no memory, so that a belief is no more than its members,
-    and no tuning but how much the scale of a sample is believed: chaos without model error needs 1 to 2.
+    and no tuning but how much the scale of a sample is believed: chaos without model error needs 1 to 2. The belief's
+    ``innovation_cov`` is that of the members as they came: where they are inflated, it is too small for the reading.
 
     Sources: Hunt, Kostelich & Szunyogh (2007); Bocquet, Raanes & Hannart (2015); Raanes, Bocquet & Carrassi (2019).
 
@@ -438,9 +441,12 @@ def gaspari_cohn(distance: np.ndarray | float, radius: float) -> np.ndarray:
         radius: In the same units.
 
     Raises:
-        ValueError: for a radius that is not positive.
+        ValueError: for a radius that is not positive, or a distance that is not a number.
     """
-    r = np.abs(as_array("distance", distance)) / number("radius", radius, 0.0, np.inf, "a positive number")
+    distance = as_array("distance", distance)
+    if np.isnan(distance).any():
+        raise ValueError("distance must be numbers, got NaN: a pair that is to be left out is far apart, at np.inf")
+    r = np.abs(distance) / number("radius", radius, 0.0, np.inf, "a positive number")
     near = 1.0 + r**2 * (-5.0 / 3.0 + r * (0.625 + r * (0.5 - 0.25 * r)))
     s = np.clip(r, 1.0, 2.0)
     far = 4.0 + s * (-5.0 + s * (5.0 / 3.0 + s * (0.625 + s * (-0.5 + s / 12.0)))) - 2.0 / (3.0 * s)

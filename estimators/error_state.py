@@ -8,7 +8,7 @@ from estimators.belief import Belief
 from estimators.filter import Rng
 from estimators.kalman import GaussianFilter, joseph_update
 from estimators.linalg import congruence, symmetrise
-from estimators.models import Gaussian, central_differences, steps
+from estimators.models import Gaussian, ManifoldGaussian, central_differences, steps
 from estimators.reading import Reading
 
 
@@ -34,6 +34,8 @@ class ErrorStateKalmanFilter(GaussianFilter):
     name = "eskf"
     formulas = False  # sum and difference are the user's
     manifolds = True
+    _length: int | None = None
+    """Of a state that is no vector, told by the first prior."""
 
     @property
     def _curved(self) -> Any:
@@ -45,10 +47,22 @@ class ErrorStateKalmanFilter(GaussianFilter):
             return super()._check_prior(prior)
         if prior.cov.shape[-1] != self.model.n:
             raise ValueError(f"the prior is for {prior.cov.shape[-1]} errors, the model has {self.model.n}")
-        check_inverse(self._curved, prior)
+        if not isinstance(prior, ManifoldGaussian):
+            raise ValueError("the model has a difference: give the prior as ManifoldGaussian(state, cov of its error)")
+        self._check_length("prior", prior.mean)
+        if self._length is None:
+            check_inverse(self._curved, prior)
+            self._length = prior.mean.shape[-1]
 
     def _batch(self, belief: Belief) -> tuple[int, ...]:
-        return super()._batch(belief) if self._curved is None else belief.mean.shape[:-1]
+        if self._curved is None or not isinstance(belief, self.record):
+            return super()._batch(belief)
+        self._check_length("belief", belief.mean)
+        return belief.mean.shape[:-1]
+
+    def _check_length(self, name: str, state: np.ndarray) -> None:
+        if self._length not in (None, state.shape[-1]):
+            raise ValueError(f"the {name} has a state of {state.shape[-1]} numbers, the first prior had {self._length}")
 
     def _returned(self, method: str, belief: Belief, batch: tuple[int, ...]) -> Belief:
         return super()._returned(method, belief, batch) if self._curved is None else belief
@@ -69,16 +83,21 @@ class ErrorStateKalmanFilter(GaussianFilter):
 
 
 def check_inverse(model: Any, prior: Gaussian) -> None:
-    """Compare a model's difference with its sum about a prior and a deviation away from it, once for a model.
+    """Compare a model's difference with its sum about a prior and a deviation away from it.
 
     Raises:
-        ValueError: if one is not the inverse of the other, or has another shape.
+        ValueError: if one is not the inverse of the other, or has another shape, or takes no states of this length.
     """
-    if "difference" in model._compared:
-        return
     sd = np.sqrt(prior.cov.diagonal(0, -2, -1))
     small = 1e-3 * np.where(sd > 0.0, sd, 1.0)
-    for state in (prior.mean, np.asarray(model.sum(prior.mean, np.where(np.arange(model.n) % 2, -sd, sd)))):
+    try:
+        away = model.sum(prior.mean, np.where(np.arange(model.n) % 2, -sd, sd))
+    except (ValueError, IndexError) as error:
+        raise ValueError(
+            f"sum must take states and errors, but a prior with a state of {prior.mean.shape[-1]} numbers and an error "
+            f"of {model.n} ends in: {error}"
+        ) from error
+    for state in (prior.mean, np.asarray(away)):
         moved = np.asarray(model.sum(state, small))
         if moved.shape != np.broadcast_shapes(state.shape[:-1], small.shape[:-1]) + prior.mean.shape[-1:]:
             raise ValueError(
@@ -95,4 +114,3 @@ def check_inverse(model: Any, prior: Gaussian) -> None:
             raise ValueError(
                 f"difference must be the inverse of sum: component {i} of difference(sum(x, e), x) is not that of e"
             )
-    model._compared.add("difference")

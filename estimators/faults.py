@@ -34,6 +34,10 @@ Sensors = int | Mapping[str, int | Sequence[int]]
 """How many channels there are, each a sensor by itself; or by name those of each sensor."""
 
 
+_ABSURD = 1e100
+"""Standard deviations of an innovation beyond which it counts as so many: their squares can be summed up."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Watch:
     """What a monitor has seen, and what it says of it; leading axes are a batch.
@@ -57,11 +61,26 @@ class Watch:
         return type(self)(**{name: getattr(self, name)[rows] for name in self.__dataclass_fields__})
 
     def with_rows(self, rows: np.ndarray, other: "Watch") -> Self:
-        """This one with the rows of a mask ``(...)`` replaced, in order, by those of ``other``."""
+        """This one with the rows of a mask ``(...)`` replaced, in order, by those of ``other``.
+
+        Raises:
+            ValueError: if the two are of different monitors.
+        """
+        mine, theirs = _remembered(self), _remembered(other)
+        if mine != theirs:
+            raise ValueError(
+                f"cannot merge states of different monitors: one remembers {mine[0]} of {mine[1]} sensors, the other "
+                f"{theirs[0]} of {theirs[1]}"
+            )
         merged = {name: np.array(getattr(self, name)) for name in self.__dataclass_fields__}
         for name, array in merged.items():
             array[rows] = getattr(other, name)
         return type(self)(**merged)
+
+
+def _remembered(state: Watch) -> tuple[tuple[int, ...], int]:
+    """The shape of what a row remembers, and of how many sensors."""
+    return state.memory.shape[-2:], state.suspicion.shape[-1]
 
 
 class FaultMonitor(ABC):
@@ -87,7 +106,12 @@ class FaultMonitor(ABC):
         self._together = owner[:, None] == owner  # (p, p)
 
     def start(self, batch: int | tuple[int, ...] = ()) -> Watch:
-        """Nothing seen yet, for each row of a batch."""
+        """Nothing seen yet, for each row of a batch.
+
+        Raises:
+            ValueError: if the batch is no whole number from 0, or several.
+        """
+        batch = tuple(whole("batch", rows, 0) for rows in (batch if isinstance(batch, tuple) else (batch,)))
         nothing = np.zeros(batch)
         suspicion, memory = (np.zeros(nothing.shape + own) for own in ((len(self.names),), self._remembered))
         return Watch(nothing > 0.0, np.full(batch, -1), nothing, suspicion, memory)
@@ -100,10 +124,17 @@ class FaultMonitor(ABC):
             belief: The belief after the update.
 
         Raises:
-            ValueError: if the belief has seen no reading, or is of another batch or other channels than the monitor.
+            ValueError: if the belief has seen no reading, or is of another batch or other channels than the monitor;
+                or if the state is of another monitor.
             TypeError: if its innovations carry an unknown input, whose law nobody knows.
         """
         e, S, arrived = self._innovation(belief)
+        (memory, sensors), mine = _remembered(state), (self._remembered, len(self.names))
+        if (memory, sensors) != mine:
+            raise ValueError(
+                f"the state is of another monitor: it remembers {memory} of {sensors} sensors, this one {mine[0]} of "
+                f"{mine[1]}"
+            )
         if e.shape[:-1] != state.alarm.shape:
             raise ValueError(f"the monitor watches rows {state.alarm.shape}, the belief has rows {e.shape[:-1]}")
         return self._watched(state, e, S, arrived)
@@ -139,9 +170,12 @@ class FaultMonitor(ABC):
         return e, S, arrived & (belief.recovery != Recovery.PSEUDO_INVERSE)[..., None]
 
     def _watched(self, state: Watch, e: np.ndarray, S: np.ndarray, arrived: np.ndarray) -> Watch:
-        precision = solve(neutralised(S, arrived), identity(e.shape[-1]))
-        w = np.where(arrived, np.matvec(precision, e), 0.0)
-        memory, statistic, suspicion = self._judged(state, w, precision, arrived, np.vecdot(e, w))
+        with np.errstate(all="ignore"):
+            precision = solve(neutralised(S, arrived), identity(e.shape[-1]))
+            most = _ABSURD * np.sqrt(np.diagonal(S, axis1=-2, axis2=-1))
+            e = np.clip(e, -most, most)
+            w = np.where(arrived, np.matvec(precision, e), 0.0)
+            memory, statistic, suspicion = self._judged(state, w, precision, arrived, np.vecdot(e, w))
         alarm = statistic > 1.0
         return Watch(alarm, np.where(alarm, suspicion.argmax(-1), -1), statistic, suspicion, memory)
 
@@ -286,7 +320,7 @@ def _grouped(sensors: Sensors) -> tuple[tuple[str, ...], list[list[int]]]:
         return tuple(str(j) for j in range(p)), [[j] for j in range(p)]
     groups = [np.atleast_1d(np.asarray(channels)).tolist() for channels in sensors.values()]
     channels = [j for group in groups for j in group]
-    if not channels or sorted(map(str, channels)) != sorted(map(str, range(len(channels)))) or not all(groups):
+    if not channels or sorted(map(repr, channels)) != sorted(map(repr, range(len(channels)))) or not all(groups):
         raise ValueError(
             f"sensors must have every channel, from 0, in exactly one of them, such as {{'gnss': (0, 1), 'log': 2}}, "
             f"got {shown(sensors)}"

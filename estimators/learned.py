@@ -3,6 +3,7 @@
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Self
+from zipfile import BadZipFile, is_zipfile
 
 import numpy as np
 
@@ -13,12 +14,16 @@ from estimators.linalg import congruence, symmetrise
 from estimators.models import resolve
 from estimators.reading import Reading
 
+LARGEST = 1e6
+"""Of what a network is fed with, in units of its scale: what is absurd is not to make it absurd for good."""
+
 
 @dataclass(frozen=True, eq=False)
 class GainNetwork:
     """A gated recurrent unit of k numbers, and a layer that makes a gain of what it remembers.
 
-    It is fed with the innovation and with the last correction of the state, each in units of its scale.
+    It is fed with the innovation and with the last correction of the state, each in units of its scale, and no more
+    than a million of them.
 
     Attributes:
         input_weights: ``(3 k, p + n)`` of reset, update and candidate, one below the other, as torch has them.
@@ -31,7 +36,7 @@ class GainNetwork:
         state_scale: ``(n,)``, positive.
 
     Raises:
-        ValueError: if shapes do not fit each other, or numbers are not finite.
+        ValueError: if shapes do not fit each other, numbers are not finite or scales not positive.
     """
 
     input_weights: np.ndarray
@@ -45,10 +50,14 @@ class GainNetwork:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            array = as_array(field.name, getattr(self, field.name))
+            array = np.array(as_array(field.name, getattr(self, field.name)))
             if not np.isfinite(array).all():
                 raise ValueError(f"{field.name} must be finite")
+            if field.name.endswith("scale") and not (array > 0.0).all():
+                raise ValueError(f"{field.name} must be positive, got {array.min():g}")
             object.__setattr__(self, field.name, array)
+        if self.hidden_weights.ndim != 2:
+            raise ValueError(f"hidden_weights has shape {self.hidden_weights.shape}, expected (3 k, k)")
         k, n, p = self.hidden_weights.shape[-1], self.state_scale.size, self.innovation_scale.size
         expected = ((3 * k, p + n), (3 * k, k), (3 * k,), (3 * k,), (n * p, k), (n * p,), (p,), (n,))
         for field, shape in zip(fields(self), expected, strict=True):
@@ -61,8 +70,9 @@ class GainNetwork:
         return self.hidden_weights.shape[-1]
 
     def save(self, path: str | Path) -> None:
-        """Write the weights to an ``.npz`` file of plain arrays."""
-        np.savez(path, **{field.name: getattr(self, field.name) for field in fields(self)})
+        """Write the weights to an ``.npz`` file of plain arrays, under exactly this name."""
+        with open(path, "wb") as file:
+            np.savez(file, **{field.name: getattr(self, field.name) for field in fields(self)})
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
@@ -72,17 +82,25 @@ class GainNetwork:
             ValueError: if it holds anything but the arrays of a network.
             OSError: if it cannot be read.
         """
+        names = [field.name for field in fields(cls)]
+        if not is_zipfile(path):
+            with open(path, "rb"):  # which says so if it cannot be read
+                raise ValueError(f"{path} is no .npz file: no weights of a GainNetwork")
         with np.load(path, allow_pickle=False) as file:
-            names = [field.name for field in fields(cls)]
             if sorted(file.files) != sorted(names):
                 raise ValueError(f"{path} holds {', '.join(file.files)}: no weights of a GainNetwork")
-            return cls(**{name: file[name] for name in names})
+            try:
+                arrays = {name: file[name] for name in names}
+            except (ValueError, BadZipFile) as error:
+                raise ValueError(f"{path} holds more than plain arrays: no weights of a GainNetwork") from error
+        return cls(**arrays)
 
     def __call__(
         self, hidden: np.ndarray, innovation: np.ndarray, correction: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """What it remembers after a reading ``(..., k)``, and the gain ``(..., n, p)``."""
         seen = np.concatenate([innovation / self.innovation_scale, correction / self.state_scale], -1)
+        seen = np.clip(seen, -LARGEST, LARGEST)
         told = np.split(np.matvec(self.input_weights, seen) + self.input_bias, 3, -1)
         kept = np.split(np.matvec(self.hidden_weights, hidden) + self.hidden_bias, 3, -1)
         reset, update = (1.0 / (1.0 + np.exp(-(a + b))) for a, b in zip(told[:2], kept[:2], strict=True))

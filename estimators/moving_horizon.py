@@ -1,4 +1,4 @@
-"""Moving-horizon estimation: the last readings are fitted anew at each one."""
+"""Moving-horizon estimation: the states of the last times are fitted anew at each reading."""
 
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -17,10 +17,10 @@ from estimators.reading import Reading
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class HorizonBelief(Belief):
-    """The belief of a filter that keeps its last N readings, the newest last.
+    """The belief of a filter that keeps its last N times, read or not, the newest last.
 
     Attributes:
-        start_mean: ``(..., n)`` what all older readings say of the state at the first of these times,
+        start_mean: ``(..., n)`` what all earlier readings say of the state at the first of these times,
         start_cov: ``(..., n, n)`` and its covariance.
         states: ``(..., N, n)`` the states about which the model is made straight: the last estimates of them.
         moved: ``(..., N)`` whether a prediction led to this time; else it is the same as the one before.
@@ -60,7 +60,7 @@ class _Seen(NamedTuple):
 
 
 class MovingHorizonEstimator(Filter[HorizonBelief]):
-    """MHE: at each reading, the most probable course of the states over the last ``horizon`` readings.
+    """MHE: at each reading, the most probable course of the states over the last ``horizon`` times.
 
     It minimises, over the states of the window, which starts at time s::
 
@@ -70,7 +70,9 @@ class MovingHorizonEstimator(Filter[HorizonBelief]):
     of the model made straight about the last course (Bell 1994), so that P, Q and R may be singular. The arrival cost,
     ``x_bar`` and ``P_bar``, is what the filter says of what has left the window, made straight where it was estimated
     last (Rao, Rawlings & Lee 2001). On a linear model it is the `kf` for every horizon; with a horizon of 1 it is the
-    `iekf`. There are no bounds on states. An unknown input in the model is ignored.
+    `iekf` as long as that makes no step shorter: here all are whole, and a row whose steps did not settle within
+    ``iterations`` keeps the last, and nothing says so. There are no bounds on states. An unknown input in the model is
+    ignored.
 
     A row that has to recover begins a new window from what it then believes.
 
@@ -80,7 +82,8 @@ class MovingHorizonEstimator(Filter[HorizonBelief]):
 
     Args:
         model: A `LinearModel` or a `NonlinearModel`.
-        horizon: Readings in the window.
+        horizon: Times in the window. Every prediction makes one, whether or not a reading comes, and so does every
+            further reading at a time: where one comes every k-th step, ten readings take ``10 k``.
         iterations: Largest number of times that the model is made straight at a reading.
         tolerance: A row stops when no state of the window moves by more than this many standard deviations.
 

@@ -65,6 +65,20 @@ def test_before_it_learns_it_is_nearly_the_steady_kalman_filter():
     assert theirs < mine < 1.1 * theirs
 
 
+def test_whole_turns_of_an_angle_teach_nothing():
+    """A course and its readings with whole turns taken off and put on give the same network."""
+    model = LinearModel([[1.0, 0.2], [0.0, 0.97]], [[1.0, 0.0]], np.diag([1e-5, 4e-4]), [[4e-3]],
+                        state_angles=(0,), measurement_angles=(0,))  # fmt: skip
+    x, y, _ = _sailed(0, 10)
+    turns = 2.0 * np.pi * np.random.default_rng(0).integers(-2, 3, x.shape[:2] + (1,))
+    one, other = (
+        train_filter(model, PRIOR, x + states, y + readings, hidden=4, epochs=3, rate=1e-2)
+        for states, readings in ((0.0, 0.0), (turns * [1.0, 0.0], turns[::-1]))
+    )
+    for name, array in vars(one).items():
+        np.testing.assert_allclose(getattr(other, name), array, rtol=0, atol=1e-8, err_msg=name)
+
+
 def test_series_that_do_not_fit_are_named():
     x, y, u = _sailed(0, 5, steps=4)
     with pytest.raises(ValueError, match=r"y has shape \(4, 5, 2\), expected \(T, series, 1\)"):
@@ -77,3 +91,19 @@ def test_series_that_do_not_fit_are_named():
         train_filter(replace(BELIEVED, A=lambda u: np.eye(2)), PRIOR, x, y, u)
     with pytest.raises(ValueError, match="rate must be a positive number"):
         train_filter(BELIEVED, PRIOR, x, y, u, rate=0.0)
+    for shape in (u[:, 0], u[:-1], u[:, :4]):
+        with pytest.raises(ValueError, match=r"u has shape .*, expected \(T, series, m\) = \(4, 5, m\)"):
+            train_filter(BELIEVED, PRIOR, x, y, shape)
+    holes = x.copy()
+    holes[1, 2, 0] = np.nan
+    with pytest.raises(ValueError, match="x must be finite: it is the truth"):
+        train_filter(BELIEVED, PRIOR, holes, y, u)
+    with pytest.raises(ValueError, match="y has no reading of channel 0"):
+        train_filter(BELIEVED, PRIOR, x, np.full_like(y, np.nan), u)
+    for prior in (None, Gaussian(np.zeros(3), np.eye(3)), Gaussian(np.zeros((5, 2)), np.eye(2)),
+                  Gaussian(np.zeros(2), np.broadcast_to(np.eye(2), (5, 2, 2)))):  # fmt: skip
+        with pytest.raises(ValueError, match="prior must be one Gaussian of 2 states for all series"):
+            train_filter(BELIEVED, prior, x, y, u)
+    twice = replace(BELIEVED, C=[[1.0, 0.0], [1.0, 0.0]], R=np.full((2, 2), 4e-3))
+    with pytest.raises(ValueError, match="innovations have a singular covariance: give every channel noise"):
+        train_filter(twice, PRIOR, x, np.repeat(y, 2, -1), u)

@@ -2,6 +2,7 @@
 
 import dataclasses
 import tracemalloc
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -132,6 +133,46 @@ def test_perfect_and_very_precise_readings_keep_their_digits(name: str):
         P = before.cov[0, 0]
         assert after.healthy
         assert after.cov[0, 0] == pytest.approx(P * variance / (P + variance), rel=1e-7, abs=1e-30)
+
+
+def _solved(A: list, B: list) -> list:
+    """``A^-1 B`` of rational numbers, by Gauss and Jordan."""
+    rows = [[*a, *b] for a, b in zip(A, B, strict=True)]
+    for i in range(len(rows)):
+        rows[i] = [value / rows[i][i] for value in rows[i]]
+        for k in set(range(len(rows))) - {i}:
+            rows[k] = [a - rows[k][i] * b for a, b in zip(rows[k], rows[i], strict=True)]
+    return [row[len(A) :] for row in rows]
+
+
+@pytest.mark.parametrize(
+    ("p", "R", "median", "worst"),
+    [
+        (2, 1e-6, 3e-16, 7e-16), (2, 1e-12, 3e-16, 9e-16), (2, 1e-18, 3e-16, 7e-16),
+        (4, 1e-6, 2e-12, 1e-11), (4, 1e-9, 7e-11, 4e-8), (4, 1e-12, 9e-9, 1e-5),
+        (6, 1e-6, 1e-12, 5e-12), (6, 1e-12, 1e-9, 5e-9), (6, 1e-15, 4e-8, 2e-7), (6, 1e-18, 1e-6, 5e-6),
+    ],
+)  # fmt: skip
+def test_precise_readings_cost_the_digits_that_are_printed(p: int, R: float, median: float, worst: float):
+    """Against rational arithmetic, three states and five members: within ten times what docs say, and the mean is."""
+    exact, errors = np.vectorize(lambda value: Fraction(float(value)), otypes=[object]), []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        C = rng.normal(size=(p, 3))
+        filter = make("etkf", LinearModel(np.eye(3), C, np.eye(3), R * np.eye(p)), members=5)
+        before = filter.init(Gaussian(np.zeros(3), np.eye(3)), rng=rng)
+        y = C @ rng.normal(size=3) + np.sqrt(R) * rng.normal(size=p)
+        after = filter.update(before, y, rng=rng)
+        X, C, y, noise = (exact(array) for array in (before.ensemble, C, y, R * np.eye(p)))
+        centre = X.sum(0) / 5
+        P = (X - centre).T.dot(X - centre) / 4
+        gain = np.array(_solved((C.dot(P).dot(C.T) + noise).tolist(), C.dot(P).tolist())).T
+        mean = (centre + gain.dot(y - C.dot(centre))).astype(float)
+        cov = (P - gain.dot(C).dot(P)).astype(float)
+        errors.append(np.abs(after.cov - cov).max() / np.abs(cov).max())
+        assert np.abs(after.mean - mean).max() < 1e-7 * np.abs(mean).max()
+    assert np.median(errors) < 10.0 * median
+    assert max(errors) < 10.0 * worst
 
 
 # --- evensen2004 --------------------------------------------------------------------------------------

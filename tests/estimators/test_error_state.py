@@ -194,7 +194,8 @@ def test_on_vectors_it_is_the_ekf_with_or_without_a_difference():
     told = dataclasses.replace(
         system.model, state_angles=(), difference=lambda a, b: a - b, sum=lambda x, e: x + e,
     )  # fmt: skip
-    for one, other in zip(track(make("eskf", told), system.rows(4), record), tracks[0], strict=True):
+    prior = ManifoldGaussian(system.rows(4).mean, system.cov)
+    for one, other in zip(track(make("eskf", told), prior, record), tracks[0], strict=True):
         assert_same(one, other, 1e-8)  # Jacobians by differences of other steps
 
 
@@ -252,6 +253,31 @@ def test_difference_and_sum_that_are_not_inverse_are_refused_in_a_sentence():
             dataclasses.replace(ATTITUDE, **incomplete)
     with pytest.raises(ValueError, match="leave state_angles out"):
         dataclasses.replace(ATTITUDE, state_angles=(0,))
+
+
+def test_states_of_another_length_are_refused_in_a_sentence():
+    model = NonlinearModel(
+        lambda q, u: q, lambda q, u: seen_in_body(q, DOWN), 1e-6 * np.eye(3), 0.1 * np.eye(3),
+        difference=lambda a, b: vector(times(b * np.array([1.0, -1.0, -1.0, -1.0]), a)),
+        sum=lambda x, e: times(x, turn(e)),
+    )  # fmt: skip
+    for _ in range(2):  # whether or not another filter has used the model
+        filter = make("eskf", model)
+        for plain in (np.zeros(3), np.ones((2, 3))):
+            with pytest.raises(ValueError, match="the model has a difference: give the prior as ManifoldGaussian"):
+                filter.init(Gaussian(plain, np.eye(3)))
+        for length in (3, 5):
+            with pytest.raises(ValueError, match=f"sum must take states and errors, .* state of {length} numbers"):
+                filter.init(ManifoldGaussian(np.ones(length), np.eye(3)))
+        belief = filter.init(ManifoldGaussian([1.0, 0.0, 0.0, 0.0], np.eye(3)))
+    with pytest.raises(ValueError, match="the prior has a state of 5 numbers, the first prior had 4"):
+        filter.init(ManifoldGaussian(np.ones(5), np.eye(3)))
+    wrong = belief.replace(mean=np.ones(3))
+    for step in (lambda: filter.predict(wrong), lambda: filter.update(wrong, np.zeros(3))):
+        with pytest.raises(ValueError, match="the belief has a state of 3 numbers, the first prior had 4"):
+            step()
+    with pytest.raises(TypeError, match="belief must be of type Belief, got dict"):
+        filter.predict({})
 
 
 @pytest.mark.parametrize("name", [name for name in names() if name not in ("eskf", "kf")])

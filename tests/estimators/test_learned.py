@@ -35,12 +35,13 @@ def test_torch_and_numpy_make_the_same_means():
     filter = LearnedGainFilter(model, _network(4, 3))
     record = simulate(system, 0, 6, 20)
     y = np.where(np.random.default_rng(0).random(record.y.shape) < 0.7, record.y, np.nan)
+    y[7, 0, 0] = 1e9  # more than the network is told
     moved = np.zeros(record.x.shape)
     moved[1:] = record.u[:-1] @ system.model.B.T
     network = {field.name: torch.as_tensor(getattr(filter.network, field.name)) for field in fields(GainNetwork)}
     theirs = means(network, model, system.mean, torch.as_tensor(y), torch.as_tensor(moved)).numpy()
     ours = [belief.mean for belief in track(filter, system.rows(6), record._replace(y=y))]
-    np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(ours, theirs, rtol=1e-10, atol=1e-10)
     assert np.abs(theirs).max() > 1.0
 
 
@@ -143,6 +144,33 @@ def test_trouble_costs_the_row_no_more_than_it_must():
     assert_same(lost[1:2], fresh, 1e-13, ignore=["recovery", "u"])
 
 
+@pytest.mark.parametrize("absurd", [1e160, -1e306])
+def test_after_an_absurd_reading_it_goes_on_as_usual(absurd: float):
+    """In scales of a thousandth: the next features are no numbers, but for their bounds. The gain is nearly steady."""
+    from estimators import make
+
+    for seed in range(5):
+        system = kalman_system(seed)
+        model, n, p, rng = system.model, 4, 3, np.random.default_rng(seed)
+        kf = make("kf", model)
+        K = track(kf, system.rows(1), simulate(system, seed, 1, 100))[-1]
+        K = K.cov[0] @ model.C.T @ np.linalg.inv(model.R)
+        weights = dict(vars(_network(n, p, seed=seed)))
+        weights |= {"gain_weights": 1e-3 * rng.normal(size=(n * p, 5)), "gain_bias": K.ravel()}
+        filter = LearnedGainFilter(model, GainNetwork(**(weights | {
+            "innovation_scale": np.full(p, 1e-3), "state_scale": np.full(n, 1e-3),
+        })))  # fmt: skip
+        beliefs = [filter.init(system.prior), kf.init(system.prior)]
+        for k in range(300):
+            y = np.where((k == 5) & (np.arange(p) == 0), absurd, 0.0)
+            beliefs = [f.update(f.predict(b, np.zeros(2)), y) for f, b in zip((filter, kf), beliefs, strict=True)]
+            assert beliefs[0].healthy, k
+            if k == 5:
+                begun = [np.abs(b.mean).max() for b in beliefs]
+        left = [np.log10(np.abs(b.mean).max() / start) for b, start in zip(beliefs, begun, strict=True)]
+        assert left[0] < 0.8 * left[1] < 0.0  # it comes back nearly as fast
+
+
 def test_rows_begin_again_and_go_on():
     system, filter = _case()
     record = simulate(system, 0, 4, 4)
@@ -177,8 +205,18 @@ def test_weights_are_saved_as_plain_arrays_and_loaded_without_pickle(tmp_path):
         GainNetwork.load(tmp_path / "other.npz")
     pickled = {name: np.array([object()]) for name in vars(network)}
     np.savez(tmp_path / "pickled.npz", **pickled)
-    with pytest.raises(ValueError, match="pickle"):
+    with pytest.raises(ValueError, match="more than plain arrays: no weights of a GainNetwork"):
         GainNetwork.load(tmp_path / "pickled.npz")
+    network.save(tmp_path / "gain")  # the same name for both
+    np.testing.assert_array_equal(GainNetwork.load(tmp_path / "gain").gain_bias, network.gain_bias)
+    np.save(tmp_path / "array.npy", np.zeros(3))
+    (tmp_path / "empty").write_bytes(b"")
+    (tmp_path / "text").write_text("weights")
+    for name in ("array.npy", "empty", "text"):
+        with pytest.raises(ValueError, match=f"{name} is no .npz file: no weights of a GainNetwork"):
+            GainNetwork.load(tmp_path / name)
+    with pytest.raises(OSError, match="No such file"):
+        GainNetwork.load(tmp_path / "nothing")
 
 
 def test_weights_that_do_not_fit_are_named():
@@ -192,6 +230,21 @@ def test_weights_that_do_not_fit_are_named():
         GainNetwork(**(weights | {"gain_bias": np.zeros(3)}))
     with pytest.raises(ValueError, match="hidden_bias must be finite"):
         GainNetwork(**(weights | {"hidden_bias": np.full(15, np.nan)}))
+    for scale in ("innovation_scale", "state_scale"):
+        for wrong in (0.0, -1.0):
+            with pytest.raises(ValueError, match=f"{scale} must be positive, got {wrong:g}"):
+                GainNetwork(**(weights | {scale: np.array([1.0, wrong])}))
+    with pytest.raises(ValueError, match=r"hidden_weights has shape \(\), expected \(3 k, k\)"):
+        GainNetwork(**(weights | {"hidden_weights": 1.0}))
+
+
+def test_weights_are_its_own_whatever_becomes_of_those_given():
+    weights = {name: np.array(array) for name, array in vars(_network(2, 2)).items()}
+    network = GainNetwork(**weights)
+    before = network(np.zeros(5), np.ones(2), np.ones(2))
+    for array in weights.values():
+        array += 1.0
+    np.testing.assert_array_equal(network(np.zeros(5), np.ones(2), np.ones(2))[1], before[1])
 
 
 def test_running_needs_no_torch():

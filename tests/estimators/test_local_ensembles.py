@@ -92,6 +92,9 @@ def test_the_taper_is_that_of_gaspari_and_cohn():
     for wrong in (0.0, -1.0, np.nan, "far"):
         with pytest.raises(ValueError, match=r"^radius must be a positive number"):
             gaspari_cohn(1.0, wrong)
+    with pytest.raises(ValueError, match="distance must be numbers, got NaN"):
+        gaspari_cohn([0.0, np.nan], 1.0)
+    assert gaspari_cohn(np.inf, 1.0) == 0.0
 
 
 # --- inflation that adapts --------------------------------------------------------------------------

@@ -231,6 +231,21 @@ def test_a_filter_with_sensors_to_spare_accuses_the_biased_one(kind: type):
     assert (accused == 1).mean() > 0.95
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("size", [1e90, 1e160, -1e200, 1e306])
+def test_a_reading_that_is_absurd_is_accused_and_forgotten_like_any_other(kind: type, size: float):
+    rng, monitor = np.random.default_rng(14), kind(3)
+    S = 1e-3 * random_covariance(rng, 3)
+    e = 1e-3 * rng.normal(size=(12, 3, 3))
+    e[0] += size * np.eye(3)
+    states = monitor.run(read(e, S))
+    np.testing.assert_array_equal(states.accused[0], [0, 1, 2])
+    for name in Watch.__dataclass_fields__:
+        assert np.isfinite(getattr(states, name)).all(), name
+    assert not states.alarm[10:].any()
+
+
 def test_what_speaks_against_a_sensor_is_what_the_innovation_has_less_without_it():
     """The normalised innovation squared, less that of the other channels alone: as its standard normal deviate."""
     rng = np.random.default_rng(10)
@@ -355,6 +370,8 @@ def test_the_filter_that_is_told_of_an_input_as_noise_can_be_watched():
         ({"a": (0, 2)}, {}, "every channel, from 0, in exactly one"),
         ({"a": 0, "b": (0, 1)}, {}, "every channel, from 0, in exactly one"),
         ({"a": 0, "b": ()}, {}, "every channel, from 0, in exactly one"),
+        ({"a": "0"}, {}, "every channel, from 0, in exactly one"),
+        ({"a": True, "b": False}, {}, "every channel, from 0, in exactly one"),
         ({"a": 0.5}, {}, "every channel, from 0, in exactly one"),
         ({}, {}, "every channel, from 0, in exactly one"),
         (2, {"false_alarms": 0.0}, "a rate of false alarms a step"),
@@ -365,6 +382,24 @@ def test_the_filter_that_is_told_of_an_input_as_noise_can_be_watched():
 def test_what_makes_no_monitor_is_refused(kind: type, sensors: object, options: dict, sentence: str):
     with pytest.raises(ValueError, match=sentence):
         kind(sensors, **options)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("batch", [-1, 3.0, (2, -1), "3"])
+def test_a_batch_that_is_none_is_refused(kind: type, batch: object):
+    with pytest.raises(ValueError, match="batch must be a whole number of at least 0"):
+        kind(2).start(batch)
+
+
+def test_the_state_of_another_monitor_is_refused():
+    S, e = np.eye(2), np.ones((3, 2))
+    long, short, cusum = ChiSquareMonitor(2, window=10), ChiSquareMonitor(2, window=5), CusumMonitor(2)
+    one = ChiSquareMonitor({"both": (0, 1)}, window=5)
+    for mine, other in ((short, long), (long, short), (short, cusum), (cusum, long), (one, short)):
+        with pytest.raises(ValueError, match=r"the state is of another monitor: it remembers .* of \d sensors"):
+            mine.watch(other.start(3), read(e, S))
+        with pytest.raises(ValueError, match="cannot merge states of different monitors: one remembers"):
+            mine.start(3).with_rows(np.ones(3, bool), other.start(3))
 
 
 def test_a_window_and_a_shift_that_are_none_are_refused():

@@ -36,7 +36,7 @@ def test_on_a_linear_system_it_is_the_kf_for_every_horizon(horizon: int, functio
         assert_same(_as_belief(one), other, 1e-8 if functions else 1e-11)  # Jacobians by differences
 
 
-def test_with_a_horizon_of_1_it_is_the_iekf():
+def test_with_a_horizon_of_1_it_is_the_iekf_where_that_takes_whole_steps():
     system = turning_vehicle(3)
     system = dataclasses.replace(system, model=dataclasses.replace(system.model, R=0.1 * system.model.R))
     record = simulate(system, 3, 5, 15)
@@ -44,6 +44,31 @@ def test_with_a_horizon_of_1_it_is_the_iekf():
     mhe = track(make("mhe", system.model, horizon=1, **options), system.rows(5), record)
     for one, other in zip(mhe, track(make("iekf", system.model, **options), system.rows(5), record), strict=True):
         assert_same(_as_belief(one), other, 1e-7)
+
+
+def test_where_steps_must_be_shorter_it_stays_finite_and_the_iekf_alone_arrives():
+    """Whole steps of Gauss and Newton's method on an arc tangent from far away go farther yet."""
+    model = NonlinearModel(lambda x, u: x, lambda x, u: np.arctan(x), [[1e-4]], [[1e-4]])
+    prior = Gaussian([[3.0], [5.0]], [[100.0]])
+    for name, arrives in (("iekf", True), ("mhe", False)):
+        filter = make(name, model, **({"horizon": 1} if name == "mhe" else {}))
+        belief = filter.update(filter.init(prior), np.zeros((2, 1)))
+        assert np.isfinite(belief.mean).all()
+        np.testing.assert_array_equal(np.abs(belief.mean[:, 0]) < 1e-2, arrives)
+
+
+def test_the_horizon_counts_times_whether_or_not_a_reading_came():
+    system = kalman_system(0)
+    filter = make("mhe", system.model, horizon=3)
+    belief = filter.update(filter.init(system.prior), np.ones(3))
+    seen = []
+    for _ in range(3):
+        seen.append(belief.seen.any(-1).tolist())
+        belief = filter.predict(belief, np.zeros(2))
+    assert seen == [[False, False, True], [False, True, False], [True, False, False]]
+    assert not belief.seen.any()
+    twice = filter.update(filter.update(belief, np.ones(3)), np.ones(3))
+    assert twice.seen.any(-1).tolist() == [False, True, True]
 
 
 BEACONS = np.array([[-3.0, 0.0], [0.0, 4.0]])
