@@ -1,6 +1,7 @@
 """A simulator as a filter's model: copies of an environment, set to a state and stepped."""
 
 from collections.abc import Callable
+from importlib import import_module
 from typing import Any
 
 import gymnasium as gym
@@ -125,9 +126,8 @@ class _Rollout:
     """The same for MuJoCo: all points in one native call."""
 
     def __init__(self, base: Any) -> None:
-        import mujoco
-        from mujoco.rollout import Rollout
-
+        mujoco = import_module("mujoco")  # no extra of ours: who has its environments has it
+        Rollout = import_module("mujoco.rollout").Rollout
         self._model, self._substeps = base.model, base.frame_skip
         self._rollout, self._data = Rollout(nthread=1), [mujoco.MjData(base.model)]
         self._size = mujoco.mj_stateSize(base.model, mujoco.mjtState.mjSTATE_FULLPHYSICS)
