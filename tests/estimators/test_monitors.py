@@ -441,3 +441,15 @@ def test_a_filter_to_which_readings_come_late_is_watched_as_any_other(kind: type
         states = [monitor.watch(state, belief) for state, belief in zip(states, beliefs, strict=True)]
         beliefs = [f.predict(belief, np.zeros(2)) for f, belief in zip((delayed, plain), beliefs, strict=True)]
     np.testing.assert_array_equal(states[0].statistic, states[1].statistic)
+
+
+@pytest.mark.parametrize("size", [4.0, 10.0, 100.0, 1e6])
+def test_of_correlated_channels_a_chi_square_accuses_the_sensor_that_moved_however_far(size: float):
+    """One channel of three that are correlated: the two others, together a sensor, have more channels, and no fault."""
+    S = np.full((3, 3), 0.9) + 0.1 * np.eye(3)
+    model = LinearModel(1e-6 * np.eye(3), np.eye(3), 1e-9 * np.eye(3), S)
+    filter, monitor = make("kf", model), ChiSquareMonitor({"pair": (1, 2), "one": 0}, window=1)
+    belief = filter.predict(filter.init(Gaussian(np.zeros((1, 3)), 1e-9 * np.eye(3))))
+    state = monitor.watch(monitor.start(1), filter.update(belief, [[size, 0.0, 0.0]]))
+    assert state.alarm.all()
+    assert monitor.names[int(state.accused[0])] == "one"
