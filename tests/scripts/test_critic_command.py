@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 import torch
 
+from agents import critic_trial
+from agents.critic_trial import explained, flown, leaking, learned
 from agents.ppo import describe, learner
 from scripts import critic
 from scripts.console import command
-from scripts.critic import WORLDS, explained, flown, leaking, learned
+from scripts.critic import WORLDS
 
 STEPS = 16_384
 SHORT: Any = {"steps": STEPS, "options": {"max_episode_steps": 100}}
@@ -19,9 +21,10 @@ SHORT: Any = {"steps": STEPS, "options": {"max_episode_steps": 100}}
 
 @pytest.fixture(autouse=True)
 def few(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(critic, "EPISODES", 6)
-    monkeypatch.setattr(critic, "POINTS", 2)
-    monkeypatch.setattr(critic, "END", 1)
+    monkeypatch.setattr(critic_trial, "EPISODES", 6)
+    monkeypatch.setattr(critic_trial, "POINTS", 2)
+    for module in (critic_trial, critic):
+        monkeypatch.setattr(module, "END", 1)
     monkeypatch.setattr(critic, "HALF", 0)
 
 
