@@ -68,7 +68,7 @@ sphinx_gallery_conf = {
     "show_signature": False,
     "min_reported_time": 1e9,
     "write_computation_times": False,
-    "copyfile_regex": "",
+    "download_all_examples": False,
 }
 
 html_theme = "pydata_sphinx_theme"
@@ -80,6 +80,7 @@ html_theme_options = {
     "logo": {"text": "vessel-gym"},
     "header_links_before_dropdown": 6,
     "navbar_align": "left",
+    "navbar_persistent": ["search-button"],
     "navbar_end": ["version-switcher", "theme-switcher"],
     "switcher": {"json_url": "_static/switcher.json", "version_match": version},
     "show_nav_level": 1,
