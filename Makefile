@@ -25,14 +25,14 @@ venv: .venv/.installed  ## Install the project and its tools into .venv, in the 
 ablation: venv  ## Train and score agents on every estimator, and write the report to results/ablation
 	$(BIN)/python -m scripts.ablate studies/corvette.toml --out results/ablation
 
-test: venv  ## Run the tests
+test: venv  ## Run the tests, of slow ones three cases each (five minutes)
 	$(BIN)/python -m $(WORKERS)
 
 quick: venv  ## Run those of the tests that take a minute in all
 	$(BIN)/python -m $(WORKERS) -m "not slow and not nightly"
 
-nightly: venv  ## Run the tests that take minutes: the quality of the random numbers
-	$(BIN)/python -m $(WORKERS) -m nightly
+nightly: venv  ## Run all cases of the slow tests, and those that take minutes (half an hour)
+	$(BIN)/python -m $(WORKERS) -m "slow or nightly"
 
 lint: venv  ## Check style, format and types
 	$(BIN)/ruff check .
