@@ -3,6 +3,7 @@
 Run from anywhere but the repository, with the Python of that environment: ``python -P .ci/try_wheel.py``.
 """
 
+import os
 import re
 import subprocess
 import sys
@@ -14,7 +15,7 @@ CALLS = {
     "--version": (0, r"vessel-gym \d+\.\d+\.\d+"),
     "--help": (0, "usage: vessel-gym COMMAND"),
     "watch --help": (0, "usage: vessel-gym watch"),
-    "evaluate PunaUAV-v0 --episodes 1": (0, "score"),
+    "evaluate PunaUAV-v0 --episodes 2": (0, "Score"),
     "watch PunaUAV-v0 --out flight.gif": (2, r"pip install 'vessel-gym\[render\]'"),
     "train SigmaCorvette-v0": (2, r"pip install 'vessel-gym\[train\]'"),
     "ablate quick": (2, r"pip install 'vessel-gym\[report\]'"),
@@ -23,6 +24,7 @@ CALLS = {
     "wacth PunaUAV-v0": (2, "did you mean 'watch'"),
 }
 """Exit status and what is said, in an environment without extras."""
+UTF8 = {"PYTHONUTF8": "1"}
 FLIGHT = """
 import gymnasium as gym
 import vessel_gym
@@ -42,7 +44,7 @@ def main() -> int:
         print(f"Python {sys.version.split()[0]}: a vehicle moved after {time.perf_counter() - start:.0f} s")
         for line, (status, words) in CALLS.items():
             call = [str(Path(sys.executable).with_name("vessel-gym")), *line.split()]
-            done = subprocess.run(call, cwd=empty, capture_output=True, encoding="utf-8")
+            done = subprocess.run(call, cwd=empty, capture_output=True, encoding="utf-8", env=os.environ | UTF8)
             said = done.stdout + done.stderr
             if done.returncode != status or not re.search(words, said) or "Traceback" in said:
                 mistakes += 1

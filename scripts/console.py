@@ -253,6 +253,17 @@ def _end(status: Status) -> str:
     return f"{failed}ends about {end:%H:%M:%S}, in {timedelta(seconds=round(status.seconds_left))}"
 
 
+def in_checkout() -> None:
+    """Refuse to write pages of the repository where it is not.
+
+    Raises:
+        Refusal: outside of a checkout.
+    """
+    root = Path(__file__).parents[1]
+    if not (root / "docs").is_dir():
+        raise Refusal(f"this writes pages of the repository, and {root} is none: run it in a checkout")
+
+
 def put(page: Path, mark: str, text: str) -> None:
     """Write a text into a page, in place of what stands between its lines ``<!-- mark -->`` and ``<!-- end -->``.
 
