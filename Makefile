@@ -9,7 +9,7 @@ BIN := .venv/bin
 WORKERS := pytest -n 2 --dist worksteal
 
 .DEFAULT_GOAL := help
-.PHONY: help venv ablation test quick nightly lint clean
+.PHONY: help venv ablation test quick nightly lint wheel clean
 
 help:  ## Show this help
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -38,6 +38,9 @@ lint: venv  ## Check style, format and types
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+wheel:  ## Build sdist and wheel, and try the wheel in empty environments of every Python of 3.11 to 3.14
+	PYTHON=$(PYTHON) .ci/wheel
 
 clean:  ## Remove the environment, caches and build products (results stay)
 	rm -rf .venv build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

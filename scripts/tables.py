@@ -10,8 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.statistics import crossed_interval
-from scripts.console import Refusal, command, progress_bar, put
+from scripts.console import Refusal, command, in_checkout, progress_bar, put
 
 ROOT = Path(__file__).parents[1]
 EPISODES = 100
@@ -438,6 +437,8 @@ def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 def shown(values: np.ndarray) -> str:
     """The mean ``(seeds,)`` or ``(runs, seeds)`` with its 95 % interval."""
+    from agents.statistics import crossed_interval
+
     interval = crossed_interval(np.atleast_2d(values))
     return WITHOUT if interval is None else f"{interval.mean:.3f} ± {interval.half:.3f}"
 
@@ -482,6 +483,7 @@ def main(names: tuple[str, ...] = tuple(TABLES), /) -> None:
     Args:
         names: Which.
     """
+    in_checkout()
     for name in names:
         if name not in TABLES:
             raise Refusal(f"there is no table {name!r}: known are {', '.join(TABLES)}")

@@ -89,3 +89,9 @@ def test_a_robust_filter_without_a_fix_is_moved_by_the_noise_of_its_other_readin
     assert large > 500.0 * gain
     assert same == pytest.approx(large, rel=0.2)
     assert float(quiet[4]) < 0.3 * doubtful
+
+
+def test_pages_of_the_repository_are_written_in_a_checkout_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("scripts.console.__file__", str(tmp_path / "scripts" / "console.py"))
+    with pytest.raises(Refusal, match="run it in a checkout"):
+        tables.main(("puna",))
