@@ -9,7 +9,7 @@ BIN := .venv/bin
 WORKERS := pytest -n 2 --dist worksteal
 
 .DEFAULT_GOAL := help
-.PHONY: help venv ablation test quick nightly lint wheel clean
+.PHONY: help venv ablation test quick nightly lint docs linkcheck wheel clean
 
 help:  ## Show this help
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -34,14 +34,25 @@ quick: venv  ## Run those of the tests that take a minute in all
 nightly: venv  ## Run all cases of the slow tests, and those that take minutes (half an hour)
 	$(BIN)/python -m $(WORKERS) -m "slow or nightly"
 
-lint: venv  ## Check style, format and types
+lint: venv  ## Check style, format, types and spelling
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/codespell
+
+docs: .venv/.docs  ## Build the documentation site into docs/_build/html; a warning is an error
+	$(BIN)/sphinx-build -W --keep-going -n -q docs docs/_build/html
+
+linkcheck: .venv/.docs  ## Look up every link of the site that leads elsewhere (needs the network)
+	$(BIN)/sphinx-build -q -b linkcheck docs docs/_build/linkcheck
+
+.venv/.docs: .venv/.installed
+	$(BIN)/pip install -q -c constraints.txt -e '.[docs]'
+	touch $@
 
 wheel:  ## Build sdist and wheel, and try the wheel in empty environments of every Python of 3.11 to 3.14
 	PYTHON=$(PYTHON) .ci/wheel
 
 clean:  ## Remove the environment, caches and build products (results stay)
-	rm -rf .venv build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf .venv build dist docs/_build docs/examples docs/api/generated *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -type d -name __pycache__ -prune -exec rm -rf {} +

@@ -1,4 +1,4 @@
-"""Fly what the tables of README.md and docs/ show, and write them anew: ``python -m scripts.tables``."""
+"""Fly what the tables of docs/ show, and write them anew: ``python -m scripts.tables``."""
 
 import csv
 from collections import defaultdict
@@ -87,7 +87,7 @@ SHORT = {
     "ItsunusaAUV-v0": ("ITSUNUSA (`enkf-sr`)", "`truth`", "`enkf-sr`, localised", "`enkf-sr`, plain"),
     "PunaUAV-v0": ("PUNA (`enkf`)", "`truth`", "`enkf`, localised", "`enkf`, plain, inflation 1"),
 }
-"""What the README calls each, and which of the ways it shows beside those that it shows of all."""
+"""What an environment's own page calls it, and which of the ways it shows beside those that it shows of all."""
 OTHER = {"moderate": "calm", "rough": "moderate"}
 """A sea that a filter is told of wrongly."""
 
@@ -186,15 +186,13 @@ def turns(sea: str) -> str:
     return table(heads, rows)
 
 
-def worth(plain: str, *env_ids: str) -> str:
-    """Of these tables, what the README shows."""
+def worth(plain: str, env_id: str) -> str:
+    """Of a journey's table, what the environment's own page shows."""
     same = ("`ekf`", "`measurement`", "`dead-reckoning`")
-    rows = []
-    for env_id in env_ids:
-        name, *labels = SHORT[env_id]
-        found = [flown(env_id, label) for label in (*labels, *same)]
-        rows.append((name, *(f"{shown(of.scores['score'])} ({of.arrived})" for of in found)))
-    return table((f"Score (arrived of {EPISODES})", "`truth`", "default", plain, *same), rows)
+    name, *labels = SHORT[env_id]
+    found = (flown(env_id, label) for label in (*labels, *same))
+    row = (name, *(f"{shown(of.scores['score'])} ({of.arrived})" for of in found))
+    return table((f"Score (arrived of {EPISODES})", "`truth`", "default", plain, *same), [row])
 
 
 def insurance() -> str:
@@ -453,29 +451,30 @@ def percent(share: float | None) -> str:
     return WITHOUT if share is None else f"{100.0 * share:.0f} %"
 
 
-README = ROOT / "README.md"
+ENVIRONMENTS = ROOT / "docs/environments"
 TABLES: dict[str, tuple[Path, Callable[[], str]]] = {
     "segorogeni": (ROOT / "docs/dives.md", lambda: journeys("SegorogeniAUV-v0")),
     "itsunusa": (ROOT / "docs/dives.md", lambda: journeys("ItsunusaAUV-v0")),
     "puna": (ROOT / "docs/flight.md", lambda: journeys("PunaUAV-v0")),
     "moderate": (ROOT / "docs/seaway.md", lambda: turns("moderate")),
     "rough": (ROOT / "docs/seaway.md", lambda: turns("rough")),
-    "dives": (README, lambda: worth("plain ensemble", "SegorogeniAUV-v0", "ItsunusaAUV-v0")),
-    "flights": (README, lambda: worth("plain ensemble, inflation 1", "PunaUAV-v0")),
+    "segorogeni, short": (ENVIRONMENTS / "segorogeni-auv.md", lambda: worth("plain ensemble", "SegorogeniAUV-v0")),
+    "itsunusa, short": (ENVIRONMENTS / "itsunusa-auv.md", lambda: worth("plain ensemble", "ItsunusaAUV-v0")),
+    "puna, short": (ENVIRONMENTS / "puna-uav.md", lambda: worth("plain ensemble, inflation 1", "PunaUAV-v0")),
     "insurance": (ROOT / "docs/estimators/unknown-input.md", insurance),
     "inputs": (ROOT / "docs/estimators/unknown-input.md", inputs),
-    "faults": (ROOT / "docs/estimators/unknown-input.md", faults),
-    "faults found": (ROOT / "docs/estimators/unknown-input.md", faults_found),
+    "faults": (ROOT / "docs/estimators/unknown-input-faults.md", faults),
+    "faults found": (ROOT / "docs/estimators/unknown-input-faults.md", faults_found),
     "latency": (ROOT / "docs/time-at-sea.md", lambda: latency(ROOT / "results/latency")),
     "gap": (ROOT / "docs/time-at-sea.md", gap),
-    "ablation": (README, lambda: ablation(ROOT / "results/ablation")),
-    "shares": (README, lambda: rows_of(ROOT / "results/quick/tables/ranking.md")),
+    "ablation": (ENVIRONMENTS / "sigma-corvette.md", lambda: ablation(ROOT / "results/ablation")),
+    "shares": (ROOT / "docs/findings.md", lambda: rows_of(ROOT / "results/quick/tables/ranking.md")),
 }
 """Where each table stands, and what makes it."""
 
 
 def main(names: tuple[str, ...] = tuple(TABLES), /) -> None:
-    """Write tables of README.md and docs/ anew: dives, flights, faults and others are flown, in half an hour.
+    """Write tables of docs/ anew: dives, flights, faults and others are flown, in half an hour.
 
     Those of studies are taken from results/ablation, results/quick and results/latency, where `make ablation` and
     `python -m scripts.ablate studies/quick.toml --out results/quick` (or latency) leave them.

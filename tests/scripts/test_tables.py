@@ -1,4 +1,4 @@
-"""Tables of README.md and docs/, written anew."""
+"""Tables of docs/, written anew."""
 
 from pathlib import Path
 

@@ -1,0 +1,146 @@
+"""The documentation site: ``make docs`` builds it into docs/_build/html."""
+
+import inspect
+import sys
+from importlib import import_module
+from importlib.metadata import version as installed
+from pathlib import Path
+
+from docutils import nodes
+from docutils.statemachine import StringList
+from sphinx.application import Sphinx
+from sphinx.util.docutils import SphinxDirective
+
+HERE = Path(__file__).parent
+EPISODE = HERE / "_static" / "episode.html"
+sys.path.insert(0, str(HERE.parent))
+
+project = "vessel-gym"
+author = "The vessel-gym authors"
+project_copyright = author
+version = release = installed("vessel-gym")
+language = "en"
+
+extensions = [
+    "myst_nb",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.napoleon",
+    "sphinx_copybutton",
+    "sphinx_design",
+    "sphinx_gallery.gen_gallery",
+]
+exclude_patterns = ["_build", "gallery/README.rst", "gallery/*.py", "examples/*.ipynb"]
+source_suffix = {".rst": "restructuredtext", ".md": "myst-nb"}  # the first is what the API is written in
+templates_path = ["_templates"]
+
+# Pages are Markdown, which code hosts show as it stands; those with a kernel are executed at every build.
+myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
+myst_heading_anchors = 4
+nb_execution_mode = "cache"
+nb_execution_cache_path = str(HERE / "_build" / "executed")
+nb_execution_in_temp = True  # docs/estimators is not the package of that name
+nb_execution_timeout = 300
+nb_execution_raise_on_error = True
+nb_merge_streams = True
+
+# API: docstrings in Google's style, in which `one` backtick means code.
+default_role = "code"
+autosummary_generate = True
+autosummary_ignore_module_all = False
+autosummary_imported_members = True
+autodoc_typehints = "none"
+autodoc_member_order = "bysource"
+autodoc_default_options = {"members": True, "show-inheritance": True}
+napoleon_google_docstring = True
+napoleon_numpy_docstring = False
+napoleon_use_rtype = False
+napoleon_use_ivar = True
+add_module_names = False
+nitpick_ignore_regex = [("py:.*", ".*")]  # types of other packages; pages, anchors and labels are checked
+
+sphinx_gallery_conf = {
+    "examples_dirs": "gallery",
+    "gallery_dirs": "examples",
+    "filename_pattern": r"plot_",
+    "within_subsection_order": "FileNameSortKey",
+    "show_memory": False,
+    "show_signature": False,
+    "min_reported_time": 1e9,
+    "write_computation_times": False,
+    "download_all_examples": False,
+}
+
+html_theme = "pydata_sphinx_theme"
+html_title = f"vessel-gym {version}"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_show_sourcelink = False
+html_theme_options = {
+    "logo": {"text": "vessel-gym"},
+    "header_links_before_dropdown": 6,
+    "navbar_align": "left",
+    "navbar_persistent": ["search-button"],
+    "navbar_end": ["version-switcher", "theme-switcher"],
+    "switcher": {"json_url": "_static/switcher.json", "version_match": version},
+    "show_nav_level": 1,
+    "show_toc_level": 2,
+    "show_prev_next": True,
+    "footer_start": ["copyright"],
+    "footer_end": ["theme-version"],
+    "secondary_sidebar_items": ["page-toc"],
+    "pygments_light_style": "a11y-high-contrast-light",
+    "pygments_dark_style": "a11y-high-contrast-dark",
+}
+linkcheck_anchors = False
+
+
+class Manual(SphinxDirective):
+    """``{manual} module.Environment``: an environment's docstring, which is Markdown, as a part of the page."""
+
+    required_arguments = 1
+
+    def run(self) -> list[nodes.Node]:
+        """Parse it one level below the page's own headings."""
+        lines = [f"#{line}" if line.startswith("## ") else line for line in _docstring(self.arguments[0]).splitlines()]
+        section = nodes.section()
+        self.state.nested_parse(StringList(lines, source=self.arguments[0]), self.content_offset, section, True)
+        return section.children
+
+
+class Episode(SphinxDirective):
+    """``{episode}``: an episode to touch, where one was written to _static/episode.html; else the picture of one."""
+
+    def run(self) -> list[nodes.Node]:
+        """A frame, or the picture."""
+        if EPISODE.exists():
+            title = "An episode: the truth, what two filters believe, readings as they come"
+            return [
+                nodes.raw(
+                    "", f'<iframe class="episode" src="_static/episode.html" title="{title}"></iframe>', format="html"
+                )
+            ]
+        text = "A corvette in her turning circle: true and believed ship, track, heading, rudder, unknown input"
+        return [nodes.image("", uri="images/turning-circle.png", alt=text)]
+
+
+def _docstring(path: str) -> str:
+    """All but its first line; ``::`` before an indented block is a fenced one."""
+    module, _, name = path.rpartition(".")
+    text = inspect.getdoc(getattr(import_module(module), name)) or ""
+    return text.partition("\n")[2].replace("::\n", ":\n")
+
+
+def setup(app: Sphinx) -> None:
+    """Add what is ours."""
+    app.add_directive("manual", Manual)
+    app.add_directive("episode", Episode)
+    app.connect("autodoc-process-docstring", _first_paragraph_of_a_manual)
+
+
+def _first_paragraph_of_a_manual(
+    app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]
+) -> None:
+    """Environments have pages of their own: the API keeps what stands above the first Markdown heading."""
+    first = next((i for i, line in enumerate(lines) if line.startswith("## ")), len(lines))
+    del lines[first:]
