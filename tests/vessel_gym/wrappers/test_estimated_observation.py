@@ -408,17 +408,43 @@ def test_resets_without_a_seed_differ_and_a_seed_begins_the_same_series_again():
 # --- LQG ----------------------------------------------------------------------------------------------
 
 
+WEIGHT, EFFORT = np.eye(2), 0.1 * np.eye(1)
+
+
+def _regulator() -> tuple[np.ndarray, np.ndarray]:
+    """What costs are to go ``(2, 2)``, and the gain ``(1, 2)``."""
+    from scipy.linalg import solve_discrete_are
+
+    A, B = Linear.A, Linear.B
+    S = solve_discrete_are(A, B, WEIGHT, EFFORT)
+    return S, np.linalg.solve(B.T @ S @ B + EFFORT, B.T @ S @ A)
+
+
+def test_gains_of_filter_and_regulator_are_those_of_python_control():
+    """The filter's is read off what a reading moves, when its covariance has settled."""
+    control = pytest.importorskip("control")
+    filter = EstimatedObservation(Linear(), LINEAR, LINEAR_PRIOR, estimator="kf").watch.filter
+    belief = filter.init(LINEAR_PRIOR)
+    for _ in range(300):
+        before = filter.predict(belief, np.zeros(1))
+        belief = filter.update(before, np.ones(1))
+    gain = (belief.mean - before.mean) / belief.innovation
+    A, B, Q, C, R = Linear.A, Linear.B, Linear.Q, LINEAR.C, LINEAR.R
+    L, P, _ = control.dlqe(A, np.eye(2), C, Q, R)
+    np.testing.assert_allclose(before.cov, P, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(A @ gain, np.ravel(L), rtol=0, atol=1e-9)  # theirs is what moves the next prediction
+    np.testing.assert_allclose(_regulator()[1], control.dlqr(A, B, WEIGHT, EFFORT)[0], rtol=0, atol=1e-9)
+
+
 def test_a_linear_regulator_on_estimates_costs_what_riccati_says():
     """The mean cost of a step, 20 seeds, within 3 standard errors of LQG's."""
     from scipy.linalg import solve_discrete_are
 
     A, B, Q, C, R = Linear.A, Linear.B, Linear.Q, LINEAR.C, LINEAR.R
-    weight, effort = np.eye(2), 0.1 * np.eye(1)
-    S = solve_discrete_are(A, B, weight, effort)
-    K = np.linalg.solve(B.T @ S @ B + effort, B.T @ S @ A)
+    S, K = _regulator()
     P = solve_discrete_are(A.T, C.T, Q, R)
     after = P - P @ C.T @ np.linalg.solve(C @ P @ C.T + R, C @ P)
-    expected = np.trace(S @ Q) + np.trace(after @ K.T @ (B.T @ S @ B + effort) @ K)
+    expected = np.trace(S @ Q) + np.trace(after @ K.T @ (B.T @ S @ B + EFFORT) @ K)
     env, costs = EstimatedObservation(Linear(), LINEAR, LINEAR_PRIOR, estimator="kf"), []
     for seed in range(20):
         seen, _ = env.reset(seed=seed)
