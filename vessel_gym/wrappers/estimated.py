@@ -107,6 +107,15 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
         self.watch.go_on(self._truth(seen), action)
         return self._observed(seen), reward, terminated, truncated, info | self._info()
 
+    @property
+    def compute_reward(self) -> Callable[..., Any]:
+        """That of an environment with goals ``(achieved, desired, info)``; others have none.
+
+        It knows no truth: of an achieved goal that is an estimate it tells what reaching it would pay.
+        """
+        own: Callable[..., Any] = self.env.get_wrapper_attr("compute_reward")
+        return own
+
     def _truth(self, seen: Any) -> np.ndarray:
         return np.asarray(self._state(self.env, seen))[None]  # which is copied where it is checked
 

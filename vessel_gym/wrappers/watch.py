@@ -74,7 +74,7 @@ class Watch:
         self.steps = np.zeros(rows, int)
         self._nothing = np.zeros((rows, self.sensors.bias.size))
         self._still = np.zeros((rows, u.shape[-1]))
-        self.seeds: list[int] = []
+        self._seeded: Numbers | None = None
         self.episodes = np.zeros(rows, int)
         self.truth = np.zeros((rows, model.n))
         self.space = self._space()
@@ -89,10 +89,10 @@ class Watch:
     def seed(self, seeds: Sequence[int] | None) -> None:
         """Begin again to count episodes, with these seeds; None: go on, with seeds of chance if there are none yet."""
         if seeds is not None:
-            self.seeds, self.episodes[:] = [int(seed) for seed in seeds], -1
-        elif not self.seeds:
+            self._seeded, self.episodes[:] = Numbers.seeded([int(seed) for seed in seeds]), -1
+        elif self._seeded is None:
             chance = np.random.SeedSequence().generate_state(self.rows, np.uint64)
-            self.seeds, self.episodes[:] = [int(seed) for seed in chance], -1
+            self._seeded, self.episodes[:] = Numbers.seeded([int(seed) for seed in chance]), -1
 
     def begin(self, rows: np.ndarray, state: np.ndarray) -> None:
         """Episodes begin in the rows of a mask ``(B,)``, in states ``(B, n)``."""
@@ -100,19 +100,20 @@ class Watch:
         self.steps[rows] = 0
         self.truth = np.where(rows[:, None], self._checked(state), self.truth)
         chosen = np.flatnonzero(rows)
-        episode = Numbers.seeded([self.seeds[row] for row in chosen]).of(self.episodes[chosen])
+        assert self._seeded is not None
+        episode = self._seeded[chosen].of(self.episodes[chosen])
         sensing = np.stack([episode.of(sensor.name).keys for sensor in self.sensors.each], 1)
         self.loop.restart(chosen, sensing, episode.of("filter").keys)
         some = None if rows.all() else chosen
         still, nothing, steps = self._still[chosen], self._nothing[chosen], self.steps[chosen]
         readings = self.loop.sense(self.truth[chosen], still, nothing, steps, some)
         readings = self.loop.receive(readings, steps, some)
-        prior = Gaussian(np.broadcast_to(self.prior.mean, (len(chosen), self.n)), self.prior.cov)
+        prior = self.prior.about(np.broadcast_to(self.prior.mean, (len(chosen), self.n)))
         self.loop.begin(some if some is None else rows, prior, self._handed(readings, self.truth[chosen]), still)
 
     def go_on(self, state: np.ndarray, action: Any) -> None:
         """A step of all rows, to states ``(B, n)``."""
-        if not self.seeds:
+        if self._seeded is None:
             raise ResetNeeded("call reset() before step()")
         self.truth = self._checked(state)
         self.steps += 1
