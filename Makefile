@@ -9,7 +9,7 @@ BIN := .venv/bin
 WORKERS := pytest -n 2 --dist worksteal
 
 .DEFAULT_GOAL := help
-.PHONY: help venv ablation test quick nightly lint docs linkcheck clean
+.PHONY: help venv ablation test quick nightly lint docs linkcheck wheel clean
 
 help:  ## Show this help
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -25,14 +25,14 @@ venv: .venv/.installed  ## Install the project and its tools into .venv, in the 
 ablation: venv  ## Train and score agents on every estimator, and write the report to results/ablation
 	$(BIN)/python -m scripts.ablate studies/corvette.toml --out results/ablation
 
-test: venv  ## Run the tests
+test: venv  ## Run the tests, of slow ones three cases each (five minutes)
 	$(BIN)/python -m $(WORKERS)
 
 quick: venv  ## Run those of the tests that take a minute in all
 	$(BIN)/python -m $(WORKERS) -m "not slow and not nightly"
 
-nightly: venv  ## Run the tests that take minutes: the quality of the random numbers
-	$(BIN)/python -m $(WORKERS) -m nightly
+nightly: venv  ## Run all cases of the slow tests, and those that take minutes (half an hour)
+	$(BIN)/python -m $(WORKERS) -m "slow or nightly"
 
 lint: venv  ## Check style, format, types and spelling
 	$(BIN)/ruff check .
@@ -49,6 +49,9 @@ linkcheck: .venv/.docs  ## Look up every link of the site that leads elsewhere (
 .venv/.docs: .venv/.installed
 	$(BIN)/pip install -q -c constraints.txt -e '.[docs]'
 	touch $@
+
+wheel:  ## Build sdist and wheel, and try the wheel in empty environments of every Python of 3.11 to 3.14
+	PYTHON=$(PYTHON) .ci/wheel
 
 clean:  ## Remove the environment, caches and build products (results stay)
 	rm -rf .venv build dist docs/_build docs/examples docs/api/generated *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -114,6 +114,51 @@ def _unhealthy(rollout: Rollout) -> np.ndarray:
     return np.sum(rollout.alive & ~rollout.history["healthy"], axis=0).astype(float)
 
 
+def _detected(rollout: Rollout) -> np.ndarray:
+    delay, _ = _noticed(rollout)
+    return np.where(np.isnan(delay), np.nan, 100.0 * np.isfinite(delay))
+
+
+def _detection_delay(rollout: Rollout) -> np.ndarray:
+    delay, _ = _noticed(rollout)
+    return np.where(np.isfinite(delay), delay, np.nan)
+
+
+def _right_sensor(rollout: Rollout) -> np.ndarray:
+    delay, right = _noticed(rollout)
+    return np.where(np.isfinite(delay), 100.0 * right, np.nan)
+
+
+def _noticed(rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
+    """How long after the first fault the first alarm comes, and whether it is of a sensor that has had one.
+
+    Seconds ``(N,)``, infinite where none comes, NaN where nothing is at fault; and ``(N,)``.
+    """
+    core, runs = core_of(rollout), np.arange(len(rollout.seeds))
+    had, accused = _had(rollout), rollout.history["alarms"]
+    begun = had.any(-1)
+    alarm = accused.any(-1) & begun & rollout.alive
+    first = alarm.argmax(0)
+    delay = np.where(alarm.any(0), (first - begun.argmax(0)) * core.vehicle.dt, np.inf)
+    of = np.array([[fault.sensor == name for name in core.loop.monitor.names] for fault in core.sensors.faults], bool)
+    right = accused[first, runs] & (had[first, runs] @ of.reshape(had.shape[-1], accused.shape[-1]))
+    return np.where((begun & rollout.alive).any(0), delay, np.nan), right.any(-1)
+
+
+def _had(rollout: Rollout) -> np.ndarray:
+    """Which faults of sensors act, or have acted before ``(T + 1, N, faults)``."""
+    acting = rollout.history.get("sensor_faults", np.zeros((*rollout.alive.shape, 0), bool))
+    return np.asarray(np.logical_or.accumulate(acting))
+
+
+def _false_alarms(rollout: Rollout) -> np.ndarray:
+    alarm = np.asarray(rollout.history["alarms"].any(-1))
+    sound = rollout.alive & ~_had(rollout).any(-1)
+    raised = alarm & ~np.concatenate([np.zeros_like(alarm[:1]), alarm[:-1]])
+    hours = sound.sum(0) * core_of(rollout).vehicle.dt / 3600.0
+    return np.where(hours > 0.0, (raised & sound).sum(0) / np.where(hours > 0.0, hours, 1.0), np.nan)
+
+
 def mean_nees(rollout: Rollout, components: tuple[int, ...] | None = None) -> np.ndarray:
     """Mean NEES per component of each episode ``(N,)``; NaN without a covariance."""
     values, alive = nees_of(rollout, components), rollout.alive
@@ -143,6 +188,27 @@ UNHEALTHY = Metric(
     "unhealthy", "Failed updates", "steps", "lower", 1, "Steps at which the estimator's usual update failed.",
     of=_unhealthy,
 )  # fmt: skip
+
+
+WATCHED = (
+    Metric(
+        "detected", "Detected", "%", "higher", 0, "Episodes in which an alarm follows the first fault of a sensor.",
+        True, of=_detected,
+    ),
+    Metric(
+        "detection_delay", "Delay", "s", "lower", 1, "Time from the first fault of a sensor to the next alarm.",
+        of=_detection_delay,
+    ),
+    Metric(
+        "right_sensor", "Right sensor", "%", "higher", 0, "Of these alarms those of a sensor that has had a fault.",
+        True, of=_right_sensor,
+    ),
+    Metric(
+        "false_alarms", "False alarms", "1/h", "lower", 1,
+        "Alarms an hour before there is any fault; one that lasts counts once.", of=_false_alarms,
+    ),
+)  # fmt: skip
+"""What episodes are measured by beside their score sheet where a monitor watches."""
 
 
 def components(rollout: Rollout, *names: str) -> tuple[int, ...]:

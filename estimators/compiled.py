@@ -27,6 +27,7 @@ _PATIENCE = 2.0  # seconds; whoever only loads kernels holds the lock for less
 _KEPT = 4  # folders of kernels; older ones are those of sources that have changed since
 
 _settings: dict[str, Any] = vars(config)  # Numba's
+_options: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}  # one is a tenth of the compilation
 
 _Function = Callable[..., Any]
 _compiling = Lock()
@@ -51,7 +52,7 @@ def rowwise(*signatures: str, cache: bool = True) -> Callable[[_Function], Any]:
         signatures: As many as there are kinds of arguments.
         cache: Whether to keep it on disk.
     """
-    return lazy(njit(list(signatures), error_model="numpy", nogil=True, cache=cache))
+    return lazy(njit(list(signatures), nogil=True, cache=cache, **_options))
 
 
 def lazy(compiler: Callable[[_Function], _Function]) -> Callable[[_Function], Any]:
@@ -88,7 +89,7 @@ class _Announcement(event.Listener):
     """Tells of the first pass of a compiler in this process; a kernel that is loaded needs none."""
 
     def on_start(self, event: Any) -> None:
-        _say("compiling its equations, this once: it takes some 20 s")
+        _say(f"compiling once, about half a minute; kept in {_folder()}")
 
     def on_end(self, event: Any) -> None:
         """Nothing to tell."""
@@ -101,7 +102,7 @@ def _alone() -> Iterator[None]:
     try:
         lock.acquire(timeout=_PATIENCE)
     except Timeout:
-        _say("waiting for another process, which compiles its equations")
+        _say("waiting for another process, which compiles")
         lock.acquire()
     chosen, collecting = _settings["CACHE_DIR"], gc.isenabled()
     gc.disable()
@@ -119,7 +120,7 @@ def _alone() -> Iterator[None]:
 def _say(text: str) -> None:
     """Once to whoever waits at a terminal; stdout belongs to the results."""
     if sys.stderr is not None:
-        print(f"vessel_gym: {text}", file=sys.stderr, flush=True)
+        print(f"vessel-gym: {text}", file=sys.stderr, flush=True)
 
 
 @cache
@@ -145,14 +146,21 @@ def _current(folder: Path) -> Path:
 @cache
 def _folder() -> Path:
     """Where kernels are kept: where Numba is told to, beside the code, in the user's home or among temporary files."""
-    chosen, beside = _settings["CACHE_DIR"], os.path.join(os.path.dirname(__file__), "__pycache__")
-    homes = os.environ.get("XDG_CACHE_HOME", ""), os.path.expanduser("~/.cache")
-    for place in (chosen and os.path.abspath(chosen), os.path.abspath(beside), *homes, tempfile.gettempdir()):
+    for place in _places():
         if os.path.isabs(place) and (folder := _own(Path(place))):
             return folder
     folder = Path(tempfile.mkdtemp(prefix="vessel-gym-"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return folder
+
+
+def _places() -> Iterator[str]:
+    if _settings["CACHE_DIR"]:
+        yield os.path.abspath(_settings["CACHE_DIR"])
+    yield os.path.abspath(os.path.join(os.path.dirname(__file__), "__pycache__"))
+    yield os.environ.get("XDG_CACHE_HOME", "")
+    yield os.path.expanduser("~/.cache")
+    yield tempfile.gettempdir()  # which is an error where nothing can be written, so it comes last
 
 
 def _own(place: Path) -> Path | None:
@@ -172,10 +180,10 @@ def _own(place: Path) -> Path | None:
     return folder if safe else None
 
 
-inlined = njit(forceinline=True, error_model="numpy")
+inlined = njit(forceinline=True, **_options)
 """Compile a function into the kernels that call it, without tests for zero divisors: loops over it can then be
 compiled to vector instructions."""
-part = njit(error_model="numpy")
+part = njit(**_options)
 """Compile a function once for all that call it, where `inlined` would do so for each of them."""
 
 

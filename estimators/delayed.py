@@ -179,6 +179,19 @@ class Delayed(Generic[Record]):
             steps[-age] = following._replace(predicted=following.predicted.with_rows(again, predicted))
         return DelayedBelief(self._read(steps[-1], ...), tuple(steps), reach, refused)
 
+    def settled(self, belief: DelayedBelief[Record]) -> tuple[np.ndarray, Record | None]:
+        """What no reading will change any more: each is of at least ``horizon`` steps ago.
+
+        Returns:
+            Mask ``(...)`` of the rows that are older than the horizon, and what these believed so many steps ago, after
+            all readings of that step: its innovations are those of a filter to which nothing comes late. None: no row
+            is so old.
+        """
+        rows = belief.reach == self.horizon
+        if not rows.any():
+            return rows, None
+        return rows, self._read(belief.steps[0], rows) if self._apart else self._read(belief.steps[0], ...)[rows]
+
     likelihood = "refused"
 
     def log_likelihood(self, predicted: Any, updated: Any) -> np.ndarray:

@@ -336,16 +336,37 @@ class Filter(ABC, Generic[Record]):
             _all(len(own), self.model.p) if available is None else _in_rows(available),
             _in_rows(noted.answers(belief, u, R, batch)) if noted.questions else own, out,
         )  # fmt: skip
-        if self._threads == 1:
-            doubtful = noted.program.run(*given)
-        else:
-            run, rows = noted.program.run, shares(len(own), self._threads)
-            doubtful = sum(each(lambda part: run(*(array[part] for array in given)), rows, self._threads))
+        doubtful = self._run(noted.program, *given)
         out = out if len(batch) == 1 else out.reshape(*batch, out.shape[-1])
         updated: Any = self.record.looked_at(out, noted.layout, belief.prior_mean, belief.prior_cov, u)
         if y is None:
             object.__setattr__(updated, "recovery", belief.recovery)
         return updated, doubtful
+
+    def _run(self, program: Program, *given: np.ndarray) -> int:
+        """Carry out a program on arrays of rows, of which threads take their shares."""
+        if self._threads == 1:
+            return program.run(*given)
+        rows = shares(len(given[0]), self._threads)
+        return sum(each(lambda part: program.run(*(array[part] for array in given)), rows, self._threads))
+
+    def _by_rows(self, formula: Callable[..., Any], *matrices: np.ndarray) -> Any:
+        """A formula of two matrices ``(..., n, m)`` at most, compiled where the filter's formulas are.
+
+        For what is computed between questions to the model; it gives vectors or matrices, one or a tuple of them.
+        """
+        if self._programs is None:
+            return formula(*matrices)
+        batch, sizes = matrices[0].shape[:-2], tuple(matrix.shape[-2:] for matrix in matrices)
+        noted = self._programs.get((formula.__name__, sizes))
+        if noted is None:
+            noted = self._programs[formula.__name__, sizes] = _formula(formula, sizes)
+        rows = [_in_rows(matrix.reshape(*batch, math.prod(size))) for matrix, size in zip(matrices, sizes, strict=True)]
+        own, other = rows[0], rows[-1]
+        out = np.empty((len(own), noted.layout.width))
+        self._run(noted.program, own, other, own, _all(len(own), 1), own, out)
+        results = tuple(out[own].reshape(batch + shape) for own, shape in noted.layout.cuts.values())
+        return results if len(results) > 1 else results[0]
 
     def _noted(
         self, formulas: tuple[str, ...], belief: Record, layout: Layout, u: np.ndarray | None, R: np.ndarray | None
@@ -617,6 +638,16 @@ class _Noted(NamedTuple):
                     out[..., first : first + math.prod(own)] = flat
                     first += math.prod(own)
         return out
+
+
+def _formula(formula: Callable[..., Any], sizes: tuple[tuple[int, int], ...]) -> _Noted:
+    """The program of a formula of matrices of these sizes."""
+    program = Program()
+    results = formula(*(program.given(array, 0, *size) for array, size in enumerate(sizes)))
+    results = results if isinstance(results, tuple) else (results,)
+    found = laid_out(tuple((str(i), result.shape) for i, result in enumerate(results)))
+    program.finish([(result, first) for result, (first, _) in zip(results, found.columns.values(), strict=True)])
+    return _Noted(program, found, (), 0)
 
 
 def _doubtful(updated: Belief, R: np.ndarray) -> np.ndarray:

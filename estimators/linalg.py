@@ -74,6 +74,19 @@ def solve(s: np.ndarray, b: np.ndarray) -> np.ndarray:
         return solution
 
 
+def solve_upper(t: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """``T^-1 B`` for an upper triangular ``T (..., n, n)`` and ``B (..., n, k)``; a singular row comes out as NaN."""
+    if not is_noted(b):
+        return solve(t, b)
+    rows: list[np.ndarray] = []
+    for i in reversed(range(t.shape[-1])):
+        rest = b[..., i, None, :]
+        for j, row in enumerate(rows, i + 1):
+            rest = rest - t[..., i, j] * row
+        rows.insert(0, rest / t[..., i, i])
+    return np.concatenate(rows, -2)
+
+
 def singular(a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Singular values ``(..., n)`` of ``A (..., m, n)``, zeros among them, and V ``(..., n, n)``, column by column."""
     n = a.shape[-1]

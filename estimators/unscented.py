@@ -7,7 +7,7 @@ from estimators.belief import Belief, DelayedInputBelief, Record
 from estimators.checks import number
 from estimators.filter import Filter, Model
 from estimators.kalman import GaussianFilter
-from estimators.linalg import semidefinite_cholesky, solve
+from estimators.linalg import semidefinite_cholesky, solve_upper
 from estimators.models import LinearModel, at_points, steps
 from estimators.unknown_input import NoFeedthroughFilter
 
@@ -44,65 +44,85 @@ class SigmaPoints(Filter[Record]):
         self.alpha, self.beta, self.kappa = alpha, beta, kappa
 
     def _propagate(self, mean: np.ndarray, cov: np.ndarray, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-        model = self.model
-        if isinstance(model, LinearModel):
+        if isinstance(self.model, LinearModel):
             return super()._propagate(mean, cov, u)
-        root = semidefinite_cholesky(cov)
-        mean, slopes, excess = self._transform("transition", mean, root, u, model.n, model.state_angles)
-        return mean, slopes.mT @ slopes + excess
+        values = self._values("transition", self.model.n, mean, self._by_rows(semidefinite_cholesky, cov), u)
+        moved, cov = self._by_rows(self._moments, values)
+        return moved, cov
 
     def _linearise(self, belief: Record, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-        model, mean = self.model, belief.mean
-        if isinstance(model, LinearModel):
+        if isinstance(self.model, LinearModel):
             return super()._linearise(belief, u)
-        root, angles = self._full_root(belief), model.measurement_angles
-        expected, slopes, excess = self._transform("measurement", mean, root, u, model.p, angles)
-        return expected, solve(root.mT, slopes).mT, excess
+        root = self._full_root(belief)
+        values = self._values("measurement", self.model.p, belief.mean, root, u)
+        expected, C, excess = self._by_rows(self._line_of_readings, values, root)
+        return expected, C, excess
 
     def _slopes(self, belief: Record, u: np.ndarray | None) -> np.ndarray:
-        model = self.model
-        if isinstance(model, LinearModel):
+        if isinstance(self.model, LinearModel):
             return super()._slopes(belief, u)
         root = self._full_root(belief)
-        _, slopes, _ = self._transform("transition", belief.mean, root, u, model.n, model.state_angles)
-        return solve(root.mT, slopes).mT
+        values = self._values("transition", self.model.n, belief.mean, root, u)
+        _, A, _ = self._by_rows(self._line_of_states, values, root)
+        return A
 
     def _full_root(self, belief: Record) -> np.ndarray:
         """A root ``(..., n, n)`` of the covariance with an inverse: where it has no spread slopes are derivatives."""
-        root = semidefinite_cholesky(belief.cov)
+        root: np.ndarray = self._by_rows(semidefinite_cholesky, belief.cov)
         flat = np.diagonal(root, axis1=-2, axis2=-1) == 0.0
         if flat.any():
             root = root + (flat * steps(belief.mean, belief.cov, self.model.state_angles))[..., None] * self._identity
         return root
 
-    def _transform(
-        self,
-        name: str,
-        mean: np.ndarray,
-        root: np.ndarray,
-        u: np.ndarray | None,
-        size: int,
-        angles: tuple[int, ...],
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The unscented transform of a function of the model, ``x`` of mean ``(..., n)`` and covariance ``root root'``.
+    def _values(self, name: str, size: int, mean: np.ndarray, root: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+        """A function of the model ``(..., 2 n + 1, size)`` at the points of a mean and a covariance ``root root'``.
+
+        It is anybody's NumPy, and asked once for the points of all rows.
+        """
+        points = self._by_rows(self._points, mean[..., None, :], root)
+        return at_points(name, getattr(self.model, name), points, u, size)
+
+    # --- formulas: of arrays or, compiled, of what stands for them ----------------------------------
+
+    @property
+    def _c2(self) -> float:
+        return self.alpha**2 * (self.model.n + self.kappa)
+
+    def _points(self, centre: np.ndarray, root: np.ndarray) -> np.ndarray:
+        offsets = np.sqrt(self._c2) * root.mT  # rows: along the columns of the root
+        return np.concatenate([centre + 0.0 * offsets[..., :1, :], centre + offsets, centre - offsets], axis=-2)
+
+    def _transform(self, values: np.ndarray, angles: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The unscented transform of a function's values ``(..., 2 n + 1, k)`` at the points.
 
         Returns:
             The mean ``(..., k)``, the slopes ``a (..., n, k)`` along the columns of the root, and what the covariance
             ``(..., k, k)`` has beyond ``a' a``.
         """
-        n = mean.shape[-1]
-        c2 = self.alpha**2 * (n + self.kappa)
-        offsets = np.sqrt(c2) * root.mT  # rows: along the columns of the root
-        centre = mean[..., None, :]
-        points = np.concatenate([centre + 0.0 * offsets[..., :1, :], centre + offsets, centre - offsets], axis=-2)
-        values = at_points(name, getattr(self.model, name), points, u, size)
+        n, c2 = self.model.n, self._c2
         centre = values[..., 0, :]
-        above, below = np.split(difference(values[..., 1:, :], centre[..., None, :], angles), 2, axis=-2)
+        apart = difference(values[..., 1:, :], centre[..., None, :], angles)
+        above, below = apart[..., :n, :], apart[..., n:, :]
         slopes = (above - below) / (2.0 * np.sqrt(c2))
         bends = (above + below) / (2.0 * c2)
         shift = bends.sum(-2)
         excess = c2 * (bends.mT @ bends) + (self.beta - self.alpha**2) * shift[..., :, None] * shift[..., None, :]
         return centre + shift, slopes, excess
+
+    def _moments(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Mean and covariance of the next state."""
+        mean, slopes, excess = self._transform(values, self.model.state_angles)
+        return mean, slopes.mT @ slopes + excess
+
+    def _line_of_states(self, values: np.ndarray, root: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The mean of the next state, the statistical linearisation, and the covariance of what that leaves out."""
+        mean, slopes, excess = self._transform(values, self.model.state_angles)
+        return mean, solve_upper(root.mT, slopes).mT, excess
+
+    def _line_of_readings(self, values: np.ndarray, root: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Likewise of the reading."""
+        mean, slopes, excess = self._transform(values, self.model.measurement_angles)
+        return mean, solve_upper(root.mT, slopes).mT, excess
 
 
 class UnscentedKalmanFilter(SigmaPoints[Belief], GaussianFilter):

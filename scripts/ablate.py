@@ -1,25 +1,16 @@
 """Run a study file and write its report: ``python -m scripts.ablate studies/quick.toml``."""
 
-import json
 import re
-import shutil
 import sys
 from pathlib import Path
 from typing import Annotated
 
 import tyro
-from rich.console import Console
 
-from agents.cells import check_scheduler, run
-from agents.files import check_folder, replacing
-from agents.studies.answer import answer
-from agents.studies.examples import examples
-from agents.studies.plan import plan
-from agents.studies.report import write_report
-from agents.studies.results import Results
-from agents.studies.study import FEW_SEEDS, read_study
 from scripts.console import asked, cell_progress, command, in_range
-from vessel_gym.extras import require
+
+STUDIES = {path.stem: path for path in sorted(Path(__file__).parents[1].glob("studies/*.toml"))}
+"""Those that come with vessel-gym, by their names."""
 
 
 def main(
@@ -35,7 +26,8 @@ def main(
     again: it goes on with what is missing. Several machines may share the folder.
 
     Args:
-        study: The study file (TOML); docs/studies.md says what it holds.
+        study: The study file (TOML; docs/studies.md says what it holds), or the name of one that comes with vessel-gym,
+            e.g. quick.
         out: Folder for results and report; results/ and the name of the study file if not given.
         jobs: Processes on this machine.
         scheduler: Address of a Dask scheduler whose workers compute instead, e.g. tcp://10.0.0.1:8786.
@@ -44,12 +36,31 @@ def main(
     Returns:
         The exit status: 1 if something failed or is missing.
     """
+    import json
+    import shutil
+
+    from rich.console import Console
+
+    from agents.cells import check_scheduler, run
+    from agents.files import check_folder, replacing
+    from agents.studies.answer import answer
+    from agents.studies.examples import examples
+    from agents.studies.plan import plan
+    from agents.studies.report import write_report
+    from agents.studies.results import Results
+    from agents.studies.study import FEW_SEEDS, read_study
+    from estimators.factory import unknown
+    from vessel_gym.extras import require
+
     require("matplotlib", "jinja2", "joblib")  # before the flights, not after them
     if scheduler is not None:
         require("dask", "distributed")
     out = Path("results") / study.stem if out is None else out
     with asked():
         part = _shard(shard)
+        study = STUDIES.get(str(study), study)
+        if not study.suffix and not study.exists():
+            raise ValueError(f"{unknown('study', str(study), STUDIES)} (your own: a file, e.g. mine.toml)")
         in_range("--jobs", jobs, 1)
         if scheduler is not None:
             check_scheduler(scheduler)

@@ -1,25 +1,28 @@
-"""What the commands share: parsing, one-sentence errors, progress."""
+"""What the commands share: parsing, one-sentence errors, progress.
+
+Whatever takes time to import is imported where it is used, here and in the commands: ``--help`` answers at once.
+"""
+
+from __future__ import annotations
 
 import functools
 import io
+import os
 import re
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stderr
 from datetime import datetime, timedelta
+from importlib.util import find_spec
 from itertools import count, pairwise
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import gymnasium as gym
 import tyro
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from agents.cells import Status
-from estimators.checks import shown
-from vessel_gym.extras import missing
+if TYPE_CHECKING:
+    from agents.cells import Status
 
 MOST = 2**31 - 1
 """No number of anything that a command takes may be greater."""
@@ -29,7 +32,9 @@ class Refusal(ValueError):
     """What a user asks for cannot be done; the text says why, and what to do, in one sentence."""
 
 
-def command(main: Callable[..., int | None], arguments: Sequence[str] | None = None) -> int | None:
+def command(
+    main: Callable[..., int | None], arguments: Sequence[str] | None = None, name: str | None = None
+) -> int | None:
     """Run a command line: bad input ends in one sentence and exit status 2, never in a traceback.
 
     Bad input is what the parser or `asked` refuses, and what the machine has no room or no right for. Any other error
@@ -38,21 +43,25 @@ def command(main: Callable[..., int | None], arguments: Sequence[str] | None = N
     Args:
         main: The command, a function with annotated arguments.
         arguments: What follows the command's name; None: those of this process.
+        name: Of the command, as it was called; None: that of this process.
 
     Returns:
         What the command returns: its exit status, if it has one.
     """
     try:
-        return _parsed(main, arguments)()
-    except ModuleNotFoundError as error:
-        sentence = missing(error.name)
+        return _parsed(main, arguments, name)()
+    except ImportError as error:
+        sentence = _lacking(error)
         if sentence is None:
             raise
-        sys.exit(_complain(sentence))
+        sys.exit(complain(sentence))
+    except BrokenPipeError:  # whoever read stdout has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(1)
     except (Refusal, OSError) as error:
-        sys.exit(_complain(str(error)))
+        sys.exit(complain(str(error)))
     except MemoryError as error:
-        sys.exit(_complain(f"this machine has too little memory for that: {error or 'ask for less'}"))
+        sys.exit(complain(f"this machine has too little memory for that: {error or 'ask for less'}"))
     except KeyboardInterrupt:
         sys.exit(130)
 
@@ -60,6 +69,8 @@ def command(main: Callable[..., int | None], arguments: Sequence[str] | None = N
 @contextmanager
 def asked() -> Iterator[None]:
     """Around what is built from the user's words: whatever is refused there is the user's mistake."""
+    import gymnasium as gym
+
     try:
         yield
     except (ValueError, TypeError, gym.error.Error) as error:
@@ -78,7 +89,9 @@ def in_range(name: str, number: int, least: int, most: int = MOST) -> None:
         raise ValueError(f"{name} must be at most {most}, got {number}")
 
 
-def _parsed(main: Callable[..., int | None], arguments: Sequence[str] | None) -> Callable[[], int | None]:
+def _parsed(
+    main: Callable[..., int | None], arguments: Sequence[str] | None, name: str | None
+) -> Callable[[], int | None]:
     """The call of a command that a command line asks for.
 
     Raises:
@@ -92,13 +105,13 @@ def _parsed(main: Callable[..., int | None], arguments: Sequence[str] | None) ->
     given = sys.argv[1:] if arguments is None else list(arguments)
     for before, word in pairwise(["", *given]):
         if not word:  # which would be taken for a path: that of the present folder
-            raise Refusal(f"the argument after {shown(before)} is empty" if before else "the first argument is empty")
+            raise Refusal(f"the argument after {before!r} is empty" if before else "the first argument is empty")
         if word.startswith("--") and word.endswith("="):
             raise Refusal(f"{word[:-1]} is given an empty word")
     box = io.StringIO()
     try:
         with redirect_stderr(box):
-            return tyro.cli(call, args=arguments)
+            return tyro.cli(call, args=arguments, prog=name)
     except SystemExit as stop:
         if stop.code != 2:
             raise
@@ -121,7 +134,32 @@ def _boxed(text: str) -> str:
     return f"{sentence.rstrip('.')}{f' (did you mean {meant[1]}?)' if meant else ''}; --help tells what there is"
 
 
-def _complain(text: str) -> int:
+def _lacking(error: ImportError) -> str | None:
+    """What to say of a module that cannot be imported; None if it is a mistake of ours.
+
+    ``agents`` is also what other distributions call a module of theirs, which lies in place of ours or before it.
+    """
+    from importlib.metadata import packages_distributions
+
+    import vessel_gym
+    from vessel_gym.extras import missing
+
+    found, ours = find_spec("agents"), Path(vessel_gym.__file__).parents[1] / "agents" / "__init__.py"
+    if found is None or found.origin is None or Path(found.origin) != ours:
+        return f"vessel-gym needs its own module agents, but {found and found.origin} is found first: {_APART}"
+    others = set(packages_distributions().get("agents", ())) - {"vessel-gym"}
+    if others:
+        return f"{', '.join(sorted(others))} has written over vessel-gym's module agents: {_APART}"
+    return missing(error.name) if isinstance(error, ModuleNotFoundError) else None
+
+
+_APART = "install vessel-gym into an environment of its own (python -m venv)"
+
+
+def complain(text: str) -> int:
+    """Tell a user in red what is wrong, and return the exit status of whoever was told."""
+    from rich.console import Console
+
     paragraph = "\n".join(line for line in text.splitlines() if line.strip())
     Console(stderr=True, soft_wrap=True).print(f"error: {paragraph}", style="red", markup=False, highlight=False)
     return 2
@@ -148,6 +186,9 @@ class _Lines:
 @contextmanager
 def training_progress(title: str) -> Iterator[Callable[[int, int, float], None]]:
     """Progress for `agents.ppo.train`: steps, mean score of late episodes; a bar or, without a terminal, lines."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
     if not Console(stderr=True).is_terminal:
         lines = _Lines(title)
         yield lambda done, total, score: lines(done, max(done, total), f"score {score:.3f}")
@@ -166,6 +207,9 @@ def training_progress(title: str) -> Iterator[Callable[[int, int, float], None]]
 @contextmanager
 def progress_bar(title: str, total: int) -> Iterator[Callable[[], None]]:
     """Progress over ``total`` equal pieces of work; call what it yields after each."""
+    from rich.console import Console
+    from rich.progress import Progress
+
     if not Console(stderr=True).is_terminal:
         lines, done = _Lines(title), count(1)
         yield lambda: lines(next(done), total)
@@ -178,6 +222,9 @@ def progress_bar(title: str, total: int) -> Iterator[Callable[[], None]]:
 @contextmanager
 def cell_progress(title: str) -> Iterator[Callable[[Status], None]]:
     """Progress for `agents.cells.run`: cells done and when all will be, in a bar or, without a terminal, in lines."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
     if not Console(stderr=True).is_terminal:
         lines = _Lines(title)
         yield lambda status: lines(status.done + status.failed, status.total, _end(status))
@@ -204,6 +251,17 @@ def _end(status: Status) -> str:
         return f"{failed}measuring how long it takes"
     end = datetime.now() + timedelta(seconds=status.seconds_left)
     return f"{failed}ends about {end:%H:%M:%S}, in {timedelta(seconds=round(status.seconds_left))}"
+
+
+def in_checkout() -> None:
+    """Refuse to write pages of the repository where it is not.
+
+    Raises:
+        Refusal: outside of a checkout.
+    """
+    root = Path(__file__).parents[1]
+    if not (root / "docs").is_dir():
+        raise Refusal(f"this writes pages of the repository, and {root} is none: run it in a checkout")
 
 
 def put(page: Path, mark: str, text: str) -> None:

@@ -12,7 +12,7 @@ from agents.files import replacing
 from agents.plotting import PALETTE, styled
 from agents.statistics import mean_interval
 from estimators.factory import unknown
-from scripts.console import asked, command, in_range, progress_bar, put
+from scripts.console import asked, command, in_checkout, in_range, progress_bar, put
 from scripts.tables import ROOT, shown, table
 
 PAGE, PICTURE = ROOT / "docs/critic.md", ROOT / "docs/images/critic.png"
@@ -37,6 +37,7 @@ def main(worlds: tuple[str, ...] = tuple(WORLDS), /, runs: int = 5, out: Path = 
         runs: Training seeds.
         out: Folder of the results.
     """
+    in_checkout()
     with asked():
         in_range("--runs", runs, 2)  # one run has no interval
         for name in worlds:

@@ -3,13 +3,6 @@
 from contextlib import closing
 from typing import Any
 
-import gymnasium as gym
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
-
-from agents.page import words
-from agents.studies.worlds import environment_id
 from scripts.console import asked, command, in_range, progress_bar
 
 
@@ -41,9 +34,16 @@ def main(
         first_seed: First evaluation seed.
         trust: Load a checkpoint that vessel-gym did not write, although it can run any code.
     """
+    import gymnasium as gym
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
     from agents import load_agent, rollout
+    from agents.page import words
     from agents.scores import mean, metrics, scores
     from agents.seeds import evaluation_seeds
+    from agents.studies.worlds import environment_id
 
     world: dict[str, Any] = {"sensors": sensors, "disturbance": disturbance, "mismatch": mismatch, "observe": observe}
     with asked():

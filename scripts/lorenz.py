@@ -1,17 +1,13 @@
 """Hold the ensemble and particle filters against published scores: ``python -m scripts.lorenz``."""
 
-from functools import partial
+from __future__ import annotations
 
-import numpy as np
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.markup import escape
-from rich.progress import Progress
-from rich.table import Table
+from typing import TYPE_CHECKING
 
-from agents.statistics import mean_interval
-from estimators.lorenz import BENCHMARKS, analysis_rmse
-from scripts.console import asked, command, in_range
+from scripts.console import asked, command, in_range, progress_bar
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 TOLERANCE = 1.05
 """The lower end of our interval may be this many times the published value."""
@@ -29,17 +25,22 @@ def main(runs: int = 20, cycles: int = 1000, seed: int = 0) -> None:
         cycles: Analyses that are scored in each run, after the burn-in.
         seed: Of everything random.
     """
+    import numpy as np
+    from rich.console import Console
+    from rich.markup import escape
+
+    from agents.statistics import mean_interval
+    from estimators.lorenz import BENCHMARKS, analysis_rmse
+
     with asked():
         in_range("runs", runs, 2)  # one run has no interval
         in_range("cycles", cycles, 1)
         in_range("seed", seed, 0)
     sources = list(dict.fromkeys(row.source for row in BENCHMARKS))
     tables: dict[str, Table] = {}
-    with Progress(console=Console(stderr=True)) as bar:
+    with progress_bar("analyses", sum(row.setting.burn_in + cycles for row in BENCHMARKS)) as advance:
         for row in BENCHMARKS:
-            name = f"{row.setting.name}, {row.filters[0]}, {row.members} members"
-            task = bar.add_task(name, total=row.setting.burn_in + cycles)
-            scores = analysis_rmse(row, row.filters[0], runs, cycles, seed, partial(bar.advance, task))
+            scores = analysis_rmse(row, row.filters[0], runs, cycles, seed, advance)
             interval = mean_interval(scores)
             assert interval is not None, "two runs have an interval"
             within = "yes" if interval.low <= TOLERANCE * row.published else "no"
@@ -60,6 +61,9 @@ def main(runs: int = 20, cycles: int = 1000, seed: int = 0) -> None:
 
 
 def _table(title: str) -> Table:
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+
     table = Table(title=title, box=SIMPLE_HEAD)
     table.add_column("filter", no_wrap=True)
     table.add_column("N", justify="right", no_wrap=True)

@@ -5,14 +5,8 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
-from rich.console import Console
 
-from agents.cells import run
-from agents.files import check_folder
-from agents.page import write
-from agents.reproduction import PAPERS, cells, page
 from scripts.console import asked, cell_progress, command, in_range
-from vessel_gym.extras import require
 
 Name = Literal["all", "corvette", "segorogeni", "itsunusa", "robust", "puna"]
 
@@ -35,6 +29,14 @@ def main(
     Returns:
         The exit status: 1 if an experiment failed.
     """
+    from rich.console import Console
+
+    from agents.cells import run
+    from agents.files import check_folder
+    from agents.page import write
+    from agents.reproduction import PAPERS, cells, page
+    from vessel_gym.extras import require
+
     require("matplotlib", "jinja2", "joblib")  # before the experiments, not after them
     with asked():
         if not papers:

@@ -10,8 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.statistics import crossed_interval
-from scripts.console import Refusal, command, progress_bar, put
+from scripts.console import Refusal, command, in_checkout, progress_bar, put
 
 ROOT = Path(__file__).parents[1]
 EPISODES = 100
@@ -327,21 +326,26 @@ def _flown(env_id: str, estimator: str | None, options: dict[str, Any], world: d
         return why.split(": ")[-1 if why.startswith("cannot") else 0]
 
 
-def ablation(results: Path) -> str:
+ABLATED = (
+    "truth", "kf-umv-ui", "ekf told waves", "ekf", "ekf, no current", "kf told d", "kf", "measurement",
+    "dead-reckoning",
+)  # fmt: skip
+"""Of the corvette's study, what her page shows."""
+HEADLINE = ("truth", "kf-umv-ui", "ekf", "kf", "measurement", "dead-reckoning")
+"""And the README."""
+
+
+def ablation(results: Path, estimators: Sequence[str] = ABLATED, agents: Sequence[str] = ("autopilot", "PPO")) -> str:
     """Scores of the corvette's study, by its condition and agent."""
     with (results / "episodes.csv").open(encoding="utf-8") as file:
         episodes = list(csv.DictReader(file))
     scores: dict[tuple[str, ...], dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
     for one in sorted(episodes, key=lambda one: int(one["seed"])):
         scores[one["condition"], one["agent"], one["estimator"]][one["training_seed"]].append(float(one["score"]))
-    estimators = (
-        "truth", "kf-umv-ui", "ekf told waves", "ekf", "ekf, no current", "kf told d", "kf", "measurement",
-        "dead-reckoning",
-    )  # fmt: skip
     rows = [
         (f"{sea}, {agent}",
          *(shown(np.array(list(scores[sea, agent, name].values()))) for name in estimators))
-        for sea in ("moderate", "rough") for agent in ("autopilot", "PPO")
+        for sea in ("moderate", "rough") for agent in agents
     ]  # fmt: skip
     return table(("Score", *estimators), rows)
 
@@ -424,6 +428,58 @@ def _without_a_fix(way: Way, times: Sequence[float]) -> list[str]:
     return [*cells, f"{np.sqrt(variance.sum(1).mean()):.2f}", f"{heading[0]:.3g}"]
 
 
+WATCHED = {"Segorogeni": ("SegorogeniAUV-v0", "acoustic position"), "PUNA": ("PunaUAV-v0", "GNSS")}
+"""Vehicles, and the fix of each, whose first two channels are its place."""
+MONITORS = ("cusum", "chi-square")
+STATED = 1e-4
+"""The rate of false alarms a step that monitors are asked for."""
+WRONG = {
+    "off": "off", "stuck": "stuck", "bias": "bias, 4 σ in plan", "drift": "drift, 0.4 σ/s in plan",
+    "scale": "scale, 1.1", "garbage": "garbage, 10 σ",
+}  # fmt: skip
+"""Faults of a fix by their kind; σ is what it says of itself."""
+
+
+def alarms() -> str:
+    """What monitors find of faults of a fix, and how often they raise an alarm in vain."""
+    ways = [(*vehicle, monitor) for vehicle in WATCHED.values() for monitor in MONITORS]
+    rows = []
+    for estimator in ("ekf", "enkf"):
+        found = (_watched(*way, estimator) for way in ways)
+        rows.append((f"no fault, `{estimator}`", *(f"{number(of['false_alarms'], 1)} an hour" for of in found)))
+    for kind, label in WRONG.items():
+        rows.append((label, *(_finding(_watched(*way, "ekf", kind)) for way in ways)))
+    return table(("", *(f"{name}, `{monitor}`" for name in WATCHED for monitor in MONITORS)), rows)
+
+
+def _finding(of: dict[str, np.ndarray]) -> str:
+    """Share of the faults that were detected, after how long, and in how many of these the right sensor is accused."""
+    detected = np.nanmean(of["detected"])
+    if detected == 0.0:
+        return "0 %"
+    return f"{detected:.0f} %; {np.nanmean(of['detection_delay']):.1f} s; {np.nanmean(of['right_sensor']):.0f} %"
+
+
+def _watched(env_id: str, fix: str, monitor: str, estimator: str, kind: str | None = None) -> dict[str, np.ndarray]:
+    """Figures of `EPISODES` flights under a monitor, with a fault of the fix that begins after 10 to 20 s."""
+    from agents import rollout
+    from agents.scores import scores
+    from agents.seeds import evaluation_seeds
+    from agents.studies.worlds import system_of
+    from vessel_gym.sensor_faults import SensorFault
+
+    faults = []
+    if kind is not None:
+        (sd,) = (np.array(sensor.sd) for sensor in system_of(env_id).vehicle.sensors if sensor.name == fix)
+        plan = np.where(np.arange(len(sd)) < 2, sd, 0.0)
+        sizes = {"bias": 4.0 * plan, "drift": 0.4 * plan, "scale": np.full(len(sd), 1.1), "garbage": 10.0 * sd}
+        size = tuple(sizes[kind].tolist()) if kind in sizes else None
+        faults = [SensorFault(fix, kind, size, begin=(10.0, 20.0))]
+    watch = {"monitor": {"kind": monitor, "false_alarms": STATED}}
+    world = {"estimator": estimator, "estimator_options": watch, "sensor_faults": faults}
+    return scores(rollout("autopilot", env_id, evaluation_seeds(EPISODES), world))
+
+
 def rows_of(page: Path) -> str:
     """The table alone of a report's page."""
     return "\n".join(line for line in page.read_text(encoding="utf-8").splitlines() if line.startswith("|"))
@@ -436,6 +492,8 @@ def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 def shown(values: np.ndarray) -> str:
     """The mean ``(seeds,)`` or ``(runs, seeds)`` with its 95 % interval."""
+    from agents.statistics import crossed_interval
+
     interval = crossed_interval(np.atleast_2d(values))
     return WITHOUT if interval is None else f"{interval.mean:.3f} ± {interval.half:.3f}"
 
@@ -464,8 +522,10 @@ TABLES: dict[str, tuple[Path, Callable[[], str]]] = {
     "inputs": (ROOT / "docs/estimators/unknown-input.md", inputs),
     "faults": (ROOT / "docs/estimators/unknown-input-faults.md", faults),
     "faults found": (ROOT / "docs/estimators/unknown-input-faults.md", faults_found),
-    "latency": (ROOT / "docs/time-at-sea.md", lambda: latency(ROOT / "results/latency")),
-    "gap": (ROOT / "docs/time-at-sea.md", gap),
+    "latency": (ROOT / "docs/late-fixes.md", lambda: latency(ROOT / "results/latency")),
+    "gap": (ROOT / "docs/late-fixes.md", gap),
+    "alarms": (ROOT / "docs/time-at-sea.md", alarms),
+    "headline": (ROOT / "README.md", lambda: ablation(ROOT / "results/ablation", HEADLINE, ("autopilot",))),
     "ablation": (ENVIRONMENTS / "sigma-corvette.md", lambda: ablation(ROOT / "results/ablation")),
     "shares": (ROOT / "docs/findings.md", lambda: rows_of(ROOT / "results/quick/tables/ranking.md")),
 }
@@ -481,6 +541,7 @@ def main(names: tuple[str, ...] = tuple(TABLES), /) -> None:
     Args:
         names: Which.
     """
+    in_checkout()
     for name in names:
         if name not in TABLES:
             raise Refusal(f"there is no table {name!r}: known are {', '.join(TABLES)}")

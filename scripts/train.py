@@ -3,10 +3,6 @@
 from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
-
-from agents.files import check_file
-from agents.studies.worlds import environment_id
 from scripts.console import asked, command, in_range, training_progress
 
 
@@ -39,7 +35,11 @@ def main(
         seed: Number of the training run.
         steps: Environment steps; the tuned budget if not given.
     """
+    import gymnasium as gym
+
+    from agents.files import check_file
     from agents.ppo import describe, train
+    from agents.studies.worlds import environment_id
 
     options: dict[str, Any] = {
         "estimator": estimator,

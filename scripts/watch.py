@@ -1,27 +1,25 @@
 """Watch an agent steer: ``python -m scripts.watch SigmaCorvette-v0 --disturbance rough --out turn.gif``."""
 
+from __future__ import annotations
+
 import os
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import gymnasium as gym
-import numpy as np
-from rich.console import Console
-from rich.progress import track
+from scripts.console import asked, command, in_range, progress_bar
 
-from agents.files import check_file, replacing
-from agents.studies.worlds import environment_id
-from scripts.console import asked, command, in_range
-from vessel_gym.extras import require
+if TYPE_CHECKING:
+    import gymnasium as gym
+    import numpy as np
+
+    Env = gym.Env[np.ndarray, np.ndarray]
+    Episode = Iterator[tuple[bool, float]]
 
 FPS = 12
 """Frames a second of a GIF or MP4."""
 SUFFIXES = (".gif", ".mp4", ".png")
-
-Env = gym.Env[np.ndarray, np.ndarray]
-Episode = Iterator[tuple[bool, float]]
 
 
 def main(
@@ -50,7 +48,12 @@ def main(
         every: Keep one frame in this many steps (.gif and .mp4).
         trust: Load a checkpoint that vessel-gym did not write, although it can run any code.
     """
+    import gymnasium as gym
+
     from agents import load_agent
+    from agents.files import check_file
+    from agents.studies.worlds import environment_id
+    from vessel_gym.extras import require
 
     if out is not None:
         require("imageio", "imageio_ffmpeg", "PIL")
@@ -83,6 +86,8 @@ def check_display() -> None:
         ValueError: if there is no display.
         ModuleNotFoundError: without pygame.
     """
+    from vessel_gym.extras import require
+
     require("pygame")
     import pygame
 
@@ -134,15 +139,20 @@ def show(env: Env, episode: Episode) -> float:
 
 def record(env: Env, episode: Episode, out: Path, every: int) -> float:
     """Write an episode to a file; returns the score."""
-    steps = env.spec.max_episode_steps if env.spec else None
+    from agents.files import replacing
+
     last_only = out.suffix.lower() == ".png"
     score = 0.0
-    with replacing(out) as path, closing(_writer(path)) as writer:  # imageio's own exit closes nothing on errors
-        flown = track(episode, f"writing {out.name}", total=steps, console=Console(stderr=True))
-        for step, (done, so_far) in enumerate(flown):
+    with (
+        replacing(out) as path,
+        closing(_writer(path)) as writer,  # imageio's own exit closes nothing on errors
+        progress_bar(f"writing {out.name}", env.get_wrapper_attr("core").task.horizon) as advance,
+    ):
+        for step, (done, so_far) in enumerate(episode):
             score = so_far
             if done or (not last_only and step % every == 0):
                 writer.append_data(env.render())
+            advance()
     return score
 
 

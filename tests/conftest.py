@@ -1,7 +1,30 @@
-"""Hypothesis draws the same examples every time; ``--hypothesis-profile thorough`` draws ten thousand."""
+"""How many examples and cases are tried.
 
+Hypothesis draws the same examples every time; ``--hypothesis-profile thorough`` draws ten thousand. Of a slow test's
+cases ``make test`` runs three, spread over all of them and elsewhere for every test; ``make nightly`` runs them all.
+"""
+
+from collections import defaultdict
+from zlib import crc32
+
+import pytest
 from hypothesis import settings
 
 settings.register_profile("default", derandomize=True, deadline=None)
 settings.register_profile("thorough", settings.get_profile("default"), max_examples=10_000)
 settings.load_profile("default")
+
+CASES = 3
+
+
+@pytest.hookimpl(tryfirst=True)  # before -m selects
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    cases = defaultdict(list)
+    for item in items:
+        if item.get_closest_marker("slow") and not item.get_closest_marker("nightly"):
+            cases[item.nodeid.partition("[")[0]].append(item)
+    for test, group in cases.items():
+        kept = {(crc32(test.encode()) + i * len(group) // CASES) % len(group) for i in range(CASES)}
+        for i, item in enumerate(group):
+            if i not in kept:
+                item.add_marker("nightly")

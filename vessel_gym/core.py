@@ -28,8 +28,8 @@ from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Sensor, Sensors, columns
 from vessel_gym.system import Estimate, System
 
-OBSERVE = ("mean", "mean+std", "measurement")
-"""What may be observed: estimates, with their standard deviations, or raw readings."""
+OBSERVE = ("mean", "mean+std", "mean+alarms", "mean+std+alarms", "measurement")
+"""What may be observed: estimates, with their standard deviations and a monitor's alarms, or raw readings."""
 ENDS = ("belief", "declaration", "task")
 """Who says that a mission is done: what the estimator believes, the agent, or the task, which knows the truth."""
 DECLARED = 0.5
@@ -140,6 +140,7 @@ class Core:
         self.tally: np.ndarray  # what the score remembers
         sizes = self.task.sizes(self.sensors.size, len(self.composition.names))
         self.observation_size = sum(sizes[part] for part in observed(observe, self.guidance))
+        self.observation_size += len(alarming(observe, self.loop))
 
     def attach(self, system: System) -> None:
         """Take what is the same for all copies from the system, and build the filter: a copied core needs it again."""
@@ -515,8 +516,10 @@ class Core:
         else:
             mission = task.observe_mission(course, steps, self.actuators)
             parts = [task.observe_state(estimate, course), mission]
-        if self.observe_mode == "mean+std":
+        if "std" in self.observe_mode:
             parts.append(task.observe_std(estimate))
+        if "alarms" in self.observe_mode:
+            parts.append(self.loop.alarms)
         return parts
 
     def _estimate(self, belief: Belief, told: Composition) -> Estimate:
@@ -526,7 +529,7 @@ class Core:
         if input_mean is not None and not input_mean.shape[-1]:
             input_mean = None
         flow = told.flow(mean, input_mean)
-        if self.observe_mode != "mean+std":
+        if "std" not in self.observe_mode:
             return Estimate(state, flow, input_mean)
         variance = np.maximum(belief.cov.diagonal(0, -2, -1), 0.0)
         known = (
@@ -582,6 +585,8 @@ class Core:
             happened["refused"] = self.loop.refused
         if self.sensors.faults:
             happened["sensor_faults"] = self.loop.faulty(self.steps)
+        if self.loop.monitor is not None:
+            happened["alarms"] = self.loop.alarms
         return happened
 
     def checked(
@@ -722,7 +727,22 @@ def observed(observe: str, guidance: bool) -> tuple[str, ...]:
     """The parts of an observation, in the words of `vessel_gym.system.Task.sizes`."""
     if observe == "measurement":
         return *(("guided",) if guidance else ()), "readings", "mission"
-    return "guided" if guidance else "unguided", *(("std",) if observe == "mean+std" else ())
+    return "guided" if guidance else "unguided", *(("std",) if "std" in observe else ())
+
+
+def alarming(observe: str, loop: Loop) -> tuple[str, ...]:
+    """Names of the sensors whose alarms an observation shows behind all else.
+
+    Raises:
+        ValueError: if it shows some, and no monitor watches.
+    """
+    if "alarms" not in observe:
+        return ()
+    if loop.monitor is None:
+        raise ValueError(
+            f'observe="{observe}" shows the alarms of a monitor: give one, estimator_options={{"monitor": "cusum"}}'
+        )
+    return loop.monitor.names
 
 
 def joint_prior(cov: np.ndarray, forces: Forces, sensors: Sensors) -> np.ndarray:

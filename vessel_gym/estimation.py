@@ -1,15 +1,29 @@
 """The estimators that only an environment can have, and how an environment builds one by name."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from estimators import Belief, Filter, GaussianFilter, InputBelief, LinearModel, Reading, Rng, factory, wrap
+from estimators import (
+    Belief,
+    ChiSquareMonitor,
+    CusumMonitor,
+    FaultMonitor,
+    Filter,
+    GaussianFilter,
+    InputBelief,
+    LinearModel,
+    Reading,
+    Rng,
+    factory,
+    wrap,
+)
 from estimators.checks import number, shown
 from estimators.kalman import unseen_input
 from estimators.models import resolve
+from estimators.unknown_input import UnknownInputFilter
 from vessel_gym import checks
 from vessel_gym.acceptance import check_input, check_own
 from vessel_gym.composition import Composition, Forces, checked_told, compose, unknown_inputs
@@ -19,6 +33,8 @@ from vessel_gym.system import System
 
 LATE = ("fused", "as new", "discarded")
 """What is done with readings that come late: fused where they belong, taken for new ones, or thrown away."""
+MONITORS: dict[str, type[FaultMonitor]] = {"chi-square": ChiSquareMonitor, "cusum": CusumMonitor}
+"""What may watch a filter's innovations for faults of sensors, by name."""
 ENVIRONMENT_ONLY = ("truth", "measurement", "dead-reckoning")
 
 
@@ -212,6 +228,7 @@ class Estimation:
         prior: Factor on the covariance of what is known at the start.
         inputs: What is kept of the unknown input for scoring: the filter's d; if it has none, see `unknown_inputs`.
         late: What is done with readings that come late: one of `LATE`.
+        monitor: What watches its innovations for faults of sensors; None: nothing does.
     """
 
     filter: Filter
@@ -219,6 +236,7 @@ class Estimation:
     prior: float
     inputs: tuple[str, ...]
     late: str = LATE[0]
+    monitor: FaultMonitor | None = None
 
 
 def build(
@@ -234,8 +252,8 @@ def build(
         system: The environment's system.
         estimator: One of `estimator_names`, or a function of the model (and options) that returns a filter.
         options: The filter's own options, over the system's tuning; ``model`` chooses the kind of the filter's model,
-            ``told`` what it is told (see `Told`), ``late`` what is done with late readings (one of `LATE`); the oracle
-            knows better.
+            ``told`` what it is told (see `Told`), ``late`` what is done with late readings (one of `LATE`), ``monitor``
+            what watches it (see `monitor_of`); the oracle knows better.
         sensors: The sensors, which the filter knows.
         disturbance: What acts.
 
@@ -254,6 +272,7 @@ def build(
     if not own and (not isinstance(estimator, str) or estimator not in estimator_names()):
         raise ValueError(factory.unknown("estimator", estimator, accepted(system, sensors, disturbance)))
     told, late = Told.of(options.pop("told", None)), checks.one_of("value of late", options.pop("late", LATE[0]), LATE)
+    monitor = options.pop("monitor", None)
     if estimator == "truth":  # whatever the others are told, it knows what there is
         told = Told()
     default = system.filter_models.get(str(estimator), system.filter_model)
@@ -277,7 +296,7 @@ def build(
             raise TypeError(f"estimator must return an estimators.Filter, got {type(made).__name__}")
         check_own(made, composition)
         check_input(made, composition)
-        return Estimation(made, composition, told.prior, inputs, late)
+        return Estimation(made, composition, told.prior, inputs, late, monitor_of(monitor, sensors, made))
     assert isinstance(estimator, str)
     if estimator in ENVIRONMENT_ONLY and options:
         raise TypeError(f"{estimator} has no option {next(iter(options))!r}: it takes model, told and late")
@@ -290,7 +309,46 @@ def build(
     if model is not straight:  # what the filter calls the input of a step is that of the next one, or of the one before
         made.input_delay = 0 if composition.late else 1
     check_input(made, composition)
-    return Estimation(made, composition, told.prior, inputs, late)
+    return Estimation(made, composition, told.prior, inputs, late, monitor_of(monitor, sensors, made))
+
+
+def monitor_of(choice: object, sensors: Sensors, filter: Filter) -> FaultMonitor | None:
+    """What watches a filter for faults of its sensors.
+
+    Args:
+        choice: One of `MONITORS`; a dictionary of its ``kind`` and its options; a `FaultMonitor` class, or any function
+            of the sensors' channels by name that returns a monitor; None: nothing.
+        sensors: The sensors.
+        filter: What is watched.
+
+    Raises:
+        ValueError: for a kind or a value that there is not, or a filter whose innovations say nothing of faults.
+        TypeError: for an option that the monitor does not have, or what makes no monitor.
+    """
+    if choice is None:
+        return None
+    if isinstance(filter, Oracle | DeadReckoning | HeldMeasurement):
+        raise ValueError(f"{filter.name} has no innovations that a monitor could watch: choose a filter, or no monitor")
+    if isinstance(filter, UnknownInputFilter):
+        raise ValueError(
+            f"the innovations of {filter.name} carry its unknown input, so that a monitor cannot tell it from a fault: "
+            "choose a filter that is told of the input as noise, or no monitor"
+        )
+    channels = {sensor.name: np.flatnonzero(sensors.owner == i).tolist() for i, sensor in enumerate(sensors.each)}
+    if callable(choice):
+        made = choice(channels)
+        if not isinstance(made, FaultMonitor):
+            raise TypeError(f"monitor must return an estimators.FaultMonitor, got {type(made).__name__}")
+        return made
+    if not isinstance(choice, str | Mapping):
+        raise TypeError(
+            f"monitor must be a name, a dictionary of its kind and options, a FaultMonitor class or a function of the "
+            f"sensors' channels that returns a monitor, got {shown(choice)}"
+        )
+    options = checks.options("monitor", {"kind": choice} if isinstance(choice, str) else choice)
+    kind = checks.one_of("kind of monitor", options.pop("kind", None), MONITORS)
+    factory.check_options(kind, MONITORS[kind], options)
+    return MONITORS[kind](channels, **options)
 
 
 def _made(system: System, name: str, options: dict[str, Any], composition: Composition, factor: float) -> Filter:

@@ -8,7 +8,6 @@ EXTRAS = {
     "render": ("pygame", "imageio", "imageio_ffmpeg", "PIL"),
     "cluster": ("dask", "distributed"),
     "benchmark": ("filterpy",),
-    "commands": ("tyro", "rich"),
 }
 """Modules by the extra that brings them, as in pyproject.toml; some come with others, too."""
 

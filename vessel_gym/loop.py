@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from estimators import Belief, Delayed, Gaussian, Numbers
+from estimators import Belief, Delayed, Gaussian, Numbers, Watch
 from vessel_gym.arrivals import Faulty, Readings, Transit, of_now, youngest
 from vessel_gym.estimation import Estimation, Oracle
 from vessel_gym.sensors import Sensors
@@ -25,6 +25,7 @@ class Loop:
         come: What has come last, ``(B, p)``, or by age ``(B, ages, p)`` where sensors are late,
         readings: and of that the youngest reading of each channel.
         belief: What the filter believes.
+        watch: What the monitor has seen, where there is one.
     """
 
     def __init__(self, sensors: Sensors, estimation: Estimation, rows: int) -> None:
@@ -38,12 +39,13 @@ class Loop:
         self.come: Readings = tuple(np.zeros((rows, *ages, sensors.size), kind) for kind in (float, bool))  # type: ignore
         self.readings: Readings = youngest(self.come) if ages else self.come
         self.belief: Belief
+        self.watch: Watch
         self._refused = np.zeros(rows, int)
 
     def attach(self, sensors: Sensors, estimation: Estimation) -> None:
         """Take what is no state: a copy of a loop needs it again."""
         self.sensors, self.composition = sensors, estimation.composition
-        self.filter, self._prior_factor = estimation.filter, estimation.prior
+        self.filter, self._prior_factor, self.monitor = estimation.filter, estimation.prior, estimation.monitor
         self.tells_truth = isinstance(self.filter, Oracle)
         """Whether the filter is the declared exception, whose reading is the truth."""
         self._late = estimation.late
@@ -111,6 +113,9 @@ class Loop:
             self.belief = belief
         else:
             self.belief = self.belief.with_rows(rows, belief)
+        if self.monitor is not None:
+            watch = self._watched(self.monitor.start(len(belief.mean)), belief)
+            self.watch = watch if rows is None else self.watch.with_rows(rows, watch)
         return belief
 
     def estimate(self, readings: Readings, u: np.ndarray, steps: np.ndarray) -> None:
@@ -120,10 +125,18 @@ class Loop:
             self.belief = self.filter._advance(self.belief, u, *self._told(readings), rng)
         else:
             self.belief = self._update(self._asked.predict(self.belief, u, rng=rng), readings, rng)
+        if self.monitor is not None:
+            self.watch = self._watched(self.watch, self.belief)
 
     def faulty(self, steps: np.ndarray) -> np.ndarray:
         """Which of the sensors' faults act in rows that are ``steps (B,)`` after their start: ``(B, faults)``."""
         return np.zeros((self.rows, 0), bool) if self._faults is None else self._faults.on(steps)
+
+    @property
+    def alarms(self) -> np.ndarray:
+        """Which sensors the monitor accuses now ``(B, sensors)``, in the order of its names."""
+        assert self.monitor is not None
+        return np.asarray(self.watch.accused[:, None] == np.arange(len(self.monitor.names)))
 
     @property
     def refused(self) -> np.ndarray:
@@ -152,6 +165,18 @@ class Loop:
             y, available = y.copy(), None if available is None else available.copy()
         return self._asked.update(belief, y, rng=rng, available=available, u=u)
 
+    def _watched(self, watch: Watch, belief: Any) -> Watch:
+        """What the monitor says after an update of all rows of ``watch``.
+
+        Of readings that are fused where they belong it sees a step when none can reach it any more: innovations of
+        before would change with each that comes, and be independent no more.
+        """
+        assert self.monitor is not None
+        if not self._fuses:
+            return self.monitor.watch(watch, belief)
+        rows, settled = self._asked.settled(belief)
+        return watch if settled is None else watch.with_rows(rows, self.monitor.watch(watch[rows], settled))
+
     def _told(self, readings: Readings) -> tuple[np.ndarray, np.ndarray | None]:
         """Readings and mask, as filters take them."""
         if self.tells_truth:
@@ -176,4 +201,4 @@ def _merged(whole: Readings, rows: np.ndarray | None, some: Readings) -> Reading
     return y, available
 
 
-_ATTACHED = ("sensors", "composition", "filter", "_asked")
+_ATTACHED = ("sensors", "composition", "filter", "monitor", "_asked")

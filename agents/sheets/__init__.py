@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agents.metrics import INPUT, NEES, RETURN, SCORE, STEPS, UNHEALTHY, Metric, rmse
+from agents.metrics import INPUT, NEES, RETURN, SCORE, STEPS, UNHEALTHY, WATCHED, Metric, rmse
 from agents.rollouts import Rollout
 from vessel_gym.estimation import build, chosen_disturbance
 from vessel_gym.registry import Registry
@@ -33,9 +33,10 @@ class Sheet:
     figures: Figures | None = None
 
     def scores(self, rollout: Rollout) -> dict[str, np.ndarray]:
-        """Every metric of every episode, ``(N,)`` by key."""
+        """Every metric of every episode, ``(N,)`` by key; where a monitor watches, what it has found, too."""
         found = {} if self.figures is None else self.figures(rollout)
-        return {m.key: found[m.key] if m.of is None else m.of(rollout) for m in self.metrics}
+        every = (*self.metrics, *(WATCHED if "alarms" in rollout.history else ()))
+        return {m.key: found[m.key] if m.of is None else m.of(rollout) for m in every}
 
 
 def _ours() -> None:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.cells import Outcome, journal
-from agents.metrics import SCORE, Metric
+from agents.metrics import SCORE, WATCHED, Metric
 from agents.scores import mean, metrics
 from agents.statistics import Interval, crossed_interval, normalise
 from agents.studies.plan import RAW, Flight, Plan
@@ -146,6 +146,12 @@ class Results:
         return next(agent for agent in self.plan.study.agents if agent.name == pilot.agent)
 
     # --- figures --------------------------------------------------------------------------------------
+
+    def metrics(self, environment: str) -> tuple[Metric, ...]:
+        """What its episodes are measured by; with what monitors found, where some watch."""
+        found = (self.values.get(f.cell.key, {}) for f in self.plan.flights if f.environment == environment)
+        watched = any(WATCHED[0].key in value.get("figures", {}) for value in found)
+        return (*metrics(system_of(environment)), *(WATCHED if watched else ()))
 
     def seeds(self, place: Place, pilot: Pilot, estimator: str) -> list[int | None]:
         """Training seeds of the rows of `figure`; None stands for an agent that does not learn."""
@@ -290,7 +296,7 @@ class Results:
 
     def episodes_csv(self) -> str:
         """One row an episode: who flew where on what, the seed, and every metric; empty where there is no value."""
-        keys = _unique(m.key for name in self.environments for m in metrics(system_of(name)))
+        keys = _unique(m.key for name in self.environments for m in self.metrics(name))
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(

@@ -11,7 +11,6 @@ import numpy as np
 import vessel_gym
 from agents.metrics import WITHOUT_COVARIANCE
 from agents.page import Block, Facts, Section, listed
-from agents.scores import metrics
 from agents.source import source_digest
 from agents.studies.plan import RAW, options
 from agents.studies.results import Pilot, Results
@@ -65,7 +64,7 @@ def _columns(results: Results) -> list[tuple[str, str]]:
     """What every metric means; by environment, where tasks differ in that."""
     meanings: dict[str, dict[str, list[str]]] = {}
     for environment in results.environments:
-        for m in metrics(system_of(environment)):
+        for m in results.metrics(environment):
             name = f"{m.key} [{m.unit}]" if m.unit else m.key
             meanings.setdefault(name, {}).setdefault(m.meaning, []).append(environment)
     return [

@@ -19,8 +19,8 @@ from vessel_gym.vehicles.corvette_equations import corvette_rates
 from vessel_gym.vehicles.files import load
 
 ROOT = Path(__file__).parents[2]
-COMPILING = "vessel_gym: compiling its equations"
-WAITING = "vessel_gym: waiting for another process"
+COMPILING = "vessel-gym: compiling once"
+WAITING = "vessel-gym: waiting for another process"
 
 
 KERNELS = """
@@ -87,6 +87,7 @@ def test_without_a_place_to_write_kernels_are_kept_in_a_private_folder_and_compi
     assert private.stat().st_mode & 0o077 == 0
     assert list(private.rglob("*.nbc"))
     assert first[1].count(COMPILING) == first[1].count("\n") == 1
+    assert first[1].endswith(f"; kept in {private}\n")
     assert second[1] == ""
 
 
@@ -206,3 +207,16 @@ def test_who_waits_long_for_a_process_that_compiles_says_so_once(
     assert printed.out == ""
     assert printed.err.count(WAITING) == printed.err.count("\n") == 1
     compiled._say.cache_clear()
+
+
+def test_a_place_that_can_be_written_is_enough_where_no_temporary_file_can_be(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def nowhere() -> str:
+        raise FileNotFoundError("No usable temporary directory found")
+
+    monkeypatch.setattr(tempfile, "gettempdir", nowhere)
+    monkeypatch.setattr(compiled, "__file__", "/dev/null/compiled.py")
+    monkeypatch.setattr(config, "CACHE_DIR", "")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert compiled._folder.__wrapped__().parent == tmp_path

@@ -11,11 +11,12 @@ import pytest
 
 import vessel_gym
 from estimators import Numbers, names
-from scripts import benchmark
-from scripts.benchmark import Clock, Table, Timed, Worker, main, measure, shown
+from scripts import timing
+from scripts.benchmark import MARK, main
 from scripts.by_hand import HandWrittenLoop, ensemble_floor, filterpys, flight_floor, kalman_floor, ours, readings
 from scripts.console import Refusal, around
 from scripts.flights import STEPS, Flight, units
+from scripts.timing import Clock, Table, Timed, Worker, measure, shown
 from vessel_gym.core import Core
 from vessel_gym.envs.thesis_corvette import THESIS_CORVETTE
 
@@ -197,7 +198,7 @@ def test_a_worker_that_has_ended_is_one_sentence(worker: Worker, folder: Path):
     with pytest.raises(Refusal, match=re.escape(f"the vessel_gym in {folder} has ended")):
         worker.ask("where")
     with pytest.raises(Refusal, match="has ended"):  # which is not that it has none
-        benchmark.flight_table(("ItsunusaAUV-v0",), worker, worker)
+        timing.flight_table(("ItsunusaAUV-v0",), worker, worker)
 
 
 def test_a_folder_whose_package_cannot_be_imported_is_one_sentence(tmp_path: Path):
@@ -217,7 +218,7 @@ def test_flights_import_nothing_of_this_project_by_themselves():
 def test_the_report_has_ratios_to_the_other_version(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
-    monkeypatch.setattr(benchmark, "BATCH", 2)
+    monkeypatch.setattr(timing, "BATCH", 2)
     main((ENV,), what=("flights",), against=folder, rounds=1)
     printed = capsys.readouterr().out
     for label in ("batch of 2, degraded sensors", "scattered resets", "a reset of one", "this / that", "batch of 8"):
@@ -234,7 +235,7 @@ def test_the_report_has_ratios_to_the_other_version(
 def test_the_report_names_all_that_is_timed_and_goes_onto_a_page(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
-    monkeypatch.setattr(benchmark, "BATCH", 2)
+    monkeypatch.setattr(timing, "BATCH", 2)
     page = tmp_path / "page.md"
     page.write_text("before\n<!-- measured -->\nold\n<!-- end -->\nafter\n")
     main(("ItsunusaAUV-v0",), rows=(1, 2), rounds=1, page=page)
@@ -257,7 +258,7 @@ def test_the_report_names_all_that_is_timed_and_goes_onto_a_page(
 
 
 def test_the_page_of_speed_can_be_written_again():
-    before, after = around(HERE / "docs" / "speed.md", benchmark.MARK)
+    before, after = around(HERE / "docs" / "speed.md", MARK)
     assert before
     assert after
 

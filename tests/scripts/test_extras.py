@@ -2,7 +2,6 @@
 
 import ast
 import re
-import subprocess
 import sys
 import tomllib
 import zipfile
@@ -51,7 +50,6 @@ def test_every_module_that_is_asked_for_comes_with_its_extra_and_all_of_them_wit
         for module in modules:
             assert distributions(homes[module]) & extra(name), (name, module)
         assert extra(name) <= extra("all")
-        assert extra("commands") <= extra(name) or name == "cluster"
 
 
 @pytest.mark.slow
@@ -143,15 +141,6 @@ def test_a_command_that_needs_an_extra_tells_what_to_type_before_it_works(
     assert stop.value.code == 2
     assert re.search(sentence(module, name), capsys.readouterr().err)
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("module", ["tyro", "rich"])
-def test_what_all_commands_need_is_asked_for_before_it_is_imported(module: str):
-    program = f"import sys, runpy; sys.modules[{module!r}] = None; runpy.run_module('scripts.evaluate', alter_sys=True)"
-    done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True)
-    assert done.returncode == 2
-    assert re.fullmatch("error: " + sentence(module, "commands") + "\n", done.stderr)
 
 
 def test_a_module_that_cannot_even_be_looked_for_is_missing_too(monkeypatch: pytest.MonkeyPatch):

@@ -5,23 +5,27 @@ import inspect
 import io
 import re
 import socket
-from collections.abc import Iterator
+import sys
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import agents
+import agents.cells
 import agents.ppo
+import estimators.lorenz
 from agents import rollout
 from agents.cells import check_scheduler
 from agents.scores import scores
 from agents.seeds import evaluation_seeds, training_seed, tuning_seeds
 from agents.studies.study import StudyError, read_study
-from scripts import ablate, benchmark, evaluate, lorenz, reproduce, train, watch
+from scripts import __main__ as console_command
+from scripts import ablate, benchmark, evaluate, lorenz, reproduce, timing, train, watch
 from scripts.console import command
 
 COMMANDS: dict[str, Any] = {
@@ -73,11 +77,20 @@ def workplace(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         patch.setattr(socket, "create_connection", nobody)
         patch.setattr("agents.cells.pools._PATIENCE", 0)
         for place, name in (
-            (agents, "rollout"), (agents.ppo, "train"), (ablate, "run"), (reproduce, "run"), (watch, "fly"),
-            (benchmark, "report"), (lorenz, "analysis_rmse"),
+            (agents, "rollout"), (agents.ppo, "train"), (agents.cells, "run"), (watch, "fly"), (timing, "report"),
+            (estimators.lorenz, "analysis_rmse"),
         ):  # fmt: skip
             patch.setattr(place, name, begin)
         yield folder
+
+
+def call(name: str, arguments: Sequence[str]) -> int | None:
+    """The console command, or a command that it does not know."""
+    if name in COMMANDS and name not in console_command.COMMANDS:
+        return command(COMMANDS[name], arguments)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["vessel-gym", name, *arguments])
+        return console_command.main()
 
 
 def refused(name: str, *arguments: str) -> str | None:
@@ -86,7 +99,7 @@ def refused(name: str, *arguments: str) -> str | None:
     status: Any = "neither refused nor begun"
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         try:
-            command(COMMANDS[name], arguments)
+            status = call(name, arguments)
         except Begun:
             return None
         except SystemExit as stop:
@@ -122,9 +135,10 @@ FIRST = {"ablate": ["study.toml"], "reproduce": ["robust"], "watch": ["--out", "
 
 @st.composite
 def command_line(draw: st.DrawFn) -> tuple[str, list[str]]:
-    """A command and its real options, each with any words; sometimes an option that there is not."""
-    name = draw(st.sampled_from(sorted(COMMANDS)))
-    options = ["", *(f"--{key.replace('_', '-')}" for key in inspect.signature(COMMANDS[name]).parameters)]
+    """A command and its real options, each with any words; sometimes an option or a command that there is not."""
+    name = draw(st.sampled_from(sorted(COMMANDS)) | word)
+    main = COMMANDS.get(name, train.main)
+    options = ["", *(f"--{key.replace('_', '-')}" for key in inspect.signature(main).parameters)]
     arguments = list(FIRST.get(name, [])) if draw(st.booleans()) else []
     for option in draw(st.lists(st.sampled_from(options) | word.map(lambda text: f"--{text}"), max_size=3)):
         arguments += ([option] if option else []) + draw(st.lists(word, max_size=2))
@@ -132,6 +146,7 @@ def command_line(draw: st.DrawFn) -> tuple[str, list[str]]:
 
 
 @pytest.mark.slow
+@settings(max_examples=1000)
 @given(command_line())
 def test_any_command_line_is_refused_in_one_sentence_or_begins_its_work(line: tuple[str, list[str]]):
     name, arguments = line
@@ -171,6 +186,8 @@ def test_any_command_line_is_refused_in_one_sentence_or_begins_its_work(line: tu
         ("reproduce robust --jobs 0", "--jobs must be at least 1, got 0"),
         ("reproduce robust --out file", "cannot write into file: it is a file, not a folder"),
         ("ablate", "Missing from"),
+        ("ablate quik", "unknown study 'quik' (did you mean 'quick'?)"),
+        ("wacth PunaUAV-v0", "unknown command 'wacth' (did you mean 'watch'?)"),
         ("ablate nobody.toml", "cannot read the study nobody.toml: No such file or directory"),
         ("ablate folder.gif", "cannot read the study folder.gif: Is a directory"),
         ("ablate wrong.toml", "environments must be a table"),
@@ -216,6 +233,7 @@ def test_a_seed_below_the_first_is_not_answered_with_advice_on_how_many():
         "evaluate vessel_gym:SigmaCorvette-v0 --estimator kf None --episodes 1", "train --out new/ppo --steps 128",
         "watch --out turn.png", "benchmark --what loop flights --rows 2", "lorenz --runs 2 --cycles 1",
         "reproduce robust puna --jobs 1", "ablate study.toml --shard 1/2 --jobs 3",
+        "ablate quick --out new/quick",
     ],
 )  # fmt: skip
 def test_what_can_be_meant_begins(line: str):
@@ -227,7 +245,7 @@ def test_a_mistake_of_ours_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch):
     def broken(*_: Any, **__: Any) -> None:
         raise ValueError("of ours")
 
-    monkeypatch.setattr(lorenz, "analysis_rmse", broken)
+    monkeypatch.setattr(estimators.lorenz, "analysis_rmse", broken)
     with pytest.raises(ValueError, match=r"^of ours$"), contextlib.redirect_stderr(io.StringIO()):
         command(lorenz.main, [])
 
@@ -236,7 +254,7 @@ def test_too_little_memory_is_told_in_one_sentence(monkeypatch: pytest.MonkeyPat
     def greedy(*_: Any, **__: Any) -> None:
         raise MemoryError("Unable to allocate 7 TiB")
 
-    monkeypatch.setattr(benchmark, "report", greedy)
+    monkeypatch.setattr(timing, "report", greedy)
     told = refused("benchmark", "--rows", "1000000000")
     assert told == "error: this machine has too little memory for that: Unable to allocate 7 TiB"
 

@@ -17,8 +17,8 @@ def small(monkeypatch, function: str, **arguments: object) -> None:
         )
         return Page("A paper", "small", ["It holds.", "Always."], [Section("s", [Prose("p"), table])])
 
-    monkeypatch.setattr(reproduce, "cells", lambda name: {"only": Cell(function, arguments, "only")})
-    monkeypatch.setattr(reproduce, "page", made)
+    monkeypatch.setattr("agents.reproduction.cells", lambda name: {"only": Cell(function, arguments, "only")})
+    monkeypatch.setattr("agents.reproduction.page", made)
 
 
 def test_a_paper_gives_a_page_and_its_tables_and_is_computed_once(tmp_path, monkeypatch, capsys):
@@ -36,11 +36,11 @@ def test_a_paper_gives_a_page_and_its_tables_and_is_computed_once(tmp_path, monk
 
 
 def test_a_paper_whose_cell_fails_has_no_page_and_says_why(tmp_path, monkeypatch, capsys):
-    small(monkeypatch, "agents.reproduction:cells", name="none")
+    small(monkeypatch, "agents.studies.worlds:environment_id", name="none")
     assert reproduce.main(("robust",), out=tmp_path, jobs=1) == 1
     printed = capsys.readouterr().out
     assert "1 of 1 cells failed" in printed
-    assert "unknown paper 'none'" in printed
+    assert "unknown environment 'none'" in printed
     assert not (tmp_path / "robust.html").exists()
 
 

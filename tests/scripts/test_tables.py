@@ -89,3 +89,22 @@ def test_a_robust_filter_without_a_fix_is_moved_by_the_noise_of_its_other_readin
     assert large > 500.0 * gain
     assert same == pytest.approx(large, rel=0.2)
     assert float(quiet[4]) < 0.3 * doubtful
+
+
+def test_pages_of_the_repository_are_written_in_a_checkout_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("scripts.console.__file__", str(tmp_path / "scripts" / "console.py"))
+    with pytest.raises(Refusal, match="run it in a checkout"):
+        tables.main(("puna",))
+
+
+@pytest.mark.slow
+def test_the_table_of_alarms_shows_that_a_stuck_fix_is_found_and_a_silent_one_is_not(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(tables, "EPISODES", 4)
+    monkeypatch.setattr(tables, "WATCHED", {"Segorogeni": tables.WATCHED["Segorogeni"]})
+    monkeypatch.setattr(tables, "MONITORS", ("chi-square",))
+    rows = dict(line.strip("| ").split(" | ") for line in tables.alarms().splitlines()[2:])
+    assert list(rows) == ["no fault, `ekf`", "no fault, `enkf`", *tables.WRONG.values()]
+    assert rows["no fault, `ekf`"] == "0.0 an hour"
+    assert rows["off"] == "0 %"
+    assert rows["stuck"].startswith("100 %; ")
+    assert rows["stuck"].endswith(" s; 100 %")

@@ -3,6 +3,7 @@
 import sys
 from pathlib import Path
 
+import gymnasium as gym
 import imageio.v3 as iio
 import imageio_ffmpeg
 import numpy as np
@@ -35,8 +36,8 @@ class Helmsman:
 
 @pytest.fixture(autouse=True)
 def short_episodes(monkeypatch):
-    make = watch.gym.make
-    monkeypatch.setattr(watch.gym, "make", lambda *args, **kwargs: make(*args, max_episode_steps=STEPS, **kwargs))
+    make = gym.make
+    monkeypatch.setattr(gym, "make", lambda *args, **kwargs: make(*args, max_episode_steps=STEPS, **kwargs))
     monkeypatch.setattr(agents, "load_agent", lambda name, env, trust: Helmsman())
 
 
@@ -72,7 +73,7 @@ def test_a_file_holds_the_frames_asked_for_and_nothing_else_is_left(run, tmp_pat
 def test_the_picture_is_of_the_end_of_the_episode(run, tmp_path, monkeypatch):
     out = tmp_path / "end.png"
     assert run("--out", str(out), "--seed", "3") == 0
-    env = watch.gym.make("SigmaCorvette-v0", render_mode="rgb_array")
+    env = gym.make("SigmaCorvette-v0", render_mode="rgb_array")
     agent = Helmsman()
     agent.reset(1)
     observation, _ = env.reset(seed=3)

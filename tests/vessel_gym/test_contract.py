@@ -620,11 +620,12 @@ def test_the_score_is_the_sum_of_rewards_over_that_of_a_perfect_episode(env_id: 
 
 @pytest.mark.slow
 @every_environment
-def test_random_actions_leave_everything_finite_and_in_bounds(env_id: str, monkeypatch: pytest.MonkeyPatch):
+@pytest.mark.parametrize("steps", [4_000, pytest.param(SOAK_STEPS, marks=pytest.mark.nightly)])
+def test_random_actions_leave_everything_finite_and_in_bounds(env_id: str, steps: int, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(SUITES, "broken", BROKEN)
-    seen = soak(env_id, SOAK_STEPS)
-    assert seen.steps >= SOAK_STEPS
-    assert seen.ended > (0 if at_sea(env_id) else 50)
+    seen = soak(env_id, steps)
+    assert seen.steps >= steps
+    assert seen.ended > (0 if at_sea(env_id) else 50 * steps // SOAK_STEPS)
     assert seen.missing > 0.1 * seen.steps
 
 

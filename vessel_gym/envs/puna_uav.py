@@ -155,7 +155,8 @@ class PunaUAVEnv(VesselEnv):
       1.06, 2.12 m/s level and 0.25, 0.7, 1.4 m/s vertical. The mean wind wanders in 200 s; besides, turbulence kicks
       velocities by 0.05 m/s and the bank by 0.005 rad a step.
     - ``mismatch``: relative spread of the truth's coefficients around the filter's, 0 to 0.25.
-    - ``observe``: ``mean``, ``mean+std`` or ``measurement``, see above.
+    - ``observe``: ``mean``, ``mean+std`` or ``measurement``, see above; with ``estimator_options={"monitor": "cusum"}``
+      also ``mean+alarms`` and ``mean+std+alarms``: behind all else 1 for each sensor that is accused, else 0.
     - ``render_mode``: ``human`` (a window) or ``rgb_array``.
 
     ## Version History

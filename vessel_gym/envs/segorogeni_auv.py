@@ -140,7 +140,8 @@ class SegorogeniAUVEnv(VesselEnv):
     - ``disturbance``: ``calm``, ``moderate``, ``rough``: kicks of 0.002, 0.005, 0.01 m/s and rad/s a step, and a
       current of 0.05, 0.1, 0.2 m/s that wanders in 200 s; ``surface``: ``moderate`` under waves of 0.88 m.
     - ``mismatch``: relative spread of the truth's coefficients around the filter's, 0 to 0.25.
-    - ``observe``: ``mean``, ``mean+std`` or ``measurement``, see above.
+    - ``observe``: ``mean``, ``mean+std`` or ``measurement``, see above; with ``estimator_options={"monitor": "cusum"}``
+      also ``mean+alarms`` and ``mean+std+alarms``: behind all else 1 for each sensor that is accused, else 0.
     - ``render_mode``: ``human`` (a window) or ``rgb_array``.
 
     ## Version History

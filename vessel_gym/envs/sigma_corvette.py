@@ -135,7 +135,8 @@ class SigmaCorvetteEnv(VesselEnv):
     - ``disturbance``: ``calm``, ``moderate`` or ``rough``: significant heights of 0.3, 1.88 and 3.25 m, winds of 8.5,
       19 and 24.5 kn, currents of 0.1, 0.3 and 0.6 m/s.
     - ``mismatch``: relative spread of the hull's and rudder's coefficients around the filter's, 0 to 0.25.
-    - ``observe``: ``mean``, ``mean+std`` or ``measurement``, see above.
+    - ``observe``: ``mean``, ``mean+std`` or ``measurement``, see above; with ``estimator_options={"monitor": "cusum"}``
+      also ``mean+alarms`` and ``mean+std+alarms``: behind all else 1 for each sensor that is accused, else 0.
     - ``render_mode``: ``human`` (a window) or ``rgb_array``.
 
     ## Version History

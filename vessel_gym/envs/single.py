@@ -27,12 +27,15 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
         estimator_options: Options of that estimator, over the environment's tuning; ``model``
             chooses the filter's model where there are several, ``told`` what it is told of the world
             (see `vessel_gym.estimation.Told`), ``late`` what it does with readings that come late: ``"fused"``
-            where they belong (the default), ``"as new"`` or ``"discarded"``.
+            where they belong (the default), ``"as new"`` or ``"discarded"``, ``monitor`` what watches its innovations
+            for faults of sensors: ``"cusum"``, ``"chi-square"``, a dictionary of such a ``kind`` and its options, or
+            your own (see `vessel_gym.estimation.monitor_of`).
         sensors: ``"clean"``, ``"nominal"`` or ``"degraded"`` (10 % drop-outs, 5 % outliers), or your own: a list of
             `vessel_gym.sensors.Sensor`, to which those of ``system.vehicle.sensors`` may belong.
         disturbance: ``"calm"``, ``"moderate"`` or ``"rough"``, or your own: a `vessel_gym.disturbances.Disturbance`.
         mismatch: Relative spread of the truth's parameters around the filter's, 0 to 0.25.
-        observe: ``"mean"``, ``"mean+std"``, or ``"measurement"`` for raw readings and their mask.
+        observe: ``"mean"``, ``"mean+std"``, either with ``"+alarms"`` (1 for each sensor that the monitor accuses, else
+            0), or ``"measurement"`` for raw readings and their mask.
         ends: Who says that a mission is done: ``"belief"`` (what the estimator believes; the default where estimates
             are observed), ``"declaration"`` (the agent, by a last component of its action above 0.5) or ``"task"``
             (the truth: one bit; the default where readings are observed). Limits of the task and time end any.
@@ -43,7 +46,8 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
         sensor_faults: What goes wrong with sensors, and when: a list of `vessel_gym.sensor_faults.SensorFault`.
 
     Where sensors are late (`vessel_gym.sensors.Sensor`), ``info["refused"]`` counts the readings of the episode that
-    came too late for the estimator; where they have faults, ``info["sensor_faults"]`` says which act.
+    came too late for the estimator; where they have faults, ``info["sensor_faults"]`` says which act; where a monitor
+    watches, ``info["alarms"]`` says which sensors it accuses.
 
     Raises:
         ValueError: for a name that does not exist, or a filter that the model cannot carry.

@@ -151,7 +151,8 @@ class ThesisCorvetteEnv(VesselEnv):
     - ``disturbance``: yaw increments of 5e-4, 3.6e-3 or 9e-3 rad a step (``calm``, ``moderate``, ``rough``), and a
       current of 0.1, 0.3 or 0.6 m/s, which only the true position shows.
     - ``mismatch``: relative spread of the hull's and rudder's coefficients around the filter's, 0 to 0.25.
-    - ``observe``: ``mean``, ``mean+std`` or ``measurement``, see above.
+    - ``observe``: ``mean``, ``mean+std`` or ``measurement``, see above; with ``estimator_options={"monitor": "cusum"}``
+      also ``mean+alarms`` and ``mean+std+alarms``: behind all else 1 for each sensor that is accused, else 0.
     - ``render_mode``: ``human`` (a window) or ``rgb_array``.
 
     ## Version History

@@ -32,7 +32,7 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
 
     ``info`` has, besides the environment's own and in place of its keys of these names, ``truth`` and ``estimate``
     ``(n,)``, ``covariance`` ``(n, n)``, ``measurement`` and ``available`` ``(p,)``, ``healthy``; ``refused`` where
-    sensors are late, ``sensor_faults`` where they fail.
+    sensors are late, ``sensor_faults`` where they fail, ``alarms`` where a monitor watches.
 
     Args:
         env: Any environment whose observations are numbers, or dictionaries of such.
@@ -46,12 +46,14 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
             not named here comes from the estimate.
         known_input: What the filter is told of an action, a function of it; None: the action as numbers.
         estimator: Name of a filter, "truth", "dead-reckoning", or a function of the model that returns a filter.
-        estimator_options: Its options, and ``late``: what is done with readings that come late, "fused" (where they
-            belong), "as new" or "discarded".
+        estimator_options: Its options; ``late``: what is done with readings that come late, "fused" (where they
+            belong), "as new" or "discarded"; and ``monitor``: what watches it for faults of sensors, see
+            `vessel_gym.estimation.monitor_of`.
         sensors: "clean", "nominal" or "degraded", or a list of `Sensor` objects that read ``(state, known input)``,
             whose noise then takes the place of the model's R; a step is the unit of time.
-        observe: "mean"; "mean+std": with the deviations of the states behind, or as ``std`` in a dictionary; or
-            "measurement": the readings and the mask of those that arrived, and what passes.
+        observe: "mean"; "mean+std": with the deviations of the states behind, or as ``std`` in a dictionary; either
+            with "+alarms": 1 for each sensor that the monitor accuses, likewise; or "measurement": the readings and the
+            mask of those that arrived, and what passes.
         sensor_faults: What goes wrong with the sensors, and when, in steps: `SensorFault` objects.
 
     Raises:
@@ -106,6 +108,15 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
         seen, reward, terminated, truncated, info = self.env.step(action)
         self.watch.go_on(self._truth(seen), action)
         return self._observed(seen), reward, terminated, truncated, info | self._info()
+
+    @property
+    def compute_reward(self) -> Callable[..., Any]:
+        """That of an environment with goals ``(achieved, desired, info)``; others have none.
+
+        It knows no truth: of an achieved goal that is an estimate it tells what reaching it would pay.
+        """
+        own: Callable[..., Any] = self.env.get_wrapper_attr("compute_reward")
+        return own
 
     def _truth(self, seen: Any) -> np.ndarray:
         return np.asarray(self._state(self.env, seen))[None]  # which is copied where it is checked

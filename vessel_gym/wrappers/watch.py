@@ -14,8 +14,8 @@ from estimators import Filter, Gaussian, LinearModel, NonlinearModel, Numbers, f
 from estimators.checks import numbers, shown
 from vessel_gym import checks
 from vessel_gym.arrivals import Readings
-from vessel_gym.core import OBSERVE
-from vessel_gym.estimation import LATE, DeadReckoning, Estimation, EstimatorChoice, Oracle
+from vessel_gym.core import OBSERVE, alarming
+from vessel_gym.estimation import LATE, DeadReckoning, Estimation, EstimatorChoice, Oracle, monitor_of
 from vessel_gym.loop import Loop
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import SUITES, Sensor, Sensors
@@ -34,7 +34,8 @@ class Watch:
         model: What the filter knows of it.
         prior: What is known of the state at the start.
         estimator: Name, or a function of the model that returns a filter.
-        options: The filter's own, and ``late``: what is done with late readings, one of `vessel_gym.estimation.LATE`.
+        options: The filter's own, and ``late``: what is done with late readings, one of `vessel_gym.estimation.LATE`;
+            and ``monitor``: what watches it, see `vessel_gym.estimation.monitor_of`.
         sensors: Name of a suite, or sensors of one's own.
         sensor_faults: What goes wrong with them, and when.
         observe: One of `vessel_gym.core.OBSERVE`.
@@ -68,13 +69,15 @@ class Watch:
         model = replace(cast(Any, model), R=np.diag(self.sensors.sd**2))
         options = checks.options("estimator_options", options)
         late = checks.one_of("value of late", options.pop("late", LATE[0]), LATE)
+        monitor = options.pop("monitor", None)
         self.filter = _filter(model, estimator, options)
-        self._estimation = Estimation(self.filter, cast(Any, None), 1.0, (), late)
+        monitor = monitor_of(monitor, self.sensors, self.filter)
+        self._estimation = Estimation(self.filter, cast(Any, None), 1.0, (), late, monitor)
         self.loop = Loop(self.sensors, self._estimation, rows)
         self.steps = np.zeros(rows, int)
         self._nothing = np.zeros((rows, self.sensors.bias.size))
         self._still = np.zeros((rows, u.shape[-1]))
-        self.seeds: list[int] = []
+        self._seeded: Numbers | None = None
         self.episodes = np.zeros(rows, int)
         self.truth = np.zeros((rows, model.n))
         self.space = self._space()
@@ -89,10 +92,10 @@ class Watch:
     def seed(self, seeds: Sequence[int] | None) -> None:
         """Begin again to count episodes, with these seeds; None: go on, with seeds of chance if there are none yet."""
         if seeds is not None:
-            self.seeds, self.episodes[:] = [int(seed) for seed in seeds], -1
-        elif not self.seeds:
+            self._seeded, self.episodes[:] = Numbers.seeded([int(seed) for seed in seeds]), -1
+        elif self._seeded is None:
             chance = np.random.SeedSequence().generate_state(self.rows, np.uint64)
-            self.seeds, self.episodes[:] = [int(seed) for seed in chance], -1
+            self._seeded, self.episodes[:] = Numbers.seeded([int(seed) for seed in chance]), -1
 
     def begin(self, rows: np.ndarray, state: np.ndarray) -> None:
         """Episodes begin in the rows of a mask ``(B,)``, in states ``(B, n)``."""
@@ -100,19 +103,20 @@ class Watch:
         self.steps[rows] = 0
         self.truth = np.where(rows[:, None], self._checked(state), self.truth)
         chosen = np.flatnonzero(rows)
-        episode = Numbers.seeded([self.seeds[row] for row in chosen]).of(self.episodes[chosen])
+        assert self._seeded is not None
+        episode = self._seeded[chosen].of(self.episodes[chosen])
         sensing = np.stack([episode.of(sensor.name).keys for sensor in self.sensors.each], 1)
         self.loop.restart(chosen, sensing, episode.of("filter").keys)
         some = None if rows.all() else chosen
         still, nothing, steps = self._still[chosen], self._nothing[chosen], self.steps[chosen]
         readings = self.loop.sense(self.truth[chosen], still, nothing, steps, some)
         readings = self.loop.receive(readings, steps, some)
-        prior = Gaussian(np.broadcast_to(self.prior.mean, (len(chosen), self.n)), self.prior.cov)
+        prior = self.prior.about(np.broadcast_to(self.prior.mean, (len(chosen), self.n)))
         self.loop.begin(some if some is None else rows, prior, self._handed(readings, self.truth[chosen]), still)
 
     def go_on(self, state: np.ndarray, action: Any) -> None:
         """A step of all rows, to states ``(B, n)``."""
-        if not self.seeds:
+        if self._seeded is None:
             raise ResetNeeded("call reset() before step()")
         self.truth = self._checked(state)
         self.steps += 1
@@ -130,11 +134,17 @@ class Watch:
         if self._observation is None and not self.loop.tells_truth:
             mean[:, self._angles] = wrap(mean[:, self._angles])  # filters count turns
         value = mean if self._observation is None else self._observation(mean)
-        sd = np.sqrt(np.maximum(belief.cov.diagonal(0, -2, -1), 0.0)) if self.observe_mode == "mean+std" else None
+        beside: dict[str, np.ndarray] = {}
+        if "std" in self.observe_mode:
+            beside["std"] = np.sqrt(np.maximum(belief.cov.diagonal(0, -2, -1), 0.0)).astype(np.float32)
+        if "alarms" in self.observe_mode:
+            beside["alarms"] = self.loop.alarms.astype(np.float32)
         if isinstance(self.own, Dict):
-            return self._filled(value, seen, sd)
+            return self._filled(value, seen) | beside
         fitted = self._fitted(value, np.asarray(seen), cast(Box, self.own))
-        return fitted if sd is None else np.concatenate([fitted.reshape(self.rows, -1), sd], -1).astype(np.float32)
+        if not beside:
+            return fitted
+        return np.concatenate([fitted.reshape(self.rows, -1), *beside.values()], -1).astype(np.float32)
 
     def info(self) -> dict[str, np.ndarray]:
         """Copies of what happened, one row an environment."""
@@ -147,6 +157,8 @@ class Watch:
             happened["refused"] = self.loop.refused
         if self.sensors.faults:
             happened["sensor_faults"] = self.loop.faulty(self.steps)
+        if self.loop.monitor is not None:
+            happened["alarms"] = self.loop.alarms
         return {name: values.copy() for name, values in happened.items()}
 
     def known(self, action: Any) -> np.ndarray:
@@ -198,20 +210,25 @@ class Watch:
                 np.append(a, b.ravel()[passing]) for a, b in ((readings.low, own.low), (readings.high, own.high))
             )
             return Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
-        if self.observe_mode == "mean":
+        watched, beside = alarming(self.observe_mode, self.loop), {}
+        if "std" in self.observe_mode:
+            beside["std"] = Box(0.0, np.inf, (self.n,), np.float32)
+        if watched:
+            beside["alarms"] = Box(0.0, 1.0, (len(watched),), np.float32)
+        if not beside:
             return self.own
-        spread = Box(0.0, np.inf, (self.n,), np.float32)
         if isinstance(self.own, Dict):
-            if "std" in self.own.spaces:
-                raise ValueError("the environment's observations have a key std of their own: observe='mean'")
-            return Dict({**self.own.spaces, "std": spread})
-        own = cast(Box, self.own)
-        ends = ((own.low, spread.low), (own.high, spread.high))
-        low, high = (np.concatenate([a.ravel(), b]).astype(np.float32) for a, b in ends)
+            for key in beside:
+                if key in self.own.spaces:
+                    raise ValueError(f"the environment's observations have a key {key} of their own: observe='mean'")
+            return Dict({**self.own.spaces, **beside})
+        whole = (cast(Box, self.own), *beside.values())
+        low, high = (np.concatenate([box.ravel() for box in ends]).astype(np.float32)
+                     for ends in ([box.low for box in whole], [box.high for box in whole]))  # fmt: skip
         return Box(low, high, dtype=np.float32)
 
-    def _filled(self, value: Any, seen: dict[str, Any], sd: np.ndarray | None) -> dict[str, Any]:
-        """A dictionary of observations: what the function gives, what passes, and deviations."""
+    def _filled(self, value: Any, seen: dict[str, Any]) -> dict[str, Any]:
+        """A dictionary of observations: what the function gives, and what passes."""
         own = cast(Dict, self.own).spaces
         given = value if isinstance(value, dict) else {}
         if {*given, *self._passes} != {*own}:
@@ -220,8 +237,7 @@ class Watch:
                 f"observation must give a dictionary of all that does not pass, {', '.join(missing)} too: give it, or "
                 "name it in passes"
             )
-        filled = {key: seen[key] if key in self._passes else self._fit(given[key], own[key]) for key in own}
-        return filled if sd is None else filled | {"std": sd.astype(np.float32)}
+        return {key: seen[key] if key in self._passes else self._fit(given[key], own[key]) for key in own}
 
     def _fitted(self, value: Any, seen: np.ndarray, own: Box) -> np.ndarray:
         """An observation of what the function gives, and what passes."""

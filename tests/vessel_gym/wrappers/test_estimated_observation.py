@@ -20,6 +20,7 @@ from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import SUITES, Sensor, SensorSuite
 from vessel_gym.wrappers import EstimatedObservation, identify, simulator
 from vessel_gym.wrappers.vector import EstimatedObservation as EstimatedObservations
+from vessel_gym.wrappers.watch import Model
 
 NEEDS = dict.fromkeys(
     ("inverted_pendulum", "inverted_double_pendulum", "swimmer", "hopper", "half_cheetah", "reacher"), "mujoco"
@@ -194,32 +195,52 @@ def test_another_truth_under_the_same_readings_changes_no_observation(observe: s
 # --- many at once -------------------------------------------------------------------------------------
 
 
+def _known(action: Any) -> np.ndarray:
+    """Of CartPole's action, 0 or 1, a push to either side."""
+    return np.asarray(action, float)[..., None] - 0.5
+
+
+def _balanced(estimator: str) -> Model:
+    """CartPole as a filter takes it: its equations, or these near the upright, with what it needs to be unknown."""
+    own: Any = cart_pole().watch.filter.model
+    if estimator in ANY:
+        return NonlinearModel(lambda x, u: own.transition(x, u + 0.5), own.measurement, own.Q, own.R)
+    R, offset = np.diag([4e-4, 1e-4, 1e-4, 1e-4]), np.eye(4)[:, :1]
+    A = own.linearise_transition(np.zeros(4), np.array([0.5]))[1]
+    push = np.diff(own.transition(np.zeros((2, 4)), np.array([[0.0], [1.0]])), axis=0).T
+    if estimator in ("ekf-ui-wdf", "ukf-umv"):
+        return NonlinearModel(lambda x, u: own.transition(x, u + 0.5), lambda x, u: x, own.Q, R, G=push)
+    unknown = {
+        "kf": {}, "kf-umv-ui": {"G": 0.0 * push, "H": offset}, "kf-umv-ui-wdf": {"G": push},
+        "ulise": {"G": push, "H": offset},
+    }  # fmt: skip
+    return LinearModel(A, np.eye(4), own.Q, R, B=push, **unknown[estimator])
+
+
 def _many(rows: int, estimator: str, mode: AutoresetMode = AutoresetMode.NEXT_STEP, **options: Any):
-    single = cart_pole().watch
-    model, prior = single.filter.model, single.prior
     envs = SyncVectorEnv([partial(gym.make, "CartPole-v1", max_episode_steps=30)] * rows, autoreset_mode=mode)
     return EstimatedObservations(
-        envs,
-        model,
-        prior,
-        lambda env, obs: np.array([e.unwrapped.state for e in env.envs]),
-        estimator=estimator,
+        envs, _balanced(estimator), cart_pole().watch.prior,
+        lambda env, obs: np.array([e.unwrapped.state for e in env.envs]), known_input=_known, estimator=estimator,
         **options,
-    )
+    )  # fmt: skip
 
 
-CARRIED = [name for name in names() if "ui" not in name and "umv" not in name and name not in ("kf", "ulise")]
+LINEAR_OR_UNKNOWN = ("kf", "kf-umv-ui", "kf-umv-ui-wdf", "ekf-ui-wdf", "ulise", "ukf-umv")
+ANY = [name for name in names() if name not in LINEAR_OR_UNKNOWN]
+"""Filters of any model."""
 
 
-@pytest.mark.parametrize("estimator", CARRIED)
+@pytest.mark.parametrize("estimator", names())
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.DISABLED])
 def test_rows_of_a_vector_fly_as_single_ones_over_their_ends(estimator: str, mode: AutoresetMode):
-    options = {"members": 20} if make(estimator, cart_pole().watch.filter.model).random and estimator != "pf" else {}
+    options = {"members": 20} if make(estimator, _balanced(estimator)).random and estimator != "pf" else {}
     many = _many(3, estimator, mode, sensors="degraded", estimator_options=options)
     ones = [
         EstimatedObservation(
             gym.make("CartPole-v1", max_episode_steps=30), many.watch.filter.model, many.watch.prior,
-            lambda env, obs: env.unwrapped.state, estimator=estimator, sensors="degraded", estimator_options=options,
+            lambda env, obs: env.unwrapped.state, known_input=_known, estimator=estimator, sensors="degraded",
+            estimator_options=options,
         )
         for _ in range(3)
     ]  # fmt: skip
@@ -368,15 +389,32 @@ def test_faults_of_sensors_act_and_are_told_in_info():
 
 
 CHECKED = ["cart_pole", "pendulum", "inverted_pendulum", "lunar_lander", "reacher", "mountain_car"]
+GOALS = {"point_maze": pytest.mark.slow, "parking": pytest.mark.nightly}
+"""Environments with goals, that take their time."""
+HAVE_GOALS = [pytest.param(name, marks=mark) for name, mark in GOALS.items()]
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")  # of spaces without bounds, which are the environment's own
-@pytest.mark.parametrize("name", CHECKED)
+@pytest.mark.parametrize("name", [*CHECKED, *HAVE_GOALS])
 @pytest.mark.parametrize("observe", ["mean", "mean+std", "measurement"])
 def test_gymnasiums_and_stable_baselines_checkers_pass(name: str, observe: str):
     check_env(built(name, observe=observe), skip_render_check=True)
     checker = pytest.importorskip("stable_baselines3.common.env_checker")
-    checker.check_env(built(name, observe=observe), warn=False)
+    if name not in GOALS:
+        checker.check_env(built(name, observe=observe), warn=False)
+    elif observe != "measurement":  # which has no achieved goal: none of its readings is one
+        checker.check_env(built(name, observe=observe, estimator="truth"), warn=False)
+
+
+@pytest.mark.parametrize("name", HAVE_GOALS)
+def test_rewards_of_goals_can_be_computed_and_are_those_of_the_truth(name: str):
+    """The checker above wants the reward of the goal that is shown, which an estimate is not the one that was paid."""
+    env = built(name, estimator="kf")
+    seen, _ = env.reset(seed=0)
+    _, reward, _, _, info = env.step(env.action_space.sample())
+    true = info["truth"][: len(seen["achieved_goal"])]
+    assert reward == pytest.approx(env.compute_reward(true, seen["desired_goal"], info), abs=1e-6)
+    assert not hasattr(pendulum(), "compute_reward")
 
 
 def test_a_copy_goes_on_as_the_original_does():
@@ -408,17 +446,43 @@ def test_resets_without_a_seed_differ_and_a_seed_begins_the_same_series_again():
 # --- LQG ----------------------------------------------------------------------------------------------
 
 
+WEIGHT, EFFORT = np.eye(2), 0.1 * np.eye(1)
+
+
+def _regulator() -> tuple[np.ndarray, np.ndarray]:
+    """What costs are to go ``(2, 2)``, and the gain ``(1, 2)``."""
+    from scipy.linalg import solve_discrete_are
+
+    A, B = Linear.A, Linear.B
+    S = solve_discrete_are(A, B, WEIGHT, EFFORT)
+    return S, np.linalg.solve(B.T @ S @ B + EFFORT, B.T @ S @ A)
+
+
+def test_gains_of_filter_and_regulator_are_those_of_python_control():
+    """The filter's is read off what a reading moves, when its covariance has settled."""
+    control = pytest.importorskip("control")
+    filter = EstimatedObservation(Linear(), LINEAR, LINEAR_PRIOR, estimator="kf").watch.filter
+    belief = filter.init(LINEAR_PRIOR)
+    for _ in range(300):
+        before = filter.predict(belief, np.zeros(1))
+        belief = filter.update(before, np.ones(1))
+    gain = (belief.mean - before.mean) / belief.innovation
+    A, B, Q, C, R = Linear.A, Linear.B, Linear.Q, LINEAR.C, LINEAR.R
+    L, P, _ = control.dlqe(A, np.eye(2), C, Q, R)
+    np.testing.assert_allclose(before.cov, P, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(A @ gain, np.ravel(L), rtol=0, atol=1e-9)  # theirs is what moves the next prediction
+    np.testing.assert_allclose(_regulator()[1], control.dlqr(A, B, WEIGHT, EFFORT)[0], rtol=0, atol=1e-9)
+
+
 def test_a_linear_regulator_on_estimates_costs_what_riccati_says():
     """The mean cost of a step, 20 seeds, within 3 standard errors of LQG's."""
     from scipy.linalg import solve_discrete_are
 
     A, B, Q, C, R = Linear.A, Linear.B, Linear.Q, LINEAR.C, LINEAR.R
-    weight, effort = np.eye(2), 0.1 * np.eye(1)
-    S = solve_discrete_are(A, B, weight, effort)
-    K = np.linalg.solve(B.T @ S @ B + effort, B.T @ S @ A)
+    S, K = _regulator()
     P = solve_discrete_are(A.T, C.T, Q, R)
     after = P - P @ C.T @ np.linalg.solve(C @ P @ C.T + R, C @ P)
-    expected = np.trace(S @ Q) + np.trace(after @ K.T @ (B.T @ S @ B + effort) @ K)
+    expected = np.trace(S @ Q) + np.trace(after @ K.T @ (B.T @ S @ B + EFFORT) @ K)
     env, costs = EstimatedObservation(Linear(), LINEAR, LINEAR_PRIOR, estimator="kf"), []
     for seed in range(20):
         seen, _ = env.reset(seed=seed)

@@ -1,0 +1,1 @@
+"""Study files that come with vessel-gym: ``vessel-gym ablate quick``."""
