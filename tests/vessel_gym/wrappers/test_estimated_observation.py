@@ -607,7 +607,7 @@ def test_what_does_not_fit_gets_one_sentence(changes: dict, error: type, sentenc
 class Lettered(Linear):
     """Its observations are a dictionary."""
 
-    observation_space = gym.spaces.Dict({key: Linear.observation_space for key in ("place", "goal")})
+    observation_space = gym.spaces.Dict(dict.fromkeys(("place", "goal"), Linear.observation_space))
 
     def reset(self, *, seed=None, options=None):
         return dict.fromkeys(("place", "goal"), super().reset(seed=seed)[0]), {}
