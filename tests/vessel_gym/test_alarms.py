@@ -32,7 +32,7 @@ from agents.scores import metrics, scores
 from agents.studies.plan import plan
 from agents.studies.results import Results
 from agents.studies.study import Agent, Condition, Environment, Estimator, Study
-from estimators import ChiSquareMonitor, CusumMonitor, FaultMonitor, Gaussian, LinearModel
+from estimators import ChiSquareMonitor, CusumMonitor, FaultMonitor, Filter, Gaussian, LinearModel
 from vessel_gym.core import Core
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.wrappers import EstimatedObservation
@@ -257,6 +257,18 @@ def test_filters_of_an_unknown_input_are_not_watched():
     assert "kf-umv-ui carry its unknown input" in said
     noise = watched("kf", estimator_options={"told": {"as": "white"}})
     assert alarms(make_core("SigmaCorvette-v0", ROWS, **noise), 5).shape == (6, ROWS, 3)
+
+
+def test_a_filter_of_ones_own_that_gives_no_covariance_of_its_innovations_says_so():
+    class Still(Filter):
+        def _predict(self, belief, u, rng):
+            return belief
+
+        def _update(self, belief, reading, rng):
+            return belief
+
+    core = make_core(AUV, 1, estimator=Still, estimator_options={"monitor": "cusum"})
+    assert "of a filter that gives both" in refusal(ValueError, core.start, 1)
 
 
 # --- around anybody's environment ---------------------------------------------------------------------
