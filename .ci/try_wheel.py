@@ -7,6 +7,7 @@ import os
 import re
 import subprocess
 import sys
+import sysconfig
 import tempfile
 import time
 from pathlib import Path
@@ -43,7 +44,7 @@ def main() -> int:
         subprocess.run([sys.executable, "-c", FLIGHT], cwd=empty, check=True)
         print(f"Python {sys.version.split()[0]}: a vehicle moved after {time.perf_counter() - start:.0f} s")
         for line, (status, words) in CALLS.items():
-            call = [str(Path(sys.executable).with_name("vessel-gym")), *line.split()]
+            call = [str(Path(sysconfig.get_path("scripts")) / "vessel-gym"), *line.split()]
             done = subprocess.run(call, cwd=empty, capture_output=True, encoding="utf-8", env=os.environ | UTF8)
             said = done.stdout + done.stderr
             if done.returncode != status or not re.search(words, said) or "Traceback" in said:

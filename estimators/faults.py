@@ -124,8 +124,8 @@ class FaultMonitor(ABC):
             belief: The belief after the update.
 
         Raises:
-            ValueError: if the belief has seen no reading, or is of another batch or other channels than the monitor;
-                or if the state is of another monitor.
+            ValueError: if the belief has seen no reading, or its filter gives no covariance of innovations; if it is of
+                another batch or other channels than the monitor; or if the state is of another monitor.
             TypeError: if its innovations carry an unknown input, whose law nobody knows.
         """
         e, S, arrived = self._innovation(belief)
@@ -159,7 +159,10 @@ class FaultMonitor(ABC):
         """Innovation, its covariance, and the mask of what counts."""
         e, S, arrived = belief.innovation, belief.innovation_cov, belief.available
         if e is None or S is None or arrived is None:
-            raise ValueError("the belief has seen no reading: watch it after an update")
+            raise ValueError(
+                "the belief has no innovation with its covariance: watch it after an update, of a filter that gives "
+                "both (Belief.updated does)"
+            )
         if getattr(belief, "input_observed", None) is not None:
             raise TypeError(
                 "the innovations of this filter carry its unknown input, so that they say nothing of faults: watch a "

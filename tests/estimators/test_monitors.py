@@ -415,7 +415,7 @@ def test_beliefs_that_cannot_be_watched_are_refused():
     system = kalman_system(0)
     filter, monitor = make("kf", system.model), CusumMonitor(3)
     begun = filter.init(system.rows(2))
-    with pytest.raises(ValueError, match="has seen no reading: watch it after an update"):
+    with pytest.raises(ValueError, match="no innovation with its covariance: watch it after an update"):
         monitor.watch(monitor.start(2), begun)
     belief = filter.update(begun, np.zeros((2, 3)))
     with pytest.raises(ValueError, match=r"watches rows \(3,\), the belief has rows \(2,\)"):

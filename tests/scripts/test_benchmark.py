@@ -19,6 +19,7 @@ from scripts.flights import STEPS, Flight, units
 from scripts.timing import Clock, Table, Timed, Worker, measure, shown
 from vessel_gym.core import Core
 from vessel_gym.envs.thesis_corvette import THESIS_CORVETTE
+from vessel_gym.wrappers.vector import EstimatedObservation
 
 HERE = Path(vessel_gym.__file__).parents[1]
 ENV = "ThesisCorvette-v0"
@@ -93,6 +94,30 @@ def test_the_floor_of_a_flight_moves_the_ship_and_the_belief(rows: int):
     assert first.shape == (rows, 3)
     assert np.isfinite(second).all()
     assert (first != second).any()
+
+
+def test_cart_poles_behind_a_filter_fly_alike_by_numpy_and_compiled(monkeypatch: pytest.MonkeyPatch):
+    infos: list[list[np.ndarray]] = []
+    for in_numpy in (False, True):
+        estimates: list[np.ndarray] = []
+        step = EstimatedObservation.step
+
+        def kept(env, actions, estimates=estimates, step=step):
+            *result, info = step(env, actions)
+            estimates.append(info["estimate"])
+            return *result, info
+
+        with monkeypatch.context() as patched:
+            patched.setattr(EstimatedObservation, "step", kept)
+            timed = benchmark.balanced(5, "ukf", in_numpy)
+            assert timed.block() > 0.0
+        assert timed.units == 5 * STEPS
+        infos.append(estimates)
+    assert len(infos[0]) == STEPS
+    assert any((one != other).any() for one, other in zip(*infos, strict=True))  # two ways of rounding
+    for one, other in zip(*infos, strict=True):
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-9)
+    assert benchmark.anybody_table((2,)).timed()
 
 
 # --- how it is timed ----------------------------------------------------------------------------------
@@ -257,8 +282,14 @@ def test_the_report_names_all_that_is_timed_and_goes_onto_a_page(
         assert part in printed
 
 
+<<<<<<< HEAD
 def test_the_page_of_speed_can_be_written_again():
     before, after = around(HERE / "docs" / "speed.md", MARK)
+=======
+@pytest.mark.parametrize("page", ["speed.md", "any-environment.md"])
+def test_a_page_can_be_written_again(page: str):
+    before, after = around(HERE / "docs" / page, benchmark.MARK)
+>>>>>>> ukf
     assert before
     assert after
 

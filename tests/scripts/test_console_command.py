@@ -47,7 +47,7 @@ def test_the_help_of_a_command_names_it_as_it_was_called(
     assert capsys.readouterr().out.startswith(f"usage: vessel-gym {name} ")
 
 
-@pytest.mark.parametrize("name", ["__main__", "lorenz", *console_command.COMMANDS])
+@pytest.mark.parametrize("name", ["__main__", "critic", "lorenz", *console_command.COMMANDS])
 def test_help_loads_nothing_that_takes_long_to_load(name: str):
     module = import_module(f"scripts.{name}")
     program = f"""

@@ -11,9 +11,9 @@ import torch
 from agents import critic_trial
 from agents.critic_trial import explained, flown, leaking, learned
 from agents.ppo import describe, learner
-from scripts import critic
+from scripts import critic, critic_page
 from scripts.console import command
-from scripts.critic import WORLDS
+from scripts.critic_page import WORLDS
 
 STEPS = 16_384
 SHORT: Any = {"steps": STEPS, "options": {"max_episode_steps": 100}}
@@ -23,9 +23,9 @@ SHORT: Any = {"steps": STEPS, "options": {"max_episode_steps": 100}}
 def few(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(critic_trial, "EPISODES", 6)
     monkeypatch.setattr(critic_trial, "POINTS", 2)
-    for module in (critic_trial, critic):
+    for module in (critic_trial, critic_page):
         monkeypatch.setattr(module, "END", 1)
-    monkeypatch.setattr(critic, "HALF", 0)
+    monkeypatch.setattr(critic_page, "HALF", 0)
 
 
 @pytest.mark.slow

@@ -1,5 +1,7 @@
 """Progress where the output is no terminal: a file or a pipe gets a line now and then, never a bar."""
 
+from pathlib import Path
+
 import pytest
 
 from agents.cells import Status
@@ -51,3 +53,8 @@ def test_trainings_and_flights_say_it_too(clock, capsys):
         advance()
         advance()
     assert told(capsys) == ["training: 50/100, score 0.250", "flying: 1/2", "flying: 2/2"]
+
+
+def test_no_command_draws_a_bar_of_its_own():
+    drawing = {path.name for path in Path(console.__file__).parent.glob("*.py") if "rich.progress" in path.read_text()}
+    assert drawing == {"console.py"}

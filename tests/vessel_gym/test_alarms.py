@@ -21,6 +21,7 @@ from contract import (
     random_walk,
     with_vehicle,
 )
+from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import SyncVectorEnv
 from scipy.stats import binom
 from test_autoreset import assert_same_in_every_mode
@@ -32,7 +33,7 @@ from agents.scores import metrics, scores
 from agents.studies.plan import plan
 from agents.studies.results import Results
 from agents.studies.study import Agent, Condition, Environment, Estimator, Study
-from estimators import ChiSquareMonitor, CusumMonitor, FaultMonitor, Gaussian, LinearModel
+from estimators import ChiSquareMonitor, CusumMonitor, FaultMonitor, Filter, Gaussian, LinearModel
 from vessel_gym.core import Core
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.wrappers import EstimatedObservation
@@ -163,6 +164,7 @@ def test_alarms_stand_behind_all_else_that_is_observed(mode: str, guidance: bool
         np.testing.assert_array_equal(seen[1][:, :-5], seen[0])
         np.testing.assert_array_equal(seen[1][:, -5:], info["alarms"])
         assert (info["alarms"].sum(-1) <= 1).all()
+        assert alarmed.observation_space.contains(seen[1])
         raised += info["alarms"].sum()
     assert raised > 10
 
@@ -259,6 +261,18 @@ def test_filters_of_an_unknown_input_are_not_watched():
     assert alarms(make_core("SigmaCorvette-v0", ROWS, **noise), 5).shape == (6, ROWS, 3)
 
 
+def test_a_filter_of_ones_own_that_gives_no_covariance_of_its_innovations_says_so():
+    class Still(Filter):
+        def _predict(self, belief, u, rng):
+            return belief
+
+        def _update(self, belief, reading, rng):
+            return belief
+
+    core = make_core(AUV, 1, estimator=Still, estimator_options={"monitor": "cusum"})
+    assert "of a filter that gives both" in refusal(ValueError, core.start, 1)
+
+
 # --- around anybody's environment ---------------------------------------------------------------------
 
 
@@ -318,6 +332,14 @@ def test_wrapped_environments_are_watched_too_many_as_one():
         found += (info["alarms"][:, 0] & info["sensor_faults"][:, 0]).sum()
     assert many.watch.episodes.min() >= 1
     assert found >= ROWS
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")  # of spaces without bounds, which are the environment's own
+@pytest.mark.parametrize("shown", [False, True])
+def test_gymnasiums_and_stable_baselines_checkers_pass(shown: bool):
+    env = rolling(shown, observe="mean+alarms")
+    check_env(env, skip_render_check=True)
+    pytest.importorskip("stable_baselines3.common.env_checker").check_env(env, warn=False)
 
 
 def test_a_dictionary_shows_alarms_by_their_name():

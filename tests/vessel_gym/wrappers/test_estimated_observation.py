@@ -604,6 +604,51 @@ def test_what_does_not_fit_gets_one_sentence(changes: dict, error: type, sentenc
     assert "\n" not in str(caught.value)
 
 
+class Lettered(Linear):
+    """Its observations are a dictionary."""
+
+    observation_space = gym.spaces.Dict(dict.fromkeys(("place", "goal"), Linear.observation_space))
+
+    def reset(self, *, seed=None, options=None):
+        return dict.fromkeys(("place", "goal"), super().reset(seed=seed)[0]), {}
+
+    def step(self, action):
+        seen, *rest = super().step(action)
+        return {"place": seen, "goal": seen}, *rest
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "sentence"),
+    [
+        ({}, ValueError, "observation must give a dictionary of all that does not pass, goal, place too"),
+        ({"observation": lambda x: {"place": x}}, ValueError, "goal too: give it, or name it in passes"),
+        ({"observation": lambda x: {"place": x}, "passes": ["gaol"]}, ValueError, "did you mean 'goal'"),
+        ({"observation": lambda x: {"place": x[:1], "goal": x}}, ValueError, r"wants \(2,\) numbers"),
+        ({"state": None}, ValueError, "state must give the model's states"),
+        ({"sensors": _positions(0.5)}, ValueError, "latency of cart is 0.5 s, which is no whole number of steps"),
+        ({"sensors": _positions(1.0, 0.5)}, ValueError, "jitter of cart is 0.5 s"),
+        ({"sensor_faults": [SensorFault("gps", "off")]}, ValueError, "unknown sensor of sensor_faults 'gps'"),
+        ({"sensor_faults": "off"}, TypeError, "sensor_faults must be a list of SensorFault objects"),
+        ({"observe": None}, ValueError, "unknown observe mode None"),
+    ],
+)  # fmt: skip
+def test_what_does_not_fit_a_dictionary_or_the_sensors_gets_one_sentence(changes: dict, error: type, sentence: str):
+    given = {"model": LINEAR, "prior": LINEAR_PRIOR, "state": lambda env, obs: env.unwrapped.x}
+    with pytest.raises(error, match=sentence) as caught:
+        EstimatedObservation(Lettered(), **(given | changes)).reset(seed=0)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_step_before_a_reset_and_seeds_that_are_too_few_get_one_sentence():
+    careless = Linear()
+    careless.x = np.zeros(2)
+    with pytest.raises(gym.error.ResetNeeded, match=r"call reset\(\) before step\(\)"):
+        EstimatedObservation(careless, LINEAR, LINEAR_PRIOR).step(np.zeros(1))
+    many = _many(3, "ekf")
+    with pytest.raises(ValueError, match="seed must be one number, or one for each of 3, got"):
+        many.reset(seed=[1, 2])
+
+
 class Picture(Linear):
     observation_space = gym.spaces.Box(0, 255, (8, 8, 3), np.uint8)
 

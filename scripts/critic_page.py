@@ -1,0 +1,136 @@
+"""The trainings of `scripts.critic`, and the tables and the picture that it writes to docs/critic.md."""
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from agents.checkpoint import one_thread
+from agents.critic_trial import END, HALF, World, learned
+from agents.files import replacing
+from agents.plotting import PALETTE, styled
+from agents.statistics import mean_interval
+from scripts.console import progress_bar, put
+from scripts.tables import ROOT, shown, table
+
+PAGE, PICTURE = ROOT / "docs/critic.md", ROOT / "docs/images/critic.png"
+
+RAW = {"observe": "measurement"}
+WORLDS = {
+    "estimates": World("estimates", 300_000),
+    "rough": World("estimates, rough sea", 300_000, options={"disturbance": "rough"}),
+    "raw": World("raw readings", 1_000_000, options=RAW, arms=("observation", "truth", "leak")),
+    "frames": World("raw readings, frames", 300_000, "frames", RAW),
+    "lstm": World("raw readings, LSTM", 150_000, "lstm", RAW),
+}
+
+
+def learn(worlds: Sequence[str], runs: int, out: Path) -> None:
+    """Train in these worlds, as far as results are missing."""
+    todo = [(WORLDS[name], arm, seed) for name in worlds for seed in range(runs) for arm in WORLDS[name].arms]
+    with progress_bar("trainings", len(todo)) as advance, one_thread():
+        for world, arm, seed in todo:
+            path = _result(out, world, arm, seed)
+            if not path.exists():
+                measured = learned(world, arm, seed)
+                with replacing(path) as temporary:
+                    temporary.write_text(json.dumps(measured), encoding="utf-8")
+            advance()
+
+
+def write(runs: int, out: Path) -> None:
+    """Write the page from the results of all worlds."""
+    found = {(world, arm): _read(out, world, arm, runs) for world in WORLDS.values() for arm in world.arms}
+    put(PAGE, "table: scores", scores(found))
+    put(PAGE, "table: explained", variances(found))
+    put(PAGE, "table: leak", leak(found))
+    draw(found)
+
+
+Found = dict[tuple[World, str], dict[str, np.ndarray]]
+"""What was measured, ``(runs, POINTS, ...)``, by world and arm."""
+
+
+def scores(found: Found) -> str:
+    """Mean scores at half time and at the end, with intervals over runs and evaluation seeds."""
+    return _compared(found, "score", shown)
+
+
+def variances(found: Found) -> str:
+    """Explained variances likewise, with intervals over runs."""
+
+    def of_runs(values: np.ndarray) -> str:
+        interval = mean_interval(values)
+        assert interval is not None, "two runs have an interval"
+        return f"{interval.mean:.3f} ± {interval.half:.3f}"
+
+    return _compared(found, "explained", of_runs)
+
+
+def _compared(found: Found, figure: str, words: Callable[[np.ndarray], str]) -> str:
+    rows = []
+    for world in WORLDS.values():
+        own, true = (found[world, arm][figure] for arm in ("observation", "truth"))
+        rows += [
+            (f"{world.label}, {world.steps // share:,} steps", words(own[:, point]), words(true[:, point]),
+             words(true[:, point] - own[:, point]))
+            for share, point in ((2, HALF), (1, END))
+        ]  # fmt: skip
+    return table(("", "critic sees the observation", "and the truth", "difference"), rows)
+
+
+def leak(found: Found) -> str:
+    """Scores of actors into which the truth leaked, as they were trained and without it."""
+    rows = []
+    for (world, arm), measured in found.items():
+        if arm == "leak":
+            kinds = measured["score"], measured["zeroed"], found[world, "truth"]["score"]
+            rows += [
+                (f"{world.label}, {world.steps // share:,} steps", *(shown(kind[:, point]) for kind in kinds))
+                for share, point in ((2, HALF), (1, END))
+            ]
+    return table(("", "leaks", "leaks, the critic's input zeroed", "does not leak"), rows)
+
+
+def draw(found: Found) -> None:
+    """Scores and explained variances by steps: a line for each run, and a thick one for their mean."""
+    from matplotlib.figure import Figure
+
+    looks = {
+        "observation": (PALETTE[0], "critic sees the observation"),
+        "truth": (PALETTE[1], "and the truth"),
+        "leak": (PALETTE[2], "the truth leaks to the actor"),
+        "zeroed": (PALETTE[3], "likewise, the critic's input zeroed"),
+    }
+    with styled():
+        figure = Figure(figsize=(11.0, 4.8), layout="constrained")
+        axes = figure.subplots(2, len(WORLDS), sharey="row")
+        for (top, bottom), world in zip(axes.T, WORLDS.values(), strict=True):
+            top.set_title(world.label)
+            bottom.set_xlabel("thousand steps")
+            for arm in world.arms:
+                measured = found[world, arm]
+                drawn = [(top, measured["score"].mean(-1), arm), (bottom, measured["explained"], arm)]
+                if arm == "leak":
+                    drawn.append((top, measured["zeroed"].mean(-1), "zeroed"))
+                for axis, runs, look in drawn:
+                    steps, (colour, label) = measured["steps"] / 1000.0, looks[look]
+                    axis.plot(steps.T, runs.T, color=colour, alpha=0.3, linewidth=0.7)
+                    axis.plot(steps.mean(0), runs.mean(0), color=colour, linewidth=2.0, label=label)
+        axes[0, 0].set_ylabel("score on held-out seeds")
+        axes[1, 0].set_ylabel("explained variance there")
+        lines = {
+            label: line for axis in axes.flat for line, label in zip(*axis.get_legend_handles_labels(), strict=True)
+        }
+        figure.legend(lines.values(), lines.keys(), loc="outside lower center", ncols=len(lines))
+        figure.savefig(PICTURE, dpi=150)
+
+
+def _result(out: Path, world: World, arm: str, seed: int) -> Path:
+    return out / f"{world.label}-{arm}-{seed}.json".replace(",", "").replace(" ", "-")
+
+
+def _read(out: Path, world: World, arm: str, runs: int) -> dict[str, np.ndarray]:
+    all_runs = [json.loads(_result(out, world, arm, seed).read_text(encoding="utf-8")) for seed in range(runs)]
+    return {key: np.array([run[key] for run in all_runs]) for key in all_runs[0]}

@@ -1,0 +1,67 @@
+"""The command of anybody's environments: what it trains, and what the page says of it."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from agents import anybody_trial
+from agents.anybody_trial import ARMS, TRIALS, Trial
+from scripts import anybody
+from scripts.anybody import PAGE, main, returns_table
+from scripts.console import Refusal, around
+
+
+def test_the_table_says_what_share_of_the_gain_over_chance_is_kept():
+    truth, chance = np.array([[2.0, 4.0], [4.0, 6.0]]), [-6.0, -6.0]
+    last = returns_table({TRIALS["pendulum"]: (chance, truth, truth - 1.0)}).splitlines()[-1]
+    _, label, *cells, share, _ = (cell.strip() for cell in last.split("|"))
+    assert label == "Pendulum-v1, 100,000 steps"
+    assert [cell.split(" ± ")[0] for cell in cells] == ["-6.0", "4.0", "3.0"]
+    assert share == "90.0 ± 0.0 %"
+
+
+def test_what_was_trained_is_not_trained_again_and_goes_onto_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    trained: list[tuple[str, str, int]] = []
+    page = tmp_path / "page.md"
+    page.write_text("before\n<!-- table: learned -->\n\n<!-- end -->\nafter\n")
+
+    def learned(trial: Trial, arm: str, seed: int) -> list[float]:
+        trained.append((trial.env_id, arm, seed))
+        return [1.0 + seed, 2.0]
+
+    monkeypatch.setattr(anybody, "learned", learned)
+    monkeypatch.setattr(anybody, "random", lambda trial: [0.0, 0.5])
+    monkeypatch.setattr(anybody, "PAGE", page)
+    for _ in range(2):
+        main(runs=2, out=tmp_path / "results")
+    assert len(trained) == len(set(trained)) == 2 * len(ARMS) * len(TRIALS)
+    written = page.read_text()
+    assert "CartPole-v1" in written
+    assert "100.0 ± 0.0 %" in written
+    with pytest.raises(Refusal, match="runs"):
+        main(runs=1)
+
+
+@pytest.mark.parametrize("name", TRIALS)
+def test_random_actions_have_returns_on_seeds_that_repeat(name: str, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(anybody_trial, "EPISODES", 2)
+    first = anybody_trial.random(TRIALS[name])
+    assert first == anybody_trial.random(TRIALS[name])
+    assert len(set(first)) == 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", TRIALS)
+def test_a_short_training_repeats_to_the_last_bit(name: str, monkeypatch: pytest.MonkeyPatch):
+    pytest.importorskip("stable_baselines3")
+    monkeypatch.setattr(anybody_trial, "EPISODES", 2)
+    trial = TRIALS[name]
+    short = Trial(trial.env_id, trial.given, 64, 2, trial.options | {"n_steps": 32, "batch_size": 64})
+    assert anybody_trial.learned(short, "ukf", 0) == anybody_trial.learned(short, "ukf", 0)
+
+
+def test_the_page_has_a_place_for_the_table():
+    before, after = around(PAGE, "table: learned")
+    assert before
+    assert after
