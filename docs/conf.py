@@ -1,6 +1,7 @@
 """The documentation site: ``make docs`` builds it into docs/_build/html."""
 
 import inspect
+import re
 import sys
 from importlib import import_module
 from importlib.metadata import version as installed
@@ -12,6 +13,7 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
 HERE = Path(__file__).parent
+SOURCE = "https://github.com/vessel-gym/vessel-gym"
 EPISODE = HERE / "_static" / "episode.html"
 sys.path.insert(0, str(HERE.parent))
 
@@ -83,6 +85,7 @@ html_theme_options = {
     "navbar_align": "left",
     "navbar_persistent": ["search-button"],
     "navbar_end": ["version-switcher", "theme-switcher"],
+    "github_url": SOURCE,
     "switcher": {"json_url": "_static/switcher.json", "version_match": version},
     "show_nav_level": 1,
     "show_toc_level": 2,
@@ -136,12 +139,28 @@ def setup(app: Sphinx) -> None:
     """Add what is ours."""
     app.add_directive("manual", Manual)
     app.add_directive("episode", Episode)
-    app.connect("autodoc-process-docstring", _first_paragraph_of_a_manual)
+    app.connect("source-read", lambda app, page, text: _linked(text, (HERE / page).parent))
+    app.connect("include-read", lambda app, path, page, text: _linked(text, (HERE / path).parent))
+    app.connect("autodoc-process-docstring", _docstrings_as_they_are_written, 400)  # before napoleon's
 
 
-def _first_paragraph_of_a_manual(
+def _linked(text: list[str], folder: Path) -> None:
+    """Links that lead out of these pages, to files of the repository, lead to the code host."""
+
+    def link(match: re.Match[str]) -> str:
+        path = (folder / match[1]).resolve()
+        if path.is_relative_to(HERE) or not path.is_relative_to(HERE.parent) or not path.exists():
+            return match[0]
+        return f"]({SOURCE}/blob/main/{path.relative_to(HERE.parent).as_posix()}"
+
+    text[0] = re.sub(r"\]\(([^):#\s]+)(?=[)#])", link, text[0])
+
+
+def _docstrings_as_they_are_written(
     app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]
 ) -> None:
-    """Environments have pages of their own: the API keeps what stands above the first Markdown heading."""
+    """Of an environment, which has a page, what stands above its headings; a colon in an attribute's is no type."""
+    if what in ("attribute", "data", "property"):
+        lines.insert(0, "")
     first = next((i for i, line in enumerate(lines) if line.startswith("## ")), len(lines))
     del lines[first:]

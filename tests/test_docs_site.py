@@ -64,11 +64,9 @@ def test_every_picture_is_there_and_says_what_it_shows(name: str):
     assert all(re.search(r"^:    alt: (\S+ ){3,}", code, re.M) for code in cells if PAGES[name].startswith("---"))
 
 
-def test_the_switcher_offers_this_version_and_the_bibtex_names_what_the_citation_file_names():
+def test_the_switcher_offers_this_version():
     version = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
     assert version in [one["version"] for one in json.loads((DOCS / "_static" / "switcher.json").read_text())]
-    title = re.search(r'^title: "(.*)"', (ROOT / "CITATION.cff").read_text(encoding="utf-8"), re.M)[1]
-    assert f"{{{title}}}" in PAGES["citing"]
 
 
 def test_every_environment_that_needs_no_file_has_a_page_made_from_its_manual():
