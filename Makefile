@@ -9,7 +9,7 @@ BIN := .venv/bin
 WORKERS := pytest -n 2 --dist worksteal
 
 .DEFAULT_GOAL := help
-.PHONY: help venv ablation test quick nightly lint docs linkcheck wheel clean
+.PHONY: help venv ablation pilots test quick nightly lint docs linkcheck wheel clean
 
 help:  ## Show this help
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -24,6 +24,12 @@ venv: .venv/.installed  ## Install the project and its tools into .venv, in the 
 
 ablation: venv  ## Train and score agents on every estimator, and write the report to results/ablation
 	$(BIN)/python -m scripts.ablate studies/corvette.toml --out results/ablation
+
+PILOTS := SigmaCorvette-v0 ThesisCorvette-v0 SegorogeniAUV-v0 ItsunusaAUV-v0 PunaUAV-v0
+
+pilots: venv  ## Train the agents that come with the package anew, and write their scores into docs/pilots.md
+	$(foreach env,$(PILOTS),$(BIN)/python -m scripts.train $(env) --out agents/trained/$(env).zip &&) \
+	$(BIN)/python -m scripts.tables pilots
 
 test: venv  ## Run the tests, of slow ones three cases each (five minutes)
 	$(BIN)/python -m $(WORKERS)

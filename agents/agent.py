@@ -7,7 +7,8 @@ from typing import Any, Protocol
 import numpy as np
 from gymnasium.spaces import Box
 
-from agents.pilots import PILOTS, RANDOM, make_pilot, unknown_pilot
+from agents.checkpoint import TrainedAgent, packaged
+from agents.pilots import PILOTS, PPO, RANDOM, make_pilot, unknown_pilot
 from estimators.checks import shown
 
 
@@ -44,7 +45,8 @@ def load_agent(name: str | Path, env: Any, trust: bool = False) -> Agent:
 
     Args:
         name: A pilot that is registered for the environment's task, such as ``"autopilot"`` (see `agents.pilots`);
-            ``"random"``; the path of a checkpoint that `agents.save_agent` or ``scripts.train`` wrote; or
+            ``"ppo"``, which was trained on the environment's default estimates and comes with the package, and needs
+            no torch; ``"random"``; the path of a checkpoint that `agents.save_agent` or ``scripts.train`` wrote; or
             ``"module:object"``, a pilot of your own, made by calling the object with the environment's `System`:
             the module is imported, which runs its code.
         env: The environment (either face, wrapped or not) that it will fly.
@@ -67,6 +69,8 @@ def load_agent(name: str | Path, env: Any, trust: bool = False) -> Agent:
         return RandomAgent(space.shape[0])
     if not hasattr(env, "core"):
         raise ValueError(f"{name} flies the environments of vessel_gym, not {type(env).__name__}")
+    if name == PPO:
+        return TrainedAgent(packaged(env.system.name), env, dense=True)
     if name in PILOTS.of(env.core.task):
         if env.core.observe_mode == "measurement":
             raise ValueError(f'the {name} needs estimates: use observe="mean" or "mean+std"')
@@ -74,9 +78,7 @@ def load_agent(name: str | Path, env: Any, trust: bool = False) -> Agent:
             raise ValueError(f"the {name} goes by guidance and declares nothing: leave out guidance and ends")
         return make_pilot(str(name), env.system)
     if os.path.isfile(name):  # which takes any name; pathlib raises for one that is too long
-        from agents.checkpoint import TrainedAgent
-
         return TrainedAgent(Path(name), env, trust)
     if isinstance(name, str) and ":" in name:
         return make_pilot(name, env.system)
-    raise ValueError(unknown_pilot(str(name), env.system, RANDOM, "the path of a checkpoint"))
+    raise ValueError(unknown_pilot(str(name), env.system, PPO, RANDOM, "the path of a checkpoint"))

@@ -6,8 +6,8 @@ is a zip of a JSON file, which says what network to build, and of plain arrays, 
 
 import json
 import zipfile
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -36,7 +36,7 @@ class Policy:
     """A trained network and what it was fed with.
 
     Attributes:
-        network: The network, a ``BasePolicy`` of stable-baselines3.
+        network: The network, a ``BasePolicy`` of stable-baselines3 or a `Dense`.
         frames: How many observations it sees side by side.
         observe: The kind of observation; None if nobody wrote it down.
         statistics: Of observations, for those that were normalised: ``mean`` and ``var``, of one or of all frames.
@@ -211,12 +211,29 @@ def _refuse_wrappers(env: Any) -> None:
         env = env.env
 
 
-def load(path: Path, trust: bool) -> Policy:
+def packaged(env_id: str) -> Path:
+    """The checkpoint that comes with the package for an environment: PPO, trained on its default estimates.
+
+    Raises:
+        ValueError: if there is none.
+    """
+    folder = Path(__file__).with_name("trained")
+    known = sorted(path.stem for path in folder.glob("*.zip"))
+    if env_id not in known:
+        raise ValueError(
+            f"no trained agent comes with the package for {env_id!r}, only for {', '.join(known)}: train one with "
+            "scripts.train, and give the path of its checkpoint"
+        )
+    return folder / f"{env_id}.zip"
+
+
+def load(path: Path, trust: bool, dense: bool = False) -> Policy:
     """The policy in a checkpoint, our own or one of stable-baselines3.
 
     Args:
         path: The file.
         trust: Whether a file that is not ours may run what it says.
+        dense: Compute it in NumPy, as a `Dense`: without torch.
 
     Raises:
         ValueError: if it is no checkpoint, or not ours and not trusted.
@@ -232,9 +249,12 @@ def load(path: Path, trust: bool) -> Policy:
             f"{path} was not saved by agents.save_agent or scripts.train of this version, and to load it is to run "
             "whatever code it holds: if you trust whoever made it, say trust=True (--trust on a command line)"
         )
-    require("torch", "stable_baselines3", "sb3_contrib")
+    if not dense:
+        require("torch", "stable_baselines3", "sb3_contrib")
     with _reading(path):
-        return _ours(path, described["policy"]) if described and ours else _foreign(path, described or {})
+        if described and ours:
+            return _ours(path, described["policy"], Dense if dense else _in_torch)
+        return _foreign(path, described or {})
 
 
 @contextmanager
@@ -262,12 +282,50 @@ def _described(archive: zipfile.ZipFile) -> dict[str, Any] | None:
     return described
 
 
-def _ours(path: Path, told: dict[str, Any]) -> Policy:
-    """Build the network that the words tell of, and fill in the numbers."""
+class Dense:
+    """The actor of a plain policy in NumPy: dense layers of tanh, as torch computes them but for rounding.
+
+    Args:
+        told: What a checkpoint says of its policy.
+        weights: Its arrays by name.
+
+    Raises:
+        ValueError: if it is another network.
+    """
+
+    def __init__(self, told: dict[str, Any], weights: dict[str, np.ndarray]) -> None:
+        if (told["class"], told["network"]["activation_fn"]) != ("ActorCriticPolicy", "Tanh"):
+            raise ValueError("it is no network of dense layers of tanh")
+        hidden = (f"mlp_extractor.policy_net.{2 * i}" for i in range(len(told["network"]["net_arch"])))
+        names = (*hidden, "action_net")
+        self._layers = [(weights[f"{name}.weight"], weights[f"{name}.bias"]) for name in names]
+        self.observation_space, self.action_space = _spaces(told)
+        if self.predict(np.zeros((1, told["observations"]), np.float32))[0].shape != (1, told["actions"]):
+            raise ValueError("its last layer gives something else than actions")
+
+    def predict(
+        self, observations: np.ndarray, state: Any = None, deterministic: bool = True
+    ) -> tuple[np.ndarray, Any]:
+        """The mean actions, within the bounds; the state is nobody's."""
+        *hidden, (last, bias) = self._layers
+        for weight, shift in hidden:
+            observations = np.tanh(observations @ weight.T + shift)
+        return np.clip(observations @ last.T + bias, -1.0, 1.0), state
+
+
+def _spaces(told: dict[str, Any]) -> tuple[Any, Any]:
+    """Of observations and of actions."""
+    from gymnasium.spaces import Box
+
+    seen = Box(-np.inf, np.inf, (told["observations"],), np.float32)
+    return seen, Box(-1.0, 1.0, (told["actions"],), np.float32)
+
+
+def _in_torch(told: dict[str, Any], arrays: dict[str, np.ndarray]) -> Any:
+    """The network that the words tell of, with its weights."""
     from importlib import import_module
 
     import torch
-    from gymnasium.spaces import Box
 
     network = dict(told["network"])
     if "activation_fn" in network:
@@ -275,6 +333,13 @@ def _ours(path: Path, told: dict[str, Any]) -> Policy:
         if not (isinstance(kind, type) and issubclass(kind, torch.nn.Module)):
             raise ValueError(f"{network['activation_fn']!r} is no activation")
         network["activation_fn"] = kind
+    policy = getattr(import_module(_POLICIES[told["class"]]), told["class"])
+    weights = {name: torch.from_numpy(array) for name, array in arrays.items()}
+    return _built(policy, *_spaces(told), network, weights)
+
+
+def _ours(path: Path, told: dict[str, Any], build: Callable[..., Any]) -> Policy:
+    """Build the network that the words tell of, and fill in the numbers."""
     arrays: dict[str, dict[str, np.ndarray]] = {"weights": {}, "statistics": {}}
     with zipfile.ZipFile(path) as archive:
         for name in archive.namelist():
@@ -285,10 +350,8 @@ def _ours(path: Path, told: dict[str, Any]) -> Policy:
                 if not np.isfinite(array).all():
                     raise ValueError(f"{name} is not finite")
                 arrays[folder][rest.removesuffix(".npy")] = array
-    policy = getattr(import_module(_POLICIES[told["class"]]), told["class"])
-    weights = {name: torch.from_numpy(array) for name, array in arrays["weights"].items()}
-    seen = Box(-np.inf, np.inf, (told["observations"],), np.float32)
-    built = _built(policy, seen, Box(-1.0, 1.0, (told["actions"],), np.float32), network, weights)
+    built = build(told, arrays["weights"])
+    seen = built.observation_space
     frames, statistics = int(told["frames"]), arrays["statistics"]
     if frames < 1:
         raise ValueError(f"it sees {frames} frames")
@@ -340,15 +403,16 @@ class TrainedAgent:
         path: A checkpoint.
         env: The environment that it will fly, to check the observation.
         trust: See `agents.load_agent`.
+        dense: See `load`.
 
     Raises:
         ValueError: if the file is no checkpoint that may be loaded, or was trained on another observation or other
             actions.
-        ModuleNotFoundError: without torch or stable-baselines3.
+        ModuleNotFoundError: without torch or stable-baselines3, where it needs them.
     """
 
-    def __init__(self, path: Path, env: Any, trust: bool = False) -> None:
-        self._policy = load(path, trust)
+    def __init__(self, path: Path, env: Any, trust: bool = False, dense: bool = False) -> None:
+        self._policy = load(path, trust, dense)
         network, frames, self._size = self._policy.network, self._policy.frames, env.core.observation_size
         # Two kinds of observation may have the same length: ask what it was trained on, not only how long that is.
         trained, given = self._policy.observe, env.core.observe_mode
@@ -373,8 +437,9 @@ class TrainedAgent:
         frame = scale(observations) if size == self._size else observations
         self._seen = np.concatenate([self._seen[:, self._size :], frame], axis=1)  # the newest frame last
         seen = scale(self._seen) if size not in (0, self._size) else self._seen
-        with one_thread():
-            actions, self._state = self._policy.network.predict(seen, self._state, deterministic=True)
+        network = self._policy.network
+        with nullcontext() if isinstance(network, Dense) else one_thread():
+            actions, self._state = network.predict(seen, self._state, deterministic=True)
         return actions
 
 

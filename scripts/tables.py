@@ -350,6 +350,30 @@ def ablation(results: Path, estimators: Sequence[str] = ABLATED, agents: Sequenc
     return table(("Score", *estimators), rows)
 
 
+def pilots() -> str:
+    """The trained agents of the package beside the autopilots, on default estimates."""
+    from agents import rollout
+    from agents.checkpoint import description, packaged
+    from agents.seeds import evaluation_seeds
+    from agents.studies.worlds import system_of
+
+    heads = ("", "estimates", "`autopilot`", "`ppo`", "`ppo` − `autopilot`", f"reached the end, of {EPISODES}",
+             "training: seed, steps")  # fmt: skip
+    rows = []
+    for env_id in ("SigmaCorvette-v0", "ThesisCorvette-v0", *JOURNEYS):
+        flights = {
+            name: rollout(name, env_id, evaluation_seeds(EPISODES), record=False) for name in ("autopilot", "ppo")
+        }
+        system, told = system_of(env_id), description(packaged(env_id)) or {}
+        there = (str(int((flight.end == system.task.success).sum())) for flight in flights.values())
+        scores = [flight.score for flight in flights.values()]
+        rows.append((
+            f"`{env_id}`", f"`{system.estimator}`", *map(shown, scores), shown(scores[1] - scores[0]),
+            " and ".join(there), f"{told['seed']}, {told['trained_steps']:,}",
+        ))  # fmt: skip
+    return table(heads, rows)
+
+
 LATE = {"fused": "", "as new": ", as new", "discarded": ", discarded"}
 """Ways with late readings, and what they add to the names of estimators."""
 
@@ -522,6 +546,7 @@ TABLES: dict[str, tuple[Path, Callable[[], str]]] = {
     "inputs": (ROOT / "docs/estimators/unknown-input.md", inputs),
     "faults": (ROOT / "docs/estimators/unknown-input-faults.md", faults),
     "faults found": (ROOT / "docs/estimators/unknown-input-faults.md", faults_found),
+    "pilots": (ROOT / "docs/pilots.md", pilots),
     "latency": (ROOT / "docs/late-fixes.md", lambda: latency(ROOT / "results/latency")),
     "gap": (ROOT / "docs/late-fixes.md", gap),
     "alarms": (ROOT / "docs/time-at-sea.md", alarms),

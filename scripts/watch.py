@@ -42,8 +42,8 @@ def main(
         sensors: clean, nominal or degraded.
         disturbance: calm, moderate or rough.
         seed: Seed of the episode.
-        agent: A pilot of the task (autopilot, lqg, pid), random, the path of a checkpoint, or your own as
-            module:object, whose code is run.
+        agent: A pilot of the task (autopilot, lqg, pid), ppo (trained, comes with the package), random, the path of a
+            checkpoint, or your own as module:object, whose code is run.
         out: A .gif, an .mp4, or a .png of the last frame.
         every: Keep one frame in this many steps (.gif and .mp4).
         trust: Load a checkpoint that vessel-gym did not write, although it can run any code.

@@ -19,7 +19,10 @@ AUTOPILOT = "autopilot"
 """The pilot of every task that others are measured by."""
 RANDOM = "random"
 """The name of `agents.agent.RandomAgent`, for any task."""
-_TAKEN = (RANDOM, "ppo", "checkpoint")  # what else agents are called, by commands and in studies
+PPO = "ppo"
+"""The name of the agent that was trained for an environment and comes with the package; in studies, of one that is
+trained anew."""
+_TAKEN = (RANDOM, PPO, "checkpoint")  # what else agents are called, by commands and in studies
 
 Factory = Callable[[System], Any]
 """Makes an `agents.agent.Agent` for a system."""

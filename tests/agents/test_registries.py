@@ -116,7 +116,7 @@ def test_an_autopilot_that_is_not_there_is_asked_for_in_vain(task: KeepDepth):
 @pytest.mark.parametrize(
     ("agent", "error", "sentence"),
     [
-        ("autopilot", ValueError, "choose random, the path of a checkpoint, your own as module:object"),
+        ("autopilot", ValueError, "choose ppo, random, the path of a checkpoint, your own as module:object"),
         ("own_task:no_agent", TypeError, "'own_task:no_agent' makes str"),
         ("own_task:CRUISE", TypeError, "cannot be called"),
         ("own_task:Nobody", ValueError, "has no 'Nobody'"),

@@ -161,11 +161,11 @@ def test_seeds_may_come_as_an_array():
 def test_an_unknown_agent_is_answered_with_those_that_exist(tmp_path: Path):
     for name in ("pilot", "p" * 5000, "pi\0lot", tmp_path, tmp_path / "missing.zip"):
         with pytest.raises(
-            ValueError, match=r"unknown agent .*: choose autopilot, lqg, pid, random, the path of a checkpoint"
+            ValueError, match=r"unknown agent .*: choose autopilot, lqg, pid, ppo, random, the path of a checkpoint"
         ):
             rollout(name if isinstance(name, str) else str(name), ENV, [0])
         with pytest.raises(
-            ValueError, match=r"unknown agent .*: choose autopilot, lqg, pid, random, the path of a checkpoint"
+            ValueError, match=r"unknown agent .*: choose autopilot, lqg, pid, ppo, random, the path of a checkpoint"
         ):
             load_agent(name, gym.make(ENV))
 
