@@ -46,40 +46,37 @@ class SigmaPoints(Filter[Record]):
     def _propagate(self, mean: np.ndarray, cov: np.ndarray, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         if isinstance(self.model, LinearModel):
             return super()._propagate(mean, cov, u)
-        values = self._values("transition", self.model.n, mean, self._by_rows(semidefinite_cholesky, cov), u)
-        moved, cov = self._by_rows(self._moments, values)
+        points, _ = self._by_rows(self._spread, mean[..., None, :], cov)
+        moved, cov = self._by_rows(self._moments, self._values("transition", self.model.n, points, u))
         return moved, cov
 
     def _linearise(self, belief: Record, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
         if isinstance(self.model, LinearModel):
             return super()._linearise(belief, u)
-        root = self._full_root(belief)
-        values = self._values("measurement", self.model.p, belief.mean, root, u)
+        points, root = self._full_spread(belief)
+        values = self._values("measurement", self.model.p, points, u)
         expected, C, excess = self._by_rows(self._line_of_readings, values, root)
         return expected, C, excess
 
     def _slopes(self, belief: Record, u: np.ndarray | None) -> np.ndarray:
         if isinstance(self.model, LinearModel):
             return super()._slopes(belief, u)
-        root = self._full_root(belief)
-        values = self._values("transition", self.model.n, belief.mean, root, u)
-        _, A, _ = self._by_rows(self._line_of_states, values, root)
+        points, root = self._full_spread(belief)
+        _, A, _ = self._by_rows(self._line_of_states, self._values("transition", self.model.n, points, u), root)
         return A
 
-    def _full_root(self, belief: Record) -> np.ndarray:
-        """A root ``(..., n, n)`` of the covariance with an inverse: where it has no spread slopes are derivatives."""
-        root: np.ndarray = self._by_rows(semidefinite_cholesky, belief.cov)
+    def _full_spread(self, belief: Record) -> tuple[np.ndarray, np.ndarray]:
+        """Points and a root with an inverse ``(..., n, n)``: where a belief has no spread slopes are derivatives."""
+        centre = belief.mean[..., None, :]
+        points, root = self._by_rows(self._spread, centre, belief.cov)
         flat = np.diagonal(root, axis1=-2, axis2=-1) == 0.0
         if flat.any():
             root = root + (flat * steps(belief.mean, belief.cov, self.model.state_angles))[..., None] * self._identity
-        return root
+            points = self._by_rows(self._points, centre, root)
+        return points, root
 
-    def _values(self, name: str, size: int, mean: np.ndarray, root: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-        """A function of the model ``(..., 2 n + 1, size)`` at the points of a mean and a covariance ``root root'``.
-
-        It is anybody's NumPy, and asked once for the points of all rows.
-        """
-        points = self._by_rows(self._points, mean[..., None, :], root)
+    def _values(self, name: str, size: int, points: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+        """A function of the model at the points ``(..., 2 n + 1, size)``: anybody's NumPy, asked once for all rows."""
         return at_points(name, getattr(self.model, name), points, u, size)
 
     # --- formulas: of arrays or, compiled, of what stands for them ----------------------------------
@@ -87,6 +84,11 @@ class SigmaPoints(Filter[Record]):
     @property
     def _c2(self) -> float:
         return self.alpha**2 * (self.model.n + self.kappa)
+
+    def _spread(self, centre: np.ndarray, cov: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The points ``(..., 2 n + 1, n)`` about a mean ``(..., 1, n)``, and the root of its covariance."""
+        root = semidefinite_cholesky(cov)
+        return self._points(centre, root), root
 
     def _points(self, centre: np.ndarray, root: np.ndarray) -> np.ndarray:
         offsets = np.sqrt(self._c2) * root.mT  # rows: along the columns of the root

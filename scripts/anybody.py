@@ -54,7 +54,8 @@ def returns_table(found: dict[Trial, tuple[np.ndarray | list[float], ...]]) -> s
         share = 1.0 + (np.asarray(estimate) - truth) / gain
         row = (_words(np.atleast_2d(chance), 1), _words(truth, 1), _words(estimate, 1), _words(100.0 * share, 1) + " %")
         rows.append((f"{trial.env_id}, {trial.steps:,} steps", *row))
-    return table(("", "random actions", "PPO on the truth", "PPO on `ukf`", "of the gain over random actions"), rows)
+    heads = f"{len(truth)} trainings each"
+    return table((heads, "random actions", "PPO on the truth", "PPO on `ukf`", "of the gain over random actions"), rows)
 
 
 def _words(values: np.ndarray | list[float], decimals: int) -> str:

@@ -15,10 +15,12 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
+import gymnasium as gym
 import numpy as np
 
 import vessel_gym
 import vessel_gym.core
+from agents.anybody_trial import CART_POLE
 from estimators import names
 from scripts.by_hand import (
     MEASUREMENTS,
@@ -37,6 +39,7 @@ from scripts.flights import STEPS, Flight, units
 from vessel_gym.composition import Forces
 from vessel_gym.core import Core
 from vessel_gym.loop import Loop
+from vessel_gym.wrappers.vector import EstimatedObservation
 
 CORVETTE = "ThesisCorvette-v0"
 BATCH = 256
@@ -273,6 +276,54 @@ def flight_table(env_ids: tuple[str, ...], this: Worker | None, that: Worker | N
     return Table(title, headings, lines, f"That version has no {'; '.join(refused)}." if refused else "")
 
 
+def balanced(rows: int, estimator: str | None = None, in_numpy: bool = False) -> Timed:
+    """Steps of Gymnasium's own batch of cart-poles under random actions, by itself or behind an estimator.
+
+    Args:
+        rows: Its size.
+        estimator: What agents see it through; None: nothing.
+        in_numpy: Whether the filter's formulas are computed by NumPy, as the tests' reference is.
+    """
+    env: Any = gym.make_vec("CartPole-v1", num_envs=rows, vectorization_mode="vector_entry_point")
+    if estimator is not None:
+        native = env
+        env = EstimatedObservation(env, state=lambda *_: native.unwrapped.state.T, estimator=estimator, **CART_POLE)
+        if in_numpy:
+            env.watch.filter._programs = None
+    actions = np.random.default_rng(0).integers(0, 2, (STEPS, rows))
+
+    def block() -> float:
+        env.reset(seed=0)
+        start = time.perf_counter()
+        for action in actions:
+            env.step(action)
+        return time.perf_counter() - start
+
+    return Timed(block, rows * STEPS)
+
+
+def asked_at_points(rows: int) -> Timed:
+    """What a step of an unscented filter asks of the cart-pole's model: its functions at all points."""
+    model: Any = CART_POLE["model"]
+    points, u = np.zeros((rows, 2 * model.n + 1, model.n)), np.zeros((rows, 1, 1))
+    return stepped(lambda _: (model.transition(points, u), model.measurement(points, u)), rows, STEPS)
+
+
+def anybody_table(sizes: tuple[int, ...]) -> Table:
+    """Gymnasium's cart-poles behind a batched filter: compiled, by NumPy, and what no filter can save."""
+    lines: dict[str, tuple[Cell, ...]] = {}
+    for rows in sizes:
+        fast, slow = balanced(rows, "ukf"), balanced(rows, "ukf", in_numpy=True)
+        rest = balanced(rows), balanced(rows, "truth"), asked_at_points(rows)
+        lines[f"batch of {rows:,}"] = fast, slow, (slow, fast), *rest
+    return Table(
+        "CartPole-v1, Gymnasium's own batch, behind a `ukf`: µs a step of one environment",
+        ("`ukf`", "`ukf` by NumPy", "NumPy / compiled", "no wrapper", "the oracle", "the model's functions"), lines,
+        "The oracle: all of the wrapper but a filter; the model's functions: NumPy, as the user has written them, at "
+        "the points of one step. Both are in the columns of `ukf`, and no compiled filter makes them faster.",
+    )  # fmt: skip
+
+
 class Clock:
     """What a flight's steps spend in each part of `Core.step` and around it; what parts call belongs to them."""
 
@@ -360,6 +411,7 @@ def report(
         tables += filter_tables(rows) if "filters" in what else []
         tables += [flight_table(env_ids, this, that)] if "flights" in what else []
         tables += [where_table(env_ids)] if "where" in what else []
+        tables += [anybody_table(rows)] if "anybody" in what else []
         times = measure([timed for table in tables for timed in table.timed()], rounds)
     note = f"Median [quartiles] of {rounds} rounds; {machine()}."
     return "\n".join([note, "", *(table.text(times) for table in tables)]).strip()

@@ -11,7 +11,7 @@ import pytest
 from estimators import Belief, Filter, Gaussian, KalmanFilter, LinearModel, Schedule, formulas, make
 from estimators.filter import Model, Rng
 from estimators.formulas import Program
-from estimators.linalg import joined, semidefinite_cholesky, singular, solve, symmetrise
+from estimators.linalg import joined, semidefinite_cholesky, singular, solve, solve_upper, symmetrise
 from estimators.reading import Reading
 from tests.estimators.cases import Case, arrays, assert_same, every_case, random_covariance, simulate, some_readings
 
@@ -34,6 +34,7 @@ FORMULAS: dict[str, Callable[..., Any]] = {
     "sums of entries": lambda S, B, x, m: B.sum(-2).sum(-1) + B.sum(-1).sum(-1) * B.sum((-2, -1)) + x.sum(-1),
     "diagonal": lambda S, B, x, m: S.diagonal(0, -2, -1) - np.remainder(x, 0.7),
     "solve": lambda S, B, x, m: solve(S, B),
+    "solve by a triangle": lambda S, B, x, m: solve_upper(semidefinite_cholesky(S).mT, B),
     "cholesky": lambda S, B, x, m: semidefinite_cholesky(S),
     "cholesky of less than full rank": lambda S, B, x, m: squared(semidefinite_cholesky(B @ B.mT)),
     "symmetrise": lambda S, B, x, m: symmetrise(S @ S),

@@ -228,6 +228,21 @@ def test_a_belief_without_variance_in_some_directions_is_carried_on_as_by_the_ka
     assert np.linalg.matrix_rank(beliefs[0].cov, tol=1e-9) == rank
 
 
+@pytest.mark.parametrize("name", ["ukf", "ukf-umv"])
+def test_a_row_without_variance_leaves_the_others_their_bits_and_is_as_by_numpy(name: str):
+    system = turning_vehicle(0) if name == "ukf" else pushed_vehicle(0)
+    filter, plain = (make(name, system.model) for _ in range(2))
+    plain._programs = None
+    cov = np.tile(system.cov, (3, 1, 1))
+    cov[1, 2], cov[1, :, 2] = 0.0, 0.0
+    prior, y = Gaussian(np.tile(system.mean, (3, 1)), cov), np.tile([36.0, 2.5, 0.1], (3, 1))
+    together, reference = (f.update(f.init(prior), y, u=np.zeros((3, 2))) for f in (filter, plain))
+    assert_same(together, reference, 1e-12)
+    for row in range(3):
+        alone = filter.update(filter.init(Gaussian(prior.mean[[row]], cov[[row]])), y[[row]], u=np.zeros((1, 2)))
+        assert_same(together[[row]], alone)
+
+
 def test_an_unknown_input_shows_in_a_state_that_was_known_exactly():
     """Without variance along G the points do not spread, but C must be the derivative there all the same."""
     model = LinearModel(A=[[1.0, 0.1], [0.0, 1.0]], C=np.eye(2), Q=np.diag([1.0, 0.0]), R=np.eye(2), G=[[0.0], [1.0]])

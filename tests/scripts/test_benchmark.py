@@ -109,7 +109,7 @@ def test_cart_poles_behind_a_filter_fly_alike_by_numpy_and_compiled(monkeypatch:
 
         with monkeypatch.context() as patched:
             patched.setattr(EstimatedObservation, "step", kept)
-            timed = benchmark.balanced(5, "ukf", in_numpy)
+            timed = timing.balanced(5, "ukf", in_numpy)
             assert timed.block() > 0.0
         assert timed.units == 5 * STEPS
         infos.append(estimates)
@@ -117,7 +117,7 @@ def test_cart_poles_behind_a_filter_fly_alike_by_numpy_and_compiled(monkeypatch:
     assert any((one != other).any() for one, other in zip(*infos, strict=True))  # two ways of rounding
     for one, other in zip(*infos, strict=True):
         np.testing.assert_allclose(one, other, rtol=0, atol=1e-9)
-    assert benchmark.anybody_table((2,)).timed()
+    assert timing.anybody_table((2,)).timed()
 
 
 # --- how it is timed ----------------------------------------------------------------------------------
@@ -282,14 +282,9 @@ def test_the_report_names_all_that_is_timed_and_goes_onto_a_page(
         assert part in printed
 
 
-<<<<<<< HEAD
-def test_the_page_of_speed_can_be_written_again():
-    before, after = around(HERE / "docs" / "speed.md", MARK)
-=======
 @pytest.mark.parametrize("page", ["speed.md", "any-environment.md"])
 def test_a_page_can_be_written_again(page: str):
-    before, after = around(HERE / "docs" / page, benchmark.MARK)
->>>>>>> ukf
+    before, after = around(HERE / "docs" / page, MARK)
     assert before
     assert after
 
