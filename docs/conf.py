@@ -86,7 +86,7 @@ html_theme_options = {
     "header_links_before_dropdown": 6,
     "navbar_align": "left",
     "navbar_persistent": ["search-button"],
-    "navbar_end": ["version-switcher", "theme-switcher"],
+    "navbar_end": ["version-switcher", "theme-switcher", "navbar-icon-links"],
     "github_url": SOURCE,
     "switcher": {"json_url": "_static/switcher.json", "version_match": version},
     "show_nav_level": 1,
