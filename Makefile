@@ -60,5 +60,5 @@ wheel:  ## Build sdist and wheel, and try the wheel in empty environments of eve
 	PYTHON=$(PYTHON) .ci/wheel
 
 clean:  ## Remove the environment, caches and build products (results stay)
-	rm -rf .venv build dist docs/_build docs/examples docs/api/generated *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf .venv build dist docs/_build docs/examples docs/api/generated docs/_static/episode.html *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -type d -name __pycache__ -prune -exec rm -rf {} +

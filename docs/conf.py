@@ -2,6 +2,7 @@
 
 import inspect
 import re
+import subprocess
 import sys
 from importlib import import_module
 from importlib.metadata import version as installed
@@ -10,6 +11,7 @@ from pathlib import Path
 from docutils import nodes
 from docutils.statemachine import StringList
 from sphinx.application import Sphinx
+from sphinx.util import logging
 from sphinx.util.docutils import SphinxDirective
 
 HERE = Path(__file__).parent
@@ -84,7 +86,7 @@ html_theme_options = {
     "header_links_before_dropdown": 6,
     "navbar_align": "left",
     "navbar_persistent": ["search-button"],
-    "navbar_end": ["version-switcher", "theme-switcher"],
+    "navbar_end": ["version-switcher", "theme-switcher", "navbar-icon-links"],
     "github_url": SOURCE,
     "switcher": {"json_url": "_static/switcher.json", "version_match": version},
     "show_nav_level": 1,
@@ -139,9 +141,28 @@ def setup(app: Sphinx) -> None:
     """Add what is ours."""
     app.add_directive("manual", Manual)
     app.add_directive("episode", Episode)
+    app.connect("builder-inited", _fly_the_episode)
     app.connect("source-read", lambda app, page, text: _linked(text, (HERE / page).parent))
     app.connect("include-read", lambda app, path, page, text: _linked(text, (HERE / path).parent))
     app.connect("autodoc-process-docstring", _docstrings_as_they_are_written, 400)  # before napoleon's
+
+
+def _fly_the_episode(app: Sphinx) -> None:
+    """Write the front page's episode; where `watch` writes none, the page shows a picture and the log says why."""
+    if not EPISODE.exists():
+        words = [
+            sys.executable,
+            "-m",
+            "scripts.watch",
+            "SigmaCorvette-v0",
+            "--disturbance",
+            "rough",
+            "--out",
+            str(EPISODE),
+        ]
+        done = subprocess.run(words, cwd=HERE.parent, capture_output=True, text=True)
+        if done.returncode:
+            logging.getLogger(__name__).info("no episode: %s", done.stderr.strip())
 
 
 def _linked(text: list[str], folder: Path) -> None:
