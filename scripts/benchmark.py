@@ -324,8 +324,8 @@ def anybody_table(sizes: tuple[int, ...]) -> Table:
     return Table(
         "CartPole-v1, Gymnasium's own batch, behind a `ukf`: µs a step of one environment",
         ("`ukf`", "`ukf` by NumPy", "NumPy / compiled", "no wrapper", "the oracle", "the model's functions"), lines,
-        "The oracle: all of the wrapper but a filter; the model's functions: NumPy, as the user has written them, at "
-        "the points of one step. Both are in the columns of `ukf`, and no compiled filter makes them faster.",
+        "The oracle: the wrapper without a filter's arithmetic; the model's functions: NumPy, as the user has written "
+        "them, at the points of one step.",
     )  # fmt: skip
 
 
