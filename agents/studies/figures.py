@@ -63,13 +63,14 @@ class Row:
     values: Sequence[Interval | float | None]
 
 
-def dots(rows: Sequence[Row], heads: Sequence[str], label: str) -> "Figure":
+def dots(rows: Sequence[Row], heads: Sequence[str], label: str, marks: Sequence[float] = (0.0, 1.0)) -> "Figure":
     """Values with their intervals, a line each, the first on top; a number without an interval is hollow.
 
     Args:
         rows: The lines.
         heads: What the panels show: environments, or `ALL`, which is set in a tint.
         label: Of the axis.
+        marks: Values at which a line is drawn, in sight in every panel.
     """
     from matplotlib.figure import Figure
 
@@ -82,8 +83,8 @@ def dots(rows: Sequence[Row], heads: Sequence[str], label: str) -> "Figure":
                 panel.set_facecolor("#f5f6f8")
             for height, row in zip(heights, rows, strict=True):
                 _dot(panel, row.values[j], height, row.look)
-            for end in (0.0, 1.0):
-                panel.axvline(end, color=INK, linewidth=0.6, zorder=0.5)
+            for mark in marks:
+                panel.axvline(mark, color=INK, linewidth=0.6, zorder=0.5)
             panel.set_title("All environments" if head == ALL else head, loc="left", fontsize=9)
             panel.grid(axis="x")
             panel.tick_params(axis="y", length=0)

@@ -259,7 +259,23 @@ def _price(results: Results) -> Section:
         sections,
         "price",
     )
-    return Section("The price of estimation", [table])
+    return Section("The price of estimation", [*_price_figure(results), table])
+
+
+def _price_figure(results: Results) -> list[Block]:
+    """What is lost on each estimator but the ends: beside dead reckoning the others could not be told apart."""
+    environments, look = ruled(results), looks(results)
+    names = _ranked_names(results, environments)
+    lost = {name: [results.price(results.scaled([e]), results.classical, name) for e in environments] for name in names}
+    rows = [Row(name, look[name], values) for name, values in lost.items() if any(v is not None for v in values)]
+    if not rows:
+        return []
+    caption = (
+        f"{sentence(the(results.classical))}, means over conditions and evaluation seeds with 95 % intervals; the line "
+        f"is the truth, and {FLOOR} is beyond the axis."
+    )
+    figure = dots(rows, environments, "score lost against the truth", (0.0,))
+    return [_figure(figure, "Score lost against the truth", caption)]
 
 
 def _lost(results: Results, place: Place, pilot: Pilot, estimator: str) -> Entry:
