@@ -28,7 +28,8 @@ ablation: venv  ## Train and score agents on every estimator, and write the repo
 PILOTS := SigmaCorvette-v0 ThesisCorvette-v0 SegorogeniAUV-v0 ItsunusaAUV-v0 PunaUAV-v0
 
 pilots: venv  ## Train the agents that come with the package anew, and write their scores into docs/pilots.md
-	$(foreach env,$(PILOTS),$(BIN)/python -m scripts.train $(env) --out agents/trained/$(env).zip &&) \
+	$(foreach env,$(PILOTS),$(BIN)/python -m scripts.train $(env) --out agents/trained/$(env).zip \
+		$(if $(filter Puna%,$(env)),--seed 1) &&) \
 	$(BIN)/python -m scripts.tables pilots
 
 test: venv  ## Run the tests, of slow ones three cases each (five minutes)
