@@ -17,6 +17,7 @@ CALLS = {
     "--help": (0, "usage: vessel-gym COMMAND"),
     "watch --help": (0, "usage: vessel-gym watch"),
     "evaluate PunaUAV-v0 --episodes 2": (0, "Score"),
+    "watch PunaUAV-v0 --out e.html": (0, "wrote e.html"),
     "watch PunaUAV-v0 --out flight.gif": (2, r"pip install 'vessel-gym\[render\]'"),
     "train SigmaCorvette-v0": (2, r"pip install 'vessel-gym\[train\]'"),
     "ablate quick": (2, r"pip install 'vessel-gym\[report\]'"),

@@ -5,6 +5,7 @@ torch and stable-baselines3 are imported only when an agent is trained, saved or
 
 from agents.agent import Agent, RandomAgent, load_agent
 from agents.checkpoint import save_agent
+from agents.episodes import Episode, episode
 from agents.metrics import Metric
 from agents.pilots import register_pilot
 from agents.pilots.turning import TurningAutopilot
@@ -13,10 +14,12 @@ from agents.sheets import register_scores
 
 __all__ = [
     "Agent",
+    "Episode",
     "Metric",
     "RandomAgent",
     "Rollout",
     "TurningAutopilot",
+    "episode",
     "load_agent",
     "register_pilot",
     "register_scores",

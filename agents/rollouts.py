@@ -60,6 +60,7 @@ def rollout(
     record: bool = True,
     progress: Callable[[int, int], None] | None = None,
     trust: bool = False,
+    ensembles: bool = False,
 ) -> Rollout:
     """Fly one episode for each seed, all in one batch.
 
@@ -72,6 +73,7 @@ def rollout(
         record: Keep the history of every numeric array in ``info``.
         progress: Called with (step, horizon).
         trust: See `agents.load_agent`.
+        ensembles: Keep in the history the members of an estimator that has an ensemble, too; NaN at an episode's end.
 
     Raises:
         ValueError: if there is no such environment, if there are no seeds, or if the agent cannot fly it.
@@ -99,6 +101,7 @@ def rollout(
         keys = [key for key, value in info.items() if record and not key.startswith("_") and _numeric(value)]
         frames = {key: [info[key]] for key in keys}
         surprise = [_nis(env)] if record else []
+        clouds = [_ensemble(env)] if record and ensembles else []
         alive = np.ones(len(seeds), bool)
         returns, length = np.zeros(len(seeds)), np.zeros(len(seeds), int)
         ended, score = np.zeros(len(seeds), bool), np.full(len(seeds), np.nan)
@@ -115,6 +118,9 @@ def rollout(
                 frames[key].append(frame)
             if record:
                 surprise.append(np.where(alive & ~done, _nis(env), np.nan))
+            if clouds and clouds[0] is not None:
+                cloud = _ensemble(env)
+                clouds.append(np.where(rows_like(alive & ~done, cloud), cloud, np.nan))
             returns += np.where(alive, reward, 0.0)
             length += alive
             ended |= terminated & done
@@ -131,11 +137,18 @@ def rollout(
     history = {key: np.stack(values) for key, values in frames.items()}
     if frames:
         history["nis"] = np.stack(surprise)
+    if clouds and clouds[0] is not None:
+        history["ensemble"] = np.stack(clouds)
     return Rollout(env_id, np.array(seeds), score, returns, length, ended, end, history, env)
 
 
 def _numeric(value: Any) -> bool:
     return isinstance(value, np.ndarray) and value.dtype != object
+
+
+def _ensemble(env: Any) -> Any:
+    """Members of the belief ``(B, m, n)``, if it has any."""
+    return env.unwrapped.core.belief.ensemble
 
 
 def _nis(env: Any) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Watch an agent steer: ``python -m scripts.watch SigmaCorvette-v0 --disturbance rough --out turn.gif``."""
+"""Watch an agent steer: ``python -m scripts.watch SigmaCorvette-v0 --disturbance rough --out episode.html``."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 FPS = 12
 """Frames a second of a GIF or MP4."""
-SUFFIXES = (".gif", ".mp4", ".png")
+SUFFIXES = (".html", ".gif", ".mp4", ".png")
 
 
 def main(
@@ -38,13 +38,14 @@ def main(
 
     Args:
         env_id: Registered environment.
-        estimator: What the agent sees the world through; the environment's default if not given.
+        estimator: What the agent sees the world through; the environment's default if not given. An .html begins with
+            it, and has others to switch to.
         sensors: clean, nominal or degraded.
         disturbance: calm, moderate or rough.
         seed: Seed of the episode.
         agent: A pilot of the task (autopilot, lqg, pid), ppo (trained, comes with the package), random, the path of a
             checkpoint, or your own as module:object, whose code is run.
-        out: A .gif, an .mp4, or a .png of the last frame.
+        out: An .html to touch in a browser, on several estimators; a .gif, an .mp4, or a .png of the last frame.
         every: Keep one frame in this many steps (.gif and .mp4).
         trust: Load a checkpoint that vessel-gym did not write, although it can run any code.
     """
@@ -55,7 +56,7 @@ def main(
     from agents.studies.worlds import environment_id
     from vessel_gym.extras import require
 
-    if out is not None:
+    if out is not None and out.suffix.lower() != ".html":
         require("imageio", "imageio_ffmpeg", "PIL")
     options: dict[str, Any] = {"estimator": estimator, "sensors": sensors, "disturbance": disturbance}
     with asked():
@@ -66,6 +67,10 @@ def main(
             check_display()
         elif out.suffix.lower() not in SUFFIXES:
             raise ValueError(f"cannot write {str(out)!r}: the suffix must be one of {', '.join(SUFFIXES)}")
+    if out is not None and out.suffix.lower() == ".html":
+        touch(env_id, agent, seed, options, trust, out)
+        return
+    with asked():
         env = gym.make(env_id, render_mode="rgb_array" if out else "human", **options)
         flyer = load_agent(agent, env, trust)
     if out is not None:
@@ -77,6 +82,18 @@ def main(
         episode = fly(env, flyer, observation)
         score = record(env, episode, out, every) if out else show(env, episode)
     print(f"wrote {out}, score {score:.3f}" if out else f"score {score:.3f}")
+
+
+def touch(env_id: str, agent: str, seed: int, options: dict[str, Any], trust: bool, out: Path) -> None:
+    """Write the episode on several estimators as a page."""
+    from agents import episode
+    from agents.files import check_file
+
+    check_file(out)
+    with asked():
+        flown = episode(env_id, None, agent, seed, options, trust)
+    flown.save(out)
+    print(f"wrote {out}, score {', '.join(f'{score:.3f} on {name}' for name, score in flown.scores.items())}")
 
 
 def check_display() -> None:

@@ -1,0 +1,309 @@
+"""One episode on several estimators: flown, packed into a page, shown."""
+
+import base64
+import html
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agents.episodes.scenes import Scene, scene_of
+from agents.files import replacing
+from agents.metrics import WITHOUT_COVARIANCE, core_of
+from agents.named import vector_class
+from agents.rollouts import Rollout, rollout
+from estimators import Filter
+from estimators.angles import difference
+from vessel_gym.estimation import build, chosen_disturbance
+
+COMPARED = ("ekf", "enkf", "dead-reckoning", "truth")
+"""What the environment's own estimator is shown beside, as far as its models carry it."""
+FRAMES = 1500
+"""Moments of an episode that a page holds at most; of a longer one it holds every second, third and so on."""
+CLOUDS, MEMBERS = 300, 40
+"""Moments at which an ensemble is kept at most, and how many of its members."""
+CHARTS = 5
+"""Errors of components that are charted at most."""
+
+_LABELS = {
+    "x": ("north position", "m"), "y": ("east position", "m"), "z": ("depth", "m"), "h": ("altitude", "m"),
+    "phi": ("roll", "°"), "theta": ("pitch", "°"), "psi": ("heading", "°"),
+    "u": ("surge speed", "m/s"), "v": ("sway speed", "m/s"), "w": ("heave speed", "m/s"),
+    "p": ("roll rate", "°/s"), "q": ("pitch rate", "°/s"), "r": ("yaw rate", "°/s"),
+    "north": ("speed north", "m/s"), "east": ("speed east", "m/s"), "climb": ("climb rate", "m/s"),
+}  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Episode:
+    """The same episode on several estimators, as a page that needs no network: a notebook shows it, `save` writes it.
+
+    Attributes:
+        page: What the page shows, as JSON holds it.
+    """
+
+    page: dict[str, Any]
+
+    @property
+    def scores(self) -> dict[str, float]:
+        """The score on each estimator."""
+        return {flight["estimator"]: flight["score"] for flight in self.page["flights"]}
+
+    def html(self) -> str:
+        """The whole page: data, drawing and libraries in one document."""
+        web = files("agents.episodes") / "web"
+
+        def source(name: str) -> str:
+            return (web / name).read_text(encoding="utf-8")
+
+        names = ["vendor/uplot.min.js", *(["vendor/three.min.js"] if self.page["scene"]["space"] else []), "episode.js"]
+        # "<" never stands in the data, so that no label of anybody ends the element that holds it.
+        parts = {
+            "title": html.escape(self.page["title"]),
+            "style": source("vendor/uplot.min.css") + source("episode.css"),
+            "data": json.dumps(self.page, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"),
+            "scripts": "".join(f"<script>{source(name)}</script>\n" for name in names),
+        }
+        head, *rest = source("episode.html").split("{{")
+        return head + "".join(parts[name] + after for name, _, after in (each.partition("}}") for each in rest))
+
+    def save(self, path: Path | str) -> None:
+        """Write the page.
+
+        Raises:
+            OSError: if it cannot be written there.
+        """
+        with replacing(Path(path)) as temporary:
+            temporary.write_text(self.html(), encoding="utf-8")
+
+    def _repr_html_(self) -> str:
+        srcdoc, title = (html.escape(text) for text in (self.html(), self.page["title"]))
+        return (
+            f'<iframe srcdoc="{srcdoc}" title="{title}" sandbox="allow-scripts" loading="lazy" '
+            'style="width:100%;height:720px;border:0"></iframe>'
+        )
+
+
+def episode(
+    env_id: str = "SigmaCorvette-v0",
+    estimators: Sequence[str] | None = None,
+    agent: Any = "autopilot",
+    seed: int = 0,
+    env_options: dict[str, Any] | None = None,
+    trust: bool = False,
+) -> Episode:
+    """Fly one episode on several estimators, all of which meet the same start, waves, losses and sensor noise.
+
+    Args:
+        env_id: A registered environment of ours, or your own.
+        estimators: The first is shown first; None: the environment's own, then those of `COMPARED` that its models
+            carry.
+        agent: As `rollout` takes it; it steers on each estimator afresh.
+        seed: Of the episode.
+        env_options: Passed to the environment.
+        trust: See `agents.load_agent`.
+
+    Raises:
+        ValueError: if there is no such environment or estimator, or the agent cannot fly it.
+        TypeError: for arguments of another kind.
+    """
+    options = dict(env_options or {})
+    first = options.pop("estimator", None)
+    if estimators is None:
+        estimators = _compared(env_id, options, first)
+    elif isinstance(estimators, str) or not len(estimators):
+        raise TypeError(f"estimators must be a list of one name or more, got {estimators!r}")
+    flown = [
+        rollout(agent, env_id, [seed], {**options, "estimator": name}, trust=trust, ensembles=True)
+        for name in estimators
+    ]
+    return Episode(page_of(flown, [name if isinstance(name, str) else "own" for name in estimators]))
+
+
+def _compared(env_id: str, options: dict[str, Any], first: Any) -> list[Any]:
+    """The estimator that is asked for, or the environment's, and those of `COMPARED` that its models carry."""
+    system = getattr(vector_class(env_id), "system", None)
+    if system is None:
+        raise ValueError(f"{env_id!r} has no estimator in the loop: name an environment of vessel_gym, or your own")
+    sensors = system.sensors_of(options.get("sensors", "nominal"))
+    disturbance = chosen_disturbance(system, options.get("disturbance", "moderate"))
+
+    def carried(name: str) -> bool:
+        try:
+            return isinstance(build(system, name, None, sensors, disturbance).filter, Filter)
+        except ValueError:
+            return False
+
+    own = [system.estimator] if first is None else [first, system.estimator]
+    return [*dict.fromkeys(own), *(name for name in COMPARED if name not in own and carried(name))]
+
+
+def page_of(flown: Sequence[Rollout], names: Sequence[str]) -> dict[str, Any]:
+    """What a page shows of rollouts of one seed, on estimators of these names."""
+    core = core_of(flown[0])
+    scene, shown = scene_of(flown[0]), _focus(core)
+    stride = 1 + int(max(each.length[0] for each in flown)) // FRAMES
+    words = [f"{core.disturbance_name} disturbance", f"{core.sensors_name} sensors", f"seed {flown[0].seeds[0]}"]
+    return {
+        "title": f"{core.system.name}: one episode on {len(flown)} estimator{'s' * (len(flown) > 1)}",
+        "name": core.system.name,
+        "conditions": words,
+        "step": core.vehicle.dt,
+        "dt": core.vehicle.dt * stride,
+        "placed": bool({"x", "y", "z", "h"} & set(core.vehicle.state_names)),
+        "located": bool({"x", "y"} & set(shown)),
+        "focus": [_label(name, core.vehicle.angles) for name in shown],
+        "scene": _surroundings(scene),
+        "flights": [_flight(each, name, shown, stride) for each, name in zip(flown, names, strict=True)],
+    }
+
+
+def _surroundings(scene: Scene) -> dict[str, Any]:
+    named = asdict(scene)
+    return {key: packed(value) if isinstance(value, np.ndarray) else value for key, value in named.items()}
+
+
+def _focus(core: Any) -> list[str]:
+    """What is shown close up: the estimated components of the position, or else of attitude or whatever comes first."""
+    names = core.composition.names[: core.composition.base]
+    return [name for name in ("y", "x", "z", "h") if name in names] or (["psi"] if "psi" in names else [names[0]])
+
+
+def _flight(flown: Rollout, name: str, shown: list[str], stride: int) -> dict[str, Any]:
+    """What a page shows of the first episode of a rollout."""
+    core, told = core_of(flown), core_of(flown).composition
+    keep = np.unique(np.append(np.arange(0, flown.length[0], stride), flown.length[0]))
+    h = {key: values[keep, 0] for key, values in flown.history.items() if key != "ensemble"}
+    base = told.names[: told.base]
+    believed = [base.index(each) for each in shown]
+    true = h["truth"][:, [core.truth_names.index(each) for each in shown]]
+    angles = tuple(i for i, each in enumerate(shown) if each in core.vehicle.angles)
+    scale = np.array([_scale(each, core.vehicle.angles) for each in shown])
+    error = difference(h["estimate"][:, believed], true, angles) * scale
+    claims = core.estimator not in WITHOUT_COVARIANCE
+    cov = h["covariance"][:, believed][:, :, believed] * np.outer(scale, scale)
+    guess = h["truth"].copy()  # what is not estimated stands where it truly is
+    places = [core.truth_names.index(each) for each in base]
+    guess[:, places] = h["estimate"][:, : told.base]
+    return {
+        "estimator": name,
+        "score": float(flown.score[0]),
+        "end": str(flown.end[0]),
+        "true": packed(pose(h["truth"], core.truth_names)),
+        "believed": packed(pose(guess, core.truth_names)),
+        "error": packed(error),
+        "covariance": packed(cov.reshape(len(cov), -1)) if claims else None,
+        "members": _members(flown, believed, angles, scale),
+        "fix": packed(_fixes(core, h, shown, true, angles) * scale),
+        "charts": [*_errors(core, h, claims), *_inputs(core, h), _score(h)],
+    }  # fmt: skip
+
+
+def pose(states: np.ndarray, names: Sequence[str]) -> np.ndarray:
+    """Where a vehicle is and how it lies, ``(T, 6)``: north, east, down [m], roll, pitch, yaw [rad], continuous.
+
+    What its state does not name is 0; one without attitude points where it goes.
+    """
+
+    def of(name: str) -> np.ndarray:
+        return states[:, names.index(name)] if name in names else np.zeros(len(states))
+
+    yaw, pitch = of("psi"), of("theta")
+    if "psi" not in names and "north" in names:
+        yaw = np.arctan2(of("east"), of("north"))
+        pitch = np.arctan2(of("climb"), np.hypot(of("east"), of("north")))
+    return np.stack([of("x"), of("y"), of("z") - of("h"), of("phi"), pitch, np.unwrap(yaw)], -1)
+
+
+def packed(values: np.ndarray) -> dict[str, Any]:
+    """An array as JSON can hold it: float32, little-endian, in base64."""
+    return {"shape": values.shape, "float32": base64.b64encode(np.asarray(values, "<f4").tobytes()).decode()}
+
+
+def unpacked(packing: dict[str, Any]) -> np.ndarray:
+    """The array of `packed`."""
+    return np.frombuffer(base64.b64decode(packing["float32"]), "<f4").reshape(packing["shape"])
+
+
+def _members(flown: Rollout, believed: list[int], angles: tuple[int, ...], scale: np.ndarray) -> dict[str, Any] | None:
+    """Where members of an ensemble are from their mean ``(F, m, k)``, as 16-bit integers, and at which steps."""
+    if "ensemble" not in flown.history:
+        return None
+    last = int(flown.length[0])
+    at = np.arange(0, last, 1 + last // CLOUDS)  # of the end itself a batch that resets at once keeps nothing
+    ensemble = flown.history["ensemble"][at, 0, :MEMBERS][..., believed]
+    mean = flown.history["estimate"][at, 0][:, None, believed]
+    away = difference(ensemble, mean, angles) * scale
+    unit = float(np.abs(away).max(initial=1e-12)) / 32767.0
+    integers = base64.b64encode(np.round(away / unit).astype("<i2").tobytes()).decode()
+    return {"shape": away.shape, "int16": integers, "unit": unit, "every": int(at[1]) if len(at) > 1 else 1}
+
+
+def _fixes(
+    core: Any, h: dict[str, np.ndarray], shown: list[str], true: np.ndarray, angles: tuple[int, ...]
+) -> np.ndarray:
+    """Readings of components minus their truth ``(T, k)``; NaN where none came."""
+    fixes = np.full(true.shape, np.nan)
+    for i, name in enumerate(shown):
+        for channel in (c for c, given in enumerate(core.sensors.gives) if given == name):
+            off = difference(h["measurement"][:, [channel]], true[:, [i]], (0,) if i in angles else ())[:, 0]
+            fixes[:, i] = np.where(h["available"][:, channel], off, fixes[:, i])
+    return fixes
+
+
+def _errors(core: Any, h: dict[str, np.ndarray], claims: bool) -> list[dict[str, Any]]:
+    """Charts of what is believed minus what is true, with the band that the estimator claims, and the readings."""
+    names = core.composition.names[: core.composition.base]
+    first = [name for name in ("y", "x", "z", "h", "psi", "phi") if name in names]
+    charts = []
+    for name in [*first, *(name for name in names if name not in first)][:CHARTS]:
+        i, scale, angles = names.index(name), _scale(name, core.vehicle.angles), core.vehicle.angles
+        true = h["truth"][:, [core.truth_names.index(name)]]
+        angle = (0,) if name in angles else ()
+        sd = np.sqrt(np.maximum(h["covariance"][:, i, i], 0.0))
+        label, unit = _label(name, angles)
+        readings = packed(scale * _fixes(core, h, [name], true, angle)[:, 0]) if name in core.sensors.gives else None
+        charts.append({
+            "title": f"{label[:1].upper()}{label[1:]}: believed − true",
+            "unit": unit,
+            "believed": packed(scale * difference(h["estimate"][:, [i]], true, angle)[:, 0]),
+            "two_sigma": packed(2.0 * scale * sd) if claims else None,
+            "true": None,
+            "readings": readings,
+        })  # fmt: skip
+    return charts
+
+
+def _inputs(core: Any, h: dict[str, np.ndarray]) -> list[dict[str, Any]]:
+    """A chart of the unknown input, true and estimated, where there is one only: of many it would say little."""
+    if len(core.unknown_inputs) != 1 or not np.isfinite(h["unknown_input"]).all():
+        return []
+    name, true = core.unknown_inputs[0], h["unknown_input"][:, 0]
+    scale, unit = (1e3, "mrad") if name == "yaw increment" else (1.0, "")
+    estimate = None
+    if core.belief.input_mean is not None:
+        delay = core.filter.input_delay or 0
+        late = h["input_estimate"][delay:, 0]
+        estimate = packed(scale * np.append(late, np.full(len(true) - len(late), np.nan)))
+    return [
+        {"title": f"Unknown {name} d", "unit": unit, "believed": estimate, "two_sigma": None,
+         "true": packed(scale * true), "readings": None}
+    ]  # fmt: skip
+
+
+def _score(h: dict[str, np.ndarray]) -> dict[str, Any]:
+    return {"title": "Score so far", "unit": "", "believed": packed(h["score"]), "two_sigma": None, "true": None,
+            "readings": None}  # fmt: skip
+
+
+def _label(name: str, angles: Sequence[str]) -> tuple[str, str]:
+    """A component in words, and the unit in which it is shown."""
+    return _LABELS.get(name, (name, "°" if name in angles else ""))
+
+
+def _scale(name: str, angles: Sequence[str]) -> float:
+    return float(np.rad2deg(1.0)) if _label(name, angles)[1].startswith("°") else 1.0

@@ -1,0 +1,172 @@
+"""The page of an episode: it holds what was flown, nothing leaves it, and it works in a browser."""
+
+import json
+import re
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import agents
+from agents import Episode, episode
+from agents.episodes.recording import page_of, pose, unpacked
+from agents.rollouts import rollout
+from scripts import watch
+from scripts.console import Refusal
+
+ENVS = {"SigmaCorvette-v0": False, "SegorogeniAUV-v0": True, "PunaUAV-v0": True}
+"""And whether they move in space."""
+BRIEF = {"max_episode_steps": 60, "disturbance": "rough"}
+
+
+@pytest.fixture(scope="module", params=ENVS)
+def flown(request: pytest.FixtureRequest) -> tuple[str, Episode]:
+    return request.param, episode(request.param, ["enkf", "dead-reckoning"], seed=3, env_options=BRIEF)
+
+
+def data(page: str) -> dict[str, Any]:
+    found = re.search(r'<script type="application/json" id="episode">(.*?)</script>', page, re.DOTALL)
+    assert found is not None
+    return json.loads(found[1])
+
+
+def test_a_page_holds_what_was_flown(flown: tuple[str, Episode]):
+    env_id, shown = flown
+    page = data(shown.html())
+    assert page["scene"]["space"] == ENVS[env_id]
+    for name, flight in zip(("enkf", "dead-reckoning"), page["flights"], strict=True):
+        again = rollout("autopilot", env_id, [3], {**BRIEF, "estimator": name})
+        core = again.env.unwrapped.core
+        assert flight["estimator"] == name
+        assert flight["score"] == again.score[0]
+        truth = pose(again.history["truth"][:, 0], core.truth_names)
+        np.testing.assert_allclose(unpacked(flight["true"]), truth, rtol=2e-7)
+        focus = [core.composition.names.index(key) for key in ("y", "x")]
+        error = again.history["estimate"][:, 0, focus] - truth[:, [1, 0]]
+        np.testing.assert_allclose(unpacked(flight["error"])[:, :2], error, rtol=1e-4, atol=1e-4)
+        cov = again.history["covariance"][:, 0][:, focus][:, :, focus]
+        k = len(page["focus"])
+        packed = unpacked(flight["covariance"]).reshape(-1, k, k)[:, :2, :2]
+        np.testing.assert_allclose(packed, cov, rtol=1e-5, atol=1e-9)
+    assert page["flights"][1]["members"] is None
+    assert page["flights"][0]["members"]["shape"][2] == len(page["focus"])
+
+
+def test_all_estimators_begin_alike_and_meet_the_same_noise(flown: tuple[str, Episode]):
+    """What a receiver reads besides the truth is nature's: the same under every estimator, wherever the vehicle is."""
+    one, other = data(flown[1].html())["flights"]
+    np.testing.assert_array_equal(unpacked(one["true"])[0], unpacked(other["true"])[0])
+    noises = unpacked(one["fix"]), unpacked(other["fix"])
+    np.testing.assert_array_equal(np.isnan(noises[0]), np.isnan(noises[1]))
+    np.testing.assert_allclose(*noises, atol=2e-3)  # float32, of places hundreds of metres away
+    assert np.isfinite(noises[0]).any()
+    assert (unpacked(one["believed"]) != unpacked(other["believed"])).any()
+
+
+def test_a_page_needs_no_network_is_small_and_is_not_broken_by_names(flown: tuple[str, Episode]):
+    page = flown[1].html()
+    assert len(page) < 2_000_000
+    assert not re.search(r'(src|href)\s*=\s*["\']?(https?:)?//', page)
+    assert "default-src 'none'" in page
+    hostile = "</script><script>alert(1)</script>"
+    named = Episode({**flown[1].page, "title": hostile, "name": hostile})
+    assert hostile not in named.html()
+    assert data(named.html())["name"] == hostile
+
+
+def test_a_task_that_nobody_has_drawn_has_its_page(flown: tuple[str, Episode]):
+    from pages import OWN
+
+    shown = episode("Docking-v0", ["ekf"], seed=1, env_options={"max_episode_steps": 20})
+    assert "Docking-v0" in OWN
+    assert set(shown.scores) == {"ekf"}
+    assert data(shown.html())["flights"][0]["charts"]
+
+
+def test_a_long_episode_keeps_every_second_moment_and_its_end(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("agents.episodes.recording.FRAMES", 40)
+    kept = rollout("autopilot", "ThesisCorvette-v0", [0], {"max_episode_steps": 61}, ensembles=True)
+    page = page_of([kept], ["kf-umv-ui"])
+    assert page["dt"] == 2.0 * page["step"]
+    assert page["flights"][0]["true"]["shape"][0] == 31 + 1
+
+
+def test_what_cannot_be_flown_is_one_sentence(tmp_path: Path):
+    with pytest.raises(ValueError, match="unknown estimator 'kfx'"):
+        episode("PunaUAV-v0", ["kfx"])
+    with pytest.raises(TypeError, match="estimators must be a list"):
+        episode("PunaUAV-v0", "ekf")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="CartPole-v1"):
+        episode("CartPole-v1")
+    with pytest.raises(Refusal, match="unknown estimator 'kfx'"):
+        watch.main("PunaUAV-v0", estimator="kfx", out=tmp_path / "e.html")
+
+
+def test_the_command_writes_the_page_and_a_notebook_shows_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys):
+    monkeypatch.setattr(
+        agents, "episode", lambda *a: episode("ThesisCorvette-v0", ["kf"], env_options={"max_episode_steps": 9})
+    )
+    watch.main("ThesisCorvette-v0", out=tmp_path / "new" / "episode.HTML")
+    written = (tmp_path / "new" / "episode.HTML").read_text(encoding="utf-8")
+    assert "on kf" in capsys.readouterr().out
+    shown = episode("ThesisCorvette-v0", ["kf"], env_options={"max_episode_steps": 9})
+    assert shown.html() == written
+    assert shown._repr_html_().startswith("<iframe srcdoc=")
+
+
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
+
+
+@pytest.mark.slow
+@pytest.mark.browser
+@pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium to look at the page with")
+@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
+@pytest.mark.parametrize("width", [1280, 390])
+def test_in_a_browser_it_plays_scrubs_and_switches_without_a_complaint(tmp_path: Path, width: int):
+    from playwright.sync_api import sync_playwright
+
+    shown = episode("SegorogeniAUV-v0", ["enkf", "dead-reckoning"], env_options={"max_episode_steps": 80})
+    shown.save(tmp_path / "episode.html")
+    complaints: list[str] = []
+    with sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", "--enable-unsafe-swiftshader"])
+        page = browser.new_page(viewport={"width": width, "height": 800})
+        page.on("console", lambda message: complaints.append(message.text) if message.type == "error" else None)
+        page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.on("request", lambda request: complaints.append(request.url) if "://" in request.url[5:] else None)
+        page.goto((tmp_path / "episode.html").as_uri() + "#t=2")
+
+        def clock() -> float:
+            return float(page.input_value("#time"))
+
+        def comes_to(reached: Callable[[float], bool]) -> None:
+            for _ in range(200):
+                if reached(clock()):
+                    return
+                page.wait_for_timeout(50)
+            raise AssertionError(f"the clock stands at {clock()}")
+
+        comes_to(lambda time: time == 2.0)
+        assert page.locator("#estimators button[aria-checked=true]").inner_text().startswith("enkf")
+        told = page.inner_text("#status")
+        page.keyboard.press("2")
+        assert page.locator("#estimators button[aria-checked=true]").inner_text().startswith("dead-reckoning")
+        assert page.inner_text("#status") != told
+        page.keyboard.press("ArrowRight")
+        comes_to(lambda time: time == pytest.approx(2.1))
+        page.keyboard.press("End")
+        comes_to(lambda time: time == pytest.approx(8.0))
+        page.click("#play")  # from the end it begins anew
+        page.wait_for_function(
+            "0 < +document.getElementById('time').value && +document.getElementById('time').value < 7"
+        )
+        page.click("#play")
+        assert page.get_attribute("#play", "aria-label") == "Play"
+        page.click("#estimators button:first-child")
+        assert "members" in page.inner_text("#legend")
+        assert page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
+        browser.close()
+    assert complaints == []
