@@ -202,14 +202,16 @@ class Page:
     Attributes:
         title: The heading.
         subtitle: What was done, in a line.
-        answer: Sentences of one paragraph, the conclusion first.
+        answer: Sentences, the conclusion first.
         sections: The rest.
+        summary: A small table below the conclusion.
     """
 
     title: str
     subtitle: str
     answer: list[str]
     sections: list[Section] = field(default_factory=list)
+    summary: Table | None = None
 
     @property
     def tables(self) -> list[Table]:
@@ -268,7 +270,7 @@ def render(page: Page) -> str:
     for section in page.sections:
         for block in section.blocks:
             counts[type(block)] = numbers[id(block)] = counts.get(type(block), 0) + 1
-    context: dict[str, Any] = {"page": page, "number": lambda block: numbers[id(block)]}
+    context: dict[str, Any] = {"page": page, "number": lambda block: numbers.get(id(block))}
     return environment.get_template("page.html").render(kind=lambda block: type(block).__name__, **context)
 
 

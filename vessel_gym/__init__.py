@@ -6,7 +6,7 @@ does so by itself. An agent sees what a filter believes; the truth moves underne
 
 from gymnasium.envs.registration import register
 
-__version__ = "0.1.0"
+__version__ = "1.0.0"
 
 for _where, _name, _steps in (
     ("", "SigmaCorvette", 600), ("", "SegorogeniAUV", 500), ("", "ItsunusaAUV", 600), ("", "PunaUAV", 900),

@@ -1,6 +1,6 @@
-"""The answer to a study: one paragraph, computed, the advice first."""
+"""The answer to a study, computed: the advice in a sentence, a small table, what else was found."""
 
-from agents.page import listed, number
+from agents.page import Table, listed, number
 from agents.statistics import Interval
 from agents.studies.results import Pilot, Results
 from agents.studies.shares import (
@@ -19,11 +19,14 @@ from agents.studies.shares import (
     shared,
 )
 from agents.studies.study import FEW_SEEDS, FLOOR, ORACLE
-from agents.studies.wording import amount, every, many, microseconds, named, sentence, the
+from agents.studies.wording import amount, every, many, microseconds, named, sentence, share_entry, the
+
+BEST = 5
+"""So many estimators stand at the head of a report."""
 
 
 def answer(results: Results) -> list[str]:
-    """What was asked, in the sentences of one paragraph, the advice first."""
+    """What was asked, in sentences, the advice first."""
     if not results.environments:
         return ["Nothing has a result yet."]
     environments = ruled(results)
@@ -37,6 +40,21 @@ def answer(results: Results) -> list[str]:
     else:
         sentences = [told for environment in environments for told in _advice_for_one(results, environment)]
     return [*sentences, *_answer_of_learning(results), _measured(results)]
+
+
+def summary(results: Results) -> Table | None:
+    """What the classical agent keeps and loses on the best estimators, if one ranking holds for all environments."""
+    environments = ruled(results)
+    ranked = common(results) if len(environments) > 1 else rankable(results, environments) if environments else {}
+    if not ranked:
+        return None
+    rows = [
+        (name, [share_entry(kept(results, environments, results.classical, name)),
+                share_entry(loss(results, environments, name))])
+        for name in list(ranked)[:BEST]
+    ]  # fmt: skip
+    heads = [("share kept", ""), (f"score lost against {ORACLE}", "")]
+    return Table(f"The best estimators for {the(results.classical)}", "", "Estimator", heads, [("", rows)])
 
 
 def _advice_for_one(results: Results, environment: str) -> list[str]:

@@ -15,7 +15,7 @@ from agents.page import Block, Bullets, Entry, Figure, Page, Prose, Section, Tab
 from agents.plotting import data_uri
 from agents.scores import metrics
 from agents.statistics import Interval, probability_of_improvement
-from agents.studies.answer import answer
+from agents.studies.answer import answer, summary
 from agents.studies.examples import examples
 from agents.studies.figures import (
     ALL,
@@ -70,6 +70,7 @@ def page(results: Results, out: Path) -> Page:
         + (f", {many(study.training_seeds, 'training run')} of each learned agent" if study.learned else ""),
         answer(results),
         [section for section in sections if section.blocks],
+        summary(results),
     )
 
 

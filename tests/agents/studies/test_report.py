@@ -14,7 +14,7 @@ from invented import CLASSICAL, CONDITIONS, CORVETTE, LEARNED, QUALITY, SEGOROGE
 
 from agents.page import render
 from agents.statistics import crossed_interval, paired_difference
-from agents.studies.answer import answer
+from agents.studies.answer import answer, summary
 from agents.studies.figures import transfer_figure
 from agents.studies.plan import plan
 from agents.studies.report import page, write_report
@@ -71,6 +71,25 @@ def test_the_advice_is_the_estimator_on_which_most_is_kept_wherever_that_is():
         told = answer(results(planned, QUALITY | {best: 0.99}))
         assert told[0].startswith(f"Fly {best} in {CORVETTE}")
         assert "No other is within chance" in told[1]
+
+
+def test_a_small_table_at_the_head_begins_with_the_advice_and_agrees_with_the_large_one():
+    found = results(plan(study((CORVETTE,))), QUALITY | {"ekf": 0.99})
+    head = summary(found)
+    (_, lines), *none = head.sections
+    assert not none
+    assert lines[0][0] == "ekf"
+    assert answer(found)[0].startswith("Fly ekf")
+    assert len(lines) <= 5
+    ranking = rows(page(found, OUT), "ranking")
+    for name, (share, _) in lines:
+        assert str(share) == ranking["", name][CORVETTE]
+    losses = [float(str(lost).split(" ")[0].replace("−", "-")) for _, (_, lost) in lines]
+    assert losses == sorted(losses)
+
+
+def test_where_nothing_can_be_ranked_the_head_has_no_table():
+    assert summary(results(study((CORVETTE,)), QUALITY | {"truth": 0.1, "dead-reckoning": 0.9})) is None
 
 
 def test_estimators_that_differ_by_chance_are_said_to():
