@@ -118,8 +118,7 @@ def rollout(
                 frames[key].append(frame)
             if record:
                 surprise.append(np.where(alive & ~done, _nis(env), np.nan))
-            if clouds and clouds[0] is not None:
-                cloud = _ensemble(env)
+            if clouds and (cloud := _ensemble(env)) is not None:
                 clouds.append(np.where(rows_like(alive & ~done, cloud), cloud, np.nan))
             returns += np.where(alive, reward, 0.0)
             length += alive
@@ -137,18 +136,14 @@ def rollout(
     history = {key: np.stack(values) for key, values in frames.items()}
     if frames:
         history["nis"] = np.stack(surprise)
-    if clouds and clouds[0] is not None:
-        history["ensemble"] = np.stack(clouds)
+    kept = [cloud for cloud in clouds if cloud is not None]
+    if kept:
+        history["ensemble"] = np.stack(kept)
     return Rollout(env_id, np.array(seeds), score, returns, length, ended, end, history, env)
 
 
 def _numeric(value: Any) -> bool:
     return isinstance(value, np.ndarray) and value.dtype != object
-
-
-def _ensemble(env: Any) -> Any:
-    """Members of the belief ``(B, m, n)``, if it has any."""
-    return env.unwrapped.core.belief.ensemble
 
 
 def _nis(env: Any) -> np.ndarray:
@@ -157,6 +152,12 @@ def _nis(env: Any) -> np.ndarray:
     if core is None or core.belief.innovation is None or core.belief.innovation_cov is None:
         return np.full(env.num_envs, np.nan)
     return nis(core.belief.innovation, core.belief.innovation_cov)
+
+
+def _ensemble(env: Any) -> np.ndarray | None:
+    """The members of every environment's ensemble ``(N, m, n)``; None where there is none."""
+    core = getattr(env.unwrapped, "core", None)
+    return None if core is None else core.belief.ensemble
 
 
 def _batch(env_id: str, num_envs: int, options: dict[str, Any]) -> gym.vector.VectorEnv:

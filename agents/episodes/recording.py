@@ -26,7 +26,7 @@ FRAMES = 1500
 """Moments of an episode that a page holds at most; of a longer one it holds every second, third and so on."""
 CLOUDS, MEMBERS = 300, 40
 """Moments at which an ensemble is kept at most, and how many of its members."""
-CHARTS = 5
+CHARTS = 4
 """Errors of components that are charted at most."""
 
 _LABELS = {
@@ -151,6 +151,7 @@ def page_of(flown: Sequence[Rollout], names: Sequence[str]) -> dict[str, Any]:
     return {
         "title": f"{core.system.name}: one episode on {len(flown)} estimator{'s' * (len(flown) > 1)}",
         "name": core.system.name,
+        "environment": flown[0].env_id,
         "conditions": words,
         "step": core.vehicle.dt,
         "dt": core.vehicle.dt * stride,
@@ -265,15 +266,15 @@ def _errors(core: Any, h: dict[str, np.ndarray], claims: bool) -> list[dict[str,
         true = h["truth"][:, [core.truth_names.index(name)]]
         angle = (0,) if name in angles else ()
         sd = np.sqrt(np.maximum(h["covariance"][:, i, i], 0.0))
+        fixes = _fixes(core, h, [name], true, angle)
         label, unit = _label(name, angles)
-        readings = packed(scale * _fixes(core, h, [name], true, angle)[:, 0]) if name in core.sensors.gives else None
         charts.append({
             "title": f"{label[:1].upper()}{label[1:]}: believed − true",
             "unit": unit,
             "believed": packed(scale * difference(h["estimate"][:, [i]], true, angle)[:, 0]),
             "two_sigma": packed(2.0 * scale * sd) if claims else None,
             "true": None,
-            "readings": readings,
+            "readings": packed(scale * fixes[:, 0]) if name in core.sensors.gives else None,
         })  # fmt: skip
     return charts
 

@@ -131,19 +131,21 @@
     return { low, high, middle: low.map((v, j) => (v + high[j]) / 2), span: Math.max(...low.map((v, j) => high[j] - v), 4 * scene.size, 1) };
   }
   const extent = bounds();
+  /** What the close-up takes of a view: a strip at the right of a wide one, at the top of a narrow one. */
+  const aside = (width) => (width > 560 ? [element("close").offsetWidth, 0] : [0, element("close").offsetHeight]);
 
   class Plan {
     constructor(canvas) { this.canvas = canvas; this.zoom = 1; this.words = ""; }
     draw(flight, time) {
       const { paper, width, height } = sized(this.canvas);
       const truth = between(flight.true, time), believed = between(flight.believed, time), i = stepAt(flight, time);
-      const close = width > 560 ? element("close").offsetWidth : 0; // which hides what lies beneath
-      const room = [width - 60 - close, height - 70];
+      const [right, top] = aside(width), room = [width - right - 60, height - top - 70];
       const whole = Math.min(room[1] / Math.max(extent.high[0] - extent.low[0], 1), room[0] / Math.max(extent.high[1] - extent.low[1], 1));
-      const scale = state.follow ? Math.max(whole, Math.min(room[0], height) / (7 * scene.size)) : whole;
+      const scale = state.follow ? Math.max(whole, Math.min(width, height) / (7 * scene.size)) : whole;
       const middle = state.follow ? truth : extent.middle;
-      const at = (n, e) => [(width - close) / 2 + (e - middle[1]) * scale, height / 2 - (n - middle[0]) * scale];
-      this.grid(paper, width, height, scale, middle, at);
+      const centre = [(width - right) / 2, (height + top) / 2];
+      const at = (n, e) => [centre[0] + (e - middle[1]) * scale, centre[1] - (n - middle[0]) * scale];
+      this.grid(paper, width, height, scale, at(0, 0));
       for (let j = 0; j < scene.obstacles.rows; j++) {
         const [n, e, r] = row(scene.obstacles, j), [x, y] = at(n, e);
         dot(paper, x, y, r * scale); paper.globalAlpha = 0.25; paper.fillStyle = colours.obstacle; paper.fill(); paper.globalAlpha = 1;
@@ -209,10 +211,10 @@
       paper.strokeStyle = colours.member; paper.lineWidth = 0.8;
       for (const off of cloud(flight, time) ?? []) { trace(paper, [[x, y], ray(believed[5] + (off[0] * 10 * Math.PI) / 180)]); paper.stroke(); }
     }
-    grid(paper, width, height, scale, middle) {
+    grid(paper, width, height, scale, [x0, y0]) {
       const step = round125(70 / scale);
       paper.strokeStyle = colours.grid; paper.lineWidth = 1; paper.beginPath();
-      const x0 = width / 2 - middle[1] * scale, y0 = height / 2 + middle[0] * scale, gap = step * scale;
+      const gap = step * scale;
       for (let x = ((x0 % gap) + gap) % gap; x < width; x += gap) { paper.moveTo(x, 0); paper.lineTo(x, height); }
       for (let y = ((y0 % gap) + gap) % gap; y < height; y += gap) { paper.moveTo(0, y); paper.lineTo(width, y); }
       paper.stroke();
@@ -228,7 +230,6 @@
       paper.textAlign = "center"; paper.fillText("N", north[0], north[1]);
     }
     theme() {}
-    chosen() {}
   }
 
   // --- space ----------------------------------------------------------------------------------------------------
@@ -273,22 +274,22 @@
           new THREE.MeshLambertMaterial({ color: colours.obstacle, transparent: true, opacity: 0.42, depthWrite: false }));
         tower.position.set(e, -floor + up / 2, -n); this.scene.add(tower);
       }
-      const line = (array, from, stroke, thickness, dashed) => {
+      const line = (array, stroke, thickness, dashed) => {
         const points = [];
         for (let i = 0; i < array.rows; i++) { const p = this.place(row(array, i)); points.push(p.x, p.y, p.z); }
         const made = new THREE.Line2(new THREE.LineGeometry().setPositions(points),
-          new THREE.LineMaterial({ color: stroke, linewidth: thickness, dashed, dashSize: extent.span / 90, gapSize: extent.span / 110 }));
+          new THREE.LineMaterial({ color: stroke, linewidth: thickness, dashed: Boolean(dashed), dashSize: extent.span / 90, gapSize: extent.span / 110 }));
         if (dashed) made.computeLineDistances();
         made.frustumCulled = false; this.scene.add(made);
         return made;
       };
-      if (scene.path.rows > 1) line(scene.path, 0, colours.commanded, 2, true);
+      if (scene.path.rows > 1) line(scene.path, colours.commanded, 2, true);
       if (scene.goal) {
         const goal = new THREE.Mesh(new THREE.SphereGeometry(Math.max(scene.goal[3], extent.span / 120), 24, 16),
           new THREE.MeshLambertMaterial({ color: colours.goal, transparent: true, opacity: 0.45, depthWrite: false }));
         goal.position.copy(this.place(scene.goal)); this.scene.add(goal);
       }
-      this.tracks = flights.map((f) => ({ true: line(f.true, 0, colours.true, 3.5), believed: line(f.believed, 0, colours.believed, 2) }));
+      this.tracks = flights.map((f) => ({ true: line(f.true, colours.true, 3.5), believed: line(f.believed, colours.believed, 2) }));
       const length = (this.length = Math.max(scene.size, 0.05 * extent.span));
       this.true = this.vehicle(length, colours.true, false);
       this.believed = this.vehicle(length * 1.04, colours.believed, true);
@@ -337,13 +338,14 @@
       group.position.copy(this.place(pose));
       group.rotation.set(pose[4], -pose[5], -pose[3]);
     }
-    chosen() {}
     theme() { this.build(); }
     draw(flight, time) {
       const width = this.canvas.clientWidth, height = this.canvas.clientHeight, i = stepAt(flight, time);
       if (this.width !== width || this.height !== height) {
         this.renderer.setSize(width, height, false);
         this.camera.aspect = width / Math.max(height, 1); this.camera.updateProjectionMatrix();
+        const [right, top] = aside(width);
+        this.camera.setViewOffset(width, height, right / 2, -top / 2, width, height);
         if (this.width === undefined && width < height * 1.2) this.camera.position.lerp(this.far, -0.25);
         this.width = width; this.height = height;
       }
@@ -489,10 +491,10 @@
     const range = score ? [Math.min(0, ...believed), Math.max(1, ...believed)] : [-1.1 * biggest, 1.1 * biggest];
     const axis = { stroke: () => colours.muted, grid: { stroke: () => colours.grid, width: 1 }, ticks: { show: false }, font: "11px system-ui, sans-serif" };
     const options = {
-      width: Math.max(room.clientWidth, 50), height: Math.max(room.clientHeight, 50), legend: { show: false }, padding: [6, 12, 0, 0],
+      width: Math.max(room.clientWidth, 50), height: Math.max(room.clientHeight, 50), legend: { show: false }, padding: [6, 22, 0, 0],
       cursor: { drag: { x: false, y: false }, y: false, points: { show: false } },
       scales: { x: { time: false, range: [0, duration] }, y: { range } },
-      axes: [{ ...axis, size: 20, gap: 2, values: (_, at) => at.map((v) => `${v} s`) }, { ...axis, size: 44, gap: 3, space: 22, values: (_, at) => at.map((v) => number(v)) }],
+      axes: [{ ...axis, size: 20, gap: 2, values: (_, at) => at.map((v) => `${v} s`) }, { ...axis, size: 44, gap: 3, space: 16, values: (_, at) => at.map((v) => number(v)) }],
       bands: [{ series: [1, 2], fill: () => colours.band }],
       series: [{},
         { stroke: "transparent", points: { show: false } }, { stroke: "transparent", points: { show: false } },
@@ -559,7 +561,7 @@
   }
 
   element("name").textContent = page.name;
-  element("conditions").textContent = page.conditions.join("  ·  ");
+  element("conditions").textContent = [...(page.environment === page.name ? [] : [page.environment]), ...page.conditions].join("  ·  ");
   flights.forEach((flight, i) => {
     const button = document.createElement("button"), score = document.createElement("small");
     button.type = "button"; button.setAttribute("role", "radio"); button.textContent = flight.estimator;
