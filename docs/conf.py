@@ -150,16 +150,9 @@ def setup(app: Sphinx) -> None:
 def _fly_the_episode(app: Sphinx) -> None:
     """Write the front page's episode; where `watch` writes none, the page shows a picture and the log says why."""
     if not EPISODE.exists():
-        words = [
-            sys.executable,
-            "-m",
-            "scripts.watch",
-            "SigmaCorvette-v0",
-            "--disturbance",
-            "rough",
-            "--out",
-            str(EPISODE),
-        ]
+        # Of the seeds 0 to 39 in a rough sea, the one on which the scores lie nearest to their means over all of them.
+        told = ["SigmaCorvette-v0", "--disturbance", "rough", "--seed", "6", "--out", str(EPISODE)]
+        words = [sys.executable, "-m", "scripts.watch", *told]
         done = subprocess.run(words, cwd=HERE.parent, capture_output=True, text=True)
         if done.returncode:
             logging.getLogger(__name__).info("no episode: %s", done.stderr.strip())
