@@ -32,7 +32,7 @@ pilots: venv  ## Train the agents that come with the package anew, and write the
 		$(if $(filter Puna%,$(env)),--seed 1) &&) \
 	$(BIN)/python -m scripts.tables pilots
 
-test: venv  ## Run the tests, of slow ones three cases each (five minutes)
+test: venv  ## Run the tests, of slow ones two cases each (five minutes)
 	$(BIN)/python -m $(WORKERS)
 
 quick: venv  ## Run those of the tests that take a minute in all

@@ -163,6 +163,15 @@ class Figure:
 
 
 @dataclass(frozen=True)
+class Live:
+    """A page of its own inside the report, which plays there: a whole HTML document."""
+
+    document: str
+    title: str
+    caption: str
+
+
+@dataclass(frozen=True)
 class Claim:
     """A statement that the data decide: "true", "false" or "undecided", perhaps with a word more after a comma."""
 
@@ -184,7 +193,7 @@ class Claims:
     note: str = ""
 
 
-Block = Prose | Bullets | Facts | Figure | Claims | Table
+Block = Prose | Bullets | Facts | Figure | Live | Claims | Table
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """How many examples and cases are tried.
 
 Hypothesis draws the same examples every time; ``--hypothesis-profile thorough`` draws ten thousand. Of a slow test's
-cases ``make test`` runs three, spread over all of them and elsewhere for every test; ``make nightly`` runs them all.
+cases ``make test`` runs two, spread over all of them and elsewhere for every test; ``make nightly`` runs them all.
 """
 
 from collections import defaultdict
@@ -14,7 +14,7 @@ settings.register_profile("default", derandomize=True, deadline=None)
 settings.register_profile("thorough", settings.get_profile("default"), max_examples=10_000)
 settings.load_profile("default")
 
-CASES = 3
+CASES = 2
 
 
 @pytest.hookimpl(tryfirst=True)  # before -m selects

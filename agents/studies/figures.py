@@ -3,12 +3,11 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from agents.plotting import BELIEVED, INK, PALE, PALETTE, RAW, TRUE, styled
+from agents.plotting import INK, PALETTE, RAW, styled
 from agents.statistics import Interval, crossed_interval, performance_profile
 from agents.studies.plan import RAW as READINGS
 from agents.studies.results import Pilot, Place, Results
@@ -400,82 +399,6 @@ def _around(centre: np.ndarray, half: np.ndarray) -> tuple[float, ...]:
 def _overlap(a: tuple[float, ...], b: tuple[float, ...]) -> float:
     """Area that two boxes share."""
     return max(0.0, min(a[2], b[2]) - max(a[0], b[0])) * max(0.0, min(a[3], b[3]) - max(a[1], b[1]))
-
-
-# --- examples ---------------------------------------------------------------------------------------
-
-
-def example_figure(shown: Mapping[str, Mapping[str, Any]]) -> "Figure":
-    """Tracks of an episode, if there are any, and the error of the estimate within what it claims; a column each.
-
-    Args:
-        shown: What `agents.studies.examples.example` gave, by estimator, all of one environment.
-    """
-    from matplotlib.figure import Figure
-
-    tracked = all(each["tracks"] for each in shown.values())
-    with styled():
-        figure = Figure(figsize=(WIDTH, 3.6 if tracked else 1.9), layout="constrained")
-        ratios = (1.5, 1.0) if tracked else (1.0,)
-        axes = figure.subplots(len(ratios), max(len(shown), 3), squeeze=False, height_ratios=ratios)
-        for column, (name, each) in zip(axes.T, shown.items(), strict=False):
-            if tracked:
-                _tracks(column[0], each)
-            _error(column[-1], each)
-            column[0].set_title(name, loc="left")
-        first = next(iter(shown.values()))
-        for column in axes.T[len(shown) :]:
-            for panel in column:
-                panel.set_axis_off()
-        if tracked:
-            _alike(axes[0, : len(shown)], first["down"])
-            axes[0, 0].set_ylabel(first["axes"][1])
-        axes[-1, 0].set_ylabel(fill(f"{first['what']} [{first['unit']}]", 17))
-        _legend(figure, axes[:, 0], 5)
-        return figure
-
-
-def _tracks(panel: "Axes", each: Mapping[str, Any]) -> None:
-    from matplotlib.patches import Circle
-
-    for x, y, radius in each["obstacles"]:
-        panel.add_patch(Circle((x, y), radius, facecolor="#e3e5e8", edgecolor="none"))
-    lines = {"commanded": (RAW, ":", 1.3), "true": (TRUE, "-", 1.3), "believed": (BELIEVED, "--", 1.0)}
-    for kind, (colour, line, width) in lines.items():
-        track = np.array(each["tracks"][kind])
-        panel.plot(track[:, 0], track[:, 1], color=colour, linestyle=line, linewidth=width, label=kind)
-    panel.plot(*np.array(each["tracks"]["true"])[0], color=TRUE, marker="o", markersize=3)
-    if not each["down"]:
-        panel.set_aspect("equal")
-    panel.set_xlabel(each["axes"][0])
-    panel.grid()
-    panel.locator_params(nbins=4)
-
-
-def _alike(panels: np.ndarray, down: bool) -> None:
-    """The same part of the world in all panels: a square of it from above; depths grow downwards."""
-    from matplotlib.transforms import Bbox
-
-    whole = Bbox.union([panel.dataLim for panel in panels])
-    width, height = whole.width, whole.height
-    if not down:
-        width = height = max(width, height)
-    x, y = 0.5 * (whole.x0 + whole.x1), 0.5 * (whole.y0 + whole.y1)
-    for panel in panels:
-        panel.set_xlim(x - 0.55 * width, x + 0.55 * width)
-        panel.set_ylim(*(y + 0.55 * height * np.array([1.0, -1.0] if down else [-1.0, 1.0])))
-
-
-def _error(panel: "Axes", each: Mapping[str, Any]) -> None:
-    time, error = np.array(each["time"]), np.array(each["error"])
-    if each["two_sigma"] is not None:
-        band = np.array(each["two_sigma"])
-        panel.fill_between(time, -band, band, color=PALE, linewidth=0.0, label="±2σ claimed")
-    panel.plot(time, error, color=INK, linewidth=0.7, label="error")
-    panel.set_xlabel("time [s]")
-    panel.margins(x=0.01)
-    panel.grid()
-    panel.locator_params(nbins=4)
 
 
 # --- pieces -----------------------------------------------------------------------------------------

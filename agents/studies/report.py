@@ -9,9 +9,10 @@ import numpy as np
 
 import vessel_gym
 from agents.cells import Cell
+from agents.episodes import Episode
 from agents.files import replacing
 from agents.metrics import NEES, SCORE, UNHEALTHY, WITHOUT_COVARIANCE, Metric
-from agents.page import Block, Bullets, Entry, Figure, Page, Prose, Section, Table, entry, listed, number, write
+from agents.page import Block, Bullets, Entry, Figure, Live, Page, Prose, Section, Table, entry, listed, number, write
 from agents.plotting import data_uri
 from agents.scores import metrics
 from agents.statistics import Interval, probability_of_improvement
@@ -23,7 +24,6 @@ from agents.studies.figures import (
     Row,
     cost_figure,
     dots,
-    example_figure,
     looks,
     pilot_looks,
     profile_figure,
@@ -526,31 +526,22 @@ def _cost(results: Results) -> Section:
 
 
 def _episodes(results: Results) -> Section:
-    shown: dict[str, dict[str, Any]] = {}
-    for (environment, name), cell in examples(results.plan).items():
-        if cell.key in results.values:
-            shown.setdefault(environment, {})[name] = results.values[cell.key]
     blocks: list[Block] = []
-    for environment, each in shown.items():
-        ends = [
-            f"{name} {number(one['score'], 2)}{f' ({end})' if (end := one['end']) else ''}"
-            for name, one in each.items()
-        ]
-        blocks.append(
-            _figure(
-                example_figure(each),
-                f"{environment}, {results.conditions[0]}",
-                f"{sentence(the(results.classical))} at evaluation seed {results.plan.study.seeds[0]}, the first: "
-                f"it was not chosen. Below: estimate minus truth, within two claimed standard deviations. Score and "
-                f"end: {', '.join(ends)}."
-                + (
-                    " Tracks are through the water; no estimator here knows a position, so the believed one is "
-                    "dead-reckoned from the estimate."
-                    if next(iter(each.values()))["what"] == "heading"
-                    else ""
-                ),
+    for environment, cell in examples(results.plan).items():
+        if cell.key in results.values:
+            shown = Episode(results.values[cell.key])
+            ends = [
+                f"{flight['estimator']} {number(flight['score'], 2)}{f' ({end})' if (end := flight['end']) else ''}"
+                for flight in shown.page["flights"]
+            ]
+            blocks.append(
+                Live(
+                    shown.html(),
+                    f"{environment}, {results.conditions[0]}",
+                    f"{sentence(the(results.classical))} at evaluation seed {results.plan.study.seeds[0]}, the first: "
+                    f"it was not chosen. Score and end: {', '.join(ends)}.",
+                )
             )
-        )
     return Section("Example episodes", blocks)
 
 

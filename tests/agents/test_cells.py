@@ -364,9 +364,10 @@ def start(folder: Path) -> subprocess.Popen[str]:
 
 
 @pytest.mark.slow
-def test_killed_five_times_at_random_moments_a_run_ends_as_if_it_had_not_been(tmp_path, expected):
-    moments = random.Random(0)
-    for attempt in range(5):
+@pytest.mark.parametrize("times", [2, pytest.param(8, marks=pytest.mark.nightly)])
+def test_killed_at_random_moments_a_run_ends_as_if_it_had_not_been(tmp_path, expected, times):
+    moments = random.Random(times)
+    for attempt in range(times):
         with start(tmp_path) as process:
             for _ in range(moments.randint(1, 3)):
                 process.stdout.readline()

@@ -3,6 +3,7 @@
 import csv
 import io
 import re
+from html import unescape
 
 import pytest
 
@@ -13,6 +14,7 @@ from agents.page import (
     Entry,
     Facts,
     Figure,
+    Live,
     Page,
     Prose,
     Section,
@@ -70,6 +72,15 @@ def test_a_page_needs_nothing_beside_itself():
     assert not re.search(r'(?:src|href)="(?!data:)', html)
     assert "<script" not in html
     assert "@import" not in html
+
+
+def test_a_page_inside_a_page_is_shut_in_and_whole():
+    document = '<p title="a & b">1 < 2</p><script>let x = "</iframe>";</script>'
+    html = render(Page("t", "s", ["a"], [Section("one", [Live(document, "A dive", "Played.")])]))
+    frame = re.search(r'<iframe srcdoc="([^"]*)" title="A dive" sandbox="allow-scripts"', html)
+    assert frame
+    assert unescape(frame[1]) == document
+    assert "<b>Episode 1.</b> A dive. Played." in html
 
 
 def test_the_same_data_give_the_same_page():

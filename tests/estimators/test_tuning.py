@@ -154,7 +154,7 @@ def covered(trials: int, steps: int, **truth: float) -> dict[str, int]:
     return inside
 
 
-@pytest.mark.parametrize("trials", [40, pytest.param(200, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("trials", [40, pytest.param(200, marks=pytest.mark.nightly)])
 def test_an_interval_of_a_variance_holds_the_truth_as_often_as_theory_says(trials: int):
     """Its estimate is chi-square, and the interval that of a normal logarithm: 94.1 % for 20 readings."""
     ends = 20.0 * np.exp(np.array([-1.0, 1.0]) * 1.959964 * np.sqrt(2.0 / 20.0))

@@ -28,7 +28,7 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(critic_page, "HALF", 0)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_an_actor_flies_the_same_with_the_critic_s_input_kept_from_it_and_a_leaking_one_does_not():
     world = replace(WORLDS["estimates"], **SHORT)
     described = describe(world.env_id, world.options, 0, STEPS, world.memory, "truth")

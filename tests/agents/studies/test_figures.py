@@ -13,7 +13,6 @@ from agents.studies.figures import (
     along,
     cost_figure,
     dots,
-    example_figure,
     looks,
     pilot_looks,
     profile_figure,
@@ -92,32 +91,6 @@ def test_a_dot_is_where_its_value_is_and_what_is_missing_is_not_drawn():
     rows = [Row("a", Look("k", "o"), [Interval(0.5, 0.4, 0.8), 0.2]), Row("b", Look("k", "s"), [None, None])]
     first, second = dots(rows, ["x", "y"], "share").axes
     assert [c.lines[0].get_xdata()[0] for panel in (first, second) for c in panel.containers] == [0.5, 0.2]
-
-
-def example(**changes):
-    line = [[0.0, 0.0], [1.0, 2.0], [2.0, 3.0]]
-    tracks = {"commanded": line, "true": line, "believed": line}
-    shown = {
-        "tracks": tracks, "axes": ["east [m]", "depth [m]"], "down": False, "obstacles": [[1.0, 1.0, 0.5]],
-        "time": [0.0, 1.0, 2.0], "error": [0.0, 0.1, 0.2], "two_sigma": [0.3, 0.3, 0.3], "what": "x", "unit": "m",
-    }  # fmt: skip
-    return shown | changes
-
-
-def test_examples_show_the_same_part_of_the_world_and_depth_downwards():
-    far = example(tracks={kind: [[0.0, 0.0], [9.0, 9.0]] for kind in ("commanded", "true", "believed")})
-    panels = example_figure({"kf": example(), "ekf": far}).axes
-    assert panels[0].get_xlim() == panels[1].get_xlim()
-    assert panels[0].get_ylim() == panels[1].get_ylim()
-    assert panels[0].get_xlim()[1] >= 9.0
-    low, high = example_figure({"kf": example(down=True)}).axes[0].get_ylim()
-    assert low > high
-
-
-def test_an_example_of_an_unknown_task_has_its_error_alone_and_no_band_without_a_claim():
-    panels = example_figure({"own": example(tracks={}, two_sigma=None)}).axes
-    assert panels[0].get_xlabel() == "time [s]"
-    assert not panels[0].collections
 
 
 def test_environments_keep_their_order(found):
