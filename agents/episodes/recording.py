@@ -269,7 +269,7 @@ def _errors(core: Any, h: dict[str, np.ndarray], claims: bool) -> list[dict[str,
         fixes = _fixes(core, h, [name], true, angle)
         label, unit = _label(name, angles)
         charts.append({
-            "title": f"{label[:1].upper()}{label[1:]}: believed − true",
+            "title": f"{label[:1].upper()}{label[1:]} error",
             "unit": unit,
             "believed": packed(scale * difference(h["estimate"][:, [i]], true, angle)[:, 0]),
             "two_sigma": packed(2.0 * scale * sd) if claims else None,

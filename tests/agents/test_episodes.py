@@ -170,3 +170,22 @@ def test_in_a_browser_it_plays_scrubs_and_switches_without_a_complaint(tmp_path:
         assert page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
         browser.close()
     assert complaints == []
+
+
+def luminance(colour: str) -> float:
+    """Relative luminance of ``#rrggbb`` (WCAG 2.2)."""
+    parts = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255.0
+    linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
+    return float(linear @ [0.2126, 0.7152, 0.0722])
+
+
+@pytest.mark.parametrize("looks", [0, 1], ids=["light", "dark"])
+def test_words_and_marks_stand_out_from_what_they_stand_on(looks: int):
+    """As WCAG 2.2 asks (AA): words 4.5 to 1, marks 3 to 1."""
+    style = (Path(agents.__file__).parent / "episodes" / "web" / "episode.css").read_text(encoding="utf-8")
+    named = dict(re.findall(r"--(\w+): (#\w{6})", re.findall(r":root \{(.*?)\}", style, re.DOTALL)[looks]))
+    words, marks = ("ink", "muted"), ("true", "believed", "member", "reading", "commanded", "goal", "obstacle")
+    for name, least in (*((word, 4.5) for word in words), *((mark, 3.0) for mark in marks)):
+        for ground in ("paper", "page", "water"):
+            dark, light = sorted(luminance(named[each]) for each in (name, ground))
+            assert (light + 0.05) / (dark + 0.05) >= least, (name, ground)
