@@ -136,8 +136,9 @@ def _compared(env_id: str, options: dict[str, Any], first: Any) -> list[Any]:
 
 def page_of(flown: Sequence[Rollout], names: Sequence[str]) -> dict[str, Any]:
     """What a page shows of rollouts of one seed, on estimators of these names."""
-    core = core_of(flown[0])
-    around, shown = asdict(surroundings_of(core, flown[0].course[0])), _focus(core)
+    core, course = core_of(flown[0]), flown[0].course
+    assert course is not None
+    around, shown = asdict(surroundings_of(core, course[0])), _focus(core)
     stride = 1 + int(max(each.length[0] for each in flown)) // FRAMES
     words = [f"{core.disturbance_name} disturbance", f"{core.sensors_name} sensors", f"seed {flown[0].seeds[0]}"]
     return {
@@ -269,4 +270,3 @@ def _inputs(core: Any, h: dict[str, np.ndarray]) -> list[dict[str, Any]]:
 def _score(h: dict[str, np.ndarray]) -> dict[str, Any]:
     return {"title": "Score so far", "unit": "", "believed": packed(h["score"]), "two_sigma": None, "true": None,
             "readings": None}  # fmt: skip
-

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pygame
@@ -127,15 +127,20 @@ class Canvas:
         if len(points) > 1:
             pygame.draw.lines(self._ink, colour, False, _scaled(points), max(1, round(width * _OVERSAMPLING)))
 
+    def segments(self, ends: np.ndarray, colour: Colour, width: float = 1.5) -> None:
+        """Straight lines ``(n, 2, 2)``, those of them that are seen."""
+        clip = np.array(self._ink.get_clip()) / _OVERSAMPLING
+        seen = (ends.max(1) >= clip[:2] - width) & (ends.min(1) <= clip[:2] + clip[2:] + width)
+        for start, end in _scaled(ends[seen.all(-1)]):
+            pygame.draw.line(self._ink, colour, start, end, max(1, round(width * _OVERSAMPLING)))
+
     def dashes(self, points: np.ndarray, colour: Colour, width: float = 1.5, on: float = 6.0, off: float = 4.0) -> None:
-        """A dashed line through points."""
+        """A dashed line through points, each dash straight."""
         length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
         starts = np.arange(0.0, length[-1], on + off)
         ends = np.minimum(starts + on, length[-1])
-        first, last = np.searchsorted(length, starts, "right"), np.searchsorted(length, ends, "left")
-        tails, heads = (np.stack([np.interp(at, length, column) for column in points.T], -1) for at in (starts, ends))
-        for i in range(len(starts)):
-            self.line(np.concatenate([tails[i : i + 1], points[first[i] : last[i]], heads[i : i + 1]]), colour, width)
+        at = [np.stack([np.interp(along, length, column) for column in points.T], -1) for along in (starts, ends)]
+        self.segments(np.stack(at, 1), colour, width)
 
     def polygon(self, points: np.ndarray, colour: Colour, outline: Colour | None = None, width: float = 1.0) -> None:
         """A filled polygon, with an outline if a colour is given for it."""
@@ -157,11 +162,10 @@ class Canvas:
         centre = (at[0] * _OVERSAMPLING, at[1] * _OVERSAMPLING)
         pygame.draw.circle(self._ink, colour, centre, radius * _OVERSAMPLING, max(1, round(width * _OVERSAMPLING)))
 
-    def cross(self, at: Point | np.ndarray, colour: Colour, radius: float = 4.0, width: float = 1.5) -> None:
-        """A small x."""
-        arm = radius * np.array([[-1.0, -1.0], [1.0, 1.0]])
-        self.line(arm + at, colour, width)
-        self.line(arm * [1.0, -1.0] + at, colour, width)
+    def crosses(self, points: np.ndarray, colour: Colour, radius: float = 4.0, width: float = 1.5) -> None:
+        """Small x at points."""
+        arms = radius * np.array([[[-1.0, -1.0], [1.0, 1.0]], [[-1.0, 1.0], [1.0, -1.0]]])
+        self.segments((points[:, None, None] + arms).reshape(-1, 2, 2), colour, width)
 
     def text(
         self, x: float, y: float, text: str, colour: Colour = TEXT, size: int = 12, align: Align = "left",
@@ -175,7 +179,7 @@ class Canvas:
         return width / _OVERSAMPLING
 
 
-def _scaled(points: np.ndarray) -> list[list[float]]:
+def _scaled(points: np.ndarray) -> Any:
     return (points * _OVERSAMPLING).tolist()
 
 

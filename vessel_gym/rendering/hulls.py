@@ -1,8 +1,33 @@
-"""Outlines of vehicles ``(k, 2)`` in their lengths (an aircraft's in its span): forward, and to starboard or down."""
+"""Outlines of vehicles."""
+
+from dataclasses import dataclass
 
 import numpy as np
 
 from vessel_gym.rendering.canvas import CIRCLE
+
+
+@dataclass(frozen=True, eq=False)
+class Hull:
+    """What a vehicle looks like.
+
+    Attributes:
+        above: Its outline ``(k, 2)`` in its lengths (an aircraft's in its span): forward and to starboard,
+        aside: and forward and down.
+        least: Pixels that it is drawn at least.
+        scaled: Whether it is drawn to scale where that is more.
+        near: How many of its lengths a close-up shows to either side at least.
+    """
+
+    above: np.ndarray
+    aside: np.ndarray
+    least: float
+    near: float
+    scaled: bool = True
+
+    def pixels(self, length: float, least: float) -> float:
+        """How long it is drawn, being ``length`` pixels long to scale, where others are ``least`` at least."""
+        return max(length, least) if self.scaled else self.least
 
 
 def _mirrored(side: np.ndarray) -> np.ndarray:
@@ -26,6 +51,9 @@ _FUSELAGE = np.array([
 _DOT = 0.5 * CIRCLE
 
 HULLS = {
-    "ship": (_SHIP, _SHIP), "torpedo": (_TORPEDO, _TORPEDO), "aircraft": (_WING, _FUSELAGE), "dot": (_DOT, _DOT),
-}  # fmt: skip
-"""As seen from above and from the side, by name (`vessel_gym.surroundings.HULLS`)."""
+    "ship": Hull(_SHIP, _SHIP, 44.0, 0.3),
+    "torpedo": Hull(_TORPEDO, _TORPEDO, 30.0, 0.7),
+    "aircraft": Hull(_WING, _FUSELAGE, 28.0, 2.0),
+    "dot": Hull(_DOT, _DOT, 9.0, 0.5, scaled=False),
+}
+"""By name, see `vessel_gym.surroundings.HULLS`."""

@@ -39,8 +39,8 @@ class Journey:
         """The components of the vehicle's state that are estimated."""
         self.places = [self.names.index(name) for name in self.estimated]
         self._position = pose(np.eye(len(self.names)), self.names)[:, :3].T
-        self.located = self._position[:, self.places].any(1)
-        """Whether north, east and down are estimated ``(3,)``, as far as the vehicle has them."""
+        self.located = bool(self._position[:, self.places].any())
+        """Whether something of the position is estimated."""
         self._gives = [self.names.index(name) if name in self.names else -1 for name in core.sensors.gives]
         level = [i for i, name in enumerate(self.names) if name in ("x", "y")]
         self._level = [c for c, i in enumerate(self._gives) if i in level]
@@ -91,7 +91,7 @@ class Journey:
     def members(self) -> np.ndarray | None:
         """Where the members of the ensemble put the vehicle, ``(N, 3)``, if there is one."""
         ensemble = self._core.belief.ensemble
-        if ensemble is None:
+        if ensemble is None or not self.located:
             return None
         members = ensemble[self._row, :, : len(self.places)]
         return self._guess(np.tile(self._moments[-1].truth, (len(members), 1)), members) @ self._position.T

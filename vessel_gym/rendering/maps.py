@@ -1,10 +1,12 @@
 """Maps: a way to look at north, east and down, to scale, with what lies on every map."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from vessel_gym.rendering.canvas import GRID, MUTED, TEXT, WATER, Box, Canvas, nice
+from vessel_gym.rendering.hulls import Hull
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,24 +21,43 @@ class View:
     axes: np.ndarray
     aside: bool
 
+    @property
+    def bearing(self) -> float:
+        """The direction in the plane that goes right, clockwise from north [°]."""
+        return float(np.rad2deg(np.arctan2(self.axes[1, 1], self.axes[1, 0])) % 360.0)
+
     def seen(self, points: np.ndarray) -> np.ndarray:
         """Where points ``(..., 3)`` are seen: how far up, how far right [m], ``(..., 2)``."""
         return points @ self.axes.T
 
-    def body(self, pose: np.ndarray, outlines: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-        """The outline ``(k, 2)`` up and right, of a vehicle that lies as in a `pose` ``(6,)``, about its place.
+    def body(self, pose: np.ndarray, hull: Hull) -> np.ndarray:
+        """The outline ``(k, 2)`` of a vehicle in a `pose` ``(6,)``: how many lengths up and right of its place.
 
         From the side it is foreshortened and never upside down; from above a bank narrows it.
         """
         roll, pitch, yaw = pose[3:]
         ahead = np.array([np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), -np.sin(pitch)])
         nose = self.axes @ ahead
-        outline = outlines[int(self.aside)]
+        outline = hull.aside if self.aside else hull.above
         share = max(float(np.hypot(*nose)), 0.15)
         along = nose / max(float(np.hypot(*nose)), 1e-9)
         across = np.array([-along[1], along[0]])  # to starboard, or down
         across = across * ((1.0 if along[1] >= 0.0 else -1.0) if self.aside else np.cos(roll))
         return outline[:, :1] * share * along + outline[:, 1:] * across
+
+
+def views_of(names: Sequence[str], way: np.ndarray) -> list[View]:
+    """How vehicles with these components of the state are looked at: from above, from the side, both or not at all.
+
+    Args:
+        names: Of the components.
+        way: ``(2,)`` north and east: what goes right in a view from the side.
+    """
+    views = [View(np.eye(2, 3), False)] if {"x", "y"} <= set(names) else []
+    if "x" in names and {"z", "h"} & set(names):
+        along = way / np.hypot(*way) if way.any() else np.array([1.0, 0.0])
+        views.append(View(np.array([[0.0, 0.0, -1.0], [*along, 0.0]]), True))
+    return views
 
 
 class Frame:
@@ -80,10 +101,10 @@ def draw_card(canvas: Canvas, box: Box, title: str, note: str = "") -> Box:
 def draw_grid(canvas: Canvas, frame: Frame, step: float) -> None:
     """Thin lines every ``step`` metres."""
     box, gap, origin = frame.box, frame.scale * step, frame.pixels(np.zeros(2))
-    for x in np.arange(box.left + (origin[0] - box.left) % gap, box.right, gap):
-        canvas.line(np.array([[x, box.top], [x, box.bottom]]), GRID, 0.5)
-    for y in np.arange(box.top + (origin[1] - box.top) % gap, box.bottom, gap):
-        canvas.line(np.array([[box.left, y], [box.right, y]]), GRID, 0.5)
+    x = np.arange(box.left + (origin[0] - box.left) % gap, box.right, gap)
+    y = np.arange(box.top + (origin[1] - box.top) % gap, box.bottom, gap)
+    canvas.segments(np.stack([np.stack([x, 0.0 * x + end], -1) for end in (box.top, box.bottom)], 1), GRID, 0.5)
+    canvas.segments(np.stack([np.stack([0.0 * y + end, y], -1) for end in (box.left, box.right)], 1), GRID, 0.5)
 
 
 def bar_length(frame: Frame) -> float:
