@@ -101,7 +101,7 @@ def draw_chart(canvas: Canvas, box: Box, chart: Chart, time: np.ndarray, end: fl
     def pixels(time: np.ndarray, value: np.ndarray) -> np.ndarray:
         return np.stack([time, value - high], -1) * scale + [plot.left, plot.top]
 
-    if chart.band is not None:
+    if chart.band is not None and len(time) > 1:
         edge = np.append(chart.band[0], chart.band[1][::-1])
         canvas.polygon(pixels(np.append(time, time[::-1]), edge), BELIEVED_PALE)
     for level in ticks(low, high, 3):

@@ -91,11 +91,11 @@ class Frame:
 
 
 def draw_card(canvas: Canvas, box: Box, title: str, note: str = "") -> Box:
-    """The card of a map with its title; returns where the map belongs."""
+    """The card of a map with its title; returns where the map belongs, above a strip for its scale."""
     canvas.panel(box, WATER)
     width = canvas.text(box.left + 12, box.top + 15, title, TEXT, 12, bold=True)
     canvas.text(box.left + 20 + width, box.top + 15, note, MUTED, 10)
-    return box.inset(2, 28, 2, 2)
+    return box.inset(2, 28, 2, 24)
 
 
 def draw_grid(canvas: Canvas, frame: Frame, step: float) -> None:
@@ -113,8 +113,8 @@ def bar_length(frame: Frame) -> float:
 
 
 def draw_scale_bar(canvas: Canvas, frame: Frame, note: str) -> None:
-    """A bar of a round length with its length in words, in the lower left corner; a remark beside it."""
-    metres, left, y = bar_length(frame), frame.box.left + 12, frame.box.bottom - 10
+    """A bar of a round length with its length in words, below the map on the left; a remark beside it."""
+    metres, left, y = bar_length(frame), frame.box.left + 12, frame.box.bottom + 14
     right = left + metres * frame.scale
     canvas.line(np.array([[left, y - 4], [left, y], [right, y], [right, y - 4]]), MUTED, 1.5)
     canvas.text(right + 8, y - 3, f"{metres:g} m" + (f"   ·   {note}" if note else ""), MUTED, 11)

@@ -16,7 +16,7 @@ _TOP = 402.0  # height of maps and close-ups
 _LEFT = 496.0  # width of the maps
 _LEGEND = 80.0
 _AROUND = np.array([[-1.0, -1.0], [1.0, 1.0]])
-_FIRST = ("x", "y", "psi", "u", "north", "z", "h", "theta")
+_FIRST = ("x", "y", "psi", "u", "climb", "z", "h", "theta")
 """What is charted first."""
 _POSE = ("x", "y", "z", "h", "phi", "theta", "psi")
 """What maps show: charts tell by how much it is believed wrong."""
@@ -130,7 +130,7 @@ class Picture:
     def _map(self, canvas: Canvas, box: Box, view: View, points: np.ndarray, marks: Marks) -> None:
         note = f"to the right is {view.bearing:03.0f}°" if view.aside and len(self._views) > 1 else ""
         sea = draw_card(canvas, box, f"Seen from {'the side' if view.aside else 'above'}", note)
-        frame = Frame(sea, points, (22.0, 22.0, 22.0, 38.0), view.aside and self._around.surface is not None)
+        frame = Frame(sea, points, (22.0, 22.0, 22.0, 16.0), view.aside and self._around.surface is not None)
         length = self._around.size * frame.scale
         size = marks.hull.pixels(length, marks.hull.least)
         marks.draw(canvas, frame, view, size, 3.0)
