@@ -53,14 +53,15 @@ def drawn(env_id, **options):
         return env.render()
 
 
-def picture(core, truth=None, belief=None):
-    """A picture of a core whose vehicle is, and is believed to be, at places ``(3,)``, if they are given."""
+def picture(core, *moments):
+    """A picture of a core whose vehicle has been, and believed to be, at pairs of places ``(3,)``; none: as it is."""
     renderer = make_renderer(core, "rgb_array", 20)
     renderer.begin()
     state, mean = core.state, core.belief.mean
-    core.state = put(state, core.vehicle.state_names, truth)
-    core.loop.belief = core.belief.replace(mean=put(mean, core.composition.names, belief))
-    renderer.record()
+    for truth, belief in moments or [(None, None)]:
+        core.state = put(state, core.vehicle.state_names, truth)
+        core.loop.belief = core.belief.replace(mean=put(mean, core.composition.names, belief))
+        renderer.record()
     core.state, core.loop.belief = state, core.belief.replace(mean=mean)
     return renderer.draw()
 
@@ -191,12 +192,15 @@ def test_every_kind_of_belief_can_be_drawn(env_id, options):
 
 @pytest.mark.parametrize("env_id", ON_A_PATH)
 @pytest.mark.parametrize("whose", ["truth", "belief"])
-def test_only_the_marks_move_of_who_moves(env_id, whose):
+@pytest.mark.parametrize("detour", [False, True])
+def test_only_the_marks_move_of_who_moves_and_only_the_track_bends_of_who_makes_a_detour(env_id, whose, detour):
     core = core_of(env_id)
-    true, believed, by = somewhere(core, 0.3, 0.7, 0.1)  # clear of each other
-    by = by - somewhere(core, 0.0)[0]
-    before = picture(core, true, believed)[MAPS]
-    after = picture(core, true + by * (whose == "truth"), believed + by * (whose == "belief"))[MAPS]
+    true, believed, *by = somewhere(core, 0.3, 0.7, 0.15, 0.0)  # clear of each other
+    by = by[0] - by[1]
+    moves = true + by * (whose == "truth"), believed + by * (whose == "belief")
+    stays = true, believed
+    before = picture(core, stays)[MAPS]
+    after = picture(core, *([stays, moves, stays] if detour else [moves]))[MAPS]
     mine, other = (TRUE, BELIEVED) if whose == "truth" else (BELIEVED, TRUE)
     assert (painted(before, mine) != painted(after, mine)).any()
     assert (painted(before, other) == painted(after, other)).all()
@@ -222,7 +226,7 @@ def test_north_is_up_east_is_right_and_deeper_is_lower(env_id, by, seen, rows, c
     believed, true = somewhere(core, 0.8, 0.4)
     middles = []
     for place in (true, true + by):
-        pixels = painted(picture(core, place, believed), TRUE)[: MAPS[0].stop, : MAPS[1].stop]
+        pixels = painted(picture(core, (place, believed)), TRUE)[: MAPS[0].stop, : MAPS[1].stop]
         tops = {text: round(top) for text, _, _, top, _ in words if text.startswith("Seen from")}
         below = tops.get("Seen from the side", MAPS[0].start)
         part = np.s_[below:] if seen == "the side" else np.s_[: below if env_id in SPACE else None]
@@ -236,7 +240,7 @@ def test_a_close_up_shows_by_how_much_the_estimator_is_wrong(env_id, dots):
     apart = []
     for error in (0.5, 1.0):
         dots.clear()
-        picture(core, np.array([error, 0.0, 0.0]), np.zeros(3))
+        picture(core, (np.array([error, 0.0, 0.0]), np.zeros(3)))
         close = [(colour, at) for colour, at in dots if at[0] > 520 and at[1] < 380 and colour in (TRUE, BELIEVED)]
         (_, true), (_, believed) = close[:2]
         assert [colour for colour, _ in close[:2]] == [TRUE, BELIEVED]
@@ -327,7 +331,7 @@ def test_an_end_is_said_and_one_that_is_no_success_in_red(env_id, words):
 def test_the_header_says_how_far_the_goal_is(env_id, words):
     core = core_of(env_id)
     goal = np.array(surroundings.surroundings_of(core, core.course[0]).goal[:3])
-    picture(core, goal + [0.2, 0.0, 0.0], goal)
+    picture(core, (goal + [0.2, 0.0, 0.0], goal))
     assert "0.20 m" in words
 
 

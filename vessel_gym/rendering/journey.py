@@ -42,9 +42,10 @@ class Journey:
         self.located = bool(self._position[:, self.places].any())
         """Whether something of the position is estimated."""
         self._gives = [self.names.index(name) if name in self.names else -1 for name in core.sensors.gives]
-        level = [i for i, name in enumerate(self.names) if name in ("x", "y")]
-        self._level = [c for c, i in enumerate(self._gives) if i in level]
-        self._fixed = len(level) > 0 and set(level) <= set(self._gives)
+        level = [self.names.index(name) for name in ("x", "y") if name in self.names]
+        self._level = [[channel for channel, given in enumerate(self._gives) if given == place] for place in level]
+        self.fixed = bool(self._level) and all(self._level)
+        """Whether there are readings of the position."""
 
     def begin(self) -> None:
         """Forget the last episode."""
@@ -64,7 +65,7 @@ class Journey:
             )
         )  # fmt: skip
         readings, available = core.readings
-        if self._fixed and available[row, self._level].all():
+        if self.fixed and all(available[row, channels].any() for channels in self._level):
             state = self._guess(self._moments[-1].truth, self._moments[-1].estimate)
             for channel, place in enumerate(self._gives):
                 if place >= 0 and available[row, channel]:

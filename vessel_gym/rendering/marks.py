@@ -41,7 +41,8 @@ class Marks:
         self.true, self.believed = journey.true(history), journey.believed(history)
         """Where it was and where it believed to be ``(T, 6)``, as `vessel_gym.surroundings.pose` has it."""
         self._spread, self._members = journey.spread(history.cov[-1]), journey.members()
-        self._fixes, self._located = np.array(journey.fixes).reshape(-1, 3), journey.located
+        self._fixes = np.array(journey.fixes).reshape(-1, 3)
+        self._fixed, self._located = journey.fixed, journey.located
 
     def cov(self, view: View) -> np.ndarray:
         """Covariance ``(2, 2)`` of the believed position as it is seen."""
@@ -119,7 +120,7 @@ class Marks:
             labels["cloud"] = f"ensemble of {len(self._members)}"
         elif np.trace(self._spread) > 0.0:
             labels["ellipse"] = "believed ±2σ"
-        if len(self._fixes):
+        if self._fixed:
             labels["fix"] = "position fix"
         labels["start"] = "start"
         if len(around.path):
