@@ -17,6 +17,7 @@ from vessel_gym.rendering.canvas import (
     Canvas,
     Colour,
     nice,
+    signed,
 )
 
 _GAP = 10.0
@@ -107,7 +108,7 @@ def draw_chart(canvas: Canvas, box: Box, chart: Chart, time: np.ndarray, end: fl
     for level in ticks(low, high, 3):
         line = pixels(np.array([0.0, end]), np.full(2, level))
         canvas.line(line, GRID if level else ZERO, 1.0)
-        canvas.text(plot.left - 6, line[0, 1], f"{level:g}".replace("-", "−"), MUTED, 10, "right")
+        canvas.text(plot.left - 6, line[0, 1], signed(level), MUTED, 10, "right")
     times = ticks(0.0, end, 4)
     for tick in times:
         x = plot.left + tick * scale[0]
