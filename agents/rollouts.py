@@ -32,6 +32,7 @@ class Rollout:
             after an episode's end repeat its last values. Beside that ``nis``: the normalised innovation squared,
             NaN where an estimator has none, and at an episode's end.
         env: The (closed) vector environment, for its system and spaces.
+        course: ``(N, k)`` what the task has drawn; None where the environment is not ours.
     """
 
     env_id: str
@@ -43,6 +44,7 @@ class Rollout:
     end: np.ndarray
     history: dict[str, np.ndarray]
     env: Any
+    course: np.ndarray | None
 
     @property
     def alive(self) -> np.ndarray:
@@ -98,6 +100,7 @@ def rollout(
         flyer = load_agent(agent, env, trust) if isinstance(agent, str | Path) else agent
         flyer.reset(len(seeds))
         observations, info = env.reset(seed=seeds, options=reset_options)  # type: ignore[arg-type]
+        course = _course(env)
         keys = [key for key, value in info.items() if record and not key.startswith("_") and _numeric(value)]
         frames = {key: [info[key]] for key in keys}
         surprise = [_nis(env)] if record else []
@@ -139,7 +142,7 @@ def rollout(
     kept = [cloud for cloud in clouds if cloud is not None]
     if kept:
         history["ensemble"] = np.stack(kept)
-    return Rollout(env_id, np.array(seeds), score, returns, length, ended, end, history, env)
+    return Rollout(env_id, np.array(seeds), score, returns, length, ended, end, history, env, course)
 
 
 def _numeric(value: Any) -> bool:
@@ -158,6 +161,12 @@ def _ensemble(env: Any) -> np.ndarray | None:
     """The members of every environment's ensemble ``(N, m, n)``; None where there is none."""
     core = getattr(env.unwrapped, "core", None)
     return None if core is None else core.belief.ensemble
+
+
+def _course(env: Any) -> np.ndarray | None:
+    """What the task has drawn for every environment ``(N, k)``."""
+    core = getattr(env.unwrapped, "core", None)
+    return None if core is None else core.course.copy()
 
 
 def _batch(env_id: str, num_envs: int, options: dict[str, Any]) -> gym.vector.VectorEnv:

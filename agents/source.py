@@ -14,7 +14,9 @@ import vessel_gym
 _AROUND = ("agents.cells", "agents.reproduction.comparison")
 """Modules that keep or show results and compute none: a change there leaves the results as they are."""
 _WHOLE = ("estimators", "vessel_gym")
-"""Packages that count as a whole."""
+"""Packages that count as a whole,"""
+_SEEN = ("rendering", "surroundings.py")
+"""but for what is only looked at."""
 
 
 _INSTALLED = tuple(
@@ -44,7 +46,7 @@ def source_digest(module: str) -> str:
         root = Path(package.__file__ or "").parent
         for path in sorted((*root.rglob("*.py"), *root.rglob("*.toml"))):
             name = path.relative_to(root)
-            if name.parts[0] != "rendering":
+            if name.parts[0] not in _SEEN:
                 digest.update(name.as_posix().encode() + b"\0" + _code(path.read_bytes()))
     for imported, path in sorted(_closure(module, module.partition(".")[0], {}).items()):
         digest.update(imported.encode() + b"\0" + _code(path.read_bytes()))

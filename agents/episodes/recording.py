@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from agents.episodes.scenes import Scene, scene_of
 from agents.files import replacing
 from agents.metrics import WITHOUT_COVARIANCE, core_of
 from agents.named import vector_class
@@ -19,6 +18,7 @@ from agents.rollouts import Rollout, rollout
 from estimators import Filter
 from estimators.angles import difference
 from vessel_gym.estimation import build, chosen_disturbance
+from vessel_gym.surroundings import in_words, pose, surroundings_of
 
 COMPARED = ("ekf", "enkf", "dead-reckoning", "truth")
 """What the environment's own estimator is shown beside, as far as its models carry it."""
@@ -28,14 +28,6 @@ CLOUDS, MEMBERS = 300, 40
 """Moments at which an ensemble is kept at most, and how many of its members."""
 CHARTS = 4
 """Errors of components that are charted at most."""
-
-_LABELS = {
-    "x": ("north position", "m"), "y": ("east position", "m"), "z": ("depth", "m"), "h": ("altitude", "m"),
-    "phi": ("roll", "°"), "theta": ("pitch", "°"), "psi": ("heading", "°"),
-    "u": ("surge speed", "m/s"), "v": ("sway speed", "m/s"), "w": ("heave speed", "m/s"),
-    "p": ("roll rate", "°/s"), "q": ("pitch rate", "°/s"), "r": ("yaw rate", "°/s"),
-    "north": ("speed north", "m/s"), "east": ("speed east", "m/s"), "climb": ("climb rate", "m/s"),
-}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,8 +136,9 @@ def _compared(env_id: str, options: dict[str, Any], first: Any) -> list[Any]:
 
 def page_of(flown: Sequence[Rollout], names: Sequence[str]) -> dict[str, Any]:
     """What a page shows of rollouts of one seed, on estimators of these names."""
-    core = core_of(flown[0])
-    scene, shown = scene_of(flown[0]), _focus(core)
+    core, course = core_of(flown[0]), flown[0].course
+    assert course is not None
+    around, shown = asdict(surroundings_of(core, course[0])), _focus(core)
     stride = 1 + int(max(each.length[0] for each in flown)) // FRAMES
     words = [f"{core.disturbance_name} disturbance", f"{core.sensors_name} sensors", f"seed {flown[0].seeds[0]}"]
     return {
@@ -157,15 +150,10 @@ def page_of(flown: Sequence[Rollout], names: Sequence[str]) -> dict[str, Any]:
         "dt": core.vehicle.dt * stride,
         "placed": bool({"x", "y", "z", "h"} & set(core.vehicle.state_names)),
         "located": bool({"x", "y"} & set(shown)),
-        "focus": [_label(name, core.vehicle.angles) for name in shown],
-        "scene": _surroundings(scene),
+        "focus": [in_words(name, core.vehicle.angles)[:2] for name in shown],
+        "scene": {key: packed(value) if isinstance(value, np.ndarray) else value for key, value in around.items()},
         "flights": [_flight(each, name, shown, stride) for each, name in zip(flown, names, strict=True)],
     }
-
-
-def _surroundings(scene: Scene) -> dict[str, Any]:
-    named = asdict(scene)
-    return {key: packed(value) if isinstance(value, np.ndarray) else value for key, value in named.items()}
 
 
 def _focus(core: Any) -> list[str]:
@@ -183,7 +171,7 @@ def _flight(flown: Rollout, name: str, shown: list[str], stride: int) -> dict[st
     believed = [base.index(each) for each in shown]
     true = h["truth"][:, [core.truth_names.index(each) for each in shown]]
     angles = tuple(i for i, each in enumerate(shown) if each in core.vehicle.angles)
-    scale = np.array([_scale(each, core.vehicle.angles) for each in shown])
+    scale = np.array([in_words(each, core.vehicle.angles)[2] for each in shown])
     error = difference(h["estimate"][:, believed], true, angles) * scale
     claims = core.estimator not in WITHOUT_COVARIANCE
     cov = h["covariance"][:, believed][:, :, believed] * np.outer(scale, scale)
@@ -202,22 +190,6 @@ def _flight(flown: Rollout, name: str, shown: list[str], stride: int) -> dict[st
         "fix": packed(_fixes(core, h, shown, true, angles) * scale),
         "charts": [*_errors(core, h, claims), *_inputs(core, h), _score(h)],
     }  # fmt: skip
-
-
-def pose(states: np.ndarray, names: Sequence[str]) -> np.ndarray:
-    """Where a vehicle is and how it lies, ``(T, 6)``: north, east, down [m], roll, pitch, yaw [rad], continuous.
-
-    What its state does not name is 0; one without attitude points where it goes.
-    """
-
-    def of(name: str) -> np.ndarray:
-        return states[:, names.index(name)] if name in names else np.zeros(len(states))
-
-    yaw, pitch = of("psi"), of("theta")
-    if "psi" not in names and "north" in names:
-        yaw = np.arctan2(of("east"), of("north"))
-        pitch = np.arctan2(of("climb"), np.hypot(of("east"), of("north")))
-    return np.stack([of("x"), of("y"), of("z") - of("h"), of("phi"), pitch, np.unwrap(yaw)], -1)
 
 
 def packed(values: np.ndarray) -> dict[str, Any]:
@@ -262,12 +234,11 @@ def _errors(core: Any, h: dict[str, np.ndarray], claims: bool) -> list[dict[str,
     first = [name for name in ("y", "x", "z", "h", "psi", "phi") if name in names]
     charts = []
     for name in [*first, *(name for name in names if name not in first)][:CHARTS]:
-        i, scale, angles = names.index(name), _scale(name, core.vehicle.angles), core.vehicle.angles
+        i, (label, unit, scale) = names.index(name), in_words(name, core.vehicle.angles)
         true = h["truth"][:, [core.truth_names.index(name)]]
-        angle = (0,) if name in angles else ()
+        angle = (0,) if name in core.vehicle.angles else ()
         sd = np.sqrt(np.maximum(h["covariance"][:, i, i], 0.0))
         fixes = _fixes(core, h, [name], true, angle)
-        label, unit = _label(name, angles)
         charts.append({
             "title": f"{label[:1].upper()}{label[1:]} error",
             "unit": unit,
@@ -299,12 +270,3 @@ def _inputs(core: Any, h: dict[str, np.ndarray]) -> list[dict[str, Any]]:
 def _score(h: dict[str, np.ndarray]) -> dict[str, Any]:
     return {"title": "Score so far", "unit": "", "believed": packed(h["score"]), "two_sigma": None, "true": None,
             "readings": None}  # fmt: skip
-
-
-def _label(name: str, angles: Sequence[str]) -> tuple[str, str]:
-    """A component in words, and the unit in which it is shown."""
-    return _LABELS.get(name, (name, "°" if name in angles else ""))
-
-
-def _scale(name: str, angles: Sequence[str]) -> float:
-    return float(np.rad2deg(1.0)) if _label(name, angles)[1].startswith("°") else 1.0

@@ -12,10 +12,11 @@ import pytest
 
 import agents
 from agents import Episode, episode
-from agents.episodes.recording import page_of, pose, unpacked
+from agents.episodes.recording import page_of, unpacked
 from agents.rollouts import rollout
 from scripts import watch
 from scripts.console import Refusal
+from vessel_gym.surroundings import pose
 
 ENVS = {"SigmaCorvette-v0": False, "SegorogeniAUV-v0": True, "PunaUAV-v0": True}
 """And whether they move in space."""

@@ -34,7 +34,8 @@ from vessel_gym.envs import (
     ThesisCorvetteEnv,
     VesselEnv,
 )
-from vessel_gym.rendering import SCENES, make_renderer, register_scene
+from vessel_gym.rendering import make_renderer
+from vessel_gym.surroundings import SURROUNDINGS, Surroundings, register_surroundings, surroundings_of
 from vessel_gym.tasks.dive import Dive, SpatialDive
 
 ENV, OWN = "KeepDepth-v0", "own_task:DepthPilot"
@@ -46,7 +47,7 @@ ENDS = ("input_rmse", "nees", "unhealthy")
 @pytest.fixture(autouse=True)
 def nothing_stays() -> Iterator[None]:
     """Registries are as they were after each test."""
-    registries = (SHEETS, PILOTS, SCENES)
+    registries = (SHEETS, PILOTS, SURROUNDINGS)
     for registry in registries:
         registry.of(None)  # ours are there
     before = [deepcopy(registry._entries) for registry in registries]
@@ -140,6 +141,10 @@ def _pitch(flown: agents.Rollout) -> dict[str, np.ndarray]:
     return {"pitch": np.rad2deg(np.abs(at_end(flown)[:, 5]))}
 
 
+def _dock(task: KeepDepth, course: np.ndarray) -> Surroundings:
+    return Surroundings("torpedo", 1.5, True, goal=(8.0, 0.0, course[0], 0.5))
+
+
 OFFSET = Metric("offset", "Offset", "m", "lower", 2, "Distance from the depth at the end.", of=_offset)
 PITCH = Metric("pitch", "Pitch", "°", "lower", 1, "Pitch at the end.")
 
@@ -191,7 +196,9 @@ def test_steps_may_be_said_in_a_sheets_own_words():
         (lambda: register_pilot(KeepDepth, "a:b"), ValueError, "without a colon"),
         (lambda: register_pilot(KeepDepth, "random"), ValueError, "other than random, ppo, checkpoint"),
         (lambda: register_pilot(Dive, "autopilot")(DepthPilot), ValueError, "its pilot 'autopilot' from agents.pilots"),
-        (lambda: register_scene(Dive)(object), ValueError, "its scene from vessel_gym.rendering.dive"),
+        (lambda: register_surroundings(Dive)(_dock), ValueError, "its surroundings from vessel_gym.surroundings"),
+        (lambda: register_surroundings(KeepDepth())(_dock), TypeError, "class of tasks"),  # type: ignore[arg-type]
+        (lambda: Surroundings("boat"), ValueError, "unknown hull 'boat'"),
     ],
 )
 def test_what_cannot_be_registered_is_refused_in_one_sentence(attempt, error: type, sentence: str):
@@ -228,7 +235,7 @@ def picture(task: object, steps: int = 5, **options: object) -> np.ndarray:
 @pytest.mark.parametrize(
     "options", [{}, {"estimator": "truth"}, {"estimator": "dead-reckoning"}, {"observe": "measurement"}]
 )
-def test_a_task_without_a_scene_has_the_plain_one(options: dict[str, str]):
+def test_a_task_without_surroundings_is_drawn_alone(options: dict[str, str]):
     drawn = picture(KeepDepth(), **options)
     assert drawn.shape == (720, 1008, 3)
     assert len(np.unique(drawn.reshape(-1, 3), axis=0)) > 50
@@ -264,43 +271,16 @@ def test_every_vehicle_can_be_drawn_plainly(env_id: str):
     assert len(np.unique(drawn.reshape(-1, 3), axis=0)) > 50
 
 
-def test_the_plain_scene_shows_truth_and_estimate_actions_and_score(monkeypatch: pytest.MonkeyPatch):
-    pytest.importorskip("pygame")
-    from vessel_gym.rendering.canvas import BELIEVED, TRUE, Canvas
-
-    written: list[str] = []
-    write = Canvas.text
-
-    def text(canvas: Canvas, x: float, y: float, text: str, *rest: object, **more: object) -> float:
-        written.append(text)
-        return write(canvas, x, y, text, *rest, **more)  # type: ignore[arg-type]
-
-    monkeypatch.setattr(Canvas, "text", text)
-    drawn = picture(KeepDepth())
-    for words in ("Seen from the side", "u", "w", "q", "theta", "Actions", "stern plane", "thrust", "Score so far"):
-        assert words in written
-    for colour in (TRUE, BELIEVED):
-        assert (drawn[94:500, 18:500] == np.array(colour, np.uint8)).all(-1).any()
-
-
-def test_a_registered_scene_is_drawn_for_the_task_and_its_subclasses():
-    pytest.importorskip("pygame")
-
-    @register_scene(KeepDepth)
-    class Blank:
-        title = "nothing"
-
-        def __init__(self, core: Core, row: int) -> None: ...
-
-        def begin(self) -> None: ...
-
-        def record(self) -> None: ...
-
-        def draw(self, canvas) -> None:
-            canvas.clear((1, 2, 3))
-
+def test_registered_surroundings_are_seen_by_pictures_and_pages_of_the_task_and_its_subclasses():
+    alone = picture(KeepDepth())
+    register_surroundings(KeepDepth)(_dock)
     for task in (KeepDepth(), KeepShallowDepth()):
-        assert (picture(task) == np.array([1, 2, 3])).all()
+        assert (picture(task) != alone).any()
+        core = Core(system_with(task), 1)
+        assert surroundings_of(core, np.array([0.3])).goal == (8.0, 0.0, 0.3, 0.5)
+    page = agents.episode(ENV, ["ekf"], OWN, seed=5).page
+    assert page["scene"]["goal"][2] == rollout(OWN, ENV, [5]).history["reference"][0, 0, 0]
+    assert page["scene"]["hull"] == "torpedo"
 
 
 def test_a_subclass_of_a_task_of_ours_has_all_that_ours_has():
@@ -310,8 +290,7 @@ def test_a_subclass_of_a_task_of_ours_has_all_that_ours_has():
     mine = Mine(**{field.name: getattr(given, field.name) for field in fields(given)})
     assert PILOTS.of(mine) == PILOTS.of(given)
     assert SHEETS.of(mine) == SHEETS.of(given)
-    pytest.importorskip("pygame")
-    assert SCENES.of(mine) == SCENES.of(given)
+    assert SURROUNDINGS.of(mine) == SURROUNDINGS.of(given)
 
 
 # --- studies, and what results depend on ---------------------------------------------------------------

@@ -63,6 +63,7 @@ def test_a_circle_of_imports_ends(package):
         ("estimators", "kf.py", True),
         ("vessel_gym", "core.py", True),
         ("vessel_gym", "rendering/__init__.py", False),
+        ("vessel_gym", "surroundings.py", False),
         ("vessel_gym", "vehicles/data/ship.toml", True),
     ],
 )

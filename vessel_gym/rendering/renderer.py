@@ -1,30 +1,16 @@
-"""A window or an array around a scene."""
+"""A window or an array around a picture."""
 
 from functools import cache
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import pygame
 
 from vessel_gym.rendering.canvas import Canvas
+from vessel_gym.rendering.picture import Picture
 
 SIZE = 1008, 720
 """Width and height of a picture; multiples of 16, as video codecs want them."""
-
-
-class Scene(Protocol):
-    """What one kind of task looks like: it keeps an episode's history and draws it."""
-
-    title: str
-
-    def begin(self) -> None:
-        """Forget the last episode: another one begins, in the state that the core is in."""
-
-    def record(self) -> None:
-        """Append the core's present state to the history."""
-
-    def draw(self, canvas: Canvas) -> None:
-        """Draw the history on a canvas, all of it."""
 
 
 @cache
@@ -34,35 +20,35 @@ def _canvas() -> Canvas:
 
 
 class Renderer:
-    """Draws a scene into an array, or into a window that the user may close at any time.
+    """Draws a picture into an array, or into a window that the user may close at any time.
 
     Args:
-        scene: What to draw.
+        picture: What to draw.
         render_mode: ``"human"`` or ``"rgb_array"``.
         fps: Frames a second that the window keeps.
     """
 
-    def __init__(self, scene: Scene, render_mode: str, fps: int) -> None:
-        self._scene, self._render_mode, self._fps = scene, render_mode, fps
+    def __init__(self, picture: Picture, render_mode: str, fps: int) -> None:
+        self._picture, self._render_mode, self._fps = picture, render_mode, fps
         self._human = render_mode == "human"
         self._window: pygame.Surface | None = None
         self._clock = pygame.time.Clock()
         if self._human:
             pygame.display.init()
-            pygame.display.set_caption(scene.title)
+            pygame.display.set_caption(picture.title)
             self._window = pygame.display.set_mode(SIZE)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """A copy keeps the history, and has a window of its own."""
-        return type(self), (self._scene, self._render_mode, self._fps)
+        return type(self), (self._picture, self._render_mode, self._fps)
 
     def begin(self) -> None:
         """Forget the last episode."""
-        self._scene.begin()
+        self._picture.begin()
 
     def record(self) -> None:
         """Append the present state to the episode's history."""
-        self._scene.record()
+        self._picture.record()
 
     def draw(self) -> np.ndarray | None:
         """The picture ``(height, width, 3)``, or None in mode ``"human"``, where it goes to the window."""
@@ -71,7 +57,7 @@ class Renderer:
         if self._window is not None and any(event.type == pygame.QUIT for event in pygame.event.get()):
             self.close()
         if self._window is not None:
-            self._scene.draw(_canvas())
+            self._picture.draw(_canvas())
             self._window.blit(_canvas().finish(), (0, 0))
             pygame.display.flip()
             self._clock.tick(self._fps)
@@ -84,7 +70,7 @@ class Renderer:
             pygame.display.quit()
 
     def _array(self) -> np.ndarray:
-        self._scene.draw(_canvas())
+        self._picture.draw(_canvas())
         width, height = SIZE
         pixels = pygame.image.tobytes(_canvas().finish(), "RGB")
         return np.frombuffer(pixels, np.uint8).reshape(height, width, 3).copy()

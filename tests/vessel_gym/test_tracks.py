@@ -1,0 +1,51 @@
+"""Tracks of a ship on a turning circle: what is commanded, and what a belief without a position implies."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import vessel_gym  # noqa: F401
+from vessel_gym.sea_trials import fit_circle
+from vessel_gym.tracks import believed_path, commanded_path, path
+
+
+def test_the_commanded_path_closes_a_circle_of_the_commanded_radius():
+    task = gym.make("ThesisCorvette-v0").unwrapped.core.task
+    radius = 4.0 * task.ship.length
+    for side in (1.0, -1.0):
+        course = task.course(np.zeros((1, task.uniforms)), {"radius": side * radius})[0]
+        points = commanded_path(task, course)
+        turn = points[int((task.lead + task.ramp) / task.dt) :]
+        centre = turn[:-2].mean(0)
+        assert np.hypot(*(turn - centre).T) == pytest.approx(radius, rel=0.03)
+        along, across = turn[1] - turn[0], centre - turn[0]
+        assert np.sign(along[0] * across[1] - along[1] * across[0]) == side  # starboard is to the right
+
+
+def test_a_commanded_track_closes_its_circle():
+    task = gym.make("SigmaCorvette-v0").unwrapped.core.task
+    radius = 4.0 * task.ship.length
+    for side in (1.0, -1.0):
+        course = task.course(np.zeros((1, task.uniforms)), {"radius": side * radius})[0]
+        points = commanded_path(task, course)
+        length = np.hypot(*np.diff(points, axis=0).T)
+        turn = points[np.concatenate([[0.0], length.cumsum()]) >= task.ship.speed * (task.lead + task.ramp)]
+        circle = fit_circle(*turn.T)
+        assert circle.radius == pytest.approx(radius, rel=1e-4)
+        assert circle.rms < 1e-6 * radius
+        assert np.hypot(*(turn[-1] - turn[0])) < 1.5 * length.max()  # once round
+        along, across = turn[1] - turn[0], np.array([circle.x, circle.y]) - turn[0]
+        assert np.sign(along[0] * across[1] - along[1] * across[0]) == side
+
+
+def test_the_believed_path_runs_straight_at_the_service_speed_and_uses_a_believed_surge():
+    ship = gym.make("SigmaCorvette-v0").unwrapped.core.task.ship
+    east = np.tile([0.0, 0.0, 0.5 * np.pi], (5, 1))
+    end = believed_path(east, ship, 0.5)[-1]
+    assert end == pytest.approx([0.0, 2.0 * ship.speed], rel=1e-6, abs=1e-9)
+    slow = np.concatenate([east, np.full((5, 1), 3.0)], -1)
+    assert believed_path(slow, ship, 0.5)[-1] == pytest.approx([0.0, 6.0])
+
+
+def test_sway_to_starboard_of_a_ship_heading_north_goes_east():
+    assert path(np.zeros(3), np.zeros(3), np.ones(3), 1.0)[-1] == pytest.approx([0.0, 2.0])

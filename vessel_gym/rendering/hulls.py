@@ -1,0 +1,59 @@
+"""Outlines of vehicles."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vessel_gym.rendering.canvas import CIRCLE
+
+
+@dataclass(frozen=True, eq=False)
+class Hull:
+    """What a vehicle looks like.
+
+    Attributes:
+        above: Its outline ``(k, 2)`` in its lengths (an aircraft's in its span): forward and to starboard,
+        aside: and forward and down.
+        least: Pixels that it is drawn at least.
+        scaled: Whether it is drawn to scale where that is more.
+        near: How many of its lengths a close-up shows to either side at least.
+    """
+
+    above: np.ndarray
+    aside: np.ndarray
+    least: float
+    near: float
+    scaled: bool = True
+
+    def pixels(self, length: float, least: float) -> float:
+        """How long it is drawn, being ``length`` pixels long to scale, where others are ``least`` at least."""
+        return max(length, least) if self.scaled else self.least
+
+
+def _mirrored(side: np.ndarray) -> np.ndarray:
+    """A closed outline of which one side is given, from the bow on the axis to the stern."""
+    return np.concatenate([side, side[::-1] * [1.0, -1.0]])
+
+
+_SHIP = _mirrored(np.array([[0.5, 0.0], [0.375, 0.04], [0.25, 0.06], [0.05, 0.07], [-0.3, 0.066], [-0.5, 0.055]]))
+_TURN = np.linspace(0.0, 0.5 * np.pi, 12)
+_NOSE = np.stack([0.22 + 0.28 * np.cos(_TURN), 0.08 * np.sin(_TURN)], -1)
+_STERN = np.array([[-0.2, 0.08], [-0.32, 0.062], [-0.38, 0.12], [-0.46, 0.12], [-0.46, 0.032], [-0.5, 0.02]])
+_TORPEDO = _mirrored(np.concatenate([_NOSE, _STERN]))
+_WING = _mirrored(np.array([
+    [0.17, 0.0], [0.15, 0.035], [0.08, 0.07], [-0.12, 0.48], [-0.13, 0.5], [-0.25, 0.5], [-0.22, 0.47], [-0.1, 0.1],
+    [-0.13, 0.03],
+]))  # fmt: skip
+_FUSELAGE = np.array([
+    [0.17, 0.0], [0.12, 0.025], [-0.1, 0.03], [-0.22, 0.0], [-0.25, -0.09], [-0.2, -0.09], [-0.12, -0.025],
+    [0.1, -0.025],
+])  # fmt: skip
+_DOT = 0.5 * CIRCLE
+
+HULLS = {
+    "ship": Hull(_SHIP, _SHIP, 44.0, 0.3),
+    "torpedo": Hull(_TORPEDO, _TORPEDO, 30.0, 0.7),
+    "aircraft": Hull(_WING, _FUSELAGE, 28.0, 2.0),
+    "dot": Hull(_DOT, _DOT, 9.0, 0.5, scaled=False),
+}
+"""By name, see `vessel_gym.surroundings.HULLS`."""

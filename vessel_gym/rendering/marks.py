@@ -1,0 +1,163 @@
+"""What lies on every map of an episode: surroundings, tracks, fixes, belief, vehicle."""
+
+import numpy as np
+
+from vessel_gym.rendering.canvas import (
+    BELIEVED,
+    BELIEVED_PALE,
+    CIRCLE,
+    COMMANDED,
+    FIX,
+    GOAL,
+    LIMIT,
+    MEMBER,
+    MUTED,
+    OBSTACLE,
+    PANEL,
+    TEXT,
+    TRUE,
+    TRUE_PALE,
+    TRUE_SOFT,
+    Canvas,
+    two_sigma,
+)
+from vessel_gym.rendering.hulls import HULLS
+from vessel_gym.rendering.journey import Journey, Moment
+from vessel_gym.rendering.maps import Frame, View, bar_length, draw_grid
+from vessel_gym.surroundings import Surroundings
+
+
+class Marks:
+    """What lies on every map of an episode so far.
+
+    Args:
+        around: What is around the vehicle.
+        journey: Where it has been.
+        history: That as columns.
+    """
+
+    def __init__(self, around: Surroundings, journey: Journey, history: Moment) -> None:
+        self.around, self.hull = around, HULLS[around.hull]
+        self.true, self.believed = journey.true(history), journey.believed(history)
+        """Where it was and where it believed to be ``(T, 6)``, as `vessel_gym.surroundings.pose` has it."""
+        self._spread, self._members = journey.spread(history.cov[-1]), journey.members()
+        self._fixes = np.array(journey.fixes).reshape(-1, 3)
+        self._fixed, self._located = journey.fixed, journey.located
+
+    def cov(self, view: View) -> np.ndarray:
+        """Covariance ``(2, 2)`` of the believed position as it is seen."""
+        return view.axes @ self._spread @ view.axes.T
+
+    def draw(self, canvas: Canvas, frame: Frame, view: View, size: float, mark: float, close: bool = False) -> None:
+        """Draw all of it in a frame.
+
+        Args:
+            canvas: Where to draw.
+            frame: To which scale.
+            view: From where it is seen.
+            size: Pixels of the vehicle.
+            mark: Pixels of half a cross.
+            close: Whether the frame is a close-up, which shows more of the belief.
+        """
+        around, box = self.around, frame.box
+
+        def at(points: np.ndarray) -> np.ndarray:
+            return frame.pixels(view.seen(points))
+
+        with canvas.clipped(box):
+            draw_grid(canvas, frame, bar_length(frame))
+            if view.aside and around.surface is not None:
+                y = float(frame.pixels(np.array([-around.surface, 0.0]))[1])
+                if y > box.top:
+                    sky = [[box.left, box.top], [box.right, box.top], [box.right, y], [box.left, y]]
+                    canvas.polygon(np.array(sky), PANEL)
+                    canvas.line(np.array([[box.left, y], [box.right, y]]), TRUE_SOFT, 2.0)
+                    if not close:
+                        canvas.text(box.right - 10, y - 9, "surface", MUTED, 10, "right")
+            for north, east, radius in () if view.aside else around.obstacles:
+                canvas.polygon(frame.pixels([north, east] + radius * CIRCLE), OBSTACLE, LIMIT, 1.0)
+            if len(around.path):
+                canvas.dashes(at(around.path), COMMANDED, 1.5)
+            canvas.crosses(at(self._fixes), FIX, mark, 0.35 * mark)
+            if around.goal is not None:
+                goal, radius = at(np.array(around.goal[:3])), max(around.goal[3] * frame.scale, 4.0)
+                canvas.ring(goal, GOAL, radius, 1.5)
+                canvas.dot(goal, GOAL, 2.0)
+            if self._located:
+                canvas.line(at(self.believed[:, :3]), BELIEVED, 1.5)
+            canvas.line(at(self.true[:, :3]), TRUE, 2.0)
+            if not close:
+                _draw_start(canvas, at(self.true[0, :3]))
+            self._vehicles(canvas, frame, view, size, close)
+
+    def _vehicles(self, canvas: Canvas, frame: Frame, view: View, size: float, close: bool) -> None:
+        """The true vehicle, how sure the estimator is of its place, the believed vehicle."""
+        toward = np.array([[0.0, -1.0], [1.0, 0.0]])  # from up and right to x and y
+        true, believed = (
+            frame.pixels(view.seen(pose[:3])) + size * view.body(pose, self.hull) @ toward
+            for pose in (self.true[-1], self.believed[-1])
+        )
+        ellipse = frame.pixels(view.seen(self.believed[-1, :3]) + two_sigma(self.cov(view)))
+        sure = self._members is not None or np.ptp(ellipse, 0).max() < 1.0
+        if not sure:
+            canvas.polygon(ellipse, BELIEVED_PALE)
+        canvas.polygon(true, TRUE_PALE, TRUE, 1.5)
+        if not sure:
+            canvas.outline(ellipse, MEMBER, 1.5)
+        if self._members is not None:
+            for member in frame.pixels(view.seen(self._members)):
+                canvas.dot(member, MEMBER, 1.8 if close else 1.2)
+        canvas.outline(believed, BELIEVED, 1.5)
+        if close:
+            canvas.dot(frame.pixels(view.seen(self.true[-1, :3])), TRUE, 3.0)
+            canvas.dot(frame.pixels(view.seen(self.believed[-1, :3])), BELIEVED, 3.0)
+
+    def legend(self) -> dict[str, str]:
+        """What marks there are, in words."""
+        around = self.around
+        labels = {"true": "true vehicle", "believed": "believed vehicle"}
+        if self._members is not None:
+            labels["cloud"] = f"ensemble of {len(self._members)}"
+        elif np.trace(self._spread) > 0.0:
+            labels["ellipse"] = "believed ±2σ"
+        if self._fixed:
+            labels["fix"] = "position fix"
+        labels["start"] = "start"
+        if len(around.path):
+            labels["path"] = "path to follow"
+        if around.goal is not None:
+            labels["goal"] = f"goal, within {around.goal[3]:g} m"
+        if len(around.obstacles):
+            labels["obstacle"] = "obstacle"
+        return labels
+
+    def draw_icon(self, canvas: Canvas, kind: str, at: np.ndarray) -> None:
+        """What an entry of the legend stands for."""
+        line, outline = at + [[-14.0, 0.0], [14.0, 0.0]], at + self.hull.pixels(22.0, 0.0) * self.hull.above
+        if kind == "true":
+            canvas.line(line, TRUE, 2.0)
+            canvas.polygon(outline, TRUE_PALE, TRUE, 1.2)
+        elif kind == "believed":
+            canvas.line(line, BELIEVED, 1.5)
+            canvas.polygon(outline, PANEL, BELIEVED, 1.2)
+        elif kind == "cloud":
+            for member in ((-9, 1), (-5, -3), (-2, 3), (0, -1), (4, 4), (5, -2), (9, 0)):
+                canvas.dot(at + member, MEMBER, 1.5)
+        elif kind == "ellipse":
+            canvas.polygon(at + CIRCLE * [12.0, 6.0], BELIEVED_PALE, MEMBER, 1.0)
+        elif kind == "fix":
+            canvas.crosses(at[None], FIX, 3.5, 1.5)
+        elif kind == "start":
+            _draw_start(canvas, at)
+        elif kind == "path":
+            canvas.dashes(line, COMMANDED, 1.5)
+        elif kind == "goal":
+            canvas.ring(at, GOAL, 7.0, 1.5)
+            canvas.dot(at, GOAL, 2.0)
+        elif kind == "obstacle":
+            canvas.polygon(at + CIRCLE * 7.0, OBSTACLE, LIMIT, 1.0)
+
+
+def _draw_start(canvas: Canvas, at: np.ndarray) -> None:
+    canvas.dot(at, TEXT, 4.0)
+    canvas.dot(at, PANEL, 2.2)

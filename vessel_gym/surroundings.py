@@ -1,0 +1,158 @@
+"""What is to be seen of an episode: where its vehicle is, what is around it, and what its state is called.
+
+Pictures (`vessel_gym.rendering`) and pages (`agents.episode`) show every task alike. A task says what is around its
+vehicle by `register_surroundings`; without that, the vehicle is seen alone.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
+
+import numpy as np
+
+from vessel_gym.checks import one_of
+from vessel_gym.core import Core
+from vessel_gym.guidance.dive_path import path_point
+from vessel_gym.guidance.path_following import COLUMNS
+from vessel_gym.guidance.words import Path
+from vessel_gym.registry import Registry
+from vessel_gym.tasks.dive import Dive
+from vessel_gym.tasks.flight import OBSTACLES, SEGMENTS, Flight
+from vessel_gym.tasks.turning_circle import TurningCircle
+from vessel_gym.tracks import commanded_path
+
+HULLS = ("ship", "torpedo", "aircraft", "dot")
+"""What can be drawn at a vehicle's place."""
+_SPAN = 2.1
+"""Wing span [m] of the Skywalker X8, Gryte (2018); the point mass has none."""
+_WORDS = {
+    "x": ("north position", "m"), "y": ("east position", "m"), "z": ("depth", "m"), "h": ("altitude", "m"),
+    "phi": ("roll", "°"), "theta": ("pitch", "°"), "psi": ("heading", "°"),
+    "u": ("surge speed", "m/s"), "v": ("sway speed", "m/s"), "w": ("heave speed", "m/s"),
+    "p": ("roll rate", "°/s"), "q": ("pitch rate", "°/s"), "r": ("yaw rate", "°/s"),
+    "north": ("speed north", "m/s"), "east": ("speed east", "m/s"), "climb": ("climb rate", "m/s"),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What is around the vehicle in one episode, in metres north, east and down.
+
+    Attributes:
+        hull: What is drawn at the vehicle's place, one of `HULLS`.
+        size: Its length; an aircraft's span.
+        space: Whether it moves in three dimensions.
+        path: ``(k, 3)`` what it is asked to follow.
+        goal: Where it is to arrive, and within what distance; None: nowhere.
+        obstacles: ``(m, 3)`` north, east and radius of upright cylinders.
+        surface: Whether there is water above, and its surface is at this depth; None: there is none.
+
+    Raises:
+        ValueError: for another hull.
+    """
+
+    hull: str = "dot"
+    size: float = 1.0
+    space: bool = False
+    path: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    goal: tuple[float, float, float, float] | None = None
+    obstacles: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    surface: float | None = None
+
+    def __post_init__(self) -> None:
+        one_of("hull", self.hull, HULLS)
+
+
+MakeSurroundings = Callable[[Any, np.ndarray], Surroundings]
+"""Makes the surroundings of a task and the course that it has drawn ``(k,)``."""
+M = TypeVar("M", bound=MakeSurroundings)
+
+SURROUNDINGS: Registry[MakeSurroundings] = Registry("surroundings", lambda: None)
+
+
+def register_surroundings(task_type: type) -> Callable[[M], M]:
+    """A decorator that makes a function of a task and its course ``(k,)`` tell the `Surroundings` of its episodes.
+
+    Subclasses of the task inherit it.
+
+    Args:
+        task_type: The class of the task.
+
+    Raises:
+        TypeError: for a task type that is no class.
+        ValueError: if the task has surroundings from another module.
+    """
+
+    def register(surroundings: M) -> M:
+        SURROUNDINGS.register(task_type, surroundings, surroundings.__module__)
+        return surroundings
+
+    return register
+
+
+def surroundings_of(core: Core, course: np.ndarray) -> Surroundings:
+    """What is around the vehicle of an environment in the episode of a course ``(k,)``; nothing, if nobody says."""
+    known = SURROUNDINGS.of(core.task).get("")
+    if known is not None:
+        return known(core.task, course)
+    return Surroundings(space=bool({"z", "h"} & set(core.vehicle.state_names)))
+
+
+def pose(states: np.ndarray, names: Sequence[str]) -> np.ndarray:
+    """Where a vehicle is and how it lies, ``(T, 6)``: north, east, down [m], roll, pitch, yaw [rad], continuous.
+
+    What its state does not name is 0; one without heading points where it goes.
+
+    Args:
+        states: ``(T, n)``.
+        names: Of their components.
+    """
+
+    def of(name: str) -> np.ndarray:
+        return states[:, names.index(name)] if name in names else np.zeros(len(states))
+
+    yaw, pitch = of("psi"), of("theta")
+    if "psi" not in names and "north" in names:
+        yaw = np.arctan2(of("east"), of("north"))
+        pitch = np.arctan2(of("climb"), np.hypot(of("east"), of("north")))
+    return np.stack([of("x"), of("y"), of("z") - of("h"), of("phi"), pitch, np.unwrap(yaw)], -1)
+
+
+def in_words(name: str, angles: Sequence[str]) -> tuple[str, str, float]:
+    """A component of a state in words, the unit in which it is shown, and how many of that are one in SI.
+
+    Args:
+        name: The component's.
+        angles: The names of those that are angles.
+    """
+    words, unit = _WORDS.get(name, (name, "°" if name in angles else ""))
+    return words, unit, float(np.rad2deg(1.0)) if unit.startswith("°") else 1.0
+
+
+@register_surroundings(TurningCircle)
+def _turn(task: TurningCircle, course: np.ndarray) -> Surroundings:
+    return Surroundings("ship", task.ship.length, path=_level(commanded_path(task, course)))
+
+
+@register_surroundings(Dive)
+def _dive(task: Dive, course: np.ndarray) -> Surroundings:
+    path = path_point(np.linspace(0.0, course[1], 121), course)[:, :3]
+    north, east, down = path[-1]
+    goal = (north, east, down, task.GOAL_TOLERANCE)
+    return Surroundings("torpedo", task.auv.length, True, path, goal, surface=-task.launch_depth)
+
+
+@register_surroundings(Flight)
+def _flight(task: Flight, course: np.ndarray) -> Surroundings:
+    down = -float(task.altitude_of(course))
+    rows = course[: COLUMNS * SEGMENTS].reshape(SEGMENTS, COLUMNS)
+    path = _level(Path(rows[rows[:, 4] > 0.0]).sample(3.0)[:, :2], down)
+    north, east, _ = task.goal(course[None])[0]
+    obstacles = course[-3 * OBSTACLES :].reshape(OBSTACLES, 3)
+    goal = (north, east, down, task.GOAL_TOLERANCE)
+    return Surroundings("aircraft", _SPAN, True, path, goal, obstacles[obstacles[:, 2] > 0.0])
+
+
+def _level(plane: np.ndarray, down: float = 0.0) -> np.ndarray:
+    """Points ``(k, 2)`` of a plane at one depth, ``(k, 3)``."""
+    return np.pad(plane, ((0, 0), (0, 1)), constant_values=down)
