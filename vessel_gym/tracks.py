@@ -1,15 +1,10 @@
-"""Tracks of a ship on a turning circle: commanded, and believed.
-
-Where no filter estimates a position, a believed track is dead-reckoned from what it does believe, and both are tracks
-through the water: a current carries the true ship away from them.
-"""
+"""The track of a ship on a turning circle, through the water: a current carries the true ship away from it."""
 
 import numpy as np
 
 from vessel_gym.tasks.circle_track import CircleTrack
 from vessel_gym.tasks.turning_circle import TurningCircle
 from vessel_gym.vehicles.corvette import steady_turns
-from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 
 
 def path(heading: np.ndarray, surge: np.ndarray, sway: np.ndarray, dt: float) -> np.ndarray:
@@ -48,16 +43,3 @@ def commanded_path(task: TurningCircle, course: np.ndarray) -> np.ndarray:
     surge = np.interp(rate, turns.yaw_rate, turns.speed)
     sway = np.sign(reference[:, 1]) * np.interp(rate, turns.yaw_rate, turns.sway)
     return path(reference[:, 0], surge, sway, task.dt)
-
-
-def believed_path(estimate: np.ndarray, ship: CorvetteParameters, dt: float) -> np.ndarray:
-    """The path ``(k, 2)`` that estimates ``(k, n)`` hold, of (x, y, psi, u, v, r), or (v, r, psi) and perhaps u imply.
-
-    Where the surge speed is not estimated, it is the steady turn's at the believed yaw rate.
-    """
-    if estimate.shape[-1] > 4:
-        return estimate[:, :2]
-    turns = steady_turns(ship)
-    held = np.interp(np.abs(estimate[:, 1]), turns.yaw_rate, turns.speed)
-    surge = estimate[:, 3] if estimate.shape[-1] > 3 else held
-    return path(estimate[:, 2], surge, estimate[:, 0], dt)

@@ -6,7 +6,7 @@ import pytest
 
 import vessel_gym  # noqa: F401
 from vessel_gym.sea_trials import fit_circle
-from vessel_gym.tracks import believed_path, commanded_path, path
+from vessel_gym.tracks import commanded_path, path
 
 
 def test_the_commanded_path_closes_a_circle_of_the_commanded_radius():
@@ -36,15 +36,6 @@ def test_a_commanded_track_closes_its_circle():
         assert np.hypot(*(turn[-1] - turn[0])) < 1.5 * length.max()  # once round
         along, across = turn[1] - turn[0], np.array([circle.x, circle.y]) - turn[0]
         assert np.sign(along[0] * across[1] - along[1] * across[0]) == side
-
-
-def test_the_believed_path_runs_straight_at_the_service_speed_and_uses_a_believed_surge():
-    ship = gym.make("SigmaCorvette-v0").unwrapped.core.task.ship
-    east = np.tile([0.0, 0.0, 0.5 * np.pi], (5, 1))
-    end = believed_path(east, ship, 0.5)[-1]
-    assert end == pytest.approx([0.0, 2.0 * ship.speed], rel=1e-6, abs=1e-9)
-    slow = np.concatenate([east, np.full((5, 1), 3.0)], -1)
-    assert believed_path(slow, ship, 0.5)[-1] == pytest.approx([0.0, 6.0])
 
 
 def test_sway_to_starboard_of_a_ship_heading_north_goes_east():
