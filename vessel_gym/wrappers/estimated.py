@@ -8,10 +8,13 @@ import numpy as np
 from gymnasium.utils import RecordConstructorArgs
 
 from estimators import Gaussian
+from estimators.checks import numbers
 from vessel_gym.estimation import EstimatorChoice
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Sensor
-from vessel_gym.wrappers.watch import Model, Watch, sampled_prior
+from vessel_gym.wrappers.watch import Model, Watch, function, sampled_prior
+
+_ALL = np.ones(1, bool)
 
 
 class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
@@ -44,7 +47,8 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
         observation: The observation as a function of the state ``(n,)``: an array, or a dictionary; None: the state.
         passes: Keys of a dictionary, or components of an array, that pass to the agent as they are: goals, say. What is
             not named here comes from the estimate.
-        known_input: What the filter is told of an action, a function of it; None: the action as numbers.
+        known_input: What the filter is told of an action, a function of it; None: the action as numbers, within
+            the bounds of its space.
         estimator: Name of a filter, "truth", "dead-reckoning", or a function of the model that returns a filter.
         estimator_options: Its options; ``late``: what is done with readings that come late, "fused" (where they
             belong), "as new" or "discarded"; and ``monitor``: what watches it for faults of sensors, see
@@ -87,6 +91,8 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
             if isinstance(within, gym.wrappers.Autoreset):
                 raise ValueError("Autoreset within hides how episodes end: put it around EstimatedObservation")
             within = within.env
+        function("state", state, "(env, observation)")
+        function("observation", observation, "the state")
         self._state = state or (lambda env, obs: obs)
         prior = sampled_prior(env, self._state) if prior is None else prior
         self.watch = Watch(
@@ -99,8 +105,8 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Begin an episode; a seed is that of the sensors and of the filter, too."""
         seen, info = self.env.reset(seed=seed, options=options)
-        self.watch.seed(None if seed is None else [seed])
-        self.watch.begin(np.ones(1, bool), self._truth(seen))
+        self.watch.seed(_ALL, [seed])
+        self.watch.begin(_ALL, self._truth(seen))
         return self._observed(seen), info | self._info()
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
@@ -136,5 +142,6 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
 def _row(value: Any) -> Any:
     """What a function of one state gave, as that of a batch of one."""
     if isinstance(value, dict):
-        return {key: np.asarray(part)[None] for key, part in value.items()}
-    return np.asarray(value)[None]
+        return {key: _row(part) for key, part in value.items()}
+    array = numbers(value)
+    return value if array is None else array[None]

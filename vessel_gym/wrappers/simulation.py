@@ -61,7 +61,7 @@ def simulator(
     steps: Any = _Simulator(copy, get, put)
     x, u = _tried(copy, steps)
     if mujoco and get is _mujoco_state:
-        rollout = _Rollout(base)
+        rollout = _Rollout(base.model, base.frame_skip)
         if np.allclose(rollout(x, u), steps(x, u), rtol=1e-6, atol=1e-8):  # actions are MuJoCo's controls as they are
             steps = rollout
     p = np.shape(measurement(x, u))[-1]
@@ -125,12 +125,16 @@ class _Simulator:
 class _Rollout:
     """The same for MuJoCo: all points in one native call."""
 
-    def __init__(self, base: Any) -> None:
+    def __init__(self, model: Any, substeps: int) -> None:
         mujoco = import_module("mujoco")  # no extra of ours: who has its environments has it
         Rollout = import_module("mujoco.rollout").Rollout
-        self._model, self._substeps = base.model, base.frame_skip
-        self._rollout, self._data = Rollout(nthread=1), [mujoco.MjData(base.model)]
-        self._size = mujoco.mj_stateSize(base.model, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+        self._model, self._substeps = model, substeps
+        self._rollout, self._data = Rollout(nthread=1), [mujoco.MjData(model)]
+        self._size = mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A copy has threads and scratch of its own."""
+        return type(self), (self._model, self._substeps)
 
     def __call__(self, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         assert u is not None

@@ -12,7 +12,7 @@ from estimators.checks import shown
 from vessel_gym.estimation import EstimatorChoice
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Sensor
-from vessel_gym.wrappers.watch import Model, Watch
+from vessel_gym.wrappers.watch import Model, Watch, function
 
 
 class EstimatedObservation(VectorWrapper):
@@ -25,8 +25,9 @@ class EstimatedObservation(VectorWrapper):
         env: A vector environment that resets at the next step, or not by itself.
         model: As for the single one.
         prior: What is known of the state at the start, ``(n,)``.
-        state: The true states ``(B, n)``, a function of (env, observations); None: the observations.
-        observation: The observations as a function of the states ``(B, n)``; None: the states.
+        state: The true states ``(B, n)``, a function of (env, observations); None: the observations. Environments are
+            rows, which nobody can check where B is n: Gymnasium's native CartPole, for one, keeps them in columns.
+        observation: The observations as a function of the states ``(B, n)``, a row each; None: the states.
         passes: As for the single one.
         known_input: What the filter is told ``(B, m)``, a function of the actions; None: these as numbers.
         estimator: As for the single one.
@@ -63,6 +64,7 @@ class EstimatedObservation(VectorWrapper):
                 "autoreset_mode=AutoresetMode.NEXT_STEP or DISABLED"
             )
         self._restarts = mode is AutoresetMode.NEXT_STEP
+        function("state", state, "(env, observations)")
         self._state = state or (lambda env, obs: obs)
         self.watch = Watch(
             env.single_observation_space, env.single_action_space, model, prior, estimator, estimator_options, sensors,
@@ -76,23 +78,21 @@ class EstimatedObservation(VectorWrapper):
         self, *, seed: int | Sequence[int] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
         """Begin episodes, in all environments or in those of ``options["reset_mask"]``."""
-        mask = (options or {}).get("reset_mask", np.ones(self.num_envs, bool))
-        seeds: list[Any] | None = None
-        if isinstance(seed, int | np.integer):
+        mask = np.asarray((options or {}).get("reset_mask", np.ones(self.num_envs, bool)), bool)
+        if seed is None:
+            seeds: list[Any] = [None] * self.num_envs
+        elif isinstance(seed, int | np.integer):
             seed = int(seed)
             seeds = [seed + i for i in range(self.num_envs)]
-        elif seed is not None:
+        else:
             seeds = list(seed)
-        if seeds is not None and len(seeds) != self.num_envs:
+        if len(seeds) != self.num_envs:
             raise ValueError(f"seed must be one number, or one for each of {self.num_envs}, got {shown(seed)}")
         seen, info = self.env.reset(seed=seed, options=options)  # type: ignore[arg-type]
-        if seeds and None in seeds:  # of chance
-            chance = np.random.SeedSequence().generate_state(self.num_envs, np.uint64)
-            seeds = [int(other) if one is None else one for one, other in zip(seeds, chance, strict=True)]
-        self.watch.seed(seeds)
-        self.watch.begin(np.asarray(mask, bool), self._truth(seen))
+        self.watch.seed(mask, seeds)
+        self.watch.begin(mask, self._truth(seen))
         self._over &= ~mask
-        return self.watch.observe(seen), info | self._info(np.asarray(mask, bool))
+        return self.watch.observe(seen), info | self._info(mask)
 
     def step(self, actions: Any) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """A step of all environments; those whose episode was over begin the next."""

@@ -57,6 +57,8 @@ class Watch:
             raise TypeError(f"prior must be a Gaussian(mean, cov), got {shown(prior)}")
         if prior.mean.shape != (model.n,):
             raise ValueError(f"the prior is for shape {prior.mean.shape}, the model has {model.n} states: ({model.n},)")
+        function("observation", observation, "the state")
+        function("known_input", known_input, "the action")
         self.observe_mode = checks.one_of("observe mode", observe, OBSERVE)
         self._angles = list(model.state_angles)
         self.rows, self.n, self.prior, self.own = rows, model.n, prior, space
@@ -65,7 +67,7 @@ class Watch:
         action = deepcopy(action_space).sample()  # whose own numbers go on as they would have
         u = np.atleast_1d(self._numbers(action))
         model.check_known_input(u)
-        self.sensors = _sensors(model, sensors, u.shape[-1], sensor_faults)
+        self.sensors = _sensors(model, sensors, prior.mean, u, sensor_faults)
         model = replace(cast(Any, model), R=np.diag(self.sensors.sd**2))
         options = checks.options("estimator_options", options)
         late = checks.one_of("value of late", options.pop("late", LATE[0]), LATE)
@@ -77,10 +79,13 @@ class Watch:
         self.steps = np.zeros(rows, int)
         self._nothing = np.zeros((rows, self.sensors.bias.size))
         self._still = np.zeros((rows, u.shape[-1]))
-        self._seeded: Numbers | None = None
+        self._keys = np.zeros((rows, 2), np.uint64)
+        self._seeded = np.zeros(rows, bool)
         self.episodes = np.zeros(rows, int)
         self.truth = np.zeros((rows, model.n))
         self.space = self._space()
+        if observation is not None and rows > 1:
+            self._check_rows(observation)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Copies go on as the original would have."""
@@ -89,13 +94,18 @@ class Watch:
 
     # --- one step -----------------------------------------------------------------------------------
 
-    def seed(self, seeds: Sequence[int] | None) -> None:
-        """Begin again to count episodes, with these seeds; None: go on, with seeds of chance if there are none yet."""
-        if seeds is not None:
-            self._seeded, self.episodes[:] = Numbers.seeded([int(seed) for seed in seeds]), -1
-        elif self._seeded is None:
-            chance = np.random.SeedSequence().generate_state(self.rows, np.uint64)
-            self._seeded, self.episodes[:] = Numbers.seeded([int(seed) for seed in chance]), -1
+    def seed(self, rows: np.ndarray, seeds: Sequence[int | None]) -> None:
+        """Begin again to count episodes in the rows of a mask ``(B,)``, with a seed each of ``(B,)``.
+
+        Where a seed is None they go on, with one of chance if there has been none yet.
+        """
+        for i in np.flatnonzero(rows).tolist():
+            seed = seeds[i]
+            if seed is None and not self._seeded[i]:
+                seed = int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
+            if seed is not None:
+                self._keys[i] = Numbers.seeded([int(seed)]).keys[0]
+                self._seeded[i], self.episodes[i] = True, -1
 
     def begin(self, rows: np.ndarray, state: np.ndarray) -> None:
         """Episodes begin in the rows of a mask ``(B,)``, in states ``(B, n)``."""
@@ -103,8 +113,7 @@ class Watch:
         self.steps[rows] = 0
         self.truth = np.where(rows[:, None], self._checked(state), self.truth)
         chosen = np.flatnonzero(rows)
-        assert self._seeded is not None
-        episode = self._seeded[chosen].of(self.episodes[chosen])
+        episode = Numbers(self._keys[chosen]).of(self.episodes[chosen])
         sensing = np.stack([episode.of(sensor.name).keys for sensor in self.sensors.each], 1)
         self.loop.restart(chosen, sensing, episode.of("filter").keys)
         some = None if rows.all() else chosen
@@ -116,7 +125,7 @@ class Watch:
 
     def go_on(self, state: np.ndarray, action: Any) -> None:
         """A step of all rows, to states ``(B, n)``."""
-        if self._seeded is None:
+        if not self._seeded.all():
             raise ResetNeeded("call reset() before step()")
         self.truth = self._checked(state)
         self.steps += 1
@@ -163,10 +172,15 @@ class Watch:
 
     def known(self, action: Any) -> np.ndarray:
         """What filters are told of an action."""
-        u, wanted = self._numbers(action), (self.rows, self._still.shape[1])
-        if u.shape not in (wanted, wanted[1:] if self.rows == 1 else wanted):
-            raise ValueError(f"known_input must give an array {wanted}, a row for each environment, got {u.shape}")
-        return u.reshape(wanted)
+        u, (rows, m) = self._numbers(action), self._still.shape
+        if u.shape != (rows, m) and not (rows == 1 and np.atleast_1d(u).shape == (m,)):
+            wanted = f"{m} numbers" if rows == 1 else f"an array {rows, m}, a row for each environment"
+            raise ValueError(f"known_input must give {wanted}, got shape {u.shape}")
+        if not np.isfinite(u).all():
+            raise ValueError(
+                f"known_input gave what is not finite, {shown(u.tolist())}: was the action {shown(action)}?"
+            )
+        return u.reshape(rows, m)
 
     def _numbers(self, action: Any) -> np.ndarray:
         told = self._known(action)
@@ -184,6 +198,22 @@ class Watch:
         return np.concatenate([readings, whole[:, list(self._passes)]], -1) if self._passes else readings
 
     # --- inside -------------------------------------------------------------------------------------
+
+    def _check_rows(self, observation: Callable[[np.ndarray], Any]) -> None:
+        """Refuse a function of states that puts rows last: where B is the size of an observation, its shape tells not.
+
+        Raises:
+            ValueError: if another state in one row changes what is observed in others.
+        """
+        states = np.broadcast_to(self.prior.mean, (self.rows, self.n)).copy()
+        others = states.copy()
+        others[0] += np.sqrt(np.diagonal(self.prior.cov)) + 1e-3
+        for one, other in zip(*(_parts(observation(x)) for x in (states, others)), strict=True):
+            if one.shape[:1] == (self.rows,) and not np.array_equal(one[1:], other[1:], equal_nan=True):
+                raise ValueError(
+                    "observation must give a row for each environment, and mixes them: give x[..., 0] and the like, "
+                    "joined by np.stack(..., -1)"
+                )
 
     def _handed(self, readings: Readings, state: np.ndarray) -> Readings:
         """What the filter is handed: the readings; the oracle alone, and no other, the truth."""
@@ -243,17 +273,22 @@ class Watch:
         """An observation of what the function gives, and what passes."""
         if not self._passes:
             return self._fit(value, own)
-        whole = np.array(seen, float).reshape(self.rows, -1)
+        whole = np.array(seen).reshape(self.rows, -1)
         rest = np.setdiff1d(np.arange(whole.shape[1]), self._passes)
-        whole[:, rest] = self._shaped(value, (len(rest),))
-        return self._fit(whole, own)
+        low, high = own.low.ravel()[rest], own.high.ravel()[rest]
+        whole[:, rest] = self._bounded(self._shaped(value, rest.shape), low, high, cast(Any, own.dtype))
+        return whole.reshape(self.rows, *own.shape).astype(own.dtype)
 
     def _fit(self, value: Any, own: Space) -> np.ndarray:
         """What a function gave, as the space has it."""
         if not isinstance(own, Box):
             raise ValueError(f"an estimate is of numbers, not of {shown(own)}: name it in passes")
-        shaped = np.clip(self._shaped(value, own.shape), own.low, own.high)
-        return (np.rint(shaped) if own.dtype.kind in "iu" else shaped).astype(own.dtype)
+        return self._bounded(self._shaped(value, own.shape), own.low, own.high, cast(Any, own.dtype))
+
+    def _bounded(self, value: np.ndarray, low: np.ndarray, high: np.ndarray, dtype: np.dtype) -> np.ndarray:
+        """An estimate within bounds, which the truth may be beyond; whole where the environment shows whole numbers."""
+        within = value if self.loop.tells_truth else np.clip(value, low, high)
+        return (np.rint(within) if dtype.kind in "iu" else within).astype(dtype)
 
     def _shaped(self, value: Any, shape: tuple[int, ...]) -> np.ndarray:
         array = numbers(value)
@@ -264,11 +299,29 @@ class Watch:
                 f"the observation space wants {shape} numbers, the estimate gives {got}: give observation=, a function "
                 "of the state, or name in passes what it does not give"
             )
+        if np.isnan(array).any():
+            bad = self.loop.belief.mean[np.isnan(array).reshape(self.rows, -1).any(-1)][0]
+            raise ValueError(f"observation gave NaN of the state {shown(bad.tolist())}")
         return array.reshape(self.rows, *shape)
 
 
+def function(name: str, value: object, of: str) -> None:
+    """Refuse what cannot be called.
+
+    Raises:
+        TypeError: for anything but a function, or None.
+    """
+    if value is not None and not callable(value):
+        raise TypeError(f"{name} must be a function of {of}, got {shown(value)}")
+
+
+def _parts(value: Any) -> list[np.ndarray]:
+    """What a function of the states gave, key by key."""
+    return [np.asarray(part) for part in (value.values() if isinstance(value, dict) else [value])]
+
+
 def plain_action(space: Space) -> Callable[[Any], Any]:
-    """An action of a space, or a batch of them, as numbers ``(..., m)``."""
+    """An action of a space, or a batch of them, as numbers ``(..., m)``; beyond its bounds it is told as on them."""
     if isinstance(space, Box):
         low, high = space.low.astype(float), space.high.astype(float)
         return lambda action: np.clip(np.asarray(action, float), low, high).reshape(
@@ -302,17 +355,24 @@ def _checked_passes(space: Space, passes: Sequence[Any], observe: str) -> tuple[
     return chosen
 
 
-def _sensors(model: Model, sensors: str | Sequence[Sensor], inputs: int, faults: Sequence[SensorFault]) -> Sensors:
-    """Sensors that read what the model says that there is to read, in a quality; or somebody's own."""
+def _sensors(
+    model: Model, sensors: str | Sequence[Sensor], x: np.ndarray, u: np.ndarray, faults: Sequence[SensorFault]
+) -> Sensors:  # fmt: skip
+    """Sensors that read what the model says that there is to read, in a quality; or somebody's own.
+
+    The model is asked what it reads of the state ``x (n,)`` under the known input ``u (m,)``.
+    """
     states = tuple(f"x{i}" for i in range(model.n))
     if isinstance(sensors, str):
         suite = SUITES[checks.one_of("sensor suite", sensors, SUITES)]
         R: Any = model.R
         if callable(R) or R.ndim > 2 or np.any(np.diag(np.diagonal(R)) != R):
             raise ValueError("sensors read with independent noise: give the model a diagonal R, or sensors of your own")
-        sd = np.sqrt(np.diagonal(R))
+        sd, reads = np.sqrt(np.diagonal(R)), np.shape(model.measurement(x, u))
+        if reads != sd.shape:
+            raise ValueError(f"the model's R is for {len(sd)} readings, its measurement gives shape {reads} of a state")
         sensors = suite.of([Sensor(f"y{i}", (f"y{i}",), _channel(model, i), (float(one),)) for i, one in enumerate(sd)])
-    made = Sensors(sensors, states, tuple(f"u{i}" for i in range(inputs)), 1.0, faults)
+    made = Sensors(sensors, states, tuple(f"u{i}" for i in range(len(u))), 1.0, faults)
     if made.bias.size:
         raise ValueError("sensors here have no bias: make it a state of the model")
     if made.size != model.p:
@@ -321,7 +381,7 @@ def _sensors(model: Model, sensors: str | Sequence[Sensor], inputs: int, faults:
 
 
 def _channel(model: Model, i: int) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-    return lambda state, forcing: model.measurement(state, forcing)[..., i : i + 1]
+    return lambda state, forcing: np.asarray(model.measurement(state, forcing))[..., i : i + 1]
 
 
 def _filter(model: Model, estimator: EstimatorChoice, options: dict[str, Any]) -> Filter:

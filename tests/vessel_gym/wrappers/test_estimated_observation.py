@@ -3,10 +3,12 @@
 import copy
 import importlib
 import inspect
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
 import anybody
+import cloudpickle
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -291,6 +293,41 @@ def test_functions_of_a_batch_must_keep_its_rows():
     told.reset(seed=0)
     with pytest.raises(ValueError, match=r"known_input must give an array \(4, 1\)"):
         told.step(np.zeros((4, 1), np.float32))
+    three = SyncVectorEnv([partial(gym.make, "Pendulum-v1")] * 3)  # as many as an observation has components
+    with pytest.raises(ValueError, match="observation must give a row for each environment, and mixes them"):
+        EstimatedObservations(three, **given, observation=flat)
+
+
+def test_a_seed_concerns_the_rows_that_are_reset_and_without_one_a_row_goes_on():
+    many = _many(2, "ekf", AutoresetMode.DISABLED)
+    ones = [_many(1, "ekf", AutoresetMode.DISABLED) for _ in range(2)]
+    for seeds, mask in (([7, 9], [True, True]), ([50, 51], [True, False]), ([None, 61], [True, True]), (None, None)):
+        reset = np.ones(2, bool) if mask is None else np.array(mask)
+        _, info = many.reset(seed=seeds, options={"reset_mask": reset})
+        for i in np.flatnonzero(reset):
+            _, alone = ones[i].reset(seed=None if seeds is None else [seeds[i]])
+            np.testing.assert_array_equal(alone["truth"][0], info["truth"][i])
+            np.testing.assert_array_equal(alone["measurement"][0], info["measurement"][i])
+
+
+class Loose(Linear):
+    """It shows what is beyond the bounds that it names."""
+
+    observation_space = gym.spaces.Box(-0.01, 0.01, (2,), np.float64)
+
+
+@pytest.mark.parametrize("passes", [(), (1,)])
+def test_bounds_hold_for_estimates_and_not_for_the_truth_nor_for_what_passes(passes: tuple[int, ...]):
+    given = {"model": LINEAR, "prior": LINEAR_PRIOR, "state": lambda env, obs: env.unwrapped.x, "passes": passes}
+    given["observation"] = (lambda x: x[..., :1]) if passes else None
+    bare, oracle, ekf = Loose(), *(EstimatedObservation(Loose(), **given, estimator=name) for name in ("truth", "ekf"))
+    seen = [env.reset(seed=0)[0] for env in (bare, oracle, ekf)]
+    for _ in range(20):
+        np.testing.assert_array_equal(seen[1], seen[0])
+        assert abs(seen[2][0]) <= 0.01
+        assert seen[2][1] == seen[0][1] or not passes
+        seen = [env.step(np.ones(1, np.float32))[0] for env in (bare, oracle, ekf)]
+    assert np.abs(seen[0]).max() > 0.02
 
 
 def test_episodes_that_are_reset_within_are_refused():
@@ -417,13 +454,28 @@ def test_rewards_of_goals_can_be_computed_and_are_those_of_the_truth(name: str):
     assert not hasattr(pendulum(), "compute_reward")
 
 
-def test_a_copy_goes_on_as_the_original_does():
+COPIES = [copy.deepcopy, lambda env: cloudpickle.loads(cloudpickle.dumps(env))]
+
+
+@pytest.mark.parametrize("copied", COPIES)
+def test_a_copy_goes_on_as_the_original_does(copied: Callable[[gym.Env], gym.Env]):
     env = cart_pole(estimator="enkf")
     env.reset(seed=3)
     env.step(1)
-    again = copy.deepcopy(env)
+    again = copied(env)
     np.testing.assert_array_equal(env.step(0)[0], again.step(0)[0])
     np.testing.assert_array_equal(env.reset()[0], again.reset()[0])
+
+
+@pytest.mark.parametrize("copied", COPIES)
+def test_a_copy_of_a_simulator_flies_the_same_episodes(copied: Callable[[gym.Env], gym.Env]):
+    """MuJoCo's environments are copied as new ones, which have not begun."""
+    env = anybody.inverted_pendulum(estimator="ukf")
+    again = copied(env)
+    np.testing.assert_array_equal(env.reset(seed=4)[0], again.reset(seed=4)[0])
+    for _ in range(3):
+        action = env.action_space.sample()
+        np.testing.assert_array_equal(env.step(action)[0], again.step(action)[0])
 
 
 def test_an_environment_is_made_again_from_its_spec():
@@ -586,6 +638,14 @@ GIVEN = {
         ({"known_input": lambda action: "left"}, ValueError, "known_input must give numbers"),
         ({"state": None}, ValueError, r"state must give the model's states, \(2,\) numbers, got shape \(3,\)"),
         ({"state": lambda env, obs: np.array([np.nan, 0.0])}, ValueError, "state gave what is not finite"),
+        ({"state": 3}, TypeError, r"state must be a function of \(env, observation\), got 3"),
+        ({"observation": 3}, TypeError, "observation must be a function of the state, got 3"),
+        ({"known_input": 3}, TypeError, "known_input must be a function of the action, got 3"),
+        ({"known_input": lambda action: action * np.nan}, ValueError, "known_input gave what is not finite"),
+        ({"observation": lambda x: [np.nan, 0.0, 0.0]}, ValueError, "observation gave NaN of the state"),
+        ({"observation": lambda x: [0.0, [0.0, 1.0]]}, ValueError, r"wants \(3,\) numbers, the estimate gives \["),
+        ({"model": NonlinearModel(_identity, _first, np.eye(2), np.eye(2))}, ValueError,
+         r"the model's R is for 2 readings, its measurement gives shape \(1,\) of a state"),
         ({"observation": None}, ValueError, "give observation=, a function of the state"),
         ({"observation": lambda x: np.zeros(2)}, ValueError, r"wants \(3,\) numbers, the estimate gives shape \(2,\)"),
         ({"model": NonlinearModel(lambda x, u: np.array([x[0], x[1]]), _first, np.eye(2), [[1.0]])}, ValueError,
