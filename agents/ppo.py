@@ -4,6 +4,9 @@ import json
 import tomllib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import fields, is_dataclass
+from enum import Enum
+from functools import partial
 from importlib import metadata
 from importlib.resources import files
 from pathlib import Path
@@ -84,6 +87,7 @@ def describe(
 
     Raises:
         ValueError: for an environment or memory without settings, an unknown critic, or a budget below one rollout.
+        TypeError: for options that no plain data can tell.
         ModuleNotFoundError: without torch or stable-baselines3.
     """
     require("torch", "stable_baselines3", "sb3_contrib")
@@ -105,12 +109,29 @@ def describe(
         | {name: metadata.version(name) for name in ("numpy", "torch", "stable-baselines3", "sb3-contrib")},
         "source": source_digest(__name__),
     }
-    return json.loads(json.dumps(described, default=_named))
+    return json.loads(json.dumps(described, default=_plain))
 
 
-def _named(own: Any) -> str:
-    """An estimator of the user's own, as plain data."""
-    return f"{own.__module__}:{own.__qualname__}"
+def _plain(own: Any) -> Any:
+    """What an option of an environment may be beside numbers and names, as plain data.
+
+    Raises:
+        TypeError: for what has no name to be known by.
+    """
+    if isinstance(own, np.ndarray | np.generic):
+        return own.tolist()
+    if isinstance(own, Enum):
+        return own.value
+    if isinstance(own, partial):
+        return [own.func, *own.args, own.keywords]
+    if is_dataclass(own) and not isinstance(own, type):
+        return {"kind": _plain(type(own))} | {each.name: getattr(own, each.name) for each in fields(own)}
+    if hasattr(own, "__qualname__"):
+        return f"{own.__module__}:{own.__qualname__}"
+    if " at 0x" in repr(own):
+        what = f"a checkpoint cannot say what {shown(own)} in env_options is"
+        raise TypeError(f"{what}: give numbers, names, functions or dataclasses")
+    return repr(own)
 
 
 def train(
@@ -144,16 +165,22 @@ def train(
 
     Raises:
         ValueError: for an environment or memory without settings, an unknown critic, or a budget below one rollout.
+        TypeError: for options that a checkpoint cannot hold as plain data.
         OSError: if the checkpoint cannot be written.
         ModuleNotFoundError: without torch or stable-baselines3.
     """
     described = describe(env_id, env_options, seed, steps, memory, critic)
     with replacing(zip_path(path)) as temporary, one_thread():
-        _learn(described, temporary, progress)
+        _learn(described, env_options, temporary, progress)
     return zip_path(path)
 
 
-def _learn(described: dict[str, Any], path: Path, progress: Callable[[int, int, float], None] | None) -> None:
+def _learn(
+    described: dict[str, Any],
+    env_options: dict[str, Any] | None,
+    path: Path,
+    progress: Callable[[int, int, float], None] | None,
+) -> None:
     """Train what `describe` described and save the policy, with the steps that it took: whole rollouts."""
     from stable_baselines3.common.callbacks import BaseCallback
 
@@ -170,20 +197,25 @@ def _learn(described: dict[str, Any], path: Path, progress: Callable[[int, int, 
                 mean = float(np.mean(late)) / perfect if late else float("nan")
                 progress(self.num_timesteps, budget, mean)
 
-    with learner(described) as model:
+    with learner(described, env_options) as model:
         model.learn(budget, callback=Report())
         write(path, model, described | {"trained_steps": model.num_timesteps})
 
 
 @contextmanager
-def learner(described: dict[str, Any]) -> Iterator[Any]:
-    """The model of stable-baselines3 that learns what `describe` described, with its environment while it does."""
+def learner(described: dict[str, Any], env_options: dict[str, Any] | None = None) -> Iterator[Any]:
+    """The model of stable-baselines3 that learns what `describe` described, with its environment while it does.
+
+    Args:
+        described: What `describe` gave.
+        env_options: Those that were described, where they hold more than plain data.
+    """
     import torch
     from stable_baselines3.common.utils import LinearSchedule
 
     settings, seed, memory = (described[key] for key in ("hyperparameters", "seed", "memory"))
     num_envs = settings["num_envs"]
-    env = batch(described, num_envs)
+    env = batch(described, num_envs, env_options)
     env.seed(training_seed(seed))
     network: dict[str, Any] = {
         "log_std_init": settings["log_std_init"],
@@ -225,13 +257,13 @@ def learner(described: dict[str, Any]) -> Iterator[Any]:
         env.close()
 
 
-def batch(described: dict[str, Any], num_envs: int) -> Any:
-    """The environments, as the learner of what `describe` described sees them."""
+def batch(described: dict[str, Any], num_envs: int, env_options: dict[str, Any] | None = None) -> Any:
+    """The environments, as the learner of what `describe` described sees them; ``env_options`` as for `learner`."""
     from stable_baselines3.common.vec_env import VecFrameStack
 
     from agents.vec_env import StableBaselinesVecEnv
 
-    vector: Any = gym.make_vec(described["env_id"], num_envs=num_envs, **described["env_options"])
+    vector: Any = gym.make_vec(described["env_id"], num_envs=num_envs, **(env_options or described["env_options"]))
     if described["critic"] == "truth":
         from agents.critic import TruthVecEnv
 

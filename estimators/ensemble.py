@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from estimators.angles import difference
+from estimators.angles import difference, wrap
 from estimators.belief import Belief, EnsembleBelief, Record, members_last
 from estimators.checks import as_array, number, shown, whole
 from estimators.filter import Filter, Model, Rng
@@ -110,6 +110,8 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief]):
         numbers = self._numbers(rng, batch)
         ensemble = self._centred_noise(numbers, batch, shared_root(belief.cov), START)
         ensemble += belief.mean[..., None, :]
+        if self._wrapped.any():
+            ensemble[..., self._wrapped] = _gathered(ensemble[..., self._wrapped], belief.mean[..., self._wrapped])
         mean, members = self._mean(ensemble), members_last(ensemble)
         return EnsembleBelief.predicted(belief, mean, _LATER, belief.u, ensemble=members.mT)
 
@@ -496,3 +498,19 @@ def _reflected(a: np.ndarray) -> np.ndarray:
     normal = np.full(members, -1.0 / np.sqrt(members))
     normal[0] += 1.0
     return a - normal[:, None] * (np.vecmat(normal, a) * (2.0 / (normal @ normal)))[..., None, :]
+
+
+def _gathered(angles: np.ndarray, mean: np.ndarray) -> np.ndarray:
+    """Members of angles ``(..., N, k)`` within half a turn of their direction on average, if they are spread out.
+
+    Readings of angles are gathered about theirs: a member a turn away from the others would expect what they expect,
+    and its distance from them could not be corrected.
+
+    Args:
+        angles: The members.
+        mean: ``(..., k)`` which of the angles that differ by whole turns the direction is to be near to.
+    """
+    centre = np.arctan2(np.sin(angles).mean(-2), np.cos(angles).mean(-2))
+    centre = (mean + wrap(centre - mean))[..., None, :]
+    apart = (np.abs(angles - mean[..., None, :]) > 0.25 * np.pi).any(-2, keepdims=True)
+    return np.where(apart, centre + wrap(angles - centre), angles)

@@ -42,9 +42,13 @@ def _step_together(before: Any, after: Any) -> None:
 
 
 @part
-def _gather(angle: Any) -> None:
-    """Members of an angle ``(N,)`` beside the first, or, where they are spread out, beside their circular mean."""
-    centre, apart = angle[0], 0
+def _gather(angle: Any) -> int:
+    """Members of an angle ``(N,)`` beside the first, or, where they are spread out, beside their circular mean.
+
+    Returns:
+        How many have changed by whole turns.
+    """
+    centre, apart, moved = angle[0], 0, 0
     for j in range(len(angle)):
         apart += abs(_near(angle[j], centre) - centre) > 0.25 * np.pi
     if apart:
@@ -54,7 +58,10 @@ def _gather(angle: Any) -> None:
             sine, cosine = sine + s, cosine + c
         centre = np.arctan2(sine, cosine)
     for j in range(len(angle)):
-        angle[j] = _near(angle[j], centre)
+        near = _near(angle[j], centre)
+        moved += near != angle[j]
+        angle[j] = near
+    return moved
 
 
 # --- moments ----------------------------------------------------------------------------------------
@@ -340,7 +347,7 @@ _ROW, _BITS, _SMALL, _LAST = "float64[:]", "boolean[:]", "float64[:, :]", "float
     "(n,N),(n,N),(n),(n,r),(r,N)->(n),(n,N)",
 )
 def forecast(before: Any, after: Any, wrapped: Any, root: Any, normals: Any, mean: Any, out: Any) -> None:
-    """The mean ``(n,)``, and members ``x_i = f(x_i-) + L n_i`` whose noise moves it by nothing.
+    """The mean ``(n,)``, and members ``x_i = f(x_i-) + L n_i`` whose noise moves it by nothing; angles within a turn.
 
     Args:
         before: ``(n, N)``,
@@ -358,6 +365,10 @@ def forecast(before: Any, after: Any, wrapped: Any, root: Any, normals: Any, mea
             _step_together(before[i], out[i])
     _averaged(out, mean)
     _add_noise(root, normals, np.arange(len(out)), len(out), out)
+    for i in range(len(out)):
+        # Readings of the members will be gathered: one that is a turn away would be no nearer for any reading.
+        if wrapped[i] and np.isfinite(mean[i]) and _gather(out[i]):
+            mean[i] = dot(out[i], np.full(out.shape[1], 1.0 / out.shape[1]))
 
 
 @gufunc(f"void({_LAST}, {_BITS}, {_ROW}, {_LAST})", "(p,N),(p)->(p),(p,N)")

@@ -1,6 +1,7 @@
 """PPO training: repeatable, on its own seeds, with checkpoints that are whole and say what they are for."""
 
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,9 @@ from agents.lstm_policy import LstmPolicy
 from agents.ppo import MEMORIES, describe, hyperparameters, train
 from agents.seeds import evaluation_seeds, training_seed, tuning_seeds
 from agents.vec_env import StableBaselinesVecEnv
+from estimators import ExtendedKalmanFilter
 from vessel_gym.core import Core
+from vessel_gym.sensor_faults import SensorFault
 
 ENV = "SigmaCorvette-v0"
 TINY = {"num_envs": 8, "n_steps": 16, "batch_size": 64, "n_epochs": 2, "net_arch": [8]}
@@ -209,6 +212,21 @@ def test_descriptions_tell_memories_apart_and_stand_in_the_checkpoint(tmp_path: 
     path = train(ENV, tmp_path / "agent.zip", RAW, steps=STEPS)
     assert description(path).items() >= told[0].items()
     assert description(path)["trained_steps"] == STEPS
+
+
+def test_options_may_be_objects_and_the_checkpoint_tells_them_as_plain_data(tmp_path: Path):
+    core = gym.make(ENV).unwrapped.core
+    late = [replace(sensor, latency=2 * core.vehicle.dt) for sensor in core.sensors.each]
+    options = {
+        "estimator": ExtendedKalmanFilter, "sensors": late,
+        "sensor_faults": [SensorFault(late[0].name, "bias", np.float64(0.1), begin=(1.0, 2.0))],
+    }  # fmt: skip
+    told = description(train(ENV, tmp_path / "agent.zip", options, steps=STEPS))["env_options"]
+    assert told["estimator"] == "estimators.kalman:ExtendedKalmanFilter"
+    assert [sensor["latency"] for sensor in told["sensors"]] == [sensor.latency for sensor in late]
+    assert told["sensor_faults"][0]["begin"] == [1.0, 2.0]
+    with pytest.raises(TypeError, match=r"a checkpoint cannot say what .* in env_options is"):
+        train(ENV, tmp_path / "agent.zip", {"estimator": object()}, steps=STEPS)
 
 
 def test_training_leaves_the_user_s_threads_and_random_numbers_of_flights_alone(tmp_path: Path):

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import sqrtm
 
-from estimators import Belief, Gaussian, LinearModel, NonlinearModel, Numbers, make
+from estimators import Belief, Gaussian, LinearModel, NonlinearModel, Numbers, make, wrap
 from estimators.ensemble import noise_root, rotated
 from tests.estimators.cases import (
     Case,
@@ -561,6 +561,31 @@ def test_perfect_readings_that_contradict_each_other_raise_nothing_and_lose_only
 
 
 # --- angles -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("folded", [False, True])
+def test_an_angle_of_which_nothing_was_known_is_known_as_well_as_it_was_read(name: str, folded: bool):
+    """A prior wider than a turn; and a model whose noise has spread the members over more than that."""
+
+    def angle(x: np.ndarray) -> np.ndarray:
+        return np.arctan2(np.sin(x), np.cos(x)) if folded else x
+
+    sd, centres = 0.05, np.linspace(-20.0, 20.0, 30)[:, None]
+    for prior, Q in ((3.0, 0.0), (0.1, 9.0)):
+        model = NonlinearModel(
+            lambda x, u: angle(x), lambda x, u: angle(x), [[Q]], [[sd**2]], state_angles=(0,), measurement_angles=(0,)
+        )  # fmt: skip
+        filter_ = make(name, model, members=100)
+        numbers = Numbers.seeded(range(30))
+        belief = filter_.init(Gaussian(centres, np.full((30, 1, 1), prior**2)), numbers)
+        truth = centres + 3.0 * np.sin(np.arange(30.0))[:, None]
+        for k in (1, 3, 5):
+            ahead = filter_.predict(belief, rng=numbers.at(k))
+            belief = filter_.update(ahead, angle(truth), rng=numbers.at(k + 1))
+        # Of 100 members the mean of perturbed readings is a tenth of the noise off, and the deviation 7 % in 1 sd.
+        assert np.abs(wrap(belief.mean - truth)).max() < 0.6 * sd
+        assert np.sqrt(belief.cov).max() < 1.4 * sd
 
 
 @pytest.mark.parametrize("name", NAMES)

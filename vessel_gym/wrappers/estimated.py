@@ -94,7 +94,8 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
         function("state", state, "(env, observation)")
         function("observation", observation, "the state")
         self._state = state or (lambda env, obs: obs)
-        prior = sampled_prior(env, self._state) if prior is None else prior
+        if prior is None and isinstance(model, Model):
+            prior = sampled_prior(env, self._state, model.state_angles)
         self.watch = Watch(
             env.observation_space, env.action_space, model, prior, estimator, estimator_options, sensors,
             sensor_faults, observe, None if observation is None else lambda x: _row(observation(x[0])), passes,
@@ -130,7 +131,7 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
     def _observed(self, seen: Any) -> Any:
         watch = self.watch
         if isinstance(seen, dict):
-            observed = watch.observe({key: np.asarray(value)[None] for key, value in seen.items()})
+            observed = watch.observe({key: [value] for key, value in seen.items()})  # of any kind, where it passes
         else:
             observed = watch.observe(np.asarray(seen)[None])
         return {key: value[0] for key, value in observed.items()} if isinstance(observed, dict) else observed[0]

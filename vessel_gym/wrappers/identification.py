@@ -7,8 +7,9 @@ import gymnasium as gym
 import numpy as np
 
 from estimators import LinearModel
-from estimators.checks import as_array, whole
-from vessel_gym.wrappers.watch import plain_action
+from estimators.checks import as_array, numbers, shown, whole
+from vessel_gym.wrappers.simulation import square
+from vessel_gym.wrappers.watch import function, plain_action
 
 
 def identify(
@@ -37,11 +38,12 @@ def identify(
     Raises:
         ValueError: if there are too few steps to tell the numbers, or sizes do not fit.
     """
-    look, numbers = state or (lambda env, seen: seen), plain_action(env.action_space)
+    function("state", state, "(env, observation)")
+    look, plain = state or (lambda env, seen: seen), plain_action(env.action_space)
     whole("steps", steps, 1)
 
     def known_input(action: Any) -> np.ndarray:
-        a = np.asarray(numbers(action), float)
+        a = np.asarray(plain(action), float)
         return np.concatenate([a, np.ones((*a.shape[:-1], 1))], -1)
 
     before: list[np.ndarray] = []
@@ -49,7 +51,7 @@ def identify(
     after: list[np.ndarray] = []
     env.action_space.seed(seed)
     seen, _ = env.reset(seed=seed)
-    x = np.asarray(look(env, seen), float)
+    x = _state(look(env, seen))
     least = 10 * (len(x) + len(known_input(env.action_space.sample())))
     if steps < least:
         raise ValueError(f"{steps} steps are too few for {least // 10} numbers a state: take {least} at least")
@@ -57,7 +59,7 @@ def identify(
     while len(before) < steps:
         action = env.action_space.sample()
         seen, _, terminated, truncated, _ = env.step(action)
-        following = np.asarray(look(env, seen), float)
+        following = _state(look(env, seen))
         if terminated or truncated:  # how episodes end is not how they go on
             ends += 1
             if ends > steps:
@@ -65,7 +67,7 @@ def identify(
                     f"{ends} episodes have ended within {ends + len(before)} steps: too short to learn from"
                 )
             seen, _ = env.reset()
-            following = np.asarray(look(env, seen), float)
+            following = _state(look(env, seen))
         else:
             before.append(x)
             inputs.append(known_input(action))
@@ -75,6 +77,12 @@ def identify(
     W, *_ = np.linalg.lstsq(Z, np.array(after), rcond=None)
     left = np.array(after) - Z @ W
     C = as_array("C", C)
-    noise = as_array("R", R)
-    noise = noise * np.eye(len(C)) if noise.ndim == 0 else noise
-    return LinearModel(W[:n].T, C, left.T @ left / (steps - Z.shape[1]), noise, B=W[n:].T), known_input
+    Q = left.T @ left / (steps - Z.shape[1])
+    return LinearModel(W[:n].T, C, Q, square("R", R, len(C)), B=W[n:].T), known_input
+
+
+def _state(given: Any) -> np.ndarray:
+    x = numbers(given)
+    if x is None or x.ndim != 1 or not np.isfinite(x).all():
+        raise ValueError(f"state must give a row of finite numbers, got {shown(given)}")
+    return x

@@ -1,6 +1,7 @@
 """A simulator as a filter's model: copies of an environment, set to a state and stepped."""
 
 from collections.abc import Callable
+from copy import deepcopy
 from importlib import import_module
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from estimators import NonlinearModel
-from estimators.checks import as_array
+from estimators.checks import as_array, shown
 from vessel_gym.wrappers.watch import made_again
 
 _TRIES = 8
@@ -45,6 +46,10 @@ def simulator(
         ValueError: if a state that is set is not the one that is found, or two steps from one state differ: the
             simulator draws random numbers, or has a state beyond that.
     """
+    if not isinstance(env, gym.Env):
+        raise TypeError(f"a simulator is made of a Gymnasium environment, got {shown(env)}")
+    if not callable(measurement):
+        raise TypeError(f"measurement must be a function of (states, known inputs), got {shown(measurement)}")
     copy = made_again(env)
     copy.reset(seed=0)
     base: Any = copy.unwrapped
@@ -64,24 +69,37 @@ def simulator(
         rollout = _Rollout(base.model, base.frame_skip)
         if np.allclose(rollout(x, u), steps(x, u), rtol=1e-6, atol=1e-8):  # actions are MuJoCo's controls as they are
             steps = rollout
-    p = np.shape(measurement(x, u))[-1]
-    return NonlinearModel(steps, measurement, _square("Q", Q, x.shape[-1]), _square("R", R, p), **angles)
+    reads = np.shape(measurement(x, u))
+    if len(reads) != 2 or reads[0] != _TRIES:
+        raise ValueError(f"measurement must broadcast: of {_TRIES} states it gives shape {reads}, not ({_TRIES}, p)")
+    return NonlinearModel(steps, measurement, square("Q", Q, x.shape[-1]), square("R", R, reads[1]), **angles)
 
 
-def _square(name: str, value: np.ndarray | float, size: int) -> np.ndarray:
-    """A covariance; a number stands for that number times identity."""
+def square(name: str, value: np.ndarray | float, size: int) -> np.ndarray:
+    """A covariance; a number stands for that number times identity.
+
+    Raises:
+        ValueError: if it has another size.
+    """
     array = as_array(name, value)
-    return array * np.eye(size) if array.ndim == 0 else array
+    array = array * np.eye(size) if array.ndim == 0 else array
+    if array.shape != (size, size):
+        raise ValueError(f"{name} must be ({size}, {size}) or a number, got shape {array.shape}")
+    return array
 
 
 def _tried(env: gym.Env, steps: "_Simulator") -> tuple[np.ndarray, np.ndarray]:
     """States and actions on which the simulator was tried, and found to be one."""
-    env.action_space.seed(0)
+    space = deepcopy(env.action_space)  # copies may share the environment's own
+    space.seed(0)
     x, u = [], []
     for seed in range(_TRIES):
         env.reset(seed=seed)
         x.append(np.array(steps.get(env), float))
-        u.append(np.asarray(env.action_space.sample(), float).reshape(-1))
+        if x[-1].ndim != 1:
+            shape = x[-1].shape
+            raise TypeError(f"get gives a state of shape {shape}, no row of numbers: give get and put, or use identify")
+        u.append(np.asarray(space.sample(), float).reshape(-1))
         steps.put(env, x[0])
         if not np.allclose(steps.get(env), x[0], rtol=1e-12, atol=1e-12):
             raise ValueError("a state that put sets is not the one that get finds: they must be of the same numbers")

@@ -57,7 +57,7 @@ class EstimatedObservation(VectorWrapper):
         sensor_faults: Sequence[SensorFault] = (),
     ) -> None:
         super().__init__(env)
-        mode = env.metadata.get("autoreset_mode", AutoresetMode.NEXT_STEP)
+        mode = AutoresetMode(env.metadata.get("autoreset_mode", AutoresetMode.NEXT_STEP))
         if mode not in (AutoresetMode.NEXT_STEP, AutoresetMode.DISABLED):
             raise ValueError(
                 "an environment that resets in the same step hides the state in which an episode ended: make it with "

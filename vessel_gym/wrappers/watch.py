@@ -11,6 +11,7 @@ from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Space
 
 from estimators import Filter, Gaussian, LinearModel, NonlinearModel, Numbers, factory, wrap
+from estimators.angles import difference
 from estimators.checks import numbers, shown
 from vessel_gym import checks
 from vessel_gym.arrivals import Readings
@@ -130,7 +131,8 @@ class Watch:
         self.truth = self._checked(state)
         self.steps += 1
         u = self.known(action)
-        readings = self.loop.sense(self.truth, u, self._nothing, self.steps, None)
+        # A function of somebody's own may write where it reads.
+        readings = self.loop.sense(self.truth.copy(), u, self._nothing, self.steps, None)
         readings = self.loop.receive(readings, self.steps, None)
         self.loop.estimate(self._handed(readings, self.truth), u, self.steps)
 
@@ -385,7 +387,7 @@ def _channel(model: Model, i: int) -> Callable[[np.ndarray, np.ndarray], np.ndar
 
 
 def _filter(model: Model, estimator: EstimatorChoice, options: dict[str, Any]) -> Filter:
-    if isinstance(estimator, Filter):
+    if isinstance(estimator, Filter) or (isinstance(estimator, type) and not issubclass(estimator, Filter)):
         raise TypeError(f"estimator must be a name, or a Filter class or function of the model, got {shown(estimator)}")
     if callable(estimator):
         made = estimator(model, **options)
@@ -411,8 +413,12 @@ def made_again(env: gym.Env) -> gym.Env:
     return gym.make(spec)
 
 
-def sampled_prior(env: gym.Env, state: Callable[[gym.Env, Any], Any], resets: int = 256) -> Gaussian:
+def sampled_prior(
+    env: gym.Env, state: Callable[[gym.Env, Any], Any], angles: tuple[int, ...], resets: int = 256
+) -> Gaussian:
     """What is known at the start: mean and covariance of the states in which a copy of the environment begins.
+
+    The mean of an angle is the direction of the mean of unit vectors.
 
     Raises:
         ValueError: if there is no way to make a copy.
@@ -428,4 +434,6 @@ def sampled_prior(env: gym.Env, state: Callable[[gym.Env, Any], Any], resets: in
         starts.append(np.asarray(state(copy, seen), float))
     copy.close()
     x = np.array(starts)
-    return Gaussian(x.mean(0), np.cov(x.T).reshape(x.shape[1], x.shape[1]))
+    mean, turning = x.mean(0), list(angles)
+    mean[turning] = np.arctan2(np.sin(x[:, turning]).mean(0), np.cos(x[:, turning]).mean(0))
+    return Gaussian(mean, np.cov(difference(x, mean, angles).T).reshape(x.shape[1], x.shape[1]))

@@ -76,7 +76,7 @@ EXACT = ("cart_pole", "pendulum", "mountain_car", "mountain_car_continuous", "ac
 
 
 @pytest.mark.parametrize("name", EXACT)
-@pytest.mark.parametrize("estimator", ["ekf", "ukf"])
+@pytest.mark.parametrize("estimator", ["ekf", "ukf", "etkf"])
 def test_without_noise_the_estimate_is_the_state_within_twenty_steps(name: str, estimator: str, monkeypatch):
     monkeypatch.setitem(SUITES, "perfect", SensorSuite(noise=1e-6, lossless=True))
     env = built(name, estimator=estimator, sensors="perfect")
@@ -308,6 +308,38 @@ def test_a_seed_concerns_the_rows_that_are_reset_and_without_one_a_row_goes_on()
             _, alone = ones[i].reset(seed=None if seeds is None else [seeds[i]])
             np.testing.assert_array_equal(alone["truth"][0], info["truth"][i])
             np.testing.assert_array_equal(alone["measurement"][0], info["measurement"][i])
+
+
+class Hanging(Linear):
+    """It begins with an angle near half a turn, which it shows to either side of the seam."""
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.x = np.array([np.pi + 0.05 * self.np_random.normal(), 0.0])
+        return np.array([np.arctan2(np.sin(self.x[0]), np.cos(self.x[0])), 0.0]), {}
+
+
+gym.register("Hanging-v0", Hanging)
+
+
+def test_a_prior_that_is_sampled_knows_angles():
+    model = NonlinearModel(lambda x, u: x, lambda x, u: x[..., :1], np.eye(2), [[0.01]], state_angles=(0,))
+    prior = EstimatedObservation(gym.make("Hanging-v0"), model).watch.prior
+    assert np.cos(prior.mean[0]) < -0.99
+    assert np.sqrt(prior.cov[0, 0]) == pytest.approx(0.05, rel=0.2)
+
+
+def test_a_function_that_writes_where_it_reads_leaves_the_truth():
+    def read(x, u):
+        x[..., 0] = np.abs(x[..., 0])
+        return x[..., :1]
+
+    model = NonlinearModel(lambda x, u: x, read, np.eye(2), [[0.01]])
+    env, bare = EstimatedObservation(Linear(), model, LINEAR_PRIOR, estimator="truth"), Linear()
+    np.testing.assert_array_equal(env.reset(seed=2)[0], bare.reset(seed=2)[0])
+    for _ in range(30):
+        np.testing.assert_array_equal(env.step(-np.ones(1))[0], bare.step(-np.ones(1))[0])
+    assert bare.x[0] < 0.0
 
 
 class Loose(Linear):
@@ -623,6 +655,7 @@ GIVEN = {
     [
         ({"estimator": "ufk"}, ValueError, "unknown estimator 'ufk'.*did you mean 'ukf'"),
         ({"estimator": "kf"}, ValueError, "kf needs a LinearModel"),
+        ({"estimator": int}, TypeError, "estimator must be a name, or a Filter class or function of the model"),
         ({"estimator": lambda model: 3}, TypeError, "estimator must return an estimators.Filter"),
         ({"estimator_options": {"members": 5}}, TypeError, "ekf has no option 'members'"),
         ({"estimator": "truth", "estimator_options": {"members": 5}}, TypeError, "truth has no option 'members'"),
@@ -677,6 +710,30 @@ class Lettered(Linear):
         return {"place": seen, "goal": seen}, *rest
 
 
+class Mixed(Lettered):
+    """What passes may be of any kind."""
+
+    observation_space = gym.spaces.Dict(
+        place=Linear.observation_space, goal=gym.spaces.Tuple([gym.spaces.Discrete(3), Linear.observation_space])
+    )
+
+    def reset(self, *, seed=None, options=None):
+        seen, info = super().reset(seed=seed)
+        return seen | {"goal": (1, seen["goal"])}, info
+
+    def step(self, action):
+        seen, *rest = super().step(action)
+        return seen | {"goal": (2, seen["goal"])}, *rest
+
+
+def test_what_passes_may_be_of_any_kind():
+    given = {"state": lambda env, obs: env.unwrapped.x, "observation": lambda x: {"place": x}, "passes": ["goal"]}
+    env = EstimatedObservation(Mixed(), LINEAR, LINEAR_PRIOR, **given)
+    for seen in (env.reset(seed=0)[0], env.step(np.zeros(1))[0]):
+        assert env.observation_space.contains(seen)
+        assert isinstance(seen["goal"], tuple)
+
+
 @pytest.mark.parametrize(
     ("changes", "error", "sentence"),
     [
@@ -726,12 +783,23 @@ def test_simulators_that_are_none_are_refused():
         simulator(gym.make("Linear-v0"), read, 1e-6, 1e-4)
     with pytest.raises(TypeError, match="this one has no spec"):
         simulator(Linear(), read, 1e-6, 1e-4)
+    with pytest.raises(TypeError, match="a simulator is made of a Gymnasium environment, got 3"):
+        simulator(3, read, 1e-6, 1e-4)
+    with pytest.raises(TypeError, match="measurement must be a function"):
+        simulator(gym.make("Pendulum-v1"), None, 1e-6, 1e-4)
+    with pytest.raises(ValueError, match=r"of 8 states it gives shape \(8,\), not \(8, p\)"):
+        simulator(gym.make("Pendulum-v1"), lambda x, u: x[..., 0], 1e-6, 1e-4)
+    with pytest.raises(ValueError, match=r"Q must be \(2, 2\) or a number, got shape \(3, 3\)"):
+        simulator(gym.make("Pendulum-v1"), read, np.eye(3), 1e-4)
     with pytest.raises(TypeError, match="give both get and put"):
         simulator(gym.make("Linear-v0"), read, 1e-6, 1e-4, get=lambda env: env.unwrapped.x)
     with pytest.raises(ValueError, match="a state that put sets is not the one that get finds"):
         simulator(gym.make("Linear-v0"), read, 1e-6, 1e-4, get=lambda env: env.unwrapped.x, put=lambda env, x: None)
     with pytest.raises(ValueError, match="too few"):
         identify(Linear(), None, [[1.0, 0.0]], 0.01, steps=20)
+    for given in (np.nan, [np.nan, 0.0], [[0.0], [1.0]]):
+        with pytest.raises(ValueError, match="state must give a row of finite numbers, got"):
+            identify(Linear(), lambda env, seen, given=given: given, [[1.0, 0.0]], 0.01)
     with pytest.raises(ValueError, match=r"give prior=, .* cannot be made again"):
         EstimatedObservation(Linear(), LINEAR)
 
