@@ -243,11 +243,27 @@
       this.controls = new THREE.OrbitControls(this.camera, canvas);
       this.controls.enableDamping = false;
       this.controls.addEventListener("change", () => { state.dirty = true; });
+      this.controls.addEventListener("start", () => { this.moved = true; });
       this.far = this.place(extent.middle);
       this.controls.target.copy(this.far);
-      const away = new THREE.Vector3(0.62, 0.62, 0.85).multiplyScalar(1.28 * extent.span);
-      this.camera.position.copy(this.far).add(away);
+      this.camera.position.copy(this.far).add(new THREE.Vector3(0.62, 0.62, 0.85));
       this.build();
+    }
+    /** As near as all of path and flights is seen, beside the close-up and from where the camera looks. */
+    fit() {
+      const away = this.camera.position.clone().sub(this.controls.target).normalize(), [right, top] = aside(this.width);
+      const shown = [scene.path, ...flights.map((f) => f.true)].flatMap((array) =>
+        Array.from({ length: Math.min(array.rows, 40) }, (_, i) => this.place(row(array, Math.floor((i * (array.rows - 1)) / Math.max(Math.min(array.rows, 40) - 1, 1))))));
+      const seen = (point) => {
+        const p = point.clone().project(this.camera), x = (p.x + 1) * 0.5 * this.width, y = (1 - p.y) * 0.5 * this.height;
+        return x > 24 && x < this.width - right - 24 && y > top + 30 && y < this.height - 24;
+      };
+      this.controls.target.copy(this.far);
+      for (let distance = 0.6 * extent.span; distance < 12 * extent.span; distance *= 1.05) {
+        this.camera.position.copy(this.far).addScaledVector(away, distance);
+        this.camera.lookAt(this.far); this.camera.updateMatrixWorld();
+        if (shown.every(seen)) break;
+      }
     }
     place(p) { return new THREE.Vector3(p[1], -p[2], -p[0]); }
     build() {
@@ -346,8 +362,8 @@
         this.camera.aspect = width / Math.max(height, 1); this.camera.updateProjectionMatrix();
         const [right, top] = aside(width);
         this.camera.setViewOffset(width, height, right / 2, -top / 2, width, height);
-        if (this.width === undefined && width < height * 1.2) this.camera.position.lerp(this.far, -0.25);
         this.width = width; this.height = height;
+        if (!this.moved && !this.followed) this.fit();
       }
       const truth = between(flight.true, time), believed = between(flight.believed, time);
       this.tracks.forEach((each, j) => {
@@ -391,8 +407,7 @@
         }
         this.followed = now.clone();
       } else if (this.followed) {
-        const back = this.camera.position.clone().sub(this.controls.target).setLength(1.55 * extent.span);
-        this.controls.target.copy(this.far); this.camera.position.copy(this.far).add(back);
+        this.fit();
         this.followed = null;
       }
       this.camera.lookAt(this.controls.target);
@@ -407,6 +422,8 @@
 
   // --- the close-up: what is believed, about the truth ----------------------------------------------------------
 
+  /** Which way the second of what is shown close up grows, in pixels: depth to the bottom, all else to the top. */
+  const DOWN = page.focus[1]?.[0] === "depth" ? 1 : -1;
   function closeUp(flight, time) {
     const { paper, width, height } = sized(element("belief"));
     const error = between(flight.error, time), members = cloud(flight, time), fix = lastFix(flight, time);
@@ -419,7 +436,7 @@
     const sd = cov ? [Math.sqrt(Math.max(cov[0], 0)), Math.sqrt(Math.max(cov[k + 1], 0))] : [0, 0];
     const reach = round125(Math.max(1.05 * Math.max(Math.abs(error[0]) + 2 * sd[0], Math.abs(error[1]) + 2 * sd[1]), 1e-3));
     const cx = width / 2, cy = height / 2, scale = (Math.min(width, height) / 2 - 12) / reach;
-    const at = (a, b) => [cx + a * scale, cy - b * scale];
+    const at = (a, b) => [cx + a * scale, cy + DOWN * b * scale];
     paper.strokeStyle = colours.edge; paper.lineWidth = 1;
     for (const r of [0.5, 1]) { dot(paper, cx, cy, r * reach * scale); paper.stroke(); }
     trace(paper, [at(-reach, 0), at(reach, 0)]); paper.stroke();
@@ -429,15 +446,20 @@
     const [x, y] = at(error[0], error[1]);
     if (cov) {
       const L = root(cov, k);
-      trace(paper, TURN.map(([a, b]) => [x + 2 * scale * L[0] * a, y - 2 * scale * (L[k] * a + L[k + 1] * b)]), true);
+      trace(paper, TURN.map(([a, b]) => at(error[0] + 2 * L[0] * a, error[1] + 2 * (L[k] * a + L[k + 1] * b))), true);
       paper.fillStyle = colours.band; paper.fill(); paper.strokeStyle = colours.believed; paper.lineWidth = 1.5; paper.stroke();
     }
     paper.fillStyle = colours.member;
-    for (const off of members ?? []) { dot(paper, x + off[0] * scale, y - off[1] * scale, 1.8); paper.fill(); }
+    for (const off of members ?? []) { dot(paper, ...at(error[0] + off[0], error[1] + off[1]), 1.8); paper.fill(); }
     if (fix) {
       paper.globalAlpha = Math.max(0.2, 1 - fix.age / 4); paper.strokeStyle = colours.reading; paper.lineWidth = 2;
-      const clamp = (v) => Math.max(-reach * 1.06, Math.min(reach * 1.06, v));
-      cross(paper, ...at(clamp(fix.off[0]), clamp(fix.off[1])), 4.5); paper.globalAlpha = 1;
+      const far = Math.hypot(fix.off[0], fix.off[1]) / reach;
+      if (far <= 1) cross(paper, ...at(fix.off[0], fix.off[1]), 4.5);
+      else {  // beyond the rim: an arrow that points to it
+        const [tx, ty] = at(fix.off[0] / far, fix.off[1] / far), a = Math.atan2(ty - cy, tx - cx), fin = (turn) => [tx - 8 * Math.cos(a + turn), ty - 8 * Math.sin(a + turn)];
+        trace(paper, [fin(0.5), [tx, ty], fin(-0.5)]); paper.stroke();
+      }
+      paper.globalAlpha = 1;
     }
     dot(paper, x, y, 3.5); paper.fillStyle = colours.believed; paper.fill();
     dot(paper, cx, cy, 4.5); paper.fillStyle = colours.true; paper.fill();
@@ -484,17 +506,18 @@
     const plain = (array) => (array ? Array.from(array.values, (v) => (Number.isFinite(v) ? v : null)) : new Array(rows).fill(null));
     const time = Array.from({ length: rows }, (_, i) => i * dt), believed = plain(chart.believed), band = plain(chart.two_sigma);
     const high = band.map((v, i) => (v === null ? null : v)), low = band.map((v) => (v === null ? null : -v));
-    const score = chart.title.startsWith("Score"), zero = chart.two_sigma || chart.readings || chart.title.includes("− true");
+    const score = chart.title.startsWith("Score"), zero = chart.two_sigma || chart.readings || chart.title.endsWith("error");
     const true_ = chart.true ? plain(chart.true) : zero ? new Array(rows).fill(0) : new Array(rows).fill(null);
     const sizes = [...believed, ...band, ...true_].filter((v) => v !== null).map(Math.abs).sort((a, b) => a - b);
     const biggest = Math.max(sizes[Math.floor(0.995 * (sizes.length - 1))] || 0, 1e-3);
-    const range = score ? [Math.min(0, ...believed), Math.max(1, ...believed)] : [-1.1 * biggest, 1.1 * biggest];
+    const range = score ? [Math.min(-0.1, ...believed), Math.max(1.05, ...believed)] : [-1.2 * biggest, 1.2 * biggest];
+    const power = 10 ** Math.floor(Math.log10(biggest)), tick = power * [5, 2, 1].find((f) => f * power <= biggest * 1.000001);
     const axis = { stroke: () => colours.muted, grid: { stroke: () => colours.grid, width: 1 }, ticks: { show: false }, font: "11px system-ui, sans-serif" };
     const options = {
       width: Math.max(room.clientWidth, 50), height: Math.max(room.clientHeight, 50), legend: { show: false }, padding: [6, 22, 0, 0],
       cursor: { drag: { x: false, y: false }, y: false, points: { show: false } },
       scales: { x: { time: false, range: [0, duration] }, y: { range } },
-      axes: [{ ...axis, size: 20, gap: 2, values: (_, at) => at.map((v) => `${v} s`) }, { ...axis, size: 44, gap: 3, space: 16, values: (_, at) => at.map((v) => number(v)) }],
+      axes: [{ ...axis, size: 20, gap: 2, values: (_, at) => at.map((v) => `${v} s`) }, { ...axis, size: 44, gap: 3, splits: () => (score ? [0, 0.5, 1] : [-tick, 0, tick]), values: (_, at) => at.map((v) => number(v)) }],
       bands: [{ series: [1, 2], fill: () => colours.band }],
       series: [{},
         { stroke: "transparent", points: { show: false } }, { stroke: "transparent", points: { show: false } },
@@ -548,7 +571,8 @@
     items.push([line("believed", 'stroke-width="2"'), page.located || page.scene.space ? `believed by ${flight.estimator}` : `heading believed by ${flight.estimator}; its place is not estimated`]);
     if (flight.covariance) items.push(['<ellipse cx="11" cy="6" rx="10" ry="5" fill="var(--band)" stroke="var(--believed)"/>', page.located || page.scene.space ? "believed position ± 2σ" : "believed heading ± 2σ, 10×"]);
     if (flight.members) items.push([[4, 11, 17].map((x, i) => `<circle cx="${x}" cy="${[8, 4, 7][i]}" r="2" fill="var(--member)"/>`).join(""), `${flight.members.shape[1]} members of the ensemble`]);
-    if (flight.fix.values.some(Number.isFinite)) items.push(['<path d="M7 2 15 10 M7 10 15 2" stroke="var(--reading)" stroke-width="2"/>', "readings"]);
+    const mark = stage instanceof Space ? '<rect x="9" y="4" width="5" height="5" fill="var(--reading)"/>' : '<path d="M7 2 15 10 M7 10 15 2" stroke="var(--reading)" stroke-width="2"/>';
+    if (flight.fix.values.some(Number.isFinite)) items.push([mark, "readings"]);
     if (scene.path.rows) items.push([line("commanded", 'stroke-width="2" stroke-dasharray="5 4"'), "commanded path"]);
     if (scene.goal) items.push(['<circle cx="11" cy="6" r="5" fill="none" stroke="var(--goal)" stroke-width="2"/>', "goal"]);
     if (scene.obstacles.rows) items.push(['<rect x="4" y="0" width="14" height="12" fill="var(--obstacle)" opacity="0.5"/>', "obstacle"]);
@@ -568,7 +592,7 @@
     button.title = `Key ${i + 1}`; score.textContent = flight.score.toFixed(3); score.title = "final score";
     button.append(score); button.addEventListener("click", () => choose(i)); element("estimators").append(button);
   });
-  const where = k === 1 ? `${page.focus[0][0]}: believed − true` : `${page.focus[0][0]} → and ${page.focus[1][0]} ↑ off the truth`;
+  const where = k === 1 ? `${page.focus[0][0]}, off the truth` : `${page.focus[0][0]} → and ${page.focus[1][0]} ${DOWN > 0 ? "↓" : "↑"} off the truth`;
   element("close-title").textContent = `Close-up: ${where}`;
   element("orbit").hidden = !scene.space;
   for (const speed of [0.5, 1, 2, 5, 10, 20, 50, 100]) {
@@ -624,14 +648,16 @@
       drawCharts(flight, state.time);
       element("time").value = state.time;
       element("time").setAttribute("aria-valuetext", `${state.time.toFixed(1)} seconds`);
-      element("clock").textContent = `${state.time.toFixed(1)} / ${duration.toFixed(0)} s`;
+      element("clock").textContent = `${state.time.toFixed(1)} / ${duration.toFixed(1)} s`;
+      const last = (flight.true.rows - 1) * dt;
+      element("ended").textContent = flight.end && state.time >= last ? `${flight.end} at ${last.toFixed(1)} s` : "";
     }
     requestAnimationFrame(frame);
   }
 
   // "#t=30&estimator=2" opens a page at a moment, at rest; without it the page plays, unless its reader wants no motion.
   const asked = new URLSearchParams(location.hash.slice(1));
-  choose(Math.min(flights.length, Math.max(1, Number(asked.get("estimator")) || 1)) - 1);
+  choose(Math.min(flights.length, Math.max(1, Math.floor(Number(asked.get("estimator"))) || 1)) - 1);
   if (asked.has("follow")) follow(true);
   if (asked.has("t")) go(Number(asked.get("t")) || 0);
   play(!asked.has("t") && !window.matchMedia("(prefers-reduced-motion: reduce)").matches);
