@@ -81,4 +81,6 @@ def load_agent(name: str | Path, env: Any, trust: bool = False) -> Agent:
         return TrainedAgent(Path(name), env, trust)
     if isinstance(name, str) and ":" in name:
         return make_pilot(name, env.system)
+    if Path(name).suffix == ".zip" or len(Path(name).parts) > 1:
+        raise ValueError(f"there is no checkpoint {str(name)!r}")
     raise ValueError(unknown_pilot(str(name), env.system, PPO, RANDOM, "the path of a checkpoint"))

@@ -3,7 +3,7 @@
 import sys
 from importlib import import_module
 
-from scripts.console import command, complain
+from scripts.console import command, complain, sentences
 
 COMMANDS = ("watch", "evaluate", "train", "ablate", "reproduce", "benchmark")
 """The files of scripts/ that users call; the others write pages of this repository."""
@@ -18,17 +18,20 @@ def main() -> int | None:
     name, *arguments = sys.argv[1:] or ["--help"]
     if name in COMMANDS:
         return command(import_module(f"scripts.{name}").main, arguments, f"vessel-gym {name}")
-    if name in ("-h", "--help"):
-        print(listing())
-        return 0
-    if name == "--version":
-        from vessel_gym import __version__
-
-        print(f"vessel-gym {__version__}")
+    if name in ("-h", "--help", "--version"):
+        with sentences():
+            print(version() if name == "--version" else listing())
         return 0
     from estimators.factory import unknown
 
     return complain(unknown("command", name, COMMANDS))
+
+
+def version() -> str:
+    """Which this is."""
+    from vessel_gym import __version__
+
+    return f"vessel-gym {__version__}"
 
 
 def listing() -> str:

@@ -48,8 +48,16 @@ def command(
     Returns:
         What the command returns: its exit status, if it has one.
     """
-    try:
+    with sentences():
         return _parsed(main, arguments, name)()
+
+
+@contextmanager
+def sentences() -> Iterator[None]:
+    """Around all that a command does: what the user or the machine cannot do ends in one sentence and exit status 2."""
+    try:
+        yield
+        sys.stdout.flush()
     except ImportError as error:
         sentence = _lacking(error)
         if sentence is None:

@@ -44,12 +44,14 @@ def main(
     from agents.scores import mean, metrics, scores
     from agents.seeds import evaluation_seeds
     from agents.studies.worlds import environment_id
+    from vessel_gym.checks import one_of
 
     world: dict[str, Any] = {"sensors": sensors, "disturbance": disturbance, "mismatch": mismatch, "observe": observe}
     with asked():
         if not estimator:
             raise ValueError("--estimator needs the name of at least one estimator")
         env_id = environment_id(env_id)
+        one_of("--observe", observe, ("mean", "mean+std", "measurement"))
         in_range("--episodes", episodes, 1)
         in_range("--first-seed", first_seed, 0)
         seeds = evaluation_seeds(episodes, first_seed)

@@ -40,6 +40,7 @@ def main(
     from agents.files import check_file
     from agents.ppo import describe, train
     from agents.studies.worlds import environment_id
+    from vessel_gym.checks import one_of
 
     options: dict[str, Any] = {
         "estimator": estimator,
@@ -50,6 +51,7 @@ def main(
     }
     with asked():
         env_id = environment_id(env_id)
+        one_of("--observe", observe, ("mean", "mean+std", "measurement"))
         gym.make_vec(env_id, num_envs=1, **options).close()
         in_range("--seed", seed, 0)
         if steps is not None:

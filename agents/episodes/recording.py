@@ -4,11 +4,12 @@ import base64
 import html
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 
 from agents.files import replacing
@@ -17,8 +18,11 @@ from agents.named import vector_class
 from agents.rollouts import Rollout, rollout
 from estimators import Filter
 from estimators.angles import difference
+from estimators.checks import shown
+from vessel_gym import checks
 from vessel_gym.estimation import build, chosen_disturbance
 from vessel_gym.surroundings import in_words, pose, surroundings_of
+from vessel_gym.system import System
 
 COMPARED = ("ekf", "enkf", "dead-reckoning", "truth")
 """What the environment's own estimator is shown beside, as far as its models carry it."""
@@ -38,7 +42,11 @@ class Episode:
         page: What the page shows, as JSON holds it.
     """
 
-    page: dict[str, Any]
+    page: dict[str, Any] = field(repr=False)
+
+    def __repr__(self) -> str:
+        scores = ", ".join(f"{name} {score:.3f}" for name, score in self.scores.items())
+        return f"<Episode {self.page['name']}: {scores}>"
 
     @property
     def scores(self) -> dict[str, float]:
@@ -103,35 +111,52 @@ def episode(
         ValueError: if there is no such environment or estimator, or the agent cannot fly it.
         TypeError: for arguments of another kind.
     """
-    options = dict(env_options or {})
-    first = options.pop("estimator", None)
-    if estimators is None:
-        estimators = _compared(env_id, options, first)
-    elif isinstance(estimators, str) or not len(estimators):
-        raise TypeError(f"estimators must be a list of one name or more, got {estimators!r}")
-    flown = [
-        rollout(agent, env_id, [seed], {**options, "estimator": name}, trust=trust, ensembles=True)
-        for name in estimators
-    ]
-    return Episode(page_of(flown, [name if isinstance(name, str) else "own" for name in estimators]))
-
-
-def _compared(env_id: str, options: dict[str, Any], first: Any) -> list[Any]:
-    """The estimator that is asked for, or the environment's, and those of `COMPARED` that its models carry."""
-    system = getattr(vector_class(env_id), "system", None)
+    if not isinstance(env_id, str):
+        raise TypeError(f"env_id must be the name of a registered environment, got {shown(env_id)}")
+    options = checks.options("env_options", env_options)
+    try:
+        system = getattr(vector_class(env_id), "system", None)
+    except gym.error.Error as error:
+        raise ValueError(str(error)) from None
     if system is None:
         raise ValueError(f"{env_id!r} has no estimator in the loop: name an environment of vessel_gym, or your own")
+    first = options.pop("estimator", None) or system.estimator
+    if estimators is None:
+        estimators = _compared(system, options, first)
+    elif isinstance(estimators, str) or not isinstance(estimators, Sequence) or not estimators:
+        raise TypeError(f"estimators must be a list of one or more, got {shown(estimators)}")
+    names = [_name(each) for each in estimators]
+    for name in names:
+        if names.count(name) > 1:
+            raise ValueError(f"each estimator is shown once, and {name!r} is named twice")
+    flown = [
+        rollout(agent, env_id, [seed], {**options, "estimator": each}, trust=trust, ensembles=True)
+        for each in estimators
+    ]
+    return Episode(page_of(flown, names))
+
+
+def _name(estimator: Any) -> str:
+    """What an estimator is called: its name, or what the user's own calls itself."""
+    if isinstance(estimator, str):
+        return estimator
+    own = getattr(estimator, "name", None) or getattr(estimator, "__name__", None)
+    return own if isinstance(own, str) else "own"
+
+
+def _compared(system: System, options: dict[str, Any], first: Any) -> list[Any]:
+    """An estimator, then the environment's own and those of `COMPARED`, as far as its models and the options do."""
     sensors = system.sensors_of(options.get("sensors", "nominal"))
     disturbance = chosen_disturbance(system, options.get("disturbance", "moderate"))
 
     def carried(name: str) -> bool:
         try:
-            return isinstance(build(system, name, None, sensors, disturbance).filter, Filter)
-        except ValueError:
+            made = build(system, name, options.get("estimator_options"), sensors, disturbance)
+        except (ValueError, TypeError):
             return False
+        return isinstance(made.filter, Filter)
 
-    own = [system.estimator] if first is None else [first, system.estimator]
-    return [*dict.fromkeys(own), *(name for name in COMPARED if name not in own and carried(name))]
+    return [first, *(name for name in dict.fromkeys((system.estimator, *COMPARED)) if name != first and carried(name))]
 
 
 def page_of(flown: Sequence[Rollout], names: Sequence[str]) -> dict[str, Any]:

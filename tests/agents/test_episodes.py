@@ -14,6 +14,7 @@ import agents
 from agents import Episode, episode
 from agents.episodes.recording import page_of, unpacked
 from agents.rollouts import rollout
+from estimators import ExtendedKalmanFilter
 from scripts import watch
 from scripts.console import Refusal
 from vessel_gym.surroundings import pose
@@ -100,6 +101,19 @@ def test_what_cannot_be_flown_is_one_sentence(tmp_path: Path):
         episode("PunaUAV-v0", ["kfx"])
     with pytest.raises(TypeError, match="estimators must be a list"):
         episode("PunaUAV-v0", "ekf")  # type: ignore[arg-type]
+    for given in (ExtendedKalmanFilter, 5, [], iter(["ekf"])):
+        with pytest.raises(TypeError, match="estimators must be a list of one or more"):
+            episode("SigmaCorvette-v0", given)
+    with pytest.raises(ValueError, match="each estimator is shown once, and 'ekf' is named twice"):
+        episode("SigmaCorvette-v0", ["ekf", ExtendedKalmanFilter])
+    with pytest.raises(ValueError, match="Nope"):
+        episode("Nope")
+    with pytest.raises(TypeError, match="env_id must be the name of a registered environment, got None"):
+        episode(None)
+    with pytest.raises(TypeError, match="env_options must be a dictionary"):
+        episode("SigmaCorvette-v0", env_options="x")
+    with pytest.raises(ValueError, match="CartPole-v1"):
+        episode("CartPole-v1", ["ekf"])
     with pytest.raises(ValueError, match="CartPole-v1"):
         episode("CartPole-v1")
     with pytest.raises(Refusal, match="unknown estimator 'kfx'"):
@@ -171,6 +185,17 @@ def test_in_a_browser_it_plays_scrubs_and_switches_without_a_complaint(tmp_path:
         assert page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
         browser.close()
     assert complaints == []
+
+
+def test_an_episode_says_what_it_is_in_a_line(flown: tuple[str, Episode]):
+    env_id, shown = flown
+    assert re.fullmatch(rf"<Episode {env_id}: enkf [\d.]+, dead-reckoning [\d.]+>", repr(shown))
+
+
+def test_only_estimators_that_take_the_options_are_compared():
+    watched = {"estimator": "ekf", "estimator_options": {"monitor": "cusum"}, "observe": "mean+alarms"}
+    shown = episode("SigmaCorvette-v0", env_options=BRIEF | watched)
+    assert [*shown.scores] == ["ekf", "enkf"]
 
 
 def luminance(colour: str) -> float:
