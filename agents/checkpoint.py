@@ -432,7 +432,17 @@ class TrainedAgent:
         self._state = None
 
     def act(self, observations: np.ndarray) -> np.ndarray:
-        """The policy's mean action."""
+        """The policy's mean action.
+
+        Raises:
+            ValueError: for another number of rows than `reset` was told, or other observations.
+        """
+        wanted = len(self._seen), self._size
+        if np.shape(observations) != wanted:
+            raise ValueError(
+                f"observations must have shape {wanted}, as many rows as reset(num_envs) was told, got "
+                f"{np.shape(observations)}"
+            )
         scale, size = self._policy.normalized, self._policy.normalizes
         frame = scale(observations) if size == self._size else observations
         self._seen = np.concatenate([self._seen[:, self._size :], frame], axis=1)  # the newest frame last

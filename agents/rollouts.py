@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import gymnasium as gym
 import numpy as np
@@ -182,5 +182,9 @@ def _batch(env_id: str, num_envs: int, options: dict[str, Any]) -> gym.vector.Ve
     same_step = {"autoreset_mode": gym.vector.AutoresetMode.SAME_STEP}
     if issubclass(batch, VesselVectorEnv):
         native: Any = {"vectorization_mode": "vector_entry_point", **same_step}
-        return gym.make_vec(env_id, num_envs=num_envs, **native, **options)
+        env = gym.make_vec(env_id, num_envs=num_envs, **native, **options)
+        if cast(VesselVectorEnv, env.unwrapped).max_episode_steps is None:
+            env.close()
+            raise ValueError(f"episodes of {env_id} may never end: register it with max_episode_steps, or give that")
+        return env
     return gym.make_vec(env_id, num_envs=num_envs, vectorization_mode="sync", vector_kwargs=same_step, **options)

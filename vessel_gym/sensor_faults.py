@@ -47,7 +47,7 @@ class SensorFault:
 
     def __post_init__(self) -> None:
         one_of("kind of sensor fault", self.kind, KINDS)
-        size, meant = numbers(self.size), KINDS[self.kind]
+        size, meant = None if isinstance(self.size, bool) else numbers(self.size), KINDS[self.kind]
         if not meant and self.size is not None:
             raise ValueError(f"{self} has no size, got {shown(self.size)}")
         if meant and (size is None or size.ndim > 1 or not np.isfinite(size).all()):
@@ -70,10 +70,11 @@ class SensorFault:
         Raises:
             ValueError: if it is no number of at least 0, nor a pair of them in order.
         """
-        given = numbers(getattr(self, name))
+        time = getattr(self, name)
+        given = None if isinstance(time, bool) else numbers(time)
         pair = np.resize(given, 2) if given is not None and given.shape in ((), (2,)) else np.full(2, np.nan)
         ordered = 0.0 <= pair[0] <= pair[1] and (np.isfinite(pair).all() or (name == "end" and pair[0] == np.inf))
         if not ordered:
             raise ValueError(f"{name} of {self} must be 0 s or more, or two such times in order, "
-                             f"got {shown(getattr(self, name))}")  # fmt: skip
+                             f"got {shown(time)}")  # fmt: skip
         return float(pair[0]), float(pair[1])

@@ -158,16 +158,18 @@ def test_seeds_may_come_as_an_array():
     np.testing.assert_array_equal(rollout("autopilot", ENV, np.arange(2), record=False).seeds, [0, 1])
 
 
-def test_an_unknown_agent_is_answered_with_those_that_exist(tmp_path: Path):
-    for name in ("pilot", "p" * 5000, "pi\0lot", tmp_path, tmp_path / "missing.zip"):
-        with pytest.raises(
-            ValueError, match=r"unknown agent .*: choose autopilot, lqg, pid, ppo, random, the path of a checkpoint"
-        ):
-            rollout(name if isinstance(name, str) else str(name), ENV, [0])
-        with pytest.raises(
-            ValueError, match=r"unknown agent .*: choose autopilot, lqg, pid, ppo, random, the path of a checkpoint"
-        ):
+def test_an_unknown_agent_is_answered_with_those_that_exist_and_a_missing_checkpoint_is_called_missing(tmp_path: Path):
+    known = r"unknown agent .*: choose autopilot, lqg, pid, ppo, random, the path of a checkpoint"
+    missing = "there is no checkpoint '.*'"
+    sentences = dict.fromkeys(("pilot", "p" * 5000, "pi\0lot"), known)
+    sentences |= dict.fromkeys((str(tmp_path), str(tmp_path / "missing.zip"), "missing.zip"), missing)
+    for name, sentence in sentences.items():
+        with pytest.raises(ValueError, match=sentence):
+            rollout(name, ENV, [0])
+        with pytest.raises(ValueError, match=sentence):
             load_agent(name, gym.make(ENV))
+    with pytest.raises(ValueError, match=missing):
+        load_agent(tmp_path / "missing.zip", gym.make(ENV))
 
 
 @pytest.mark.parametrize("name", [None, 7, b"autopilot", ["autopilot"]], ids=repr)
@@ -180,3 +182,11 @@ def test_what_is_no_agents_name_is_answered_with_what_load_agent_takes(name: obj
 def test_the_autopilot_refuses_an_environment_of_others_in_a_sentence():
     with pytest.raises(ValueError, match="autopilot"):
         rollout("autopilot", "Pendulum-v1", [0])
+
+
+def test_episodes_that_may_never_end_are_refused_in_a_sentence():
+    spec = gym.spec("SigmaCorvette-v0")
+    gym.register("Endless-v0", spec.entry_point, vector_entry_point=spec.vector_entry_point)
+    with pytest.raises(ValueError, match="episodes of Endless-v0 may never end: register it with max_episode_steps"):
+        rollout("autopilot", "Endless-v0", [0])
+    assert rollout("autopilot", "Endless-v0", [0], {"max_episode_steps": 5}).length == [5]

@@ -135,3 +135,12 @@ def test_a_file_cut_short_is_refused_in_a_sentence(tmp_path: Path):
     path.write_bytes(path.read_bytes()[:-1000])
     with pytest.raises(ValueError, match=r"agent\.zip is not a checkpoint of an agent"):
         TrainedAgent(path, gym.make("ThesisCorvette-v0"), dense=True)
+
+
+def test_observations_of_more_environments_than_were_counted_are_refused_in_a_sentence():
+    env = gym.make("SigmaCorvette-v0")
+    agent, (seen, _) = load_agent("ppo", env), env.reset(seed=0)
+    assert agent.act(seen[None]).shape == (1, 1)
+    for wrong in (seen, np.tile(seen, (3, 1))):
+        with pytest.raises(ValueError, match=r"as many rows as reset\(num_envs\) was told, got \("):
+            agent.act(wrong)

@@ -524,6 +524,8 @@ def test_a_delay_that_is_none_is_refused_in_a_sentence(field: str):
         ({"kind": "garbage", "size": -1.0}, "size of the fault 'garbage' of gyroscope must be 0 or more, got -1.0"),
         ({"kind": "off", "size": 1.0}, "the fault 'off' of gyroscope has no size, got 1.0"),
         ({"kind": "off", "begin": -1.0}, "begin of the fault 'off' of gyroscope must be 0 s or more, or two such "),
+        ({"kind": "off", "begin": True}, "begin of the fault 'off' of gyroscope must be 0 s or more"),
+        ({"kind": "bias", "size": True}, "size of the fault 'bias' of gyroscope must be what is added"),
         ({"kind": "off", "begin": np.inf}, "begin of the fault 'off' of gyroscope must be 0 s or more"),
         ({"kind": "off", "begin": (2.0, 1.0)}, "begin of the fault 'off' of gyroscope must be 0 s or more, or two "),
         ({"kind": "off", "end": np.nan}, "end of the fault 'off' of gyroscope must be 0 s or more"),
