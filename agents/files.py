@@ -1,9 +1,11 @@
 """Files that are written whole or not at all."""
 
+import json
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 
 @contextmanager
@@ -21,6 +23,18 @@ def replacing(path: Path) -> Iterator[Path]:
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def compute_once(path: Path, compute: Callable[[], Any]) -> None:
+    """Write computed values to a JSON file, whole or not at all; an existing file is kept and nothing is computed.
+
+    Raises:
+        OSError: as `replacing`.
+    """
+    if not path.exists():
+        values = compute()
+        with replacing(path) as temporary:
+            temporary.write_text(json.dumps(values), encoding="utf-8")
 
 
 def check_file(path: Path) -> None:

@@ -12,6 +12,7 @@ import vessel_gym  # noqa: F401  (registers the environments)
 from agents.agent import Agent, load_agent
 from agents.named import vector_class
 from estimators import nis
+from vessel_gym import checks
 from vessel_gym.core import whole
 from vessel_gym.envs.vector import VesselVectorEnv, rows_like
 
@@ -93,8 +94,7 @@ def rollout(
         callable(getattr(agent, method, None)) for method in ("reset", "act")
     ):
         raise TypeError(f"an agent is a name, the path of a checkpoint, or has reset and act, got {agent!r}")
-    if progress is not None and not callable(progress):
-        raise TypeError(f"progress must be a function of (step, horizon), got {progress!r}")
+    checks.function("progress", progress, "(step, horizon)")
     env = _batch(env_id, len(seeds), {} if env_options is None else env_options)
     try:
         flyer = load_agent(agent, env, trust) if isinstance(agent, str | Path) else agent
@@ -149,9 +149,14 @@ def _numeric(value: Any) -> bool:
     return isinstance(value, np.ndarray) and value.dtype != object
 
 
+def _core(env: Any) -> Any:
+    """The core of an environment of ours; None for others."""
+    return getattr(env.unwrapped, "core", None)
+
+
 def _nis(env: Any) -> np.ndarray:
     """Normalised innovation squared of every environment ``(N,)`` at this step; NaN where there is no innovation."""
-    core = getattr(env.unwrapped, "core", None)
+    core = _core(env)
     if core is None or core.belief.innovation is None or core.belief.innovation_cov is None:
         return np.full(env.num_envs, np.nan)
     return nis(core.belief.innovation, core.belief.innovation_cov)
@@ -159,13 +164,13 @@ def _nis(env: Any) -> np.ndarray:
 
 def _ensemble(env: Any) -> np.ndarray | None:
     """The members of every environment's ensemble ``(N, m, n)``; None where there is none."""
-    core = getattr(env.unwrapped, "core", None)
+    core = _core(env)
     return None if core is None else core.belief.ensemble
 
 
 def _course(env: Any) -> np.ndarray | None:
     """What the task has drawn for every environment ``(N, k)``."""
-    core = getattr(env.unwrapped, "core", None)
+    core = _core(env)
     return None if core is None else core.course.copy()
 
 

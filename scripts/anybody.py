@@ -1,16 +1,16 @@
 """What an agent learns from noisy readings in other people's environments: ``python -m scripts.anybody``."""
 
 import json
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from agents.anybody_trial import ARMS, EPISODES, TRIALS, Trial, learned, random
+from agents.anybody_trial import ARMS, TRIALS, Trial, learned, random
 from agents.checkpoint import one_thread
-from agents.files import replacing
-from agents.statistics import crossed_interval
+from agents.files import compute_once
 from scripts.console import asked, command, in_range, progress_bar, put
-from scripts.tables import ROOT, table
+from scripts.tables import ROOT, shown, table
 
 PAGE = ROOT / "docs/any-environment.md"
 
@@ -29,11 +29,7 @@ def main(runs: int = 3, out: Path = Path("results/anybody")) -> None:
     todo = [(trial, arm, seed) for seed in range(runs) for trial in TRIALS.values() for arm in ARMS]
     with progress_bar("trainings", len(todo)) as advance, one_thread():
         for trial, arm, seed in todo:
-            path = _result(out, trial, arm, seed)
-            if not path.exists():
-                returns = learned(trial, arm, seed)
-                with replacing(path) as temporary:
-                    temporary.write_text(json.dumps(returns), encoding="utf-8")
+            compute_once(_result(out, trial, arm, seed), partial(learned, trial, arm, seed))
             advance()
     found = {
         trial: {arm: np.array([json.loads(_result(out, trial, arm, seed).read_text()) for seed in range(runs)])
@@ -52,16 +48,10 @@ def returns_table(found: dict[Trial, tuple[np.ndarray | list[float], ...]]) -> s
     for trial, (chance, truth, estimate) in found.items():
         gain = np.mean(truth) - np.mean(chance)
         share = 1.0 + (np.asarray(estimate) - truth) / gain
-        row = (_words(np.atleast_2d(chance), 1), _words(truth, 1), _words(estimate, 1), _words(100.0 * share, 1) + " %")
+        row = (*(shown(np.asarray(each), 1) for each in (chance, truth, estimate)), shown(100.0 * share, 1) + " %")
         rows.append((f"{trial.env_id}, {trial.steps:,} steps", *row))
     heads = f"{len(truth)} trainings each"
     return table((heads, "random actions", "PPO on the truth", "PPO on `ukf`", "of the gain over random actions"), rows)
-
-
-def _words(values: np.ndarray | list[float], decimals: int) -> str:
-    interval = crossed_interval(np.asarray(values))
-    assert interval is not None, f"{EPISODES} episodes have an interval"
-    return f"{interval.mean:,.{decimals}f} ± {interval.half:.{decimals}f}"
 
 
 def _result(out: Path, trial: Trial, arm: str, seed: int) -> Path:

@@ -2,13 +2,14 @@
 
 import json
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from agents.checkpoint import one_thread
 from agents.critic_trial import END, HALF, World, learned
-from agents.files import replacing
+from agents.files import compute_once
 from agents.plotting import PALETTE, styled
 from agents.statistics import mean_interval
 from scripts.console import progress_bar, put
@@ -31,11 +32,7 @@ def learn(worlds: Sequence[str], runs: int, out: Path) -> None:
     todo = [(WORLDS[name], arm, seed) for name in worlds for seed in range(runs) for arm in WORLDS[name].arms]
     with progress_bar("trainings", len(todo)) as advance, one_thread():
         for world, arm, seed in todo:
-            path = _result(out, world, arm, seed)
-            if not path.exists():
-                measured = learned(world, arm, seed)
-                with replacing(path) as temporary:
-                    temporary.write_text(json.dumps(measured), encoding="utf-8")
+            compute_once(_result(out, world, arm, seed), partial(learned, world, arm, seed))
             advance()
 
 

@@ -514,12 +514,12 @@ def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join("| " + " | ".join(line) + " |" for line in (heads, ["---"] * len(heads), *rows))
 
 
-def shown(values: np.ndarray) -> str:
+def shown(values: np.ndarray, decimals: int = 3) -> str:
     """The mean ``(seeds,)`` or ``(runs, seeds)`` with its 95 % interval."""
     from agents.statistics import crossed_interval
 
     interval = crossed_interval(np.atleast_2d(values))
-    return WITHOUT if interval is None else f"{interval.mean:.3f} ± {interval.half:.3f}"
+    return WITHOUT if interval is None else f"{interval.mean:,.{decimals}f} ± {interval.half:.{decimals}f}"
 
 
 def number(values: np.ndarray, decimals: int) -> str:

@@ -8,7 +8,7 @@ from estimators.checks import as_number as number
 from estimators.checks import numbers, shown
 from estimators.factory import unknown
 
-__all__ = ["no_others", "number", "numbers", "one_of", "options"]
+__all__ = ["function", "no_others", "number", "numbers", "one_of", "options"]
 
 
 def one_of(kind: str, value: object, known: Collection[str]) -> str:
@@ -20,6 +20,16 @@ def one_of(kind: str, value: object, known: Collection[str]) -> str:
     if isinstance(value, str) and value in known:
         return value
     raise ValueError(unknown(kind, value, known))
+
+
+def function(name: str, value: object, of: str) -> None:
+    """Refuse what cannot be called.
+
+    Raises:
+        TypeError: for anything but a function, or None.
+    """
+    if value is not None and not callable(value):
+        raise TypeError(f"{name} must be a function of {of}, got {shown(value)}")
 
 
 def options(name: str, value: object) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Tracks of a ship on a turning circle: what is commanded, and what a belief without a position implies."""
+"""The track of a ship on a turning circle that is commanded."""
 
 import gymnasium as gym
 import numpy as np

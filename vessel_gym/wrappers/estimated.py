@@ -9,10 +9,11 @@ from gymnasium.utils import RecordConstructorArgs
 
 from estimators import Gaussian
 from estimators.checks import numbers
+from vessel_gym import checks
 from vessel_gym.estimation import EstimatorChoice
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Sensor
-from vessel_gym.wrappers.watch import Model, Watch, function, sampled_prior
+from vessel_gym.wrappers.watch import Model, Watch, sampled_prior
 
 _ALL = np.ones(1, bool)
 
@@ -91,8 +92,8 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
             if isinstance(within, gym.wrappers.Autoreset):
                 raise ValueError("Autoreset within hides how episodes end: put it around EstimatedObservation")
             within = within.env
-        function("state", state, "(env, observation)")
-        function("observation", observation, "the state")
+        checks.function("state", state, "(env, observation)")
+        checks.function("observation", observation, "the state")
         self._state = state or (lambda env, obs: obs)
         if prior is None and isinstance(model, Model):
             prior = sampled_prior(env, self._state, model.state_angles)

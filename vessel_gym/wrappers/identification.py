@@ -8,8 +8,9 @@ import numpy as np
 
 from estimators import LinearModel
 from estimators.checks import as_array, numbers, shown, whole
+from vessel_gym import checks
 from vessel_gym.wrappers.simulation import square
-from vessel_gym.wrappers.watch import function, plain_action
+from vessel_gym.wrappers.watch import plain_action
 
 
 def identify(
@@ -38,7 +39,7 @@ def identify(
     Raises:
         ValueError: if there are too few steps to tell the numbers, or sizes do not fit.
     """
-    function("state", state, "(env, observation)")
+    checks.function("state", state, "(env, observation)")
     look, plain = state or (lambda env, seen: seen), plain_action(env.action_space)
     whole("steps", steps, 1)
 

@@ -9,10 +9,11 @@ from gymnasium.vector.utils import batch_space
 
 from estimators import Gaussian
 from estimators.checks import shown
+from vessel_gym import checks
 from vessel_gym.estimation import EstimatorChoice
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Sensor
-from vessel_gym.wrappers.watch import Model, Watch, function
+from vessel_gym.wrappers.watch import Model, Watch
 
 
 class EstimatedObservation(VectorWrapper):
@@ -64,7 +65,7 @@ class EstimatedObservation(VectorWrapper):
                 "autoreset_mode=AutoresetMode.NEXT_STEP or DISABLED"
             )
         self._restarts = mode is AutoresetMode.NEXT_STEP
-        function("state", state, "(env, observations)")
+        checks.function("state", state, "(env, observations)")
         self._state = state or (lambda env, obs: obs)
         self.watch = Watch(
             env.single_observation_space, env.single_action_space, model, prior, estimator, estimator_options, sensors,

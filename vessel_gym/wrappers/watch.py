@@ -58,8 +58,8 @@ class Watch:
             raise TypeError(f"prior must be a Gaussian(mean, cov), got {shown(prior)}")
         if prior.mean.shape != (model.n,):
             raise ValueError(f"the prior is for shape {prior.mean.shape}, the model has {model.n} states: ({model.n},)")
-        function("observation", observation, "the state")
-        function("known_input", known_input, "the action")
+        checks.function("observation", observation, "the state")
+        checks.function("known_input", known_input, "the action")
         self.observe_mode = checks.one_of("observe mode", observe, OBSERVE)
         self._angles = list(model.state_angles)
         self.rows, self.n, self.prior, self.own = rows, model.n, prior, space
@@ -305,16 +305,6 @@ class Watch:
             bad = self.loop.belief.mean[np.isnan(array).reshape(self.rows, -1).any(-1)][0]
             raise ValueError(f"observation gave NaN of the state {shown(bad.tolist())}")
         return array.reshape(self.rows, *shape)
-
-
-def function(name: str, value: object, of: str) -> None:
-    """Refuse what cannot be called.
-
-    Raises:
-        TypeError: for anything but a function, or None.
-    """
-    if value is not None and not callable(value):
-        raise TypeError(f"{name} must be a function of {of}, got {shown(value)}")
 
 
 def _parts(value: Any) -> list[np.ndarray]:
