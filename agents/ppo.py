@@ -2,7 +2,7 @@
 
 import json
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from enum import Enum
@@ -21,7 +21,7 @@ from agents.files import replacing
 from agents.named import vector_class
 from agents.seeds import training_seed
 from agents.source import source_digest
-from estimators.checks import shown
+from estimators.checks import as_number, shown
 from estimators.factory import unknown
 from vessel_gym.envs.vector import VesselVectorEnv
 from vessel_gym.extras import require
@@ -36,13 +36,18 @@ OTHERS = "others"
 """The settings of environments that have none of their own."""
 
 
-def hyperparameters(env_id: str, memory: str = "none") -> dict[str, Any]:
+def hyperparameters(env_id: str, memory: str = "none", changed: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """The settings of an environment, from ``agents/ppo.toml``: its own, and over them those of the memory.
 
     They are tuned for the package's environments; another one of a `vessel_gym.system.System` has those of `OTHERS`.
 
+    Args:
+        env_id: A registered environment.
+        memory: One of `MEMORIES`.
+        changed: Settings by name, each a number where the tuned one is.
+
     Raises:
-        ValueError: if it has none, or the memory is of no known kind.
+        ValueError: if it has none, the memory is of no known kind, or a changed setting is none.
     """
     if memory not in MEMORIES:
         raise ValueError(unknown("memory", memory, MEMORIES))
@@ -56,7 +61,13 @@ def hyperparameters(env_id: str, memory: str = "none") -> dict[str, Any]:
         raise ValueError(
             f"no settings with memory {memory!r} for {env_id!r} in agents/ppo.toml: choose from {', '.join(having)}"
         )
-    return {key: value for key, value in own.items() if not isinstance(value, dict)} | own.get(memory, {})
+    tuned = {key: value for key, value in own.items() if not isinstance(value, dict)} | own.get(memory, {})
+    for name, value in (changed or {}).items():
+        if name not in tuned or name == "steps":
+            raise ValueError(unknown("setting", name, [each for each in tuned if each != "steps"]))
+        if not (isinstance(value, list) if isinstance(tuned[name], list) else as_number(value) == value):
+            raise ValueError(f"the setting {name} must be such as {tuned[name]!r}, got {shown(value)}")
+    return tuned | dict(changed or {})
 
 
 def _has_system(env_id: str) -> bool:
@@ -70,6 +81,7 @@ def describe(
     steps: int | None,
     memory: str = "none",
     critic: str | None = None,
+    settings: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Everything that decides what `train` gives, as plain data: equal descriptions, equal checkpoints.
 
@@ -80,6 +92,7 @@ def describe(
         steps: See `train`.
         memory: See `train`.
         critic: See `train`.
+        settings: See `train`.
 
     Returns:
         The arguments, the tuned settings, the versions of the libraries that compute, and a digest of the
@@ -93,7 +106,7 @@ def describe(
     require("torch", "stable_baselines3", "sb3_contrib")
     if critic not in CRITICS:
         raise ValueError(f"critic must be 'truth', or None for one that is told nothing more, got {shown(critic)}")
-    settings = hyperparameters(env_id, memory)
+    settings = hyperparameters(env_id, memory, settings)
     steps = settings["steps"] if steps is None else steps
     if steps < settings["num_envs"]:
         raise ValueError(f"steps must be at least the {settings['num_envs']} environments of a batch, got {steps}")
@@ -143,6 +156,7 @@ def train(
     progress: Callable[[int, int, float], None] | None = None,
     memory: str = "none",
     critic: str | None = None,
+    settings: Mapping[str, Any] | None = None,
 ) -> Path:
     """Train PPO on an environment and save the checkpoint.
 
@@ -159,6 +173,7 @@ def train(
             side, zeros before the first; ``"lstm"``: through a recurrent network (``RecurrentPPO``).
         critic: ``"truth"``: the critic alone is told the truth while it learns, see `agents.critic`; what is trained
             acts on its observations as any other. None: it sees what the agent sees.
+        settings: Hyperparameters by name over those of `hyperparameters`.
 
     Returns:
         The path of the checkpoint.
@@ -169,7 +184,7 @@ def train(
         OSError: if the checkpoint cannot be written.
         ModuleNotFoundError: without torch or stable-baselines3.
     """
-    described = describe(env_id, env_options, seed, steps, memory, critic)
+    described = describe(env_id, env_options, seed, steps, memory, critic, settings)
     with replacing(zip_path(path)) as temporary, one_thread():
         _learn(described, env_options, temporary, progress)
     return zip_path(path)

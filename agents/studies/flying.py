@@ -20,6 +20,7 @@ def fly(
     environment: str,
     options: dict[str, Any],
     agent: str,
+    first_seed: int,
     episodes: int,
     own: dict[str, str],
     needs: list[Path] | None = None,
@@ -30,7 +31,8 @@ def fly(
         environment: As in the study.
         options: Of the environment.
         agent: As `agents.pilots.make_pilot` takes it, or ``"checkpoint"``: the one that is needed.
-        episodes: How many seeds.
+        first_seed: See `agents.seeds.evaluation_seeds`.
+        episodes: Number of seeds.
         own: Source digests of the user's own modules, by name: part of the cell, and imported for what they register.
         needs: The checkpoint, if there is one.
 
@@ -44,7 +46,7 @@ def fly(
     flown = rollout(
         _pilot(agent, environment, needs),
         environment_id(environment),
-        evaluation_seeds(episodes),
+        evaluation_seeds(episodes, first_seed),
         environment_options(environment, options),
     )
     return {

@@ -8,7 +8,7 @@ from typing import Any
 from agents.cells import Cell
 from agents.pilots import unknown_pilot
 from agents.ppo import describe
-from agents.studies.study import DEFAULT, Agent, Condition, Estimator, Study
+from agents.studies.study import DEFAULT, TERMINATIONS, Agent, Condition, Estimator, Study
 from agents.studies.worlds import digests, environment_id, has_pilot, refusal, registered, system_of
 
 RAW = "raw readings"
@@ -72,7 +72,7 @@ def plan(study: Study) -> Plan:
     for environment in (e.id for e in study.environments):
         flyable = []
         for estimator in estimators_in(study, environment):
-            error = refusal(environment, options(study.conditions[0], estimator, environment))
+            error = refusal(environment, _options(study, study.conditions[0], estimator, environment))
             if error is None:
                 flyable.append(estimator)
             else:
@@ -107,6 +107,17 @@ def options(condition: Condition, estimator: Estimator, environment: str) -> dic
     name = system_of(environment).estimator if estimator.estimator == DEFAULT else estimator.estimator
     chosen = {"estimator_options": estimator.options} if estimator.options else {}
     return {"estimator": name} | chosen | condition.options
+
+
+def _options(study: Study, condition: Condition, estimator: Estimator, environment: str) -> dict[str, Any]:
+    """The options of an environment, with the termination of the study."""
+    return options(condition, estimator, environment) | {"ends": TERMINATIONS[study.termination]}
+
+
+def _seen(agent: Agent) -> dict[str, Any]:
+    """The options of an environment that decide what a learned agent is shown."""
+    guidance = {} if agent.guidance is None else {"guidance": agent.guidance}
+    return {"observe": agent.observe} | guidance if agent.learned else {}
 
 
 Training = tuple[Estimator, int, Cell]
@@ -149,15 +160,16 @@ def _flights(
 
 
 def _train(study: Study, environment: str, agent: Agent, school: Estimator, seed: int) -> Cell:
-    settings = options(study.conditions[0], school, environment) | {"observe": agent.observe}
-    steps = agent.steps.get(environment)
-    described = describe(environment_id(environment), None, seed, steps, agent.memory)
+    steps, critic = agent.steps.get(environment), None if agent.critic == "none" else agent.critic
+    described = describe(environment_id(environment), None, seed, steps, agent.memory, critic, agent.settings)
     return Cell(
         "agents.studies.training:train_agent",
         {
             "environment": environment,
-            "options": settings,
+            "options": _options(study, study.conditions[0], school, environment) | _seen(agent),
             "memory": agent.memory,
+            "critic": critic,
+            "changed": agent.settings,
             "steps": steps,
             "seed": seed,
             "settings": {key: described[key] for key in ("hyperparameters", "versions")},
@@ -182,13 +194,13 @@ def _fly(
     pilot: str,
     training: Cell | None = None,
 ) -> Cell:
-    observe = {"observe": agent.observe} if agent.learned else {}
     return Cell(
         "agents.studies.flying:fly",
         {
             "environment": environment,
-            "options": options(condition, estimator, environment) | observe,
+            "options": _options(study, condition, estimator, environment) | _seen(agent),
             "agent": pilot,
+            "first_seed": study.first_seed,
             "episodes": study.episodes,
             "own": digests(environment, estimator.estimator, pilot, *_own_world(condition))
             | registered(environment, pilot),

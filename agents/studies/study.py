@@ -3,7 +3,7 @@
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from functools import partial
 from itertools import product
 from pathlib import Path
@@ -11,7 +11,7 @@ from typing import Any
 
 from agents.named import named_object
 from agents.pilots import pilot_names
-from agents.ppo import MEMORIES, describe
+from agents.ppo import MEMORIES, describe, hyperparameters
 from agents.seeds import evaluation_seeds
 from agents.studies.worlds import CLASSICAL, environment_id, has_pilot, known_estimator, refusal, system_of
 from estimators.factory import unknown
@@ -22,6 +22,8 @@ ORACLE, FLOOR = "truth", "dead-reckoning"
 """Estimators that are always flown: what the classical agent scores on them is 1 and 0."""
 DEFAULT = "default"
 """Stands for an environment's own default estimator."""
+TERMINATIONS = {"belief": "belief", "agent": "declaration", "task": "task"}
+"""Terminations of a mission, by the estimate, the agent's declaration or the truth, as ``ends`` of environments."""
 FEW_SEEDS = 5
 """Below so many training seeds an interval over them says little."""
 
@@ -67,6 +69,9 @@ class Agent:
         trained_on: The estimators that it is trained on, one policy each; not for raw readings.
         steps: Environment steps of a training run, by environment; where there is none: the tuned budget.
         environments: Where it flies; empty: everywhere.
+        critic: Of a PPO: ``"truth"`` or ``"none"``, see `agents.ppo.train`.
+        guidance: Of a PPO: the option of that name of an environment; None: its default.
+        settings: Of a PPO: hyperparameters over the tuned ones, see `agents.ppo.hyperparameters`.
     """
 
     name: str
@@ -76,6 +81,9 @@ class Agent:
     trained_on: tuple[str, ...] = (DEFAULT,)
     steps: dict[str, int] = field(default_factory=dict)
     environments: tuple[str, ...] = ()
+    critic: str = "none"
+    guidance: bool | None = None
+    settings: dict[str, Any] = field(default_factory=dict)
 
     @property
     def learned(self) -> bool:
@@ -117,6 +125,19 @@ class Condition:
 
 
 @dataclass(frozen=True)
+class Confirmation:
+    """Fresh evaluation seeds, on which the claims of a study are tested once.
+
+    Attributes:
+        first_seed: The first of them, see `agents.seeds.evaluation_seeds`.
+        episodes: Number of seeds.
+    """
+
+    first_seed: int = 100_000
+    episodes: int = 300
+
+
+@dataclass(frozen=True)
 class Study:
     """What is compared.
 
@@ -128,6 +149,10 @@ class Study:
         conditions: Agents are trained in the first.
         episodes: Evaluation seeds, the same for everybody.
         training_seeds: Training runs of each learned agent: the unit of resampling.
+        first_seed: The first evaluation seed, see `agents.seeds.evaluation_seeds`.
+        margin: Of equivalence: differences of the share kept that are smaller do not matter.
+        termination: A key of `TERMINATIONS`: what ends a mission, for all agents and both ends of the scale alike.
+        confirm: The fresh seeds of a confirmation.
     """
 
     title: str
@@ -137,11 +162,20 @@ class Study:
     conditions: tuple[Condition, ...]
     episodes: int = 100
     training_seeds: int = 10
+    first_seed: int = 0
+    margin: float = 0.01
+    termination: str = "belief"
+    confirm: Confirmation = Confirmation()
 
     @property
     def seeds(self) -> list[int]:
         """The evaluation seeds."""
-        return evaluation_seeds(self.episodes)
+        return evaluation_seeds(self.episodes, self.first_seed)
+
+    @property
+    def fresh(self) -> "Study":
+        """The same study on the seeds of its confirmation."""
+        return replace(self, first_seed=self.confirm.first_seed, episodes=self.confirm.episodes)
 
     @property
     def learned(self) -> bool:
@@ -196,13 +230,15 @@ def read_study(path: Path | str) -> Study:
 
 # --- reading, with every mistake ---------------------------------------------------------------------
 
+_LEARNED = ("observe", "memory", "trained_on", "steps", "critic", "guidance", "settings")
+"""Keys of agents that learn."""
 _SECTIONS: dict[str, tuple[str, ...]] = {
     "environments": (),
     "estimators": ("estimator", "options", "environments"),
-    "agents": ("kind", "observe", "memory", "trained_on", "steps", "environments"),
+    "agents": ("kind", *_LEARNED, "environments"),
     "conditions": ("sensors", "disturbance", "mismatch", "latency", "faults"),
 }
-_NUMBERS = {"episodes": 2, "training_seeds": 1}
+_NUMBERS = {"episodes": 2, "training_seeds": 1, "first_seed": 0}
 _MOST_TRAINING_SEEDS, _MOST_STEPS = 1000, 2**31 - 1
 
 Place = tuple[str, ...]
@@ -223,30 +259,49 @@ class _Reader:
     def study(self) -> Study:
         """The study; meaningless if there are mistakes."""
         for key in self.data:
-            self.name("key", key, ("title", *_NUMBERS, *_SECTIONS), (key,))
+            self.name("key", key, ("title", *_NUMBERS, "margin", "termination", "confirm", *_SECTIONS), (key,))
         title = self.value((), self.data, "title", str, "a text", "")
-        numbers = {}
-        for key, least in _NUMBERS.items():
-            default = getattr(Study, key)
-            numbers[key] = self.value((), self.data, key, int, "a whole number", default)
-            if numbers[key] < least:
-                self.wrong((key,), f"{key} must be at least {least}, got {numbers[key]}")
-        self.accepts(("episodes",), evaluation_seeds, max(numbers["episodes"], 1))
+        numbers: dict[str, Any] = {key: self.count((), self.data, key, Study) for key in _NUMBERS}
+        self.accepts(("episodes",), evaluation_seeds, max(numbers["episodes"], 1), max(numbers["first_seed"], 0))
+        numbers["margin"] = float(self.value((), self.data, "margin", (int, float), "a number", Study.margin))
+        if not 0.0 < numbers["margin"] < 1.0:
+            self.wrong(("margin",), f"margin must be a share between 0 and 1, got {numbers['margin']:g}")
         if numbers["training_seeds"] > _MOST_TRAINING_SEEDS:
             text = f"training_seeds must be at most {_MOST_TRAINING_SEEDS}, got {numbers['training_seeds']}"
             self.wrong(("training_seeds",), text)
         environments = tuple(Environment(name) for name in self.section("environments", required=True))
         ids = [environment.id for environment in environments]
-        study = Study(
-            title or "What does the estimator cost?",
-            environments,
-            self.estimators(ids),
-            self.agents(ids),
-            self.conditions(),
-            **numbers,
-        )
+        estimators, agents = self.estimators(ids), self.agents(ids)
+        numbers["termination"] = self.termination("task" if any(agent.raw for agent in agents) else "belief")
+        numbers["confirm"] = self.confirmation(numbers["first_seed"], numbers["episodes"])
+        title = title or "What does the estimator cost?"
+        study = Study(title, environments, estimators, agents, self.conditions(), **numbers)
         self.check(study)
         return study
+
+    def termination(self, default: str) -> str:
+        """What ends a mission; by default the truth where any agent is shown measurements, which contain no belief."""
+        chosen = self.value((), self.data, "termination", str, "a name", default)
+        self.name("termination", chosen, TERMINATIONS, ("termination",))
+        return chosen
+
+    def confirmation(self, first_seed: int, episodes: int) -> Confirmation:
+        """The seeds of the confirmation, none of which the study flies."""
+        place, table = ("confirm",), self.value((), self.data, "confirm", dict, "a table", {})
+        for key in table:
+            self.name("key in confirm", key, ("first_seed", "episodes"), (*place, key))
+        fresh = Confirmation(*(self.count(place, table, key, Confirmation) for key in ("first_seed", "episodes")))
+        self.accepts(place, evaluation_seeds, max(fresh.episodes, 1), max(fresh.first_seed, 0))
+        if fresh.first_seed < first_seed + episodes and first_seed < fresh.first_seed + fresh.episodes:
+            self.wrong(place, "the seeds of confirm must be fresh, and the study flies some of them: give a first_seed")
+        return fresh
+
+    def count(self, place: Place, table: dict[str, Any], key: str, record: type) -> int:
+        """A whole number of at least its least value; by default that of the record."""
+        value = self.value(place, table, key, int, "a whole number", getattr(record, key))
+        if value < _NUMBERS[key]:
+            self.wrong((*place, key), f"{key} must be at least {_NUMBERS[key]}, got {value}")
+        return value
 
     # --- what only the environments can tell -------------------------------------------------------
 
@@ -264,6 +319,7 @@ class _Reader:
             )  # fmt: skip
         for condition in study.conditions:
             self.check_time(condition, worlds)
+        self.check_termination(study, worlds)
         for estimator in study.estimators:
             place = ("estimators", estimator.name)
             wrong = None if estimator.estimator == DEFAULT else known_estimator(estimator.estimator)
@@ -281,8 +337,23 @@ class _Reader:
                 self.name("kind of agent", agent.kind, (*(known or (CLASSICAL,)), "ppo"), (*place, "kind"))
             for world in worlds if agent.learned and agent.memory in MEMORIES else ():
                 if world in (agent.environments or worlds):
-                    described = (environment_id(world), None, 0, agent.steps.get(world), agent.memory)
-                    self.accepts((*place, "steps"), describe, *described)
+                    described = (environment_id(world), None, 0, agent.steps.get(world), agent.memory, None)
+                    if self.accepts((*place, "settings"), hyperparameters, described[0], agent.memory, agent.settings):
+                        self.accepts((*place, "steps"), describe, *described, agent.settings)
+
+    def check_termination(self, study: Study, worlds: Sequence[str]) -> None:
+        """All environments know the termination, and so do the agents that do not learn."""
+        if study.termination != "agent":
+            return
+        place = ("termination",)
+        for world in worlds:
+            error = refusal(world, {"estimator": ORACLE, "ends": TERMINATIONS["agent"]})
+            if error is not None:
+                self.wrong(place, f"{world} refuses termination 'agent': {error}")
+        registered = [agent.name for agent in study.agents if not agent.learned and ":" not in agent.kind]
+        if registered:
+            text = "declares no mission done, so termination 'agent' needs a pilot of your own, module:object, instead"
+            self.wrong(place, f"{registered[0]} {text}")
 
     def check_time(self, condition: Condition, worlds: Sequence[str]) -> None:
         """A sensor that is late, or fails, is one of some environment, and is so as that takes it."""
@@ -355,7 +426,7 @@ class _Reader:
             memory = self.value(place, table, "memory", str, "a name", "none")
             self.name("memory", memory, MEMORIES, (*place, "memory"))
             if kind != "ppo":
-                for key in ("observe", "memory", "trained_on", "steps"):
+                for key in _LEARNED:
                     if key in table:
                         self.wrong((*place, key), f"{key} is for agents that learn; {name} is of kind {kind}")
             trained_on = self.names(place, table, "trained_on", (DEFAULT,))
@@ -369,7 +440,12 @@ class _Reader:
                 if isinstance(number, bool) or not isinstance(number, int) or not 1 <= number <= _MOST_STEPS:
                     text = f"steps must be whole numbers of at least 1 and at most {_MOST_STEPS}, got {number!r}"
                     self.wrong((*place, "steps"), text)
-            found.append(Agent(name, kind, observe, memory, trained_on, steps, self.environments_of(place, table, ids)))
+            critic = self.value(place, table, "critic", str, "a name", "none")
+            self.name("critic", critic, ("none", "truth"), (*place, "critic"))
+            guidance = self.value(place, table, "guidance", (bool, type(None)), "true or false", None)
+            settings = self.value(place, table, "settings", dict, "a table of hyperparameters", {})
+            where = self.environments_of(place, table, ids)
+            found.append(Agent(name, kind, observe, memory, trained_on, steps, where, critic, guidance, settings))
         worlds = [name for name in ids if _is_environment(name)]
         if worlds and not any(has_pilot(CLASSICAL, world) for world in worlds):
             if all(agent.learned for agent in found):
@@ -449,7 +525,8 @@ class _Reader:
 
     def value(self, place: Place, table: dict[str, Any], key: str, kind: Any, words: str, default: Any) -> Any:
         value = table.get(key, default)
-        if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
+        kinds = kind if isinstance(kind, tuple) else (kind,)
+        if not isinstance(value, kinds) or (isinstance(value, bool) and bool not in kinds):
             self.wrong((*place, key), f"{key} must be {words}, got {value!r}")
             return default
         return value

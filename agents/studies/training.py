@@ -10,6 +10,8 @@ def train_agent(
     environment: str,
     options: dict[str, Any],
     memory: str,
+    critic: str | None,
+    changed: dict[str, Any],
     steps: int | None,
     seed: int,
     settings: dict[str, Any],
@@ -22,6 +24,8 @@ def train_agent(
         environment: As in the study.
         options: Of the environment.
         memory: See `agents.ppo.train`.
+        critic: See `agents.ppo.train`.
+        changed: Hyperparameters that are not the tuned ones.
         steps: Environment steps; None: the tuned budget.
         seed: Number of the training run.
         settings: What `train` looks up by itself, hyperparameters and versions; here to be part of the cell.
@@ -34,7 +38,8 @@ def train_agent(
     from agents.checkpoint import description
     from agents.ppo import train
 
-    train(environment_id(environment), artifact, environment_options(environment, options), seed, steps, memory=memory)
+    chosen = environment_options(environment, options)
+    train(environment_id(environment), artifact, chosen, seed, steps, None, memory, critic, changed)
     described = description(artifact)
     assert described is not None
     return {"steps": described["trained_steps"]}

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from agents.seeds import evaluation_seeds
+from agents.studies.plan import plan
 from agents.studies.study import Study, StudyError, read_study
 from agents.studies.worlds import environment_options, system_of
 
@@ -96,6 +98,71 @@ def test_the_studies_of_the_package_are_studies(name):
         assert len(study.estimators) >= 8
         assert len(study.conditions) >= 3
         assert study.episodes == 20
+
+
+RULED = """
+first_seed = 40
+margin = 0.02
+confirm = { first_seed = 900 }
+
+[environments]
+SegorogeniAUV-v0 = {}
+
+[agents]
+PPO = { kind = "ppo", critic = "truth", guidance = false, settings = { gamma = 0.9, net_arch = [32] } }
+"""
+
+
+def test_seeds_margin_and_settings_of_an_agent_are_read(tmp_path):
+    study = read(tmp_path, "episodes = 3\n" + RULED)
+    assert study.seeds == evaluation_seeds(3, 40)
+    assert study.fresh.seeds == evaluation_seeds(300, 900)
+    assert (study.margin, study.termination) == (0.02, "belief")
+    ppo = study.agents[-1]
+    assert (ppo.critic, ppo.guidance, ppo.settings) == ("truth", False, {"gamma": 0.9, "net_arch": [32]})
+
+
+@pytest.mark.parametrize("chosen", ["belief", "task"])
+def test_all_arms_end_by_one_termination_which_is_the_truth_where_an_agent_sees_measurements(tmp_path, chosen):
+    raw = SMALL if chosen == "task" else SMALL.replace("episodes = 3", f'episodes = 3\ntermination = "{chosen}"')
+    planned = plan(read(tmp_path, raw))
+    cells = [each for cell in planned.cells for each in (cell, *cell.needs)]
+    assert {cell.arguments["options"]["ends"] for cell in cells} == {chosen}
+
+
+def test_what_is_wrong_with_seeds_margin_and_termination_is_reported_with_its_line(tmp_path):
+    text = """first_seed = -1
+margin = 0
+termination = "beleif"
+confirm = { first_seed = 50, episode = 3 }
+[environments]
+SegorogeniAUV-v0 = {}
+[agents]
+mine = { kind = "autopilot", critic = "truth" }
+PPO = { kind = "ppo", guidance = 1, settings = { gama = 0.9 } }
+other = { kind = "ppo", critic = "oracle", settings = { net_arch = 3 } }
+"""
+    expected = {
+        1: "first_seed must be at least 0",
+        2: "margin must be a share between 0 and 1",
+        3: "did you mean 'belief'",
+        4: "the seeds of confirm must be fresh",
+        8: "critic is for agents that learn",
+        9: "did you mean 'gamma'",
+        10: "the setting net_arch must be such as [64, 64], got 3",
+    }
+    found = mistakes(tmp_path, text)
+    for line, words in expected.items():
+        assert any(number == line and words in text for number, text in found), (line, found)
+    assert {line for line, _ in found} == set(expected)
+
+
+def test_where_agents_end_missions_every_agent_has_to_declare_them(tmp_path):
+    text = 'termination = "agent"\n[environments]\nSigmaCorvette-v0 = {}\n'
+    found = mistakes(tmp_path, text)
+    assert all(line == 1 for line, _ in found)
+    assert any("nothing to declare" in words for _, words in found)
+    assert any("autopilot declares no mission done" in words for _, words in found)
 
 
 def test_sensors_may_be_late_and_fail_in_a_condition(tmp_path):
