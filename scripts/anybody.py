@@ -10,7 +10,7 @@ from agents.anybody_trial import ARMS, TRIALS, Trial, learned, random
 from agents.checkpoint import one_thread
 from agents.files import compute_once
 from scripts.console import asked, command, in_range, progress_bar, put
-from scripts.tables import ROOT, shown, table
+from scripts.markdown import ROOT, shown, table
 
 PAGE = ROOT / "docs/any-environment.md"
 

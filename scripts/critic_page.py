@@ -13,7 +13,7 @@ from agents.files import compute_once
 from agents.plotting import PALETTE, styled
 from agents.statistics import mean_interval
 from scripts.console import progress_bar, put
-from scripts.tables import ROOT, shown, table
+from scripts.markdown import ROOT, shown, table
 
 PAGE, PICTURE = ROOT / "docs/critic.md", ROOT / "docs/images/critic.png"
 

@@ -1,10 +1,11 @@
 """Tables of docs/, written anew."""
 
+from functools import partialmethod
 from pathlib import Path
 
 import pytest
 
-from scripts import tables
+from scripts import fault_tables, filter_tables, tables
 from scripts.console import Refusal, around, put
 
 
@@ -32,7 +33,7 @@ def test_a_text_goes_between_its_own_marks(tmp_path: Path):
 
 def test_the_tables_of_journeys_show_each_way_once(monkeypatch: pytest.MonkeyPatch):
     ways = {label: way for way in tables.JOURNEYS["ItsunusaAUV-v0"] if (label := way.label) in ("`truth`", "`ekf`")}
-    monkeypatch.setattr(tables, "EPISODES", 2)
+    monkeypatch.setattr(tables.Arm, "fly", partialmethod(tables.Arm.fly, episodes=2))
     monkeypatch.setattr(tables, "JOURNEYS", {"ItsunusaAUV-v0": tuple(ways.values())})
     tables.flown.cache_clear()
     lines = tables.journeys("ItsunusaAUV-v0").splitlines()
@@ -82,8 +83,8 @@ def test_the_table_of_late_fixes_is_made_of_its_episodes(tmp_path: Path):
 
 @pytest.mark.slow
 def test_a_robust_filter_without_a_fix_is_moved_by_the_noise_of_its_other_readings(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(tables, "SEEDS", 8)
-    ekf, *_, robust, quiet = (line.strip("| ").split(" | ") for line in tables.gap().splitlines()[2:])
+    monkeypatch.setattr(fault_tables, "SEEDS", 8)
+    ekf, *_, robust, quiet = (line.strip("| ").split(" | ") for line in fault_tables.gap().splitlines()[2:])
     (sure, gain), (doubtful, large), (_, same) = ((float(row[4]), float(row[6])) for row in (ekf, robust, quiet))
     assert doubtful > 10.0 * sure
     assert large > 500.0 * gain
@@ -99,12 +100,33 @@ def test_pages_of_the_repository_are_written_in_a_checkout_only(tmp_path: Path, 
 
 @pytest.mark.slow
 def test_the_table_of_alarms_shows_that_a_stuck_fix_is_found_and_a_silent_one_is_not(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(tables, "EPISODES", 4)
-    monkeypatch.setattr(tables, "WATCHED", {"Segorogeni": tables.WATCHED["Segorogeni"]})
-    monkeypatch.setattr(tables, "MONITORS", ("chi-square",))
-    rows = dict(line.strip("| ").split(" | ") for line in tables.alarms().splitlines()[2:])
-    assert list(rows) == ["no fault, `ekf`", "no fault, `enkf`", *tables.WRONG.values()]
+    monkeypatch.setattr(fault_tables, "EPISODES", 4)
+    monkeypatch.setattr(fault_tables, "WATCHED", {"Segorogeni": fault_tables.WATCHED["Segorogeni"]})
+    monkeypatch.setattr(fault_tables, "MONITORS", ("chi-square",))
+    rows = dict(line.strip("| ").split(" | ") for line in fault_tables.alarms().splitlines()[2:])
+    assert list(rows) == ["no fault, `ekf`", "no fault, `enkf`", *fault_tables.WRONG.values()]
     assert rows["no fault, `ekf`"] == "0.0 an hour"
     assert rows["off"] == "0 %"
     assert rows["stuck"].startswith("100 %; ")
     assert rows["stuck"].endswith(" s; 100 %")
+
+
+@pytest.mark.slow
+def test_the_tables_of_robust_filters_show_who_wins_where(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(filter_tables, "RUNS", 200)
+    monkeypatch.setattr(filter_tables, "STEPS", 80)
+    rows = {
+        label: [float(cell.split(" ")[0]) for cell in cells]
+        for label, *cells in (line.strip("| ").split(" | ") for line in filter_tables.robust_losses().splitlines()[2:])
+    }
+    assert rows["10 % of measurements at 10 σ"][1] < 0.6
+    assert rows["10 % of measurements at 10 σ"][2] > 1.0
+    assert rows["least-favourable model, 0.1"][3] < 1.0 < rows["least-favourable model, 0.1"][1]
+    assert rows["as the model says"][1] > 1.0
+
+
+def test_more_measurements_than_inputs_leave_no_unstable_zero():
+    rows = [line.strip("| ").split(" | ") for line in filter_tables.unstable_zeros(20).splitlines()[2:]]
+    assert len(rows) == 3
+    assert all(float(one.split(" ")[0]) > 30.0 for _, one, *_ in rows)
+    assert all(cell.startswith("0.0 %") for _, _, *more in rows for cell in more)

@@ -5,8 +5,10 @@ written down here from print and integrated on its own: other terms, another sol
 geometry of a recorded track.
 """
 
+import re
 from collections.abc import Callable
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -80,6 +82,10 @@ def symmetric(state: State, rudder: float, instantaneous: bool = False) -> State
 def instantaneous(state: State, rudder: float) -> State:
     """The same as Fossen's mariner.m reads it."""
     return symmetric(state, rudder, True)
+
+
+READINGS = symmetric, instantaneous
+"""The two ways of reading the printed equations."""
 
 
 def helmed(rates: Rates, state: State, rudder: float, order: float, duration: float, event=None):
@@ -180,6 +186,23 @@ def test_as_mariner_m_reads_its_equations_the_mariner_begins_to_turn_the_same(de
     if degrees <= 20:
         first, _ = reference_overshoots(instantaneous, degrees)
         assert zigzag(MARINER, degrees * DEG).first_overshoot / DEG == pytest.approx(first, rel=0.20)
+
+
+def test_the_page_on_vehicles_has_the_mariner_s_table_as_it_is_computed():
+    text = (Path(__file__).parents[2] / "docs" / "vehicles.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (turning circle|zig-zag), (\d+).*?\|.*?\| (.*?) \| (.*?) \| (.*?) \|$", text, re.M)
+    assert len(rows) == 6
+    for trial, angle, *printed in rows:
+        degrees = int(angle)
+        if trial == "turning circle":
+            circles = [turning_circle(MARINER, degrees * DEG), *(reference_circle(of, degrees)[0] for of in READINGS)]
+            computed = [f"{c.advance / L:.2f}; {c.tactical_diameter / L:.2f}" for c in circles]
+        else:
+            ours = zigzag(MARINER, degrees * DEG)
+            overshoots = [(ours.first_overshoot / DEG, ours.second_overshoot / DEG)]
+            overshoots += [reference_overshoots(of, degrees) for of in READINGS]
+            computed = [f"{first:.1f}; {second:.1f}" for first, second in overshoots]
+        assert printed == computed
 
 
 def test_the_mariner_meets_the_standards_of_its_kind():

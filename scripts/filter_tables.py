@@ -1,0 +1,128 @@
+"""Tables about filters alone: simulated linear systems and Lorenz-96, no environment."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from scripts.markdown import table
+
+RUNS, STEPS, SKIPPED = 1000, 200, 20
+"""Of each cell of the tables of robust filters."""
+OUTLIERS = {"Gaussian": {}, "10 % at 10 σ": {"rate": 0.1, "size": 10.0}, "10 % at 100 σ": {"rate": 0.1, "size": 100.0}}
+
+
+def _constant_velocity(intensity: float, process: float = 1.0, measurement: float = 1.0) -> Any:
+    """Constant velocity under white acceleration [m2/s3], with factors on Q and R; position measured at 1 Hz."""
+    from agents.reproduction.robust import StateSpace
+
+    A, B, C = np.array([[1.0, 1.0], [0.0, 1.0]]), np.zeros((2, 1)), np.array([[1.0, 0.0]])
+    Q = process * intensity * np.array([[1.0 / 3.0, 0.5], [0.5, 1.0]])
+    return StateSpace(A[None, None], B[None, None], C[None, None], Q[None, None], np.array([[measurement]]))
+
+
+def _squared_errors(name: str, model: Any, record: Any, **options: Any) -> np.ndarray:
+    """Squared error of the state after each update, mean over time, one number a run ``(RUNS,)``."""
+    from estimators import Gaussian, make
+
+    filter = make(name, model.model, **options)
+    belief = filter.init(Gaussian(np.zeros(record.x.shape[1:]), 10.0 * np.eye(2)))
+    total = np.zeros(record.x.shape[1:-1])
+    for k, (x, y) in enumerate(zip(record.x, record.y, strict=True)):
+        belief = filter.update(belief, y)
+        if k >= SKIPPED:
+            total += ((belief.mean - x) ** 2).sum(-1)
+        belief = filter.predict(belief, np.zeros(1))
+    return total[0] / (STEPS - SKIPPED)
+
+
+def _ratio(errors: np.ndarray, reference: np.ndarray) -> tuple[float, float]:
+    """RMSE over that of the reference on the same runs, and half of its 95 % interval, by linearisation."""
+    ratio = float(np.sqrt(errors.mean() / reference.mean()))
+    influence = 0.5 * ratio * (errors / errors.mean() - reference / reference.mean())
+    return ratio, 1.96 * float(influence.std(ddof=1)) / np.sqrt(len(errors))
+
+
+def _record(model: Any, world: Any, seed: int, **condition: float) -> Any:
+    from agents.reproduction.robust import simulate
+    from agents.reproduction.settings.robust import Condition
+
+    return simulate(model, world, Condition(**condition), STEPS, RUNS, seed)
+
+
+def huber_iterations() -> str:
+    """RMSE of `huber-kf` over that of `kf`, by the number of times that the weights are computed."""
+    counts, rows = (1, 2, 3, 5, 10, 100), []
+    for intensity in (0.01, 0.1, 1.0):
+        model = _constant_velocity(intensity)
+        for label, condition in OUTLIERS.items():
+            record = _record(model, model, 0, **condition)
+            reference = _squared_errors("kf", model, record)
+            ratios = [_ratio(_squared_errors("huber-kf", model, record, iterations=n), reference) for n in counts]
+            widest = max(half for _, half in ratios)
+            rows.append((f"{intensity:g}", label, *(f"{ratio:.2f}" for ratio, _ in ratios), f"{widest:.3f}"))
+    return table(("q", "measurements", *map(str, counts), "widest half interval"), rows)
+
+
+def robust_losses() -> str:
+    """RMSE of robust filters over that of `kf` where the model is right, and where it is wrong in six ways."""
+    model = _constant_velocity(0.01)
+    cases = {
+        "as the model says": (model, {}),
+        "10 % of measurements at 10 σ": (model, OUTLIERS["10 % at 10 σ"]),
+        "least-favourable model, 0.01": (model, {"tolerance": 0.01}),
+        "least-favourable model, 0.1": (model, {"tolerance": 0.1}),
+        "true Q ten times as large": (_constant_velocity(0.01, process=10.0), {}),
+        "true R four times as large": (_constant_velocity(0.01, measurement=4.0), {}),
+    }
+    filters: tuple[tuple[str, dict[str, float]], ...] = (
+        ("huber-kf", {}),
+        ("robust-kf", {"radius": 0.01}),
+        ("robust-kf", {"radius": 0.1}),
+    )
+    rows = []
+    for label, (world, condition) in cases.items():
+        record = _record(model, world, 1, **condition)
+        reference = _squared_errors("kf", model, record)
+        ratios = (_ratio(_squared_errors(name, model, record, **options), reference) for name, options in filters)
+        rows.append((label, f"{np.sqrt(reference.mean()):.2f}", *(f"{r:.3f} ± {half:.3f}" for r, half in ratios)))
+    return table(("data", "`kf` RMSE", "`huber-kf`", "`robust-kf`, 0.01", "`robust-kf`, 0.1"), rows)
+
+
+def unstable_zeros(systems: int = 400) -> str:
+    """Share of random systems in which an unknown input adds a zero on or outside the unit circle.
+
+    Four states and one input; A has normal entries and a spectral radius of 0.98, C, G and H have normal entries.
+    """
+    from agents.statistics import share_interval
+    from estimators import input_conditions
+
+    rows = []
+    for label, gain in (("at once, `kf-umv-ui`", 1.0), ("at once, H ten times as large", 10.0), ("one step late", 0.0)):
+        cells = []
+        for p in (1, 2, 3):
+            rng, hits = np.random.default_rng([p, round(gain)]), 0
+            for _ in range(systems):
+                A, C, G, H = (rng.normal(size=shape) for shape in ((4, 4), (p, 4), (4, 1), (p, 1)))
+                A *= 0.98 / np.abs(np.linalg.eigvals(A)).max()
+                zeros = input_conditions(A, C, G, gain * H, np.eye(4), np.eye(p), 1.0).zeros
+                hits += bool((np.abs(zeros) >= 1.0).any())
+            of = share_interval(hits, systems)
+            cells.append(f"{100.0 * of.mean:.1f} % [{100.0 * of.low:.1f}, {100.0 * of.high:.1f}]")
+        rows.append((label, *cells))
+    return table(("d reaches the measurements", "1 measurement", "2", "3"), rows)
+
+
+def adaptive_inflation(runs: int = 20) -> str:
+    """Median analysis RMSE of `letkf` on Lorenz-96 by inflation, at several steps between measurements."""
+    from estimators.lorenz import LORENZ96, Benchmark, analysis_rmse
+
+    factors = (1.02, 1.04, 1.08, 1.15, 1.3, 1.5)
+    tunings = [*({"inflation": factor} for factor in factors), {"adaptive": 1.0}]
+    rows = []
+    for steps in (1, 3, 5):
+        setting = replace(LORENZ96, steps=steps)
+        arms = (Benchmark(setting, ("letkf",), 20, 0.0, "", tuning | {"rotate": True}) for tuning in tunings)
+        errors = [np.median(analysis_rmse(arm, "letkf", runs, 1000, 0)) for arm in arms]
+        rows.append((str(steps), *(f"{error:.3f}" for error in errors), f"{errors[-1] / min(errors[:-1]):.2f}"))
+    return table(("steps", *map(str, factors), "`adaptive=1`", "of the best factor"), rows)
