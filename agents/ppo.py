@@ -21,7 +21,7 @@ from agents.files import replacing
 from agents.named import vector_class
 from agents.seeds import training_seed
 from agents.source import source_digest
-from estimators.checks import as_number, shown
+from estimators.checks import as_number, shown, whole
 from estimators.factory import unknown
 from vessel_gym.envs.vector import VesselVectorEnv
 from vessel_gym.extras import require
@@ -107,7 +107,7 @@ def describe(
     if critic not in CRITICS:
         raise ValueError(f"critic must be 'truth', or None for one that is told nothing more, got {shown(critic)}")
     settings = hyperparameters(env_id, memory, settings)
-    steps = settings["steps"] if steps is None else steps
+    steps = settings["steps"] if steps is None else whole("steps", steps, 1)
     if steps < settings["num_envs"]:
         raise ValueError(f"steps must be at least the {settings['num_envs']} environments of a batch, got {steps}")
     described = {

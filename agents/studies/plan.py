@@ -8,11 +8,9 @@ from typing import Any
 from agents.cells import Cell
 from agents.pilots import unknown_pilot
 from agents.ppo import describe
-from agents.studies.study import DEFAULT, TERMINATIONS, Agent, Condition, Estimator, Study
+from agents.studies.study import DEFAULT, RAW, TERMINATIONS, Agent, Condition, Estimator, Study
 from agents.studies.worlds import digests, environment_id, has_pilot, refusal, registered, system_of
 
-RAW = "raw readings"
-"""What an agent flies on that sees readings instead of estimates."""
 _RAW_READINGS = Estimator(RAW, "measurement")
 
 
@@ -82,6 +80,8 @@ def plan(study: Study) -> Plan:
                 skipped.append(Skipped(environment, agent.name, unknown_pilot(agent.kind, system_of(environment))))
                 continue
             trainings = _trainings(study, environment, agent, flyable)
+            if agent.learned and not trainings:
+                skipped.append(Skipped(environment, agent.name, "no estimator that it is trained on flies here"))
             for condition in study.conditions:
                 flights += _flights(study, environment, agent, condition, flyable, trainings)
     return Plan(study, tuple(flights), tuple(skipped))

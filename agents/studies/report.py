@@ -31,11 +31,11 @@ from agents.studies.figures import (
     transfer_figure,
     varied,
 )
-from agents.studies.plan import RAW, Flight
+from agents.studies.plan import Flight
 from agents.studies.results import Pilot, Place, Results
 from agents.studies.settings import settings
 from agents.studies.shares import ENDS, common, difference, kept, learners, margin, rankable, reference_pilot, ruled
-from agents.studies.study import FEW_SEEDS, FLOOR, ORACLE
+from agents.studies.study import FEW_SEEDS, FLOOR, ORACLE, RAW
 from agents.studies.wording import many, microseconds, sentence, share_entry, the
 from agents.studies.worlds import system_of
 from vessel_gym.extras import require

@@ -14,8 +14,8 @@ from agents.cells import Outcome, journal
 from agents.metrics import SCORE, WATCHED, Metric
 from agents.scores import mean, metrics
 from agents.statistics import Interval, crossed_interval, normalise
-from agents.studies.plan import RAW, Flight, Plan
-from agents.studies.study import DEFAULT, FLOOR, ORACLE, Agent
+from agents.studies.plan import Flight, Plan
+from agents.studies.study import DEFAULT, FLOOR, ORACLE, RAW, Agent
 from agents.studies.worlds import system_of
 
 

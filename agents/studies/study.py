@@ -5,16 +5,17 @@ import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import partial
-from itertools import product
+from itertools import combinations, product
 from pathlib import Path
 from typing import Any
 
 from agents.named import named_object
-from agents.pilots import pilot_names
+from agents.pilots import PPO, make_pilot, pilot_names
 from agents.ppo import MEMORIES, describe, hyperparameters
 from agents.seeds import evaluation_seeds
 from agents.studies.worlds import CLASSICAL, environment_id, has_pilot, known_estimator, refusal, system_of
 from estimators.factory import unknown
+from vessel_gym.estimation import estimator_names
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import SUITES
 
@@ -24,6 +25,8 @@ DEFAULT = "default"
 """Stands for an environment's own default estimator."""
 TERMINATIONS = {"belief": "belief", "agent": "declaration", "task": "task"}
 """Terminations of a mission, by the estimate, the agent's declaration or the truth, as ``ends`` of environments."""
+RAW = "raw readings"
+"""What an agent flies on that sees readings instead of estimates."""
 FEW_SEEDS = 5
 """Below so many training seeds an interval over them says little."""
 
@@ -308,17 +311,16 @@ class _Reader:
     def check(self, study: Study) -> None:
         """Note names and options that no environment knows."""
         worlds = [e.id for e in study.environments if self.accepts(("environments", e.id), environment_id, e.id)]
-        for condition in study.conditions:
-            for key in ("sensors", "disturbance"):
-                if ":" in (name := getattr(condition, key)):
-                    self.accepts(("conditions", condition.name, key), named_object, name)
+        for one, other in combinations(worlds, 2):
+            if environment_id(one) == environment_id(other):
+                self.wrong(("environments", other), f"{one} and {other} are one environment: leave one of them out")
         for condition, world in product((c for c in study.conditions if ":" not in c.disturbance), worlds):
             self.name(
                 "disturbance", condition.disturbance, system_of(world).disturbances,
                 ("conditions", condition.name, "disturbance"),
             )  # fmt: skip
         for condition in study.conditions:
-            self.check_time(condition, worlds)
+            self.check_condition(condition, worlds)
         self.check_termination(study, worlds)
         for estimator in study.estimators:
             place = ("estimators", estimator.name)
@@ -330,16 +332,23 @@ class _Reader:
         for agent in study.agents:
             place = ("agents", agent.name)
             here = [w for w in worlds if w in (agent.environments or worlds)]
+            pilots = dict.fromkeys(name for w in here for name in pilot_names(system_of(w)))
+            self.own_name(place, agent.kind, (PPO, CLASSICAL, *pilots))
             if ":" in agent.kind:
-                self.accepts((*place, "kind"), named_object, agent.kind)
+                for world in here:
+                    self.accepts((*place, "kind"), make_pilot, agent.kind, system_of(world))
             elif not agent.learned and not any(has_pilot(agent.kind, w) for w in here):
-                known = dict.fromkeys(name for w in here for name in pilot_names(system_of(w)))
-                self.name("kind of agent", agent.kind, (*(known or (CLASSICAL,)), "ppo"), (*place, "kind"))
-            for world in worlds if agent.learned and agent.memory in MEMORIES else ():
-                if world in (agent.environments or worlds):
-                    described = (environment_id(world), None, 0, agent.steps.get(world), agent.memory, None)
-                    if self.accepts((*place, "settings"), hyperparameters, described[0], agent.memory, agent.settings):
-                        self.accepts((*place, "steps"), describe, *described, agent.settings)
+                self.name("kind of agent", agent.kind, (*(pilots or (CLASSICAL,)), PPO), (*place, "kind"))
+            if not agent.learned:
+                continue
+            for world in here if agent.memory in MEMORIES else ():
+                described = (environment_id(world), None, 0, agent.steps.get(world), agent.memory, None)
+                if self.accepts((*place, "settings"), hyperparameters, described[0], agent.memory, agent.settings):
+                    self.accepts((*place, "steps"), describe, *described, agent.settings)
+            flown = [w for name in agent.trained_on for w in here if w in (study.estimator(name).environments or here)]
+            if here and agent.trained_on and not flown and not agent.raw:
+                text = f"{agent.name} flies in no environment of an estimator that it is trained on"
+                self.wrong((*place, "trained_on"), text)
 
     def check_termination(self, study: Study, worlds: Sequence[str]) -> None:
         """All environments know the termination, and so do the agents that do not learn."""
@@ -355,22 +364,34 @@ class _Reader:
             text = "declares no mission done, so termination 'agent' needs a pilot of your own, module:object, instead"
             self.wrong(place, f"{registered[0]} {text}")
 
-    def check_time(self, condition: Condition, worlds: Sequence[str]) -> None:
-        """A sensor that is late, or fails, is one of some environment, and is so as that takes it."""
+    def check_condition(self, condition: Condition, worlds: Sequence[str]) -> None:
+        """Note own sensors and disturbances, and late or failing sensors, that an environment refuses."""
         place = ("conditions", condition.name)
-        if not (condition.latency or condition.faults) or ":" in condition.sensors + condition.disturbance:
+        own = {key: name for key in ("sensors", "disturbance") if ":" in (name := getattr(condition, key))}
+        found = [self.accepts((*place, key), named_object, name) for key, name in own.items()]
+        if not (own or condition.latency or condition.faults) or not all(found):
             return
-        known = dict.fromkeys(s.name for world in worlds for s in system_of(world).sensors_of("nominal").each)
+        plain = {"sensors": condition.sensors, "disturbance": condition.disturbance}
+        if own and self.refused(condition, plain, worlds):
+            return
+        sensors = named_object(own["sensors"]) if "sensors" in own else "nominal"
+        known = dict.fromkeys(s.name for world in worlds for s in system_of(world).sensors_of(sensors).each)
         named = [
             *(("latency", name) for name in condition.latency),
             *(("faults", f["sensor"]) for f in condition.faults),
         ]
         for key, name in named if worlds else ():
             self.name("sensor", name, known, (*place, key))
-        for world in worlds if all(name in known for _, name in named) else ():
-            error = refusal(world, {"estimator": ORACLE} | condition.options)
+        if all(name in known for _, name in named):
+            self.refused(condition, condition.options, worlds)
+
+    def refused(self, condition: Condition, options: Mapping[str, Any], worlds: Sequence[str]) -> bool:
+        """Note environments that refuse the options of a condition, and return whether there are any."""
+        errors = {world: refusal(world, {"estimator": ORACLE, **options}) for world in worlds}
+        for world, error in errors.items():
             if error is not None:
-                self.wrong(place, f"{world} refuses the condition {condition.name}: {error}")
+                self.wrong(("conditions", condition.name), f"{world} refuses the condition {condition.name}: {error}")
+        return any(error is not None for error in errors.values())
 
     def check_estimator(self, place: Place, estimator: Estimator, worlds: Sequence[str]) -> None:
         """An estimator may be refused by some environments, but not by all, and not for its options."""
@@ -391,7 +412,7 @@ class _Reader:
         """Whether a function takes its arguments; if not, what it says is a mistake."""
         try:
             function(*arguments)
-        except ValueError as error:
+        except (ValueError, TypeError) as error:
             self.wrong(place, str(error))
             return False
         return True
@@ -403,14 +424,16 @@ class _Reader:
         for name, table in self.section("estimators").items():
             place = ("estimators", name)
             options = self.value(place, table, "options", dict, "a table", {})
-            found.append(
-                Estimator(
-                    name,
-                    self.value(place, table, "estimator", str, "a name", name),
-                    {key: None if value == "none" else value for key, value in options.items()},
-                    self.environments_of(place, table, ids),
-                )
+            estimator = Estimator(
+                name,
+                self.value(place, table, "estimator", str, "a name", name),
+                {key: None if value == "none" else value for key, value in options.items()},
+                self.environments_of(place, table, ids),
             )
+            self.own_name(place, estimator.estimator, (DEFAULT, RAW, *estimator_names()))
+            if name == estimator.estimator and name in (ORACLE, FLOOR) and estimator != Estimator(name, name):
+                self.wrong(place, f"{name} is an end of the scale: leave it as it is, {name} = {{}}")
+            found.append(estimator)
         names = [e.name for e in found]
         return tuple(Estimator(name, name) for name in (ORACLE, FLOOR) if name not in names) + tuple(found)
 
@@ -440,11 +463,14 @@ class _Reader:
                 if isinstance(number, bool) or not isinstance(number, int) or not 1 <= number <= _MOST_STEPS:
                     text = f"steps must be whole numbers of at least 1 and at most {_MOST_STEPS}, got {number!r}"
                     self.wrong((*place, "steps"), text)
+                    steps = {}
             critic = self.value(place, table, "critic", str, "a name", "none")
             self.name("critic", critic, ("none", "truth"), (*place, "critic"))
             guidance = self.value(place, table, "guidance", (bool, type(None)), "true or false", None)
             settings = self.value(place, table, "settings", dict, "a table of hyperparameters", {})
             where = self.environments_of(place, table, ids)
+            for env_id in steps if where else ():
+                self.name(f"environment of {name}", env_id, where, (*place, "steps"))
             found.append(Agent(name, kind, observe, memory, trained_on, steps, where, critic, guidance, settings))
         worlds = [name for name in ids if _is_environment(name)]
         if worlds and not any(has_pilot(CLASSICAL, world) for world in worlds):
@@ -505,6 +531,8 @@ class _Reader:
             if not isinstance(table, dict):
                 self.wrong((key, name), f"{key}.{name} must be a table, e.g. {{}}, got {table!r}")
                 continue
+            if not name.isprintable() or not name.strip():
+                self.wrong((key, name), f"names of {key} must be text in a line, got {name!r}")
             for option in table:
                 self.name(f"key in {key}.{name}", option, _SECTIONS[key], (key, name, option))
             good[name] = table
@@ -521,6 +549,8 @@ class _Reader:
         if not isinstance(value, list) or not all(isinstance(name, str) for name in value):
             self.wrong((*place, key), f"{key} must be a list of names, got {value!r}")
             return default
+        if key in table and not 0 < len(value) == len(set(value)):
+            self.wrong((*place, key), f"{key} must name one or more, each once, or be left out, got {value!r}")
         return tuple(value)
 
     def value(self, place: Place, table: dict[str, Any], key: str, kind: Any, words: str, default: Any) -> Any:
@@ -530,6 +560,11 @@ class _Reader:
             self.wrong((*place, key), f"{key} must be {words}, got {value!r}")
             return default
         return value
+
+    def own_name(self, place: Place, kind: str, known: Iterable[str]) -> None:
+        """Note a name that something else has."""
+        if place[-1] != kind and place[-1] in known:
+            self.wrong(place, f"the name {place[-1]!r} is taken: give this {kind!r} another one")
 
     def name(self, kind: str, name: str, known: Iterable[str], place: Place) -> None:
         known = list(known)

@@ -9,8 +9,8 @@ from invented import CORVETTE, QUALITY, SEGOROGENI, learned, results, study, wit
 from agents.cells import Outcome
 from agents.sheets.dive import METRICS
 from agents.statistics import crossed_interval, mean_interval
-from agents.studies.plan import RAW
 from agents.studies.results import Pilot, Place, Results
+from agents.studies.study import RAW
 
 NOMINAL = Place(CORVETTE, "nominal")
 

@@ -277,6 +277,64 @@ def test_a_file_that_is_no_study_says_what_to_do(tmp_path, text, words):
     assert words in str(raised.value)
 
 
+ONE = "[environments]\nSigmaCorvette-v0 = {}\n"
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ('[estimators]\ntruth = { estimator = "measurement" }', "the name 'truth' is taken: give this 'measurement'"),
+        ('[estimators]\ndead-reckoning = { estimator = "kf" }', "the name 'dead-reckoning' is taken"),
+        ("[estimators]\ntruth = { options = { late = 'as new' } }", "truth is an end of the scale: leave it as it is"),
+        ('[estimators]\ntruth = { environments = ["SigmaCorvette-v0"] }', "truth is an end of the scale"),
+        ('[estimators]\nkf = { estimator = "ekf" }', "the name 'kf' is taken"),
+        ('[estimators]\ndefault = { estimator = "ekf" }', "the name 'default' is taken"),
+        ('[estimators]\n"raw readings" = { estimator = "ekf" }', "the name 'raw readings' is taken"),
+        ("[estimators]\n'' = { estimator = 'ekf' }", "names of estimators must be text in a line, got ''"),
+        ("[estimators]\nekf = { environments = [] }", "environments must name one or more, each once, or be left out"),
+        ('[agents]\nautopilot = { kind = "ppo" }', "the name 'autopilot' is taken: give this 'ppo' another one"),
+        ('[agents]\nx = { kind = "math:pi" }', "'math:pi' makes no agent: it cannot be called"),
+        ('[agents]\nx = { kind = "math:sin" }', "must be real number"),
+        ("[agents]\nx = { kind = 3 }", "kind must be a name, got 3"),
+        ('[agents]\nPPO = { kind = "ppo", trained_on = [] }', "trained_on must name one or more, each once"),
+        ('[agents]\nPPO = { kind = "ppo", trained_on = ["truth", "truth"] }', "each once, or be left out"),
+        ('[agents]\nPPO = { kind = "ppo", steps = { SigmaCorvette-v0 = "1e6" } }', "steps must be whole numbers"),
+        ('[conditions]\nx = { sensors = "math:pi" }', "sensors must be one of clean, nominal, degraded, or Sensor"),
+        ('[conditions]\nx = { disturbance = "math:pi" }', "disturbance must be one of calm, moderate, rough, or a"),
+    ],
+)  # fmt: skip
+def test_what_would_change_the_study_in_silence_is_refused_with_its_line(tmp_path, line, words):
+    found = mistakes(tmp_path, f"{ONE}{line}\n")
+    assert (4, True) in [(number, words in text) for number, text in found], found
+    assert all(number == 4 and "\n" not in text for number, text in found)
+
+
+def test_one_environment_under_two_names_is_refused(tmp_path):
+    (found,) = mistakes(tmp_path, ONE + '"vessel_gym:SigmaCorvette-v0" = {}\n')
+    assert found == (3, "SigmaCorvette-v0 and vessel_gym:SigmaCorvette-v0 are one environment: leave one of them out")
+
+
+def test_an_agent_that_could_be_trained_nowhere_is_refused_and_one_that_cannot_be_here_is_left_out(tmp_path):
+    text = """[environments]
+SigmaCorvette-v0 = {}
+SegorogeniAUV-v0 = {}
+[estimators]
+ukf = { environments = ["SegorogeniAUV-v0"] }
+[agents.PPO]
+kind = "ppo"
+trained_on = ["ukf"]
+"""
+    out = [each for each in plan(read(tmp_path, text)).skipped if each.what == "PPO"]
+    assert [(each.environment, each.reason) for each in out] == [
+        ("SigmaCorvette-v0", "no estimator that it is trained on flies here")
+    ]
+    (found,) = mistakes(tmp_path, text + 'environments = ["SigmaCorvette-v0"]\n')
+    assert found == (8, "PPO flies in no environment of an estimator that it is trained on")
+    (found,) = mistakes(tmp_path, text.replace("ukf = {", "ekf = {") .replace('["ukf"]', '["ekf"]')
+                        + 'environments = ["SegorogeniAUV-v0"]\nsteps = { SigmaCorvette-v0 = 9000 }\n')  # fmt: skip
+    assert found == (10, "unknown environment of PPO 'SigmaCorvette-v0': choose from SegorogeniAUV-v0")
+
+
 def test_a_file_that_is_not_text_is_refused_in_a_sentence(tmp_path):
     path = tmp_path / "study.toml"
     path.write_bytes(b"\xff\xfe\x00")
