@@ -5,6 +5,7 @@ from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
+from itertools import combinations
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -235,6 +236,23 @@ def ablation(results: Path, estimators: Sequence[str] = ABLATED, agents: Sequenc
     return table(("Score", *estimators), rows)
 
 
+def pairing(results: Path) -> str:
+    """Factor of episodes that pairing saves, over all pairs of filters of a study in its nominal condition."""
+    with (results / "episodes.csv").open(encoding="utf-8") as file:
+        episodes = [one for one in csv.DictReader(file) if one["condition"] == "nominal"]
+    scores: dict[str, dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
+    for one in sorted(episodes, key=lambda one: int(one["seed"])):
+        if one["estimator"] not in ("truth", "measurement", "dead-reckoning"):
+            scores[one["environment"]][one["estimator"]].append(float(one["score"]))
+    rows = []
+    for environment, of in scores.items():
+        pairs = [(np.array(a), np.array(b)) for a, b in combinations(of.values(), 2) if a != b]
+        factors = [(a.var() + b.var()) / (a - b).var() for a, b in pairs]
+        cells = (f"{each(factors):.1f}" for each in (np.min, np.median, np.max))
+        rows.append((environment, str(len(pairs)), *cells))
+    return table(("Environment", "pairs", "least", "median", "largest"), rows)
+
+
 def pilots() -> str:
     """The trained agents of the package beside the autopilots, on default estimates."""
     from agents import rollout
@@ -284,6 +302,7 @@ TABLES: dict[str, tuple[Path, Callable[[], str]]] = {
     "alarms": (ROOT / "docs/time-at-sea.md", alarms),
     "headline": (ROOT / "README.md", lambda: ablation(ROOT / "results/ablation", HEADLINE, ("autopilot",))),
     "ablation": (ENVIRONMENTS / "sigma-corvette.md", lambda: ablation(ROOT / "results/ablation")),
+    "pairing": (ROOT / "docs/statistics.md", lambda: pairing(ROOT / "results/quick")),
     "shares": (ROOT / "docs/findings.md", lambda: rows_of(ROOT / "results/quick/tables/ranking.md")),
 }
 """Where each table stands, and what makes it."""

@@ -1,5 +1,5 @@
 """Episodes to touch: the same waves and noise met on several estimators, as one page that needs no network."""
 
-from agents.episodes.recording import Episode, episode
+from agents.episodes.recording import Episode, episode, typical_seed
 
-__all__ = ["Episode", "episode"]
+__all__ = ["Episode", "episode", "typical_seed"]

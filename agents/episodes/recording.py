@@ -136,6 +136,17 @@ def episode(
     return Episode(page_of(flown, names))
 
 
+def typical_seed(scores: np.ndarray, seeds: Sequence[int]) -> int:
+    """The seed whose scores lie nearest to their means over all seeds, in standard deviations, summed in squares.
+
+    Args:
+        scores: ``(estimators, seeds)``.
+        seeds: Of the columns.
+    """
+    spread = np.maximum(scores.std(1, keepdims=True), np.finfo(float).tiny)
+    return seeds[int(np.square((scores - scores.mean(1, keepdims=True)) / spread).sum(0).argmin())]
+
+
 def _name(estimator: Any) -> str:
     """What an estimator is called: its name, or what the user's own calls itself."""
     if isinstance(estimator, str):

@@ -1,10 +1,12 @@
-"""Example episodes of a study: what was flown and what was believed, at a seed that nobody chose."""
+"""Example episodes of a study: one flight on several estimators, at the seed whose scores are the most typical."""
 
 from typing import Any
 
+import numpy as np
+
 from agents.cells import Cell
-from agents.episodes.recording import page_of
-from agents.rollouts import rollout
+from agents.episodes.recording import page_of, typical_seed
+from agents.rollouts import Rollout, rollout
 from agents.studies.plan import Plan
 from agents.studies.study import FLOOR, ORACLE
 from agents.studies.worlds import classical_pilot, environment_id, environment_options, import_own, system_of
@@ -13,8 +15,8 @@ from agents.studies.worlds import classical_pilot, environment_id, environment_o
 def examples(plan: Plan) -> dict[str, Cell]:
     """The cell of each environment's example.
 
-    The classical agent flies the first evaluation seed in the first condition on the environment's default estimator,
-    on the first and the last of the study's others, and on dead reckoning.
+    The classical agent flies the first condition on the environment's default estimator, on the first and the last of
+    the study's others, and on dead reckoning, at the study's `typical_seed`.
     """
     chosen: dict[str, Cell] = {}
     classical = next(agent.name for agent in plan.study.agents if not agent.learned)
@@ -34,7 +36,7 @@ def examples(plan: Plan) -> dict[str, Cell]:
                 "environment": environment,
                 "estimators": [(name, flights[name]["options"]) for name in shown],
                 "agent": flights[shown[0]]["agent"],
-                "seed": plan.study.seeds[0],
+                "seeds": list(plan.study.seeds),
                 "own": {module: digest for name in shown for module, digest in flights[name]["own"].items()},
             }
             label = f"example episodes in {environment}"
@@ -43,26 +45,32 @@ def examples(plan: Plan) -> dict[str, Cell]:
 
 
 def example(
-    environment: str, estimators: list[tuple[str, dict[str, Any]]], agent: str, seed: int, own: dict[str, str]
+    environment: str, estimators: list[tuple[str, dict[str, Any]]], agent: str, seeds: list[int], own: dict[str, str]
 ) -> dict[str, Any]:
-    """Fly one episode on several estimators, and keep what a page to touch shows of it.
+    """Fly the typical episode on several estimators, and keep the data of its page.
 
     Args:
         environment: As in the study.
         estimators: The study's name of each, and the environment's options with it.
         agent: As `agents.pilots.make_pilot` takes it.
-        seed: Of the episode.
+        seeds: Of which the typical one is shown.
         own: Source digests of the user's own modules, by name: part of the cell, and imported for what they register.
 
     Returns:
-        What `agents.episodes.recording.page_of` gives.
+        The data of `agents.episodes.recording.page_of`, and as ``spread`` the standard deviation of each estimator's
+        score over the seeds, None for a single seed.
     """
     import_own(own)
-    flown = [
-        rollout(
-            classical_pilot(agent, environment), environment_id(environment), [seed],
-            environment_options(environment, options), ensembles=True,
-        )
-        for _, options in estimators
-    ]  # fmt: skip
-    return page_of(flown, [name for name, _ in estimators])
+
+    def fly(seeds: list[int], record: bool) -> list[Rollout]:
+        return [
+            rollout(
+                classical_pilot(agent, environment), environment_id(environment), seeds,
+                environment_options(environment, options), record=record, ensembles=record,
+            )
+            for _, options in estimators
+        ]  # fmt: skip
+
+    scores = np.array([flight.score for flight in fly(seeds, False)])
+    spread = scores.std(1, ddof=1).tolist() if len(seeds) > 1 else None
+    return page_of(fly([typical_seed(scores, seeds)], True), [name for name, _ in estimators]) | {"spread": spread}

@@ -530,16 +530,23 @@ def _episodes(results: Results) -> Section:
     for environment, cell in examples(results.plan).items():
         if cell.key in results.values:
             shown = Episode(results.values[cell.key])
+            flights, spread = shown.page["flights"], shown.page["spread"]
             ends = [
                 f"{flight['estimator']} {number(flight['score'], 2)}{f' ({end})' if (end := flight['end']) else ''}"
-                for flight in shown.page["flights"]
+                for flight in flights
             ]
+            varies = (
+                f" Over all seeds a score has a standard deviation of {', '.join(number(sd, 2) for sd in spread)}: one "
+                "episode does not show which estimator is better."
+                if spread
+                else ""
+            )
             blocks.append(
                 Live(
                     shown.html(),
                     f"{environment}, {results.conditions[0]}",
-                    f"{sentence(the(results.classical))} at evaluation seed {results.plan.study.seeds[0]}, the first: "
-                    f"it was not chosen. Score and end: {', '.join(ends)}.",
+                    f"{sentence(the(results.classical))} at {shown.page['conditions'][-1]}, whose scores lie nearest "
+                    f"to their means over all evaluation seeds. Score and end: {', '.join(ends)}.{varies}",
                 )
             )
     return Section("Example episodes", blocks)

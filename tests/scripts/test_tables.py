@@ -3,6 +3,7 @@
 from functools import partialmethod
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from scripts import fault_tables, filter_tables, tables
@@ -130,3 +131,17 @@ def test_more_measurements_than_inputs_leave_no_unstable_zero():
     assert len(rows) == 3
     assert all(float(one.split(" ")[0]) > 30.0 for _, one, *_ in rows)
     assert all(cell.startswith("0.0 %") for _, _, *more in rows for cell in more)
+
+
+def test_pairing_saves_as_much_as_scores_have_in_common(tmp_path: Path):
+    rng = np.random.default_rng(0)
+    weather, own = rng.normal(size=(2, 2000)), rng.normal(size=(2, 2, 2000))
+    lines = ["environment,condition,estimator,seed,score"]
+    for vehicle, share in enumerate((3.0, 0.0)):  # of the weather; the factor is 1 + share^2
+        for name, of in zip(("ekf", "ukf"), share * weather[vehicle] + own[vehicle], strict=True):
+            lines += [f"{vehicle},nominal,{name},{seed},{score}" for seed, score in enumerate(of)]
+    (tmp_path / "episodes.csv").write_text("\n".join(lines))
+    common, alone = (line.strip("| ").split(" | ") for line in tables.pairing(tmp_path).splitlines()[2:])
+    assert common[:2] == ["0", "1"]
+    assert float(common[2]) == pytest.approx(10.0, rel=0.1)
+    assert float(alone[2]) == pytest.approx(1.0, rel=0.1)
