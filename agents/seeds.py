@@ -1,39 +1,43 @@
-"""Which seeds are for what, so that no agent is ever scored on what it was trained or tuned on.
+"""Seeds of evaluation, tuning and training: disjoint, so that no agent is scored on what it was trained or tuned on.
 
-Environment i of a batch seeded s is the single environment seeded s + i, so ranges must not overlap:
+Row i of a batch seeded s has the seed s + i, so these ranges must not overlap:
 
-- evaluation: 0 to 999,999
-- tuning (controllers' weights, PPO's hyperparameters): 1,000,000 to 1,999,999
-- training: from 2,000,000, 100,000 apart for each training seed
+- below 1,000,000,000: free, for seeds that are typed, as in ``reset(seed=7)`` or ``PPO(..., seed=0)``
+- evaluation: the first million from 1,000,000,000
+- tuning (weights of controllers, hyperparameters, choice of a policy): the next million
+- training: from 1,002,000,000, 100,000 apart for each training seed
 """
 
 from vessel_gym.core import whole
 
-_TUNING = 1_000_000
-_TRAINING = 2_000_000
+_EVALUATION = 1_000_000_000
+_TUNING = _EVALUATION + 1_000_000
+_TRAINING = _TUNING + 1_000_000
 _SPACING = 100_000
 
 
 def evaluation_seeds(count: int, first: int = 0) -> list[int]:
-    """``count`` seeds that training and tuning never use.
+    """``count`` seeds that training and tuning never use, from number ``first`` of their range on.
 
     Raises:
         ValueError: for what is not whole numbers, or if they would leave the evaluation range.
     """
-    if not (whole(count) and whole(first) and count >= 1 and first >= 0 and first + count <= _TUNING):
+    most = _TUNING - _EVALUATION
+    if not (whole(count) and whole(first) and count >= 1 and first >= 0 and first + count <= most):
         few = ": ask for at least 1" if not (whole(count) and count >= 1) else ""
-        raise ValueError(f"evaluation seeds lie in 0..{_TUNING - 1}, got {count!r} from {first!r}{few}")
-    return list(range(first, first + count))
+        raise ValueError(f"there are {most} evaluation seeds, numbered from 0, got {count!r} from {first!r}{few}")
+    return list(range(_EVALUATION + first, _EVALUATION + first + count))
 
 
 def tuning_seeds(count: int) -> list[int]:
-    """``count`` seeds for choosing weights and hyperparameters.
+    """``count`` seeds for choosing weights, hyperparameters and policies.
 
     Raises:
         ValueError: for what is not a whole number, or if they would leave the tuning range.
     """
-    if not (whole(count) and 1 <= count <= _TRAINING - _TUNING):
-        raise ValueError(f"tuning seeds lie in {_TUNING}..{_TRAINING - 1}, got {count!r} of them: ask for at least 1")
+    most = _TRAINING - _TUNING
+    if not (whole(count) and 1 <= count <= most):
+        raise ValueError(f"there are {most} tuning seeds, got {count!r} of them: ask for at least 1")
     return list(range(_TUNING, _TUNING + count))
 
 

@@ -31,7 +31,7 @@ def main(
         mismatch: Relative spread of the truth's parameters.
         observe: mean, mean+std or measurement.
         episodes: Episodes for each estimator.
-        first_seed: First evaluation seed.
+        first_seed: Number of the first evaluation seed, counted from 0.
         trust: Load a checkpoint that vessel-gym did not write, although it can run any code.
     """
     import gymnasium as gym

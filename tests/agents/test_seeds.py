@@ -2,18 +2,36 @@
 
 from itertools import pairwise
 
+import gymnasium as gym
 import pytest
+from stable_baselines3 import PPO
 
 from agents.ppo import hyperparameters
 from agents.seeds import evaluation_seeds, training_seed, tuning_seeds
+from agents.vec_env import StableBaselinesVecEnv
+
+EVALUATION, TUNING = (set(seeds(1_000_000)) for seeds in (evaluation_seeds, tuning_seeds))
 
 
 def test_the_ranges_share_no_seed():
-    evaluation = evaluation_seeds(1_000_000)
-    tuning = tuning_seeds(1_000_000)
-    assert (evaluation[0], evaluation[-1]) == (0, 999_999)
-    assert evaluation[-1] < tuning[0]
-    assert tuning[-1] < training_seed(0)
+    assert len(EVALUATION) == len(TUNING) == 1_000_000
+    assert max(EVALUATION) < min(TUNING) <= max(TUNING) < training_seed(0)
+
+
+def test_training_with_any_seed_that_is_typed_meets_no_evaluation_and_no_tuning_seed():
+    """Rows of `train --seed` start at `training_seed`; those of another library's training at the seed itself."""
+    for seed in range(1001):
+        for first in (training_seed(seed), seed):
+            rows = range(first, first + 100_000)
+            assert rows[-1] < min(EVALUATION) or rows[0] > max(TUNING)
+
+
+def test_another_library_s_training_with_seed_0_resets_no_row_with_an_evaluation_seed():
+    """`PPO(..., seed=0)` of stable-baselines3 seeds its environments with its own seed, row by row from there."""
+    env = StableBaselinesVecEnv(gym.make_vec("ThesisCorvette-v0", num_envs=64))
+    PPO("MlpPolicy", env, n_steps=2, batch_size=64, seed=0, device="cpu")
+    env.reset()
+    assert not set(env.env.unwrapped.core.seeds) & (EVALUATION | TUNING)
 
 
 def test_batches_of_different_training_seeds_share_no_environment():
@@ -25,19 +43,19 @@ def test_batches_of_different_training_seeds_share_no_environment():
 
 
 def test_evaluation_seeds_are_consecutive_from_the_first():
-    assert evaluation_seeds(3) == [0, 1, 2]
-    assert evaluation_seeds(2, first=500) == [500, 501]
-    assert evaluation_seeds(1, first=999_999) == [999_999]
+    first = min(EVALUATION)
+    assert evaluation_seeds(3) == [first, first + 1, first + 2]
+    assert evaluation_seeds(2, first=500) == [first + 500, first + 501]
+    assert evaluation_seeds(1, first=999_999) == [max(EVALUATION)]
 
 
 def test_tuning_seeds_are_consecutive():
-    seeds = tuning_seeds(3)
-    assert seeds == [1_000_000, 1_000_001, 1_000_002]
+    assert tuning_seeds(3) == [min(TUNING) + i for i in range(3)]
 
 
 @pytest.mark.parametrize(("count", "first"), [(0, 0), (-1, 0), (1, -1), (1_000_001, 0), (2, 999_999), (1, 1_000_000)])
 def test_evaluation_seeds_do_not_leave_their_range(count: int, first: int):
-    with pytest.raises(ValueError, match=r"evaluation seeds lie in 0\.\.999999, got .* from "):
+    with pytest.raises(ValueError, match=r"there are 1000000 evaluation seeds, numbered from 0, got .* from "):
         evaluation_seeds(count, first)
 
 

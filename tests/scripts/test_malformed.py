@@ -159,7 +159,7 @@ def test_any_command_line_is_refused_in_one_sentence_or_begins_its_work(line: tu
         ("evaluate --estimator", "--estimator needs the name of at least one estimator"),
         ("evaluate --episodes 0", "--episodes must be at least 1, got 0"),
         ("evaluate --first-seed -1", "--first-seed must be at least 0, got -1"),
-        ("evaluate --first-seed 999999 --episodes 2", "seeds lie in 0..999999, got 2 from 999999"),
+        ("evaluate --first-seed 999999 --episodes 2", "evaluation seeds, numbered from 0, got 2 from 999999"),
         ("evaluate --episodes ten", "Error parsing --episodes: invalid literal"),
         ("evaluate --estimatr kf", "did you mean --estimator?"),
         ("evaluate CartPole-v1 --agent random", "'CartPole-v1' has no estimator in the loop"),
@@ -221,7 +221,7 @@ def test_an_empty_word_is_not_taken_for_the_present_folder(name: str, arguments:
 
 
 def test_a_seed_below_the_first_is_not_answered_with_advice_on_how_many():
-    with pytest.raises(ValueError, match=r"^evaluation seeds lie in 0\.\.999999, got 100 from -1$"):
+    with pytest.raises(ValueError, match=r"^there are 1000000 evaluation seeds, numbered from 0, got 100 from -1$"):
         evaluation_seeds(100, -1)
     with pytest.raises(ValueError, match="got 0 from 0: ask for at least 1"):
         evaluation_seeds(0)

@@ -305,7 +305,7 @@ def test_every_setting_of_the_study_is_on_the_page(taught, learned):
         "python -m scripts.ablate",
         "numpy",
         "SHA-256",
-        "0 to 7",
+        "1000000000 to 1000000007",
         "1000 environment steps",
         "input prior",
     ):

@@ -48,7 +48,7 @@ def mistakes(tmp_path: Path, text: str) -> list[tuple[int, str]]:
 def test_a_study_is_what_its_file_says(tmp_path):
     study = read(tmp_path, SMALL)
     assert study.title == "A small study"
-    assert (study.episodes, study.training_seeds, study.seeds) == (3, 2, [0, 1, 2])
+    assert (study.episodes, study.training_seeds, study.seeds) == (3, 2, evaluation_seeds(3))
     assert [e.id for e in study.environments] == ["SigmaCorvette-v0", "SegorogeniAUV-v0"]
     plain = study.estimator("plain enkf")
     assert (plain.estimator, plain.options, plain.environments) == (
@@ -267,7 +267,7 @@ trained_on = ["enkf"]
         ("[environments]\nPunaUAV-v0 = {}\n[agents.x]\nkind = 'ppo'\nsteps = { PunaUAV-v0 = 2 }\n", "at least the"),
         ('[environments]\nPunaUAV-v0 = {}\n[agents]\nx = { kind = "nowhere:X" }\n', "cannot import 'nowhere'"),
         ("episodes = true\n[environments]\nPunaUAV-v0 = {}\n", "whole number"),
-        ("episodes = 2000000\n[environments]\nPunaUAV-v0 = {}\n", "evaluation seeds lie in"),
+        ("episodes = 2000000\n[environments]\nPunaUAV-v0 = {}\n", "there are 1000000 evaluation seeds"),
         ('[environments]\nPunaUAV-v0 = {}\n[agents]\na = { kind = "ppo", trained_on = "enkf" }\n', "list of names"),
     ],
 )  # fmt: skip
