@@ -4,14 +4,15 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.optimize import root
 
 from estimators.checks import number
 from estimators.compiled import rowwise, sincos
 from vessel_gym.disturbances import Disturbance, Sea
 from vessel_gym.processes import Process, row_by_row
-from vessel_gym.vehicles.corvette_equations import AROUND, STATE, CorvetteParameters, I
+from vessel_gym.vehicles.corvette_equations import AROUND, STATE, CorvetteParameters, corvette_rates
 from vessel_gym.vehicles.seakeeping import wave_loads, wave_response
-from vessel_gym.waves import GRAVITY, WaveField
+from vessel_gym.waves import GRAVITY, WaveField, encounter_frequency
 
 _AIR_DENSITY = 1.224  # kg/m3
 _REFLECTED = 0.25  # share of the waves' energy that a ship abeam reflects; assumed
@@ -79,8 +80,17 @@ class Seaway(Disturbance):
             w = np.append(frequencies, waves.frequencies[band]).reshape((-1,) + np.ndim(beta) * (1,))
             motion, loads = wave_response(self.ship, w, beta, speed), wave_loads(self.ship, w, beta)[..., 2:]
             given = np.concatenate([motion, loads], -1)
-            each.append(np.sqrt(waves.power(band, given[:-1])) * given[-1] / np.abs(given[-1]))
+            each.append(np.sqrt(waves.power(band, given[:-1])) * np.exp(1j * np.angle(given[-1])))
         return np.stack(each)
+
+    def mean_response(self, beta: np.ndarray, speed: float) -> np.ndarray:
+        """`response` averaged over the coming step, in which the ship meets the waves: what a step holds of it.
+
+        Over steps that are long for the waves it is smaller, and the heading swings as far as in continuous time.
+        """
+        w = self.waves.frequencies.reshape((-1,) + np.ndim(beta) * (1,))
+        half = 0.5 * self.dt * encounter_frequency(w, beta, np.asarray(speed))
+        return (np.sinc(half / np.pi) * np.exp(1j * half))[..., None] * self.response(beta, speed)
 
     def yaw_rate(self, beta: np.ndarray, speed: float) -> np.ndarray:
         """RMS of the yaw rate in waves ``(...)`` [rad/s]; arguments as `response`."""
@@ -89,12 +99,11 @@ class Seaway(Disturbance):
     @cached_property
     def believed(self) -> Sea:  # type: ignore[override]
         """What filters take it for unless told otherwise: yaw of no direction, and a current that leeway moves."""
-        beta, speed = np.linspace(0.0, 2.0 * np.pi, 72, endpoint=False), 0.8 * self.ship.speed
-        yaw = float(np.sqrt((self.yaw_rate(beta, speed) ** 2).mean()))
-        leeway = self.leeway
+        beta = np.linspace(0.0, 2.0 * np.pi, 72, endpoint=False)
+        yaw = self.mean_response(beta, 0.8 * self.ship.speed)[..., 1]
         return Sea(
-            wave=yaw, peak=float(self.waves.frequencies[1]), gust=0.0, current=float(np.hypot(self.current, leeway)),
-            current_time=100.0, dt=self.dt,
+            wave=float(np.sqrt((np.abs(yaw) ** 2).sum(0).mean())), peak=float(self.waves.frequencies[1]), gust=0.0,
+            current=float(np.hypot(self.current, self.leeway)), current_time=100.0, dt=self.dt,
         )  # fmt: skip
 
     @cached_property
@@ -104,13 +113,18 @@ class Seaway(Disturbance):
 
     @cached_property
     def leeway(self) -> float:
-        """How fast wind and drift abeam push the ship sideways [m/s] at 0.8 of her speed."""
-        state = np.zeros(len(STATE))
-        state[STATE.index("psi")], state[STATE.index("u")] = self.direction + 0.5 * np.pi, 0.8 * self.ship.speed
-        force = self.effect(np.zeros(len(self.names)), state)[self.forces.index("sway force")]
-        c = self.ship.vector()
-        linear, square = -c[I.Yv] * 0.8 * self.ship.speed, 2.0 * c[I.half_length] * c[I.cross_flow]
-        return float((np.sqrt(linear**2 + 4.0 * square * abs(force)) - linear) / (2.0 * square))
+        """Sway [m/s] of the ship that her rudder holds across wind and drift, at the speed that she keeps there."""
+        state, c = np.zeros(len(STATE)), self.ship.vector()
+        state[STATE.index("psi")] = self.direction + 0.5 * np.pi
+        moving = [STATE.index("u"), STATE.index("v")]
+
+        def accelerations(balance: np.ndarray) -> np.ndarray:
+            """In surge, sway and yaw, at a rudder angle [rad] and surge and sway in units of the service speed."""
+            state[moving] = balance[1:] * self.ship.speed
+            around = self.effect(np.zeros(len(self.names)), state)[1:]
+            return corvette_rates(state, balance[:1], around, c)[3:6] * [1.0, 1.0, self.ship.length]
+
+        return float(abs(root(accelerations, [0.0, 1.0, 0.0]).x[2]) * self.ship.speed)
 
     @row_by_row
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
@@ -133,9 +147,9 @@ class Seaway(Disturbance):
 
     @cached_property
     def _table(self) -> np.ndarray:
-        """Real and imaginary parts of `response` by band, speed and beta ``(3, speeds, betas, 6)``."""
+        """Real and imaginary parts of `mean_response` by band, speed and beta ``(3, speeds, betas, 6)``."""
         beta = np.linspace(0.0, 2.0 * np.pi, _BETAS + 1)
-        response = np.stack([self.response(beta, speed) for speed in _speeds(self.ship)], 1)
+        response = np.stack([self.mean_response(beta, speed) for speed in _speeds(self.ship)], 1)
         return np.ascontiguousarray(np.concatenate([response.real, response.imag], -1))
 
 

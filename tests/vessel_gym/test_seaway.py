@@ -1,11 +1,13 @@
 """A sea that knows the ship: encounter, loads, first-order motion, wind and drift, and the ship that answers them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from scipy.optimize import root
 from scipy.stats import chi2
 
 from vessel_gym.core import Core
+from vessel_gym.envs.ship import ship_system
 from vessel_gym.envs.sigma_corvette import SEAS, SIGMA_CORVETTE
 from vessel_gym.sea_trials import nomoto_linear, simulate
 from vessel_gym.seaway import Seaway
@@ -22,6 +24,7 @@ from vessel_gym.vehicles.seakeeping import SHORT_CREST, wave_loads, wave_respons
 from vessel_gym.waves import GRAVITY, encounter_frequency, jonswap
 
 SHIP = load("corvette", CorvetteParameters)
+MARINER = load("mariner", CorvetteParameters)
 C = dict(zip(COEFFICIENTS, SHIP.vector(), strict=True))
 MODERATE, ROUGH = SEAS["moderate"], SEAS["rough"]
 DEG, KNOT = np.pi / 180.0, 1852.0 / 3600.0
@@ -54,7 +57,7 @@ def test_a_ship_that_sails_through_the_field_meets_it_at_that_frequency(beta):
     state[:, 0], state[:, 1] = speed * t * np.cos(psi), speed * t * np.sin(psi)
     state[:, 2], state[:, 3] = psi, speed
     seen = sea.effect(z, state)
-    response = sea.response(np.array(beta), speed)[band]
+    response = sea.mean_response(np.array(beta), speed)[band]
     expected = response * np.exp(1j * encounter_frequency(w, beta, speed) * t)[:, None]
     scale = np.abs(response)
     # The kernel interpolates responses between tabled speeds.
@@ -99,24 +102,97 @@ def test_a_sea_has_its_significant_height_and_peak():
 
 
 @pytest.mark.parametrize("beta", [0.3, 1.2, 0.5 * np.pi, 2.4])
-def test_wave_loads_are_strips_added_up(beta):
-    """Against quadrature along the hull of mass and added mass times the water's acceleration at each section."""
-    w = 0.9
+def test_wave_loads_are_those_of_the_water_s_motion_averaged_along_the_hull(beta):
+    """Against quadrature of the velocity of the water and of its gradient (least squares) along the hull."""
+    w, half = 0.9, 0.5 * SHIP.length
     k = w**2 / GRAVITY
     side = (np.sin(beta) + 1j * SHORT_CREST) * np.exp(-0.5 * k * SHIP.draught)
-    per_metre = C["sway_inertia"] / SHIP.length
+    nodes, weights = np.polynomial.legendre.leggauss(60)
+    velocity = w * side * np.exp(-1j * k * half * nodes * np.cos(beta))
+    v, r = weights @ velocity / 2.0, weights @ (nodes * velocity) / (half * weights @ nodes**2)
+    inertia = np.array([[C["sway_inertia"], C["sway_yaw_inertia"]], [C["yaw_sway_inertia"], C["yaw_inertia"]]])
+    bare = replace(SHIP, rudder_area=1e-9)  # whose propellers' race does not load the rudders at rest
+    assert wave_loads(bare, w, beta)[:2] == pytest.approx(1j * w * inertia @ [v, r], rel=1e-6)
 
-    def strips(lever: int) -> complex:
-        def section(x: float) -> complex:
-            return 1j * per_metre * w**2 * side * np.exp(-1j * k * x * np.cos(beta)) * x**lever
 
-        half = 0.5 * SHIP.length
-        nodes, weights = np.polynomial.legendre.leggauss(60)
-        return half * sum(weight * section(half * node) for node, weight in zip(nodes, weights, strict=True))
+@pytest.mark.parametrize("ship", [SHIP, MARINER], ids=["corvette", "mariner"])
+@pytest.mark.parametrize("beta", DEG * np.array([20.0, 45.0, 75.0, 105.0, 150.0]))
+def test_long_waves_carry_a_ship_as_they_carry_the_water(ship, beta):
+    """In sway and yaw at rest, in sway at speed, and in roll she lies along the surface."""
+    k = 2.0 * np.pi / (60.0 * ship.length)
+    w = np.sqrt(GRAVITY * k)
+    sway = w * (np.sin(beta) + 1j * SHORT_CREST)
+    water = np.array([sway, -1j * k * np.cos(beta) * sway])
+    assert np.abs(wave_response(ship, w, beta, 0.0) / water - 1.0).max() < 0.03
+    still = 1e-3 * w  # of waves 60 million ship lengths long, in which she is slow to nothing
+    carried = wave_response(ship, still, beta, ship.speed)[0] / (still * sway / w)
+    assert abs(carried - 1.0) < 0.03
+    c, slope = ship.vector(), 1j * k * sway / w  # starboard down where the surface is lower to starboard
+    for phase in (1.0, -1j):
+        state, around = np.zeros(len(STATE)), np.zeros(7)
+        state[6] = 1e-3 * (phase * slope).real
+        around[5] = 1e-3 * (phase * wave_loads(ship, w, beta)[2]).real
+        lying = corvette_rates(state, np.zeros(1), around, c)[7]
+        around[5] = 0.0
+        assert abs(lying) < 0.03 * abs(corvette_rates(state, np.zeros(1), around, c)[7])
 
-    loads = wave_loads(SHIP, w, beta)
-    assert loads[0] == pytest.approx(strips(0), rel=1e-9)
-    assert loads[1] == pytest.approx(strips(1), rel=1e-9, abs=1e-9 * abs(strips(0)) * SHIP.length)
+
+# A naval vessel of 51.5 m by 8.6 m by 2.3 m, 357 m3, at rest: forces in waves by strip theory (ShipX VERES), from the
+# Marine Systems Simulator of T. I. Fossen and T. Perez (MIT licence). The directions printed there are 15 degrees less:
+# at rest in long waves sway goes with the sine of the directions below, from 30 to 165 degrees, to 0.2 %.
+_VERES_FREQUENCIES = np.array([0.25, 0.5464, 0.6444, 0.6981, 0.816, 0.9106, 0.9448, 1.14, 1.571, 2.094])
+_VERES = {  # direction [deg]: sway [kN/m], yaw [MN m/m]
+    45.0: ([26.2, 120, 160, 182, 224, 247, 251, 221, 76.2, 65.3],
+           [0.0636, 0.458, 0.776, 1.01, 1.68, 2.35, 2.61, 3.96, 1.54, 0.587]),
+    60.0: ([32.1, 149, 201, 232, 297, 343, 357, 388, 99.3, 65.8],
+           [0.0768, 0.478, 0.777, 0.998, 1.65, 2.34, 2.63, 4.46, 5.38, 2.18]),
+    75.0: ([35.9, 168, 229, 266, 351, 419, 442, 552, 499, 31.7],
+           [0.0847, 0.45, 0.676, 0.834, 1.29, 1.78, 1.99, 3.49, 7.18, 5.01]),
+}  # fmt: skip
+_MASS = 2.0 * 357.0 / 51.5**3
+VERES_VESSEL = CorvetteParameters(
+    length=51.5, beam=8.6, draught=2.3, mass=357.0 * 1025.0, speed=8.75, resistance=1e5, rudder_area=1e-9,
+    given=(("Yvdot", -0.633 * _MASS), ("Yrdot", -0.0744 * _MASS), ("Nvdot", -0.0744 * _MASS),
+           ("Nrdot", -0.0223 * _MASS)),  # from its longest waves: 1.633 m, .0744 m L, .0848 m L^2 with the ship's own
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("period", [6.28, 6.92])  # of the moderate and rough seas, Froude-scaled
+@pytest.mark.parametrize("direction", _VERES)
+def test_wave_loads_are_as_large_as_those_of_strip_theory(direction, period):
+    w = np.linspace(0.25, 2.09, 400)
+    spectrum = jonswap(w, 1.0, period)
+    ours = np.abs(wave_loads(VERES_VESSEL, w, DEG * direction)[:, :2])
+    for i, (theirs, unit) in enumerate(zip(_VERES[direction], (1e3, 1e6), strict=True)):
+        theirs = unit * np.interp(w, _VERES_FREQUENCIES, theirs)
+        ratio = np.sqrt(np.trapezoid(ours[:, i] ** 2 * spectrum, w) / np.trapezoid(theirs**2 * spectrum, w))
+        assert ratio == pytest.approx(1.0, abs=0.3)
+
+
+def test_abeam_the_waves_roll_the_ship_in_the_phase_in_which_they_push_and_yaw_her():
+    """Strip theory for the naval vessel at rest: sway, roll, yaw 90, 90, 90 to 84, 88, 77 degrees up to 1.14 rad/s."""
+    for ship in (VERES_VESSEL, SHIP, MARINER):
+        sway, yaw, roll = wave_loads(ship, np.sqrt(GRAVITY / ship.length), 0.5 * np.pi)
+        assert abs(np.angle(roll / sway)) < 20.0 * DEG
+        if ship is VERES_VESSEL:
+            assert abs(np.angle(roll / yaw)) < 20.0 * DEG
+
+
+@pytest.mark.parametrize("ship", [SHIP, MARINER], ids=["corvette", "mariner"])
+def test_however_long_a_step_is_the_waves_swing_the_heading_as_far_as_in_continuous_time(ship):
+    """A calm head sea, which the Mariner meets at 3.8 rad a step; its waves here are regular."""
+    sea = ship_system(ship).disturbances["calm"]
+    t = sea.dt * np.arange(4000.0)
+    for band, w in enumerate(sea.waves.frequencies):
+        z, state = np.zeros((len(t), len(sea.names))), np.zeros((len(t), len(STATE)))
+        z[:, 2 * band], z[:, 2 * band + 1] = np.cos(w * t), np.sin(w * t)
+        state[:, 0], state[:, 2], state[:, 3] = -ship.speed * t, np.pi, ship.speed
+        response = sea.response(np.array(np.pi), ship.speed)[band]
+        met = encounter_frequency(w, np.pi, ship.speed)
+        acting = sea.effect(z, state)
+        heading, moved = np.cumsum(acting[:, 0]), sea.dt * np.cumsum(acting[:, -1])
+        assert heading.var() == pytest.approx(0.5 * abs(response[1] / met) ** 2, rel=0.02)
+        assert moved.var() == pytest.approx(0.5 * abs(response[0] / met) ** 2, rel=0.02)
 
 
 def test_yaw_is_largest_off_the_stern_and_small_ahead():
@@ -162,19 +238,21 @@ def test_wind_and_drift_push_to_leeward_and_not_at_all_from_ahead():
     assert drift == pytest.approx(SHIP.water_density * GRAVITY * SHIP.length * 3.25**2 / 16.0 * 0.25, rel=1e-9)
 
 
-def test_a_ship_drifts_to_leeward_as_fast_as_her_hull_lets_her():
-    """The leeway that filters take for a current is of the size of hers whose rudder keeps her from turning.
-
-    The filters' is without yaw and rudder, which holds her up to windward, too.
-    """
-    c, speed, around = SHIP.vector(), 0.8 * SHIP.speed, np.zeros(7)
-    around[3] = slow_loads(ROUGH, 0.5 * np.pi, speed)["sway force"]
-
-    def turning(motion: np.ndarray) -> np.ndarray:
-        state = np.array([0.0, 0.0, 0.0, speed, motion[0], 0.0, 0.0, 0.0])
-        return corvette_rates(state, motion[1:], around, c)[4:6]
-
-    assert 0.5 < root(turning, [0.5, 0.0]).x[0] / ROUGH.leeway < 1.0
+@pytest.mark.parametrize(("sea", "leeway"), [(MODERATE, 0.195), (ROUGH, 0.360)], ids=["moderate", "rough"])
+def test_filters_are_told_the_leeway_of_a_ship_that_her_rudder_holds_across_the_wind(sea, leeway):
+    """She sails for ten minutes under a heading autopilot in wind and drift alone."""
+    c, heading, state, integral = SHIP.vector(), 0.5 * np.pi, np.zeros(len(STATE)), 0.0
+    state[2], state[3] = heading, SHIP.speed
+    for _ in range(600):
+        off = state[2] - heading
+        integral += off
+        rudder = np.full(2, -1.0 * off - 10.0 * state[5] - 0.01 * integral)
+        around = sea.effect(np.zeros(len(sea.names)), state)[1:]
+        state = corvette_step(state, rudder, around, c, 1.0, 4)
+    assert abs(state[2] - heading) < 1e-4
+    assert sea.leeway == pytest.approx(-state[4], rel=1e-2)
+    assert sea.leeway == pytest.approx(leeway, abs=1e-3)
+    assert sea.believed.current == pytest.approx(np.hypot(sea.current, sea.leeway))
 
 
 # --- the ship ----------------------------------------------------------------------------------------
