@@ -25,12 +25,15 @@ venv: .venv/.installed  ## Install the project and its tools into .venv, in the 
 ablation: venv  ## Train and score agents on every estimator, and write the report to results/ablation
 	$(BIN)/python -m scripts.ablate studies/corvette.toml --out results/ablation
 
-PILOTS := SigmaCorvette-v0 ThesisCorvette-v0 SegorogeniAUV-v0 ItsunusaAUV-v0 PunaUAV-v0
+PILOTS := PunaUAV-v0 SegorogeniAUV-v0 ItsunusaAUV-v0 SigmaCorvette-v0 ThesisCorvette-v0
+.PHONY: $(PILOTS)
 
 pilots: venv  ## Train the agents that come with the package anew, and write their scores into docs/pilots.md
-	$(foreach env,$(PILOTS),$(BIN)/python -m scripts.train $(env) --out agents/trained/$(env).zip \
-		$(if $(filter Puna%,$(env)),--seed 1) &&) \
+	$(MAKE) -j 2 $(PILOTS)
 	$(BIN)/python -m scripts.tables pilots
+
+$(PILOTS):  # of three runs one in two learns to fly the aircraft
+	$(BIN)/python -m scripts.train $@ --out agents/trained/$@.zip $(if $(filter Puna%,$@),--runs 3)
 
 test: venv  ## Run the tests, of slow ones two cases each (five minutes)
 	$(BIN)/python -m $(WORKERS)

@@ -3,10 +3,14 @@
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from agents.checkpoint import description
+import agents.ppo
+from agents import rollout
+from agents.checkpoint import description, packaged
+from agents.seeds import tuning_seeds
 from scripts import evaluate, train
 from scripts.console import command
 
@@ -26,6 +30,30 @@ def test_a_trained_agent_can_be_evaluated_on_several_estimators(
         assert label in printed
 
 
+def test_of_several_trainings_the_best_on_tuning_seeds_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    """Three trainings, of which only the second, the package's own agent, has learned anything."""
+    flown = []
+
+    def learn(env_id: str, path: Path, options: dict[str, Any], seed: int, **settings: Any) -> Path:
+        path.write_bytes(packaged(env_id).read_bytes() if seed == 8 else poor)
+        return path
+
+    def fly(agent: Path, env_id: str, seeds: list[int], *rest: Any, **more: Any) -> Any:
+        flown.append(seeds)
+        return rollout(agent, env_id, seeds[:4], *rest, **more)
+
+    poor = agents.ppo.train("ThesisCorvette-v0", tmp_path / "poor.zip", {"estimator": "truth"}, steps=128).read_bytes()
+    monkeypatch.setattr(agents.ppo, "train", learn)
+    monkeypatch.setattr(agents, "rollout", fly)
+    train.main("ThesisCorvette-v0", out=tmp_path / "best.zip", estimator="truth", seed=7, runs=3)
+    assert (tmp_path / "best.zip").read_bytes() == packaged("ThesisCorvette-v0").read_bytes()
+    assert flown == [tuning_seeds(train.CHOOSING)] * 3
+    printed = capsys.readouterr().out.splitlines()
+    assert [line.split(":")[0] for line in printed] == ["run 7", "run 8", "run 9", "checkpoint"]
+
+
 @pytest.mark.parametrize(
     ("module", "arguments", "sentence"),
     [
@@ -34,6 +62,7 @@ def test_a_trained_agent_can_be_evaluated_on_several_estimators(
         ("evaluate", ["--agent", "nobody", "--episodes", "2"], "unknown agent 'nobody'"),
         ("evaluate", ["SigmaFrigate-v0", "--episodes", "2"], "SigmaFrigate"),
         ("train", ["--out", "/dev/null/ppo.zip"], "cannot write /dev/null/ppo.zip"),
+        ("train", ["--runs", "0"], "--runs must be at least 1, got 0"),
         ("train", ["--steps", "5"], "steps must be at least"),
         ("train", ["--critic", "oracle"], "critic must be 'truth', or None"),
     ],
