@@ -55,7 +55,8 @@ def load_agent(name: str | Path, env: Any, trust: bool = False) -> Agent:
             trained under one is saved by `agents.save_agent`.
 
     Raises:
-        ValueError: if the name is none of these, or the checkpoint is damaged, not trusted, or for another observation.
+        ValueError: if the name is none of these, or the checkpoint is damaged, not trusted, or for another observation
+            or vehicle.
         TypeError: for what is neither a name nor a path, or if ``"module:object"`` makes no agent.
         ModuleNotFoundError: for a checkpoint without torch or stable-baselines3.
     """

@@ -1,20 +1,24 @@
 """Checkpoints that hold numbers and words only: opening one runs nothing that its writer has put in.
 
 stable-baselines3 pickles what describes an agent, and whoever unpickles a file runs what it says. A checkpoint of ours
-is a zip of a JSON file, which says what network to build, and of plain arrays, its weights.
+is a zip of a JSON file, which says what network to build, and of plain arrays, its weights. Nothing is built that is
+larger than these arrays.
 """
 
 import json
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 
 from agents.files import replacing
+from agents.named import vector_class
+from estimators.checks import as_array, as_number, whole
 from vessel_gym.extras import require
 
 _DESCRIPTION = "vessel_gym.json"
@@ -29,6 +33,8 @@ _POLICIES = {
 }
 """The networks that a checkpoint may ask for, and where they are."""
 _OF_THE_TRAINING = ("optimizer_class", "optimizer_kwargs")
+_MOST_COMPRESSION, _SAME_VEHICLE = 10, 0.25
+"""Ratio by which entries may be compressed, and by which parameters of a vehicle may differ: the largest mismatch."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +48,8 @@ class Policy:
         statistics: Of observations, for those that were normalised: ``mean`` and ``var``, of one or of all frames.
         clip: Bound of normalised observations.
         epsilon: Added to their variance.
+        environment: The environment of the training; "" if nobody wrote it down.
+        vehicle: Its vehicle, see `_vehicle`; empty if nobody wrote it down.
     """
 
     network: Any
@@ -50,6 +58,8 @@ class Policy:
     statistics: dict[str, np.ndarray] = field(default_factory=dict)
     clip: float = np.inf
     epsilon: float = 0.0
+    environment: str = ""
+    vehicle: dict[str, Any] = field(default_factory=dict)
 
     @property
     def normalizes(self) -> int:
@@ -190,7 +200,23 @@ def _environment(model: Any) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     seen = spoken["frames"] * core.observation_size
     if statistics and _size(model.observation_space) != seen:
         raise ValueError("cannot store a VecNormalize that counts what the critic alone is told: leave it out")
-    return spoken | {"observations": seen, "observe": core.observe_mode}, statistics
+    known = {"environment": core.system.name, "vehicle": _vehicle(core.vehicle)}
+    return spoken | known | {"observations": seen, "observe": core.observe_mode}, statistics
+
+
+def _vehicle(vehicle: Any) -> dict[str, Any]:
+    """Names and numbers by which a vehicle is known again: its time step and nominal parameters."""
+    numbers = vehicle.dt, *np.ravel(vehicle.parameters(0.0, np.zeros((1, vehicle.normals))))
+    names = {"states": list(vehicle.state_names), "actions": list(vehicle.action_names)}
+    return names | {"numbers": [float(f"{each:.6g}") for each in numbers]}
+
+
+def _same_vehicle(one: dict[str, Any], other: dict[str, Any]) -> bool:
+    """Equal names, and numbers that differ by no more than a mismatch may."""
+    names, numbers = ("states", "actions"), [as_array("numbers", each.get("numbers")) for each in (one, other)]
+    if any(one.get(name) != other.get(name) for name in names) or numbers[0].shape != numbers[1].shape:
+        return False
+    return np.allclose(numbers[0], numbers[1], rtol=_SAME_VEHICLE, atol=0.0)
 
 
 def _size(space: Any) -> int:
@@ -200,8 +226,6 @@ def _size(space: Any) -> int:
 
 def _refuse_wrappers(env: Any) -> None:
     """Gymnasium's wrappers of observations and actions would be lost: an agent is loaded without them."""
-    import gymnasium as gym
-
     kinds = (
         gym.ObservationWrapper, gym.ActionWrapper, gym.vector.VectorObservationWrapper, gym.vector.VectorActionWrapper,
     )  # fmt: skip
@@ -253,7 +277,7 @@ def load(path: Path, trust: bool, dense: bool = False) -> Policy:
         require("torch", "stable_baselines3", "sb3_contrib")
     with _reading(path):
         if described and ours:
-            return _ours(path, described["policy"], Dense if dense else _in_torch)
+            return _ours(path, described, Dense if dense else _in_torch)
         return _foreign(path, described or {})
 
 
@@ -274,6 +298,9 @@ class _Unfit(Exception):
 
 
 def _described(archive: zipfile.ZipFile) -> dict[str, Any] | None:
+    size = sum(entry.file_size for entry in archive.infolist())
+    if size > _MOST_COMPRESSION * Path(str(archive.filename)).stat().st_size:
+        raise ValueError(f"its entries hold {size} bytes")
     if _DESCRIPTION not in archive.namelist():
         return None
     described = json.loads(archive.read(_DESCRIPTION))
@@ -335,32 +362,88 @@ def _in_torch(told: dict[str, Any], arrays: dict[str, np.ndarray]) -> Any:
         network["activation_fn"] = kind
     policy = getattr(import_module(_POLICIES[told["class"]]), told["class"])
     weights = {name: torch.from_numpy(array) for name, array in arrays.items()}
-    return _built(policy, *_spaces(told), network, weights)
+    with _bounded(sum(array.size for array in arrays.values())):
+        return _built(policy, *_spaces(told), network, weights)
 
 
-def _ours(path: Path, told: dict[str, Any], build: Callable[..., Any]) -> Policy:
+def _bounded(size: int) -> Any:
+    """A context in which torch makes no more parameters than ``size`` numbers, those of the file."""
+    from torch import Tensor, empty
+    from torch.overrides import TorchFunctionMode
+
+    class Bounded(TorchFunctionMode):
+        left = 2 * size  # `TruthPolicy` makes a critic twice
+
+        def __torch_function__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+            made = func(*args, **(kwargs or {}))
+            numbers = made.numel() if isinstance(made, Tensor) else 0
+            self.left -= numbers if func is empty else 0
+            if self.left < 0 or numbers > size:
+                raise ValueError("it describes a larger network than its weights are of")
+            return made
+
+    return Bounded()
+
+
+def _ours(path: Path, described: dict[str, Any], build: Callable[..., Any]) -> Policy:
     """Build the network that the words tell of, and fill in the numbers."""
+    told = described["policy"]
     arrays: dict[str, dict[str, np.ndarray]] = {"weights": {}, "statistics": {}}
     with zipfile.ZipFile(path) as archive:
         for name in archive.namelist():
             folder, _, rest = name.partition("/")
             if folder in arrays:
-                with archive.open(name) as file:
-                    array = np.lib.format.read_array(file, allow_pickle=False)
-                if not np.isfinite(array).all():
-                    raise ValueError(f"{name} is not finite")
-                arrays[folder][rest.removesuffix(".npy")] = array
+                arrays[folder][rest.removesuffix(".npy")] = _array(archive, name)
+    _check_sizes(told, arrays["weights"].values())
+    frames, statistics = whole("frames", told["frames"], 1), arrays["statistics"]
+    environment = told.get("environment", described.get("env_id", ""))
+    vehicle = dict(told.get("vehicle") or _registered_vehicle(described))
     built = build(told, arrays["weights"])
     seen = built.observation_space
-    frames, statistics = int(told["frames"]), arrays["statistics"]
-    if frames < 1:
-        raise ValueError(f"it sees {frames} frames")
     if not statistics:
-        return Policy(built, frames, told["observe"])
+        return Policy(built, frames, told["observe"], environment=environment, vehicle=vehicle)
     mean, var = statistics["mean"], statistics["var"]
     if mean.shape not in (seen.shape, (seen.shape[0] // frames,)) or var.shape != mean.shape or (var < 0).any():
         raise ValueError("its statistics are of something else")
-    return Policy(built, frames, told["observe"], statistics, float(told["clip"]), float(told["epsilon"]))
+    clip, epsilon = as_number(told["clip"]), as_number(told["epsilon"])
+    if not (clip > 0.0 and 0.0 <= epsilon < np.inf and (var + epsilon > 0.0).all()):
+        raise ValueError("its clip and epsilon do not go with its statistics")
+    return Policy(built, frames, told["observe"], statistics, clip, epsilon, environment, vehicle)
+
+
+def _array(archive: zipfile.ZipFile, name: str) -> np.ndarray:
+    """An array of a checkpoint, as long as its entry."""
+    with archive.open(name) as file:
+        if np.lib.format.read_magic(file) != (1, 0):
+            raise ValueError(f"{name} is no array of version 1.0")
+        shape, fortran, dtype = np.lib.format.read_array_header_1_0(file)
+        if dtype.kind != "f":
+            raise ValueError(f"{name} holds {dtype}, not real numbers")
+        array = np.frombuffer(file.read(), dtype).reshape(shape, order="F" if fortran else "C")
+    if not (np.abs(array) <= np.finfo(np.float32).max).all():
+        raise ValueError(f"{name} is not finite in single precision")
+    return array.copy()
+
+
+def _check_sizes(told: dict[str, Any], weights: Collection[np.ndarray]) -> None:
+    """Refuse a description with more layers than arrays, or with a size that no array has."""
+    largest = max((*(max(array.shape, default=1) for array in weights), len(weights)))
+
+    def check(value: Any) -> None:
+        sizes = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+        if len(sizes) > largest or (isinstance(value, int) and value > largest):
+            raise ValueError("it describes a larger network than its weights are of")
+        for each in sizes:
+            check(each)
+
+    check({key: value for key, value in told.items() if key != "vehicle"})
+
+
+def _registered_vehicle(described: Mapping[str, Any]) -> dict[str, Any]:
+    """The vehicle of the environment that a training names; empty for a vehicle file, or one that is not known."""
+    env_id = described.get("env_id", "")
+    system = getattr(vector_class(env_id), "system", None) if env_id in gym.registry else None
+    return {} if system is None or "vessel" in described.get("env_options", {}) else _vehicle(system.vehicle)
 
 
 def _foreign(path: Path, described: dict[str, Any]) -> Policy:
@@ -406,8 +489,8 @@ class TrainedAgent:
         dense: See `load`.
 
     Raises:
-        ValueError: if the file is no checkpoint that may be loaded, or was trained on another observation or other
-            actions.
+        ValueError: if the file is no checkpoint that may be loaded, or was trained on another observation, other
+            actions or another vehicle.
         ModuleNotFoundError: without torch or stable-baselines3, where it needs them.
     """
 
@@ -423,6 +506,11 @@ class TrainedAgent:
             raise ValueError(
                 f"{path} was trained in another environment: on observations of shape {seen} and actions of shape "
                 f"{done}, not {(frames * self._size,)} and {(env.core.action_size,)}"
+            )
+        if (known := self._policy.vehicle) and not _same_vehicle(known, _vehicle(env.core.vehicle)):
+            raise ValueError(
+                f"{path} was trained on another vehicle, that of {self._policy.environment}: fly it there, or train an "
+                f"agent in {env.core.system.name}"
             )
         self.reset(1)
 

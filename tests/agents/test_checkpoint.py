@@ -325,6 +325,12 @@ def test_a_command_loads_what_is_not_ours_only_when_told_to(
     assert canary.exists()
 
 
+def array(values: Any) -> bytes:
+    buffer = io.BytesIO()
+    np.lib.format.write_array(buffer, np.asarray(values))
+    return buffer.getvalue()
+
+
 BROKEN: dict[str, Callable[[dict[str, bytes]], Any]] = {
     "no weights": lambda c: [c.pop(name) for name in list(c) if name.startswith("weights/")],
     "a weight missing": lambda c: c.pop("weights/log_std.npy"),
@@ -332,6 +338,14 @@ BROKEN: dict[str, Callable[[dict[str, bytes]], Any]] = {
     "no settings of the network": lambda c: settings(c, lambda told: told.pop("network")),
     "an unknown policy": lambda c: settings(c, lambda told: told.update({"class": "os.system"})),
     "an activation that is none": lambda c: settings(c, lambda told: told["network"].update(activation_fn="init")),
+    "weights beyond single precision": lambda c: c.update({"weights/action_net.bias.npy": array([1e300])}),
+    "complex weights": lambda c: c.update({"weights/action_net.bias.npy": array([1j])}),
+    "truth values for weights": lambda c: c.update({"weights/action_net.bias.npy": array([True])}),
+    "whole numbers for weights": lambda c: c.update({"weights/action_net.bias.npy": array([1])}),
+    "statistics that divide by zero": lambda c: (
+        c.update({"statistics/var.npy": array(np.zeros(11))}), settings(c, lambda told: told.update(epsilon=0.0))
+    ),
+    "a negative bound": lambda c: settings(c, lambda told: told.update(clip=-1.0)),
     "no frames": lambda c: settings(c, lambda told: told.update(frames=0)),
     "frames that are no number": lambda c: settings(c, lambda told: told.update(frames="x")),
     "statistics of something else": lambda c: c.update({"statistics/mean.npy": c["weights/log_std.npy"]}),
@@ -351,6 +365,61 @@ def test_a_damaged_checkpoint_is_refused_in_a_sentence(tmp_path: Path, checkpoin
     with pytest.raises(ValueError, match=r"agent\.zip is not a checkpoint of an agent, or is damaged") as caught:
         load_agent(path, gym.make(ENV))
     assert "\n" not in str(caught.value)
+
+
+LARGE: dict[str, Callable[[dict[str, bytes]], Any]] = {
+    "wide layers": lambda c: settings(c, lambda told: told["network"].update(net_arch=[3000, 3000])),
+    "many layers": lambda c: settings(c, lambda told: told["network"].update(net_arch=[8] * 5000)),
+    "wide layers beside a long array": lambda c: (
+        c.update({"weights/action_net.bias.npy": array(np.zeros(3000, np.float32))}),
+        settings(c, lambda told: told["network"].update(net_arch=[3000, 3000])),
+    ),
+    "a memory": lambda c: (
+        c.update({"weights/action_net.bias.npy": array(np.zeros(1500, np.float32))}),
+        settings(c, lambda told: told.update({"class": "LstmPolicy"})),
+        settings(c, lambda told: told["network"].update(lstm_hidden_size=1500)),
+    ),
+    "observations": lambda c: settings(c, lambda told: told.update(observations=10**7)),
+    "actions": lambda c: settings(c, lambda told: told.update(actions=10**7)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", LARGE)
+def test_sizes_are_compared_with_the_weights_before_anything_is_built(
+    tmp_path: Path, checkpoints: tuple[Path, Path], what: str
+):
+    path = changed(checkpoints[0], tmp_path / "agent.zip", LARGE[what])
+    with pytest.raises(ValueError, match=r"agent\.zip .*describes a larger network than its weights are of"):
+        load_agent(path, gym.make(ENV))
+
+
+def test_entries_many_times_as_large_as_the_file_are_not_unpacked(tmp_path: Path, checkpoints: tuple[Path, Path]):
+    path = tmp_path / "agent.zip"
+    path.write_bytes(checkpoints[0].read_bytes())
+    with zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("weights/more.npy", array(np.zeros(10**6)))
+    with pytest.raises(ValueError, match=r"agent\.zip .*its entries hold \d+ bytes"):
+        load_agent(path, gym.make(ENV))
+
+
+def test_an_agent_of_another_vehicle_of_equal_shape_is_refused(tmp_path: Path, checkpoints: tuple[Path, Path]):
+    """Ships of vehicle files have one id; of old files the id of the training tells the vehicle."""
+    ship = "vessel_gym/Ship-v0"
+    told = ("environment", "vehicle")
+    unnamed = lambda content: settings(content, lambda policy: [policy.pop(key) for key in told])  # noqa: E731
+    older = changed(checkpoints[0], tmp_path / "old.zip", unnamed)
+    with zipfile.ZipFile(older) as archive:
+        described = json.loads(archive.read("vessel_gym.json")) | {"env_id": ENV}
+    trained = json.dumps(described).encode()
+    dated = changed(older, tmp_path / "dated.zip", lambda content: content.update({"vessel_gym.json": trained}))
+    for path in (checkpoints[0], dated):
+        load_agent(path, gym.make(ENV))
+        load_agent(path, gym.make(ship, vessel="corvette"))
+        with pytest.raises(
+            ValueError, match=f"{path.name} was trained on another vehicle, that of {ENV}: fly it there"
+        ):
+            load_agent(path, gym.make(ship, vessel="mariner"))
+    load_agent(older, gym.make(ship, vessel="mariner"))  # of which nobody knows
 
 
 @pytest.mark.parametrize("trust", [False, True])

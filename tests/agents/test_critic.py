@@ -37,7 +37,7 @@ FRAMES = {"none": 1, "frames": 3, "lstm": 1}
 @pytest.fixture
 def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     tuned = {memory: hyperparameters(ENV, memory) | TINY | own for memory, own in REMEMBERING.items()}
-    monkeypatch.setattr(agents.ppo, "hyperparameters", lambda env_id, memory="none": tuned[memory])
+    monkeypatch.setattr(agents.ppo, "hyperparameters", lambda env_id, memory="none", *_: tuned[memory])
 
 
 @pytest.fixture

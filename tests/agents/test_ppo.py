@@ -36,7 +36,7 @@ RAW = {"observe": "measurement", "estimator": "measurement"}
 def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     """The tuned settings with a small network and short rollouts."""
     tuned = {memory: hyperparameters(ENV, memory) | TINY | own for memory, own in REMEMBERING.items()}
-    monkeypatch.setattr(agents.ppo, "hyperparameters", lambda env_id, memory="none": tuned[memory])
+    monkeypatch.setattr(agents.ppo, "hyperparameters", lambda env_id, memory="none", *_: tuned[memory])
 
 
 @pytest.fixture
