@@ -19,6 +19,7 @@ def main(
     jobs: int = 2,
     scheduler: str | None = None,
     shard: str | None = None,
+    confirm: bool = False,
 ) -> int:
     """Run what a study file asks for, as far as it has not been run, and write its report.
 
@@ -32,6 +33,7 @@ def main(
         jobs: Processes on this machine.
         scheduler: Address of a Dask scheduler whose workers compute instead, e.g. tcp://10.0.0.1:8786.
         shard: i/n: compute only the i-th of n parts, for job arrays; the report is made when all are done.
+        confirm: Open the fresh seeds, once in each folder: fly the study on them, too, and report which claims hold.
 
     Returns:
         The exit status: 1 if something failed or is missing.
@@ -44,6 +46,7 @@ def main(
     from agents.cells import check_scheduler, run
     from agents.files import check_folder, replacing
     from agents.studies.answer import answer
+    from agents.studies.confirmation import is_open, open_seeds, opening
     from agents.studies.examples import examples
     from agents.studies.plan import plan
     from agents.studies.report import write_report
@@ -68,6 +71,10 @@ def main(
         question = read_study(study)
         planned = plan(question)
     check_folder(out)
+    with asked():
+        if confirm:
+            open_seeds(question, out)
+        fresh = plan(question.fresh) if is_open(question, out) else None
     console = Console(markup=False, highlight=False, soft_wrap=True)
     if question.learned and question.training_seeds < FEW_SEEDS:
         console.print(
@@ -78,9 +85,11 @@ def main(
     if study.resolve() != (out / "study.toml").resolve():
         with replacing(out / "study.toml") as path:
             shutil.copyfile(study, path)
-    cells = [*planned.cells, *examples(planned).values()]
+    cells = [*planned.cells, *examples(planned).values(), *(fresh.cells if fresh else ())]
     with cell_progress(study.stem) as progress:
         outcome = run(cells, out, jobs, scheduler, part, progress)
+    if fresh is None and opening(out):
+        outcome.notes.append(f"the fresh seeds of {out} were opened for another version of this study: not reported")
     for note in outcome.notes:
         console.print(note)
     missing = sum(cell.key not in outcome.values for cell in cells)
@@ -88,8 +97,9 @@ def main(
         console.print(f"Part {shard} is done, {missing} of {len(cells)} results are still missing: no report yet.")
         return int(bool(outcome.failures))
     results = Results.of(planned, outcome, out)
-    report = write_report(results, out)
-    console.print("", " ".join(answer(results)), "", sep="\n")
+    again = Results.of(fresh, outcome, out) if fresh else None
+    report = write_report(results, out, again)
+    console.print("", " ".join(answer(results, again)), "", sep="\n")
     if missing:
         console.print(f"{missing} of {len(cells)} results are missing; the report says why.")
     console.print(f"Report: {report}")

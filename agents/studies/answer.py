@@ -1,32 +1,40 @@
 """The answer to a study, computed: the advice in a sentence, a small table, what else was found."""
 
+import numpy as np
+
 from agents.page import Table, listed, number
-from agents.statistics import Interval
+from agents.statistics import EQUIVALENT, UNDECIDED, WORSE, Interval
+from agents.studies.confirmation import FAILED, HELD, OPEN, Confirmed, confirmed
 from agents.studies.results import Pilot, Results
 from agents.studies.shares import (
     against_classical,
-    clear,
     common,
     crossing,
     difference,
+    gap,
     kept,
     learners,
     loss,
-    margin,
     rankable,
     reference_pilot,
     ruled,
     shared,
+    verdicts,
 )
 from agents.studies.study import FEW_SEEDS, FLOOR, ORACLE
-from agents.studies.wording import amount, every, many, microseconds, named, sentence, share_entry, the
+from agents.studies.wording import amount, every, many, microseconds, named, percent, sentence, share_entry, the
 
 BEST = 5
 """So many estimators stand at the head of a report."""
 
 
-def answer(results: Results) -> list[str]:
-    """What was asked, in sentences, the advice first."""
+def answer(results: Results, fresh: Results | None = None) -> list[str]:
+    """What was asked, in sentences, the advice first.
+
+    Args:
+        results: Of a study.
+        fresh: The same on the seeds of its confirmation.
+    """
     if not results.environments:
         return ["Nothing has a result yet."]
     environments = ruled(results)
@@ -39,7 +47,8 @@ def answer(results: Results) -> list[str]:
         sentences = _advice_for_all(results, environments)
     else:
         sentences = [told for environment in environments for told in _advice_for_one(results, environment)]
-    return [*sentences, *_answer_of_learning(results), _measured(results)]
+    sentences += _answer_of_learning(results)
+    return [*sentences, *([] if fresh is None else _confirmation(confirmed(results, fresh))), _measured(results)]
 
 
 def summary(results: Results) -> Table | None:
@@ -48,65 +57,92 @@ def summary(results: Results) -> Table | None:
     ranked = common(results) if len(environments) > 1 else rankable(results, environments) if environments else {}
     if not ranked:
         return None
+    places, who = results.scaled(environments), results.classical
     rows = [
-        (name, [share_entry(kept(results, environments, results.classical, name)),
-                share_entry(loss(results, environments, name))])
+        (name, [share_entry(kept(results, environments, who, name, len(ranked))),
+                share_entry(loss(results, environments, name, len(ranked))),
+                percent(results.completed(places, who, name)),
+                share_entry(results.worst_decile(places, who, name))])
         for name in list(ranked)[:BEST]
     ]  # fmt: skip
-    heads = [("share kept", ""), (f"score lost against {ORACLE}", "")]
+    heads = [("share kept", ""), (f"score lost against {ORACLE}", ""), ("completed", "%"), ("worst decile", "score")]
     return Table(f"The best estimators for {the(results.classical)}", "", "Estimator", heads, [("", rows)])
 
 
 def _advice_for_one(results: Results, environment: str) -> list[str]:
     ranked = rankable(results, [environment])
     best = next(iter(ranked))
-    level = [name for name in ranked if name != best and not clear(ranked, best, name)]
-    next_best = next((name for name in ranked if name != best and name not in level), None)
-    on_best = kept(results, [environment], results.classical, best)
-    sentences = [
-        f"Fly {best} in {environment}: on it {the(results.classical)} keeps "
-        f"{amount(on_best)} of what knowing the truth is worth over dead reckoning, and loses "
-        f"{amount(loss(results, [environment], best))} of score against the truth.",
+    return [
+        f"Fly {best} in {environment}: {_worth(results, [environment], best, ranked)}.",
+        *_standing(results, ranked, best),
+        *_prices_in_time(results, [environment], best),
     ]
-    if len(ranked) > 1:
-        sentences.append(f"Within chance of it: {listed(level)}." if level else "No other is within chance of it.")
-    if next_best:
-        sentences.append(f"The next, {next_best}, keeps {amount(margin(ranked, best, next_best))} less.")
-    return [*sentences, *_prices_in_time(results, [environment], best)]
 
 
 def _advice_for_all(results: Results, environments: list[str]) -> list[str]:
     everywhere = common(results)
     pick = next(iter(everywhere))
-    level = [name for name in everywhere if name != pick and not clear(everywhere, pick, name)]
-    on_pick = kept(results, environments, results.classical, pick)
+    worth = _worth(results, environments, pick, everywhere)
     return [
-        f"If one estimator is to fly in {every(environments)}, take {pick}: on it {the(results.classical)} keeps "
-        f"{amount(on_pick)} of what knowing the truth is worth over dead reckoning, and loses "
-        f"{amount(loss(results, environments, pick))} of score against the truth"
-        + (f"; within chance of it: {listed(level)}." if level else "; no other is within chance of it."),
+        f"If one estimator is to fly in {every(environments)}, take {pick}: {worth}.",
+        *_standing(results, everywhere, pick),
         _each_best(results, environments, pick),
         *_prices_in_time(results, environments, pick),
     ]
 
 
+def _worth(results: Results, environments: list[str], best: str, ranked: dict[str, np.ndarray]) -> str:
+    share = kept(results, environments, results.classical, best, len(ranked))
+    return (
+        f"on it {the(results.classical)} keeps {amount(share)} of what knowing the truth is worth over dead reckoning, "
+        f"and loses {amount(loss(results, environments, best, len(ranked)))} of score against the truth"
+    )
+
+
+def _standing(results: Results, ranked: dict[str, np.ndarray], best: str) -> list[str]:
+    """The verdicts on all others against the best."""
+    found, margin = verdicts(results, ranked, best), results.plan.study.margin
+    if list(found) == [WORSE]:
+        second = found[WORSE][0]
+        return [f"Every other is worse; the next, {second}, keeps {_more_than(ranked, best, second)} less."]
+    words = {EQUIVALENT: f"Equivalent to it (within ±{margin:g})", UNDECIDED: "Not decided", WORSE: "Worse"}
+    return [f"{word}: {listed(found[each])}." for each, word in words.items() if each in found]
+
+
+def _more_than(ranked: dict[str, np.ndarray], best: str, other: str) -> str:
+    return amount(gap(ranked, best, other))
+
+
 def _each_best(results: Results, environments: list[str], pick: str) -> str:
-    """The best of each environment, and by how much it beats the pick for all of them."""
+    """The environments in which the pick for all of them is worse than their best, and by how much."""
     better, equal = [], []
     for environment in environments:
         ranked = rankable(results, [environment])
         best = next(iter(ranked))
-        level = [name for name in ranked if name not in (best, pick) and not clear(ranked, best, name)]
-        tied = f", within chance of it {listed(level)}" if level else ""
-        if pick != best and clear(ranked, best, pick):
-            better.append(f"in {environment} {best} keeps {amount(margin(ranked, best, pick))} more than {pick}{tied}")
+        if pick != best and pick in verdicts(results, ranked, best).get(WORSE, ()):
+            level = [n for n in verdicts(results, ranked, best).get(EQUIVALENT, ()) if n != pick]
+            tied = f" (equivalent: {listed(level)})" if level else ""
+            better.append(f"in {environment} {best} keeps {_more_than(ranked, best, pick)} more than {pick}{tied}")
         else:
             equal.append(environment)
     told = "; ".join(better)
     if equal:
-        told += ("; " if better else "") + f"in {listed(equal)} nothing beats {pick} beyond chance"
+        told += ("; " if better else "") + f"in {listed(equal)} nothing is shown to be better than {pick}"
     told += "."
     return f"By environment the best differs: {told}" if better else sentence(told)
+
+
+def _confirmation(found: Confirmed) -> list[str]:
+    """How the claims of the first pass stood on the fresh seeds."""
+    claims, seeds = found.claims, f"{found.episodes} fresh evaluation seeds"
+    sentences = [f"On {seeds}, opened once, {found.best} keeps {amount(found.kept)}."] if found.best else []
+    names = {word: [str(c) for c in claims if c.outcome == word] for word in (HELD, OPEN, FAILED)}
+    total = sum(map(len, names.values()))
+    if not total:
+        return sentences
+    told = [f"{word}: {listed(names[word])}" for word in (OPEN, FAILED) if names[word]]
+    first = f"{len(names[HELD])} of {many(total, 'claim')} of the first seeds confirmed there"
+    return [*sentences, "; ".join([first, *told]) + "."]
 
 
 def _prices_in_time(results: Results, environments: list[str], estimator: str) -> list[str]:
@@ -137,7 +173,7 @@ def _answer_of_learning(results: Results) -> list[str]:
                 sentences.append(f"{who} keeps {listed(told)} than {same}.")
             else:
                 told = [f"{amount(gap, signed=True)} in {e}" for e, gap in gaps.items()]
-                sentences.append(f"{who} is within chance of {same}: {listed(told)}.")
+                sentences.append(f"{who} is not significantly different from {same}: {listed(told)}.")
         sentences += _filter_or_memory(results, reference)
     return sentences + _crossings(results)
 
@@ -166,7 +202,7 @@ def _verdict(gaps: list[Interval | float]) -> str:
         if all(gap.high < 0.0 for gap in sure):
             return "is beaten by"
         if not any(gap.excludes_zero for gap in sure):
-            return "is within chance of"
+            return "is not significantly different from"
     return "compares as follows with"
 
 
@@ -184,7 +220,7 @@ def _more(gap: Interval | float) -> str:
     if not isinstance(gap, Interval):
         return f"{number(abs(gap), 3)} {'less' if gap < 0.0 else 'more'} (one run, no interval)"
     size = amount(_turned(gap) if gap.mean < 0.0 else gap)
-    return f"{size} {'less' if gap.mean < 0.0 else 'more'}" + ("" if gap.excludes_zero else " (within chance)")
+    return f"{size} {'less' if gap.mean < 0.0 else 'more'}" + ("" if gap.excludes_zero else " (not significant)")
 
 
 def _less(gap: Interval | float) -> str:
@@ -200,8 +236,8 @@ def _measured(results: Results) -> str:
     study = results.plan.study
     words = (
         f"(Means over {study.episodes} evaluation seeds, the same for everybody, in "
-        f"{many(len(study.conditions), 'condition')}, with 95 % intervals for other seeds; estimators are told apart "
-        "only where all comparisons with each other allow it at once"
+        f"{many(len(study.conditions), 'condition')}, with 95 % intervals for other seeds; those of estimators "
+        "and their verdicts hold for all estimators at once"
     )
     if study.learned:
         words += f"; learned agents: means over {many(study.training_seeds, 'training run')}, for other runs, too"

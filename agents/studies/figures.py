@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from agents.plotting import INK, PALETTE, RAW, styled
+from agents.page import Figure as Picture
+from agents.plotting import INK, PALETTE, RAW, data_uri, styled
 from agents.statistics import Interval, crossed_interval, performance_profile
 from agents.studies.results import Pilot, Place, Results
 from agents.studies.study import FLOOR, ORACLE, Condition
@@ -412,3 +413,14 @@ def _legend(figure: "Figure", panels: Any, columns: int) -> None:
             found.setdefault(name, handle)
     if found:
         figure.legend(found.values(), found.keys(), loc="outside upper center", ncols=columns, fontsize=8.5)
+
+
+def columns_of(environments: Sequence[str], together: bool) -> tuple[list[str], list[Sequence[str]]]:
+    """Headings, and the environments that each stands for: every one, and before them perhaps all together."""
+    each: list[Sequence[str]] = [[e] for e in environments]
+    return ([ALL, *environments], [environments, *each]) if together else (list(environments), each)
+
+
+def framed(figure: "Figure", title: str, caption: str) -> Picture:
+    """A figure on a page."""
+    return Picture(data_uri(figure), title, caption)

@@ -13,7 +13,7 @@ import numpy as np
 from agents.cells import Outcome, journal
 from agents.metrics import SCORE, WATCHED, Metric
 from agents.scores import mean, metrics
-from agents.statistics import Interval, crossed_interval, normalise
+from agents.statistics import Interval, crossed_interval, normalise, share_interval, skewed_interval
 from agents.studies.plan import Flight, Plan
 from agents.studies.study import DEFAULT, FLOOR, ORACLE, RAW, Agent
 from agents.studies.worlds import system_of
@@ -243,10 +243,13 @@ class Results:
         """The rows of a figure by training seed."""
         return {} if values is None else dict(zip(self.seeds(place, pilot, estimator), values, strict=True))
 
-    def price(self, places: Iterable[Place], pilot: Pilot, estimator: str) -> Interval | float | None:
+    def price(
+        self, places: Iterable[Place], pilot: Pilot, estimator: str, comparisons: int = 1
+    ) -> Interval | float | None:
         """Score lost against the truth at the same seed, mean over places; None if one was not flown.
 
-        A number where one training run has no interval.
+        A number where one training run has no interval. Of an agent that does not learn the interval follows the
+        skewness: most episodes cost little, and some much.
         """
         found = []
         for place in places:
@@ -254,8 +257,10 @@ class Results:
                 self._rows(place, pilot, name, self.figure(place, pilot, name)) for name in (ORACLE, estimator)
             )
             found.append({seed: truth[seed] - ours[seed] for seed in truth if seed in ours})
-        lost = _mean_by_run(found)
-        return self.interval(pilot, np.array(list(lost.values()))) if lost else None
+        lost = list(_mean_by_run(found).values())
+        if lost and not self.agent(pilot).learned:
+            return skewed_interval(lost[0], comparisons)
+        return self.interval(pilot, np.array(lost), comparisons) if lost else None
 
     def interval(self, pilot: Pilot, values: np.ndarray, comparisons: int = 1) -> Interval | float | None:
         """The mean of ``(runs, episodes)`` with its interval; a number for one training run, which has none."""
@@ -267,6 +272,30 @@ class Results:
         """A metric's mean over runs and evaluation seeds."""
         values = self.figure(place, pilot, estimator, metric.key)
         return None if values is None else mean(metric, values)
+
+    def completed(self, places: Sequence[Place], pilot: Pilot, estimator: str) -> Interval | float | None:
+        """Share [%] of episodes that end as the task asks, by each seed its mean over places; None without flights."""
+        success = system_of(places[0].environment).task.success
+        found = []
+        for place in places:
+            flights = self._flights.get((place, pilot, estimator), [])
+            ends = [np.array(self.values[f.cell.key]["ends"]) == success for f in flights]
+            found.append(dict(zip(self.seeds(place, pilot, estimator), ends, strict=True)))
+        each = 100.0 * np.array(list(_mean_by_run(found).values()))
+        if not each.size:
+            return None
+        if self.agent(pilot).learned:
+            return self.interval(pilot, each)
+        share = share_interval(0.01 * each.mean() * each.size, each.size)
+        return Interval(100.0 * share.mean, 100.0 * share.low, 100.0 * share.high)
+
+    def worst_decile(self, places: Iterable[Place], pilot: Pilot, estimator: str) -> float | None:
+        """Mean score of the worst tenth of the episodes of all runs in all places; None without flights."""
+        found = [score.ravel() for p in places if (score := self.figure(p, pilot, estimator)) is not None]
+        if not found:
+            return None
+        scores = np.sort(np.concatenate(found))
+        return float(scores[: -(-len(scores) // 10)].mean())
 
     def cost(self, environment: str, pilot: Pilot, estimator: str) -> float | None:
         """CPU time of a step on an estimator [µs], agent and physics included: the median over flights.
@@ -300,17 +329,20 @@ class Results:
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(
-            ["environment", "condition", "agent", "trained_on", "training_seed", "estimator", "seed", "end", *keys]
+            ["environment", "condition", "agent", "trained_on", "training_seed", "estimator", "seed", "end"]
+            + ["is_success", *keys]
         )
         for f in self.plan.flights:
             values = self.values.get(f.cell.key)
             if values is None:
                 continue
             seed = "" if f.training_seed is None else f.training_seed
+            success = system_of(f.environment).task.success
             for i, number in enumerate(self.plan.study.seeds):
                 shown = [values["figures"].get(key, [float("nan")] * (i + 1))[i] for key in keys]
                 writer.writerow(
                     [f.environment, f.condition, f.agent, f.trained_on, seed, f.flown_on, number, values["ends"][i]]
+                    + [values["ends"][i] == success]
                     + [f"{value:.6g}" if np.isfinite(value) else "" for value in shown]
                 )
         return text.getvalue()

@@ -9,7 +9,7 @@ from math import comb
 
 import numpy as np
 
-from agents.statistics import Interval, paired_difference
+from agents.statistics import Interval, paired_difference, verdict
 from agents.studies.results import Pilot, Results
 from agents.studies.study import DEFAULT, FLOOR, ORACLE
 
@@ -40,18 +40,23 @@ def common(results: Results) -> dict[str, np.ndarray]:
     return ranked if len(ranked) > 1 else {}
 
 
-def kept(results: Results, environments: Sequence[str], pilot: Pilot, estimator: str | None) -> Interval | float | None:
-    """What somebody of `Results.schools` keeps; a number where one training run has no interval."""
+def kept(
+    results: Results, environments: Sequence[str], pilot: Pilot, estimator: str | None, among: int = 1
+) -> Interval | float | None:
+    """Share that somebody of `Results.schools` keeps; a number where one training run has no interval.
+
+    The interval of the best of several holds only if theirs hold all at once: ``among`` is their number.
+    """
     shares = results.shares(environments, pilot, estimator)
-    return None if shares is None else results.interval(pilot, shares)
+    return None if shares is None else results.interval(pilot, shares, among)
 
 
-def loss(results: Results, environments: Iterable[str], estimator: str) -> Interval | float | None:
-    """Score that the classical agent loses on an estimator against the truth, where there is a scale."""
-    return results.price(results.scaled(environments), results.classical, estimator)
+def loss(results: Results, environments: Iterable[str], estimator: str, among: int = 1) -> Interval | float | None:
+    """Score that the classical agent loses on an estimator against the truth, where there is a scale; as `kept`."""
+    return results.price(results.scaled(environments), results.classical, estimator, among)
 
 
-def margin(ranked: dict[str, np.ndarray], one: str, other: str) -> Interval | None:
+def gap(ranked: dict[str, np.ndarray], one: str, other: str) -> Interval | None:
     """How much more is kept on one estimator than on another.
 
     The 95 % hold for all pairs of the ranked at once, because which of them is the best is seen in the same episodes:
@@ -60,10 +65,13 @@ def margin(ranked: dict[str, np.ndarray], one: str, other: str) -> Interval | No
     return paired_difference(ranked[one], ranked[other], comparisons=comb(len(ranked), 2))
 
 
-def clear(ranked: dict[str, np.ndarray], one: str, other: str) -> bool:
-    """Whether the `margin` is beyond chance."""
-    found = margin(ranked, one, other)
-    return found is not None and found.excludes_zero
+def verdicts(results: Results, ranked: dict[str, np.ndarray], best: str) -> dict[str, list[str]]:
+    """The estimators but the best by their verdict against it, in their order."""
+    found: dict[str, list[str]] = {}
+    for name in ranked:
+        if name != best:
+            found.setdefault(verdict(gap(ranked, name, best), results.plan.study.margin), []).append(name)
+    return found
 
 
 def learners(results: Results) -> list[Pilot]:

@@ -21,6 +21,11 @@ def share_entry(value: Interval | float | None, signed: bool = False) -> Entry:
     return Entry(number(value, 3, signed)) if isinstance(value, float) else entry(value, 3, signed)
 
 
+def percent(value: Interval | float | None) -> Entry:
+    """A share [%] in a table."""
+    return Entry(number(value, 1)) if isinstance(value, float) else entry(value, 1)
+
+
 def microseconds(value: float | None) -> str:
     """CPU time [µs] to three digits."""
     return "–" if value is None else number(value, 0 if value >= 100.0 else 1)

@@ -1,0 +1,174 @@
+"""The claims of a study, tested once on fresh evaluation seeds."""
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from agents.files import replacing
+from agents.statistics import EQUIVALENT, UNDECIDED, Interval, paired_difference, verdict
+from agents.studies.results import Results
+from agents.studies.shares import (
+    against_classical,
+    common,
+    difference,
+    kept,
+    learners,
+    rankable,
+    reference_pilot,
+    ruled,
+    shared,
+)
+from agents.studies.study import Study
+
+HELD, OPEN, FAILED = "confirmed", "not confirmed", "contradicted"
+"""Outcomes of a claim on fresh seeds: the same verdict, none, another one."""
+
+
+class Difference(NamedTuple):
+    """A difference of shares kept.
+
+    Attributes:
+        column: An environment, or ``"All"``.
+        one: The minuend.
+        other: The subtrahend.
+        value: With its interval.
+    """
+
+    column: str
+    one: str
+    other: str
+    value: Interval | float | None
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A difference as both passes found it, and the verdicts.
+
+    Attributes:
+        first: Of the first pass, which chose what is compared.
+        fresh: On the fresh seeds; None if that was not flown.
+        verdicts: Of the two.
+    """
+
+    first: Difference
+    fresh: Interval | float | None
+    verdicts: tuple[str, str]
+
+    @property
+    def outcome(self) -> str:
+        """One of the outcomes; empty where the first pass claimed nothing."""
+        if self.verdicts[0] == UNDECIDED:
+            return ""
+        return HELD if self.verdicts[0] == self.verdicts[1] else OPEN if self.verdicts[1] == UNDECIDED else FAILED
+
+    def __str__(self) -> str:
+        word = "to" if self.verdicts[0] == EQUIVALENT else "than"
+        return f"{self.first.one} {self.verdicts[0]} {word} {self.first.other} ({self.first.column})"
+
+
+@dataclass(frozen=True)
+class Confirmed:
+    """The claims of a study on fresh seeds.
+
+    Attributes:
+        episodes: Number of the seeds.
+        best: The best of the first pass; empty if none stands for all environments.
+        kept: Share kept on it at the fresh seeds.
+        claims: All differences.
+    """
+
+    episodes: int
+    best: str
+    kept: Interval | float | None
+    claims: list[Claim]
+
+
+def confirmed(results: Results, fresh: Results) -> Confirmed:
+    """Compare the differences of a study with those on fresh seeds."""
+    margin, best = results.plan.study.margin, _best(results)
+    again = {each[:3]: each.value for each in _differences(fresh, best, chosen=True)}
+    claims = []
+    for first in _differences(results, best, chosen=False):
+        value = again.get(first[:3])
+        claims.append(Claim(first, value, (verdict(first.value, margin), verdict(value, margin))))
+    columns = _columns(results)
+    column = next(iter(columns)) if len(ruled(results)) == 1 or common(results) else ""
+    share = kept(fresh, columns[column], fresh.classical, best[column]) if column else None
+    return Confirmed(fresh.plan.study.episodes, best.get(column, ""), share, claims)
+
+
+def _columns(results: Results) -> dict[str, Sequence[str]]:
+    """The environments that each column of the ranking stands for."""
+    each: dict[str, Sequence[str]] = {e: [e] for e in ruled(results)}
+    return ({"All": list(each)} if common(results) else {}) | each
+
+
+def _best(results: Results) -> dict[str, str]:
+    """The best estimator of each column."""
+    return {column: next(iter(rankable(results, where))) for column, where in _columns(results).items()}
+
+
+def _differences(results: Results, best: dict[str, str], chosen: bool) -> Iterator[Difference]:
+    """Every estimator against the best, and learned agents against the classical one and each other.
+
+    Where the best was chosen on other seeds, the 95 % hold for all comparisons with it at once, else for all pairs.
+    """
+    for column, where in _columns(results).items():
+        ranked = rankable(results, where)
+        others = [name for name in ranked if name != best.get(column)]
+        pairs = len(others) * (1 if chosen else len(ranked)) // (1 if chosen else 2)
+        for name in others if best.get(column) in ranked else ():
+            found = paired_difference(ranked[name], ranked[best[column]], comparisons=pairs)
+            yield Difference(column, name, best[column], found)
+    reference = reference_pilot(results)
+    for environment in [] if reference is None else shared(results, reference):
+        assert reference is not None
+        value = against_classical(results, environment, reference)
+        yield Difference(environment, str(reference), str(results.classical), value)
+        raw = [pilot for pilot in learners(results) if results.agent(pilot).raw]
+        for pilot in raw:
+            value = difference(results, [environment], reference, pilot, len(raw))
+            yield Difference(environment, str(reference), str(pilot), value)
+
+
+def open_seeds(study: Study, out: Path) -> None:
+    """Record in a results folder that the fresh seeds of a study are opened.
+
+    Raises:
+        ValueError: if they, or others, were opened there for another version of the study.
+    """
+    opened = opening(out)
+    if opened and not is_open(study, out):
+        raise ValueError(
+            f"the fresh seeds of {out} were opened on {opened['opened']} for another version of this study: they are "
+            "opened once, so take another folder, and a first_seed in confirm that nobody has opened"
+        )
+    if not opened:
+        record = {"opened": f"{datetime.now(UTC):%Y-%m-%d}", "study": study.resolved()}
+        with replacing(out / "confirmation.json") as temporary:
+            temporary.write_text(json.dumps(record, indent=1), encoding="utf-8")
+
+
+def is_open(study: Study, out: Path) -> bool:
+    """Return whether the fresh seeds were opened in a folder, for this very study but for its title."""
+    opened = opening(out)
+    return bool(opened) and opened["study"] | {"title": ""} == json.loads(json.dumps(study.resolved() | {"title": ""}))
+
+
+def opening(out: Path) -> dict[str, Any]:
+    """The record of the fresh seeds that were opened in a folder; empty if none were.
+
+    Raises:
+        ValueError: if it is damaged.
+    """
+    path = out / "confirmation.json"
+    try:
+        record = json.loads(path.read_text(encoding="utf-8"))
+        return {"opened": str(record["opened"]), "study": dict(record["study"])}
+    except FileNotFoundError:
+        return {}
+    except (ValueError, KeyError, TypeError):
+        raise ValueError(f"{path} is damaged, so which seeds were opened is not known: take another folder") from None

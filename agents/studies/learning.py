@@ -1,0 +1,139 @@
+"""Section of a report: learned agents, beside the classical one and each other."""
+
+from collections.abc import Sequence
+
+from agents.page import Block, Entry, Prose, Section, Table, entry
+from agents.statistics import probability_of_improvement
+from agents.studies.figures import Row, columns_of, dots, framed, pilot_looks, profile_figure, transfer_figure
+from agents.studies.results import Pilot, Results
+from agents.studies.shares import difference, kept, learners, reference_pilot
+from agents.studies.study import FEW_SEEDS
+from agents.studies.wording import many, share_entry
+
+
+def learning(results: Results) -> Section:
+    """Shares kept by learned agents, on estimates and on measurements."""
+    title = "Learned agents"
+    learned = learners(results)
+    environments = [e for e in results.environments if any(results.runs([e], p) is not None for p in learned)]
+    if not learned or not environments:
+        return Section(title, [])
+    seeds = results.plan.study.training_seeds
+    blocks: list[Block] = []
+    if seeds < FEW_SEEDS:
+        blocks.append(
+            Prose(
+                f"Warning: {many(seeds, 'training run')} of each agent. What is said of learning here is of these "
+                f"policies; with fewer than {FEW_SEEDS} runs an interval says little of what another training would "
+                "give."
+            )
+        )
+    blocks.append(
+        Prose(
+            f"What none of {many(seeds, 'run')} shows, no interval holds: where 10 to 20 % of trainings fail, those of "
+            "five runs hold the mean of all in 28 to 65 of 100 studies. If none of these failed, up to "
+            f"{100.0 * (1.0 - 0.05 ** (1.0 / seeds)):.0f} % of trainings may still fail (95 %)."
+        )
+    )
+    heads, columns = columns_of(environments, len(environments) > 1)
+    look = pilot_looks(results)
+    rows = [
+        Row(str(pilot), look[pilot], [kept(results, column, pilot, None) for column in columns])
+        for pilot in results.schools()
+    ]
+    at_home = (
+        "Everybody at home: learned agents on what they were trained on, others on the environment's default "
+        f"estimator. Means over conditions, evaluation seeds and, of learned agents, {many(seeds, 'training run')}, "
+        "with 95 % intervals for other seeds and other runs. All conditions, though learned agents know the first "
+        "alone."
+    )
+    blocks += [
+        framed(
+            dots(rows, heads, "share of the oracle's performance kept"),
+            "Share kept by each agent",
+            at_home + " Hollow: one run, no interval.",
+        ),
+        Table(
+            "Share of the oracle's performance kept, by agent",
+            at_home,
+            "Agent",
+            [(head, "") for head in heads],
+            [("", [(row.name, [share_entry(value) for value in row.values]) for row in rows])],
+            "agents",
+        ),
+    ]
+    reference = reference_pilot(results)
+    if reference is not None:
+        others = [pilot for pilot in learned if pilot != reference]
+        blocks += _improvement(results, reference, others, columns, heads) + _without_filter(
+            results, reference, others, columns, heads
+        )
+    blocks.append(
+        framed(
+            profile_figure(results),
+            "Performance profiles",
+            "Share of the training runs that keep more than a share of the oracle's performance, each agent at home, "
+            "with pointwise 95 % bands (Clopper and Pearson) for other runs on these evaluation seeds, where runs lie.",
+        )
+    )
+    for agent in (a for a in results.plan.study.agents if a.learned and not a.raw):
+        figure = transfer_figure(results, agent.name)
+        if figure is not None:
+            blocks.append(
+                framed(
+                    figure,
+                    f"{agent.name}: trained on one estimator, flown on another",
+                    "Mean share kept over training runs, conditions and seeds; framed: the estimator of the training.",
+                )
+            )
+    return Section(title, blocks)
+
+
+def _improvement(
+    results: Results, reference: Pilot, others: list[Pilot], columns: list[Sequence[str]], heads: list[str]
+) -> list[Block]:
+    def better(pilot: Pilot, column: Sequence[str]) -> Entry:
+        ours, theirs = (results.runs(column, p) for p in (pilot, reference))
+        return Entry("–") if ours is None or theirs is None else entry(probability_of_improvement(ours, theirs), 2)
+
+    rows = [(str(pilot), [better(pilot, column) for column in columns]) for pilot in others]
+    return _unless_empty(
+        Table(
+            f"Probability of improvement over {reference}",
+            f"How probably a training run of the agent keeps more than one of {reference}, each at home, with its 95 % "
+            "interval (Clopper and Pearson) for other runs on these evaluation seeds; 0.5: as good.",
+            "Agent",
+            [(head, "") for head in heads],
+            [("", rows)],
+            "improvement",
+        )
+    )
+
+
+def _without_filter(
+    results: Results, reference: Pilot, others: list[Pilot], columns: list[Sequence[str]], heads: list[str]
+) -> list[Block]:
+    """Raw readings, with and without memory, beside learning on estimates."""
+    raw = [pilot for pilot in others if results.agent(pilot).raw]
+
+    def gain(pilot: Pilot, column: Sequence[str]) -> Entry:
+        return share_entry(difference(results, column, pilot, reference, len(raw)), signed=True)
+
+    rows = [(str(pilot), [gain(pilot, column) for column in columns]) for pilot in raw]
+    return _unless_empty(
+        Table(
+            "Learning without a filter",
+            f"Share kept on raw readings minus share kept by {reference}, paired by training and evaluation seed; "
+            "the 95 % hold for all rows of a column at once (Bonferroni); bold where zero is excluded. Negative: the "
+            "filter is worth it.",
+            "Agent",
+            [(head, "") for head in heads],
+            [("", rows)],
+            "without-filter",
+        )
+    )
+
+
+def _unless_empty(table: Table) -> list[Block]:
+    entries = [entry for _, rows in table.sections for _, row in rows for entry in row]
+    return [table] if any(entry.value != "–" for entry in entries) else []

@@ -1,0 +1,210 @@
+"""Sections of a report: consistency, robustness, cost, example episodes and everything else that is measured."""
+
+from collections.abc import Iterable, Sequence
+from itertools import product
+
+import numpy as np
+
+from agents.episodes import Episode
+from agents.metrics import NEES, SCORE, UNHEALTHY, WITHOUT_COVARIANCE, Metric
+from agents.page import Block, Entry, Live, Prose, Section, Table, entry, listed, number
+from agents.scores import metrics
+from agents.studies.examples import examples
+from agents.studies.figures import AXES, cost_figure, framed, robustness_figure, varied
+from agents.studies.results import Place, Results
+from agents.studies.shares import ruled
+from agents.studies.study import FLOOR, ORACLE
+from agents.studies.wording import microseconds, sentence, the
+from agents.studies.worlds import system_of
+
+
+def consistency(results: Results) -> Section:
+    """Claimed uncertainty of estimators beside the score."""
+    sections = []
+    for environment in results.environments:
+        place = Place(environment, results.conditions[0])
+        names = results.estimators(environment, results.classical)
+        rows = [(name, _honesty(results, place, name)) for name in names]
+        sections.append((environment, [row for row in rows if any(e.value != "–" for e in row[1])]))
+    sections = [(title, rows) for title, rows in sections if rows]
+    if not sections:
+        return Section("Consistency beside task score", [])
+    table = Table(
+        f"What estimators claim, and what agents make of it ({results.conditions[0]})",
+        f"{sentence(the(results.classical))}; mean over evaluation seeds with its 95 % interval. {NEES.label}: "
+        f"{NEES.meaning} In band: share of times at which NEES (mean over seeds) and NIS (sum over seeds) lie in their "
+        "95 % chi-square bands; 0.95 for a filter that is as good as it says, less for a cautious one, too. Diverged: "
+        "episodes in which the truth was for half of the time outside of what the filter held for possible (NEES "
+        f"beyond its 99.9999 % quantile). {UNHEALTHY.label}: {UNHEALTHY.meaning} A dash: {listed(WITHOUT_COVARIANCE)} "
+        "claim no covariance of their own; without innovations there is no NIS. Where an unknown input reaches the "
+        "readings, every innovation contains it and no covariance does: no NIS there is in its band.",
+        "Estimator",
+        [
+            ("Score", ""),
+            (NEES.label, ""),
+            ("NEES in band", ""),
+            ("NIS in band", ""),
+            ("Diverged", ""),
+            ("Diverged, all conditions", ""),
+            (UNHEALTHY.label, UNHEALTHY.unit),
+        ],
+        sections,
+        "consistency",
+    )
+    return Section("Consistency beside task score", [table])
+
+
+def _honesty(results: Results, place: Place, name: str) -> list[Entry]:
+    who = results.classical
+
+    def share(key: str) -> Entry:
+        value = results.value(place, who, name, key)
+        return Entry("–" if value is None else number(float(value.mean()), 2))
+
+    def diverged(places: Iterable[Place]) -> Entry:
+        counts = [value for p in places if (value := results.value(p, who, name, "diverged")) is not None]
+        if not counts or name in WITHOUT_COVARIANCE:
+            return Entry("–")
+        return Entry(f"{int(sum(c.sum() for c in counts))} of {sum(c.size for c in counts)}")
+
+    return [
+        entry(results.mean(place, who, name, SCORE), 3),
+        entry(results.mean(place, who, name, NEES), 2),
+        share("nees_in_band"),
+        share("nis_in_band"),
+        diverged([place]),
+        diverged(results.places([place.environment])),
+        entry(results.mean(place, who, name, UNHEALTHY), 1),
+    ]
+
+
+def robustness(results: Results) -> Section:
+    """Shares kept over each axis that the conditions vary."""
+    title = "Robustness"
+    if not ruled(results):
+        return Section(title, [])
+    lacking = [AXES[axis] for axis in AXES if axis not in varied(results)]
+    missing = f"The study varies no {listed(lacking)} on its own." if lacking else ""
+    figure = robustness_figure(results)
+    if figure is None:
+        return Section(title, [Prose(missing)])
+    caption = (
+        f"{sentence(the(results.classical))}; each axis is varied alone, the others as in {results.conditions[0]!r}. "
+        "Means and 95 % intervals over evaluation seeds, side by side for legibility. The scale is that of each "
+        f"condition: {FLOOR} 0, {ORACLE} 1."
+    )
+    block = framed(figure, "Share kept over what may go wrong", caption)
+    return Section(title, [block, *([Prose(missing)] if missing else [])])
+
+
+def cost(results: Results) -> Section:
+    """CPU time of a step."""
+    title = "Cost"
+    figure = cost_figure(results)
+    if figure is None:
+        return Section(title, [])
+    names = [
+        name
+        for name in results.flown_on()
+        if any(results.cost(e, results.classical, name) for e in results.environments)
+    ]
+    costs = [
+        (name, [Entry(microseconds(results.cost(e, results.classical, name))) for e in results.environments])
+        for name in names
+    ]
+    return Section(
+        title,
+        [
+            framed(
+                figure,
+                f"Score over CPU time ({results.conditions[0]})",
+                f"{sentence(the(results.classical))}. CPU time of one step of one vehicle in a batch of "
+                f"{results.plan.study.episodes}: physics, sensors, estimator and agent; the difference from {ORACLE} "
+                "is the estimator's. Median over conditions; it holds for the machine that computed, and its load.",
+            ),
+            Table(
+                "CPU time of a step, by estimator",
+                "Median over conditions, physics and agent included.",
+                "Estimator",
+                [(environment, "µs") for environment in results.environments],
+                [("", costs)],
+                "cost",
+            ),
+        ],
+    )
+
+
+def episodes(results: Results) -> Section:
+    """The example episodes."""
+    blocks: list[Block] = []
+    for environment, cell in examples(results.plan).items():
+        if cell.key in results.values:
+            shown = Episode(results.values[cell.key])
+            flights, spread = shown.page["flights"], shown.page["spread"]
+            ends = [
+                f"{flight['estimator']} {number(flight['score'], 2)}{f' ({end})' if (end := flight['end']) else ''}"
+                for flight in flights
+            ]
+            varies = (
+                f" Over all seeds a score has a standard deviation of {', '.join(number(sd, 2) for sd in spread)}: one "
+                "episode does not show which estimator is better."
+                if spread
+                else ""
+            )
+            blocks.append(
+                Live(
+                    shown.html(),
+                    f"{environment}, {results.conditions[0]}",
+                    f"{sentence(the(results.classical))} at {shown.page['conditions'][-1]}, whose scores lie nearest "
+                    f"to their means over all evaluation seeds. Score and end: {', '.join(ends)}.{varies}",
+                )
+            )
+    return Section("Example episodes", blocks)
+
+
+def measures(results: Results) -> Section:
+    """All metrics, in tables narrow enough to read."""
+    blocks: list[Block] = []
+    first = results.conditions[0]
+    told = {NEES.key, UNHEALTHY.key, "return"}
+    for environment in results.environments:
+        place = Place(environment, first)
+        known = [m for m in metrics(system_of(environment)) if m.key not in told]
+        estimated = [m for m in known if m.key.endswith(("_rmse", "_nees"))]
+        steered = [m for m in known if m not in estimated]
+        for kind, chosen, name in (
+            ("How the vehicle was steered", steered, "steering"),
+            ("How well the state was estimated", estimated, "estimation"),
+        ):
+            rows = [
+                (on, [entry(results.mean(place, results.classical, on, m), m.decimals) for m in chosen])
+                for on in results.estimators(environment, results.classical)
+                if results.figure(place, results.classical, on) is not None
+            ]
+            if chosen and rows:
+                blocks.append(
+                    Table(
+                        f"{kind}: {environment}, {first}",
+                        f"{sentence(the(results.classical))}; mean over evaluation seeds with its 95 % interval "
+                        "(Clopper and Pearson's for yes or no). "
+                        + " ".join(f"{m.label}: {m.meaning}" for m in chosen)
+                        + (" Along the track that was flown on that estimator." if chosen is estimated else "")
+                        + _partly(results, place, chosen),
+                        "Estimator",
+                        [(m.label, m.unit) for m in chosen],
+                        [("", rows)],
+                        f"{name}-{environment}".lower().replace(":", "-"),
+                    )
+                )
+    return Section("Steering and estimation in figures", blocks)
+
+
+def _partly(results: Results, place: Place, chosen: Sequence[Metric]) -> str:
+    """Where a figure exists for some episodes only, say for how many."""
+    notes = []
+    for name, m in product(results.estimators(place.environment, results.classical), chosen):
+        values = results.figure(place, results.classical, name, m.key)
+        count = 0 if values is None else int(np.isfinite(values).sum())
+        if values is not None and 0 < count < values.size:
+            notes.append(f"{m.label.lower()} on {name} {count}")
+    return f" Episodes that have the figure, where not all do: {', '.join(notes)}." if notes else ""
