@@ -300,6 +300,26 @@ def test_the_two_branches_of_the_cross_flow_meet():
     np.testing.assert_allclose(inside, outside, rtol=1e-10)
 
 
+@pytest.mark.parametrize("name", ["corvette-thesis", "corvette", "mariner"])
+@pytest.mark.parametrize("way", [1.0, -1.0], ids=["ahead", "astern"])
+def test_without_thrust_a_ship_loses_energy_ahead_and_astern(name: str, way: float):
+    """Of body and added mass, which is symmetric here, as that of any body in potential flow is."""
+    ship = load(name, CorvetteParameters)
+    coupling = dict(ship.given).get("Yrdot", ship.clarke["Yrdot"])
+    ship = replace(ship, given=(*ship.given, ("Nvdot", coupling)), resistance=1e-9, drag_coefficient=1e-9)
+    inertia = np.zeros((3, 3))
+    c = dict(zip(COEFFICIENTS, ship.vector(), strict=True))
+    inertia[0, 0], inertia[1, 1], inertia[2, 2] = c["surge_inertia"], c["sway_inertia"], c["yaw_inertia"]
+    inertia[1, 2] = inertia[2, 1] = c["sway_yaw_inertia"]
+    rng = np.random.default_rng(11)
+    states = np.zeros((500, 8))
+    states[:, 3] = way * rng.uniform(0.1, 1.2, 500) * ship.speed
+    states[:, 4] = rng.normal(size=500) * 0.2 * ship.speed
+    states[:, 5] = rng.normal(size=500) * 0.3 * ship.speed / ship.length
+    power = np.vecdot(states[:, 3:6] @ inertia, ship_rates(states, np.zeros((500, 8)), ship.vector())[:, 3:6])
+    assert (power < 0.0).all()
+
+
 @each_ship
 def test_port_mirrors_starboard(ship: CorvetteParameters):
     states, controls = random_motions(np.random.default_rng(3), 200)

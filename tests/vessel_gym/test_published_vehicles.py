@@ -14,11 +14,12 @@ import numpy as np
 import pytest
 from energies import energy
 from scipy.integrate import solve_ivp
+from scipy.optimize import root
 
 from vessel_gym.sea_trials import circle_geometry, initial_turning, nomoto_linear, turning_circle, zigzag
 from vessel_gym.vehicles.auv import UNCERTAIN
 from vessel_gym.vehicles.files import load
-from vessel_gym.vehicles.segorogeni import COEFFICIENTS, segorogeni_step
+from vessel_gym.vehicles.segorogeni import COEFFICIENTS, segorogeni_rates, segorogeni_step
 
 DEG = np.pi / 180.0
 
@@ -308,6 +309,29 @@ def test_remus_dives_and_climbs_as_its_published_equations_do(degrees: float, de
     largest = np.abs(published).max(0)
     for i in (0, 2, 4, 8, 10):  # speed, heave, pitch rate, depth and pitch, all the way
         np.testing.assert_allclose(ours[:, i], published[:, i], atol=0.01 * largest[i])
+
+
+def test_remus_cruises_only_as_far_as_its_file_says():
+    """Level it takes 8.7 degrees of stern planes, and is unstable; amidships it dives (Prestero's equations agree)."""
+    c, speed = REMUS.vector(), REMUS.cruise_speed
+
+    def rates(u: float, w: float, q: float, theta: float, stern: float, thrust: float) -> np.ndarray:
+        state = np.array([u, 0.0, w, 0.0, q, 0.0, 0.0, 0.0, 0.0, 0.0, theta, 0.0])
+        return segorogeni_rates(state, np.array([0.0, stern, thrust]), STILL, c)[[0, 2, 4, 10]]
+
+    def level(z: np.ndarray) -> np.ndarray:
+        return rates(speed * np.cos(z[0]), speed * np.sin(z[0]), 0.0, *z)[:3]
+
+    pitch, stern, thrust = root(level, [0.0, 0.0, REMUS.cruise_thrust]).x
+    assert stern / DEG == pytest.approx(-8.7, abs=0.05)
+    assert pitch / DEG == pytest.approx(-2.5, abs=0.05)
+    trim = np.array([speed * np.cos(pitch), speed * np.sin(pitch), 0.0, pitch])
+    slopes = [(rates(*trim + h, stern, thrust) - rates(*trim - h, stern, thrust)) / 2e-6 for h in 1e-6 * np.eye(4)]
+    assert np.linalg.eigvals(np.transpose(slopes)).real.max() > 0.1  # 1/s
+    for track in both(0.0, 0.0, 200.0):
+        assert track[-1, 8] > 20.0
+        assert track[-1, 10] / DEG == pytest.approx(-26.0, abs=0.5)
+        assert track[-1, 0] == pytest.approx(0.67, abs=0.01)
 
 
 def test_remus_without_damping_keeps_its_energy():

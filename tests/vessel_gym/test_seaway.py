@@ -1,6 +1,8 @@
 """A sea that knows the ship: encounter, loads, first-order motion, wind and drift, and the ship that answers them."""
 
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -303,6 +305,9 @@ def test_nomotos_figures_lie_by_those_of_a_frigate_of_her_size():
     nomoto = nomoto_linear(SHIP)  # K' 2.0, T' 2.4 for van Amerongen's 100 m frigate
     assert 1.6 < nomoto.K < 2.6
     assert 1.8 < nomoto.T < 2.8
+    printed = rf"Nomoto's K' (is )?{nomoto.K:.1f}(,| and) T' {nomoto.T:.1f}"
+    for place in ("vessel_gym/vehicles/data/corvette.toml", "docs/seaway.md"):
+        assert re.search(printed, (Path(__file__).parents[2] / place).read_text(encoding="utf-8"))
 
 
 def test_constant_thrust_is_the_limit_of_propellers_without_slope():

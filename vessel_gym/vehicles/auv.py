@@ -278,7 +278,7 @@ class AUV(WholeState):
 
     @cached_property
     def cruise(self) -> tuple[np.ndarray, np.ndarray]:
-        """Level at the cruising speed, fins centred."""
+        """Level at the cruising speed, fins centred: the start of a dive, and steady only for a vehicle in trim."""
         x, still = np.zeros(len(self.state_names)), np.zeros(len(self.action_names))
         x[0], still[-1] = self.body.cruise_speed, self.body.cruise_thrust
         return x, np.concatenate([still, still])

@@ -274,13 +274,17 @@ def _accelerations(
         c[I.thrust] * load - c[I.resistance] * u * abs(u) + m_vv * v * r + m_vr * r * r - force * sin_rudder
         + forces[0]
     )  # fmt: skip
+    # The derivatives hold Kirchhoff's terms, which turn their sign astern, and lift, which there still takes energy.
+    astern, surge_added = abs(u) - u, c[I.surge_inertia] - c[I.mass]
+    munk = surge_added - (m_vv - c[I.mass])
     Y = (
-        u * (c[I.Yv] * v + c[I.Yr] * r) - c[I.mass] * u * r - c[I.cross_flow] * sway_drag - force * cos_rudder
-        + forces[1]
+        u * (c[I.Yv] * v + c[I.Yr] * r) + astern * (c[I.Yv] * v + (c[I.Yr] + surge_added) * r)
+        - c[I.mass] * u * r - c[I.cross_flow] * sway_drag - force * cos_rudder + forces[1]
     )  # fmt: skip
     N = (
-        u * (c[I.Nv] * v + c[I.Nr] * r) - c[I.mass_x_g] * u * r
-        - c[I.cross_flow] * yaw_drag + a * force * cos_rudder + forces[2]
+        u * (c[I.Nv] * v + c[I.Nr] * r)
+        + astern * ((c[I.Nv] - munk) * v + (c[I.Nr] + m_vr - c[I.mass_x_g]) * r)
+        - c[I.mass_x_g] * u * r - c[I.cross_flow] * yaw_drag + a * force * cos_rudder + forces[2]
     )  # fmt: skip
     determinant = m_vv * m_rr - m_vr * m_rv
     sway, yaw = (m_rr * Y - m_vr * N) / determinant, (m_vv * N - m_rv * Y) / determinant
