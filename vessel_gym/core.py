@@ -251,6 +251,13 @@ class Core:
         return np.concatenate([self.state, self.drifting if self._shown else self.bias], -1)
 
     @property
+    def score(self) -> np.ndarray:
+        """Sums of rewards over that of a perfect episode ``(B,)``, in [0, 1], however long episodes are."""
+        share, task = np.empty(self.num_envs), self.task
+        scored(self.total, self.steps, task.perfect, float(task.perfect == task.horizon), share)
+        return share
+
+    @property
     def sea_state(self) -> np.ndarray:
         """The disturbance's state ``(B, k)``."""
         return self.drifting[:, : self._size]
@@ -559,7 +566,7 @@ class Core:
         """
         happened = self.happened() | {
             "healthy": self.loop.belief.healthy,
-            "score": self.total / self.task.perfect,
+            "score": self.score,
             "end": self._ends[self.end],
             "is_success": self.end == self.success,
         }
@@ -694,6 +701,21 @@ def add(total: np.ndarray, reward: np.ndarray) -> None:
     """Add rewards ``(B,)`` to their totals, in place: NumPy takes several times as long for a few."""
     for row in range(len(total)):
         total[row] += reward[row]
+
+
+@rowwise("void(f8[::1],i8[::1],f8,f8,f8[::1])")
+def scored(total: np.ndarray, steps: np.ndarray, perfect: float, each: float, share: np.ndarray) -> None:
+    """Shares ``(B,)`` of totals in those of perfect episodes, in [0, 1]: the last.
+
+    Args:
+        total: ``(B,)`` sums of rewards.
+        steps: ``(B,)`` since the start.
+        perfect: Sum of the rewards of a perfect episode of full length,
+        each: and how much a step beyond that length adds to it.
+        share: ``(B,)``.
+    """
+    for row in range(len(share)):
+        share[row] = min(max(total[row] / max(perfect, each * steps[row]), 0.0), 1.0)
 
 
 @rowwise("void(f8[:,:],f8,f4[:,::1])")

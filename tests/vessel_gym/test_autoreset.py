@@ -207,6 +207,46 @@ def test_where_nothing_restarts_an_episode_that_has_ended_a_step_is_refused_in_a
     env.step(idle)
 
 
+def test_a_single_environment_that_has_ended_stays_ended_whatever_is_done():
+    """A ship far off her track has lost her turn: steps beyond give nothing, move nothing and bring nothing back."""
+    env = single_class("SigmaCorvette-v0")()
+    env.reset(seed=0)
+    env.core.state[:, 1] += 1e6
+    _, _, terminated, _, _ = env.step(np.zeros(1, np.float32))
+    assert terminated
+    env.core.state[:, 1] -= 1e6  # found again
+    score, truth = env.core.score.copy(), env.truth
+    for action in (0.0, 1.0):
+        _, reward, terminated, truncated, info = env.step(np.full(1, action, np.float32))
+        assert (reward, terminated, truncated) == (0.0, True, False)
+        assert (info["score"], info["end"]) == (score[0], "turn lost")
+        np.testing.assert_array_equal(info["truth"], truth)
+    with pytest.raises(ValueError, match="action must be finite"):
+        env.step(np.full(1, np.nan, np.float32))
+    env.reset()
+    assert not env.step(np.zeros(1, np.float32))[2]
+
+
+@pytest.mark.parametrize("env_id", ["SigmaCorvette-v0", "SegorogeniAUV-v0"])
+def test_a_score_is_a_share_however_long_an_episode_is(env_id: str):
+    """Twice the usual time at a reward of 1 a step is a score of 1, in a batch and in a single environment."""
+    batch = make_batch(env_id, 2, max_episode_steps=1200, autoreset_mode="Disabled").unwrapped
+    single = single_class(env_id)()
+    for env in (batch, single):
+        env.reset(seed=0)
+        core = env.core
+        task, rows, scores = core.task, core.num_envs, []
+        for steps in (0, 1, task.horizon // 2, task.horizon, 1200, 10 * task.horizon):
+            core.steps[:] = steps
+            core.total[:] = min(steps, 1.0) * (steps if task.perfect == task.horizon else task.perfect)
+            scores.append(core.score)
+        usual = [steps / task.horizon for steps in (0, 1, task.horizon // 2)]
+        expected = usual if task.perfect == task.horizon else [0.0, 1.0, 1.0]
+        np.testing.assert_allclose(scores, np.repeat([[*expected, 1.0, 1.0, 1.0]], rows, 0).T, rtol=1e-15)
+    core.total[:] = np.nextafter(core.total, np.inf)
+    assert core.score.max() == 1.0
+
+
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, "SameStep", "Disabled"], ids=str)
 def test_a_mode_is_told_as_gymnasiums_own_batches_are_told_it(mode: Any):
     env = gym.make_vec("SigmaCorvette-v0", num_envs=2, autoreset_mode=mode)

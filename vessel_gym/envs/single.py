@@ -107,8 +107,15 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
         return self.core.observe()[0], self._info()
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """Advance one step; see `gymnasium.Env.step`. Truncation is `gymnasium.wrappers.TimeLimit`'s."""
-        reward, end = self.core.step(action, shape=self._shape)
+        """Advance one step; see `gymnasium.Env.step`. Truncation is `gymnasium.wrappers.TimeLimit`'s.
+
+        An episode that has ended stays as it is, with reward 0, until the next reset.
+        """
+        core = self.core
+        if core.end[0]:
+            core.checked(action, shape=self._shape)
+            return core.observe()[0], 0.0, True, False, self._info()
+        reward, end = core.step(action, shape=self._shape)
         if self.render_mode is not None:
             self._record()
         return self.core.observe()[0], float(reward[0]), bool(end[0]), False, self._info()
@@ -129,7 +136,7 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
     def _info(self) -> dict[str, Any]:
         core, end = self.core, int(self.core.end[0])
         info: dict[str, Any] = {name: values[0].copy() for name, values in core.happened().items()}
-        info["healthy"], info["score"] = not core.belief.recovery[0], float(core.total[0]) / core.task.perfect
+        info["healthy"], info["score"] = not core.belief.recovery[0], float(core.score[0])
         info["end"], info["is_success"] = core.task.ends[end], end == core.success
         return info
 

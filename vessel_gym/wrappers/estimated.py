@@ -1,6 +1,7 @@
 """An estimator in the loop of any Gymnasium environment."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import gymnasium as gym
@@ -13,7 +14,7 @@ from vessel_gym import checks
 from vessel_gym.estimation import EstimatorChoice
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Sensor
-from vessel_gym.wrappers.watch import Model, Watch, sampled_prior
+from vessel_gym.wrappers.watch import Model, Watch, sampled_prior, shown_state
 
 _ALL = np.ones(1, bool)
 
@@ -94,12 +95,12 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
             within = within.env
         checks.function("state", state, "(env, observation)")
         checks.function("observation", observation, "the state")
-        self._state = state or (lambda env, obs: obs)
+        self._state = state or shown_state
         if prior is None and isinstance(model, Model):
             prior = sampled_prior(env, self._state, model.state_angles)
         self.watch = Watch(
             env.observation_space, env.action_space, model, prior, estimator, estimator_options, sensors,
-            sensor_faults, observe, None if observation is None else lambda x: _row(observation(x[0])), passes,
+            sensor_faults, observe, None if observation is None else partial(_of_row, observation), passes,
             known_input, rows=1,
         )  # fmt: skip
         self.observation_space = self.watch.space
@@ -139,6 +140,11 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
 
     def _info(self) -> dict[str, Any]:
         return {name: values[0] for name, values in self.watch.info().items()}
+
+
+def _of_row(observation: Callable[[np.ndarray], Any], x: np.ndarray) -> Any:
+    """The observation of a batch of one."""
+    return _row(observation(x[0]))
 
 
 def _row(value: Any) -> Any:

@@ -1,6 +1,7 @@
 """A linear model of an environment, from random steps."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import gymnasium as gym
@@ -10,7 +11,7 @@ from estimators import LinearModel
 from estimators.checks import as_array, numbers, shown, whole
 from vessel_gym import checks
 from vessel_gym.wrappers.simulation import square
-from vessel_gym.wrappers.watch import plain_action
+from vessel_gym.wrappers.watch import plain_action, shown_state
 
 
 def identify(
@@ -40,13 +41,8 @@ def identify(
         ValueError: if there are too few steps to tell the numbers, or sizes do not fit.
     """
     checks.function("state", state, "(env, observation)")
-    look, plain = state or (lambda env, seen: seen), plain_action(env.action_space)
+    look, known_input = state or shown_state, partial(_with_one, plain_action(env.action_space))
     whole("steps", steps, 1)
-
-    def known_input(action: Any) -> np.ndarray:
-        a = np.asarray(plain(action), float)
-        return np.concatenate([a, np.ones((*a.shape[:-1], 1))], -1)
-
     before: list[np.ndarray] = []
     inputs: list[np.ndarray] = []
     after: list[np.ndarray] = []
@@ -80,6 +76,12 @@ def identify(
     C = as_array("C", C)
     Q = left.T @ left / (steps - Z.shape[1])
     return LinearModel(W[:n].T, C, Q, square("R", R, len(C)), B=W[n:].T), known_input
+
+
+def _with_one(plain: Callable[[Any], Any], action: Any) -> np.ndarray:
+    """An action as numbers, and 1 behind."""
+    a = np.asarray(plain(action), float)
+    return np.concatenate([a, np.ones((*a.shape[:-1], 1))], -1)
 
 
 def _state(given: Any) -> np.ndarray:

@@ -13,7 +13,7 @@ from vessel_gym import checks
 from vessel_gym.estimation import EstimatorChoice
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Sensor
-from vessel_gym.wrappers.watch import Model, Watch
+from vessel_gym.wrappers.watch import Model, Watch, shown_state
 
 
 class EstimatedObservation(VectorWrapper):
@@ -66,7 +66,7 @@ class EstimatedObservation(VectorWrapper):
             )
         self._restarts = mode is AutoresetMode.NEXT_STEP
         checks.function("state", state, "(env, observations)")
-        self._state = state or (lambda env, obs: obs)
+        self._state = state or shown_state
         self.watch = Watch(
             env.single_observation_space, env.single_action_space, model, prior, estimator, estimator_options, sensors,
             sensor_faults, observe, observation, passes, known_input, rows=env.num_envs,

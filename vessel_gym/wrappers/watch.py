@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from copy import deepcopy
 from dataclasses import replace
+from functools import partial
 from typing import Any, cast
 
 import gymnasium as gym
@@ -312,18 +313,26 @@ def _parts(value: Any) -> list[np.ndarray]:
     return [np.asarray(part) for part in (value.values() if isinstance(value, dict) else [value])]
 
 
+def shown_state(env: Any, seen: Any) -> Any:
+    """The state of an environment that shows it."""
+    return seen
+
+
 def plain_action(space: Space) -> Callable[[Any], Any]:
     """An action of a space, or a batch of them, as numbers ``(..., m)``; beyond its bounds it is told as on them."""
     if isinstance(space, Box):
-        low, high = space.low.astype(float), space.high.astype(float)
-        return lambda action: np.clip(np.asarray(action, float), low, high).reshape(
-            *np.shape(action)[: np.ndim(action) - len(space.shape)], -1
-        )
+        return partial(_clipped, space.low.astype(float), space.high.astype(float))
     if isinstance(space, Discrete):
-        return lambda action: np.asarray(action, float)[..., None]
+        return partial(_clipped, -np.inf, np.inf)
     if isinstance(space, MultiDiscrete | MultiBinary):
-        return lambda action: np.asarray(action, float)
+        return partial(np.asarray, dtype=float)
     raise TypeError(f"give known_input=, a function of the action: no numbers follow by themselves from {shown(space)}")
+
+
+def _clipped(low: Any, high: Any, action: Any) -> np.ndarray:
+    """Actions within bounds, of any shape, as vectors ``(..., m)``."""
+    clipped = np.clip(np.asarray(action, float), low, high)
+    return clipped.reshape(*clipped.shape[: clipped.ndim - np.ndim(low)], -1)
 
 
 def _checked_passes(space: Space, passes: Sequence[Any], observe: str) -> tuple[Any, ...]:
@@ -363,7 +372,7 @@ def _sensors(
         sd, reads = np.sqrt(np.diagonal(R)), np.shape(model.measurement(x, u))
         if reads != sd.shape:
             raise ValueError(f"the model's R is for {len(sd)} readings, its measurement gives shape {reads} of a state")
-        sensors = suite.of([Sensor(f"y{i}", (f"y{i}",), _channel(model, i), (float(one),)) for i, one in enumerate(sd)])
+        sensors = suite.of([Sensor(f"y{i}", (f"y{i}",), partial(_channel, model, i), (float(one),)) for i, one in enumerate(sd)])
     made = Sensors(sensors, states, tuple(f"u{i}" for i in range(len(u))), 1.0, faults)
     if made.bias.size:
         raise ValueError("sensors here have no bias: make it a state of the model")
@@ -372,8 +381,8 @@ def _sensors(
     return made
 
 
-def _channel(model: Model, i: int) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-    return lambda state, forcing: np.asarray(model.measurement(state, forcing))[..., i : i + 1]
+def _channel(model: Model, i: int, state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
+    return np.asarray(model.measurement(state, forcing))[..., i : i + 1]
 
 
 def _filter(model: Model, estimator: EstimatorChoice, options: dict[str, Any]) -> Filter:

@@ -3,6 +3,7 @@
 import copy
 import importlib
 import inspect
+import pickle
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -22,7 +23,7 @@ from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import SUITES, Sensor, SensorSuite
 from vessel_gym.wrappers import EstimatedObservation, identify, simulator
 from vessel_gym.wrappers.vector import EstimatedObservation as EstimatedObservations
-from vessel_gym.wrappers.watch import Model
+from vessel_gym.wrappers.watch import Model, plain_action
 
 NEEDS = dict.fromkeys(
     ("inverted_pendulum", "inverted_double_pendulum", "swimmer", "hopper", "half_cheetah", "reacher"), "mujoco"
@@ -497,6 +498,67 @@ def test_a_copy_goes_on_as_the_original_does(copied: Callable[[gym.Env], gym.Env
     again = copied(env)
     np.testing.assert_array_equal(env.step(0)[0], again.step(0)[0])
     np.testing.assert_array_equal(env.reset()[0], again.reset()[0])
+
+
+def _swing(x, u):
+    rate = np.clip(x[..., 1] + (15.0 * np.sin(x[..., 0]) + 3.0 * u[..., 0]) * 0.05, -8.0, 8.0)
+    return np.stack([x[..., 0] + 0.05 * rate, rate], -1)
+
+
+def _angle(x, u):
+    return x[..., :1]
+
+
+def _pendulum_state(env, seen):
+    return env.unwrapped.state
+
+
+def _pendulum_states(env, seen):
+    return np.array([each.unwrapped.state for each in env.unwrapped.envs])
+
+
+def _pendulum_seen(x):
+    return np.stack([np.cos(x[..., 0]), np.sin(x[..., 0]), x[..., 1]], -1)
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))], ids=["copy", "pickle"])
+@pytest.mark.parametrize("rows", [None, 2])
+def test_a_wrapper_of_named_functions_is_copied_and_pickled_in_an_episode(copied: Callable[[Any], Any], rows: Any):
+    model = NonlinearModel(
+        _swing, _angle, 1e-9 * np.eye(2), [[0.0025]], state_angles=(0,), measurement_angles=(0,)
+    )  # fmt: skip
+    prior, asked = Gaussian([0.0, 0.0], np.diag([3.3, 0.33])), {"observation": _pendulum_seen, "estimator": "ukf"}
+    if rows is None:
+        env: Any = EstimatedObservation(gym.make("Pendulum-v1"), model, prior, _pendulum_state, **asked)
+    else:
+        many = SyncVectorEnv([lambda: gym.make("Pendulum-v1")] * rows)
+        many.env_fns = ()  # which are of no use any more
+        env = EstimatedObservations(many, model, prior, _pendulum_states, **asked)
+    env.reset(seed=3)
+    act = np.full(env.action_space.shape, 0.7, np.float32)
+    env.step(act)
+    again = copied(env)
+    for _ in range(4):
+        ours, theirs = env.step(act), again.step(act)
+        for one, other in zip((*ours[:4], *ours[4].values()), (*theirs[:4], *theirs[4].values()), strict=True):
+            np.testing.assert_array_equal(one, other)
+    np.testing.assert_array_equal(env.reset()[0], again.reset()[0])
+
+
+@pytest.mark.parametrize("space", [
+    gym.spaces.Box(-1.0, 2.0, (2, 3)), gym.spaces.Box(-1.0, 2.0, ()), gym.spaces.Discrete(4),
+    gym.spaces.MultiDiscrete([3, 4]), gym.spaces.MultiBinary(3),
+], ids=str)  # fmt: skip
+def test_actions_are_numbers_within_bounds_one_by_one_as_in_a_batch_and_after_a_pickle(space: gym.Space):
+    plain = plain_action(space)
+    actions = [space.sample() for _ in range(3)]
+    batch = plain(np.array(actions))
+    assert batch.ndim == 2
+    for action, row in zip(actions, batch, strict=True):
+        np.testing.assert_array_equal(plain(action), row)
+        np.testing.assert_array_equal(pickle.loads(pickle.dumps(plain))(action), row)
+    if isinstance(space, gym.spaces.Box):
+        assert plain(np.full(space.shape, 9.0)).max() == 2.0
 
 
 @pytest.mark.parametrize("copied", COPIES)
