@@ -377,7 +377,13 @@ class Filter(ABC, Generic[Record]):
         def ask(question: _Question, *axes: int) -> Any:
             nonlocal column
             with np.errstate(all="ignore"):
-                values = question(belief, u, R)
+                values, again = (question(belief, u, R) for _ in range(2))
+            pairs = zip(values, again, strict=True) if isinstance(values, tuple) else ((values, again),)
+            if not all(one is None or np.array_equal(one, other, equal_nan=True) for one, other in pairs):
+                raise ValueError(
+                    "the model's functions gave two values for the same arguments: they must depend on these alone, "
+                    "without random numbers, clocks or counters of their own"
+                )
             answers: list[Any] = []
             questions.append((question, axes))
             for value, k in zip(values if isinstance(values, tuple) else (values,), axes, strict=True):

@@ -15,8 +15,12 @@ from agents.studies.plan import plan
 from agents.studies.study import read_study
 from estimators import EnsembleKalmanFilter
 from vessel_gym.core import Core
+from vessel_gym.disturbances import Disturbance, Fault
 from vessel_gym.envs import ItsunusaAUVEnv, SegorogeniAUVEnv, ShipEnv, SigmaCorvetteEnv, register_environment
 from vessel_gym.estimation import estimator_names
+from vessel_gym.processes import Process
+from vessel_gym.sensors import Sensor
+from vessel_gym.tasks.task import Task
 from vessel_gym.tasks.turning_circle import TurningCircle
 from vessel_gym.vehicles.corvette import Corvette
 
@@ -184,3 +188,244 @@ def test_numbers_that_a_filter_of_ones_own_keeps_stay_those_of_their_step() -> N
         env.step(env.action_space.sample())
     for rng, drawn in kept:
         np.testing.assert_array_equal(rng.normals(3), drawn)
+
+
+# --- what users' functions may do ----------------------------------------------------------------------
+
+SYSTEM = SegorogeniAUVEnv.system
+STATES = SYSTEM.vehicle.state_names
+
+
+class Writing(Disturbance):
+    """A current, whose effect writes where it reads if it is told to."""
+
+    names = forces = ("current north", "current east")
+    process = Process.wandering((0.2, 0.2), time=200.0, dt=0.1)
+
+    def __init__(self, writes: bool) -> None:
+        self.writes = writes
+
+    def effect(self, z: Any, state: Any) -> Any:
+        given = z * np.exp(-np.abs(state[..., 8:9]) / 50.0)
+        if self.writes:
+            z[...] = 0.3
+            state[..., STATES.index("z")] += 5.0
+        return given
+
+
+def writing_sensors(writes: bool) -> list[Sensor]:
+    def hear(state: Any, forcing: Any) -> Any:
+        heard = np.hypot(state[..., 6:7] - 20.0, state[..., 7:8])
+        if writes:
+            state[..., STATES.index("z")] += 5.0
+            forcing[...] = 1.0
+        return heard
+
+    return [*SYSTEM.vehicle.sensors, Sensor("range", ("range [m]",), hear, (0.2,))]
+
+
+class WritingTask(Task):
+    """A dive that nobody guides; its functions write into all that they are handed if they are told to."""
+
+    vehicle, horizon, uniforms, ends = ItsunusaAUVEnv.system.vehicle, 60, 1, ("",)
+    prior_sd = (0.05, 0.05, 0.02, 0.2, 0.2, 0.05)
+
+    def __init__(self, writes: bool) -> None:
+        self.writes = writes
+
+    def _spoil(self, *arrays: Any) -> None:
+        for array in arrays if self.writes else ():
+            array[...] = 7
+
+    def reference(self, course: Any, step: Any, state: Any) -> Any:
+        reference = np.hstack([course, state[:, :1], step[:, None]])
+        self._spoil(course, step, state)
+        return reference
+
+    def observe(self, estimate: Any, reference: Any, actuators: Any) -> Any:
+        seen = np.hstack([estimate.state, reference, actuators])
+        self._spoil(estimate.state, estimate.flow, reference, actuators)
+        return seen
+
+    def over(self, reference: Any) -> Any:
+        self._spoil(reference)
+        return np.zeros(len(reference), bool)
+
+    def score(
+        self, state: Any, forcing: Any, reference: Any, over: Any, actuators: Any, action: Any, tally: Any
+    ) -> Any:
+        reward = np.exp(-np.abs(state[:, 4]))
+        self._spoil(state, forcing, reference, actuators, action)
+        return reward, np.zeros(len(state), int), tally
+
+
+class WritingVehicle(type(ItsunusaAUVEnv.system.vehicle)):  # type: ignore[misc]
+    """ITSUNUSA, whose functions write into all that they are handed if they are told to."""
+
+    writes = False
+
+    def _spoiling(self, function: Any, *arrays: Any) -> Any:
+        given = function(*arrays)
+        for array in arrays if self.writes else ():
+            if array is not None:
+                array[...] = 0.2
+        return given
+
+    def drift(self, x: Any, u: Any, flow: Any) -> Any:
+        return self._spoiling(super().drift, x, u, flow)
+
+    def step(self, state: Any, before: Any, after: Any, forcing: Any, parameters: Any) -> Any:
+        return self._spoiling(super().step, state, before, after, forcing, parameters)
+
+    def actuate(self, before: Any, action: Any) -> Any:
+        return self._spoiling(super().actuate, before, action)
+
+    def known_input(self, before: Any, after: Any, commanded: Any) -> Any:
+        return self._spoiling(super().known_input, before, after, commanded)
+
+
+class WritesAll(WritingVehicle):
+    """It does."""
+
+    writes = True
+
+
+def written(part: str, writes: bool) -> Core:
+    if part == "vehicle":
+        made = (WritesAll if writes else WritingVehicle)(ItsunusaAUVEnv.system.vehicle.body)
+        return Core(replace(ItsunusaAUVEnv.system, vehicle=made), 3, "ukf", num_threads=2)
+    if part == "task":
+        return Core(replace(ItsunusaAUVEnv.system, task=WritingTask(writes)), 3, "ekf", observe="mean+std")
+    options = {"disturbance": Writing(writes)} if part == "effect" else {"sensors": writing_sensors(writes)}
+    if part == "fault":
+        options = {"disturbance": Fault("stern plane", bias=0.02, beside=Writing(writes))}
+    return Core(SYSTEM, 3, "ekf", **options)
+
+
+@pytest.mark.parametrize("part", ["effect", "fault", "reads", "vehicle", "task"])
+def test_a_function_that_writes_where_it_reads_changes_neither_truth_nor_belief_nor_observation(part: str) -> None:
+    """To the last bit: the twin whose functions leave alone what they read flies the same."""
+    one, other = written(part, writes=True), written(part, writes=False)
+    for core in (one, other):
+        core.start(3)
+    for _ in range(4):
+        for core in (one, other):
+            core.step(np.full(core.action_shape, 0.4))
+        ours, theirs = one.info() | {"seen": one.observe()}, other.info() | {"seen": other.observe()}
+        for name, values in ours.items():
+            np.testing.assert_array_equal(values, theirs[name], name)
+
+
+def refused(core: Core, steps: int = 6) -> str:
+    """What an environment says when a function of its user's fails in flight."""
+
+    def fly() -> None:
+        core.start(1)
+        for _ in range(steps):
+            core.step(np.zeros(core.action_shape))
+            core.observe()
+
+    with pytest.raises(ValueError, match=" gave ") as caught:
+        fly()
+    message = str(caught.value)
+    assert len(message) < 250
+    assert "\n" not in message
+    return message
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_an_effect_that_is_not_finite_is_refused_at_its_step_and_in_its_row(bad: float) -> None:
+    calls = []
+
+    class Breaking(Writing):
+        def effect(self, z: Any, state: Any) -> Any:
+            given = super().effect(z, state)
+            if len(state) == 3 and z.shape == (3, 2):
+                calls.append(0)
+                if state[1, STATES.index("x")] > 0.5:  # under way
+                    given[1, 0] = bad
+            return given
+
+    message = refused(Core(SYSTEM, 3, "dead-reckoning", disturbance=Breaking(False)), 100)
+    assert message.startswith("effect of Breaking gave [")
+    assert " in row 1: it must give finite numbers" in message
+    assert " at step 0 " not in message
+
+
+@pytest.mark.parametrize(("name", "column"), [("score", 0), ("observe", 2), ("reference", 1)])
+def test_a_task_that_gives_nan_is_refused_at_its_step(name: str, column: int) -> None:
+    def spoilt(self: Any, *arguments: Any) -> Any:
+        given = getattr(WritingTask, name)(self, *arguments)
+        values = given[0][:, None] if isinstance(given, tuple) else given
+        if len(values) == 3 and name != "reference":
+            values[2, column] = np.nan
+        elif len(values) == 3:
+            values[2, column] = np.where(arguments[1][2] == 2, np.nan, 0.0)
+        return given
+
+    task = type("Broken", (WritingTask,), {name: spoilt})(False)
+    message = refused(Core(replace(ItsunusaAUVEnv.system, task=task), 3, "ekf"))
+    step = {"score": 1, "observe": 1, "reference": 2}[name]
+    assert f" at step {step} in row 2" in message
+    assert " Broken" in message
+
+
+def test_a_vehicle_that_gives_nan_is_refused_and_one_that_has_run_away_is_not() -> None:
+    class Breaks(WritingVehicle):
+        def step(self, state: Any, *others: Any) -> Any:
+            after = super().step(state, *others)
+            after[len(after) // 2 :, 0] = np.where(state[len(after) // 2 :, 3] > 0.5, np.nan, 1.0)
+            return after
+
+    class Flees(WritingVehicle):
+        def step(self, state: Any, *others: Any) -> Any:
+            return 1e60 * (1.0 + np.abs(super().step(np.clip(state, -1.0, 1.0), *others)) + np.abs(state))
+
+    body = ItsunusaAUVEnv.system.vehicle.body
+    message = refused(Core(replace(ItsunusaAUVEnv.system, vehicle=Breaks(body)), 3, "ekf"), 100)
+    assert message.startswith("step of Breaks gave [nan, ")
+    assert " in row 1: " in message
+    core = Core(replace(ItsunusaAUVEnv.system, vehicle=Flees(body)), 2, "ekf")
+    core.start(0)
+    with np.errstate(all="ignore"):
+        for _ in range(8):  # 1e60, 1e120, ... infinity
+            core.step(np.zeros(core.action_shape))
+    assert np.isfinite(core.belief.mean).all()
+    assert np.isinf(core.state).any()
+
+
+@pytest.mark.parametrize("end", [7, -1, 0.5])
+def test_an_end_that_there_is_not_is_refused(end: float) -> None:
+    class Ends(WritingTask):
+        def score(self, *arguments: Any) -> Any:
+            reward, _, tally = super().score(*arguments)
+            return reward, np.full(len(reward), end), tally
+
+    message = refused(Core(replace(ItsunusaAUVEnv.system, task=Ends(False)), 2, "ekf"))
+    assert message.startswith("score of Ends gave the numbers of ends [")
+
+
+def test_a_function_that_does_not_repeat_itself_is_refused_when_it_is_handed_in() -> None:
+    rng = np.random.default_rng(0)
+
+    class Dice(Writing):
+        def effect(self, z: Any, state: Any) -> Any:
+            return super().effect(z, state) + rng.standard_normal(z.shape)
+
+    class Rolling(WritingVehicle):
+        def drift(self, x: Any, u: Any, flow: Any) -> Any:
+            return super().drift(x, u, flow) + rng.standard_normal()
+
+    def noisy(state: Any, forcing: Any) -> Any:
+        return state[..., :1] + rng.standard_normal()
+
+    rolling = Rolling(ItsunusaAUVEnv.system.vehicle.body)
+    for who, make in {
+        "effect of Dice": lambda: Core(SYSTEM, 1, disturbance=Dice(False)),
+        "reads of noisy": lambda: Core(
+            SYSTEM, 1, sensors=[*SYSTEM.vehicle.sensors, Sensor("noisy", ("u",), noisy, (1.0,))]
+        ),
+        "drift of Rolling": lambda: Core(replace(ItsunusaAUVEnv.system, vehicle=rolling), 1),
+    }.items():
+        with pytest.raises(ValueError, match=f"^{who} gave two values for the same arguments: it must depend on these"):
+            make()

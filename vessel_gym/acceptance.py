@@ -10,6 +10,7 @@ from estimators.check import check_steps
 from estimators.models import resolve
 from estimators.unknown_input import UnknownInputFilter
 from vessel_gym.composition import Composition
+from vessel_gym.foreign import repeated
 from vessel_gym.system import Vehicle
 
 VAGUEST = 3.0
@@ -17,6 +18,30 @@ VAGUEST = 3.0
 _STEPS, _DEFLECTED = 30, 0.3
 _NEAR = 1e-4
 """Variance of every state of a start that any model can have, in SI units and radians."""
+
+
+def check_vehicle(vehicle: Vehicle) -> None:
+    """Refuse a user's vehicle whose equations do not repeat themselves, or give another number of states.
+
+    Raises:
+        ValueError: naming the function.
+    """
+    who, (x, u) = type(vehicle).__name__, (np.asarray(each, float)[None] for each in vehicle.cruise)
+    state, actuators = repeated(f"start of {who}", vehicle.start, x)
+    parameters = np.asarray(vehicle.parameters(0.0, np.zeros((1, vehicle.normals))))
+    kicks, flows = np.zeros((1, len(vehicle.kicks))), np.zeros((1, len(vehicle.flows)))
+    forcing = np.concatenate([kicks, flows], -1)
+    after = repeated(f"step of {who}", vehicle.step, state, actuators, actuators, forcing, parameters)
+    moved = repeated(f"drift of {who}", vehicle.drift, x, u, flows)
+    estimated = vehicle.estimated(vehicle.kinds[0])
+    for name, value, names in (
+        ("start", state, vehicle.state_names), ("step", after, vehicle.state_names), ("drift", moved, estimated),
+    ):  # fmt: skip
+        if np.shape(value) != (1, len(names)):
+            raise ValueError(
+                f"{name} of {who} must give a row of {len(names)} numbers for each vehicle ({', '.join(names)}): for "
+                f"one it gave shape {np.shape(value)}"
+            )
 
 
 def check_input(filter: Filter, composition: Composition) -> None:

@@ -5,7 +5,7 @@ The filter's state is the vehicle's, then the disturbance's as far as it is told
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,6 +15,7 @@ from estimators import LinearModel, NonlinearModel, retimed, stacked
 from estimators.checks import shown
 from estimators.models import Function, Matrix, Schedule, StateMatrix, central_differences, resolve, steps
 from vessel_gym.disturbances import Disturbance
+from vessel_gym.foreign import copied, copying, ours, repeated
 from vessel_gym.processes import Process
 from vessel_gym.sensors import Sensors, columns
 from vessel_gym.system import Trims, Vehicle
@@ -75,14 +76,28 @@ def _mistakes(vehicle: Vehicle, disturbance: Disturbance) -> Iterator[str]:
         yield f"scale of {who} must have {process.size} rows, got {len(disturbance.scale)}"
     z, state = np.zeros((2, process.size)), np.tile(_cruising(vehicle), (2, 1))
     try:
-        with np.errstate(all="ignore"):
-            given = disturbance.effect(z, state)
+        given = repeated(f"effect of {who}", disturbance.effect, z, state)
     except Exception as error:
+        if str(error).startswith("effect of"):
+            raise
         raise ValueError(f"effect of {who} failed on z of shape {z.shape}: {shown(str(error))}") from error
     shape = given.shape if isinstance(given, np.ndarray) else f"a {type(given).__name__}"
     if shape != (2, len(disturbance.forces)):
         values = f"{len(disturbance.forces)} values a row, for {', '.join(disturbance.forces)}"
         yield f"effect of {who} must give {values}: z of shape {z.shape} gave {shape}"
+    elif not np.isfinite(given).all():
+        yield f"effect of {who} gave {shown(given[0].tolist())} for z = 0 and a vehicle that cruises: it must be finite"
+
+
+def _drifted(
+    drift: Callable[..., np.ndarray], x: np.ndarray, u: np.ndarray, flow: np.ndarray, out: np.ndarray | None = None
+) -> np.ndarray:
+    """What a user's ``drift`` gives of copies, written where it is wanted."""
+    after = np.array(drift(copied(x), copied(u), copied(flow)), float)
+    if out is None:
+        return after
+    out[...] = after
+    return out
 
 
 def acting_on(vehicle: Vehicle) -> tuple[str, ...]:
@@ -115,6 +130,9 @@ class Forces:
         if mistake is not None:
             raise ValueError(mistake)
         self.vehicle, self.disturbance = vehicle, disturbance
+        self._effect = copying(disturbance.effect, disturbance)
+        self.drift: Callable[..., np.ndarray] = vehicle.drift if ours(vehicle) else partial(_drifted, vehicle.drift)
+        """The vehicle's."""
         known = acting_on(vehicle)
         self.to = [known.index(name) for name in disturbance.forces]
         self.outside = len(vehicle.kicks + vehicle.flows)
@@ -155,7 +173,7 @@ class Forces:
 
     def add(self, forcing: np.ndarray, z: np.ndarray, state: np.ndarray, actuators: np.ndarray) -> None:
         """Put in an effect that is not `constant`, in place: forcing ``(B, f)``; a fault is with what is lost."""
-        forcing[:, self._columns] = self.disturbance.effect(z, state)
+        forcing[:, self._columns] = self._effect(z, state)
         if self.faulty:
             offsets, losses = self.of_actuators(forcing)
             offsets -= losses * actuators
@@ -166,7 +184,7 @@ class Forces:
 
     def on(self, z: np.ndarray, state: np.ndarray, unknown: Sequence[int] = ()) -> np.ndarray:
         """What acts ``(..., f)``, without the white noise and what is ``unknown``, which is 0."""
-        effect = self.disturbance.effect(z, state)
+        effect = self._effect(z, state)
         forcing = np.empty_like(effect, float, shape=effect.shape[:-1] + (self.size,))
         forcing.fill(0.0)
         forcing[..., self._columns] = effect
@@ -177,14 +195,14 @@ class Forces:
     def flow(self, z: np.ndarray, state: np.ndarray, unknown: Sequence[int] = ()) -> np.ndarray:
         """The flows alone."""
         if self._flows_only and not unknown:
-            return self.disturbance.effect(z, state)
+            return self._effect(z, state)
         return self.on(z, state, unknown)[..., len(self.vehicle.kicks) : self.outside]
 
     def moved(self, x: np.ndarray, u: np.ndarray, forcing: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """What filters estimate of the vehicle a step on, under flows and faults of a forcing, without its kicks."""
         if self.faulty:
             u = self.vehicle.faulty(u, *self.of_actuators(forcing))  # type: ignore[attr-defined]
-        return self.vehicle.drift(x, u, forcing[..., len(self.vehicle.kicks) : self.outside], out)
+        return self.drift(x, u, forcing[..., len(self.vehicle.kicks) : self.outside], out)
 
     @cached_property
     def linear(self) -> np.ndarray:
@@ -624,7 +642,7 @@ def _nonlinear(parts: _Parts, options: dict[str, Any]) -> NonlinearModel:
         assert u is not None
         if k and not kicking and not forces.faulty:  # flows alone: faster
             flow = forces.flow(_spread(x[..., n : n + k], held, disturbance), placed(x[..., :n]), unknown)
-            return vehicle.drift(x[..., :n], u, flow, out)
+            return forces.drift(x[..., :n], u, flow, out)
         acting = forcing(x)
         after = forces.moved(x[..., :n], u, acting, out)
         if kicking:

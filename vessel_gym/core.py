@@ -16,12 +16,14 @@ from estimators.linalg import shared_root
 from estimators.randomness import word
 from estimators.threads import each, shares
 from estimators.threefry import normal_pair, threefry
+from vessel_gym.acceptance import check_vehicle
 from vessel_gym.arrivals import Readings
 from vessel_gym.checks import number, numbers, one_of
 from vessel_gym.checks import options as checked_options
 from vessel_gym.composition import Composition, Forces, acting_on, change_of
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.estimation import Estimation, EstimatorChoice, build, chosen_disturbance
+from vessel_gym.foreign import CopyingMethods, ours, refuse_not_finite
 from vessel_gym.loop import Loop
 from vessel_gym.processes import stir
 from vessel_gym.sensor_faults import SensorFault
@@ -37,7 +39,7 @@ DECLARED = 0.5
 
 _FLOATS = np.dtype(np.float32), np.dtype(np.float64)
 
-_ATTACHED = ("system", "vehicle", "task", "forces", "sensors", "composition")
+_ATTACHED = ("system", "vehicle", "task", "forces", "sensors", "composition", "_vehicle", "_task")
 """What `Core.attach` gives, and may hold functions that cannot be pickled."""
 _DRAWN = ("task", "vehicle", "parameters", "filter")
 """What is drawn by itself at the start of an episode; then come the parts of the world and the sensors."""
@@ -147,18 +149,22 @@ class Core:
         sensors, sensor_faults, disturbance, estimator, options = self._chosen
         self.system, self.vehicle, self.task = system, system.vehicle, system.task
         vehicle = self.vehicle
+        our_task, our_vehicle = ours(self.task), ours(vehicle)
+        if not our_vehicle:
+            check_vehicle(vehicle)
         self.sensors = system.sensors_of(sensors, sensor_faults)
         self.forces = Forces(vehicle, chosen_disturbance(system, disturbance))
         estimation = build(system, estimator, options, self.sensors, self.forces.disturbance)
         self.composition = estimation.composition
         self._attach_loop("loop", estimation)
-        ours = type(self.task).__module__.startswith("vessel_gym.tasks.")
-        our_vehicle = type(vehicle).__module__.startswith("vessel_gym.vehicles.")
-        self._foreign = not (ours and our_vehicle)
+        self._foreign = not (our_task and our_vehicle)
+        self._foreign_effect = not ours(self.forces.disturbance)
+        self._vehicle: Any = vehicle if our_vehicle else CopyingMethods(vehicle)
+        self._task: Any = self.task if our_task else CopyingMethods(self.task)
         # What somebody has written in NumPy may round otherwise in a part of the rows.
         compiled = our_vehicle and self.forces.row_by_row and not self.sensors.called
         self._parts = shares(self.num_envs, self.num_threads if compiled else 1)
-        self._compiled = ours and self.guidance and self.observe_mode == "mean"  # so that nothing warns
+        self._compiled = our_task and self.guidance and self.observe_mode == "mean"  # so that nothing warns
         if self.guidance and self.observe_mode == "measurement":
             wide = {"model": vehicle.kinds[0]}  # the same whatever estimator is named
             held = build(system, "measurement", wide, self.sensors, self.forces.disturbance)
@@ -169,7 +175,7 @@ class Core:
             *vehicle.state_names, *(self.forces.disturbance.names if self._shown else ()), *self.sensors.bias_names
         )  # fmt: skip
         """Components of `truth`."""
-        self._commanding = self.task.commanding if ours else None  # what somebody has written is asked
+        self._commanding = self.task.commanding if our_task else None  # what somebody has written is asked
         self._alone = len(self.truth_names) == len(vehicle.state_names)
         self._estimated = [self.truth_names.index(n) if n in self.truth_names else -1 for n in self.composition.names]
         self._based = [vehicle.state_names.index(name) for name in vehicle.estimated(vehicle.kinds[0])]
@@ -348,7 +354,7 @@ class Core:
         options = checked_options("options", options)
         if readings is not None:
             readings = _arrived(readings, len(rows), self.sensors)
-        loop, task, vehicle = self.loop, self.task, self.vehicle
+        loop, task, vehicle = self.loop, self._task, self._vehicle
         some = None if len(rows) == self.num_envs else rows  # all rows are faster as such
         at = slice(None) if some is None else rows
         seeds = self.seeds if some is None else [self.seeds[row] for row in rows]
@@ -372,6 +378,8 @@ class Core:
         stir(parts, steps, self._counts, self._root, self._still, self.forces.gains, drifting, noise, forcing)
         if not self.forces.constant:
             self.forces.add(forcing, drifting[:, : self._size], state, actuators)
+        if self._foreign_effect:
+            self._check_forcing(forcing, steps, state, self._none[: len(rows)])
         tally = self._rows_of(task.begin(state, course), len(rows))
         self._put(
             some, course=course, state=state, actuators=actuators, parameters=parameters, drifting=drifting,
@@ -438,7 +446,7 @@ class Core:
             action, declared = action[:, :-1], action[:, -1] > DECLARED
         if readings is not None:
             readings = _arrived(readings, self.num_envs, self.sensors)
-        vehicle, task, loop = self.vehicle, self.task, self.loop
+        vehicle, task, loop = self._vehicle, self._task, self.loop
         before = self.actuators
         after = self.actuators = self._rows_of(vehicle.actuate(before, action), self.num_envs)
         if self._commanding is None:
@@ -446,7 +454,8 @@ class Core:
         else:
             u = vehicle.known_input(before, after, self.reference[:, self._commanding])
         given = (
-            self.state, before, after, self.forcing, self.parameters, self._keys, self.steps, self.drifting, self.noise
+            self.state, before, after, self.forcing, self.parameters, self._keys, self.steps, self.drifting, self.noise,
+            self._none if ended is None else ended,
         )  # fmt: skip
         if len(self._parts) == 1 or readings is not None:
             self.state, *read = self._moved(None, readings, *given)
@@ -463,23 +472,30 @@ class Core:
             self.state, self.forcing[:, : self.forces.outside], self.reference, over, after, action, self.tally
         )
         reward, self.tally = self._rows_of(reward, self.num_envs), self._rows_of(self.tally, self.num_envs)
+        if self._foreign:
+            self._check_scored(reward, ended)
         add(self.total, reward)
         return reward, self.end
 
     def _moved(
         self, rows: slice | None, readings: Readings | None, state: np.ndarray, before: np.ndarray, after: np.ndarray,
         forcing: np.ndarray, parameters: np.ndarray, keys: np.ndarray, steps: np.ndarray, drifting: np.ndarray,
-        noise: np.ndarray,
+        noise: np.ndarray, ended: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-        """The vehicle of rows (None: all) a step on, and what is read; forcing and the last three move in place."""
+        """The vehicle of rows (None: all) a step on, and what is read; forcing and the last move in place."""
         outside, measured = forcing, after
         if self.forces.faulty:
             offsets, outside = self.forces.of_actuators(forcing)[0], forcing[:, : self.forces.outside]
             before, after = before + offsets, after + offsets
-        state = np.ascontiguousarray(self.vehicle.step(state, before, after, outside, parameters), float)
+        first = 0 if rows is None else rows.start
+        given, state = state, np.ascontiguousarray(self._vehicle.step(state, before, after, outside, parameters), float)
+        if self._vehicle is not self.vehicle:
+            refuse_not_finite(f"step of {type(self.vehicle).__name__}", state, steps + 1, ended, given, first=first)
         stir(keys, steps, self._counts, self._root, self._transition, self.forces.gains, drifting, noise, forcing)
         if not self.forces.constant:
             self.forces.add(forcing, drifting[:, : self._size], state, measured)
+        if self._foreign_effect:
+            self._check_forcing(forcing, steps, state, ended, first)
         if readings is None:
             outside = np.ascontiguousarray(outside)
             readings = self.loop.sense(state, outside, drifting[:, self._size :], steps, rows)
@@ -490,9 +506,9 @@ class Core:
         if declared is not None:
             return declared
         if (self.ends == "task") == (self.observe_mode == "measurement"):
-            return self.task.over(self.reference)
+            return self._task.over(self.reference)
         where = self.state[:, self._based] if self.ends == "task" else self.loop.belief.mean
-        return self.task.over(self.task.reference(self.course, self.steps, where))
+        return self._task.over(self._task.reference(self.course, self.steps, where))
 
     def observe(self) -> np.ndarray:
         """The observations ``(B, k)``, float32 and within bounds, made of estimates or readings, mission, actuators."""
@@ -502,13 +518,17 @@ class Core:
             with np.errstate(over="ignore"):  # what is absurd is clipped
                 parts = self._observed()
         observation = np.asarray(parts[0] if len(parts) == 1 else np.concatenate(parts, -1), float)
+        if self._foreign and np.isnan(observation).any():
+            name = f"the observation of {type(self.task).__name__}"
+            nan = np.where(np.isnan(observation), np.nan, 0.0)  # what is infinite is clipped
+            refuse_not_finite(name, nan, self.steps, None, self.loop.belief.mean, self.state)
         seen = np.empty(observation.shape, np.float32)
         rounded(observation, self.task.BOUND, seen)
         return seen
 
     def _observed(self) -> list[np.ndarray]:
         """The parts of the observations, before they are clipped."""
-        task, course, steps = self.task, self.course, self.steps
+        task, course, steps = self._task, self.course, self.steps
         if self.observe_mode == "measurement":
             parts = [task.observe_readings(self.sensors, *self.loop.readings, course, steps)]
             parts.append(task.observe_mission(course, steps, self.actuators))
@@ -615,6 +635,24 @@ class Core:
 
     # --- inside -----------------------------------------------------------------------------------
 
+    def _check_forcing(
+        self, forcing: np.ndarray, steps: np.ndarray, state: np.ndarray, ended: np.ndarray, first: int = 0
+    ) -> None:
+        """Refuse what a user's disturbance gave vehicles in ordinary states where it is not finite."""
+        name = f"effect of {type(self.forces.disturbance).__name__}"
+        refuse_not_finite(name, forcing[:, self.forces.to], steps, ended, state, first=first)
+
+    def _check_scored(self, reward: np.ndarray, ended: np.ndarray | None) -> None:
+        """Refuse a reward of a user's task that is not finite, and an end that there is not."""
+        name = f"score of {type(self.task).__name__}"
+        refuse_not_finite(f"{name}, as the reward,", reward, self.steps, ended, self.state)
+        end = np.broadcast_to(self.end, reward.shape)
+        if end.dtype.kind not in "biu" or not ((end >= 0) & (end < len(self._ends))).all():
+            raise ValueError(
+                f"{name} gave the numbers of ends {shown(end.tolist())}: they must be whole and below {len(self._ends)}"
+            )
+        self.end = end.astype(int)
+
     def _handed(self, readings: Readings, rows: np.ndarray | None = None) -> Readings:
         """What the filter is handed: the readings; the oracle alone, and no other, the truth."""
         if not self.loop.tells_truth:
@@ -626,13 +664,13 @@ class Core:
     def _reference(self, course: np.ndarray, steps: np.ndarray, belief: Belief, state: np.ndarray) -> np.ndarray:
         """The reference ``(B, k)``: where the vehicle believes to be, or is, if nobody sees what it believes."""
         where = state[:, self._based] if self.observe_mode == "measurement" else belief.mean
-        return self._rows_of(self.task.reference(course, steps, where), len(steps))
+        return self._rows_of(self._task.reference(course, steps, where), len(steps))
 
     def _known_input(self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None) -> np.ndarray:
         """What filters are told of a step ``(B, m)``."""
         if commanded is not None:
             commanded = self._rows_of(commanded, len(before))
-        return self._rows_of(self.vehicle.known_input(before, after, commanded), len(before))
+        return self._rows_of(self._vehicle.known_input(before, after, commanded), len(before))
 
     def _rows_of(self, values: np.ndarray, count: int) -> np.ndarray:
         """Numbers of a vehicle or a task as kernels take them, which ours give: float64, a row each of ``count``."""

@@ -311,6 +311,10 @@ class Fault(Disturbance):
 
     def __post_init__(self) -> None:
         number("loss of a fault", self.loss, low=-1e-300, high=1.0 + 1e-15, what="0 to 1")
+        for name in ("bias", "amplitude"):
+            number(f"{name} of a fault", getattr(self, name))
+        for name in ("start", "walk"):
+            number(f"{name} of a fault", getattr(self, name), low=-1e-300, what="0 or more")
         number("period of a fault", self.period, low=2.0 * self.dt, what=f"above two steps of {self.dt:g} s")
         number("size of a fault", self.size, low=0.0, what="above 0")
 

@@ -16,6 +16,7 @@ from estimators.compiled import rowwise
 from estimators.factory import unknown
 from estimators.threefry import normals_of_rows, words_of_rows
 from vessel_gym.checks import numbers
+from vessel_gym.foreign import copying, repeated
 from vessel_gym.processes import Process, linear
 from vessel_gym.sensor_faults import SensorFault
 
@@ -306,16 +307,17 @@ class Sensors:
                 self._biased.append((slice(own.start, own.start + k), slice(column, column + k)))
                 self.bias_shown[self._biased[-1]] = np.eye(k)
         self.bias_scale = np.array([bias.scale for bias in biased for _ in bias.states])
+        self._reads = [copying(sensor.reads) for sensor in self.each]
         self._check()
         n, units = len(states), np.eye(len(states) + len(forcing))
         self._gains = np.zeros((self.size, len(units) + self.bias.size))  # of state, forcing and biases
         self._gains[:, len(units) :] = self.bias_shown
         self.called = []  # which channels, and what is asked at every step
-        for sensor, own in self._owning:
+        for (sensor, own), reads in zip(self._owning, self._reads, strict=True):
             if getattr(sensor.reads, "linear", False):
-                self._gains[own, : len(units)] = sensor.reads(units[:, :n], units[:, n:]).T
+                self._gains[own, : len(units)] = reads(units[:, :n], units[:, n:]).T
             else:
-                self.called.append((own, sensor.reads))
+                self.called.append((own, reads))
 
     @property
     def _owning(self) -> Iterator[tuple[Sensor, slice]]:
@@ -327,9 +329,10 @@ class Sensors:
         for sensor in self.each:
             who, expected = f"reads of {sensor.name}", (2, 3, len(sensor.channels))
             try:
-                with np.errstate(all="ignore"):
-                    got = np.asarray(sensor.reads(state, forcing), float).shape
+                got = np.asarray(repeated(who, sensor.reads, state, forcing), float).shape
             except Exception as error:
+                if str(error).startswith(who):
+                    raise
                 raise ValueError(f"{who} failed on states of shape {state.shape}: {shown(str(error))}") from error
             if got != expected:
                 values = f"{expected[-1]} values for each state"
@@ -360,8 +363,8 @@ class Sensors:
             bias: ``(..., k)`` states of the biases; None: they have none.
         """
         exact = np.empty_like(state, float, shape=state.shape[:-1] + (self.size,))
-        for sensor, own in self._owning:
-            exact[..., own] = sensor.reads(state, forcing)
+        for own, reads in zip(self._own, self._reads, strict=True):
+            exact[..., own] = reads(state, forcing)
         if bias is not None:
             for own, column in self._biased:
                 exact[..., own] += bias[..., column]
@@ -402,7 +405,7 @@ class Sensors:
         for sensor, own in self._owning:
             known.update((name, readings[..., i]) for i, name in enumerate(sensor.gives or (), own.start) if name)
             if sensor.inverse is not None:
-                known.update(sensor.inverse(readings[..., own], known))
+                known.update(copying(sensor.inverse)(readings[..., own], known))
         return known
 
     def check_informs(self, others: Iterable[str]) -> None:

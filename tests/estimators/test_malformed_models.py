@@ -195,3 +195,24 @@ def test_whatever_a_filter_of_ones_own_returns_its_user_is_told_or_gets_a_belief
     assert np.isfinite(belief.mean).all()
     assert np.isfinite(belief.cov).all()
     assert (np.linalg.eigvalsh(belief.cov) >= -1e-10 * np.trace(belief.cov)).all()
+
+
+@pytest.mark.parametrize("function", ["transition", "measurement"])
+def test_a_function_of_a_model_that_does_not_repeat_itself_is_refused_at_its_first_step(function: str):
+    """A filter calls it more than once in its first step, and a recovery or a copy would call it again."""
+    rng = np.random.default_rng(0)
+    functions: dict[str, Any] = {"transition": lambda x, u: 0.9 * x, "measurement": lambda x, u: x[..., :1]}
+    sound = functions[function]
+
+    def dice(x: Any, u: Any) -> Any:
+        return sound(x, u) + rng.standard_normal()
+
+    model = NonlinearModel(**(functions | {function: dice}), Q=np.eye(2), R=np.eye(1))
+    filter = make("ekf", model)
+    belief = filter.init(Gaussian(np.zeros((3, 2)), np.eye(2)))
+
+    def fly() -> None:
+        filter.update(filter.predict(belief), np.zeros((3, 1)))
+
+    with pytest.raises(ValueError, match=r"^the model's functions gave two values for the same arguments: they must"):
+        fly()

@@ -39,7 +39,7 @@ def actuated(before: np.ndarray, action: np.ndarray, figures: np.ndarray) -> np.
     else:  # by hand: the kernel is for rows of floats
         before, action = np.broadcast_arrays(before, action)
         after = np.empty(before.shape)
-        rows = (np.asarray(each, float).reshape(-1, len(figures)) for each in (before, action))
+        rows = (np.array(each, float).reshape(-1, len(figures)) for each in (before, action))
         _moved(*rows, figures, after.reshape(-1, len(figures)))
     return after
 

@@ -12,6 +12,7 @@ from estimators import Gaussian
 from estimators.checks import numbers
 from vessel_gym import checks
 from vessel_gym.estimation import EstimatorChoice
+from vessel_gym.foreign import copied
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Sensor
 from vessel_gym.wrappers.watch import Model, Watch, sampled_prior, shown_state
@@ -128,7 +129,7 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
         return own
 
     def _truth(self, seen: Any) -> np.ndarray:
-        return np.asarray(self._state(self.env, seen))[None]  # which is copied where it is checked
+        return np.asarray(self._state(self.env, copied(seen)))[None]  # which is copied where it is checked
 
     def _observed(self, seen: Any) -> Any:
         watch = self.watch

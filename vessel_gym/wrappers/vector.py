@@ -11,6 +11,7 @@ from estimators import Gaussian
 from estimators.checks import shown
 from vessel_gym import checks
 from vessel_gym.estimation import EstimatorChoice
+from vessel_gym.foreign import copied
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Sensor
 from vessel_gym.wrappers.watch import Model, Watch, shown_state
@@ -107,7 +108,7 @@ class EstimatedObservation(VectorWrapper):
         return self.watch.observe(seen), reward, terminated, truncated, info | self._info(every)
 
     def _truth(self, seen: Any) -> np.ndarray:
-        return np.array(self._state(self.env, seen), float)
+        return np.array(self._state(self.env, copied(seen)), float)
 
     def _info(self, rows: np.ndarray) -> dict[str, Any]:
         happened = self.watch.info()

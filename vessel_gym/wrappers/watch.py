@@ -18,6 +18,7 @@ from vessel_gym import checks
 from vessel_gym.arrivals import Readings
 from vessel_gym.core import OBSERVE, alarming
 from vessel_gym.estimation import LATE, DeadReckoning, Estimation, EstimatorChoice, Oracle, monitor_of
+from vessel_gym.foreign import copied, repeated
 from vessel_gym.loop import Loop
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import SUITES, Sensor, Sensors
@@ -69,6 +70,8 @@ class Watch:
         action = deepcopy(action_space).sample()  # whose own numbers go on as they would have
         u = np.atleast_1d(self._numbers(action))
         model.check_known_input(u)
+        for name in ("transition", "measurement"):
+            repeated(f"{name} of the model", getattr(model, name), prior.mean, u)
         self.sensors = _sensors(model, sensors, prior.mean, u, sensor_faults)
         model = replace(cast(Any, model), R=np.diag(self.sensors.sd**2))
         options = checks.options("estimator_options", options)
@@ -132,8 +135,7 @@ class Watch:
         self.truth = self._checked(state)
         self.steps += 1
         u = self.known(action)
-        # A function of somebody's own may write where it reads.
-        readings = self.loop.sense(self.truth.copy(), u, self._nothing, self.steps, None)
+        readings = self.loop.sense(self.truth, u, self._nothing, self.steps, None)
         readings = self.loop.receive(readings, self.steps, None)
         self.loop.estimate(self._handed(readings, self.truth), u, self.steps)
 
@@ -186,7 +188,7 @@ class Watch:
         return u.reshape(rows, m)
 
     def _numbers(self, action: Any) -> np.ndarray:
-        told = self._known(action)
+        told = self._known(copied(action))
         u = numbers(told)
         if u is None:
             raise ValueError(f"known_input must give numbers, got {shown(told)} for {shown(action)}")
@@ -372,7 +374,9 @@ def _sensors(
         sd, reads = np.sqrt(np.diagonal(R)), np.shape(model.measurement(x, u))
         if reads != sd.shape:
             raise ValueError(f"the model's R is for {len(sd)} readings, its measurement gives shape {reads} of a state")
-        sensors = suite.of([Sensor(f"y{i}", (f"y{i}",), partial(_channel, model, i), (float(one),)) for i, one in enumerate(sd)])
+        sensors = suite.of(
+            [Sensor(f"y{i}", (f"y{i}",), partial(_channel, model, i), (float(one),)) for i, one in enumerate(sd)]
+        )
     made = Sensors(sensors, states, tuple(f"u{i}" for i in range(len(u))), 1.0, faults)
     if made.bias.size:
         raise ValueError("sensors here have no bias: make it a state of the model")
@@ -382,7 +386,7 @@ def _sensors(
 
 
 def _channel(model: Model, i: int, state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
-    return np.asarray(model.measurement(state, forcing))[..., i : i + 1]
+    return np.asarray(model.measurement(copied(state), copied(forcing)))[..., i : i + 1]
 
 
 def _filter(model: Model, estimator: EstimatorChoice, options: dict[str, Any]) -> Filter:
