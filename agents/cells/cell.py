@@ -22,7 +22,7 @@ class Cell:
 
     Attributes:
         function: ``"module:name"``. It is called with the arguments and returns values by name: JSON values or arrays
-            of numbers.
+            of numbers. A value named ``timing`` depends on the machine: it goes to the journal, not to the result.
         arguments: Keyword arguments, JSON values. The function gets what JSON makes of them: lists for tuples.
         label: What it is, for people. Cells with the same label take about the same time.
         needs: Cells whose artifacts the function reads; it gets their paths as ``needs``.

@@ -46,7 +46,7 @@ def load(cell: Cell, folder: Path) -> dict[str, Any] | None:
 
 
 def journal(folder: Path) -> list[dict[str, Any]]:
-    """A line for each cell that was ever computed in a folder: key, label, seconds, cpu_seconds, host, finished.
+    """A line for each cell that was ever computed in a folder: label, times, host; timing, where there is one.
 
     Lines that are damaged are left out.
     """
@@ -125,13 +125,13 @@ def failure_path(cell: Cell, folder: Path) -> Path:
     return folder / "failed" / f"{cell.key}.json"
 
 
-def note(cell: Cell, folder: Path, seconds: float, cpu_seconds: float) -> None:
+def note(cell: Cell, folder: Path, seconds: float, cpu_seconds: float, timing: Any = None) -> None:
     """Add a line to the journal, in one write: lines of several processes do not mix."""
     line = {
         "key": cell.key, "label": cell.label, "function": cell.function, "seconds": round(seconds, 3),
         "cpu_seconds": round(cpu_seconds, 3), "host": platform.node(), "process": os.getpid(),
         "finished": datetime.now().astimezone().isoformat(timespec="seconds"),
-    }  # fmt: skip
+    } | ({} if timing is None else {"timing": timing})  # fmt: skip
     handle = os.open(folder / "journal.jsonl", os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
     try:
         os.write(handle, (json.dumps(line) + "\n").encode())

@@ -59,6 +59,7 @@ def _compute(cell: Cell, folder: Path) -> End:
             values = cell.compute(artifact, [artifact_path(need, folder) for need in cell.needs])
             if not isinstance(values, dict):
                 raise TypeError(f"{cell.function} returned {type(values).__name__}, not values by name")
+            timing = plain(values.pop("timing", None))
             values = json.loads(json.dumps(plain(values)))  # what cannot be stored is the cell's fault, and shows here
     except (Exception, SystemExit) as error:
         if full := _full_disk(error):
@@ -68,7 +69,7 @@ def _compute(cell: Cell, folder: Path) -> End:
         return End(cell.key, None, text)
     save(cell, folder, values)
     seconds = time.perf_counter() - begin
-    note(cell, folder, seconds, time.process_time() - cpu)
+    note(cell, folder, seconds, time.process_time() - cpu, timing)
     failure_path(cell, folder).unlink(missing_ok=True)
     return End(cell.key, values, seconds=seconds)
 

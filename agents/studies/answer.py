@@ -146,16 +146,17 @@ def _confirmation(found: Confirmed) -> list[str]:
 
 
 def _prices_in_time(results: Results, environments: list[str], estimator: str) -> list[str]:
-    """What a step on an estimator costs, beside one on the truth."""
+    """CPU time of a step on an estimator, beside one on the truth that was flown in turns with it."""
+    times = [found[0][1:] for e in environments if (found := results.step_times(e, estimator))]
+    if not times:
+        return []
     spans = []
-    for name in (estimator, ORACLE):
-        costs = [cost for e in environments if (cost := results.cost(e, results.classical, name)) is not None]
-        if not costs:
-            return []
-        low, high = (microseconds(value) for value in (min(costs), max(costs)))
+    for each in zip(*times, strict=True):
+        low, high = (microseconds(value) for value in (min(each), max(each)))
         spans.append(low if low == high else f"{low} to {high}")
     return [
-        f"A step on {estimator} takes {spans[0]} µs of CPU, vehicle and agent included; on the truth {spans[1]} µs."
+        f"A step on {estimator} takes {spans[0]} µs of CPU in a batch, vehicle and agent included; on the truth "
+        f"{spans[1]} µs."
     ]
 
 

@@ -313,10 +313,10 @@ def cost_figure(results: Results) -> "Figure | None":
     for environment in results.environments:
         place = Place(environment, results.conditions[0])
         for name in results.estimators(environment, results.classical):
-            cost = results.cost(environment, results.classical, name)
+            times = results.step_times(environment, name)
             mean = results.mean(place, results.classical, name)
-            if cost and mean is not None:
-                points.setdefault(environment, {})[name] = (cost, mean)
+            if times and mean is not None:
+                points.setdefault(environment, {})[name] = (times[0][1], mean)
     if not points:
         return None
     columns = min(len(points), 2)

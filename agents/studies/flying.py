@@ -1,8 +1,11 @@
 """What flights compute: a pure function of its arguments, called by cells."""
 
+from itertools import product
 from pathlib import Path
+from time import process_time
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 
 from agents.agent import Agent
@@ -12,6 +15,8 @@ from agents.scores import scores
 from agents.seeds import evaluation_seeds
 from agents.studies.worlds import classical_pilot, environment_id, environment_options, import_own
 
+TURNS, STEPS, STEPS_ALONE = 6, 10, 50
+"""Turns of a timing, and steps of each in a batch and of a vehicle alone."""
 LOST = 1e-6
 """A truth is outside of a belief where so little probability is left beyond it."""
 
@@ -23,6 +28,7 @@ def fly(
     first_seed: int,
     episodes: int,
     own: dict[str, str],
+    timed_beside: str | None = None,
     needs: list[Path] | None = None,
 ) -> dict[str, Any]:
     """Fly the evaluation seeds and score them on the truth.
@@ -34,13 +40,14 @@ def fly(
         first_seed: See `agents.seeds.evaluation_seeds`.
         episodes: Number of seeds.
         own: Source digests of the user's own modules, by name: part of the cell, and imported for what they register.
+        timed_beside: Measure the CPU time of a step, too, in turns with this estimator.
         needs: The checkpoint, if there is one.
 
     Returns:
         ``figures``: every metric ``(N,)`` by key, see `agents.scores`; ``nees_in_band`` and ``nis_in_band``: share of
         times at which their mean over the episodes lies in its 95 % chi-square band, None without a covariance;
         ``diverged (N,)``: whether the truth was outside of what the filter held for possible for half of the episode;
-        ``steps``: flown in all.
+        ``steps``: flown in all; ``timing``, where asked: see `step_times`.
     """
     import_own(own)
     flown = rollout(
@@ -56,7 +63,56 @@ def fly(
         "diverged": _diverged(flown),
         "ends": list(flown.end),
         "steps": int(flown.length.sum()),
-    }
+    } | ({"timing": step_times(environment, options, agent, episodes, timed_beside)} if timed_beside else {})
+
+
+def step_times(
+    environment: str, options: dict[str, Any], agent: str, episodes: int, other: str
+) -> list[tuple[int, float, float]]:
+    """CPU seconds of one step of one vehicle in flight, on an estimator and on another one.
+
+    The two fly in turns in one process, so a busy machine slows both; the first turn, which loads compiled code, does
+    not count, and of the others the median does. Vehicle, sensors and agent are included; history and scores are not.
+
+    Args:
+        environment: As in the study.
+        options: Of the environment.
+        agent: As `agents.pilots.make_pilot` takes it.
+        episodes: Rows of the larger batch.
+        other: The other estimator, without options of its own.
+
+    Returns:
+        ``(rows, on the estimator, on the other)`` for a batch of that many rows, and of one.
+    """
+    beside = {key: value for key, value in options.items() if key != "estimator_options"} | {"estimator": other}
+    found = []
+    for rows in (episodes, 1):
+        own, others = _in_turns(environment, [options, beside], agent, rows)
+        found.append((rows, own, others))
+    return found
+
+
+def _in_turns(environment: str, arms: list[dict[str, Any]], agent: str, rows: int) -> list[float]:
+    """Median CPU seconds of a step of one vehicle for each of several options."""
+    steps, seconds = STEPS if rows > 1 else STEPS_ALONE, np.zeros((TURNS, len(arms)))
+    flown = []
+    for options in arms:
+        made = environment_options(environment, options)
+        native: Any = {"vectorization_mode": "vector_entry_point"}
+        env = gym.make_vec(environment_id(environment), rows, **native, **made)
+        pilot = classical_pilot(agent, environment)
+        pilot.reset(rows)
+        flown.append([env, pilot, env.reset(seed=evaluation_seeds(rows))[0]])  # type: ignore[arg-type]
+    for turn, arm in product(range(TURNS), range(len(arms))):
+        env, pilot, seen = flown[arm]
+        begin = process_time()
+        for _ in range(steps):
+            seen = env.step(pilot.act(seen))[0]
+        seconds[turn, arm] = process_time() - begin
+        flown[arm][2] = seen
+    for env, _, _ in flown:
+        env.close()
+    return (np.median(seconds[1:], axis=0) / (steps * rows)).tolist()
 
 
 def _pilot(agent: str, environment: str, needs: list[Path] | None) -> Agent | str:

@@ -8,7 +8,7 @@ from typing import Any
 from agents.cells import Cell
 from agents.pilots import unknown_pilot
 from agents.ppo import describe
-from agents.studies.study import DEFAULT, RAW, TERMINATIONS, Agent, Condition, Estimator, Study
+from agents.studies.study import DEFAULT, ORACLE, RAW, TERMINATIONS, Agent, Condition, Estimator, Study
 from agents.studies.worlds import digests, environment_id, has_pilot, refusal, registered, system_of
 
 _RAW_READINGS = Estimator(RAW, "measurement")
@@ -204,7 +204,8 @@ def _fly(
             "episodes": study.episodes,
             "own": digests(environment, estimator.estimator, pilot, *_own_world(condition))
             | registered(environment, pilot),
-        },
+        }
+        | ({} if training or condition != study.conditions[0] else {"timed_beside": ORACLE}),
         f"fly {agent.name if training else pilot} on {estimator.name} in {environment}",
         needs=(training,) if training else (),
     )

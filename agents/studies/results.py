@@ -48,8 +48,8 @@ class Results:
         values: Of every cell that has a result, by its key.
         failures: Why the others have none, by their keys.
         seconds: CPU seconds of cells, by their keys; not of all, if their journal was lost.
+        timings: What `agents.studies.flying.step_times` gave, by the keys of cells that were timed.
         notes: What `agents.cells.run` had to say.
-        cold: Cells that were the first of an environment in their process: their time is that of loading, too.
     """
 
     plan: Plan
@@ -57,20 +57,15 @@ class Results:
     failures: dict[str, str] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
-    cold: frozenset[str] = frozenset()
+    timings: dict[str, list[tuple[int, float, float]]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, plan: Plan, outcome: Outcome, folder: Path) -> "Results":
         """The results of a run in a folder."""
-        where = {flight.cell.key: flight.environment for flight in plan.flights}
-        seconds, cold, begun = {}, set(), set()
-        for line in journal(folder):
-            seconds[line["key"]] = line["cpu_seconds"]
-            first = line["host"], line["process"], where.get(line["key"])
-            if first not in begun:
-                begun.add(first)
-                cold.add(line["key"])
-        return cls(plan, outcome.values, outcome.failures, seconds, outcome.notes, frozenset(cold))
+        lines = journal(folder)
+        seconds = {line["key"]: line["cpu_seconds"] for line in lines}
+        timings = {line["key"]: line["timing"] for line in lines if isinstance(line.get("timing"), list)}
+        return cls(plan, outcome.values, outcome.failures, seconds, outcome.notes, timings)
 
     # --- who, where, on what --------------------------------------------------------------------------
 
@@ -297,20 +292,12 @@ class Results:
         scores = np.sort(np.concatenate(found))
         return float(scores[: -(-len(scores) // 10)].mean())
 
-    def cost(self, environment: str, pilot: Pilot, estimator: str) -> float | None:
-        """CPU time of a step on an estimator [µs], agent and physics included: the median over flights.
-
-        Flights in a process that had to load the environment's compiled code first count only if there are no others.
-        """
-        keys = [
-            flight.cell.key
-            for condition in self.conditions
-            for flight in self._flights.get((Place(environment, condition), pilot, estimator), [])
-            if flight.cell.key in self.seconds
-        ]
-        warm = [key for key in keys if key not in self.cold]
-        each = [1e6 * self.seconds[key] / self.values[key]["steps"] for key in warm or keys]
-        return float(np.median(each)) if each else None
+    def step_times(self, environment: str, estimator: str) -> list[tuple[int, float, float]]:
+        """Rows of a batch, and CPU time [µs] of a step of the classical agent on an estimator and on the truth."""
+        place = Place(environment, self.conditions[0])
+        flights = self._flights.get((place, self.classical, estimator), [])
+        found = [self.timings[f.cell.key] for f in flights if f.cell.key in self.timings]
+        return [(rows, 1e6 * own, 1e6 * truth) for rows, own, truth in found[0]] if found else []
 
     def places(self, environments: Iterable[str] | None = None, conditions: Iterable[str] | None = None) -> list[Place]:
         """Every condition of every environment, or of some."""

@@ -1,5 +1,6 @@
 """Results that nobody flew, under the keys of a plan: scores follow from a quality of each estimator."""
 
+from dataclasses import replace
 from functools import cache
 from zlib import crc32
 
@@ -42,7 +43,7 @@ def study(
 def results(planned: Plan | Study, quality=QUALITY, noise=0.01) -> Results:
     """What flights would give if scores were 0.1 + 0.8 of the quality, less 0.02 for a policy off its own estimator."""
     planned = planned if isinstance(planned, Plan) else plan(planned)
-    values, seconds = {}, {}
+    values, seconds, timings = {}, {}, {}
     for f in planned.flights:
         rng = np.random.default_rng(crc32(repr((f.cell.label, f.condition, f.trained_on, f.training_seed)).encode()))
         n = planned.study.episodes
@@ -62,9 +63,11 @@ def results(planned: Plan | Study, quality=QUALITY, noise=0.01) -> Results:
             "steps": 100 * n,
         }
         seconds[f.cell.key] = 1e-5 * (1.0 + len(f.flown_on)) * 100 * n
+        if f.cell.arguments.get("timed_beside"):
+            timings[f.cell.key] = [(n, 1e-5 * (1.0 + len(f.flown_on)), 1e-5), (1, 2e-4, 1e-4)]
         for training in f.cell.needs:
             values[training.key] = {"steps": 1000}
-    return Results(planned, values, {}, seconds)
+    return Results(planned, values, {}, seconds, timings=timings)
 
 
 @cache
@@ -77,4 +80,4 @@ def without(found: Results, unwanted, why: str | None = None) -> Results:
     """The same without the flights of which something holds; with a reason they have failed."""
     keys = {f.cell.key for f in found.plan.flights if unwanted(f)}
     values = {key: value for key, value in found.values.items() if key not in keys}
-    return Results(found.plan, values, dict.fromkeys(keys, why) if why else {}, found.seconds, found.notes)
+    return replace(found, values=values, failures=dict.fromkeys(keys, why) if why else {})

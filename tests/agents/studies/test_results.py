@@ -1,14 +1,16 @@
 """What a study found, by place, pilot and estimator."""
 
-import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from invented import CORVETTE, QUALITY, SEGOROGENI, learned, results, study, without
+from invented import CONDITIONS, CORVETTE, QUALITY, SEGOROGENI, learned, results, study, without
 
-from agents.cells import Outcome
+from agents.cells import run
 from agents.sheets.dive import METRICS
 from agents.statistics import crossed_interval, mean_interval
+from agents.studies import flying
+from agents.studies.plan import plan
 from agents.studies.results import Pilot, Place, Results
 from agents.studies.study import RAW
 
@@ -114,17 +116,46 @@ def test_estimators_come_in_the_order_of_the_study(found):
     assert found.estimators(pilot=found.classical) == ["truth", "dead-reckoning", "ekf", "enkf"]
 
 
-def test_a_flight_whose_process_had_to_load_compiled_code_counts_only_if_there_is_no_other(tmp_path):
-    invented = results(study(environments=(CORVETTE,)))
-    flights = [f for f in invented.plan.flights if f.flown_on == "kf"]
-    lines = [
-        {"key": f.cell.key, "cpu_seconds": seconds, "host": "here", "process": process}
-        | {"label": "", "function": "", "seconds": seconds, "finished": ""}
-        for f, seconds, process in zip(flights, (9.0, 1.0, 1.0, 9.0), (1, 1, 1, 2), strict=False)
-    ]
-    for shown in (lines, lines[:1]):
-        (tmp_path / "journal.jsonl").write_text("".join(json.dumps(line) + "\n" for line in shown))
-        timed = Results.of(invented.plan, Outcome(invented.values), tmp_path)
-        steps = invented.values[flights[0].cell.key]["steps"]
-        warm = 1.0 if len(shown) > 1 else 9.0
-        assert timed.cost(CORVETTE, timed.classical, "kf") == pytest.approx(1e6 * warm / steps)
+def test_times_of_steps_come_from_the_journal_and_are_no_part_of_a_result(tmp_path):
+    planned = plan(study((CORVETTE,), conditions=CONDITIONS[:1], episodes=2))
+    flight = next(f for f in planned.flights if f.flown_on == "kf")
+    outcome = run([flight.cell], tmp_path)
+    assert set(outcome.values[flight.cell.key]) == {
+        "figures", "nees_in_band", "nis_in_band", "diverged", "ends", "steps",
+    }  # fmt: skip
+    found = Results.of(planned, outcome, tmp_path)
+    assert [rows for rows, _, _ in found.step_times(CORVETTE, "kf")] == [2, 1]
+    assert all(0.0 < each < 1e6 for _, *times in found.step_times(CORVETTE, "kf") for each in times)
+    (tmp_path / "journal.jsonl").unlink()
+    assert Results.of(planned, outcome, tmp_path).step_times(CORVETTE, "kf") == []
+
+
+def test_the_estimator_and_the_truth_fly_in_turns_and_only_steps_are_timed(monkeypatch):
+    clock, flown = [0.0], []
+    monkeypatch.setattr(flying, "classical_pilot", lambda *_: SimpleNamespace(reset=lambda rows: None, act=lambda y: y))
+    monkeypatch.setattr(flying, "process_time", lambda: clock[0])
+
+    class Env:
+        def __init__(self, estimator, rows):
+            self.estimator, self.rows = estimator, rows
+
+        def reset(self, seed):
+            clock[0] += 1000.0
+            return np.zeros(len(seed)), {}
+
+        def step(self, action):
+            flown.append(self.estimator)
+            first = flown.count(self.estimator) <= 10
+            clock[0] += {"kf": 3e-3, "truth": 1e-3}[self.estimator] * (100.0 if first and self.rows > 1 else 1.0)
+            return action, 0.0
+
+        def close(self):
+            pass
+
+    monkeypatch.setattr(flying.gym, "make_vec", lambda env_id, rows, estimator, **_: Env(estimator, rows))
+    options = {"estimator": "kf", "estimator_options": {"input_cov": 1.0}}
+    [batch, alone] = flying.step_times(CORVETTE, options, "autopilot", 4, "truth")
+    assert batch == (4, pytest.approx(3e-3 / 4), pytest.approx(1e-3 / 4))
+    assert alone == (1, pytest.approx(3e-3), pytest.approx(1e-3))
+    turns = [name for i, name in enumerate(flown[:120]) if i % 10 == 0]
+    assert turns == ["kf", "truth"] * 6
