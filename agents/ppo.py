@@ -278,7 +278,10 @@ def batch(described: dict[str, Any], num_envs: int, env_options: dict[str, Any] 
 
     from agents.vec_env import StableBaselinesVecEnv
 
-    vector: Any = gym.make_vec(described["env_id"], num_envs=num_envs, **(env_options or described["env_options"]))
+    options = env_options or described["env_options"]
+    if options.get("observe") == "measurement" and options.get("ends") != "belief" and described["critic"] is None:
+        options = options | {"estimator": "measurement", "estimator_options": {}}  # nobody sees what a filter believes
+    vector: Any = gym.make_vec(described["env_id"], num_envs=num_envs, **options)
     if described["critic"] == "truth":
         from agents.critic import TruthVecEnv
 

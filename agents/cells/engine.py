@@ -113,8 +113,9 @@ def run(
     report()
     if not missing:
         return outcome
+    modules = sorted({cell.function.partition(":")[0] for cell in missing.values()})
     try:
-        with pool(folder, jobs, scheduler) as (compute, workers):
+        with pool(folder, jobs, scheduler, modules) as (compute, workers):
             for wave in left:
                 ready = []
                 for cell in list(wave.values()):

@@ -8,8 +8,9 @@ import time
 import warnings
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -28,13 +29,15 @@ _Ends = Generator[End, None, None]
 
 
 @contextmanager
-def pool(folder: Path, jobs: int, scheduler: str | None) -> Iterator[tuple[Callable[[Sequence[Cell]], _Ends], int]]:
-    """What computes cells and yields their ends as they come, and how many at once."""
+def pool(
+    folder: Path, jobs: int, scheduler: str | None, modules: Sequence[str] = ()
+) -> Iterator[tuple[Callable[[Sequence[Cell]], _Ends], int]]:
+    """What computes cells of functions in ``modules``, and yields their ends as they come, and how many at once."""
     if scheduler is not None:
         with _client(scheduler) as client:
             yield partial(_on_cluster, folder, client), sum(client.nthreads().values())
     elif jobs > 1:
-        yield partial(_in_processes, folder, jobs), jobs
+        yield partial(_in_processes, folder, jobs, tuple(modules)), jobs
     else:
         yield partial(_here, folder), 1
 
@@ -43,15 +46,13 @@ def _here(folder: Path, cells: Sequence[Cell]) -> _Ends:
     yield from (work(cell, folder, cell.key) for cell in cells)
 
 
-def _in_processes(folder: Path, jobs: int, cells: Sequence[Cell]) -> _Ends:
+def _in_processes(folder: Path, jobs: int, modules: tuple[str, ...], cells: Sequence[Cell]) -> _Ends:
     require("joblib")
     from joblib import Parallel, parallel_config
     from joblib.externals.loky.process_executor import TerminatedWorkerError
 
     left = {cell.key: cell for cell in cells}
-    with parallel_config(
-        backend="loky", inner_max_num_threads=1, initializer=_leave_with_parent, initargs=(os.getpid(),)
-    ):
+    with parallel_config(backend="loky", inner_max_num_threads=1, initializer=_begin, initargs=(os.getpid(), modules)):
         processes = min(jobs, max(len(cells), 2))  # with one, joblib would compute here
         parallel = Parallel(processes, return_as="generator_unordered", batch_size=1)
     try:
@@ -82,9 +83,7 @@ def _apart(folder: Path, at_once: int, cells: Sequence[Cell]) -> Generator[tuple
         while left or running:
             while left and len(running) < at_once:
                 cell = left.popleft()
-                process = ProcessPoolExecutor(
-                    1, initializer=_leave_with_parent, initargs=(os.getpid(),), env=_ONE_THREAD
-                )
+                process = ProcessPoolExecutor(1, initializer=_begin, initargs=(os.getpid(),), env=_ONE_THREAD)
                 running[process.submit(work, cell, folder, cell.key)] = cell, process
             for future in wait(running, return_when=FIRST_COMPLETED).done:
                 cell, process = running.pop(future)
@@ -99,8 +98,11 @@ def _apart(folder: Path, at_once: int, cells: Sequence[Cell]) -> Generator[tuple
             process.shutdown(kill_workers=True)
 
 
-def _leave_with_parent(parent: int) -> None:
-    """End this process soon after its parent, which may be killed before it can stop what it started."""
+def _begin(parent: int, modules: tuple[str, ...] = ()) -> None:
+    """End this process soon after its parent, which may be killed before it can stop it, and import what cells need.
+
+    Loky ends a worker, with a warning, that has grown by 300 MB since its first cell. Torch alone is half of that.
+    """
 
     def watch() -> None:
         while os.getppid() == parent:
@@ -108,6 +110,9 @@ def _leave_with_parent(parent: int) -> None:
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
+    for module in modules:
+        with suppress(Exception):  # the cell that needs it says why it fails
+            import_module(module)
 
 
 def _killed(cell: Cell, folder: Path, text: str) -> End:

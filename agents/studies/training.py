@@ -3,7 +3,15 @@
 from pathlib import Path
 from typing import Any
 
+from agents.checkpoint import description
+from agents.ppo import train
 from agents.studies.worlds import environment_id, environment_options
+from vessel_gym.extras import require
+
+require("torch", "stable_baselines3", "sb3_contrib")
+
+import stable_baselines3  # noqa: E402, F401
+import torch  # noqa: E402, F401  (workers load both before their memory is first measured)
 
 
 def train_agent(
@@ -35,9 +43,6 @@ def train_agent(
     Returns:
         ``steps``, as trained: whole rollouts.
     """
-    from agents.checkpoint import description
-    from agents.ppo import train
-
     chosen = environment_options(environment, options)
     train(environment_id(environment), artifact, chosen, seed, steps, None, memory, critic, changed)
     described = description(artifact)

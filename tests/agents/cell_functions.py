@@ -64,3 +64,7 @@ def echo(**arguments):
 
 def nothing():
     return None
+
+
+def loaded(modules):
+    return {name: name in sys.modules for name in modules}

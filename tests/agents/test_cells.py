@@ -7,6 +7,7 @@ import socket
 import subprocess
 import sys
 import time
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -124,8 +125,14 @@ def test_a_cell_that_fails_stops_no_other_and_is_tried_again(tmp_path, jobs):
 
 
 @pytest.mark.slow
-def test_processes_give_the_same_files_as_one_and_have_one_thread_each(tmp_path, expected):
-    threads = cell("threads")
+def test_processes_give_the_same_files_as_one_and_have_one_thread_and_all_modules_each(tmp_path, expected):
+    """Joblib ends a process, with a warning, that grows by 300 MB after its first cell: torch must be there before."""
+    threads, modules = cell("threads"), cell("loaded", modules=["colorsys"])
+    other = Cell("colorsys:no_function", {}, needs=(modules,))
+    outcome = run([modules, other], tmp_path / "modules", jobs=2)
+    assert outcome.values[modules.key] == {"colorsys": True}
+    assert "no_function" in outcome.failures[other.key]
+    assert {"torch", "stable_baselines3"} <= vars(import_module("agents.studies.training")).keys()
     assert run([*long_study(), threads], tmp_path, jobs=2).values[threads.key] == dict.fromkeys(
         ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"
     )

@@ -18,7 +18,7 @@ import agents.ppo
 from agents import load_agent, rollout
 from agents.checkpoint import description
 from agents.lstm_policy import LstmPolicy
-from agents.ppo import MEMORIES, describe, hyperparameters, train
+from agents.ppo import MEMORIES, batch, describe, hyperparameters, train
 from agents.seeds import evaluation_seeds, training_seed, tuning_seeds
 from agents.vec_env import StableBaselinesVecEnv
 from estimators import ExtendedKalmanFilter
@@ -108,6 +108,30 @@ def test_a_checkpoint_flies_as_the_policy_that_was_saved(tmp_path: Path, saved: 
     np.testing.assert_array_equal(agent.act(observations), actions)  # without exploration noise
     one, other = (rollout(str(path), ENV, [1, 2], {"observe": "mean+std"}) for _ in range(2))
     np.testing.assert_array_equal(one.score, other.score)
+
+
+@pytest.mark.parametrize("env_id", [ENV, "SegorogeniAUV-v0", "ItsunusaAUV-v0", "PunaUAV-v0"])
+def test_training_on_raw_measurements_runs_no_filter_and_sees_the_same(env_id: str):
+    """Observations, rewards and ends are those with the environment's own filter, to the last bit."""
+    options = {"observe": "measurement", "sensors": "degraded", "max_episode_steps": 15}
+    ours = batch(describe(env_id, options, 0, None), 3)
+    env = gym.make_vec(env_id, num_envs=3, **options)
+    theirs = StableBaselinesVecEnv(env)
+    assert ours.env.unwrapped.core.estimator == "measurement" != env.unwrapped.core.estimator
+    for each in (ours, theirs):
+        each.seed(tuning_seeds(1)[0])
+    np.testing.assert_array_equal(ours.reset(), theirs.reset())
+    rng, size = np.random.default_rng(0), ours.action_space.shape
+    for _ in range(40):
+        actions = rng.uniform(-1.0, 1.0, (3, *size)).astype(np.float32)
+        for one, other in zip(ours.step(actions)[:3], theirs.step(actions)[:3], strict=True):
+            np.testing.assert_array_equal(one, other)
+
+
+def test_a_filter_that_ends_missions_or_tells_the_critic_what_is_true_is_kept():
+    for options, critic in (({"ends": "belief"}, None), ({}, "truth"), ({"observe": "mean"}, None)):
+        described = describe(ENV, {"observe": "measurement"} | options, 0, None, critic=critic)
+        assert batch(described, 1).env.unwrapped.core.estimator == "kf-umv-ui"
 
 
 def test_frames_at_flight_are_those_of_the_training_at_starts_and_ends_of_episodes(tmp_path: Path, saved: list[PPO]):
