@@ -63,23 +63,26 @@ def ranking(results: Results) -> Section:
             "ranking",
         )
     )
+    blocks.append(_differences(results, names, best, heads))
+    return Section(title, blocks + _learned_ranking(results, environments, columns, heads, names))
+
+
+def _differences(results: Results, names: list[str], best: list[dict[str, np.ndarray]], heads: list[str]) -> Table:
+    """The estimators against the best of each column."""
     margin = results.plan.study.margin
     behind = [(name, [_behind(ranked, name, margin) for ranked in best]) for name in names]
-    blocks.append(
-        Table(
-            "Difference from the best",
-            "Share kept minus that on the best estimator of the column, paired by evaluation seed. "
-            f"{EQUIVALENT.capitalize()}: the interval lies within ±{margin:g}, the margin of the study: no difference "
-            "that matters. Worse, bold: the interval lies below zero, and not within the margin. Else nothing is "
-            "decided. The best is chosen on the same episodes: the 95 % hold for all pairs of a column at once "
-            "(Bonferroni), and where all are equal at most one study in twenty has a bold number.",
-            "Estimator",
-            [(head, "") for head in heads],
-            [("", behind)],
-            "behind-the-best",
-        )
+    return Table(
+        "Difference from the best",
+        "Share kept minus that on the best estimator of the column, paired by evaluation seed. "
+        f"{EQUIVALENT.capitalize()}: the interval lies within ±{margin:g}, the margin of the study: no difference "
+        "that matters. Worse, bold: the interval lies below zero, and not within the margin. Else nothing is "
+        "decided. The best is chosen on the same episodes: the 95 % hold for all pairs of a column at once "
+        "(Bonferroni), and where all are equal at most one study in twenty has a bold number.",
+        "Estimator",
+        [(head, "") for head in heads],
+        [("", behind)],
+        "behind-the-best",
     )
-    return Section(title, blocks + _learned_ranking(results, environments, columns, heads, names))
 
 
 def _learned_ranking(

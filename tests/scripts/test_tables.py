@@ -20,6 +20,32 @@ def test_a_table_has_its_place_and_as_many_columns_as_before(name: str):
     assert len({line.count("|") for line in inside}) == 1
 
 
+@pytest.mark.parametrize("name", tables.TEXTS)
+def test_sentences_with_numbers_have_their_place(name: str):
+    page, _ = tables.TEXTS[name]
+    before, after = around(page, f"text: {name}")
+    assert len(page.read_text(encoding="utf-8")[len(before) : -len(after)].strip()) > 50
+
+
+def test_the_sentences_of_a_study_are_made_of_what_it_stored(tmp_path: Path):
+    (tmp_path / "answer.md").write_text("Take ekf.\nA step on ekf takes 3 µs.\nWorse: enkf.\n")
+    assert tables.advice(tmp_path) == "Take ekf. Worse: enkf."
+    (tmp_path / "tables").mkdir()
+    (tmp_path / "tables" / "ranking.md").write_text("| Estimator | All |\n| --- | ---: |\n| ekf | 0.9 ± 0.1 |\n")
+    lines = ["environment,condition,estimator,seed,score"]
+    for world in ("PunaUAV-v0", "ItsunusaAUV-v0", "SegorogeniAUV-v0"):
+        for condition in ("bad sensors", "model 10 % off", "model 20 % off"):
+            for name, score in (("truth", 0.9), ("huber-kf", 0.75), ("ekf", 0.5)):
+                lines += [f"{world},{condition},{name},{seed},{score + seed}" for seed in (1, 0)]
+    (tmp_path / "episodes.csv").write_text("\n".join(lines))
+    told = " ".join(tables.exceptions(tmp_path).split())
+    assert "than `ekf` by 0.250 ± 0.000 in `PunaUAV-v0`" in told
+    assert "loses 0.400 ± 0.000 and 0.400 ± 0.000 of the score on `ekf`" in told
+    assert "(Means over 2 seeds;" in told
+    (tmp_path / "confirmation.csv").write_text("\n".join(lines))
+    assert "(Means over 2 fresh seeds;" in " ".join(tables.exceptions(tmp_path).split())
+
+
 def test_a_text_goes_between_its_own_marks(tmp_path: Path):
     page = tmp_path / "page.md"
     page.write_text("a\n<!-- table: one -->\nold\n<!-- end -->\nb\n<!-- table: two -->\nkept\n<!-- end -->\n")

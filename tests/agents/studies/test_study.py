@@ -97,7 +97,7 @@ def test_the_studies_of_the_package_are_studies(name):
         assert len(study.environments) == 4
         assert len(study.estimators) >= 8
         assert len(study.conditions) >= 3
-        assert study.episodes == 20
+        assert study.episodes == 50
 
 
 RULED = """
