@@ -16,6 +16,7 @@ from vessel_gym.waves import GRAVITY, WaveField, encounter_frequency
 
 _AIR_DENSITY = 1.224  # kg/m3
 _REFLECTED = 0.25  # share of the waves' energy that a ship abeam reflects; assumed
+_LEAST = 1e-3  # rad, least yaw increment that filters are told of: half a compass' noise, below which nothing shows it
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,8 +102,9 @@ class Seaway(Disturbance):
         """What filters take it for unless told otherwise: yaw of no direction, and a current that leeway moves."""
         beta = np.linspace(0.0, 2.0 * np.pi, 72, endpoint=False)
         yaw = self.mean_response(beta, 0.8 * self.ship.speed)[..., 1]
+        wave = max(np.sqrt((np.abs(yaw) ** 2).sum(0).mean()), _LEAST / self.dt)
         return Sea(
-            wave=float(np.sqrt((np.abs(yaw) ** 2).sum(0).mean())), peak=float(self.waves.frequencies[1]), gust=0.0,
+            wave=float(wave), peak=float(self.waves.frequencies[1]), gust=0.0,
             current=float(np.hypot(self.current, self.leeway)), current_time=100.0, dt=self.dt,
         )  # fmt: skip
 

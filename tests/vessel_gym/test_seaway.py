@@ -348,6 +348,18 @@ def test_filters_are_told_of_a_sea_of_no_direction_and_hold_its_current():
     assert np.sqrt(told.forces.kick_cov[0, 0]) == pytest.approx(0.5 * rms, rel=0.05)
 
 
+@pytest.mark.parametrize("sea", SEAS)
+@pytest.mark.parametrize("length", [101.07, 160.93, 320.0])
+def test_a_slow_ship_s_unknown_input_filter_flies_in_every_sea(length, sea):
+    """Long, slow ships hardly yaw in a calm sea: d is told to be no smaller than what shows in a compass."""
+    ship = SHIP if length < 160.0 else replace(MARINER, length=length, beam=length / 7.0, mass=4.089 * length**3)
+    core = Core(ship_system(ship), 2, disturbance=sea)
+    core.start(0)
+    core.step(np.zeros((2, 1)))
+    assert not np.any(core.belief.recovery)
+    assert core.composition.forces.input_cov[0, 0] >= 1e-6 * (1.0 - 1e-9)
+
+
 def test_the_ship_s_own_jacobian_is_that_of_her_model():
     """Against differences of the composed transition."""
     for told in ({}, {"told": {"as": "states"}}):
