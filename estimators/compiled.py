@@ -2,17 +2,19 @@
 
 import atexit
 import gc
+import json
 import os
 import shutil
 import stat
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache, partial, update_wrapper
 from hashlib import sha256
 from pathlib import Path
 from threading import Lock
+from time import time
 from typing import Any
 
 import numba
@@ -24,6 +26,7 @@ from numba.core import cgutils, config, event
 from numba.extending import intrinsic
 
 _PATIENCE = 2.0  # seconds; whoever only loads kernels holds the lock for less
+_PAUSE, _FORGOTTEN = 10.0, 600.0  # seconds between two lines of progress, and after which a number is another command's
 _KEPT = 4  # folders of kernels; older ones are those of sources that have changed since
 
 _settings: dict[str, Any] = vars(config)  # Numba's
@@ -56,7 +59,7 @@ def rowwise(*signatures: str, cache: bool = True) -> Callable[[_Function], Any]:
 
 
 def lazy(compiler: Callable[[_Function], _Function]) -> Callable[[_Function], Any]:
-    """Compile a function when it is first called, once for all processes; who compiles says so once.
+    """Compile a function when it is first called, once for all processes; a command that compiles says so once.
 
     Numba caches a kernel as several files. Processes that compile the same one at the same time mix theirs, and every
     later process that loads such files crashes: so only one compiles, and the others wait and load.
@@ -86,13 +89,37 @@ class _Kernel(partial[Any]):
 
 
 class _Announcement(event.Listener):
-    """Tells of the first pass of a compiler in this process; a kernel that is loaded needs none."""
+    """Tells of the first pass of the compiler over a kernel; one that is loaded needs none."""
+
+    def __init__(self) -> None:
+        self._told = False
 
     def on_start(self, event: Any) -> None:
-        _say(f"compiling once, about half a minute; kept in {_folder()}")
+        if not self._told:
+            self._told = True
+            _tell(_current(_folder()) / "told")
 
     def on_end(self, event: Any) -> None:
         """Nothing to tell."""
+
+
+def _tell(path: Path) -> None:
+    """Say once a command that it compiles, and every ten seconds how far it is: its processes share what was told."""
+    command, now = os.getpgrp() if hasattr(os, "getpgrp") else os.getpid(), time()
+    count, begun, told = 0, now, now
+    try:
+        who, *before = json.loads(path.read_text())
+        if who == command and now < before[-1] + _FORGOTTEN:
+            count, begun, told = before
+    except (OSError, ValueError, TypeError):
+        pass  # nothing was told
+    if count == 0:
+        _say(f"compiling once, about half a minute for each environment; kept in {_folder()}")
+    elif now >= told + _PAUSE:
+        told = now
+        _say(f"compiling, {count} kernels in {now - begun:.0f} s")
+    with suppress(OSError):
+        path.write_text(json.dumps([command, count + 1, begun, told]))
 
 
 @contextmanager

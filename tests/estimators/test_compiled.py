@@ -53,9 +53,11 @@ def package(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def calling(folder: Path, **environment: str) -> subprocess.Popen[str]:
+FIRST = "from estimators import compiled, kernels; print(compiled.__file__, kernels.kernel(0.5))"
+
+
+def calling(folder: Path, program: str = FIRST, **environment: str) -> subprocess.Popen[str]:
     """A process without a home that calls the kernel; stdout is its own."""
-    program = "from estimators import compiled, kernels; print(compiled.__file__, kernels.kernel(0.5))"
     clean = {key: value for key, value in os.environ.items() if key not in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME")}
     nowhere = {"HOME": "/dev/null/nobody", "TMPDIR": str(folder / "temporary"), "PYTHONDONTWRITEBYTECODE": "1"}
     return subprocess.Popen(
@@ -104,6 +106,25 @@ def test_processes_that_start_at_once_compile_once_and_a_change_in_another_file_
         found, said = called(package, calling(package))
         assert found == {result}
         assert said.count(COMPILING) == (result != 1.0)  # what was compiled before the change is still there
+
+
+def test_a_command_says_once_that_it_compiles_whichever_of_its_processes_does_and_then_how_far_it_is(
+    package: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    (package / "estimators" / "more.py").write_text(KERNELS)
+    program = "from estimators import compiled, more; print(compiled.__file__, more.kernel(0.5))"
+    said = [called(package, calling(package, what)) for what in (FIRST, program)]
+    assert [text.count(COMPILING) for _, text in said] == [1, 0]
+
+    now = [1e9]
+    monkeypatch.setattr(compiled, "time", lambda: now[0])
+    compiled._say.cache_clear()
+    for later in (0.0, 4.0, 7.0, 1.0, 700.0):
+        now[0] += later
+        compiled._tell(tmp_path / "told")
+    lines = [line.split(":")[1].split(";")[0] for line in capsys.readouterr().err.splitlines()]
+    assert lines == [" compiling once, about half a minute for each environment", " compiling, 2 kernels in 11 s"]
+    compiled._say.cache_clear()
 
 
 def test_kernels_are_kept_where_numba_s_are_if_somebody_chose_that(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
