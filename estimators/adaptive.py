@@ -6,7 +6,7 @@ import numpy as np
 
 from estimators.belief import Belief
 from estimators.checks import number
-from estimators.filter import Filter, Model, Rng
+from estimators.filter import Filter, Model, Rng, check_channels
 from estimators.kalman import joseph_update
 from estimators.linalg import congruence, joined, solve, symmetrise
 from estimators.models import resolve
@@ -74,6 +74,7 @@ class AdaptiveKalmanFilter(Filter[AdaptiveBelief]):
         below_zero = -np.finfo(float).smallest_subnormal
         self.q_rate = number("q_rate", q_rate, below_zero, 1.0, "at least 0 and below 1")
         self.r_rate = number("r_rate", r_rate, below_zero, 1.0, "at least 0 and below 1")
+        self.sequential = self.q_rate == self.r_rate == 0.0
 
     def _init(self, belief: Belief, rng: Rng) -> AdaptiveBelief:
         n, p, batch = self.model.n, self.model.p, belief.mean.shape[:-1]
@@ -83,6 +84,11 @@ class AdaptiveKalmanFilter(Filter[AdaptiveBelief]):
             belief, process_noise=Q, measurement_noise=R, noise_mean=np.zeros(batch + (n + p,)),
             noise_cov=_apart(Q, R), state_noise_cov=np.zeros(batch + (n, n + p)), pending=np.zeros(batch, bool),
         )  # fmt: skip
+
+    def _batch(self, belief: AdaptiveBelief) -> tuple[int, ...]:
+        batch = super()._batch(belief)
+        check_channels(self, belief.measurement_noise.shape[-1])
+        return batch
 
     def _predict(self, belief: AdaptiveBelief, u: np.ndarray | None, rng: Rng) -> AdaptiveBelief:
         mean, A = self.model.linearise_transition(belief.mean, u, belief.cov)

@@ -96,7 +96,8 @@ class Belief(Packed):
         prior_mean: ``(..., n)`` where a lost row starts again.
         prior_cov: ``(..., n, n)`` likewise.
         recovery: ``(...)`` what the last update had to do, as the numbers of `Recovery`; 0: the usual.
-        u: ``(..., m)`` the known input of the last prediction; None: it was told none.
+        u: ``(..., m)`` the known input of the last prediction, or that of its reading where the update was given one;
+            None: it was told none.
         innovation: ``(..., p)`` reading minus expectation, 0 where no reading came; None before an update.
         innovation_cov: ``(..., p, p)`` its covariance, unit where no reading came; likewise.
         available: ``(..., p)`` which readings the last update used; likewise.
@@ -225,6 +226,16 @@ class Belief(Packed):
     def replace(self, **changes: Any) -> Self:
         """This belief with some fields changed."""
         return type(self)(**(self._arrays() | changes))
+
+    def with_input(self, u: np.ndarray | None) -> Self:
+        """This belief with another known input, packed as it is."""
+        if self.packed is None:
+            same = self[...]
+            object.__setattr__(same, "u", u)
+            return same
+        same = self.looked_at(self.packed, self.layout, self.prior_mean, self.prior_cov, u)
+        object.__setattr__(same, "recovery", self.recovery)
+        return same
 
     def _arrays(self) -> dict[str, Any]:
         return {name: getattr(self, name) for name in self.__dataclass_fields__}

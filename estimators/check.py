@@ -273,8 +273,7 @@ def _warn_of_errors(filter: Filter, system: System) -> None:
     for k, y in enumerate(runs.y):
         if k:
             belief = filter.predict(belief, None if runs.u is None else runs.u[k - 1], rng=keys.at(k))
-        known = None if runs.u is None else runs.u[max(k - 1, 0)]
-        belief = filter.update(belief, y, rng=keys.at(k), u=known)
+        belief = filter.update(belief, y, rng=keys.at(k), u=None if runs.u is None else runs.u[k])
     found = float(nees(belief.mean, belief.cov, runs.x[-1], model.state_angles).mean())
     low, high = chi_square_band(_RUNS, model.n, _CONFIDENCE)
     if not low <= found <= high:

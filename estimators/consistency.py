@@ -79,11 +79,11 @@ def simulate(
     x = prior.mean + _noise(prior.cov, rng, runs)
     xs, ys = [], []
     for k in range(steps):
-        before, now = (None if u is None else u[j] for j in (max(k - 1, 0), k))
-        y = model.measurement(x, before) + _noise(resolve(model.R, before), rng, runs)
+        now = None if u is None else u[k]
+        y = model.measurement(x, now) + _noise(resolve(model.R, now), rng, runs)
         following = model.transition(x, now) + _noise(resolve(model.Q, now), rng, runs)
         if d is not None and model.H is not None:
-            y = y + np.matvec(resolve(model.H, before), d[k])
+            y = y + np.matvec(resolve(model.H, now), d[k])
             following = following + np.matvec(model.input_matrix(x, now), d[k])
         xs.append(x)
         ys.append(y)
@@ -393,9 +393,9 @@ def _track(filter: Filter, prior: Gaussian, data: Runs, rng: Rng) -> list[Belief
     rows = Gaussian(np.broadcast_to(prior.mean, data.x.shape[1:]), prior.cov)
     belief, beliefs = filter.init(rows, rng=rng), []
     for k, y in enumerate(data.y):
-        u = None if data.u is None else data.u[max(k - 1, 0)]
+        before, u = (None if data.u is None else data.u[max(k - ago, 0)] for ago in (1, 0))
         if k:
-            belief = filter.predict(belief, u, rng=rng)
+            belief = filter.predict(belief, before, rng=rng)
         belief = filter.update(belief, y, rng, None if data.available is None else data.available[k], u=u)
         beliefs.append(belief)
     return beliefs

@@ -141,7 +141,7 @@ class Delayed(Generic[Record]):
             u: As for `Filter.update`.
 
         Raises:
-            ValueError: if ``y``, ``available`` or ``R`` have the wrong shape.
+            ValueError: if ``y``, ``available`` or ``R`` have the wrong shape, or another ``u`` came before.
         """
         rows, p = belief.mean.shape[:-1], self.filter.model.p
         y = as_array("y", y)
@@ -157,6 +157,7 @@ class Delayed(Generic[Record]):
             come = come & np.isfinite(np.diagonal(R, axis1=-2, axis2=-1))
         steps, reach, refused, oldest = list(belief.steps), belief.reach, belief.refused, np.zeros(rows, int)
         if u is not None:
+            self._check_one_input(steps[-1], u)
             steps[-1] = steps[-1]._replace(predicted=steps[-1].predicted.replace(u=u))
         steps[-1] = steps[-1]._replace(read=np.ones(rows, bool), keys=self._keys(rng))
         for age in range(y.shape[-2]):
@@ -178,6 +179,16 @@ class Delayed(Generic[Record]):
             predicted = predicted if self._apart else predicted[again]
             steps[-age] = following._replace(predicted=following.predicted.with_rows(again, predicted))
         return DelayedBelief(self._read(steps[-1], ...), tuple(steps), reach, refused)
+
+    def _check_one_input(self, step: Step, u: np.ndarray) -> None:
+        """Refuse another known input for a step of which readings have come: they are taken in together.
+
+        Raises:
+            ValueError: saying so.
+        """
+        before = step.predicted.u
+        if before is not None and (step.available.any(-1, keepdims=True) & (before != u)).any():
+            raise ValueError("u must be the same for all readings of a step: Delayed takes them in together")
 
     def settled(self, belief: DelayedBelief[Record]) -> tuple[np.ndarray, Record | None]:
         """What no reading will change any more: each is of at least ``horizon`` steps ago.

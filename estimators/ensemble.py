@@ -241,6 +241,7 @@ class EnsembleKalmanFilter(EnsembleFilter):
     """
 
     name = "enkf"
+    sequential = False
 
     def __init__(
         self, model: Model, members: int = 100, inflation: float = 1.0, localisation: np.ndarray | None = None
@@ -308,6 +309,7 @@ class EnsembleTransformFilter(EnsembleFilter):
         taper = np.ones((model.n, model.p)) if self.localisation is None else self.localisation
         channels, group = np.unique(taper, axis=0, return_inverse=True)
         self._groups = group.reshape(-1) == np.arange(len(channels))[:, None], channels
+        self.sequential = self.inflation == 1.0 and localisation is None
 
     def _taper(self, localisation: np.ndarray) -> np.ndarray:
         mask = super()._taper(localisation)
@@ -365,6 +367,7 @@ class EnsembleSquareRootFilter(EnsembleTransformFilter):
         if not isinstance(variant, str) or variant not in ("symmetric", "evensen2004"):
             raise ValueError(f"variant must be 'symmetric' or 'evensen2004', got {shown(variant)}")
         self.variant = variant
+        self.sequential = self.sequential and variant == "symmetric"
 
     def _analysis(self, *moments: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         mean, members, S = super()._analysis(*moments)
@@ -426,6 +429,7 @@ class LocalEnsembleTransformFilter(EnsembleTransformFilter):
         self.adaptive = adaptive
         if adaptive is not None:
             self._certainty = number("adaptive", adaptive, 0.0, np.inf, "a positive number, or None")
+            self.sequential = False
 
     def _taper(self, localisation: np.ndarray) -> np.ndarray:
         return EnsembleFilter._taper(self, localisation)

@@ -64,6 +64,8 @@ class Filter(ABC, Generic[Record]):
     _ours: ClassVar[bool]
     _threads: int = 1
     """That rows are shared among (`estimators.threads`), set by who has asked for them: no result depends on it."""
+    sequential: bool = True
+    """Updates of one step add up to one with all its readings: on a linear model, with noises that are independent."""
     likelihood: ClassVar[str] = "approximate"
     """What `log_likelihood` is: "exact", "diffuse" or "approximate"."""
     formulas: ClassVar[bool] = False
@@ -190,6 +192,9 @@ class Filter(ABC, Generic[Record]):
     ) -> Record:
         """Take in a reading: ``x(k|k-1)`` to ``x(k|k)``.
 
+        Sensors that arrive one by one take an update each: those of one step leave what one update with all of its
+        readings does, see `sequential`; filters of which that does not hold refuse the second.
+
         Never raises for numerical trouble, and forgets no more than it must. Where the usual gain gives no finite
         belief, a row takes the first of these that does, and its ``recovery`` says which: the gain with the
         pseudo-inverse, the reading without the offending channels, the prediction alone, the prior and this reading.
@@ -206,7 +211,8 @@ class Filter(ABC, Generic[Record]):
 
         Raises:
             TypeError: if ``belief`` is none.
-            ValueError: if ``y``, ``available``, ``R`` or ``u`` have the wrong shape, or R is no covariance.
+            ValueError: if ``y``, ``available``, ``R`` or ``u`` have the wrong shape, or R is no covariance; or if the
+                step has had an update with which this one does not add up to one of both.
         """
         batch, p = self._batch(belief), self.model.p
         y = as_array("y", y)
@@ -224,8 +230,36 @@ class Filter(ABC, Generic[Record]):
             arrived = np.isfinite(y) & known if available is None else np.isfinite(y) & known & available
             as_covariance("R", neutralised(R, arrived))
         if u is not None:
-            belief = belief.replace(u=self._known(u, batch))
+            belief = belief.with_input(self._known(u, batch))
+        if belief.innovation is not None and self._ours:
+            self._check_sequence(belief, *self._noise(y, available, R, belief.u))
         return self._corrected(belief, y, available, R, rng)
+
+    def _check_sequence(self, belief: Record, R: np.ndarray, arrived: np.ndarray) -> None:
+        """Refuse a further update of a step that does not add up to one update with all readings of the step.
+
+        Raises:
+            ValueError: saying why, and what to do.
+        """
+        before: Any = belief.available
+        remedy = "pass all readings of a step together, NaN for none, or give them to Delayed(filter, 0)"
+        same = before.shape == arrived.shape  # else the readings before were of another model of the same states
+        if not self.sequential:
+            met, new = before.any(-1), arrived & ~before if same else arrived
+            if self.random:  # it would draw the same numbers again, even for readings that come twice
+                new = arrived
+            if self.input_delay == 1:  # even an update without readings says what the input was
+                met, new = True, arrived
+            if (met & new.any(-1)).any():
+                raise ValueError(f"{self.name} takes one update a step: {remedy}")
+        if not same:
+            return
+        shared = (before & ~arrived)[..., :, None] & (arrived & ~before)[..., None, :] & (R != 0.0)
+        if shared.any():
+            i, j = np.argwhere(shared)[0, -2:]
+            raise ValueError(
+                f"the noises of readings {i} and {j} are correlated, but they come in two updates: {remedy}"
+            )
 
     def log_likelihood(self, predicted: Record, updated: Record) -> np.ndarray:
         """The log density ``(...)`` of a reading, given those before it; 0 where none came.
@@ -603,6 +637,19 @@ class Filter(ABC, Generic[Record]):
 
 
 _BOTH = "_predict", "_update"
+
+
+def check_channels(filter: Filter, channels: int) -> None:
+    """Refuse a belief that holds something of another number of readings.
+
+    Raises:
+        ValueError: saying of how many.
+    """
+    if channels != filter.model.p:
+        raise ValueError(
+            f"the belief is of {channels} readings, the model has {filter.model.p}: {filter.name} needs all sensors in "
+            "one model, with NaN for those that have not come"
+        )
 
 
 def _in_rows(array: np.ndarray) -> np.ndarray:

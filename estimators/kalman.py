@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from estimators.angles import difference
 from estimators.belief import Belief, InputBelief
 from estimators.checks import as_array
 from estimators.filter import Filter, Model, Rng
@@ -114,20 +115,43 @@ class KalmanFilter(GaussianFilter):
         cov = symmetrise(cov + resolve(self.model.Q, u))
         return InputBelief.predicted(belief, mean, cov, u, **unseen_input(mean, self.input_cov))
 
+    def _reading(self, belief: Belief, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None) -> Reading:
+        return less_input(super()._reading(belief, y, available, R), belief, self.model)
+
     def _update(self, belief: Belief, reading: Reading, rng: Rng) -> Belief:
         if self.input_cov is None:
             return super()._update(belief, reading, rng)
         n, q = self.model.n, self.model.q
-        joint = joined([
-            joined([belief.cov, np.zeros((n, q))], -1), joined([np.zeros((q, n)), self.input_cov], -1)
-        ], -2)  # fmt: skip
+        if belief.innovation is None:
+            joint = joined([
+                joined([belief.cov, np.zeros((n, q))], -1), joined([np.zeros((q, n)), self.input_cov], -1)
+            ], -2)  # fmt: skip
+            mean = np.concatenate([belief.mean, np.zeros(belief.mean.shape[:-1] + (q,))], -1)
+        else:
+            mean, joint = with_input(belief)
         seen = joined([reading.C, reading.H], -1)
-        mean = np.concatenate([belief.mean, np.zeros(belief.mean.shape[:-1] + (q,))], -1)
         mean, cov, S = joseph_update(mean, joint, reading.innovation, seen, reading.R)
         return InputBelief.updated(
             belief, mean[..., :n], cov[..., :n, :n], reading, S,
             input_mean=mean[..., n:], input_cov=cov[..., n:, n:], state_input_cov=cov[..., :n, n:],
         )  # fmt: skip
+
+
+def with_input(belief: Belief) -> tuple[np.ndarray, np.ndarray]:
+    """Mean ``(..., k)`` and covariance ``(..., k, k)`` of the state, and of the unknown input if there is one."""
+    if not isinstance(belief, InputBelief):
+        return belief.mean, belief.cov
+    cross = belief.state_input_cov
+    cov = joined([joined([belief.cov, cross], -1), joined([cross.mT, belief.input_cov], -1)], -2)
+    return np.concatenate([belief.mean, belief.input_mean], -1), cov
+
+
+def less_input(reading: Reading, belief: Belief, model: Model) -> Reading:
+    """The reading less what an earlier reading of its step has shown of the unknown input in it."""
+    if belief.innovation is None or not isinstance(belief, InputBelief):
+        return reading
+    shown = np.matvec(reading.H, belief.input_mean)
+    return reading._replace(innovation=difference(reading.innovation, shown, model.measurement_angles))
 
 
 def driven_on(model: Model, belief: InputBelief, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:

@@ -144,6 +144,7 @@ class LearnedGainFilter(Filter[LearnedGainBelief]):
     """
 
     record = LearnedGainBelief
+    sequential = False
 
     def __init__(self, model: Model, network: GainNetwork) -> None:
         super().__init__(model)

@@ -8,7 +8,7 @@ import numpy as np
 from estimators.angles import difference
 from estimators.belief import Belief, Recovery
 from estimators.checks import number, whole
-from estimators.filter import Filter, Model, Rng
+from estimators.filter import Filter, Model, Rng, check_channels
 from estimators.kalman import joseph_update
 from estimators.linalg import congruence, solve, symmetrise
 from estimators.models import resolve
@@ -107,6 +107,11 @@ class MovingHorizonEstimator(Filter[HorizonBelief]):
             moved=np.zeros(batch + (N,), bool), readings=np.zeros(batch + (N, p)), seen=np.zeros(batch + (N, p), bool),
             noises=np.zeros(batch + (N, p, p)) + np.eye(p), pending=np.ones(batch, bool),
         )  # fmt: skip
+
+    def _batch(self, belief: HorizonBelief) -> tuple[int, ...]:
+        batch = super()._batch(belief)
+        check_channels(self, belief.readings.shape[-1])
+        return batch
 
     def _predict(self, belief: HorizonBelief, u: np.ndarray | None, rng: Rng) -> HorizonBelief:
         mean, A = self.model.linearise_transition(belief.mean, u, belief.cov)

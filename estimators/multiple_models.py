@@ -81,6 +81,7 @@ class InteractingMultipleModels(Filter[MixtureBelief]):
                 )
         self._alike = all(filter._alike for filter in self.filters)
         self.random = any(filter.random for filter in self.filters)  # type: ignore[misc]
+        self.sequential = all(filter.sequential for filter in self.filters)
         M = len(self.filters)
         self.transition = _probabilities("transition", transition, (M, M))
         start = np.full(M, 1.0 / M) if probabilities is None else probabilities

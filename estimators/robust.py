@@ -54,6 +54,7 @@ class HuberKalmanFilter(GaussianFilter):
         self.gamma = np.inf if infinite else number("gamma", gamma, 0.0, what="positive (standard deviations)")
         self.iterations = whole("iterations", iterations, 1)
         self.tolerance = number("tolerance", tolerance, 0.0, what="positive")
+        self.sequential = self.gamma == np.inf
 
     def _update(self, belief: Belief, reading: Reading, rng: Rng) -> Belief:
         C, R, e, n = reading.C, reading.R, reading.innovation, self.model.n

@@ -16,9 +16,9 @@ from typing import Any, Generic
 
 import numpy as np
 
-from estimators.belief import Record, over_time
+from estimators.belief import Belief, Record, over_time
 from estimators.checks import as_array, as_mask, shown, whole
-from estimators.delayed import Delayed
+from estimators.delayed import Delayed, DelayedBelief
 from estimators.filter import Filter, Rng
 from estimators.models import Gaussian, LinearModel
 from estimators.randomness import Numbers, key
@@ -32,11 +32,13 @@ class Series(Generic[Record]):
         filter: Which filter.
         predicted: Beliefs before each reading, ``x(k|k-1)``; the first is the prior. Times lead every array.
         updated: Beliefs after each reading, ``x(k|k)``.
+        last: The belief after the last reading, as the filter gave it: `run` continues from it.
     """
 
     filter: Filter[Record] | Delayed[Record]
     predicted: Record
     updated: Record
+    last: Record | DelayedBelief[Record]
 
     def __len__(self) -> int:
         return len(self.updated.mean)
@@ -80,30 +82,36 @@ class Series(Generic[Record]):
 
 def run(
     filter: Filter[Record] | Delayed[Record],
-    prior: Gaussian,
+    prior: Gaussian | Record | DelayedBelief[Record],
     y: np.ndarray,
     u: np.ndarray | None = None,
     t: np.ndarray | None = None,
     available: np.ndarray | None = None,
     R: np.ndarray | None = None,
     rng: Rng | int = None,
+    first: int = 0,
 ) -> Series[Record]:
     """Filter a series of readings.
 
-    The first reading is taken in by the prior itself; before every other one there is a prediction.
+    The first reading is taken in by the prior itself; before every other one there is a prediction. A series continues
+    from a belief, ``series.last``: there is a prediction before its first reading, too, and the results are those of
+    one run, to the last bit.
 
     Args:
         filter: Any filter, one of your own too: what has ``init``, ``predict`` and ``update``, and gives a `Belief`.
-        prior: Of the state at the first reading: mean ``(n,)`` or ``(..., n)``.
+        prior: Of the state at the first reading: mean ``(n,)`` or ``(..., n)``. Or the belief after an earlier reading.
         y: ``(T, ..., p)`` readings, one series or a batch; a value that is not finite counts as missing. For a
             `Delayed` filter ``(T, ..., ages, p)``, as they come.
-        u: ``(T, m)`` or ``(T, ..., m)`` known input over the step that follows each reading, and of the first reading;
-            the last one is not used.
-        t: ``(T,)`` or ``(T, ...)`` times of the readings, where steps are not all alike. How long each step takes is
-            then the last component of the known input, which the model follows (`sampled`; a function of u).
+        u: ``(T, m)`` or ``(T, ..., m)`` known input at the time of each reading, held over the step that follows. The
+            measurement gets the input at its own time, the prediction that of the reading before.
+        t: ``(T,)`` or ``(T, ...)`` times of the readings, where steps are not all alike. The last component of the
+            known input is then the length of the step, which the model follows (`sampled`; a function of u); that of a
+            measurement is the step that led to it, 0 at the first. From a belief, u and t have T + 1 entries: the first
+            is that of the belief's own reading.
         available: ``(T, ..., p)`` mask of the readings that arrived; None: all that are finite.
         R: ``(T, ..., p, p)`` covariance of each reading; None: the model's.
         rng: For filters that draw numbers: a seed, `Numbers` with a key a row, or a Generator.
+        first: How many readings there were before: keys and seeds go on with the numbers of this step.
 
     Raises:
         TypeError: if ``filter`` is none.
@@ -125,51 +133,81 @@ def run(
     constant = [isinstance(model, LinearModel) and not any(map(callable, vars(model).values())) for model in models]
     if t is not None and all(constant):
         raise ValueError("this model is the same however long a step takes: make it with sampled, or leave out t")
-    u = _known_inputs(u, t, T, batch)
+    continued = _continues(prior, batch)
+    more = ", and before them one for that of the belief" if continued else ""
+    driving, told = _known_inputs(u, t, T + continued, batch, more)
     if isinstance(rng, int | np.integer):
         rows = np.arange(int(np.prod(batch))).reshape(batch)
         rng = Numbers(np.broadcast_to(key(whole("rng", rng, 0)), (*batch, 2))).of(rows)
+    used_up = whole("first", first, 0) == 0 and continued and isinstance(rng, Numbers)
+    if used_up and getattr(filter, "random", False):
+        raise ValueError("first must be how many readings came before the belief: their random numbers are used up")
     if isinstance(prior, Gaussian):
-        for name, own in (("mean", prior.mean.shape[:-1]), ("cov", prior.cov.shape[:-2])):
-            if own not in ((), batch):
-                raise ValueError(
-                    f"the prior's {name} has rows {own}, y has {batch}: give one, or one for each row of y"
-                )
         prior = type(prior)(np.broadcast_to(prior.mean, batch + prior.mean.shape[-1:]), prior.cov)
     loop: Any = filter
+    belief: Any = prior
     predicted: list[Any] = []
     updated: list[Any] = []
     for k in range(T):
-        now = rng.at(k) if isinstance(rng, Numbers) else rng
-        known = None if u is None else u[max(k - 1, 0)]
-        belief = loop.predict(updated[-1], known, rng=now) if updated else loop.init(prior, rng=now)
-        mask, cov = (None if a is None else a[k] for a in (available, R))
+        now = rng.at(first + k) if isinstance(rng, Numbers) else rng
+        before = None if driving is None else driving[k + continued - 1]
+        belief = loop.predict(belief, before, rng=now) if k or continued else loop.init(prior, rng=now)
         predicted.append(belief)
-        updated.append(loop.update(belief, y[k], rng=now, available=mask, R=cov, u=None if k else known))
+        known, mask, cov = (None if a is None else a[i] for a, i in ((told, k + continued), (available, k), (R, k)))
+        belief = loop.update(belief, y[k], rng=now, available=mask, R=cov, u=known)
+        updated.append(belief)
     if isinstance(filter, Delayed):
         predicted, updated = ([belief.now for belief in beliefs] for beliefs in (predicted, updated))
-    if u is not None:  # which the first reading was told, too
+    if told is not None and not continued:  # which the first reading was told, too
         predicted[0] = predicted[0].replace(u=updated[0].u)
-    return Series(filter, over_time(predicted), over_time(updated))
+    return Series(filter, over_time(predicted), over_time(updated), belief)
 
 
-def _known_inputs(u: np.ndarray | None, t: np.ndarray | None, T: int, batch: tuple[int, ...]) -> np.ndarray | None:
-    """The known inputs ``(T, ..., m)``, how long each step takes last among them where times are given."""
+def _continues(prior: Any, batch: tuple[int, ...]) -> bool:
+    """Is the prior a belief after an earlier reading? Its rows are checked, as those of a Gaussian are.
+
+    Raises:
+        ValueError: if they are not those of y.
+    """
+    continued = isinstance(prior, Belief | DelayedBelief)
+    rows = {"mean": prior.mean.shape[:-1]} if continued or isinstance(prior, Gaussian) else {}
+    if isinstance(prior, Gaussian):
+        rows["cov"] = prior.cov.shape[:-2]
+    for name, own in rows.items():
+        if own != batch and (continued or own != ()):
+            raise ValueError(f"the prior's {name} has rows {own}, y has {batch}: give one, or one for each row of y")
+    return continued
+
+
+def _known_inputs(
+    u: np.ndarray | None, t: np.ndarray | None, T: int, batch: tuple[int, ...], more: str
+) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """The known inputs ``(T, ..., m)`` over the steps that follow readings, and at the readings themselves.
+
+    Where times are given the last component is the length of the step: that follows, and that led to the reading.
+    """
     if u is not None:
         u = as_array("u", u)
         if u.ndim < 2 or len(u) != T:
-            raise ValueError(f"u has shape {u.shape}, expected ({T}, ..., m): one for each reading of y")
+            raise ValueError(f"u has shape {u.shape}, expected ({T}, ..., m): one for each reading of y{more}")
         if u.ndim == 2:
             u = u.reshape(T, *(1,) * len(batch), -1)
     if t is None:
-        return u
+        return u, u
     t = as_array("t", t)
     if t.shape not in ((T,), (T, *batch)):
-        raise ValueError(f"t has shape {t.shape}, expected ({T},) or {(T, *batch)}: one time for each reading of y")
+        raise ValueError(
+            f"t has shape {t.shape}, expected ({T},) or {(T, *batch)}: one time for each reading of y{more}"
+        )
     if not np.isfinite(t).all() or (np.diff(t, axis=0) < 0.0).any():
         wrong = "hold a time that is not finite" if not np.isfinite(t).all() else "go back"
         raise ValueError(f"times t {wrong}: sort the readings by time, or use Delayed for those that come late")
-    lengths = np.diff(t, axis=0, append=t[-1:])
+    following, leading = np.diff(t, axis=0, append=t[-1:]), np.diff(t, axis=0, prepend=t[:1])
+    return _with_lengths(u, following, batch), _with_lengths(u, leading, batch)
+
+
+def _with_lengths(u: np.ndarray | None, lengths: np.ndarray, batch: tuple[int, ...]) -> np.ndarray:
+    """Known inputs ``(T, ..., m)`` and the lengths of steps ``(T, ...)`` beside them."""
     lengths = lengths.reshape(lengths.shape + (1,) * (len(batch) + 2 - lengths.ndim))
     if u is None:
         return lengths

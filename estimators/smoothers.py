@@ -21,7 +21,7 @@ from estimators.checks import whole
 from estimators.delayed import Delayed
 from estimators.ensemble import EnsembleFilter
 from estimators.error_state import ErrorStateKalmanFilter
-from estimators.kalman import GaussianFilter
+from estimators.kalman import GaussianFilter, with_input
 from estimators.linalg import congruence, equilibrated, identity, joined, lacks_rank, semidefinite
 from estimators.robust import HuberKalmanFilter
 from estimators.series import Series
@@ -65,7 +65,7 @@ def smooth(series: Series[Record], lag: int | None = None) -> Record:
             f"{name} has no smoother: smooth a series of kf, ekf, ukf, iekf, robust-kf, kf-umv-ui, kf-umv-ui-wdf, "
             "ekf-ui-wdf, ukf-umv or of members"
         )
-    z, P = _joint(updated)
+    z, P = with_input(updated)
     D, J = _gains(filter, updated[:-1], predicted[1:], updated.recovery[1:], P[:-1])
     before, cov = np.nan_to_num(predicted.mean[1:]), np.nan_to_num(predicted.cov[1:])
 
@@ -92,17 +92,8 @@ def _goes_back(filter: Any) -> bool:
     return known and ours and not isinstance(filter, HuberKalmanFilter | ErrorStateKalmanFilter)
 
 
-def _joint(belief: Belief) -> tuple[np.ndarray, np.ndarray]:
-    """State, and unknown input if there is one: mean ``(..., k)`` and covariance ``(..., k, k)``."""
-    if not isinstance(belief, InputBelief):
-        return belief.mean, belief.cov
-    cross = belief.state_input_cov
-    cov = joined([joined([belief.cov, cross], -1), joined([cross.mT, belief.input_cov], -1)], -2)
-    return np.concatenate([belief.mean, belief.input_mean], -1), cov
-
-
 def _parted(belief: Record, z: np.ndarray, P: np.ndarray) -> Record:
-    """The belief with what `_joint` takes together."""
+    """The belief with what `with_input` takes together."""
     n = belief.mean.shape[-1]
     changes = {"mean": z[..., :n], "cov": P[..., :n, :n]}
     if isinstance(belief, InputBelief):

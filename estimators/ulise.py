@@ -49,6 +49,7 @@ class ULISE(DelayedInputFilter[FeedthroughBelief]):
     name = "ulise"
     record = FeedthroughBelief
     linear = True
+    sequential = False
     model: LinearModel
 
     def __init__(self, model: Model, input_prior: np.ndarray | float = 1.0) -> None:

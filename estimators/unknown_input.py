@@ -9,7 +9,7 @@ from scipy.linalg import block_diag, eigvals, solve_discrete_are
 from estimators.belief import Belief, DelayedInputBelief, InputBelief
 from estimators.filter import Filter, Model, Rng
 from estimators.formulas import is_noted
-from estimators.kalman import driven_on, input_covariance, unseen_input
+from estimators.kalman import driven_on, input_covariance, less_input, unseen_input
 from estimators.linalg import congruence, identity, joined, neutralised, singular, solve, symmetrise
 from estimators.models import LinearModel, resolve
 from estimators.reading import Reading
@@ -57,8 +57,25 @@ class UnknownInputFilter(Filter[WithInput]):
         """The prior's share ``(..., q, q)`` in directions of the input that were not ``observed (..., q, q)``."""
         return congruence(identity(self.model.q) - observed, self.input_prior)
 
+    def _shown_input(self, belief: WithInput, reading: Reading) -> np.ndarray:
+        """F ``(..., p, k)`` of what the readings of the step have not shown of d, in units of d's prior."""
+        if belief.innovation is None:
+            return self._shown(belief, reading) @ self._root
+        _, response = self._response(belief)  # earlier readings of the step have shown the other directions
+        return (reading.C @ response + reading.H) @ (identity(self.model.q) - belief.input_observed) @ self._root
+
     @abstractmethod
-    def _shown_input(self, belief: WithInput, reading: Reading) -> np.ndarray: ...
+    def _shown(self, belief: WithInput, reading: Reading) -> np.ndarray:
+        """F ``(..., p, q)`` of the first reading of a step."""
+
+    def _reading(self, belief: WithInput, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None) -> Reading:
+        return less_input(super()._reading(belief, y, available, R), belief, self.model)
+
+    def _condensed(
+        self, start: WithInput, reading: Reading, S: np.ndarray, lost: np.ndarray
+    ) -> tuple[Reading, np.ndarray] | None:
+        """Directions of the first reading of a step alone: a later one is left out channel by channel."""
+        return super()._condensed(start, reading, S, lost) if start.innovation is None else None
 
     def log_likelihood(self, predicted: WithInput, updated: WithInput) -> np.ndarray:
         """The diffuse log likelihood ``(...)`` of a reading: that of `Filter`, integrated over the unknown input.
@@ -106,14 +123,32 @@ class UnknownInputFilter(Filter[WithInput]):
         Returns:
             M ``(..., q, p)`` and the projector ``(..., q, q)`` on the directions shown.
         """
-        root, share = self._root, 0.0 if reading.spread is None else reading.spread[..., 0]
-        information = symmetrise(root.T @ (F.mT @ SF) @ root)
+        cov, observed = self._input_cov(F.mT @ SF, 0.0 if reading.spread is None else reading.spread[..., 0])
+        return cov @ SF.mT, observed
+
+    def _input_cov(self, information: np.ndarray, share: np.ndarray | float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+        """The covariance ``(..., q, q)`` of ``d`` that ``information`` leaves, and the projector on what it shows.
+
+        Where a direction is hardly shown its prior counts, too; ``share`` is as in `Reading.spread`.
+        """
+        root = self._root
+        information = symmetrise(root.T @ information @ root)
         # A row that is lost, and not finite, must not raise: it shows nothing.
         strength, directions = singular(np.where(np.isfinite(information), information, 0.0))
         hidden = (1.0 - (strength > SHOWN / (1.0 + SHOWN * share)))[..., None, :]
         gain = (directions / (strength[..., None, :] + hidden)) @ directions.mT
         unseen = (directions * hidden) @ directions.mT
-        return root @ gain @ root.T @ SF.mT, identity(self.model.q) - root @ unseen @ self._inverse_root
+        return root @ gain @ root.T, identity(self.model.q) - root @ unseen @ self._inverse_root
+
+    def _prior_information(self, observed: np.ndarray) -> np.ndarray:
+        """The information ``(..., q, q)`` that the prior adds in directions of the input that were not ``observed``."""
+        return self._inverse_root.T @ self._inverse_root @ (identity(self.model.q) - observed)
+
+    def _response(self, belief: WithInput) -> tuple[np.ndarray, np.ndarray]:
+        """The inverse of the input's covariance, and X ``(..., n, q)``: the state moves by ``X d`` as d is changed."""
+        q = self.model.q
+        solved = solve(belief.input_cov, joined([identity(q), belief.state_input_cov.mT], -1))
+        return solved[..., :q], solved[..., q:].mT
 
     def _estimated(
         self, belief: WithInput, reading: Reading, F: np.ndarray, G: np.ndarray
@@ -123,6 +158,8 @@ class UnknownInputFilter(Filter[WithInput]):
         Returns:
             The correction ``(..., n + q)`` of (x-, 0), the covariance of (x, d), the directions observed, and S.
         """
+        if belief.innovation is not None:
+            return self._revised(belief, reading)
         C, R, n, q = reading.C, reading.R, self.model.n, self.model.q
         CP = C @ belief.cov
         S = CP @ C.mT + R
@@ -134,6 +171,35 @@ class UnknownInputFilter(Filter[WithInput]):
         cov = congruence(np.eye(n + q, n) - Z @ C, belief.cov) + congruence(Z, R)
         cov = symmetrise(cov + congruence(reach, self._open(observed)))
         return np.matvec(Z, reading.innovation), cov, observed, S
+
+    def _revised(self, belief: WithInput, reading: Reading) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """The same after earlier readings of the step: their information on d and that of this one add up.
+
+        Given d the state's covariance is ``P - X Pd X'``, and its mean moves by X times a change of d. With a Kalman
+        update of that state, by S and K, go these, where ``Pd^-1`` is without the information of the input's prior::
+
+            F = C X + H      X <- X - K F      Pd^-1 <- Pd^-1 + F' S^-1 F      d <- d + Pd F' S^-1 e
+
+        Source: Friedland (1969), Treatment of bias in recursive filtering; de Jong (1991), The diffuse Kalman filter.
+        """
+        C, R, e, d = reading.C, reading.R, reading.innovation, belief.input_mean
+        n, (precision, X) = self.model.n, self._response(belief)
+        P = symmetrise(belief.cov - X @ belief.state_input_cov.mT)
+        F, CP = C @ X + reading.H, C @ P
+        S = CP @ C.mT + R
+        solved = solve(S, joined([CP, F], -1))
+        K, SF = solved[..., :n].mT, solved[..., n:]
+        assert belief.input_observed is not None
+        before = self._prior_information(belief.input_observed)
+        input_cov, observed = self._input_cov(precision - before + F.mT @ SF)
+        change = np.vecmat(e, SF) + np.matvec(before - self._prior_information(observed), d)
+        change, X = np.matvec(input_cov, change), X - K @ F
+        cross = X @ input_cov
+        cov = congruence(identity(n) - K @ C, P) + congruence(K, R) + cross @ X.mT
+        cov = joined([joined([cov, cross], -1), joined([cross.mT, input_cov], -1)], -2)
+        correction = np.concatenate([np.matvec(K, e) + np.matvec(X, change), d + change], -1)
+        known = congruence(belief.input_observed, belief.input_cov)
+        return correction, symmetrise(cov), observed, symmetrise(S + congruence(F, known))
 
 
 SHOWN = 0.1
@@ -194,8 +260,8 @@ class UMVFilter(UnknownInputFilter[InputBelief]):
     def _moved(self, belief: InputBelief, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         return driven_on(self.model, belief, u)
 
-    def _shown_input(self, belief: InputBelief, reading: Reading) -> np.ndarray:
-        return reading.H @ self._root
+    def _shown(self, belief: InputBelief, reading: Reading) -> np.ndarray:
+        return reading.H
 
     def _update(self, belief: InputBelief, reading: Reading, rng: Rng) -> InputBelief:
         n = self.model.n
@@ -226,8 +292,12 @@ class DelayedInputFilter(UnknownInputFilter[Delayed]):
         """G of the last prediction ``(..., n, q)``."""
         return self._G if belief.input_matrix is None else belief.input_matrix
 
-    def _shown_input(self, belief: Delayed, reading: Reading) -> np.ndarray:
-        return reading.C @ (self._input_matrix(belief) * waiting(belief)) @ self._root
+    def _shown(self, belief: Delayed, reading: Reading) -> np.ndarray:
+        return reading.C @ (self._input_matrix(belief) * waiting(belief))
+
+    def _response(self, belief: Delayed) -> tuple[np.ndarray, np.ndarray]:
+        precision, X = super()._response(belief)
+        return precision, X + self._input_matrix(belief) * waiting(belief)
 
     def _moving_G(self, belief: Belief, u: np.ndarray | None) -> np.ndarray | None:
         """G of a prediction, if it changes."""

@@ -9,11 +9,13 @@ from cases import CASES, Case, kalman_system, shown_directions, simulate, track,
 
 from estimators import (
     Belief,
+    Delayed,
     Filter,
     Gaussian,
     LinearModel,
     NonlinearModel,
     Numbers,
+    by_age,
     make,
     run,
     sampled,
@@ -240,10 +242,100 @@ def test_masked_readings_are_missing_ones():
     np.testing.assert_array_equal(masked.mean, missing.mean)
 
 
+# --- continuing, and the input of a measurement -------------------------------------------------------
+
+
+@pytest.mark.parametrize("wrapped", [False, True], ids=["", "delayed"])
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.id)
+def test_a_series_continued_from_its_last_belief_is_the_whole_series_to_the_last_bit(case: Case, wrapped: bool):
+    system = case.system(0)
+    record = simulate(system, 1, runs=2, steps=7)
+    y, K = gaps(record.y), 4
+    filter = case.make(system.model)
+    if wrapped:
+        y, filter = by_age(y, np.array([0, 1, 2, 0, 1, 0, 0])[:, None, None]), Delayed(filter, 3)
+    whole = run(filter, system.prior, y, u=record.u, rng=3)
+    before = run(filter, system.prior, y[:K], u=record.u[:K], rng=3)
+    starts = [before.last] if wrapped else [before.last, before.updated[-1]]
+    for start in starts:
+        after = run(filter, start, y[K:], u=record.u[K - 1 :], rng=3, first=K)
+        for name in ("mean", "cov", "input_mean", "innovation", "ensemble", "recovery", "u"):
+            if (wanted := getattr(whole.updated, name)) is not None:
+                np.testing.assert_array_equal(getattr(after.updated, name), wanted[K:], err_msg=name)
+                np.testing.assert_array_equal(getattr(before.updated, name), wanted[:K], err_msg=name)
+        np.testing.assert_array_equal(after.predicted.mean, whole.predicted.mean[K:])
+        if not wrapped:
+            np.testing.assert_array_equal(after.log_likelihoods, whole.log_likelihoods[K:])
+
+
+def test_a_series_continues_over_steps_of_any_length_and_with_measurements_that_know_theirs():
+    """C, H, R and h may be functions of the input and of the step that led to the reading."""
+    rng = np.random.default_rng(2)
+    t, y, u = np.cumsum(rng.exponential(size=9)), rng.normal(size=(9, 2, 1)), rng.normal(size=(9, 2, 1))
+    model, prior, K = _drifting(), Gaussian([1.0, 0.0], np.eye(2)), 5
+    curved = NonlinearModel(
+        lambda x, u: np.matvec(model.A(u), x) + np.matvec(model.B(u), u),
+        lambda x, u: np.tanh(x[..., :1]) + u[..., :1] * (1.0 + u[..., 1:]), model.Q,
+        lambda u: 0.1 * (1.0 + u[..., 1:, None]), states=2, measurements=1,
+    )  # fmt: skip
+    for filter in (make("kf", model), make("ekf", curved), make("mhe", curved, horizon=3), make("ukf", curved)):
+        whole = run(filter, prior, y, u=u, t=t)
+        before = run(filter, prior, y[:K], u=u[:K], t=t[:K])
+        after = run(filter, before.last, y[K:], u=u[K - 1 :], t=t[K - 1 :])
+        np.testing.assert_array_equal(np.concatenate([before.mean, after.mean]), whole.mean)
+        np.testing.assert_array_equal(np.concatenate([before.cov, after.cov]), whole.cov)
+
+
+@pytest.mark.parametrize("name", ["kf", "ekf", "ukf", "etkf", "pf", "mhe", "kf-umv-ui", "ulise"])
+@pytest.mark.parametrize("delayed", [False, True], ids=["", "delayed"])
+def test_a_measurement_gets_the_known_input_of_its_own_time(name: str, delayed: bool):
+    """Readings of ``C x + D u`` are those of ``C x`` once ``D u`` of the same time is taken off."""
+    system = unknown_input_system(0, True) if name in ("kf-umv-ui", "ulise") else kalman_system(0)
+    m, options = system.model, {"members": 10} if name == "etkf" else {}
+    shown = np.array([[3.0, 0.0], [0.0, -2.0], [1.0, 1.0]])
+    lifted = NonlinearModel(
+        m.transition, lambda x, u: m.measurement(x, u) + np.matvec(shown, u), m.Q, m.R, G=m.G, H=m.H,
+        transition_jacobian=lambda x, u: m.A, measurement_jacobian=lambda x, u: m.C,
+    )  # fmt: skip
+    if name in ("kf", "ulise"):  # for linear models alone: C follows the input, along a state that stays 1
+        lifted = _with_a_constant(m, shown)
+    record = simulate(system, 1, runs=2, steps=6)
+    y = record.y + np.matvec(shown, record.u)
+    constant = Gaussian(np.append(system.mean, 1.0), np.pad(system.cov, (0, 1)))
+    prior = constant if lifted.n > m.n else system.prior
+    filters = [make(name, model, **options) for model in (lifted, m)]
+    if delayed:
+        filters = [Delayed(filter, 1) for filter in filters]
+    ages = (lambda a: a[..., None, :]) if delayed else (lambda a: a)
+    found = run(filters[0], prior, ages(y), u=record.u, rng=0)
+    wanted = run(filters[1], system.prior, ages(record.y), u=record.u, rng=0)
+    np.testing.assert_allclose(found.mean[..., : m.n], wanted.mean, rtol=0, atol=1e-9 * np.abs(wanted.mean).max())
+
+
+def _with_a_constant(m: LinearModel, shown: np.ndarray) -> LinearModel:
+    """The model with one more state, which is 1, so that C may show the known input."""
+    grown = {name: np.pad(getattr(m, name), (0, 1)) for name in "AQ"}
+    grown["A"][-1, -1] = 1.0
+    below = {name: np.pad(getattr(m, name), ((0, 1), (0, 0))) for name in "BG" if getattr(m, name) is not None}
+
+    def C(u: np.ndarray) -> np.ndarray:
+        told = np.matvec(shown, u)[..., None]
+        return np.concatenate([np.broadcast_to(m.C, told.shape[:-2] + m.C.shape), told], -1)
+
+    return LinearModel(C=C, R=m.R, H=m.H, **grown, **below)
+
+
 # --- what does not fit --------------------------------------------------------------------------------
 
 
 _KF = make("kf", sampled(-np.eye(2), [[1.0, 0.0]], np.eye(2), [[1.0]]))
+
+
+_ETKF = make("etkf", LinearModel(np.eye(2), [[1.0, 0.0]], np.eye(2), [[1.0]]))
+_AFTER = [
+    run(filter, Gaussian(np.zeros(2), np.eye(2)), np.zeros((1, 1)), rng=0).last
+    for filter in (_ETKF, make("kf", _ETKF.model))
+]
 
 
 @pytest.mark.parametrize(
@@ -264,6 +356,14 @@ _KF = make("kf", sampled(-np.eye(2), [[1.0, 0.0]], np.eye(2), [[1.0]]))
         ({"rng": -1}, "rng must be a whole number of at least 0"),
         ({"prior": Gaussian(np.zeros(3), np.eye(3))}, "the prior is for 3 states, the model has 2"),
         ({"filter": _KF}, "give run the times t"),
+        (
+            {"prior": _AFTER[1], "u": np.zeros((5, 1))},
+            r"u has shape .*expected \(6, ..., m\).* before them one for that",
+        ),
+        ({"prior": _AFTER[1], "t": np.arange(5.0), "filter": _KF}, r"t has shape .* before them one for that of the"),
+        ({"prior": _AFTER[1][None]}, r"the prior's mean has rows \(1,\), y has \(\)"),
+        ({"prior": _AFTER[0], "filter": _ETKF, "rng": 0}, "first must be how many readings came before the belief"),
+        ({"first": -1}, "first must be a whole number of at least 0"),
     ],
 )
 def test_what_does_not_fit_gets_one_sentence(changes: dict, sentence: str):
