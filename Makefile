@@ -16,19 +16,23 @@ help:  ## Show this help
 
 venv: .venv/.installed  ## Install the project and its tools into .venv, in the tested versions
 
-.venv/.installed: pyproject.toml constraints.txt
-	$(PYTHON) -m venv .venv
-	$(BIN)/pip install -q -c constraints.txt torch
+.venv/.installed: .venv/.studies
 	$(BIN)/pip install -q -c constraints.txt -e '.[dev]'
 	touch $@
 
-ablation: venv  ## Train and score agents on every estimator, and write the report to results/ablation
+.venv/.studies: pyproject.toml constraints.txt  # what trainings and studies need, a third of all
+	$(PYTHON) -m venv .venv
+	$(BIN)/pip install -q -c constraints.txt torch
+	$(BIN)/pip install -q -c constraints.txt -e '.[train,report]'
+	touch $@
+
+ablation: .venv/.studies  ## Train and score agents on every estimator, and write the report to results/ablation
 	$(BIN)/python -m scripts.ablate studies/corvette.toml --out results/ablation
 
 PILOTS := PunaUAV-v0 SegorogeniAUV-v0 ItsunusaAUV-v0 SigmaCorvette-v0 ThesisCorvette-v0
 .PHONY: $(PILOTS)
 
-pilots: venv  ## Train the agents that come with the package anew, and write their scores into docs/pilots.md
+pilots: .venv/.studies  ## Train the agents that come with the package anew, and write their scores into docs/pilots.md
 	$(MAKE) -j 2 $(PILOTS)
 	$(BIN)/python -m scripts.tables pilots
 

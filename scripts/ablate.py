@@ -76,6 +76,7 @@ def main(
             open_seeds(question, out)
         fresh = plan(question.fresh) if is_open(question, out) else None
     console = Console(markup=False, highlight=False, soft_wrap=True)
+    console.print(question.title)
     if question.learned and question.training_seeds < FEW_SEEDS:
         console.print(
             f"warning: {question.training_seeds} training seeds say little about learning; use {FEW_SEEDS} or more"

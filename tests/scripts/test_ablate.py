@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from agents.cells import journal
+from agents.studies.study import read_study
 from scripts import ablate
 
 ROOT = Path(__file__).parents[2]
@@ -36,6 +37,13 @@ def shell(*arguments: str, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]
     return subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True, check=False)
 
 
+def test_the_withdrawn_study_says_so_when_it_is_run_and_tells_no_filter_of_another_ship_s_sea():
+    withdrawn = read_study(ablate.STUDIES["learned"])
+    assert withdrawn.title.startswith("Withdrawn")  # which the command prints
+    for path in ablate.STUDIES.values():
+        assert all("input_cov" not in estimator.options for estimator in read_study(path).estimators)
+
+
 @pytest.fixture
 def study(tmp_path: Path) -> Path:
     path = tmp_path / "small.toml"
@@ -43,11 +51,21 @@ def study(tmp_path: Path) -> Path:
     return path
 
 
+def test_the_main_job_installs_what_studies_need_and_not_what_only_tests_need():
+    """In an empty environment; the tests install theirs, too."""
+    installed = {}
+    for job in ("ablation", "test"):
+        done = subprocess.run(["make", "-n", "-B", job], cwd=ROOT, capture_output=True, text=True, check=True)
+        installed[job] = re.findall(r"pip install .*'\.(\[[a-z,]*\])'", done.stdout)
+    assert installed == {"ablation": ["[train,report]"], "test": ["[train,report]", "[dev]"]}
+
+
 @pytest.mark.slow
 def test_a_study_ends_with_its_answer_and_where_the_report_lies_and_is_not_computed_twice(study, tmp_path, capsys):
     out = tmp_path / "out"
     assert ablate.main(study, out, jobs=1) == 0
     printed = capsys.readouterr().out
+    assert printed.startswith("A small study\n")
     assert "warning: 1 training seeds say little" in printed
     assert f"Report: {out / 'report.html'}" in printed
     assert (out / "report.html").stat().st_size > 100_000
