@@ -141,7 +141,7 @@ def _confirmation(found: Confirmed) -> list[str]:
     if not total:
         return sentences
     told = [f"{word}: {listed(names[word])}" for word in (OPEN, FAILED) if names[word]]
-    first = f"{len(names[HELD])} of {many(total, 'claim')} of the first seeds confirmed there"
+    first = f"{len(names[HELD])} of {many(total, 'claim')} of the first seeds {'is' if total == 1 else 'are'} confirmed"
     return [*sentences, "; ".join([first, *told]) + "."]
 
 

@@ -15,7 +15,7 @@ from agents.scores import scores
 from agents.seeds import evaluation_seeds
 from agents.studies.worlds import classical_pilot, environment_id, environment_options, import_own
 
-TURNS, STEPS, STEPS_ALONE = 6, 10, 50
+TURNS, STEPS, STEPS_ALONE = 6, 20, 50
 """Turns of a timing, and steps of each in a batch and of a vehicle alone."""
 LOST = 1e-6
 """A truth is outside of a belief where so little probability is left beyond it."""

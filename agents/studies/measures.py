@@ -106,7 +106,7 @@ def cost(results: Results) -> Section:
     sections = []
     for environment in results.environments:
         timed = {name: results.step_times(environment, name) for name in results.estimators(environment)}
-        rows = [(name, _times(times)) for name, times in timed.items() if times]
+        rows = [(name, _times(times, name == ORACLE)) for name, times in timed.items() if times]
         if rows:
             sections.append((environment, rows))
     batch = f"batch of {results.plan.study.episodes}"
@@ -134,9 +134,10 @@ def cost(results: Results) -> Section:
     )
 
 
-def _times(times: list[tuple[int, float, float]]) -> list[Entry]:
+def _times(times: list[tuple[int, float, float]], is_truth: bool) -> list[Entry]:
     """A row of the table of costs: in a batch, and one vehicle alone."""
-    return [Entry(microseconds(value)) for _, own, truth in (times[0], times[-1]) for value in (own, own - truth)]
+    pairs = [(own, None if is_truth else own - truth) for _, own, truth in (times[0], times[-1])]
+    return [Entry(microseconds(value)) for pair in pairs for value in pair]
 
 
 def episodes(results: Results) -> Section:

@@ -27,6 +27,8 @@ def settings(results: Results, out: Path) -> Section:
     run = [
         ("command", f"python -m scripts.ablate {out}/study.toml --out {out}"),
         ("evaluation seeds", f"{study.seeds[0]} to {study.seeds[-1]}"),
+        ("termination", study.termination),
+        ("margin of equivalence", f"{study.margin:g} of the share kept"),
         ("machine", f"{platform.system()} {platform.machine()}, Python {platform.python_version()}; CPU {_cpu()}"),
         ("CPU time", f"{sum(results.seconds.values()) / 60.0:.1f} min over {len(results.seconds)} cells"),
         *((f"SHA-256 of {module} and what it imports", source_digest(module)) for module in _modules(results)),

@@ -55,7 +55,7 @@ def test_the_answer_and_the_report_say_what_was_confirmed(first, tmp_path):
     again = fresh(enkf=1.2)
     told = " ".join(answer(first, again))
     assert "On 40 fresh evaluation seeds, opened once, kf-umv-ui keeps 0.9" in told
-    assert "2 of 3 claims of the first seeds confirmed there; contradicted: enkf worse than kf-umv-ui" in told
+    assert "2 of 3 claims of the first seeds are confirmed; contradicted: enkf worse than kf-umv-ui" in told
     (table,) = (t for t in page(first, tmp_path, again).tables if t.name == "confirmation")
     [(column, rows)] = table.sections
     assert column == CORVETTE

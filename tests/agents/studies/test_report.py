@@ -319,6 +319,13 @@ def test_tails_stand_beside_means_in_report_and_file(small):
     assert [(e["estimator"], e["condition"], e["end"]) for e in failed] == [("kf", flight.condition, "lost")]
 
 
+def test_costs_are_beyond_the_truth_that_flew_in_turns_in_a_batch_and_alone(small):
+    shown = [[str(e) for e in entries] for _, rows_ in table(page(small, OUT), "cost").sections for _, entries in rows_]
+    names = [name for _, rows_ in table(page(small, OUT), "cost").sections for name, _ in rows_]
+    assert shown[names.index("kf")] == ["30.0", "20.0", "200", "100"]
+    assert shown[names.index("truth")][1::2] == ["–", "–"]
+
+
 def test_the_tails_of_learned_agents_are_shown_too(taught):
     assert ("SigmaCorvette-v0", "PPO trained on ekf, on ekf") in rows(taught, "tails")
 

@@ -145,7 +145,7 @@ def test_the_estimator_and_the_truth_fly_in_turns_and_only_steps_are_timed(monke
 
         def step(self, action):
             flown.append(self.estimator)
-            first = flown.count(self.estimator) <= 10
+            first = flown.count(self.estimator) <= flying.STEPS
             clock[0] += {"kf": 3e-3, "truth": 1e-3}[self.estimator] * (100.0 if first and self.rows > 1 else 1.0)
             return action, 0.0
 
@@ -157,5 +157,5 @@ def test_the_estimator_and_the_truth_fly_in_turns_and_only_steps_are_timed(monke
     [batch, alone] = flying.step_times(CORVETTE, options, "autopilot", 4, "truth")
     assert batch == (4, pytest.approx(3e-3 / 4), pytest.approx(1e-3 / 4))
     assert alone == (1, pytest.approx(3e-3), pytest.approx(1e-3))
-    turns = [name for i, name in enumerate(flown[:120]) if i % 10 == 0]
+    turns = [name for i, name in enumerate(flown[: 12 * flying.STEPS]) if i % flying.STEPS == 0]
     assert turns == ["kf", "truth"] * 6
