@@ -8,7 +8,7 @@ from estimators.belief import Belief
 from estimators.checks import number
 from estimators.filter import Filter, Model, Rng, check_channels
 from estimators.kalman import joseph_update
-from estimators.linalg import congruence, joined, solve, symmetrise
+from estimators.linalg import congruence, joined, solve, symmetric_blocks, symmetrise
 from estimators.models import resolve
 from estimators.reading import Reading
 
@@ -142,8 +142,7 @@ def _where(rows: np.ndarray, new: np.ndarray, old: np.ndarray) -> np.ndarray:
 
 def _apart(Q: np.ndarray, R: np.ndarray) -> np.ndarray:
     """The covariance ``(..., n + p, n + p)`` of noises of process and measurement that know nothing of each other."""
-    none = np.zeros((Q.shape[-1], R.shape[-1]))
-    return joined([joined([Q, none], -1), joined([none.T, R], -1)], -2)
+    return symmetric_blocks(Q, np.zeros((Q.shape[-1], R.shape[-1])), R)
 
 
 def _towards(old: np.ndarray, moment: np.ndarray, rate: float) -> np.ndarray:

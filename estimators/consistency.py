@@ -44,7 +44,7 @@ class Runs(NamedTuple):
 
     x: np.ndarray  # (T, M, n) true state
     y: np.ndarray  # (T, M, p) readings
-    u: np.ndarray | None = None  # (T, M, m) known input over the step that follows, and for the reading after it
+    u: np.ndarray | None = None  # (T, M, m) known input at the readings, held over the step that follows
     available: np.ndarray | None = None  # (T, M, p) mask of the readings that arrived; None: all
 
 

@@ -203,7 +203,7 @@ class Delayed(Generic[Record]):
             return rows, None
         return rows, self._read(belief.steps[0], rows) if self._apart else self._read(belief.steps[0], ...)[rows]
 
-    likelihood = "refused"
+    likelihood, sequential = "refused", True
 
     def log_likelihood(self, predicted: Any, updated: Any) -> np.ndarray:
         """Refused: what a reading was worth is known when those before it have come.

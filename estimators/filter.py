@@ -231,7 +231,8 @@ class Filter(ABC, Generic[Record]):
             as_covariance("R", neutralised(R, arrived))
         if u is not None:
             belief = belief.with_input(self._known(u, batch))
-        if belief.innovation is not None and self._ours:
+        # Only a prediction of this package is sure to leave no innovation.
+        if belief.innovation is not None and type(self)._predict.__module__.startswith("estimators."):
             self._check_sequence(belief, *self._noise(y, available, R, belief.u))
         return self._corrected(belief, y, available, R, rng)
 

@@ -6,7 +6,7 @@ from estimators.angles import difference
 from estimators.belief import Belief, InputBelief
 from estimators.checks import as_array
 from estimators.filter import Filter, Model, Rng
-from estimators.linalg import congruence, driven, identity, joined, solve, symmetrise
+from estimators.linalg import congruence, driven, identity, joined, solve, symmetric_blocks, symmetrise
 from estimators.models import LinearModel, as_covariance, resolve
 from estimators.reading import Reading
 
@@ -123,9 +123,7 @@ class KalmanFilter(GaussianFilter):
             return super()._update(belief, reading, rng)
         n, q = self.model.n, self.model.q
         if belief.innovation is None:
-            joint = joined([
-                joined([belief.cov, np.zeros((n, q))], -1), joined([np.zeros((q, n)), self.input_cov], -1)
-            ], -2)  # fmt: skip
+            joint = symmetric_blocks(belief.cov, np.zeros((n, q)), self.input_cov)
             mean = np.concatenate([belief.mean, np.zeros(belief.mean.shape[:-1] + (q,))], -1)
         else:
             mean, joint = with_input(belief)
@@ -141,8 +139,7 @@ def with_input(belief: Belief) -> tuple[np.ndarray, np.ndarray]:
     """Mean ``(..., k)`` and covariance ``(..., k, k)`` of the state, and of the unknown input if there is one."""
     if not isinstance(belief, InputBelief):
         return belief.mean, belief.cov
-    cross = belief.state_input_cov
-    cov = joined([joined([belief.cov, cross], -1), joined([cross.mT, belief.input_cov], -1)], -2)
+    cov = symmetric_blocks(belief.cov, belief.state_input_cov, belief.input_cov)
     return np.concatenate([belief.mean, belief.input_mean], -1), cov
 
 

@@ -55,6 +55,11 @@ def joined(parts: Sequence[np.ndarray], axis: int) -> np.ndarray:
     return np.concatenate(parts, axis)
 
 
+def symmetric_blocks(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """``[[A, B], [B', C]]``: the covariance of two vectors together."""
+    return joined([joined([a, b], -1), joined([b.mT, c], -1)], -2)
+
+
 def solve(s: np.ndarray, b: np.ndarray) -> np.ndarray:
     """``S^-1 B`` for symmetric positive definite ``S (..., p, p)`` and ``B (..., p, k)``.
 

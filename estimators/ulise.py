@@ -4,7 +4,7 @@ import numpy as np
 
 from estimators.belief import Belief, FeedthroughBelief
 from estimators.filter import Model, Rng
-from estimators.linalg import congruence, identity, joined, symmetrise
+from estimators.linalg import congruence, identity, joined, symmetric_blocks, symmetrise
 from estimators.models import LinearModel, resolve
 from estimators.reading import Reading
 from estimators.unknown_input import DelayedInputFilter, shown_ranks, waiting
@@ -90,10 +90,8 @@ class ULISE(DelayedInputFilter[FeedthroughBelief]):
         mean = mean + np.matvec(G, belief.feedthrough_mean)
         # The directions of d that are not in d1 wait for the next reading, and with them what they are in the errors.
         observed, reach = belief.feedthrough_observed, belief.input_reach * (1.0 - waiting(belief))
-        cross = belief.state_feedthrough_cov
-        joint = joined([
-            joined([self._covariance(belief), cross], -1), joined([cross.mT, belief.feedthrough_cov], -1)
-        ], -2) - congruence(reach, self._open(observed))  # fmt: skip
+        joint = symmetric_blocks(self._covariance(belief), belief.state_feedthrough_cov, belief.feedthrough_cov)
+        joint = joint - congruence(reach, self._open(observed))
         drive = joined([joined([A, G], -1), np.eye(q, n + q, n)], -2)
         joint = congruence(drive, joint)
         return FeedthroughBelief.predicted(
@@ -131,8 +129,7 @@ class ULISE(DelayedInputFilter[FeedthroughBelief]):
         correction = np.matvec(Z, reading.innovation)
         # Errors: those of (x-, d1(k-1)) less Z (C x~- + v), and the inputs' share in Z e, which cancels where they are
         # seen; elsewhere they have their prior.
-        cross = belief.state_input_cov
-        joint = joined([joined([belief.cov, cross], -1), joined([cross.mT, belief.input_cov], -1)], -2)
+        joint = symmetric_blocks(belief.cov, belief.state_input_cov, belief.input_cov)
         before = belief.input_observed
         kept = joined([np.zeros((n, q)), before, np.zeros((q, q))], -2)
         errors = joined([np.eye(n + 2 * q, n) - Z @ C, kept], -1)

@@ -10,7 +10,7 @@ from estimators.belief import Belief, DelayedInputBelief, InputBelief
 from estimators.filter import Filter, Model, Rng
 from estimators.formulas import is_noted
 from estimators.kalman import driven_on, input_covariance, less_input, unseen_input
-from estimators.linalg import congruence, identity, joined, neutralised, singular, solve, symmetrise
+from estimators.linalg import congruence, identity, joined, neutralised, singular, solve, symmetric_blocks, symmetrise
 from estimators.models import LinearModel, resolve
 from estimators.reading import Reading
 
@@ -196,7 +196,7 @@ class UnknownInputFilter(Filter[WithInput]):
         change, X = np.matvec(input_cov, change), X - K @ F
         cross = X @ input_cov
         cov = congruence(identity(n) - K @ C, P) + congruence(K, R) + cross @ X.mT
-        cov = joined([joined([cov, cross], -1), joined([cross.mT, input_cov], -1)], -2)
+        cov = symmetric_blocks(cov, cross, input_cov)
         correction = np.concatenate([np.matvec(K, e) + np.matvec(X, change), d + change], -1)
         known = congruence(belief.input_observed, belief.input_cov)
         return correction, symmetrise(cov), observed, symmetrise(S + congruence(F, known))

@@ -9,6 +9,7 @@ import pytest
 from estimators import (
     Belief,
     Delayed,
+    EnsembleKalmanFilter,
     Filter,
     GainNetwork,
     Gaussian,
@@ -80,6 +81,10 @@ def _told_the_variance(seed: int) -> System:
     return unknown_input_system(seed, True, p=4, q=2)
 
 
+class OneOfYourOwn(EnsembleKalmanFilter):
+    """A filter of one's own, which predicts as ours do."""
+
+
 BUILT = [
     *(pytest.param(case.system, case.make, id=case.id) for case in LINEAR),
     pytest.param(
@@ -87,6 +92,7 @@ BUILT = [
     ),
     pytest.param(kalman_system, _modes, id="imm"),
     pytest.param(kalman_system, _learned, id="learned gain"),
+    pytest.param(kalman_system, lambda m: OneOfYourOwn(m, members=20), id="of your own"),
 ]
 
 

@@ -12,6 +12,7 @@ from estimators import (
     Delayed,
     Filter,
     Gaussian,
+    InteractingMultipleModels,
     LinearModel,
     NonlinearModel,
     Numbers,
@@ -284,6 +285,17 @@ def test_a_series_continues_over_steps_of_any_length_and_with_measurements_that_
         after = run(filter, before.last, y[K:], u=u[K - 1 :], t=t[K - 1 :])
         np.testing.assert_array_equal(np.concatenate([before.mean, after.mean]), whole.mean)
         np.testing.assert_array_equal(np.concatenate([before.cov, after.cov]), whole.cov)
+
+
+def test_a_series_of_several_models_continues_and_a_generator_goes_on_by_itself():
+    y, K = np.random.default_rng(0).normal(size=(9, 2, 2)), 4
+    model, prior = LinearModel(0.9 * np.eye(2), np.eye(2), 0.1 * np.eye(2), np.eye(2)), Gaussian(np.zeros(2), np.eye(2))
+    modes = InteractingMultipleModels([make("kf", model), make("huber-kf", model)], [[0.9, 0.1], [0.1, 0.9]])
+    for filter in (modes, make("enkf", model, members=5)):
+        rng, parts = np.random.default_rng(1), np.random.default_rng(1)
+        whole, before = run(filter, prior, y, rng=rng), run(filter, prior, y[:K], rng=parts)
+        after = run(filter, before.last, y[K:], rng=parts)
+        np.testing.assert_array_equal(np.concatenate([before.mean, after.mean]), whole.mean)
 
 
 @pytest.mark.parametrize("name", ["kf", "ekf", "ukf", "etkf", "pf", "mhe", "kf-umv-ui", "ulise"])
