@@ -33,7 +33,16 @@ from estimators.linalg import (
     semidefinite,
     semidefinite_cholesky,
 )
-from estimators.models import Gaussian, LinearModel, NonlinearModel, as_covariance, resolve, usable
+from estimators.models import (
+    Gaussian,
+    LinearModel,
+    NonlinearModel,
+    StateNoise,
+    as_covariance,
+    noise_at,
+    resolve,
+    usable,
+)
 from estimators.randomness import Numbers
 from estimators.reading import Reading
 from estimators.threads import each, shares
@@ -305,6 +314,7 @@ class Filter(ABC, Generic[Record]):
     ) -> Record:
         regular = self._regular
         if R is not None or regular is None:
+            R = self._own_R(belief) if R is None and isinstance(self.model.R, StateNoise) else R
             regular = _regular(neutralised(*self._noise(y, available, R, belief.u)))
         if self._programs is not None:
             updated, doubtful = self._carried_out(("_update",), belief, belief.u, y, available, R)
@@ -488,7 +498,7 @@ class Filter(ABC, Generic[Record]):
 
     def _own_R(self, belief: Record) -> np.ndarray:
         """R ``(..., p, p)`` of readings that bring none of their own."""
-        return resolve(self.model.R, belief.u)
+        return noise_at(self.model.R, belief.mean, belief.u)
 
     def _linearise(self, belief: Record, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
         """The expected reading ``(..., p)``, C ``(..., p, n)``, and what is to be added to R for what C leaves out."""

@@ -68,6 +68,35 @@ class Schedule:
 
 
 @dataclass(frozen=True, eq=False)
+class StateNoise:
+    """A measurement noise covariance that follows the state: filters take it at the predicted mean.
+
+    Args:
+        function: ``R(x, u) -> (..., p, p)``.
+        nominal: ``(p, p)``, where no state is at hand.
+    """
+
+    function: Callable[[np.ndarray, np.ndarray | None], np.ndarray]
+    nominal: np.ndarray
+
+    def __call__(self, u: np.ndarray | None) -> np.ndarray:
+        """The nominal one, whatever the known input."""
+        return self.nominal
+
+    def changed(self, change: Callable[[np.ndarray], np.ndarray]) -> "StateNoise":
+        """A function of this one, such as its double."""
+        return StateNoise(lambda x, u: change(self.function(x, u)), change(self.nominal))
+
+
+def noise_at(R: Matrix, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+    """The measurement noise covariance ``(..., p, p)`` of a model at states ``(..., n)``."""
+    if not isinstance(R, StateNoise):
+        return resolve(R, u)
+    with np.errstate(all="ignore"):
+        return R.function(x, u)
+
+
+@dataclass(frozen=True, eq=False)
 class Gaussian:
     """A mean ``(..., n)`` and a covariance ``(..., n, n)`` that broadcast against each other.
 
@@ -840,6 +869,8 @@ def _check_when_called(model: object, name: str, shape: tuple[int, ...], covaria
     function = getattr(model, name)
     if isinstance(function, Schedule):
         _check_shapes({name: (function.table, shape[0], shape[1] if len(shape) > 1 else None)})
+    elif isinstance(function, StateNoise):
+        _check_shapes({name: (function.nominal, *shape)})  # type: ignore[dict-item]
     elif callable(function):
         function = function.function if isinstance(function, _Checked) else function
         object.__setattr__(model, name, _Checked(model, name, function, shape, covariance))

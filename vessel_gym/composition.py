@@ -13,7 +13,7 @@ from scipy.linalg import block_diag
 
 from estimators import LinearModel, NonlinearModel, retimed, stacked
 from estimators.checks import shown
-from estimators.models import Function, Matrix, Schedule, StateMatrix, central_differences, resolve, steps
+from estimators.models import Function, Matrix, Schedule, StateMatrix, StateNoise, central_differences, resolve, steps
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.foreign import copied, copying, ours, repeated
 from vessel_gym.processes import Process
@@ -439,11 +439,15 @@ def compose(
         root[n + len(held) :, -sensors.bias.normals :] = sensors.bias.root
     Q = root @ root.T
     Q[:n, :n] += np.diag(np.asarray(vehicle.process_sd)[:n] ** 2)
-    R = np.diag(sensors.sd**2)
+    expected = partial(_expected, forces, sensors, held, placed, n, unknown)
+    full = np.zeros(len(names))
+    full[:n] = vehicle.cruise[0][:n]
+    R = sensors.noise(expected, full, None)
     if told == "noise":
         K, S = kicked[:, forces.kicks], shown[:, forces.kicks]
         Q += K @ forces.kick_cov @ K.T
-        R += S @ forces.kick_cov @ S.T
+        kicks = S @ forces.kick_cov @ S.T
+        R = R.changed(lambda noise: noise + kicks) if isinstance(R, StateNoise) else R + kicks
     inputs = forces.input_names if asked else ()
     options: dict[str, Any] = {"Q": Q, "R": R, "state_angles": angles, "measurement_angles": sensors.angles}
     G, H = np.zeros((len(names), len(inputs))), np.zeros((sensors.size, len(inputs)))
@@ -465,6 +469,18 @@ def compose(
 
 
 Placed = Callable[[np.ndarray], np.ndarray]
+
+
+def _expected(
+    forces: Forces, sensors: Sensors, held: np.ndarray, placed: Placed, n: int, unknown: list[int], x: np.ndarray,
+    u: np.ndarray | None, biased: bool = True,
+) -> np.ndarray:  # fmt: skip
+    """Measurements without noise ``(..., p)`` in states ``(..., m)`` of a filter, with their biases or without."""
+    k, state, acting = len(held), placed(x[..., :n]), np.zeros(forces.outside)
+    if k:
+        acting = forces.on(_spread(x[..., n : n + k], held, forces.disturbance), state, unknown)[..., : forces.outside]
+    acting = np.broadcast_to(acting, x.shape[:-1] + (forces.outside,))
+    return sensors.exact(state, acting, x[..., n + k : n + k + sensors.bias.size] if biased else None)
 
 
 class _Parts(NamedTuple):
@@ -658,13 +674,7 @@ def _nonlinear(parts: _Parts, options: dict[str, Any]) -> NonlinearModel:
         drift.advance(x[..., n:], after[..., n:])
         return after
 
-    def read(x: np.ndarray, u: np.ndarray | None, bias: np.ndarray | None = None) -> np.ndarray:
-        acting = np.broadcast_to(forcing(x)[..., : forces.outside], x.shape[:-1] + (forces.outside,))
-        return sensors.exact(placed(x[..., :n]), acting, bias)
-
-    def measurement(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-        return read(x, u, x[..., n + k :])
-
+    measurement = partial(_expected, forces, sensors, held, placed, n, unknown)
     flowing = [(j, i) for j, i in enumerate(forces.inputs) if i in unknown and i >= kicks]
     for _, i in flowing:
         if i < forces.outside and not _alike(vehicle, sensors, i):
@@ -694,8 +704,8 @@ def _nonlinear(parts: _Parts, options: dict[str, Any]) -> NonlinearModel:
     G: StateMatrix | None = pushed if flowing else constant
     linear = not k or forces.constant
     return _Composed(
-        transition, measurement, **options, G=G if H.size else None, H=H if H.size else None, moved=moved, read=read,
-        own=n, drift=drift, shown=sensors.bias_shown,
+        transition, measurement, **options, G=G if H.size else None, H=H if H.size else None, moved=moved,
+        read=partial(measurement, biased=False), own=n, drift=drift, shown=sensors.bias_shown,
         matrix=measurement(np.eye(n + drift.size), None).T if linear and not sensors.called else None,
         slopes=_sloped(parts) if linear and not forces.faulty and hasattr(vehicle, "slopes") else None,
     )  # fmt: skip

@@ -22,7 +22,7 @@ from estimators import (
 )
 from estimators.checks import number, shown
 from estimators.kalman import unseen_input
-from estimators.models import resolve
+from estimators.models import StateNoise, resolve
 from estimators.unknown_input import UnknownInputFilter
 from vessel_gym import checks
 from vessel_gym.acceptance import check_input, check_own
@@ -401,7 +401,8 @@ def _composed(system: System, kind: object, told: Told, sensors: Sensors, distur
     if told.Q == told.R == 1.0:
         return composition
     model: Any = composition.model
-    return replace(composition, model=replace(model, Q=told.Q * model.Q, R=told.R * model.R))
+    R = model.R.changed(lambda noise: told.R * noise) if isinstance(model.R, StateNoise) else told.R * model.R
+    return replace(composition, model=replace(model, Q=told.Q * model.Q, R=R))
 
 
 def chosen_disturbance(system: System, choice: object) -> Disturbance:

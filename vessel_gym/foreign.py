@@ -101,8 +101,9 @@ def _alike(one: Any, other: Any) -> bool:
 
 
 def refuse_not_finite(
-    name: str, values: np.ndarray, steps: np.ndarray, ended: np.ndarray | None, *arguments: np.ndarray, first: int = 0
-) -> None:
+    name: str, values: np.ndarray, steps: np.ndarray, ended: np.ndarray | None, *arguments: np.ndarray, first: int = 0,
+    sound: Callable[[np.ndarray], np.ndarray] = np.isfinite, wanted: str = "finite numbers everywhere",
+) -> None:  # fmt: skip
     """Refuse values ``(B, ...)`` that are not finite though the arguments ``(B, k)`` are ordinary numbers.
 
     Numerical trouble of a vehicle or a belief that has run away is no mistake of a function.
@@ -114,11 +115,13 @@ def refuse_not_finite(
         ended: Mask ``(B,)`` of rows whose episode is over; None: none.
         arguments: What it was given.
         first: The number of the first row.
+        sound: Which values are accepted,
+        wanted: and what they are called.
 
     Raises:
         ValueError: naming the function, the step and the row.
     """
-    bad = ~np.isfinite(values).reshape(len(values), -1).all(-1)
+    bad = ~sound(values).reshape(len(values), -1).all(-1)
     for each in arguments if bad.any() else ():
         bad &= (np.abs(each) < _ORDINARY).all(-1)
     if ended is not None:
@@ -126,4 +129,4 @@ def refuse_not_finite(
     if bad.any():
         row = int(np.argmax(bad))
         where = f"at step {steps[row]} in row {first + row}"
-        raise ValueError(f"{name} gave {shown(values[row].tolist())} {where}: it must give finite numbers everywhere")
+        raise ValueError(f"{name} gave {shown(values[row].tolist())} {where}: it must give {wanted}")

@@ -14,9 +14,10 @@ import numpy as np
 from estimators.checks import number, shown
 from estimators.compiled import rowwise
 from estimators.factory import unknown
+from estimators.models import StateNoise
 from estimators.threefry import normals_of_rows, words_of_rows
 from vessel_gym.checks import numbers
-from vessel_gym.foreign import copying, repeated
+from vessel_gym.foreign import copying, refuse_not_finite, repeated
 from vessel_gym.processes import Process, linear
 from vessel_gym.sensor_faults import SensorFault
 
@@ -84,7 +85,9 @@ class Sensor:
         reads: What it would read without noise ``(..., k)``, a function that broadcasts of the vehicle's state
             ``(..., n)`` and forcing ``(..., f)``, see `vessel_gym.system.Vehicle`; faster if it is declared to be
             `vessel_gym.processes.linear` in both.
-        sd: Standard deviation of each channel's white noise.
+        sd: Standard deviation of each channel's white noise; or, where it depends on what is measured, a function that
+            gives them ``(..., k)`` of the measurement without noise ``(..., k)``: the truth takes it at the true
+            measurement, a filter's R at the one that it expects.
         rate: Readings a second [Hz], which must divide the steps a second; None: one every step.
         dropout: Probability that a reading is lost.
         outliers: Probability that it is an outlier,
@@ -108,7 +111,7 @@ class Sensor:
     name: str
     channels: tuple[str, ...]
     reads: Callable[[np.ndarray, np.ndarray], np.ndarray]
-    sd: tuple[float, ...]
+    sd: Any
     rate: float | None = None
     dropout: float = 0.0
     outliers: float = 0.0
@@ -134,9 +137,14 @@ class Sensor:
         for name in ("sd", "range", "scale", "gives", "informs"):
             values = getattr(self, name)
             listed = isinstance(values, tuple | list | np.ndarray)
+            if name == "sd" and callable(values):
+                continue
             if values is not None and not (listed and len(values) == k):
                 raise ValueError(f"{self.name} has {k} channels, so {name} must have {k} entries, got {shown(values)}")
-        for name, low, values in (("sd", -1e-300, self.sd), ("scale", 0.0, self.scale or ())):
+        for name, low, values in (
+            ("sd", -1e-300, () if callable(self.sd) else self.sd),
+            ("scale", 0.0, self.scale or ()),
+        ):
             for value in values:
                 number(f"{name} of {self.name}", value, low=low, what="0 or more" if low else "above 0")
         for name in ("dropout", "outliers"):
@@ -222,13 +230,23 @@ class SensorSuite:
         return tuple(
             replace(
                 sensor,
-                sd=tuple(self.noise * sd for sd in sensor.sd),
+                sd=_scaled(self.noise, sensor.sd),
                 dropout=0.0 if self.lossless else min(sensor.dropout + self.dropout, 1.0),
                 outliers=min(sensor.outliers + self.outliers, 1.0),
                 outlier_scale=sensor.outlier_scale if sensor.outliers else self.outlier_scale,
             )
             for sensor in nominal
         )
+
+
+def _scaled(factor: float, sd: Any) -> Any:
+    if not callable(sd):
+        return tuple(factor * each for each in sd)
+    return sd if factor == 1.0 else partial(_scaled_at, factor, copying(sd))
+
+
+def _scaled_at(factor: float, sd: Callable[[np.ndarray], np.ndarray], y: np.ndarray) -> np.ndarray:
+    return factor * np.asarray(sd(y))
 
 
 SUITES = {
@@ -258,8 +276,9 @@ class Sensors:
     Raises:
         TypeError: for what is no sensor, or no fault of one.
         ValueError: for none, two of a name, a bias that is called as something else, a rate that does not divide the
-            steps', a delay of no whole steps, a function ``reads`` that does not give a value for each channel or does
-            not broadcast, or the fault of a sensor that there is not, or has another number of channels.
+            steps', a delay of no whole steps, a function ``reads`` or ``sd`` that does not give a value for each
+            channel, does not broadcast or does not repeat itself, or the fault of a sensor that there is not, or has
+            another number of channels.
     """
 
     def __init__(
@@ -282,9 +301,12 @@ class Sensors:
         self.owner = np.repeat(np.arange(len(self.each)), sizes)  # which sensor a channel belongs to
         self.size = len(self.owner)
         self._own = [slice(end - size, end) for size, end in zip(sizes, np.cumsum(sizes).tolist(), strict=True)]
-        self.sd = np.array([sd for sensor in self.each for sd in sensor.sd])
+        self._sd = np.array([
+            sd for sensor, k in zip(self.each, sizes, strict=True)
+            for sd in ((np.nan,) * k if callable(sensor.sd) else sensor.sd)
+        ], float)[None]  # fmt: skip
         ranges = [r for sensor in self.each for r in (sensor.range or ((-np.inf, np.inf),) * len(sensor.channels))]
-        self._of_channels = np.array([self.sd, *np.array(ranges, float).T])
+        self._of_channels = np.ascontiguousarray(np.array(ranges, float).T)
         each = [(s.dropout, s.outliers, s.outlier_scale, s.period(dt), own.start, own.stop) for s, own in self._owning]
         self._of_sensors = np.array(each)
         self.delays = np.array([sensor.delays(dt) for sensor in self.each])
@@ -307,17 +329,26 @@ class Sensors:
                 self._biased.append((slice(own.start, own.start + k), slice(column, column + k)))
                 self.bias_shown[self._biased[-1]] = np.eye(k)
         self.bias_scale = np.array([bias.scale for bias in biased for _ in bias.states])
-        self._reads = [copying(sensor.reads) for sensor in self.each]
         self._check()
         n, units = len(states), np.eye(len(states) + len(forcing))
         self._gains = np.zeros((self.size, len(units) + self.bias.size))  # of state, forcing and biases
         self._gains[:, len(units) :] = self.bias_shown
         self.called = []  # which channels, and what is asked at every step
         for (sensor, own), reads in zip(self._owning, self._reads, strict=True):
-            if getattr(sensor.reads, "linear", False):
+            if getattr(sensor.reads, "linear", False) and not callable(sensor.sd):
                 self._gains[own, : len(units)] = reads(units[:, :n], units[:, n:]).T
             else:
                 self.called.append((own, reads))
+
+    @cached_property
+    def _reads(self) -> list[Callable[[np.ndarray, np.ndarray], np.ndarray]]:
+        """Functions of state and forcing, one a sensor, that cannot write into what they are handed."""
+        return [copying(sensor.reads) for sensor in self.each]
+
+    @cached_property
+    def _varying(self) -> list[tuple[str, slice, Callable[[np.ndarray], np.ndarray]]]:
+        """Sensors whose noise depends on what is measured: name, channels, and the function."""
+        return [(sensor.name, own, copying(sensor.sd)) for sensor, own in self._owning if callable(sensor.sd)]
 
     @property
     def _owning(self) -> Iterator[tuple[Sensor, slice]]:
@@ -327,16 +358,10 @@ class Sensors:
     def _check(self) -> None:
         state, forcing = (np.zeros((2, 3, len(names))) for names in (self.state_names, self.forcing_names))
         for sensor in self.each:
-            who, expected = f"reads of {sensor.name}", (2, 3, len(sensor.channels))
-            try:
-                got = np.asarray(repeated(who, sensor.reads, state, forcing), float).shape
-            except Exception as error:
-                if str(error).startswith(who):
-                    raise
-                raise ValueError(f"{who} failed on states of shape {state.shape}: {shown(str(error))}") from error
-            if got != expected:
-                values = f"{expected[-1]} values for each state"
-                raise ValueError(f"{who} must give {values}: {state.shape} gave {got}, expected {expected}")
+            expected = (2, 3, len(sensor.channels))
+            _check_values(f"reads of {sensor.name}", "state", expected, sensor.reads, state, forcing)
+            if callable(sensor.sd):
+                _check_values(f"sd of {sensor.name}", "measurement", expected, sensor.sd, np.ones(expected))
             for name in sensor.gives or ():
                 if name is not None and name not in self.state_names + self.forcing_names:
                     raise ValueError(unknown(f"state that {sensor.name} gives", name, self.state_names))
@@ -389,8 +414,64 @@ class Sensors:
         available = np.empty(readings.shape, bool)
         for own, reads in self.called:
             readings[:, own] = reads(state, forcing)
-        spoil(keys, steps, state, forcing, bias, self._gains, self._of_channels, self._of_sensors, readings, available)
+        sd = self._true_sd(readings, bias, steps) if self._varying else self._sd
+        spoil(
+            keys, steps, state, forcing, bias, self._gains, sd, self._of_channels, self._of_sensors, readings, available
+        )
         return readings, available
+
+    def _true_sd(self, called: np.ndarray, bias: np.ndarray, steps: np.ndarray) -> np.ndarray:
+        """Standard deviations ``(B, p)`` of measurements, ``called`` but for their biases and what is linear.
+
+        Raises:
+            ValueError: for one that is negative or NaN, of a measurement within its sensor's range.
+        """
+        exact, (least, greatest) = called.copy(), self._of_channels
+        for own, column in self._biased:
+            exact[:, own] += bias[:, column]
+        sd = self.sd_at(exact)
+        within = ((least <= exact) & (exact <= greatest)).T
+        for name, own, _ in self._varying:
+            refuse_not_finite(
+                f"sd of {name}", sd[:, own], steps, ~within[own].all(0), exact[:, own],
+                sound=partial(np.less_equal, 0.0), wanted="0 or more for every measurement",
+            )  # fmt: skip
+        return sd
+
+    def sd_at(self, exact: np.ndarray) -> np.ndarray:
+        """Standard deviations ``(..., p)`` of measurements that are ``exact (..., p)`` without noise."""
+        sd = np.broadcast_to(self._sd[0], exact.shape).copy()
+        for _, own, function in self._varying:
+            sd[..., own] = function(exact[..., own])
+        return sd
+
+    @property
+    def sd(self) -> np.ndarray:
+        """Standard deviations ``(p,)``; NaN where they depend on what is measured."""
+        return self._sd[0]
+
+    def noise(
+        self, expected: Callable[[np.ndarray, np.ndarray | None], np.ndarray], x: np.ndarray, u: np.ndarray | None
+    ) -> np.ndarray | StateNoise:
+        """R of a filter, which follows what it expects if a deviation does.
+
+        Args:
+            expected: The expected measurements ``(..., p)``, a function of a filter's states and known inputs.
+            x: A state ``(n,)`` for where none is at hand,
+            u: and a known input.
+
+        Raises:
+            ValueError: for a deviation that is negative or NaN there.
+        """
+        if not self._varying:
+            return np.diag(self.sd**2)
+        y = expected(x, u)
+        sd = self.sd_at(y)
+        for name, own, _ in self._varying:
+            if not (sd[own] >= 0.0).all():
+                got = f"{shown(sd[own].tolist())} for the measurement {shown(y[own].tolist())}"
+                raise ValueError(f"sd of {name} gave {got}: it must give 0 or more for every measurement")
+        return StateNoise(partial(_noise_at, self, expected), np.nan_to_num(np.diag(sd**2)))
 
     # --- what readings tell -----------------------------------------------------------------------
 
@@ -450,6 +531,30 @@ class Sensors:
         return mask
 
 
+def _check_values(
+    who: str, what: str, expected: tuple[int, ...], function: Callable[..., Any], *arguments: np.ndarray
+) -> None:
+    """Refuse a function that fails, does not repeat itself, or gives values of another shape than ``expected``."""
+    shape = arguments[0].shape
+    try:
+        got = np.asarray(repeated(who, function, *arguments), float).shape
+    except Exception as error:
+        if str(error).startswith(who):
+            raise
+        raise ValueError(f"{who} failed on {what}s of shape {shape}: {shown(str(error))}") from error
+    if got != expected:
+        values = f"{expected[-1]} values for each {what}"
+        raise ValueError(f"{who} must give {values}: {shape} gave {got}, expected {expected}")
+
+
+def _noise_at(
+    sensors: Sensors, expected: Callable[[np.ndarray, np.ndarray | None], np.ndarray], x: np.ndarray,
+    u: np.ndarray | None,
+) -> np.ndarray:  # fmt: skip
+    variance = sensors.sd_at(expected(x, u)) ** 2
+    return variance[..., None] * np.eye(sensors.size)
+
+
 def columns(indices: Sequence[int]) -> Any:
     """What picks components: a slice where they are neighbours, which gives a view."""
     chosen = list(indices)
@@ -467,10 +572,12 @@ def _columns(chosen: Any, state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
     return state[..., chosen]
 
 
-@rowwise("void(u8[:,:,::1],i8[::1],f8[:,::1],f8[:,::1],f8[:,:],f8[:,::1],f8[:,::1],f8[:,::1],f8[:,::1],b1[:,::1])")
+@rowwise(
+    "void(u8[:,:,::1],i8[::1],f8[:,::1],f8[:,::1],f8[:,:],f8[:,::1],f8[:,::1],f8[:,::1],f8[:,::1],f8[:,::1],b1[:,::1])"
+)
 def spoil(
     keys: np.ndarray, steps: np.ndarray, state: np.ndarray, forcing: np.ndarray, bias: np.ndarray, gains: np.ndarray,
-    of_channels: np.ndarray, of_sensors: np.ndarray, readings: np.ndarray, available: np.ndarray,
+    sd: np.ndarray, of_channels: np.ndarray, of_sensors: np.ndarray, readings: np.ndarray, available: np.ndarray,
 ) -> None:  # fmt: skip
     """Add to readings what is linear of them and their noise, and say which arrive, the last two in place.
 
@@ -481,7 +588,8 @@ def spoil(
         forcing: ``(B, f)``.
         bias: ``(B, b)``.
         gains: ``(p, n + f + b)`` of these three.
-        of_channels: ``(3, p)`` standard deviations, least and greatest values.
+        sd: ``(B, p)`` standard deviations, or ``(1, p)`` of all rows.
+        of_channels: ``(2, p)`` least and greatest values.
         of_sensors: ``(sensors, 6)`` chances of a loss and of an outlier, its scale, period, channels from and to.
         readings: ``(B, p)`` what is not linear of them.
         available: ``(B, p)``.
@@ -508,8 +616,8 @@ def spoil(
                 arrives = arrives and np.float64(words[0, row] >> np.uint64(11)) * least >= dropout
                 size = scale if np.float64(words[1, row] >> np.uint64(11)) * least < outliers else 1.0
             for i in range(first, last):
-                arrives = arrives and of_channels[1, i] <= readings[row, i] <= of_channels[2, i]
+                arrives = arrives and of_channels[0, i] <= readings[row, i] <= of_channels[1, i]
             for i in range(first, last):
-                reading = readings[row, i] + of_channels[0, i] * size * normals[i - first, row]
+                reading = readings[row, i] + sd[min(row, len(sd) - 1), i] * size * normals[i - first, row]
                 available[row, i] = arrives and np.isfinite(reading)
                 readings[row, i] = reading if available[row, i] else 0.0

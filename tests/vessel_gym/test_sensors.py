@@ -297,6 +297,142 @@ def test_a_bias_is_in_the_first_channels_and_in_no_other():
     np.testing.assert_array_equal(sensors.exact(state, np.zeros(1)), [0, 0, 1, 2, 3])
 
 
+# --- noise that depends on what is measured -----------------------------------------------------------
+
+
+def growing(y: np.ndarray) -> np.ndarray:
+    """A centimetre and a tenth of what is measured."""
+    return 0.01 + 0.1 * np.abs(y)
+
+
+GROWING = Sensor("range", ("x", "y"), plain((0, 1)), growing, outliers=0.1, bias=Bias(("error",), start=(1.0,)))
+
+
+def test_noise_follows_the_true_measurement_and_its_bias():
+    """The same normals as of constant noise, times the function's value; its variance within a band of chi-square."""
+    rows = 20_000
+    sensors = made([replace(GROWING, outliers=0.0)])
+    state, bias = np.zeros((rows, len(STATES))), np.full((rows, 1), 2.0)
+    state[:, 0], state[:, 1] = np.linspace(-5.0, 5.0, rows), 7.0
+    drawn, steps = numbers(sensors, 1, rows), np.zeros(rows, int)
+    exact = state[:, :2] + np.array([2.0, 0.0])
+    y, available = sensors.read(state, np.zeros((rows, 1)), bias, steps, drawn.keys)
+    assert available.all()
+    for channel in (0, 1):
+        assert_variance((y - exact)[:, channel] / growing(exact[:, channel]), 1.0)
+    np.testing.assert_allclose(y, exact + growing(exact) * drawn[:, 0].normals(2), rtol=1e-14)
+
+
+@pytest.mark.parametrize("suite", SUITES)
+def test_a_constant_function_is_a_constant_to_the_last_bit_in_every_suite(suite: str):
+    constant = replace(GROWING, sd=(0.3, 0.7))
+    function = replace(GROWING, sd=lambda y: np.broadcast_to([0.3, 0.7], y.shape))
+    rows, seen = 500, []
+    for sensor in (constant, function):
+        sensors = made(SUITES[suite].of([sensor]))
+        drawn, state = numbers(sensors, 2, rows), np.random.default_rng(0).normal(size=(rows, len(STATES)))
+        seen.append(sensors.read(state, np.zeros((rows, 1)), np.full((rows, 1), 0.5), np.arange(rows), drawn.keys))
+    np.testing.assert_allclose(seen[0][0], seen[1][0], rtol=1e-15)  # what is declared linear is added elsewhere
+    np.testing.assert_array_equal(seen[0][1], seen[1][1])
+
+
+@pytest.mark.parametrize(("bad", "where"), [(-0.2, 3.0), (np.nan, 3.0)])
+def test_a_deviation_that_is_none_is_refused_at_the_true_measurement(bad: float, where: float):
+    sensors = made(
+        [Sensor("range", ("x",), plain((0,)), lambda y: np.where(y == where, bad, 1.0), range=((0.0, 50.0),))]
+    )
+    drawn, steps = numbers(sensors, 1, 3), np.full(3, 8)
+    available = read(sensors, np.array([[1.0], [60.0], [1e300]]), steps, drawn)[1]
+    assert available.ravel().tolist() == [True, False, False]
+    with pytest.raises(
+        ValueError, match=rf"^sd of range gave \[{bad}\] at step 8 in row 1: it must give 0 or more for "
+    ):
+        read(sensors, np.array([[1.0], [where], [2.0]]), steps, drawn)
+
+
+def ranging(sd: Any) -> list[Sensor]:
+    """AUV's sensors with a range to a beacon far ahead instead of a fix."""
+    nominal = [s for s in single_class("ItsunusaAUV-v0").system.vehicle.sensors if s.name != "acoustic position"]
+
+    def distance(state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
+        return np.hypot(state[..., 3:4] - 60.0, state[..., 4:5])
+
+    return [*nominal, Sensor("beacon", ("range [m]",), distance, sd, bias=Bias(("clock",), start=(0.5,)))]
+
+
+def test_a_filter_s_noise_follows_what_it_expects_one_row_is_as_many_and_nature_is_paired():
+    """R at the predicted mean; a batch, single rows and other filters fly the same truth and measurements."""
+    flown = {}
+    for estimator, rows in (("ekf", 3), ("ekf", 1), ("ukf", 3), ("enkf", 3), ("pf", 3), ("measurement", 3), ("mhe", 3)):
+        few = {"enkf": {"members": 10}, "pf": {"particles": 20}, "mhe": {"horizon": 3}}.get(estimator, {})
+        core = make_core("ItsunusaAUV-v0", rows, sensors=ranging(growing), estimator=estimator, estimator_options=few)
+        core.start(5)
+        history = []
+        for _ in range(4):
+            core.step(np.full(core.action_shape, 0.2))
+            history.append(core.info())
+        flown[estimator, rows] = history
+        assert core.belief.healthy.all()
+        R = core.filter._own_R(core.belief) if estimator == "ekf" else None
+        if R is not None:
+            expected = core.filter.model.measurement(core.belief.mean, core.belief.u)
+            np.testing.assert_allclose(R[:, -1, -1], growing(expected[:, -1]) ** 2, rtol=1e-12)
+            assert (R[:, 0, 0] == core.sensors.sd[0] ** 2).all()
+    many = flown["ekf", 3]
+    for (estimator, rows), history in flown.items():
+        for ours, theirs in zip(history, many, strict=True):
+            names = ("truth", "measurement", "available") + (("estimate", "covariance") if rows == 1 else ())
+            for name in names:
+                np.testing.assert_array_equal(ours[name], theirs[name][:rows], f"{estimator} {name}")
+
+
+@pytest.mark.parametrize("estimator", ["ekf", "kf-umv-ui", "enkf-sr"])
+def test_a_filter_of_constant_noise_is_that_of_a_function_that_is_constant(estimator: str):
+    """Rounding apart, of a linear model too; with R doubled as ``told`` says."""
+
+    def noise(y: np.ndarray) -> np.ndarray:
+        return np.full(y.shape, 3e-3)
+
+    beliefs = []
+    for sd in ((3e-3,), noise):
+        compass, motion = single_class("ThesisCorvette-v0").system.vehicle.sensors
+        core = make_core(
+            "ThesisCorvette-v0", 2, sensors=[replace(compass, sd=sd), motion], estimator=estimator,
+            estimator_options={"told": {"R": 2.0}},
+        )  # fmt: skip
+        core.start(0)
+        for _ in range(5):
+            core.step(np.ones(core.action_shape))
+        beliefs.append(core.belief)
+    np.testing.assert_allclose(beliefs[0].mean, beliefs[1].mean, rtol=1e-10, atol=1e-13)
+    np.testing.assert_allclose(beliefs[0].cov, beliefs[1].cov, rtol=1e-10, atol=1e-16)
+
+
+def test_a_late_range_is_fused_with_the_noise_of_its_own_step():
+    """To the last bit what had been, had it come in time, once all have come."""
+    beliefs = []
+    for latency in (0.0, 0.3):
+        *others, beacon = ranging(growing)
+        core = make_core(
+            "ItsunusaAUV-v0", 2, sensors=[*others, replace(beacon, latency=latency, rate=1.0)], estimator="ekf"
+        )
+        core.start(3)
+        for _ in range(14):  # measured at 1 s, come at 1.3 s
+            core.step(np.full(core.action_shape, -0.3))
+        beliefs.append(core.belief)
+    np.testing.assert_array_equal(beliefs[0].mean, beliefs[1].mean)
+    np.testing.assert_array_equal(beliefs[0].cov, beliefs[1].cov)
+
+
+def test_a_filter_that_estimates_its_noise_says_that_it_takes_no_function():
+    with pytest.raises(ValueError, match="adaptive-kf needs R as an array"):
+        make_core("ItsunusaAUV-v0", 1, sensors=ranging(growing), estimator="adaptive-kf")
+    with pytest.raises(
+        ValueError, match=r"^sd of beacon gave \[-1\.0\] for the measurement \[60\.0\]: it must give 0 or"
+    ):
+        make_core("ItsunusaAUV-v0", 1, sensors=ranging(lambda y: -np.ones(y.shape)), estimator="ekf")
+
+
 # --- what is misdeclared ----------------------------------------------------------------------------
 
 
@@ -314,6 +450,11 @@ MISDECLARED = [
     (fix(sd=(0.1, -1.0)), ValueError, r"sd of fix must be 0 or more, got -1\.0"),
     (fix(sd=(0.1, np.nan)), ValueError, r"sd of fix must be 0 or more, got nan"),
     (fix(sd=(0.1, "1")), ValueError, r"sd of fix must be 0 or more, got '1'"),
+    (of(fix(sd=lambda y: y[..., :1])), ValueError, r"sd of fix must give 2 values for each measurement: \(2, 3, 2\)"
+                                                   r" gave \(2, 3, 1\), expected \(2, 3, 2\)"),
+    (of(fix(sd=lambda y: 0.1)), ValueError, r"sd of fix must give 2 values for each measurement: .* gave \(\), .*"),
+    (of(fix(sd=lambda y: y @ np.eye(3))), ValueError, r"sd of fix failed on measurements of shape \(2, 3, 2\): .*"),
+    (of(fix(sd=lambda y: np.random.default_rng().random(y.shape))), ValueError, r"sd of fix gave two values for .*"),
     (fix(scale=(1.0, 0.0)), ValueError, r"scale of fix must be above 0, got 0\.0"),
     (fix(scale=(1.0,)), ValueError, r"fix has 2 channels, so scale must have 2 entries, got \(1\.0,\)"),
     (fix(range=((0.0, 1.0),)), ValueError, r"fix has 2 channels, so range must have 2 entries, got .*"),

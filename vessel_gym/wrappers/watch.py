@@ -73,7 +73,7 @@ class Watch:
         for name in ("transition", "measurement"):
             repeated(f"{name} of the model", getattr(model, name), prior.mean, u)
         self.sensors = _sensors(model, sensors, prior.mean, u, sensor_faults)
-        model = replace(cast(Any, model), R=np.diag(self.sensors.sd**2))
+        model = replace(cast(Any, model), R=self.sensors.noise(partial(_expected, self.sensors), prior.mean, u))
         options = checks.options("estimator_options", options)
         late = checks.one_of("value of late", options.pop("late", LATE[0]), LATE)
         monitor = options.pop("monitor", None)
@@ -383,6 +383,12 @@ def _sensors(
     if made.size != model.p:
         raise ValueError(f"the sensors have {made.size} channels, the model reads {model.p}")
     return made
+
+
+def _expected(sensors: Sensors, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+    """What sensors would read without noise ``(..., p)`` in states ``(..., n)``."""
+    assert u is not None
+    return sensors.exact(x, np.broadcast_to(u, x.shape[:-1] + u.shape[-1:]))
 
 
 def _channel(model: Model, i: int, state: np.ndarray, forcing: np.ndarray) -> np.ndarray:

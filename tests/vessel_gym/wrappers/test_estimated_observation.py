@@ -132,6 +132,38 @@ def test_driven_by_its_own_noise_errors_are_as_large_as_the_filter_says(estimato
     assert low < nees(np.array(means), np.array(covs), np.array(truths)).mean() < high
 
 
+class Running(Linear):
+    """It runs away from where a range is measured, two a second, a step of a tenth of a second."""
+
+    A, Q = np.array([[1.0, 0.1], [0.0, 1.0]]), np.diag([1e-6, 1e-2])
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.x = 2.0 + 0.1 * self.np_random.normal(size=2)
+        return self.x.copy(), {}
+
+
+@pytest.mark.parametrize("estimator", ["kf", "ekf", "ukf"])
+def test_where_noise_grows_with_the_range_errors_are_as_large_as_the_filter_says(estimator: str):
+    """From .04 to 1: the mean NEES of 300 rows within its band, left by chance once in 10,000 times at each step."""
+    functions = (lambda x, u: np.matvec(Running.A, x) + np.matvec(Linear.B, u), lambda x, u: x[..., :1])
+    model: Model = LinearModel(Running.A, [[1.0, 0.0]], Running.Q, [[0.01]], B=Linear.B)
+    if estimator != "kf":
+        model = NonlinearModel(*functions, Running.Q, [[0.01]])
+    ranged = Sensor("y", ("y",), lambda x, u: x[..., :1], lambda y: 0.01 * y**2)
+    prior = Gaussian([2.0, 2.0], 0.01 * np.eye(2))
+    env = EstimatedObservations(SyncVectorEnv([Running] * 300), model, prior, estimator=estimator, sensors=[ranged])
+    env.reset(seed=3)
+    low, high = chi_square_band(300, 2, 1.0 - 1e-4)
+    for step in range(1, 41):
+        info = env.step(np.zeros((300, 1)))[4]
+        if step % 10 == 0:
+            assert low < nees(info["estimate"], info["covariance"], info["truth"]).mean() < high
+    errors = (info["measurement"][:, 0] - info["truth"][:, 0]) / (0.01 * info["truth"][:, 0] ** 2)
+    low, high = chi_square_band(300, 1, 1.0 - 1e-4)
+    assert low < np.mean(errors**2) < high
+
+
 def _flown(env: gym.Env, steps: int = 40, seed: int = 5) -> list[dict[str, Any]]:
     seen, info = env.reset(seed=seed)
     flown = [info | {"observation": seen}]
