@@ -13,7 +13,10 @@ from pathlib import Path
 from vessel_gym.envs import SegorogeniAUVEnv, register_environment
 
 DOCS = Path(__file__).parents[1] / "docs"
-PAGES = {"my_sensor": "own-sensor", "my_disturbance": "own-disturbance", "my_task": "own-task"}
+PAGES = {
+    "my_sensor": "own-sensor", "my_disturbance": "own-disturbance", "my_task": "own-task",
+    "my_vehicle": "own-equations",
+}  # fmt: skip
 OWN = ("Usbl-v0", "Shear-v0", "Docking-v0", "HeavyShip-v0")
 """The environments, registered when this module is imported; the last is that of the page on vehicles."""
 
@@ -35,7 +38,7 @@ for _module in PAGES:
     (_FOLDER / f"{_module}.py").write_text(code(_module), encoding="utf-8")
 (_FOLDER / "my_ship.toml").write_text(blocks("vehicles", "toml")[0], encoding="utf-8")
 
-my_sensor, my_disturbance, _ = map(import_module, PAGES)  # the task registers its environment itself
+my_sensor, my_disturbance, _, my_vehicle = map(import_module, PAGES)  # the task registers its environment itself
 _SYSTEM = SegorogeniAUVEnv.system
 register_environment(replace(_SYSTEM, name="Usbl-v0", sensors=tuple(my_sensor.SENSORS)))
 _SHEAR = dict.fromkeys(("calm", "moderate", "rough"), my_disturbance.SHEAR)

@@ -1,5 +1,8 @@
 """What the pages on sensors, disturbances, tasks and vehicles of one's own show runs, is short, and stands a study."""
 
+import contextlib
+import io
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -7,13 +10,14 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
-from pages import OWN, PAGES, blocks, code, my_sensor
+from pages import OWN, PAGES, blocks, code, my_sensor, my_vehicle
 
 from agents import rollout
 from agents.scores import scores
 from agents.studies.plan import plan
 from agents.studies.study import read_study
 from estimators import EnsembleKalmanFilter
+from estimators.metrics import chi_square_band, nees
 from vessel_gym.core import Core
 from vessel_gym.disturbances import Disturbance, Fault
 from vessel_gym.envs import ItsunusaAUVEnv, SegorogeniAUVEnv, ShipEnv, SigmaCorvetteEnv, register_environment
@@ -26,8 +30,8 @@ from vessel_gym.vehicles.corvette import Corvette
 
 
 @pytest.mark.parametrize("module", PAGES)
-def test_a_part_of_ones_own_takes_thirty_lines_at_most(module: str) -> None:
-    assert len([line for line in code(module).splitlines() if line.strip()]) <= 30
+def test_a_part_of_ones_own_takes_thirty_lines_at_most_and_a_vehicle_forty(module: str) -> None:
+    assert len([line for line in code(module).splitlines() if line.strip()]) <= (40 if module == "my_vehicle" else 30)
 
 
 @pytest.mark.parametrize("page", [*PAGES.values(), "time-at-sea"])
@@ -188,6 +192,52 @@ def test_numbers_that_a_filter_of_ones_own_keeps_stay_those_of_their_step() -> N
         env.step(env.action_space.sample())
     for rng, drawn in kept:
         np.testing.assert_array_equal(rng.normals(3), drawn)
+
+
+# --- a vehicle of one's own equations ------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def catamaran() -> str:
+    """Its environment, registered as the page does, and what the page's pilot says of its flight."""
+    with contextlib.redirect_stdout(io.StringIO()) as said:
+        exec(compile(blocks("own-equations", "python")[0], "own-equations", "exec"), {"__name__": "page"})
+    return said.getvalue()
+
+
+def test_the_vehicle_of_the_page_reaches_its_mark(catamaran: str) -> None:
+    found = re.fullmatch(r"stopped ([\d.]+) m from the mark, score ([\d.]+)\n", catamaran)
+    assert found is not None
+    assert float(found[1]) < 4.0
+    assert 0.2 < float(found[2]) <= 1.0
+
+
+def test_filters_of_ones_own_equations_are_as_good_as_they_say_and_rows_alike(catamaran: str) -> None:
+    """The mean NEES of 200 rows within its band, left by chance once in 10,000 times; a row is a single environment."""
+    made = {"num_envs": 200, "sensors": "nominal", "disturbance": "moderate"}
+    many, one = gym.make_vec("Catamaran-v0", **made), gym.make("Catamaran-v0")
+    many.reset(seed=7)
+    one.reset(seed=7 + 3)
+    for _ in range(40):
+        info = many.step(np.tile(np.float32([0.5, 0.45]), (200, 1)))[4]
+        alone = one.step(np.float32([0.5, 0.45]))[4]
+    core = many.unwrapped.core
+    truth, angles = core.estimated(core.truth), core.filter.model.state_angles
+    low, high = chi_square_band(200, truth.shape[1], 1.0 - 1e-4)
+    assert low < nees(core.belief.mean, core.belief.cov, truth, angles).mean() < high
+    for name in ("truth", "measurement", "available"):
+        np.testing.assert_array_equal(info[name][3], alone[name])
+    np.testing.assert_allclose(info["estimate"][3], alone["estimate"], rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize(("name", "shape"), [("step", (1, 4)), ("drift", (1, 3)), ("drift", (5,))])
+def test_equations_of_another_shape_are_refused_in_a_sentence(
+    catamaran: str, name: str, shape: tuple[int, ...]
+) -> None:
+    wrong = type("Wrong", (my_vehicle.Catamaran,), {name: lambda self, *given: np.zeros(shape)})
+    system = replace(gym.spec("Catamaran-v0").entry_point.system, vehicle=wrong())
+    with pytest.raises(ValueError, match=rf"^{name} of Wrong must give a row of 5 numbers .* {re.escape(str(shape))}$"):
+        Core(system, 1)
 
 
 # --- what users' functions may do ----------------------------------------------------------------------
