@@ -1,5 +1,7 @@
 """Angles: the one place where they are wrapped."""
 
+from typing import Any
+
 import numpy as np
 
 from estimators.formulas import is_noted
@@ -17,8 +19,9 @@ def wrap(angle: np.ndarray | float) -> np.ndarray:
     Returns:
         The same angles in (-pi, pi], same shape.
     """
-    wrapped = np.pi - np.mod(np.pi - angle, _TURN)
-    return np.maximum(wrapped, _LOWEST)  # a hair above pi is rounded to a whole turn
+    below: Any = np.pi - angle
+    rest = below - _TURN * np.floor(below / _TURN) if is_noted(angle) else np.mod(below, _TURN)  # floor is vectorised
+    return np.maximum(np.pi - rest, _LOWEST)  # a hair above pi is rounded to a whole turn
 
 
 def short_way(change: np.ndarray) -> np.ndarray:

@@ -57,7 +57,7 @@ class Packed:
             value = self.packed[own]
             if len(shape) != 1:
                 value = value.reshape(value.shape[:-1] + shape)
-            value = value != 0.0 if name in _MASKS else value
+            value = value != 0.0 if name in layout.masks else value
         elif layout is None or name not in self.__dataclass_fields__:
             raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
         object.__setattr__(self, name, value)
@@ -71,14 +71,15 @@ class Layout(NamedTuple):
         columns: By name the first column, and the shape of one row.
         width: How many columns there are.
         cuts: By name what picks the columns, and the shape of one row.
+        masks: Names of those that are masks, 1 and 0 there.
     """
 
     columns: dict[str, tuple[int, tuple[int, ...]]]
     width: int
     cuts: dict[str, tuple[Any, tuple[int, ...]]]
+    masks: frozenset[str]
 
 
-_MASKS = ("available", "pending")
 APART = ("prior_mean", "prior_cov", "recovery", "u")
 """Arrays that are not packed with the others."""
 
@@ -151,7 +152,11 @@ class Belief(Packed):
             return self.packed, self.layout
         arrays = {name: a for name, a in self._arrays().items() if a is not None and name not in APART}
         batch = self.mean.shape[:-1]
-        layout = laid_out(tuple((name, array.shape[len(batch) :]) for name, array in arrays.items()))
+        for name, array in arrays.items():
+            if np.shape(array)[: len(batch)] != batch or not isinstance(array, np.ndarray | np.generic):
+                raise ValueError(f"{name} of a belief must be an array with a row for each of the batch, {batch}")
+        masks = frozenset(name for name, array in arrays.items() if array.dtype == bool)
+        layout = laid_out(tuple((name, array.shape[len(batch) :]) for name, array in arrays.items()), masks)
         packed = np.empty(batch + (layout.width,))
         for name, (first, shape) in layout.columns.items():
             packed[..., first : first + math.prod(shape)] = arrays[name].reshape(*batch, math.prod(shape))
@@ -352,13 +357,13 @@ def _usual(rows: tuple[int, ...]) -> np.ndarray:
 
 
 @cache
-def laid_out(shapes: tuple[tuple[str, tuple[int, ...]], ...]) -> Layout:
-    """Arrays of these names and shapes of a row, in their order."""
+def laid_out(shapes: tuple[tuple[str, tuple[int, ...]], ...], masks: frozenset[str] = frozenset()) -> Layout:
+    """Arrays of these names and shapes of a row, in their order, some of which are masks."""
     columns, width = {}, 0
     for name, shape in shapes:
         columns[name], width = (width, shape), width + math.prod(shape)
     cuts = {name: ((..., slice(at, at + math.prod(shape))), shape) for name, (at, shape) in columns.items()}
-    return Layout(columns, width, cuts)
+    return Layout(columns, width, cuts, masks)
 
 
 def members_last(ensemble: np.ndarray) -> np.ndarray:

@@ -20,7 +20,7 @@ from estimators.belief import (
     Recovery,
     laid_out,
 )
-from estimators.checks import as_array, as_mask
+from estimators.checks import as_array, as_mask, shown
 from estimators.formulas import Program, is_noted
 from estimators.linalg import (
     SINGULAR,
@@ -81,8 +81,8 @@ class Filter(ABC, Generic[Record]):
     """Whether ``_predict`` and ``_update`` are formulas, which are compiled, see `estimators.formulas`.
 
     They are then noted once: what they read of the filter itself, or do besides, counts as it was then. It is not
-    inherited: a filter of your own is NumPy until it says otherwise. Arrays that its record has besides are numbers
-    afterwards, masks 1 and 0.
+    inherited: a filter of your own is NumPy until it says otherwise. Arrays that its record has besides are masks or
+    float64 afterwards.
     """
 
     def __init__(self, model: Model) -> None:
@@ -437,41 +437,50 @@ class Filter(ABC, Generic[Record]):
             return tuple(answers) if len(axes) > 1 else answers[0]
 
         program.ask = ask
-        fields: dict[str, Any] = dict.fromkeys(belief.__dataclass_fields__)
-        for name, (first, shape) in layout.columns.items():
-            fields[name] = program.given(0, first, *shape)
-        known = None if u is None else program.given(1, 0, u.shape[-1])
-        now: Any = self.record(**(fields | {"u": known}))
         doubtful: Any = 0.0
         try:
+            fields: dict[str, Any] = dict.fromkeys(belief.__dataclass_fields__)
+            for name, (first, shape) in layout.columns.items():
+                fields[name] = program.given(0, first, *shape, mask=name in layout.masks)
+            known = None if u is None else program.given(1, 0, u.shape[-1])
+            now: Any = self.record(**(fields | {"u": known}))
             if "_predict" in formulas:
-                now = self._sound(self._predict(now, known, None))
+                now = self._sound(self._predict(now, known, None), now)
             if "_update" in formulas:
                 y, mask = program.given(2, 0, self.model.p), program.given(3, 0, self.model.p)
                 told = None if R is None else ask(lambda belief, u, R: R, 2)
                 reading = self._reading(now, y, mask, told)
-                now = self._sound(self._update(now, reading, None))
+                now = self._sound(self._update(now, reading, None), now)
                 doubtful = _doubtful(now, reading.R)
-        except (TypeError, ValueError, AttributeError, IndexError) as error:
+            results = {name: value for name, value in now._arrays().items() if value is not None and name not in APART}
+            masks = frozenset(name for name, value in results.items() if value.dtype == bool)
+            found = laid_out(tuple((name, value.shape) for name, value in results.items()), masks)
+            wanted = [(results[name], first) for name, (first, _) in found.columns.items()]
+            program.finish([*wanted, (doubtful, found.width)])
+        except Exception as error:
             if self._ours:
                 raise
             raise TypeError(
                 f"{type(self).__name__} says that it is formulas, but cannot be noted as such ({error}): write it in "
                 f"the words of estimators.formulas, or without formulas = True"
             ) from error
-        results = {name: value for name, value in now._arrays().items() if value is not None and name not in APART}
-        found = laid_out(tuple((name, value.shape) for name, value in results.items()))
-        wanted = [(results[name], first) for name, (first, _) in found.columns.items()]
-        program.finish([*wanted, (doubtful, found.width)])
         return _Noted(program, found, tuple(questions), column)
 
-    def _sound(self, noted: Any) -> Record:
-        """A belief that a formula of one's own gave, if its symbols are such."""
-        n = self.model.n
-        if not self._ours and not (
-            isinstance(noted, self.record) and noted.mean.shape == (n,) and noted.cov.shape == (n, n)
-        ):
-            raise ValueError(f"it must return a {self.record.__name__} with a mean ({n},) and a cov ({n}, {n}) a row")
+    def _sound(self, noted: Any, before: Any) -> Record:
+        """A belief that a formula of one's own gave, if its arrays have the shapes that they must have, a row."""
+        n, p = self.model.n, self.model.p
+        if self._ours:
+            return cast(Record, noted)
+        if not isinstance(noted, self.record):
+            raise ValueError(f"it must return a {self.record.__name__}, not {type(noted).__name__}")
+        fixed = {"mean": (n,), "cov": (n, n), "innovation": (p,), "innovation_cov": (p, p), "available": (p,)}
+        for name, value in noted._arrays().items():
+            had = getattr(before, name)
+            if value is None or name in APART:
+                continue
+            shape = fixed.get(name, getattr(value if had is None else had, "shape", None))
+            if not (is_noted(value) or isinstance(value, np.ndarray | np.generic)) or value.shape != shape:
+                raise ValueError(f"it must return a {name} of shape {shape} a row, not {shown(value)}")
         return cast(Record, noted)
 
     def _reading(self, belief: Record, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None) -> Reading:

@@ -3,6 +3,8 @@
 A formula is a function of vectors ``(..., n)`` and matrices ``(..., n, m)`` in NumPy's words. Given arrays it is
 computed. Given a `Symbol` in place of each array it is noted down: each of its steps becomes a sentence ("S is C times
 PC"), and one compiled function carries out the sentences of any formula: nothing is compiled anew for another filter.
+A word means what it means in NumPy for arrays with any leading axes. Everything else is refused while it is noted: a
+shape that does not fit, a mask where numbers belong, a function without a sentence of its own.
 
 There the rows of a batch lie last, some 64 side by side, so that a sentence is a few loops over neighbours, which
 become vector instructions. Each row meets the same operations in the same order as it would alone, and no sums are
@@ -10,13 +12,15 @@ fused or reordered: the same bits in any batch, on any processor.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from enum import IntEnum
 from functools import partial
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
+
+from estimators.checks import numbers, shown
 
 
 class Verb(IntEnum):
@@ -39,18 +43,23 @@ class Verb(IntEnum):
     FLOOR = 10
     ISFINITE = 11
     LOG1P = 12
-    WHERE = 13
-    SOLVE = 14
-    CHOLESKY = 15
-    ROTATE = 16
-    LOOKUP = 17
-    SYMMETRISE = 18
+    REMAINDER = 13
+    WHERE = 14
+    SOLVE = 15
+    CHOLESKY = 16
+    ROTATE = 17
+    LOOKUP = 18
+    SYMMETRISE = 19
+    ELIMINATE = 20
 
 
 _ENTRYWISE = {getattr(np, verb.name.lower()): verb for verb in Verb if Verb.ADD <= verb < Verb.WHERE}
-_ENTRYWISE |= {np.logical_and: Verb.MULTIPLY, np.bitwise_and: Verb.MULTIPLY}  # of masks
-_NOTHING = {Verb.ADD: 0.0, Verb.MULTIPLY: 1.0}
-"""What changes nothing."""
+_ENTRYWISE |= {np.logical_and: Verb.MULTIPLY, np.bitwise_and: Verb.MULTIPLY}
+_OF_MASKS = (np.logical_and, np.bitwise_and, np.logical_not, np.invert)
+FUNCTIONS: dict[Any, Callable[..., "Symbol"]] = {}
+"""NumPy's functions that are more than one sentence entry by entry; `estimators.operations` fills it."""
+_NEUTRAL = {Verb.ADD: np.float64(-0.0), Verb.MULTIPLY: np.float64(1.0)}
+"""Identity elements of the operations: 0.0 is none, for -0.0 + 0.0 is 0.0."""
 
 
 def is_noted(value: Any) -> bool:
@@ -62,29 +71,45 @@ class Symbol(NDArrayOperatorsMixin):
     """What stands for an array while a formula is noted: its shape is that of one row, and its masks are 1 and 0."""
 
     def __init__(
-        self, program: "Program", buffer: int, shape: tuple[int, ...], start: int = 0, steps: Any = None
-    ) -> None:
-        self.program, self.buffer, self.shape, self.start = program, buffer, shape, start
+        self, program: "Program", buffer: int, shape: tuple[int, ...], start: int = 0, steps: Any = None,
+        mask: bool = False, constant: np.dtype | None = None,
+    ) -> None:  # fmt: skip
+        if len(shape) > 2:
+            raise TypeError(f"a formula's arrays are numbers, vectors and matrices a row, not of shape {shape}")
+        self.program, self.buffer, self.shape, self.start, self.mask = program, buffer, shape, start, mask
+        self.constant = constant  # the type of an array that has no axes of a batch
         self.steps = steps if steps is not None else (*shape[1:], 1)[: len(shape)]
 
     def __bool__(self) -> bool:
         raise TypeError("a formula is noted for all rows and cannot go another way for some of them: use np.where")
 
+    def __array__(self, *_: Any, **__: Any) -> NoReturn:
+        raise TypeError("a formula that is to be compiled cannot make a NumPy array of its own: use joined or np.where")
+
+    def __setitem__(self, key: Any, value: Any) -> NoReturn:
+        raise TypeError("a formula that is to be compiled cannot change an array in place: use joined or np.where")
+
+    def __getattr__(self, name: str) -> NoReturn:
+        raise AttributeError(f"a formula that is to be compiled cannot have .{name} in it")
+
     def __array_ufunc__(self, ufunc: Any, method: str, *parts: Any, **others: Any) -> "Symbol":
-        if method == "__call__" and not others:
-            if ufunc in _ENTRYWISE:
-                return self.program.entrywise(_ENTRYWISE[ufunc], *parts)
-            if ufunc in _WRITTEN:
-                return _WRITTEN[ufunc](self.program, *parts)
-        raise TypeError(f"a formula that is to be compiled cannot have np.{ufunc.__name__} in it, so used")
+        if method != "__call__" or others or not (ufunc in _ENTRYWISE or ufunc in FUNCTIONS):
+            raise TypeError(f"a formula that is to be compiled cannot have np.{ufunc.__name__} in it, so used")
+        operands = [self.program.of(part) for part in parts]
+        masks = all(operand.mask for operand in operands)
+        if ufunc in _OF_MASKS and not masks:
+            raise TypeError(f"np.{ufunc.__name__} in a formula is of masks, such as x > 0.0, not of numbers")
+        if masks and ufunc not in (*_OF_MASKS, np.multiply):
+            raise TypeError(f"np.{ufunc.__name__} in a formula is of numbers: of a mask they are 1.0 * mask")
+        check_precision(operands)
+        if ufunc in FUNCTIONS:
+            return FUNCTIONS[ufunc](self.program, *operands)
+        return self.program.entrywise(_ENTRYWISE[ufunc], *operands)
 
     def __array_function__(self, function: Any, types: Any, args: Any, kwargs: Any) -> "Symbol":
-        if function not in _WRITTEN:
+        if function not in FUNCTIONS:
             raise TypeError(f"a formula that is to be compiled cannot have np.{function.__name__} in it")
-        return _WRITTEN[function](self.program, *args, **kwargs)
-
-    def __len__(self) -> int:
-        return self.shape[0]
+        return FUNCTIONS[function](self.program, *args, **kwargs)
 
     @property
     def size(self) -> int:
@@ -97,26 +122,50 @@ class Symbol(NDArrayOperatorsMixin):
         return len(self.shape)
 
     @property
+    def dtype(self) -> np.dtype:
+        """The type of a mask or of numbers."""
+        return np.dtype(bool if self.mask else float)
+
+    @property
     def mT(self) -> "Symbol":
         """The transposed matrix."""
-        return Symbol(self.program, self.buffer, self.shape[::-1], self.start, self.steps[::-1])
+        if self.ndim != 2:
+            raise ValueError(f"a formula transposes matrices, not what has shape {self.shape} a row")
+        return self._view(self.shape[::-1], self.start, self.steps[::-1])
+
+    def _view(self, shape: tuple[int, ...], start: int, steps: Any) -> "Symbol":
+        return Symbol(self.program, self.buffer, shape, start, steps, self.mask)
+
+    def as_type(self, mask: bool) -> "Symbol":
+        """The same entries as a mask, or as numbers."""
+        if mask == self.mask:
+            return self
+        return Symbol(self.program, self.buffer, self.shape, self.start, self.steps, mask)
 
     def spread(self) -> "Symbol":
         """The same, with steps that stay where there is one row or column only."""
+        if 1 not in self.shape:
+            return self
         steps = tuple(step if size > 1 else 0 for step, size in zip(self.steps, self.shape, strict=True))
-        return Symbol(self.program, self.buffer, self.shape, self.start, steps)
+        return self._view(self.shape, self.start, steps)
 
-    def diagonal(self, offset: int = 0, axis1: int = -2, axis2: int = -1) -> "Symbol":
+    def diagonal(self, offset: int = 0, axis1: int = 0, axis2: int = 1) -> "Symbol":
         """The diagonal of a matrix, whose axes are the last two."""
         if (offset, axis1, axis2) != (0, -2, -1) or self.ndim != 2:
             raise TypeError("of a formula's matrices diagonal(0, -2, -1) alone can be had")
-        return Symbol(self.program, self.buffer, (min(self.shape),), self.start, (sum(self.steps),))
+        return self._view((min(self.shape),), self.start, (sum(self.steps),))
 
-    def sum(self, axis: int | tuple[int, int]) -> "Symbol":
+    def sum(self, axis: int | tuple[int, int] | None = None, **others: Any) -> "Symbol":
         """The sum over the last axis, the one before, or both."""
-        if axis not in (-1, -2, (-2, -1)):
-            raise TypeError(f"a formula sums over its last axes, -1, -2 or (-2, -1), not {axis}: the batch's are first")
-        matrix = self[..., None, :] if self.ndim == 1 else self
+        counted = len(axis) if isinstance(axis, tuple) else -axis if isinstance(axis, int | np.integer) else 3
+        if others or axis not in (-1, -2, (-2, -1)) or counted > self.ndim:
+            raise TypeError(
+                f"a formula sums over its last axes, -1, -2 or (-2, -1), and without options: not over {shown(axis)} "
+                f"of shape {self.shape} a row, for the batch's axes are first"
+            )
+        if self.mask:
+            raise TypeError("a formula sums numbers: of a mask they are 1.0 * mask")
+        matrix: Any = self[..., None, :] if self.ndim == 1 else self
         if axis != -1:
             matrix = np.ones((1, matrix.shape[0])) @ matrix
         if axis != -2:
@@ -129,22 +178,31 @@ class Symbol(NDArrayOperatorsMixin):
         first, *named = key if isinstance(key, tuple) else (key,)
         if first is not Ellipsis:
             raise TypeError("a formula's arrays are indexed from behind, a[..., i]: the first axes are the batch's")
-        keys: list[Any] = [slice(None)] * (self.ndim - sum(each is not None for each in named)) + named
+        kinds = slice, int, np.integer
+        if any(each is not None and (isinstance(each, bool) or not isinstance(each, kinds)) for each in named):
+            raise TypeError("a formula's arrays are indexed by whole numbers, slices and None: use joined or np.where")
+        free = self.ndim - sum(each is not None for each in named)
+        if free < 0:
+            raise IndexError(f"a[..., {', '.join(map(str, named))}] of shape {self.shape} a row has too many indices")
         axis, start = 0, self.start
         shape: list[int] = []
         steps: list[int] = []
-        for each in keys:
+        each: Any
+        for each in [slice(None)] * free + named:
             if each is None:
                 shape, steps = [*shape, 1], [*steps, 0]
                 continue
-            chosen, step = range(self.shape[axis])[each], self.steps[axis]
+            size, step = self.shape[axis], self.steps[axis]
+            if not isinstance(each, slice) and not -size <= each < size:
+                raise IndexError(f"index {each} is out of bounds for an axis of {size} in a formula")
+            chosen = range(size)[each]
             axis += 1
             if isinstance(chosen, int):
                 start += chosen * step
             else:
                 start += chosen.start * step
                 shape, steps = [*shape, len(chosen)], [*steps, chosen.step * step]
-        return Symbol(self.program, self.buffer, tuple(shape), start, tuple(steps))
+        return self._view(tuple(shape), start, tuple(steps))
 
 
 class Program:
@@ -154,6 +212,7 @@ class Program:
         self._sentences: list[tuple[int, tuple[int, int, int], tuple[Symbol, ...]]] = []
         self._sizes: list[int] = []  # of buffers, in numbers a row
         self._constants: dict[int, np.ndarray] = {}  # what buffers hold that are the same for all rows
+        self._buffers: dict[tuple[tuple[int, ...], bytes], int] = {}  # of constants
         self._loads: list[tuple[Symbol, int, int]] = []  # from which array, and its column
         self._tables: list[np.ndarray] = []
         self._said: dict[Any, Symbol] = {}
@@ -162,14 +221,14 @@ class Program:
 
     # --- noting -----------------------------------------------------------------------------------
 
-    def symbol(self, *shape: int) -> Symbol:
+    def symbol(self, *shape: int, mask: bool = False) -> Symbol:
         """A new one."""
         self._sizes.append(math.prod(shape))
-        return Symbol(self, len(self._sizes) - 1, shape)
+        return Symbol(self, len(self._sizes) - 1, shape, mask=mask)
 
-    def given(self, array: int, column: int, *shape: int) -> Any:
-        """What stands in an array that is given, from a column on."""
-        symbol = self.symbol(*shape)
+    def given(self, array: int, column: int, *shape: int, mask: bool = False) -> Any:
+        """What stands in an array that is given, from a column on; array number 3 is a mask."""
+        symbol = self.symbol(*shape, mask=mask or array == 3)
         self._loads.append((symbol, array, column))
         return symbol
 
@@ -177,26 +236,40 @@ class Program:
         """What stands for a value: itself, or an array that is the same for all rows."""
         if isinstance(value, Symbol):
             return value
-        array = np.asarray(value, float)
+        array = None if isinstance(value, np.ndarray) and type(value) is not np.ndarray else numbers(value)
+        if array is None:
+            raise TypeError(f"a formula is of real numbers and masks, got {shown(value)}")
         if array.ndim > 2:
             raise TypeError("what differs from row to row must be given")
-        for buffer, known in self._constants.items():
-            if known.shape == array.shape and np.array_equal(known, array):
-                return Symbol(self, buffer, array.shape)
-        symbol = self.symbol(*array.shape)
-        self._constants[symbol.buffer] = array
-        return symbol
+        key = array.shape, array.tobytes()
+        if key not in self._buffers:
+            self._buffers[key] = self.symbol(*array.shape).buffer
+            self._constants[self._buffers[key]] = np.array(array)
+        kind = np.asarray(value).dtype
+        return Symbol(self, self._buffers[key], array.shape, mask=kind.kind == "b", constant=kind)
 
     def entrywise(self, verb: Verb, *parts: Any) -> Symbol:
         """Entry by entry, what has one row or column being the same in all."""
         operands = [self.of(part) for part in parts]
-        shape = np.broadcast_shapes(*(operand.shape for operand in operands))
-        for one, other in zip(operands, operands[::-1], strict=True):
-            constant = self._constants.get(one.buffer)
-            if constant is not None and other.shape == shape and (constant == _NOTHING.get(verb)).all():
-                return other
+        values = operands[verb == Verb.WHERE :]
+        axes = {len(operand.shape) for operand in operands if operand.constant is None}
+        if len(axes) > 1 or any(len(operand.shape) > min(axes, default=2) for operand in operands):
+            raise ValueError(f"{shapes(operands)} have axes of other number in a formula: add some by a[..., None]")
+        shape = operands[0].shape
+        if any(operand.shape != shape for operand in operands):
+            try:
+                shape = np.broadcast_shapes(*(operand.shape for operand in operands))
+            except ValueError:
+                raise ValueError(f"{shapes(operands)} do not fit together in a formula") from None
+        mask = verb in (Verb.GREATER, Verb.ISFINITE) or all(value.mask for value in values)
+        if (neutral := _NEUTRAL.get(verb)) is not None:
+            for one, other in zip(operands, operands[::-1], strict=True):
+                constant = self._constants.get(one.buffer)
+                if constant is not None and other.shape == shape and constant.tobytes() == neutral.tobytes() * one.size:
+                    return other.as_type(mask)
         rows, columns = (1,) * (2 - len(shape)) + shape
-        return self.once(verb, (rows, columns, 1), shape, *(operand.spread() for operand in operands))
+        spread = (operand.spread() for operand in operands)
+        return self.once(verb, (rows, columns, 1), shape, *spread).as_type(mask)
 
     def say(self, verb: int, sizes: tuple[int, int, int], out: Symbol, *parts: Symbol) -> Symbol:
         """A sentence."""
@@ -285,90 +358,16 @@ def _side_by_side(sizes: tuple[int, int, int], parts: tuple[Symbol, ...]) -> tup
     return rows, 1, columns
 
 
-def _matmul(program: Program, a: Any, b: Any) -> Symbol:
-    a, b = program.of(a), program.of(b)
-    if a.ndim != 2 or b.ndim != 2:
-        raise TypeError("@ is of matrices; of a matrix and a vector there is np.matvec")
-    if a.shape[1] == 0:
-        return program.of(np.zeros((a.shape[0], b.shape[1])))
-    return program.once(Verb.MATMUL, (a.shape[0], b.shape[1], a.shape[1]), (a.shape[0], b.shape[1]), a, b)
+def shapes(operands: Sequence[Symbol]) -> str:
+    """Shapes of operands, for a sentence."""
+    return f"arrays of shapes {' and '.join(str(operand.shape) for operand in operands)} a row"
 
 
-def _matvec(program: Program, a: Any, x: Any) -> Symbol:
-    return _matmul(program, a, program.of(x)[..., None])[..., 0]
-
-
-def _where(program: Program, mask: Any, a: Any, b: Any) -> Symbol:
-    return program.entrywise(Verb.WHERE, mask, a, b)
-
-
-def _concatenate(program: Program, parts: Any, axis: int = 0) -> Symbol:
-    """Side by side."""
-    parts = [program.of(part) for part in parts]
-    axis = axis % parts[0].ndim
-    shape = list(parts[0].shape)
-    shape[axis] = sum(part.shape[axis] for part in parts)
-    whole, first = program.symbol(*shape), 0
-    for part in parts:
-        own = slice(first, first + part.shape[axis])
-        first = own.stop
-        rows, columns = (1,) * (2 - part.ndim) + part.shape
-        place = whole[(..., own, *(slice(None),) * (whole.ndim - 1 - axis))]
-        program.say(Verb.ADD, (rows, columns, 1), place, part, program.of(0.0))
-    return whole
-
-
-def _solve(program: Program, s: Any, b: Any) -> Symbol:
-    """``S^-1 B`` of a symmetric positive definite S, as all are that filters solve for."""
-    s, b = program.of(s), program.of(b)
-    n, k = b.shape
-    return program.say(Verb.SOLVE, (n, k, 0), program.symbol(n, k), s, b, program.symbol(n, n))
-
-
-_WRITTEN: dict[Any, Callable[..., Symbol]] = {
-    np.matmul: _matmul,
-    np.matvec: _matvec,
-    np.vecmat: lambda program, x, a: _matvec(program, program.of(a).mT, x),
-    np.where: _where,
-    np.concatenate: _concatenate,
-    np.linalg.solve: _solve,
-    np.negative: lambda program, a: program.entrywise(Verb.SUBTRACT, 0.0, a),
-    np.square: lambda program, a: program.entrywise(Verb.MULTIPLY, a, a),
-    np.remainder: lambda program, a, b: a - b * np.floor(a / b),
-    np.less: lambda program, a, b: program.entrywise(Verb.GREATER, b, a),
-    np.logical_not: lambda program, a: program.entrywise(Verb.SUBTRACT, 1.0, a),
-    np.invert: lambda program, a: program.entrywise(Verb.SUBTRACT, 1.0, a),
-}
-
-
-def symmetric(a: Any) -> Any:
-    """``(A + A') / 2``."""
-    return a.program.once(Verb.SYMMETRISE, (len(a), len(a), 0), a.shape, a)
-
-
-def root_of(s: Any) -> Any:
-    """Lower triangular L with ``L L' = S``, positive semidefinite; see `estimators.linalg.semidefinite_cholesky`."""
-    n = s.shape[0]
-    return s.program.say(Verb.CHOLESKY, (n, n, 0), s.program.symbol(n, n), s)
-
-
-def rotated(a: Any) -> tuple[Any, Any]:
-    """``A V`` with orthogonal columns, and the rotation V: the singular value decomposition but for dividing.
-
-    Source: Hestenes (1958), Inversion of matrices by biorthogonalization; de Rijk (1989) for its accuracy.
-    """
-    program, (m, n) = a.program, a.shape
-    if n == 1:
-        return a, program.of(np.ones((1, 1)))
-    turned = program.symbol(m, n)
-    return turned, program.say(Verb.ROTATE, (m, n, n), program.symbol(n, n), turned, a)
-
-
-def orthogonal(a: Any) -> Any:
-    """``A V`` alone."""
-    program, (m, n) = a.program, a.shape
-    if n == 1:
-        return a
-    turned = program.symbol(m, n)
-    program.say(Verb.ROTATE, (m, n, 0), turned, turned, a)
-    return turned
+def check_precision(operands: Sequence[Symbol]) -> None:
+    """Refuse constants that are not float64 beside masks alone: NumPy computes with whole numbers or few digits."""
+    if all(operand.mask or operand.constant is not None for operand in operands):
+        for operand in operands:
+            if operand.constant not in (None, bool, np.float64):
+                raise TypeError(
+                    f"beside a mask a formula has float64 (1.0 for 1), not a constant of {operand.constant}"
+                )

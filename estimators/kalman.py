@@ -124,7 +124,7 @@ class KalmanFilter(GaussianFilter):
         n, q = self.model.n, self.model.q
         if belief.innovation is None:
             joint = symmetric_blocks(belief.cov, np.zeros((n, q)), self.input_cov)
-            mean = np.concatenate([belief.mean, np.zeros(belief.mean.shape[:-1] + (q,))], -1)
+            mean = joined([belief.mean[..., None], np.zeros((q, 1))], -2)[..., 0]
         else:
             mean, joint = with_input(belief)
         seen = joined([reading.C, reading.H], -1)

@@ -6,7 +6,16 @@ from functools import cache, lru_cache
 
 import numpy as np
 
-from estimators.formulas import is_noted, orthogonal, root_of, rotated, symmetric
+from estimators.formulas import is_noted
+from estimators.operations import (
+    check_equations,
+    orthogonal,
+    root_of,
+    rotated,
+    side_by_side,
+    solve_definite,
+    symmetric,
+)
 
 
 @cache
@@ -49,10 +58,10 @@ def equilibrated(s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def joined(parts: Sequence[np.ndarray], axis: int) -> np.ndarray:
     """Matrices ``(..., i, j)`` below (axis -2) or beside (axis -1) each other, one batch for all."""
-    if not any(is_noted(part) for part in parts):
-        batch = np.broadcast_shapes(*(part.shape[:-2] for part in parts))
-        parts = [np.broadcast_to(part, batch + part.shape[-2:]) for part in parts]
-    return np.concatenate(parts, axis)
+    if any(is_noted(part) for part in parts):
+        return side_by_side(parts, axis)  # type: ignore[return-value]
+    batch = np.broadcast_shapes(*(part.shape[:-2] for part in parts))
+    return np.concatenate([np.broadcast_to(part, batch + part.shape[-2:]) for part in parts], axis)
 
 
 def symmetric_blocks(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
@@ -66,6 +75,8 @@ def solve(s: np.ndarray, b: np.ndarray) -> np.ndarray:
     A row whose ``S`` is singular comes out as NaN instead of raising: inside a rollout the filter
     then recovers that row alone (see `estimators.filter.Filter.update`).
     """
+    if is_noted(s) or is_noted(b):
+        return solve_definite(s, b)  # type: ignore[return-value]
     try:
         return np.linalg.solve(s, b)
     except np.linalg.LinAlgError:
@@ -81,15 +92,16 @@ def solve(s: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 def solve_upper(t: np.ndarray, b: np.ndarray) -> np.ndarray:
     """``T^-1 B`` for an upper triangular ``T (..., n, n)`` and ``B (..., n, k)``; a singular row comes out as NaN."""
-    if not is_noted(b):
+    if not (is_noted(t) or is_noted(b)):
         return solve(t, b)
+    check_equations(t, b)
     rows: list[np.ndarray] = []
     for i in reversed(range(t.shape[-1])):
         rest = b[..., i, None, :]
         for j, row in enumerate(rows, i + 1):
-            rest = rest - t[..., i, j] * row
-        rows.insert(0, rest / t[..., i, i])
-    return np.concatenate(rows, -2)
+            rest = rest - t[..., i, j, None, None] * row
+        rows.insert(0, rest / t[..., i, i, None, None])
+    return joined(rows, -2)
 
 
 def singular(a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -55,7 +55,8 @@ class Schedule:
         if u is None:
             raise ValueError(f"this model needs a known input u: its matrices follow component {self.component} of it")
         index = u[..., self.component] * self.scale + self.middle
-        return self.table.take(index.astype(np.intp), axis=0, mode="clip")
+        within = np.fmin(np.fmax(index, 0.0), len(self.table) - 1.0)  # the first entry where u is not a number
+        return self.table.take(within.astype(np.intp), axis=0)
 
     def follows(self, other: "Schedule") -> bool:
         """Whether both tables have the same entry at every known input."""
@@ -417,20 +418,28 @@ def at_points(name: str, function: Function, points: np.ndarray, u: np.ndarray |
     Raises:
         ValueError: if the function does not broadcast over leading axes.
     """
+    return _at_points(name, function, points, u, size)[0]
+
+
+def _at_points(
+    name: str, function: Function, points: np.ndarray, u: np.ndarray | None, size: int
+) -> tuple[np.ndarray, float]:
+    """The values of `at_points`, and the relative rounding of the type in which the function returned them."""
     expected = points.shape[:-1] + (size,)
     try:
-        values = function(points, None if u is None else u[..., None, :])
+        returned = function(points, None if u is None else u[..., None, :])
     except (ValueError, IndexError) as error:
         raise ValueError(
             f"{name} must broadcast over leading axes, but x of shape {points.shape} ends in: {error}"
         ) from error
-    values = as_array(f"what {name} returns", values)
+    values = as_array(f"what {name} returns", returned)
     if values.shape != expected:
         raise ValueError(
             f"{name} must broadcast over leading axes: "
             f"x of shape {points.shape} gave {values.shape}, expected {expected}"
         )
-    return values
+    kind = values.dtype if values is returned else np.asarray(returned).dtype
+    return values, float(np.finfo(kind).eps) if kind in (np.float16, np.float32) else _EPS
 
 
 def central_differences(
@@ -446,11 +455,19 @@ def central_differences(
 
     The second-order ones would turn a rounding of ``f`` in its last digit into 1e-10 of the Jacobian. Components in
     ``angles`` are differenced the short way round, so that it does not matter where ``f`` wraps them.
+
+    Raises:
+        ValueError: if ``f`` does not broadcast, or returns fewer digits than float64 has.
     """
     n = x.shape[-1]
     points = _offsets(n) * step[..., None, :]
     points += x[..., None, :]
-    values = at_points(name, function, points, u, size)
+    values, eps = _at_points(name, function, points, u, size)
+    if eps > _EPS:
+        raise ValueError(
+            f"{name} returns numbers of few digits (float32?), whose differences are mostly rounding: compute it in "
+            f"float64, give its Jacobian, or use ukf"
+        )
     pairs = values[..., 1:, :].reshape(values.shape[:-2] + (2, 2, n, size))  # near and far, to either side
     change = pairs[..., 0, :, :] - pairs[..., 1, :, :]
     for i in angles:
@@ -501,7 +518,7 @@ def steps(x: np.ndarray, cov: np.ndarray | None, angles: tuple[int, ...] = ()) -
     return np.ldexp(1.0, np.frexp(np.maximum(wanted, 2.0**-26 * size))[1] - 1)
 
 
-_EPS = np.finfo(float).eps
+_EPS = float(np.finfo(float).eps)
 
 
 @cache
@@ -531,12 +548,12 @@ def _compare(
     excess, scale = np.full(jacobian.shape, np.inf), np.zeros(jacobian.shape[:-1] + (1,))
     for shorter in (1.0, 2.0**-10, 2.0**-20):
         change = np.maximum(shorter * step, 2.0**-27 * np.abs(x))[..., None, :]
-        values = at_points(name, function, x[..., None, :] + offsets * change, u, jacobian.shape[-2])
+        values, eps = _at_points(name, function, x[..., None, :] + offsets * change, u, jacobian.shape[-2])
         slopes = difference(values[..., 1:, :], values[..., :1, :], angles).mT / np.concatenate([change, -change], -1)
         forward, backward = np.split(slopes, 2, axis=-1)  # (..., size, n) each
         low, high = np.minimum(forward, backward), np.maximum(forward, backward)
         scale = np.fmax(scale, np.maximum(np.abs(low), np.abs(high)).max(-1, keepdims=True))
-        rounding = 1e-8 * np.abs(values[..., 0, :, None]) / step[..., None, :]
+        rounding = max(1e-8, 4.0 * eps) * np.abs(values[..., 0, :, None]) / step[..., None, :]
         beyond = np.maximum(low - jacobian, jacobian - high) - 1e-3 * scale - rounding
         excess = np.minimum(excess, np.where(np.isfinite(beyond) & np.isfinite(low + high), beyond, 0.0))
         if (excess <= 0.0).all():

@@ -72,7 +72,7 @@ class HuberKalmanFilter(GaussianFilter):
         """``1 / psi`` for the last update, ``(..., n + p)``; a row that has converged is left alone."""
         n = self.model.n
         seen = self._weighted(whitened(M[..., n:], e))
-        inflation = np.concatenate([np.ones(seen.shape[:-1] + (n,)), seen], -1)
+        inflation = joined([np.ones((n, 1)), seen[..., None]], -2)[..., 0]
         running = seen[..., 0] > 0.0
         for _ in range(self.iterations - 1):
             S_weighted = S + (M * (inflation - 1.0)[..., None, :]) @ M.mT

@@ -7,6 +7,7 @@ A sentence is `WORDS` of ``s`` from ``at`` on: its verb, three sizes, and four p
 first is that of the result. Words have no sign, for an index that could be negative would have to be looked at.
 """
 
+import math
 from typing import Any
 
 import numpy as np
@@ -140,6 +141,10 @@ def _entrywise(w: Any, s: Any, at: Any, L: Any) -> None:
             elif verb == Verb.ISFINITE:
                 for r in range(size):
                     w[z + r] = 1.0 if w[x + r] - w[x + r] == 0.0 else 0.0
+            elif verb == Verb.REMAINDER:
+                for r in range(size):
+                    a, b = np.fmod(w[x + r], w[y + r]), w[y + r]
+                    w[z + r] = math.copysign(0.0, b) if a == 0.0 else (a + b if (a < 0.0) != (b < 0.0) else a)
             else:
                 for r in range(size):
                     w[z + r] = np.log1p(w[x + r])
@@ -183,6 +188,50 @@ def _solve(w: Any, s: Any, at: Any, L: Any) -> None:
                 x, y = _place(s, at, 3, i, k, L), _place(s, at, 0, k, c, L)
                 for r in range(L):
                     w[z + r] -= w[x + r] * w[y + r]
+
+
+@part
+def _eliminate(w: Any, s: Any, at: Any, L: Any) -> None:
+    """``S^-1 B`` by elimination with partial pivoting, row by row of the batch; NaN where S is singular."""
+    n, columns = s[at + _1], s[at + _2]
+    for i in range(n):
+        for j in range(n):
+            z, x = _place(s, at, 3, i, j, L), _place(s, at, 1, i, j, L)
+            for r in range(L):
+                w[z + r] = w[x + r]
+        for c in range(columns):
+            z, x = _place(s, at, 0, i, c, L), _place(s, at, 2, i, c, L)
+            for r in range(L):
+                w[z + r] = w[x + r]
+    for r in range(L):
+        for j in range(n):
+            best = j
+            for i in range(j + _1, n):
+                if abs(w[_place(s, at, 3, i, j, L) + r]) > abs(w[_place(s, at, 3, best, j, L) + r]):
+                    best = i
+            if best != j:
+                for k in range(j, n):
+                    x, y = _place(s, at, 3, j, k, L) + r, _place(s, at, 3, best, k, L) + r
+                    w[x], w[y] = w[y], w[x]
+                for c in range(columns):
+                    x, y = _place(s, at, 0, j, c, L) + r, _place(s, at, 0, best, c, L) + r
+                    w[x], w[y] = w[y], w[x]
+            pivot = w[_place(s, at, 3, j, j, L) + r]
+            pivot = pivot if pivot != 0.0 else np.nan
+            w[_place(s, at, 3, j, j, L) + r] = pivot
+            for i in range(j + _1, n):
+                factor = w[_place(s, at, 3, i, j, L) + r] / pivot
+                for k in range(j + _1, n):
+                    w[_place(s, at, 3, i, k, L) + r] -= factor * w[_place(s, at, 3, j, k, L) + r]
+                for c in range(columns):
+                    w[_place(s, at, 0, i, c, L) + r] -= factor * w[_place(s, at, 0, j, c, L) + r]
+        for c in range(columns):
+            for below in range(n):
+                i = n - _1 - below
+                z = _place(s, at, 0, i, c, L) + r
+                for k in range(i + _1, n):
+                    w[z] -= w[_place(s, at, 3, i, k, L) + r] * w[_place(s, at, 0, k, c, L) + r]
+                w[z] /= w[_place(s, at, 3, i, i, L) + r]
 
 
 @part
@@ -342,6 +391,8 @@ def carried_out(
                 _cholesky(w, s, at, L)
             elif verb == Verb.ROTATE:
                 _rotate(w, s, at, L)
+            elif verb == Verb.ELIMINATE:
+                _eliminate(w, s, at, L)
             else:
                 _lookup(w, s, at, L, tables)
         for i in range(stores):

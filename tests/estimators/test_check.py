@@ -20,6 +20,7 @@ from estimators import (
     make,
     names,
 )
+from estimators.formulas import is_noted
 from tests.estimators.cases import turning_vehicle
 
 
@@ -246,6 +247,32 @@ class NoFormula(KalmanFilter):
         return moved.replace(mean=np.sort(moved.mean))
 
 
+class OneForBoth(KalmanFilter):
+    """A prediction that is another one where it is traced together with an update."""
+
+    formulas = True
+
+    def _predict(self, belief: Any, u: Any, rng: Any) -> Any:
+        self.moved = super()._predict(belief, u, rng)
+        return self.moved
+
+    def _update(self, belief: Any, reading: Any, rng: Any) -> Any:
+        updated = super()._update(belief, reading, rng)
+        both = is_noted(belief.mean) and belief is self.moved
+        return updated.replace(cov=1.001 * updated.cov) if both else updated
+
+
+class WrongWay(KalmanFilter):
+    """``K' e`` for ``K e``."""
+
+    formulas = True
+
+    def _update(self, belief: Any, reading: Any, rng: Any) -> Any:
+        updated = super()._update(belief, reading, rng)
+        K = updated.cov @ reading.C.mT
+        return updated.replace(mean=belief.mean + np.vecmat(reading.innovation, K))
+
+
 BROKEN = [
     (Nameless, r'Nameless\.name must be what the filter is called, such as "my-filter"'),
     (NoModelFirst, r"NoModelFirst cannot be built as NoModelFirst\(model\): .*take the model first, then options"),
@@ -272,6 +299,8 @@ BROKEN = [
     (OldestCounts, r"OldestCounts gives another cov where some rows begin again"),
     (NeedsNumbers, r"NeedsNumbers with a NumPy Generator as rng raised AttributeError"),
     (NotedOnce, r"NotedOnce gives another cov compiled than in NumPy: a formula is noted once"),
+    (OneForBoth, r"OneForBoth gives another cov compiled than in NumPy"),
+    (WrongWay, r"WrongWay\.update of one row raised TypeError \(.* have no product in a formula"),
     (NoFormula, r"NoFormula\.predict of one row raised TypeError \(NoFormula says that it is formulas"),
 ]
 
@@ -321,7 +350,7 @@ def test_errors_that_are_not_as_large_as_the_covariance_get_a_warning(factor: fl
 # --- in an environment --------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("broken", [Nameless, ForgetsSuper, FlatCovariance, OneRowOnly, NotFinite, Average])
+@pytest.mark.parametrize("broken", [Nameless, ForgetsSuper, FlatCovariance, OneRowOnly, NotFinite, Average, NotedOnce])
 def test_an_environment_refuses_a_filter_that_cannot_take_a_step(broken: type[Filter]):
     sentence = next(sentence for cls, sentence in BROKEN if cls is broken)
     with pytest.raises(ValueError, match=sentence.replace(r"\(3,\)", r"\(\d+,\)")):

@@ -1,19 +1,31 @@
 """Formulas of small matrices: what is carried out compiled is what NumPy computes, for every row by itself."""
 
 import pickle
+import subprocess
+import sys
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from estimators import Belief, Filter, Gaussian, KalmanFilter, LinearModel, Schedule, formulas, make
+from estimators import Belief, Filter, Gaussian, KalmanFilter, LinearModel, Recovery, Schedule, formulas, make
 from estimators.filter import Model, Rng
 from estimators.formulas import Program
 from estimators.linalg import joined, semidefinite_cholesky, singular, solve, solve_upper, symmetrise
 from estimators.reading import Reading
-from tests.estimators.cases import Case, arrays, assert_same, every_case, random_covariance, simulate, some_readings
+from tests.estimators.cases import (
+    Case,
+    arrays,
+    assert_same,
+    every_case,
+    kalman_system,
+    random_covariance,
+    simulate,
+    some_readings,
+)
 
 
 def squared(root: np.ndarray) -> np.ndarray:
@@ -34,6 +46,7 @@ FORMULAS: dict[str, Callable[..., Any]] = {
     "sums of entries": lambda S, B, x, m: B.sum(-2).sum(-1) + B.sum(-1).sum(-1) * B.sum((-2, -1)) + x.sum(-1),
     "diagonal": lambda S, B, x, m: S.diagonal(0, -2, -1) - np.remainder(x, 0.7),
     "solve": lambda S, B, x, m: solve(S, B),
+    "solve any matrix": lambda S, B, x, m: np.linalg.solve(S + 5.0 * np.eye(3)[[1, 2, 0]], B) % B[..., :1, :],
     "solve by a triangle": lambda S, B, x, m: solve_upper(semidefinite_cholesky(S).mT, B),
     "cholesky": lambda S, B, x, m: semidefinite_cholesky(S),
     "cholesky of less than full rank": lambda S, B, x, m: squared(semidefinite_cholesky(B @ B.mT)),
@@ -104,6 +117,120 @@ def test_a_formula_that_cannot_be_compiled_is_refused():
         bool(x > 0.0)
 
 
+MISTAKES: dict[str, Callable[..., Any]] = {
+    "inner sizes of @": lambda S, B, x, m: B @ S,
+    "inner sizes of matvec": lambda S, B, x, m: np.matvec(B, x),
+    "vecmat for matvec": lambda S, B, x, m: np.vecmat(x[..., :2], B),
+    "rows of solve": lambda S, B, x, m: np.linalg.solve(S, B[..., :2, :]),
+    "more rows of solve": lambda S, B, x, m: np.linalg.solve(S[..., :2, :2], B),
+    "no square to solve": lambda S, B, x, m: np.linalg.solve(B, B),
+    "a vector to solve for": lambda S, B, x, m: np.linalg.solve(S, x),
+    "a definite one": lambda S, B, x, m: solve(S[..., :2, :2], B),
+    "by a triangle": lambda S, B, x, m: solve_upper(S[..., :2, :2], B),
+    "a small block beside a table": lambda S, B, x, m: joined([B[..., :1, :], S], -1),
+    "concatenated likewise": lambda S, B, x, m: np.concatenate([B[..., :1, :], S], -1),
+    "a vector beside a matrix": lambda S, B, x, m: np.concatenate([x, S], -1),
+    "along the batch": lambda S, B, x, m: np.concatenate([S, B], 0) + np.concatenate([S, B]),
+    "a constant without a batch": lambda S, B, x, m: np.concatenate([x, np.zeros(2)], -1),
+    "sums": lambda S, B, x, m: S + B,
+    "a vector and a matrix": lambda S, B, x, m: S + x,
+    "a constant of more axes": lambda S, B, x, m: x * np.eye(3),
+    "a mask of other size": lambda S, B, x, m: np.where(m[..., :2], x, 0.0),
+    "too many indices": lambda S, B, x, m: S[..., 0, 0, 0, 0],
+    "an index too large": lambda S, B, x, m: S[..., 3, :],
+    "a sum over the batch": lambda S, B, x, m: S + x.sum((-2, -1))[..., None, None] + np.ones((7, 2, 2)),
+    "no square to symmetrise": lambda S, B, x, m: symmetrise(B),
+    "no square to factor": lambda S, B, x, m: semidefinite_cholesky(B.mT),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("formula", MISTAKES.values(), ids=MISTAKES.keys())
+def test_what_numpy_refuses_is_refused_while_it_is_traced(formula: Callable[..., Any]):
+    with pytest.raises((ValueError, IndexError)):
+        formula(*given(11))
+    program = Program()
+    with pytest.raises((ValueError, TypeError, IndexError)) as caught:
+        formula(program.given(0, 0, 3, 3), program.given(1, 0, 3, 2), program.given(2, 0, 3), program.given(3, 0, 3))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "formula",
+    [
+        lambda S, B, x, m: np.logical_not(x),
+        lambda S, B, x, m: np.logical_and(x, x),
+        lambda S, B, x, m: m & (x > 0.0) & x,
+        lambda S, B, x, m: m + m,
+        lambda S, B, x, m: m - m,
+        lambda S, B, x, m: -m,
+        lambda S, B, x, m: m % 2,
+        lambda S, B, x, m: m.sum(-1),
+        lambda S, B, x, m: np.matvec(m[..., None] & m[..., None, :], m),
+        lambda S, B, x, m: np.square(m),
+        lambda S, B, x, m: np.ma.array(np.eye(3)) * S,
+        lambda S, B, x, m: S @ x.mT,
+        lambda S, B, x, m: np.array([x[..., 0], x[..., 1]]),
+        lambda S, B, x, m: x * 1j,
+        lambda S, B, x, m: x + None,
+        lambda S, B, x, m: S[..., None] * x[..., None],
+        lambda S, B, x, m: x[..., True],
+        lambda S, B, x, m: x.sum(-1, keepdims=True),
+        lambda S, B, x, m: x.__iadd__(1.0),
+        lambda S, B, x, m: x.__setitem__(Ellipsis, 0.0),
+        lambda S, B, x, m: x.copy(),
+        lambda S, B, x, m: len(x),
+    ],
+)
+def test_a_word_that_would_mean_something_else_is_refused(formula: Callable[..., Any]):
+    program = Program()
+    with pytest.raises((TypeError, ValueError, AttributeError)) as caught:
+        formula(program.given(0, 0, 3, 3), program.given(1, 0, 3, 2), program.given(2, 0, 3), program.given(3, 0, 3))
+    assert "\n" not in str(caught.value)
+
+
+def test_solve_is_numpys_for_any_matrix():
+    _, B, x, m = given(70)
+    A = np.random.default_rng(1).normal(size=(70, 3, 3))
+    A[3] = np.eye(3)[[2, 0, 1]]  # no pivot on the diagonal
+    A[4] = -A[4] @ A[4].mT
+    found = carried_out(lambda A, B, x, m: np.linalg.solve(A, B), A, B, x, m)
+    np.testing.assert_allclose(found, np.linalg.solve(A, B), rtol=1e-12 * np.linalg.cond(A).max(), atol=0.0)
+    A[5] = np.ones((3, 3))
+    again = carried_out(lambda A, B, x, m: np.linalg.solve(A, B), A, B, x, m)
+    assert np.isnan(again[5]).all()
+    np.testing.assert_array_equal(np.delete(again, 5, 0), np.delete(found, 5, 0))
+
+
+def test_a_remainder_is_numpys_to_the_last_bit():
+    S, B, x, m = given(70)
+    x[:5, 0] = 1e17, -1e17, np.inf, -0.0, 5.0
+    S[4, 0, 0] = np.inf
+    for formula in (lambda S, B, x, m: x % 0.7, lambda S, B, x, m: 5.0 % x, lambda S, B, x, m: x % S[..., 0, :]):
+        with np.errstate(all="ignore"):
+            np.testing.assert_array_equal(carried_out(formula, S, B, x, m), formula(S, B, x, m))
+
+
+def test_zeros_keep_their_signs():
+    S, B, x, m = given(5)
+    x[:] = [0.0, -0.0, 1.0]
+    for formula in (
+        lambda S, B, x, m: 1.0 / (x + 0.0),
+        lambda S, B, x, m: 1.0 / (x + -0.0),
+        lambda S, B, x, m: 1.0 / -x,
+        lambda S, B, x, m: 1.0 / np.concatenate([x, x], -1),
+    ):
+        with np.errstate(all="ignore"):
+            np.testing.assert_array_equal(carried_out(formula, S, B, x, m), formula(S, B, x, m))
+
+
+@pytest.mark.parametrize("count", [500, pytest.param(10_000, marks=pytest.mark.nightly)])
+def test_random_formulas_are_numpys_or_refused(count: int):
+    """In a process of their own, which must not crash; it says what is wrong, and that every word was met."""
+    command = [sys.executable, "-m", "tests.estimators.random_formulas", str(count), "0"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=Path(__file__).parents[2], check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
 # --- filters ----------------------------------------------------------------------------------------
 
 
@@ -170,10 +297,12 @@ def test_a_schedule_is_looked_up_as_it_is_called():
     model = LinearModel(schedule, np.eye(2), np.eye(2), np.eye(2))
     called = LinearModel(lambda u: schedule(u), np.eye(2), np.eye(2), np.eye(2))
     u = np.stack([np.zeros(90), np.linspace(-4.0, 4.0, 90)], -1)
+    u[:6, 1] = 1e10, -1e10, 1e300, np.inf, -np.inf, np.nan  # beyond the table, and beyond all whole numbers
     one, other = (
         f.predict(f.init(Gaussian(np.ones((90, 2)), np.eye(2))), u) for f in (make("kf", model), make("kf", called))
     )
     np.testing.assert_array_equal(one.mean, other.mean)
+    np.testing.assert_array_equal(schedule(u[:6]), table[[6, 0, 6, 6, 0, 0]])
     with pytest.raises(ValueError, match="needs a known input u"):
         schedule(None)
 
@@ -245,6 +374,10 @@ def test_what_a_formula_of_ones_own_gives_is_looked_at():
     for returned in (
         lambda belief: (belief.mean, belief.cov),
         lambda belief: belief.replace(mean=belief.mean[..., :1]),
+        lambda belief: belief.replace(innovation=np.zeros(3)),
+        lambda belief: belief.replace(innovation_cov=belief.cov[..., :1, :]),
+        lambda belief: belief.replace(cov=1.0),
+        lambda belief: {}["nothing"],
     ):
 
         class Wrong(Alpha):
@@ -257,6 +390,63 @@ def test_what_a_formula_of_ones_own_gives_is_looked_at():
         filter = Wrong(model)
         with pytest.raises(TypeError, match="Wrong says that it is formulas, but cannot be noted as such"):
             filter.update(filter.init(Gaussian(np.zeros((3, 2)), np.eye(2))), np.zeros((3, 2)))
+
+
+class Information(KalmanFilter):
+    """The update in information form: ``P = (I + P- C' R^-1 C)^-1 P-``, of a matrix that is not symmetric."""
+
+    formulas = True
+
+    def _update(self, belief: Belief, reading: Reading, rng: Rng) -> Belief:
+        seen = reading.C.mT @ np.linalg.solve(reading.R, reading.C)
+        cov = np.linalg.solve(np.eye(self.model.n) + belief.cov @ seen, belief.cov)
+        gain = np.linalg.solve(reading.R, reading.C @ cov).mT
+        S = reading.C @ belief.cov @ reading.C.mT + reading.R
+        return Belief.updated(belief, belief.mean + np.matvec(gain, reading.innovation), symmetrise(cov), reading, S)
+
+
+def test_an_update_in_information_form_is_the_kalman_filters():
+    system = kalman_system(5)
+    record = simulate(system, 5, runs=70, steps=6)
+    own, ours = Information(system.model), KalmanFilter(system.model)
+    one, other = own.init(system.rows(70)), ours.init(system.rows(70))
+    for k in range(6):
+        one = own.update(own.predict(one, record.u[k]), record.y[k])
+        other = ours.update(ours.predict(other, record.u[k]), record.y[k])
+        assert not one.recovery.any()
+        assert_same(one, other, 1e-11)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Marked(Belief):
+    seen: np.ndarray
+
+
+class Marking(KalmanFilter):
+    """Remembers of each row whether any reading has come."""
+
+    formulas = True
+    record = Marked  # type: ignore[assignment]
+
+    def _init(self, belief: Belief, rng: Rng) -> Belief:
+        return Marked.of(belief, seen=np.zeros(belief.mean.shape[:-1] + (self.model.p,), bool))
+
+    def _predict(self, belief: Any, u: np.ndarray | None, rng: Rng) -> Belief:
+        return Marked.of(super()._predict(belief, u, rng), seen=belief.seen)
+
+    def _update(self, belief: Any, reading: Reading, rng: Rng) -> Belief:
+        return Marked.of(super()._update(belief, reading, rng), seen=~(~belief.seen & ~reading.available))
+
+
+def test_a_mask_of_ones_own_is_a_mask_in_a_row_that_is_recovered():
+    filter = Marking(LinearModel(np.eye(2), np.eye(2), np.zeros((2, 2)), np.zeros((2, 2))))  # readings without noise
+    belief = filter.init(Gaussian(np.zeros((4, 2)), np.eye(2)))
+    for k in range(3):
+        y = np.where(np.arange(4)[:, None] == 1, np.nan, float(k) * np.ones((4, 2)))
+        belief = filter.update(filter.predict(belief), y)
+        assert belief.seen.dtype == bool
+        np.testing.assert_array_equal(belief.seen, np.isfinite(y))
+    assert (belief.recovery == Recovery.PSEUDO_INVERSE).any()
 
 
 @pytest.mark.parametrize(

@@ -397,6 +397,32 @@ def test_a_wrong_jacobian_is_refused_at_every_use():
             filter.update(belief, [3.0])
 
 
+def test_differences_of_few_digits_are_refused_and_a_jacobian_taken():
+    """Of float32 they would be off by 40 %."""
+    few = {"Q": 1e-6 * np.eye(2), "R": [[1e-4]]}
+
+    def single(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+        x = x.astype(np.float32)
+        return x + np.float32(0.1) * np.sin(x)
+
+    def slope(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+        return (1.0 + 0.1 * np.cos(x))[..., None] * np.eye(2)
+
+    prior = Gaussian([100.3, 3.7], 1e-8 * np.eye(2))
+    filter = make("ekf", NonlinearModel(single, lambda x, u: x[..., :1], **few))
+    with pytest.raises(ValueError, match=r"transition returns numbers of few digits .* compute it in float64, give"):
+        filter.predict(filter.init(prior))
+    filter = make("ekf", NonlinearModel(single, lambda x, u: x[..., :1], transition_jacobian=slope, **few))
+    exact = slope(prior.mean, None)
+    np.testing.assert_allclose(
+        filter.predict(filter.init(prior)).cov, exact @ prior.cov @ exact.mT + few["Q"], rtol=1e-12, atol=0.0
+    )
+    filter = make("ekf", NonlinearModel(single, lambda x, u: x[..., :1], transition_jacobian=lambda x, u: -slope(x, u),
+                                        **few))  # fmt: skip
+    with pytest.raises(ValueError, match="transition_jacobian differs from transition"):
+        filter.predict(filter.init(Gaussian([100.3, 3.7], np.eye(2))))
+
+
 @pytest.mark.parametrize("wrong", [None, "a", 1j])
 def test_a_jacobian_that_is_no_matrix_of_numbers_is_named(wrong: object):
     filter = make("ekf", _bearing(measurement_jacobian=lambda x, u: wrong))
