@@ -65,9 +65,18 @@ def hyperparameters(env_id: str, memory: str = "none", changed: Mapping[str, Any
     for name, value in (changed or {}).items():
         if name not in tuned or name == "steps":
             raise ValueError(unknown("setting", name, [each for each in tuned if each != "steps"]))
-        if not (isinstance(value, list) if isinstance(tuned[name], list) else as_number(value) == value):
+        if not _such_as(tuned[name], value):
             raise ValueError(f"the setting {name} must be such as {tuned[name]!r}, got {shown(value)}")
     return tuned | dict(changed or {})
+
+
+def _such_as(tuned: Any, value: Any) -> bool:
+    """Return whether a setting is as the tuned one: a list of sizes, a count, or a finite number, of no other sign."""
+    if isinstance(tuned, list):
+        return isinstance(value, list) and len(value) > 0 and all(_such_as(1, each) for each in value)
+    if isinstance(tuned, int):
+        return isinstance(value, int) and not isinstance(value, bool) and 1 <= value < 2**31
+    return bool(np.isfinite(as_number(value))) and (tuned < 0.0 or value >= 0.0)
 
 
 def _has_system(env_id: str) -> bool:

@@ -49,9 +49,10 @@ def main(
     from agents.studies.confirmation import is_open, open_seeds, opening
     from agents.studies.examples import examples
     from agents.studies.plan import plan
+    from agents.studies.records import FEW_SEEDS
     from agents.studies.report import write_report
     from agents.studies.results import Results
-    from agents.studies.study import FEW_SEEDS, read_study
+    from agents.studies.study import read_study
     from estimators.factory import unknown
     from vessel_gym.extras import require
 

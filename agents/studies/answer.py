@@ -5,6 +5,7 @@ import numpy as np
 from agents.page import Table, listed, number
 from agents.statistics import EQUIVALENT, UNDECIDED, WORSE, Interval
 from agents.studies.confirmation import FAILED, HELD, OPEN, Confirmed, confirmed
+from agents.studies.records import FEW_SEEDS, FLOOR, ORACLE
 from agents.studies.results import Pilot, Results
 from agents.studies.shares import (
     against_classical,
@@ -21,7 +22,6 @@ from agents.studies.shares import (
     shared,
     verdicts,
 )
-from agents.studies.study import FEW_SEEDS, FLOOR, ORACLE
 from agents.studies.wording import amount, every, many, microseconds, named, percent, sentence, share_entry, the
 
 BEST = 5

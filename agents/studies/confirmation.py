@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 from agents.files import replacing
 from agents.statistics import EQUIVALENT, UNDECIDED, Interval, paired_difference, verdict
+from agents.studies.records import Study
 from agents.studies.results import Results
 from agents.studies.shares import (
     against_classical,
@@ -21,7 +22,6 @@ from agents.studies.shares import (
     ruled,
     shared,
 )
-from agents.studies.study import Study
 
 HELD, OPEN, FAILED = "confirmed", "not confirmed", "contradicted"
 """Outcomes of a claim on fresh seeds: the same verdict, none, another one."""

@@ -8,7 +8,7 @@ from agents.cells import Cell
 from agents.episodes.recording import page_of, typical_seed
 from agents.rollouts import Rollout, rollout
 from agents.studies.plan import Plan
-from agents.studies.study import FLOOR, ORACLE
+from agents.studies.records import FLOOR, ORACLE
 from agents.studies.worlds import classical_pilot, environment_id, environment_options, import_own, system_of
 
 

@@ -10,9 +10,9 @@ import numpy as np
 from agents.page import Figure as Picture
 from agents.plotting import INK, PALETTE, RAW, data_uri, styled
 from agents.statistics import Interval, crossed_interval, performance_profile
+from agents.studies.records import FLOOR, ORACLE, Condition
+from agents.studies.records import RAW as READINGS
 from agents.studies.results import Pilot, Place, Results
-from agents.studies.study import FLOOR, ORACLE, Condition
-from agents.studies.study import RAW as READINGS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

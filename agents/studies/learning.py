@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from agents.page import Block, Entry, Prose, Section, Table, entry
 from agents.statistics import probability_of_improvement
 from agents.studies.figures import Row, columns_of, dots, framed, pilot_looks, profile_figure, transfer_figure
+from agents.studies.records import FEW_SEEDS
 from agents.studies.results import Pilot, Results
 from agents.studies.shares import difference, kept, learners, reference_pilot
-from agents.studies.study import FEW_SEEDS
 from agents.studies.wording import many, share_entry
 
 

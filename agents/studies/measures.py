@@ -11,9 +11,9 @@ from agents.page import Block, Entry, Live, Prose, Section, Table, entry, listed
 from agents.scores import metrics
 from agents.studies.examples import examples
 from agents.studies.figures import AXES, cost_figure, framed, robustness_figure, varied
+from agents.studies.records import FLOOR, ORACLE
 from agents.studies.results import Place, Results
 from agents.studies.shares import ruled
-from agents.studies.study import FLOOR, ORACLE
 from agents.studies.wording import microseconds, sentence, the
 from agents.studies.worlds import system_of
 

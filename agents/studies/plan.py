@@ -8,7 +8,7 @@ from typing import Any
 from agents.cells import Cell
 from agents.pilots import unknown_pilot
 from agents.ppo import describe
-from agents.studies.study import DEFAULT, ORACLE, RAW, TERMINATIONS, Agent, Condition, Estimator, Study
+from agents.studies.records import DEFAULT, ORACLE, RAW, TERMINATIONS, Agent, Condition, Estimator, Study
 from agents.studies.worlds import digests, environment_id, has_pilot, refusal, registered, system_of
 
 _RAW_READINGS = Estimator(RAW, "measurement")

@@ -8,9 +8,9 @@ from agents.page import Block, Entry, Prose, Section, Table
 from agents.statistics import BETTER, EQUIVALENT, WORSE, Interval, verdict
 from agents.studies.confirmation import FAILED, HELD, OPEN, Confirmed
 from agents.studies.figures import ALL, Row, columns_of, dots, framed, looks
+from agents.studies.records import FLOOR, ORACLE, RAW, Study
 from agents.studies.results import Pilot, Place, Results
 from agents.studies.shares import ENDS, common, gap, kept, learners, rankable, ruled
-from agents.studies.study import FLOOR, ORACLE, RAW, Study
 from agents.studies.wording import many, percent, sentence, share_entry, the
 
 

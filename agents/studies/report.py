@@ -15,9 +15,9 @@ from agents.studies.learning import learning
 from agents.studies.measures import consistency, cost, episodes, measures, robustness
 from agents.studies.plan import Flight
 from agents.studies.ranking import confirmation, price, ranking, tails
+from agents.studies.records import FLOOR
 from agents.studies.results import Results
 from agents.studies.settings import settings
-from agents.studies.study import FLOOR
 from agents.studies.wording import many
 from vessel_gym.extras import require
 

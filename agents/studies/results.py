@@ -15,7 +15,7 @@ from agents.metrics import SCORE, WATCHED, Metric
 from agents.scores import mean, metrics
 from agents.statistics import Interval, crossed_interval, normalise, share_interval, skewed_interval
 from agents.studies.plan import Flight, Plan
-from agents.studies.study import DEFAULT, FLOOR, ORACLE, RAW, Agent
+from agents.studies.records import DEFAULT, FLOOR, ORACLE, RAW, Agent
 from agents.studies.worlds import system_of
 
 

@@ -13,8 +13,8 @@ from agents.metrics import WITHOUT_COVARIANCE
 from agents.page import Block, Facts, Section, listed
 from agents.source import source_digest
 from agents.studies.plan import options
+from agents.studies.records import RAW, Agent
 from agents.studies.results import Pilot, Results
-from agents.studies.study import RAW, Agent
 from agents.studies.worlds import environment_id, system_of
 from vessel_gym.estimation import tuning
 

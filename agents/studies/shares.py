@@ -10,8 +10,8 @@ from math import comb
 import numpy as np
 
 from agents.statistics import Interval, paired_difference, verdict
+from agents.studies.records import DEFAULT, FLOOR, ORACLE
 from agents.studies.results import Pilot, Results
-from agents.studies.study import DEFAULT, FLOOR, ORACLE
 
 ENDS = (ORACLE, FLOOR)
 """What is 1 and 0 by definition."""

@@ -1,9 +1,9 @@
-"""Study files: what is compared, read from TOML and checked before anything runs."""
+"""Study files, read from TOML and checked before anything runs."""
 
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from functools import partial
 from itertools import combinations, product
 from pathlib import Path
@@ -13,195 +13,24 @@ from agents.named import named_object
 from agents.pilots import PPO, make_pilot, pilot_names
 from agents.ppo import MEMORIES, describe, hyperparameters
 from agents.seeds import evaluation_seeds
+from agents.studies.records import (
+    DEFAULT,
+    FLOOR,
+    ORACLE,
+    RAW,
+    TERMINATIONS,
+    Agent,
+    Condition,
+    Confirmation,
+    Environment,
+    Estimator,
+    Study,
+)
+from agents.studies.toml_reader import Place, StudyError, TomlReader
 from agents.studies.worlds import CLASSICAL, environment_id, has_pilot, known_estimator, refusal, system_of
-from estimators.factory import unknown
 from vessel_gym.estimation import estimator_names
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import SUITES
-
-ORACLE, FLOOR = "truth", "dead-reckoning"
-"""Estimators that are always flown: what the classical agent scores on them is 1 and 0."""
-DEFAULT = "default"
-"""Stands for an environment's own default estimator."""
-TERMINATIONS = {"belief": "belief", "agent": "declaration", "task": "task"}
-"""Terminations of a mission, by the estimate, the agent's declaration or the truth, as ``ends`` of environments."""
-RAW = "raw readings"
-"""What an agent flies on that sees readings instead of estimates."""
-FEW_SEEDS = 5
-"""Below so many training seeds an interval over them says little."""
-
-
-@dataclass(frozen=True)
-class Environment:
-    """An environment of a study.
-
-    Attributes:
-        id: Registered with Gymnasium; ``"module:id"`` imports the module first.
-    """
-
-    id: str
-
-
-@dataclass(frozen=True)
-class Estimator:
-    """An estimator of a study.
-
-    Attributes:
-        name: In the study.
-        estimator: What an environment calls it; ``"default"``; or ``"module:object"``, your own.
-        options: Its options, over the environment's tuning. ``"none"`` stands for None, which TOML lacks.
-        environments: Where it is flown; empty: everywhere.
-    """
-
-    name: str
-    estimator: str = ""
-    options: dict[str, Any] = field(default_factory=dict)
-    environments: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Agent:
-    """An agent of a study.
-
-    Attributes:
-        name: In the study.
-        kind: ``"ppo"``; a pilot that is registered for the environment's task, such as ``"autopilot"`` (see
-            `agents.pilots`); or ``"module:object"``: your own, called with the environment's `System`.
-        observe: What a PPO sees: ``"mean"``, ``"mean+std"``, or ``"measurement"``: raw readings, no estimator.
-        memory: Of a PPO: ``"none"``, ``"frames"`` or ``"lstm"``.
-        trained_on: The estimators that it is trained on, one policy each; not for raw readings.
-        steps: Environment steps of a training run, by environment; where there is none: the tuned budget.
-        environments: Where it flies; empty: everywhere.
-        critic: Of a PPO: ``"truth"`` or ``"none"``, see `agents.ppo.train`.
-        guidance: Of a PPO: the option of that name of an environment; None: its default.
-        settings: Of a PPO: hyperparameters over the tuned ones, see `agents.ppo.hyperparameters`.
-    """
-
-    name: str
-    kind: str = ""
-    observe: str = "mean"
-    memory: str = "none"
-    trained_on: tuple[str, ...] = (DEFAULT,)
-    steps: dict[str, int] = field(default_factory=dict)
-    environments: tuple[str, ...] = ()
-    critic: str = "none"
-    guidance: bool | None = None
-    settings: dict[str, Any] = field(default_factory=dict)
-
-    @property
-    def learned(self) -> bool:
-        """Whether it has to be trained."""
-        return self.kind == "ppo"
-
-    @property
-    def raw(self) -> bool:
-        """Whether it sees readings instead of estimates."""
-        return self.observe == "measurement"
-
-
-@dataclass(frozen=True)
-class Condition:
-    """What the world is like.
-
-    Attributes:
-        name: In the study.
-        sensors: Sensor suite, or ``"module:object"``: a list of sensors of one's own.
-        disturbance: Sea, water or air by name, or ``"module:object"``: one's own.
-        mismatch: Relative spread of the truth's parameters around the filters'.
-        latency: Seconds by which sensors are late, by name; an environment has those of them that it has.
-        faults: What goes wrong with sensors, likewise: fields of a `vessel_gym.sensor_faults.SensorFault` each.
-    """
-
-    name: str
-    sensors: str = "nominal"
-    disturbance: str = "moderate"
-    mismatch: float = 0.0
-    latency: dict[str, float] = field(default_factory=dict)
-    faults: tuple[dict[str, Any], ...] = ()
-
-    @property
-    def options(self) -> dict[str, Any]:
-        """As options of an environment, see `agents.studies.worlds.environment_options`."""
-        chosen = {"sensors": self.sensors, "disturbance": self.disturbance, "mismatch": self.mismatch}
-        at_sea = {"latency": self.latency, "faults": list(self.faults)}
-        return chosen | {key: value for key, value in at_sea.items() if value}
-
-
-@dataclass(frozen=True)
-class Confirmation:
-    """Fresh evaluation seeds, on which the claims of a study are tested once.
-
-    Attributes:
-        first_seed: The first of them, see `agents.seeds.evaluation_seeds`.
-        episodes: Number of seeds.
-    """
-
-    first_seed: int = 100_000
-    episodes: int = 300
-
-
-@dataclass(frozen=True)
-class Study:
-    """What is compared.
-
-    Attributes:
-        title: The question, in a line.
-        environments: Where.
-        estimators: What is compared; `ORACLE` and `FLOOR` are always there.
-        agents: Who flies; the autopilot always does, where there is one.
-        conditions: Agents are trained in the first.
-        episodes: Evaluation seeds, the same for everybody.
-        training_seeds: Training runs of each learned agent: the unit of resampling.
-        first_seed: The first evaluation seed, see `agents.seeds.evaluation_seeds`.
-        margin: Of equivalence: differences of the share kept that are smaller do not matter.
-        termination: A key of `TERMINATIONS`: what ends a mission, for all agents and both ends of the scale alike.
-        confirm: The fresh seeds of a confirmation.
-    """
-
-    title: str
-    environments: tuple[Environment, ...]
-    estimators: tuple[Estimator, ...]
-    agents: tuple[Agent, ...]
-    conditions: tuple[Condition, ...]
-    episodes: int = 100
-    training_seeds: int = 10
-    first_seed: int = 0
-    margin: float = 0.01
-    termination: str = "belief"
-    confirm: Confirmation = Confirmation()
-
-    @property
-    def seeds(self) -> list[int]:
-        """The evaluation seeds."""
-        return evaluation_seeds(self.episodes, self.first_seed)
-
-    @property
-    def fresh(self) -> "Study":
-        """The same study on the seeds of its confirmation."""
-        return replace(self, first_seed=self.confirm.first_seed, episodes=self.confirm.episodes)
-
-    @property
-    def learned(self) -> bool:
-        """Whether anything has to be trained."""
-        return any(agent.learned for agent in self.agents)
-
-    def estimator(self, name: str) -> Estimator:
-        """The estimator of that name; the environments' default has none of its own unless the study gives it one."""
-        return next((e for e in self.estimators if e.name == name), Estimator(name, name))
-
-    def resolved(self) -> dict[str, Any]:
-        """Every setting as plain data."""
-        return asdict(self)
-
-
-class StudyError(ValueError):
-    """Everything that is wrong with a study file, a line each."""
-
-    def __init__(self, path: Path | str, mistakes: Sequence[tuple[int, str]]) -> None:
-        self.mistakes = list(mistakes)
-        many = f" has {len(mistakes)} mistakes:\n" if len(mistakes) > 1 else ": "
-        lines = [f"line {line}: {text}" if line else text for line, text in sorted(self.mistakes)]
-        super().__init__(f"{path}{many}" + "\n".join(lines))
 
 
 def read_study(path: Path | str) -> Study:
@@ -224,7 +53,7 @@ def read_study(path: Path | str) -> Study:
         raise StudyError(path, [(int(found[1]) if found else 0, f"not TOML: {error}")]) from None
     except (ValueError, RecursionError) as error:  # a number of 5,000 digits, a thousand brackets
         raise StudyError(path, [(0, f"not TOML that can be read: {error}")]) from None
-    reader = _Reader(data, _lines(text))
+    reader = _Reader(data, text)
     study = reader.study()
     if reader.mistakes:
         raise StudyError(path, reader.mistakes)
@@ -244,20 +73,9 @@ _SECTIONS: dict[str, tuple[str, ...]] = {
 _NUMBERS = {"episodes": 2, "training_seeds": 1, "first_seed": 0}
 _MOST_TRAINING_SEEDS, _MOST_STEPS = 1000, 2**31 - 1
 
-Place = tuple[str, ...]
 
-
-class _Reader:
+class _Reader(TomlReader):
     """Makes a study of parsed TOML and notes what is wrong with it."""
-
-    def __init__(self, data: dict[str, Any], lines: Mapping[Place, int]) -> None:
-        self.data, self.lines = data, lines
-        self.mistakes: list[tuple[int, str]] = []
-
-    def wrong(self, place: Place, text: str) -> None:
-        """Note a mistake at a place, or at the nearest one around it that has a line."""
-        known = next((self.lines[place[:n]] for n in range(len(place), 0, -1) if place[:n] in self.lines), 0)
-        self.mistakes.append((known, text))
 
     def study(self) -> Study:
         """The study; meaningless if there are mistakes."""
@@ -272,7 +90,9 @@ class _Reader:
         if numbers["training_seeds"] > _MOST_TRAINING_SEEDS:
             text = f"training_seeds must be at most {_MOST_TRAINING_SEEDS}, got {numbers['training_seeds']}"
             self.wrong(("training_seeds",), text)
-        environments = tuple(Environment(name) for name in self.section("environments", required=True))
+        environments = tuple(
+            Environment(name) for name in self.section("environments", _SECTIONS["environments"], required=True)
+        )
         ids = [environment.id for environment in environments]
         estimators, agents = self.estimators(ids), self.agents(ids)
         numbers["termination"] = self.termination("task" if any(agent.raw for agent in agents) else "belief")
@@ -408,20 +228,11 @@ class _Reader:
         if worlds and len(reasons) == len(worlds):
             self.wrong(place, f"no environment of the study can carry {estimator.name}: {reasons[0]}")
 
-    def accepts(self, place: Place, function: Callable[..., Any], *arguments: Any) -> bool:
-        """Whether a function takes its arguments; if not, what it says is a mistake."""
-        try:
-            function(*arguments)
-        except (ValueError, TypeError) as error:
-            self.wrong(place, str(error))
-            return False
-        return True
-
     # --- sections -----------------------------------------------------------------------------------
 
     def estimators(self, ids: Sequence[str]) -> tuple[Estimator, ...]:
         found = []
-        for name, table in self.section("estimators").items():
+        for name, table in self.section("estimators", _SECTIONS["estimators"]).items():
             place = ("estimators", name)
             options = self.value(place, table, "options", dict, "a table", {})
             estimator = Estimator(
@@ -441,7 +252,7 @@ class _Reader:
         named = self.data.get("estimators", {})
         estimators = [ORACLE, FLOOR, DEFAULT, *(named if isinstance(named, dict) else ())]
         found = []
-        for name, table in self.section("agents").items():
+        for name, table in self.section("agents", _SECTIONS["agents"]).items():
             place = ("agents", name)
             kind = self.value(place, table, "kind", str, "a name", name)
             observe = self.value(place, table, "observe", str, "a name", "mean")
@@ -484,7 +295,7 @@ class _Reader:
 
     def conditions(self) -> tuple[Condition, ...]:
         found = []
-        for name, table in self.section("conditions").items():
+        for name, table in self.section("conditions", _SECTIONS["conditions"]).items():
             place = ("conditions", name)
             mismatch = self.value(place, table, "mismatch", (int, float), "a number", 0.0)
             if not 0.0 <= mismatch <= 0.25:
@@ -516,60 +327,12 @@ class _Reader:
                 good.append(fault)
         return tuple(good)
 
-    # --- pieces -----------------------------------------------------------------------------------
-
-    def section(self, key: str, required: bool = False) -> dict[str, dict[str, Any]]:
-        """A table of tables, those that are not left out."""
-        tables = self.data.get(key, {})
-        if not isinstance(tables, dict):
-            self.wrong((key,), f"{key} must be a table: [{key}] with a line 'name = {{}}' for each")
-            return {}
-        if required and not tables:
-            self.wrong((key,), f"a study needs {key}: [{key}] with a line 'name = {{}}' for each")
-        good = {}
-        for name, table in tables.items():
-            if not isinstance(table, dict):
-                self.wrong((key, name), f"{key}.{name} must be a table, e.g. {{}}, got {table!r}")
-                continue
-            if not name.isprintable() or not name.strip():
-                self.wrong((key, name), f"names of {key} must be text in a line, got {name!r}")
-            for option in table:
-                self.name(f"key in {key}.{name}", option, _SECTIONS[key], (key, name, option))
-            good[name] = table
-        return good
-
     def environments_of(self, place: Place, table: dict[str, Any], ids: Sequence[str]) -> tuple[str, ...]:
+        """The environments that an estimator or agent is for."""
         names = self.names(place, table, "environments", ())
         for name in names:
             self.name("environment", name, ids, (*place, "environments"))
         return names
-
-    def names(self, place: Place, table: dict[str, Any], key: str, default: tuple[str, ...]) -> tuple[str, ...]:
-        value = table.get(key, list(default))
-        if not isinstance(value, list) or not all(isinstance(name, str) for name in value):
-            self.wrong((*place, key), f"{key} must be a list of names, got {value!r}")
-            return default
-        if key in table and not 0 < len(value) == len(set(value)):
-            self.wrong((*place, key), f"{key} must name one or more, each once, or be left out, got {value!r}")
-        return tuple(value)
-
-    def value(self, place: Place, table: dict[str, Any], key: str, kind: Any, words: str, default: Any) -> Any:
-        value = table.get(key, default)
-        kinds = kind if isinstance(kind, tuple) else (kind,)
-        if not isinstance(value, kinds) or (isinstance(value, bool) and bool not in kinds):
-            self.wrong((*place, key), f"{key} must be {words}, got {value!r}")
-            return default
-        return value
-
-    def own_name(self, place: Place, kind: str, known: Iterable[str]) -> None:
-        """Note a name that something else has."""
-        if place[-1] != kind and place[-1] in known:
-            self.wrong(place, f"the name {place[-1]!r} is taken: give this {kind!r} another one")
-
-    def name(self, kind: str, name: str, known: Iterable[str], place: Place) -> None:
-        known = list(known)
-        if name not in known:
-            self.wrong(place, unknown(kind, name, known))
 
 
 def _is_environment(name: str) -> bool:
@@ -578,32 +341,3 @@ def _is_environment(name: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-# --- lines --------------------------------------------------------------------------------------------
-
-_KEY = r"""(?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*')"""
-_DOTTED = rf"{_KEY}(?:\s*\.\s*{_KEY})*"
-
-
-def _lines(text: str) -> dict[Place, int]:
-    """The line of every key of a TOML text, also of those in inline tables; values are not looked into further."""
-    lines: dict[Place, int] = {}
-    table: Place = ()
-    place: Place = ()
-    for number, line in enumerate(text.splitlines(), 1):
-        if header := re.match(rf"\s*\[\[?\s*({_DOTTED})\s*\]\]?", line):
-            table = place = _parts(header[1])
-            lines.setdefault(place, number)
-        elif key := re.match(rf"\s*({_DOTTED})\s*=", line):
-            place = table + _parts(key[1])
-            for n in range(1, len(place) + 1):
-                lines.setdefault(place[:n], number)
-            line = line[key.end() :]
-        for inner in re.finditer(rf"[{{,]\s*({_DOTTED})\s*=", line):
-            lines.setdefault(place + _parts(inner[1]), number)
-    return lines
-
-
-def _parts(dotted: str) -> Place:
-    return tuple(part.strip("\"'") for part in re.findall(_KEY, dotted))

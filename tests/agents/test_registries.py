@@ -23,7 +23,8 @@ from agents.sheets import SHEETS
 from agents.source import _closure, source_digest
 from agents.studies import worlds
 from agents.studies.plan import plan
-from agents.studies.study import Study, StudyError, read_study
+from agents.studies.records import Study
+from agents.studies.study import StudyError, read_study
 from scripts import evaluate
 from vessel_gym.core import Core
 from vessel_gym.envs import (

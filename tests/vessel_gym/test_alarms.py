@@ -31,8 +31,8 @@ from test_time_at_sea import AUV, FIX, at_sea, flown, late_fix, sensors_of
 from agents import Rollout, rollout
 from agents.scores import metrics, scores
 from agents.studies.plan import plan
+from agents.studies.records import Agent, Condition, Environment, Estimator, Study
 from agents.studies.results import Results
-from agents.studies.study import Agent, Condition, Environment, Estimator, Study
 from estimators import ChiSquareMonitor, CusumMonitor, FaultMonitor, Filter, Gaussian, LinearModel
 from vessel_gym.core import Core
 from vessel_gym.sensor_faults import SensorFault

@@ -9,8 +9,8 @@ import numpy as np
 from agents.metrics import WITHOUT_COVARIANCE
 from agents.scores import metrics
 from agents.studies.plan import Plan, plan
+from agents.studies.records import RAW, Agent, Condition, Environment, Estimator, Study
 from agents.studies.results import Results
-from agents.studies.study import RAW, Agent, Condition, Environment, Estimator, Study
 from agents.studies.worlds import system_of
 
 CORVETTE, SEGOROGENI = "SigmaCorvette-v0", "SegorogeniAUV-v0"

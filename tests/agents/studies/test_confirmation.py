@@ -9,8 +9,8 @@ from agents.seeds import evaluation_seeds
 from agents.studies.answer import answer
 from agents.studies.confirmation import FAILED, HELD, OPEN, confirmed, is_open, open_seeds
 from agents.studies.plan import plan
+from agents.studies.records import Confirmation
 from agents.studies.report import page, write_report
-from agents.studies.study import Confirmation
 from scripts import ablate
 
 STUDY = replace(study((CORVETTE,), conditions=CONDITIONS[:1]), confirm=Confirmation(500, 40))

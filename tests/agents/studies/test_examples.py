@@ -13,8 +13,8 @@ from agents.page import Live
 from agents.rollouts import rollout
 from agents.studies.examples import example, examples
 from agents.studies.plan import options, plan
+from agents.studies.records import Condition, Estimator
 from agents.studies.report import page
-from agents.studies.study import Condition, Estimator
 
 CALM = Condition("calm", disturbance="calm")
 

@@ -19,7 +19,7 @@ from agents.studies.figures import (
     robustness_figure,
     transfer_figure,
 )
-from agents.studies.study import Condition
+from agents.studies.records import Condition
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from agents.studies.plan import plan
-from agents.studies.study import RAW, Agent, Condition, Environment, Estimator, Study
+from agents.studies.records import RAW, Agent, Condition, Environment, Estimator, Study
 from agents.studies.worlds import digests, environment_id, system_of
 
 CORVETTE, SEGOROGENI = "SigmaCorvette-v0", "SegorogeniAUV-v0"

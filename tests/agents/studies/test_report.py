@@ -18,10 +18,10 @@ from agents.statistics import UNDECIDED, WORSE, crossed_interval, paired_differe
 from agents.studies.answer import answer, summary
 from agents.studies.figures import transfer_figure
 from agents.studies.plan import plan
+from agents.studies.records import Agent
 from agents.studies.report import page, write_report
 from agents.studies.results import Pilot
 from agents.studies.shares import gap, verdicts
-from agents.studies.study import Agent
 
 OUT = Path("results")
 

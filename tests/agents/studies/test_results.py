@@ -11,8 +11,8 @@ from agents.sheets.dive import METRICS
 from agents.statistics import crossed_interval, mean_interval
 from agents.studies import flying
 from agents.studies.plan import plan
+from agents.studies.records import RAW
 from agents.studies.results import Pilot, Place, Results
-from agents.studies.study import RAW
 
 NOMINAL = Place(CORVETTE, "nominal")
 

@@ -7,7 +7,8 @@ import pytest
 
 from agents.seeds import evaluation_seeds
 from agents.studies.plan import plan
-from agents.studies.study import Study, StudyError, read_study
+from agents.studies.records import Study
+from agents.studies.study import StudyError, read_study
 from agents.studies.worlds import environment_options, system_of
 
 SMALL = """
@@ -141,6 +142,9 @@ SegorogeniAUV-v0 = {}
 mine = { kind = "autopilot", critic = "truth" }
 PPO = { kind = "ppo", guidance = 1, settings = { gama = 0.9 } }
 other = { kind = "ppo", critic = "oracle", settings = { net_arch = 3 } }
+empty = { kind = "ppo", settings = { net_arch = [] } }
+endless = { kind = "ppo", settings = { gamma = inf } }
+half = { kind = "ppo", settings = { n_steps = 0.5 } }
 """
     expected = {
         1: "first_seed must be at least 0",
@@ -150,6 +154,9 @@ other = { kind = "ppo", critic = "oracle", settings = { net_arch = 3 } }
         8: "critic is for agents that learn",
         9: "did you mean 'gamma'",
         10: "the setting net_arch must be such as [64, 64], got 3",
+        11: "the setting net_arch must be such as [64, 64], got []",
+        12: "the setting gamma must be such as 1.0, got inf",
+        13: "the setting n_steps must be such as 64, got 0.5",
     }
     found = mistakes(tmp_path, text)
     for line, words in expected.items():

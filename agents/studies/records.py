@@ -1,0 +1,180 @@
+"""Records of a study: what is compared, where, by which agents and in which conditions."""
+
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+from agents.seeds import evaluation_seeds
+
+ORACLE, FLOOR = "truth", "dead-reckoning"
+"""Estimators that are always flown: what the classical agent scores on them is 1 and 0."""
+DEFAULT = "default"
+"""Stands for an environment's own default estimator."""
+TERMINATIONS = {"belief": "belief", "agent": "declaration", "task": "task"}
+"""Terminations of a mission, by the estimate, the agent's declaration or the truth, as ``ends`` of environments."""
+RAW = "raw readings"
+"""What an agent flies on that sees readings instead of estimates."""
+FEW_SEEDS = 5
+"""Below so many training seeds an interval over them says little."""
+
+
+@dataclass(frozen=True)
+class Environment:
+    """An environment of a study.
+
+    Attributes:
+        id: Registered with Gymnasium; ``"module:id"`` imports the module first.
+    """
+
+    id: str
+
+
+@dataclass(frozen=True)
+class Estimator:
+    """An estimator of a study.
+
+    Attributes:
+        name: In the study.
+        estimator: What an environment calls it; ``"default"``; or ``"module:object"``, your own.
+        options: Its options, over the environment's tuning. ``"none"`` stands for None, which TOML lacks.
+        environments: Where it is flown; empty: everywhere.
+    """
+
+    name: str
+    estimator: str = ""
+    options: dict[str, Any] = field(default_factory=dict)
+    environments: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Agent:
+    """An agent of a study.
+
+    Attributes:
+        name: In the study.
+        kind: ``"ppo"``; a pilot that is registered for the environment's task, such as ``"autopilot"`` (see
+            `agents.pilots`); or ``"module:object"``: your own, called with the environment's `System`.
+        observe: What a PPO sees: ``"mean"``, ``"mean+std"``, or ``"measurement"``: raw readings, no estimator.
+        memory: Of a PPO: ``"none"``, ``"frames"`` or ``"lstm"``.
+        trained_on: The estimators that it is trained on, one policy each; not for raw readings.
+        steps: Environment steps of a training run, by environment; where there is none: the tuned budget.
+        environments: Where it flies; empty: everywhere.
+        critic: Of a PPO: ``"truth"`` or ``"none"``, see `agents.ppo.train`.
+        guidance: Of a PPO: the option of that name of an environment; None: its default.
+        settings: Of a PPO: hyperparameters over the tuned ones, see `agents.ppo.hyperparameters`.
+    """
+
+    name: str
+    kind: str = ""
+    observe: str = "mean"
+    memory: str = "none"
+    trained_on: tuple[str, ...] = (DEFAULT,)
+    steps: dict[str, int] = field(default_factory=dict)
+    environments: tuple[str, ...] = ()
+    critic: str = "none"
+    guidance: bool | None = None
+    settings: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def learned(self) -> bool:
+        """Whether it has to be trained."""
+        return self.kind == "ppo"
+
+    @property
+    def raw(self) -> bool:
+        """Whether it sees readings instead of estimates."""
+        return self.observe == "measurement"
+
+
+@dataclass(frozen=True)
+class Condition:
+    """What the world is like.
+
+    Attributes:
+        name: In the study.
+        sensors: Sensor suite, or ``"module:object"``: a list of sensors of one's own.
+        disturbance: Sea, water or air by name, or ``"module:object"``: one's own.
+        mismatch: Relative spread of the truth's parameters around the filters'.
+        latency: Seconds by which sensors are late, by name; an environment has those of them that it has.
+        faults: What goes wrong with sensors, likewise: fields of a `vessel_gym.sensor_faults.SensorFault` each.
+    """
+
+    name: str
+    sensors: str = "nominal"
+    disturbance: str = "moderate"
+    mismatch: float = 0.0
+    latency: dict[str, float] = field(default_factory=dict)
+    faults: tuple[dict[str, Any], ...] = ()
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """As options of an environment, see `agents.studies.worlds.environment_options`."""
+        chosen = {"sensors": self.sensors, "disturbance": self.disturbance, "mismatch": self.mismatch}
+        at_sea = {"latency": self.latency, "faults": list(self.faults)}
+        return chosen | {key: value for key, value in at_sea.items() if value}
+
+
+@dataclass(frozen=True)
+class Confirmation:
+    """Fresh evaluation seeds, on which the claims of a study are tested once.
+
+    Attributes:
+        first_seed: The first of them, see `agents.seeds.evaluation_seeds`.
+        episodes: Number of seeds.
+    """
+
+    first_seed: int = 100_000
+    episodes: int = 300
+
+
+@dataclass(frozen=True)
+class Study:
+    """What is compared.
+
+    Attributes:
+        title: The question, in a line.
+        environments: Where.
+        estimators: What is compared; `ORACLE` and `FLOOR` are always there.
+        agents: Who flies; the autopilot always does, where there is one.
+        conditions: Agents are trained in the first.
+        episodes: Evaluation seeds, the same for everybody.
+        training_seeds: Training runs of each learned agent: the unit of resampling.
+        first_seed: The first evaluation seed, see `agents.seeds.evaluation_seeds`.
+        margin: Of equivalence: differences of the share kept that are smaller do not matter.
+        termination: A key of `TERMINATIONS`: what ends a mission, for all agents and both ends of the scale alike.
+        confirm: The fresh seeds of a confirmation.
+    """
+
+    title: str
+    environments: tuple[Environment, ...]
+    estimators: tuple[Estimator, ...]
+    agents: tuple[Agent, ...]
+    conditions: tuple[Condition, ...]
+    episodes: int = 100
+    training_seeds: int = 10
+    first_seed: int = 0
+    margin: float = 0.01
+    termination: str = "belief"
+    confirm: Confirmation = Confirmation()
+
+    @property
+    def seeds(self) -> list[int]:
+        """The evaluation seeds."""
+        return evaluation_seeds(self.episodes, self.first_seed)
+
+    @property
+    def fresh(self) -> "Study":
+        """The same study on the seeds of its confirmation."""
+        return replace(self, first_seed=self.confirm.first_seed, episodes=self.confirm.episodes)
+
+    @property
+    def learned(self) -> bool:
+        """Whether anything has to be trained."""
+        return any(agent.learned for agent in self.agents)
+
+    def estimator(self, name: str) -> Estimator:
+        """The estimator of that name; the environments' default has none of its own unless the study gives it one."""
+        return next((e for e in self.estimators if e.name == name), Estimator(name, name))
+
+    def resolved(self) -> dict[str, Any]:
+        """Every setting as plain data."""
+        return asdict(self)
