@@ -38,7 +38,7 @@ class Interval:
 
     @property
     def excludes_zero(self) -> bool:
-        """Whether the sign of the mean is beyond doubt at this confidence."""
+        """True if the interval does not contain zero."""
         return self.low > 0.0 or self.high < 0.0
 
 

@@ -29,7 +29,7 @@ BEST = 5
 
 
 def answer(results: Results, fresh: Results | None = None) -> list[str]:
-    """What was asked, in sentences, the advice first.
+    """Sentences that answer the question of a study, the advice first.
 
     Args:
         results: Of a study.
@@ -52,7 +52,7 @@ def answer(results: Results, fresh: Results | None = None) -> list[str]:
 
 
 def summary(results: Results) -> Table | None:
-    """What the classical agent keeps and loses on the best estimators, if one ranking holds for all environments."""
+    """Table of the best estimators for the classical agent, if one ranking holds for all environments."""
     environments = ruled(results)
     ranked = common(results) if len(environments) > 1 else rankable(results, environments) if environments else {}
     if not ranked:
@@ -133,7 +133,7 @@ def _each_best(results: Results, environments: list[str], pick: str) -> str:
 
 
 def _confirmation(found: Confirmed) -> list[str]:
-    """How the claims of the first pass stood on the fresh seeds."""
+    """Claims of the first pass on the fresh seeds."""
     claims, seeds = found.claims, f"{found.episodes} fresh evaluation seeds"
     sentences = [f"On {seeds}, opened once, {found.best} keeps {amount(found.kept)}."] if found.best else []
     names = {word: [str(c) for c in claims if c.outcome == word] for word in (HELD, OPEN, FAILED)}
@@ -161,7 +161,7 @@ def _prices_in_time(results: Results, environments: list[str], estimator: str) -
 
 
 def _answer_of_learning(results: Results) -> list[str]:
-    """What learned agents lose or gain, whether a filter beats memory, and what crossing estimators costs."""
+    """Learned agents against the classical one, filters against memory, and the cost of crossing estimators."""
     reference, sentences = reference_pilot(results), []
     if reference is not None:
         each = {e: against_classical(results, e, reference) for e in shared(results, reference)}
@@ -180,7 +180,7 @@ def _answer_of_learning(results: Results) -> list[str]:
 
 
 def _filter_or_memory(results: Results, reference: Pilot) -> list[str]:
-    """Whether learning on a filter beats learning on readings, with or without memory, in each environment."""
+    """Learning on a filter against learning on measurements, with or without memory, in each environment."""
     raw, sentences = [pilot for pilot in learners(results) if results.agent(pilot).raw], []
     for environment in shared(results, reference):
         each = {pilot: difference(results, [environment], reference, pilot, len(raw)) for pilot in raw}
@@ -195,7 +195,7 @@ def _filter_or_memory(results: Results, reference: Pilot) -> list[str]:
 
 
 def _verdict(gaps: list[Interval | float]) -> str:
-    """What all differences say, if they agree."""
+    """The verb that fits all differences, if they agree."""
     sure = [gap for gap in gaps if isinstance(gap, Interval)]
     if len(sure) == len(gaps):
         if all(gap.low > 0.0 for gap in sure):
@@ -208,7 +208,7 @@ def _verdict(gaps: list[Interval | float]) -> str:
 
 
 def _crossings(results: Results) -> list[str]:
-    """What it costs to fly on an estimator that one was not trained on."""
+    """Cost of flying on an estimator that the policy was not trained on."""
     found = [(e, cost) for e in results.environments if (cost := crossing(results, e)) is not None]
     if found:
         told = listed([f"{_less(cost)} in {e}" for e, cost in found])
@@ -217,7 +217,7 @@ def _crossings(results: Results) -> list[str]:
 
 
 def _more(gap: Interval | float) -> str:
-    """How much more, or less, in words."""
+    """A difference in words: how much more, or less."""
     if not isinstance(gap, Interval):
         return f"{number(abs(gap), 3)} {'less' if gap < 0.0 else 'more'} (one run, no interval)"
     size = amount(_turned(gap) if gap.mean < 0.0 else gap)

@@ -34,7 +34,7 @@ _ORDER = {"disturbance": ("calm", "moderate", "rough"), "sensors": ("clean", "no
 
 @dataclass(frozen=True)
 class Look:
-    """How an estimator is drawn."""
+    """Colour, mark and line of an estimator."""
 
     colour: str
     mark: str

@@ -1,4 +1,4 @@
-"""What flights compute: a pure function of its arguments, called by cells."""
+"""Flights of studies: a pure function of its arguments, called by cells."""
 
 from itertools import product
 from pathlib import Path

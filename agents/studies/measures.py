@@ -124,7 +124,8 @@ def cost(results: Results) -> Section:
                 "CPU time of a step, by estimator",
                 f"{who}, vehicle and agent included, history and scores not; {results.conditions[0]}. In flight, and "
                 "warm: the estimator and the truth fly in turns in one process, and the median of five turns "
-                "counts. The difference is the estimator's. Times hold for the machine that computed.",
+                "counts. The difference is the estimator's. Times hold for the machine that computed. "
+                f"{FLOOR} predicts mean and covariance as filters of its model do, and leaves out the update alone.",
                 "Estimator",
                 heads,
                 sections,

@@ -39,7 +39,7 @@ class Flight:
 
 @dataclass(frozen=True)
 class Skipped:
-    """What is left out, and why."""
+    """Something that is left out, with the reason."""
 
     environment: str
     what: str
@@ -56,7 +56,7 @@ class Plan:
 
     @property
     def cells(self) -> list[Cell]:
-        """What has to be computed."""
+        """The cells of all flights."""
         return [flight.cell for flight in self.flights]
 
 
@@ -181,7 +181,7 @@ def _train(study: Study, environment: str, agent: Agent, school: Estimator, seed
 
 
 def _own_world(condition: Condition) -> tuple[str, str]:
-    """What of a condition may be the user's own."""
+    """Names of a condition that may be the user's own."""
     return condition.sensors, condition.disturbance
 
 

@@ -156,7 +156,7 @@ def confirmation(found: Confirmed, fresh: Study) -> Section:
 
 
 def _ruler(results: Results) -> str:
-    """What ends a mission, for all who are compared."""
+    """The termination, for all agents and both ends of the scale."""
     ends = {
         "belief": "the estimate says that the vehicle is there",
         "agent": "the agent declares that the vehicle is there",
@@ -170,7 +170,7 @@ def _ruler(results: Results) -> str:
 
 
 def _rulers(results: Results) -> list[str]:
-    """Where the scale cannot be told from nothing, or does not exist."""
+    """Places without a scale, and those whose scale may be chance."""
     none, doubtful = [], []
     for place in results.places():
         worth = results.price([place], results.classical, FLOOR)

@@ -76,18 +76,18 @@ class Agent:
 
     @property
     def learned(self) -> bool:
-        """Whether it has to be trained."""
+        """True for an agent that has to be trained."""
         return self.kind == "ppo"
 
     @property
     def raw(self) -> bool:
-        """Whether it sees readings instead of estimates."""
+        """True for an agent that sees measurements instead of estimates."""
         return self.observe == "measurement"
 
 
 @dataclass(frozen=True)
 class Condition:
-    """What the world is like.
+    """A condition of the world.
 
     Attributes:
         name: In the study.
@@ -128,7 +128,7 @@ class Confirmation:
 
 @dataclass(frozen=True)
 class Study:
-    """What is compared.
+    """A study: environments, estimators, agents and conditions.
 
     Attributes:
         title: The question, in a line.
@@ -168,7 +168,7 @@ class Study:
 
     @property
     def learned(self) -> bool:
-        """Whether anything has to be trained."""
+        """True if anything has to be trained."""
         return any(agent.learned for agent in self.agents)
 
     def estimator(self, name: str) -> Estimator:

@@ -1,4 +1,4 @@
-"""What a study found: its figures by environment, condition, agent and estimator."""
+"""Results of a study by environment, condition, agent and estimator."""
 
 import csv
 import io
@@ -20,7 +20,7 @@ from agents.studies.worlds import system_of
 
 
 class Pilot(NamedTuple):
-    """Who flies: an agent and, if it learned, what it was trained on."""
+    """An agent and, if it learned, the estimator of its training."""
 
     agent: str
     trained_on: str = ""
@@ -30,7 +30,7 @@ class Pilot(NamedTuple):
 
 
 class Place(NamedTuple):
-    """Where: an environment in a condition."""
+    """An environment in a condition."""
 
     environment: str
     condition: str
@@ -95,7 +95,7 @@ class Results:
         return Pilot(next(agent.name for agent in self.plan.study.agents if not agent.learned))
 
     def pilots(self, environment: str | None = None) -> list[Pilot]:
-        """Who flew, in an environment or anywhere; the classical agents first."""
+        """The pilots of an environment, or of all; the classical agents first."""
         flown = _unique(pilot for place, pilot, _ in self._flights if environment in (None, place.environment))
         return sorted(flown, key=lambda pilot: bool(pilot.trained_on))
 

@@ -63,7 +63,7 @@ def _pilot_settings(agent: Agent) -> str:
 
 
 def _columns(results: Results) -> list[tuple[str, str]]:
-    """What every metric means; by environment, where tasks differ in that."""
+    """Meaning of every metric; by environment, where tasks differ in that."""
     meanings: dict[str, dict[str, list[str]]] = {}
     for environment in results.environments:
         for m in results.metrics(environment):
@@ -115,7 +115,7 @@ def _tuning(results: Results, environment: str, name: str) -> str:
 
 
 def _trainings(results: Results) -> list[tuple[str, str]]:
-    """What each learned agent was trained on, and for how long."""
+    """Training of each learned agent: on what, and for how long."""
     from agents.ppo import hyperparameters
 
     rows: dict[str, str] = {}

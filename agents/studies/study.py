@@ -103,7 +103,7 @@ class _Reader(TomlReader):
         return study
 
     def termination(self, default: str) -> str:
-        """What ends a mission; by default the truth where any agent is shown measurements, which contain no belief."""
+        """The termination; by default the truth where any agent is shown measurements, which contain no belief."""
         chosen = self.value((), self.data, "termination", str, "a name", default)
         self.name("termination", chosen, TERMINATIONS, ("termination",))
         return chosen

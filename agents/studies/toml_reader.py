@@ -34,7 +34,7 @@ class TomlReader:
         self.mistakes.append((known, text))
 
     def accepts(self, place: Place, function: Callable[..., Any], *arguments: Any) -> bool:
-        """Whether a function takes its arguments; if not, what it says is a mistake."""
+        """Call a function, note its ValueError or TypeError as a mistake, and return whether there was none."""
         try:
             function(*arguments)
         except (ValueError, TypeError) as error:

@@ -1,4 +1,4 @@
-"""What trainings compute: a pure function of its arguments, called by cells."""
+"""Trainings of studies: a pure function of its arguments, called by cells."""
 
 from pathlib import Path
 from typing import Any

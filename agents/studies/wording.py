@@ -1,4 +1,4 @@
-"""How a report puts numbers and names."""
+"""Numbers and names as a report writes them."""
 
 from collections.abc import Sequence
 
@@ -42,7 +42,7 @@ def named(pilot: Pilot) -> str:
 
 
 def every(environments: Sequence[str]) -> str:
-    """How many environments, all of them."""
+    """All environments, by their number."""
     return "both environments" if len(environments) == 2 else f"all {len(environments)} environments"
 
 

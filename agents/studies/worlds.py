@@ -103,7 +103,7 @@ def refusal(name: str, options: dict[str, Any]) -> Exception | None:
 
 
 def known_estimator(name: str) -> str | None:
-    """What is wrong with an estimator's name, if something is."""
+    """The mistake in an estimator's name; None if there is none."""
     if ":" in name:
         try:
             return None if callable(named_object(name)) else f"{name!r} is not an estimator: it cannot be called"
