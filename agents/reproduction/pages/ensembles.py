@@ -1,18 +1,18 @@
 """What the pages on ensemble filters share: how results change with the number of members."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from agents.page import Entry, Table, entry, number
-from agents.plotting import BELIEVED, PUBLISHED, TRUE, data_uri, styled
+from agents.plotting import BELIEVED, PUBLISHED, TRUE, drawing
 from agents.reproduction.comparison import Comparison, Published
-from agents.reproduction.pages.comparison import comparison_table
 from agents.statistics import Interval, mean_interval
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 Errors = Mapping[int, np.ndarray]
 """Errors of some quantities ``(runs, q)`` by the number of members, in the same runs for all."""
@@ -63,6 +63,11 @@ def change(trend: Interval | None, first: int, last: int) -> str:
     return f"{number(mean, 1, True)} % ({number(low, 1, True)} to {number(high, 1, True)} %)"
 
 
+def changes(names: Iterable[str], trends: Iterable[Interval | None], first: int, last: int) -> str:
+    """The changes of several quantities between two sizes."""
+    return "; ".join(f"{name} {change(trend, first, last)}" for name, trend in zip(names, trends, strict=True))
+
+
 def comparisons(printed: Printed, errors: Errors, above: Mapping[str, str]) -> list[Comparison]:
     """Every error of a published table beside ours.
 
@@ -90,16 +95,6 @@ def time_comparisons(printed: Printed, label: str, seconds: np.ndarray) -> list[
     return found
 
 
-def time_table(duration: float, rows: Sequence[Comparison]) -> Table:
-    """Computing times, published and ours: the one table that is never the same twice."""
-    return comparison_table(
-        "Computing time, published and ours",
-        f"One dive of {duration:.0f} s, one run at a time. Measured: these times alone differ from run to run.",
-        list(rows),
-        "time",
-    )
-
-
 def growth_table(title: str, note: str, printed: Printed, ours: Mapping[str, Errors]) -> Table:
     """Exponents of error over the number of members, published and ours."""
     theirs = printed_slopes(printed)
@@ -110,40 +105,41 @@ def growth_table(title: str, note: str, printed: Printed, ours: Mapping[str, Err
     return Table(title, note, "exponent of", head, [("", rows)], "exponents")
 
 
+@drawing(7.2, 4.4)
 def members_figure(
-    printed: Printed, units: Mapping[str, str], ours: Mapping[str, Errors], seconds: Mapping[str, np.ndarray]
-) -> str:
-    """Error and computing time over the number of members, published and ours, both axes logarithmic, as a data URI."""
-    from matplotlib.figure import Figure
+    figure: "Figure",
+    printed: Printed,
+    units: Mapping[str, str],
+    ours: Mapping[str, Errors],
+    seconds: Mapping[str, np.ndarray],
+) -> None:
+    """Error and computing time over the number of members, published and ours, both axes logarithmic."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
     members = list(printed)
-    with styled():
-        figure = Figure(figsize=(7.2, 4.4), layout="constrained")
-        panels = figure.subplots(2, 3)
-        for j, (name, axes) in enumerate(zip((*units, "time"), panels.flat, strict=False)):
-            axes.plot(
-                members, [row[name].value for row in printed.values()], color=PUBLISHED, marker="x", ls=":",
-                label="published",
-            )  # fmt: skip
-            for (label, errors), (color, marker) in zip(ours.items(), ((TRUE, "o"), (BELIEVED, "s")), strict=False):
-                if name != "time":
-                    _points(axes, members, [errors[size][:, j] for size in members], color, marker, label)
-                elif label in seconds:
-                    _points(axes, members, list(seconds[label].T), color, marker, label)
-            axes.set(xscale="log", yscale="log", title=name, xticks=members, xticklabels=members)
-            axes.set_ylabel(f"RMSE [{units[name]}]" if name in units else "a dive [s]")
-            axes.xaxis.set_minor_locator(NullLocator())
-            axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-            axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-            axes.yaxis.set_minor_formatter(NullFormatter())
-            axes.grid(True, axis="y")
-        for axes in panels[1]:
-            axes.set_xlabel("members")
-        handles, labels = panels[0, 0].get_legend_handles_labels()
-        panels[1, 2].axis("off")
-        panels[1, 2].legend(handles, labels, loc="center")
-        return data_uri(figure)
+    panels = figure.subplots(2, 3)
+    for j, (name, axes) in enumerate(zip((*units, "time"), panels.flat, strict=False)):
+        axes.plot(
+            members, [row[name].value for row in printed.values()], color=PUBLISHED, marker="x", ls=":",
+            label="published",
+        )  # fmt: skip
+        for (label, errors), (color, marker) in zip(ours.items(), ((TRUE, "o"), (BELIEVED, "s")), strict=False):
+            if name != "time":
+                _points(axes, members, [errors[size][:, j] for size in members], color, marker, label)
+            elif label in seconds:
+                _points(axes, members, list(seconds[label].T), color, marker, label)
+        axes.set(xscale="log", yscale="log", title=name, xticks=members, xticklabels=members)
+        axes.set_ylabel(f"RMSE [{units[name]}]" if name in units else "a dive [s]")
+        axes.xaxis.set_minor_locator(NullLocator())
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axes.yaxis.set_minor_formatter(NullFormatter())
+        axes.grid(True, axis="y")
+    for axes in panels[1]:
+        axes.set_xlabel("members")
+    handles, labels = panels[0, 0].get_legend_handles_labels()
+    panels[1, 2].axis("off")
+    panels[1, 2].legend(handles, labels, loc="center")
 
 
 def _points(
