@@ -20,7 +20,7 @@ venv: .venv/.installed  ## Install the project and its tools into .venv, in the 
 	$(BIN)/pip install -q -c constraints.txt -e '.[dev]'
 	touch $@
 
-.venv/.studies: pyproject.toml constraints.txt  # what trainings and studies need, a third of all
+.venv/.studies: pyproject.toml constraints.txt  # what trainings and studies need, two thirds of all
 	$(PYTHON) -m venv .venv
 	$(BIN)/pip install -q -c constraints.txt torch
 	$(BIN)/pip install -q -c constraints.txt -e '.[train,report]'

@@ -5,6 +5,7 @@ cases ``make test`` runs two, spread over all of them and elsewhere for every te
 """
 
 from collections import defaultdict
+from collections.abc import Iterator
 from zlib import crc32
 
 import pytest
@@ -28,3 +29,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         for i, item in enumerate(group):
             if i not in kept:
                 item.add_marker("nightly")
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _forget(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Let go of what a module's tests have shared, such as flights of a hundred megabytes each."""
+    yield
+    for shared in vars(request.module).values():
+        if getattr(shared, "__module__", "") == request.module.__name__ and hasattr(shared, "cache_clear"):
+            shared.cache_clear()

@@ -128,16 +128,16 @@ def test_a_cell_that_fails_stops_no_other_and_is_tried_again(tmp_path, jobs):
 def test_processes_give_the_same_files_as_one_and_have_one_thread_and_all_modules_each(tmp_path, expected):
     """Joblib ends a process, with a warning, that grows by 300 MB after its first cell: torch must be there before."""
     threads, modules = cell("threads"), cell("loaded", modules=["colorsys"])
-    other = Cell("colorsys:no_function", {}, needs=(modules,))
-    outcome = run([modules, other], tmp_path / "modules", jobs=2)
+    failing = Cell("colorsys:no_function", {}, needs=(modules,))
+    outcome = run([*long_study(), threads, failing], tmp_path, jobs=2)
     assert outcome.values[modules.key] == {"colorsys": True}
-    assert "no_function" in outcome.failures[other.key]
+    assert "no_function" in outcome.failures[failing.key]
     assert {"torch", "stable_baselines3"} <= vars(import_module("agents.studies.training")).keys()
-    assert run([*long_study(), threads], tmp_path, jobs=2).values[threads.key] == dict.fromkeys(
+    assert outcome.values[threads.key] == dict.fromkeys(
         ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"
     )
-    assert stored(tmp_path).items() - expected.items() == {
-        (result_path(threads, tmp_path).name, result_path(threads, tmp_path).read_bytes())
+    assert dict(stored(tmp_path).items() - expected.items()) == {
+        path.name: path.read_bytes() for path in (result_path(each, tmp_path) for each in (threads, modules))
     }
     assert expected.items() <= stored(tmp_path).items()
 

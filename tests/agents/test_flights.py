@@ -3,7 +3,7 @@
 100 evaluation seeds, nominal sensors, moderate disturbance, the autopilot, whose tolerances were tuned on other seeds.
 """
 
-from functools import cache
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +20,7 @@ from agents.statistics import paired_difference
 pytestmark = pytest.mark.slow
 
 
-@cache
+@lru_cache(maxsize=3)  # one holds 250 MB
 def flown(estimator: str | None = None, inflation: float | None = None) -> Rollout:
     """Flights on an estimator; with an inflation, it is an ensemble without localisation."""
     own = {} if inflation is None else {"localisation": None, "inflation": inflation}

@@ -10,12 +10,13 @@ from agents.ppo import hyperparameters
 from agents.seeds import evaluation_seeds, training_seed, tuning_seeds
 from agents.vec_env import StableBaselinesVecEnv
 
-EVALUATION, TUNING = (set(seeds(1_000_000)) for seeds in (evaluation_seeds, tuning_seeds))
+MILLION = 1_000_000
+EVALUATION, TUNING = (range(seeds(1)[0], seeds(1)[0] + MILLION) for seeds in (evaluation_seeds, tuning_seeds))
 
 
 def test_the_ranges_share_no_seed():
-    assert len(EVALUATION) == len(TUNING) == 1_000_000
-    assert max(EVALUATION) < min(TUNING) <= max(TUNING) < training_seed(0)
+    assert (evaluation_seeds(MILLION), tuning_seeds(MILLION)) == (list(EVALUATION), list(TUNING))
+    assert EVALUATION[-1] < TUNING[0] < TUNING[-1] < training_seed(0)
 
 
 def test_training_with_any_seed_that_is_typed_meets_no_evaluation_and_no_tuning_seed():
@@ -23,7 +24,7 @@ def test_training_with_any_seed_that_is_typed_meets_no_evaluation_and_no_tuning_
     for seed in range(1001):
         for first in (training_seed(seed), seed):
             rows = range(first, first + 100_000)
-            assert rows[-1] < min(EVALUATION) or rows[0] > max(TUNING)
+            assert rows[-1] < EVALUATION[0] or rows[0] > TUNING[-1]
 
 
 def test_another_library_s_training_with_seed_0_resets_no_row_with_an_evaluation_seed():
@@ -31,7 +32,7 @@ def test_another_library_s_training_with_seed_0_resets_no_row_with_an_evaluation
     env = StableBaselinesVecEnv(gym.make_vec("ThesisCorvette-v0", num_envs=64))
     PPO("MlpPolicy", env, n_steps=2, batch_size=64, seed=0, device="cpu")
     env.reset()
-    assert not set(env.env.unwrapped.core.seeds) & (EVALUATION | TUNING)
+    assert not any(seed in EVALUATION or seed in TUNING for seed in env.env.unwrapped.core.seeds)
 
 
 def test_batches_of_different_training_seeds_share_no_environment():
@@ -43,14 +44,14 @@ def test_batches_of_different_training_seeds_share_no_environment():
 
 
 def test_evaluation_seeds_are_consecutive_from_the_first():
-    first = min(EVALUATION)
+    first = EVALUATION[0]
     assert evaluation_seeds(3) == [first, first + 1, first + 2]
     assert evaluation_seeds(2, first=500) == [first + 500, first + 501]
-    assert evaluation_seeds(1, first=999_999) == [max(EVALUATION)]
+    assert evaluation_seeds(1, first=999_999) == [EVALUATION[-1]]
 
 
 def test_tuning_seeds_are_consecutive():
-    assert tuning_seeds(3) == [min(TUNING) + i for i in range(3)]
+    assert tuning_seeds(3) == [TUNING[0] + i for i in range(3)]
 
 
 @pytest.mark.parametrize(("count", "first"), [(0, 0), (-1, 0), (1, -1), (1_000_001, 0), (2, 999_999), (1, 1_000_000)])
