@@ -187,7 +187,8 @@ class Delayed(Generic[Record]):
             ValueError: saying so.
         """
         before = step.predicted.u
-        if before is not None and (step.available.any(-1, keepdims=True) & (before != u)).any():
+        other = np.ones(u.shape, bool) if before is None or before.shape != u.shape else before != u
+        if (step.available.any(-1, keepdims=True) & other).any():
             raise ValueError("u must be the same for all readings of a step: Delayed takes them in together")
 
     def settled(self, belief: DelayedBelief[Record]) -> tuple[np.ndarray, Record | None]:

@@ -242,7 +242,7 @@ class Filter(ABC, Generic[Record]):
             belief = belief.with_input(self._known(u, batch))
         # Only a prediction of this package is sure to leave no innovation.
         if belief.innovation is not None and type(self)._predict.__module__.startswith("estimators."):
-            self._check_sequence(belief, *self._noise(y, available, R, belief.u))
+            self._check_sequence(belief, *self._noise(y, available, self._own_R(belief) if R is None else R, belief.u))
         return self._corrected(belief, y, available, R, rng)
 
     def _check_sequence(self, belief: Record, R: np.ndarray, arrived: np.ndarray) -> None:

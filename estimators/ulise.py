@@ -108,7 +108,7 @@ class ULISE(DelayedInputFilter[FeedthroughBelief]):
         return belief.input_reach[..., : self.model.n, :]
 
     def _shown_input(self, belief: FeedthroughBelief, reading: Reading) -> np.ndarray:
-        late = super()._shown_input(belief, reading)
+        late = self._shown(belief, reading) @ self._root
         now = np.broadcast_to(reading.H @ self._root, late.shape)
         return np.concatenate([now, late], -1)
 

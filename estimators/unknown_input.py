@@ -9,8 +9,8 @@ from scipy.linalg import block_diag, eigvals, solve_discrete_are
 from estimators.belief import Belief, DelayedInputBelief, InputBelief
 from estimators.filter import Filter, Model, Rng
 from estimators.formulas import is_noted
-from estimators.kalman import driven_on, input_covariance, less_input, unseen_input
-from estimators.linalg import congruence, identity, joined, neutralised, singular, solve, symmetric_blocks, symmetrise
+from estimators.kalman import driven_on, input_covariance, joseph_update, less_input, unseen_input, with_input
+from estimators.linalg import congruence, identity, joined, neutralised, singular, solve, symmetrise
 from estimators.models import LinearModel, resolve
 from estimators.reading import Reading
 
@@ -57,12 +57,9 @@ class UnknownInputFilter(Filter[WithInput]):
         """The prior's share ``(..., q, q)`` in directions of the input that were not ``observed (..., q, q)``."""
         return congruence(identity(self.model.q) - observed, self.input_prior)
 
-    def _shown_input(self, belief: WithInput, reading: Reading) -> np.ndarray:
-        """F ``(..., p, k)`` of what the readings of the step have not shown of d, in units of d's prior."""
-        if belief.innovation is None:
-            return self._shown(belief, reading) @ self._root
-        _, response = self._response(belief)  # earlier readings of the step have shown the other directions
-        return (reading.C @ response + reading.H) @ (identity(self.model.q) - belief.input_observed) @ self._root
+    def _shown_input(self, belief: WithInput, reading: Reading) -> np.ndarray | None:
+        """F of the first reading of a step, in units of the input's prior; to a later one the prior is noise as any."""
+        return self._shown(belief, reading) @ self._root if belief.innovation is None else None
 
     @abstractmethod
     def _shown(self, belief: WithInput, reading: Reading) -> np.ndarray:
@@ -70,12 +67,6 @@ class UnknownInputFilter(Filter[WithInput]):
 
     def _reading(self, belief: WithInput, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None) -> Reading:
         return less_input(super()._reading(belief, y, available, R), belief, self.model)
-
-    def _condensed(
-        self, start: WithInput, reading: Reading, S: np.ndarray, lost: np.ndarray
-    ) -> tuple[Reading, np.ndarray] | None:
-        """Directions of the first reading of a step alone: a later one is left out channel by channel."""
-        return super()._condensed(start, reading, S, lost) if start.innovation is None else None
 
     def log_likelihood(self, predicted: WithInput, updated: WithInput) -> np.ndarray:
         """The diffuse log likelihood ``(...)`` of a reading: that of `Filter`, integrated over the unknown input.
@@ -85,12 +76,17 @@ class UnknownInputFilter(Filter[WithInput]):
 
         Source: de Jong (1991), The diffuse Kalman filter.
         """
-        density, q = super().log_likelihood(predicted, updated), self.model.q
-        e, S, available = updated.innovation, updated.innovation_cov, updated.available
+        e, S, available, q = updated.innovation, updated.innovation_cov, updated.available, self.model.q
         assert e is not None
         assert S is not None
         reading = self._reading(predicted, np.zeros(e.shape), available, None)
         shown = self._shown_input(predicted, reading)
+        if shown is None:  # a later reading of the step, in whose S the prior is
+            assert predicted.input_observed is not None
+            root = self._inverse_root.T @ (identity(q) - self._inverse_root @ predicted.input_observed @ self._root)
+            shown = joined([reading.C, reading.H], -1) @ self._joint(predicted)[..., -q:] @ root
+            S = symmetrise(S - shown @ shown.mT)
+        density = super().log_likelihood(predicted, updated.replace(innovation_cov=S))
         shown = np.broadcast_to(shown, (*e.shape, shown.shape[-1]))
         precision = np.linalg.pinv(S, hermitian=True)
         for F in np.split(shown, shown.shape[-1] // q, -1):  # what acts now, then what acted a step before
@@ -110,6 +106,7 @@ class UnknownInputFilter(Filter[WithInput]):
         if reading.spread is None:
             return solve(S, b)
         F = self._shown_input(belief, reading)
+        assert F is not None
         return solve(S + reading.spread * (F @ F.mT), b)
 
     def _gain(self, F: np.ndarray, SF: np.ndarray, reading: Reading) -> tuple[np.ndarray, np.ndarray]:
@@ -123,32 +120,18 @@ class UnknownInputFilter(Filter[WithInput]):
         Returns:
             M ``(..., q, p)`` and the projector ``(..., q, q)`` on the directions shown.
         """
-        cov, observed = self._input_cov(F.mT @ SF, 0.0 if reading.spread is None else reading.spread[..., 0])
-        return cov @ SF.mT, observed
-
-    def _input_cov(self, information: np.ndarray, share: np.ndarray | float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-        """The covariance ``(..., q, q)`` of ``d`` that ``information`` leaves, and the projector on what it shows.
-
-        Where a direction is hardly shown its prior counts, too; ``share`` is as in `Reading.spread`.
-        """
-        root = self._root
-        information = symmetrise(root.T @ information @ root)
+        root, share = self._root, 0.0 if reading.spread is None else reading.spread[..., 0]
+        information = symmetrise(root.T @ (F.mT @ SF) @ root)
         # A row that is lost, and not finite, must not raise: it shows nothing.
         strength, directions = singular(np.where(np.isfinite(information), information, 0.0))
         hidden = (1.0 - (strength > SHOWN / (1.0 + SHOWN * share)))[..., None, :]
         gain = (directions / (strength[..., None, :] + hidden)) @ directions.mT
         unseen = (directions * hidden) @ directions.mT
-        return root @ gain @ root.T, identity(self.model.q) - root @ unseen @ self._inverse_root
+        return root @ gain @ root.T @ SF.mT, identity(self.model.q) - root @ unseen @ self._inverse_root
 
-    def _prior_information(self, observed: np.ndarray) -> np.ndarray:
-        """The information ``(..., q, q)`` that the prior adds in directions of the input that were not ``observed``."""
-        return self._inverse_root.T @ self._inverse_root @ (identity(self.model.q) - observed)
-
-    def _response(self, belief: WithInput) -> tuple[np.ndarray, np.ndarray]:
-        """The inverse of the input's covariance, and X ``(..., n, q)``: the state moves by ``X d`` as d is changed."""
-        q = self.model.q
-        solved = solve(belief.input_cov, joined([identity(q), belief.state_input_cov.mT], -1))
-        return solved[..., :q], solved[..., q:].mT
+    def _joint(self, belief: WithInput) -> np.ndarray:
+        """The covariance ``(..., n + q, n + q)`` of state and input, with the input's prior where none was shown."""
+        return with_input(belief)[1]
 
     def _estimated(
         self, belief: WithInput, reading: Reading, F: np.ndarray, G: np.ndarray
@@ -175,31 +158,30 @@ class UnknownInputFilter(Filter[WithInput]):
     def _revised(self, belief: WithInput, reading: Reading) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """The same after earlier readings of the step: their information on d and that of this one add up.
 
-        Given d the state's covariance is ``P - X Pd X'``, and its mean moves by X times a change of d. With a Kalman
-        update of that state, by S and K, go these, where ``Pd^-1`` is without the information of the input's prior::
+        It is a Kalman update of state and input together, of covariance J, in which the prior counts where readings had
+        not shown d. N has ``1 / (1 + strength)`` of each direction. Where all readings together show other directions,
+        the prior's information changes by T, and with it what was estimated::
 
-            F = C X + H      X <- X - K F      Pd^-1 <- Pd^-1 + F' S^-1 F      d <- d + Pd F' S^-1 e
-
-        Source: Friedland (1969), Treatment of bias in recursive filtering; de Jong (1991), The diffuse Kalman filter.
+            D = (J_dd^-1 + T)^-1      L = J_d (I - T D)      z <- z - L T d      J <- J - L T J_d'
         """
-        C, R, e, d = reading.C, reading.R, reading.innovation, belief.input_mean
-        n, (precision, X) = self.model.n, self._response(belief)
-        P = symmetrise(belief.cov - X @ belief.state_input_cov.mT)
-        F, CP = C @ X + reading.H, C @ P
-        S = CP @ C.mT + R
-        solved = solve(S, joined([CP, F], -1))
-        K, SF = solved[..., :n].mT, solved[..., n:]
-        assert belief.input_observed is not None
-        before = self._prior_information(belief.input_observed)
-        input_cov, observed = self._input_cov(precision - before + F.mT @ SF)
-        change = np.vecmat(e, SF) + np.matvec(before - self._prior_information(observed), d)
-        change, X = np.matvec(input_cov, change), X - K @ F
-        cross = X @ input_cov
-        cov = congruence(identity(n) - K @ C, P) + congruence(K, R) + cross @ X.mT
-        cov = symmetric_blocks(cov, cross, input_cov)
-        correction = np.concatenate([np.matvec(K, e) + np.matvec(X, change), d + change], -1)
-        known = congruence(belief.input_observed, belief.input_cov)
-        return correction, symmetrise(cov), observed, symmetrise(S + congruence(F, known))
+        n, q, root, inverse_root = self.model.n, self.model.q, self._root, self._inverse_root
+        before = belief.input_observed
+        assert before is not None
+        z = joined([np.zeros((n, 1)), belief.input_mean[..., None]], -2)[..., 0]
+        seen = joined([reading.C, reading.H], -1)
+        z, joint, S = joseph_update(z, self._joint(belief), reading.innovation, seen, reading.R)
+        M, shown = congruence(inverse_root, joint[..., n:, n:]), inverse_root @ before @ root
+        MP = M @ shown
+        N = symmetrise(M - MP @ solve(identity(q) + shown @ MP, MP.mT))
+        values, directions = singular(np.where(np.isfinite(N), N, 0.0))
+        hidden = (1.0 - (values * (1.0 + SHOWN) < 1.0))[..., None, :]
+        values = values[..., None, :]
+        D = root @ (directions * (values / (1.0 - (1.0 - hidden) * values))) @ directions.mT @ root.T
+        observed = identity(q) - root @ (directions * hidden) @ directions.mT @ inverse_root
+        T = inverse_root.T @ inverse_root @ (before - observed)
+        L = joint[..., n:] - joint[..., n:] @ T @ D
+        z = z - np.matvec(L @ T, z[..., n:])
+        return z, symmetrise(joint - L @ T @ joint[..., n:, :]), observed, S
 
 
 SHOWN = 0.1
@@ -295,9 +277,10 @@ class DelayedInputFilter(UnknownInputFilter[Delayed]):
     def _shown(self, belief: Delayed, reading: Reading) -> np.ndarray:
         return reading.C @ (self._input_matrix(belief) * waiting(belief))
 
-    def _response(self, belief: Delayed) -> tuple[np.ndarray, np.ndarray]:
-        precision, X = super()._response(belief)
-        return precision, X + self._input_matrix(belief) * waiting(belief)
+    def _joint(self, belief: Delayed) -> np.ndarray:
+        n, q, G = self.model.n, self.model.q, self._input_matrix(belief) * waiting(belief)
+        drive = joined([joined([identity(n), G], -1), np.eye(q, n + q, n)], -2)
+        return congruence(drive, super()._joint(belief))
 
     def _moving_G(self, belief: Belief, u: np.ndarray | None) -> np.ndarray | None:
         """G of a prediction, if it changes."""

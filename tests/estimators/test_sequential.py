@@ -269,6 +269,25 @@ def test_a_second_reading_without_noise_or_beyond_all_numbers_loses_no_more_than
         np.testing.assert_allclose(after.mean, first.mean, rtol=0, atol=1e-9)
 
 
+@pytest.mark.parametrize("order", list(permutations(range(4)))[::5])
+def test_sensors_that_show_the_input_without_noise_may_come_one_by_one(order: tuple[int, ...]):
+    """Its covariance is then singular before the last of them has come, or in part from the first on."""
+    H = [[0.0, 0.0], [0.0, 0.0], [1.0, 0.3], [1.0, 1.0]]
+    model = LinearModel(
+        0.9 * np.eye(2), [[1.0, 0.0], [0.0, 1.0], [0.0, 0.0], [0.0, 0.0]], 0.1 * np.eye(2),
+        np.diag([0.1, 0.1, 0.0, 0.0]), G=[[0.0, 1.0], [0.1, 0.0]], H=H,
+    )  # fmt: skip
+    filter, y = make("kf-umv-ui", model), np.array([1.0, 2.0, 3.0, 4.0])
+    parts = joint = filter.predict(filter.init(Gaussian(np.zeros(2), np.eye(2))))
+    for j in order:
+        parts = filter.update(parts, _alone(y, j))
+        assert parts.available[j]
+    joint = filter.update(joint, y)
+    np.testing.assert_allclose(parts.input_mean, np.linalg.solve(H[2:], y[2:]), rtol=0, atol=1e-12)
+    for name in ESTIMATES[:6]:
+        np.testing.assert_allclose(getattr(parts, name), getattr(joint, name), rtol=0, atol=1e-12, err_msg=name)
+
+
 def test_of_a_nonlinear_model_each_reading_is_linearised_where_those_before_it_left_the_estimate():
     model = NonlinearModel(lambda x, u: x, lambda x, u: np.stack([x[..., 0] ** 2, x[..., 0]], -1), [[0.1]], np.eye(2))
     ekf = make("ekf", model)
