@@ -480,7 +480,8 @@ class Filter(ABC, Generic[Record]):
                 continue
             shape = fixed.get(name, getattr(value if had is None else had, "shape", None))
             if not (is_noted(value) or isinstance(value, np.ndarray | np.generic)) or value.shape != shape:
-                raise ValueError(f"it must return a {name} of shape {shape} a row, not {shown(value)}")
+                found = getattr(value, "shape", shown(value))
+                raise ValueError(f"the {name} that it returns must have the shape {shape} a row, not {found}")
         return cast(Record, noted)
 
     def _reading(self, belief: Record, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None) -> Reading:
