@@ -10,7 +10,7 @@ from estimators.check import check_steps
 from estimators.models import resolve
 from estimators.unknown_input import UnknownInputFilter
 from vessel_gym.composition import Composition
-from vessel_gym.foreign import repeated
+from vessel_gym.foreign import Copying, repeated
 from vessel_gym.system import Vehicle
 
 VAGUEST = 3.0
@@ -21,17 +21,18 @@ _NEAR = 1e-4
 
 
 def check_vehicle(vehicle: Vehicle) -> None:
-    """Refuse a user's vehicle whose equations do not repeat themselves, or give another number of states.
+    """Refuse a user's vehicle whose `drift` does not repeat itself, or which gives another number of states.
 
     Raises:
         ValueError: naming the function.
     """
     who, (x, u) = type(vehicle).__name__, (np.asarray(each, float)[None] for each in vehicle.cruise)
-    state, actuators = repeated(f"start of {who}", vehicle.start, x)
+    state, actuators = vehicle.start(x)
     parameters = np.asarray(vehicle.parameters(0.0, np.zeros((1, vehicle.normals))))
     kicks, flows = np.zeros((1, len(vehicle.kicks))), np.zeros((1, len(vehicle.flows)))
     forcing = np.concatenate([kicks, flows], -1)
-    after = repeated(f"step of {who}", vehicle.step, state, actuators, actuators, forcing, parameters)
+    with np.errstate(all="ignore"):
+        after = Copying(vehicle.step)(state, actuators, actuators, forcing, parameters)
     moved = repeated(f"drift of {who}", vehicle.drift, x, u, flows)
     estimated = vehicle.estimated(vehicle.kinds[0])
     for name, value, names in (

@@ -159,6 +159,10 @@ class Core:
         self._attach_loop("loop", estimation)
         self._foreign = not (our_task and our_vehicle)
         self._foreign_effect = not ours(self.forces.disturbance)
+        self._perfect = (
+            float(self.task.perfect),
+            float(self.task.perfect == self.task.horizon),
+        )  # in all, and a step more
         self._vehicle: Any = vehicle if our_vehicle else CopyingMethods(vehicle)
         self._task: Any = self.task if our_task else CopyingMethods(self.task)
         # What somebody has written in NumPy may round otherwise in a part of the rows.
@@ -259,9 +263,15 @@ class Core:
     @property
     def score(self) -> np.ndarray:
         """Sums of rewards over that of a perfect episode ``(B,)``, in [0, 1], however long episodes are."""
-        share, task = np.empty(self.num_envs), self.task
-        scored(self.total, self.steps, task.perfect, float(task.perfect == task.horizon), share)
+        share = np.empty(self.num_envs)
+        scored(self.total, self.steps, *self._perfect, share)
         return share
+
+    def score_of(self, row: int) -> float:
+        """That of one environment, in a tenth of the time."""
+        perfect, each = self._perfect
+        score: float = self.total.item(row) / max(perfect, each * self.steps.item(row))
+        return score if 0.0 <= score <= 1.0 else min(max(score, 0.0), 1.0)
 
     @property
     def sea_state(self) -> np.ndarray:

@@ -240,6 +240,7 @@ def test_a_score_is_a_share_however_long_an_episode_is(env_id: str):
             core.steps[:] = steps
             core.total[:] = min(steps, 1.0) * (steps if task.perfect == task.horizon else task.perfect)
             scores.append(core.score)
+            assert [core.score_of(row) for row in range(rows)] == core.score.tolist()
         usual = [steps / task.horizon for steps in (0, 1, task.horizon // 2)]
         expected = usual if task.perfect == task.horizon else [0.0, 1.0, 1.0]
         np.testing.assert_allclose(scores, np.repeat([[*expected, 1.0, 1.0, 1.0]], rows, 0).T, rtol=1e-15)
