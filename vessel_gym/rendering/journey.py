@@ -61,7 +61,7 @@ class Journey:
             Moment(
                 core.steps[row], core.state[row].copy(), belief.mean[row, :k].copy(), belief.cov[row, :k, :k].copy(),
                 unknown.copy(), np.full(len(unknown), np.nan) if d is None else d[row].copy(), core.action[row].copy(),
-                core.score_of(row),
+                core.score[row],
             )
         )  # fmt: skip
         readings, available = core.readings
