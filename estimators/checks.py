@@ -28,6 +28,39 @@ def numbers(value: object) -> np.ndarray | None:
         return None
 
 
+def finite_array(name: str, value: object, *shape: int | str) -> np.ndarray:
+    """``value`` as a float array of finite numbers, of a shape as `shaped_array` takes it.
+
+    Raises:
+        ValueError: if it is another array, or none.
+    """
+    array = shaped_array(name, value, *shape)
+    if not np.isfinite(array).all():
+        raise ValueError(f"{name} must be finite, got {shown(value)}")
+    return array
+
+
+def shaped_array(name: str, value: object, *shape: int | str) -> np.ndarray:
+    """``value`` as a float array of a shape.
+
+    Args:
+        name: Of the argument.
+        value: The argument.
+        *shape: Its shape; a letter stands for any length, a first ``"..."`` for any axes before the others.
+
+    Raises:
+        ValueError: if it is another array, or none.
+    """
+    array = as_array(name, value)
+    wanted = shape[1:] if shape[:1] == ("...",) else shape
+    sizes = array.shape[array.ndim - len(wanted) :]
+    fits = array.ndim == len(shape) or (len(wanted) < len(shape) and array.ndim >= len(wanted))
+    if not fits or any(isinstance(size, int) and size != found for size, found in zip(wanted, sizes, strict=True)):
+        comma = "," if len(shape) == 1 else ""
+        raise ValueError(f"{name} must have shape ({', '.join(map(str, shape))}{comma}), got {array.shape}")
+    return array
+
+
 def as_mask(name: str, value: object) -> np.ndarray:
     """``value`` as an array of truth values; numbers count as true where they are not 0.
 
@@ -51,6 +84,8 @@ def number(name: str, value: object, low: float = -np.inf, high: float = np.inf,
 
 def as_number(value: object) -> float:
     """A number as float; NaN for anything else, infinity for one that is too large."""
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        value = value[()]
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
         return np.nan
     try:

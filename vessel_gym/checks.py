@@ -4,11 +4,72 @@ import inspect
 from collections.abc import Collection, Mapping
 from typing import Any
 
+import numpy as np
+
 from estimators.checks import as_number as number
+from estimators.checks import number as within
 from estimators.checks import numbers, shown
 from estimators.factory import unknown
 
-__all__ = ["function", "no_others", "number", "numbers", "one_of", "options"]
+__all__ = [
+    "check_names", "check_numbers", "check_pair", "function", "instance", "no_others", "number", "numbers", "one_of",
+    "options",
+]  # fmt: skip
+
+LARGEST = 1e15
+"""Numbers beyond are no quantities of a vehicle, a sea or a time in SI units."""
+AT_LEAST_0 = float(np.nextafter(0.0, -1.0))
+_DEGREES = "in radians (np.deg2rad makes them of degrees)"
+RANGES = {
+    "positive": (0.0, LARGEST, "a number above 0"),
+    "not_negative": (AT_LEAST_0, LARGEST, "a number of at least 0"),
+    "finite": (-LARGEST, LARGEST, "a finite number"),
+    "share": (AT_LEAST_0, float(np.nextafter(1.0, 2.0)), "a number from 0 to 1"),
+    "direction": (-6.3, 6.3, f"an angle of at most one turn, {_DEGREES}"),
+    "deflection": (-1.6, 1.6, f"an angle of at most a quarter of a turn, {_DEGREES}"),
+}
+"""Kinds of numbers: greater than the first, less than the second, and what such a number is."""
+
+
+def check_numbers(of: object, values: Mapping[str, object] | None = None, **kinds: str) -> None:
+    """Refuse numbers that are of no use.
+
+    Args:
+        of: A record with the numbers; or the name of a function, whose arguments are ``values``.
+        values: Numbers by name.
+        **kinds: Names of numbers by the kind of `RANGES`, separated by spaces; one with a question mark may be None.
+
+    Raises:
+        ValueError: naming the number, and what it must be.
+    """
+    title = of if isinstance(of, str) else type(of).__name__
+    for kind, names in kinds.items():
+        low, high, what = RANGES[kind]
+        for name in names.split():
+            value = getattr(of, name.rstrip("?")) if values is None else values[name.rstrip("?")]
+            if value is not None or not name.endswith("?"):
+                within(f"{name.rstrip('?')} of {title}", value, low, high, what)
+
+
+def check_pair(name: str, value: object, low: float = 0.0) -> None:
+    """Refuse anything but two numbers in order, above ``low``.
+
+    Raises:
+        ValueError: naming the argument.
+    """
+    pair = numbers(value)
+    if pair is None or pair.shape != (2,) or not low < pair[0] <= pair[1] < LARGEST:
+        raise ValueError(f"{name} must be (least, greatest), both above {low:g}, got {shown(value)}")
+
+
+def instance(name: str, value: object, kind: type) -> None:
+    """Refuse an object of another class.
+
+    Raises:
+        TypeError: naming the class.
+    """
+    if not isinstance(value, kind):
+        raise TypeError(f"{name} must be of class {kind.__name__}, got {shown(value)}")
 
 
 def one_of(kind: str, value: object, known: Collection[str]) -> str:
@@ -20,6 +81,16 @@ def one_of(kind: str, value: object, known: Collection[str]) -> str:
     if isinstance(value, str) and value in known:
         return value
     raise ValueError(unknown(kind, value, known))
+
+
+def check_names(name: str, value: object) -> None:
+    """Refuse anything but a tuple or list of texts; the letters of a text would pass for names.
+
+    Raises:
+        TypeError: naming the argument.
+    """
+    if not isinstance(value, tuple | list) or not all(isinstance(each, str) for each in value):
+        raise TypeError(f"{name} must be a tuple of names, got {shown(value)}")
 
 
 def function(name: str, value: object, of: str) -> None:

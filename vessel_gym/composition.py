@@ -62,6 +62,10 @@ def _mistakes(vehicle: Vehicle, disturbance: Disturbance) -> Iterator[str]:
     for name in disturbance.inputs or ():
         if name not in possible:
             yield f"{who} has the unknown input {shown(name)}, which must be one of {', '.join(possible)}"
+    ship = getattr(disturbance, "ship", None)
+    flown = getattr(vehicle, "ship", ship)
+    if any(getattr(ship, name) != getattr(flown, name) for name in ("length", "beam", "draught", "mass") if ship):
+        yield f"{who} was made for another ship than the vehicle's: give it ship=vehicle.ship"
     if disturbance.dt not in (None, vehicle.dt):
         own, dt = disturbance.dt, vehicle.dt
         yield f"{who} was made for steps of {own} s, the vehicle's are {dt:g} s: give it dt={dt:g}"

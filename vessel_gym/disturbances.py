@@ -12,7 +12,8 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import block_diag
 
-from estimators.checks import number
+from estimators.checks import number, whole
+from vessel_gym.checks import check_names, check_numbers, instance
 from vessel_gym.processes import Process, linear
 from vessel_gym.waves import GRAVITY, WaveField
 
@@ -86,6 +87,9 @@ class Sea(Disturbance):
     current_time: float = 1000.0  # s
     dt: float = 0.5  # s
 
+    def __post_init__(self) -> None:
+        check_numbers(self, not_negative="wave gust current", positive="peak damping gust_time current_time dt")
+
     names = ("wave yaw", "wave yaw rate", "gust yaw rate", "current north", "current east")
     forces = ("yaw increment", "current north", "current east")
     told = "input"
@@ -124,6 +128,11 @@ class Water(Disturbance):
     names: tuple[str, ...] = ("current north", "current east")
     current_time: float = 200.0  # s
     dt: float = 0.1  # s
+
+    def __post_init__(self) -> None:
+        check_numbers(self, not_negative="turbulence spin current", positive="current_time dt")
+        for name in ("velocities", "rates", "names"):
+            check_names(f"{name} of Water", getattr(self, name))
 
     @property
     def forces(self) -> tuple[str, ...]:  # type: ignore[override]
@@ -167,6 +176,12 @@ class SurfaceWater(Disturbance):
     north: int  # which component of the vehicle's state is its place north,
     down: int  # and which its depth
     depth: float = 2.0  # m, of the place 0
+
+    def __post_init__(self) -> None:
+        check_numbers(self, not_negative="height depth", positive="period")
+        instance("beside of SurfaceWater", self.beside, Water)
+        for name in ("north", "down"):
+            whole(f"{name} of SurfaceWater", getattr(self, name), 0)
 
     @property
     def names(self) -> tuple[str, ...]:  # type: ignore[override]
@@ -249,6 +264,12 @@ class Air(Disturbance):
     airspeed: float = 20.0  # m/s
     dt: float = 0.1  # s
 
+    def __post_init__(self) -> None:
+        check_numbers(
+            self, not_negative="wind gust vertical_gust kick roll",
+            positive="wind_time length vertical_length airspeed dt",
+        )  # fmt: skip
+
     names = (
         "mean wind north", "mean wind east", "gust north", "gust east", "gust down 1", "gust down 2",
     )  # fmt: skip
@@ -310,6 +331,9 @@ class Fault(Disturbance):
     told = "input"
 
     def __post_init__(self) -> None:
+        instance("actuator of a fault", self.actuator, str)
+        instance("beside of a fault", self.beside, Disturbance)
+        check_numbers(self, positive="dt")
         number("loss of a fault", self.loss, low=-1e-300, high=1.0 + 1e-15, what="0 to 1")
         for name in ("bias", "amplitude"):
             number(f"{name} of a fault", getattr(self, name))

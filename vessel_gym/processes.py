@@ -9,8 +9,10 @@ import numpy as np
 from scipy.linalg import block_diag, solve_continuous_lyapunov
 
 from estimators import van_loan
+from estimators.checks import finite_array, shown
 from estimators.compiled import rowwise
 from estimators.threefry import normals_of_rows
+from vessel_gym.checks import check_numbers
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
@@ -49,7 +51,8 @@ class Process:
 
     def __post_init__(self) -> None:
         for name in ("transition", "root", "start_cov"):  # laid out alike in every copy: the last bit depends on it
-            object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name), float))
+            values = finite_array(f"{name} of a process", getattr(self, name), "k", "m")
+            object.__setattr__(self, name, np.ascontiguousarray(values))
         k = len(self.root)
         for name, values in (("transition", self.transition), ("start_cov", self.start_cov)):
             if np.shape(values) != (k, k):
@@ -103,7 +106,10 @@ class Process:
         Raises:
             ValueError: if A is not stable: then the process has no size to begin with.
         """
-        A, W = np.asarray(A, float), np.asarray(W, float)
+        A, W = finite_array("A", A, "k", "k"), finite_array("W", W, "k", "k")
+        check_numbers("Process.stationary", {"dt": dt}, positive="dt")
+        if len(set(A.shape + W.shape)) != 1:
+            raise ValueError(f"A and W must be square and of one size, got shapes {A.shape} and {W.shape}")
         if not np.linalg.eigvals(A).real.max() < 0.0:
             raise ValueError("A must be stable (eigenvalues with negative real parts): otherwise the process grows")
         transition, noise = van_loan(A, np.eye(len(A)), W, dt)
@@ -112,7 +118,8 @@ class Process:
     @classmethod
     def wandering(cls, sd: tuple[float, ...] | np.ndarray, time: float, dt: float) -> "Process":
         """Independent first-order processes of standard deviations ``sd (k,)`` that change in ``time`` [s]."""
-        sd = np.asarray(sd, float)
+        sd = _sizes("sd", sd)
+        check_numbers("Process.wandering", {"time": time, "dt": dt}, positive="time dt")
         fresh = np.sqrt(-np.expm1(-2.0 * dt / time))
         return cls(np.exp(-dt / time) * np.eye(len(sd)), np.diag(sd * fresh), np.diag(sd**2))
 
@@ -122,17 +129,31 @@ class Process:
 
         With a pace of zero they are constants that nobody knows.
         """
-        start, pace = np.asarray(start, float), np.asarray(pace, float)
+        start, pace = _sizes("start", start), _sizes("pace", pace)
+        check_numbers("Process.walk", {"dt": dt}, positive="dt")
+        if start.shape != pace.shape:
+            raise ValueError(f"start and pace must be as many, got {len(start)} and {len(pace)}")
         return cls(np.eye(len(start)), np.diag(pace * np.sqrt(dt)), np.diag(start**2))
 
     @classmethod
     def joined(cls, *processes: "Process") -> "Process":
         """Independent processes as one."""
+        for each in processes:
+            if not isinstance(each, Process):
+                raise TypeError(f"Process.joined joins processes, got {shown(each)}")
         if not processes:
             return cls(np.zeros((0, 0)), np.zeros((0, 0)), np.zeros((0, 0)))
         return cls(
             *(block_diag(*(getattr(p, name) for p in processes)) for name in ("transition", "root", "start_cov"))
         )
+
+
+def _sizes(name: str, value: object) -> np.ndarray:
+    """Standard deviations ``(k,)``."""
+    sizes = finite_array(name, value, "k")
+    if (sizes < 0.0).any():
+        raise ValueError(f"{name} must be standard deviations of at least 0, got {shown(value)}")
+    return sizes
 
 
 def root_of(cov: np.ndarray) -> np.ndarray:

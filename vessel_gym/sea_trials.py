@@ -14,11 +14,14 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 from scipy.optimize import brentq
 
+from estimators.checks import finite_array, number, whole
+from vessel_gym.checks import check_numbers, function, instance
 from vessel_gym.vehicles.corvette import sway_yaw_jacobian
 from vessel_gym.vehicles.corvette_equations import AROUND, STATE, CorvetteParameters, corvette_step
 
 Command = float | Sequence[float] | np.ndarray | Callable[[float, np.ndarray], float]
 """What the helm is told [rad]: an angle, one angle a step, or a function of time [s] and the truth state."""
+_MOST_STEPS, _LARGEST_ORDER = 10**6, 1.6
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,22 +63,30 @@ def simulate(
         stop: Ends the run after the first state for which it holds.
 
     Raises:
-        ValueError: for a step or duration that is not positive, or a schedule that is too short.
+        ValueError: for a step or duration that is not positive, angles in degrees, a schedule that is too short, or
+            more than a million steps.
+        TypeError: for a ship that is none.
     """
-    if not dt > 0.0 or not duration > 0.0:
-        raise ValueError(f"dt and duration must be positive, got {dt} and {duration}")
+    instance("ship of simulate", ship, CorvetteParameters)
+    check_numbers("simulate", {"rudder": rudder}, deflection="rudder")
+    _check_times(ship, dt, duration=duration)
+    whole("substeps of simulate", substeps, 1)
+    function("stop of simulate", stop, "the state")
+    current = tuple(finite_array("current of simulate", current, 2))
     steps = max(round(duration / dt), 1)
-    orders = np.zeros(0) if callable(command) else np.asarray(command, float)
+    orders = np.zeros(0) if callable(command) else finite_array("command of simulate", command, "...")
+    if orders.ndim > 1 or np.abs(orders).max(initial=0.0) > _LARGEST_ORDER:
+        raise ValueError("command of simulate must be rudder angles in radians (np.deg2rad makes them of degrees)")
     if orders.ndim == 0:
         orders = np.full(steps, orders)
     if not callable(command) and len(orders) < steps:
         raise ValueError(f"the schedule has {len(orders)} commands for {steps} steps")
-    state = _straight_on(ship) if start is None else np.array(start, float)
+    state = _straight_on(ship) if start is None else finite_array("start of simulate", start, len(STATE)).copy()
     c = ship.vector()
     states, rudders = [state], [float(rudder)]
     for k in range(steps):
-        order = command(k * dt, state) if callable(command) else orders[k]
-        state, rudder = _helm_step(state, rudder, float(order), dt, ship, c, substeps, current)
+        order = number("command of simulate", command(k * dt, state) if callable(command) else orders[k])
+        state, rudder = _helm_step(state, rudder, order, dt, ship, c, substeps, current)
         states.append(state)
         rudders.append(rudder)
         if stop is not None and stop(state):
@@ -172,9 +183,13 @@ def circle_geometry(x: np.ndarray, y: np.ndarray, psi: np.ndarray, dt: float | N
         y: ``(k,)`` east [m].
         psi: ``(k,)`` heading [rad], wrapped or not; less than half a turn between samples.
         dt: Time between samples [s], for the times.
+
+    Raises:
+        ValueError: for what is no track.
     """
-    x, y = np.asarray(x, float), np.asarray(y, float)
-    change = np.unwrap(np.asarray(psi, float))
+    check_numbers("circle_geometry", {"dt": dt}, positive="dt?")
+    x, y, psi = _columns(x=x, y=y, psi=psi)
+    change = np.unwrap(psi)
     change = change - change[0]
     cos, sin = np.cos(psi[0]), np.sin(psi[0])
     turned = np.flatnonzero(np.abs(change) >= 0.5 * np.pi)
@@ -205,7 +220,7 @@ def fit_circle(x: np.ndarray, y: np.ndarray) -> Circle:
     Raises:
         ValueError: for points through which no circle, or more than one, goes.
     """
-    x, y = np.asarray(x, float), np.asarray(y, float)
+    x, y = _columns(x=x, y=y)
     middle, size = np.array([x.mean(), y.mean()]), max(np.ptp(x), np.ptp(y))
     if len(x) < 3 or size == 0.0:
         raise ValueError("a circle needs three different points")
@@ -238,8 +253,14 @@ def turning_circle(
         dt: Step [s].
         turns: Full turns after which the trial ends; the last one gives the steady radius.
         longest: Time [s] after which it ends anyway.
+
+    Raises:
+        ValueError: for a number that no trial has, such as a rudder in degrees.
+        TypeError: for a ship that is none.
     """
-    ship = _at_speed(ship, speed)
+    check_numbers("turning_circle", {"turns": turns}, positive="turns")
+    ship = _at_speed(ship, speed, rudder)
+    _check_times(ship, dt, longest=longest)
     track = simulate(ship, rudder, longest, dt, stop=lambda state: abs(state[2]) >= 2.0 * np.pi * turns)
     x, y, psi, u, v = track.state.T[:5]
     geometry = circle_geometry(x, y, psi, dt)
@@ -293,8 +314,16 @@ def zigzag(
         on_samples: Reverse at the next sample instead, as a helmsman who looks at the compass every ``dt``: the
             record that `nomoto_fit` wants, if the rudder needs a whole number of steps to go over.
         longest: Time [s] after which the trial ends in any case.
+
+    Raises:
+        ValueError: for a number that no trial has, such as a rudder of 0 or in degrees.
+        TypeError: for a ship that is none.
     """
-    ship = _at_speed(ship, speed)
+    check_numbers("zigzag", {"heading": heading}, positive="heading?", deflection="heading?")
+    whole("cycles of zigzag", cycles, 1)
+    instance("on_samples of zigzag", on_samples, bool)
+    ship = _at_speed(ship, speed, rudder)
+    _check_times(ship, dt, longest=longest)
     target = abs(rudder if heading is None else heading)
     c = ship.vector()
     state, angle, order = _straight_on(ship), 0.0, float(rudder)
@@ -343,7 +372,14 @@ def initial_turning(
         heading: Change of heading [rad].
         dt: Step [s].
         longest: Time [s] after which the answer is None.
+
+    Raises:
+        ValueError: for a number that no trial has, such as a rudder of 0 or in degrees.
+        TypeError: for a ship that is none.
     """
+    check_numbers("initial_turning", {"heading": heading}, positive="heading", deflection="heading")
+    ship = _at_speed(ship, None, rudder)
+    _check_times(ship, dt, longest=longest)
     track = simulate(ship, rudder, longest, dt, stop=lambda state: abs(state[2]) >= heading)
     x, y, psi = track.state.T[:3]
     travelled = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
@@ -390,7 +426,8 @@ def nomoto_fit(time: np.ndarray, rudder: np.ndarray, yaw_rate: np.ndarray, speed
     Raises:
         ValueError: for a record that does not determine the model: unevenly sampled, too short, or at rest.
     """
-    time, d, r = (np.asarray(a, float) for a in (time, rudder, yaw_rate))
+    check_numbers("nomoto_fit", {"speed": speed, "length": length}, positive="speed length")
+    time, d, r = _columns(time=time, rudder=rudder, yaw_rate=yaw_rate)
     if len(time) < 8 or not np.allclose(np.diff(time), time[1] - time[0], rtol=1e-6, atol=0.0):
         raise ValueError("the record must be equally spaced in time, with eight samples or more")
     h = float(time[1] - time[0])
@@ -420,8 +457,12 @@ def nomoto_linear(ship: CorvetteParameters, speed: float | None = None) -> Nomot
     Args:
         ship: Parameters.
         speed: [m/s]; None: the service speed.
+
+    Raises:
+        ValueError: for a speed that is not positive.
+        TypeError: for a ship that is none.
     """
-    speed = ship.speed if speed is None else speed
+    speed = _at_speed(ship, speed).speed
     A, B = sway_yaw_jacobian(np.array([speed, 0.0, 0.0]), np.array(0.0), ship)
     # r(s) / delta(s) = (b2 s + a21 b1 - a11 b2) / (s^2 - tr s + det)
     determinant, trace = np.linalg.det(A), np.trace(A)
@@ -448,8 +489,33 @@ def _nomoto(K: float, T: float, T1: float | None, T2: float | None, T3: float, s
     )
 
 
-def _at_speed(ship: CorvetteParameters, speed: float | None) -> CorvetteParameters:
-    """The ship with its thrust set for another speed (the same resistance coefficient)."""
+def _columns(**series: object) -> list[np.ndarray]:
+    """Series of numbers, one a sample, of one length."""
+    columns = [finite_array(name, values, "k") for name, values in series.items()]
+    lengths = {len(column) for column in columns}
+    if len(lengths) > 1 or 0 in lengths:
+        raise ValueError(f"{', '.join(series)} must be as long as each other, and not empty")
+    return columns
+
+
+def _check_times(ship: CorvetteParameters, dt: float, **longest: float) -> None:
+    """Refuse steps in which a ship sails farther than its length, and more than `_MOST_STEPS` of them."""
+    for name, value in ({"dt": dt} | longest).items():
+        number(f"{name} of a trial", value, 0.0, what="a positive number")
+    if dt > ship.length / ship.speed:
+        text = f"dt of a trial must be at most {ship.length / ship.speed:.3g} s, in which the ship sails its length"
+        raise ValueError(f"{text}, got {dt:g}")
+    for name, time in longest.items():
+        if time / dt > _MOST_STEPS:
+            raise ValueError(f"{name} of a trial must be at most {_MOST_STEPS} steps of dt = {dt:g} s, got {time:g} s")
+
+
+def _at_speed(ship: CorvetteParameters, speed: float | None, rudder: float = 0.1) -> CorvetteParameters:
+    """The ship of a trial with its thrust set for another speed (the same resistance coefficient)."""
+    instance("ship of a trial", ship, CorvetteParameters)
+    check_numbers("a trial", {"rudder": rudder, "speed": speed}, deflection="rudder", positive="speed?")
+    if rudder == 0.0:
+        raise ValueError("rudder of a trial must not be 0: positive turns to starboard")
     if speed is None:
         return ship
     return replace(ship, speed=speed, resistance=ship.resistance * (speed / ship.speed) ** 2)

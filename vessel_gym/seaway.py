@@ -6,8 +6,8 @@ from functools import cached_property
 import numpy as np
 from scipy.optimize import root
 
-from estimators.checks import number
 from estimators.compiled import rowwise, sincos
+from vessel_gym.checks import check_numbers, instance
 from vessel_gym.disturbances import Disturbance, Sea
 from vessel_gym.processes import Process, row_by_row
 from vessel_gym.vehicles.corvette_equations import AROUND, STATE, CorvetteParameters, corvette_rates
@@ -34,6 +34,7 @@ class Seaway(Disturbance):
 
     Raises:
         ValueError: for a number that no sea has.
+        TypeError: for a ship that is none.
     """
 
     ship: CorvetteParameters
@@ -50,11 +51,9 @@ class Seaway(Disturbance):
     told = "input"
 
     def __post_init__(self) -> None:
-        for name in ("height", "period", "dt"):
-            number(f"{name} of a seaway", getattr(self, name), low=0.0, what="a number above 0")
-        for name in ("wind", "current"):
-            number(f"{name} of a seaway", getattr(self, name), low=-1e-300, what="a number of at least 0")
-        number("direction of a seaway", self.direction)
+        instance("ship of Seaway", self.ship, CorvetteParameters)
+        kinds = {"positive": "height period dt current_time", "not_negative": "wind current", "direction": "direction"}
+        check_numbers("a seaway", vars(self), **kinds)
 
     @cached_property
     def waves(self) -> WaveField:

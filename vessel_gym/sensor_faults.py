@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimators.checks import numbers, shown
-from vessel_gym.checks import one_of
+from vessel_gym.checks import instance, one_of
 
 KINDS = {
     "off": "",
@@ -46,6 +46,7 @@ class SensorFault:
     end: float | tuple[float, float] = np.inf
 
     def __post_init__(self) -> None:
+        instance("sensor of a fault", self.sensor, str)
         one_of("kind of sensor fault", self.kind, KINDS)
         size, meant = None if isinstance(self.size, bool) else numbers(self.size), KINDS[self.kind]
         if not meant and self.size is not None:

@@ -16,7 +16,7 @@ from estimators.compiled import rowwise
 from estimators.factory import unknown
 from estimators.models import StateNoise
 from estimators.threefry import normals_of_rows, words_of_rows
-from vessel_gym.checks import numbers
+from vessel_gym.checks import check_names, check_numbers, function, instance, numbers
 from vessel_gym.foreign import copying, refuse_not_finite, repeated
 from vessel_gym.processes import Process, linear
 from vessel_gym.sensor_faults import SensorFault
@@ -57,6 +57,8 @@ class Bias:
             for value in values:
                 number(f"{name} of the bias {self.names}", value, low=-1e-300, what="0 or more")
             object.__setattr__(self, name, tuple(float(value) for value in values))
+        check_names("names of a bias", self.names)
+        check_numbers(self, positive="scale")
 
     @property
     def states(self) -> tuple[str, ...]:
@@ -128,18 +130,28 @@ class Sensor:
     clock: float = 0.0
 
     def __post_init__(self) -> None:
+        instance("name of a sensor", self.name, str)
+        channels: Any = self.channels
+        if not isinstance(channels, str):  # which is refused below
+            check_names(f"channels of {self.name}", channels)
+        if not channels:
+            raise ValueError(f"channels of {self.name} must be one or more names")
+        if self.bias is not None:
+            instance(f"bias of {self.name}", self.bias, Bias)
+        function(f"inverse of {self.name}", self.inverse, "(readings, known)")
         k = len(self.channels)
-        tuples: tuple[tuple[str, Any], ...] = ("channels", (self.channels,)), ("informs", self.informs or ())
+        informs = self.informs if isinstance(self.informs, tuple | list) else ()
+        tuples: tuple[tuple[str, Any], ...] = ("channels", (self.channels,)), ("informs", informs)
         for name, listed in tuples:
             for entry in listed:
                 if isinstance(entry, str):  # whose letters would pass for names
                     raise ValueError(f"{name} of {self.name} must hold tuples of names, got {shown(entry)}")
         for name in ("sd", "range", "scale", "gives", "informs"):
             values = getattr(self, name)
-            listed = isinstance(values, tuple | list | np.ndarray)
+            listed = isinstance(values, tuple | list) or (isinstance(values, np.ndarray) and values.ndim > 0)
             if name == "sd" and callable(values):
                 continue
-            if values is not None and not (listed and len(values) == k):
+            if (values is not None or name == "sd") and not (listed and len(values) == k):
                 raise ValueError(f"{self.name} has {k} channels, so {name} must have {k} entries, got {shown(values)}")
         for name, low, values in (
             ("sd", -1e-300, () if callable(self.sd) else self.sd),
@@ -161,7 +173,8 @@ class Sensor:
             number(f"rate of {self.name}", self.rate, low=0.0, what="above 0 Hz, or None for one reading every step")
         if not callable(self.reads):
             raise ValueError(f"reads of {self.name} must be a function of (state, forcing), got {shown(self.reads)}")
-        if any(not isinstance(i, int) or not 0 <= i < k for i in self.angles):
+        angles = self.angles if isinstance(self.angles, tuple | list) else (None,)
+        if any(not isinstance(i, int | np.integer) or not 0 <= i < k for i in angles):
             raise ValueError(f"angles of {self.name} must be indices below {k}, got {shown(self.angles)}")
         if self.bias is not None and len(self.bias.names) > k:
             raise ValueError(f"{self.name} has {k} channels, but a bias on {len(self.bias.names)}")
@@ -179,6 +192,7 @@ class Sensor:
         """
         if self.rate is None:
             return 1
+        check_numbers("a sensor's period", {"dt": dt}, positive="dt")
         steps = 1.0 / (self.rate * dt)
         if steps < 0.5 or abs(steps - round(steps)) > 1e-6 * steps:
             raise ValueError(
@@ -194,6 +208,7 @@ class Sensor:
             ValueError: if they are no whole numbers of steps, or too many together.
         """
         counts = []
+        check_numbers("a sensor's delays", {"dt": dt}, positive="dt")
         for name in ("latency", "jitter", "clock"):
             seconds = getattr(self, name)
             steps = seconds / dt
@@ -225,8 +240,14 @@ class SensorSuite:
     outlier_scale: float = 10.0  # size of an outlier's noise relative to nominal
     lossless: bool = False  # no sensor loses a reading
 
+    def __post_init__(self) -> None:
+        check_numbers(self, not_negative="noise outlier_scale", share="dropout outliers")
+        instance("lossless of SensorSuite", self.lossless, bool)
+
     def of(self, nominal: Sequence[Sensor]) -> tuple[Sensor, ...]:
         """A vehicle's sensors in this quality."""
+        if not isinstance(nominal, tuple | list) or not all(isinstance(sensor, Sensor) for sensor in nominal):
+            raise TypeError(f"nominal must be Sensor objects, got {shown(nominal)}")
         return tuple(
             replace(
                 sensor,
@@ -289,13 +310,16 @@ class Sensors:
         dt: float,
         faults: Sequence[SensorFault] = (),
     ) -> None:
-        self.each = tuple(sensors)
+        self.each = tuple(sensors) if isinstance(sensors, tuple | list) else ()
         if not self.each or not all(isinstance(sensor, Sensor) for sensor in self.each):
             raise TypeError(f"sensors must be Sensor objects, one at least, got {shown(sensors)}")
         names = [sensor.name for sensor in self.each]
         for name in names:
             if names.count(name) > 1:
                 raise ValueError(f"two sensors are called {name!r}: give each a name of its own")
+        check_names("states of Sensors", states)
+        check_names("forcing of Sensors", forcing)
+        check_numbers("Sensors", {"dt": dt}, positive="dt")
         self.state_names, self.forcing_names, self.dt = states, forcing, dt
         sizes = [len(sensor.channels) for sensor in self.each]
         self.owner = np.repeat(np.arange(len(self.each)), sizes)  # which sensor a channel belongs to
@@ -441,8 +465,8 @@ class Sensors:
     def sd_at(self, exact: np.ndarray) -> np.ndarray:
         """Standard deviations ``(..., p)`` of measurements that are ``exact (..., p)`` without noise."""
         sd = np.broadcast_to(self._sd[0], exact.shape).copy()
-        for _, own, function in self._varying:
-            sd[..., own] = function(exact[..., own])
+        for _, own, spread in self._varying:
+            sd[..., own] = spread(exact[..., own])
         return sd
 
     @property

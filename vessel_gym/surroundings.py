@@ -10,7 +10,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from vessel_gym.checks import one_of
+from estimators.checks import finite_array
+from vessel_gym.checks import check_numbers, instance, one_of
 from vessel_gym.core import Core
 from vessel_gym.guidance.dive_path import path_point
 from vessel_gym.guidance.path_following import COLUMNS
@@ -61,6 +62,12 @@ class Surroundings:
 
     def __post_init__(self) -> None:
         one_of("hull", self.hull, HULLS)
+        check_numbers(self, positive="size", finite="surface?")
+        instance("space of Surroundings", self.space, bool)
+        for name in ("path", "obstacles"):
+            finite_array(f"{name} of Surroundings", getattr(self, name), "k", 3)
+        if self.goal is not None:
+            finite_array("goal of Surroundings", self.goal, 4)
 
 
 MakeSurroundings = Callable[[Any, np.ndarray], Surroundings]

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
-from estimators.checks import shown
-from vessel_gym.checks import one_of
+from estimators.checks import finite_array, shown, whole
+from vessel_gym.checks import check_names, instance, one_of, options
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import SUITES, Sensor, Sensors
@@ -145,6 +145,25 @@ class Vehicle(Protocol):
         """What a flow adds at the start to what the prior describes ``(n, flows)``, if velocities are over ground."""
 
 
+def check_task(task: Task) -> None:
+    """Refuse a task whose figures make no sense.
+
+    Raises:
+        TypeError: for what is no task.
+        ValueError: naming the figure.
+    """
+    instance("task of a system", task, Task)
+    title = type(task).__name__
+    whole(f"horizon of {title}", task.horizon, 1)
+    whole(f"uniforms of {title}", task.uniforms, 0)
+    check_names(f"ends of {title}", task.ends)
+    if not task.ends or task.success not in ("", *task.ends[1:]):
+        raise ValueError(f"success of {title} must be one of its ends, or empty, got {shown(task.success)}")
+    for name in ("prior_sd", "state_scale", "std_scale"):
+        if hasattr(task, name) and (finite_array(f"{name} of {title}", getattr(task, name), "n") < 0.0).any():
+            raise ValueError(f"{name} of {title} must be numbers of at least 0, got {shown(getattr(task, name))}")
+
+
 @dataclass(frozen=True)
 class System:
     """One environment as data.
@@ -170,6 +189,27 @@ class System:
     tuning: Callable[[str, "Composition"], dict[str, Any]]
     filter_models: Mapping[str, str] = field(default_factory=dict)
     sensors: tuple[Sensor, ...] | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("name", "estimator", "filter_model"):
+            instance(f"{name} of a system", getattr(self, name), str)
+        missing = [name for name in vars(Vehicle) if name[0] != "_" and not hasattr(self.vehicle, name)]
+        if missing:
+            text = f"vehicle of a system must have {', '.join(missing[:3])}, as vessel_gym.system.Vehicle says"
+            raise TypeError(f"{text}, got {shown(self.vehicle)}")
+        check_task(self.task)
+        disturbances = options("disturbances of a system", self.disturbances)
+        for each in disturbances.values():
+            instance("each of the disturbances of a system", each, Disturbance)
+        if not disturbances:
+            raise ValueError("disturbances of a system must hold one at least, by name")
+        one_of("filter_model of a system", self.filter_model, self.vehicle.kinds)
+        options("filter_models of a system", self.filter_models)
+        sensors = () if self.sensors is None else self.sensors
+        if not isinstance(sensors, tuple | list) or not all(isinstance(each, Sensor) for each in sensors):
+            raise TypeError(f"sensors of a system must be Sensor objects, or None, got {shown(self.sensors)}")
+        if not callable(self.tuning):
+            raise TypeError(f"tuning of a system must be a function of (name, told), got {shown(self.tuning)}")
 
     def sensors_of(self, choice: "str | Sequence[Sensor]", faults: Sequence[SensorFault] = ()) -> Sensors:
         """Its sensors in the quality of a suite by name, or somebody's own, with their faults.

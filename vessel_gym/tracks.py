@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from estimators.checks import finite_array
+from vessel_gym.checks import check_numbers, instance
 from vessel_gym.tasks.circle_track import CircleTrack
 from vessel_gym.tasks.turning_circle import TurningCircle
 from vessel_gym.vehicles.corvette import steady_turns
@@ -16,6 +18,9 @@ def path(heading: np.ndarray, surge: np.ndarray, sway: np.ndarray, dt: float) ->
         sway: ``(k,)`` m/s.
         dt: Time between samples [s].
     """
+    heading = finite_array("heading", heading, "k")
+    surge, sway = (finite_array(name, given, len(heading)) for name, given in (("surge", surge), ("sway", sway)))
+    check_numbers("a track", {"dt": dt}, positive="dt")
     velocity = np.stack(
         [surge * np.cos(heading) - sway * np.sin(heading), surge * np.sin(heading) + sway * np.cos(heading)], -1
     )
@@ -30,6 +35,8 @@ def commanded_path(task: TurningCircle, course: np.ndarray) -> np.ndarray:
         task: The task.
         course: ``(2,)`` what it drew.
     """
+    instance("task", task, TurningCircle)
+    course = finite_array("course", course, 4 if isinstance(task, CircleTrack) else 2)
     if isinstance(task, CircleTrack):
         lead, whole = task.ship.speed * (task.lead + task.ramp), 2.0 * np.pi / abs(course[2])
         along = np.linspace(0.0, lead + whole, 200)

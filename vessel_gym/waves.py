@@ -6,6 +6,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from estimators.checks import finite_array
+from vessel_gym.checks import check_numbers
 from vessel_gym.processes import Process
 
 GRAVITY = 9.81  # m/s2
@@ -26,6 +28,8 @@ def encounter_frequency(frequency: np.ndarray, beta: np.ndarray, speed: np.ndarr
         beta: Where they run to, from the heading on [rad].
         speed: [m/s].
     """
+    given = {"frequency": frequency, "beta": beta, "speed": speed}
+    frequency, beta, speed = (finite_array(name, value, "...") for name, value in given.items())
     return frequency - frequency**2 * speed * np.cos(beta) / GRAVITY
 
 
@@ -33,7 +37,15 @@ def jonswap(frequency: np.ndarray, height: float, period: float, peakedness: flo
     """Spectrum of a sea [m2 s], scaled on the frequencies given [rad/s] to its significant ``height`` [m].
 
     Hasselmann et al. (1973); a peakedness of 1 is Pierson and Moskowitz's. The ``period`` is the peak's [s].
+
+    Raises:
+        ValueError: for a height, period or peakedness that no sea has, or frequencies that do not increase above 0.
     """
+    check_numbers("jonswap", {"height": height}, not_negative="height")
+    check_numbers("jonswap", {"period": period, "peakedness": peakedness}, positive="period peakedness")
+    frequency = finite_array("frequency", frequency, "k")
+    if len(frequency) < 2 or not frequency[0] > 0.0 or not (np.diff(frequency) > 0.0).all():
+        raise ValueError("frequency of jonswap must be two or more numbers above 0 [rad/s] that increase")
     peak = 2.0 * np.pi / period
     width = np.where(frequency <= peak, 0.07, 0.09)
     bump = np.exp(-((frequency - peak) ** 2) / (2.0 * (width * peak) ** 2))
@@ -52,6 +64,9 @@ class WaveField:
     period: float  # of the spectrum's peak, s
 
     names = tuple(f"wave {band} {part}" for band in range(1, BANDS + 1) for part in ("real", "imaginary"))
+
+    def __post_init__(self) -> None:
+        check_numbers(self, not_negative="height", positive="period")
 
     @cached_property
     def frequencies(self) -> np.ndarray:
@@ -77,6 +92,7 @@ class WaveField:
 
     def process(self, dt: float) -> Process:
         """How the bands' real and imaginary parts move over a step of ``dt`` [s]."""
+        check_numbers("WaveField.process", {"dt": dt}, positive="dt")
         bands = []
         for frequency in self.frequencies:
             kept = np.exp(-_DAMPING * frequency * dt)

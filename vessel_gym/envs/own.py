@@ -4,6 +4,8 @@ from typing import Any
 
 import gymnasium as gym
 
+from estimators.checks import shown, whole
+from vessel_gym.checks import instance
 from vessel_gym.envs.single import VesselEnv
 from vessel_gym.envs.vector import VesselVectorEnv
 from vessel_gym.system import System
@@ -20,8 +22,16 @@ def register_environment(system: System, max_episode_steps: int | None = None) -
         The id, which is the system's name.
 
     Raises:
-        ValueError: for the name of an environment that was not registered here: give yours one of its own.
+        ValueError: for a name that Gymnasium does not take, or that of an environment that was not registered here.
+        TypeError: for what is no system.
     """
+    instance("system", system, System)
+    if max_episode_steps is not None:
+        whole("max_episode_steps", max_episode_steps, 1)
+    try:
+        gym.envs.registration.parse_env_id(system.name)
+    except gym.error.Error:
+        raise ValueError(f"name of a system must be like MyShip-v0, got {shown(system.name)}") from None
     known = gym.registry.get(system.name)
     if known is not None and not getattr(known.entry_point, "own", False):
         raise ValueError(f"{system.name!r} is an environment already: give yours a name of its own")

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+from vessel_gym.checks import instance
 from vessel_gym.composition import Composition
 from vessel_gym.envs.single import VesselEnv
 from vessel_gym.envs.vector import VesselVectorEnv
@@ -47,6 +48,7 @@ def ship_system(vessel: str | Path | CorvetteParameters, name: str = "vessel_gym
         ValueError: for anything wrong in the file, in one sentence with its line.
         OSError: if the file cannot be read.
     """
+    instance("name", name, str)
     ship = vessel if isinstance(vessel, CorvetteParameters) else load(vessel, CorvetteParameters)
     corvette = load("corvette", CorvetteParameters)
     pace = (ship.length / ship.speed) / (corvette.length / corvette.speed)

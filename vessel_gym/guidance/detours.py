@@ -17,7 +17,9 @@ from dataclasses import replace
 import numpy as np
 from numba import njit
 
+from estimators.checks import finite_array
 from estimators.compiled import gufunc, lazy, part
+from vessel_gym.checks import instance
 from vessel_gym.guidance.words import (
     Path,
     chain,
@@ -600,7 +602,8 @@ def approach(path: Path, points: np.ndarray) -> np.ndarray:
         path: The path.
         points: x, y [m].
     """
-    return _approach(path.segments, points)
+    instance("path", path, Path)
+    return _approach(path.segments, finite_array("points", points, "...", 2))
 
 
 @lazy(njit("boolean(float64[:, :], float64[:], float64, float64[:, :])", cache=True, error_model="numpy"))

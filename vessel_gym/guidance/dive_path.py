@@ -11,6 +11,7 @@ of its goal [m]. Frames: x north, y east, z down; a positive angle turns to star
 import numpy as np
 from numba import njit
 
+from estimators.checks import as_array, shaped_array
 from estimators.compiled import gufunc
 
 _STRAIGHT = 1e-9  # 1/m, the least curvature: over 100 m it bends a straight path by 5 micrometres
@@ -18,6 +19,7 @@ _STRAIGHT = 1e-9  # 1/m, the least curvature: over 100 m it bends a straight pat
 
 def course_to(goal: np.ndarray) -> np.ndarray:
     """The courses ``(..., 3)`` from the origin to goals ``(..., 3)`` [m]: a chord and a tangent make an arc."""
+    goal = shaped_array("goal", goal, "...", 3)
     chord, half = np.hypot(goal[..., 0], goal[..., 1]), np.arctan2(goal[..., 1], goal[..., 0])
     course = np.array(goal, float)  # whose depth is its last component
     course[..., 0], course[..., 1] = 2.0 * half, chord / np.sinc(half / np.pi)
@@ -49,7 +51,7 @@ def _path_point(s: float, course: np.ndarray, room: np.ndarray, out: np.ndarray)
 
 def path_point(s: np.ndarray, course: np.ndarray) -> np.ndarray:
     """The path at ``s (...)`` metres in plan: x, y, z [m], heading [rad] and slope [m depth per m], ``(..., 5)``."""
-    return _path_point(s, course, np.empty(5))
+    return _path_point(as_array("s", s), shaped_array("course", course, "...", 3), np.empty(5))
 
 
 @gufunc("void(float64[:], float64[:], float64, float64[:], float64[:])", "(c),(c),(),(k)->(k)")
@@ -88,4 +90,5 @@ def follow(position: np.ndarray, course: np.ndarray, ahead: float) -> np.ndarray
         cross-track error (positive to starboard of the path) and depth error (positive below it) [m]; heading [rad] and
         slope of the path there; the vector from the position to the path's point ``ahead`` of that, north, east, down.
     """
-    return _follow(position, course, ahead, np.empty(8))
+    position, course = shaped_array("position", position, "...", 3), shaped_array("course", course, "...", 3)
+    return _follow(position, course, as_array("ahead", ahead), np.empty(8))

@@ -11,7 +11,9 @@ counts like `PER_RAD` metres a radian, and twice that at most. So no memory is n
 import numpy as np
 from numba import njit
 
+from estimators.checks import as_array, shaped_array
 from estimators.compiled import gufunc
+from vessel_gym.checks import check_pair
 from vessel_gym.guidance.words import follow_on
 
 LEAD = 50.0
@@ -95,6 +97,14 @@ _ANYWHERE = np.array([-np.inf, np.inf, PER_RAD])
 _NOTHING_AHEAD = np.array([1.0, 2.0])
 
 
+def _flat(segments: object) -> np.ndarray:
+    """Paths ``(..., 5 k)``."""
+    flat = shaped_array("segments", segments, "...", "5 k")
+    if not flat.shape[-1] or flat.shape[-1] % COLUMNS:
+        raise ValueError(f"segments must hold {COLUMNS} numbers for each piece of a path, got {flat.shape[-1]}")
+    return flat
+
+
 def follow(pose: np.ndarray, segments: np.ndarray, ahead: tuple[float, float]) -> np.ndarray:
     """Where poses are on their paths, ``(..., 7)``.
 
@@ -107,7 +117,9 @@ def follow(pose: np.ndarray, segments: np.ndarray, ahead: tuple[float, float]) -
         Progress of the closest point [m], cross-track error (positive to the side of positive curvature) [m], heading
         of the path there [rad], its two mean curvatures ahead [1/m], remaining path [m], distance [m].
     """
-    return _follow(pose, _ANYWHERE, segments, np.array(ahead), np.empty(7))
+    pose, segments = shaped_array("pose", pose, "...", 3), _flat(segments)
+    check_pair("ahead", ahead)
+    return _follow(pose, _ANYWHERE, segments, as_array("ahead", ahead), np.empty(7))
 
 
 def track(position: np.ndarray, segments: np.ndarray, low: np.ndarray | float, high: np.ndarray | float) -> np.ndarray:
@@ -115,6 +127,7 @@ def track(position: np.ndarray, segments: np.ndarray, low: np.ndarray | float, h
 
     For whoever remembers how far the vehicle has come: neither a crossing nor a short cut makes progress.
     """
+    position, segments = shaped_array("position", position, "...", 2), _flat(segments)
     pose = np.concatenate([position, np.zeros_like(position[..., :1])], -1)
-    window = np.stack(np.broadcast_arrays(low, high, 0.0), -1)
+    window = np.stack(np.broadcast_arrays(as_array("low", low), as_array("high", high), 0.0), -1)
     return _follow(pose, window, segments, _NOTHING_AHEAD, np.empty(7))

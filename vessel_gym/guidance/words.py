@@ -15,7 +15,10 @@ from functools import cached_property
 import numpy as np
 from numba import njit
 
+from estimators.checks import as_array, finite_array, number, shaped_array, shown
+from estimators.checks import numbers as real_numbers
 from estimators.compiled import gufunc, part
+from vessel_gym.checks import check_numbers
 
 WORDS = ("LSL", "LSR", "RSL", "RSR", "LRL", "RLR")
 """The order of the last axis of `lengths`."""
@@ -152,6 +155,8 @@ def _chained(
         x, y, heading = follow_on(lengths[k], x, y, heading, curvatures[k])
 
 
+_MOST_SAMPLES = 10**7
+
 # --- paths ------------------------------------------------------------------------------------------
 
 
@@ -164,6 +169,13 @@ class Path:
 
     segments: np.ndarray  # (k, 5): x, y [m] and heading [rad] where it begins, curvature [1/m], length [m]
     lower_bound: float = 0.0  # m, no path between these poses, round the obstacles that were given, is shorter
+
+    def __post_init__(self) -> None:
+        segments = finite_array("segments of a path", self.segments, "k", 5)
+        if not len(segments) or (segments[:, 4] < 0.0).any():
+            raise ValueError("segments of a path must be one or more, of lengths that are not negative")
+        check_numbers(self, not_negative="lower_bound")
+        object.__setattr__(self, "segments", segments)
 
     @cached_property
     def ends(self) -> np.ndarray:
@@ -185,14 +197,14 @@ class Path:
 
         The heading is not wrapped: it grows and falls with the turns from the start's on.
         """
-        s = np.clip(s, 0.0, self.length)
+        s = np.asarray(np.clip(as_array("s", s), 0.0, self.length))
         k = self._index(s)
         row = self.segments[k]
         return advance(row[..., :3], row[..., 3], s - self.ends[k] + row[..., 4])
 
     def curvature(self, s: np.ndarray | float) -> np.ndarray:
         """Curvature [1/m] at arc lengths ``s`` [m], L positive; at a joint that of the segment that ends there."""
-        return self.segments[self._index(np.clip(s, 0.0, self.length)), 3]
+        return self.segments[self._index(np.asarray(np.clip(as_array("s", s), 0.0, self.length))), 3]
 
     def sample(self, spacing: float) -> np.ndarray:
         """Poses ``(n, 3)`` from end to end, evenly spaced at no more than ``spacing`` [m].
@@ -200,8 +212,11 @@ class Path:
         Raises:
             ValueError: for a spacing that is not positive.
         """
-        if not spacing > 0.0:
-            raise ValueError(f"the spacing of samples must be positive, got {spacing}")
+        number("spacing of samples", spacing, 0.0, what="positive")
+        if self.length / spacing > _MOST_SAMPLES:
+            raise ValueError(
+                f"spacing of samples must give {_MOST_SAMPLES} at most, got {spacing:g} for {self.length:g} m"
+            )
         return self.pose(np.linspace(0.0, self.length, 1 + max(int(np.ceil(self.length / spacing)), 1)))
 
     def _index(self, s: np.ndarray) -> np.ndarray:
@@ -210,7 +225,9 @@ class Path:
 
 def advance(pose: np.ndarray, curvature: np.ndarray | float, length: np.ndarray | float) -> np.ndarray:
     """The poses ``(..., 3)`` at ``length`` [m] along arcs of ``curvature`` [1/m] (0: straights), exact for both."""
-    turn = np.asarray(curvature * length)
+    pose, curvature = shaped_array("pose", pose, "...", 3), as_array("curvature", curvature)
+    length = as_array("length", length)
+    turn = curvature * length
     chord = length * np.sinc(turn / _FULL)  # 2 sin(turn / 2) / curvature, also where that is 0
     middle = pose[..., 2] + 0.5 * turn
     return np.stack(
@@ -225,7 +242,12 @@ def chain(start: np.ndarray, curvatures: np.ndarray, lengths: np.ndarray) -> Pat
         start: ``(3,)`` pose.
         curvatures: ``(k,)`` 1/m.
         lengths: ``(k,)`` m.
+
+    Raises:
+        ValueError: for what is no pose, or curvatures and lengths that are not as many.
     """
+    start, curvatures = finite_array("start", start, 3), finite_array("curvatures", curvatures, "k")
+    lengths = finite_array("lengths, as many as curvatures,", lengths, len(curvatures))
     kept = lengths > 0.0
     if not kept.any():
         return Path(np.array([[*start, 0.0, 0.0]]))
@@ -259,7 +281,7 @@ def candidates(start: np.ndarray, goal: np.ndarray, radius: float) -> dict[str, 
     Raises:
         ValueError: for poses that are not finite or a radius that is not positive.
     """
-    values = lengths(*_single(start, goal), radius)
+    values = lengths(*_single(start, goal, radius), radius)
     return {word: float(value) for word, value in zip(WORDS, values, strict=True) if np.isfinite(value)}
 
 
@@ -269,9 +291,9 @@ def word_path(start: np.ndarray, goal: np.ndarray, radius: float, word: str) -> 
     Raises:
         ValueError: for bad poses or radius, or where this word does not join them.
     """
-    start, goal, _ = checked(*_single(start, goal), radius)
-    if word not in WORDS:
-        raise ValueError(f"unknown word {word!r}: choose one of {', '.join(WORDS)}")
+    start, goal, _ = checked(*_single(start, goal, radius), radius)
+    if not isinstance(word, str) or word not in WORDS:
+        raise ValueError(f"unknown word {shown(word)}: choose one of {', '.join(WORDS)}")
     pieces = _word_pieces(start, goal, radius, _ORDER)[WORDS.index(word)]
     if not np.isfinite(pieces).all():
         raise ValueError(f"no path {word} joins these poses: `candidates` says which words do")
@@ -287,7 +309,7 @@ def shortest(start: np.ndarray, goal: np.ndarray, radius: float) -> Path:
     Raises:
         ValueError: for poses that are not finite or a radius that is not positive.
     """
-    start, goal, _ = checked(*_single(start, goal), radius)
+    start, goal, _ = checked(*_single(start, goal, radius), radius)
     pieces = _word_pieces(start, goal, radius, _ORDER)
     word = ((pieces[:, 0] + pieces[:, 1] + pieces[:, 2]) * radius).argmin()
     path = chain(start, _CURVATURES[word] / radius, pieces[word] * radius)
@@ -300,10 +322,10 @@ def numbers(name: str, value: object) -> np.ndarray:
     Raises:
         ValueError: for what is none.
     """
-    try:
-        return np.asarray(value, float)
-    except (TypeError, ValueError):
-        raise ValueError(f"the {name} must be numbers, got {value!r}") from None
+    array = real_numbers(value)
+    if array is None:
+        raise ValueError(f"the {name} must be numbers, got {shown(value)}")
+    return array
 
 
 def checked(
@@ -325,11 +347,13 @@ def checked(
     return start, goal, radius
 
 
-def _single(start: np.ndarray, goal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _single(start: np.ndarray, goal: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
     start, goal = numbers("start", start), numbers("goal", goal)
+    if numbers("turn radius", radius).ndim:
+        raise ValueError(f"the turn radius must be one number, got {shown(radius)}: `lengths` takes many")
     if start.shape != (3,) or goal.shape != (3,):
         raise ValueError(
-            f"a path joins one pose (x, y, theta) to one other, got shapes {start.shape} and {goal.shape}: "
+            f"start and goal must each be one pose (x, y, theta), got shapes {start.shape} and {goal.shape}: "
             "`lengths` takes many"
         )
     return start, goal

@@ -7,9 +7,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from estimators import Gaussian
-from estimators.checks import shown
+from estimators.checks import finite_array, shown, whole
 from estimators.compiled import inlined, part, rowwise
-from vessel_gym.checks import one_of
+from vessel_gym.checks import check_numbers, instance, one_of
 from vessel_gym.guidance import dive_path
 from vessel_gym.guidance.dive_path import course_to
 from vessel_gym.system import Estimate
@@ -112,6 +112,15 @@ class Dive(Task):
     tightest: float = 4.0  # vehicle lengths, least radius that may be asked for
     widest: float = 1.5 * np.pi  # rad, widest turn that may be asked for
     steepest: float = np.deg2rad(35.0)  # rad, steepest path that may be asked for
+
+    def __post_init__(self) -> None:
+        title = type(self).__name__
+        instance(f"auv of {title}", self.auv, AUVParameters)
+        for name in ("goal", "goal_spread"):
+            finite_array(f"{name} of {title}", getattr(self, name), 3)
+        whole(f"horizon of {title}", self.horizon, 1)
+        check_numbers(self, positive="ahead dt margin tightest widest steepest", not_negative="launch_depth")
+        check_numbers(self, direction="widest", deflection="steepest")
 
     uniforms = 3
     """Uniform numbers that `course` needs."""

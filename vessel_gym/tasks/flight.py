@@ -7,9 +7,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from estimators import Gaussian
-from estimators.checks import shown
+from estimators.checks import shown, whole
 from estimators.compiled import inlined, part, rowwise
-from vessel_gym.checks import numbers, one_of
+from vessel_gym.checks import check_numbers, check_pair, instance, numbers, one_of
 from vessel_gym.guidance import path_following
 from vessel_gym.guidance.dubins import NoPath, Path, plan
 from vessel_gym.guidance.path_following import COLUMNS, track
@@ -173,6 +173,13 @@ class Flight(Task):
     ahead: tuple[float, float] = (20.0, 60.0)  # m: within the first, the bank follows a command
     horizon: int = 900  # steps
     dt: float = 0.1  # s
+
+    def __post_init__(self) -> None:
+        instance("body of Flight", self.body, PunaParameters)
+        whole("horizon of Flight", self.horizon, 1)
+        check_numbers(self, positive="radius dt", not_negative="margin")
+        for name in ("distance", "altitudes", "obstacle_radius", "ahead"):
+            check_pair(f"{name} of Flight", getattr(self, name))
 
     uniforms = 14
     """Uniform numbers that `course` needs."""

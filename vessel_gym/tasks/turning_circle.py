@@ -7,9 +7,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from estimators import Gaussian, wrap
-from estimators.checks import shown
+from estimators.checks import shown, whole
 from estimators.compiled import inlined, rowwise
-from vessel_gym.checks import number, one_of
+from vessel_gym.checks import check_numbers, check_pair, instance, number, one_of
 from vessel_gym.sensors import Sensors
 from vessel_gym.system import Estimate
 from vessel_gym.tasks.task import Task
@@ -79,6 +79,12 @@ class TurningCircle(Task):
     horizon: int = 600  # steps
     radius: tuple[float, float] = (3.0, 6.0)  # commanded radius in ship lengths, either side
     tightest: float = 2.5  # that may be asked for; nearly the whole rudder, without a margin against gusts
+
+    def __post_init__(self) -> None:
+        instance(f"ship of {type(self).__name__}", self.ship, CorvetteParameters)
+        check_numbers(self, positive="pace tightest")
+        whole(f"horizon of {type(self).__name__}", self.horizon, 1)
+        check_pair(f"radius of {type(self).__name__}", self.radius)
 
     uniforms = 3
     """Uniform numbers that `course` needs."""

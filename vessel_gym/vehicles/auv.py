@@ -13,6 +13,7 @@ import numpy as np
 
 from vessel_gym.sensors import Sensor
 from vessel_gym.vehicles.actuators import Actuator, actuated, figures
+from vessel_gym.vehicles.files import check_parameters, check_vehicle
 from vessel_gym.vehicles.hydrodynamics import (
     Coefficients,
     Fins,
@@ -73,6 +74,9 @@ class AUVParameters:
     gravity: float = 9.81  # m/s2
     given: tuple[tuple[str, float], ...] = ()  # coefficients by name
     with_added_mass: bool = False  # given Y_ur, Z_uq, M_uw, N_uv, M_uq, N_ur hold Kirchhoff's terms, as Prestero's do
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
 
     TABLES: ClassVar = {
         "particulars": (
@@ -275,6 +279,9 @@ class AUV(WholeState):
     body: AUVParameters
     dt: float = 0.1  # s, the papers' control rate
     substeps: int = 2
+
+    def __post_init__(self) -> None:
+        check_vehicle(self, "body", next(each.type for each in fields(self) if each.name == "body"))  # type: ignore[arg-type]
 
     @cached_property
     def cruise(self) -> tuple[np.ndarray, np.ndarray]:

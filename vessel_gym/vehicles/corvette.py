@@ -12,6 +12,8 @@ import numpy as np
 from scipy.optimize import root
 
 from estimators import Schedule, zero_order_hold
+from estimators.checks import finite_array, whole
+from vessel_gym.checks import check_numbers, instance
 from vessel_gym.processes import linear
 from vessel_gym.sensors import Sensor
 from vessel_gym.vehicles.actuators import Actuator, actuated, figures, mean_input
@@ -25,7 +27,7 @@ from vessel_gym.vehicles.corvette_equations import (
     corvette_rates,
     corvette_step,
 )
-from vessel_gym.vehicles.files import load
+from vessel_gym.vehicles.files import check_vehicle, load
 
 _CALM = np.zeros(len(AROUND))  # no current, no forces
 _PSI = np.array([STATE.index("psi")])  # what is kicked
@@ -51,6 +53,8 @@ def steady_turns(ship: CorvetteParameters, points: int = 165) -> SteadyTurn:
     Raises:
         RuntimeError: if the ship has no steady turns (it is directionally unstable).
     """
+    instance("ship of steady_turns", ship, CorvetteParameters)
+    whole("points of steady_turns", points, 2)
     c, scale = ship.vector(), np.array([ship.speed, ship.speed, ship.speed / ship.length])
 
     def accelerations(motion: np.ndarray, rudder: float) -> np.ndarray:
@@ -89,8 +93,9 @@ def sway_yaw_jacobian(state: np.ndarray, rudder: np.ndarray, ship: CorvetteParam
 
     Central differences of the compiled equations: the linear models cannot drift away from the truth.
     """
+    instance("ship of sway_yaw_jacobian", ship, CorvetteParameters)
     c = ship.vector()
-    state, rudder = np.asarray(state, float), np.asarray(rudder, float)
+    state, rudder = finite_array("state", state, "...", 3), finite_array("rudder", rudder, "...")
     points = np.concatenate([state, rudder[..., None]], -1)  # (u, v, r, rudder)
     step = np.array([1e-6, 1e-8, 1e-6])
     offsets = np.zeros((3, 4))
@@ -115,6 +120,8 @@ def secant_models(ship: CorvetteParameters, dt: float) -> tuple[np.ndarray, np.n
     on the ray from zero to the commanded turn's equilibrium, at that turn's speed (8-point
     Gauss-Legendre): it is exact at both ends.
     """
+    instance("ship of secant_models", ship, CorvetteParameters)
+    check_numbers("secant_models", {"dt": dt}, positive="dt")
     turns = steady_turns(ship)
     nodes, weights = np.polynomial.legendre.leggauss(8)
     A = np.zeros((len(turns.yaw_rate), 3, 3))
@@ -131,6 +138,8 @@ def secant_models(ship: CorvetteParameters, dt: float) -> tuple[np.ndarray, np.n
 @cache
 def surge_models(ship: CorvetteParameters, dt: float) -> np.ndarray:
     """Which share of a deviation from the speed of each of `steady_turns` is left after a step ``(k,)``."""
+    instance("ship of surge_models", ship, CorvetteParameters)
+    check_numbers("surge_models", {"dt": dt}, positive="dt")
     turns, c, step = steady_turns(ship), ship.vector(), 1e-4
     zero = np.zeros(len(turns.speed))
 
@@ -155,6 +164,7 @@ def linear_matrices(ship: CorvetteParameters, dt: float) -> tuple[Schedule, Sche
         ship: Parameters.
         dt: Step [s].
     """
+    instance("ship of linear_matrices", ship, CorvetteParameters)
     A_table, B_table = secant_models(ship, dt)
     A_table = np.concatenate([A_table[:0:-1], A_table])  # the same turn to port
     B_table = np.concatenate([B_table[:0:-1], B_table])
@@ -201,6 +211,9 @@ class Corvette:
     ship: CorvetteParameters = field(default_factory=lambda: load("corvette-thesis", CorvetteParameters))
     dt: float = 0.5  # s
     substeps: int = 1  # one RK4 step of 0.5 s is converged to 0.002 %
+
+    def __post_init__(self) -> None:
+        check_vehicle(self, "ship", CorvetteParameters)
 
     state_names = STATE
     angles = ("psi",)

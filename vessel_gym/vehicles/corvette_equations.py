@@ -20,6 +20,7 @@ from typing import ClassVar
 import numpy as np
 
 from estimators.compiled import inlined, sincos
+from vessel_gym.vehicles.files import check_parameters
 from vessel_gym.vehicles.integration import Numbers, kernels
 from vessel_gym.waves import GRAVITY
 
@@ -89,6 +90,9 @@ class CorvetteParameters:
     frontal_area: float | None = None  # m2 above the water; None: 0.82 B^2, as the corvette's
     lateral_area: float | None = None  # m2; None: 0.083 L^2, likewise
     given: tuple[tuple[str, float], ...] = ()  # derivatives by name
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
 
     TABLES: ClassVar = {
         "particulars": ("length", "beam", "draught", "mass", "x_g", "yaw_radius", "water_density"),

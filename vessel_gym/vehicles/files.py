@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, get_args, get_origin,
 
 import numpy as np
 
-from estimators.checks import number, shown
+from estimators.checks import number, shown, whole
 from estimators.factory import unknown
+from vessel_gym.checks import LARGEST, RANGES, check_numbers, instance, one_of
 
 if TYPE_CHECKING:
     from vessel_gym.vehicles.auv import AUVParameters
@@ -37,15 +38,12 @@ _ANGLES = (
     "rudder_limit", "rudder_rate", "fin_limit", "fin_rate", "alpha_low", "alpha_high", "alpha_rate", "bank_limit",
 )  # fmt: skip
 """In rad, or with ``_deg`` after the name in degrees."""
-_BELOW_ZERO, _ABOVE_ONE = np.nextafter(0.0, -1.0), np.nextafter(1.0, 2.0)
-_POSITIVE = (0.0, np.inf, "a number above 0")
-_ANY = (-np.inf, np.inf, "a finite number")
-_NEGATIVE = (-np.inf, np.nextafter(0.0, 1.0), "a number of at most 0: it resists the motion")
+_POSITIVE, _ANY, _SHARE = RANGES["positive"], RANGES["finite"], RANGES["share"]
+_NEGATIVE = (-LARGEST, np.nextafter(0.0, 1.0), "a number of at most 0: it resists the motion")
 _ACUTE = (0.0, 0.5 * np.pi, "an angle above 0 and below 90 degrees")
-_SHARE = (_BELOW_ZERO, _ABOVE_ONE, "a share from 0 to 1")
 _RANGES = (
     dict.fromkeys(("x_g", "fin_position", "buoyancy_excess", "propeller_torque", "drag", "lift", "density"), _ANY)
-    | dict.fromkeys(("z_g", "drag_coefficient"), (_BELOW_ZERO, np.inf, "a number of at least 0"))
+    | dict.fromkeys(("z_g", "drag_coefficient"), RANGES["not_negative"])
     | dict.fromkeys(("rudder_limit", "fin_limit", "bank_limit"), _ACUTE)
     | dict.fromkeys(("alpha_low", "alpha_high"), (-0.5 * np.pi, 0.5 * np.pi, "an angle within 90 degrees"))
     | dict.fromkeys(("straightening", "fin_taper", "race"), _SHARE)
@@ -83,7 +81,7 @@ def load(source: str | Path, expected: type[Any] = object, *, stable: bool = Tru
     """
     if not isinstance(source, str | Path):
         raise TypeError(f"a vehicle is the path of a file or one of {', '.join(names())}, got {shown(source)}")
-    if isinstance(source, str) and re.fullmatch(r"[\w-]+", source):
+    if isinstance(source, str) and re.fullmatch(r"[\w-]*", source):
         if source not in names():
             raise ValueError(unknown("vehicle", source, names()) + ", or name a .toml file")
         source = _DATA / f"{source}.toml"
@@ -212,13 +210,50 @@ def _value(cls: type[Any], name: str, key: str, value: object) -> Any:
     if get_origin(kind) is tuple:
         size = len(get_args(kind))
         what = f"a list of {size} finite numbers"
-        if not isinstance(value, list) or len(value) != size:
+        if not isinstance(value, list | tuple) or len(value) != size:
             raise ValueError(f"{name} must be {what}, got {shown(value)}")
         return tuple(number(name, each, low, high, what) for each in value)
     if key != name:
         low, high = np.rad2deg([low, high])
         return float(np.deg2rad(number(key, value, low, high, what)))
     return number(name, value, low, high, what)
+
+
+def check_parameters(record: Any) -> None:
+    """Refuse numbers that no vehicle has, as files with them are refused.
+
+    Raises:
+        ValueError: naming the number.
+    """
+    cls, given = type(record), getattr(record, "given", ())
+    for each in fields(cls):
+        value = getattr(record, each.name)
+        if each.name != "given" and not (value is None and each.default is None):
+            _value(cls, each.name, each.name, value)
+    if not isinstance(given, tuple) or not all(isinstance(pair, tuple) and len(pair) == 2 for pair in given):
+        raise ValueError(f"given must be a tuple of pairs (name, number), got {shown(given)}")
+    known = {name for names in cls.TABLES.values() for name in names} - {each.name for each in fields(cls)}
+    for name, value in given:
+        one_of("name in given", name, sorted(known))
+        _value(cls, name, name, value)
+
+
+def check_vehicle(vehicle: Any, parameters: str, kind: type[Any]) -> None:
+    """Refuse a vehicle of other parameters, and steps that are none.
+
+    Args:
+        vehicle: The vehicle.
+        parameters: Name of the field that holds its parameters,
+        kind: and their class.
+
+    Raises:
+        TypeError: for parameters of another class.
+        ValueError: for the others.
+    """
+    title = type(vehicle).__name__
+    instance(f"{parameters} of {title}", getattr(vehicle, parameters), kind)
+    check_numbers(vehicle, positive="dt")
+    whole(f"substeps of {title}", vehicle.substeps, 1)
 
 
 def _line(text: str, keys: tuple[str, ...]) -> int:

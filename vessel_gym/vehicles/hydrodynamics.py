@@ -13,6 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimators.checks import finite_array
+from vessel_gym.checks import check_numbers, instance
+
 # --- shape ------------------------------------------------------------------------------------------
 
 
@@ -61,6 +64,9 @@ class Spheroid(Hull):
     length: float  # m
     diameter: float  # m
 
+    def __post_init__(self) -> None:
+        check_numbers(self, positive="length diameter")
+
     @property
     def bow(self) -> float:
         """Foremost x [m]."""
@@ -84,6 +90,9 @@ class Fins:
     span: float  # m, from the hull to the tip
     position: float  # m, x of the middle of the chord, where the lift acts; negative is aft
     taper: float  # chord at the tip / at the root
+
+    def __post_init__(self) -> None:
+        check_numbers(self, positive="area span", finite="position", share="taper")
 
     @property
     def chord(self) -> float:
@@ -111,6 +120,11 @@ class Torpedo:
     cross_flow_drag: float = 1.1  # of a cylinder across the flow; Hoerner (1965), as in Prestero (2001)
     water_density: float = 1025.0  # kg/m3, sea water; Fossen (2011)
 
+    def __post_init__(self) -> None:
+        instance("hull of Torpedo", self.hull, Hull)
+        instance("fins of Torpedo", self.fins, Fins)
+        check_numbers(self, not_negative="axial_drag cross_flow_drag", positive="water_density")
+
     @property
     def root(self) -> float:
         """Distance [m] of the root of a fin from the axis."""
@@ -133,6 +147,7 @@ def lamb_factors(length: float, diameter: float) -> tuple[float, float, float]:
     Raises:
         ValueError: if it is not longer than it is thick.
     """
+    check_numbers("lamb_factors", {"length": length, "diameter": diameter}, positive="length diameter")
     if length <= diameter:
         raise ValueError(f"a prolate spheroid is longer than it is thick, not {length} by {diameter}")
     e2 = 1.0 - (diameter / length) ** 2
@@ -146,6 +161,10 @@ def lamb_factors(length: float, diameter: float) -> tuple[float, float, float]:
 
 def section_added_mass(radius: np.ndarray, tip: np.ndarray | float, water_density: float) -> np.ndarray:
     """Added mass of a circle across the flow [kg/m], with a fin on either side up to ``tip``. Blevins (1979)."""
+    radius, tip = finite_array("radius", radius, "..."), finite_array("tip", tip, "...")
+    check_numbers("section_added_mass", {"water_density": water_density}, positive="water_density")
+    if (radius < 0.0).any() or (tip < 0.0).any():
+        raise ValueError("radius and tip of a section must be at least 0")
     tip = np.maximum(tip, radius)
     square = np.divide(radius**2, tip, out=np.zeros_like(radius), where=tip > 0.0) ** 2
     return np.pi * water_density * (tip**2 - radius**2 + square)
@@ -153,6 +172,7 @@ def section_added_mass(radius: np.ndarray, tip: np.ndarray | float, water_densit
 
 def lateral_added_mass(torpedo: Torpedo) -> tuple[float, float, float]:
     """Integrals [kg, kg m, kg m2] of the sections' added mass times 1, x and x squared. Prestero (2001)."""
+    instance("torpedo of lateral_added_mass", torpedo, Torpedo)
     aft, fore = torpedo.fins.ends
     x, dx = torpedo.hull.strips(aft, fore)
     finned = np.where((x > aft) & (x < fore), torpedo.tip, 0.0)
@@ -162,6 +182,7 @@ def lateral_added_mass(torpedo: Torpedo) -> tuple[float, float, float]:
 
 def axial_added_mass(torpedo: Torpedo) -> float:
     """Of the spheroid as long and as thick as the hull [kg]. Lamb (1932)."""
+    instance("torpedo of axial_added_mass", torpedo, Torpedo)
     length, diameter = torpedo.hull.bow - torpedo.hull.stern, torpedo.hull.diameter
     along, _, _ = lamb_factors(length, diameter)
     return along * torpedo.water_density * np.pi / 6.0 * length * diameter**2
@@ -169,6 +190,7 @@ def axial_added_mass(torpedo: Torpedo) -> float:
 
 def roll_added_inertia(torpedo: Torpedo) -> float:
     """Of a cross of four fins as if there were no hull [kg m2]. Blevins (1979), as in Prestero (2001)."""
+    instance("torpedo of roll_added_inertia", torpedo, Torpedo)
     return 2.0 / np.pi * torpedo.water_density * torpedo.tip**4 * torpedo.fins.chord
 
 
@@ -182,7 +204,12 @@ def axial_drag_coefficient(length: float, diameter: float, speed: float, viscosi
         diameter: of the hull [m].
         speed: through the water [m/s].
         viscosity: kinematic [m2/s], sea water of 15 degrees; ITTC (2011).
+
+    Raises:
+        ValueError: for a number that is not positive.
     """
+    given = {"length": length, "diameter": diameter, "speed": speed, "viscosity": viscosity}
+    check_numbers("axial_drag_coefficient", given, positive=" ".join(given))
     friction = 0.075 / (np.log10(speed * length / viscosity) - 2.0) ** 2
     projected_per_frontal = 4.0 * length / (np.pi * diameter)
     shape = 1.0 + 60.0 * (diameter / length) ** 3 + 0.0025 * length / diameter
@@ -191,6 +218,7 @@ def axial_drag_coefficient(length: float, diameter: float, speed: float, viscosi
 
 def plate_drag_coefficient(fins: Fins) -> float:
     """Of a fin across the flow. Whicker & Fehlner (1958), as in Prestero (2001)."""
+    instance("fins of plate_drag_coefficient", fins, Fins)
     return 0.1 + 0.7 * fins.taper
 
 
@@ -200,6 +228,7 @@ def cross_flow_drag(torpedo: Torpedo) -> tuple[float, float, float, float]:
     Strips of the hull, and the two fins that lie across the flow. The four belong together: that they come of one
     distribution is what makes their forces take energy in every motion.
     """
+    instance("torpedo of cross_flow_drag", torpedo, Torpedo)
     half_density = 0.5 * torpedo.water_density
     x, dx = torpedo.hull.strips()
     hull = half_density * torpedo.cross_flow_drag * 2.0 * torpedo.hull.radius(x) * dx
@@ -210,6 +239,7 @@ def cross_flow_drag(torpedo: Torpedo) -> tuple[float, float, float, float]:
 
 def roll_drag(torpedo: Torpedo) -> float:
     """Moment of the four fins per squared rate [N m s2]: plate drag on strips from root to tip."""
+    instance("torpedo of roll_drag", torpedo, Torpedo)
     per_area = 0.5 * torpedo.water_density * plate_drag_coefficient(torpedo.fins)
     return per_area * torpedo.fins.chord * (torpedo.tip**4 - torpedo.root**4)  # 4 fins, integral of s^3
 
@@ -219,6 +249,7 @@ def hull_lift(torpedo: Torpedo) -> tuple[float, float]:
 
     .003 per degree, on length times diameter, at 65 % of the length: measured for length / diameter of 6.7 to 10.
     """
+    instance("torpedo of hull_lift", torpedo, Torpedo)
     length = torpedo.hull.bow - torpedo.hull.stern
     lift = 0.5 * torpedo.water_density * length * torpedo.hull.diameter * 0.003 * 180.0 / np.pi
     return lift, torpedo.hull.bow - 0.65 * length
@@ -226,6 +257,7 @@ def hull_lift(torpedo: Torpedo) -> tuple[float, float]:
 
 def fin_lift(torpedo: Torpedo) -> float:
     """Lift [N s2/m2] of ONE fin per u squared and angle. Hoerner (1965), as in Prestero (2001)."""
+    instance("torpedo of fin_lift", torpedo, Torpedo)
     slope = 1.0 / (1.0 / (1.8 * np.pi) + 1.0 / (np.pi * torpedo.fins.aspect_ratio))
     return 0.5 * torpedo.water_density * torpedo.fins.area * slope
 
@@ -288,6 +320,7 @@ def coefficients(torpedo: Torpedo) -> Coefficients:
     the one in v: without its companions in r, lift feeds a hull that turns about a point between the origin and its
     centre of pressure.
     """
+    instance("torpedo of coefficients", torpedo, Torpedo)
     mass, mass_moment, mass_inertia = lateral_added_mass(torpedo)
     drag, drag_moment, drag_turning, drag_inertia = cross_flow_drag(torpedo)
     hull, fin, x_f = hull_lift(torpedo), fin_lift(torpedo), torpedo.fins.position
@@ -315,4 +348,5 @@ def munk_moment(c: Coefficients) -> float:
 
     Kirchhoff's equations hold it already; published coefficients such as Prestero's N_uv add it to that of lift.
     """
+    instance("c of munk_moment", c, Coefficients)
     return c.Y_vdot - c.X_udot

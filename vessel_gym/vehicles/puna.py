@@ -21,9 +21,10 @@ import numpy as np
 from scipy.optimize import brentq
 
 from estimators.compiled import gufunc, inlined, sincos
+from vessel_gym.checks import check_numbers, instance
 from vessel_gym.sensors import Bias, Known, Sensor, plain
 from vessel_gym.vehicles.actuators import Actuator, actuated, figures
-from vessel_gym.vehicles.files import load
+from vessel_gym.vehicles.files import check_parameters, check_vehicle, load
 from vessel_gym.vehicles.integration import Numbers, kernels
 from vessel_gym.vehicles.point_mass import COEFFICIENTS, UNCERTAIN, I, PointMass, forces
 from vessel_gym.vehicles.whole_state import WholeState
@@ -45,6 +46,9 @@ class PunaParameters(PointMass):
     alpha_high: float = float(np.deg2rad(12.0))  # rad, assumed: clear of the stall
     alpha_rate: float = 0.5  # rad/s, assumed: the short-period motion that a point mass leaves out
     bank_limit: float = float(np.deg2rad(35.0))  # rad, assumed
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
 
     TABLES: ClassVar = {
         "particulars": ("mass", "area", "gravity"),
@@ -112,7 +116,11 @@ def trim(speed: float, body: PunaParameters, altitude: float = 0.0, bank: float 
 
     Raises:
         ValueError: if the aircraft cannot fly level like this within its limits of angle and thrust.
+        TypeError: for an aircraft that is none.
     """
+    instance("body of trim", body, PunaParameters)
+    given = {"speed": speed, "altitude": altitude, "bank": bank}
+    check_numbers("trim", given, positive="speed", finite="altitude", deflection="bank")
     pressure = 0.5 * float(np.polyval(body.density, altitude)) * speed**2 * body.area
 
     def thrust(alpha: float) -> float:
@@ -227,6 +235,9 @@ class Puna(WholeState):
     body: PunaParameters = field(default_factory=lambda: load("puna", PunaParameters))
     dt: float = 0.1  # s
     substeps: int = 1  # one RK4 step is converged to 3 cm and 2e-4 rad in 30 s of full reversals
+
+    def __post_init__(self) -> None:
+        check_vehicle(self, "body", PunaParameters)
 
     state_names: ClassVar = STATE
     kernel: ClassVar = staticmethod(puna_step)

@@ -6,6 +6,8 @@ Angles: beta is the direction in which the waves run less the heading; 0 is a fo
 
 import numpy as np
 
+from estimators.checks import finite_array, number
+from vessel_gym.checks import instance
 from vessel_gym.vehicles.corvette import sway_yaw_jacobian
 from vessel_gym.vehicles.corvette_equations import COEFFICIENTS, CorvetteParameters
 from vessel_gym.waves import GRAVITY, encounter_frequency
@@ -36,7 +38,9 @@ def wave_loads(ship: CorvetteParameters, frequency: np.ndarray, beta: np.ndarray
         beta: Where it runs to, from the heading on [rad].
         speed: Of the ship [m/s].
     """
-    frequency, beta = np.broadcast_arrays(np.asarray(frequency, float), np.asarray(beta, float))
+    instance("ship of wave_loads", ship, CorvetteParameters)
+    frequency, beta, speed = _checked(frequency, beta, speed)
+    frequency, beta = np.broadcast_arrays(frequency, beta)
     k, met = frequency**2 / GRAVITY, encounter_frequency(frequency, beta, np.asarray(speed))
     X = 0.5 * k * ship.length * np.cos(beta)  # phase between amidships and the end
     even = np.sinc(X / np.pi)
@@ -57,11 +61,21 @@ def wave_response(ship: CorvetteParameters, frequency: np.ndarray, beta: np.ndar
     Of the ship that goes straight on, linearised: no pole at an encounter frequency of 0. Superposed on manoeuvring,
     Fossen (2021), ch. 10. Arguments as `wave_loads`.
     """
+    instance("ship of wave_response", ship, CorvetteParameters)
+    frequency, beta, speed = _checked(frequency, beta, speed)
     inertia, body, damping = sway_yaw_matrices(ship, speed)
     met = encounter_frequency(frequency, beta, np.asarray(speed))[..., None, None]
     moving = damping + speed * np.outer(body[:, 0], [0.0, 1.0])  # with the Coriolis force of the ship's own mass
     loads = wave_loads(ship, frequency, beta, speed)[..., :2]
     return np.linalg.solve(1j * met * inertia + moving, loads[..., None])[..., 0]
+
+
+def _checked(frequency: object, beta: object, speed: object) -> tuple[np.ndarray, np.ndarray, float]:
+    """Finite numbers, of which frequencies are not negative."""
+    frequency, beta = finite_array("frequency", frequency, "..."), finite_array("beta", beta, "...")
+    if (frequency < 0.0).any():
+        raise ValueError("frequency of waves must be at least 0 [rad/s]")
+    return frequency, beta, number("speed", speed, what="a finite number")
 
 
 def sway_yaw_matrices(ship: CorvetteParameters, speed: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

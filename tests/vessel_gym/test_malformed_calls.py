@@ -1,0 +1,227 @@
+"""Calls that make no sense: one sentence that names the argument, from every constructor, trial and formula."""
+
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from vessel_gym.core import Core
+from vessel_gym.disturbances import Air, Disturbance, Fault, Sea, SurfaceWater, Water
+from vessel_gym.envs.own import register_environment
+from vessel_gym.envs.sigma_corvette import SIGMA_CORVETTE
+from vessel_gym.guidance import dive_path, dubins, path_following, words
+from vessel_gym.processes import Process
+from vessel_gym.sea_trials import (
+    circle_geometry,
+    fit_circle,
+    initial_turning,
+    nomoto_fit,
+    nomoto_linear,
+    simulate,
+    turning_circle,
+    zigzag,
+)
+from vessel_gym.seaway import Seaway
+from vessel_gym.sensor_faults import SensorFault
+from vessel_gym.sensors import Bias, Sensor, Sensors, SensorSuite, plain
+from vessel_gym.surroundings import Surroundings
+from vessel_gym.system import System
+from vessel_gym.tasks.circle_track import CircleTrack
+from vessel_gym.tasks.dive import SpatialDive
+from vessel_gym.tasks.flight import Flight
+from vessel_gym.tasks.task import Task
+from vessel_gym.tracks import path as track_path
+from vessel_gym.vehicles.corvette import Corvette
+from vessel_gym.vehicles.files import load
+from vessel_gym.vehicles.hydrodynamics import Fins, Spheroid, axial_drag_coefficient, lamb_factors, roll_drag
+from vessel_gym.vehicles.puna import Puna, trim
+from vessel_gym.vehicles.seakeeping import wave_loads
+from vessel_gym.vehicles.segorogeni import Segorogeni
+from vessel_gym.vehicles.ship import Ship
+from vessel_gym.waves import WaveField, encounter_frequency, jonswap
+
+SHIP, MARINER, AUV, PUNA = (load(name) for name in ("corvette", "mariner", "segorogeni", "puna"))
+SENSOR: dict[str, Any] = {"name": "fix", "channels": ("x [m]",), "reads": plain((0,)), "sd": (1.0,)}
+SERIES = np.linspace(0.0, 6.0, 50)
+POSE, GOAL = np.zeros(3), np.array([300.0, 50.0, 1.0])
+NO_NUMBER = [None, "10", np.nan, 1j, [1.0, 2.0]]
+NOT_POSITIVE = [*NO_NUMBER, 0, -5.0, np.inf, 6e40, True]
+NEGATIVE = [*NO_NUMBER, -5.0, np.inf, True]
+NO_WHOLE = [None, "10", 0, -1, 2.5, np.nan, True, [3]]
+NO_VECTOR = ["x", [np.nan, 0.0, 0.0], [[1.0], [1.0, 2.0]], np.zeros((2, 2)), [1j, 0.0, 0.0]]
+
+
+def changed(record: Any) -> Callable[..., Any]:
+    """A constructor of records that differ in some fields from this one."""
+    return lambda **fields: replace(record, **fields)
+
+
+def given(task: Task, name: str, value: Any) -> Task:
+    """A task with an attribute of its own."""
+    setattr(task, name, value)
+    return task
+
+
+SEAWAY = {"ship": SHIP, "height": 2.0, "period": 8.0, "wind": 5.0, "current": 0.3, "dt": 0.5}
+WATER = {"turbulence": 0.01, "spin": 0.01, "current": 0.1}
+TRIAL = {"ship": SHIP, "rudder": 0.3}
+DIVE = {"auv": AUV, "goal": (10.0, 18.0, 6.0), "goal_spread": (1.0, 1.0, 0.5), "ahead": 2.5, "horizon": 500}
+SYSTEM = {name: getattr(SIGMA_CORVETTE, name) for name in System.__dataclass_fields__}
+CALLS: list[tuple[Callable[..., Any], dict[str, Any], dict[str, list[Any]]]] = [
+    (Sea, {"wave": 0.01, "peak": 0.8, "gust": 0.01, "current": 0.1},
+     {"wave": NEGATIVE, "peak": NOT_POSITIVE, "gust_time": NOT_POSITIVE, "dt": NOT_POSITIVE}),
+    (Water, WATER, {"turbulence": NEGATIVE, "spin": NEGATIVE, "current": NEGATIVE, "dt": NOT_POSITIVE,
+                    "current_time": NOT_POSITIVE, "velocities": [None, "uvw", 3, [1.0]]}),
+    (SurfaceWater, {"height": 1.0, "period": 7.0, "beside": Water(**WATER), "north": 6, "down": 8},
+     {"height": NEGATIVE, "period": NOT_POSITIVE, "beside": [None, "moderate"], "north": ["x", -1, 1.5]}),
+    (Air, {"wind": 1.0, "gust": 1.0, "vertical_gust": 0.5},
+     {"wind": NEGATIVE, "airspeed": NOT_POSITIVE, "length": NOT_POSITIVE}),
+    (Fault, {"actuator": "rudder"}, {"actuator": [None, 3], "bias": [np.nan, "x"], "beside": [None, "rough"],
+                                     "dt": NOT_POSITIVE, "walk": [-1.0, np.nan, None]}),
+    (Seaway, SEAWAY, {"ship": [None, "corvette", AUV], "height": NOT_POSITIVE, "period": NOT_POSITIVE,
+                      "wind": NEGATIVE, "direction": [90.0, "north", np.nan], "current_time": NOT_POSITIVE}),
+    (WaveField, {"height": 2.0, "period": 8.0}, {"height": NEGATIVE, "period": NOT_POSITIVE}),
+    (WaveField(2.0, 8.0).process, {"dt": 0.5}, {"dt": NOT_POSITIVE}),
+    (jonswap, {"frequency": SERIES[1:], "height": 2.0, "period": 8.0},
+     {"frequency": [None, "x", 0.5, [], [1.0, 0.5], [0.0, 1.0], [np.nan, 1.0]], "period": NOT_POSITIVE,
+      "height": NEGATIVE, "peakedness": NOT_POSITIVE}),
+    (encounter_frequency, {"frequency": 0.5, "beta": 0.1, "speed": 5.0},
+     {"frequency": [None, "x", np.inf], "beta": [None, np.inf], "speed": ["fast", np.nan]}),
+    (Process, {"transition": np.eye(2), "root": np.eye(2), "start_cov": np.eye(2)},
+     {"transition": [None, "x", np.eye(3), np.full((2, 2), np.nan), 3.0], "root": [None, [1.0, 2.0], [[np.inf]]],
+      "start_cov": [np.zeros(2), 1j]}),
+    (Process.stationary, {"A": -np.eye(2), "W": np.eye(2), "dt": 0.1},
+     {"A": [None, np.zeros((2, 3)), np.eye(2), [[np.nan]]], "W": [np.eye(3), "x"], "dt": NOT_POSITIVE}),
+    (Process.wandering, {"sd": (1.0,), "time": 10.0, "dt": 0.1},
+     {"sd": [None, 1.0, (-1.0,), (np.nan,), "x"], "time": NOT_POSITIVE, "dt": NOT_POSITIVE}),
+    (Process.walk, {"start": (1.0,), "pace": (0.1,), "dt": 0.1},
+     {"start": [None, (-1.0,), (1.0, 2.0)], "pace": [(-0.1,), "x"], "dt": NOT_POSITIVE}),
+    (Bias, {"names": ("b",), "start": (1.0,)}, {"names": ["b", None, (), (3,)], "start": [(-1.0,), ("x",), 1.0],
+                                                "scale": NOT_POSITIVE}),
+    (Sensor, SENSOR, {"name": [None, 3], "channels": [None, (), "x", (3,)], "reads": [None, 3],
+                      "sd": [None, 1.0, (-1.0,)], "rate": [0.0, "10", np.nan], "dropout": [1.5, -0.1, None],
+                      "bias": ["b", 3], "angles": [None, (1,), 0.5],
+                      "informs": [3.0, ("x",)], "latency": [-1.0, "1", None], "inverse": [3, "x"]}),
+    (SensorSuite, {"noise": 1.0}, {"noise": NEGATIVE, "dropout": [1.5, "x"], "lossless": [None, "yes", 1]}),
+    (Sensors, {"sensors": (Sensor(**SENSOR),), "states": ("x", "y"), "forcing": ("f",), "dt": 0.5},
+     {"sensors": [None, 3, "x", ()], "states": [None, "xy", 3], "dt": NOT_POSITIVE}),
+    (SensorFault, {"sensor": "fix", "kind": "off"}, {"sensor": [None, 3], "kind": [None, "of"], "begin": ["x", -1.0]}),
+    (simulate, {"ship": SHIP, "command": 0.1, "duration": 5.0},
+     {"ship": [None, "corvette", AUV], "command": [None, "port", 10.0, np.nan, [0.1, "x"], lambda t, state: None],
+      "duration": [*NO_NUMBER, 0.0, -1.0, 1e12], "dt": [*NO_NUMBER, 0.0, 1e3], "substeps": NO_WHOLE,
+      "start": [[0.0] * 6, "x"], "rudder": [10.0, None], "current": [1.0, (1.0,), (np.nan, 0.0)], "stop": [3]}),
+    (turning_circle, TRIAL, {"ship": [None, "corvette"], "rudder": [10.0, -35.0, "10", None, np.nan, 0.0],
+                             "speed": [-5.0, 0.0, "fast"], "turns": NOT_POSITIVE, "longest": [0.0, np.inf, "x"]}),
+    (zigzag, TRIAL, {"ship": [None, 3], "rudder": [0.0, 10.0, "x"], "heading": [0.0, -1.0, 20.0, "x"],
+                     "cycles": NO_WHOLE, "on_samples": [None, "yes", np.zeros(2)]}),
+    (initial_turning, TRIAL, {"ship": [None], "rudder": [0.0, 10.0], "heading": [0.0, 10.0, None]}),
+    (nomoto_linear, {"ship": SHIP}, {"ship": [None, "corvette"], "speed": [0.0, -5.0, "x"]}),
+    (nomoto_fit, {"time": SERIES, "rudder": SERIES, "yaw_rate": SERIES, "speed": 15.0, "length": 100.0},
+     {"time": [None, SERIES[:3]], "rudder": [np.full(50, np.nan), "x"], "speed": NOT_POSITIVE, "length": NOT_POSITIVE}),
+    (circle_geometry, {"x": SERIES, "y": SERIES, "psi": SERIES},
+     {"x": [None, [], SERIES[:3]], "psi": ["x", np.full(50, np.nan)], "dt": [0.0, -1.0, "x"]}),
+    (fit_circle, {"x": np.cos(SERIES), "y": np.sin(SERIES)},
+     {"x": [None, np.full(50, np.nan), []], "y": ["x", SERIES[:3]]}),
+    (changed(SHIP), {}, {"length": NOT_POSITIVE, "resistance": NOT_POSITIVE, "speed": NOT_POSITIVE,
+                         "mass": [-1.0, "10"],
+                         "rudder_limit": [35.0, 0.0], "yaw_radius": [2.0, "x"], "given": ["x", 3, (("Nx", 1.0),)]}),
+    (changed(AUV), {}, {"length": NOT_POSITIVE, "thrust_limit": NOT_POSITIVE, "fin_taper": [2.0], "fin_limit": [20.0]}),
+    (changed(PUNA), {}, {"mass": NOT_POSITIVE, "drag": [None, 1.0, (1.0, 2.0), ("x", 1.0, 1.0)], "alpha_high": [12.0]}),
+    (Corvette, {"ship": SHIP}, {"ship": [None, "corvette", AUV], "dt": NOT_POSITIVE, "substeps": NO_WHOLE}),
+    (Ship, {"ship": SHIP}, {"ship": [None, 3], "dt": NOT_POSITIVE}),
+    (Segorogeni, {"body": AUV}, {"body": [None, SHIP], "dt": NOT_POSITIVE, "substeps": NO_WHOLE}),
+    (Puna, {"body": PUNA}, {"body": [None, AUV], "dt": NOT_POSITIVE}),
+    (trim, {"speed": 20.0, "body": PUNA}, {"speed": NOT_POSITIVE, "body": [None, SHIP], "bank": [30.0, "x"]}),
+    (Spheroid, {"length": 2.0, "diameter": 0.2}, {"length": NOT_POSITIVE, "diameter": NOT_POSITIVE}),
+    (Fins, {"area": 0.01, "span": 0.1, "position": -0.8, "taper": 0.6}, {"area": NOT_POSITIVE, "taper": [2.0, -1.0]}),
+    (lamb_factors, {"length": 2.0, "diameter": 0.2}, {"length": NOT_POSITIVE, "diameter": NOT_POSITIVE}),
+    (axial_drag_coefficient, {"length": 2.0, "diameter": 0.2, "speed": 1.0}, {"speed": NOT_POSITIVE}),
+    (roll_drag, {}, {"torpedo": [None, "x", SHIP]}),
+    (wave_loads, {"ship": SHIP, "frequency": SERIES, "beta": 0.1},
+     {"ship": [None, "corvette"], "frequency": [None, -1.0, [np.nan]], "beta": ["x", np.inf], "speed": ["x", np.nan]}),
+    (CircleTrack, {"ship": SHIP}, {"ship": [None, AUV], "pace": NOT_POSITIVE, "horizon": NO_WHOLE,
+                                   "radius": [None, 3.0, (6.0, 3.0), (-1.0, 2.0), "x"]}),
+    (SpatialDive, DIVE, {"auv": [None, SHIP], "goal": NO_VECTOR, "goal_spread": NO_VECTOR, "ahead": NOT_POSITIVE,
+                         "horizon": NO_WHOLE, "steepest": [35.0, 0.0]}),
+    (Flight, {"body": PUNA}, {"body": [None, AUV], "radius": NOT_POSITIVE, "margin": NEGATIVE,
+                              "altitudes": [None, (120.0, 80.0), 80.0], "horizon": NO_WHOLE}),
+    (System, SYSTEM, {"name": [None, 3], "vehicle": [None, "ship", 3], "task": [None, "dive"],
+                      "disturbances": [None, {}, [1], {"calm": 3}], "filter_model": [None, "linea"],
+                      "estimator": [None, 3], "tuning": [None, "x"], "sensors": ["nominal", 3, [3]]}),
+    (register_environment, {"system": replace(SIGMA_CORVETTE, name="Malformed-v0")},
+     {"system": [None, "x", 3, System], "max_episode_steps": [0, -1, 2.5, "x"]}),
+    (Surroundings, {}, {"hull": [None, "boat"], "size": NOT_POSITIVE, "path": NO_VECTOR, "goal": [(1.0, 2.0), "x"]}),
+    (dubins.shortest, {"start": POSE, "goal": GOAL, "radius": 30.0},
+     {"start": [None, "x", [0.0, 0.0], [np.nan] * 3], "goal": ["home", np.zeros((2, 3))],
+      "radius": [None, "x", 0.0, -3.0, np.inf, [], [1.0, 2.0]]}),
+    (words.chain, {"start": POSE, "curvatures": [0.01], "lengths": [10.0]},
+     {"start": [None, [0.0]], "curvatures": [None, "x", [1.0, 2.0]], "lengths": [[np.nan], 3.0]}),
+    (words.Path, {}, {"segments": [None, "x", np.zeros((0, 5)), np.zeros(5), np.full((1, 5), np.nan)]}),
+    (dive_path.follow, {"position": POSE, "course": [0.1, 20.0, 3.0], "ahead": 2.0},
+     {"position": [None, "x", [0.0]], "course": [None, [1.0]], "ahead": [None, "x"]}),
+    (path_following.follow, {"pose": POSE, "segments": np.zeros(5), "ahead": (20.0, 60.0)},
+     {"pose": [None, [0.0]], "segments": [None, np.zeros(4), []], "ahead": [None, 20.0, (60.0, 20.0)]}),
+    (track_path, {"heading": SERIES, "surge": SERIES, "sway": SERIES, "dt": 0.5},
+     {"heading": [None, [np.nan]], "surge": ["x", SERIES[:3]], "dt": NOT_POSITIVE}),
+]  # fmt: skip
+CASES = [
+    pytest.param(function, right | {name: value}, name, id=f"{getattr(function, '__qualname__', function)}-{name}-{k}")
+    for function, right, wrong in CALLS
+    for name, values in wrong.items()
+    for k, value in enumerate(values)
+]
+
+
+def refused(call: Callable[[], Any]) -> str:
+    """The one sentence with which a call is refused, without a warning on the way."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises((ValueError, TypeError)) as caught:
+            call()
+    message = str(caught.value)
+    assert "\n" not in message
+    assert 10 < len(message) < 350
+    return message
+
+
+@pytest.mark.parametrize(("function", "arguments", "name"), CASES)
+def test_a_malformed_argument_is_named_in_a_sentence(
+    function: Callable[..., Any], arguments: dict[str, Any], name: str
+):
+    message = refused(lambda: function(**arguments))
+    assert name in message or name.replace("_", " ") in message or name.rstrip("s") in message
+
+
+def test_the_table_is_long_enough_and_right_calls_pass():
+    assert len(CASES) > 250
+    for function, right, _ in CALLS:
+        if right and isinstance(function, type):
+            function(**right)
+
+
+@pytest.mark.parametrize("right", [2, np.float32(2.0), np.int64(2), np.array(2.0)])
+def test_any_number_is_a_number(right: Any):
+    assert Seaway(**SEAWAY | {"height": right}).waves.frequencies.shape == (3,)
+    assert Process.wandering([right], right, right).size == 1
+
+
+def test_a_seaway_of_another_ship_than_the_one_that_sails_is_refused():
+    other = Seaway(MARINER, 2.0, 8.0, 5.0, 0.3, SIGMA_CORVETTE.vehicle.dt)
+    with pytest.raises(ValueError, match=r"^Seaway was made for another ship than the vehicle's: give it ship=vehicle"):
+        Core(SIGMA_CORVETTE, disturbance=other)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("prior_sd", (-1.0,)), ("prior_sd", "x"), ("uniforms", -1), ("uniforms", 1.5), ("horizon", 0), ("ends", "arrived"),
+     ("ends", ()), ("success", "arived"), ("state_scale", [np.nan])],
+)  # fmt: skip
+def test_a_task_whose_figures_make_no_sense_is_refused_by_its_system(name: str, value: Any):
+    assert name in refused(lambda: System(**SYSTEM | {"task": given(Task(), name, value)}))
+
+
+def test_a_disturbance_beside_a_fault_is_one():
+    assert Fault("rudder", beside=Disturbance()).beside.names == ()
