@@ -125,8 +125,8 @@ def means(network: dict[str, Any], model: LinearModel, start: np.ndarray, y: Any
     """
     import torch
 
-    A, C = torch.as_tensor(model.A), torch.as_tensor(model.C)
-    mean = torch.as_tensor(start).expand(y.shape[1], model.n)
+    A, C = torch.tensor(model.A), torch.tensor(model.C)
+    mean = torch.tensor(start).expand(y.shape[1], model.n)
     memory, correction = mean.new_zeros(y.shape[1], network["hidden_weights"].shape[1]), torch.zeros_like(mean)
     told, means = torch.isfinite(y), []
     for k in range(len(y)):

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple, Self, TypeVar
 
 import numpy as np
 
+from estimators.checks import frozen
 from estimators.reading import Reading
 
 Record = TypeVar("Record", bound="Belief")
@@ -58,6 +59,7 @@ class Packed:
             if len(shape) != 1:
                 value = value.reshape(value.shape[:-1] + shape)
             value = value != 0.0 if name in layout.masks else value
+            value.setflags(write=False)
         elif layout is None or name not in self.__dataclass_fields__:
             raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
         object.__setattr__(self, name, value)
@@ -230,7 +232,32 @@ class Belief(Packed):
 
     def replace(self, **changes: Any) -> Self:
         """This belief with some fields changed."""
-        return type(self)(**(self._arrays() | changes))
+        own = {name: frozen(a) if type(a) is np.ndarray else a for name, a in changes.items()}
+        return type(self)(**(self._arrays() | own))
+
+    def _moved(self, points: str, changes: dict[str, Any]) -> dict[str, Any]:
+        """The points ``(..., N, n)`` of this name whose moments mean and covariance are, about a mean that is given.
+
+        Raises:
+            ValueError: if the covariance is given without the points.
+        """
+        if points in changes:
+            return {}
+        if "cov" in changes:
+            raise ValueError(f"cov of this belief is that of its {points}: replace them, or begin anew with init")
+        shift = np.asarray(changes.get("mean", self.mean)) - self.mean
+        return {points: getattr(self, points) + shift[..., None, :]} if "mean" in changes else {}
+
+    def read_only(self) -> Self:
+        """This belief, into whose arrays nobody can write any more."""
+        if self.packed is not None:  # the others are so when they are first asked for
+            arrays = [self.mean, self.cov, self.prior_mean, self.prior_cov, self.recovery, self.u]
+        else:
+            arrays = [*self._arrays().values()]
+        for array in arrays:
+            if type(array) is np.ndarray:
+                array.setflags(write=False)
+        return self
 
     def with_input(self, u: np.ndarray | None) -> Self:
         """This belief with another known input, packed as it is."""
@@ -318,7 +345,7 @@ class EnsembleBelief(Belief):
     ensemble: np.ndarray = field()
 
     def __post_init__(self) -> None:
-        if self._later is None:
+        if self._known_cov is None:
             object.__delattr__(self, "cov")
 
     def __getattr__(self, name: str) -> Any:
@@ -328,19 +355,24 @@ class EnsembleBelief(Belief):
 
         with np.errstate(all="ignore"):
             cov = covariance(members_last(self.ensemble), self.mean)
+        cov.setflags(write=False)
         object.__setattr__(self, "cov", cov)
         return cov
 
     def replace(self, **changes: Any) -> Self:
-        """This belief with some fields changed; its covariance is what it was."""
-        return Belief.replace(self, **({"cov": self.cov} | changes))
+        """This belief with some fields changed; another mean moves the members, other members have their moments."""
+        if "ensemble" in changes:
+            own = {"mean": changes["ensemble"].mean(-2), "cov": None}
+        else:
+            own = self._moved("ensemble", changes) | {"cov": self.cov}
+        return Belief.replace(self, **(own | changes))
 
     def _arrays(self) -> dict[str, Any]:
         names = (name for name in self.__dataclass_fields__ if name != "cov")
-        return {"cov": self._later} | {name: getattr(self, name) for name in names}
+        return {"cov": self._known_cov} | {name: getattr(self, name) for name in names}
 
     @property
-    def _later(self) -> np.ndarray | None:
+    def _known_cov(self) -> np.ndarray | None:
         """The covariance, None as long as nobody has asked for it."""
         try:
             return object.__getattribute__(self, "cov")
@@ -382,17 +414,23 @@ def over_time(beliefs: Sequence[Record]) -> Record:
     kinds = {type(belief) for belief in beliefs}
     if len(kinds) != 1:
         raise ValueError(f"beliefs at successive times must be of one filter, got {len(kinds)} kinds of them")
-    times = [belief._arrays() for belief in beliefs]
+    first, alike = beliefs[0], all(belief.layout is beliefs[0].layout for belief in beliefs)
+    packed = None if first.packed is None or not alike else [b.packed[..., : first.layout.width] for b in beliefs]
     whole: dict[str, Any] = {}
-    for name in times[0]:
-        values = [arrays[name] for arrays in times]
+    for name in first.__dataclass_fields__ if packed is None else APART:
+        asked = "_known_cov" if name == "cov" and isinstance(first, EnsembleBelief) else name
+        values = [getattr(belief, asked) for belief in beliefs]
         seen = next((value for value in values if value is not None), None)
         if seen is None or (name == "cov" and any(value is None for value in values)):  # computed when asked for
             whole[name] = None
             continue
         pairs = zip(values, beliefs, strict=True)
         whole[name] = np.stack([_unseen(name, seen, belief) if value is None else value for value, belief in pairs])
-    return kinds.pop()(**whole)
+    if packed is None:
+        return kinds.pop()(**whole).read_only()
+    together = first.looked_at(np.stack(packed), first.layout, whole["prior_mean"], whole["prior_cov"], whole["u"])
+    object.__setattr__(together, "recovery", whole["recovery"])
+    return together.read_only()
 
 
 def _unseen(name: str, like: np.ndarray, belief: Belief) -> np.ndarray:

@@ -200,7 +200,9 @@ def _told(what: str, batch: bool) -> Iterator[None]:
         yield
     except Exception as error:
         why = f"{what} raised {type(error).__name__} ({' '.join(str(error).split())})"
-        if batch:
+        if "read-only" in str(error):
+            why += ": what a filter is given it may only read, so put a new array into the belief"
+        elif batch:
             why += ": of one row it works, so write it for any leading axes, with np.matvec and .mT, axes from behind"
         raise ValueError(why) from error
 

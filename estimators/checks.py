@@ -1,5 +1,8 @@
 """What a user hands in, as arrays and numbers; what does not fit gets one sentence that names the argument."""
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 
 
@@ -15,6 +18,46 @@ def as_array(name: str, value: object) -> np.ndarray:
     if array is None:
         raise ValueError(f"{name} must be an array of real numbers, got {shown(value)}")
     return array
+
+
+def frozen(array: np.ndarray) -> np.ndarray:
+    """A read-only copy; the array itself if it owns its numbers and is read-only."""
+    if array.flags.writeable or array.base is not None:
+        array = np.array(array)
+        array.setflags(write=False)
+    return array
+
+
+def read_only(array: np.ndarray | None) -> Any:
+    """A view of an array through which nobody can write."""
+    if array is None or not array.flags.writeable:
+        return array
+    view = array.view()
+    view.setflags(write=False)
+    return view
+
+
+def writable(array: np.ndarray) -> np.ndarray:
+    """The array, or a copy if it is read-only: compiled kernels take no such arrays."""
+    return array if array.flags.writeable else array.copy()
+
+
+def call(name: str, function: Callable[..., Any], *arrays: np.ndarray | None) -> Any:
+    """A function of a model at arrays that it can only read.
+
+    Raises:
+        ValueError: naming the function, if it writes into one of them.
+    """
+    try:
+        return function(*map(read_only, arrays))
+    except ValueError as error:
+        if "read-only" not in str(error):
+            raise
+        raise Written(f"{name} writes into an array that it is given: work on a copy, as of np.array(x)") from error
+
+
+class Written(ValueError):
+    """A function of a user's writes into its arguments."""
 
 
 def numbers(value: object) -> np.ndarray | None:

@@ -59,6 +59,10 @@ class DelayedBelief(Generic[Record]):
             raise AttributeError(name)
         return getattr(self.now, name)
 
+    def read_only(self) -> "DelayedBelief[Record]":
+        """This belief: those of filters are read-only."""
+        return self
+
     def __getitem__(self, rows: Any) -> "DelayedBelief[Record]":
         """The beliefs of some rows of the batch."""
         steps = tuple(Step(*(_rows(one, rows) for one in step)) for step in self.steps)

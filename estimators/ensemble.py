@@ -19,7 +19,7 @@ import numpy as np
 
 from estimators.angles import difference, wrap
 from estimators.belief import Belief, EnsembleBelief, Record, members_last
-from estimators.checks import as_array, number, shown, whole
+from estimators.checks import as_array, frozen, number, shown, whole
 from estimators.filter import Filter, Model, Rng
 from estimators.linalg import cholesky, neutralised, semidefinite_cholesky, shared_root
 from estimators.models import LinearModel, NonlinearModel, at_points, resolve
@@ -101,7 +101,7 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief]):
             raise ValueError(f"localisation has shape {taper.shape}, expected (n, p) = {(self.model.n, self.model.p)}")
         if not ((taper >= 0.0) & (taper <= 1.0)).all():
             raise ValueError(f"localisation must lie between 0 and 1, got {taper.min():g} to {taper.max():g}")
-        return taper
+        return frozen(taper)
 
     # --- the contract -----------------------------------------------------------------------------
 

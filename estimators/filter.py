@@ -4,6 +4,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import cache
+from inspect import signature
 from typing import Any, ClassVar, Generic, NamedTuple, cast
 
 import numpy as np
@@ -20,7 +21,7 @@ from estimators.belief import (
     Recovery,
     laid_out,
 )
-from estimators.checks import as_array, as_mask, shown
+from estimators.checks import as_array, as_mask, frozen, shown
 from estimators.formulas import Program, is_noted
 from estimators.linalg import (
     SINGULAR,
@@ -32,6 +33,7 @@ from estimators.linalg import (
     neutralised,
     semidefinite,
     semidefinite_cholesky,
+    symmetrise,
 )
 from estimators.models import (
     Gaussian,
@@ -71,6 +73,8 @@ class Filter(ABC, Generic[Record]):
     manifolds: ClassVar[bool] = False
     """Whether states may be no vectors (`NonlinearModel.difference`)."""
     _ours: ClassVar[bool]
+    _settings: ClassVar[frozenset[str]]
+    """Arguments of constructors, which are read-only afterwards."""
     _threads: int = 1
     """That rows are shared among (`estimators.threads`), set by who has asked for them: no result depends on it."""
     sequential: bool = True
@@ -110,6 +114,18 @@ class Filter(ABC, Generic[Record]):
             cls._ours = cls.__module__.startswith("estimators.")
         if not cls._ours and "formulas" not in cls.__dict__:  # NumPy of any kind, unless it says that it is formulas
             cls.formulas = False
+        # What a program was traced of, or what our classes have computed something of; another's own NumPy may count.
+        kept = [base for base in cls.__mro__ if cls.formulas or base.__module__.startswith("estimators.")]
+        cls._settings = frozenset(
+            name for base in kept for name in signature(vars(base).get("__init__", object)).parameters
+        )
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name in self.__dict__ and name in self._settings:
+            raise AttributeError(
+                f"{name} of a filter is read-only: build another filter, such as make({self.name!r}, model, {name}=...)"
+            )
+        object.__setattr__(self, name, value)
 
     def __getattr__(self, name: str) -> Any:
         if name in ("model", "_identity", "_no_columns", "_regular", "_programs", "_first"):
@@ -140,7 +156,7 @@ class Filter(ABC, Generic[Record]):
             raise ValueError(
                 f"{type(self).__name__}._init must give a finite mean and a covariance for a prior that is so"
             )
-        return begun
+        return begun.read_only()
 
     def _check_prior(self, prior: Gaussian) -> None:
         for size in (prior.mean.shape[-1], prior.cov.shape[-1]):
@@ -188,7 +204,7 @@ class Filter(ABC, Generic[Record]):
         u = self._known(u, batch)
         self._check_known_input(u)
         predicted = self._predicted(belief, u, rng)
-        return predicted if self._ours else self._returned("_predict", predicted, batch)
+        return (predicted if self._ours else self._returned("_predict", predicted, batch)).read_only()
 
     def update(
         self,
@@ -243,7 +259,7 @@ class Filter(ABC, Generic[Record]):
         # Only a prediction of this package is sure to leave no innovation.
         if belief.innovation is not None and type(self)._predict.__module__.startswith("estimators."):
             self._check_sequence(belief, *self._noise(y, available, self._own_R(belief) if R is None else R, belief.u))
-        return self._corrected(belief, y, available, R, rng)
+        return self._corrected(belief, y, available, R, rng).read_only()
 
     def _check_sequence(self, belief: Record, R: np.ndarray, arrived: np.ndarray) -> None:
         """Refuse a further update of a step that does not add up to one update with all readings of the step.
@@ -318,8 +334,6 @@ class Filter(ABC, Generic[Record]):
             regular = _regular(neutralised(*self._noise(y, available, R, belief.u)))
         if self._programs is not None:
             updated, doubtful = self._carried_out(("_update",), belief, belief.u, y, available, R)
-            if regular and not doubtful and (self._ours or _proper(updated.cov)):
-                return updated
             rows = updated.packed[..., -1] != 0.0
         else:
             with np.errstate(all="ignore"):
@@ -328,8 +342,11 @@ class Filter(ABC, Generic[Record]):
                 if not self._ours:
                     updated = self._returned("_update", updated, belief.mean.shape[:-1])
                 rows = _doubtful(updated, reading.R)
-            if regular and not rows.any() and (self._ours or _proper(updated.cov)):
-                return updated
+            doubtful = int(rows.any())
+        if regular and doubtful:
+            rows = self._unsound(belief, updated, rows)
+        if regular and not (doubtful and rows.any()) and (self._ours or _proper(updated.cov)):
+            return updated
         with np.errstate(all="ignore"):
             if not (regular and self._ours and self._alike):
                 reading = self._reading(belief, y, available, R)
@@ -338,6 +355,17 @@ class Filter(ABC, Generic[Record]):
             available, R = (None if a is None else a[rows] for a in (available, R))
             reading = self._reading(some, y, available, R)
             return updated.with_rows(rows, self._recovered(some, updated[rows], reading, y, rng, available, R))
+
+    def _unsound(self, belief: Record, updated: Record, rows: np.ndarray) -> np.ndarray:
+        """Those of some rows ``(...)`` in which an update is not finite, or a covariance has a negative eigenvalue."""
+        sound = _finite_rows(updated)[rows]
+        with np.errstate(all="ignore"):
+            for cov in (belief.cov, *(getattr(updated, name, None) for name in _COVARIANCES)):
+                if cov is not None:
+                    sound &= self._by_rows(_pivots, cov[rows])[..., 0] == cov.shape[-1]
+        unsound = np.array(rows)
+        unsound[rows] = ~sound
+        return unsound
 
     # --- what a filter fills in -------------------------------------------------------------------
 
@@ -451,6 +479,8 @@ class Filter(ABC, Generic[Record]):
                 told = None if R is None else ask(lambda belief, u, R: R, 2)
                 reading = self._reading(now, y, mask, told)
                 now = self._sound(self._update(now, reading, None), now)
+                if not self._ours:  # whose covariance may be symmetric but for rounding
+                    now = Belief.replace(now, cov=symmetrise(now.cov))
                 doubtful = _doubtful(now, reading.R)
             results = {name: value for name, value in now._arrays().items() if value is not None and name not in APART}
             masks = frozenset(name for name, value in results.items() if value.dtype == bool)
@@ -539,7 +569,7 @@ class Filter(ABC, Generic[Record]):
         """The known input with a row for each belief, so that rows can be taken out and replaced."""
         if u is None:
             return None
-        u = as_array("u", u)
+        u = frozen(as_array("u", u))  # the belief keeps it
         return _broadcast("u", u, batch + u.shape[-1:]) if u.ndim else _broadcast("u", u, batch + (1,))
 
     def _check_known_input(self, u: np.ndarray | None) -> None:
@@ -556,7 +586,11 @@ class Filter(ABC, Generic[Record]):
                 f"{type(self).__name__}.{method} must return a mean of shape {batch + (n,)} and a cov of shape "
                 f"{batch + (n, n)}, got {mean} and {cov}"
             )
-        return belief
+        if np.array_equal(belief.cov, belief.cov.mT):
+            return belief
+        even, size = symmetrise(belief.cov), np.abs(belief.cov).max((-2, -1), keepdims=True)
+        rounding = np.abs(belief.cov - even).max((-2, -1), keepdims=True) <= _ROUNDING * size
+        return Belief.replace(belief, cov=np.where(rounding, even, belief.cov))
 
     # --- recovery ---------------------------------------------------------------------------------
 
@@ -574,7 +608,7 @@ class Filter(ABC, Generic[Record]):
         settled = semidefinite(belief.cov)
         uneven = (settled != belief.cov).any((-2, -1)) & _finite_rows(belief)
         if uneven.any():  # a prediction that is a covariance but for rounding is not given up for that
-            belief = belief.replace(cov=settled)
+            belief = Belief.replace(belief, cov=settled)
             again = self._update(belief, reading, rng)
             updated = updated.with_rows(uneven, again[uneven])
         lost, predicted = _lost(updated, belief, reading.R), ~_lost(belief, belief)
@@ -590,9 +624,8 @@ class Filter(ABC, Generic[Record]):
             result = result.with_rows(cured, fresh[cured])
             result = self._climbed(begun, result, fresh, reading, lost & ~cured, rng)
             result = result.replace(recovery=np.where(lost, Recovery.PRIOR, result.recovery).astype(np.int8))
-        names = ("cov", "input_cov", "feedthrough_cov")
-        covs = {name: getattr(result, name, None) for name in names}
-        return result.replace(**{name: semidefinite(cov) for name, cov in covs.items() if cov is not None})
+        covs = {name: getattr(result, name, None) for name in _COVARIANCES}
+        return Belief.replace(result, **{name: semidefinite(cov) for name, cov in covs.items() if cov is not None})
 
     def _climbed(
         self, start: Record, result: Record, failed: Record, reading: Reading, lost: np.ndarray, rng: Rng
@@ -658,6 +691,18 @@ class Filter(ABC, Generic[Record]):
 
 
 _BOTH = "_predict", "_update"
+_COVARIANCES = "cov", "input_cov", "feedthrough_cov"
+
+
+def _pivots(cov: np.ndarray) -> np.ndarray:
+    """How many pivots ``(..., 1)`` of a covariance ``(..., n, n)`` are positive, but for the rounding of its trace."""
+    size = (_NEGATIVE * np.abs(cov.diagonal(0, -2, -1)).sum(-1) + 1e-300)[..., None, None]
+    root = semidefinite_cholesky(cov + size * identity(cov.shape[-1]))
+    return (1.0 * (root.diagonal(0, -2, -1) > 0.0)).sum(-1)[..., None]
+
+
+_NEGATIVE = 0.5e-12
+"""An eigenvalue of a covariance that is less negative, as a share of its trace, is left as it is."""
 
 
 def check_channels(filter: Filter, channels: int) -> None:
@@ -702,9 +747,9 @@ class _Noted(NamedTuple):
     def answers(self, belief: Belief, u: np.ndarray | None, R: np.ndarray | None, batch: tuple[int, ...]) -> np.ndarray:
         """The answers of a batch, side by side ``(..., columns)``."""
         out, first = np.empty(batch + (self.columns,)), 0
-        for question, axes in self.questions:
-            with np.errstate(all="ignore"):
-                values = question(belief, u, R)
+        with np.errstate(all="ignore"):
+            asked = [question(belief, u, R) for question, _ in self.questions]
+        for values, (_, axes) in zip(asked, self.questions, strict=True):
             for value, k in zip(values if isinstance(values, tuple) else (values,), axes, strict=True):
                 if value is not None:
                     own = value.shape[value.ndim - k :]

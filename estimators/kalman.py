@@ -4,7 +4,7 @@ import numpy as np
 
 from estimators.angles import difference
 from estimators.belief import Belief, InputBelief
-from estimators.checks import as_array
+from estimators.checks import as_array, frozen
 from estimators.filter import Filter, Model, Rng
 from estimators.linalg import congruence, driven, identity, joined, solve, symmetric_blocks, symmetrise
 from estimators.models import LinearModel, as_covariance, resolve
@@ -175,4 +175,4 @@ def input_covariance(name: str, value: np.ndarray | float, q: int) -> np.ndarray
     cov = as_covariance(name, array * np.eye(q) if array.ndim == 0 else array)
     if cov.shape[-1] != q:
         raise ValueError(f"{name} has shape {cov.shape}, but the model has {q} unknown input(s)")
-    return cov
+    return frozen(cov)

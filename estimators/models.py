@@ -16,9 +16,9 @@ import numpy as np
 from scipy.linalg import expm
 
 from estimators.angles import difference, short_way
-from estimators.checks import as_array, shown, whole
+from estimators.checks import Written, as_array, call, frozen, read_only, shown, whole
 from estimators.formulas import is_noted
-from estimators.linalg import congruence, joined, neutralised
+from estimators.linalg import congruence, identity, joined, neutralised
 
 Matrix = np.ndarray | Callable[[np.ndarray | None], np.ndarray]
 StateMatrix = np.ndarray | Callable[[np.ndarray, np.ndarray | None], np.ndarray]
@@ -30,12 +30,21 @@ def resolve(matrix: Matrix, u: np.ndarray | None) -> np.ndarray:
         return matrix
     if is_noted(u):
         program: Any = u.program  # type: ignore[union-attr]
-        return matrix.noted(u) if isinstance(matrix, Schedule) else program.ask(lambda belief, u, R: matrix(u), 2)
-    return matrix(u)
+        return (
+            matrix.noted(u) if isinstance(matrix, Schedule) else program.ask(lambda belief, u, R: resolve(matrix, u), 2)
+        )
+    return matrix(u) if isinstance(matrix, Schedule) else call(getattr(matrix, "name", "a matrix"), matrix, u)
+
+
+class Frozen:
+    """A record whose arrays are read-only; those of its copies and pickles, too."""
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update({name: frozen(v) if isinstance(v, np.ndarray) else v for name, v in state.items()})
 
 
 @dataclass(frozen=True, eq=False)
-class Schedule:
+class Schedule(Frozen):
     """A matrix that follows one component of the known input: the entry of a table that is nearest.
 
     Args:
@@ -49,6 +58,9 @@ class Schedule:
     component: int
     scale: float
     middle: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "table", frozen(as_array("table", self.table)))
 
     def __call__(self, u: np.ndarray | None) -> np.ndarray:
         """The matrices ``(..., n, m)`` at ``u (..., k)``."""
@@ -98,7 +110,7 @@ def noise_at(R: Matrix, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class Gaussian:
+class Gaussian(Frozen):
     """A mean ``(..., n)`` and a covariance ``(..., n, n)`` that broadcast against each other.
 
     Two are equal if their arrays are.
@@ -122,8 +134,8 @@ class Gaussian:
             np.broadcast_shapes(mean.shape[:-1], cov.shape[:-2])
         except ValueError:
             raise ValueError(f"mean has shape {mean.shape} and cov {cov.shape}: their rows do not fit") from None
-        object.__setattr__(self, "mean", mean)
-        object.__setattr__(self, "cov", cov)
+        object.__setattr__(self, "mean", frozen(mean))
+        object.__setattr__(self, "cov", frozen(cov))
 
     def about(self, mean: np.ndarray) -> "Gaussian":
         """The same covariance about other means ``(..., n)``, which are not looked at."""
@@ -149,11 +161,15 @@ class ManifoldGaussian(Gaussian):
 
 
 @dataclass(frozen=True, eq=False)
-class LinearModel:
+class LinearModel(Frozen):
     """``x+ = A x + B u + G d + w``, ``y = C x + H d + v``.
 
     Every matrix is an array, possibly with leading batch axes, or a function of ``u``, which then holds
-    the control and whatever else is known (a gain schedule, say). Functions are checked when first called.
+    the control and whatever else is known (a gain schedule, say). Functions are checked when first called. They must be
+    pure: the same ``u`` gives the same matrix, so time enters as a component of ``u``, not as a clock that is read.
+
+    A model is immutable, and its arrays are read-only copies: build another with
+    ``dataclasses.replace(model, A=...)``, and a filter of it.
 
     Args:
         A: ``(..., n, n)`` transition.
@@ -246,7 +262,7 @@ class LinearModel:
 
 
 @dataclass(frozen=True, eq=False)
-class NonlinearModel:
+class NonlinearModel(Frozen):
     """``x+ = f(x, u) + G d + w``, ``y = h(x, u) + H d + v``.
 
     Args:
@@ -268,7 +284,8 @@ class NonlinearModel:
             error, Q its noise, and Jacobians are by errors. None: states are vectors, but for their angles.
         sum: ``x(b, e) -> (..., nx)``, the state that is the error ``e (..., n)`` away from b; likewise.
 
-    A Jacobian of your own is compared with differences when it is first used.
+    A Jacobian of your own is compared with differences when it is first used. Functions must be pure, as those of a
+    `LinearModel`, and may only read their arguments; the model is immutable likewise.
 
     Raises:
         ValueError: naming the argument whose shape or definiteness is wrong.
@@ -323,7 +340,7 @@ class NonlinearModel:
         assert self.G is not None, "the model has no unknown input"
         if not callable(self.G):
             return self.G
-        G = np.asarray(self.G(x, u))
+        G = np.asarray(call("G", self.G, x, u))
         if G.shape[-2:] != (self.n, self.q):
             raise ValueError(f"G gave a matrix of shape {G.shape}, expected (..., {self.n}, {self.q})")
         return G
@@ -349,7 +366,7 @@ class NonlinearModel:
     def _linearise(
         self, name: str, size: int, angles: tuple[int, ...], x: np.ndarray, u: np.ndarray | None, cov: np.ndarray | None
     ) -> tuple[np.ndarray, np.ndarray]:
-        function, own = getattr(self, name), getattr(self, f"{name}_jacobian")
+        function, own, x = getattr(self, name), getattr(self, f"{name}_jacobian"), read_only(x)
         if self.difference is not None:
             return self._linearise_errors(name, size, angles, x, u, cov)
         if own is None:
@@ -362,7 +379,7 @@ class NonlinearModel:
         u: np.ndarray | None, cov: np.ndarray | None,
     ) -> np.ndarray:  # fmt: skip
         """The user's Jacobian at the state ``x``, compared when first used with differences of a function at ``at``."""
-        jacobian = as_array(f"{name}_jacobian", getattr(self, f"{name}_jacobian")(x, u))
+        jacobian = as_array(f"{name}_jacobian", call(f"{name}_jacobian", getattr(self, f"{name}_jacobian"), x, u))
         expected = x.shape[:-1] + (size, self.n)
         if jacobian.shape != expected:
             if jacobian.shape[-2:] != expected[-2:]:
@@ -378,12 +395,12 @@ class NonlinearModel:
     ) -> tuple[np.ndarray, np.ndarray]:
         """A function of the model at a state, and the Jacobian of its error, or of a reading, by the state's error."""
         function, moved, none = getattr(self, name), name == "transition", np.zeros(x.shape[:-1] + (self.n,))
-        value = np.asarray(function(x, u))
+        value = np.asarray(call(name, function, x, u))
 
         def of_errors(e: np.ndarray, u: np.ndarray | None) -> np.ndarray:
             assert self.sum is not None
             assert self.difference is not None
-            after = np.asarray(function(self.sum(x[..., None, :], e), u))
+            after = np.asarray(call(name, function, self.sum(x[..., None, :], e), u))
             return self.difference(after, value[..., None, :]) if moved else after
 
         if getattr(self, f"{name}_jacobian") is not None:
@@ -427,7 +444,9 @@ def _at_points(
     """The values of `at_points`, and the relative rounding of the type in which the function returned them."""
     expected = points.shape[:-1] + (size,)
     try:
-        returned = function(points, None if u is None else u[..., None, :])
+        returned = call(name, function, points, None if u is None else u[..., None, :])
+    except Written:
+        raise
     except (ValueError, IndexError) as error:
         raise ValueError(
             f"{name} must broadcast over leading axes, but x of shape {points.shape} ends in: {error}"
@@ -716,39 +735,58 @@ def sampled(
         if callable(getattr(rates, name)) or getattr(rates, name).ndim > 2:
             raise ValueError(f"{name} of a sampled model must be one matrix, for all rows and times")
     drive = np.zeros((model.n, 0)) if B is None else rates.B
-    held = {part: _Held(rates.A, drive, rates.Q, part) for part in "ABQ"}
+    steps = _Discretisation(rates.A, drive, rates.Q)
+    held = {part: _Held(steps, part) for part in "ABQ"}
     return replace(model, A=held["A"], B=held["B"] if drive.size else None, Q=held["Q"])
+
+
+@dataclass(frozen=True, eq=False)
+class _Discretisation:
+    """``x' = A x + B u + w``, to be discretised once for each length of a step."""
+
+    A: np.ndarray
+    B: np.ndarray
+    Q: np.ndarray
+
+    def untimed(self) -> ValueError:
+        """The error of a known input that does not tell how long a step takes."""
+        m = self.B.shape[1]
+        return ValueError(
+            f"the known input of a sampled model is {f'its {m} controls and ' if m else ''}how long each step takes, "
+            "not below 0: give run the times t of the readings"
+        )
+
+
+@lru_cache(maxsize=1024)
+def _over_step(steps: _Discretisation, length: float) -> dict[str, np.ndarray]:
+    """A, B and Q by name, over one step; of one whose length is not finite nothing is known."""
+    n, m = steps.B.shape
+    if length < 0.0:
+        raise steps.untimed()
+    if math.isfinite(length):
+        A, Q = van_loan(steps.A, np.eye(n), steps.Q, length)
+        B = zero_order_hold(steps.A, steps.B, length)[1] if m else np.zeros((n, 0))
+    else:
+        A, B, Q = (np.full((n, columns), np.nan) for columns in (n, m, n))
+    return {"A": frozen(A), "B": frozen(np.concatenate([B, np.zeros((n, 1))], 1)), "Q": frozen(Q)}
 
 
 @dataclass(frozen=True, eq=False)
 class _Held:
     """One of the matrices of a `sampled` model, a function of the known input."""
 
-    rates: np.ndarray
-    drive: np.ndarray
-    intensity: np.ndarray
+    steps: _Discretisation
     part: str
 
     def __call__(self, u: np.ndarray | None) -> np.ndarray:
-        m = self.drive.shape[1]
-        if u is None or u.shape[-1] != m + 1 or (u[..., -1] < 0.0).any():
-            raise ValueError(
-                f"the known input of a sampled model is {f'its {m} controls and ' if m else ''}how long each step "
-                "takes, not below 0: give run the times t of the readings"
-            )
-        lengths, rows = np.unique(u[..., -1], return_inverse=True)
-        return np.stack([_over_step(self, float(length)) for length in lengths])[rows.reshape(u.shape[:-1])]
-
-
-@lru_cache(maxsize=256)
-def _over_step(held: _Held, length: float) -> np.ndarray:
-    """The matrix over one step; of one whose length is not finite nothing is known."""
-    n, m = held.drive.shape
-    if not np.isfinite(length):
-        return np.full((n, m + 1 if held.part == "B" else n), np.nan)
-    if held.part == "B":
-        return np.concatenate([zero_order_hold(held.rates, held.drive, length)[1], np.zeros((n, 1))], 1)
-    return van_loan(held.rates, np.eye(n), held.intensity, length)[held.part == "Q"]
+        if u is None or u.shape[-1] != self.steps.B.shape[1] + 1:
+            raise self.steps.untimed()
+        lengths = u[..., -1]
+        if lengths.size == 1:
+            one = _over_step(self.steps, lengths.item())[self.part]
+            return one.reshape(lengths.shape + one.shape)
+        different, rows = np.unique(lengths, return_inverse=True)
+        return np.stack([_over_step(self.steps, k)[self.part] for k in different.tolist()])[rows.reshape(lengths.shape)]
 
 
 def forward_euler(A: np.ndarray, B: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
@@ -770,14 +808,24 @@ def as_covariance(name: str, value: object) -> np.ndarray:
         raise ValueError(f"{name} must be a square matrix (..., k, k), got shape {cov.shape}")
     if not np.isfinite(cov).all():
         raise ValueError(f"{name} must be finite")
-    scale = np.abs(cov).max(initial=0.0)
-    unit = cov / (scale if scale > 0.0 else 1.0)
-    if np.abs(unit - unit.mT).max(initial=0.0) > 1e-9:
+    if symmetric := np.array_equal(cov, cov.mT):
+        with suppress(np.linalg.LinAlgError):  # positive definite
+            np.linalg.cholesky(cov)
+            return cov
+    variances = cov.diagonal(0, -2, -1)
+    rounding = 16.0 * _EPS * np.abs(variances).max(-1, keepdims=True)
+    room = 1e-9 * np.abs(variances) + rounding  # beside a variance, each row by its own
+    scale = np.sqrt(np.abs(variances) + np.where(room > 0.0, room, 1.0))
+    unit = cov / scale[..., None] / scale[..., None, :]
+    if (np.abs(unit - unit.mT) > 1e-9 + rounding[..., None] / scale[..., None] / scale[..., None, :]).any():
         raise ValueError(f"{name} must be symmetric")
-    lowest = float(np.linalg.eigvalsh(unit).min(initial=0.0))
-    if lowest < -1e-9:
-        raise ValueError(f"{name} must be positive semidefinite, its smallest eigenvalue is {lowest * scale:.3g}")
-    return cov if np.array_equal(cov, cov.mT) else 0.5 * cov + 0.5 * cov.mT
+    lowest = np.linalg.eigvalsh(unit + (room / scale**2)[..., None] * identity(cov.shape[-1]))[..., 0]
+    if (lowest < -_EPS * cov.shape[-1]).any():
+        own = np.linalg.eigvalsh(cov)[..., 0].min()
+        scaled = "" if own < 0.0 else "in units of its standard deviations "
+        found = f"its smallest eigenvalue {scaled}is {own if own < 0.0 else lowest.min():.3g}"
+        raise ValueError(f"{name} must be positive semidefinite, {found}")
+    return cov if symmetric else 0.5 * cov + 0.5 * cov.mT
 
 
 def usable(R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -802,7 +850,7 @@ def _store_arrays(model: "LinearModel | NonlinearModel", matrices: str) -> None:
             raise ValueError(f"{name} must be a matrix, got shape {array.shape}")
         if not np.isfinite(array).all():
             raise ValueError(f"{name} must be finite")
-        object.__setattr__(model, name, array)
+        object.__setattr__(model, name, frozen(array))
 
 
 def _unknown_inputs(model: "LinearModel | NonlinearModel", n: int, p: int) -> int:
@@ -812,7 +860,7 @@ def _unknown_inputs(model: "LinearModel | NonlinearModel", n: int, p: int) -> in
     q = _dimension("q", {"G": (model.G, -1), "H": (model.H, -1)})
     for name, rows in (("G", n), ("H", p)):
         if getattr(model, name) is None:
-            object.__setattr__(model, name, np.zeros((rows, q)))
+            object.__setattr__(model, name, frozen(np.zeros((rows, q))))
     return q
 
 
@@ -867,9 +915,12 @@ class _Checked:
     function: Callable[[np.ndarray | None], np.ndarray]
     shape: tuple[int, ...]
     covariance: bool
+    seen: bool = False
 
     def __call__(self, u: np.ndarray | None) -> np.ndarray:
         value = self.function(u)
+        if self.seen:  # a program that was traced still asks here
+            return value
         array = as_array(self.name, value)
         if array.ndim < 2 or array.shape[-2:][: len(self.shape)] != self.shape:
             columns = self.shape[1] if len(self.shape) > 1 else "m"
@@ -879,6 +930,7 @@ class _Checked:
         if self.covariance:
             as_covariance(self.name, array if self.name == "Q" else usable(array)[0])
         object.__setattr__(self.model, self.name, self.function)
+        object.__setattr__(self, "seen", True)
         return value
 
 

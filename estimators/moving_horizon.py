@@ -1,7 +1,7 @@
 """Moving-horizon estimation: the states of the last times are fitted anew at each reading."""
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -41,6 +41,13 @@ class HorizonBelief(Belief):
     noises: np.ndarray
     pending: np.ndarray
     inputs: np.ndarray | None = None
+
+    def replace(self, **changes: Any) -> Self:
+        """This belief with some fields changed; another mean or covariance begins a new window."""
+        if changes.keys() & {"mean", "cov"}:
+            mean, cov = changes.get("mean", self.mean), changes.get("cov", self.cov)
+            changes = _window_of(mean, cov, *self.readings.shape[-2:]) | changes
+        return Belief.replace(self, **changes)
 
     def known(self, i: int, which: int) -> np.ndarray | None:
         """The known input of the prediction that led to time i (0) or of its reading (1)."""
@@ -101,12 +108,8 @@ class MovingHorizonEstimator(Filter[HorizonBelief]):
         self.tolerance = number("tolerance", tolerance, 0.0, what="positive")
 
     def _init(self, belief: Belief, rng: Rng) -> HorizonBelief:
-        N, p, batch = self.horizon, self.model.p, belief.mean.shape[:-1]
-        return HorizonBelief.of(
-            belief, start_mean=belief.mean, start_cov=belief.cov, states=np.repeat(belief.mean[..., None, :], N, -2),
-            moved=np.zeros(batch + (N,), bool), readings=np.zeros(batch + (N, p)), seen=np.zeros(batch + (N, p), bool),
-            noises=np.zeros(batch + (N, p, p)) + np.eye(p), pending=np.ones(batch, bool),
-        )  # fmt: skip
+        window = _window_of(belief.mean, belief.cov, self.horizon, self.model.p)
+        return HorizonBelief.of(belief, **window, pending=np.ones(belief.mean.shape[:-1], bool))
 
     def _batch(self, belief: HorizonBelief) -> tuple[int, ...]:
         batch = super()._batch(belief)
@@ -131,7 +134,7 @@ class MovingHorizonEstimator(Filter[HorizonBelief]):
     ) -> Reading:
         """The reading made straight about the course of the states, seen from the prediction."""
         x = belief.states[..., -1, :]
-        return _seen_from(super()._reading(belief.replace(mean=x), y, available, R), self._away(x, belief.mean))
+        return _seen_from(super()._reading(Belief.replace(belief, mean=x), y, available, R), self._away(x, belief.mean))
 
     def _update(self, belief: HorizonBelief, reading: Reading, rng: Rng) -> HorizonBelief:
         mean, cov, S = joseph_update(belief.mean, belief.cov, reading.innovation, reading.C, reading.R)
@@ -216,7 +219,8 @@ class MovingHorizonEstimator(Filter[HorizonBelief]):
             times = self._forward(fitted)
             mean, cov = times[-1].mean, times[-1].cov
             running = running & np.isfinite(mean).all(-1) & np.isfinite(cov).all((-2, -1))
-            fitted = fitted.replace(mean=_where(running, mean, fitted.mean), cov=_where(running, cov, fitted.cov))
+            both = {"mean": _where(running, mean, fitted.mean), "cov": _where(running, cov, fitted.cov)}
+            fitted = Belief.replace(fitted, **both)
             if iteration == self.iterations - 1:
                 break
             states, sd = _backward(times), np.sqrt(np.stack([t.cov.diagonal(0, -2, -1) for t in times], -2))
@@ -259,6 +263,16 @@ class MovingHorizonEstimator(Filter[HorizonBelief]):
 
     def _away(self, x: np.ndarray, mean: np.ndarray) -> np.ndarray:
         return difference(x, mean, self.model.state_angles)
+
+
+def _window_of(mean: np.ndarray, cov: np.ndarray, N: int, p: int) -> dict[str, np.ndarray]:
+    """A window of N times in which nothing has been read, that begins with a mean and a covariance."""
+    batch = mean.shape[:-1]
+    return {
+        "start_mean": mean, "start_cov": cov, "states": np.repeat(mean[..., None, :], N, -2),
+        "moved": np.zeros(batch + (N,), bool), "readings": np.zeros(batch + (N, p)),
+        "seen": np.zeros(batch + (N, p), bool), "noises": np.zeros(batch + (N, p, p)) + np.eye(p),
+    }  # fmt: skip
 
 
 def _seen_from(reading: Reading, away: np.ndarray) -> Reading:

@@ -2,12 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, Self
 
 import numpy as np
 
 from estimators.angles import difference
 from estimators.belief import Belief
-from estimators.checks import as_array
+from estimators.checks import as_array, frozen
 from estimators.filter import Filter, Rng
 from estimators.linalg import identity, lacks_rank, log_density, neutralised
 from estimators.reading import Reading
@@ -28,6 +29,10 @@ class MixtureBelief(Belief):
     covs: np.ndarray
     probabilities: np.ndarray
     log_likelihood: np.ndarray
+
+    def replace(self, **changes: Any) -> Self:
+        """This belief with some fields changed; another mean moves those of all modes."""
+        return Belief.replace(self, **(self._moved("means", changes) | changes))
 
 
 class InteractingMultipleModels(Filter[MixtureBelief]):
@@ -192,4 +197,4 @@ def _probabilities(name: str, value: object, shape: tuple[int, ...]) -> np.ndarr
         raise ValueError(f"{name} has shape {array.shape}, expected {shape}: one for each mode")
     if not ((array >= 0.0).all() and np.allclose(array.sum(-1), 1.0, rtol=0, atol=1e-9)):
         raise ValueError(f"{name} must be probabilities, not negative and with a sum of 1 in each row")
-    return array / array.sum(-1, keepdims=True)
+    return frozen(array / array.sum(-1, keepdims=True))

@@ -5,6 +5,7 @@ noise, a reading weighs them by its density: so posteriors may have several peak
 """
 
 from dataclasses import dataclass
+from typing import Any, Self
 
 import numpy as np
 
@@ -39,6 +40,10 @@ class ParticleBelief(Belief):
     particles: np.ndarray
     log_weights: np.ndarray
     log_likelihood: np.ndarray
+
+    def replace(self, **changes: Any) -> Self:
+        """This belief with some fields changed; another mean moves the particles."""
+        return Belief.replace(self, **(self._moved("particles", changes) | changes))
 
     @property
     def effective_size(self) -> np.ndarray:

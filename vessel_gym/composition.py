@@ -12,7 +12,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from estimators import LinearModel, NonlinearModel, retimed, stacked
-from estimators.checks import shown
+from estimators.checks import shown, writable
 from estimators.models import Function, Matrix, Schedule, StateMatrix, StateNoise, central_differences, resolve, steps
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.foreign import copied, copying, ours, repeated
@@ -730,6 +730,7 @@ def _sloped(parts: _Parts) -> Callable[..., tuple[np.ndarray, np.ndarray]]:
     def sloped(x: np.ndarray, u: np.ndarray | None, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The vehicle's part ``(..., n)`` after states, and its Jacobian ``(..., n, m)`` by steps as large."""
         assert u is not None
+        x = writable(x)
         rows, by = x.reshape(-1, x.shape[-1]), np.ones((x.size // x.shape[-1], len(columns)))
         by[:, : len(vehicle.bent)] = step.reshape(rows.shape)[:, vehicle.bent]
         told = np.broadcast_to(u, x.shape[:-1] + u.shape[-1:]).reshape(-1, u.shape[-1])

@@ -10,7 +10,7 @@ from gymnasium.error import ResetNeeded
 from scipy.linalg import block_diag
 
 from estimators import Belief, Filter, Gaussian, Numbers
-from estimators.checks import shown
+from estimators.checks import shown, writable
 from estimators.compiled import rowwise
 from estimators.linalg import shared_root
 from estimators.randomness import word
@@ -238,7 +238,7 @@ class Core:
     @property
     def belief(self) -> Belief:
         """What it believes."""
-        return self.loop.belief
+        return self.loop.belief.read_only()
 
     @property
     def readings(self) -> Readings:
@@ -517,7 +517,7 @@ class Core:
             return declared
         if (self.ends == "task") == (self.observe_mode == "measurement"):
             return self._task.over(self.reference)
-        where = self.state[:, self._based] if self.ends == "task" else self.loop.belief.mean
+        where = self.state[:, self._based] if self.ends == "task" else writable(self.loop.belief.mean)
         return self._task.over(self._task.reference(self.course, self.steps, where))
 
     def observe(self) -> np.ndarray:
@@ -561,10 +561,10 @@ class Core:
 
     def _estimate(self, belief: Belief, told: Composition) -> Estimate:
         """What the task sees of a belief."""
-        mean, input_mean = belief.mean, belief.input_mean
+        mean, input_mean = writable(belief.mean), belief.input_mean
         state = mean if told.base == mean.shape[1] else mean[:, : told.base]
-        if input_mean is not None and not input_mean.shape[-1]:
-            input_mean = None
+        if input_mean is not None:
+            input_mean = writable(input_mean) if input_mean.shape[-1] else None
         flow = told.flow(mean, input_mean)
         if "std" not in self.observe_mode:
             return Estimate(state, flow, input_mean)
@@ -673,7 +673,7 @@ class Core:
 
     def _reference(self, course: np.ndarray, steps: np.ndarray, belief: Belief, state: np.ndarray) -> np.ndarray:
         """The reference ``(B, k)``: where the vehicle believes to be, or is, if nobody sees what it believes."""
-        where = state[:, self._based] if self.observe_mode == "measurement" else belief.mean
+        where = state[:, self._based] if self.observe_mode == "measurement" else writable(belief.mean)
         return self._rows_of(self._task.reference(course, steps, where), len(steps))
 
     def _known_input(self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None) -> np.ndarray:

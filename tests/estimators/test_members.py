@@ -202,7 +202,7 @@ def test_a_covariance_is_that_of_the_members_at_the_time():
     anomalies = updated.ensemble - updated.mean[:, None]
     expected = anomalies.mT @ anomalies / 19
     moved = updated.replace(ensemble=2.0 * updated.ensemble)
-    for cov, wanted in ((updated[2:4].cov, expected[2:4]), (updated.cov, expected), (moved.cov, expected)):
+    for cov, wanted in ((updated[2:4].cov, expected[2:4]), (updated.cov, expected), (moved.cov, 4.0 * expected)):
         np.testing.assert_allclose(cov, wanted, rtol=0, atol=1e-13)
         np.testing.assert_array_equal(cov, cov.mT)
     rows = np.arange(ROWS) == 3

@@ -30,6 +30,46 @@ def _refusal(build, *args, **kwargs) -> str:
     return message
 
 
+# --- covariances whose variances differ ---------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "cov",
+    [
+        np.diag([1e6, -1e-4]),
+        [[1e12, 0.0, 0.0], [0.0, 1.0, 2.0], [0.0, 2.0, 1.0]],
+        [[[1e12]], [[-1.0]]],
+        [[1e-20, 2e-5], [2e-5, 1.0]],
+        [[0.0, 1e-6], [1e-6, 1.0]],
+    ],
+)
+def test_a_covariance_is_judged_by_the_variances_of_its_own_rows(cov: list):
+    cov = np.asarray(cov)
+    message = _refusal(Gaussian, np.zeros(cov.shape[-1]), cov)
+    assert message.startswith("cov must be positive semidefinite")
+    assert "eigenvalue" in message
+
+
+def test_small_variances_beside_large_ones_must_be_symmetric():
+    assert "Q must be symmetric" in _refusal(
+        LinearModel, np.eye(3), np.eye(3), [[1e12, 0.0, 0.0], [0.0, 1.0, 0.5], [0.0, 0.4, 1.0]], np.eye(3)
+    )
+
+
+@pytest.mark.parametrize("rank", [1, 3, 5])
+def test_a_covariance_of_any_scales_and_rank_is_taken(rank: int):
+    """2,000 of them, computed with rounding; none is refused, and each is taken to be symmetric."""
+    rng = np.random.default_rng(rank)
+    roots = rng.normal(size=(2000, 5, rank)) * 10.0 ** rng.uniform(-8.0, 8.0, size=(2000, 5, 1))
+    covs = roots @ roots.mT
+    for cov in (covs, covs * (1.0 + 1e-15 * rng.normal(size=covs.shape))):
+        for one in cov:
+            taken = Gaussian(np.zeros(5), one).cov
+            np.testing.assert_allclose(taken, one, rtol=1e-14, atol=0)
+            np.testing.assert_array_equal(taken, taken.T)
+    assert Gaussian(np.zeros(2), [[1.0, 0.0], [0.0, -1e-17]]).cov[0, 0] == 1.0
+
+
 # --- what is refused --------------------------------------------------------------------------------
 
 

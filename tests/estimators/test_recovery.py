@@ -1,10 +1,13 @@
 """What is lost when an update goes wrong: the offending reading, and nothing that was known without it."""
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
 
-from estimators import Belief, Filter, Gaussian, LinearModel, NonlinearModel, Numbers, Recovery, make, names
-from tests.estimators.cases import Case, arrays, assert_same, every_case, simulate
+from estimators import Belief, Filter, Gaussian, LinearModel, NonlinearModel, Numbers, Reading, Recovery, make, names
+from tests.estimators.cases import Case, arrays, assert_same, every_case, kalman_system, simulate
 
 I3 = np.eye(3)
 KNOWN = np.array([5.0, 6.0, 7.0])
@@ -258,3 +261,74 @@ def test_a_row_that_recovers_draws_as_it_would_alone(name: str):
     assert len(set(together.recovery.tolist())) > 1
     for row in range(3):
         assert_same(together[row : row + 1], updated(slice(row, row + 1)), 1e-12)
+
+
+# --- what needs no recovery ----------------------------------------------------------------------------
+
+
+class _Unsymmetrised(Filter):
+    """The formulas of a textbook, whose covariance is symmetric but for rounding."""
+
+    def _predict(self, belief: Belief, u: np.ndarray | None, rng: object) -> Belief:
+        A = self.model.A
+        return Belief.predicted(belief, np.matvec(A, belief.mean), A @ belief.cov @ A.mT + self.model.Q, u)
+
+    def _update(self, belief: Belief, reading: Reading, rng: object) -> Belief:
+        C, P = reading.C, belief.cov
+        S = C @ P @ C.mT + reading.R
+        K = P @ C.mT @ np.linalg.inv(S)
+        return Belief.updated(belief, belief.mean + np.matvec(K, reading.innovation), P - K @ C @ P, reading, S)
+
+
+@pytest.fixture
+def recoveries(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Rows of every recovery."""
+    rows: list[int] = []
+    usual = Filter._recovered
+
+    def counted(self: Filter, belief: Belief, *others: Any) -> Belief:
+        rows.append(belief.mean[..., 0].size)
+        return usual(self, belief, *others)
+
+    monkeypatch.setattr(Filter, "_recovered", counted)
+    return rows
+
+
+def test_a_covariance_that_is_symmetric_but_for_rounding_needs_no_recovery(recoveries: list[int]):
+    system = kalman_system(3)
+    record, beliefs = simulate(system, 0, 5, 200), []
+    model = replace(system.model, B=None)
+    for filter in (_Unsymmetrised(model), make("kf", model)):
+        belief = filter.init(system.rows(5))
+        for y in record.y:
+            belief = filter.update(filter.predict(belief), y)
+            np.testing.assert_array_equal(belief.cov, belief.cov.mT)
+            assert belief.healthy.all()
+        beliefs.append(belief)
+    assert_same(*beliefs, 1e-9)
+    assert recoveries == []
+
+
+@pytest.mark.parametrize("name", ["kf", "ekf", "ukf", "huber-kf", "robust-kf", "adaptive-kf", "kf-umv-ui", "ulise"])
+@pytest.mark.parametrize("precision", [1e5, 1e9, 1e13])
+def test_a_precise_reading_that_leaves_a_covariance_needs_no_recovery(
+    name: str, precision: float, recoveries: list[int]
+):
+    unknown = {"G": I3[:, :1], "H": [[1.0], [0.0], [0.0]]} if name in UNKNOWN_INPUT else {}
+    C = np.array([[1.0, 0.0, 0.0], [0.5, 1.0, 0.0], [0.0, 0.3, 1.0]])
+    filter = make(name, LinearModel(I3, C, 1e-3 * I3, I3 / precision, **unknown))
+    belief = filter.init(Gaussian(np.zeros((4, 3)), I3))
+    for _ in range(3):
+        belief = filter.update(filter.predict(belief), np.zeros(3))
+        assert belief.healthy.all()
+        assert (np.linalg.eigvalsh(belief.cov)[..., 0] >= -1e-12 * np.trace(belief.cov[0])).all()
+    assert recoveries == []
+
+
+def test_of_many_rows_those_recover_that_have_to(recoveries: list[int]):
+    """A reading that leaves a covariance in one row, one beyond all numbers in another."""
+    filter = make("kf", LinearModel(I3, I3, I3, 1e-6 * I3))
+    belief = filter.init(Gaussian([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [-1e308, 0.0, 0.0]], I3))
+    updated = filter.update(belief, [[1.0, 1.0, 1.0], [2.0, np.nan, 0.0], [1e308, 0.0, 0.0]])
+    np.testing.assert_array_equal(updated.healthy, [True, True, False])
+    assert recoveries == [1]

@@ -1,12 +1,14 @@
 """Whole series: the beliefs of a loop by hand, and likelihoods by other roads."""
 
 import pickle
+from typing import Any
 
 import numpy as np
 import pytest
 from batch import least_squares
 from cases import CASES, Case, kalman_system, shown_directions, simulate, track, unknown_input_system
 
+import estimators.models
 from estimators import (
     Belief,
     Delayed,
@@ -384,3 +386,31 @@ def test_what_does_not_fit_gets_one_sentence(changes: dict, sentence: str):
     with pytest.raises(ValueError, match=sentence) as error:
         run(**given)
     assert "\n" not in str(error.value)
+
+
+# --- what is computed once -----------------------------------------------------------------------------
+
+
+def test_a_step_length_is_discretised_once_and_a_function_checked_at_its_first_value(monkeypatch: pytest.MonkeyPatch):
+    counts = {"van_loan": 0, "zero_order_hold": 0, "as_covariance": 0}
+    for name in counts:
+        usual = getattr(estimators.models, name)
+
+        def counted(*given: Any, name: str = name, usual: Any = usual) -> Any:
+            counts[name] += 1
+            return usual(*given)
+
+        monkeypatch.setattr(estimators.models, name, counted)
+    rng, lengths = np.random.default_rng(0), np.array([0.5, 1.0, 0.25, 0.75])
+    t = np.cumsum(lengths[rng.integers(0, 4, size=(60, 3))], 0)
+    model = sampled([[0.0, 1.0], [0.0, -0.1]], [[1.0, 0.0]], 0.1 * np.eye(2), [[0.1]], B=[[0.0], [1.0]])
+    filter, prior = make("kf", model), Gaussian(np.zeros(2), np.eye(2))
+    begun = counts["as_covariance"]
+    u, y = rng.normal(size=(60, 3, 1)), rng.normal(size=(60, 3, 1))
+    together = run(filter, prior, y, u=u, t=t)
+    assert counts["van_loan"] == counts["zero_order_hold"] == 4
+    assert counts["as_covariance"] <= begun + 3  # of Q, and of the prior
+    for row in range(3):
+        alone = run(filter, prior, y[:, row], u=u[:, row], t=t[:, row])
+        np.testing.assert_allclose(together.mean[:, row], alone.mean, rtol=0, atol=1e-12)
+    assert counts["van_loan"] == counts["zero_order_hold"] == 4

@@ -1,0 +1,196 @@
+"""Models, settings and beliefs that nobody can change in place, and changes of a belief that are not lost."""
+
+import copy
+import pickle
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimators import (
+    Belief,
+    Filter,
+    Gaussian,
+    InteractingMultipleModels,
+    LinearModel,
+    NonlinearModel,
+    Numbers,
+    Reading,
+    make,
+    run,
+)
+from estimators.models import Schedule
+from tests.estimators.cases import Case, arrays, every_case, kalman_system, simulate
+
+I2 = np.eye(2)
+MATRICES = {"A": I2, "C": I2, "Q": I2, "R": I2, "B": I2, "G": I2, "H": I2}
+
+
+@pytest.mark.parametrize("copied", [lambda x: x, copy.deepcopy, lambda x: pickle.loads(pickle.dumps(x))])
+def test_a_model_and_a_prior_have_copies_of_their_arrays_that_nobody_can_write_to(copied: Callable):
+    given = {name: np.array(matrix) for name, matrix in MATRICES.items()}
+    mean = np.zeros(2)
+    nonlinear = NonlinearModel(_same, _same, given["Q"], given["R"], G=given["G"], H=given["H"])
+    records = copied((LinearModel(**given), nonlinear, Gaussian(mean, given["Q"]), Schedule(given["A"][None], 0, 1, 0)))
+    for array in (mean, *given.values()):
+        array[...] = 7.0
+    seen = 0
+    for record in records:
+        for name, array in vars(record).items():
+            if isinstance(array, np.ndarray):
+                seen += 1
+                assert not (array == 7.0).any(), name
+                with pytest.raises(ValueError, match="read-only"):
+                    array[...] = 7.0
+    assert seen == 7 + 4 + 2 + 1
+    assert replace(records[0], A=2.0 * I2).A[0, 0] == 2.0
+
+
+@every_case()
+def test_nobody_can_write_to_a_belief(case: Case):
+    system = case.system(0)
+    filter, rng = case.make(system.model), Numbers.seeded(range(2))
+    record = simulate(system, 0, 2, 3)
+    begun = filter.init(system.rows(2), rng=rng)
+    updated = filter.update(begun, record.y[0], rng=rng)
+    series = run(filter, system.prior, record.y, u=record.u, rng=rng)
+    for belief in (begun, updated, filter.predict(updated, record.u[0], rng=rng), series.predicted, series.updated):
+        for name, array in arrays(belief).items():
+            with pytest.raises(ValueError, match="read-only"):
+                array[...] = 0
+            assert not array.flags.writeable, name
+
+
+@pytest.mark.parametrize("name", ["kf", "mhe", "enkf"])
+def test_a_known_input_that_changes_later_does_not_change_the_belief(name: str):
+    system = kalman_system(0)
+    filter, rng, u = make(name, system.model), Numbers.seeded(range(1)), np.ones((1, 2))
+    predicted = filter.predict(filter.update(filter.init(system.rows(1), rng=rng), np.zeros(3), rng=rng), u, rng=rng)
+    u[...] = 7.0
+    np.testing.assert_array_equal(predicted.u, np.ones((1, 2)))
+
+
+@pytest.mark.parametrize(
+    ("name", "setting"),
+    [("ukf", "alpha"), ("huber-kf", "gamma"), ("robust-kf", "radius"), ("enkf", "inflation"), ("mhe", "horizon"),
+     ("pf", "threshold"), ("kf", "model")],
+)  # fmt: skip
+def test_a_setting_of_a_filter_is_read_only(name: str, setting: str):
+    filter = make(name, LinearModel(I2, I2, I2, I2))
+    kept = getattr(filter, setting)
+    with pytest.raises(AttributeError, match=f"{setting} of a filter is read-only: build another filter, such as make"):
+        setattr(filter, setting, 2)
+    assert getattr(filter, setting) is kept
+
+
+class _Counting(Filter):
+    """A filter of one's own, in NumPy, that counts."""
+
+    def __init__(self, model: LinearModel, gain: float = 0.5) -> None:
+        super().__init__(model)
+        self.gain, self.calls = gain, 0
+
+    def _predict(self, belief: Belief, u: object, rng: object) -> Belief:
+        self.calls += 1
+        return belief
+
+    def _update(self, belief: Belief, reading: Reading, rng: object) -> Belief:
+        return Belief.updated(belief, belief.mean + self.gain * reading.innovation, belief.cov, reading, reading.R)
+
+
+def test_a_filter_of_ones_own_in_numpy_follows_its_settings_and_a_traced_one_refuses_another():
+    filter = _Counting(LinearModel(I2, I2, I2, I2))
+    belief = filter.predict(filter.init(Gaussian(np.zeros(2), I2)))
+    filter.gain = 1.0
+    assert filter.calls == 1
+    np.testing.assert_array_equal(filter.update(belief, [3.0, 4.0]).mean, [3.0, 4.0])
+    traced = type("Traced", (_Counting,), {"formulas": True})(LinearModel(I2, I2, I2, I2))
+    with pytest.raises(AttributeError, match="gain of a filter is read-only"):
+        traced.gain = 1.0
+
+
+# --- functions that work in place ---------------------------------------------------------------------
+
+
+def _same(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+    return x
+
+
+def _in_place(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+    x[..., 0] += 0.1 * x[..., 1]
+    return x
+
+
+@pytest.mark.parametrize("part", ["transition", "measurement"])
+@pytest.mark.parametrize("name", ["ekf", "iekf", "ukf", "eskf", "srkf", "enkf", "etkf", "pf", "mhe", "huber-kf"])
+def test_a_function_of_a_model_that_works_in_place_is_refused_and_the_belief_stays(name: str, part: str):
+    model = NonlinearModel(**{"transition": _same, "measurement": _same, "Q": I2, "R": I2} | {part: _in_place})
+    filter, rng = make(name, model), Numbers.seeded(range(2))
+    begun = filter.init(Gaussian(np.ones((2, 2)), I2), rng=rng)
+    kept = {field: np.array(array) for field, array in arrays(begun).items()}
+    with pytest.raises(ValueError, match=f"^{part} writes into an array that it is given: work on a copy"):
+        filter.update(filter.predict(begun, rng=rng), np.zeros(2), rng=rng)
+    for field, array in arrays(begun).items():
+        np.testing.assert_array_equal(array, kept[field], field)
+
+
+@pytest.mark.parametrize("matrix", ["A", "C", "Q", "R"])
+def test_a_matrix_that_writes_into_the_known_input_is_refused(matrix: str):
+    def written(u: np.ndarray) -> np.ndarray:
+        u *= 2.0
+        return u[..., :1, None] * I2
+
+    model = LinearModel(**{"A": I2, "C": I2, "Q": I2, "R": I2} | {matrix: written})
+    filter = make("kf", model)
+    with pytest.raises(ValueError, match=f"^{matrix} writes into an array that it is given: work on a copy"):
+        filter.update(filter.predict(filter.init(Gaussian(np.zeros(2), I2)), [1.0]), np.zeros(2))
+
+
+# --- another mean in a belief ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["enkf", "etkf", "pf"])
+def test_another_mean_moves_members_and_particles(name: str):
+    system, rng = kalman_system(0), Numbers.seeded(range(2))
+    filter, target = make(name, system.model), np.arange(8.0).reshape(2, 4)
+    begun = filter.init(system.rows(2), rng=rng)
+    moved = begun.replace(mean=target)
+    points = "particles" if name == "pf" else "ensemble"
+    for belief in (begun, moved):
+        weights = np.exp(belief.log_weights) if name == "pf" else np.full(belief.ensemble.shape[:-1], 0.01)
+        np.testing.assert_allclose(np.vecmat(weights, getattr(belief, points)), belief.mean, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(moved.cov, begun.cov, rtol=0, atol=1e-13)
+    ahead, before = (filter.predict(belief, np.zeros(2), rng=rng).mean for belief in (moved, begun))
+    np.testing.assert_allclose(ahead - before, np.matvec(system.model.A, target - begun.mean), rtol=0, atol=1e-12)
+    with pytest.raises(ValueError, match=f"^cov of this belief is that of its {points}: replace them, or begin anew"):
+        begun.replace(cov=begun.cov)
+
+
+def _mhe(model: LinearModel) -> Filter:
+    return make("mhe", model, horizon=4)
+
+
+def _imm(model: LinearModel) -> Filter:
+    return InteractingMultipleModels([make("kf", model)] * 2, [[0.9, 0.1], [0.1, 0.9]])
+
+
+@pytest.mark.parametrize("build", [_mhe, _imm])
+@pytest.mark.parametrize("predicted", [False, True])
+def test_another_mean_in_a_window_or_a_mixture_is_that_in_the_kalman_filter(build: Callable, predicted: bool):
+    """On a linear model all three are the same filter; the mean is exchanged in the middle of a series."""
+    system = kalman_system(0)
+    record = simulate(system, 0, 2, 8)
+    target = system.mean + np.arange(4.0)
+    means = []
+    for filter in (make("kf", system.model), build(system.model)):
+        belief = filter.init(system.rows(2))
+        for k, y in enumerate(record.y):
+            belief = filter.predict(belief, record.u[k]) if k else belief
+            if k == 4 and predicted:
+                belief = belief.replace(mean=target + 0.0 * belief.mean)
+            belief = filter.update(belief, y)
+            if k == 4 and not predicted:
+                belief = belief.replace(mean=target + 0.0 * belief.mean)
+        means.append(belief.mean)
+    np.testing.assert_allclose(*means, rtol=0, atol=1e-10)
