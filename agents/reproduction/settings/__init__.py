@@ -1,1 +1,1 @@
-"""What each paper prints: settings, results and where they stand; and what we had to assume."""
+"""What each paper prints: settings, results and where they stand; and the settings that we had to assume."""

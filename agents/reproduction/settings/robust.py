@@ -1,7 +1,7 @@
 """Rudianto et al. (2024), Algoritma Robust Kalman Filtering untuk Sistem Waktu Kontinu yang Tidak Pasti.
 
 SainsMath: Jurnal MIPA Sains Terapan 3(1), 1-11. The paper prints no number of its simulation: no matrix, no step, no
-seed, no table of results. What stands here besides `FIGURES` and `MISPRINTS` is therefore ours, with the reason beside
+seed, no table of results. What stands here besides `FIGURES` is therefore ours, with the reason beside
 it. A first trial with one reading led to three changes, which the page names or shows: two readings, the smaller
 tolerance beside 0.1, and 2 σ for 1 σ among the sizes of outliers. Everything else was fixed before any run.
 """
@@ -133,26 +133,3 @@ CROSSED: dict[str, tuple[Condition, ...]] = {
 
 ALONE = (Condition(), OUTLIERS, PARAMETERS)
 """What is looked at with one reading only."""
-
-MISPRINTS = (
-    "“mutually uncorrected” under eq. (4) is “mutually uncorrelated”.",
-    "Q is the covariance of the continuous noise in eq. (3) and that of one step in eq. (7); the two differ by the "
-    "discretisation, which is not given. We discretise exactly (Van Loan 1978).",
-    "Eq. (5) weighs the estimation error with P, called the error covariance, and the control with R, so far the "
-    "covariance of the readings: each letter has two meanings. It is never used; the gain is derived from "
-    "E[(x − x̂)ᵀ(x − x̂)], without P, R and u.",
-    "In the derivation of eq. (7) a factor w stands once too often between the two brackets; the next line is right.",
-    "R = v vᵀ lacks its expectation: R = E[v vᵀ].",
-    "The derivative ∂J/∂K = −2 C P + 2 K (C P Cᵀ + R) adds a p × n to an n × p matrix; its first term must be "
-    "−2 P Cᵀ, as the next line has it.",
-    "Eq. (10), announced as the update of the covariance, repeats eq. (9); P = (I − K C) P stands without a number "
-    "in the summary below it.",
-    "Eq. (11) lacks an A: with K = P Cᵀ (C P Cᵀ + R)⁻¹ the Riccati equation is "
-    "P = A P Aᵀ + Q − A K (C P Cᵀ + R) Kᵀ Aᵀ.",
-    "Eqs (12) to (14) write one P for the covariances before and after the update. Read literally, (14) says "
-    "K C P = 0 and (12) makes P the covariance without any reading, so that the three contradict one another "
-    "and eq. (11).",
-    "Huber's loss (section Metode 2) and the uncertain sets (definition 2.2, theorems 2.1, 2.2) enter no equation of "
-    "the algorithm: eqs (6) to (10) are the Kalman filter.",
-)
-"""What the page must know to read the paper; each checked against its text."""

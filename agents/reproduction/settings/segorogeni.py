@@ -60,17 +60,10 @@ INVERSE_INERTIA = np.array(
 BEST = {"x": 300, "y": 300, "z": 200}
 """The number of members that the paper calls best, section III.D."""
 
-MISPRINTS = [
-    "Eq. (3), ż = w, leaves pitch out: a vehicle that pitches down and runs ahead does not dive by it.",
-    "The text gives 11.57 s for 200 members, Table III 11.56 s.",
-    "The abstract gives the error of the angle in metres; Table III has radians.",
-    "The printed 15 kg would float up with 35 N: the body of Table I displaces 18.6 kg.",
-]
-
 # --- ours -------------------------------------------------------------------------------------------
 
 DURATION = 30.0  # s: at the 1 m/s of Table I an arc over the goal, 25 m long, and the time to gather way
-WEIGHT_EXCESS = 12.0  # N, see ASSUMPTIONS
+WEIGHT_EXCESS = 12.0  # N, see "depth" in pages/segorogeni.md
 VEHICLE = Segorogeni(replace(Segorogeni().body, printed_kinematics=True, buoyancy_excess=-WEIGHT_EXCESS))
 OWN_DT = VEHICLE.dt
 READING_SD = channel_sd(VEHICLE.sensors, ("u over ground", "v over ground", "w over ground", "r"))  # every OWN_DT
@@ -81,47 +74,3 @@ SEEDS = (0, 1, 2, 3, 4)  # of its cells: five times the published number of runs
 OWN_RUNS = 200
 EXTENDED_RUNS = 25  # of a cell without members at the paper's step, which is cheap: 50 in all
 DOUBLED = 2.0  # all noise times this, to see how the errors depend on what we assumed
-
-ASSUMPTIONS = [
-    (
-        "noise of the readings",
-        "The paper prints no R. We take the instruments of this package's vehicle, figures of public vehicle "
-        f"configurations: Doppler log {READING_SD[0]:g} m/s, gyroscope {READING_SD[-1]:g} rad/s, every {OWN_DT} s. At "
-        f"{DT} s it is the same white noise, √{OWN_DT / DT:.0f} times as large in each of {OWN_DT / DT:.0f} times as "
-        "many readings.",
-    ),
-    (
-        "process noise",
-        f"The paper prints no Q. We take the moderate water of SegorogeniAUV-v0: kicks of {KICK_SD[0]:g} m/s and "
-        f"{KICK_SD[-1]:g} rad/s every {OWN_DT} s, at {DT} s the same white noise. Truth and filter "
-        "have the same Q, so that the filter's model is exact but for its members.",
-    ),
-    (
-        "what is measured",
-        "u, v, w and r at every step. The paper says surge, sway, heave and yaw, and its state are velocities.",
-    ),
-    (
-        "first members",
-        f"Drawn about the printed start at rest with the package's prior of a dive: {PRIOR_SD[0]:g} m/s and "
-        f"{PRIOR_SD[-1]:g} rad/s.",
-    ),
-    ("coefficients", "None is printed. They follow from the dimensions of Table I (docs/hydrodynamics.md)."),
-    (
-        "depth",
-        "In eq. (3) depth is heave alone: pitching does nothing. In its usual trim and with 20° of stern plane our "
-        f"vehicle then sinks at 0.16 m/s at most, too slow for {GOAL[2]:g} m within this arc. It is therefore "
-        f"ballasted {WEIGHT_EXCESS:g} N heavy.",
-    ),
-    (
-        "control",
-        "Open loop. The rudder leaves the printed 5° in the first step; from then on rudder, stern plane and thrust "
-        f"are held at the values that end the undisturbed dive after {DURATION:.0f} s at the goal, found by a root "
-        "search. The filter knows them.",
-    ),
-    (
-        "error",
-        "Estimated less true position, the truth being the disturbed vehicle. RMS over the dive, mean over the runs. "
-        "The paper calls the planned path the real value and does not say what its filter was told of it.",
-    ),
-]
-"""What the paper does not print, what we took, and why."""

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agents.page import Claims, Page, render
+from agents.page import Claims, Facts, Page, render
 from agents.reproduction import segorogeni
 from agents.reproduction.pages import segorogeni as segorogeni_page
 from agents.reproduction.settings import segorogeni as paper
@@ -150,5 +150,7 @@ def test_the_claim_on_members_is_decided_by_the_errors(exponent: float, verdict:
 def test_the_page_is_one_file_with_its_assumptions():
     html = render(page_of(0.0))
     assert html.count("data:image/svg+xml") == 2
-    assert all(name in html for name, _ in paper.ASSUMPTIONS)
+    (assumed,) = (facts for section in page_of(0.0).sections for facts in section.blocks if isinstance(facts, Facts))
+    assert len(assumed.rows) == 8
+    assert all(name in html and text for name, text in assumed.rows)
     assert "2 negative eigenvalues of 6" in html

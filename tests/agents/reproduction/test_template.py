@@ -79,7 +79,7 @@ def test_a_placeholder_without_a_value_and_a_table_that_does_not_exist_are_refus
         fill(tables=(), share=1.0, runs=50)
 
 
-@pytest.mark.parametrize("name", ["corvette", "segorogeni", "itsunusa", "puna"])
+@pytest.mark.parametrize("name", ["corvette", "segorogeni", "itsunusa", "puna", "robust"])
 def test_prose_stands_in_the_template_and_not_in_the_code(name: str):
     """The longest string of the code, docstrings apart, is a part of a sentence; the template has the sentences."""
     tree = ast.parse((PAGES / f"{name}.py").read_text(encoding="utf-8"))
