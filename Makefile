@@ -39,7 +39,7 @@ pilots: .venv/.studies  ## Train the agents that come with the package anew, and
 $(PILOTS):  # of three runs one in two learns to fly the aircraft
 	$(BIN)/python -m scripts.train $@ --out agents/trained/$@.zip $(if $(filter Puna%,$@),--runs 3)
 
-test: venv  ## Run the tests, of slow ones two cases each (five minutes)
+test: venv  ## Run the tests, of slow ones one case each
 	$(BIN)/python -m $(WORKERS)
 
 quick: venv  ## Run those of the tests that take a minute in all
