@@ -51,7 +51,8 @@ class Process:
 
     def __post_init__(self) -> None:
         for name in ("transition", "root", "start_cov"):  # laid out alike in every copy: the last bit depends on it
-            values = finite_array(f"{name} of a process", getattr(self, name), "k", "m")
+            shape = ("k", "m") if name == "root" else ("...",)
+            values = finite_array(f"{name} of a process", getattr(self, name), *shape)
             object.__setattr__(self, name, np.ascontiguousarray(values))
         k = len(self.root)
         for name, values in (("transition", self.transition), ("start_cov", self.start_cov)):
