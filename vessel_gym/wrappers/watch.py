@@ -72,7 +72,7 @@ class Watch:
         model.check_known_input(u)
         for name in ("transition", "measurement"):
             repeated(f"{name} of the model", getattr(model, name), prior.mean, u)
-        self.sensors = _sensors(model, sensors, prior.mean, u, sensor_faults)
+        self.sensors = _sensors(model, sensors, np.array(prior.mean), u, sensor_faults)
         model = replace(cast(Any, model), R=self.sensors.noise(partial(_expected, self.sensors), prior.mean, u))
         options = checks.options("estimator_options", options)
         late = checks.one_of("value of late", options.pop("late", LATE[0]), LATE)
