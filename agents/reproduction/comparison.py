@@ -1,5 +1,6 @@
 """Printed numbers beside ours, each with a verdict in words."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from agents.statistics import Interval
@@ -25,6 +26,16 @@ class Published:
     def value(self) -> float:
         """The number."""
         return float(self.printed) if self.meant is None else self.meant
+
+
+def published_table(
+    rows: Mapping[int, Sequence[str]], units: Mapping[str, str], where: str
+) -> dict[int, dict[str, Published]]:
+    """A printed table by its rows, then by quantity, the columns in the order of the units."""
+    return {
+        row: {name: Published(text, unit, where) for (name, unit), text in zip(units.items(), texts, strict=True)}
+        for row, texts in rows.items()
+    }
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,23 @@
-"""Printed numbers beside ours, as a table."""
+"""Printed numbers beside ours, as a table; means and ratios with their intervals."""
+
+import numpy as np
 
 from agents.page import Entry, Table, number
 from agents.reproduction.comparison import Comparison
+from agents.statistics import Interval, mean_interval
+
+
+def mean_of(values: np.ndarray) -> Interval:
+    """Mean with its 95 % interval."""
+    interval = mean_interval(values)
+    assert interval is not None  # every cell has its runs
+    return interval
+
+
+def geometric_ratio(errors: np.ndarray, others: np.ndarray) -> Interval:
+    """The geometric mean ratio of paired errors ``(runs,)`` with its 95 % interval."""
+    logs = mean_of(np.log(errors) - np.log(others))
+    return Interval(*(float(np.exp(end)) for end in (logs.mean, logs.low, logs.high)))
 
 
 def comparison_table(title: str, note: str, comparisons: list[Comparison], name: str = "") -> Table:

@@ -9,11 +9,11 @@ from agents.page import Entry, Page, Table, entry, number, words
 from agents.plotting import BELIEVED, INK, PALETTE, PUBLISHED, TRUE, drawing
 from agents.reproduction.comparison import Comparison, tally
 from agents.reproduction.corvette import LEVELS, MODELS
-from agents.reproduction.pages.comparison import comparison_table
+from agents.reproduction.pages.comparison import comparison_table, mean_of
 from agents.reproduction.pages.template import fill
 from agents.reproduction.settings import corvette as settings
 from agents.reproduction.settings.corvette import QUANTITIES, SAMPLES, SIMULATIONS
-from agents.statistics import Interval, mean_interval, paired_difference
+from agents.statistics import Interval, paired_difference
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -77,12 +77,6 @@ class _Results:
         return " to ".join(sorted({f"{errors.mean():.4f}" for errors in values}))
 
 
-def _mean(values: np.ndarray) -> Interval:
-    interval = mean_interval(values)
-    assert interval is not None
-    return interval
-
-
 def _printed(simulation: str, quantity: str) -> float:
     return SIMULATIONS[simulation].published(quantity)["mean"].value
 
@@ -125,7 +119,7 @@ def page(results: Mapping[str, Mapping[str, Any]]) -> Page:
         driven=_rise({q: (r.other("driven", "I", q), r.other("driven", "V", q)) for q in QUANTITIES}, "I", "V"),
         orders=[_order(r, f"{_LOW} rad", dict.fromkeys(SIMULATIONS, _NOISE)), _order(r, "√R of each", _STATED)],
         better=[
-            sum(_mean(r.rmse(s, "heading", x) - np.sqrt(2.0) * x).high < 0.0 for s, x in levels.items())
+            sum(mean_of(r.rmse(s, "heading", x) - np.sqrt(2.0) * x).high < 0.0 for s, x in levels.items())
             for levels in (dict.fromkeys(SIMULATIONS, _NOISE), _STATED)
         ],
         diagonals="; ".join(f"{s}: {v.Q:g}, {v.R:g}" for s, v in SIMULATIONS.items()),
@@ -136,8 +130,8 @@ def _comparisons(r: _Results) -> list[Comparison]:
     """All 40 printed numbers beside ours: the system as printed at the fixed noise."""
     return [
         Comparison(
-            f"Simulation {simulation}, {quantity} ({s.where})", column, published, _mean(r.rmse(simulation, quantity)),
-            _reason(r, simulation, quantity, published.value),
+            f"Simulation {simulation}, {quantity} ({s.where})", column, published,
+            mean_of(r.rmse(simulation, quantity)), _reason(r, simulation, quantity, published.value),
         )
         for simulation, s in SIMULATIONS.items()
         for quantity in QUANTITIES
@@ -218,7 +212,7 @@ def _order(r: _Results, noise: str, levels: Mapping[str, float]) -> dict[str, An
 
 
 def _rmse_entry(r: _Results, simulation: str, quantity: str, level: float, model: str = MODELS[0]) -> Entry:
-    return entry(_mean(r.rmse(simulation, quantity, level, model)), 5 if level == _NOISE else 4)
+    return entry(mean_of(r.rmse(simulation, quantity, level, model)), 5 if level == _NOISE else 4)
 
 
 def _overview(r: _Results) -> Table:
@@ -259,7 +253,7 @@ def _predictions(r: _Results) -> Table:
         s = SIMULATIONS[name]
         errors = [r.rmse(name, "heading"), r.rmse(name, _PREDICTED), r.other("wide", name, _PREDICTED)]
         inputs = [r.rmse(name, "unknown input"), r.other("wide", name, "unknown input")]
-        left, right = ([entry(_mean(values), 5) for values in each] for each in (errors, inputs))
+        left, right = ([entry(mean_of(values), 5) for values in each] for each in (errors, inputs))
         return [Entry(s.mean_heading), *left, Entry(s.mean_unknown_input), *right]
 
     wide = f"P₀ = {settings.WIDE_PRIOR:g}"
@@ -300,7 +294,7 @@ def _rmse_figure(canvas: "Figure", r: _Results) -> None:
     x = np.arange(len(SIMULATIONS))
     for panel, quantity in zip(panels, QUANTITIES, strict=True):
         for i, (label, model, levels, colour, marker) in enumerate(series):
-            shown = [_mean(r.rmse(s, quantity, levels[s], model)) for s in SIMULATIONS]
+            shown = [mean_of(r.rmse(s, quantity, levels[s], model)) for s in SIMULATIONS]
             panel.errorbar(
                 x + 0.12 * (i - 1.5), [m.mean for m in shown], [m.half for m in shown], color=colour, marker=marker,
                 markersize=4, markerfacecolor="white" if model == "corrected" else colour, elinewidth=1.0,

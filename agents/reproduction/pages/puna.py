@@ -8,7 +8,7 @@ import numpy as np
 from agents.page import Entry, Page, Table, entry, listed, number, words
 from agents.reproduction.comparison import tally
 from agents.reproduction.pages import puna_figures
-from agents.reproduction.pages.comparison import comparison_table
+from agents.reproduction.pages.comparison import comparison_table, geometric_ratio, mean_of
 from agents.reproduction.pages.ensembles import slope
 from agents.reproduction.pages.puna_results import (
     Results,
@@ -16,8 +16,6 @@ from agents.reproduction.pages.puna_results import (
     errors_of,
     errors_of_size,
     keeps_flying,
-    mean_of,
-    ratio,
     runs,
 )
 from agents.reproduction.pages.template import fill
@@ -166,7 +164,7 @@ def _gain(results: Results, i: int) -> SimpleNamespace:
     for level in paper.LEVELS:
         for control, members in paper.BEST_MEMBERS.items():
             worse, better = (errors_of_size(results, level, control, name, members)[:, i] for name in ("x", "all"))
-            ratios[level, control] = ratio(worse, better)
+            ratios[level, control] = geometric_ratio(worse, better)
     evidence = "; ".join(
         f"{title}: " + ", ".join(f"{_factor(ratios[level, control])} ({control} angle)" for control in paper.CONTROLS)
         for level, title in _TITLES.items()

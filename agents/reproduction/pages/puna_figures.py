@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from agents.plotting import BELIEVED, INK, PALETTE, PUBLISHED, RAW, TRUE, drawing
-from agents.reproduction.pages.puna_results import Results, errors_of, mean_of
+from agents.reproduction.pages.comparison import mean_of
+from agents.reproduction.pages.puna_results import Results, errors_of
 from agents.reproduction.puna import PLANE, cell_name
 from agents.reproduction.settings import puna as paper
 
@@ -32,8 +33,7 @@ def open_figure(figure: "Figure", found: Mapping[str, Any]) -> None:
         panel.set_title(f"headings {reading}", loc="left")
         panel.legend(loc="lower left")
         _map(panel)
-    panels[0].set_ylim(-160.0, 420.0)
-    panels[0].set_ylabel("y [m]")
+    panels[0].set(ylim=(-160.0, 420.0), ylabel="y [m]")
 
 
 @drawing(7.2, 2.5)
@@ -56,9 +56,7 @@ def obstacle_figure(figure: "Figure", found: Mapping[str, Any]) -> None:
     printed = np.array([paper.OBSTRUCTED.start, paper.OBSTRUCTED.goal])
     panel.plot(*printed.T, "D", color=PUBLISHED, markersize=5, zorder=5, label="printed points")
     _arrows(panel, np.asarray(found["poses"]), printed=False)
-    panel.set_xlim(-520.0, 45.0)
-    panel.set_ylim(85.0, 195.0)
-    panel.set_ylabel("y [m]")
+    panel.set(xlim=(-520.0, 45.0), ylim=(85.0, 195.0), ylabel="y [m]")
     _map(panel)
     figure.legend(loc="outside lower center", ncols=3)
 

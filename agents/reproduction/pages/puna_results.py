@@ -7,9 +7,9 @@ import numpy as np
 
 from agents.page import number
 from agents.reproduction.comparison import Comparison
+from agents.reproduction.pages.comparison import mean_of
 from agents.reproduction.puna import cell_name
 from agents.reproduction.settings import puna as paper
-from agents.statistics import Interval, mean_interval
 
 Results = Mapping[str, Mapping[str, Any]]
 
@@ -29,22 +29,9 @@ def runs(results: Results) -> int:
     return errors_of(results, "flight", "constant", "all").shape[1]
 
 
-def mean_of(values: np.ndarray) -> Interval:
-    """Mean with its 95 % interval."""
-    interval = mean_interval(values)
-    assert interval is not None  # every cell has its runs
-    return interval
-
-
 def keeps_flying(results: Results, level: str, control: str) -> np.ndarray:
     """Whether each flight ``(runs,)`` keeps an airspeed of 2 m/s or more, where gamma's equation is sound."""
     return np.asarray(results[cell_name(level, control, "all")]["slowest"]) >= 2.0
-
-
-def ratio(worse: np.ndarray, better: np.ndarray) -> Interval:
-    """The geometric mean ratio of paired errors ``(runs,)`` with its 95 % interval."""
-    logs = mean_of(np.log(worse) - np.log(better))
-    return Interval(*(float(np.exp(end)) for end in (logs.mean, logs.low, logs.high)))
 
 
 def comparisons(results: Results, level: str) -> list[Comparison]:

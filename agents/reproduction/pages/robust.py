@@ -8,6 +8,7 @@ import numpy as np
 from scipy.stats import spearmanr
 
 from agents.page import Claim, Entry, Page, Table, entry, listed, number, words
+from agents.reproduction.pages.comparison import geometric_ratio
 from agents.reproduction.pages.robust_figures import figures
 from agents.reproduction.pages.robust_results import (
     MODEL_ERRORS,
@@ -18,8 +19,6 @@ from agents.reproduction.pages.robust_results import (
     SHOWN_TITLES,
     WHERE,
     Results,
-    exponential,
-    known,
     mean_ratio,
     percent,
     rmse_of_units,
@@ -29,7 +28,7 @@ from agents.reproduction.pages.robust_results import (
 from agents.reproduction.pages.template import fill
 from agents.reproduction.settings import robust as settings
 from agents.reproduction.settings.robust import Condition
-from agents.statistics import Interval, mean_interval, paired_difference
+from agents.statistics import Interval
 
 _SIZE, _RATE = f"{settings.OUTLIERS.size:g}", percent(settings.OUTLIERS.rate)
 _MODEL_ERRORS = [c for key in ("tolerance", "parameters") for c in settings.SWEEPS[key] if getattr(c, key)]
@@ -39,23 +38,23 @@ _OUTLIERS = list(dict.fromkeys(c for key in ("rate", "size") for c in settings.S
 def page(results: Results) -> Page:
     """The page, from the values of every cell under the same names."""
 
-    def ratio(condition: Condition, name: str = "huber-kf") -> Interval:
+    def to_kf(condition: Condition, name: str = "huber-kf") -> Interval:
         return mean_ratio(results, settings.RANDOM, condition, name)
 
     largest, traits, example = settings.SWEEPS["parameters"][-1], system_traits(), results["example"]
     hit_kf, free_kf = (rmse_of_units(results, settings.RANDOM, c, "kf") for c in (settings.OUTLIERS, NOTHING))
-    hit = ratio(settings.OUTLIERS)
+    hit = to_kf(settings.OUTLIERS)
     return fill(
         "robust", _tables(results), figures(results), settings=settings, random=settings.POPULATIONS[settings.RANDOM],
         pays="pays" if hit.high < 1.0 else "loses" if hit.low > 1.0 else "makes no certain difference",
         minimax=[
-            {"c": c, "model_errors": _balance(results, _MODEL_ERRORS, name), "free": ratio(NOTHING, name),
+            {"c": c, "model_errors": _balance(results, _MODEL_ERRORS, name), "free": to_kf(NOTHING, name),
              "outliers": _balance(results, _OUTLIERS, name)}
             for name, c in zip(ROBUST, settings.TOLERANCES, strict=True)
         ],
-        rate=_RATE, size=_SIZE, hit=hit, free=ratio(NOTHING), wrong=ratio(largest), largest=percent(largest.parameters),
+        rate=_RATE, size=_SIZE, hit=hit, free=to_kf(NOTHING), wrong=to_kf(largest), largest=percent(largest.parameters),
         example=example, steady=example["steady"], lower=_lower_claims(results), crossed=_crossed_claims(results),
-        costs=[_cost(name, ratio(NOTHING, name)) for name in OTHERS], consistent=_consistency(results),
+        costs=[_cost(name, to_kf(NOTHING, name)) for name in OTHERS], consistent=_consistency(results),
         seeds=settings.POPULATIONS[settings.RANDOM].seeds, disturbed=percent(settings.DISTURBANCE.rate),
         better=[_crossed_words(results, name) for name in settings.CROSSED],
         ranks=[
@@ -139,14 +138,14 @@ def _halves_table(results: Results) -> Table:
     weakest = system_traits()["weakest"]
     shown = weakest > np.median(weakest)
 
-    def ratio(condition: Condition, name: str, half: np.ndarray) -> Entry:
-        return _ratio_entry(exponential(known(mean_interval(np.log(unit_ratios(results, condition, name)[half])))))
+    def entries(condition: Condition, half: np.ndarray) -> list[Entry]:
+        ratios = (unit_ratios(results, condition, name)[half] for name in OTHERS)
+        return [_ratio_entry(geometric_ratio(each, np.ones(len(each)))) for each in ratios]
 
     sections = [
-        (title, [(label, [ratio(condition, name, half) for name in OTHERS])
-                 for label, condition in zip(SHOWN_TITLES, SHOWN, strict=True)])
+        (title, [(label, entries(condition, half)) for label, condition in zip(SHOWN_TITLES, SHOWN, strict=True)])
         for half, title in ((shown, "weakest direction shown better than the median"), (~shown, "shown worse"))
-    ]  # fmt: skip
+    ]
     return Table("", "", "condition", [(f"{name} / KF", "") for name in OTHERS], sections, "halves")
 
 
@@ -222,13 +221,12 @@ def _figure_claims(results: Results) -> dict[str, Any]:
     """What the paper reads off its figures, on the system in its place; the printed algorithm is our kf."""
     kf = results["example"]["kf"]
     errors, gain, variance = (np.asarray(kf[key]) for key in ("rmse", "gain", "variance"))
-    affected = {}
-    for name in settings.FILTERS:
-        hit, free = (
-            np.log(rmse_of_units(results, settings.PAPER, condition, name))
-            for condition in (settings.DISTURBANCE, NOTHING)
+    affected = {
+        name: geometric_ratio(
+            *(rmse_of_units(results, settings.PAPER, c, name) for c in (settings.DISTURBANCE, NOTHING))
         )
-        affected[name] = exponential(known(paired_difference(hit, free)))
+        for name in settings.FILTERS
+    }
     return {
         "errors": errors, "start": np.sqrt(settings.PRIOR_VARIANCE * settings.STATES),
         "settled": np.sqrt(np.mean(errors[settings.SKIPPED :] ** 2)),

@@ -125,8 +125,7 @@ def traits_figure(canvas: "Figure", results: Results) -> None:
         panel.scatter(traits[trait], ratios, s=9, color=_COLOURS[name], alpha=0.6, linewidths=0.0)
         panel.set_xscale("log")
         _ratio_axis(panel, (0.3, 0.4, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0, 10.0))
-        panel.set_ylim(0.9 * ratios.min(), 1.1 * ratios.max())
-        panel.set_xlabel(label)
+        panel.set(ylim=(0.9 * ratios.min(), 1.1 * ratios.max()), xlabel=label)
         panel.set_title(f"{name}: {SHOWN_TITLES[SHOWN.index(condition)]}", loc="left")
     panels[0].set_ylabel("RMSE / RMSE of the KF")
 
@@ -174,9 +173,7 @@ def gain_figure(canvas: "Figure", results: Results) -> None:
     hit = outlier > 0.0
     panel.plot(t[~hit], moved[~hit], "s", color=_COLOURS["huber-kf"], markersize=2.5, label="huber-kf, |K e| / |e|")
     panel.plot(t[hit], moved[hit], "x", color=PALETTE[6], markersize=5, label="huber-kf, at an outlier")
-    panel.set_yscale("log")
-    panel.set_xlabel("time [s]")
-    panel.set_ylabel("gain [state / reading]")
+    panel.set(yscale="log", xlabel="time [s]", ylabel="gain [state / reading]")
     panel.margins(x=0.01)
     panel.grid()
     canvas.legend(*panel.get_legend_handles_labels(), loc="outside upper right", ncols=4)

@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 from scipy.linalg import solve_discrete_are
 
+from agents.reproduction.pages.comparison import geometric_ratio
 from agents.reproduction.robust import cell_name, discretised, draw
 from agents.reproduction.settings import robust as settings
 from agents.reproduction.settings.robust import Condition
-from agents.statistics import Interval, paired_difference
+from agents.statistics import Interval
 
 Results = Mapping[str, Mapping[str, Any]]
 ROBUST = tuple(name for name, (kind, _) in settings.FILTERS.items() if kind == "robust-kf")
@@ -24,31 +25,14 @@ def rmse_of_units(results: Results, population: str, condition: Condition, name:
     return values[0] if len(values) == 1 else np.sqrt(np.mean(values**2, axis=1))
 
 
-def _log_ratio(results: Results, population: str, condition: Condition, name: str) -> Interval:
-    """Mean logarithm of a filter's RMSE over that of the KF on the same readings, one unit a pair."""
-    ours, kf = (np.log(rmse_of_units(results, population, condition, filter)) for filter in (name, "kf"))
-    return known(paired_difference(ours, kf))
-
-
-def known(interval: Interval | None) -> Interval:
-    """The interval, which there is."""
-    assert interval is not None  # every population has at least two units
-    return interval
-
-
 def mean_ratio(results: Results, population: str, condition: Condition, name: str) -> Interval:
-    """The geometric mean of a filter's RMSE over that of the KF."""
-    return exponential(_log_ratio(results, population, condition, name))
+    """The geometric mean of a filter's RMSE over that of the KF on the same readings, one unit a pair."""
+    return geometric_ratio(*(rmse_of_units(results, population, condition, filter) for filter in (name, "kf")))
 
 
-def exponential(log: Interval) -> Interval:
-    """The interval of a value from that of its logarithm."""
-    return Interval(*(float(np.exp(value)) for value in (log.mean, log.low, log.high)))
-
-
-def unit_ratios(results: Results, condition: Condition, name: str, population: str = settings.RANDOM) -> np.ndarray:
-    """Every unit's RMSE over that of the KF."""
-    ours, kf = (rmse_of_units(results, population, condition, filter) for filter in (name, "kf"))
+def unit_ratios(results: Results, condition: Condition, name: str) -> np.ndarray:
+    """Every random system's RMSE over that of the KF."""
+    ours, kf = (rmse_of_units(results, settings.RANDOM, condition, filter) for filter in (name, "kf"))
     return ours / kf
 
 

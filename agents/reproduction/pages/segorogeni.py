@@ -133,8 +133,7 @@ def _path_figure(figure: "Canvas", found: Mapping[str, Any]) -> None:
         if name in paper.FINAL:
             end = paper.FINAL[name].value
             (cross,) = side.plot(time[-1], end, color=PUBLISHED, marker="x", ls="", clip_on=False)
-        side.set_ylabel(f"{name} [{unit}]")
-        side.set_xlim(0.0, time[-1])
+        side.set(ylabel=f"{name} [{unit}]", xlim=(0.0, time[-1]))
         if i + 1 < len(paper.QUANTITIES):
             side.set_xticklabels([])
     side.set_xlabel("time [s]")

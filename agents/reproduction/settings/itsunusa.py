@@ -6,7 +6,7 @@ The noise and what is measured were decided before the first run, and not change
 
 import numpy as np
 
-from agents.reproduction.comparison import Published
+from agents.reproduction.comparison import Published, published_table
 from agents.reproduction.ensembles import channel_sd
 from vessel_gym.envs.itsunusa_auv import ITSUNUSA_AUV
 from vessel_gym.vehicles.itsunusa import Itsunusa
@@ -20,18 +20,15 @@ DEPTH = 20.0  # m, results section
 QUANTITIES = {"surge": "m/s", "heave": "m/s", "pitch rate": "rad/s", "position": "m"}
 """What Table 2 gives the RMSE of, with the unit."""
 
-_TABLE = {
-    200: ("0.02568", "0.02344", "0.00539", "0.03541", "4.632"),
-    300: ("0.02079", "0.01872", "0.00465", "0.02875", "6.281"),
-    400: ("0.01582", "0.01269", "0.00415", "0.01938", "7.1569"),
-}
-_UNITS = QUANTITIES | {"time": "s"}
-PUBLISHED = {
-    members: {
-        name: Published(printed, unit, "Table 2") for (name, unit), printed in zip(_UNITS.items(), row, strict=True)
-    }
-    for members, row in _TABLE.items()
-}
+PUBLISHED = published_table(
+    {
+        200: ("0.02568", "0.02344", "0.00539", "0.03541", "4.632"),
+        300: ("0.02079", "0.01872", "0.00465", "0.02875", "6.281"),
+        400: ("0.01582", "0.01269", "0.00415", "0.01938", "7.1569"),
+    },
+    QUANTITIES | {"time": "s"},
+    "Table 2",
+)
 """Table 2 by the number of members, then by quantity."""
 
 POSITION = Published("0.03", "m", "results section, on Figure 6")

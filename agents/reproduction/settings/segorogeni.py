@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from agents.reproduction.comparison import Published
+from agents.reproduction.comparison import Published, published_table
 from agents.reproduction.ensembles import channel_sd
 from vessel_gym.envs.segorogeni_auv import SEGOROGENI_AUV
 from vessel_gym.vehicles.segorogeni import Segorogeni
@@ -24,19 +24,16 @@ GOAL = (10.0, 18.0, 6.0)  # m north, east and down of the start, section III.D
 QUANTITIES = {"x": "m", "y": "m", "z": "m", "angle": "rad"}
 """What Table III gives the RMSE of, with the unit."""
 
-_TABLE = {
-    50: ("0.4702", "0.4674", "0.0823", "0.1003", "2.819"),
-    100: ("0.4636", "0.4666", "0.0819", "0.1003", "5.692"),
-    200: ("0.4648", "0.4657", "0.0814", "0.1003", "11.56"),
-    300: ("0.4632", "0.4644", "0.082", "0.1003", "18.15"),
-}
-_UNITS = QUANTITIES | {"time": "s"}
-PUBLISHED = {
-    members: {
-        name: Published(printed, unit, "Table III") for (name, unit), printed in zip(_UNITS.items(), row, strict=True)
-    }
-    for members, row in _TABLE.items()
-}
+PUBLISHED = published_table(
+    {
+        50: ("0.4702", "0.4674", "0.0823", "0.1003", "2.819"),
+        100: ("0.4636", "0.4666", "0.0819", "0.1003", "5.692"),
+        200: ("0.4648", "0.4657", "0.0814", "0.1003", "11.56"),
+        300: ("0.4632", "0.4644", "0.082", "0.1003", "18.15"),
+    },
+    QUANTITIES | {"time": "s"},
+    "Table III",
+)
 """Table III by the number of members, then by quantity."""
 
 FINAL = {

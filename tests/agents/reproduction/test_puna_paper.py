@@ -11,6 +11,7 @@ from agents.reproduction import puna
 from agents.reproduction.comparison import tally
 from agents.reproduction.pages import puna as puna_page
 from agents.reproduction.pages import puna_results
+from agents.reproduction.pages.comparison import geometric_ratio
 from agents.reproduction.settings import puna as paper
 from agents.statistics import Interval
 from vessel_gym.guidance.dubins import approach
@@ -146,7 +147,7 @@ def test_a_partner_leaves_the_variance_of_a_random_walk_as_it_is(level, factor):
 
 def test_the_ratio_of_paired_errors_is_known_without_an_interval_where_all_pairs_agree():
     errors = np.random.default_rng(0).uniform(1.0, 2.0, 9)
-    found = puna_results.ratio(3.0 * errors, errors)
+    found = geometric_ratio(3.0 * errors, errors)
     assert (found.low, found.mean, found.high) == pytest.approx((3.0, 3.0, 3.0))
 
 
