@@ -45,7 +45,7 @@ class StateSpace(NamedTuple):
 
 
 def draw(seed: int, readings: int = settings.READINGS) -> Dynamics:
-    """The random system of a seed, by `settings.RECIPE`, with as many of its readings."""
+    """The random system of a seed with as many of its readings; ``pages/robust.md`` has the recipe."""
     rng, n = np.random.default_rng(seed), settings.STATES
     M, B, C = rng.normal(size=(n, n)), rng.normal(size=(n, 1)), rng.normal(size=(settings.READINGS, n))
     margin = rng.uniform(*settings.MARGIN)

@@ -68,6 +68,11 @@ def changes(names: Iterable[str], trends: Iterable[Interval | None], first: int,
     return "; ".join(f"{name} {change(trend, first, last)}" for name, trend in zip(names, trends, strict=True))
 
 
+def means(errors: np.ndarray, decimals: Sequence[int]) -> list[Entry]:
+    """The mean of each column of ``(runs, q)`` in a table."""
+    return [entry(mean_interval(column), places) for column, places in zip(errors.T, decimals, strict=True)]
+
+
 def comparisons(printed: Printed, errors: Errors, above: Mapping[str, str]) -> list[Comparison]:
     """Every error of a published table beside ours.
 

@@ -1,11 +1,12 @@
 """The page on ITSUNUSA's dive: the tables of the EnKF-SR paper beside ours."""
 
 from collections.abc import Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from agents.page import Entry, Page, Table, entry, words
+from agents.page import Page, Table, words
 from agents.plotting import BELIEVED, PUBLISHED, TRUE, drawing
 from agents.reproduction.comparison import Comparison, tally
 from agents.reproduction.itsunusa import cell_name, recorded_controls
@@ -81,10 +82,7 @@ def page(results: Mapping[str, Mapping[str, Any]]) -> Page:
 
 def _checks_table(errors: Mapping[str, Errors], extended: np.ndarray, doubled: np.ndarray, pitch: np.ndarray) -> Table:
     """Ours at the most members beside the filter without members, twice the noise and a measured pitch."""
-
-    def line(values: np.ndarray) -> list[Entry]:
-        return [entry(mean_interval(column), places) for column, places in zip(values.T, (5, 5, 6, 4), strict=True)]
-
+    line = partial(ensembles.means, decimals=(5, 5, 6, 4))
     rows = [
         *((f"{_MOST} members, {label}", line(errors[variant][_MOST])) for variant, label in paper.VARIANTS.items()),
         ("none: ekf", line(extended)),

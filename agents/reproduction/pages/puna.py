@@ -52,8 +52,7 @@ def page(results: Results) -> Page:
         everywhere=all(gain.low > 1.0 for level in abstract.values() for gain in level), gains=gains, best=best,
         times=[f"{listed([f'{g.mean:.2f}' for g in abstract[level]])} ({t})" for level, t in _TITLES.items()],
         sizes=[f"{claim.members} ({claim.control} angle): {claim.verdict}" for claim in best],
-        levels={name: {"title": level.title, "reason": level.reason, "tally": tallies[name]}
-                for name, level in paper.LEVELS.items()},
+        levels={name: {"title": title, "tally": tallies[name]} for name, title in _TITLES.items()},
         open_verdict=_open_verdict(shortest), strings=obstructed["strings"], goal_y=obstructed["poses"][1][1],
         string_bank=np.rad2deg(obstructed["bank"]), sizes_D=[f"{v:g}" for v in paper.SIZES], runs=runs(results),
         shortest=[

@@ -1,11 +1,12 @@
 """The page on Segorogeni's dive: the tables and the figure of the EnKF paper beside ours."""
 
 from collections.abc import Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from agents.page import Entry, Page, Table, entry, number, words
+from agents.page import Page, Table, number, words
 from agents.plotting import BELIEVED, INK, PUBLISHED, TRUE, drawing
 from agents.reproduction.comparison import Comparison, tally
 from agents.reproduction.pages import ensembles
@@ -82,10 +83,7 @@ def _end_reason(name: str, distances: np.ndarray) -> str:
 
 def _own_table(own: Errors, extended: np.ndarray, doubled: np.ndarray, extended_printed: np.ndarray) -> Table:
     """The errors at our step, with the filter without members, also at the paper's step, and with twice the noise."""
-
-    def line(errors: np.ndarray) -> list[Entry]:
-        return [entry(mean_interval(column), places) for column, places in zip(errors.T, (4, 4, 4, 5), strict=True)]
-
+    line = partial(ensembles.means, decimals=(4, 4, 4, 5))
     rows = [(f"{members} members", line(errors)) for members, errors in own.items()]
     rows += [("none: ekf", line(extended)), (f"{_MOST} members, all noise doubled", line(doubled))]
     sections = [

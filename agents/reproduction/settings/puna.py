@@ -112,29 +112,16 @@ SIZES = np.array([float(f"{published.value**2:.0e}") for published in PRINTED["c
 
 @dataclass(frozen=True)
 class Level:
-    """A noise level: covariances of a step and of a reading in units of D, and why they were taken."""
+    """A noise level: covariances of a step and of a reading in units of D; the reasons stand in ``pages/puna.md``."""
 
     title: str
     process: float
     reading: float
-    reason: str
 
 
 LEVELS = {
-    "flight": Level(
-        "noise of a flight",
-        0.03,
-        1.5,
-        "Q = 3 D a second, so 0.03 D a step of 0.01 s, and R = 1.5 D. A flight of two seconds then stays a flight: the "
-        "airspeed wanders by about 4 m/s of 20. Readings of the printed sizes times 1.2: nothing better is known.",
-    ),
-    "sizes": Level(
-        "noise of the printed sizes",
-        3.0,
-        1.5,
-        "Q = 3 D a step and R = 1.5 D. A random walk that is read so has the variance 1.1 D after a reading, so that "
-        "the printed sizes must come out where every state is measured: circular by construction.",
-    ),
+    "flight": Level("noise of a flight", 0.03, 1.5),
+    "sizes": Level("noise of the printed sizes", 3.0, 1.5),
 }
 """Each holds for all numbers of its table and was not changed after its results; neither is more the paper's than the
 other."""

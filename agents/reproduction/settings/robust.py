@@ -42,11 +42,6 @@ SKIPPED = 50
 """Readings before errors count: the start, of which every filter knows the same, is not the subject."""
 INPUT_PERIOD = 100
 """Steps in which the known input u goes once from +1 to −1 and back, so that an error of A keeps mattering."""
-RECIPE = (
-    "A = M − (largest real part of M's eigenvalues + margin) I; entries of M, B (2 × 1) and C (2 × 2) standard normal, "
-    "the rows of C then scaled to length 1"
-)
-
 PAPER_SEED = 2024
 """The system in the paper's place: the year it appeared in."""
 
