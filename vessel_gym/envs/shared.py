@@ -1,6 +1,9 @@
 """What both faces of an environment share: spaces, and what Gymnasium asks of either."""
 
-from typing import Any
+from inspect import cleandoc
+from pathlib import Path
+from string import Template
+from typing import Any, TypeVar
 
 import gymnasium as gym
 import numpy as np
@@ -8,6 +11,20 @@ from gymnasium.spaces import Box
 
 from vessel_gym.checks import one_of
 from vessel_gym.core import Core
+
+E = TypeVar("E", bound=type)
+_MANUALS = Path(__file__).with_name("manuals")
+
+
+def documented(environment: E) -> E:
+    """Add its manual to an environment's docstring: the Markdown file with its module's name, in ``manuals``.
+
+    ``$name`` in a manual is a passage that several share, ``shared/name.md``.
+    """
+    passages = {path.stem: path.read_text(encoding="utf-8").rstrip() for path in (_MANUALS / "shared").glob("*.md")}
+    manual = (_MANUALS / f"{environment.__module__.rpartition('.')[2]}.md").read_text(encoding="utf-8")
+    environment.__doc__ = f"{cleandoc(environment.__doc__ or '')}\n\n{Template(manual).substitute(passages)}"
+    return environment
 
 
 def observation_space(core: Core) -> Box:
