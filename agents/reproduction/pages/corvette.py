@@ -174,7 +174,7 @@ def _rises(r: _Results) -> list[dict[str, Any]]:
 
 
 def _rise(pairs: Mapping[str, tuple[np.ndarray, np.ndarray]], before: str, after: str) -> dict[str, Any]:
-    """Whether the second of each pair is larger, in heading and unknown input alike."""
+    """Verdict on a rise from the first to the second of each pair, in heading and unknown input alike."""
     rises = {q: paired_difference(second, first) for q, (first, second) in pairs.items()}
     tiny = 1e-9  # rad: differences of rounding are none
     signs = {int(np.sign(i.mean)) if i and i.excludes_zero and abs(i.mean) > tiny else 0 for i in rises.values()}

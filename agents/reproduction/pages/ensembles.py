@@ -1,4 +1,4 @@
-"""What the pages on ensemble filters share: how results change with the number of members."""
+"""Shared by the pages on ensemble filters: changes of results with the number of members."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
@@ -49,14 +49,14 @@ def printed_slopes(printed: Printed) -> dict[str, float]:
 
 
 def verdict(trend: Interval | None, sign: int) -> str:
-    """Whether values rise (``sign`` 1) or fall (-1) with N beyond doubt."""
+    """Verdict on a rise (``sign`` 1) or fall (-1) with N."""
     if trend is None or not trend.excludes_zero:
         return "undecided, no detectable difference"
     return "true" if trend.mean * sign > 0.0 else "false"
 
 
 def change(trend: Interval | None, first: int, last: int) -> str:
-    """What an exponent makes of a value between two sizes, in words: "−1.2 % (−2.0 to −0.4 %)"."""
+    """Change of a value between two sizes by an exponent, in words: "−1.2 % (−2.0 to −0.4 %)"."""
     if trend is None:
         return "–"
     mean, low, high = (100.0 * ((last / first) ** a - 1.0) for a in (trend.mean, trend.low, trend.high))

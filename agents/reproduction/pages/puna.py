@@ -180,7 +180,7 @@ def _factor(gain: Interval) -> str:
 
 
 def _gain_verdict(gains: list[Interval]) -> str:
-    """Whether ratios are above 1 everywhere, and whether "much" is the word."""
+    """Verdict on ratios above 1 everywhere, with the word "much" only from 1.5 on."""
     if all(gain.low > 1.0 for gain in gains):
         least, most = (100.0 * (pick(gain.mean for gain in gains) - 1.0) for pick in (min, max))
         return "true" if least >= 50.0 else f"true, but not much: by {least:.0f} to {most:.0f} %"
@@ -214,7 +214,7 @@ def _best_claim(results: Results, control: str) -> SimpleNamespace:
 
 
 def _percent(trend: Interval | None) -> str:
-    """What a power of N makes of the error between the smallest and the largest ensemble."""
+    """Change of the error between the smallest and the largest ensemble by a power of N."""
     if trend is None:
         return "–"
     change = (paper.MEMBERS[-1] / paper.MEMBERS[0]) ** trend.mean - 1.0

@@ -1,4 +1,4 @@
-"""What the cells of the PUNA paper say: errors, their ratios, and the printed numbers beside ours."""
+"""Results of the cells of the PUNA paper: errors, and the printed numbers beside ours."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -25,12 +25,12 @@ def errors_of_size(results: Results, level: str, control: str, measured: str, me
 
 
 def runs(results: Results) -> int:
-    """How many flights a number is of."""
+    """Number of flights behind a number."""
     return errors_of(results, "flight", "constant", "all").shape[1]
 
 
 def keeps_flying(results: Results, level: str, control: str) -> np.ndarray:
-    """Whether each flight ``(runs,)`` keeps an airspeed of 2 m/s or more, where gamma's equation is sound."""
+    """Mask ``(runs,)`` of the flights that keep an airspeed of 2 m/s or more, where gamma's equation is sound."""
     return np.asarray(results[cell_name(level, control, "all")]["slowest"]) >= 2.0
 
 

@@ -153,7 +153,7 @@ def _halves_table(results: Results) -> Table:
 
 
 def _verdict(ratios: Sequence[Interval]) -> str:
-    """Whether every ratio is below 1: "true", "false" where one is above beyond chance, else "undecided"."""
+    """Verdict on all ratios below 1: "true", "false" where one is above beyond chance, else "undecided"."""
     if all(ratio.high < 1.0 for ratio in ratios):
         return "true"
     below, above = sum(ratio.high < 1.0 for ratio in ratios), sum(ratio.low > 1.0 for ratio in ratios)
@@ -218,7 +218,7 @@ def _consistency(results: Results) -> dict[str, str]:
 
 
 def _figure_claims(results: Results) -> dict[str, Any]:
-    """What the paper reads off its figures, on the system in its place; the printed algorithm is our kf."""
+    """Claims of the paper on its figures, for the system in its place; the printed algorithm is our kf."""
     kf = results["example"]["kf"]
     errors, gain, variance = (np.asarray(kf[key]) for key in ("rmse", "gain", "variance"))
     affected = {

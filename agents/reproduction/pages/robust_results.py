@@ -1,4 +1,4 @@
-"""What the cells of the robust filters say: errors over those of the KF, and which traits of a system explain them."""
+"""Results of the cells of the robust filters: errors over those of the KF, and the traits of a system behind them."""
 
 from collections.abc import Mapping
 from functools import cache
