@@ -6,12 +6,13 @@ from functools import cache
 import numpy as np
 
 from agents.pilots import AUTOPILOT, register_pilot
-from agents.pilots.loops import Loop, first_order
-from agents.pilots.regulator import regulator_gains
+from agents.pilots.turning import TurningAutopilot, TurningPID, regulator_table, task_of
 from vessel_gym.system import System
 from vessel_gym.tasks.circle_track import CircleTrack
-from vessel_gym.vehicles.corvette import secant_models, steady_turns
+from vessel_gym.vehicles.corvette import steady_turns
 from vessel_gym.vehicles.corvette_equations import CorvetteParameters
+
+PURPOSE = "holds a ship on a track"
 
 
 @dataclass(frozen=True)
@@ -28,29 +29,27 @@ class TrackTolerances:
 
 @cache
 def track_gains(ship: CorvetteParameters, dt: float, tolerances: TrackTolerances) -> np.ndarray:
-    """LQI gains ``(k, 6)`` for each of `steady_turns`: rudder rate from (v, r, psi, rudder, distance, its integral).
+    """LQI gains ``(k, 6)`` from (v, r, psi, rudder, distance, its integral); without the integral ``(k, 5)``.
 
-    Without the integral they are ``(k, 5)``. All are deviations from the steady turn on the track.
+    See `agents.pilots.turning.regulator_table`.
     """
-    turns, per_step = steady_turns(ship), ship.rudder_rate * dt
     weights = np.array([
         1e-3, tolerances.yaw_rate**-1, tolerances.heading**-1, 1e-3, tolerances.distance**-1,
         tolerances.distance_integral**-1,
     ])  # fmt: skip
     n = 6 if np.isfinite(tolerances.distance_integral) else 5
-    K = np.empty((len(turns.speed), n))
-    for i, (a, b) in enumerate(zip(*secant_models(ship, dt), strict=True)):
-        A, B = np.eye(6), np.zeros((6, 1))
-        A[:3, :3], A[:3, 3] = a, b[:, 0]
-        A[4, :3] = dt * np.array([1.0, 0.5 * dt * turns.speed[i], turns.speed[i]])
-        A[5, 4] = dt
-        B[:3, 0], B[3, 0] = 0.5 * per_step * b[:, 0], per_step  # the rudder moves linearly within the step
-        K[i] = regulator_gains(A[:n, :n], B[:n], np.diag(weights[:n] ** 2), np.array([[tolerances.rudder_rate**-2]]))[0]
-    return K
+
+    def rows(speed: float) -> np.ndarray:
+        changes = np.zeros((2, 6))
+        changes[0, :3] = dt * np.array([1.0, 0.5 * dt * speed, speed])
+        changes[1, 4] = dt
+        return changes[: n - 4, :n]
+
+    return regulator_table(ship, dt, np.diag(weights[:n] ** 2), tolerances.rudder_rate, rows)
 
 
 @register_pilot(CircleTrack, AUTOPILOT)
-class TrackAutopilot:
+class TrackAutopilot(TurningAutopilot):
     """Linear-quadratic regulator with integral action about the commanded turn, on the commanded track.
 
     It acts on the observation alone: what it regulates is what the estimator believes, the current included, in which
@@ -65,41 +64,13 @@ class TrackAutopilot:
     """
 
     def __init__(self, system: System, tolerances: TrackTolerances | None = None) -> None:
-        tolerances = tolerances or TrackTolerances()
-        self._task, self._dt = _circle_track(system), system.vehicle.dt
-        self._ship = self._task.ship
-        self._gains = track_gains(self._ship, self._dt, tolerances)
-        self._turns = steady_turns(self._ship)
+        task, tolerances = task_of(system, CircleTrack, PURPOSE), tolerances or TrackTolerances()
+        self._regulate(task, system.vehicle.dt, track_gains(task.ship, system.vehicle.dt, tolerances))
         self._near, self._limit = 6.0 * tolerances.distance, 2.0 * tolerances.distance_integral
-        self.reset(1)
 
-    def reset(self, num_envs: int) -> None:
-        """Clear the integral."""
-        self._integral = np.zeros(num_envs)
-
-    def act(self, observations: np.ndarray) -> np.ndarray:
-        """Rudder rate ``(B, 1)`` as a share of the full rate."""
-        task, turns = self._task, self._turns
-        commanded = task.command_scale * observations[:, 5]
-        rate, side = np.abs(commanded), np.sign(commanded)
-        distance = task.TRACK_SCALE * observations[:, 7]
-        deviation = np.stack(
-            [
-                task.SWAY_SCALE * observations[:, 2] - side * np.interp(rate, turns.yaw_rate, turns.sway),
-                -task.rate_scale * observations[:, 1],
-                -task.HEADING_SCALE * observations[:, 0],
-                self._ship.rudder_limit * observations[:, 4] - side * np.interp(rate, turns.yaw_rate, turns.rudder),
-                np.clip(distance, -self._near, self._near),
-                self._integral,
-            ],
-            -1,
-        )
-        gains = self._gains[np.minimum(np.rint(rate / turns.yaw_rate[1]).astype(int), len(self._gains) - 1)]
-        wanted = -np.vecdot(gains, deviation[:, : gains.shape[1]])
-        # The integral waits while the steering gear is saturated, so that it cannot wind up.
-        free = np.abs(wanted) < 1.0
-        self._integral = np.clip(self._integral + self._dt * distance * free, -self._limit, self._limit)
-        return np.clip(wanted, -1.0, 1.0).astype(np.float32)[:, None]
+    def _place(self, observations: np.ndarray, heading_error: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
+        distance = self._task.TRACK_SCALE * observations[:, 7]
+        return [np.clip(distance, -self._near, self._near)], distance
 
 
 @register_pilot(CircleTrack, "lqg")
@@ -119,7 +90,7 @@ class TrackRegulator(TrackAutopilot):
 
 
 @register_pilot(CircleTrack, "pid")
-class TrackPID:
+class TrackPID(TurningPID):
     """A heading PID behind a line of sight: it heads for a point of the track two ship lengths ahead.
 
     The rudder by the errors of heading and yaw rate, and what the commanded turn is known to need. Its plant is
@@ -137,32 +108,15 @@ class TrackPID:
     AHEAD = 2.0  # ship lengths
 
     def __init__(self, system: System, tolerances: TrackTolerances | None = None) -> None:
-        self._task, dt = _circle_track(system), system.vehicle.dt
-        self._ship, self._turns = self._task.ship, steady_turns(self._task.ship)
-        tolerances = tolerances or TrackTolerances()
-        A, B = (table[0] for table in secant_models(self._ship, dt))
-        response, damping = first_order(A[:2, :2], B[:2, 0], 1, dt)
-        self._loop = Loop(response, damping, tolerances.heading, tolerances.rudder, dt)
-        self._gear = max(0.1 / self._loop.frequency, dt) * self._ship.rudder_rate
-        self.reset(1)
+        task, tolerances = task_of(system, CircleTrack, PURPOSE), tolerances or TrackTolerances()
+        self._close(task, system.vehicle.dt, tolerances.heading, tolerances.rudder)
+        self._turns = steady_turns(task.ship)
 
-    def reset(self, num_envs: int) -> None:
-        """Clear the integral."""
-        self._loop.reset(num_envs)
+    def _errors(self, observations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        heading, rate = super()._errors(observations)
+        sight = np.arctan2(self._task.TRACK_SCALE * observations[:, 7], self.AHEAD * self._ship.length)
+        return heading - sight, rate
 
-    def act(self, observations: np.ndarray) -> np.ndarray:
-        """Rudder rate ``(B, 1)`` as a share of the full rate."""
-        task, limit, turns = self._task, self._ship.rudder_limit, self._turns
-        sight = np.arctan2(task.TRACK_SCALE * observations[:, 7], self.AHEAD * self._ship.length)
-        heading, rate = task.HEADING_SCALE * observations[:, 0] - sight, task.rate_scale * observations[:, 1]
-        commanded = task.command_scale * observations[:, 5]
-        ahead = np.sign(commanded) * np.interp(np.abs(commanded), turns.yaw_rate, turns.rudder)
-        rudder = self._loop.act(heading, rate, -limit, limit, ahead)
-        wanted = (rudder - limit * observations[:, 4]) / self._gear
-        return np.clip(wanted, -1.0, 1.0).astype(np.float32)[:, None]
-
-
-def _circle_track(system: System) -> CircleTrack:
-    if not isinstance(system.task, CircleTrack):
-        raise ValueError(f"this autopilot holds a ship on a track, not {type(system.task).__name__}")
-    return system.task
+    def _ahead(self, observations: np.ndarray) -> np.ndarray:
+        commanded = self._task.command_scale * observations[:, 5]
+        return np.sign(commanded) * np.interp(np.abs(commanded), self._turns.yaw_rate, self._turns.rudder)

@@ -1,7 +1,9 @@
 """Pilots of turning circles, designed from the ship's linear models."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 
@@ -25,27 +27,49 @@ class Tolerances:
     rudder: float = 0.05  # rad, for which a PID asks at the tolerance of the heading: one for one, as usual on ships
 
 
+def regulator_table(
+    ship: CorvetteParameters, dt: float, Q: np.ndarray, rudder_rate: float, rows: Callable[[float], np.ndarray]
+) -> np.ndarray:
+    """LQ gains ``(k, n)`` for each of `steady_turns`: rudder rate from (v, r, psi, rudder, further states).
+
+    The design model is the filters' secant model of the commanded turn with the rudder and further states; the
+    regulator acts on deviations from the steady turn.
+
+    Args:
+        ship: The ship.
+        dt: Time step [s].
+        Q: Cost of deviations ``(n, n)``.
+        rudder_rate: Tolerance, as a share of the full rate.
+        rows: Changes of the further states in a step ``(n - 4, n)`` by all states, at a speed.
+    """
+    per_step, R, K = ship.rudder_rate * dt, np.array([[rudder_rate**-2]]), []
+    for speed, a, b in zip(steady_turns(ship).speed, *secant_models(ship, dt), strict=True):
+        A, B = np.eye(len(Q)), np.zeros((len(Q), 1))
+        A[:3, :3], A[:3, 3] = a, b[:, 0]
+        A[4:] += rows(speed)
+        B[:3, 0], B[3, 0] = 0.5 * per_step * b[:, 0], per_step  # the rudder moves linearly within the step
+        K.append(regulator_gains(A, B, Q, R)[0])
+    return np.array(K)
+
+
 @cache
 def gains(ship: CorvetteParameters, dt: float, tolerances: Tolerances) -> np.ndarray:
-    """LQI gains ``(k, 5)`` for each of `steady_turns`: rudder rate from (v, r, psi, rudder, integral).
-
-    Without the integral they are ``(k, 4)``. The design model is the filters' secant model of the commanded turn with
-    the rudder as a state and the integral of the heading error; the regulator acts on deviations from the steady turn.
-    """
-    A_table, B_table = secant_models(ship, dt)
-    per_step = ship.rudder_rate * dt
+    """LQI gains ``(k, 5)`` from (v, r, psi, rudder, integral), without the integral ``(k, 4)``: `regulator_table`."""
     Q = np.diag([0.0, tolerances.yaw_rate**-2, tolerances.heading**-2, 0.0, tolerances.heading_integral**-2])
-    R = np.array([[tolerances.rudder_rate**-2]])
     n = 5 if np.isfinite(tolerances.heading_integral) else 4
-    K = np.empty((len(A_table), n))
-    for i, (a, b) in enumerate(zip(A_table, B_table, strict=True)):
-        A, B = np.eye(5), np.zeros((5, 1))
-        A[:3, :3], A[:3, 3] = a, b[:, 0]
-        A[4, 2] = dt
-        B[:3, 0] = 0.5 * per_step * b[:, 0]  # the rudder moves linearly within the step
-        B[3, 0] = per_step
-        K[i] = regulator_gains(A[:n, :n], B[:n], Q[:n, :n], R)[0]
-    return K
+    integral = np.array([[0.0, 0.0, dt, 0.0, 0.0]])
+    return regulator_table(ship, dt, Q[:n, :n], tolerances.rudder_rate, lambda _: integral[: n - 4, :n])
+
+
+def task_of(system: System, kind: type, purpose: str) -> Any:
+    """The task of a system.
+
+    Raises:
+        ValueError: if it is not of that kind.
+    """
+    if not isinstance(system.task, kind):
+        raise ValueError(f"this autopilot {purpose}, not {type(system.task).__name__}")
+    return system.task
 
 
 @register_pilot(TurningCircle, AUTOPILOT)
@@ -64,12 +88,13 @@ class TurningAutopilot:
     """
 
     def __init__(self, system: System, tolerances: Tolerances | None = None) -> None:
-        task = _turning_circle(system)
-        self._task, self._ship = task, task.ship
-        self._dt = system.vehicle.dt
-        self._gains = gains(self._ship, self._dt, tolerances or Tolerances())
-        self._turns = steady_turns(self._ship)
-        self._limit = 4.0 * (tolerances or Tolerances()).heading_integral
+        task, tolerances = task_of(system, TurningCircle, "steers turning circles"), tolerances or Tolerances()
+        self._regulate(task, system.vehicle.dt, gains(task.ship, system.vehicle.dt, tolerances))
+        self._limit = 4.0 * tolerances.heading_integral
+
+    def _regulate(self, task: Any, dt: float, gains: np.ndarray) -> None:
+        self._task, self._ship, self._dt, self._gains = task, task.ship, dt, gains
+        self._turns = steady_turns(task.ship)
         self.reset(1)
 
     def reset(self, num_envs: int) -> None:
@@ -80,29 +105,30 @@ class TurningAutopilot:
         """Rudder rate ``(B, 1)`` as a share of the full rate."""
         task, turns = self._task, self._turns
         heading_error = -task.HEADING_SCALE * observations[:, 0]
-        rate_error = -task.rate_scale * observations[:, 1]
-        sway = task.SWAY_SCALE * observations[:, 2]
-        rudder = self._ship.rudder_limit * observations[:, 4]
         commanded = task.command_scale * observations[:, 5]
-        rate = np.abs(commanded)
-        side = np.sign(commanded)
+        rate, side = np.abs(commanded), np.sign(commanded)
+        place, integrated = self._place(observations, heading_error)
         deviation = np.stack(
             [
-                sway - side * np.interp(rate, turns.yaw_rate, turns.sway),
-                rate_error,
+                task.SWAY_SCALE * observations[:, 2] - side * np.interp(rate, turns.yaw_rate, turns.sway),
+                -task.rate_scale * observations[:, 1],
                 heading_error,
-                rudder - side * np.interp(rate, turns.yaw_rate, turns.rudder),
+                self._ship.rudder_limit * observations[:, 4] - side * np.interp(rate, turns.yaw_rate, turns.rudder),
+                *place,
                 self._integral,
             ],
             -1,
         )
-        index = np.rint(rate / turns.yaw_rate[1]).astype(int)
-        gains = self._gains[index]
+        gains = self._gains[np.minimum(np.rint(rate / turns.yaw_rate[1]).astype(int), len(self._gains) - 1)]
         wanted = -np.vecdot(gains, deviation[:, : gains.shape[1]])
         # The integral waits while the steering gear is saturated, so that it cannot wind up.
         free = np.abs(wanted) < 1.0
-        self._integral = np.clip(self._integral + self._dt * heading_error * free, -self._limit, self._limit)
+        self._integral = np.clip(self._integral + self._dt * integrated * free, -self._limit, self._limit)
         return np.clip(wanted, -1.0, 1.0).astype(np.float32)[:, None]
+
+    def _place(self, observations: np.ndarray, heading_error: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
+        """Further regulated states, and the error that is integrated."""
+        return [], heading_error
 
 
 @register_pilot(TurningCircle, "lqg")
@@ -137,12 +163,15 @@ class TurningPID:
     """
 
     def __init__(self, system: System, tolerances: Tolerances | None = None) -> None:
-        self._task, dt = _turning_circle(system), system.vehicle.dt
-        self._ship = self._task.ship
-        tolerances = tolerances or Tolerances()
+        task, tolerances = task_of(system, TurningCircle, "steers turning circles"), tolerances or Tolerances()
+        self._close(task, system.vehicle.dt, tolerances.heading, tolerances.rudder)
+
+    def _close(self, task: Any, dt: float, heading: float, rudder: float) -> None:
+        """Design the loop by the tolerances of heading and rudder."""
+        self._task, self._ship = task, task.ship
         A, B = (table[0] for table in secant_models(self._ship, dt))
         response, damping = first_order(A[:2, :2], B[:2, 0], 1, dt)
-        self._loop = Loop(response, damping, tolerances.heading, tolerances.rudder, dt)
+        self._loop = Loop(response, damping, heading, rudder, dt)
         self._needed = damping / response  # rad of rudder for a yaw rate of 1 rad/s
         self._gear = max(0.1 / self._loop.frequency, dt) * self._ship.rudder_rate
         self.reset(1)
@@ -153,15 +182,15 @@ class TurningPID:
 
     def act(self, observations: np.ndarray) -> np.ndarray:
         """Rudder rate ``(B, 1)`` as a share of the full rate."""
-        task, limit = self._task, self._ship.rudder_limit
-        heading, rate = task.HEADING_SCALE * observations[:, 0], task.rate_scale * observations[:, 1]
-        ahead = self._needed * task.command_scale * observations[:, 5]
-        rudder = self._loop.act(heading, rate, -limit, limit, ahead)
+        limit = self._ship.rudder_limit
+        rudder = self._loop.act(*self._errors(observations), -limit, limit, self._ahead(observations))
         wanted = (rudder - limit * observations[:, 4]) / self._gear
         return np.clip(wanted, -1.0, 1.0).astype(np.float32)[:, None]
 
+    def _errors(self, observations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Errors of heading and yaw rate."""
+        return self._task.HEADING_SCALE * observations[:, 0], self._task.rate_scale * observations[:, 1]
 
-def _turning_circle(system: System) -> TurningCircle:
-    if not isinstance(system.task, TurningCircle):
-        raise ValueError(f"this autopilot steers turning circles, not {type(system.task).__name__}")
-    return system.task
+    def _ahead(self, observations: np.ndarray) -> np.ndarray:
+        """Rudder that the commanded turn needs [rad]."""
+        return self._needed * self._task.command_scale * observations[:, 5]

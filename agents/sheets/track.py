@@ -2,21 +2,16 @@
 
 import numpy as np
 
-from agents.metrics import Metric, core_of, position_nees, rms, rmse, steps
+from agents.metrics import Metric, core_of, position_nees, rms, rmse
 from agents.rollouts import Rollout
 from agents.sheets import register_scores
-from agents.sheets.turning import circle_fit, input_error
+from agents.sheets.turning import CIRCLE, ESTIMATES, TURN_STEPS, circle_fit, input_error
 from vessel_gym.tasks.circle_track import CircleTrack
 
 METRICS = (
-    Metric("steps", "Steps", "", "higher", 0, "Steps flown until the turn was complete or lost.", of=steps),
+    TURN_STEPS,
     Metric("track_error", "Off track", "m", "lower", 1, "RMS distance of the true ship from the track."),
-    Metric(
-        "radius_error", "Radius error", "%", "lower", 2,
-        "Distance between the radius of the circle fitted to the true track over ground and the commanded radius.",
-    ),
-    Metric("out_of_round", "Out of round", "m", "lower", 1, "RMS distance of that track from its fitted circle."),
-    Metric("rudder_rate", "Rudder rate", "°/s", "lower", 2, "RMS rate of the rudder: what the steering gear endures."),
+    *CIRCLE,
     Metric("roll", "Roll", "°", "lower", 2, "RMS roll of the true ship."),
     Metric(
         "position_rmse", "Position", "m", "lower", 2, "RMS error of the estimated position, all of its components.",
@@ -27,15 +22,7 @@ METRICS = (
         "RMS error of the estimated current, for which filters also take the leeway.",
         of=rmse("current north", "current east"),
     ),
-    Metric(
-        "heading_rmse", "Heading", "mrad", "lower", 2, "RMS error of the estimated heading.", of=rmse("psi", scale=1e3)
-    ),
-    Metric(
-        "yaw_rate_rmse", "Yaw rate", "mrad/s", "lower", 2, "RMS error of the estimated yaw rate.",
-        of=rmse("r", scale=1e3),
-    ),
-    Metric("sway_rmse", "Sway", "m/s", "lower", 3, "RMS error of the estimated sway velocity.", of=rmse("v")),
-    Metric("input_rmse", "Input d", "mrad", "lower", 3, "RMS error of the estimated unknown input."),
+    *ESTIMATES,
     position_nees("x", "y"),
 )  # fmt: skip
 

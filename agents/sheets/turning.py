@@ -13,16 +13,16 @@ from vessel_gym.vehicles.corvette_equations import STATE
 
 _X, _Y, _PSI, _R = (STATE.index(name) for name in ("x", "y", "psi", "r"))
 
-METRICS = (
-    Metric("steps", "Steps", "", "higher", 0, "Steps flown until the turn was complete or lost.", of=steps),
-    Metric("heading_error", "Heading error", "°", "lower", 2, "RMS of commanded minus true heading."),
-    Metric("yaw_rate_error", "Yaw-rate error", "°/s", "lower", 3, "RMS of commanded minus true yaw rate."),
+CIRCLE = (
     Metric(
         "radius_error", "Radius error", "%", "lower", 2,
         "Distance between the radius of the circle fitted to the true track over ground and the commanded radius.",
     ),
     Metric("out_of_round", "Out of round", "m", "lower", 1, "RMS distance of that track from its fitted circle."),
     Metric("rudder_rate", "Rudder rate", "°/s", "lower", 2, "RMS rate of the rudder: what the steering gear endures."),
+)  # fmt: skip
+"""How round the turn was, and at what cost."""
+ESTIMATES = (
     Metric(
         "heading_rmse", "Heading", "mrad", "lower", 2, "RMS error of the estimated heading.", of=rmse("psi", scale=1e3)
     ),
@@ -32,6 +32,15 @@ METRICS = (
     ),
     Metric("sway_rmse", "Sway", "m/s", "lower", 3, "RMS error of the estimated sway velocity.", of=rmse("v")),
     Metric("input_rmse", "Input d", "mrad", "lower", 3, "RMS error of the estimated unknown input."),
+)  # fmt: skip
+"""Errors of the estimates that every filter of a ship gives."""
+TURN_STEPS = Metric("steps", "Steps", "", "higher", 0, "Steps flown until the turn was complete or lost.", of=steps)
+METRICS = (
+    TURN_STEPS,
+    Metric("heading_error", "Heading error", "°", "lower", 2, "RMS of commanded minus true heading."),
+    Metric("yaw_rate_error", "Yaw-rate error", "°/s", "lower", 3, "RMS of commanded minus true yaw rate."),
+    *CIRCLE,
+    *ESTIMATES,
     Metric(
         "raw_input_rmse", "Raw channel", "mrad", "lower", 3,
         "RMS error of the second reading taken for the unknown input as it is.",
