@@ -588,8 +588,9 @@ class Filter(ABC, Generic[Record]):
             )
         if np.array_equal(belief.cov, belief.cov.mT):
             return belief
-        even, size = symmetrise(belief.cov), np.abs(belief.cov).max((-2, -1), keepdims=True)
-        rounding = np.abs(belief.cov - even).max((-2, -1), keepdims=True) <= _ROUNDING * size
+        with np.errstate(over="ignore", invalid="ignore"):
+            even, size = symmetrise(belief.cov), np.abs(belief.cov).max((-2, -1), keepdims=True)
+            rounding = np.abs(belief.cov - even).max((-2, -1), keepdims=True) <= _ROUNDING * size
         return Belief.replace(belief, cov=np.where(rounding, even, belief.cov))
 
     # --- recovery ---------------------------------------------------------------------------------

@@ -152,7 +152,9 @@ def check_task(task: Task) -> None:
         TypeError: for what is no task.
         ValueError: naming the figure.
     """
-    instance("task of a system", task, Task)
+    missing = [name for name in ("horizon", "uniforms", "ends", "success", "score") if not hasattr(task, name)]
+    if missing:
+        raise TypeError(f"task of a system must have {missing[0]}, as vessel_gym.system.Task has, got {shown(task)}")
     title = type(task).__name__
     whole(f"horizon of {title}", task.horizon, 1)
     whole(f"uniforms of {title}", task.uniforms, 0)

@@ -736,7 +736,7 @@ def test_the_difference_of_two_headings_is_a_yaw_rate_across_the_seam():
     readings, previous = np.array([[-3.1, 0.01], [0.3, 0.02]]), np.array([[3.1, 0.0], [0.2, 0.0]])
     for steps in (1, 2):
         x, d = without_a_filter(told, ("yaw increment",), readings, previous, steps)
-        x[:, 2] = wrap(x[:, 2])
+        x = np.column_stack([x[:, :2], wrap(x[:, 2])])
         rates = np.array([2 * np.pi - 6.2, 0.1]) / (0.5 * steps)
         np.testing.assert_allclose(x, [[0.0, rates[0], -3.1], [0.0, rates[1], 0.3]], rtol=1e-12, atol=1e-15)
         np.testing.assert_allclose(d, [[0.01], [0.02]], rtol=1e-14)

@@ -379,6 +379,7 @@ def test_in_still_water_exact_readings_give_back_the_state():
     known = SENSORS.states_from(readings)
     np.testing.assert_array_equal(np.stack([known[name] for name in STATE], -1), states)
     x, d = without_a_filter(told(), VEHICLE.kicks, readings)
+    x = np.array(x)  # those of a belief are read-only
     x[:, 5] = states[:, 5] + wrap(x[:, 5] - states[:, 5])
     np.testing.assert_allclose(x, np.hstack([states, np.zeros((20, 1))]), rtol=0, atol=1e-14)
     np.testing.assert_array_equal(d, np.zeros((20, 3)))

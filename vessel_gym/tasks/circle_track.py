@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from estimators import Gaussian, wrap
+from estimators.checks import writable
 from estimators.compiled import inlined, rowwise, sincos
 from vessel_gym.sensors import Sensors
 from vessel_gym.system import Estimate
@@ -256,7 +257,7 @@ class CircleTrack(TurningCircle):
     def reference(self, course: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
         """What is commanded ``(B, 8)`` at a step ``(B,)`` to a ship in a state ``(B, 6)``, as in the prior."""
         reference = np.empty((len(course), 8))
-        track_reference(course, step, state, self._timing, self._table, reference)
+        track_reference(course, step, writable(state), self._timing, self._table, reference)
         return reference
 
     @cached_property
@@ -321,10 +322,10 @@ class CircleTrack(TurningCircle):
         rudder, the yaw rate commanded now and ahead, distance to starboard of the track, surge above that of the steady
         turn, and the current along the track and to starboard.
         """
-        mean, d = estimate.state, estimate.input_mean
-        d = np.zeros((len(mean), 1)) if d is None else d
+        mean, d = writable(estimate.state), estimate.input_mean
+        d = np.zeros((len(mean), 1)) if d is None else writable(d)
         observation = np.empty((len(mean), 11))
-        track_view(mean, estimate.flow, d, reference, actuators, self._view_gains, observation)
+        track_view(mean, writable(estimate.flow), d, reference, actuators, self._view_gains, observation)
         return observation
 
     def observe_state(self, estimate: Estimate, course: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from estimators import Gaussian
-from estimators.checks import finite_array, shown, whole
+from estimators.checks import finite_array, shown, whole, writable
 from estimators.compiled import inlined, part, rowwise
 from vessel_gym.checks import check_numbers, instance, one_of
 from vessel_gym.guidance import dive_path
@@ -179,7 +179,7 @@ class Dive(Task):
     def reference(self, course: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
         """Where on the path a vehicle in a state ``(B, n)`` is, ``(B, 11)``."""
         reference = np.empty((len(state), 11))
-        dive_reference(state, self.where, course, self.ahead, reference)
+        dive_reference(writable(state), self.where, course, self.ahead, reference)
         return reference
 
     # --- what the agent sees ----------------------------------------------------------------------
@@ -265,7 +265,7 @@ class Dive(Task):
     def begin(self, state: np.ndarray, course: np.ndarray) -> np.ndarray:
         """The farthest progress [m] and the energy used [s at cruising power], ``(B, 2)``."""
         tally, place = np.zeros((len(state), 2)), np.empty((len(state), 11))
-        dive_reference(state, self.where, course, 0.0, place)
+        dive_reference(writable(state), self.where, course, 0.0, place)
         tally[:, 0] = np.minimum(np.maximum(place[:, 0], 0.0), course[:, 1])
         return tally
 
@@ -357,7 +357,7 @@ class SpatialDive(Dive):
     def observe(self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
         """The observation ``(B, 24)`` of mode ``"mean"``, before clipping: errors, estimates, actuators."""
         seen = np.empty((len(reference), 24))
-        spatial_view(estimate.state, estimate.flow, reference, actuators, self._gains, seen)
+        spatial_view(writable(estimate.state), writable(estimate.flow), reference, actuators, self._gains, seen)
         return seen
 
 
@@ -434,5 +434,5 @@ class VerticalDive(Dive):
     def observe(self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
         """The observation ``(B, 14)`` of mode ``"mean"``, before clipping: errors, estimates, actuators."""
         seen = np.empty((len(reference), 14))
-        vertical_view(estimate.state, estimate.flow, reference, actuators, self._gains, seen)
+        vertical_view(writable(estimate.state), writable(estimate.flow), reference, actuators, self._gains, seen)
         return seen

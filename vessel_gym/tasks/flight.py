@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from estimators import Gaussian
-from estimators.checks import shown, whole
+from estimators.checks import shown, whole, writable
 from estimators.compiled import inlined, part, rowwise
 from vessel_gym.checks import check_numbers, check_pair, instance, numbers, one_of
 from vessel_gym.guidance import path_following
@@ -320,7 +320,7 @@ class Flight(Task):
     def reference(self, course: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
         """Where on the path an aircraft in a state ``(B, n)`` is, ``(B, 103)``."""
         reference = np.empty((len(state), _WHERE + course.shape[1]))
-        flight_reference(state, course, path_following._ANYWHERE, self._ahead, reference)
+        flight_reference(writable(state), course, path_following._ANYWHERE, self._ahead, reference)
         return reference
 
     @cached_property
@@ -378,7 +378,8 @@ class Flight(Task):
     def observe(self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
         """The observation ``(B, 18)`` of mode ``"mean"``, before clipping: errors, estimates, actuators."""
         seen, gravity = np.empty((len(reference), self._gains.shape[1] + 3)), self.body.gravity
-        flight_view(estimate.state, estimate.flow, reference, actuators, gravity, self._gains, self._reach, seen)
+        state, flow = writable(estimate.state), writable(estimate.flow)
+        flight_view(state, flow, reference, actuators, gravity, self._gains, self._reach, seen)
         return seen
 
     def observe_mission(self, course: np.ndarray, step: np.ndarray, actuators: np.ndarray) -> np.ndarray:
@@ -412,7 +413,7 @@ class Flight(Task):
     def begin(self, state: np.ndarray, course: np.ndarray) -> np.ndarray:
         """The farthest progress [m] and the last commands, ``(B, 4)``."""
         tally, place = np.zeros((len(state), 4)), np.empty((len(state), _WHERE + course.shape[1]))
-        flight_reference(state, course, np.array([-self.WINDOW, self.WINDOW, 0.0]), self._ahead, place)
+        flight_reference(writable(state), course, np.array([-self.WINDOW, self.WINDOW, 0.0]), self._ahead, place)
         tally[:, 0] = np.maximum(place[:, 0], 0.0)
         return tally
 

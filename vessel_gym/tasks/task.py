@@ -109,7 +109,8 @@ class Task:
         """
         vehicle = self.vehicle
         course = self.course(np.full((1, self.uniforms), 0.5), {})
-        mean, actuators = self.prior(course).mean, np.zeros((1, len(vehicle.start(vehicle.cruise[0][None])[1][0])))
+        mean = np.array(self.prior(course).mean)
+        actuators = np.zeros((1, len(vehicle.start(vehicle.cruise[0][None])[1][0])))
         step, estimate = np.zeros(1, int), Estimate(mean, np.zeros((1, len(vehicle.flows))))
         mission = self.observe_mission(course, step, actuators).shape[-1]
         return {

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from estimators import Gaussian, wrap
-from estimators.checks import shown, whole
+from estimators.checks import shown, whole, writable
 from estimators.compiled import inlined, rowwise
 from vessel_gym.checks import check_numbers, check_pair, instance, number, one_of
 from vessel_gym.sensors import Sensors
@@ -213,9 +213,9 @@ class TurningCircle(Task):
 
     def observe(self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
         """The observation ``(B, 7)`` of mode ``"mean"``, before clipping: estimates, reference, rudder."""
-        mean, d = estimate.state, estimate.input_mean
+        mean, d = writable(estimate.state), estimate.input_mean
         observation = np.empty((len(mean), 7))
-        d = np.zeros((len(mean), 1)) if d is None else d
+        d = np.zeros((len(mean), 1)) if d is None else writable(d)
         turning_view(mean, d, reference, actuators, self._mean_gains, observation)
         return observation
 
