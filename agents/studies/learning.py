@@ -8,7 +8,7 @@ from agents.studies.figures import Row, columns_of, dots, framed, pilot_looks, p
 from agents.studies.records import FEW_SEEDS
 from agents.studies.results import Pilot, Results
 from agents.studies.shares import difference, kept, learners, reference_pilot
-from agents.studies.wording import many, share_entry
+from agents.studies.wording import many, note, share_entry
 
 
 def learning(results: Results) -> Section:
@@ -19,34 +19,19 @@ def learning(results: Results) -> Section:
     if not learned or not environments:
         return Section(title, [])
     seeds = results.plan.study.training_seeds
+    runs = many(seeds, "training run")
     blocks: list[Block] = []
     if seeds < FEW_SEEDS:
-        blocks.append(
-            Prose(
-                f"Warning: {many(seeds, 'training run')} of each agent. What is said of learning here is of these "
-                f"policies; with fewer than {FEW_SEEDS} runs an interval says little of what another training would "
-                "give."
-            )
-        )
-    blocks.append(
-        Prose(
-            f"What none of {many(seeds, 'run')} shows, no interval holds: where 10 to 20 % of trainings fail, those of "
-            "five runs hold the mean of all in 28 to 65 of 100 studies. If none of these failed, up to "
-            f"{100.0 * (1.0 - 0.05 ** (1.0 / seeds)):.0f} % of trainings may still fail (95 %)."
-        )
-    )
+        blocks.append(Prose(note("few-runs", runs=runs, few=FEW_SEEDS)))
+    unseen = 100.0 * (1.0 - 0.05 ** (1.0 / seeds))
+    blocks.append(Prose(note("rare-failures", runs=many(seeds, "run"), share=unseen)))
     heads, columns = columns_of(environments, len(environments) > 1)
     look = pilot_looks(results)
     rows = [
         Row(str(pilot), look[pilot], [kept(results, column, pilot, None) for column in columns])
         for pilot in results.schools()
     ]
-    at_home = (
-        "Everybody at home: learned agents on what they were trained on, others on the environment's default "
-        f"estimator. Means over conditions, evaluation seeds and, of learned agents, {many(seeds, 'training run')}, "
-        "with 95 % intervals for other seeds and other runs. All conditions, though learned agents know the first "
-        "alone."
-    )
+    at_home = note("at-home", runs=runs)
     blocks += [
         framed(
             dots(rows, heads, "share of the oracle's performance kept"),
@@ -68,14 +53,7 @@ def learning(results: Results) -> Section:
         blocks += _improvement(results, reference, others, columns, heads) + _without_filter(
             results, reference, others, columns, heads
         )
-    blocks.append(
-        framed(
-            profile_figure(results),
-            "Performance profiles",
-            "Share of the training runs that keep more than a share of the oracle's performance, each agent at home, "
-            "with pointwise 95 % bands (Clopper and Pearson) for other runs on these evaluation seeds, where runs lie.",
-        )
-    )
+    blocks.append(framed(profile_figure(results), "Performance profiles", note("profiles")))
     for agent in (a for a in results.plan.study.agents if a.learned and not a.raw):
         figure = transfer_figure(results, agent.name)
         if figure is not None:
@@ -100,8 +78,7 @@ def _improvement(
     return _unless_empty(
         Table(
             f"Probability of improvement over {reference}",
-            f"How probably a training run of the agent keeps more than one of {reference}, each at home, with its 95 % "
-            "interval (Clopper and Pearson) for other runs on these evaluation seeds; 0.5: as good.",
+            note("improvement", reference=reference),
             "Agent",
             [(head, "") for head in heads],
             [("", rows)],
@@ -123,9 +100,7 @@ def _without_filter(
     return _unless_empty(
         Table(
             "Learning without a filter",
-            f"Share kept on raw readings minus share kept by {reference}, paired by training and evaluation seed; "
-            "the 95 % hold for all rows of a column at once (Bonferroni); bold where zero is excluded. Negative: the "
-            "filter is worth it.",
+            note("without-filter", reference=reference),
             "Agent",
             [(head, "") for head in heads],
             [("", rows)],

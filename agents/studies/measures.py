@@ -14,7 +14,7 @@ from agents.studies.figures import AXES, cost_figure, framed, robustness_figure,
 from agents.studies.records import FLOOR, ORACLE
 from agents.studies.results import Place, Results
 from agents.studies.shares import ruled
-from agents.studies.wording import microseconds, sentence, the
+from agents.studies.wording import microseconds, note, sentence, the
 from agents.studies.worlds import system_of
 
 
@@ -31,26 +31,18 @@ def consistency(results: Results) -> Section:
         return Section("Consistency beside task score", [])
     table = Table(
         f"What estimators claim, and what agents make of it ({results.conditions[0]})",
-        f"{sentence(the(results.classical))}; mean over evaluation seeds with its 95 % interval. {NEES.label}: "
-        f"{NEES.meaning} In band: share of times at which NEES (mean over seeds) and NIS (sum over seeds) lie in their "
-        "95 % chi-square bands; 0.95 for a filter that is as good as it says, less for a cautious one, too. Diverged: "
-        "episodes in which the truth was for half of the time outside of what the filter held for possible (NEES "
-        f"beyond its 99.9999 % quantile). {UNHEALTHY.label}: {UNHEALTHY.meaning} A dash: {listed(WITHOUT_COVARIANCE)} "
-        "claim no covariance of their own; without innovations there is no NIS. Where an unknown input reaches the "
-        "readings, every innovation contains it and no covariance does: no NIS there is in its band.",
+        note(
+            "consistency", Who=sentence(the(results.classical)), nees=NEES, unhealthy=UNHEALTHY,
+            without=listed(WITHOUT_COVARIANCE),
+        ),
         "Estimator",
         [
-            ("Score", ""),
-            (NEES.label, ""),
-            ("NEES in band", ""),
-            ("NIS in band", ""),
-            ("Diverged", ""),
-            ("Diverged, all conditions", ""),
-            (UNHEALTHY.label, UNHEALTHY.unit),
+            ("Score", ""), (NEES.label, ""), ("NEES in band", ""), ("NIS in band", ""), ("Diverged", ""),
+            ("Diverged, all conditions", ""), (UNHEALTHY.label, UNHEALTHY.unit),
         ],
         sections,
         "consistency",
-    )
+    )  # fmt: skip
     return Section("Consistency beside task score", [table])
 
 
@@ -88,11 +80,8 @@ def robustness(results: Results) -> Section:
     figure = robustness_figure(results)
     if figure is None:
         return Section(title, [Prose(missing)])
-    caption = (
-        f"{sentence(the(results.classical))}; each axis is varied alone, the others as in {results.conditions[0]!r}. "
-        "Means and 95 % intervals over evaluation seeds, side by side for legibility. The scale is that of each "
-        f"condition: {FLOOR} 0, {ORACLE} 1."
-    )
+    who, first = sentence(the(results.classical)), results.conditions[0]
+    caption = note("robustness", Who=who, first=first, floor=FLOOR, oracle=ORACLE)
     block = framed(figure, "Share kept over what may go wrong", caption)
     return Section(title, [block, *([Prose(missing)] if missing else [])])
 
@@ -118,14 +107,11 @@ def cost(results: Results) -> Section:
             framed(
                 figure,
                 f"Score over CPU time ({results.conditions[0]})",
-                f"{who}. CPU time of one step of one vehicle in a {batch}: vehicle, sensors, estimator and agent.",
+                note("cost-figure", Who=who, batch=batch),
             ),
             Table(
                 "CPU time of a step, by estimator",
-                f"{who}, vehicle and agent included, history and scores not; {results.conditions[0]}. In flight, and "
-                "warm: the estimator and the truth fly in turns in one process, and the median of five turns "
-                "counts. The difference is the estimator's. Times hold for the machine that computed. "
-                f"{FLOOR} predicts mean and covariance as filters of its model do, and leaves out the update alone.",
+                note("cost", Who=who, first=results.conditions[0], floor=FLOOR),
                 "Estimator",
                 heads,
                 sections,

@@ -11,20 +11,15 @@ from agents.studies.figures import ALL, Row, columns_of, dots, framed, looks
 from agents.studies.records import FLOOR, ORACLE, RAW, Study
 from agents.studies.results import Pilot, Place, Results
 from agents.studies.shares import ENDS, common, gap, kept, learners, rankable, ruled
-from agents.studies.wording import many, percent, sentence, share_entry, the
+from agents.studies.wording import many, note, percent, sentence, share_entry, the
 
 
 def ranking(results: Results) -> Section:
     """Shares kept on estimators, and their differences from the best."""
     title = "Which estimator to fly"
     environments = ruled(results)
-    blocks: list[Block] = [
-        Prose(
-            f"The scale: in each environment and condition, what {the(results.classical)} scores on {FLOOR} is 0 and "
-            f"what it scores on {ORACLE} is 1, in the same episodes. A share kept of 0.6 is 60 % of what knowing the "
-            "truth is worth. The ends are marks, not limits: values beyond them are shown as they are."
-        )
-    ]
+    who, study = the(results.classical), results.plan.study
+    blocks: list[Block] = [Prose(note("scale", who=who, floor=FLOOR, oracle=ORACLE))]
     if results.environments:
         blocks += [Prose(text) for text in (_ruler(results), *_rulers(results))]
     if not environments:
@@ -45,18 +40,14 @@ def ranking(results: Results) -> Section:
         framed(
             dots(rows, heads, "share of the oracle's performance kept"),
             "Share of the oracle's performance that is kept",
-            f"{sentence(the(results.classical))} on each estimator, means over conditions and evaluation seeds with "
-            f"95 % intervals for all of a column at once.{overall}",
+            note("shares-figure", Who=sentence(who), overall=overall),
         )
     )
+    conditions = many(len(results.conditions), "condition")
     blocks.append(
         Table(
             "Share of the oracle's performance kept, by estimator",
-            f"{sentence(the(results.classical))}, mean over {many(len(results.conditions), 'condition')} and "
-            f"{results.plan.study.episodes} evaluation seeds with its 95 % interval for other seeds, the error of the "
-            "scale included. The intervals of a column hold all at once (Bonferroni), so also that of the best, chosen "
-            "on these episodes: one for itself holds in 84 to 91 % of studies of 8 to 13 equals."
-            f"{overall} A dash: not flown there, or not in every condition.",
+            note("ranking", Who=sentence(who), conditions=conditions, episodes=study.episodes, overall=overall),
             "Estimator",
             [(head, "") for head in heads],
             [("", [(row.name, [share_entry(value) for value in row.values]) for row in rows])],
@@ -73,11 +64,7 @@ def _differences(results: Results, names: list[str], best: list[dict[str, np.nda
     behind = [(name, [_behind(ranked, name, margin) for ranked in best]) for name in names]
     return Table(
         "Difference from the best",
-        "Share kept minus that on the best estimator of the column, paired by evaluation seed. "
-        f"{EQUIVALENT.capitalize()}: the interval lies within ±{margin:g}, the margin of the study: no difference "
-        "that matters. Worse, bold: the interval lies below zero, and not within the margin. Else nothing is "
-        "decided. The best is chosen on the same episodes: the 95 % hold for all pairs of a column at once "
-        "(Bonferroni), and where all are equal at most one study in twenty has a bold number.",
+        note("behind-the-best", Equivalent=EQUIVALENT.capitalize(), margin=margin),
         "Estimator",
         [(head, "") for head in heads],
         [("", behind)],
@@ -99,9 +86,7 @@ def _learned_ranking(
     return [
         Table(
             "Share of the oracle's performance kept by learned agents, by the estimator flown on",
-            f"Mean over {many(results.plan.study.training_seeds, 'training run')}, conditions and evaluation seeds "
-            "with its 95 % interval for other runs on other seeds, on the scale of the classical agent. The policies "
-            "are not trained again for what they fly on.",
+            note("ranking-learned", runs=many(results.plan.study.training_seeds, "training run")),
             "Flown on",
             [(head, "") for head in heads],
             sections,
@@ -144,14 +129,10 @@ def confirmation(found: Confirmed, fresh: Study) -> Section:
         sections.setdefault(claim.first.column, []).append(row)
     if not sections:
         return Section("Confirmation on fresh seeds", [])
-    note = (
-        f"Differences of the share kept, with 95 % intervals. Fresh: {fresh.episodes} evaluation seeds from number "
-        f"{fresh.first_seed} on, which nobody had seen and which are opened once. What is compared is chosen on the "
-        "first seeds, so there the 95 % hold for all pairs of a column at once, and on the fresh ones for its rows. "
-        f"{HELD.capitalize()}: the same verdict; {OPEN}: none; {FAILED}: another. Learned agents are the same policies."
-    )
+    seeds = {"episodes": fresh.episodes, "first_seed": fresh.first_seed}
+    words = note("confirmation", Held=HELD.capitalize(), open=OPEN, failed=FAILED, **seeds)
     heads = [("First seeds", ""), ("Fresh seeds", ""), ("Claim", "")]
-    table = Table("Claims on fresh seeds", note, "Difference", heads, list(sections.items()), "confirmation")
+    table = Table("Claims on fresh seeds", words, "Difference", heads, list(sections.items()), "confirmation")
     return Section("Confirmation on fresh seeds", [table])
 
 
@@ -163,10 +144,7 @@ def _ruler(results: Results) -> str:
         "task": "the vehicle is there in truth",
     }
     chosen = results.plan.study.termination
-    return (
-        f"One ruler for all columns: by termination {chosen!r} a mission ends where {ends[chosen]}, or is lost, or its "
-        "time is up. Estimators, learned agents and both ends of the scale fly so."
-    )
+    return note("ruler", chosen=chosen, ends=ends[chosen])
 
 
 def _rulers(results: Results) -> list[str]:
@@ -179,17 +157,8 @@ def _rulers(results: Results) -> list[str]:
             none.append(where)
         elif isinstance(worth, Interval) and not worth.excludes_zero:
             doubtful.append(where)
-    texts = []
-    if none:
-        texts.append(
-            f"No scale, because an end was not flown or {ORACLE} scores no higher than {FLOOR}; left out of every "
-            f"share: {'; '.join(none)}."
-        )
-    if doubtful:
-        texts.append(
-            f"The scale may be chance, {ORACLE} not being shown to be better than {FLOOR}: {'; '.join(doubtful)}."
-        )
-    return texts
+    texts = {"no-scale": none, "doubtful-scale": doubtful}
+    return [note(name, oracle=ORACLE, floor=FLOOR, places="; ".join(of)) for name, of in texts.items() if of]
 
 
 def price(results: Results) -> Section:
@@ -209,12 +178,11 @@ def price(results: Results) -> Section:
         return Section("The price of estimation", [])
     table = Table(
         "Score lost against the truth",
-        f"Score on the truth minus score on the estimator at the same seed, with its 95 % interval; bold where it "
-        f"excludes zero, each for itself: of twenty true zeros one is bold. Intervals follow the skewness of "
-        "prices (Hall 1992). Where 2 % of the episodes are disasters, they hold in 59 of 100 studies of 20 seeds, "
-        "in 63 of 50 seeds and in 86 of 100 seeds; where 5 % are, in 64, 91 and 98. "
-        f"{sentence(the(results.classical))}"
-        + ("; learned agents, on the estimator of their training." if learners(results) else "."),
+        note(
+            "price",
+            Who=sentence(the(results.classical)),
+            learned="; learned agents, on the estimator of their training" if learners(results) else "",
+        ),
         "Estimator",
         [(condition, "") for condition in results.conditions],
         sections,
@@ -231,10 +199,7 @@ def _price_figure(results: Results) -> list[Block]:
     rows = [Row(name, look[name], values) for name, values in lost.items() if any(v is not None for v in values)]
     if not rows:
         return []
-    caption = (
-        f"{sentence(the(results.classical))}, means over conditions and evaluation seeds with 95 % intervals; the line "
-        f"is the truth, and {FLOOR} is beyond the axis."
-    )
+    caption = note("price-figure", Who=sentence(the(results.classical)), floor=FLOOR)
     figure = dots(rows, environments, "score lost against the truth", (0.0,))
     return [framed(figure, "Score lost against the truth", caption)]
 
@@ -262,15 +227,9 @@ def tails(results: Results) -> Section:
     sections = [(title, rows) for title, rows in sections if rows]
     if not sections:
         return Section("Tails", [])
-    note = (
-        f"All conditions together; {the(results.classical)}, and learned agents on what they were trained on. "
-        "Completed: episodes that end as the task asks, such as by arriving, or whose time is up where the task is to "
-        "go on; with its 95 % interval (Clopper and Pearson's, of as many trials as seeds, for one agent). Worst "
-        "decile: mean score of the worst tenth of the episodes, without an interval. An estimator that fails in one "
-        "episode of twenty may have the better mean."
-    )
+    words = note("tails", who=the(results.classical))
     heads = [("Score", ""), ("Completed", "%"), ("Worst decile", "score")]
-    return Section("Tails", [Table("Tails beside means", note, "Estimator", heads, sections, "tails")])
+    return Section("Tails", [Table("Tails beside means", words, "Estimator", heads, sections, "tails")])
 
 
 def _tail(results: Results, places: Sequence[Place], who: Pilot, on: str) -> list[Entry]:

@@ -18,7 +18,7 @@ from agents.studies.ranking import confirmation, price, ranking, tails
 from agents.studies.records import FLOOR
 from agents.studies.results import Results
 from agents.studies.settings import settings
-from agents.studies.wording import many
+from agents.studies.wording import many, note, paragraphs
 from vessel_gym.extras import require
 
 
@@ -149,40 +149,6 @@ def _tally(names: Sequence[str]) -> str:
 
 def _limits(results: Results) -> Section:
     study = results.plan.study
-    items = [
-        "Intervals are for another study: other evaluation seeds and, of learned agents, other training runs. Seeds "
-        "are the same for everybody, so that differences are paired, and both ends of a scale are drawn with them.",
-        "Shares kept on estimators, verdicts on them, and whether raw readings beat a filter are corrected for the "
-        "number of comparisons within a column. Other intervals stand each for itself: of twenty one misses, and none "
-        "is corrected for the number of columns.",
-        "All environments and conditions count alike in what is said of all of them.",
-        "The truth is what the state is, not what the disturbance will do next: a ceiling for estimators, not for "
-        "agents. An agent may keep more than 1.",
-        "Estimators are tuned by their environments' authors, for each disturbance (see the settings below): they know "
-        "its statistics. What is compared is an estimator with its tuning.",
-        f"{FLOOR} runs the model on the known inputs and looks at no reading; measurement holds the last reading of "
-        "each sensor and knows no model.",
-        "Estimation errors are along the tracks that were flown on that estimator: the disturbance and the sensor "
-        "noise are the same, the tracks are not.",
-        "Everything is simulated: vehicles of published and assumed particulars. Nothing here was measured in the "
-        "world.",
-    ]
-    if any(condition.mismatch for condition in study.conditions):
-        items.append(
-            "Mismatch spreads the truth's coefficients around the filters', drawn anew in each episode. The "
-            "package's classical controllers are designed on the filters' coefficients, too: on the truth they know "
-            "the state, not the vehicle."
-        )
-    else:
-        items.append("There is no mismatch: the filters' coefficients are the vehicle's.")
-    if study.learned:
-        items += [
-            "Training runs that differ in the agent alone share their seeds, and are compared in pairs. What five "
-            "runs do not show, such as a failure in one training of twenty, no interval over them contains.",
-            f"Agents learn in the first condition ({results.conditions[0]}) and fly the others as they are.",
-            "Settings of PPO were tuned on an environment's default estimator (agents/ppo.toml), not for each "
-            "estimator.",
-            "What crossing estimators costs contains all that changes in what a policy sees, not the error alone: an "
-            "unknown input that is no longer estimated, a noisier rate.",
-        ]
-    return Section("Assumptions and limits", [Bullets(items)])
+    model = "limits-mismatch" if any(condition.mismatch for condition in study.conditions) else "limits-exact"
+    learned = paragraphs("limits-learned", first=results.conditions[0]) if study.learned else []
+    return Section("Assumptions and limits", [Bullets([*paragraphs("limits", floor=FLOOR), note(model), *learned])])

@@ -1,10 +1,34 @@
-"""Numbers and names as a report writes them."""
+"""Numbers, names and notes as a report writes them."""
 
+import re
 from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
 
 from agents.page import Entry, entry, number, words
 from agents.statistics import Interval
 from agents.studies.results import Pilot
+
+_NOTES = Path(__file__).parents[1] / "templates" / "study-notes.md"
+
+
+@cache
+def _notes() -> dict[str, list[str]]:
+    """Paragraphs by the name of their note."""
+    _, *notes = re.split(r"(?m)^## ", _NOTES.read_text(encoding="utf-8"))
+    return {name: text.strip().split("\n\n") for name, _, text in (note.partition("\n") for note in notes)}
+
+
+def paragraphs(name: str, **values: Any) -> list[str]:
+    """The paragraphs of a note in ``templates/study-notes.md``, with these values in its braces."""
+    return [" ".join(text.split()).format(**values) for text in _notes()[name]]
+
+
+def note(name: str, **values: Any) -> str:
+    """A note of one paragraph, as `paragraphs`."""
+    (text,) = paragraphs(name, **values)
+    return text
 
 
 def amount(value: Interval | float | None, signed: bool = False) -> str:
