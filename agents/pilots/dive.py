@@ -269,12 +269,7 @@ class DiveRegulator(DiveAutopilot):
 
     About the same steady motions as the autopilot, whose line-of-sight guidance this one does without.
 
-    Args:
-        system: The environment's system.
-        tolerances: The design's tolerances, without the guidance's; off the path no more than the task tolerates.
-
-    Raises:
-        ValueError: if the system's task is no dive.
+    Its arguments are those of `DiveAutopilot`.
     """
 
     def __init__(self, system: System, tolerances: DiveTolerances | None = None) -> None:
@@ -291,12 +286,7 @@ class DivePID:
     speed: their integrals have to find it. Their plants are the planes of the linearised vehicle, reduced to first
     order.
 
-    Args:
-        system: The environment's system.
-        tolerances: The design's tolerances.
-
-    Raises:
-        ValueError: if the system's task is no dive.
+    Its arguments are those of `DiveAutopilot`.
     """
 
     def __init__(self, system: System, tolerances: DiveTolerances | None = None) -> None:

@@ -142,12 +142,7 @@ class FlightAutopilot:
 class FlightRegulator(FlightAutopilot):
     """The linear-quadratic regulators alone: to the path by its distance, without the vector field's bound.
 
-    Args:
-        system: The environment's system.
-        tolerances: The design's tolerances.
-
-    Raises:
-        ValueError: if the system's task is no flight.
+    Its arguments are those of `FlightAutopilot`.
     """
 
     def _field(self, cross: np.ndarray) -> np.ndarray:
@@ -161,12 +156,7 @@ class FlightPID:
     The loops know nothing of each other; the bank that the path takes is added. Plants are a point mass in level
     flight: weight times bank across, the slope of the lift upwards, thrust ahead.
 
-    Args:
-        system: The environment's system.
-        tolerances: The design's tolerances.
-
-    Raises:
-        ValueError: if the system's task is no flight.
+    Its arguments are those of `FlightAutopilot`.
     """
 
     def __init__(self, system: System, tolerances: FlightTolerances | None = None) -> None:

@@ -77,12 +77,7 @@ class TrackAutopilot(TurningAutopilot):
 class TrackRegulator(TrackAutopilot):
     """The autopilot's linear-quadratic regulator without its integral: no memory, and a bias under steady loads.
 
-    Args:
-        system: The environment's system.
-        tolerances: The design's tolerances, of which that of the integral is not used.
-
-    Raises:
-        ValueError: if the system's task is another.
+    Its arguments are those of `TrackAutopilot`.
     """
 
     def __init__(self, system: System, tolerances: TrackTolerances | None = None) -> None:
@@ -97,12 +92,7 @@ class TrackPID(TurningPID):
     Nomoto's, the ship's linear model on a straight course reduced to first order. The steering gear follows with a
     tenth of the loop's time. Line of sight: Fossen (2021), ch. 12.
 
-    Args:
-        system: The environment's system.
-        tolerances: The design's tolerances, of heading and rudder.
-
-    Raises:
-        ValueError: if the system's task is another.
+    Its arguments are those of `TrackAutopilot`.
     """
 
     AHEAD = 2.0  # ship lengths

@@ -135,12 +135,7 @@ class TurningAutopilot:
 class TurningRegulator(TurningAutopilot):
     """The autopilot's linear-quadratic regulator without its integral: no memory, and a bias under steady loads.
 
-    Args:
-        system: The environment's system.
-        tolerances: The design's tolerances, of which that of the integral is not used.
-
-    Raises:
-        ValueError: if the system's task is another.
+    Its arguments are those of `TurningAutopilot`.
     """
 
     def __init__(self, system: System, tolerances: Tolerances | None = None) -> None:
@@ -154,12 +149,7 @@ class TurningPID:
     Its plant is Nomoto's, the ship's linear model on a straight course reduced to first order; the rudder that the
     commanded yaw rate needs there is added. The steering gear follows with a tenth of the loop's time.
 
-    Args:
-        system: The environment's system.
-        tolerances: The design's tolerances, of heading and rudder.
-
-    Raises:
-        ValueError: if the system's task is another.
+    Its arguments are those of `TurningAutopilot`.
     """
 
     def __init__(self, system: System, tolerances: Tolerances | None = None) -> None:
