@@ -14,13 +14,7 @@ from vessel_gym.extras import require
 
 @dataclass(frozen=True)
 class Entry:
-    """What stands in one field of a table.
-
-    Attributes:
-        value: The value in words, or a number as `number` writes it.
-        half: Half of its 95 % interval, if it has one.
-        strong: Set in bold.
-    """
+    """A field of a table: a value in words, or as `number` writes it, and half of its 95 % interval; strong is bold."""
 
     value: str
     half: str = ""
@@ -206,15 +200,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Page:
-    """A report.
-
-    Attributes:
-        title: The heading.
-        subtitle: What was done, in a line.
-        answer: Sentences, the conclusion first.
-        sections: The rest.
-        summary: A small table below the conclusion.
-    """
+    """A report: its answer is in sentences, the conclusion first, its summary a small table below that."""
 
     title: str
     subtitle: str

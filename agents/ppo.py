@@ -94,14 +94,7 @@ def describe(
 ) -> dict[str, Any]:
     """Everything that decides what `train` gives, as plain data: equal descriptions, equal checkpoints.
 
-    Args:
-        env_id: As `train`; so are the other arguments.
-        env_options: See `train`.
-        seed: See `train`.
-        steps: See `train`.
-        memory: See `train`.
-        critic: See `train`.
-        settings: See `train`.
+    Its arguments are those of `train`.
 
     Returns:
         The arguments, the tuned settings, the versions of the libraries that compute, and a digest of the

@@ -32,14 +32,9 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Status:
-    """How far a run has come.
+    """Progress of a run, in cells, with the label of the one that ended last.
 
-    Attributes:
-        done: Cells with a result.
-        total: Cells in all.
-        failed: Cells that failed.
-        seconds_left: Estimate; None before any cell of each function has been timed.
-        label: Of the cell that ended last.
+    ``seconds_left`` is an estimate: None before any cell of each function has been timed.
     """
 
     done: int

@@ -152,14 +152,9 @@ def _steady_motions(
 def _plane(
     vehicle: AUV, state: np.ndarray, actuators: np.ndarray, plane: tuple[str, ...], fin: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """``A (k, k)`` and ``B (k, 1)`` of one plane, by central differences of the vehicle's step.
+    """``A (k, k)`` and ``B (k, 1)`` of the states of a plane by one fin, by central differences of the vehicle's step.
 
-    Args:
-        vehicle: What is regulated.
-        state: Steady motion ``(n,)``.
-        actuators: Its actuators ``(a,)``.
-        plane: States of the plane.
-        fin: Which actuator.
+    About a steady motion ``(n,)`` with its actuators ``(a,)``.
     """
     index, step = [vehicle.state_names.index(name) for name in plane], 1e-5
     offsets = step * np.eye(len(state))[index]
@@ -176,14 +171,8 @@ def _gains(
 ) -> np.ndarray:
     """Gains ``(k,)``, or ``(k + 1,)`` with the distance from the path, of the linear-quadratic regulator of a plane.
 
-    Args:
-        A: ``(k, k)``; the first state moves the direction by ``drift`` a unit, the last is its angle.
-        B: ``(k, 1)``.
-        dt: Time step [s].
-        drift: rad per m/s.
-        rate: Which state of the plane is the rate.
-        speed: m/s along the path.
-        tolerances: What deviations cost.
+    Its states move by ``A (k, k)`` and ``B (k, 1)``: the first moves the direction by ``drift`` [rad per m/s], number
+    ``rate`` is the angular velocity, the last the angle; ``speed`` [m/s] is that along the path.
     """
     direction = np.zeros((1, len(A)))
     direction[0, 0], direction[0, -1] = drift, 1.0

@@ -28,14 +28,7 @@ HELD, OPEN, FAILED = "confirmed", "not confirmed", "contradicted"
 
 
 class Difference(NamedTuple):
-    """A difference of shares kept.
-
-    Attributes:
-        column: An environment, or ``"All"``.
-        one: The minuend.
-        other: The subtrahend.
-        value: With its interval.
-    """
+    """A difference of shares kept, one less the other; the column is an environment, or ``"All"``."""
 
     column: str
     one: str
@@ -45,13 +38,7 @@ class Difference(NamedTuple):
 
 @dataclass(frozen=True)
 class Claim:
-    """A difference as both passes found it, and the verdicts.
-
-    Attributes:
-        first: Of the first pass, which chose what is compared.
-        fresh: On the fresh seeds; None if that was not flown.
-        verdicts: Of the two.
-    """
+    """A difference as the first pass found it, and on the fresh seeds (None if not flown there), with both verdicts."""
 
     first: Difference
     fresh: Interval | float | None

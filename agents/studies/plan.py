@@ -16,16 +16,9 @@ _RAW_READINGS = Estimator(RAW, "measurement")
 
 @dataclass(frozen=True)
 class Flight:
-    """One agent on one estimator in one world.
+    """One agent on one estimator in one world, and the cell that computes it.
 
-    Attributes:
-        environment: As in the study.
-        condition: Its name.
-        agent: Its name.
-        trained_on: The estimator that the policy was trained on, `RAW`, or "" for an agent that does not learn.
-        flown_on: The estimator that it flies on, or `RAW`.
-        training_seed: Of the policy; None for an agent that does not learn.
-        cell: What computes it.
+    Estimators may be `RAW`; an agent that does not learn is trained on "", with the seed None.
     """
 
     environment: str

@@ -190,15 +190,9 @@ class Results:
     def shares(self, environments: Iterable[str], pilot: Pilot, estimator: str | None = None) -> np.ndarray | None:
         """Share kept by each run at each evaluation seed ``(runs, episodes)``: means over environments.
 
-        Of each environment the mean over its `scaled` conditions. A run that lacks a flight is left out.
-
-        Args:
-            environments: Where.
-            pilot: Who, perhaps of `schools`.
-            estimator: On what; None: on what it was trained on, or the environment's default.
-
-        Returns:
-            The shares; None if no run has flown everywhere.
+        Of each environment the mean over its `scaled` conditions. A run that lacks a flight is left out; None if no
+        run is left. The pilot may be of `schools`; it flies on the estimator, or (None) on what it was trained on or
+        the environment's default.
         """
         found = self._by_run(environments, pilot, estimator)
         return np.mean(list(found.values()), axis=1) if found else None

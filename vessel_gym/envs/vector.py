@@ -38,21 +38,14 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         num_envs: Number of environments.
         max_episode_steps: Steps after which an episode is truncated; None: never. `gymnasium.make_vec`
             passes the registered value.
-        estimator: As `VesselEnv`; so are the other arguments.
-        estimator_options: See `VesselEnv`.
-        sensors: See `VesselEnv`.
-        disturbance: See `VesselEnv`.
-        mismatch: See `VesselEnv`.
-        observe: See `VesselEnv`.
-        ends: See `VesselEnv`.
-        guidance: See `VesselEnv`.
+        estimator, estimator_options, sensors, disturbance, mismatch, observe, ends, guidance: As `VesselEnv`.
         autoreset_mode: A `gymnasium.vector.AutoresetMode` or its value.
         render_mode: ``None`` or ``"rgb_array"``.
         num_threads: Threads that share the rows of vehicle, sensors and filter where these are compiled; the rest, and
             whatever is your own, stays in the calling thread. No result depends on it, to the last bit. It pays where a
             step takes milliseconds: from thousands of rows on, or 110 with an ensemble of 100 members. An ensemble asks
             the functions of a vehicle, a disturbance or a sensor of your own from several threads at once.
-        sensor_faults: See `VesselEnv`.
+        sensor_faults: As `VesselEnv`.
 
     Raises:
         ValueError: as `VesselEnv`, and for a ``num_envs`` or ``num_threads`` that is not a positive whole number, or

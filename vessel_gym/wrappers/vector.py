@@ -32,11 +32,7 @@ class EstimatedObservation(VectorWrapper):
         observation: The observations as a function of the states ``(B, n)``, a row each; None: the states.
         passes: As for the single one.
         known_input: What the filter is told ``(B, m)``, a function of the actions; None: these as numbers.
-        estimator: As for the single one.
-        estimator_options: Likewise.
-        sensors: Likewise.
-        observe: Likewise.
-        sensor_faults: Likewise.
+        estimator, estimator_options, sensors, observe, sensor_faults: As for the single one.
 
     Raises:
         TypeError: as the single one.
