@@ -116,16 +116,7 @@ def description(path: str | Path) -> dict[str, Any] | None:
 
 
 def write(path: Path, model: Any, described: dict[str, Any]) -> None:
-    """Write a checkpoint; equal models and descriptions give equal bytes.
-
-    Args:
-        path: The file.
-        model: See `save_agent`.
-        described: Plain data that goes with it.
-
-    Raises:
-        ValueError: see `save_agent`.
-    """
+    """Write a checkpoint, as `save_agent`, and plain data with it; equal models and descriptions give equal bytes."""
     spoken, statistics = _environment(model)
     arrays = {f"weights/{name}": tensor.numpy(force=True) for name, tensor in model.policy.state_dict().items()}
     arrays |= {f"statistics/{name}": value for name, value in statistics.items()}
@@ -312,9 +303,7 @@ def _described(archive: zipfile.ZipFile) -> dict[str, Any] | None:
 class Dense:
     """The actor of a plain policy in NumPy: dense layers of tanh, as torch computes them but for rounding.
 
-    Args:
-        told: What a checkpoint says of its policy.
-        weights: Its arrays by name.
+    It is made of what a checkpoint says of its policy, and of its arrays by name.
 
     Raises:
         ValueError: if it is another network.

@@ -77,14 +77,8 @@ class _Seen(BaseFeaturesExtractor):
 class _TruthForCritic(ActorCriticPolicy):
     """An actor that takes the agent's part of observations, and a critic that takes all.
 
-    Args:
-        space: Of observations with the truth, to learn, or without, to fly.
-        action_space: As of other policies.
-        rate: The learning rate by the share of the training that remains.
-        seen: How much of a frame is the agent's,
-        truth: and how much the critic's alone.
-        frames: How many frames stand side by side.
-        **network: As of other policies.
+    ``seen`` and ``truth`` say how much of a frame is the agent's and how much the critic's alone; ``rate`` is the
+    learning rate by the share of the training that remains, the rest as of other policies.
     """
 
     def __init__(

@@ -116,12 +116,8 @@ def _first(
 def means(network: dict[str, Any], model: LinearModel, start: np.ndarray, y: Any, moved: Any) -> Any:
     """The filter's means ``(T, series, n)``, as a tensor that can be differentiated by the network's weights.
 
-    Args:
-        network: Tensors by the names of `GainNetwork`.
-        model: Of the filter.
-        start: ``(n,)`` the prior's mean.
-        y: ``(T, series, p)`` readings, NaN where none came.
-        moved: ``(T, series, n)`` what the known input did over the step before.
+    From a prior's mean ``start (n,)``, by readings ``y (T, series, p)``, NaN where none came; ``moved (T, series, n)``
+    is what the known input did over the step before.
     """
     import torch
 

@@ -47,15 +47,10 @@ EQUIVALENT, BETTER, WORSE, UNDECIDED = "equivalent", "better", "worse", "not dec
 
 
 def verdict(difference: Interval | float | None, margin: float) -> str:
-    """The verdict that an interval allows: two one-sided tests of equivalence, then the sign.
+    """The verdict that an interval of a difference allows: two one-sided tests of equivalence, then the sign.
 
-    Args:
-        difference: Of the one from the other, positive where the one is better; without an interval nothing is decided.
-        margin: Smaller differences do not matter.
-
-    Returns:
-        `EQUIVALENT` for an interval within the margin on both sides; else `BETTER` or `WORSE` for one that excludes
-        zero; else `UNDECIDED`.
+    `EQUIVALENT` for an interval within the margin on both sides; else `BETTER` or `WORSE` for one that excludes zero,
+    positive where the one is better; else, and without an interval, `UNDECIDED`.
     """
     if not isinstance(difference, Interval):
         return UNDECIDED
@@ -108,16 +103,9 @@ def crossed_interval(values: np.ndarray, comparisons: int = 1) -> Interval | Non
 
 
 def mean_interval(values: np.ndarray, comparisons: int = 1) -> Interval | None:
-    """The mean of independent values ``(N,)`` with Student's 95 % interval.
+    """The mean of independent values ``(N,)`` with Student's 95 % interval; None where fewer than two remain.
 
-    Values that are not finite count as missing.
-
-    Args:
-        values: One of each seed.
-        comparisons: See `crossed_interval`.
-
-    Returns:
-        The interval; None where fewer than two values remain, because one value has no spread.
+    Values that are not finite count as missing; ``comparisons`` are those of `crossed_interval`.
     """
     values = np.asarray(values, float)
     values = values[np.isfinite(values)]
@@ -137,17 +125,11 @@ def paired_difference(a: np.ndarray, b: np.ndarray, *, comparisons: int = 1) -> 
 
 
 def skewed_interval(values: np.ndarray, comparisons: int = 1) -> Interval | None:
-    """The mean of independent values ``(N,)`` with a 95 % interval that follows their skewness.
+    """The mean of finite, independent values ``(N,)`` with a 95 % interval that follows their skewness; None for one.
 
     Student's t is transformed by Hall's (1992) cubic, which removes its skewness; the interval reaches further towards
-    the long tail. What no value shows, such as a disaster in one episode of a hundred, is in no such interval.
-
-    Args:
-        values: Finite, one of each seed.
-        comparisons: See `crossed_interval`.
-
-    Returns:
-        The interval; None for fewer than two values.
+    the long tail. What no value shows, such as a disaster in one episode of a hundred, is in no such interval. See
+    `crossed_interval` for ``comparisons``.
     """
     plain = crossed_interval(np.asarray(values, float)[None], comparisons)
     if plain is None or plain.half == 0.0:
@@ -225,14 +207,7 @@ def probability_of_improvement(x: np.ndarray, y: np.ndarray) -> Interval:
 
 
 def performance_profile(scores: np.ndarray, thresholds: np.ndarray) -> list[Interval]:
-    """The share of runs that score above each threshold, averaged over tasks, with pointwise intervals.
-
-    Args:
-        scores: ``(runs, tasks)``.
-        thresholds: ``(K,)``, in the unit of the scores.
-
-    Returns:
-        K intervals.
+    """Shares of runs ``(runs, tasks)`` above thresholds ``(K,)``, averaged over tasks, with K pointwise intervals.
 
     Raises:
         ValueError: if scores are not finite or not a matrix.

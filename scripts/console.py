@@ -38,15 +38,8 @@ def command(
     """Run a command line: bad input ends in one sentence and exit status 2, never in a traceback.
 
     Bad input is what the parser or `asked` refuses, and what the machine has no room or no right for. Any other error
-    is a mistake of ours and keeps its traceback.
-
-    Args:
-        main: The command, a function with annotated arguments.
-        arguments: What follows the command's name; None: those of this process.
-        name: Of the command, as it was called; None: that of this process.
-
-    Returns:
-        What the command returns: its exit status, if it has one.
+    is a mistake of ours and keeps its traceback. Arguments and name are those of this process if not given. Returns the
+    exit status of the command, if it has one.
     """
     with sentences():
         return _parsed(main, arguments, name)()

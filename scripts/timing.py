@@ -279,10 +279,7 @@ def flight_table(env_ids: tuple[str, ...], this: Worker | None, that: Worker | N
 def balanced(rows: int, estimator: str | None = None, in_numpy: bool = False) -> Timed:
     """Steps of Gymnasium's own batch of cart-poles under random actions, by itself or behind an estimator.
 
-    Args:
-        rows: Its size.
-        estimator: What agents see it through; None: nothing.
-        in_numpy: Whether the filter's formulas are computed by NumPy, as the tests' reference is.
+    With ``in_numpy`` the filter's formulas are computed by NumPy, as the tests' reference is.
     """
     env: Any = gym.make_vec("CartPole-v1", num_envs=rows, vectorization_mode="vector_entry_point")
     if estimator is not None:

@@ -15,13 +15,9 @@ from agents.cells.work import CannotStore
 
 @dataclass
 class Outcome:
-    """What a run left.
+    """Outcome of a run: values of cells by key, failures (traceback, or the reason for not trying) of the others.
 
-    Attributes:
-        values: Of every cell that has a result, by its key.
-        failures: Traceback, or the reason for not trying, of every cell that has none, by its key.
-        computed: How many cells this run computed.
-        notes: What a user should know: files set aside, results of other versions.
+    ``computed`` counts the cells of this run; ``notes`` are for the user: files set aside, results of other versions.
     """
 
     values: dict[str, dict[str, Any]] = field(default_factory=dict)

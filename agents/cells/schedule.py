@@ -96,14 +96,9 @@ class Forecast:
 
 
 def seconds_left(waves: Sequence[Sequence[float | None]], workers: int) -> float | None:
-    """How long workers take for waves of cells, each wave longest first, if cells take as long as expected.
+    """Seconds that workers take for waves of cells, each wave longest first, if cells take as long as expected.
 
-    Args:
-        waves: Seconds of each cell; a wave begins when the one before has ended.
-        workers: How many cells are computed at once.
-
-    Returns:
-        Seconds; None if a cell's time is not known.
+    A wave begins when the one before has ended. None if a cell's time is not known.
     """
     total = 0.0
     for wave in waves:

@@ -58,13 +58,9 @@ class Claim:
 
 @dataclass(frozen=True)
 class Confirmed:
-    """The claims of a study on fresh seeds.
+    """The claims of a study on fresh seeds, their number, and the share kept there on the best of the first pass.
 
-    Attributes:
-        episodes: Number of the seeds.
-        best: The best of the first pass; empty if none stands for all environments.
-        kept: Share kept on it at the fresh seeds.
-        claims: All differences.
+    The best is empty if none stands for all environments.
     """
 
     episodes: int

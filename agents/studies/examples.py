@@ -50,11 +50,11 @@ def example(
     """Fly the typical episode on several estimators, and keep the data of its page.
 
     Args:
-        environment: As in the study.
+        environment: As in the study, and so is the agent.
         estimators: The study's name of each, and the environment's options with it.
         agent: As `agents.pilots.make_pilot` takes it.
         seeds: Of which the typical one is shown.
-        own: Source digests of the user's own modules, by name: part of the cell, and imported for what they register.
+        own: Source digests of the user's own modules, see `agents.studies.flying.fly`.
 
     Returns:
         The data of `agents.episodes.recording.page_of`, and as ``spread`` the standard deviation of each estimator's

@@ -66,11 +66,8 @@ class Row:
 def dots(rows: Sequence[Row], heads: Sequence[str], label: str, marks: Sequence[float] = (0.0, 1.0)) -> "Figure":
     """Values with their intervals, a line each, the first on top; a number without an interval is hollow.
 
-    Args:
-        rows: The lines.
-        heads: What the panels show: environments, or `ALL`, which is set in a tint.
-        label: Of the axis.
-        marks: Values at which a line is drawn, in sight in every panel.
+    Heads say what the panels show: environments, or `ALL`, which is set in a tint. At each of ``marks`` a line is
+    drawn, in sight in every panel.
     """
     from matplotlib.figure import Figure
 

@@ -69,20 +69,11 @@ def fly(
 def step_times(
     environment: str, options: dict[str, Any], agent: str, episodes: int, other: str
 ) -> list[tuple[int, float, float]]:
-    """CPU seconds of one step of one vehicle in flight, on an estimator and on another one.
+    """CPU seconds of a step of one vehicle in flight: ``(rows, on an estimator, on the other)`` in a batch, and alone.
 
     The two fly in turns in one process, so a busy machine slows both; the first turn, which loads compiled code, does
     not count, and of the others the median does. Vehicle, sensors and agent are included; history and scores are not.
-
-    Args:
-        environment: As in the study.
-        options: Of the environment.
-        agent: As `agents.pilots.make_pilot` takes it.
-        episodes: Rows of the larger batch.
-        other: The other estimator, without options of its own.
-
-    Returns:
-        ``(rows, on the estimator, on the other)`` for a batch of that many rows, and of one.
+    Environment, options, agent and episodes (rows of the batch) are as for `fly`; the other estimator has no options.
     """
     beside = {key: value for key, value in options.items() if key != "estimator_options"} | {"estimator": other}
     found = []

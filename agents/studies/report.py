@@ -23,12 +23,9 @@ from vessel_gym.extras import require
 
 
 def page(results: Results, out: Path, fresh: Results | None = None) -> Page:
-    """The report as data.
+    """The report of a study as data, as far as it is flown.
 
-    Args:
-        results: Of a study, as far as it is flown.
-        out: The folder, for the command that runs it again.
-        fresh: Of the same study on the seeds of its confirmation.
+    The folder is for the command that runs it again; ``fresh`` are the results on the seeds of its confirmation.
     """
     study = results.plan.study
     sections = [
@@ -61,13 +58,7 @@ def page(results: Results, out: Path, fresh: Results | None = None) -> Page:
 def write_report(results: Results, out: Path, fresh: Results | None = None) -> Path:
     """Write ``report.html``, ``answer.md``, ``episodes.csv`` and ``tables/``, each file whole or not at all.
 
-    Args:
-        results: Of a study, as far as it is flown.
-        out: The folder.
-        fresh: See `page`; its episodes go to ``confirmation.csv``.
-
-    Returns:
-        The page.
+    Arguments are those of `page`; fresh episodes go to ``confirmation.csv``. Returns the page.
 
     Raises:
         OSError: if a file cannot be written.

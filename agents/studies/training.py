@@ -26,22 +26,10 @@ def train_agent(
     own: dict[str, str],
     artifact: Path,
 ) -> dict[str, Any]:
-    """Train PPO; the checkpoint is the artifact.
+    """Train PPO, as `agents.ppo.train` does; the checkpoint is the artifact, and ``steps`` those of whole rollouts.
 
-    Args:
-        environment: As in the study.
-        options: Of the environment.
-        memory: See `agents.ppo.train`.
-        critic: See `agents.ppo.train`.
-        changed: Hyperparameters that are not the tuned ones.
-        steps: Environment steps; None: the tuned budget.
-        seed: Number of the training run.
-        settings: What `train` looks up by itself, hyperparameters and versions; here to be part of the cell.
-        own: Source digests of what is the user's own; here to be part of the cell, too.
-        artifact: Where the checkpoint goes.
-
-    Returns:
-        ``steps``, as trained: whole rollouts.
+    Hyperparameters that are ``changed`` are not the tuned ones. The ``settings`` that `train` looks up by itself and
+    the source digests of what is the user's ``own`` are here to be part of the cell.
     """
     chosen = environment_options(environment, options)
     train(environment_id(environment), artifact, chosen, seed, steps, None, memory, critic, changed)
