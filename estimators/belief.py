@@ -67,13 +67,9 @@ class Packed:
 
 
 class Layout(NamedTuple):
-    """Where the arrays of a packed record stand.
+    """Places of the arrays of a packed record: by name the first column, or a pick of columns, and the shape of a row.
 
-    Attributes:
-        columns: By name the first column, and the shape of one row.
-        width: How many columns there are.
-        cuts: By name what picks the columns, and the shape of one row.
-        masks: Names of those that are masks, 1 and 0 there.
+    ``masks`` names those that are masks, 1 and 0 there.
     """
 
     columns: dict[str, tuple[int, tuple[int, ...]]]

@@ -135,11 +135,6 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief]):
 
         How many these are does not depend on the threads, so that a model of one's own, whose last digits may follow
         the size of a batch, has the same with any number of them; a power of two is shared evenly by two or four.
-
-        Args:
-            formulas: Of a belief and what else is given for each of its rows, random numbers last.
-            belief: For all rows.
-            given: Likewise.
         """
         batch, size = belief.mean.shape[:-1], max(1, _CACHE // (8 * self.members * self.model.n))
         numbers = self._numbers(given[-1], batch)
@@ -508,11 +503,7 @@ def _gathered(angles: np.ndarray, mean: np.ndarray) -> np.ndarray:
     """Members of angles ``(..., N, k)`` within half a turn of their direction on average, if they are spread out.
 
     Readings of angles are gathered about theirs: a member a turn away from the others would expect what they expect,
-    and its distance from them could not be corrected.
-
-    Args:
-        angles: The members.
-        mean: ``(..., k)`` which of the angles that differ by whole turns the direction is to be near to.
+    and its distance from them could not be corrected. Whole turns are chosen so that the direction is near ``mean``.
     """
     centre = np.arctan2(np.sin(angles).mean(-2), np.cos(angles).mean(-2))
     centre = (mean + wrap(centre - mean))[..., None, :]

@@ -190,12 +190,8 @@ class FaultMonitor(ABC):
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """What to remember, the statistic ``(...)`` and what speaks against each sensor ``(..., sensors)``.
 
-        Args:
-            state: The state before.
-            w: ``(..., p)`` the innovation times S^-1.
-            precision: ``(..., p, p)`` S^-1.
-            arrived: ``(..., p)`` which channels count.
-            squared: ``(...)`` the innovation squared, in units of S.
+        From w, the innovation times S^-1 ``(..., p)``, S^-1 itself, which channels count, and the innovation squared
+        in units of S.
         """
 
 

@@ -193,10 +193,7 @@ def cholesky(s: np.ndarray) -> np.ndarray:
 def log_density(e: np.ndarray, s: np.ndarray, seen: np.ndarray) -> np.ndarray:
     """The log density ``(...)`` of vectors ``e (..., p)`` of N(0, S), where S is singular in the directions it has.
 
-    Args:
-        e: 0 in components that are not seen.
-        s: ``(..., p, p)``, unit and uncorrelated there.
-        seen: Mask ``(..., p)``.
+    Where a component is not ``seen (..., p)``, e is 0 and s ``(..., p, p)`` unit and uncorrelated.
     """
     scale, unit = equilibrated(s)
     e, rank = e / scale, seen.sum(-1)

@@ -348,13 +348,7 @@ class NonlinearModel(Frozen):
     def linearise_transition(
         self, x: np.ndarray, u: np.ndarray | None, cov: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """``f(x, u)`` and its Jacobian ``(..., n, n)``.
-
-        Args:
-            x: ``(..., n)``.
-            u: ``(..., m)``.
-            cov: ``(..., n, n)`` covariance of ``x``, whose spread the steps of differences follow.
-        """
+        """``f(x, u)`` and its Jacobian ``(..., n, n)``; the steps of differences follow x's covariance."""
         return self._linearise("transition", self.n, self.state_angles, x, u, cov)
 
     def linearise_measurement(

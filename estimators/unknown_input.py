@@ -110,15 +110,10 @@ class UnknownInputFilter(Filter[WithInput]):
         return solve(S + reading.spread * (F @ F.mT), b)
 
     def _gain(self, F: np.ndarray, SF: np.ndarray, reading: Reading) -> tuple[np.ndarray, np.ndarray]:
-        """The estimate ``M e`` of ``d`` from ``e = F d`` and noise of covariance S.
+        """M ``(..., q, p)`` of the estimate ``M e`` of d from ``e = F d`` and noise of covariance S, and a projector.
 
-        Args:
-            F: ``(..., p, q)`` with the rows of missing readings zero.
-            SF: ``(..., p, q)`` ``S^-1 F``.
-            reading: For the share of the prior that is in S.
-
-        Returns:
-            M ``(..., q, p)`` and the projector ``(..., q, q)`` on the directions shown.
+        F is ``(..., p, q)`` with the rows of missing readings zero, SF is ``S^-1 F``; the reading tells the share of
+        the prior that is in S. The projector ``(..., q, q)`` is on the directions shown.
         """
         root, share = self._root, 0.0 if reading.spread is None else reading.spread[..., 0]
         information = symmetrise(root.T @ (F.mT @ SF) @ root)

@@ -105,12 +105,7 @@ def check_own(filter: Filter, composition: Composition) -> None:
 
 
 def nominal_flight(vehicle: Vehicle, estimated: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """What filters estimate ``(k, n)`` and their known input ``(k, m)``: cruising, and a while after small deflections.
-
-    Args:
-        vehicle: What moves; nothing acts on it.
-        estimated: The components of its state.
-    """
+    """Estimated states ``(k, n)`` and known inputs ``(k, m)``: cruising, and a while after small deflections."""
     cruising, actions = vehicle.cruise[0], len(vehicle.action_names)
     action = _DEFLECTED * np.vstack([np.zeros(actions), np.random.default_rng(0).uniform(-1.0, 1.0, (2, actions))])
     rows = len(action)

@@ -14,12 +14,7 @@ _JITTER, _CLOCK = 2, 3
 
 
 class Faulty:
-    """The faults of the sensors of B rows: when each acts in this episode, and what stuck ones show.
-
-    Args:
-        sensors: The sensors, with their faults, which act in their order.
-        rows: B.
-    """
+    """The faults of the sensors of B rows, in their order: when each acts in this episode, and what stuck ones show."""
 
     def __init__(self, sensors: Sensors, rows: int) -> None:
         self.each, self._dt = sensors.faults, sensors.dt
@@ -83,12 +78,7 @@ class Faulty:
 class Transit:
     """Readings of B rows that are under way.
 
-    Args:
-        sensors: The sensors, some of which are late.
-        rows: B.
-
-    Attributes:
-        lost: ``(B,)`` readings since the start that arrived with others whose wrong time stamps are the same.
+    ``lost (B,)`` counts those since the start that arrived with others whose wrong time stamps are the same.
     """
 
     def __init__(self, sensors: Sensors, rows: int) -> None:

@@ -127,13 +127,7 @@ class HeldMeasurement(Filter[HeldReadings]):
     def _derived(
         self, readings: np.ndarray, previous: np.ndarray, interval: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """State ``(..., n)`` and unknown input ``(..., q)`` from the last two readings alone.
-
-        Args:
-            readings: ``(..., p)`` the last reading of every channel.
-            previous: ``(..., p)`` the one before.
-            interval: ``(..., p)`` seconds between the two.
-        """
+        """State ``(..., n)`` and unknown input ``(..., q)`` from the last two readings ``(..., p)`` alone."""
         known = self._sensors.states_from(readings)
         for rate, _, channel, angle in self._differenced:
             change = readings[..., channel] - previous[..., channel]

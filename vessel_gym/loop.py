@@ -94,11 +94,7 @@ class Loop:
     def begin(self, rows: np.ndarray | None, prior: Gaussian, readings: Readings, u: np.ndarray) -> Belief:
         """The belief of rows (None: all) after their first readings; those of the others stay.
 
-        Args:
-            rows: Which.
-            prior: What is known at the start, of what the filter estimates.
-            readings: The first.
-            u: The known input.
+        The prior is what is known at the start, of what the filter estimates.
         """
         rng = None
         if self.filter.random:

@@ -149,14 +149,7 @@ class AUVParameters:
         return -self.coefficients.X_uu * self.cruise_speed**2
 
     def values(self, factors: np.ndarray) -> dict[str, Any]:
-        """Everything that the equations of motion need, by name.
-
-        Args:
-            factors: ``(..., f)`` on the first f of `UNCERTAIN`.
-
-        Returns:
-            Numbers or arrays of shape ``(...)``.
-        """
+        """Numbers of the equations of motion by name, with factors ``(..., f)`` on the first f of `UNCERTAIN`."""
         c: dict[str, Any] = vars(self.coefficients) | {"K_up": self.roll_lift}
         f = dict(zip(UNCERTAIN, np.moveaxis(factors, -1, 0), strict=False))
         for kind, factor in f.items():
@@ -235,12 +228,7 @@ def _inertia(c: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _inverse(axes: str, inertia: np.ndarray) -> dict[str, np.ndarray]:
-    """Inverse of a block ``(..., 3, 3)`` of the inertia by name: ``inverse_uw`` is surge from heave force.
-
-    Args:
-        axes: letters of the three velocities.
-        inertia: the block.
-    """
+    """Inverse of a block ``(..., 3, 3)`` of the inertia by its axes: ``inverse_uw`` is surge from heave force."""
     inverse = np.linalg.inv(inertia)
     return {f"inverse_{axes[i]}{axes[j]}": inverse[..., i, j] for i, j in zip(_ROW, _COLUMN, strict=True)}
 
