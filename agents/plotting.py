@@ -5,6 +5,7 @@ import io
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from functools import wraps
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec
 
 if TYPE_CHECKING:
@@ -15,35 +16,14 @@ TRUE, BELIEVED, RAW, PALE, PUBLISHED, INK = "#1f4e79", "#c8590b", "#8a8f96", "#f
 PALETTE = ("#1f4e79", "#c8590b", "#3f7f5f", "#7b4f9d", "#b08900", "#2f8fa8", "#8c3b4a", "#5a616b", "#9aa23a", "#d07fa0")
 """Colours for many lines, told apart also by those who do not see red from green where markers differ as well."""
 
-_STYLE: Any = {
-    "font.family": "STIXGeneral",
-    "mathtext.fontset": "stix",
-    "font.size": 10,
-    "axes.titlesize": 10,
-    "axes.labelsize": 10,
-    "legend.fontsize": 9.5,
-    "legend.frameon": False,
-    "axes.linewidth": 0.6,
-    "axes.edgecolor": INK,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.axisbelow": True,
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
-    "xtick.labelsize": 9,
-    "ytick.labelsize": 9,
-    "lines.linewidth": 1.1,
-    "grid.color": "#e3e5e8",
-    "grid.linewidth": 0.5,
-    "svg.hashsalt": "vessel-gym",
-}
+_STYLE = Path(__file__).with_name("templates") / "report.mplstyle"
 
 
 def styled() -> AbstractContextManager[None]:
     """The context in which a figure is made: serif type, thin axes, and the same bytes from the same data."""
-    from matplotlib import rc_context
+    from matplotlib import rc_context, rc_params_from_file
 
-    return rc_context(_STYLE)
+    return rc_context(rc_params_from_file(_STYLE, use_default_template=False))
 
 
 def data_uri(figure: "Figure") -> str:
