@@ -1,18 +1,20 @@
 """The figures of a study's report. An estimator has one colour and one mark in all of them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from agents.page import Entry
 from agents.page import Figure as Picture
 from agents.plotting import INK, PALETTE, RAW, data_uri, styled
 from agents.statistics import Interval, crossed_interval, performance_profile
 from agents.studies.records import FLOOR, ORACLE, Condition
 from agents.studies.records import RAW as READINGS
 from agents.studies.results import Pilot, Place, Results
+from agents.studies.wording import share_entry
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -416,6 +418,16 @@ def columns_of(environments: Sequence[str], together: bool) -> tuple[list[str], 
     """Headings, and the environments that each stands for: every one, and before them perhaps all together."""
     each: list[Sequence[str]] = [[e] for e in environments]
     return ([ALL, *environments], [environments, *each]) if together else (list(environments), each)
+
+
+def unitless(heads: Iterable[str]) -> list[tuple[str, str]]:
+    """The head of a table of these columns, which have no units."""
+    return [(head, "") for head in heads]
+
+
+def share_rows(rows: Iterable[Row]) -> list[tuple[str, list[Entry]]]:
+    """The rows of a dot plot as those of a table."""
+    return [(row.name, [share_entry(value) for value in row.values]) for row in rows]
 
 
 def framed(figure: "Figure", title: str, caption: str) -> Picture:

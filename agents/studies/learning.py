@@ -4,7 +4,17 @@ from collections.abc import Sequence
 
 from agents.page import Block, Entry, Prose, Section, Table, entry
 from agents.statistics import probability_of_improvement
-from agents.studies.figures import Row, columns_of, dots, framed, pilot_looks, profile_figure, transfer_figure
+from agents.studies.figures import (
+    Row,
+    columns_of,
+    dots,
+    framed,
+    pilot_looks,
+    profile_figure,
+    share_rows,
+    transfer_figure,
+    unitless,
+)
 from agents.studies.records import FEW_SEEDS
 from agents.studies.results import Pilot, Results
 from agents.studies.shares import difference, kept, learners, reference_pilot
@@ -32,20 +42,11 @@ def learning(results: Results) -> Section:
         for pilot in results.schools()
     ]
     at_home = note("at-home", runs=runs)
+    shares = dots(rows, heads, "share of the oracle's performance kept")
+    sections, name = [("", share_rows(rows))], "Share of the oracle's performance kept, by agent"
     blocks += [
-        framed(
-            dots(rows, heads, "share of the oracle's performance kept"),
-            "Share kept by each agent",
-            at_home + " Hollow: one run, no interval.",
-        ),
-        Table(
-            "Share of the oracle's performance kept, by agent",
-            at_home,
-            "Agent",
-            [(head, "") for head in heads],
-            [("", [(row.name, [share_entry(value) for value in row.values]) for row in rows])],
-            "agents",
-        ),
+        framed(shares, "Share kept by each agent", at_home + " Hollow: one run, no interval."),
+        Table(name, at_home, "Agent", unitless(heads), sections, "agents"),
     ]
     reference = reference_pilot(results)
     if reference is not None:
@@ -57,13 +58,8 @@ def learning(results: Results) -> Section:
     for agent in (a for a in results.plan.study.agents if a.learned and not a.raw):
         figure = transfer_figure(results, agent.name)
         if figure is not None:
-            blocks.append(
-                framed(
-                    figure,
-                    f"{agent.name}: trained on one estimator, flown on another",
-                    "Mean share kept over training runs, conditions and seeds; framed: the estimator of the training.",
-                )
-            )
+            heading = f"{agent.name}: trained on one estimator, flown on another"
+            blocks.append(framed(figure, heading, note("transfer")))
     return Section(title, blocks)
 
 
@@ -75,16 +71,8 @@ def _improvement(
         return Entry("–") if ours is None or theirs is None else entry(probability_of_improvement(ours, theirs), 2)
 
     rows = [(str(pilot), [better(pilot, column) for column in columns]) for pilot in others]
-    return _unless_empty(
-        Table(
-            f"Probability of improvement over {reference}",
-            note("improvement", reference=reference),
-            "Agent",
-            [(head, "") for head in heads],
-            [("", rows)],
-            "improvement",
-        )
-    )
+    title, text = f"Probability of improvement over {reference}", note("improvement", reference=reference)
+    return _unless_empty(Table(title, text, "Agent", unitless(heads), [("", rows)], "improvement"))
 
 
 def _without_filter(
@@ -97,16 +85,8 @@ def _without_filter(
         return share_entry(difference(results, column, pilot, reference, len(raw)), signed=True)
 
     rows = [(str(pilot), [gain(pilot, column) for column in columns]) for pilot in raw]
-    return _unless_empty(
-        Table(
-            "Learning without a filter",
-            note("without-filter", reference=reference),
-            "Agent",
-            [(head, "") for head in heads],
-            [("", rows)],
-            "without-filter",
-        )
-    )
+    title, text = "Learning without a filter", note("without-filter", reference=reference)
+    return _unless_empty(Table(title, text, "Agent", unitless(heads), [("", rows)], "without-filter"))
 
 
 def _unless_empty(table: Table) -> list[Block]:

@@ -10,7 +10,7 @@ from agents.metrics import NEES, SCORE, UNHEALTHY, WITHOUT_COVARIANCE, Metric
 from agents.page import Block, Entry, Live, Prose, Section, Table, entry, listed, number
 from agents.scores import metrics
 from agents.studies.examples import examples
-from agents.studies.figures import AXES, cost_figure, framed, robustness_figure, varied
+from agents.studies.figures import AXES, cost_figure, framed, robustness_figure, unitless, varied
 from agents.studies.records import FLOOR, ORACLE
 from agents.studies.results import Place, Results
 from agents.studies.shares import ruled
@@ -29,20 +29,12 @@ def consistency(results: Results) -> Section:
     sections = [(title, rows) for title, rows in sections if rows]
     if not sections:
         return Section("Consistency beside task score", [])
-    table = Table(
-        f"What estimators claim, and what agents make of it ({results.conditions[0]})",
-        note(
-            "consistency", Who=sentence(the(results.classical)), nees=NEES, unhealthy=UNHEALTHY,
-            without=listed(WITHOUT_COVARIANCE),
-        ),
-        "Estimator",
-        [
-            ("Score", ""), (NEES.label, ""), ("NEES in band", ""), ("NIS in band", ""), ("Diverged", ""),
-            ("Diverged, all conditions", ""), (UNHEALTHY.label, UNHEALTHY.unit),
-        ],
-        sections,
-        "consistency",
-    )  # fmt: skip
+    who, without = sentence(the(results.classical)), listed(WITHOUT_COVARIANCE)
+    title = f"What estimators claim, and what agents make of it ({results.conditions[0]})"
+    text = note("consistency", Who=who, nees=NEES, unhealthy=UNHEALTHY, without=without)
+    columns = ("Score", NEES.label, "NEES in band", "NIS in band", "Diverged", "Diverged, all conditions")
+    heads = [*unitless(columns), (UNHEALTHY.label, UNHEALTHY.unit)]
+    table = Table(title, text, "Estimator", heads, sections, "consistency")
     return Section("Consistency beside task score", [table])
 
 
@@ -101,24 +93,11 @@ def cost(results: Results) -> Section:
     batch = f"batch of {results.plan.study.episodes}"
     who = sentence(the(results.classical))
     heads = [(batch, "µs"), ("beyond the truth", "µs"), ("one vehicle", "µs"), ("beyond the truth", "µs")]
-    return Section(
-        title,
-        [
-            framed(
-                figure,
-                f"Score over CPU time ({results.conditions[0]})",
-                note("cost-figure", Who=who, batch=batch),
-            ),
-            Table(
-                "CPU time of a step, by estimator",
-                note("cost", Who=who, first=results.conditions[0], floor=FLOOR),
-                "Estimator",
-                heads,
-                sections,
-                "cost",
-            ),
-        ],
-    )
+    first = results.conditions[0]
+    picture = framed(figure, f"Score over CPU time ({first})", note("cost-figure", Who=who, batch=batch))
+    text = note("cost", Who=who, first=first, floor=FLOOR)
+    table = Table("CPU time of a step, by estimator", text, "Estimator", heads, sections, "cost")
+    return Section(title, [picture, table])
 
 
 def _times(times: list[tuple[int, float, float]], is_truth: bool) -> list[Entry]:

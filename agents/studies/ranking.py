@@ -7,7 +7,7 @@ import numpy as np
 from agents.page import Block, Entry, Prose, Section, Table
 from agents.statistics import BETTER, EQUIVALENT, WORSE, Interval, verdict
 from agents.studies.confirmation import FAILED, HELD, OPEN, Confirmed
-from agents.studies.figures import ALL, Row, columns_of, dots, framed, looks
+from agents.studies.figures import ALL, Row, columns_of, dots, framed, looks, share_rows, unitless
 from agents.studies.records import FLOOR, ORACLE, RAW, Study
 from agents.studies.results import Pilot, Place, Results
 from agents.studies.shares import ENDS, common, gap, kept, learners, rankable, ruled
@@ -36,24 +36,13 @@ def ranking(results: Results) -> Section:
         return [kept(results, column, results.classical, name, max(len(ranked), 1)) for column, ranked in of]
 
     rows = [Row(name, look[name], shares(name)) for name in (*names, *ENDS)]
-    blocks.append(
-        framed(
-            dots(rows, heads, "share of the oracle's performance kept"),
-            "Share of the oracle's performance that is kept",
-            note("shares-figure", Who=sentence(who), overall=overall),
-        )
-    )
+    figure = dots(rows, heads, "share of the oracle's performance kept")
+    caption = note("shares-figure", Who=sentence(who), overall=overall)
+    blocks.append(framed(figure, "Share of the oracle's performance that is kept", caption))
     conditions = many(len(results.conditions), "condition")
-    blocks.append(
-        Table(
-            "Share of the oracle's performance kept, by estimator",
-            note("ranking", Who=sentence(who), conditions=conditions, episodes=study.episodes, overall=overall),
-            "Estimator",
-            [(head, "") for head in heads],
-            [("", [(row.name, [share_entry(value) for value in row.values]) for row in rows])],
-            "ranking",
-        )
-    )
+    text = note("ranking", Who=sentence(who), conditions=conditions, episodes=study.episodes, overall=overall)
+    heading = "Share of the oracle's performance kept, by estimator"
+    blocks.append(Table(heading, text, "Estimator", unitless(heads), [("", share_rows(rows))], "ranking"))
     blocks.append(_differences(results, names, best, heads))
     return Section(title, blocks + _learned_ranking(results, environments, columns, heads, names))
 
@@ -62,14 +51,9 @@ def _differences(results: Results, names: list[str], best: list[dict[str, np.nda
     """The estimators against the best of each column."""
     margin = results.plan.study.margin
     behind = [(name, [_behind(ranked, name, margin) for ranked in best]) for name in names]
-    return Table(
-        "Difference from the best",
-        note("behind-the-best", Equivalent=EQUIVALENT.capitalize(), margin=margin),
-        "Estimator",
-        [(head, "") for head in heads],
-        [("", behind)],
-        "behind-the-best",
-    )
+    text = note("behind-the-best", Equivalent=EQUIVALENT.capitalize(), margin=margin)
+    heading = unitless(heads)
+    return Table("Difference from the best", text, "Estimator", heading, [("", behind)], "behind-the-best")
 
 
 def _learned_ranking(
@@ -83,16 +67,9 @@ def _learned_ranking(
     sections = [(title, rows) for title, rows in sections if rows]
     if not sections:
         return []
-    return [
-        Table(
-            "Share of the oracle's performance kept by learned agents, by the estimator flown on",
-            note("ranking-learned", runs=many(results.plan.study.training_seeds, "training run")),
-            "Flown on",
-            [(head, "") for head in heads],
-            sections,
-            "ranking-learned",
-        )
-    ]
+    title = "Share of the oracle's performance kept by learned agents, by the estimator flown on"
+    text = note("ranking-learned", runs=many(results.plan.study.training_seeds, "training run"))
+    return [Table(title, text, "Flown on", unitless(heads), sections, "ranking-learned")]
 
 
 def ranked_names(results: Results, environments: list[str]) -> list[str]:
@@ -176,18 +153,9 @@ def price(results: Results) -> Section:
             sections.append((environment, rows))
     if not sections:
         return Section("The price of estimation", [])
-    table = Table(
-        "Score lost against the truth",
-        note(
-            "price",
-            Who=sentence(the(results.classical)),
-            learned="; learned agents, on the estimator of their training" if learners(results) else "",
-        ),
-        "Estimator",
-        [(condition, "") for condition in results.conditions],
-        sections,
-        "price",
-    )
+    learned = "; learned agents, on the estimator of their training" if learners(results) else ""
+    text, heads = note("price", Who=sentence(the(results.classical)), learned=learned), unitless(results.conditions)
+    table = Table("Score lost against the truth", text, "Estimator", heads, sections, "price")
     return Section("The price of estimation", [*_price_figure(results), table])
 
 
