@@ -4,24 +4,10 @@ import numpy as np
 
 from agents.page import Table, listed, number
 from agents.statistics import EQUIVALENT, UNDECIDED, WORSE, Interval
+from agents.studies import shares
 from agents.studies.confirmation import FAILED, HELD, OPEN, Confirmed, confirmed
 from agents.studies.records import FEW_SEEDS, FLOOR, ORACLE
 from agents.studies.results import Pilot, Results
-from agents.studies.shares import (
-    against_classical,
-    common,
-    crossing,
-    difference,
-    gap,
-    kept,
-    learners,
-    loss,
-    rankable,
-    reference_pilot,
-    ruled,
-    shared,
-    verdicts,
-)
 from agents.studies.wording import amount, every, many, microseconds, named, percent, sentence, share_entry, the
 
 BEST = 5
@@ -37,13 +23,13 @@ def answer(results: Results, fresh: Results | None = None) -> list[str]:
     """
     if not results.environments:
         return ["Nothing has a result yet."]
-    environments = ruled(results)
+    environments = shares.ruled(results)
     if not environments:
         sentences = [
             f"No estimator can be ranked: for that {the(results.classical)} has to fly {ORACLE}, {FLOOR} and an "
             f"estimator between them, and score higher on {ORACLE}."
         ]
-    elif common(results):
+    elif shares.common(results):
         sentences = _advice_for_all(results, environments)
     else:
         sentences = [told for environment in environments for told in _advice_for_one(results, environment)]
@@ -53,14 +39,20 @@ def answer(results: Results, fresh: Results | None = None) -> list[str]:
 
 def summary(results: Results) -> Table | None:
     """Table of the best estimators for the classical agent, if one ranking holds for all environments."""
-    environments = ruled(results)
-    ranked = common(results) if len(environments) > 1 else rankable(results, environments) if environments else {}
+    environments = shares.ruled(results)
+    ranked = (
+        shares.common(results)
+        if len(environments) > 1
+        else shares.rankable(results, environments)
+        if environments
+        else {}
+    )
     if not ranked:
         return None
     places, who = results.scaled(environments), results.classical
     rows = [
-        (name, [share_entry(kept(results, environments, who, name, len(ranked))),
-                share_entry(loss(results, environments, name, len(ranked))),
+        (name, [share_entry(shares.kept(results, environments, who, name, len(ranked))),
+                share_entry(shares.loss(results, environments, name, len(ranked))),
                 percent(results.completed(places, who, name)),
                 share_entry(results.worst_decile(places, who, name))])
         for name in list(ranked)[:BEST]
@@ -70,7 +62,7 @@ def summary(results: Results) -> Table | None:
 
 
 def _advice_for_one(results: Results, environment: str) -> list[str]:
-    ranked = rankable(results, [environment])
+    ranked = shares.rankable(results, [environment])
     best = next(iter(ranked))
     return [
         f"Fly {best} in {environment}: {_worth(results, [environment], best, ranked)}.",
@@ -80,7 +72,7 @@ def _advice_for_one(results: Results, environment: str) -> list[str]:
 
 
 def _advice_for_all(results: Results, environments: list[str]) -> list[str]:
-    everywhere = common(results)
+    everywhere = shares.common(results)
     pick = next(iter(everywhere))
     worth = _worth(results, environments, pick, everywhere)
     return [
@@ -92,16 +84,16 @@ def _advice_for_all(results: Results, environments: list[str]) -> list[str]:
 
 
 def _worth(results: Results, environments: list[str], best: str, ranked: dict[str, np.ndarray]) -> str:
-    share = kept(results, environments, results.classical, best, len(ranked))
+    share = shares.kept(results, environments, results.classical, best, len(ranked))
     return (
         f"on it {the(results.classical)} keeps {amount(share)} of what knowing the truth is worth over dead reckoning, "
-        f"and loses {amount(loss(results, environments, best, len(ranked)))} of score against the truth"
+        f"and loses {amount(shares.loss(results, environments, best, len(ranked)))} of score against the truth"
     )
 
 
 def _standing(results: Results, ranked: dict[str, np.ndarray], best: str) -> list[str]:
     """The verdicts on all others against the best."""
-    found, margin = verdicts(results, ranked, best), results.plan.study.margin
+    found, margin = shares.verdicts(results, ranked, best), results.plan.study.margin
     if list(found) == [WORSE]:
         second = found[WORSE][0]
         return [f"Every other is worse; the next, {second}, keeps {_more_than(ranked, best, second)} less."]
@@ -110,17 +102,17 @@ def _standing(results: Results, ranked: dict[str, np.ndarray], best: str) -> lis
 
 
 def _more_than(ranked: dict[str, np.ndarray], best: str, other: str) -> str:
-    return amount(gap(ranked, best, other))
+    return amount(shares.gap(ranked, best, other))
 
 
 def _each_best(results: Results, environments: list[str], pick: str) -> str:
     """The environments in which the pick for all of them is worse than their best, and by how much."""
     better, equal = [], []
     for environment in environments:
-        ranked = rankable(results, [environment])
+        ranked = shares.rankable(results, [environment])
         best = next(iter(ranked))
-        if pick != best and pick in verdicts(results, ranked, best).get(WORSE, ()):
-            level = [n for n in verdicts(results, ranked, best).get(EQUIVALENT, ()) if n != pick]
+        if pick != best and pick in shares.verdicts(results, ranked, best).get(WORSE, ()):
+            level = [n for n in shares.verdicts(results, ranked, best).get(EQUIVALENT, ()) if n != pick]
             tied = f" (equivalent: {listed(level)})" if level else ""
             better.append(f"in {environment} {best} keeps {_more_than(ranked, best, pick)} more than {pick}{tied}")
         else:
@@ -162,9 +154,9 @@ def _prices_in_time(results: Results, environments: list[str], estimator: str) -
 
 def _answer_of_learning(results: Results) -> list[str]:
     """Learned agents against the classical one, filters against memory, and the cost of crossing estimators."""
-    reference, sentences = reference_pilot(results), []
+    reference, sentences = shares.reference_pilot(results), []
     if reference is not None:
-        each = {e: against_classical(results, e, reference) for e in shared(results, reference)}
+        each = {e: shares.against_classical(results, e, reference) for e in shares.shared(results, reference)}
         gaps = {e: gap for e, gap in each.items() if gap is not None}
         if gaps:
             who = f"{named(reference)}, flying the estimator of its training,"
@@ -181,9 +173,9 @@ def _answer_of_learning(results: Results) -> list[str]:
 
 def _filter_or_memory(results: Results, reference: Pilot) -> list[str]:
     """Learning on a filter against learning on measurements, with or without memory, in each environment."""
-    raw, sentences = [pilot for pilot in learners(results) if results.agent(pilot).raw], []
-    for environment in shared(results, reference):
-        each = {pilot: difference(results, [environment], reference, pilot, len(raw)) for pilot in raw}
+    raw, sentences = [pilot for pilot in shares.learners(results) if results.agent(pilot).raw], []
+    for environment in shares.shared(results, reference):
+        each = {pilot: shares.difference(results, [environment], reference, pilot, len(raw)) for pilot in raw}
         gaps = {pilot: gap for pilot, gap in each.items() if gap is not None}
         if gaps:
             told = [f"{_more(gap)} than {named(pilot)}" for pilot, gap in gaps.items()]
@@ -209,7 +201,7 @@ def _verdict(gaps: list[Interval | float]) -> str:
 
 def _crossings(results: Results) -> list[str]:
     """Cost of flying on an estimator that the policy was not trained on."""
-    found = [(e, cost) for e in results.environments if (cost := crossing(results, e)) is not None]
+    found = [(e, cost) for e in results.environments if (cost := shares.crossing(results, e)) is not None]
     if found:
         told = listed([f"{_less(cost)} in {e}" for e, cost in found])
         return [f"On an estimator that another policy was trained on, a policy keeps {told} than that one."]

@@ -9,19 +9,9 @@ from typing import Any, NamedTuple
 
 from agents.files import replacing
 from agents.statistics import EQUIVALENT, UNDECIDED, Interval, paired_difference, verdict
+from agents.studies import shares
 from agents.studies.records import Study
 from agents.studies.results import Results
-from agents.studies.shares import (
-    against_classical,
-    common,
-    difference,
-    kept,
-    learners,
-    rankable,
-    reference_pilot,
-    ruled,
-    shared,
-)
 
 HELD, OPEN, FAILED = "confirmed", "not confirmed", "contradicted"
 """Outcomes of a claim on fresh seeds: the same verdict, none, another one."""
@@ -78,20 +68,20 @@ def confirmed(results: Results, fresh: Results) -> Confirmed:
         value = again.get(first[:3])
         claims.append(Claim(first, value, (verdict(first.value, margin), verdict(value, margin))))
     columns = _columns(results)
-    column = next(iter(columns)) if len(ruled(results)) == 1 or common(results) else ""
-    share = kept(fresh, columns[column], fresh.classical, best[column]) if column else None
+    column = next(iter(columns)) if len(shares.ruled(results)) == 1 or shares.common(results) else ""
+    share = shares.kept(fresh, columns[column], fresh.classical, best[column]) if column else None
     return Confirmed(fresh.plan.study.episodes, best.get(column, ""), share, claims)
 
 
 def _columns(results: Results) -> dict[str, Sequence[str]]:
     """The environments that each column of the ranking stands for."""
-    each: dict[str, Sequence[str]] = {e: [e] for e in ruled(results)}
-    return ({"All": list(each)} if common(results) else {}) | each
+    each: dict[str, Sequence[str]] = {e: [e] for e in shares.ruled(results)}
+    return ({"All": list(each)} if shares.common(results) else {}) | each
 
 
 def _best(results: Results) -> dict[str, str]:
     """The best estimator of each column."""
-    return {column: next(iter(rankable(results, where))) for column, where in _columns(results).items()}
+    return {column: next(iter(shares.rankable(results, where))) for column, where in _columns(results).items()}
 
 
 def _differences(results: Results, best: dict[str, str], chosen: bool) -> Iterator[Difference]:
@@ -100,20 +90,20 @@ def _differences(results: Results, best: dict[str, str], chosen: bool) -> Iterat
     Where the best was chosen on other seeds, the 95 % hold for all comparisons with it at once, else for all pairs.
     """
     for column, where in _columns(results).items():
-        ranked = rankable(results, where)
+        ranked = shares.rankable(results, where)
         others = [name for name in ranked if name != best.get(column)]
         pairs = len(others) * (1 if chosen else len(ranked)) // (1 if chosen else 2)
         for name in others if best.get(column) in ranked else ():
             found = paired_difference(ranked[name], ranked[best[column]], comparisons=pairs)
             yield Difference(column, name, best[column], found)
-    reference = reference_pilot(results)
-    for environment in [] if reference is None else shared(results, reference):
+    reference = shares.reference_pilot(results)
+    for environment in [] if reference is None else shares.shared(results, reference):
         assert reference is not None
-        value = against_classical(results, environment, reference)
+        value = shares.against_classical(results, environment, reference)
         yield Difference(environment, str(reference), str(results.classical), value)
-        raw = [pilot for pilot in learners(results) if results.agent(pilot).raw]
+        raw = [pilot for pilot in shares.learners(results) if results.agent(pilot).raw]
         for pilot in raw:
-            value = difference(results, [environment], reference, pilot, len(raw))
+            value = shares.difference(results, [environment], reference, pilot, len(raw))
             yield Difference(environment, str(reference), str(pilot), value)
 
 
