@@ -14,7 +14,7 @@ import numpy as np
 
 from scripts.arms import EPISODES, Arm
 from scripts.console import Refusal, command, in_checkout, progress_bar, put
-from scripts.fault_tables import alarms, faults, faults_found, gap, inputs, latency
+from scripts.fault_tables import SEEDS, alarms, faults, faults_found, gap, inputs, latency
 from scripts.filter_tables import adaptive_inflation, huber_iterations, robust_losses, unstable_zeros
 from scripts.markdown import ROOT, WITHOUT, number, percent, rows_of, shown, table
 
@@ -175,6 +175,35 @@ def worth(plain: str, env_id: str) -> str:
     return table((f"Score (arrived of {EPISODES})", "`truth`", "default", plain, *same), [row])
 
 
+def paired_flights() -> str:
+    """Paired differences of the aircraft's scores, which its page argues with."""
+    scores = {arm.label: flown("PunaUAV-v0", arm.label).scores["score"] for arm in FLIGHTS}
+    default, plain = scores["`enkf`, localised"], scores["`enkf`, plain, inflation 1"]
+    pairs = {
+        "`truth` − default": scores["`truth`"] - default,
+        "default − `measurement`": default - scores["`measurement`"],
+        "`ekf` − default": scores["`ekf`"] - default,
+        "`ukf` − default": scores["`ukf`"] - default,
+        "default − plain, inflation 1": default - plain,
+        "`ekf` − `huber-kf`": scores["`ekf`"] - scores["`huber-kf`"],
+    }
+    return table(tuple(pairs), [[shown(difference) for difference in pairs.values()]])
+
+
+def surface_waves() -> str:
+    """Scores of the dives under surface waves, which filters are told of or not."""
+    untold, rows = {"told": {"disturbance": "moderate"}}, []
+    for env_id, estimators in (
+        ("SegorogeniAUV-v0", ("truth", "enkf", "ekf")),
+        ("ItsunusaAUV-v0", ("truth", "enkf-sr")),
+    ):
+        for name in estimators:
+            seas = [("moderate", {}), ("surface", {}), *([("surface", untold)] if name != "truth" else [])]
+            cells = [shown(Arm(name, name, told).scores(env_id, SEEDS, disturbance=sea)["score"]) for sea, told in seas]
+            rows.append((f"{env_id.removesuffix('-v0')}, `{name}`", *cells, *[WITHOUT] * (3 - len(cells))))
+    return table(("", "moderate water", "surface waves", "surface waves, told of moderate water"), rows)
+
+
 def sensor_sets() -> str:
     """The corvette on `kf-umv-ui` with fewer and other sensors."""
     from vessel_gym.vehicles.corvette import MOTION_UNIT
@@ -316,6 +345,8 @@ TABLES: dict[str, tuple[Path, Callable[[], str]]] = {
     "segorogeni": (ROOT / "docs/dives.md", lambda: journeys("SegorogeniAUV-v0")),
     "itsunusa": (ROOT / "docs/dives.md", lambda: journeys("ItsunusaAUV-v0")),
     "puna": (ROOT / "docs/flight.md", lambda: journeys("PunaUAV-v0")),
+    "surface": (ROOT / "docs/dives.md", surface_waves),
+    "puna, paired": (ROOT / "docs/flight.md", paired_flights),
     "moderate": (ROOT / "docs/seaway.md", lambda: turns("moderate")),
     "rough": (ROOT / "docs/seaway.md", lambda: turns("rough")),
     "segorogeni, short": (ENVIRONMENTS / "segorogeni-auv.md", lambda: worth("plain ensemble", "SegorogeniAUV-v0")),
