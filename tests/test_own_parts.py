@@ -3,6 +3,7 @@
 import contextlib
 import io
 import re
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,14 @@ from estimators import EnsembleKalmanFilter
 from estimators.metrics import chi_square_band, nees
 from vessel_gym.core import Core
 from vessel_gym.disturbances import Disturbance, Fault
-from vessel_gym.envs import ItsunusaAUVEnv, SegorogeniAUVEnv, ShipEnv, SigmaCorvetteEnv, register_environment
+from vessel_gym.envs import (
+    ItsunusaAUVEnv,
+    SegorogeniAUVEnv,
+    ShipEnv,
+    SigmaCorvetteEnv,
+    ThesisCorvetteEnv,
+    register_environment,
+)
 from vessel_gym.estimation import estimator_names
 from vessel_gym.processes import Process
 from vessel_gym.sensors import Sensor
@@ -453,6 +461,119 @@ def test_an_end_that_there_is_not_is_refused(end: float) -> None:
 
     message = refused(Core(replace(ItsunusaAUVEnv.system, task=Ends(False)), 2, "ekf"))
     assert message.startswith("score of Ends gave the numbers of ends [")
+
+
+# --- arrays of users' functions ------------------------------------------------------------------------
+
+THESIS = ThesisCorvetteEnv.system
+MALFORMED = [
+    ("vehicle", "start", lambda x: (x[0][:1], x[1]), "as the state, must give a row of 8 numbers"),
+    ("vehicle", "start", lambda x: (None, x[1]), "as the state, must give an array of real numbers, got None"),
+    ("vehicle", "start", lambda x: (x[0], x[1][:, :0]), "as the actuators, must give a row of 1 numbers"),
+    ("vehicle", "step", lambda x: x[:1], "must give a row of 8 numbers for each vehicle: for 3 "),
+    ("vehicle", "parameters", lambda x: None, "must give an array of real numbers, got None"),
+    ("vehicle", "parameters", lambda x: x[:, :2], "must give a row of 28 numbers"),
+    ("vehicle", "actuate", lambda x: None, "must give an array of real numbers, got None"),
+    ("vehicle", "known_input", lambda x: None, "must give an array of real numbers, got None"),
+    ("vehicle", "known_input", lambda x: x * np.nan, "must give finite numbers"),
+    ("vehicle", "drift", lambda x: x * 1j, "must give an array of real numbers"),
+    ("task", "course", lambda x: None, "must give an array of real numbers, got None"),
+    ("task", "course", lambda x: x[:, :1], "must give a row of 2 numbers"),
+    ("task", "course", lambda x: x * np.nan, "must give finite numbers"),
+    ("task", "prior", lambda x: None, "must give a Gaussian, got None"),
+    ("task", "sizes", lambda x: {}, "must give guided, got {}"),
+    ("task", "reference", lambda x: None, "must give an array of real numbers, got None"),
+    ("task", "reference", lambda x: x[:, :1], "must give a row of 4 numbers"),
+    ("task", "reference", lambda x: x[:1], "must give a row of 4 numbers for each vehicle: for 3 "),
+    ("task", "reference", lambda x: x * 1j, "must give an array of real numbers"),
+    ("task", "commanded", lambda x: x * np.nan, "must give finite numbers"),
+    ("task", "observe", lambda x: x[:1], "must give a row of 7 numbers for each vehicle: for 3 "),
+    ("task", "observe", lambda x: x * 1j, "must give an array of real numbers"),
+    ("task", "over", lambda x: "a", "must give an array of real numbers, got 'a'"),
+    ("task", "score", lambda x: None, "must give 3 arrays, reward, end, tally, got None"),
+    ("task", "score", lambda x: x[:2], "must give 3 arrays, reward, end, tally"),
+    ("task", "score", lambda x: (x[0][:1], *x[1:]), "as the reward, must give one number for each vehicle: for 3 "),
+    ("task", "score", lambda x: (x[0] * 1j, *x[1:]), "as the reward, must give an array of real numbers"),
+    ("task", "score", lambda x: (*x[:2], None), "as the tally, must give an array of real numbers, got None"),
+    ("task", "score", lambda x: (*x[:2], np.zeros((3, 1))), "as the tally, must give a row of 0 numbers"),
+]
+
+
+def own(part: str, **members: Any) -> Any:
+    """The thesis's system with a subclass of its vehicle or task."""
+    of = getattr(THESIS, part)
+    mine = object.__new__(type("Mine", (type(of),), members))
+    vars(mine).update(vars(of))
+    return replace(THESIS, **{part: mine})
+
+
+def flown(system: Any, **options: Any) -> Core:
+    core = Core(system, 3, "ekf", **options)
+    core.start(0)
+    core.step(np.zeros(core.action_shape))
+    core.observe()
+    return core
+
+
+@pytest.mark.parametrize(("part", "name", "change", "sentence"), MALFORMED)
+def test_an_array_that_kernels_cannot_take_is_refused_in_a_sentence(
+    part: str, name: str, change: Any, sentence: str
+) -> None:
+    """Kernels would read beyond arrays of fewer rows or columns, and nothing would say where NaN came from."""
+    base = getattr(type(getattr(THESIS, part)), name)
+    broken = own(part, **{name: lambda self, *arguments: change(base(self, *arguments))})
+    warnings.simplefilter("error")  # which pytest takes back
+    with pytest.raises((ValueError, TypeError)) as caught:
+        flown(broken, mismatch=0.1)
+    message = str(caught.value)
+    assert message.startswith(f"{name} of Mine")
+    assert sentence in message
+    assert "\n" not in message
+    assert len(message) < 300
+
+
+def test_nan_in_a_tally_is_refused_and_infinity_and_rewards_of_any_range_are_not() -> None:
+    base = TurningCircle.score
+
+    def remembering(first: float, later: float) -> Any:
+        def score(self: Any, *arguments: Any) -> Any:
+            reward, end, tally = base(self, *arguments)
+            return -2000.0 * reward, end, tally + later
+
+        return own("task", begin=lambda self, state, course: np.full((len(state), 1), first), score=score)
+
+    core = flown(remembering(np.inf, 0.0))
+    assert (core.total < -1.0).all()
+    assert np.isinf(core.tally).all()
+    with pytest.raises(
+        ValueError, match=r"^score of Mine, as the tally, gave \[nan\] at step 1 in row 0: it must give"
+    ):
+        flown(remembering(0.0, np.nan))
+
+
+def test_a_subclass_flies_to_the_bit_as_the_parts_that_it_derives_from() -> None:
+    ours = flown(THESIS).info()
+    for part in ("vehicle", "task"):
+        theirs = flown(own(part)).info()
+        for name, values in ours.items():
+            np.testing.assert_array_equal(values, theirs[name], name)
+
+
+@pytest.mark.parametrize(
+    ("member", "value", "sentence"),
+    [("process", Process(1e6 * np.eye(2), np.eye(2), np.eye(2)), "process of Own grows by a factor of 1e+06 a step"),
+     ("believed", "calm", "believed of Own must be a Disturbance, or None, got 'calm'"),
+     ("input_sd", (-1.0, 1.0), "input_sd of Own must be numbers of at least 0"),
+     ("scale", (0.0, 1.0), "scale of Own must be numbers above 0"),
+     ("effect", lambda self, z, state: z * 1j, "effect of Own gave [0j, 0j] "),
+     ("effect", lambda self, z, state: z if len(z) != 3 else z.tolist()[:1], "effect of Own must give a row of 2 ")],
+)  # fmt: skip
+def test_a_disturbance_of_no_use_is_refused_in_a_sentence(member: str, value: Any, sentence: str) -> None:
+    made = {"names": ("a", "b"), "forces": ("current north", "current east"), "told": "noise",
+            "process": Process.wandering((0.2, 0.2), 200.0, 0.5)}  # fmt: skip
+    disturbance = type("Own", (Disturbance,), made | {member: value})()
+    with pytest.raises(ValueError, match=f"^{re.escape(sentence)}"):
+        flown(THESIS, disturbance=disturbance)
 
 
 def test_a_function_that_does_not_repeat_itself_is_refused_when_it_is_handed_in() -> None:

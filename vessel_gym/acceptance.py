@@ -3,6 +3,9 @@
 That readings do not tell of an unknown input; that a filter of a user's own cannot take an ordinary step.
 """
 
+from contextlib import suppress
+from typing import Any
+
 import numpy as np
 
 from estimators import Filter, Gaussian, input_conditions
@@ -10,8 +13,9 @@ from estimators.check import check_steps
 from estimators.models import resolve
 from estimators.unknown_input import UnknownInputFilter
 from vessel_gym.composition import Composition
-from vessel_gym.foreign import Copying, repeated
+from vessel_gym.foreign import CheckedMethods, copied, ours, repeated, rows_of
 from vessel_gym.system import Vehicle
+from vessel_gym.tasks.task import Task
 
 VAGUEST = 3.0
 """How many of its sizes an unknown input may be uncertain by when one step's readings have told of it."""
@@ -20,29 +24,74 @@ _NEAR = 1e-4
 """Variance of every state of a start that any model can have, in SI units and radians."""
 
 
-def check_vehicle(vehicle: Vehicle) -> None:
-    """Refuse a user's vehicle whose `drift` does not repeat itself, or which gives another number of states.
+def checked_vehicle(vehicle: Vehicle) -> Any:
+    """The vehicle if it is `ours`, and otherwise with `CheckedMethods`, after one step.
 
     Raises:
-        ValueError: naming the function.
+        ValueError: naming the function that does not repeat itself, or gives another number of values.
     """
-    who, (x, u) = type(vehicle).__name__, (np.asarray(each, float)[None] for each in vehicle.cruise)
-    state, actuators = vehicle.start(x)
-    parameters = np.asarray(vehicle.parameters(0.0, np.zeros((1, vehicle.normals))))
-    kicks, flows = np.zeros((1, len(vehicle.kicks))), np.zeros((1, len(vehicle.flows)))
-    forcing = np.concatenate([kicks, flows], -1)
+    if ours(vehicle):
+        return vehicle
+    title, (x, u) = type(vehicle).__name__, (np.asarray(each, float)[None] for each in vehicle.cruise)
+    widths = {"state": len(vehicle.state_names), "parameters": len(vehicle.parameter_names), "known input": u.shape[1]}
+    checked = CheckedMethods(vehicle, **widths)
+    _fix_columns(checked, "actuators", _columns_of_ours(vehicle, "start", x), "start", x)
+    state, actuators = checked.start(x)
+    checked.actuate(actuators, np.zeros((1, len(vehicle.action_names))))
+    checked.known_input(actuators, actuators, None)
+    parameters = checked.parameters(0.0, np.zeros((1, vehicle.normals)))
+    flows = np.zeros((1, len(vehicle.flows)))
+    forcing = np.concatenate([np.zeros((1, len(vehicle.kicks))), flows], -1)
     with np.errstate(all="ignore"):
-        after = Copying(vehicle.step)(state, actuators, actuators, forcing, parameters)
-    moved = repeated(f"drift of {who}", vehicle.drift, x, u, flows)
-    estimated = vehicle.estimated(vehicle.kinds[0])
-    for name, value, names in (
-        ("start", state, vehicle.state_names), ("step", after, vehicle.state_names), ("drift", moved, estimated),
+        checked.step(state, actuators, actuators, forcing, parameters)
+    drift, estimated = f"drift of {title}", vehicle.estimated(vehicle.kinds[0])
+    rows_of(drift, repeated(drift, vehicle.drift, x, u, flows), 1, len(estimated))
+    return checked
+
+
+def checked_task(task: Task, vehicle: Vehicle) -> Any:
+    """The task if it is `ours`, and otherwise with `CheckedMethods`, after the start of an episode.
+
+    Raises:
+        ValueError: naming the function that gives no array, or too few columns.
+        TypeError: for a prior that is none.
+    """
+    if ours(task):
+        return task
+    checked = CheckedMethods(task, prior=len(vehicle.estimated(vehicle.kinds[0])))
+    drawn = np.full((1, task.uniforms), 0.5)
+    base = np.full((1, max(task.uniforms, getattr(_ours_among_bases(task), "uniforms", 0))), 0.5)
+    course = _fix_columns(checked, "course", _columns_of_ours(task, "course", base, {}), "course", drawn, {})
+    x, step = np.array(checked.prior(course).mean), np.zeros(1, int)
+    for name, what, arguments in (
+        ("reference", "reference", (course, step, x)), ("commanded", "commanded", (course, step)),
+        ("begin", "tally", (vehicle.start(x)[0], course)),
     ):  # fmt: skip
-        if np.shape(value) != (1, len(names)):
-            raise ValueError(
-                f"{name} of {who} must give a row of {len(names)} numbers for each vehicle ({', '.join(names)}): for "
-                f"one it gave shape {np.shape(value)}"
-            )
+        _fix_columns(checked, what, _columns_of_ours(task, name, *arguments), name, *arguments)
+    return checked
+
+
+def _ours_among_bases(part: Any) -> Any:
+    """The class of this package that a user's part derives from, but for those that compute nothing; None: none."""
+    return next((each for each in type(part).__mro__ if ours(each) and each not in (Task, Vehicle)), None)
+
+
+def _columns_of_ours(part: Any, name: str, *arguments: Any) -> int:
+    """Columns of what a method gives in the class of this package that a part derives from, whose kernels read them."""
+    with suppress(Exception):  # somebody's class need not have what ours computes with, and then gives its own
+        given = getattr(_ours_among_bases(part), name)(part, *map(copied, arguments))
+        return int((given[-1] if isinstance(given, tuple) else given).shape[1])
+    return 0
+
+
+def _fix_columns(checked: CheckedMethods, what: str, least: int, name: str, *arguments: Any) -> Any:
+    """Result of a method, whose columns stay as many as they are; there are no fewer than ``least``."""
+    given = getattr(checked, name)(*arguments)
+    array = given[-1] if isinstance(given, tuple) else given
+    if array is not None:
+        checked.columns[what] = max(array.shape[1], least)
+        getattr(checked, name)(*arguments)  # where there are fewer, a refusal
+    return given
 
 
 def check_input(filter: Filter, composition: Composition) -> None:

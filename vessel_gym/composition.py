@@ -12,10 +12,10 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from estimators import LinearModel, NonlinearModel, retimed, stacked
-from estimators.checks import shown, writable
+from estimators.checks import numbers, shown, writable
 from estimators.models import Function, Matrix, Schedule, StateMatrix, StateNoise, central_differences, resolve, steps
 from vessel_gym.disturbances import Disturbance
-from vessel_gym.foreign import copied, copying, ours, repeated
+from vessel_gym.foreign import copied, copying, ours, repeated, rows_of
 from vessel_gym.processes import Process
 from vessel_gym.sensors import Sensors, columns
 from vessel_gym.system import Trims, Vehicle
@@ -49,6 +49,13 @@ def _mistakes(vehicle: Vehicle, disturbance: Disturbance) -> Iterator[str]:
         given: Any = getattr(disturbance, what) or ()
         if isinstance(given, str) or len(set(given)) < len(given):
             yield f"{what} of {who} must be a tuple of different names, got {shown(given)}"
+    believed: Any = disturbance.believed
+    if not isinstance(believed, Disturbance | None):
+        yield f"believed of {who} must be a Disturbance, or None, got {shown(believed)}"
+    for what, least, wanted in (("input_sd", 0.0, "of at least 0"), ("scale", 1e-300, "above 0")):
+        sizes = numbers(getattr(disturbance, what) or ())
+        if sizes is None or not ((sizes >= least) & np.isfinite(sizes)).all():
+            yield f"{what} of {who} must be numbers {wanted}, got {shown(getattr(disturbance, what))}"
     if disturbance.told != "states" and process.normals < process.size:
         yield f"{who} needs as many normal numbers a step as its state has components to begin"
     for name in (*disturbance.forces, *disturbance.shakes):
@@ -69,6 +76,8 @@ def _mistakes(vehicle: Vehicle, disturbance: Disturbance) -> Iterator[str]:
     if disturbance.dt not in (None, vehicle.dt):
         own, dt = disturbance.dt, vehicle.dt
         yield f"{who} was made for steps of {own} s, the vehicle's are {dt:g} s: give it dt={dt:g}"
+    if process.size and (modulus := np.abs(np.linalg.eigvals(process.transition)).max()) > 1.0 + 1e-6:
+        yield f"process of {who} grows by a factor of {modulus:.3g} a step: eigenvalues must be of modulus 1 at most"
     if len(disturbance.names) != process.size:
         yield f"{who} names {len(disturbance.names)} components of a state that has {process.size}"
     for name in disturbance.names:
@@ -89,8 +98,9 @@ def _mistakes(vehicle: Vehicle, disturbance: Disturbance) -> Iterator[str]:
     if shape != (2, len(disturbance.forces)):
         values = f"{len(disturbance.forces)} values a row, for {', '.join(disturbance.forces)}"
         yield f"effect of {who} must give {values}: z of shape {z.shape} gave {shape}"
-    elif not np.isfinite(given).all():
-        yield f"effect of {who} gave {shown(given[0].tolist())} for z = 0 and a vehicle that cruises: it must be finite"
+    elif numbers(given) is None or not np.isfinite(given).all():
+        gave = f"gave {shown(given[0].tolist())} for z = 0 and a vehicle that cruises"
+        yield f"effect of {who} {gave}: it must be real and finite"
 
 
 def _drifted(
@@ -134,7 +144,7 @@ class Forces:
         if mistake is not None:
             raise ValueError(mistake)
         self.vehicle, self.disturbance = vehicle, disturbance
-        self._effect = copying(disturbance.effect, disturbance)
+        self._effect, self._ours = copying(disturbance.effect, disturbance), ours(disturbance)
         self.drift: Callable[..., np.ndarray] = vehicle.drift if ours(vehicle) else partial(_drifted, vehicle.drift)
         """The vehicle's."""
         known = acting_on(vehicle)
@@ -177,7 +187,10 @@ class Forces:
 
     def add(self, forcing: np.ndarray, z: np.ndarray, state: np.ndarray, actuators: np.ndarray) -> None:
         """Put in an effect that is not `constant`, in place: forcing ``(B, f)``; a fault is with what is lost."""
-        forcing[:, self._columns] = self._effect(z, state)
+        effect = self._effect(z, state)
+        if not self._ours:
+            effect = rows_of(f"effect of {type(self.disturbance).__name__}", effect, len(z), len(self.to))
+        forcing[:, self._columns] = effect
         if self.faulty:
             offsets, losses = self.of_actuators(forcing)
             offsets -= losses * actuators

@@ -16,14 +16,14 @@ from estimators.linalg import shared_root
 from estimators.randomness import word
 from estimators.threads import each, shares
 from estimators.threefry import normal_pair, threefry
-from vessel_gym.acceptance import check_vehicle
+from vessel_gym.acceptance import checked_task, checked_vehicle
 from vessel_gym.arrivals import Readings
 from vessel_gym.checks import number, numbers, one_of
 from vessel_gym.checks import options as checked_options
 from vessel_gym.composition import Composition, Forces, acting_on, change_of
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.estimation import Estimation, EstimatorChoice, build, chosen_disturbance
-from vessel_gym.foreign import CopyingMethods, ours, refuse_not_finite
+from vessel_gym.foreign import CheckedMethods, ours, refuse_not_finite, rows_of
 from vessel_gym.loop import Loop
 from vessel_gym.processes import stir
 from vessel_gym.sensor_faults import SensorFault
@@ -39,7 +39,7 @@ DECLARED = 0.5
 
 _FLOATS = np.dtype(np.float32), np.dtype(np.float64)
 
-_ATTACHED = ("system", "vehicle", "task", "forces", "sensors", "composition", "_vehicle", "_task")
+_ATTACHED = ("system", "vehicle", "task", "forces", "sensors", "composition", "_vehicle", "_task", "_own_parts")
 """What `Core.attach` gives, and may hold functions that cannot be pickled."""
 _DRAWN = ("task", "vehicle", "parameters", "filter")
 """What is drawn by itself at the start of an episode; then come the parts of the world and the sensors."""
@@ -140,8 +140,10 @@ class Core:
         self.noise: np.ndarray  # what is new in kicks, disturbance and biases over the coming step
         self.forcing: np.ndarray  # over the coming step
         self.tally: np.ndarray  # what the score remembers
-        sizes = self.task.sizes(self.sensors.size, len(self.composition.names))
-        self.observation_size = sum(sizes[part] for part in observed(observe, self.guidance))
+        sizes, seen = self.task.sizes(self.sensors.size, len(self.composition.names)), observed(observe, self.guidance)
+        if not isinstance(sizes, dict) or not all(part in sizes for part in seen):
+            raise ValueError(f"sizes of {type(self.task).__name__} must give {', '.join(seen)}, got {shown(sizes)}")
+        self.observation_size = sum(sizes[part] for part in seen)
         self.observation_size += len(alarming(observe, self.loop))
 
     def attach(self, system: System) -> None:
@@ -150,21 +152,19 @@ class Core:
         self.system, self.vehicle, self.task = system, system.vehicle, system.task
         vehicle = self.vehicle
         our_task, our_vehicle = ours(self.task), ours(vehicle)
-        if not our_vehicle:
-            check_vehicle(vehicle)
+        self._vehicle: Any = checked_vehicle(vehicle)
+        self._task: Any = checked_task(self.task, self._vehicle)
+        self._own_parts = [part for part in (self._vehicle, self._task) if isinstance(part, CheckedMethods)]
         self.sensors = system.sensors_of(sensors, sensor_faults)
         self.forces = Forces(vehicle, chosen_disturbance(system, disturbance))
         estimation = build(system, estimator, options, self.sensors, self.forces.disturbance)
         self.composition = estimation.composition
         self._attach_loop("loop", estimation)
-        self._foreign = not (our_task and our_vehicle)
         self._foreign_effect = not ours(self.forces.disturbance)
         self._perfect = (
             float(self.task.perfect),
             float(self.task.perfect == self.task.horizon),
         )  # in all, and a step more
-        self._vehicle: Any = vehicle if our_vehicle else CopyingMethods(vehicle)
-        self._task: Any = self.task if our_task else CopyingMethods(self.task)
         # What somebody has written in NumPy may round otherwise in a part of the rows.
         compiled = our_vehicle and self.forces.row_by_row and not self.sensors.called
         self._parts = shares(self.num_envs, self.num_threads if compiled else 1)
@@ -183,7 +183,7 @@ class Core:
         self._alone = len(self.truth_names) == len(vehicle.state_names)
         self._estimated = [self.truth_names.index(n) if n in self.truth_names else -1 for n in self.composition.names]
         self._based = [vehicle.state_names.index(name) for name in vehicle.estimated(vehicle.kinds[0])]
-        self._nominal = np.array(vehicle.parameters(0.0, np.zeros((1, vehicle.normals))))
+        self._nominal = np.array(self._vehicle.parameters(0.0, np.zeros((1, vehicle.normals))))
         self._still = np.eye(process.size + bias.size)
         self._transition = block_diag(process.transition, bias.transition)
         self._root = block_diag(self.forces.disturbance.white, process.root, bias.root)
@@ -372,14 +372,15 @@ class Core:
         numbers = np.empty((len(rows), self._own[-1].stop))
         draw(Numbers.seeded(seeds).keys, self.episodes[at], self._names, self._drawn, keys, numbers)
         of_task, of_vehicle, of_parameters, _, *of_parts = (numbers[:, own] for own in self._own)
-        course = self._rows_of(task.course(of_task, options), len(rows))
+        self._refuse_at(np.zeros(len(rows), int), None)
+        course = task.course(of_task, options)
         prior = task.prior(course)
         self._keys[at] = parts = keys[:, len(_DRAWN) : self._sensed].copy()
         loop.restart(at, keys[:, self._sensed :], keys[:, _DRAWN.index("filter")])
         x, drifting = self._begun(prior, of_vehicle, of_parts)
         state, actuators = (np.ascontiguousarray(started, float) for started in vehicle.start(x))
         if self.mismatch:
-            parameters = self._rows_of(vehicle.parameters(self.mismatch, of_parameters), len(rows))
+            parameters = vehicle.parameters(self.mismatch, of_parameters)
         else:
             parameters = self._nominal.repeat(len(rows), 0)
         steps = np.full(len(rows), -1)
@@ -390,7 +391,7 @@ class Core:
             self.forces.add(forcing, drifting[:, : self._size], state, actuators)
         if self._foreign_effect:
             self._check_forcing(forcing, steps, state, self._none[: len(rows)])
-        tally = self._rows_of(task.begin(state, course), len(rows))
+        tally = task.begin(state, course)
         self._put(
             some, course=course, state=state, actuators=actuators, parameters=parameters, drifting=drifting,
             noise=noise, forcing=forcing, tally=tally, steps=steps, total=np.zeros(len(rows)),
@@ -401,11 +402,12 @@ class Core:
             outside = np.ascontiguousarray(forcing[:, : self.forces.outside])
             readings = loop.sense(state, outside, drifting[:, self._size :], steps, some)
         readings = loop.receive(readings, steps, some, injected)
-        u = self._known_input(actuators, actuators, task.commanded(course, steps))
+        u = vehicle.known_input(actuators, actuators, task.commanded(course, steps))
         belief = loop.begin(some, self._known(prior, self.composition), self._handed(readings, rows), u)
         if hasattr(self, "held"):
             self.held.begin(some, self._known(prior, self.held.composition), readings, u)
         self._put(some, reference=self._reference(course, steps, belief, state))
+        self._refuse_at(self.steps, None)
 
     def _begun(
         self, prior: Gaussian, of_vehicle: np.ndarray, of_parts: list[np.ndarray]
@@ -458,9 +460,11 @@ class Core:
             readings = _arrived(readings, self.num_envs, self.sensors)
         vehicle, task, loop = self._vehicle, self._task, self.loop
         before = self.actuators
-        after = self.actuators = self._rows_of(vehicle.actuate(before, action), self.num_envs)
+        if self._own_parts:
+            self._refuse_at(self.steps + 1, ended)
+        after = self.actuators = vehicle.actuate(before, action)
         if self._commanding is None:
-            u = self._known_input(before, after, task.commanded(self.course, self.steps))
+            u = vehicle.known_input(before, after, task.commanded(self.course, self.steps))
         else:
             u = vehicle.known_input(before, after, self.reference[:, self._commanding])
         given = (
@@ -481,9 +485,8 @@ class Core:
         reward, self.end, self.tally = task.score(
             self.state, self.forcing[:, : self.forces.outside], self.reference, over, after, action, self.tally
         )
-        reward, self.tally = self._rows_of(reward, self.num_envs), self._rows_of(self.tally, self.num_envs)
-        if self._foreign:
-            self._check_scored(reward, ended)
+        if self._task is not self.task:
+            self._check_ends()
         add(self.total, reward)
         return reward, self.end
 
@@ -498,9 +501,7 @@ class Core:
             offsets, outside = self.forces.of_actuators(forcing)[0], forcing[:, : self.forces.outside]
             before, after = before + offsets, after + offsets
         first = 0 if rows is None else rows.start
-        given, state = state, np.ascontiguousarray(self._vehicle.step(state, before, after, outside, parameters), float)
-        if self._vehicle is not self.vehicle:
-            refuse_not_finite(f"step of {type(self.vehicle).__name__}", state, steps + 1, ended, given, first=first)
+        state = np.ascontiguousarray(self._vehicle.step(state, before, after, outside, parameters), float)
         stir(keys, steps, self._counts, self._root, self._transition, self.forces.gains, drifting, noise, forcing)
         if not self.forces.constant:
             self.forces.add(forcing, drifting[:, : self._size], state, measured)
@@ -528,8 +529,9 @@ class Core:
             with np.errstate(over="ignore"):  # what is absurd is clipped
                 parts = self._observed()
         observation = np.asarray(parts[0] if len(parts) == 1 else np.concatenate(parts, -1), float)
-        if self._foreign and np.isnan(observation).any():
+        if self._task is not self.task:
             name = f"the observation of {type(self.task).__name__}"
+            rows_of(name, observation, self.num_envs, self.observation_size)
             nan = np.where(np.isnan(observation), np.nan, 0.0)  # what is infinite is clipped
             refuse_not_finite(name, nan, self.steps, None, self.loop.belief.mean, self.state)
         seen = np.empty(observation.shape, np.float32)
@@ -652,16 +654,19 @@ class Core:
         name = f"effect of {type(self.forces.disturbance).__name__}"
         refuse_not_finite(name, forcing[:, self.forces.to], steps, ended, state, first=first)
 
-    def _check_scored(self, reward: np.ndarray, ended: np.ndarray | None) -> None:
-        """Refuse a reward of a user's task that is not finite, and an end that there is not."""
-        name = f"score of {type(self.task).__name__}"
-        refuse_not_finite(f"{name}, as the reward,", reward, self.steps, ended, self.state)
-        end = np.broadcast_to(self.end, reward.shape)
-        if end.dtype.kind not in "biu" or not ((end >= 0) & (end < len(self._ends))).all():
+    def _check_ends(self) -> None:
+        """Refuse an end of a user's task that there is not."""
+        end, name = self.end, f"score of {type(self.task).__name__}"
+        if not np.isin(end, np.arange(len(self._ends))).all():
             raise ValueError(
                 f"{name} gave the numbers of ends {shown(end.tolist())}: they must be whole and below {len(self._ends)}"
             )
         self.end = end.astype(int)
+
+    def _refuse_at(self, steps: np.ndarray, ended: np.ndarray | None) -> None:
+        """Tell the user's vehicle and task for their refusals at which step they are, and which rows are over."""
+        for part in self._own_parts:
+            part.steps, part.ended = steps, ended
 
     def _handed(self, readings: Readings, rows: np.ndarray | None = None) -> Readings:
         """What the filter is handed: the readings; the oracle alone, and no other, the truth."""
@@ -674,21 +679,8 @@ class Core:
     def _reference(self, course: np.ndarray, steps: np.ndarray, belief: Belief, state: np.ndarray) -> np.ndarray:
         """The reference ``(B, k)``: where the vehicle believes to be, or is, if nobody sees what it believes."""
         where = state[:, self._based] if self.observe_mode == "measurement" else writable(belief.mean)
-        return self._rows_of(self._task.reference(course, steps, where), len(steps))
-
-    def _known_input(self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None) -> np.ndarray:
-        """What filters are told of a step ``(B, m)``."""
-        if commanded is not None:
-            commanded = self._rows_of(commanded, len(before))
-        return self._rows_of(self._vehicle.known_input(before, after, commanded), len(before))
-
-    def _rows_of(self, values: np.ndarray, count: int) -> np.ndarray:
-        """Numbers of a vehicle or a task as kernels take them, which ours give: float64, a row each of ``count``."""
-        if not self._foreign:
-            return values
-        values = np.asarray(values, float)
-        shape = count, *values.shape[1:]
-        return np.ascontiguousarray(values) if values.shape == shape else np.array(np.broadcast_to(values, shape))
+        reference: np.ndarray = self._task.reference(course, steps, where)
+        return reference
 
     def _put(self, rows: np.ndarray | None, **arrays: np.ndarray) -> None:
         """Take new values of some rows; None: of all."""

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from estimators.checks import shown
+from estimators import Gaussian
+from estimators.checks import numbers, shown
 
 _ORDINARY = 1e9
 """Beyond this, in SI units, a vehicle or a belief has run away, and what is computed of it may overflow."""
@@ -31,23 +32,112 @@ class Copying:
         return self.function(*map(copied, arguments))
 
 
-class CopyingMethods:
-    """An object whose methods are `Copying`.
+_OBSERVED = ("observe", "observe_state", "observe_std", "observe_readings", "observe_mission")
+RETURNED: dict[str, tuple[str, ...]] = {
+    "parameters": ("parameters",), "start": ("state", "actuators"), "actuate": ("actuators",), "step": ("state",),
+    "known_input": ("known input",), "course": ("course",), "prior": ("prior",), "reference": ("reference",),
+    "commanded": ("commanded",), "over": ("over",), "begin": ("tally",), "score": ("reward", "end", "tally"),
+    **dict.fromkeys(_OBSERVED, ("observation",)),
+}  # fmt: skip
+"""Methods of vehicles and tasks by name, and what each returns."""
+_SCALAR, _CONSTANT = ("reward", "end", "over"), ("parameters", "course", "commanded")
+"""Numbers of a row, or one for all; and arrays that may have a single row for all."""
+
+
+class CheckedMethods:
+    """An object whose methods are `Copying`, and return arrays as kernels take them: float64, a row for each vehicle.
 
     Args:
         own: The user's vehicle or task.
+
+    Attributes:
+        columns: Of arrays, by what they are (see `RETURNED`); others may have any number.
+        steps: ``(B,)`` since the start,
+        ended: and a mask ``(B,)`` of rows whose episode is over, None: none; for the sentences of refusals.
     """
 
-    def __init__(self, own: Any) -> None:
-        self._own = own
+    def __init__(self, own: Any, **columns: int) -> None:
+        self._own, self.columns = own, columns
+        self.steps: np.ndarray = np.zeros(1, int)
+        self.ended: np.ndarray | None = None
 
     def __getattr__(self, name: str) -> Any:
         value = getattr(self._own, name)
         if not callable(value):
             return value
-        method = Copying(value)
+        method = partial(self._checked, name, Copying(value)) if name in RETURNED else Copying(value)
         setattr(self, name, method)
         return method
+
+    def _checked(self, name: str, method: Copying, *arguments: Any) -> Any:
+        """Result of a method, or a refusal that names it."""
+        returned, title = method(*arguments), f"{name} of {type(self._own).__name__}"
+        if name == "commanded" and returned is None:
+            return None
+        arrays = [each for each in arguments if isinstance(each, np.ndarray)]
+        rows, what = len(arrays[0] if arrays else arguments[0].state), RETURNED[name]
+        if name == "prior":
+            if not isinstance(returned, Gaussian):
+                raise TypeError(f"{title} must give a Gaussian, got {shown(returned)}")
+            rows_of(title, returned.mean, rows, self.columns.get(name))
+            return returned
+        if len(what) == 1:
+            checked = self._array(title, what[0], returned, rows)
+            self._refuse(title, what[0], checked, arrays)
+            return checked
+        if not isinstance(returned, tuple | list) or len(returned) != len(what):
+            raise ValueError(f"{title} must give {len(what)} arrays, {', '.join(what)}, got {shown(returned)}")
+        several = []
+        for part, values in zip(what, returned, strict=True):
+            several.append(self._array(f"{title}, as the {part},", part, values, rows))
+            self._refuse(f"{title}, as the {part},", part, several[-1], arrays[:-1] if name == "score" else arrays)
+        return tuple(several)
+
+    def _array(self, title: str, what: str, values: Any, rows: int) -> np.ndarray:
+        if what in _SCALAR:
+            array = rows_of(title, values, rows, scalar=True)
+            return array != 0.0 if what == "over" else array
+        return rows_of(title, values, rows, self.columns.get(what), constant=what in _CONSTANT)
+
+    def _refuse(self, title: str, what: str, values: np.ndarray, arguments: list[np.ndarray]) -> None:
+        """Refuse what is not finite; a tally may be infinite, and observations are clipped."""
+        if what not in ("observation", "end", "over"):
+            ordinary = [each for each in arguments if each.ndim == 2]
+            kind = {"sound": _not_nan, "wanted": "numbers everywhere"} if what == "tally" else {}
+            refuse_not_finite(title, values, self.steps, self.ended, *ordinary, **kind)  # type: ignore[arg-type]
+
+
+def _not_nan(values: np.ndarray) -> np.ndarray:
+    return ~np.isnan(values)
+
+
+def rows_of(
+    title: str, values: Any, rows: int, columns: int | None = None, scalar: bool = False, constant: bool = False
+) -> np.ndarray:
+    """An array of a user's as kernels take it: a copy in float64, ``(rows, columns)``.
+
+    Args:
+        title: The function that gave it.
+        values: The array.
+        rows: B.
+        columns: None: any number.
+        scalar: Whether it has no columns; one number then stands for all rows.
+        constant: Whether one row may stand for all.
+
+    Raises:
+        ValueError: for anything else.
+    """
+    array = numbers(values)
+    if array is None:
+        raise ValueError(f"{title} must give an array of real numbers, got {shown(values)}")
+    columns = array.shape[-1] if columns is None and array.ndim else columns
+    shape = (rows,) if scalar else (rows, columns)
+    if array.shape == () if scalar else constant and array.shape == (1, columns):
+        return np.array(np.broadcast_to(array, shape))  # type: ignore[arg-type]
+    if array.shape != shape:
+        each = "one number" if scalar else "a row" if columns is None else f"a row of {columns} numbers"
+        raise ValueError(f"{title} must give {each} for each vehicle: for {rows} it gave shape {array.shape}")
+    return np.array(array, order="C")
 
 
 def ours(part: Any) -> bool:

@@ -9,8 +9,9 @@ import numpy as np
 from scipy.linalg import block_diag, solve_continuous_lyapunov
 
 from estimators import van_loan
-from estimators.checks import finite_array, shown
+from estimators.checks import finite_array, frozen, shown
 from estimators.compiled import rowwise
+from estimators.models import as_covariance
 from estimators.threefry import normals_of_rows
 from vessel_gym.checks import check_numbers
 
@@ -53,7 +54,7 @@ class Process:
         for name in ("transition", "root", "start_cov"):  # laid out alike in every copy: the last bit depends on it
             shape = ("k", "m") if name == "root" else ("...",)
             values = finite_array(f"{name} of a process", getattr(self, name), *shape)
-            object.__setattr__(self, name, np.ascontiguousarray(values))
+            object.__setattr__(self, name, frozen(np.array(values, order="C")))
         k = len(self.root)
         for name, values in (("transition", self.transition), ("start_cov", self.start_cov)):
             if np.shape(values) != (k, k):
@@ -61,6 +62,8 @@ class Process:
                     f"{name} must have shape {(k, k)}, as many rows as root of shape {np.shape(self.root)}, got "
                     f"{np.shape(values)}"
                 )
+        if k:
+            object.__setattr__(self, "start_cov", frozen(as_covariance("start_cov of a process", self.start_cov)))
 
     @property
     def size(self) -> int:

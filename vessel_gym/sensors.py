@@ -561,11 +561,14 @@ def _check_values(
     """Refuse a function that fails, does not repeat itself, or gives values of another shape than ``expected``."""
     shape = arguments[0].shape
     try:
-        got = np.asarray(repeated(who, function, *arguments), float).shape
+        values = repeated(who, function, *arguments)
+        got = np.asarray(values).shape
     except Exception as error:
         if str(error).startswith(who):
             raise
         raise ValueError(f"{who} failed on {what}s of shape {shape}: {shown(str(error))}") from error
+    if numbers(values) is None:
+        raise ValueError(f"{who} must give real numbers, got {shown(values)}")
     if got != expected:
         values = f"{expected[-1]} values for each {what}"
         raise ValueError(f"{who} must give {values}: {shape} gave {got}, expected {expected}")

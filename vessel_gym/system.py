@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 import numpy as np
 
 from estimators.checks import finite_array, shown, whole
-from vessel_gym.checks import check_names, instance, one_of, options
+from vessel_gym.checks import check_names, check_numbers, instance, one_of, options
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import SUITES, Sensor, Sensors
@@ -159,6 +159,10 @@ def check_task(task: Task) -> None:
     whole(f"horizon of {title}", task.horizon, 1)
     whole(f"uniforms of {title}", task.uniforms, 0)
     check_names(f"ends of {title}", task.ends)
+    if len(set(task.ends)) < len(task.ends):
+        raise ValueError(f"ends of {title} must differ from each other, got {shown(task.ends)}")
+    if hasattr(task, "perfect"):
+        check_numbers(title, {"perfect": task.perfect}, positive="perfect")
     if not task.ends or task.success not in ("", *task.ends[1:]):
         raise ValueError(f"success of {title} must be one of its ends, or empty, got {shown(task.success)}")
     for name in ("prior_sd", "state_scale", "std_scale"):

@@ -61,8 +61,8 @@ def changed(record: Any) -> Callable[..., Any]:
 
 def given(task: Task, name: str, value: Any) -> Task:
     """A task with an attribute of its own."""
-    setattr(task, name, value)
-    return task
+    made: Task = type("Given", (type(task),), {name: value})()
+    return made
 
 
 SEAWAY = {"ship": SHIP, "height": 2.0, "period": 8.0, "wind": 5.0, "current": 0.3, "dt": 0.5}
@@ -92,7 +92,7 @@ CALLS: list[tuple[Callable[..., Any], dict[str, Any], dict[str, list[Any]]]] = [
      {"frequency": [None, "x", np.inf], "beta": [None, np.inf], "speed": ["fast", np.nan]}),
     (Process, {"transition": np.eye(2), "root": np.eye(2), "start_cov": np.eye(2)},
      {"transition": [None, "x", np.eye(3), np.full((2, 2), np.nan), 3.0], "root": [None, [1.0, 2.0], [[np.inf]]],
-      "start_cov": [np.zeros(2), 1j]}),
+      "start_cov": [np.zeros(2), 1j, [[1.0, 2.0], [2.0, 1.0]], -np.eye(2), [[1.0, 0.5], [0.0, 1.0]]]}),
     (Process.stationary, {"A": -np.eye(2), "W": np.eye(2), "dt": 0.1},
      {"A": [None, np.zeros((2, 3)), np.eye(2), [[np.nan]]], "W": [np.eye(3), "x"], "dt": NOT_POSITIVE}),
     (Process.wandering, {"sd": (1.0,), "time": 10.0, "dt": 0.1},
@@ -217,10 +217,29 @@ def test_a_seaway_of_another_ship_than_the_one_that_sails_is_refused():
 @pytest.mark.parametrize(
     ("name", "value"),
     [("prior_sd", (-1.0,)), ("prior_sd", "x"), ("uniforms", -1), ("uniforms", 1.5), ("horizon", 0), ("ends", "arrived"),
-     ("ends", ()), ("success", "arived"), ("state_scale", [np.nan])],
+     ("ends", ()), ("ends", ("", "over", "over")), ("perfect", np.nan), ("perfect", 0.0), ("perfect", -1.0),
+     ("success", "arived"), ("state_scale", [np.nan])],
 )  # fmt: skip
 def test_a_task_whose_figures_make_no_sense_is_refused_by_its_system(name: str, value: Any):
     assert name in refused(lambda: System(**SYSTEM | {"task": given(Task(), name, value)}))
+
+
+def test_a_process_keeps_copies_that_nobody_can_write_into():
+    arrays = {"transition": 0.5 * np.eye(2), "root": np.eye(2), "start_cov": np.eye(2)}
+    process = Process(**arrays)
+    for name, array in arrays.items():
+        array[:] = 7.0
+        kept = getattr(process, name)
+        assert not kept.flags.writeable
+        assert kept[0, 1] == 0.0
+
+
+def test_a_sensor_that_reads_complex_numbers_is_refused():
+    assert "reads of fix" in refused(
+        lambda: Sensors(
+            (Sensor(**SENSOR | {"reads": lambda state, forcing: 1j * state[..., :1]}),), ("x",), ("f",), 0.5
+        )
+    )
 
 
 def test_a_disturbance_beside_a_fault_is_one():
