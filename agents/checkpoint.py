@@ -312,12 +312,15 @@ class Dense:
     def __init__(self, told: dict[str, Any], weights: dict[str, np.ndarray]) -> None:
         if (told["class"], told["network"]["activation_fn"]) != ("ActorCriticPolicy", "Tanh"):
             raise ValueError("it is no network of dense layers of tanh")
-        hidden = (f"mlp_extractor.policy_net.{2 * i}" for i in range(len(told["network"]["net_arch"])))
-        names = (*hidden, "action_net")
+        widths = told["network"]["net_arch"]
+        widths = widths["pi"] if isinstance(widths, dict) else widths
+        names = (*(f"mlp_extractor.policy_net.{2 * i}" for i in range(len(widths))), "action_net")
         self._layers = [(weights[f"{name}.weight"], weights[f"{name}.bias"]) for name in names]
         self.observation_space, self.action_space = _spaces(told)
-        if self.predict(np.zeros((1, told["observations"]), np.float32))[0].shape != (1, told["actions"]):
-            raise ValueError("its last layer gives something else than actions")
+        sizes = [told["observations"], *widths, told["actions"]]
+        for name, (weight, bias), before, after in zip(names, self._layers, sizes[:-1], sizes[1:], strict=True):
+            if (weight.shape, bias.shape) != ((after, before), (after,)):
+                raise ValueError(f"{name} is no layer of {before} to {after} numbers")
 
     def predict(
         self, observations: np.ndarray, state: Any = None, deterministic: bool = True

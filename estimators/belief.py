@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, Self, TypeVar
 
 import numpy as np
 
-from estimators.checks import frozen
+from estimators.checks import as_array, frozen, with_points
 from estimators.reading import Reading
 
 Record = TypeVar("Record", bound="Belief")
@@ -174,7 +174,7 @@ class Belief(Packed):
     @classmethod
     def of(cls, belief: "Belief", **own: Any) -> Self:
         """A belief as this record, which has ``own`` arrays beside those of every belief."""
-        return cls(**{name: getattr(belief, name) for name in Belief.__dataclass_fields__}, **own)
+        return cls(*(getattr(belief, name) for name in Belief.__dataclass_fields__), **own)
 
     @classmethod
     def predicted(cls, before: "Belief", mean: np.ndarray, cov: np.ndarray, u: np.ndarray | None, **own: Any) -> Self:
@@ -200,7 +200,10 @@ class Belief(Packed):
                 object.__setattr__(before, name, None if array is None else array[rows])
             return before
         arrays: dict[str, Any] = {name: None if a is None else a[rows] for name, a in self._arrays().items()}
-        return type(self)(**arrays)
+        return type(self)(arrays.pop("mean"), **arrays)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _restored, (type(self), self._arrays())
 
     def with_rows(self, rows: np.ndarray, other: "Belief") -> Self:
         """This belief with the rows of a mask ``(...)`` replaced, in order, by those of ``other``.
@@ -228,8 +231,10 @@ class Belief(Packed):
 
     def replace(self, **changes: Any) -> Self:
         """This belief with some fields changed."""
-        own = {name: frozen(a) if type(a) is np.ndarray else a for name, a in changes.items()}
-        return type(self)(**(self._arrays() | own))
+        given = {name: as_array(name, a) if isinstance(a, list | tuple) else a for name, a in changes.items()}
+        own = {name: frozen(a) if type(a) is np.ndarray else a for name, a in given.items()}
+        arrays = self._arrays() | own
+        return type(self)(arrays.pop("mean"), **arrays)
 
     def _moved(self, points: str, changes: dict[str, Any]) -> dict[str, Any]:
         """The points ``(..., N, n)`` of this name whose moments mean and covariance are, about a mean that is given.
@@ -267,6 +272,11 @@ class Belief(Packed):
 
     def _arrays(self) -> dict[str, Any]:
         return {name: getattr(self, name) for name in self.__dataclass_fields__}
+
+
+def _restored(record: type[Record], arrays: dict[str, Any]) -> Record:
+    """A belief that was pickled or copied, read-only again."""
+    return record(arrays.pop("mean"), **arrays).read_only()
 
 
 # Where a record gives what every belief can be asked for, `field` hides the property above, which is no default.
@@ -339,6 +349,7 @@ class EnsembleBelief(Belief):
     """
 
     ensemble: np.ndarray = field()
+    __new__ = with_points("ensemble")
 
     def __post_init__(self) -> None:
         if self._known_cov is None:

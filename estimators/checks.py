@@ -37,6 +37,21 @@ def read_only(array: np.ndarray | None) -> Any:
     return view
 
 
+def with_points(points: str) -> Any:
+    """The ``__new__`` of a belief's record whose mean is that of its points: `dataclasses.replace` would change one."""
+
+    def new(cls: type, *_: Any, **arrays: Any) -> Any:
+        if "mean" in arrays:  # this package gives it by its place
+            given = arrays["mean"], arrays.get(points)
+            if any(isinstance(a, np.ndarray) and not a.flags.writeable for a in given):
+                raise TypeError(
+                    f"mean and {points} of a belief go together: use belief.replace, not dataclasses.replace"
+                )
+        return object.__new__(cls)
+
+    return new
+
+
 def writable(array: np.ndarray) -> np.ndarray:
     """The array, or a copy if it is read-only: compiled kernels take no such arrays."""
     return array if array.flags.writeable else array.copy()

@@ -70,7 +70,7 @@ def make(name: str, model: Model, **options: Any) -> Filter:
             condition fails, and what to do).
         TypeError: for an option that the filter does not have.
     """
-    if name not in _FILTERS:
+    if not isinstance(name, str) or name not in _FILTERS:
         raise ValueError(unknown("filter", name, _FILTERS))
     check_options(name, _FILTERS[name], options)
     return _FILTERS[name](model, **options)

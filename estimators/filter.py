@@ -338,7 +338,7 @@ class Filter(ABC, Generic[Record]):
         else:
             with np.errstate(all="ignore"):
                 reading = self._reading(belief, y, available, R)
-                updated = self._update(belief, reading, rng)
+                updated = self._attempted(belief, reading, rng)
                 if not self._ours:
                     updated = self._returned("_update", updated, belief.mean.shape[:-1])
                 rows = _doubtful(updated, reading.R)
@@ -355,6 +355,26 @@ class Filter(ABC, Generic[Record]):
             available, R = (None if a is None else a[rows] for a in (available, R))
             reading = self._reading(some, y, available, R)
             return updated.with_rows(rows, self._recovered(some, updated[rows], reading, y, rng, available, R))
+
+    def _attempted(self, belief: Record, reading: Reading, rng: Rng) -> Record:
+        """`_update`; the mean is NaN in rows where that of somebody else stops at a singular matrix."""
+        try:
+            return self._update(belief, reading, rng)
+        except np.linalg.LinAlgError:
+            if self._ours:
+                raise
+        batch, n = belief.mean.shape[:-1], self.model.n
+        S = congruence(reading.C, belief.cov) + reading.R if reading.C.shape[-1] == n else None
+        failed = Belief.replace(
+            belief, mean=np.full(belief.mean.shape, np.nan), innovation=reading.innovation, innovation_cov=S,
+            available=reading.available,
+        )  # fmt: skip
+        if math.prod(batch) > 1:
+            for row in np.eye(math.prod(batch), dtype=bool):
+                row = row.reshape(batch)
+                own = rng[row] if isinstance(rng, Numbers) else rng
+                failed = failed.with_rows(row, self._attempted(belief[row], reading.of_rows(row), own))
+        return failed
 
     def _unsound(self, belief: Record, updated: Record, rows: np.ndarray) -> np.ndarray:
         """Those of some rows ``(...)`` in which an update is not finite, or a covariance has a negative eigenvalue."""
@@ -610,7 +630,7 @@ class Filter(ABC, Generic[Record]):
         uneven = (settled != belief.cov).any((-2, -1)) & _finite_rows(belief)
         if uneven.any():  # a prediction that is a covariance but for rounding is not given up for that
             belief = Belief.replace(belief, cov=settled)
-            again = self._update(belief, reading, rng)
+            again = self._attempted(belief, reading, rng)
             updated = updated.with_rows(uneven, again[uneven])
         lost, predicted = _lost(updated, belief, reading.R), ~_lost(belief, belief)
         result = self._climbed(belief, updated, updated, reading, lost & predicted, rng)
@@ -620,7 +640,7 @@ class Filter(ABC, Generic[Record]):
             u = None if belief.u is None else np.nan_to_num(belief.u)
             begun = self._init(Belief(*prior, *prior, np.zeros(lost.shape, np.int8), u), rng)
             reading = self._reading(begun, y, available, R)
-            fresh = self._update(begun, reading, rng)
+            fresh = self._attempted(begun, reading, rng)
             cured = lost & ~_lost(fresh, begun, reading.R)
             result = result.with_rows(cured, fresh[cured])
             result = self._climbed(begun, result, fresh, reading, lost & ~cured, rng)
@@ -647,7 +667,7 @@ class Filter(ABC, Generic[Record]):
             milder_reading, tried = changed[0], lost & changed[1]
             if not tried.any():
                 continue
-            again = self._update(start, milder_reading, rng)
+            again = self._attempted(start, milder_reading, rng)
             cured = tried & ~_lost(again, start)
             if rung == Recovery.PSEUDO_INVERSE:  # in the channels as they are, not as they were mixed
                 again = again.replace(innovation=reading.innovation, innovation_cov=S, available=reading.available)

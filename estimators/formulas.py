@@ -68,7 +68,10 @@ def is_noted(value: Any) -> bool:
 
 
 class Symbol(NDArrayOperatorsMixin):
-    """What stands for an array while a formula is noted: its shape is that of one row, and its masks are 1 and 0."""
+    """What stands for an array while a formula is noted: its masks are 1 and 0.
+
+    ``shape``, ``ndim`` and ``size`` are those of one row: ``shape[-1]`` means what it means in NumPy, ``shape[0]`` not.
+    """
 
     def __init__(
         self, program: "Program", buffer: int, shape: tuple[int, ...], start: int = 0, steps: Any = None,

@@ -16,9 +16,9 @@ import numpy as np
 from scipy.linalg import expm
 
 from estimators.angles import difference, short_way
-from estimators.checks import Written, as_array, call, frozen, read_only, shown, whole
+from estimators.checks import Written, as_array, call, finite_array, frozen, number, read_only, shown, whole
 from estimators.formulas import is_noted
-from estimators.linalg import congruence, identity, joined, neutralised
+from estimators.linalg import congruence, joined, neutralised
 
 Matrix = np.ndarray | Callable[[np.ndarray | None], np.ndarray]
 StateMatrix = np.ndarray | Callable[[np.ndarray, np.ndarray | None], np.ndarray]
@@ -60,13 +60,19 @@ class Schedule(Frozen):
     middle: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "table", frozen(as_array("table", self.table)))
+        table = finite_array("table", self.table, "k", "n", "m")
+        if not len(table):
+            raise ValueError("table must have at least one entry, got none")
+        object.__setattr__(self, "table", frozen(table))
+        object.__setattr__(self, "component", whole("component", self.component, 0))
+        for name in ("scale", "middle"):
+            object.__setattr__(self, name, number(name, getattr(self, name), what="a finite number"))
 
     def __call__(self, u: np.ndarray | None) -> np.ndarray:
         """The matrices ``(..., n, m)`` at ``u (..., k)``."""
         if u is None:
             raise ValueError(f"this model needs a known input u: its matrices follow component {self.component} of it")
-        index = u[..., self.component] * self.scale + self.middle
+        index = self._index(u)
         within = np.fmin(np.fmax(index, 0.0), len(self.table) - 1.0)  # the first entry where u is not a number
         return self.table.take(within.astype(np.intp), axis=0)
 
@@ -77,7 +83,13 @@ class Schedule(Frozen):
 
     def noted(self, u: Any) -> Any:
         """The same where a formula is noted."""
-        return u.program.lookup(self.table, u[..., self.component] * self.scale + self.middle)
+        return u.program.lookup(self.table, self._index(u))
+
+    def _index(self, u: Any) -> Any:
+        """Places in the table ``(...)`` of known inputs ``(..., k)``."""
+        if self.component >= u.shape[-1]:
+            raise ValueError(f"matrices follow component {self.component} of the known input, but u has {u.shape[-1]}")
+        return u[..., self.component] * self.scale + self.middle
 
 
 @dataclass(frozen=True, eq=False)
@@ -381,7 +393,8 @@ class NonlinearModel(Frozen):
             jacobian = np.broadcast_to(jacobian, expected)
         if name not in self._compared:
             _compare(name, function, jacobian, at, u, angles, steps(at, cov, self.state_angles))
-            self._compared.add(name)
+            if np.isfinite(jacobian).all():  # else it is compared again where it is
+                self._compared.add(name)
         return jacobian
 
     def _linearise_errors(
@@ -807,18 +820,18 @@ def as_covariance(name: str, value: object) -> np.ndarray:
             np.linalg.cholesky(cov)
             return cov
     variances = cov.diagonal(0, -2, -1)
-    rounding = 16.0 * _EPS * np.abs(variances).max(-1, keepdims=True)
-    room = 1e-9 * np.abs(variances) + rounding  # beside a variance, each row by its own
-    scale = np.sqrt(np.abs(variances) + np.where(room > 0.0, room, 1.0))
-    unit = cov / scale[..., None] / scale[..., None, :]
-    if (np.abs(unit - unit.mT) > 1e-9 + rounding[..., None] / scale[..., None] / scale[..., None, :]).any():
+    scale = np.sqrt(np.where(variances > 0.0, variances, 1.0))
+    unit = cov / scale[..., None] / scale[..., None, :]  # correlations: rounding is a share of standard deviations
+    if (np.abs(unit - unit.mT) > 1e-9).any():
         raise ValueError(f"{name} must be symmetric")
-    lowest = np.linalg.eigvalsh(unit + (room / scale**2)[..., None] * identity(cov.shape[-1]))[..., 0]
-    if (lowest < -_EPS * cov.shape[-1]).any():
+    lowest = np.linalg.eigvalsh(unit)[..., 0].min()
+    impossible = (variances < 0.0).any() or ((variances == 0.0)[..., None] & (cov != 0.0)).any()
+    if impossible or lowest < -1e-9:
         own = np.linalg.eigvalsh(cov)[..., 0].min()
         scaled = "" if own < 0.0 else "in units of its standard deviations "
-        found = f"its smallest eigenvalue {scaled}is {own if own < 0.0 else lowest.min():.3g}"
-        raise ValueError(f"{name} must be positive semidefinite, {found}")
+        found = f"its smallest eigenvalue {scaled}is {own if own < 0.0 else lowest:.3g}"
+        zero = ", and what goes with a variance of 0 must be 0" if impossible and min(own, lowest) >= 0.0 else ""
+        raise ValueError(f"{name} must be positive semidefinite, {found}{zero}")
     return cov if symmetric else 0.5 * cov + 0.5 * cov.mT
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from estimators.angles import difference
 from estimators.belief import Belief, Recovery
-from estimators.checks import number, whole
+from estimators.checks import as_array, number, whole, with_points
 from estimators.filter import Filter, Model, Rng, check_channels
 from estimators.kalman import joseph_update
 from estimators.linalg import congruence, solve, symmetrise
@@ -41,11 +41,12 @@ class HorizonBelief(Belief):
     noises: np.ndarray
     pending: np.ndarray
     inputs: np.ndarray | None = None
+    __new__ = with_points("states")
 
     def replace(self, **changes: Any) -> Self:
         """This belief with some fields changed; another mean or covariance begins a new window."""
         if changes.keys() & {"mean", "cov"}:
-            mean, cov = changes.get("mean", self.mean), changes.get("cov", self.cov)
+            mean, cov = (as_array(name, changes.get(name, getattr(self, name))) for name in ("mean", "cov"))
             changes = _window_of(mean, cov, *self.readings.shape[-2:]) | changes
         return Belief.replace(self, **changes)
 

@@ -1,6 +1,6 @@
 """Several models of one system, of which now one holds, now another."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from estimators.angles import difference
 from estimators.belief import Belief
-from estimators.checks import as_array, frozen
+from estimators.checks import as_array, frozen, shown, with_points
 from estimators.filter import Filter, Rng
 from estimators.linalg import identity, lacks_rank, log_density, neutralised
 from estimators.reading import Reading
@@ -29,6 +29,7 @@ class MixtureBelief(Belief):
     covs: np.ndarray
     probabilities: np.ndarray
     log_likelihood: np.ndarray
+    __new__ = with_points("means")
 
     def replace(self, **changes: Any) -> Self:
         """This belief with some fields changed; another mean moves those of all modes."""
@@ -70,10 +71,12 @@ class InteractingMultipleModels(Filter[MixtureBelief]):
     def __init__(
         self, filters: Sequence[Filter], transition: np.ndarray, probabilities: np.ndarray | None = None
     ) -> None:
-        self.filters = tuple(filters)
+        self.filters = tuple(filters) if isinstance(filters, Iterable) else (filters,)
         for filter in self.filters:
             if not isinstance(filter, Filter) or filter.record is not Belief:
-                raise TypeError(f"every mode needs a filter whose belief is a mean and a covariance, got {filter!r}")
+                raise TypeError(
+                    f"every mode needs a filter whose belief is a mean and a covariance, got {shown(filter)}"
+                )
         if not self.filters:
             raise ValueError("filters must be one for each mode, got none")
         super().__init__(self.filters[0].model)

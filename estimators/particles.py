@@ -11,7 +11,7 @@ import numpy as np
 
 from estimators.angles import difference, short_way
 from estimators.belief import Belief
-from estimators.checks import as_number, shown, whole
+from estimators.checks import as_number, shown, whole, with_points
 from estimators.ensemble import DrawingFilter, draw, noise_root
 from estimators.filter import Model, Rng
 from estimators.linalg import cholesky, semidefinite_cholesky, shared_root, symmetrise
@@ -40,6 +40,7 @@ class ParticleBelief(Belief):
     particles: np.ndarray
     log_weights: np.ndarray
     log_likelihood: np.ndarray
+    __new__ = with_points("particles")
 
     def replace(self, **changes: Any) -> Self:
         """This belief with some fields changed; another mean moves the particles."""

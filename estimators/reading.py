@@ -37,6 +37,14 @@ class Reading(NamedTuple):
             anomalies=None if self.anomalies is None else np.where(kept[..., None, :], self.anomalies, 0.0),
         )
 
+    def of_rows(self, rows: np.ndarray) -> "Reading":
+        """The reading of the rows where the mask ``rows (...)`` of the batch is True."""
+        axes = {name: 1 if name in ("innovation", "available") else 2 for name in self._fields}
+        arrays = {name: a for name, a in self._asdict().items() if isinstance(a, np.ndarray)}
+        return self._replace(
+            **{name: np.broadcast_to(a, rows.shape + a.shape[-axes[name] :])[rows] for name, a in arrays.items()}
+        )
+
     def mixed(self, T: np.ndarray, spread: np.ndarray | None = None) -> "Reading":
         """The reading ``T y``, ``T (..., p, p)``; where T has a row of zeros a channel is missing."""
         kept = np.asarray(T.any(-1))

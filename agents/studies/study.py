@@ -1,5 +1,6 @@
 """Study files, read from TOML and checked before anything runs."""
 
+import os
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -28,6 +29,7 @@ from agents.studies.records import (
 )
 from agents.studies.toml_reader import Place, StudyError, TomlReader
 from agents.studies.worlds import CLASSICAL, environment_id, has_pilot, known_estimator, refusal, system_of
+from estimators.checks import shown
 from vessel_gym.estimation import estimator_names
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import SUITES
@@ -37,9 +39,12 @@ def read_study(path: Path | str) -> Study:
     """Read a study file.
 
     Raises:
+        TypeError: for what is no path.
         StudyError: if it is not TOML or not a study, with every mistake and its line.
         OSError: if it cannot be read.
     """
+    if not isinstance(path, str | os.PathLike):
+        raise TypeError(f"path must be that of a study file, got {shown(path)}")
     try:
         text = Path(path).read_text(encoding="utf-8")
     except UnicodeDecodeError:

@@ -1,5 +1,6 @@
 """The agents that come with the package: they fly without torch, as torch would have them fly."""
 
+import io
 import re
 import shutil
 import subprocess
@@ -119,6 +120,18 @@ DAMAGE = {
     "other actions": ("vessel_gym.json", lambda data: re.sub(rb'"actions": \d+', b'"actions": 3', data)),
     "no JSON": ("vessel_gym.json", lambda data: data[:-9]),
 }
+
+
+def _first_row(data: bytes) -> bytes:
+    """The first row of an array, in a file of its own."""
+    buffer = io.BytesIO()
+    np.lib.format.write_array(buffer, np.load(io.BytesIO(data))[:1])
+    return buffer.getvalue()
+
+
+LAYER = "weights/mlp_extractor.policy_net.{}.{}.npy"
+DAMAGE |= {name: (name, _first_row) for name in (LAYER.format(0, "weight"), LAYER.format(0, "bias"),
+                                                 LAYER.format(2, "bias"))}  # fmt: skip
 
 
 @pytest.mark.parametrize("what", DAMAGE)

@@ -52,6 +52,11 @@ def test_an_unknown_name_is_answered_with_those_that_exist_and_the_nearest():
     assert all(name in message for name in names())
 
 
+def test_a_name_that_is_no_text_is_refused():
+    with pytest.raises(ValueError, match=r"^unknown filter \[\]: choose from"):
+        make([], _linear())
+
+
 def test_a_name_like_no_other_gets_no_guess():
     with pytest.raises(ValueError, match="unknown filter 'zzz'") as caught:
         make("zzz", _linear())

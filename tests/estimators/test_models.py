@@ -4,7 +4,17 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from estimators import Gaussian, LinearModel, NonlinearModel, forward_euler, make, van_loan, wrap, zero_order_hold
+from estimators import (
+    Gaussian,
+    LinearModel,
+    NonlinearModel,
+    Schedule,
+    forward_euler,
+    make,
+    van_loan,
+    wrap,
+    zero_order_hold,
+)
 from tests.estimators.cases import (
     assert_same,
     kalman_system,
@@ -41,6 +51,11 @@ def _refusal(build, *args, **kwargs) -> str:
         [[[1e12]], [[-1.0]]],
         [[1e-20, 2e-5], [2e-5, 1.0]],
         [[0.0, 1e-6], [1e-6, 1.0]],
+        [[0.0, 1e-30], [1e-30, 1.0]],
+        np.diag([1e12, -1e-3]),
+        np.diag([1.0, -1e-17]),
+        [[1e12, 0.0, 0.0], [0.0, 1e-3, 2e-3], [0.0, 2e-3, 1e-3]],
+        np.outer([1e6, 1.0, 1e-6], [1e6, 1.0, 1e-6]) * (1.9 * np.eye(3) - 0.9),
     ],
 )
 def test_a_covariance_is_judged_by_the_variances_of_its_own_rows(cov: list):
@@ -67,7 +82,6 @@ def test_a_covariance_of_any_scales_and_rank_is_taken(rank: int):
             taken = Gaussian(np.zeros(5), one).cov
             np.testing.assert_allclose(taken, one, rtol=1e-14, atol=0)
             np.testing.assert_array_equal(taken, taken.T)
-    assert Gaussian(np.zeros(2), [[1.0, 0.0], [0.0, -1e-17]]).cov[0, 0] == 1.0
 
 
 # --- what is refused --------------------------------------------------------------------------------
@@ -145,6 +159,41 @@ def test_a_prior_names_the_argument_that_is_wrong_and_why(mean, cov, name: str, 
     message = _refusal(Gaussian, mean, cov)
     assert message.startswith(f"{name} ")
     assert problem in message
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"table": np.zeros((0, 2, 2))}, "table must have at least one entry"),
+        ({"table": np.full((1, 2, 2), np.nan)}, "table must be finite"),
+        ({"table": I2}, r"table must have shape \(k, n, m\), got \(2, 2\)"),
+        ({"scale": np.nan}, "scale must be a finite number, got nan"),
+        ({"middle": np.inf}, "middle must be a finite number, got inf"),
+        ({"component": 0.5}, "component must be a whole number of at least 0, got 0.5"),
+    ],
+)
+def test_a_schedule_names_the_argument_that_is_wrong_and_why(change: dict, sentence: str):
+    with pytest.raises(ValueError, match=f"^{sentence}"):
+        Schedule(**({"table": I2[None], "component": 0, "scale": 1.0, "middle": 0.5} | change))
+
+
+def test_a_schedule_of_a_component_that_u_has_not_is_refused():
+    schedule = Schedule(I2[None], 5, 1.0, 0.5)
+    with pytest.raises(ValueError, match=r"^matrices follow component 5 of the known input, but u has 2"):
+        schedule(np.zeros(2))
+    filter = make("kf", LinearModel(schedule, I2, I2, I2))
+    with pytest.raises(ValueError, match=r"^matrices follow component 5 of the known input, but u has 2"):
+        filter.predict(filter.init(Gaussian(np.zeros(2), I2)), np.zeros(2))
+
+
+def test_a_jacobian_that_is_not_finite_at_first_is_compared_where_it_is():
+    model = NonlinearModel(
+        lambda x, u: np.square(x), lambda x, u: x, I2, I2,
+        transition_jacobian=lambda x, u: np.where(x == 0.0, np.nan, 7.0)[..., None] * I2,
+    )  # fmt: skip
+    assert np.isnan(model.linearise_transition(np.zeros(2), None)[1]).any()
+    with pytest.raises(ValueError, match=r"^transition_jacobian differs from transition: entry \(0, 0\) is 7"):
+        model.linearise_transition(np.ones(2), None)
 
 
 def test_one_bad_row_of_a_batch_of_covariances_is_enough_to_refuse_it():

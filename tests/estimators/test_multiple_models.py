@@ -266,6 +266,8 @@ def test_what_does_not_fit_is_refused_in_a_sentence():
     chain = [[0.9, 0.1], [0.1, 0.9]]
     for arguments, error, sentence in (
         (([], [[1.0]]), ValueError, "filters must be one for each mode, got none"),
+        ((None, None), TypeError, "needs a filter whose belief is a mean and a covariance, got None"),
+        (([one.model], [[1.0]]), TypeError, r"needs a filter whose belief is a mean and a covariance, got [^\n]*$"),
         (([one, "kf"], chain), TypeError, "needs a filter whose belief is a mean and a covariance, got 'kf'"),
         (([one, make("etkf", one.model)], chain), TypeError, "mean and a covariance, got EnsembleTransformFilter"),
         (([one, two], chain), ValueError, r"filters must have the same states, readings and angles: mode 0 has"),

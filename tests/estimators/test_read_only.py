@@ -167,6 +167,40 @@ def test_another_mean_moves_members_and_particles(name: str):
         begun.replace(cov=begun.cov)
 
 
+@pytest.mark.parametrize("name", ["enkf", "enkf-sr", "etkf", "letkf", "pf", "mhe", "imm"])
+def test_another_mean_without_its_points_is_refused(name: str):
+    system, rng = kalman_system(0), Numbers.seeded(range(2))
+    filter = {"imm": _imm, "mhe": _mhe}.get(name, lambda model: make(name, model))(system.model)
+    begun = filter.init(system.rows(2), rng=rng)
+    for belief in (begun, filter.predict(begun, np.zeros(2), rng=rng)):
+        with pytest.raises(TypeError, match=r"of a belief go together: use belief\.replace, not dataclasses\.replace"):
+            replace(belief, mean=np.ones((2, 4)))
+        np.testing.assert_array_equal(belief.replace(mean=np.ones((2, 4)).tolist()).mean, 1.0)
+
+
+@pytest.mark.parametrize("name", ["kf", "enkf"])
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, lambda x: pickle.loads(pickle.dumps(x))])
+def test_nobody_can_write_to_a_copy_of_a_belief(name: str, copied: Callable):
+    system, rng = kalman_system(0), Numbers.seeded(range(2))
+    filter = make(name, system.model)
+    belief = filter.predict(filter.init(system.rows(2), rng=rng), np.zeros(2), rng=rng)
+    copies = arrays(copied(belief))
+    for key, array in arrays(belief).items():
+        np.testing.assert_array_equal(copies[key], array)
+        with pytest.raises(ValueError, match="read-only"):
+            copies[key][...] = 0
+
+
+def test_a_mean_that_is_no_array_is_made_one_or_refused():
+    system = kalman_system(0)
+    filter = make("kf", system.model)
+    belief = filter.init(system.rows(2))
+    moved = belief.replace(mean=[[0, 1, 2, 3]] * 2)
+    np.testing.assert_array_equal(filter.predict(moved, np.zeros(2)).mean[0], system.model.A @ np.arange(4.0))
+    with pytest.raises(ValueError, match=r"^mean must be an array of real numbers, got"):
+        belief.replace(mean=["a", "b"])
+
+
 def _mhe(model: LinearModel) -> Filter:
     return make("mhe", model, horizon=4)
 

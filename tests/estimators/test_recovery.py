@@ -178,6 +178,34 @@ class _Negative(_Broken):
         return belief.replace(cov=-belief.cov)
 
 
+class _Solving(Filter):
+    """A Kalman filter in plain NumPy."""
+
+    def _predict(self, belief: Belief, u: np.ndarray | None, rng: object) -> Belief:
+        return belief
+
+    def _update(self, belief: Belief, reading: Reading, rng: object) -> Belief:
+        cross = reading.C @ belief.cov
+        S = cross @ reading.C.mT + reading.R
+        K = np.linalg.solve(S, cross).mT
+        return Belief.updated(
+            belief, belief.mean + np.matvec(K, reading.innovation), belief.cov - K @ S @ K.mT, reading, S
+        )
+
+
+def test_a_filter_of_ones_own_that_meets_a_singular_matrix_recovers_in_that_row_alone():
+    """Two perfect sensors of one state; in the second row only one of them gives a reading."""
+    model = LinearModel(np.eye(2), [[1.0, 0.0], [1.0, 0.0]], np.eye(2), np.zeros((2, 2)))
+    filter = _Solving(model)
+    belief = filter.init(Gaussian(np.zeros((3, 2)), np.eye(2)))
+    updated = filter.update(filter.predict(belief), [[1.0, 1.0], [2.0, np.nan], [3.0, 3.0]])
+    np.testing.assert_allclose(updated.mean, [[1.0, 0.0], [2.0, 0.0], [3.0, 0.0]], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(updated.cov, np.tile(np.diag([0.0, 1.0]), (3, 1, 1)), rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(updated.recovery, [Recovery.PSEUDO_INVERSE, Recovery.USUAL, Recovery.PSEUDO_INVERSE])
+    alone = filter.update(filter.init(Gaussian(np.zeros(2), np.eye(2))), [1.0, 1.0])
+    np.testing.assert_array_equal(alone.mean, updated.mean[0])
+
+
 @pytest.mark.parametrize("broken", [_Broken, _Negative])
 def test_a_filter_of_ones_own_that_always_fails_keeps_its_prediction_and_says_so(broken: type[Filter]):
     filter = broken(LinearModel(I3, I3, I3, I3))

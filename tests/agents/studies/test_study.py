@@ -347,5 +347,7 @@ def test_a_file_that_is_not_text_is_refused_in_a_sentence(tmp_path):
     path.write_bytes(b"\xff\xfe\x00")
     with pytest.raises(StudyError, match="UTF-8"):
         read_study(path)
+    with pytest.raises(TypeError, match=r"^path must be that of a study file, got None"):
+        read_study(None)
     with pytest.raises(OSError, match=r"missing\.toml"):
         read_study(tmp_path / "missing.toml")
