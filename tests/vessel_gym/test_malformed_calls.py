@@ -235,7 +235,7 @@ def test_a_process_keeps_copies_that_nobody_can_write_into():
 
 
 def test_a_sensor_that_reads_complex_numbers_is_refused():
-    assert "reads of fix" in refused(
+    assert "reads of fix must give real numbers, got " in refused(
         lambda: Sensors(
             (Sensor(**SENSOR | {"reads": lambda state, forcing: 1j * state[..., :1]}),), ("x",), ("f",), 0.5
         )
