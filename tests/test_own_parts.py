@@ -488,6 +488,7 @@ MALFORMED = [
     ("task", "reference", lambda x: x * 1j, "must give an array of real numbers"),
     ("task", "commanded", lambda x: x * np.nan, "must give finite numbers"),
     ("task", "observe", lambda x: x[:1], "must give a row of 7 numbers for each vehicle: for 3 "),
+    ("task", "observe", lambda x: x if len(x) == 1 else x[:, : 6 + (np.abs(x[0, 4]) < 1e-9)], "must give a row of 7 "),
     ("task", "observe", lambda x: x * 1j, "must give an array of real numbers"),
     ("task", "over", lambda x: "a", "must give an array of real numbers, got 'a'"),
     ("task", "score", lambda x: None, "must give 3 arrays, reward, end, tally, got None"),
@@ -510,7 +511,8 @@ def own(part: str, **members: Any) -> Any:
 def flown(system: Any, **options: Any) -> Core:
     core = Core(system, 3, "ekf", **options)
     core.start(0)
-    core.step(np.zeros(core.action_shape))
+    core.observe()
+    core.step(np.full(core.action_shape, 0.5))
     core.observe()
     return core
 

@@ -23,7 +23,7 @@ from vessel_gym.checks import options as checked_options
 from vessel_gym.composition import Composition, Forces, acting_on, change_of
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.estimation import Estimation, EstimatorChoice, build, chosen_disturbance
-from vessel_gym.foreign import CheckedMethods, ours, refuse_not_finite, rows_of
+from vessel_gym.foreign import CheckedMethods, ours, refuse_not_finite
 from vessel_gym.loop import Loop
 from vessel_gym.processes import stir
 from vessel_gym.sensor_faults import SensorFault
@@ -531,7 +531,6 @@ class Core:
         observation = np.asarray(parts[0] if len(parts) == 1 else np.concatenate(parts, -1), float)
         if self._task is not self.task:
             name = f"the observation of {type(self.task).__name__}"
-            rows_of(name, observation, self.num_envs, self.observation_size)
             nan = np.where(np.isnan(observation), np.nan, 0.0)  # what is infinite is clipped
             refuse_not_finite(name, nan, self.steps, None, self.loop.belief.mean, self.state)
         seen = np.empty(observation.shape, np.float32)

@@ -37,7 +37,7 @@ RETURNED: dict[str, tuple[str, ...]] = {
     "parameters": ("parameters",), "start": ("state", "actuators"), "actuate": ("actuators",), "step": ("state",),
     "known_input": ("known input",), "course": ("course",), "prior": ("prior",), "reference": ("reference",),
     "commanded": ("commanded",), "over": ("over",), "begin": ("tally",), "score": ("reward", "end", "tally"),
-    **dict.fromkeys(_OBSERVED, ("observation",)),
+    **{name: (name,) for name in _OBSERVED},
 }  # fmt: skip
 """Methods of vehicles and tasks by name, and what each returns."""
 _SCALAR, _CONSTANT = ("reward", "end", "over"), ("parameters", "course", "commanded")
@@ -97,11 +97,14 @@ class CheckedMethods:
         if what in _SCALAR:
             array = rows_of(title, values, rows, scalar=True)
             return array != 0.0 if what == "over" else array
-        return rows_of(title, values, rows, self.columns.get(what), constant=what in _CONSTANT)
+        array = rows_of(title, values, rows, self.columns.get(what), constant=what in _CONSTANT)
+        if what in _OBSERVED:
+            self.columns.setdefault(what, array.shape[1])
+        return array
 
     def _refuse(self, title: str, what: str, values: np.ndarray, arguments: list[np.ndarray]) -> None:
         """Refuse what is not finite; a tally may be infinite, and observations are clipped."""
-        if what not in ("observation", "end", "over"):
+        if what not in ("end", "over", *_OBSERVED):
             ordinary = [each for each in arguments if each.ndim == 2]
             kind = {"sound": _not_nan, "wanted": "numbers everywhere"} if what == "tally" else {}
             refuse_not_finite(title, values, self.steps, self.ended, *ordinary, **kind)  # type: ignore[arg-type]
