@@ -278,9 +278,9 @@ def pairing(results: Path) -> str:
     for environment, of in scores.items():
         pairs = [(np.array(a), np.array(b)) for a, b in combinations(of.values(), 2) if a != b]
         factors = [(a.var() + b.var()) / (a - b).var() for a, b in pairs]
-        cells = (f"{each(factors):.1f}" for each in (np.min, np.median, np.max))
+        cells = (f"{factor:.1f}" for factor in np.quantile(factors, (0.0, 0.25, 0.5, 0.75)))
         rows.append((environment, str(len(pairs)), *cells))
-    return table(("Environment", "pairs", "least", "median", "largest"), rows)
+    return table(("Environment", "pairs", "least", "lower quartile", "median", "upper quartile"), rows)
 
 
 def advice(results: Path) -> str:
