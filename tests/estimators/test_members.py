@@ -211,7 +211,7 @@ def test_a_covariance_is_that_of_the_members_at_the_time():
         np.testing.assert_array_equal(one.with_rows(rows, other).cov[3], other.cov[0])
     with pytest.raises(AttributeError, match="no attribute 'covariance'"):
         updated.covariance  # noqa: B018
-    with pytest.raises(TypeError, match="use belief.replace, not dataclasses.replace"):
+    with pytest.raises(TypeError, match=r"use belief\.replace, not dataclasses\.replace"):
         dataclasses.replace(updated, cov=None)
 
 
