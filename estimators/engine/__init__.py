@@ -1,0 +1,35 @@
+"""Equations as plain NumPy functions: traced once, derived exactly, compiled in a fraction of a second.
+
+See docs/engine.md. `compiled` makes a function of arrays ``(..., n)`` run compiled; what follows are the words that such
+functions have besides NumPy's.
+"""
+
+from estimators.engine.arrays import lookup
+from estimators.engine.compiled import Compiled, compiled, trace
+from estimators.engine.elementary import (
+    as_float,
+    as_integer,
+    as_word,
+    bits_float,
+    float_bits,
+    repeat,
+    sincos,
+    sincos_near_zero,
+)
+from estimators.engine.tracer import NotTraceable
+
+__all__ = [
+    "Compiled",
+    "NotTraceable",
+    "as_float",
+    "as_integer",
+    "as_word",
+    "bits_float",
+    "compiled",
+    "float_bits",
+    "lookup",
+    "repeat",
+    "sincos",
+    "sincos_near_zero",
+    "trace",
+]

@@ -1,0 +1,370 @@
+"""Arrays of tracers: NumPy itself stacks, indexes and broadcasts them, and calls each one's operations."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from estimators.engine.program import Program, constant_array
+from estimators.engine.tracer import NotTraceable, Tracer, cast, constant, known, operation, power, where
+
+
+class TracedArray(np.ndarray):
+    """An object array of `Tracer` and constants: one row of a batch, whose leading axes are gone."""
+
+    __array_priority__ = 2000.0
+
+    @staticmethod
+    def of(value: Any) -> "TracedArray":
+        """A scalar, a list or an array as one."""
+        array = np.empty((), object)
+        if isinstance(value, Tracer):
+            array[()] = value
+        else:
+            array = np.array(value, object) if isinstance(value, list | tuple) else np.asarray(value, object)
+        return array.view(TracedArray)
+
+    def __array_ufunc__(self, ufunc: Any, method: str, *operands: Any, **others: Any) -> Any:
+        return apply(ufunc, method, operands, others)
+
+    def __array_function__(self, function: Any, types: Any, args: Any, kwargs: Any) -> Any:
+        return apply_function(function, args, kwargs)
+
+    def __array_finalize__(self, source: Any) -> None:
+        """NumPy calls it of every view."""
+
+    @property
+    def mT(self) -> Any:
+        """The transposed matrix."""
+        return np.swapaxes(self, -1, -2)
+
+    def astype(self, dtype: Any, *_: Any, **__: Any) -> Any:
+        """As another kind of number."""
+        kind = np.dtype(dtype).kind
+        if kind == "O" or np.dtype(dtype).itemsize not in (1, 8):
+            raise NotTraceable(f"a traced function computes with float64, int64 and masks, not {np.dtype(dtype)}")
+        return _each(lambda x: cast(constant(_program(self), x), kind), self)
+
+    def sum(self, axis: Any = None, **others: Any) -> Any:  # type: ignore[override]
+        """The sum over axes of the row."""
+        return apply(np.add, "reduce", (self,), {"axis": axis} | others)
+
+    def mean(self, axis: Any = None, **others: Any) -> Any:  # type: ignore[override]
+        """The mean over axes of the row."""
+        count = self.size if axis is None else np.prod([self.shape[i] for i in np.atleast_1d(axis)])
+        return self.sum(axis, **others) / float(count)
+
+    def max(self, axis: Any = None, **others: Any) -> Any:  # type: ignore[override]
+        """The largest along axes of the row."""
+        return apply(np.maximum, "reduce", (self,), {"axis": axis} | others)
+
+    def min(self, axis: Any = None, **others: Any) -> Any:  # type: ignore[override]
+        """The least along axes of the row."""
+        return apply(np.minimum, "reduce", (self,), {"axis": axis} | others)
+
+    def clip(self, low: Any = None, high: Any = None, **_: Any) -> Any:  # type: ignore[override]
+        """Within bounds."""
+        return _clip(self, low, high)
+
+
+def _program(*operands: Any) -> Program:
+    """The program of some operands."""
+    for operand in operands:
+        for each in [operand] if isinstance(operand, Tracer) else np.asarray(operand, object).flat:
+            if isinstance(each, Tracer):
+                return each.program
+    raise NotTraceable("nothing in this array depends on what a function is traced with")
+
+
+def scalar(value: Any) -> Any:
+    """The entry of an array of one, a tracer or a number as it is."""
+    if isinstance(value, np.ndarray) and value.size == 1:
+        return value.reshape(()).item() if value.dtype != object else value.reshape(-1)[0]
+    return value
+
+
+def _plain(value: Any) -> Any:
+    """An object array that calls the operations of its entries."""
+    if isinstance(value, TracedArray):
+        return value.view(np.ndarray)
+    if isinstance(value, Tracer):
+        return TracedArray.of(value).view(np.ndarray)
+    if isinstance(value, list | tuple):
+        return type(value)(map(_plain, value))
+    return value
+
+
+def _operand(value: Any) -> Any:
+    if isinstance(value, np.ndarray) and type(value) is np.ndarray and value.dtype != object:
+        return constant_array(value).astype(object)
+    return _plain(value)
+
+
+def _wrapped(value: Any) -> Any:
+    """A result as an array of tracers, where there is one in it."""
+    if isinstance(value, tuple | list):
+        return type(value)(map(_wrapped, value))
+    if isinstance(value, np.ndarray) and value.dtype == object:
+        return value.view(TracedArray)
+    return value
+
+
+def _each(function: Callable[..., Any], *operands: Any) -> Any:
+    """A function of scalars of each entry."""
+    found = np.frompyfunc(function, len(operands), 1)(*map(_operand, operands))
+    return found if isinstance(found, Tracer) else TracedArray.of(found)
+
+
+def _unary(opcode: str) -> Callable[[Any], Any]:
+    return lambda x: operation(opcode, x) if isinstance(x, Tracer) else _constant_result(opcode, x)
+
+
+def _binary(opcode: str) -> Callable[[Any, Any], Any]:
+    def apply(x: Any, y: Any) -> Any:
+        if isinstance(x, Tracer) or isinstance(y, Tracer):
+            return operation(opcode, x, y)
+        return _constant_result(opcode, x, y)
+
+    return apply
+
+
+def _constant_result(opcode: str, *values: Any) -> Any:
+    with np.errstate(all="ignore"):
+        return getattr(np, _NUMPY.get(opcode, opcode))(*values)
+
+
+def _sign(x: Any) -> Any:
+    return where(x > 0.0, 1.0, where(x < 0.0, -1.0, x)) if isinstance(x, Tracer) else np.sign(x)
+
+
+def _negated(opcode: str) -> Callable[..., Any]:
+    return lambda *operands: operation("not", _binary(opcode)(*map(_mask, operands)))
+
+
+def _mask(x: Any) -> Any:
+    return cast(x, "b") if isinstance(x, Tracer) else bool(x)
+
+
+_NUMPY = {
+    "greater equal": "greater_equal", "less equal": "less_equal", "not equal": "not_equal", "and": "logical_and",
+    "or": "logical_or", "xor": "logical_xor", "not": "logical_not", "left shift": "left_shift",
+    "right shift": "right_shift",
+}  # fmt: skip
+_UNARY = (
+    "negative", "absolute", "sqrt", "floor", "ceil", "trunc", "rint", "sin", "cos", "tan", "exp", "expm1", "log",
+    "log1p", "arctan", "arcsin", "arccos", "tanh", "isfinite", "isnan",
+)  # fmt: skip
+_BINARY = (
+    "add", "subtract", "multiply", "divide", "maximum", "minimum", "copysign", "fmod", "remainder", "arctan2", "hypot",
+    "greater", "less", "equal",
+)  # fmt: skip
+_SCALAR: dict[Any, Callable[..., Any]] = {
+    **{getattr(np, name): _unary(name) for name in _UNARY},
+    **{getattr(np, name): _binary(name) for name in _BINARY},
+    **{getattr(np, name): _binary(opcode) for opcode, name in _NUMPY.items() if not name.startswith("logical")},
+    np.fabs: _unary("absolute"),
+    np.positive: lambda x: x,
+    np.conjugate: lambda x: x,
+    np.square: lambda x: x * x,
+    np.reciprocal: lambda x: 1.0 / x,
+    np.sign: _sign,
+    np.power: lambda x, y: power(x, y) if isinstance(x, Tracer) or isinstance(y, Tracer) else np.power(x, y),
+    np.float_power: lambda x, y: power(x, y),
+    np.log2: lambda x: operation("log", x) / float(np.log(2.0)),
+    np.log10: lambda x: operation("log", x) / float(np.log(10.0)),
+    np.deg2rad: lambda x: x * (np.pi / 180.0),
+    np.radians: lambda x: x * (np.pi / 180.0),
+    np.rad2deg: lambda x: x * (180.0 / np.pi),
+    np.degrees: lambda x: x * (180.0 / np.pi),
+    np.isinf: lambda x: operation("equal", operation("absolute", x), np.inf) if isinstance(x, Tracer) else np.isinf(x),
+    np.signbit: lambda x: operation("copysign", 1.0, x) < 0.0 if isinstance(x, Tracer) else np.signbit(x),
+    np.bitwise_and: _binary("and"),
+    np.bitwise_or: _binary("or"),
+    np.bitwise_xor: _binary("xor"),
+    np.invert: _unary("not"),
+    np.logical_and: lambda x, y: _binary("and")(_mask(x), _mask(y)),
+    np.logical_or: lambda x, y: _binary("or")(_mask(x), _mask(y)),
+    np.logical_xor: lambda x, y: _binary("xor")(_mask(x), _mask(y)),
+    np.logical_not: lambda x: _unary("not")(_mask(x)),
+}
+"""NumPy's functions entry by entry, of scalars."""
+_COUNTED = {np.add}  # a sum of masks counts them
+
+
+def apply(ufunc: Any, method: str, operands: Sequence[Any], others: dict[str, Any]) -> Any:
+    """One of NumPy's functions entry by entry, or its reduction."""
+    from estimators.engine.matrices import MatrixTracer
+
+    if any(isinstance(each, MatrixTracer) for each in operands):
+        return next(e for e in operands if isinstance(e, MatrixTracer)).__array_ufunc__(
+            ufunc, method, *operands, **others
+        )
+    out = others.pop("out", None)
+    if ufunc in (np.matmul, np.vecdot, np.matvec, np.vecmat) and method == "__call__" and not others:
+        found = _product(ufunc, *map(_operand, operands))
+    elif (
+        ufunc not in _SCALAR
+        or others.keys() - {"axis", "keepdims", "dtype"}
+        or others.get("dtype") not in (None, float)
+    ):
+        raise NotTraceable(f"a traced function cannot have np.{ufunc.__name__} in it, so used")
+    elif method == "__call__":
+        found = np.frompyfunc(_SCALAR[ufunc], ufunc.nin, 1)(*map(_operand, operands))
+    elif method in ("reduce", "accumulate") and ufunc.nin == 2:
+        array = _operand(operands[0])
+        if ufunc in _COUNTED:
+            array = np.frompyfunc(lambda x: cast(x, "i") if getattr(x, "kind", "") == "b" else x, 1, 1)(array)
+        others.pop("dtype", None)
+        found = getattr(np.frompyfunc(_SCALAR[ufunc], 2, 1), method)(array, *operands[1:], **others)
+    else:
+        raise NotTraceable(f"a traced function cannot have np.{ufunc.__name__}.{method} in it")
+    if out is not None:
+        if not isinstance(out[0], TracedArray):
+            raise NotTraceable("a traced function cannot write into a fresh array of floats: use np.stack or np.where")
+        out[0][...] = found
+        return out[0]
+    return found if isinstance(found, Tracer) else _wrapped(found)
+
+
+def _product(ufunc: Any, a: Any, b: Any) -> Any:
+    """A product of small matrices and vectors, terms in their order."""
+    a, b = np.asarray(a, object), np.asarray(b, object)
+    if ufunc is np.matvec:
+        return np.matmul(a, b[..., None])[..., 0]
+    if ufunc is np.vecmat:
+        return np.matmul(b.swapaxes(-1, -2), a[..., None])[..., 0]
+    if ufunc is np.vecdot:
+        return np.matmul(a[..., None, :], b[..., None])[..., 0, 0]
+    return np.matmul(a, b)
+
+
+def _clip(x: Any, low: Any = None, high: Any = None, **others: Any) -> Any:
+    low, high = others.pop("min", low), others.pop("max", high)
+    if others:
+        raise NotTraceable("np.clip in a traced function has two bounds and no options")
+    x = x if low is None else np.maximum(x, low)
+    return x if high is None else np.minimum(x, high)
+
+
+def _where_array(mask: Any, *choices: Any) -> Any:
+    if len(choices) != 2:
+        raise NotTraceable("np.where in a traced function needs a mask and two values")
+
+    def one(mask: Any, chosen: Any, other: Any) -> Any:
+        if any(isinstance(each, Tracer) for each in (mask, chosen, other)):
+            return where(mask, chosen, other)
+        return chosen if mask else other
+
+    return _each(one, mask, *choices)
+
+
+def _interpolated(x: Any, xp: Any, fp: Any) -> Any:
+    """`numpy.interp` of constant tables, as NumPy computes it."""
+    xp, fp = constant_array(xp).astype(float), constant_array(fp).astype(float)
+    slopes = np.append(np.diff(fp) / np.diff(xp), 0.0)
+
+    def one(x: Any) -> Any:
+        if not isinstance(x, Tracer):
+            return np.interp(x, xp, fp)
+        index = lookup_index(x, xp)
+        value = lookup(slopes, index) * (x - lookup(xp, index)) + lookup(fp, index)
+        value = where(x >= float(xp[-1]), float(fp[-1]), where(x < float(xp[0]), float(fp[0]), value))
+        return where(operation("isnan", x), x, value)
+
+    return _each(one, x)
+
+
+def lookup_index(x: Tracer, xp: np.ndarray) -> Tracer:
+    """The last entry of rising numbers that is at most x; 0 below all."""
+    index: Any = 0
+    for bound in xp[1:]:
+        index = cast(x >= float(bound), "i") + index
+    return index  # type: ignore[no-any-return]
+
+
+def lookup(table: Any, index: Any) -> Any:
+    """The entry ``(...)`` or ``(..., m)`` of a constant table ``(k,)`` or ``(k, m)``; the first or last one beyond.
+
+    Args:
+        table: Numbers that are the same for all rows.
+        index: Whole numbers, or floats, which are truncated; NaN is 0.
+    """
+    table = np.asarray(table, float)
+    index = scalar(index) if isinstance(index, TracedArray) and index.size == 1 else index
+    if not isinstance(index, Tracer):
+        if isinstance(index, TracedArray):
+            return TracedArray.of([lookup(table, each) for each in index.flat]).reshape(index.shape + table.shape[1:])
+        inside = np.clip(np.nan_to_num(index, nan=0.0), 0, len(table) - 1).astype(int)
+        return table[inside]
+    program, width = index.program, table[0].size
+    place = program.table(table)
+    entry = cast(index, "i") if index.kind != "f" else index
+    values = [
+        Tracer(program, program.add("lookup", (entry.value,), "f", None, (place, len(table), width, column)))
+        for column in range(width)
+    ]
+    return values[0] if table.ndim == 1 else TracedArray.of(values).reshape(table.shape[1:])
+
+
+_FUNCTIONS: dict[Any, Callable[..., Any]] = {
+    np.where: _where_array,
+    np.clip: _clip,
+    np.interp: _interpolated,
+    np.sum: lambda a, axis=None, **others: apply(np.add, "reduce", (a,), {"axis": axis} | others),
+    np.prod: lambda a, axis=None, **others: apply(np.multiply, "reduce", (a,), {"axis": axis} | others),
+    np.mean: lambda a, axis=None, **others: TracedArray.of(a).mean(axis, **others),
+    np.max: lambda a, axis=None, **others: apply(np.maximum, "reduce", (a,), {"axis": axis} | others),
+    np.min: lambda a, axis=None, **others: apply(np.minimum, "reduce", (a,), {"axis": axis} | others),
+    np.any: lambda a, axis=None, **others: apply(np.logical_or, "reduce", (a,), {"axis": axis} | others),
+    np.all: lambda a, axis=None, **others: apply(np.logical_and, "reduce", (a,), {"axis": axis} | others),
+    np.zeros_like: lambda a, *_, **__: TracedArray.of(np.zeros(a.shape).astype(object)),
+    np.ones_like: lambda a, *_, **__: TracedArray.of(np.ones(a.shape).astype(object)),
+    np.empty_like: lambda a, *_, **__: TracedArray.of(np.zeros(a.shape).astype(object)),
+    np.full_like: lambda a, value, *_, **__: TracedArray.of(np.full(a.shape, scalar(value), object)),
+    np.isclose: None,
+}  # type: ignore[dict-item]
+_REARRANGING = {
+    np.stack, np.concatenate, np.hstack, np.vstack, np.dstack, np.column_stack, np.split, np.array_split, np.moveaxis,
+    np.swapaxes, np.transpose, np.reshape, np.ravel, np.squeeze, np.expand_dims, np.broadcast_to, np.broadcast_arrays,
+    np.roll, np.flip, np.repeat, np.tile, np.take, np.diagonal, np.diag, np.trace, np.append, np.delete, np.insert,
+    np.atleast_1d, np.atleast_2d, np.dot, np.inner, np.outer, np.cross, np.einsum, np.kron, np.tensordot, np.diff,
+    np.copy, np.shape, np.ndim, np.size, np.block, np.unstack, np.rot90, np.linalg.norm, np.linalg.matrix_transpose,
+    np.linalg.outer, np.linalg.vecdot, np.linalg.cross, np.matrix_transpose, np.linalg.diagonal, np.linalg.trace,
+}  # fmt: skip
+"""NumPy's functions that move entries, or add and multiply them, as they do of any objects."""
+
+
+def apply_function(function: Any, args: Sequence[Any], kwargs: dict[str, Any]) -> Any:
+    """One of NumPy's functions that are not entry by entry."""
+    from estimators.engine.matrices import MatrixTracer, apply_matrix_function
+
+    def found(value: Any) -> bool:
+        if isinstance(value, list | tuple):
+            return any(map(found, value))
+        return isinstance(value, MatrixTracer)
+
+    if found(args):
+        return apply_matrix_function(function, args, kwargs)
+    if (own := _FUNCTIONS.get(function)) is not None:
+        return own(*args, **kwargs)
+    if function not in _REARRANGING:
+        raise NotTraceable(f"a traced function cannot have np.{function.__name__} in it")
+    arguments = [_object(each) for each in args]
+    return _wrapped(function(*arguments, **{name: _object(value) for name, value in kwargs.items()}))
+
+
+def _object(value: Any) -> Any:
+    """Arrays of floats beside tracers as objects; names, shapes and indices as they are."""
+    if isinstance(value, list | tuple) and any(isinstance(each, Tracer | np.ndarray | list | tuple) for each in value):
+        return type(value)(map(_object, value))
+    return _plain(value)
+
+
+def entries(value: Any, program: Program) -> list[Tracer]:
+    """The scalars of a traced result in order, constants among them."""
+    return [constant(program, each) for each in np.asarray(value, object).reshape(-1)]
+
+
+def is_constant(value: Any) -> bool:
+    """Does an entry not depend on the row?"""
+    return not isinstance(value, Tracer) or known(value) is not None

@@ -1,0 +1,148 @@
+"""Functions of arrays ``(..., n)`` that run compiled: traced when they are first called with rows of some shapes."""
+
+from collections.abc import Callable, Sequence
+from functools import partial, update_wrapper
+from typing import Any
+
+import numpy as np
+
+from estimators.engine.arrays import TracedArray, entries
+from estimators.engine.function import Argument, Function, kind_of
+from estimators.engine.matrices import MatrixTracer, is_mask, matrix_input
+from estimators.engine.program import Program
+from estimators.engine.tracer import KINDS, NotTraceable, Tracer, cast
+
+
+def trace(function: Callable[..., Any], rows: Sequence[Argument], matrices: bool = False) -> tuple[Function, bool]:
+    """A function of arrays, traced for rows of some shapes; and whether it gives several results.
+
+    Args:
+        function: Pure; it gets tracers of a row of each argument.
+        rows: The arguments.
+        matrices: Do vectors and matrices stand for themselves (`MatrixTracer`), and not for their entries?
+
+    Raises:
+        NotTraceable: if it does what a traced function cannot do.
+    """
+    program = Program()
+    results = function(*(given(program, i, row, matrices) for i, row in enumerate(rows)))
+    several = isinstance(results, tuple | list)
+    return Function(program, rows, [output(program, each) for each in (results if several else [results])]), several
+
+
+def given(program: Program, argument: int, row: Argument, matrices: bool = False) -> Any:
+    """What stands for a row of an argument."""
+    if matrices:
+        return matrix_input(program, argument, 0, row.shape, row.kind)
+    scalars = np.empty(row.size, object)
+    for column in range(row.size):
+        scalars[column] = Tracer(program, program.add("input", (), row.kind, None, (argument, column)))
+    return scalars.reshape(row.shape).view(TracedArray)
+
+
+def output(program: Program, result: Any) -> tuple[list[Any], Argument]:
+    """The scalars or the matrix of a result, and its row."""
+    if isinstance(result, MatrixTracer):
+        return [result.view], Argument(result.shape, "b" if is_mask(result) else "f")
+    scalars = entries(result, program)
+    kinds = {each.kind for each in scalars}
+    if len(kinds) != 1:
+        scalars, kinds = [cast(each, "f") for each in scalars], {"f"}
+    shape = np.shape(np.asarray(result, object))
+    return [each.value for each in scalars], Argument(shape, kinds.pop())
+
+
+class Compiled:
+    """A function of arrays that is traced for the shapes that it is called with; see `compiled`."""
+
+    def __init__(self, function: Callable[..., Any], axes: Sequence[int] | None, matrices: bool) -> None:
+        update_wrapper(self, function)
+        self.function, self._axes, self._matrices = function, axes, matrices
+        self._traced: dict[Any, tuple[Function, bool]] = {}
+
+    def __get__(self, instance: Any, owner: Any = None) -> Any:
+        if instance is None:
+            return self
+        own = instance.__dict__.get(_METHODS)
+        if own is None:
+            own = instance.__dict__[_METHODS] = _Methods()
+        if self not in own:
+            own[self] = Compiled(self.function.__get__(instance), self._axes, self._matrices)
+        return own[self]
+
+    def __call__(self, *arrays: Any, **static: Any) -> Any:
+        if any(isinstance(each, TracedArray | Tracer | MatrixTracer) for each in arrays):
+            return self.function(*arrays, **static)
+        axes = self._axes or (1,) * len(arrays)
+        rows = [_rows(each) for each in arrays]
+        key = tuple((a.shape[a.ndim - k :], a.dtype.char) for a, k in zip(rows, axes, strict=True)), *static.items()
+        if key not in self._traced:
+            each = [Argument(a.shape[a.ndim - k :], kind_of(a)) for a, k in zip(rows, axes, strict=True)]
+            self._traced[key] = trace(partial(self.function, **static), each, self._matrices)
+        function, several = self._traced[key]
+        results = call(function, rows, axes)
+        return tuple(results) if several else results[0]
+
+    def __reduce__(self) -> Any:
+        if (instance := getattr(self.function, "__self__", None)) is not None:
+            return getattr, (instance, self.function.__name__)
+        return self.function.__qualname__  # pickles find it in its module
+
+
+class _Methods(dict[Compiled, Compiled]):
+    """Compiled methods of an object: a copy of it compiles its own, as its attributes may be others."""
+
+    def __reduce__(self) -> Any:
+        return _Methods, ()
+
+
+_METHODS = "_compiled_methods"
+
+
+def compiled(function: Any = None, *, axes: Sequence[int] | None = None, matrices: bool = False) -> Any:
+    """Make a plain NumPy function of arrays ``(..., n)`` run compiled.
+
+    Args:
+        function: Pure, of positional arguments that are arrays, and named ones that are constants and can be hashed. A
+            method counts its object as a constant. It is traced with the batch's axes gone, once for rows of the same
+            shapes; called with tracers it is traced with its caller.
+        axes: How many last axes of each argument are a row's: 0 for a number; None: 1 for all.
+        matrices: Whether its vectors and matrices are traced as such, in the words of `estimators.engine.matrices`, and
+            not entry by entry: for what is large.
+    """
+    if function is None:
+        return lambda function: Compiled(function, axes, matrices)
+    return Compiled(function, axes, matrices)
+
+
+def _rows(value: Any) -> np.ndarray:
+    """An argument as an array in C order, of a type that the engine has."""
+    array = np.asarray(value)
+    if array.dtype not in KINDS.values():
+        if array.dtype.kind not in "fiub":
+            raise NotTraceable(f"a compiled function takes numbers, got {array.dtype}")
+        array = array.astype(float if array.dtype.kind == "f" else KINDS[array.dtype.kind])
+    return array if array.flags.c_contiguous else np.ascontiguousarray(array).reshape(array.shape)
+
+
+def call(function: Function, arrays: Sequence[np.ndarray], axes: Sequence[int]) -> list[np.ndarray]:
+    """A compiled function of arrays in C order that have one batch, or none where all rows share them."""
+    leading = [a.shape[: a.ndim - k] for a, k in zip(arrays, axes, strict=True)]
+    batch: tuple[int, ...] = ()
+    for own in leading:
+        if own != batch and own:
+            batch = np.broadcast_shapes(batch, own)
+    rows, shared, ready = 1, 0, []
+    for n in batch:
+        rows *= n
+    for i, (array, own) in enumerate(zip(arrays, leading, strict=True)):
+        if own != batch:
+            if any(n != 1 for n in own):
+                array = np.ascontiguousarray(np.broadcast_to(array, batch + array.shape[len(own) :]))
+            else:
+                shared |= 1 << i
+        ready.append(array)
+    results = [np.empty(batch + row.shape, KINDS[row.kind]) for row in function.results]
+    if rows:
+        function(rows, shared, [a.__array_interface__["data"][0] for a in (*ready, *results)])
+    return results

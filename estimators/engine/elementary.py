@@ -1,0 +1,292 @@
+"""Elementary functions in additions, products, quotients and roots alone: the same bits on every machine.
+
+They are plain NumPy functions of arrays, without a branch, and within 2 units in the last place of the exact value. The
+polynomials and reductions are those of fdlibm (Sun Microsystems, 1993); sine and cosine take off quarters of a turn in
+three parts (Cody & Waite, 1980) and are accurate for angles up to 1e6 rad.
+"""
+
+from collections.abc import Callable, Sequence
+from functools import wraps
+from typing import Any
+
+import numpy as np
+
+from estimators.engine.tracer import Tracer, cast, operation
+from estimators.engine.tracer import where as _where
+
+_LN2_HIGH, _LN2_LOW, _PER_LN2 = 6.93147180369123816490e-01, 1.90821492927058770002e-10, 1.44269504088896338700
+_INTEGER = 6755399441055744.0  # 1.5 * 2^52: adding it leaves a whole number in the low bits
+_PI_LOW = 1.2246467991473531772e-16
+
+
+def _spread(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    """A function of tracers or arrays, entry by entry of arrays of tracers, too."""
+
+    @wraps(function)
+    def spread(x: Any) -> Any:
+        if isinstance(x, np.ndarray) and x.dtype == object:
+            found = np.frompyfunc(function, 1, 1)(x.view(np.ndarray))
+            return found if isinstance(found, Tracer) else found.view(type(x))
+        return function(x)
+
+    return spread
+
+
+@_spread
+def float_bits(x: Any) -> Any:
+    """The 64 bits of a float as a word."""
+    if isinstance(x, Tracer):
+        return Tracer(x.program, x.program.add("bits", (cast(x, "f").value,), "u"))
+    return np.asarray(x, float).view(np.uint64)[()]
+
+
+@_spread
+def bits_float(word: Any) -> Any:
+    """The float of 64 bits."""
+    if isinstance(word, Tracer):
+        return Tracer(word.program, word.program.add("from bits", (cast(word, "u").value,), "f"))
+    return np.asarray(word, np.uint64).view(float)[()]
+
+
+@_spread
+def as_float(x: Any) -> Any:
+    """Whole numbers, words or masks as floats."""
+    return cast(x, "f") if isinstance(x, Tracer) else np.asarray(x).astype(float)[()]
+
+
+@_spread
+def as_word(x: Any) -> Any:
+    """Whole numbers as words of 64 bits, modulo 2^64; floats are truncated."""
+    return cast(x, "u") if isinstance(x, Tracer) else np.asarray(x).astype(np.uint64)[()]
+
+
+@_spread
+def as_integer(x: Any) -> Any:
+    """Words as whole numbers of 64 bits with a sign; floats are truncated."""
+    return cast(x, "i") if isinstance(x, Tracer) else np.asarray(x).astype(np.int64)[()]
+
+
+def _select(mask: Any, chosen: Any, other: Any) -> Any:
+    return _where(mask, chosen, other) if isinstance(mask, Tracer) else np.where(mask, chosen, other)
+
+
+def _apply(opcode: str, *operands: Any) -> Any:
+    if any(isinstance(each, Tracer) for each in operands):
+        return operation(opcode, *operands)
+    return EXPANSIONS[opcode][1](*operands) if opcode in EXPANSIONS else getattr(np, opcode)(*operands)
+
+
+def _polynomial(z: Any, *coefficients: float) -> Any:
+    """``c0 + z (c1 + z (c2 + ...))``."""
+    *others, total = coefficients
+    for c in reversed(others):
+        total = c + z * total
+    return total
+
+
+def _power_of_two(k: Any) -> Any:
+    """``2^k`` of a whole number in [-1022, 1023], as a float."""
+    return bits_float((float_bits(k + _INTEGER) + np.uint64(1023)) << np.uint64(52))
+
+
+def _scaled(y: Any, k: Any) -> Any:
+    """``y 2^k``, in two steps so that neither overflows before its time."""
+    half = _apply("floor", 0.5 * k)
+    return y * _power_of_two(half) * _power_of_two(k - half)
+
+
+def sincos_near_zero(x: Any) -> tuple[Any, Any]:
+    """Sine and cosine of an angle within an eighth of a turn of 0."""
+    z = x * x
+    sine = x + x * z * _polynomial(
+        z, -1.66666666666666324348e-01, 8.33333333332248946124e-03, -1.98412698298579493134e-04,
+        2.75573137070700676789e-06, -2.50507602534068634195e-08, 1.58969099521155010221e-10,
+    )  # fmt: skip
+    cosine = 1.0 - 0.5 * z + z * z * _polynomial(
+        z, 4.16666666666666019037e-02, -1.38888888888741095749e-03, 2.48015872894767294178e-05,
+        -2.75573143513906633035e-07, 2.08757232129817482790e-09, -1.13596475577881948265e-11,
+    )  # fmt: skip
+    return sine, cosine
+
+
+def _sincos(angle: Any) -> tuple[Any, Any]:
+    """Sine and cosine."""
+    quarters = _apply("floor", angle * 0.6366197723675814 + 0.5)
+    x = angle - quarters * 1.5707963267341256 - quarters * 6.077100506303966e-11 - quarters * 2.0222662487959506e-21
+    x = _select(x > 0.786, 0.786, _select(x < -0.786, -0.786, x))  # angles without an accurate digit stay bounded
+    sine, cosine = sincos_near_zero(x)
+    quarter = quarters - 4.0 * _apply("floor", 0.25 * quarters)
+    odd = (quarter == 1.0) | (quarter == 3.0)
+    s, c = _select(odd, cosine, sine), _select(odd, sine, cosine)
+    return _select(quarter >= 2.0, -s, s), _select((quarter == 1.0) | (quarter == 2.0), -c, c)
+
+
+def _tan(x: Any) -> Any:
+    sine, cosine = sincos(x)
+    return sine / cosine
+
+
+def _exp(x: Any) -> Any:
+    x = _select(x > 800.0, 800.0, _select(x < -800.0, -800.0, x))
+    k = _apply("rint", x * _PER_LN2)
+    high, low = x - k * _LN2_HIGH, k * _LN2_LOW
+    r = high - low
+    z = r * r
+    c = r - z * _polynomial(
+        z, 1.66666666666666019037e-01, -2.77777777770155933842e-03, 6.61375632143793436117e-05,
+        -1.65339022054652515390e-06, 4.13813679705723846039e-08,
+    )  # fmt: skip
+    return _scaled(1.0 - ((low - (r * c) / (2.0 - c)) - high), k)
+
+
+def _expm1(x: Any) -> Any:
+    x = _select(x > 800.0, 800.0, _select(x < -800.0, -800.0, x))
+    k = _apply("rint", x * _PER_LN2)
+    high, low = x - k * _LN2_HIGH, k * _LN2_LOW
+    r = high - low
+    c = (high - r) - low
+    half = 0.5 * r
+    z = r * half
+    q = 1.0 + z * _polynomial(
+        z, -3.33333333333331316428e-02, 1.58730158725481460165e-03, -7.93650757867487942473e-05,
+        4.00821782732936239552e-06, -2.01099218183624371326e-07,
+    )  # fmt: skip
+    t = 3.0 - q * half
+    e = z * ((q - t) / (6.0 - r * t))
+    near = r - (r * e - z)
+    e = (r * (e - c) - c) - z
+    inverse = _power_of_two(-_select(k > 1000.0, 1000.0, _select(k < -1000.0, -1000.0, k)))
+    positive = _scaled(_select(k < 20.0, (1.0 - inverse) - (e - r), (r - (e + inverse)) + 1.0), k)
+    negative = _select(k == -1.0, 0.5 * (r - e) - 0.5, _scaled(1.0 - (e - r), k) - 1.0)
+    return _select(k == 0.0, near, _select(k > 0.0, positive, negative))
+
+
+def _log(x: Any) -> Any:
+    small = x < 2.2250738585072014e-308
+    bits = as_integer(float_bits(_select(small, x * 18014398509481984.0, x)))  # 2^54
+    exponent = (bits - 0x3FE6A09E667F3BCD) >> 52  # so that the rest lies within sqrt(2) of 1
+    f = bits_float(as_word(bits - (exponent << 52))) - 1.0
+    k = as_float(exponent) - _select(small, 54.0, 0.0)
+    s = f / (2.0 + f)
+    z = s * s
+    r = z * _polynomial(
+        z, 6.666666666666735130e-01, 3.999999999940941908e-01, 2.857142874366239149e-01, 2.222219843214978396e-01,
+        1.818357216161805012e-01, 1.531383769920937332e-01, 1.479819860510658591e-01,
+    )  # fmt: skip
+    half = 0.5 * f * f
+    value = k * _LN2_HIGH - ((half - (s * (half + r) + k * _LN2_LOW)) - f)
+    special = _select(x == 0.0, -np.inf, _select(x == np.inf, np.inf, np.nan))
+    return _select((x > 0.0) & (x < np.inf), value, special)
+
+
+def _log1p(x: Any) -> Any:
+    u = 1.0 + x
+    missing = _select(u > 2.0, 1.0 - (u - x), x - (u - 1.0))
+    log = _apply("log", u)
+    return _select((x > -1.0) & (x < np.inf), log + missing / _select(u == 0.0, 1.0, u), log)
+
+
+def _arctan(x: Any) -> Any:
+    a = _apply("absolute", x)
+    first, second, third, fourth = a < 0.4375, a < 0.6875, a < 1.1875, a < 2.4375
+    over = _select(first, a, _select(second, 2.0 * a - 1.0, _select(third, a - 1.0, _select(fourth, a - 1.5, -1.0))))
+    under = _select(first, 1.0, _select(second, 2.0 + a, _select(third, a + 1.0, _select(fourth, 1.0 + 1.5 * a, a))))
+    high = _select(first, 0.0, _select(second, 4.63647609000806093515e-01, _select(
+        third, 7.85398163397448278999e-01, _select(fourth, 9.82793723247329054082e-01, 1.57079632679489655800))))  # fmt: skip
+    low = _select(first, 0.0, _select(second, 2.26987774529616870924e-17, _select(
+        third, 3.06161699786838301793e-17, _select(fourth, 1.39033110312309984516e-17, 6.12323399573676603587e-17))))  # fmt: skip
+    t = over / under
+    z = t * t
+    series = z * _polynomial(
+        z, 3.33333333333329318027e-01, -1.99999999998764832476e-01, 1.42857142725034663711e-01,
+        -1.11111104054623557880e-01, 9.09088713343650656196e-02, -7.69187620504482999495e-02,
+        6.66107313738753120669e-02, -5.83357013379057348645e-02, 4.97687799461593236017e-02,
+        -3.65315727442169155270e-02, 1.62858201153657823623e-02,
+    )  # fmt: skip
+    return _apply("copysign", high - ((t * series - low) - t), x)
+
+
+def _arctan2(y: Any, x: Any) -> Any:
+    over, under = _apply("absolute", y), _apply("absolute", x)
+    alike = (over == under) & ((over == 0.0) | (over == np.inf))
+    ratio = _select(alike, _select(over == 0.0, 0.0, 1.0), over / _select(alike, 1.0, under))
+    angle = _apply("arctan", ratio)
+    astern = _apply("copysign", 1.0, x) < 0.0
+    return _apply("copysign", _select(astern, np.pi - (angle - _PI_LOW), angle), y)
+
+
+def _arcsin(x: Any) -> Any:
+    return _apply("arctan2", x, _apply("sqrt", (1.0 - x) * (1.0 + x)))
+
+
+def _arccos(x: Any) -> Any:
+    return _apply("arctan2", _apply("sqrt", (1.0 - x) * (1.0 + x)), x)
+
+
+def _hypot(x: Any, y: Any) -> Any:
+    a, b = _apply("absolute", x), _apply("absolute", y)
+    large, small = _select(a > b, a, b), _select(a > b, b, a)
+    ratio = small / _select(large == 0.0, 1.0, large)
+    return _select((a == np.inf) | (b == np.inf), np.inf, large * _apply("sqrt", 1.0 + ratio * ratio))
+
+
+def _tanh(x: Any) -> Any:
+    a = _apply("absolute", x)
+    t = _apply("expm1", 2.0 * _select(a > 22.0, 22.0, a))
+    return _apply("copysign", _select(a > 22.0, 1.0, t / (t + 2.0)), x)
+
+
+EXPANSIONS: dict[str, tuple[int, Callable[..., Any]]] = {
+    "sin": (1, lambda x: _sincos(x)[0]), "cos": (1, lambda x: _sincos(x)[1]), "sincos": (1, _sincos),
+    "tan": (1, _tan), "exp": (1, _exp), "expm1": (1, _expm1), "log": (1, _log), "log1p": (1, _log1p),
+    "arctan": (1, _arctan), "arctan2": (2, _arctan2), "arcsin": (1, _arcsin), "arccos": (1, _arccos),
+    "hypot": (2, _hypot), "tanh": (1, _tanh),
+}  # fmt: skip
+"""How many operands each has, and how it is computed."""
+
+
+def sincos(angle: Any) -> tuple[Any, Any]:
+    """Sine and cosine of angles ``(...)``."""
+    if isinstance(angle, Tracer) or (isinstance(angle, np.ndarray) and angle.dtype == object):
+        return np.sin(angle), np.cos(angle)
+    with np.errstate(all="ignore"):
+        return _sincos(np.asarray(angle, float)[()])
+
+
+def evaluate(opcode: str, *values: float) -> float:
+    """An elementary function of numbers, as a compiled program computes it."""
+    with np.errstate(all="ignore"):
+        return float(EXPANSIONS[opcode][1](*map(np.float64, values)))
+
+
+def remainder(x: Any, y: Any) -> Any:
+    """``x - y floor(x / y)`` with the sign of y, exactly, as `numpy.remainder`."""
+    if x.kind != "f" and y.kind != "f":
+        return operation("whole remainder", x, y)
+    rest = operation("fmod", x, y)
+    moved = _where((rest < 0.0) ^ (y < 0.0), rest + y, rest)
+    return _where(rest == 0.0, operation("copysign", 0.0, y), moved)
+
+
+def repeat(count: int, body: Callable[..., Sequence[Any]], *carried: Any) -> tuple[Any, ...]:
+    """What a body makes of scalars ``(...)`` in ``count`` passes: ``carried = body(*carried)``.
+
+    A loop in a compiled program, where Python's own would be unrolled.
+    """
+    if not any(isinstance(np.asarray(each, object).item(0), Tracer) for each in carried if np.size(each)):
+        for _ in range(count):
+            carried = tuple(body(*carried))
+        return tuple(carried)
+    from estimators.engine.arrays import scalar
+    from estimators.engine.tracer import constant
+
+    scalars = [scalar(each) for each in carried]
+    program = next(each.program for each in scalars if isinstance(each, Tracer))
+    initial = [constant(program, each).value for each in scalars]
+
+    def traced(*parameters: int) -> list[int]:
+        after = body(*(Tracer(program, value) for value in parameters))
+        return [cast(constant(program, scalar(each)), program.kinds[value]).value
+                for each, value in zip(after, parameters, strict=True)]  # fmt: skip
+
+    return tuple(Tracer(program, value) for value in program.repeat(count, traced, initial))

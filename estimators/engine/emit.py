@@ -1,0 +1,337 @@
+"""Programs as LLVM IR: scalars straight-line, rows of the batch as lanes of vectors.
+
+The operations and their order are those of the program at any width, without contraction or fast-math flags: a row has
+the same bits alone, in any batch and on any processor.
+"""
+
+import struct
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from estimators.engine.elementary import EXPANSIONS
+from estimators.engine.program import Instruction, Loop, Program
+from estimators.engine.tracer import Tracer
+
+_INTEGER = {"i": "s", "u": "u"}
+_FLOATS = {"add": "fadd", "subtract": "fsub", "multiply": "fmul", "divide": "fdiv", "fmod": "frem"}
+_INTRINSICS = ("sqrt", "floor", "ceil", "trunc", "rint", "copysign")
+_ORDERS = {"greater": "gt", "greater equal": "ge", "equal": "eq", "not equal": "ne"}
+
+
+def type_of(kind: str, width: int) -> str:
+    """The LLVM type of so many lanes of a kind."""
+    scalar = {"f": "double", "b": "i1"}.get(kind, "i64")
+    return scalar if width == 1 else f"<{width} x {scalar}>"
+
+
+def literal(value: Any, kind: str, width: int) -> str:
+    """A constant in LLVM IR."""
+    if kind == "f":
+        text = f"0x{struct.unpack('<Q', struct.pack('<d', value))[0]:016X}"
+    elif kind == "b":
+        text = "true" if value else "false"
+    else:
+        text = str(int(value))
+    return text if width == 1 else f"splat ({type_of(kind, 1)} {text})"
+
+
+class Module:
+    """What the functions of one program share: intrinsics, elementary functions and tables."""
+
+    def __init__(self) -> None:
+        self.declared: dict[str, None] = {}
+        self.functions: dict[str, str] = {}
+        self.tables: dict[str, str] = {}
+
+    def table(self, values: Sequence[float]) -> str:
+        """A constant array; its name."""
+        text = ", ".join(f"double {literal(value, 'f', 1)}" for value in values)
+        return self.tables.setdefault(text, f"@table{len(self.tables)}.{len(values)}")
+
+    def elementary(self, opcode: str, width: int) -> str:
+        """An elementary function; its name."""
+        name = f"@{opcode}.{width}"
+        if name not in self.functions:
+            self.functions[name] = ""
+            count, expansion = EXPANSIONS[opcode]
+            program = Program()
+            operands = [program.new("f") for _ in range(count)]
+            results = expansion(*(Tracer(program, value) for value in operands))
+            values = [each.value for each in (results if isinstance(results, tuple) else (results,))]
+            emitter = Emitter(program, self, width)
+            emitter.names = {value: f"%p{i}" for i, value in enumerate(operands)}
+            emitter.block(program.live(values))
+            T = type_of("f", width)
+            parameters = ", ".join(f"{T} %p{i}" for i in range(count))
+            given = f"{{{T}, {T}}}" if len(values) == 2 else T
+            if len(values) == 2:
+                first = emitter.line(f"insertvalue {given} poison, {T} {emitter.name(values[0])}, 0")
+                last = emitter.line(f"insertvalue {given} {first}, {T} {emitter.name(values[1])}, 1")
+            else:
+                last = emitter.name(values[0])
+            body = "\n".join([*emitter.lines, f"  ret {given} {last}"])
+            self.functions[name] = f"define internal {given} {name}({parameters}) #0 {{\nentry:\n{body}\n}}"
+        return name
+
+    def text(self, functions: Sequence[str]) -> str:
+        """The module with these functions."""
+        tables = (
+            f"{name} = private unnamed_addr constant [{text.count('double')} x double] [{text}], align 64"
+            for text, name in self.tables.items()
+        )
+        return "\n".join(
+            [*tables, *self.declared, *self.functions.values(), *functions, "attributes #0 = { nounwind }", ""]
+        )
+
+
+class Emitter:
+    """Instructions of a program as lines of a function, with ``width`` rows side by side."""
+
+    def __init__(self, program: Program, module: Module, width: int) -> None:
+        self.program, self.module, self.width = program, module, width
+        self.lines: list[str] = []
+        self.names: dict[int, str] = {}
+        self.label = "entry"
+        self._count = 0
+        self._pairs: dict[int, str] = {}  # sine and cosine of a value
+        self.special: dict[str, Callable[[Instruction], None]] = {}
+
+    # --- lines --------------------------------------------------------------------------------------
+
+    def line(self, text: str) -> str:
+        """A line that gives a result; its name."""
+        self._count += 1
+        self.lines.append(f"  %v{self._count} = {text}")
+        return f"%v{self._count}"
+
+    def begin(self, label: str) -> None:
+        """Begin a basic block."""
+        self.lines.append(f"{label}:")
+        self.label = label
+
+    def fresh(self, stem: str) -> str:
+        """A new label."""
+        self._count += 1
+        return f"{stem}{self._count}"
+
+    def call(self, intrinsic: str, kinds: str, width: int, *operands: str, suffix: str = "") -> str:
+        """A call of one of LLVM's intrinsics, whose operands are of these kinds."""
+        scalar = "f64" if kinds[0] == "f" else "i64"
+        types = [type_of(kind, width) for kind in kinds]
+        name = f"@llvm.{intrinsic}.{scalar if width == 1 else f'v{width}{scalar}'}"
+        extra = ", i1" if suffix else ""
+        self.module.declared[f"declare {types[0]} {name}({', '.join(types)}{extra})"] = None
+        pairs = ", ".join(f"{kind} {operand}" for kind, operand in zip(types, operands, strict=True))
+        return self.line(f"call {types[0]} {name}({pairs}{suffix})")
+
+    def name(self, value: int) -> str:
+        """The name of a scalar, or its literal."""
+        if value in self.program.constants:
+            return literal(self.program.constants[value], self.program.kinds[value], self.width)
+        return self.names[value]
+
+    def loop(
+        self, first: int | str, count: int | str, body: Callable[..., Sequence[str]], initial: Sequence[str] = (),
+        types: Sequence[str] = (), step: int = 1,
+    ) -> list[str]:  # fmt: skip
+        """A loop ``for i in range(first, count, step)`` with carried values; their names afterwards."""
+        before, head, inside, done = self.label, *map(self.fresh, ("head", "body", "done"))
+        counter, advanced = f"%{self.fresh('i')}", f"%{self.fresh('n')}"
+        self.lines.append(f"  br label %{head}")
+        self.begin(head)
+        at = len(self.lines)
+        carried = [f"%{self.fresh('c')}" for _ in initial]
+        test = self.line(f"icmp slt i64 {counter}, {count}")
+        self.lines.append(f"  br i1 {test}, label %{inside}, label %{done}")
+        self.begin(inside)
+        after = body(counter, *carried)
+        self.lines.append(f"  {advanced} = add i64 {counter}, {step}")
+        self.lines.append(f"  br label %{head}")
+        end = self.label
+        phis = [f"  {counter} = phi i64 [{first}, %{before}], [{advanced}, %{end}]"]
+        for name, kind, one, two in zip(carried, types, initial, after or (), strict=True):
+            phis.append(f"  {name} = phi {kind} [{one}, %{before}], [{two}, %{end}]")
+        self.lines[at:at] = phis
+        self.begin(done)
+        return carried
+
+    # --- instructions -------------------------------------------------------------------------------
+
+    def block(self, instructions: Sequence[Instruction]) -> None:
+        """Instructions in order."""
+        for instruction in instructions:
+            if instruction.opcode in self.special:
+                self.special[instruction.opcode](instruction)
+            elif instruction.opcode == "repeat":
+                self._repeat(instruction)
+            elif instruction.opcode == "lookup":
+                self.names[instruction.result] = self._lookup(instruction)
+            elif instruction.opcode in ("sin", "cos"):
+                self.names[instruction.result] = self._sine_or_cosine(instruction)
+            else:
+                values: Any = instruction.operands
+                kinds = "".join(self.program.kinds[value] for value in values)
+                operands = [self.name(value) for value in values]
+                self.names[instruction.result] = self.operation(
+                    instruction.opcode, kinds, operands, self.width, self.program.kinds[instruction.result]
+                )
+
+    def operation(self, opcode: str, kinds: str, operands: Sequence[str], width: int, result: str = "f") -> str:
+        """One opcode of scalars of some kinds, ``width`` of them side by side."""
+        kind, T = kinds[0], type_of(kinds[0], width)
+        pair = ", ".join(operands)
+        if opcode in EXPANSIONS:
+            name = self.module.elementary(opcode, width)
+            return self.line(f"call {T} {name}({', '.join(f'{T} {each}' for each in operands)})")
+        if opcode in _FLOATS:
+            if kind == "f":
+                return self.line(f"{_FLOATS[opcode]} {T} {pair}")
+            return self.line(f"{ {'add': 'add', 'subtract': 'sub', 'multiply': 'mul'}[opcode] } {T} {pair}")
+        if opcode in _INTRINSICS:
+            return self.call(opcode, kinds, width, *operands)
+        if opcode in ("and", "or", "xor"):
+            return self.line(f"{opcode} {T} {pair}")
+        if opcode in _ORDERS:
+            return self._comparison(opcode, kind, T, pair)
+        if opcode == "where":
+            chosen = type_of(kinds[1], width)
+            return self.line(f"select {T} {operands[0]}, {chosen} {operands[1]}, {chosen} {operands[2]}")
+        if opcode in ("maximum", "minimum"):
+            return self._extreme(opcode, kind, operands, width)
+        return self._other(opcode, kind, operands, width, result)
+
+    def _comparison(self, opcode: str, kind: str, T: str, pair: str) -> str:
+        order = _ORDERS[opcode]
+        if kind == "f":
+            return self.line(f"fcmp {'une' if order == 'ne' else 'o' + order} {T} {pair}")
+        sign = "" if order in ("eq", "ne") else _INTEGER.get(kind, "u")
+        return self.line(f"icmp {sign}{order} {T} {pair}")
+
+    def _extreme(self, opcode: str, kind: str, operands: Sequence[str], width: int) -> str:
+        """NumPy's: the first operand where it is NaN, the second where that is."""
+        T, mask = type_of(kind, width), type_of("b", width)
+        order = "gt" if opcode == "maximum" else "lt"
+        if kind == "f":
+            beyond = self.line(f"fcmp o{order} {T} {operands[0]}, {operands[1]}")
+            missing = self.line(f"fcmp uno {T} {operands[0]}, {operands[0]}")
+            chosen = self.line(f"or {mask} {beyond}, {missing}")
+        else:
+            chosen = self.line(f"icmp {_INTEGER[kind]}{order} {T} {operands[0]}, {operands[1]}")
+        return self.line(f"select {mask} {chosen}, {T} {operands[0]}, {T} {operands[1]}")
+
+    def _other(self, opcode: str, kind: str, operands: Sequence[str], width: int, result: str) -> str:
+        T, x = type_of(kind, width), operands[0]
+        if opcode == "negative":
+            return self.line(f"fneg {T} {x}" if kind == "f" else f"sub {T} {literal(0, kind, width)}, {x}")
+        if opcode == "absolute":
+            return self.call("fabs", "f", width, x) if kind == "f" else self.call("abs", "i", width, x, suffix=", i1 0")
+        if opcode == "isfinite":
+            zero = self.line(f"fsub {T} {x}, {x}")
+            return self.line(f"fcmp oeq {T} {zero}, {literal(0.0, 'f', width)}")
+        if opcode == "isnan":
+            return self.line(f"fcmp uno {T} {x}, {x}")
+        if opcode == "not":
+            return self.line(f"xor {T} {x}, {literal(1 if kind == 'b' else -1, kind, width)}")
+        if opcode == "left shift":
+            return self.line(f"shl {T} {x}, {operands[1]}")
+        if opcode == "right shift":
+            return self.line(f"{'lshr' if kind == 'u' else 'ashr'} {T} {x}, {operands[1]}")
+        if opcode in ("bits", "from bits"):
+            return self.line(f"bitcast {T} {x} to {type_of(result, width)}")
+        if opcode == "cast":
+            return self.cast(x, kind, result, width)
+        if opcode == "whole remainder":
+            return self._whole_remainder(kind, operands, width)
+        raise NotImplementedError(opcode)
+
+    def _whole_remainder(self, kind: str, operands: Sequence[str], width: int) -> str:
+        T, mask, (x, y) = type_of(kind, width), type_of("b", width), operands
+        zero, one = literal(0, kind, width), literal(1, kind, width)
+        none = self.line(f"icmp eq {T} {y}, {zero}")  # NumPy gives 0
+        y = self.line(f"select {mask} {none}, {T} {one}, {T} {y}")
+        if kind == "u":
+            return self.line(f"urem {T} {x}, {y}")
+        rest = self.line(f"srem {T} {x}, {y}")
+        signs = self.line(f"xor {T} {rest}, {y}")
+        apart = self.line(f"icmp slt {T} {signs}, {zero}")
+        some = self.line(f"icmp ne {T} {rest}, {zero}")
+        both = self.line(f"and {mask} {apart}, {some}")
+        moved = self.line(f"add {T} {rest}, {y}")
+        return self.line(f"select {mask} {both}, {T} {moved}, {T} {rest}")
+
+    def cast(self, x: str, kind: str, result: str, width: int) -> str:
+        """A value of a kind as one of another."""
+        T, R = type_of(kind, width), type_of(result, width)
+        if kind == "b":
+            return self.line(f"select {T} {x}, {R} {literal(1, result, width)}, {R} {literal(0, result, width)}")
+        if result == "f":
+            return self.line(f"{'sitofp' if kind == 'i' else 'uitofp'} {T} {x} to {R}")
+        if kind == "f":
+            x = self._within(x, -9.2e18, 9.2e18, width)
+            return self.line(f"fptosi {T} {x} to {R}")
+        return x
+
+    def _within(self, x: str, low: float, high: float, width: int) -> str:
+        """Numbers within bounds; NaN becomes the lower one, or 0."""
+        T, mask = type_of("f", width), type_of("b", width)
+        for order, bound in (("ogt", low), ("olt", high)):
+            inside = self.line(f"fcmp {order} {T} {x}, {literal(bound, 'f', width)}")
+            x = self.line(f"select {mask} {inside}, {T} {x}, {T} {literal(bound, 'f', width)}")
+        return x
+
+    def _sine_or_cosine(self, instruction: Instruction) -> str:
+        value: Any = instruction.operands[0]
+        T = type_of("f", self.width)
+        if value not in self._pairs:
+            name = self.module.elementary("sincos", self.width)
+            self._pairs[value] = self.line(f"call {{{T}, {T}}} {name}({T} {self.name(value)})")
+        return self.line(f"extractvalue {{{T}, {T}}} {self._pairs[value]}, {int(instruction.opcode == 'cos')}")
+
+    def lanes(self, one: Callable[[int], str], kind: str) -> str:
+        """A vector of what a function gives for each lane."""
+        if self.width == 1:
+            return one(0)
+        T, vector = type_of(kind, self.width), "poison"
+        for lane in range(self.width):
+            vector = self.line(f"insertelement {T} {vector}, {type_of(kind, 1)} {one(lane)}, i32 {lane}")
+        return vector
+
+    def lane(self, vector: str, kind: str, lane: int) -> str:
+        """One lane of a vector."""
+        if self.width == 1:
+            return vector
+        return self.line(f"extractelement {type_of(kind, self.width)} {vector}, i32 {lane}")
+
+    def _lookup(self, instruction: Instruction) -> str:
+        value: Any = instruction.operands[0]
+        place, count, across, column = instruction.attributes
+        kind, index = self.program.kinds[value], self.name(value)
+        if kind == "f":
+            index = self._within(index, 0.0, count - 1.0, self.width)
+            index = self.line(f"fptosi {type_of('f', self.width)} {index} to {type_of('i', self.width)}")
+        else:
+            for call, bound in (("smax", 0), ("smin", count - 1)):
+                index = self.call(call, "ii", self.width, index, literal(bound, "i", self.width))
+        table = self.module.table(self.program.tables[place])
+
+        def one(lane: int) -> str:
+            entry = self.lane(index, "i", lane)
+            at = self.line(f"add i64 {self.line(f'mul i64 {entry}, {across}')}, {column}")
+            return self.line(f"load double, ptr {self.line(f'getelementptr double, ptr {table}, i64 {at}')}, align 8")
+
+        return self.lanes(one, "f")
+
+    def _repeat(self, instruction: Instruction) -> None:
+        loop: Loop = instruction.attributes[0]
+        types = [type_of(self.program.kinds[value], self.width) for value in loop.parameters]
+
+        def body(_: str, *carried: str) -> list[str]:
+            outside = dict(self._pairs)
+            self.names.update(zip(loop.parameters, carried, strict=True))
+            self.block(loop.body)
+            self._pairs = outside
+            return [self.name(value) for value in loop.after]
+
+        initial = [self.name(value) for value in instruction.operands if isinstance(value, int)]
+        results = self.loop(0, loop.count, body, initial, types)
+        self.names.update(zip(loop.results, results, strict=True))

@@ -1,0 +1,247 @@
+"""Compiled functions: a program for each row of a batch, over arrays whose rows lie one after the other."""
+
+from collections.abc import Callable, Sequence
+from threading import Lock
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from estimators.engine import machine
+from estimators.engine.emit import Module, literal, type_of
+from estimators.engine.linear_emit import LinearEmitter
+from estimators.engine.matrix_emit import Index
+from estimators.engine.program import Instruction, Program, View
+from estimators.engine.tracer import KINDS
+
+LANES = 8
+"""Rows side by side in a batch; a row alone has a program of its own."""
+_FEW = 4  # rows that are not worth vectors
+_LARGEST = 1 << 15  # bytes of scratch a row, above which rows are computed one by one
+
+
+class Argument(NamedTuple):
+    """An argument of a compiled function: the shape and kind of its rows."""
+
+    shape: tuple[int, ...]
+    kind: str = "f"
+
+    @property
+    def size(self) -> int:
+        """Entries of a row."""
+        return int(np.prod(self.shape, dtype=int))
+
+
+class Function:
+    """A program, compiled for one row and for many when it is first needed for as many.
+
+    Args:
+        program: What it computes; its instructions ``input`` and ``input matrix`` read the arguments.
+        arguments: Rows of what it takes.
+        outputs: For each result its scalars and views of matrices, one after the other, and an argument like it.
+    """
+
+    def __init__(
+        self, program: Program, arguments: Sequence[Argument], outputs: Sequence[tuple[Any, Argument]]
+    ) -> None:
+        self.arguments, self.results = tuple(arguments), tuple(result for _, result in outputs)
+        self._program, self._outputs = program, [entries for entries, _ in outputs]
+        values = [part.value if isinstance(part, View) else part for parts in self._outputs for part in parts]
+        self._live = program.live(values)
+        self._layout = Layout(program, self._live, values)
+        self._wide = LANES if self._layout.size * 8 <= _LARGEST else 1
+        self._entries: dict[int, Callable[..., None]] = {}
+        self._lock = Lock()
+
+    def __call__(self, rows: int, shared: int, addresses: Sequence[int]) -> None:
+        """Compute rows of arrays in memory.
+
+        Args:
+            rows: How many.
+            shared: Bits of the arguments that have one row for all.
+            addresses: Of the arguments' and the results' first rows, in C order.
+        """
+        width = self._wide if rows >= _FEW else 1
+        entry = self._entries.get(width) or self.compiled(width)
+        entry(rows, shared, machine.scratch(8 * width * self._layout.size), *addresses)
+
+    def compiled(self, width: int) -> Callable[..., None]:
+        """The machine code for so many rows side by side."""
+        with self._lock:
+            if width not in self._entries:
+                count = len(self.arguments) + len(self.results)
+                self._entries[width] = machine.load(self.text(width), count)
+            return self._entries[width]
+
+    def text(self, width: int) -> str:
+        """The program in LLVM IR."""
+        module = Module()
+        emitter = Driver(self, module, width)
+        return module.text([emitter.function(self._live, self._outputs)])
+
+    @property
+    def program(self) -> Program:
+        """What it computes."""
+        return self._program
+
+    @property
+    def layout(self) -> "Layout":
+        """Where matrices stand."""
+        return self._layout
+
+
+class Layout:
+    """Places of a program's matrices in its scratch; one that is needed no longer gives its place to another."""
+
+    def __init__(self, program: Program, instructions: Sequence[Instruction], outputs: Sequence[int]) -> None:
+        last = {value: at for at, each in enumerate(instructions) for value in each.values}
+        last |= {value: len(instructions) for value in outputs}
+        self.places: dict[int, int] = {}
+        self.temporary: dict[int, int] = {}  # of instructions that need room besides
+        self.size = 0
+        free: dict[int, list[int]] = {}
+        for at, each in enumerate(instructions):
+            size = program.sizes.get(each.result)
+            if size is not None:
+                self.places[each.result] = self._placed(size, free)
+            extra = each.attributes[-1] if each.opcode in ROOM else 0
+            if extra:
+                self.temporary[each.result] = self._placed(extra, free)
+                free.setdefault(extra, []).append(self.temporary[each.result])
+            for value in {*each.values, *each.results}:
+                if last.get(value, at) == at and value in self.places:
+                    free.setdefault(program.sizes[value], []).append(self.places[value])
+
+    def _placed(self, size: int, free: dict[int, list[int]]) -> int:
+        if free.get(size):
+            return free[size].pop()
+        self.size += size
+        return self.size - size
+
+
+ROOM = frozenset(("matmul", "solve", "eliminate"))
+"""Opcodes whose last attribute is how many numbers they need besides their results."""
+
+
+class Driver(LinearEmitter):
+    """The loop over the rows: loads what a program reads, and stores what it gives."""
+
+    def __init__(self, function: Function, module: Module, width: int) -> None:
+        super().__init__(function.program, module, width, function.layout)
+        self._function = function
+        self._rows: list[str] = []
+        self._bases: list[list[str]] = []
+        self.special["input"] = self._input
+        self.special["input matrix"] = self._input_matrix
+
+    def function(self, instructions: Sequence[Instruction], outputs: Sequence[Any]) -> str:
+        """The function in LLVM IR."""
+        arguments, results = self._function.arguments, self._function.results
+        strides = []
+        for i, argument in enumerate(arguments):
+            bit = self.line(f"and i64 %shared, {1 << i}")
+            one = self.line(f"icmp ne i64 {bit}, 0")
+            strides.append(self.line(f"select i1 {one}, i64 0, i64 {argument.size}"))
+        last = self.line("sub i64 %rows, 1")
+
+        def body(row: str) -> tuple[()]:
+            self._rows = [row]
+            if self.width > 1:
+                lanes = (self.line(f"add i64 {row}, {lane}") for lane in range(self.width))
+                self._rows = [self.call("smin", "ii", 1, lane, last) for lane in lanes]
+            self._bases = [
+                [self._row(f"%a{i}", stride, row, arguments[i].kind) for row in self._rows]
+                for i, stride in enumerate(strides)
+            ]
+            self.block(instructions)
+            for i, (parts, result) in enumerate(zip(outputs, results, strict=True)):
+                bases = [self._row(f"%o{i}", result.size, row, result.kind) for row in self._rows]
+                self._output(parts, result, bases)
+            return ()
+
+        self.loop(0, "%rows", body, step=self.width)
+        pointers = [f"ptr noalias %a{i}" for i in range(len(arguments))] + [f"ptr %o{i}" for i in range(len(results))]
+        head = f"define void @run(i64 %rows, i64 %shared, ptr noalias %scratch, {', '.join(pointers)}) #0 {{\nentry:"
+        return "\n".join([head.replace("noalias %a", "%a"), *self.lines, "  ret void\n}"])
+
+    def _row(self, base: str, size: str | int, row: str, kind: str) -> str:
+        at = self.line(f"mul i64 {row}, {size}")
+        return self.line(f"getelementptr {_MEMORY[kind]}, ptr {base}, i64 {at}")
+
+    def _entry(self, base: str, kind: str, column: int | str) -> str:
+        """The address of a column of a row."""
+        return base if column == 0 else self.line(f"getelementptr {_MEMORY[kind]}, ptr {base}, i64 {column}")
+
+    def _loaded(self, argument: int, column: int | str) -> str:
+        kind = self._function.arguments[argument].kind
+        memory = _MEMORY[kind]
+        if self.width == 1:
+            place = self._entry(self._bases[argument][0], kind, column)
+            value = self.line(f"load {memory}, ptr {place}, align {_ALIGN[kind]}")
+        else:
+            value = "poison"
+            for lane, base in enumerate(self._bases[argument]):
+                one = self.line(f"load {memory}, ptr {self._entry(base, kind, column)}, align {_ALIGN[kind]}")
+                value = self.line(f"insertelement <{self.width} x {memory}> {value}, {memory} {one}, i32 {lane}")
+        if kind == "b":
+            T = memory if self.width == 1 else f"<{self.width} x {memory}>"
+            return self.line(f"icmp ne {T} {value}, {'0' if self.width == 1 else 'zeroinitializer'}")
+        return value
+
+    def _input(self, instruction: Instruction) -> None:
+        self.names[instruction.result] = self._loaded(*instruction.attributes)
+
+    def _input_matrix(self, instruction: Instruction) -> None:
+        argument, column = instruction.attributes
+        size, kind = self.program.sizes[instruction.result], self._function.arguments[argument].kind
+        if self.width == 1 and kind == "f":  # as it stands in its row
+            base = self._entry(self._bases[argument][0], kind, column)
+            self.pointers[instruction.result] = base
+            return
+
+        def body(i: str) -> tuple[()]:
+            value = self._loaded(argument, self.line(f"add i64 {i}, {column}"))
+            value = self.cast(value, kind, "f", self.width) if kind != "f" else value
+            self.store(value, instruction.result, i)
+            return ()
+
+        self.loop(0, size, body)
+
+    def _output(self, parts: Sequence[Any], result: Argument, bases: Sequence[str]) -> None:
+        """Store scalars and matrices in columns one after the other."""
+        column = 0
+        for part in parts:
+            if not isinstance(part, View):
+                self._stored(self.name(part), result.kind, bases, column)
+                column += 1
+                continue
+            rows, columns = part.shape
+
+            def one(i: Index, j: Index, part: View = part, first: int = column, columns: int = columns) -> None:
+                value = self.load(part, i, j)
+                if result.kind == "b":
+                    value = self.line(f"fcmp une {self.T} {value}, {literal(0.0, 'f', self.width)}")
+                at = self.plus(first, self.plus(self.times(i, columns), j))
+                self._stored(value, result.kind, bases, at)
+
+            self.over(rows, columns, one)
+            column += rows * columns
+
+    def _stored(self, value: str, kind: str, bases: Sequence[str], column: int | str) -> None:
+        if kind == "b":
+            R = "i8" if self.width == 1 else f"<{self.width} x i8>"
+            value = self.line(f"zext {type_of('b', self.width)} {value} to {R}")
+        memory = _MEMORY[kind]
+        for lane, base in enumerate(bases):
+            one = value
+            if self.width > 1:
+                one = self.line(f"extractelement <{self.width} x {memory}> {value}, i32 {lane}")
+            self.lines.append(f"  store {memory} {one}, ptr {self._entry(base, kind, column)}, align {_ALIGN[kind]}")
+
+
+_MEMORY = {"f": "double", "i": "i64", "u": "i64", "b": "i8"}
+_ALIGN = {"f": 8, "i": 8, "u": 8, "b": 1}
+
+
+def kind_of(array: np.ndarray) -> str:
+    """The letter of an array's type."""
+    return next(kind for kind, dtype in KINDS.items() if dtype == array.dtype)

@@ -1,0 +1,151 @@
+"""Linear algebra of traced matrices: products, factorisations and solutions, each an instruction."""
+
+from typing import Any
+
+import numpy as np
+
+from estimators.engine.matrices import (
+    _PRODUCTS,
+    MatrixTracer,
+    _concatenate,
+    _where,
+    is_mask,
+    matrix,
+    shapes,
+)
+from estimators.engine.program import Program
+from estimators.engine.tracer import NotTraceable
+
+
+def program_of(*values: Any) -> Program:
+    """The program of some traced matrices."""
+    return next(each.program for each in values if isinstance(each, MatrixTracer))
+
+
+def _check_matrices(word: str, *operands: Any) -> None:
+    if any(operand.ndim != 2 for operand in operands):
+        raise NotTraceable(f"{word} in a traced formula is of matrices, not of {shapes(operands)}")
+    if any(map(is_mask, operands)):
+        raise NotTraceable(f"{word} in a traced formula is of numbers: of a mask they are 1.0 * mask")
+
+
+def _check_square(word: str, a: Any) -> int:
+    _check_matrices(word, a)
+    if a.shape[0] != a.shape[1]:
+        raise ValueError(f"{word} in a traced formula is of square matrices, not of shape {a.shape} a row")
+    return int(a.shape[0])
+
+
+def _matmul(a: Any, b: Any) -> Any:
+    if a.ndim != 2 or b.ndim != 2:
+        raise NotTraceable("@ is of matrices; of a matrix and a vector there is np.matvec")
+    if a.shape[1] != b.shape[0]:
+        raise ValueError(f"{shapes((a, b))} have no product in a traced formula: the inner sizes differ")
+    program = program_of(a, b)
+    if a.shape[1] == 0:
+        return matrix(program, np.zeros((a.shape[0], b.shape[1])))[...]
+    rows, columns = a.shape[0], b.shape[1]
+    room = b.size if b.steps[1] != 1 and columns > 1 else 0
+    value = program.add("matmul", (a.view, b.view), "f", rows * columns, (room,))
+    return MatrixTracer(program, value, (rows, columns))
+
+
+def _matvec(a: Any, x: Any) -> Any:
+    if (a.ndim, x.ndim) != (2, 1):
+        raise NotTraceable(
+            f"np.matvec and np.vecmat in a traced formula are of a matrix and a vector, not {shapes((a, x))}"
+        )
+    return _matmul(a, x[..., None])[..., 0]
+
+
+_PRODUCTS |= {
+    np.matmul: _matmul,
+    np.matvec: _matvec,
+    np.vecmat: lambda x, a: _matvec(a.mT if a.ndim == 2 else a, x),
+}
+
+
+def inner(a: Any, b: Any) -> Any:
+    """``A B'`` of ``(i, N)`` and ``(j, N)``, each entry summed in eight partial sums, halves added."""
+    program = program_of(a, b)
+    a, b = matrix(program, a), matrix(program, b)
+    _check_matrices("inner", a, b)
+    if a.shape[1] != b.shape[1]:
+        raise ValueError(f"{shapes((a, b))} have no inner products in a traced formula")
+    symmetric = a.view == b.view
+    value = program.add("inner", (a.view, b.view), "f", a.shape[0] * b.shape[0], (symmetric,))
+    return MatrixTracer(program, value, (a.shape[0], b.shape[0]))
+
+
+def _solved(opcode: str, s: Any, b: Any, room: int) -> Any:
+    program = program_of(s, b)
+    s, b = matrix(program, s), matrix(program, b)
+    _check_matrices("solve (of a vector b: b[..., None])", s, b)
+    if not s.shape[0] == s.shape[1] == b.shape[0]:
+        raise ValueError(f"{shapes((s, b))} are no equations to solve in a traced formula")
+    value = program.add(opcode, (s.view, b.view), "f", b.size, (room * s.size,))
+    return MatrixTracer(program, value, b.shape)
+
+
+def solve_definite(s: Any, b: Any) -> Any:
+    """``S^-1 B`` of a symmetric positive definite S; NaN of any other."""
+    return _solved("solve", s, b, 1)
+
+
+def solve_general(s: Any, b: Any) -> Any:
+    """``S^-1 B`` by elimination with partial pivoting; NaN of a singular S."""
+    return _solved("eliminate", s, b, 1)
+
+
+def solve_lower(lower: Any, b: Any) -> Any:
+    """``L^-1 B`` of a lower triangular L."""
+    return _solved("solve lower", lower, b, 0)
+
+
+def solve_upper(upper: Any, b: Any) -> Any:
+    """``U^-1 B`` of an upper triangular U."""
+    return _solved("solve upper", upper, b, 0)
+
+
+def symmetrise(a: Any) -> Any:
+    """``(A + A') / 2``."""
+    n = _check_square("symmetrise", a)
+    return MatrixTracer(a.program, a.program.add("symmetrise", (a.view,), "f", n * n), a.shape)
+
+
+def semidefinite_cholesky(s: Any) -> Any:
+    """Lower triangular L with ``L L' = S``, positive semidefinite; see `estimators.linalg.semidefinite_cholesky`."""
+    n = _check_square("semidefinite_cholesky", s)
+    return MatrixTracer(s.program, s.program.add("semidefinite cholesky", (s.view,), "f", n * n), s.shape)
+
+
+def cholesky(s: Any) -> Any:
+    """Lower triangular L with ``L L' = S``; NaN of an S that is not positive definite."""
+    n = _check_square("cholesky", s)
+    return MatrixTracer(s.program, s.program.add("cholesky", (s.view,), "f", n * n), s.shape)
+
+
+def rotated(a: Any) -> tuple[Any, Any]:
+    """``A V`` with orthogonal columns, and the rotation V: the singular value decomposition but for dividing.
+
+    Source: Hestenes (1958), Inversion of matrices by biorthogonalization; de Rijk (1989) for its accuracy.
+    """
+    _check_matrices("singular", a)
+    program, (m, n) = a.program, a.shape
+    if n == 1:
+        return a, matrix(program, np.ones((1, 1)))[...]
+    value = program.add("rotate", (a.view,), "f", m * n + n * n, (n,))
+    return MatrixTracer(program, value, (m, n)), MatrixTracer(program, value, (n, n), m * n)
+
+
+def orthogonal(a: Any) -> Any:
+    """``A V`` alone."""
+    m, n = a.shape
+    if n == 1:
+        return a
+    value = a.program.add("rotate", (a.view,), "f", m * n, (0,))
+    return MatrixTracer(a.program, value, (m, n))
+
+
+FUNCTIONS: dict[Any, Any] = {np.where: _where, np.concatenate: _concatenate, np.linalg.solve: solve_general}
+"""NumPy's functions of matrices that are not entry by entry."""

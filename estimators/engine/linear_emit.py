@@ -1,0 +1,296 @@
+"""Factorisations and solutions of small matrices as loops in LLVM IR."""
+
+from typing import Any
+
+import numpy as np
+
+from estimators.engine.emit import Module, literal
+from estimators.engine.matrix_emit import Index, MatrixEmitter
+from estimators.engine.program import Instruction, Program, View
+
+_EPS = float(np.finfo(float).eps)
+_SWEEPS = 30
+
+
+class LinearEmitter(MatrixEmitter):
+    """Rows side by side meet the same operations in the same order; what cannot be done is NaN in its row."""
+
+    def __init__(self, program: Program, module: Module, width: int, layout: Any) -> None:
+        super().__init__(program, module, width, layout)
+        self.special |= {
+            "symmetrise": self._symmetrise, "solve": self._solve, "eliminate": self._eliminate,
+            "solve lower": self._solve_triangular, "solve upper": self._solve_triangular, "cholesky": self._cholesky,
+            "semidefinite cholesky": self._semidefinite_cholesky, "rotate": self._rotate,
+        }  # fmt: skip
+        self._zero, self._one, self._nan = (literal(x, "f", width) for x in (0.0, 1.0, np.nan))
+
+    def _do(self, operation: str, *operands: str) -> str:
+        return self.line(f"{operation} {self.T} {', '.join(operands)}")
+
+    def _choose(self, order: str, a: str, b: str, chosen: str, other: str) -> str:
+        """``chosen`` where ``a order b``."""
+        return self.line(f"select {self.mask} {self._do(f'fcmp {order}', a, b)}, {self.T} {chosen}, {self.T} {other}")
+
+    def _minus(self, rest: str, x: str, y: str) -> str:
+        return self._do("fsub", rest, self._do("fmul", x, y))
+
+    def _symmetrise(self, instruction: Instruction) -> None:
+        a: Any = instruction.operands[0]
+        n = a.shape[0]
+        half = literal(0.5, "f", self.width)
+
+        def one(i: Index, j: Index) -> None:
+            mean = self._do("fmul", half, self._do("fadd", self.load(a, i, j), self.load(a, j, i)))
+            for row, column in ((i, j), (j, i)):
+                self.store(mean, instruction.result, self.plus(self.times(row, n), column))
+
+        self.each(0, n, lambda i: self.each(0, self.plus(i, 1), lambda j: one(i, j)))
+
+    def _substituted(self, z: View, c: Index, low: Index, high: Index, i: Index, factor: Any, rest: str) -> str:
+        """An entry less what those of the column before it contribute."""
+        return self.total(rest, low, high, lambda k, total: self._minus(total, factor(k), self.load(z, k, c)))
+
+    def _solve(self, instruction: Instruction) -> None:
+        """``S^-1 B`` by ``S = L D L'``: L D below the diagonal, D on it, L where its transpose would be."""
+        s, b = instruction.operands
+        assert isinstance(s, View)
+        assert isinstance(b, View)
+        n = s.shape[0]
+        f = View(self.temporary(instruction), s.shape, 0, (n, 1))
+        z = View(instruction.result, b.shape, 0, (b.shape[1], 1))
+
+        def column(j: Index) -> None:
+            def below(i: Index) -> None:
+                rest = self.total(
+                    self.load(s, i, j), 0, j, lambda k, t: self._minus(t, self.load(f, i, k), self.load(f, k, j))
+                )
+                self.store_at(rest, f, i, j)
+
+            self.each(j, n, below)
+            pivot = self.load(f, j, j)
+            pivot = self._choose("ogt", pivot, self._zero, pivot, self._nan)
+            self.store_at(pivot, f, j, j)
+            self.each(self.plus(j, 1), n, lambda i: self.store_at(self._do("fdiv", self.load(f, i, j), pivot), f, j, i))
+
+        self.loop(0, n, lambda j: column(j) or ())
+
+        def solution(c: Index) -> None:
+            def forward(i: Index) -> None:
+                rest = self._substituted(z, c, 0, i, i, lambda k: self.load(f, k, i), self.load(b, i, c))
+                self.store_at(rest, z, i, c)
+
+            def backward(m: Index) -> None:
+                i = self.line(f"sub i64 {n - 1}, {m}")
+                rest = self._do("fdiv", self.load(z, i, c), self.load(f, i, i))
+                rest = self._substituted(z, c, self.plus(i, 1), n, i, lambda k: self.load(f, i, k), rest)
+                self.store_at(rest, z, i, c)
+
+            self.loop(0, n, lambda i: forward(i) or ())
+            self.loop(0, n, lambda m: backward(m) or ())
+
+        self.each(0, b.shape[1], solution)
+
+    def _solve_triangular(self, instruction: Instruction) -> None:
+        t, b = instruction.operands
+        assert isinstance(t, View)
+        assert isinstance(b, View)
+        n, lower = t.shape[0], instruction.opcode == "solve lower"
+        z = View(instruction.result, b.shape, 0, (b.shape[1], 1))
+
+        def solution(c: Index) -> None:
+            def entry(m: Index) -> None:
+                i = m if lower else self.line(f"sub i64 {n - 1}, {m}")
+                low, high = (0, i) if lower else (self.plus(i, 1), n)
+                rest = self._substituted(z, c, low, high, i, lambda k: self.load(t, i, k), self.load(b, i, c))
+                self.store_at(self._do("fdiv", rest, self.load(t, i, i)), z, i, c)
+
+            self.loop(0, n, lambda m: entry(m) or ())
+
+        self.each(0, b.shape[1], solution)
+
+    def _cholesky(self, instruction: Instruction) -> None:
+        s: Any = instruction.operands[0]
+        n = s.shape[0]
+        f = View(instruction.result, s.shape, 0, (n, 1))
+        self.over(n, n, lambda i, j: self.store_at(self._zero, f, i, j))
+
+        def column(j: Index) -> None:
+            def below(i: Index) -> str:
+                return self.total(
+                    self.load(s, i, j), 0, j, lambda k, t: self._minus(t, self.load(f, i, k), self.load(f, j, k))
+                )
+
+            rest = below(j)
+            pivot = self._choose("ogt", rest, self._zero, rest, self._nan)
+            pivot = self.call("sqrt", "f", self.width, pivot)
+            self.store_at(pivot, f, j, j)
+            self.each(self.plus(j, 1), n, lambda i: self.store_at(self._do("fdiv", below(i), pivot), f, i, j))
+
+        self.loop(0, n, lambda j: column(j) or ())
+
+    def _semidefinite_cholesky(self, instruction: Instruction) -> None:
+        """``L L' = S``; a pivot that is zero to rounding gives a column of zeros."""
+        s: Any = instruction.operands[0]
+        n = s.shape[0]
+        f = View(instruction.result, s.shape, 0, (n, 1))
+        infinite, smallest = (literal(x, "f", self.width) for x in (np.inf, n * _EPS))
+
+        def start(i: Index) -> None:
+            self.each(0, self.plus(i, 1), lambda j: self.store_at(self.load(s, i, j), f, i, j))
+            self.each(self.plus(i, 1), n, lambda j: self.store_at(self._zero, f, i, j))
+
+        self.loop(0, n, lambda i: start(i) or ())
+
+        def column(j: Index) -> None:
+            pivot = self.load(f, j, j)
+            bound = self._do("fmul", smallest, self.load(s, j, j))
+            root = self._choose("ole", pivot, bound, infinite, self.call("sqrt", "f", self.width, pivot))
+            self.each(self.plus(j, 1), n, lambda i: self.store_at(self._do("fdiv", self.load(f, i, j), root), f, i, j))
+            self.store_at(self._choose("oeq", root, infinite, self._zero, root), f, j, j)
+
+            def below(i: Index) -> None:
+                x = self.load(f, i, j)
+                self.each(self.plus(j, 1), self.plus(i, 1), lambda k: self.store_at(
+                    self._minus(self.load(f, i, k), x, self.load(f, k, j)), f, i, k))  # fmt: skip
+
+            self.each(self.plus(j, 1), n, below)
+
+        self.loop(0, n, lambda j: column(j) or ())
+
+    def _eliminate(self, instruction: Instruction) -> None:
+        """``S^-1 B`` by Gaussian elimination with partial pivoting; where lanes pivot otherwise, numbers are chosen."""
+        s, b = instruction.operands
+        assert isinstance(s, View)
+        assert isinstance(b, View)
+        n = s.shape[0]
+        f = View(self.temporary(instruction), s.shape, 0, (n, 1))
+        z = View(instruction.result, b.shape, 0, (b.shape[1], 1))
+        self.copy(s, f)
+        self.copy(b, z)
+
+        def swap(view: View, low: Index, best: str, j: Index) -> None:
+            """Exchange row j with the best one of each lane."""
+
+            def entry(k: Index) -> None:
+                top = self.load(view, j, k)
+
+                def other(i: Index, found: str) -> list[str]:
+                    number = self.line(f"sitofp i64 {i} to double")
+                    chosen = self._do("fcmp oeq", self.splat(number, self.width), best)
+                    own = self.load(view, i, k)
+                    self.store_at(self.line(f"select {self.mask} {chosen}, {self.T} {top}, {self.T} {own}"), view, i, k)
+                    return [self.line(f"select {self.mask} {chosen}, {self.T} {own}, {self.T} {found}")]
+
+                found = self.loop(self.plus(j, 1), n, other, [top], [self.T])[0]
+                self.store_at(found, view, j, k)
+
+            self.each(low, view.shape[1], entry)
+
+        def column(j: Index) -> None:
+            number = self.splat(self.line(f"sitofp i64 {j} to double"), self.width)
+            largest = self.call("fabs", "f", self.width, self.load(f, j, j))
+
+            def better(i: Index, best: str, size: str) -> list[str]:
+                own = self.call("fabs", "f", self.width, self.load(f, i, j))
+                where = self.splat(self.line(f"sitofp i64 {i} to double"), self.width)
+                return [self._choose("ogt", own, size, where, best), self._choose("ogt", own, size, own, size)]
+
+            best, _ = self.loop(self.plus(j, 1), n, better, [number, largest], [self.T, self.T])
+            swap(f, j, best, j)
+            swap(z, 0, best, j)
+            pivot = self.load(f, j, j)
+            pivot = self._choose("oeq", pivot, self._zero, self._nan, pivot)
+            self.store_at(pivot, f, j, j)
+
+            def below(i: Index) -> None:
+                factor = self._do("fdiv", self.load(f, i, j), pivot)
+                for view, low in ((f, self.plus(j, 1)), (z, 0)):
+                    self.each(low, view.shape[1], lambda k, view=view: self.store_at(  # type: ignore[misc]
+                        self._minus(self.load(view, i, k), factor, self.load(view, j, k)), view, i, k))  # fmt: skip
+
+            self.each(self.plus(j, 1), n, below)
+
+        self.loop(0, n, lambda j: column(j) or ())
+
+        def solution(c: Index) -> None:
+            def backward(m: Index) -> None:
+                i = self.line(f"sub i64 {n - 1}, {m}")
+                rest = self._substituted(z, c, self.plus(i, 1), n, i, lambda k: self.load(f, i, k), self.load(z, i, c))
+                self.store_at(self._do("fdiv", rest, self.load(f, i, i)), z, i, c)
+
+            self.loop(0, n, lambda m: backward(m) or ())
+
+        self.each(0, b.shape[1], solution)
+
+    def _rotate(self, instruction: Instruction) -> None:
+        """``A V`` with orthogonal columns by one-sided Jacobi rotations, and V where it is wanted, behind it."""
+        a: Any = instruction.operands[0]
+        (m, n), wanted = a.shape, instruction.attributes[0]
+        z = View(instruction.result, a.shape, 0, (n, 1))
+        v = View(instruction.result, (wanted, n), m * n, (n, 1))
+        self.copy(a, z)
+        if wanted:
+            self.over(n, n, lambda i, j: self.store_at(self._zero, v, i, j))
+            self.each(0, n, lambda i: self.store_at(self._one, v, i, i))
+        head, sweep, test, done = map(self.fresh, ("sweep", "turn", "test", "still"))
+        before, count, more = self.label, f"%{self.fresh('s')}", f"%{self.fresh('m')}"
+        self.lines.append(f"  br label %{head}")
+        self.begin(head)
+        at = len(self.lines)
+        again = self.line(f"icmp slt i64 {count}, {_SWEEPS}")
+        self.lines.append(f"  br i1 {again}, label %{sweep}, label %{done}")
+        self.begin(sweep)
+
+        def row(p: str, turning: str) -> list[str]:
+            return self.loop(
+                self.plus(p, 1), n, lambda q, turned: [self._turned(z, v, p, q, turned)], [turning], ["i1"]
+            )
+
+        turning = self.loop(0, n, row, ["false"], ["i1"])[0]
+        self.lines.append(f"  {more} = add i64 {count}, 1")
+        self.lines.append(f"  br label %{test}")
+        self.begin(test)
+        self.lines.append(f"  br i1 {turning}, label %{head}, label %{done}")
+        self.lines.insert(at, f"  {count} = phi i64 [0, %{before}], [{more}, %{test}]")
+        self.begin(done)
+
+    def _turned(self, z: View, v: View, p: Index, q: Index, turned: str) -> str:
+        """Turns columns p and q where they are not orthogonal; whether any row's ever were not."""
+        zero = self._zero
+
+        def products(i: str, aa: str, bb: str, ab: str) -> list[str]:
+            x, y = self.load(z, i, p), self.load(z, i, q)
+            pairs = ((aa, x, x), (bb, y, y), (ab, x, y))
+            return [self._do("fadd", total, self._do("fmul", one, other)) for total, one, other in pairs]
+
+        aa, bb, ab = self.loop(0, z.shape[0], products, [zero] * 3, [self.T] * 3)
+        size = self.call("sqrt", "f", self.width, self._do("fmul", aa, bb))
+        bound = self._do("fmul", literal(_EPS, "f", self.width), size)
+        apart = self._do("fcmp ogt", self.call("fabs", "f", self.width, ab), bound)
+        zeta = self._do("fdiv", self._do("fsub", bb, aa), self._do("fmul", literal(2.0, "f", self.width), ab))
+        root = self.call("sqrt", "f", self.width, self._do("fadd", self._one, self._do("fmul", zeta, zeta)))
+        sign = self._choose("oge", zeta, zero, self._one, literal(-1.0, "f", self.width))
+        tangent = self._do("fdiv", sign, self._do("fadd", self.call("fabs", "f", self.width, zeta), root))
+        root = self.call("sqrt", "f", self.width, self._do("fadd", self._one, self._do("fmul", tangent, tangent)))
+        cosine = self._do("fdiv", self._one, root)
+        sine = self._do("fmul", cosine, tangent)
+        some = apart
+        if self.width > 1:
+            lanes = f"v{self.width}i1"
+            self.module.declared[f"declare i1 @llvm.vector.reduce.or.{lanes}({self.mask})"] = None
+            some = self.line(f"call i1 @llvm.vector.reduce.or.{lanes}({self.mask} {apart})")
+        turn, on = self.fresh("rotate"), self.fresh("on")
+        self.lines.append(f"  br i1 {some}, label %{turn}, label %{on}")
+        self.begin(turn)
+        for view in (z, v):
+            self.each(0, view.shape[0], lambda i, view=view: self._rotated(view, i, p, q, cosine, sine, apart))  # type: ignore[misc]
+        self.lines.append(f"  br label %{on}")
+        self.begin(on)
+        return self.line(f"or i1 {turned}, {some}")
+
+    def _rotated(self, view: View, i: Index, p: Index, q: Index, cosine: str, sine: str, apart: str) -> None:
+        x, y = self.load(view, i, p), self.load(view, i, q)
+        one = self._minus(self._do("fmul", cosine, x), sine, y)
+        other = self._do("fadd", self._do("fmul", sine, x), self._do("fmul", cosine, y))
+        self.store_at(self.line(f"select {self.mask} {apart}, {self.T} {one}, {self.T} {x}"), view, i, p)
+        self.store_at(self.line(f"select {self.mask} {apart}, {self.T} {other}, {self.T} {y}"), view, i, q)

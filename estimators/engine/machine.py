@@ -1,0 +1,171 @@
+"""Machine code of LLVM IR, compiled once for a processor and kept on disk."""
+
+import atexit
+import ctypes
+import os
+import shutil
+import stat
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from functools import cache
+from hashlib import sha256
+from pathlib import Path
+from threading import Lock, local
+from time import time
+from typing import Any
+
+import numpy as np
+
+_KEPT = 90 * 86400.0  # seconds after their last use that objects are kept
+_VERSION = "1"
+_compiling = Lock()
+_loaded: dict[str, tuple[Any, int]] = {}
+_threads = local()
+
+
+def load(text: str, pointers: int) -> Callable[..., None]:
+    """The function ``run(i64, i64, ptr, ptr...)`` of a module.
+
+    Objects are kept by the digest of the text and of the processor, each written at once under a name of its own and
+    then renamed: processes that compile the same need no lock.
+
+    Args:
+        text: LLVM IR.
+        pointers: Arguments of ``run`` beyond the first three.
+    """
+    digest = sha256(f"{_VERSION} {' '.join(_processor())} {text}".encode()).hexdigest()[:40]
+    with _compiling:
+        if digest not in _loaded:
+            _loaded[digest] = _engine(text, digest)
+        _, address = _loaded[digest]
+    prototype = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64, *(ctypes.c_size_t,) * (1 + pointers))
+    return prototype(address)
+
+
+def _engine(text: str, digest: str) -> tuple[Any, int]:
+    """An execution engine with the module's code, and the address of its function."""
+    from llvmlite import binding
+
+    machine = _machine()
+    path = folder() / f"{digest}.o"
+    try:
+        code = path.read_bytes()
+        os.utime(path)
+    except OSError:
+        code = _object(text, machine)
+        _keep(path, code)
+    module = binding.parse_assembly("")
+    engine = binding.create_mcjit_compiler(module, machine)
+    engine.add_object_file(binding.ObjectFileRef.from_data(code))
+    engine.finalize_object()
+    return engine, engine.get_function_address("run")
+
+
+def _object(text: str, machine: Any) -> bytes:
+    """The object code of a module."""
+    from llvmlite import binding
+
+    _announce()
+    module = binding.parse_assembly(text)
+    options = binding.create_pipeline_tuning_options(speed_level=2)
+    options.loop_vectorization = options.slp_vectorization = False
+    passes = binding.create_pass_builder(machine, options)
+    passes.getModulePassManager().run(module, passes)
+    return bytes(machine.emit_object(module))
+
+
+@cache
+def _processor() -> tuple[str, ...]:
+    """What objects are compiled for, and with."""
+    import llvmlite
+    from llvmlite import binding
+
+    name = binding.get_host_cpu_name()
+    return llvmlite.__version__, binding.get_default_triple(), name, binding.get_host_cpu_features().flatten()
+
+
+@cache
+def _machine() -> Any:
+    """The processor as LLVM describes it."""
+    from llvmlite import binding
+
+    binding.initialize_native_target()
+    binding.initialize_native_asmprinter()
+    _, triple, name, features = _processor()
+    target = binding.Target.from_triple(triple)
+    return target.create_target_machine(cpu=name, features=features, opt=2, reloc="pic", jit=True)
+
+
+def scratch(size: int) -> int:
+    """The address of so many bytes that belong to this thread, and begin a cache line."""
+    if size > getattr(_threads, "size", 0):
+        _threads.room, _threads.size = np.empty(size // 8 + 8), size
+        address = _threads.room.ctypes.data
+        _threads.address = address + -address % 64
+    return int(getattr(_threads, "address", 0))
+
+
+# --- objects on disk --------------------------------------------------------------------------------
+
+
+def _keep(path: Path, code: bytes) -> None:
+    """Write an object where others find it whole or not at all."""
+    with suppress(OSError), tempfile.NamedTemporaryFile(dir=path.parent, suffix=".new", delete=False) as file:
+        file.write(code)
+        file.close()
+        os.replace(file.name, path)
+
+
+@cache
+def _announce() -> None:
+    """Say once to whoever waits at a terminal that equations are compiled; stdout belongs to the results."""
+    if sys.stderr is not None and not any(folder().glob("*.o")):
+        print(f"vessel-gym: compiling equations once, a few seconds; kept in {folder()}", file=sys.stderr, flush=True)
+
+
+@cache
+def folder() -> Path:
+    """Where objects are kept: where ``VESSEL_GYM_CACHE`` says, beside the code, in the user's home or for this process.
+
+    Objects are executed, so that a folder counts only if the user alone can write to it.
+    """
+    for place in _places():
+        if os.path.isabs(place) and (found := _own(Path(place))):
+            _forget(found)
+            return found
+    temporary = Path(tempfile.mkdtemp(prefix="vessel-gym-"))
+    atexit.register(shutil.rmtree, temporary, ignore_errors=True)
+    return temporary
+
+
+def _forget(place: Path) -> None:
+    """Remove objects that nobody has used for long."""
+    for path in place.glob("*.o"):
+        with suppress(OSError):
+            if path.stat().st_mtime < time() - _KEPT:
+                path.unlink()
+
+
+def _places() -> Iterator[str]:
+    if chosen := os.environ.get("VESSEL_GYM_CACHE"):
+        yield os.path.abspath(chosen)
+    yield os.path.abspath(os.path.join(os.path.dirname(os.path.dirname(__file__)), "__pycache__"))
+    yield os.environ.get("XDG_CACHE_HOME", "")
+    yield os.path.expanduser("~/.cache")
+    yield tempfile.gettempdir()  # which is an error where nothing can be written, so it comes last
+
+
+def _own(place: Path) -> Path | None:
+    """A folder that the user can write to and nobody else, as what is kept there is executed; None if there is none."""
+    user = os.getuid() if hasattr(os, "getuid") else None  # None: folders are the user's own, as on Windows
+    found = place / f"vessel-gym-{user}"
+    try:
+        found.mkdir(mode=0o700, parents=True, exist_ok=True)
+        status = found.lstat()
+        tempfile.TemporaryFile(dir=found).close()
+    except OSError:
+        return None
+    safe = user is None or (stat.S_ISDIR(status.st_mode) and status.st_uid == user and not status.st_mode & 0o022)
+    return found if safe else None

@@ -1,0 +1,364 @@
+"""Tracers of vectors and matrices, whose operations are single instructions however large they are.
+
+Filters' equations are functions of vectors ``(..., n)`` and matrices ``(..., n, m)`` in NumPy's words; traced, a name
+means what it means in NumPy for arrays with any leading axes. Everything else is refused while it is traced: a shape
+that does not fit, a mask where numbers belong, a function without an instruction of its own.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Any, NoReturn
+
+import numpy as np
+from numpy.lib.mixins import NDArrayOperatorsMixin
+
+from estimators.checks import shown
+from estimators.engine.arrays import TracedArray, entries
+from estimators.engine.program import Program, View, constant_array
+from estimators.engine.tracer import NotTraceable, Tracer, cast, constant, known
+
+_ENTRYWISE = {
+    np.add: "add", np.subtract: "subtract", np.multiply: "multiply", np.divide: "divide", np.maximum: "maximum",
+    np.minimum: "minimum", np.greater: "greater", np.greater_equal: "greater equal", np.sqrt: "sqrt",
+    np.absolute: "absolute", np.floor: "floor", np.rint: "rint", np.isfinite: "isfinite", np.log1p: "log1p",
+    np.log: "log", np.exp: "exp", np.sin: "sin", np.cos: "cos", np.arctan2: "arctan2", np.negative: "negative",
+    np.fmod: "fmod", np.copysign: "copysign",
+}  # fmt: skip
+_OF_MASKS = {np.logical_and: "and", np.bitwise_and: "and", np.logical_or: "or", np.bitwise_or: "or",
+             np.logical_not: "not", np.invert: "not", np.multiply: "and"}  # fmt: skip
+_GIVE_MASKS = ("greater", "greater equal", "isfinite", "and", "or", "not")
+_IDENTITIES = {"add": np.float64(-0.0), "multiply": np.float64(1.0)}
+"""Identity elements of the operations: 0.0 is none, for -0.0 + 0.0 is 0.0."""
+
+
+class MatrixTracer(NDArrayOperatorsMixin):
+    """A vector or matrix of each row; entries of a mask are 1 and 0.
+
+    ``shape``, ``ndim`` and ``size`` are those of one row: ``shape[-1]`` means what it means in NumPy, ``shape[0]`` not.
+    """
+
+    __array_priority__ = 3000.0
+
+    def __init__(
+        self, program: Program, value: int, shape: tuple[int, ...], start: int = 0, steps: Any = None,
+        mask: bool = False, constant: np.dtype | None = None,
+    ) -> None:  # fmt: skip
+        if not 1 <= len(shape) <= 2:
+            raise NotTraceable(
+                f"a traced formula's arrays are numbers, vectors and matrices a row, not of shape {shape}"
+            )
+        self.program, self.value, self.shape, self.start, self.mask = program, value, shape, start, mask
+        self.constant = constant  # the type of an array that has no axes of a batch
+        self.steps = steps if steps is not None else (*shape[1:], 1)[: len(shape)]
+
+    def __bool__(self) -> bool:
+        raise NotTraceable("a formula is traced for all rows and cannot branch for some of them: use np.where")
+
+    def __array__(self, *_: Any, **__: Any) -> NoReturn:
+        raise NotTraceable("a traced formula cannot make a NumPy array of its own: use joined or np.where")
+
+    def __setitem__(self, key: Any, value: Any) -> NoReturn:
+        raise NotTraceable("a traced formula cannot change an array in place: use joined or np.where")
+
+    def __getattr__(self, name: str) -> NoReturn:
+        raise AttributeError(f"a traced formula cannot have .{name} in it")
+
+    def __array_ufunc__(self, ufunc: Any, method: str, *operands: Any, **others: Any) -> Any:
+        if method != "__call__" or others:
+            raise NotTraceable(f"a traced formula cannot have np.{ufunc.__name__} in it, so used")
+        if ufunc in _PRODUCTS:
+            return _PRODUCTS[ufunc](*(matrix(self.program, each) for each in operands))
+        return entrywise(self.program, ufunc, *operands)
+
+    def __array_function__(self, function: Any, types: Any, args: Any, kwargs: Any) -> Any:
+        return apply_matrix_function(function, args, kwargs)
+
+    @property
+    def size(self) -> int:
+        """Entries of a row."""
+        return math.prod(self.shape)
+
+    @property
+    def ndim(self) -> int:
+        """Axes of a row."""
+        return len(self.shape)
+
+    @property
+    def dtype(self) -> np.dtype:
+        """The type of a mask or of numbers."""
+        return np.dtype(bool if self.mask else float)
+
+    @property
+    def view(self) -> View:
+        """Where its entries stand, as those of a matrix."""
+        padding = (2 - self.ndim) * (0,)
+        shape: Any = (1,) * (2 - self.ndim) + self.shape
+        return View(self.value, shape, self.start, (*padding, *self.steps))  # type: ignore[arg-type]
+
+    @property
+    def mT(self) -> "MatrixTracer":
+        """The transposed matrix."""
+        if self.ndim != 2:
+            raise ValueError(f"a traced formula transposes matrices, not what has shape {self.shape} a row")
+        return self._part(self.shape[::-1], self.start, self.steps[::-1])
+
+    def _part(self, shape: tuple[int, ...], start: int, steps: Any) -> Any:
+        if shape:
+            return MatrixTracer(self.program, self.value, shape, start, steps, self.mask, self.constant)
+        kind = "b" if self.mask else "f"
+        place = View(self.value, (1, 1), start, (0, 0))
+        return Tracer(self.program, self.program.add("element", (place,), kind))
+
+    def as_type(self, mask: bool) -> "MatrixTracer":
+        """The same entries as a mask, or as numbers."""
+        return self if mask == self.mask else MatrixTracer(
+            self.program, self.value, self.shape, self.start, self.steps, mask, self.constant)  # fmt: skip
+
+    def spread(self) -> View:
+        """Its entries with steps that stay where there is one row or column only."""
+        view = self.view
+        steps: Any = tuple(step if size > 1 else 0 for step, size in zip(view.steps, view.shape, strict=True))
+        return view._replace(steps=steps)
+
+    def scalars(self) -> TracedArray:
+        """Its entries, one by one."""
+        found = np.empty(self.shape, object)
+        for place in np.ndindex(self.shape):
+            found[place] = self[(..., *place)]
+        return found.view(TracedArray)
+
+    def diagonal(self, offset: int = 0, axis1: int = 0, axis2: int = 1) -> "MatrixTracer":
+        """The diagonal of a matrix, whose axes are the last two."""
+        if (offset, axis1, axis2) != (0, -2, -1) or self.ndim != 2:
+            raise NotTraceable("of a traced formula's matrices diagonal(0, -2, -1) alone can be had")
+        return self._part((min(self.shape),), self.start, (sum(self.steps),))  # type: ignore[no-any-return]
+
+    def sum(self, axis: int | tuple[int, int] | None = None, **others: Any) -> Any:
+        """The sum over the last axis, the one before, or both."""
+        counted = len(axis) if isinstance(axis, tuple) else -axis if isinstance(axis, int | np.integer) else 3
+        if others or axis not in (-1, -2, (-2, -1)) or counted > self.ndim:
+            raise NotTraceable(
+                f"a traced formula sums over its last axes, -1, -2 or (-2, -1), and without options: not over "
+                f"{shown(axis)} of shape {self.shape} a row, for the batch's axes are first"
+            )
+        if self.mask:
+            raise NotTraceable("a traced formula sums numbers: of a mask they are 1.0 * mask")
+        whole: Any = self[..., None, :] if self.ndim == 1 else self
+        if axis != -1:
+            whole = np.ones((1, whole.shape[0])) @ whole
+        if axis != -2:
+            whole = whole @ np.ones((whole.shape[1], 1))
+        if axis == -2:
+            return whole[..., 0, :]
+        return whole[..., 0] if axis == -1 and self.ndim == 2 else whole[..., 0, 0]
+
+    def __getitem__(self, key: Any) -> Any:
+        first, *named = key if isinstance(key, tuple) else (key,)
+        if first is not Ellipsis:
+            raise NotTraceable("a traced formula's arrays are indexed from behind, a[..., i]: the first axes are the "
+                               "batch's")  # fmt: skip
+        kinds = slice, int, np.integer
+        if any(each is not None and (isinstance(each, bool) or not isinstance(each, kinds)) for each in named):
+            raise NotTraceable("a traced formula's arrays are indexed by whole numbers, slices and None: use joined or "
+                               "np.where")  # fmt: skip
+        free = self.ndim - sum(each is not None for each in named)
+        if free < 0:
+            raise IndexError(f"a[..., {', '.join(map(str, named))}] of shape {self.shape} a row has too many indices")
+        axis, start = 0, self.start
+        shape: list[int] = []
+        steps: list[int] = []
+        each: Any
+        for each in [slice(None)] * free + named:
+            if each is None:
+                shape, steps = [*shape, 1], [*steps, 0]
+                continue
+            size, step = self.shape[axis], self.steps[axis]
+            if not isinstance(each, slice) and not -size <= each < size:
+                raise IndexError(f"index {each} is out of bounds for an axis of {size} in a traced formula")
+            chosen = range(size)[each]
+            axis += 1
+            if isinstance(chosen, int):
+                start += chosen * step
+            else:
+                start += chosen.start * step
+                shape, steps = [*shape, len(chosen)], [*steps, chosen.step * step]
+        return self._part(tuple(shape), start, tuple(steps))
+
+
+def matrix(program: Program, value: Any) -> Any:
+    """What stands for a vector or matrix: itself, scalars packed, or an array that is the same for all rows."""
+    if isinstance(value, MatrixTracer | Tracer):
+        return value
+    if isinstance(value, TracedArray):
+        if value.ndim == 0:
+            return constant(program, value[()])
+        scalars = entries(value, program)
+        mask = {each.kind for each in scalars} == {"b"}
+        packed = program.add("pack", tuple((x if mask else cast(x, "f")).value for x in scalars), "f", value.size)
+        return MatrixTracer(program, packed, value.shape, mask=mask)
+    array = constant_array(value)
+    if array.ndim == 0:
+        return constant(program, array[()])
+    if array.ndim > 2:
+        raise NotTraceable("what differs from row to row must be an argument of a traced formula")
+    return MatrixTracer(program, program.table(array), array.shape, mask=array.dtype.kind == "b", constant=array.dtype)
+
+
+def matrix_input(program: Program, argument: int, column: int, shape: tuple[int, ...], kind: str = "f") -> Any:
+    """A vector or matrix in the columns of an argument from one on; a number where it has no axes."""
+    if not shape:
+        return Tracer(program, program.add("input", (), kind, None, (argument, column)))
+    size = math.prod(shape)
+    value = program.add("input matrix", (), "f", size, (argument, column))
+    return MatrixTracer(program, value, shape, mask=kind == "b")
+
+
+def is_mask(operand: Any) -> bool:
+    """Are its entries True and False?"""
+    return operand.mask if isinstance(operand, MatrixTracer) else operand.kind == "b"
+
+
+def _is_constant(operand: Any) -> bool:
+    return operand.constant is not None if isinstance(operand, MatrixTracer) else known(operand) is not None
+
+
+def entrywise(program: Program, function: Any, *values: Any) -> Any:
+    """One of NumPy's functions entry by entry; what has one row or column is the same in all."""
+    if function in _DERIVED:
+        return _DERIVED[function](*values)
+    operands = [matrix(program, value) for value in values]
+    choices = operands[1:] if function is np.where else operands
+    if function is np.where:
+        opcode = "where"
+        operands[0] = operands[0].as_type(True) if isinstance(operands[0], MatrixTracer) else cast(operands[0], "b")
+    elif all(map(is_mask, operands)) and function in _OF_MASKS:
+        opcode = _OF_MASKS[function]
+    elif function in _OF_MASKS and function is not np.multiply:
+        raise NotTraceable(f"np.{function.__name__} in a traced formula is of masks, such as x > 0.0, not of numbers")
+    elif function not in _ENTRYWISE:
+        raise NotTraceable(f"a traced formula cannot have np.{function.__name__} in it")
+    elif all(map(is_mask, operands)):
+        raise NotTraceable(f"np.{function.__name__} in a traced formula is of numbers: of a mask they are 1.0 * mask")
+    else:
+        opcode = _ENTRYWISE[function]
+    check_precision(choices)
+    return instruction(program, opcode, operands, choices)
+
+
+def instruction(program: Program, opcode: str, operands: list[Any], choices: list[Any]) -> Any:
+    """An opcode entry by entry of operands whose shapes fit."""
+    shape = _common_shape(operands)
+    mask = opcode in _GIVE_MASKS or (opcode == "where" and all(map(is_mask, choices)))
+    if (identity := _IDENTITIES.get(opcode)) is not None:
+        for one, other in zip(operands, operands[::-1], strict=True):
+            if _is_constant(one) and getattr(other, "shape", None) == shape and _all_equal(program, one, identity):
+                return other.as_type(mask)
+    views = tuple(each.spread() if isinstance(each, MatrixTracer) else each.value for each in operands)
+    rows, columns = (1,) * (2 - len(shape)) + shape
+    size = rows * columns
+    value = program.add("each", views, "f", size, (opcode, rows, columns))
+    return MatrixTracer(program, value, shape, mask=mask)
+
+
+def _all_equal(program: Program, operand: Any, identity: np.float64) -> bool:
+    values = program.tables[operand.value] if isinstance(operand, MatrixTracer) else np.array([known(operand)], float)
+    return values.tobytes() == identity.tobytes() * values.size
+
+
+def _common_shape(operands: Sequence[Any]) -> tuple[int, ...]:
+    axes = {each.ndim for each in operands if not _is_constant(each)}
+    if len(axes) > 1 or any(each.ndim > min(axes, default=2) for each in operands):
+        raise ValueError(f"{shapes(operands)} have axes of other number in a traced formula: add some by a[..., None]")
+    try:
+        return np.broadcast_shapes(*(each.shape for each in operands))
+    except ValueError:
+        raise ValueError(f"{shapes(operands)} do not fit together in a traced formula") from None
+
+
+def shapes(operands: Sequence[Any]) -> str:
+    """Shapes of operands, for a sentence."""
+    return f"arrays of shapes {' and '.join(str(operand.shape) for operand in operands)} a row"
+
+
+def check_precision(operands: Sequence[Any]) -> None:
+    """Refuse constants that are not float64 beside masks alone: NumPy computes with whole numbers or few digits."""
+    if all(is_mask(each) or _is_constant(each) for each in operands):
+        for each in operands:
+            kind = each.constant if isinstance(each, MatrixTracer) else each.dtype if known(each) is not None else None
+            if kind not in (None, bool, np.float64):
+                raise NotTraceable(f"beside a mask a traced formula has float64 (1.0 for 1), not a constant of {kind}")
+
+
+def joined(program: Program, parts: Sequence[Any], axis: Any) -> MatrixTracer:
+    """Arrays below (axis -2) or beside (axis -1) each other; constants among them are matrices."""
+    if isinstance(axis, bool) or not isinstance(axis, int | np.integer):
+        raise NotTraceable(
+            f"a traced formula joins arrays along their last axes, -1 or -2, not {shown(axis)}: give axis="
+        )
+    own = [not isinstance(part, MatrixTracer | Tracer | TracedArray) for part in parts]
+    parts = [matrix(program, part) for part in parts]
+    shape = list(parts[0].shape)
+    if any(part.ndim != len(shape) for part in parts) or any(
+        one and part.ndim != 2 for one, part in zip(own, parts, strict=True)
+    ):
+        raise ValueError(f"{shapes(parts)} cannot be joined in a traced formula: they need as many axes each")
+    if not -len(shape) <= axis < 0:
+        raise NotTraceable(
+            f"a traced formula joins arrays along their last axes, -1 or -2, not {shown(axis)}: give axis="
+        )
+    for other in {-1, -2} & set(range(-len(shape), 0)) - {axis}:
+        if any(part.shape[other] != shape[other] for part in parts):
+            raise ValueError(f"{shapes(parts)} cannot be joined along axis {axis} in a traced formula")
+    shape[axis] = sum(part.shape[axis] for part in parts)
+    width = shape[-1]
+    places, at = [], 0
+    for part in parts:
+        places.append(at * (width if axis == -2 else 1))
+        at += part.shape[axis]
+    views = tuple(part.view for part in parts)
+    value = program.add("join", views, "f", math.prod(shape), (tuple(places), width))
+    return MatrixTracer(program, value, tuple(shape), mask=all(part.mask for part in parts))
+
+
+def _concatenate(parts: Any, axis: Any = 0, **others: Any) -> MatrixTracer:
+    if others or not all(isinstance(part, MatrixTracer | TracedArray) for part in parts):
+        raise NotTraceable(
+            "np.concatenate in a traced formula is of its arrays alone, and without options: for constants beside them "
+            "there is estimators.linalg.joined"
+        )
+    return joined(next(part.program for part in parts if isinstance(part, MatrixTracer)), parts, axis)
+
+
+def _where(mask: Any, *choices: Any) -> Any:
+    if len(choices) != 2 or any(choice is None for choice in choices):
+        raise NotTraceable("np.where in a traced formula needs a mask and two values")
+    program = next(each.program for each in (mask, *choices) if isinstance(each, MatrixTracer))
+    return entrywise(program, np.where, mask, *choices)
+
+
+def apply_matrix_function(function: Any, args: Any, kwargs: Any) -> Any:
+    """One of NumPy's functions that are not entry by entry, of matrices."""
+    from estimators.engine.linear import FUNCTIONS
+
+    if function not in FUNCTIONS:
+        raise NotTraceable(f"a traced formula cannot have np.{function.__name__} in it")
+    return FUNCTIONS[function](*args, **kwargs)
+
+
+def _remainder(x: Any, y: Any) -> Any:
+    """`numpy.remainder`, exactly."""
+    rest = np.fmod(x, y)
+    other = (1.0 * (rest < 0.0) - 1.0 * (y < 0.0)) * (1.0 * (rest < 0.0) - 1.0 * (y < 0.0)) > 0.0
+    return np.where(
+        (rest < 0.0) | (rest > 0.0) | ~np.isfinite(rest), np.where(other, rest + y, rest), np.copysign(0.0, y)
+    )
+
+
+_DERIVED: dict[Any, Any] = {
+    np.square: lambda a: a * a,
+    np.less: lambda a, b: np.greater(b, a),
+    np.less_equal: lambda a, b: np.greater_equal(b, a),
+    np.remainder: _remainder,
+}
+_PRODUCTS: dict[Any, Any] = {}
+"""NumPy's products, which `estimators.engine.linear` fills in."""

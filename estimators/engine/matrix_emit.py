@@ -1,0 +1,341 @@
+"""Instructions of matrices as loops in LLVM IR with constant bounds, over entries whose rows stand side by side."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from estimators.engine.emit import Emitter, Module, literal, type_of
+from estimators.engine.program import Instruction, Program, View
+
+_CHUNK = 8  # numbers in a vector, and partial sums of an inner product: part of its definition
+_UNROLLED = 16  # entries up to which there is no loop
+_MASKED = ("and", "or", "not")
+_GIVE_MASKS = ("greater", "greater equal", "isfinite", "and", "or", "not")
+Index = int | str
+
+
+class MatrixEmitter(Emitter):
+    """Entry e of a matrix is the vector at ``scratch + (place + e) * width``; tables have one number for all rows."""
+
+    def __init__(self, program: Program, module: Module, width: int, layout: Any) -> None:
+        super().__init__(program, module, width)
+        self.layout = layout
+        self.pointers: dict[int, str] = {}
+        self.T, self.mask = type_of("f", width), type_of("b", width)
+        self.special |= {
+            "each": self._each, "element": self._element, "pack": self._pack, "join": self._join,
+            "matmul": self._matmul, "inner": self._inner,
+        }  # fmt: skip
+
+    # --- memory -------------------------------------------------------------------------------------
+
+    def plus(self, a: Index, b: Index) -> Index:
+        """A sum of indices."""
+        if isinstance(a, int) and isinstance(b, int):
+            return a + b
+        if a == 0 or b == 0:
+            return b if a == 0 else a
+        return self.line(f"add i64 {a}, {b}")
+
+    def times(self, a: Index, b: int) -> Index:
+        """A product of an index and a number."""
+        if isinstance(a, int):
+            return a * b
+        return 0 if b == 0 else a if b == 1 else self.line(f"mul i64 {a}, {b}")
+
+    def index(self, view: View, i: Index, j: Index) -> Index:
+        """Which entry of its value an entry of a view is."""
+        return self.plus(view.start, self.plus(self.times(i, view.steps[0]), self.times(j, view.steps[1])))
+
+    def address(self, value: int, entry: Index) -> str:
+        """Where an entry of a matrix stands."""
+        if value in self.program.tables:
+            return self.line(f"getelementptr double, ptr {self.module.table(self.program.tables[value])}, i64 {entry}")
+        if value in self.pointers:
+            return self.line(f"getelementptr double, ptr {self.pointers[value]}, i64 {self.times(entry, self.width)}")
+        place = self.times(self.plus(self.layout.places[value], entry), self.width)
+        return self.line(f"getelementptr double, ptr %scratch, i64 {place}")
+
+    def load(self, view: View | int, i: Index = 0, j: Index = 0) -> str:
+        """An entry of a view, or a scalar, as a number."""
+        if isinstance(view, int):
+            name = self.name(view)
+            return (
+                name if self.program.kinds[view] == "f" else self.cast(name, self.program.kinds[view], "f", self.width)
+            )
+        if view.value >= 0 and view.value not in self.program.sizes:  # a scalar that stands for a matrix
+            return self.load(view.value)
+        place = self.address(view.value, self.index(view, i, j))
+        if view.value in self.program.tables:
+            return self.splat(self.line(f"load double, ptr {place}, align 8"), self.width)
+        return self.line(f"load {self.T}, ptr {place}, align 8")
+
+    def splat(self, x: str, width: int) -> str:
+        """A vector of one number."""
+        if width == 1:
+            return x
+        T = type_of("f", width)
+        first = self.line(f"insertelement {T} poison, double {x}, i32 0")
+        return self.line(f"shufflevector {T} {first}, {T} poison, <{width} x i32> zeroinitializer")
+
+    def store(self, x: str, value: int, entry: Index) -> None:
+        """Put a number into an entry of a matrix."""
+        self.lines.append(f"  store {self.T} {x}, ptr {self.address(value, entry)}, align 8")
+
+    def store_at(self, x: str, view: View, i: Index, j: Index) -> None:
+        """Put a number into an entry of a view."""
+        self.store(x, view.value, self.index(view, i, j))
+
+    def temporary(self, instruction: Instruction) -> int:
+        """A matrix for the time of an instruction."""
+        value = -1 - instruction.result
+        self.layout.places[value] = self.layout.temporary[instruction.result]
+        return value
+
+    def over(self, rows: int, columns: int, body: Callable[[Index, Index], None]) -> None:
+        """A body for each entry, unrolled where they are few."""
+        if rows * columns <= _UNROLLED:
+            for i in range(rows):
+                for j in range(columns):
+                    body(i, j)
+            return
+        self.each(0, rows, lambda i: self.each(0, columns, lambda j: body(i, j)))
+
+    def each(self, first: Index, count: Index, body: Callable[[Index], None]) -> None:
+        """A body for each index."""
+        if count == 1 and first == 0:
+            body(0)
+            return
+
+        def carried(i: str) -> tuple[()]:
+            body(i)
+            return ()
+
+        self.loop(first, count, carried)
+
+    def total(self, first: str, low: Index, high: Index, term: Callable[[str, str], str]) -> str:
+        """What a term makes of a number, index by index."""
+        return self.loop(low, high, lambda k, total: [term(k, total)], [first], [self.T])[0]
+
+    # --- entry by entry -----------------------------------------------------------------------------
+
+    def _element(self, instruction: Instruction) -> None:
+        place: Any = instruction.operands[0]
+        value = self.load(place)
+        if self.program.kinds[instruction.result] == "b":
+            value = self.line(f"fcmp une {self.T} {value}, {literal(0.0, 'f', self.width)}")
+        self.names[instruction.result] = value
+
+    def _pack(self, instruction: Instruction) -> None:
+        for i, value in enumerate(instruction.operands):
+            assert isinstance(value, int)
+            self.store(self.load(value), instruction.result, i)
+
+    def _join(self, instruction: Instruction) -> None:
+        places, width = instruction.attributes
+        for view, place in zip(instruction.operands, places, strict=True):
+            assert isinstance(view, View)
+            target = View(instruction.result, view.shape, place, (width, 1))
+            self.copy(view, target)
+
+    def copy(self, view: View, target: View) -> None:
+        """Copy a matrix to where another one stands."""
+        self.over(*view.shape, lambda i, j: self.store_at(self.load(view, i, j), target, i, j))
+
+    def _each(self, instruction: Instruction) -> None:
+        _opcode, rows, columns = instruction.attributes
+        target = View(instruction.result, (rows, columns), 0, (columns, 1))
+        views = [each for each in instruction.operands if isinstance(each, View)]
+        if self.width == 1 and rows * columns > 4:
+            lines, across = _contiguous(rows, columns, views)
+            if across > 4:
+                self._each_chunk(instruction, lines, across)
+                return
+
+        def one(i: Index, j: Index) -> None:
+            operands = [self.load(each, i, j) for each in instruction.operands]
+            self.store_at(self._applied(instruction, operands, self.width), target, i, j)
+
+        self.over(rows, columns, one)
+
+    def _each_chunk(self, instruction: Instruction, rows: int, columns: int) -> None:
+        """Vectors of neighbouring entries of one row of the batch; what is left over one by one."""
+        scalars = {each: self.load(each) for each in instruction.operands if isinstance(each, int)}
+
+        def chunk(i: Index, j: Index, width: int) -> None:
+            T, operands = type_of("f", width), []
+            for each in instruction.operands:
+                if isinstance(each, int):
+                    operands.append(self.splat(scalars[each], width))
+                    continue
+                moving = each.steps[1] if each.shape[1] > 1 else 0
+                own = View(each.value, each.shape, each.start, (each.steps[0], moving))
+                place = self.address(each.value, self.index(own, i, j if moving else 0))
+                if moving:
+                    operands.append(self.line(f"load {T}, ptr {place}, align 8"))
+                else:
+                    operands.append(self.splat(self.line(f"load double, ptr {place}, align 8"), width))
+            result = self._applied(instruction, operands, width)
+            entry = self.plus(self.times(i, columns), j)
+            self.lines.append(f"  store {T} {result}, ptr {self.address(instruction.result, entry)}, align 8")
+
+        whole = columns // _CHUNK * _CHUNK
+
+        def line(i: Index) -> None:
+            if whole > _CHUNK:
+                self.loop(0, whole, lambda j: chunk(i, j, _CHUNK) or (), step=_CHUNK)
+            elif whole:
+                chunk(i, 0, _CHUNK)
+            for j in range(whole, columns):
+                chunk(i, j, 1)
+
+        self.each(0, rows, line)
+
+    def _applied(self, instruction: Instruction, operands: list[str], width: int) -> str:
+        """The opcode of numbers, of which masks are those that are not 0."""
+        opcode, T = instruction.attributes[0], type_of("f", width)
+        kinds = ["f"] * len(operands)
+        for k in range(len(operands)):
+            if opcode in _MASKED or (opcode == "where" and k == 0):
+                operands[k] = self.line(f"fcmp une {T} {operands[k]}, {literal(0.0, 'f', width)}")
+                kinds[k] = "b"
+        result = self.operation(opcode, "".join(kinds), operands, width)
+        return self.cast(result, "b", "f", width) if opcode in _GIVE_MASKS else result
+
+    # --- products -----------------------------------------------------------------------------------
+
+    def _matmul(self, instruction: Instruction) -> None:
+        a, b = instruction.operands
+        assert isinstance(a, View)
+        assert isinstance(b, View)
+        target = View(instruction.result, (a.shape[0], b.shape[1]), 0, (b.shape[1], 1))
+        if self.width == 1 and b.shape[1] > 1:
+            if b.steps[1] != 1:
+                copied = View(self.temporary(instruction), b.shape, 0, (b.shape[1], 1))
+                self.copy(b, copied)
+                b = copied
+            self.each(0, a.shape[0], lambda i: self._row_product(a, b, instruction.result, i))
+            return
+        self._products(a, b, target)
+
+    def _products(self, a: View, b: View, target: View) -> None:
+        """Entries one beside the other, four at a time."""
+        (rows, inner), columns = a.shape, b.shape[1]
+
+        def some(i: Index, j: Index, count: int) -> None:
+            beside = [self.plus(j, m) for m in range(count)]
+
+            def products(k: Index) -> list[str]:
+                x = self.load(a, i, k)
+                return [self.line(f"fmul {self.T} {x}, {self.load(b, k, m)}") for m in beside]
+
+            def add(k: Index, *sums: str) -> list[str]:
+                pairs = zip(sums, products(k), strict=True)
+                return [self.line(f"fadd {self.T} {total}, {product}") for total, product in pairs]
+
+            sums: Sequence[str] = products(0)
+            if inner <= 4:
+                for k in range(1, inner):
+                    sums = add(k, *sums)
+            else:
+                sums = self.loop(1, inner, add, sums, [self.T] * count)
+            for m, total in zip(beside, sums, strict=True):
+                self.store_at(total, target, i, m)
+
+        whole = columns // 4 * 4
+
+        def row(i: Index) -> None:
+            if whole > 4:
+                self.loop(0, whole, lambda j: some(i, j, 4) or (), step=4)
+            elif whole:
+                some(i, 0, 4)
+            if columns > whole:
+                some(i, whole, columns - whole)
+
+        self.each(0, rows, row)
+
+    def _row_product(self, a: View, b: View, result: int, i: Index) -> None:
+        """A row of a product as vectors over its columns, which are neighbours in ``b``."""
+        inner, columns = b.shape
+        blocks = [(j, min(_CHUNK, columns - j)) for j in range(0, columns, _CHUNK)]
+        for group in (blocks[k : k + 12] for k in range(0, len(blocks), 12)):
+            types = [type_of("f", width) for _, width in group]
+
+            def products(k: Index, group: Any = group, types: Any = types) -> list[str]:
+                x = self.load(a, i, k)
+                found = []
+                for (j, width), T in zip(group, types, strict=True):
+                    place = self.address(b.value, self.index(b, k, j))
+                    y = self.line(f"load {T}, ptr {place}, align 8")
+                    found.append(self.line(f"fmul {T} {self.splat(x, width)}, {y}"))
+                return found
+
+            def add(k: Index, *sums: str, types: Any = types) -> list[str]:
+                terms = zip(types, sums, products(k), strict=True)
+                return [self.line(f"fadd {T} {total}, {product}") for T, total, product in terms]
+
+            sums = self.loop(1, inner, add, products(0), types)
+            for (j, _), T, total in zip(group, types, sums, strict=True):
+                place = self.address(result, self.plus(self.times(i, columns), j))
+                self.lines.append(f"  store {T} {total}, ptr {place}, align 8")
+
+    def _inner(self, instruction: Instruction) -> None:
+        a, b = instruction.operands
+        assert isinstance(a, View)
+        assert isinstance(b, View)
+        (rows, count), columns = a.shape, b.shape[0]
+        target = View(instruction.result, (rows, columns), 0, (columns, 1))
+
+        def one(i: Index, j: Index) -> None:
+            total = self._inner_product(a, i, b, j, count)
+            self.store_at(total, target, i, j)
+            if instruction.attributes[0]:
+                self.store_at(total, target, j, i)
+
+        if instruction.attributes[0]:
+            self.each(0, rows, lambda i: self.each(0, self.plus(i, 1), lambda j: one(i, j)))
+        else:
+            self.over(rows, columns, one)
+
+    def _inner_product(self, a: View, i: Index, b: View, j: Index, count: int) -> str:
+        """``a_i . b_j``: eight partial sums, added by halves, and what is left over in its order."""
+        whole = count // _CHUNK * _CHUNK
+        together = self.width == 1 and a.steps[1] == b.steps[1] == 1
+        T = type_of("f", _CHUNK) if together else self.T
+
+        def products(k: Index) -> list[str]:
+            if together:
+                places = (self.address(v.value, self.index(v, m, k)) for v, m in ((a, i), (b, j)))
+                pair = [self.line(f"load {T}, ptr {place}, align 8") for place in places]
+                return [self.line(f"fmul {T} {pair[0]}, {pair[1]}")]
+            return [self._product(a, i, b, j, self.plus(k, m)) for m in range(_CHUNK)]
+
+        def add(k: Index, *sums: str) -> list[str]:
+            pairs = zip(sums, products(k), strict=True)
+            return [self.line(f"fadd {T} {total}, {product}") for total, product in pairs]
+
+        zero = literal(0.0, "f", _CHUNK if together else self.width)
+        sums = [zero] * (1 if together else _CHUNK)
+        if whole:
+            sums = self.loop(0, whole, add, sums, [T] * len(sums), step=_CHUNK)
+        if together:
+            sums = [self.line(f"extractelement {T} {sums[0]}, i32 {m}") for m in range(_CHUNK)]
+        while len(sums) > 1:
+            half = len(sums) // 2
+            pairs = zip(sums[:half], sums[half:], strict=True)
+            sums = [self.line(f"fadd {self.T} {x}, {y}") for x, y in pairs]
+        total = sums[0]
+        for k in range(whole, count):
+            total = self.line(f"fadd {self.T} {total}, {self._product(a, i, b, j, k)}")
+        return total
+
+    def _product(self, a: View, i: Index, b: View, j: Index, k: Index) -> str:
+        return self.line(f"fmul {self.T} {self.load(a, i, k)}, {self.load(b, j, k)}")
+
+
+def _contiguous(rows: int, columns: int, views: Sequence[View]) -> tuple[int, int]:
+    """Rows, and entries of each that are neighbours in all views, or the same for all."""
+    if any(view.steps[1] not in (0, 1) or (view.steps[1] == 0 and view.shape[1] > 1) for view in views):
+        return rows, 1
+    if rows > 1 and all(view.shape == (rows, columns) and view.steps[0] == columns for view in views):
+        return 1, rows * columns
+    return rows, columns

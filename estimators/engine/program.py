@@ -1,0 +1,154 @@
+"""Programs: what a traced function computes of one row, as instructions in static single assignment form.
+
+A value is a number that stands for a scalar, or for a matrix, which is never written again once it is complete. Kinds
+of values are those of NumPy by a letter: ``f`` float64, ``i`` int64, ``u`` uint64 (random words), ``b`` a mask.
+"""
+
+import struct
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from estimators.checks import numbers, shown
+
+
+class View(NamedTuple):
+    """A matrix among the entries of a value: entry (i, j) is ``start + i * steps[0] + j * steps[1]`` of it."""
+
+    value: int
+    shape: tuple[int, int]
+    start: int
+    steps: tuple[int, int]
+
+
+class Instruction(NamedTuple):
+    """``result = opcode(operands)``: operands are values and views; attributes are what an opcode needs besides."""
+
+    opcode: str
+    operands: tuple[int | View, ...]
+    result: int
+    attributes: tuple[Any, ...] = ()
+
+    @property
+    def values(self) -> set[int]:
+        """The values that it reads."""
+        found = {operand.value if isinstance(operand, View) else operand for operand in self.operands}
+        if self.opcode == "repeat":
+            loop: Loop = self.attributes[0]
+            found.update(*(each.values for each in loop.body), loop.after)
+            found.difference_update(loop.parameters, (each.result for each in loop.body))
+        return found
+
+    @property
+    def results(self) -> tuple[int, ...]:
+        """The values that it gives."""
+        return self.attributes[0].results if self.opcode == "repeat" else (self.result,)
+
+
+class Loop(NamedTuple):
+    """The body of a ``repeat``: parameters that begin as its operands, and what they are after each pass."""
+
+    count: int
+    parameters: tuple[int, ...]
+    body: tuple[Instruction, ...]
+    after: tuple[int, ...]
+    results: tuple[int, ...]
+
+
+class Program:
+    """Instructions as they were traced.
+
+    Attributes:
+        instructions: In order; `live` leaves out what no output needs.
+        kinds: Of each value, a letter.
+        sizes: Entries of each value that is a matrix.
+        constants: Scalars by value number,
+        tables: and matrices that are the same for all rows.
+    """
+
+    def __init__(self) -> None:
+        self.instructions: list[Instruction] = []
+        self.kinds: list[str] = []
+        self.sizes: dict[int, int] = {}
+        self.constants: dict[int, Any] = {}
+        self.tables: dict[int, np.ndarray] = {}
+        self._blocks: list[list[Instruction]] = [self.instructions]
+        self._known: list[dict[Any, int]] = [{}]  # common subexpressions of each block
+
+    def new(self, kind: str, size: int | None = None) -> int:
+        """A new value: a scalar, or a matrix of so many entries."""
+        self.kinds.append(kind)
+        if size is not None:
+            self.sizes[len(self.kinds) - 1] = size
+        return len(self.kinds) - 1
+
+    def constant(self, value: Any, kind: str) -> int:
+        """A constant scalar; zeros of either sign are two."""
+        key = "constant", kind, struct.pack("<d", value) if kind == "f" else int(value)
+        if key not in self._known[0]:
+            self._known[0][key] = self.new(kind)
+            self.constants[self._known[0][key]] = value
+        return self._known[0][key]
+
+    def table(self, values: np.ndarray) -> int:
+        """A matrix, the same for all rows."""
+        flat = np.array(values, float).ravel()
+        key = "table", flat.tobytes()
+        if key not in self._known[0]:
+            self._known[0][key] = self.new("f", flat.size)
+            self.tables[self._known[0][key]] = flat
+        return self._known[0][key]
+
+    def add(
+        self, opcode: str, operands: tuple[int | View, ...], kind: str, size: int | None = None,
+        attributes: tuple[Any, ...] = (),
+    ) -> int:  # fmt: skip
+        """An instruction's result, or what the same instruction gave before."""
+        key = opcode, operands, kind, size, attributes
+        for known in self._known:
+            if key in known:
+                return known[key]
+        result = self._known[-1][key] = self.new(kind, size)
+        self._blocks[-1].append(Instruction(opcode, operands, result, attributes))
+        return result
+
+    def repeat(self, count: int, body: Callable[..., Sequence[int]], initial: Sequence[int]) -> tuple[int, ...]:
+        """What a body, traced once, makes of initial scalars in ``count`` passes."""
+        kinds = [self.kinds[value] for value in initial]
+        parameters = tuple(map(self.new, kinds))
+        self._blocks.append([])
+        self._known.append({})
+        try:
+            after = tuple(body(*parameters))
+        finally:
+            inside = tuple(self._blocks.pop())
+            self._known.pop()
+        if [self.kinds[value] for value in after] != kinds:
+            raise TypeError("the body of a repeat must give as many numbers as it takes, of the same kinds")
+        if any(each.result in self.sizes for each in inside):
+            raise TypeError("the body of a repeat computes scalars, no matrices")
+        results = tuple(map(self.new, kinds))
+        loop = Loop(count, parameters, inside, after, results)
+        self._blocks[-1].append(Instruction("repeat", tuple(initial), results[0], (loop,)))
+        return results
+
+    def live(self, outputs: Sequence[int]) -> list[Instruction]:
+        """The instructions that outputs need, in order."""
+        needed, kept = set(outputs), []
+        for instruction in reversed(self.instructions):
+            if not needed.isdisjoint(instruction.results):
+                kept.append(instruction)
+                needed |= instruction.values
+        return kept[::-1]
+
+
+def constant_array(value: Any) -> np.ndarray:
+    """A constant of a traced function: float64, int64, uint64 or a mask, as it is.
+
+    Raises:
+        TypeError: if it is not of real numbers.
+    """
+    if (isinstance(value, np.ndarray) and type(value) is not np.ndarray) or numbers(value) is None:
+        raise TypeError(f"a traced function computes with real numbers and masks, got {shown(value)}")
+    return np.asarray(value)
