@@ -17,8 +17,8 @@ import numpy as np
 
 
 @cache
-def _kernels() -> Any:
-    """What is compiled: imported when the first number is drawn, because Numba takes longer than all else together."""
+def _threefry() -> Any:
+    """The module, imported when the first number is drawn: the engine is not needed before."""
     from estimators import threefry
 
     return threefry
@@ -75,8 +75,8 @@ class Numbers:
 
     def of(self, first: Any, second: Any = 0) -> "Numbers":
         """Those of keys that are derived by whole numbers ``(...)``, or by a name."""
-        first, second = (word(part) if isinstance(part, str) else _unsigned(part) for part in (first, second))
-        return Numbers(_kernels().derived(self.keys, first, second), self.step)
+        first, second = (_unsigned(word(part) if isinstance(part, str) else part) for part in (first, second))
+        return Numbers(_threefry().derived(self.keys, first, second), self.step)
 
     def at(self, step: np.ndarray | int) -> "Numbers":
         """Those of another step."""
@@ -84,17 +84,29 @@ class Numbers:
 
     def normals(self, count: int, use: int = 0) -> np.ndarray:
         """Standard normal numbers ``(..., count)``."""
-        return _kernels().normals(self.keys, _unsigned(self.step), use, np.empty(count))
+        return self._flat(_threefry().four_normals, np.arange((count + 3) // 4, dtype=np.uint64), use)[..., :count]
 
     def uniforms(self, count: int, use: int = 0) -> np.ndarray:
         """Numbers ``(..., count)`` from 0 to below 1."""
-        return _kernels().uniforms(self.keys, _unsigned(self.step), use, np.empty(count))
+        return self._flat(_threefry().two_uniforms, np.arange((count + 1) // 2, dtype=np.uint64), use)[..., :count]
 
     def members(self, members: int, count: int, use: int = 0, wanted: np.ndarray | None = None) -> np.ndarray:
         """Standard normal numbers ``(..., members, count)``: a member's are the same however many there are.
 
-        Members lie last in memory. Components that are not ``wanted (..., count)`` hold anything; None: all are.
+        Members lie last in memory. Components that no row has ``wanted (..., count)`` are 0; None: all are.
         """
-        out = np.empty((*self.keys.shape[:-1], count, members)).mT
-        wanted = np.ones(count, bool) if wanted is None else wanted
-        return _kernels().of_members(self.keys, _unsigned(self.step), use, wanted, out, out)
+        chosen = np.arange(count) if wanted is None else np.flatnonzero(wanted.reshape(-1, count).any(0))
+        counters = np.arange((members + 3) // 4, dtype=np.uint64) | (chosen.astype(np.uint64) << 32)[:, None]
+        drawn = self._flat(_threefry().four_normals, counters, use)[..., :members]
+        if len(chosen) == count:
+            return drawn.mT
+        out = np.zeros((*self.keys.shape[:-1], count, members))
+        out[..., chosen, :] = drawn
+        return out.mT
+
+    def _flat(self, function: Any, counters: np.ndarray, use: int) -> np.ndarray:
+        """Numbers of each of some counters ``(..., k)``, side by side ``(..., k * numbers)``."""
+        added = (None,) * counters.ndim
+        second = (_unsigned(self.step) << 16) | use
+        numbers = function(self.keys[(..., *added, slice(None))], counters, second[(..., *added)])
+        return numbers.reshape(*numbers.shape[:-2], numbers.shape[-2] * numbers.shape[-1])
