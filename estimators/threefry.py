@@ -85,3 +85,10 @@ def four_normals(key: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.n
 def two_uniforms(key: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Numbers ``(..., 2)`` from 0 to below 1, likewise."""
     return np.stack([uniform(word) for word in threefry(first, second, key[..., 0], key[..., 1])], -1)
+
+
+def normals(key: np.ndarray, step: np.ndarray, count: int, use: int = 0) -> list[np.ndarray]:
+    """So many standard normal numbers ``(...)`` of keys ``(..., 2)`` at a step ``(...)``, a word."""
+    counters = [np.uint64(i) for i in range((count + 3) // 4)]
+    numbers = (four_normals(key, counter, (step << 16) | use) for counter in counters)
+    return [four[..., i] for four in numbers for i in range(4)][:count]

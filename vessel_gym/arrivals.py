@@ -10,7 +10,7 @@ Readings = tuple[np.ndarray, np.ndarray]
 """Readings ``(B, p)`` and the mask ``(B, p)`` of those that arrived; or by age, ``(B, ages, p)`` each."""
 
 _JITTER, _CLOCK = 2, 3
-"""Uses of a sensor's random numbers: `vessel_gym.sensors.spoil` has 0 and 1."""
+"""Uses of a sensor's random numbers: `vessel_gym.sensors.Sensors.corrupted` has 0 and 1."""
 
 
 class Faulty:

@@ -15,7 +15,7 @@ from estimators.compiled import rowwise
 from estimators.linalg import shared_root
 from estimators.randomness import word
 from estimators.threads import each, shares
-from estimators.threefry import normal_pair, threefry
+from estimators.threefry import derived, four_normals
 from vessel_gym.acceptance import checked_task, checked_vehicle
 from vessel_gym.arrivals import Readings
 from vessel_gym.checks import number, numbers, one_of
@@ -25,7 +25,7 @@ from vessel_gym.disturbances import Disturbance
 from vessel_gym.estimation import Estimation, EstimatorChoice, build, chosen_disturbance
 from vessel_gym.foreign import CheckedMethods, ours, refuse_not_finite
 from vessel_gym.loop import Loop
-from vessel_gym.processes import stir
+from vessel_gym.processes import advance
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Sensor, Sensors, columns
 from vessel_gym.system import Estimate, System
@@ -368,9 +368,7 @@ class Core:
         some = None if len(rows) == self.num_envs else rows  # all rows are faster as such
         at = slice(None) if some is None else rows
         seeds = self.seeds if some is None else [self.seeds[row] for row in rows]
-        keys = np.empty((len(rows), len(self._names), 2), np.uint64)
-        numbers = np.empty((len(rows), self._own[-1].stop))
-        draw(Numbers.seeded(seeds).keys, self.episodes[at], self._names, self._drawn, keys, numbers)
+        keys, numbers = draw(Numbers.seeded(seeds).keys, self.episodes[at], self._names, self._drawn)
         of_task, of_vehicle, of_parameters, _, *of_parts = (numbers[:, own] for own in self._own)
         self._refuse_at(np.zeros(len(rows), int), None)
         course = task.course(of_task, options)
@@ -383,10 +381,11 @@ class Core:
             parameters = vehicle.parameters(self.mismatch, of_parameters)
         else:
             parameters = self._nominal.repeat(len(rows), 0)
-        steps = np.full(len(rows), -1)
-        noise, forcing = np.zeros((len(rows), len(self._root))), np.zeros((len(rows), self.forces.size))
+        steps, noise = np.zeros(len(rows), int), np.zeros((len(rows), len(self._root)))
         # The step before the first, in which nothing moves: what is new over that one, and what acts then.
-        stir(parts, steps, self._counts, self._root, self._still, self.forces.gains, drifting, noise, forcing)
+        drifting, noise, forcing = advance(
+            parts, steps, drifting, noise, self._counts, self._root, self._still, self.forces.gains
+        )
         if not self.forces.constant:
             self.forces.add(forcing, drifting[:, : self._size], state, actuators)
         if self._foreign_effect:
@@ -399,8 +398,7 @@ class Core:
         )  # fmt: skip
         injected = readings is not None
         if readings is None:
-            outside = np.ascontiguousarray(forcing[:, : self.forces.outside])
-            readings = loop.sense(state, outside, drifting[:, self._size :], steps, some)
+            readings = loop.sense(state, forcing[:, : self.forces.outside], drifting[:, self._size :], steps, some)
         readings = loop.receive(readings, steps, some, injected)
         u = vehicle.known_input(actuators, actuators, task.commanded(course, steps))
         belief = loop.begin(some, self._known(prior, self.composition), self._handed(readings, rows), u)
@@ -467,15 +465,17 @@ class Core:
             u = vehicle.known_input(before, after, task.commanded(self.course, self.steps))
         else:
             u = vehicle.known_input(before, after, self.reference[:, self._commanding])
+        self.steps = self.steps + 1
         given = (
             self.state, before, after, self.forcing, self.parameters, self._keys, self.steps, self.drifting, self.noise,
             self._none if ended is None else ended,
         )  # fmt: skip
         if len(self._parts) == 1 or readings is not None:
-            self.state, *read = self._moved(None, readings, *given)
+            moved = self._moved(None, readings, *given)
         else:
-            moved = each(lambda rows: self._moved(rows, None, *(a[rows] for a in given)), self._parts, self.num_threads)
-            self.state, *read = map(np.concatenate, zip(*moved, strict=True))
+            parts = each(lambda rows: self._moved(rows, None, *(a[rows] for a in given)), self._parts, self.num_threads)
+            moved = tuple(map(np.concatenate, zip(*parts, strict=True)))
+        self.state, self.drifting, self.noise, self.forcing, *read = moved
         readings = loop.receive((read[0], read[1]), self.steps, None, readings is not None)
         loop.estimate(self._handed(readings), u, self.steps)
         if hasattr(self, "held"):
@@ -494,23 +494,25 @@ class Core:
         self, rows: slice | None, readings: Readings | None, state: np.ndarray, before: np.ndarray, after: np.ndarray,
         forcing: np.ndarray, parameters: np.ndarray, keys: np.ndarray, steps: np.ndarray, drifting: np.ndarray,
         noise: np.ndarray, ended: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-        """The vehicle of rows (None: all) a step on, and what is read; forcing and the last move in place."""
+    ) -> tuple[np.ndarray, ...]:  # fmt: skip
+        """State, disturbance and biases, noise and forcing of rows (None: all) a step later, and the measurements."""
         outside, measured = forcing, after
         if self.forces.faulty:
             offsets, outside = self.forces.of_actuators(forcing)[0], forcing[:, : self.forces.outside]
             before, after = before + offsets, after + offsets
         first = 0 if rows is None else rows.start
         state = np.ascontiguousarray(self._vehicle.step(state, before, after, outside, parameters), float)
-        stir(keys, steps, self._counts, self._root, self._transition, self.forces.gains, drifting, noise, forcing)
+        drifting, noise, forcing = advance(
+            keys, steps, drifting, noise, self._counts, self._root, self._transition, self.forces.gains
+        )
         if not self.forces.constant:
             self.forces.add(forcing, drifting[:, : self._size], state, measured)
         if self._foreign_effect:
             self._check_forcing(forcing, steps, state, ended, first)
         if readings is None:
-            outside = np.ascontiguousarray(outside)
+            outside = forcing[:, : self.forces.outside]
             readings = self.loop.sense(state, outside, drifting[:, self._size :], steps, rows)
-        return state, *readings
+        return state, drifting, noise, forcing, *readings
 
     def _over(self, declared: np.ndarray | None) -> np.ndarray:
         """Which missions are done ``(B,)``, as whoever ends them says."""
@@ -688,12 +690,10 @@ class Core:
         )
 
 
-@rowwise("void(u8[:,::1],i8[::1],u8[::1],i8[:,::1],u8[:,:,::1],f8[:,::1])")
 def draw(
-    seeds: np.ndarray, episodes: np.ndarray, names: np.ndarray, drawn: np.ndarray, keys: np.ndarray,
-    numbers: np.ndarray,
-) -> None:  # fmt: skip
-    """The keys of the parts of episodes, and the numbers that each draws at the start: the last two.
+    seeds: np.ndarray, episodes: np.ndarray, names: np.ndarray, drawn: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Keys of the parts of episodes, and the random numbers of their starts.
 
     They are those of `estimators.Numbers`, at step 0.
 
@@ -701,26 +701,21 @@ def draw(
         seeds: ``(B, 2)`` keys.
         episodes: ``(B,)``.
         names: ``(parts,)`` words.
-        drawn: ``(parts, 3)`` how many uniform numbers, how many normal ones, and the use of these.
-        keys: ``(B, parts, 2)``.
-        numbers: ``(B, k)``, part by part.
+        drawn: ``(parts, 3)`` numbers of uniform numbers, which the first part alone may have, and of normal ones, and
+            the use of these.
+
+    Returns:
+        Keys ``(B, parts, 2)``, and numbers ``(B, k)`` part by part.
     """
-    none = np.uint64(0)
-    for row in range(len(seeds)):
-        first, second = threefry(np.uint64(episodes[row]), none, seeds[row, 0], seeds[row, 1])
-        at = 0
-        for part in range(len(names)):
-            key = threefry(names[part], none, first, second)
-            keys[row, part, 0], keys[row, part, 1] = key
-            uniforms, normals, use = drawn[part]
-            for i in range(uniforms):
-                words = threefry(np.uint64(i // 2), none, key[0], key[1])
-                numbers[row, at + i] = np.float64(words[i % 2] >> np.uint64(11)) * 2.0**-53
-            at += uniforms
-            for i in range(normals):
-                words = threefry(np.uint64(i // 4), np.uint64(use), key[0], key[1])
-                numbers[row, at + i] = normal_pair(words[i % 4 // 2])[i % 2]
-            at += normals
+    own = derived(seeds, episodes.astype(np.uint64), np.uint64(0))
+    keys = derived(own[:, None], names, np.uint64(0))
+    _, counts, uses = drawn.T
+    part = np.repeat(np.arange(len(drawn)), (counts + 3) // 4)
+    counter = np.arange(len(part)) - np.searchsorted(part, part)
+    four = four_normals(keys[:, part], counter.astype(np.uint64), uses[part].astype(np.uint64))
+    needed = 4 * counter[:, None] + np.arange(4) < counts[part, None]
+    uniforms = Numbers(keys[:, 0]).uniforms(int(drawn[0, 0]))
+    return keys, np.concatenate([uniforms, four[:, needed]], -1)
 
 
 @rowwise("b1(f4[:,::1],b1[::1],f8[:,::1])", "b1(f8[:,::1],b1[::1],f8[:,::1])")

@@ -1,6 +1,6 @@
 """Gauss-Markov processes: what currents, gusts, waves and the biases of sensors are made of."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, TypeVar
@@ -10,9 +10,9 @@ from scipy.linalg import block_diag, solve_continuous_lyapunov
 
 from estimators import van_loan
 from estimators.checks import finite_array, frozen, shown
-from estimators.compiled import rowwise
+from estimators.engine import as_word
 from estimators.models import as_covariance
-from estimators.threefry import normals_of_rows
+from estimators.threefry import normals
 from vessel_gym.checks import check_numbers
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
@@ -75,28 +75,14 @@ class Process:
         """m, normal numbers a step."""
         return self.root.shape[1]
 
-    def advance(self, z: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
-        """``transition z`` of states ``(..., k)``, entry by entry: the same to the last bit in any batch."""
-        moved = np.multiply(z, self._decay, out)
-        for i, j, entry in self._couplings:
-            moved[..., i] += entry * z[..., j]
-        return moved
+    def advance(self, z: np.ndarray) -> np.ndarray:
+        """``transition z`` of states ``(..., k)``."""
+        return product(self.transition, z, np.zeros_like(z))
 
     @cached_property
     def start_root(self) -> np.ndarray:
         """A root of ``start_cov``."""
         return root_of(self.start_cov)
-
-    @cached_property
-    def _decay(self) -> np.ndarray:
-        """The diagonal of the transition."""
-        return np.diag(self.transition).copy()
-
-    @cached_property
-    def _couplings(self) -> list[tuple[int, int, float]]:
-        """Its other entries but for zeros, of which a few processes side by side have most."""
-        couples = self.transition - np.diag(self._decay)
-        return [(int(i), int(j), float(couples[i, j])) for i, j in np.argwhere(couples)]
 
     @classmethod
     def stationary(cls, A: np.ndarray, W: np.ndarray, dt: float) -> "Process":
@@ -166,53 +152,39 @@ def root_of(cov: np.ndarray) -> np.ndarray:
     return vectors * np.sqrt(np.maximum(values, 0.0))
 
 
-@rowwise("void(u8[:,:,::1],i8[::1],i8[::1],f8[:,::1],f8[:,::1],f8[:,::1],f8[:,::1],f8[:,::1],f8[:,::1])")
-def stir(
-    keys: np.ndarray, steps: np.ndarray, counts: np.ndarray, root: np.ndarray, transition: np.ndarray,
-    gains: np.ndarray, z: np.ndarray, noise: np.ndarray, forcing: np.ndarray,
-) -> None:  # fmt: skip
-    """Move processes by a step, draw what is new over the next one, and what acts then: steps and the last three.
+def product(matrix: np.ndarray, x: np.ndarray, onto: np.ndarray) -> np.ndarray:
+    """``onto + matrix x`` of vectors ``(..., k)`` and a constant matrix ``(r, k)``.
 
-    Products are sums entry by entry: the same to the last bit in any batch.
+    Zeros of the matrix are left out. The sum is in the order of its columns: the same to the last bit in any batch.
+    """
+    rows = list(np.moveaxis(onto, -1, 0))
+    for i, j in np.argwhere(matrix):
+        rows[i] = rows[i] + matrix[i, j] * x[..., j]
+    return np.stack(rows, -1) if rows else onto
+
+
+def advance(
+    keys: np.ndarray, step: np.ndarray, z: np.ndarray, noise: np.ndarray, counts: Sequence[int], root: np.ndarray,
+    transition: np.ndarray, gains: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    """Processes a step later, the noise of the coming step and the exogenous input that follows from both.
 
     Args:
-        keys: ``(B, parts, 2)`` of the random numbers of each part.
-        steps: ``(B,)`` how many lie behind.
-        counts: ``(parts,)`` how many each takes.
-        root: ``(s + k, m)`` what they make: white kicks, then what is new in the processes.
-        transition: ``(k, k)`` of these.
-        gains: ``(f, s + k)`` what white kicks and processes give.
-        z: ``(B, k)`` the processes.
-        noise: ``(B, s + k)`` what ``root`` has made.
-        forcing: ``(B, f)`` what ``gains`` do.
+        keys: ``(..., parts, 2)`` of the random numbers of each part.
+        step: ``(...)``, the number of the coming step.
+        z: ``(..., k)`` state of the processes.
+        noise: ``(..., s + k)`` of the step that is over: white increments, then those of the processes.
+        counts: Normal numbers of each part.
+        root: ``(s + k, m)`` of the covariance of the noise.
+        transition: ``(k, k)`` of the processes.
+        gains: ``(f, s + k)`` of white increments and processes.
+
+    Returns:
+        The new ``z (..., k)``, ``noise (..., s + k)`` and exogenous input ``(..., f)``.
     """
-    B, size, drawn = len(steps), len(transition), 0
-    shaken = len(root) - size
-    for row in range(B):
-        steps[row] += 1
-    normals, words = np.empty((root.shape[1] + 1, B)), np.empty((2, B), np.uint64)
-    for part in range(len(counts)):
-        normals_of_rows(keys, part, steps, counts[part], words, normals, drawn)
-        drawn += counts[part]
-    for i in range(size):
-        for j in range(size):
-            if transition[i, j] != 0.0:
-                for row in range(B):
-                    noise[row, shaken + i] += transition[i, j] * z[row, j]
-    for row in range(B):
-        for i in range(size):
-            z[row, i] = noise[row, shaken + i]
-        for i in range(len(root)):
-            noise[row, i] = 0.0
-        for i in range(len(gains)):
-            forcing[row, i] = 0.0
-    for i in range(len(root)):
-        for j in range(root.shape[1]):
-            if root[i, j] != 0.0:
-                for row in range(B):
-                    noise[row, i] += root[i, j] * normals[j, row]
-    for i in range(len(gains)):
-        for j in range(gains.shape[1]):
-            if gains[i, j] != 0.0:
-                for row in range(B):
-                    forcing[row, i] += gains[i, j] * (noise[row, j] if j < shaken else z[row, j - shaken])
+    white, word = len(root) - len(transition), as_word(step)
+    drawn = [each for part, count in enumerate(counts) for each in normals(keys[..., part, :], word, count)]
+    z = product(transition, z, noise[..., white:])
+    noise = product(root, np.stack(drawn, -1), np.zeros_like(noise)) if drawn else np.zeros_like(noise)
+    given = np.concatenate([noise[..., :white], z], -1)
+    return z, noise, product(gains, given, np.zeros((*z.shape[:-1], len(gains))))

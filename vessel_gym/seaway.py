@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 from scipy.optimize import root
 
-from estimators.compiled import rowwise, sincos
+from estimators.engine import lookup, sincos
 from vessel_gym.checks import check_numbers, instance
 from vessel_gym.disturbances import Disturbance, Sea
 from vessel_gym.processes import Process, row_by_row
@@ -130,28 +130,70 @@ class Seaway(Disturbance):
     @row_by_row
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
         """The yaw increment [rad], and what is `AROUND` the ship, ``(..., 8)``."""
-        out = np.empty((*z.shape[:-1], len(self.forces)))
-        rows = [np.ascontiguousarray(each, float).reshape(-1, each.shape[-1]) for each in (z, state)]
-        seaway(*rows, self._numbers, self.waves.numbers, self._table, out.reshape(-1, len(self.forces)))
-        return out
+        x, y, psi, u, v = np.moveaxis(state[..., :5], -1, 0)
+        beta = self.direction - psi
+        sway, yaw, roll = self._motion(z, x, y, beta, u)
+        surge_force, side_force, turning = self._wind(beta, u, v)
+        sin_beta, _ = sincos(beta)
+        side = side_force + self._drift * sin_beta * np.abs(sin_beta)
+        bands = 2 * len(self.waves.numbers)
+        return np.stack([
+            self.dt * yaw, z[..., bands], z[..., bands + 1], surge_force, side, turning, roll, sway,
+        ], -1)  # fmt: skip
 
-    @cached_property
-    def _numbers(self) -> np.ndarray:
-        """What the kernel knows of sea and ship."""
+    def _motion(
+        self, z: np.ndarray, x: np.ndarray, y: np.ndarray, beta: np.ndarray, speed: np.ndarray
+    ) -> list[np.ndarray]:
+        """Sway velocity [m/s], yaw rate [rad/s] and roll moment [N m] of the waves ``(...)`` at a place."""
+        turn = beta / (2.0 * np.pi)
+        at = (turn - np.floor(turn)) * _BETAS
+        i = np.minimum(np.floor(at), _BETAS - 1.0)
+        slowest, fastest = _speeds(self.ship)[[0, -1]]
+        to = np.minimum(np.maximum((speed - slowest) / (fastest - slowest), 0.0), 1.0) * (_SPEEDS - 1)
+        j = np.minimum(np.floor(to), _SPEEDS - 2.0)
+        f, g, first = (at - i)[..., None], (to - j)[..., None], j * (_BETAS + 1) + i
+        near, beside, far, last = (lookup(self._table, first + k) for k in (0, 1, _BETAS + 1, _BETAS + 2))
+        response = (1.0 - g) * ((1.0 - f) * near + f * beside)
+        response = response + g * ((1.0 - f) * far + f * last)
+        sin_mu, cos_mu = sincos(self.direction)
+        total = [np.zeros_like(x)] * 3
+        for band, number in enumerate(self.waves.numbers):
+            sin, cos = sincos(number * (x * cos_mu + y * sin_mu))
+            real, imaginary = z[..., 2 * band], z[..., 2 * band + 1]
+            real, imaginary = real * cos + imaginary * sin, imaginary * cos - real * sin  # z exp(-j k x)
+            own = [response[..., 6 * band + k] for k in range(6)]
+            total = [total[k] + (own[k] * real - own[k + 3] * imaginary) for k in range(3)]
+        return total
+
+    def _wind(self, beta: np.ndarray, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Surge and sway force [N] and yaw moment [N m] of the wind ``(...)``, Blendermann (1994)."""
         ship = self.ship
         frontal = 0.82 * ship.beam**2 if ship.frontal_area is None else ship.frontal_area
         lateral = 0.083 * ship.length**2 if ship.lateral_area is None else ship.lateral_area
-        drift = ship.water_density * GRAVITY * ship.length * self.height**2 / 16.0 * _REFLECTED
-        return np.array(
-            [self.dt, self.direction, self.wind, frontal, lateral, 1.04 * ship.length, drift, *_speeds(ship)[[0, -1]]]
-        )
+        sin_beta, cos_beta = sincos(beta)
+        along, across = self.wind * cos_beta - u, self.wind * sin_beta - v  # of the air, as the ship feels it
+        angle = np.abs(np.arctan2(-across, -along))  # from the bow, from which it comes
+        front = np.where(angle < 0.5 * np.pi, 0.60, 0.65)
+        sin_angle, cos_angle = sincos(angle)
+        sin_twice = 2.0 * sin_angle * cos_angle
+        shape = 1.0 - 0.5 * 0.65 * (1.0 - front * frontal / lateral / 0.85) * sin_twice * sin_twice
+        pressure = 0.5 * _AIR_DENSITY * (along * along + across * across)
+        side = 0.85 * sin_angle / shape * np.where(across > 0.0, 1.0, -1.0) * pressure * lateral
+        moment = side * (1.04 * ship.length) * 0.18 * (0.5 * np.pi - angle)
+        return -pressure * frontal * front * cos_angle / shape, side, moment
+
+    @cached_property
+    def _drift(self) -> float:
+        """Drift force [N] of the waves that a ship abeam reflects."""
+        return self.ship.water_density * GRAVITY * self.ship.length * self.height**2 / 16.0 * _REFLECTED
 
     @cached_property
     def _table(self) -> np.ndarray:
-        """Real and imaginary parts of `mean_response` by band, speed and beta ``(3, speeds, betas, 6)``."""
+        """Real and imaginary parts of `mean_response`, by speed and beta ``(speeds * betas, bands * 6)``."""
         beta = np.linspace(0.0, 2.0 * np.pi, _BETAS + 1)
-        response = np.stack([self.mean_response(beta, speed) for speed in _speeds(self.ship)], 1)
-        return np.ascontiguousarray(np.concatenate([response.real, response.imag], -1))
+        response = np.stack([self.mean_response(beta, speed) for speed in _speeds(self.ship)])
+        parts = np.moveaxis(np.concatenate([response.real, response.imag], -1), 1, 2)
+        return parts.reshape(_SPEEDS * (_BETAS + 1), -1)
 
 
 _SPEEDS, _BETAS = 21, 120
@@ -160,68 +202,3 @@ _SPEEDS, _BETAS = 21, 120
 def _speeds(ship: CorvetteParameters) -> np.ndarray:
     """Speeds [m/s] at which responses are tabled."""
     return ship.speed * np.linspace(0.25, 1.25, _SPEEDS)
-
-
-@rowwise("void(f8[:,::1],f8[:,::1],f8[::1],f8[::1],f8[:,:,:,::1],f8[:,::1])")
-def seaway(
-    z: np.ndarray, state: np.ndarray, numbers: np.ndarray, waves: np.ndarray, table: np.ndarray, out: np.ndarray
-) -> None:
-    """What a seaway gives ships ``(B, 8)``: the yaw increment, and what is `AROUND` them.
-
-    Args:
-        z: ``(B, 2 bands + 2)`` the bands' complex numbers and the current.
-        state: ``(B, n)`` of the ships.
-        numbers: Step [s], direction of waves and wind, wind [m/s], frontal and lateral area, length over all, drift
-            force of the waves abeam [N], least and greatest speed of the table.
-        waves: ``(bands,)`` wave numbers.
-        table: ``(bands, speeds, betas, 6)`` sway velocity, yaw rate, roll moment, real parts and imaginary ones.
-        out: ``(B, 8)``.
-    """
-    dt, direction, wind, frontal, lateral, length, drift, slowest, fastest = numbers
-    bands, speeds, betas = table.shape[0], table.shape[1], table.shape[2] - 1
-    sin_mu, cos_mu = sincos(direction)
-    for row in range(len(out)):
-        x, y, psi, u, v = state[row, 0], state[row, 1], state[row, 2], state[row, 3], state[row, 4]
-        beta = direction - psi
-        turn = beta / (2.0 * np.pi)
-        at = (turn - np.floor(turn)) * betas
-        i = min(int(at), betas - 1)
-        f = at - i
-        to = min(max((u - slowest) / (fastest - slowest), 0.0), 1.0) * (speeds - 1)
-        j = min(int(to), speeds - 2)
-        g = to - j
-        sway, yaw, roll = 0.0, 0.0, 0.0
-        for band in range(bands):
-            sin, cos = sincos(waves[band] * (x * cos_mu + y * sin_mu))
-            re = z[row, 2 * band] * cos + z[row, 2 * band + 1] * sin  # z exp(-j k x)
-            im = z[row, 2 * band + 1] * cos - z[row, 2 * band] * sin
-            a, b = table[band, j], table[band, j + 1]
-            for k in range(3):
-                real = (1.0 - g) * ((1.0 - f) * a[i, k] + f * a[i + 1, k])
-                real += g * ((1.0 - f) * b[i, k] + f * b[i + 1, k])
-                imaginary = (1.0 - g) * ((1.0 - f) * a[i, k + 3] + f * a[i + 1, k + 3])
-                imaginary += g * ((1.0 - f) * b[i, k + 3] + f * b[i + 1, k + 3])
-                moved = real * re - imaginary * im
-                if k == 0:
-                    sway += moved
-                elif k == 1:
-                    yaw += moved
-                else:
-                    roll += moved
-        sin_beta, cos_beta = sincos(beta)
-        along, across = wind * cos_beta - u, wind * sin_beta - v  # of the air, as the ship feels it
-        angle = abs(np.arctan2(-across, -along))  # from the bow, from which it comes
-        front = 0.60 if angle < 0.5 * np.pi else 0.65
-        sin_angle, cos_angle = sincos(angle)
-        sin_twice = 2.0 * sin_angle * cos_angle
-        shape = 1.0 - 0.5 * 0.65 * (1.0 - front * frontal / lateral / 0.85) * sin_twice * sin_twice
-        pressure = 0.5 * _AIR_DENSITY * (along * along + across * across)
-        side = 0.85 * sin_angle / shape * (1.0 if across > 0.0 else -1.0) * pressure * lateral
-        out[row, 0] = dt * yaw
-        out[row, 1] = z[row, 2 * bands]
-        out[row, 2] = z[row, 2 * bands + 1]
-        out[row, 3] = -pressure * frontal * front * cos_angle / shape
-        out[row, 4] = side + drift * sin_beta * abs(sin_beta)
-        out[row, 5] = side * length * 0.18 * (0.5 * np.pi - angle)
-        out[row, 6] = roll
-        out[row, 7] = sway

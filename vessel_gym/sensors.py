@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 
 from estimators.checks import number, shown
-from estimators.compiled import rowwise
+from estimators.engine import as_word
 from estimators.factory import unknown
 from estimators.models import StateNoise
-from estimators.threefry import normals_of_rows, words_of_rows
+from estimators.threefry import normals, threefry, uniform
 from vessel_gym.checks import check_names, check_numbers, function, instance, numbers
 from vessel_gym.foreign import copying, refuse_not_finite, repeated
-from vessel_gym.processes import Process, linear
+from vessel_gym.processes import Process, linear, product
 from vessel_gym.sensor_faults import SensorFault
 
 Known = Mapping[str, np.ndarray]
@@ -328,11 +328,9 @@ class Sensors:
         self._sd = np.array([
             sd for sensor, k in zip(self.each, sizes, strict=True)
             for sd in ((np.nan,) * k if callable(sensor.sd) else sensor.sd)
-        ], float)[None]  # fmt: skip
+        ], float)  # fmt: skip
         ranges = [r for sensor in self.each for r in (sensor.range or ((-np.inf, np.inf),) * len(sensor.channels))]
-        self._of_channels = np.ascontiguousarray(np.array(ranges, float).T)
-        each = [(s.dropout, s.outliers, s.outlier_scale, s.period(dt), own.start, own.stop) for s, own in self._owning]
-        self._of_sensors = np.array(each)
+        self._ranges = np.array(ranges, float).T
         self.delays = np.array([sensor.delays(dt) for sensor in self.each])
         self.horizon = int(self.delays.sum(1).max())
         self.faults = self._checked_faults(faults, names)
@@ -411,13 +409,8 @@ class Sensors:
             forcing: ``(..., f)`` on it.
             bias: ``(..., k)`` states of the biases; None: they have none.
         """
-        exact = np.empty_like(state, float, shape=state.shape[:-1] + (self.size,))
-        for own, reads in zip(self._own, self._reads, strict=True):
-            exact[..., own] = reads(state, forcing)
-        if bias is not None:
-            for own, column in self._biased:
-                exact[..., own] += bias[..., column]
-        return exact
+        exact = np.concatenate([reads(state, forcing) for reads in self._reads], -1)
+        return exact if bias is None else product(self.bias_shown, bias, exact)
 
     def read(
         self, state: np.ndarray, forcing: np.ndarray, bias: np.ndarray, steps: np.ndarray, keys: np.ndarray
@@ -434,45 +427,72 @@ class Sensors:
         Returns:
             Readings ``(B, p)``, 0 where missing, and the mask ``(B, p)``.
         """
-        readings = np.zeros((len(state), self.size))
-        available = np.empty(readings.shape, bool)
-        for own, reads in self.called:
-            readings[:, own] = reads(state, forcing)
-        sd = self._true_sd(readings, bias, steps) if self._varying else self._sd
-        spoil(
-            keys, steps, state, forcing, bias, self._gains, sd, self._of_channels, self._of_sensors, readings, available
-        )
-        return readings, available
+        exact = self.measured(state, forcing, bias)
+        sd = self.sd_at(exact)
+        if self._varying:
+            self._refuse_sd(sd, exact, steps)
+        return self.corrupted(exact, sd, steps, keys)
 
-    def _true_sd(self, called: np.ndarray, bias: np.ndarray, steps: np.ndarray) -> np.ndarray:
-        """Standard deviations ``(B, p)`` of measurements, ``called`` but for their biases and what is linear.
+    def measured(self, state: np.ndarray, forcing: np.ndarray, bias: np.ndarray) -> np.ndarray:
+        """True measurements without noise ``(..., p)``: as `exact`, what is linear by its matrix."""
+        called = {own.start: reads for own, reads in self.called}
+        zeros = np.zeros((*state.shape[:-1], self.size))
+        parts = [called[own.start](state, forcing) if own.start in called else zeros[..., own] for own in self._own]
+        return product(self._gains, np.concatenate([state, forcing, bias], -1), np.concatenate(parts, -1))
+
+    def corrupted(
+        self, exact: np.ndarray, sd: np.ndarray, steps: np.ndarray, keys: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Measurements with their noise and outliers, 0 where missing, and the mask of those available.
+
+        Args:
+            exact: ``(..., p)`` without noise.
+            sd: ``(..., p)`` standard deviations.
+            steps: ``(...)`` since the episode's start.
+            keys: ``(..., sensors, 2)`` of the random numbers of each.
+        """
+        values, available, word = [], [], as_word(steps)
+        for i, (sensor, own) in enumerate(self._owning):
+            key, channels, size = keys[..., i, :], range(own.start, own.stop), 1.0
+            arrives = np.remainder(steps, sensor.period(self.dt)) == 0
+            if sensor.dropout > 0.0 or sensor.outliers > 0.0:
+                lost, far = threefry(np.uint64(0), (word << 16) | 1, key[..., 0], key[..., 1])
+                arrives = arrives & (uniform(lost) >= sensor.dropout)
+                size = np.where(uniform(far) < sensor.outliers, sensor.outlier_scale, 1.0)
+            for j in channels:
+                arrives = arrives & (self._ranges[0, j] <= exact[..., j]) & (exact[..., j] <= self._ranges[1, j])
+            for j, normal in zip(channels, normals(key, word, len(channels)), strict=True):
+                value = exact[..., j] + sd[..., j] * size * normal
+                available.append(arrives & np.isfinite(value))
+                values.append(np.where(available[-1], value, 0.0))
+        return np.stack(values, -1), np.stack(available, -1)
+
+    def _refuse_sd(self, sd: np.ndarray, exact: np.ndarray, steps: np.ndarray) -> None:
+        """Refuse standard deviations ``(B, p)`` of measurements ``(B, p)``.
 
         Raises:
             ValueError: for one that is negative or NaN, of a measurement within its sensor's range.
         """
-        exact, (least, greatest) = called.copy(), self._of_channels
-        for own, column in self._biased:
-            exact[:, own] += bias[:, column]
-        sd = self.sd_at(exact)
-        within = ((least <= exact) & (exact <= greatest)).T
+        within = ((self._ranges[0] <= exact) & (exact <= self._ranges[1])).T
         for name, own, _ in self._varying:
             refuse_not_finite(
                 f"sd of {name}", sd[:, own], steps, ~within[own].all(0), exact[:, own],
                 sound=partial(np.less_equal, 0.0), wanted="0 or more for every measurement",
             )  # fmt: skip
-        return sd
 
     def sd_at(self, exact: np.ndarray) -> np.ndarray:
         """Standard deviations ``(..., p)`` of measurements that are ``exact (..., p)`` without noise."""
-        sd = np.broadcast_to(self._sd[0], exact.shape).copy()
-        for _, own, spread in self._varying:
-            sd[..., own] = spread(exact[..., own])
-        return sd
+        known = np.broadcast_to(self.sd, exact.shape)
+        if not self._varying:
+            return known
+        varying = {own.start: spread for _, own, spread in self._varying}
+        parts = ((varying.get(own.start), own) for own in self._own)
+        return np.concatenate([spread(exact[..., own]) if spread else known[..., own] for spread, own in parts], -1)
 
     @property
     def sd(self) -> np.ndarray:
         """Standard deviations ``(p,)``; NaN where they depend on what is measured."""
-        return self._sd[0]
+        return self._sd
 
     def noise(
         self, expected: Callable[[np.ndarray, np.ndarray | None], np.ndarray], x: np.ndarray, u: np.ndarray | None
@@ -597,54 +617,3 @@ def plain(components: Sequence[int]) -> Callable[[np.ndarray, np.ndarray], np.nd
 
 def _columns(chosen: Any, state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
     return state[..., chosen]
-
-
-@rowwise(
-    "void(u8[:,:,::1],i8[::1],f8[:,::1],f8[:,::1],f8[:,:],f8[:,::1],f8[:,::1],f8[:,::1],f8[:,::1],f8[:,::1],b1[:,::1])"
-)
-def spoil(
-    keys: np.ndarray, steps: np.ndarray, state: np.ndarray, forcing: np.ndarray, bias: np.ndarray, gains: np.ndarray,
-    sd: np.ndarray, of_channels: np.ndarray, of_sensors: np.ndarray, readings: np.ndarray, available: np.ndarray,
-) -> None:  # fmt: skip
-    """Add to readings what is linear of them and their noise, and say which arrive, the last two in place.
-
-    Args:
-        keys: ``(B, sensors, 2)`` of the random numbers of each.
-        steps: ``(B,)`` of which step they are.
-        state: ``(B, n)``.
-        forcing: ``(B, f)``.
-        bias: ``(B, b)``.
-        gains: ``(p, n + f + b)`` of these three.
-        sd: ``(B, p)`` standard deviations, or ``(1, p)`` of all rows.
-        of_channels: ``(2, p)`` least and greatest values.
-        of_sensors: ``(sensors, 6)`` chances of a loss and of an outlier, its scale, period, channels from and to.
-        readings: ``(B, p)`` what is not linear of them.
-        available: ``(B, p)``.
-    """
-    B, n, f = len(steps), state.shape[1], forcing.shape[1]
-    for i in range(len(gains)):
-        for j in range(gains.shape[1]):
-            gain = gains[i, j]
-            if gain != 0.0:
-                for row in range(B):
-                    part = state[row, j] if j < n else (forcing[row, j - n] if j < n + f else bias[row, j - n - f])
-                    readings[row, i] += gain * part
-    normals, words, least = np.empty((len(gains) + 1, B)), np.empty((2, B), np.uint64), 2.0**-53
-    for sensor in range(len(of_sensors)):
-        dropout, outliers, scale = of_sensors[sensor, 0], of_sensors[sensor, 1], of_sensors[sensor, 2]
-        period, first, last = int(of_sensors[sensor, 3]), int(of_sensors[sensor, 4]), int(of_sensors[sensor, 5])
-        normals_of_rows(keys, sensor, steps, last - first, words, normals, 0)
-        doubtful = dropout > 0.0 or outliers > 0.0
-        if doubtful:
-            words_of_rows(keys, sensor, steps, 0, 1, words)
-        for row in range(B):
-            arrives, size = period == 1 or steps[row] % period == 0, 1.0
-            if doubtful:
-                arrives = arrives and np.float64(words[0, row] >> np.uint64(11)) * least >= dropout
-                size = scale if np.float64(words[1, row] >> np.uint64(11)) * least < outliers else 1.0
-            for i in range(first, last):
-                arrives = arrives and of_channels[0, i] <= readings[row, i] <= of_channels[1, i]
-            for i in range(first, last):
-                reading = readings[row, i] + sd[min(row, len(sd) - 1), i] * size * normals[i - first, row]
-                available[row, i] = arrives and np.isfinite(reading)
-                readings[row, i] = reading if available[row, i] else 0.0

@@ -13,24 +13,23 @@ from scipy.optimize import root
 
 from estimators import Schedule, zero_order_hold
 from estimators.checks import finite_array, whole
+from estimators.engine import lookup
 from vessel_gym.checks import check_numbers, instance
 from vessel_gym.processes import linear
 from vessel_gym.sensors import Sensor
-from vessel_gym.vehicles.actuators import Actuator, actuated, figures, mean_input
+from vessel_gym.vehicles.actuators import Actuator, actuated, figures
 from vessel_gym.vehicles.corvette_equations import (
     AROUND,
     COEFFICIENTS,
     STATE,
     UNCERTAIN,
     CorvetteParameters,
-    corvette_forced,
     corvette_rates,
-    corvette_step,
 )
 from vessel_gym.vehicles.files import check_vehicle, load
+from vessel_gym.vehicles.integration import kicked, runge_kutta
 
 _CALM = np.zeros(len(AROUND))  # no current, no forces
-_PSI = np.array([STATE.index("psi")])  # what is kicked
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +41,13 @@ class SteadyTurn:
     sway: np.ndarray  # m/s
     rudder: np.ndarray  # rad
     radius: np.ndarray  # m, of the track; infinite for the straight course
+
+    def interpolated(self, values: np.ndarray, yaw_rate: np.ndarray) -> np.ndarray:
+        """Values ``(k,)`` of each turn, linearly interpolated at yaw rates ``(...)`` to either side."""
+        place = np.minimum(np.abs(yaw_rate) / self.yaw_rate[1], len(values) - 1.0)
+        i = np.minimum(np.floor(place), len(values) - 2.0)
+        low, high = lookup(values, i), lookup(values, i + 1.0)
+        return low + (place - i) * (high - low)
 
 
 @cache
@@ -247,9 +253,9 @@ class Corvette:
 
     def _placed(self, x: np.ndarray) -> np.ndarray:
         """The state ``(..., 8)`` out of (v, r, psi, u), at the origin and upright."""
-        state = np.zeros(x.shape[:-1] + (len(STATE),))
-        state[..., 2], state[..., 3], state[..., 4], state[..., 5] = x[..., 2], x[..., 3], x[..., 0], x[..., 1]
-        return state
+        v, r, psi, u = np.moveaxis(x, -1, 0)
+        zero = np.zeros_like(v)
+        return np.stack([zero, zero, psi, u, v, r, zero, zero], -1)
 
     @property
     def cruise(self) -> tuple[np.ndarray, np.ndarray]:
@@ -277,31 +283,28 @@ class Corvette:
         parameters: np.ndarray,
     ) -> np.ndarray:
         """The state one step later; forcing is the yaw increment d of waves, and what is `AROUND` the ship."""
-        moved = np.empty(state.shape)
-        corvette_forced(state, before, after, forcing, parameters, self.dt, self.substeps, _PSI, moved)
-        return moved
+        around = forcing[..., 1:]
+        moved = runge_kutta(corvette_rates, state, before, after, around, parameters, self.dt, self.substeps)
+        return kicked(moved, forcing[..., :1], (STATE.index("psi"),))
 
-    def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
-        """(v, r, psi, u) one step on under ``u = (rudder, commanded yaw rate)``."""
-        control = np.repeat(u[..., :1], 2, axis=-1)
-        after = corvette_step(self._placed(x), control, flow, self._nominal, self.dt, 1)
-        moved = np.empty(after.shape[:-1] + (4,)) if out is None else out
-        moved[...] = after[..., [4, 5, 2, 3]]
-        return moved
+    def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray) -> np.ndarray:
+        """What is estimated one step on under ``u = (rudder, ...)``, constant over the step."""
+        rudder = u[..., :1]
+        moved = runge_kutta(corvette_rates, self._placed(x), rudder, rudder, flow, self._nominal, self.dt)
+        return moved[..., [STATE.index(name) for name in self.estimated("nonlinear")]]
 
     @cached_property
     def _nominal(self) -> np.ndarray:
-        """The coefficients that filters know ``(1, k)``: the one row of all states."""
-        return self.ship.vector()[None]
+        """The coefficients that filters know ``(k,)``."""
+        return self.ship.vector()
 
     def known_input(self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None) -> np.ndarray:
         """The mean rudder over a step, and the commanded yaw rate, or that of the steady turn which it holds."""
+        rudder = 0.5 * (before + after)
         if commanded is None:
-            turns, rudder = steady_turns(self.ship), 0.5 * (before + after)
+            turns = steady_turns(self.ship)
             commanded = np.copysign(np.interp(np.abs(rudder), turns.rudder, turns.yaw_rate), rudder)
-        u = np.empty((len(before), 2))
-        mean_input(before, after, commanded, u)
-        return u
+        return np.concatenate([rudder, commanded], -1)
 
     def linear(self, kind: str) -> tuple[Any, ...]:
         """A and B of (v, r, psi): ``"corrected"`` (see `linear_matrices`) or ``"as-printed"``."""

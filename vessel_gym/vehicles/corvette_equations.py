@@ -19,9 +19,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from estimators.compiled import inlined, sincos
+from estimators.engine import compiled, sincos
 from vessel_gym.vehicles.files import check_parameters
-from vessel_gym.vehicles.integration import Numbers, kernels
 from vessel_gym.waves import GRAVITY
 
 STATE = ("x", "y", "psi", "u", "v", "r", "phi", "p")
@@ -39,7 +38,7 @@ I = IntEnum("I", (
     "slipstream", "race", "race_power", "straightening", "half_length", "roll_inertia", "righting", "roll_damping",
     "roll_damping_speed", "hull_arm", "rudder_arm",
 ), start=0)  # fmt: skip
-"""Where a coefficient stands in the vector of the compiled equations."""
+"""Index of each coefficient in the vector of the equations of motion."""
 
 COEFFICIENTS = tuple(I.__members__)
 UNCERTAIN = (
@@ -160,7 +159,7 @@ class CorvetteParameters:
         return 2.0 * radius * self.beam / np.sqrt(self.stiffness)
 
     def vector(self) -> np.ndarray:
-        """The coefficients of the compiled equations, dimensional, in the order of `COEFFICIENTS`."""
+        """The coefficients of the equations of motion, dimensional, in the order of `COEFFICIENTS`."""
         given, L, rho = dict(self.given), self.length, self.water_density
         c = self.clarke | given
         volume = self.mass / rho
@@ -243,31 +242,41 @@ class CorvetteParameters:
             yield "derivatives", "the added masses leave an inertia that is not positive"
 
 
-@inlined
-def _cross_flow(v: float, r: float, a: float) -> tuple[float, float]:
+def _cross_flow(v: np.ndarray, r: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Integrals of |v + x r| (v + x r) {1, x} over -a <= x <= a, in closed form."""
-    sign = 1.0 if v >= 0.0 else -1.0  # if the flow has one sign along the hull
-    sway, yaw = sign * (2.0 * a * v * v + 2.0 / 3.0 * a**3 * r * r), sign * 4.0 / 3.0 * a**3 * v * r
+    cubed = a * a * a
+    sign = np.where(v >= 0.0, 1.0, -1.0)  # if the flow has one sign along the hull
+    sway, yaw = sign * (2.0 * a * v * v + 2.0 / 3.0 * cubed * r * r), sign * 4.0 / 3.0 * cubed * v * r
     bow, stern = v + a * r, v - a * r
-    cubic = (abs(bow) ** 3 - abs(stern) ** 3) / 3.0
-    quartic = (bow * abs(bow) ** 3 - stern * abs(stern) ** 3) / 4.0
-    turning = r if abs(r) * a >= 1e-12 else np.inf  # slower, nothing moves, and r * r would underflow
+    bow_cubed, stern_cubed = np.abs(bow) * (bow * bow), np.abs(stern) * (stern * stern)
+    cubic, quartic = (bow_cubed - stern_cubed) / 3.0, (bow * bow_cubed - stern * stern_cubed) / 4.0
+    turning = np.where(np.abs(r) * a >= 1e-12, r, 1e150)  # slower, nothing moves, and r * r would underflow
     both_sway, both_yaw = cubic / turning, (quartic - v * cubic) / (turning * turning)
-    one_sign = abs(r) * a <= abs(v)
-    return sway if one_sign else both_sway, yaw if one_sign else both_yaw
+    one_sign = np.abs(r) * a <= np.abs(v)
+    return np.where(one_sign, sway, both_sway), np.where(one_sign, yaw, both_yaw)
 
 
-@inlined
-def _accelerations(
-    u: float, v: float, r: float, phi: float, p: float, rudder: float, forces: Numbers, c: np.ndarray
-) -> Numbers:
-    """In surge, sway, yaw (3-DOF, added mass on the left) and roll, which follows."""
+@compiled
+def corvette_rates(state: np.ndarray, control: np.ndarray, around: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """Rates ``(..., 8)`` of position, heading, velocities through the water (3-DOF) and roll, which follows.
+
+    Args:
+        state: ``(..., 8)``, `STATE`.
+        control: The rudder ``(..., 1)``.
+        around: ``(..., 7)``, `AROUND`.
+        c: ``(..., k)``, `COEFFICIENTS`.
+    """
+    _, _, psi, u, v, r, phi, p = np.moveaxis(state, -1, 0)
+    north, east, *forces, wave_sway = np.moveaxis(around, -1, 0)
+    (rudder,), c = np.moveaxis(control, -1, 0), np.moveaxis(c, -1, 0)
+    sin, cos = sincos(psi)
+    carried = v + wave_sway
     m_vv, m_vr, m_rv, m_rr = c[I.sway_inertia], c[I.sway_yaw_inertia], c[I.yaw_sway_inertia], c[I.yaw_inertia]
     a = c[I.half_length]
     sway_drag, yaw_drag = _cross_flow(v, r, a)
     # A propeller of constant revolutions pushes the more, and races the faster, the slower the ship.
-    load = max(1.0 + c[I.thrust_rise] * (1.0 - u / c[I.service_speed]), 0.0)
-    race = np.sqrt(u * u + c[I.race_power] * load) - abs(u)
+    load = np.maximum(1.0 + c[I.thrust_rise] * (1.0 - u / c[I.service_speed]), 0.0)
+    race = np.sqrt(u * u + c[I.race_power] * load) - np.abs(u)
     # What flows to the rudder: drift and yaw rate in a turn reduce its angle of attack.
     inflow, side = c[I.slipstream] * u + c[I.race] * race, c[I.straightening] * (v - a * r)
     sin_rudder, cos_rudder = sincos(rudder)
@@ -275,11 +284,11 @@ def _accelerations(
     force = c[I.rudder] * np.sqrt(inflow * inflow + side * side) * attacking
     # Surge: the sway added mass takes part in the centripetal term (Kirchhoff), which slows the ship in a turn.
     X = (
-        c[I.thrust] * load - c[I.resistance] * u * abs(u) + m_vv * v * r + m_vr * r * r - force * sin_rudder
+        c[I.thrust] * load - c[I.resistance] * u * np.abs(u) + m_vv * v * r + m_vr * r * r - force * sin_rudder
         + forces[0]
     )  # fmt: skip
     # The derivatives hold Kirchhoff's terms, which turn their sign astern, and lift, which there still takes energy.
-    astern, surge_added = abs(u) - u, c[I.surge_inertia] - c[I.mass]
+    astern, surge_added = np.abs(u) - u, c[I.surge_inertia] - c[I.mass]
     munk = surge_added - (m_vv - c[I.mass])
     Y = (
         u * (c[I.Yv] * v + c[I.Yr] * r) + astern * (c[I.Yv] * v + (c[I.Yr] + surge_added) * r)
@@ -297,24 +306,9 @@ def _accelerations(
     sin_roll, _ = sincos(phi)
     K = (
         c[I.rudder_arm] * force * cos_rudder - c[I.hull_arm] * side_force - c[I.righting] * sin_roll
-        - (c[I.roll_damping] + c[I.roll_damping_speed] * abs(u)) * p + forces[3]
+        - (c[I.roll_damping] + c[I.roll_damping_speed] * np.abs(u)) * p + forces[3]
     )  # fmt: skip
-    return X / c[I.surge_inertia], sway, yaw, p, K / c[I.roll_inertia]
-
-
-@inlined
-def _rates(s: Numbers, control: Numbers, around: Numbers, c: np.ndarray) -> Numbers:
-    """Of position, heading, velocities through the water and roll, in what is `AROUND`."""
-    psi, u, v, r = s[2], s[3], s[4], s[5]
-    sin, cos = sincos(psi)
-    sway = v + around[6]
-    return (
-        u * cos - sway * sin + around[0], u * sin + sway * cos + around[1], r,
-        *_accelerations(u, v, r, s[6], s[7], control[0], around[2:], c),
-    )  # fmt: skip
-
-
-corvette_rates, corvette_step, corvette_forced, corvette_sloped = kernels(
-    "corvette", _rates, 8, 1, 7, len(COEFFICIENTS)
-)
-"""Control is the rudder ``(1,)``, for a step before and after ``(2,)``; what is `AROUND` the ship ``(7,)``."""
+    return np.stack([
+        u * cos - carried * sin + north, u * sin + carried * cos + east, r,
+        X / c[I.surge_inertia], sway, yaw, p, K / c[I.roll_inertia],
+    ], -1)  # fmt: skip

@@ -17,12 +17,11 @@ from typing import ClassVar
 import numpy as np
 from scipy.optimize import root
 
-from estimators.compiled import inlined, sincos
+from estimators.engine import compiled, sincos
 from vessel_gym.sensors import Sensor, plain
 from vessel_gym.system import Trims
 from vessel_gym.vehicles.auv import AUV, VERTICAL, AUVParameters, in_its_plane
 from vessel_gym.vehicles.files import load
-from vessel_gym.vehicles.integration import Numbers, kernels
 
 STATE = ("u", "w", "q", "x", "z", "theta")
 """State: velocity through the water [m/s], pitch rate [rad/s], position [m] and pitch [rad]."""
@@ -33,7 +32,7 @@ I = IntEnum("I", (
     "X_uu", "Z_ww", "Z_qq", "M_ww", "M_qq", "Z_uw", "Z_uq", "M_uw", "M_uq", "Z_uuds", "M_uuds",
     "net_weight", "righting_moment",
 ), start=0)  # fmt: skip
-"""Where a coefficient stands in the vector of the compiled equations."""
+"""Index of each coefficient in the vector of the equations of motion."""
 
 COEFFICIENTS = tuple(I.__members__)
 
@@ -43,7 +42,7 @@ class ItsunusaParameters(AUVParameters):
     """Particulars of a vehicle in the vertical plane, SI units."""
 
     def vector(self, factors: np.ndarray | None = None) -> np.ndarray:
-        """The coefficients of the compiled equations ``(..., k)``, in the order of `COEFFICIENTS`.
+        """The coefficients of the equations of motion ``(..., k)``, in the order of `COEFFICIENTS`.
 
         Args:
             factors: ``(..., 7)`` on the first `VERTICAL` of the uncertain ones, 1 if not given.
@@ -51,16 +50,23 @@ class ItsunusaParameters(AUVParameters):
         return self.stacked(COEFFICIENTS, np.ones(VERTICAL) if factors is None else factors)
 
 
-@inlined
-def _rates(s: Numbers, control: Numbers, current: Numbers, c: np.ndarray) -> Numbers:
-    """Eqs. (1)-(3), with lift on |u| and fins on u |u|, so that hull and fins also brake a vehicle going astern."""
-    u, w, q, theta = s[0], s[1], s[2], s[5]
-    stern, thrust = control
+@compiled
+def itsunusa_rates(state: np.ndarray, control: np.ndarray, current: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """Rates ``(..., 6)`` by eqs. (1)-(3), with lift on |u| and fins on u |u|: both also brake a vehicle going astern.
+
+    Args:
+        state: ``(..., 6)``, `STATE`.
+        control: Stern plane and thrust ``(..., 2)``.
+        current: ``(..., 1)``.
+        c: ``(..., k)``, `COEFFICIENTS`.
+    """
+    u, w, q, _, _, theta = np.moveaxis(state, -1, 0)
+    (stern, thrust), c = np.moveaxis(control, -1, 0), np.moveaxis(c, -1, 0)
     sin_theta, cos_theta = sincos(theta)
     # Kirchhoff: the momentum of body and water holds the brackets and all added-mass terms of the printed equations.
     Px = c[I.surge_mass] * u + c[I.mass_z_g] * q
     Pz = c[I.heave_mass] * w + c[I.heave_pitch] * q
-    U, W, Q = abs(u), w * abs(w), q * abs(q)
+    U, W, Q = np.abs(u), w * np.abs(w), q * np.abs(q)
     inflow = u * U
     X = -Pz * q - c[I.net_weight] * sin_theta + c[I.X_uu] * inflow + thrust
     Z = (
@@ -71,24 +77,18 @@ def _rates(s: Numbers, control: Numbers, current: Numbers, c: np.ndarray) -> Num
         Pz * u - Px * w - c[I.righting_moment] * sin_theta + c[I.M_ww] * W + c[I.M_qq] * Q
         + U * (c[I.M_uw] * w + c[I.M_uq] * q) + c[I.M_uuds] * inflow * stern
     )  # fmt: skip
-    return (
+    return np.stack([
         c[I.inverse_uu] * X + c[I.inverse_uw] * Z + c[I.inverse_uq] * M,
         c[I.inverse_uw] * X + c[I.inverse_ww] * Z + c[I.inverse_wq] * M,
         c[I.inverse_uq] * X + c[I.inverse_wq] * Z + c[I.inverse_qq] * M,
-        u * cos_theta + w * sin_theta + current[0], w * cos_theta - u * sin_theta, q,
-    )  # fmt: skip
-
-
-itsunusa_rates, itsunusa_step, itsunusa_forced, _ = kernels("itsunusa", _rates, 6, 2, 1, len(COEFFICIENTS))
-"""State ``(6,)``; control is (stern plane, thrust), for a step before and after; the current is ``(1,)``."""
+        u * cos_theta + w * sin_theta + current[..., 0], w * cos_theta - u * sin_theta, q,
+    ], -1)  # fmt: skip
 
 
 def _over_ground(state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
     """Velocity over ground in body axes ``(..., 2)``."""
-    velocity, current, theta = np.array(state[..., :2]), forcing[..., 3], state[..., 5]
-    velocity[..., 0] += current * np.cos(theta)
-    velocity[..., 1] += current * np.sin(theta)
-    return velocity
+    current, (sin_theta, cos_theta) = forcing[..., 3], sincos(state[..., 5])
+    return state[..., :2] + np.stack([current * cos_theta, current * sin_theta], -1)
 
 
 _STEEPEST, _TRIMS = np.deg2rad(45.0), 91
@@ -108,8 +108,7 @@ class Itsunusa(AUV):
     kinds: ClassVar = ("nonlinear", "steady dives")
     linear_kinds: ClassVar = ("steady dives",)
     state_names: ClassVar = STATE
-    kernel: ClassVar = staticmethod(itsunusa_step)
-    forced: ClassVar = staticmethod(itsunusa_forced)
+    equations: ClassVar = staticmethod(itsunusa_rates)
     parameter_names: ClassVar = COEFFICIENTS
     action_names: ClassVar = ("stern plane", "thrust")
     angles: ClassVar = ("theta",)
@@ -138,15 +137,8 @@ class Itsunusa(AUV):
 
     def known_input(self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None) -> np.ndarray:
         """The actuators at the start of a step and at its end, the path angle commanded (level if there is none), 1."""
-        known = np.empty((len(before), 6))
-        known[:, :2], known[:, 2:4], known[:, 4:] = before, after, (0.0, 1.0)
-        if commanded is not None:
-            known[:, 4:5] = commanded
-        return known
-
-    def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
-        """A step that nothing kicks, as filters know it."""
-        return super().drift(x, u[..., :4], flow, out)
+        level = np.zeros_like(before[..., :1])
+        return np.concatenate([before, after, level if commanded is None else commanded, level + 1.0], -1)
 
     def linear(self, kind: str) -> Trims:
         """The steady dives along straight paths, at the cruising speed."""

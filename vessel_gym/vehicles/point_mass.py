@@ -9,13 +9,11 @@ from enum import IntEnum
 
 import numpy as np
 
-from estimators.compiled import inlined
-
 I = IntEnum("I", (
     "mass", "area", "gravity", "drag_2", "drag_1", "drag_0", "lift_1", "lift_0", "density_2", "density_1", "density_0",
     "thrust", "bank_rate",
 ), start=0)  # fmt: skip
-"""Where a coefficient stands in the vector of the compiled equations."""
+"""Index of each coefficient in the vector of the equations of motion."""
 
 COEFFICIENTS = tuple(I.__members__)
 
@@ -47,7 +45,7 @@ class PointMass:
     bank_rate: float = 2.0  # 1/s, b of phi' = b (phi_c - phi): Beard & McLain (2012), the number assumed
 
     def vector(self, factors: np.ndarray | None = None) -> np.ndarray:
-        """The coefficients of the compiled equations ``(..., 13)``, in the order of `COEFFICIENTS`.
+        """The coefficients of the equations of motion ``(..., 13)``, in the order of `COEFFICIENTS`.
 
         Args:
             factors: ``(..., 6)`` on the `UNCERTAIN` ones, 1 if not given.
@@ -61,10 +59,11 @@ class PointMass:
         return c
 
 
-@inlined
-def forces(altitude: float, speed: float, alpha: float, c: np.ndarray) -> tuple[float, float]:
-    """Lift and drag [N], eq. 2. Falling backwards, where a speed has a sign, both point the other way."""
+def forces(
+    altitude: np.ndarray, speed: np.ndarray, alpha: np.ndarray, c: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Lift and drag [N], eq. 2, with coefficients ``(k, ...)``; both change sign with that of the speed."""
     density = (c[I.density_2] * altitude + c[I.density_1]) * altitude + c[I.density_0]
-    pressure = 0.5 * density * speed * abs(speed) * c[I.area]
+    pressure = 0.5 * density * speed * np.abs(speed) * c[I.area]
     lift = pressure * (c[I.lift_1] * alpha + c[I.lift_0])
     return lift, pressure * ((c[I.drag_2] * alpha + c[I.drag_1]) * alpha + c[I.drag_0])

@@ -20,12 +20,11 @@ from typing import ClassVar
 import numpy as np
 from scipy.optimize import brentq
 
-from estimators.compiled import gufunc, inlined, sincos
+from estimators.engine import compiled, sincos
 from vessel_gym.checks import check_numbers, instance
 from vessel_gym.sensors import Bias, Known, Sensor, plain
 from vessel_gym.vehicles.actuators import Actuator, actuated, figures
 from vessel_gym.vehicles.files import check_parameters, check_vehicle, load
-from vessel_gym.vehicles.integration import Numbers, kernels
 from vessel_gym.vehicles.point_mass import COEFFICIENTS, UNCERTAIN, I, PointMass, forces
 from vessel_gym.vehicles.whole_state import WholeState
 
@@ -140,49 +139,43 @@ def trim(speed: float, body: PunaParameters, altitude: float = 0.0, bank: float 
     return Trim(alpha, thrust(alpha))
 
 
-# --- compiled equations -----------------------------------------------------------------------------
+# --- equations of motion ----------------------------------------------------------------------------
 
 
-@inlined
-def _rates(s: Numbers, control: Numbers, wind: Numbers, c: np.ndarray) -> Numbers:
-    """Of position and altitude, velocity over ground and bank, in a ``wind`` north, east and down."""
-    thrust, alpha, command = control
-    north, east, up, phi = s[3] - wind[0], s[4] - wind[1], s[5] + wind[2], s[6]
+@compiled
+def puna_rates(state: np.ndarray, control: np.ndarray, wind: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """Rates ``(..., 7)`` of position and altitude, velocity over ground and bank.
+
+    Args:
+        state: ``(..., 7)``, `STATE`.
+        control: Thrust, angle of attack and commanded bank ``(..., 3)``.
+        wind: North, east and down ``(..., 3)``.
+        c: ``(..., k)``, `COEFFICIENTS`.
+    """
+    _, _, altitude, *velocity, phi = np.moveaxis(state, -1, 0)
+    (thrust, alpha, command), c = np.moveaxis(control, -1, 0), np.moveaxis(c, -1, 0)
+    north, east, up = velocity[0] - wind[..., 0], velocity[1] - wind[..., 1], velocity[2] + wind[..., 2]
     level = np.sqrt(north * north + east * east)
     V = np.sqrt(level * level + up * up)
-    lift, drag = forces(s[2], V, alpha, c)
+    lift, drag = forces(altitude, V, alpha, c)
     (sin_alpha, cos_alpha), (sin_phi, cos_phi) = sincos(alpha), sincos(phi)
     force = c[I.thrust] * thrust
     along = (force * cos_alpha - drag) / c[I.mass]
-    across = min(max((lift + force * sin_alpha) / c[I.mass], -HARDEST), HARDEST)
+    across = np.minimum(np.maximum((lift + force * sin_alpha) / c[I.mass], -HARDEST), HARDEST)
     # Where nothing flies, straight up or down or at rest, directions are those of a hair beside.
-    V = max(V, 1e-3)
-    level = max(level, 1e-3)
+    V, level = np.maximum(V, 1e-3), np.maximum(level, 1e-3)
     above, aside = across * cos_phi / V, across * sin_phi / level
     ahead = along / V - above * up / level
-    return (
-        s[3], s[4], s[5],
-        ahead * north - aside * east, ahead * east + aside * north,
-        along * up / V + above * level - c[I.gravity],
-        c[I.bank_rate] * (command - phi),
-    )  # fmt: skip
+    return np.stack([
+        *velocity, ahead * north - aside * east, ahead * east + aside * north,
+        along * up / V + above * level - c[I.gravity], c[I.bank_rate] * (command - phi),
+    ], -1)  # fmt: skip
 
 
-puna_rates, puna_step, puna_forced, _ = kernels("puna", _rates, 7, 3, 3, len(COEFFICIENTS))
-"""State ``(7,)``; control is (thrust, angle of attack, commanded bank), for a step before and after; wind ``(3,)``."""
-
-
-@gufunc("void(float64[:], float64[:], float64[:])", "(n),(f)->()")
-def airspeed(state: np.ndarray, wind: np.ndarray, out: np.ndarray) -> None:
-    """Airspeed [m/s] of a state ``(7,)`` in a wind ``(3,)``."""
-    out[0] = np.hypot(np.hypot(state[3] - wind[0], state[4] - wind[1]), state[5] + wind[2])
-
-
-@gufunc("void(float64[:], float64[:], float64[:])", "(n),(k)->(k)")
-def puna_gnss(state: np.ndarray, template: np.ndarray, out: np.ndarray) -> None:
-    """What a GNSS without noise and bias reads ``(6,)``; ``template (6,)`` only tells how many numbers they are."""
-    out[0], out[1], out[2] = state[0], state[1], state[2]
-    out[3], out[4], out[5] = np.hypot(state[3], state[4]), np.arctan2(state[4], state[3]), state[5]
+def airspeed(state: np.ndarray, wind: np.ndarray) -> np.ndarray:
+    """Airspeed ``(...)`` [m/s] of states ``(..., 7)`` in a wind ``(..., 3)``."""
+    north, east, up = state[..., 3] - wind[..., 0], state[..., 4] - wind[..., 1], state[..., 5] + wind[..., 2]
+    return np.hypot(np.hypot(north, east), up)
 
 
 # --- the vehicle as an environment uses it ----------------------------------------------------------
@@ -196,8 +189,10 @@ _WIND = ("north", "east", "mean wind north", "mean wind east", "gust north", "gu
 
 
 def _fix(state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
-    """What the GNSS reads ``(..., 6)``."""
-    return puna_gnss(state, np.empty(6))
+    """Position, altitude, ground speed, course over ground and climb ``(..., 6)``."""
+    _, _, _, north, east, climb, _ = np.moveaxis(state, -1, 0)
+    course = np.stack([np.hypot(north, east), np.arctan2(east, north), climb], -1)
+    return np.concatenate([state[..., :3], course], -1)
 
 
 def _through_the_air(state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
@@ -240,8 +235,7 @@ class Puna(WholeState):
         check_vehicle(self, "body", PunaParameters)
 
     state_names: ClassVar = STATE
-    kernel: ClassVar = staticmethod(puna_step)
-    forced: ClassVar = staticmethod(puna_forced)
+    equations: ClassVar = staticmethod(puna_rates)
     angles: ClassVar = ("phi",)
     parameter_names: ClassVar = COEFFICIENTS
     action_names: ClassVar = ("thrust", "angle of attack", "bank")

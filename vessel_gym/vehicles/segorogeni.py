@@ -14,11 +14,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from estimators.compiled import gufunc, inlined, sincos
+from estimators.engine import compiled, sincos
 from vessel_gym.sensors import Sensor, plain
 from vessel_gym.vehicles.auv import AUV, UNCERTAIN, AUVParameters, in_its_plane
 from vessel_gym.vehicles.files import load
-from vessel_gym.vehicles.integration import Numbers, kernels
 
 STATE = ("u", "v", "w", "p", "q", "r", "x", "y", "z", "phi", "theta", "psi")
 """State: velocity through the water [m/s], angular velocity [rad/s], position [m] and Euler angles [rad]."""
@@ -33,7 +32,7 @@ I = IntEnum("I", (
     "Y_rudder", "N_rudder", "Z_uuds", "M_uuds", "propeller_torque",
     "net_weight", "righting_moment", "printed_kinematics",
 ), start=0)  # fmt: skip
-"""Where a coefficient stands in the vector of the compiled equations."""
+"""Index of each coefficient in the vector of the equations of motion."""
 
 COEFFICIENTS = tuple(I.__members__)
 
@@ -60,7 +59,7 @@ class SegorogeniParameters(AUVParameters):
         }
 
     def vector(self, factors: np.ndarray | None = None) -> np.ndarray:
-        """The coefficients of the compiled equations ``(..., k)``, in the order of `COEFFICIENTS`.
+        """The coefficients of the equations of motion ``(..., k)``, in the order of `COEFFICIENTS`.
 
         Args:
             factors: ``(..., 10)`` on the `UNCERTAIN` ones, 1 if not given.
@@ -68,14 +67,15 @@ class SegorogeniParameters(AUVParameters):
         return self.stacked(COEFFICIENTS, np.ones(len(UNCERTAIN)) if factors is None else factors)
 
 
-@inlined
-def _accelerations(s: Numbers, control: Numbers, gravity: Numbers, c: np.ndarray) -> Numbers:
+def _accelerations(
+    velocity: list[np.ndarray], control: np.ndarray, gravity: tuple[np.ndarray, ...], c: np.ndarray
+) -> tuple[np.ndarray, ...]:
     """Eqs. (5)-(10), with lift on |u| and fins on u |u|, so that hull and fins also brake a vehicle going astern.
 
     The fins' lift in roll, K_up, is not in print: without it the vehicle would roll for minutes after a push.
     ``gravity`` is the direction of down in body axes.
     """
-    u, v, w, p, q, r = s[0], s[1], s[2], s[3], s[4], s[5]
+    u, v, w, p, q, r = velocity
     rudder, stern, thrust = control
     # Kirchhoff: the momentum of body and water, in axes that turn and move. It holds every bracket and
     # every added-mass term of the printed equations, X_wq to N_uv, and takes no energy to the last digit.
@@ -83,7 +83,7 @@ def _accelerations(s: Numbers, control: Numbers, gravity: Numbers, c: np.ndarray
     Px, Py, Pz = c[I.surge_mass] * u + S * q, c[I.sway_mass] * v - S * p + e * r, c[I.heave_mass] * w + d * q
     Lx = c[I.roll_inertia] * p - S * v
     Ly, Lz = c[I.pitch_inertia] * q + S * u + d * w, c[I.yaw_inertia] * r + e * v
-    U, V, W, P, Q, R = abs(u), v * abs(v), w * abs(w), p * abs(p), q * abs(q), r * abs(r)
+    U, V, W, P, Q, R = np.abs(u), *(x * np.abs(x) for x in (v, w, p, q, r))
     inflow = u * U
     weight, righting = c[I.net_weight], c[I.righting_moment]
     X = Py * r - Pz * q + weight * gravity[0] + c[I.X_uu] * inflow + thrust
@@ -117,49 +117,48 @@ def _accelerations(s: Numbers, control: Numbers, gravity: Numbers, c: np.ndarray
     )
 
 
-@inlined
-def _rates(s: Numbers, control: Numbers, current: Numbers, c: np.ndarray) -> Numbers:
-    """Of the velocities through the water, then of position and Euler angles, in a ``current`` north and east."""
-    u, v, w, p, q, r = s[0], s[1], s[2], s[3], s[4], s[5]
-    (sin_phi, cos_phi), (sin_theta, cos_theta), (sin_psi, cos_psi) = sincos(s[9]), sincos(s[10]), sincos(s[11])
+@compiled
+def segorogeni_rates(state: np.ndarray, control: np.ndarray, current: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """Rates ``(..., 12)`` of the velocities through the water, then of position and Euler angles.
+
+    Args:
+        state: ``(..., 12)``, `STATE`.
+        control: Rudder, stern plane, thrust ``(..., 3)``.
+        current: North and east ``(..., 2)``.
+        c: ``(..., k)``, `COEFFICIENTS`.
+    """
+    *velocity, _, _, _, phi, theta, psi = np.moveaxis(state, -1, 0)
+    (north, east), c = np.moveaxis(current, -1, 0), np.moveaxis(c, -1, 0)
+    u, v, w, p, q, r = velocity
+    (sin_phi, cos_phi), (sin_theta, cos_theta), (sin_psi, cos_psi) = sincos(phi), sincos(theta), sincos(psi)
     gravity = (-sin_theta, cos_theta * sin_phi, cos_theta * cos_phi)
-    accelerations = _accelerations(s, control, gravity, c)
-    north, east = current
-    if c[I.printed_kinematics] != 0.0:
-        return (
-            *accelerations, u * cos_psi - v * sin_psi + north, u * sin_psi + v * cos_psi + east, w, 0.0, 0.0, r,
-        )  # fmt: skip
+    accelerations = _accelerations(velocity, np.moveaxis(control, -1, 0), gravity, c)
     down = v * sin_phi + w * cos_phi
     ahead, aside = u * cos_theta + down * sin_theta, v * cos_phi - w * sin_phi
     # Euler angles have a pole at 90 deg of pitch: within 1 deg of it they turn at the rate of 1 deg.
-    bounded = cos_theta if abs(cos_theta) > 0.0175 else (0.0175 if cos_theta >= 0.0 else -0.0175)
+    bounded = np.where(np.abs(cos_theta) > 0.0175, cos_theta, np.where(cos_theta >= 0.0, 0.0175, -0.0175))
     turn = (q * sin_phi + r * cos_phi) / bounded
-    return (
-        *accelerations,
+    spatial = (
         ahead * cos_psi - aside * sin_psi + north, ahead * sin_psi + aside * cos_psi + east,
         down * cos_theta - u * sin_theta, p + turn * sin_theta, q * cos_phi - r * sin_phi, turn,
     )  # fmt: skip
-
-
-segorogeni_rates, segorogeni_step, segorogeni_forced, _ = kernels("segorogeni", _rates, 12, 3, 2, len(COEFFICIENTS))
-"""State ``(12,)``; control is (rudder, stern plane, thrust), for a step before and after; current north and east."""
-
-
-@gufunc("void(float64[:], float64[:], float64[:], float64[:])", "(n),(f),(k)->(k)")
-def segorogeni_log(state: np.ndarray, current: np.ndarray, template: np.ndarray, out: np.ndarray) -> None:
-    """Velocity over ground in body axes ``(3,)``; ``template (3,)`` only tells how many numbers they are."""
-    (sin_phi, cos_phi), (sin_theta, cos_theta) = sincos(state[9]), sincos(state[10])
-    sin_psi, cos_psi = sincos(state[11])
-    # the current ahead and to starboard of the heading
-    ahead, aside = current[0] * cos_psi + current[1] * sin_psi, current[1] * cos_psi - current[0] * sin_psi
-    out[0] = state[0] + ahead * cos_theta
-    out[1] = state[1] + ahead * sin_theta * sin_phi + aside * cos_phi
-    out[2] = state[2] + ahead * sin_theta * cos_phi - aside * sin_phi
+    printed = u * cos_psi - v * sin_psi + north, u * sin_psi + v * cos_psi + east, w, 0.0, 0.0, r
+    kinematics = (np.where(c[I.printed_kinematics] != 0.0, *pair) for pair in zip(printed, spatial, strict=True))
+    return np.stack([*accelerations, *kinematics], -1)
 
 
 def _over_ground(state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
     """Velocity over ground in body axes ``(..., 3)``."""
-    return segorogeni_log(state, forcing[..., 6:], np.empty(3))
+    u, v, w = np.moveaxis(state[..., :3], -1, 0)
+    north, east = forcing[..., 6], forcing[..., 7]
+    (sin_phi, cos_phi), (sin_theta, cos_theta) = sincos(state[..., 9]), sincos(state[..., 10])
+    sin_psi, cos_psi = sincos(state[..., 11])
+    ahead, aside = north * cos_psi + east * sin_psi, east * cos_psi - north * sin_psi  # of the current, level
+    return np.stack([
+        u + ahead * cos_theta,
+        v + ahead * sin_theta * sin_phi + aside * cos_phi,
+        w + ahead * sin_theta * cos_phi - aside * sin_phi,
+    ], -1)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -169,8 +168,7 @@ class Segorogeni(AUV):
     body: SegorogeniParameters = field(default_factory=lambda: load("segorogeni", SegorogeniParameters))
 
     state_names: ClassVar = STATE
-    kernel: ClassVar = staticmethod(segorogeni_step)
-    forced: ClassVar = staticmethod(segorogeni_forced)
+    equations: ClassVar = staticmethod(segorogeni_rates)
     parameter_names: ClassVar = COEFFICIENTS
     action_names: ClassVar = ("rudder", "stern plane", "thrust")
     angles: ClassVar = ("phi", "theta", "psi")
@@ -199,5 +197,4 @@ class Segorogeni(AUV):
     def start(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """State ``(B, 12)`` and actuators ``(B, 3)`` to begin with: 5 deg of rudder, as in the paper."""
         state, actuators = super().start(x)
-        actuators[:, 0] = np.deg2rad(5.0)
-        return state, actuators
+        return state, actuators + np.deg2rad([5.0, 0.0, 0.0])

@@ -6,15 +6,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from estimators.engine import sincos
 from vessel_gym.processes import linear
 from vessel_gym.sensors import Sensor, plain
-from vessel_gym.vehicles.actuators import mean_input
 from vessel_gym.vehicles.corvette import COMPASS, Corvette, linear_matrices, steady_turns, surge_models
-from vessel_gym.vehicles.corvette_equations import STATE, corvette_sloped, corvette_step
+from vessel_gym.vehicles.corvette_equations import STATE
 
 _ESTIMATED = STATE[:6]  # all but roll
-_X, _Y, _PSI, _U, _V, _R = range(6)
-_TURNING = np.ix_([_V, _R, _PSI], [_V, _R, _PSI])
 
 
 @dataclass(frozen=True)
@@ -57,57 +55,21 @@ class Ship(Corvette):
 
     def _placed(self, x: np.ndarray) -> np.ndarray:
         """The state ``(..., 8)`` out of what is estimated, upright."""
-        state = np.zeros(x.shape[:-1] + (len(STATE),))
-        state[..., : len(_ESTIMATED)] = x
-        return state
+        return np.concatenate([x, np.zeros_like(x[..., :2])], -1)
 
     @property
     def cruise(self) -> tuple[np.ndarray, np.ndarray]:
         """Straight on to the north at service speed."""
         return np.array([0.0, 0.0, 0.0, self.ship.speed, 0.0, 0.0]), np.array([0.0, 0.0, 0.0, 1.0])
 
-    def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
-        """What is estimated one step on."""
-        control = np.repeat(u[..., :1], 2, axis=-1)
-        after = corvette_step(self._placed(x), control, flow, self._nominal, self.dt, 1)
-        moved = np.empty(after.shape[:-1] + (len(_ESTIMATED),)) if out is None else out
-        moved[...] = after[..., : len(_ESTIMATED)]
-        return moved
-
-    bent = _PSI, _U, _V, _R
-    """Which components of what is estimated `drift` is not linear in; the others, a place, are carried along."""
-
-    def slopes(
-        self, x: np.ndarray, u: np.ndarray, flow: np.ndarray, columns: np.ndarray, by: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """What `drift` gives rows ``(B, 6)``, and its derivatives ``(B, 6, k)``.
-
-        Args:
-            x: ``(B, 6)``.
-            u: ``(1 or B, m)``.
-            flow: ``(1 or B, f)``.
-            columns: ``(k,)`` components of x, and of the flow from 6 on, to differ in,
-            by: ``(B, k)`` so much.
-        """
-        after, derivatives = np.empty((len(x), len(STATE))), np.empty((len(x), len(STATE), len(columns)))
-        columns = np.where(columns < len(_ESTIMATED), columns, columns + len(STATE) - len(_ESTIMATED))
-        rudder = u[:, :1].copy()  # which may be read-only
-        corvette_sloped(
-            self._placed(x), rudder, rudder, flow, self._nominal, self.dt, 1, columns, by, after, derivatives
-        )
-        return after[:, : len(_ESTIMATED)], derivatives[:, : len(_ESTIMATED)]
-
     def known_input(self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None) -> np.ndarray:
         """The mean rudder over a step, the commanded yaw rate and believed heading, and 1.
 
         Where a task commands nothing: the yaw rate of the steady turn which the rudder holds, and north.
         """
-        u = np.ones((len(before), 4))
-        if commanded is None:
-            commanded = np.zeros((len(before), 2))
-            commanded[:, :1] = super().known_input(before, after, None)[:, 1:]
-        mean_input(before, after, commanded, u)
-        return u
+        north = np.zeros_like(before)
+        turning = super().known_input(before, after, commanded)
+        return np.concatenate([turning, *([north] if commanded is None else []), north + 1.0], -1)
 
     def linear(self, kind: str) -> tuple[Any, ...]:
         """A, B and what flows do: sway, yaw and surge about the commanded turn, the track on the believed heading.
@@ -118,28 +80,34 @@ class Ship(Corvette):
         turns, kept = steady_turns(self.ship), surge_models(self.ship, self.dt)
         n = len(_ESTIMATED)
         carried = np.zeros((n, len(self.flows)))
-        carried[_X, 0] = carried[_Y, 1] = self.dt
+        carried[0, 0] = carried[1, 1] = self.dt
 
         def moving(u: np.ndarray) -> np.ndarray:
-            matrix = np.zeros(u.shape[:-1] + (n, n))
-            matrix[(..., *_TURNING)] = A(u)  # type: ignore[index]
-            heading = u[..., 2] + 0.5 * self.dt * u[..., 1]  # in the middle of the step
-            north, east = self.dt * np.cos(heading), self.dt * np.sin(heading)
-            matrix[..., _X, _X], matrix[..., _X, _U], matrix[..., _X, _V] = 1.0, north, -east
-            matrix[..., _Y, _Y], matrix[..., _Y, _U], matrix[..., _Y, _V] = 1.0, east, north
-            matrix[..., _U, _U] = np.interp(np.abs(u[..., 1]), turns.yaw_rate, kept)
-            return matrix
+            turning, zero = A(u), np.zeros_like(u[..., 0])
+            sin, cos = sincos(u[..., 2] + 0.5 * self.dt * u[..., 1])  # of the heading in the middle of the step
+            north, east, one = self.dt * cos, self.dt * sin, zero + 1.0
+            surge = turns.interpolated(kept, u[..., 1])
+            (v_v, v_r, v_psi), (r_v, r_r, r_psi), (psi_v, psi_r, psi_psi) = np.moveaxis(turning, (-2, -1), (0, 1))
+            return np.stack([
+                np.stack(row, -1) for row in (
+                    (one, zero, zero, north, -east, zero),
+                    (zero, one, zero, east, north, zero),
+                    (zero, zero, psi_psi, zero, psi_v, psi_r),
+                    (zero, zero, zero, surge, zero, zero),
+                    (zero, zero, v_psi, zero, v_v, v_r),
+                    (zero, zero, r_psi, zero, r_v, r_r),
+                )
+            ], -2)  # fmt: skip
 
         def known(u: np.ndarray) -> np.ndarray:
-            matrix, rate = np.zeros(u.shape[:-1] + (n, 4)), np.abs(u[..., 1])
-            matrix[..., [_V, _R, _PSI], 0] = B(u)[..., 0]
-            lost = 1.0 - np.interp(rate, turns.yaw_rate, kept)
-            matrix[..., _U, 3] = lost * np.interp(rate, turns.yaw_rate, turns.speed)
-            return matrix
+            (v, r, psi), zero = np.moveaxis(B(u)[..., 0], -1, 0), np.zeros_like(u[..., 0])
+            lost, speed = 1.0 - turns.interpolated(kept, u[..., 1]), turns.interpolated(turns.speed, u[..., 1])
+            rudder, constant = (zero, zero, psi, zero, v, r), (zero, zero, zero, lost * speed, zero, zero)
+            return np.stack([np.stack(column, -1) for column in (rudder, n * (zero,), n * (zero,), constant)], -1)
 
         return moving, known, carried
 
 
 def _yaw_rate(dt: float, state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
     """The yaw rate with what waves do to it over the step ``(..., 1)``."""
-    return state[..., _R : _R + 1] + forcing[..., :1] / dt
+    return state[..., 5:6] + forcing[..., :1] / dt

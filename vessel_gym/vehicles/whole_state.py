@@ -1,12 +1,11 @@
 """What vehicles share whose filters estimate all of their state, with their own equations of motion as the model."""
 
-from collections.abc import Callable
 from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
 
-from vessel_gym.vehicles.integration import Kernel
+from vessel_gym.vehicles.integration import Rates, kicked, runge_kutta
 
 
 class WholeState:
@@ -25,10 +24,8 @@ class WholeState:
     kicked: ClassVar[tuple[str, ...]]
     flows: ClassVar[tuple[str, ...]]
     cruise: Any
-    kernel: ClassVar[Kernel]
-    """A step of the equations of motion."""
-    forced: ClassVar[Callable[..., None]]
-    """One of rows that are kicked at its end, see `vessel_gym.vehicles.integration.Kernels`."""
+    equations: ClassVar[Rates]
+    """The equations of motion; who overrides `moved` needs none."""
     carried: ClassVar[np.ndarray | None] = None
     kinds: ClassVar[tuple[str, ...]] = ("nonlinear",)
     linear_kinds: ClassVar[tuple[str, ...]] = ()
@@ -63,12 +60,10 @@ class WholeState:
     def faulty(self, u: np.ndarray, offsets: np.ndarray, losses: np.ndarray) -> np.ndarray:
         """The known input with ``offsets (..., a)`` of the actuators, and without the share ``losses`` of them."""
         a = len(self.action_names)
-        shape = np.broadcast_shapes(u.shape[:-1], offsets.shape[:-1])
-        known = np.array(np.broadcast_to(u, shape + u.shape[-1:]))
-        added = offsets - losses * u[..., :a]
-        known[..., :a] += added
-        known[..., a : 2 * a] += added
-        return known
+        before, after, rest = u[..., :a], u[..., a : 2 * a], u[..., 2 * a :]
+        added = offsets - losses * before
+        rest = np.broadcast_to(rest, (*added.shape[:-1], rest.shape[-1]))
+        return np.concatenate([before + added, after + added, rest], -1)
 
     def parameters(self, mismatch: float, normals: np.ndarray) -> np.ndarray:
         """Coefficients ``(B, k)`` of the truth: the filter's, with a relative spread on the uncertain ones."""
@@ -78,30 +73,26 @@ class WholeState:
         """State ``(B, n)`` and actuators ``(B, a)`` to begin with."""
         return np.array(x, float), self.cruise[1][None, : len(self.action_names)].repeat(len(x), 0)
 
-    def advance(
-        self, state: np.ndarray, control: np.ndarray, flow: np.ndarray, c: np.ndarray, out: np.ndarray | None = None
+    def moved(
+        self, state: np.ndarray, before: np.ndarray, after: np.ndarray, flow: np.ndarray, parameters: np.ndarray
     ) -> np.ndarray:
-        """The state after a step that nothing kicks; control is actuators before and after."""
-        return self.kernel(state, control, flow, c, self.dt, self.substeps, out)
+        """The state one step later, without kicks."""
+        return runge_kutta(self.equations, state, before, after, flow, parameters, self.dt, self.substeps)
 
     def step(
         self, state: np.ndarray, before: np.ndarray, after: np.ndarray, forcing: np.ndarray, parameters: np.ndarray
     ) -> np.ndarray:
         """The state one step later, with actuators moving from ``before`` to ``after``."""
-        moved = np.empty(state.shape)
-        self.forced(state, before, after, forcing, parameters, self.dt, self.substeps, self._kicked, moved)
-        return moved
+        kicks = len(self.kicked)
+        moved = self.moved(state, before, after, forcing[..., kicks:], parameters)
+        return kicked(moved, forcing[..., :kicks], [self.state_names.index(name) for name in self.kicked])
 
-    def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
-        """A step that nothing kicks, as filters know it."""
-        return self.advance(x, u, flow, self._nominal, out)
-
-    @cached_property
-    def _kicked(self) -> np.ndarray:
-        """Which components are kicked."""
-        return np.array([self.state_names.index(name) for name in self.kicked])
+    def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray) -> np.ndarray:
+        """A step without kicks, as filters know it."""
+        a = len(self.action_names)
+        return self.moved(x, u[..., :a], u[..., a : 2 * a], flow, self._nominal)
 
     @cached_property
     def _nominal(self) -> np.ndarray:
-        """The coefficients that filters know ``(1, k)``: the one row of all states."""
-        return self.body.vector()[None]
+        """The coefficients that filters know ``(k,)``."""
+        return self.body.vector()
