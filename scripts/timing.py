@@ -336,7 +336,7 @@ class Clock:
         filter = type(core.filter)
         timed: dict[str, list[tuple[Any, str]]] = {
             "vehicle": [(type(core.vehicle), name) for name in ("actuate", "known_input", "step")],
-            "disturbance": [(vessel_gym.core, "stir"), (Forces, "add")],
+            "disturbance": [(vessel_gym.core, "advance"), (Forces, "add")],
             "sensors": [(Loop, "sense")], "filter": [(filter, "_advance")],
             "task": [(type(core.task), name) for name in ("commanded", "reference", "over", "score")],
             "observation": [(Core, "observe")], "info": [(Core, "happened"), (Core, "info")],

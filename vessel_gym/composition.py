@@ -12,13 +12,14 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from estimators import LinearModel, NonlinearModel, retimed, stacked
-from estimators.checks import numbers, shown, writable
+from estimators.checks import numbers, shown
 from estimators.models import Function, Matrix, Schedule, StateMatrix, StateNoise, central_differences, resolve, steps
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.foreign import copied, copying, ours, repeated, rows_of
 from vessel_gym.processes import Process
 from vessel_gym.sensors import Sensors, columns
 from vessel_gym.system import Trims, Vehicle
+from vessel_gym.vehicles.integration import kicked as with_kicks
 
 TOLD = ("states", "input", "white", "noise")
 """How a filter is told of a disturbance: its state is part of the filter's (``states``); its `Disturbance.inputs` are
@@ -103,15 +104,9 @@ def _mistakes(vehicle: Vehicle, disturbance: Disturbance) -> Iterator[str]:
         yield f"effect of {who} {gave}: it must be real and finite"
 
 
-def _drifted(
-    drift: Callable[..., np.ndarray], x: np.ndarray, u: np.ndarray, flow: np.ndarray, out: np.ndarray | None = None
-) -> np.ndarray:
-    """What a user's ``drift`` gives of copies, written where it is wanted."""
-    after = np.array(drift(copied(x), copied(u), copied(flow)), float)
-    if out is None:
-        return after
-    out[...] = after
-    return out
+def _drifted(drift: Callable[..., np.ndarray], x: np.ndarray, u: np.ndarray, flow: np.ndarray) -> np.ndarray:
+    """Result of a user's ``drift`` of copies."""
+    return np.asarray(drift(copied(x), copied(u), copied(flow)), float)
 
 
 def acting_on(vehicle: Vehicle) -> tuple[str, ...]:
@@ -158,7 +153,6 @@ class Forces:
         self._losses = (self.outside + self.size) // 2
         self.shaken = [known.index(name) for name in disturbance.shakes]
         kicks = len(vehicle.kicks)
-        self._columns = columns(self.to)
         self.kicks = [i for i in range(kicks) if i in self.to + self.shaken]
         """The kicks that it gives."""
         self.kicking = min(self.to, default=kicks) < kicks
@@ -185,15 +179,22 @@ class Forces:
         z = self.linear if self.constant else np.zeros((self.size, self.disturbance.process.size))
         return np.ascontiguousarray(np.hstack([white, z]))
 
-    def add(self, forcing: np.ndarray, z: np.ndarray, state: np.ndarray, actuators: np.ndarray) -> None:
-        """Put in an effect that is not `constant`, in place: forcing ``(B, f)``; a fault is with what is lost."""
+    def add(self, forcing: np.ndarray, z: np.ndarray, state: np.ndarray, actuators: np.ndarray) -> np.ndarray:
+        """A forcing ``(..., f)`` with an effect that is not `constant`; faults include what is lost of actuators."""
         effect = self._effect(z, state)
         if not self._ours:
             effect = rows_of(f"effect of {type(self.disturbance).__name__}", effect, len(z), len(self.to))
-        forcing[:, self._columns] = effect
+        columns = list(np.moveaxis(forcing, -1, 0))
+        for j, i in enumerate(self.to):
+            columns[i] = effect[..., j]
         if self.faulty:
-            offsets, losses = self.of_actuators(forcing)
-            offsets -= losses * actuators
+            for j, lost in enumerate(range(self._losses, self.size)):
+                columns[self.outside + j] = columns[self.outside + j] - columns[lost] * actuators[..., j]
+        return np.stack(columns, -1)
+
+    def whole(self, z: np.ndarray, held: Sequence[int]) -> np.ndarray:
+        """The disturbance's state ``(..., k)`` out of the components that a filter estimates, others 0."""
+        return _spread(z, held, self.disturbance.process.size)
 
     def of_actuators(self, forcing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What a forcing ``(..., f)`` adds to the actuators, and the share of each that is lost, ``(..., a)`` each."""
@@ -201,13 +202,8 @@ class Forces:
 
     def on(self, z: np.ndarray, state: np.ndarray, unknown: Sequence[int] = ()) -> np.ndarray:
         """What acts ``(..., f)``, without the white noise and what is ``unknown``, which is 0."""
-        effect = self._effect(z, state)
-        forcing = np.empty_like(effect, float, shape=effect.shape[:-1] + (self.size,))
-        forcing.fill(0.0)
-        forcing[..., self._columns] = effect
-        for i in unknown:
-            forcing[..., i] = 0.0
-        return forcing
+        known = [j for j, i in enumerate(self.to) if i not in unknown]
+        return _spread(self._effect(z, state)[..., columns(known)], [self.to[j] for j in known], self.size)
 
     def flow(self, z: np.ndarray, state: np.ndarray, unknown: Sequence[int] = ()) -> np.ndarray:
         """The flows alone."""
@@ -215,11 +211,11 @@ class Forces:
             return self._effect(z, state)
         return self.on(z, state, unknown)[..., len(self.vehicle.kicks) : self.outside]
 
-    def moved(self, x: np.ndarray, u: np.ndarray, forcing: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+    def moved(self, x: np.ndarray, u: np.ndarray, forcing: np.ndarray) -> np.ndarray:
         """What filters estimate of the vehicle a step on, under flows and faults of a forcing, without its kicks."""
         if self.faulty:
             u = self.vehicle.faulty(u, *self.of_actuators(forcing))  # type: ignore[attr-defined]
-        return self.drift(x, u, forcing[..., len(self.vehicle.kicks) : self.outside], out)
+        return self.drift(x, u, forcing[..., len(self.vehicle.kicks) : self.outside])
 
     @cached_property
     def linear(self) -> np.ndarray:
@@ -315,12 +311,14 @@ class Composition:
         if not len(self.held):
             flow = np.zeros(mean.shape[:-1] + (len(self.vehicle.flows),))
         else:
-            z = _spread(mean[..., self.base : self.base + len(self.held)], self.held, self.forces.disturbance)
+            z = self.forces.whole(mean[..., self.base : self.base + len(self.held)], self.held)
             flow = self.forces.flow(z, self._place(mean[..., : self.base]), self._unknown)
-        if input_mean is not None:
-            for i, j in self._unknown_flows:
-                flow[..., j] = input_mean[..., i]
-        return flow
+        if input_mean is None or not self._unknown_flows:
+            return flow
+        flows = list(np.moveaxis(flow, -1, 0))
+        for i, j in self._unknown_flows:
+            flows[j] = input_mean[..., i]
+        return np.stack(flows, -1)
 
     @cached_property
     def _unknown(self) -> list[int]:
@@ -495,7 +493,7 @@ def _expected(
     """Measurements without noise ``(..., p)`` in states ``(..., m)`` of a filter, with their biases or without."""
     k, state, acting = len(held), placed(x[..., :n]), np.zeros(forces.outside)
     if k:
-        acting = forces.on(_spread(x[..., n : n + k], held, forces.disturbance), state, unknown)[..., : forces.outside]
+        acting = forces.on(forces.whole(x[..., n : n + k], held), state, unknown)[..., : forces.outside]
     acting = np.broadcast_to(acting, x.shape[:-1] + (forces.outside,))
     return sensors.exact(state, acting, x[..., n + k : n + k + sensors.bias.size] if biased else None)
 
@@ -521,12 +519,7 @@ def _placed(vehicle: Vehicle, base: tuple[str, ...]) -> Placed:
     if where == list(range(len(vehicle.state_names))):
         return lambda x: x
 
-    def place(x: np.ndarray) -> np.ndarray:
-        state = np.zeros(x.shape[:-1] + (len(vehicle.state_names),))
-        state[..., where] = x
-        return state
-
-    return place
+    return partial(_spread, where=where, size=len(vehicle.state_names))
 
 
 def _cruising(vehicle: Vehicle) -> np.ndarray:
@@ -534,13 +527,12 @@ def _cruising(vehicle: Vehicle) -> np.ndarray:
     return vehicle.start(vehicle.cruise[0][None])[0][0]
 
 
-def _spread(z: np.ndarray, held: np.ndarray, disturbance: Disturbance) -> np.ndarray:
-    """The disturbance's whole state out of the part that a filter holds, others 0."""
-    if len(held) == disturbance.process.size:
-        return z
-    full = np.zeros(z.shape[:-1] + (disturbance.process.size,))
-    full[..., held] = z
-    return full
+def _spread(x: np.ndarray, where: Sequence[int], size: int) -> np.ndarray:
+    """Vectors ``(..., size)`` that have ``x (..., k)`` at the components ``where`` and 0 elsewhere."""
+    columns = [np.zeros(x.shape[:-1])] * size
+    for j, i in enumerate(where):
+        columns[i] = x[..., j]
+    return np.stack(columns, -1)
 
 
 def _part(process: Process, held: np.ndarray) -> Process:
@@ -627,17 +619,13 @@ class _Composed(NonlinearModel):
     drift: Process  # and how what comes after them moves
     shown: np.ndarray  # (p, b) how biases show in the readings
     matrix: np.ndarray | None  # (p, n) of readings that are linear in all; None: they are not
-    slopes: Callable[..., tuple[np.ndarray, np.ndarray]] | None  # the vehicle's own of what moves; None: differences
 
     def linearise_transition(
         self, x: np.ndarray, u: np.ndarray | None, cov: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
         """The next state ``(..., n)`` and the Jacobian ``(..., n, n)``."""
         n, m = self.own, self.n - self.shown.shape[-1]
-        if self.slopes is not None:
-            mean, F = self.slopes(x, u, steps(x, cov, self.state_angles))
-        else:
-            mean, F = self._differenced("transition", self.moved, n, self.state_angles, x, u, cov, m)
+        mean, F = self._differenced("transition", self.moved, n, self.state_angles, x, u, cov, m)
         jacobian = np.zeros(x.shape + (self.n,))
         jacobian[..., :n, :m] = F
         jacobian[..., n:, n:] = self.drift.transition
@@ -665,31 +653,22 @@ def _nonlinear(parts: _Parts, options: dict[str, Any]) -> NonlinearModel:
     nothing = np.zeros(forces.size)
     moves = [base.index(name) for name in vehicle.kicked if name in base]
     kicking = k > 0 and forces.kicking
-    disturbance = forces.disturbance
 
     def forcing(x: np.ndarray) -> np.ndarray:
         """What a state ``(..., n)`` implies that acts, ``(..., f)`` or ``(f,)``."""
-        return forces.on(_spread(x[..., n : n + k], held, disturbance), placed(x[..., :n]), unknown) if k else nothing
+        return forces.on(forces.whole(x[..., n : n + k], held), placed(x[..., :n]), unknown) if k else nothing
 
-    def moved(x: np.ndarray, u: np.ndarray | None, out: np.ndarray | None = None) -> np.ndarray:
+    def moved(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         assert u is not None
-        if k and not kicking and not forces.faulty:  # flows alone: faster
-            flow = forces.flow(_spread(x[..., n : n + k], held, disturbance), placed(x[..., :n]), unknown)
-            return forces.drift(x[..., :n], u, flow, out)
         acting = forcing(x)
-        after = forces.moved(x[..., :n], u, acting, out)
-        if kicking:
-            after[..., moves] += acting[..., :kicks]
-        return after
+        after = forces.moved(x[..., :n], u, acting)
+        return with_kicks(after, acting[..., :kicks], moves) if kicking else after
 
     def transition(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         assert u is not None
         if u.size > u.shape[-1] and u.shape[:-1] != x.shape[:-1]:
             x = np.broadcast_to(x, np.broadcast_shapes(x.shape[:-1], u.shape[:-1]) + x.shape[-1:])
-        after = np.empty_like(x)  # which lies in memory as x does
-        moved(x, u, after[..., :n])
-        drift.advance(x[..., n:], after[..., n:])
-        return after
+        return np.concatenate([moved(x, u), drift.advance(x[..., n:])], -1)
 
     measurement = partial(_expected, forces, sensors, held, placed, n, unknown)
     flowing = [(j, i) for j, i in enumerate(forces.inputs) if i in unknown and i >= kicks]
@@ -724,38 +703,7 @@ def _nonlinear(parts: _Parts, options: dict[str, Any]) -> NonlinearModel:
         transition, measurement, **options, G=G if H.size else None, H=H if H.size else None, moved=moved,
         read=partial(measurement, biased=False), own=n, drift=drift, shown=sensors.bias_shown,
         matrix=measurement(np.eye(n + drift.size), None).T if linear and not sensors.called else None,
-        slopes=_sloped(parts) if linear and not forces.faulty and hasattr(vehicle, "slopes") else None,
     )  # fmt: skip
-
-
-def _sloped(parts: _Parts) -> Callable[..., tuple[np.ndarray, np.ndarray]]:
-    """How a vehicle's part moves and its Jacobian, by what the vehicle says of both; the disturbance is linear."""
-    forces, n, held = parts.forces, len(parts.base), parts.held
-    vehicle: Any = forces.vehicle
-    kicks, k = len(forces.vehicle.kicks), len(held)
-    effect = forces.linear[:, held]
-    effect[parts.unknown] = 0.0
-    flows = np.flatnonzero(effect[kicks:].any(1))
-    columns = np.array([*vehicle.bent, *(n + flows)])
-    straight = np.setdiff1d(np.arange(n), vehicle.bent)
-    kick, carry = parts.kicked[:n] @ effect[:kicks], effect[kicks:]
-
-    def sloped(x: np.ndarray, u: np.ndarray | None, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The vehicle's part ``(..., n)`` after states, and its Jacobian ``(..., n, m)`` by steps as large."""
-        assert u is not None
-        x = writable(x)
-        rows, by = x.reshape(-1, x.shape[-1]), np.ones((x.size // x.shape[-1], len(columns)))
-        by[:, : len(vehicle.bent)] = step.reshape(rows.shape)[:, vehicle.bent]
-        told = np.broadcast_to(u, x.shape[:-1] + u.shape[-1:]).reshape(-1, u.shape[-1])
-        z = rows[:, n : n + k]
-        after, derivatives = vehicle.slopes(rows[:, :n], told, z @ carry.T, columns, by)
-        jacobian = np.zeros((len(rows), n, n + k))
-        jacobian[:, straight, straight] = 1.0
-        jacobian[:, :, vehicle.bent] = derivatives[..., : len(vehicle.bent)]
-        jacobian[..., n:] = derivatives[..., len(vehicle.bent) :] @ carry[flows] + kick
-        return (after + z @ kick.T).reshape(x.shape[:-1] + (n,)), jacobian.reshape(x.shape[:-1] + (n, n + k))
-
-    return sloped
 
 
 def _alike(vehicle: Vehicle, sensors: Sensors, i: int) -> bool:

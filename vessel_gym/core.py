@@ -387,7 +387,7 @@ class Core:
             parts, steps, drifting, noise, self._counts, self._root, self._still, self.forces.gains
         )
         if not self.forces.constant:
-            self.forces.add(forcing, drifting[:, : self._size], state, actuators)
+            forcing = self.forces.add(forcing, drifting[:, : self._size], state, actuators)
         if self._foreign_effect:
             self._check_forcing(forcing, steps, state, self._none[: len(rows)])
         tally = task.begin(state, course)
@@ -506,7 +506,7 @@ class Core:
             keys, steps, drifting, noise, self._counts, self._root, self._transition, self.forces.gains
         )
         if not self.forces.constant:
-            self.forces.add(forcing, drifting[:, : self._size], state, measured)
+            forcing = self.forces.add(forcing, drifting[:, : self._size], state, measured)
         if self._foreign_effect:
             self._check_forcing(forcing, steps, state, ended, first)
         if readings is None:

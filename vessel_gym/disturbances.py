@@ -13,6 +13,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from estimators.checks import number, whole
+from estimators.engine import lookup, sincos
 from vessel_gym.checks import check_names, check_numbers, instance
 from vessel_gym.processes import Process, linear
 from vessel_gym.waves import GRAVITY, WaveField
@@ -107,9 +108,8 @@ class Sea(Disturbance):
     @linear
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
         """The yaw increment d [rad] over the coming step, and the current north and east [m/s]: ``(..., 3)``."""
-        forcing = z[..., 2:].copy()
-        forcing[..., 0] = self.dt * (z[..., 1] + z[..., 2])
-        return forcing
+        increment = self.dt * (z[..., 1] + z[..., 2])
+        return np.concatenate([increment[..., None], z[..., 3:]], -1)
 
 
 @dataclass(frozen=True)
@@ -232,15 +232,17 @@ class SurfaceWater(Disturbance):
 
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
         """The current with what waves add to its first component [m/s]."""
-        k, depths = self.beside.process.size, np.arange(len(self.speeds))
-        flow = np.array(self.beside.effect(z[..., :k], state))
-        depth = self.depth + state[..., self.down]
+        k, deepest = self.beside.process.size, len(self.speeds) - 1.0
+        depth = np.minimum(np.maximum(self.depth + state[..., self.down], 0.0), deepest)
+        i = np.minimum(np.floor(depth), deepest - 1.0)
+        low, high = lookup(self.speeds, i), lookup(self.speeds, i + 1.0)
+        speeds = low + (depth - i)[..., None] * (high - low)
+        flow = self.beside.effect(z[..., :k], state)
+        ahead = flow[..., 0]
         for band, wave_number in enumerate(self.waves.numbers):
-            real, imaginary = z[..., k + 2 * band], z[..., k + 2 * band + 1]
-            phase = wave_number * state[..., self.north]
-            seen = real * np.cos(phase) + imaginary * np.sin(phase)
-            flow[..., 0] += np.interp(depth, depths, self.speeds[:, band]) * seen
-        return flow
+            sin, cos = sincos(wave_number * state[..., self.north])
+            ahead = ahead + speeds[..., band] * (z[..., k + 2 * band] * cos + z[..., k + 2 * band + 1] * sin)
+        return np.concatenate([ahead[..., None], flow[..., 1:]], -1)
 
 
 @dataclass(frozen=True)
@@ -297,12 +299,8 @@ class Air(Disturbance):
     @linear
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
         """The wind north, east and down [m/s]."""
-        wind = np.empty(z.shape[:-1] + (3,))
-        np.add(z[..., 0], z[..., 2], out=wind[..., 0])  # number by number: loops over two are slow
-        np.add(z[..., 1], z[..., 3], out=wind[..., 1])
-        np.multiply(z[..., 5], np.sqrt(3.0), out=wind[..., 2])
-        wind[..., 2] += z[..., 4]
-        return wind
+        mean_north, mean_east, north, east, down, rising = np.moveaxis(z, -1, 0)
+        return np.stack([mean_north + north, mean_east + east, rising * np.sqrt(3.0) + down], -1)
 
 
 @dataclass(frozen=True)
@@ -404,14 +402,11 @@ class Fault(Disturbance):
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
         """What else acts, the fault without what a loss takes, and the share that is lost."""
         k = self.beside.process.size
-        forcing = np.empty(z.shape[:-1] + (len(self.forces),))
-        forcing[..., : len(self.beside.forces)] = self.beside.effect(z[..., :k], state)
-        offset = forcing[..., len(self.beside.forces)]
-        offset[...] = self.bias
+        others = self.beside.effect(z[..., :k], state)
+        offset = np.zeros(z.shape[:-1]) + self.bias
         if "offset" in self._own:
-            offset += z[..., k]
+            offset = offset + z[..., k]
         if self.amplitude:
-            offset += self.amplitude * z[..., -2] / np.maximum(np.hypot(z[..., -2], z[..., -1]), 1e-12)
-        if self.loss:
-            forcing[..., -1] = self.loss
-        return forcing
+            offset = offset + self.amplitude * z[..., -2] / np.maximum(np.hypot(z[..., -2], z[..., -1]), 1e-12)
+        lost = [np.full(z.shape[:-1], self.loss)] if self.loss else []
+        return np.concatenate([others, np.stack([offset, *lost], -1)], -1)

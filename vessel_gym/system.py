@@ -123,7 +123,7 @@ class Vehicle(Protocol):
     def process_sd(self) -> np.ndarray:
         """Standard deviations of what the models leave out in a step, of what filters estimate."""
 
-    def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+    def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray) -> np.ndarray:
         """What filters estimate ``(..., n)`` one step on, under the known input and a flow, with their parameters."""
 
     def known_input(self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None) -> np.ndarray:

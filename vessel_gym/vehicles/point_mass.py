@@ -59,9 +59,7 @@ class PointMass:
         return c
 
 
-def forces(
-    altitude: np.ndarray, speed: np.ndarray, alpha: np.ndarray, c: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def forces(altitude: np.ndarray, speed: np.ndarray, alpha: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Lift and drag [N], eq. 2, with coefficients ``(k, ...)``; both change sign with that of the speed."""
     density = (c[I.density_2] * altitude + c[I.density_1]) * altitude + c[I.density_0]
     pressure = 0.5 * density * speed * np.abs(speed) * c[I.area]
