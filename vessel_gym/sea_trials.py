@@ -17,7 +17,8 @@ from scipy.optimize import brentq
 from estimators.checks import finite_array, number, whole
 from vessel_gym.checks import check_numbers, function, instance
 from vessel_gym.vehicles.corvette import sway_yaw_jacobian
-from vessel_gym.vehicles.corvette_equations import AROUND, STATE, CorvetteParameters, corvette_step
+from vessel_gym.vehicles.corvette_equations import AROUND, STATE, CorvetteParameters, corvette_rates
+from vessel_gym.vehicles.integration import runge_kutta
 
 Command = float | Sequence[float] | np.ndarray | Callable[[float, np.ndarray], float]
 """What the helm is told [rad]: an angle, one angle a step, or a function of time [s] and the truth state."""
@@ -119,10 +120,17 @@ def _helm_step(
     moving = abs(command - rudder) / ship.rudder_rate
     if moving >= dt:
         end = rudder + np.copysign(ship.rudder_rate * dt, command - rudder)
-        return corvette_step(state, np.array([rudder, end]), around, c, dt, substeps), float(end)
+        return _moved(state, rudder, end, around, c, dt, substeps), float(end)
     if moving > 0.0:
-        state = corvette_step(state, np.array([rudder, command]), around, c, moving, substeps)
-    return corvette_step(state, np.array([command, command]), around, c, dt - moving, substeps), command
+        state = _moved(state, rudder, command, around, c, moving, substeps)
+    return _moved(state, command, command, around, c, dt - moving, substeps), command
+
+
+def _moved(
+    state: np.ndarray, before: float, after: float, around: np.ndarray, c: np.ndarray, dt: float, substeps: int
+) -> np.ndarray:
+    """The state ``(8,)`` after ``dt``, the rudder moving from ``before`` to ``after``."""
+    return runge_kutta(corvette_rates, state, np.array([before]), np.array([after]), around, c, dt, substeps)
 
 
 def _time_to_heading(

@@ -331,6 +331,7 @@ class Sensors:
         ], float)  # fmt: skip
         ranges = [r for sensor in self.each for r in (sensor.range or ((-np.inf, np.inf),) * len(sensor.channels))]
         self._ranges = np.array(ranges, float).T
+        self._periods = [sensor.period(dt) for sensor in self.each]
         self.delays = np.array([sensor.delays(dt) for sensor in self.each])
         self.horizon = int(self.delays.sum(1).max())
         self.faults = self._checked_faults(faults, names)
@@ -454,7 +455,7 @@ class Sensors:
         values, available, word = [], [], as_word(steps)
         for i, (sensor, own) in enumerate(self._owning):
             key, channels, size = keys[..., i, :], range(own.start, own.stop), 1.0
-            arrives = np.remainder(steps, sensor.period(self.dt)) == 0
+            arrives = np.remainder(steps, self._periods[i]) == 0
             if sensor.dropout > 0.0 or sensor.outliers > 0.0:
                 lost, far = threefry(np.uint64(0), (word << 16) | 1, key[..., 0], key[..., 1])
                 arrives = arrives & (uniform(lost) >= sensor.dropout)

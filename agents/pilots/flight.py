@@ -10,7 +10,7 @@ from agents.pilots.loops import Loop
 from agents.pilots.regulator import regulator_gains
 from vessel_gym.system import System
 from vessel_gym.tasks.flight import Flight
-from vessel_gym.vehicles.puna import Puna, PunaParameters, puna_step, trim
+from vessel_gym.vehicles.puna import Puna, PunaParameters, trim
 
 
 @dataclass(frozen=True)
@@ -63,8 +63,8 @@ def longitudinal_gains(vehicle: Puna, tolerances: FlightTolerances) -> np.ndarra
         altitude, speed, slope, thrust, alpha, thrust_command, alpha_command = z
         state = np.array([0.0, 0.0, altitude, speed * np.cos(slope), 0.0, speed * np.sin(slope), 0.0])
         thrust_after = thrust_command + (thrust - thrust_command) * decay
-        control = np.array([thrust, alpha, 0.0, thrust_after, alpha_command, 0.0])
-        moved = puna_step(state, control, np.zeros(3), c, vehicle.dt, vehicle.substeps)
+        before, then = np.array([thrust, alpha, 0.0]), np.array([thrust_after, alpha_command, 0.0])
+        moved = vehicle.moved(state, before, then, np.zeros(3), c)
         ahead, climb = moved[3], moved[5]
         return np.array([moved[2], np.hypot(ahead, climb), np.arctan2(climb, ahead), thrust_after, alpha_command])
 

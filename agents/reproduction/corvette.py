@@ -11,8 +11,9 @@ from agents.reproduction.settings import corvette as settings
 from agents.reproduction.settings.corvette import SAMPLES, SIMULATIONS, Simulation
 from estimators import Gaussian, LinearModel, make
 from vessel_gym.vehicles.corvette import Corvette, steady_turns
-from vessel_gym.vehicles.corvette_equations import AROUND, CorvetteParameters, corvette_step
+from vessel_gym.vehicles.corvette_equations import AROUND, CorvetteParameters, corvette_rates
 from vessel_gym.vehicles.files import load
+from vessel_gym.vehicles.integration import runge_kutta
 
 MODELS = ("as-printed", "corrected")
 LEVELS = (settings.NOISE, settings.SMALL**0.5, settings.LARGE**0.5)
@@ -48,7 +49,7 @@ def turning_record() -> tuple[np.ndarray, np.ndarray]:
     state = np.array([0.0, 0.0, 0.0, _SHIP.speed, *np.zeros(4)])
     heading = [state[2]]
     for start, end in pairwise(rudder):
-        state = corvette_step(state, np.array([start, end]), np.zeros(len(AROUND)), c, dt, 1)
+        state = runge_kutta(corvette_rates, state, np.array([start]), np.array([end]), np.zeros(len(AROUND)), c, dt)
         heading.append(state[2])
     turns = steady_turns(_SHIP)
     commanded = np.full(SAMPLES, np.interp(helm, turns.rudder, turns.yaw_rate))

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from estimators import NonlinearModel
-from estimators.compiled import gufunc
+from estimators.engine import sincos
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.point_mass import I, PointMass, forces
 from vessel_gym.vehicles.puna import PunaParameters
@@ -18,16 +18,16 @@ MISSILE = PointMass(1005.0, 0.3376, (-1.9431, -0.1499, 0.2359), (21.9, 0.0), (3.
 flies at 272 m/s. At the paper's 20 m/s it would need a lift coefficient of 119."""
 
 
-@gufunc("void(float64[:], float64[:], float64[:], float64[:])", "(n),(m),(k)->(n)")
-def planar_derivative(state: np.ndarray, control: np.ndarray, c: np.ndarray, out: np.ndarray) -> None:
+def planar_derivative(state: np.ndarray, control: np.ndarray, c: np.ndarray) -> np.ndarray:
     """Eq. (1) on (gamma, v, x, h) with control (thrust, angle of attack), its g sin(alpha) mended to g sin(gamma)."""
-    gamma, v, h, thrust, alpha = state[0], state[1], state[3], control[0], control[1]
+    gamma, v, _, h = np.moveaxis(state, -1, 0)
+    (thrust, alpha), c = np.moveaxis(control, -1, 0), np.moveaxis(c, -1, 0)
     mass, gravity = c[I.mass], c[I.gravity]
     lift, drag = forces(h, v, alpha, c)
-    sin_alpha, cos_alpha = np.sin(alpha), np.cos(alpha)
-    out[0] = (thrust * sin_alpha + lift * cos_alpha) / (mass * v) - gravity * np.cos(gamma) / v
-    out[1] = (thrust * cos_alpha - drag - lift * sin_alpha) / mass - gravity * np.sin(gamma)
-    out[2], out[3] = v * np.cos(gamma), v * np.sin(gamma)
+    (sin_alpha, cos_alpha), (sin_gamma, cos_gamma) = sincos(alpha), sincos(gamma)
+    turning = (thrust * sin_alpha + lift * cos_alpha) / (mass * v) - gravity * cos_gamma / v
+    faster = (thrust * cos_alpha - drag - lift * sin_alpha) / mass - gravity * sin_gamma
+    return np.stack([turning, faster, v * cos_gamma, v * sin_gamma], -1)
 
 
 @dataclass(frozen=True)

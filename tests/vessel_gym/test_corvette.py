@@ -8,6 +8,7 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 from scipy.linalg import expm
 from sensing import sensors_of, without_a_filter
+from stepping import corvette_step
 
 from estimators import LinearModel, NonlinearModel, wrap, zero_order_hold
 from vessel_gym.composition import compose
@@ -28,7 +29,6 @@ from vessel_gym.vehicles.corvette_equations import (
     UNCERTAIN,
     CorvetteParameters,
     corvette_rates,
-    corvette_step,
 )
 from vessel_gym.vehicles.files import load
 

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
 from sensing import UnevenWater, forcing, sensors_of, without_a_filter
+from stepping import itsunusa_step, segorogeni_step
 
 from agents import rollout
 from estimators import wrap
@@ -28,12 +29,10 @@ from vessel_gym.vehicles.itsunusa import (
     STATE,
     Itsunusa,
     itsunusa_rates,
-    itsunusa_step,
 )
 from vessel_gym.vehicles.segorogeni import (
     Segorogeni,
     segorogeni_rates,
-    segorogeni_step,
 )
 
 BODY = load("itsunusa")

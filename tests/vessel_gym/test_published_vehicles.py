@@ -15,11 +15,12 @@ import pytest
 from energies import energy
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
+from stepping import segorogeni_step
 
 from vessel_gym.sea_trials import circle_geometry, initial_turning, nomoto_linear, turning_circle, zigzag
 from vessel_gym.vehicles.auv import UNCERTAIN
 from vessel_gym.vehicles.files import load
-from vessel_gym.vehicles.segorogeni import COEFFICIENTS, segorogeni_rates, segorogeni_step
+from vessel_gym.vehicles.segorogeni import COEFFICIENTS, segorogeni_rates
 
 DEG = np.pi / 180.0
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from sensing import forcing, sensors_of, without_a_filter
+from stepping import puna_step
 
 from agents.reproduction.planar_puna import MISSILE, PlanarPuna, planar_derivative
 from estimators import Gaussian, make, wrap
@@ -18,10 +19,9 @@ from vessel_gym.vehicles.point_mass import COEFFICIENTS, UNCERTAIN
 from vessel_gym.vehicles.puna import (
     STATE,
     Puna,
+    _fix,
     airspeed,
-    puna_gnss,
     puna_rates,
-    puna_step,
     trim,
 )
 
@@ -223,14 +223,14 @@ def test_a_batch_is_a_loop_and_inputs_stay():
     moving = np.concatenate([controls, 0.9 * controls], -1)
     copies = [a.copy() for a in (states, controls, moving, winds, c)]
     rates, after = puna_rates(states, controls, winds, c), puna_step(states, moving, winds, c, 0.1, 1)
-    gnss, through_air = puna_gnss(states, np.empty(6)), airspeed(states, winds)
+    gnss, through_air = _fix(states, winds), airspeed(states, winds)
     biases = rng.normal(size=(3, 4, 3))
     read = SENSORS.exact(states, forcing(VEHICLE, winds), biases)
     for i, j in np.ndindex(3, 4):
         np.testing.assert_array_equal(rates[i, j], puna_rates(states[i, j], controls[i, j], winds[i, j], c[j]))
         alone = puna_step(states[i, j], moving[i, j], winds[i, j], c[j], 0.1, 1)
         np.testing.assert_array_equal(after[i, j], alone)
-        np.testing.assert_array_equal(gnss[i, j], puna_gnss(states[i, j], np.empty(6)))
+        np.testing.assert_array_equal(gnss[i, j], _fix(states[i, j], winds[i, j]))
         assert through_air[i, j] == airspeed(states[i, j], winds[i, j])
         alone = SENSORS.exact(states[i, j], forcing(VEHICLE, winds[i, j]), biases[i, j])
         np.testing.assert_array_equal(read[i, j], alone)

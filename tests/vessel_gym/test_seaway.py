@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.stats import chi2
+from stepping import corvette_step
 
 from vessel_gym.core import Core
 from vessel_gym.envs.ship import ship_system
@@ -19,7 +20,6 @@ from vessel_gym.vehicles.corvette_equations import (
     STATE,
     CorvetteParameters,
     corvette_rates,
-    corvette_step,
 )
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.seakeeping import SHORT_CREST, wave_loads, wave_response

@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 from sensing import UnevenWater, forcing, sensors_of, without_a_filter
+from stepping import segorogeni_step
 
 from estimators import wrap
 from vessel_gym.composition import Composition, compose
@@ -26,9 +27,7 @@ from vessel_gym.vehicles.segorogeni import (
     STATE,
     Segorogeni,
     SegorogeniParameters,
-    segorogeni_log,
     segorogeni_rates,
-    segorogeni_step,
 )
 
 BODY = load("segorogeni")
@@ -266,12 +265,10 @@ def test_a_batch_is_a_loop_and_inputs_stay():
     copies = [a.copy() for a in (states, controls, moving, currents, c)]
     rates, after = segorogeni_rates(states, controls, currents, c), segorogeni_step(states, moving, currents, c, 0.1, 2)
     read = SENSORS.exact(states, forcing(VEHICLE, currents))
-    log = segorogeni_log(states, currents, np.empty(3))
     for i, j in np.ndindex(3, 4):
         alone = states[i, j], controls[i, j], currents[i, j]
         np.testing.assert_array_equal(rates[i, j], segorogeni_rates(*alone, c[j]))
         np.testing.assert_array_equal(after[i, j], segorogeni_step(alone[0], moving[i, j], alone[2], c[j], 0.1, 2))
-        np.testing.assert_array_equal(log[i, j], segorogeni_log(alone[0], alone[2], np.empty(3)))
         np.testing.assert_array_equal(read[i, j], SENSORS.exact(alone[0], forcing(VEHICLE, alone[2])))
     for a, b in zip((states, controls, moving, currents, c), copies, strict=True):
         np.testing.assert_array_equal(a, b)

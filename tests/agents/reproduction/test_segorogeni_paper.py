@@ -70,7 +70,7 @@ def test_without_ballast_the_printed_kinematics_sink_too_slowly():
     control = np.array([0.0, -body.fin_limit, body.thrust_limit] * 2)
     state = np.zeros(len(STATE))
     for _ in range(300):
-        state = paper.VEHICLE.advance(state, control, np.zeros(2), body.vector())
+        state = paper.VEHICLE.moved(state, *np.split(control, 2, -1), np.zeros(2), body.vector())
     assert round(state[STATE.index("w")], 2) == 0.16
     assert paper.DURATION * state[STATE.index("w")] < paper.GOAL[2]
 

@@ -1,0 +1,27 @@
+"""Steps of the vehicles' equations of motion, with actuators before and after in one array."""
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
+from vessel_gym.vehicles.corvette_equations import corvette_rates
+from vessel_gym.vehicles.integration import Rates, runge_kutta
+from vessel_gym.vehicles.itsunusa import itsunusa_rates
+from vessel_gym.vehicles.puna import puna_rates
+from vessel_gym.vehicles.segorogeni import segorogeni_rates
+
+Step = Callable[..., np.ndarray]
+
+
+def step(
+    rates: Rates, state: np.ndarray, control: np.ndarray, flow: np.ndarray, c: np.ndarray, dt: float, substeps: int
+) -> np.ndarray:
+    """The state ``(..., n)`` after ``dt``; control ``(..., 2 a)`` holds the actuators before and after."""
+    return runge_kutta(rates, state, *np.split(control, 2, -1), flow, c, dt, substeps)
+
+
+corvette_step: Step = partial(step, corvette_rates)
+segorogeni_step: Step = partial(step, segorogeni_rates)
+itsunusa_step: Step = partial(step, itsunusa_rates)
+puna_step: Step = partial(step, puna_rates)
