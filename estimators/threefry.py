@@ -7,7 +7,7 @@ as 1, 2, 3), a counter-based generator that passes BigCrush. Normal numbers foll
 
 import numpy as np
 
-from estimators.engine import as_float, bits_float, compiled, float_bits, sincos
+from estimators.engine import as_float, bits_float, compiled, float_bits, sincos_near_zero
 
 _PARITY = 0x1BD11BDAA9FC1A22
 _ROTATIONS = (16, 42, 12, 31), (16, 32, 24, 21)
@@ -61,7 +61,7 @@ def _log_unit(m: np.ndarray) -> np.ndarray:
 def _sincos_of_turn(m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Sine and cosine of ``(m + 0.5) / 2^32`` turns."""
     quarter = (m + 0x20000000) >> 30
-    sine, cosine = sincos((as_float(m) - as_float(quarter << 30) + 0.5) * 1.4629180792671596e-09)  # 2 pi / 2^32
+    sine, cosine = sincos_near_zero((as_float(m) - as_float(quarter << 30) + 0.5) * 1.4629180792671596e-09)  # 2 pi / 2^32
     odd = (quarter & 1) == 1
     s, c = np.where(odd, cosine, sine), np.where(odd, sine, cosine)
     return np.where((quarter & 2) == 2, -s, s), np.where((quarter + 1 & 2) == 2, -c, c)

@@ -4,6 +4,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from estimators.engine import Compiled, compiled
+
 Rates = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 """Equations of motion: the rates ``(..., n)`` of a state ``(..., n)`` under actuators ``(..., a)``, in a flow
 ``(..., f)``, with coefficients ``(..., k)``."""
@@ -18,7 +20,7 @@ def runge_kutta(
     Over the step the flow is constant. Actuators move linearly, so that their rate limits are integrated exactly.
 
     Args:
-        rates: The equations of motion.
+        rates: The equations of motion, `estimators.engine.compiled` or plain NumPy.
         state: ``(..., n)``.
         before: Actuators ``(..., a)`` at the beginning of the step,
         after: and at its end.
@@ -27,15 +29,25 @@ def runge_kutta(
         dt: Length of the step [s].
         substeps: Equal parts of it.
     """
-    h, change = dt / substeps, after - before
+    change, part = after - before, _part if isinstance(rates, Compiled) else _part.function
     for i in range(substeps):
-        start, middle, end = (before + share / substeps * change for share in (i, i + 0.5, i + 1))
-        k1 = rates(state, start, flow, c)
-        k2 = rates(state + 0.5 * h * k1, middle, flow, c)
-        k3 = rates(state + 0.5 * h * k2, middle, flow, c)
-        k4 = rates(state + h * k3, end, flow, c)
-        state = state + h / 6.0 * k1 + h / 3.0 * k2 + h / 3.0 * k3 + h / 6.0 * k4
+        shares = i / substeps, (i + 0.5) / substeps, (i + 1) / substeps
+        state = part(state, before, change, flow, c, dt / substeps, shares, rates=rates)
     return state
+
+
+@compiled(axes=(1, 1, 1, 1, 1, 0, 1))
+def _part(
+    state: np.ndarray, before: np.ndarray, change: np.ndarray, flow: np.ndarray, c: np.ndarray, h: float,
+    shares: tuple[float, float, float], *, rates: Rates,
+) -> np.ndarray:  # fmt: skip
+    """One substep of length ``h``; ``shares`` of the actuators' change are over at its start, middle and end."""
+    start, middle, end = (before + share * change for share in shares)
+    k1 = rates(state, start, flow, c)
+    k2 = rates(state + 0.5 * h * k1, middle, flow, c)
+    k3 = rates(state + 0.5 * h * k2, middle, flow, c)
+    k4 = rates(state + h * k3, end, flow, c)
+    return state + h / 6.0 * k1 + h / 3.0 * k2 + h / 3.0 * k3 + h / 6.0 * k4
 
 
 def kicked(state: np.ndarray, kicks: np.ndarray, components: Sequence[int]) -> np.ndarray:
