@@ -21,7 +21,9 @@ def _mix(x: np.ndarray, y: np.ndarray, bits: int) -> tuple[np.ndarray, np.ndarra
 
 
 @np.errstate(over="ignore")  # sums of words wrap around
-def threefry(c0: np.ndarray, c1: np.ndarray, k0: np.ndarray, k1: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def threefry(
+    c0: np.ndarray | np.uint64, c1: np.ndarray, k0: np.ndarray, k1: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Two random words ``(...)`` of a counter ``(c0, c1)`` under a key ``(k0, k1)``, all of 64 bits."""
     keys = k0, k1, _PARITY ^ k0 ^ k1
     x, y = c0 + k0, c1 + k1
@@ -61,7 +63,8 @@ def _log_unit(m: np.ndarray) -> np.ndarray:
 def _sincos_of_turn(m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Sine and cosine of ``(m + 0.5) / 2^32`` turns."""
     quarter = (m + 0x20000000) >> 30
-    sine, cosine = sincos_near_zero((as_float(m) - as_float(quarter << 30) + 0.5) * 1.4629180792671596e-09)  # 2 pi / 2^32
+    angle = (as_float(m) - as_float(quarter << 30) + 0.5) * 1.4629180792671596e-09  # 2 pi / 2^32
+    sine, cosine = sincos_near_zero(angle)
     odd = (quarter & 1) == 1
     s, c = np.where(odd, cosine, sine), np.where(odd, sine, cosine)
     return np.where((quarter & 2) == 2, -s, s), np.where((quarter + 1 & 2) == 2, -c, c)

@@ -3,7 +3,7 @@
 The filter's state is the vehicle's, then the disturbance's as far as it is told and matters, then the sensors' biases.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any, NamedTuple
@@ -192,7 +192,7 @@ class Forces:
                 columns[self.outside + j] = columns[self.outside + j] - columns[lost] * actuators[..., j]
         return np.stack(columns, -1)
 
-    def whole(self, z: np.ndarray, held: Sequence[int]) -> np.ndarray:
+    def whole(self, z: np.ndarray, held: np.ndarray) -> np.ndarray:
         """The disturbance's state ``(..., k)`` out of the components that a filter estimates, others 0."""
         return _spread(z, held, self.disturbance.process.size)
 
@@ -527,7 +527,7 @@ def _cruising(vehicle: Vehicle) -> np.ndarray:
     return vehicle.start(vehicle.cruise[0][None])[0][0]
 
 
-def _spread(x: np.ndarray, where: Sequence[int], size: int) -> np.ndarray:
+def _spread(x: np.ndarray, where: Iterable[int], size: int) -> np.ndarray:
     """Vectors ``(..., size)`` that have ``x (..., k)`` at the components ``where`` and 0 elsewhere."""
     columns = [np.zeros(x.shape[:-1])] * size
     for j, i in enumerate(where):

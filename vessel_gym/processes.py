@@ -1,6 +1,6 @@
 """Gauss-Markov processes: what currents, gusts, waves and the biases of sensors are made of."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, TypeVar
@@ -164,7 +164,7 @@ def product(matrix: np.ndarray, x: np.ndarray, onto: np.ndarray) -> np.ndarray:
 
 
 def advance(
-    keys: np.ndarray, step: np.ndarray, z: np.ndarray, noise: np.ndarray, counts: Sequence[int], root: np.ndarray,
+    keys: np.ndarray, step: np.ndarray, z: np.ndarray, noise: np.ndarray, counts: np.ndarray, root: np.ndarray,
     transition: np.ndarray, gains: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
     """Processes a step later, the noise of the coming step and the exogenous input that follows from both.

@@ -6,7 +6,8 @@ ensembles and what can be had without a filter follow from it. Yours is a `Senso
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property, partial, reduce
+from operator import and_
 from typing import Any
 
 import numpy as np
@@ -454,14 +455,17 @@ class Sensors:
         """
         values, available, word = [], [], as_word(steps)
         for i, (sensor, own) in enumerate(self._owning):
-            key, channels, size = keys[..., i, :], range(own.start, own.stop), 1.0
-            arrives = np.remainder(steps, self._periods[i]) == 0
+            key, channels = keys[..., i, :], range(own.start, own.stop)
+            size: np.ndarray | float = 1.0
+            bounds = [(*self._ranges[:, j], exact[..., j]) for j in channels]
+            arrives = reduce(and_, [(least <= y) & (y <= greatest) for least, greatest, y in bounds])
+            if self._periods[i] > 1:
+                periods = steps / self._periods[i]
+                arrives = arrives & (periods == np.floor(periods))
             if sensor.dropout > 0.0 or sensor.outliers > 0.0:
                 lost, far = threefry(np.uint64(0), (word << 16) | 1, key[..., 0], key[..., 1])
                 arrives = arrives & (uniform(lost) >= sensor.dropout)
                 size = np.where(uniform(far) < sensor.outliers, sensor.outlier_scale, 1.0)
-            for j in channels:
-                arrives = arrives & (self._ranges[0, j] <= exact[..., j]) & (exact[..., j] <= self._ranges[1, j])
             for j, normal in zip(channels, normals(key, word, len(channels)), strict=True):
                 value = exact[..., j] + sd[..., j] * size * normal
                 available.append(arrives & np.isfinite(value))

@@ -139,7 +139,8 @@ def recorded_controls() -> np.ndarray:
 
 
 def _step(states: np.ndarray, control: np.ndarray) -> np.ndarray:
-    return paper.VEHICLE.moved(states, *np.split(control, 2, -1), _STILL, _COEFFICIENTS)
+    before, after = np.split(control, 2, -1)
+    return paper.VEHICLE.moved(states, before, after, _STILL, _COEFFICIENTS)
 
 
 def computing_time(variant: str, steps: int, repeats: int, seed: int) -> dict[str, np.ndarray]:

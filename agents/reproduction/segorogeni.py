@@ -165,7 +165,8 @@ def _euler_controls(held: np.ndarray) -> np.ndarray:
 
 
 def _own_step(states: np.ndarray, control: np.ndarray) -> np.ndarray:
-    return paper.VEHICLE.moved(states, *np.split(control, 2, -1), _STILL, _COEFFICIENTS)
+    before, after = np.split(control, 2, -1)
+    return paper.VEHICLE.moved(states, before, after, _STILL, _COEFFICIENTS)
 
 
 def _euler_step(states: np.ndarray, control: np.ndarray) -> np.ndarray:

@@ -5,7 +5,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from vessel_gym.vehicles.integration import Rates, kicked, runge_kutta
+from vessel_gym.vehicles.integration import kicked, runge_kutta
 
 
 class WholeState:
@@ -24,8 +24,8 @@ class WholeState:
     kicked: ClassVar[tuple[str, ...]]
     flows: ClassVar[tuple[str, ...]]
     cruise: Any
-    equations: ClassVar[Rates]
-    """The equations of motion; who overrides `moved` needs none."""
+    equations: ClassVar[Any]
+    """The equations of motion, `vessel_gym.vehicles.integration.Rates`; who overrides `moved` needs none."""
     carried: ClassVar[np.ndarray | None] = None
     kinds: ClassVar[tuple[str, ...]] = ("nonlinear",)
     linear_kinds: ClassVar[tuple[str, ...]] = ()
