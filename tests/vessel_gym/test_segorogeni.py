@@ -326,7 +326,7 @@ def test_nose_up_or_down_nothing_is_infinite(theta):
     rates = segorogeni_rates(states, np.zeros(3), currents, C)
     assert (np.abs(rates[:, 9:12]) < 500.0).all()
     for _ in range(100):
-        states = VEHICLE.advance(states, np.zeros(6), currents, C)
+        states = VEHICLE.moved(states, *np.zeros((2, 3)), currents, C)
         assert np.isfinite(states).all()
 
 
