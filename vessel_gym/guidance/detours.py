@@ -22,9 +22,9 @@ from estimators.compiled import gufunc, lazy, part
 from vessel_gym.checks import instance
 from vessel_gym.guidance.words import (
     Path,
+    _follow_on,
     chain,
     checked,
-    follow_on,
     numbers,
     pieces_of,
     relative,
@@ -121,7 +121,7 @@ def _word_clear(pose: Touch, word: int, pieces: tuple[float, float, float], disc
                 return False
         elif not _arc_clear(x, y, heading, side, length, discs):
             return False
-        x, y, heading = follow_on(length, x, y, heading, side)
+        x, y, heading = _follow_on(length, x, y, heading, side)
     return True
 
 
@@ -584,7 +584,7 @@ def _nearest(segments: np.ndarray, px: float, py: float) -> float:
             if np.arctan2(ahead, beside) % _FULL * radius <= length:
                 distance = abs(np.hypot(ahead, beside) - radius)
             else:
-                ex, ey, _ = follow_on(length, x, y, heading, curvature)
+                ex, ey, _ = _follow_on(length, x, y, heading, curvature)
                 distance = min(np.hypot(dx, dy), np.hypot(px - ex, py - ey))
         nearest = min(nearest, distance)
     return nearest
@@ -617,7 +617,7 @@ def _sound(segments: np.ndarray, goal: np.ndarray, radius: float, discs: np.ndar
     x, y, heading, curvature, length = (
         segments[last, 0], segments[last, 1], segments[last, 2], segments[last, 3], segments[last, 4],
     )  # fmt: skip
-    x, y, heading = follow_on(length, x, y, heading, curvature)
+    x, y, heading = _follow_on(length, x, y, heading, curvature)
     turned = abs((heading - goal[2] + np.pi) % _FULL - np.pi)
     sound = max(abs(x - goal[0]), abs(y - goal[1]), radius * turned) <= 1e-9 * size
     for k in range(len(discs)):

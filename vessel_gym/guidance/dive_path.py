@@ -9,10 +9,8 @@ of its goal [m]. Frames: x north, y east, z down; a positive angle turns to star
 """
 
 import numpy as np
-from numba import njit
 
 from estimators.checks import as_array, shaped_array
-from estimators.compiled import gufunc
 
 _STRAIGHT = 1e-9  # 1/m, the least curvature: over 100 m it bends a straight path by 5 micrometres
 
@@ -26,16 +24,10 @@ def course_to(goal: np.ndarray) -> np.ndarray:
     return course
 
 
-@njit()
-def _curvature(angle: float, length: float) -> float:
-    curvature = angle / length
-    return curvature if abs(curvature) > _STRAIGHT else _STRAIGHT
-
-
-@njit()
-def _point(s: float, curvature: float, length: float, depth: float) -> tuple[float, float, float, float, float]:
-    """Position, heading and slope (depth per metre in plan) of the path at ``s`` metres in plan."""
-    on = min(max(s, 0.0), length)
+def point_at(s: np.ndarray, course: np.ndarray) -> tuple[np.ndarray, ...]:
+    """x, y, z [m], heading [rad] and slope (depth per metre in plan) ``(...)`` of the path at ``s`` metres in plan."""
+    length, depth, curvature = course[..., 1], course[..., 2], _curvature(course)
+    on = np.minimum(np.maximum(s, 0.0), length)
     beyond, t = s - on, on / length
     heading = curvature * on
     x = np.sin(heading) / curvature + beyond * np.cos(heading)
@@ -44,37 +36,38 @@ def _point(s: float, curvature: float, length: float, depth: float) -> tuple[flo
     return x, y, depth * t * t * (3.0 - 2.0 * t), heading, depth * 6.0 * t * (1.0 - t) / length
 
 
-@gufunc("void(float64, float64[:], float64[:], float64[:])", "(),(c),(k)->(k)")
-def _path_point(s: float, course: np.ndarray, room: np.ndarray, out: np.ndarray) -> None:
-    out[0], out[1], out[2], out[3], out[4] = _point(s, _curvature(course[0], course[1]), course[1], course[2])
+def _curvature(course: np.ndarray) -> np.ndarray:
+    curvature = course[..., 0] / course[..., 1]
+    return np.where(abs(curvature) > _STRAIGHT, curvature, _STRAIGHT)
+
+
+def locate(position: np.ndarray, course: np.ndarray, ahead: np.ndarray) -> np.ndarray:
+    """Positions relative to paths ``(..., 8)``, as `follow` returns them.
+
+    Args:
+        position: ``(..., 3)`` north, east, down [m].
+        course: ``(..., 3)``.
+        ahead: ``(...)`` look-ahead distance in plan [m].
+    """
+    x, y, z = (position[..., i] for i in range(3))
+    angle, length, curvature = course[..., 0], course[..., 1], _curvature(course)
+    # Polar angle about the arc's centre; it jumps opposite the middle of the arc, far from both ends.
+    polar = np.arctan2(curvature * x, 1.0 - curvature * y) - 0.5 * angle
+    polar = polar - 2.0 * np.pi * np.floor(polar / (2.0 * np.pi) + 0.5)
+    on = (polar + 0.5 * angle) / curvature
+    end_x, end_y, _, heading, _ = point_at(length, course)
+    beyond = np.maximum((x - end_x) * np.cos(heading) + (y - end_y) * np.sin(heading), 0.0)
+    # Before the start and beyond the end the path is straight.
+    s = np.where(on < 0.0, np.minimum(x, 0.0), np.where(on > length, length + beyond, on))
+    px, py, pz, heading, slope = point_at(s, course)
+    across = (y - py) * np.cos(heading) - (x - px) * np.sin(heading)
+    ax, ay, az, _, _ = point_at(s + ahead, course)
+    return np.stack([s, across, z - pz, heading, slope, ax - x, ay - y, az - z], -1)
 
 
 def path_point(s: np.ndarray, course: np.ndarray) -> np.ndarray:
     """The path at ``s (...)`` metres in plan: x, y, z [m], heading [rad] and slope [m depth per m], ``(..., 5)``."""
-    return _path_point(as_array("s", s), shaped_array("course", course, "...", 3), np.empty(5))
-
-
-@gufunc("void(float64[:], float64[:], float64, float64[:], float64[:])", "(c),(c),(),(k)->(k)")
-def _follow(position: np.ndarray, course: np.ndarray, ahead: float, room: np.ndarray, out: np.ndarray) -> None:
-    x, y, z = position[0], position[1], position[2]
-    angle, length, depth = course[0], course[1], course[2]
-    curvature = _curvature(angle, length)
-    # Polar angle about the arc's centre; it jumps opposite the middle of the arc, far from both ends.
-    polar = np.arctan2(curvature * x, 1.0 - curvature * y) - 0.5 * angle
-    polar -= 2.0 * np.pi * np.floor(polar / (2.0 * np.pi) + 0.5)
-    s = (polar + 0.5 * angle) / curvature
-    if s < 0.0:  # before the start and beyond the end the path is straight
-        s = min(x, 0.0)
-    elif s > length:
-        ex, ey, _, heading, _ = _point(length, curvature, length, depth)
-        s = length + max((x - ex) * np.cos(heading) + (y - ey) * np.sin(heading), 0.0)
-    px, py, pz, heading, slope = _point(s, curvature, length, depth)
-    out[0] = s
-    out[1] = (y - py) * np.cos(heading) - (x - px) * np.sin(heading)
-    out[2] = z - pz
-    out[3], out[4] = heading, slope
-    ax, ay, az, _, _ = _point(s + ahead, curvature, length, depth)
-    out[5], out[6], out[7] = ax - x, ay - y, az - z
+    return np.stack(point_at(as_array("s", s), shaped_array("course", course, "...", 3)), -1)
 
 
 def follow(position: np.ndarray, course: np.ndarray, ahead: float) -> np.ndarray:
@@ -91,4 +84,4 @@ def follow(position: np.ndarray, course: np.ndarray, ahead: float) -> np.ndarray
         slope of the path there; the vector from the position to the path's point ``ahead`` of that, north, east, down.
     """
     position, course = shaped_array("position", position, "...", 3), shaped_array("course", course, "...", 3)
-    return _follow(position, course, as_array("ahead", ahead), np.empty(8))
+    return locate(position, course, as_array("ahead", ahead))

@@ -9,10 +9,8 @@ counts like `PER_RAD` metres a radian, and twice that at most. So no memory is n
 """
 
 import numpy as np
-from numba import njit
 
 from estimators.checks import as_array, shaped_array
-from estimators.compiled import gufunc
 from vessel_gym.checks import check_pair
 from vessel_gym.guidance.words import follow_on
 
@@ -23,74 +21,84 @@ PER_RAD = 20.0
 COLUMNS = 5
 """Numbers a segment."""
 _FAR = 1e6  # m: what is farther off is treated as this far, so that nothing overflows
-_FULL = 2.0 * np.pi
 
 
-@njit()
-def _closest(x: float, y: float, curvature: float, low: float, high: float) -> float:
+def _pieces(segments: np.ndarray) -> tuple[np.ndarray, ...]:
+    """The pieces ``(..., k + 2)`` of a path ``(..., 5 k)`` with the straights before its start and beyond its end.
+
+    Returns:
+        x, y and heading of the origin of each piece, its curvature, progress at that origin, first and last arc length
+        from there, and a mask of the pieces that exist.
+    """
+    x, y, heading, curvature, length = (segments[..., i::COLUMNS] for i in range(COLUMNS))
+    count, final = length.shape[-1], segments[..., :COLUMNS]
+    exists, begins = [length[..., 0] > 0.0], [np.zeros_like(length[..., 0])]
+    for k in range(1, count):
+        exists.append(exists[-1] & (length[..., k] > 0.0))
+        begins.append(begins[-1] + np.where(exists[k - 1], length[..., k - 1], 0.0))
+        final = np.where(exists[k][..., None], segments[..., COLUMNS * k : COLUMNS * (k + 1)], final)
+    begins.append(begins[-1] + np.where(exists[-1], length[..., -1], 0.0))
+    end_x, end_y, end_heading = follow_on(final[..., 4], *(final[..., i] for i in range(4)))
+    zero, mask = np.zeros_like(length[..., :1]), np.stack(exists, -1)
+    return (
+        np.concatenate([x[..., :1], x, end_x[..., None]], -1),
+        np.concatenate([y[..., :1], y, end_y[..., None]], -1),
+        np.concatenate([heading[..., :1], heading, end_heading[..., None]], -1),
+        np.concatenate([zero, curvature, zero], -1),
+        np.stack([begins[0], *begins], -1),
+        np.concatenate([zero - LEAD, np.zeros_like(length), zero], -1),
+        np.concatenate([zero, np.where(mask, length, 0.0), zero + LEAD], -1),
+        np.concatenate([zero == 0.0, mask, zero == 0.0], -1),
+    )
+
+
+def _closest(x: np.ndarray, y: np.ndarray, curvature: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Arc length in [low, high] of the point closest to (x ahead, y to the side of positive curvature) of a segment."""
-    if curvature == 0.0:
-        return min(max(x, low), high)
-    radius, side = 1.0 / abs(curvature), 1.0 if curvature > 0.0 else -1.0
-    full = _FULL * radius
-    s = np.arctan2(x, radius - side * y) * radius
-    s = low + (s - low) % full
-    if s <= high:
-        return s
-    return high if s - high < low + full - s else low
+    straight = curvature == 0.0
+    radius, side = 1.0 / np.where(straight, 1.0, abs(curvature)), np.where(curvature > 0.0, 1.0, -1.0)
+    full = 2.0 * np.pi * radius
+    s = low + np.remainder(np.arctan2(x, radius - side * y) * radius - low, full)
+    end = np.where(s - high < low + full - s, high, low)
+    return np.where(straight, np.minimum(np.maximum(x, low), high), np.where(s <= high, s, end))
 
 
-@gufunc(
-    "void(float64[:], float64[:], float64[:], float64[:], float64[:], float64[:])",
-    "(p),(w),(c),(a),(k)->(k)",
-)
-def _follow(
-    pose: np.ndarray, window: np.ndarray, segments: np.ndarray, ahead: np.ndarray, room: np.ndarray, out: np.ndarray
-) -> None:
-    x, y = min(max(pose[0], -_FAR), _FAR), min(max(pose[1], -_FAR), _FAR)
-    count, whole = 0, 0.0
-    while count < len(segments) // COLUMNS and segments[COLUMNS * count + 4] > 0.0:
-        whole += segments[COLUMNS * count + 4]
-        count += 1
-    best, s_best = np.inf, 0.0
-    px, py, heading = segments[0], segments[1], segments[2]
-    begin = 0.0
-    for k in range(-1, count + 1):
-        on = COLUMNS * min(max(k, 0), count - 1)
-        rx, ry, angle, curvature, length = (
-            segments[on], segments[on + 1], segments[on + 2], segments[on + 3], segments[on + 4],
-        )  # fmt: skip
-        first, last = 0.0, length
-        if k < 0:
-            curvature, first, last = 0.0, -LEAD, 0.0
-        elif k == count:
-            rx, ry, angle = follow_on(length, rx, ry, angle, curvature)
-            curvature, last = 0.0, LEAD
-        low, high = max(first, window[0] - begin), min(last, window[1] - begin)
-        if low <= high:
-            cos, sin = np.cos(angle), np.sin(angle)
-            dx, dy = x - rx, y - ry
-            s = _closest(dx * cos + dy * sin, dy * cos - dx * sin, curvature, low, high)
-            ax, ay, at = follow_on(s, rx, ry, angle, curvature)
-            cost = (x - ax) ** 2 + (y - ay) ** 2 + 2.0 * window[2] ** 2 * (1.0 - np.cos(pose[2] - at))
-            if cost < best:
-                best, s_best = cost, begin + s
-                px, py, heading = ax, ay, at
-        if 0 <= k < count:
-            begin += length
-    out[0] = s_best
-    out[1] = (y - py) * np.cos(heading) - (x - px) * np.sin(heading)
-    out[2] = heading
-    near, far = s_best + ahead[0], s_best + ahead[1]
-    out[3], out[4], begin = 0.0, 0.0, 0.0
-    for k in range(count):
-        end = begin + segments[COLUMNS * k + 4]
-        curvature = segments[COLUMNS * k + 3]
-        out[3] += curvature * max(min(end, near) - max(begin, s_best), 0.0) / ahead[0]
-        out[4] += curvature * max(min(end, far) - max(begin, near), 0.0) / (ahead[1] - ahead[0])
-        begin = end
-    out[5] = whole - s_best
-    out[6] = np.hypot(x - px, y - py)
+def locate(pose: np.ndarray, window: np.ndarray, segments: np.ndarray, ahead: np.ndarray) -> np.ndarray:
+    """Positions relative to paths ``(..., 7)``, as `follow` returns them.
+
+    Args:
+        pose: ``(..., 3)`` x, y [m] and course [rad].
+        window: ``(..., 3)`` least and greatest progress [m], metres that count like a radian between the headings.
+        segments: ``(..., 5 k)`` the paths.
+        ahead: ``(..., 2)`` distances [m], as in `follow`.
+    """
+    x, y = (np.minimum(np.maximum(pose[..., i], -_FAR), _FAR) for i in range(2))
+    rx, ry, angle, curvature, begin, first, last, exists = _pieces(segments)
+    low = np.maximum(first, window[..., 0, None] - begin)
+    high = np.minimum(last, window[..., 1, None] - begin)
+    cos, sin, dx, dy = np.cos(angle), np.sin(angle), x[..., None] - rx, y[..., None] - ry
+    s = _closest(dx * cos + dy * sin, dy * cos - dx * sin, curvature, low, high)
+    ax, ay, at = follow_on(s, rx, ry, angle, curvature)
+    turned = 1.0 - np.cos(pose[..., 2, None] - at)
+    cost = (x[..., None] - ax) ** 2 + (y[..., None] - ay) ** 2 + 2.0 * window[..., 2, None] ** 2 * turned
+    cost = np.where(exists & (low <= high), cost, np.inf)
+    points = np.stack([begin + s, ax, ay, at], -1)
+    least = cost[..., 0]
+    start = np.stack([np.zeros_like(begin[..., 0]), segments[..., 0], segments[..., 1], segments[..., 2]], -1)
+    point = np.where((least < np.inf)[..., None], points[..., 0, :], start)
+    for k in range(1, cost.shape[-1]):
+        closer = cost[..., k] < least
+        least, point = np.where(closer, cost[..., k], least), np.where(closer[..., None], points[..., k, :], point)
+    progress, px, py, heading = (point[..., i] for i in range(4))
+    near, far = progress + ahead[..., 0], progress + ahead[..., 1]
+    soon = later = np.zeros_like(progress)
+    for k in range(1, cost.shape[-1] - 1):
+        begins, ends, curved = begin[..., k], begin[..., k + 1], curvature[..., k]
+        covered = np.maximum(np.minimum(ends, near) - np.maximum(begins, progress), 0.0)
+        soon = soon + curved * covered / ahead[..., 0]
+        covered = np.maximum(np.minimum(ends, far) - np.maximum(begins, near), 0.0)
+        later = later + curved * covered / (ahead[..., 1] - ahead[..., 0])
+    across = (y - py) * np.cos(heading) - (x - px) * np.sin(heading)
+    return np.stack([progress, across, heading, soon, later, begin[..., -1] - progress, np.hypot(x - px, y - py)], -1)
 
 
 _ANYWHERE = np.array([-np.inf, np.inf, PER_RAD])
@@ -119,7 +127,7 @@ def follow(pose: np.ndarray, segments: np.ndarray, ahead: tuple[float, float]) -
     """
     pose, segments = shaped_array("pose", pose, "...", 3), _flat(segments)
     check_pair("ahead", ahead)
-    return _follow(pose, _ANYWHERE, segments, as_array("ahead", ahead), np.empty(7))
+    return locate(pose, _ANYWHERE, segments, as_array("ahead", ahead))
 
 
 def track(position: np.ndarray, segments: np.ndarray, low: np.ndarray | float, high: np.ndarray | float) -> np.ndarray:
@@ -130,4 +138,4 @@ def track(position: np.ndarray, segments: np.ndarray, low: np.ndarray | float, h
     position, segments = shaped_array("position", position, "...", 2), _flat(segments)
     pose = np.concatenate([position, np.zeros_like(position[..., :1])], -1)
     window = np.stack(np.broadcast_arrays(as_array("low", low), as_array("high", high), 0.0), -1)
-    return _follow(pose, window, segments, _NOTHING_AHEAD, np.empty(7))
+    return locate(pose, window, segments, _NOTHING_AHEAD)

@@ -138,10 +138,20 @@ def _word_pieces(start: np.ndarray, goal: np.ndarray, radius: float, order: np.n
 
 
 @njit()
-def follow_on(s: float, x: float, y: float, heading: float, curvature: float) -> tuple[float, float, float]:
+def _follow_on(s: float, x: float, y: float, heading: float, curvature: float) -> tuple[float, float, float]:
     """The pose ``s`` metres on from a pose."""
     half = 0.5 * curvature * s
     chord = s if abs(half) < 1e-9 else s * np.sin(half) / half
+    return x + chord * np.cos(heading + half), y + chord * np.sin(heading + half), heading + 2.0 * half
+
+
+def follow_on(
+    s: np.ndarray, x: np.ndarray, y: np.ndarray, heading: np.ndarray, curvature: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The poses ``(...)`` at ``s`` metres along arcs of ``curvature`` [1/m] (0: straights)."""
+    half = 0.5 * curvature * s
+    straight = abs(half) < 1e-9
+    chord = np.where(straight, s, s * np.sin(half) / np.where(straight, 1.0, half))
     return x + chord * np.cos(heading + half), y + chord * np.sin(heading + half), heading + 2.0 * half
 
 
@@ -152,7 +162,7 @@ def _chained(
     x, y, heading = start[0], start[1], start[2]
     for k in range(len(lengths)):
         rows[k, 0], rows[k, 1], rows[k, 2], rows[k, 3], rows[k, 4] = x, y, heading, curvatures[k], lengths[k]
-        x, y, heading = follow_on(lengths[k], x, y, heading, curvatures[k])
+        x, y, heading = _follow_on(lengths[k], x, y, heading, curvatures[k])
 
 
 _MOST_SAMPLES = 10**7
