@@ -6,9 +6,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from estimators import Gaussian, wrap
-from estimators.checks import shown, whole, writable
-from estimators.compiled import inlined, rowwise
+from estimators import Gaussian
+from estimators.checks import shown, whole
 from vessel_gym.checks import check_numbers, check_pair, instance, number, one_of
 from vessel_gym.sensors import Sensors
 from vessel_gym.system import Estimate
@@ -17,53 +16,9 @@ from vessel_gym.vehicles.corvette import steady_turns
 from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 
 
-@inlined
-def wrapped(angle: float) -> float:
-    """An angle in (-pi, pi]."""
-    return angle - 2.0 * np.pi * np.ceil(angle / (2.0 * np.pi) - 0.5)
-
-
-@rowwise("void(f8[:,:],i8[:],f8[::1],f8[:,::1])", "void(f8[:,:],f8[:],f8[::1],f8[:,::1])")
-def turning_reference(course: np.ndarray, step: np.ndarray, timing: np.ndarray, out: np.ndarray) -> None:
-    """Heading and yaw rates now, ahead and finally; timing is (time step, lead, ramp, preview) in s."""
-    dt, lead, ramp, preview = timing
-    for row in range(len(out)):
-        heading, rate = course[row, 0], course[row, 1]
-        elapsed = step[row] * dt - lead
-        share = min(max(elapsed / ramp, 0.0), 1.0)
-        out[row, 0] = heading + rate * (0.5 * ramp * share * share + max(elapsed - ramp, 0.0))
-        out[row, 1] = rate * share
-        out[row, 2] = rate * min(max((elapsed + preview) / ramp, 0.0), 1.0)
-        out[row, 3] = rate
-
-
-@rowwise("void(f8[:,:],f8[:,:],f8[:,:],f8[::1],f8[::1],i8[::1])")
-def turning_score(
-    truth: np.ndarray, reference: np.ndarray, action: np.ndarray, kernel: np.ndarray, reward: np.ndarray,
-    lost: np.ndarray,
-) -> None:  # fmt: skip
-    """Reward, and whether the turn is lost; kernel is (heading, yaw rate tolerance, helm cost, heading error lost)."""
-    for row in range(len(reward)):
-        heading = wrapped(reference[row, 0] - truth[row, 2])
-        rate = (reference[row, 1] - truth[row, 5]) / reference[row, 3]
-        value = 0.8 / (1.0 + (heading / kernel[0]) ** 2) + 0.2 / (1.0 + (rate / kernel[1]) ** 2)
-        reward[row] = value * (1.0 - kernel[2] * action[row, 0] ** 2)
-        lost[row] = abs(heading) > kernel[3]
-
-
-@rowwise("void(f8[:,:],f8[:,:],f8[:,:],f8[:,:],f8[::1],f8[:,::1])")
-def turning_view(
-    mean: np.ndarray, d: np.ndarray, reference: np.ndarray, rudder: np.ndarray, gains: np.ndarray, out: np.ndarray
-) -> None:
-    """What is seen of a turn ``(B, 7)``: errors of heading and yaw rate, sway, d, rudder, yaw rates now and ahead."""
-    for row in range(len(out)):
-        out[row, 0] = wrapped(reference[row, 0] - mean[row, 2]) * gains[0]
-        out[row, 1] = (reference[row, 1] - mean[row, 1]) * gains[1]
-        out[row, 2] = mean[row, 0] * gains[2]
-        out[row, 3] = d[row, 0] * gains[3]
-        out[row, 4] = rudder[row, 0] * gains[4]
-        out[row, 5] = reference[row, 1] * gains[5]
-        out[row, 6] = reference[row, 2] * gains[6]
+def wrapped(angle: np.ndarray) -> np.ndarray:
+    """An angle in (-pi, pi]; one within half a turn of 0 keeps its digits."""
+    return angle + 2.0 * np.pi * np.floor(0.5 - angle / (2.0 * np.pi))
 
 
 @dataclass(frozen=True)
@@ -161,22 +116,21 @@ class TurningCircle(Task):
         return Gaussian(np.zeros(4), np.diag([0.2, 0.002, 0.03, 0.2]) ** 2)
 
     def reference(self, course: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """The reference ``(B, 4)`` at a step ``(B,)``: it moves with time, wherever the ship is."""
+        """The reference ``(..., 4)`` at a step ``(...)``: it moves with time, wherever the ship is."""
         return self.command(course, step)
 
     def command(self, course: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """What is commanded ``(B, 4)`` at a step ``(B,)``."""
-        reference = np.empty((len(course), 4))
-        turning_reference(course, step, self._timing, reference)
-        return reference
-
-    @cached_property
-    def _timing(self) -> np.ndarray:
-        return np.array([self.dt, self.lead, self.ramp, self.preview])
+        """The reference ``(..., 4)`` at a step ``(...)``: the yaw rate rises linearly over the ramp."""
+        heading, rate = course[..., 0], course[..., 1]
+        elapsed = step * self.dt - self.lead
+        share = np.clip(elapsed / self.ramp, 0.0, 1.0)
+        share_ahead = np.clip((elapsed + self.preview) / self.ramp, 0.0, 1.0)
+        turned = 0.5 * self.ramp * share * share + np.maximum(elapsed - self.ramp, 0.0)
+        return np.stack([heading + rate * turned, rate * share, rate * share_ahead, rate], -1)
 
     def commanded(self, course: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """The commanded yaw rate ``(B, 1)``."""
-        return self.command(course, step)[:, self.commanding]
+        """The commanded yaw rate ``(..., 1)``."""
+        return self.command(course, step)[..., self.commanding]
 
     # --- what the agent sees ----------------------------------------------------------------------
 
@@ -212,45 +166,44 @@ class TurningCircle(Task):
         return 1.0 / np.array([self.SWAY_SCALE, self.rate_scale, self.HEADING_SCALE, self.INPUT_SCALE])
 
     def observe(self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
-        """The observation ``(B, 7)`` of mode ``"mean"``, before clipping: estimates, reference, rudder."""
-        mean, d = writable(estimate.state), estimate.input_mean
-        observation = np.empty((len(mean), 7))
-        d = np.zeros((len(mean), 1)) if d is None else writable(d)
-        turning_view(mean, d, reference, actuators, self._mean_gains, observation)
-        return observation
+        """The observation ``(..., 7)`` of mode ``"mean"``, before clipping.
+
+        Errors of heading and yaw rate, sway, d, rudder, yaw rates commanded now and ahead.
+        """
+        v, r, psi = (estimate.state[..., i] for i in range(3))
+        heading, rate, rate_ahead = (reference[..., i] for i in range(3))
+        d = np.zeros_like(v) if estimate.input_mean is None else estimate.input_mean[..., 0]
+        errors = wrapped(heading - psi), rate - r
+        return np.stack([*errors, v, d, actuators[..., 0], rate, rate_ahead], -1) * self._mean_gains
 
     def observe_std(self, estimate: Estimate) -> np.ndarray:
-        """The standard deviations ``(B, 4)`` of sway, yaw rate, heading and unknown input, scaled likewise."""
+        """The standard deviations ``(..., 4)`` of sway, yaw rate, heading and unknown input, scaled likewise."""
         assert estimate.sd is not None
-        sd = np.zeros((len(estimate.sd), 4))
-        sd[:, :3] = estimate.sd[:, :3]
-        if estimate.input_sd is not None:
-            sd[:, 3] = estimate.input_sd[:, 0]
-        return sd * self._std_gains
+        sd = estimate.sd[..., :3]
+        known = np.zeros_like(sd[..., :1]) if estimate.input_sd is None else estimate.input_sd[..., :1]
+        return np.concatenate([sd, known], -1) * self._std_gains
 
     def observe_readings(
         self, sensors: Sensors, readings: np.ndarray, available: np.ndarray, course: np.ndarray, step: np.ndarray
     ) -> np.ndarray:
-        """Raw readings ``(B, 2 p)``: readings and mask, no filter.
+        """Measurements and their mask ``(..., 2 p)``, no filter.
 
-        A reading of the heading is shown as what is missing to the commanded one, on the scale of such an error.
+        A measured heading is shown as the error to the commanded one, on the scale of such an error.
         """
-        reference, shown = self.command(course, step), readings / sensors.scale
-        for channel, state in enumerate(sensors.gives):
-            if state == "psi":
-                shown[:, channel] = wrap(reference[:, 0] - readings[:, channel]) / self.HEADING_SCALE
-        return np.concatenate([np.where(available, shown, 0.0), available], -1)
+        heading = self.command(course, step)[..., :1]
+        error = wrapped(heading - readings) / self.HEADING_SCALE
+        measured = np.where([state == "psi" for state in sensors.gives], error, readings / sensors.scale)
+        return np.concatenate([np.where(available, measured, 0.0), available], -1)
 
     def observe_mission(self, course: np.ndarray, step: np.ndarray, actuators: np.ndarray) -> np.ndarray:
-        """The rudder, and the commanded yaw rate now and ahead ``(B, 3)``."""
-        reference = self.command(course, step)
-        return np.concatenate([actuators, reference[:, 1:3]], -1) / self._known_scales
+        """The rudder, and the commanded yaw rate now and ahead ``(..., 3)``."""
+        return np.concatenate([actuators, self.command(course, step)[..., 1:3]], -1) / self._known_scales
 
     def observe_state(self, estimate: Estimate, course: np.ndarray) -> np.ndarray:
-        """Sway, yaw rate, sine and cosine of the heading relative to the first one, d ``(B, 5)``: no guidance."""
-        v, r, psi = estimate.state.T[:3]
-        d = np.zeros(len(v)) if estimate.input_mean is None else estimate.input_mean[:, 0]
-        turned = psi - course[:, 0]
+        """Sway, yaw rate, sine and cosine of the heading relative to the first one, d ``(..., 5)``: no guidance."""
+        v, r, psi = (estimate.state[..., i] for i in range(3))
+        d = np.zeros_like(v) if estimate.input_mean is None else estimate.input_mean[..., 0]
+        turned = psi - course[..., 0]
         scaled = v / self.SWAY_SCALE, r / self.command_scale, np.sin(turned), np.cos(turned), d / self.INPUT_SCALE
         return np.stack(scaled, -1)
 
@@ -261,10 +214,6 @@ class TurningCircle(Task):
     HELM_COST = 0.15  # share of the reward that the full rudder rate costs
     LOST = 0.5 * np.pi  # rad, heading error at which the turn is lost
 
-    @cached_property
-    def _kernel(self) -> np.ndarray:
-        return np.array([self.HEADING_TOLERANCE, self.RATE_TOLERANCE, self.HELM_COST, self.LOST])
-
     ends = ("", "turn lost")
     """Success is to hold the turn until time is up, a perfect reward 1 at every step."""
 
@@ -272,12 +221,14 @@ class TurningCircle(Task):
         self, state: np.ndarray, forcing: np.ndarray, reference: np.ndarray, over: np.ndarray, actuators: np.ndarray,
         action: np.ndarray, tally: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-        """Reward in [0, 1], end of the episode and tally, ``(B,)`` and ``(B, 0)``: the only reader of truth.
+        """Reward in [0, 1] ``(...)``, end of the episode ``(...)`` and an empty score state, from the truth.
 
         The kernels are sharp on purpose: with wide ones an agent trades heading for rudder.
         Rewards are never negative, so ending early never pays; the reference moves with time, so
         neither does loitering.
         """
-        reward, lost = np.empty(len(state)), np.empty(len(state), int)
-        turning_score(state, reference, action, self._kernel, reward, lost)
-        return reward, lost, tally
+        heading = wrapped(reference[..., 0] - state[..., 2])
+        rate = (reference[..., 1] - state[..., 5]) / reference[..., 3]
+        value = 0.8 / (1.0 + (heading / self.HEADING_TOLERANCE) ** 2) + 0.2 / (1.0 + (rate / self.RATE_TOLERANCE) ** 2)
+        reward = value * (1.0 - self.HELM_COST * action[..., 0] ** 2)
+        return reward, np.where(np.abs(heading) > self.LOST, 1, 0), tally
