@@ -7,83 +7,29 @@ from typing import Any, ClassVar
 import numpy as np
 
 from estimators import Gaussian
-from estimators.checks import finite_array, shown, whole, writable
-from estimators.compiled import inlined, part, rowwise
+from estimators.checks import finite_array, shown, whole
 from vessel_gym.checks import check_numbers, instance, one_of
-from vessel_gym.guidance import dive_path
-from vessel_gym.guidance.dive_path import course_to
+from vessel_gym.guidance.dive_path import course_to, locate, point_at
 from vessel_gym.system import Estimate
 from vessel_gym.tasks.task import Task, three_numbers
+from vessel_gym.tasks.turning_circle import wrapped
 from vessel_gym.vehicles.auv import AUVParameters
 
 ENDS = ("", "arrived", "missed the goal", "off the path", "surfaced", "too deep", "pitched over")
+Vector = tuple[np.ndarray, np.ndarray, np.ndarray]
 _ARRIVED, _MISSED, _OFF, _SURFACED, _DEEP, _PITCHED = range(1, len(ENDS))
 
 
-_on_path: Any = part(dive_path._follow.__wrapped__)
-
-
-@inlined
-def _position(state: np.ndarray, row: int, where: np.ndarray, position: np.ndarray) -> None:
-    """North, east and down out of a row's state, which has them at ``where``; -1: it is 0."""
-    for i in range(3):
-        position[i] = state[row, where[i]] if where[i] >= 0 else 0.0
-
-
-@rowwise("void(f8[:,:],i8[::1],f8[:,:],f8,f8[:,::1])")
-def dive_reference(state: np.ndarray, where: np.ndarray, course: np.ndarray, ahead: float, out: np.ndarray) -> None:
-    """Where on their paths vehicles in these states are ``(B, 11)``."""
-    position = np.empty(3)
-    for row in range(len(out)):
-        _position(state, row, where, position)
-        _on_path(position, course[row], ahead, out[row, :8], out[row, :8])
-        for i in range(3):
-            out[row, 8 + i] = course[row, i]
-
-
-@inlined
-def _scaled(first: int, actuators: np.ndarray, gains: np.ndarray, seen: np.ndarray) -> None:
-    """Put the actuators behind the ``first`` numbers that are seen of a dive, and scale all of them."""
-    for i in range(len(actuators)):
-        seen[first + i] = actuators[i]
-    for i in range(len(seen)):
-        seen[i] = (seen[i] - gains[0, i]) * gains[1, i]
-
-
-@rowwise("void(f8[:,:],i8[::1],f8[:,:],b1[:],f8[:,:],f8[:,:],f8[::1],f8[::1],i8[::1],f8[:,::1])")
-def dive_score(
-    state: np.ndarray, where: np.ndarray, reference: np.ndarray, over: np.ndarray, actuators: np.ndarray,
-    tally: np.ndarray, figures: np.ndarray, reward: np.ndarray, end: np.ndarray, after: np.ndarray,
-) -> None:  # fmt: skip
-    """Reward and end ``(B,)`` and the next tally ``(B, 2)``, see `Dive.score`; ``figures`` are `Dive._figures`."""
-    tracking, track_tolerance, goal_tolerance, lost, pitch_limit, hotel = figures[:6]
-    most, speed, dt, thrust, launch_depth, margin = figures[6:]
-    position, true = np.empty(3), np.empty(8)
-    for row in range(len(reward)):
-        _position(state, row, where, position)
-        course = reference[row, 8:]
-        length, depth = course[1], course[2]
-        _on_path(position, course, 0.0, true, true)
-        off = np.hypot(true[1], true[2] / np.sqrt(1.0 + true[4] ** 2))
-        farthest = tally[row, 0]
-        fresh = min(max(min(true[0], length) - farthest, 0.0), most)
-        power = (hotel + (actuators[row, -1] / thrust) ** 1.5) / (hotel + 1.0)
-        energy = tally[row, 1] + dt * power
-        after[row, 0], after[row, 1] = farthest + fresh, energy
-        reward[row] = tracking * fresh / length / (1.0 + (off / track_tolerance) ** 2)
-        end[row] = _OFF if off > lost else 0
-        if position[2] < -launch_depth:
-            end[row] = _SURFACED
-        if position[2] > depth + margin:
-            end[row] = _DEEP
-        if abs(state[row, where[3]]) > pitch_limit:
-            end[row] = _PITCHED
-        if over[row]:
-            x, y, z, _, _ = dive_path._point(length, dive_path._curvature(course[0], length), length, depth)
-            miss = np.sqrt((position[0] - x) ** 2 + (position[1] - y) ** 2 + (position[2] - z) ** 2)
-            economy = min(np.hypot(length, depth) / speed / energy, 1.0)
-            reward[row] += (1.0 - tracking) * economy / (1.0 + (miss / goal_tolerance) ** 2)
-            end[row] = _ARRIVED if miss <= goal_tolerance else _MISSED
+def to_body_axes(vector: Vector, roll: np.ndarray, pitch: np.ndarray, yaw: np.ndarray) -> Vector:
+    """A vector (north, east, down) in body axes (ahead, to starboard, below)."""
+    north, east, down = vector
+    ahead, aside = north * np.cos(yaw) + east * np.sin(yaw), east * np.cos(yaw) - north * np.sin(yaw)
+    below = ahead * np.sin(pitch) + down * np.cos(pitch)
+    return (
+        ahead * np.cos(pitch) - down * np.sin(pitch),
+        aside * np.cos(roll) + below * np.sin(roll),
+        below * np.cos(roll) - aside * np.sin(roll),
+    )
 
 
 @dataclass(frozen=True)
@@ -96,9 +42,6 @@ class Dive(Task):
     course.
     The dive is over when the vehicle believes to have covered the path, or has covered it where nobody sees what it
     believes (see `vessel_gym.core.Core`).
-
-    `score` and `observe` are compiled: they do not ask other methods, so a subclass that scales or pays otherwise
-    writes these two itself.
     """
 
     auv: AUVParameters
@@ -177,10 +120,8 @@ class Dive(Task):
         return Gaussian(np.zeros(len(self.prior_sd)), np.diag(self.prior_sd) ** 2)
 
     def reference(self, course: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """Where on the path a vehicle in a state ``(B, n)`` is, ``(B, 11)``."""
-        reference = np.empty((len(state), 11))
-        dive_reference(writable(state), self.where, course, self.ahead, reference)
-        return reference
+        """Position relative to the path of a vehicle in a state ``(..., n)``, and the course, ``(..., 11)``."""
+        return np.concatenate([locate(self.position(state), course, self.ahead), course], -1)
 
     # --- what the agent sees ----------------------------------------------------------------------
 
@@ -189,11 +130,21 @@ class Dive(Task):
 
     @cached_property
     def _gains(self) -> np.ndarray:
-        """What counts as 0 and one over what counts as 1 of an observation, then of the actuators, ``(2, k)``."""
+        """Offset and one over the scale of an observation, then of the actuators, ``(2, k)``."""
         fin, thrust = self.auv.fin_limit, 0.5 * self.auv.thrust_limit
         zeros = [self.auv.cruise_speed * (name == "surge error") for name in self.observed]
         sizes = [*self.observed.values(), *(fin,) * (self.actuators - 1), thrust]
         return np.array([[*zeros, *(0.0,) * (self.actuators - 1), thrust], 1.0 / np.array(sizes)])
+
+    def errors(self, state: np.ndarray, flow: np.ndarray, reference: np.ndarray) -> list[np.ndarray]:
+        """The components of ``observed``, ``(...)`` each, in SI, from an estimated state and current."""
+        raise NotImplementedError
+
+    def observe(self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
+        """The observation ``(..., k)`` of mode ``"mean"``, before clipping: errors, estimates, actuators."""
+        seen = np.stack(self.errors(estimate.state, estimate.flow, reference), -1)
+        offset, gain = self._gains
+        return (np.concatenate([seen, actuators], -1) - offset) * gain
 
     def named(self, observations: np.ndarray) -> dict[str, np.ndarray]:
         """What observations ``(B, k)`` of mode ``"mean"`` say, by the names of ``observed``, ``(B,)`` each in SI."""
@@ -218,26 +169,25 @@ class Dive(Task):
     """Sizes that count as 1 of the last components of a course, which an observation of raw readings holds."""
 
     def observe_mission(self, course: np.ndarray, step: np.ndarray, actuators: np.ndarray) -> np.ndarray:
-        """What is asked, and the actuators: the course and they ``(B, k)``."""
-        mission = course[:, -len(self.mission_scale) :] / self.mission_scale
+        """The course and the actuators ``(..., k)``."""
+        mission = course[..., -len(self.mission_scale) :] / self.mission_scale
         return np.concatenate([mission, self.scaled(actuators)], -1)
 
     def observe_state(self, estimate: Estimate, course: np.ndarray) -> np.ndarray:
-        """The estimated state and current ``(B, n + f)`` as they are, without guidance."""
+        """The estimated state and current ``(..., n + f)``, without guidance."""
         return np.concatenate([estimate.state / self.state_scale, estimate.flow / 0.25], -1)
 
     where: ClassVar[np.ndarray]
     """Which components of a state are north, east and down [m] and the pitch [rad]; -1: there is none, it is 0."""
 
     def position(self, state: np.ndarray) -> np.ndarray:
-        """North, east and down [m] out of a state, ``(B, 3)``."""
-        return np.where(self.where[:3] < 0, 0.0, state[:, self.where[:3]])
+        """North, east and down [m] of a state, ``(..., 3)``."""
+        return np.stack([state[..., i] if i >= 0 else np.zeros_like(state[..., 0]) for i in self.where[:3]], -1)
 
     def scaled(self, actuators: np.ndarray) -> np.ndarray:
         """Fins relative to their limit and thrust from -1 (none) to 1 (all)."""
-        scaled = actuators / self.auv.fin_limit
-        scaled[:, -1] = 2.0 * actuators[:, -1] / self.auv.thrust_limit - 1.0
-        return scaled
+        thrust = 2.0 * actuators[..., -1:] / self.auv.thrust_limit - 1.0
+        return np.concatenate([actuators[..., :-1] / self.auv.fin_limit, thrust], -1)
 
     # --- how it is scored -------------------------------------------------------------------------
 
@@ -254,84 +204,53 @@ class Dive(Task):
         return reference[..., 8:]
 
     def over(self, reference: np.ndarray) -> np.ndarray:
-        """Whether who is there has covered the path ``(B,)``."""
-        return reference[:, 0] >= reference[:, 9]
+        """Is the path covered? ``(...)``."""
+        return reference[..., 0] >= reference[..., 9]
 
     def power(self, actuators: np.ndarray) -> np.ndarray:
         """Power ``(...)`` of propeller and hotel load for actuators ``(..., a)``, relative to cruising."""
-        propeller = (actuators[..., -1] / self.auv.cruise_thrust) ** 1.5
-        return (self.HOTEL + propeller) / (self.HOTEL + 1.0)
+        thrust = actuators[..., -1] / self.auv.cruise_thrust
+        return (self.HOTEL + thrust * np.sqrt(thrust)) / (self.HOTEL + 1.0)
 
     def begin(self, state: np.ndarray, course: np.ndarray) -> np.ndarray:
-        """The farthest progress [m] and the energy used [s at cruising power], ``(B, 2)``."""
-        tally, place = np.zeros((len(state), 2)), np.empty((len(state), 11))
-        dive_reference(writable(state), self.where, course, 0.0, place)
-        tally[:, 0] = np.minimum(np.maximum(place[:, 0], 0.0), course[:, 1])
-        return tally
+        """The farthest progress [m] and the energy used [s at cruising power], ``(..., 2)``."""
+        progress = locate(self.position(state), course, 0.0)[..., 0]
+        return np.stack([np.clip(progress, 0.0, course[..., 1]), np.zeros_like(progress)], -1)
 
     def score(
         self, state: np.ndarray, forcing: np.ndarray, reference: np.ndarray, over: np.ndarray, actuators: np.ndarray,
         action: np.ndarray, tally: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-        """Reward in [0, 1], end of the episode ``(B,)`` and tally ``(B, 2)``: the only reader of truth.
+        """Reward in [0, 1] ``(...)``, end of the episode ``(...)`` and score state ``(..., 2)``, from the truth.
 
         Every metre of the path pays once, when it is first covered, and the more the closer the vehicle is to the path:
         staying, going back and circling pay nothing. Arriving pays by the distance to the goal and by the energy that
         a dive at cruising speed would take over that used, so that waiting costs. Ending early forgoes the rest.
         """
-        reward, end, after = np.empty(len(state)), np.empty(len(state), int), np.empty((len(state), 2))
-        dive_score(state, self.where, reference, over, actuators, tally, self._figures, reward, end, after)
-        return reward, end, after
+        course, position, farthest = self.course_of(reference), self.position(state), tally[..., 0]
+        length, depth, speed = course[..., 1], course[..., 2], self.auv.cruise_speed
+        place = locate(position, course, 0.0)
+        off = np.hypot(place[..., 1], place[..., 2] / np.sqrt(1.0 + place[..., 4] ** 2))
+        fresh = np.clip(np.minimum(place[..., 0], length) - farthest, 0.0, self.FASTEST * speed * self.dt)
+        energy = tally[..., 1] + self.dt * self.power(actuators)
+        tracking = self.TRACKING * fresh / length / (1.0 + (off / self.TRACK_TOLERANCE) ** 2)
 
-    @cached_property
-    def _figures(self) -> np.ndarray:
-        speed = self.auv.cruise_speed
-        return np.array([
-            self.TRACKING, self.TRACK_TOLERANCE, self.GOAL_TOLERANCE, self.LOST, self.PITCH_LIMIT, self.HOTEL,
-            self.FASTEST * speed * self.dt, speed, self.dt, self.auv.cruise_thrust, self.launch_depth, self.margin,
-        ])  # fmt: skip
+        goal = np.stack(point_at(length, course)[:3], -1)
+        miss = np.sqrt(((position - goal) ** 2).sum(-1))
+        economy = np.minimum(np.hypot(length, depth) / speed / energy, 1.0)
+        arriving = (1.0 - self.TRACKING) * economy / (1.0 + (miss / self.GOAL_TOLERANCE) ** 2)
+        reward = tracking + np.where(over, arriving, 0.0)
+
+        down, pitch = position[..., 2], state[..., self.where[3]]
+        end = np.where(off > self.LOST, _OFF, 0)
+        end = np.where(down < -self.launch_depth, _SURFACED, end)
+        end = np.where(down > depth + self.margin, _DEEP, end)
+        end = np.where(np.abs(pitch) > self.PITCH_LIMIT, _PITCHED, end)
+        end = np.where(over, np.where(miss <= self.GOAL_TOLERANCE, _ARRIVED, _MISSED), end)
+        return reward, end, np.stack([farthest + fresh, energy], -1)
 
 
 # --- six degrees of freedom -------------------------------------------------------------------------
-
-
-@inlined
-def _spatial_errors(x: np.ndarray, flow: np.ndarray, reference: np.ndarray, out: np.ndarray) -> None:
-    """In body axes: vector to the path, vector to the point ahead, current; then heading and pitch error."""
-    sin_phi, cos_phi, sin_theta, cos_theta = np.sin(x[9]), np.cos(x[9]), np.sin(x[10]), np.cos(x[10])
-    sin_psi, cos_psi = np.sin(x[11]), np.cos(x[11])
-    cross, heading = reference[1], reference[3]
-    vectors = (
-        (cross * np.sin(heading), -cross * np.cos(heading), -reference[2]),
-        (reference[5], reference[6], reference[7]),
-        (flow[0], flow[1], 0.0),
-    )
-    for i in range(3):
-        north, east, down = vectors[i]
-        ahead, aside = north * cos_psi + east * sin_psi, east * cos_psi - north * sin_psi
-        below = ahead * sin_theta + down * cos_theta
-        out[3 * i] = ahead * cos_theta - down * sin_theta
-        out[3 * i + 1] = aside * cos_phi + below * sin_phi
-        out[3 * i + 2] = below * cos_phi - aside * sin_phi
-    turn = heading - x[11]
-    out[9] = turn - 2.0 * np.pi * np.floor(turn / (2.0 * np.pi) + 0.5)
-    out[10] = -np.arctan(reference[4]) - x[10]
-
-
-@rowwise("void(f8[:,:],f8[:,:],f8[:,:],f8[:,:],f8[:,::1],f8[:,::1])")
-def spatial_view(
-    state: np.ndarray, flow: np.ndarray, reference: np.ndarray, actuators: np.ndarray, gains: np.ndarray,
-    out: np.ndarray,
-) -> None:  # fmt: skip
-    """What is seen of a dive ``(B, 24)``; ``gains`` are `Dive._gains`."""
-    for row in range(len(out)):
-        x, place, seen = state[row], reference[row], out[row]
-        _spatial_errors(x, flow[row], place, seen)
-        seen[11], seen[12] = place[9] - place[0], place[8] / place[9]
-        for i in range(6):
-            seen[13 + i] = x[i]
-        seen[19], seen[20] = x[9], x[10]
-        _scaled(21, actuators[row], gains, seen)
 
 
 @dataclass(frozen=True)
@@ -354,50 +273,23 @@ class SpatialDive(Dive):
         "roll": 0.25, "pitch": 0.5,
     }  # fmt: skip
 
-    def observe(self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
-        """The observation ``(B, 24)`` of mode ``"mean"``, before clipping: errors, estimates, actuators."""
-        seen = np.empty((len(reference), 24))
-        spatial_view(writable(estimate.state), writable(estimate.flow), reference, actuators, self._gains, seen)
-        return seen
+    def errors(self, state: np.ndarray, flow: np.ndarray, reference: np.ndarray) -> list[np.ndarray]:
+        """The components of ``observed``: vectors to the path and ahead and the current in body axes, then the rest."""
+        progress, cross, depth, heading, slope, north, east, down = (reference[..., i] for i in range(8))
+        angle, length = reference[..., 8], reference[..., 9]
+        motion, (roll, pitch, yaw) = [state[..., i] for i in range(6)], (state[..., i] for i in range(9, 12))
+        to_path = cross * np.sin(heading), -cross * np.cos(heading), -depth
+        current = flow[..., 0], flow[..., 1], np.zeros_like(depth)
+        return [
+            *to_body_axes(to_path, roll, pitch, yaw),
+            *to_body_axes((north, east, down), roll, pitch, yaw),
+            *to_body_axes(current, roll, pitch, yaw),
+            wrapped(heading - yaw), -np.arctan(slope) - pitch, length - progress, angle / length,
+            *motion, roll, pitch,
+        ]  # fmt: skip
 
 
 # --- the vertical plane -----------------------------------------------------------------------------
-
-
-@inlined
-def _vertical_errors(x: np.ndarray, flow: np.ndarray, reference: np.ndarray, out: np.ndarray) -> None:
-    """In body axes, ahead and down: vector to the path, vector to the point ahead, current; then the pitch error."""
-    sin_theta, cos_theta = np.sin(x[5]), np.cos(x[5])
-    out[0], out[1] = reference[2] * sin_theta, -reference[2] * cos_theta
-    out[2] = reference[5] * cos_theta - reference[7] * sin_theta
-    out[3] = reference[5] * sin_theta + reference[7] * cos_theta
-    out[4], out[5] = flow[0] * cos_theta, flow[0] * sin_theta
-    out[6] = -np.arctan(reference[4]) - x[5]
-
-
-@rowwise("void(f8[:,:],f8[:,:],f8[:,:],f8[:,:],f8[:,::1],f8[:,::1])")
-def vertical_view(
-    state: np.ndarray, flow: np.ndarray, reference: np.ndarray, actuators: np.ndarray, gains: np.ndarray,
-    out: np.ndarray,
-) -> None:  # fmt: skip
-    """What is seen of a dive ``(B, 14)``; ``gains`` are `Dive._gains`."""
-    for row in range(len(out)):
-        x, place, seen = state[row], reference[row], out[row]
-        _vertical_errors(x, flow[row], place, seen)
-        seen[7] = place[9] - place[0]
-        for i in range(3):
-            seen[8 + i] = x[i]
-        seen[11] = x[5]
-        _scaled(12, actuators[row], gains, seen)
-
-
-@rowwise("void(f8[:],f8[:,:],f8[:,::1])")
-def path_angle(covered: np.ndarray, course: np.ndarray, out: np.ndarray) -> None:
-    """Angles of paths ``(B, 1)`` [rad], upwards, at so many metres in plan ``(B,)``; their ends are level."""
-    for row in range(len(out)):
-        length, depth = course[row, 1], course[row, 2]
-        share = min(covered[row] / length, 1.0)
-        out[row, 0] = -np.arctan(6.0 * depth * share * (1.0 - share) / length)
 
 
 @dataclass(frozen=True)
@@ -426,13 +318,17 @@ class VerticalDive(Dive):
         return goal
 
     def commanded(self, course: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """The angle of the path [rad] where a vehicle at the cruising speed would be, upwards, ``(B, 1)``."""
-        angle = np.empty((len(course), 1))
-        path_angle(step * (self.dt * self.auv.cruise_speed), course, angle)
-        return angle
+        """The angle of the path [rad] where a vehicle at the cruising speed would be, upwards, ``(..., 1)``."""
+        length, depth = course[..., 1], course[..., 2]
+        share = np.minimum(step * (self.dt * self.auv.cruise_speed) / length, 1.0)
+        return np.stack([-np.arctan(6.0 * depth * share * (1.0 - share) / length)], -1)
 
-    def observe(self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
-        """The observation ``(B, 14)`` of mode ``"mean"``, before clipping: errors, estimates, actuators."""
-        seen = np.empty((len(reference), 14))
-        vertical_view(writable(estimate.state), writable(estimate.flow), reference, actuators, self._gains, seen)
-        return seen
+    def errors(self, state: np.ndarray, flow: np.ndarray, reference: np.ndarray) -> list[np.ndarray]:
+        """The components of ``observed``: vectors to the path and ahead and the current in body axes, then the rest."""
+        progress, _, depth, _, slope, ahead, _, down = (reference[..., i] for i in range(8))
+        surge, heave, rate, _, _, pitch = (state[..., i] for i in range(6))
+        sin, cos, current = np.sin(pitch), np.cos(pitch), flow[..., 0]
+        return [
+            depth * sin, -depth * cos, ahead * cos - down * sin, ahead * sin + down * cos, current * cos, current * sin,
+            -np.arctan(slope) - pitch, reference[..., 9] - progress, surge, heave, rate, pitch,
+        ]  # fmt: skip

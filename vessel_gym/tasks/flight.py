@@ -7,13 +7,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from estimators import Gaussian
-from estimators.checks import shown, whole, writable
-from estimators.compiled import inlined, part, rowwise
+from estimators.checks import shown, whole
 from vessel_gym.checks import check_numbers, check_pair, instance, numbers, one_of
-from vessel_gym.guidance import path_following
 from vessel_gym.guidance.dubins import NoPath, Path, plan
-from vessel_gym.guidance.path_following import COLUMNS, track
-from vessel_gym.guidance.words import advance, follow_on
+from vessel_gym.guidance.path_following import _ANYWHERE, COLUMNS, locate
+from vessel_gym.guidance.words import follow_on
 from vessel_gym.system import Estimate
 from vessel_gym.tasks.task import FARTHEST, Task, three_numbers
 from vessel_gym.vehicles.puna import PunaParameters
@@ -32,122 +30,6 @@ _WHERE = 6  # numbers of a reference before its course
 _OPTIONS = ("start", "goal", "obstacles", "altitude")
 
 
-@inlined
-def _flight_errors(x: np.ndarray, wind: np.ndarray, reference: np.ndarray, gravity: float, out: np.ndarray) -> None:
-    """What is to be seen of a state ``(7,)``, a wind and a reference, in SI and in the order of `Flight.observed`."""
-    heading, curvature, later = reference[3], reference[4], reference[5]
-    down = wind[2]
-    north, east, up = x[3] - wind[0], x[4] - wind[1], x[5] + down
-    ground = np.hypot(x[3], x[4])
-    course = np.arctan2(x[4], x[3])
-    drift = course - np.arctan2(east, north)
-    out[0], out[1] = reference[1], reference[2]
-    out[2], out[3] = np.sin(heading - course), np.cos(heading - course)
-    out[4], out[5] = curvature, later
-    # Lift turns the velocity through the air; over ground its share across the course counts.
-    out[6] = np.arctan(ground * min(ground, 1e3) * curvature / gravity / max(np.cos(drift), 0.5))
-    out[7] = ground
-    out[8] = np.hypot(np.hypot(north, east), up)
-    out[9], out[10] = x[5], down
-    out[11] = x[6]
-    ahead = aside = 0.0
-    first = len(reference) - 3 * OBSTACLES
-    for k in range(OBSTACLES):
-        radius = reference[first + 3 * k + 2]
-        if radius > 0.0:
-            dx, dy = reference[first + 3 * k] - x[0], reference[first + 3 * k + 1] - x[1]
-            distance = np.hypot(dx, dy)
-            near = min(max(1.0 - (distance - radius) / 100.0, 0.0), 2.0) / max(distance, 1e-9)
-            if near > 0.0:
-                ahead += near * (dx * np.cos(course) + dy * np.sin(course))
-                aside += near * (dy * np.cos(course) - dx * np.sin(course))
-    out[12], out[13] = ahead, aside
-    out[14] = reference[_WHERE + _PATH] - reference[0]
-
-
-@rowwise("void(f8[:,:],f8[:,:],f8[:,:],f8[:,:],f8,f8[:,::1],f8[:,::1],f8[:,::1])")
-def flight_view(
-    state: np.ndarray, wind: np.ndarray, reference: np.ndarray, actuators: np.ndarray, gravity: float,
-    gains: np.ndarray, reach: np.ndarray, out: np.ndarray,
-) -> None:  # fmt: skip
-    """What is seen of a flight ``(B, 18)``; ``gains`` and ``reach`` are `Flight._gains` and `Flight._reach`."""
-    count = gains.shape[1]
-    for row in range(len(out)):
-        _flight_errors(state[row], wind[row], reference[row], gravity, out[row])
-        for i in range(count):
-            out[row, i] = (out[row, i] - gains[0, i]) * gains[1, i]
-        for i in range(3):
-            change = actuators[row, i] - reach[0, i]
-            out[row, count + i] = change / (reach[1, i] if change < 0.0 else reach[2, i])
-
-
-_on_path: Any = part(path_following._follow.__wrapped__)
-
-
-@rowwise("void(f8[:,:],f8[:,:],f8[::1],f8[::1],f8[:,::1])")
-def flight_reference(
-    state: np.ndarray, course: np.ndarray, window: np.ndarray, ahead: np.ndarray, out: np.ndarray
-) -> None:
-    """Where on their paths aircraft in these states are ``(B, 103)``; window and look-ahead as `path_following` has."""
-    pose, where = np.empty(3), np.empty(7)
-    for row in range(len(out)):
-        pose[0], pose[1], pose[2] = state[row, 0], state[row, 1], np.arctan2(state[row, 4], state[row, 3])
-        _on_path(pose, window, course[row, :_PATH], ahead, where, where)
-        out[row, 0], out[row, 1], out[row, 2] = where[0], where[1], state[row, 2] - course[row, _PATH + 1]
-        out[row, 3], out[row, 4], out[row, 5] = where[2], where[3], where[4]
-        for i in range(course.shape[1]):
-            out[row, _WHERE + i] = course[row, i]
-
-
-@rowwise("void(f8[:,:],f8[:,:],f8[:,:],b1[:],f8[:,:],f8[:,:],f8[::1],f8[::1],i8[::1],f8[:,::1])")
-def flight_score(
-    state: np.ndarray, wind: np.ndarray, reference: np.ndarray, over: np.ndarray, action: np.ndarray,
-    tally: np.ndarray, figures: np.ndarray, reward: np.ndarray, end: np.ndarray, after: np.ndarray,
-) -> None:  # fmt: skip
-    """Reward and end ``(B,)`` and the next tally ``(B, 4)``, see `Flight.score`; ``figures`` are `Flight._figures`."""
-    tracking, track_tolerance, altitude_tolerance, berth, helm_cost, goal_tolerance = figures[:6]
-    lost, height_lost, stall, most, reach = figures[6:]
-    pose, window, ahead, true = np.zeros(3), np.zeros(3), np.array([1.0, 2.0]), np.empty(7)
-    for row in range(len(reward)):
-        x, y, course, farthest = state[row, 0], state[row, 1], reference[row, _WHERE:], tally[row, 0]
-        length, above = course[_PATH], state[row, 2] - course[_PATH + 1]
-        pose[0], pose[1], window[0], window[1] = x, y, farthest - reach, farthest + reach
-        _on_path(pose, window, course[:_PATH], ahead, true, true)
-        off, clearance = true[6], np.inf
-        for k in range(len(course) - 3 * OBSTACLES, len(course), 3):
-            if course[k + 2] > 0.0:
-                clearance = min(clearance, np.hypot(course[k] - x, course[k + 1] - y) - course[k + 2])
-        fresh, jump = min(max(min(true[0], length) - farthest, 0.0), most), 0.0
-        for i in range(3):
-            jump += (action[row, i] - tally[row, 1 + i]) ** 2 / 3.0
-            after[row, 1 + i] = action[row, i]
-        quality = (1.0 - helm_cost * min(jump, 1.0)) * min(max(clearance / berth, 0.0), 1.0)
-        quality /= (1.0 + (off / track_tolerance) ** 2) * (1.0 + (above / altitude_tolerance) ** 2)
-        reward[row] = tracking * fresh / length * quality
-        after[row, 0] = farthest + fresh
-        end[row] = _HEIGHT if abs(above) > height_lost else 0
-        if off > lost:
-            end[row] = _OFF
-        north, east = state[row, 3] - wind[row, 0], state[row, 4] - wind[row, 1]
-        if np.hypot(np.hypot(north, east), state[row, 5] + wind[row, 2]) < stall:
-            end[row] = _STALLED
-        if over[row]:
-            last = 0
-            for k in range(0, _PATH, COLUMNS):
-                last = k if course[k + 4] > 0.0 else last
-            ex, ey, _ = follow_on(course[last + 4], course[last], course[last + 1], course[last + 2], course[last + 3])
-            miss = np.hypot(x - ex, y - ey)
-            covered = min((farthest + fresh + goal_tolerance) / length, 1.0)
-            reward[row] += (1.0 - tracking) * covered / (1.0 + (miss / goal_tolerance) ** 2)
-            end[row] = _ARRIVED if miss <= goal_tolerance else _MISSED
-        if state[row, 2] <= 0.0:
-            end[row] = _CRASHED
-        if clearance < 0.0:
-            end[row] = _HIT
-        if end[row] == _HIT or end[row] == _CRASHED:
-            reward[row] = 0.0
-
-
 @dataclass(frozen=True)
 class Flight(Task):
     """A flight along a Dubins path round circular obstacles, of an aircraft whose state is `vehicles.puna.STATE`.
@@ -159,9 +41,6 @@ class Flight(Task):
 
     The flight is over when the aircraft believes to have covered the path, or has covered it where nobody sees what it
     believes (see `vessel_gym.core.Core`).
-
-    `score` and `observe` are compiled: they do not ask other methods, so a subclass that scales or pays otherwise
-    writes these two itself.
     """
 
     body: PunaParameters
@@ -318,14 +197,11 @@ class Flight(Task):
         return Gaussian(np.zeros(7), np.diag([1.0, 1.0, 1.0, 0.5, 0.5, 0.3, 0.02]) ** 2)
 
     def reference(self, course: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """Where on the path an aircraft in a state ``(B, n)`` is, ``(B, 103)``."""
-        reference = np.empty((len(state), _WHERE + course.shape[1]))
-        flight_reference(writable(state), course, path_following._ANYWHERE, self._ahead, reference)
-        return reference
-
-    @cached_property
-    def _ahead(self) -> np.ndarray:
-        return np.array(self.ahead)
+        """Position relative to the path of an aircraft in a state ``(..., n)``, and the course, ``(..., 103)``."""
+        pose = np.stack([state[..., 0], state[..., 1], np.arctan2(state[..., 4], state[..., 3])], -1)
+        place = locate(pose, _ANYWHERE, course[..., :_PATH], np.array(self.ahead))
+        above = state[..., 2:3] - course[..., _PATH + 1 : _PATH + 2]
+        return np.concatenate([place[..., :2], above, place[..., 2:5], course], -1)
 
     # --- what the agent sees ----------------------------------------------------------------------
 
@@ -341,14 +217,9 @@ class Flight(Task):
 
     @cached_property
     def _gains(self) -> np.ndarray:
-        """What counts as 0 and one over what counts as 1 of an observation ``(2, 15)``."""
+        """Offset and one over the scale of an observation ``(2, 15)``."""
         offsets, scales = np.array(list(self.observed.values())).T
         return np.array([offsets, 1.0 / scales])
-
-    @cached_property
-    def _reach(self) -> np.ndarray:
-        """Actuators that cruise, and from there to the lower and the upper limits ``(3, 3)``."""
-        return np.array([self.body.cruise, *self.body._reach])
 
     def named(self, observations: np.ndarray) -> dict[str, np.ndarray]:
         """What observations ``(B, k)`` of mode ``"mean"`` say, by the names of ``observed``, ``(B,)`` each in SI."""
@@ -376,19 +247,31 @@ class Flight(Task):
         return 1.0 / np.concatenate([path, [100.0], np.tile([100.0, 100.0, 50.0], OBSTACLES)])
 
     def observe(self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
-        """The observation ``(B, 18)`` of mode ``"mean"``, before clipping: errors, estimates, actuators."""
-        seen, gravity = np.empty((len(reference), self._gains.shape[1] + 3)), self.body.gravity
-        state, flow = writable(estimate.state), writable(estimate.flow)
-        flight_view(state, flow, reference, actuators, gravity, self._gains, self._reach, seen)
-        return seen
+        """The observation ``(..., 18)`` of mode ``"mean"``, before clipping: errors, estimates, actuators."""
+        x, y, _, north, east, climb, bank = (estimate.state[..., i] for i in range(7))
+        wind_north, wind_east, wind_down = (estimate.flow[..., i] for i in range(3))
+        progress, cross, above, heading, curvature, later = (reference[..., i] for i in range(_WHERE))
+        ground, course = np.hypot(north, east), np.arctan2(east, north)
+        through_north, through_east = north - wind_north, east - wind_east
+        airspeed = np.hypot(np.hypot(through_north, through_east), climb + wind_down)
+        # Lift turns the velocity through the air; over ground its share across the course counts.
+        across = np.maximum(np.cos(course - np.arctan2(through_east, through_north)), 0.5)
+        path_bank = np.arctan(ground * np.minimum(ground, 1e3) * curvature / self.body.gravity / across)
+        seen = [
+            cross, above, np.sin(heading - course), np.cos(heading - course), curvature, later, path_bank, ground,
+            airspeed, climb, wind_down, bank, *_obstacles_near(x, y, course, reference),
+            reference[..., _WHERE + _PATH] - progress,
+        ]  # fmt: skip
+        offset, gain = self._gains
+        return np.concatenate([(np.stack(seen, -1) - offset) * gain, self.scaled(actuators)], -1)
 
     def observe_mission(self, course: np.ndarray, step: np.ndarray, actuators: np.ndarray) -> np.ndarray:
-        """What is asked, and the actuators: path, altitude, obstacles and they ``(B, 99)``."""
-        mission = np.delete(course, _PATH, axis=1) * self._course_gains
+        """Path, altitude, obstacles and actuators ``(..., 99)``."""
+        mission = np.concatenate([course[..., :_PATH], course[..., _PATH + 1 :]], -1) * self._course_gains
         return np.concatenate([mission, self.scaled(actuators)], -1)
 
     def observe_state(self, estimate: Estimate, course: np.ndarray) -> np.ndarray:
-        """The estimated state and wind ``(B, 10)`` as they are, without guidance."""
+        """The estimated state and wind ``(..., 10)``, without guidance."""
         state = (estimate.state - self.STATE_OFFSET) / self.STATE_SCALE
         return np.concatenate([state, estimate.flow / 5.0], -1)
 
@@ -411,41 +294,55 @@ class Flight(Task):
     WINDOW = 50.0  # m of path about the farthest progress where the aircraft is looked for
 
     def begin(self, state: np.ndarray, course: np.ndarray) -> np.ndarray:
-        """The farthest progress [m] and the last commands, ``(B, 4)``."""
-        tally, place = np.zeros((len(state), 4)), np.empty((len(state), _WHERE + course.shape[1]))
-        flight_reference(writable(state), course, np.array([-self.WINDOW, self.WINDOW, 0.0]), self._ahead, place)
-        tally[:, 0] = np.maximum(place[:, 0], 0.0)
-        return tally
+        """The farthest progress [m] and the last commands, ``(..., 4)``."""
+        zero = np.zeros_like(state[..., 0])
+        return np.stack([np.maximum(self.track(state, course, zero)[..., 0], 0.0), zero, zero, zero], -1)
 
     def score(
         self, state: np.ndarray, forcing: np.ndarray, reference: np.ndarray, over: np.ndarray, actuators: np.ndarray,
         action: np.ndarray, tally: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-        """Reward in [0, 1], end of the episode ``(B,)`` and tally ``(B, 4)``: the only reader of truth.
+        """Reward in [0, 1] ``(...)``, end of the episode ``(...)`` and score state ``(..., 4)``, from the truth.
 
         Every metre of the path pays once, when it is first covered, and the more the closer the aircraft is to the path
         and to its altitude, the smoother its commands and the clearer of obstacles: waiting, circling and short cuts
         pay nothing. Arriving pays by the distance to the goal and the share of the path that was covered.
         """
-        reward, end, after = np.empty(len(state)), np.empty(len(state), int), np.empty(tally.shape)
-        flight_score(state, forcing[:, 4:], reference, over, action, tally, self._figures, reward, end, after)
-        return reward, end, after
+        course, farthest, last = self.course_of(reference), tally[..., 0], tally[..., 1:]
+        x, y, altitude, north, east, climb = (state[..., i] for i in range(6))
+        length, above = course[..., _PATH], altitude - self.altitude_of(course)
+        place, clearance = self.track(state, course, farthest), self.clearance(state, course)
+        off, most = place[..., 6], self.FASTEST * self.body.cruise_speed * self.dt
+        fresh = np.clip(np.minimum(place[..., 0], length) - farthest, 0.0, most)
+        jump = ((action - last) ** 2 / 3.0).sum(-1)
+        quality = (1.0 - self.HELM_COST * np.minimum(jump, 1.0)) * np.clip(clearance / self.BERTH, 0.0, 1.0)
+        near, level = (off / self.TRACK_TOLERANCE) ** 2, (above / self.ALTITUDE_TOLERANCE) ** 2
+        tracking = self.TRACKING * fresh / length * (quality / ((1.0 + near) * (1.0 + level)))
 
-    @cached_property
-    def _figures(self) -> np.ndarray:
-        most = self.FASTEST * self.body.cruise_speed * self.dt
-        return np.array([
-            self.TRACKING, self.TRACK_TOLERANCE, self.ALTITUDE_TOLERANCE, self.BERTH, self.HELM_COST,
-            self.GOAL_TOLERANCE, self.LOST, self.HEIGHT_LOST, self.STALL, most, self.WINDOW,
-        ])  # fmt: skip
+        goal = self.goal(course)
+        miss = np.hypot(x - goal[..., 0], y - goal[..., 1])
+        covered = np.minimum((farthest + fresh + self.GOAL_TOLERANCE) / length, 1.0)
+        arriving = (1.0 - self.TRACKING) * covered / (1.0 + (miss / self.GOAL_TOLERANCE) ** 2)
+        crashed, hit = altitude <= 0.0, clearance < 0.0
+        reward = np.where(hit | crashed, 0.0, tracking + np.where(over, arriving, 0.0))
 
-    def track(self, state: np.ndarray, course: np.ndarray, farthest: np.ndarray | float) -> np.ndarray:
-        """Where states ``(B, n)`` are on the path near the farthest progress [m], see `path_following.track`."""
-        return track(state[:, :2], course[:, :_PATH], farthest - self.WINDOW, farthest + self.WINDOW)
+        airspeed = np.hypot(np.hypot(north - forcing[..., 4], east - forcing[..., 5]), climb + forcing[..., 6])
+        end = np.where(np.abs(above) > self.HEIGHT_LOST, _HEIGHT, 0)
+        end = np.where(off > self.LOST, _OFF, end)
+        end = np.where(airspeed < self.STALL, _STALLED, end)
+        end = np.where(over, np.where(miss <= self.GOAL_TOLERANCE, _ARRIVED, _MISSED), end)
+        end = np.where(hit, _HIT, np.where(crashed, _CRASHED, end))
+        return reward, end, np.concatenate([np.stack([farthest + fresh], -1), action], -1)
+
+    def track(self, state: np.ndarray, course: np.ndarray, farthest: np.ndarray) -> np.ndarray:
+        """Positions of states ``(..., n)`` on the path near the farthest progress [m], as `path_following.track`."""
+        x, y, zero = state[..., 0], state[..., 1], np.zeros_like(state[..., 0])
+        window = np.stack([farthest - self.WINDOW, farthest + self.WINDOW, zero], -1)
+        return locate(np.stack([x, y, zero], -1), window, course[..., :_PATH], np.array(self.ahead))
 
     def over(self, reference: np.ndarray) -> np.ndarray:
-        """Whether who is there has covered the path ``(B,)``."""
-        return reference[:, 0] >= reference[:, _WHERE + _PATH]
+        """Is the path covered? ``(...)``."""
+        return reference[..., 0] >= reference[..., _WHERE + _PATH]
 
     def course_of(self, reference: np.ndarray) -> np.ndarray:
         """The course ``(..., 97)`` out of references ``(..., 103)``."""
@@ -457,13 +354,32 @@ class Flight(Task):
 
     def clearance(self, state: np.ndarray, course: np.ndarray) -> np.ndarray:
         """Distance [m] of states ``(..., n)`` from the nearest obstacle's edge, ``(...)``; infinite without."""
-        obstacles = course[..., -3 * OBSTACLES :].reshape(*course.shape[:-1], OBSTACLES, 3)
-        away = obstacles[..., :2] - state[..., None, :2]
-        distance = np.hypot(away[..., 0], away[..., 1]) - obstacles[..., 2]
-        return np.where(obstacles[..., 2] > 0.0, distance, np.inf).min(-1)
+        nearest = np.inf
+        for k in range(-3 * OBSTACLES, 0, 3):
+            x, y, radius = (course[..., k + i] for i in range(3))
+            distance = np.hypot(x - state[..., 0], y - state[..., 1]) - radius
+            nearest = np.minimum(nearest, np.where(radius > 0.0, distance, np.inf))
+        return nearest
 
     def goal(self, course: np.ndarray) -> np.ndarray:
-        """Where paths end, ``(B, 3)``: x, y [m], heading [rad]."""
-        rows = course[:, :_PATH].reshape(-1, SEGMENTS, COLUMNS)
-        last = rows[np.arange(len(rows)), (rows[..., 4] > 0.0).sum(-1) - 1]
-        return advance(last[:, :3], last[:, 3], last[:, 4])
+        """The end of the path, ``(..., 3)``: x, y [m], heading [rad]."""
+        final = course[..., :COLUMNS]
+        for k in range(COLUMNS, _PATH, COLUMNS):
+            segment = course[..., k : k + COLUMNS]
+            final = np.where(segment[..., 4:] > 0.0, segment, final)
+        return np.stack(follow_on(final[..., 4], *(final[..., i] for i in range(4))), -1)
+
+
+def _obstacles_near(
+    x: np.ndarray, y: np.ndarray, course: np.ndarray, reference: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Sums of vectors to obstacles, ahead and to starboard: the nearer the edge, the longer, and 0 beyond 100 m."""
+    ahead = aside = np.zeros_like(x)
+    for k in range(-3 * OBSTACLES, 0, 3):
+        dx, dy, radius = reference[..., k] - x, reference[..., k + 1] - y, reference[..., k + 2]
+        distance = np.hypot(dx, dy)
+        near = np.clip(1.0 - (distance - radius) / 100.0, 0.0, 2.0) / np.maximum(distance, 1e-9)
+        counts = (radius > 0.0) & (near > 0.0)
+        ahead = ahead + np.where(counts, near * (dx * np.cos(course) + dy * np.sin(course)), 0.0)
+        aside = aside + np.where(counts, near * (dy * np.cos(course) - dx * np.sin(course)), 0.0)
+    return ahead, aside

@@ -157,12 +157,12 @@ class Task:
         return np.concatenate([course, actuators], -1)
 
     def over(self, reference: np.ndarray) -> np.ndarray:
-        """Whether who is there has done what is asked ``(B,)``: never, it goes on until time is up."""
-        return np.zeros(len(reference), bool)
+        """Is the mission complete? ``(...)``. Default: never, it goes on until time is up."""
+        return np.zeros(reference.shape[:-1], bool)
 
     def begin(self, state: np.ndarray, course: np.ndarray) -> np.ndarray:
-        """What `score` remembers, ``(B, k)``, at the start of an episode: nothing, ``(B, 0)``."""
-        return np.zeros((len(state), 0))
+        """Initial score state ``(..., k)``: empty."""
+        return np.zeros((*state.shape[:-1], 0))
 
     def score(
         self, state: np.ndarray, forcing: np.ndarray, reference: np.ndarray, over: np.ndarray, actuators: np.ndarray,
