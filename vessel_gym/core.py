@@ -10,7 +10,7 @@ from gymnasium.error import ResetNeeded
 from scipy.linalg import block_diag
 
 from estimators import Belief, Filter, Gaussian, Numbers
-from estimators.checks import shown, writable
+from estimators.checks import shown
 from estimators.compiled import rowwise
 from estimators.linalg import shared_root
 from estimators.randomness import word
@@ -36,8 +36,6 @@ ENDS = ("belief", "declaration", "task")
 """Who says that a mission is done: what the estimator believes, the agent, or the task, which knows the truth."""
 DECLARED = 0.5
 """An agent declares a mission done by a last component of its action above this."""
-
-_FLOATS = np.dtype(np.float32), np.dtype(np.float64)
 
 _ATTACHED = ("system", "vehicle", "task", "forces", "sensors", "composition", "_vehicle", "_task", "_own_parts")
 """What `Core.attach` gives, and may hold functions that cannot be pickled."""
@@ -263,9 +261,8 @@ class Core:
     @property
     def score(self) -> np.ndarray:
         """Sums of rewards over that of a perfect episode ``(B,)``, in [0, 1], however long episodes are."""
-        share = np.empty(self.num_envs)
-        scored(self.total, self.steps, *self._perfect, share)
-        return share
+        perfect, each = self._perfect
+        return np.clip(self.total / np.maximum(perfect, each * self.steps), 0.0, 1.0)
 
     def score_of(self, row: int) -> float:
         """That of one environment, in a tenth of the time."""
@@ -487,7 +484,7 @@ class Core:
         )
         if self._task is not self.task:
             self._check_ends()
-        add(self.total, reward)
+        self.total += reward
         return reward, self.end
 
     def _moved(
@@ -520,7 +517,7 @@ class Core:
             return declared
         if (self.ends == "task") == (self.observe_mode == "measurement"):
             return self._task.over(self.reference)
-        where = self.state[:, self._based] if self.ends == "task" else writable(self.loop.belief.mean)
+        where = self.state[:, self._based] if self.ends == "task" else self.loop.belief.mean
         return self._task.over(self._task.reference(self.course, self.steps, where))
 
     def observe(self) -> np.ndarray:
@@ -535,9 +532,8 @@ class Core:
             name = f"the observation of {type(self.task).__name__}"
             nan = np.where(np.isnan(observation), np.nan, 0.0)  # what is infinite is clipped
             refuse_not_finite(name, nan, self.steps, None, self.loop.belief.mean, self.state)
-        seen = np.empty(observation.shape, np.float32)
-        rounded(observation, self.task.BOUND, seen)
-        return seen
+        bound = self.task.BOUND
+        return np.clip(observation, -bound, bound).astype(np.float32, "C")
 
     def _observed(self) -> list[np.ndarray]:
         """The parts of the observations, before they are clipped."""
@@ -564,10 +560,10 @@ class Core:
 
     def _estimate(self, belief: Belief, told: Composition) -> Estimate:
         """What the task sees of a belief."""
-        mean, input_mean = writable(belief.mean), belief.input_mean
+        mean, input_mean = belief.mean, belief.input_mean
         state = mean if told.base == mean.shape[1] else mean[:, : told.base]
-        if input_mean is not None:
-            input_mean = writable(input_mean) if input_mean.shape[-1] else None
+        if input_mean is not None and not input_mean.shape[-1]:
+            input_mean = None
         flow = told.flow(mean, input_mean)
         if "std" not in self.observe_mode:
             return Estimate(state, flow, input_mean)
@@ -639,12 +635,12 @@ class Core:
         shape = self.action_shape if shape is None else shape
         if asked.shape != shape:
             raise ValueError(f"action has shape {asked.shape}, expected {shape}")
-        if asked.dtype not in _FLOATS or not asked.flags.carray:
-            asked = np.array(asked, float, order="C")
-        checked = np.empty(self.action_shape)
-        if not clip(asked if asked.ndim == 2 else asked[None], ended if ended is not None else self._none, checked):
+        checked = np.array(asked, float, order="C", ndmin=2)
+        if ended is not None:
+            checked[ended] = 0.0
+        if not np.isfinite(checked).all():
             raise ValueError("action must be finite, got NaN or infinity")
-        return checked
+        return np.clip(checked, -1.0, 1.0)
 
     # --- inside -----------------------------------------------------------------------------------
 
@@ -679,7 +675,7 @@ class Core:
 
     def _reference(self, course: np.ndarray, steps: np.ndarray, belief: Belief, state: np.ndarray) -> np.ndarray:
         """The reference ``(B, k)``: where the vehicle believes to be, or is, if nobody sees what it believes."""
-        where = state[:, self._based] if self.observe_mode == "measurement" else writable(belief.mean)
+        where = state[:, self._based] if self.observe_mode == "measurement" else belief.mean
         reference: np.ndarray = self._task.reference(course, steps, where)
         return reference
 
@@ -716,49 +712,6 @@ def draw(
     needed = 4 * counter[:, None] + np.arange(4) < counts[part, None]
     uniforms = Numbers(keys[:, 0]).uniforms(int(drawn[0, 0]))
     return keys, np.concatenate([uniforms, four[:, needed]], -1)
-
-
-@rowwise("b1(f4[:,::1],b1[::1],f8[:,::1])", "b1(f8[:,::1],b1[::1],f8[:,::1])")
-def clip(action: np.ndarray, ended: np.ndarray, clipped: np.ndarray) -> bool:
-    """Actions ``(B, a)`` clipped to [-1, 1], 0 where an episode has ended, and whether all others were finite."""
-    finite = True
-    for row in range(len(clipped)):
-        for i in range(clipped.shape[1]):
-            asked = 0.0 if ended[row] else np.float64(action[row, i])
-            finite = finite and np.isfinite(asked)
-            clipped[row, i] = min(max(asked, -1.0), 1.0)
-    return finite
-
-
-@rowwise("void(f8[::1],f8[::1])")
-def add(total: np.ndarray, reward: np.ndarray) -> None:
-    """Add rewards ``(B,)`` to their totals, in place: NumPy takes several times as long for a few."""
-    for row in range(len(total)):
-        total[row] += reward[row]
-
-
-@rowwise("void(f8[::1],i8[::1],f8,f8,f8[::1])")
-def scored(total: np.ndarray, steps: np.ndarray, perfect: float, each: float, share: np.ndarray) -> None:
-    """Shares ``(B,)`` of totals in those of perfect episodes, in [0, 1]: the last.
-
-    Args:
-        total: ``(B,)`` sums of rewards.
-        steps: ``(B,)`` since the start.
-        perfect: Sum of the rewards of a perfect episode of full length,
-        each: and how much a step beyond that length adds to it.
-        share: ``(B,)``.
-    """
-    for row in range(len(share)):
-        share[row] = min(max(total[row] / max(perfect, each * steps[row]), 0.0), 1.0)
-
-
-@rowwise("void(f8[:,:],f8,f4[:,::1])")
-def rounded(observation: np.ndarray, bound: float, out: np.ndarray) -> None:
-    """Observations ``(B, k)`` within bounds and as they are shown; NaN stays."""
-    for row in range(out.shape[0]):
-        for i in range(out.shape[1]):
-            value = observation[row, i]
-            out[row, i] = -bound if value < -bound else (bound if value > bound else value)
 
 
 def _only(rows: np.ndarray | None, values: np.ndarray) -> np.ndarray:

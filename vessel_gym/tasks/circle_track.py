@@ -60,12 +60,13 @@ class CircleTrack(TurningCircle):
 
     def course(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
         """Draw courses ``(B, 4)``, see `TurningCircle.course`."""
-        turn = super().course(uniforms, options)
-        course = np.empty((len(turn), 4))
-        course[:, :2] = turn
-        course[:, CURVATURE] = np.copysign(np.interp(np.abs(turn[:, 1]), *self._turns[::-1]), turn[:, 1])
-        course[:, SPEED] = turn[:, 1] / course[:, CURVATURE]
-        return course
+        heading, rate = super().course(uniforms, options).T
+        return self._turn(heading, rate)
+
+    def _turn(self, heading: np.ndarray, rate: np.ndarray) -> np.ndarray:
+        """The course ``(..., 4)`` of a steady turn with a yaw rate."""
+        curvature = np.copysign(np.interp(np.abs(rate), *self._turns[::-1]), rate)
+        return np.stack([heading, rate, curvature, rate / curvature], -1)
 
     def prior(self, course: np.ndarray) -> Gaussian:
         """What is known of (x, y, psi, u, v, r) at the start: mean ``(B, 6)`` and covariance ``(6, 6)``."""
@@ -174,9 +175,7 @@ class CircleTrack(TurningCircle):
 
     def course_of(self, reference: np.ndarray) -> np.ndarray:
         """The courses ``(..., 4)`` to which references at their start ``(..., 8)`` belong."""
-        rate = reference[..., RATE_FINALLY]
-        curvature = np.copysign(np.interp(np.abs(rate), *self._turns[::-1]), rate)
-        return np.stack([reference[..., TRACK], rate, curvature, rate / curvature], -1)
+        return self._turn(reference[..., TRACK], reference[..., RATE_FINALLY])
 
     def off_track(self, course: np.ndarray, place: np.ndarray) -> np.ndarray:
         """Distances ``(T, B)`` [m] of ships to starboard of their tracks on their way ``(T, B, 2)``."""

@@ -209,8 +209,8 @@ class Dive(Task):
 
     def power(self, actuators: np.ndarray) -> np.ndarray:
         """Power ``(...)`` of propeller and hotel load for actuators ``(..., a)``, relative to cruising."""
-        thrust = actuators[..., -1] / self.auv.cruise_thrust
-        return (self.HOTEL + thrust * np.sqrt(thrust)) / (self.HOTEL + 1.0)
+        propeller = (actuators[..., -1] / self.auv.cruise_thrust) ** 1.5
+        return (self.HOTEL + propeller) / (self.HOTEL + 1.0)
 
     def begin(self, state: np.ndarray, course: np.ndarray) -> np.ndarray:
         """The farthest progress [m] and the energy used [s at cruising power], ``(..., 2)``."""

@@ -26,6 +26,7 @@ SEGMENTS = 16
 OBSTACLES = 5
 """Obstacles at most."""
 _PATH = COLUMNS * SEGMENTS
+_CENTRE_X, _CENTRE_Y, _RADIUS = (slice(i, None, 3) for i in range(-3 * OBSTACLES, 3 - 3 * OBSTACLES))
 _WHERE = 6  # numbers of a reference before its course
 _OPTIONS = ("start", "goal", "obstacles", "altitude")
 
@@ -248,7 +249,7 @@ class Flight(Task):
 
     def observe(self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
         """The observation ``(..., 18)`` of mode ``"mean"``, before clipping: errors, estimates, actuators."""
-        x, y, _, north, east, climb, bank = (estimate.state[..., i] for i in range(7))
+        north, east, climb, bank = (estimate.state[..., i] for i in range(3, 7))
         wind_north, wind_east, wind_down = (estimate.flow[..., i] for i in range(3))
         progress, cross, above, heading, curvature, later = (reference[..., i] for i in range(_WHERE))
         ground, course = np.hypot(north, east), np.arctan2(east, north)
@@ -259,7 +260,7 @@ class Flight(Task):
         path_bank = np.arctan(ground * np.minimum(ground, 1e3) * curvature / self.body.gravity / across)
         seen = [
             cross, above, np.sin(heading - course), np.cos(heading - course), curvature, later, path_bank, ground,
-            airspeed, climb, wind_down, bank, *_obstacles_near(x, y, course, reference),
+            airspeed, climb, wind_down, bank, *_obstacles_near(estimate.state, reference),
             reference[..., _WHERE + _PATH] - progress,
         ]  # fmt: skip
         offset, gain = self._gains
@@ -354,12 +355,9 @@ class Flight(Task):
 
     def clearance(self, state: np.ndarray, course: np.ndarray) -> np.ndarray:
         """Distance [m] of states ``(..., n)`` from the nearest obstacle's edge, ``(...)``; infinite without."""
-        nearest = np.inf
-        for k in range(-3 * OBSTACLES, 0, 3):
-            x, y, radius = (course[..., k + i] for i in range(3))
-            distance = np.hypot(x - state[..., 0], y - state[..., 1]) - radius
-            nearest = np.minimum(nearest, np.where(radius > 0.0, distance, np.inf))
-        return nearest
+        radius = course[..., _RADIUS]
+        distance = np.hypot(course[..., _CENTRE_X] - state[..., :1], course[..., _CENTRE_Y] - state[..., 1:2]) - radius
+        return np.where(radius > 0.0, distance, np.inf).min(-1)
 
     def goal(self, course: np.ndarray) -> np.ndarray:
         """The end of the path, ``(..., 3)``: x, y [m], heading [rad]."""
@@ -370,16 +368,11 @@ class Flight(Task):
         return np.stack(follow_on(final[..., 4], *(final[..., i] for i in range(4))), -1)
 
 
-def _obstacles_near(
-    x: np.ndarray, y: np.ndarray, course: np.ndarray, reference: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _obstacles_near(state: np.ndarray, reference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Sums of vectors to obstacles, ahead and to starboard: the nearer the edge, the longer, and 0 beyond 100 m."""
-    ahead = aside = np.zeros_like(x)
-    for k in range(-3 * OBSTACLES, 0, 3):
-        dx, dy, radius = reference[..., k] - x, reference[..., k + 1] - y, reference[..., k + 2]
-        distance = np.hypot(dx, dy)
-        near = np.clip(1.0 - (distance - radius) / 100.0, 0.0, 2.0) / np.maximum(distance, 1e-9)
-        counts = (radius > 0.0) & (near > 0.0)
-        ahead = ahead + np.where(counts, near * (dx * np.cos(course) + dy * np.sin(course)), 0.0)
-        aside = aside + np.where(counts, near * (dy * np.cos(course) - dx * np.sin(course)), 0.0)
-    return ahead, aside
+    x, y, radius = (reference[..., columns] for columns in (_CENTRE_X, _CENTRE_Y, _RADIUS))
+    dx, dy, course = x - state[..., :1], y - state[..., 1:2], np.arctan2(state[..., 4:5], state[..., 3:4])
+    distance, sin, cos = np.hypot(dx, dy), np.sin(course), np.cos(course)
+    near = np.clip(1.0 - (distance - radius) / 100.0, 0.0, 2.0) / np.maximum(distance, 1e-9)
+    counts, ahead, aside = (radius > 0.0) & (near > 0.0), dx * cos + dy * sin, dy * cos - dx * sin
+    return np.where(counts, near * ahead, 0.0).sum(-1), np.where(counts, near * aside, 0.0).sum(-1)

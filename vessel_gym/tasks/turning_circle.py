@@ -90,9 +90,7 @@ class TurningCircle(Task):
             if abs(wanted) > self.WIDEST:
                 raise ValueError(f"radius must be at most {self.WIDEST:.0f} m to either side, got {shown(value)}")
             radius = np.full(len(uniforms), wanted)
-        course = np.empty((len(uniforms), 2))
-        course[:, 0], course[:, 1] = heading, self.yaw_rate(radius)
-        return course
+        return np.stack([heading, self.yaw_rate(radius)], -1)
 
     def yaw_rate(self, radius: np.ndarray) -> np.ndarray:
         """The yaw rate [rad/s] of the steady turn with a signed radius [m]."""
