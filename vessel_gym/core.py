@@ -166,7 +166,6 @@ class Core:
         # What somebody has written in NumPy may round otherwise in a part of the rows.
         compiled = our_vehicle and self.forces.row_by_row and not self.sensors.called
         self._parts = shares(self.num_envs, self.num_threads if compiled else 1)
-        self._compiled = our_task and self.guidance and self.observe_mode == "mean"  # so that nothing warns
         if self.guidance and self.observe_mode == "measurement":
             wide = {"model": vehicle.kinds[0]}  # the same whatever estimator is named
             held = build(system, "measurement", wide, self.sensors, self.forces.disturbance)
@@ -522,11 +521,8 @@ class Core:
 
     def observe(self) -> np.ndarray:
         """The observations ``(B, k)``, float32 and within bounds, made of estimates or readings, mission, actuators."""
-        if self._compiled:
+        with np.errstate(over="ignore", invalid="ignore"):  # diverged estimates are clipped
             parts = self._observed()
-        else:
-            with np.errstate(over="ignore"):  # what is absurd is clipped
-                parts = self._observed()
         observation = np.asarray(parts[0] if len(parts) == 1 else np.concatenate(parts, -1), float)
         if self._task is not self.task:
             name = f"the observation of {type(self.task).__name__}"

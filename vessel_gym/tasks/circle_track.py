@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from estimators import Gaussian
-from estimators.engine import lookup, sincos
+from estimators.engine import compiled, lookup, sincos
 from vessel_gym.sensors import Sensors
 from vessel_gym.system import Estimate
 from vessel_gym.tasks.turning_circle import TurningCircle, wrapped
@@ -78,6 +78,7 @@ class CircleTrack(TurningCircle):
     def _spread(self) -> Gaussian:
         return Gaussian(np.zeros(6), np.diag([2.0, 2.0, 0.03, 0.2, 0.2, 0.002]) ** 2)
 
+    @compiled(axes=(1, 0, 1))
     def reference(self, course: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
         """The reference ``(..., 8)`` at a step ``(...)`` of a ship in a state ``(..., 6)``, as in the prior.
 
@@ -114,6 +115,7 @@ class CircleTrack(TurningCircle):
         turning = 0.5 * ramping * ramping / self.ramp + np.maximum(elapsed - self.lead - self.ramp, 0.0)
         return elapsed * self.ship.speed + (course[..., SPEED] - self.ship.speed) * turning
 
+    @compiled(axes=(1, 1, 0))
     def _nearest(self, course: np.ndarray, place: np.ndarray, guess: np.ndarray) -> tuple[np.ndarray, ...]:
         """The point of the track nearest to a place ``(..., 2)``.
 
@@ -153,12 +155,14 @@ class CircleTrack(TurningCircle):
             np.where(on_circle, curvature, curvature * length / ramp),
         )
 
+    @compiled(axes=(1, 0))
     def nominal(self, course: np.ndarray, step: np.ndarray) -> np.ndarray:
         """Place and heading of a ship that keeps to the track and its speed, as a state ``(..., 6)`` of velocity 0."""
         place, direction = self.track(course, self._nominal_distance(course, step))
         zero = np.zeros_like(direction)
         return np.stack([place[..., 0], place[..., 1], direction, zero, zero, zero], -1)
 
+    @compiled(axes=(1, 0))
     def track(self, course: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Places ``(..., 2)`` north and east [m], and directions ``(...)``, so far ``along (...)`` [m] the tracks."""
         curvature = course[..., CURVATURE]
@@ -185,6 +189,7 @@ class CircleTrack(TurningCircle):
             off.append(distance)
         return np.array(off)
 
+    @compiled(axes=(1, 0))
     def commanded(self, course: np.ndarray, step: np.ndarray) -> np.ndarray:
         """The commanded yaw rate and heading of who keeps to the track ``(..., 2)``."""
         return self.reference(course, step, self.nominal(course, step))[..., self.commanding]
@@ -277,6 +282,7 @@ class CircleTrack(TurningCircle):
         """The course, the distance along the track, and the farthest one so far: ``(..., 6)``."""
         return np.concatenate([course, np.zeros_like(course[..., :2])], -1)
 
+    @compiled(axes=(1, 1, 1, 0, 1, 1, 1))
     def score(
         self, state: np.ndarray, forcing: np.ndarray, reference: np.ndarray, over: np.ndarray, actuators: np.ndarray,
         action: np.ndarray, tally: np.ndarray,

@@ -8,6 +8,7 @@ import numpy as np
 
 from estimators import Gaussian
 from estimators.checks import finite_array, shown, whole
+from estimators.engine import compiled
 from vessel_gym.checks import check_numbers, instance, one_of
 from vessel_gym.guidance.dive_path import course_to, locate, point_at
 from vessel_gym.system import Estimate
@@ -119,6 +120,7 @@ class Dive(Task):
     def _spread(self) -> Gaussian:
         return Gaussian(np.zeros(len(self.prior_sd)), np.diag(self.prior_sd) ** 2)
 
+    @compiled(axes=(1, 0, 1))
     def reference(self, course: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
         """Position relative to the path of a vehicle in a state ``(..., n)``, and the course, ``(..., 11)``."""
         return np.concatenate([locate(self.position(state), course, self.ahead), course], -1)
@@ -212,11 +214,13 @@ class Dive(Task):
         propeller = (actuators[..., -1] / self.auv.cruise_thrust) ** 1.5
         return (self.HOTEL + propeller) / (self.HOTEL + 1.0)
 
+    @compiled
     def begin(self, state: np.ndarray, course: np.ndarray) -> np.ndarray:
         """The farthest progress [m] and the energy used [s at cruising power], ``(..., 2)``."""
         progress = locate(self.position(state), course, 0.0)[..., 0]
         return np.stack([np.clip(progress, 0.0, course[..., 1]), np.zeros_like(progress)], -1)
 
+    @compiled(axes=(1, 1, 1, 0, 1, 1, 1))
     def score(
         self, state: np.ndarray, forcing: np.ndarray, reference: np.ndarray, over: np.ndarray, actuators: np.ndarray,
         action: np.ndarray, tally: np.ndarray,
@@ -317,6 +321,7 @@ class VerticalDive(Dive):
             )
         return goal
 
+    @compiled(axes=(1, 0))
     def commanded(self, course: np.ndarray, step: np.ndarray) -> np.ndarray:
         """The angle of the path [rad] where a vehicle at the cruising speed would be, upwards, ``(..., 1)``."""
         length, depth = course[..., 1], course[..., 2]

@@ -8,6 +8,7 @@ import numpy as np
 
 from estimators import Gaussian
 from estimators.checks import shown, whole
+from estimators.engine import compiled
 from vessel_gym.checks import check_numbers, check_pair, instance, numbers, one_of
 from vessel_gym.guidance.dubins import NoPath, Path, plan
 from vessel_gym.guidance.path_following import _ANYWHERE, COLUMNS, locate
@@ -197,6 +198,7 @@ class Flight(Task):
     def _spread(self) -> Gaussian:
         return Gaussian(np.zeros(7), np.diag([1.0, 1.0, 1.0, 0.5, 0.5, 0.3, 0.02]) ** 2)
 
+    @compiled(axes=(1, 0, 1))
     def reference(self, course: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
         """Position relative to the path of an aircraft in a state ``(..., n)``, and the course, ``(..., 103)``."""
         pose = np.stack([state[..., 0], state[..., 1], np.arctan2(state[..., 4], state[..., 3])], -1)
@@ -294,11 +296,13 @@ class Flight(Task):
     FASTEST = 2.0  # progress that counts, relative to cruising speed
     WINDOW = 50.0  # m of path about the farthest progress where the aircraft is looked for
 
+    @compiled
     def begin(self, state: np.ndarray, course: np.ndarray) -> np.ndarray:
         """The farthest progress [m] and the last commands, ``(..., 4)``."""
         zero = np.zeros_like(state[..., 0])
         return np.stack([np.maximum(self.track(state, course, zero)[..., 0], 0.0), zero, zero, zero], -1)
 
+    @compiled(axes=(1, 1, 1, 0, 1, 1, 1))
     def score(
         self, state: np.ndarray, forcing: np.ndarray, reference: np.ndarray, over: np.ndarray, actuators: np.ndarray,
         action: np.ndarray, tally: np.ndarray,
@@ -335,6 +339,7 @@ class Flight(Task):
         end = np.where(hit, _HIT, np.where(crashed, _CRASHED, end))
         return reward, end, np.concatenate([np.stack([farthest + fresh], -1), action], -1)
 
+    @compiled(axes=(1, 1, 0))
     def track(self, state: np.ndarray, course: np.ndarray, farthest: np.ndarray) -> np.ndarray:
         """Positions of states ``(..., n)`` on the path near the farthest progress [m], as `path_following.track`."""
         x, y, zero = state[..., 0], state[..., 1], np.zeros_like(state[..., 0])
@@ -353,12 +358,14 @@ class Flight(Task):
         """The commanded altitude [m] of courses, ``(...)``."""
         return course[..., _PATH + 1]
 
+    @compiled
     def clearance(self, state: np.ndarray, course: np.ndarray) -> np.ndarray:
         """Distance [m] of states ``(..., n)`` from the nearest obstacle's edge, ``(...)``; infinite without."""
         radius = course[..., _RADIUS]
         distance = np.hypot(course[..., _CENTRE_X] - state[..., :1], course[..., _CENTRE_Y] - state[..., 1:2]) - radius
         return np.where(radius > 0.0, distance, np.inf).min(-1)
 
+    @compiled
     def goal(self, course: np.ndarray) -> np.ndarray:
         """The end of the path, ``(..., 3)``: x, y [m], heading [rad]."""
         final = course[..., :COLUMNS]

@@ -8,6 +8,7 @@ import numpy as np
 
 from estimators import Gaussian
 from estimators.checks import shown, whole
+from estimators.engine import compiled
 from vessel_gym.checks import check_numbers, check_pair, instance, number, one_of
 from vessel_gym.sensors import Sensors
 from vessel_gym.system import Estimate
@@ -117,6 +118,7 @@ class TurningCircle(Task):
         """The reference ``(..., 4)`` at a step ``(...)``: it moves with time, wherever the ship is."""
         return self.command(course, step)
 
+    @compiled(axes=(1, 0))
     def command(self, course: np.ndarray, step: np.ndarray) -> np.ndarray:
         """The reference ``(..., 4)`` at a step ``(...)``: the yaw rate rises linearly over the ramp."""
         heading, rate = course[..., 0], course[..., 1]
@@ -126,6 +128,7 @@ class TurningCircle(Task):
         turned = 0.5 * self.ramp * share * share + np.maximum(elapsed - self.ramp, 0.0)
         return np.stack([heading + rate * turned, rate * share, rate * share_ahead, rate], -1)
 
+    @compiled(axes=(1, 0))
     def commanded(self, course: np.ndarray, step: np.ndarray) -> np.ndarray:
         """The commanded yaw rate ``(..., 1)``."""
         return self.command(course, step)[..., self.commanding]
@@ -215,6 +218,7 @@ class TurningCircle(Task):
     ends = ("", "turn lost")
     """Success is to hold the turn until time is up, a perfect reward 1 at every step."""
 
+    @compiled(axes=(1, 1, 1, 0, 1, 1, 1))
     def score(
         self, state: np.ndarray, forcing: np.ndarray, reference: np.ndarray, over: np.ndarray, actuators: np.ndarray,
         action: np.ndarray, tally: np.ndarray,
