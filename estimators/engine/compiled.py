@@ -1,7 +1,7 @@
 """Functions of arrays ``(..., n)`` that run compiled: traced when they are first called with rows of some shapes."""
 
 from collections.abc import Callable, Sequence
-from functools import partial, update_wrapper
+from functools import partial, update_wrapper, wraps
 from typing import Any
 
 import numpy as np
@@ -62,7 +62,7 @@ class Compiled:
 
     def __get__(self, instance: Any, owner: Any = None) -> Any:
         if instance is None:
-            return self
+            return wraps(self.function)(lambda instance, *arrays, **static: self.__get__(instance)(*arrays, **static))
         own = instance.__dict__.get(_METHODS)
         if own is None:
             own = instance.__dict__[_METHODS] = _Methods()

@@ -185,7 +185,7 @@ def test_nothing_that_the_agent_sees_has_a_parameter_for_truth():
         "over": ["reference"],
         "commanded": ["course", "step"],
     }
-    public = (f for name, f in inspect.getmembers(TurningCircle, callable) if not name.startswith("__"))
+    public = (f for name, f in inspect.getmembers(TurningCircle, inspect.isfunction) if not name.startswith("__"))
     taken = {f.__name__: set(inspect.signature(f).parameters) for f in public}
     assert {name for name, parameters in taken.items() if "forcing" in parameters} == {"score"}
     assert {name for name, parameters in taken.items() if "state" in parameters} == {"begin", "score", "reference"}

@@ -57,7 +57,8 @@ def _closest(x: np.ndarray, y: np.ndarray, curvature: np.ndarray, low: np.ndarra
     straight = curvature == 0.0
     radius, side = 1.0 / np.where(straight, 1.0, abs(curvature)), np.where(curvature > 0.0, 1.0, -1.0)
     full = 2.0 * np.pi * radius
-    s = low + np.remainder(np.arctan2(x, radius - side * y) * radius - low, full)
+    beyond = np.arctan2(x, radius - side * y) * radius - low
+    s = low + (beyond - full * np.floor(beyond / full))
     end = np.where(s - high < low + full - s, high, low)
     return np.where(straight, np.minimum(np.maximum(x, low), high), np.where(s <= high, s, end))
 
