@@ -544,7 +544,7 @@ class Core:
             return parts
         estimate = self._estimate(self.loop.belief, self.composition)
         if self.guidance:
-            parts = [task.observe(estimate, self.reference, self.actuators)]
+            parts = [self._guided(estimate)]
         else:
             mission = task.observe_mission(course, steps, self.actuators)
             parts = [task.observe_state(estimate, course), mission]
@@ -553,6 +553,13 @@ class Core:
         if "alarms" in self.observe_mode:
             parts.append(self.loop.alarms)
         return parts
+
+    def _guided(self, estimate: Estimate) -> np.ndarray:
+        """The guided observation of an estimate."""
+        if self._task is not self.task:
+            return self._task.observe(estimate, self.reference, self.actuators)
+        d = np.zeros((self.num_envs, 0)) if estimate.input_mean is None else estimate.input_mean
+        return self.task.observe_mean(estimate.state, estimate.flow, d, self.reference, self.actuators)
 
     def _estimate(self, belief: Belief, told: Composition) -> Estimate:
         """What the task sees of a belief."""

@@ -11,6 +11,7 @@ of its goal [m]. Frames: x north, y east, z down; a positive angle turns to star
 import numpy as np
 
 from estimators.checks import as_array, shaped_array
+from estimators.engine import compiled
 
 _STRAIGHT = 1e-9  # 1/m, the least curvature: over 100 m it bends a straight path by 5 micrometres
 
@@ -41,7 +42,8 @@ def _curvature(course: np.ndarray) -> np.ndarray:
     return np.where(abs(curvature) > _STRAIGHT, curvature, _STRAIGHT)
 
 
-def locate(position: np.ndarray, course: np.ndarray, ahead: np.ndarray) -> np.ndarray:
+@compiled(axes=(1, 1, 0))
+def locate(position: np.ndarray, course: np.ndarray, ahead: np.ndarray | float) -> np.ndarray:
     """Positions relative to paths ``(..., 8)``, as `follow` returns them.
 
     Args:

@@ -11,6 +11,7 @@ counts like `PER_RAD` metres a radian, and twice that at most. So no memory is n
 import numpy as np
 
 from estimators.checks import as_array, shaped_array
+from estimators.engine import compiled
 from vessel_gym.checks import check_pair
 from vessel_gym.guidance.words import follow_on
 
@@ -63,6 +64,7 @@ def _closest(x: np.ndarray, y: np.ndarray, curvature: np.ndarray, low: np.ndarra
     return np.where(straight, np.minimum(np.maximum(x, low), high), np.where(s <= high, s, end))
 
 
+@compiled
 def locate(pose: np.ndarray, window: np.ndarray, segments: np.ndarray, ahead: np.ndarray) -> np.ndarray:
     """Positions relative to paths ``(..., 7)``, as `follow` returns them.
 
