@@ -215,7 +215,8 @@ def apply(ufunc: Any, method: str, operands: Sequence[Any], others: dict[str, An
         if ufunc in _COUNTED:
             array = np.frompyfunc(lambda x: cast(x, "i") if getattr(x, "kind", "") == "b" else x, 1, 1)(array)
         others.pop("dtype", None)
-        found = getattr(np.frompyfunc(_SCALAR[ufunc], 2, 1), method)(array, *operands[1:], **others)
+        each = np.frompyfunc(_SCALAR[ufunc], 2, 1, identity=ufunc.identity)  # so that several axes can be reduced
+        found = getattr(each, method)(array, *operands[1:], **others)
     else:
         raise NotTraceable(f"a traced function cannot have np.{ufunc.__name__}.{method} in it")
     if out is not None:

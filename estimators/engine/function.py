@@ -84,6 +84,16 @@ class Function:
         return self._program
 
     @property
+    def instructions(self) -> list[Instruction]:
+        """Those of its program that it needs, in order."""
+        return self._live
+
+    @property
+    def outputs(self) -> list[Any]:
+        """For each result its scalars and views of matrices."""
+        return self._outputs
+
+    @property
     def layout(self) -> "Layout":
         """Where matrices stand."""
         return self._layout

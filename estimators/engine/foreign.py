@@ -1,0 +1,310 @@
+"""Functions that are not ours: may they run traced, so that nobody notices but by the clock?
+
+A function may if it reads nothing that changes unseen (`estimators.engine.dependencies`), if each row of a batch is
+computed as a row alone is, instruction by instruction, and if it gives what NumPy gives, for its own rows and for
+others around them.
+"""
+
+import linecache
+import random
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+
+from estimators.engine.arrays import TracedArray, entries
+from estimators.engine.compiled import _rows, call, output
+from estimators.engine.dependencies import Dependencies
+from estimators.engine.function import Argument, Function, kind_of
+from estimators.engine.interpret import interpret
+from estimators.engine.program import Instruction, Program
+from estimators.engine.tracer import NotTraceable, Tracer
+
+_LONGEST = 20_000  # values of a program; LLVM needs a second for as many
+_OWN = 64  # rows of the samples that are compared
+_DRAWS = 3
+_PERTURBATION = 2.0**-50  # 4 units in the last place of each result: own and NumPy's elementary functions err by 2
+
+
+class Inspection:
+    """Whether a function may run traced, and its program.
+
+    Attributes:
+        traceable: Does the program give what NumPy gives?
+        reason: Else one sentence with the line of the function, and what to do about it.
+        function: The program for rows of the samples' shapes,
+        several: and whether it gives several results.
+    """
+
+    def __init__(self, reason: str = "", function: Function | None = None, several: bool = False) -> None:
+        self.reason, self.traceable = reason, function is not None
+        self.function, self.several = function, several
+        self.axes: tuple[int, ...] = ()
+        self.dependencies: Dependencies | None = None
+
+    def unchanged(self) -> bool:
+        """Is everything that the function reads as it was when it was traced? In about a microsecond."""
+        return self.dependencies is not None and self.dependencies.unchanged()
+
+    def __call__(self, *arrays: Any) -> Any:
+        """What the function gives for arrays, computed by its program."""
+        if self.function is None:
+            raise NotTraceable(self.reason)
+        results = call(self.function, [_rows(each) for each in arrays], self.axes)
+        return tuple(results) if self.several else results[0]
+
+
+def inspect(function: Callable[..., Any], *samples: Any, axes: Sequence[int] | None = None) -> Inspection:
+    """Find out whether a function of arrays ``(..., n)`` may run traced. It is called several times.
+
+    Args:
+        function: Anybody's.
+        samples: Arguments as it gets them. One without a batch's axes beside others that have them is for all rows.
+        axes: How many last axes of each are a row's; None: 1, or 0 of numbers.
+    """
+    chosen = [min(1, np.ndim(each)) for each in samples] if axes is None else list(axes)
+    try:
+        with _quiet():
+            return _inspected(function, samples, chosen)
+    except NotTraceable as error:
+        return Inspection(f"{error}{_place(error)}")
+    except (Exception, SystemExit) as error:
+        text = " ".join(str(error).split())
+        return Inspection(f"it raises {type(error).__name__}: {text[:300]}{_place(error)}")
+
+
+def _inspected(function: Callable[..., Any], given: Sequence[Any], axes: list[int]) -> Inspection:
+    samples = [np.asarray(each) for each in given]
+    dependencies = Dependencies(function)
+    states = _random_states()
+    arguments = [_own(sample, k) for sample, k in zip(samples, axes, strict=True)]
+    batched = _batched(given, axes)
+    own = _called(function, arguments)
+    if not dependencies.unchanged():  # what is computed once and kept
+        dependencies = Dependencies(function)
+    again = _called(function, arguments)
+    if not dependencies.unchanged():
+        raise NotTraceable("it changes something that it reads, and is another function at its next call")
+    if not all(map(_same_bits, own, again)) or states != _random_states():
+        raise NotTraceable("it gives another result for the same arguments: let random numbers be an argument")
+    rows = [Argument(a.shape[a.ndim - k :], kind_of(_rows(a))) for a, k in zip(samples, axes, strict=True)]
+    traced, several = _trace_rows(function, rows, batched)
+    if not dependencies.unchanged():
+        raise NotTraceable("it keeps what it computes for later: return it as a result instead")
+    around = _nudged(arguments, axes, batched)
+    for compared, expected in ((arguments, own), (around, _called(function, around))):
+        _compare(traced, compared, axes, expected)
+    inspection = Inspection(function=traced, several=several)
+    inspection.axes, inspection.dependencies = tuple(axes), dependencies
+    return inspection
+
+
+def _own(sample: np.ndarray, axes: int) -> np.ndarray:
+    """A copy of some rows of a sample."""
+    return sample[:_OWN].copy() if sample.ndim > axes else sample.copy()
+
+
+def _batched(samples: Sequence[Any], axes: Sequence[int]) -> list[bool]:
+    """Which arguments have an axis for the batch: those that have some; all but Python's numbers where none has."""
+    own = [np.ndim(sample) > k for sample, k in zip(samples, axes, strict=True)]
+    return own if any(own) else [type(sample) not in (int, float, bool) for sample in samples]
+
+
+def _called(function: Callable[..., Any], arguments: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """A function's results in NumPy."""
+    results = function(*(each.copy() if each.ndim else each[()] for each in arguments))
+    return [np.array(each) for each in (results if isinstance(results, tuple | list) else [results])]
+
+
+def _same_bits(one: np.ndarray, other: np.ndarray) -> bool:
+    return one.shape == other.shape and one.dtype == other.dtype and one.tobytes() == other.tobytes()
+
+
+def _random_states() -> Any:
+    """The states of the global random numbers, which a function must leave as they are."""
+    name, key, *others = np.random.get_state()  # noqa: NPY002
+    return random.getstate(), name, np.asarray(key).tobytes(), others
+
+
+# --- a row in a batch -------------------------------------------------------------------------------
+
+
+class _Limited(Program):
+    """A program of a length that can be compiled."""
+
+    def new(self, kind: str, size: int | None = None) -> int:
+        if len(self.kinds) > _LONGEST:
+            raise NotTraceable("its loops are too long to be unrolled: use NumPy's functions of arrays")
+        return super().new(kind, size)
+
+
+def _trace_rows(
+    function: Callable[..., Any], rows: Sequence[Argument], batched: Sequence[bool]
+) -> tuple[Function, bool]:
+    """The function traced for one row, once it is certain that rows of a batch are computed likewise."""
+    program, count = _Limited(), _count(rows)
+    alone = [_inputs(program, i, row, ()) for i, row in enumerate(rows)]
+    results = function(*alone)
+    several = isinstance(results, tuple | list)
+    outputs = [output(program, each) for each in (results if several else [results])]
+    batch = [
+        np.stack([_inputs(program, i, row, (at,)).view(np.ndarray) for at in range(count)]).view(TracedArray)
+        if has else alone[i]
+        for i, (row, has) in enumerate(zip(rows, batched, strict=True))
+    ]  # fmt: skip
+    together = function(*batch)
+    together = list(together) if isinstance(together, tuple | list) else [together]
+    if len(together) != len(outputs):
+        raise NotTraceable("it gives other results for a batch than for a row")
+    _compare_rows(program, results if several else [results], together, count)
+    return Function(program, rows, outputs), several
+
+
+def _count(rows: Sequence[Argument]) -> int:
+    """Rows of a small batch, another number than any axis has."""
+    sizes = {size for row in rows for size in row.shape}
+    return next(count for count in range(2, 99) if count not in sizes)
+
+
+def _inputs(program: Program, argument: int, row: Argument, at: tuple[int, ...]) -> TracedArray:
+    """Tracers of an argument's row, alone or one of a batch."""
+    scalars = np.empty(row.size, object)
+    for column in range(row.size):
+        scalars[column] = Tracer(program, program.add("input", (), row.kind, None, (argument, column, *at)))
+    return scalars.reshape(row.shape).view(TracedArray)
+
+
+def _compare_rows(program: Program, alone: Sequence[Any], together: Sequence[Any], count: int) -> None:
+    """Refuse a function whose rows in a batch have other instructions than a row alone."""
+    expected = [each.value for result in alone for each in entries(result, program)]
+    numbers: dict[Any, int] = {}
+    same = _numbered(program, expected, numbers, None)
+    found = []
+    for one, many in zip(alone, together, strict=True):
+        shape, own = np.shape(np.asarray(one, object)), np.asarray(many, object)
+        try:
+            found.append(np.broadcast_to(own.view(np.ndarray), (count, *shape)).reshape(count, -1))
+        except ValueError:
+            raise NotTraceable(
+                f"for {count} rows it gives an array of shape {own.shape}, and of shape {shape} for one: index and sum "
+                "from behind, as x[..., i] and x.sum(-1)"
+            ) from None
+    for at in range(count):
+        outputs = [each.value for part in found for each in entries(part[at], program)]
+        if _numbered(program, outputs, numbers, at) != same:
+            raise NotTraceable("its rows in a batch depend on each other, or are computed otherwise than a row alone: "
+                               "index and sum from behind, as x[..., i] and x.sum(-1)")  # fmt: skip
+
+
+def _numbered(program: Program, outputs: Sequence[int], numbers: dict[Any, int], at: int | None) -> list[int]:
+    """Numbers of values that are the same for the same instructions of the same columns of a row."""
+    own: dict[int, int] = {}
+
+    def number(key: Any) -> int:
+        return numbers.setdefault(key, -1 - len(numbers))
+
+    def visit(instructions: Sequence[Instruction], depth: int) -> None:
+        for each in instructions:
+            operands = tuple(own.get(value, value) for value in each.operands)  # type: ignore[arg-type]
+            attributes = each.attributes
+            if each.opcode == "repeat":
+                loop = attributes[0]
+                own.update((p, number(("carried", depth, i))) for i, p in enumerate(loop.parameters))
+                visit(loop.body, depth + 1)
+                key = "repeat", operands, loop.count, tuple(own.get(value, value) for value in loop.after)
+                own.update((result, number((key, i))) for i, result in enumerate(loop.results))
+                continue
+            if each.opcode == "input" and attributes[2:] == (at,):
+                attributes = attributes[:2]
+            own[each.result] = number((each.opcode, operands, program.kinds[each.result], attributes))
+
+    visit(program.live(outputs), 0)
+    return [own.get(value, value) for value in outputs]
+
+
+# --- values -----------------------------------------------------------------------------------------
+
+
+def _nudged(arguments: Sequence[np.ndarray], axes: Sequence[int], batched: Sequence[bool]) -> list[np.ndarray]:
+    """A batch of rows around the first one of samples, near and far; whole numbers and masks move by little."""
+    rng, found = np.random.default_rng(0), []
+    sizes = {n for a, k in zip(arguments, axes, strict=True) for n in a.shape[a.ndim - k :]}
+    count = next(n for n in range(11, 99) if n not in sizes)
+    for array, k, has in zip(arguments, axes, batched, strict=True):
+        first = array.reshape((-1, *array.shape[array.ndim - k :]))[0] if array.size else array
+        if not has or not array.size:
+            found.append(array)
+            continue
+        many = np.repeat(first[None], count, 0)
+        distance = 10.0 ** np.linspace(-6.0, 2.0, count).reshape((count,) + (1,) * k)
+        if array.dtype.kind == "f":
+            many = (
+                many * (1.0 + distance * rng.normal(size=many.shape)) + distance * rng.normal(size=many.shape)
+            ).astype(array.dtype)
+        elif array.dtype.kind == "b":
+            many = many ^ (rng.random(many.shape) < 0.3)
+        else:
+            many = many + rng.integers(0, 2, many.shape).astype(array.dtype)
+        found.append(many)
+    return found
+
+
+def _compare(function: Function, arguments: Sequence[np.ndarray], axes: Sequence[int], expected: Any) -> None:
+    """Refuse a program that gives other results than NumPy.
+
+    Both round differently: elementary functions and sums in another order. How much that may matter is measured, by
+    Monte Carlo arithmetic (Parker, 1997): the program is run with every rounded result off by up to 4 units in the
+    last place, and NumPy's may differ by 8 times as much as those of such runs do, and by 4 units in the last place.
+    """
+    arrays = [_rows(each) for each in arguments]
+    found = call(function, arrays, axes)
+    rng = np.random.default_rng(0)
+    runs = [interpret(function, arrays, axes, _PERTURBATION, rng) for _ in range(_DRAWS)]
+    for i, (own, numpy) in enumerate(zip(found, expected, strict=True)):
+        kinds = own.dtype.kind.replace("u", "i"), numpy.dtype.kind.replace("u", "i")
+        if kinds[0] != kinds[1]:
+            raise NotTraceable(f"it gives numbers of type {numpy.dtype} in NumPy, and {own.dtype} when it is traced")
+        if numpy.dtype.kind == "f" and numpy.dtype != float:
+            raise NotTraceable(f"it computes in {numpy.dtype}: a traced function computes in float64")
+        try:
+            numpy = np.broadcast_to(numpy, own.shape)
+        except ValueError:
+            raise NotTraceable(f"it gives shape {numpy.shape} in NumPy, and {own.shape} when it is traced") from None
+        spread = np.max([_distance(run[i], own) for run in runs], axis=0)
+        allowed = 8.0 * spread + (4.0 * np.spacing(np.abs(own)) if own.dtype.kind == "f" and spread.any() else 0.0)
+        apart = ~(_distance(numpy, own) <= np.where(np.isnan(allowed), 0.0, allowed))
+        if apart.any():
+            one, other = numpy[apart].flat[0], own[apart].flat[0]
+            raise NotTraceable(f"it gives {one!r} in NumPy where it gives {other!r} when it is traced")
+
+
+def _distance(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """How far numbers are apart: infinitely, if one of them is NaN or infinite and the other is not."""
+    equal = (a == b) | ((a != a) & (b != b))
+    return np.where(equal, 0.0, np.nan_to_num(np.abs(a * 1.0 - b * 1.0), nan=np.inf, posinf=np.inf))
+
+
+# --- sentences --------------------------------------------------------------------------------------
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    with np.errstate(all="ignore"), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
+
+
+def _place(error: BaseException) -> str:
+    """The last line of somebody else's code on the way to an error."""
+    found = ""
+    step = error.__traceback__
+    while step is not None:
+        code = step.tb_frame.f_code
+        module = str(step.tb_frame.f_globals.get("__name__", ""))
+        if not module.startswith(("estimators.engine", "numpy.", "scipy.")):
+            line = linecache.getline(code.co_filename, step.tb_lineno).strip()[:100]
+            found = f" (line {step.tb_lineno} of {code.co_filename.rpartition('/')[2]}{': ' if line else ''}{line})"
+        step = step.tb_next
+    return found
