@@ -33,6 +33,19 @@ class TracedArray(np.ndarray):
     def __array_finalize__(self, source: Any) -> None:
         """NumPy calls it of every view."""
 
+    def __getitem__(self, key: Any) -> Any:
+        if isinstance(key, Tracer | TracedArray):
+            raise NotTraceable("x[mask] has other entries in each row: use np.where, and lookup for x[index]")
+        return super().__getitem__(key)
+
+    def __setitem__(self, key: Any, value: Any) -> None:
+        if isinstance(key, Tracer | TracedArray):
+            if np.shape(key) != self.shape or np.size(value) != 1:
+                raise NotTraceable("x[mask] = values in a traced function is of masks of x's shape and one value: use "
+                                   "np.where")  # fmt: skip
+            key, value = ..., _where_array(key, scalar(value), self)
+        super().__setitem__(key, value)
+
     @property
     def mT(self) -> Any:
         """The transposed matrix."""
@@ -61,6 +74,25 @@ class TracedArray(np.ndarray):
     def min(self, axis: Any = None, **others: Any) -> Any:  # type: ignore[override]
         """The least along axes of the row."""
         return apply(np.minimum, "reduce", (self,), {"axis": axis} | others)
+
+    def any(self, axis: Any = None, **others: Any) -> Any:  # type: ignore[override]
+        """Is one of the masks along axes of the row true?"""
+        return apply(np.logical_or, "reduce", (self,), {"axis": axis} | others)
+
+    def all(self, axis: Any = None, **others: Any) -> Any:  # type: ignore[override]
+        """Are all masks along axes of the row true?"""
+        return apply(np.logical_and, "reduce", (self,), {"axis": axis} | others)
+
+    def var(self, axis: Any = None, ddof: float = 0.0, **others: Any) -> Any:  # type: ignore[override]
+        """The variance along axes of the row."""
+        apart = self - self.mean(axis, keepdims=True)
+        mean = (apart * apart).mean(axis, **others)
+        count = self.size // np.size(mean)
+        return mean if ddof == 0.0 else mean * float(count) / (count - ddof)
+
+    def std(self, axis: Any = None, ddof: float = 0.0, **others: Any) -> Any:  # type: ignore[override]
+        """The standard deviation along axes of the row."""
+        return np.sqrt(self.var(axis, ddof, **others))
 
     def clip(self, low: Any = None, high: Any = None, **_: Any) -> Any:  # type: ignore[override]
         """Within bounds."""
@@ -148,7 +180,7 @@ def _mask(x: Any) -> Any:
 _NUMPY = {
     "greater equal": "greater_equal", "less equal": "less_equal", "not equal": "not_equal", "and": "logical_and",
     "or": "logical_or", "xor": "logical_xor", "not": "logical_not", "left shift": "left_shift",
-    "right shift": "right_shift",
+    "right shift": "right_shift", "floor divide": "floor_divide",
 }  # fmt: skip
 _UNARY = (
     "negative", "absolute", "sqrt", "floor", "ceil", "trunc", "rint", "sin", "cos", "tan", "exp", "expm1", "log",
@@ -166,6 +198,7 @@ _SCALAR: dict[Any, Callable[..., Any]] = {
     np.positive: lambda x: x,
     np.conjugate: lambda x: x,
     np.square: lambda x: x * x,
+    np.heaviside: lambda x, y: where(x > 0.0, 1.0, where(x < 0.0, 0.0, where(x == 0.0, y, x))),
     np.reciprocal: lambda x: 1.0 / x,
     np.sign: _sign,
     np.power: lambda x, y: power(x, y) if isinstance(x, Tracer) or isinstance(y, Tracer) else np.power(x, y),
@@ -207,7 +240,7 @@ def apply(ufunc: Any, method: str, operands: Sequence[Any], others: dict[str, An
         or others.keys() - {"axis", "keepdims", "dtype"}
         or others.get("dtype") not in (None, float)
     ):
-        raise NotTraceable(f"a traced function cannot have np.{ufunc.__name__} in it, so used")
+        raise NotTraceable(f"a traced function cannot have {ufunc.__name__} in it, so used")
     elif method == "__call__":
         found = np.frompyfunc(_SCALAR[ufunc], ufunc.nin, 1)(*map(_operand, operands))
     elif method in ("reduce", "accumulate") and ufunc.nin == 2:
@@ -307,6 +340,32 @@ def lookup(table: Any, index: Any) -> Any:
     return values[0] if table.ndim == 1 else TracedArray.of(values).reshape(table.shape[1:])
 
 
+def _norm(x: Any, ord: Any = None, axis: Any = None, keepdims: bool = False) -> Any:
+    if ord not in (None, 2) or (ord == 2 and np.ndim(x) > 1 and not isinstance(axis, int)):
+        raise NotTraceable("np.linalg.norm in a traced function is the root of a sum of squares")
+    return np.sqrt(apply(np.add, "reduce", (x * x,), {"axis": axis, "keepdims": keepdims}))
+
+
+def _chosen(masks: Any, choices: Any, default: Any = 0.0) -> Any:
+    for mask, choice in zip(masks[::-1], choices[::-1], strict=True):
+        default = _where_array(mask, choice, default)
+    return default
+
+
+def _round(x: Any, decimals: int = 0) -> Any:
+    if decimals != 0:
+        raise NotTraceable("np.round in a traced function is to whole numbers")
+    return np.rint(x)
+
+
+def _accumulated(ufunc: Any) -> Callable[..., Any]:
+    def accumulated(a: Any, axis: Any = None) -> Any:
+        a = TracedArray.of(a)
+        return apply(ufunc, "accumulate", (a if axis is not None else a.ravel(), axis or 0), {})
+
+    return accumulated
+
+
 _FUNCTIONS: dict[Any, Callable[..., Any]] = {
     np.where: _where_array,
     np.clip: _clip,
@@ -322,14 +381,23 @@ _FUNCTIONS: dict[Any, Callable[..., Any]] = {
     np.ones_like: lambda a, *_, **__: TracedArray.of(np.ones(a.shape).astype(object)),
     np.empty_like: lambda a, *_, **__: TracedArray.of(np.zeros(a.shape).astype(object)),
     np.full_like: lambda a, value, *_, **__: TracedArray.of(np.full(a.shape, scalar(value), object)),
-    np.isclose: None,
-}  # type: ignore[dict-item]
+    np.var: lambda a, axis=None, **others: TracedArray.of(a).var(axis, **others),
+    np.std: lambda a, axis=None, **others: TracedArray.of(a).std(axis, **others),
+    np.cumsum: _accumulated(np.add),
+    np.cumprod: _accumulated(np.multiply),
+    np.linalg.norm: _norm,
+    np.select: _chosen,
+    np.round: _round,
+    np.fix: np.trunc,
+    np.real: np.positive,
+    np.polyval: np.polyval._implementation,  # type: ignore[attr-defined]
+}
 _REARRANGING = {
     np.stack, np.concatenate, np.hstack, np.vstack, np.dstack, np.column_stack, np.split, np.array_split, np.moveaxis,
     np.swapaxes, np.transpose, np.reshape, np.ravel, np.squeeze, np.expand_dims, np.broadcast_to, np.broadcast_arrays,
     np.roll, np.flip, np.repeat, np.tile, np.take, np.diagonal, np.diag, np.trace, np.append, np.delete, np.insert,
     np.atleast_1d, np.atleast_2d, np.dot, np.inner, np.outer, np.cross, np.einsum, np.kron, np.tensordot, np.diff,
-    np.copy, np.shape, np.ndim, np.size, np.block, np.unstack, np.rot90, np.linalg.norm, np.linalg.matrix_transpose,
+    np.copy, np.shape, np.ndim, np.size, np.block, np.unstack, np.rot90, np.linalg.matrix_transpose,
     np.linalg.outer, np.linalg.vecdot, np.linalg.cross, np.matrix_transpose, np.linalg.diagonal, np.linalg.trace,
 }  # fmt: skip
 """NumPy's functions that move entries, or add and multiply them, as they do of any objects."""

@@ -191,10 +191,11 @@ def _arctan(x: Any) -> Any:
     first, second, third, fourth = a < 0.4375, a < 0.6875, a < 1.1875, a < 2.4375
     over = _select(first, a, _select(second, 2.0 * a - 1.0, _select(third, a - 1.0, _select(fourth, a - 1.5, -1.0))))
     under = _select(first, 1.0, _select(second, 2.0 + a, _select(third, a + 1.0, _select(fourth, 1.0 + 1.5 * a, a))))
-    high = _select(first, 0.0, _select(second, 4.63647609000806093515e-01, _select(
-        third, 7.85398163397448278999e-01, _select(fourth, 9.82793723247329054082e-01, 1.57079632679489655800))))  # fmt: skip
-    low = _select(first, 0.0, _select(second, 2.26987774529616870924e-17, _select(
-        third, 3.06161699786838301793e-17, _select(fourth, 1.39033110312309984516e-17, 6.12323399573676603587e-17))))  # fmt: skip
+    high = _select(fourth, 9.82793723247329054082e-01, 1.57079632679489655800)
+    high = _select(second, 4.63647609000806093515e-01, _select(third, 7.85398163397448278999e-01, high))
+    low = _select(fourth, 1.39033110312309984516e-17, 6.12323399573676603587e-17)
+    low = _select(second, 2.26987774529616870924e-17, _select(third, 3.06161699786838301793e-17, low))
+    high, low = _select(first, 0.0, high), _select(first, 0.0, low)
     t = over / under
     z = t * t
     series = z * _polynomial(
@@ -266,6 +267,18 @@ def remainder(x: Any, y: Any) -> Any:
     rest = operation("fmod", x, y)
     moved = _where((rest < 0.0) ^ (y < 0.0), rest + y, rest)
     return _where(rest == 0.0, operation("copysign", 0.0, y), moved)
+
+
+def floor_divide(x: Any, y: Any) -> Any:
+    """``floor(x / y)`` of floats from their remainder, as `numpy.floor_divide`: a quotient is not rounded up."""
+    x, y = cast(x, "f"), cast(y, "f")
+    rest = operation("fmod", x, y)
+    quotient = (x - rest) / y
+    quotient = _where((rest != 0.0) & ((rest < 0.0) ^ (y < 0.0)), quotient - 1.0, quotient)
+    floor = operation("floor", quotient)
+    floor = _where(quotient - floor > 0.5, floor + 1.0, floor)
+    whole = _where(quotient == 0.0, operation("copysign", 0.0, x / y), floor)
+    return _where(y == 0.0, x / y, whole)
 
 
 def repeat(count: int, body: Callable[..., Sequence[Any]], *carried: Any) -> tuple[Any, ...]:

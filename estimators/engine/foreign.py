@@ -9,11 +9,12 @@ import linecache
 import random
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import numpy as np
 
+from estimators.checks import shown
 from estimators.engine.arrays import TracedArray, entries
 from estimators.engine.compiled import _rows, call, output
 from estimators.engine.dependencies import Dependencies
@@ -71,6 +72,8 @@ def inspect(function: Callable[..., Any], *samples: Any, axes: Sequence[int] | N
     except NotTraceable as error:
         return Inspection(f"{error}{_place(error)}")
     except (Exception, SystemExit) as error:
+        if isinstance(error.__cause__, NotTraceable):  # NumPy says that it was no number, and not why
+            return Inspection(f"{error.__cause__}{_place(error)}")
         text = " ".join(str(error).split())
         return Inspection(f"it raises {type(error).__name__}: {text[:300]}{_place(error)}")
 
@@ -82,6 +85,9 @@ def _inspected(function: Callable[..., Any], given: Sequence[Any], axes: list[in
     arguments = [_own(sample, k) for sample, k in zip(samples, axes, strict=True)]
     batched = _batched(given, axes)
     own = _called(function, arguments)
+    for each in own:
+        if each.dtype.kind not in "fiub":
+            raise NotTraceable(f"it gives {shown(each[()])}, and not arrays of real numbers or masks")
     if not dependencies.unchanged():  # what is computed once and kept
         dependencies = Dependencies(function)
     again = _called(function, arguments)
@@ -94,8 +100,14 @@ def _inspected(function: Callable[..., Any], given: Sequence[Any], axes: list[in
     if not dependencies.unchanged():
         raise NotTraceable("it keeps what it computes for later: return it as a result instead")
     around = _nudged(arguments, axes, batched)
-    for compared, expected in ((arguments, own), (around, _called(function, around))):
-        _compare(traced, compared, axes, expected)
+    _compare(traced, arguments, axes, own)
+    _compare(traced, around, axes, _called(function, around))
+    alone = [each[-1] if has else each for each, has in zip(around, batched, strict=True)]
+    expected = None
+    with suppress(Exception):  # if it is a function of a row alone, too
+        expected = _called(function, alone)
+    if expected is not None:
+        _compare(traced, alone, axes, expected)
     inspection = Inspection(function=traced, several=several)
     inspection.axes, inspection.dependencies = tuple(axes), dependencies
     return inspection

@@ -78,6 +78,8 @@ class Tracer:
         return TracedArray.of(self)[key]
 
     def __getattr__(self, name: str) -> Any:
+        if name in _METHODS:  # NumPy calls them of the entries of plain object arrays
+            return lambda: operation(name, self)
         if name.startswith("__") or not hasattr(np.ndarray, name):
             raise AttributeError(f"a traced number has no .{name}")
         from estimators.engine.arrays import TracedArray
@@ -91,6 +93,8 @@ class Tracer:
 
 def constant(program: Program, value: Any) -> Tracer:
     """The tracer of a constant scalar."""
+    if isinstance(value, np.ndarray) and value.dtype == object and value.ndim == 0:
+        value = value[()]
     if isinstance(value, Tracer):
         return value
     kind = np.asarray(value).dtype.kind
@@ -129,6 +133,8 @@ def _arithmetic(x: Tracer, y: Tracer) -> tuple[Tracer, Tracer]:
     return cast(x, kind), cast(y, kind)
 
 
+_METHODS = frozenset(("sqrt", "sin", "cos", "tan", "exp", "expm1", "log", "log1p", "arctan", "arcsin", "arccos", "tanh",
+                      "floor", "ceil", "trunc", "rint"))  # fmt: skip
 _COMPARISONS = {"less": "greater", "less equal": "greater equal"}
 _EXACT: dict[str, Callable[..., Any]] = {
     "add": np.add, "subtract": np.subtract, "multiply": np.multiply, "divide": np.divide, "negative": np.negative,
@@ -137,6 +143,7 @@ _EXACT: dict[str, Callable[..., Any]] = {
     "greater equal": np.greater_equal, "equal": np.equal, "not equal": np.not_equal, "isfinite": np.isfinite,
     "isnan": np.isnan, "and": np.bitwise_and, "or": np.bitwise_or, "xor": np.bitwise_xor, "not": np.invert,
     "left shift": np.left_shift, "right shift": np.right_shift,
+    "whole remainder": np.remainder,
 }  # fmt: skip
 """Opcodes that the processor carries out exactly as NumPy does."""
 
@@ -145,6 +152,10 @@ def operation(opcode: str, *operands: Any) -> Tracer:
     """The result of an opcode of scalars, computed at once where all are constants."""
     program = next(each.program for each in operands if isinstance(each, Tracer))
     traced = [constant(program, each) for each in operands]
+    if opcode in ("remainder", "floor divide"):
+        from estimators.engine import elementary
+
+        return elementary.remainder(*traced) if opcode == "remainder" else elementary.floor_divide(*traced)
     if opcode in _COMPARISONS:
         opcode, traced = _COMPARISONS[opcode], traced[::-1]
     kind = traced[0].kind
@@ -158,6 +169,7 @@ def operation(opcode: str, *operands: Any) -> Tracer:
         "greater equal",
         "equal",
         "not equal",
+        "whole remainder",
     ):
         traced = list(_arithmetic(*traced)) if {x.kind for x in traced} != {"b"} or opcode not in (
             "equal", "not equal", "multiply") else traced  # fmt: skip
@@ -191,6 +203,9 @@ def operation(opcode: str, *operands: Any) -> Tracer:
     return Tracer(program, program.add(opcode, tuple(x.value for x in traced), kind))
 
 
+_MASK_IDENTITIES = {"and": True, "or": False, "xor": False}
+
+
 def _simplified(opcode: str, operands: list[Tracer], values: list[Any]) -> Tracer | None:
     """What an operation with an identity element leaves: bits included, so that 0.0 is none of addition."""
     if opcode == "multiply" and 1 in values:
@@ -200,6 +215,10 @@ def _simplified(opcode: str, operands: list[Tracer], values: list[Any]) -> Trace
     if opcode == "add":
         for value, other in zip(values, operands[::-1], strict=True):
             if value == 0 and (other.kind in "iu" or np.signbit(value)):
+                return other
+    if opcode in _MASK_IDENTITIES and operands[0].kind == "b":
+        for value, other in zip(values, operands[::-1], strict=True):
+            if value is not None and bool(value) is _MASK_IDENTITIES[opcode]:
                 return other
     if opcode == "subtract" and values[1] == 0 and (operands[0].kind in "iu" or not np.signbit(values[1])):
         return operands[0]
@@ -252,6 +271,7 @@ def _operator(opcode: str, swapped: bool = False) -> Callable[[Tracer, Any], Any
 for _name, _opcode in (
     ("add", "add"), ("sub", "subtract"), ("mul", "multiply"), ("truediv", "divide"), ("and", "and"), ("or", "or"),
     ("xor", "xor"), ("lshift", "left shift"), ("rshift", "right shift"), ("mod", "remainder"),
+    ("floordiv", "floor divide"),
 ):  # fmt: skip
     setattr(Tracer, f"__{_name}__", _operator(_opcode))
     setattr(Tracer, f"__r{_name}__", _operator(_opcode, True))
