@@ -308,12 +308,12 @@ def _interpolated(x: Any, xp: Any, fp: Any) -> Any:
     return _each(one, x)
 
 
-def lookup_index(x: Tracer, xp: np.ndarray) -> Tracer:
+def lookup_index(x: Any, xp: np.ndarray) -> Any:
     """The last entry of rising numbers that is at most x; 0 below all."""
     index: Any = 0
     for bound in xp[1:]:
         index = cast(x >= float(bound), "i") + index
-    return index  # type: ignore[no-any-return]
+    return index
 
 
 def lookup(table: Any, index: Any) -> Any:

@@ -11,6 +11,7 @@ import struct
 import sys
 from collections.abc import Callable
 from copyreg import _HEAPTYPE, _new_type  # type: ignore[attr-defined]
+from dataclasses import is_dataclass
 from types import BuiltinFunctionType, CellType, CodeType, FunctionType, MethodType, ModuleType
 from typing import Any
 
@@ -31,6 +32,7 @@ _ALL = frozenset(("__dict__", "vars", "dir", "__getattribute__", "__getattr__"))
 _UNUSED = frozenset(("__repr__", "__str__", "__format__", "__reduce__", "__reduce_ex__", "__getstate__",
                      "__setstate__", "__del__", "__copy__", "__deepcopy__", "__doc__", "__sizeof__", "__dir__",
                      "__init_subclass__", "__class_getitem__", "__subclasshook__"))  # fmt: skip
+_SLOTS = ("member_descriptor", "getset_descriptor", "_tuplegetter")  # what an object has itself, by its class
 _BUILDING = frozenset(("__init__", "__new__", "__post_init__", "__setattr__"))
 
 
@@ -239,7 +241,8 @@ class _Walk:
             self._length(own)
             special = (name for name in own if name.startswith("__") and isinstance(own[name], FunctionType))
             for name in sorted((self.names & own.keys()) | (set(special) - unused)):
-                if type(own[name]).__name__ != "member_descriptor" and name not in ("__dict__", "__class__"):
+                comparison = name in ("__eq__", "__hash__") and is_dataclass(each)  # of all fields, read or not
+                if type(own[name]).__name__ not in _SLOTS and name != "__dict__" and not comparison:
                     self._item(own, name, f"{each.__name__}.{name}")
 
     def _mapping(self, mapping: Any, what: str, every: bool) -> None:

@@ -17,6 +17,7 @@ from estimators.engine.tracer import where as _where
 _LN2_HIGH, _LN2_LOW, _PER_LN2 = 6.93147180369123816490e-01, 1.90821492927058770002e-10, 1.44269504088896338700
 _INTEGER = 6755399441055744.0  # 1.5 * 2^52: adding it leaves a whole number in the low bits
 _PI_LOW = 1.2246467991473531772e-16
+_HALF_PI_LOW, _QUARTER_PI = 0.5 * _PI_LOW, 0.25 * np.pi
 
 
 def _spread(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
@@ -95,6 +96,11 @@ def _scaled(y: Any, k: Any) -> Any:
     return y * _power_of_two(half) * _power_of_two(k - half)
 
 
+def _high(x: Any) -> Any:
+    """A number without the lower half of its digits."""
+    return bits_float(float_bits(x) & np.uint64(0xFFFFFFFF00000000))
+
+
 def sincos_near_zero(x: Any) -> tuple[Any, Any]:
     """Sine and cosine of an angle within an eighth of a turn of 0."""
     z = x * x
@@ -121,9 +127,42 @@ def _sincos(angle: Any) -> tuple[Any, Any]:
     return _select(quarter >= 2.0, -s, s), _select((quarter == 1.0) | (quarter == 2.0), -c, c)
 
 
-def _tan(x: Any) -> Any:
-    sine, cosine = sincos(x)
-    return sine / cosine
+def _tan(angle: Any) -> Any:
+    quarters = _apply("floor", angle * 0.6366197723675814 + 0.5)
+    first = angle - quarters * 1.5707963267341256
+    part = quarters * 6.077100506303966e-11
+    high = first - part
+    part = quarters * 2.0222662487959506e-21 - ((first - high) - part)
+    x = high - part
+    low = (high - x) - part
+    x = _select(x > 0.786, 0.786, _select(x < -0.786, -0.786, x))
+    a = _apply("absolute", x)
+    reduced = x
+    far = a >= 0.67434  # there it is 1 - 2 tan(pi/4 - x) / (1 + tan(pi/4 - x))
+    low = _select(far, 0.0, low) + _select(far, 3.06161699786838301793e-17 - _select(x < 0.0, -low, low), 0.0)
+    near = _select(far, 7.85398163397448278999e-01 - a, x)
+    x, low = near + low, low - ((near + low) - near)
+    z = x * x
+    w = z * z
+    odd = _polynomial(
+        w, 1.33333333333201242699e-01, 2.18694882948595424599e-02, 3.59207910759131235356e-03,
+        5.88041240820264096874e-04, 7.81794442939557092300e-05, -1.85586374855275456654e-05,
+    )  # fmt: skip
+    even = z * _polynomial(
+        w, 5.39682539762260521377e-02, 8.86323982359930005737e-03, 1.45620945432529025516e-03,
+        2.46463134818469906812e-04, 7.14072491382608190305e-05, 2.59073051863633712884e-05,
+    )  # fmt: skip
+    cube = z * x
+    rest = low + z * (cube * (odd + even) + low) + 3.33333333333334091986e-01 * cube
+    total = x + rest
+    turned = quarters - 2.0 * _apply("floor", 0.5 * quarters) == 1.0
+    sign = _select(turned, -1.0, 1.0)
+    over = sign - 2.0 * (x - (total * total / (total + sign) - rest))
+    head, inverse = _high(total), -1.0 / _select(total == 0.0, 1.0, total)
+    tail, first = rest - (head - x), _high(inverse)
+    inverse = first + inverse * ((1.0 + first * head) + first * tail)
+    far_value = _apply("copysign", 1.0, reduced) * over
+    return _select(angle == 0.0, angle, _select(far, far_value, _select(turned, inverse, total)))
 
 
 def _exp(x: Any) -> Any:
@@ -156,9 +195,10 @@ def _expm1(x: Any) -> Any:
     near = r - (r * e - z)
     e = (r * (e - c) - c) - z
     inverse = _power_of_two(-_select(k > 1000.0, 1000.0, _select(k < -1000.0, -1000.0, k)))
-    positive = _scaled(_select(k < 20.0, (1.0 - inverse) - (e - r), (r - (e + inverse)) + 1.0), k)
+    positive = _select(k < 20.0, (1.0 - inverse) - (e - r), (r - (e + inverse)) + 1.0)
+    positive = _scaled(_select((k == 1.0) & (r < -0.25), (r + 0.5) - e, positive), k)
     negative = _select(k == -1.0, 0.5 * (r - e) - 0.5, _scaled(1.0 - (e - r), k) - 1.0)
-    return _select(k == 0.0, near, _select(k > 0.0, positive, negative))
+    return _select(x == 0.0, x, _select(k == 0.0, near, _select(k > 0.0, positive, negative)))
 
 
 def _log(x: Any) -> Any:
@@ -183,7 +223,8 @@ def _log1p(x: Any) -> Any:
     u = 1.0 + x
     missing = _select(u > 2.0, 1.0 - (u - x), x - (u - 1.0))
     log = _apply("log", u)
-    return _select((x > -1.0) & (x < np.inf), log + missing / _select(u == 0.0, 1.0, u), log)
+    log = _select((x > -1.0) & (x < np.inf), log + missing / _select(u == 0.0, 1.0, u), log)
+    return _select(x == 0.0, x, log)
 
 
 def _arctan(x: Any) -> Any:
@@ -216,12 +257,41 @@ def _arctan2(y: Any, x: Any) -> Any:
     return _apply("copysign", _select(astern, np.pi - (angle - _PI_LOW), angle), y)
 
 
+def _arcsine_series(z: Any) -> Any:
+    """``arcsin(x) / x - 1`` for ``z = x^2`` up to 1/4."""
+    over = z * _polynomial(
+        z, 1.66666666666666657415e-01, -3.25565818622400915405e-01, 2.01212532134862925881e-01,
+        -4.00555345006794114027e-02, 7.91534994289814532176e-04, 3.47933107596021167570e-05,
+    )  # fmt: skip
+    return over / _polynomial(
+        z, 1.0, -2.40339491173441421878e00, 2.02094576023350569471e00, -6.88283971605453293030e-01,
+        7.70381505559019352791e-02,
+    )  # fmt: skip
+
+
+def _half_angle(x: Any) -> tuple[Any, Any, Any, Any, Any]:
+    """``|x| < 1/2``; ``z = x^2``, beyond ``(1 - |x|) / 2``; its root in two parts; and the series of z."""
+    a = _apply("absolute", x)
+    small = a < 0.5
+    z = _select(small, x * x, 0.5 * (1.0 - a))
+    root = _apply("sqrt", z)
+    high = _high(root)
+    low = (z - high * high) / _select(root == 0.0, 1.0, root + high)
+    return small, root, high, low, _arcsine_series(z)
+
+
 def _arcsin(x: Any) -> Any:
-    return _apply("arctan2", x, _apply("sqrt", (1.0 - x) * (1.0 + x)))
+    small, root, high, low, series = _half_angle(x)
+    beyond = 2.0 * root * series - (_HALF_PI_LOW - 2.0 * low)
+    beyond = _QUARTER_PI - (beyond - (_QUARTER_PI - 2.0 * high))
+    return _select(small, x + x * series, _apply("copysign", beyond, x))
 
 
 def _arccos(x: Any) -> Any:
-    return _apply("arctan2", _apply("sqrt", (1.0 - x) * (1.0 + x)), x)
+    small, root, high, low, series = _half_angle(x)
+    ahead = 2.0 * (high + (series * root + low))
+    astern = np.pi - 2.0 * (root + (series * root - _HALF_PI_LOW))
+    return _select(small, 0.5 * np.pi - (x - (_HALF_PI_LOW - x * series)), _select(x > 0.0, ahead, astern))
 
 
 def _hypot(x: Any, y: Any) -> Any:
@@ -234,7 +304,10 @@ def _hypot(x: Any, y: Any) -> Any:
 def _tanh(x: Any) -> Any:
     a = _apply("absolute", x)
     t = _apply("expm1", 2.0 * _select(a > 22.0, 22.0, a))
-    return _apply("copysign", _select(a > 22.0, 1.0, t / (t + 2.0)), x)
+    divisor = t + 2.0
+    quotient = t / divisor
+    quotient = quotient - quotient * ((t - (divisor - 2.0)) / divisor)
+    return _apply("copysign", _select(a > 22.0, 1.0, quotient), x)
 
 
 EXPANSIONS: dict[str, tuple[int, Callable[..., Any]]] = {

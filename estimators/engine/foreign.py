@@ -91,26 +91,30 @@ def _inspected(function: Callable[..., Any], given: Sequence[Any], axes: list[in
     if not dependencies.unchanged():  # what is computed once and kept
         dependencies = Dependencies(function)
     again = _called(function, arguments)
-    if not dependencies.unchanged():
-        raise NotTraceable("it changes something that it reads, and is another function at its next call")
+    _check_unchanged(dependencies)
     if not all(map(_same_bits, own, again)) or states != _random_states():
         raise NotTraceable("it gives another result for the same arguments: let random numbers be an argument")
-    rows = [Argument(a.shape[a.ndim - k :], kind_of(_rows(a))) for a, k in zip(samples, axes, strict=True)]
-    traced, several = _trace_rows(function, rows, batched)
+    around = _nudged(arguments, axes, batched)
+    cases = [(arguments, own), (around, _called(function, around))]
+    for rows in (slice(0, 1), -1):
+        with suppress(Exception):  # it need not be a function of a row alone
+            few = [each[rows] if has else each for each, has in zip(around, batched, strict=True)]
+            cases.append((few, _called(function, few)))
+    _check_unchanged(dependencies)
+    shapes = [Argument(a.shape[a.ndim - k :], kind_of(_rows(a))) for a, k in zip(samples, axes, strict=True)]
+    traced, several = _trace_rows(function, shapes, batched)
     if not dependencies.unchanged():
         raise NotTraceable("it keeps what it computes for later: return it as a result instead")
-    around = _nudged(arguments, axes, batched)
-    _compare(traced, arguments, axes, own)
-    _compare(traced, around, axes, _called(function, around))
-    alone = [each[-1] if has else each for each, has in zip(around, batched, strict=True)]
-    expected = None
-    with suppress(Exception):  # if it is a function of a row alone, too
-        expected = _called(function, alone)
-    if expected is not None:
-        _compare(traced, alone, axes, expected)
+    for compared, expected in cases:
+        _compare(traced, compared, axes, expected)
     inspection = Inspection(function=traced, several=several)
     inspection.axes, inspection.dependencies = tuple(axes), dependencies
     return inspection
+
+
+def _check_unchanged(dependencies: Dependencies) -> None:
+    if not dependencies.unchanged():
+        raise NotTraceable("it changes something that it reads, and is another function at its next call")
 
 
 def _own(sample: np.ndarray, axes: int) -> np.ndarray:

@@ -44,7 +44,7 @@ class Tracer:
         raise NotTraceable("a traced function cannot turn values into Python's numbers or fresh arrays of floats: "
                            "use NumPy's functions and np.stack")  # fmt: skip
 
-    __float__ = __int__ = __index__ = __complex__ = __iter__ = __len__ = __hash__ = _no_number  # type: ignore
+    __float__ = __int__ = __index__ = __complex__ = __iter__ = __len__ = __hash__ = _no_number
 
     def __array__(self, dtype: Any = None, copy: Any = None) -> np.ndarray:
         if dtype not in (None, object, np.dtype(object)):
@@ -110,7 +110,7 @@ def known(tracer: Tracer) -> Any:
     return tracer.program.constants.get(tracer.value)
 
 
-def cast(x: Tracer, kind: str) -> Tracer:
+def cast(x: Tracer, kind: str) -> Any:
     """A number as another kind: masks are 1 and 0, floats are truncated."""
     if x.kind == kind:
         return x
@@ -148,7 +148,7 @@ _EXACT: dict[str, Callable[..., Any]] = {
 """Opcodes that the processor carries out exactly as NumPy does."""
 
 
-def operation(opcode: str, *operands: Any) -> Tracer:
+def operation(opcode: str, *operands: Any) -> Any:
     """The result of an opcode of scalars, computed at once where all are constants."""
     program = next(each.program for each in operands if isinstance(each, Tracer))
     traced = [constant(program, each) for each in operands]
@@ -282,5 +282,5 @@ for _name, _opcode in (
     setattr(Tracer, f"__{_name}__", _operator(_opcode))
 for _name, _opcode in (("neg", "negative"), ("abs", "absolute"), ("invert", "not")):
     setattr(Tracer, f"__{_name}__", lambda self, opcode=_opcode: operation(opcode, self))
-Tracer.__pos__ = lambda self: self  # type: ignore[attr-defined]
-Tracer.__pow__ = power  # type: ignore[attr-defined]
+for _name, _method in (("pos", lambda self: self), ("pow", power)):
+    setattr(Tracer, f"__{_name}__", _method)

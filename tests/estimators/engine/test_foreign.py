@@ -1,0 +1,387 @@
+"""When a function that is not ours may run traced, and when what it reads has changed since."""
+
+import enum
+import functools
+import sys
+import types
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+import scipy.interpolate
+
+from estimators.engine import compiled
+from estimators.engine.foreign import inspect
+from estimators.engine.interpret import interpret
+
+GAIN = 2.0
+TABLE = np.array([1.0, 2.0])
+SETTINGS: dict[str, Any] = {"gain": 1.5, "arrays": [np.ones(2), np.ones(2)]}
+X = np.random.default_rng(0).normal(size=(5, 2))
+
+
+def helper(x: np.ndarray) -> np.ndarray:
+    return GAIN * x
+
+
+@dataclass
+class Vehicle:
+    mass: float = 2.0
+    drag: np.ndarray = field(default_factory=lambda: np.array([0.1, 0.2]))
+    unread: float = 0.0
+    parts: tuple[np.ndarray, ...] = (np.ones(2),)
+    factor = 3.0
+
+    @property
+    def inverse(self) -> float:
+        return 1.0 / self.mass
+
+    def force(self, x: np.ndarray) -> np.ndarray:
+        return -self.drag * x * np.abs(x)
+
+    def rate(self, x: np.ndarray) -> np.ndarray:
+        return self.force(x) * self.inverse + self.parts[0] * self.factor * GAIN
+
+
+class Slotted:
+    __slots__ = ("gain", "other")
+
+    def __init__(self) -> None:
+        self.gain = 1.0
+
+    def __call__(self, x: np.ndarray) -> np.ndarray:
+        return self.gain * x
+
+
+class Numbers(NamedTuple):
+    a: float
+    b: np.ndarray
+
+
+class Mode(enum.Enum):
+    FAST = 2.0
+
+
+def closure() -> tuple[Callable[..., Any], Callable[[float], None], np.ndarray]:
+    gain, array = 2.0, np.ones(2)
+
+    def change(value: float) -> None:
+        nonlocal gain
+        gain = value
+
+    return lambda x: gain * array * x, change, array
+
+
+@pytest.fixture
+def globals_() -> Iterator[dict[str, Any]]:
+    """This module's, as they were afterwards."""
+    kept = dict(globals())
+    yield globals()
+    globals().update(kept)
+
+
+def traced(function: Callable[..., Any]) -> Any:
+    inspection = inspect(function, X)
+    assert inspection.traceable, inspection.reason
+    assert inspection.unchanged()
+    np.testing.assert_allclose(inspection(X), function(X), rtol=1e-14)
+    return inspection
+
+
+def test_a_global_that_changes_is_noticed_through_other_functions(globals_: dict[str, Any]):
+    inspection = traced(lambda x: helper(x) + TABLE)
+    globals_["GAIN"] = 3.0
+    assert not inspection.unchanged()
+    globals_["GAIN"] = 1.0 + 1.0  # another object of the same value
+    assert inspection.unchanged()
+    TABLE[0] = 7.0
+    assert not inspection.unchanged()
+    TABLE[0] = 1.0
+    assert inspection.unchanged()
+    globals_["helper"] = lambda x: x
+    assert not inspection.unchanged()
+
+
+def test_a_variable_that_is_new_is_noticed(globals_: dict[str, Any]):
+    def optional(x: np.ndarray) -> np.ndarray:
+        try:
+            return LATER * x  # type: ignore[name-defined, no-any-return]
+        except NameError:
+            return x
+
+    inspection = traced(optional)
+    globals_["LATER"] = 4.0
+    try:
+        assert not inspection.unchanged()
+    finally:
+        del globals_["LATER"]
+
+
+def test_a_closure_that_changes_is_noticed():
+    function, change, array = closure()
+    inspection = traced(function)
+    change(3.0)
+    assert not inspection.unchanged()
+    change(2.0)
+    assert inspection.unchanged()
+    array[1] = 0.0
+    assert not inspection.unchanged()
+
+
+def test_attributes_are_read_as_far_as_they_are_named():
+    vehicle = Vehicle()
+    inspection = traced(vehicle.rate)
+    vehicle.unread = 5.0
+    vehicle.something = np.random.default_rng()  # type: ignore[attr-defined]
+    assert inspection.unchanged()
+    for change in (
+        lambda: setattr(vehicle, "mass", 4.0),
+        lambda: vehicle.drag.__setitem__(0, 9.0),
+        lambda: setattr(vehicle, "drag", np.zeros(2)),
+        lambda: vehicle.parts[0].__setitem__(1, 5.0),
+        lambda: setattr(vehicle, "factor", 8.0),
+        lambda: setattr(vehicle, "force", lambda x: x),
+        lambda: setattr(vehicle, "__dict__", dict(vars(vehicle), mass=1.0)),
+    ):
+        inspection = traced(vehicle.rate)
+        change()
+        assert not inspection.unchanged()
+
+
+def test_a_class_that_changes_is_noticed(monkeypatch: pytest.MonkeyPatch):
+    vehicle = Vehicle()
+    for name, value in (("factor", 4.0), ("force", lambda self, x: x), ("inverse", property(lambda self: 2.0))):
+        inspection = traced(vehicle.rate)
+        monkeypatch.setattr(Vehicle, name, value)
+        assert not inspection.unchanged()
+
+
+def test_slots_defaults_and_partial_arguments_are_read():
+    slotted = Slotted()
+    inspection = traced(slotted)
+    slotted.gain = 2.0
+    assert not inspection.unchanged()
+
+    def scaled(x: np.ndarray, gain: float = 2.0, *, offset: float = 1.0) -> np.ndarray:
+        return gain * x + offset
+
+    inspection = traced(scaled)
+    scaled.__defaults__ = (3.0,)
+    assert not inspection.unchanged()
+    inspection = traced(scaled)
+    scaled.__kwdefaults__["offset"] = 5.0
+    assert not inspection.unchanged()
+    part = functools.partial(scaled, gain=np.ones(2))
+    inspection = traced(part)
+    part.keywords["gain"][0] = 3.0
+    assert not inspection.unchanged()
+    inspection = traced(scaled)
+    scaled.__code__ = (lambda x, gain, *, offset: x).__code__
+    assert not inspection.unchanged()
+
+
+def test_containers_are_read(monkeypatch: pytest.MonkeyPatch):
+    numbers = Numbers(1.0, np.ones(2))
+
+    def function(x: np.ndarray) -> np.ndarray:
+        total = SETTINGS["gain"] * x + numbers.a * numbers.b + Mode.FAST.value
+        for each in SETTINGS["arrays"]:
+            total = total + each
+        return total  # type: ignore[no-any-return]
+
+    for change in (
+        lambda: SETTINGS["arrays"].append(np.ones(2)),
+        lambda: SETTINGS["arrays"].pop(),
+        lambda: SETTINGS["arrays"][0].__setitem__(0, 2.0),
+        lambda: SETTINGS.update(gain=9.0),
+        lambda: numbers.b.__setitem__(0, 4.0),
+    ):
+        inspection = traced(function)
+        change()
+        assert not inspection.unchanged()
+
+
+def test_a_module_of_the_users_is_read(monkeypatch: pytest.MonkeyPatch):
+    module: Any = types.ModuleType("users_own_settings")
+    module.GAIN, module.unread = 3.0, open  # what is not named does not matter
+    monkeypatch.setitem(sys.modules, "users_own_settings", module)
+    inspection = traced(lambda x: module.GAIN * x)
+    module.unread = 5
+    assert inspection.unchanged()
+    module.GAIN = 4.0
+    assert not inspection.unchanged()
+
+
+def test_what_is_computed_once_and_kept_may_be():
+    class Lazy:
+        mass = 2.0
+
+        @functools.cached_property
+        def inverse(self) -> float:
+            return 1.0 / self.mass
+
+        def rate(self, x: np.ndarray) -> np.ndarray:
+            return x * self.inverse
+
+    lazy = Lazy()
+    inspection = traced(lazy.rate)
+    lazy.__dict__["inverse"] = 9.0
+    assert not inspection.unchanged()
+
+
+def test_large_arrays_are_read_only_or_refused():
+    large = np.ones((1 << 16, 2))
+    inspection = inspect(lambda x: x + large[0], X)
+    assert not inspection.traceable
+    assert "too large" in inspection.reason
+    large.flags.writeable = False
+    traced(lambda x: x + large[0])
+
+
+def counter() -> Callable[..., Any]:
+    calls = [0]
+
+    def count(x: np.ndarray) -> np.ndarray:
+        calls[0] += 1
+        return x * calls[0]
+
+    return count
+
+
+class Remembering:
+    last: Any = None
+
+    def __call__(self, x: np.ndarray) -> np.ndarray:
+        self.last = x
+        return x
+
+
+def generator() -> Callable[..., Any]:
+    numbers = iter([1.0] * 100)
+    return lambda x: x * next(numbers)
+
+
+def drawn() -> Callable[..., Any]:
+    rng = np.random.default_rng()
+    return lambda x: x + rng.normal(size=x.shape)
+
+
+def bound() -> Callable[..., Any]:
+    normal = np.random.default_rng().normal
+    return lambda x: x + normal()
+
+
+def kept() -> Callable[..., Any]:
+    memory: dict[Any, Any] = {}
+
+    def remember(x: np.ndarray) -> np.ndarray:
+        memory["x"] = x
+        return x
+
+    return remember
+
+
+@pytest.mark.parametrize(
+    ("function", "phrase"),
+    [
+        (counter(), "changes something that it reads"),
+        (Remembering(), r"changes the attribute \.last"),
+        (kept(), "changes something that it reads"),
+        (generator(), "list_iterator, whose changes cannot be seen"),
+        (drawn(), "Generator, whose changes cannot be seen"),
+        (bound(), "Generator, whose changes cannot be seen"),
+        (lambda x: sys.stdout.write("") * x, "uses the module sys"),
+        (scipy.interpolate.CubicSpline([0.0, 1.0, 2.0], [0.0, 1.0, 0.0]), "Python's numbers|cannot have"),
+        (5, "raises TypeError"),
+    ],
+)
+def test_what_cannot_be_compared_is_refused(function: Any, phrase: str):
+    inspection = inspect(function, X)
+    assert not inspection.traceable
+    assert __import__("re").search(phrase, inspection.reason), inspection.reason
+
+
+def test_a_refused_function_leaves_no_tracers_behind():
+    remembering = Remembering()
+    inspect(remembering, X)
+    assert remembering.last is None
+
+
+def test_arguments_are_left_as_they_are():
+    def careless(x: np.ndarray) -> np.ndarray:
+        x[..., 0] = 0.0
+        x *= 2.0
+        return x
+
+    given = X.copy()
+    assert inspect(careless, given).traceable
+    np.testing.assert_array_equal(given, X)
+
+
+def test_the_line_is_named():
+    def function(x: np.ndarray) -> np.ndarray:
+        y = 2.0 * x
+        return float(y[0, 0]) * x
+
+    reason = inspect(function, X).reason
+    line = function.__code__.co_firstlineno + 2
+    assert f"(line {line} of test_foreign.py: return float(y[0, 0]) * x)" in reason
+
+
+@pytest.mark.parametrize(
+    "function",
+    [
+        lambda x: x - x[0],
+        lambda x: x - x[..., :1, :].mean(-2),
+        lambda x: np.maximum.accumulate(x, 0),
+        lambda x: x * (len(x) > 1),
+        lambda x: x + np.arange(len(x))[:, None],
+        lambda x: np.where(x.max() > 1e300, 0.0, x),
+        lambda x: x if x.ndim == 2 else 2.0 * x,
+        lambda x: x[::-1],
+    ],
+)
+def test_rows_that_depend_on_others_are_found_out(function: Callable[..., Any]):
+    for given in (X, X[0]):
+        assert not inspect(function, given).traceable
+
+
+def test_an_argument_without_a_batch_is_shared():
+    inspection = inspect(lambda x, dt: x + dt * x * x, X, 0.1)
+    assert inspection.traceable, inspection.reason
+    assert inspection.axes == (1, 0)
+    np.testing.assert_array_equal(inspection(X, 0.3), X + 0.3 * X * X)
+    inspection = inspect(lambda P, x: P @ x, np.eye(2), X[0], axes=(2, 1))
+    assert not inspection.traceable  # of a batch it is something else
+    inspection = inspect(lambda P, x: (P @ x[..., None])[..., 0], np.eye(2), X[0], axes=(2, 1))
+    assert inspection.traceable, inspection.reason
+
+
+def test_functions_that_lose_digits_are_traced_nevertheless():
+    def cancelling(x: np.ndarray) -> np.ndarray:
+        return 1e8 * (np.exp(1e-9 * x) - 1.0) + (np.sin(x) - np.sin(x * (1.0 + 1e-12))) * 1e6
+
+    assert inspect(cancelling, X).traceable
+
+
+def test_a_compiled_function_may_be_part_of_it():
+    @compiled
+    def ours(x: np.ndarray) -> np.ndarray:
+        return np.sin(x) * GAIN
+
+    traced(lambda x: ours(x) + 1.0)
+
+
+def test_a_program_in_numpy_has_the_bits_of_its_compiled_self():
+    def function(x: np.ndarray, n: np.ndarray) -> np.ndarray:
+        angle = (x[..., 0] + np.pi) % (2.0 * np.pi) - np.pi
+        power = np.where(n > 2, np.exp(x[..., 1]), np.arctan2(x[..., 1], x[..., 0]))
+        return np.stack([angle, power, 1.0 * (n % 3), np.interp(x[..., 0], [-1.0, 0.0, 2.0], [3.0, 1.0, 5.0])], -1)
+
+    x, n = np.random.default_rng(1).normal(size=(99, 2)) * 5.0, np.arange(99)
+    inspection = inspect(function, x, n, axes=(1, 0))
+    assert inspection.traceable, inspection.reason
+    (found,) = interpret(inspection.function, [x, n], (1, 0))
+    np.testing.assert_array_equal(found.view(np.int64), inspection(x, n).view(np.int64))
