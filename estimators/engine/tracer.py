@@ -23,6 +23,10 @@ class Tracer:
     ndim = 0
     shape = ()
     size = 1
+    __gt__: Any
+    __ge__: Any
+    __lt__: Any
+    __le__: Any
 
     def __init__(self, program: Program, value: int) -> None:
         self.program, self.value = program, value
