@@ -11,7 +11,6 @@ from scipy.linalg import block_diag
 
 from estimators import Belief, Filter, Gaussian, Numbers
 from estimators.checks import shown
-from estimators.compiled import rowwise
 from estimators.linalg import shared_root
 from estimators.randomness import word
 from estimators.threads import each, shares
