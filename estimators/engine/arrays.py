@@ -166,7 +166,7 @@ def _constant_result(opcode: str, *values: Any) -> Any:
 
 
 def _sign(x: Any) -> Any:
-    return where(x > 0.0, 1.0, where(x < 0.0, -1.0, x)) if isinstance(x, Tracer) else np.sign(x)
+    return where(x > 0.0, 1.0, where(x < 0.0, -1.0, x + 0.0)) if isinstance(x, Tracer) else np.sign(x)
 
 
 def _negated(opcode: str) -> Callable[..., Any]:

@@ -7,12 +7,12 @@ the derivative is that of the side on which the value is; whole numbers, roundin
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from estimators.engine.program import Instruction, Program
-from estimators.engine.tracer import NotTraceable, Tracer, operation, where
+from estimators.engine.program import Instruction, Loop, Program
+from estimators.engine.tracer import NotTraceable, Tracer, constant, operation, where
 
 _FLAT = frozenset((
     "floor", "ceil", "trunc", "rint", "greater", "greater equal", "equal", "not equal", "isfinite", "isnan", "cast",
-    "lookup", "and", "or", "xor", "not", "bits", "left shift", "right shift", "whole remainder",
+    "lookup", "and", "or", "xor", "not", "left shift", "right shift", "whole remainder",
 ))  # fmt: skip
 """Opcodes whose results do not change with their operands, but for jumps."""
 
@@ -87,11 +87,63 @@ def tangents(outputs: Sequence[Tracer], seeds: Sequence[Tracer]) -> list[Tangent
     program = outputs[0].program
     known: dict[int, Tangent] = {seed.value: {i: 1.0} for i, seed in enumerate(seeds)}
     for instruction in program.live([each.value for each in outputs]):
-        if instruction.result in known:
-            continue
-        if any(known.get(value) for value in instruction.values):
-            known[instruction.result] = _tangent(program, instruction, known)
+        _extend(program, instruction, known)
     return [known.get(output.value, {}) for output in outputs]
+
+
+def _extend(program: Program, instruction: Instruction, known: dict[int, Tangent]) -> None:
+    """Put an instruction's tangent beside those that are known."""
+    if instruction.result in known or not any(known.get(value) for value in instruction.values):
+        return
+    if instruction.opcode == "repeat":
+        known.update(zip(instruction.results, _repeated(program, instruction, known), strict=True))
+    else:
+        known[instruction.result] = _tangent(program, instruction, known)
+
+
+def _repeated(program: Program, instruction: Instruction, known: dict[int, Tangent]) -> list[Tangent]:
+    """Tangents of what a loop gives: the loop once more, with the tangents of what it carries."""
+    loop: Loop = instruction.attributes[0]
+    initial: Any = instruction.operands
+    carried = [(i, seed) for i, seeds in enumerate(_reached(program, instruction, known)) for seed in sorted(seeds)]
+
+    def body(*parameters: int) -> list[int]:
+        count = len(loop.parameters)
+        inside = dict(known)
+        for (i, seed), value in zip(carried, parameters[count:], strict=True):
+            inside.setdefault(parameters[i], {})[seed] = Tracer(program, value)
+        renamed = dict(zip(loop.parameters, parameters[:count], strict=True))
+        for each in loop.body:
+            copied = program.copy(each, renamed)
+            _extend(program, copied, inside)
+        after = [renamed.get(value, value) for value in loop.after]
+        slopes = [inside.get(after[i], {}).get(seed, 0.0) for i, seed in carried]
+        return [*after, *(constant(program, slope).value for slope in slopes)]
+
+    begun = [constant(program, known.get(initial[i], {}).get(seed, 0.0)).value for i, seed in carried]
+    results = program.repeat(loop.count, body, [*initial, *begun])
+    found: list[Tangent] = [{} for _ in loop.parameters]
+    for (i, seed), value in zip(carried, results[len(initial) :], strict=True):
+        found[i][seed] = Tracer(program, value)
+    return found
+
+
+def _reached(program: Program, instruction: Instruction, known: dict[int, Tangent]) -> list[set[int]]:
+    """The seeds on which each number that a loop carries depends, after any pass."""
+    loop: Loop = instruction.attributes[0]
+    operands: Any = instruction.operands
+    seeds = [set(known.get(value, {})) for value in operands]
+    while True:
+        reached = {value: set(tangent) for value, tangent in known.items()}
+        reached.update(zip(loop.parameters, seeds, strict=True))
+        for each in loop.body:
+            found = set().union(*(reached.get(value, set()) for value in each.values))
+            reached.update(dict.fromkeys(each.results, set() if each.opcode in _FLAT else found))
+        after = [seeds[i] | reached.get(value, set()) for i, value in enumerate(loop.after)]
+        after = [each if program.kinds[value] == "f" else set() for each, value in zip(after, loop.after, strict=True)]
+        if after == seeds:
+            return seeds
+        seeds = after
 
 
 def _tangent(program: Program, instruction: Instruction, known: dict[int, Tangent]) -> Tangent:

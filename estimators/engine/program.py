@@ -133,6 +133,27 @@ class Program:
         self._blocks[-1].append(Instruction("repeat", tuple(initial), results[0], (loop,)))
         return results
 
+    def copy(self, instruction: Instruction, renamed: dict[int, int]) -> Instruction:
+        """The instruction once more, of operands under other names; its results are added to these."""
+        operands: Any = instruction.operands
+        operands = tuple(renamed.get(value, value) for value in operands)
+        if instruction.opcode != "repeat":
+            kind = self.kinds[instruction.result]
+            result = self.add(instruction.opcode, operands, kind, None, instruction.attributes)
+            renamed[instruction.result] = result
+            return instruction._replace(operands=operands, result=result)
+        loop: Loop = instruction.attributes[0]
+
+        def body(*parameters: int) -> list[int]:
+            inside = renamed | dict(zip(loop.parameters, parameters, strict=True))
+            for each in loop.body:
+                self.copy(each, inside)
+            return [inside.get(value, value) for value in loop.after]
+
+        results = self.repeat(loop.count, body, operands)
+        renamed.update(zip(loop.results, results, strict=True))
+        return self._blocks[-1][-1]
+
     def live(self, outputs: Sequence[int]) -> list[Instruction]:
         """The instructions that outputs need, in order."""
         needed, kept = set(outputs), []

@@ -1,0 +1,100 @@
+"""Random functions of a vector, in NumPy's words: for arrays of floats and of tracers alike."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from estimators.engine import lookup, repeat, sincos
+
+TABLE = np.array([0.3, -1.0, 2.0, 0.5, 0.0])
+PLACES = np.array([-2.0, -0.5, 0.1, 1.0, 2.5])
+Word = Callable[..., Any]
+EXACT: dict[str, tuple[int, Word]] = {
+    "add": (2, lambda a, b: a + b),
+    "subtract": (2, lambda a, b: a - b),
+    "multiply": (2, lambda a, b: a * b),
+    "divide": (2, lambda a, b: a / (1.0 + b * b)),
+    "negative": (1, lambda a: -a),
+    "constant": (1, lambda a: 0.7 - 1.3 * a),
+    "reciprocal": (1, lambda a: 1 / (2 + np.square(a))),
+    "absolute": (1, np.abs),
+    "root": (1, lambda a: np.sqrt(np.abs(a) + 0.1)),
+    "half power": (1, lambda a: (a**2 + 0.5) ** 0.5),
+    "floor": (1, np.floor),
+    "ceil": (1, lambda a: np.ceil(a) - np.trunc(a)),
+    "rint": (1, np.rint),
+    "sign": (1, lambda a: np.sign(a) * a),
+    "maximum": (2, np.maximum),
+    "minimum": (2, np.minimum),
+    "copysign": (2, np.copysign),
+    "fmod": (1, lambda a: np.fmod(a, 1.7)),
+    "remainder": (1, lambda a: (a + np.pi) % (2.0 * np.pi) - np.pi),
+    "quotient": (1, lambda a: a // 0.9),
+    "clip": (1, lambda a: np.clip(a, -1.5, 1.2)),
+    "where": (3, lambda a, b, c: np.where(a > 0.2, b, c)),
+    "masks": (3, lambda a, b, c: np.where((a <= b) & ~(c < 0.0) | (a == 0.5), b * c, a - 1.0)),
+    "either": (2, lambda a, b: np.where((a > 0.0) ^ (b >= 0.3), a, b)),
+    "finite": (2, lambda a, b: np.where(np.isfinite(a) | np.isnan(b), a, 0.0)),
+    "mask times": (2, lambda a, b: (a > b) * a + 2.0 * (b != 0.0)),
+    "sum": (3, lambda a, b, c: np.stack([a, b, c], -1).sum(-1)),
+    "largest": (3, lambda a, b, c: np.max(np.stack([a, b, c], -1), axis=-1)),
+    "cumulative": (3, lambda a, b, c: np.cumsum(np.stack([a, b, c], -1), axis=-1)[..., 1]),
+    "concatenate": (2, lambda a, b: np.concatenate([a[..., None], b[..., None]], -1)[..., ::-1][..., 0]),
+    "in place": (2, lambda a, b: _in_place(a, b)),
+    "lookup": (1, lambda a: lookup(TABLE, a)),
+    "repeat": (2, lambda a, b: repeat(3, lambda p, q: (0.5 * p + q, np.where(p > q, p, 0.3 * q)), a, b)[0]),
+}
+ROUNDED: dict[str, tuple[int, Word]] = {
+    "exp": (1, lambda a: np.exp(-np.abs(a))),
+    "expm1": (1, lambda a: np.expm1(np.clip(a, -3.0, 2.0))),
+    "log": (1, lambda a: np.log(np.abs(a) + 0.2)),
+    "log1p": (1, lambda a: np.log1p(a * a)),
+    "sin": (1, np.sin),
+    "cos": (1, np.cos),
+    "sincos": (1, lambda a: sincos(a)[0] * sincos(a)[1]),
+    "tan": (1, lambda a: np.tan(np.tanh(a))),
+    "tanh": (1, np.tanh),
+    "arctan": (1, np.arctan),
+    "arcsin": (1, lambda a: np.arcsin(0.9 * np.tanh(a))),
+    "arccos": (1, lambda a: np.arccos(0.8 * np.sin(a))),
+    "arctan2": (2, lambda a, b: np.arctan2(a, 0.3 + b * b)),
+    "hypot": (2, lambda a, b: np.hypot(a, b + 0.01)),
+    "cube": (1, lambda a: np.clip(a, -3.0, 3.0) ** 3 + (1.0 + a * a) ** -2),
+    "interp": (1, lambda a: np.interp(a, PLACES, TABLE)),
+    "mean": (3, lambda a, b, c: np.stack([a, b, c], -1).mean(-1)),
+    "norm": (3, lambda a, b, c: np.linalg.norm(np.stack([a, b, c, 0.0 * a + 1.0], -1), axis=-1)),
+    "std": (2, lambda a, b: np.std(np.stack([a, b, 1.0 + 0.0 * a], -1), axis=-1)),
+    "matmul": (2, lambda a, b: (np.stack([a, b], -1) @ np.array([[0.5, 1.0], [-1.0, 0.2]]))[..., 1]),
+    "einsum": (2, lambda a, b: np.einsum("...i,i->...", np.stack([a, b], -1), [0.4, -0.9])),
+}
+STEEP = ("floor", "ceil", "rint", "quotient", "copysign", "sign", "lookup")  # which jump, or have no slope
+
+
+def _in_place(a: Any, b: Any) -> Any:
+    both = np.stack([a, b], -1).copy()
+    both[..., 1] += both[..., 0]
+    both[both > 1.0] = 1.0
+    return both[..., 1]
+
+
+class RandomFunction:
+    """A function of ``(..., n)`` to ``(..., m)``, of so many of these words."""
+
+    def __init__(self, rng: np.random.Generator, exact: bool) -> None:
+        self.n, self.m = int(rng.integers(1, 5)), int(rng.integers(1, 4))
+        self.words = EXACT if exact else EXACT | ROUNDED
+        names = list(self.words)
+        self.steps: list[tuple[str, tuple[int, ...]]] = []
+        for k in range(int(rng.integers(2, 14))):
+            name = names[rng.integers(len(names))]
+            self.steps.append((name, tuple(rng.integers(0, self.n + k, self.words[name][0]).tolist())))
+
+    def __call__(self, x: Any) -> Any:
+        values = [x[..., i] for i in range(self.n)]
+        for name, places in self.steps:
+            values.append(self.words[name][1](*(values[place] for place in places)))
+        return np.stack(values[-self.m :], -1) if self.m > 1 else values[-1]
+
+    def __repr__(self) -> str:
+        return f"{self.n} entries, {self.steps}, the last {self.m}"
