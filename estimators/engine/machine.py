@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 _KEPT = 90 * 86400.0  # seconds after their last use that objects are kept
-_VERSION = "1"
+_VERSION = "2"
 _compiling = Lock()
 _loaded: dict[str, tuple[Any, int]] = {}
 _threads = local()
@@ -50,10 +50,8 @@ def _engine(text: str, digest: str) -> tuple[Any, int]:
 
     machine = _machine()
     path = folder() / f"{digest}.o"
-    try:
-        code = path.read_bytes()
-        os.utime(path)
-    except OSError:
+    code = _kept(path)
+    if code is None:
         code = _object(text, machine)
         _keep(path, code)
     module = binding.parse_assembly("")
@@ -86,9 +84,8 @@ def _processor() -> tuple[str, ...]:
     return llvmlite.__version__, binding.get_default_triple(), name, binding.get_host_cpu_features().flatten()
 
 
-@cache
 def _machine() -> Any:
-    """The processor as LLVM describes it."""
+    """The processor as LLVM describes it; an execution engine owns its own and frees it."""
     from llvmlite import binding
 
     binding.initialize_native_target()
@@ -111,11 +108,25 @@ def scratch(size: int) -> int:
 
 
 def _keep(path: Path, code: bytes) -> None:
-    """Write an object where others find it whole or not at all."""
+    """Write an object, after its digest, where others find it whole or not at all."""
     with suppress(OSError), tempfile.NamedTemporaryFile(dir=path.parent, suffix=".new", delete=False) as file:
-        file.write(code)
+        file.write(sha256(code).digest() + code)
         file.close()
         os.replace(file.name, path)
+
+
+def _kept(path: Path) -> bytes | None:
+    """An object; None where there is none, or a damaged one, by which LLVM would end the process."""
+    try:
+        found = path.read_bytes()
+    except OSError:
+        return None
+    digest, code = found[:32], found[32:]
+    if sha256(code).digest() != digest:
+        return None
+    with suppress(OSError):
+        os.utime(path)
+    return code
 
 
 @cache

@@ -1,0 +1,195 @@
+"""Machine code: the same bits for every processor and width, and objects on disk that no other process can spoil."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from estimators.engine import compiled, machine
+from estimators.engine.compiled import call, trace
+from estimators.engine.function import Argument
+from tests.estimators.engine.random_functions import RandomFunction
+
+ROOT = Path(__file__).parents[3]
+SCRIPT = """
+import sys
+import numpy as np
+from estimators.engine import compiled, machine
+if "--forbidden" in sys.argv:
+    machine._object = None
+@compiled
+def function(x):
+    return np.stack([np.sin(x[..., 0]) * x[..., 1], np.exp(-x[..., 1] ** 2)], -1)
+for rows in (1, 9):
+    print(function(np.linspace(0.1, 0.9, 2 * rows).reshape(rows, 2)).tobytes().hex())
+"""
+
+
+@pytest.fixture(autouse=True)
+def _cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(machine, "folder", lambda: tmp_path)
+
+
+def fresh() -> Callable[[Any], Any]:
+    """A function that this process has not compiled yet."""
+    number = fresh.count = getattr(fresh, "count", 0.0) + 1.0  # type: ignore[attr-defined]
+    return compiled(lambda x: np.sqrt(np.abs(x)) * number)  # type: ignore[no-any-return]
+
+
+def compilations(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The modules that are compiled from now on."""
+    texts: list[str] = []
+    own = machine._object
+    monkeypatch.setattr(machine, "_object", lambda text, target: texts.append(text) or own(text, target))
+    return texts
+
+
+def forget(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As a process that has not loaded anything."""
+    monkeypatch.setattr(machine, "_loaded", {})
+
+
+# --- objects on disk --------------------------------------------------------------------------------
+
+
+def start(cache: Path, *arguments: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-c", SCRIPT, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        cwd=ROOT, env=dict(os.environ, VESSEL_GYM_CACHE=str(cache), PYTHONPATH=str(ROOT)),
+    )  # fmt: skip
+
+
+def test_objects_serve_other_processes_and_two_that_compile_at_once_agree(tmp_path: Path):
+    both = [start(tmp_path) for _ in range(2)]
+    one, other = (each.communicate() for each in both)
+    assert one[0]
+    assert one[0] == other[0]
+    third = start(tmp_path, "--forbidden").communicate()
+    assert third == (one[0], "")  # nothing was compiled, and nothing said
+    assert not list(tmp_path.glob("**/*.new"))
+
+
+@pytest.mark.parametrize("damage", [b"", b"garbage" * 99, None, "bit"])
+def test_a_damaged_object_is_compiled_anew(damage: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    function, x = fresh(), np.ones((1, 3))
+    expected = function(x)
+    (path,) = tmp_path.glob("*.o")
+    whole = path.read_bytes()
+    if damage == "bit":
+        damage = bytearray(whole)
+        damage[len(whole) // 2] ^= 1
+    path.write_bytes(whole[: len(whole) // 2] if damage is None else bytes(damage))
+    forget(monkeypatch)
+    texts = compilations(monkeypatch)
+    np.testing.assert_array_equal(compiled(function.function)(x), expected)
+    assert len(texts) == 1
+    assert path.read_bytes() == whole
+    forget(monkeypatch)
+    compiled(function.function)(x)
+    assert len(texts) == 1
+
+
+def test_a_folder_that_cannot_be_written_costs_time_and_nothing_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(machine, "folder", lambda: tmp_path / "missing")
+    np.testing.assert_array_equal(np.isfinite(fresh()(np.ones((1, 3)))), True)
+    assert not (tmp_path / "missing").exists()
+
+
+def test_a_folder_that_others_can_write_to_is_not_used(tmp_path: Path):
+    found = machine._own(tmp_path)
+    assert found is not None
+    assert found.stat().st_mode & 0o777 == 0o700
+    found.chmod(0o777)
+    assert machine._own(tmp_path) is None
+    found.rmdir()
+    (tmp_path / "elsewhere").mkdir()
+    found.symlink_to(tmp_path / "elsewhere")
+    assert machine._own(tmp_path) is None
+    assert machine._own(tmp_path / "elsewhere" / "deep") is not None
+    (tmp_path / "file").touch()
+    assert machine._own(tmp_path / "file") is None
+
+
+def test_the_folder_is_the_one_that_is_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.undo()
+    monkeypatch.setenv("VESSEL_GYM_CACHE", str(tmp_path / "here"))
+    try:
+        machine.folder.cache_clear()
+        assert machine.folder().parent == tmp_path / "here"
+    finally:
+        machine.folder.cache_clear()
+
+
+def test_objects_that_nobody_has_used_for_long_are_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    old, new = tmp_path / "a.o", tmp_path / "b.o"
+    for path in (old, new):
+        path.touch()
+    os.utime(old, (1.0, 1.0))
+    machine._forget(tmp_path)
+    assert [each.name for each in tmp_path.iterdir()] == ["b.o"]
+    function, x = fresh(), np.ones((1, 2))
+    function(x)
+    (path,) = set(tmp_path.glob("*.o")) - {new}
+    os.utime(path, (1.0, 1.0))
+    forget(monkeypatch)
+    compiled(function.function)(x)
+    assert path.stat().st_mtime > 1e9  # using one counts
+
+
+# --- the same bits ----------------------------------------------------------------------------------
+
+
+def results(function: Callable[[Any], Any], n: int, x: np.ndarray) -> list[bytes]:
+    """The bits of rows, alone and in batches."""
+    traced, _ = trace(function, [Argument((n,))])
+    whole = call(traced, [x], (1,))[0]
+    found = [whole.tobytes()]
+    for first, last in ((0, 1), (3, 4), (1, 6), (2, len(x)), (0, len(x) - 1)):
+        part = call(traced, [np.ascontiguousarray(x[first:last])], (1,))[0]
+        assert part.tobytes() == np.ascontiguousarray(whole[first:last]).tobytes()
+    return found
+
+
+def elementary(x: np.ndarray) -> np.ndarray:
+    a, b = x[..., 0], x[..., 1]
+    return np.stack([
+        np.sin(a), np.cos(a), np.tan(a), np.exp(b), np.expm1(b), np.log(a), np.log1p(b), np.arctan(a), np.arctan2(a, b),
+        np.arcsin(np.tanh(a)), np.arccos(np.sin(b)), np.hypot(a, b), np.tanh(b), np.sqrt(a), np.floor(a), np.rint(b),
+        np.fmod(a, b), a % b, a // b, np.ceil(a), np.trunc(b), a * b + b, a * a - b * b, a / b, np.copysign(a, b),
+        np.maximum(a, b), np.minimum(a, b), 1.0 * (a > b), 1.0 * a.astype(np.int64), np.square(b),
+        np.interp(a, [0.0, 1.0], [2.0, 5.0]),
+    ], -1)  # fmt: skip
+
+
+@pytest.mark.skipif("x86_64" not in machine._processor()[1], reason="of processors of this family")
+@pytest.mark.parametrize("name", ["x86-64", "x86-64-v2", "x86-64-v3"])
+def test_a_processor_with_less_gives_the_same_bits(name: str, monkeypatch: pytest.MonkeyPatch):
+    if name == "x86-64-v3" and "+avx2" not in machine._processor()[3]:
+        pytest.skip("this machine is an older one")
+    rng = np.random.default_rng(0)
+    x = rng.normal(size=(19, 4)) * 3.0
+    x[:3, :2] = [[np.inf, 0.0], [-0.0, np.nan], [5e-324, 1e308]]
+    functions: list[tuple[Any, int]] = [(elementary, 2)]
+    for seed in range(12):
+        random = RandomFunction(np.random.default_rng(seed), False)
+        functions.append((random, random.n))
+    expected = [results(f, n, np.ascontiguousarray(x[:, :n])) for f, n in functions]
+    processor = machine._processor()
+    monkeypatch.setattr(machine, "_processor", lambda: (*processor[:2], name, ""))
+    texts = compilations(monkeypatch)
+    assert [results(f, n, np.ascontiguousarray(x[:, :n])) for f, n in functions] == expected
+    assert len(texts) >= len(functions)
+
+
+def test_nothing_is_contracted_or_reordered():
+    """A product and a sum are rounded twice, whatever instruction would do both at once."""
+    x = np.random.default_rng(0).normal(size=(1000, 3))
+    found = compiled(lambda x: x[..., 0] * x[..., 1] + x[..., 2])(x)
+    np.testing.assert_array_equal(found, x[:, 0] * x[:, 1] + x[:, 2])
+    small = np.array([[1e16, 1.0, -1e16]])
+    assert compiled(lambda x: x[..., 0] + x[..., 1] + x[..., 2])(small) == 0.0
