@@ -358,7 +358,7 @@ class EnsembleBelief(Belief):
     def __getattr__(self, name: str) -> Any:
         if name != "cov":
             return Packed.__getattr__(self, name)
-        from estimators.members import covariance  # late, as whatever is compiled
+        from estimators.analysis import covariance  # late: its formulas are of beliefs' readings
 
         with np.errstate(all="ignore"):
             cov = covariance(members_last(self.ensemble), self.mean)

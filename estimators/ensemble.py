@@ -1,7 +1,7 @@
 """Ensemble filters: a belief is N members, and its moments are theirs.
 
-Rows are members: an ensemble is ``(..., N, n)``; in memory members are last, for the kernels of `estimators.members`,
-which predict and update. With the anomalies ``A`` of the members ``(N, n)`` and the anomalies
+Rows are members: an ensemble is ``(..., N, n)``; in memory members are last, as in the formulas of
+`estimators.analysis`, which predict and update. With the anomalies ``A`` of the members ``(N, n)`` and the anomalies
 ``Y`` of the readings that they expect ``(N, p)``, every update here has the same three small matrices::
 
     C P- = Y' A / (N - 1)        S = Y' Y / (N - 1) + R        K = (C P-)' S^-1
@@ -11,12 +11,12 @@ Everything costs O(N p (n + p)), and nothing is N x N unless that is less than p
 """
 
 from collections.abc import Callable
-from functools import cache
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
+from estimators.analysis import Group, expect, forecast, perturbed_analysis, rotate, transform_analysis
 from estimators.angles import difference, wrap
 from estimators.belief import Belief, EnsembleBelief, Record, members_last
 from estimators.checks import as_array, frozen, number, shown, whole
@@ -35,14 +35,6 @@ _CACHE = 2**20
 """Bytes of members that are predicted and updated at a time, so that they stay in the cache meanwhile."""
 _LATER: Any = None
 """A covariance that is computed when somebody asks for it."""
-
-
-@cache
-def _kernels() -> Any:
-    """What is compiled: imported late, because Numba takes longer than all else together."""
-    from estimators import members
-
-    return members
 
 
 class DrawingFilter(Filter[Record]):
@@ -87,12 +79,11 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief]):
         self.members = whole("members", members, 2)
         self.inflation = number("inflation", inflation, 0.0, np.inf, "a positive number")
         self.localisation = None if localisation is None else self._taper(localisation)
-        self._mean_weights = np.full(self.members, 1.0 / self.members)
         Q = model.Q
         self._noise_root = None if callable(Q) else noise_root(Q)
         curved = isinstance(model, NonlinearModel)  # a linear model's readings are as unwrapped as its states
-        self._wrapped = np.isin(np.arange(model.n), model.state_angles) & curved
-        self._seams = np.isin(np.arange(model.p), model.measurement_angles) & curved
+        self._angles = model.state_angles if curved else ()
+        self._seams = model.measurement_angles if curved else ()
 
     def _taper(self, localisation: np.ndarray) -> np.ndarray:
         """The localisation as numbers ``(n, p)`` from 0 to 1."""
@@ -110,10 +101,10 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief]):
         numbers = self._numbers(rng, batch)
         ensemble = self._centred_noise(numbers, batch, shared_root(belief.cov), START)
         ensemble += belief.mean[..., None, :]
-        if self._wrapped.any():
-            ensemble[..., self._wrapped] = _gathered(ensemble[..., self._wrapped], belief.mean[..., self._wrapped])
-        mean, members = self._mean(ensemble), members_last(ensemble)
-        return EnsembleBelief.predicted(belief, mean, _LATER, belief.u, ensemble=members.mT)
+        for i in self._angles:
+            ensemble[..., i] = _gathered(ensemble[..., i], belief.mean[..., i, None])
+        members = members_last(ensemble)
+        return EnsembleBelief.predicted(belief, members.mean(-1), _LATER, belief.u, ensemble=members.mT)
 
     def _advance(
         self, belief: EnsembleBelief, u: np.ndarray | None, y: np.ndarray, available: np.ndarray | None, rng: Rng
@@ -170,7 +161,7 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief]):
             after = members_last(at_points("transition", model.transition, before.mT, u, model.n))
         root = semidefinite_cholesky(resolve(model.Q, u)) if self._noise_root is None else self._noise_root
         normals = draw(numbers, belief.mean.shape[:-1], self.members, root.shape[-1], PROCESS)
-        mean, members = _kernels().forecast(before, after, self._wrapped, root, members_last(normals))
+        mean, members = forecast(before, after, root, members_last(normals), angles=self._angles)
         return EnsembleBelief.predicted(belief, mean, _LATER, u, ensemble=members.mT)
 
     def _reading(
@@ -181,7 +172,7 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief]):
             readings = resolve(model.C, u) @ members
         else:
             readings = members_last(at_points("measurement", model.measurement, members.mT, u, model.p))
-        mean, anomalies = _kernels().expected(readings, self._seams)
+        mean, anomalies = expect(readings, angles=self._seams)
         whole, mask = self._noise(y, available, R, u)
         complete, none = bool(mask.all()), self._no_columns
         innovation, R = difference(y, mean, model.measurement_angles), whole
@@ -199,10 +190,6 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief]):
 
     # --- pieces -----------------------------------------------------------------------------------
 
-    def _mean(self, ensemble: np.ndarray) -> np.ndarray:
-        """The mean over the members of ``(..., N, k)``."""
-        return np.vecmat(self._mean_weights, ensemble)
-
     def _moments(self, belief: EnsembleBelief, reading: Reading) -> tuple[np.ndarray, ...]:
         """What every analysis is about: members, mean, anomalies of readings, innovation, which arrived, R."""
         assert reading.anomalies is not None
@@ -214,7 +201,7 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief]):
     def _centred_noise(self, numbers: Drawn, batch: tuple[int, ...], root: np.ndarray, use: int) -> np.ndarray:
         """``(..., N, k)`` draws with covariance ``root root'``, their mean over the members taken off."""
         normals = draw(numbers, batch, self.members, root.shape[-1], use)
-        normals -= self._mean(normals)[..., None, :]
+        normals -= normals.mean(-2, keepdims=True)
         return normals @ root.mT
 
 
@@ -254,9 +241,9 @@ class EnsembleKalmanFilter(EnsembleFilter):
             root = semidefinite_cholesky(reading.R)
         wanted = np.vecmat(arrived, root != 0.0)  # the numbers of which a reading that arrived has a share
         normals = members_last(draw(numbers, batch, self.members, self.model.p, READINGS, wanted))
-        mean, members, S = _kernels().perturbed(
+        mean, members, S = perturbed_analysis(
             *self._moments(belief, reading), root, normals, self._factors, self.inflation
-        )  # fmt: skip
+        )
         return EnsembleBelief.updated(belief, mean, _LATER, reading, S, ensemble=members.mT)
 
 
@@ -302,8 +289,7 @@ class EnsembleTransformFilter(EnsembleFilter):
             raise ValueError(f"rotate must be True or False, got {shown(rotate)}")
         self.rotate = rotate
         taper = np.ones((model.n, model.p)) if self.localisation is None else self.localisation
-        channels, group = np.unique(taper, axis=0, return_inverse=True)
-        self._groups = group.reshape(-1) == np.arange(len(channels))[:, None], channels
+        self._groups = _groups(taper)
         self.sequential = self.inflation == 1.0 and localisation is None
 
     def _taper(self, localisation: np.ndarray) -> np.ndarray:
@@ -314,17 +300,23 @@ class EnsembleTransformFilter(EnsembleFilter):
 
     def _update(self, belief: EnsembleBelief, reading: Reading, rng: Rng) -> EnsembleBelief:
         numbers = self._numbers(rng, belief.mean.shape[:-1])
-        mean, members, S = self._analysis(*self._moments(belief, reading))
+        regular = bool(self._regular) and reading.whole_R is self.model.R
+        mean, members, S = self._analysis(regular, *self._moments(belief, reading))
         ensemble = members.mT
         if self.rotate:
             normals = draw(numbers, mean.shape[:-1], self.members - 1, min(self.members - 1, self.model.n), ROTATION)
-            ensemble = rotated(ensemble - mean[..., None, :], normals) + mean[..., None, :]
+            ensemble = rotate(ensemble - mean[..., None, :], normals) + mean[..., None, :]
         return EnsembleBelief.updated(belief, mean, _LATER, reading, S, ensemble=ensemble)
 
-    def _analysis(self, *moments: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The mean ``(..., n)``, the members ``(..., n, N)`` and S, of what `_moments` tells."""
-        mean, members, S = _kernels().transformed(*moments, *self._groups, self.inflation, self._certainty)
-        return mean, members, S
+    def _analysis(self, regular: bool, *moments: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Mean ``(..., n)``, members ``(..., n, N)`` and S after the measurement described by `_moments`.
+
+        ``regular``: R is known to be nonsingular.
+        """
+        return transform_analysis(
+            *moments, self.inflation, self._certainty,
+            groups=self._groups, adaptive=self._certainty > 0.0, regular=regular,
+        )  # fmt: skip
 
 
 class EnsembleSquareRootFilter(EnsembleTransformFilter):
@@ -364,14 +356,14 @@ class EnsembleSquareRootFilter(EnsembleTransformFilter):
         self.variant = variant
         self.sequential = self.sequential and variant == "symmetric"
 
-    def _analysis(self, *moments: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        mean, members, S = super()._analysis(*moments)
+    def _analysis(self, regular: bool, *moments: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        mean, members, S = super()._analysis(regular, *moments)
         if self.variant == "symmetric":
             return mean, members, S
         before, centre, Y, _, arrived, _ = moments
-        mean, members = np.array(mean), np.array(members)
-        for states, channels in zip(*self._groups, strict=True):
-            used = arrived & (channels > 0.0)
+        members = np.array(members)
+        for states, channels, _ in self._groups:
+            used = arrived & np.isin(np.arange(self.model.p), channels)
             own = np.where(used[..., None], Y, 0.0)
             X = (np.linalg.inv(cholesky(neutralised(S, used))) @ own) / np.sqrt(self.members - 1)  # (..., p, N)
             X[~np.isfinite(X).all((-2, -1))] = 0.0  # what is lost is so in the mean
@@ -381,7 +373,7 @@ class EnsembleSquareRootFilter(EnsembleTransformFilter):
             anomalies = scale[..., None] * (Vt @ (before - centre[..., None]).mT)  # (..., N, n)
             shift, factor = anomalies.mean(-2), np.where(used.any(-1), self.inflation, 1.0)[..., None]
             turned = (mean + (1.0 - factor) * shift)[..., None] + factor[..., None] * anomalies.mT
-            members[..., states, :] = turned[..., states, :]
+            members[..., list(states), :] = turned[..., list(states), :]
         return members.mean(-1), members, S
 
 
@@ -474,38 +466,24 @@ def noise_root(cov: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray((vectors * np.sqrt(values)[..., None, :])[..., needed])
 
 
-def rotated(anomalies: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    """Centred anomalies ``(..., N, n)`` turned by a uniformly random rotation of the members that keeps their mean.
-
-    An N x N rotation moves ``A = V R`` (V orthonormal, R small) to ``V* R`` with V* uniform on the frames orthogonal to
-    the vector of ones, so V* is drawn instead: O(N r^2) for rank r.
-
-    Args:
-        anomalies: With zero mean over the members.
-        normals: Standard normals ``(..., N - 1, r)`` with r = min(N - 1, n).
-    """
-    frame, triangle = np.linalg.qr(normals)
-    frame *= np.where(np.diagonal(triangle, axis1=-2, axis2=-1) < 0.0, -1.0, 1.0)[..., None, :]  # makes it uniform
-    turned = np.zeros(anomalies.shape)
-    turned[..., 1:, :] = frame @ np.linalg.qr(_reflected(anomalies)[..., 1:, :], mode="r")
-    return _reflected(turned)
-
-
-def _reflected(a: np.ndarray) -> np.ndarray:
-    """``(..., N, k)`` mirrored so that the first unit vector and the normalised vector of ones change places."""
-    members = a.shape[-2]
-    normal = np.full(members, -1.0 / np.sqrt(members))
-    normal[0] += 1.0
-    return a - normal[:, None] * (np.vecmat(normal, a) * (2.0 / (normal @ normal)))[..., None, :]
+def _groups(taper: np.ndarray) -> tuple[Group, ...]:
+    """Groups of components with equal rows of a taper ``(n, p)``."""
+    rows, group = np.unique(taper, axis=0, return_inverse=True)
+    members = [np.flatnonzero(group.reshape(-1) == i) for i in range(len(rows))]
+    channels = [np.flatnonzero(row) for row in rows]
+    return tuple(
+        (tuple(states.tolist()), tuple(own.tolist()), tuple(np.sqrt(row[own]).tolist()))
+        for states, own, row in zip(members, channels, rows, strict=True)
+    )
 
 
 def _gathered(angles: np.ndarray, mean: np.ndarray) -> np.ndarray:
-    """Members of angles ``(..., N, k)`` within half a turn of their direction on average, if they are spread out.
+    """Members of an angle ``(..., N)`` within half a turn of their direction on average, if they are spread out.
 
     Readings of angles are gathered about theirs: a member a turn away from the others would expect what they expect,
     and its distance from them could not be corrected. Whole turns are chosen so that the direction is near ``mean``.
     """
-    centre = np.arctan2(np.sin(angles).mean(-2), np.cos(angles).mean(-2))
-    centre = (mean + wrap(centre - mean))[..., None, :]
-    apart = (np.abs(angles - mean[..., None, :]) > 0.25 * np.pi).any(-2, keepdims=True)
+    centre = np.arctan2(np.sin(angles).mean(-1, keepdims=True), np.cos(angles).mean(-1, keepdims=True))
+    centre = mean + wrap(centre - mean)
+    apart = (np.abs(angles - mean) > 0.25 * np.pi).any(-1, keepdims=True)
     return np.where(apart, centre + wrap(angles - centre), angles)

@@ -1,6 +1,6 @@
 """Small dense linear algebra over batches: covariances ``(..., n, n)`` and vectors ``(..., n)``."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import cache, lru_cache
 
@@ -104,16 +104,42 @@ def solve_upper(t: np.ndarray, b: np.ndarray) -> np.ndarray:
     return joined(rows, -2)
 
 
+def solve_lower(t: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """``T^-1 B`` for a lower triangular ``T (..., n, n)`` and ``B (..., n, k)``; a singular row comes out as NaN."""
+    return solve(t, b)
+
+
+def inner(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """``A B' (..., i, j)`` of ``(..., i, N)`` and ``(..., j, N)``: sums over the members of an ensemble."""
+    return a @ b.mT
+
+
+def sincos(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Sine and cosine."""
+    return np.sin(x), np.cos(x)
+
+
+def repeat(count: int, body: Callable[..., tuple[np.ndarray, ...]], *carried: np.ndarray) -> tuple[np.ndarray, ...]:
+    """``carried`` after so many applications of ``body``."""
+    for _ in range(count):
+        carried = body(*carried)
+    return carried
+
+
 def singular(a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Singular values ``(..., n)`` of ``A (..., m, n)``, zeros among them, and V ``(..., n, n)``, column by column."""
+    """Singular values ``(..., n)`` of ``A (..., m, n)``, zeros among them, and V ``(..., n, n)``, column by column.
+
+    The values of a row that is not finite come out as NaN.
+    """
     n = a.shape[-1]
     if is_noted(a):
         turned, V = rotated(a)
         return np.sqrt(np.square(turned).sum(-2)), V
-    _, found, directions = np.linalg.svd(a)
+    finite = np.isfinite(a).all((-2, -1))[..., None]
+    _, found, directions = np.linalg.svd(np.where(finite[..., None], a, 0.0))
     values = np.zeros(a.shape[:-2] + (n,))
     values[..., : found.shape[-1]] = found
-    return values, directions.mT
+    return np.where(finite, values, np.nan), directions.mT
 
 
 def principal_root(cov: np.ndarray) -> np.ndarray:

@@ -1,0 +1,347 @@
+"""Forecast and analysis of ensembles: formulas of members and anomalies, as plain NumPy.
+
+Members are last: an ensemble is ``(..., n, N)``, its anomalies ``A (..., n, N)``, and those of the expected
+measurements ``Y (..., p, N)``. A missing measurement has unit variance, uncorrelated with the others, zero anomalies
+and a zero innovation, so that no formula needs a special case. Keyword arguments are static: a function is compiled
+once for each of their values.
+"""
+
+from collections.abc import Callable
+from itertools import chain
+
+import numpy as np
+
+from estimators.linalg import (
+    cholesky,
+    inner,
+    joined,
+    repeat,
+    semidefinite_cholesky,
+    sincos,
+    singular,
+    solve,
+    solve_lower,
+    solve_upper,
+)
+
+_TURN = 2.0 * np.pi
+_MOST = 100.0
+"""Largest squared inflation by the finite-size filter: an absurd measurement shall not inflate unobserved states."""
+_ONE = np.array(1.0)
+Group = tuple[tuple[int, ...], tuple[int, ...], tuple[float, ...]]
+"""Indices of states, indices of the measurements that correct them, and square roots of their taper."""
+
+
+# --- moments --------------------------------------------------------------------------------------------
+
+
+def average(a: np.ndarray) -> np.ndarray:
+    """Means ``(..., k)`` over the members of ``(..., k, N)``; NaN where the variance overflows."""
+    weights = np.full((1, a.shape[-1]), 1.0 / a.shape[-1])
+    finite = np.isfinite(inner(a * a, weights)[..., 0])
+    return np.where(finite, inner(a, weights)[..., 0], np.nan)
+
+
+def covariance(members: np.ndarray, mean: np.ndarray) -> np.ndarray:
+    """Sample covariance ``(..., n, n)`` of members ``(..., n, N)``."""
+    A = members - mean[..., None]
+    return inner(A, A) / (A.shape[-1] - 1)
+
+
+def _centred_noise(root: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """``L n_i (..., k, N)`` with the mean of the normals ``(..., r, N)`` removed."""
+    return root @ (normals - average(normals)[..., None])
+
+
+# --- angles ---------------------------------------------------------------------------------------------
+
+
+def _near(angle: np.ndarray, centre: np.ndarray) -> np.ndarray:
+    """Angles shifted by whole turns to within half a turn of ``centre``."""
+    return angle - _TURN * np.rint((angle - centre) / _TURN)
+
+
+def _any(mask: np.ndarray) -> np.ndarray:
+    """Mask ``(..., k, 1)`` of the components for which a mask ``(..., k, N)`` holds for some member."""
+    return inner(1.0 * mask, np.ones((1, mask.shape[-1]))) > 0.0
+
+
+def _unwrap_step(after: np.ndarray, before: np.ndarray) -> np.ndarray:
+    """Angles ``(..., k, N)`` after a step, without the whole turns that some members made and the first did not.
+
+    A transition may wrap its angles. Members that cross the seam would then be a turn away from the others; over one
+    step all turn by nearly as much as the first.
+    """
+    change = after - before
+    first = change[..., :1]
+    return np.where(_any(np.abs(change - first) > np.pi), before + _near(change, first), after)
+
+
+def _gather(angle: np.ndarray) -> np.ndarray:
+    """Angles ``(..., k, N)`` within half a turn of the first, or of the circular mean if they are spread out."""
+    first, ones = angle[..., :1], np.ones((1, angle.shape[-1]))
+    sine, cosine = sincos(angle)
+    centre = np.arctan2(inner(sine, ones), inner(cosine, ones))
+    centre = np.where(_any(np.abs(_near(angle, first) - first) > 0.25 * np.pi), centre, first)
+    return np.where(np.isfinite(inner(angle * angle, ones)), _near(angle, centre), angle)
+
+
+def _replace_rows(
+    function: Callable[..., np.ndarray], rows: tuple[int, ...], a: np.ndarray, *others: np.ndarray
+) -> np.ndarray:
+    """``A (..., k, N)`` with some rows replaced by a function of these rows of A and of others."""
+    if not rows:
+        return a
+    kept = tuple(i for i in range(a.shape[-2]) if i not in rows)
+    changed = function(*(take(each, rows, -2) for each in (a, *others)))
+    return _reorder([take(a, kept, -2), changed] if kept else [changed], kept + rows)
+
+
+# --- forecast -------------------------------------------------------------------------------------------
+
+
+def forecast(
+    before: np.ndarray, after: np.ndarray, root: np.ndarray, normals: np.ndarray, *, angles: tuple[int, ...]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mean ``(..., n)`` and members ``x_i = f(x_i-) + L n_i``, the noise centred so that the mean follows the model.
+
+    Args:
+        before: Members ``(..., n, N)``,
+        after: and their transition.
+        root: ``L (..., n, r)``, a square root of the process noise covariance.
+        normals: ``(..., r, N)``.
+        angles: Components that the transition may wrap.
+    """
+    members = _replace_rows(_unwrap_step, angles, after, before) + _centred_noise(root, normals)
+    members = _replace_rows(_gather, angles, members)
+    return average(members), members
+
+
+def expect(measurements: np.ndarray, *, angles: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Mean ``(..., p)`` and anomalies ``(..., p, N)`` of the measurements that the members expect."""
+    measurements = _replace_rows(_gather, angles, measurements)
+    mean = average(measurements)
+    return mean, measurements - mean[..., None]
+
+
+# --- analysis -------------------------------------------------------------------------------------------
+
+
+def perturbed_analysis(
+    members: np.ndarray, mean: np.ndarray, Y: np.ndarray, innovation: np.ndarray, available: np.ndarray,
+    R: np.ndarray, root: np.ndarray, normals: np.ndarray, taper: np.ndarray, inflation: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    """Stochastic analysis ``x_i = x_i- + K (y + v_i - h(x_i-))`` with ``K = (C P)' S^-1``.
+
+    Args:
+        members: ``(..., n, N)``,
+        mean: and their mean ``(..., n)``.
+        Y: ``(..., p, N)`` anomalies of the expected measurements.
+        innovation: ``(..., p)``.
+        available: Mask ``(..., p)``.
+        R: ``(..., p, p)`` measurement covariance,
+        root: and a square root of it; of the whole R, or of the available measurements.
+        normals: ``(..., p, N)``; finite or not where the root of the available measurements has no use for them.
+        taper: ``(p, n)`` factors on the gain.
+        inflation: Factor on the anomalies of components that a measurement may correct.
+
+    Returns:
+        The mean and members of the analysis, and ``S``.
+    """
+    N = members.shape[-1]
+    A, Y = members - mean[..., None], np.where(available[..., None], Y, 0.0)
+    S = inner(Y, Y) / (N - 1) + R
+    gain = taper * solve(S, inner(Y, A) / (N - 1))
+    arrived = 1.0 * available
+    used = np.vecmat(arrived, 1.0 * (np.abs(root) > 0.0)) > 0.0
+    noise = _centred_noise(root, np.where(used[..., None], normals, 0.0))
+    A = A + gain.mT @ (noise - Y)
+    corrected = np.vecmat(arrived, 1.0 * (taper > 0.0)) > 0.0
+    factor = np.where(corrected, inflation, 1.0)[..., None]
+    after = (mean + np.vecmat(innovation, gain))[..., None] + factor * A
+    return average(after), after, S
+
+
+def transform_analysis(
+    members: np.ndarray, mean: np.ndarray, Y: np.ndarray, innovation: np.ndarray, available: np.ndarray,
+    R: np.ndarray, inflation: np.ndarray, certainty: np.ndarray,
+    *, groups: tuple[Group, ...], adaptive: bool, regular: bool,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    """Deterministic analysis by the symmetric transform ``A T``, ``T = (I + Y' R^-1 Y / (N - 1))^-1/2``.
+
+    Args:
+        members: ``(..., n, N)``,
+        mean: and their mean ``(..., n)``.
+        Y: ``(..., p, N)`` anomalies of the expected measurements.
+        innovation: ``(..., p)``.
+        available: Mask ``(..., p)``.
+        R: ``(..., p, p)`` measurement covariance.
+        inflation: Factor on the anomalies of components that a measurement may correct.
+        certainty: Of the scale of the anomalies before the analysis, see `finite_size_inflation`.
+        groups: Of components that are corrected by the same measurements; each component is in one.
+        adaptive: Whether anomalies are inflated by `finite_size_inflation`, too.
+        regular: R is nonsingular, so that T may be formed, N x N, where measurements outnumber the members.
+
+    Returns:
+        The mean and members of the analysis, and ``S``.
+    """
+    N = members.shape[-1]
+    A, Y = members - mean[..., None], np.where(available[..., None], Y, 0.0)
+    S = inner(Y, Y) / (N - 1) + R
+    parts = []
+    for states, channels, roots in groups:
+        own, centre = take(A, states, -2), take(mean, states, -1)
+        if channels:
+            arrived = (1.0 * take(available, channels, -1)).sum(-1) > 0.0
+            own_Y, e = take(Y, channels, -2), take(innovation, channels, -1)
+            moments = _taper(np.array(roots), own_Y, e, _take_block(S, channels), _take_block(R, channels))
+            analysis = _transform if regular and len(channels) > N else _reduced_gain
+            shift, own, x = analysis(own, *moments, certainty, adaptive)
+            centre, own = centre + shift, np.where(arrived, inflation * np.sqrt(x), 1.0)[..., None, None] * own
+        parts.append(centre[..., None] + own)
+    after = _reorder(parts, tuple(chain.from_iterable(states for states, _, _ in groups)))
+    return average(after), after, S
+
+
+def _taper(
+    roots: np.ndarray, Y: np.ndarray, e: np.ndarray, S: np.ndarray, R: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Y, e, S and R with R divided by a taper: R stays, and the others shrink by the ``roots (p,)`` of the taper."""
+    if (roots == 1.0).all():
+        return Y, e, S, R
+    return roots[:, None] * Y, roots * e, R + np.outer(roots, roots) * (S - R), R
+
+
+def _reduced_gain(
+    A: np.ndarray, Y: np.ndarray, e: np.ndarray, S: np.ndarray, R: np.ndarray, certainty: np.ndarray, adaptive: bool
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Shift of the mean ``(..., n)``, anomalies ``A - K~ Y``, and their squared inflation, which they still need.
+
+    With ``S = L L'`` and the singular value decomposition ``L^-1 R^1/2 = V s U'``::
+
+        K = (C P)' L'^-1 L^-1        K~ = (C P)' L'^-1 V (I + s)^-1 V' L^-1
+    """
+    L, N = cholesky(S), A.shape[-1]
+    s, V = singular(solve_lower(L, semidefinite_cholesky(R)).mT)
+    CP = solve_lower(L, inner(Y, A) / (N - 1))
+    e = solve_lower(L, e[..., None])[..., 0]
+    x, soft = _ONE, 1.0 / (1.0 + s)
+    if adaptive:
+        along, share = np.vecmat(e, V), s * s
+        x = finite_size_inflation(share, along * along, N, certainty)
+        q = x[..., None] * (1.0 - share) + share
+        e = np.matvec(V, x[..., None] / q * along)
+        soft = x[..., None] / (q + np.sqrt(q) * s)
+    gain = solve_upper(L.mT, V @ (soft[..., None] * (V.mT @ CP)))
+    return np.vecmat(e, CP), A - gain.mT @ Y, x
+
+
+def _transform(
+    A: np.ndarray, Y: np.ndarray, e: np.ndarray, S: np.ndarray, R: np.ndarray, certainty: np.ndarray, adaptive: bool
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The same as `_reduced_gain`, with ``T = (I + x G)^-1/2`` and ``G = Y' R^-1 Y / (N - 1)``, N x N.
+
+    Less work than p x p where measurements outnumber the members, and more accurate, as S is ill-conditioned there
+    (Bishop et al. 2001).
+    """
+    L, N = cholesky(R), A.shape[-1]
+    white, e = solve_lower(L, Y), solve_lower(L, e[..., None])[..., 0]
+    s, V = singular(white / np.sqrt(N - 1))
+    v, along, x = s * s, np.vecmat(np.vecmat(e, white) / (N - 1), V), _ONE
+    if adaptive:
+        share = 1.0 / (1.0 + v)
+        spanned = v > 1e-14 * v.sum(-1)[..., None]
+        size = np.where(spanned, share * along * along * (N - 1) / np.where(spanned, v, 1.0), 0.0)
+        x = finite_size_inflation(share, size, N, certainty)
+    v, AV = x[..., None] * v, A @ V
+    root = np.sqrt(1.0 + v)
+    shift = np.matvec(AV, x[..., None] * along / (1.0 + v))
+    return shift, A - (AV * (v / (root * (1.0 + root)))[..., None, :]) @ V.mT, x
+
+
+def finite_size_inflation(share: np.ndarray, size: np.ndarray, N: int, certainty: np.ndarray) -> np.ndarray:
+    """Squared inflation ``x (...)`` of the anomalies by the finite-size filter EnKF-N, in its dual form.
+
+    The minimum of ``sum_m z_m^2 / q_m / (N - 1) + a / x + b log x`` downhill of 1, ``q = x (1 - m) + m``: the
+    likelihood of the measurement, and a prior of the scale worth ``certainty`` samples of N. The mode of the prior
+    tends to 1 for measurements without information (Bocquet, Raanes & Hannart 2015, eq. 36).
+
+    Args:
+        share: Eigenvalues ``m (..., k)`` of R in units of S.
+        size: ``z^2 (..., k)``, squared innovation along their directions in units of S.
+        N: Members.
+        certainty: ``(...)`` above 0.
+    """
+    a, b = (N + 1.0) / N, N / (N - 1.0)
+    mode = np.exp(np.log(a / b) * 0.5 / N * (N - share.shape[-1] + share.sum(-1)))
+    a, b = certainty * a / mode, certainty * b * mode
+
+    def is_below(x: np.ndarray) -> np.ndarray:
+        weight = x[..., None] * (1.0 - share)
+        q = weight + share
+        return a / x - b + (weight * size / (q * q)).sum(-1) / (N - 1) > 0.0
+
+    def halve(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        x = 0.5 * (low + high)
+        below = is_below(x)
+        return np.where(below, x, low), np.where(below, high, x)
+
+    grows = is_below(_ONE)
+    return repeat(50, halve, np.where(grows, 1.0, 1.0 / _MOST), np.where(grows, _MOST, 1.0))[0]
+
+
+# --- rotation -------------------------------------------------------------------------------------------
+
+
+def rotate(anomalies: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """Centred anomalies ``(..., N, n)`` after a uniformly random rotation of the members that keeps their mean.
+
+    An N x N rotation moves ``A = V R`` (V orthonormal, R small) to ``V* R`` with V* uniform on the frames orthogonal to
+    the vector of ones, so V* is drawn instead: O(N r^2) for rank r.
+
+    Args:
+        anomalies: With zero mean over the members.
+        normals: Standard normals ``(..., N - 1, r)`` with r = min(N - 1, n).
+    """
+    frame, triangle = np.linalg.qr(normals)
+    frame *= np.where(np.diagonal(triangle, axis1=-2, axis2=-1) < 0.0, -1.0, 1.0)[..., None, :]  # makes it uniform
+    turned = np.zeros(anomalies.shape)
+    turned[..., 1:, :] = frame @ np.linalg.qr(_reflected(anomalies)[..., 1:, :], mode="r")
+    return _reflected(turned)
+
+
+def _reflected(a: np.ndarray) -> np.ndarray:
+    """``(..., N, k)`` mirrored so that the first unit vector and the normalised vector of ones change places."""
+    members = a.shape[-2]
+    normal = np.full(members, -1.0 / np.sqrt(members))
+    normal[0] += 1.0
+    return a - normal[:, None] * (np.vecmat(normal, a) * (2.0 / (normal @ normal)))[..., None, :]
+
+
+# --- selections -----------------------------------------------------------------------------------------
+
+
+def take(a: np.ndarray, indices: tuple[int, ...], axis: int) -> np.ndarray:
+    """Entries of constant, distinct indices along the last axis (-1) or the one before (-2)."""
+    if indices == tuple(range(a.shape[axis])):
+        return a
+    runs: list[list[int]] = []
+    for i in indices:
+        if runs and runs[-1][1] == i:
+            runs[-1][1] = i + 1
+        else:
+            runs.append([i, i + 1])
+    rest = (slice(None),) * (-1 - axis)
+    parts = [a[(..., slice(*run), *rest)] for run in runs]
+    return parts[0] if len(parts) == 1 else np.concatenate(parts, axis)
+
+
+def _take_block(a: np.ndarray, indices: tuple[int, ...]) -> np.ndarray:
+    """Rows and columns of a square matrix."""
+    return take(take(a, indices, -2), indices, -1)
+
+
+def _reorder(parts: list[np.ndarray], indices: tuple[int, ...]) -> np.ndarray:
+    """Rows of matrices ``(..., k, N)`` below each other, where those of ``indices`` say."""
+    whole = parts[0] if len(parts) == 1 else joined(parts, -2)
+    return take(whole, tuple(sorted(range(len(indices)), key=indices.__getitem__)), -2)
