@@ -27,6 +27,8 @@ from estimators.linalg import (
 _TURN = 2.0 * np.pi
 _MOST = 100.0
 """Largest squared inflation by the finite-size filter: an absurd measurement shall not inflate unobserved states."""
+_ABSURD = 1e300
+"""Largest squared innovation that counts: beyond, sums overflow."""
 _ONE = np.array(1.0)
 Group = tuple[tuple[int, ...], tuple[int, ...], tuple[float, ...]]
 """Indices of states, indices of the measurements that correct them, and square roots of their taper."""
@@ -151,7 +153,7 @@ def perturbed_analysis(
     N = members.shape[-1]
     A, Y = members - mean[..., None], np.where(available[..., None], Y, 0.0)
     S = inner(Y, Y) / (N - 1) + R
-    gain = taper * solve(S, inner(Y, A) / (N - 1))
+    gain = np.where(taper > 0.0, taper * solve(S, inner(Y, A) / (N - 1)), 0.0)
     arrived = 1.0 * available
     used = np.vecmat(arrived, 1.0 * (np.abs(root) > 0.0)) > 0.0
     noise = _centred_noise(root, np.where(used[..., None], normals, 0.0))
@@ -275,9 +277,10 @@ def finite_size_inflation(share: np.ndarray, size: np.ndarray, N: int, certainty
     a, b = (N + 1.0) / N, N / (N - 1.0)
     mode = np.exp(np.log(a / b) * 0.5 / N * (N - share.shape[-1] + share.sum(-1)))
     a, b = certainty * a / mode, certainty * b * mode
+    size, rest = np.minimum(size, _ABSURD), np.maximum(1.0 - share, 0.0)
 
     def is_below(x: np.ndarray) -> np.ndarray:
-        weight = x[..., None] * (1.0 - share)
+        weight = x[..., None] * rest
         q = weight + share
         return a / x - b + (weight * size / (q * q)).sum(-1) / (N - 1) > 0.0
 
