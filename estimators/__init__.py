@@ -23,7 +23,6 @@ from estimators.ensemble import (
     EnsembleSquareRootFilter,
     EnsembleTransformFilter,
     LocalEnsembleTransformFilter,
-    gaspari_cohn,
 )
 from estimators.error_state import ErrorStateKalmanFilter
 from estimators.factory import make, names
@@ -32,6 +31,7 @@ from estimators.filter import Filter, Model, Rng
 from estimators.iterated import IteratedExtendedKalmanFilter
 from estimators.kalman import ExtendedKalmanFilter, GaussianFilter, KalmanFilter
 from estimators.learned import GainNetwork, LearnedGainBelief, LearnedGainFilter
+from estimators.localisation import gaspari_cohn
 from estimators.metrics import chi_square_band, nees, nis, rmse
 from estimators.models import (
     Gaussian,

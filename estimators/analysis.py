@@ -15,6 +15,7 @@ from estimators.linalg import (
     cholesky,
     inner,
     joined,
+    neutralised,
     repeat,
     semidefinite_cholesky,
     sincos,
@@ -23,6 +24,7 @@ from estimators.linalg import (
     solve_lower,
     solve_upper,
 )
+from estimators.localisation import Group
 
 _TURN = 2.0 * np.pi
 _MOST = 100.0
@@ -30,8 +32,6 @@ _MOST = 100.0
 _ABSURD = 1e300
 """Largest squared innovation that counts: beyond, sums overflow."""
 _ONE = np.array(1.0)
-Group = tuple[tuple[int, ...], tuple[int, ...], tuple[float, ...]]
-"""Indices of states, indices of the measurements that correct them, and square roots of their taper."""
 
 
 # --- moments --------------------------------------------------------------------------------------------
@@ -131,7 +131,7 @@ def expect(measurements: np.ndarray, *, angles: tuple[int, ...]) -> tuple[np.nda
 
 def perturbed_analysis(
     members: np.ndarray, mean: np.ndarray, Y: np.ndarray, innovation: np.ndarray, available: np.ndarray,
-    R: np.ndarray, root: np.ndarray, normals: np.ndarray, taper: np.ndarray, inflation: np.ndarray,
+    R: np.ndarray, root: np.ndarray, normals: np.ndarray, taper: np.ndarray, inflation: np.ndarray | float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
     """Stochastic analysis ``x_i = x_i- + K (y + v_i - h(x_i-))`` with ``K = (C P)' S^-1``.
 
@@ -166,7 +166,7 @@ def perturbed_analysis(
 
 def transform_analysis(
     members: np.ndarray, mean: np.ndarray, Y: np.ndarray, innovation: np.ndarray, available: np.ndarray,
-    R: np.ndarray, inflation: np.ndarray, certainty: np.ndarray,
+    R: np.ndarray, inflation: np.ndarray | float, certainty: np.ndarray | float,
     *, groups: tuple[Group, ...], adaptive: bool, regular: bool,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
     """Deterministic analysis by the symmetric transform ``A T``, ``T = (I + Y' R^-1 Y / (N - 1))^-1/2``.
@@ -215,7 +215,13 @@ def _taper(
 
 
 def _reduced_gain(
-    A: np.ndarray, Y: np.ndarray, e: np.ndarray, S: np.ndarray, R: np.ndarray, certainty: np.ndarray, adaptive: bool
+    A: np.ndarray,
+    Y: np.ndarray,
+    e: np.ndarray,
+    S: np.ndarray,
+    R: np.ndarray,
+    certainty: np.ndarray | float,
+    adaptive: bool,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Shift of the mean ``(..., n)``, anomalies ``A - K~ Y``, and their squared inflation, which they still need.
 
@@ -239,7 +245,13 @@ def _reduced_gain(
 
 
 def _transform(
-    A: np.ndarray, Y: np.ndarray, e: np.ndarray, S: np.ndarray, R: np.ndarray, certainty: np.ndarray, adaptive: bool
+    A: np.ndarray,
+    Y: np.ndarray,
+    e: np.ndarray,
+    S: np.ndarray,
+    R: np.ndarray,
+    certainty: np.ndarray | float,
+    adaptive: bool,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The same as `_reduced_gain`, with ``T = (I + x G)^-1/2`` and ``G = Y' R^-1 Y / (N - 1)``, N x N.
 
@@ -261,7 +273,7 @@ def _transform(
     return shift, A - (AV * (v / (root * (1.0 + root)))[..., None, :]) @ V.mT, x
 
 
-def finite_size_inflation(share: np.ndarray, size: np.ndarray, N: int, certainty: np.ndarray) -> np.ndarray:
+def finite_size_inflation(share: np.ndarray, size: np.ndarray, N: int, certainty: np.ndarray | float) -> np.ndarray:
     """Squared inflation ``x (...)`` of the anomalies by the finite-size filter EnKF-N, in its dual form.
 
     The minimum of ``sum_m z_m^2 / q_m / (N - 1) + a / x + b log x`` downhill of 1, ``q = x (1 - m) + m``: the
@@ -291,6 +303,37 @@ def finite_size_inflation(share: np.ndarray, size: np.ndarray, N: int, certainty
 
     grows = is_below(_ONE)
     return repeat(50, halve, np.where(grows, 1.0, 1.0 / _MOST), np.where(grows, _MOST, 1.0))[0]
+
+
+def evensen_transform(
+    after: np.ndarray, after_mean: np.ndarray, S: np.ndarray, A: np.ndarray, Y: np.ndarray, available: np.ndarray,
+    inflation: float, groups: tuple[Group, ...],
+) -> np.ndarray:  # fmt: skip
+    """Members ``(..., n, N)`` with the anomalies as published by Evensen (2004): without the last ``V'``.
+
+    Args:
+        after: Members,
+        after_mean: mean,
+        S: and innovation covariance of `transform_analysis`.
+        A: Anomalies before the analysis.
+        Y: Likewise, as the others of `transform_analysis`.
+        available: Mask ``(..., p)``.
+        inflation: Factor on the anomalies.
+        groups: Of states.
+    """
+    after, N = np.array(after), A.shape[-1]
+    for states, channels, _ in groups:
+        used = available & np.isin(np.arange(Y.shape[-2]), channels)
+        X = np.linalg.inv(cholesky(neutralised(S, used))) @ np.where(used[..., None], Y, 0.0) / np.sqrt(N - 1)
+        X[~np.isfinite(X).all((-2, -1))] = 0.0  # rows without a finite mean are lost anyway
+        _, s, Vt = np.linalg.svd(X)
+        scale = np.ones(X.shape[:-2] + (N,))
+        scale[..., : s.shape[-1]] = np.sqrt(np.maximum(1.0 - s**2, 0.0))
+        anomalies = scale[..., None] * (Vt @ A.mT)  # (..., N, n)
+        factor = np.where(used.any(-1), inflation, 1.0)[..., None]
+        turned = (after_mean + (1.0 - factor) * anomalies.mean(-2))[..., None] + factor[..., None] * anomalies.mT
+        after[..., list(states), :] = turned[..., list(states), :]
+    return after
 
 
 # --- rotation -------------------------------------------------------------------------------------------
@@ -334,8 +377,7 @@ def take(a: np.ndarray, indices: tuple[int, ...], axis: int) -> np.ndarray:
             runs[-1][1] = i + 1
         else:
             runs.append([i, i + 1])
-    rest = (slice(None),) * (-1 - axis)
-    parts = [a[(..., slice(*run), *rest)] for run in runs]
+    parts = [a[..., slice(*run)] if axis == -1 else a[..., slice(*run), :] for run in runs]
     return parts[0] if len(parts) == 1 else np.concatenate(parts, axis)
 
 

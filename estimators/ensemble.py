@@ -12,16 +12,17 @@ Everything costs O(N p (n + p)), and nothing is N x N unless that is less than p
 
 from collections.abc import Callable
 from itertools import pairwise
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
-from estimators.analysis import Group, expect, forecast, perturbed_analysis, rotate, transform_analysis
+from estimators.analysis import evensen_transform, expect, forecast, perturbed_analysis, rotate, transform_analysis
 from estimators.angles import difference, wrap
 from estimators.belief import Belief, EnsembleBelief, Record, members_last
-from estimators.checks import as_array, frozen, number, shown, whole
+from estimators.checks import number, shown, whole
 from estimators.filter import Filter, Model, Rng
-from estimators.linalg import cholesky, neutralised, semidefinite_cholesky, shared_root
+from estimators.linalg import neutralised, semidefinite_cholesky, shared_root
+from estimators.localisation import check_taper, group_states
 from estimators.models import LinearModel, NonlinearModel, at_points, resolve
 from estimators.randomness import Numbers
 from estimators.reading import Reading
@@ -33,6 +34,8 @@ START, PROCESS, READINGS, ROTATION = range(4)
 """Uses of random numbers."""
 _CACHE = 2**20
 """Bytes of members that are predicted and updated at a time, so that they stay in the cache meanwhile."""
+Moments = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+"""Members ``(..., n, N)``, their mean, anomalies of the measurements, innovation, mask of those available, and R."""
 _LATER: Any = None
 """A covariance that is computed when somebody asks for it."""
 
@@ -78,21 +81,12 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief]):
         super().__init__(model)
         self.members = whole("members", members, 2)
         self.inflation = number("inflation", inflation, 0.0, np.inf, "a positive number")
-        self.localisation = None if localisation is None else self._taper(localisation)
+        self.localisation = None if localisation is None else check_taper(localisation, model.n, model.p)
         Q = model.Q
         self._noise_root = None if callable(Q) else noise_root(Q)
         curved = isinstance(model, NonlinearModel)  # a linear model's readings are as unwrapped as its states
         self._angles = model.state_angles if curved else ()
         self._seams = model.measurement_angles if curved else ()
-
-    def _taper(self, localisation: np.ndarray) -> np.ndarray:
-        """The localisation as numbers ``(n, p)`` from 0 to 1."""
-        taper = as_array("localisation", localisation)
-        if taper.shape != (self.model.n, self.model.p):
-            raise ValueError(f"localisation has shape {taper.shape}, expected (n, p) = {(self.model.n, self.model.p)}")
-        if not ((taper >= 0.0) & (taper <= 1.0)).all():
-            raise ValueError(f"localisation must lie between 0 and 1, got {taper.min():g} to {taper.max():g}")
-        return frozen(taper)
 
     # --- the contract -----------------------------------------------------------------------------
 
@@ -103,8 +97,8 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief]):
         ensemble += belief.mean[..., None, :]
         for i in self._angles:
             ensemble[..., i] = _gathered(ensemble[..., i], belief.mean[..., i, None])
-        members = members_last(ensemble)
-        return EnsembleBelief.predicted(belief, members.mean(-1), _LATER, belief.u, ensemble=members.mT)
+        mean, members = self._mean(ensemble), members_last(ensemble)
+        return EnsembleBelief.predicted(belief, mean, _LATER, belief.u, ensemble=members.mT)
 
     def _advance(
         self, belief: EnsembleBelief, u: np.ndarray | None, y: np.ndarray, available: np.ndarray | None, rng: Rng
@@ -190,8 +184,12 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief]):
 
     # --- pieces -----------------------------------------------------------------------------------
 
-    def _moments(self, belief: EnsembleBelief, reading: Reading) -> tuple[np.ndarray, ...]:
-        """What every analysis is about: members, mean, anomalies of readings, innovation, which arrived, R."""
+    def _mean(self, ensemble: np.ndarray) -> np.ndarray:
+        """Mean over the members of ``(..., N, k)``: weighted, as sums of large members overflow."""
+        return np.vecmat(np.full(self.members, 1.0 / self.members), ensemble)
+
+    def _moments(self, belief: EnsembleBelief, reading: Reading) -> Moments:
+        """Arguments that every analysis has."""
         assert reading.anomalies is not None
         members, Y = members_last(belief.ensemble), members_last(reading.anomalies)
         return members, belief.mean, Y, reading.innovation, reading.available, reading.R
@@ -201,7 +199,7 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief]):
     def _centred_noise(self, numbers: Drawn, batch: tuple[int, ...], root: np.ndarray, use: int) -> np.ndarray:
         """``(..., N, k)`` draws with covariance ``root root'``, their mean over the members taken off."""
         normals = draw(numbers, batch, self.members, root.shape[-1], use)
-        normals -= normals.mean(-2, keepdims=True)
+        normals -= self._mean(normals)[..., None, :]
         return normals @ root.mT
 
 
@@ -274,7 +272,9 @@ class EnsembleTransformFilter(EnsembleFilter):
 
     name = "etkf"
     _certainty = 0.0
-    """Of the scale of the members, which is then told by the readings, too; 0: they stay as they are."""
+    """Of the scale of the members (`finite_size_inflation`); 0: no inflation that adapts."""
+    _tapers: ClassVar[bool] = False
+    """A localisation may be a taper; else it is a mask."""
 
     def __init__(
         self,
@@ -289,26 +289,22 @@ class EnsembleTransformFilter(EnsembleFilter):
             raise ValueError(f"rotate must be True or False, got {shown(rotate)}")
         self.rotate = rotate
         taper = np.ones((model.n, model.p)) if self.localisation is None else self.localisation
-        self._groups = _groups(taper)
-        self.sequential = self.inflation == 1.0 and localisation is None
-
-    def _taper(self, localisation: np.ndarray) -> np.ndarray:
-        mask = super()._taper(localisation)
-        if not np.isin(mask, (0.0, 1.0)).all():
+        if not (self._tapers or np.isin(taper, (0.0, 1.0)).all()):
             raise ValueError(f"localisation of {self.name} must be 0 or 1 everywhere: a taper is for enkf and letkf")
-        return mask
+        self._groups = group_states(taper)
+        self.sequential = self.inflation == 1.0 and localisation is None
 
     def _update(self, belief: EnsembleBelief, reading: Reading, rng: Rng) -> EnsembleBelief:
         numbers = self._numbers(rng, belief.mean.shape[:-1])
         regular = bool(self._regular) and reading.whole_R is self.model.R
-        mean, members, S = self._analysis(regular, *self._moments(belief, reading))
+        mean, members, S = self._analysis(regular, self._moments(belief, reading))
         ensemble = members.mT
         if self.rotate:
             normals = draw(numbers, mean.shape[:-1], self.members - 1, min(self.members - 1, self.model.n), ROTATION)
             ensemble = rotate(ensemble - mean[..., None, :], normals) + mean[..., None, :]
         return EnsembleBelief.updated(belief, mean, _LATER, reading, S, ensemble=ensemble)
 
-    def _analysis(self, regular: bool, *moments: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _analysis(self, regular: bool, moments: Moments) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Mean ``(..., n)``, members ``(..., n, N)`` and S after the measurement described by `_moments`.
 
         ``regular``: R is known to be nonsingular.
@@ -356,24 +352,13 @@ class EnsembleSquareRootFilter(EnsembleTransformFilter):
         self.variant = variant
         self.sequential = self.sequential and variant == "symmetric"
 
-    def _analysis(self, regular: bool, *moments: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        mean, members, S = super()._analysis(regular, *moments)
+    def _analysis(self, regular: bool, moments: Moments) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        mean, members, S = super()._analysis(regular, moments)
         if self.variant == "symmetric":
             return mean, members, S
-        before, centre, Y, _, arrived, _ = moments
-        members = np.array(members)
-        for states, channels, _ in self._groups:
-            used = arrived & np.isin(np.arange(self.model.p), channels)
-            own = np.where(used[..., None], Y, 0.0)
-            X = (np.linalg.inv(cholesky(neutralised(S, used))) @ own) / np.sqrt(self.members - 1)  # (..., p, N)
-            X[~np.isfinite(X).all((-2, -1))] = 0.0  # what is lost is so in the mean
-            _, s, Vt = np.linalg.svd(X)
-            scale = np.ones(X.shape[:-2] + (self.members,))
-            scale[..., : s.shape[-1]] = np.sqrt(np.maximum(1.0 - s**2, 0.0))
-            anomalies = scale[..., None] * (Vt @ (before - centre[..., None]).mT)  # (..., N, n)
-            shift, factor = anomalies.mean(-2), np.where(used.any(-1), self.inflation, 1.0)[..., None]
-            turned = (mean + (1.0 - factor) * shift)[..., None] + factor[..., None] * anomalies.mT
-            members[..., list(states), :] = turned[..., list(states), :]
+        before, centre, Y, _, available, _ = moments
+        anomalies = before - centre[..., None]
+        members = evensen_transform(members, mean, S, anomalies, Y, available, self.inflation, self._groups)
         return members.mean(-1), members, S
 
 
@@ -402,6 +387,7 @@ class LocalEnsembleTransformFilter(EnsembleTransformFilter):
     """
 
     name = "letkf"
+    _tapers = True
 
     def __init__(
         self,
@@ -417,33 +403,6 @@ class LocalEnsembleTransformFilter(EnsembleTransformFilter):
         if adaptive is not None:
             self._certainty = number("adaptive", adaptive, 0.0, np.inf, "a positive number, or None")
             self.sequential = False
-
-    def _taper(self, localisation: np.ndarray) -> np.ndarray:
-        return EnsembleFilter._taper(self, localisation)
-
-
-def gaspari_cohn(distance: np.ndarray | float, radius: float) -> np.ndarray:
-    """A taper for a localisation: like a Gaussian, from 1 at no distance to 0 at twice the radius and beyond.
-
-    The Gaussian that it is like has a standard deviation of ``sqrt(0.3)`` of the radius.
-
-    Source: Gaspari & Cohn (1999), eq. 4.10.
-
-    Args:
-        distance: Any shape, of either sign.
-        radius: In the same units.
-
-    Raises:
-        ValueError: for a radius that is not positive, or a distance that is not a number.
-    """
-    distance = as_array("distance", distance)
-    if np.isnan(distance).any():
-        raise ValueError("distance must be numbers, got NaN: a pair that is to be left out is far apart, at np.inf")
-    r = np.abs(distance) / number("radius", radius, 0.0, np.inf, "a positive number")
-    near = 1.0 + r**2 * (-5.0 / 3.0 + r * (0.625 + r * (0.5 - 0.25 * r)))
-    s = np.clip(r, 1.0, 2.0)
-    far = 4.0 + s * (-5.0 + s * (5.0 / 3.0 + s * (0.625 + s * (-0.5 + s / 12.0)))) - 2.0 / (3.0 * s)
-    return np.where(r < 1.0, near, np.where(r < 2.0, np.maximum(far, 0.0), 0.0))
 
 
 # --- shared -------------------------------------------------------------------------------------------
@@ -464,17 +423,6 @@ def noise_root(cov: np.ndarray) -> np.ndarray:
     values = np.where(values > 1e-14 * values.shape[-1] * values[..., -1:], values, 0.0)
     needed = values.any(tuple(range(values.ndim - 1)))
     return np.ascontiguousarray((vectors * np.sqrt(values)[..., None, :])[..., needed])
-
-
-def _groups(taper: np.ndarray) -> tuple[Group, ...]:
-    """Groups of components with equal rows of a taper ``(n, p)``."""
-    rows, group = np.unique(taper, axis=0, return_inverse=True)
-    members = [np.flatnonzero(group.reshape(-1) == i) for i in range(len(rows))]
-    channels = [np.flatnonzero(row) for row in rows]
-    return tuple(
-        (tuple(states.tolist()), tuple(own.tolist()), tuple(np.sqrt(row[own]).tolist()))
-        for states, own, row in zip(members, channels, rows, strict=True)
-    )
 
 
 def _gathered(angles: np.ndarray, mean: np.ndarray) -> np.ndarray:

@@ -18,8 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from estimators.ensemble import gaspari_cohn
 from estimators.factory import make
+from estimators.localisation import gaspari_cohn
 from estimators.models import Gaussian, NonlinearModel
 
 
