@@ -215,14 +215,9 @@ def _taper(
 
 
 def _reduced_gain(
-    A: np.ndarray,
-    Y: np.ndarray,
-    e: np.ndarray,
-    S: np.ndarray,
-    R: np.ndarray,
-    certainty: np.ndarray | float,
+    A: np.ndarray, Y: np.ndarray, e: np.ndarray, S: np.ndarray, R: np.ndarray, certainty: np.ndarray | float,
     adaptive: bool,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
     """Shift of the mean ``(..., n)``, anomalies ``A - K~ Y``, and their squared inflation, which they still need.
 
     With ``S = L L'`` and the singular value decomposition ``L^-1 R^1/2 = V s U'``::
@@ -245,14 +240,9 @@ def _reduced_gain(
 
 
 def _transform(
-    A: np.ndarray,
-    Y: np.ndarray,
-    e: np.ndarray,
-    S: np.ndarray,
-    R: np.ndarray,
-    certainty: np.ndarray | float,
+    A: np.ndarray, Y: np.ndarray, e: np.ndarray, S: np.ndarray, R: np.ndarray, certainty: np.ndarray | float,
     adaptive: bool,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
     """The same as `_reduced_gain`, with ``T = (I + x G)^-1/2`` and ``G = Y' R^-1 Y / (N - 1)``, N x N.
 
     Less work than p x p where measurements outnumber the members, and more accurate, as S is ill-conditioned there

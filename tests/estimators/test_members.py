@@ -1,4 +1,4 @@
-"""The kernels of the ensemble filters against their formulas in NumPy, and rows and chunks against each other."""
+"""Ensemble filters against textbook formulas of one row, and rows and chunks against each other."""
 
 import dataclasses
 
@@ -7,9 +7,11 @@ import pytest
 from scipy.linalg import block_diag
 
 from estimators import Belief, Filter, Gaussian, LinearModel, NonlinearModel, Numbers, ensemble, make
+from estimators.analysis import finite_size_inflation, perturbed_analysis, take, transform_analysis
 from estimators.angles import difference
 from estimators.ensemble import PROCESS, READINGS
 from estimators.linalg import neutralised, semidefinite_cholesky
+from estimators.localisation import group_states
 from tests.estimators.cases import assert_same, random_covariance
 
 ROWS = 9
@@ -111,7 +113,7 @@ def _analysis(
 @SPREADS
 @pytest.mark.parametrize("members", [2, 7, 100])
 @pytest.mark.parametrize(("name", "options"), [each for each in FILTERS if not {"rotate", "variant"} & each[1].keys()])
-def test_the_kernels_update_as_the_formulas_do(name: str, options: dict[str, object], members: int, spread: float):
+def test_updates_are_those_of_the_textbook_formulas(name: str, options: dict[str, object], members: int, spread: float):
     filter = make(name, _wrapping(), members=members, **options)
     begun, numbers, y, available = _begun(filter, spread)
     before = filter.predict(begun, rng=numbers)
@@ -153,9 +155,79 @@ def test_readings_that_outnumber_the_members_are_taken_in_as_pair_after_pair(arr
     np.testing.assert_allclose(shift, 0.0, atol=1e-13)
 
 
+@pytest.mark.parametrize("certainty", [0.0, 1.5])
+@pytest.mark.parametrize("members", [3, 20])
+@pytest.mark.parametrize("regular", [True, False])
+def test_missing_measurements_of_a_transform_are_as_if_there_were_none(members: int, certainty: float, regular: bool):
+    """Whatever their anomalies are: 5 of 8 against 5, in state space, and in that of 3 members."""
+    rng = np.random.default_rng(4)
+    before, C, e = rng.normal(size=(6, members)), rng.normal(size=(8, 6)), rng.normal(size=8)
+    available, R = np.array([1, 0, 1, 1, 0, 1, 0, 1], bool), random_covariance(rng, 8)
+    mean, Y = before.mean(-1), C @ (before - before.mean(-1, keepdims=True))
+
+    def analysed(kept: np.ndarray, available: np.ndarray) -> tuple[np.ndarray, ...]:
+        own_R, missing = neutralised(R[np.ix_(kept, kept)], available), ~available
+        own_Y, own_e = np.where(missing[:, None], np.nan, Y[kept]), np.where(missing, 0.0, e[kept])
+        return transform_analysis(
+            before, mean, own_Y, own_e, available, own_R, 1.1, certainty,
+            groups=group_states(np.ones((6, len(kept)))), adaptive=certainty > 0.0, regular=regular,
+        )  # fmt: skip
+
+    masked, compact = analysed(np.arange(8), available), analysed(np.flatnonzero(available), np.ones(5, bool))
+    assert np.abs(masked[1] - before).max() > 0.1
+    for one, other in zip(masked[:2], compact[:2], strict=True):
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(masked[2][np.ix_(available, available)], compact[2], rtol=0, atol=1e-13)
+
+
+def test_members_of_a_perturbed_analysis_follow_no_number_of_a_missing_measurement():
+    rng = np.random.default_rng(5)
+    before, e, available = rng.normal(size=(4, 10)), rng.normal(size=3), np.array([True, False, True])
+    mean, Y, normals, R = before.mean(-1), rng.normal(size=(3, 10)), rng.normal(size=(3, 10)), random_covariance(rng, 3)
+    R = neutralised(R, available)
+    lacking = np.where(available, 1.0, np.nan)[:, None]
+
+    def analysed(Y: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, ...]:
+        root, taper = semidefinite_cholesky(R), np.ones((3, 4))
+        e_there = np.where(available, e, 0.0)
+        return perturbed_analysis(before, mean, Y, e_there, available, R, root, normals, taper, 1.0)
+
+    wanted = analysed(Y, np.where(available[:, None], normals, 0.0))
+    for one, other in zip(analysed(lacking * Y, normals), wanted, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize("size", [0.0, 1.0, 30.0, 1e3])
+def test_the_finite_size_inflation_is_the_minimum_of_its_cost(size: float):
+    """Downhill of 1, on a grid; shares of 1 tell nothing."""
+    N, certainty, share = 12, 1.4, np.array([0.1, 0.6, 1.0])
+    found = finite_size_inflation(share, size * np.array([1.0, 0.3, 2.0]), N, certainty)
+    a, b = (N + 1) / N, N / (N - 1)
+    mode = (a / b) ** (0.5 * (N - 3 + share.sum()) / N)
+    x = np.exp(np.linspace(np.log(0.01), np.log(100.0), 400_001))[:, None]
+    q = x * (1.0 - share) + share
+    likelihood = (size * np.array([1.0, 0.3, 2.0]) / q).sum(-1) / (N - 1)
+    cost = likelihood + certainty * (a / mode / x + b * mode * np.log(x))[:, 0]
+    assert found == pytest.approx(x[cost.argmin(), 0], rel=1e-4)
+
+
+@pytest.mark.parametrize("size", [1e30, 1e300, np.inf])
+def test_an_absurd_measurement_inflates_by_a_factor_of_ten_and_no_more(size: float):
+    found = finite_size_inflation(np.array([0.1, 1.0]), np.array([size, size]), 12, 1.4)
+    assert found == pytest.approx(100.0)
+    assert finite_size_inflation(np.array([1.0, 1.0]), np.array([size, size]), 12, 1.4) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("indices", [(0, 1, 2, 3), (1, 2), (3, 0, 1), (2,)])
+def test_entries_of_constant_indices_are_taken_along_the_last_axes(indices: tuple[int, ...]):
+    a = np.arange(24.0).reshape(2, 3, 4)
+    np.testing.assert_array_equal(take(a, indices, -1), a[..., indices])
+    np.testing.assert_array_equal(take(a.mT, indices, -2), a.mT[:, indices])
+
+
 @SPREADS
 @pytest.mark.parametrize("members", [2, 7, 100])
-def test_the_kernel_predicts_as_the_formulas_do(members: int, spread: float):
+def test_predictions_are_those_of_the_textbook_formulas(members: int, spread: float):
     filter = make("enkf", _wrapping(), members=members)
     begun, numbers, *_ = _begun(filter, spread)
     x = begun.ensemble
