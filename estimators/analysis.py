@@ -52,7 +52,8 @@ def covariance(members: np.ndarray, mean: np.ndarray) -> np.ndarray:
 
 def _centred_noise(root: np.ndarray, normals: np.ndarray) -> np.ndarray:
     """``L n_i (..., k, N)`` with the mean of the normals ``(..., r, N)`` removed."""
-    return root @ (normals - average(normals)[..., None])
+    weights = np.full((1, normals.shape[-1]), 1.0 / normals.shape[-1])
+    return root @ (normals - inner(normals, weights))
 
 
 # --- angles ---------------------------------------------------------------------------------------------
@@ -91,12 +92,16 @@ def _gather(angle: np.ndarray) -> np.ndarray:
 def _replace_rows(
     function: Callable[..., np.ndarray], rows: tuple[int, ...], a: np.ndarray, *others: np.ndarray
 ) -> np.ndarray:
-    """``A (..., k, N)`` with some rows replaced by a function of these rows of A and of others."""
+    """``A (..., k, N)`` with some rows, in rising order, replaced by a function of these rows of A and of others."""
     if not rows:
         return a
-    kept = tuple(i for i in range(a.shape[-2]) if i not in rows)
-    changed = function(*(take(each, rows, -2) for each in (a, *others)))
-    return _reorder([take(a, kept, -2), changed] if kept else [changed], kept + rows)
+    changed, parts, end = function(*(take(each, rows, -2) for each in (a, *others))), [], 0
+    for j, i in enumerate(rows):
+        parts += [a[..., end:i, :]] if i > end else []
+        parts.append(changed[..., j : j + 1, :])
+        end = i + 1
+    parts += [a[..., end:, :]] if end < a.shape[-2] else []
+    return joined(parts, -2)
 
 
 # --- forecast -------------------------------------------------------------------------------------------
@@ -114,7 +119,9 @@ def forecast(
         normals: ``(..., r, N)``.
         angles: Components that the transition may wrap.
     """
-    members = _replace_rows(_unwrap_step, angles, after, before) + _centred_noise(root, normals)
+    members = _replace_rows(_unwrap_step, angles, after, before)
+    if root.shape[-1] > 0:
+        members = members + _centred_noise(root, normals)
     members = _replace_rows(_gather, angles, members)
     return average(members), members
 
@@ -131,7 +138,7 @@ def expect(measurements: np.ndarray, *, angles: tuple[int, ...]) -> tuple[np.nda
 
 def perturbed_analysis(
     members: np.ndarray, mean: np.ndarray, Y: np.ndarray, innovation: np.ndarray, available: np.ndarray,
-    R: np.ndarray, root: np.ndarray, normals: np.ndarray, taper: np.ndarray, inflation: np.ndarray | float,
+    R: np.ndarray, root: np.ndarray, normals: np.ndarray, taper: np.ndarray, *, inflation: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
     """Stochastic analysis ``x_i = x_i- + K (y + v_i - h(x_i-))`` with ``K = (C P)' S^-1``.
 
@@ -166,8 +173,7 @@ def perturbed_analysis(
 
 def transform_analysis(
     members: np.ndarray, mean: np.ndarray, Y: np.ndarray, innovation: np.ndarray, available: np.ndarray,
-    R: np.ndarray, inflation: np.ndarray | float, certainty: np.ndarray | float,
-    *, groups: tuple[Group, ...], adaptive: bool, regular: bool,
+    R: np.ndarray, *, groups: tuple[Group, ...], inflation: float, certainty: float, regular: bool,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
     """Deterministic analysis by the symmetric transform ``A T``, ``T = (I + Y' R^-1 Y / (N - 1))^-1/2``.
 
@@ -178,10 +184,9 @@ def transform_analysis(
         innovation: ``(..., p)``.
         available: Mask ``(..., p)``.
         R: ``(..., p, p)`` measurement covariance.
-        inflation: Factor on the anomalies of components that a measurement may correct.
-        certainty: Of the scale of the anomalies before the analysis, see `finite_size_inflation`.
         groups: Of components that are corrected by the same measurements; each component is in one.
-        adaptive: Whether anomalies are inflated by `finite_size_inflation`, too.
+        inflation: Factor on the anomalies of components that a measurement may correct.
+        certainty: Of the scale of the anomalies, which `finite_size_inflation` then adapts, too; 0: it does not.
         regular: R is nonsingular, so that T may be formed, N x N, where measurements outnumber the members.
 
     Returns:
@@ -198,7 +203,7 @@ def transform_analysis(
             own_Y, e = take(Y, channels, -2), take(innovation, channels, -1)
             moments = _taper(np.array(roots), own_Y, e, _take_block(S, channels), _take_block(R, channels))
             analysis = _transform if regular and len(channels) > N else _reduced_gain
-            shift, own, x = analysis(own, *moments, certainty, adaptive)
+            shift, own, x = analysis(own, *moments, certainty)
             centre, own = centre + shift, np.where(arrived, inflation * np.sqrt(x), 1.0)[..., None, None] * own
         parts.append(centre[..., None] + own)
     after = _reorder(parts, tuple(chain.from_iterable(states for states, _, _ in groups)))
@@ -215,9 +220,8 @@ def _taper(
 
 
 def _reduced_gain(
-    A: np.ndarray, Y: np.ndarray, e: np.ndarray, S: np.ndarray, R: np.ndarray, certainty: np.ndarray | float,
-    adaptive: bool,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    A: np.ndarray, Y: np.ndarray, e: np.ndarray, S: np.ndarray, R: np.ndarray, certainty: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Shift of the mean ``(..., n)``, anomalies ``A - K~ Y``, and their squared inflation, which they still need.
 
     With ``S = L L'`` and the singular value decomposition ``L^-1 R^1/2 = V s U'``::
@@ -229,7 +233,7 @@ def _reduced_gain(
     CP = solve_lower(L, inner(Y, A) / (N - 1))
     e = solve_lower(L, e[..., None])[..., 0]
     x, soft = _ONE, 1.0 / (1.0 + s)
-    if adaptive:
+    if certainty > 0.0:
         along, share = np.vecmat(e, V), s * s
         x = finite_size_inflation(share, along * along, N, certainty)
         q = x[..., None] * (1.0 - share) + share
@@ -240,9 +244,8 @@ def _reduced_gain(
 
 
 def _transform(
-    A: np.ndarray, Y: np.ndarray, e: np.ndarray, S: np.ndarray, R: np.ndarray, certainty: np.ndarray | float,
-    adaptive: bool,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    A: np.ndarray, Y: np.ndarray, e: np.ndarray, S: np.ndarray, R: np.ndarray, certainty: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The same as `_reduced_gain`, with ``T = (I + x G)^-1/2`` and ``G = Y' R^-1 Y / (N - 1)``, N x N.
 
     Less work than p x p where measurements outnumber the members, and more accurate, as S is ill-conditioned there
@@ -252,7 +255,7 @@ def _transform(
     white, e = solve_lower(L, Y), solve_lower(L, e[..., None])[..., 0]
     s, V = singular(white / np.sqrt(N - 1))
     v, along, x = s * s, np.vecmat(np.vecmat(e, white) / (N - 1), V), _ONE
-    if adaptive:
+    if certainty > 0.0:
         share = 1.0 / (1.0 + v)
         spanned = v > 1e-14 * v.sum(-1)[..., None]
         size = np.where(spanned, share * along * along * (N - 1) / np.where(spanned, v, 1.0), 0.0)
@@ -263,7 +266,7 @@ def _transform(
     return shift, A - (AV * (v / (root * (1.0 + root)))[..., None, :]) @ V.mT, x
 
 
-def finite_size_inflation(share: np.ndarray, size: np.ndarray, N: int, certainty: np.ndarray | float) -> np.ndarray:
+def finite_size_inflation(share: np.ndarray, size: np.ndarray, N: int, certainty: float) -> np.ndarray:
     """Squared inflation ``x (...)`` of the anomalies by the finite-size filter EnKF-N, in its dual form.
 
     The minimum of ``sum_m z_m^2 / q_m / (N - 1) + a / x + b log x`` downhill of 1, ``q = x (1 - m) + m``: the
@@ -274,17 +277,20 @@ def finite_size_inflation(share: np.ndarray, size: np.ndarray, N: int, certainty
         share: Eigenvalues ``m (..., k)`` of R in units of S.
         size: ``z^2 (..., k)``, squared innovation along their directions in units of S.
         N: Members.
-        certainty: ``(...)`` above 0.
+        certainty: Above 0.
     """
     a, b = (N + 1.0) / N, N / (N - 1.0)
     mode = np.exp(np.log(a / b) * 0.5 / N * (N - share.shape[-1] + share.sum(-1)))
     a, b = certainty * a / mode, certainty * b * mode
     size, rest = np.minimum(size, _ABSURD), np.maximum(1.0 - share, 0.0)
+    directions = [(share[..., m], rest[..., m], size[..., m]) for m in range(share.shape[-1])]
 
     def is_below(x: np.ndarray) -> np.ndarray:
-        weight = x[..., None] * rest
-        q = weight + share
-        return a / x - b + (weight * size / (q * q)).sum(-1) / (N - 1) > 0.0
+        slope = a / x - b
+        for m, r, z in directions:
+            q = x * r + m
+            slope = slope + x * r * z / (q * q) / (N - 1)
+        return slope > 0.0
 
     def halve(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         x = 0.5 * (low + high)
@@ -329,7 +335,7 @@ def evensen_transform(
 # --- rotation -------------------------------------------------------------------------------------------
 
 
-def rotate(anomalies: np.ndarray, normals: np.ndarray) -> np.ndarray:
+def rotate_anomalies(anomalies: np.ndarray, normals: np.ndarray) -> np.ndarray:
     """Centred anomalies ``(..., N, n)`` after a uniformly random rotation of the members that keeps their mean.
 
     An N x N rotation moves ``A = V R`` (V orthonormal, R small) to ``V* R`` with V* uniform on the frames orthogonal to

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple, Self, TypeVar
 
 import numpy as np
 
+from estimators.analysis import covariance
 from estimators.checks import as_array, frozen, with_points
 from estimators.reading import Reading
 
@@ -358,8 +359,6 @@ class EnsembleBelief(Belief):
     def __getattr__(self, name: str) -> Any:
         if name != "cov":
             return Packed.__getattr__(self, name)
-        from estimators.analysis import covariance  # late: its formulas are of beliefs' readings
-
         with np.errstate(all="ignore"):
             cov = covariance(members_last(self.ensemble), self.mean)
         cov.setflags(write=False)
@@ -406,7 +405,7 @@ def laid_out(shapes: tuple[tuple[str, tuple[int, ...]], ...], masks: frozenset[s
 
 
 def members_last(ensemble: np.ndarray) -> np.ndarray:
-    """``(..., n, N)`` of an ensemble ``(..., N, n)``, contiguous as the kernels need it: a view of what they gave."""
+    """``(..., n, N)`` of an ensemble ``(..., N, n)``, contiguous: a view where members are last in memory already."""
     return np.ascontiguousarray(ensemble.mT)
 
 

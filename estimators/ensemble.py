@@ -16,7 +16,14 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from estimators.analysis import evensen_transform, expect, forecast, perturbed_analysis, rotate, transform_analysis
+from estimators.analysis import (
+    evensen_transform,
+    expect,
+    forecast,
+    perturbed_analysis,
+    rotate_anomalies,
+    transform_analysis,
+)
 from estimators.angles import difference, wrap
 from estimators.belief import Belief, EnsembleBelief, Record, members_last
 from estimators.checks import number, shown, whole
@@ -85,8 +92,8 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief]):
         Q = model.Q
         self._noise_root = None if callable(Q) else noise_root(Q)
         curved = isinstance(model, NonlinearModel)  # a linear model's readings are as unwrapped as its states
-        self._angles = model.state_angles if curved else ()
-        self._seams = model.measurement_angles if curved else ()
+        self._angles = tuple(sorted(model.state_angles)) if curved else ()
+        self._seams = tuple(sorted(model.measurement_angles)) if curved else ()
 
     # --- the contract -----------------------------------------------------------------------------
 
@@ -240,7 +247,7 @@ class EnsembleKalmanFilter(EnsembleFilter):
         wanted = np.vecmat(arrived, root != 0.0)  # the numbers of which a reading that arrived has a share
         normals = members_last(draw(numbers, batch, self.members, self.model.p, READINGS, wanted))
         mean, members, S = perturbed_analysis(
-            *self._moments(belief, reading), root, normals, self._factors, self.inflation
+            *self._moments(belief, reading), root, normals, self._factors, inflation=self.inflation
         )
         return EnsembleBelief.updated(belief, mean, _LATER, reading, S, ensemble=members.mT)
 
@@ -253,8 +260,8 @@ class EnsembleTransformFilter(EnsembleFilter):
 
         K = (C P-)' W W'        K~ = (C P-)' W diag(1 / (1 + sqrt(m))) W'        A <- A - Y K~'
 
-    which needs no inverse of R and is exact for any N. Where more readings arrive than there are members, T is formed,
-    N x N, unless R is singular. However precise they are, readings cost no digits unless they outnumber the directions
+    which needs no inverse of R and is exact for any N. Where there are more readings than members, T is formed, N x N,
+    if the model's R is one matrix that is not singular. However precise they are, readings cost no digits unless they outnumber the directions
     of the members; then the covariance, not the mean, is off by up to ``eps P / R`` of itself, P the variance that is
     predicted and eps the machine's precision, and by some ``eps sqrt(P / R)`` where T is formed.
 
@@ -301,7 +308,7 @@ class EnsembleTransformFilter(EnsembleFilter):
         ensemble = members.mT
         if self.rotate:
             normals = draw(numbers, mean.shape[:-1], self.members - 1, min(self.members - 1, self.model.n), ROTATION)
-            ensemble = rotate(ensemble - mean[..., None, :], normals) + mean[..., None, :]
+            ensemble = rotate_anomalies(ensemble - mean[..., None, :], normals) + mean[..., None, :]
         return EnsembleBelief.updated(belief, mean, _LATER, reading, S, ensemble=ensemble)
 
     def _analysis(self, regular: bool, moments: Moments) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -310,9 +317,8 @@ class EnsembleTransformFilter(EnsembleFilter):
         ``regular``: R is known to be nonsingular.
         """
         return transform_analysis(
-            *moments, self.inflation, self._certainty,
-            groups=self._groups, adaptive=self._certainty > 0.0, regular=regular,
-        )  # fmt: skip
+            *moments, groups=self._groups, inflation=self.inflation, certainty=self._certainty, regular=regular
+        )
 
 
 class EnsembleSquareRootFilter(EnsembleTransformFilter):

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.linalg import sqrtm
 
 from estimators import Belief, Gaussian, LinearModel, NonlinearModel, Numbers, make, wrap
-from estimators.analysis import rotate
+from estimators.analysis import rotate_anomalies
 from estimators.ensemble import noise_root
 from tests.estimators.cases import (
     Case,
@@ -361,7 +361,7 @@ def test_a_rotation_keeps_mean_and_covariance_and_moves_the_members(seed: int, m
     rng = np.random.default_rng(seed)
     anomalies = rng.normal(size=(3, members, n)) * 10.0 ** rng.uniform(-3, 3, size=n)
     anomalies -= anomalies.mean(-2, keepdims=True)
-    turned = rotate(anomalies, rng.normal(size=(3, members - 1, min(members - 1, n))))
+    turned = rotate_anomalies(anomalies, rng.normal(size=(3, members - 1, min(members - 1, n))))
     size = np.abs(anomalies).max((0, 1))
     assert (np.abs(turned.mean(-2)) <= 1e-13 * size).all()
     before, after = (np.swapaxes(a / size, -1, -2) @ (a / size) for a in (anomalies, turned))
@@ -375,7 +375,9 @@ def test_rotations_are_uniform():
     members, runs = 4, 40_000
     anomalies = np.array([3.0, -1.0, -1.0, -1.0])[:, None]
     rng = np.random.default_rng(0)
-    turned = rotate(np.broadcast_to(anomalies, (runs, members, 1)), rng.normal(size=(runs, members - 1, 1)))[..., 0]
+    turned = rotate_anomalies(np.broadcast_to(anomalies, (runs, members, 1)), rng.normal(size=(runs, members - 1, 1)))[
+        ..., 0
+    ]
     expected = (anomalies**2).sum() / (members - 1) * (np.eye(members) - 1.0 / members)
     np.testing.assert_allclose(turned.T @ turned / runs, expected, rtol=0, atol=5.0 * 12.0 / np.sqrt(runs))
     np.testing.assert_allclose(turned.mean(0), 0.0, atol=5.0 * np.sqrt(12.0 / members / runs) * 2.0)

@@ -169,8 +169,8 @@ def test_missing_measurements_of_a_transform_are_as_if_there_were_none(members: 
         own_R, missing = neutralised(R[np.ix_(kept, kept)], available), ~available
         own_Y, own_e = np.where(missing[:, None], np.nan, Y[kept]), np.where(missing, 0.0, e[kept])
         return transform_analysis(
-            before, mean, own_Y, own_e, available, own_R, 1.1, certainty,
-            groups=group_states(np.ones((6, len(kept)))), adaptive=certainty > 0.0, regular=regular,
+            before, mean, own_Y, own_e, available, own_R,
+            groups=group_states(np.ones((6, len(kept)))), inflation=1.1, certainty=certainty, regular=regular,
         )  # fmt: skip
 
     masked, compact = analysed(np.arange(8), available), analysed(np.flatnonzero(available), np.ones(5, bool))
@@ -190,7 +190,7 @@ def test_members_of_a_perturbed_analysis_follow_no_number_of_a_missing_measureme
     def analysed(Y: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, ...]:
         root, taper = semidefinite_cholesky(R), np.ones((3, 4))
         e_there = np.where(available, e, 0.0)
-        return perturbed_analysis(before, mean, Y, e_there, available, R, root, normals, taper, 1.0)
+        return perturbed_analysis(before, mean, Y, e_there, available, R, root, normals, taper, inflation=1.0)
 
     wanted = analysed(Y, np.where(available[:, None], normals, 0.0))
     for one, other in zip(analysed(lacking * Y, normals), wanted, strict=True):
