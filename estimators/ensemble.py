@@ -256,14 +256,14 @@ class EnsembleTransformFilter(EnsembleFilter):
     """ETKF: the members are transformed so that their covariance is the Kalman filter's, without random numbers.
 
     ``A <- T A`` with the symmetric, mean-preserving ``T = (I + Y R^-1 Y' / (N - 1))^-1/2``, computed as a reduced gain
-    in p x p algebra: with ``S = L L'`` and ``L^-1 R L^-T = U diag(m) U'``, ``W = L^-T U``::
+    in p x p algebra: with ``S = L L'``, the singular value decomposition ``L^-1 R^1/2 = U s V'`` and ``W = L^-T U``::
 
-        K = (C P-)' W W'        K~ = (C P-)' W diag(1 / (1 + sqrt(m))) W'        A <- A - Y K~'
+        K = (C P-)' W W'        K~ = (C P-)' W diag(1 / (1 + s)) W'        A <- A - Y K~'
 
     which needs no inverse of R and is exact for any N. Where there are more readings than members, T is formed, N x N,
-    if the model's R is one matrix that is not singular. However precise they are, readings cost no digits unless they outnumber the directions
-    of the members; then the covariance, not the mean, is off by up to ``eps P / R`` of itself, P the variance that is
-    predicted and eps the machine's precision, and by some ``eps sqrt(P / R)`` where T is formed.
+    if the model's R is one matrix that is not singular. However precise they are, readings cost no digits unless they
+    outnumber the directions of the members; then the covariance, not the mean, is off by up to ``eps P / R`` of itself,
+    P the variance that is predicted and eps the machine's precision, and by some ``eps sqrt(P / R)`` where T is formed.
 
     Sources: Bishop, Etherton & Majumdar (2001); Wang, Bishop & Julier (2004); the reduced gain of Whitaker & Hamill
     (2002) for readings taken together; rotations: Sakov & Oke (2008b); localisation: Hunt, Kostelich & Szunyogh (2007).
