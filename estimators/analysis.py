@@ -11,14 +11,13 @@ from itertools import chain
 
 import numpy as np
 
+from estimators.engine import compiled, repeat
 from estimators.linalg import (
     cholesky,
     inner,
     joined,
     neutralised,
-    repeat,
     semidefinite_cholesky,
-    sincos,
     singular,
     solve,
     solve_lower,
@@ -44,6 +43,7 @@ def average(a: np.ndarray) -> np.ndarray:
     return np.where(finite, inner(a, weights)[..., 0], np.nan)
 
 
+@compiled(axes=(2, 1), matrices=True)
 def covariance(members: np.ndarray, mean: np.ndarray) -> np.ndarray:
     """Sample covariance ``(..., n, n)`` of members ``(..., n, N)``."""
     A = members - mean[..., None]
@@ -83,8 +83,7 @@ def _unwrap_step(after: np.ndarray, before: np.ndarray) -> np.ndarray:
 def _gather(angle: np.ndarray) -> np.ndarray:
     """Angles ``(..., k, N)`` within half a turn of the first, or of the circular mean if they are spread out."""
     first, ones = angle[..., :1], np.ones((1, angle.shape[-1]))
-    sine, cosine = sincos(angle)
-    centre = np.arctan2(inner(sine, ones), inner(cosine, ones))
+    centre = np.arctan2(inner(np.sin(angle), ones), inner(np.cos(angle), ones))
     centre = np.where(_any(np.abs(_near(angle, first) - first) > 0.25 * np.pi), centre, first)
     return np.where(np.isfinite(inner(angle * angle, ones)), _near(angle, centre), angle)
 
@@ -107,6 +106,7 @@ def _replace_rows(
 # --- forecast -------------------------------------------------------------------------------------------
 
 
+@compiled(axes=(2, 2, 2, 2), matrices=True)
 def forecast(
     before: np.ndarray, after: np.ndarray, root: np.ndarray, normals: np.ndarray, *, angles: tuple[int, ...]
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -126,6 +126,7 @@ def forecast(
     return average(members), members
 
 
+@compiled(axes=(2,), matrices=True)
 def expect(measurements: np.ndarray, *, angles: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Mean ``(..., p)`` and anomalies ``(..., p, N)`` of the measurements that the members expect."""
     measurements = _replace_rows(_gather, angles, measurements)
@@ -136,6 +137,7 @@ def expect(measurements: np.ndarray, *, angles: tuple[int, ...]) -> tuple[np.nda
 # --- analysis -------------------------------------------------------------------------------------------
 
 
+@compiled(axes=(2, 1, 2, 1, 1, 2, 2, 2, 2), matrices=True)
 def perturbed_analysis(
     members: np.ndarray, mean: np.ndarray, Y: np.ndarray, innovation: np.ndarray, available: np.ndarray,
     R: np.ndarray, root: np.ndarray, normals: np.ndarray, taper: np.ndarray, *, inflation: float,
@@ -171,6 +173,7 @@ def perturbed_analysis(
     return average(after), after, S
 
 
+@compiled(axes=(2, 1, 2, 1, 1, 2), matrices=True)
 def transform_analysis(
     members: np.ndarray, mean: np.ndarray, Y: np.ndarray, innovation: np.ndarray, available: np.ndarray,
     R: np.ndarray, *, groups: tuple[Group, ...], inflation: float, certainty: float, regular: bool,

@@ -1,11 +1,14 @@
 """Small dense linear algebra over batches: covariances ``(..., n, n)`` and vectors ``(..., n)``."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from functools import cache, lru_cache
 
 import numpy as np
 
+from estimators.engine import linear
+from estimators.engine.matrices import MatrixTracer
+from estimators.engine.matrices import joined as join_traced
 from estimators.formulas import is_noted
 from estimators.operations import (
     check_equations,
@@ -24,6 +27,11 @@ def identity(n: int) -> np.ndarray:
     eye = np.eye(n)
     eye.setflags(write=False)
     return eye
+
+
+def is_traced(*arrays: object) -> bool:
+    """Is one of them a tracer, for what is to be compiled?"""
+    return any(isinstance(each, MatrixTracer) for each in arrays)
 
 
 def symmetrise(a: np.ndarray) -> np.ndarray:
@@ -60,6 +68,8 @@ def joined(parts: Sequence[np.ndarray], axis: int) -> np.ndarray:
     """Matrices ``(..., i, j)`` below (axis -2) or beside (axis -1) each other, one batch for all."""
     if any(is_noted(part) for part in parts):
         return side_by_side(parts, axis)  # type: ignore[return-value]
+    if is_traced(*parts):
+        return join_traced(linear.program_of(*parts), parts, axis)  # type: ignore[return-value]
     batch = np.broadcast_shapes(*(part.shape[:-2] for part in parts))
     return np.concatenate([np.broadcast_to(part, batch + part.shape[-2:]) for part in parts], axis)
 
@@ -77,6 +87,8 @@ def solve(s: np.ndarray, b: np.ndarray) -> np.ndarray:
     """
     if is_noted(s) or is_noted(b):
         return solve_definite(s, b)  # type: ignore[return-value]
+    if is_traced(s, b):
+        return linear.solve_definite(s, b)  # type: ignore[no-any-return]
     try:
         return np.linalg.solve(s, b)
     except np.linalg.LinAlgError:
@@ -92,6 +104,8 @@ def solve(s: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 def solve_upper(t: np.ndarray, b: np.ndarray) -> np.ndarray:
     """``T^-1 B`` for an upper triangular ``T (..., n, n)`` and ``B (..., n, k)``; a singular row comes out as NaN."""
+    if is_traced(t, b):
+        return linear.solve_upper(t, b)  # type: ignore[no-any-return]
     if not (is_noted(t) or is_noted(b)):
         return solve(t, b)
     check_equations(t, b)
@@ -106,24 +120,12 @@ def solve_upper(t: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 def solve_lower(t: np.ndarray, b: np.ndarray) -> np.ndarray:
     """``T^-1 B`` for a lower triangular ``T (..., n, n)`` and ``B (..., n, k)``; a singular row comes out as NaN."""
-    return solve(t, b)
+    return linear.solve_lower(t, b) if is_traced(t, b) else solve(t, b)
 
 
 def inner(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """``A B' (..., i, j)`` of ``(..., i, N)`` and ``(..., j, N)``: sums over the members of an ensemble."""
-    return a @ b.mT
-
-
-def sincos(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Sine and cosine."""
-    return np.sin(x), np.cos(x)
-
-
-def repeat(count: int, body: Callable[..., tuple[np.ndarray, ...]], *carried: np.ndarray) -> tuple[np.ndarray, ...]:
-    """``carried`` after so many applications of ``body``."""
-    for _ in range(count):
-        carried = body(*carried)
-    return carried
+    return linear.inner(a, b) if is_traced(a, b) else a @ b.mT
 
 
 def singular(a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -132,8 +134,8 @@ def singular(a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     The values of a row that is not finite come out as NaN.
     """
     n = a.shape[-1]
-    if is_noted(a):
-        turned, V = rotated(a)
+    if is_noted(a) or is_traced(a):
+        turned, V = rotated(a) if is_noted(a) else linear.rotated(a)
         return np.sqrt(np.square(turned).sum(-2)), V
     finite = np.isfinite(a).all((-2, -1))[..., None]
     _, found, directions = np.linalg.svd(np.where(finite[..., None], a, 0.0))
@@ -163,6 +165,8 @@ def semidefinite_cholesky(a: np.ndarray) -> np.ndarray:
     """
     if is_noted(a):
         return root_of(a)
+    if is_traced(a):
+        return linear.semidefinite_cholesky(a)  # type: ignore[no-any-return]
     n = a.shape[-1]
     rest, root = np.array(a), np.zeros(a.shape)
     for j in range(n):
@@ -206,6 +210,8 @@ def whitened(root: np.ndarray, e: np.ndarray) -> np.ndarray:
 
 def cholesky(s: np.ndarray) -> np.ndarray:
     """The lower factor of ``S (..., p, p)``; a row that is not positive definite comes out as NaN."""
+    if is_traced(s):
+        return linear.cholesky(s)  # type: ignore[no-any-return]
     try:
         return np.linalg.cholesky(s)
     except np.linalg.LinAlgError:
