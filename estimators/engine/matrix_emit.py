@@ -160,6 +160,7 @@ class MatrixEmitter(Emitter):
     def _each_chunk(self, instruction: Instruction, rows: int, columns: int) -> None:
         """Vectors of neighbouring entries of one row of the batch; what is left over one by one."""
         scalars = {each: self.load(each) for each in instruction.operands if isinstance(each, int)}
+        flat = rows < instruction.attributes[1]  # all entries are neighbours, whatever their rows
 
         def chunk(i: Index, j: Index, width: int) -> None:
             T, operands = type_of("f", width), []
@@ -167,7 +168,7 @@ class MatrixEmitter(Emitter):
                 if isinstance(each, int):
                     operands.append(self.splat(scalars[each], width))
                     continue
-                moving = each.steps[1] if each.shape[1] > 1 else 0
+                moving = 1 if flat else each.steps[1] if each.shape[1] > 1 else 0
                 own = View(each.value, each.shape, each.start, (each.steps[0], moving))
                 place = self.address(each.value, self.index(own, i, j if moving else 0))
                 if moving:
