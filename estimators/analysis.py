@@ -7,7 +7,6 @@ once for each of their values.
 """
 
 from collections.abc import Callable
-from itertools import chain
 
 import numpy as np
 
@@ -23,7 +22,7 @@ from estimators.linalg import (
     solve_lower,
     solve_upper,
 )
-from estimators.localisation import Group
+from estimators.localisation import Groups
 
 _TURN = 2.0 * np.pi
 _MOST = 100.0
@@ -31,6 +30,8 @@ _MOST = 100.0
 _ABSURD = 1e300
 """Largest squared innovation that counts: beyond, sums overflow."""
 _ONE = np.array(1.0)
+Moments = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+"""Members ``(..., n, N)``, their mean, anomalies of the measurements, innovation, mask of those available, and R."""
 
 
 # --- moments --------------------------------------------------------------------------------------------
@@ -94,7 +95,8 @@ def _replace_rows(
     """``A (..., k, N)`` with some rows, in rising order, replaced by a function of these rows of A and of others."""
     if not rows:
         return a
-    changed, parts, end = function(*(take(each, rows, -2) for each in (a, *others))), [], 0
+    picked = ([each[..., i : i + 1, :] for i in rows] for each in (a, *others))
+    changed, parts, end = function(*(joined(each, -2) for each in picked)), [], 0
     for j, i in enumerate(rows):
         parts += [a[..., end:i, :]] if i > end else []
         parts.append(changed[..., j : j + 1, :])
@@ -176,7 +178,7 @@ def perturbed_analysis(
 @compiled(axes=(2, 1, 2, 1, 1, 2), matrices=True)
 def transform_analysis(
     members: np.ndarray, mean: np.ndarray, Y: np.ndarray, innovation: np.ndarray, available: np.ndarray,
-    R: np.ndarray, *, groups: tuple[Group, ...], inflation: float, certainty: float, regular: bool,
+    R: np.ndarray, *, inflation: float, certainty: float, regular: bool,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
     """Deterministic analysis by the symmetric transform ``A T``, ``T = (I + Y' R^-1 Y / (N - 1))^-1/2``.
 
@@ -187,39 +189,46 @@ def transform_analysis(
         innovation: ``(..., p)``.
         available: Mask ``(..., p)``.
         R: ``(..., p, p)`` measurement covariance.
-        groups: Of components that are corrected by the same measurements; each component is in one.
-        inflation: Factor on the anomalies of components that a measurement may correct.
+        inflation: Factor on the anomalies where a measurement is available.
         certainty: Of the scale of the anomalies, which `finite_size_inflation` then adapts, too; 0: it does not.
         regular: R is nonsingular, so that T may be formed, N x N, where measurements outnumber the members.
 
     Returns:
         The mean and members of the analysis, and ``S``.
     """
-    N = members.shape[-1]
+    N, p = members.shape[-1], Y.shape[-2]
     A, Y = members - mean[..., None], np.where(available[..., None], Y, 0.0)
     S = inner(Y, Y) / (N - 1) + R
-    parts = []
-    for states, channels, roots in groups:
-        own, centre = take(A, states, -2), take(mean, states, -1)
-        if channels:
-            arrived = (1.0 * take(available, channels, -1)).sum(-1) > 0.0
-            own_Y, e = take(Y, channels, -2), take(innovation, channels, -1)
-            moments = _taper(np.array(roots), own_Y, e, _take_block(S, channels), _take_block(R, channels))
-            analysis = _transform if regular and len(channels) > N else _reduced_gain
-            shift, own, x = analysis(own, *moments, certainty)
-            centre, own = centre + shift, np.where(arrived, inflation * np.sqrt(x), 1.0)[..., None, None] * own
-        parts.append(centre[..., None] + own)
-    after = _reorder(parts, tuple(chain.from_iterable(states for states, _, _ in groups)))
+    analysis = _transform if regular and p > N else _reduced_gain
+    shift, A, x = analysis(A, Y, innovation, S, R, certainty)
+    arrived = (1.0 * available).sum(-1) > 0.0
+    factor = np.where(arrived, inflation * np.sqrt(x), 1.0)[..., None, None]
+    after = (mean + shift)[..., None] + factor * A
     return average(after), after, S
 
 
-def _taper(
-    roots: np.ndarray, Y: np.ndarray, e: np.ndarray, S: np.ndarray, R: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Y, e, S and R with R divided by a taper: R stays, and the others shrink by the ``roots (p,)`` of the taper."""
-    if (roots == 1.0).all():
-        return Y, e, S, R
-    return roots[:, None] * Y, roots * e, R + np.outer(roots, roots) * (S - R), R
+def local_analysis(
+    moments: Moments, groups: Groups, *, inflation: float, certainty: float, regular: bool
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The same as `transform_analysis` for each group of states, with R divided by its taper: each group is a row."""
+    members, mean, Y, e, available, R = moments
+    after, after_mean = np.array(members), np.array(mean)
+    for states, channels, roots in groups:
+        if channels.shape[-1] > 0:
+            R_of_groups = R[..., channels[:, :, None], channels[:, None, :]]
+            own = members[..., states, :], mean[..., states], roots[..., None] * Y[..., channels, :]
+            after_mean[..., states], after[..., states, :], _ = transform_analysis(
+                *own, roots * e[..., channels], available[..., channels], R_of_groups,
+                inflation=inflation, certainty=certainty, regular=regular,
+            )  # fmt: skip
+    return after_mean, after, innovation_covariance(Y, available, R)
+
+
+@compiled(axes=(2, 1, 2), matrices=True)
+def innovation_covariance(Y: np.ndarray, available: np.ndarray, R: np.ndarray) -> np.ndarray:
+    """``S (..., p, p)`` of anomalies ``(..., p, N)``, a mask ``(..., p)`` and ``R (..., p, p)``."""
+    Y = np.where(available[..., None], Y, 0.0)
+    return inner(Y, Y) / (Y.shape[-1] - 1) + R
 
 
 def _reduced_gain(
@@ -305,33 +314,31 @@ def finite_size_inflation(share: np.ndarray, size: np.ndarray, N: int, certainty
 
 
 def evensen_transform(
-    after: np.ndarray, after_mean: np.ndarray, S: np.ndarray, A: np.ndarray, Y: np.ndarray, available: np.ndarray,
-    inflation: float, groups: tuple[Group, ...],
-) -> np.ndarray:  # fmt: skip
+    after: np.ndarray, after_mean: np.ndarray, S: np.ndarray, moments: Moments, groups: Groups, inflation: float
+) -> np.ndarray:
     """Members ``(..., n, N)`` with the anomalies as published by Evensen (2004): without the last ``V'``.
 
     Args:
         after: Members,
         after_mean: mean,
-        S: and innovation covariance of `transform_analysis`.
-        A: Anomalies before the analysis.
-        Y: Likewise, as the others of `transform_analysis`.
-        available: Mask ``(..., p)``.
-        inflation: Factor on the anomalies.
-        groups: Of states.
+        S: and innovation covariance of `local_analysis`.
+        moments: Its arguments.
+        groups: Likewise.
+        inflation: Likewise.
     """
-    after, N = np.array(after), A.shape[-1]
-    for states, channels, _ in groups:
+    members, mean, Y, _, available, _ = moments
+    after, N = np.array(after), members.shape[-1]
+    for states, channels in ((own, used) for block in groups for own, used in zip(*block[:2], strict=True)):
         used = available & np.isin(np.arange(Y.shape[-2]), channels)
         X = np.linalg.inv(cholesky(neutralised(S, used))) @ np.where(used[..., None], Y, 0.0) / np.sqrt(N - 1)
         X[~np.isfinite(X).all((-2, -1))] = 0.0  # rows without a finite mean are lost anyway
         _, s, Vt = np.linalg.svd(X)
         scale = np.ones(X.shape[:-2] + (N,))
         scale[..., : s.shape[-1]] = np.sqrt(np.maximum(1.0 - s**2, 0.0))
-        anomalies = scale[..., None] * (Vt @ A.mT)  # (..., N, n)
+        anomalies = scale[..., None] * (Vt @ (members - mean[..., None]).mT)  # (..., N, n)
         factor = np.where(used.any(-1), inflation, 1.0)[..., None]
         turned = (after_mean + (1.0 - factor) * anomalies.mean(-2))[..., None] + factor[..., None] * anomalies.mT
-        after[..., list(states), :] = turned[..., list(states), :]
+        after[..., states, :] = turned[..., states, :]
     return after
 
 
@@ -361,31 +368,3 @@ def _reflected(a: np.ndarray) -> np.ndarray:
     normal = np.full(members, -1.0 / np.sqrt(members))
     normal[0] += 1.0
     return a - normal[:, None] * (np.vecmat(normal, a) * (2.0 / (normal @ normal)))[..., None, :]
-
-
-# --- selections -----------------------------------------------------------------------------------------
-
-
-def take(a: np.ndarray, indices: tuple[int, ...], axis: int) -> np.ndarray:
-    """Entries of constant, distinct indices along the last axis (-1) or the one before (-2)."""
-    if indices == tuple(range(a.shape[axis])):
-        return a
-    runs: list[list[int]] = []
-    for i in indices:
-        if runs and runs[-1][1] == i:
-            runs[-1][1] = i + 1
-        else:
-            runs.append([i, i + 1])
-    parts = [a[..., slice(*run)] if axis == -1 else a[..., slice(*run), :] for run in runs]
-    return parts[0] if len(parts) == 1 else np.concatenate(parts, axis)
-
-
-def _take_block(a: np.ndarray, indices: tuple[int, ...]) -> np.ndarray:
-    """Rows and columns of a square matrix."""
-    return take(take(a, indices, -2), indices, -1)
-
-
-def _reorder(parts: list[np.ndarray], indices: tuple[int, ...]) -> np.ndarray:
-    """Rows of matrices ``(..., k, N)`` below each other, where those of ``indices`` say."""
-    whole = parts[0] if len(parts) == 1 else joined(parts, -2)
-    return take(whole, tuple(sorted(range(len(indices)), key=indices.__getitem__)), -2)

@@ -17,9 +17,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from estimators.analysis import (
+    Moments,
     evensen_transform,
     expect,
     forecast,
+    local_analysis,
     perturbed_analysis,
     rotate_anomalies,
     transform_analysis,
@@ -41,8 +43,6 @@ START, PROCESS, READINGS, ROTATION = range(4)
 """Uses of random numbers."""
 _CACHE = 2**20
 """Bytes of members that are predicted and updated at a time, so that they stay in the cache meanwhile."""
-Moments = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-"""Members ``(..., n, N)``, their mean, anomalies of the measurements, innovation, mask of those available, and R."""
 _LATER: Any = None
 """A covariance that is computed when somebody asks for it."""
 
@@ -316,9 +316,10 @@ class EnsembleTransformFilter(EnsembleFilter):
 
         ``regular``: R is known to be nonsingular.
         """
-        return transform_analysis(
-            *moments, groups=self._groups, inflation=self.inflation, certainty=self._certainty, regular=regular
-        )
+        options: dict[str, Any] = {"inflation": self.inflation, "certainty": self._certainty, "regular": regular}
+        if self.localisation is None:
+            return transform_analysis(*moments, **options)
+        return local_analysis(moments, self._groups, **options)
 
 
 class EnsembleSquareRootFilter(EnsembleTransformFilter):
@@ -362,9 +363,7 @@ class EnsembleSquareRootFilter(EnsembleTransformFilter):
         mean, members, S = super()._analysis(regular, moments)
         if self.variant == "symmetric":
             return mean, members, S
-        before, centre, Y, _, available, _ = moments
-        anomalies = before - centre[..., None]
-        members = evensen_transform(members, mean, S, anomalies, Y, available, self.inflation, self._groups)
+        members = evensen_transform(members, mean, S, moments, self._groups, self.inflation)
         return members.mean(-1), members, S
 
 

@@ -6,9 +6,7 @@ from functools import cache, lru_cache
 
 import numpy as np
 
-from estimators.engine import linear
-from estimators.engine.matrices import MatrixTracer
-from estimators.engine.matrices import joined as join_traced
+from estimators.engine import linear, matrices
 from estimators.formulas import is_noted
 from estimators.operations import (
     check_equations,
@@ -29,9 +27,9 @@ def identity(n: int) -> np.ndarray:
     return eye
 
 
-def is_traced(*arrays: object) -> bool:
-    """Is one of them a tracer, for what is to be compiled?"""
-    return any(isinstance(each, MatrixTracer) for each in arrays)
+def is_traced(array: object) -> bool:
+    """Does an array stand for what differs from row to row: is a formula traced with it?"""
+    return isinstance(array, matrices.MatrixTracer)
 
 
 def symmetrise(a: np.ndarray) -> np.ndarray:
@@ -68,8 +66,8 @@ def joined(parts: Sequence[np.ndarray], axis: int) -> np.ndarray:
     """Matrices ``(..., i, j)`` below (axis -2) or beside (axis -1) each other, one batch for all."""
     if any(is_noted(part) for part in parts):
         return side_by_side(parts, axis)  # type: ignore[return-value]
-    if is_traced(*parts):
-        return join_traced(linear.program_of(*parts), parts, axis)  # type: ignore[return-value]
+    if any(is_traced(part) for part in parts):
+        return matrices.joined(linear.program_of(*parts), parts, axis)
     batch = np.broadcast_shapes(*(part.shape[:-2] for part in parts))
     return np.concatenate([np.broadcast_to(part, batch + part.shape[-2:]) for part in parts], axis)
 
@@ -87,8 +85,8 @@ def solve(s: np.ndarray, b: np.ndarray) -> np.ndarray:
     """
     if is_noted(s) or is_noted(b):
         return solve_definite(s, b)  # type: ignore[return-value]
-    if is_traced(s, b):
-        return linear.solve_definite(s, b)  # type: ignore[no-any-return]
+    if is_traced(s) or is_traced(b):
+        return linear.solve_definite(s, b)
     try:
         return np.linalg.solve(s, b)
     except np.linalg.LinAlgError:
@@ -104,8 +102,8 @@ def solve(s: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 def solve_upper(t: np.ndarray, b: np.ndarray) -> np.ndarray:
     """``T^-1 B`` for an upper triangular ``T (..., n, n)`` and ``B (..., n, k)``; a singular row comes out as NaN."""
-    if is_traced(t, b):
-        return linear.solve_upper(t, b)  # type: ignore[no-any-return]
+    if is_traced(t) or is_traced(b):
+        return linear.solve_upper(t, b)
     if not (is_noted(t) or is_noted(b)):
         return solve(t, b)
     check_equations(t, b)
@@ -120,12 +118,12 @@ def solve_upper(t: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 def solve_lower(t: np.ndarray, b: np.ndarray) -> np.ndarray:
     """``T^-1 B`` for a lower triangular ``T (..., n, n)`` and ``B (..., n, k)``; a singular row comes out as NaN."""
-    return linear.solve_lower(t, b) if is_traced(t, b) else solve(t, b)
+    return linear.solve_lower(t, b) if is_traced(t) or is_traced(b) else solve(t, b)
 
 
 def inner(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """``A B' (..., i, j)`` of ``(..., i, N)`` and ``(..., j, N)``: sums over the members of an ensemble."""
-    return linear.inner(a, b) if is_traced(a, b) else a @ b.mT
+    return linear.inner(a, b) if is_traced(a) or is_traced(b) else a @ b.mT
 
 
 def singular(a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -166,7 +164,7 @@ def semidefinite_cholesky(a: np.ndarray) -> np.ndarray:
     if is_noted(a):
         return root_of(a)
     if is_traced(a):
-        return linear.semidefinite_cholesky(a)  # type: ignore[no-any-return]
+        return linear.semidefinite_cholesky(a)
     n = a.shape[-1]
     rest, root = np.array(a), np.zeros(a.shape)
     for j in range(n):
@@ -211,7 +209,7 @@ def whitened(root: np.ndarray, e: np.ndarray) -> np.ndarray:
 def cholesky(s: np.ndarray) -> np.ndarray:
     """The lower factor of ``S (..., p, p)``; a row that is not positive definite comes out as NaN."""
     if is_traced(s):
-        return linear.cholesky(s)  # type: ignore[no-any-return]
+        return linear.cholesky(s)
     try:
         return np.linalg.cholesky(s)
     except np.linalg.LinAlgError:

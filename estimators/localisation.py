@@ -4,8 +4,9 @@ import numpy as np
 
 from estimators.checks import as_array, frozen, number
 
-Group = tuple[tuple[int, ...], tuple[int, ...], tuple[float, ...]]
-"""Indices of states, indices of the measurements that correct them, and square roots of their taper."""
+Groups = tuple[tuple[np.ndarray, np.ndarray, np.ndarray], ...]
+"""Groups of as many states and measurements each: indices of states ``(g, c)``, indices of the measurements that
+correct them ``(g, k)``, and square roots of their taper ``(g, k)``."""
 
 
 def check_taper(localisation: np.ndarray, n: int, p: int) -> np.ndarray:
@@ -22,14 +23,14 @@ def check_taper(localisation: np.ndarray, n: int, p: int) -> np.ndarray:
     return frozen(taper)
 
 
-def group_states(taper: np.ndarray) -> tuple[Group, ...]:
-    """Groups of states with equal rows of a taper ``(n, p)``."""
+def group_states(taper: np.ndarray) -> Groups:
+    """Groups of states with equal rows of a taper ``(n, p)``, those of the same sizes together."""
     rows, group = np.unique(taper, axis=0, return_inverse=True)
-    groups = []
+    blocks: dict[tuple[int, int], list[tuple[np.ndarray, ...]]] = {}
     for i, row in enumerate(rows):
         states, channels = np.flatnonzero(group.reshape(-1) == i), np.flatnonzero(row)
-        groups.append((tuple(states.tolist()), tuple(channels.tolist()), tuple(np.sqrt(row[channels]).tolist())))
-    return tuple(groups)
+        blocks.setdefault((len(states), len(channels)), []).append((states, channels, np.sqrt(row[channels])))
+    return tuple((np.stack(s), np.stack(c), np.stack(r)) for s, c, r in (zip(*b, strict=True) for b in blocks.values()))
 
 
 def gaspari_cohn(distance: np.ndarray | float, radius: float) -> np.ndarray:

@@ -7,11 +7,10 @@ import pytest
 from scipy.linalg import block_diag
 
 from estimators import Belief, Filter, Gaussian, LinearModel, NonlinearModel, Numbers, ensemble, make
-from estimators.analysis import finite_size_inflation, perturbed_analysis, take, transform_analysis
+from estimators.analysis import finite_size_inflation, perturbed_analysis, transform_analysis
 from estimators.angles import difference
 from estimators.ensemble import PROCESS, READINGS
 from estimators.linalg import neutralised, semidefinite_cholesky
-from estimators.localisation import group_states
 from tests.estimators.cases import assert_same, random_covariance
 
 ROWS = 9
@@ -170,7 +169,7 @@ def test_missing_measurements_of_a_transform_are_as_if_there_were_none(members: 
         own_Y, own_e = np.where(missing[:, None], np.nan, Y[kept]), np.where(missing, 0.0, e[kept])
         return transform_analysis(
             before, mean, own_Y, own_e, available, own_R,
-            groups=group_states(np.ones((6, len(kept)))), inflation=1.1, certainty=certainty, regular=regular,
+            inflation=1.1, certainty=certainty, regular=regular,
         )  # fmt: skip
 
     masked, compact = analysed(np.arange(8), available), analysed(np.flatnonzero(available), np.ones(5, bool))
@@ -216,13 +215,6 @@ def test_an_absurd_measurement_inflates_by_a_factor_of_ten_and_no_more(size: flo
     found = finite_size_inflation(np.array([0.1, 1.0]), np.array([size, size]), 12, 1.4)
     assert found == pytest.approx(100.0)
     assert finite_size_inflation(np.array([1.0, 1.0]), np.array([size, size]), 12, 1.4) == pytest.approx(1.0)
-
-
-@pytest.mark.parametrize("indices", [(0, 1, 2, 3), (1, 2), (3, 0, 1), (2,)])
-def test_entries_of_constant_indices_are_taken_along_the_last_axes(indices: tuple[int, ...]):
-    a = np.arange(24.0).reshape(2, 3, 4)
-    np.testing.assert_array_equal(take(a, indices, -1), a[..., indices])
-    np.testing.assert_array_equal(take(a.mT, indices, -2), a.mT[:, indices])
 
 
 @SPREADS
