@@ -7,6 +7,7 @@ from estimators.engine.emit import Emitter, Module, literal, type_of
 from estimators.engine.program import Instruction, Program, View
 
 _CHUNK = 8  # numbers in a vector, and partial sums of an inner product: part of its definition
+_ACROSS = 48  # columns of a product that are summed at a time: as many vectors as processors have registers for
 _UNROLLED = 16  # entries up to which there is no loop
 _MASKED = ("and", "or", "not")
 _GIVE_MASKS = ("greater", "greater equal", "isfinite", "and", "or", "not")
@@ -257,27 +258,35 @@ class MatrixEmitter(Emitter):
     def _row_product(self, a: View, b: View, result: int, i: Index) -> None:
         """A row of a product as vectors over its columns, which are neighbours in ``b``."""
         inner, columns = b.shape
-        blocks = [(j, min(_CHUNK, columns - j)) for j in range(0, columns, _CHUNK)]
-        for group in (blocks[k : k + 12] for k in range(0, len(blocks), 12)):
-            types = [type_of("f", width) for _, width in group]
+        whole = columns // _ACROSS * _ACROSS
 
-            def products(k: Index, group: Any = group, types: Any = types) -> list[str]:
-                x = self.load(a, i, k)
-                found = []
-                for (j, width), T in zip(group, types, strict=True):
-                    place = self.address(b.value, self.index(b, k, j))
-                    y = self.line(f"load {T}, ptr {place}, align 8")
+        def some(first: Index, count: int) -> None:
+            parts = [(self.plus(first, j), min(_CHUNK, count - j)) for j in range(0, count, _CHUNK)]
+            types = [type_of("f", width) for _, width in parts]
+
+            def products(k: Index) -> list[str]:
+                x, found = self.load(a, i, k), []
+                for (j, width), T in zip(parts, types, strict=True):
+                    y = self.line(f"load {T}, ptr {self.address(b.value, self.index(b, k, j))}, align 8")
                     found.append(self.line(f"fmul {T} {self.splat(x, width)}, {y}"))
                 return found
 
-            def add(k: Index, *sums: str, types: Any = types) -> list[str]:
+            def add(k: Index, *sums: str) -> list[str]:
                 terms = zip(types, sums, products(k), strict=True)
                 return [self.line(f"fadd {T} {total}, {product}") for T, total, product in terms]
 
             sums = self.loop(1, inner, add, products(0), types)
-            for (j, _), T, total in zip(group, types, sums, strict=True):
+            for (j, _), T, total in zip(parts, types, sums, strict=True):
                 place = self.address(result, self.plus(self.times(i, columns), j))
                 self.lines.append(f"  store {T} {total}, ptr {place}, align 8")
+
+        if whole > 2 * _ACROSS:
+            self.loop(0, whole, lambda j: some(j, _ACROSS) or (), step=_ACROSS)
+        else:
+            for j in range(0, whole, _ACROSS):
+                some(j, _ACROSS)
+        if columns > whole:
+            some(whole, columns - whole)
 
     def _inner(self, instruction: Instruction) -> None:
         a, b = instruction.operands
