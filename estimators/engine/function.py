@@ -16,7 +16,11 @@ from estimators.engine.tracer import KINDS
 LANES = 8
 """Rows side by side in a batch; a row alone has a program of its own."""
 _FEW = 4  # rows that are not worth vectors
-_LARGEST = 1 << 15  # bytes of scratch a row, above which rows are computed one by one
+_LARGEST = 1 << 14  # bytes of scratch a row, above which rows are computed one by one, each a vector of its entries
+_LARGEST_SOLVED = 1 << 17  # where scalars would be computed one after the other otherwise
+_SOLVING = frozenset(
+    ("solve", "eliminate", "cholesky", "semidefinite cholesky", "solve lower", "solve upper", "rotate")
+)
 
 
 class Argument(NamedTuple):
@@ -48,7 +52,8 @@ class Function:
         values = [part.value if isinstance(part, View) else part for parts in self._outputs for part in parts]
         self._live = program.live(values)
         self._layout = Layout(program, self._live, values)
-        self._wide = LANES if self._layout.size * 8 <= _LARGEST else 1
+        largest = _LARGEST if _SOLVING.isdisjoint(each.opcode for each in self._live) else _LARGEST_SOLVED
+        self._wide = LANES if self._layout.size * 8 <= largest else 1
         self._entries: dict[int, Callable[..., None]] = {}
         self._lock = Lock()
 
