@@ -1,13 +1,21 @@
 """Ensemble filters against textbook formulas of one row, and rows and chunks against each other."""
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.linalg import block_diag
 
 from estimators import Belief, Filter, Gaussian, LinearModel, NonlinearModel, Numbers, ensemble, make
-from estimators.analysis import finite_size_inflation, perturbed_analysis, transform_analysis
+from estimators.analysis import (
+    covariance,
+    expect,
+    finite_size_inflation,
+    forecast,
+    perturbed_analysis,
+    transform_analysis,
+)
 from estimators.angles import difference
 from estimators.ensemble import PROCESS, READINGS
 from estimators.linalg import neutralised, semidefinite_cholesky
@@ -194,6 +202,33 @@ def test_members_of_a_perturbed_analysis_follow_no_number_of_a_missing_measureme
     wanted = analysed(Y, np.where(available[:, None], normals, 0.0))
     for one, other in zip(analysed(lacking * Y, normals), wanted, strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize("members", [3, 30, 230])
+@pytest.mark.parametrize(("n", "p"), [(1, 6), (5, 1), (7, 9)])
+def test_compiled_steps_are_those_of_numpy_and_the_same_bits_alone_and_together(n: int, p: int, members: int):
+    rng, rows = np.random.default_rng(6), 5
+    before, C, e = rng.normal(size=(rows, n, members)), rng.normal(size=(p, n)), rng.normal(size=(rows, p))
+    after, root, normals = 0.9 * before, rng.normal(size=(n, n)), rng.normal(size=(rows, n, members))
+    mean, Y = before.mean(-1), C @ (before - before.mean(-1, keepdims=True))
+    available, R = rng.random((rows, p)) < 0.7, random_covariance(rng, p)
+    R, noise = neutralised(R, available), rng.normal(size=(rows, p, members))
+    moments = before, mean, Y, np.where(available, e, 0.0), available, R
+    steps: list[tuple[Any, Any, dict[str, Any]]] = [
+        (forecast, (before, after, np.broadcast_to(root, (rows, n, n)), normals), {"angles": (0,)}),
+        (expect, (Y,), {"angles": (0,)}),
+        (covariance, (before, mean), {}),
+        (perturbed_analysis, (*moments, semidefinite_cholesky(R), noise, np.ones((rows, p, n))), {"inflation": 1.1}),
+        (transform_analysis, moments, {"inflation": 1.1, "certainty": 1.5, "regular": True}),
+    ]
+    for function, arrays, static in steps:
+        found, wanted = function(*arrays, **static), function.function(*arrays, **static)
+        alone = [function(*(array[row : row + 1] for array in arrays), **static) for row in range(rows)]
+        for k, result in enumerate(found if isinstance(found, tuple) else [found]):
+            expected = wanted[k] if isinstance(found, tuple) else wanted
+            np.testing.assert_allclose(result, expected, rtol=0, atol=1e-10 * max(1.0, np.abs(expected).max()))
+            separate = np.concatenate([each[k] if isinstance(found, tuple) else each for each in alone])
+            np.testing.assert_array_equal(separate, result)
 
 
 @pytest.mark.parametrize("size", [0.0, 1.0, 30.0, 1e3])
