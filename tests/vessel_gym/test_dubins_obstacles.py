@@ -368,7 +368,7 @@ def test_a_path_that_fails_its_check_is_never_returned(monkeypatch, blocked):
     start, goal, obstacles = blocked[0]
     direct, sound = shortest(start, goal, 1.0), plan(start, goal, 1.0, obstacles)
     for wrong in (direct.segments[:, 3:], sound.segments[:, 3:] * [1.1, 1.0], np.array([[1.0, 0.5]])):
-        monkeypatch.setattr(detours, "_detour", lambda *scene, pieces=wrong: pieces)
+        monkeypatch.setattr(detours, "ways", lambda start, *scene, pieces=wrong: [pieces] * len(start))
         with pytest.raises(NoPath):
             plan(start, goal, 1.0, obstacles)
 

@@ -9,142 +9,121 @@ Where a piece has length zero, rounding can turn it into a full circle, and the 
 every word is first asked whether it reaches the goal without its first or without its last arc.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 
 from estimators.checks import as_array, finite_array, number, shaped_array, shown
 from estimators.checks import numbers as real_numbers
-from estimators.compiled import gufunc, part
+from estimators.engine import compiled
 from vessel_gym.checks import check_numbers
 
 WORDS = ("LSL", "LSR", "RSL", "RSR", "LRL", "RLR")
 """The order of the last axis of `lengths`."""
 TURNS = {"L": 1.0, "S": 0.0, "R": -1.0}
 """Curvature of a piece in units of 1 / R."""
-_CURVATURES = np.array([[TURNS[letter] for letter in word] for word in WORDS])
+CURVATURES = np.array([[TURNS[letter] for letter in word] for word in WORDS])
+"""Curvatures ``(6, 3)`` of the words' pieces in units of 1 / R."""
 
 _FULL = 2.0 * np.pi
-_ORDER = np.arange(len(WORDS), dtype=float)  # tells the compiled functions how many words there are
-_NONE = (np.inf, np.inf, np.inf)
-Pose = np.ndarray | tuple[float, ...]
 
 
 # --- the words, for a start at the origin heading along +x and a radius of 1 ------------------------
 
 
-@part
-def whole(angle: float) -> float:
-    """An angle modulo a full turn, in [0, 2 pi]; many times faster than ``%``."""
-    return max(angle - _FULL * np.floor(angle / _FULL), 0.0)
+def whole(angle: np.ndarray) -> np.ndarray:
+    """Angles modulo a full turn, in [0, 2 pi]."""
+    return np.maximum(angle - _FULL * np.floor(angle / _FULL), 0.0)
 
 
-@part
-def _turn(angle: float) -> float:
+def _turn(angle: np.ndarray) -> np.ndarray:
     """The angle in [0, 2 pi), where a hair below a full turn is none: headings that agree need no circle."""
     angle = whole(angle)
-    return 0.0 if angle > _FULL - 1e-11 else angle
+    return np.where(angle > _FULL - 1e-11, 0.0, angle)
 
 
-@part
-def _lsl(x: float, y: float, a: float, sin: float, cos: float, hair: float) -> tuple[float, float, float]:
-    """First arc, straight and last arc of LSL to the pose (x, y, a); errors below a hair are rounding."""
+def _choose(cases: list[tuple[np.ndarray, list[np.ndarray]]], otherwise: list[np.ndarray]) -> np.ndarray:
+    """The three lengths ``(..., 3)`` of the first case that holds."""
+    pieces = np.stack(otherwise, -1)
+    for holds, lengths in reversed(cases):
+        pieces = np.where(holds[..., None], np.stack(lengths, -1), pieces)
+    return pieces
+
+
+def _lsl(x: np.ndarray, y: np.ndarray, a: np.ndarray, sin: np.ndarray, cos: np.ndarray, hair: np.ndarray) -> np.ndarray:
+    """First arc, straight and last arc of LSL to the poses (x, y, a); errors below a hair are rounding."""
     dx, dy = x - sin, y + cos - 1.0  # from the centre of the first arc to that of the last
-    if abs(dy) < hair and dx > -hair:
-        return 0.0, max(dx, 0.0), _turn(a)
-    along = dx * cos + dy * sin
-    if abs(dy * cos - dx * sin) < hair and along > -hair:
-        return _turn(a), max(along, 0.0), 0.0
+    along, none = dx * cos + dy * sin, np.zeros_like(dx)
+    ahead = (abs(dy) < hair) & (dx > -hair)
+    arrived = (abs(dy * cos - dx * sin) < hair) & (along > -hair)
     heading = np.arctan2(dy, dx)
-    return whole(heading), np.hypot(dx, dy), whole(a - heading)
+    return _choose(
+        [(ahead, [none, np.maximum(dx, 0.0), _turn(a)]), (arrived, [_turn(a), np.maximum(along, 0.0), none])],
+        [whole(heading), np.hypot(dx, dy), whole(a - heading)],
+    )
 
 
-@part
-def _lsr(x: float, y: float, a: float, sin: float, cos: float, hair: float) -> tuple[float, float, float]:
+def _lsr(x: np.ndarray, y: np.ndarray, a: np.ndarray, sin: np.ndarray, cos: np.ndarray, hair: np.ndarray) -> np.ndarray:
     """First arc, straight and last arc of LSR; infinite where the two circles overlap."""
     dx, dy = x + sin, y - cos - 1.0
-    distance = np.hypot(dx, dy)
-    if distance < 2.0 - hair:
-        return _NONE
-    if abs(dy + 2.0) < hair and dx > -hair:
-        return 0.0, max(dx, 0.0), _turn(-a)
-    along = dx * cos + dy * sin
-    if abs(dx * sin - dy * cos - 2.0) < hair and along > -hair:
-        return _turn(a), max(along, 0.0), 0.0
-    straight = np.sqrt(max((distance - 2.0) * (distance + 2.0), 0.0))
+    distance, along, none = np.hypot(dx, dy), dx * cos + dy * sin, np.zeros_like(dx)
+    ahead = (abs(dy + 2.0) < hair) & (dx > -hair)
+    arrived = (abs(dx * sin - dy * cos - 2.0) < hair) & (along > -hair)
+    straight = np.sqrt(np.maximum((distance - 2.0) * (distance + 2.0), 0.0))
     heading = np.arctan2(dy, dx) + np.arctan2(2.0, straight)
-    return whole(heading), straight, whole(heading - a)
+    return _choose(
+        [
+            (distance < 2.0 - hair, [none + np.inf] * 3),
+            (ahead, [none, np.maximum(dx, 0.0), _turn(-a)]),
+            (arrived, [_turn(a), np.maximum(along, 0.0), none]),
+        ],
+        [whole(heading), straight, whole(heading - a)],
+    )
 
 
-@part
-def _lrl(x: float, y: float, a: float, sin: float, cos: float, hair: float) -> tuple[float, float, float]:
+def _lrl(x: np.ndarray, y: np.ndarray, a: np.ndarray, sin: np.ndarray, cos: np.ndarray, hair: np.ndarray) -> np.ndarray:
     """The three arcs of LRL, the middle one of half a turn or more; infinite where no circle fits between.
 
     A middle arc of less than half a turn is never part of a shortest path (Dubins 1957), and a full circle
     in the middle is left out.
     """
     dx, dy = x - sin, y + cos - 1.0
-    distance = np.hypot(dx, dy)
-    if distance > 4.0 + hair:
-        return _NONE
-    if distance < hair:
-        return _turn(a), 0.0, 0.0
+    distance, none = np.hypot(dx, dy), np.zeros_like(dx)
     # Without the first arc the middle circle is beside the start, without the last one beside the goal.
     nx, ny = -0.5 * dx, 1.0 + 0.5 * dy
-    middle = whole(-np.arctan2(nx, ny))
-    if abs(np.hypot(nx, ny) - 1.0) < hair and middle >= np.pi:
-        return 0.0, middle, _turn(a + middle)
+    first = whole(-np.arctan2(nx, ny))
+    no_first = (abs(np.hypot(nx, ny) - 1.0) < hair) & (first >= np.pi)
     nx, ny = 0.5 * dx + sin, cos - 0.5 * dy
-    middle = whole(np.arctan2(nx, ny) - a)
-    if abs(np.hypot(nx, ny) - 1.0) < hair and middle >= np.pi:
-        return _turn(a + middle), middle, 0.0
-    half = np.pi - np.arcsin(min(0.25 * distance, 1.0))
+    last = whole(np.arctan2(nx, ny) - a)
+    no_last = (abs(np.hypot(nx, ny) - 1.0) < hair) & (last >= np.pi)
+    half = np.pi - np.arcsin(np.minimum(0.25 * distance, 1.0))
     heading = np.arctan2(dy, dx)
-    return whole(heading + half), 2.0 * half, whole(a - heading + half)
+    return _choose(
+        [
+            (distance > 4.0 + hair, [none + np.inf] * 3),
+            (distance < hair, [_turn(a), none, none]),
+            (no_first, [none, first, _turn(a + first)]),
+            (no_last, [_turn(a + last), last, none]),
+        ],
+        [whole(heading + half), 2.0 * half, whole(a - heading + half)],
+    )
 
 
-@part
-def relative(start: Pose, goal: Pose, radius: float) -> tuple[float, float, float, float, float, float]:
-    """The goal seen from the start: x and y in units of the radius, heading, its sine and cosine, what is rounding."""
-    dx, dy = (goal[0] - start[0]) / radius, (goal[1] - start[1]) / radius
-    sin, cos, a = np.sin(start[2]), np.cos(start[2]), goal[2] - start[2]
-    hair = 1e-12 * (10.0 + (abs(start[0]) + abs(start[1]) + abs(goal[0]) + abs(goal[1])) / radius)
-    return dx * cos + dy * sin, dy * cos - dx * sin, a, np.sin(a), np.cos(a), hair
+@compiled(axes=(1, 1, 0))
+def word_pieces(start: np.ndarray, goal: np.ndarray, radius: np.ndarray) -> np.ndarray:
+    """Lengths ``(..., 6, 3)`` of the words' pieces between poses ``(..., 3)``, in units of the radius ``(...)``."""
+    dx, dy = (goal[..., 0] - start[..., 0]) / radius, (goal[..., 1] - start[..., 1]) / radius
+    sin, cos, a = np.sin(start[..., 2]), np.cos(start[..., 2]), goal[..., 2] - start[..., 2]
+    reach = abs(start[..., 0]) + abs(start[..., 1]) + abs(goal[..., 0]) + abs(goal[..., 1])
+    hair = 1e-12 * (10.0 + reach / radius)
+    x, y, sine, cosine = dx * cos + dy * sin, dy * cos - dx * sin, np.sin(a), np.cos(a)
+    left, right = (x, y, a, sine, cosine, hair), (x, -y, -a, -sine, cosine, hair)  # R is L's mirror image
+    words = [_lsl(*left), _lsr(*left), _lsr(*right), _lsl(*right), _lrl(*left), _lrl(*right)]
+    return np.stack(words, -2)
 
 
-@part
-def pieces_of(word: int, seen: tuple[float, float, float, float, float, float]) -> tuple[float, float, float]:
-    """The three lengths of a word of `WORDS` to a goal that is seen so; a word that begins with R is its mirror's."""
-    x, y, a, sin, cos, hair = seen
-    if word == 2 or word == 3 or word == 5:
-        y, a, sin = -y, -a, -sin
-    if word == 0 or word == 3:
-        return _lsl(x, y, a, sin, cos, hair)
-    if word == 1 or word == 2:
-        return _lsr(x, y, a, sin, cos, hair)
-    return _lrl(x, y, a, sin, cos, hair)
-
-
-@gufunc(
-    "void(float64[:], float64[:], float64, float64[:], float64[:, :])",
-    "(n),(n),(),(w)->(w,n)",
-)
-def _word_pieces(start: np.ndarray, goal: np.ndarray, radius: float, order: np.ndarray, out: np.ndarray) -> None:
-    seen = relative(start, goal, radius)
-    for word in range(len(order)):
-        out[word, 0], out[word, 1], out[word, 2] = pieces_of(word, seen)
-
-
-@njit()
-def _follow_on(s: float, x: float, y: float, heading: float, curvature: float) -> tuple[float, float, float]:
-    """The pose ``s`` metres on from a pose."""
-    half = 0.5 * curvature * s
-    chord = s if abs(half) < 1e-9 else s * np.sin(half) / half
-    return x + chord * np.cos(heading + half), y + chord * np.sin(heading + half), heading + 2.0 * half
-
-
+@compiled(axes=(0, 0, 0, 0, 0))
 def follow_on(
     s: np.ndarray, x: np.ndarray, y: np.ndarray, heading: np.ndarray, curvature: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -155,14 +134,12 @@ def follow_on(
     return x + chord * np.cos(heading + half), y + chord * np.sin(heading + half), heading + 2.0 * half
 
 
-@gufunc("void(float64[:], float64[:], float64[:], float64[:], float64[:, :])", "(n),(k),(k),(w)->(k,w)")
-def _chained(
-    start: np.ndarray, curvatures: np.ndarray, lengths: np.ndarray, room: np.ndarray, rows: np.ndarray
-) -> None:
-    x, y, heading = start[0], start[1], start[2]
-    for k in range(len(lengths)):
-        rows[k, 0], rows[k, 1], rows[k, 2], rows[k, 3], rows[k, 4] = x, y, heading, curvatures[k], lengths[k]
-        x, y, heading = _follow_on(lengths[k], x, y, heading, curvatures[k])
+def chained(start: np.ndarray, curvatures: np.ndarray, lengths: np.ndarray) -> np.ndarray:
+    """Segments ``(..., k, 5)`` of pieces ``(..., k)`` end to end from poses ``(..., 3)``."""
+    begins = np.concatenate([start[..., 2:], curvatures * lengths], -1).cumsum(-1)[..., :-1]
+    x, y, _ = follow_on(lengths, 0.0, 0.0, begins, curvatures)
+    places = (np.concatenate([start[..., i : i + 1], by], -1).cumsum(-1)[..., :-1] for i, by in enumerate((x, y)))
+    return np.stack([*places, begins, curvatures, lengths], -1)
 
 
 _MOST_SAMPLES = 10**7
@@ -237,12 +214,7 @@ def advance(pose: np.ndarray, curvature: np.ndarray | float, length: np.ndarray 
     """The poses ``(..., 3)`` at ``length`` [m] along arcs of ``curvature`` [1/m] (0: straights), exact for both."""
     pose, curvature = shaped_array("pose", pose, "...", 3), as_array("curvature", curvature)
     length = as_array("length", length)
-    turn = curvature * length
-    chord = length * np.sinc(turn / _FULL)  # 2 sin(turn / 2) / curvature, also where that is 0
-    middle = pose[..., 2] + 0.5 * turn
-    return np.stack(
-        [pose[..., 0] + chord * np.cos(middle), pose[..., 1] + chord * np.sin(middle), pose[..., 2] + turn], -1
-    )
+    return np.stack(follow_on(length, pose[..., 0], pose[..., 1], pose[..., 2], curvature), -1)
 
 
 def chain(start: np.ndarray, curvatures: np.ndarray, lengths: np.ndarray) -> Path:
@@ -261,7 +233,7 @@ def chain(start: np.ndarray, curvatures: np.ndarray, lengths: np.ndarray) -> Pat
     kept = lengths > 0.0
     if not kept.any():
         return Path(np.array([[*start, 0.0, 0.0]]))
-    return Path(_chained(start, curvatures[kept], lengths[kept], np.empty(5)))
+    return Path(chained(start, curvatures[kept], lengths[kept]))
 
 
 # --- shortest paths ---------------------------------------------------------------------------------
@@ -281,7 +253,7 @@ def lengths(start: np.ndarray, goal: np.ndarray, radius: np.ndarray | float) -> 
         ValueError: for poses that are not finite or a radius that is not positive.
     """
     start, goal, radius = checked(start, goal, radius)
-    pieces = _word_pieces(start, goal, radius, _ORDER)
+    pieces = word_pieces(start, goal, radius)
     return (pieces[..., 0] + pieces[..., 1] + pieces[..., 2]) * radius[..., None]
 
 
@@ -291,7 +263,7 @@ def candidates(start: np.ndarray, goal: np.ndarray, radius: float) -> dict[str, 
     Raises:
         ValueError: for poses that are not finite or a radius that is not positive.
     """
-    values = lengths(*_single(start, goal, radius), radius)
+    values = lengths(*single(start, goal, radius))
     return {word: float(value) for word, value in zip(WORDS, values, strict=True) if np.isfinite(value)}
 
 
@@ -301,13 +273,24 @@ def word_path(start: np.ndarray, goal: np.ndarray, radius: float, word: str) -> 
     Raises:
         ValueError: for bad poses or radius, or where this word does not join them.
     """
-    start, goal, _ = checked(*_single(start, goal, radius), radius)
+    start, goal, radius = single(start, goal, radius)
     if not isinstance(word, str) or word not in WORDS:
         raise ValueError(f"unknown word {shown(word)}: choose one of {', '.join(WORDS)}")
-    pieces = _word_pieces(start, goal, radius, _ORDER)[WORDS.index(word)]
+    pieces = word_pieces(start, goal, radius)[WORDS.index(word)]
     if not np.isfinite(pieces).all():
         raise ValueError(f"no path {word} joins these poses: `candidates` says which words do")
-    return chain(start, _CURVATURES[WORDS.index(word)] / radius, pieces * radius)
+    return chain(start, CURVATURES[WORDS.index(word)] / radius, pieces * radius)
+
+
+def shortest_pieces(start: np.ndarray, goal: np.ndarray, radius: float) -> np.ndarray:
+    """Segments ``(..., 3, 5)`` of the shortest paths between poses ``(..., 3)``, some of length 0.
+
+    Of words of equal length the first in `WORDS` is taken.
+    """
+    pieces = word_pieces(start, goal, radius)
+    word = ((pieces[..., 0] + pieces[..., 1] + pieces[..., 2]) * radius).argmin(-1)
+    lengths = np.take_along_axis(pieces, word[..., None, None], -2)[..., 0, :]
+    return chained(start, CURVATURES[word] / radius, lengths * radius)
 
 
 def shortest(start: np.ndarray, goal: np.ndarray, radius: float) -> Path:
@@ -319,11 +302,15 @@ def shortest(start: np.ndarray, goal: np.ndarray, radius: float) -> Path:
     Raises:
         ValueError: for poses that are not finite or a radius that is not positive.
     """
-    start, goal, _ = checked(*_single(start, goal, radius), radius)
-    pieces = _word_pieces(start, goal, radius, _ORDER)
-    word = ((pieces[:, 0] + pieces[:, 1] + pieces[:, 2]) * radius).argmin()
-    path = chain(start, _CURVATURES[word] / radius, pieces[word] * radius)
-    return replace(path, lower_bound=path.length)
+    start, goal, radius = single(start, goal, radius)
+    return shortened(shortest_pieces(start, goal, radius))
+
+
+def shortened(segments: np.ndarray, lower_bound: float = np.inf) -> Path:
+    """The path of segments ``(k, 5)`` without those of length 0, none longer than a bound where that is given."""
+    kept = segments[segments[:, 4] > 0.0]
+    kept = kept if len(kept) else np.array([[*segments[0, :3], 0.0, 0.0]])
+    return Path(kept, min(lower_bound, float(np.cumsum(kept[:, 4])[-1])))
 
 
 def numbers(name: str, value: object) -> np.ndarray:
@@ -357,7 +344,12 @@ def checked(
     return start, goal, radius
 
 
-def _single(start: np.ndarray, goal: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
+def single(start: np.ndarray, goal: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray, float]:
+    """Two poses ``(3,)`` and a radius.
+
+    Raises:
+        ValueError: for others, poses that are not finite or a radius that is not positive.
+    """
     start, goal = numbers("start", start), numbers("goal", goal)
     if numbers("turn radius", radius).ndim:
         raise ValueError(f"the turn radius must be one number, got {shown(radius)}: `lengths` takes many")
@@ -366,4 +358,5 @@ def _single(start: np.ndarray, goal: np.ndarray, radius: float) -> tuple[np.ndar
             f"start and goal must each be one pose (x, y, theta), got shapes {start.shape} and {goal.shape}: "
             "`lengths` takes many"
         )
-    return start, goal
+    start, goal, turn = checked(start, goal, radius)
+    return start, goal, float(turn)
