@@ -10,9 +10,10 @@ from estimators import Gaussian
 from estimators.checks import shown, whole
 from estimators.engine import compiled
 from vessel_gym.checks import check_numbers, check_pair, instance, numbers, one_of
-from vessel_gym.guidance.dubins import NoPath, Path, plan
+from vessel_gym.guidance.detours import plans
+from vessel_gym.guidance.dubins import NoPath, Path
 from vessel_gym.guidance.path_following import _ANYWHERE, COLUMNS, locate
-from vessel_gym.guidance.words import follow_on
+from vessel_gym.guidance.words import follow_on, shortened
 from vessel_gym.system import Estimate
 from vessel_gym.tasks.task import FARTHEST, Task, three_numbers
 from vessel_gym.vehicles.puna import PunaParameters
@@ -96,49 +97,62 @@ class Flight(Task):
         if fixed is not None:
             given = {"start": np.zeros(3), "goal": np.array([750.0, 0.0, 0.0])} | given
         altitude = self._altitude(options["altitude"]) if "altitude" in options else None
-        if len(given) == 2 and fixed is not None:  # the same for all: planned once
-            planned = self._course(self._planned(given["start"], given["goal"], fixed), fixed, 0.0)
-            courses = np.tile(planned, (len(uniforms), 1))
+        if fixed is not None:  # the same for all: planned once
+            path = self._paths(given["start"][None], given["goal"][None], fixed[None])[0]
+            if isinstance(path, ValueError):
+                raise path
+            courses = np.tile(self._course(path, fixed), (len(uniforms), 1))
         else:
-            courses = np.stack([self._drawn(row, given) for row in uniforms])
+            courses = self._drawn(uniforms, given)
         low, high = self.altitudes
         courses[:, _PATH + 1] = low + (high - low) * uniforms[:, 13] if altitude is None else altitude
         return courses
 
     def _drawn(self, uniforms: np.ndarray, given: dict[str, np.ndarray]) -> np.ndarray:
-        """One course ``(97,)`` from uniforms ``(14,)`` and the poses that are given."""
-        start = given.get("start", np.array([0.0, 0.0, np.pi * (2.0 * uniforms[0] - 1.0)]))
-        bearing = start[2] + np.pi * (uniforms[1] - 0.5)
-        distance = self.distance[0] + (self.distance[1] - self.distance[0]) * uniforms[2]
-        way = distance * np.array([np.cos(bearing), np.sin(bearing)])
-        goal = given.get("goal", np.array([*(start[:2] + way), bearing + np.pi * (uniforms[3] - 0.5)]))
-        way = goal[:2] - start[:2]
-        distance = np.hypot(*way)
-        along, across, size = uniforms[4:13].reshape(3, 3).T
-        along, across = 0.275 + 0.175 * (np.arange(3) + 0.6 * along), 80.0 * (2.0 * across - 1.0)
+        """Courses ``(B, 97)`` from uniforms ``(B, 14)`` and the poses that are given."""
+        rows, nowhere = len(uniforms), np.zeros(len(uniforms))
+        start = np.stack([nowhere, nowhere, np.pi * (2.0 * uniforms[:, 0] - 1.0)], -1)
+        start = np.broadcast_to(given.get("start", start), (rows, 3))
+        bearing = start[:, 2] + np.pi * (uniforms[:, 1] - 0.5)
+        distance = self.distance[0] + (self.distance[1] - self.distance[0]) * uniforms[:, 2]
+        way = distance[:, None] * np.stack([np.cos(bearing), np.sin(bearing)], -1)
+        goal = np.concatenate([start[:, :2] + way, bearing[:, None] + np.pi * (uniforms[:, 3:4] - 0.5)], -1)
+        goal = np.broadcast_to(given.get("goal", goal), (rows, 3))
+        way = (goal - start)[:, None, :2]
+        along, across, size = np.moveaxis(uniforms[:, 4:13].reshape(-1, 3, 3, 1), 2, 0)
+        along, across = 0.275 + 0.175 * (np.arange(3)[:, None] + 0.6 * along), 80.0 * (2.0 * across - 1.0)
         low, high = self.obstacle_radius
-        side = np.array([-way[1], way[0]]) / max(distance, 1e-9)
-        centres = start[:2] + along[:, None] * way + across[:, None] * side
-        obstacles = np.column_stack([centres, low + (high - low) * size])
-        for count in (3, 2, 1):
-            try:
-                return self._course(self._planned(start, goal, obstacles[:count]), obstacles[:count], 0.0)
-            except ValueError:
-                continue
-        return self._course(self._planned(start, goal, obstacles[:0]), obstacles[:0], 0.0)
+        side = np.stack([-way[..., 1], way[..., 0]], -1) / np.maximum(np.hypot(way[..., :1], way[..., 1:]), 1e-9)
+        centres = start[:, None, :2] + along * way + across * side
+        obstacles = np.concatenate([centres, low + (high - low) * size], -1)
+        courses, left = np.empty((rows, _PATH + 2 + 3 * OBSTACLES)), np.arange(rows)
+        for count in (3, 2, 1, 0):
+            paths = self._paths(start[left], goal[left], obstacles[left, :count])
+            for row, path in zip(left, paths, strict=True):
+                if not isinstance(path, ValueError):
+                    courses[row] = self._course(path, obstacles[row, :count])
+                elif count == 0:
+                    raise path
+            left = left[[isinstance(path, ValueError) for path in paths]]
+            if not len(left):
+                break
+        return courses
 
-    def _planned(self, start: np.ndarray, goal: np.ndarray, obstacles: np.ndarray) -> Path:
-        """The path round obstacles, if it can be flown."""
-        path = plan(start, goal, self.radius, obstacles, self.margin)
+    def _paths(self, start: np.ndarray, goal: np.ndarray, obstacles: np.ndarray) -> list[Path | ValueError]:
+        """The paths between poses ``(B, 3)`` round obstacles ``(B, m, 3)``, or why they cannot be flown."""
+        found = plans(start, goal, self.radius, obstacles + [0.0, 0.0, self.margin])
+        return [each if isinstance(each, ValueError) else self._flyable(shortened(*each)) for each in found]
+
+    def _flyable(self, path: Path) -> Path | ValueError:
         farthest = 0.8 * self.horizon * self.dt * self.body.cruise_speed
         if not self.radius <= path.length <= farthest:
-            raise ValueError(
+            return ValueError(
                 f"the path to the goal must be {self.radius:.0f} to {farthest:.0f} m long, got {path.length:.0f} m"
             )
         if len(path.segments) > SEGMENTS:
-            raise NoPath(f"the path has {len(path.segments)} pieces, more than {SEGMENTS}: leave out obstacles")
+            return NoPath(f"the path has {len(path.segments)} pieces, more than {SEGMENTS}: leave out obstacles")
         if self._comes_back(path):
-            raise ValueError("the path comes back to where it was on the same heading: move the start or the goal")
+            return ValueError("the path comes back to where it was on the same heading: move the start or the goal")
         return path
 
     def _comes_back(self, path: Path) -> bool:
@@ -153,11 +167,11 @@ class Flight(Task):
         later = j - i > least / 5.0
         return bool((np.cos(heading[j[later]] - heading[i[later]]) > np.cos(0.5)).any())
 
-    def _course(self, path: Path, obstacles: np.ndarray, altitude: float) -> np.ndarray:
+    def _course(self, path: Path, obstacles: np.ndarray) -> np.ndarray:
         segments, listed = np.zeros((SEGMENTS, COLUMNS)), np.zeros((OBSTACLES, 3))
         segments[: len(path.segments)] = path.segments
         listed[: len(obstacles)] = obstacles
-        return np.concatenate([segments.ravel(), [path.length, altitude], listed.ravel()])
+        return np.concatenate([segments.ravel(), [path.length, 0.0], listed.ravel()])
 
     def _pose(self, name: str, value: object) -> np.ndarray:
         where = "of the origin each way, on a heading of as many rad at most"
