@@ -3,156 +3,127 @@
 It shares no code and no idea with `vessel_gym.guidance`: poses are thrown at random about the obstacles and the square,
 each pair is joined by the shortest clear path of arcs and straights that complex numbers find (the middle arc
 of three may be short here), Dijkstra goes through them, and the poses on the way are then moved at random, all three
-numbers of them, as long as that shortens it. Whether a piece keeps clear is found by marching along it, each
-step as long as the nearest edge is away. The turn radius is 1.
+numbers of them, as long as that shortens it. The turn radius is 1.
 """
 
 import numpy as np
-from numba import njit
 
 FULL = 2.0 * np.pi
-STEP = 2e-3
-"""The least step of the march: beside an edge it may cut 1e-6 deep."""
+SIDES = np.array([[f, 0, g] for f in (1, -1) for g in (1, -1)] + [[f, -f, f] for f in (1, -1) for _ in range(2)], float)
+"""Of the pieces of paths: arcs to the left 1, to the right -1, straights 0."""
 
 
-@njit(cache=True)
-def _march(z: complex, heading: float, side: float, length: float, centres: np.ndarray, radii: np.ndarray) -> bool:
-    s = 0.0
-    while True:
-        along = s + 0j if side == 0.0 else 1j * side * (1.0 - np.exp(1j * side * s))
-        room = np.inf
-        for k in range(len(radii)):
-            room = min(room, abs(z + np.exp(1j * heading) * along - centres[k]) - radii[k])
-        if room < -1e-9:
-            return False
-        if s >= length:
-            return True
-        s = min(s + max(room, STEP), length)
+def pieces(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Lengths ``(n, 8, 3)`` of the pieces of all paths between poses ``(n, 3)``; infinite for none."""
+    found = []
+    for first, middle, last in SIDES[[0, 1, 2, 3, 4, 6]]:
+        way = b[:, 0] + 1j * b[:, 1] + 1j * last * np.exp(1j * b[:, 2])
+        way = way - (a[:, 0] + 1j * a[:, 1] + 1j * first * np.exp(1j * a[:, 2]))
+        far, bearing = np.abs(way), np.angle(way)
+        if middle == 0.0:
+            straight = far if first == last else np.sqrt(np.maximum(far * far - 4.0, 0.0))
+            heading = bearing if first == last else bearing + first * np.arctan2(2.0, straight)
+            lengths = (first * (heading - a[:, 2])) % FULL, straight, (last * (b[:, 2] - heading)) % FULL
+            found.append(np.where((first == last) | (far >= 2.0), lengths, np.inf))
+            continue
+        for sign in (1.0, -1.0):
+            out = bearing + sign * np.arccos(np.minimum(0.25 * far, 1.0))
+            one = out + first * 0.5 * np.pi
+            two = np.angle(2.0 * np.exp(1j * out) - way) + first * 0.5 * np.pi
+            lengths = first * np.array([one - a[:, 2], one - two, b[:, 2] - two]) % FULL
+            found.append(np.where((far > 1e-6) & (far <= 4.0), lengths, np.inf))
+    return np.moveaxis(np.array(found), 2, 0)
 
 
-@njit(cache=True)
-def _clear(
-    z: complex, heading: float, sides: tuple[float, float, float], pieces: tuple[float, float, float],
-    centres: np.ndarray, radii: np.ndarray,
-) -> bool:  # fmt: skip
-    for k in range(3):
-        side, length = sides[k], pieces[k]
-        if not _march(z, heading, side, length, centres, radii):
-            return False
-        along = length + 0j if side == 0.0 else 1j * side * (1.0 - np.exp(1j * side * length))
-        z, heading = z + np.exp(1j * heading) * along, heading + side * length
-    return True
+def clear(a: np.ndarray, sides: np.ndarray, lengths: np.ndarray, centres: np.ndarray, radii: np.ndarray) -> np.ndarray:
+    """Mask of the paths ``(n,)`` of pieces ``(n, 3)`` from poses ``(n, 3)`` that keep clear."""
+    z, heading, free = (a[:, 0] + 1j * a[:, 1])[:, None], a[:, 2:], np.ones(len(a), bool)
+    for side, length in zip(sides.T[..., None], lengths.T[..., None], strict=True):
+        ahead, arc = np.exp(1j * heading), side != 0.0
+        centre = z + 1j * side * ahead
+        end = np.where(arc, centre + (z - centre) * np.exp(1j * side * length), z + length * ahead)
+        off = (centres - z) / ahead
+        beside = np.abs(off - np.clip(off.real, 0.0, length))
+        turned = side * np.angle((centres - centre) / np.where(arc, z - centre, 1.0)) % FULL
+        ends = np.minimum(np.abs(centres - z), np.abs(centres - end))
+        round_ = np.where(turned <= length, np.abs(np.abs(centres - centre) - 1.0), ends)
+        free &= (np.where(arc, round_, beside) >= radii - 1e-9).all(-1)
+        z, heading = end, heading + side * length
+    return free
 
 
-@njit(cache=True)
-def join(a: np.ndarray, b: np.ndarray, centres: np.ndarray, radii: np.ndarray, limit: float) -> float:
-    """The length of the shortest clear path of three pieces between poses; infinite where none is below the limit."""
-    za, zb = a[0] + 1j * a[1], b[0] + 1j * b[1]
-    if abs(zb - za) >= limit:
-        return np.inf
-    best = limit
-    for first in (1.0, -1.0):
-        from_ = za + 1j * first * np.exp(1j * a[2])
-        for last in (1.0, -1.0):
-            way = zb + 1j * last * np.exp(1j * b[2]) - from_
-            far, bearing = abs(way), np.angle(way)
-            if first == last or far >= 2.0:
-                straight = far if first == last else np.sqrt(far * far - 4.0)
-                heading = bearing if first == last else bearing + first * np.arctan2(2.0, straight)
-                pieces = ((first * (heading - a[2])) % FULL, straight, (last * (b[2] - heading)) % FULL)
-                total = pieces[0] + pieces[1] + pieces[2]
-                if total < best and _clear(za, a[2], (first, 0.0, last), pieces, centres, radii):
-                    best = total
-            if first == last and 1e-6 < far <= 4.0:
-                for sign in (1.0, -1.0):
-                    out = bearing + sign * np.arccos(0.25 * far)
-                    one = out + first * 0.5 * np.pi
-                    two = np.angle(2.0 * np.exp(1j * out) - way) + first * 0.5 * np.pi
-                    pieces = (
-                        (first * (one - a[2])) % FULL,
-                        (first * (one - two)) % FULL,
-                        (first * (b[2] - two)) % FULL,
-                    )
-                    total = pieces[0] + pieces[1] + pieces[2]
-                    if total < best and _clear(za, a[2], (first, -first, first), pieces, centres, radii):
-                        best = total
-    return best if best < limit else np.inf
+def join(a: np.ndarray, b: np.ndarray, centres: np.ndarray, radii: np.ndarray, limit: np.ndarray) -> np.ndarray:
+    """Lengths ``(n,)`` of the shortest clear paths between poses; infinite where none is below the limit."""
+    lengths = pieces(a, b)
+    totals = np.where(lengths.sum(-1) < limit[:, None], lengths.sum(-1), np.inf)
+    rows = np.arange(len(a))
+    while len(rows):
+        best = totals[rows].argmin(1)
+        blocked = np.isfinite(totals[rows, best])
+        rows, best = rows[blocked], best[blocked]
+        blocked = ~clear(a[rows], SIDES[best], lengths[rows, best], centres, radii)
+        rows, best = rows[blocked], best[blocked]
+        totals[rows, best] = np.inf
+    return totals.min(1)
 
 
-@njit(cache=True)
-def _thrown(
+def thrown(
     start: np.ndarray, goal: np.ndarray, centres: np.ndarray, radii: np.ndarray, count: int, rng: np.random.Generator
 ) -> np.ndarray:
     """Random poses ``(count, 3)``, the first and the last given: most of them along edges, some anywhere."""
-    poses = np.empty((count, 3))
-    poses[0], poses[count - 1] = start, goal
     low, high = np.minimum(start[:2], goal[:2]) - 3.0, np.maximum(start[:2], goal[:2]) + 3.0
-    n = 1
-    while n < count - 1:
+    poses = [start]
+    while len(poses) < count - 1:
         if rng.random() < 0.8:
-            k, bearing = rng.integers(0, len(radii)), rng.uniform(-np.pi, np.pi)
+            k, bearing, side = rng.integers(len(radii)), rng.uniform(-np.pi, np.pi), rng.choice([1.0, -1.0])
             z = centres[k] + (radii[k] + 1e-6 + rng.exponential(0.05)) * np.exp(1j * bearing)
-            side = 1.0 if rng.random() < 0.5 else -1.0
-            poses[n, 0], poses[n, 1] = z.real, z.imag
-            poses[n, 2] = bearing + side * 0.5 * np.pi + 0.1 * rng.standard_normal()
+            heading = bearing + side * 0.5 * np.pi + 0.1 * rng.standard_normal()
         else:
-            poses[n, 0], poses[n, 1] = rng.uniform(low[0], high[0]), rng.uniform(low[1], high[1])
-            poses[n, 2] = rng.uniform(-np.pi, np.pi)
-        n += (np.abs(poses[n, 0] + 1j * poses[n, 1] - centres) >= radii).all()
-    return poses
+            z, heading = complex(*rng.uniform(low, high)), rng.uniform(-np.pi, np.pi)
+        if (np.abs(z - centres) >= radii).all():
+            poses.append(np.array([z.real, z.imag, heading]))
+    return np.array([*poses, goal])
 
 
-@njit(cache=True)
-def _dijkstra(poses: np.ndarray, centres: np.ndarray, radii: np.ndarray) -> np.ndarray:
+def dijkstra(poses: np.ndarray, centres: np.ndarray, radii: np.ndarray) -> np.ndarray:
+    """The poses ``(k, 3)`` on the shortest way from the first to the last; none where there is none."""
     n = len(poses)
-    way, before, done = np.full(n, np.inf), np.zeros(n, np.int64), np.zeros(n, np.bool_)
-    way[0] = 0.0
-    while True:
-        u = np.argmin(np.where(done, np.inf, way))
+    way, before, done = np.full(n, np.inf), np.zeros(n, int), np.zeros(n, bool)
+    way[0], left = 0.0, np.hypot(*(poses[:, :2] - poses[-1, :2]).T)
+    while not done[-1]:
+        u = int(np.where(done, np.inf, way).argmin())
         if done[u] or way[u] == np.inf:
             return poses[:0]
-        if u == n - 1:
-            break
         done[u] = True
-        for v in range(1, n):
-            room = min(way[v], way[n - 1] - np.hypot(poses[v, 0] - poses[n - 1, 0], poses[v, 1] - poses[n - 1, 1]))
-            if not done[v]:
-                reached = way[u] + join(poses[u], poses[v], centres, radii, room - way[u])
-                if reached < way[v]:
-                    way[v], before[v] = reached, u
-    v, nodes = n - 1, [n - 1]
-    while v > 0:
-        v = before[v]
-        nodes.append(v)
-    return poses[np.array(nodes[::-1])]
+        limit = np.minimum(way, way[-1] - left) - way[u]
+        v = np.nonzero(~done & (np.hypot(*(poses[:, :2] - poses[u, :2]).T) < limit))[0]
+        reached = way[u] + join(np.broadcast_to(poses[u], (len(v), 3)), poses[v], centres, radii, limit[v])
+        v, reached = v[reached < way[v]], reached[reached < way[v]]
+        way[v], before[v] = reached, u
+    nodes = [n - 1]
+    while nodes[-1] > 0:
+        nodes.append(int(before[nodes[-1]]))
+    return poses[nodes[::-1]]
 
 
-@njit(cache=True)
-def _shaken(way: np.ndarray, centres: np.ndarray, radii: np.ndarray, shakes: int, rng: np.random.Generator) -> float:
-    way = way.copy()
+def shaken(way: np.ndarray, centres: np.ndarray, radii: np.ndarray, shakes: int, rng: np.random.Generator) -> float:
+    """The length of a way, shaken so often."""
     n = len(way)
-    legs = np.array([join(way[i], way[i + 1], centres, radii, np.inf) for i in range(n - 1)])
+    legs = join(way[:-1], way[1:], centres, radii, np.full(n - 1, np.inf))
     for _ in range(shakes if n > 2 else 0):
         i = rng.integers(1, n - 1)
         pose = way[i] + 10.0 ** rng.uniform(-4.0, 0.0) * rng.standard_normal(3)
-        whole = legs[i - 1] + legs[i]
-        first = join(way[i - 1], pose, centres, radii, whole)
-        second = join(pose, way[i + 1], centres, radii, whole - first) if first < whole else np.inf
-        if first + second < whole:
-            way[i], legs[i - 1], legs[i] = pose, first, second
-    return legs.sum()
+        limit = np.full(2, legs[i - 1] + legs[i])
+        new = join(np.stack([way[i - 1], pose]), np.stack([pose, way[i + 1]]), centres, radii, limit)
+        if new.sum() < limit[0]:
+            way[i], legs[i - 1 : i + 1] = pose, new
+    return float(legs.sum())
 
 
-@njit(cache=True)
 def shortest_found(
-    start: np.ndarray,
-    goal: np.ndarray,
-    obstacles: np.ndarray,
-    rng: np.random.Generator,
-    throws: int,
-    count: int,
+    start: np.ndarray, goal: np.ndarray, obstacles: np.ndarray, rng: np.random.Generator, throws: int, count: int,
     shakes: int,
-) -> float:
+) -> float:  # fmt: skip
     """The length of the shortest path found in some throws of ``count`` poses; infinite where none was found.
 
     Args:
@@ -164,10 +135,6 @@ def shortest_found(
         count: How many.
         shakes: How often a way is shaken.
     """
-    centres, radii = obstacles[:, 0] + 1j * obstacles[:, 1], obstacles[:, 2].copy()
-    best = np.inf
-    for _ in range(throws):
-        way = _dijkstra(_thrown(start, goal, centres, radii, count, rng), centres, radii)
-        if len(way):
-            best = min(best, _shaken(way, centres, radii, shakes, rng))
-    return best
+    centres, radii = obstacles[:, 0] + 1j * obstacles[:, 1], obstacles[:, 2]
+    ways = [dijkstra(thrown(start, goal, centres, radii, count, rng), centres, radii) for _ in range(throws)]
+    return min([shaken(way, centres, radii, shakes, rng) for way in ways if len(way)], default=np.inf)

@@ -253,8 +253,9 @@ def lengths(start: np.ndarray, goal: np.ndarray, radius: np.ndarray | float) -> 
         ValueError: for poses that are not finite or a radius that is not positive.
     """
     start, goal, radius = checked(start, goal, radius)
-    pieces = word_pieces(start, goal, radius)
-    return (pieces[..., 0] + pieces[..., 1] + pieces[..., 2]) * radius[..., None]
+    pieces = word_pieces(start, goal, radius) * radius[..., None, None]
+    total: np.ndarray = pieces[..., 0] + pieces[..., 1] + pieces[..., 2]
+    return total
 
 
 def candidates(start: np.ndarray, goal: np.ndarray, radius: float) -> dict[str, float]:
@@ -287,10 +288,10 @@ def shortest_pieces(start: np.ndarray, goal: np.ndarray, radius: float) -> np.nd
 
     Of words of equal length the first in `WORDS` is taken.
     """
-    pieces = word_pieces(start, goal, radius)
-    word = ((pieces[..., 0] + pieces[..., 1] + pieces[..., 2]) * radius).argmin(-1)
+    pieces = word_pieces(start, goal, radius) * radius
+    word = (pieces[..., 0] + pieces[..., 1] + pieces[..., 2]).argmin(-1)
     lengths = np.take_along_axis(pieces, word[..., None, None], -2)[..., 0, :]
-    return chained(start, CURVATURES[word] / radius, lengths * radius)
+    return chained(start, CURVATURES[word] / radius, lengths)
 
 
 def shortest(start: np.ndarray, goal: np.ndarray, radius: float) -> Path:
