@@ -208,6 +208,23 @@ def test_a_plan_is_as_long_in_the_mirror_backwards_and_in_other_units(blocked):
         assert plan(start * larger, goal * larger, 100.0, obstacles * 100.0).length / 100.0 == expected
 
 
+def test_plans_of_many_scenes_are_those_of_each_alone(blocked):
+    most = max(len(obstacles) for _, _, obstacles in blocked)
+    scenes = [*blocked, (np.zeros(3), np.array([9.0, 0.0, 0.0]), np.array([[4.0, 9.0, 1.0]]))]  # nothing in the way
+    scenes.append((np.zeros(3), np.array([9.0, 0.0, 0.0]), np.array([[9.0, 0.5, 1.0]])))  # the goal lies inside
+    discs = np.full((len(scenes), most, 3), np.nan)
+    for row, (_, _, obstacles) in zip(discs, scenes, strict=True):
+        row[: len(obstacles)] = obstacles
+    starts, goals = (np.array([scene[i] for scene in scenes]) for i in (0, 1))
+    *found, refused = detours.plans(starts, goals, 1.0, discs)
+    for (start, goal, obstacles), (segments, lower_bound) in zip(scenes, found, strict=False):
+        path = plan(start, goal, 1.0, obstacles)
+        np.testing.assert_array_equal(segments[segments[:, 4] > 0.0], path.segments)
+        assert path.lower_bound == lower_bound
+    with pytest.raises(ValueError, match=str(refused)):
+        plan(*scenes[-1][:2], 1.0, scenes[-1][2])
+
+
 def test_a_margin_is_as_much_radius(blocked):
     for start, goal, obstacles in blocked:
         path = plan(start, goal, 1.0, obstacles - [0.0, 0.0, 0.25], margin=0.25)
