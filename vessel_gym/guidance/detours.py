@@ -120,8 +120,8 @@ def plan(start: np.ndarray, goal: np.ndarray, radius: float, obstacles: np.ndarr
 
 
 _Plan = tuple[np.ndarray, float] | ValueError
-_BATCH = 16
-"""Scenes searched together."""
+_BATCH = 256
+"""Discs in scenes that are searched together."""
 _CLOSED = "the obstacles with their margin close every way to the goal: ask for less margin or remove an obstacle"
 _UNFOUND = (
     "no path with turns of {:.6g} m or more was found, which does not prove that there is none: move the "
@@ -158,7 +158,8 @@ def plans(start: np.ndarray, goal: np.ndarray, radius: float, discs: np.ndarray)
                 f"{name} or the obstacle, or ask for less margin"
             )
     rest = np.nonzero(around & (size <= _FAR))[0]
-    for part in (rest[k : k + _BATCH] for k in range(0, len(rest), _BATCH)):
+    together = max(_BATCH // max(discs.shape[1], DISCS), 1)
+    for part in (rest[k : k + together] for k in range(0, len(rest), together)):
         for s, plan in zip(part, _around(start[part], goal[part], radius, discs[part], length[part]), strict=True):
             found[s] = plan
     return found

@@ -169,7 +169,7 @@ def string(start: np.ndarray, goal: np.ndarray, discs: np.ndarray) -> np.ndarray
 
 
 def reaches(discs: np.ndarray, gaps: np.ndarray) -> np.ndarray:
-    """What touches need of discs, ``(S, m, 4)``: x, y, distance from the centre, the same or 0 if turns are wider."""
+    """Edges ``(S, m, 4)`` that touches lie on: x, y, radius, and the radius again or 0 where turns are wider."""
     reach = discs[..., 2] + gaps
     return np.stack([discs[..., 0], discs[..., 1], reach, np.where(discs[..., 2] >= 1.0, reach, 0.0)], -1)
 
