@@ -142,6 +142,8 @@ def plans(start: np.ndarray, goal: np.ndarray, radius: float, discs: np.ndarray)
     length = np.cumsum(direct[..., 4], -1)[:, -1]
     found: list[_Plan] = list(zip(direct, length.tolist(), strict=True))
     around = ~sound(direct, goal, radius, discs)
+    if not around.any():
+        return found
     size = np.fmax.reduce(abs(np.concatenate([discs, goal[:, None]], 1) - start[:, None])[..., :2], (1, 2)) / radius
     for s in np.nonzero(around & (size > _FAR))[0]:
         found[s] = ValueError(
