@@ -197,7 +197,7 @@ _SCALAR: dict[Any, Callable[..., Any]] = {
     np.fabs: _unary("absolute"),
     np.positive: lambda x: x,
     np.conjugate: lambda x: x,
-    np.square: lambda x: x * x,
+    np.square: lambda x: power(x, 2) if isinstance(x, Tracer) else np.square(x),
     np.heaviside: lambda x, y: where(x > 0.0, 1.0, where(x < 0.0, 0.0, where(x == 0.0, y, x))),
     np.reciprocal: lambda x: 1.0 / x,
     np.sign: _sign,

@@ -39,6 +39,8 @@ def _check_square(word: str, a: Any) -> int:
 def _matmul(a: Any, b: Any) -> Any:
     if a.ndim != 2 or b.ndim != 2:
         raise NotTraceable("@ is of matrices; of a matrix and a vector there is np.matvec")
+    if is_mask(a) and is_mask(b):
+        raise NotTraceable("@ in a traced formula is of numbers: of a mask they are 1.0 * mask")
     if a.shape[1] != b.shape[0]:
         raise ValueError(f"{shapes((a, b))} have no product in a traced formula: the inner sizes differ")
     program = program_of(a, b)

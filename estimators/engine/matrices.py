@@ -354,8 +354,14 @@ def _remainder(x: Any, y: Any) -> Any:
     )
 
 
+def _square(a: Any) -> Any:
+    if is_mask(a):
+        raise NotTraceable("np.square in a traced formula is of numbers: of a mask they are 1.0 * mask")
+    return a * a
+
+
 _DERIVED: dict[Any, Any] = {
-    np.square: lambda a: a * a,
+    np.square: _square,
     np.less: lambda a, b: np.greater(b, a),
     np.less_equal: lambda a, b: np.greater_equal(b, a),
     np.remainder: _remainder,

@@ -249,6 +249,8 @@ def power(x: Any, exponent: Any) -> Any:
     twice = None if value is None or isinstance(value, np.ndarray) else 2.0 * float(value)
     if not isinstance(x, Tracer) or twice is None or twice != int(twice) or abs(twice) > 64:
         raise NotTraceable("a traced function has powers of constant exponents alone, whole numbers and halves")
+    if x.kind == "b":
+        raise NotTraceable("a traced function has powers of numbers: of a mask they are 1.0 * mask")
     whole, result = int(abs(twice)) // 2, None
     if int(twice) % 2:
         result = operation("sqrt", x)
