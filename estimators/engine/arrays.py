@@ -127,7 +127,7 @@ def _plain(value: Any) -> Any:
 
 
 def _operand(value: Any) -> Any:
-    if isinstance(value, np.ndarray) and type(value) is np.ndarray and value.dtype != object:
+    if isinstance(value, np.ndarray) and not isinstance(value, TracedArray) and value.dtype != object:
         return constant_array(value).astype(object)
     return _plain(value)
 

@@ -251,6 +251,8 @@ class Emitter:
         y = self.line(f"select {mask} {none}, {T} {one}, {T} {y}")
         if kind == "u":
             return self.line(f"urem {T} {x}, {y}")
+        minus = self.line(f"icmp eq {T} {y}, {literal(-1, kind, width)}")  # overflows of the lowest number; gives 0
+        y = self.line(f"select {mask} {minus}, {T} {one}, {T} {y}")
         rest = self.line(f"srem {T} {x}, {y}")
         signs = self.line(f"xor {T} {rest}, {y}")
         apart = self.line(f"icmp slt {T} {signs}, {zero}")

@@ -185,6 +185,9 @@ def operation(opcode: str, *operands: Any) -> Any:
             traced = list(_arithmetic(*traced))
         kind = traced[0].kind
     elif opcode in ("left shift", "right shift"):
+        places = known(traced[1])
+        if kind not in "iu" or places is None or not 0 <= places < 64:
+            raise NotTraceable("<< and >> in a traced function shift whole numbers by a constant from 0 to 63")
         traced[1] = cast(traced[1], kind)
     elif opcode == "not" and kind == "f":
         raise NotTraceable("~ is of masks and whole numbers")
