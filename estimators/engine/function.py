@@ -118,8 +118,8 @@ class Layout:
             size = program.sizes.get(each.result)
             if size is not None:
                 self.places[each.result] = self._placed(size, free)
-            extra = each.attributes[-1] if each.opcode in ROOM else 0
-            if extra:
+            if each.opcode in ROOM:
+                extra = each.attributes[-1]
                 self.temporary[each.result] = self._placed(extra, free)
                 free.setdefault(extra, []).append(self.temporary[each.result])
             for value in {*each.values, *each.results}:

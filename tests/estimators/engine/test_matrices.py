@@ -186,6 +186,12 @@ def test_a_product_over_nothing_is_zero():
     np.testing.assert_array_equal(found, np.ones((5, 3, 3)))
 
 
+def test_no_equations_have_a_solution_of_no_rows():
+    for word in (solve, solve_lower, solve_upper, np.linalg.solve):
+        function, _ = trace(word, [Argument((0, 0)), Argument((0, 2))], matrices=True)
+        assert call(function, [np.zeros((5, 0, 0)), np.zeros((5, 0, 2))], (2, 2))[0].shape == (5, 0, 2)
+
+
 # --- refused ----------------------------------------------------------------------------------------
 
 MISTAKES: dict[str, Formula] = {
