@@ -6,6 +6,7 @@ such functions have besides NumPy's.
 
 from estimators.engine.arrays import lookup
 from estimators.engine.compiled import Compiled, compiled, trace
+from estimators.engine.derivative import jacobian
 from estimators.engine.elementary import (
     as_float,
     as_integer,
@@ -27,6 +28,7 @@ __all__ = [
     "bits_float",
     "compiled",
     "float_bits",
+    "jacobian",
     "lookup",
     "repeat",
     "sincos",

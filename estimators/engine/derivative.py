@@ -7,6 +7,9 @@ the derivative is that of the side on which the value is; whole numbers, roundin
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
+
+from estimators.engine.arrays import TracedArray, entries
 from estimators.engine.program import Instruction, Loop, Program
 from estimators.engine.tracer import NotTraceable, Tracer, constant, operation, where
 
@@ -89,6 +92,14 @@ def tangents(outputs: Sequence[Tracer], seeds: Sequence[Tracer]) -> list[Tangent
     for instruction in program.live([each.value for each in outputs]):
         _extend(program, instruction, known)
     return [known.get(output.value, {}) for output in outputs]
+
+
+def jacobian(outputs: Any, inputs: Any) -> TracedArray:
+    """Derivatives ``(*m, *n)`` of a traced array ``(*m)`` to another ``(*n)``, of which it was computed."""
+    program = TracedArray.of(inputs).flat[0].program
+    found = tangents(entries(outputs, program), list(TracedArray.of(inputs).flat))
+    rows = [[tangent.get(seed, 0.0) for seed in range(np.size(inputs))] for tangent in found]
+    return TracedArray.of(rows).reshape(np.shape(outputs) + np.shape(inputs))
 
 
 def _extend(program: Program, instruction: Instruction, known: dict[int, Tangent]) -> None:

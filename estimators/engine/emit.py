@@ -43,7 +43,7 @@ class Module:
         self.functions: dict[str, str] = {}
         self.tables: dict[str, str] = {}
 
-    def table(self, values: Sequence[float]) -> str:
+    def table(self, values: Any) -> str:
         """A constant array; its name."""
         text = ", ".join(f"double {literal(value, 'f', 1)}" for value in values)
         return self.tables.setdefault(text, f"@table{len(self.tables)}.{len(values)}")

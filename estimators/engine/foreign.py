@@ -9,7 +9,7 @@ import linecache
 import random
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -95,16 +95,20 @@ def _inspected(function: Callable[..., Any], given: Sequence[Any], axes: list[in
     if not all(map(_same_bits, own, again)) or states != _random_states():
         raise NotTraceable("it gives another result for the same arguments: let random numbers be an argument")
     around = _nudged(arguments, axes, batched)
-    cases = [(arguments, own), (around, _called(function, around))]
-    for rows in (slice(0, 1), -1):
-        with suppress(Exception):  # it need not be a function of a row alone
-            few = [each[rows] if has else each for each, has in zip(around, batched, strict=True)]
+    cases, failure = [(arguments, own)], None
+    for rows in (slice(None), slice(0, 1), -1):
+        few = [each[rows] if has else each for each, has in zip(around, batched, strict=True)]
+        try:
             cases.append((few, _called(function, few)))
+        except Exception as error:  # tracing may say better why; and it need not be a function of a row alone
+            failure = failure or (error if rows == slice(None) else None)
     _check_unchanged(dependencies)
     shapes = [Argument(a.shape[a.ndim - k :], kind_of(_rows(a))) for a, k in zip(samples, axes, strict=True)]
     traced, several = _trace_rows(function, shapes, batched)
     if not dependencies.unchanged():
         raise NotTraceable("it keeps what it computes for later: return it as a result instead")
+    if failure is not None:
+        raise failure
     for compared, expected in cases:
         _compare(traced, compared, axes, expected)
     inspection = Inspection(function=traced, several=several)

@@ -49,7 +49,7 @@ class Instruction(NamedTuple):
 class Loop(NamedTuple):
     """The body of a ``repeat``: parameters that begin as its operands, and what they are after each pass."""
 
-    count: int
+    count: int  # type: ignore[assignment]
     parameters: tuple[int, ...]
     body: tuple[Instruction, ...]
     after: tuple[int, ...]

@@ -15,7 +15,10 @@ class NotTraceable(TypeError):
     """A function does what cannot be traced; it can run in NumPy."""
 
 
-class Tracer:
+_Operators: Any = object  # which are set below, and unknown to a checker of types
+
+
+class Tracer(_Operators):
     """A scalar of each row: a number, a word or a mask."""
 
     __slots__ = ("program", "value")
@@ -23,10 +26,6 @@ class Tracer:
     ndim = 0
     shape = ()
     size = 1
-    __gt__: Any
-    __ge__: Any
-    __lt__: Any
-    __le__: Any
 
     def __init__(self, program: Program, value: int) -> None:
         self.program, self.value = program, value
