@@ -4,7 +4,6 @@ See docs/engine.md. `compiled` makes a function of arrays ``(..., n)`` run compi
 such functions have besides NumPy's.
 """
 
-from estimators.engine.arrays import lookup
 from estimators.engine.compiled import Compiled, compiled, trace
 from estimators.engine.derivative import jacobian
 from estimators.engine.elementary import (
@@ -17,6 +16,7 @@ from estimators.engine.elementary import (
     sincos,
     sincos_near_zero,
 )
+from estimators.engine.tables import lookup
 from estimators.engine.tracer import NotTraceable
 
 __all__ = [

@@ -56,7 +56,7 @@ class TracedArray(np.ndarray):
         kind = np.dtype(dtype).kind
         if kind == "O" or np.dtype(dtype).itemsize not in (1, 8):
             raise NotTraceable(f"a traced function computes with float64, int64 and masks, not {np.dtype(dtype)}")
-        return _each(lambda x: cast(constant(_program(self), x), kind), self)
+        return each_entry(lambda x: cast(constant(_program(self), x), kind), self)
 
     def sum(self, axis: Any = None, **others: Any) -> Any:  # type: ignore[override]
         """The sum over axes of the row."""
@@ -141,7 +141,7 @@ def _wrapped(value: Any) -> Any:
     return value
 
 
-def _each(function: Callable[..., Any], *operands: Any) -> Any:
+def each_entry(function: Callable[..., Any], *operands: Any) -> Any:
     """A function of scalars of each entry."""
     found = np.frompyfunc(function, len(operands), 1)(*map(_operand, operands))
     return found if isinstance(found, Tracer) else TracedArray.of(found)
@@ -289,55 +289,7 @@ def _where_array(mask: Any, *choices: Any) -> Any:
             return where(mask, chosen, other)
         return chosen if mask else other
 
-    return _each(one, mask, *choices)
-
-
-def _interpolated(x: Any, xp: Any, fp: Any) -> Any:
-    """`numpy.interp` of constant tables, as NumPy computes it."""
-    xp, fp = constant_array(xp).astype(float), constant_array(fp).astype(float)
-    slopes = np.append(np.diff(fp) / np.diff(xp), 0.0)
-
-    def one(x: Any) -> Any:
-        if not isinstance(x, Tracer):
-            return np.interp(x, xp, fp)
-        index = lookup_index(x, xp)
-        value = lookup(slopes, index) * (x - lookup(xp, index)) + lookup(fp, index)
-        value = where(x >= float(xp[-1]), float(fp[-1]), where(x < float(xp[0]), float(fp[0]), value))
-        return where(operation("isnan", x), x, value)
-
-    return _each(one, x)
-
-
-def lookup_index(x: Any, xp: np.ndarray) -> Any:
-    """The last entry of rising numbers that is at most x; 0 below all."""
-    index: Any = 0
-    for bound in xp[1:]:
-        index = cast(x >= float(bound), "i") + index
-    return index
-
-
-def lookup(table: Any, index: Any) -> Any:
-    """The entry ``(...)`` or ``(..., m)`` of a constant table ``(k,)`` or ``(k, m)``; the first or last one beyond.
-
-    Args:
-        table: Numbers that are the same for all rows.
-        index: Whole numbers, or floats, which are truncated; NaN is 0.
-    """
-    table = np.asarray(table, float)
-    index = scalar(index) if isinstance(index, TracedArray) and index.size == 1 else index
-    if not isinstance(index, Tracer):
-        if isinstance(index, TracedArray):
-            return TracedArray.of([lookup(table, each) for each in index.flat]).reshape(index.shape + table.shape[1:])
-        inside = np.clip(np.nan_to_num(index, nan=0.0), 0, len(table) - 1).astype(int)
-        return table[inside]
-    program, width = index.program, table[0].size
-    place = program.table(table)
-    entry = cast(index, "i") if index.kind != "f" else index
-    values = [
-        Tracer(program, program.add("lookup", (entry.value,), "f", None, (place, len(table), width, column)))
-        for column in range(width)
-    ]
-    return values[0] if table.ndim == 1 else TracedArray.of(values).reshape(table.shape[1:])
+    return each_entry(one, mask, *choices)
 
 
 def _norm(x: Any, ord: Any = None, axis: Any = None, keepdims: bool = False) -> Any:
@@ -366,10 +318,9 @@ def _accumulated(ufunc: Any) -> Callable[..., Any]:
     return accumulated
 
 
-_FUNCTIONS: dict[Any, Callable[..., Any]] = {
+FUNCTIONS: dict[Any, Callable[..., Any]] = {
     np.where: _where_array,
     np.clip: _clip,
-    np.interp: _interpolated,
     np.sum: lambda a, axis=None, **others: apply(np.add, "reduce", (a,), {"axis": axis} | others),
     np.prod: lambda a, axis=None, **others: apply(np.multiply, "reduce", (a,), {"axis": axis} | others),
     np.mean: lambda a, axis=None, **others: TracedArray.of(a).mean(axis, **others),
@@ -414,12 +365,28 @@ def apply_function(function: Any, args: Sequence[Any], kwargs: dict[str, Any]) -
 
     if found(args):
         return apply_matrix_function(function, args, kwargs)
-    if (own := _FUNCTIONS.get(function)) is not None:
+    if (own := FUNCTIONS.get(function)) is not None:
         return own(*args, **kwargs)
+    if function not in _REARRANGING and not _depends((*args, *kwargs.values())):
+        return function(*map(_floats, args), **{name: _floats(value) for name, value in kwargs.items()})
     if function not in _REARRANGING:
         raise NotTraceable(f"a traced function cannot have np.{function.__name__} in it")
     arguments = [_object(each) for each in args]
     return _wrapped(function(*arguments, **{name: _object(value) for name, value in kwargs.items()}))
+
+
+def _depends(value: Any) -> bool:
+    """Is a tracer in it?"""
+    if isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.dtype == object):
+        return any(map(_depends, value if isinstance(value, list | tuple) else value.flat))
+    return isinstance(value, Tracer)
+
+
+def _floats(value: Any) -> Any:
+    """Constants that stand in an array of objects, as floats."""
+    if isinstance(value, list | tuple):
+        return type(value)(map(_floats, value))
+    return np.array(value.tolist()) if isinstance(value, TracedArray) else value
 
 
 def _object(value: Any) -> Any:

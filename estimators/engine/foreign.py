@@ -17,6 +17,7 @@ import numpy as np
 from estimators.checks import shown
 from estimators.engine.arrays import TracedArray, entries
 from estimators.engine.compiled import _rows, call, output
+from estimators.engine.creation import traced_creation
 from estimators.engine.dependencies import Dependencies
 from estimators.engine.function import Argument, Function, kind_of
 from estimators.engine.interpret import interpret
@@ -43,11 +44,17 @@ class Inspection:
         self.reason, self.traceable = reason, function is not None
         self.function, self.several = function, several
         self.axes: tuple[int, ...] = ()
+        self.source: Callable[..., Any] = lambda *_: None
         self.dependencies: Dependencies | None = None
 
     def unchanged(self) -> bool:
         """Is everything that the function reads as it was when it was traced? In about a microsecond."""
         return self.dependencies is not None and self.dependencies.unchanged()
+
+    def inline(self, *tracers: Any) -> Any:
+        """The function, traced once more as a part of another program."""
+        with traced_creation():
+            return self.source(*tracers)
 
     def __call__(self, *arrays: Any) -> Any:
         """What the function gives for arrays, computed by its program."""
@@ -112,7 +119,7 @@ def _inspected(function: Callable[..., Any], given: Sequence[Any], axes: list[in
     for compared, expected in cases:
         _compare(traced, compared, axes, expected)
     inspection = Inspection(function=traced, several=several)
-    inspection.axes, inspection.dependencies = tuple(axes), dependencies
+    inspection.source, inspection.axes, inspection.dependencies = function, tuple(axes), dependencies
     return inspection
 
 
@@ -166,7 +173,8 @@ def _trace_rows(
     """The function traced for one row, once it is certain that rows of a batch are computed likewise."""
     program, count = _Limited(), _count(rows)
     alone = [_inputs(program, i, row, ()) for i, row in enumerate(rows)]
-    results = function(*alone)
+    with traced_creation():
+        results = function(*alone)
     several = isinstance(results, tuple | list)
     outputs = [output(program, each) for each in (results if several else [results])]
     batch = [
@@ -174,7 +182,8 @@ def _trace_rows(
         if has else alone[i]
         for i, (row, has) in enumerate(zip(rows, batched, strict=True))
     ]  # fmt: skip
-    together = function(*batch)
+    with traced_creation():
+        together = function(*batch)
     together = list(together) if isinstance(together, tuple | list) else [together]
     if len(together) != len(outputs):
         raise NotTraceable("it gives other results for a batch than for a row")

@@ -1,0 +1,60 @@
+"""Tables that are the same for all rows: their entries at an index, and what lies between them."""
+
+from typing import Any
+
+import numpy as np
+
+from estimators.engine.arrays import FUNCTIONS, TracedArray, each_entry, scalar
+from estimators.engine.program import constant_array
+from estimators.engine.tracer import Tracer, cast, operation, where
+
+
+def _interpolated(x: Any, xp: Any, fp: Any) -> Any:
+    """`numpy.interp` of constant tables, as NumPy computes it."""
+    xp, fp = constant_array(xp).astype(float), constant_array(fp).astype(float)
+    slopes = np.append(np.diff(fp) / np.diff(xp), 0.0)
+
+    def one(x: Any) -> Any:
+        if not isinstance(x, Tracer):
+            return np.interp(x, xp, fp)
+        index = lookup_index(x, xp)
+        value = lookup(slopes, index) * (x - lookup(xp, index)) + lookup(fp, index)
+        value = where(x >= float(xp[-1]), float(fp[-1]), where(x < float(xp[0]), float(fp[0]), value))
+        return where(operation("isnan", x), x, value)
+
+    return each_entry(one, x)
+
+
+def lookup_index(x: Any, xp: np.ndarray) -> Any:
+    """The last entry of rising numbers that is at most x; 0 below all."""
+    index: Any = 0
+    for bound in xp[1:]:
+        index = cast(x >= float(bound), "i") + index
+    return index
+
+
+def lookup(table: Any, index: Any) -> Any:
+    """The entry ``(...)`` or ``(..., m)`` of a constant table ``(k,)`` or ``(k, m)``; the first or last one beyond.
+
+    Args:
+        table: Numbers that are the same for all rows.
+        index: Whole numbers, or floats, which are truncated; NaN is 0.
+    """
+    table = np.asarray(table, float)
+    index = scalar(index) if isinstance(index, TracedArray) and index.size == 1 else index
+    if not isinstance(index, Tracer):
+        if isinstance(index, TracedArray):
+            return TracedArray.of([lookup(table, each) for each in index.flat]).reshape(index.shape + table.shape[1:])
+        inside = np.clip(np.nan_to_num(index, nan=0.0), 0, len(table) - 1).astype(int)
+        return table[inside]
+    program, width = index.program, table[0].size
+    place = program.table(table)
+    entry = cast(index, "i") if index.kind != "f" else index
+    values = [
+        Tracer(program, program.add("lookup", (entry.value,), "f", None, (place, len(table), width, column)))
+        for column in range(width)
+    ]
+    return values[0] if table.ndim == 1 else TracedArray.of(values).reshape(table.shape[1:])
+
+
+FUNCTIONS[np.interp] = _interpolated
