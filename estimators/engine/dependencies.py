@@ -12,7 +12,7 @@ import sys
 from collections.abc import Callable
 from copyreg import _HEAPTYPE, _new_type  # type: ignore[attr-defined]
 from dataclasses import is_dataclass
-from types import BuiltinFunctionType, CellType, CodeType, FunctionType, MethodType, ModuleType
+from types import BuiltinFunctionType, CellType, CodeType, FunctionType, MethodType, ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,7 @@ import numpy as np
 from estimators.engine.tracer import NotTraceable
 
 _LARGEST = 1 << 18  # bytes of arrays that are compared at every call
+_SMALL = 4096  # of those that are read-only
 _MOST = 3_000  # objects
 _PURE = frozenset(("numpy", "scipy", "math", "cmath", "operator", "_operator", "functools", "_functools", "itertools",
                    "collections", "dataclasses", "enum", "typing", "types", "abc", "numbers", "copy", "contextlib",
@@ -27,7 +28,7 @@ _PURE = frozenset(("numpy", "scipy", "math", "cmath", "operator", "_operator", "
 """Packages whose functions depend on their arguments alone, but for `numpy.random`."""
 _IMPURE = frozenset(("print", "open", "input", "eval", "exec", "compile", "globals", "locals", "id", "breakpoint",
                      "setattr", "delattr", "__import__"))  # fmt: skip
-_ALL = frozenset(("__dict__", "vars", "dir", "__getattribute__", "__getattr__"))
+_ALL = frozenset(("__dict__", "vars", "dir", "getattr", "attrgetter", "__getattribute__", "__getattr__"))
 """Names by which a function may read any attribute."""
 _UNUSED = frozenset(("__repr__", "__str__", "__format__", "__reduce__", "__reduce_ex__", "__getstate__",
                      "__setstate__", "__del__", "__copy__", "__deepcopy__", "__doc__", "__sizeof__", "__dir__",
@@ -148,9 +149,9 @@ class _Walk:
             self._instance(value, what)
 
     def _array(self, array: np.ndarray, what: str) -> None:
-        if array.dtype.hasobject:
-            raise NotTraceable(f"it reads {what}, an array of objects, whose changes cannot be seen")
-        if array.flags.writeable or array.base is not None:
+        if array.dtype.hasobject or type(array) is not np.ndarray:
+            raise NotTraceable(f"it reads {what}, an array of a kind of its own, whose changes cannot be seen")
+        if array.flags.writeable or array.base is not None or array.nbytes <= _SMALL:
             self._bytes += array.nbytes
             if self._bytes > _LARGEST:
                 raise NotTraceable(f"it reads {what}, which is too large to compare it at every call: an array that "
@@ -174,6 +175,7 @@ class _Walk:
         for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
             self._cell(name, cell)
         self._code(function.__code__, function.__globals__)
+        self._mapping(function.__dict__, function.__name__, every=bool(_ALL & self.names))
 
     def _cell(self, name: str, cell: CellType) -> None:
         try:
@@ -326,10 +328,10 @@ def _root(module: str | None) -> str:
 
 def _visible(kind: type) -> bool:
     """Is all that an object of a class knows in its attributes?"""
-    if not kind.__flags__ & _HEAPTYPE or kind.__module__ in ("random", "threading"):
+    if not (kind.__flags__ & _HEAPTYPE or kind is SimpleNamespace) or kind.__module__ in ("random", "threading"):
         return False
     for base in kind.__mro__[:-1]:
-        if base in (tuple, list, dict):
+        if base in (tuple, list, dict, SimpleNamespace):
             continue
         new = base.__new__
         if not base.__flags__ & _HEAPTYPE or (isinstance(new, _new_type) and getattr(new, "__self__", None) is base):

@@ -325,8 +325,8 @@ def fuzz(seed: int, met: Counter) -> Iterator[str]:
         wrong = differs(result, np.asarray(clean, float), [np.asarray(other, float) for other in others], met)
         if wrong.any():
             at = tuple(int(i[0]) for i in np.nonzero(wrong))
-            noise = [float(np.broadcast_to(other, result.shape)[at]) for other in others]
-            yield f"{name} of {symbol.shape} gave {result[at]!r}, NumPy {np.broadcast_to(clean, result.shape)[at]!r}, with noise {noise}"
+            expected, *noise = (float(np.broadcast_to(each, result.shape)[at]) for each in (clean, *others))
+            yield f"{name} of {symbol.shape} gave {result[at]!r}, NumPy {expected}, with noise {noise}"
             return
     for some in () if not batch else (slice(0, 1), slice(1, 3), slice(2, None)):
         few = call(function, [np.ascontiguousarray(each[some]) for each in arrays], [len(row.shape) for row in rows])

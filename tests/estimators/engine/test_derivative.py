@@ -88,7 +88,9 @@ def check(function: RandomFunction, rng: np.random.Generator, exact: bool, seen:
     seen["smooth"] += int(smooth.sum())
 
 
-@pytest.mark.parametrize("count", [300, pytest.param(10_000, marks=pytest.mark.nightly)])
+@pytest.mark.parametrize(
+    "count", [pytest.param(300, marks=pytest.mark.slow), pytest.param(10_000, marks=pytest.mark.nightly)]
+)
 def test_random_functions_and_their_derivatives(count: int):
     seen: Counter[str] = Counter()
     for seed in range(count):

@@ -204,6 +204,36 @@ def test_containers_are_read(monkeypatch: pytest.MonkeyPatch):
         assert not inspection.unchanged()
 
 
+def test_names_that_are_made_up_while_it_runs_count():
+    settings = types.SimpleNamespace(gain_0=1.0, gain_1=2.0)
+
+    def function(x: np.ndarray) -> np.ndarray:
+        return sum(getattr(settings, f"gain_{i}") * x for i in range(2))  # type: ignore[return-value]
+
+    inspection = traced(function)
+    settings.gain_1 = 3.0
+    assert not inspection.unchanged()
+
+
+def test_attributes_of_a_function_are_read():
+    def function(x: np.ndarray) -> np.ndarray:
+        return function.gain * x  # type: ignore[attr-defined, no-any-return]
+
+    function.gain = 2.0  # type: ignore[attr-defined]
+    inspection = traced(function)
+    function.gain = 3.0  # type: ignore[attr-defined]
+    assert not inspection.unchanged()
+
+
+def test_a_small_array_that_is_read_only_may_change_by_a_view():
+    array = np.ones(2)
+    view = array[:]
+    array.flags.writeable = False
+    inspection = traced(lambda x: x * array)
+    view[0] = 5.0
+    assert not inspection.unchanged()
+
+
 def test_a_module_of_the_users_is_read(monkeypatch: pytest.MonkeyPatch):
     module: Any = types.ModuleType("users_own_settings")
     module.GAIN, module.unread = 3.0, open  # what is not named does not matter
@@ -294,6 +324,9 @@ def kept() -> Callable[..., Any]:
         (drawn(), "Generator, whose changes cannot be seen"),
         (bound(), "Generator, whose changes cannot be seen"),
         (lambda x: sys.stdout.write("") * x, "uses the module sys"),
+        ((lambda masked: lambda x: x * masked)(np.ma.array([1.0, 2.0])), "a kind of its own"),
+        ((lambda numbers: lambda x: x * len(numbers))({1, 2}), "a builtins.set, whose changes cannot be seen"),
+        (functools.lru_cache(lambda x: x), "_lru_cache_wrapper, whose changes cannot be seen"),
         (scipy.interpolate.CubicSpline([0.0, 1.0, 2.0], [0.0, 1.0, 0.0]), "Python's numbers|cannot have"),
         (5, "raises TypeError"),
     ],

@@ -283,7 +283,9 @@ def test_a_refusal_says_what_to_do(formula: Formula, sentence: str):
         formula(*tracers())
 
 
-@pytest.mark.parametrize("count", [40, pytest.param(3_000, marks=pytest.mark.nightly)])
+@pytest.mark.parametrize(
+    "count", [pytest.param(40, marks=pytest.mark.slow), pytest.param(3_000, marks=pytest.mark.nightly)]
+)
 def test_random_formulas_are_numpys_or_refused(count: int):
     """In a process of their own, which must not crash; it says what is wrong, and that every word was met."""
     command = [sys.executable, "-m", "tests.estimators.engine.random_matrices", str(count), "0"]
