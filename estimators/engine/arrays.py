@@ -245,6 +245,8 @@ def apply(ufunc: Any, method: str, operands: Sequence[Any], others: dict[str, An
         found = np.frompyfunc(_SCALAR[ufunc], ufunc.nin, 1)(*map(_operand, operands))
     elif method in ("reduce", "accumulate") and ufunc.nin == 2:
         array = _operand(operands[0])
+        if np.ndim(array) == 0:
+            raise NotTraceable(f"np.{ufunc.__name__} of a number a row is over the batch: give it an axis of the row")
         if ufunc in _COUNTED:
             array = np.frompyfunc(lambda x: cast(x, "i") if getattr(x, "kind", "") == "b" else x, 1, 1)(array)
         others.pop("dtype", None)

@@ -19,7 +19,7 @@ from estimators.engine.arrays import TracedArray, entries
 from estimators.engine.compiled import _rows, call, output
 from estimators.engine.creation import traced_creation
 from estimators.engine.dependencies import Dependencies
-from estimators.engine.function import Argument, Function, kind_of
+from estimators.engine.function import FEW, Argument, Function, kind_of
 from estimators.engine.interpret import interpret
 from estimators.engine.program import Instruction, Program
 from estimators.engine.tracer import NotTraceable, Tracer
@@ -117,7 +117,7 @@ def _inspected(function: Callable[..., Any], given: Sequence[Any], axes: list[in
     if failure is not None:
         raise failure
     for compared, expected in cases:
-        _compare(traced, compared, axes, expected)
+        _compare(traced, compared, axes, batched, expected)
     inspection = Inspection(function=traced, several=several)
     inspection.source, inspection.axes, inspection.dependencies = function, tuple(axes), dependencies
     return inspection
@@ -280,7 +280,9 @@ def _nudged(arguments: Sequence[np.ndarray], axes: Sequence[int], batched: Seque
     return found
 
 
-def _compare(function: Function, arguments: Sequence[np.ndarray], axes: Sequence[int], expected: Any) -> None:
+def _compare(
+    function: Function, arguments: Sequence[np.ndarray], axes: Sequence[int], batched: Sequence[bool], expected: Any
+) -> None:
     """Refuse a program that gives other results than NumPy.
 
     Both round differently: elementary functions and sums in another order. How much that may matter is measured, by
@@ -288,7 +290,8 @@ def _compare(function: Function, arguments: Sequence[np.ndarray], axes: Sequence
     last place, and NumPy's may differ by 8 times as much as those of such runs do, and by 4 units in the last place.
     """
     arrays = [_rows(each) for each in arguments]
-    found = call(function, arrays, axes)
+    copies = [_rows(np.stack([each] * FEW)) if has else each for each, has in zip(arrays, batched, strict=True)]
+    found = [each[0] if any(batched) else each for each in call(function, copies, axes)]  # compiled once, for many rows
     rng = np.random.default_rng(0)
     runs = [interpret(function, arrays, axes, _PERTURBATION, rng) for _ in range(_DRAWS)]
     for i, (own, numpy) in enumerate(zip(found, expected, strict=True)):

@@ -15,7 +15,8 @@ from estimators.engine.tracer import KINDS
 
 LANES = 8
 """Rows side by side in a batch; a row alone has a program of its own."""
-_FEW = 4  # rows that are not worth vectors
+FEW = 4
+"""Rows from which on vectors are worth it."""
 _LARGEST = 1 << 14  # bytes of scratch a row, above which rows are computed one by one, each a vector of its entries
 _LARGEST_SOLVED = 1 << 17  # where scalars would be computed one after the other otherwise
 _SOLVING = frozenset(
@@ -65,7 +66,7 @@ class Function:
             shared: Bits of the arguments that have one row for all.
             addresses: Of the arguments' and the results' first rows, in C order.
         """
-        width = self._wide if rows >= _FEW else 1
+        width = self._wide if rows >= FEW else 1
         entry = self._entries.get(width) or self.compiled(width)
         entry(rows, shared, machine.scratch(8 * width * self._layout.size), *addresses)
 

@@ -36,6 +36,11 @@ def _check_square(word: str, a: Any) -> int:
     return int(a.shape[0])
 
 
+def _for_every_row(program: Program, values: np.ndarray) -> MatrixTracer:
+    """A matrix that is the same for all rows, but has the batch's axes."""
+    return MatrixTracer(program, program.table(values), values.shape)
+
+
 def _matmul(a: Any, b: Any) -> Any:
     if a.ndim != 2 or b.ndim != 2:
         raise NotTraceable("@ is of matrices; of a matrix and a vector there is np.matvec")
@@ -45,7 +50,7 @@ def _matmul(a: Any, b: Any) -> Any:
         raise ValueError(f"{shapes((a, b))} have no product in a traced formula: the inner sizes differ")
     program = program_of(a, b)
     if a.shape[1] == 0:
-        return matrix(program, np.zeros((a.shape[0], b.shape[1])))[...]
+        return _for_every_row(program, np.zeros((a.shape[0], b.shape[1])))
     rows, columns = a.shape[0], b.shape[1]
     room = b.size if b.steps[1] != 1 and columns > 1 else 0
     value = program.add("matmul", (a.view, b.view), "f", rows * columns, (room,))
@@ -135,7 +140,7 @@ def rotated(a: Any) -> tuple[Any, Any]:
     _check_matrices("singular", a)
     program, (m, n) = a.program, a.shape
     if n == 1:
-        return a, matrix(program, np.ones((1, 1)))[...]
+        return a, _for_every_row(program, np.ones((1, 1)))
     value = program.add("rotate", (a.view,), "f", m * n + n * n, (n,))
     return MatrixTracer(program, value, (m, n)), MatrixTracer(program, value, (n, n), m * n)
 

@@ -198,6 +198,8 @@ def matrix(program: Program, value: Any) -> Any:
         return MatrixTracer(program, packed, value.shape, mask=mask)
     array = constant_array(value)
     if array.ndim == 0:
+        if array.dtype.kind == "f" and array.dtype != float:
+            raise NotTraceable(f"a traced formula has float64 numbers, not a constant of {array.dtype}")
         return constant(program, array[()])
     if array.ndim > 2:
         raise NotTraceable("what differs from row to row must be an argument of a traced formula")

@@ -344,6 +344,7 @@ def test_what_cannot_be_traced_raises_a_sentence():
         (lambda x: float(x[0]), "NumPy's functions"),
         (lambda x: np.fft.fft(x), r"cannot have np\.fft in it"),
         (lambda x: x ** x, "constant exponents"),
+        (lambda x: x - x[..., 0].sum(), "over the batch"),
         (lambda x: x & 1, "masks or whole numbers"),
         (lambda x: ~x, "masks and whole numbers"),
         (lambda x: (x > 0.0) - (x < 0.0), "two masks"),
