@@ -1,4 +1,4 @@
-"""What one would write or use instead of the package, and the floor: the arithmetic and random numbers alone."""
+"""Baselines: filterpy, and NumPy written by hand, of an environment and of the arithmetic and random numbers alone."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -6,12 +6,9 @@ from itertools import count, repeat
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from estimators import Gaussian, LinearModel, NonlinearModel, Numbers, make
-from estimators.models import resolve
-from vessel_gym.core import Core
-from vessel_gym.envs.thesis_corvette import SEAS, THESIS_CORVETTE
+from vessel_gym.envs.thesis_corvette import SEAS
 from vessel_gym.tasks.turning_circle import TurningCircle
 from vessel_gym.vehicles.corvette import Corvette, secant_models, steady_turns
 from vessel_gym.vehicles.corvette_equations import COEFFICIENTS
@@ -61,20 +58,21 @@ class HandWrittenLoop:
         self.sea_state = self.rng.multivariate_normal(np.zeros(5), self.sea.process.start_cov)
         self.filter.x, self.filter.P = prior.mean[0, :3].copy(), prior.cov[:3, :3].copy()
 
+    def drags(self, v: Any, r: Any, a: float) -> tuple[Any, Any]:
+        """Cross-flow drag's integrals along the hull."""
+        if abs(r) * a <= abs(v):
+            sign = math.copysign(1.0, v)
+            return sign * (2.0 * a * v**2 + 2.0 / 3.0 * a**3 * r**2), sign * 4.0 / 3.0 * a**3 * v * r
+        bow, stern = v + a * r, v - a * r
+        cubic = (abs(bow) ** 3 - abs(stern) ** 3) / 3.0
+        return cubic / r, ((bow * abs(bow) ** 3 - stern * abs(stern) ** 3) / 4.0 - v * cubic) / r**2
+
     def derivative(self, state: np.ndarray, rudder: float, current: np.ndarray) -> np.ndarray:
         """The ship's equations of motion."""
         c = self.c
         _, _, psi, u, v, r = state
         a = c["half_length"]
-        if abs(r) * a <= abs(v):
-            sign = math.copysign(1.0, v)
-            sway_drag = sign * (2.0 * a * v**2 + 2.0 / 3.0 * a**3 * r**2)
-            yaw_drag = sign * 4.0 / 3.0 * a**3 * v * r
-        else:
-            bow, stern = v + a * r, v - a * r
-            cubic = (abs(bow) ** 3 - abs(stern) ** 3) / 3.0
-            sway_drag = cubic / r
-            yaw_drag = ((bow * abs(bow) ** 3 - stern * abs(stern) ** 3) / 4.0 - v * cubic) / r**2
+        sway_drag, yaw_drag = self.drags(v, r, a)
         inflow, side = c["slipstream"] * u, c["straightening"] * (v - a * r)
         force = c["rudder"] * (inflow**2 + side**2) * np.sin(rudder + np.arctan2(side, inflow))
         surge = c["thrust"] - c["resistance"] * u * abs(u) + c["sway_inertia"] * v * r
@@ -145,6 +143,8 @@ STATES, MEASUREMENTS, INPUTS, MEMBERS = 12, 8, 2, 100
 """Size of the system on which filters are timed: its own cost hardly counts."""
 Step = Callable[[np.ndarray], np.ndarray]
 """Prediction and update by readings ``(rows, p)``, then the means ``(rows, n)``."""
+_CACHED = 64
+"""Rows whose matrices stay in the processor's cache."""
 
 _rng = np.random.default_rng(0)
 A, C = _rng.normal(size=(STATES, STATES)), _rng.normal(size=(MEASUREMENTS, STATES))
@@ -238,58 +238,31 @@ def filterpys(name: str) -> Step:
     return step
 
 
-@njit(cache=True, fastmath=True)
-def _kalman(A: Any, C: Any, Q: Any, R: Any, mean: Any, cov: Any, y: Any) -> None:
-    """A Kalman filter's step row by row, in place; the noise of readings is independent, and they come one by one."""
-    n = len(Q)
-    AP, P, x, PC = np.empty((n, n)), np.empty((n, n)), np.empty(n), np.empty(n)
-    for row in range(len(mean)):
-        for i in range(n):
-            x[i] = 0.0
-            AP[i] = 0.0
-            for k in range(n):
-                x[i] += A[i, k] * mean[row, k]
-                for j in range(n):
-                    AP[i, j] += A[i, k] * cov[row, k, j]
-        for i in range(n):
-            for j in range(n):
-                P[i, j] = Q[i, j]
-                for k in range(n):
-                    P[i, j] += AP[i, k] * A[j, k]
-        for reading in range(len(R)):
-            innovation, variance = y[row, reading], R[reading, reading]
-            for i in range(n):
-                PC[i] = 0.0
-                for j in range(n):
-                    PC[i] += P[i, j] * C[reading, j]
-                innovation -= C[reading, i] * x[i]
-                variance += C[reading, i] * PC[i]
-            for i in range(n):
-                gain = PC[i] / variance
-                x[i] += gain * innovation
-                for j in range(n):
-                    P[i, j] -= gain * PC[j]
-        mean[row] = x
-        cov[row] = P
-
-
-def kalman_floor(rows: int, model: LinearModel | None = None, prior: Gaussian | None = None) -> Step:
-    """A Kalman filter's arithmetic in one compiled loop: no checks, no missing readings, no angles, no recovery."""
+def numpy_kalman(rows: int, model: LinearModel | None = None, prior: Gaussian | None = None) -> Step:
+    """A Kalman filter's arithmetic in NumPy, few rows at a time: no checks, missing readings, angles or recovery."""
     model, prior = model or LinearModel(A, C, Q, R), prior or start(rows)
-    matrices = model.A, model.C, model.Q, model.R
+    fixed: tuple[Any, ...] = model.A, model.C, model.Q, model.R
+    A_, C_, Q_, R_ = fixed
     mean, cov = prior.mean.copy(), np.array(np.broadcast_to(prior.cov, (rows, model.n, model.n)))
 
     def step(y: np.ndarray) -> np.ndarray:
-        _kalman(*matrices, mean, cov, y)
+        for first in range(0, rows, _CACHED):
+            few = slice(first, first + _CACHED)
+            x, P = mean[few] @ A_.T, A_ @ cov[few] @ A_.T + Q_
+            PC = P @ C_.T
+            K = np.linalg.solve(C_ @ PC + R_, PC.mT)
+            P -= PC @ K
+            mean[few] = x + np.vecmat(y[few] - x @ C_.T, K)
+            np.multiply(P + P.mT, 0.5, out=cov[few])
         return mean
 
     return step
 
 
-def ensemble_floor(rows: int, members: int) -> Step:
+def numpy_ensemble(rows: int, members: int) -> Step:
     """A stochastic ensemble filter's arithmetic in NumPy and its normal numbers from one generator, few rows at a time.
 
-    Leaves out what `kalman_floor` does, numbers of a row's own, centred noise, and the covariance that nobody asks for.
+    Leaves out what `numpy_kalman` does, numbers of a row's own, centred noise, and the covariance that nobody asks for.
     """
     prior, rng = start(rows), np.random.default_rng(0)
     most = max(1, 1000 // members)  # whose members stay in the processor's cache
@@ -317,24 +290,41 @@ def ensemble_floor(rows: int, members: int) -> Step:
     return step
 
 
-def flight_floor(rows: int) -> Step:
-    """The corvette on a Kalman filter: its compiled equations of motion, `kalman_floor` and the normal numbers needed.
+class HandWrittenShips(HandWrittenLoop):
+    """The ships of many environments, states ``(6, rows)``."""
+
+    def drags(self, v: Any, r: Any, a: float) -> tuple[Any, Any]:
+        """Cross-flow drag's integrals along the hulls."""
+        sign, turning = np.copysign(1.0, v), np.where(np.abs(r) * a > np.abs(v), r, 1.0)
+        bow, stern = v + a * r, v - a * r
+        bow_cubed, stern_cubed = np.abs(bow) * bow * bow, np.abs(stern) * stern * stern
+        cubic = (bow_cubed - stern_cubed) / 3.0
+        quartic = (bow * bow_cubed - stern * stern_cubed) / 4.0
+        straight = np.abs(r) * a <= np.abs(v)
+        sway = np.where(straight, sign * (2.0 * a * v * v + 2.0 / 3.0 * a**3 * r * r), cubic / turning)
+        yaw = np.where(straight, sign * 4.0 / 3.0 * a**3 * v * r, (quartic - v * cubic) / (turning * turning))
+        return sway, yaw
+
+
+def numpy_flight(rows: int) -> Step:
+    """Many corvettes on a Kalman filter in NumPy: equations of motion, `numpy_kalman` and the normal numbers needed.
 
     Leaves out Gymnasium, sea, actuators, readings, task, observation, reward, info and checks.
     """
-    core, rng = Core(THESIS_CORVETTE, rows, estimator="kf"), np.random.default_rng(0)
-    core.start(seed=0)
-    model, belief, state = core.filter.model, core.belief, core.state
-    assert isinstance(model, LinearModel)
-    turn = core.vehicle.known_input(core.actuators, core.actuators, core.task.commanded(core.course, core.steps))
-    fixed = LinearModel(resolve(model.A, turn)[0], model.C, model.Q, model.R)
-    filter = kalman_floor(rows, fixed, Gaussian(belief.mean, belief.cov))
-    noise = np.empty((rows, core.sea_state.shape[-1] + core.sensors.size))
+    ships, rng = (HandWrittenShips if rows > 1 else HandWrittenLoop)(seed=0), np.random.default_rng(0)
+    x, P, sensed = ships.filter.x, ships.filter.P, ships.filter
+    turn = round(abs(ships.rate) / ships.rate_step)
+    model = LinearModel(ships.A_table[turn], sensed.H, sensed.Q, sensed.R)
+    filter = numpy_kalman(rows, model, Gaussian(np.tile(x, (rows, 1)), np.tile(P, (rows, 1, 1))))
+    state, still = ships.truth, np.zeros(2)
+    if rows > 1:
+        state, still = np.repeat(state[:, None], rows, 1), still[:, None]
+    noise = np.empty((rows, len(ships.sea_state) + len(sensed.R)))
 
     def step(_: np.ndarray) -> np.ndarray:
         nonlocal state
-        state = core.vehicle.step(state, core.actuators, core.actuators, core.forcing, core.parameters)
+        state = ships.ship_step(state, ships.rudder, ships.rudder, still)
         rng.standard_normal(out=noise)
-        return filter(noise)
+        return filter(noise[:, : len(sensed.R)])
 
     return step

@@ -27,10 +27,10 @@ from scripts.by_hand import (
     MEMBERS,
     STATES,
     HandWrittenLoop,
-    ensemble_floor,
     filterpys,
-    flight_floor,
-    kalman_floor,
+    numpy_ensemble,
+    numpy_flight,
+    numpy_kalman,
     ours,
     readings,
 )
@@ -107,7 +107,7 @@ def shown(cell: Cell, times: dict[Timed, np.ndarray]) -> str:
 
 
 def stepped(step: Callable[[np.ndarray], Any], rows: int, steps: int) -> Timed:
-    """A filter's steps, or a floor's."""
+    """A filter's steps, or those of its arithmetic in NumPy."""
     given = readings(steps, rows)
 
     def block() -> float:
@@ -176,7 +176,7 @@ class Worker:
 
 
 def loop_table(sizes: tuple[int, ...]) -> Table:
-    """The corvette on a Kalman filter: by hand, ours, and the floor."""
+    """The corvette on a Kalman filter: by hand, ours, and its arithmetic in NumPy."""
     env, actions = HandWrittenLoop(seed=0), np.random.default_rng(0).uniform(-0.2, 0.2, STEPS)
 
     def fly() -> float:
@@ -186,39 +186,39 @@ def loop_table(sizes: tuple[int, ...]) -> Table:
             env.step(action)
         return time.perf_counter() - start
 
-    hand, floors = Timed(fly, STEPS), {rows: stepped(flight_floor(rows), rows, STEPS) for rows in (1, *sizes)}
-    lines: dict[str, tuple[Cell, ...]] = {"by hand: NumPy, filterpy": (hand, None, (hand, floors[1]))}
+    hand, plain = Timed(fly, STEPS), {rows: stepped(numpy_flight(rows), rows, STEPS) for rows in (1, *sizes)}
+    lines: dict[str, tuple[Cell, ...]] = {"by hand: NumPy, filterpy": (hand, None, (hand, plain[1]))}
     for rows in (0, *sizes):
         one = flown(env_id=CORVETTE, rows=rows, estimator="kf")
-        lines[f"batch of {rows:,}" if rows else "gymnasium.make"] = one, (one, hand), (one, floors[rows or 1])
+        lines[f"batch of {rows:,}" if rows else "gymnasium.make"] = one, (one, hand), (one, plain[rows or 1])
     default = flown(env_id=CORVETTE, rows=0)
     lines["gymnasium.make, its own filter"] = default, (default, hand), None
     return Table(
-        f"{CORVETTE} on `kf`: a step of one environment", ("µs", "times by hand", "times the floor"), lines,
-        "Floor: equations of motion and the filter's equations, compiled, and the normal numbers, as many environments "
-        "at once; without sea, actuators, readings, task, observation, info, checks and Gymnasium.",
+        f"{CORVETTE} on `kf`: a step of one environment", ("µs", "times by hand", "times bare NumPy"), lines,
+        "Bare NumPy: equations of motion, the filter's equations and the normal numbers, as many environments at once, "
+        "written by hand; without sea, actuators, readings, task, observation, info, checks and Gymnasium.",
     )  # fmt: skip
 
 
 def filter_tables(sizes: tuple[int, ...]) -> Iterator[Table]:
     """Prediction and update of a row: beside filterpy, by rows, by members."""
-    floors = {"kf": stepped(kalman_floor(1), 1, 100), "enkf": stepped(ensemble_floor(1, MEMBERS), 1, 100)}
+    plain = {"kf": stepped(numpy_kalman(1), 1, 100), "enkf": stepped(numpy_ensemble(1, MEMBERS), 1, 100)}
     lines: dict[str, tuple[Cell, ...]] = {}
     for name in ("kf", "ekf", "ukf", "enkf"):
         one, rival = stepped(ours(name, 1), 1, 100), stepped(filterpys(name), 1, 10)
-        lines[name] = one, rival, (one, rival), (one, floors[name]) if name in floors else None
+        lines[name] = one, rival, (one, rival), (one, plain[name]) if name in plain else None
     size = f"{STATES} states, {MEASUREMENTS} readings"
     yield Table(
         f"Filters: prediction and update of one row, {size}, {MEMBERS} members",
-        ("µs", "filterpy, µs", "times filterpy", "times the floor"), lines,
-        "Floor: the filter's equations (`kf` compiled, `enkf` in NumPy, with its normal numbers) without checks, "
+        ("µs", "filterpy, µs", "times filterpy", "times bare NumPy"), lines,
+        "Bare NumPy: the filter's equations (of `enkf` with its normal numbers), written by hand without checks, "
         "missing readings, angles and recovery; none is given where the cost is the model's.",
     )  # fmt: skip
 
     steps = {rows: max(2, 100 // rows) for rows in sizes}
     lines = {name: tuple(stepped(ours(name, rows), rows, steps[rows]) for rows in sizes) for name in names()}
-    lines["floor of kf"] = tuple(stepped(kalman_floor(rows), rows, steps[rows]) for rows in sizes)
-    lines["floor of enkf"] = tuple(stepped(ensemble_floor(rows, MEMBERS), rows, steps[rows]) for rows in sizes)
+    lines["kf in bare NumPy"] = tuple(stepped(numpy_kalman(rows), rows, steps[rows]) for rows in sizes)
+    lines["enkf in bare NumPy"] = tuple(stepped(numpy_ensemble(rows, MEMBERS), rows, steps[rows]) for rows in sizes)
     yield Table(
         f"Filters by rows: µs a row, prediction and update, {size}, {MEMBERS} members",
         tuple(f"{rows:,} row{'s' if rows > 1 else ''}" for rows in sizes), lines, "Every row has its own covariance.",
@@ -230,9 +230,9 @@ def filter_tables(sizes: tuple[int, ...]) -> Iterator[Table]:
         for rows in (1, BATCH):
             count = max(2, 100 // rows)
             one = stepped(ours("enkf", rows, members=members), rows, count)
-            cells += [one, (one, stepped(ensemble_floor(rows, members), rows, count))]
+            cells += [one, (one, stepped(numpy_ensemble(rows, members), rows, count))]
         lines[f"{members} members"] = tuple(cells)
-    headings = "one row, µs", "times the floor", f"{BATCH} rows, µs a row", "times the floor"
+    headings = "one row, µs", "times bare NumPy", f"{BATCH} rows, µs a row", "times bare NumPy"
     yield Table(f"`enkf` by members: prediction and update of a row, {size}", headings, lines)
 
 
@@ -307,7 +307,7 @@ def asked_at_points(rows: int) -> Timed:
 
 
 def anybody_table(sizes: tuple[int, ...]) -> Table:
-    """Gymnasium's cart-poles behind a batched filter: compiled, by NumPy, and what no filter can save."""
+    """Gymnasium's cart-poles behind a batched filter: compiled, by NumPy, and without one."""
     lines: dict[str, tuple[Cell, ...]] = {}
     for rows in sizes:
         fast, slow = balanced(rows, "ukf"), balanced(rows, "ukf", in_numpy=True)
@@ -317,7 +317,7 @@ def anybody_table(sizes: tuple[int, ...]) -> Table:
         "CartPole-v1, Gymnasium's own batch, behind a `ukf`: µs a step of one environment",
         ("`ukf`", "`ukf` by NumPy", "NumPy / compiled", "no wrapper", "the oracle", "the model's functions"), lines,
         "The oracle: all of the wrapper but a filter; the model's functions: NumPy, as the user has written them, at "
-        "the points of one step. Both are in the columns of `ukf`, and no compiled filter makes them faster.",
+        "the points of one step.",
     )  # fmt: skip
 
 
@@ -390,7 +390,7 @@ def machine() -> str:
     found = np.show_config(mode="dicts")["SIMD Extensions"]["found"]
     wide = ", AVX-512" if any(name.startswith(("AVX512", "X86_V4")) for name in found) else ""
     threads = os.environ.get("OPENBLAS_NUM_THREADS", os.environ.get("OMP_NUM_THREADS", "not set"))
-    versions = ", ".join(f"{name} {version(name)}" for name in ("numpy", "numba", "gymnasium", "filterpy"))
+    versions = ", ".join(f"{name} {version(name)}" for name in ("numpy", "llvmlite", "gymnasium", "filterpy"))
     return f"{os.cpu_count()} cores{wide}, BLAS threads: {threads}, Python {platform.python_version()}, {versions}"
 
 

@@ -13,7 +13,16 @@ import vessel_gym
 from estimators import Numbers, names
 from scripts import timing
 from scripts.benchmark import MARK, main
-from scripts.by_hand import HandWrittenLoop, ensemble_floor, filterpys, flight_floor, kalman_floor, ours, readings
+from scripts.by_hand import (
+    HandWrittenLoop,
+    HandWrittenShips,
+    filterpys,
+    numpy_ensemble,
+    numpy_flight,
+    numpy_kalman,
+    ours,
+    readings,
+)
 from scripts.console import Refusal, around
 from scripts.flights import STEPS, Flight, units
 from scripts.timing import Clock, Table, Timed, Worker, measure, shown
@@ -66,18 +75,27 @@ def test_the_filters_of_filterpy_compute_the_same(name: str):
         np.testing.assert_allclose(one(y), rival(y), rtol=1e-9, atol=1e-9)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("rows", [1, 5])
-def test_the_floor_of_a_kalman_filter_computes_the_same(rows: int):
-    one, floor = ours("kf", rows), kalman_floor(rows)
+@pytest.mark.parametrize("rows", [1, 5, 130])
+def test_a_kalman_filter_in_bare_numpy_computes_the_same(rows: int):
+    one, other = ours("kf", rows), numpy_kalman(rows)
     for y in readings(30, rows):
-        np.testing.assert_allclose(one(y), floor(y), rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(one(y), other(y), rtol=1e-9, atol=1e-9)
+
+
+def test_ships_in_bare_numpy_move_as_one_written_by_hand():
+    one, ships = HandWrittenLoop(seed=0), HandWrittenShips(seed=0)
+    states = np.random.default_rng(0).normal([0, 0, 0, 8, 0, 0], [1, 1, 1, 1, 2, 0.1], (50, 6))
+    states[0, 3:] = 0.0
+    current = np.array([0.5, -0.2])
+    moved = ships.ship_step(states.T, 0.1, 0.2, current[:, None]).T
+    for state, after in zip(states, moved, strict=True):
+        np.testing.assert_allclose(after, one.ship_step(state, 0.1, 0.2, current), rtol=1e-12, atol=1e-12)
 
 
 def test_ensembles_compute_the_same_but_for_chance():
-    exact, errors = ours("kf", 3), {"ours": [], "floor": [], "filterpy": []}
+    exact, errors = ours("kf", 3), {"ours": [], "NumPy": [], "filterpy": []}
     np.random.seed(0)  # noqa: NPY002  (filterpy's)
-    steps = {"ours": ours("enkf", 3, members=400), "floor": ensemble_floor(3, 400), "filterpy": filterpys("enkf")}
+    steps = {"ours": ours("enkf", 3, members=400), "NumPy": numpy_ensemble(3, 400), "filterpy": filterpys("enkf")}
     for y in readings(100, 3):
         mean = exact(y)
         for name, step in steps.items():
@@ -88,8 +106,8 @@ def test_ensembles_compute_the_same_but_for_chance():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("rows", [1, 3])
-def test_the_floor_of_a_flight_moves_the_ship_and_the_belief(rows: int):
-    step = flight_floor(rows)
+def test_a_flight_in_bare_numpy_moves_the_belief(rows: int):
+    step = numpy_flight(rows)
     first, second = step(readings(1, rows)[0]).copy(), step(readings(1, rows)[0])
     assert first.shape == (rows, 3)
     assert np.isfinite(second).all()
@@ -273,7 +291,7 @@ def test_the_report_names_all_that_is_timed_and_goes_onto_a_page(
         "gymnasium.make",
         "batch of 2",
         "times filterpy",
-        "floor of enkf",
+        "enkf in bare NumPy",
         "300 members",
         *names(),
     ):
