@@ -7,18 +7,18 @@ from contextvars import copy_context
 from functools import cache
 from typing import TypeVar
 
+from estimators.engine.function import LANES
+
 Result = TypeVar("Result")
 _FEWEST = 256
 """Rows that are worth a thread: waking it costs some 20 us."""
-_LANES = 64
-"""Rows that stand side by side in `estimators.sentences`."""
 
 
 @cache
 def shares(rows: int, threads: int) -> tuple[slice, ...]:
-    """Slices of the rows, about as many in each: one a thread, or fewer of few rows."""
+    """Slices of the rows, whole vectors of the engine, about as many in each: one a thread, or fewer of few rows."""
     count = max(1, min(threads, rows // _FEWEST))
-    cuts = [*(rows * i // count // _LANES * _LANES for i in range(count)), rows]
+    cuts = [*(rows * i // count // LANES * LANES for i in range(count)), rows]
     return tuple(map(slice, cuts[:-1], cuts[1:]))
 
 
