@@ -3,7 +3,8 @@
 import os
 import subprocess
 import sys
-from collections.abc import Callable
+import tempfile
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -69,6 +70,10 @@ def test_objects_serve_other_processes_and_two_that_compile_at_once_agree(tmp_pa
     one, other = (each.communicate() for each in both)
     assert one[0]
     assert one[0] == other[0]
+    private = next(tmp_path.iterdir())
+    said = {line for line in (one[1] + other[1]).splitlines() if line}
+    assert said == {f"vessel-gym: compiling equations once, a few seconds; kept in {private}"}
+    assert max(one[1].count("\n"), other[1].count("\n")) == 1  # of two programs
     third = start(tmp_path, "--forbidden").communicate()
     assert third == (one[0], "")  # nothing was compiled, and nothing said
     assert not list(tmp_path.glob("**/*.new"))
@@ -115,14 +120,60 @@ def test_a_folder_that_others_can_write_to_is_not_used(tmp_path: Path):
     assert machine._own(tmp_path / "file") is None
 
 
-def test_the_folder_is_the_one_that_is_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_folder_of_somebody_else_is_not_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    stranger = os.getuid() + 1
+    monkeypatch.setattr(os, "getuid", lambda: stranger)
+    (tmp_path / f"vessel-gym-{stranger}").mkdir(mode=0o700)
+    assert machine._own(tmp_path) is None
+
+
+@pytest.fixture
+def folder(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[], Path]]:
+    """The choice of a folder, made anew, where nothing can be written beside the code, nor in a home."""
     monkeypatch.undo()
+    monkeypatch.setattr(machine, "__file__", "/dev/null/engine/machine.py")
+    monkeypatch.setenv("HOME", "/dev/null/nobody")
+    for name in ("VESSEL_GYM_CACHE", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    machine.folder.cache_clear()
+    yield machine.folder
+    machine.folder.cache_clear()
+
+
+def test_without_a_place_to_write_objects_are_kept_among_temporary_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, folder: Callable[[], Path]
+):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setenv("VESSEL_GYM_CACHE", "/dev/null/cache")
+    assert folder().parent == tmp_path
+    assert folder().stat().st_mode & 0o077 == 0
+
+
+def test_without_a_folder_of_its_own_a_process_makes_one_for_itself(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, folder: Callable[[], Path]
+):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(machine, "_own", lambda place: None)
+    assert folder().parent == tmp_path
+    assert folder().stat().st_mode & 0o077 == 0
+
+
+def test_a_cache_of_the_user_is_enough_where_no_temporary_file_can_be(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, folder: Callable[[], Path]
+):
+    def nowhere() -> str:
+        raise FileNotFoundError("No usable temporary directory found")
+
+    monkeypatch.setattr(tempfile, "gettempdir", nowhere)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert folder().parent == tmp_path
+
+
+def test_the_folder_is_the_one_that_is_asked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, folder: Callable[[], Path]
+):
     monkeypatch.setenv("VESSEL_GYM_CACHE", str(tmp_path / "here"))
-    try:
-        machine.folder.cache_clear()
-        assert machine.folder().parent == tmp_path / "here"
-    finally:
-        machine.folder.cache_clear()
+    assert folder().parent == tmp_path / "here"
 
 
 def test_objects_that_nobody_has_used_for_long_are_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
