@@ -52,11 +52,6 @@ def with_points(points: str) -> Any:
     return new
 
 
-def writable(array: np.ndarray) -> np.ndarray:
-    """The array, or a copy if it is read-only: compiled kernels take no such arrays."""
-    return array if array.flags.writeable else array.copy()
-
-
 def call(name: str, function: Callable[..., Any], *arrays: np.ndarray | None) -> Any:
     """A function of a model at arrays that it can only read.
 

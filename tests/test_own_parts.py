@@ -518,10 +518,10 @@ def flown(system: Any, **options: Any) -> Core:
 
 
 @pytest.mark.parametrize(("part", "name", "change", "sentence"), MALFORMED)
-def test_an_array_that_kernels_cannot_take_is_refused_in_a_sentence(
+def test_an_array_of_another_shape_or_kind_is_refused_in_a_sentence(
     part: str, name: str, change: Any, sentence: str
 ) -> None:
-    """Kernels would read beyond arrays of fewer rows or columns, and nothing would say where NaN came from."""
+    """Else nothing would say where NaN came from, or whose columns are missing."""
     base = getattr(type(getattr(THESIS, part)), name)
     broken = own(part, **{name: lambda self, *arguments: change(base(self, *arguments))})
     warnings.simplefilter("error")  # which pytest takes back

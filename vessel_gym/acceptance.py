@@ -77,7 +77,7 @@ def _ours_among_bases(part: Any) -> Any:
 
 
 def _columns_of_ours(part: Any, name: str, *arguments: Any) -> int:
-    """Columns of what a method gives in the class of this package that a part derives from, whose kernels read them."""
+    """Columns of what a method gives in the class of this package that a part derives from, whose functions read them."""
     with suppress(Exception):  # somebody's class need not have what ours computes with, and then gives its own
         given = getattr(_ours_among_bases(part), name)(part, *map(copied, arguments))
         return int((given[-1] if isinstance(given, tuple) else given).shape[1])
@@ -160,7 +160,7 @@ def nominal_flight(vehicle: Vehicle, estimated: tuple[str, ...]) -> tuple[np.nda
     rows = len(action)
 
     def whole(values: np.ndarray) -> np.ndarray:
-        """Somebody's numbers as kernels take them: float64, a row each."""
+        """A user's numbers in float64, a row each."""
         return np.array(np.broadcast_to(np.asarray(values, float), (rows, values.shape[-1])))
 
     state, after = map(whole, vehicle.start(np.tile(cruising, (rows, 1))))

@@ -45,7 +45,7 @@ _SCALAR, _CONSTANT = ("reward", "end", "over"), ("parameters", "course", "comman
 
 
 class CheckedMethods:
-    """An object whose methods are `Copying`, and return arrays as kernels take them: float64, a row for each vehicle.
+    """An object whose methods are `Copying`, and return arrays of float64, a row for each vehicle.
 
     Args:
         own: The user's vehicle or task.
@@ -117,7 +117,7 @@ def _not_nan(values: np.ndarray) -> np.ndarray:
 def rows_of(
     title: str, values: Any, rows: int, columns: int | None = None, scalar: bool = False, constant: bool = False
 ) -> np.ndarray:
-    """An array of a user's as kernels take it: a copy in float64, ``(rows, columns)``.
+    """An array of a user's as compiled functions take it: a copy in float64, ``(rows, columns)``.
 
     Args:
         title: The function that gave it.

@@ -223,7 +223,7 @@ def worker(folder: Path) -> Iterator[Worker]:
     worker.close()
 
 
-@pytest.mark.nightly  # compiles all kernels in its folder
+@pytest.mark.nightly  # compiles all equations in its folder
 def test_a_worker_flies_with_the_package_of_its_folder(worker: Worker, folder: Path):
     assert Path(worker.ask("where")).is_relative_to(folder)
     one = worker.flown(env_id=ENV, rows=2, estimator="kf")
