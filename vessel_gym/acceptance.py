@@ -77,7 +77,7 @@ def _ours_among_bases(part: Any) -> Any:
 
 
 def _columns_of_ours(part: Any, name: str, *arguments: Any) -> int:
-    """Columns of what a method gives in the class of this package that a part derives from, whose functions read them."""
+    """Columns of what a method gives in the class of this package that a part derives from, which reads them."""
     with suppress(Exception):  # somebody's class need not have what ours computes with, and then gives its own
         given = getattr(_ours_among_bases(part), name)(part, *map(copied, arguments))
         return int((given[-1] if isinstance(given, tuple) else given).shape[1])

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from estimators.engine.program import Program, constant_array
-from estimators.engine.tracer import NotTraceable, Tracer, cast, constant, known, operation, power, where
+from estimators.engine.tracer import NotTraceable, Tracer, cast, constant, operation, power, where
 
 
 class TracedArray(np.ndarray):
@@ -167,10 +167,6 @@ def _constant_result(opcode: str, *values: Any) -> Any:
 
 def _sign(x: Any) -> Any:
     return where(x > 0.0, 1.0, where(x < 0.0, -1.0, x + 0.0)) if isinstance(x, Tracer) else np.sign(x)
-
-
-def _negated(opcode: str) -> Callable[..., Any]:
-    return lambda *operands: operation("not", _binary(opcode)(*map(_mask, operands)))
 
 
 def _mask(x: Any) -> Any:
@@ -401,8 +397,3 @@ def _object(value: Any) -> Any:
 def entries(value: Any, program: Program) -> list[Tracer]:
     """The scalars of a traced result in order, constants among them."""
     return [constant(program, each) for each in np.asarray(value, object).reshape(-1)]
-
-
-def is_constant(value: Any) -> bool:
-    """Does an entry not depend on the row?"""
-    return not isinstance(value, Tracer) or known(value) is not None

@@ -71,6 +71,7 @@ class Compiled:
         return own[self]
 
     def __call__(self, *arrays: Any, **static: Any) -> Any:
+        """The function's results: inlined where an argument is a tracer, executed on arrays."""
         if any(isinstance(each, TracedArray | Tracer | MatrixTracer) for each in arrays):
             return self.function(*arrays, **static)
         axes = self._axes or (1,) * len(arrays)
