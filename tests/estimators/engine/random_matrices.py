@@ -83,6 +83,11 @@ def rotated(a: Any) -> Any:
     return columns @ columns.mT + (columns @ rotation.mT).sum((-2, -1)) * np.ones((1, 1))
 
 
+def copysign(a: Any, b: Any) -> Any:
+    """Of signs that zeros and NaN do not have for certain."""
+    return np.copysign(a, np.where(np.abs(b) > 1e-9, b, 1.0))
+
+
 def inner(a: Any, b: Any) -> Any:
     return linear.inner(a, b) if is_traced(a, b) else a @ b.mT
 
@@ -106,7 +111,7 @@ WORDS: dict[str, Callable[..., Any]] = {
     "solve_upper": lambda a, b: solve_upper(spd(a), b), "solve_lower": lambda a, b: solve_lower(spd(a), b),
     "cholesky": lambda a: lower(spd(a)), "symmetrise": symmetrise, "semidefinite": semidefinite, "rotated": rotated,
     "inner": inner, "congruence": lambda a, b: a @ b @ a.mT, "arctan2": np.arctan2, "exp": lambda a: np.exp(-abs(a)),
-    "sin": np.sin, "cos": np.cos, "log": lambda a: np.log(abs(a)), "fmod": np.fmod, "copysign": np.copysign,
+    "sin": np.sin, "cos": np.cos, "log": lambda a: np.log(abs(a)), "fmod": np.fmod, "copysign": copysign,
     "joined": lambda a, b: beside([a, b], -1), "joined below": lambda a, b, c: beside([a, b, c], -2),
 }  # fmt: skip
 """Those of the language: each must be met, and accepted, many times."""
