@@ -355,7 +355,7 @@ def floor_divide(x: Any, y: Any) -> Any:
 
 
 def repeat(count: int, body: Callable[..., Sequence[Any]], *carried: Any) -> tuple[Any, ...]:
-    """What a body makes of scalars ``(...)`` in ``count`` passes: ``carried = body(*carried)``.
+    """What a body makes of numbers or arrays in ``count`` passes: ``carried = body(*carried)``.
 
     A loop in a compiled program, where Python's own would be unrolled.
     """
@@ -363,16 +363,25 @@ def repeat(count: int, body: Callable[..., Sequence[Any]], *carried: Any) -> tup
         for _ in range(count):
             carried = tuple(body(*carried))
         return tuple(carried)
-    from estimators.engine.arrays import scalar
+    from estimators.engine.arrays import TracedArray
     from estimators.engine.tracer import constant
 
-    scalars = [scalar(each) for each in carried]
-    program = next(each.program for each in scalars if isinstance(each, Tracer))
-    initial = [constant(program, each).value for each in scalars]
+    arrays = [TracedArray.of(each) for each in carried]
+    entries = [entry for array in arrays for entry in array.flat]
+    program = next(each.program for each in entries if isinstance(each, Tracer))
+
+    def rebuilt(values: Sequence[int]) -> list[Any]:
+        tracers, found = iter(values), []
+        for array in arrays:
+            own = [Tracer(program, next(tracers)) for _ in range(array.size)]
+            found.append(TracedArray.of(own).reshape(array.shape) if array.ndim else own[0])
+        return found
 
     def traced(*parameters: int) -> list[int]:
-        after = body(*(Tracer(program, value) for value in parameters))
-        return [cast(constant(program, scalar(each)), program.kinds[value]).value
-                for each, value in zip(after, parameters, strict=True)]  # fmt: skip
+        after = [np.broadcast_to(np.asarray(each, object), array.shape)
+                 for each, array in zip(body(*rebuilt(parameters)), arrays, strict=True)]  # fmt: skip
+        flat = (constant(program, entry) for array in after for entry in array.flat)
+        return [cast(x, program.kinds[value]).value for x, value in zip(flat, parameters, strict=True)]
 
-    return tuple(Tracer(program, value) for value in program.repeat(count, traced, initial))
+    initial = [constant(program, each).value for each in entries]
+    return tuple(rebuilt(program.repeat(count, traced, initial)))

@@ -21,7 +21,7 @@ from estimators.engine.creation import traced_creation
 from estimators.engine.dependencies import Dependencies
 from estimators.engine.function import FEW, Argument, Function, kind_of
 from estimators.engine.interpret import interpret
-from estimators.engine.program import Instruction, Program
+from estimators.engine.program import Instruction, Loop, Program
 from estimators.engine.tracer import NotTraceable, Tracer
 
 _LONGEST = 20_000  # values of a program; LLVM needs a second for as many
@@ -234,23 +234,43 @@ def _numbered(program: Program, outputs: Sequence[int], numbers: dict[Any, int],
     def number(key: Any) -> int:
         return numbers.setdefault(key, -1 - len(numbers))
 
-    def visit(instructions: Sequence[Instruction], depth: int) -> None:
+    def visit(instructions: Sequence[Instruction], own: dict[int, int], depth: int) -> None:
         for each in instructions:
+            if each.opcode == "repeat":
+                own.update({result: looped(each, i, own, depth) for i, result in enumerate(each.results)})
+                continue
             operands = tuple(own.get(value, value) for value in each.operands)  # type: ignore[arg-type]
             attributes = each.attributes
-            if each.opcode == "repeat":
-                loop = attributes[0]
-                own.update((p, number(("carried", depth, i))) for i, p in enumerate(loop.parameters))
-                visit(loop.body, depth + 1)
-                key = "repeat", operands, loop.count, tuple(own.get(value, value) for value in loop.after)
-                own.update((result, number((key, i))) for i, result in enumerate(loop.results))
-                continue
             if each.opcode == "input" and attributes[2:] == (at,):
                 attributes = attributes[:2]
             own[each.result] = number((each.opcode, operands, program.kinds[each.result], attributes))
 
-    visit(program.live(outputs), 0)
+    def looped(instruction: Instruction, result: int, own: dict[int, int], depth: int) -> int:
+        """The number of one result of a loop, by what it depends on alone."""
+        loop = instruction.attributes[0]
+        needed = _needed(loop, result)
+        inside = own | {loop.parameters[i]: number(("carried", depth, place)) for place, i in enumerate(needed)}
+        visit(loop.body, inside, depth + 1)
+        operands = tuple(own.get(instruction.operands[i], instruction.operands[i]) for i in needed)  # type: ignore
+        after = tuple(inside.get(loop.after[i], loop.after[i]) for i in needed)
+        return number(("repeat", operands, loop.count, after, needed.index(result)))
+
+    visit(program.live(outputs), own, 0)
     return [own.get(value, value) for value in outputs]
+
+
+def _needed(loop: Loop, result: int) -> list[int]:
+    """Which of the numbers that a loop carries one of its results depends on."""
+    reached: dict[int, set[int]] = {parameter: {i} for i, parameter in enumerate(loop.parameters)}
+    for each in loop.body:
+        found = set().union(*(reached.get(value, set()) for value in each.values))
+        reached.update(dict.fromkeys(each.results, found))
+    needed = {result}
+    while True:
+        more = needed.union(*(reached.get(loop.after[i], set()) for i in needed))
+        if more == needed:
+            return sorted(needed)
+        needed = more
 
 
 # --- values -----------------------------------------------------------------------------------------

@@ -13,9 +13,10 @@ import numpy as np
 import pytest
 import scipy.interpolate
 
-from estimators.engine import compiled, creation
+from estimators.engine import compiled, creation, repeat
 from estimators.engine.foreign import inspect
 from estimators.engine.interpret import interpret
+from tests.estimators.engine.random_functions import RandomFunction
 
 GAIN = 2.0
 TABLE = np.array([1.0, 2.0])
@@ -380,6 +381,24 @@ def test_the_line_is_named():
 def test_rows_that_depend_on_others_are_found_out(function: Callable[..., Any]):
     for given in (X, X[0]):
         assert not inspect(function, given).traceable
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_random_functions_are_traceable(seed: int):
+    rng = np.random.default_rng(20_000 + seed)
+    function = RandomFunction(rng, False)
+    inspection = inspect(function, rng.normal(size=(4, function.n) if seed % 2 else function.n))
+    assert inspection.traceable, inspection.reason
+    assert inspection.unchanged()
+
+
+def test_loops_of_arrays_are_loops_of_each_row():
+    def function(x: np.ndarray) -> np.ndarray:
+        total, _ = repeat(5, lambda a, b: (a + 0.1 * np.sin(b), b * 0.5 + a), x, np.zeros_like(x))
+        return total  # type: ignore[no-any-return]
+
+    traced(function)
+    assert not inspect(lambda x: repeat(3, lambda a: (a + a[::-1],), x)[0], X).traceable
 
 
 def test_an_argument_without_a_batch_is_shared():
