@@ -3,7 +3,6 @@
 import enum
 import functools
 import sys
-import threading
 import types
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -13,7 +12,7 @@ import numpy as np
 import pytest
 import scipy.interpolate
 
-from estimators.engine import compiled, creation, repeat
+from estimators.engine import compiled, repeat
 from estimators.engine.foreign import inspect
 from estimators.engine.interpret import interpret
 from tests.estimators.engine.random_functions import RandomFunction
@@ -438,28 +437,3 @@ def test_a_program_in_numpy_has_the_bits_of_its_compiled_self():
     assert inspection.traceable, inspection.reason
     (found,) = interpret(inspection.function, [x, n], (1, 0))
     np.testing.assert_array_equal(found.view(np.int64), inspection(x, n).view(np.int64))
-
-
-def test_numpys_own_functions_are_back_after_tracing_and_untouched_elsewhere():
-    own = np.zeros, np.asarray, np.array
-    seen: list[Any] = []
-
-    def fresh(x: np.ndarray) -> np.ndarray:
-        y = np.zeros(x.shape)
-        y[..., 0] = np.asarray(x, float)[..., 1]
-        return y
-
-    with creation.traced_creation():
-        thread = threading.Thread(target=lambda: seen.append((type(np.zeros(3)), np.zeros(3).dtype)))
-        thread.start()
-        thread.join()
-        captured = np.zeros
-    assert seen == [(np.ndarray, np.dtype(float))]
-    assert type(captured(3)) is np.ndarray
-    assert (np.zeros, np.asarray, np.array) == own
-    inspection = traced(fresh)
-    with pytest.raises(ZeroDivisionError), creation.traced_creation():
-        _ = 1 / 0
-    assert (np.zeros, np.asarray, np.array) == own
-    outer = compiled(lambda x: inspection.inline(x) + 1.0)
-    np.testing.assert_array_equal(outer(X), fresh(X) + 1.0)
