@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from estimators.formulas import is_noted
+from estimators.engine.matrices import is_traced
 
 _TURN = 2.0 * np.pi
 _LOWEST = np.nextafter(-np.pi, 0.0)
@@ -20,7 +20,7 @@ def wrap(angle: np.ndarray | float) -> np.ndarray:
         The same angles in (-pi, pi], same shape.
     """
     below: Any = np.pi - angle
-    rest = below - _TURN * np.floor(below / _TURN) if is_noted(angle) else np.mod(below, _TURN)  # floor is vectorised
+    rest = below - _TURN * np.floor(below / _TURN) if is_traced(angle) else np.mod(below, _TURN)  # floor is vectorised
     return np.maximum(np.pi - rest, _LOWEST)  # a hair above pi is rounded to a whole turn
 
 
@@ -35,7 +35,7 @@ def difference(a: np.ndarray, b: np.ndarray, angles: tuple[int, ...]) -> np.ndar
     State angles stay unwrapped inside filters, so this is where a residual becomes small again.
     """
     residual = a - b
-    if is_noted(residual):
+    if is_traced(residual):
         are_angles = np.isin(np.arange(residual.shape[-1]), angles)
         return np.where(are_angles, wrap(residual), residual) if angles else residual
     if angles:

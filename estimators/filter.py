@@ -5,7 +5,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import cache
 from inspect import signature
-from typing import Any, ClassVar, Generic, NamedTuple, cast
+from typing import Any, ClassVar, Generic, NamedTuple
+from typing import cast as cast_to
 
 import numpy as np
 
@@ -22,7 +23,11 @@ from estimators.belief import (
     laid_out,
 )
 from estimators.checks import as_array, as_mask, frozen, shown
-from estimators.formulas import Program, is_noted
+from estimators.engine.foreign import Inspection
+from estimators.engine.function import Argument, Function
+from estimators.engine.matrices import MatrixTracer, is_traced, matrix, matrix_input
+from estimators.engine.program import Program
+from estimators.engine.tracer import cast
 from estimators.linalg import (
     SINGULAR,
     congruence,
@@ -82,9 +87,9 @@ class Filter(ABC, Generic[Record]):
     likelihood: ClassVar[str] = "approximate"
     """What `log_likelihood` is: "exact", "diffuse" or "approximate"."""
     formulas: ClassVar[bool] = False
-    """Whether ``_predict`` and ``_update`` are formulas, which are compiled, see `estimators.formulas`.
+    """Whether ``_predict`` and ``_update`` are formulas, which are compiled, see `estimators.engine.matrices`.
 
-    They are then noted once: what they read of the filter itself, or do besides, counts as it was then. It is not
+    They are then traced once: what they read of the filter itself, or do besides, counts as it was then. It is not
     inherited: a filter of your own is NumPy until it says otherwise. Arrays that its record has besides are masks or
     float64 afterwards.
     """
@@ -98,11 +103,11 @@ class Filter(ABC, Generic[Record]):
         self._identity, self._no_columns = identity(model.n), np.zeros((model.p, 0))
         self._regular = None if callable(model.R) else _regular(model.R)
         self._alike = all(getattr(matrix, "ndim", 2) == 2 for matrix in vars(model).values())  # all rows have one model
-        self._programs: dict[Any, _Noted | None] | None = {} if self.formulas and self._alike else None
+        self._programs: dict[Any, _Traced | None] | None = {} if self.formulas and self._alike else None
         self._first: tuple[np.ndarray, Layout] | None = None  # a row as it begins, but for mean and covariance
 
     def __getstate__(self) -> dict[str, Any]:
-        """All but what was noted, which is noted again."""
+        """All but its programs, which are traced again."""
         return self.__dict__ | {"_programs": None if self._programs is None else {}, "_first": None}
 
     def __init_subclass__(cls, **arguments: Any) -> None:
@@ -184,7 +189,7 @@ class Filter(ABC, Generic[Record]):
         begun: Any = self.record.looked_at(packed, layout, None, None, u)
         object.__setattr__(begun, "prior_mean", begun.mean)
         object.__setattr__(begun, "prior_cov", begun.cov)
-        return cast(Record, begun)
+        return cast_to(Record, begun)
 
     def predict(self, belief: Record, u: np.ndarray | None = None, rng: Rng = None) -> Record:
         """One step ahead: ``x(k-1|k-1)`` to ``x(k|k-1)``.
@@ -313,15 +318,19 @@ class Filter(ABC, Generic[Record]):
         self, belief: Record, u: np.ndarray | None, y: np.ndarray, available: np.ndarray | None, rng: Rng
     ) -> Record:
         """`predict`, then `update`."""
-        if self._programs is not None and self._regular and isinstance(self.model, LinearModel):
-            updated, doubtful = self._carried_out(_BOTH, belief, u, y, available)
-            if not doubtful and (self._ours or _proper(updated.cov)):
+        if self._programs is not None and self._regular and self._in_one_program(belief, u):
+            updated, doubtful = self._executed(_BOTH, belief, u, y, available)
+            if not doubtful.any() and (self._ours or _proper(updated.cov)):
                 return updated
         return self._corrected(self._predicted(belief, u, rng), y, available, None, rng)
 
+    def _in_one_program(self, belief: Record, u: np.ndarray | None) -> bool:
+        """Are prediction and update one program? Host callbacks of an update need the prediction."""
+        return isinstance(self.model, LinearModel) or len(self._inlined(belief, u)) == len(_TRACED)
+
     def _predicted(self, belief: Record, u: np.ndarray | None, rng: Rng) -> Record:
         if self._programs is not None:
-            return self._carried_out(("_predict",), belief, u)[0]
+            return self._executed(("_predict",), belief, u)[0]
         with np.errstate(all="ignore"):
             return self._predict(belief, u, rng)
 
@@ -333,8 +342,7 @@ class Filter(ABC, Generic[Record]):
             R = self._own_R(belief) if R is None and isinstance(self.model.R, StateNoise) else R
             regular = _regular(neutralised(*self._noise(y, available, R, belief.u)))
         if self._programs is not None:
-            updated, doubtful = self._carried_out(("_update",), belief, belief.u, y, available, R)
-            rows = updated.packed[..., -1] != 0.0
+            updated, rows = self._executed(("_update",), belief, belief.u, y, available, R)
         else:
             with np.errstate(all="ignore"):
                 reading = self._reading(belief, y, available, R)
@@ -342,7 +350,7 @@ class Filter(ABC, Generic[Record]):
                 if not self._ours:
                     updated = self._returned("_update", updated, belief.mean.shape[:-1])
                 rows = _doubtful(updated, reading.R)
-            doubtful = int(rows.any())
+        doubtful = bool(rows.any())
         if regular and doubtful:
             rows = self._unsound(belief, updated, rows)
         if regular and not (doubtful and rows.any()) and (self._ours or _proper(updated.cov)):
@@ -390,7 +398,7 @@ class Filter(ABC, Generic[Record]):
     # --- what a filter fills in -------------------------------------------------------------------
 
     def _init(self, belief: Belief, rng: Rng) -> Record:
-        return cast(Record, belief)
+        return cast_to(Record, belief)
 
     @abstractmethod
     def _predict(self, belief: Record, u: np.ndarray | None, rng: Rng) -> Record: ...
@@ -402,72 +410,93 @@ class Filter(ABC, Generic[Record]):
 
     def _asked(self, question: str, belief: Record, u: np.ndarray | None) -> Any:
         """What a method says of a belief: beforehand where a formula is noted, for functions of a model are none."""
-        if is_noted(belief.mean) and not isinstance(self.model, LinearModel):
-            axes, program = _ANSWERS[question], cast(Any, belief.mean).program
-            return program.ask(lambda belief, u, R: getattr(self, question)(belief, u), *axes)
+        if is_traced(belief.mean) and not isinstance(self.model, LinearModel):
+            axes, program = _ANSWERS[question], cast_to(Any, belief.mean).program
+            if question in program.inlined:
+                return getattr(self, question)(belief, u)
+            return program.callback(lambda belief, u, R: getattr(self, question)(belief, u), *axes)
         return getattr(self, question)(belief, u)
+
+    def _inlined(self, belief: Record, u: np.ndarray | None) -> dict[str, Any]:
+        """The model's functions that are traced with the methods which linearise them, by these methods' names.
+
+        Others are host callbacks: a method that evaluates the model by itself, a function that cannot be traced.
+        """
+        if isinstance(self.model, LinearModel):
+            return {}
+        found = {}
+        for question, (name, methods) in _TRACED.items():
+            if question == "_moved" and callable(self.model.G):
+                continue
+            own = all(getattr(type(self), method) is getattr(Filter, method) for method in methods)
+            function = self.model.traceable(name, belief.mean, u) if own else None
+            if function is not None:
+                found[question] = function
+        return found
 
     def _moved(self, belief: Record, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """Mean ``(..., n)`` and covariance ``(..., n, n)`` one step on, without process noise."""
         return self._propagate(belief.mean, belief.cov, u)
 
-    def _carried_out(
-        self, formulas: tuple[str, ...], belief: Record, u: np.ndarray | None, y: np.ndarray | None = None,
+    def _executed(
+        self, methods: tuple[str, ...], belief: Record, u: np.ndarray | None, y: np.ndarray | None = None,
         available: np.ndarray | None = None, R: np.ndarray | None = None,
-    ) -> tuple[Record, int]:  # fmt: skip
-        """Some of `_predict` and `_update`, compiled; and of how many rows the result is `_doubtful`."""
+    ) -> tuple[Record, np.ndarray]:  # fmt: skip
+        """The compiled `_predict`, `_update` or both; and the mask ``(...)`` of the rows that are `_doubtful`."""
         packed, layout = belief.side_by_side()
-        key = formulas, id(layout), None if u is None else u.shape[-1], R is None
+        key = methods, id(layout), None if u is None else u.shape[-1], R is None
         assert self._programs is not None
-        noted = self._programs.get(key)
-        if noted is None:
-            noted = self._programs[key] = self._noted(formulas, belief, layout, u, R)
+        traced = self._programs.get(key)
+        if traced is None or not all(each.unchanged() for each in traced.inspections):
+            traced = self._programs[key] = self._traced(methods, belief, layout, u, R)
         batch, own = packed.shape[:-1], _in_rows(packed)
-        out = np.empty((len(own), noted.layout.width + 1))
-        given = (
-            own, own if u is None else _in_rows(u), own if y is None else _in_rows(y),
+        out, doubtful = np.empty((len(own), traced.layout.width)), np.empty((len(own), 1), bool)
+        self._run(
+            traced.function, own, own if u is None else _in_rows(u), own if y is None else _in_rows(y),
             _all(len(own), self.model.p) if available is None else _in_rows(available),
-            _in_rows(noted.answers(belief, u, R, batch)) if noted.questions else own, out,
+            _in_rows(traced.results(belief, u, R, batch)) if traced.callbacks else own, out, doubtful,
         )  # fmt: skip
-        doubtful = self._run(noted.program, *given)
         out = out if len(batch) == 1 else out.reshape(*batch, out.shape[-1])
-        updated: Any = self.record.looked_at(out, noted.layout, belief.prior_mean, belief.prior_cov, u)
+        updated: Any = self.record.looked_at(out, traced.layout, belief.prior_mean, belief.prior_cov, u)
         if y is None:
             object.__setattr__(updated, "recovery", belief.recovery)
-        return updated, doubtful
+        return updated, doubtful.reshape(batch)
 
-    def _run(self, program: Program, *given: np.ndarray) -> int:
-        """Carry out a program on arrays of rows, of which threads take their shares."""
+    def _run(self, function: Function, *arrays: np.ndarray) -> None:
+        """Execute a program on arrays of rows, of which threads take their shares."""
         if self._threads == 1:
-            return program.run(*given)
-        rows = shares(len(given[0]), self._threads)
-        return sum(each(lambda part: program.run(*(array[part] for array in given)), rows, self._threads))
+            function(len(arrays[-1]), 0, *arrays)
+            return
+
+        def part(rows: slice) -> None:
+            function(rows.stop - rows.start, 0, *(array[rows] for array in arrays))
+
+        each(part, shares(len(arrays[-1]), self._threads), self._threads)
 
     def _by_rows(self, formula: Callable[..., Any], *matrices: np.ndarray) -> Any:
-        """A formula of two matrices ``(..., n, m)`` at most, compiled where the filter's formulas are.
+        """A formula of matrices ``(..., n, m)``, compiled where the filter's own are.
 
-        For what is computed between questions to the model; it gives vectors or matrices, one or a tuple of them.
+        For what is computed between host callbacks; it gives vectors or matrices, one or a tuple of them.
         """
         if self._programs is None:
             return formula(*matrices)
         batch, sizes = matrices[0].shape[:-2], tuple(matrix.shape[-2:] for matrix in matrices)
-        noted = self._programs.get((formula.__name__, sizes))
-        if noted is None:
-            noted = self._programs[formula.__name__, sizes] = _formula(formula, sizes)
+        traced = self._programs.get((formula.__name__, sizes))
+        if traced is None:
+            traced = self._programs[formula.__name__, sizes] = _formula(formula, sizes)
         rows = [_in_rows(matrix.reshape(*batch, math.prod(size))) for matrix, size in zip(matrices, sizes, strict=True)]
-        own, other = rows[0], rows[-1]
-        out = np.empty((len(own), noted.layout.width))
-        self._run(noted.program, own, other, own, _all(len(own), 1), own, out)
-        results = tuple(out[own].reshape(batch + shape) for own, shape in noted.layout.cuts.values())
+        out = np.empty((len(rows[0]), traced.layout.width))
+        self._run(traced.function, *rows, out)
+        results = tuple(out[own].reshape(batch + shape) for own, shape in traced.layout.cuts.values())
         return results if len(results) > 1 else results[0]
 
-    def _noted(
-        self, formulas: tuple[str, ...], belief: Record, layout: Layout, u: np.ndarray | None, R: np.ndarray | None
-    ) -> "_Noted":
+    def _traced(
+        self, methods: tuple[str, ...], belief: Record, layout: Layout, u: np.ndarray | None, R: np.ndarray | None
+    ) -> "_Traced":
         """The program of some of `_predict` and `_update`, for beliefs and a known input like these."""
-        program, questions, column = Program(), [], 0
+        program, callbacks, column = Program(), [], 0
 
-        def ask(question: _Question, *axes: int) -> Any:
+        def callback(question: _Question, *axes: int) -> Any:
             nonlocal column
             with np.errstate(all="ignore"):
                 values, again = (question(belief, u, R) for _ in range(2))
@@ -477,26 +506,32 @@ class Filter(ABC, Generic[Record]):
                     "the model's functions gave two values for the same arguments: they must depend on these alone, "
                     "without random numbers, clocks or counters of their own"
                 )
-            answers: list[Any] = []
-            questions.append((question, axes))
+            results: list[Any] = []
+            callbacks.append((question, axes))
             for value, k in zip(values if isinstance(values, tuple) else (values,), axes, strict=True):
-                answers.append(None if value is None else program.given(4, column, *value.shape[value.ndim - k :]))
-                column += 0 if value is None else answers[-1].size
-            return tuple(answers) if len(axes) > 1 else answers[0]
+                shape = () if value is None else value.shape[value.ndim - k :]
+                results.append(None if value is None else matrix_input(program, 4, column, shape))
+                column += 0 if value is None else math.prod(shape)
+            return tuple(results) if len(axes) > 1 else results[0]
 
-        program.ask = ask
-        doubtful: Any = 0.0
+        program.callback, program.inlined = callback, self._inlined(belief, u)
+        inspections = tuple(each for each in program.inlined.values() if isinstance(each, Inspection))
+        doubtful: Any = None
         try:
             fields: dict[str, Any] = dict.fromkeys(belief.__dataclass_fields__)
             for name, (first, shape) in layout.columns.items():
-                fields[name] = program.given(0, first, *shape, mask=name in layout.masks)
-            known = None if u is None else program.given(1, 0, u.shape[-1])
+                value = matrix_input(program, 0, first, shape)
+                if name in layout.masks:
+                    value = value.as_type(True) if isinstance(value, MatrixTracer) else cast(value, "b")
+                fields[name] = value
+            known = None if u is None else matrix_input(program, 1, 0, u.shape[-1:])
             now: Any = self.record(**(fields | {"u": known}))
-            if "_predict" in formulas:
+            if "_predict" in methods:
                 now = self._sound(self._predict(now, known, None), now)
-            if "_update" in formulas:
-                y, mask = program.given(2, 0, self.model.p), program.given(3, 0, self.model.p)
-                told = None if R is None else ask(lambda belief, u, R: R, 2)
+            if "_update" in methods:
+                p = (self.model.p,)
+                y, mask = matrix_input(program, 2, 0, p), matrix_input(program, 3, 0, p, "b")
+                told = None if R is None else callback(lambda belief, u, R: R, 2)
                 reading = self._reading(now, y, mask, told)
                 now = self._sound(self._update(now, reading, None), now)
                 if not self._ours:  # whose covariance may be symmetric but for rounding
@@ -505,34 +540,37 @@ class Filter(ABC, Generic[Record]):
             results = {name: value for name, value in now._arrays().items() if value is not None and name not in APART}
             masks = frozenset(name for name, value in results.items() if value.dtype == bool)
             found = laid_out(tuple((name, value.shape) for name, value in results.items()), masks)
-            wanted = [(results[name], first) for name, (first, _) in found.columns.items()]
-            program.finish([*wanted, (doubtful, found.width)])
+            parts = [_part(program, value) for value in results.values()]
+            mask = [] if doubtful is None else [doubtful.value]
         except Exception as error:
             if self._ours:
                 raise
             raise TypeError(
-                f"{type(self).__name__} says that it is formulas, but cannot be noted as such ({error}): write it in "
-                f"the words of estimators.formulas, or without formulas = True"
+                f"{type(self).__name__} says that it is formulas, but cannot be traced as such ({error}): write it in "
+                f"the words of estimators.engine.matrices, or without formulas = True"
             ) from error
-        return _Noted(program, found, tuple(questions), column)
+        sizes = (layout.width, 0 if u is None else u.shape[-1], self.model.p, self.model.p, column)
+        arguments = [Argument((size,), "b" if i == 3 else "f") for i, size in enumerate(sizes)]
+        outputs = [(parts, Argument((found.width,))), (mask, Argument((1,), "b"))]
+        return _Traced(Function(program, arguments, outputs), found, tuple(callbacks), column, inspections)
 
-    def _sound(self, noted: Any, before: Any) -> Record:
+    def _sound(self, traced: Any, before: Any) -> Record:
         """A belief that a formula of one's own gave, if its arrays have the shapes that they must have, a row."""
         n, p = self.model.n, self.model.p
         if self._ours:
-            return cast(Record, noted)
-        if not isinstance(noted, self.record):
-            raise ValueError(f"it must return a {self.record.__name__}, not {type(noted).__name__}")
+            return cast_to(Record, traced)
+        if not isinstance(traced, self.record):
+            raise ValueError(f"it must return a {self.record.__name__}, not {type(traced).__name__}")
         fixed = {"mean": (n,), "cov": (n, n), "innovation": (p,), "innovation_cov": (p, p), "available": (p,)}
-        for name, value in noted._arrays().items():
+        for name, value in traced._arrays().items():
             had = getattr(before, name)
             if value is None or name in APART:
                 continue
             shape = fixed.get(name, getattr(value if had is None else had, "shape", None))
-            if not (is_noted(value) or isinstance(value, np.ndarray | np.generic)) or value.shape != shape:
+            if not (is_traced(value) or isinstance(value, np.ndarray | np.generic)) or value.shape != shape:
                 found = getattr(value, "shape", shown(value))
                 raise ValueError(f"the {name} that it returns must have the shape {shape} a row, not {found}")
-        return cast(Record, noted)
+        return cast_to(Record, traced)
 
     def _reading(self, belief: Record, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None) -> Reading:
         """Innovation and measurement matrices, with missing channels neutralised."""
@@ -542,7 +580,7 @@ class Filter(ABC, Generic[Record]):
         R, mask = self._noise(y, available, R, u)
         reading = Reading(
             difference(y, expected, model.measurement_angles), C, H, R if excess is None else R + excess, mask,
-            not is_noted(mask) and bool(mask.all()),
+            not is_traced(mask) and bool(mask.all()),
         )  # fmt: skip
         return reading if reading.complete else reading.only(mask)
 
@@ -755,22 +793,25 @@ def _all(rows: int, readings: int) -> np.ndarray:
 _Question = Callable[[Any, Any, Any], Any]
 _ANSWERS = {"_moved": (1, 2), "_linearise": (1, 2, 2), "_moving_G": (2,)}
 """Axes of what these methods say of a row."""
+_TRACED = {"_moved": ("transition", ("_propagate",)), "_linearise": ("measurement", ("_linearise",))}
+"""The model's function behind them, and the methods that linearise it."""
 
 
-class _Noted(NamedTuple):
-    """A program, how its results are laid out, and what is asked before it is run."""
+class _Traced(NamedTuple):
+    """A program, the layout of its results, and the host callbacks whose results it needs."""
 
-    program: Program
+    function: Function
     layout: Layout
-    questions: tuple[tuple[_Question, tuple[int, ...]], ...]
-    columns: int  # of the answers
+    callbacks: tuple[tuple[_Question, tuple[int, ...]], ...]
+    columns: int  # of their results
+    inspections: tuple[Inspection, ...] = ()  # of functions of others that are part of it
 
-    def answers(self, belief: Belief, u: np.ndarray | None, R: np.ndarray | None, batch: tuple[int, ...]) -> np.ndarray:
-        """The answers of a batch, side by side ``(..., columns)``."""
+    def results(self, belief: Belief, u: np.ndarray | None, R: np.ndarray | None, batch: tuple[int, ...]) -> np.ndarray:
+        """What the callbacks give for a batch, side by side ``(..., columns)``."""
         out, first = np.empty(batch + (self.columns,)), 0
         with np.errstate(all="ignore"):
-            asked = [question(belief, u, R) for question, _ in self.questions]
-        for values, (_, axes) in zip(asked, self.questions, strict=True):
+            given = [question(belief, u, R) for question, _ in self.callbacks]
+        for values, (_, axes) in zip(given, self.callbacks, strict=True):
             for value, k in zip(values if isinstance(values, tuple) else (values,), axes, strict=True):
                 if value is not None:
                     own = value.shape[value.ndim - k :]
@@ -780,14 +821,21 @@ class _Noted(NamedTuple):
         return out
 
 
-def _formula(formula: Callable[..., Any], sizes: tuple[tuple[int, int], ...]) -> _Noted:
+def _part(program: Program, value: Any) -> Any:
+    """A result as a part of an output of floats."""
+    value = matrix(program, value)
+    return value.view if isinstance(value, MatrixTracer) else cast(value, "f").value
+
+
+def _formula(formula: Callable[..., Any], sizes: tuple[tuple[int, int], ...]) -> _Traced:
     """The program of a formula of matrices of these sizes."""
     program = Program()
-    results = formula(*(program.given(array, 0, *size) for array, size in enumerate(sizes)))
+    results = formula(*(matrix_input(program, argument, 0, size) for argument, size in enumerate(sizes)))
     results = results if isinstance(results, tuple) else (results,)
     found = laid_out(tuple((str(i), result.shape) for i, result in enumerate(results)))
-    program.finish([(result, first) for result, (first, _) in zip(results, found.columns.values(), strict=True)])
-    return _Noted(program, found, (), 0)
+    parts = [_part(program, result) for result in results]
+    arguments = [Argument((math.prod(size),)) for size in sizes]
+    return _Traced(Function(program, arguments, [(parts, Argument((found.width,)))]), found, (), 0)
 
 
 def _doubtful(updated: Belief, R: np.ndarray) -> np.ndarray:

@@ -6,17 +6,8 @@ from functools import cache, lru_cache
 
 import numpy as np
 
-from estimators.engine import linear, matrices
-from estimators.formulas import is_noted
-from estimators.operations import (
-    check_equations,
-    orthogonal,
-    root_of,
-    rotated,
-    side_by_side,
-    solve_definite,
-    symmetric,
-)
+from estimators.engine import linear
+from estimators.engine.matrices import is_traced
 
 
 @cache
@@ -27,14 +18,9 @@ def identity(n: int) -> np.ndarray:
     return eye
 
 
-def is_traced(array: object) -> bool:
-    """Does an array stand for what differs from row to row: is a formula traced with it?"""
-    return isinstance(array, matrices.MatrixTracer)
-
-
 def symmetrise(a: np.ndarray) -> np.ndarray:
     """The symmetric part of ``(..., n, n)``, so that rounding never accumulates."""
-    return symmetric(a) if is_noted(a) else 0.5 * (a + a.mT)
+    return linear.symmetrise(a) if is_traced(a) else 0.5 * (a + a.mT)
 
 
 def congruence(a: np.ndarray, p: np.ndarray) -> np.ndarray:
@@ -64,10 +50,8 @@ def equilibrated(s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def joined(parts: Sequence[np.ndarray], axis: int) -> np.ndarray:
     """Matrices ``(..., i, j)`` below (axis -2) or beside (axis -1) each other, one batch for all."""
-    if any(is_noted(part) for part in parts):
-        return side_by_side(parts, axis)  # type: ignore[return-value]
     if any(is_traced(part) for part in parts):
-        return matrices.joined(linear.program_of(*parts), parts, axis)
+        return linear.joined(parts, axis)
     batch = np.broadcast_shapes(*(part.shape[:-2] for part in parts))
     return np.concatenate([np.broadcast_to(part, batch + part.shape[-2:]) for part in parts], axis)
 
@@ -83,8 +67,6 @@ def solve(s: np.ndarray, b: np.ndarray) -> np.ndarray:
     A row whose ``S`` is singular comes out as NaN instead of raising: inside a rollout the filter
     then recovers that row alone (see `estimators.filter.Filter.update`).
     """
-    if is_noted(s) or is_noted(b):
-        return solve_definite(s, b)  # type: ignore[return-value]
     if is_traced(s) or is_traced(b):
         return linear.solve_definite(s, b)
     try:
@@ -102,18 +84,7 @@ def solve(s: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 def solve_upper(t: np.ndarray, b: np.ndarray) -> np.ndarray:
     """``T^-1 B`` for an upper triangular ``T (..., n, n)`` and ``B (..., n, k)``; a singular row comes out as NaN."""
-    if is_traced(t) or is_traced(b):
-        return linear.solve_upper(t, b)
-    if not (is_noted(t) or is_noted(b)):
-        return solve(t, b)
-    check_equations(t, b)
-    rows: list[np.ndarray] = []
-    for i in reversed(range(t.shape[-1])):
-        rest = b[..., i, None, :]
-        for j, row in enumerate(rows, i + 1):
-            rest = rest - t[..., i, j, None, None] * row
-        rows.insert(0, rest / t[..., i, i, None, None])
-    return joined(rows, -2)
+    return linear.solve_upper(t, b) if is_traced(t) or is_traced(b) else solve(t, b)
 
 
 def solve_lower(t: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -132,8 +103,8 @@ def singular(a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     The values of a row that is not finite come out as NaN.
     """
     n = a.shape[-1]
-    if is_noted(a) or is_traced(a):
-        turned, V = rotated(a) if is_noted(a) else linear.rotated(a)
+    if is_traced(a):
+        turned, V = linear.rotated(a)
         return np.sqrt(np.square(turned).sum(-2)), V
     finite = np.isfinite(a).all((-2, -1))[..., None]
     _, found, directions = np.linalg.svd(np.where(finite[..., None], a, 0.0))
@@ -149,8 +120,8 @@ def principal_root(cov: np.ndarray) -> np.ndarray:
     triangular root (Veselic & Hari 1989), which takes fewer turns than P itself.
     """
     root = semidefinite_cholesky(cov)
-    if is_noted(cov):
-        return orthogonal(root)
+    if is_traced(cov):
+        return linear.orthogonal(root)
     vectors, values, _ = np.linalg.svd(root)
     return vectors * values[..., None, :]
 
@@ -161,8 +132,6 @@ def semidefinite_cholesky(a: np.ndarray) -> np.ndarray:
     A pivot that is zero to rounding gives a column of zeros, where `numpy.linalg.cholesky` would raise. Column by
     column over the whole batch, which for a few states is as fast.
     """
-    if is_noted(a):
-        return root_of(a)
     if is_traced(a):
         return linear.semidefinite_cholesky(a)
     n = a.shape[-1]

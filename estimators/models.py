@@ -4,21 +4,28 @@ Notation throughout: ``x+ = A x + B u + G d + w`` and ``y = C x + H d + v`` with
 ``v ~ N(0, R)`` and ``d`` unknown; n states, m known inputs, q unknown inputs, p measurements.
 """
 
+import logging
 import math
 import operator
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cache, lru_cache
+from functools import cache, lru_cache, partial
 from typing import Any, ClassVar
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy.linalg import expm
 
 from estimators.angles import difference, short_way
 from estimators.checks import Written, as_array, call, finite_array, frozen, number, read_only, shown, whole
-from estimators.formulas import is_noted
+from estimators.engine.compiled import Compiled, compiled
+from estimators.engine.derivative import linearise
+from estimators.engine.foreign import Inspection, inspect
+from estimators.engine.matrices import is_traced, lookup_matrix, matrix
 from estimators.linalg import congruence, joined, neutralised
+
+_log = logging.getLogger(__name__)
 
 Matrix = np.ndarray | Callable[[np.ndarray | None], np.ndarray]
 StateMatrix = np.ndarray | Callable[[np.ndarray, np.ndarray | None], np.ndarray]
@@ -28,10 +35,12 @@ def resolve(matrix: Matrix, u: np.ndarray | None) -> np.ndarray:
     """The matrix itself, or its value at the known input ``u`` when it is a function of it."""
     if not callable(matrix):
         return matrix
-    if is_noted(u):
+    if is_traced(u):
         program: Any = u.program  # type: ignore[union-attr]
         return (
-            matrix.noted(u) if isinstance(matrix, Schedule) else program.ask(lambda belief, u, R: resolve(matrix, u), 2)
+            matrix.traced(u)
+            if isinstance(matrix, Schedule)
+            else program.callback(lambda belief, u, R: resolve(matrix, u), 2)
         )
     return matrix(u) if isinstance(matrix, Schedule) else call(getattr(matrix, "name", "a matrix"), matrix, u)
 
@@ -81,9 +90,9 @@ class Schedule(Frozen):
         mine, theirs = ((len(s.table), s.component, s.scale, s.middle) for s in (self, other))
         return mine == theirs
 
-    def noted(self, u: Any) -> Any:
-        """The same where a formula is noted."""
-        return u.program.lookup(self.table, self._index(u))
+    def traced(self, u: Any) -> Any:
+        """The same where a formula is traced."""
+        return lookup_matrix(self.table, self._index(u))
 
     def _index(self, u: Any) -> Any:
         """Places in the table ``(...)`` of known inputs ``(..., k)``."""
@@ -343,6 +352,18 @@ class NonlinearModel(Frozen):
     def check_known_input(self, u: np.ndarray | None) -> None:
         """Nothing to refuse: what the functions make of ``u`` is theirs."""
 
+    def traceable(self, name: str, x: np.ndarray, u: np.ndarray | None) -> Compiled | Inspection | None:
+        """Its transition or measurement, if it can be traced into a filter's program with its derivative; else None.
+
+        Args:
+            name: The function's.
+            x: ``(..., n)`` where it is tried,
+            u: and ``(..., m)``.
+        """
+        if self.difference is not None or getattr(self, f"{name}_jacobian") is not None:
+            return None
+        return inspected(getattr(self, name), x, u)
+
     def input_matrix(self, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         """G ``(..., n, q)``: how the unknown input moves the next state from ``x (..., n)``.
 
@@ -372,11 +393,18 @@ class NonlinearModel(Frozen):
     def _linearise(
         self, name: str, size: int, angles: tuple[int, ...], x: np.ndarray, u: np.ndarray | None, cov: np.ndarray | None
     ) -> tuple[np.ndarray, np.ndarray]:
-        function, own, x = getattr(self, name), getattr(self, f"{name}_jacobian"), read_only(x)
+        function, own = getattr(self, name), getattr(self, f"{name}_jacobian")
+        if is_traced(x):
+            program: Any = x.program  # type: ignore[attr-defined]
+            return tuple(matrix(program, each) for each in linearise(function, x, u))
+        x = read_only(x)
         if self.difference is not None:
             return self._linearise_errors(name, size, angles, x, u, cov)
         if own is None:
-            return self._differenced(name, function, size, angles, x, u, cov, self.n)
+            traced = self.traceable(name, x, u)
+            if traced is not None:
+                return derivative(traced)(x, u)
+            return central_differences(name, function, x, u, size, angles, steps(x, cov, self.state_angles))
         jacobian = self._own(name, function, size, angles, x, x, u, cov)
         return at_points(name, function, x[..., None, :], u, size)[..., 0, :], jacobian
 
@@ -414,16 +442,45 @@ class NonlinearModel(Frozen):
             return value, self._own(name, of_errors, size, angles, x, none, u, cov)
         return value, central_differences(name, of_errors, none, u, size, angles, steps(none, cov))[1]
 
-    def _differenced(
-        self, name: str, function: "Function", size: int, angles: tuple[int, ...], x: np.ndarray, u: np.ndarray | None,
-        cov: np.ndarray | None, m: int,
-    ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-        """A function of the first ``m`` components, and its Jacobian ``(..., size, m)``."""
-        step = steps(x, cov, self.state_angles)
-        return central_differences(name, function, x[..., :m], u, size, angles, step[..., :m])
-
 
 Function = Callable[[np.ndarray, np.ndarray | None], np.ndarray]
+_inspections: WeakKeyDictionary[Any, dict[Any, Inspection]] = WeakKeyDictionary()
+
+
+def inspected(function: Function, x: np.ndarray, u: np.ndarray | None) -> Compiled | Inspection | None:
+    """What runs compiled in the place of a model's function; None for one that only NumPy can compute.
+
+    What is `estimators.engine.compiled` declares itself pure. Any other function is inspected when it is first used,
+    and again when something that it reads has changed; why it is not traceable stands in the log.
+    """
+    if isinstance(function, Compiled):
+        return function
+    try:
+        known = _inspections.setdefault(function, {})
+    except TypeError:  # it can be no key
+        return None
+    key = _sizes(x, u)
+    if key not in known or (known[key].traceable and not known[key].unchanged()):
+        if u is None:
+            known[key] = inspect(lambda x, u=None: function(x, u), x)
+        else:
+            known[key] = inspect(function, x, u)
+        if not known[key].traceable:
+            _log.info("%s runs in NumPy: %s", getattr(function, "__name__", "a function"), known[key].reason)
+    return known[key] if known[key].traceable else None
+
+
+def _sizes(x: np.ndarray, u: np.ndarray | None) -> tuple[int, int | None]:
+    return x.shape[-1], None if u is None else u.shape[-1]
+
+
+def derivative(function: Compiled | Inspection) -> Compiled:
+    """A function's value ``(..., k)`` and exact Jacobian ``(..., k, n)`` at points ``(..., n)``, compiled."""
+    known: Compiled | None = vars(function).get("derivative")
+    if known is None:
+        source = function.function if isinstance(function, Compiled) else function.inline
+        known = vars(function)["derivative"] = compiled(partial(linearise, source))
+    return known
 
 
 def at_points(name: str, function: Function, points: np.ndarray, u: np.ndarray | None, size: int) -> np.ndarray:
@@ -450,8 +507,13 @@ def _at_points(
 ) -> tuple[np.ndarray, float]:
     """The values of `at_points`, and the relative rounding of the type in which the function returned them."""
     expected = points.shape[:-1] + (size,)
+    u = None if u is None else u[..., None, :]
+    traced = inspected(function, points, u)
     try:
-        returned = call(name, function, points, None if u is None else u[..., None, :])
+        if traced is not None:
+            returned = traced(points) if u is None and isinstance(traced, Inspection) else traced(points, u)
+        else:
+            returned = call(name, function, points, u)
     except Written:
         raise
     except (ValueError, IndexError) as error:
@@ -841,7 +903,7 @@ def usable(R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     Receivers report an unknown variance as NaN or infinity: such a reading tells nothing.
     """
     finite = np.isfinite(R.diagonal(0, -2, -1))
-    if is_noted(R):
+    if is_traced(R):
         return neutralised(R, finite), finite
     return (R, finite) if finite.all() else (neutralised(R, finite), finite)
 
@@ -958,9 +1020,9 @@ def _check_noise_when_called(model: object, n: int, p: int) -> None:
 
 
 def _check_shapes(expected: dict[str, tuple[object, int, int | None]]) -> None:
-    for name, (matrix, rows, columns) in expected.items():
-        if not isinstance(matrix, np.ndarray):
+    for name, (one, rows, columns) in expected.items():
+        if not isinstance(one, np.ndarray):
             continue
-        if matrix.shape[-2] != rows or (columns is not None and matrix.shape[-1] != columns):
+        if one.shape[-2] != rows or (columns is not None and one.shape[-1] != columns):
             wanted = f"(..., {rows}, {'m' if columns is None else columns})"
-            raise ValueError(f"{name} has shape {matrix.shape}, expected {wanted}")
+            raise ValueError(f"{name} has shape {one.shape}, expected {wanted}")

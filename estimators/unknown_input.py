@@ -7,8 +7,8 @@ import numpy as np
 from scipy.linalg import block_diag, eigvals, solve_discrete_are
 
 from estimators.belief import Belief, DelayedInputBelief, InputBelief
+from estimators.engine.matrices import is_traced
 from estimators.filter import Filter, Model, Rng
-from estimators.formulas import is_noted
 from estimators.kalman import driven_on, input_covariance, joseph_update, less_input, unseen_input, with_input
 from estimators.linalg import congruence, identity, joined, neutralised, singular, solve, symmetrise
 from estimators.models import LinearModel, resolve
@@ -282,7 +282,7 @@ class DelayedInputFilter(UnknownInputFilter[Delayed]):
         if not callable(self.model.G):
             return None
         G = self.model.input_matrix(belief.mean, u)
-        return G if is_noted(G) else np.broadcast_to(G, belief.mean.shape[:-1] + G.shape[-2:])
+        return G if is_traced(G) else np.broadcast_to(G, belief.mean.shape[:-1] + G.shape[-2:])
 
     def _covariance(self, belief: Delayed) -> np.ndarray:
         """The state's covariance, with the input that an earlier prediction left open if it never met its reading."""

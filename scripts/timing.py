@@ -36,9 +36,7 @@ from scripts.by_hand import (
 )
 from scripts.console import Refusal, asked, progress_bar
 from scripts.flights import STEPS, Flight, units
-from vessel_gym.composition import Forces
 from vessel_gym.core import Core
-from vessel_gym.loop import Loop
 from vessel_gym.wrappers.vector import EstimatedObservation
 
 CORVETTE = "ThesisCorvette-v0"
@@ -324,7 +322,7 @@ def anybody_table(sizes: tuple[int, ...]) -> Table:
 class Clock:
     """What a flight's steps spend in each part of `Core.step` and around it; what parts call belongs to them."""
 
-    PARTS = "vehicle", "disturbance", "sensors", "filter", "task", "observation", "info", "the rest"
+    PARTS = "actuators", "world", "filter", "task", "observation", "info", "the rest"
 
     def __init__(self, flight: Flight) -> None:
         self.flight, self.core, self.inside = flight, flight.env.unwrapped.core, False
@@ -335,9 +333,8 @@ class Clock:
         core, self.spent = self.core, dict.fromkeys(self.PARTS, 0.0)
         filter = type(core.filter)
         timed: dict[str, list[tuple[Any, str]]] = {
-            "vehicle": [(type(core.vehicle), name) for name in ("actuate", "known_input", "step")],
-            "disturbance": [(vessel_gym.core, "advance"), (Forces, "add")],
-            "sensors": [(Loop, "sense")], "filter": [(filter, "_advance")],
+            "actuators": [(type(core.vehicle), name) for name in ("actuate", "known_input")],
+            "world": [(Core, "_moved")], "filter": [(filter, "_advance")],
             "task": [(type(core.task), name) for name in ("commanded", "reference", "over", "score")],
             "observation": [(Core, "observe")], "info": [(Core, "happened"), (Core, "info")],
         }  # fmt: skip

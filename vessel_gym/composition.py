@@ -13,7 +13,9 @@ from scipy.linalg import block_diag
 
 from estimators import LinearModel, NonlinearModel, retimed, stacked
 from estimators.checks import numbers, shown
-from estimators.models import Function, Matrix, Schedule, StateMatrix, StateNoise, central_differences, resolve, steps
+from estimators.engine import compiled
+from estimators.engine.arrays import TracedArray
+from estimators.models import Matrix, Schedule, StateMatrix, StateNoise, central_differences, resolve, steps
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.foreign import copied, copying, ours, repeated, rows_of
 from vessel_gym.processes import Process
@@ -106,7 +108,14 @@ def _mistakes(vehicle: Vehicle, disturbance: Disturbance) -> Iterator[str]:
 
 def _drifted(drift: Callable[..., np.ndarray], x: np.ndarray, u: np.ndarray, flow: np.ndarray) -> np.ndarray:
     """Result of a user's ``drift`` of copies."""
-    return np.asarray(drift(copied(x), copied(u), copied(flow)), float)
+    after = drift(copied(x), copied(u), copied(flow))
+    return after if isinstance(after, TracedArray) else np.asarray(after, float)
+
+
+def _owned(method: Any) -> bool:
+    """Is a method that of an object of this package?"""
+    owner = getattr(method, "__self__", None)
+    return ours(method if owner is None else owner)
 
 
 def acting_on(vehicle: Vehicle) -> tuple[str, ...]:
@@ -140,7 +149,9 @@ class Forces:
             raise ValueError(mistake)
         self.vehicle, self.disturbance = vehicle, disturbance
         self._effect, self._ours = copying(disturbance.effect, disturbance), ours(disturbance)
-        self.drift: Callable[..., np.ndarray] = vehicle.drift if ours(vehicle) else partial(_drifted, vehicle.drift)
+        self.drift: Callable[..., np.ndarray] = (
+            vehicle.drift if _owned(vehicle.drift) else partial(_drifted, vehicle.drift)
+        )
         """The vehicle's."""
         known = acting_on(vehicle)
         self.to = [known.index(name) for name in disturbance.forces]
@@ -168,9 +179,7 @@ class Forces:
         """The parts of the forcing that nobody knows who is told of d: a fault is with what is lost."""
         self.unknown += [i + len(known) - self._losses for i in self.unknown if self.outside <= i < self._losses]
         self.constant = getattr(disturbance.effect, "linear", False) and not self.faulty
-        """Whether its effect is declared to be `gains` times its state, wherever the vehicle is,"""
-        self.row_by_row = self.constant or getattr(disturbance.effect, "row_by_row", False)
-        """and whether each vehicle's has the same bits among others."""
+        """Is its effect declared to be `gains` times its state, wherever the vehicle is?"""
 
     @cached_property
     def gains(self) -> np.ndarray:
@@ -609,43 +618,6 @@ def _check_seen(vehicle: Vehicle, base: tuple[str, ...], sensors: Sensors) -> No
             )
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class _Composed(NonlinearModel):
-    """A nonlinear model of which only the vehicle's part is differenced: how the rest moves and is read is known."""
-
-    moved: Function  # the vehicle's part of the transition, of vehicle and disturbance
-    read: Function  # the measurement without biases, of the same
-    own: int  # components of the vehicle,
-    drift: Process  # and how what comes after them moves
-    shown: np.ndarray  # (p, b) how biases show in the readings
-    matrix: np.ndarray | None  # (p, n) of readings that are linear in all; None: they are not
-
-    def linearise_transition(
-        self, x: np.ndarray, u: np.ndarray | None, cov: np.ndarray | None = None
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """The next state ``(..., n)`` and the Jacobian ``(..., n, n)``."""
-        n, m = self.own, self.n - self.shown.shape[-1]
-        mean, F = self._differenced("transition", self.moved, n, self.state_angles, x, u, cov, m)
-        jacobian = np.zeros(x.shape + (self.n,))
-        jacobian[..., :n, :m] = F
-        jacobian[..., n:, n:] = self.drift.transition
-        return np.concatenate([mean, self.drift.advance(x[..., n:])], -1), jacobian
-
-    def linearise_measurement(
-        self, x: np.ndarray, u: np.ndarray | None, cov: np.ndarray | None = None
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """The expected reading ``(..., p)`` and the Jacobian ``(..., p, n)``."""
-        if self.matrix is not None:
-            return np.matvec(self.matrix, x), np.broadcast_to(self.matrix, x.shape[:-1] + self.matrix.shape)
-        m = self.n - self.shown.shape[-1]
-        mean, C = self._differenced("measurement", self.read, self.p, self.measurement_angles, x, u, cov, m)
-        if m == self.n:
-            return mean, C
-        jacobian = np.empty(C.shape[:-1] + (self.n,))
-        jacobian[..., :m], jacobian[..., m:] = C, self.shown
-        return mean + np.matvec(self.shown, x[..., m:]), jacobian
-
-
 def _nonlinear(parts: _Parts, options: dict[str, Any]) -> NonlinearModel:
     forces, sensors, base, held, drift, placed, _, unknown, constant, H = parts
     vehicle = forces.vehicle
@@ -698,12 +670,10 @@ def _nonlinear(parts: _Parts, options: dict[str, Any]) -> NonlinearModel:
         return G
 
     G: StateMatrix | None = pushed if flowing else constant
-    linear = not k or forces.constant
-    return _Composed(
-        transition, measurement, **options, G=G if H.size else None, H=H if H.size else None, moved=moved,
-        read=partial(measurement, biased=False), own=n, drift=drift, shown=sensors.bias_shown,
-        matrix=measurement(np.eye(n + drift.size), None).T if linear and not sensors.called else None,
-    )  # fmt: skip
+    parts_of_others = forces.disturbance, *(sensor.reads for sensor in sensors.each)
+    if _owned(vehicle.drift) and all(map(ours, parts_of_others)):
+        transition, measurement = compiled(transition), compiled(measurement)
+    return NonlinearModel(transition, measurement, **options, G=G if H.size else None, H=H if H.size else None)
 
 
 def _alike(vehicle: Vehicle, sensors: Sensors, i: int) -> bool:

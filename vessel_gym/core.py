@@ -24,10 +24,11 @@ from vessel_gym.disturbances import Disturbance
 from vessel_gym.estimation import Estimation, EstimatorChoice, build, chosen_disturbance
 from vessel_gym.foreign import CheckedMethods, ours, refuse_not_finite
 from vessel_gym.loop import Loop
-from vessel_gym.processes import advance
+from vessel_gym.mission import Mission
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Sensor, Sensors, columns
 from vessel_gym.system import Estimate, System
+from vessel_gym.world import World
 
 OBSERVE = ("mean", "mean+std", "mean+alarms", "mean+std+alarms", "measurement")
 """What may be observed: estimates, with their standard deviations and a monitor's alarms, or raw readings."""
@@ -36,7 +37,10 @@ ENDS = ("belief", "declaration", "task")
 DECLARED = 0.5
 """An agent declares a mission done by a last component of its action above this."""
 
-_ATTACHED = ("system", "vehicle", "task", "forces", "sensors", "composition", "_vehicle", "_task", "_own_parts")
+_ATTACHED = (
+    "system", "vehicle", "task", "forces", "sensors", "composition", "_vehicle", "_task", "_own_parts", "_world",
+    "_mission",
+)  # fmt: skip
 """What `Core.attach` gives, and may hold functions that cannot be pickled."""
 _DRAWN = ("task", "vehicle", "parameters", "filter")
 """What is drawn by itself at the start of an episode; then come the parts of the world and the sensors."""
@@ -118,7 +122,8 @@ class Core:
             raise ValueError(f"{system.name} goes on until time is up, so there is nothing to declare: ends='task'")
         self.action_size = len(self.vehicle.action_names) + (self.ends == "declaration")
         self.action_shape = self.num_envs, self.action_size
-        self._none = np.zeros(num_envs, bool)
+        self._none, self._no_input = np.zeros(num_envs, bool), np.zeros((num_envs, 0))
+        self._seen: np.ndarray | None = None  # the observation, where it is known
 
         self.seeds: list[int] = []
         self.episodes = np.zeros(num_envs, int)
@@ -148,42 +153,40 @@ class Core:
         sensors, sensor_faults, disturbance, estimator, options = self._chosen
         self.system, self.vehicle, self.task = system, system.vehicle, system.task
         vehicle = self.vehicle
-        our_task, our_vehicle = ours(self.task), ours(vehicle)
+        our_task = ours(self.task)
         self._vehicle: Any = checked_vehicle(vehicle)
         self._task: Any = checked_task(self.task, self._vehicle)
         self._own_parts = [part for part in (self._vehicle, self._task) if isinstance(part, CheckedMethods)]
         self.sensors = system.sensors_of(sensors, sensor_faults)
         self.forces = Forces(vehicle, chosen_disturbance(system, disturbance))
+        self._commanding = self.task.commanding if our_task else None  # what somebody has written is asked
+        self._world = World(self._vehicle, self.forces, self.sensors, self._commanding)
         estimation = build(system, estimator, options, self.sensors, self.forces.disturbance)
         self.composition = estimation.composition
         self._attach_loop("loop", estimation)
         self._foreign_effect = not ours(self.forces.disturbance)
+        self._mission: Mission | None = None  # what steps the task, where one program can
         self._perfect = (
             float(self.task.perfect),
             float(self.task.perfect == self.task.horizon),
         )  # in all, and a step more
         # What somebody has written in NumPy may round otherwise in a part of the rows.
-        compiled = our_vehicle and self.forces.row_by_row and not self.sensors.called
-        self._parts = shares(self.num_envs, self.num_threads if compiled else 1)
+        self._parts = shares(self.num_envs, self.num_threads if self._world.ours else 1)
         if self.guidance and self.observe_mode == "measurement":
             wide = {"model": vehicle.kinds[0]}  # the same whatever estimator is named
             held = build(system, "measurement", wide, self.sensors, self.forces.disturbance)
             self._attach_loop("held", held)
-        process, bias = self.forces.disturbance.process, self.sensors.bias
         self._shown = self.forces.disturbance.told == "states" or len(self.composition.held) > 0
         self.truth_names = (
             *vehicle.state_names, *(self.forces.disturbance.names if self._shown else ()), *self.sensors.bias_names
         )  # fmt: skip
         """Components of `truth`."""
-        self._commanding = self.task.commanding if our_task else None  # what somebody has written is asked
         self._alone = len(self.truth_names) == len(vehicle.state_names)
         self._estimated = [self.truth_names.index(n) if n in self.truth_names else -1 for n in self.composition.names]
         self._based = [vehicle.state_names.index(name) for name in vehicle.estimated(vehicle.kinds[0])]
+        if our_task and not self._foreign_effect and self.guidance and self.observe_mode == "mean":
+            self._mission = Mission(self.task, self.composition, self.ends, self._based)
         self._nominal = np.array(self._vehicle.parameters(0.0, np.zeros((1, vehicle.normals))))
-        self._still = np.eye(process.size + bias.size)
-        self._transition = block_diag(process.transition, bias.transition)
-        self._root = block_diag(self.forces.disturbance.white, process.root, bias.root)
-        self._size = process.size
         self.unknown_inputs = estimation.inputs
         """What nobody is told of the coming step, by name."""
         new = (*self.forces.disturbance.names, *self.sensors.bias_names)
@@ -201,13 +204,8 @@ class Core:
         sensed = (f"sensor {sensor.name}" for sensor in self.sensors.each)
         self._names = np.array([word(name) for name in (*_DRAWN, *parts, *sensed)], np.uint64)
         self._sensed = len(_DRAWN) + len(parts)  # where the sensors' keys begin
-        # The normal numbers that each part takes at a step, and what makes its start of them.
-        own = [s.bias.process(vehicle.dt) for s in biased if s.bias]
-        self._counts = np.array([p.normals for p in (process, *own)])
-        self._counts[0] += self.forces.disturbance.white.shape[-1]
-        self._begin = [p.start_root for p in (process, *own)]
         spread = vehicle.normals if self.mismatch else 0
-        normals = [(0, root.shape[-1], 1) for root in self._begin]
+        normals = [(0, root.shape[-1], 1) for root in self._world.start_roots]
         drawn = [(self.task.uniforms, 0, 0), (0, len(self._based), 0), (0, spread, 0), (0, 0, 0), *normals]
         self._drawn = np.array(drawn + [(0, 0, 0)] * len(self.sensors.each))
         ends = [0, *self._drawn[:, :2].sum(-1).cumsum().tolist()]
@@ -271,12 +269,12 @@ class Core:
     @property
     def sea_state(self) -> np.ndarray:
         """The disturbance's state ``(B, k)``."""
-        return self.drifting[:, : self._size]
+        return self.drifting[:, : self._world.size]
 
     @property
     def bias(self) -> np.ndarray:
         """The states of the sensors' biases ``(B, b)``."""
-        return self.drifting[:, self._size :]
+        return self.drifting[:, self._world.size :]
 
     def estimated(self, truth: np.ndarray) -> np.ndarray:
         """What the filter estimates ``(..., n)`` out of true states; NaN for what only the filter thinks there is."""
@@ -376,13 +374,8 @@ class Core:
             parameters = vehicle.parameters(self.mismatch, of_parameters)
         else:
             parameters = self._nominal.repeat(len(rows), 0)
-        steps, noise = np.zeros(len(rows), int), np.zeros((len(rows), len(self._root)))
-        # The step before the first, in which nothing moves: what is new over that one, and what acts then.
-        drifting, noise, forcing = advance(
-            parts, steps, drifting, noise, self._counts, self._root, self._still, self.forces.gains
-        )
-        if not self.forces.constant:
-            forcing = self.forces.add(forcing, drifting[:, : self._size], state, actuators)
+        steps = np.zeros(len(rows), int)
+        drifting, noise, forcing = self._world.begin(state, actuators, parts, steps, drifting)
         if self._foreign_effect:
             self._check_forcing(forcing, steps, state, self._none[: len(rows)])
         tally = task.begin(state, course)
@@ -393,20 +386,21 @@ class Core:
         )  # fmt: skip
         injected = readings is not None
         if readings is None:
-            readings = loop.sense(state, forcing[:, : self.forces.outside], drifting[:, self._size :], steps, some)
+            readings = self._world.sense(state, forcing, drifting, steps, loop.sensing(some))
         readings = loop.receive(readings, steps, some, injected)
         u = vehicle.known_input(actuators, actuators, task.commanded(course, steps))
         belief = loop.begin(some, self._known(prior, self.composition), self._handed(readings, rows), u)
         if hasattr(self, "held"):
             self.held.begin(some, self._known(prior, self.held.composition), readings, u)
         self._put(some, reference=self._reference(course, steps, belief, state))
+        self._seen = None
         self._refuse_at(self.steps, None)
 
     def _begun(
         self, prior: Gaussian, of_vehicle: np.ndarray, of_parts: list[np.ndarray]
     ) -> tuple[np.ndarray, np.ndarray]:
         """What the prior describes, and the disturbance's state and the biases, made of normal numbers of each."""
-        own = [np.matvec(root, normals) for root, normals in zip(self._begin, of_parts, strict=True)]
+        own = [np.matvec(root, normals) for root, normals in zip(self._world.start_roots, of_parts, strict=True)]
         drifting = own[0] if len(own) == 1 else np.concatenate(own, -1)
         x = prior.mean + np.matvec(shared_root(prior.cov), of_vehicle)
         if self._carried is not None:
@@ -451,63 +445,63 @@ class Core:
             action, declared = action[:, :-1], action[:, -1] > DECLARED
         if readings is not None:
             readings = _arrived(readings, self.num_envs, self.sensors)
-        vehicle, task, loop = self._vehicle, self._task, self.loop
-        before = self.actuators
+        task, loop = self._task, self.loop
         if self._own_parts:
             self._refuse_at(self.steps + 1, ended)
-        after = self.actuators = vehicle.actuate(before, action)
-        if self._commanding is None:
-            u = vehicle.known_input(before, after, task.commanded(self.course, self.steps))
-        else:
-            u = vehicle.known_input(before, after, self.reference[:, self._commanding])
         self.steps = self.steps + 1
-        given = (
-            self.state, before, after, self.forcing, self.parameters, self._keys, self.steps, self.drifting, self.noise,
-            self._none if ended is None else ended,
-        )  # fmt: skip
-        if len(self._parts) == 1 or readings is not None:
-            moved = self._moved(None, readings, *given)
-        else:
-            parts = each(lambda rows: self._moved(rows, None, *(a[rows] for a in given)), self._parts, self.num_threads)
-            moved = tuple(map(np.concatenate, zip(*parts, strict=True)))
-        self.state, self.drifting, self.noise, self.forcing, *read = moved
+        moved = self._moved(action, readings, ended)
+        self.actuators, u, self.state, self.drifting, self.noise, self.forcing, *read = moved
         readings = loop.receive((read[0], read[1]), self.steps, None, readings is not None)
         loop.estimate(self._handed(readings), u, self.steps)
         if hasattr(self, "held"):
             self.held.estimate(readings, u, self.steps)
-        self.reference = self._reference(self.course, self.steps, loop.belief, self.state)
-        over = self._over(declared)
-        reward, self.end, self.tally = task.score(
-            self.state, self.forcing[:, : self.forces.outside], self.reference, over, after, action, self.tally
-        )
+        forcing = self.forcing[:, : self.forces.outside]
+        if self._mission is not None:
+            self.reference, reward, self.end, self.tally, self._seen = self._mission.step(
+                self.course, self.steps, self._none if declared is None else declared, loop.belief.mean, self._d(),
+                self.state, np.ascontiguousarray(forcing), self.actuators, action, self.tally,
+            )  # fmt: skip
+        else:
+            self.reference = self._reference(self.course, self.steps, loop.belief, self.state)
+            reward, self.end, self.tally = task.score(
+                self.state, forcing, self.reference, self._over(declared), self.actuators, action, self.tally
+            )
         if self._task is not self.task:
             self._check_ends()
         self.total += reward
         return reward, self.end
 
+    def _d(self) -> np.ndarray:
+        """The estimated unknown input ``(B, q)``; q is 0 where there is none."""
+        d = self.loop.belief.input_mean
+        return self._no_input if d is None else d
+
+    def _known_input(self, action: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Actuators after a step, and the known input of the filter."""
+        before, after = self.actuators, self._vehicle.actuate(self.actuators, action)
+        if self._commanding is None:
+            commanded = self._task.commanded(self.course, self.steps - 1)
+        else:
+            commanded = self.reference[:, self._commanding]
+        return after, self._vehicle.known_input(before, after, commanded)
+
     def _moved(
-        self, rows: slice | None, readings: Readings | None, state: np.ndarray, before: np.ndarray, after: np.ndarray,
-        forcing: np.ndarray, parameters: np.ndarray, keys: np.ndarray, steps: np.ndarray, drifting: np.ndarray,
-        noise: np.ndarray, ended: np.ndarray,
+        self, action: np.ndarray, readings: Readings | None, ended: np.ndarray | None
     ) -> tuple[np.ndarray, ...]:  # fmt: skip
-        """State, disturbance and biases, noise and forcing of rows (None: all) a step later, and the measurements."""
-        outside, measured = forcing, after
-        if self.forces.faulty:
-            offsets, outside = self.forces.of_actuators(forcing)[0], forcing[:, : self.forces.outside]
-            before, after = before + offsets, after + offsets
-        first = 0 if rows is None else rows.start
-        state = np.ascontiguousarray(self._vehicle.step(state, before, after, outside, parameters), float)
-        drifting, noise, forcing = advance(
-            keys, steps, drifting, noise, self._counts, self._root, self._transition, self.forces.gains
-        )
-        if not self.forces.constant:
-            forcing = self.forces.add(forcing, drifting[:, : self._size], state, measured)
+        """What `World.step` gives, with the measurements if there are any, and with users' functions checked."""
+        world, sensing = self._world, self.loop.sensing(None)
+        given = self.forcing, self.parameters, self._keys, self.steps, self.drifting, self.noise
+        if world.ours and self._task is self.task and readings is None:
+            arrays = action, self.reference, self.state, self.actuators, *given, sensing
+            if len(self._parts) == 1:
+                return world.step(*arrays)
+            parts = each(lambda rows: world.step(*(a[rows] for a in arrays)), self._parts, self.num_threads)
+            return tuple(map(np.concatenate, zip(*parts, strict=True)))
+        after, u = self._known_input(action)
+        moved = state, drifting, _, forcing = world.move(self.state, self.actuators, after, *given)
         if self._foreign_effect:
-            self._check_forcing(forcing, steps, state, ended, first)
-        if readings is None:
-            outside = forcing[:, : self.forces.outside]
-            readings = self.loop.sense(state, outside, drifting[:, self._size :], steps, rows)
-        return state, drifting, noise, forcing, *readings
+            self._check_forcing(forcing, self.steps, state, self._none if ended is None else ended)
+        return after, u, *moved, *(readings or world.sense(state, forcing, drifting, self.steps, sensing))
 
     def _over(self, declared: np.ndarray | None) -> np.ndarray:
         """Which missions are done ``(B,)``, as whoever ends them says."""
@@ -520,6 +514,10 @@ class Core:
 
     def observe(self) -> np.ndarray:
         """The observations ``(B, k)``, float32 and within bounds, made of estimates or readings, mission, actuators."""
+        if self._mission is not None:
+            if self._seen is None:
+                self._seen = self._mission.observe(self.loop.belief.mean, self._d(), self.reference, self.actuators)
+            return self._seen.astype(np.float32)
         with np.errstate(over="ignore", invalid="ignore"):  # diverged estimates are clipped
             parts = self._observed()
         observation = np.asarray(parts[0] if len(parts) == 1 else np.concatenate(parts, -1), float)
@@ -543,7 +541,7 @@ class Core:
             return parts
         estimate = self._estimate(self.loop.belief, self.composition)
         if self.guidance:
-            parts = [self._guided(estimate)]
+            parts = [task.observe(estimate, self.reference, self.actuators)]
         else:
             mission = task.observe_mission(course, steps, self.actuators)
             parts = [task.observe_state(estimate, course), mission]
@@ -552,13 +550,6 @@ class Core:
         if "alarms" in self.observe_mode:
             parts.append(self.loop.alarms)
         return parts
-
-    def _guided(self, estimate: Estimate) -> np.ndarray:
-        """The guided observation of an estimate."""
-        if self._task is not self.task:
-            return self._task.observe(estimate, self.reference, self.actuators)
-        d = np.zeros((self.num_envs, 0)) if estimate.input_mean is None else estimate.input_mean
-        return self.task.observe_mean(estimate.state, estimate.flow, d, self.reference, self.actuators)
 
     def _estimate(self, belief: Belief, told: Composition) -> Estimate:
         """What the task sees of a belief."""
@@ -646,12 +637,10 @@ class Core:
 
     # --- inside -----------------------------------------------------------------------------------
 
-    def _check_forcing(
-        self, forcing: np.ndarray, steps: np.ndarray, state: np.ndarray, ended: np.ndarray, first: int = 0
-    ) -> None:
+    def _check_forcing(self, forcing: np.ndarray, steps: np.ndarray, state: np.ndarray, ended: np.ndarray) -> None:
         """Refuse what a user's disturbance gave vehicles in ordinary states where it is not finite."""
         name = f"effect of {type(self.forces.disturbance).__name__}"
-        refuse_not_finite(name, forcing[:, self.forces.to], steps, ended, state, first=first)
+        refuse_not_finite(name, forcing[:, self.forces.to], steps, ended, state)
 
     def _check_ends(self) -> None:
         """Refuse an end of a user's task that there is not."""

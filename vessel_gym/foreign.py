@@ -158,7 +158,7 @@ def copying(function: Callable[..., Any], owner: Any = None) -> Callable[..., An
 def copied(value: Any) -> Any:
     """A copy of an array, laid out alike in memory, or of a mapping or a record of arrays; anything else as it is."""
     if isinstance(value, np.ndarray):
-        return np.array(value)
+        return np.array(value, subok=True)
     if isinstance(value, Mapping):
         return {key: copied(each) for key, each in value.items()}
     if is_dataclass(value) and not isinstance(value, type):
@@ -194,7 +194,7 @@ def _alike(one: Any, other: Any) -> bool:
 
 
 def refuse_not_finite(
-    name: str, values: np.ndarray, steps: np.ndarray, ended: np.ndarray | None, *arguments: np.ndarray, first: int = 0,
+    name: str, values: np.ndarray, steps: np.ndarray, ended: np.ndarray | None, *arguments: np.ndarray,
     sound: Callable[[np.ndarray], np.ndarray] = np.isfinite, wanted: str = "finite numbers everywhere",
 ) -> None:  # fmt: skip
     """Refuse values ``(B, ...)`` that are not finite though the arguments ``(B, k)`` are ordinary numbers.
@@ -207,7 +207,6 @@ def refuse_not_finite(
         steps: ``(B,)`` since the start.
         ended: Mask ``(B,)`` of rows whose episode is over; None: none.
         arguments: What it was given.
-        first: The number of the first row.
         sound: Which values are accepted,
         wanted: and what they are called.
 
@@ -221,5 +220,5 @@ def refuse_not_finite(
         bad &= ~ended
     if bad.any():
         row = int(np.argmax(bad))
-        where = f"at step {steps[row]} in row {first + row}"
+        where = f"at step {steps[row]} in row {row}"
         raise ValueError(f"{name} gave {shown(values[row].tolist())} {where}: it must give {wanted}")

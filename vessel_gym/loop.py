@@ -65,13 +65,9 @@ class Loop:
             if part is not None:
                 part.restart(rows, sensing)
 
-    def sense(
-        self, state: np.ndarray, forcing: np.ndarray, bias: np.ndarray, steps: np.ndarray,
-        rows: np.ndarray | slice | None,
-    ) -> Readings:  # fmt: skip
-        """What rows (None: all) read in a true ``state``, on which ``forcing`` acts, ``steps`` after their start."""
-        keys = self._sensing if rows is None else self._sensing[rows]
-        return self.sensors.read(state, forcing, bias, steps, keys)
+    def sensing(self, rows: np.ndarray | slice | None) -> np.ndarray:
+        """Keys ``(rows, sensors, 2)`` of the random numbers of the sensors of rows (None: all)."""
+        return self._sensing if rows is None else self._sensing[rows]
 
     def receive(
         self, readings: Readings, steps: np.ndarray, rows: np.ndarray | None, injected: bool = False

@@ -27,12 +27,6 @@ def linear(function: _Function) -> _Function:
     return function
 
 
-def row_by_row(function: _Function) -> _Function:
-    """Declare that what a disturbance does to one vehicle has the same bits among others: threads may share them."""
-    vars(function)["row_by_row"] = True
-    return function
-
-
 @dataclass(frozen=True, eq=False)
 class Process:
     """``z+ = transition z + root n`` over a step, with standard normals n.

@@ -9,7 +9,7 @@ from scipy.optimize import root
 from estimators.engine import lookup, sincos
 from vessel_gym.checks import check_numbers, instance
 from vessel_gym.disturbances import Disturbance, Sea
-from vessel_gym.processes import Process, row_by_row
+from vessel_gym.processes import Process
 from vessel_gym.vehicles.corvette_equations import AROUND, STATE, CorvetteParameters, corvette_rates
 from vessel_gym.vehicles.seakeeping import wave_loads, wave_response
 from vessel_gym.waves import GRAVITY, WaveField, encounter_frequency
@@ -127,7 +127,6 @@ class Seaway(Disturbance):
 
         return float(abs(root(accelerations, [0.0, 1.0, 0.0]).x[2]) * self.ship.speed)
 
-    @row_by_row
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
         """The yaw increment [rad], and what is `AROUND` the ship, ``(..., 8)``."""
         x, y, psi, u, v = np.moveaxis(state[..., :5], -1, 0)

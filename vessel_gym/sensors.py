@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 
 from estimators.checks import number, shown
-from estimators.engine import as_word
+from estimators.engine import as_word, compiled
 from estimators.factory import unknown
 from estimators.models import StateNoise
 from estimators.threefry import normals, threefry, uniform
 from vessel_gym.checks import check_names, check_numbers, function, instance, numbers
-from vessel_gym.foreign import copying, refuse_not_finite, repeated
+from vessel_gym.foreign import copying, ours, refuse_not_finite, repeated
 from vessel_gym.processes import Process, linear, product
 from vessel_gym.sensor_faults import SensorFault
 
@@ -369,6 +369,11 @@ class Sensors:
         """Functions of state and forcing, one a sensor, that cannot write into what they are handed."""
         return [copying(sensor.reads) for sensor in self.each]
 
+    @property
+    def ours(self) -> bool:
+        """Are all functions of them part of this package?"""
+        return not self._varying and all(ours(sensor.reads) for sensor in self.each)
+
     @cached_property
     def _varying(self) -> list[tuple[str, slice, Callable[[np.ndarray], np.ndarray]]]:
         """Sensors whose noise depends on what is measured: name, channels, and the function."""
@@ -442,6 +447,7 @@ class Sensors:
         parts = [called[own.start](state, forcing) if own.start in called else zeros[..., own] for own in self._own]
         return product(self._gains, np.concatenate([state, forcing, bias], -1), np.concatenate(parts, -1))
 
+    @compiled(axes=(1, 1, 0, 2))
     def corrupted(
         self, exact: np.ndarray, sd: np.ndarray, steps: np.ndarray, keys: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from functools import partial, update_wrapper, wraps
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -59,6 +59,13 @@ class Compiled:
         update_wrapper(self, function)
         self.function, self._axes, self._matrices = function, axes, matrices
         self._traced: dict[Any, tuple[Function, bool]] = {}
+        self._partial: dict[tuple[bool, ...], Compiled] = {}
+        self._last: _Call | None = None
+
+    @property
+    def __self__(self) -> Any:
+        """The object whose method it is; None of a function."""
+        return getattr(self.function, "__self__", None)
 
     def __get__(self, instance: Any, owner: Any = None) -> Any:
         if instance is None:
@@ -71,9 +78,27 @@ class Compiled:
         return own[self]
 
     def __call__(self, *arrays: Any, **static: Any) -> Any:
-        """The function's results: inlined where an argument is a tracer, executed on arrays."""
+        """The function's results for arrays; where they are tracers, traced with its caller."""
+        last = self._last
+        if last is not None and len(arrays) == len(last.signature) and static == last.static:
+            for array, (shape, dtype) in zip(arrays, last.signature, strict=True):
+                if not (
+                    type(array) is np.ndarray and array.shape == shape and array.dtype is dtype
+                    and array.flags.c_contiguous
+                ):  # fmt: skip
+                    break
+            else:
+                results = [np.empty(shape, dtype) for shape, dtype in last.results]
+                last.function(last.rows, last.shared, *arrays, *results)
+                return tuple(results) if last.several else results[0]
+        return self._call(arrays, static)
+
+    def _call(self, arrays: tuple[Any, ...], static: dict[str, Any]) -> Any:
+        """The same of arguments unlike the last ones."""
         if any(isinstance(each, TracedArray | Tracer | MatrixTracer) for each in arrays):
             return self.function(*arrays, **static)
+        if any(each is None for each in arrays):
+            return self._without(arrays)(*(each for each in arrays if each is not None), **static)
         axes = self._axes or (1,) * len(arrays)
         rows = [_rows(each) for each in arrays]
         key = tuple((a.shape[a.ndim - k :], a.dtype.char) for a, k in zip(rows, axes, strict=True)), *static.items()
@@ -81,13 +106,44 @@ class Compiled:
             each = [Argument(a.shape[a.ndim - k :], kind_of(a)) for a, k in zip(rows, axes, strict=True)]
             self._traced[key] = trace(partial(self.function, **static), each, self._matrices)
         function, several = self._traced[key]
-        results = call(function, rows, axes)
+        count, shared, ready, results = prepared(function, rows, axes)
+        if count:
+            function(count, shared, *ready, *results)
+            if all(one is other for one, other in zip(ready, arrays, strict=True)):
+                signature = tuple((a.shape, a.dtype) for a in ready)
+                shapes = tuple((a.shape, a.dtype) for a in results)
+                self._last = _Call(signature, static, function, count, shared, shapes, several)
         return tuple(results) if several else results[0]
 
+    def _without(self, arrays: Sequence[Any]) -> "Compiled":
+        """The function of the arguments that are given, where others are None."""
+        absent = tuple(each is None for each in arrays)
+        if absent not in self._partial:
+
+            def function(*some: Any, **static: Any) -> Any:
+                rest = iter(some)
+                return self.function(*(None if none else next(rest) for none in absent), **static)
+
+            axes = self._axes and [k for k, none in zip(self._axes, absent, strict=True) if not none]
+            self._partial[absent] = Compiled(function, axes, self._matrices)
+        return self._partial[absent]
+
     def __reduce__(self) -> Any:
-        if (instance := getattr(self.function, "__self__", None)) is not None:
+        if (instance := self.__self__) is not None:
             return getattr, (instance, self.function.__name__)
         return self.function.__qualname__  # pickles find it in its module
+
+
+class _Call(NamedTuple):
+    """A call whose arguments needed no preparation: the next one of arrays like these needs none either."""
+
+    signature: tuple[tuple[tuple[int, ...], np.dtype], ...]
+    static: dict[str, Any]
+    function: Function
+    rows: int
+    shared: int
+    results: tuple[tuple[tuple[int, ...], np.dtype], ...]
+    several: bool
 
 
 class _Methods(dict[Compiled, Compiled]):
@@ -128,6 +184,16 @@ def _rows(value: Any) -> np.ndarray:
 
 def call(function: Function, arrays: Sequence[np.ndarray], axes: Sequence[int]) -> list[np.ndarray]:
     """A compiled function of arrays in C order that have one batch, or none where all rows share them."""
+    rows, shared, ready, results = prepared(function, arrays, axes)
+    if rows:
+        function(rows, shared, *ready, *results)
+    return results
+
+
+def prepared(
+    function: Function, arrays: Sequence[np.ndarray], axes: Sequence[int]
+) -> tuple[int, int, list[np.ndarray], list[np.ndarray]]:
+    """How many rows arrays have, which of them are shared, the arrays as a function takes them, and its results."""
     leading = [a.shape[: a.ndim - k] for a, k in zip(arrays, axes, strict=True)]
     batch: tuple[int, ...] = ()
     for own in leading:
@@ -143,7 +209,4 @@ def call(function: Function, arrays: Sequence[np.ndarray], axes: Sequence[int]) 
             else:
                 shared |= 1 << i
         ready.append(array)
-    results = [np.empty(batch + row.shape, KINDS[row.kind]) for row in function.results]
-    if rows:
-        function(rows, shared, [a.__array_interface__["data"][0] for a in (*ready, *results)])
-    return results
+    return rows, shared, ready, [np.empty(batch + row.shape, KINDS[row.kind]) for row in function.results]

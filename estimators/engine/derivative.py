@@ -15,7 +15,7 @@ from estimators.engine.tracer import NotTraceable, Tracer, constant, operation, 
 
 _FLAT = frozenset((
     "floor", "ceil", "trunc", "rint", "greater", "greater equal", "equal", "not equal", "isfinite", "isnan", "cast",
-    "lookup", "and", "or", "xor", "not", "left shift", "right shift", "whole remainder",
+    "lookup", "lookup matrix", "and", "or", "xor", "not", "left shift", "right shift", "whole remainder",
 ))  # fmt: skip
 """Opcodes whose results do not change with their operands, but for jumps."""
 
@@ -197,3 +197,24 @@ def _times(factor: Any, slope: Any) -> Any:
         if isinstance(one, float) and one == -1.0:
             return -other
     return factor * slope
+
+
+def linearise(function: Callable[..., Any], x: Any, *others: Any) -> tuple[Any, Any]:
+    """A function's value ``(k,)`` at a traced vector x ``(n,)``, and its Jacobian by x ``(k, n)``.
+
+    Args:
+        function: Of x and ``others``, vectors, entry by entry (`estimators.engine.arrays.TracedArray`).
+        x: Traced.
+        others: Traced, constant or None.
+
+    Raises:
+        NotTraceable: if it does what cannot be traced, or what has no derivative.
+    """
+    own = x if isinstance(x, TracedArray) else x.scalars()
+    value = function(own, *(each.scalars() if hasattr(each, "scalars") else each for each in others))
+    outputs = entries(value, x.program if hasattr(x, "program") else own[0].program)
+    jacobian = np.zeros((len(outputs), own.size), object)
+    for row, tangent in zip(jacobian, tangents(outputs, list(own)), strict=True):
+        for column, slope in tangent.items():
+            row[column] = slope
+    return value, jacobian.view(TracedArray)

@@ -8,6 +8,8 @@ import struct
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
+
 from estimators.engine.elementary import EXPANSIONS
 from estimators.engine.program import Instruction, Loop, Program
 from estimators.engine.tracer import Tracer
@@ -35,18 +37,31 @@ def literal(value: Any, kind: str, width: int) -> str:
     return text if width == 1 else f"splat ({type_of(kind, 1)} {text})"
 
 
+_LITERAL = (0.0, 1.0, -1.0, 0.5, -0.5, 2.0, np.inf, -np.inf)
+
+
 class Module:
-    """What the functions of one program share: intrinsics, elementary functions and tables."""
+    """What the functions of one program share: intrinsics, elementary functions and constants.
+
+    Constants are no part of the code: programs of models that differ in their numbers alone are compiled once.
+
+    Attributes:
+        constants: Numbers that the function finds in memory.
+    """
 
     def __init__(self) -> None:
         self.declared: dict[str, None] = {}
         self.functions: dict[str, str] = {}
-        self.tables: dict[str, str] = {}
+        self.constants: list[float] = []
+        self.outlined: dict[str, str] = {}
+        self._places: dict[int, int] = {}
 
-    def table(self, values: Any) -> str:
-        """A constant array; its name."""
-        text = ", ".join(f"double {literal(value, 'f', 1)}" for value in values)
-        return self.tables.setdefault(text, f"@table{len(self.tables)}.{len(values)}")
+    def place(self, value: int, numbers: Any) -> int:
+        """Where the numbers of a constant value begin."""
+        if value not in self._places:
+            self._places[value] = len(self.constants)
+            self.constants.extend(numbers)
+        return self._places[value]
 
     def elementary(self, opcode: str, width: int) -> str:
         """An elementary function; its name."""
@@ -59,6 +74,7 @@ class Module:
             results = expansion(*(Tracer(program, value) for value in operands))
             values = [each.value for each in (results if isinstance(results, tuple) else (results,))]
             emitter = Emitter(program, self, width)
+            emitter.literal = True
             emitter.names = {value: f"%p{i}" for i, value in enumerate(operands)}
             emitter.block(program.live(values))
             T = type_of("f", width)
@@ -75,13 +91,7 @@ class Module:
 
     def text(self, functions: Sequence[str]) -> str:
         """The module with these functions."""
-        tables = (
-            f"{name} = private unnamed_addr constant [{text.count('double')} x double] [{text}], align 64"
-            for text, name in self.tables.items()
-        )
-        return "\n".join(
-            [*tables, *self.declared, *self.functions.values(), *functions, "attributes #0 = { nounwind }", ""]
-        )
+        return "\n".join([*self.declared, *self.functions.values(), *functions, "attributes #0 = { nounwind }", ""])
 
 
 class Emitter:
@@ -94,6 +104,7 @@ class Emitter:
         self.label = "entry"
         self._count = 0
         self._pairs: dict[int, str] = {}  # sine and cosine of a value
+        self.literal = False  # are all constants part of the code?
         self.special: dict[str, Callable[[Instruction], None]] = {}
 
     # --- lines --------------------------------------------------------------------------------------
@@ -126,13 +137,31 @@ class Emitter:
 
     def name(self, value: int) -> str:
         """The name of a scalar, or its literal."""
-        if value in self.program.constants:
-            return literal(self.program.constants[value], self.program.kinds[value], self.width)
-        return self.names[value]
+        if value not in self.program.constants:
+            return self.names[value]
+        constant, kind = self.program.constants[value], self.program.kinds[value]
+        if self.literal or kind != "f" or constant in _LITERAL or np.isnan(constant):
+            return literal(constant, kind, self.width)
+        place = self.constant(value, (constant,), 0)
+        return self.splat(self.line(f"load double, ptr {place}, align 8"), self.width)
+
+    def constant(self, value: int, numbers: Any, entry: int | str) -> str:
+        """The address of an entry of a constant."""
+        first = self.module.place(value, numbers)
+        at = first + entry if isinstance(entry, int) else self.line(f"add i64 {entry}, {first}")
+        return self.line(f"getelementptr double, ptr %constants, i64 {at}")
+
+    def splat(self, x: str, width: int) -> str:
+        """A vector of one number."""
+        if width == 1:
+            return x
+        T = type_of("f", width)
+        first = self.line(f"insertelement {T} poison, double {x}, i32 0")
+        return self.line(f"shufflevector {T} {first}, {T} poison, <{width} x i32> zeroinitializer")
 
     def loop(
-        self, first: int | str, count: int | str, body: Callable[..., Sequence[str]], initial: Sequence[str] = (),
-        types: Sequence[str] = (), step: int = 1,
+        self, first: int | str, count: int | str, body: Callable[..., Sequence[str] | None],
+        initial: Sequence[str] = (), types: Sequence[str] = (), step: int = 1,
     ) -> list[str]:  # fmt: skip
         """A loop ``for i in range(first, count, step)`` with carried values; their names afterwards."""
         before, head, inside, done = self.label, *map(self.fresh, ("head", "body", "done"))
@@ -161,7 +190,7 @@ class Emitter:
         """Instructions in order."""
         for instruction in instructions:
             if instruction.opcode in self.special:
-                self.special[instruction.opcode](instruction)
+                self.specially(instruction)
             elif instruction.opcode == "repeat":
                 self._repeat(instruction)
             elif instruction.opcode == "lookup":
@@ -175,6 +204,10 @@ class Emitter:
                 self.names[instruction.result] = self.operation(
                     instruction.opcode, kinds, operands, self.width, self.program.kinds[instruction.result]
                 )
+
+    def specially(self, instruction: Instruction) -> None:
+        """An instruction that is more than one operation of scalars."""
+        self.special[instruction.opcode](instruction)
 
     def operation(self, opcode: str, kinds: str, operands: Sequence[str], width: int, result: str = "f") -> str:
         """One opcode of scalars of some kinds, ``width`` of them side by side."""
@@ -269,11 +302,11 @@ class Emitter:
         if result == "f":
             return self.line(f"{'sitofp' if kind == 'i' else 'uitofp'} {T} {x} to {R}")
         if kind == "f":
-            x = self._within(x, -9.2e18, 9.2e18, width)
+            x = self.within(x, -9.2e18, 9.2e18, width)
             return self.line(f"fptosi {T} {x} to {R}")
         return x
 
-    def _within(self, x: str, low: float, high: float, width: int) -> str:
+    def within(self, x: str, low: float, high: float, width: int) -> str:
         """Numbers within bounds; NaN becomes the lower one, or 0."""
         T, mask = type_of("f", width), type_of("b", width)
         for order, bound in (("ogt", low), ("olt", high)):
@@ -309,17 +342,16 @@ class Emitter:
         place, count, across, column = instruction.attributes
         kind, index = self.program.kinds[value], self.name(value)
         if kind == "f":
-            index = self._within(index, 0.0, count - 1.0, self.width)
+            index = self.within(index, 0.0, count - 1.0, self.width)
             index = self.line(f"fptosi {type_of('f', self.width)} {index} to {type_of('i', self.width)}")
         else:
             for call, bound in (("smax", 0), ("smin", count - 1)):
                 index = self.call(call, "ii", self.width, index, literal(bound, "i", self.width))
-        table = self.module.table(self.program.tables[place])
 
         def one(lane: int) -> str:
             entry = self.lane(index, "i", lane)
             at = self.line(f"add i64 {self.line(f'mul i64 {entry}, {across}')}, {column}")
-            return self.line(f"load double, ptr {self.line(f'getelementptr double, ptr {table}, i64 {at}')}, align 8")
+            return self.line(f"load double, ptr {self.constant(place, self.program.tables[place], at)}, align 8")
 
         return self.lanes(one, "f")
 

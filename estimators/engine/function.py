@@ -17,6 +17,7 @@ LANES = 8
 """Rows side by side in a batch; a row alone has a program of its own."""
 FEW = 4
 """Rows from which on vectors are worth it."""
+_LONG = 400  # instructions, above which those of matrices are all calls: LLVM's time grows faster than a function
 _LARGEST = 1 << 14  # bytes of scratch a row, above which rows are computed one by one, each a vector of its entries
 _LARGEST_SOLVED = 1 << 17  # where scalars would be computed one after the other otherwise
 _SOLVING = frozenset(
@@ -55,34 +56,38 @@ class Function:
         self._layout = Layout(program, self._live, values)
         largest = _LARGEST if _SOLVING.isdisjoint(each.opcode for each in self._live) else _LARGEST_SOLVED
         self._wide = LANES if self._layout.size * 8 <= largest else 1
-        self._entries: dict[int, Callable[..., None]] = {}
+        self._entries: dict[int, tuple[Callable[..., None], np.ndarray]] = {}
         self._lock = Lock()
 
-    def __call__(self, rows: int, shared: int, addresses: Sequence[int]) -> None:
-        """Compute rows of arrays in memory.
+    def __call__(self, rows: int, shared: int, *arrays: np.ndarray) -> None:
+        """Compute rows of arrays.
 
         Args:
             rows: How many.
             shared: Bits of the arguments that have one row for all.
-            addresses: Of the arguments' and the results' first rows, in C order.
+            arrays: The arguments and the results, in C order and of the types that they have here. Nothing is checked.
         """
         width = self._wide if rows >= FEW else 1
-        entry = self._entries.get(width) or self.compiled(width)
-        entry(rows, shared, machine.scratch(8 * width * self._layout.size), *addresses)
+        entry, constants = self._entries.get(width) or self.compiled(width)
+        entry(rows, shared, machine.scratch(width * self._layout.size), constants, *arrays)
 
-    def compiled(self, width: int) -> Callable[..., None]:
-        """The machine code for so many rows side by side."""
+    def compiled(self, width: int) -> tuple[Callable[..., None], np.ndarray]:
+        """The machine code for so many rows side by side, and its constants."""
         with self._lock:
             if width not in self._entries:
-                count = len(self.arguments) + len(self.results)
-                self._entries[width] = machine.load(self.text(width), count)
+                text, constants = self.text(width)
+                self._entries[width] = machine.load(text), constants
             return self._entries[width]
 
-    def text(self, width: int) -> str:
-        """The program in LLVM IR."""
+    def text(self, width: int) -> tuple[str, np.ndarray]:
+        """The program in LLVM IR, and the constants that it reads."""
         module = Module()
         emitter = Driver(self, module, width)
-        return module.text([emitter.function(self._live, self._outputs)])
+        if len(self._live) > _LONG:
+            emitter.inlined = 0
+        entry = machine.entry_point(2 + len(self.arguments) + len(self.results), width > 1)
+        text = module.text([emitter.function(self._live, self._outputs), entry])
+        return text, np.array(module.constants, float)
 
     @property
     def program(self) -> Program:
@@ -175,9 +180,13 @@ class Driver(LinearEmitter):
             return ()
 
         self.loop(0, "%rows", body, step=self.width)
-        pointers = [f"ptr noalias %a{i}" for i in range(len(arguments))] + [f"ptr %o{i}" for i in range(len(results))]
-        head = f"define void @run(i64 %rows, i64 %shared, ptr noalias %scratch, {', '.join(pointers)}) #0 {{\nentry:"
-        return "\n".join([head.replace("noalias %a", "%a"), *self.lines, "  ret void\n}"])
+        given = ["i64 %rows", "i64 %shared", "ptr noalias %scratch", "ptr noalias readonly %constants"]
+        given += [f"ptr %a{i}" for i in range(len(arguments))] + [f"ptr %o{i}" for i in range(len(results))]
+        return "\n".join([f"define internal void @run({', '.join(given)}) #0 {{\nentry:", *self.lines, "  ret void\n}"])
+
+    def emitter(self, program: Program, layout: Any) -> LinearEmitter:
+        """What emits the body of an outlined function, which has no rows of its own."""
+        return LinearEmitter(program, self.module, self.width, layout)
 
     def _row(self, base: str, size: str | int, row: str, kind: str) -> str:
         at = self.line(f"mul i64 {row}, {size}")

@@ -4,6 +4,8 @@ from typing import Any
 
 import numpy as np
 
+from estimators.engine import matrices
+from estimators.engine.arrays import TracedArray
 from estimators.engine.matrices import (
     _PRODUCTS,
     MatrixTracer,
@@ -14,12 +16,22 @@ from estimators.engine.matrices import (
     shapes,
 )
 from estimators.engine.program import Program
-from estimators.engine.tracer import NotTraceable
+from estimators.engine.tracer import NotTraceable, Tracer
 
 
 def program_of(*values: Any) -> Program:
     """The program of some traced matrices."""
-    return next(each.program for each in values if isinstance(each, MatrixTracer))
+    for each in values:
+        if isinstance(each, MatrixTracer | Tracer):
+            return each.program
+        if isinstance(each, TracedArray):
+            return next(entry.program for entry in each.flat if isinstance(entry, Tracer))
+    raise NotTraceable("nothing here depends on the row")
+
+
+def joined(parts: Any, axis: Any) -> Any:
+    """Arrays below (axis -2) or beside (axis -1) each other."""
+    return matrices.joined(program_of(*parts), parts, axis)
 
 
 def _check_matrices(word: str, *operands: Any) -> None:

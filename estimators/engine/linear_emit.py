@@ -72,7 +72,7 @@ class LinearEmitter(MatrixEmitter):
             self.store_at(pivot, f, j, j)
             self.each(self.plus(j, 1), n, lambda i: self.store_at(self._do("fdiv", self.load(f, i, j), pivot), f, j, i))
 
-        self.loop(0, n, lambda j: column(j) or ())
+        self.loop(0, n, lambda j: column(j))
 
         def solution(c: Index) -> None:
             def forward(i: Index) -> None:
@@ -85,8 +85,8 @@ class LinearEmitter(MatrixEmitter):
                 rest = self._substituted(z, c, self.plus(i, 1), n, i, lambda k: self.load(f, i, k), rest)
                 self.store_at(rest, z, i, c)
 
-            self.loop(0, n, lambda i: forward(i) or ())
-            self.loop(0, n, lambda m: backward(m) or ())
+            self.loop(0, n, lambda i: forward(i))
+            self.loop(0, n, lambda m: backward(m))
 
         self.each(0, b.shape[1], solution)
 
@@ -104,7 +104,7 @@ class LinearEmitter(MatrixEmitter):
                 rest = self._substituted(z, c, low, high, i, lambda k: self.load(t, i, k), self.load(b, i, c))
                 self.store_at(self._do("fdiv", rest, self.load(t, i, i)), z, i, c)
 
-            self.loop(0, n, lambda m: entry(m) or ())
+            self.loop(0, n, lambda m: entry(m))
 
         self.each(0, b.shape[1], solution)
 
@@ -126,7 +126,7 @@ class LinearEmitter(MatrixEmitter):
             self.store_at(pivot, f, j, j)
             self.each(self.plus(j, 1), n, lambda i: self.store_at(self._do("fdiv", below(i), pivot), f, i, j))
 
-        self.loop(0, n, lambda j: column(j) or ())
+        self.loop(0, n, lambda j: column(j))
 
     def _semidefinite_cholesky(self, instruction: Instruction) -> None:
         """``L L' = S``; a pivot that is zero to rounding gives a column of zeros."""
@@ -139,7 +139,7 @@ class LinearEmitter(MatrixEmitter):
             self.each(0, self.plus(i, 1), lambda j: self.store_at(self.load(s, i, j), f, i, j))
             self.each(self.plus(i, 1), n, lambda j: self.store_at(self._zero, f, i, j))
 
-        self.loop(0, n, lambda i: start(i) or ())
+        self.loop(0, n, lambda i: start(i))
 
         def column(j: Index) -> None:
             pivot = self.load(f, j, j)
@@ -155,7 +155,7 @@ class LinearEmitter(MatrixEmitter):
 
             self.each(self.plus(j, 1), n, below)
 
-        self.loop(0, n, lambda j: column(j) or ())
+        self.loop(0, n, lambda j: column(j))
 
     def _eliminate(self, instruction: Instruction) -> None:
         """``S^-1 B`` by Gaussian elimination with partial pivoting; where lanes pivot otherwise, numbers are chosen."""
@@ -210,7 +210,7 @@ class LinearEmitter(MatrixEmitter):
 
             self.each(self.plus(j, 1), n, below)
 
-        self.loop(0, n, lambda j: column(j) or ())
+        self.loop(0, n, lambda j: column(j))
 
         def solution(c: Index) -> None:
             def backward(m: Index) -> None:
@@ -218,7 +218,7 @@ class LinearEmitter(MatrixEmitter):
                 rest = self._substituted(z, c, self.plus(i, 1), n, i, lambda k: self.load(f, i, k), self.load(z, i, c))
                 self.store_at(self._do("fdiv", rest, self.load(f, i, i)), z, i, c)
 
-            self.loop(0, n, lambda m: backward(m) or ())
+            self.loop(0, n, lambda m: backward(m))
 
         self.each(0, b.shape[1], solution)
 

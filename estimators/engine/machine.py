@@ -19,33 +19,27 @@ from typing import Any
 import numpy as np
 
 _KEPT = 90 * 86400.0  # seconds after their last use that objects are kept
-_VERSION = "2"
+_VERSION = "3"
 _compiling = Lock()
-_loaded: dict[str, tuple[Any, int]] = {}
+_loaded: dict[str, Any] = {}
 _threads = local()
 
 
-def load(text: str, pointers: int) -> Callable[..., None]:
-    """The function ``run(i64, i64, ptr, ptr...)`` of a module.
+def load(text: str) -> Callable[..., None]:
+    """The Python function of a module, whose symbol is ``call``: see `entry_point`.
 
     Objects are kept by the digest of the text and of the processor, each written at once under a name of its own and
     then renamed: processes that compile the same need no lock.
-
-    Args:
-        text: LLVM IR.
-        pointers: Arguments of ``run`` beyond the first three.
     """
     digest = sha256(f"{_VERSION} {' '.join(_processor())} {text}".encode()).hexdigest()[:40]
     with _compiling:
         if digest not in _loaded:
-            _loaded[digest] = _engine(text, digest)
-        _, address = _loaded[digest]
-    prototype = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64, *(ctypes.c_size_t,) * (1 + pointers))
-    return prototype(address)
+            _loaded[digest] = _function(text, digest)
+        return _loaded[digest]
 
 
-def _engine(text: str, digest: str) -> tuple[Any, int]:
-    """An execution engine with the module's code, and the address of its function."""
+def _function(text: str, digest: str) -> Any:
+    """The function of a module's code in an execution engine of its own."""
     from llvmlite import binding
 
     machine = _machine()
@@ -58,7 +52,54 @@ def _engine(text: str, digest: str) -> tuple[Any, int]:
     engine = binding.create_mcjit_compiler(module, machine)
     engine.add_object_file(binding.ObjectFileRef.from_data(code))
     engine.finalize_object()
-    return engine, engine.get_function_address("run")
+    method = _Method(b"run", engine.get_function_address("call"), _FASTCALL, None)
+    create = ctypes.pythonapi.PyCFunction_NewEx
+    create.restype, create.argtypes = ctypes.py_object, (ctypes.c_void_p, ctypes.py_object, ctypes.c_void_p)
+    return create(ctypes.addressof(method), (engine, method), None)  # it keeps its code
+
+
+class _Method(ctypes.Structure):
+    """``PyMethodDef``."""
+
+    _fields_ = (("name", ctypes.c_char_p), ("function", ctypes.c_void_p), ("flags", ctypes.c_int),
+                ("doc", ctypes.c_char_p))  # fmt: skip
+
+
+_FASTCALL = 0x80
+_PYTHON = "PyLong_AsSsize_t", "PyEval_SaveThread", "PyEval_RestoreThread", "Py_IncRef", "_Py_NoneStruct"
+
+
+def entry_point(pointers: int, releasing: bool) -> str:
+    """The module's Python function, in LLVM IR: a call through ctypes would take longer than most programs.
+
+    It takes two whole numbers and arrays of NumPy, whose data begin where their object says, right behind the head that
+    all objects have (``PyArrayObject_fields``). It looks at nothing else of them: their owner has checked them.
+
+    Args:
+        pointers: How many arrays.
+        releasing: Do other threads of Python run meanwhile?
+    """
+    lines = ["entry:"]
+    for i in range(2):
+        lines += [f"  %n{i} = getelementptr ptr, ptr %args, i64 {i}", f"  %m{i} = load ptr, ptr %n{i}",
+                  f"  %i{i} = call i64 @PyLong_AsSsize_t(ptr %m{i})"]  # fmt: skip
+    for i in range(pointers):
+        lines += [
+            f"  %q{i} = getelementptr ptr, ptr %args, i64 {i + 2}", f"  %o{i} = load ptr, ptr %q{i}",
+            f"  %d{i} = getelementptr i8, ptr %o{i}, i64 {object.__basicsize__}", f"  %p{i} = load ptr, ptr %d{i}",
+        ]  # fmt: skip
+    if releasing:
+        lines.append("  %thread = call ptr @PyEval_SaveThread()")
+    lines.append(f"  call void @run(i64 %i0, i64 %i1, {', '.join(f'ptr %p{i}' for i in range(pointers))})")
+    if releasing:
+        lines.append("  call void @PyEval_RestoreThread(ptr %thread)")
+    lines += ["  call void @Py_IncRef(ptr @_Py_NoneStruct)", "  ret ptr @_Py_NoneStruct", "}"]
+    declared = """declare i64 @PyLong_AsSsize_t(ptr)
+declare ptr @PyEval_SaveThread()
+declare void @PyEval_RestoreThread(ptr)
+declare void @Py_IncRef(ptr)
+@_Py_NoneStruct = external global i8"""
+    return "\n".join([declared, "define ptr @call(ptr %self, ptr %args, i64 %count) {", *lines])
 
 
 def _object(text: str, machine: Any) -> bytes:
@@ -67,8 +108,8 @@ def _object(text: str, machine: Any) -> bytes:
 
     _announce()
     module = binding.parse_assembly(text)
-    options = binding.create_pipeline_tuning_options(speed_level=2)
-    options.loop_vectorization = options.slp_vectorization = False
+    options = binding.create_pipeline_tuning_options(speed_level=1)
+    options.loop_vectorization = options.slp_vectorization = options.loop_unrolling = False
     passes = binding.create_pass_builder(machine, options)
     passes.getModulePassManager().run(module, passes)
     return bytes(machine.emit_object(module))
@@ -90,18 +131,19 @@ def _machine() -> Any:
 
     binding.initialize_native_target()
     binding.initialize_native_asmprinter()
+    for symbol in _PYTHON:
+        binding.add_symbol(symbol, ctypes.addressof(ctypes.c_byte.in_dll(ctypes.pythonapi, symbol)))
     _, triple, name, features = _processor()
     target = binding.Target.from_triple(triple)
     return target.create_target_machine(cpu=name, features=features, opt=2, reloc="pic", jit=True)
 
 
-def scratch(size: int) -> int:
-    """The address of so many bytes that belong to this thread, and begin a cache line."""
-    if size > getattr(_threads, "size", 0):
-        _threads.room, _threads.size = np.empty(size // 8 + 8), size
-        address = _threads.room.ctypes.data
-        _threads.address = address + -address % 64
-    return int(getattr(_threads, "address", 0))
+def scratch(size: int) -> np.ndarray:
+    """So many numbers that belong to this thread."""
+    room = getattr(_threads, "room", None)
+    if room is None or len(room) < size:
+        room = _threads.room = np.empty(max(size, 64))
+    return room
 
 
 # --- objects on disk --------------------------------------------------------------------------------

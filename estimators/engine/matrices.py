@@ -93,7 +93,7 @@ class MatrixTracer(NDArrayOperatorsMixin):
         """Where its entries stand, as those of a matrix."""
         padding = (2 - self.ndim) * (0,)
         shape: Any = (1,) * (2 - self.ndim) + self.shape
-        return View(self.value, shape, self.start, (*padding, *self.steps))  # type: ignore[arg-type]
+        return View(self.value, shape, self.start, (*padding, *self.steps))
 
     @property
     def mT(self) -> "MatrixTracer":
@@ -131,7 +131,7 @@ class MatrixTracer(NDArrayOperatorsMixin):
         """The diagonal of a matrix, whose axes are the last two."""
         if (offset, axis1, axis2) != (0, -2, -1) or self.ndim != 2:
             raise NotTraceable("of a traced formula's matrices diagonal(0, -2, -1) alone can be had")
-        return self._part((min(self.shape),), self.start, (sum(self.steps),))  # type: ignore[no-any-return]
+        return self._part((min(self.shape),), self.start, (sum(self.steps),))
 
     def sum(self, axis: int | tuple[int, int] | None = None, **others: Any) -> Any:
         """The sum over the last axis, the one before, or both."""
@@ -215,6 +215,19 @@ def matrix_input(program: Program, argument: int, column: int, shape: tuple[int,
     return MatrixTracer(program, value, shape, mask=kind == "b")
 
 
+def lookup_matrix(table: np.ndarray, index: Tracer) -> MatrixTracer:
+    """The matrix of a constant table ``(k, n, m)`` at an index, a float that is truncated; beyond, the nearest."""
+    program = index.program
+    place, size = program.table(table), math.prod(table.shape[1:])
+    value = program.add("lookup matrix", (cast(index, "f").value,), "f", size, (place, len(table)))
+    return MatrixTracer(program, value, table.shape[1:])
+
+
+def is_traced(value: Any) -> bool:
+    """Does a value stand for what differs from row to row: is a formula traced with it?"""
+    return isinstance(value, MatrixTracer | Tracer | TracedArray)
+
+
 def is_mask(operand: Any) -> bool:
     """Are its entries True and False?"""
     return operand.mask if isinstance(operand, MatrixTracer) else operand.kind == "b"
@@ -227,6 +240,10 @@ def _is_constant(operand: Any) -> bool:
 def entrywise(program: Program, function: Any, *values: Any) -> Any:
     """One of NumPy's functions entry by entry; what has one row or column is the same in all."""
     if function in _DERIVED:
+        if any(isinstance(value, MatrixTracer) and value.mask for value in values):
+            raise NotTraceable(
+                f"np.{function.__name__} in a traced formula is of numbers: of a mask they are 1.0 * mask"
+            )
         return _DERIVED[function](*values)
     operands = [matrix(program, value) for value in values]
     choices = operands[1:] if function is np.where else operands

@@ -1,7 +1,10 @@
 """Instructions of matrices as loops in LLVM IR with constant bounds, over entries whose rows stand side by side."""
 
+import math
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from estimators.engine.emit import Emitter, Module, literal, type_of
 from estimators.engine.program import Instruction, Program, View
@@ -11,7 +14,19 @@ _ACROSS = 48  # columns of a product that are summed at a time: as many vectors 
 _UNROLLED = 16  # entries up to which there is no loop
 _MASKED = ("and", "or", "not")
 _GIVE_MASKS = ("greater", "greater equal", "isfinite", "and", "or", "not")
+_OUTLINED = frozenset((
+    "each", "join", "matmul", "inner", "symmetrise", "solve", "eliminate", "solve lower", "solve upper", "cholesky",
+    "semidefinite cholesky", "rotate",
+))  # fmt: skip
+_NONE = np.zeros(0)
 Index = int | str
+
+
+class _Own(NamedTuple):
+    """The layout of an outlined function, whose matrices are its arguments."""
+
+    places: dict[int, int]
+    temporary: dict[int, int]
 
 
 class MatrixEmitter(Emitter):
@@ -21,10 +36,11 @@ class MatrixEmitter(Emitter):
         super().__init__(program, module, width)
         self.layout = layout
         self.pointers: dict[int, str] = {}
+        self.inlined = _UNROLLED  # entries of the operands up to which there is no call
         self.T, self.mask = type_of("f", width), type_of("b", width)
         self.special |= {
             "each": self._each, "element": self._element, "pack": self._pack, "join": self._join,
-            "matmul": self._matmul, "inner": self._inner,
+            "matmul": self._matmul, "inner": self._inner, "lookup matrix": self._lookup_matrix,
         }  # fmt: skip
 
     # --- memory -------------------------------------------------------------------------------------
@@ -49,10 +65,11 @@ class MatrixEmitter(Emitter):
 
     def address(self, value: int, entry: Index) -> str:
         """Where an entry of a matrix stands."""
-        if value in self.program.tables:
-            return self.line(f"getelementptr double, ptr {self.module.table(self.program.tables[value])}, i64 {entry}")
         if value in self.pointers:
-            return self.line(f"getelementptr double, ptr {self.pointers[value]}, i64 {self.times(entry, self.width)}")
+            lanes = 1 if value in self.program.tables else self.width
+            return self.line(f"getelementptr double, ptr {self.pointers[value]}, i64 {self.times(entry, lanes)}")
+        if value in self.program.tables:
+            return self.constant(value, self.program.tables[value], entry)
         place = self.times(self.plus(self.layout.places[value], entry), self.width)
         return self.line(f"getelementptr double, ptr %scratch, i64 {place}")
 
@@ -69,14 +86,6 @@ class MatrixEmitter(Emitter):
         if view.value in self.program.tables:
             return self.splat(self.line(f"load double, ptr {place}, align 8"), self.width)
         return self.line(f"load {self.T}, ptr {place}, align 8")
-
-    def splat(self, x: str, width: int) -> str:
-        """A vector of one number."""
-        if width == 1:
-            return x
-        T = type_of("f", width)
-        first = self.line(f"insertelement {T} poison, double {x}, i32 0")
-        return self.line(f"shufflevector {T} {first}, {T} poison, <{width} x i32> zeroinitializer")
 
     def store(self, x: str, value: int, entry: Index) -> None:
         """Put a number into an entry of a matrix."""
@@ -117,6 +126,71 @@ class MatrixEmitter(Emitter):
         """What a term makes of a number, index by index."""
         return self.loop(low, high, lambda k, total: [term(k, total)], [first], [self.T])[0]
 
+    # --- functions ----------------------------------------------------------------------------------
+
+    def specially(self, instruction: Instruction) -> None:
+        """An instruction of matrices, as a call of a function where it is long."""
+        entries = sum(math.prod(each.shape) for each in instruction.operands if isinstance(each, View))
+        if instruction.opcode not in _OUTLINED or entries <= self.inlined:
+            super().specially(instruction)
+            return
+        name = self._outlined(instruction)
+        given = [
+            f"ptr {self.address(each.value, each.start)}" if isinstance(each, View) else f"{self.T} {self.load(each)}"
+            for each in instruction.operands
+        ]
+        given.append(f"ptr {self.address(instruction.result, 0)}")
+        if instruction.result in self.layout.temporary:
+            given.append(f"ptr {self.address(self.temporary(instruction), 0)}")
+        self.lines.append(f"  call void {name}({', '.join(given)})")
+
+    def emitter(self, program: Program, layout: Any) -> "MatrixEmitter":
+        """What emits the body of an outlined function."""
+        return type(self)(program, self.module, self.width, layout)
+
+    def _outlined(self, instruction: Instruction) -> str:
+        """The function of an instruction, one for all of its kind whose operands have the same shapes and steps."""
+        shapes = [
+            (each.shape, each.steps, each.value in self.program.tables) if isinstance(each, View) else None
+            for each in instruction.operands
+        ]
+        same = [instruction.operands.index(each) for each in instruction.operands]
+        key = str((instruction.opcode, instruction.attributes, shapes, same, self.width))
+        if key not in self.module.outlined:
+            name = f"@{instruction.opcode.replace(' ', '_')}.{len(self.module.outlined)}"
+            self.module.outlined[key] = name
+            program, own = Program(), _Own({}, {})
+            operands: list[int | View] = []
+            parameters: list[str] = []
+            emitter = self.emitter(program, own)
+            for i, each in enumerate(instruction.operands):
+                if same[i] < i:
+                    operands.append(operands[same[i]])
+                    parameters.append(f"{'ptr' if isinstance(each, View) else self.T} %p{i}")
+                    continue
+                value = program.new("f", math.prod(each.shape) if isinstance(each, View) else None)
+                if isinstance(each, View):
+                    emitter.pointers[value] = f"%p{i}"
+                    if each.value in self.program.tables:
+                        program.tables[value] = _NONE
+                    parameters.append(f"ptr %p{i}")
+                    operands.append(View(value, each.shape, 0, each.steps))
+                else:
+                    emitter.names[value] = f"%p{i}"
+                    parameters.append(f"{self.T} %p{i}")
+                    operands.append(value)
+            result = program.new("f", self.program.sizes[instruction.result])
+            emitter.pointers[result], parameters = "%r", [*parameters, "ptr noalias %r"]
+            if instruction.result in self.layout.temporary:
+                own.temporary[result], parameters = 0, [*parameters, "ptr noalias %t"]
+                emitter.pointers[-1 - result] = "%t"
+            emitter.special[instruction.opcode](
+                Instruction(instruction.opcode, tuple(operands), result, instruction.attributes)
+            )
+            head = f"define internal void {name}({', '.join(parameters)}) noinline nounwind {{\nentry:"
+            self.module.functions[name] = "\n".join([head, *emitter.lines, "  ret void\n}"])
+        return self.module.outlined[key]
+
     # --- entry by entry -----------------------------------------------------------------------------
 
     def _element(self, instruction: Instruction) -> None:
@@ -141,6 +215,24 @@ class MatrixEmitter(Emitter):
     def copy(self, view: View, target: View) -> None:
         """Copy a matrix to where another one stands."""
         self.over(*view.shape, lambda i, j: self.store_at(self.load(view, i, j), target, i, j))
+
+    def _lookup_matrix(self, instruction: Instruction) -> None:
+        value: Any = instruction.operands[0]
+        place, count = instruction.attributes
+        size = self.program.sizes[instruction.result]
+        index = self.within(self.name(value), 0.0, count - 1.0, self.width)
+        index = self.line(f"fptosi {self.T} {index} to {type_of('i', self.width)}")
+        starts = [self.times(self.lane(index, "i", lane), size) for lane in range(self.width)]
+        table = self.program.tables[place]
+
+        def entry(_: Index, e: Index) -> None:
+            def one(lane: int) -> str:
+                at = self.constant(place, table, self.plus(starts[lane], e))
+                return self.line(f"load double, ptr {at}, align 8")
+
+            self.store(self.lanes(one, "f"), instruction.result, e)
+
+        self.over(1, size, entry)
 
     def _each(self, instruction: Instruction) -> None:
         _opcode, rows, columns = instruction.attributes
@@ -184,7 +276,7 @@ class MatrixEmitter(Emitter):
 
         def line(i: Index) -> None:
             if whole > _CHUNK:
-                self.loop(0, whole, lambda j: chunk(i, j, _CHUNK) or (), step=_CHUNK)
+                self.loop(0, whole, lambda j: chunk(i, j, _CHUNK), step=_CHUNK)
             elif whole:
                 chunk(i, 0, _CHUNK)
             for j in range(whole, columns):
@@ -247,7 +339,7 @@ class MatrixEmitter(Emitter):
 
         def row(i: Index) -> None:
             if whole > 4:
-                self.loop(0, whole, lambda j: some(i, j, 4) or (), step=4)
+                self.loop(0, whole, lambda j: some(i, j, 4), step=4)
             elif whole:
                 some(i, 0, 4)
             if columns > whole:
@@ -281,7 +373,7 @@ class MatrixEmitter(Emitter):
                 self.lines.append(f"  store {T} {total}, ptr {place}, align 8")
 
         if whole > 2 * _ACROSS:
-            self.loop(0, whole, lambda j: some(j, _ACROSS) or (), step=_ACROSS)
+            self.loop(0, whole, lambda j: some(j, _ACROSS), step=_ACROSS)
         else:
             for j in range(0, whole, _ACROSS):
                 some(j, _ACROSS)

@@ -67,6 +67,11 @@ class Program:
         tables: and matrices that are the same for all rows.
     """
 
+    callback: Callable[..., Any]
+    """Gives tracers of results that Python computes before the program is run, where its owner has such;"""
+    inlined: dict[str, Any]
+    """and what is traced instead."""
+
     def __init__(self) -> None:
         self.instructions: list[Instruction] = []
         self.kinds: list[str] = []

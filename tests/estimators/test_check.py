@@ -20,7 +20,7 @@ from estimators import (
     make,
     names,
 )
-from estimators.formulas import is_noted
+from estimators.engine.matrices import is_traced
 from tests.estimators.cases import turning_vehicle
 
 
@@ -258,7 +258,7 @@ class OneForBoth(KalmanFilter):
 
     def _update(self, belief: Any, reading: Any, rng: Any) -> Any:
         updated = super()._update(belief, reading, rng)
-        both = is_noted(belief.mean) and belief is self.moved
+        both = is_traced(belief.mean) and belief is self.moved
         return updated.replace(cov=1.001 * updated.cov) if both else updated
 
 

@@ -1,19 +1,18 @@
-"""Formulas of small matrices: what is carried out compiled is what NumPy computes, for every row by itself."""
+"""Formulas of small matrices: what is executed compiled is what NumPy computes, for every row by itself."""
 
 import pickle
-import subprocess
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from estimators import Belief, Filter, Gaussian, KalmanFilter, LinearModel, Recovery, Schedule, formulas, make
+from estimators import Belief, Filter, Gaussian, KalmanFilter, LinearModel, Recovery, Schedule, make
+from estimators.engine import compiled
+from estimators.engine.matrices import matrix_input
+from estimators.engine.program import Program
 from estimators.filter import Model, Rng
-from estimators.formulas import Program
 from estimators.linalg import joined, semidefinite_cholesky, singular, solve, solve_upper, symmetrise
 from estimators.reading import Reading
 from tests.estimators.cases import (
@@ -56,15 +55,16 @@ FORMULAS: dict[str, Callable[..., Any]] = {
 }  # fmt: skip
 
 
-def carried_out(formula: Callable[..., Any], S: np.ndarray, B: np.ndarray, x: np.ndarray, m: np.ndarray) -> np.ndarray:
+def executed(formula: Callable[..., Any], S: np.ndarray, B: np.ndarray, x: np.ndarray, m: np.ndarray) -> np.ndarray:
     """The formula of ``S (B, 3, 3)``, ``B (B, 3, 2)``, ``x (B, 3)`` and a mask ``m (B, 3)``, compiled."""
-    program, rows = Program(), len(x)
-    given = program.given(0, 0, 3, 3), program.given(1, 0, 3, 2), program.given(2, 0, 3), program.given(3, 0, 3)
-    result = formula(*given)
-    program.finish([(result, 0), (0.0, result.size)])
-    out = np.empty((rows, result.size + 1))
-    program.run(S.reshape(rows, -1), B.reshape(rows, -1), x, m, x, out)
-    return out[:, :-1].reshape((rows, *result.shape))
+    return np.asarray(compiled(formula, axes=(2, 2, 1, 1), matrices=True)(S, B, x, m))
+
+
+def tracers() -> tuple[Any, ...]:
+    """Tracers of a row of what `given` gives."""
+    program = Program()
+    shapes: Any = ((3, 3), (3, 2), (3,), (3,))
+    return tuple(matrix_input(program, i, 0, shape, "fffb"[i]) for i, shape in enumerate(shapes))
 
 
 def given(rows: int) -> tuple[np.ndarray, ...]:
@@ -75,40 +75,39 @@ def given(rows: int) -> tuple[np.ndarray, ...]:
 
 @pytest.mark.parametrize("rows", ROWS)
 @pytest.mark.parametrize("formula", FORMULAS.values(), ids=FORMULAS.keys())
-def test_what_is_carried_out_is_what_numpy_computes(formula: Callable[..., Any], rows: int):
+def test_what_is_executed_is_what_numpy_computes(formula: Callable[..., Any], rows: int):
     parts = given(rows)
-    np.testing.assert_allclose(carried_out(formula, *parts), formula(*parts), rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(executed(formula, *parts), formula(*parts), rtol=0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("formula", FORMULAS.values(), ids=FORMULAS.keys())
 def test_a_row_is_the_same_to_the_last_bit_in_any_batch(formula: Callable[..., Any]):
     parts = given(200)
-    whole = carried_out(formula, *parts)
+    whole = executed(formula, *parts)
     for rows in (slice(7, 8), slice(60, 70), slice(3, 197)):
         some = (np.ascontiguousarray(part[rows]) for part in parts)
-        np.testing.assert_array_equal(carried_out(formula, *some), whole[rows])
+        np.testing.assert_array_equal(executed(formula, *some), whole[rows])
 
 
 @pytest.mark.parametrize("function", [np.maximum, np.minimum])
 def test_what_is_no_number_stays_none(function: np.ufunc):
     S, B, x, m = given(70)
     x[::3], S[::2, 0] = np.nan, np.nan
-    found = carried_out(lambda S, B, x, m: function(x, S[..., 0, :]), S, B, x, m)
+    found = executed(lambda S, B, x, m: function(x, S[..., 0, :]), S, B, x, m)
     np.testing.assert_array_equal(found, function(x, S[..., 0, :]))
 
 
 def test_a_matrix_that_is_no_covariance_is_lost_and_no_other():
     S, B, x, m = given(70)
     S[5], S[66] = -np.eye(3), np.nan
-    solved = carried_out(FORMULAS["solve"], S, B, x, m)
+    solved = executed(FORMULAS["solve"], S, B, x, m)
     lost = np.isin(np.arange(70), (5, 66))
     assert np.isnan(solved[lost]).any((-2, -1)).all()
     np.testing.assert_allclose(solved[~lost], np.linalg.solve(S[~lost], B[~lost]), rtol=0.0, atol=1e-12)
 
 
 def test_a_formula_that_cannot_be_compiled_is_refused():
-    program = Program()
-    x = program.given(0, 0, 3)
+    _, _, x, _ = tracers()
     with pytest.raises(TypeError, match=r"cannot have np\.tanh in it"):
         np.tanh(x)
     with pytest.raises(TypeError, match=r"cannot have np\.cross in it"):
@@ -148,9 +147,8 @@ MISTAKES: dict[str, Callable[..., Any]] = {
 def test_what_numpy_refuses_is_refused_while_it_is_traced(formula: Callable[..., Any]):
     with pytest.raises((ValueError, IndexError)):
         formula(*given(11))
-    program = Program()
     with pytest.raises((ValueError, TypeError, IndexError)) as caught:
-        formula(program.given(0, 0, 3, 3), program.given(1, 0, 3, 2), program.given(2, 0, 3), program.given(3, 0, 3))
+        formula(*tracers())
     assert "\n" not in str(caught.value)
 
 
@@ -169,7 +167,7 @@ def test_what_numpy_refuses_is_refused_while_it_is_traced(formula: Callable[...,
         lambda S, B, x, m: np.square(m),
         lambda S, B, x, m: np.ma.array(np.eye(3)) * S,
         lambda S, B, x, m: S @ x.mT,
-        lambda S, B, x, m: np.array([x[..., 0], x[..., 1]]),
+        lambda S, B, x, m: np.array([x[..., 0], x[..., 1], x[..., 2]]) + x,
         lambda S, B, x, m: x * 1j,
         lambda S, B, x, m: x + None,
         lambda S, B, x, m: S[..., None] * x[..., None],
@@ -182,9 +180,8 @@ def test_what_numpy_refuses_is_refused_while_it_is_traced(formula: Callable[...,
     ],
 )
 def test_a_word_that_would_mean_something_else_is_refused(formula: Callable[..., Any]):
-    program = Program()
     with pytest.raises((TypeError, ValueError, AttributeError)) as caught:
-        formula(program.given(0, 0, 3, 3), program.given(1, 0, 3, 2), program.given(2, 0, 3), program.given(3, 0, 3))
+        formula(*tracers())
     assert "\n" not in str(caught.value)
 
 
@@ -193,10 +190,10 @@ def test_solve_is_numpys_for_any_matrix():
     A = np.random.default_rng(1).normal(size=(70, 3, 3))
     A[3] = np.eye(3)[[2, 0, 1]]  # no pivot on the diagonal
     A[4] = -A[4] @ A[4].mT
-    found = carried_out(lambda A, B, x, m: np.linalg.solve(A, B), A, B, x, m)
+    found = executed(lambda A, B, x, m: np.linalg.solve(A, B), A, B, x, m)
     np.testing.assert_allclose(found, np.linalg.solve(A, B), rtol=1e-12 * np.linalg.cond(A).max(), atol=0.0)
     A[5] = np.ones((3, 3))
-    again = carried_out(lambda A, B, x, m: np.linalg.solve(A, B), A, B, x, m)
+    again = executed(lambda A, B, x, m: np.linalg.solve(A, B), A, B, x, m)
     assert np.isnan(again[5]).all()
     np.testing.assert_array_equal(np.delete(again, 5, 0), np.delete(found, 5, 0))
 
@@ -207,7 +204,7 @@ def test_a_remainder_is_numpys_to_the_last_bit():
     S[4, 0, 0] = np.inf
     for formula in (lambda S, B, x, m: x % 0.7, lambda S, B, x, m: 5.0 % x, lambda S, B, x, m: x % S[..., 0, :]):
         with np.errstate(all="ignore"):
-            np.testing.assert_array_equal(carried_out(formula, S, B, x, m), formula(S, B, x, m))
+            np.testing.assert_array_equal(executed(formula, S, B, x, m), formula(S, B, x, m))
 
 
 def test_zeros_keep_their_signs():
@@ -220,15 +217,7 @@ def test_zeros_keep_their_signs():
         lambda S, B, x, m: 1.0 / np.concatenate([x, x], -1),
     ):
         with np.errstate(all="ignore"):
-            np.testing.assert_array_equal(carried_out(formula, S, B, x, m), formula(S, B, x, m))
-
-
-@pytest.mark.parametrize("count", [500, pytest.param(10_000, marks=pytest.mark.nightly)])
-def test_random_formulas_are_numpys_or_refused(count: int):
-    """In a process of their own, which must not crash; it says what is wrong, and that every word was met."""
-    command = [sys.executable, "-m", "tests.estimators.random_formulas", str(count), "0"]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=Path(__file__).parents[2], check=False)
-    assert done.returncode == 0, done.stdout + done.stderr
+            np.testing.assert_array_equal(executed(formula, S, B, x, m), formula(S, B, x, m))
 
 
 # --- filters ----------------------------------------------------------------------------------------
@@ -388,7 +377,7 @@ def test_what_a_formula_of_ones_own_gives_is_looked_at():
                 return self.given(belief)
 
         filter = Wrong(model)
-        with pytest.raises(TypeError, match="Wrong says that it is formulas, but cannot be noted as such"):
+        with pytest.raises(TypeError, match="Wrong says that it is formulas, but cannot be traced as such"):
             filter.update(filter.init(Gaussian(np.zeros((3, 2)), np.eye(2))), np.zeros((3, 2)))
 
 
@@ -457,22 +446,18 @@ def test_a_mask_of_ones_own_is_a_mask_in_a_row_that_is_recovered():
         (lambda P, x: P.diagonal(1, -2, -1), "diagonal"),
         (lambda P, x: P @ x, "np.matvec"),
         (lambda P, x: np.sort(x), "cannot have np.sort in it"),
-        (lambda P, x: 1.0 if x[..., 0] > 0.0 else 2.0, "use np.where"),
+        (lambda P, x: 1.0 if x[..., 0] > 0.0 else 2.0, "np.where"),
     ],
 )
 def test_what_means_something_else_in_a_formula_is_refused(formula: Callable[..., Any], sentence: str):
-    program = Program()
+    S, _, x, _ = tracers()
     with pytest.raises(TypeError, match=sentence):
-        formula(program.given(0, 0, 3, 3), program.given(0, 9, 3))
+        formula(S, x)
 
 
 def test_a_product_over_nothing_is_zero():
-    program = Program()
-    H = program.given(0, 0, 3, 0)
-    program.finish([(H @ H.mT + 1.0, 0)])
-    given, out = np.zeros((5, 1)), np.full((5, 10), np.nan)
-    program.run(given, given, given, np.ones((5, 1), bool), given, out)
-    assert (out[:, :9] == 1.0).all()
+    product = compiled(lambda H: H @ H.mT + 1.0, axes=(2,), matrices=True)(np.zeros((5, 3, 0)))
+    np.testing.assert_array_equal(product, np.ones((5, 3, 3)))
 
 
 def test_a_prediction_leaves_what_the_last_update_had_to_do():
@@ -480,7 +465,3 @@ def test_a_prediction_leaves_what_the_last_update_had_to_do():
     belief = filter.update(filter.init(Gaussian(np.zeros((2, 1)), np.eye(1))), np.array([[0.0], [np.nan]]))
     belief = belief.replace(recovery=np.array([0, 4], np.int8))
     np.testing.assert_array_equal(filter.predict(belief).recovery, [0, 4])
-
-
-def test_the_numbers_of_verbs_are_part_of_what_kernels_are_kept_by():
-    assert b"estimators.compiled" in Path(formulas.__file__).read_bytes()

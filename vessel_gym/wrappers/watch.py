@@ -123,7 +123,7 @@ class Watch:
         self.loop.restart(chosen, sensing, episode.of("filter").keys)
         some = None if rows.all() else chosen
         still, nothing, steps = self._still[chosen], self._nothing[chosen], self.steps[chosen]
-        readings = self.loop.sense(self.truth[chosen], still, nothing, steps, some)
+        readings = self.sensors.read(self.truth[chosen], still, nothing, steps, self.loop.sensing(some))
         readings = self.loop.receive(readings, steps, some)
         prior = self.prior.about(np.broadcast_to(self.prior.mean, (len(chosen), self.n)))
         self.loop.begin(some if some is None else rows, prior, self._handed(readings, self.truth[chosen]), still)
@@ -135,7 +135,7 @@ class Watch:
         self.truth = self._checked(state)
         self.steps += 1
         u = self.known(action)
-        readings = self.loop.sense(self.truth, u, self._nothing, self.steps, None)
+        readings = self.sensors.read(self.truth, u, self._nothing, self.steps, self.loop.sensing(None))
         readings = self.loop.receive(readings, self.steps, None)
         self.loop.estimate(self._handed(readings, self.truth), u, self.steps)
 

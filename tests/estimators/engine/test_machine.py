@@ -37,9 +37,9 @@ def _cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def fresh() -> Callable[[Any], Any]:
-    """A function that this process has not compiled yet."""
-    number = fresh.count = getattr(fresh, "count", 0.0) + 1.0  # type: ignore[attr-defined]
-    return compiled(lambda x: np.sqrt(np.abs(x)) * number)  # type: ignore[no-any-return]
+    """A function that this process has not compiled yet; constants are no part of the code."""
+    number = fresh.count = getattr(fresh, "count", 0) + 1  # type: ignore[attr-defined]
+    return compiled(lambda x: np.sqrt(np.abs(x)) + sum(np.abs(x - i) for i in range(number)))  # type: ignore
 
 
 def compilations(monkeypatch: pytest.MonkeyPatch) -> list[str]:

@@ -1,0 +1,116 @@
+"""The true world of an environment over a step: vehicle, disturbance and sensors as one function of a row."""
+
+from typing import Any
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from estimators.engine import compiled
+from vessel_gym.composition import Forces
+from vessel_gym.foreign import ours
+from vessel_gym.processes import advance
+from vessel_gym.sensors import Sensors
+
+
+class World:
+    """What happens in a step, whatever the filter and the task are.
+
+    Args:
+        vehicle: That of the forces, with its methods checked where it is a user's.
+        forces: What acts on it.
+        sensors: What measures it.
+        commanding: Which components of the task's reference are part of the known input; None: none.
+
+    Attributes:
+        parts: Normal numbers a step of the disturbance, then of each bias.
+        start_roots: Roots of their covariances at the start.
+        size: Components of the disturbance's state.
+        ours: Is all of it part of this package, and hence compiled?
+    """
+
+    def __init__(self, vehicle: Any, forces: Forces, sensors: Sensors, commanding: Any) -> None:
+        self.vehicle, self.forces, self.sensors, self.commanding = vehicle, forces, sensors, commanding
+        disturbance = forces.disturbance
+        biases = [s.bias.process(sensors.dt) for s in sensors.each if s.bias is not None]
+        self.size = disturbance.process.size
+        self.parts = np.array([process.normals for process in (disturbance.process, *biases)])
+        self.parts[0] += disturbance.white.shape[-1]
+        self.start_roots = [process.start_root for process in (disturbance.process, *biases)]
+        self.transition = block_diag(disturbance.process.transition, sensors.bias.transition)
+        self.root = block_diag(disturbance.white, disturbance.process.root, sensors.bias.root)
+        self.ours = ours(forces.vehicle) and ours(disturbance) and sensors.ours
+        if not self.ours:
+            for name in ("step", "move", "begin", "sense"):
+                setattr(self, name, getattr(self, name).function)
+
+    @compiled(axes=(1, 1, 1, 1, 1, 1, 2, 0, 1, 1, 2))
+    def step(
+        self, action: np.ndarray, reference: np.ndarray, state: np.ndarray, actuators: np.ndarray, forcing: np.ndarray,
+        parameters: np.ndarray, keys: np.ndarray, steps: np.ndarray, drifting: np.ndarray, noise: np.ndarray,
+        sensing: np.ndarray,
+    ) -> tuple[np.ndarray, ...]:  # fmt: skip
+        """Actuators and known input after an action, then what `move` gives, then what `sense` does."""
+        after = self.vehicle.actuate(actuators, action)
+        commanded = None if self.commanding is None else reference[..., self.commanding]
+        u = self.vehicle.known_input(actuators, after, commanded)
+        moved = self.move(state, actuators, after, forcing, parameters, keys, steps, drifting, noise)
+        state, drifting, _, forcing = moved
+        return after, u, *moved, *self.sense(state, forcing, drifting, steps, sensing)
+
+    @compiled(axes=(1, 1, 1, 1, 1, 2, 0, 1, 1))
+    def move(
+        self, state: np.ndarray, before: np.ndarray, after: np.ndarray, forcing: np.ndarray, parameters: np.ndarray,
+        keys: np.ndarray, steps: np.ndarray, drifting: np.ndarray, noise: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+        """The vehicle's state, the states of disturbance and biases, noise and exogenous input a step later.
+
+        Args:
+            state: ``(..., n)`` of the vehicle.
+            before: Actuators ``(..., a)`` as measured at the beginning of the step,
+            after: and at its end.
+            forcing: Exogenous input ``(..., f)`` over the step.
+            parameters: ``(..., k)`` of the vehicle.
+            keys: ``(..., parts, 2)`` of the random numbers of disturbance and biases.
+            steps: ``(...)`` since the episode's start, with this one.
+            drifting: States of disturbance and biases ``(..., s)``.
+            noise: ``(..., w + s)`` of the step.
+        """
+        measured = after
+        if self.forces.faulty:
+            offsets, _ = self.forces.of_actuators(forcing)
+            before, after = before + offsets, after + offsets
+        state = self.vehicle.step(state, before, after, forcing[..., : self.forces.outside], parameters)
+        return state, *self._with_effect(self._advanced(keys, steps, drifting, noise), state, measured)
+
+    @compiled(axes=(1, 1, 2, 0, 1))
+    def begin(
+        self, state: np.ndarray, actuators: np.ndarray, keys: np.ndarray, steps: np.ndarray, drifting: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Disturbance and biases, noise and exogenous input of the first step: nothing has moved before."""
+        noise = np.zeros((*drifting.shape[:-1], len(self.root)))
+        advanced = self._advanced(keys, steps, drifting, noise, first=True)
+        return self._with_effect(advanced, state, actuators)
+
+    @compiled(axes=(1, 1, 1, 0, 2))
+    def sense(
+        self, state: np.ndarray, forcing: np.ndarray, drifting: np.ndarray, steps: np.ndarray, sensing: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Measurements ``(..., p)`` and the mask of those available, by keys ``(..., sensors, 2)``."""
+        outside, bias = forcing[..., : self.forces.outside], drifting[..., self.size :]
+        return self.sensors.read(state, outside, bias, steps, sensing)
+
+    @compiled(axes=(2, 0, 1, 1))
+    def _advanced(
+        self, keys: np.ndarray, steps: np.ndarray, drifting: np.ndarray, noise: np.ndarray, *, first: bool = False
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """States of disturbance and biases, noise, and what of the exogenous input is linear in both."""
+        transition = np.eye(len(self.transition)) if first else self.transition
+        return advance(keys, steps, drifting, noise, self.parts, self.root, transition, self.forces.gains)
+
+    def _with_effect(
+        self, advanced: tuple[np.ndarray, np.ndarray, np.ndarray], state: np.ndarray, actuators: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        drifting, noise, forcing = advanced
+        if self.forces.constant:
+            return advanced
+        return drifting, noise, self.forces.add(forcing, drifting[..., : self.size], state, actuators)
