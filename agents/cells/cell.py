@@ -12,7 +12,7 @@ from typing import Any
 import vessel_gym
 from agents.source import source_digest
 
-LIBRARIES = ("numpy", "scipy", "numba")
+LIBRARIES = ("numpy", "scipy", "llvmlite")
 """Whose versions results depend on."""
 
 

@@ -18,7 +18,7 @@ from agents.studies.results import Pilot, Results
 from agents.studies.worlds import environment_id, system_of
 from vessel_gym.estimation import tuning
 
-_LIBRARIES = ("numpy", "scipy", "numba", "gymnasium", "torch", "stable-baselines3", "sb3-contrib", "matplotlib")
+_LIBRARIES = ("numpy", "scipy", "llvmlite", "gymnasium", "torch", "stable-baselines3", "sb3-contrib", "matplotlib")
 
 
 def settings(results: Results, out: Path) -> Section:

@@ -134,7 +134,7 @@ def test_processes_give_the_same_files_as_one_and_have_one_thread_and_all_module
     assert "no_function" in outcome.failures[failing.key]
     assert {"torch", "stable_baselines3"} <= vars(import_module("agents.studies.training")).keys()
     assert outcome.values[threads.key] == dict.fromkeys(
-        ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"
+        ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"
     )
     assert dict(stored(tmp_path).items() - expected.items()) == {
         path.name: path.read_bytes() for path in (result_path(each, tmp_path) for each in (threads, modules))

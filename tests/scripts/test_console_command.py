@@ -14,7 +14,7 @@ from scripts import __main__ as console_command
 from scripts import console
 
 ROOT = Path(vessel_gym.__file__).parents[1]
-HEAVY = {"numpy", "scipy", "numba", "gymnasium", "rich", "torch", "agents", "estimators", "vessel_gym"}
+HEAVY = {"numpy", "scipy", "llvmlite", "gymnasium", "rich", "torch", "agents", "estimators", "vessel_gym"}
 
 
 def called(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int | None:
