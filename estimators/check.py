@@ -146,7 +146,7 @@ def _check_compiled(filter: Filter, prior: Gaussian, u: np.ndarray | None, belie
     both = _steps(filter, prior, u, None, at_once=True)
     if odd := _differ(_steps(plain, prior, u, None), beliefs, _SAME) or _differ(both, beliefs[1::2], _SAME):
         raise ValueError(
-            f"{type(filter).__name__} gives another {odd} compiled than in NumPy: a formula is noted once, so it must "
+            f"{type(filter).__name__} gives another {odd} compiled than in NumPy: a formula is traced once, so it must "
             f"depend on nothing but what it is handed; or leave out formulas = True"
         )
 

@@ -228,7 +228,7 @@ class NeedsNumbers(Plain):
         return belief.replace(mean=belief.mean + 1e-3 * rng.normals(belief.mean.shape[-1]))
 
 
-class NotedOnce(KalmanFilter):
+class TracedOnce(KalmanFilter):
     formulas = True
     factor = 1.0
 
@@ -298,7 +298,7 @@ BROKEN = [
     (CountsForAll, r"CountsForAll\._predict gave a age that is no array with a row for each"),
     (OldestCounts, r"OldestCounts gives another cov where some rows begin again"),
     (NeedsNumbers, r"NeedsNumbers with a NumPy Generator as rng raised AttributeError"),
-    (NotedOnce, r"NotedOnce gives another cov compiled than in NumPy: a formula is noted once"),
+    (TracedOnce, r"TracedOnce gives another cov compiled than in NumPy: a formula is traced once"),
     (OneForBoth, r"OneForBoth gives another cov compiled than in NumPy"),
     (WrongWay, r"WrongWay\.update of one row raised TypeError \(.* have no product in a formula"),
     (NoFormula, r"NoFormula\.predict of one row raised TypeError \(NoFormula says that it is formulas"),
@@ -350,7 +350,7 @@ def test_errors_that_are_not_as_large_as_the_covariance_get_a_warning(factor: fl
 # --- in an environment --------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("broken", [Nameless, ForgetsSuper, FlatCovariance, OneRowOnly, NotFinite, Average, NotedOnce])
+@pytest.mark.parametrize("broken", [Nameless, ForgetsSuper, FlatCovariance, OneRowOnly, NotFinite, Average, TracedOnce])
 def test_an_environment_refuses_a_filter_that_cannot_take_a_step(broken: type[Filter]):
     sentence = next(sentence for cls, sentence in BROKEN if cls is broken)
     with pytest.raises(ValueError, match=sentence.replace(r"\(3,\)", r"\(\d+,\)")):
