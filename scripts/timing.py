@@ -322,7 +322,7 @@ def anybody_table(sizes: tuple[int, ...]) -> Table:
 class Clock:
     """What a flight's steps spend in each part of `Core.step` and around it; what parts call belongs to them."""
 
-    PARTS = "actuators", "world", "filter", "task", "observation", "info", "the rest"
+    PARTS = "world", "filter", "task", "observation", "info", "the rest"
 
     def __init__(self, flight: Flight) -> None:
         self.flight, self.core, self.inside = flight, flight.env.unwrapped.core, False
@@ -333,9 +333,9 @@ class Clock:
         core, self.spent = self.core, dict.fromkeys(self.PARTS, 0.0)
         filter = type(core.filter)
         timed: dict[str, list[tuple[Any, str]]] = {
-            "actuators": [(type(core.vehicle), name) for name in ("actuate", "known_input")],
             "world": [(Core, "_moved")], "filter": [(filter, "_advance")],
-            "task": [(type(core.task), name) for name in ("commanded", "reference", "over", "score")],
+            "task": [(type(core._mission), "step")] if core._mission is not None
+            else [(type(core.task), name) for name in ("reference", "over", "score")],
             "observation": [(Core, "observe")], "info": [(Core, "happened"), (Core, "info")],
         }  # fmt: skip
         self.flight.prepare()

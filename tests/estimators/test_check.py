@@ -300,7 +300,7 @@ BROKEN = [
     (NeedsNumbers, r"NeedsNumbers with a NumPy Generator as rng raised AttributeError"),
     (TracedOnce, r"TracedOnce gives another cov compiled than in NumPy: a formula is traced once"),
     (OneForBoth, r"OneForBoth gives another cov compiled than in NumPy"),
-    (WrongWay, r"WrongWay\.update of one row raised TypeError \(.* have no product in a formula"),
+    (WrongWay, r"WrongWay\.update of one row raised TypeError \(.* have no product in a traced formula"),
     (NoFormula, r"NoFormula\.predict of one row raised TypeError \(NoFormula says that it is formulas"),
 ]
 
