@@ -25,7 +25,7 @@ def main(
     rounds: int = 11,
     page: Path | None = None,
 ) -> None:
-    """Time steps and filters on one core: by hand, by filterpy, by another version, and their floor, in the same run.
+    """Time steps and filters on one core: beside a loop by hand, filterpy, bare NumPy and another version, in one run.
 
     Everything is timed in turns in short blocks; printed are medians and quartiles over rounds, and those of ratios.
 

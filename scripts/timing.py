@@ -331,11 +331,8 @@ class Clock:
     def block(self) -> float:
         """Fly a block, and keep its parts' shares."""
         core, self.spent = self.core, dict.fromkeys(self.PARTS, 0.0)
-        filter = type(core.filter)
         timed: dict[str, list[tuple[Any, str]]] = {
-            "world": [(Core, "_moved")], "filter": [(filter, "_advance")],
-            "task": [(type(core._mission), "step")] if core._mission is not None
-            else [(type(core.task), name) for name in ("reference", "over", "score")],
+            "world": [(Core, "_moved")], "filter": [(type(core.filter), "_advance")], "task": [(Core, "_scored")],
             "observation": [(Core, "observe")], "info": [(Core, "happened"), (Core, "info")],
         }  # fmt: skip
         self.flight.prepare()

@@ -445,7 +445,7 @@ class Core:
             action, declared = action[:, :-1], action[:, -1] > DECLARED
         if readings is not None:
             readings = _arrived(readings, self.num_envs, self.sensors)
-        task, loop = self._task, self.loop
+        loop = self.loop
         if self._own_parts:
             self._refuse_at(self.steps + 1, ended)
         self.steps = self.steps + 1
@@ -455,19 +455,7 @@ class Core:
         loop.estimate(self._handed(readings), u, self.steps)
         if hasattr(self, "held"):
             self.held.estimate(readings, u, self.steps)
-        forcing = self.forcing[:, : self.forces.outside]
-        if self._mission is not None:
-            self.reference, reward, self.end, self.tally, self._seen = self._mission.step(
-                self.course, self.steps, self._none if declared is None else declared, loop.belief.mean, self._d(),
-                self.state, np.ascontiguousarray(forcing), self.actuators, action, self.tally,
-            )  # fmt: skip
-        else:
-            self.reference = self._reference(self.course, self.steps, loop.belief, self.state)
-            reward, self.end, self.tally = task.score(
-                self.state, forcing, self.reference, self._over(declared), self.actuators, action, self.tally
-            )
-        if self._task is not self.task:
-            self._check_ends()
+        reward = self._scored(action, declared)
         self.total += reward
         return reward, self.end
 
@@ -502,6 +490,23 @@ class Core:
         if self._foreign_effect:
             self._check_forcing(forcing, self.steps, state, self._none if ended is None else ended)
         return after, u, *moved, *(readings or world.sense(state, forcing, drifting, self.steps, sensing))
+
+    def _scored(self, action: np.ndarray, declared: np.ndarray | None) -> np.ndarray:
+        """The reward ``(B,)`` of a step; reference, end and score state follow, and the observation of `Mission`."""
+        forcing = self.forcing[:, : self.forces.outside]
+        if self._mission is not None:
+            self.reference, reward, self.end, self.tally, self._seen = self._mission.step(
+                self.course, self.steps, self._none if declared is None else declared, self.loop.belief.mean, self._d(),
+                self.state, np.ascontiguousarray(forcing), self.actuators, action, self.tally,
+            )  # fmt: skip
+            return reward
+        self.reference = self._reference(self.course, self.steps, self.loop.belief, self.state)
+        reward, self.end, self.tally = self._task.score(
+            self.state, forcing, self.reference, self._over(declared), self.actuators, action, self.tally
+        )
+        if self._task is not self.task:
+            self._check_ends()
+        return reward
 
     def _over(self, declared: np.ndarray | None) -> np.ndarray:
         """Which missions are done ``(B,)``, as whoever ends them says."""
