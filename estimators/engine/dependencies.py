@@ -31,8 +31,8 @@ _IMPURE = frozenset(("print", "open", "input", "eval", "exec", "compile", "globa
 _ALL = frozenset(("__dict__", "vars", "dir", "getattr", "attrgetter", "__getattribute__", "__getattr__"))
 """Names by which a function may read any attribute."""
 _UNUSED = frozenset(("__repr__", "__str__", "__format__", "__reduce__", "__reduce_ex__", "__getstate__",
-                     "__setstate__", "__del__", "__copy__", "__deepcopy__", "__doc__", "__sizeof__", "__dir__",
-                     "__init_subclass__", "__class_getitem__", "__subclasshook__"))  # fmt: skip
+                     "__setstate__", "__del__", "__delattr__", "__copy__", "__deepcopy__", "__doc__", "__sizeof__",
+                     "__dir__", "__init_subclass__", "__class_getitem__", "__subclasshook__"))  # fmt: skip
 _SLOTS = ("member_descriptor", "getset_descriptor", "_tuplegetter")  # what an object has itself, by its class
 _BUILDING = frozenset(("__init__", "__new__", "__post_init__", "__setattr__"))
 

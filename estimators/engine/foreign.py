@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from estimators.checks import shown
+from estimators.checks import read_only, shown
 from estimators.engine.arrays import TracedArray, entries
 from estimators.engine.compiled import _rows, call, output
 from estimators.engine.creation import traced_creation
@@ -140,8 +140,14 @@ def _batched(samples: Sequence[Any], axes: Sequence[int]) -> list[bool]:
 
 
 def _called(function: Callable[..., Any], arguments: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """A function's results in NumPy."""
-    results = function(*(each.copy() if each.ndim else each[()] for each in arguments))
+    """A function's results in NumPy, for arrays that it can only read."""
+    try:
+        results = function(*(read_only(each.copy()) if each.ndim else each[()] for each in arguments))
+    except ValueError as error:
+        if "read-only" not in str(error):
+            raise
+        written = NotTraceable("it writes into an array that it is given: work on a copy, as of np.array(x)")
+        raise written.with_traceback(error.__traceback__) from error
     return [np.array(each) for each in (results if isinstance(results, tuple | list) else [results])]
 
 
