@@ -26,7 +26,7 @@ NAMES = {
     "TABLE": np.linspace(0.0, 1.0, 11),
 }  # fmt: skip
 RIGHT = (
-    "x[..., 0] = 2 * x[..., 0]; return x",
+    "x = x + 0.0; x[..., 0] = 2 * x[..., 0]; return x",
     "y = x.copy(); y[..., 1] += u[..., 0]; y[..., 2:] *= 2; return y",
     "y = np.zeros_like(x); y[..., 0] = x[..., 1]; y[..., 3] = np.sin(x[..., 2]); return y",
     "y = np.zeros(x.shape, dtype=x.dtype); y[..., 0] = x[..., 1]; return y",
@@ -252,6 +252,7 @@ REFUSED = {
     "return np.histogram(x)[0]": "cannot have np.histogram in it",
     "return np.count_nonzero(x > 0, axis=-1)": "cannot have np.count_nonzero in it",
     "return (x > 0) + (x < -1)": "two masks",
+    "x[..., 0] = 2 * x[..., 0]; return x": "it writes into an array that it is given: work on a copy",
     "return np.where((x > 0) and (x < 1), x, 0)": "it raises ValueError",
     "return np.where(0 < x < 1, x, 0)": "it raises ValueError",
     "return max(x[..., 0], 0.0)": "it raises ValueError",
