@@ -11,10 +11,11 @@ from scipy.linalg import block_diag
 
 from estimators import Belief, Filter, Gaussian, Numbers
 from estimators.checks import shown
+from estimators.engine import as_word, compiled
 from estimators.linalg import shared_root
 from estimators.randomness import word
 from estimators.threads import each, shares
-from estimators.threefry import derived, four_normals
+from estimators.threefry import four_normals, threefry, two_uniforms
 from vessel_gym.acceptance import checked_task, checked_vehicle
 from vessel_gym.arrivals import Readings
 from vessel_gym.checks import number, numbers, one_of
@@ -202,13 +203,13 @@ class Core:
         biased = [sensor for sensor in self.sensors.each if sensor.bias is not None]
         parts = "disturbance", *(f"bias of {sensor.name}" for sensor in biased)
         sensed = (f"sensor {sensor.name}" for sensor in self.sensors.each)
-        self._names = np.array([word(name) for name in (*_DRAWN, *parts, *sensed)], np.uint64)
+        self._names = tuple(word(name) for name in (*_DRAWN, *parts, *sensed))
         self._sensed = len(_DRAWN) + len(parts)  # where the sensors' keys begin
         spread = vehicle.normals if self.mismatch else 0
         normals = [(0, root.shape[-1], 1) for root in self._world.start_roots]
         drawn = [(self.task.uniforms, 0, 0), (0, len(self._based), 0), (0, spread, 0), (0, 0, 0), *normals]
-        self._drawn = np.array(drawn + [(0, 0, 0)] * len(self.sensors.each))
-        ends = [0, *self._drawn[:, :2].sum(-1).cumsum().tolist()]
+        self._drawn = tuple(drawn + [(0, 0, 0)] * len(self.sensors.each))
+        ends = np.cumsum([0, *(uniforms + count for uniforms, count, _ in self._drawn)]).tolist()
         self._own = [slice(*ends[i : i + 2]) for i in range(self._sensed)]  # what is whose of the numbers drawn
 
     def _attach_loop(self, name: str, estimation: Estimation) -> None:
@@ -361,7 +362,9 @@ class Core:
         some = None if len(rows) == self.num_envs else rows  # all rows are faster as such
         at = slice(None) if some is None else rows
         seeds = self.seeds if some is None else [self.seeds[row] for row in rows]
-        keys, numbers = draw(Numbers.seeded(seeds).keys, self.episodes[at], self._names, self._drawn)
+        keys, numbers = draw(
+            Numbers.seeded(seeds).keys, np.ascontiguousarray(self.episodes[at]), names=self._names, drawn=self._drawn
+        )
         of_task, of_vehicle, of_parameters, _, *of_parts = (numbers[:, own] for own in self._own)
         self._refuse_at(np.zeros(len(rows), int), None)
         course = task.course(of_task, options)
@@ -682,32 +685,34 @@ class Core:
         )
 
 
+@compiled(axes=(1, 0))
 def draw(
-    seeds: np.ndarray, episodes: np.ndarray, names: np.ndarray, drawn: np.ndarray
+    seeds: np.ndarray, episodes: np.ndarray, *, names: tuple[int, ...], drawn: tuple[tuple[int, int, int], ...]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Keys of the parts of episodes, and the random numbers of their starts.
 
     They are those of `estimators.Numbers`, at step 0.
 
     Args:
-        seeds: ``(B, 2)`` keys.
-        episodes: ``(B,)``.
-        names: ``(parts,)`` words.
-        drawn: ``(parts, 3)`` numbers of uniform numbers, which the first part alone may have, and of normal ones, and
-            the use of these.
+        seeds: ``(..., 2)`` keys.
+        episodes: ``(...)``.
+        names: A word for each part.
+        drawn: For each part how many uniform numbers and normal ones it draws, and the use of these.
 
     Returns:
-        Keys ``(B, parts, 2)``, and numbers ``(B, k)`` part by part.
+        Keys ``(..., parts, 2)``, and numbers ``(..., k)`` part by part.
     """
-    own = derived(seeds, episodes.astype(np.uint64), np.uint64(0))
-    keys = derived(own[:, None], names, np.uint64(0))
-    _, counts, uses = drawn.T
-    part = np.repeat(np.arange(len(drawn)), (counts + 3) // 4)
-    counter = np.arange(len(part)) - np.searchsorted(part, part)
-    four = four_normals(keys[:, part], counter.astype(np.uint64), uses[part].astype(np.uint64))
-    needed = 4 * counter[:, None] + np.arange(4) < counts[part, None]
-    uniforms = Numbers(keys[:, 0]).uniforms(int(drawn[0, 0]))
-    return keys, np.concatenate([uniforms, four[:, needed]], -1)
+    zero = np.uint64(0)
+    own = threefry(as_word(episodes), zero, seeds[..., 0], seeds[..., 1])
+    keys = [np.stack(threefry(np.uint64(name), zero, *own), -1) for name in names]
+    numbers: list[np.ndarray] = []
+    for key, (uniforms, count, use) in zip(keys, drawn, strict=True):
+        pairs = (two_uniforms(key, np.uint64(i), zero) for i in range((uniforms + 1) // 2))
+        numbers += [pair[..., i] for pair in pairs for i in range(2)][:uniforms]
+        fours = (four_normals(key, np.uint64(i), np.uint64(use)) for i in range((count + 3) // 4))
+        numbers += [four[..., i] for four in fours for i in range(4)][:count]
+    empty = np.zeros((*episodes.shape, 0))
+    return np.stack(keys, -2), np.stack(numbers, -1) if numbers else empty
 
 
 def _only(rows: np.ndarray | None, values: np.ndarray) -> np.ndarray:
