@@ -32,7 +32,7 @@ from estimators.checks import number, shown, whole
 from estimators.filter import Filter, Model, Rng
 from estimators.linalg import neutralised, semidefinite_cholesky, shared_root
 from estimators.localisation import check_taper, group_states
-from estimators.models import LinearModel, NonlinearModel, at_points, resolve
+from estimators.models import LinearModel, NonlinearModel, at_columns, resolve
 from estimators.randomness import Numbers
 from estimators.reading import Reading
 from estimators.threads import each
@@ -159,7 +159,7 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief]):
             if model.B is not None and u is not None:
                 after += np.matvec(resolve(model.B, u), u)[..., None]
         else:
-            after = members_last(at_points("transition", model.transition, before.mT, u, model.n))
+            after = at_columns("transition", model.transition, before, u, model.n)
         root = semidefinite_cholesky(resolve(model.Q, u)) if self._noise_root is None else self._noise_root
         normals = draw(numbers, belief.mean.shape[:-1], self.members, root.shape[-1], PROCESS)
         mean, members = forecast(before, after, root, members_last(normals), angles=self._angles)
@@ -172,7 +172,7 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief]):
         if isinstance(model, LinearModel):
             readings = resolve(model.C, u) @ members
         else:
-            readings = members_last(at_points("measurement", model.measurement, members.mT, u, model.p))
+            readings = at_columns("measurement", model.measurement, members, u, model.p)
         mean, anomalies = expect(readings, angles=self._seams)
         whole, mask = self._noise(y, available, R, u)
         complete, none = bool(mask.all()), self._no_columns

@@ -22,7 +22,7 @@ from estimators.checks import Written, as_array, call, finite_array, frozen, num
 from estimators.engine.compiled import Compiled, compiled
 from estimators.engine.derivative import linearise
 from estimators.engine.foreign import Inspection, inspect
-from estimators.engine.matrices import is_traced, lookup_matrix, matrix
+from estimators.engine.matrices import columnwise, is_traced, lookup_matrix, matrix
 from estimators.linalg import congruence, joined, neutralised
 
 _log = logging.getLogger(__name__)
@@ -481,6 +481,18 @@ def derivative(function: Compiled | Inspection) -> Compiled:
         source = function.function if isinstance(function, Compiled) else function.inline
         known = vars(function)["derivative"] = compiled(partial(linearise, source))
     return known
+
+
+def at_columns(name: str, function: Function, points: np.ndarray, u: np.ndarray | None, size: int) -> np.ndarray:
+    """The same of points that are columns ``(..., n, N)``: values ``(..., size, N)``, contiguous."""
+    traced = inspected(function, points[..., 0], u)
+    if traced is None:
+        return np.ascontiguousarray(at_points(name, function, points.mT, u, size).mT)
+    known: Compiled | None = vars(traced).get("columnwise")
+    if known is None:
+        source = traced.function if isinstance(traced, Compiled) else traced.inline
+        known = vars(traced)["columnwise"] = compiled(partial(columnwise, source), axes=(2, 1), matrices=True)
+    return known(points, u)  # type: ignore[no-any-return]
 
 
 def at_points(name: str, function: Function, points: np.ndarray, u: np.ndarray | None, size: int) -> np.ndarray:

@@ -151,6 +151,12 @@ class Emitter:
         at = first + entry if isinstance(entry, int) else self.line(f"add i64 {entry}, {first}")
         return self.line(f"getelementptr double, ptr %constants, i64 {at}")
 
+    def splat_of(self, x: str, kind: str) -> str:
+        """A vector of one scalar of a kind."""
+        T = type_of(kind, self.width)
+        first = self.line(f"insertelement {T} poison, {type_of(kind, 1)} {x}, i32 0")
+        return self.line(f"shufflevector {T} {first}, {T} poison, <{self.width} x i32> zeroinitializer")
+
     def splat(self, x: str, width: int) -> str:
         """A vector of one number."""
         if width == 1:

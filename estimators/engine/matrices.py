@@ -223,6 +223,33 @@ def lookup_matrix(table: np.ndarray, index: Tracer) -> MatrixTracer:
     return MatrixTracer(program, value, table.shape[1:])
 
 
+def columnwise(function: Any, *operands: Any) -> MatrixTracer:
+    """What a function of vectors ``(n,)`` gives for each column of matrices ``(n, N)``: ``(k, N)``.
+
+    Args:
+        function: Traced entry by entry.
+        operands: Matrices, of which it gets the columns; vectors ``(m,)`` and None as they are.
+    """
+    program = next(each.program for each in operands if isinstance(each, MatrixTracer))
+    given = [None if each is None else matrix(program, each) for each in operands]
+    views = [each.view for each in given if each is not None and each.ndim == 2]
+    vectors = [each.scalars() if each is not None and each.ndim == 1 else None for each in given]
+
+    def body(*parameters: tuple[int, ...]) -> list[int]:
+        columns = (
+            np.array([Tracer(program, value) for value in column], object).view(TracedArray) for column in parameters
+        )
+        arguments = [
+            next(columns) if each is not None and each.ndim == 2 else vector
+            for each, vector in zip(given, vectors, strict=True)
+        ]
+        return [cast(each, "f").value for each in entries(function(*arguments), program)]
+
+    value = program.columns(views, body)
+    count = views[0].shape[1]
+    return MatrixTracer(program, value, (program.sizes[value] // count, count))
+
+
 def is_traced(value: Any) -> bool:
     """Does a value stand for what differs from row to row: is a formula traced with it?"""
     return isinstance(value, MatrixTracer | Tracer | TracedArray)

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from estimators.engine.emit import Emitter, Module, literal, type_of
-from estimators.engine.program import Instruction, Program, View
+from estimators.engine.program import Columns, Instruction, Program, View
 
 _CHUNK = 8  # numbers in a vector, and partial sums of an inner product: part of its definition
 _ACROSS = 48  # columns of a product that are summed at a time: as many vectors as processors have registers for
@@ -41,6 +41,7 @@ class MatrixEmitter(Emitter):
         self.special |= {
             "each": self._each, "element": self._element, "pack": self._pack, "join": self._join,
             "matmul": self._matmul, "inner": self._inner, "lookup matrix": self._lookup_matrix,
+            "columns": self._columns,
         }  # fmt: skip
 
     # --- memory -------------------------------------------------------------------------------------
@@ -233,6 +234,41 @@ class MatrixEmitter(Emitter):
             self.store(self.lanes(one, "f"), instruction.result, e)
 
         self.over(1, size, entry)
+
+    def _columns(self, instruction: Instruction) -> None:
+        """A function of columns: of a batch one after the other, of one row eight side by side."""
+        loop: Columns = instruction.attributes[0]
+        views: Any = instruction.operands[: len(loop.parameters)]
+        together = self.width == 1 and loop.count >= _CHUNK and all(view.steps[1] == 1 for view in views)
+        width = _CHUNK if together else self.width
+        T = type_of("f", width)
+
+        def some(at: Index) -> None:
+            j: Index = at
+            if together:  # the last ones begin before the end, and compute some again
+                j = self.call("smin", "ii", 1, self.times(at, _CHUNK), str(loop.count - _CHUNK))  # type: ignore[arg-type]
+            inside = Emitter(self.program, self.module, width)
+            inside.lines, inside._count, inside.label = self.lines, self._count, self.label
+            for value in instruction.operands[len(views) :]:
+                if value not in self.program.constants:
+                    name = self.names[value]  # type: ignore[index]
+                    inside.names[value] = inside.splat_of(name, self.program.kinds[value]) if together else name  # type: ignore[index]
+            for view, parameters in zip(views, loop.parameters, strict=True):
+                for i, value in enumerate(parameters):
+                    self._count = inside._count
+                    place = self.address(view.value, self.index(view, i, j))
+                    inside._count = self._count
+                    inside.names[value] = inside.line(f"load {T}, ptr {place}, align 8")
+            inside.block(loop.body)
+            for i, value in enumerate(loop.results):
+                name = inside.name(value)
+                self._count = inside._count
+                place = self.address(instruction.result, self.plus(i * loop.count, j))
+                inside._count = self._count
+                self.lines.append(f"  store {T} {name}, ptr {place}, align 8")
+            self._count, self.label = inside._count, inside.label
+
+        self.each(0, -(-loop.count // _CHUNK) if together else loop.count, some)
 
     def _each(self, instruction: Instruction) -> None:
         _opcode, rows, columns = instruction.attributes

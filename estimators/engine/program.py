@@ -56,6 +56,15 @@ class Loop(NamedTuple):
     results: tuple[int, ...]
 
 
+class Columns(NamedTuple):
+    """The body of a ``columns``: what it computes of the entries of a column of each operand that is a view."""
+
+    count: int
+    parameters: tuple[tuple[int, ...], ...]
+    body: tuple[Instruction, ...]
+    results: tuple[int, ...]
+
+
 class Program:
     """Instructions as they were traced.
 
@@ -158,6 +167,26 @@ class Program:
         results = self.repeat(loop.count, body, operands)
         renamed.update(zip(loop.results, results, strict=True))
         return self._blocks[-1][-1]
+
+    def columns(self, views: Sequence[View], body: Callable[..., Sequence[int]]) -> int:
+        """The matrix of what a body, traced once, makes of each column of matrices."""
+        parameters = tuple(tuple(self.new("f") for _ in range(view.shape[0])) for view in views)
+        self._blocks.append([])
+        self._known.append({})
+        try:
+            results = tuple(body(*parameters))
+        finally:
+            inside = tuple(self._blocks.pop())
+            self._known.pop()
+        if any(each.result in self.sizes for each in inside):
+            raise TypeError("a function of columns computes scalars, no matrices")
+        own = {value for each in inside for value in each.results}.union(*parameters)
+        outer = sorted(set(results).union(*(each.values for each in inside)) - own)
+        count = views[0].shape[1]
+        loop = Columns(count, parameters, inside, results)
+        value = self.new("f", len(results) * count)
+        self._blocks[-1].append(Instruction("columns", (*views, *outer), value, (loop,)))
+        return value
 
     def live(self, outputs: Sequence[int]) -> list[Instruction]:
         """The instructions that outputs need, in order."""
