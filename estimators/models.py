@@ -492,7 +492,7 @@ def at_columns(name: str, function: Function, points: np.ndarray, u: np.ndarray 
     if known is None:
         source = traced.function if isinstance(traced, Compiled) else traced.inline
         known = vars(traced)["columnwise"] = compiled(partial(columnwise, source), axes=(2, 1), matrices=True)
-    return known(points, u)  # type: ignore[no-any-return]
+    return known(points, u)
 
 
 def at_points(name: str, function: Function, points: np.ndarray, u: np.ndarray | None, size: int) -> np.ndarray:

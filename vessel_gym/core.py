@@ -161,7 +161,7 @@ class Core:
         self.sensors = system.sensors_of(sensors, sensor_faults)
         self.forces = Forces(vehicle, chosen_disturbance(system, disturbance))
         self._commanding = self.task.commanding if our_task else None  # what somebody has written is asked
-        self._world = World(self._vehicle, self.forces, self.sensors, self._commanding)
+        self._world = World(self._vehicle, self.forces, self.sensors, self._task)
         estimation = build(system, estimator, options, self.sensors, self.forces.disturbance)
         self.composition = estimation.composition
         self._attach_loop("loop", estimation)
@@ -483,7 +483,7 @@ class Core:
         world, sensing = self._world, self.loop.sensing(None)
         given = self.forcing, self.parameters, self._keys, self.steps, self.drifting, self.noise
         if world.ours and self._task is self.task and readings is None:
-            arrays = action, self.reference, self.state, self.actuators, *given, sensing
+            arrays = action, self.course, self.reference, self.state, self.actuators, *given, sensing
             if len(self._parts) == 1:
                 return world.step(*arrays)
             parts = each(lambda rows: world.step(*(a[rows] for a in arrays)), self._parts, self.num_threads)
@@ -702,7 +702,7 @@ def draw(
     Returns:
         Keys ``(..., parts, 2)``, and numbers ``(..., k)`` part by part.
     """
-    zero = np.uint64(0)
+    zero: Any = np.uint64(0)
     own = threefry(as_word(episodes), zero, seeds[..., 0], seeds[..., 1])
     keys = [np.stack(threefry(np.uint64(name), zero, *own), -1) for name in names]
     numbers: list[np.ndarray] = []

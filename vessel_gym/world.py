@@ -19,7 +19,7 @@ class World:
         vehicle: That of the forces, with its methods checked where it is a user's.
         forces: What acts on it.
         sensors: What measures it.
-        commanding: Which components of the task's reference are part of the known input; None: none.
+        task: What is asked of it.
 
     Attributes:
         parts: Normal numbers a step of the disturbance, then of each bias.
@@ -28,8 +28,8 @@ class World:
         ours: Is all of it part of this package, and hence compiled?
     """
 
-    def __init__(self, vehicle: Any, forces: Forces, sensors: Sensors, commanding: Any) -> None:
-        self.vehicle, self.forces, self.sensors, self.commanding = vehicle, forces, sensors, commanding
+    def __init__(self, vehicle: Any, forces: Forces, sensors: Sensors, task: Any) -> None:
+        self.vehicle, self.forces, self.sensors, self.task = vehicle, forces, sensors, task
         disturbance = forces.disturbance
         biases = [s.bias.process(sensors.dt) for s in sensors.each if s.bias is not None]
         self.size = disturbance.process.size
@@ -43,15 +43,16 @@ class World:
             for name in ("step", "move", "begin", "sense"):
                 setattr(self, name, getattr(self, name).function)
 
-    @compiled(axes=(1, 1, 1, 1, 1, 1, 2, 0, 1, 1, 2))
+    @compiled(axes=(1, 1, 1, 1, 1, 1, 1, 2, 0, 1, 1, 2))
     def step(
-        self, action: np.ndarray, reference: np.ndarray, state: np.ndarray, actuators: np.ndarray, forcing: np.ndarray,
-        parameters: np.ndarray, keys: np.ndarray, steps: np.ndarray, drifting: np.ndarray, noise: np.ndarray,
-        sensing: np.ndarray,
+        self, action: np.ndarray, course: np.ndarray, reference: np.ndarray, state: np.ndarray, actuators: np.ndarray,
+        forcing: np.ndarray, parameters: np.ndarray, keys: np.ndarray, steps: np.ndarray, drifting: np.ndarray,
+        noise: np.ndarray, sensing: np.ndarray,
     ) -> tuple[np.ndarray, ...]:  # fmt: skip
         """Actuators and known input after an action, then what `move` gives, then what `sense` does."""
         after = self.vehicle.actuate(actuators, action)
-        commanded = None if self.commanding is None else reference[..., self.commanding]
+        commanding = self.task.commanding
+        commanded = self.task.commanded(course, steps - 1) if commanding is None else reference[..., commanding]
         u = self.vehicle.known_input(actuators, after, commanded)
         moved = self.move(state, actuators, after, forcing, parameters, keys, steps, drifting, noise)
         state, drifting, _, forcing = moved

@@ -239,14 +239,14 @@ class MatrixEmitter(Emitter):
         """A function of columns: of a batch one after the other, of one row eight side by side."""
         loop: Columns = instruction.attributes[0]
         views: Any = instruction.operands[: len(loop.parameters)]
-        together = self.width == 1 and loop.count >= _CHUNK and all(view.steps[1] == 1 for view in views)
+        together = self.width == 1 and loop.size >= _CHUNK and all(view.steps[1] == 1 for view in views)
         width = _CHUNK if together else self.width
         T = type_of("f", width)
 
         def some(at: Index) -> None:
             j: Index = at
             if together:  # the last ones begin before the end, and compute some again
-                j = self.call("smin", "ii", 1, self.times(at, _CHUNK), str(loop.count - _CHUNK))  # type: ignore[arg-type]
+                j = self.call("smin", "ii", 1, self.times(at, _CHUNK), str(loop.size - _CHUNK))  # type: ignore[arg-type]
             inside = Emitter(self.program, self.module, width)
             inside.lines, inside._count, inside.label = self.lines, self._count, self.label
             for value in instruction.operands[len(views) :]:
@@ -263,12 +263,12 @@ class MatrixEmitter(Emitter):
             for i, value in enumerate(loop.results):
                 name = inside.name(value)
                 self._count = inside._count
-                place = self.address(instruction.result, self.plus(i * loop.count, j))
+                place = self.address(instruction.result, self.plus(i * loop.size, j))
                 inside._count = self._count
                 self.lines.append(f"  store {T} {name}, ptr {place}, align 8")
             self._count, self.label = inside._count, inside.label
 
-        self.each(0, -(-loop.count // _CHUNK) if together else loop.count, some)
+        self.each(0, -(-loop.size // _CHUNK) if together else loop.size, some)
 
     def _each(self, instruction: Instruction) -> None:
         _opcode, rows, columns = instruction.attributes

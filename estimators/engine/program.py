@@ -59,7 +59,7 @@ class Loop(NamedTuple):
 class Columns(NamedTuple):
     """The body of a ``columns``: what it computes of the entries of a column of each operand that is a view."""
 
-    count: int
+    size: int
     parameters: tuple[tuple[int, ...], ...]
     body: tuple[Instruction, ...]
     results: tuple[int, ...]
