@@ -5,7 +5,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import cache
 from inspect import signature
-from typing import Any, ClassVar, Generic, NamedTuple
+from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 from typing import cast as cast_to
 
 import numpy as np
@@ -57,6 +57,13 @@ from estimators.threads import each, shares
 Rng = Numbers | np.random.Generator | None
 """Where random numbers come from: keys a row and a step, or a Generator for the whole batch."""
 Model = LinearModel | NonlinearModel
+_Method = TypeVar("_Method", bound=Callable[..., Any])
+
+
+def inlinable(method: _Method) -> _Method:
+    """Declare that a method which evaluates the model can be traced together with the model's function."""
+    vars(method)["inlinable"] = True
+    return method
 
 
 class Filter(ABC, Generic[Record]):
@@ -425,10 +432,10 @@ class Filter(ABC, Generic[Record]):
         if isinstance(self.model, LinearModel):
             return {}
         found = {}
-        for question, (name, methods) in _TRACED.items():
+        for question, (name, method) in _TRACED.items():
             if question == "_moved" and callable(self.model.G):
                 continue
-            own = all(getattr(type(self), method) is getattr(Filter, method) for method in methods)
+            own = getattr(getattr(type(self), method), "inlinable", False)
             function = self.model.traceable(name, belief.mean, u) if own else None
             if function is not None:
                 found[question] = function
@@ -478,7 +485,7 @@ class Filter(ABC, Generic[Record]):
 
         For what is computed between host callbacks; it gives vectors or matrices, one or a tuple of them.
         """
-        if self._programs is None:
+        if self._programs is None or is_traced(matrices[0]):
             return formula(*matrices)
         batch, sizes = matrices[0].shape[:-2], tuple(matrix.shape[-2:] for matrix in matrices)
         traced = self._programs.get((formula.__name__, sizes))
@@ -598,10 +605,12 @@ class Filter(ABC, Generic[Record]):
         """R ``(..., p, p)`` of readings that bring none of their own."""
         return noise_at(self.model.R, belief.mean, belief.u)
 
+    @inlinable
     def _linearise(self, belief: Record, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
         """The expected reading ``(..., p)``, C ``(..., p, n)``, and what is to be added to R for what C leaves out."""
         return *self.model.linearise_measurement(belief.mean, u, belief.cov), None
 
+    @inlinable
     def _propagate(self, mean: np.ndarray, cov: np.ndarray, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """Mean ``(..., n)`` and covariance ``(..., n, n)`` one step on, without process noise."""
         mean, A = self.model.linearise_transition(mean, u, cov)
@@ -793,8 +802,8 @@ def _all(rows: int, readings: int) -> np.ndarray:
 _Question = Callable[[Any, Any, Any], Any]
 _ANSWERS = {"_moved": (1, 2), "_linearise": (1, 2, 2), "_moving_G": (2,)}
 """Axes of what these methods say of a row."""
-_TRACED = {"_moved": ("transition", ("_propagate",)), "_linearise": ("measurement", ("_linearise",))}
-"""The model's function behind them, and the methods that linearise it."""
+_TRACED = {"_moved": ("transition", "_propagate"), "_linearise": ("measurement", "_linearise")}
+"""The model's function behind them, and the method that evaluates it."""
 
 
 class _Traced(NamedTuple):

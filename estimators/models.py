@@ -364,6 +364,14 @@ class NonlinearModel(Frozen):
             return None
         return inspected(getattr(self, name), x, u)
 
+    def source(self, name: str, x: np.ndarray, u: np.ndarray | None) -> "Function":
+        """Its transition or measurement as it is traced; `traceable` has been asked."""
+        function = getattr(self, name)
+        if isinstance(function, Compiled):
+            return function
+        inlined: Any = _inspections[function][_sizes(x, u)].inline
+        return inlined
+
     def input_matrix(self, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         """G ``(..., n, q)``: how the unknown input moves the next state from ``x (..., n)``.
 

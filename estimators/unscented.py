@@ -1,14 +1,17 @@
 """Unscented filters: sigma points in place of Jacobians."""
 
+from typing import Any
+
 import numpy as np
 
 from estimators.angles import difference
 from estimators.belief import Belief, DelayedInputBelief, Record
 from estimators.checks import number
-from estimators.filter import Filter, Model
+from estimators.engine.matrices import columnwise, is_traced
+from estimators.filter import Filter, Model, inlinable
 from estimators.kalman import GaussianFilter
 from estimators.linalg import semidefinite_cholesky, solve_upper
-from estimators.models import LinearModel, at_points, steps
+from estimators.models import LinearModel, at_points
 from estimators.unknown_input import NoFeedthroughFilter
 
 
@@ -43,6 +46,7 @@ class SigmaPoints(Filter[Record]):
             raise ValueError(f"beta must be at least -alpha^2 kappa / n = {lowest:g} for variances to be, got {beta}")
         self.alpha, self.beta, self.kappa = alpha, beta, kappa
 
+    @inlinable
     def _propagate(self, mean: np.ndarray, cov: np.ndarray, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         if isinstance(self.model, LinearModel):
             return super()._propagate(mean, cov, u)
@@ -50,6 +54,7 @@ class SigmaPoints(Filter[Record]):
         moved, cov = self._by_rows(self._moments, self._values("transition", self.model.n, points, u))
         return moved, cov
 
+    @inlinable
     def _linearise(self, belief: Record, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
         if isinstance(self.model, LinearModel):
             return super()._linearise(belief, u)
@@ -69,14 +74,18 @@ class SigmaPoints(Filter[Record]):
         """Points and a root with an inverse ``(..., n, n)``: where a belief has no spread slopes are derivatives."""
         centre = belief.mean[..., None, :]
         points, root = self._by_rows(self._spread, centre, belief.cov)
-        flat = np.diagonal(root, axis1=-2, axis2=-1) == 0.0
-        if flat.any():
-            root = root + (flat * steps(belief.mean, belief.cov, self.model.state_angles))[..., None] * self._identity
+        flat = ~(np.abs(root.diagonal(0, -2, -1)) > 0.0)
+        if is_traced(flat) or flat.any():
+            step = np.maximum(2.0**-26 * np.abs(belief.mean), 2.0**-10)
+            root = root + np.where(flat, step, 0.0)[..., None] * self._identity
             points = self._by_rows(self._points, centre, root)
         return points, root
 
     def _values(self, name: str, size: int, points: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-        """A function of the model at the points ``(..., 2 n + 1, size)``: anybody's NumPy, asked once for all rows."""
+        """A function of the model at the points ``(..., 2 n + 1, size)``: of all rows at once, or traced."""
+        if is_traced(points):
+            model: Any = self.model
+            return columnwise(model.source(name, points[..., 0, :], u), points.mT, u).mT  # type: ignore[return-value]
         return at_points(name, getattr(self.model, name), points, u, size)
 
     # --- formulas: of arrays or, compiled, of what stands for them ----------------------------------
