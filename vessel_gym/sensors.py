@@ -362,7 +362,7 @@ class Sensors:
             if getattr(sensor.reads, "linear", False) and not callable(sensor.sd):
                 self._gains[own, : len(units)] = reads(units[:, :n], units[:, n:]).T
             else:
-                self.called.append((own, reads))
+                self.called.append((own, compiled(reads) if ours(sensor.reads) else reads))
 
     @cached_property
     def _reads(self) -> list[Callable[[np.ndarray, np.ndarray], np.ndarray]]:

@@ -25,7 +25,7 @@ class World:
         parts: Normal numbers a step of the disturbance, then of each bias.
         start_roots: Roots of their covariances at the start.
         size: Components of the disturbance's state.
-        ours: Is all of it part of this package, and hence compiled?
+        ours: Is all of it part of this package, and hence one program?
     """
 
     def __init__(self, vehicle: Any, forces: Forces, sensors: Sensors, task: Any) -> None:
@@ -38,9 +38,10 @@ class World:
         self.start_roots = [process.start_root for process in (disturbance.process, *biases)]
         self.transition = block_diag(disturbance.process.transition, sensors.bias.transition)
         self.root = block_diag(disturbance.white, disturbance.process.root, sensors.bias.root)
-        self.ours = ours(forces.vehicle) and ours(disturbance) and sensors.ours
-        if not self.ours:
-            for name in ("step", "move", "begin", "sense"):
+        moving = ours(forces.vehicle) and ours(disturbance)
+        self.ours = moving and sensors.ours
+        for name, compilable in (("step", self.ours), ("move", moving), ("begin", moving), ("sense", sensors.ours)):
+            if not compilable:
                 setattr(self, name, getattr(self, name).function)
 
     @compiled(axes=(1, 1, 1, 1, 1, 1, 1, 2, 0, 1, 1, 2))

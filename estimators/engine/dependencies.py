@@ -12,6 +12,7 @@ import sys
 from collections.abc import Callable
 from copyreg import _HEAPTYPE, _new_type  # type: ignore[attr-defined]
 from dataclasses import is_dataclass
+from enum import Enum
 from types import BuiltinFunctionType, CellType, CodeType, FunctionType, MethodType, ModuleType, SimpleNamespace
 from typing import Any
 
@@ -34,7 +35,7 @@ _UNUSED = frozenset(("__repr__", "__str__", "__format__", "__reduce__", "__reduc
                      "__setstate__", "__del__", "__delattr__", "__copy__", "__deepcopy__", "__doc__", "__sizeof__",
                      "__dir__", "__init_subclass__", "__class_getitem__", "__subclasshook__"))  # fmt: skip
 _SLOTS = ("member_descriptor", "getset_descriptor", "_tuplegetter")  # what an object has itself, by its class
-_BUILDING = frozenset(("__init__", "__new__", "__post_init__", "__setattr__"))
+_BUILDING = frozenset(("__init__", "__new__", "__post_init__", "__setattr__", "__delattr__"))
 
 
 class Dependencies:
@@ -242,7 +243,7 @@ class _Walk:
             own = vars(each)
             self._length(own)
             special = (name for name in own if name.startswith("__") and isinstance(own[name], FunctionType))
-            for name in sorted((self.names & own.keys()) | (set(special) - unused)):
+            for name in sorted((self.names & own.keys()).union(special) - unused):
                 comparison = name in ("__eq__", "__hash__") and is_dataclass(each)  # of all fields, read or not
                 if type(own[name]).__name__ not in _SLOTS and name != "__dict__" and not comparison:
                     self._item(own, name, f"{each.__name__}.{name}")
@@ -265,6 +266,8 @@ class _Walk:
             self._mapping(value, what, every=True)
         elif kind is frozenset:
             self.leaves.append(value)
+        elif isinstance(value, Enum):
+            self.value(value.value, what)
         elif not _visible(kind):
             raise NotTraceable(
                 f"it reads {what}, a {kind.__module__}.{kind.__qualname__}, whose changes cannot be seen"

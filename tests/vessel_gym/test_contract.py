@@ -45,6 +45,7 @@ from agents import load_agent
 from estimators import Belief
 from vessel_gym.core import Core
 from vessel_gym.loop import Loop, Readings
+from vessel_gym.mission import Mission
 from vessel_gym.sensors import SUITES
 from vessel_gym.system import Estimate
 from vessel_gym.tasks.circle_track import CircleTrack
@@ -391,7 +392,14 @@ def told_the_position(monkeypatch: pytest.MonkeyPatch) -> None:
     def reference(core: Core, course: np.ndarray, steps: np.ndarray, belief: Belief, state: np.ndarray) -> np.ndarray:
         return core.task.reference(course, steps, state[:, core._based])
 
+    def step(mission: Mission, *arrays: np.ndarray) -> tuple[np.ndarray, ...]:
+        course, steps, declared, mean, known, state, *others = arrays
+        mean = np.concatenate([state[:, mission.based], mean[:, len(mission.based) :]], -1)
+        return honest(mission, course, steps, declared, mean, known, state, *others)
+
+    honest = Mission.step
     monkeypatch.setattr(Core, "_reference", reference)
+    monkeypatch.setattr(Mission, "step", step)
 
 
 def told_the_bias(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,7 +9,7 @@ import pytest
 from agents import rollout
 from agents.scores import scores
 from estimators import LinearModel, NonlinearModel
-from estimators.models import central_differences, steps
+from estimators.engine import compiled, jacobian
 from tests.vessel_gym.contract import make_core
 from vessel_gym.composition import compose
 from vessel_gym.disturbances import Disturbance, Water
@@ -109,16 +109,11 @@ class Straight(Itsunusa):
     flow_told = True
 
     def linear(self, kind: str) -> tuple[Any, ...]:
-        x, u = self.cruise
-        flow = np.zeros(1)
+        def slopes(*at: np.ndarray) -> tuple[np.ndarray, ...]:
+            after = self.drift(*at)
+            return tuple(jacobian(after, each) for each in at)
 
-        def slopes(moved: Any, size: int) -> np.ndarray:
-            at = np.zeros((1, size))
-            return central_differences("drift", moved, at, None, 6, (), steps(at, None))[1][0]
-
-        A = slopes(lambda e, _: self.drift(x + e, u, flow), 6)
-        B = slopes(lambda e, _: self.drift(np.broadcast_to(x, (*e.shape[:-1], 6)), u + e, flow), 6)
-        F = slopes(lambda e, _: self.drift(np.broadcast_to(x, (*e.shape[:-1], 6)), u, e), 1)
+        A, B, F = compiled(slopes)(*self.cruise, np.zeros(1))
         return (A, B, F) if self.flow_told else (A, B)
 
 

@@ -2,6 +2,7 @@
 
 import enum
 import functools
+import re
 import sys
 import types
 from collections.abc import Callable, Iterator
@@ -170,6 +171,33 @@ def test_a_class_that_changes_is_noticed(monkeypatch: pytest.MonkeyPatch):
         inspection = traced(vehicle.rate)
         monkeypatch.setattr(Vehicle, name, value)
         assert not inspection.unchanged()
+
+
+class Place(enum.IntEnum):
+    MASS, LENGTH = range(2)
+
+
+@dataclass(frozen=True)
+class Ship:
+    values: np.ndarray
+
+    def __post_init__(self) -> None:
+        if not re.match("m", self.units()):
+            raise ValueError("metres")
+
+    def units(self) -> str:
+        return "m"
+
+    def weight(self, x: np.ndarray) -> np.ndarray:
+        return x * self.values[Place.MASS]
+
+
+def test_how_a_frozen_object_was_built_does_not_matter_and_names_of_indices_are_constants():
+    ship = Ship(np.array([2.0, 3.0]))
+    inspection = traced(ship.weight)
+    assert inspection.unchanged()
+    ship.values[Place.MASS] = 4.0
+    assert not inspection.unchanged()
 
 
 def test_slots_defaults_and_partial_arguments_are_read():
