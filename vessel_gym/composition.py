@@ -345,19 +345,6 @@ class Composition:
         return _placed(self.vehicle, self.names[: self.base])
 
     @cached_property
-    def state_and_flow(self) -> np.ndarray:
-        """What turns all that the filter estimates ``(n,)`` into the vehicle's state and the flow, while cruising."""
-        flows, kicks = len(self.vehicle.flows), len(self.vehicle.kicks)
-        matrix = np.zeros((self.base + flows, len(self.names)))
-        matrix[: self.base, : self.base] = np.eye(self.base)
-        matrix[self.base :, self.base : self.base + len(self.held)] = self.forces.linear[
-            kicks : kicks + flows, self.held
-        ]
-        for _, flow in self._unknown_flows:
-            matrix[self.base + flow] = 0.0
-        return matrix
-
-    @cached_property
     def scale(self) -> np.ndarray:
         """Sizes of what comes after the vehicle's state that count as 1 in an observation of standard deviations."""
         disturbance = self.forces.disturbance

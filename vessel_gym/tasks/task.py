@@ -7,7 +7,6 @@ import numpy as np
 
 from estimators import Gaussian
 from estimators.checks import shown
-from estimators.engine import compiled
 from estimators.factory import unknown
 from vessel_gym.checks import numbers
 from vessel_gym.sensors import Sensors
@@ -128,14 +127,6 @@ class Task:
         The estimated state and flow, the reference and the actuators.
         """
         return np.concatenate([self.observe_state(estimate, reference), reference, actuators], -1)
-
-    @compiled
-    def observe_mean(
-        self, mean: np.ndarray, flow: np.ndarray, input_mean: np.ndarray, reference: np.ndarray, actuators: np.ndarray
-    ) -> np.ndarray:
-        """The observation of mode ``"mean"`` within bounds, compiled; without unknown input ``input_mean (..., 0)``."""
-        estimate = Estimate(mean, flow, input_mean if input_mean.shape[-1] else None)
-        return np.clip(self.observe(estimate, reference, actuators), -self.BOUND, self.BOUND)
 
     def observe_state(self, estimate: Estimate, course: np.ndarray) -> np.ndarray:
         """The estimate as it is, which together with the mission is ``"unguided"``.
