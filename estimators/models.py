@@ -404,7 +404,7 @@ class NonlinearModel(Frozen):
         function, own = getattr(self, name), getattr(self, f"{name}_jacobian")
         if is_traced(x):
             program: Any = x.program  # type: ignore[attr-defined]
-            return tuple(matrix(program, each) for each in linearise(function, x, u))
+            return tuple(matrix(program, each) for each in linearise(self.source(name, x, u), x, u))
         x = read_only(x)
         if self.difference is not None:
             return self._linearise_errors(name, size, angles, x, u, cov)

@@ -1,8 +1,7 @@
 """Where an angle's zero and the origin of coordinates lie is a convention: no estimate may depend on it.
 
 Both are moved for every filter, with functions that wrap their angles at the cut that results, and the estimates are
-moved back. What is left is rounding: a state at 1e6 m has digits of 1e-10 m, and a difference over a step h of the
-belief's spread gives a Jacobian to 1e-10 / h.
+moved back. What is left is rounding: a state at 5e6 m has digits of 1e-9 m.
 """
 
 import dataclasses
@@ -63,10 +62,10 @@ def _apart(one: list[Belief], other: list[Belief], shift: np.ndarray) -> float:
     return worst
 
 
-# A difference of values of size v over a step h has an error of eps v / h, which 12 steps of a filter with gains and
-# covariances of condition some 100 may enlarge: 1e-16 * 50 / 1e-3 * 100 = 5e-10 where only angles move ...
-SEAM = 1e-9
-# ... and at 5e6 m with h = 0.07 m (half the digits of the place), 1e-9 / 0.07 * 100 = 1e-6.
+# Values of size v have an error of eps v, in standard deviations s, which 12 steps of a filter with gains and
+# covariances of condition some 100 may enlarge: 2e-16 * 50 / 0.05 * 100 = 2e-11 where only angles move ...
+SEAM = 2e-11
+# ... and at 5e6 m 1e-9 / 0.05 * 100 = 2e-6.
 PLACE = 2e-6
 
 

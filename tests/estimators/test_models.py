@@ -539,3 +539,36 @@ def test_a_function_of_u_that_needs_none_tells_its_size():
     assert (model.n, model.p) == (3, 1)
     with pytest.raises(ValueError, match="cannot tell states: give states=, or one of Q, G as an array"):
         NonlinearModel(lambda x, u: x, lambda x, u: x, lambda u: np.eye(3) * u[0], np.eye(3))
+
+
+# --- functions that are part of a filter's program ----------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["ekf", "huber-kf", "ukf"])
+def test_functions_that_fill_fresh_arrays_are_part_of_a_program_as_others_are(name: str):
+    def filled(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+        y = np.zeros(x.shape)
+        y[..., 0] = x[..., 1]
+        y[..., 1] = np.sin(x[..., 0])
+        return y
+
+    def copied(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+        y = np.array(x)
+        y[..., 0] = x[..., 1] * x[..., 0]
+        return y
+
+    def stacked(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+        return np.stack([x[..., 1], np.sin(x[..., 0])], -1)
+
+    def product(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+        return np.stack([x[..., 1] * x[..., 0], x[..., 1]], -1)
+
+    beliefs = []
+    for model in (NonlinearModel(filled, copied, np.eye(2), np.eye(2)),
+                  NonlinearModel(stacked, product, np.eye(2), np.eye(2))):  # fmt: skip
+        assert model.traceable("transition", np.ones((3, 2)), None)
+        filter = make(name, model)
+        belief = filter.predict(filter.init(Gaussian(np.arange(6.0).reshape(3, 2), np.eye(2))))
+        beliefs.append(filter.update(belief, np.ones((3, 2))))
+    np.testing.assert_array_equal(beliefs[0].mean, beliefs[1].mean)
+    np.testing.assert_array_equal(beliefs[0].cov, beliefs[1].cov)
