@@ -55,8 +55,8 @@ def joseph_update(
 class ExtendedKalmanFilter(GaussianFilter):
     """Linearises the model at the mean; on a linear model it is the Kalman filter exactly.
 
-    Jacobians that the model does not give are taken by central differences. An unknown input in
-    the model is ignored.
+    Jacobians that the model does not give are exact for functions that can be traced, and by central differences for
+    others. An unknown input in the model is ignored.
 
     Source: Jazwinski (1970), Stochastic Processes and Filtering Theory, ch. 8.
     """

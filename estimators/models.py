@@ -296,8 +296,8 @@ class NonlinearModel(Frozen):
         H: ``(..., p, q)`` unknown input to the measurement, or a function of ``u``.
         state_angles: indices of states that are angles; the transition may wrap them.
         measurement_angles: indices of measurements that are angles; likewise.
-        transition_jacobian: ``df/dx (x, u) -> (..., n, n)``; None: by central differences.
-        measurement_jacobian: ``dh/dx (x, u) -> (..., p, n)``; None: by central differences.
+        transition_jacobian: ``df/dx (x, u) -> (..., n, n)``; None: exact where f can be traced, else by differences.
+        measurement_jacobian: ``dh/dx (x, u) -> (..., p, n)``; None: likewise.
         states: n, where Q and G are functions, and Q has no value at ``u = None`` that would tell.
         measurements: p, where R and H are functions, likewise.
         difference: ``e(a, b) -> (..., n)``, the error of ``b (..., nx)`` where ``a (..., nx)`` is true, for states that

@@ -247,8 +247,7 @@ def test_on_functions_that_are_linear_the_nonlinear_filters_are_the_linear_one(n
     linear = track(make(exact, system.model), system.rows(6), record, available=available)
     functions = track(make(name, _as_functions(system.model)), system.rows(6), record, available=available)
     for one, other in zip(functions, linear, strict=True):
-        # A step of 1e-3 or a standard deviation, across readings of some 100: rounding of 1e-14 / 1e-3.
-        assert_same(one, other, 1e-9)
+        assert_same(one, other, 1e-11)
 
 
 def _with_a_white_input(model: NonlinearModel, cov: np.ndarray) -> NonlinearModel:
