@@ -96,8 +96,11 @@ class Numbers:
         Members lie last in memory. Components that no row has ``wanted (..., count)`` are 0; None: all are.
         """
         chosen = np.arange(count) if wanted is None else np.flatnonzero(wanted.reshape(-1, count).any(0))
-        counters = np.arange((members + 3) // 4, dtype=np.uint64) | (chosen.astype(np.uint64) << 32)[:, None]
-        drawn = self._flat(_threefry().four_normals, counters, use)[..., :members]
+        second = (_unsigned(self.step) << 16) | use
+        drawn = np.zeros((*self.keys.shape[:-1], len(chosen), members))
+        if len(chosen) and members:
+            components = tuple(chosen.tolist())
+            drawn = _threefry().of_members(self.keys, second, members=members, components=components)
         if len(chosen) == count:
             return drawn.mT
         out = np.zeros((*self.keys.shape[:-1], count, members))

@@ -32,7 +32,7 @@ def trace(function: Callable[..., Any], rows: Sequence[Argument], matrices: bool
 
 def given(program: Program, argument: int, row: Argument, matrices: bool = False) -> Any:
     """What stands for a row of an argument."""
-    if matrices:
+    if matrices and row.kind in "fb":
         return matrix_input(program, argument, 0, row.shape, row.kind)
     scalars = np.empty(row.size, object)
     for column in range(row.size):

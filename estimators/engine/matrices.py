@@ -230,10 +230,13 @@ def columnwise(function: Any, *operands: Any) -> MatrixTracer:
         function: Traced entry by entry.
         operands: Matrices, of which it gets the columns; vectors ``(m,)`` and None as they are.
     """
-    program = next(each.program for each in operands if isinstance(each, MatrixTracer))
-    given = [None if each is None else matrix(program, each) for each in operands]
-    views = [each.view for each in given if each is not None and each.ndim == 2]
-    vectors = [each.scalars() if each is not None and each.ndim == 1 else None for each in given]
+    traced = next(each for each in operands if is_traced(each))
+    program = traced.flat[0].program if isinstance(traced, TracedArray) else traced.program
+    given: list[Any] = [
+        each if each is None or isinstance(each, TracedArray) else matrix(program, each) for each in operands
+    ]
+    views: list[View] = [each.view for each in given if each is not None and each.ndim == 2]
+    vectors = [each.scalars() if isinstance(each, MatrixTracer) and each.ndim == 1 else each for each in given]
 
     def body(*parameters: tuple[int, ...]) -> list[int]:
         columns = (
@@ -248,6 +251,14 @@ def columnwise(function: Any, *operands: Any) -> MatrixTracer:
     value = program.columns(views, body)
     count = views[0].shape[1]
     return MatrixTracer(program, value, (program.sizes[value] // count, count))
+
+
+def interleaved(parts: Sequence[MatrixTracer]) -> MatrixTracer:
+    """Rows ``(len(parts), k N)`` that hold matrices ``(k, N)`` column by column."""
+    (k, count), program = parts[0].shape, parts[0].program
+    places = tuple(i * k * count for i in range(len(parts)))
+    value = program.add("join", tuple(part.mT.view for part in parts), "f", len(parts) * k * count, (places, k))
+    return MatrixTracer(program, value, (len(parts), k * count))
 
 
 def is_traced(value: Any) -> bool:

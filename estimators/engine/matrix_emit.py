@@ -256,9 +256,12 @@ class MatrixEmitter(Emitter):
             for view, parameters in zip(views, loop.parameters, strict=True):
                 for i, value in enumerate(parameters):
                     self._count = inside._count
-                    place = self.address(view.value, self.index(view, i, j))
+                    if together:
+                        place = self.address(view.value, self.index(view, i, j))
+                        inside.names[value] = self.line(f"load {T}, ptr {place}, align 8")
+                    else:
+                        inside.names[value] = self.load(view, i, j)
                     inside._count = self._count
-                    inside.names[value] = inside.line(f"load {T}, ptr {place}, align 8")
             inside.block(loop.body)
             for i, value in enumerate(loop.results):
                 name = inside.name(value)

@@ -17,6 +17,8 @@ from estimators.analysis import (
     transform_analysis,
 )
 from estimators.angles import difference
+from estimators.engine import compiled
+from estimators.engine.matrices import columnwise
 from estimators.ensemble import PROCESS, READINGS
 from estimators.linalg import neutralised, semidefinite_cholesky
 from tests.estimators.cases import assert_same, random_covariance
@@ -320,3 +322,20 @@ def test_numbers_that_nobody_asks_for_leave_the_others_as_they_are():
     np.testing.assert_array_equal(
         numbers.members(10, 3, 1, wanted)[..., wanted], numbers.members(10, 3, 1)[..., wanted]
     )
+
+
+@pytest.mark.parametrize("members", [3, 8, 13, 100])
+def test_a_function_of_columns_is_that_of_each_column(members: int):
+    """Side by side in a row alone, one after the other in a batch: the same bits, a table of all rows among them."""
+    rng = np.random.default_rng(members)
+    table = rng.normal(size=(1, members))
+
+    def moved(x: np.ndarray, number: np.ndarray, u: np.ndarray) -> np.ndarray:
+        return np.stack([x[..., 0] * number[..., 0] + u[..., 0], np.where(x[..., 1] > 0.0, x[..., 0], u[..., 1])], -1)
+
+    function = compiled(lambda x, u: columnwise(moved, x, table, u), axes=(2, 1), matrices=True)
+    x, u = rng.normal(size=(9, 2, members)), rng.normal(size=(9, 2))
+    expected = moved(x.mT, np.broadcast_to(table.T, (9, members, 1)), u[:, None]).mT
+    np.testing.assert_array_equal(function(x, u), expected)
+    for row in range(9):
+        np.testing.assert_array_equal(function(x[row], u[row]), expected[row])
