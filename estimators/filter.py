@@ -433,8 +433,6 @@ class Filter(ABC, Generic[Record]):
             return {}
         found = {}
         for question, (name, method) in _TRACED.items():
-            if question == "_moved" and callable(self.model.G):
-                continue
             own = getattr(getattr(type(self), method), "inlinable", False)
             function = self.model.traceable(name, belief.mean, u) if own else None
             if function is not None:

@@ -381,6 +381,10 @@ class NonlinearModel(Frozen):
         assert self.G is not None, "the model has no unknown input"
         if not callable(self.G):
             return self.G
+        if is_traced(x):  # the mean of the belief that a program is executed on
+            program: Any = x.program  # type: ignore[attr-defined]
+            traced: np.ndarray = program.callback(lambda belief, u, R: self.input_matrix(belief.mean, u), 2)
+            return traced
         G = np.asarray(call("G", self.G, x, u))
         if G.shape[-2:] != (self.n, self.q):
             raise ValueError(f"G gave a matrix of shape {G.shape}, expected (..., {self.n}, {self.q})")
