@@ -12,7 +12,6 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache, partial
 from typing import Any, ClassVar
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy.linalg import expm
@@ -456,7 +455,9 @@ class NonlinearModel(Frozen):
 
 
 Function = Callable[[np.ndarray, np.ndarray | None], np.ndarray]
-_inspections: WeakKeyDictionary[Any, dict[Any, Inspection]] = WeakKeyDictionary()
+_inspections: dict[Any, dict[Any, Inspection]] = {}
+_KEPT = 500
+"""Functions whose inspections are kept; of more, the oldest are inspected anew when they are next used."""
 
 
 def inspected(function: Function, x: np.ndarray, u: np.ndarray | None) -> Compiled | Inspection | None:
@@ -468,6 +469,8 @@ def inspected(function: Function, x: np.ndarray, u: np.ndarray | None) -> Compil
     if isinstance(function, Compiled):
         return function
     try:
+        if function not in _inspections and len(_inspections) >= _KEPT:
+            del _inspections[next(iter(_inspections))]
         known = _inspections.setdefault(function, {})
     except TypeError:  # it can be no key
         return None
@@ -523,16 +526,17 @@ def at_points(name: str, function: Function, points: np.ndarray, u: np.ndarray |
     Raises:
         ValueError: if the function does not broadcast over leading axes.
     """
-    return _at_points(name, function, points, u, size)[0]
+    traced = inspected(function, points, None if u is None else u[..., None, :])
+    return _at_points(name, function, points, u, size, traced)[0]
 
 
 def _at_points(
-    name: str, function: Function, points: np.ndarray, u: np.ndarray | None, size: int
-) -> tuple[np.ndarray, float]:
+    name: str, function: Function, points: np.ndarray, u: np.ndarray | None, size: int,
+    traced: Compiled | Inspection | None = None,
+) -> tuple[np.ndarray, float]:  # fmt: skip
     """The values of `at_points`, and the relative rounding of the type in which the function returned them."""
     expected = points.shape[:-1] + (size,)
     u = None if u is None else u[..., None, :]
-    traced = inspected(function, points, u)
     try:
         if traced is not None:
             returned = traced(points) if u is None and isinstance(traced, Inspection) else traced(points, u)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+import estimators.models
 from estimators import (
     Belief,
     Delayed,
@@ -22,6 +23,7 @@ from estimators import (
     nees,
     run,
 )
+from estimators.engine.foreign import Inspection
 from tests.estimators.cases import assert_covariance, assert_same, simulate, track, turning_vehicle
 
 DT, DOWN, NORTH = 0.05, np.array([0.0, 0.0, 9.81]), np.array([0.5, 0.0, 0.8])
@@ -304,3 +306,14 @@ def test_whole_series_of_states_that_are_no_vectors_are_run_and_come_late():
     for found in (series, late):
         np.testing.assert_allclose(error(found.mean[-1], by_hand[-1].mean), 0.0, atol=1e-12)
         np.testing.assert_allclose(found.cov[-1], by_hand[-1].cov, rtol=0, atol=1e-12)
+
+
+def test_functions_that_are_made_for_a_step_are_not_inspected(monkeypatch: pytest.MonkeyPatch):
+    """Inspecting takes a hundred times as long as calling."""
+    inspected = []
+    monkeypatch.setattr(estimators.models, "inspect", lambda *given: inspected.append(given) or Inspection("not here"))
+    filter, start, u = make("eskf", ATTITUDE), np.eye(2, 7), np.zeros((2, 3))
+    belief = filter.init(ManifoldGaussian(start, PRIOR))
+    for _ in range(3):
+        belief = filter.predict(filter.update(belief, measurement(start, u)), u)
+    assert not inspected

@@ -13,6 +13,7 @@ from estimators import (
     Schedule,
     forward_euler,
     make,
+    models,
     van_loan,
     wrap,
     zero_order_hold,
@@ -579,3 +580,14 @@ def test_functions_that_fill_fresh_arrays_are_part_of_a_program_as_others_are(na
         beliefs.append(filter.update(belief, np.ones((3, 2))))
     np.testing.assert_array_equal(beliefs[0].mean, beliefs[1].mean)
     np.testing.assert_array_equal(beliefs[0].cov, beliefs[1].cov)
+
+
+def test_models_that_are_gone_leave_no_more_behind_than_a_few_hundred(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(models, "_inspections", {})
+    monkeypatch.setattr(models, "_KEPT", 4)
+    for i in range(6):
+        model = NonlinearModel(lambda x, u, i=i: i * x, lambda x, u: x, I2, I2)
+        for _ in range(2):
+            belief = make("ekf", model).predict(make("ekf", model).init(Gaussian(np.ones(2), I2)))
+            np.testing.assert_array_equal(belief.mean, [i, i])
+    assert len(models._inspections) == 4
