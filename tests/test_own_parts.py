@@ -48,6 +48,20 @@ def test_what_else_a_page_shows_runs(page: str) -> None:
         exec(compile(example, page, "exec"), {"__name__": "page"})
 
 
+@pytest.mark.parametrize("env_id", [*OWN, "Catamaran-v0"])
+def test_filters_run_the_equations_of_a_page_compiled_with_their_exact_derivatives(catamaran: str, env_id: str) -> None:
+    env: Any = gym.make(env_id, estimator="ekf")
+    env.reset(seed=0)
+    core = env.unwrapped.core
+    model, x, u = core.composition.model, core.belief.mean, core.vehicle.cruise[1][None]
+    for name, function in (("transition", model.transition), ("measurement", model.measurement)):
+        assert model.traceable(name, x, u) is not None
+        jacobian = getattr(model, f"linearise_{name}")(x, u)[1]
+        step = 1e-5 * np.eye(model.n)
+        slopes = (function(x + step, np.tile(u, (model.n, 1))) - function(x - step, np.tile(u, (model.n, 1)))) / 2e-5
+        np.testing.assert_allclose(jacobian[0], slopes.T, rtol=1e-5, atol=1e-5)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("env_id", OWN)
 @pytest.mark.parametrize("estimator", estimator_names())

@@ -103,6 +103,7 @@ class _Walk:
         self.arrays: list[tuple[np.ndarray, bytes]] = []
         self.leaves: list[Any] = []  # everything by value, in order
         self._met: dict[int, Any] = {}
+        self._classes = set[tuple[type, frozenset[str]]]()
         self._bytes = 0
 
     def value(self, value: Any, what: str) -> None:
@@ -185,7 +186,10 @@ class _Walk:
             self.leaves.append("empty")
             return
         self.attributes.append((cell, "cell_contents", contents))
-        self.value(contents, name)
+        if name == "__class__":  # of super(), which builds nothing
+            self._class(contents, _UNUSED | _BUILDING)
+        else:
+            self.value(contents, name)
 
     def _code(self, code: CodeType, namespace: dict[str, Any]) -> None:
         names, variables = _read(code)
@@ -237,6 +241,9 @@ class _Walk:
 
     def _class(self, kind: type, unused: frozenset[str]) -> None:
         self.leaves.append(kind)
+        if (kind, unused) in self._classes:
+            return
+        self._classes.add((kind, unused))
         for each in kind.__mro__:
             if _root(each.__module__) in sys.stdlib_module_names or _root(each.__module__) in _PURE:
                 continue

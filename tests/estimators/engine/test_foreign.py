@@ -66,6 +66,26 @@ class Mode(enum.Enum):
     FAST = 2.0
 
 
+class Hull:
+    def drag(self, x: np.ndarray) -> np.ndarray:
+        return 0.5 * x
+
+
+class Catamaran(Hull):
+    """Reads a file where it is built, and not where it moves."""
+
+    def __init__(self) -> None:
+        self.path = sys.path
+
+    def drag(self, x: np.ndarray) -> np.ndarray:
+        return 2.0 * super().drag(x)
+
+
+class Coefficient(enum.IntEnum):
+    MASS = 0
+    DRAG = 1
+
+
 def closure() -> tuple[Callable[..., Any], Callable[[float], None], np.ndarray]:
     gain, array = 2.0, np.ones(2)
 
@@ -482,3 +502,24 @@ def test_a_program_in_numpy_has_the_bits_of_its_compiled_self():
     assert inspection.traceable, inspection.reason
     (found,) = interpret(inspection.function, [x, n], (1, 0))
     np.testing.assert_array_equal(found.view(np.int64), inspection(x, n).view(np.int64))
+
+
+def test_a_class_that_super_names_builds_nothing():
+    hull = Catamaran()
+    inspection = traced(hull.drag)
+    np.testing.assert_array_equal(inspection(X), X)
+    Hull.drag, before = (lambda self, x: x), Hull.drag  # type: ignore[assignment, method-assign]
+    try:
+        assert not inspection.unchanged()
+    finally:
+        Hull.drag = before  # type: ignore[method-assign]
+
+
+def test_a_class_of_several_objects_is_compared_once():
+    inspection = traced(lambda x: x * GAINS[Coefficient.MASS] + GAINS[Coefficient.DRAG])
+    assert inspection.dependencies is not None
+    places = [(id(holder), key) for holder, key, _ in inspection.dependencies._walk.items]
+    assert len(places) <= len(set(places)) + 3  # a global that two lines read is two
+
+
+GAINS = (2.0, 3.0)
