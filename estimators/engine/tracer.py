@@ -96,10 +96,12 @@ class Tracer(_Operators):
 
 def constant(program: Program, value: Any) -> Tracer:
     """The tracer of a constant scalar."""
+    if type(value) is Tracer:
+        return value
+    if type(value) is float:
+        return Tracer(program, program.constant(value, "f"))
     if isinstance(value, np.ndarray) and value.dtype == object and value.ndim == 0:
         value = value[()]
-    if isinstance(value, Tracer):
-        return value
     kind = np.asarray(value).dtype.kind
     if kind == "f" and np.asarray(value).dtype != float:
         value = float(value)
@@ -149,6 +151,9 @@ _EXACT: dict[str, Callable[..., Any]] = {
     "whole remainder": np.remainder,
 }  # fmt: skip
 """Opcodes that the processor carries out exactly as NumPy does."""
+
+
+_FLOATS = frozenset(("add", "subtract", "multiply", "divide"))
 
 
 def operation(opcode: str, *operands: Any) -> Any:
