@@ -5,14 +5,15 @@ from typing import Any
 import numpy as np
 
 from estimators.engine.emit import Module, literal
-from estimators.engine.matrix_emit import Index, MatrixEmitter
+from estimators.engine.matrix_emit import Index
+from estimators.engine.product_emit import ProductEmitter
 from estimators.engine.program import Instruction, Program, View
 
 _EPS = float(np.finfo(float).eps)
 _SWEEPS = 30
 
 
-class LinearEmitter(MatrixEmitter):
+class LinearEmitter(ProductEmitter):
     """Rows side by side meet the same operations in the same order; what cannot be done is NaN in its row."""
 
     def __init__(self, program: Program, module: Module, width: int, layout: Any) -> None:
@@ -168,24 +169,6 @@ class LinearEmitter(MatrixEmitter):
         self.copy(s, f)
         self.copy(b, z)
 
-        def swap(view: View, low: Index, best: str, j: Index) -> None:
-            """Exchange row j with the best one of each lane."""
-
-            def entry(k: Index) -> None:
-                top = self.load(view, j, k)
-
-                def other(i: Index, found: str) -> list[str]:
-                    number = self.line(f"sitofp i64 {i} to double")
-                    chosen = self._do("fcmp oeq", self.splat(number, self.width), best)
-                    own = self.load(view, i, k)
-                    self.store_at(self.line(f"select {self.mask} {chosen}, {self.T} {top}, {self.T} {own}"), view, i, k)
-                    return [self.line(f"select {self.mask} {chosen}, {self.T} {own}, {self.T} {found}")]
-
-                found = self.loop(self.plus(j, 1), n, other, [top], [self.T])[0]
-                self.store_at(found, view, j, k)
-
-            self.each(low, view.shape[1], entry)
-
         def column(j: Index) -> None:
             number = self.splat(self.line(f"sitofp i64 {j} to double"), self.width)
             largest = self.call("fabs", "f", self.width, self.load(f, j, j))
@@ -196,8 +179,8 @@ class LinearEmitter(MatrixEmitter):
                 return [self._choose("ogt", own, size, where, best), self._choose("ogt", own, size, own, size)]
 
             best, _ = self.loop(self.plus(j, 1), n, better, [number, largest], [self.T, self.T])
-            swap(f, j, best, j)
-            swap(z, 0, best, j)
+            self._exchange(f, j, j, best)
+            self._exchange(z, 0, j, best)
             pivot = self.load(f, j, j)
             pivot = self._choose("oeq", pivot, self._zero, self._nan, pivot)
             self.store_at(pivot, f, j, j)
@@ -221,6 +204,24 @@ class LinearEmitter(MatrixEmitter):
             self.loop(0, n, lambda m: backward(m))
 
         self.each(0, b.shape[1], solution)
+
+    def _exchange(self, view: View, low: Index, j: Index, best: str) -> None:
+        """Exchange row j, from a column on, with the best one of each lane."""
+
+        def entry(k: Index) -> None:
+            top = self.load(view, j, k)
+
+            def other(i: Index, found: str) -> list[str]:
+                number = self.line(f"sitofp i64 {i} to double")
+                chosen = self._do("fcmp oeq", self.splat(number, self.width), best)
+                own = self.load(view, i, k)
+                self.store_at(self.line(f"select {self.mask} {chosen}, {self.T} {top}, {self.T} {own}"), view, i, k)
+                return [self.line(f"select {self.mask} {chosen}, {self.T} {own}, {self.T} {found}")]
+
+            found = self.loop(self.plus(j, 1), view.shape[0], other, [top], [self.T])[0]
+            self.store_at(found, view, j, k)
+
+        self.each(low, view.shape[1], entry)
 
     def _rotate(self, instruction: Instruction) -> None:
         """``A V`` with orthogonal columns by one-sided Jacobi rotations, and V where it is wanted, behind it."""

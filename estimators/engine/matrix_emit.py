@@ -9,8 +9,8 @@ import numpy as np
 from estimators.engine.emit import Emitter, Module, literal, type_of
 from estimators.engine.program import Columns, Instruction, Program, View
 
-_CHUNK = 8  # numbers in a vector, and partial sums of an inner product: part of its definition
-_ACROSS = 48  # columns of a product that are summed at a time: as many vectors as processors have registers for
+CHUNK = 8
+"""Numbers in a vector, and partial sums of an inner product: part of its definition."""
 _UNROLLED = 16  # entries up to which there is no loop
 _MASKED = ("and", "or", "not")
 _GIVE_MASKS = ("greater", "greater equal", "isfinite", "and", "or", "not")
@@ -40,8 +40,7 @@ class MatrixEmitter(Emitter):
         self.T, self.mask = type_of("f", width), type_of("b", width)
         self.special |= {
             "each": self._each, "element": self._element, "pack": self._pack, "join": self._join,
-            "matmul": self._matmul, "inner": self._inner, "lookup matrix": self._lookup_matrix,
-            "columns": self._columns,
+            "lookup matrix": self._lookup_matrix, "columns": self._columns,
         }  # fmt: skip
 
     # --- memory -------------------------------------------------------------------------------------
@@ -239,14 +238,14 @@ class MatrixEmitter(Emitter):
         """A function of columns: of a batch one after the other, of one row eight side by side."""
         loop: Columns = instruction.attributes[0]
         views: Any = instruction.operands[: len(loop.parameters)]
-        together = self.width == 1 and loop.size >= _CHUNK and all(view.steps[1] == 1 for view in views)
-        width = _CHUNK if together else self.width
+        together = self.width == 1 and loop.size >= CHUNK and all(view.steps[1] == 1 for view in views)
+        width = CHUNK if together else self.width
         T = type_of("f", width)
 
         def some(at: Index) -> None:
             j: Index = at
             if together:  # the last ones begin before the end, and compute some again
-                j = self.call("smin", "ii", 1, self.times(at, _CHUNK), str(loop.size - _CHUNK))  # type: ignore[arg-type]
+                j = self.call("smin", "ii", 1, self.times(at, CHUNK), str(loop.size - CHUNK))  # type: ignore[arg-type]
             inside = Emitter(self.program, self.module, width)
             inside.lines, inside._count, inside.label = self.lines, self._count, self.label
             for value in instruction.operands[len(views) :]:
@@ -271,7 +270,7 @@ class MatrixEmitter(Emitter):
                 self.lines.append(f"  store {T} {name}, ptr {place}, align 8")
             self._count, self.label = inside._count, inside.label
 
-        self.each(0, -(-loop.size // _CHUNK) if together else loop.size, some)
+        self.each(0, -(-loop.size // CHUNK) if together else loop.size, some)
 
     def _each(self, instruction: Instruction) -> None:
         _opcode, rows, columns = instruction.attributes
@@ -311,13 +310,13 @@ class MatrixEmitter(Emitter):
             entry = self.plus(self.times(i, columns), j)
             self.lines.append(f"  store {T} {result}, ptr {self.address(instruction.result, entry)}, align 8")
 
-        whole = columns // _CHUNK * _CHUNK
+        whole = columns // CHUNK * CHUNK
 
         def line(i: Index) -> None:
-            if whole > _CHUNK:
-                self.loop(0, whole, lambda j: chunk(i, j, _CHUNK), step=_CHUNK)
+            if whole > CHUNK:
+                self.loop(0, whole, lambda j: chunk(i, j, CHUNK), step=CHUNK)
             elif whole:
-                chunk(i, 0, _CHUNK)
+                chunk(i, 0, CHUNK)
             for j in range(whole, columns):
                 chunk(i, j, 1)
 
@@ -333,144 +332,6 @@ class MatrixEmitter(Emitter):
                 kinds[k] = "b"
         result = self.operation(opcode, "".join(kinds), operands, width)
         return self.cast(result, "b", "f", width) if opcode in _GIVE_MASKS else result
-
-    # --- products -----------------------------------------------------------------------------------
-
-    def _matmul(self, instruction: Instruction) -> None:
-        a, b = instruction.operands
-        assert isinstance(a, View)
-        assert isinstance(b, View)
-        target = View(instruction.result, (a.shape[0], b.shape[1]), 0, (b.shape[1], 1))
-        if self.width == 1 and b.shape[1] > 1:
-            if b.steps[1] != 1:
-                copied = View(self.temporary(instruction), b.shape, 0, (b.shape[1], 1))
-                self.copy(b, copied)
-                b = copied
-            self.each(0, a.shape[0], lambda i: self._row_product(a, b, instruction.result, i))
-            return
-        self._products(a, b, target)
-
-    def _products(self, a: View, b: View, target: View) -> None:
-        """Entries one beside the other, four at a time."""
-        (rows, inner), columns = a.shape, b.shape[1]
-
-        def some(i: Index, j: Index, count: int) -> None:
-            beside = [self.plus(j, m) for m in range(count)]
-
-            def products(k: Index) -> list[str]:
-                x = self.load(a, i, k)
-                return [self.line(f"fmul {self.T} {x}, {self.load(b, k, m)}") for m in beside]
-
-            def add(k: Index, *sums: str) -> list[str]:
-                pairs = zip(sums, products(k), strict=True)
-                return [self.line(f"fadd {self.T} {total}, {product}") for total, product in pairs]
-
-            sums: Sequence[str] = products(0)
-            if inner <= 4:
-                for k in range(1, inner):
-                    sums = add(k, *sums)
-            else:
-                sums = self.loop(1, inner, add, sums, [self.T] * count)
-            for m, total in zip(beside, sums, strict=True):
-                self.store_at(total, target, i, m)
-
-        whole = columns // 4 * 4
-
-        def row(i: Index) -> None:
-            if whole > 4:
-                self.loop(0, whole, lambda j: some(i, j, 4), step=4)
-            elif whole:
-                some(i, 0, 4)
-            if columns > whole:
-                some(i, whole, columns - whole)
-
-        self.each(0, rows, row)
-
-    def _row_product(self, a: View, b: View, result: int, i: Index) -> None:
-        """A row of a product as vectors over its columns, which are neighbours in ``b``."""
-        inner, columns = b.shape
-        whole = columns // _ACROSS * _ACROSS
-
-        def some(first: Index, count: int) -> None:
-            parts = [(self.plus(first, j), min(_CHUNK, count - j)) for j in range(0, count, _CHUNK)]
-            types = [type_of("f", width) for _, width in parts]
-
-            def products(k: Index) -> list[str]:
-                x, found = self.load(a, i, k), []
-                for (j, width), T in zip(parts, types, strict=True):
-                    y = self.line(f"load {T}, ptr {self.address(b.value, self.index(b, k, j))}, align 8")
-                    found.append(self.line(f"fmul {T} {self.splat(x, width)}, {y}"))
-                return found
-
-            def add(k: Index, *sums: str) -> list[str]:
-                terms = zip(types, sums, products(k), strict=True)
-                return [self.line(f"fadd {T} {total}, {product}") for T, total, product in terms]
-
-            sums = self.loop(1, inner, add, products(0), types)
-            for (j, _), T, total in zip(parts, types, sums, strict=True):
-                place = self.address(result, self.plus(self.times(i, columns), j))
-                self.lines.append(f"  store {T} {total}, ptr {place}, align 8")
-
-        if whole > 2 * _ACROSS:
-            self.loop(0, whole, lambda j: some(j, _ACROSS), step=_ACROSS)
-        else:
-            for j in range(0, whole, _ACROSS):
-                some(j, _ACROSS)
-        if columns > whole:
-            some(whole, columns - whole)
-
-    def _inner(self, instruction: Instruction) -> None:
-        a, b = instruction.operands
-        assert isinstance(a, View)
-        assert isinstance(b, View)
-        (rows, count), columns = a.shape, b.shape[0]
-        target = View(instruction.result, (rows, columns), 0, (columns, 1))
-
-        def one(i: Index, j: Index) -> None:
-            total = self._inner_product(a, i, b, j, count)
-            self.store_at(total, target, i, j)
-            if instruction.attributes[0]:
-                self.store_at(total, target, j, i)
-
-        if instruction.attributes[0]:
-            self.each(0, rows, lambda i: self.each(0, self.plus(i, 1), lambda j: one(i, j)))
-        else:
-            self.over(rows, columns, one)
-
-    def _inner_product(self, a: View, i: Index, b: View, j: Index, count: int) -> str:
-        """``a_i . b_j``: eight partial sums, added by halves, and what is left over in its order."""
-        whole = count // _CHUNK * _CHUNK
-        together = self.width == 1 and a.steps[1] == b.steps[1] == 1
-        T = type_of("f", _CHUNK) if together else self.T
-
-        def products(k: Index) -> list[str]:
-            if together:
-                places = (self.address(v.value, self.index(v, m, k)) for v, m in ((a, i), (b, j)))
-                pair = [self.line(f"load {T}, ptr {place}, align 8") for place in places]
-                return [self.line(f"fmul {T} {pair[0]}, {pair[1]}")]
-            return [self._product(a, i, b, j, self.plus(k, m)) for m in range(_CHUNK)]
-
-        def add(k: Index, *sums: str) -> list[str]:
-            pairs = zip(sums, products(k), strict=True)
-            return [self.line(f"fadd {T} {total}, {product}") for total, product in pairs]
-
-        zero = literal(0.0, "f", _CHUNK if together else self.width)
-        sums = [zero] * (1 if together else _CHUNK)
-        if whole:
-            sums = self.loop(0, whole, add, sums, [T] * len(sums), step=_CHUNK)
-        if together:
-            sums = [self.line(f"extractelement {T} {sums[0]}, i32 {m}") for m in range(_CHUNK)]
-        while len(sums) > 1:
-            half = len(sums) // 2
-            pairs = zip(sums[:half], sums[half:], strict=True)
-            sums = [self.line(f"fadd {self.T} {x}, {y}") for x, y in pairs]
-        total = sums[0]
-        for k in range(whole, count):
-            total = self.line(f"fadd {self.T} {total}, {self._product(a, i, b, j, k)}")
-        return total
-
-    def _product(self, a: View, i: Index, b: View, j: Index, k: Index) -> str:
-        return self.line(f"fmul {self.T} {self.load(a, i, k)}, {self.load(b, j, k)}")
 
 
 def _contiguous(rows: int, columns: int, views: Sequence[View]) -> tuple[int, int]:
