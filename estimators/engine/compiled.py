@@ -131,7 +131,8 @@ class Compiled:
     def __reduce__(self) -> Any:
         if (instance := self.__self__) is not None:
             return getattr, (instance, self.function.__name__)
-        return self.function.__qualname__  # pickles find it in its module
+        name = getattr(self.function, "__qualname__", "<locals>")
+        return (Compiled, (self.function, self._axes, self._matrices)) if "<locals>" in name else name
 
 
 class _Call(NamedTuple):

@@ -5,6 +5,7 @@ import pickle
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -353,3 +354,13 @@ def test_what_cannot_be_traced_raises_a_sentence():
     ):  # fmt: skip
         with pytest.raises(TypeError, match=sentence):
             compiled(function)(np.ones(2))
+
+
+def _scaled(factor: float, x: np.ndarray) -> np.ndarray:
+    return factor * x
+
+
+def test_a_compiled_function_without_a_name_is_copied_and_pickled():
+    function, x = compiled(partial(_scaled, 2.5)), np.arange(6.0).reshape(2, 3)
+    for again in (copy.deepcopy(function), pickle.loads(pickle.dumps(function))):
+        np.testing.assert_array_equal(again(x), function(x))
