@@ -154,10 +154,20 @@ _EXACT: dict[str, Callable[..., Any]] = {
 
 
 _FLOATS = frozenset(("add", "subtract", "multiply", "divide"))
+_PROMOTING = frozenset((
+    "add", "subtract", "multiply", "maximum", "minimum", "greater", "greater equal", "equal", "not equal",
+    "whole remainder",
+))  # fmt: skip
+"""Opcodes whose operands become of one kind."""
 
 
 def operation(opcode: str, *operands: Any) -> Any:
     """The result of an opcode of scalars, computed at once where all are constants."""
+    if opcode in _FLOATS and type(operands[0]) is type(operands[1]) is Tracer:  # most instructions by far
+        x, y = operands
+        kinds, constants = x.program.kinds, x.program.constants
+        if kinds[x.value] == kinds[y.value] == "f" and x.value not in constants and y.value not in constants:
+            return Tracer(x.program, x.program.add(opcode, (x.value, y.value), "f"))
     program = next(each.program for each in operands if isinstance(each, Tracer))
     traced = [constant(program, each) for each in operands]
     if opcode in ("remainder", "floor divide"):
@@ -167,18 +177,7 @@ def operation(opcode: str, *operands: Any) -> Any:
     if opcode in _COMPARISONS:
         opcode, traced = _COMPARISONS[opcode], traced[::-1]
     kind = traced[0].kind
-    if opcode in (
-        "add",
-        "subtract",
-        "multiply",
-        "maximum",
-        "minimum",
-        "greater",
-        "greater equal",
-        "equal",
-        "not equal",
-        "whole remainder",
-    ):
+    if opcode in _PROMOTING:
         traced = list(_arithmetic(*traced)) if {x.kind for x in traced} != {"b"} or opcode not in (
             "equal", "not equal", "multiply") else traced  # fmt: skip
         kind = traced[0].kind
