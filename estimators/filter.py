@@ -333,7 +333,20 @@ class Filter(ABC, Generic[Record]):
 
     def _in_one_program(self, belief: Record, u: np.ndarray | None) -> bool:
         """Are prediction and update one program? Host callbacks of an update need the prediction."""
-        return isinstance(self.model, LinearModel) or len(self._inlined(belief, u)) == len(_TRACED)
+        if isinstance(self.model, LinearModel):
+            return True
+        assert self._programs is not None
+        key = self._key(_BOTH, belief.side_by_side()[1], u, None)
+        if (traced := self._programs.get(key)) is not None:
+            if all(each.unchanged() for each in traced.inspections):
+                return True
+            del self._programs[key]
+        return len(self._inlined(belief, u)) == len(_TRACED)
+
+    @staticmethod
+    def _key(methods: tuple[str, ...], layout: Layout, u: np.ndarray | None, R: np.ndarray | None) -> tuple[Any, ...]:
+        """Of a program: what it is traced for."""
+        return methods, id(layout), None if u is None else u.shape[-1], R is None
 
     def _predicted(self, belief: Record, u: np.ndarray | None, rng: Rng) -> Record:
         if self._programs is not None:
@@ -449,10 +462,11 @@ class Filter(ABC, Generic[Record]):
     ) -> tuple[Record, np.ndarray]:  # fmt: skip
         """The compiled `_predict`, `_update` or both; and the mask ``(...)`` of the rows that are `_doubtful`."""
         packed, layout = belief.side_by_side()
-        key = methods, id(layout), None if u is None else u.shape[-1], R is None
+        key = self._key(methods, layout, u, R)
         assert self._programs is not None
         traced = self._programs.get(key)
-        if traced is None or not all(each.unchanged() for each in traced.inspections):
+        # Of both methods `_in_one_program` has just asked.
+        if traced is None or not (methods is _BOTH or all(each.unchanged() for each in traced.inspections)):
             traced = self._programs[key] = self._traced(methods, belief, layout, u, R)
         batch, own = packed.shape[:-1], _in_rows(packed)
         out, doubtful = np.empty((len(own), traced.layout.width)), np.empty((len(own), 1), bool)
