@@ -5,8 +5,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import cache
 from inspect import signature
-from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
-from typing import cast as cast_to
+from typing import Any, ClassVar, Generic, NamedTuple, TypeVar, cast
 
 import numpy as np
 
@@ -14,30 +13,21 @@ from estimators.angles import difference
 from estimators.belief import (
     APART,
     Belief,
-    EnsembleBelief,
-    FeedthroughBelief,
-    InputBelief,
     Layout,
     Record,
-    Recovery,
     laid_out,
 )
 from estimators.checks import as_array, as_mask, frozen, shown
+from estimators.engine import tracer
 from estimators.engine.foreign import Inspection
 from estimators.engine.function import Argument, Function
 from estimators.engine.matrices import MatrixTracer, is_traced, matrix, matrix_input
 from estimators.engine.program import Program
-from estimators.engine.tracer import cast
 from estimators.linalg import (
-    SINGULAR,
     congruence,
-    equilibrated,
     identity,
-    lacks_rank,
     log_density,
     neutralised,
-    semidefinite,
-    semidefinite_cholesky,
     symmetrise,
 )
 from estimators.models import (
@@ -52,6 +42,17 @@ from estimators.models import (
 )
 from estimators.randomness import Numbers
 from estimators.reading import Reading
+from estimators.recovery import (
+    COVARIANCES,
+    condensed,
+    doubtful_rows,
+    evened,
+    finite_rows,
+    positive_pivots,
+    proper,
+    recovered,
+    regular_noise,
+)
 from estimators.threads import each, shares
 
 Rng = Numbers | np.random.Generator | None
@@ -108,7 +109,7 @@ class Filter(ABC, Generic[Record]):
             raise ValueError(f"{self.name} needs states that are vectors: for a model with a difference use eskf")
         self.model = model
         self._identity, self._no_columns = identity(model.n), np.zeros((model.p, 0))
-        self._regular = None if callable(model.R) else _regular(model.R)
+        self._regular = None if callable(model.R) else regular_noise(model.R)
         self._alike = all(getattr(matrix, "ndim", 2) == 2 for matrix in vars(model).values())  # all rows have one model
         self._programs: dict[Any, _Traced | None] | None = {} if self.formulas and self._alike else None
         self._first: tuple[np.ndarray, Layout] | None = None  # a row as it begins, but for mean and covariance
@@ -164,7 +165,7 @@ class Filter(ABC, Generic[Record]):
             raise TypeError(f"prior must be a Gaussian(mean, cov), got {type(prior).__name__}")
         self._check_prior(prior)
         begun = self._started(prior, rng, None)
-        if not (_finite_rows(begun).all() and (self._ours or _proper(begun.cov))):
+        if not (finite_rows(begun).all() and (self._ours or proper(begun.cov))):
             raise ValueError(
                 f"{type(self).__name__}._init must give a finite mean and a covariance for a prior that is so"
             )
@@ -196,7 +197,7 @@ class Filter(ABC, Generic[Record]):
         begun: Any = self.record.looked_at(packed, layout, None, None, u)
         object.__setattr__(begun, "prior_mean", begun.mean)
         object.__setattr__(begun, "prior_cov", begun.cov)
-        return cast_to(Record, begun)
+        return cast(Record, begun)
 
     def predict(self, belief: Record, u: np.ndarray | None = None, rng: Rng = None) -> Record:
         """One step ahead: ``x(k-1|k-1)`` to ``x(k|k-1)``.
@@ -327,7 +328,7 @@ class Filter(ABC, Generic[Record]):
         """`predict`, then `update`."""
         if self._programs is not None and self._regular and self._in_one_program(belief, u):
             updated, doubtful = self._executed(_BOTH, belief, u, y, available)
-            if not doubtful.any() and (self._ours or _proper(updated.cov)):
+            if not doubtful.any() and (self._ours or proper(updated.cov)):
                 return updated
         return self._corrected(self._predicted(belief, u, rng), y, available, None, rng)
 
@@ -360,7 +361,7 @@ class Filter(ABC, Generic[Record]):
         regular = self._regular
         if R is not None or regular is None:
             R = self._own_R(belief) if R is None and isinstance(self.model.R, StateNoise) else R
-            regular = _regular(neutralised(*self._noise(y, available, R, belief.u)))
+            regular = regular_noise(neutralised(*self._noise(y, available, R, belief.u)))
         if self._programs is not None:
             updated, rows = self._executed(("_update",), belief, belief.u, y, available, R)
         else:
@@ -369,11 +370,11 @@ class Filter(ABC, Generic[Record]):
                 updated = self._attempted(belief, reading, rng)
                 if not self._ours:
                     updated = self._returned("_update", updated, belief.mean.shape[:-1])
-                rows = _doubtful(updated, reading.R)
+                rows = doubtful_rows(updated, reading.R)
         doubtful = bool(rows.any())
         if regular and doubtful:
             rows = self._unsound(belief, updated, rows)
-        if regular and not (doubtful and rows.any()) and (self._ours or _proper(updated.cov)):
+        if regular and not (doubtful and rows.any()) and (self._ours or proper(updated.cov)):
             return updated
         with np.errstate(all="ignore"):
             if not (regular and self._ours and self._alike):
@@ -406,11 +407,11 @@ class Filter(ABC, Generic[Record]):
 
     def _unsound(self, belief: Record, updated: Record, rows: np.ndarray) -> np.ndarray:
         """Those of some rows ``(...)`` in which an update is not finite, or a covariance has a negative eigenvalue."""
-        sound = _finite_rows(updated)[rows]
+        sound = finite_rows(updated)[rows]
         with np.errstate(all="ignore"):
-            for cov in (belief.cov, *(getattr(updated, name, None) for name in _COVARIANCES)):
+            for cov in (belief.cov, *(getattr(updated, name, None) for name in COVARIANCES)):
                 if cov is not None:
-                    sound &= self._by_rows(_pivots, cov[rows])[..., 0] == cov.shape[-1]
+                    sound &= self._by_rows(positive_pivots, cov[rows])[..., 0] == cov.shape[-1]
         unsound = np.array(rows)
         unsound[rows] = ~sound
         return unsound
@@ -418,7 +419,7 @@ class Filter(ABC, Generic[Record]):
     # --- what a filter fills in -------------------------------------------------------------------
 
     def _init(self, belief: Belief, rng: Rng) -> Record:
-        return cast_to(Record, belief)
+        return cast(Record, belief)
 
     @abstractmethod
     def _predict(self, belief: Record, u: np.ndarray | None, rng: Rng) -> Record: ...
@@ -429,9 +430,9 @@ class Filter(ABC, Generic[Record]):
     # --- shared -----------------------------------------------------------------------------------
 
     def _asked(self, question: str, belief: Record, u: np.ndarray | None) -> Any:
-        """What a method says of a belief: beforehand where a formula is noted, for functions of a model are none."""
+        """A method's answer about a belief; a host callback where the model's function behind it is not traced."""
         if is_traced(belief.mean) and not isinstance(self.model, LinearModel):
-            axes, program = _ANSWERS[question], cast_to(Any, belief.mean).program
+            axes, program = _ANSWERS[question], cast(Any, belief.mean).program
             if question in program.inlined:
                 return getattr(self, question)(belief, u)
             return program.callback(lambda belief, u, R: getattr(self, question)(belief, u), *axes)
@@ -541,7 +542,7 @@ class Filter(ABC, Generic[Record]):
             for name, (first, shape) in layout.columns.items():
                 value = matrix_input(program, 0, first, shape)
                 if name in layout.masks:
-                    value = value.as_type(True) if isinstance(value, MatrixTracer) else cast(value, "b")
+                    value = value.as_type(True) if isinstance(value, MatrixTracer) else tracer.cast(value, "b")
                 fields[name] = value
             known = None if u is None else matrix_input(program, 1, 0, u.shape[-1:])
             now: Any = self.record(**(fields | {"u": known}))
@@ -555,7 +556,7 @@ class Filter(ABC, Generic[Record]):
                 now = self._sound(self._update(now, reading, None), now)
                 if not self._ours:  # whose covariance may be symmetric but for rounding
                     now = Belief.replace(now, cov=symmetrise(now.cov))
-                doubtful = _doubtful(now, reading.R)
+                doubtful = doubtful_rows(now, reading.R)
             results = {name: value for name, value in now._arrays().items() if value is not None and name not in APART}
             masks = frozenset(name for name, value in results.items() if value.dtype == bool)
             found = laid_out(tuple((name, value.shape) for name, value in results.items()), masks)
@@ -577,7 +578,7 @@ class Filter(ABC, Generic[Record]):
         """A belief that a formula of one's own gave, if its arrays have the shapes that they must have, a row."""
         n, p = self.model.n, self.model.p
         if self._ours:
-            return cast_to(Record, traced)
+            return cast(Record, traced)
         if not isinstance(traced, self.record):
             raise ValueError(f"it must return a {self.record.__name__}, not {type(traced).__name__}")
         fixed = {"mean": (n,), "cov": (n, n), "innovation": (p,), "innovation_cov": (p, p), "available": (p,)}
@@ -589,7 +590,7 @@ class Filter(ABC, Generic[Record]):
             if not (is_traced(value) or isinstance(value, np.ndarray | np.generic)) or value.shape != shape:
                 found = getattr(value, "shape", shown(value))
                 raise ValueError(f"the {name} that it returns must have the shape {shape} a row, not {found}")
-        return cast_to(Record, traced)
+        return cast(Record, traced)
 
     def _reading(self, belief: Record, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None) -> Reading:
         """Innovation and measurement matrices, with missing channels neutralised."""
@@ -665,105 +666,22 @@ class Filter(ABC, Generic[Record]):
                 f"{type(self).__name__}.{method} must return a mean of shape {batch + (n,)} and a cov of shape "
                 f"{batch + (n, n)}, got {mean} and {cov}"
             )
-        if np.array_equal(belief.cov, belief.cov.mT):
-            return belief
-        with np.errstate(over="ignore", invalid="ignore"):
-            even, size = symmetrise(belief.cov), np.abs(belief.cov).max((-2, -1), keepdims=True)
-            rounding = np.abs(belief.cov - even).max((-2, -1), keepdims=True) <= _ROUNDING * size
-        return Belief.replace(belief, cov=np.where(rounding, even, belief.cov))
+        return belief if np.array_equal(belief.cov, belief.cov.mT) else Belief.replace(belief, cov=evened(belief.cov))
 
-    # --- recovery ---------------------------------------------------------------------------------
+    # --- recovery: see estimators.recovery ----------------------------------------------------------
 
     def _recovered(
-        self,
-        belief: Record,
-        updated: Record,
-        reading: Reading,
-        y: np.ndarray,
-        rng: Rng,
-        available: np.ndarray | None,
-        R: np.ndarray | None,
-    ) -> Record:
+        self, belief: Record, updated: Record, reading: Reading, y: np.ndarray, rng: Rng,
+        available: np.ndarray | None, R: np.ndarray | None,
+    ) -> Record:  # fmt: skip
         """The update with every lost row replaced by the first rung of the ladder that holds."""
-        settled = semidefinite(belief.cov)
-        uneven = (settled != belief.cov).any((-2, -1)) & _finite_rows(belief)
-        if uneven.any():  # a prediction that is a covariance but for rounding is not given up for that
-            belief = Belief.replace(belief, cov=settled)
-            again = self._attempted(belief, reading, rng)
-            updated = updated.with_rows(uneven, again[uneven])
-        lost, predicted = _lost(updated, belief, reading.R), ~_lost(belief, belief)
-        result = self._climbed(belief, updated, updated, reading, lost & predicted, rng)
-        lost = lost & ~predicted
-        if lost.any():
-            prior = belief.prior_mean, belief.prior_cov
-            u = None if belief.u is None else np.nan_to_num(belief.u)
-            begun = self._init(Belief(*prior, *prior, np.zeros(lost.shape, np.int8), u), rng)
-            reading = self._reading(begun, y, available, R)
-            fresh = self._attempted(begun, reading, rng)
-            cured = lost & ~_lost(fresh, begun, reading.R)
-            result = result.with_rows(cured, fresh[cured])
-            result = self._climbed(begun, result, fresh, reading, lost & ~cured, rng)
-            result = result.replace(recovery=np.where(lost, Recovery.PRIOR, result.recovery).astype(np.int8))
-        covs = {name: getattr(result, name, None) for name in _COVARIANCES}
-        return Belief.replace(result, **{name: semidefinite(cov) for name, cov in covs.items() if cov is not None})
-
-    def _climbed(
-        self, start: Record, result: Record, failed: Record, reading: Reading, lost: np.ndarray, rng: Rng
-    ) -> Record:
-        """The result with each lost row as the first rung below the prior gives it; ``start`` is finite there."""
-        S = failed.innovation_cov
-        rungs = (
-            (Recovery.PSEUDO_INVERSE, lambda: None if S is None else self._condensed(start, reading, S, lost)),
-            (Recovery.WITHOUT_CHANNEL, lambda: _without_offending(reading, S)),
-            (Recovery.PREDICTION, lambda: (reading.only(np.zeros(reading.available.shape, bool)), lost)),
-        )
-        for rung, milder in rungs:
-            if not lost.any():
-                return result
-            changed = milder()
-            if changed is None:
-                continue
-            milder_reading, tried = changed[0], lost & changed[1]
-            if not tried.any():
-                continue
-            again = self._attempted(start, milder_reading, rng)
-            cured = tried & ~_lost(again, start)
-            if rung == Recovery.PSEUDO_INVERSE:  # in the channels as they are, not as they were mixed
-                again = again.replace(innovation=reading.innovation, innovation_cov=S, available=reading.available)
-            again = again.replace(recovery=np.full(lost.shape, rung, np.int8))
-            result, lost = result.with_rows(cured, again[cured]), lost & ~cured
-        if lost.any():  # a filter that fails even without a reading keeps what it had
-            held = start.replace(recovery=np.full(lost.shape, Recovery.PREDICTION, np.int8))
-            result = result.with_rows(lost, held[lost])
-        return result
+        return recovered(self, belief, updated, reading, y, rng, available, R)
 
     def _condensed(
         self, start: Record, reading: Reading, S: np.ndarray, lost: np.ndarray
     ) -> tuple[Reading, np.ndarray] | None:
-        """The reading in the directions in which S is not singular, so that ``S^-1`` of it is S's pseudo-inverse.
-
-        Directions are told apart with each channel in units of its innovation. Rows that are not lost stay as they are.
-        An unknown input that shows where S has nothing is seen there without noise: ``S + a F F'`` takes the place of
-        S, from which the best unbiased estimate is the same (Rao, 1971, Unified theory of linear estimation).
-
-        Returns:
-            The reading and the rows ``(...)`` that it is for, or None.
-        """
-        scale, scaled = equilibrated(S)
-        spread, F = None, self._shown_input(start, reading)
-        if F is not None:
-            F = F / scale[..., None]
-            size = np.square(F).sum((-2, -1), keepdims=True)
-            spread = 1.0 / np.where(size > 0.0, size, 1.0)
-            scaled = scaled + spread * (F @ F.mT)
-        chosen = lost & np.isfinite(scaled).all((-2, -1))
-        if not chosen.any():
-            return None
-        eye = identity(S.shape[-1])
-        values, vectors = np.linalg.eigh(np.where(chosen[..., None, None], scaled, eye))
-        kept = values > SINGULAR * S.shape[-1]
-        T = np.where(kept[..., None], vectors.mT / scale[..., None, :], 0.0)
-        return reading.mixed(np.where(chosen[..., None, None], T, eye), spread), chosen
+        """The reading in the directions in which S is not singular, and the rows it is for; None: none will do."""
+        return condensed(reading, S, lost, self._shown_input(start, reading))
 
     def _shown_input(self, belief: Record, reading: Reading) -> np.ndarray | None:
         """How an unknown input, in units of its prior, shows in the reading ``(..., p, k)``; None: there is none."""
@@ -771,18 +689,6 @@ class Filter(ABC, Generic[Record]):
 
 
 _BOTH = "_predict", "_update"
-_COVARIANCES = "cov", "input_cov", "feedthrough_cov"
-
-
-def _pivots(cov: np.ndarray) -> np.ndarray:
-    """How many pivots ``(..., 1)`` of a covariance ``(..., n, n)`` are positive, but for the rounding of its trace."""
-    size = (_NEGATIVE * np.abs(cov.diagonal(0, -2, -1)).sum(-1) + 1e-300)[..., None, None]
-    root = semidefinite_cholesky(cov + size * identity(cov.shape[-1]))
-    return (1.0 * (root.diagonal(0, -2, -1) > 0.0)).sum(-1)[..., None]
-
-
-_NEGATIVE = 0.5e-12
-"""An eigenvalue of a covariance that is less negative, as a share of its trace, is left as it is."""
 
 
 def check_channels(filter: Filter, channels: int) -> None:
@@ -845,7 +751,7 @@ class _Traced(NamedTuple):
 def _part(program: Program, value: Any) -> Any:
     """A result as a part of an output of floats."""
     value = matrix(program, value)
-    return value.view if isinstance(value, MatrixTracer) else cast(value, "f").value
+    return value.view if isinstance(value, MatrixTracer) else tracer.cast(value, "f").value
 
 
 def _formula(formula: Callable[..., Any], sizes: tuple[tuple[int, int], ...]) -> _Traced:
@@ -857,87 +763,6 @@ def _formula(formula: Callable[..., Any], sizes: tuple[tuple[int, int], ...]) ->
     parts = [_part(program, result) for result in results]
     arguments = [Argument((math.prod(size),)) for size in sizes]
     return _Traced(Function(program, arguments, [(parts, Argument((found.width,)))]), found, (), 0)
-
-
-def _doubtful(updated: Belief, R: np.ndarray) -> np.ndarray:
-    """The rows ``(...)`` that are not finite, or of which a reading left nothing, perhaps, but rounding."""
-    if isinstance(updated, EnsembleBelief):  # whose mean is that of the members, and no variance of theirs negative
-        return ~np.isfinite(updated.mean.sum(-1))
-    total = updated.mean.sum(-1) + updated.cov.sum((-2, -1))
-    if isinstance(updated, InputBelief):
-        total = total + updated.input_mean.sum(-1)
-    if isinstance(updated, FeedthroughBelief):
-        total = total + updated.feedthrough_cov.sum((-2, -1))
-    if (S := updated.innovation_cov) is not None:
-        exhausted = S.diagonal(0, -2, -1) > _DIGITS * R.diagonal(0, -2, -1)
-        total = total + np.where(exhausted, np.nan, 0.0).sum(-1)
-    return ~np.isfinite(total)
-
-
-_DIGITS = 1e4
-"""An update that shrinks a variance by more than this may leave nothing but rounding, of either sign."""
-
-
-def _proper(cov: np.ndarray) -> bool:
-    """Whether the first row of covariances ``(..., n, n)`` is symmetric and positive semidefinite."""
-    if cov.size == 0:
-        return True
-    first = cov[(0,) * (cov.ndim - 2)]
-    with np.errstate(over="ignore"):
-        return np.array_equal(first, first.T) and bool(np.linalg.eigvalsh(first)[0] >= -_ROUNDING * np.trace(first))
-
-
-def _regular(cov: np.ndarray) -> bool:
-    """Whether no row of a covariance ``(..., p, p)`` is singular. Where R is not, ``S = C P C' + R`` is not."""
-    return not lacks_rank(cov).any()
-
-
-def _lost(updated: Belief, start: Belief, R: np.ndarray | None = None) -> np.ndarray:
-    """The rows ``(...)`` of an update that are not finite, are no covariance, or divided by a singular S."""
-    finite = _finite_rows(updated)
-    size = np.maximum(np.abs(updated.cov).max((-2, -1)), np.abs(start.cov).max((-2, -1)))
-    cov = np.where(finite[..., None, None], updated.cov, 0.0)
-    skew = np.abs(cov - cov.mT).max((-2, -1))
-    lost = ~finite | (np.linalg.eigvalsh(cov)[..., 0] < -_ROUNDING * size) | (skew > _ROUNDING * size)
-    if R is None or updated.innovation_cov is None:
-        return lost
-    return lost | (lacks_rank(R) & lacks_rank(updated.innovation_cov))
-
-
-_ROUNDING = 1e-9
-
-
-def _without_offending(reading: Reading, S: np.ndarray | None) -> tuple[Reading, np.ndarray]:
-    """The reading without the channels of which something is not finite, and those that repeat earlier ones.
-
-    Returns:
-        The reading and the rows ``(...)`` in which it is another one.
-    """
-    kept = np.isfinite(reading.innovation) & np.isfinite(np.diagonal(reading.R, axis1=-2, axis2=-1))
-    for rows in (reading.C, reading.H):
-        kept = kept & np.isfinite(rows).all(-1)
-    if reading.anomalies is not None:
-        kept = kept & np.isfinite(reading.anomalies).all(-2)
-    if S is not None:
-        kept = kept & np.isfinite(np.diagonal(S, axis1=-2, axis2=-1))
-        _, scaled = equilibrated(neutralised(S, kept))
-        kept = kept & (np.diagonal(semidefinite_cholesky(scaled), axis1=-2, axis2=-1) > 1e-6)
-    kept = kept & reading.available
-    return reading.only(kept), (kept != reading.available).any(-1)
-
-
-def _finite_rows(belief: Belief) -> np.ndarray:
-    finite = np.isfinite(belief.mean).all(-1)
-    for name, axes in _CHECKED.items():
-        if (array := getattr(belief, name, None)) is not None:
-            finite = finite & np.isfinite(array).all(axes)
-    return finite
-
-
-_CHECKED: dict[str, int | tuple[int, int]] = {
-    **dict.fromkeys(("input_mean", "feedthrough_mean", "innovation"), -1),
-    **dict.fromkeys(("cov", "innovation_cov", "input_cov", "feedthrough_cov", "ensemble"), (-2, -1)),
-}
 
 
 def _broadcast(name: str, value: np.ndarray, shape: tuple[int, ...], core: int = 1) -> np.ndarray:

@@ -102,7 +102,7 @@ class UnknownInputFilter(Filter[WithInput]):
         return density
 
     def _solved(self, belief: WithInput, reading: Reading, S: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """``S^-1 B``; where S is singular a share of the input's prior is in it, too, as `Filter._condensed` tells."""
+        """``S^-1 B``; where S is singular with a share of the prior in it, see `estimators.recovery.condensed`."""
         if reading.spread is None:
             return solve(S, b)
         F = self._shown_input(belief, reading)

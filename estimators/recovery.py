@@ -1,0 +1,214 @@
+"""What becomes of an update that is not finite, or no covariance: the mildest remedy that gives a belief."""
+
+from typing import Any
+
+import numpy as np
+
+from estimators.belief import Belief, EnsembleBelief, FeedthroughBelief, InputBelief, Record, Recovery
+from estimators.linalg import (
+    SINGULAR,
+    equilibrated,
+    identity,
+    lacks_rank,
+    neutralised,
+    semidefinite,
+    semidefinite_cholesky,
+    symmetrise,
+)
+from estimators.reading import Reading
+
+
+def recovered(
+    filter: Any, belief: Record, updated: Record, reading: Reading, y: np.ndarray, rng: Any,
+    available: np.ndarray | None, R: np.ndarray | None,
+) -> Record:  # fmt: skip
+    """The update with every lost row replaced by the first rung of the ladder that holds."""
+    settled = semidefinite(belief.cov)
+    uneven = (settled != belief.cov).any((-2, -1)) & finite_rows(belief)
+    if uneven.any():  # a prediction that is a covariance but for rounding is not given up for that
+        belief = Belief.replace(belief, cov=settled)
+        again = filter._attempted(belief, reading, rng)
+        updated = updated.with_rows(uneven, again[uneven])
+    lost, predicted = lost_rows(updated, belief, reading.R), ~lost_rows(belief, belief)
+    result = _climbed(filter, belief, updated, updated, reading, lost & predicted, rng)
+    lost = lost & ~predicted
+    if lost.any():
+        prior = belief.prior_mean, belief.prior_cov
+        u = None if belief.u is None else np.nan_to_num(belief.u)
+        begun = filter._init(Belief(*prior, *prior, np.zeros(lost.shape, np.int8), u), rng)
+        reading = filter._reading(begun, y, available, R)
+        fresh = filter._attempted(begun, reading, rng)
+        cured = lost & ~lost_rows(fresh, begun, reading.R)
+        result = result.with_rows(cured, fresh[cured])
+        result = _climbed(filter, begun, result, fresh, reading, lost & ~cured, rng)
+        result = result.replace(recovery=np.where(lost, Recovery.PRIOR, result.recovery).astype(np.int8))
+    covs = {name: getattr(result, name, None) for name in COVARIANCES}
+    return Belief.replace(result, **{name: semidefinite(cov) for name, cov in covs.items() if cov is not None})
+
+
+def _climbed(
+    filter: Any, start: Record, result: Record, failed: Record, reading: Reading, lost: np.ndarray, rng: Any
+) -> Record:
+    """The result with each lost row as the first rung below the prior gives it; ``start`` is finite there."""
+    S = failed.innovation_cov
+    rungs = (
+        (Recovery.PSEUDO_INVERSE, lambda: None if S is None else filter._condensed(start, reading, S, lost)),
+        (Recovery.WITHOUT_CHANNEL, lambda: _without_offending(reading, S)),
+        (Recovery.PREDICTION, lambda: (reading.only(np.zeros(reading.available.shape, bool)), lost)),
+    )
+    for rung, milder in rungs:
+        if not lost.any():
+            return result
+        changed = milder()
+        if changed is None:
+            continue
+        milder_reading, tried = changed[0], lost & changed[1]
+        if not tried.any():
+            continue
+        again = filter._attempted(start, milder_reading, rng)
+        cured = tried & ~lost_rows(again, start)
+        if rung == Recovery.PSEUDO_INVERSE:  # in the channels as they are, not as they were mixed
+            again = again.replace(innovation=reading.innovation, innovation_cov=S, available=reading.available)
+        again = again.replace(recovery=np.full(lost.shape, rung, np.int8))
+        result, lost = result.with_rows(cured, again[cured]), lost & ~cured
+    if lost.any():  # a filter that fails even without a reading keeps what it had
+        held = start.replace(recovery=np.full(lost.shape, Recovery.PREDICTION, np.int8))
+        result = result.with_rows(lost, held[lost])
+    return result
+
+
+def condensed(
+    reading: Reading, S: np.ndarray, lost: np.ndarray, F: np.ndarray | None
+) -> tuple[Reading, np.ndarray] | None:
+    """The reading in the directions in which S is not singular, so that ``S^-1`` of it is S's pseudo-inverse.
+
+    Directions are told apart with each channel in units of its innovation. Rows that are not lost stay as they are.
+    An unknown input that shows where S has nothing is seen there without noise: ``S + a F F'`` takes the place of
+    S, from which the best unbiased estimate is the same (Rao, 1971, Unified theory of linear estimation).
+
+    Args:
+        reading: Of a filter's update.
+        S: ``(..., p, p)`` covariance of its innovation.
+        lost: ``(...)`` the rows that are lost.
+        F: ``(..., p, k)`` how an unknown input, in units of its prior, shows in it; None: there is none.
+
+    Returns:
+        The reading and the rows ``(...)`` that it is for, or None.
+    """
+    scale, scaled = equilibrated(S)
+    spread = None
+    if F is not None:
+        F = F / scale[..., None]
+        size = np.square(F).sum((-2, -1), keepdims=True)
+        spread = 1.0 / np.where(size > 0.0, size, 1.0)
+        scaled = scaled + spread * (F @ F.mT)
+    chosen = lost & np.isfinite(scaled).all((-2, -1))
+    if not chosen.any():
+        return None
+    eye = identity(S.shape[-1])
+    values, vectors = np.linalg.eigh(np.where(chosen[..., None, None], scaled, eye))
+    kept = values > SINGULAR * S.shape[-1]
+    T = np.where(kept[..., None], vectors.mT / scale[..., None, :], 0.0)
+    return reading.mixed(np.where(chosen[..., None, None], T, eye), spread), chosen
+
+
+def doubtful_rows(updated: Belief, R: np.ndarray) -> np.ndarray:
+    """The rows ``(...)`` that are not finite, or of which a reading left nothing, perhaps, but rounding."""
+    if isinstance(updated, EnsembleBelief):  # whose mean is that of the members, and no variance of theirs negative
+        return ~np.isfinite(updated.mean.sum(-1))
+    total = updated.mean.sum(-1) + updated.cov.sum((-2, -1))
+    if isinstance(updated, InputBelief):
+        total = total + updated.input_mean.sum(-1)
+    if isinstance(updated, FeedthroughBelief):
+        total = total + updated.feedthrough_cov.sum((-2, -1))
+    if (S := updated.innovation_cov) is not None:
+        exhausted = S.diagonal(0, -2, -1) > _DIGITS * R.diagonal(0, -2, -1)
+        total = total + np.where(exhausted, np.nan, 0.0).sum(-1)
+    return ~np.isfinite(total)
+
+
+_DIGITS = 1e4
+"""An update that shrinks a variance by more than this may leave nothing but rounding, of either sign."""
+
+
+def proper(cov: np.ndarray) -> bool:
+    """Whether the first row of covariances ``(..., n, n)`` is symmetric and positive semidefinite."""
+    if cov.size == 0:
+        return True
+    first = cov[(0,) * (cov.ndim - 2)]
+    with np.errstate(over="ignore"):
+        return np.array_equal(first, first.T) and bool(np.linalg.eigvalsh(first)[0] >= -_ROUNDING * np.trace(first))
+
+
+def evened(cov: np.ndarray) -> np.ndarray:
+    """Covariances ``(..., n, n)``, made symmetric where they are so but for rounding."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        even, size = symmetrise(cov), np.abs(cov).max((-2, -1), keepdims=True)
+        rounding = np.abs(cov - even).max((-2, -1), keepdims=True) <= _ROUNDING * size
+    return np.where(rounding, even, cov)
+
+
+def regular_noise(cov: np.ndarray) -> bool:
+    """Whether no row of a covariance ``(..., p, p)`` is singular. Where R is not, ``S = C P C' + R`` is not."""
+    return not lacks_rank(cov).any()
+
+
+def lost_rows(updated: Belief, start: Belief, R: np.ndarray | None = None) -> np.ndarray:
+    """The rows ``(...)`` of an update that are not finite, are no covariance, or divided by a singular S."""
+    finite = finite_rows(updated)
+    size = np.maximum(np.abs(updated.cov).max((-2, -1)), np.abs(start.cov).max((-2, -1)))
+    cov = np.where(finite[..., None, None], updated.cov, 0.0)
+    skew = np.abs(cov - cov.mT).max((-2, -1))
+    lost = ~finite | (np.linalg.eigvalsh(cov)[..., 0] < -_ROUNDING * size) | (skew > _ROUNDING * size)
+    if R is None or updated.innovation_cov is None:
+        return lost
+    return lost | (lacks_rank(R) & lacks_rank(updated.innovation_cov))
+
+
+_ROUNDING = 1e-9
+
+
+def _without_offending(reading: Reading, S: np.ndarray | None) -> tuple[Reading, np.ndarray]:
+    """The reading without the channels of which something is not finite, and those that repeat earlier ones.
+
+    Returns:
+        The reading and the rows ``(...)`` in which it is another one.
+    """
+    kept = np.isfinite(reading.innovation) & np.isfinite(np.diagonal(reading.R, axis1=-2, axis2=-1))
+    for rows in (reading.C, reading.H):
+        kept = kept & np.isfinite(rows).all(-1)
+    if reading.anomalies is not None:
+        kept = kept & np.isfinite(reading.anomalies).all(-2)
+    if S is not None:
+        kept = kept & np.isfinite(np.diagonal(S, axis1=-2, axis2=-1))
+        _, scaled = equilibrated(neutralised(S, kept))
+        kept = kept & (np.diagonal(semidefinite_cholesky(scaled), axis1=-2, axis2=-1) > 1e-6)
+    kept = kept & reading.available
+    return reading.only(kept), (kept != reading.available).any(-1)
+
+
+def finite_rows(belief: Belief) -> np.ndarray:
+    """The rows ``(...)`` of which everything is finite."""
+    finite = np.isfinite(belief.mean).all(-1)
+    for name, axes in _CHECKED.items():
+        if (array := getattr(belief, name, None)) is not None:
+            finite = finite & np.isfinite(array).all(axes)
+    return finite
+
+
+_CHECKED: dict[str, int | tuple[int, int]] = {
+    **dict.fromkeys(("input_mean", "feedthrough_mean", "innovation"), -1),
+    **dict.fromkeys(("cov", "innovation_cov", "input_cov", "feedthrough_cov", "ensemble"), (-2, -1)),
+}
+
+
+def positive_pivots(cov: np.ndarray) -> np.ndarray:
+    """How many pivots ``(..., 1)`` of a covariance ``(..., n, n)`` are positive, but for the rounding of its trace."""
+    size = (_NEGATIVE * np.abs(cov.diagonal(0, -2, -1)).sum(-1) + 1e-300)[..., None, None]
+    root = semidefinite_cholesky(cov + size * identity(cov.shape[-1]))
+    return (1.0 * (root.diagonal(0, -2, -1) > 0.0)).sum(-1)[..., None]
+
+
+_NEGATIVE = 0.5e-12
+"""An eigenvalue of a covariance that is less negative, as a share of its trace, is left as it is."""
+COVARIANCES = "cov", "input_cov", "feedthrough_cov"
