@@ -30,13 +30,13 @@ def trace(function: Callable[..., Any], rows: Sequence[Argument], matrices: bool
     return Function(program, rows, [output(program, each) for each in (results if several else [results])]), several
 
 
-def given(program: Program, argument: int, row: Argument, matrices: bool = False) -> Any:
-    """What stands for a row of an argument."""
+def given(program: Program, argument: int, row: Argument, matrices: bool = False, at: tuple[int, ...] = ()) -> Any:
+    """What stands for a row of an argument; ``at`` is its place, of one of several rows."""
     if matrices and row.kind in "fb":
         return matrix_input(program, argument, 0, row.shape, row.kind)
     scalars = np.empty(row.size, object)
     for column in range(row.size):
-        scalars[column] = Tracer(program, program.add("input", (), row.kind, None, (argument, column)))
+        scalars[column] = Tracer(program, program.add("input", (), row.kind, None, (argument, column, *at)))
     return scalars.reshape(row.shape).view(TracedArray)
 
 

@@ -6,7 +6,6 @@ others around them.
 """
 
 import linecache
-import random
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -16,13 +15,13 @@ import numpy as np
 
 from estimators.checks import read_only, shown
 from estimators.engine.arrays import TracedArray, entries
-from estimators.engine.compiled import _rows, call, output
+from estimators.engine.compiled import _rows, call, given, output
 from estimators.engine.creation import traced_creation
 from estimators.engine.dependencies import Dependencies
 from estimators.engine.function import FEW, Argument, Function, kind_of
 from estimators.engine.interpret import interpret
-from estimators.engine.program import Instruction, Loop, Program
-from estimators.engine.tracer import NotTraceable, Tracer
+from estimators.engine.program import Program
+from estimators.engine.tracer import NotTraceable
 
 _LONGEST = 20_000  # values of a program; LLVM needs a second for as many
 _OWN = 64  # rows of the samples that are compared
@@ -88,7 +87,6 @@ def inspect(function: Callable[..., Any], *samples: Any, axes: Sequence[int] | N
 def _inspected(function: Callable[..., Any], given: Sequence[Any], axes: list[int]) -> Inspection:
     samples = [np.asarray(each) for each in given]
     dependencies = Dependencies(function)
-    states = _random_states()
     arguments = [_own(sample, k) for sample, k in zip(samples, axes, strict=True)]
     batched = _batched(given, axes)
     own = _called(function, arguments)
@@ -99,7 +97,7 @@ def _inspected(function: Callable[..., Any], given: Sequence[Any], axes: list[in
         dependencies = Dependencies(function)
     again = _called(function, arguments)
     _check_unchanged(dependencies)
-    if not all(map(_same_bits, own, again)) or states != _random_states():
+    if not all(map(_same_bits, own, again)):
         raise NotTraceable("it gives another result for the same arguments: let random numbers be an argument")
     around = _nudged(arguments, axes, batched)
     cases, failure = [(arguments, own)], None
@@ -155,67 +153,55 @@ def _same_bits(one: np.ndarray, other: np.ndarray) -> bool:
     return one.shape == other.shape and one.dtype == other.dtype and one.tobytes() == other.tobytes()
 
 
-def _random_states() -> Any:
-    """The states of the global random numbers, which a function must leave as they are."""
-    name, key, *others = np.random.get_state()  # noqa: NPY002
-    return random.getstate(), name, np.asarray(key).tobytes(), others
-
-
 # --- a row in a batch -------------------------------------------------------------------------------
 
 
 class _Limited(Program):
-    """A program of a length that can be compiled."""
+    """A program without loops, of a length that can be compiled."""
 
     def new(self, kind: str, size: int | None = None) -> int:
         if len(self.kinds) > _LONGEST:
             raise NotTraceable("its loops are too long to be unrolled: use NumPy's functions of arrays")
         return super().new(kind, size)
 
+    def repeat(self, count: int, body: Callable[..., Sequence[int]], initial: Sequence[int]) -> tuple[int, ...]:
+        """The passes one after the other: a loop of a batch would carry the numbers of all rows at once."""
+        values = tuple(initial)
+        for _ in range(count):
+            values = tuple(body(*values))
+        return values
+
 
 def _trace_rows(
     function: Callable[..., Any], rows: Sequence[Argument], batched: Sequence[bool]
 ) -> tuple[Function, bool]:
     """The function traced for one row, once it is certain that rows of a batch are computed likewise."""
-    program, count = _Limited(), _count(rows)
-    alone = [_inputs(program, i, row, ()) for i, row in enumerate(rows)]
-    with traced_creation():
-        results = function(*alone)
-    several = isinstance(results, tuple | list)
-    outputs = [output(program, each) for each in (results if several else [results])]
+    program, sizes = _Limited(), {size for row in rows for size in row.shape}
+    count = next(count for count in range(2, 99) if count not in sizes)  # another number than any axis has
+    alone = [given(program, i, row) for i, row in enumerate(rows)]
     batch = [
-        np.stack([_inputs(program, i, row, (at,)).view(np.ndarray) for at in range(count)]).view(TracedArray)
+        np.stack([given(program, i, row, at=(at,)).view(np.ndarray) for at in range(count)]).view(TracedArray)
         if has else alone[i]
         for i, (row, has) in enumerate(zip(rows, batched, strict=True))
     ]  # fmt: skip
     with traced_creation():
-        together = function(*batch)
-    together = list(together) if isinstance(together, tuple | list) else [together]
-    if len(together) != len(outputs):
+        one, many = function(*alone), function(*batch)
+    several = isinstance(one, tuple | list)
+    own, together = (list(each) if isinstance(each, tuple | list) else [each] for each in (one, many))
+    if len(together) != len(own):
         raise NotTraceable("it gives other results for a batch than for a row")
-    _compare_rows(program, results if several else [results], together, count)
+    outputs = [output(program, each) for each in own]
+    _compare_rows(program, own, together, count)
     return Function(program, rows, outputs), several
 
 
-def _count(rows: Sequence[Argument]) -> int:
-    """Rows of a small batch, another number than any axis has."""
-    sizes = {size for row in rows for size in row.shape}
-    return next(count for count in range(2, 99) if count not in sizes)
-
-
-def _inputs(program: Program, argument: int, row: Argument, at: tuple[int, ...]) -> TracedArray:
-    """Tracers of an argument's row, alone or one of a batch."""
-    scalars = np.empty(row.size, object)
-    for column in range(row.size):
-        scalars[column] = Tracer(program, program.add("input", (), row.kind, None, (argument, column, *at)))
-    return scalars.reshape(row.shape).view(TracedArray)
-
-
 def _compare_rows(program: Program, alone: Sequence[Any], together: Sequence[Any], count: int) -> None:
-    """Refuse a function whose rows in a batch have other instructions than a row alone."""
+    """Refuse a function whose rows in a batch have other instructions than a row alone.
+
+    A row's instructions are repeated with the inputs of the row alone in the place of its own: as the program knows
+    equal instructions, they are those of the row alone or new ones.
+    """
     expected = [each.value for result in alone for each in entries(result, program)]
-    numbers: dict[Any, int] = {}
-    same = _numbered(program, expected, numbers, None)
     found = []
     for one, many in zip(alone, together, strict=True):
         shape, own = np.shape(np.asarray(one, object)), np.asarray(many, object)
@@ -228,55 +214,13 @@ def _compare_rows(program: Program, alone: Sequence[Any], together: Sequence[Any
             ) from None
     for at in range(count):
         outputs = [each.value for part in found for each in entries(part[at], program)]
-        if _numbered(program, outputs, numbers, at) != same:
+        renamed: dict[int, int] = {}
+        for each in program.live(outputs):
+            own_input = each.opcode == "input" and each.attributes[2:] == (at,)
+            program.copy(each._replace(attributes=each.attributes[:2]) if own_input else each, renamed)
+        if [renamed.get(value, value) for value in outputs] != expected:
             raise NotTraceable("its rows in a batch depend on each other, or are computed otherwise than a row alone: "
                                "index and sum from behind, as x[..., i] and x.sum(-1)")  # fmt: skip
-
-
-def _numbered(program: Program, outputs: Sequence[int], numbers: dict[Any, int], at: int | None) -> list[int]:
-    """Numbers of values that are the same for the same instructions of the same columns of a row."""
-    own: dict[int, int] = {}
-
-    def number(key: Any) -> int:
-        return numbers.setdefault(key, -1 - len(numbers))
-
-    def visit(instructions: Sequence[Instruction], own: dict[int, int], depth: int) -> None:
-        for each in instructions:
-            if each.opcode == "repeat":
-                own.update({result: looped(each, i, own, depth) for i, result in enumerate(each.results)})
-                continue
-            operands = tuple(own.get(value, value) for value in each.operands)  # type: ignore[arg-type]
-            attributes = each.attributes
-            if each.opcode == "input" and attributes[2:] == (at,):
-                attributes = attributes[:2]
-            own[each.result] = number((each.opcode, operands, program.kinds[each.result], attributes))
-
-    def looped(instruction: Instruction, result: int, own: dict[int, int], depth: int) -> int:
-        """The number of one result of a loop, by what it depends on alone."""
-        loop = instruction.attributes[0]
-        needed = _needed(loop, result)
-        inside = own | {loop.parameters[i]: number(("carried", depth, place)) for place, i in enumerate(needed)}
-        visit(loop.body, inside, depth + 1)
-        operands = tuple(own.get(instruction.operands[i], instruction.operands[i]) for i in needed)  # type: ignore
-        after = tuple(inside.get(loop.after[i], loop.after[i]) for i in needed)
-        return number(("repeat", operands, loop.count, after, needed.index(result)))
-
-    visit(program.live(outputs), own, 0)
-    return [own.get(value, value) for value in outputs]
-
-
-def _needed(loop: Loop, result: int) -> list[int]:
-    """Which of the numbers that a loop carries one of its results depends on."""
-    reached: dict[int, set[int]] = {parameter: {i} for i, parameter in enumerate(loop.parameters)}
-    for each in loop.body:
-        found = set().union(*(reached.get(value, set()) for value in each.values))
-        reached.update(dict.fromkeys(each.results, found))
-    needed = {result}
-    while True:
-        more = needed.union(*(reached.get(loop.after[i], set()) for i in needed))
-        if more == needed:
-            return sorted(needed)
-        needed = more
 
 
 # --- values -----------------------------------------------------------------------------------------

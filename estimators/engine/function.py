@@ -44,18 +44,22 @@ class Function:
         program: What it computes; its instructions ``input`` and ``input matrix`` read the arguments.
         arguments: Rows of what it takes.
         outputs: For each result its scalars and views of matrices, one after the other, and an argument like it.
+
+    Attributes:
+        instructions: Those of the program that its outputs need, in order.
+        layout: Where matrices stand.
     """
 
     def __init__(
         self, program: Program, arguments: Sequence[Argument], outputs: Sequence[tuple[Any, Argument]]
     ) -> None:
         self.arguments, self.results = tuple(arguments), tuple(result for _, result in outputs)
-        self._program, self._outputs = program, [entries for entries, _ in outputs]
-        values = [part.value if isinstance(part, View) else part for parts in self._outputs for part in parts]
-        self._live = program.live(values)
-        self._layout = Layout(program, self._live, values)
-        largest = _LARGEST if _SOLVING.isdisjoint(each.opcode for each in self._live) else _LARGEST_SOLVED
-        self._wide = LANES if self._layout.size * 8 <= largest else 1
+        self.program, self.outputs = program, [entries for entries, _ in outputs]
+        values = [part.value if isinstance(part, View) else part for parts in self.outputs for part in parts]
+        self.instructions = program.live(values)
+        self.layout = Layout(program, self.instructions, values)
+        largest = _LARGEST if _SOLVING.isdisjoint(each.opcode for each in self.instructions) else _LARGEST_SOLVED
+        self._wide = LANES if self.layout.size * 8 <= largest else 1
         self._entries: dict[int, tuple[Callable[..., None], np.ndarray]] = {}
         self._lock = Lock()
 
@@ -69,7 +73,7 @@ class Function:
         """
         width = self._wide if rows >= FEW else 1
         entry, constants = self._entries.get(width) or self.compiled(width)
-        entry(rows, shared, machine.scratch(width * self._layout.size), constants, *arrays)
+        entry(rows, shared, machine.scratch(width * self.layout.size), constants, *arrays)
 
     def compiled(self, width: int) -> tuple[Callable[..., None], np.ndarray]:
         """The machine code for so many rows side by side, and its constants."""
@@ -83,31 +87,11 @@ class Function:
         """The program in LLVM IR, and the constants that it reads."""
         module = Module()
         emitter = Driver(self, module, width)
-        if len(self._live) > _LONG:
+        if len(self.instructions) > _LONG:
             emitter.inlined = 0
         entry = machine.entry_point(2 + len(self.arguments) + len(self.results), width > 1)
-        text = module.text([emitter.function(self._live, self._outputs), entry])
+        text = module.text([emitter.function(self.instructions, self.outputs), entry])
         return text, np.array(module.constants, float)
-
-    @property
-    def program(self) -> Program:
-        """What it computes."""
-        return self._program
-
-    @property
-    def instructions(self) -> list[Instruction]:
-        """Those of its program that it needs, in order."""
-        return self._live
-
-    @property
-    def outputs(self) -> list[Any]:
-        """For each result its scalars and views of matrices."""
-        return self._outputs
-
-    @property
-    def layout(self) -> "Layout":
-        """Where matrices stand."""
-        return self._layout
 
 
 class Layout:

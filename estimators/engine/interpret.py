@@ -7,18 +7,18 @@ import numpy as np
 
 from estimators.engine.elementary import EXPANSIONS, bits_float, float_bits
 from estimators.engine.function import Function
-from estimators.engine.program import Instruction, Program
+from estimators.engine.program import Instruction
 from estimators.engine.tracer import _EXACT, KINDS
 
 _ROUNDED = frozenset(("add", "subtract", "multiply", "divide", "sqrt", *EXPANSIONS))
-Rows = dict[int, Any]
+_COMPUTED: dict[str, Any] = {name: function for name, (_, function) in EXPANSIONS.items()} | _EXACT
+_COMPUTED |= {"where": np.where, "bits": float_bits, "from bits": bits_float}
 
 
 def interpret(
-    function: Function, arrays: Sequence[np.ndarray], axes: Sequence[int], noise: float = 0.0,
-    rng: np.random.Generator | None = None,
-) -> list[np.ndarray]:  # fmt: skip
-    """A program of scalars, of arrays in C order: to the bit what it gives compiled.
+    function: Function, arrays: Sequence[np.ndarray], axes: Sequence[int], noise: float, rng: np.random.Generator
+) -> list[np.ndarray]:
+    """A program of scalars, of arrays in C order: without noise to the bit what it gives compiled.
 
     Args:
         function: Without matrices.
@@ -27,67 +27,45 @@ def interpret(
         noise: How far each rounded result is at most off, as a part of it: for sensitivity to rounding.
         rng: Draws the noise.
     """
-    batch = np.broadcast_shapes(*(a.shape[: a.ndim - k] for a, k in zip(arrays, axes, strict=True)))
-    columns = [
-        np.broadcast_to(a, batch + a.shape[a.ndim - k :]).reshape((*batch, -1))
-        for a, k in zip(arrays, axes, strict=True)
-    ]
+    leading = [a.shape[: a.ndim - k] for a, k in zip(arrays, axes, strict=True)]
+    batch, columns = (
+        np.broadcast_shapes(*leading),
+        [a.reshape((*own, -1)) for a, own in zip(arrays, leading, strict=True)],
+    )
     program = function.program
-    values: Rows = {value: KINDS[program.kinds[value]].type(found) for value, found in program.constants.items()}
-
-    def perturbed(result: Any) -> Any:
-        return result if rng is None else result * (1.0 + noise * rng.uniform(-1.0, 1.0, np.shape(result)))
+    values: dict[int, Any] = {value: KINDS[program.kinds[value]].type(x) for value, x in program.constants.items()}
 
     def run(instructions: Sequence[Instruction]) -> None:
         for each in instructions:
             if each.opcode == "input":
                 values[each.result] = columns[each.attributes[0]][..., each.attributes[1]]
-            elif each.opcode == "repeat":
+                continue
+            operands: Any = [values[value] for value in each.operands]  # type: ignore[index]
+            if each.opcode == "repeat":
                 loop = each.attributes[0]
-                carried = [values[value] for value in each.operands]  # type: ignore[index]
                 for _ in range(loop.count):
-                    values.update(zip(loop.parameters, carried, strict=True))
+                    values.update(zip(loop.parameters, operands, strict=True))
                     run(loop.body)
-                    carried = [values[value] for value in loop.after]
-                values.update(zip(loop.results, carried, strict=True))
+                    operands = [values[value] for value in loop.after]
+                values.update(zip(loop.results, operands, strict=True))
+            elif each.opcode == "cast":
+                x = np.asarray(operands[0])
+                x = np.fmin(np.fmax(x, -9.2e18), 9.2e18).astype(np.int64) if x.dtype.kind == "f" else x
+                values[each.result] = x.astype(KINDS[program.kinds[each.result]])
+            elif each.opcode == "lookup":
+                place, count, width, column = each.attributes
+                entry = np.fmin(np.fmax(operands[0], 0), count - 1).astype(np.int64)
+                values[each.result] = program.tables[place][entry * width + column]
             else:
-                result = _result(program, each, [values[value] for value in each.operands])  # type: ignore[index]
-                rounded = noise and each.opcode in _ROUNDED and program.kinds[each.result] == "f"
-                values[each.result] = perturbed(result) if rounded else result
+                values[each.result] = result = _COMPUTED[each.opcode](*operands)
+                if noise and each.opcode in _ROUNDED and program.kinds[each.result] == "f":
+                    values[each.result] = result * (1.0 + noise * rng.uniform(-1.0, 1.0, np.shape(result)))
 
     with np.errstate(all="ignore"):
         run(function.instructions)
-    return [
-        np.stack([np.broadcast_to(values[part], batch).astype(KINDS[row.kind]) for part in parts], -1).reshape(
-            batch + row.shape) if parts else np.empty(batch + row.shape, KINDS[row.kind])
-        for parts, row in zip(function.outputs, function.results, strict=True)
-    ]  # fmt: skip
-
-
-def _result(program: Program, instruction: Instruction, operands: list[Any]) -> Any:
-    """One instruction of scalars."""
-    opcode, kind = instruction.opcode, program.kinds[instruction.result]
-    if opcode in EXPANSIONS:
-        return EXPANSIONS[opcode][1](*operands)
-    if opcode in _EXACT:
-        return _EXACT[opcode](*operands)
-    if opcode == "where":
-        return np.where(*operands)
-    if opcode == "bits":
-        return float_bits(operands[0])
-    if opcode == "from bits":
-        return bits_float(operands[0])
-    if opcode == "whole remainder":
-        return np.remainder(*operands)
-    if opcode == "cast":
-        x = operands[0]
-        if np.asarray(x).dtype.kind == "f":
-            x = np.where(x > -9.2e18, np.where(x < 9.2e18, x, 9.2e18), -9.2e18).astype(np.int64)
-        return np.asarray(x).astype(KINDS[kind])
-    assert opcode == "lookup", opcode
-    place, count, width, column = instruction.attributes
-    index = operands[0]
-    if np.asarray(index).dtype.kind == "f":
-        index = np.where(index > 0.0, np.where(index < count - 1.0, index, count - 1.0), 0.0)
-    entry = np.clip(np.asarray(index).astype(np.int64), 0, count - 1)
-    return program.tables[place][entry * width + column]
+    found = []
+    for parts, row in zip(function.outputs, function.results, strict=True):
+        found.append(np.empty((*batch, len(parts)), KINDS[row.kind]))
+        for column, part in enumerate(parts):
+            found[-1][..., column] = values[part]
+    return [each.reshape(batch + row.shape) for each, row in zip(found, function.results, strict=True)]
