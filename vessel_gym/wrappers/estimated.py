@@ -15,7 +15,8 @@ from vessel_gym.estimation import EstimatorChoice
 from vessel_gym.foreign import copied
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Sensor
-from vessel_gym.wrappers.watch import Model, Watch, sampled_prior, shown_state
+from vessel_gym.wrappers.simulation import sampled_prior
+from vessel_gym.wrappers.watch import Model, Watch, shown_state
 
 _ALL = np.ones(1, bool)
 
@@ -116,7 +117,7 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """A step of the environment, of which the agent sees an estimate."""
         seen, reward, terminated, truncated, info = self.env.step(action)
-        self.watch.go_on(self._truth(seen), action)
+        self.watch.go_on(self._truth(seen), action, ~_ALL)
         return self._observed(seen), reward, terminated, truncated, info | self._info()
 
     @property

@@ -9,9 +9,9 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.spaces import Box
 
-from estimators import NonlinearModel
+from estimators import Gaussian, NonlinearModel
+from estimators.angles import difference
 from estimators.checks import as_array, shown
-from vessel_gym.wrappers.watch import made_again
 
 _TRIES = 8
 """States and actions on which a simulator is tried."""
@@ -187,3 +187,38 @@ def _set_classic(env: gym.Env, x: np.ndarray) -> None:
     base.state = np.array(x)
     if hasattr(base, "steps_beyond_terminated"):  # a state may lie beyond an episode's end
         base.steps_beyond_terminated = None
+
+
+def made_again(env: gym.Env) -> gym.Env:
+    """Another environment of the same spec, which nobody looks at."""
+    if env.spec is None:
+        raise TypeError(f"a copy is made of an environment's spec, and this one has no spec: {shown(env)}")
+    spec: Any = deepcopy(env.spec)
+    spec.kwargs.pop("render_mode", None)
+    return gym.make(spec)
+
+
+def sampled_prior(
+    env: gym.Env, state: Callable[[gym.Env, Any], Any], angles: tuple[int, ...], resets: int = 256
+) -> Gaussian:
+    """What is known at the start: mean and covariance of the states in which a copy of the environment begins.
+
+    The mean of an angle is the direction of the mean of unit vectors.
+
+    Raises:
+        ValueError: if there is no way to make a copy.
+    """
+    try:
+        copy = made_again(env)
+    except Exception as error:
+        wanted = "give prior=, what is known of the state at the start"
+        raise ValueError(f"{wanted}: this environment cannot be made again ({shown(str(error))})") from error
+    starts = []
+    for seed in range(resets):
+        seen, _ = copy.reset(seed=seed)
+        starts.append(np.asarray(state(copy, seen), float))
+    copy.close()
+    x = np.array(starts)
+    mean, turning = x.mean(0), list(angles)
+    mean[turning] = np.arctan2(np.sin(x[:, turning]).mean(0), np.cos(x[:, turning]).mean(0))
+    return Gaussian(mean, np.cov(difference(x, mean, angles).T).reshape(x.shape[1], x.shape[1]))

@@ -95,11 +95,8 @@ class EstimatedObservation(VectorWrapper):
     def step(self, actions: Any) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """A step of all environments; those whose episode was over begin the next."""
         seen, reward, terminated, truncated, info = self.env.step(actions)
-        truth = self._truth(seen)
-        self.watch.go_on(truth, actions)
-        if self._restarts and self._over.any():
-            self.watch.begin(self._over, truth)
-        self._over = terminated | truncated
+        self.watch.go_on(self._truth(seen), actions, self._over)
+        self._over = (terminated | truncated) & self._restarts
         every = np.ones(self.num_envs, bool)
         return self.watch.observe(seen), reward, terminated, truncated, info | self._info(every)
 

@@ -6,19 +6,19 @@ from dataclasses import replace
 from functools import partial
 from typing import Any, cast
 
-import gymnasium as gym
 import numpy as np
 from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Space
 
 from estimators import Filter, Gaussian, LinearModel, NonlinearModel, Numbers, factory, wrap
-from estimators.angles import difference
 from estimators.checks import numbers, shown
+from estimators.models import inspected
+from estimators.randomness import word
 from vessel_gym import checks
 from vessel_gym.arrivals import Readings
 from vessel_gym.core import OBSERVE, alarming
 from vessel_gym.estimation import LATE, DeadReckoning, Estimation, EstimatorChoice, Oracle, monitor_of
-from vessel_gym.foreign import copied, repeated
+from vessel_gym.foreign import Copying, copied, repeated
 from vessel_gym.loop import Loop
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import SUITES, Sensor, Sensors
@@ -72,6 +72,7 @@ class Watch:
         model.check_known_input(u)
         for name in ("transition", "measurement"):
             repeated(f"{name} of the model", getattr(model, name), prior.mean, u)
+        self.model, self._suite = model, isinstance(sensors, str)
         self.sensors = _sensors(model, sensors, np.array(prior.mean), u, sensor_faults)
         model = replace(cast(Any, model), R=self.sensors.noise(partial(_expected, self.sensors), prior.mean, u))
         options = checks.options("estimator_options", options)
@@ -82,9 +83,11 @@ class Watch:
         self._estimation = Estimation(self.filter, cast(Any, None), 1.0, (), late, monitor)
         self.loop = Loop(self.sensors, self._estimation, rows)
         self.steps = np.zeros(rows, int)
-        self._nothing = np.zeros((rows, self.sensors.bias.size))
         self._still = np.zeros((rows, u.shape[-1]))
         self._keys = np.zeros((rows, 2), np.uint64)
+        self._parts = np.array(
+            [word(name) for name in (*(sensor.name for sensor in self.sensors.each), "filter")], np.uint64
+        )
         self._seeded = np.zeros(rows, bool)
         self.episodes = np.zeros(rows, int)
         self.truth = np.zeros((rows, model.n))
@@ -114,30 +117,52 @@ class Watch:
 
     def begin(self, rows: np.ndarray, state: np.ndarray) -> None:
         """Episodes begin in the rows of a mask ``(B,)``, in states ``(B, n)``."""
-        self.episodes[rows] += 1
-        self.steps[rows] = 0
         self.truth = np.where(rows[:, None], self._checked(state), self.truth)
-        chosen = np.flatnonzero(rows)
-        episode = Numbers(self._keys[chosen]).of(self.episodes[chosen])
-        sensing = np.stack([episode.of(sensor.name).keys for sensor in self.sensors.each], 1)
-        self.loop.restart(chosen, sensing, episode.of("filter").keys)
-        some = None if rows.all() else chosen
-        still, nothing, steps = self._still[chosen], self._nothing[chosen], self.steps[chosen]
-        readings = self.sensors.read(self.truth[chosen], still, nothing, steps, self.loop.sensing(some))
-        readings = self.loop.receive(readings, steps, some)
-        prior = self.prior.about(np.broadcast_to(self.prior.mean, (len(chosen), self.n)))
-        self.loop.begin(some if some is None else rows, prior, self._handed(readings, self.truth[chosen]), still)
+        self._restart(rows)
+        self._start(rows, self._measured(self._still, None if rows.all() else np.flatnonzero(rows)))
 
-    def go_on(self, state: np.ndarray, action: Any) -> None:
-        """A step of all rows, to states ``(B, n)``."""
+    def go_on(self, state: np.ndarray, action: Any, begun: np.ndarray) -> None:
+        """A step of all rows, to states ``(B, n)``; in the rows of a mask ``(B,)`` an episode begins instead."""
         if not self._seeded.all():
             raise ResetNeeded("call reset() before step()")
         self.truth = self._checked(state)
         self.steps += 1
-        u = self.known(action)
-        readings = self.sensors.read(self.truth, u, self._nothing, self.steps, self.loop.sensing(None))
-        readings = self.loop.receive(readings, self.steps, None)
+        u, some = self.known(action), bool(begun.any())
+        if some:
+            self._restart(begun)
+            u = np.where(begun[:, None], self._still, u)
+        readings = self._measured(u, None)
         self.loop.estimate(self._handed(readings, self.truth), u, self.steps)
+        if some:
+            self._start(begun, (readings[0][begun], readings[1][begun]))
+
+    def _restart(self, rows: np.ndarray) -> None:
+        """Count the next episode of the rows of a mask ``(B,)``, and derive its random keys."""
+        self.episodes[rows] += 1
+        self.steps[rows] = 0
+        chosen = np.flatnonzero(rows)
+        episode = Numbers(self._keys[chosen]).of(self.episodes[chosen])
+        keys = Numbers(episode.keys[:, None]).of(self._parts).keys
+        self.loop.restart(chosen, keys[:, :-1], keys[:, -1])
+
+    def _measured(self, u: np.ndarray, rows: np.ndarray | None) -> Readings:
+        """Measurements delivered to rows (None: all) in their present states, by known inputs ``(B, m)`` of all."""
+        chosen: Any = slice(None) if rows is None else rows
+        x, u, steps, keys = self.truth[chosen], u[chosen], self.steps[chosen], self.loop.sensing(rows)
+        if self._suite:
+            measurement = self.model.measurement
+            exact = (inspected(measurement, x, u) or Copying(measurement))(x, u)
+            readings = self.sensors.corrupted(exact, self.sensors.sd, steps, keys)
+        else:
+            readings = self.sensors.read(x, u, np.zeros((len(x), 0)), steps, keys)
+        return self.loop.receive(readings, steps, rows)
+
+    def _start(self, rows: np.ndarray, readings: Readings) -> None:
+        """Beliefs of the rows of a mask ``(B,)`` after their first measurements."""
+        count = len(readings[0])
+        prior = self.prior.about(np.broadcast_to(self.prior.mean, (count, self.n)))
+        readings = self._handed(readings, self.truth[rows])
+        self.loop.begin(None if count == self.rows else rows, prior, readings, self._still[:count])
 
     def observe(self, seen: Any) -> Any:
         """Observations ``(B, ...)`` where the environment itself shows ``seen``."""
@@ -145,7 +170,7 @@ class Watch:
             return self._read(seen)
         belief = self.loop.belief
         mean = np.array(self.truth if self.loop.tells_truth else belief.mean)
-        if self._observation is None and not self.loop.tells_truth:
+        if self._angles and self._observation is None and not self.loop.tells_truth:
             mean[:, self._angles] = wrap(mean[:, self._angles])  # filters count turns
         value = mean if self._observation is None else self._observation(mean)
         beside: dict[str, np.ndarray] = {}
@@ -411,38 +436,3 @@ def _filter(model: Model, estimator: EstimatorChoice, options: dict[str, Any]) -
     if options:
         raise TypeError(f"{estimator} has no option {next(iter(options))!r}: it takes none")
     return Oracle(model.n, 0) if estimator == "truth" else DeadReckoning(model)
-
-
-def made_again(env: gym.Env) -> gym.Env:
-    """Another environment of the same spec, which nobody looks at."""
-    if env.spec is None:
-        raise TypeError(f"a copy is made of an environment's spec, and this one has no spec: {shown(env)}")
-    spec: Any = deepcopy(env.spec)
-    spec.kwargs.pop("render_mode", None)
-    return gym.make(spec)
-
-
-def sampled_prior(
-    env: gym.Env, state: Callable[[gym.Env, Any], Any], angles: tuple[int, ...], resets: int = 256
-) -> Gaussian:
-    """What is known at the start: mean and covariance of the states in which a copy of the environment begins.
-
-    The mean of an angle is the direction of the mean of unit vectors.
-
-    Raises:
-        ValueError: if there is no way to make a copy.
-    """
-    try:
-        copy = made_again(env)
-    except Exception as error:
-        wanted = "give prior=, what is known of the state at the start"
-        raise ValueError(f"{wanted}: this environment cannot be made again ({shown(str(error))})") from error
-    starts = []
-    for seed in range(resets):
-        seen, _ = copy.reset(seed=seed)
-        starts.append(np.asarray(state(copy, seen), float))
-    copy.close()
-    x = np.array(starts)
-    mean, turning = x.mean(0), list(angles)
-    mean[turning] = np.arctan2(np.sin(x[:, turning]).mean(0), np.cos(x[:, turning]).mean(0))
-    return Gaussian(mean, np.cov(difference(x, mean, angles).T).reshape(x.shape[1], x.shape[1]))

@@ -375,6 +375,25 @@ def test_a_function_that_writes_where_it_reads_leaves_the_truth():
     assert bare.x[0] < 0.0
 
 
+def test_a_measurement_that_branches_or_changes_is_measured_as_numpy_has_it():
+    gain = {"now": 1.0}
+
+    def branching(x, u):
+        return -x[..., :1] if (x > 1e3).any() else x[..., :1]
+
+    def changing(x, u):
+        return gain["now"] * x[..., :1]
+
+    for read in (branching, changing, lambda x, u: x[..., :1]):
+        model = NonlinearModel(lambda x, u: x, read, np.eye(2), [[1e-20]])
+        env = EstimatedObservation(Linear(), model, LINEAR_PRIOR, estimator="ukf")
+        for factor in (1.0, 2.0):
+            gain["now"] = factor
+            for _, info in (env.reset(seed=2), env.step(np.ones(1))[::4]):
+                expected = factor if read is changing else 1.0
+                np.testing.assert_allclose(info["measurement"], expected * info["truth"][:1], atol=1e-8)
+
+
 @pytest.mark.parametrize("rows", [None, 2])
 def test_functions_of_a_wrapper_that_write_where_they_read_change_nothing(rows: int | None):
     """Not what passes beside an estimate, not an action that is used again, not the state, not the known input."""
