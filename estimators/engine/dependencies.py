@@ -7,17 +7,17 @@ attribute or the contents of an array that it reads are others.
 import builtins
 import dis
 import functools
-import struct
 import sys
 from collections.abc import Callable
-from copyreg import _HEAPTYPE, _new_type  # type: ignore[attr-defined]
+from copyreg import _HEAPTYPE  # type: ignore[attr-defined]
 from dataclasses import is_dataclass
 from enum import Enum
-from types import BuiltinFunctionType, CellType, CodeType, FunctionType, MethodType, ModuleType, SimpleNamespace
+from types import BuiltinFunctionType, CodeType, FunctionType, MethodType, ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
 
+from estimators.engine.compiled import Compiled
 from estimators.engine.tracer import NotTraceable
 
 _LARGEST = 1 << 18  # bytes of arrays that are compared at every call
@@ -34,6 +34,14 @@ _ALL = frozenset(("__dict__", "vars", "dir", "getattr", "attrgetter", "__getattr
 _UNUSED = frozenset(("__repr__", "__str__", "__format__", "__reduce__", "__reduce_ex__", "__getstate__",
                      "__setstate__", "__del__", "__delattr__", "__copy__", "__deepcopy__", "__doc__", "__sizeof__",
                      "__dir__", "__init_subclass__", "__class_getitem__", "__subclasshook__"))  # fmt: skip
+_SIMPLE = frozenset((float, type(None), bool, int, str, bytes, complex, type(Ellipsis), slice, range))
+_CONTAINERS = tuple, list, dict, SimpleNamespace
+_PARTS: dict[Any, tuple[str, ...]] = {
+    MethodType: ("__func__", "__self__"), functools.partial: ("func", "args", "keywords"), property: ("fget",),
+    staticmethod: ("__func__",), classmethod: ("__func__",), functools.cached_property: ("func",),
+    Compiled: ("function", "_axes", "_matrices"),
+}  # fmt: skip
+"""Objects that read nothing but these attributes of theirs."""
 _SLOTS = ("member_descriptor", "getset_descriptor", "_tuplegetter")  # what an object has itself, by its class
 _BUILDING = frozenset(("__init__", "__new__", "__post_init__", "__setattr__", "__delattr__"))
 
@@ -59,7 +67,7 @@ class Dependencies:
             for holder, name, value in walk.attributes:
                 if getattr(holder, name) is not value:
                     return self._equal()
-            for holder, length in walk.lengths:
+            for holder, length in walk.lengths.values():
                 if len(holder) != length:
                     return self._equal()
             for array, contents in walk.arrays:
@@ -99,122 +107,105 @@ class _Walk:
         self.names, self.mentioned = names, set[str]()
         self.items: list[tuple[Any, Any, Any]] = []
         self.attributes: list[tuple[Any, str, Any]] = []
-        self.lengths: list[tuple[Any, int]] = []
+        self.lengths: dict[int, tuple[Any, int]] = {}
         self.arrays: list[tuple[np.ndarray, bytes]] = []
         self.leaves: list[Any] = []  # everything by value, in order
-        self._met: dict[int, Any] = {}
+        self._met: dict[int, tuple[int, Any]] = {}
         self._classes = set[tuple[type, frozenset[str]]]()
         self._bytes = 0
 
     def value(self, value: Any, what: str) -> None:
         """An object that is read, under a name for the sentence of a refusal."""
         kind = type(value)
-        if kind is float:
-            self.leaves.append(struct.pack("d", value))
-        elif value is None or kind in (bool, int, str, bytes, complex, type(Ellipsis), slice, range, np.dtype):
-            self.leaves.append((kind, value))
-        elif isinstance(value, np.generic):
-            self.leaves.append((value.dtype.str, value.tobytes()))
+        if kind in _SIMPLE or isinstance(value, np.generic | np.dtype):
+            self.leaves.append((kind, repr(value)))
         elif id(value) in self._met:
-            self.leaves.append(("met", list(self._met).index(id(value))))
+            self.leaves.append(self._met[id(value)][0])
         else:
-            self._met[id(value)] = value
+            self._met[id(value)] = len(self._met), value
             if len(self._met) > _MOST:
                 raise NotTraceable(f"it reads too many objects to compare them at every call, {what} among them")
-            self._object(value, what)
+            self.leaves.append(kind)
+            self._object(value, kind, what)
 
-    def _object(self, value: Any, what: str) -> None:
-        self.leaves.append(type(value))
-        if isinstance(value, np.ndarray):
+    def _object(self, value: Any, kind: type, what: str) -> None:
+        parts = next((names for base, names in _PARTS.items() if isinstance(value, base)), None)
+        if parts is not None:
+            for name in parts:
+                self._attribute(value, name, what)
+        elif isinstance(value, np.ndarray):
             self._array(value, what)
         elif isinstance(value, FunctionType):
             self._function(value)
-        elif isinstance(value, MethodType):
-            self.value(value.__func__, what)
-            self.value(value.__self__, what)
-        elif isinstance(value, functools.partial):
-            for part in (value.func, value.args, value.keywords):
-                self.value(part, what)
-        elif isinstance(value, property | staticmethod | classmethod | functools.cached_property):
-            self._descriptor(value, what)
         elif isinstance(value, ModuleType):
             self._module(value, what)
         elif isinstance(value, BuiltinFunctionType):
             self._builtin(value, what)
         elif isinstance(value, type):
             self._class(value, _UNUSED)
-        elif isinstance(value, np.ufunc | type(np.sum)) or type(value).__module__ == "estimators.engine.compiled":
+        elif isinstance(value, CodeType | frozenset | np.ufunc | type(np.sum)):
             self.leaves.append(value)
-            if (inner := getattr(value, "function", None)) is not None:
-                self.value(inner, what)
         else:
-            self._instance(value, what)
+            self._instance(value, kind, what)
+
+    def _item(self, holder: Any, key: Any, what: str) -> None:
+        self.items.append((holder, key, holder[key]))
+        self.leaves.append(key)
+        self.value(holder[key], what)
+
+    def _attribute(self, holder: Any, name: str, what: str) -> None:
+        try:
+            found = getattr(holder, name)
+        except (AttributeError, ValueError):  # a slot or a cell without contents
+            self.leaves.append("empty")
+            return
+        self.attributes.append((holder, name, found))
+        self.value(found, what)
+
+    def _length(self, holder: Any) -> None:
+        self.lengths[id(holder)] = holder, len(holder)
+
+    def _mapping(self, mapping: Any, what: str, every: bool) -> None:
+        self._length(mapping)
+        for name in list(mapping) if every else sorted(self.names & mapping.keys()):
+            self._item(mapping, name, f"{what}.{name}" if isinstance(name, str) else f"{what}[{name!r}]")
 
     def _array(self, array: np.ndarray, what: str) -> None:
         if array.dtype.hasobject or type(array) is not np.ndarray:
             raise NotTraceable(f"it reads {what}, an array of a kind of its own, whose changes cannot be seen")
-        if array.flags.writeable or array.base is not None or array.nbytes <= _SMALL:
-            self._bytes += array.nbytes
-            if self._bytes > _LARGEST:
-                raise NotTraceable(f"it reads {what}, which is too large to compare it at every call: an array that "
-                                   "never changes is read-only by .flags.writeable = False")  # fmt: skip
-            contents = array.tobytes()
-            self.arrays.append((array, contents))
-            self.leaves.append((array.shape, array.dtype.str, contents))
-        else:
+        if not (array.flags.writeable or array.base is not None or array.nbytes <= _SMALL):
             self.leaves.append(("read-only", id(array)))
+            return
+        self._bytes += array.nbytes
+        if self._bytes > _LARGEST:
+            raise NotTraceable(f"it reads {what}, which is too large to compare it at every call: an array that never "
+                               "changes is read-only by .flags.writeable = False")  # fmt: skip
+        self.arrays.append((array, array.tobytes()))
+        self.leaves.append((array.shape, array.dtype.str, self.arrays[-1][1]))
 
     def _function(self, function: FunctionType) -> None:
         if _root(function.__module__) in _PURE or str(function.__module__).startswith("estimators.engine"):
             self.leaves.append(function)
             return
-        self.attributes.append((function, "__code__", function.__code__))
-        self.leaves.append(function.__code__)
-        for name in ("__defaults__", "__kwdefaults__"):
-            if (defaults := getattr(function, name)) is not None:
-                self.attributes.append((function, name, defaults))
-                self.value(defaults, f"the defaults of {function.__name__}")
-        for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
-            self._cell(name, cell)
-        self._code(function.__code__, function.__globals__)
-        self._mapping(function.__dict__, function.__name__, every=bool(_ALL & self.names))
-
-    def _cell(self, name: str, cell: CellType) -> None:
-        try:
-            contents = cell.cell_contents
-        except ValueError:
-            self.leaves.append("empty")
-            return
-        self.attributes.append((cell, "cell_contents", contents))
-        if name == "__class__":  # of super(), which builds nothing
-            self._class(contents, _UNUSED | _BUILDING)
-        else:
-            self.value(contents, name)
-
-    def _code(self, code: CodeType, namespace: dict[str, Any]) -> None:
+        for name in ("__code__", "__defaults__", "__kwdefaults__"):
+            self._attribute(function, name, f"the defaults of {function.__name__}")
+        code, namespace = function.__code__, function.__globals__
+        for name, cell in zip(code.co_freevars, function.__closure__ or (), strict=True):
+            if name == "__class__":  # of super(), which builds nothing
+                self._class(cell.cell_contents, _UNUSED | _BUILDING)
+            else:
+                self._attribute(cell, "cell_contents", name)
         names, variables = _read(code)
         self.mentioned |= names
         for name, line in variables:
-            self._global(name, namespace, line)
-
-    def _global(self, name: str, namespace: dict[str, Any], line: str) -> None:
-        if name in namespace:
-            self._item(namespace, name, name)
-        elif name in _IMPURE:
-            raise NotTraceable(f"it calls {name}(), which has to happen at every call {line}")
-        else:
-            self._length(namespace)
-            self.leaves.append(getattr(builtins, name, "missing"))
-
-    def _item(self, holder: Any, key: Any, what: str) -> None:
-        found = holder[key]
-        self.items.append((holder, key, found))
-        self.leaves.append(key)
-        self.value(found, what)
-
-    def _length(self, holder: Any) -> None:
-        if not any(each is holder for each, _ in self.lengths):
-            self.lengths.append((holder, len(holder)))
+            if name in namespace:
+                self._item(namespace, name, name)
+            elif name in _IMPURE:
+                raise NotTraceable(f"it calls {name}(), which has to happen at every call {line}")
+            else:
+                self._length(namespace)
+                self.leaves.append(getattr(builtins, name, "missing"))
+        self._mapping(function.__dict__, function.__name__, every=bool(_ALL & self.names))
 
     def _module(self, module: ModuleType, what: str) -> None:
         root = _root(module.__name__)
@@ -235,10 +226,6 @@ class _Walk:
             raise NotTraceable(f"it calls {what}, of which it is not known what it depends on")
         self.leaves.append(function.__name__)
 
-    def _descriptor(self, value: Any, what: str) -> None:
-        inner = getattr(value, "fget", None) or getattr(value, "__func__", None) or getattr(value, "func", None)
-        self.value(inner, what)
-
     def _class(self, kind: type, unused: frozenset[str]) -> None:
         self.leaves.append(kind)
         if (kind, unused) in self._classes:
@@ -255,47 +242,29 @@ class _Walk:
                 if type(own[name]).__name__ not in _SLOTS and name != "__dict__" and not comparison:
                     self._item(own, name, f"{each.__name__}.{name}")
 
-    def _mapping(self, mapping: Any, what: str, every: bool) -> None:
-        self._length(mapping)
-        for name in list(mapping) if every else sorted(self.names & mapping.keys()):
-            self._item(mapping, name, f"{what}.{name}" if isinstance(name, str) else f"{what}[{name!r}]")
-
-    def _instance(self, value: Any, what: str) -> None:
-        kind = type(value)
-        if isinstance(value, tuple):
-            for i, each in enumerate(value):
-                self.value(each, f"{what}[{i}]")
-        elif isinstance(value, list):
+    def _instance(self, value: Any, kind: type, what: str) -> None:
+        if isinstance(value, list | tuple):
             self._length(value)
             for i in range(len(value)):
                 self._item(value, i, f"{what}[{i}]")
         elif isinstance(value, dict):
             self._mapping(value, what, every=True)
-        elif kind is frozenset:
-            self.leaves.append(value)
         elif isinstance(value, Enum):
             self.value(value.value, what)
         elif not _visible(kind):
             raise NotTraceable(
                 f"it reads {what}, a {kind.__module__}.{kind.__qualname__}, whose changes cannot be seen"
             )
-        if kind not in (tuple, list, dict, frozenset):
-            self._class(kind, _UNUSED | _BUILDING)
-            self._state(value, kind, what)
-
-    def _state(self, value: Any, kind: type, what: str) -> None:
-        """Attributes of an object: those that code names, or all where that is not known."""
+        if kind in (tuple, list, dict):
+            return
+        self._class(kind, _UNUSED | _BUILDING)
         if (own := getattr(value, "__dict__", None)) is not None:
             self.attributes.append((value, "__dict__", own))
-            own_code = _root(kind.__module__) not in _PURE
-            self._mapping(own, what, every=not own_code or bool(_ALL & self.names) or hasattr(kind, "__getattr__"))
+            every = _root(kind.__module__) in _PURE or bool(_ALL & self.names) or hasattr(kind, "__getattr__")
+            self._mapping(own, what, every)  # attributes that code names, or all where that is not known
         for each in kind.__mro__:
             for name in sorted(k for k, v in vars(each).items() if type(v).__name__ == "member_descriptor"):
-                if hasattr(value, name):
-                    self.attributes.append((value, name, getattr(value, name)))
-                    self.value(getattr(value, name), f"{what}.{name}")
-                else:
-                    self.leaves.append("empty")
+                self._attribute(value, name, f"{what}.{name}")
 
 
 @functools.lru_cache(1024)
@@ -338,12 +307,7 @@ def _root(module: str | None) -> str:
 
 def _visible(kind: type) -> bool:
     """Is all that an object of a class knows in its attributes?"""
-    if not (kind.__flags__ & _HEAPTYPE or kind is SimpleNamespace) or kind.__module__ in ("random", "threading"):
-        return False
-    for base in kind.__mro__[:-1]:
-        if base in (tuple, list, dict, SimpleNamespace):
-            continue
-        new = base.__new__
-        if not base.__flags__ & _HEAPTYPE or (isinstance(new, _new_type) and getattr(new, "__self__", None) is base):
-            return False
-    return True
+    return kind.__module__ not in ("random", "threading") and all(
+        base in _CONTAINERS or (base.__flags__ & _HEAPTYPE and getattr(base.__new__, "__self__", None) is not base)
+        for base in kind.__mro__[:-1]
+    )
