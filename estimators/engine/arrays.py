@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from estimators.engine.program import Program, constant_array
-from estimators.engine.tracer import NotTraceable, Tracer, cast, constant, operation, power, where
+from estimators.engine.tracer import NotTraceable, Tracer, cast, constant, numpy_function, operation, power, where
 
 
 class TracedArray(np.ndarray):
@@ -58,30 +58,10 @@ class TracedArray(np.ndarray):
             raise NotTraceable(f"a traced function computes with float64, int64 and masks, not {np.dtype(dtype)}")
         return each_entry(lambda x: cast(constant(_program(self), x), kind), self)
 
-    def sum(self, axis: Any = None, **others: Any) -> Any:  # type: ignore[override]
-        """The sum over axes of the row."""
-        return apply(np.add, "reduce", (self,), {"axis": axis} | others)
-
     def mean(self, axis: Any = None, **others: Any) -> Any:  # type: ignore[override]
         """The mean over axes of the row."""
         count = self.size if axis is None else np.prod([self.shape[i] for i in np.atleast_1d(axis)])
         return self.sum(axis, **others) / float(count)
-
-    def max(self, axis: Any = None, **others: Any) -> Any:  # type: ignore[override]
-        """The largest along axes of the row."""
-        return apply(np.maximum, "reduce", (self,), {"axis": axis} | others)
-
-    def min(self, axis: Any = None, **others: Any) -> Any:  # type: ignore[override]
-        """The least along axes of the row."""
-        return apply(np.minimum, "reduce", (self,), {"axis": axis} | others)
-
-    def any(self, axis: Any = None, **others: Any) -> Any:  # type: ignore[override]
-        """Is one of the masks along axes of the row true?"""
-        return apply(np.logical_or, "reduce", (self,), {"axis": axis} | others)
-
-    def all(self, axis: Any = None, **others: Any) -> Any:  # type: ignore[override]
-        """Are all masks along axes of the row true?"""
-        return apply(np.logical_and, "reduce", (self,), {"axis": axis} | others)
 
     def var(self, axis: Any = None, ddof: float = 0.0, **others: Any) -> Any:  # type: ignore[override]
         """The variance along axes of the row."""
@@ -147,22 +127,17 @@ def each_entry(function: Callable[..., Any], *operands: Any) -> Any:
     return found if isinstance(found, Tracer) else TracedArray.of(found)
 
 
-def _unary(opcode: str) -> Callable[[Any], Any]:
-    return lambda x: operation(opcode, x) if isinstance(x, Tracer) else _constant_result(opcode, x)
+def _recorded(opcode: str) -> Callable[..., Any]:
+    """An opcode of scalars, computed at once where none is traced."""
 
-
-def _binary(opcode: str) -> Callable[[Any, Any], Any]:
-    def apply(x: Any, y: Any) -> Any:
-        if isinstance(x, Tracer) or isinstance(y, Tracer):
-            return operation(opcode, x, y)
-        return _constant_result(opcode, x, y)
+    def apply(*operands: Any) -> Any:
+        for each in operands:
+            if isinstance(each, Tracer):
+                return operation(opcode, *operands)
+        with np.errstate(all="ignore"):
+            return numpy_function(opcode)(*operands)
 
     return apply
-
-
-def _constant_result(opcode: str, *values: Any) -> Any:
-    with np.errstate(all="ignore"):
-        return getattr(np, _NUMPY.get(opcode, opcode))(*values)
 
 
 def _sign(x: Any) -> Any:
@@ -173,24 +148,16 @@ def _mask(x: Any) -> Any:
     return cast(x, "b") if isinstance(x, Tracer) else bool(x)
 
 
-_NUMPY = {
-    "greater equal": "greater_equal", "less equal": "less_equal", "not equal": "not_equal", "and": "logical_and",
-    "or": "logical_or", "xor": "logical_xor", "not": "logical_not", "left shift": "left_shift",
-    "right shift": "right_shift", "floor divide": "floor_divide",
-}  # fmt: skip
-_UNARY = (
+_and, _or, _xor, _not = map(_recorded, ("and", "or", "xor", "not"))
+_OPCODES = (
     "negative", "absolute", "sqrt", "floor", "ceil", "trunc", "rint", "sin", "cos", "tan", "exp", "expm1", "log",
-    "log1p", "arctan", "arcsin", "arccos", "tanh", "isfinite", "isnan",
-)  # fmt: skip
-_BINARY = (
-    "add", "subtract", "multiply", "divide", "maximum", "minimum", "copysign", "fmod", "remainder", "arctan2", "hypot",
-    "greater", "less", "equal",
+    "log1p", "arctan", "arcsin", "arccos", "tanh", "isfinite", "isnan", "add", "subtract", "multiply", "divide",
+    "maximum", "minimum", "copysign", "fmod", "remainder", "arctan2", "hypot", "greater", "less", "equal",
+    "greater equal", "less equal", "not equal", "and", "or", "xor", "not", "left shift", "right shift", "floor divide",
 )  # fmt: skip
 _SCALAR: dict[Any, Callable[..., Any]] = {
-    **{getattr(np, name): _unary(name) for name in _UNARY},
-    **{getattr(np, name): _binary(name) for name in _BINARY},
-    **{getattr(np, name): _binary(opcode) for opcode, name in _NUMPY.items() if not name.startswith("logical")},
-    np.fabs: _unary("absolute"),
+    **{numpy_function(opcode): _recorded(opcode) for opcode in _OPCODES},
+    np.fabs: _recorded("absolute"),
     np.positive: lambda x: x,
     np.conjugate: lambda x: x,
     np.square: lambda x: power(x, 2) if isinstance(x, Tracer) else np.square(x),
@@ -201,20 +168,14 @@ _SCALAR: dict[Any, Callable[..., Any]] = {
     np.float_power: lambda x, y: power(x, y),
     np.log2: lambda x: operation("log", x) / float(np.log(2.0)),
     np.log10: lambda x: operation("log", x) / float(np.log(10.0)),
-    np.deg2rad: lambda x: x * (np.pi / 180.0),
-    np.radians: lambda x: x * (np.pi / 180.0),
-    np.rad2deg: lambda x: x * (180.0 / np.pi),
-    np.degrees: lambda x: x * (180.0 / np.pi),
+    **dict.fromkeys((np.deg2rad, np.radians), lambda x: x * (np.pi / 180.0)),
+    **dict.fromkeys((np.rad2deg, np.degrees), lambda x: x * (180.0 / np.pi)),
     np.isinf: lambda x: operation("equal", operation("absolute", x), np.inf) if isinstance(x, Tracer) else np.isinf(x),
     np.signbit: lambda x: operation("copysign", 1.0, x) < 0.0 if isinstance(x, Tracer) else np.signbit(x),
-    np.bitwise_and: _binary("and"),
-    np.bitwise_or: _binary("or"),
-    np.bitwise_xor: _binary("xor"),
-    np.invert: _unary("not"),
-    np.logical_and: lambda x, y: _binary("and")(_mask(x), _mask(y)),
-    np.logical_or: lambda x, y: _binary("or")(_mask(x), _mask(y)),
-    np.logical_xor: lambda x, y: _binary("xor")(_mask(x), _mask(y)),
-    np.logical_not: lambda x: _unary("not")(_mask(x)),
+    np.logical_and: lambda x, y: _and(_mask(x), _mask(y)),
+    np.logical_or: lambda x, y: _or(_mask(x), _mask(y)),
+    np.logical_xor: lambda x, y: _xor(_mask(x), _mask(y)),
+    np.logical_not: lambda x: _not(_mask(x)),
 }
 """NumPy's functions entry by entry, of scalars."""
 _COUNTED = {np.add}  # a sum of masks counts them
@@ -316,22 +277,20 @@ def _accumulated(ufunc: Any) -> Callable[..., Any]:
     return accumulated
 
 
+def _reduction(ufunc: Any) -> Callable[..., Any]:
+    def reduced(a: Any, axis: Any = None, **others: Any) -> Any:
+        return apply(ufunc, "reduce", (a,), {"axis": axis} | others)
+
+    return reduced
+
+
 FUNCTIONS: dict[Any, Callable[..., Any]] = {
     np.where: _where_array,
     np.clip: _clip,
-    np.sum: lambda a, axis=None, **others: apply(np.add, "reduce", (a,), {"axis": axis} | others),
-    np.prod: lambda a, axis=None, **others: apply(np.multiply, "reduce", (a,), {"axis": axis} | others),
-    np.mean: lambda a, axis=None, **others: TracedArray.of(a).mean(axis, **others),
-    np.max: lambda a, axis=None, **others: apply(np.maximum, "reduce", (a,), {"axis": axis} | others),
-    np.min: lambda a, axis=None, **others: apply(np.minimum, "reduce", (a,), {"axis": axis} | others),
-    np.any: lambda a, axis=None, **others: apply(np.logical_or, "reduce", (a,), {"axis": axis} | others),
-    np.all: lambda a, axis=None, **others: apply(np.logical_and, "reduce", (a,), {"axis": axis} | others),
     np.zeros_like: lambda a, *_, **__: TracedArray.of(np.zeros(a.shape).astype(object)),
     np.ones_like: lambda a, *_, **__: TracedArray.of(np.ones(a.shape).astype(object)),
     np.empty_like: lambda a, *_, **__: TracedArray.of(np.zeros(a.shape).astype(object)),
     np.full_like: lambda a, value, *_, **__: TracedArray.of(np.full(a.shape, scalar(value), object)),
-    np.var: lambda a, axis=None, **others: TracedArray.of(a).var(axis, **others),
-    np.std: lambda a, axis=None, **others: TracedArray.of(a).std(axis, **others),
     np.cumsum: _accumulated(np.add),
     np.cumprod: _accumulated(np.multiply),
     np.linalg.norm: _norm,
@@ -341,6 +300,13 @@ FUNCTIONS: dict[Any, Callable[..., Any]] = {
     np.real: np.positive,
     np.polyval: np.polyval._implementation,  # type: ignore[attr-defined]
 }
+for _name, _ufunc in {"sum": np.add, "prod": np.multiply, "max": np.maximum, "min": np.minimum, "any": np.logical_or,
+                      "all": np.logical_and}.items():  # fmt: skip
+    FUNCTIONS[getattr(np, _name)] = _reduction(_ufunc)
+    setattr(TracedArray, _name, _reduction(_ufunc))
+for _name in ("mean", "var", "std"):
+    FUNCTIONS[getattr(np, _name)] = lambda a, *args, _name=_name, **others: getattr(TracedArray.of(a), _name)(
+        *args, **others)  # fmt: skip
 _REARRANGING = {
     np.stack, np.concatenate, np.hstack, np.vstack, np.dstack, np.column_stack, np.split, np.array_split, np.moveaxis,
     np.swapaxes, np.transpose, np.reshape, np.ravel, np.squeeze, np.expand_dims, np.broadcast_to, np.broadcast_arrays,

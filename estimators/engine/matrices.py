@@ -15,18 +15,18 @@ from numpy.lib.mixins import NDArrayOperatorsMixin
 from estimators.checks import shown
 from estimators.engine.arrays import TracedArray, entries
 from estimators.engine.program import Program, View, constant_array
-from estimators.engine.tracer import NotTraceable, Tracer, cast, constant, known
+from estimators.engine.tracer import NotTraceable, Tracer, cast, constant, known, numpy_function
 
 _ENTRYWISE = {
-    np.add: "add", np.subtract: "subtract", np.multiply: "multiply", np.divide: "divide", np.maximum: "maximum",
-    np.minimum: "minimum", np.greater: "greater", np.greater_equal: "greater equal", np.sqrt: "sqrt",
-    np.absolute: "absolute", np.floor: "floor", np.rint: "rint", np.isfinite: "isfinite", np.log1p: "log1p",
-    np.log: "log", np.exp: "exp", np.sin: "sin", np.cos: "cos", np.arctan2: "arctan2", np.negative: "negative",
-    np.fmod: "fmod", np.copysign: "copysign",
+    numpy_function(opcode): opcode
+    for opcode in (
+        "add", "subtract", "multiply", "divide", "maximum", "minimum", "greater", "greater equal", "sqrt", "absolute",
+        "floor", "rint", "isfinite", "log1p", "log", "exp", "sin", "cos", "arctan2", "negative", "fmod", "copysign",
+    )
 }  # fmt: skip
 _OF_MASKS = {np.logical_and: "and", np.bitwise_and: "and", np.logical_or: "or", np.bitwise_or: "or",
              np.logical_not: "not", np.invert: "not", np.multiply: "and"}  # fmt: skip
-_GIVE_MASKS = ("greater", "greater equal", "isfinite", "and", "or", "not")
+GIVE_MASKS = ("greater", "greater equal", "isfinite", "and", "or", "not")
 _IDENTITIES = {"add": np.float64(-0.0), "multiply": np.float64(1.0)}
 """Identity elements of the operations: 0.0 is none, for -0.0 + 0.0 is 0.0."""
 
@@ -305,7 +305,7 @@ def entrywise(program: Program, function: Any, *values: Any) -> Any:
 def instruction(program: Program, opcode: str, operands: list[Any], choices: list[Any]) -> Any:
     """An opcode entry by entry of operands whose shapes fit."""
     shape = _common_shape(operands)
-    mask = opcode in _GIVE_MASKS or (opcode == "where" and all(map(is_mask, choices)))
+    mask = opcode in GIVE_MASKS or (opcode == "where" and all(map(is_mask, choices)))
     if (identity := _IDENTITIES.get(opcode)) is not None:
         for one, other in zip(operands, operands[::-1], strict=True):
             if _is_constant(one) and getattr(other, "shape", None) == shape and _all_equal(program, one, identity):

@@ -7,13 +7,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from estimators.engine.emit import Emitter, Module, literal, type_of
+from estimators.engine.matrices import GIVE_MASKS
 from estimators.engine.program import Columns, Instruction, Program, View
 
 CHUNK = 8
 """Numbers in a vector, and partial sums of an inner product: part of its definition."""
 _UNROLLED = 16  # entries up to which there is no loop
 _MASKED = ("and", "or", "not")
-_GIVE_MASKS = ("greater", "greater equal", "isfinite", "and", "or", "not")
 _OUTLINED = frozenset((
     "each", "join", "matmul", "inner", "symmetrise", "solve", "eliminate", "solve lower", "solve upper", "cholesky",
     "semidefinite cholesky", "rotate",
@@ -331,7 +331,7 @@ class MatrixEmitter(Emitter):
                 operands[k] = self.line(f"fcmp une {T} {operands[k]}, {literal(0.0, 'f', width)}")
                 kinds[k] = "b"
         result = self.operation(opcode, "".join(kinds), operands, width)
-        return self.cast(result, "b", "f", width) if opcode in _GIVE_MASKS else result
+        return self.cast(result, "b", "f", width) if opcode in GIVE_MASKS else result
 
 
 def _contiguous(rows: int, columns: int, views: Sequence[View]) -> tuple[int, int]:

@@ -141,22 +141,32 @@ def _arithmetic(x: Tracer, y: Tracer) -> tuple[Tracer, Tracer]:
 _METHODS = frozenset(("sqrt", "sin", "cos", "tan", "exp", "expm1", "log", "log1p", "arctan", "arcsin", "arccos", "tanh",
                       "floor", "ceil", "trunc", "rint"))  # fmt: skip
 _COMPARISONS = {"less": "greater", "less equal": "greater equal"}
+
+
+def numpy_function(opcode: str) -> Any:
+    """NumPy's function of an opcode."""
+    return getattr(np, _NUMPY.get(opcode) or opcode.replace(" ", "_"))
+
+
+_NUMPY = {"and": "bitwise_and", "or": "bitwise_or", "xor": "bitwise_xor", "not": "invert",
+          "whole remainder": "remainder"}  # fmt: skip
 _EXACT: dict[str, Callable[..., Any]] = {
-    "add": np.add, "subtract": np.subtract, "multiply": np.multiply, "divide": np.divide, "negative": np.negative,
-    "sqrt": np.sqrt, "absolute": np.absolute, "floor": np.floor, "ceil": np.ceil, "trunc": np.trunc, "rint": np.rint,
-    "maximum": np.maximum, "minimum": np.minimum, "copysign": np.copysign, "fmod": np.fmod, "greater": np.greater,
-    "greater equal": np.greater_equal, "equal": np.equal, "not equal": np.not_equal, "isfinite": np.isfinite,
-    "isnan": np.isnan, "and": np.bitwise_and, "or": np.bitwise_or, "xor": np.bitwise_xor, "not": np.invert,
-    "left shift": np.left_shift, "right shift": np.right_shift,
-    "whole remainder": np.remainder,
+    opcode: numpy_function(opcode)
+    for opcode in (
+        "add", "subtract", "multiply", "divide", "negative", "sqrt", "absolute", "floor", "ceil", "trunc", "rint",
+        "maximum", "minimum", "copysign", "fmod", "greater", "greater equal", "equal", "not equal", "isfinite",
+        "isnan", "and", "or", "xor", "not", "left shift", "right shift", "whole remainder",
+    )
 }  # fmt: skip
 """Opcodes that the processor carries out exactly as NumPy does."""
 
 
 _FLOATS = frozenset(("add", "subtract", "multiply", "divide"))
+_BITWISE = frozenset(("and", "or", "xor", "not"))
+_GIVE_MASKS = frozenset(("greater", "greater equal", "equal", "not equal", "isfinite", "isnan"))
 _PROMOTING = frozenset((
     "add", "subtract", "multiply", "maximum", "minimum", "greater", "greater equal", "equal", "not equal",
-    "whole remainder",
+    "whole remainder", "and", "or", "xor",
 ))  # fmt: skip
 """Opcodes whose operands become of one kind."""
 
@@ -176,31 +186,23 @@ def operation(opcode: str, *operands: Any) -> Any:
         return elementary.remainder(*traced) if opcode == "remainder" else elementary.floor_divide(*traced)
     if opcode in _COMPARISONS:
         opcode, traced = _COMPARISONS[opcode], traced[::-1]
-    kind = traced[0].kind
+    kinds = {x.kind for x in traced}
+    if opcode in _BITWISE and "f" in kinds:
+        raise NotTraceable("&, | and ~ are of masks or whole numbers")
     if opcode in _PROMOTING:
-        traced = list(_arithmetic(*traced)) if {x.kind for x in traced} != {"b"} or opcode not in (
-            "equal", "not equal", "multiply") else traced  # fmt: skip
-        kind = traced[0].kind
-    elif opcode in ("and", "or", "xor"):
-        if {x.kind for x in traced} != {"b"}:
-            if "f" in {x.kind for x in traced}:
-                raise NotTraceable("& and | are of masks or whole numbers")
+        if kinds != {"b"} or opcode not in ("equal", "not equal", "multiply", *_BITWISE):
             traced = list(_arithmetic(*traced))
-        kind = traced[0].kind
     elif opcode in ("left shift", "right shift"):
         places = known(traced[1])
-        if kind not in "iu" or places is None or not 0 <= places < 64:
+        if traced[0].kind not in "iu" or places is None or not 0 <= places < 64:
             raise NotTraceable("<< and >> in a traced function shift whole numbers by a constant from 0 to 63")
-        traced[1] = cast(traced[1], kind)
-    elif opcode == "not" and kind == "f":
-        raise NotTraceable("~ is of masks and whole numbers")
-    elif opcode in ("absolute", "negative") and kind in "iu":
-        pass
-    elif opcode != "not":
-        traced, kind = [cast(x, "f") for x in traced], "f"
+        traced[1] = cast(traced[1], traced[0].kind)
+    elif opcode != "not" and not (opcode in ("absolute", "negative") and kinds <= {"i", "u"}):
+        traced = [cast(x, "f") for x in traced]
+    kind = traced[0].kind
     if opcode == "multiply" and kind == "b":
         opcode = "and"
-    if opcode in ("greater", "greater equal", "equal", "not equal", "isfinite", "isnan"):
+    if opcode in _GIVE_MASKS:
         kind = "b"
     values = [known(x) for x in traced]
     if opcode in _EXACT and all(value is not None for value in values):
