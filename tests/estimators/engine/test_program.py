@@ -347,7 +347,7 @@ def test_what_cannot_be_traced_raises_a_sentence():
         (lambda x: x ** x, "constant exponents"),
         (lambda x: x - x[..., 0].sum(), "over the batch"),
         (lambda x: x & 1, "masks or whole numbers"),
-        (lambda x: ~x, "masks and whole numbers"),
+        (lambda x: ~x, "masks or whole numbers"),
         (lambda x: (x > 0.0) - (x < 0.0), "two masks"),
         (lambda x: x[x > 0.0], r"np\.where"),
         (lambda x: x * np.ma.array([1.0, 2.0]), "real numbers and masks"),
