@@ -327,12 +327,6 @@ def sincos(angle: Any) -> tuple[Any, Any]:
         return _sincos(np.asarray(angle, float)[()])
 
 
-def evaluate(opcode: str, *values: float) -> float:
-    """An elementary function of numbers, as a compiled program computes it."""
-    with np.errstate(all="ignore"):
-        return float(EXPANSIONS[opcode][1](*map(np.float64, values)))
-
-
 def remainder(x: Any, y: Any) -> Any:
     """``x - y floor(x / y)`` with the sign of y, exactly, as `numpy.remainder`."""
     if x.kind != "f" and y.kind != "f":

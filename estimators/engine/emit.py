@@ -14,10 +14,15 @@ from estimators.engine.elementary import EXPANSIONS
 from estimators.engine.program import Instruction, Loop, Program
 from estimators.engine.tracer import Tracer
 
-_INTEGER = {"i": "s", "u": "u"}
-_FLOATS = {"add": "fadd", "subtract": "fsub", "multiply": "fmul", "divide": "fdiv", "fmod": "frem"}
+_OPERATIONS = {
+    "add": ("fadd", "add", "add"), "subtract": ("fsub", "sub", "sub"), "multiply": ("fmul", "mul", "mul"),
+    "divide": ("fdiv",), "fmod": ("frem",), "and": ("", "and", "and", "and"), "or": ("", "or", "or", "or"),
+    "xor": ("", "xor", "xor", "xor"), "left shift": ("", "shl", "shl"), "right shift": ("", "ashr", "lshr"),
+    "greater": ("fcmp ogt", "icmp sgt", "icmp ugt", "icmp ugt"), "equal": ("fcmp oeq", *["icmp eq"] * 3),
+    "greater equal": ("fcmp oge", "icmp sge", "icmp uge", "icmp uge"), "not equal": ("fcmp une", *["icmp ne"] * 3),
+}  # fmt: skip
+"""LLVM's operations on floats, integers, words and masks."""
 _INTRINSICS = ("sqrt", "floor", "ceil", "trunc", "rint", "copysign")
-_ORDERS = {"greater": "gt", "greater equal": "ge", "equal": "eq", "not equal": "ne"}
 
 
 def type_of(kind: str, width: int) -> str:
@@ -151,18 +156,12 @@ class Emitter:
         at = first + entry if isinstance(entry, int) else self.line(f"add i64 {entry}, {first}")
         return self.line(f"getelementptr double, ptr %constants, i64 {at}")
 
-    def splat_of(self, x: str, kind: str) -> str:
-        """A vector of one scalar of a kind."""
-        T = type_of(kind, self.width)
-        first = self.line(f"insertelement {T} poison, {type_of(kind, 1)} {x}, i32 0")
-        return self.line(f"shufflevector {T} {first}, {T} poison, <{self.width} x i32> zeroinitializer")
-
-    def splat(self, x: str, width: int) -> str:
-        """A vector of one number."""
+    def splat(self, x: str, width: int, kind: str = "f") -> str:
+        """A vector of one scalar."""
         if width == 1:
             return x
-        T = type_of("f", width)
-        first = self.line(f"insertelement {T} poison, double {x}, i32 0")
+        T = type_of(kind, width)
+        first = self.line(f"insertelement {T} poison, {type_of(kind, 1)} {x}, i32 0")
         return self.line(f"shufflevector {T} {first}, {T} poison, <{width} x i32> zeroinitializer")
 
     def loop(
@@ -218,33 +217,19 @@ class Emitter:
     def operation(self, opcode: str, kinds: str, operands: Sequence[str], width: int, result: str = "f") -> str:
         """One opcode of scalars of some kinds, ``width`` of them side by side."""
         kind, T = kinds[0], type_of(kinds[0], width)
-        pair = ", ".join(operands)
         if opcode in EXPANSIONS:
             name = self.module.elementary(opcode, width)
             return self.line(f"call {T} {name}({', '.join(f'{T} {each}' for each in operands)})")
-        if opcode in _FLOATS:
-            if kind == "f":
-                return self.line(f"{_FLOATS[opcode]} {T} {pair}")
-            return self.line(f"{ {'add': 'add', 'subtract': 'sub', 'multiply': 'mul'}[opcode] } {T} {pair}")
+        if opcode in _OPERATIONS:
+            return self.line(f"{_OPERATIONS[opcode]['fiub'.index(kind)]} {T} {', '.join(operands)}")
         if opcode in _INTRINSICS:
             return self.call(opcode, kinds, width, *operands)
-        if opcode in ("and", "or", "xor"):
-            return self.line(f"{opcode} {T} {pair}")
-        if opcode in _ORDERS:
-            return self._comparison(opcode, kind, T, pair)
         if opcode == "where":
             chosen = type_of(kinds[1], width)
             return self.line(f"select {T} {operands[0]}, {chosen} {operands[1]}, {chosen} {operands[2]}")
         if opcode in ("maximum", "minimum"):
             return self._extreme(opcode, kind, operands, width)
         return self._other(opcode, kind, operands, width, result)
-
-    def _comparison(self, opcode: str, kind: str, T: str, pair: str) -> str:
-        order = _ORDERS[opcode]
-        if kind == "f":
-            return self.line(f"fcmp {'une' if order == 'ne' else 'o' + order} {T} {pair}")
-        sign = "" if order in ("eq", "ne") else _INTEGER.get(kind, "u")
-        return self.line(f"icmp {sign}{order} {T} {pair}")
 
     def _extreme(self, opcode: str, kind: str, operands: Sequence[str], width: int) -> str:
         """NumPy's: the first operand where it is NaN, the second where that is."""
@@ -255,7 +240,7 @@ class Emitter:
             missing = self.line(f"fcmp uno {T} {operands[0]}, {operands[0]}")
             chosen = self.line(f"or {mask} {beyond}, {missing}")
         else:
-            chosen = self.line(f"icmp {_INTEGER[kind]}{order} {T} {operands[0]}, {operands[1]}")
+            chosen = self.line(f"icmp {kind.replace('i', 's')}{order} {T} {operands[0]}, {operands[1]}")
         return self.line(f"select {mask} {chosen}, {T} {operands[0]}, {T} {operands[1]}")
 
     def _other(self, opcode: str, kind: str, operands: Sequence[str], width: int, result: str) -> str:
@@ -271,10 +256,6 @@ class Emitter:
             return self.line(f"fcmp uno {T} {x}, {x}")
         if opcode == "not":
             return self.line(f"xor {T} {x}, {literal(1 if kind == 'b' else -1, kind, width)}")
-        if opcode == "left shift":
-            return self.line(f"shl {T} {x}, {operands[1]}")
-        if opcode == "right shift":
-            return self.line(f"{'lshr' if kind == 'u' else 'ashr'} {T} {x}, {operands[1]}")
         if opcode in ("bits", "from bits"):
             return self.line(f"bitcast {T} {x} to {type_of(result, width)}")
         if opcode == "cast":

@@ -47,18 +47,17 @@ class LinearEmitter(ProductEmitter):
 
         self.each(0, n, lambda i: self.each(0, self.plus(i, 1), lambda j: one(i, j)))
 
-    def _substituted(self, z: View, c: Index, low: Index, high: Index, i: Index, factor: Any, rest: str) -> str:
+    def _substituted(self, z: View, c: Index, low: Index, high: Index, factor: Any, rest: str) -> str:
         """An entry less what those of the column before it contribute."""
         return self.total(rest, low, high, lambda k, total: self._minus(total, factor(k), self.load(z, k, c)))
 
     def _solve(self, instruction: Instruction) -> None:
         """``S^-1 B`` by ``S = L D L'``: L D below the diagonal, D on it, L where its transpose would be."""
-        s, b = instruction.operands
-        assert isinstance(s, View)
-        assert isinstance(b, View)
+        operands: Any = instruction.operands
+        s, b = operands
         n = s.shape[0]
         f = View(self.temporary(instruction), s.shape, 0, (n, 1))
-        z = View(instruction.result, b.shape, 0, (b.shape[1], 1))
+        z = self.target(instruction, b.shape)
 
         def column(j: Index) -> None:
             def below(i: Index) -> None:
@@ -77,13 +76,13 @@ class LinearEmitter(ProductEmitter):
 
         def solution(c: Index) -> None:
             def forward(i: Index) -> None:
-                rest = self._substituted(z, c, 0, i, i, lambda k: self.load(f, k, i), self.load(b, i, c))
+                rest = self._substituted(z, c, 0, i, lambda k: self.load(f, k, i), self.load(b, i, c))
                 self.store_at(rest, z, i, c)
 
             def backward(m: Index) -> None:
                 i = self.line(f"sub i64 {n - 1}, {m}")
                 rest = self._do("fdiv", self.load(z, i, c), self.load(f, i, i))
-                rest = self._substituted(z, c, self.plus(i, 1), n, i, lambda k: self.load(f, i, k), rest)
+                rest = self._substituted(z, c, self.plus(i, 1), n, lambda k: self.load(f, i, k), rest)
                 self.store_at(rest, z, i, c)
 
             self.loop(0, n, lambda i: forward(i))
@@ -92,27 +91,29 @@ class LinearEmitter(ProductEmitter):
         self.each(0, b.shape[1], solution)
 
     def _solve_triangular(self, instruction: Instruction) -> None:
-        t, b = instruction.operands
-        assert isinstance(t, View)
-        assert isinstance(b, View)
-        n, lower = t.shape[0], instruction.opcode == "solve lower"
-        z = View(instruction.result, b.shape, 0, (b.shape[1], 1))
+        operands: Any = instruction.operands
+        t, b = operands
+        self._divide(t, b, self.target(instruction, b.shape), instruction.opcode == "solve lower")
+
+    def _divide(self, t: View, b: View, z: View, lower: bool) -> None:
+        """``T^-1 B`` of a triangular T, which may stand where B does."""
+        n = t.shape[0]
 
         def solution(c: Index) -> None:
             def entry(m: Index) -> None:
                 i = m if lower else self.line(f"sub i64 {n - 1}, {m}")
                 low, high = (0, i) if lower else (self.plus(i, 1), n)
-                rest = self._substituted(z, c, low, high, i, lambda k: self.load(t, i, k), self.load(b, i, c))
+                rest = self._substituted(z, c, low, high, lambda k: self.load(t, i, k), self.load(b, i, c))
                 self.store_at(self._do("fdiv", rest, self.load(t, i, i)), z, i, c)
 
-            self.loop(0, n, lambda m: entry(m))
+            self.each(0, n, entry)
 
         self.each(0, b.shape[1], solution)
 
     def _cholesky(self, instruction: Instruction) -> None:
         s: Any = instruction.operands[0]
         n = s.shape[0]
-        f = View(instruction.result, s.shape, 0, (n, 1))
+        f = self.target(instruction, s.shape)
         self.over(n, n, lambda i, j: self.store_at(self._zero, f, i, j))
 
         def column(j: Index) -> None:
@@ -133,7 +134,7 @@ class LinearEmitter(ProductEmitter):
         """``L L' = S``; a pivot that is zero to rounding gives a column of zeros."""
         s: Any = instruction.operands[0]
         n = s.shape[0]
-        f = View(instruction.result, s.shape, 0, (n, 1))
+        f = self.target(instruction, s.shape)
         infinite, smallest = (literal(x, "f", self.width) for x in (np.inf, n * _EPS))
 
         def start(i: Index) -> None:
@@ -160,12 +161,11 @@ class LinearEmitter(ProductEmitter):
 
     def _eliminate(self, instruction: Instruction) -> None:
         """``S^-1 B`` by Gaussian elimination with partial pivoting; where lanes pivot otherwise, numbers are chosen."""
-        s, b = instruction.operands
-        assert isinstance(s, View)
-        assert isinstance(b, View)
+        operands: Any = instruction.operands
+        s, b = operands
         n = s.shape[0]
         f = View(self.temporary(instruction), s.shape, 0, (n, 1))
-        z = View(instruction.result, b.shape, 0, (b.shape[1], 1))
+        z = self.target(instruction, b.shape)
         self.copy(s, f)
         self.copy(b, z)
 
@@ -194,16 +194,7 @@ class LinearEmitter(ProductEmitter):
             self.each(self.plus(j, 1), n, below)
 
         self.loop(0, n, lambda j: column(j))
-
-        def solution(c: Index) -> None:
-            def backward(m: Index) -> None:
-                i = self.line(f"sub i64 {n - 1}, {m}")
-                rest = self._substituted(z, c, self.plus(i, 1), n, i, lambda k: self.load(f, i, k), self.load(z, i, c))
-                self.store_at(self._do("fdiv", rest, self.load(f, i, i)), z, i, c)
-
-            self.loop(0, n, lambda m: backward(m))
-
-        self.each(0, b.shape[1], solution)
+        self._divide(f, z, z, False)
 
     def _exchange(self, view: View, low: Index, j: Index, best: str) -> None:
         """Exchange row j, from a column on, with the best one of each lane."""
@@ -227,7 +218,7 @@ class LinearEmitter(ProductEmitter):
         """``A V`` with orthogonal columns by one-sided Jacobi rotations, and V where it is wanted, behind it."""
         a: Any = instruction.operands[0]
         (m, n), wanted = a.shape, instruction.attributes[0]
-        z = View(instruction.result, a.shape, 0, (n, 1))
+        z = self.target(instruction, a.shape)
         v = View(instruction.result, (wanted, n), m * n, (n, 1))
         self.copy(a, z)
         if wanted:

@@ -110,7 +110,7 @@ class MatrixEmitter(Emitter):
             return
         self.each(0, rows, lambda i: self.each(0, columns, lambda j: body(i, j)))
 
-    def each(self, first: Index, count: Index, body: Callable[[Index], None]) -> None:
+    def each(self, first: Index, count: Index, body: Callable[[Index], None], step: int = 1) -> None:
         """A body for each index."""
         if count == 1 and first == 0:
             body(0)
@@ -120,7 +120,18 @@ class MatrixEmitter(Emitter):
             body(i)
             return ()
 
-        self.loop(first, count, carried)
+        self.loop(first, count, carried, step=step)
+
+    def chunks(self, count: int, size: int, body: Callable[[Index, int], None], unrolled: int = 1) -> None:
+        """A body for so many neighbours at a time, and for those that are left; few chunks are unrolled."""
+        whole = count // size * size
+        if whole > unrolled * size:
+            self.each(0, whole, lambda j: body(j, size), step=size)
+        else:
+            for j in range(0, whole, size):
+                body(j, size)
+        if count > whole:
+            body(whole, count - whole)
 
     def total(self, first: str, low: Index, high: Index, term: Callable[[str, str], str]) -> str:
         """What a term makes of a number, index by index."""
@@ -212,6 +223,10 @@ class MatrixEmitter(Emitter):
             target = View(instruction.result, view.shape, place, (width, 1))
             self.copy(view, target)
 
+    def target(self, instruction: Instruction, shape: tuple[int, int]) -> View:
+        """The result of an instruction as a matrix."""
+        return View(instruction.result, shape, 0, (shape[1], 1))
+
     def copy(self, view: View, target: View) -> None:
         """Copy a matrix to where another one stands."""
         self.over(*view.shape, lambda i, j: self.store_at(self.load(view, i, j), target, i, j))
@@ -251,7 +266,7 @@ class MatrixEmitter(Emitter):
             for value in instruction.operands[len(views) :]:
                 if value not in self.program.constants:
                     name = self.names[value]  # type: ignore[index]
-                    inside.names[value] = inside.splat_of(name, self.program.kinds[value]) if together else name  # type: ignore[index]
+                    inside.names[value] = inside.splat(name, width, self.program.kinds[value]) if together else name  # type: ignore[index]
             for view, parameters in zip(views, loop.parameters, strict=True):
                 for i, value in enumerate(parameters):
                     self._count = inside._count
@@ -274,7 +289,7 @@ class MatrixEmitter(Emitter):
 
     def _each(self, instruction: Instruction) -> None:
         _opcode, rows, columns = instruction.attributes
-        target = View(instruction.result, (rows, columns), 0, (columns, 1))
+        target = self.target(instruction, (rows, columns))
         views = [each for each in instruction.operands if isinstance(each, View)]
         if self.width == 1 and rows * columns > 4:
             lines, across = _contiguous(rows, columns, views)
@@ -310,17 +325,11 @@ class MatrixEmitter(Emitter):
             entry = self.plus(self.times(i, columns), j)
             self.lines.append(f"  store {T} {result}, ptr {self.address(instruction.result, entry)}, align 8")
 
-        whole = columns // CHUNK * CHUNK
+        def some(i: Index, j: Index, count: int) -> None:
+            for at, width in [(j, CHUNK)] if count == CHUNK else [(self.plus(j, m), 1) for m in range(count)]:
+                chunk(i, at, width)
 
-        def line(i: Index) -> None:
-            if whole > CHUNK:
-                self.loop(0, whole, lambda j: chunk(i, j, CHUNK), step=CHUNK)
-            elif whole:
-                chunk(i, 0, CHUNK)
-            for j in range(whole, columns):
-                chunk(i, j, 1)
-
-        self.each(0, rows, line)
+        self.each(0, rows, lambda i: self.chunks(columns, CHUNK, lambda j, count: some(i, j, count)))
 
     def _applied(self, instruction: Instruction, operands: list[str], width: int) -> str:
         """The opcode of numbers, of which masks are those that are not 0."""

@@ -1,6 +1,6 @@
 """Products of matrices as loops in LLVM IR."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from estimators.engine.emit import Module, literal, type_of
@@ -18,10 +18,9 @@ class ProductEmitter(MatrixEmitter):
         self.special |= {"matmul": self._matmul, "inner": self._inner}
 
     def _matmul(self, instruction: Instruction) -> None:
-        a, b = instruction.operands
-        assert isinstance(a, View)
-        assert isinstance(b, View)
-        target = View(instruction.result, (a.shape[0], b.shape[1]), 0, (b.shape[1], 1))
+        operands: Any = instruction.operands
+        a, b = operands
+        target = self.target(instruction, (a.shape[0], b.shape[1]))
         if self.width == 1 and b.shape[1] > 1:
             if b.steps[1] != 1:
                 copied = View(self.temporary(instruction), b.shape, 0, (b.shape[1], 1))
@@ -42,35 +41,31 @@ class ProductEmitter(MatrixEmitter):
                 x = self.load(a, i, k)
                 return [self.line(f"fmul {self.T} {x}, {self.load(b, k, m)}") for m in beside]
 
-            def add(k: Index, *sums: str) -> list[str]:
-                pairs = zip(sums, products(k), strict=True)
-                return [self.line(f"fadd {self.T} {total}, {product}") for total, product in pairs]
-
-            sums: Sequence[str] = products(0)
+            sums = products(0)
             if inner <= 4:
                 for k in range(1, inner):
-                    sums = add(k, *sums)
+                    sums = self._sums([self.T] * count, sums, products(k))
             else:
-                sums = self.loop(1, inner, add, sums, [self.T] * count)
+                sums = self._accumulated(1, inner, products, sums, [self.T] * count)
             for m, total in zip(beside, sums, strict=True):
                 self.store_at(total, target, i, m)
 
-        whole = columns // 4 * 4
+        self.each(0, rows, lambda i: self.chunks(columns, 4, lambda j, count: some(i, j, count)))
 
-        def row(i: Index) -> None:
-            if whole > 4:
-                self.loop(0, whole, lambda j: some(i, j, 4), step=4)
-            elif whole:
-                some(i, 0, 4)
-            if columns > whole:
-                some(i, whole, columns - whole)
+    def _sums(self, types: Sequence[str], sums: Sequence[str], products: Sequence[str]) -> list[str]:
+        terms = zip(types, sums, products, strict=True)
+        return [self.line(f"fadd {T} {total}, {product}") for T, total, product in terms]
 
-        self.each(0, rows, row)
+    def _accumulated(
+        self, low: int, high: int, products: Callable[[Index], Sequence[str]], sums: Sequence[str],
+        types: Sequence[str], step: int = 1,
+    ) -> list[str]:  # fmt: skip
+        """Sums and the products that each index adds to them."""
+        return self.loop(low, high, lambda k, *sums: self._sums(types, sums, products(k)), sums, types, step)
 
     def _row_product(self, a: View, b: View, result: int, i: Index) -> None:
         """A row of a product as vectors over its columns, which are neighbours in ``b``."""
         inner, columns = b.shape
-        whole = columns // _ACROSS * _ACROSS
 
         def some(first: Index, count: int) -> None:
             parts = [(self.plus(first, j), min(CHUNK, count - j)) for j in range(0, count, CHUNK)]
@@ -83,29 +78,18 @@ class ProductEmitter(MatrixEmitter):
                     found.append(self.line(f"fmul {T} {self.splat(x, width)}, {y}"))
                 return found
 
-            def add(k: Index, *sums: str) -> list[str]:
-                terms = zip(types, sums, products(k), strict=True)
-                return [self.line(f"fadd {T} {total}, {product}") for T, total, product in terms]
-
-            sums = self.loop(1, inner, add, products(0), types)
+            sums = self._accumulated(1, inner, products, products(0), types)
             for (j, _), T, total in zip(parts, types, sums, strict=True):
                 place = self.address(result, self.plus(self.times(i, columns), j))
                 self.lines.append(f"  store {T} {total}, ptr {place}, align 8")
 
-        if whole > 2 * _ACROSS:
-            self.loop(0, whole, lambda j: some(j, _ACROSS), step=_ACROSS)
-        else:
-            for j in range(0, whole, _ACROSS):
-                some(j, _ACROSS)
-        if columns > whole:
-            some(whole, columns - whole)
+        self.chunks(columns, _ACROSS, some, 2)
 
     def _inner(self, instruction: Instruction) -> None:
-        a, b = instruction.operands
-        assert isinstance(a, View)
-        assert isinstance(b, View)
+        operands: Any = instruction.operands
+        a, b = operands
         (rows, count), columns = a.shape, b.shape[0]
-        target = View(instruction.result, (rows, columns), 0, (columns, 1))
+        target = self.target(instruction, (rows, columns))
 
         def one(i: Index, j: Index) -> None:
             total = self._inner_product(a, i, b, j, count)
@@ -131,20 +115,15 @@ class ProductEmitter(MatrixEmitter):
                 return [self.line(f"fmul {T} {pair[0]}, {pair[1]}")]
             return [self._product(a, i, b, j, self.plus(k, m)) for m in range(CHUNK)]
 
-        def add(k: Index, *sums: str) -> list[str]:
-            pairs = zip(sums, products(k), strict=True)
-            return [self.line(f"fadd {T} {total}, {product}") for total, product in pairs]
-
         zero = literal(0.0, "f", CHUNK if together else self.width)
         sums = [zero] * (1 if together else CHUNK)
         if whole:
-            sums = self.loop(0, whole, add, sums, [T] * len(sums), step=CHUNK)
+            sums = self._accumulated(0, whole, products, sums, [T] * len(sums), CHUNK)
         if together:
             sums = [self.line(f"extractelement {T} {sums[0]}, i32 {m}") for m in range(CHUNK)]
         while len(sums) > 1:
             half = len(sums) // 2
-            pairs = zip(sums[:half], sums[half:], strict=True)
-            sums = [self.line(f"fadd {self.T} {x}, {y}") for x, y in pairs]
+            sums = self._sums([self.T] * half, sums[:half], sums[half:])
         total = sums[0]
         for k in range(whole, count):
             total = self.line(f"fadd {self.T} {total}, {self._product(a, i, b, j, k)}")

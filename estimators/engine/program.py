@@ -131,21 +131,28 @@ class Program:
         """What a body, traced once, makes of initial scalars in ``count`` passes."""
         kinds = [self.kinds[value] for value in initial]
         parameters = tuple(map(self.new, kinds))
-        self._blocks.append([])
-        self._known.append({})
-        try:
-            after = tuple(body(*parameters))
-        finally:
-            inside = tuple(self._blocks.pop())
-            self._known.pop()
+        after, inside = self._block(body, parameters, "the body of a repeat")
         if [self.kinds[value] for value in after] != kinds:
             raise TypeError("the body of a repeat must give as many numbers as it takes, of the same kinds")
-        if any(each.result in self.sizes for each in inside):
-            raise TypeError("the body of a repeat computes scalars, no matrices")
         results = tuple(map(self.new, kinds))
         loop = Loop(count, parameters, inside, after, results)
         self._blocks[-1].append(Instruction("repeat", tuple(initial), results[0], (loop,)))
         return results
+
+    def _block(
+        self, body: Callable[..., Sequence[int]], parameters: tuple[Any, ...], word: str
+    ) -> tuple[tuple[int, ...], tuple[Instruction, ...]]:
+        """What a body makes of parameters, and its instructions."""
+        self._blocks.append([])
+        self._known.append({})
+        try:
+            results = tuple(body(*parameters))
+        finally:
+            inside = tuple(self._blocks.pop())
+            self._known.pop()
+        if any(each.result in self.sizes for each in inside):
+            raise TypeError(f"{word} computes scalars, no matrices")
+        return results, inside
 
     def copy(self, instruction: Instruction, renamed: dict[int, int]) -> Instruction:
         """The instruction once more, of operands under other names; its results are added to these."""
@@ -171,15 +178,7 @@ class Program:
     def columns(self, views: Sequence[View], body: Callable[..., Sequence[int]]) -> int:
         """The matrix of what a body, traced once, makes of each column of matrices."""
         parameters = tuple(tuple(self.new("f") for _ in range(view.shape[0])) for view in views)
-        self._blocks.append([])
-        self._known.append({})
-        try:
-            results = tuple(body(*parameters))
-        finally:
-            inside = tuple(self._blocks.pop())
-            self._known.pop()
-        if any(each.result in self.sizes for each in inside):
-            raise TypeError("a function of columns computes scalars, no matrices")
+        results, inside = self._block(body, parameters, "a function of columns")
         own = {value for each in inside for value in each.results}.union(*parameters)
         outer = sorted(set(results).union(*(each.values for each in inside)) - own)
         count = views[0].shape[1]
