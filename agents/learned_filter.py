@@ -11,7 +11,7 @@ from estimators.angles import difference
 from estimators.checks import as_array, number, shown, whole
 from estimators.learned import LARGEST
 from estimators.linalg import lacks_rank
-from estimators.models import resolve
+from estimators.varying import resolve
 from vessel_gym.extras import require
 
 

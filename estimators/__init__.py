@@ -13,9 +13,11 @@ The last axis holds the components of a vector, every leading axis is a batch::
 
 from estimators.adaptive import AdaptiveBelief, AdaptiveKalmanFilter
 from estimators.angles import wrap
+from estimators.augmentation import retimed, stacked
 from estimators.belief import Belief, DelayedInputBelief, EnsembleBelief, FeedthroughBelief, InputBelief, Recovery
 from estimators.check import check_filter
 from estimators.delayed import Delayed, DelayedBelief, by_age
+from estimators.discretisation import forward_euler, sampled, van_loan, zero_order_hold
 from estimators.ensemble import (
     DrawingFilter,
     EnsembleFilter,
@@ -33,19 +35,7 @@ from estimators.kalman import ExtendedKalmanFilter, GaussianFilter, KalmanFilter
 from estimators.learned import GainNetwork, LearnedGainBelief, LearnedGainFilter
 from estimators.localisation import gaspari_cohn
 from estimators.metrics import chi_square_band, nees, nis, rmse
-from estimators.models import (
-    Gaussian,
-    LinearModel,
-    ManifoldGaussian,
-    NonlinearModel,
-    Schedule,
-    forward_euler,
-    retimed,
-    sampled,
-    stacked,
-    van_loan,
-    zero_order_hold,
-)
+from estimators.models import Gaussian, LinearModel, ManifoldGaussian, NonlinearModel
 from estimators.moving_horizon import HorizonBelief, MovingHorizonEstimator
 from estimators.multiple_models import InteractingMultipleModels, MixtureBelief
 from estimators.particles import ParticleBelief, ParticleFilter
@@ -68,6 +58,7 @@ from estimators.unknown_input import (
     input_conditions,
 )
 from estimators.unscented import SigmaPoints, UnscentedKalmanFilter, UnscentedUMVFilter
+from estimators.varying import Schedule
 
 __all__ = [
     "ULISE",

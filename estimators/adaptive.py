@@ -9,8 +9,8 @@ from estimators.checks import number
 from estimators.filter import Filter, Model, Rng, check_channels
 from estimators.kalman import joseph_update
 from estimators.linalg import congruence, joined, solve, symmetric_blocks, symmetrise
-from estimators.models import resolve
 from estimators.reading import Reading
+from estimators.varying import resolve
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

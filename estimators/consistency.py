@@ -27,7 +27,8 @@ from estimators.belief import Belief, FeedthroughBelief, InputBelief
 from estimators.filter import Filter, Model, Rng
 from estimators.linalg import neutralised, semidefinite_cholesky
 from estimators.metrics import nees, nis
-from estimators.models import Gaussian, resolve
+from estimators.models import Gaussian
+from estimators.varying import resolve
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

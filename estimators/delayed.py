@@ -16,8 +16,9 @@ import numpy as np
 from estimators.belief import Belief, Record
 from estimators.checks import as_array, as_mask, shown, whole
 from estimators.filter import Filter, Rng
-from estimators.models import Gaussian, resolve
+from estimators.models import Gaussian
 from estimators.randomness import Numbers
+from estimators.varying import resolve
 
 
 class Step(NamedTuple):

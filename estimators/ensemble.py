@@ -32,10 +32,11 @@ from estimators.checks import number, shown, whole
 from estimators.filter import Filter, Model, Rng
 from estimators.linalg import neutralised, semidefinite_cholesky, shared_root
 from estimators.localisation import check_taper, group_states
-from estimators.models import LinearModel, NonlinearModel, at_columns, resolve
+from estimators.models import LinearModel, NonlinearModel, at_columns
 from estimators.randomness import Numbers
 from estimators.reading import Reading
 from estimators.threads import each
+from estimators.varying import resolve
 
 Drawn = Numbers | np.random.Generator
 """`Rng` of a filter that draws from it: there is one."""

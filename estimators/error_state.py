@@ -5,10 +5,11 @@ from typing import Any, cast
 import numpy as np
 
 from estimators.belief import Belief
+from estimators.differences import central_differences, steps
 from estimators.filter import Rng
 from estimators.kalman import GaussianFilter, joseph_update
 from estimators.linalg import congruence, symmetrise
-from estimators.models import Gaussian, ManifoldGaussian, central_differences, steps
+from estimators.models import Gaussian, ManifoldGaussian
 from estimators.reading import Reading
 
 

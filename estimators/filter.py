@@ -30,16 +30,8 @@ from estimators.linalg import (
     neutralised,
     symmetrise,
 )
-from estimators.models import (
-    Gaussian,
-    LinearModel,
-    NonlinearModel,
-    StateNoise,
-    as_covariance,
-    noise_at,
-    resolve,
-    usable,
-)
+from estimators.model_checks import as_covariance, usable
+from estimators.models import Gaussian, LinearModel, NonlinearModel
 from estimators.randomness import Numbers
 from estimators.reading import Reading
 from estimators.recovery import (
@@ -54,6 +46,7 @@ from estimators.recovery import (
     regular_noise,
 )
 from estimators.threads import each, shares
+from estimators.varying import StateNoise, noise_at, resolve
 
 Rng = Numbers | np.random.Generator | None
 """Where random numbers come from: keys a row and a step, or a Generator for the whole batch."""

@@ -7,8 +7,10 @@ from estimators.belief import Belief, InputBelief
 from estimators.checks import as_array, frozen
 from estimators.filter import Filter, Model, Rng
 from estimators.linalg import congruence, driven, identity, joined, solve, symmetric_blocks, symmetrise
-from estimators.models import LinearModel, as_covariance, resolve
+from estimators.model_checks import as_covariance
+from estimators.models import LinearModel
 from estimators.reading import Reading
+from estimators.varying import resolve
 
 
 class GaussianFilter(Filter[Belief]):

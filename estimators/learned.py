@@ -11,8 +11,8 @@ from estimators.belief import Belief
 from estimators.checks import as_array
 from estimators.filter import Filter, Model, Rng
 from estimators.linalg import congruence, symmetrise
-from estimators.models import resolve
 from estimators.reading import Reading
+from estimators.varying import resolve
 
 LARGEST = 1e6
 """Of what a network is fed with, in units of its scale: what is absurd is not to make it absurd for good."""

@@ -11,8 +11,8 @@ from estimators.checks import as_array, number, whole, with_points
 from estimators.filter import Filter, Model, Rng, check_channels
 from estimators.kalman import joseph_update
 from estimators.linalg import congruence, solve, symmetrise
-from estimators.models import resolve
 from estimators.reading import Reading
+from estimators.varying import resolve
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

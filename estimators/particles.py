@@ -15,9 +15,10 @@ from estimators.checks import as_number, shown, whole, with_points
 from estimators.ensemble import DrawingFilter, draw, noise_root
 from estimators.filter import Model, Rng
 from estimators.linalg import cholesky, semidefinite_cholesky, shared_root, symmetrise
-from estimators.models import LinearModel, at_points, resolve
+from estimators.models import LinearModel, at_points
 from estimators.randomness import Numbers
 from estimators.reading import Reading
+from estimators.varying import resolve
 
 PARTICLES, DIFFUSION, RESAMPLING, JITTER = range(4, 8)
 """Uses of random numbers, beside those of the ensembles."""

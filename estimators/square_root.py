@@ -8,8 +8,8 @@ import numpy as np
 from estimators.belief import Belief
 from estimators.filter import Filter, Rng
 from estimators.linalg import joined, semidefinite_cholesky, symmetrise, whitened
-from estimators.models import resolve
 from estimators.reading import Reading
+from estimators.varying import resolve
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -5,9 +5,10 @@ import numpy as np
 from estimators.belief import Belief, FeedthroughBelief
 from estimators.filter import Model, Rng
 from estimators.linalg import congruence, identity, joined, symmetric_blocks, symmetrise
-from estimators.models import LinearModel, resolve
+from estimators.models import LinearModel
 from estimators.reading import Reading
 from estimators.unknown_input import DelayedInputFilter, shown_ranks, waiting
+from estimators.varying import resolve
 
 
 class ULISE(DelayedInputFilter[FeedthroughBelief]):

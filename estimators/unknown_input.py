@@ -11,8 +11,9 @@ from estimators.engine.matrices import is_traced
 from estimators.filter import Filter, Model, Rng
 from estimators.kalman import driven_on, input_covariance, joseph_update, less_input, unseen_input, with_input
 from estimators.linalg import congruence, identity, joined, neutralised, singular, solve, symmetrise
-from estimators.models import LinearModel, resolve
+from estimators.models import LinearModel
 from estimators.reading import Reading
+from estimators.varying import resolve
 
 WithInput = TypeVar("WithInput", bound=InputBelief)
 Delayed = TypeVar("Delayed", bound=DelayedInputBelief)

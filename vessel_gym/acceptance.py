@@ -10,8 +10,8 @@ import numpy as np
 
 from estimators import Filter, Gaussian, input_conditions
 from estimators.check import check_steps
-from estimators.models import resolve
 from estimators.unknown_input import UnknownInputFilter
+from estimators.varying import resolve
 from vessel_gym.composition import Composition
 from vessel_gym.foreign import CheckedMethods, copied, ours, repeated, rows_of
 from vessel_gym.system import Vehicle

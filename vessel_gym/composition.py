@@ -13,9 +13,10 @@ from scipy.linalg import block_diag
 
 from estimators import LinearModel, NonlinearModel, retimed, stacked
 from estimators.checks import numbers, shown
+from estimators.differences import central_differences, steps
 from estimators.engine import compiled
 from estimators.engine.arrays import TracedArray
-from estimators.models import Matrix, Schedule, StateMatrix, StateNoise, central_differences, resolve, steps
+from estimators.varying import Matrix, Schedule, StateMatrix, StateNoise, resolve
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.foreign import copied, copying, ours, repeated, rows_of
 from vessel_gym.processes import Process

@@ -22,8 +22,8 @@ from estimators import (
 )
 from estimators.checks import number, shown
 from estimators.kalman import unseen_input
-from estimators.models import StateNoise, resolve
 from estimators.unknown_input import UnknownInputFilter
+from estimators.varying import StateNoise, resolve
 from vessel_gym import checks
 from vessel_gym.acceptance import check_input, check_own
 from vessel_gym.composition import Composition, Forces, checked_told, compose, unknown_inputs

@@ -11,7 +11,7 @@ from scipy.linalg import block_diag, solve_continuous_lyapunov
 from estimators import van_loan
 from estimators.checks import finite_array, frozen, shown
 from estimators.engine import as_word
-from estimators.models import as_covariance
+from estimators.model_checks import as_covariance
 from estimators.threefry import normals
 from vessel_gym.checks import check_numbers
 

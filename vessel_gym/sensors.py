@@ -15,8 +15,8 @@ import numpy as np
 from estimators.checks import number, shown
 from estimators.engine import as_word, compiled
 from estimators.factory import unknown
-from estimators.models import StateNoise
 from estimators.threefry import normals, threefry, uniform
+from estimators.varying import StateNoise
 from vessel_gym.checks import check_names, check_numbers, function, instance, numbers
 from vessel_gym.foreign import copying, ours, refuse_not_finite, repeated
 from vessel_gym.processes import Process, linear, product

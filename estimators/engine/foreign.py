@@ -56,10 +56,10 @@ class Inspection:
             return self.source(*tracers)
 
     def __call__(self, *arrays: Any) -> Any:
-        """What the function gives for arrays, computed by its program."""
+        """What the function gives for arrays, of which None is none, computed by its program."""
         if self.function is None:
             raise NotTraceable(self.reason)
-        results = call(self.function, [_rows(each) for each in arrays], self.axes)
+        results = call(self.function, [_rows(each) for each in arrays if each is not None], self.axes)
         return tuple(results) if self.several else results[0]
 
 

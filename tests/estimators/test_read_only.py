@@ -20,7 +20,7 @@ from estimators import (
     make,
     run,
 )
-from estimators.models import Schedule
+from estimators.varying import Schedule
 from tests.estimators.cases import Case, arrays, every_case, kalman_system, simulate
 
 I2 = np.eye(2)

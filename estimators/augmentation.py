@@ -1,0 +1,102 @@
+"""Models of other unknown inputs made of a model: without feedthrough, or with it."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from estimators.linalg import joined
+from estimators.models import LinearModel, NonlinearModel
+from estimators.varying import Matrix, Schedule, resolve
+
+
+def retimed(model: "LinearModel") -> "LinearModel":
+    """The linear model without feedthrough as one with: the input of the step before is taken for that of now.
+
+    With ``x' = x - G d(k-1)`` and ``d' = d(k-1)``: ``x'+ = A x' + A G d' + B u``, ``y = C x' + C G d'``. So a filter
+    that needs rank(H) = q takes a model of rank(C G) = q; it estimates x', and calls the input of the step before that
+    of now. Exact where G does not change.
+
+    Args:
+        model: With unknown inputs and H = 0.
+
+    Raises:
+        ValueError: if the model has no unknown input, or one that feeds through.
+    """
+    G: Any = model.G
+    if model.q == 0 or callable(model.H) or np.any(model.H):
+        raise ValueError("retimed needs an unknown input without feedthrough: give the model G, and H = 0")
+    return LinearModel(
+        model.A, model.C, model.Q, model.R, B=model.B,
+        G=_assembled(lambda A, G: A @ G, model.A, G), H=_assembled(lambda C, G: C @ G, model.C, G),
+        state_angles=model.state_angles, measurement_angles=model.measurement_angles,
+    )  # fmt: skip
+
+
+def stacked(model: "LinearModel | NonlinearModel") -> "LinearModel | NonlinearModel":
+    """The model without feedthrough: its unknown input is n + 1 to n + q of the states, and d(k) drives it from k - 1.
+
+    ``(x, d)+ = [A, G; 0, 0] (x, d) + [0; I] d(k+1)`` and ``y = [C, H] (x, d)``. So filters that need H = 0 take a model
+    with feedthrough: what they call the input of the step before is the d that acts now. Begin with the input's prior
+    beside that of the state.
+
+    Args:
+        model: With unknown inputs, and H of rank q if an unbiased filter is to tell them. A Jacobian of your own is
+            taken over unless G is a function of the state.
+
+    Raises:
+        ValueError: if the model has no unknown input.
+    """
+    n, p, q = model.n, model.p, model.q
+    G: Any = model.G
+    H: Any = model.H
+    if q == 0:
+        raise ValueError("stacked needs an unknown input: give the model G, H or both")
+    options: dict[str, Any] = {
+        "Q": _assembled(lambda Q: _above(joined([Q, np.zeros((n, q))], -1), q), model.Q), "R": model.R,
+        "G": np.eye(n + q, q, -n), "H": np.zeros((p, q)),
+        "state_angles": model.state_angles, "measurement_angles": model.measurement_angles,
+    }  # fmt: skip
+    if isinstance(model, LinearModel):
+        return LinearModel(
+            _assembled(lambda A, G: _above(joined([A, G], -1), q), model.A, G),
+            _assembled(lambda C, H: joined([C, H], -1), model.C, H),
+            B=None if model.B is None else _assembled(lambda B: _above(B, q), model.B), **options,
+        )  # fmt: skip
+
+    def transition(z: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+        x, d = z[..., :n], z[..., n:]
+        moved = model.transition(x, u) + np.matvec(model.input_matrix(x, u), d)
+        return np.concatenate([moved, np.zeros(moved.shape[:-1] + (q,))], -1)
+
+    def feedthrough(u: np.ndarray | None) -> np.ndarray:
+        return resolve(H, u)
+
+    fed = feedthrough if callable(H) else lambda u: H  # which can be traced
+
+    def measurement(z: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+        return model.measurement(z[..., :n], u) + np.matvec(fed(u), z[..., n:])
+
+    moves, shows = None if callable(G) else model.transition_jacobian, model.measurement_jacobian
+    return NonlinearModel(
+        transition, measurement, states=n + q, measurements=p, **options,
+        transition_jacobian=moves and (lambda z, u: _above(joined([moves(z[..., :n], u), G], -1), q)),
+        measurement_jacobian=shows and (lambda z, u: joined([shows(z[..., :n], u), resolve(H, u)], -1)),
+    )  # fmt: skip
+
+
+def _above(matrix: np.ndarray, q: int) -> np.ndarray:
+    """A matrix ``(..., n, m)`` with q rows of zeros below."""
+    return joined([matrix, np.zeros((q, matrix.shape[-1]))], -2)
+
+
+def _assembled(assemble: Callable[..., np.ndarray], *parts: Matrix) -> Matrix:
+    """A matrix made of others; a function of u where one of them is, a `Schedule` where they follow the same."""
+    functions = [part for part in parts if callable(part)]
+    if not functions:
+        return assemble(*parts)
+    first = functions[0]
+    if isinstance(first, Schedule) and all(isinstance(part, Schedule) and part.follows(first) for part in functions):
+        return replace(first, table=assemble(*(part.table if isinstance(part, Schedule) else part for part in parts)))
+    return lambda u: assemble(*(resolve(part, u) for part in parts))

@@ -1,0 +1,113 @@
+"""Matrices of a model that follow the known input or the state."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from estimators.checks import call, finite_array, frozen, number, whole
+from estimators.engine.matrices import is_traced, lookup_matrix
+
+Matrix = np.ndarray | Callable[[np.ndarray | None], np.ndarray]
+Function = Callable[[np.ndarray, np.ndarray | None], np.ndarray]
+StateMatrix = np.ndarray | Callable[[np.ndarray, np.ndarray | None], np.ndarray]
+
+
+def resolve(matrix: Matrix, u: np.ndarray | None) -> np.ndarray:
+    """The matrix itself, or its value at the known input ``u`` when it is a function of it."""
+    if not callable(matrix):
+        return matrix
+    if is_traced(u):
+        program: Any = u.program  # type: ignore[union-attr]
+        return (
+            matrix.traced(u)
+            if isinstance(matrix, Schedule)
+            else program.callback(lambda belief, u, R: resolve(matrix, u), 2)
+        )
+    return matrix(u) if isinstance(matrix, Schedule) else call(getattr(matrix, "name", "a matrix"), matrix, u)
+
+
+class Frozen:
+    """A record whose arrays are read-only; those of its copies and pickles, too."""
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update({name: frozen(v) if isinstance(v, np.ndarray) else v for name, v in state.items()})
+
+
+@dataclass(frozen=True, eq=False)
+class Schedule(Frozen):
+    """A matrix that follows one component of the known input: the entry of a table that is nearest.
+
+    Args:
+        table: ``(k, n, m)``.
+        component: Which component of ``u``.
+        scale: Entries to a unit of it.
+        middle: The entry at 0, and half of one more.
+    """
+
+    table: np.ndarray
+    component: int
+    scale: float
+    middle: float
+
+    def __post_init__(self) -> None:
+        table = finite_array("table", self.table, "k", "n", "m")
+        if not len(table):
+            raise ValueError("table must have at least one entry, got none")
+        object.__setattr__(self, "table", frozen(table))
+        object.__setattr__(self, "component", whole("component", self.component, 0))
+        for name in ("scale", "middle"):
+            object.__setattr__(self, name, number(name, getattr(self, name), what="a finite number"))
+
+    def __call__(self, u: np.ndarray | None) -> np.ndarray:
+        """The matrices ``(..., n, m)`` at ``u (..., k)``."""
+        if u is None:
+            raise ValueError(f"this model needs a known input u: its matrices follow component {self.component} of it")
+        index = self._index(u)
+        within = np.fmin(np.fmax(index, 0.0), len(self.table) - 1.0)  # the first entry where u is not a number
+        return self.table.take(within.astype(np.intp), axis=0)
+
+    def follows(self, other: "Schedule") -> bool:
+        """Whether both tables have the same entry at every known input."""
+        mine, theirs = ((len(s.table), s.component, s.scale, s.middle) for s in (self, other))
+        return mine == theirs
+
+    def traced(self, u: Any) -> Any:
+        """The same where a formula is traced."""
+        return lookup_matrix(self.table, self._index(u))
+
+    def _index(self, u: Any) -> Any:
+        """Places in the table ``(...)`` of known inputs ``(..., k)``."""
+        if self.component >= u.shape[-1]:
+            raise ValueError(f"matrices follow component {self.component} of the known input, but u has {u.shape[-1]}")
+        return u[..., self.component] * self.scale + self.middle
+
+
+@dataclass(frozen=True, eq=False)
+class StateNoise:
+    """A measurement noise covariance that follows the state: filters take it at the predicted mean.
+
+    Args:
+        function: ``R(x, u) -> (..., p, p)``.
+        nominal: ``(p, p)``, where no state is at hand.
+    """
+
+    function: Callable[[np.ndarray, np.ndarray | None], np.ndarray]
+    nominal: np.ndarray
+
+    def __call__(self, u: np.ndarray | None) -> np.ndarray:
+        """The nominal one, whatever the known input."""
+        return self.nominal
+
+    def changed(self, change: Callable[[np.ndarray], np.ndarray]) -> "StateNoise":
+        """A function of this one, such as its double."""
+        return StateNoise(lambda x, u: change(self.function(x, u)), change(self.nominal))
+
+
+def noise_at(R: Matrix, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+    """The measurement noise covariance ``(..., p, p)`` of a model at states ``(..., n)``."""
+    if not isinstance(R, StateNoise):
+        return resolve(R, u)
+    with np.errstate(all="ignore"):
+        return R.function(x, u)
