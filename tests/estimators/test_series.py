@@ -8,7 +8,6 @@ import pytest
 from batch import least_squares
 from cases import CASES, Case, kalman_system, shown_directions, simulate, track, unknown_input_system
 
-import estimators.models
 from estimators import (
     Belief,
     Delayed,
@@ -19,7 +18,10 @@ from estimators import (
     NonlinearModel,
     Numbers,
     by_age,
+    discretisation,
     make,
+    model_checks,
+    models,
     run,
     sampled,
     zero_order_hold,
@@ -393,14 +395,17 @@ def test_what_does_not_fit_gets_one_sentence(changes: dict, sentence: str):
 
 def test_a_step_length_is_discretised_once_and_a_function_checked_at_its_first_value(monkeypatch: pytest.MonkeyPatch):
     counts = {"van_loan": 0, "zero_order_hold": 0, "as_covariance": 0}
-    for name in counts:
-        usual = getattr(estimators.models, name)
+    for module, name in (
+        (discretisation, "van_loan"), (discretisation, "zero_order_hold"), (models, "as_covariance"),
+        (model_checks, "as_covariance"),
+    ):  # fmt: skip
+        usual = getattr(module, name)
 
         def counted(*given: Any, name: str = name, usual: Any = usual) -> Any:
             counts[name] += 1
             return usual(*given)
 
-        monkeypatch.setattr(estimators.models, name, counted)
+        monkeypatch.setattr(module, name, counted)
     rng, lengths = np.random.default_rng(0), np.array([0.5, 1.0, 0.25, 0.75])
     t = np.cumsum(lengths[rng.integers(0, 4, size=(60, 3))], 0)
     model = sampled([[0.0, 1.0], [0.0, -0.1]], [[1.0, 0.0]], 0.1 * np.eye(2), [[0.1]], B=[[0.0], [1.0]])
