@@ -1,7 +1,7 @@
 """Functions of arrays ``(..., n)`` that run compiled: traced when they are first called with rows of some shapes."""
 
 from collections.abc import Callable, Sequence
-from functools import partial, update_wrapper, wraps
+from functools import lru_cache, partial, update_wrapper, wraps
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -191,6 +191,9 @@ def call(function: Function, arrays: Sequence[np.ndarray], axes: Sequence[int]) 
     return results
 
 
+_broadcast = lru_cache(np.broadcast_shapes)
+
+
 def prepared(
     function: Function, arrays: Sequence[np.ndarray], axes: Sequence[int]
 ) -> tuple[int, int, list[np.ndarray], list[np.ndarray]]:
@@ -199,14 +202,15 @@ def prepared(
     batch: tuple[int, ...] = ()
     for own in leading:
         if own != batch and own:
-            batch = np.broadcast_shapes(batch, own)
+            batch = _broadcast(batch, own)
     rows, shared, ready = 1, 0, []
     for n in batch:
         rows *= n
     for i, (array, own) in enumerate(zip(arrays, leading, strict=True)):
         if own != batch:
             if any(n != 1 for n in own):
-                array = np.ascontiguousarray(np.broadcast_to(array, batch + array.shape[len(own) :]))
+                array, given = np.empty(batch + array.shape[len(own) :], array.dtype), array
+                array[...] = given
             else:
                 shared |= 1 << i
         ready.append(array)

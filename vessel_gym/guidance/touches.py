@@ -9,7 +9,6 @@ right), bearing from the disc's centre, and the radius of the edge, positive to 
 import numpy as np
 
 from estimators.engine import compiled
-from vessel_gym.guidance.words import whole
 
 HAIR = 1e-9
 """Turn radii that touches keep from edges, so that a path that touches a disc passes the check."""
@@ -19,43 +18,56 @@ _FULL = 2.0 * np.pi
 # --- clearance --------------------------------------------------------------------------------------
 
 
-@compiled(axes=(0,) * 8)
-def meets(
-    x: np.ndarray, y: np.ndarray, heading: np.ndarray, bend: np.ndarray, extent: np.ndarray,
-    east: np.ndarray, north: np.ndarray, room: np.ndarray,
+def line_meets(
+    x: np.ndarray, y: np.ndarray, sin: np.ndarray, cos: np.ndarray, length: np.ndarray, discs: np.ndarray
+) -> np.ndarray:
+    """Mask of the straights from places ``(...)`` that cross any of the discs ``(..., m, 3)``."""
+    crosses = length < 0.0  # none
+    for d in range(discs.shape[-2]):
+        dx, dy = discs[..., d, 0] - x, discs[..., d, 1] - y
+        along = np.minimum(np.maximum(dx * cos + dy * sin, 0.0), length)
+        dx, dy = dx - along * cos, dy - along * sin
+        crosses = crosses | (dx * dx + dy * dy < discs[..., d, 2] ** 2)
+    return crosses
+
+
+def arc_meets(
+    centre: tuple[np.ndarray, ...], bend: np.ndarray | float, angle: np.ndarray, begin: tuple[np.ndarray, ...],
+    end: tuple[np.ndarray, ...], discs: np.ndarray,
 ) -> np.ndarray:  # fmt: skip
-    """Mask of the pieces of paths from places that are clear which cross a disc.
+    """Mask of the arcs from places that are clear which cross any of the discs ``(..., m, 3)``.
 
     Args:
-        x: Of the origin of a piece.
-        y: Likewise.
-        heading: Likewise [rad].
-        bend: Radius, positive to the left; 0: straight.
-        extent: Angle [rad] of an arc, length of a straight; a piece of 0 meets nothing.
-        east: x of the disc's centre.
-        north: y of the disc's centre.
-        room: Radius of the disc.
+        centre: x, y.
+        bend: Radius, positive to the left.
+        angle: Of the arc [rad].
+        begin: From the centre to where the arc begins,
+        end: and ends.
+        discs: Likewise.
     """
-    sin, cos = np.sin(heading), np.cos(heading)
-    dx, dy, square = east - x, north - y, room * room
-    along = np.minimum(np.maximum(dx * cos + dy * sin, 0.0), extent)
-    ax, ay = dx - along * cos, dy - along * sin
+    crosses, half, (bx, by), (ex, ey) = angle < 0.0, angle >= np.pi, begin, end
     radius, side = abs(bend), np.where(bend > 0.0, 1.0, -1.0)
-    dx, dy = east - (x - bend * sin), north - (y + bend * cos)
-    apart = dx * dx + dy * dy
-    beside = (apart >= (radius + room) ** 2) | ((radius >= room) & (apart <= (radius - room) ** 2))
-    nearest = whole(side * (np.arctan2(dy, dx) - heading) + 0.5 * np.pi)
-    last = heading + side * extent
-    ex, ey = dx - bend * np.sin(last), dy + bend * np.cos(last)
-    arc = ~beside & ((nearest < extent) | (ex * ex + ey * ey < square))
-    return np.where(bend == 0.0, ax * ax + ay * ay < square, arc) & (extent > 0.0)
+    for d in range(discs.shape[-2]):
+        dx, dy, room = discs[..., d, 0] - centre[0], discs[..., d, 1] - centre[1], discs[..., d, 2]
+        apart, outer, inner = dx * dx + dy * dy, radius + room, radius - room
+        meets = (apart < outer * outer) & ~((inner >= 0.0) & (apart <= inner * inner))  # the circle; false of NaN
+        beyond_half = side * (bx * dy - by * dx) < 0.0  # the nearest point of the circle, from the arc's beginning
+        before_end = side * (dx * ey - dy * ex) > 0.0
+        passed = np.where(beyond_half, half & before_end, half | before_end)
+        dx, dy = dx - ex, dy - ey
+        crosses = crosses | (meets & (passed | (dx * dx + dy * dy < room * room)))
+    return crosses
 
 
+@compiled(axes=(1, 2))
 def outside(touches: np.ndarray, discs: np.ndarray) -> np.ndarray:
     """Mask of the touches ``(..., 7)`` in none of the discs ``(..., m, 3)``."""
-    away = touches[..., None, :2] - discs[..., :2]
-    within = away[..., 0] ** 2 + away[..., 1] ** 2 < discs[..., 2] ** 2
-    return ~(within.any(-1) | np.isnan(touches[..., 0]))
+    x, y = touches[..., 0], touches[..., 1]
+    clear = x == x
+    for d in range(discs.shape[-2]):
+        dx, dy = x - discs[..., d, 0], y - discs[..., d, 1]
+        clear = clear & ~(dx * dx + dy * dy < discs[..., d, 2] ** 2)
+    return clear
 
 
 # --- tangents ---------------------------------------------------------------------------------------
@@ -78,49 +90,62 @@ def circles(start: np.ndarray, goal: np.ndarray, turn: float, discs: np.ndarray,
         discs: ``(S, m, 3)``.
         gaps: ``(S, m)`` what to keep from their edges.
     """
-    pose = np.repeat(np.stack([start, goal], 1), 2, axis=1)
-    side = np.tile([1.0, -1.0], 2 + discs.shape[1]) * np.ones((len(discs), 1))
-    x = pose[..., 0] - side[:, :4] * turn * np.sin(pose[..., 2])
-    y = pose[..., 1] + side[:, :4] * turn * np.cos(pose[..., 2])
-    rounds = np.repeat(discs + gaps[..., None] * [0.0, 0.0, 1.0], 2, axis=1)
-    turning = np.stack([x, y, np.full_like(x, turn)], -1)
-    return np.concatenate([np.concatenate([turning, rounds], 1), side[..., None]], -1)
+    rounds = np.empty((len(discs), 4 + 2 * discs.shape[1], 4))
+    rounds[..., 3] = _sides(discs)
+    for k, pose in enumerate((start, goal)):
+        both, side = rounds[:, 2 * k : 2 * k + 2], rounds[:, 2 * k : 2 * k + 2, 3]
+        both[..., 0] = pose[:, :1] - side * turn * np.sin(pose[:, 2:])
+        both[..., 1] = pose[:, 1:2] + side * turn * np.cos(pose[:, 2:])
+    rounds[:, :4, 2] = turn
+    for k in (4, 5):
+        rounds[:, k::2, :3] = discs
+        rounds[:, k::2, 2] += gaps
+    return rounds
 
 
-def tangents(rounds: np.ndarray, discs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Clear straights from directed circles to others.
+def _sides(discs: np.ndarray) -> np.ndarray:
+    """Ways round ``(n,)`` of the directed circles."""
+    return np.tile([1.0, -1.0], 2 + discs.shape[1])
+
+
+@compiled(axes=(1, 1, 2))
+def _tangent(a: np.ndarray, b: np.ndarray, discs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mask of the clear straights from directed circles to others, their headings and lengths.
 
     On a circle that turns to side +-1, the point of heading psi is the centre + side radius (sin psi, -cos psi).
+    """
+    bend = a[..., 2] * a[..., 3]
+    dx, dy, wider = b[..., 0] - a[..., 0], b[..., 1] - a[..., 1], bend - b[..., 2] * b[..., 3]
+    square = dx * dx + dy * dy - wider * wider
+    exists = square > 0.0
+    total, length = np.where(exists, square + wider * wider, 1.0), np.sqrt(np.where(exists, square, 0.0))
+    cos, sin = (dx * length - dy * wider) / total, (dy * length + dx * wider) / total
+    meets = line_meets(a[..., 0] + bend * sin, a[..., 1] - bend * cos, sin, cos, length, discs)
+    return exists & ~meets, np.arctan2(sin, cos), length
+
+
+def tangents(rounds: np.ndarray, discs: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Clear straights from directed circles to others: none begins at the goal's or ends at the start's.
 
     Args:
-        rounds: ``(S, n, 4)`` as of `circles`: none begins at the goal's or ends at the start's.
+        rounds: ``(S, n, 4)`` as of `circles`.
         discs: ``(S, m, 3)``.
 
     Returns:
-        Which exist, their headings and lengths, ``(S, n, n)`` each.
+        Scenes and numbers of the circles where they begin and end, headings and lengths, ``(e,)`` each.
     """
-    n = rounds.shape[1]
-    wanted = ~np.eye(n, dtype=bool)
-    wanted[2:4], wanted[:, :2] = False, False
-    x, y, radius, side = np.moveaxis(rounds, -1, 0)
-    bends = radius * side
-    dx, dy = x[:, None] - x[:, :, None], y[:, None] - y[:, :, None]
-    bend = bends[:, :, None] - bends[:, None]
-    square = dx * dx + dy * dy - bend * bend
-    exists = wanted & (square > 0.0)
-    scene, i = np.nonzero(exists)[:2]
-    dx, dy, bend, square, leaving = dx[exists], dy[exists], bend[exists], square[exists], bends[scene, i]
-    length, total = np.sqrt(square), square + bend * bend
-    cos, sin = (dx * length - dy * bend) / total, (dy * length + dx * bend) / total
-    heading, lengths = np.arctan2(sin, cos), np.zeros(exists.shape)
-    px, py, there = x[scene, i] + leaving * sin, y[scene, i] - leaving * cos, discs[scene]
-    away_x, away_y = there[..., 0] - px[:, None], there[..., 1] - py[:, None]
-    along = np.clip(away_x * cos[:, None] + away_y * sin[:, None], 0.0, length[:, None])
-    off_x, off_y = away_x - along * cos[:, None], away_y - along * sin[:, None]
-    clear = ~(off_x * off_x + off_y * off_y < there[..., 2] ** 2).any(-1)
-    headings = np.zeros(exists.shape)
-    headings[exists], lengths[exists], exists[exists] = heading, length, clear
-    return exists, headings, lengths
+    clear, headings, lengths = _tangent(rounds[:, :, None], rounds[:, None], discs[:, None, None])
+    clear[:, 2:4] = clear[:, :, :2] = False
+    return *np.nonzero(clear), headings[clear], lengths[clear]
+
+
+@compiled(axes=(1, 0, 0, 2))
+def _arc_clear(circle: np.ndarray, heading: np.ndarray, angle: np.ndarray, discs: np.ndarray) -> np.ndarray:
+    """Mask of the arcs of directed circles ``(..., 4)`` from headings on that cross no disc."""
+    bend = circle[..., 2] * circle[..., 3]
+    last = heading + circle[..., 3] * angle
+    begin, end = ((bend * np.sin(at), -bend * np.cos(at)) for at in (heading, last))
+    return (bend == 0.0) | (angle == 0.0) | ~arc_meets((circle[..., 0], circle[..., 1]), bend, angle, begin, end, discs)
 
 
 def string(start: np.ndarray, goal: np.ndarray, discs: np.ndarray) -> np.ndarray:
@@ -131,26 +156,20 @@ def string(start: np.ndarray, goal: np.ndarray, discs: np.ndarray) -> np.ndarray
     discs = discs - [0.0, 0.0, 2.0 * HAIR]
     discs[..., 2] = np.maximum(discs[..., 2], 0.0)
     rounds = circles(start, goal, 0.0, discs, np.full(discs.shape[:2], HAIR))
-    exists, headings, lengths = tangents(rounds, discs)
-    scene, i, j = np.nonzero(exists)
-    heading, line, count = headings[exists], lengths[exists], len(scene)
-    scenes, owner = np.tile(scene, 2), np.concatenate([i, j])  # tangents leave their circles, then arrive
-    circle = rounds[scenes, owner]
-    turned = circle[:, 3] * np.tile(heading, 2) % _FULL  # grows along the circle
-    order = np.lexsort((turned, scenes * rounds.shape[1] + owner))
-    group = (scenes * rounds.shape[1] + owner)[order]
-    first = np.concatenate([[True], group[1:] != group[:-1]])[: len(group)]
+    scene, i, j, heading, line = tangents(rounds, discs)
+    scenes, owner, count = np.tile(scene, 2), np.concatenate([i, j]), len(scene)  # they leave circles, then arrive
+    circle, headings = rounds[scenes, owner], np.tile(heading, 2)
+    turned = circle[:, 3] * headings % _FULL  # grows along the circle
+    group = scenes * rounds.shape[1] + owner
+    order = np.lexsort((turned, group))
+    first = np.diff(group[order], prepend=-1) > 0
     starts = np.nonzero(first)[0]
-    following = np.concatenate([order[1:], order[:1]])
+    following = np.roll(order, -1)
     following[np.append(starts[1:], len(order))[: len(starts)] - 1] = order[starts]
     angle = (turned[following] - turned[order]) % _FULL
-    x, y, radius, side = circle[order].T
-    bend, at = side * radius, side * turned[order]
-    px, py = x + bend * np.sin(at), y - bend * np.cos(at)
-    pose = (value[:, None] for value in (px, py, at, bend, angle))
-    clear = (radius == 0.0) | ~meets(*pose, *np.moveaxis(discs[scenes[order]], -1, 0)).any(-1)
-    linked = clear & (following != order)
-    tails, heads, arcs = order[linked], following[linked], (angle * radius)[linked]
+    near = discs if len(discs) == 1 else discs[scenes[order]]
+    linked = (following != order) & _arc_clear(circle[order], headings[order], angle, near)
+    tails, heads, arcs = order[linked], following[linked], (angle * circle[order, 2])[linked]
     way = np.where((np.arange(2 * count) < count) & (owner < 2), 0.0, np.inf)
     while True:  # Bellman and Ford
         shorter = way.copy()
@@ -174,14 +193,11 @@ def reaches(discs: np.ndarray, gaps: np.ndarray) -> np.ndarray:
     return np.stack([discs[..., 0], discs[..., 1], reach, np.where(discs[..., 2] >= 1.0, reach, 0.0)], -1)
 
 
+@compiled(axes=(1, 0, 0, 0))
 def touch(edge: np.ndarray, disc: np.ndarray, side: np.ndarray, bearing: np.ndarray) -> np.ndarray:
     """Touches ``(..., 7)`` of discs at bearings from their centres; ``edge`` is one of `reaches` ``(..., 4)``."""
-    touches = np.empty((*np.broadcast_shapes(edge.shape[:-1], np.shape(side), np.shape(bearing)), 7))
-    touches[..., 0] = edge[..., 0] + edge[..., 2] * np.cos(bearing)
-    touches[..., 1] = edge[..., 1] + edge[..., 2] * np.sin(bearing)
-    touches[..., 2] = bearing + side * (0.5 * np.pi)
-    touches[..., 3], touches[..., 4], touches[..., 5], touches[..., 6] = disc, side, bearing, side * edge[..., 3]
-    return touches
+    x, y = edge[..., 0] + edge[..., 2] * np.cos(bearing), edge[..., 1] + edge[..., 2] * np.sin(bearing)
+    return np.stack([x, y, bearing + side * (0.5 * np.pi), disc, side, bearing, side * edge[..., 3]], -1)
 
 
 @compiled
@@ -216,36 +232,38 @@ def all_touches(
         count: How many of the last.
 
     Returns:
-        Touches ``(S, n, 7)`` and a mask ``(S, n)`` of those that exist and lie outside of all discs.
+        Scenes ``(n,)`` and touches ``(n, 7)`` outside of all discs.
     """
-    scenes, m = discs.shape[:2]
-    rounds, reach = circles(start, goal, 1.0, discs, gaps), reaches(discs, gaps)
-    n = rounds.shape[1]
-    exists, headings, _ = tangents(rounds, discs)
-    side = np.tile([1.0, -1.0], 2 + m)
-    number = np.arange(n) // 2 - 2
-    ends = np.stack(np.broadcast_arrays(np.arange(n)[:, None], np.arange(n)), -1)  # of a tangent
-    which = np.maximum(number[ends], 0)
-    bearing = headings[..., None] - side[ends] * 0.5 * np.pi
-    on_lines = touch(reach[:, which], which, side[ends], bearing).reshape(scenes, -1, 7)
-    there = (exists[..., None] & (number[ends] >= 0)).reshape(scenes, -1)
+    m = discs.shape[1]
+    rounds, edges, side = circles(start, goal, 1.0, discs, gaps), reaches(discs, gaps), _sides(discs)
+    scene, i, j, heading, _ = tangents(rounds, discs)
+    circle = np.concatenate([i, j])
+    on_disc = circle >= 4
+    circle = circle[on_disc]
+    bearing = np.tile(heading, 2)[on_disc] - side[circle] * (0.5 * np.pi)
+    found = [(np.tile(scene, 2)[on_disc], circle // 2 - 2, side[circle], bearing)]
 
     out, sign = np.array([1.0, 1.0, -1.0, -1.0]), np.array([1.0, -1.0, 1.0, -1.0])
-    centres = np.empty((scenes, 1, n, 4, 4))
+    centres = np.empty((len(discs), 1, len(side), 4, 4))
     centres[..., :2], centres[..., 3] = rounds[:, None, :, None, :2], sign
     centres[..., 2] = 1.0 + out * rounds[:, None, :, None, 2]
-    between = turning_on(centres, reach[:, :, None, None])
-    between = np.where((number == np.arange(m)[:, None])[:, :, None, None], np.nan, between)
-    turns = np.broadcast_to((sign * out * side[:, None])[:, :, None], between.shape[1:])
+    between = turning_on(centres, edges[:, :, None, None])
+    between[:, np.arange(m), 4 + 2 * np.arange(m)] = between[:, np.arange(m), 5 + 2 * np.arange(m)] = np.nan
+    scene, disc, i, turn, _ = there = np.nonzero(between == between)
+    found.append((scene, disc, (sign * out)[turn] * side[i], between[there]))
+
+    spread = np.empty((len(discs), m, count + m, 2))
     along = np.arctan2(goal[:, 1], goal[:, 0]) + 0.5 * np.pi
-    spread = np.broadcast_to((along[:, None] + np.arange(count) * _FULL / count)[:, None], (scenes, m, count))
-    away = reach[:, None, :, :2] - reach[:, :, None, :2]  # a narrow gap is passed at its narrowest place
+    spread[:, :, :count] = (along[:, None] + np.arange(count) * (_FULL / count))[:, None, :, None]
+    away = edges[:, None, :, :2] - edges[:, :, None, :2]  # a narrow gap is passed at its narrowest place
     gap = np.hypot(away[..., 0], away[..., 1]) - discs[:, :, None, 2] - discs[:, None, :, 2]
     narrow = np.where((gap > 0.0) & (gap < 1.0), np.arctan2(away[..., 1], away[..., 0]), np.nan)
-    even = np.repeat(np.concatenate([spread, narrow], -1), 2, axis=-1)
-    ways = np.tile([1.0, -1.0], count + m) * np.ones((m, 1))
-    bearing = np.concatenate([between.reshape(scenes, m, -1), even], -1)
-    sides = np.concatenate([turns.reshape(m, -1), ways], -1)
-    others = touch(reach[:, :, None], np.arange(m)[:, None], sides, bearing).reshape(scenes, -1, 7)
-    clear = outside(others, discs[:, None])
-    return np.concatenate([on_lines, others], 1), np.concatenate([there, clear], 1)
+    spread[:, :, count:] = narrow[..., None]
+    scene, disc, _, way = there = np.nonzero(spread == spread)
+    found.append((scene, disc, 1.0 - 2.0 * way, spread[there]))
+
+    scene, disc, ways, bearing = map(np.concatenate, zip(*found, strict=True))
+    touches = touch(edges[scene, disc], disc.astype(float), ways, bearing)
+    clear = outside(touches, discs if len(discs) == 1 else discs[scene])
+    clear[: len(found[0][0])] = True
+    return scene[clear], touches[clear]
