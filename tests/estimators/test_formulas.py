@@ -1,7 +1,6 @@
-"""Formulas of small matrices: what is executed compiled is what NumPy computes, for every row by itself."""
+"""Filters whose equations are compiled: they are what NumPy computes, for every row by itself."""
 
 import pickle
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,11 +8,8 @@ import numpy as np
 import pytest
 
 from estimators import Belief, Filter, Gaussian, KalmanFilter, LinearModel, Recovery, Schedule, make
-from estimators.engine import compiled
-from estimators.engine.matrices import matrix_input
-from estimators.engine.program import Program
 from estimators.filter import Model, Rng
-from estimators.linalg import joined, semidefinite_cholesky, singular, solve, solve_upper, symmetrise
+from estimators.linalg import symmetrise
 from estimators.reading import Reading
 from tests.estimators.cases import (
     Case,
@@ -21,206 +17,9 @@ from tests.estimators.cases import (
     assert_same,
     every_case,
     kalman_system,
-    random_covariance,
     simulate,
     some_readings,
 )
-
-
-def squared(root: np.ndarray) -> np.ndarray:
-    return root @ root.mT
-
-
-ROWS = (1, 2, 63, 64, 65, 200)
-"""Of one row, of a block and of several, one of them not full."""
-FORMULAS: dict[str, Callable[..., Any]] = {
-    "sums": lambda S, B, x, m: S @ B - 2.0 * B + B / 3.0,
-    "transposed": lambda S, B, x, m: (S @ B).mT @ S,
-    "vectors": lambda S, B, x, m: np.matvec(S, x) + np.vecmat(x, S) - x,
-    "slices": lambda S, B, x, m: joined([B[..., 1:, :], B[..., :1, ::-1]], -2) + B[..., 2, None, :],
-    "beside": lambda S, B, x, m: joined([S, B, np.eye(3)], -1),
-    "masks": lambda S, B, x, m: np.where((m & np.isfinite(x))[..., None], B, 0.0) + np.where(~m, x, 1.0)[..., None],
-    "sizes": lambda S, B, x, m: np.maximum(np.abs(x), 0.5) - np.minimum(np.square(x), 0.5) + np.sqrt(x * x),
-    "comparisons": lambda S, B, x, m: np.where(x > 0.1, x, -x) + np.where(x < -0.2, np.floor(x), np.log1p(x * x)),
-    "sums of entries": lambda S, B, x, m: B.sum(-2).sum(-1) + B.sum(-1).sum(-1) * B.sum((-2, -1)) + x.sum(-1),
-    "diagonal": lambda S, B, x, m: S.diagonal(0, -2, -1) - np.remainder(x, 0.7),
-    "solve": lambda S, B, x, m: solve(S, B),
-    "solve any matrix": lambda S, B, x, m: np.linalg.solve(S + 5.0 * np.eye(3)[[1, 2, 0]], B) % B[..., :1, :],
-    "solve by a triangle": lambda S, B, x, m: solve_upper(semidefinite_cholesky(S).mT, B),
-    "cholesky": lambda S, B, x, m: semidefinite_cholesky(S),
-    "cholesky of less than full rank": lambda S, B, x, m: squared(semidefinite_cholesky(B @ B.mT)),
-    "symmetrise": lambda S, B, x, m: symmetrise(S @ S),
-    "singular values": lambda S, B, x, m: (singular(B)[1] * singular(B)[0][..., None, :]) @ singular(B)[1].mT,
-    "squared": lambda S, B, x, m: (singular(S)[1] * np.square(singular(S)[0])[..., None, :]) @ singular(S)[1].mT,
-}  # fmt: skip
-
-
-def executed(formula: Callable[..., Any], S: np.ndarray, B: np.ndarray, x: np.ndarray, m: np.ndarray) -> np.ndarray:
-    """The formula of ``S (B, 3, 3)``, ``B (B, 3, 2)``, ``x (B, 3)`` and a mask ``m (B, 3)``, compiled."""
-    return np.asarray(compiled(formula, axes=(2, 2, 1, 1), matrices=True)(S, B, x, m))
-
-
-def tracers() -> tuple[Any, ...]:
-    """Tracers of a row of what `given` gives."""
-    program = Program()
-    shapes: Any = ((3, 3), (3, 2), (3,), (3,))
-    return tuple(matrix_input(program, i, 0, shape, "fffb"[i]) for i, shape in enumerate(shapes))
-
-
-def given(rows: int) -> tuple[np.ndarray, ...]:
-    rng = np.random.default_rng(rows)
-    mask = rng.random((rows, 3)) < 0.5
-    return random_covariance(rng, 3, (rows,)), rng.normal(size=(rows, 3, 2)), rng.normal(size=(rows, 3)), mask
-
-
-@pytest.mark.parametrize("rows", ROWS)
-@pytest.mark.parametrize("formula", FORMULAS.values(), ids=FORMULAS.keys())
-def test_what_is_executed_is_what_numpy_computes(formula: Callable[..., Any], rows: int):
-    parts = given(rows)
-    np.testing.assert_allclose(executed(formula, *parts), formula(*parts), rtol=0.0, atol=1e-12)
-
-
-@pytest.mark.parametrize("formula", FORMULAS.values(), ids=FORMULAS.keys())
-def test_a_row_is_the_same_to_the_last_bit_in_any_batch(formula: Callable[..., Any]):
-    parts = given(200)
-    whole = executed(formula, *parts)
-    for rows in (slice(7, 8), slice(60, 70), slice(3, 197)):
-        some = (np.ascontiguousarray(part[rows]) for part in parts)
-        np.testing.assert_array_equal(executed(formula, *some), whole[rows])
-
-
-@pytest.mark.parametrize("function", [np.maximum, np.minimum])
-def test_what_is_no_number_stays_none(function: np.ufunc):
-    S, B, x, m = given(70)
-    x[::3], S[::2, 0] = np.nan, np.nan
-    found = executed(lambda S, B, x, m: function(x, S[..., 0, :]), S, B, x, m)
-    np.testing.assert_array_equal(found, function(x, S[..., 0, :]))
-
-
-def test_a_matrix_that_is_no_covariance_is_lost_and_no_other():
-    S, B, x, m = given(70)
-    S[5], S[66] = -np.eye(3), np.nan
-    solved = executed(FORMULAS["solve"], S, B, x, m)
-    lost = np.isin(np.arange(70), (5, 66))
-    assert np.isnan(solved[lost]).any((-2, -1)).all()
-    np.testing.assert_allclose(solved[~lost], np.linalg.solve(S[~lost], B[~lost]), rtol=0.0, atol=1e-12)
-
-
-def test_a_formula_that_cannot_be_compiled_is_refused():
-    _, _, x, _ = tracers()
-    with pytest.raises(TypeError, match=r"cannot have np\.tanh in it"):
-        np.tanh(x)
-    with pytest.raises(TypeError, match=r"cannot have np\.cross in it"):
-        np.cross(x, x)
-    with pytest.raises(TypeError, match=r"use np\.where"):
-        bool(x > 0.0)
-
-
-MISTAKES: dict[str, Callable[..., Any]] = {
-    "inner sizes of @": lambda S, B, x, m: B @ S,
-    "inner sizes of matvec": lambda S, B, x, m: np.matvec(B, x),
-    "vecmat for matvec": lambda S, B, x, m: np.vecmat(x[..., :2], B),
-    "rows of solve": lambda S, B, x, m: np.linalg.solve(S, B[..., :2, :]),
-    "more rows of solve": lambda S, B, x, m: np.linalg.solve(S[..., :2, :2], B),
-    "no square to solve": lambda S, B, x, m: np.linalg.solve(B, B),
-    "a vector to solve for": lambda S, B, x, m: np.linalg.solve(S, x),
-    "a definite one": lambda S, B, x, m: solve(S[..., :2, :2], B),
-    "by a triangle": lambda S, B, x, m: solve_upper(S[..., :2, :2], B),
-    "a small block beside a table": lambda S, B, x, m: joined([B[..., :1, :], S], -1),
-    "concatenated likewise": lambda S, B, x, m: np.concatenate([B[..., :1, :], S], -1),
-    "a vector beside a matrix": lambda S, B, x, m: np.concatenate([x, S], -1),
-    "along the batch": lambda S, B, x, m: np.concatenate([S, B], 0) + np.concatenate([S, B]),
-    "a constant without a batch": lambda S, B, x, m: np.concatenate([x, np.zeros(2)], -1),
-    "sums": lambda S, B, x, m: S + B,
-    "a vector and a matrix": lambda S, B, x, m: S + x,
-    "a constant of more axes": lambda S, B, x, m: x * np.eye(3),
-    "a mask of other size": lambda S, B, x, m: np.where(m[..., :2], x, 0.0),
-    "too many indices": lambda S, B, x, m: S[..., 0, 0, 0, 0],
-    "an index too large": lambda S, B, x, m: S[..., 3, :],
-    "a sum over the batch": lambda S, B, x, m: S + x.sum((-2, -1))[..., None, None] + np.ones((7, 2, 2)),
-    "no square to symmetrise": lambda S, B, x, m: symmetrise(B),
-    "no square to factor": lambda S, B, x, m: semidefinite_cholesky(B.mT),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("formula", MISTAKES.values(), ids=MISTAKES.keys())
-def test_what_numpy_refuses_is_refused_while_it_is_traced(formula: Callable[..., Any]):
-    with pytest.raises((ValueError, IndexError)):
-        formula(*given(11))
-    with pytest.raises((ValueError, TypeError, IndexError)) as caught:
-        formula(*tracers())
-    assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    "formula",
-    [
-        lambda S, B, x, m: np.logical_not(x),
-        lambda S, B, x, m: np.logical_and(x, x),
-        lambda S, B, x, m: m & (x > 0.0) & x,
-        lambda S, B, x, m: m + m,
-        lambda S, B, x, m: m - m,
-        lambda S, B, x, m: -m,
-        lambda S, B, x, m: m % 2,
-        lambda S, B, x, m: m.sum(-1),
-        lambda S, B, x, m: np.matvec(m[..., None] & m[..., None, :], m),
-        lambda S, B, x, m: np.square(m),
-        lambda S, B, x, m: np.ma.array(np.eye(3)) * S,
-        lambda S, B, x, m: S @ x.mT,
-        lambda S, B, x, m: np.array([x[..., 0], x[..., 1], x[..., 2]]) + x,
-        lambda S, B, x, m: x * 1j,
-        lambda S, B, x, m: x + None,
-        lambda S, B, x, m: S[..., None] * x[..., None],
-        lambda S, B, x, m: x[..., True],
-        lambda S, B, x, m: x.sum(-1, keepdims=True),
-        lambda S, B, x, m: x.__iadd__(1.0),
-        lambda S, B, x, m: x.__setitem__(Ellipsis, 0.0),
-        lambda S, B, x, m: x.copy(),
-        lambda S, B, x, m: len(x),
-    ],
-)
-def test_a_word_that_would_mean_something_else_is_refused(formula: Callable[..., Any]):
-    with pytest.raises((TypeError, ValueError, AttributeError)) as caught:
-        formula(*tracers())
-    assert "\n" not in str(caught.value)
-
-
-def test_solve_is_numpys_for_any_matrix():
-    _, B, x, m = given(70)
-    A = np.random.default_rng(1).normal(size=(70, 3, 3))
-    A[3] = np.eye(3)[[2, 0, 1]]  # no pivot on the diagonal
-    A[4] = -A[4] @ A[4].mT
-    found = executed(lambda A, B, x, m: np.linalg.solve(A, B), A, B, x, m)
-    np.testing.assert_allclose(found, np.linalg.solve(A, B), rtol=1e-12 * np.linalg.cond(A).max(), atol=0.0)
-    A[5] = np.ones((3, 3))
-    again = executed(lambda A, B, x, m: np.linalg.solve(A, B), A, B, x, m)
-    assert np.isnan(again[5]).all()
-    np.testing.assert_array_equal(np.delete(again, 5, 0), np.delete(found, 5, 0))
-
-
-def test_a_remainder_is_numpys_to_the_last_bit():
-    S, B, x, m = given(70)
-    x[:5, 0] = 1e17, -1e17, np.inf, -0.0, 5.0
-    S[4, 0, 0] = np.inf
-    for formula in (lambda S, B, x, m: x % 0.7, lambda S, B, x, m: 5.0 % x, lambda S, B, x, m: x % S[..., 0, :]):
-        with np.errstate(all="ignore"):
-            np.testing.assert_array_equal(executed(formula, S, B, x, m), formula(S, B, x, m))
-
-
-def test_zeros_keep_their_signs():
-    S, B, x, m = given(5)
-    x[:] = [0.0, -0.0, 1.0]
-    for formula in (
-        lambda S, B, x, m: 1.0 / (x + 0.0),
-        lambda S, B, x, m: 1.0 / (x + -0.0),
-        lambda S, B, x, m: 1.0 / -x,
-        lambda S, B, x, m: 1.0 / np.concatenate([x, x], -1),
-    ):
-        with np.errstate(all="ignore"):
-            np.testing.assert_array_equal(executed(formula, S, B, x, m), formula(S, B, x, m))
-
-
-# --- filters ----------------------------------------------------------------------------------------
 
 
 @every_case("deterministic")
@@ -436,28 +235,6 @@ def test_a_mask_of_ones_own_is_a_mask_in_a_row_that_is_recovered():
         assert belief.seen.dtype == bool
         np.testing.assert_array_equal(belief.seen, np.isfinite(y))
     assert (belief.recovery == Recovery.PSEUDO_INVERSE).any()
-
-
-@pytest.mark.parametrize(
-    ("formula", "sentence"),
-    [
-        (lambda P, x: P.sum(0), "sums over its last axes"),
-        (lambda P, x: x[:1], "indexed from behind"),
-        (lambda P, x: P.diagonal(1, -2, -1), "diagonal"),
-        (lambda P, x: P @ x, "np.matvec"),
-        (lambda P, x: np.sort(x), "cannot have np.sort in it"),
-        (lambda P, x: 1.0 if x[..., 0] > 0.0 else 2.0, "np.where"),
-    ],
-)
-def test_what_means_something_else_in_a_formula_is_refused(formula: Callable[..., Any], sentence: str):
-    S, _, x, _ = tracers()
-    with pytest.raises(TypeError, match=sentence):
-        formula(S, x)
-
-
-def test_a_product_over_nothing_is_zero():
-    product = compiled(lambda H: H @ H.mT + 1.0, axes=(2,), matrices=True)(np.zeros((5, 3, 0)))
-    np.testing.assert_array_equal(product, np.ones((5, 3, 3)))
 
 
 def test_a_prediction_leaves_what_the_last_update_had_to_do():
