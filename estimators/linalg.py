@@ -6,7 +6,7 @@ from functools import cache, lru_cache
 
 import numpy as np
 
-from estimators.engine import linear
+from estimators.engine import linear, matrices
 from estimators.engine.matrices import is_traced
 
 
@@ -51,7 +51,7 @@ def equilibrated(s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def joined(parts: Sequence[np.ndarray], axis: int) -> np.ndarray:
     """Matrices ``(..., i, j)`` below (axis -2) or beside (axis -1) each other, one batch for all."""
     if any(is_traced(part) for part in parts):
-        return linear.joined(parts, axis)
+        return matrices.joined(parts, axis)
     batch = np.broadcast_shapes(*(part.shape[:-2] for part in parts))
     return np.concatenate([np.broadcast_to(part, batch + part.shape[-2:]) for part in parts], axis)
 

@@ -4,8 +4,6 @@ from typing import Any
 
 import numpy as np
 
-from estimators.engine import matrices
-from estimators.engine.arrays import TracedArray
 from estimators.engine.matrices import (
     _PRODUCTS,
     MatrixTracer,
@@ -13,32 +11,18 @@ from estimators.engine.matrices import (
     _where,
     is_mask,
     matrix,
+    program_of,
+    refuse_masks,
     shapes,
 )
 from estimators.engine.program import Program
-from estimators.engine.tracer import NotTraceable, Tracer
-
-
-def program_of(*values: Any) -> Program:
-    """The program of some traced matrices."""
-    for each in values:
-        if isinstance(each, MatrixTracer | Tracer):
-            return each.program
-        if isinstance(each, TracedArray):
-            return next(entry.program for entry in each.flat if isinstance(entry, Tracer))
-    raise NotTraceable("nothing here depends on the row")
-
-
-def joined(parts: Any, axis: Any) -> Any:
-    """Arrays below (axis -2) or beside (axis -1) each other."""
-    return matrices.joined(program_of(*parts), parts, axis)
+from estimators.engine.tracer import NotTraceable
 
 
 def _check_matrices(word: str, *operands: Any) -> None:
     if any(operand.ndim != 2 for operand in operands):
         raise NotTraceable(f"{word} in a traced formula is of matrices, not of {shapes(operands)}")
-    if any(map(is_mask, operands)):
-        raise NotTraceable(f"{word} in a traced formula is of numbers: of a mask they are 1.0 * mask")
+    refuse_masks(word, *operands)
 
 
 def _check_square(word: str, a: Any) -> int:
@@ -57,7 +41,7 @@ def _matmul(a: Any, b: Any) -> Any:
     if a.ndim != 2 or b.ndim != 2:
         raise NotTraceable("@ is of matrices; of a matrix and a vector there is np.matvec")
     if is_mask(a) and is_mask(b):
-        raise NotTraceable("@ in a traced formula is of numbers: of a mask they are 1.0 * mask")
+        refuse_masks("@", a)
     if a.shape[1] != b.shape[0]:
         raise ValueError(f"{shapes((a, b))} have no product in a traced formula: the inner sizes differ")
     program = program_of(a, b)
@@ -149,21 +133,21 @@ def rotated(a: Any) -> tuple[Any, Any]:
 
     Source: Hestenes (1958), Inversion of matrices by biorthogonalization; de Rijk (1989) for its accuracy.
     """
+    return _rotated(a, True)
+
+
+def _rotated(a: Any, wanted: bool) -> tuple[Any, Any]:
     _check_matrices("singular", a)
-    program, (m, n) = a.program, a.shape
+    program, (m, n), k = a.program, a.shape, a.shape[1] if wanted else 0
     if n == 1:
         return a, _for_every_row(program, np.ones((1, 1)))
-    value = program.add("rotate", (a.view,), "f", m * n + n * n, (n,))
+    value = program.add("rotate", (a.view,), "f", m * n + k * n, (k,))
     return MatrixTracer(program, value, (m, n)), MatrixTracer(program, value, (n, n), m * n)
 
 
 def orthogonal(a: Any) -> Any:
     """``A V`` alone."""
-    m, n = a.shape
-    if n == 1:
-        return a
-    value = a.program.add("rotate", (a.view,), "f", m * n, (0,))
-    return MatrixTracer(a.program, value, (m, n))
+    return _rotated(a, False)[0]
 
 
 FUNCTIONS: dict[Any, Any] = {np.where: _where, np.concatenate: _concatenate, np.linalg.solve: solve_general}

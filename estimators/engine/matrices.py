@@ -141,8 +141,7 @@ class MatrixTracer(NDArrayOperatorsMixin):
                 f"a traced formula sums over its last axes, -1, -2 or (-2, -1), and without options: not over "
                 f"{shown(axis)} of shape {self.shape} a row, for the batch's axes are first"
             )
-        if self.mask:
-            raise NotTraceable("a traced formula sums numbers: of a mask they are 1.0 * mask")
+        refuse_masks("a sum", self)
         whole: Any = self[..., None, :] if self.ndim == 1 else self
         if axis != -1:
             whole = np.ones((1, whole.shape[0])) @ whole
@@ -230,8 +229,7 @@ def columnwise(function: Any, *operands: Any) -> MatrixTracer:
         function: Traced entry by entry.
         operands: Matrices, of which it gets the columns; vectors ``(m,)`` and None as they are.
     """
-    traced = next(each for each in operands if is_traced(each))
-    program = traced.flat[0].program if isinstance(traced, TracedArray) else traced.program
+    program = program_of(*operands)
     given: list[Any] = [
         each if each is None or isinstance(each, TracedArray) else matrix(program, each) for each in operands
     ]
@@ -271,6 +269,12 @@ def is_mask(operand: Any) -> bool:
     return operand.mask if isinstance(operand, MatrixTracer) else operand.kind == "b"
 
 
+def refuse_masks(word: str, *operands: Any) -> None:
+    """Refuse masks where numbers belong."""
+    if any(map(is_mask, operands)):
+        raise NotTraceable(f"{word} in a traced formula is of numbers: of a mask they are 1.0 * mask")
+
+
 def _is_constant(operand: Any) -> bool:
     return operand.constant is not None if isinstance(operand, MatrixTracer) else known(operand) is not None
 
@@ -278,10 +282,7 @@ def _is_constant(operand: Any) -> bool:
 def entrywise(program: Program, function: Any, *values: Any) -> Any:
     """One of NumPy's functions entry by entry; what has one row or column is the same in all."""
     if function in _DERIVED:
-        if any(isinstance(value, MatrixTracer) and value.mask for value in values):
-            raise NotTraceable(
-                f"np.{function.__name__} in a traced formula is of numbers: of a mask they are 1.0 * mask"
-            )
+        refuse_masks(f"np.{function.__name__}", *(value for value in values if isinstance(value, MatrixTracer)))
         return _DERIVED[function](*values)
     operands = [matrix(program, value) for value in values]
     choices = operands[1:] if function is np.where else operands
@@ -294,9 +295,9 @@ def entrywise(program: Program, function: Any, *values: Any) -> Any:
         raise NotTraceable(f"np.{function.__name__} in a traced formula is of masks, such as x > 0.0, not of numbers")
     elif function not in _ENTRYWISE:
         raise NotTraceable(f"a traced formula cannot have np.{function.__name__} in it")
-    elif all(map(is_mask, operands)):
-        raise NotTraceable(f"np.{function.__name__} in a traced formula is of numbers: of a mask they are 1.0 * mask")
     else:
+        if all(map(is_mask, operands)):
+            refuse_masks(f"np.{function.__name__}", *operands)
         opcode = _ENTRYWISE[function]
     check_precision(choices)
     return instruction(program, opcode, operands, choices)
@@ -346,35 +347,36 @@ def check_precision(operands: Sequence[Any]) -> None:
                 raise NotTraceable(f"beside a mask a traced formula has float64 (1.0 for 1), not a constant of {kind}")
 
 
-def joined(program: Program, parts: Sequence[Any], axis: Any) -> MatrixTracer:
+def joined(parts: Sequence[Any], axis: Any) -> Any:
     """Arrays below (axis -2) or beside (axis -1) each other; constants among them are matrices."""
-    if isinstance(axis, bool) or not isinstance(axis, int | np.integer):
-        raise NotTraceable(
-            f"a traced formula joins arrays along their last axes, -1 or -2, not {shown(axis)}: give axis="
-        )
-    own = [not isinstance(part, MatrixTracer | Tracer | TracedArray) for part in parts]
+    own = [not is_traced(part) for part in parts]
+    program = program_of(*parts)
     parts = [matrix(program, part) for part in parts]
     shape = list(parts[0].shape)
-    if any(part.ndim != len(shape) for part in parts) or any(
-        one and part.ndim != 2 for one, part in zip(own, parts, strict=True)
-    ):
-        raise ValueError(f"{shapes(parts)} cannot be joined in a traced formula: they need as many axes each")
-    if not -len(shape) <= axis < 0:
+    if isinstance(axis, bool) or not isinstance(axis, int | np.integer) or not -len(shape) <= axis < 0:
         raise NotTraceable(
             f"a traced formula joins arrays along their last axes, -1 or -2, not {shown(axis)}: give axis="
         )
-    for other in {-1, -2} & set(range(-len(shape), 0)) - {axis}:
-        if any(part.shape[other] != shape[other] for part in parts):
-            raise ValueError(f"{shapes(parts)} cannot be joined along axis {axis} in a traced formula")
-    shape[axis] = sum(part.shape[axis] for part in parts)
-    width = shape[-1]
-    places, at = [], 0
-    for part in parts:
-        places.append(at * (width if axis == -2 else 1))
-        at += part.shape[axis]
-    views = tuple(part.view for part in parts)
-    value = program.add("join", views, "f", math.prod(shape), (tuple(places), width))
+    if any(part.ndim != len(shape) or (one and part.ndim != 2) for one, part in zip(own, parts, strict=True)):
+        raise ValueError(f"{shapes(parts)} cannot be joined in a traced formula: they need as many axes each")
+    if len(shape) == 2 and any(part.shape[-3 - axis] != shape[-3 - axis] for part in parts):
+        raise ValueError(f"{shapes(parts)} cannot be joined along axis {axis} in a traced formula")
+    sizes = [part.shape[axis] for part in parts]
+    shape[axis] = sum(sizes)
+    step = shape[-1] if axis == -2 else 1
+    places = tuple(sum(sizes[:i]) * step for i in range(len(parts)))
+    value = program.add("join", tuple(part.view for part in parts), "f", math.prod(shape), (places, shape[-1]))
     return MatrixTracer(program, value, tuple(shape), mask=all(part.mask for part in parts))
+
+
+def program_of(*values: Any) -> Program:
+    """The program of some traced matrices."""
+    for each in values:
+        if isinstance(each, MatrixTracer | Tracer):
+            return each.program
+        if isinstance(each, TracedArray):
+            return next(entry.program for entry in each.flat if isinstance(entry, Tracer))
+    raise NotTraceable("nothing here depends on the row")
 
 
 def _concatenate(parts: Any, axis: Any = 0, **others: Any) -> MatrixTracer:
@@ -383,14 +385,13 @@ def _concatenate(parts: Any, axis: Any = 0, **others: Any) -> MatrixTracer:
             "np.concatenate in a traced formula is of its arrays alone, and without options: for constants beside them "
             "there is estimators.linalg.joined"
         )
-    return joined(next(part.program for part in parts if isinstance(part, MatrixTracer)), parts, axis)
+    return joined(parts, axis)
 
 
 def _where(mask: Any, *choices: Any) -> Any:
     if len(choices) != 2 or any(choice is None for choice in choices):
         raise NotTraceable("np.where in a traced formula needs a mask and two values")
-    program = next(each.program for each in (mask, *choices) if isinstance(each, MatrixTracer))
-    return entrywise(program, np.where, mask, *choices)
+    return entrywise(program_of(mask, *choices), np.where, mask, *choices)
 
 
 def apply_matrix_function(function: Any, args: Any, kwargs: Any) -> Any:
@@ -411,14 +412,8 @@ def _remainder(x: Any, y: Any) -> Any:
     )
 
 
-def _square(a: Any) -> Any:
-    if is_mask(a):
-        raise NotTraceable("np.square in a traced formula is of numbers: of a mask they are 1.0 * mask")
-    return a * a
-
-
 _DERIVED: dict[Any, Any] = {
-    np.square: _square,
+    np.square: lambda a: a * a,
     np.less: lambda a, b: np.greater(b, a),
     np.less_equal: lambda a, b: np.greater_equal(b, a),
     np.remainder: _remainder,
