@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, Self, TypeVar
 import numpy as np
 
 from estimators.analysis import covariance
-from estimators.checks import as_array, frozen, with_points
+from estimators.checks import as_array, frozen, read_only, with_points
 from estimators.reading import Reading
 
 Record = TypeVar("Record", bound="Belief")
@@ -59,8 +59,9 @@ class Packed:
             value = self.packed[own]
             if len(shape) != 1:
                 value = value.reshape(value.shape[:-1] + shape)
-            value = value != 0.0 if name in layout.masks else value
-            value.setflags(write=False)
+            if name in layout.masks:
+                value = value != 0.0
+                value.setflags(write=False)
         elif layout is None or name not in self.__dataclass_fields__:
             raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
         object.__setattr__(self, name, value)
@@ -134,6 +135,7 @@ class Belief(Packed):
     ) -> Self:
         """A belief of packed arrays ``(..., k)``, and of some that stand apart."""
         belief, put = object.__new__(cls), object.__setattr__
+        packed.setflags(write=False)
         put(belief, "packed", packed)
         put(belief, "layout", layout)
         put(belief, "prior_mean", prior_mean)
@@ -252,11 +254,7 @@ class Belief(Packed):
 
     def read_only(self) -> Self:
         """This belief, into whose arrays nobody can write any more."""
-        if self.packed is not None:  # the others are so when they are first asked for
-            arrays = [self.mean, self.cov, self.prior_mean, self.prior_cov, self.recovery, self.u]
-        else:
-            arrays = [*self._arrays().values()]
-        for array in arrays:
+        for array in self._arrays().values() if self.packed is None else (self.u,):  # the others are so when they begin
             if type(array) is np.ndarray:
                 array.setflags(write=False)
         return self
@@ -434,9 +432,10 @@ def over_time(beliefs: Sequence[Record]) -> Record:
         whole[name] = np.stack([_unseen(name, seen, belief) if value is None else value for value, belief in pairs])
     if packed is None:
         return kinds.pop()(**whole).read_only()
-    together = first.looked_at(np.stack(packed), first.layout, whole["prior_mean"], whole["prior_cov"], whole["u"])
-    object.__setattr__(together, "recovery", whole["recovery"])
-    return together.read_only()
+    mean, cov, recovery, u = (read_only(whole[name]) for name in APART)
+    together = first.looked_at(np.stack(packed), first.layout, mean, cov, u)
+    object.__setattr__(together, "recovery", recovery)
+    return together
 
 
 def _unseen(name: str, like: np.ndarray, belief: Belief) -> np.ndarray:

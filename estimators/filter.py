@@ -54,10 +54,17 @@ Model = LinearModel | NonlinearModel
 _Method = TypeVar("_Method", bound=Callable[..., Any])
 
 
-def inlinable(method: _Method) -> _Method:
-    """Declare that a method which evaluates the model can be traced together with the model's function."""
-    vars(method)["inlinable"] = True
-    return method
+def inlinable(*names: str) -> Callable[[_Method], _Method]:
+    """Declare that a method which evaluates the model can be traced together with the model's functions of these names.
+
+    Of a Jacobian that the model does not have, the function's own derivative takes the place.
+    """
+
+    def declared(method: _Method) -> _Method:
+        vars(method)["inlinable"] = names
+        return method
+
+    return declared
 
 
 class Filter(ABC, Generic[Record]):
@@ -431,20 +438,19 @@ class Filter(ABC, Generic[Record]):
             return program.callback(lambda belief, u, R: getattr(self, question)(belief, u), *axes)
         return getattr(self, question)(belief, u)
 
-    def _inlined(self, belief: Record, u: np.ndarray | None) -> dict[str, Any]:
+    def _inlined(self, belief: Record, u: np.ndarray | None) -> frozenset[str]:
         """The model's functions that are traced with the methods which linearise them, by these methods' names.
 
         Others are host callbacks: a method that evaluates the model by itself, a function that cannot be traced.
         """
-        if isinstance(self.model, LinearModel):
-            return {}
-        found = {}
-        for question, (name, method) in _TRACED.items():
-            own = getattr(getattr(type(self), method), "inlinable", False)
-            function = self.model.traceable(name, belief.mean, u) if own else None
-            if function is not None:
-                found[question] = function
-        return found
+        found, model = [], self.model
+        for question, method in _TRACED.items():
+            if isinstance(model, LinearModel):
+                break
+            names = getattr(getattr(type(self), method), "inlinable", ())
+            if names and model.traceable(belief.mean, u, *names):
+                found.append(question)
+        return frozenset(found)
 
     def _moved(self, belief: Record, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """Mean ``(..., n)`` and covariance ``(..., n, n)`` one step on, without process noise."""
@@ -527,8 +533,7 @@ class Filter(ABC, Generic[Record]):
                 column += 0 if value is None else math.prod(shape)
             return tuple(results) if len(axes) > 1 else results[0]
 
-        program.callback, program.inlined = callback, self._inlined(belief, u)
-        inspections = tuple(each for each in program.inlined.values() if isinstance(each, Inspection))
+        program.callback, program.inlined, program.inspections = callback, self._inlined(belief, u), set()
         doubtful: Any = None
         try:
             fields: dict[str, Any] = dict.fromkeys(belief.__dataclass_fields__)
@@ -562,10 +567,14 @@ class Filter(ABC, Generic[Record]):
                 f"{type(self).__name__} says that it is formulas, but cannot be traced as such ({error}): write it in "
                 f"the words of estimators.engine.matrices, or without formulas = True"
             ) from error
+        if callbacks and program.inlined != self._inlined(belief, u):  # they have compared Jacobians of the user's
+            return self._traced(methods, belief, layout, u, R)
         sizes = (layout.width, 0 if u is None else u.shape[-1], self.model.p, self.model.p, column)
         arguments = [Argument((size,), "b" if i == 3 else "f") for i, size in enumerate(sizes)]
         outputs = [(parts, Argument((found.width,))), (mask, Argument((1,), "b"))]
-        return _Traced(Function(program, arguments, outputs), found, tuple(callbacks), column, inspections)
+        return _Traced(
+            Function(program, arguments, outputs), found, tuple(callbacks), column, tuple(program.inspections)
+        )
 
     def _sound(self, traced: Any, before: Any) -> Record:
         """A belief that a formula of one's own gave, if its arrays have the shapes that they must have, a row."""
@@ -611,12 +620,12 @@ class Filter(ABC, Generic[Record]):
         """R ``(..., p, p)`` of readings that bring none of their own."""
         return noise_at(self.model.R, belief.mean, belief.u)
 
-    @inlinable
+    @inlinable("measurement", "measurement_jacobian")
     def _linearise(self, belief: Record, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
         """The expected reading ``(..., p)``, C ``(..., p, n)``, and what is to be added to R for what C leaves out."""
         return *self.model.linearise_measurement(belief.mean, u, belief.cov), None
 
-    @inlinable
+    @inlinable("transition", "transition_jacobian")
     def _propagate(self, mean: np.ndarray, cov: np.ndarray, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """Mean ``(..., n)`` and covariance ``(..., n, n)`` one step on, without process noise."""
         mean, A = self.model.linearise_transition(mean, u, cov)
@@ -699,7 +708,7 @@ def check_channels(filter: Filter, channels: int) -> None:
 
 def _in_rows(array: np.ndarray) -> np.ndarray:
     """The array ``(B, k)`` of one ``(..., k)``, as kernels need it."""
-    if not array.flags.carray:
+    if not (array.flags.c_contiguous and array.flags.aligned):
         array = np.array(array, order="C")
     return array if array.ndim == 2 else array.reshape(math.prod(array.shape[:-1]), array.shape[-1])
 
@@ -713,8 +722,8 @@ def _all(rows: int, readings: int) -> np.ndarray:
 _Question = Callable[[Any, Any, Any], Any]
 _ANSWERS = {"_moved": (1, 2), "_linearise": (1, 2, 2), "_moving_G": (2,)}
 """Axes of what these methods say of a row."""
-_TRACED = {"_moved": ("transition", "_propagate"), "_linearise": ("measurement", "_linearise")}
-"""The model's function behind them, and the method that evaluates it."""
+_TRACED = {"_moved": "_propagate", "_linearise": "_linearise"}
+"""The method that evaluates the model for them."""
 
 
 class _Traced(NamedTuple):

@@ -8,7 +8,7 @@ import logging
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 
 import numpy as np
 
@@ -236,25 +236,30 @@ class NonlinearModel(Frozen):
     def check_known_input(self, u: np.ndarray | None) -> None:
         """Nothing to refuse: what the functions make of ``u`` is theirs."""
 
-    def traceable(self, name: str, x: np.ndarray, u: np.ndarray | None) -> Compiled | Inspection | None:
-        """Its transition or measurement, if it can be traced into a filter's program with its derivative; else None.
+    def traceable(self, x: np.ndarray, u: np.ndarray | None, *names: str) -> bool:
+        """Can all functions of these names, as far as there are any, be traced into a filter's program?
 
         Args:
-            name: The function's.
-            x: ``(..., n)`` where it is tried,
+            x: ``(..., n)`` where they are tried,
             u: and ``(..., m)``.
+            names: Transition or measurement and, where the filter needs it, its Jacobian, which has to be compared.
         """
-        if self.difference is not None or getattr(self, f"{name}_jacobian") is not None:
-            return None
-        return inspected(getattr(self, name), x, u)
+        for name in names if self.difference is None else ():
+            if (function := getattr(self, name)) is None:
+                continue
+            compared = not name.endswith("_jacobian") or name.removesuffix("_jacobian") in self._compared
+            if not compared or inspected(function, x, u) is None:
+                return False
+        return self.difference is None
 
     def source(self, name: str, x: np.ndarray, u: np.ndarray | None) -> "Function":
-        """Its transition or measurement as it is traced; `traceable` has been asked."""
+        """A function as it is traced; `traceable` has been asked."""
         function = getattr(self, name)
         if isinstance(function, Compiled):
             return function
-        inlined: Any = _inspections[function][_sizes(x, u)].inline
-        return inlined
+        inspection = _inspections[function][_sizes(x, u)]
+        cast(Any, x).program.inspections.add(inspection)
+        return inspection.inline
 
     def input_matrix(self, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         """G ``(..., n, q)``: how the unknown input moves the next state from ``x (..., n)``.
@@ -291,13 +296,14 @@ class NonlinearModel(Frozen):
     ) -> tuple[np.ndarray, np.ndarray]:
         function, own = getattr(self, name), getattr(self, f"{name}_jacobian")
         if is_traced(x):
-            program: Any = x.program  # type: ignore[attr-defined]
-            return tuple(matrix(program, each) for each in linearise(self.source(name, x, u), x, u))
+            program, source = cast(Any, x).program, self.source(name, x, u)
+            own = own and self.source(f"{name}_jacobian", x, u)
+            return tuple(matrix(program, each) for each in linearise(source, x, u, slopes=own))
         x = read_only(x)
         if self.difference is not None:
             return self._linearise_errors(name, size, angles, x, u, cov)
         if own is None:
-            traced = self.traceable(name, x, u)
+            traced = inspected(function, x, u)
             if traced is not None:
                 return derivative(traced)(x, u)
             return central_differences(name, function, x, u, size, angles, steps(x, cov, self.state_angles))
@@ -352,6 +358,8 @@ def inspected(function: Function, x: np.ndarray, u: np.ndarray | None) -> Compil
     """
     if isinstance(function, Compiled):
         return function
+    if x.dtype == object:  # it is traced as a part of another
+        return None
     try:
         if function not in _inspections and len(_inspections) >= _KEPT:
             del _inspections[next(iter(_inspections))]

@@ -46,7 +46,7 @@ class SigmaPoints(Filter[Record]):
             raise ValueError(f"beta must be at least -alpha^2 kappa / n = {lowest:g} for variances to be, got {beta}")
         self.alpha, self.beta, self.kappa = alpha, beta, kappa
 
-    @inlinable
+    @inlinable("transition")
     def _propagate(self, mean: np.ndarray, cov: np.ndarray, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         if isinstance(self.model, LinearModel):
             return super()._propagate(mean, cov, u)
@@ -54,7 +54,7 @@ class SigmaPoints(Filter[Record]):
         moved, cov = self._by_rows(self._moments, self._values("transition", self.model.n, points, u))
         return moved, cov
 
-    @inlinable
+    @inlinable("measurement")
     def _linearise(self, belief: Record, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
         if isinstance(self.model, LinearModel):
             return super()._linearise(belief, u)

@@ -191,17 +191,21 @@ def _times(factor: Any, slope: Any) -> Any:
     return factor * slope
 
 
-def linearise(function: Callable[..., Any], x: Any, *others: Any) -> tuple[Any, Any]:
+def linearise(
+    function: Callable[..., Any], x: Any, *others: Any, slopes: Callable[..., Any] | None = None
+) -> tuple[Any, Any]:
     """A function's value ``(k,)`` at a traced vector x ``(n,)``, and its Jacobian by x ``(k, n)``.
 
     Args:
         function: Of x and ``others``, vectors, entry by entry (`estimators.engine.arrays.TracedArray`).
         x: Traced.
         others: Traced, constant or None.
+        slopes: Its Jacobian, a function of the same; None: tangents give it.
 
     Raises:
         NotTraceable: if it does what cannot be traced, or what has no derivative.
     """
     own = x if isinstance(x, TracedArray) else x.scalars()
-    value = function(own, *(each.scalars() if hasattr(each, "scalars") else each for each in others))
-    return value, jacobian(value, own)
+    rest = [each.scalars() if hasattr(each, "scalars") else each for each in others]
+    value = function(own, *rest)
+    return value, jacobian(value, own) if slopes is None else slopes(own, *rest)

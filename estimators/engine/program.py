@@ -78,8 +78,10 @@ class Program:
 
     callback: Callable[..., Any]
     """Gives tracers of results that Python computes before the program is run, where its owner has such;"""
-    inlined: dict[str, Any]
-    """and what is traced instead."""
+    inlined: frozenset[str]
+    """what is traced instead,"""
+    inspections: set[Any]
+    """and the users' functions that are part of it."""
 
     def __init__(self) -> None:
         self.instructions: list[Instruction] = []

@@ -574,12 +574,34 @@ def test_functions_that_fill_fresh_arrays_are_part_of_a_program_as_others_are(na
     beliefs = []
     for model in (NonlinearModel(filled, copied, np.eye(2), np.eye(2)),
                   NonlinearModel(stacked, product, np.eye(2), np.eye(2))):  # fmt: skip
-        assert model.traceable("transition", np.ones((3, 2)), None)
+        assert model.traceable(np.ones((3, 2)), None, "transition")
         filter = make(name, model)
         belief = filter.predict(filter.init(Gaussian(np.arange(6.0).reshape(3, 2), np.eye(2))))
         beliefs.append(filter.update(belief, np.ones((3, 2))))
     np.testing.assert_array_equal(beliefs[0].mean, beliefs[1].mean)
     np.testing.assert_array_equal(beliefs[0].cov, beliefs[1].cov)
+
+
+def test_a_jacobian_of_the_users_is_compiled_once_it_was_compared_and_gives_what_it_gives_in_numpy():
+    def branching(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+        return jacobian(x, u) if (x < 1e3).all() else np.nan * x
+
+    def jacobian(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:  # but for .01 %: it counts, not the derivative
+        return 1.0001 * np.cos(x)[..., None] * I2
+
+    beliefs, functions = [], (lambda x, u: np.sin(x), lambda x, u: 2.0 * np.sin(x))
+    for own in (jacobian, branching):
+        model = NonlinearModel(*functions, I2, I2, transition_jacobian=own,
+                               measurement_jacobian=lambda x, u, own=own: 2.0 * own(x, u))  # fmt: skip
+        filter, names = make("ekf", model), ("transition", "transition_jacobian")
+        belief = filter.init(Gaussian(np.arange(6.0).reshape(3, 2), I2))
+        assert not model.traceable(belief.mean, None, *names)
+        for y in np.random.default_rng(0).normal(size=(5, 3, 2)):
+            belief = filter.update(filter.predict(belief), y)
+        assert model.traceable(belief.mean, None, *names) == (own is jacobian)
+        beliefs.append(belief)
+    np.testing.assert_allclose(beliefs[0].mean, beliefs[1].mean, rtol=1e-13)
+    np.testing.assert_allclose(beliefs[0].cov, beliefs[1].cov, rtol=1e-13)
 
 
 def test_models_that_are_gone_leave_no_more_behind_than_a_few_hundred(monkeypatch: pytest.MonkeyPatch):
