@@ -41,7 +41,7 @@ _PARTS: dict[Any, tuple[str, ...]] = {
     staticmethod: ("__func__",), classmethod: ("__func__",), functools.cached_property: ("func",),
     Compiled: ("function", "_axes", "_matrices"),
 }  # fmt: skip
-"""Objects that read nothing but these attributes of theirs."""
+"""Objects that read nothing but these attributes of theirs, which are always the same."""
 _SLOTS = ("member_descriptor", "getset_descriptor", "_tuplegetter")  # what an object has itself, by its class
 _BUILDING = frozenset(("__init__", "__new__", "__post_init__", "__setattr__", "__delattr__"))
 
@@ -132,7 +132,7 @@ class _Walk:
         parts = next((names for base, names in _PARTS.items() if isinstance(value, base)), None)
         if parts is not None:
             for name in parts:
-                self._attribute(value, name, what)
+                self.value(getattr(value, name), what)
         elif isinstance(value, np.ndarray):
             self._array(value, what)
         elif isinstance(value, FunctionType):
@@ -188,7 +188,8 @@ class _Walk:
             self.leaves.append(function)
             return
         for name in ("__code__", "__defaults__", "__kwdefaults__"):
-            self._attribute(function, name, f"the defaults of {function.__name__}")
+            if getattr(function, name) is not None:
+                self._attribute(function, name, f"the defaults of {function.__name__}")
         code, namespace = function.__code__, function.__globals__
         for name, cell in zip(code.co_freevars, function.__closure__ or (), strict=True):
             if name == "__class__":  # of super(), which builds nothing
@@ -243,7 +244,10 @@ class _Walk:
                     self._item(own, name, f"{each.__name__}.{name}")
 
     def _instance(self, value: Any, kind: type, what: str) -> None:
-        if isinstance(value, list | tuple):
+        if isinstance(value, tuple):
+            for i, each in enumerate(value):
+                self.value(each, f"{what}[{i}]")
+        elif isinstance(value, list):
             self._length(value)
             for i in range(len(value)):
                 self._item(value, i, f"{what}[{i}]")
