@@ -4,8 +4,9 @@ The operations and their order are those of the program at any width, without co
 the same bits alone, in any batch and on any processor.
 """
 
+import itertools
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -102,12 +103,12 @@ class Module:
 class Emitter:
     """Instructions of a program as lines of a function, with ``width`` rows side by side."""
 
-    def __init__(self, program: Program, module: Module, width: int) -> None:
+    def __init__(self, program: Program, module: Module, width: int, within: "Emitter | None" = None) -> None:
         self.program, self.module, self.width = program, module, width
-        self.lines: list[str] = []
+        self.lines: list[str] = within.lines if within else []
+        self.labels: list[str] = within.labels if within else ["entry"]
+        self._numbers: Iterator[int] = within._numbers if within else itertools.count(1)
         self.names: dict[int, str] = {}
-        self.label = "entry"
-        self._count = 0
         self._pairs: dict[int, str] = {}  # sine and cosine of a value
         self.literal = False  # are all constants part of the code?
         self.special: dict[str, Callable[[Instruction], None]] = {}
@@ -116,19 +117,18 @@ class Emitter:
 
     def line(self, text: str) -> str:
         """A line that gives a result; its name."""
-        self._count += 1
-        self.lines.append(f"  %v{self._count} = {text}")
-        return f"%v{self._count}"
+        name = f"%v{next(self._numbers)}"
+        self.lines.append(f"  {name} = {text}")
+        return name
 
     def begin(self, label: str) -> None:
         """Begin a basic block."""
         self.lines.append(f"{label}:")
-        self.label = label
+        self.labels.append(label)
 
     def fresh(self, stem: str) -> str:
         """A new label."""
-        self._count += 1
-        return f"{stem}{self._count}"
+        return f"{stem}{next(self._numbers)}"
 
     def call(self, intrinsic: str, kinds: str, width: int, *operands: str, suffix: str = "") -> str:
         """A call of one of LLVM's intrinsics, whose operands are of these kinds."""
@@ -169,7 +169,7 @@ class Emitter:
         initial: Sequence[str] = (), types: Sequence[str] = (), step: int = 1,
     ) -> list[str]:  # fmt: skip
         """A loop ``for i in range(first, count, step)`` with carried values; their names afterwards."""
-        before, head, inside, done = self.label, *map(self.fresh, ("head", "body", "done"))
+        before, head, inside, done = self.labels[-1], *map(self.fresh, ("head", "body", "done"))
         counter, advanced = f"%{self.fresh('i')}", f"%{self.fresh('n')}"
         self.lines.append(f"  br label %{head}")
         self.begin(head)
@@ -181,7 +181,7 @@ class Emitter:
         after = body(counter, *carried)
         self.lines.append(f"  {advanced} = add i64 {counter}, {step}")
         self.lines.append(f"  br label %{head}")
-        end = self.label
+        end = self.labels[-1]
         phis = [f"  {counter} = phi i64 [{first}, %{before}], [{advanced}, %{end}]"]
         for name, kind, one, two in zip(carried, types, initial, after or (), strict=True):
             phis.append(f"  {name} = phi {kind} [{one}, %{before}], [{two}, %{end}]")
@@ -309,20 +309,20 @@ class Emitter:
             self._pairs[value] = self.line(f"call {{{T}, {T}}} {name}({T} {self.name(value)})")
         return self.line(f"extractvalue {{{T}, {T}}} {self._pairs[value]}, {int(instruction.opcode == 'cos')}")
 
-    def lanes(self, one: Callable[[int], str], kind: str) -> str:
-        """A vector of what a function gives for each lane."""
+    def lanes(self, one: Callable[[int], str], scalar: str) -> str:
+        """A vector of what a function gives for each lane, of a type of LLVM."""
         if self.width == 1:
             return one(0)
-        T, vector = type_of(kind, self.width), "poison"
+        vector = "poison"
         for lane in range(self.width):
-            vector = self.line(f"insertelement {T} {vector}, {type_of(kind, 1)} {one(lane)}, i32 {lane}")
+            vector = self.line(f"insertelement <{self.width} x {scalar}> {vector}, {scalar} {one(lane)}, i32 {lane}")
         return vector
 
-    def lane(self, vector: str, kind: str, lane: int) -> str:
+    def lane(self, vector: str, scalar: str, lane: int) -> str:
         """One lane of a vector."""
         if self.width == 1:
             return vector
-        return self.line(f"extractelement {type_of(kind, self.width)} {vector}, i32 {lane}")
+        return self.line(f"extractelement <{self.width} x {scalar}> {vector}, i32 {lane}")
 
     def _lookup(self, instruction: Instruction) -> str:
         value: Any = instruction.operands[0]
@@ -336,11 +336,11 @@ class Emitter:
                 index = self.call(call, "ii", self.width, index, literal(bound, "i", self.width))
 
         def one(lane: int) -> str:
-            entry = self.lane(index, "i", lane)
+            entry = self.lane(index, "i64", lane)
             at = self.line(f"add i64 {self.line(f'mul i64 {entry}, {across}')}, {column}")
             return self.line(f"load double, ptr {self.constant(place, self.program.tables[place], at)}, align 8")
 
-        return self.lanes(one, "f")
+        return self.lanes(one, "double")
 
     def _repeat(self, instruction: Instruction) -> None:
         loop: Loop = instruction.attributes[0]

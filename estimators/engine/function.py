@@ -183,14 +183,12 @@ class Driver(LinearEmitter):
     def _loaded(self, argument: int, column: int | str) -> str:
         kind = self._function.arguments[argument].kind
         memory = _MEMORY[kind]
-        if self.width == 1:
-            place = self._entry(self._bases[argument][0], kind, column)
-            value = self.line(f"load {memory}, ptr {place}, align {_ALIGN[kind]}")
-        else:
-            value = "poison"
-            for lane, base in enumerate(self._bases[argument]):
-                one = self.line(f"load {memory}, ptr {self._entry(base, kind, column)}, align {_ALIGN[kind]}")
-                value = self.line(f"insertelement <{self.width} x {memory}> {value}, {memory} {one}, i32 {lane}")
+
+        def one(lane: int) -> str:
+            place = self._entry(self._bases[argument][lane], kind, column)
+            return self.line(f"load {memory}, ptr {place}, align {_ALIGN[kind]}")
+
+        value = self.lanes(one, memory)
         if kind == "b":
             T = memory if self.width == 1 else f"<{self.width} x {memory}>"
             return self.line(f"icmp ne {T} {value}, {'0' if self.width == 1 else 'zeroinitializer'}")
@@ -241,9 +239,7 @@ class Driver(LinearEmitter):
             value = self.line(f"zext {type_of('b', self.width)} {value} to {R}")
         memory = _MEMORY[kind]
         for lane, base in enumerate(bases):
-            one = value
-            if self.width > 1:
-                one = self.line(f"extractelement <{self.width} x {memory}> {value}, i32 {lane}")
+            one = self.lane(value, memory, lane)
             self.lines.append(f"  store {memory} {one}, ptr {self._entry(base, kind, column)}, align {_ALIGN[kind]}")
 
 

@@ -225,7 +225,7 @@ class LinearEmitter(ProductEmitter):
             self.over(n, n, lambda i, j: self.store_at(self._zero, v, i, j))
             self.each(0, n, lambda i: self.store_at(self._one, v, i, i))
         head, sweep, test, done = map(self.fresh, ("sweep", "turn", "test", "still"))
-        before, count, more = self.label, f"%{self.fresh('s')}", f"%{self.fresh('m')}"
+        before, count, more = self.labels[-1], f"%{self.fresh('s')}", f"%{self.fresh('m')}"
         self.lines.append(f"  br label %{head}")
         self.begin(head)
         at = len(self.lines)

@@ -237,7 +237,7 @@ class MatrixEmitter(Emitter):
         size = self.program.sizes[instruction.result]
         index = self.within(self.name(value), 0.0, count - 1.0, self.width)
         index = self.line(f"fptosi {self.T} {index} to {type_of('i', self.width)}")
-        starts = [self.times(self.lane(index, "i", lane), size) for lane in range(self.width)]
+        starts = [self.times(self.lane(index, "i64", lane), size) for lane in range(self.width)]
         table = self.program.tables[place]
 
         def entry(_: Index, e: Index) -> None:
@@ -245,7 +245,7 @@ class MatrixEmitter(Emitter):
                 at = self.constant(place, table, self.plus(starts[lane], e))
                 return self.line(f"load double, ptr {at}, align 8")
 
-            self.store(self.lanes(one, "f"), instruction.result, e)
+            self.store(self.lanes(one, "double"), instruction.result, e)
 
         self.over(1, size, entry)
 
@@ -261,29 +261,23 @@ class MatrixEmitter(Emitter):
             j: Index = at
             if together:  # the last ones begin before the end, and compute some again
                 j = self.call("smin", "ii", 1, self.times(at, CHUNK), str(loop.size - CHUNK))  # type: ignore[arg-type]
-            inside = Emitter(self.program, self.module, width)
-            inside.lines, inside._count, inside.label = self.lines, self._count, self.label
+            inside = Emitter(self.program, self.module, width, self)
             for value in instruction.operands[len(views) :]:
                 if value not in self.program.constants:
                     name = self.names[value]  # type: ignore[index]
                     inside.names[value] = inside.splat(name, width, self.program.kinds[value]) if together else name  # type: ignore[index]
             for view, parameters in zip(views, loop.parameters, strict=True):
                 for i, value in enumerate(parameters):
-                    self._count = inside._count
                     if together:
                         place = self.address(view.value, self.index(view, i, j))
                         inside.names[value] = self.line(f"load {T}, ptr {place}, align 8")
                     else:
                         inside.names[value] = self.load(view, i, j)
-                    inside._count = self._count
             inside.block(loop.body)
             for i, value in enumerate(loop.results):
                 name = inside.name(value)
-                self._count = inside._count
                 place = self.address(instruction.result, self.plus(i * loop.size, j))
-                inside._count = self._count
                 self.lines.append(f"  store {T} {name}, ptr {place}, align 8")
-            self._count, self.label = inside._count, inside.label
 
         self.each(0, -(-loop.size // CHUNK) if together else loop.size, some)
 
