@@ -7,10 +7,12 @@ once for each of their values.
 """
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
 from estimators.engine import compiled, repeat
+from estimators.engine.matrices import is_traced
 from estimators.linalg import (
     cholesky,
     inner,
@@ -212,15 +214,30 @@ def local_analysis(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The same as `transform_analysis` for each group of states, with R divided by its taper: each group is a row."""
     members, mean, Y, e, available, R = moments
-    after, after_mean = np.array(members), np.array(mean)
+    traced = is_traced(members)
+    if traced:  # one after the other
+        groups = tuple(group for together in groups for group in zip(*together, strict=True))
+    means: dict[Any, np.ndarray] = {}
+    rows: dict[Any, np.ndarray] = {}
     for states, channels, roots in groups:
+        own, own_mean = np.take(members, states, -2), np.take(mean, states, -1)
         if channels.shape[-1] > 0:
-            R_of_groups = R[..., channels[:, :, None], channels[:, None, :]]
-            own = members[..., states, :], mean[..., states], roots[..., None] * Y[..., channels, :]
-            after_mean[..., states], after[..., states, :], _ = transform_analysis(
-                *own, roots * e[..., channels], available[..., channels], R_of_groups,
+            block = (
+                np.take(np.take(R, channels, -2), channels, -1)
+                if traced
+                else (R[..., channels[:, :, None], channels[:, None, :]])
+            )
+            own_mean, own, _ = transform_analysis(
+                own, own_mean, roots[..., None] * np.take(Y, channels, -2), roots * np.take(e, channels, -1),
+                np.take(available, channels, -1), block,
                 inflation=inflation, certainty=certainty, regular=regular,
             )  # fmt: skip
+        for place in np.ndindex(states.shape):
+            at = slice(place[-1], place[-1] + 1)
+            means[states[place]], rows[states[place]] = own_mean[..., *place[:-1], at], own[..., *place[:-1], at, :]
+    after_mean, after = (
+        np.concatenate([parts[i] for i in range(len(parts))], axis) for parts, axis in ((means, -1), (rows, -2))
+    )
     return after_mean, after, innovation_covariance(Y, available, R)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from estimators.analysis import covariance
 from estimators.checks import as_array, frozen, read_only, with_points
+from estimators.engine.matrices import is_traced
 from estimators.reading import Reading
 
 Record = TypeVar("Record", bound="Belief")
@@ -62,6 +63,8 @@ class Packed:
             if name in layout.masks:
                 value = value != 0.0
                 value.setflags(write=False)
+            elif name in MEMBERS:
+                value = value.mT
         elif layout is None or name not in self.__dataclass_fields__:
             raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
         object.__setattr__(self, name, value)
@@ -82,6 +85,8 @@ class Layout(NamedTuple):
 
 APART = ("prior_mean", "prior_cov", "recovery", "u")
 """Arrays that are not packed with the others."""
+MEMBERS = ("ensemble",)
+"""Arrays that are packed transposed: members last."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -141,9 +146,10 @@ class Belief(Packed):
         put(belief, "prior_mean", prior_mean)
         put(belief, "prior_cov", prior_cov)
         put(belief, "recovery", _usual(packed.shape[:-1]))
-        (mean, _), (cov, square) = layout.cuts["mean"], layout.cuts["cov"]  # what everybody asks for
-        put(belief, "mean", packed[mean])
-        put(belief, "cov", packed[cov].reshape(packed.shape[:-1] + square))
+        put(belief, "mean", packed[layout.cuts["mean"][0]])  # what everybody asks for
+        if "cov" in layout.cuts:
+            cov, square = layout.cuts["cov"]
+            put(belief, "cov", packed[cov].reshape(packed.shape[:-1] + square))
         put(belief, "u", u)
         return belief
 
@@ -151,8 +157,7 @@ class Belief(Packed):
         """Its arrays packed ``(..., k)``, and where each stands."""
         if self.packed is not None:
             return self.packed, self.layout
-        arrays = {name: a for name, a in self._arrays().items() if a is not None and name not in APART}
-        batch = self.mean.shape[:-1]
+        arrays, batch = self.stored(), self.mean.shape[:-1]
         for name, array in arrays.items():
             if np.shape(array)[: len(batch)] != batch or not isinstance(array, np.ndarray | np.generic):
                 raise ValueError(f"{name} of a belief must be an array with a row for each of the batch, {batch}")
@@ -269,8 +274,18 @@ class Belief(Packed):
         object.__setattr__(same, "recovery", self.recovery)
         return same
 
+    def stored(self) -> dict[str, Any]:
+        """The arrays that are packed, by name, as they stand there."""
+        arrays = self._arrays().items()
+        return {name: a.mT if name in MEMBERS else a for name, a in arrays if a is not None and name not in APART}
+
     def _arrays(self) -> dict[str, Any]:
         return {name: getattr(self, name) for name in self.__dataclass_fields__}
+
+    @property
+    def _known_cov(self) -> np.ndarray | None:
+        """The covariance, None as long as nobody has asked for one that is computed then."""
+        return self.cov
 
 
 def _restored(record: type[Record], arrays: dict[str, Any]) -> Record:
@@ -371,13 +386,16 @@ class EnsembleBelief(Belief):
             own = self._moved("ensemble", changes) | {"cov": self.cov}
         return Belief.replace(self, **(own | changes))
 
+    def stored(self) -> dict[str, Any]:
+        """All but the covariance, which is that of the members."""
+        return {name: array for name, array in Belief.stored(self).items() if name != "cov"}
+
     def _arrays(self) -> dict[str, Any]:
         names = (name for name in self.__dataclass_fields__ if name != "cov")
         return {"cov": self._known_cov} | {name: getattr(self, name) for name in names}
 
     @property
     def _known_cov(self) -> np.ndarray | None:
-        """The covariance, None as long as nobody has asked for it."""
         try:
             return object.__getattribute__(self, "cov")
         except AttributeError:
@@ -404,7 +422,7 @@ def laid_out(shapes: tuple[tuple[str, tuple[int, ...]], ...], masks: frozenset[s
 
 def members_last(ensemble: np.ndarray) -> np.ndarray:
     """``(..., n, N)`` of an ensemble ``(..., N, n)``, contiguous: a view where members are last in memory already."""
-    return np.ascontiguousarray(ensemble.mT)
+    return ensemble.mT if is_traced(ensemble) else np.ascontiguousarray(ensemble.mT)
 
 
 def over_time(beliefs: Sequence[Record]) -> Record:
@@ -422,8 +440,7 @@ def over_time(beliefs: Sequence[Record]) -> Record:
     packed = None if first.packed is None or not alike else [b.packed[..., : first.layout.width] for b in beliefs]
     whole: dict[str, Any] = {}
     for name in first.__dataclass_fields__ if packed is None else APART:
-        asked = "_known_cov" if name == "cov" and isinstance(first, EnsembleBelief) else name
-        values = [getattr(belief, asked) for belief in beliefs]
+        values = [getattr(belief, "_known_cov" if name == "cov" else name) for belief in beliefs]
         seen = next((value for value in values if value is not None), None)
         if seen is None or (name == "cov" and any(value is None for value in values)):  # computed when asked for
             whole[name] = None

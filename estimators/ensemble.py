@@ -10,8 +10,6 @@ Everything costs O(N p (n + p)), and nothing is N x N unless that is less than p
 `enkf-sr` excepted).
 """
 
-from collections.abc import Callable
-from itertools import pairwise
 from typing import Any, ClassVar
 
 import numpy as np
@@ -29,21 +27,21 @@ from estimators.analysis import (
 from estimators.angles import difference, wrap
 from estimators.belief import Belief, EnsembleBelief, Record, members_last
 from estimators.checks import number, shown, whole
-from estimators.filter import Filter, Model, Rng
+from estimators.engine.matrices import is_traced
+from estimators.filter import Filter, Model, Rng, in_rows, inlinable
 from estimators.linalg import neutralised, semidefinite_cholesky, shared_root
 from estimators.localisation import check_taper, group_states
 from estimators.models import LinearModel, NonlinearModel, at_columns
 from estimators.randomness import Numbers
 from estimators.reading import Reading
-from estimators.threads import each
 from estimators.varying import resolve
 
 Drawn = Numbers | np.random.Generator
 """`Rng` of a filter that draws from it: there is one."""
 START, PROCESS, READINGS, ROTATION = range(4)
 """Uses of random numbers."""
-_CACHE = 2**20
-"""Bytes of members that are predicted and updated at a time, so that they stay in the cache meanwhile."""
+_FEW = 16
+"""Groups of components that a program has one after the other; of more, each is a row."""
 _LATER: Any = None
 """A covariance that is computed when somebody asks for it."""
 
@@ -66,6 +64,13 @@ class DrawingFilter(Filter[Record]):
             raise ValueError(f"rng has keys for rows {rng.keys.shape[:-1]}, expected {batch}")
         return rng
 
+    def _words(self, rng: Rng, batch: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+        numbers: Any = self._numbers(rng, batch)
+        step = numbers.step
+        if not isinstance(step, np.ndarray) or step.shape != batch or step.dtype != np.int64:
+            step = np.full(batch, step, np.int64)
+        return in_rows(numbers.keys), in_rows(step[..., None])
+
 
 class EnsembleFilter(DrawingFilter[EnsembleBelief]):
     """What the ensemble filters share: members, their prediction, the moments, inflation and localisation.
@@ -82,6 +87,8 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief]):
     """
 
     record = EnsembleBelief
+    formulas = True
+    _questions: ClassVar = {"_moved_members": "_moved_members", "_expected": "_expected"}
 
     def __init__(
         self, model: Model, members: int = 100, inflation: float = 1.0, localisation: np.ndarray | None = None
@@ -108,76 +115,38 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief]):
         mean, members = self._mean(ensemble), members_last(ensemble)
         return EnsembleBelief.predicted(belief, mean, _LATER, belief.u, ensemble=members.mT)
 
-    def _advance(
-        self, belief: EnsembleBelief, u: np.ndarray | None, y: np.ndarray, available: np.ndarray | None, rng: Rng
-    ) -> EnsembleBelief:
-        return self._in_chunks(super()._advance, belief, u, y, available, rng)
-
-    def _corrected(
-        self, belief: EnsembleBelief, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None, rng: Rng
-    ) -> EnsembleBelief:
-        return self._in_chunks(super()._corrected, belief, y, available, R, rng)
-
     def _predict(self, belief: EnsembleBelief, u: np.ndarray | None, rng: Rng) -> EnsembleBelief:
-        return self._in_chunks(self._forecast, belief, u, rng)
-
-    def _in_chunks(
-        self, formulas: Callable[..., EnsembleBelief], belief: EnsembleBelief, *given: Any
-    ) -> EnsembleBelief:
-        """The formulas on as many rows at a time as the cache holds: no row depends on the others.
-
-        How many these are does not depend on the threads, so that a model of one's own, whose last digits may follow
-        the size of a batch, has the same with any number of them; a power of two is shared evenly by two or four.
-        """
-        batch, size = belief.mean.shape[:-1], max(1, _CACHE // (8 * self.members * self.model.n))
-        numbers = self._numbers(given[-1], batch)
-        if len(batch) != 1 or batch[0] <= size or not self._alike or not isinstance(numbers, Numbers):
-            return formulas(belief, *given)
-        count = min(2 ** (-(-batch[0] // size) - 1).bit_length(), batch[0])
-        cuts = [batch[0] * i // count for i in range(count + 1)]
-        whole: dict[str, Any] = {}
-
-        def work(rows: slice) -> None:
-            part = formulas(belief[rows], *(None if one is None else one[rows] for one in given))
-            arrays = part._arrays() | {"cov": _LATER}
-            if self._threads > 1:  # whoever asks for it later has one thread
-                arrays["cov"] = type(part)(**arrays).cov
-            for name, values in arrays.items():
-                if values is not None:
-                    if name not in whole:
-                        whole.setdefault(name, np.empty_like(values, shape=batch + values.shape[1:]))
-                    whole[name][rows] = values
-
-        each(work, [slice(*ends) for ends in pairwise(cuts)], self._threads if self._ours else 1)
-        return type(belief)(**({"cov": _LATER} | whole))
-
-    def _forecast(self, belief: EnsembleBelief, u: np.ndarray | None, rng: Rng) -> EnsembleBelief:
-        """The prediction of rows."""
-        model, before = self.model, members_last(belief.ensemble)
-        numbers = self._numbers(rng, belief.mean.shape[:-1])
-        if isinstance(model, LinearModel):
-            after = resolve(model.A, u) @ before
-            if model.B is not None and u is not None:
-                after += np.matvec(resolve(model.B, u), u)[..., None]
-        else:
-            after = at_columns("transition", model.transition, before, u, model.n)
+        model, batch = self.model, belief.mean.shape[:-1]
+        after = self._asked("_moved_members", belief, u)
         root = semidefinite_cholesky(resolve(model.Q, u)) if self._noise_root is None else self._noise_root
-        normals = draw(numbers, belief.mean.shape[:-1], self.members, root.shape[-1], PROCESS)
-        mean, members = forecast(before, after, root, members_last(normals), angles=self._angles)
+        normals = members_last(draw(self._numbers(rng, batch), batch, self.members, root.shape[-1], PROCESS))
+        mean, members = forecast(members_last(belief.ensemble), after, root, normals, angles=self._angles)
         return EnsembleBelief.predicted(belief, mean, _LATER, u, ensemble=members.mT)
+
+    @inlinable("transition")
+    def _moved_members(self, belief: EnsembleBelief, u: np.ndarray | None) -> np.ndarray:
+        """Members ``(..., n, N)`` one step on, without process noise."""
+        model, members = self.model, members_last(belief.ensemble)
+        if not isinstance(model, LinearModel):
+            return at_columns(model, "transition", members, u, model.n)
+        after = resolve(model.A, u) @ members
+        return after if model.B is None or u is None else after + np.matvec(resolve(model.B, u), u)[..., None]
+
+    @inlinable("measurement")
+    def _expected(self, belief: EnsembleBelief, u: np.ndarray | None) -> np.ndarray:
+        """Measurements ``(..., p, N)`` that the members expect."""
+        model, members = self.model, members_last(belief.ensemble)
+        if not isinstance(model, LinearModel):
+            return at_columns(model, "measurement", members, u, model.p)
+        return resolve(model.C, u) @ members
 
     def _reading(
         self, belief: EnsembleBelief, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None
     ) -> Reading:
-        model, u, members = self.model, belief.u, members_last(belief.ensemble)
-        if isinstance(model, LinearModel):
-            readings = resolve(model.C, u) @ members
-        else:
-            readings = at_columns("measurement", model.measurement, members, u, model.p)
-        mean, anomalies = expect(readings, angles=self._seams)
-        whole, mask = self._noise(y, available, R, u)
-        complete, none = bool(mask.all()), self._no_columns
-        innovation, R = difference(y, mean, model.measurement_angles), whole
+        mean, anomalies = expect(self._asked("_expected", belief, belief.u), angles=self._seams)
+        whole, mask = self._noise(y, available, R, belief.u)
+        complete, none = not is_traced(mask) and bool(mask.all()), self._no_columns
+        innovation, R = difference(y, mean, self.model.measurement_angles), whole
         if not complete:
             innovation, R = np.where(mask, innovation, 0.0), neutralised(whole, mask)
         return Reading(innovation, none, none, R, mask, complete, anomalies.mT, whole)
@@ -245,7 +214,8 @@ class EnsembleKalmanFilter(EnsembleFilter):
         root = self._reading_root
         if root is None or reading.whole_R is not self.model.R:
             root = semidefinite_cholesky(reading.R)
-        wanted = np.vecmat(arrived, root != 0.0)  # the numbers of which a reading that arrived has a share
+        # the numbers of which a reading that arrived has a share
+        wanted = np.vecmat(1.0 * arrived, 1.0 * (np.abs(root) > 0.0)) > 0.0
         normals = members_last(draw(numbers, batch, self.members, self.model.p, READINGS, wanted))
         mean, members, S = perturbed_analysis(
             *self._moments(belief, reading), root, normals, self._factors, inflation=self.inflation
@@ -300,6 +270,8 @@ class EnsembleTransformFilter(EnsembleFilter):
         if not (self._tapers or np.isin(taper, (0.0, 1.0)).all()):
             raise ValueError(f"localisation of {self.name} must be 0 or 1 everywhere: a taper is for enkf and letkf")
         self._groups = group_states(taper)
+        if rotate or sum(len(states) for states, _, _ in self._groups) > _FEW:
+            self._programs = None
         self.sequential = self.inflation == 1.0 and localisation is None
 
     def _update(self, belief: EnsembleBelief, reading: Reading, rng: Rng) -> EnsembleBelief:
@@ -359,6 +331,8 @@ class EnsembleSquareRootFilter(EnsembleTransformFilter):
             raise ValueError(f"variant must be 'symmetric' or 'evensen2004', got {shown(variant)}")
         self.variant = variant
         self.sequential = self.sequential and variant == "symmetric"
+        if variant != "symmetric":
+            self._programs = None
 
     def _analysis(self, regular: bool, moments: Moments) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         mean, members, S = super()._analysis(regular, moments)

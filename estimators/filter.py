@@ -12,6 +12,7 @@ import numpy as np
 from estimators.angles import difference
 from estimators.belief import (
     APART,
+    MEMBERS,
     Belief,
     Layout,
     Record,
@@ -19,6 +20,7 @@ from estimators.belief import (
 )
 from estimators.checks import as_array, as_mask, frozen, shown
 from estimators.engine import tracer
+from estimators.engine.compiled import given
 from estimators.engine.foreign import Inspection
 from estimators.engine.function import Argument, Function
 from estimators.engine.matrices import MatrixTracer, is_traced, matrix, matrix_input
@@ -94,6 +96,8 @@ class Filter(ABC, Generic[Record]):
     """Updates of one step add up to one with all its readings: on a linear model, with noises that are independent."""
     likelihood: ClassVar[str] = "approximate"
     """What `log_likelihood` is: "exact", "diffuse" or "approximate"."""
+    _questions: ClassVar[dict[str, str]] = {"_moved": "_propagate", "_linearise": "_linearise"}
+    """What is asked of the model, and the method that evaluates it."""
     formulas: ClassVar[bool] = False
     """Whether ``_predict`` and ``_update`` are formulas, which are compiled, see `estimators.engine.matrices`.
 
@@ -178,7 +182,7 @@ class Filter(ABC, Generic[Record]):
 
     def _started(self, prior: Gaussian, rng: Rng, u: np.ndarray | None) -> Record:
         """What `init` gives, of a prior for this model, told the known input of the first reading."""
-        if self._ours and self._programs is not None and prior.mean.ndim == prior.cov.ndim == 2:
+        if self._ours and self._programs is not None and not self.random and prior.mean.ndim == prior.cov.ndim == 2:
             return self._started_alike(prior, u)
         n, batch = self.model.n, np.broadcast(prior.mean[..., 0], prior.cov[..., 0, 0]).shape
         mean, cov = np.empty(batch + prior.mean.shape[-1:]), np.empty(batch + (n, n))
@@ -326,11 +330,15 @@ class Filter(ABC, Generic[Record]):
         self, belief: Record, u: np.ndarray | None, y: np.ndarray, available: np.ndarray | None, rng: Rng
     ) -> Record:
         """`predict`, then `update`."""
-        if self._programs is not None and self._regular and self._in_one_program(belief, u):
-            updated, doubtful = self._executed(_BOTH, belief, u, y, available)
+        if self._compiles(rng) and self._regular and self._in_one_program(belief, u):
+            updated, doubtful = self._executed(_BOTH, belief, u, y, available, rng=rng)
             if not doubtful.any() and (self._ours or proper(updated.cov)):
                 return updated
         return self._corrected(self._predicted(belief, u, rng), y, available, None, rng)
+
+    def _compiles(self, rng: Rng) -> bool:
+        """Are prediction and update programs? They draw no numbers from a Generator."""
+        return self._programs is not None and not (self.random and isinstance(rng, np.random.Generator))
 
     def _in_one_program(self, belief: Record, u: np.ndarray | None) -> bool:
         """Are prediction and update one program? Host callbacks of an update need the prediction."""
@@ -342,7 +350,7 @@ class Filter(ABC, Generic[Record]):
             if all(each.unchanged() for each in traced.inspections):
                 return True
             del self._programs[key]
-        return len(self._inlined(belief, u)) == len(_TRACED)
+        return len(self._inlined(belief, u)) == len(self._questions)
 
     @staticmethod
     def _key(methods: tuple[str, ...], layout: Layout, u: np.ndarray | None, R: np.ndarray | None) -> tuple[Any, ...]:
@@ -350,8 +358,8 @@ class Filter(ABC, Generic[Record]):
         return methods, id(layout), None if u is None else u.shape[-1], R is None
 
     def _predicted(self, belief: Record, u: np.ndarray | None, rng: Rng) -> Record:
-        if self._programs is not None:
-            return self._executed(("_predict",), belief, u)[0]
+        if self._compiles(rng):
+            return self._executed(("_predict",), belief, u, rng=rng)[0]
         with np.errstate(all="ignore"):
             return self._predict(belief, u, rng)
 
@@ -362,8 +370,8 @@ class Filter(ABC, Generic[Record]):
         if R is not None or regular is None:
             R = self._own_R(belief) if R is None and isinstance(self.model.R, StateNoise) else R
             regular = regular_noise(neutralised(*self._noise(y, available, R, belief.u)))
-        if self._programs is not None:
-            updated, rows = self._executed(("_update",), belief, belief.u, y, available, R)
+        if self._compiles(rng):
+            updated, rows = self._executed(("_update",), belief, belief.u, y, available, R, rng)
         else:
             with np.errstate(all="ignore"):
                 reading = self._reading(belief, y, available, R)
@@ -444,7 +452,7 @@ class Filter(ABC, Generic[Record]):
         Others are host callbacks: a method that evaluates the model by itself, a function that cannot be traced.
         """
         found, model = [], self.model
-        for question, method in _TRACED.items():
+        for question, method in self._questions.items():
             if isinstance(model, LinearModel):
                 break
             names = getattr(getattr(type(self), method), "inlinable", ())
@@ -458,7 +466,7 @@ class Filter(ABC, Generic[Record]):
 
     def _executed(
         self, methods: tuple[str, ...], belief: Record, u: np.ndarray | None, y: np.ndarray | None = None,
-        available: np.ndarray | None = None, R: np.ndarray | None = None,
+        available: np.ndarray | None = None, R: np.ndarray | None = None, rng: Rng = None,
     ) -> tuple[Record, np.ndarray]:  # fmt: skip
         """The compiled `_predict`, `_update` or both; and the mask ``(...)`` of the rows that are `_doubtful`."""
         packed, layout = belief.side_by_side()
@@ -468,18 +476,23 @@ class Filter(ABC, Generic[Record]):
         # Of both methods `_in_one_program` has just asked.
         if traced is None or not (methods is _BOTH or all(each.unchanged() for each in traced.inspections)):
             traced = self._programs[key] = self._traced(methods, belief, layout, u, R)
-        batch, own = packed.shape[:-1], _in_rows(packed)
+        batch, own = packed.shape[:-1], in_rows(packed)
+        keys, step = self._words(rng, batch) if self.random else (own, own)
         out, doubtful = np.empty((len(own), traced.layout.width)), np.empty((len(own), 1), bool)
         self._run(
-            traced.function, own, own if u is None else _in_rows(u), own if y is None else _in_rows(y),
-            _all(len(own), self.model.p) if available is None else _in_rows(available),
-            _in_rows(traced.results(belief, u, R, batch)) if traced.callbacks else own, out, doubtful,
+            traced.function, own, own if u is None else in_rows(u), own if y is None else in_rows(y),
+            _all(len(own), self.model.p) if available is None else in_rows(available),
+            in_rows(traced.results(belief, u, R, batch)) if traced.callbacks else own, keys, step, out, doubtful,
         )  # fmt: skip
         out = out if len(batch) == 1 else out.reshape(*batch, out.shape[-1])
         updated: Any = self.record.looked_at(out, traced.layout, belief.prior_mean, belief.prior_cov, u)
         if y is None:
             object.__setattr__(updated, "recovery", belief.recovery)
         return updated, doubtful.reshape(batch)
+
+    def _words(self, rng: Rng, batch: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+        """Keys ``(rows, 2)`` and steps ``(rows, 1)`` of a filter that draws random numbers."""
+        raise NotImplementedError
 
     def _run(self, function: Function, *arrays: np.ndarray) -> None:
         """Execute a program on arrays of rows, of which threads take their shares."""
@@ -503,7 +516,7 @@ class Filter(ABC, Generic[Record]):
         traced = self._programs.get((formula.__name__, sizes))
         if traced is None:
             traced = self._programs[formula.__name__, sizes] = _formula(formula, sizes)
-        rows = [_in_rows(matrix.reshape(*batch, math.prod(size))) for matrix, size in zip(matrices, sizes, strict=True)]
+        rows = [in_rows(matrix.reshape(*batch, math.prod(size))) for matrix, size in zip(matrices, sizes, strict=True)]
         out = np.empty((len(rows[0]), traced.layout.width))
         self._run(traced.function, *rows, out)
         results = tuple(out[own].reshape(batch + shape) for own, shape in traced.layout.cuts.values())
@@ -514,6 +527,8 @@ class Filter(ABC, Generic[Record]):
     ) -> "_Traced":
         """The program of some of `_predict` and `_update`, for beliefs and a known input like these."""
         program, callbacks, column = Program(), [], 0
+        words = (Argument((2 * self.random,), "u"), Argument((1 * self.random,), "i"))
+        rng = Numbers(given(program, 5, words[0]), given(program, 6, words[1])[..., 0]) if self.random else None
 
         def callback(question: _Question, *axes: int) -> Any:
             nonlocal column
@@ -541,21 +556,21 @@ class Filter(ABC, Generic[Record]):
                 value = matrix_input(program, 0, first, shape)
                 if name in layout.masks:
                     value = value.as_type(True) if isinstance(value, MatrixTracer) else tracer.cast(value, "b")
-                fields[name] = value
+                fields[name] = value.mT if name in MEMBERS else value
             known = None if u is None else matrix_input(program, 1, 0, u.shape[-1:])
             now: Any = self.record(**(fields | {"u": known}))
             if "_predict" in methods:
-                now = self._sound(self._predict(now, known, None), now)
+                now = self._sound(self._predict(now, known, rng), now)
             if "_update" in methods:
                 p = (self.model.p,)
                 y, mask = matrix_input(program, 2, 0, p), matrix_input(program, 3, 0, p, "b")
                 told = None if R is None else callback(lambda belief, u, R: R, 2)
                 reading = self._reading(now, y, mask, told)
-                now = self._sound(self._update(now, reading, None), now)
+                now = self._sound(self._update(now, reading, rng), now)
                 if not self._ours:  # whose covariance may be symmetric but for rounding
                     now = Belief.replace(now, cov=symmetrise(now.cov))
                 doubtful = doubtful_rows(now, reading.R)
-            results = {name: value for name, value in now._arrays().items() if value is not None and name not in APART}
+            results = now.stored()
             masks = frozenset(name for name, value in results.items() if value.dtype == bool)
             found = laid_out(tuple((name, value.shape) for name, value in results.items()), masks)
             parts = [_part(program, value) for value in results.values()]
@@ -570,7 +585,7 @@ class Filter(ABC, Generic[Record]):
         if callbacks and program.inlined != self._inlined(belief, u):  # they have compared Jacobians of the user's
             return self._traced(methods, belief, layout, u, R)
         sizes = (layout.width, 0 if u is None else u.shape[-1], self.model.p, self.model.p, column)
-        arguments = [Argument((size,), "b" if i == 3 else "f") for i, size in enumerate(sizes)]
+        arguments = [*(Argument((size,), "b" if i == 3 else "f") for i, size in enumerate(sizes)), *words]
         outputs = [(parts, Argument((found.width,))), (mask, Argument((1,), "b"))]
         return _Traced(
             Function(program, arguments, outputs), found, tuple(callbacks), column, tuple(program.inspections)
@@ -706,7 +721,7 @@ def check_channels(filter: Filter, channels: int) -> None:
         )
 
 
-def _in_rows(array: np.ndarray) -> np.ndarray:
+def in_rows(array: np.ndarray) -> np.ndarray:
     """The array ``(B, k)`` of one ``(..., k)``, as kernels need it."""
     if not (array.flags.c_contiguous and array.flags.aligned):
         array = np.array(array, order="C")
@@ -720,10 +735,8 @@ def _all(rows: int, readings: int) -> np.ndarray:
 
 
 _Question = Callable[[Any, Any, Any], Any]
-_ANSWERS = {"_moved": (1, 2), "_linearise": (1, 2, 2), "_moving_G": (2,)}
+_ANSWERS = {"_moved": (1, 2), "_linearise": (1, 2, 2), "_moving_G": (2,), "_moved_members": (2,), "_expected": (2,)}
 """Axes of what these methods say of a row."""
-_TRACED = {"_moved": "_propagate", "_linearise": "_linearise"}
-"""The method that evaluates the model for them."""
 
 
 class _Traced(NamedTuple):

@@ -396,8 +396,11 @@ def _columnwise(function: Compiled | Inspection) -> Compiled:
     return own
 
 
-def at_columns(name: str, function: Function, points: np.ndarray, u: np.ndarray | None, size: int) -> np.ndarray:
-    """The same of points that are columns ``(..., n, N)``: values ``(..., size, N)``, contiguous."""
+def at_columns(model: NonlinearModel, name: str, points: np.ndarray, u: np.ndarray | None, size: int) -> np.ndarray:
+    """A model's function at points that are columns ``(..., n, N)``: values ``(..., size, N)``, contiguous."""
+    if is_traced(points):
+        return columnwise(model.source(name, points[..., 0], u), points, u)  # type: ignore[return-value]
+    function = getattr(model, name)
     traced = inspected(function, points[..., 0], u)
     if traced is None:
         return np.ascontiguousarray(at_points(name, function, points.mT, u, size).mT)

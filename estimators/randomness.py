@@ -93,23 +93,17 @@ class Numbers:
     def members(self, members: int, count: int, use: int = 0, wanted: np.ndarray | None = None) -> np.ndarray:
         """Standard normal numbers ``(..., members, count)``: a member's are the same however many there are.
 
-        Members lie last in memory. Components that no row has ``wanted (..., count)`` are 0; None: all are.
+        Members lie last in memory. Components that are not ``wanted (..., count)`` hold anything; None: all are.
         """
-        chosen = np.arange(count) if wanted is None else np.flatnonzero(wanted.reshape(-1, count).any(0))
-        second = (_unsigned(self.step) << 16) | use
-        drawn = np.zeros((*self.keys.shape[:-1], len(chosen), members))
-        if len(chosen) and members:
-            components = tuple(chosen.tolist())
-            drawn = _threefry().of_members(self.keys, second, members=members, components=components)
-        if len(chosen) == count:
-            return drawn.mT
-        out = np.zeros((*self.keys.shape[:-1], count, members))
-        out[..., chosen, :] = drawn
-        return out.mT
+        if not count or not members:
+            return np.zeros((*self.keys.shape[:-1], members, count))
+        threefry = _threefry()
+        second = threefry.second_word(self.step, use)
+        return threefry.of_members(self.keys, second, wanted, members=members, count=count).mT
 
     def _flat(self, function: Any, counters: np.ndarray, use: int) -> np.ndarray:
         """Numbers of each of some counters ``(..., k)``, side by side ``(..., k * numbers)``."""
         added = (None,) * counters.ndim
-        second = (_unsigned(self.step) << 16) | use
+        second = _threefry().second_word(self.step, use)
         numbers = function(self.keys[(..., *added, slice(None))], counters, second[(..., *added)])
         return numbers.reshape(*numbers.shape[:-2], numbers.shape[-2] * numbers.shape[-1])

@@ -5,13 +5,12 @@ as 1, 2, 3), a counter-based generator that passes BigCrush. Normal numbers foll
 (1958) from sums, products and square roots alone: the same to the last bit on every processor.
 """
 
-from functools import partial
 from typing import Any
 
 import numpy as np
 
 from estimators.engine import as_float, as_word, bits_float, compiled, float_bits, sincos_near_zero
-from estimators.engine.matrices import columnwise, interleaved
+from estimators.engine.matrices import columnwise, split
 
 _PARITY = 0x1BD11BDAA9FC1A22
 _ROTATIONS = (16, 42, 12, 31), (16, 32, 24, 21)
@@ -101,22 +100,29 @@ def normals(key: np.ndarray, step: np.ndarray, count: int, use: int = 0) -> list
     return [four[..., i] for four in numbers for i in range(4)][:count]
 
 
-@compiled(axes=(1, 0), matrices=True)
-def of_members(key: Any, second: Any, *, members: int, components: tuple[int, ...]) -> Any:
-    """Standard normal numbers ``(..., components, members)``: `four_normals` of a counter for each four members.
+def second_word(step: Any, use: int) -> Any:
+    """The second word of the counters of a step ``(...)`` and a use."""
+    return (as_word(step) << np.uint64(16)) | np.uint64(use)
+
+
+@compiled(axes=(1, 0, 1), matrices=True)
+def of_members(key: Any, second: Any, wanted: Any = None, *, members: int, count: int) -> Any:
+    """Standard normal numbers ``(..., count, members)``: `four_normals` of a counter for each four members.
 
     Args:
         key: ``(..., 2)``.
         second: ``(...)`` word of the step and the use.
+        wanted: Mask ``(..., count)`` of the components that are drawn; others hold anything. None: all are.
         members: How many.
-        components: Which.
+        count: Components of each.
     """
-    counters = np.arange((members + 3) // 4, dtype=float)[None]
+    fours = (members + 3) // 4
+    counters = np.stack([np.tile(np.arange(fours), count), np.repeat(np.arange(count), fours)]).astype(float)
 
-    def four(counter: Any, key: Any, second: Any, component: int) -> Any:
-        words = threefry(as_word(counter[0]) | np.uint64(component << 32), second[0], key[0], key[1])
+    def four(counter: Any, key: Any, second: Any) -> Any:
+        first = as_word(counter[0]) | (as_word(counter[1]) << 32)
+        words = threefry(first, second[0], key[0], key[1])
         return np.stack([number for word in words for number in normal_pair(word)], -1)
 
-    words = second[None]
-    drawn = [columnwise(partial(four, component=i), counters, key, words) for i in components]
-    return interleaved(drawn)[..., :members]
+    drawn = columnwise(four, counters, key, second[None], wanted=wanted, interleaved=True)
+    return split(drawn, count)[..., :members]

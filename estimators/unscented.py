@@ -1,17 +1,17 @@
 """Unscented filters: sigma points in place of Jacobians."""
 
-from typing import Any
+from typing import cast
 
 import numpy as np
 
 from estimators.angles import difference
 from estimators.belief import Belief, DelayedInputBelief, Record
 from estimators.checks import number
-from estimators.engine.matrices import columnwise, is_traced
+from estimators.engine.matrices import is_traced
 from estimators.filter import Filter, Model, inlinable
 from estimators.kalman import GaussianFilter
 from estimators.linalg import semidefinite_cholesky, solve_upper
-from estimators.models import LinearModel, at_points
+from estimators.models import LinearModel, NonlinearModel, at_columns, at_points
 from estimators.unknown_input import NoFeedthroughFilter
 
 
@@ -84,8 +84,7 @@ class SigmaPoints(Filter[Record]):
     def _values(self, name: str, size: int, points: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         """A function of the model at the points ``(..., 2 n + 1, size)``: of all rows at once, or traced."""
         if is_traced(points):
-            model: Any = self.model
-            return columnwise(model.source(name, points[..., 0, :], u), points.mT, u).mT  # type: ignore[return-value]
+            return at_columns(cast(NonlinearModel, self.model), name, points.mT, u, size).mT
         return at_points(name, getattr(self.model, name), points, u, size)
 
     # --- formulas: of arrays or, compiled, of what stands for them ----------------------------------

@@ -89,7 +89,7 @@ class Function:
         emitter = Driver(self, module, width)
         if len(self.instructions) > _LONG:
             emitter.inlined = 0
-        entry = machine.entry_point(2 + len(self.arguments) + len(self.results), width > 1)
+        entry = machine.entry_point(2 + len(self.arguments) + len(self.results), FEW)
         text = module.text([emitter.function(self.instructions, self.outputs), entry])
         return text, np.array(module.constants, float)
 

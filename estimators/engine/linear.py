@@ -10,6 +10,7 @@ from estimators.engine.matrices import (
     _concatenate,
     _where,
     is_mask,
+    joined,
     matrix,
     program_of,
     refuse_masks,
@@ -150,5 +151,13 @@ def orthogonal(a: Any) -> Any:
     return _rotated(a, False)[0]
 
 
-FUNCTIONS: dict[Any, Any] = {np.where: _where, np.concatenate: _concatenate, np.linalg.solve: solve_general}
+def _take(a: Any, indices: Any, axis: int) -> Any:
+    """Rows (axis -2) or columns (axis -1) by constant indices."""
+    rows = (slice(None),) if axis == -2 else ()
+    return joined([a[(..., slice(i, i + 1), *rows)] for i in np.asarray(indices).tolist()], axis)
+
+
+FUNCTIONS: dict[Any, Any] = {
+    np.where: _where, np.concatenate: _concatenate, np.linalg.solve: solve_general, np.take: _take,
+}  # fmt: skip
 """NumPy's functions of matrices that are not entry by entry."""

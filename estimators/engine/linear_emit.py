@@ -266,11 +266,7 @@ class LinearEmitter(ProductEmitter):
         root = self.call("sqrt", "f", self.width, self._do("fadd", self._one, self._do("fmul", tangent, tangent)))
         cosine = self._do("fdiv", self._one, root)
         sine = self._do("fmul", cosine, tangent)
-        some = apart
-        if self.width > 1:
-            lanes = f"v{self.width}i1"
-            self.module.declared[f"declare i1 @llvm.vector.reduce.or.{lanes}({self.mask})"] = None
-            some = self.line(f"call i1 @llvm.vector.reduce.or.{lanes}({self.mask} {apart})")
+        some = self.any(apart)
         turn, on = self.fresh("rotate"), self.fresh("on")
         self.lines.append(f"  br i1 {some}, label %{turn}, label %{on}")
         self.begin(turn)

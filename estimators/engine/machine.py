@@ -69,7 +69,7 @@ _FASTCALL = 0x80
 _PYTHON = "PyLong_AsSsize_t", "PyEval_SaveThread", "PyEval_RestoreThread", "Py_IncRef", "_Py_NoneStruct"
 
 
-def entry_point(pointers: int, releasing: bool) -> str:
+def entry_point(pointers: int, releasing: int) -> str:
     """The module's Python function, in LLVM IR: a call through ctypes would take longer than most programs.
 
     It takes two whole numbers and arrays of NumPy, whose data begin where their object says, right behind the head that
@@ -77,7 +77,7 @@ def entry_point(pointers: int, releasing: bool) -> str:
 
     Args:
         pointers: How many arrays.
-        releasing: Do other threads of Python run meanwhile?
+        releasing: Rows from which on other threads of Python run meanwhile.
     """
     lines = ["entry:"]
     for i in range(2):
@@ -88,12 +88,15 @@ def entry_point(pointers: int, releasing: bool) -> str:
             f"  %q{i} = getelementptr ptr, ptr %args, i64 {i + 2}", f"  %o{i} = load ptr, ptr %q{i}",
             f"  %d{i} = getelementptr i8, ptr %o{i}, i64 {object.__basicsize__}", f"  %p{i} = load ptr, ptr %d{i}",
         ]  # fmt: skip
-    if releasing:
-        lines.append("  %thread = call ptr @PyEval_SaveThread()")
-    lines.append(f"  call void @run(i64 %i0, i64 %i1, {', '.join(f'ptr %p{i}' for i in range(pointers))})")
-    if releasing:
-        lines.append("  call void @PyEval_RestoreThread(ptr %thread)")
-    lines += ["  call void @Py_IncRef(ptr @_Py_NoneStruct)", "  ret ptr @_Py_NoneStruct", "}"]
+    lines += [
+        f"  %many = icmp sge i64 %i0, {releasing}", "  br i1 %many, label %release, label %compute",
+        "release:", "  %released = call ptr @PyEval_SaveThread()", "  br label %compute",
+        "compute:", "  %thread = phi ptr [null, %entry], [%released, %release]",
+        f"  call void @run(i64 %i0, i64 %i1, {', '.join(f'ptr %p{i}' for i in range(pointers))})",
+        "  br i1 %many, label %restore, label %done",
+        "restore:", "  call void @PyEval_RestoreThread(ptr %thread)", "  br label %done",
+        "done:", "  call void @Py_IncRef(ptr @_Py_NoneStruct)", "  ret ptr @_Py_NoneStruct", "}",
+    ]  # fmt: skip
     declared = """declare i64 @PyLong_AsSsize_t(ptr)
 declare ptr @PyEval_SaveThread()
 declare void @PyEval_RestoreThread(ptr)

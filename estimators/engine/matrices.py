@@ -222,12 +222,14 @@ def lookup_matrix(table: np.ndarray, index: Tracer) -> MatrixTracer:
     return MatrixTracer(program, value, table.shape[1:])
 
 
-def columnwise(function: Any, *operands: Any) -> MatrixTracer:
+def columnwise(function: Any, *operands: Any, wanted: Any = None, interleaved: bool = False) -> MatrixTracer:
     """What a function of vectors ``(n,)`` gives for each column of matrices ``(n, N)``: ``(k, N)``.
 
     Args:
         function: Traced entry by entry.
         operands: Matrices, of which it gets the columns; vectors ``(m,)`` and None as they are.
+        wanted: Mask ``(b,)`` of b blocks of columns: results of others may be anything, and take no time; None: all.
+        interleaved: Give the results column by column, ``(1, k N)``; k is a power of two.
     """
     program = program_of(*operands)
     given: list[Any] = [
@@ -246,17 +248,15 @@ def columnwise(function: Any, *operands: Any) -> MatrixTracer:
         ]
         return [cast(each, "f").value for each in entries(function(*arguments), program)]
 
-    value = program.columns(views, body)
-    count = views[0].shape[1]
+    mask = None if wanted is None else matrix(program, wanted).view
+    value = program.columns(views, body, mask, interleaved)
+    count = program.sizes[value] if interleaved else views[0].shape[1]
     return MatrixTracer(program, value, (program.sizes[value] // count, count))
 
 
-def interleaved(parts: Sequence[MatrixTracer]) -> MatrixTracer:
-    """Rows ``(len(parts), k N)`` that hold matrices ``(k, N)`` column by column."""
-    (k, count), program = parts[0].shape, parts[0].program
-    places = tuple(i * k * count for i in range(len(parts)))
-    value = program.add("join", tuple(part.mT.view for part in parts), "f", len(parts) * k * count, (places, k))
-    return MatrixTracer(program, value, (len(parts), k * count))
+def split(row: MatrixTracer, count: int) -> MatrixTracer:
+    """One row of entries as ``count`` rows."""
+    return MatrixTracer(row.program, row.value, (count, row.size // count))
 
 
 def is_traced(value: Any) -> bool:

@@ -252,17 +252,19 @@ class MatrixEmitter(Emitter):
     def _columns(self, instruction: Instruction) -> None:
         """A function of columns: of a batch one after the other, of one row eight side by side."""
         loop: Columns = instruction.attributes[0]
-        views: Any = instruction.operands[: len(loop.parameters)]
-        together = self.width == 1 and loop.size >= CHUNK and all(view.steps[1] == 1 for view in views)
+        count, size = len(loop.parameters), loop.size // max(loop.blocks, 1)
+        views: Any = instruction.operands[:count]
+        together = self.width == 1 and size >= CHUNK and all(view.steps[1] == 1 for view in views)
         width = CHUNK if together else self.width
         T = type_of("f", width)
 
-        def some(at: Index) -> None:
+        def some(first: Index, at: Index) -> None:
             j: Index = at
             if together:  # the last ones begin before the end, and compute some again
-                j = self.call("smin", "ii", 1, self.times(at, CHUNK), str(loop.size - CHUNK))  # type: ignore[arg-type]
+                j = self.call("smin", "ii", 1, self.times(at, CHUNK), str(size - CHUNK))  # type: ignore[arg-type]
+            j = self.plus(first, j)
             inside = Emitter(self.program, self.module, width, self)
-            for value in instruction.operands[len(views) :]:
+            for value in instruction.operands[count + (loop.blocks > 0) :]:
                 if value not in self.program.constants:
                     name = self.names[value]  # type: ignore[index]
                     inside.names[value] = inside.splat(name, width, self.program.kinds[value]) if together else name  # type: ignore[index]
@@ -274,12 +276,42 @@ class MatrixEmitter(Emitter):
                     else:
                         inside.names[value] = self.load(view, i, j)
             inside.block(loop.body)
-            for i, value in enumerate(loop.results):
-                name = inside.name(value)
-                place = self.address(instruction.result, self.plus(i * loop.size, j))
-                self.lines.append(f"  store {T} {name}, ptr {place}, align 8")
+            found = [inside.name(value) for value in loop.results]
+            types, start, step = [T] * len(found), j, loop.size
+            if loop.interleaved:
+                start, step = self.times(j, len(found)), 1
+                if together:
+                    found, types = [self._interleaved(found)], [type_of("f", width * len(found))]
+            for i, (name, kind) in enumerate(zip(found, types, strict=True)):
+                place = self.address(instruction.result, self.plus(start, i * step))
+                self.lines.append(f"  store {kind} {name}, ptr {place}, align 8")
 
-        self.each(0, -(-loop.size // CHUNK) if together else loop.size, some)
+        def block(b: Index) -> None:
+            passes: Index = -(-size // CHUNK) if together else size
+            if loop.blocks:
+                mask: Any = instruction.operands[count]
+                wanted = self.line(f"fcmp une {self.T} {self.load(mask, 0, b)}, {literal(0.0, 'f', self.width)}")
+                passes = self.line(f"select i1 {self.any(wanted)}, i64 {passes}, i64 0")
+            self.each(0, passes, lambda at: some(self.times(b, size), at))
+
+        self.each(0, max(loop.blocks, 1), block)
+
+    def _interleaved(self, vectors: Sequence[str]) -> str:
+        """The first entries of some vectors of a row, as many as a power of two, then the second ones, and so on."""
+        if len(vectors) == 1:
+            return vectors[0]
+        pair = [self._interleaved(vectors[first::2]) for first in range(2)]
+        count = CHUNK * len(vectors) // 2
+        T, order = type_of("f", count), ", ".join(f"i32 {i}, i32 {i + count}" for i in range(count))
+        return self.line(f"shufflevector {T} {pair[0]}, {T} {pair[1]}, <{2 * count} x i32> <{order}>")
+
+    def any(self, mask: str) -> str:
+        """Is a mask true in any lane?"""
+        if self.width == 1:
+            return mask
+        lanes = f"v{self.width}i1"
+        self.module.declared[f"declare i1 @llvm.vector.reduce.or.{lanes}({self.mask})"] = None
+        return self.line(f"call i1 @llvm.vector.reduce.or.{lanes}({self.mask} {mask})")
 
     def _each(self, instruction: Instruction) -> None:
         _opcode, rows, columns = instruction.attributes

@@ -57,12 +57,18 @@ class Loop(NamedTuple):
 
 
 class Columns(NamedTuple):
-    """The body of a ``columns``: what it computes of the entries of a column of each operand that is a view."""
+    """The body of a ``columns``: what it computes of the entries of a column of each operand that is a view.
+
+    Where there are ``blocks`` of columns, a mask follows these operands that says which are computed. Results stand row
+    by row, or ``interleaved`` column by column.
+    """
 
     size: int
     parameters: tuple[tuple[int, ...], ...]
     body: tuple[Instruction, ...]
     results: tuple[int, ...]
+    blocks: int
+    interleaved: bool
 
 
 class Program:
@@ -177,16 +183,19 @@ class Program:
         renamed.update(zip(loop.results, results, strict=True))
         return self._blocks[-1][-1]
 
-    def columns(self, views: Sequence[View], body: Callable[..., Sequence[int]]) -> int:
+    def columns(
+        self, views: Sequence[View], body: Callable[..., Sequence[int]], wanted: View | None, interleaved: bool
+    ) -> int:
         """The matrix of what a body, traced once, makes of each column of matrices."""
         parameters = tuple(tuple(self.new("f") for _ in range(view.shape[0])) for view in views)
         results, inside = self._block(body, parameters, "a function of columns")
         own = {value for each in inside for value in each.results}.union(*parameters)
         outer = sorted(set(results).union(*(each.values for each in inside)) - own)
         count = views[0].shape[1]
-        loop = Columns(count, parameters, inside, results)
+        mask = () if wanted is None else (wanted,)
+        loop = Columns(count, parameters, inside, results, wanted.shape[1] if wanted else 0, interleaved)
         value = self.new("f", len(results) * count)
-        self._blocks[-1].append(Instruction("columns", (*views, *outer), value, (loop,)))
+        self._blocks[-1].append(Instruction("columns", (*views, *mask, *outer), value, (loop,)))
         return value
 
     def live(self, outputs: Sequence[int]) -> list[Instruction]:
