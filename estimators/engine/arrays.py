@@ -335,8 +335,7 @@ def apply_function(function: Any, args: Sequence[Any], kwargs: dict[str, Any]) -
         return function(*map(_floats, args), **{name: _floats(value) for name, value in kwargs.items()})
     if function not in _REARRANGING:
         raise NotTraceable(f"a traced function cannot have np.{function.__name__} in it")
-    arguments = [_object(each) for each in args]
-    return _wrapped(function(*arguments, **{name: _object(value) for name, value in kwargs.items()}))
+    return _wrapped(function(*map(_plain, args), **{name: _plain(value) for name, value in kwargs.items()}))
 
 
 def _depends(value: Any) -> bool:
@@ -351,13 +350,6 @@ def _floats(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return type(value)(map(_floats, value))
     return np.array(value.tolist()) if isinstance(value, TracedArray) else value
-
-
-def _object(value: Any) -> Any:
-    """Arrays of floats beside tracers as objects; names, shapes and indices as they are."""
-    if isinstance(value, list | tuple) and any(isinstance(each, Tracer | np.ndarray | list | tuple) for each in value):
-        return type(value)(map(_object, value))
-    return _plain(value)
 
 
 def entries(value: Any, program: Program) -> list[Tracer]:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from estimators.checks import read_only, shown
+from estimators import checks
 from estimators.engine.arrays import TracedArray, entries
 from estimators.engine.compiled import _rows, call, given, output
 from estimators.engine.creation import traced_creation
@@ -77,6 +77,8 @@ def inspect(function: Callable[..., Any], *samples: Any, axes: Sequence[int] | N
             return _inspected(function, samples, chosen)
     except NotTraceable as error:
         return Inspection(f"{error}{_place(error)}")
+    except checks.Written as error:
+        return Inspection(f"{error}{_place(error.__cause__)}")
     except (Exception, SystemExit) as error:
         if isinstance(error.__cause__, NotTraceable):  # NumPy says that it was no number, and not why
             return Inspection(f"{error.__cause__}{_place(error)}")
@@ -87,12 +89,12 @@ def inspect(function: Callable[..., Any], *samples: Any, axes: Sequence[int] | N
 def _inspected(function: Callable[..., Any], given: Sequence[Any], axes: list[int]) -> Inspection:
     samples = [np.asarray(each) for each in given]
     dependencies = Dependencies(function)
-    arguments = [_own(sample, k) for sample, k in zip(samples, axes, strict=True)]
+    arguments = [(a[:_OWN] if a.ndim > k else a).copy() for a, k in zip(samples, axes, strict=True)]
     batched = _batched(given, axes)
     own = _called(function, arguments)
     for each in own:
         if each.dtype.kind not in "fiub":
-            raise NotTraceable(f"it gives {shown(each[()])}, and not arrays of real numbers or masks")
+            raise NotTraceable(f"it gives {checks.shown(each[()])}, and not arrays of real numbers or masks")
     if not dependencies.unchanged():  # what is computed once and kept
         dependencies = Dependencies(function)
     again = _called(function, arguments)
@@ -125,11 +127,6 @@ def _check_unchanged(dependencies: Dependencies) -> None:
         raise NotTraceable("it changes something that it reads, and is another function at its next call")
 
 
-def _own(sample: np.ndarray, axes: int) -> np.ndarray:
-    """A copy of some rows of a sample."""
-    return sample[:_OWN].copy() if sample.ndim > axes else sample.copy()
-
-
 def _batched(samples: Sequence[Any], axes: Sequence[int]) -> list[bool]:
     """Which arguments have an axis for the batch: those that have some; all but Python's numbers where none has."""
     own = [np.ndim(sample) > k for sample, k in zip(samples, axes, strict=True)]
@@ -138,13 +135,7 @@ def _batched(samples: Sequence[Any], axes: Sequence[int]) -> list[bool]:
 
 def _called(function: Callable[..., Any], arguments: Sequence[np.ndarray]) -> list[np.ndarray]:
     """A function's results in NumPy, for arrays that it can only read."""
-    try:
-        results = function(*(read_only(each.copy()) if each.ndim else each[()] for each in arguments))
-    except ValueError as error:
-        if "read-only" not in str(error):
-            raise
-        written = NotTraceable("it writes into an array that it is given: work on a copy, as of np.array(x)")
-        raise written.with_traceback(error.__traceback__) from error
+    results = checks.call("it", function, *(each.copy() if each.ndim else each[()] for each in arguments))
     return [np.array(each) for each in (results if isinstance(results, tuple | list) else [results])]
 
 
@@ -298,10 +289,10 @@ def _quiet() -> Iterator[None]:
         yield
 
 
-def _place(error: BaseException) -> str:
+def _place(error: BaseException | None) -> str:
     """The last line of somebody else's code on the way to an error."""
     found = ""
-    step = error.__traceback__
+    step = error.__traceback__ if error else None
     while step is not None:
         code = step.tb_frame.f_code
         module = str(step.tb_frame.f_globals.get("__name__", ""))

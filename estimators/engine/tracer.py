@@ -282,18 +282,13 @@ def _operator(opcode: str, swapped: bool = False) -> Callable[[Tracer, Any], Any
     return apply
 
 
-for _name, _opcode in (
-    ("add", "add"), ("sub", "subtract"), ("mul", "multiply"), ("truediv", "divide"), ("and", "and"), ("or", "or"),
-    ("xor", "xor"), ("lshift", "left shift"), ("rshift", "right shift"), ("mod", "remainder"),
-    ("floordiv", "floor divide"),
-):  # fmt: skip
+for _name, _opcode in {
+    "add": "add", "sub": "subtract", "mul": "multiply", "truediv": "divide", "and": "and", "or": "or", "xor": "xor",
+    "lshift": "left shift", "rshift": "right shift", "mod": "remainder", "floordiv": "floor divide", "gt": "greater",
+    "ge": "greater equal", "lt": "less", "le": "less equal", "eq": "equal", "ne": "not equal",
+}.items():  # fmt: skip
     setattr(Tracer, f"__{_name}__", _operator(_opcode))
     setattr(Tracer, f"__r{_name}__", _operator(_opcode, True))
-for _name, _opcode in (
-    ("gt", "greater"), ("ge", "greater equal"), ("lt", "less"), ("le", "less equal"), ("eq", "equal"),
-    ("ne", "not equal"),
-):  # fmt: skip
-    setattr(Tracer, f"__{_name}__", _operator(_opcode))
 for _name, _opcode in (("neg", "negative"), ("abs", "absolute"), ("invert", "not")):
     setattr(Tracer, f"__{_name}__", lambda self, opcode=_opcode: operation(opcode, self))
 for _name, _method in (("pos", lambda self: self), ("pow", power)):
