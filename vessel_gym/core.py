@@ -197,9 +197,6 @@ class Core:
         fresh, forced = all(i < len(new) for i in places), all(len(new) <= i < len(acting) for i in places)
         self._input = columns([i - len(new) for i in places] if forced else places)
         self._input_in = "noise" if fresh else "forcing" if forced else ""
-        self._carried = vehicle.carried
-        if self._carried is not None:  # what a flow adds to what the prior describes, of the disturbance's state
-            self._carried = self._carried @ self.forces.linear[len(vehicle.kicks) : self.forces.outside]
         biased = [sensor for sensor in self.sensors.each if sensor.bias is not None]
         parts = "disturbance", *(f"bias of {sensor.name}" for sensor in biased)
         sensed = (f"sensor {sensor.name}" for sensor in self.sensors.each)
@@ -209,8 +206,7 @@ class Core:
         normals = [(0, root.shape[-1], 1) for root in self._world.start_roots]
         drawn = [(self.task.uniforms, 0, 0), (0, len(self._based), 0), (0, spread, 0), (0, 0, 0), *normals]
         self._drawn = tuple(drawn + [(0, 0, 0)] * len(self.sensors.each))
-        ends = np.cumsum([0, *(uniforms + count for uniforms, count, _ in self._drawn)]).tolist()
-        self._own = [slice(*ends[i : i + 2]) for i in range(self._sensed)]  # what is whose of the numbers drawn
+        self._spread = slice(end := self.task.uniforms + len(self._based), end + spread)  # normals of the parameters
 
     def _attach_loop(self, name: str, estimation: Estimation) -> None:
         if hasattr(self, name):
@@ -358,57 +354,40 @@ class Core:
         options = checked_options("options", options)
         if readings is not None:
             readings = _arrived(readings, len(rows), self.sensors)
-        loop, task, vehicle = self.loop, self._task, self._vehicle
+        loop, task = self.loop, self._task
         some = None if len(rows) == self.num_envs else rows  # all rows are faster as such
         at = slice(None) if some is None else rows
         seeds = self.seeds if some is None else [self.seeds[row] for row in rows]
         keys, numbers = draw(
             Numbers.seeded(seeds).keys, np.ascontiguousarray(self.episodes[at]), names=self._names, drawn=self._drawn
         )
-        of_task, of_vehicle, of_parameters, _, *of_parts = (numbers[:, own] for own in self._own)
         self._refuse_at(np.zeros(len(rows), int), None)
-        course = task.course(of_task, options)
+        course = task.course(numbers[:, : task.uniforms], options)
         prior = task.prior(course)
-        self._keys[at] = parts = keys[:, len(_DRAWN) : self._sensed].copy()
+        self._keys[at] = keys[:, len(_DRAWN) : self._sensed]
         loop.restart(at, keys[:, self._sensed :], keys[:, _DRAWN.index("filter")])
-        x, drifting = self._begun(prior, of_vehicle, of_parts)
-        state, actuators = (np.ascontiguousarray(started, float) for started in vehicle.start(x))
-        if self.mismatch:
-            parameters = vehicle.parameters(self.mismatch, of_parameters)
-        else:
-            parameters = self._nominal.repeat(len(rows), 0)
         steps = np.zeros(len(rows), int)
-        drifting, noise, forcing = self._world.begin(state, actuators, parts, steps, drifting)
+        actuators, u, state, drifting, noise, forcing, *read, tally = self._world.begin(
+            course, prior.mean, shared_root(prior.cov), numbers, keys[:, len(_DRAWN) :], steps
+        )
         if self._foreign_effect:
             self._check_forcing(forcing, steps, state, self._none[: len(rows)])
-        tally = task.begin(state, course)
+        if self.mismatch:
+            parameters = self._vehicle.parameters(self.mismatch, numbers[:, self._spread])
+        else:
+            parameters = self._nominal.repeat(len(rows), 0)
         self._put(
             some, course=course, state=state, actuators=actuators, parameters=parameters, drifting=drifting,
             noise=noise, forcing=forcing, tally=tally, steps=steps, total=np.zeros(len(rows)),
             end=np.zeros(len(rows), int), action=np.zeros((len(rows), self.action_size)),
         )  # fmt: skip
-        injected = readings is not None
-        if readings is None:
-            readings = self._world.sense(state, forcing, drifting, steps, loop.sensing(some))
-        readings = loop.receive(readings, steps, some, injected)
-        u = vehicle.known_input(actuators, actuators, task.commanded(course, steps))
+        readings = loop.receive(readings or (read[0], read[1]), steps, some, readings is not None)
         belief = loop.begin(some, self._known(prior, self.composition), self._handed(readings, rows), u)
         if hasattr(self, "held"):
             self.held.begin(some, self._known(prior, self.held.composition), readings, u)
         self._put(some, reference=self._reference(course, steps, belief, state))
         self._seen = None
         self._refuse_at(self.steps, None)
-
-    def _begun(
-        self, prior: Gaussian, of_vehicle: np.ndarray, of_parts: list[np.ndarray]
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """What the prior describes, and the disturbance's state and the biases, made of normal numbers of each."""
-        own = [np.matvec(root, normals) for root, normals in zip(self._world.start_roots, of_parts, strict=True)]
-        drifting = own[0] if len(own) == 1 else np.concatenate(own, -1)
-        x = prior.mean + np.matvec(shared_root(prior.cov), of_vehicle)
-        if self._carried is not None:
-            x += np.matvec(self._carried, drifting[:, : self._carried.shape[-1]])
-        return x, drifting
 
     def _known(self, prior: Gaussian, told: Composition) -> Gaussian:
         """What a filter knows at the start, of what it estimates."""

@@ -7,8 +7,8 @@ from scipy.linalg import block_diag
 
 from estimators.engine import compiled
 from vessel_gym.composition import Forces
-from vessel_gym.foreign import ours
-from vessel_gym.processes import advance
+from vessel_gym.foreign import CheckedMethods, ours
+from vessel_gym.processes import advance, product
 from vessel_gym.sensors import Sensors
 
 
@@ -36,11 +36,17 @@ class World:
         self.parts = np.array([process.normals for process in (disturbance.process, *biases)])
         self.parts[0] += disturbance.white.shape[-1]
         self.start_roots = [process.start_root for process in (disturbance.process, *biases)]
+        self.carried = (
+            forces.vehicle.carried
+        )  # what a flow adds to what the prior describes, of the disturbance's state
+        if self.carried is not None:
+            self.carried = self.carried @ forces.linear[len(forces.vehicle.kicks) : forces.outside]
         self.transition = block_diag(disturbance.process.transition, sensors.bias.transition)
         self.root = block_diag(disturbance.white, disturbance.process.root, sensors.bias.root)
         moving = ours(forces.vehicle) and ours(disturbance)
         self.ours = moving and sensors.ours
-        for name, compilable in (("step", self.ours), ("move", moving), ("begin", moving), ("sense", sensors.ours)):
+        begins = self.ours and not isinstance(task, CheckedMethods)
+        for name, compilable in (("step", self.ours), ("move", moving), ("begin", begins), ("sense", sensors.ours)):
             if not compilable:
                 setattr(self, name, getattr(self, name).function)
 
@@ -84,14 +90,34 @@ class World:
         state = self.vehicle.step(state, before, after, forcing[..., : self.forces.outside], parameters)
         return state, *self._with_effect(self._advanced(keys, steps, drifting, noise), state, measured)
 
-    @compiled(axes=(1, 1, 2, 0, 1))
+    @compiled(axes=(1, 1, 2, 1, 2, 0))
     def begin(
-        self, state: np.ndarray, actuators: np.ndarray, keys: np.ndarray, steps: np.ndarray, drifting: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Disturbance and biases, noise and exogenous input of the first step: nothing has moved before."""
+        self, course: np.ndarray, mean: np.ndarray, root: np.ndarray, numbers: np.ndarray, keys: np.ndarray,
+        steps: np.ndarray,
+    ) -> tuple[np.ndarray, ...]:  # fmt: skip
+        """State, actuators, known input and score state at an episode's start, and what `move` and `sense` give then.
+
+        Args:
+            course: What the task drew ``(..., c)``.
+            mean: Of the prior ``(..., n)``,
+            root: and of its covariance ``(..., n, n)``.
+            numbers: ``(..., k)`` as `vessel_gym.core.draw` gives them,
+            keys: and ``(..., parts, 2)`` of disturbance, biases and sensors.
+            steps: Zeros ``(...)``.
+        """
+        start_root, first, count = block_diag(*self.start_roots), self.task.uniforms, len(self.parts)
+        last, normals = numbers.shape[-1] - start_root.shape[-1], numbers[..., first : first + mean.shape[-1]]
+        drifting = product(start_root, numbers[..., last:], np.zeros((*mean.shape[:-1], len(start_root))))
+        x = mean + (root * normals[..., None, :]).sum(-1)
+        if self.carried is not None:
+            x = product(self.carried, drifting, x)
+        state, actuators = self.vehicle.start(x)
         noise = np.zeros((*drifting.shape[:-1], len(self.root)))
-        advanced = self._advanced(keys, steps, drifting, noise, first=True)
-        return self._with_effect(advanced, state, actuators)
+        advanced = self._advanced(keys[..., :count, :], steps, drifting, noise, first=True)
+        drifting, noise, forcing = self._with_effect(advanced, state, actuators)
+        u = self.vehicle.known_input(actuators, actuators, self.task.commanded(course, steps))
+        read = self.sense(state, forcing, drifting, steps, keys[..., count:, :])
+        return actuators, u, state, drifting, noise, forcing, *read, self.task.begin(state, course)
 
     @compiled(axes=(1, 1, 1, 0, 2))
     def sense(

@@ -60,9 +60,9 @@ class CircleTrack(TurningCircle):
 
     def course(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
         """Draw courses ``(B, 4)``, see `TurningCircle.course`."""
-        heading, rate = super().course(uniforms, options).T
-        return self._turn(heading, rate)
+        return self._turn(*super().course(uniforms, options).T)
 
+    @compiled(axes=(0, 0))
     def _turn(self, heading: np.ndarray, rate: np.ndarray) -> np.ndarray:
         """The course ``(..., 4)`` of a steady turn with a yaw rate."""
         curvature = np.copysign(np.interp(np.abs(rate), *self._turns[::-1]), rate)

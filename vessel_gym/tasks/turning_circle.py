@@ -78,10 +78,7 @@ class TurningCircle(Task):
         Raises:
             ValueError: for an unknown option or a radius that the ship cannot hold.
         """
-        shortest, longest = self.radius
-        heading = np.pi * (1.0 - 2.0 * uniforms[:, 0])
-        radius = self.ship.length * (shortest + (longest - shortest) * uniforms[:, 1])
-        radius = np.copysign(radius, uniforms[:, 2] - 0.5)
+        courses = self._drawn(uniforms)
         for option, value in options.items():
             one_of("reset option", option, ("radius",))
             low = self.tightest * self.ship.length
@@ -90,8 +87,16 @@ class TurningCircle(Task):
                 raise ValueError(f"radius must be at least {low:.0f} m to either side, got {shown(value)}")
             if abs(wanted) > self.WIDEST:
                 raise ValueError(f"radius must be at most {self.WIDEST:.0f} m to either side, got {shown(value)}")
-            radius = np.full(len(uniforms), wanted)
-        return np.stack([heading, self.yaw_rate(radius)], -1)
+            courses[:, 1] = self.yaw_rate(np.array(wanted))
+        return courses
+
+    @compiled
+    def _drawn(self, uniforms: np.ndarray) -> np.ndarray:
+        """Courses ``(..., 2)`` without options."""
+        shortest, longest = self.radius
+        radius = self.ship.length * (shortest + (longest - shortest) * uniforms[..., 1])
+        rate = self.yaw_rate(np.copysign(radius, uniforms[..., 2] - 0.5))
+        return np.stack([np.pi * (1.0 - 2.0 * uniforms[..., 0]), rate], -1)
 
     def yaw_rate(self, radius: np.ndarray) -> np.ndarray:
         """The yaw rate [rad/s] of the steady turn with a signed radius [m]."""

@@ -263,8 +263,8 @@ class Corvette:
         return np.array([0.0, 0.0, 0.0, self.ship.speed]), np.zeros(2)
 
     def start(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """State ``(B, 8)`` and actuators ``(B, 1)`` from what is estimated."""
-        return self._placed(x), np.zeros((len(x), 1))
+        """State ``(..., 8)`` and actuators ``(..., 1)`` from what is estimated."""
+        return self._placed(x), np.zeros((*x.shape[:-1], 1))
 
     def actuate(self, actuators: np.ndarray, action: np.ndarray) -> np.ndarray:
         """The rudder ``(B, 1)`` after a step of rudder rate ``action`` in [-1, 1]."""

@@ -195,6 +195,6 @@ class Segorogeni(AUV):
     normals: ClassVar = len(UNCERTAIN)
 
     def start(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """State ``(B, 12)`` and actuators ``(B, 3)`` to begin with: 5 deg of rudder, as in the paper."""
+        """State ``(..., 12)`` and actuators ``(..., 3)`` to begin with: 5 deg of rudder, as in the paper."""
         state, actuators = super().start(x)
         return state, actuators + np.deg2rad([5.0, 0.0, 0.0])

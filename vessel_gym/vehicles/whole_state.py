@@ -70,8 +70,8 @@ class WholeState:
         return self.body.vector(1.0 + mismatch * np.clip(normals, -2.0, 2.0))
 
     def start(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """State ``(B, n)`` and actuators ``(B, a)`` to begin with."""
-        return np.array(x, float), self.cruise[1][None, : len(self.action_names)].repeat(len(x), 0)
+        """State ``(..., n)`` and actuators ``(..., a)`` to begin with."""
+        return x.copy(), self.cruise[1][: len(self.action_names)] + np.zeros((*x.shape[:-1], 1))
 
     def moved(
         self, state: np.ndarray, before: np.ndarray, after: np.ndarray, flow: np.ndarray, parameters: np.ndarray
