@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from estimators.engine.compiled import Compiled
+from estimators.engine.compiled import Compiled, _Methods
 from estimators.engine.tracer import NotTraceable
 
 _LARGEST = 1 << 18  # bytes of arrays that are compared at every call
@@ -143,7 +143,7 @@ class _Walk:
             self._builtin(value, what)
         elif isinstance(value, type):
             self._class(value, _UNUSED)
-        elif isinstance(value, CodeType | frozenset | np.ufunc | type(np.sum)):
+        elif isinstance(value, CodeType | frozenset | np.ufunc | type(np.sum) | _Methods):
             self.leaves.append(value)
         else:
             self._instance(value, kind, what)

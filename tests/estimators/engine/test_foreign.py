@@ -491,6 +491,22 @@ def test_a_compiled_function_may_be_part_of_it():
     traced(lambda x: ours(x) + 1.0)
 
 
+class Equipped:
+    def __init__(self) -> None:
+        self.gain = 2.0
+
+    @compiled
+    @np.errstate(all="ignore")  # a context variable of NumPy's, which cannot be compared
+    def moved(self, x: np.ndarray) -> np.ndarray:
+        return x
+
+
+def test_compiled_methods_that_are_not_called_are_not_read():
+    equipped = Equipped()
+    equipped.moved(X)
+    traced(lambda x: getattr(equipped, "gain") * x)  # noqa: B009 : all attributes count
+
+
 def test_a_program_in_numpy_has_the_bits_of_its_compiled_self():
     def function(x: np.ndarray, n: np.ndarray) -> np.ndarray:
         angle = (x[..., 0] + np.pi) % (2.0 * np.pi) - np.pi
