@@ -50,8 +50,21 @@ def _matmul(a: Any, b: Any) -> Any:
         return _for_every_row(program, np.zeros((a.shape[0], b.shape[1])))
     rows, columns = a.shape[0], b.shape[1]
     room = b.size if b.steps[1] != 1 and columns > 1 else 0
-    value = program.add("matmul", (a.view, b.view), "f", rows * columns, (room,))
+    value = program.add("matmul", (a.view, b.view), "f", rows * columns, (_picks(a, b), room))
     return MatrixTracer(program, value, (rows, columns))
+
+
+def _picks(a: MatrixTracer, b: MatrixTracer) -> tuple[int, ...] | None:
+    """The column of the only entry of each row of a constant matrix, -1 where there is none; None: of any other."""
+    if a.constant is None or b.shape[1] < _MANY or a.shape[0] > _MANY or b.value in b.program.tables:
+        return None
+    places = a.start + np.add.outer(*(np.arange(size) * step for size, step in zip(a.shape, a.steps, strict=True)))
+    entries = a.program.tables[a.value][places] != 0.0
+    return tuple(np.where(entries.any(-1), entries.argmax(-1), -1).tolist()) if entries.sum(-1).max() == 1 else None
+
+
+_MANY = 64
+"""Columns of a product from which on it is worth looking at zeros of a constant factor, and rows up to which."""
 
 
 def _matvec(a: Any, x: Any) -> Any:

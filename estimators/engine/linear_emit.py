@@ -1,11 +1,12 @@
 """Factorisations and solutions of small matrices as loops in LLVM IR."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from estimators.engine.emit import Module, literal
-from estimators.engine.matrix_emit import Index
+from estimators.engine.emit import Module, literal, type_of
+from estimators.engine.matrix_emit import CHUNK, Index
 from estimators.engine.product_emit import ProductEmitter
 from estimators.engine.program import Instruction, Program, View
 
@@ -23,6 +24,7 @@ class LinearEmitter(ProductEmitter):
             "solve lower": self._solve_triangular, "solve upper": self._solve_triangular, "cholesky": self._cholesky,
             "semidefinite cholesky": self._semidefinite_cholesky, "rotate": self._rotate,
         }  # fmt: skip
+        self._across = 1  # columns that are solved side by side
         self._zero, self._one, self._nan = (literal(x, "f", width) for x in (0.0, 1.0, np.nan))
 
     def _do(self, operation: str, *operands: str) -> str:
@@ -46,6 +48,23 @@ class LinearEmitter(ProductEmitter):
                 self.store(mean, instruction.result, self.plus(self.times(row, n), column))
 
         self.each(0, n, lambda i: self.each(0, self.plus(i, 1), lambda j: one(i, j)))
+
+    def _for_columns(self, b: View, solution: Callable[[Index], None]) -> None:
+        """A body for each column; those of a row alone that are neighbours are eight lanes of vectors."""
+        neighbours = self.width == 1 and b.steps[1] == 1 and b.value not in self.program.tables
+
+        def some(c: Index, count: int) -> None:
+            self._across, self.T = count, type_of("f", self.width * count)
+            solution(c)
+            self._across, self.T = 1, type_of("f", self.width)
+
+        self.chunks(b.shape[1], CHUNK if neighbours else 1, some)
+
+    def _factor(self, view: View, i: Index, j: Index) -> str:
+        """An entry for all columns that are solved together."""
+        own, self.T = self.T, type_of("f", self.width)
+        x, self.T = self.load(view, i, j), own
+        return self.splat(x, self._across) if self._across > 1 else x
 
     def _substituted(self, z: View, c: Index, low: Index, high: Index, factor: Any, rest: str) -> str:
         """An entry less what those of the column before it contribute."""
@@ -76,19 +95,19 @@ class LinearEmitter(ProductEmitter):
 
         def solution(c: Index) -> None:
             def forward(i: Index) -> None:
-                rest = self._substituted(z, c, 0, i, lambda k: self.load(f, k, i), self.load(b, i, c))
+                rest = self._substituted(z, c, 0, i, lambda k: self._factor(f, k, i), self.load(b, i, c))
                 self.store_at(rest, z, i, c)
 
             def backward(m: Index) -> None:
                 i = self.line(f"sub i64 {n - 1}, {m}")
-                rest = self._do("fdiv", self.load(z, i, c), self.load(f, i, i))
-                rest = self._substituted(z, c, self.plus(i, 1), n, lambda k: self.load(f, i, k), rest)
+                rest = self._do("fdiv", self.load(z, i, c), self._factor(f, i, i))
+                rest = self._substituted(z, c, self.plus(i, 1), n, lambda k: self._factor(f, i, k), rest)
                 self.store_at(rest, z, i, c)
 
             self.loop(0, n, lambda i: forward(i))
             self.loop(0, n, lambda m: backward(m))
 
-        self.each(0, b.shape[1], solution)
+        self._for_columns(b, solution)
 
     def _solve_triangular(self, instruction: Instruction) -> None:
         operands: Any = instruction.operands
@@ -103,12 +122,12 @@ class LinearEmitter(ProductEmitter):
             def entry(m: Index) -> None:
                 i = m if lower else self.line(f"sub i64 {n - 1}, {m}")
                 low, high = (0, i) if lower else (self.plus(i, 1), n)
-                rest = self._substituted(z, c, low, high, lambda k: self.load(t, i, k), self.load(b, i, c))
-                self.store_at(self._do("fdiv", rest, self.load(t, i, i)), z, i, c)
+                rest = self._substituted(z, c, low, high, lambda k: self._factor(t, i, k), self.load(b, i, c))
+                self.store_at(self._do("fdiv", rest, self._factor(t, i, i)), z, i, c)
 
             self.each(0, n, entry)
 
-        self.each(0, b.shape[1], solution)
+        self._for_columns(b, solution)
 
     def _cholesky(self, instruction: Instruction) -> None:
         s: Any = instruction.operands[0]

@@ -21,6 +21,9 @@ class ProductEmitter(MatrixEmitter):
         operands: Any = instruction.operands
         a, b = operands
         target = self.target(instruction, (a.shape[0], b.shape[1]))
+        if (picks := instruction.attributes[0]) is not None:
+            self._scaled_rows(a, b, instruction.result, picks)
+            return
         if self.width == 1 and b.shape[1] > 1:
             if b.steps[1] != 1:
                 copied = View(self.temporary(instruction), b.shape, 0, (b.shape[1], 1))
@@ -29,6 +32,22 @@ class ProductEmitter(MatrixEmitter):
             self.each(0, a.shape[0], lambda i: self._row_product(a, b, instruction.result, i))
             return
         self._products(a, b, target)
+
+    def _scaled_rows(self, a: View, b: View, result: int, picks: Sequence[int]) -> None:
+        """A product whose rows are multiples of rows of ``b``, or zeros."""
+        columns, lanes = b.shape[1], CHUNK if self.width == b.steps[1] == 1 else 1
+
+        def some(i: int, k: int, j: Index, count: int) -> None:
+            T, total = type_of("f", self.width * count), literal(0.0, "f", self.width * count)
+            if k >= 0:
+                x = self.load(a, i, k)
+                y = self.line(f"load {T}, ptr {self.address(b.value, self.index(b, k, j))}, align 8")
+                total = self.line(f"fmul {T} {self.splat(x, count) if count > 1 else x}, {y}")
+            place = self.address(result, self.plus(i * columns, j))
+            self.lines.append(f"  store {T} {total}, ptr {place}, align 8")
+
+        for i, k in enumerate(picks):
+            self.chunks(columns, lanes, lambda j, count, i=i, k=k: some(i, k, j, count))  # type: ignore[misc]
 
     def _products(self, a: View, b: View, target: View) -> None:
         """Entries one beside the other, four at a time."""
@@ -119,12 +138,19 @@ class ProductEmitter(MatrixEmitter):
         sums = [zero] * (1 if together else CHUNK)
         if whole:
             sums = self._accumulated(0, whole, products, sums, [T] * len(sums), CHUNK)
+        total, size = sums[0], CHUNK
+        while together and size > 1:  # halves of the vector
+            size //= 2
+            lows, highs = (", ".join(f"i32 {m + first}" for m in range(size)) for first in (0, size))
+            pair = [f"shufflevector {T} {total}, {T} poison, <{size} x i32> <{part}>" for part in (lows, highs)]
+            T = f"<{size} x double>"
+            total = self.line(f"fadd {T} {self.line(pair[0])}, {self.line(pair[1])}")
         if together:
-            sums = [self.line(f"extractelement {T} {sums[0]}, i32 {m}") for m in range(CHUNK)]
+            total = self.line(f"extractelement {T} {total}, i32 0")
         while len(sums) > 1:
             half = len(sums) // 2
             sums = self._sums([self.T] * half, sums[:half], sums[half:])
-        total = sums[0]
+            total = sums[0]
         for k in range(whole, count):
             total = self.line(f"fadd {self.T} {total}, {self._product(a, i, b, j, k)}")
         return total
