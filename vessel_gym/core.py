@@ -13,38 +13,23 @@ from estimators import Belief, Filter, Gaussian, Numbers
 from estimators.checks import shown
 from estimators.engine import as_word, compiled
 from estimators.linalg import shared_root
-from estimators.randomness import word
 from estimators.threads import each, shares
 from estimators.threefry import four_normals, threefry, two_uniforms
-from vessel_gym.acceptance import checked_task, checked_vehicle
 from vessel_gym.arrivals import Readings
-from vessel_gym.checks import number, numbers, one_of
+from vessel_gym.checks import numbers
 from vessel_gym.checks import options as checked_options
-from vessel_gym.composition import Composition, Forces, acting_on, change_of
+from vessel_gym.composition import Composition, Forces
+from vessel_gym.configuration import DRAWN, Configuration
 from vessel_gym.disturbances import Disturbance
-from vessel_gym.estimation import Estimation, EstimatorChoice, build, chosen_disturbance
-from vessel_gym.foreign import CheckedMethods, ours, refuse_not_finite
+from vessel_gym.estimation import EstimatorChoice
+from vessel_gym.foreign import refuse_not_finite
 from vessel_gym.loop import Loop
-from vessel_gym.mission import Mission
 from vessel_gym.sensor_faults import SensorFault
-from vessel_gym.sensors import Sensor, Sensors, columns
+from vessel_gym.sensors import Sensor, Sensors
 from vessel_gym.system import Estimate, System
-from vessel_gym.world import World
 
-OBSERVE = ("mean", "mean+std", "mean+alarms", "mean+std+alarms", "measurement")
-"""What may be observed: estimates, with their standard deviations and a monitor's alarms, or raw readings."""
-ENDS = ("belief", "declaration", "task")
-"""Who says that a mission is done: what the estimator believes, the agent, or the task, which knows the truth."""
 DECLARED = 0.5
 """An agent declares a mission done by a last component of its action above this."""
-
-_ATTACHED = (
-    "system", "vehicle", "task", "forces", "sensors", "composition", "_vehicle", "_task", "_own_parts", "_world",
-    "_mission",
-)  # fmt: skip
-"""What `Core.attach` gives, and may hold functions that cannot be pickled."""
-_DRAWN = ("task", "vehicle", "parameters", "filter")
-"""What is drawn by itself at the start of an episode; then come the parts of the world and the sensors."""
 
 
 class Core:
@@ -67,8 +52,9 @@ class Core:
         sensors: Name of a sensor suite, or a list of `Sensor` objects of one's own.
         disturbance: Name of a disturbance, or a `Disturbance` of one's own.
         mismatch: Relative spread of the truth's parameters around the filter's, in [0, 0.25].
-        observe: One of `OBSERVE`.
-        ends: One of `ENDS`; None: ``"belief"`` where estimates are observed, ``"task"`` where readings are.
+        observe: One of `vessel_gym.configuration.OBSERVE`.
+        ends: One of `vessel_gym.configuration.ENDS`; None: ``"belief"`` where estimates are observed, ``"task"`` where
+            readings are.
         guidance: Whether the agent is told how to go on, by the path's errors where it is believed to be, or, of raw
             readings, where the last of them put it; None: where estimates are observed.
         num_threads: Threads that share the rows; no result depends on it.
@@ -97,38 +83,23 @@ class Core:
         for name, count in (("num_envs", num_envs), ("num_threads", num_threads)):
             if not whole(count) or count < 1:
                 raise ValueError(f"{name} must be a positive whole number, got {shown(count)}")
-        one_of("observe mode", observe, OBSERVE)
-        if not 0.0 <= number(mismatch) <= 0.25:
-            raise ValueError(f"mismatch must be between 0 and 0.25, got {shown(mismatch)}")
-        raw = observe == "measurement"
-        self.num_threads = int(num_threads)
-        self.num_envs, self.observe_mode, self.mismatch = int(num_envs), observe, float(mismatch)
-        self.ends = one_of("ends", ("task" if raw else "belief") if ends is None else ends, ENDS)
-        if guidance is not None and not isinstance(guidance, bool):
-            raise ValueError(f"guidance must be True, False or None, got {shown(guidance)}")
-        self.guidance = not raw if guidance is None else guidance
-        choice = system.estimator if estimator is None else estimator
-        self.sensors_name, self.disturbance_name = (
-            name if isinstance(name, str) else "own" for name in (sensors, disturbance)
-        )
+        self.num_envs, self.num_threads = int(num_envs), int(num_threads)
         estimator_options = checked_options("estimator_options", estimator_options)
-        self._chosen = sensors, sensor_faults, disturbance, choice, estimator_options
+        self._choices = (
+            estimator, estimator_options, sensors, disturbance, mismatch, observe, ends, guidance, sensor_faults,
+            self.num_threads,
+        )  # fmt: skip
         self.loop: Loop
         self.held: Loop  # what raw readings give as they are, where they guide
         self.attach(system)
-        self.estimator = self.loop.filter.name
-        self._ends = np.array(self.task.ends, dtype=object)
-        self.success = self.task.ends.index(self.task.success)
-        if self.ends == "declaration" and not self.task.success:
-            raise ValueError(f"{system.name} goes on until time is up, so there is nothing to declare: ends='task'")
-        self.action_size = len(self.vehicle.action_names) + (self.ends == "declaration")
         self.action_shape = self.num_envs, self.action_size
+        self._ends = np.array(self.task.ends, dtype=object)
         self._none, self._no_input = np.zeros(num_envs, bool), np.zeros((num_envs, 0))
         self._seen: np.ndarray | None = None  # the observation, where it is known
 
         self.seeds: list[int] = []
         self.episodes = np.zeros(num_envs, int)
-        self._keys = np.zeros((num_envs, self._sensed - len(_DRAWN), 2), np.uint64)  # of the world's parts
+        self._keys = np.zeros((num_envs, self.config.sensed - len(DRAWN), 2), np.uint64)  # of the world's parts
         self._rows = np.arange(num_envs)
         self.steps = np.zeros(num_envs, int)
         self.total = np.zeros(num_envs)
@@ -143,81 +114,28 @@ class Core:
         self.noise: np.ndarray  # what is new in kicks, disturbance and biases over the coming step
         self.forcing: np.ndarray  # over the coming step
         self.tally: np.ndarray  # what the score remembers
-        sizes, seen = self.task.sizes(self.sensors.size, len(self.composition.names)), observed(observe, self.guidance)
-        if not isinstance(sizes, dict) or not all(part in sizes for part in seen):
-            raise ValueError(f"sizes of {type(self.task).__name__} must give {', '.join(seen)}, got {shown(sizes)}")
-        self.observation_size = sum(sizes[part] for part in seen)
-        self.observation_size += len(alarming(observe, self.loop))
 
     def attach(self, system: System) -> None:
-        """Take what is the same for all copies from the system, and build the filter: a copied core needs it again."""
-        sensors, sensor_faults, disturbance, estimator, options = self._chosen
-        self.system, self.vehicle, self.task = system, system.vehicle, system.task
-        vehicle = self.vehicle
-        our_task = ours(self.task)
-        self._vehicle: Any = checked_vehicle(vehicle)
-        self._task: Any = checked_task(self.task, self._vehicle)
-        self._own_parts = [part for part in (self._vehicle, self._task) if isinstance(part, CheckedMethods)]
-        self.sensors = system.sensors_of(sensors, sensor_faults)
-        self.forces = Forces(vehicle, chosen_disturbance(system, disturbance))
-        self._commanding = self.task.commanding if our_task else None  # what somebody has written is asked
-        self._world = World(self._vehicle, self.forces, self.sensors, self._task)
-        estimation = build(system, estimator, options, self.sensors, self.forces.disturbance)
-        self.composition = estimation.composition
-        self._attach_loop("loop", estimation)
-        self._foreign_effect = not ours(self.forces.disturbance)
-        self._mission: Mission | None = None  # what steps the task, where one program can
-        self._perfect = (
-            float(self.task.perfect),
-            float(self.task.perfect == self.task.horizon),
-        )  # in all, and a step more
+        """Take what no episode changes from the system: a copied core needs it again."""
+        self.config = config = Configuration(system, *self._choices)
+        self.system, self.vehicle, self.task, self.forces = config.system, config.vehicle, config.task, config.forces
+        self.sensors, self.composition, self.estimator = config.sensors, config.composition, config.estimator
+        self.truth_names, self.unknown_inputs = config.truth_names, config.unknown_inputs
+        self.sensors_name, self.disturbance_name = config.sensors_name, config.disturbance_name
+        self.mismatch, self.observe_mode, self.guidance = config.mismatch, config.observe_mode, config.guidance
+        self.ends, self.success = config.ends, config.success
+        self.action_size, self.observation_size = config.action_size, config.observation_size
+        for name, estimation in config.estimations.items():
+            if hasattr(self, name):
+                getattr(self, name).attach(self.sensors, estimation)
+            else:
+                setattr(self, name, Loop(self.sensors, estimation, self.num_envs))
         # What somebody has written in NumPy may round otherwise in a part of the rows.
-        self._parts = shares(self.num_envs, self.num_threads if self._world.ours else 1)
-        if self.guidance and self.observe_mode == "measurement":
-            wide = {"model": vehicle.kinds[0]}  # the same whatever estimator is named
-            held = build(system, "measurement", wide, self.sensors, self.forces.disturbance)
-            self._attach_loop("held", held)
-        self._shown = self.forces.disturbance.told == "states" or len(self.composition.held) > 0
-        self.truth_names = (
-            *vehicle.state_names, *(self.forces.disturbance.names if self._shown else ()), *self.sensors.bias_names
-        )  # fmt: skip
-        """Components of `truth`."""
-        self._alone = len(self.truth_names) == len(vehicle.state_names)
-        self._estimated = [self.truth_names.index(n) if n in self.truth_names else -1 for n in self.composition.names]
-        self._based = [vehicle.state_names.index(name) for name in vehicle.estimated(vehicle.kinds[0])]
-        if our_task and not self._foreign_effect and self.guidance and self.observe_mode == "mean":
-            self._mission = Mission(self.task, self.composition, self.ends, self._based)
-        self._nominal = np.array(self._vehicle.parameters(0.0, np.zeros((1, vehicle.normals))))
-        self.unknown_inputs = estimation.inputs
-        """What nobody is told of the coming step, by name."""
-        new = (*self.forces.disturbance.names, *self.sensors.bias_names)
-        new = (*self.forces.disturbance.shakes, *map(change_of, new))  # what `noise` holds
-        acting = (*new, *acting_on(vehicle)[: self.forces.size])
-        places = [acting.index(name) if name in acting else len(acting) for name in self.unknown_inputs]
-        fresh, forced = all(i < len(new) for i in places), all(len(new) <= i < len(acting) for i in places)
-        self._input = columns([i - len(new) for i in places] if forced else places)
-        self._input_in = "noise" if fresh else "forcing" if forced else ""
-        biased = [sensor for sensor in self.sensors.each if sensor.bias is not None]
-        parts = "disturbance", *(f"bias of {sensor.name}" for sensor in biased)
-        sensed = (f"sensor {sensor.name}" for sensor in self.sensors.each)
-        self._names = tuple(word(name) for name in (*_DRAWN, *parts, *sensed))
-        self._sensed = len(_DRAWN) + len(parts)  # where the sensors' keys begin
-        spread = vehicle.normals if self.mismatch else 0
-        normals = [(0, root.shape[-1], 1) for root in self._world.start_roots]
-        drawn = [(self.task.uniforms, 0, 0), (0, len(self._based), 0), (0, spread, 0), (0, 0, 0), *normals]
-        self._drawn = tuple(drawn + [(0, 0, 0)] * len(self.sensors.each))
-        self._spread = slice(end := self.task.uniforms + len(self._based), end + spread)  # normals of the parameters
-
-    def _attach_loop(self, name: str, estimation: Estimation) -> None:
-        if hasattr(self, name):
-            getattr(self, name).attach(self.sensors, estimation)
-        else:
-            setattr(self, name, Loop(self.sensors, estimation, self.num_envs))
-        estimation.filter._threads = self.num_threads
+        self._parts = shares(self.num_envs, self.num_threads if config.world.ours else 1)
 
     def __getstate__(self) -> dict[str, Any]:
-        """All but what `attach` gives."""
-        return {name: value for name, value in self.__dict__.items() if name not in _ATTACHED}
+        """All but what `attach` gives, which may hold functions that cannot be pickled."""
+        return {name: value for name, value in vars(self).items() if name not in {"config", *vars(self.config)}}
 
     # --- what was chosen --------------------------------------------------------------------------
 
@@ -239,44 +157,44 @@ class Core:
     @property
     def unknown_input(self) -> np.ndarray:
         """The true one of every environment ``(B, q)``; NaN what only the filter thinks there is."""
-        if self._input_in:
-            return getattr(self, self._input_in)[:, self._input]
+        if self.config.input_in:
+            return getattr(self, self.config.input_in)[:, self.config.input]
         unheard = np.full((self.num_envs, 1), np.nan)
-        return np.concatenate([self.noise, self.forcing, unheard], -1)[:, self._input]
+        return np.concatenate([self.noise, self.forcing, unheard], -1)[:, self.config.input]
 
     @property
     def truth(self) -> np.ndarray:
         """The true states ``(B, n)``: the vehicle's, the disturbance's if filters are told of them, and the biases."""
-        if self._alone:
+        if self.config.alone:
             return self.state
-        return np.concatenate([self.state, self.drifting if self._shown else self.bias], -1)
+        return np.concatenate([self.state, self.drifting if self.config.shown else self.bias], -1)
 
     @property
     def score(self) -> np.ndarray:
         """Sums of rewards over that of a perfect episode ``(B,)``, in [0, 1], however long episodes are."""
-        perfect, each = self._perfect
+        perfect, each = self.config.perfect
         return np.clip(self.total / np.maximum(perfect, each * self.steps), 0.0, 1.0)
 
     def score_of(self, row: int) -> float:
         """That of one environment, in a tenth of the time."""
-        perfect, each = self._perfect
+        perfect, each = self.config.perfect
         score: float = self.total.item(row) / max(perfect, each * self.steps.item(row))
         return score if 0.0 <= score <= 1.0 else min(max(score, 0.0), 1.0)
 
     @property
     def sea_state(self) -> np.ndarray:
         """The disturbance's state ``(B, k)``."""
-        return self.drifting[:, : self._world.size]
+        return self.drifting[:, : self.config.world.size]
 
     @property
     def bias(self) -> np.ndarray:
         """The states of the sensors' biases ``(B, b)``."""
-        return self.drifting[:, self._world.size :]
+        return self.drifting[:, self.config.world.size :]
 
     def estimated(self, truth: np.ndarray) -> np.ndarray:
         """What the filter estimates ``(..., n)`` out of true states; NaN for what only the filter thinks there is."""
-        state = truth[..., self._estimated]
-        state[..., [index < 0 for index in self._estimated]] = np.nan
+        state = truth[..., self.config.estimated]
+        state[..., [index < 0 for index in self.config.estimated]] = np.nan
         return state
 
     # --- reset ------------------------------------------------------------------------------------
@@ -354,28 +272,28 @@ class Core:
         options = checked_options("options", options)
         if readings is not None:
             readings = _arrived(readings, len(rows), self.sensors)
-        loop, task = self.loop, self._task
+        config, loop, task = self.config, self.loop, self.config.world.task
         some = None if len(rows) == self.num_envs else rows  # all rows are faster as such
         at = slice(None) if some is None else rows
         seeds = self.seeds if some is None else [self.seeds[row] for row in rows]
         keys, numbers = draw(
-            Numbers.seeded(seeds).keys, np.ascontiguousarray(self.episodes[at]), names=self._names, drawn=self._drawn
+            Numbers.seeded(seeds).keys, np.ascontiguousarray(self.episodes[at]), names=config.words, drawn=config.drawn
         )
         self._refuse_at(np.zeros(len(rows), int), None)
         course = task.course(numbers[:, : task.uniforms], options)
         prior = task.prior(course)
-        self._keys[at] = keys[:, len(_DRAWN) : self._sensed]
-        loop.restart(at, keys[:, self._sensed :], keys[:, _DRAWN.index("filter")])
+        self._keys[at] = keys[:, len(DRAWN) : config.sensed]
+        loop.restart(at, keys[:, config.sensed :], keys[:, DRAWN.index("filter")])
         steps = np.zeros(len(rows), int)
-        actuators, u, state, drifting, noise, forcing, *read, tally = self._world.begin(
-            course, prior.mean, shared_root(prior.cov), numbers, keys[:, len(_DRAWN) :], steps
+        actuators, u, state, drifting, noise, forcing, *read, tally = config.world.begin(
+            course, prior.mean, shared_root(prior.cov), numbers, keys[:, len(DRAWN) :], steps
         )
-        if self._foreign_effect:
+        if config.foreign_effect:
             self._check_forcing(forcing, steps, state, self._none[: len(rows)])
         if self.mismatch:
-            parameters = self._vehicle.parameters(self.mismatch, numbers[:, self._spread])
+            parameters = config.world.vehicle.parameters(self.mismatch, numbers[:, config.spread])
         else:
-            parameters = self._nominal.repeat(len(rows), 0)
+            parameters = config.nominal.repeat(len(rows), 0)
         self._put(
             some, course=course, state=state, actuators=actuators, parameters=parameters, drifting=drifting,
             noise=noise, forcing=forcing, tally=tally, steps=steps, total=np.zeros(len(rows)),
@@ -428,7 +346,7 @@ class Core:
         if readings is not None:
             readings = _arrived(readings, self.num_envs, self.sensors)
         loop = self.loop
-        if self._own_parts:
+        if self.config.own_parts:
             self._refuse_at(self.steps + 1, ended)
         self.steps = self.steps + 1
         moved = self._moved(action, readings, ended)
@@ -448,20 +366,20 @@ class Core:
 
     def _known_input(self, action: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Actuators after a step, and the known input of the filter."""
-        before, after = self.actuators, self._vehicle.actuate(self.actuators, action)
-        if self._commanding is None:
-            commanded = self._task.commanded(self.course, self.steps - 1)
+        before, after = self.actuators, self.config.world.vehicle.actuate(self.actuators, action)
+        if self.config.commanding is None:
+            commanded = self.config.world.task.commanded(self.course, self.steps - 1)
         else:
-            commanded = self.reference[:, self._commanding]
-        return after, self._vehicle.known_input(before, after, commanded)
+            commanded = self.reference[:, self.config.commanding]
+        return after, self.config.world.vehicle.known_input(before, after, commanded)
 
     def _moved(
         self, action: np.ndarray, readings: Readings | None, ended: np.ndarray | None
     ) -> tuple[np.ndarray, ...]:  # fmt: skip
         """What `World.step` gives, with the measurements if there are any, and with users' functions checked."""
-        world, sensing = self._world, self.loop.sensing(None)
+        world, sensing = self.config.world, self.loop.sensing(None)
         given = self.forcing, self.parameters, self._keys, self.steps, self.drifting, self.noise
-        if world.ours and self._task is self.task and readings is None:
+        if world.ours and self.config.world.task is self.task and readings is None:
             arrays = action, self.course, self.reference, self.state, self.actuators, *given, sensing
             if len(self._parts) == 1:
                 return world.step(*arrays)
@@ -469,24 +387,24 @@ class Core:
             return tuple(map(np.concatenate, zip(*parts, strict=True)))
         after, u = self._known_input(action)
         moved = state, drifting, _, forcing = world.move(self.state, self.actuators, after, *given)
-        if self._foreign_effect:
+        if self.config.foreign_effect:
             self._check_forcing(forcing, self.steps, state, self._none if ended is None else ended)
         return after, u, *moved, *(readings or world.sense(state, forcing, drifting, self.steps, sensing))
 
     def _scored(self, action: np.ndarray, declared: np.ndarray | None) -> np.ndarray:
         """The reward ``(B,)`` of a step; reference, end and score state follow, and the observation of `Mission`."""
         forcing = self.forcing[:, : self.forces.outside]
-        if self._mission is not None:
-            self.reference, reward, self.end, self.tally, self._seen = self._mission.step(
+        if self.config.mission is not None:
+            self.reference, reward, self.end, self.tally, self._seen = self.config.mission.step(
                 self.course, self.steps, self._none if declared is None else declared, self.loop.belief.mean, self._d(),
                 self.state, np.ascontiguousarray(forcing), self.actuators, action, self.tally,
             )  # fmt: skip
             return reward
         self.reference = self._reference(self.course, self.steps, self.loop.belief, self.state)
-        reward, self.end, self.tally = self._task.score(
+        reward, self.end, self.tally = self.config.world.task.score(
             self.state, forcing, self.reference, self._over(declared), self.actuators, action, self.tally
         )
-        if self._task is not self.task:
+        if self.config.world.task is not self.task:
             self._check_ends()
         return reward
 
@@ -495,20 +413,20 @@ class Core:
         if declared is not None:
             return declared
         if (self.ends == "task") == (self.observe_mode == "measurement"):
-            return self._task.over(self.reference)
-        where = self.state[:, self._based] if self.ends == "task" else self.loop.belief.mean
-        return self._task.over(self._task.reference(self.course, self.steps, where))
+            return self.config.world.task.over(self.reference)
+        where = self.state[:, self.config.based] if self.ends == "task" else self.loop.belief.mean
+        return self.config.world.task.over(self.config.world.task.reference(self.course, self.steps, where))
 
     def observe(self) -> np.ndarray:
         """The observations ``(B, k)``, float32 and within bounds, made of estimates or readings, mission, actuators."""
-        if self._mission is not None:
+        if (mission := self.config.mission) is not None:
             if self._seen is None:
-                self._seen = self._mission.observe(self.loop.belief.mean, self._d(), self.reference, self.actuators)
+                self._seen = mission.observe(self.loop.belief.mean, self._d(), self.reference, self.actuators)
             return self._seen.astype(np.float32)
         with np.errstate(over="ignore", invalid="ignore"):  # diverged estimates are clipped
             parts = self._observed()
         observation = np.asarray(parts[0] if len(parts) == 1 else np.concatenate(parts, -1), float)
-        if self._task is not self.task:
+        if self.config.world.task is not self.task:
             name = f"the observation of {type(self.task).__name__}"
             nan = np.where(np.isnan(observation), np.nan, 0.0)  # what is infinite is clipped
             refuse_not_finite(name, nan, self.steps, None, self.loop.belief.mean, self.state)
@@ -517,7 +435,7 @@ class Core:
 
     def _observed(self) -> list[np.ndarray]:
         """The parts of the observations, before they are clipped."""
-        task, course, steps = self._task, self.course, self.steps
+        task, course, steps = self.config.world.task, self.course, self.steps
         if self.observe_mode == "measurement":
             parts = [task.observe_readings(self.sensors, *self.loop.readings, course, steps)]
             parts.append(task.observe_mission(course, steps, self.actuators))
@@ -640,7 +558,7 @@ class Core:
 
     def _refuse_at(self, steps: np.ndarray, ended: np.ndarray | None) -> None:
         """Tell the user's vehicle and task for their refusals at which step they are, and which rows are over."""
-        for part in self._own_parts:
+        for part in self.config.own_parts:
             part.steps, part.ended = steps, ended
 
     def _handed(self, readings: Readings, rows: np.ndarray | None = None) -> Readings:
@@ -653,8 +571,8 @@ class Core:
 
     def _reference(self, course: np.ndarray, steps: np.ndarray, belief: Belief, state: np.ndarray) -> np.ndarray:
         """The reference ``(B, k)``: where the vehicle believes to be, or is, if nobody sees what it believes."""
-        where = state[:, self._based] if self.observe_mode == "measurement" else belief.mean
-        reference: np.ndarray = self._task.reference(course, steps, where)
+        where = state[:, self.config.based] if self.observe_mode == "measurement" else belief.mean
+        reference: np.ndarray = self.config.world.task.reference(course, steps, where)
         return reference
 
     def _put(self, rows: np.ndarray | None, **arrays: np.ndarray) -> None:
@@ -710,28 +628,6 @@ def _merged(whole: np.ndarray, rows: np.ndarray | None, values: np.ndarray) -> n
     merged = whole.copy()
     merged[rows] = values
     return merged
-
-
-def observed(observe: str, guidance: bool) -> tuple[str, ...]:
-    """The parts of an observation, in the words of `vessel_gym.system.Task.sizes`."""
-    if observe == "measurement":
-        return *(("guided",) if guidance else ()), "readings", "mission"
-    return "guided" if guidance else "unguided", *(("std",) if "std" in observe else ())
-
-
-def alarming(observe: str, loop: Loop) -> tuple[str, ...]:
-    """Names of the sensors whose alarms an observation shows behind all else.
-
-    Raises:
-        ValueError: if it shows some, and no monitor watches.
-    """
-    if "alarms" not in observe:
-        return ()
-    if loop.monitor is None:
-        raise ValueError(
-            f'observe="{observe}" shows the alarms of a monitor: give one, estimator_options={{"monitor": "cusum"}}'
-        )
-    return loop.monitor.names
 
 
 def joint_prior(cov: np.ndarray, forces: Forces, sensors: Sensors) -> np.ndarray:

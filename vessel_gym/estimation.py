@@ -29,6 +29,7 @@ from vessel_gym.acceptance import check_input, check_own
 from vessel_gym.composition import Composition, Forces, checked_told, compose, unknown_inputs
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.sensors import Sensors
+from vessel_gym.sharing import shared
 from vessel_gym.system import System
 
 LATE = ("fused", "as new", "discarded")
@@ -233,12 +234,14 @@ class Estimation:
     monitor: FaultMonitor | None = None
 
 
+@shared
 def build(
     system: System,
     estimator: EstimatorChoice,
     options: dict[str, Any] | None,
     sensors: Sensors,
     disturbance: Disturbance,
+    num_threads: int = 1,
 ) -> Estimation:
     """The estimator of an environment.
 
@@ -250,6 +253,7 @@ def build(
             what watches it (see `monitor_of`); the oracle knows better.
         sensors: The sensors, which the filter knows.
         disturbance: What acts.
+        num_threads: Threads that share the filter's rows.
 
     Raises:
         ValueError: for an unknown name or way with late readings, or a filter that cannot work with the model.
@@ -290,6 +294,7 @@ def build(
             raise TypeError(f"estimator must return an estimators.Filter, got {type(made).__name__}")
         check_own(made, composition)
         check_input(made, composition)
+        made._threads = num_threads
         return Estimation(made, composition, told.prior, inputs, late, monitor_of(monitor, sensors, made))
     assert isinstance(estimator, str)
     if estimator in ENVIRONMENT_ONLY and options:
@@ -303,6 +308,7 @@ def build(
     if model is not straight:  # what the filter calls the input of a step is that of the next one, or of the one before
         made.input_delay = 0 if composition.late else 1
     check_input(made, composition)
+    made._threads = num_threads
     return Estimation(made, composition, told.prior, inputs, late, monitor_of(monitor, sensors, made))
 
 

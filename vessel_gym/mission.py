@@ -16,7 +16,7 @@ class Mission:
     Args:
         task: One of this package.
         told: What the filter estimates.
-        ends: Whose estimate or word completes a mission: one of `vessel_gym.core.ENDS`.
+        ends: Whose estimate or word completes a mission: one of `vessel_gym.configuration.ENDS`.
         based: Which components of the true state stand where the filter has them.
     """
 

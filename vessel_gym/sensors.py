@@ -364,6 +364,9 @@ class Sensors:
             else:
                 self.called.append((own, compiled(reads) if ours(sensor.reads) else reads))
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Sensors, (self.each, self.state_names, self.forcing_names, self.dt, self.faults)
+
     @cached_property
     def _reads(self) -> list[Callable[[np.ndarray, np.ndarray], np.ndarray]]:
         """Functions of state and forcing, one a sensor, that cannot write into what they are handed."""

@@ -20,7 +20,7 @@ from contract import (
 )
 
 from estimators.kalman import ExtendedKalmanFilter
-from vessel_gym.core import OBSERVE
+from vessel_gym.configuration import OBSERVE
 from vessel_gym.estimation import estimator_names
 from vessel_gym.sensors import SUITES
 from vessel_gym.tasks.dive import Dive

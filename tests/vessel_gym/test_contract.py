@@ -390,7 +390,7 @@ def test_what_guides_and_what_ends_do_not_change_what_is_seen_when_truth_does(en
 
 def told_the_position(monkeypatch: pytest.MonkeyPatch) -> None:
     def reference(core: Core, course: np.ndarray, steps: np.ndarray, belief: Belief, state: np.ndarray) -> np.ndarray:
-        return core.task.reference(course, steps, state[:, core._based])
+        return core.task.reference(course, steps, state[:, core.config.based])
 
     def step(mission: Mission, *arrays: np.ndarray) -> tuple[np.ndarray, ...]:
         course, steps, declared, mean, known, state, *others = arrays
@@ -423,7 +423,7 @@ def guided_from_where_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
     def step(core: Core, *args: Any, **kwargs: Any) -> Any:
         out = honest(core, *args, **kwargs)
         mean = core.held.belief.mean.copy()
-        mean[:, : len(core._based)] = core.state[:, core._based]
+        mean[:, : len(core.config.based)] = core.state[:, core.config.based]
         core.held.belief = core.held.belief.replace(mean=mean)
         return out
 

@@ -14,7 +14,7 @@ import pytest
 from contract import MANUALS, OURS, single_class, sizes_by_mode, vector_class
 
 import vessel_gym
-from vessel_gym.core import OBSERVE
+from vessel_gym.configuration import OBSERVE
 from vessel_gym.estimation import estimator_names
 from vessel_gym.sensors import SUITES
 

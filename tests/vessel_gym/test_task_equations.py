@@ -24,7 +24,7 @@ def calls(system: System) -> list[tuple[Any, tuple[np.ndarray, ...]]]:
         core.step(np.full(core.action_shape, 0.3))
     mean, state = core.belief.mean.copy(), core.state.copy()
     mean[1], mean[2], state[1], state[2] = mean[1] * 30.0, 1e12, state[1] * 30.0, 1e12
-    assert core._mission is not None
+    assert core.config.mission is not None
     reference = task.reference(core.course, core.steps, mean)
     over = np.arange(ROWS) % 3 == 0
     forcing = core.forcing[:, : core.forces.outside]
@@ -32,7 +32,7 @@ def calls(system: System) -> list[tuple[Any, tuple[np.ndarray, ...]]]:
         (task.reference, (core.course, core.steps, mean)),
         (task.begin, (state, core.course)),
         (task.score, (state, forcing, reference, over, core.actuators, core.action, core.tally)),
-        (core._mission.observe, (mean, np.zeros((ROWS, 0)), reference, core.actuators)),
+        (core.config.mission.observe, (mean, np.zeros((ROWS, 0)), reference, core.actuators)),
     ]
 
 

@@ -16,7 +16,7 @@ from estimators.models import inspected
 from estimators.randomness import word
 from vessel_gym import checks
 from vessel_gym.arrivals import Readings
-from vessel_gym.core import OBSERVE, alarming
+from vessel_gym.configuration import OBSERVE, alarming
 from vessel_gym.estimation import LATE, DeadReckoning, Estimation, EstimatorChoice, Oracle, monitor_of
 from vessel_gym.foreign import Copying, copied, repeated
 from vessel_gym.loop import Loop
@@ -41,7 +41,7 @@ class Watch:
             and ``monitor``: what watches it, see `vessel_gym.estimation.monitor_of`.
         sensors: Name of a suite, or sensors of one's own.
         sensor_faults: What goes wrong with them, and when.
-        observe: One of `vessel_gym.core.OBSERVE`.
+        observe: One of `vessel_gym.configuration.OBSERVE`.
         observation: The observation as a function of the state; None: the state itself.
         passes: Keys, or components, of the observation that pass as they are.
         known_input: The known input as a function of the action; None: the action itself.
@@ -270,7 +270,7 @@ class Watch:
                 np.append(a, b.ravel()[passing]) for a, b in ((readings.low, own.low), (readings.high, own.high))
             )
             return Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
-        watched, beside = alarming(self.observe_mode, self.loop), {}
+        watched, beside = alarming(self.observe_mode, self.loop.monitor), {}
         if "std" in self.observe_mode:
             beside["std"] = Box(0.0, np.inf, (self.n,), np.float32)
         if watched:

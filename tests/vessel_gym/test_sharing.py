@@ -1,0 +1,204 @@
+"""Environments that are built alike share what no episode changes, and nobody can tell."""
+
+import copy
+import pickle
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from vessel_gym.core import Core
+from vessel_gym.disturbances import Disturbance, Sea
+from vessel_gym.envs import ItsunusaAUVEnv, ShipEnv, SigmaCorvetteEnv, ThesisCorvetteEnv
+from vessel_gym.sensor_faults import SensorFault
+from vessel_gym.sharing import shared
+
+STEPS = 12
+OPTIONS: tuple[dict[str, Any], ...] = (
+    {},
+    {"observe": "mean+std", "estimator": "ekf", "sensors": "degraded"},
+    {"observe": "measurement", "guidance": True, "mismatch": 0.1},
+    {"ends": "task", "estimator_options": {"told": {"Q": 2.0}}},
+)
+ENVS = (SigmaCorvetteEnv, ThesisCorvetteEnv, ItsunusaAUVEnv)
+
+
+def begun(core: Core, seed: int) -> Core:
+    core.start(seed)
+    return core
+
+
+def stepped(core: Core, step: int) -> list[np.ndarray]:
+    """All that a step gives."""
+    action = np.random.default_rng(step).uniform(-1.0, 1.0, core.action_shape)
+    reward, end = core.step(action)
+    return [core.observe(), reward, end, core.truth.copy(), core.belief.mean.copy(), core.belief.cov.copy()]
+
+
+def flown(core: Core, seed: int, steps: int = STEPS) -> list[np.ndarray]:
+    begun(core, seed)
+    return [each for step in range(steps) for each in stepped(core, step)]
+
+
+def same(one: list[np.ndarray], other: list[np.ndarray]) -> bool:
+    return all(np.array_equal(a, b, equal_nan=True) for a, b in zip(one, other, strict=True))
+
+
+@pytest.mark.parametrize("options", OPTIONS)
+@pytest.mark.parametrize("env", ENVS)
+def test_two_in_turns_fly_as_each_alone(env: Any, options: dict[str, Any]) -> None:
+    alone = [flown(Core(env.system, 2, **options), seed) for seed in (3, 4)]
+    cores = [begun(Core(env.system, 2, **options), seed) for seed in (3, 4)]
+    assert cores[0].config.world is cores[1].config.world
+    assert cores[0].filter is cores[1].filter
+    turns: list[list[np.ndarray]] = [[], []]
+    for step in range(STEPS):
+        for core, taken in zip(cores, turns, strict=True):
+            taken += stepped(core, step)
+    assert same(turns[0], alone[0])
+    assert same(turns[1], alone[1])
+    assert not same(turns[0], turns[1])
+
+
+def test_two_in_two_threads_fly_as_each_alone() -> None:
+    alone = [flown(Core(ItsunusaAUVEnv.system, 20), seed) for seed in range(4)]
+    cores = [Core(ItsunusaAUVEnv.system, 20) for _ in range(4)]
+    assert len({id(core.filter) for core in cores}) == 1
+    with ThreadPoolExecutor(4) as pool:
+        together = list(pool.map(flown, cores, range(4)))
+    assert all(map(same, together, alone))
+
+
+def test_threads_are_those_of_each() -> None:
+    one, two = (Core(ItsunusaAUVEnv.system, 40, num_threads=k) for k in (1, 2))
+    assert one.filter._threads == 1
+    assert two.filter._threads == 2
+    assert one.config.world is two.config.world
+    assert same(flown(one, 0), flown(two, 0))
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+@pytest.mark.parametrize("env_id", ["SigmaCorvette-v0", "SegorogeniAUV-v0"])
+def test_copies_go_on_as_the_original(env_id: str, copied: Callable[[gym.Env], gym.Env]) -> None:
+    env = gym.make(env_id)
+    flown(env.unwrapped.core, 5)
+    twin = copied(env)
+    assert twin.unwrapped.core.filter is env.unwrapped.core.filter
+    cores = env.unwrapped.core, twin.unwrapped.core
+    taken = [[stepped(core, step) for core in cores] for step in range(STEPS)]
+    assert all(same(*pair) for pair in taken)
+
+
+DIFFERENT: tuple[dict[str, Any], ...] = (
+    {"sensors": "degraded"},
+    {"disturbance": "rough"},
+    {"disturbance": replace(ThesisCorvetteEnv.system.disturbances["moderate"], gust=0.011)},
+    {"sensors": [replace(each, dropout=0.2) for each in ThesisCorvetteEnv.system.vehicle.sensors]},
+    {"sensor_faults": [SensorFault(ThesisCorvetteEnv.system.vehicle.sensors[0].name, "off", begin=3.0)]},
+    {"estimator": "kf"},
+    {"estimator_options": {"told": {"Q": 1.5}}},
+    {"estimator_options": {"told": {"Q": 1.25}}},
+    {"estimator_options": {"late": "discarded"}},
+)
+
+
+def test_what_is_built_otherwise_is_another_one() -> None:
+    cores = [Core(ThesisCorvetteEnv.system, 1, **options) for options in ({}, *DIFFERENT)]
+    again = [Core(ThesisCorvetteEnv.system, 1, **options) for options in ({}, *DIFFERENT)]
+    assert all(one.config.estimation is other.config.estimation for one, other in zip(cores, again, strict=True))
+    assert len({id(core.config.estimation) for core in cores}) == len(cores)
+    system = replace(ThesisCorvetteEnv.system, task=replace(ThesisCorvetteEnv.system.task, horizon=77))
+    assert Core(system).config.world is not cores[0].config.world
+
+
+def test_equal_systems_are_built_alike() -> None:
+    one, other = (gym.make("vessel_gym/Ship-v0", vessel="mariner").unwrapped for _ in range(2))
+    assert isinstance(one, ShipEnv)
+    assert one.system is not other.system  # type: ignore[attr-defined]
+    assert one.core.filter is other.core.filter  # type: ignore[attr-defined]
+
+
+@dataclass(frozen=True)
+class Squall(Sea):
+    """A disturbance of one's own, whose class may change."""
+
+    push = 1.0
+
+    def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
+        return self.push * super().effect(z, state)
+
+
+def test_changes_of_own_parts_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    moderate = ThesisCorvetteEnv.system.disturbances["moderate"]
+    squall = Squall(**{name: getattr(moderate, name) for name in moderate.__dataclass_fields__})
+    before, again = (flown(Core(ThesisCorvetteEnv.system, 1, disturbance=squall), 0) for _ in range(2))
+    assert same(before, again)
+    monkeypatch.setattr(Squall, "push", 3.0)
+    assert not same(before, flown(Core(ThesisCorvetteEnv.system, 1, disturbance=squall), 0))
+
+
+def test_changes_of_an_own_sensors_function_are_seen() -> None:
+    system, gain = SigmaCorvetteEnv.system, [1.0]
+    first, *others = system.vehicle.sensors
+    own = replace(first, reads=lambda state, forcing: gain[0] * first.reads(state, forcing))
+    before, again = (flown(Core(system, 1, sensors=[own, *others]), 0) for _ in range(2))
+    assert same(before, again)
+    gain[0] = 1.5
+    assert not same(before, flown(Core(system, 1, sensors=[own, *others]), 0))
+
+
+def test_changes_of_an_array_are_seen() -> None:
+    told = {"input_prior": np.array([[1e-6]])}
+    before = flown(Core(SigmaCorvetteEnv.system, 1, estimator_options=told), 0)
+    assert same(before, flown(Core(SigmaCorvetteEnv.system, 1, estimator_options=told), 0))
+    told["input_prior"][:] = 1e-2
+    changed = flown(Core(SigmaCorvetteEnv.system, 1, estimator_options=told), 0)
+    assert not same(before, changed)
+    told["input_prior"][:] = 1e-6
+    assert same(before, flown(Core(SigmaCorvetteEnv.system, 1, estimator_options=told), 0))
+
+
+@shared
+def built(*values: Any) -> list[Any]:
+    return list(values)
+
+
+class Own:
+    pass
+
+
+def module_function() -> None:
+    pass
+
+
+@pytest.mark.parametrize("value", [0, 0.5, "a", None, (1, "b"), {"a": [1.0]}, Disturbance(), np.sin, Sea, float("nan")])
+def test_values_are_the_same(value: Any) -> None:
+    assert built(value) is built(copy.deepcopy(value))
+
+
+@pytest.mark.parametrize("value", [Own, Own(), module_function, lambda: None, np.zeros(2), {"a": Own()}, [np.zeros(1)]])
+def test_what_may_change_is_built_anew(value: Any) -> None:
+    assert built(value) is not built(value)
+
+
+def test_values_of_different_types_or_bits_differ() -> None:
+    values = 1, 1.0, True, np.float64(1.0), "1", (1,), [1], 0.0, -0.0, np.float32(1.0)
+    assert len({id(built(value)) for value in values}) == len(values)
+
+
+def test_a_value_that_is_cached_is_no_difference() -> None:
+    sea = replace(ThesisCorvetteEnv.system.disturbances["rough"])
+    before = built(sea)
+    assert sea.process.size > 0
+    assert built(sea) is before
+
+
+def test_few_are_kept() -> None:
+    first = built("first")
+    for i in range(200):
+        built(i)
+    assert built("first") is not first

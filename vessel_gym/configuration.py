@@ -1,0 +1,161 @@
+"""What an environment consists of and no episode changes."""
+
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from estimators import FaultMonitor
+from estimators.checks import shown
+from estimators.randomness import word
+from vessel_gym.acceptance import checked_task, checked_vehicle
+from vessel_gym.checks import number, one_of
+from vessel_gym.composition import Forces, acting_on, change_of
+from vessel_gym.disturbances import Disturbance
+from vessel_gym.estimation import EstimatorChoice, build, chosen_disturbance
+from vessel_gym.foreign import CheckedMethods, ours
+from vessel_gym.mission import Mission
+from vessel_gym.sensor_faults import SensorFault
+from vessel_gym.sensors import Sensor, columns
+from vessel_gym.sharing import shared
+from vessel_gym.system import System
+from vessel_gym.world import World
+
+OBSERVE = ("mean", "mean+std", "mean+alarms", "mean+std+alarms", "measurement")
+"""What may be observed: estimates, with their standard deviations and a monitor's alarms, or raw readings."""
+ENDS = ("belief", "declaration", "task")
+"""Who says that a mission is done: what the estimator believes, the agent, or the task, which knows the truth."""
+DRAWN = ("task", "vehicle", "parameters", "filter")
+"""What is drawn by itself at the start of an episode; then come the parts of the world and the sensors."""
+
+
+@shared
+def _world(
+    system: System, sensors: str | Sequence[Sensor], faults: Sequence[SensorFault], disturbance: str | Disturbance
+) -> World:
+    """Vehicle, sensors and disturbance of an environment."""
+    vehicle = checked_vehicle(system.vehicle)
+    task = checked_task(system.task, vehicle)
+    given = system.sensors_of(sensors, faults)
+    return World(vehicle, Forces(system.vehicle, chosen_disturbance(system, disturbance)), given, task)
+
+
+_mission = lru_cache(maxsize=32)(Mission)
+
+
+class Configuration:
+    """All that a system and its options fix.
+
+    Args:
+        system: The environment as data; the other arguments are those of `vessel_gym.core.Core`.
+
+    Raises:
+        ValueError: as `vessel_gym.core.Core`.
+        TypeError: likewise.
+    """
+
+    def __init__(
+        self, system: System, estimator: EstimatorChoice | None, estimator_options: dict[str, Any],
+        sensors: str | Sequence[Sensor], disturbance: str | Disturbance, mismatch: float, observe: str,
+        ends: str | None, guidance: bool | None, sensor_faults: Sequence[SensorFault], num_threads: int,
+    ) -> None:  # fmt: skip
+        one_of("observe mode", observe, OBSERVE)
+        if not 0.0 <= number(mismatch) <= 0.25:
+            raise ValueError(f"mismatch must be between 0 and 0.25, got {shown(mismatch)}")
+        raw = observe == "measurement"
+        self.observe_mode, self.mismatch = observe, float(mismatch)
+        self.ends = one_of("ends", ("task" if raw else "belief") if ends is None else ends, ENDS)
+        if guidance is not None and not isinstance(guidance, bool):
+            raise ValueError(f"guidance must be True, False or None, got {shown(guidance)}")
+        self.guidance = not raw if guidance is None else guidance
+        self.sensors_name, self.disturbance_name = (
+            name if isinstance(name, str) else "own" for name in (sensors, disturbance)
+        )
+        self.world = world = _world(system, sensors, sensor_faults, disturbance)
+        self.system, self.vehicle, self.task = system, system.vehicle, system.task
+        self.sensors, self.forces, vehicle, task = world.sensors, world.forces, self.vehicle, self.task
+        self.own_parts = [part for part in (world.vehicle, world.task) if isinstance(part, CheckedMethods)]
+        choice, acting = system.estimator if estimator is None else estimator, world.forces.disturbance
+        self.estimation = build(system, choice, estimator_options, world.sensors, acting, num_threads)
+        self.composition, self.estimator = self.estimation.composition, self.estimation.filter.name
+        self.estimations = {"loop": self.estimation}
+        if self.guidance and raw:
+            wide = {"model": vehicle.kinds[0]}  # the same whatever estimator is named
+            self.estimations["held"] = build(system, "measurement", wide, world.sensors, acting, num_threads)
+        self.success = task.ends.index(task.success)
+        if self.ends == "declaration" and not task.success:
+            raise ValueError(f"{system.name} goes on until time is up, so there is nothing to declare: ends='task'")
+        self.action_size = len(vehicle.action_names) + (self.ends == "declaration")
+        sizes, seen = task.sizes(self.sensors.size, len(self.composition.names)), observed(observe, self.guidance)
+        if not isinstance(sizes, dict) or not all(part in sizes for part in seen):
+            raise ValueError(f"sizes of {type(task).__name__} must give {', '.join(seen)}, got {shown(sizes)}")
+        self.observation_size = sum(sizes[part] for part in seen) + len(alarming(observe, self.estimation.monitor))
+        self.foreign_effect = not ours(acting)
+        self.commanding = task.commanding if ours(task) else None  # what somebody has written is asked
+        self.perfect = float(task.perfect), float(task.perfect == task.horizon)  # in all, and a step more
+        self.based = tuple(vehicle.state_names.index(name) for name in vehicle.estimated(vehicle.kinds[0]))
+        self.mission: Mission | None = None  # what steps the task, where one program can
+        if ours(task) and not self.foreign_effect and self.guidance and observe == "mean":
+            self.mission = _mission(task, self.composition, self.ends, self.based)
+        self._names_of_truth()
+        self._unknown_inputs()
+        self._draws()
+
+    def _names_of_truth(self) -> None:
+        disturbance, state_names = self.forces.disturbance, self.vehicle.state_names
+        self.shown = disturbance.told == "states" or len(self.composition.held) > 0
+        self.truth_names = *state_names, *(disturbance.names if self.shown else ()), *self.sensors.bias_names
+        """Components of `vessel_gym.core.Core.truth`."""
+        self.alone = len(self.truth_names) == len(state_names)
+        self.estimated = [self.truth_names.index(n) if n in self.truth_names else -1 for n in self.composition.names]
+
+    def _unknown_inputs(self) -> None:
+        """Where the true unknown inputs stand."""
+        disturbance = self.forces.disturbance
+        self.unknown_inputs = self.estimation.inputs
+        """What nobody is told of the coming step, by name."""
+        new = (*disturbance.names, *self.sensors.bias_names)
+        new = (*disturbance.shakes, *map(change_of, new))  # what `noise` holds
+        acting = (*new, *acting_on(self.vehicle)[: self.forces.size])
+        places = [acting.index(name) if name in acting else len(acting) for name in self.unknown_inputs]
+        fresh, forced = all(i < len(new) for i in places), all(len(new) <= i < len(acting) for i in places)
+        self.input = columns([i - len(new) for i in places] if forced else places)
+        self.input_in = "noise" if fresh else "forcing" if forced else ""
+
+    def _draws(self) -> None:
+        """What is drawn at the start of an episode."""
+        vehicle = self.vehicle
+        self.nominal = np.array(self.world.vehicle.parameters(0.0, np.zeros((1, vehicle.normals))))
+        biased = [sensor for sensor in self.sensors.each if sensor.bias is not None]
+        parts = "disturbance", *(f"bias of {sensor.name}" for sensor in biased)
+        sensed = (f"sensor {sensor.name}" for sensor in self.sensors.each)
+        self.words = tuple(word(name) for name in (*DRAWN, *parts, *sensed))
+        self.sensed = len(DRAWN) + len(parts)  # where the sensors' keys begin
+        spread = vehicle.normals if self.mismatch else 0
+        normals = [(0, root.shape[-1], 1) for root in self.world.start_roots]
+        drawn = [(self.task.uniforms, 0, 0), (0, len(self.based), 0), (0, spread, 0), (0, 0, 0), *normals]
+        self.drawn = tuple(drawn + [(0, 0, 0)] * len(self.sensors.each))
+        self.spread = slice(end := self.task.uniforms + len(self.based), end + spread)  # normals of the parameters
+
+
+def observed(observe: str, guidance: bool) -> tuple[str, ...]:
+    """The parts of an observation, in the words of `vessel_gym.system.Task.sizes`."""
+    if observe == "measurement":
+        return *(("guided",) if guidance else ()), "readings", "mission"
+    return "guided" if guidance else "unguided", *(("std",) if "std" in observe else ())
+
+
+def alarming(observe: str, monitor: FaultMonitor | None) -> tuple[str, ...]:
+    """Names of the sensors whose alarms an observation shows behind all else.
+
+    Raises:
+        ValueError: if it shows some, and no monitor watches.
+    """
+    if "alarms" not in observe:
+        return ()
+    if monitor is None:
+        raise ValueError(
+            f'observe="{observe}" shows the alarms of a monitor: give one, estimator_options={{"monitor": "cusum"}}'
+        )
+    return monitor.names
