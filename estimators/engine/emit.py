@@ -6,7 +6,7 @@ the same bits alone, in any batch and on any processor.
 
 import itertools
 import struct
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -46,28 +46,25 @@ def literal(value: Any, kind: str, width: int) -> str:
 _LITERAL = (0.0, 1.0, -1.0, 0.5, -0.5, 2.0, np.inf, -np.inf)
 
 
+def is_literal(value: Any, kind: str) -> bool:
+    """Is a constant part of the code, and not one of the numbers that it reads from memory?"""
+    return bool(kind != "f" or value in _LITERAL or np.isnan(value))
+
+
 class Module:
     """What the functions of one program share: intrinsics, elementary functions and constants.
 
     Constants are no part of the code: programs of models that differ in their numbers alone are compiled once.
 
-    Attributes:
-        constants: Numbers that the function finds in memory.
+    Args:
+        places: Where the numbers of constants begin in memory, by value; the others are `is_literal`.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, places: Mapping[int, int]) -> None:
+        self.places = places
         self.declared: dict[str, None] = {}
         self.functions: dict[str, str] = {}
-        self.constants: list[float] = []
         self.outlined: dict[str, str] = {}
-        self._places: dict[int, int] = {}
-
-    def place(self, value: int, numbers: Any) -> int:
-        """Where the numbers of a constant value begin."""
-        if value not in self._places:
-            self._places[value] = len(self.constants)
-            self.constants.extend(numbers)
-        return self._places[value]
 
     def elementary(self, opcode: str, width: int) -> str:
         """An elementary function; its name."""
@@ -144,15 +141,14 @@ class Emitter:
         """The name of a scalar, or its literal."""
         if value not in self.program.constants:
             return self.names[value]
-        constant, kind = self.program.constants[value], self.program.kinds[value]
-        if self.literal or kind != "f" or constant in _LITERAL or np.isnan(constant):
-            return literal(constant, kind, self.width)
-        place = self.constant(value, (constant,), 0)
+        if self.literal or value not in self.module.places:
+            return literal(self.program.constants[value], self.program.kinds[value], self.width)
+        place = self.constant(value, 0)
         return self.splat(self.line(f"load double, ptr {place}, align 8"), self.width)
 
-    def constant(self, value: int, numbers: Any, entry: int | str) -> str:
+    def constant(self, value: int, entry: int | str) -> str:
         """The address of an entry of a constant."""
-        first = self.module.place(value, numbers)
+        first = self.module.places[value]
         at = first + entry if isinstance(entry, int) else self.line(f"add i64 {entry}, {first}")
         return self.line(f"getelementptr double, ptr %constants, i64 {at}")
 
@@ -338,7 +334,7 @@ class Emitter:
         def one(lane: int) -> str:
             entry = self.lane(index, "i64", lane)
             at = self.line(f"add i64 {self.line(f'mul i64 {entry}, {across}')}, {column}")
-            return self.line(f"load double, ptr {self.constant(place, self.program.tables[place], at)}, align 8")
+            return self.line(f"load double, ptr {self.constant(place, at)}, align 8")
 
         return self.lanes(one, "double")
 

@@ -1,13 +1,12 @@
 """Compiled functions: a program for each row of a batch, over arrays whose rows lie one after the other."""
 
 from collections.abc import Callable, Sequence
-from threading import Lock
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from estimators.engine import machine
-from estimators.engine.emit import Module, literal, type_of
+from estimators.engine.emit import Module, is_literal, literal, type_of
 from estimators.engine.linear_emit import LinearEmitter
 from estimators.engine.matrix_emit import Index
 from estimators.engine.program import Instruction, Program, View
@@ -56,12 +55,12 @@ class Function:
         self.arguments, self.results = tuple(arguments), tuple(result for _, result in outputs)
         self.program, self.outputs = program, [entries for entries, _ in outputs]
         values = [part.value if isinstance(part, View) else part for parts in self.outputs for part in parts]
-        self.instructions = program.live(values)
+        self.instructions = tuple(program.live(values))
         self.layout = Layout(program, self.instructions, values)
         largest = _LARGEST if _SOLVING.isdisjoint(each.opcode for each in self.instructions) else _LARGEST_SOLVED
         self._wide = LANES if self.layout.size * 8 <= largest else 1
-        self._entries: dict[int, tuple[Callable[..., None], np.ndarray]] = {}
-        self._lock = Lock()
+        self._places, self._constants = _placed(program)
+        self._entries: dict[int, Callable[..., None]] = {}
 
     def __call__(self, rows: int, shared: int, *arrays: np.ndarray) -> None:
         """Compute rows of arrays.
@@ -72,26 +71,40 @@ class Function:
             arrays: The arguments and the results, in C order and of the types that they have here. Nothing is checked.
         """
         width = self._wide if rows >= FEW else 1
-        entry, constants = self._entries.get(width) or self.compiled(width)
-        entry(rows, shared, machine.scratch(width * self.layout.size), constants, *arrays)
+        entry = self._entries.get(width) or self.compiled(width)
+        entry(rows, shared, machine.scratch(width * self.layout.size), self._constants, *arrays)
 
-    def compiled(self, width: int) -> tuple[Callable[..., None], np.ndarray]:
-        """The machine code for so many rows side by side, and its constants."""
-        with self._lock:
-            if width not in self._entries:
-                text, constants = self.text(width)
-                self._entries[width] = machine.load(text), constants
-            return self._entries[width]
+    def compiled(self, width: int) -> Callable[..., None]:
+        """The machine code for so many rows side by side, which programs that differ in numbers alone share."""
+        program = self.program
+        literals = tuple(
+            (value, literal(x, program.kinds[value], 1))
+            for value, x in program.constants.items() if value not in self._places
+        )  # fmt: skip
+        outputs = tuple(map(tuple, self.outputs))
+        code = (
+            width, self.instructions, outputs, self.arguments, self.results, literals, tuple(self._places.items()),
+            "".join(program.kinds), tuple(program.sizes.items()),
+        )  # fmt: skip
+        self._entries[width] = machine.load(code, lambda: self.text(width))
+        return self._entries[width]
 
-    def text(self, width: int) -> tuple[str, np.ndarray]:
-        """The program in LLVM IR, and the constants that it reads."""
-        module = Module()
+    def text(self, width: int) -> str:
+        """The program in LLVM IR."""
+        module = Module(self._places)
         emitter = Driver(self, module, width)
         if len(self.instructions) > _LONG:
             emitter.inlined = 0
         entry = machine.entry_point(2 + len(self.arguments) + len(self.results), FEW)
-        text = module.text([emitter.function(self.instructions, self.outputs), entry])
-        return text, np.array(module.constants, float)
+        return module.text([emitter.function(self.instructions, self.outputs), entry])
+
+
+def _placed(program: Program) -> tuple[dict[int, int], np.ndarray]:
+    """The numbers that a program reads from memory, and where those of each constant begin."""
+    read = {value: (x,) for value, x in program.constants.items() if not is_literal(x, program.kinds[value])}
+    numbers = read | program.tables
+    starts = np.cumsum([0, *map(len, numbers.values())]).tolist()
+    return dict(zip(numbers, starts, strict=False)), np.concatenate([*numbers.values(), ()])
 
 
 class Layout:

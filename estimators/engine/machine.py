@@ -7,7 +7,7 @@ import shutil
 import stat
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Hashable, Iterator
 from contextlib import suppress
 from functools import cache
 from hashlib import sha256
@@ -21,28 +21,32 @@ import numpy as np
 _KEPT = 90 * 86400.0  # seconds after their last use that objects are kept
 _VERSION = "3"
 _compiling = Lock()
-_loaded: dict[str, Any] = {}
+_loaded: dict[Hashable, Any] = {}
 _threads = local()
 
 
-def load(text: str) -> Callable[..., None]:
+def load(code: Hashable, emit: Callable[[], str]) -> Callable[..., None]:
     """The Python function of a module, whose symbol is ``call``: see `entry_point`.
 
     Objects are kept by the digest of the text and of the processor, each written at once under a name of its own and
     then renamed: processes that compile the same need no lock.
+
+    Args:
+        code: All that the module depends on. A process emits and loads it once.
+        emit: Gives its LLVM IR.
     """
-    digest = sha256(f"{_VERSION} {' '.join(_processor())} {text}".encode()).hexdigest()[:40]
     with _compiling:
-        if digest not in _loaded:
-            _loaded[digest] = _function(text, digest)
-        return _loaded[digest]
+        if code not in _loaded:
+            _loaded[code] = _function(emit())
+        return _loaded[code]
 
 
-def _function(text: str, digest: str) -> Any:
+def _function(text: str) -> Any:
     """The function of a module's code in an execution engine of its own."""
     from llvmlite import binding
 
     machine = _machine()
+    digest = sha256(f"{_VERSION} {' '.join(_processor())} {text}".encode()).hexdigest()[:40]
     path = folder() / f"{digest}.o"
     code = _kept(path)
     if code is None:

@@ -69,7 +69,7 @@ class MatrixEmitter(Emitter):
             lanes = 1 if value in self.program.tables else self.width
             return self.line(f"getelementptr double, ptr {self.pointers[value]}, i64 {self.times(entry, lanes)}")
         if value in self.program.tables:
-            return self.constant(value, self.program.tables[value], entry)
+            return self.constant(value, entry)
         place = self.times(self.plus(self.layout.places[value], entry), self.width)
         return self.line(f"getelementptr double, ptr %scratch, i64 {place}")
 
@@ -238,11 +238,10 @@ class MatrixEmitter(Emitter):
         index = self.within(self.name(value), 0.0, count - 1.0, self.width)
         index = self.line(f"fptosi {self.T} {index} to {type_of('i', self.width)}")
         starts = [self.times(self.lane(index, "i64", lane), size) for lane in range(self.width)]
-        table = self.program.tables[place]
 
         def entry(_: Index, e: Index) -> None:
             def one(lane: int) -> str:
-                at = self.constant(place, table, self.plus(starts[lane], e))
+                at = self.constant(place, self.plus(starts[lane], e))
                 return self.line(f"load double, ptr {at}, align 8")
 
             self.store(self.lanes(one, "double"), instruction.result, e)

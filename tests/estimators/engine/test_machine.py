@@ -232,6 +232,7 @@ def test_a_processor_with_less_gives_the_same_bits(name: str, monkeypatch: pytes
     expected = [results(f, n, np.ascontiguousarray(x[:, :n])) for f, n in functions]
     processor = machine._processor()
     monkeypatch.setattr(machine, "_processor", lambda: (*processor[:2], name, ""))
+    forget(monkeypatch)
     texts = compilations(monkeypatch)
     assert [results(f, n, np.ascontiguousarray(x[:, :n])) for f, n in functions] == expected
     assert len(texts) >= len(functions)
