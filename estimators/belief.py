@@ -146,10 +146,9 @@ class Belief(Packed):
         put(belief, "prior_mean", prior_mean)
         put(belief, "prior_cov", prior_cov)
         put(belief, "recovery", _usual(packed.shape[:-1]))
-        put(belief, "mean", packed[layout.cuts["mean"][0]])  # what everybody asks for
-        if "cov" in layout.cuts:
-            cov, square = layout.cuts["cov"]
-            put(belief, "cov", packed[cov].reshape(packed.shape[:-1] + square))
+        (mean, _), (cov, square) = layout.cuts["mean"], layout.cuts["cov"]  # what everybody asks for
+        put(belief, "mean", packed[mean])
+        put(belief, "cov", packed[cov].reshape(packed.shape[:-1] + square))
         put(belief, "u", u)
         return belief
 
@@ -282,11 +281,6 @@ class Belief(Packed):
     def _arrays(self) -> dict[str, Any]:
         return {name: getattr(self, name) for name in self.__dataclass_fields__}
 
-    @property
-    def _known_cov(self) -> np.ndarray | None:
-        """The covariance, None as long as nobody has asked for one that is computed then."""
-        return self.cov
-
 
 def _restored(record: type[Record], arrays: dict[str, Any]) -> Record:
     """A belief that was pickled or copied, read-only again."""
@@ -356,8 +350,6 @@ class FeedthroughBelief(DelayedInputBelief):
 class EnsembleBelief(Belief):
     """The belief of a filter that carries members.
 
-    Its ``cov`` is computed of the members when somebody first asks for it, where it is given as None.
-
     Attributes:
         ensemble: ``(..., N, n)`` members as rows.
     """
@@ -365,41 +357,13 @@ class EnsembleBelief(Belief):
     ensemble: np.ndarray = field()
     __new__ = with_points("ensemble")
 
-    def __post_init__(self) -> None:
-        if self._known_cov is None:
-            object.__delattr__(self, "cov")
-
-    def __getattr__(self, name: str) -> Any:
-        if name != "cov":
-            return Packed.__getattr__(self, name)
-        with np.errstate(all="ignore"):
-            cov = covariance(members_last(self.ensemble), self.mean)
-        cov.setflags(write=False)
-        object.__setattr__(self, "cov", cov)
-        return cov
-
     def replace(self, **changes: Any) -> Self:
         """This belief with some fields changed; another mean moves the members, other members have their moments."""
+        own = self._moved("ensemble", changes)
         if "ensemble" in changes:
-            own = {"mean": changes["ensemble"].mean(-2), "cov": None}
-        else:
-            own = self._moved("ensemble", changes) | {"cov": self.cov}
+            mean, members = changes["ensemble"].mean(-2), members_last(changes["ensemble"])
+            own = {"mean": mean, "cov": covariance(members, mean)}
         return Belief.replace(self, **(own | changes))
-
-    def stored(self) -> dict[str, Any]:
-        """All but the covariance, which is that of the members."""
-        return {name: array for name, array in Belief.stored(self).items() if name != "cov"}
-
-    def _arrays(self) -> dict[str, Any]:
-        names = (name for name in self.__dataclass_fields__ if name != "cov")
-        return {"cov": self._known_cov} | {name: getattr(self, name) for name in names}
-
-    @property
-    def _known_cov(self) -> np.ndarray | None:
-        try:
-            return object.__getattribute__(self, "cov")
-        except AttributeError:
-            return None
 
 
 @cache
@@ -440,9 +404,9 @@ def over_time(beliefs: Sequence[Record]) -> Record:
     packed = None if first.packed is None or not alike else [b.packed[..., : first.layout.width] for b in beliefs]
     whole: dict[str, Any] = {}
     for name in first.__dataclass_fields__ if packed is None else APART:
-        values = [getattr(belief, "_known_cov" if name == "cov" else name) for belief in beliefs]
+        values = [getattr(belief, name) for belief in beliefs]
         seen = next((value for value in values if value is not None), None)
-        if seen is None or (name == "cov" and any(value is None for value in values)):  # computed when asked for
+        if seen is None:
             whole[name] = None
             continue
         pairs = zip(values, beliefs, strict=True)

@@ -16,6 +16,7 @@ import numpy as np
 
 from estimators.analysis import (
     Moments,
+    covariance,
     evensen_transform,
     expect,
     forecast,
@@ -42,8 +43,6 @@ START, PROCESS, READINGS, ROTATION = range(4)
 """Uses of random numbers."""
 _FEW = 16
 """Groups of components that a program has one after the other; of more, each is a row."""
-_LATER: Any = None
-"""A covariance that is computed when somebody asks for it."""
 
 
 class DrawingFilter(Filter[Record]):
@@ -113,7 +112,7 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief]):
         for i in self._angles:
             ensemble[..., i] = _gathered(ensemble[..., i], belief.mean[..., i, None])
         mean, members = self._mean(ensemble), members_last(ensemble)
-        return EnsembleBelief.predicted(belief, mean, _LATER, belief.u, ensemble=members.mT)
+        return EnsembleBelief.predicted(belief, mean, covariance(members, mean), belief.u, ensemble=members.mT)
 
     def _predict(self, belief: EnsembleBelief, u: np.ndarray | None, rng: Rng) -> EnsembleBelief:
         model, batch = self.model, belief.mean.shape[:-1]
@@ -121,7 +120,7 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief]):
         root = semidefinite_cholesky(resolve(model.Q, u)) if self._noise_root is None else self._noise_root
         normals = members_last(draw(self._numbers(rng, batch), batch, self.members, root.shape[-1], PROCESS))
         mean, members = forecast(members_last(belief.ensemble), after, root, normals, angles=self._angles)
-        return EnsembleBelief.predicted(belief, mean, _LATER, u, ensemble=members.mT)
+        return EnsembleBelief.predicted(belief, mean, covariance(members, mean), u, ensemble=members.mT)
 
     @inlinable("transition")
     def _moved_members(self, belief: EnsembleBelief, u: np.ndarray | None) -> np.ndarray:
@@ -220,7 +219,7 @@ class EnsembleKalmanFilter(EnsembleFilter):
         mean, members, S = perturbed_analysis(
             *self._moments(belief, reading), root, normals, self._factors, inflation=self.inflation
         )
-        return EnsembleBelief.updated(belief, mean, _LATER, reading, S, ensemble=members.mT)
+        return EnsembleBelief.updated(belief, mean, covariance(members, mean), reading, S, ensemble=members.mT)
 
 
 class EnsembleTransformFilter(EnsembleFilter):
@@ -282,7 +281,9 @@ class EnsembleTransformFilter(EnsembleFilter):
         if self.rotate:
             normals = draw(numbers, mean.shape[:-1], self.members - 1, min(self.members - 1, self.model.n), ROTATION)
             ensemble = rotate_anomalies(ensemble - mean[..., None, :], normals) + mean[..., None, :]
-        return EnsembleBelief.updated(belief, mean, _LATER, reading, S, ensemble=ensemble)
+        return EnsembleBelief.updated(
+            belief, mean, covariance(members_last(ensemble), mean), reading, S, ensemble=ensemble
+        )
 
     def _analysis(self, regular: bool, moments: Moments) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Mean ``(..., n)``, members ``(..., n, N)`` and S after the measurement described by `_moments`.

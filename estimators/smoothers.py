@@ -156,4 +156,4 @@ def _members(filter: EnsembleFilter, updated: Any, predicted: Any, steps: int | 
     else:
         for _ in range(steps):
             smoothed[:-1] = back(slice(None), smoothed[1:])
-    return type(updated)(**(updated._arrays() | {"cov": None, "mean": smoothed.mean(-2), "ensemble": smoothed}))
+    return updated.replace(ensemble=smoothed)
