@@ -165,10 +165,8 @@ class Delayed(Generic[Record]):
             self._check_one_input(steps[-1], u)
             steps[-1] = steps[-1]._replace(predicted=steps[-1].predicted.replace(u=u))
         steps[-1] = steps[-1]._replace(read=np.ones(rows, bool), keys=self._keys(rng))
-        for age in range(y.shape[-2]):
+        for age in np.flatnonzero(np.moveaxis(come, -2, 0).reshape(y.shape[-2], -1).any(-1)).tolist():
             new = come[..., age, :]
-            if not new.any():
-                continue
             if age < len(steps):
                 step = steps[-1 - age]
                 taken = new & (age <= reach)[..., None] & ~step.available
@@ -176,14 +174,35 @@ class Delayed(Generic[Record]):
                 oldest = np.where(taken.any(-1), age, oldest)
                 new = new & ~taken
             refused = refused + new.sum(-1)
-        for age in range(int(oldest.max(initial=0)), 0, -1):  # rows join where their oldest reading is
-            again, following = oldest >= age, steps[-age]
-            chosen = again if self._apart else np.ones_like(again)
-            u, moved = _rows(following.u, chosen), _rows(following.moved, chosen)
-            predicted = self.filter.predict(self._read(steps[-1 - age], chosen), u, rng=moved)
-            predicted = predicted if self._apart else predicted[again]
-            steps[-age] = following._replace(predicted=following.predicted.with_rows(again, predicted))
-        return DelayedBelief(self._read(steps[-1], ...), tuple(steps), reach, refused)
+        now: Any = None
+        for age in np.unique(oldest[oldest > 0]).tolist():
+            now = self._repeat(steps, age, oldest == age)
+        if now is None or not (oldest == oldest.max()).all():
+            now = self._read(steps[-1], ...)
+        return DelayedBelief(now, tuple(steps), reach, refused)
+
+    def _repeat(self, steps: list[Step], age: int, again: np.ndarray) -> Any:
+        """Predict rows of a mask anew in the last ``age`` of the steps; what they believe now."""
+        every, filter = bool(again.all()), cast(Any, self.filter)
+        chosen: Any = again if self._apart and not every else ...
+        belief: Any = self._read(steps[-1 - age], chosen)
+        now: Any = belief
+        after, predictions = steps[-age:], None
+        plain = isinstance(filter, Filter) and not filter.random
+        if plain and all(step.R is None and step.read[chosen].all() for step in after):
+            u, y, available = (_stacked([_rows(step[i], chosen) for step in after]) for i in (1, 3, 4))
+            predictions, now = filter._repeated(belief, u, y, available) or (None, now)
+        for i, step in enumerate(after):
+            if predictions is None:
+                predicted = filter.predict(belief, _rows(step.u, chosen), rng=_rows(step.moved, chosen))
+            else:
+                predicted = predictions[i]
+            if not every:
+                predicted = step.predicted.with_rows(again, predicted if self._apart else predicted[again])
+            steps[i - age] = step._replace(predicted=predicted)
+            if predictions is None:
+                belief = now = self._read(steps[i - age], chosen)
+        return now
 
     def _check_one_input(self, step: Step, u: np.ndarray) -> None:
         """Refuse another known input for a step of which readings have come: they are taken in together.
@@ -258,6 +277,11 @@ class Delayed(Generic[Record]):
             usual = own._own_R(predicted) if hasattr(own, "_own_R") else resolve(own.model.R, predicted.u)
             R = np.where(np.isnan(R), usual, R)
         return self.filter.update(predicted, y, rng=keys, available=available, R=R)
+
+
+def _stacked(arrays: list[Any]) -> Any:
+    """Arrays of successive steps, steps first; None where these have none."""
+    return None if arrays[0] is None else np.stack(arrays)
 
 
 def _taken(step: Step, y: np.ndarray, taken: np.ndarray, R: np.ndarray | None) -> Step:

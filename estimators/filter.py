@@ -494,6 +494,46 @@ class Filter(ABC, Generic[Record]):
         """Keys ``(rows, 2)`` and steps ``(rows, 1)`` of a filter that draws random numbers."""
         raise NotImplementedError
 
+    def _repeated(
+        self, belief: Record, u: np.ndarray | None, y: np.ndarray, available: np.ndarray
+    ) -> tuple[list[Record], Record] | None:
+        """Predictions of successive steps, and the last one's update, in one program; None where that cannot be.
+
+        Args:
+            belief: After the update before.
+            u: ``(steps, rows, m)``,
+            y: ``(steps, rows, p)``,
+            available: and ``(steps, rows, p)`` of each step.
+        """
+        packed, layout = belief.side_by_side()
+        now = None if u is None else u[0]
+        if self._programs is None or not (self._ours and self._regular and self._in_one_program(belief, now)):
+            return None
+        key = self._key(_SUCCESSIVE, layout, now, None)
+        traced = self._programs.get(key)
+        if traced is None or not all(each.unchanged() for each in traced.inspections):
+            traced = self._programs[key] = self._traced(_SUCCESSIVE, belief, layout, now, None)
+        if traced.layout is not layout or traced.predicted is None or traced.callbacks:
+            return None
+        steps, rows = y.shape[:2]
+        updated, doubtful = np.empty((2, rows, layout.width)), np.empty((steps, rows, 1), bool)
+        predicted = np.empty((steps, rows, traced.predicted.width))
+        own = in_rows(packed)
+        known = own if u is None else u
+        traced.function(rows, steps, own, known, y, available, own, own, own, updated, doubtful, predicted)
+        if doubtful.any():
+            return None
+        inputs: Any = (None,) * steps if u is None else u
+        beliefs: list[Any] = [
+            self.record.looked_at(values, place, belief.prior_mean, belief.prior_cov, given)
+            for values, place, given in (
+                *((each, traced.predicted, given) for each, given in zip(predicted, inputs, strict=True)),
+                (updated[(steps - 1) % 2], layout, inputs[-1]),
+            )
+        ]
+        object.__setattr__(beliefs[0], "recovery", belief.recovery)
+        return beliefs[:-1], beliefs[-1]
+
     def _run(self, function: Function, *arrays: np.ndarray) -> None:
         """Execute a program on arrays of rows, of which threads take their shares."""
         if self._threads == 1:
@@ -560,7 +600,7 @@ class Filter(ABC, Generic[Record]):
             known = None if u is None else matrix_input(program, 1, 0, u.shape[-1:])
             now: Any = self.record(**(fields | {"u": known}))
             if "_predict" in methods:
-                now = self._sound(self._predict(now, known, rng), now)
+                predicted = now = self._sound(self._predict(now, known, rng), now)
             if "_update" in methods:
                 p = (self.model.p,)
                 y, mask = matrix_input(program, 2, 0, p), matrix_input(program, 3, 0, p, "b")
@@ -570,10 +610,7 @@ class Filter(ABC, Generic[Record]):
                 if not self._ours:  # whose covariance may be symmetric but for rounding
                     now = Belief.replace(now, cov=symmetrise(now.cov))
                 doubtful = doubtful_rows(now, reading.R)
-            results = now.stored()
-            masks = frozenset(name for name, value in results.items() if value.dtype == bool)
-            found = laid_out(tuple((name, value.shape) for name, value in results.items()), masks)
-            parts = [_part(program, value) for value in results.values()]
+            packed = [_packed(program, each) for each in ((now, predicted) if methods is _SUCCESSIVE else (now,))]
             mask = [] if doubtful is None else [doubtful.value]
         except Exception as error:
             if self._ours:
@@ -586,10 +623,11 @@ class Filter(ABC, Generic[Record]):
             return self._traced(methods, belief, layout, u, R)
         sizes = (layout.width, 0 if u is None else u.shape[-1], self.model.p, self.model.p, column)
         arguments = [*(Argument((size,), "b" if i == 3 else "f") for i, size in enumerate(sizes)), *words]
-        outputs = [(parts, Argument((found.width,))), (mask, Argument((1,), "b"))]
-        return _Traced(
-            Function(program, arguments, outputs), found, tuple(callbacks), column, tuple(program.inspections)
-        )
+        outputs = [(parts, Argument((found.width,))) for found, parts in packed]
+        outputs.insert(1, (mask, Argument((1,), "b")))
+        function = Function(program, arguments, outputs, successive=methods is _SUCCESSIVE)
+        layouts = [found for found, _ in packed]
+        return _Traced(function, layouts[0], tuple(callbacks), column, tuple(program.inspections), layouts[-1])
 
     def _sound(self, traced: Any, before: Any) -> Record:
         """A belief that a formula of one's own gave, if its arrays have the shapes that they must have, a row."""
@@ -706,6 +744,7 @@ class Filter(ABC, Generic[Record]):
 
 
 _BOTH = "_predict", "_update"
+_SUCCESSIVE = (*_BOTH, "again")
 
 
 def check_channels(filter: Filter, channels: int) -> None:
@@ -747,6 +786,7 @@ class _Traced(NamedTuple):
     callbacks: tuple[tuple[_Question, tuple[int, ...]], ...]
     columns: int  # of their results
     inspections: tuple[Inspection, ...] = ()  # of functions of others that are part of it
+    predicted: Layout | None = None  # of predictions between the results, where it is for successive steps
 
     def results(self, belief: Belief, u: np.ndarray | None, R: np.ndarray | None, batch: tuple[int, ...]) -> np.ndarray:
         """What the callbacks give for a batch, side by side ``(..., columns)``."""
@@ -761,6 +801,14 @@ class _Traced(NamedTuple):
                     out[..., first : first + math.prod(own)] = flat
                     first += math.prod(own)
         return out
+
+
+def _packed(program: Program, belief: Any) -> tuple[Layout, list[Any]]:
+    """The layout of a traced belief's arrays, and these as parts of an output."""
+    results = belief.stored()
+    masks = frozenset(name for name, value in results.items() if value.dtype == bool)
+    found = laid_out(tuple((name, value.shape) for name, value in results.items()), masks)
+    return found, [_part(program, value) for value in results.values()]
 
 
 def _part(program: Program, value: Any) -> Any:

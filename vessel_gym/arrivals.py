@@ -135,8 +135,10 @@ class Transit:
 def youngest(readings: Readings) -> Readings:
     """Of readings by age the youngest of each channel."""
     y, arrived = readings
-    age = arrived.argmax(1)[:, None]
-    return np.take_along_axis(y, age, 1)[:, 0], np.asarray(arrived.any(1))
+    row, age, channel = (indices[::-1] for indices in np.nonzero(arrived))  # of two the younger is written last
+    values, available = np.zeros(y[:, 0].shape), np.zeros(y[:, 0].shape, bool)
+    values[row, channel], available[row, channel] = y[row, age, channel], True
+    return values, available
 
 
 def of_now(readings: Readings, horizon: int) -> Readings:

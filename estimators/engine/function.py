@@ -1,6 +1,7 @@
 """Compiled functions: a program for each row of a batch, over arrays whose rows lie one after the other."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -43,6 +44,9 @@ class Function:
         program: What it computes; its instructions ``input`` and ``input matrix`` read the arguments.
         arguments: Rows of what it takes.
         outputs: For each result its scalars and views of matrices, one after the other, and an argument like it.
+        successive: Is it repeated, so that its first result is its first argument in the next step? Its other arguments
+            and results are then ``(steps, rows, ...)``, and ``shared`` is how many steps; of the first result the last
+            two are kept, those of even steps first.
 
     Attributes:
         instructions: Those of the program that its outputs need, in order.
@@ -50,8 +54,10 @@ class Function:
     """
 
     def __init__(
-        self, program: Program, arguments: Sequence[Argument], outputs: Sequence[tuple[Any, Argument]]
-    ) -> None:
+        self, program: Program, arguments: Sequence[Argument], outputs: Sequence[tuple[Any, Argument]],
+        successive: bool = False,
+    ) -> None:  # fmt: skip
+        self.successive = successive
         self.arguments, self.results = tuple(arguments), tuple(result for _, result in outputs)
         self.program, self.outputs = program, [entries for entries, _ in outputs]
         values = [part.value if isinstance(part, View) else part for parts in self.outputs for part in parts]
@@ -83,7 +89,8 @@ class Function:
         )  # fmt: skip
         outputs = tuple(map(tuple, self.outputs))
         code = (
-            width, self.instructions, outputs, self.arguments, self.results, literals, tuple(self._places.items()),
+            width, self.successive, self.instructions, outputs, self.arguments, self.results, literals,
+            tuple(self._places.items()),
             "".join(program.kinds), tuple(program.sizes.items()),
         )  # fmt: skip
         self._entries[width] = machine.load(code, lambda: self.text(width))
@@ -136,6 +143,7 @@ class Layout:
         return self.size - size
 
 
+_SUCCESSION = ("mul", "%rows"), ("and", 1), ("icmp eq", 0)
 ROOM = frozenset(("matmul", "solve", "eliminate"))
 """Opcodes whose last attribute is how many numbers they need besides their results."""
 
@@ -146,7 +154,6 @@ class Driver(LinearEmitter):
     def __init__(self, function: Function, module: Module, width: int) -> None:
         super().__init__(function.program, module, width, function.layout)
         self._function = function
-        self._rows: list[str] = []
         self._bases: list[list[str]] = []
         self.special["input"] = self._input
         self.special["input matrix"] = self._input_matrix
@@ -154,25 +161,44 @@ class Driver(LinearEmitter):
     def function(self, instructions: Sequence[Instruction], outputs: Sequence[Any]) -> str:
         """The function in LLVM IR."""
         arguments, results = self._function.arguments, self._function.results
-        strides = []
-        for i, argument in enumerate(arguments):
+        strides: list[str | int] = [each.size for each in arguments] if self._function.successive else []
+        for i, argument in enumerate(() if self._function.successive else arguments):
             bit = self.line(f"and i64 %shared, {1 << i}")
             one = self.line(f"icmp ne i64 {bit}, 0")
             strides.append(self.line(f"select i1 {one}, i64 0, i64 {argument.size}"))
         last = self.line("sub i64 %rows, 1")
 
         def body(row: str) -> tuple[()]:
-            self._rows = [row]
+            rows = [row]
             if self.width > 1:
                 lanes = (self.line(f"add i64 {row}, {lane}") for lane in range(self.width))
-                self._rows = [self.call("smin", "ii", 1, lane, last) for lane in lanes]
+                rows = [self.call("smin", "ii", 1, lane, last) for lane in lanes]
+            if self._function.successive:
+                self.loop(0, "%shared", partial(step, rows))
+            else:
+                step(rows)
+            return ()
+
+        def step(rows: Sequence[str], k: str = "") -> tuple[()]:
+            own, carried = rows, results[0]
+            if k:  # the first result takes turns between two places, as it is read until it is written
+                offset, turn, first = (self.line(f"{op} i64 {k}, {by}") for op, by in _SUCCESSION)
+                rows = [self.line(f"add i64 {offset}, {row}") for row in own]
+                places = [self.line(f"mul i64 {each}, %rows") for each in (turn, self.line(f"xor i64 {turn}, 1"))]
+                now, before = (
+                    [self._row("%o0", carried.size, self.line(f"add i64 {place}, {row}"), carried.kind) for row in own]
+                    for place in places
+                )
             self._bases = [
-                [self._row(f"%a{i}", stride, row, arguments[i].kind) for row in self._rows]
-                for i, stride in enumerate(strides)
+                [self._row(f"%a{i}", stride, row, argument.kind) for row in rows]
+                for i, (stride, argument) in enumerate(zip(strides, arguments, strict=True))
             ]
+            if k:
+                pairs = zip(self._bases[0], before, strict=True)
+                self._bases[0] = [self.line(f"select i1 {first}, ptr {a}, ptr {b}") for a, b in pairs]
             self.block(instructions)
             for i, (parts, result) in enumerate(zip(outputs, results, strict=True)):
-                bases = [self._row(f"%o{i}", result.size, row, result.kind) for row in self._rows]
+                bases = now if k and i == 0 else [self._row(f"%o{i}", result.size, row, result.kind) for row in rows]
                 self._output(parts, result, bases)
             return ()
 
