@@ -1,8 +1,12 @@
 """What the pages on sensors, disturbances, tasks and vehicles of one's own show runs, is short, and stands a study."""
 
 import contextlib
+import inspect
 import io
+import linecache
 import re
+import sys
+import types
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -32,8 +36,10 @@ from vessel_gym.envs import (
 from vessel_gym.estimation import estimator_names
 from vessel_gym.processes import Process
 from vessel_gym.sensors import Sensor
+from vessel_gym.tasks import circle_track, turning_circle
 from vessel_gym.tasks.task import Task
 from vessel_gym.tasks.turning_circle import TurningCircle
+from vessel_gym.vehicles import corvette, ship
 from vessel_gym.vehicles.corvette import Corvette
 
 
@@ -590,6 +596,95 @@ def test_a_disturbance_of_no_use_is_refused_in_a_sentence(member: str, value: An
     disturbance = type("Own", (Disturbance,), made | {member: value})()
     with pytest.raises(ValueError, match=f"^{re.escape(sentence)}"):
         flown(THESIS, disturbance=disturbance)
+
+
+# --- compiled as ours ---------------------------------------------------------------------------------
+
+
+def copied_module(module: Any, *others: tuple[str, str]) -> Any:
+    """A user's module with the text of one of ours."""
+    text, made = inspect.getsource(module), types.ModuleType(f"own_{module.__name__.rpartition('.')[2]}")
+    for name, own in others:
+        text = text.replace(f"from {name} import", f"from {own} import")
+    sys.modules[made.__name__] = made
+    linecache.cache[made.__name__] = len(text), None, text.splitlines(True), made.__name__
+    exec(compile(text, made.__name__, "exec"), vars(made))
+    return made
+
+
+@pytest.fixture(scope="module")
+def copies() -> dict[str, Any]:
+    """Systems of ours, of which vehicle or task are of classes with the same text in a user's file."""
+    copied_module(corvette)
+    ships = copied_module(ship, ("vessel_gym.vehicles.corvette", "own_corvette"))
+    copied_module(turning_circle)
+    tracks = copied_module(circle_track, ("vessel_gym.tasks.turning_circle", "own_turning_circle"))
+    system = SigmaCorvetteEnv.system
+    vehicle, task = ships.Ship(system.vehicle.ship), tracks.CircleTrack(system.vehicle.ship)
+    return {"ours": system, "vehicle": replace(system, vehicle=vehicle), "task": replace(system, task=task)}
+
+
+def flights(system: Any, rows: int, seed: int, steps: int = 40) -> dict[str, np.ndarray]:
+    core = Core(system, rows, "ekf")
+    core.start(seed)
+    seen, actions = [core.observe()], np.random.default_rng(0).uniform(-1.0, 1.0, (steps, 1))
+    for action in actions:
+        reward, _ = core.step(np.tile(action, (rows, 1)))
+        seen.append(core.observe())
+    assert core.config.world.whole
+    assert core.config.mission.whole
+    return core.info() | {"reward": reward, "seen": np.stack(seen, 1)}
+
+
+@pytest.mark.parametrize("part", ["vehicle", "task"])
+def test_a_copy_of_ours_in_a_file_of_ones_own_flies_as_ours_alone_and_in_batches(copies: Any, part: str) -> None:
+    ours, many = (flights(copies[name], 9, 3) for name in ("ours", part))
+    for name in ("truth", "measurement", "estimate", "reference", "reward"):
+        np.testing.assert_allclose(many[name], ours[name], rtol=1e-12, atol=1e-12, err_msg=name)
+    for row in (0, 4, 8):
+        for name, values in flights(copies[part], 1, 3 + row).items():
+            np.testing.assert_array_equal(values[0], many[name][row], name)
+
+
+class Windy(my_vehicle.Catamaran):
+    """A catamaran that a wind blows along."""
+
+    def __init__(self) -> None:
+        self.wind = 0.0
+
+    def step(self, state: Any, before: Any, after: Any, forcing: Any, parameters: Any) -> Any:
+        moved = super().step(state, before, after, forcing, parameters)
+        return np.concatenate([moved[..., :1] + self.dt * self.wind, moved[..., 1:]], -1)
+
+
+def test_what_a_function_reads_may_change_in_flight(catamaran: str) -> None:
+    """It is traced anew, but not in every step of a flight in which it always changes."""
+    vehicle, traced = Windy(), []
+    core = Core(replace(gym.spec("Catamaran-v0").entry_point.system, vehicle=vehicle), 2, "truth")
+    core.start(5)
+    for vehicle.wind in np.linspace(0.0, 2.0, 12):
+        state, before, forcing = core.state, core.actuators, core.forcing
+        core.step(np.full((2, 2), 0.5))
+        traced.append(core.config.world.whole)
+        expected = vehicle.step(state, before, core.actuators, forcing, core.parameters)
+        np.testing.assert_allclose(core.state, expected, rtol=1e-12)
+    assert traced[:3] == [True] * 3
+    assert not traced[-1]
+
+
+def test_a_vehicle_that_draws_random_numbers_flies_in_numpy(catamaran: str) -> None:
+    rng = np.random.default_rng(0)
+
+    class Tossed(my_vehicle.Catamaran):
+        def step(self, state: Any, *others: Any) -> Any:
+            return super().step(state, *others) + 0.01 * rng.standard_normal(state.shape)
+
+    core = Core(replace(gym.spec("Catamaran-v0").entry_point.system, vehicle=Tossed()), 3, "truth", disturbance="calm")
+    core.start(0)
+    core.step(np.zeros((3, 2)))
+    assert not core.config.world.whole
+    assert core.config.mission.whole
+    assert len(np.unique(core.state[:, 3])) == 3
 
 
 def test_a_function_that_does_not_repeat_itself_is_refused_when_it_is_handed_in() -> None:

@@ -13,6 +13,7 @@ from estimators.check import check_steps
 from estimators.unknown_input import UnknownInputFilter
 from estimators.varying import resolve
 from vessel_gym.composition import Composition
+from vessel_gym.disturbances import Disturbance
 from vessel_gym.foreign import CheckedMethods, copied, ours, repeated, rows_of
 from vessel_gym.system import Vehicle
 from vessel_gym.tasks.task import Task
@@ -69,6 +70,11 @@ def checked_task(task: Task, vehicle: Vehicle) -> Any:
     ):  # fmt: skip
         _fix_columns(checked, what, _columns_of_ours(task, name, *arguments), name, *arguments)
     return checked
+
+
+def checked_disturbance(disturbance: Disturbance) -> Any:
+    """The disturbance if it is `ours`, and otherwise with `CheckedMethods`."""
+    return disturbance if ours(disturbance) else CheckedMethods(disturbance, effect=len(disturbance.forces))
 
 
 def _ours_among_bases(part: Any) -> Any:

@@ -18,7 +18,7 @@ from estimators.engine import compiled
 from estimators.engine.arrays import TracedArray
 from estimators.varying import Matrix, Schedule, StateMatrix, StateNoise, resolve
 from vessel_gym.disturbances import Disturbance
-from vessel_gym.foreign import copied, copying, ours, repeated, rows_of
+from vessel_gym.foreign import Call, copied, copying, ours, repeated
 from vessel_gym.processes import Process
 from vessel_gym.sensors import Sensors, columns
 from vessel_gym.system import Trims, Vehicle
@@ -149,7 +149,7 @@ class Forces:
         if mistake is not None:
             raise ValueError(mistake)
         self.vehicle, self.disturbance = vehicle, disturbance
-        self._effect, self._ours = copying(disturbance.effect, disturbance), ours(disturbance)
+        self._effect = copying(disturbance.effect, disturbance)
         self.drift: Callable[..., np.ndarray] = (
             vehicle.drift if _owned(vehicle.drift) else partial(_drifted, vehicle.drift)
         )
@@ -189,11 +189,8 @@ class Forces:
         z = self.linear if self.constant else np.zeros((self.size, self.disturbance.process.size))
         return np.ascontiguousarray(np.hstack([white, z]))
 
-    def add(self, forcing: np.ndarray, z: np.ndarray, state: np.ndarray, actuators: np.ndarray) -> np.ndarray:
+    def add(self, forcing: np.ndarray, effect: np.ndarray, actuators: np.ndarray) -> np.ndarray:
         """A forcing ``(..., f)`` with an effect that is not `constant`; faults include what is lost of actuators."""
-        effect = self._effect(z, state)
-        if not self._ours:
-            effect = rows_of(f"effect of {type(self.disturbance).__name__}", effect, len(z), len(self.to))
         columns = list(np.moveaxis(forcing, -1, 0))
         for j, i in enumerate(self.to):
             columns[i] = effect[..., j]
@@ -201,6 +198,13 @@ class Forces:
             for j, lost in enumerate(range(self._losses, self.size)):
                 columns[self.outside + j] = columns[self.outside + j] - columns[lost] * actuators[..., j]
         return np.stack(columns, -1)
+
+    def users(self, state: np.ndarray) -> list[Call]:
+        """The effect if it is a user's, to be called in states ``(B, n)``."""
+        if ours(self.disturbance):
+            return []
+        z = np.zeros((len(state), self.disturbance.process.size))
+        return [(self.disturbance.effect, (z, state), [(len(self.to),)])]
 
     def whole(self, z: np.ndarray, held: np.ndarray) -> np.ndarray:
         """The disturbance's state ``(..., k)`` out of the components that a filter estimates, others 0."""

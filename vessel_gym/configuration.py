@@ -8,8 +8,9 @@ import numpy as np
 
 from estimators import FaultMonitor
 from estimators.checks import shown
+from estimators.engine.dependencies import Dependencies
 from estimators.randomness import word
-from vessel_gym.acceptance import checked_task, checked_vehicle
+from vessel_gym.acceptance import checked_disturbance, checked_task, checked_vehicle
 from vessel_gym.checks import number, one_of
 from vessel_gym.composition import Forces, acting_on, change_of
 from vessel_gym.disturbances import Disturbance
@@ -37,8 +38,9 @@ def _world(
     """Vehicle, sensors and disturbance of an environment."""
     vehicle = checked_vehicle(system.vehicle)
     task = checked_task(system.task, vehicle)
-    given = system.sensors_of(sensors, faults)
-    return World(vehicle, Forces(system.vehicle, chosen_disturbance(system, disturbance)), given, task)
+    given, forces = system.sensors_of(sensors, faults), Forces(system.vehicle, chosen_disturbance(system, disturbance))
+    users = not (ours(system.vehicle) and ours(forces.disturbance) and given.ours and ours(system.task))
+    return World(vehicle, forces, checked_disturbance(forces.disturbance), given, task, users, not users)
 
 
 _mission = lru_cache(maxsize=32)(Mission)
@@ -75,7 +77,8 @@ class Configuration:
         self.world = world = _world(system, sensors, sensor_faults, disturbance)
         self.system, self.vehicle, self.task = system, system.vehicle, system.task
         self.sensors, self.forces, vehicle, task = world.sensors, world.forces, self.vehicle, self.task
-        self.own_parts = [part for part in (world.vehicle, world.task) if isinstance(part, CheckedMethods)]
+        checked = world.vehicle, world.task, world.disturbance
+        self.own_parts = [part for part in checked if isinstance(part, CheckedMethods)]
         choice, acting = system.estimator if estimator is None else estimator, world.forces.disturbance
         self.estimation = build(system, choice, estimator_options, world.sensors, acting, num_threads)
         self.composition, self.estimator = self.estimation.composition, self.estimation.filter.name
@@ -91,13 +94,15 @@ class Configuration:
         if not isinstance(sizes, dict) or not all(part in sizes for part in seen):
             raise ValueError(f"sizes of {type(task).__name__} must give {', '.join(seen)}, got {shown(sizes)}")
         self.observation_size = sum(sizes[part] for part in seen) + len(alarming(observe, self.estimation.monitor))
-        self.foreign_effect = not ours(acting)
-        self.commanding = task.commanding if ours(task) else None  # what somebody has written is asked
         self.perfect = float(task.perfect), float(task.perfect == task.horizon)  # in all, and a step more
         self.based = tuple(vehicle.state_names.index(name) for name in vehicle.estimated(vehicle.kinds[0]))
-        self.mission: Mission | None = None  # what steps the task, where one program can
-        if ours(task) and not self.foreign_effect and self.guidance and observe == "mean":
-            self.mission = _mission(task, self.composition, self.ends, self.based)
+        users = not (ours(task) and ours(self.composition.forces.disturbance))
+        self.guided = self.guidance and observe == "mean"
+        asked = self.composition, self.ends, self.based, self.guided, raw
+        self.mission = (Mission if users else _mission)(world.task, *asked, users, not users)
+        self.plain: dict[str, Any] = {"world": world, "mission": self.mission}  # whose functions are a user's, in NumPy
+        self.untraced, self.changes = world.users or users, 0  # how often they have been traced anew
+        self.reads: list[Dependencies] = []  # what those of them read that are traced
         self._names_of_truth()
         self._unknown_inputs()
         self._draws()

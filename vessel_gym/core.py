@@ -22,7 +22,7 @@ from vessel_gym.composition import Composition, Forces
 from vessel_gym.configuration import DRAWN, Configuration
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.estimation import EstimatorChoice
-from vessel_gym.foreign import refuse_not_finite
+from vessel_gym.foreign import read, refuse_not_finite, traced
 from vessel_gym.loop import Loop
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Sensor, Sensors
@@ -30,6 +30,8 @@ from vessel_gym.system import Estimate, System
 
 DECLARED = 0.5
 """An agent declares a mission done by a last component of its action above this."""
+_MOST = 10
+"""How often users' functions are traced anew where something that they read has changed, before NumPy computes them."""
 
 
 class Core:
@@ -130,8 +132,25 @@ class Core:
                 getattr(self, name).attach(self.sensors, estimation)
             else:
                 setattr(self, name, Loop(self.sensors, estimation, self.num_envs))
-        # What somebody has written in NumPy may round otherwise in a part of the rows.
-        self._parts = shares(self.num_envs, self.num_threads if config.world.ours else 1)
+        self._parts = shares(self.num_envs, self.num_threads)
+
+    def _trace(self) -> None:
+        """Make one program of the world and one of the task where users' functions in them can be traced."""
+        config, functions = self.config, []
+        config.untraced, config.changes = False, config.changes + 1
+        sensed, told = (self.state, self.forcing[:, : self.forces.outside], self.bias), self.composition.forces
+        steps: tuple[Any, ...] = (
+            ("world", self._moving(), self.sensors.users(*sensed)),
+            ("mission", self._scoring(), told.users(self.state)),
+        )
+        for name, arrays, more in steps:
+            plain = config.plain[name]
+            if plain.users:
+                program, few = plain.program(), config.changes < _MOST
+                found = traced(plain.step, program.step, arrays, config.own_parts, more) if few else None
+                setattr(config, name, plain if found is None else program)
+                functions += found or []
+        config.reads = read(functions)
 
     def __getstate__(self) -> dict[str, Any]:
         """All but what `attach` gives, which may hold functions that cannot be pickled."""
@@ -288,8 +307,6 @@ class Core:
         actuators, u, state, drifting, noise, forcing, *read, tally = config.world.begin(
             course, prior.mean, shared_root(prior.cov), numbers, keys[:, len(DRAWN) :], steps
         )
-        if config.foreign_effect:
-            self._check_forcing(forcing, steps, state, self._none[: len(rows)])
         if self.mismatch:
             parameters = config.world.vehicle.parameters(self.mismatch, numbers[:, config.spread])
         else:
@@ -339,23 +356,21 @@ class Core:
         """
         if not self.seeds:
             raise ResetNeeded("call reset() before the first step()")
-        self.action = action = self.checked(action, ended, shape)
-        declared = None
-        if self.ends == "declaration":
-            action, declared = action[:, :-1], action[:, -1] > DECLARED
+        action = self.checked(action, ended, shape)
         if readings is not None:
             readings = _arrived(readings, self.num_envs, self.sensors)
-        loop = self.loop
+        if self.config.untraced or not all(each.unchanged() for each in self.config.reads):
+            self._trace()
+        loop, self.action = self.loop, action
         if self.config.own_parts:
             self._refuse_at(self.steps + 1, ended)
         self.steps = self.steps + 1
-        moved = self._moved(action, readings, ended)
-        self.actuators, u, self.state, self.drifting, self.noise, self.forcing, *read = moved
-        readings = loop.receive((read[0], read[1]), self.steps, None, readings is not None)
+        self.actuators, u, self.state, self.drifting, self.noise, self.forcing, *read = self._moved()
+        readings = loop.receive(readings or (read[0], read[1]), self.steps, None, readings is not None)
         loop.estimate(self._handed(readings), u, self.steps)
         if hasattr(self, "held"):
             self.held.estimate(readings, u, self.steps)
-        reward = self._scored(action, declared)
+        reward = self._scored()
         self.total += reward
         return reward, self.end
 
@@ -364,74 +379,70 @@ class Core:
         d = self.loop.belief.input_mean
         return self._no_input if d is None else d
 
-    def _known_input(self, action: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Actuators after a step, and the known input of the filter."""
-        before, after = self.actuators, self.config.world.vehicle.actuate(self.actuators, action)
-        if self.config.commanding is None:
-            commanded = self.config.world.task.commanded(self.course, self.steps - 1)
+    def _moving(self) -> tuple[np.ndarray, ...]:
+        """Arguments of `World.step`."""
+        action = self.action[:, :-1] if self.ends == "declaration" else self.action
+        return (
+            action, self.course, self.reference, self.state, self.actuators, self.forcing, self.parameters, self._keys,
+            self.steps, self.drifting, self.noise, self.loop.sensing(None),
+        )  # fmt: skip
+
+    def _moved(self) -> Sequence[np.ndarray]:
+        """What `World.step` gives; users' functions are checked."""
+        world, arrays = self.config.world, self._moving()
+        if len(self._parts) == 1 or not world.whole:  # NumPy may round otherwise in a part of the rows
+            moved = world.step(*arrays)
         else:
-            commanded = self.reference[:, self.config.commanding]
-        return after, self.config.world.vehicle.known_input(before, after, commanded)
-
-    def _moved(
-        self, action: np.ndarray, readings: Readings | None, ended: np.ndarray | None
-    ) -> tuple[np.ndarray, ...]:  # fmt: skip
-        """What `World.step` gives, with the measurements if there are any, and with users' functions checked."""
-        world, sensing = self.config.world, self.loop.sensing(None)
-        given = self.forcing, self.parameters, self._keys, self.steps, self.drifting, self.noise
-        if world.ours and self.config.world.task is self.task and readings is None:
-            arrays = action, self.course, self.reference, self.state, self.actuators, *given, sensing
-            if len(self._parts) == 1:
-                return world.step(*arrays)
             parts = each(lambda rows: world.step(*(a[rows] for a in arrays)), self._parts, self.num_threads)
-            return tuple(map(np.concatenate, zip(*parts, strict=True)))
-        after, u = self._known_input(action)
-        moved = state, drifting, _, forcing = world.move(self.state, self.actuators, after, *given)
-        if self.config.foreign_effect:
-            self._check_forcing(forcing, self.steps, state, self._none if ended is None else ended)
-        return after, u, *moved, *(readings or world.sense(state, forcing, drifting, self.steps, sensing))
+            moved = tuple(map(np.concatenate, zip(*parts, strict=True)))
+        if not world.users:
+            return moved
+        if world.whole and not moved[-1].all():
+            world.step.function(*arrays)  # in NumPy, function by function, which refuses all but what has run away
+        return moved[:-1]
 
-    def _scored(self, action: np.ndarray, declared: np.ndarray | None) -> np.ndarray:
-        """The reward ``(B,)`` of a step; reference, end and score state follow, and the observation of `Mission`."""
-        forcing = self.forcing[:, : self.forces.outside]
-        if self.config.mission is not None:
-            self.reference, reward, self.end, self.tally, self._seen = self.config.mission.step(
-                self.course, self.steps, self._none if declared is None else declared, self.loop.belief.mean, self._d(),
-                self.state, np.ascontiguousarray(forcing), self.actuators, action, self.tally,
-            )  # fmt: skip
-            return reward
-        self.reference = self._reference(self.course, self.steps, self.loop.belief, self.state)
-        reward, self.end, self.tally = self.config.world.task.score(
-            self.state, forcing, self.reference, self._over(declared), self.actuators, action, self.tally
-        )
-        if self.config.world.task is not self.task:
-            self._check_ends()
+    def _scoring(self) -> tuple[np.ndarray, ...]:
+        """Arguments of `Mission.step`."""
+        action, declared = self.action, self._none
+        if self.ends == "declaration":
+            action, declared = action[:, :-1], action[:, -1] > DECLARED
+        forcing = np.ascontiguousarray(self.forcing[:, : self.forces.outside])
+        return (
+            self.course, self.steps, declared, self.loop.belief.mean, self._d(), self.state, forcing, self.actuators,
+            action, self.tally,
+        )  # fmt: skip
+
+    def _scored(self) -> np.ndarray:
+        """The reward ``(B,)`` of a step; reference, end and score state follow, and the observation if it is guided."""
+        mission, arrays = self.config.mission, self._scoring()
+        scored = mission.step(*arrays)
+        self.reference, reward, end, self.tally, *seen = scored
+        self._seen = seen[0] if self.config.guided else None
+        if mission.users:
+            if not scored[-1].all():
+                self._seen = None
+                if mission.whole:
+                    mission.step.function(*arrays)
+                self._check_ends(end)
+            end = end.astype(int)
+        self.end = end
         return reward
-
-    def _over(self, declared: np.ndarray | None) -> np.ndarray:
-        """Which missions are done ``(B,)``, as whoever ends them says."""
-        if declared is not None:
-            return declared
-        if (self.ends == "task") == (self.observe_mode == "measurement"):
-            return self.config.world.task.over(self.reference)
-        where = self.state[:, self.config.based] if self.ends == "task" else self.loop.belief.mean
-        return self.config.world.task.over(self.config.world.task.reference(self.course, self.steps, where))
 
     def observe(self) -> np.ndarray:
         """The observations ``(B, k)``, float32 and within bounds, made of estimates or readings, mission, actuators."""
-        if (mission := self.config.mission) is not None:
-            if self._seen is None:
-                self._seen = mission.observe(self.loop.belief.mean, self._d(), self.reference, self.actuators)
-            return self._seen.astype(np.float32)
-        with np.errstate(over="ignore", invalid="ignore"):  # diverged estimates are clipped
-            parts = self._observed()
-        observation = np.asarray(parts[0] if len(parts) == 1 else np.concatenate(parts, -1), float)
-        if self.config.world.task is not self.task:
-            name = f"the observation of {type(self.task).__name__}"
-            nan = np.where(np.isnan(observation), np.nan, 0.0)  # what is infinite is clipped
-            refuse_not_finite(name, nan, self.steps, None, self.loop.belief.mean, self.state)
-        bound = self.task.BOUND
-        return np.clip(observation, -bound, bound).astype(np.float32, "C")
+        if self.config.untraced:
+            self._trace()
+        observation = self._seen
+        if observation is None:
+            bound = self.task.BOUND
+            with np.errstate(over="ignore", invalid="ignore"):  # diverged estimates are clipped
+                parts = self._observed()
+                observation = np.clip(parts[0] if len(parts) == 1 else np.concatenate(parts, -1), -bound, bound)
+            if self.config.world.task is not self.task:
+                name = f"the observation of {type(self.task).__name__}"
+                refuse_not_finite(name, observation, self.steps, None, self.loop.belief.mean, self.state)
+            self._seen = observation if self.config.guided else None
+        return observation.astype(np.float32, "C")
 
     def _observed(self) -> list[np.ndarray]:
         """The parts of the observations, before they are clipped."""
@@ -444,6 +455,8 @@ class Core:
                 reference = task.reference(course, steps, held.state)
                 parts.insert(0, task.observe(held, reference, self.actuators))
             return parts
+        if self.config.guided:
+            return [self.config.mission.observe(self.loop.belief.mean, self._d(), self.reference, self.actuators)]
         estimate = self._estimate(self.loop.belief, self.composition)
         if self.guidance:
             parts = [task.observe(estimate, self.reference, self.actuators)]
@@ -542,19 +555,13 @@ class Core:
 
     # --- inside -----------------------------------------------------------------------------------
 
-    def _check_forcing(self, forcing: np.ndarray, steps: np.ndarray, state: np.ndarray, ended: np.ndarray) -> None:
-        """Refuse what a user's disturbance gave vehicles in ordinary states where it is not finite."""
-        name = f"effect of {type(self.forces.disturbance).__name__}"
-        refuse_not_finite(name, forcing[:, self.forces.to], steps, ended, state)
-
-    def _check_ends(self) -> None:
+    def _check_ends(self, end: np.ndarray) -> None:
         """Refuse an end of a user's task that there is not."""
-        end, name = self.end, f"score of {type(self.task).__name__}"
         if not np.isin(end, np.arange(len(self._ends))).all():
+            name = f"score of {type(self.task).__name__}"
             raise ValueError(
                 f"{name} gave the numbers of ends {shown(end.tolist())}: they must be whole and below {len(self._ends)}"
             )
-        self.end = end.astype(int)
 
     def _refuse_at(self, steps: np.ndarray, ended: np.ndarray | None) -> None:
         """Tell the user's vehicle and task for their refusals at which step they are, and which rows are over."""

@@ -1,9 +1,11 @@
 """Functions that users write: they are handed copies, must repeat themselves, and may give nothing that is not finite.
 
-A function that writes where it reads changes neither the truth, nor a belief, nor another row.
+A function that writes where it reads changes neither the truth, nor a belief, nor another row. It is traced into the
+programs of a step if an inspection finds that it gives what NumPy gives.
 """
 
-from collections.abc import Callable, Mapping
+import logging
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
 from functools import partial
 from typing import Any
@@ -12,6 +14,14 @@ import numpy as np
 
 from estimators import Gaussian
 from estimators.checks import numbers, shown
+from estimators.engine import Compiled, as_float
+from estimators.engine.arrays import TracedArray
+from estimators.engine.creation import traced_creation
+from estimators.engine.dependencies import Dependencies
+from estimators.engine.foreign import Inspection, inspect
+from estimators.engine.tracer import NotTraceable
+
+_log = logging.getLogger(__name__)
 
 _ORDINARY = 1e9
 """Beyond this, in SI units, a vehicle or a belief has run away, and what is computed of it may overflow."""
@@ -37,9 +47,9 @@ RETURNED: dict[str, tuple[str, ...]] = {
     "parameters": ("parameters",), "start": ("state", "actuators"), "actuate": ("actuators",), "step": ("state",),
     "known_input": ("known input",), "course": ("course",), "prior": ("prior",), "reference": ("reference",),
     "commanded": ("commanded",), "over": ("over",), "begin": ("tally",), "score": ("reward", "end", "tally"),
-    **{name: (name,) for name in _OBSERVED},
+    "effect": ("effect",), **{name: (name,) for name in _OBSERVED},
 }  # fmt: skip
-"""Methods of vehicles and tasks by name, and what each returns."""
+"""Methods of vehicles, tasks and disturbances by name, and what each returns."""
 _SCALAR, _CONSTANT = ("reward", "end", "over"), ("parameters", "course", "commanded")
 """Numbers of a row, or one for all; and arrays that may have a single row for all."""
 
@@ -48,16 +58,21 @@ class CheckedMethods:
     """An object whose methods are `Copying`, and return arrays of float64, a row for each vehicle.
 
     Args:
-        own: The user's vehicle or task.
+        own: The user's vehicle, task or disturbance.
 
     Attributes:
         columns: Of arrays, by what they are (see `RETURNED`); others may have any number.
+        calls: Where methods and their arguments are recorded, and nothing is checked; None: nowhere.
         steps: ``(B,)`` since the start,
         ended: and a mask ``(B,)`` of rows whose episode is over, None: none; for the sentences of refusals.
     """
 
+    commanding = None
+    """A task's columns of a reference, which say what is commanded only of ours: a user's method is asked."""
+
     def __init__(self, own: Any, **columns: int) -> None:
         self._own, self.columns = own, columns
+        self.calls: list[Call] | None = None
         self.steps: np.ndarray = np.zeros(1, int)
         self.ended: np.ndarray | None = None
 
@@ -70,11 +85,18 @@ class CheckedMethods:
         return method
 
     def _checked(self, name: str, method: Copying, *arguments: Any) -> Any:
-        """Result of a method, or a refusal that names it."""
+        """Result of a method, or a refusal that names it; of tracers it is traced, see `Programs`."""
         returned, title = method(*arguments), f"{name} of {type(self._own).__name__}"
         if name == "commanded" and returned is None:
             return None
         arrays = [each for each in arguments if isinstance(each, np.ndarray)]
+        if self.calls is not None:
+            shapes = (() if part in _SCALAR else (self.columns.get(part),) for part in RETURNED[name])
+            self.calls.append((method.function, arguments, list(shapes)))
+            return returned
+        if any(isinstance(each, TracedArray) for each in arrays):
+            returned = tuple(map(as_float, returned)) if isinstance(returned, tuple | list) else as_float(returned)
+            return returned != 0.0 if name == "over" else returned
         rows, what = len(arrays[0] if arrays else arguments[0].state), RETURNED[name]
         if name == "prior":
             if not isinstance(returned, Gaussian):
@@ -108,6 +130,102 @@ class CheckedMethods:
             ordinary = [each for each in arguments if each.ndim == 2]
             kind = {"sound": _not_nan, "wanted": "numbers everywhere"} if what == "tally" else {}
             refuse_not_finite(title, values, self.steps, self.ended, *ordinary, **kind)  # type: ignore[arg-type]
+
+
+Call = tuple[Callable[..., Any], tuple[Any, ...], list[tuple[int | None, ...]]]
+"""A user's function, arguments of some rows, and shapes of a row of its results, as far as they are known."""
+_inspections: dict[Any, Inspection] = {}
+_KEPT = 500
+"""Functions whose inspections are kept; of more, the oldest are inspected anew when they are next used."""
+
+
+def traced(
+    step: Callable[..., Any], program: Compiled, arrays: Sequence[Any], parts: Iterable[CheckedMethods],
+    more: Iterable[Call],
+) -> list[Callable[..., Any]] | None:  # fmt: skip
+    """Users' functions in a step, if its program may have them inlined; None: NumPy computes them.
+
+    The log says why.
+
+    Args:
+        step: A step in NumPy,
+        program: and the same to be traced,
+        arrays: for such arguments.
+        parts: Whose methods it calls,
+        more: and other functions that it calls.
+    """
+    calls = list(more)
+    for part in parts:
+        part.calls = calls
+    try:
+        with np.errstate(all="ignore"):
+            step(*arrays)
+    except Exception as error:  # a refusal says it better, in flight
+        _log.info("users' functions run in NumPy: %s", error)
+        return None
+    finally:
+        for part in parts:
+            part.calls = None
+    for function, arguments, shapes in calls:
+        inspection = _inspected(function, arguments)
+        rows = inspection.function.results if inspection.function is not None else ()
+        reason = inspection.reason or _misfit([row.shape for row in rows], shapes)
+        if reason:
+            _log.info("%s runs in NumPy: %s", getattr(function, "__qualname__", "a function"), reason)
+            return None
+    try:
+        with traced_creation():
+            program(*arrays)
+    except NotTraceable as error:
+        _log.info("users' functions run in NumPy: %s", error)
+        return None
+    return [function for function, *_ in calls]
+
+
+def read(functions: Sequence[Callable[..., Any]]) -> list[Dependencies]:
+    """All that functions read, together if it is not too much."""
+    try:
+        return [Dependencies(tuple(functions))]  # type: ignore[arg-type]
+    except NotTraceable:
+        return [Dependencies(each) for each in functions]
+
+
+def _misfit(found: list[tuple[int, ...]], shapes: list[tuple[int | None, ...]]) -> str:
+    """What is wrong with shapes of results of a row; None in those that are expected is any number."""
+    fit = [len(own) for own in found] == [len(own) for own in shapes] and all(
+        n in (None, m) for own, expected in zip(found, shapes, strict=True) for m, n in zip(own, expected, strict=True)
+    )
+    return "" if fit else f"for a row it gives arrays of shapes {found}, and not {shapes}"
+
+
+def _inspected(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Inspection:
+    """The inspection of a function of arrays ``(B, ...)``, of records of them, and of None."""
+    kinds = tuple(map(type, arguments))
+    opened = [
+        [getattr(each, part.name) for part in fields(each)] if is_dataclass(each) else [each] for each in arguments
+    ]
+    given = tuple(value is not None for values in opened for value in values)
+    arrays = [value for values in opened for value in values if value is not None]
+    try:
+        key = function, given, tuple(each.shape[1:] for each in arrays)
+        known = _inspections.get(key)
+    except TypeError:  # it can be no key
+        return Inspection("nothing tells it from other functions")
+    if known is None or (known.traceable and not known.unchanged()):
+        if len(_inspections) >= _KEPT:
+            del _inspections[next(iter(_inspections))]
+        own = partial(_opened, function, kinds, given)
+        known = _inspections[key] = inspect(own, *arrays, axes=[each.ndim - 1 for each in arrays])
+    return known
+
+
+def _opened(function: Callable[..., Any], kinds: tuple[type, ...], given: tuple[bool, ...], *arrays: Any) -> Any:
+    """The value of a function for copies of arrays, some of which are fields of records."""
+    rest = map(copied, arrays)
+    values = iter([next(rest) if some else None for some in given])
+    return function(
+        *(kind(*(next(values) for _ in fields(kind))) if is_dataclass(kind) else next(values) for kind in kinds)
+    )
 
 
 def _not_nan(values: np.ndarray) -> np.ndarray:

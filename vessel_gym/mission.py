@@ -1,34 +1,53 @@
 """The task of an environment over a step, as one function of a row: reference, score and observation."""
 
 from collections.abc import Sequence
+from functools import reduce
+from operator import and_
 from typing import Any
 
 import numpy as np
 
 from estimators.engine import compiled
 from vessel_gym.composition import Composition
-from vessel_gym.system import Estimate, Task
+from vessel_gym.system import Estimate
 
 
 class Mission:
-    """What the task makes of an estimate and of the truth, where estimates alone are observed, with guidance.
+    """What the task makes of an estimate and of the truth.
 
     Args:
-        task: One of this package.
+        task: With its methods checked where it is a user's.
         told: What the filter estimates.
         ends: Whose estimate or word completes a mission: one of `vessel_gym.configuration.ENDS`.
         based: Which components of the true state stand where the filter has them.
+        guided: Are estimates alone observed, with guidance? Then the step observes, too.
+        measured: Are raw readings observed? Then the reference is where the truth is.
+        users: Are functions a user's?
+        whole: Is a step one program?
     """
 
-    def __init__(self, task: Task, told: Composition, ends: str, based: Sequence[int]) -> None:
+    def __init__(
+        self, task: Any, told: Composition, ends: str, based: Sequence[int], guided: bool, measured: bool, users: bool,
+        whole: bool,
+    ) -> None:  # fmt: skip
         self.task, self.told, self.ends, self.based = task, told, ends, list(based)
+        self.guided, self.measured, self.users, self.whole = guided, measured, users, whole
+        for name in () if whole else ("step", "observe"):
+            setattr(self, name, getattr(self, name).function)
+
+    def program(self) -> "Mission":
+        """The same as one program."""
+        asked = self.told, self.ends, self.based, self.guided, self.measured
+        return Mission(self.task, *asked, self.users, True)
 
     @compiled(axes=(1, 0, 0, 1, 1, 1, 1, 1, 1, 1))
     def step(
         self, course: np.ndarray, steps: np.ndarray, declared: np.ndarray, mean: np.ndarray, input_mean: np.ndarray,
         state: np.ndarray, forcing: np.ndarray, actuators: np.ndarray, action: np.ndarray, tally: np.ndarray,
     ) -> tuple[np.ndarray, ...]:  # fmt: skip
-        """Reference ``(..., k)``, reward and end ``(...)``, score state and observation of mode ``"mean"``.
+        """Reference ``(..., k)``, reward and end ``(...)``, score state; the observation if it is ``guided``.
+
+        Where functions are a user's, a mask ``(...)`` of rows in which they gave nothing that is to be refused.
 
         Args:
             course: What the task drew ``(..., c)``.
@@ -42,22 +61,28 @@ class Mission:
             action: ``(..., a)``.
             tally: Score state of the step before.
         """
-        task: Any = self.task
-        reference = task.reference(course, steps, mean)
+        task, truth = self.task, state[..., self.based]
+        reference = task.reference(course, steps, truth if self.measured else mean)
         over = declared
-        if self.ends == "belief":
-            over = task.over(reference)
-        elif self.ends == "task":
-            over = task.over(task.reference(course, steps, state[..., self.based]))
+        if self.ends != "declaration":
+            true = self.ends == "task"
+            alike = true == self.measured
+            over = task.over(reference if alike else task.reference(course, steps, truth if true else mean))
         reward, end, tally = task.score(state, forcing, reference, over, actuators, action, tally)
-        return reference, reward, end, tally, self.observe(mean, input_mean, reference, actuators)
+        scored = reference, reward, end, tally
+        seen = (self.observe(mean, input_mean, reference, actuators),) if self.guided else ()
+        if not self.users:
+            return *scored, *seen
+        sound = [np.isfinite(reference).all(-1), np.isfinite(reward), (end >= 0.0) & (end < len(task.ends))]
+        sound += [end == np.floor(end), *(~np.isnan(each).any(-1) for each in (tally, *seen))]
+        return *scored, *seen, reduce(and_, sound)
 
     @compiled
     def observe(
         self, mean: np.ndarray, input_mean: np.ndarray, reference: np.ndarray, actuators: np.ndarray
     ) -> np.ndarray:
         """The observation of mode ``"mean"``, within bounds."""
-        known = input_mean if input_mean.shape[-1] else None
-        estimate = Estimate(mean[..., : self.told.base], self.told.flow(mean, known), known)
-        bound = self.task.BOUND
-        return np.clip(self.task.observe(estimate, reference, actuators), -bound, bound)
+        known, bound = input_mean if input_mean.shape[-1] else None, self.task.BOUND
+        with np.errstate(over="ignore", invalid="ignore"):  # diverged estimates are clipped
+            estimate = Estimate(mean[..., : self.told.base], self.told.flow(mean, known), known)
+            return np.clip(self.task.observe(estimate, reference, actuators), -bound, bound)

@@ -1,5 +1,7 @@
 """The true world of an environment over a step: vehicle, disturbance and sensors as one function of a row."""
 
+from functools import reduce
+from operator import and_
 from typing import Any
 
 import numpy as np
@@ -7,7 +9,7 @@ from scipy.linalg import block_diag
 
 from estimators.engine import compiled
 from vessel_gym.composition import Forces
-from vessel_gym.foreign import CheckedMethods, ours
+from vessel_gym.foreign import ours
 from vessel_gym.processes import advance, product
 from vessel_gym.sensors import Sensors
 
@@ -18,19 +20,23 @@ class World:
     Args:
         vehicle: That of the forces, with its methods checked where it is a user's.
         forces: What acts on it.
+        disturbance: That of the forces, likewise checked.
         sensors: What measures it.
-        task: What is asked of it.
+        task: What is asked of it, likewise.
+        users: Are some of their functions a user's?
+        whole: Is a step one program?
 
     Attributes:
         parts: Normal numbers a step of the disturbance, then of each bias.
         start_roots: Roots of their covariances at the start.
         size: Components of the disturbance's state.
-        ours: Is all of it part of this package, and hence one program?
     """
 
-    def __init__(self, vehicle: Any, forces: Forces, sensors: Sensors, task: Any) -> None:
+    def __init__(
+        self, vehicle: Any, forces: Forces, disturbance: Any, sensors: Sensors, task: Any, users: bool, whole: bool
+    ) -> None:
         self.vehicle, self.forces, self.sensors, self.task = vehicle, forces, sensors, task
-        disturbance = forces.disturbance
+        self.disturbance, self.users, self.whole = disturbance, users, whole
         biases = [s.bias.process(sensors.dt) for s in sensors.each if s.bias is not None]
         self.size = disturbance.process.size
         self.parts = np.array([process.normals for process in (disturbance.process, *biases)])
@@ -43,12 +49,16 @@ class World:
             self.carried = self.carried @ forces.linear[len(forces.vehicle.kicks) : forces.outside]
         self.transition = block_diag(disturbance.process.transition, sensors.bias.transition)
         self.root = block_diag(disturbance.white, disturbance.process.root, sensors.bias.root)
-        moving = ours(forces.vehicle) and ours(disturbance)
-        self.ours = moving and sensors.ours
-        begins = self.ours and not isinstance(task, CheckedMethods)
-        for name, compilable in (("step", self.ours), ("move", moving), ("begin", begins), ("sense", sensors.ours)):
+        ours_alone = ours(forces.vehicle) and ours(forces.disturbance)
+        for name, compilable in (
+            ("step", whole), ("move", ours_alone), ("begin", not users), ("sense", sensors.ours)
+        ):  # fmt: skip
             if not compilable:
                 setattr(self, name, getattr(self, name).function)
+
+    def program(self) -> "World":
+        """The same as one program."""
+        return World(self.vehicle, self.forces, self.disturbance, self.sensors, self.task, self.users, True)
 
     @compiled(axes=(1, 1, 1, 1, 1, 1, 1, 2, 0, 1, 1, 2))
     def step(
@@ -56,14 +66,21 @@ class World:
         forcing: np.ndarray, parameters: np.ndarray, keys: np.ndarray, steps: np.ndarray, drifting: np.ndarray,
         noise: np.ndarray, sensing: np.ndarray,
     ) -> tuple[np.ndarray, ...]:  # fmt: skip
-        """Actuators and known input after an action, then what `move` gives, then what `sense` does."""
+        """Actuators and known input after an action, then what `move` gives, then what `sense` does.
+
+        Where functions are a user's, a mask ``(...)`` of rows in which they gave nothing that is to be refused.
+        """
         after = self.vehicle.actuate(actuators, action)
         commanding = self.task.commanding
         commanded = self.task.commanded(course, steps - 1) if commanding is None else reference[..., commanding]
         u = self.vehicle.known_input(actuators, after, commanded)
         moved = self.move(state, actuators, after, forcing, parameters, keys, steps, drifting, noise)
         state, drifting, _, forcing = moved
-        return after, u, *moved, *self.sense(state, forcing, drifting, steps, sensing)
+        stepped = after, u, *moved, *self.sense(state, forcing, drifting, steps, sensing)
+        if not self.users:
+            return stepped
+        finite = (np.isfinite(each).all(-1) for each in (after, u, state, forcing))
+        return *stepped, reduce(and_, finite, self.sensors.sound(*self._measuring(state, forcing, drifting)))
 
     @compiled(axes=(1, 1, 1, 1, 1, 2, 0, 1, 1))
     def move(
@@ -124,8 +141,13 @@ class World:
         self, state: np.ndarray, forcing: np.ndarray, drifting: np.ndarray, steps: np.ndarray, sensing: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Measurements ``(..., p)`` and the mask of those available, by keys ``(..., sensors, 2)``."""
-        outside, bias = forcing[..., : self.forces.outside], drifting[..., self.size :]
-        return self.sensors.read(state, outside, bias, steps, sensing)
+        return self.sensors.read(*self._measuring(state, forcing, drifting), steps, sensing)
+
+    def _measuring(
+        self, state: np.ndarray, forcing: np.ndarray, drifting: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """State, forcing and biases that sensors read."""
+        return state, forcing[..., : self.forces.outside], drifting[..., self.size :]
 
     @compiled(axes=(2, 0, 1, 1))
     def _advanced(
@@ -141,4 +163,5 @@ class World:
         drifting, noise, forcing = advanced
         if self.forces.constant:
             return advanced
-        return drifting, noise, self.forces.add(forcing, drifting[..., : self.size], state, actuators)
+        effect = self.disturbance.effect(drifting[..., : self.size], state)
+        return drifting, noise, self.forces.add(forcing, effect, actuators)

@@ -8,10 +8,11 @@ import builtins
 import dis
 import functools
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from copyreg import _HEAPTYPE  # type: ignore[attr-defined]
 from dataclasses import is_dataclass
-from enum import Enum
+from enum import Enum, EnumMeta
 from types import BuiltinFunctionType, CodeType, FunctionType, MethodType, ModuleType, SimpleNamespace
 from typing import Any
 
@@ -25,8 +26,10 @@ _SMALL = 4096  # of those that are read-only
 _MOST = 3_000  # objects
 _PURE = frozenset(("numpy", "scipy", "math", "cmath", "operator", "_operator", "functools", "_functools", "itertools",
                    "collections", "dataclasses", "enum", "typing", "types", "abc", "numbers", "copy", "contextlib",
-                   "builtins", "fractions", "decimal", "bisect"))  # fmt: skip
+                   "builtins", "fractions", "decimal", "bisect", "re", "difflib"))  # fmt: skip
 """Packages whose functions depend on their arguments alone, but for `numpy.random`."""
+_FIXED = frozenset(("estimators", "vessel_gym"))
+"""Packages whose code stays, and whose objects keep their attributes: a user's among these are compared."""
 _IMPURE = frozenset(("print", "open", "input", "eval", "exec", "compile", "globals", "locals", "id", "breakpoint",
                      "setattr", "delattr", "__import__"))  # fmt: skip
 _ALL = frozenset(("__dict__", "vars", "dir", "getattr", "attrgetter", "__getattribute__", "__getattr__"))
@@ -39,7 +42,7 @@ _CONTAINERS = tuple, list, dict, SimpleNamespace
 _PARTS: dict[Any, tuple[str, ...]] = {
     MethodType: ("__func__", "__self__"), functools.partial: ("func", "args", "keywords"), property: ("fget",),
     staticmethod: ("__func__",), classmethod: ("__func__",), functools.cached_property: ("func",),
-    Compiled: ("function", "_axes", "_matrices"),
+    functools._lru_cache_wrapper: ("__wrapped__",), Compiled: ("function", "_axes", "_matrices"),
 }  # fmt: skip
 """Objects that read nothing but these attributes of theirs, which are always the same."""
 _SLOTS = ("member_descriptor", "getset_descriptor", "_tuplegetter")  # what an object has itself, by its class
@@ -61,7 +64,7 @@ class Dependencies:
         """Is everything that it reads as it was?"""
         walk = self._walk
         try:
-            for holder, key, value in walk.items:
+            for holder, key, value in walk.items.values():
                 if holder[key] is not value:
                     return self._equal()
             for holder, name, value in walk.attributes:
@@ -105,24 +108,25 @@ class _Walk:
 
     def __init__(self, names: frozenset[str]) -> None:
         self.names, self.mentioned = names, set[str]()
-        self.items: list[tuple[Any, Any, Any]] = []
+        self.items: dict[tuple[int, Any], tuple[Any, Any, Any]] = {}
         self.attributes: list[tuple[Any, str, Any]] = []
         self.lengths: dict[int, tuple[Any, int]] = {}
         self.arrays: list[tuple[np.ndarray, bytes]] = []
         self.leaves: list[Any] = []  # everything by value, in order
-        self._met: dict[int, tuple[int, Any]] = {}
+        self._met: dict[tuple[int, bool], tuple[int, Any]] = {}
         self._classes = set[tuple[type, frozenset[str]]]()
         self._bytes = 0
+        self._fixed = False  # is what is met a part of code that stays as it is?
 
     def value(self, value: Any, what: str) -> None:
         """An object that is read, under a name for the sentence of a refusal."""
         kind = type(value)
         if kind in _SIMPLE or isinstance(value, np.generic | np.dtype):
             self.leaves.append((kind, repr(value)))
-        elif id(value) in self._met:
-            self.leaves.append(self._met[id(value)][0])
+        elif (key := (id(value), self._fixed)) in self._met:
+            self.leaves.append(self._met[key][0])
         else:
-            self._met[id(value)] = len(self._met), value
+            self._met[key] = len(self._met), value
             if len(self._met) > _MOST:
                 raise NotTraceable(f"it reads too many objects to compare them at every call, {what} among them")
             self.leaves.append(kind)
@@ -143,32 +147,35 @@ class _Walk:
             self._builtin(value, what)
         elif isinstance(value, type):
             self._class(value, _UNUSED)
-        elif isinstance(value, CodeType | frozenset | np.ufunc | type(np.sum) | _Methods):
+        elif isinstance(value, CodeType | frozenset | np.ufunc | Enum | type(np.sum) | _Methods):
             self.leaves.append(value)
         else:
             self._instance(value, kind, what)
 
-    def _item(self, holder: Any, key: Any, what: str) -> None:
-        self.items.append((holder, key, holder[key]))
+    def _item(self, holder: Any, key: Any, what: str, stays: bool = False) -> None:
+        if not (self._fixed or stays):
+            self.items[id(holder), key] = holder, key, holder[key]
         self.leaves.append(key)
         self.value(holder[key], what)
 
-    def _attribute(self, holder: Any, name: str, what: str) -> None:
+    def _attribute(self, holder: Any, name: str, what: str, stays: bool = False) -> None:
         try:
             found = getattr(holder, name)
         except (AttributeError, ValueError):  # a slot or a cell without contents
             self.leaves.append("empty")
             return
-        self.attributes.append((holder, name, found))
+        if not (self._fixed or stays):
+            self.attributes.append((holder, name, found))
         self.value(found, what)
 
-    def _length(self, holder: Any) -> None:
-        self.lengths[id(holder)] = holder, len(holder)
+    def _length(self, holder: Any, stays: bool = False) -> None:
+        if not (self._fixed or stays):
+            self.lengths[id(holder)] = holder, len(holder)
 
-    def _mapping(self, mapping: Any, what: str, every: bool) -> None:
-        self._length(mapping)
+    def _mapping(self, mapping: Any, what: str, every: bool, stays: bool = False) -> None:
+        self._length(mapping, stays)
         for name in list(mapping) if every else sorted(self.names & mapping.keys()):
-            self._item(mapping, name, f"{what}.{name}" if isinstance(name, str) else f"{what}[{name!r}]")
+            self._item(mapping, name, f"{what}.{name}" if isinstance(name, str) else f"{what}[{name!r}]", stays)
 
     def _array(self, array: np.ndarray, what: str) -> None:
         if array.dtype.hasobject or type(array) is not np.ndarray:
@@ -180,33 +187,43 @@ class _Walk:
         if self._bytes > _LARGEST:
             raise NotTraceable(f"it reads {what}, which is too large to compare it at every call: an array that never "
                                "changes is read-only by .flags.writeable = False")  # fmt: skip
-        self.arrays.append((array, array.tobytes()))
-        self.leaves.append((array.shape, array.dtype.str, self.arrays[-1][1]))
+        contents = array.tobytes()
+        if not self._fixed:
+            self.arrays.append((array, contents))
+        self.leaves.append((array.shape, array.dtype.str, contents))
 
     def _function(self, function: FunctionType) -> None:
         if _root(function.__module__) in _PURE or str(function.__module__).startswith("estimators.engine"):
             self.leaves.append(function)
             return
-        for name in ("__code__", "__defaults__", "__kwdefaults__"):
-            if getattr(function, name) is not None:
-                self._attribute(function, name, f"the defaults of {function.__name__}")
         code, namespace = function.__code__, function.__globals__
         for name, cell in zip(code.co_freevars, function.__closure__ or (), strict=True):
             if name == "__class__":  # of super(), which builds nothing
                 self._class(cell.cell_contents, _UNUSED | _BUILDING)
             else:
-                self._attribute(cell, "cell_contents", name)
+                self._attribute(cell, "cell_contents", name, _root(function.__module__) in _FIXED)
         names, variables = _read(code)
-        self.mentioned |= names
-        for name, line in variables:
-            if name in namespace:
-                self._item(namespace, name, name)
-            elif name in _IMPURE:
-                raise NotTraceable(f"it calls {name}(), which has to happen at every call {line}")
-            else:
-                self._length(namespace)
-                self.leaves.append(getattr(builtins, name, "missing"))
-        self._mapping(function.__dict__, function.__name__, every=bool(_ALL & self.names))
+        with self._code_of(function.__module__):
+            self.mentioned |= names - _ALL if self._fixed else names
+            for name in ("__code__", "__defaults__", "__kwdefaults__"):
+                if getattr(function, name) is not None:
+                    self._attribute(function, name, f"the defaults of {function.__name__}")
+            for name, line in variables:
+                if name in namespace:
+                    self._item(namespace, name, name)
+                elif name in _IMPURE:
+                    raise NotTraceable(f"it calls {name}(), which has to happen at every call {line}")
+                else:
+                    self._length(namespace)
+                    self.leaves.append(getattr(builtins, name, "missing"))
+            self._mapping(function.__dict__, function.__name__, every=bool(_ALL & self.names))
+
+    @contextmanager
+    def _code_of(self, module: str | None, fixed: bool = False) -> Iterator[None]:
+        """What is met in here is a part of the code of a module."""
+        before, self._fixed = self._fixed, fixed or _root(module) in _FIXED
+        yield
+        self._fixed = before
 
     def _module(self, module: ModuleType, what: str) -> None:
         root = _root(module.__name__)
@@ -236,12 +253,13 @@ class _Walk:
             if _root(each.__module__) in sys.stdlib_module_names or _root(each.__module__) in _PURE:
                 continue
             own = vars(each)
-            self._length(own)
             special = (name for name in own if name.startswith("__") and isinstance(own[name], FunctionType))
-            for name in sorted((self.names & own.keys()).union(special) - unused):
-                comparison = name in ("__eq__", "__hash__") and is_dataclass(each)  # of all fields, read or not
-                if type(own[name]).__name__ not in _SLOTS and name != "__dict__" and not comparison:
-                    self._item(own, name, f"{each.__name__}.{name}")
+            with self._code_of(each.__module__, isinstance(each, EnumMeta)):
+                self._length(own)
+                for name in sorted((self.names & own.keys()).union(special) - unused):
+                    comparison = name in ("__eq__", "__hash__") and is_dataclass(each)  # of all fields, read or not
+                    if type(own[name]).__name__ not in _SLOTS and name != "__dict__" and not comparison:
+                        self._item(own, name, f"{each.__name__}.{name}")
 
     def _instance(self, value: Any, kind: type, what: str) -> None:
         if isinstance(value, tuple):
@@ -253,8 +271,6 @@ class _Walk:
                 self._item(value, i, f"{what}[{i}]")
         elif isinstance(value, dict):
             self._mapping(value, what, every=True)
-        elif isinstance(value, Enum):
-            self.value(value.value, what)
         elif not _visible(kind):
             raise NotTraceable(
                 f"it reads {what}, a {kind.__module__}.{kind.__qualname__}, whose changes cannot be seen"
@@ -263,9 +279,11 @@ class _Walk:
             return
         self._class(kind, _UNUSED | _BUILDING)
         if (own := getattr(value, "__dict__", None)) is not None:
-            self.attributes.append((value, "__dict__", own))
             every = _root(kind.__module__) in _PURE or bool(_ALL & self.names) or hasattr(kind, "__getattr__")
-            self._mapping(own, what, every)  # attributes that code names, or all where that is not known
+            stays = getattr(vars(kind).get("__dataclass_params__"), "frozen", _root(kind.__module__) in _FIXED)
+            if not (self._fixed or stays):
+                self.attributes.append((value, "__dict__", own))
+            self._mapping(own, what, every, stays)  # attributes that code names, or all where that is not known
         for each in kind.__mro__:
             for name in sorted(k for k, v in vars(each).items() if type(v).__name__ == "member_descriptor"):
                 self._attribute(value, name, f"{what}.{name}")

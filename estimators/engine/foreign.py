@@ -218,11 +218,11 @@ def _nudged(arguments: Sequence[np.ndarray], axes: Sequence[int], batched: Seque
     sizes = {n for a, k in zip(arguments, axes, strict=True) for n in a.shape[a.ndim - k :]}
     count = next(n for n in range(11, 99) if n not in sizes)
     for array, k, has in zip(arguments, axes, batched, strict=True):
-        first = array.reshape((-1, *array.shape[array.ndim - k :]))[0] if array.size else array
-        if not has or not array.size:
+        leading = array.shape[: array.ndim - k]
+        if not has or 0 in leading:
             found.append(array)
             continue
-        many = np.repeat(first[None], count, 0)
+        many = np.repeat(array[(0,) * len(leading)][None], count, 0)
         distance = 10.0 ** np.linspace(-6.0, 2.0, count).reshape((count,) + (1,) * k)
         if array.dtype.kind == "f":
             many = (
