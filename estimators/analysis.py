@@ -91,6 +91,13 @@ def _gather(angle: np.ndarray) -> np.ndarray:
     return np.where(np.isfinite(inner(angle * angle, ones)), _near(angle, centre), angle)
 
 
+def _gather_near(angle: np.ndarray, mean: np.ndarray) -> np.ndarray:
+    """Angles ``(..., k, N)`` within half a turn of their circular mean, that near ``mean``, if they are spread out."""
+    ones = np.ones((1, angle.shape[-1]))
+    centre = _near(np.arctan2(inner(np.sin(angle), ones), inner(np.cos(angle), ones)), mean)
+    return np.where(_any(np.abs(angle - mean) > 0.25 * np.pi), _near(angle, centre), angle)
+
+
 def _replace_rows(
     function: Callable[..., np.ndarray], rows: tuple[int, ...], a: np.ndarray, *others: np.ndarray
 ) -> np.ndarray:
@@ -108,6 +115,25 @@ def _replace_rows(
 
 
 # --- forecast -------------------------------------------------------------------------------------------
+
+
+@compiled(axes=(1, 2, 2), matrices=True)
+def sample(
+    mean: np.ndarray, root: np.ndarray, normals: np.ndarray, *, angles: tuple[int, ...]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mean ``(..., n)``, members ``x_i = m + L n_i`` of a prior, the noise centred, and their covariance.
+
+    Args:
+        mean: ``m (..., n)``.
+        root: ``L (..., n, n)``, a square root of the covariance.
+        normals: ``(..., n, N)``.
+        angles: Components that are gathered where they are spread out: about their circular mean, near ``m``.
+    """
+    centre = mean[..., None]
+    members = _replace_rows(_gather_near, angles, centre + _centred_noise(root, normals), centre)
+    weights = np.full((1, normals.shape[-1]), 1.0 / normals.shape[-1])  # sums of large members overflow
+    mean = inner(members, weights)[..., 0]
+    return mean, members, covariance(members, mean)
 
 
 @compiled(axes=(2, 2, 2, 2), matrices=True)

@@ -23,9 +23,10 @@ from estimators.analysis import (
     local_analysis,
     perturbed_analysis,
     rotate_anomalies,
+    sample,
     transform_analysis,
 )
-from estimators.angles import difference, wrap
+from estimators.angles import difference
 from estimators.belief import Belief, EnsembleBelief, Record, members_last
 from estimators.checks import number, shown, whole
 from estimators.engine.matrices import is_traced
@@ -106,13 +107,9 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief]):
 
     def _init(self, belief: Belief, rng: Rng) -> EnsembleBelief:
         batch = belief.mean.shape[:-1]
-        numbers = self._numbers(rng, batch)
-        ensemble = self._centred_noise(numbers, batch, shared_root(belief.cov), START)
-        ensemble += belief.mean[..., None, :]
-        for i in self._angles:
-            ensemble[..., i] = _gathered(ensemble[..., i], belief.mean[..., i, None])
-        mean, members = self._mean(ensemble), members_last(ensemble)
-        return EnsembleBelief.predicted(belief, mean, covariance(members, mean), belief.u, ensemble=members.mT)
+        normals = members_last(draw(self._numbers(rng, batch), batch, self.members, self.model.n, START))
+        mean, members, cov = sample(belief.mean, shared_root(belief.cov), normals, angles=self._angles)
+        return EnsembleBelief.predicted(belief, mean, cov, belief.u, ensemble=members.mT)
 
     def _predict(self, belief: EnsembleBelief, u: np.ndarray | None, rng: Rng) -> EnsembleBelief:
         model, batch = self.model, belief.mean.shape[:-1]
@@ -160,23 +157,11 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief]):
 
     # --- pieces -----------------------------------------------------------------------------------
 
-    def _mean(self, ensemble: np.ndarray) -> np.ndarray:
-        """Mean over the members of ``(..., N, k)``: weighted, as sums of large members overflow."""
-        return np.vecmat(np.full(self.members, 1.0 / self.members), ensemble)
-
     def _moments(self, belief: EnsembleBelief, reading: Reading) -> Moments:
         """Arguments that every analysis has."""
         assert reading.anomalies is not None
         members, Y = members_last(belief.ensemble), members_last(reading.anomalies)
         return members, belief.mean, Y, reading.innovation, reading.available, reading.R
-
-    # --- random numbers ---------------------------------------------------------------------------
-
-    def _centred_noise(self, numbers: Drawn, batch: tuple[int, ...], root: np.ndarray, use: int) -> np.ndarray:
-        """``(..., N, k)`` draws with covariance ``root root'``, their mean over the members taken off."""
-        normals = draw(numbers, batch, self.members, root.shape[-1], use)
-        normals -= self._mean(normals)[..., None, :]
-        return normals @ root.mT
 
 
 class EnsembleKalmanFilter(EnsembleFilter):
@@ -404,15 +389,3 @@ def noise_root(cov: np.ndarray) -> np.ndarray:
     values = np.where(values > 1e-14 * values.shape[-1] * values[..., -1:], values, 0.0)
     needed = values.any(tuple(range(values.ndim - 1)))
     return np.ascontiguousarray((vectors * np.sqrt(values)[..., None, :])[..., needed])
-
-
-def _gathered(angles: np.ndarray, mean: np.ndarray) -> np.ndarray:
-    """Members of an angle ``(..., N)`` within half a turn of their direction on average, if they are spread out.
-
-    Readings of angles are gathered about theirs: a member a turn away from the others would expect what they expect,
-    and its distance from them could not be corrected. Whole turns are chosen so that the direction is near ``mean``.
-    """
-    centre = np.arctan2(np.sin(angles).mean(-1, keepdims=True), np.cos(angles).mean(-1, keepdims=True))
-    centre = mean + wrap(centre - mean)
-    apart = (np.abs(angles - mean) > 0.25 * np.pi).any(-1, keepdims=True)
-    return np.where(apart, centre + wrap(angles - centre), angles)
