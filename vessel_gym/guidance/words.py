@@ -283,15 +283,21 @@ def word_path(start: np.ndarray, goal: np.ndarray, radius: float, word: str) -> 
     return chain(start, CURVATURES[WORDS.index(word)] / radius, pieces * radius)
 
 
-def shortest_pieces(start: np.ndarray, goal: np.ndarray, radius: float) -> np.ndarray:
+@compiled(axes=(1, 1, 0))
+def shortest_pieces(start: np.ndarray, goal: np.ndarray, radius: np.ndarray) -> np.ndarray:
     """Segments ``(..., 3, 5)`` of the shortest paths between poses ``(..., 3)``, some of length 0.
 
     Of words of equal length the first in `WORDS` is taken.
     """
-    pieces = word_pieces(start, goal, radius) * radius
-    word = (pieces[..., 0] + pieces[..., 1] + pieces[..., 2]).argmin(-1)
-    lengths = np.take_along_axis(pieces, word[..., None, None], -2)[..., 0, :]
-    return chained(start, CURVATURES[word] / radius, lengths)
+    pieces = word_pieces(start, goal, radius) * radius[..., None, None]
+    total = pieces[..., 0] + pieces[..., 1] + pieces[..., 2]
+    length, lengths, curvatures = total[..., 0], pieces[..., 0, :], CURVATURES[0]
+    for word in range(1, len(WORDS)):
+        shorter = total[..., word] < length
+        length = np.where(shorter, total[..., word], length)
+        lengths = np.where(shorter, pieces[..., word, :], lengths)
+        curvatures = np.where(shorter, CURVATURES[word], curvatures)
+    return chained(start, curvatures / radius[..., None], lengths)
 
 
 def shortest(start: np.ndarray, goal: np.ndarray, radius: float) -> Path:
@@ -304,7 +310,7 @@ def shortest(start: np.ndarray, goal: np.ndarray, radius: float) -> Path:
         ValueError: for poses that are not finite or a radius that is not positive.
     """
     start, goal, radius = single(start, goal, radius)
-    return shortened(shortest_pieces(start, goal, radius))
+    return shortened(shortest_pieces(start, goal, np.float64(radius)))
 
 
 def shortened(segments: np.ndarray, lower_bound: float = np.inf) -> Path:
