@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 _Builder = TypeVar("_Builder", bound=Callable[..., Any])
-_KEPT = 64  # objects of a builder
+_KEPT = 32  # objects of a builder
 _OURS = "vessel_gym", "estimators", "numpy", "builtins", "functools", "copyreg", "collections"
 
 

@@ -61,7 +61,7 @@ class Function:
         self.arguments, self.results = tuple(arguments), tuple(result for _, result in outputs)
         self.program, self.outputs = program, [entries for entries, _ in outputs]
         values = [part.value if isinstance(part, View) else part for parts in self.outputs for part in parts]
-        self.instructions = tuple(program.live(values))
+        self.instructions = program.complete(values)
         self.layout = Layout(program, self.instructions, values)
         largest = _LARGEST if _SOLVING.isdisjoint(each.opcode for each in self.instructions) else _LARGEST_SOLVED
         self._wide = LANES if self.layout.size * 8 <= largest else 1
@@ -88,13 +88,13 @@ class Function:
             for value, x in program.constants.items() if value not in self._places
         )  # fmt: skip
         outputs = tuple(map(tuple, self.outputs))
-        code = (
-            width, self.successive, self.instructions, outputs, self.arguments, self.results, literals,
-            tuple(self._places.items()),
-            "".join(program.kinds), tuple(program.sizes.items()),
+        code: tuple[Any, ...] = (
+            self.instructions, outputs, self.arguments, self.results, self.successive, width, literals,
+            tuple(self._places.items()), tuple(program.sizes.items()), "".join(program.kinds),
         )  # fmt: skip
-        self._entries[width] = machine.load(code, lambda: self.text(width))
-        return self._entries[width]
+        entry, (self.instructions, *_) = machine.load(code, lambda: self.text(width))  # an equal copy takes megabytes
+        self._entries[width] = entry
+        return entry
 
     def text(self, width: int) -> str:
         """The program in LLVM IR."""
@@ -118,11 +118,13 @@ class Layout:
     """Places of a program's matrices in its scratch; one that is needed no longer gives its place to another."""
 
     def __init__(self, program: Program, instructions: Sequence[Instruction], outputs: Sequence[int]) -> None:
-        last = {value: at for at, each in enumerate(instructions) for value in each.values}
-        last |= {value: len(instructions) for value in outputs}
         self.places: dict[int, int] = {}
         self.temporary: dict[int, int] = {}  # of instructions that need room besides
         self.size = 0
+        if program.sizes.keys() == program.tables.keys():  # scalars alone
+            return
+        last = {value: at for at, each in enumerate(instructions) for value in each.values}
+        last |= {value: len(instructions) for value in outputs}
         free: dict[int, list[int]] = {}
         for at, each in enumerate(instructions):
             size = program.sizes.get(each.result)

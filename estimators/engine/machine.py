@@ -14,7 +14,7 @@ from hashlib import sha256
 from pathlib import Path
 from threading import Lock, local
 from time import time
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -22,11 +22,12 @@ _KEPT = 90 * 86400.0  # seconds after their last use that objects are kept
 _VERSION = "3"
 _compiling = Lock()
 _loaded: dict[Hashable, Any] = {}
+_Code = TypeVar("_Code", bound=Hashable)
 _threads = local()
 
 
-def load(code: Hashable, emit: Callable[[], str]) -> Callable[..., None]:
-    """The Python function of a module, whose symbol is ``call``: see `entry_point`.
+def load(code: _Code, emit: Callable[[], str]) -> tuple[Callable[..., None], _Code]:
+    """The Python function of a module, whose symbol is ``call``, see `entry_point`; and the code that it was made of.
 
     Objects are kept by the digest of the text and of the processor, each written at once under a name of its own and
     then renamed: processes that compile the same need no lock.
@@ -37,7 +38,7 @@ def load(code: Hashable, emit: Callable[[], str]) -> Callable[..., None]:
     """
     with _compiling:
         if code not in _loaded:
-            _loaded[code] = _function(emit())
+            _loaded[code] = _function(emit()), code
         return _loaded[code]
 
 

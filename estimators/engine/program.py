@@ -75,7 +75,6 @@ class Program:
     """Instructions as they were traced.
 
     Attributes:
-        instructions: In order; `live` leaves out what no output needs.
         kinds: Of each value, a letter.
         sizes: Entries of each value that is a matrix.
         constants: Scalars by value number,
@@ -90,13 +89,12 @@ class Program:
     """and the users' functions that are part of it."""
 
     def __init__(self) -> None:
-        self.instructions: list[Instruction] = []
         self.kinds: list[str] = []
         self.sizes: dict[int, int] = {}
         self.constants: dict[int, Any] = {}
         self.tables: dict[int, np.ndarray] = {}
-        self._blocks: list[list[Instruction]] = [self.instructions]
-        self._known: list[dict[Any, int]] = [{}]  # common subexpressions of each block
+        self._blocks: list[dict[_Key, int]] = [{}]  # what gives each result, in order
+        self._constants: dict[tuple[str, Any], int] = {}
 
     def new(self, kind: str, size: int | None = None) -> int:
         """A new value: a scalar, or a matrix of so many entries."""
@@ -107,20 +105,20 @@ class Program:
 
     def constant(self, value: Any, kind: str) -> int:
         """A constant scalar; zeros of either sign are two."""
-        key = "constant", kind, struct.pack("<d", value) if kind == "f" else int(value)
-        if key not in self._known[0]:
-            self._known[0][key] = self.new(kind)
-            self.constants[self._known[0][key]] = value
-        return self._known[0][key]
+        key = kind, struct.pack("<d", value) if kind == "f" else int(value)
+        if key not in self._constants:
+            self._constants[key] = self.new(kind)
+            self.constants[self._constants[key]] = value
+        return self._constants[key]
 
     def table(self, values: np.ndarray) -> int:
         """A matrix, the same for all rows."""
         flat = np.array(values, float).ravel()
         key = "table", flat.tobytes()
-        if key not in self._known[0]:
-            self._known[0][key] = self.new("f", flat.size)
-            self.tables[self._known[0][key]] = flat
-        return self._known[0][key]
+        if key not in self._constants:
+            self._constants[key] = self.new("f", flat.size)
+            self.tables[self._constants[key]] = flat
+        return self._constants[key]
 
     def add(
         self, opcode: str, operands: tuple[int | View, ...], kind: str, size: int | None = None,
@@ -128,11 +126,10 @@ class Program:
     ) -> int:  # fmt: skip
         """An instruction's result, or what the same instruction gave before."""
         key = opcode, operands, kind, size, attributes
-        for known in self._known:
-            if key in known:
-                return known[key]
-        result = self._known[-1][key] = self.new(kind, size)
-        self._blocks[-1].append(Instruction(opcode, operands, result, attributes))
+        for block in self._blocks:
+            if key in block:
+                return block[key]
+        result = self._blocks[-1][key] = self.new(kind, size)
         return result
 
     def repeat(self, count: int, body: Callable[..., Sequence[int]], initial: Sequence[int]) -> tuple[int, ...]:
@@ -144,20 +141,18 @@ class Program:
             raise TypeError("the body of a repeat must give as many numbers as it takes, of the same kinds")
         results = tuple(map(self.new, kinds))
         loop = Loop(count, parameters, inside, after, results)
-        self._blocks[-1].append(Instruction("repeat", tuple(initial), results[0], (loop,)))
+        self._blocks[-1]["repeat", tuple(initial), "", None, (loop,)] = results[0]
         return results
 
     def _block(
         self, body: Callable[..., Sequence[int]], parameters: tuple[Any, ...], word: str
     ) -> tuple[tuple[int, ...], tuple[Instruction, ...]]:
         """What a body makes of parameters, and its instructions."""
-        self._blocks.append([])
-        self._known.append({})
+        self._blocks.append({})
         try:
             results = tuple(body(*parameters))
         finally:
-            inside = tuple(self._blocks.pop())
-            self._known.pop()
+            inside = tuple(map(_instruction, self._blocks.pop().items()))
         if any(each.result in self.sizes for each in inside):
             raise TypeError(f"{word} computes scalars, no matrices")
         return results, inside
@@ -181,7 +176,7 @@ class Program:
 
         results = self.repeat(loop.count, body, operands)
         renamed.update(zip(loop.results, results, strict=True))
-        return self._blocks[-1][-1]
+        return _instruction(next(reversed(self._blocks[-1].items())))
 
     def columns(
         self, views: Sequence[View], body: Callable[..., Sequence[int]], wanted: View | None, interleaved: bool
@@ -195,17 +190,31 @@ class Program:
         mask = () if wanted is None else (wanted,)
         loop = Columns(count, parameters, inside, results, wanted.shape[1] if wanted else 0, interleaved)
         value = self.new("f", len(results) * count)
-        self._blocks[-1].append(Instruction("columns", (*views, *mask, *outer), value, (loop,)))
+        self._blocks[-1]["columns", (*views, *mask, *outer), "", None, (loop,)] = value
         return value
 
     def live(self, outputs: Sequence[int]) -> list[Instruction]:
         """The instructions that outputs need, in order."""
         needed, kept = set(outputs), []
-        for instruction in reversed(self.instructions):
-            if not needed.isdisjoint(instruction.results):
-                kept.append(instruction)
-                needed |= instruction.values
+        for each in reversed(self._blocks[0].items()):
+            if each[1] in needed or (each[0][0] == "repeat" and not needed.isdisjoint(_instruction(each).results)):
+                kept.append(_instruction(each))
+                needed |= kept[-1].values
         return kept[::-1]
+
+    def complete(self, outputs: Sequence[int]) -> tuple[Instruction, ...]:
+        """The same of a program to which nothing will be added."""
+        live = tuple(self.live(outputs))
+        self._blocks, self._constants = [{}], {}
+        return live
+
+
+_Key = tuple[str, tuple[int | View, ...], str, int | None, tuple[Any, ...]]
+
+
+def _instruction(item: tuple[_Key, int]) -> Instruction:
+    (opcode, operands, _, _, attributes), result = item
+    return Instruction(opcode, operands, result, attributes)
 
 
 def constant_array(value: Any) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 import importlib
 from collections.abc import Iterator
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,7 +17,7 @@ from vessel_gym.core import Core
 from vessel_gym.envs import VesselEnv, VesselVectorEnv
 from vessel_gym.estimation import estimator_names
 from vessel_gym.sensors import SUITES, Sensors, SensorSuite
-from vessel_gym.system import Estimate
+from vessel_gym.system import Estimate, System
 
 OURS = [key for key, spec in gym.registry.items() if str(spec.entry_point).startswith("vessel_gym.")]
 """Every environment that the package registers: a new one joins all tests of the contract by being registered."""
@@ -129,9 +130,15 @@ class AlteredVehicle:
 class AlteredCore(Core):
     """Environments in which all that is drawn at a reset is somewhere else: vehicle, disturbance and biases."""
 
-    def _begun(self, *args: Any) -> Any:
-        rng = np.random.default_rng(2)
-        return tuple(drawn + rng.normal(0.0, 0.01, drawn.shape) for drawn in super()._begun(*args))
+    def attach(self, system: System) -> None:
+        super().attach(system)
+        world: Any = copy(self.config.world)  # which others share
+        begin = world.begin
+
+        def altered(course: Any, mean: Any, root: Any, numbers: np.ndarray, *others: Any) -> Any:
+            return begin(course, mean, root, numbers + np.random.default_rng(2).normal(size=numbers.shape), *others)
+
+        world.begin, self.config.world = altered, world
 
 
 def silent(sensors: Sensors) -> Sensors:
