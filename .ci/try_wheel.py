@@ -21,7 +21,7 @@ CALLS = {
     "watch PunaUAV-v0 --out flight.gif": (2, r"pip install 'vessel-gym\[render\]'"),
     "train SigmaCorvette-v0": (2, r"pip install 'vessel-gym\[train\]'"),
     "ablate quick": (2, r"pip install 'vessel-gym\[report\]'"),
-    "reproduce all": (2, r"pip install 'vessel-gym\[report\]'"),
+    "reproduce all": (2, "run this in a checkout"),
     "benchmark": (2, r"pip install 'vessel-gym\[benchmark\]'"),
     "wacth PunaUAV-v0": (2, "did you mean 'watch'"),
 }

@@ -14,7 +14,7 @@ OUTLIERS = {"Gaussian": {}, "10 % at 10 σ": {"rate": 0.1, "size": 10.0}, "10 % 
 
 def _constant_velocity(intensity: float, process: float = 1.0, measurement: float = 1.0) -> Any:
     """Constant velocity under white acceleration [m2/s3], with factors on Q and R; position measured at 1 Hz."""
-    from agents.reproduction.robust import StateSpace
+    from studies.papers.robust.experiment import StateSpace
 
     A, B, C = np.array([[1.0, 1.0], [0.0, 1.0]]), np.zeros((2, 1)), np.array([[1.0, 0.0]])
     Q = process * intensity * np.array([[1.0 / 3.0, 0.5], [0.5, 1.0]])
@@ -44,8 +44,7 @@ def _ratio(errors: np.ndarray, reference: np.ndarray) -> tuple[float, float]:
 
 
 def _record(model: Any, world: Any, seed: int, **condition: float) -> Any:
-    from agents.reproduction.robust import simulate
-    from agents.reproduction.settings.robust import Condition
+    from studies.papers.robust.experiment import Condition, simulate
 
     return simulate(model, world, Condition(**condition), STEPS, RUNS, seed)
 

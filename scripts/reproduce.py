@@ -1,12 +1,14 @@
 """Run the source papers' experiments and set their tables beside ours: ``python -m scripts.reproduce all``."""
 
+import json
 import sys
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import tyro
 
-from scripts.console import asked, cell_progress, command, in_range
+from scripts.console import Refusal, asked, cell_progress, command, in_range
 
 Name = Literal["all", "corvette", "segorogeni", "itsunusa", "robust", "puna"]
 
@@ -16,14 +18,14 @@ def main(
     out: Path = Path("results/reproduction"),
     jobs: int = 2,
 ) -> int:
-    """Write a page for each paper: its table beside ours, its figures, what we had to assume, its misprints.
+    """Write a page for each paper: its numbers beside ours, what was probably done, its claims; in a checkout.
 
-    Finished work is kept in cells/ of the output folder: after an interruption, run the same command again. Every
-    number follows from fixed seeds, computation times excepted.
+    Prints a row for each experiment. Finished work is kept in cells/ of the output folder: after an interruption, run
+    the same command again. Every number follows from fixed seeds, computation times excepted.
 
     Args:
         papers: Which papers; all: every one.
-        out: Folder for the pages and the tables as CSV.
+        out: Folder for the pages, the tables as CSV and summary.json, from which `scripts.tables papers` writes docs.
         jobs: Processes that compute.
 
     Returns:
@@ -33,11 +35,14 @@ def main(
 
     from agents.cells import run
     from agents.files import check_folder
-    from agents.page import write
-    from agents.reproduction import PAPERS, cells, page
     from vessel_gym.extras import require
 
+    if find_spec("studies.papers") is None:
+        raise Refusal("the papers are not part of the package: run this in a checkout of the repository")
     require("matplotlib", "jinja2", "joblib")  # before the experiments, not after them
+    from studies.papers import PAPERS, cells, report
+    from studies.papers.measures import Row, summary_table
+
     with asked():
         if not papers:
             raise ValueError(f"name the papers to reproduce: all, or some of {', '.join(PAPERS)}")
@@ -50,25 +55,31 @@ def main(
     console = Console(markup=False, highlight=False, soft_wrap=True)
     for note in outcome.notes:
         console.print(note)
-    status = 0
+    status, summary, rows = 0, {}, list[Row]()
     for name, group in groups.items():
         failed = {what: outcome.failures[cell.key] for what, cell in group.items() if cell.key in outcome.failures}
         if failed:
-            status = 1
-            what, text = next(iter(failed.items()))
-            console.print(
-                f"{name}: {len(failed)} of {len(group)} cells failed, so there is no page. First, {what}:\n{text}"
-            )
+            status, (what, text) = 1, next(iter(failed.items()))
+            said = f"{name}: {len(failed)} of {len(group)} cells failed, so there is no page. First, {what}:\n{text}"
+            console.print(said)
             continue
-        made = page(name, {what: outcome.values[cell.key] for what, cell in group.items()})
-        console.print(f"\n{made.title}\n{' '.join(made.answer)}")
-        for table in made.tables:
-            if table.name:
-                file = out / "tables" / f"{name}-{table.name}.csv"
-                file.parent.mkdir(parents=True, exist_ok=True)
-                file.write_text(table.csv(), encoding="utf-8")
-        console.print(f"Page: {write(made, out / f'{name}.html')}")
+        made = report(name, {what: outcome.values[cell.key] for what, cell in group.items()})
+        console.print(f"Page: {_write(name, made, out)}")
+        summary[name] = {"opening": made.opening, "rows": made.rows}
+        rows += made.rows
+    console.print(f"\n{summary_table(rows)}")
+    (out / "summary.json").write_text(json.dumps(summary, ensure_ascii=False, indent=1) + "\n", encoding="utf-8")
     return status
+
+
+def _write(name: str, made: Any, out: Path) -> Path:
+    """Write the page of a paper and its tables; returns the page."""
+    from agents.page import write
+
+    (out / "tables").mkdir(parents=True, exist_ok=True)
+    for table in made.page.tables:
+        (out / "tables" / f"{name}-{table.name}.csv").write_text(table.csv(), encoding="utf-8")
+    return write(made.page, out / f"{name}.html")
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """Fly what the tables of docs/ show, and write them anew: ``python -m scripts.tables``."""
 
 import csv
+import json
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -341,6 +342,18 @@ def pilots() -> str:
 
 
 ENVIRONMENTS, ESTIMATORS = ROOT / "docs/environments", ROOT / "docs/estimators"
+
+
+def papers(counted: bool = False) -> str:
+    """The papers' measures, or the sentence that counts them, from what ``python -m scripts.reproduce all`` stored."""
+    from studies.papers.measures import papers_page, readme_line
+
+    stored, last = (ROOT / folder / "summary.json" for folder in ("studies/papers", "results/reproduction"))
+    if last.exists():
+        stored.write_text(last.read_text(encoding="utf-8"), encoding="utf-8")
+    return (readme_line if counted else papers_page)(json.loads(stored.read_text(encoding="utf-8")))
+
+
 TABLES: dict[str, tuple[Path, Callable[[], str]]] = {
     "segorogeni": (ROOT / "docs/dives.md", lambda: journeys("SegorogeniAUV-v0")),
     "itsunusa": (ROOT / "docs/dives.md", lambda: journeys("ItsunusaAUV-v0")),
@@ -374,6 +387,8 @@ TABLES: dict[str, tuple[Path, Callable[[], str]]] = {
 TEXTS: dict[str, tuple[Path, Callable[[], str]]] = {
     "advice": (ROOT / "docs/findings.md", lambda: advice(ROOT / "results/quick")),
     "exceptions": (ROOT / "docs/findings.md", lambda: exceptions(ROOT / "results/quick")),
+    "papers": (ROOT / "docs/papers.md", papers),
+    "papers, counted": (ROOT / "README.md", lambda: papers(counted=True)),
 }
 """Sentences with numbers, likewise."""
 

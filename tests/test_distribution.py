@@ -31,9 +31,10 @@ def dist(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def kept() -> set[str]:
-    """Every file of the packages."""
+    """Every file of the packages; the papers are run in a checkout only."""
     paths = (path for package in PACKAGES for path in (ROOT / package).rglob("*"))
-    return {path.relative_to(ROOT).as_posix() for path in paths if path.is_file() and "__pycache__" not in path.parts}
+    names = {path.relative_to(ROOT).as_posix() for path in paths if path.is_file() and "__pycache__" not in path.parts}
+    return {name for name in names if not name.startswith("studies/papers/")}
 
 
 def test_the_wheel_holds_every_file_of_the_packages_and_nothing_else(dist: Path):
@@ -51,6 +52,7 @@ def test_the_source_archive_holds_them_too_with_what_they_are_built_from_and_no_
     with tarfile.open(next(dist.glob("*.tar.gz"))) as archive:
         names = {member.name.partition("/")[2] for member in archive.getmembers() if member.isfile()}
     assert kept() | set(FILES) <= names
+    assert not any(name.startswith("studies/papers/") for name in names)
     assert {name.partition("/")[0] for name in names} <= {
         *PACKAGES, *FILES, "PKG-INFO", "setup.cfg", "vessel_gym.egg-info"
     }  # fmt: skip

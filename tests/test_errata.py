@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
-from agents.reproduction.planar_puna import PlanarPuna, planar_derivative
 from estimators import Gaussian, LinearModel, make, zero_order_hold
+from studies.papers.puna.model import PlanarPuna, planar_derivative
 from vessel_gym.core import Core
 from vessel_gym.envs.thesis_corvette import THESIS_CORVETTE
 from vessel_gym.guidance.dubins import lengths

@@ -155,6 +155,6 @@ def test_a_module_that_is_not_there_is_an_error():
 
 @pytest.mark.parametrize("module", source._AROUND)
 def test_what_keeps_and_shows_results_is_left_out_of_what_computes_them(module):
-    imported = source._closure("agents.reproduction.segorogeni", "agents", {})
+    imported = source._closure("studies.papers.segorogeni.experiment", "studies", {})
     assert source._source(module) is not None
     assert not any(name.startswith(module) for name in imported)

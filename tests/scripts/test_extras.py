@@ -17,12 +17,12 @@ import agents
 from agents.cells import Cell, run
 from agents.page import Page, render
 from agents.ppo import train
-from agents.reproduction import page
 from agents.studies.report import write_report
 from estimators.consistency import consistency_figure
 from scripts import ablate, benchmark, reproduce, watch
 from scripts import train as train_command
 from scripts.console import command
+from studies.papers import report
 from vessel_gym.extras import EXTRAS, require
 
 ROOT = Path(__file__).parents[2]
@@ -55,7 +55,7 @@ def test_every_module_that_is_asked_for_comes_with_its_extra_and_all_of_them_wit
 @pytest.mark.slow
 def test_whatever_is_imported_is_a_dependency_or_comes_with_an_extra():
     homes = packages_distributions()
-    known = set(sys.stdlib_module_names) | {"estimators", "vessel_gym", "agents", "scripts"}
+    known = set(sys.stdlib_module_names) | {"estimators", "vessel_gym", "agents", "scripts", "studies"}
     brought = distributions(PROJECT["dependencies"]) | extra("all")
     for package in ("estimators", "vessel_gym", "agents", "scripts"):
         for path in (ROOT / package).rglob("*.py"):
@@ -72,7 +72,7 @@ CALLS: dict[str, tuple[str, str, Callable[[Path], Any]]] = {
     "saving": ("stable_baselines3", "train", lambda path: agents.save_agent(None, path / "agent.zip")),
     "loading": ("sb3_contrib", "train", lambda path: agents.load_agent(path / "foreign.zip", gym.make(ENV), True)),
     "a report": ("matplotlib", "report", lambda path: write_report(None, path)),
-    "a paper": ("matplotlib", "report", lambda path: page("corvette", {})),
+    "a paper": ("matplotlib", "report", lambda path: report("corvette", {})),
     "a page": ("jinja2", "report", lambda path: render(Page("", "", (), ()))),
     "processes": ("joblib", "report", lambda path: run([Cell("agents.seeds:training_seed", {})], path, jobs=2)),
     "a cluster": (

@@ -1,35 +1,42 @@
 """`python -m scripts.reproduce`: a page for each paper, nothing computed twice, failures said."""
 
+import json
+
 import pytest
 
 from agents.cells import Cell, journal
 from agents.page import Entry, Page, Prose, Section, Table
-from agents.reproduction import PAPERS, cells, page
 from scripts import reproduce
+from scripts.console import Refusal
+from studies import papers
+from studies.papers import PAPERS, cells, report
+from studies.papers.measures import Report, Row
 
 
 def small(monkeypatch, function: str, **arguments: object) -> None:
     """Make every paper one of a single cell, whose result is a number."""
 
-    def made(name: str, results: dict) -> Page:
-        table = Table(
-            "t", "", "name", [("value", "")], [("", [("sum", [Entry(str(results["only"]["values"]))])])], "sums"
-        )
-        return Page("A paper", "small", ["It holds.", "Always."], [Section("s", [Prose("p"), table])])
+    def made(name: str, results: dict) -> Report:
+        entries = [Entry(str(results["only"]["values"]))]
+        table = Table("t", "", "name", [("value", "")], [("", [("sum", entries)])], "sums")
+        page = Page("A paper", "small", [], [Section("s", [Prose("p"), table])])
+        return Report(page, [Row("A paper", "I", 3, 1, 1, 0, 1, 2, 1.25)], "It holds.")
 
-    monkeypatch.setattr("agents.reproduction.cells", lambda name: {"only": Cell(function, arguments, "only")})
-    monkeypatch.setattr("agents.reproduction.page", made)
+    monkeypatch.setattr(papers, "cells", lambda name: {"only": Cell(function, arguments, "only")})
+    monkeypatch.setattr(papers, "report", made)
 
 
-def test_a_paper_gives_a_page_and_its_tables_and_is_computed_once(tmp_path, monkeypatch, capsys):
-    small(monkeypatch, "agents.reproduction:echo", values=[3])
-    monkeypatch.setattr("agents.reproduction.echo", lambda values: {"values": values}, raising=False)
+def test_a_paper_gives_a_page_its_tables_and_its_measures_and_is_computed_once(tmp_path, monkeypatch, capsys):
+    small(monkeypatch, "studies.papers:echo", values=[3])
+    monkeypatch.setattr(papers, "echo", lambda values: {"values": values}, raising=False)
     assert reproduce.main(("robust",), out=tmp_path, jobs=1) == 0
     printed = capsys.readouterr().out
-    assert "It holds. Always." in printed
+    assert "| A paper | I | 3 | 1 | 1 | 0 | 1 | 2 | 1.25 |" in printed
     assert str(tmp_path / "robust.html") in printed
     first = (tmp_path / "robust.html").read_text()
     assert (tmp_path / "tables" / "robust-sums.csv").read_text() == "name,value\nsum,[3]\n"
+    stored = json.loads((tmp_path / "summary.json").read_text())
+    assert stored == {"robust": {"opening": "It holds.", "rows": [["A paper", "I", 3, 1, 1, 0, 1, 2, 1.25]]}}
     assert reproduce.main(("robust", "robust"), out=tmp_path, jobs=1) == 0
     assert (tmp_path / "robust.html").read_text() == first
     assert len(journal(tmp_path)) == 1
@@ -44,13 +51,15 @@ def test_a_paper_whose_cell_fails_has_no_page_and_says_why(tmp_path, monkeypatch
     assert not (tmp_path / "robust.html").exists()
 
 
-def test_no_paper_or_an_unknown_one_is_refused_in_a_sentence():
+def test_no_paper_or_an_unknown_one_is_refused_in_a_sentence(monkeypatch):
     with pytest.raises(ValueError, match="name the papers"):
         reproduce.main(())
-    with pytest.raises(ValueError, match="choose from all, corvette"):
-        cells("titanic")
-    with pytest.raises(ValueError, match="choose from all, corvette"):
-        page("titanic", {})
+    for call in (lambda: cells("titanic"), lambda: report("titanic", {}), lambda: papers.settings("titanic")):
+        with pytest.raises(ValueError, match="choose from all, corvette"):
+            call()
+    monkeypatch.setattr(reproduce, "find_spec", lambda name: None)
+    with pytest.raises(Refusal, match="in a checkout"):
+        reproduce.main(("all",))
 
 
 @pytest.mark.parametrize("name", PAPERS)

@@ -8,8 +8,8 @@ from scipy.integrate import solve_ivp
 from sensing import forcing, sensors_of, without_a_filter
 from stepping import puna_step
 
-from agents.reproduction.planar_puna import MISSILE, PlanarPuna, planar_derivative
 from estimators import Gaussian, make, wrap
+from studies.papers.puna.model import MISSILE, PlanarPuna, planar_derivative
 from vessel_gym.composition import Composition, compose
 from vessel_gym.core import Core
 from vessel_gym.disturbances import Air

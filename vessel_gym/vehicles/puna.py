@@ -9,7 +9,7 @@ told, and there is no pole at the vertical.
 
 Sources: the paper on Dubins paths and the ensemble Kalman filter for a PUNA ("Pesawat Udara Nir Awak", in Indonesian)
 for the task and the controls (thrust and angle of attack); its own equations are those of
-`agents.reproduction.planar_puna`. Beard & McLain (2012), ch. 9, for the point mass and the bank.
+`studies.papers.puna.model`. Beard & McLain (2012), ch. 9, for the point mass and the bank.
 """
 
 from collections.abc import Iterator

@@ -1,1 +1,0 @@
-"""The pages of the papers: tables, figures and words made of what the experiments found."""

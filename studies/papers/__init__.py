@@ -1,0 +1,59 @@
+"""The experiments of the source papers, reproduced with this package.
+
+A folder a paper: ``settings.toml`` (what the paper prints, what it leaves open), ``experiment.py`` (what is computed),
+``page.py`` and ``page.md`` (what is shown). ``python -m scripts.reproduce all`` runs them.
+"""
+
+import tomllib
+from collections.abc import Mapping
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from agents.cells import Cell
+from estimators.factory import unknown
+from vessel_gym.extras import require
+
+if TYPE_CHECKING:  # experiments run without what draws
+    from studies.papers.measures import Report
+
+PAPERS = ("corvette", "segorogeni", "itsunusa", "robust", "puna")
+"""The papers, each a folder of this package."""
+
+
+@cache
+def settings(name: str) -> dict[str, Any]:
+    """The settings file of a paper.
+
+    Raises:
+        ValueError: if there is no such paper.
+    """
+    _known(name)
+    return tomllib.loads((Path(__file__).parent / name / "settings.toml").read_text(encoding="utf-8"))
+
+
+def cells(name: str) -> dict[str, Cell]:
+    """Everything to compute for a paper, by name.
+
+    Raises:
+        ValueError: if there is no such paper.
+    """
+    _known(name)
+    return import_module(f"studies.papers.{name}.experiment").cells(settings(name))
+
+
+def report(name: str, results: Mapping[str, Mapping[str, Any]]) -> "Report":
+    """Page and measures of a paper, from the values of every one of its cells.
+
+    Raises:
+        ValueError: if there is no such paper.
+    """
+    _known(name)
+    require("matplotlib")
+    return import_module(f"studies.papers.{name}.page").report(settings(name), results)
+
+
+def _known(name: str) -> None:
+    if name not in PAPERS:
+        raise ValueError(unknown("paper", name, ("all", *PAPERS)))

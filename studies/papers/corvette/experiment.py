@@ -1,0 +1,328 @@
+"""Hermawan's five simulations: KF-UMV-UI follows a turning circle with an unknown input in the measurements."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
+from itertools import pairwise, product
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents.cells import Cell
+from estimators import Gaussian, LinearModel, make
+from studies.papers.likelihood import log_likelihood
+from vessel_gym.vehicles.corvette import Corvette, steady_turns
+from vessel_gym.vehicles.corvette_equations import AROUND, CorvetteParameters, corvette_rates
+from vessel_gym.vehicles.corvette_thesis import (
+    RUDDER,
+    SAMPLES,
+    SIMULATIONS,
+    A,
+    B,
+    C,
+    G,
+    H,
+    Simulation,
+    filter_model,
+    measurements,
+    unknown_input,
+)
+from vessel_gym.vehicles.files import load
+from vessel_gym.vehicles.integration import runge_kutta
+
+MODELS = ("as-printed", "corrected")
+QUANTITIES = ("heading", "unknown input")
+NOISE = 6e-4
+"""Standard deviation [rad] of both measurements before the search, from the d of simulation II, which shows it."""
+SWITCH, PRIOR = 98, 1e-3
+_SHIP = load("corvette-thesis", CorvetteParameters)
+
+
+def cells(settings: Mapping[str, Any]) -> dict[str, Cell]:
+    """A cell for each simulation and filter model, and the search by recursion and discrepancy."""
+    here, found = __name__, {}
+    trial = {key: settings[key] for key in ("step", "helm", "seed", "runs")}
+    for simulation, model in product(SIMULATIONS, MODELS):
+        arguments = {"simulation": simulation, "model": model, **trial}
+        found[f"{simulation}, {model}"] = Cell(f"{here}:simulate", arguments, f"corvette, model {model}")
+    tried = {name: choice["tried"] for name, choice in settings["open"].items()}
+    search = {key: settings[key] for key in ("step", "helm", "seed", "printed")}
+    for recursion, discrepancy in product(tried["recursion"], settings["discrepancies"]):
+        arguments = search | {"tried": tried | {"recursion": [recursion]}, "discrepancy": discrepancy}
+        arguments["runs"] = settings["samples_of_search"]
+        found[f"search, {recursion}, {discrepancy}"] = Cell(f"{here}:search", arguments, "corvette, search")
+    return found
+
+
+# --- the experiment ---------------------------------------------------------------------------------
+
+
+@cache
+def turning_record(step: float, helm: float) -> tuple[np.ndarray, np.ndarray]:
+    """Heading ``(195,)`` [rad] of a turning circle, and the known input ``(195, 2)``: rudder [rad], yaw rate [rad/s].
+
+    The nonlinear ship leaves a straight course with the helm put over at its rate limit.
+
+    Args:
+        step: Time between samples [s].
+        helm: Rudder angle [deg].
+    """
+    fine = 16  # RK4 steps a sample: the rudder's stop falls between samples
+    dt, angle, c = step / fine, np.deg2rad(helm), _SHIP.vector()
+    rudder = np.minimum(_SHIP.rudder_rate * dt * np.arange(fine * (SAMPLES - 1) + 1), angle)
+    state = np.array([0.0, 0.0, 0.0, _SHIP.speed, *np.zeros(4)])
+    heading = [state[2]]
+    for start, end in pairwise(rudder):
+        state = runge_kutta(corvette_rates, state, np.array([start]), np.array([end]), np.zeros(len(AROUND)), c, dt)
+        heading.append(state[2])
+    turns = steady_turns(_SHIP)
+    commanded = np.full(SAMPLES, np.interp(angle, turns.rudder, turns.yaw_rate))
+    return np.array(heading)[::fine], np.stack([rudder[::fine], commanded], -1)
+
+
+def assumed_model(simulation: Simulation, model: str, step: float) -> LinearModel:
+    """The filter's model: eqs. 4.3 to 4.5, or the corrected ship at our step, with the stated Q and R."""
+    return filter_model(simulation, *Corvette(_SHIP, step).linear(model))
+
+
+def estimate(
+    model: LinearModel, heading: np.ndarray, d: np.ndarray, u: np.ndarray, noise: np.ndarray, prior: float = PRIOR
+) -> np.ndarray:
+    """Errors of KF-UMV-UI on the measurements ``(heading + d, d) + noise`` of eq. 4.5.
+
+    Args:
+        model: The filter's.
+        heading: ``(T,)`` or ``(runs, T)`` real heading [rad].
+        d: ``(T,)`` unknown input [rad].
+        u: ``(T, 2)`` known input.
+        noise: ``(runs, T, 2)`` of the measurements [rad].
+        prior: Variance of each state at the start.
+
+    Returns:
+        Errors ``(3, runs, T)`` [rad] of updated heading, unknown input and predicted heading.
+    """
+    umv = make("kf-umv-ui", model)
+    belief = umv.init(Gaussian(np.zeros((len(noise), 3)), prior * np.eye(3)))
+    y = measurements(heading, d, noise)
+    errors = np.empty((3, *y.shape[:2]))
+    for k in range(y.shape[1]):
+        predicted = umv.predict(belief, u[k - 1]) if k else belief.replace(u=u[[0] * len(noise)])
+        belief = umv.update(predicted, y[:, k])
+        assert belief.input_mean is not None
+        estimates = belief.mean[:, 2], belief.input_mean[:, 0], predicted.mean[:, 2]
+        for error, mean, truth in zip(errors, estimates, (heading, d, heading), strict=True):
+            error[:, k] = mean - truth[..., k]
+    return errors
+
+
+def simulate(simulation: str, model: str, step: float, helm: float, runs: int, seed: int) -> dict[str, Any]:
+    """One of the five simulations with one filter model, as it was set up before the search.
+
+    Returns:
+        ``rmse (3, runs)`` of updated heading, unknown input and predicted heading; ``driven``: the same where d drives
+        the heading, too; ``example``: errors of the first run ``(2, T)``.
+    """
+    s = SIMULATIONS[simulation]
+    assumed = assumed_model(s, model, step)
+    heading, u = turning_record(step, helm)
+    d = unknown_input(s.size, SWITCH)
+    noise = np.random.default_rng(seed).standard_normal((runs, SAMPLES, 2))
+    errors = estimate(assumed, heading, d, u, NOISE * noise)
+    driven = heading + np.concatenate([[0.0], np.cumsum(d)[:-1]])  # eq. 4.4: psi+ = psi + ... + d
+    return {
+        "rmse": rms(errors),
+        "driven": rms(estimate(assumed, driven, d, u, NOISE * noise)),
+        "example": {"heading": heading, "unknown input": d, "errors": errors[:2, 0]},
+    }
+
+
+def rms(errors: np.ndarray) -> np.ndarray:
+    """Root mean square over time, the last axis."""
+    return np.sqrt(np.mean(errors**2, -1))
+
+
+# --- the search -------------------------------------------------------------------------------------
+# The filter is linear and its gains do not depend on the measurements: its errors are sums of responses to the record,
+# to d, to the noise and to the error of the first estimate. So each response is computed once for all combinations.
+
+
+class Recursion(NamedTuple):
+    """A filter as its gains: ``d = M e``, ``x = x- + L e``, ``x-+ = A x + B u + E d``."""
+
+    L: list[np.ndarray]
+    M: list[np.ndarray]
+    E: np.ndarray
+    u: float
+
+
+def recursion(simulation: Simulation, kind: str, first: str, prior: float) -> Recursion:
+    """Gains of the filter of Gillijns and De Moor ("cited"), or of Table 2.5 to the letter ("as printed").
+
+    Table 2.5 calls the matrix of d both E and B: "as printed, the rudder's B" takes it for that of the rudder, which is
+    what its prediction then leaves out.
+    """
+    q, r = simulation.Q * np.eye(3), simulation.R * np.eye(2)
+    R_inverse, P, eye = np.eye(2) / simulation.R, prior * np.eye(3), np.eye(3)
+    rudder = kind.endswith("the rudder's B")
+    E = B if rudder else G
+    if first == "predict":
+        P = A @ P @ A.T + q
+    found = Recursion([], [], E, 0.0 if rudder else RUDDER)
+    for _ in range(SAMPLES):
+        K = P @ C.T @ np.linalg.inv(C @ P @ C.T + r)
+        S = np.linalg.inv(H.T @ R_inverse @ (np.eye(2) - C @ K) @ H)
+        M = S @ H.T @ R_inverse @ (np.eye(2) - C @ K)
+        found.L.append(K @ (np.eye(2) - H @ M))
+        found.M.append(M)
+        updated = (eye + K @ H @ S @ H.T @ R_inverse @ C) @ (eye - K @ C) @ P
+        cross = A @ (-K @ H @ S) @ E.T if kind == "cited" else A @ C.T @ R_inverse @ H @ E.T
+        P = A @ updated @ A.T + cross + cross.T + E @ S @ E.T + q
+        P = 0.5 * (P + P.T)
+    return found
+
+
+def respond(
+    filter: Recursion, first: str, heading: np.ndarray, y: np.ndarray, start: np.ndarray, u: float = 0.0
+) -> np.ndarray:
+    """Updated heading less ``heading (b, T)``, d, and predicted heading less heading, ``(3, b, T)``, for y and start.
+
+    The last two arguments are the first estimate ``(b, 3)`` and the rudder angle.
+    """
+    x = np.broadcast_to(start, (len(y), 3))
+    found = np.empty((3, *y.shape[:2]))
+    if first == "predict":
+        x = x @ A.T + B[:, 0] * u
+    for k, (L, M) in enumerate(zip(filter.L, filter.M, strict=True)):
+        innovation = y[:, k] - x @ C.T
+        found[2, :, k] = x[:, 2] - heading[:, k]
+        d = innovation @ M.T
+        x = x + innovation @ L.T
+        found[:2, :, k] = x[:, 2] - heading[:, k], d[:, 0]
+        x = x @ A.T + B[:, 0] * u + d @ filter.E.T
+    return found
+
+
+class Parts(NamedTuple):
+    """Responses of a filter ``(3, ..., T)``: to records, to steps d of unit height, to noise by kind, to the start."""
+
+    record: np.ndarray
+    step: np.ndarray
+    noise: dict[tuple[str, bool], np.ndarray]
+    start: np.ndarray
+
+
+def parts(filter: Recursion, first: str, records: np.ndarray, steps: np.ndarray, runs: int, seed: int) -> Parts:
+    """The responses of a filter to records and steps ``(..., T)`` and to that many draws of noise and start."""
+    rng = np.random.default_rng(seed)
+    still, none = np.zeros((1, SAMPLES)), np.zeros(3)
+    drawn = {"normal": rng.standard_normal((runs, SAMPLES, 2)), "uniform": rng.random((runs, SAMPLES, 2))}
+    noise = {}
+    for (kind, each), same in product(drawn.items(), (False, True)):
+        v = each[..., [0, 0]] if same else each
+        noise[kind, same] = respond(filter, first, np.broadcast_to(still, v.shape[:2]), v, none)
+    start = rng.standard_normal((runs, 3))
+    flat, d = records.reshape(-1, SAMPLES), steps.reshape(-1, SAMPLES)
+    zeros = np.zeros((runs, SAMPLES))
+    record = respond(filter, first, flat, measurements(flat, 0.0 * flat, np.zeros(2)), none, filter.u)
+    step = respond(filter, first, 0.0 * d, measurements(0.0 * d, d, np.zeros(2)), none)
+    step[1] -= d
+    return Parts(
+        record.reshape(3, *records.shape), step.reshape(3, *steps.shape), noise,
+        respond(filter, first, zeros, np.zeros((runs, SAMPLES, 2)), start),
+    )  # fmt: skip
+
+
+def records(tried: Mapping[str, Sequence[Any]], step: float, helm: float) -> np.ndarray:
+    """Headings ``(records, resolutions, T)`` [rad]."""
+    headings = {"ship": turning_record(step, helm)[0], "uniform turn": np.linspace(0.0, 2.0 * np.pi, SAMPLES)}
+    units = np.deg2rad(tried["resolution"])
+    return np.array([
+        [headings[name] if unit == 0.0 else unit * np.round(headings[name] / unit) for unit in units]
+        for name in tried["record"]
+    ])  # fmt: skip
+
+
+def steps(tried: Mapping[str, Sequence[Any]]) -> np.ndarray:
+    """Unknown inputs ``(switches, values after them, T)`` of height 1."""
+    k = np.arange(SAMPLES)
+    return np.array(
+        [[np.where(k < switch, 1.0, after) for after in tried["after_switch"]] for switch in tried["switch"]]
+    )
+
+
+def level(noise: str, R: float) -> tuple[str, float]:
+    """Distribution and scale [rad] of the noise, from words such as "normal sqrt(R)"."""
+    kind, _, text = noise.partition(" ")
+    if kind == "none":
+        return "normal", 0.0
+    return kind, {"R": R, "sqrt(R)": np.sqrt(R)}.get(text) or float(text)
+
+
+def start_sd(words: str, prior: float) -> float:
+    """Standard deviation of the error of the first estimate."""
+    return np.sqrt(prior) if words == "root of the prior" else float(words)
+
+
+def log_errors(
+    tried: Mapping[str, Sequence[Any]], simulation: str, found: Parts, prior: float
+) -> Iterator[tuple[int, int, np.ndarray]]:
+    """Logarithms of RMSE by what is scored (-1: d, else the index of "scored"), axes as the rest of the choices.
+
+    Yields:
+        Both indices, and the array ``(starts, records, resolutions, switches, afters, sizes, noises, same, runs)``.
+    """
+    s = SIMULATIONS[simulation]
+    sizes = [s.size] if simulation == "V" else tried["size"]
+    whats = [(-1, 1, 0)]
+    for i, scored in enumerate(tried["scored"]):
+        whats.append((i, 0 if scored == "updated" else 2, int(scored.endswith("from the second on"))))
+    for index, what, skipped in whats:
+        heights = np.array(sizes)[:, None]
+        fixed = (found.record[what][:, :, None, None, None] + heights * found.step[what][:, :, None])[..., skipped:]
+        shape, flat = fixed.shape[:-1], fixed.reshape(-1, fixed.shape[-1])
+        columns = []
+        for start, noise, same in product(tried["start_sd"], tried["noise"], tried["same_noise"]):
+            kind, scale = level(noise, s.R)
+            random = scale * found.noise[kind, same][what] + start_sd(start, prior) * found.start[what]
+            random = random[:, skipped:]
+            squares = (flat**2).sum(-1)[:, None] + 2.0 * flat @ random.T + (random**2).sum(-1)
+            columns.append(0.5 * np.log(np.maximum(squares, 1e-30) / flat.shape[-1]))
+        errors = np.stack(columns, -2).reshape(
+            *shape, *(len(tried[n]) for n in ("start_sd", "noise", "same_noise")), -1
+        )
+        yield index, what, np.moveaxis(errors, 5, 0)
+
+
+def search(
+    tried: Mapping[str, Sequence[Any]], printed: Mapping[str, Mapping[str, Any]], discrepancy: float, runs: int,
+    seed: int, step: float, helm: float,
+) -> dict[str, Any]:  # fmt: skip
+    """``log_likelihood`` of Tables 4.4 to 4.8 under every combination of what is tried, an axis a choice."""
+    shape = [len(alternatives) for alternatives in tried.values()]
+    total = np.zeros(shape)
+    grid, inputs = records(tried, step, helm), steps(tried)
+    for i, j, k in np.ndindex(*shape[1:4]):
+        kind, first, prior = tried["recursion"][i], tried["first"][j], tried["prior"][k]
+        made: dict[tuple[float, float], Parts] = {}
+        for name, s in SIMULATIONS.items():
+            with np.errstate(all="ignore"):  # the printed recursion may diverge: its likelihood is then nothing
+                if (s.Q, s.R) not in made:
+                    made[s.Q, s.R] = parts(recursion(s, kind, first, prior), first, grid, inputs, runs, seed)
+                for scored, what, errors in log_errors(tried, name, made[s.Q, s.R], prior):
+                    texts = printed[name]["unknown_input" if what == 1 else "heading"]
+                    found = log_likelihood(texts, errors.mean(-1), errors.std(-1, ddof=1), discrepancy)
+                    total[slice(None) if scored < 0 else scored, i, j, k] += found
+    return {"log_likelihood": np.round(total, 3)}
+
+
+def explain(combination: Mapping[str, Any], runs: int, seed: int, step: float, helm: float) -> dict[str, np.ndarray]:
+    """RMSE ``(2, runs)`` of heading and d in each simulation under one combination."""
+    tried = {name: [alternative] for name, alternative in combination.items()}
+    found = {}
+    for name, s in SIMULATIONS.items():
+        filter = recursion(s, combination["recursion"], combination["first"], combination["prior"])
+        made = parts(filter, combination["first"], records(tried, step, helm), steps(tried), runs, seed)
+        by_score = {
+            scored: np.exp(errors.ravel()) for scored, _, errors in log_errors(tried, name, made, combination["prior"])
+        }
+        found[name] = np.stack([by_score[0], by_score[-1]])
+    return found

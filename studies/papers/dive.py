@@ -1,0 +1,117 @@
+"""What the papers on underwater vehicles share: a vehicle under recorded controls, and a filter that watches it.
+
+A filter estimates some components of the vehicle's state; the position follows by integrating the kinematics over the
+estimates, as in the papers.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from estimators import Filter, Gaussian, NonlinearModel
+from vessel_gym.sensors import Sensor
+
+Advance = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""States ``(..., n)`` one step later under a control ``(..., m)``."""
+
+
+class Dives(NamedTuple):
+    """Runs: ``truth (T + 1, B, n)`` and ``measurements (T, B, p)``, after each step."""
+
+    truth: np.ndarray
+    measurements: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    """A vehicle under a recorded control with process noise, and the filter's assumptions.
+
+    Attributes:
+        advance: The vehicle's equations over a step.
+        start: State ``(n,)`` at the beginning.
+        controls: ``(T, m)``.
+        estimated: Components of the state that a filter estimates, k of them; they suffice for their own equations.
+        measured: Which of those are measured, p of them.
+        process_sd: ``(k,)`` process noise of a step.
+        measurement_sd: ``(p,)``.
+        prior_sd: ``(k,)`` of the first estimate.
+    """
+
+    advance: Advance
+    start: np.ndarray
+    controls: np.ndarray
+    estimated: list[int]
+    measured: list[int]
+    process_sd: np.ndarray
+    measurement_sd: np.ndarray
+    prior_sd: np.ndarray
+
+    @cached_property
+    def model(self) -> NonlinearModel:
+        """The filter's model: the same equations, noise and measurements."""
+
+        def transition(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+            assert u is not None
+            return self.advance(self.state(x), u)[..., self.estimated]
+
+        def measurement(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+            return x[..., self.measured]
+
+        return NonlinearModel(transition, measurement, np.diag(self.process_sd**2), np.diag(self.measurement_sd**2))
+
+    def state(self, estimates: np.ndarray) -> np.ndarray:
+        """Vehicle states ``(..., n)`` from estimates ``(..., k)``, the other components 0."""
+        state = np.zeros(estimates.shape[:-1] + self.start.shape)
+        state[..., self.estimated] = estimates
+        return state
+
+    def run(self, runs: int, rng: np.random.Generator) -> Dives:
+        """Runs of the vehicle and their measurements: the same for every filter, so that filters pair."""
+        steps = len(self.controls)
+        truth = np.empty((steps + 1, runs, len(self.start)))
+        truth[0] = self.start
+        noise = self.process_sd * rng.standard_normal((steps, runs, len(self.process_sd)))
+        for k, control in enumerate(self.controls):
+            truth[k + 1] = self.advance(truth[k], control)
+            truth[k + 1][:, self.estimated] += noise[k]
+        exact = truth[1:][..., self.estimated][..., self.measured]
+        return Dives(truth, exact + self.measurement_sd * rng.standard_normal(exact.shape))
+
+    @cached_property
+    def planned(self) -> np.ndarray:
+        """States ``(T + 1, n)`` without process noise: the planned path."""
+        states = [self.start]
+        for control in self.controls:
+            states.append(self.advance(states[-1], control))
+        return np.array(states)
+
+    def estimates(self, estimator: Filter, measurements: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """Updated estimates ``(T + 1, B, k)``; the first is the initial one."""
+        runs = measurements.shape[1]
+        belief = estimator.init(
+            Gaussian(np.tile(self.start[self.estimated], (runs, 1)), np.diag(self.prior_sd**2)), rng
+        )
+        means = [belief.mean]
+        for control, measurement in zip(self.controls, measurements, strict=False):
+            belief = estimator.update(estimator.predict(belief, control, rng), measurement, rng)
+            means.append(belief.mean)
+        return np.stack(means)
+
+
+def channel_sd(sensors: tuple[Sensor, ...], channels: Sequence[str]) -> np.ndarray:
+    """Nominal standard deviations of some channels of a vehicle's sensors ``(p,)``."""
+    sd = {channel: sd for sensor in sensors for channel, sd in zip(sensor.channels, sensor.sd, strict=True)}
+    return np.array([sd[channel] for channel in channels])
+
+
+def rms(errors: np.ndarray) -> np.ndarray:
+    """Root mean square over the steps: ``(T, B, k)`` to ``(B, k)``."""
+    return np.sqrt(np.mean(errors**2, 0))
+
+
+def thinned(history: np.ndarray, points: int = 400) -> np.ndarray:
+    """At most so many rows of a history ``(T, ...)``, evenly spaced, the first and the last among them."""
+    return history[np.linspace(0, len(history) - 1, min(points, len(history))).round().astype(int)]

@@ -1,0 +1,166 @@
+"""All figures of the papers' pages: panels of curves, ratios to print, and what the alternatives of a search cost."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from agents.plotting import BELIEVED, INK, PALE, PALETTE, PUBLISHED, TRUE, drawing
+from studies.papers.measures import NEAR, Comparison
+from studies.papers.search import Search, words
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+COLOURS = (TRUE, BELIEVED, *PALETTE[2:])
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Points ``(k,)``, joined by a line or marked; ``half`` is half of an interval, ``fill`` a lower bound."""
+
+    x: Any
+    y: Any
+    label: str = ""
+    color: str = TRUE
+    line: str = "-"
+    marker: str = ""
+    half: Any = None
+    fill: Any = None
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Panel:
+    """Curves with their axes; ``levels`` are dashed red lines, ``one`` a line at 1, ``options`` go to ``Axes.set``."""
+
+    curves: Sequence[Curve]
+    x: str = ""
+    y: str = ""
+    title: str = ""
+    levels: Sequence[float] = ()
+    one: bool = False
+    equal: bool = False
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def draw(self, axes: "Axes") -> None:
+        """Draw on axes."""
+        for c in self.curves:
+            look: dict[str, Any] = {"color": c.color, "marker": c.marker or None, "markersize": 4, **c.options}
+            if c.fill is not None:
+                axes.fill_between(c.x, c.fill, c.y, color=c.color, alpha=0.2, linewidth=0.0)
+            axes.errorbar(
+                c.x, c.y, c.half, linestyle=c.line or "none", capsize=1.5, elinewidth=0.8, label=c.label or None, **look
+            )
+        for level in self.levels:
+            axes.axhline(level, color=PUBLISHED, linewidth=0.8, linestyle="--")
+        if self.one:
+            axes.axhline(1.0, color=INK, linewidth=0.9)
+        axes.set(xlabel=self.x, ylabel=self.y, **self.options)
+        axes.set_title(self.title, loc="left", fontsize=9)
+        if self.equal:
+            axes.set_aspect("equal")
+        _plain_ticks(axes)
+        axes.grid()
+
+
+def _plain_ticks(axes: "Axes") -> None:
+    """Logarithmic axes with numbers such as 0.5 instead of powers of ten."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    for axis in (axes.xaxis, axes.yaxis):
+        if axis.get_scale() == "log":
+            low, high = axis.get_view_interval()
+            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high / low < 300.0 else (1.0,)))
+            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+            axis.set_minor_formatter(NullFormatter())
+
+
+def panels(
+    grid: Sequence[Sequence[Panel]], width: float, height: float, sharex: Any = True, sharey: Any = False
+) -> str:
+    """Figure of panels in rows, with one legend for all."""
+    return drawing(width, height)(_panels)(grid, sharex, sharey)
+
+
+def _panels(figure: "Figure", grid: Sequence[Sequence[Panel]], sharex: Any, sharey: Any) -> None:
+    handles: dict[str, Any] = {}
+    for row, line in zip(
+        figure.subplots(len(grid), len(grid[0]), sharex=sharex, sharey=sharey, squeeze=False), grid, strict=True
+    ):
+        for axes, panel in zip(row, line, strict=True):
+            panel.draw(axes)
+            found, labels = axes.get_legend_handles_labels()
+            handles |= dict(zip(labels, found, strict=True))
+    figure.align_ylabels()
+    if handles:
+        figure.legend(handles.values(), handles.keys(), loc="outside upper right", ncols=min(len(handles), 4))
+
+
+def ratios(columns: Mapping[str, Sequence[Comparison]]) -> str:
+    """Ours over every printed number with 95 % intervals; band: a factor of `NEAR`; a hollow mark does not count."""
+    rows = len(next(iter(columns.values())))
+    return drawing(7.2, 1.1 + 0.2 * rows)(_ratios)(columns)
+
+
+def _ratios(figure: "Figure", columns: Mapping[str, Sequence[Comparison]]) -> None:
+    axes = figure.subplots()
+    axes.axvspan(1.0 / NEAR, NEAR, color=PALE, alpha=0.5, linewidth=0.0)
+    axes.axvline(1.0, color=INK, linewidth=0.8)
+    first = next(iter(columns.values()))
+    for i, (label, comparisons) in enumerate(columns.items()):
+        for j, c in enumerate(comparisons):
+            ratio, shift = c.ratio, 0.16 * (i - 0.5 * (len(columns) - 1))
+            ends = [[ratio.mean - ratio.low], [ratio.high - ratio.mean]]
+            axes.errorbar(
+                ratio.mean, j + shift, xerr=ends, color=COLOURS[i], marker="os^"[i % 3], markersize=4, linestyle="none",
+                capsize=1.5, markerfacecolor="white" if c.reason else COLOURS[i], label=None if j else label or "ours",
+            )  # fmt: skip
+    axes.set_yticks(range(len(first)), [f"{c.experiment}: {c.quantity}" for c in first])
+    axes.set(ylim=(len(first) - 0.5, -0.5), xscale="log", xlabel="ours / printed")
+    _plain_ticks(axes)
+    axes.grid(axis="x")
+    if len(columns) > 1:
+        figure.legend(loc="outside upper right", ncols=len(columns))
+
+
+def sensitivities(search: Search) -> str:
+    """How far the best combination with each alternative is below the best of all; filled: believed."""
+    lines = sum(map(len, search.choices.values())) + len(search.choices)
+    return drawing(7.2, 0.9 + 0.155 * lines)(_sensitivities)(search)
+
+
+def _sensitivities(figure: "Figure", search: Search) -> None:
+    axes = figure.subplots()
+    labels: list[str] = []
+    for name in search.choices:
+        labels.append(name.replace("_", " "))
+        axes.axhline(len(labels) - 1.6, color=INK, linewidth=0.3)
+        for alternative, drop in search.drops(name).items():
+            believed = alternative == search.believed[name]
+            axes.plot(
+                drop, len(labels), "o", color=BELIEVED if believed else TRUE, markersize=5,
+                markerfacecolor=BELIEVED if believed else "white", clip_on=False,
+            )  # fmt: skip
+            labels.append(f"   {words(alternative)}")
+    titles = [i for i, label in enumerate(labels) if not label.startswith(" ")]
+    axes.set_yticks(range(len(labels)), labels, fontsize=7.5)
+    for i in titles:
+        axes.get_yticklabels()[i].set_fontweight("bold")
+    axes.set_xscale("symlog", linthresh=10.0)
+    axes.set_xticks((0, 2, 5, 10, 100, 1000), ["0", "2", "5", "10", "100", "1000"])
+    axes.set(ylim=(len(labels) - 0.5, -0.7), xlabel="log likelihood below the best combination")
+    axes.set_xlim(-0.3, max(12.0, 1.3 * max(max(search.drops(name).values()) for name in search.choices)))
+    axes.grid(axis="x")
+
+
+def ends(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Means and half-widths of 95 % intervals over the last axis, for `Curve`."""
+    from agents.statistics import mean_interval
+
+    found = [mean_interval(each) for each in values.reshape(-1, values.shape[-1])]
+    shape = values.shape[:-1]
+    means = np.reshape([i.mean for i in found if i is not None], shape)
+    return means, np.reshape([i.half for i in found if i is not None], shape)

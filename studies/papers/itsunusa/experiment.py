@@ -1,0 +1,134 @@
+"""ITSUNUSA's dive to 20 m with ensembles of 200 to 400 members."""
+
+from collections.abc import Mapping
+from functools import cache
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from agents.cells import Cell
+from agents.pilots.dive import DiveAutopilot
+from estimators import Filter, make
+from studies.papers.dive import Experiment, channel_sd, rms, thinned
+from vessel_gym.envs.itsunusa_auv import ITSUNUSA_AUV
+from vessel_gym.system import Estimate
+from vessel_gym.vehicles.itsunusa import STATE, Itsunusa
+
+QUANTITIES = {"surge": "m/s", "heave": "m/s", "pitch rate": "rad/s", "depth": "m"}
+PRINTED, SYMMETRIC = "evensen2004", "symmetric"
+"""Forms of `enkf-sr`: the update of the paper's Table 1, and this package's default, which keeps the members' mean."""
+_ESTIMATED = [STATE.index(name) for name in ("u", "w", "q", "theta")]
+_SCORED = [STATE.index(name) for name in ("u", "w", "q", "z")]
+_DEPTH = STATE.index("z")
+_STILL = np.zeros(1)  # the current
+VEHICLE = Itsunusa()
+_COEFFICIENTS = VEHICLE.body.vector()
+MEASUREMENT_SD = channel_sd(VEHICLE.sensors, ("u over ground", "w over ground", "q", "theta"))
+PROCESS_SD = np.append(ITSUNUSA_AUV.disturbances["moderate"].white.diagonal(), 0.0)  # on u, w, q and pitch
+PRIOR_SD = ITSUNUSA_AUV.task.prior(np.zeros((1, 3))).cov.diagonal()[[0, 1, 2, 5]] ** 0.5
+
+
+def cells(settings: Mapping[str, Any]) -> dict[str, Cell]:
+    """Everything to compute, by name."""
+    here, found = __name__, {}
+    shared = {key: settings[key] for key in ("runs", "seed", "trial")}
+
+    def dives(name: str, form: str, members: int, measured: int = 3, **factors: float) -> None:
+        arguments = {"form": form, "members": members, "measured": measured} | shared | factors
+        found[name] = Cell(f"{here}:estimate", arguments, f"itsunusa, {form}, {members} members")
+
+    for members in settings["members"]:
+        dives(f"{PRINTED}, {members}", PRINTED, members)
+        dives(f"{SYMMETRIC}, {members}", SYMMETRIC, members)
+        dives(f"{SYMMETRIC}, {members}, pitch", SYMMETRIC, members, 4)
+    for names, process, measurement in product(*(choice["tried"] for choice in settings["open"].values())):
+        factors = {"process": process, "measurement": measurement}
+        dives(f"search, {names}, {process}, {measurement}", "ekf", 0, len(names.split(", ")), **factors)
+    return found
+
+
+def estimate(
+    form: str, members: int, runs: int, seed: int, trial: Mapping[str, float], measured: int = 3, process: float = 1.0,
+    measurement: float = 1.0,
+) -> dict[str, np.ndarray]:  # fmt: skip
+    """Errors in some runs of the dive; truth and measurements of the motions depend on the seed alone.
+
+    Args:
+        form: Of `enkf-sr`; or "ekf" for the filter that has no members.
+        members: N.
+        runs: Dives.
+        seed: Of truth, measurements and filter.
+        trial: Depth and distance ahead [m].
+        measured: How many of u, w, q and pitch.
+        process: Factor on the process noise.
+        measurement: Factor on the measurement noise.
+
+    Returns:
+        ``rmse (runs, 4)`` of surge, heave [m/s], pitch rate [rad/s] and depth [m], and of the first run ``time [s]``,
+        ``truth`` and ``estimate (k, 4)``.
+    """
+    experiment = dive(trial, measured, process, measurement)
+    dives = experiment.run(runs, np.random.default_rng([seed, 0]))
+    filter_ = _filter(experiment, form, members)
+    means = experiment.estimates(filter_, dives.measurements, np.random.default_rng([seed, members]))
+    truth = dives.truth[..., _SCORED]
+    found = np.concatenate([means[..., :3], depths(experiment, means)[..., None]], -1)
+    return {
+        "rmse": rms((found - truth)[1:]),
+        "time": thinned(VEHICLE.dt * np.arange(len(truth))),
+        "truth": thinned(truth[:, 0]),
+        "estimate": thinned(found[:, 0]),
+    }
+
+
+def _filter(experiment: Experiment, form: str, members: int) -> Filter:
+    if form == "ekf":
+        return make("ekf", experiment.model)
+    return make("enkf-sr", experiment.model, members=members, variant=form)
+
+
+def dive(trial: Mapping[str, float], measured: int = 3, process: float = 1.0, measurement: float = 1.0) -> Experiment:
+    """The dive from rest under the recorded controls, and the filter's assumptions; see `estimate`."""
+    return Experiment(
+        advance=_step,
+        start=np.zeros(len(STATE)),
+        controls=recorded_controls(trial["ahead"], trial["depth"]),
+        estimated=_ESTIMATED,
+        measured=list(range(measured)),
+        process_sd=process * PROCESS_SD,
+        measurement_sd=measurement * MEASUREMENT_SD[:measured],
+        prior_sd=PRIOR_SD,
+    )
+
+
+def depths(experiment: Experiment, estimates: np.ndarray) -> np.ndarray:
+    """Depth [m] ``(T + 1, B)`` by the vehicle's kinematics from estimates ``(T + 1, B, 4)``."""
+    sunk = experiment.advance(experiment.state(estimates[:-1]), experiment.controls[:, None])[..., _DEPTH]
+    depth = np.zeros(estimates.shape[:-1])
+    np.cumsum(sunk, 0, out=depth[1:])
+    return depth
+
+
+@cache
+def recorded_controls(ahead: float, depth: float) -> np.ndarray:
+    """Actuators before and after each step ``(T, 4)`` of the autopilot's dive in still water, from rest."""
+    task = ITSUNUSA_AUV.task
+    autopilot = DiveAutopilot(ITSUNUSA_AUV)
+    course = task.course(np.zeros((1, task.uniforms)), {"goal": (ahead, 0.0, depth)})
+    truth, actuators = np.zeros((1, len(STATE))), np.zeros((1, len(VEHICLE.action_names)))
+    controls: list[np.ndarray] = []
+    for step in range(task.horizon):
+        reference = task.reference(course, np.array([step]), truth)
+        if reference[0, 0] >= course[0, 1]:
+            break
+        action = autopilot.act(task.observe(Estimate(truth, _STILL[None]), reference, actuators))
+        before, actuators = actuators, VEHICLE.actuate(actuators, action)
+        controls.append(np.concatenate([before, actuators], -1)[0])
+        truth = _step(truth, controls[-1])
+    return np.stack(controls)
+
+
+def _step(states: np.ndarray, control: np.ndarray) -> np.ndarray:
+    before, after = np.split(control, 2, -1)
+    return VEHICLE.moved(states, before, after, _STILL, _COEFFICIENTS)

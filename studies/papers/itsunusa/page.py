@@ -1,0 +1,127 @@
+"""The page on ITSUNUSA's dive."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agents.page import Table, entry, number, words
+from agents.plotting import BELIEVED, TRUE
+from agents.statistics import Interval, mean_interval
+from studies.papers.figures import Curve, Panel, panels, ratios, sensitivities
+from studies.papers.itsunusa.experiment import (
+    MEASUREMENT_SD,
+    PRINTED,
+    PROCESS_SD,
+    QUANTITIES,
+    SYMMETRIC,
+    VEHICLE,
+    recorded_controls,
+)
+from studies.papers.likelihood import of_errors
+from studies.papers.measures import Comparison, Report, comparison_table, falls, percent, rows, trend
+from studies.papers.search import Search
+from studies.papers.template import fill
+
+_FORMS = {
+    "as printed": f"{PRINTED}, {{}}",
+    "pitch measured": f"{SYMMETRIC}, {{}}, pitch",
+    "symmetric": f"{SYMMETRIC}, {{}}",
+}
+
+
+def report(settings: Mapping[str, Any], results: Mapping[str, Mapping[str, Any]]) -> Report:
+    """Page and measures, from the values of every cell."""
+    members, printed, trial = settings["members"], settings["printed"], settings["trial"]
+    fewest, most = members[0], members[-1]
+    errors = {
+        form: {size: np.asarray(results[name.format(size)]["rmse"]) for size in members}
+        for form, name in _FORMS.items()
+    }
+    plain, pitched, _ = errors
+    columns = {form: _comparisons(settings, errors[form]) for form in (plain, pitched)}
+    theirs = [[text] for text in printed[str(most)][:-1]]
+    search = Search.of(
+        settings["open"], lambda each: of_errors(theirs, _errors(results, each), settings["discrepancy"])
+    )
+    ranked = [_errors(results, each).mean(0) for each in (*search.best(5), search.believed, search.first)]
+    head = {"surge, heave, pitch rate, depth": [", ".join(number(v, 4) for v in means) for means in ranked]}
+    tables = {
+        "published": comparison_table(columns), "forms": _forms(errors), "ranking": search.ranking(5, head),
+        "sensitivity": search.sensitivity(),
+    }  # fmt: skip
+    figures = {
+        "ratios": ratios({form: [c for c in found if c.ours is not None] for form, found in columns.items()}),
+        "sensitivity": sensitivities(search), "dive": _dive(printed[str(most)], results[_FORMS[plain].format(most)]),
+    }  # fmt: skip
+    stacked = {form: np.stack([each[size] for size in members], -1) for form, each in errors.items()}
+    motions = {form: trend(members, np.exp(np.log(values[:, :3]).mean(1))) for form, values in stacked.items()}
+    lower = {
+        name: 100.0 * (1.0 - float(printed[str(most)][i]) / float(printed[str(fewest)][i]))
+        for i, name in enumerate(QUANTITIES)
+    }
+    sampling = 100.0 * (1.0 - (most / fewest) ** -0.5)
+    depth = {form: mean_interval(errors[form][most][:, 3]) for form in (plain, pitched)}
+    position = depth[plain]
+    assert position is not None
+    share = Interval(*(100.0 * end / trial["depth"] for end in (position.mean, position.low, position.high)))
+    page, opening = fill(
+        Path(__file__).parent, tables, figures, settings=settings, fewest=fewest, most=most, lower=lower, search=search,
+        depth={form: words(interval, 3) for form, interval in depth.items()}, plain=plain, pitched=pitched,
+        motions={form: percent(change) for form, change in motions.items()}, falls=falls(motions[plain]),
+        sampling=sampling, steep=sum(each > sampling for each in lower.values()), share=words(share, 2),
+        below="true" if share.high < 2.0 else "false", process=PROCESS_SD, measurement=MEASUREMENT_SD,
+        duration=len(recorded_controls(trial["ahead"], trial["depth"])) * VEHICLE.dt,
+        exact=1e4 * _exact_square(settings),
+    )  # fmt: skip
+    paper = settings["paper"]
+    return Report(page, [*rows(paper, columns[plain]), *rows(f"{paper}, {pitched}", columns[pitched])], opening)
+
+
+def _comparisons(settings: Mapping[str, Any], errors: Mapping[int, np.ndarray]) -> list[Comparison]:
+    """Table 2 beside ours, with its computing times."""
+    found = []
+    for size in settings["members"]:
+        *texts, time = settings["printed"][str(size)]
+        for (name, unit), text, ours in zip(QUANTITIES.items(), texts, errors[size].T, strict=True):
+            found.append(Comparison(f"{size} members", name, unit, text, "126–129", ours))
+        found.append(Comparison(f"{size} members", "time", "s", time, "130", None, reason="its machine"))
+    return found
+
+
+def _errors(results: Mapping[str, Any], each: Mapping[str, Any]) -> np.ndarray:
+    """Errors ``(runs, 4)`` of a combination of the search."""
+    name = f"search, {each['measured']}, {each['process_noise']}, {each['measurement_noise']}"
+    return np.asarray(results[name]["rmse"])
+
+
+def _forms(errors: Mapping[str, Mapping[int, np.ndarray]]) -> Table:
+    """Errors by the form of the update, what is measured, and the number of members."""
+    sections = [
+        (form, [(f"{size} members", [entry(mean_interval(e), d) for e, d in zip(found.T, (5, 5, 6, 4), strict=True)])
+                for size, found in each.items()])
+        for form, each in errors.items()
+    ]  # fmt: skip
+    return Table("", "", "", list(QUANTITIES.items()), sections, "forms")
+
+
+def _exact_square(settings: Mapping[str, Any]) -> float:
+    """exact² in error² = exact² + b/N through the printed surge errors with the fewest and the most members."""
+    members = settings["members"][0], settings["members"][-1]
+    high, low = (float(settings["printed"][str(size)][0]) ** 2 for size in members)
+    return low - (high - low) / (1.0 / members[0] - 1.0 / members[1]) / members[1]
+
+
+def _dive(printed: list[str], found: Mapping[str, Any]) -> str:
+    """Motions and depth over time, and their errors with the printed RMSE."""
+    time, truth, means = (np.asarray(found[key]) for key in ("time", "truth", "estimate"))
+    grid = []
+    for i, (name, unit) in enumerate(QUANTITIES.items()):
+        last, level = "time [s]" if i == 3 else "", float(printed[i])
+        curves = [Curve(time, truth[:, i], "true"), Curve(time, means[:, i], "estimated", BELIEVED, "--")]
+        error = Curve(time, (means - truth)[:, i], color=TRUE)
+        grid.append([
+            Panel(curves, last, f"{name} [{unit}]"), Panel([error], last, f"error [{unit}]", levels=(-level, level)),
+        ])  # fmt: skip
+    return panels(grid, 7.2, 6.6)

@@ -1,0 +1,78 @@
+"""The PUNA as its paper writes it, in the vertical plane.
+
+It resolves lift along the body and drag along the velocity. For the package's own aircraft see
+`vessel_gym.vehicles.puna`.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from estimators import NonlinearModel
+from estimators.engine import sincos
+from vessel_gym.vehicles.files import load
+from vessel_gym.vehicles.point_mass import I, PointMass, forces
+from vessel_gym.vehicles.puna import PunaParameters
+
+MISSILE = PointMass(1005.0, 0.3376, (-1.9431, -0.1499, 0.2359), (21.9, 0.0), (3.312e-9, -1.142e-4, 1.224))
+"""The one aircraft whose constants are published in the paper's form: the missile of Subchan & Zbikowski (2009), that
+flies at 272 m/s. At the paper's 20 m/s it would need a lift coefficient of 119."""
+
+
+def planar_derivative(state: np.ndarray, control: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """Eq. (1) on (gamma, v, x, h) with control (thrust, angle of attack), its g sin(alpha) mended to g sin(gamma)."""
+    gamma, v, _, h = np.moveaxis(state, -1, 0)
+    (thrust, alpha), c = np.moveaxis(control, -1, 0), np.moveaxis(c, -1, 0)
+    mass, gravity = c[I.mass], c[I.gravity]
+    lift, drag = forces(h, v, alpha, c)
+    (sin_alpha, cos_alpha), (sin_gamma, cos_gamma) = sincos(alpha), sincos(gamma)
+    turning = (thrust * sin_alpha + lift * cos_alpha) / (mass * v) - gravity * cos_gamma / v
+    faster = (thrust * cos_alpha - drag - lift * sin_alpha) / mass - gravity * sin_gamma
+    return np.stack([turning, faster, v * cos_gamma, v * sin_gamma], -1)
+
+
+@dataclass(frozen=True)
+class PlanarPuna:
+    """The paper's model in the vertical plane: state (gamma, v, x, h), thrust and angle of attack.
+
+    Drag along the velocity, but lift along the body's normal, as printed: what comes with lift brakes twice. Subchan &
+    Zbikowski (2009), whose constants are those of axial and normal force, have both along the body. No wind, no
+    actuators, and nothing is bounded.
+    """
+
+    body: PointMass = field(default_factory=lambda: load("puna", PunaParameters))
+    dt: float = 0.01  # s, assumed: the paper prints none
+
+    def step(self, state: np.ndarray, control: np.ndarray) -> np.ndarray:
+        """Eqs. (19) and (21), forward Euler, their second row with "+ v_k" for the printed "+ gamma_k".
+
+        Args:
+            state: ``(..., 4)``.
+            control: ``(..., 2)`` thrust [N] and angle of attack [rad].
+        """
+        return state + self.dt * planar_derivative(state, control, self.body.vector())
+
+    def model(self, measured: str, Q: np.ndarray, R: np.ndarray) -> NonlinearModel:
+        """The paper's filter model, with one of its two sets of measurements; the known input is the control.
+
+        Args:
+            measured: ``"x"``, the position along the track alone, or ``"all"``, every state.
+            Q: ``(4, 4)`` covariance of the process noise of a step.
+            R: ``(1, 1)`` or ``(4, 4)`` covariance of the measurements.
+
+        Raises:
+            ValueError: for another set.
+        """
+        if measured not in ("x", "all"):
+            raise ValueError(f"unknown measurement set {measured!r}: choose x or all")
+        seen = [2] if measured == "x" else [0, 1, 2, 3]
+
+        def transition(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+            assert u is not None
+            return self.step(x, u)
+
+        def measurement(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+            return x[..., seen]
+
+        angles = (0,) if measured == "all" else ()
+        return NonlinearModel(transition, measurement, Q, R, state_angles=(0,), measurement_angles=angles)

@@ -1,0 +1,207 @@
+"""The page on the PUNA paper: its paths and its ensemble filter."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agents.page import Entry, Table, listed, number, words
+from agents.plotting import BELIEVED, INK, PALETTE, PUBLISHED, RAW, TRUE
+from agents.statistics import Interval, mean_interval, paired_difference
+from studies.papers.figures import Curve, Panel, ends, panels, ratios, sensitivities
+from studies.papers.likelihood import of_errors
+from studies.papers.measures import Comparison, Report, comparison_table, falls, percent, rows, trend
+from studies.papers.puna.experiment import CONTROLS, MEASURED, PLANE, QUANTITIES, bank
+from studies.papers.search import Search
+from studies.papers.template import fill
+from vessel_gym.guidance.dubins import WORDS
+
+Results = Mapping[str, Mapping[str, Any]]
+_CIRCULAR = "Q and R were taken from it"
+
+
+def report(settings: Mapping[str, Any], results: Results) -> Report:
+    """Page and measures, from the values of every cell."""
+    members, paths = settings["members"], settings["paths"]
+    names = {"flight": "noise of a flight", "sizes": "noise of the printed sizes"}
+    columns = {name: _comparisons(settings, results, level, "all") for level, name in names.items()}
+    theirs = [[text] for text in settings["printed"]["constant"]["errors"]]
+    search = Search.of(
+        settings["open"], lambda each: of_errors(theirs, _search(results, each), settings["discrepancy"])
+    )
+    ranked = [_search(results, each).mean(0) for each in (*search.best(5), search.believed, search.first)]
+    opened, obstructed = results["open"], results["obstructed"]
+    shortest = {reading: min(found, key=found.get) for reading, found in opened["lengths"].items()}
+    all_, alone = (_rmse(results, "flight", "constant", measured) for measured in MEASURED)
+    gains = {
+        q: _ratio(alone[members.index(300), :, i], all_[members.index(300), :, i]) for i, q in enumerate(QUANTITIES)
+    }
+    change = trend(members, np.exp(np.log(all_).mean(-1)).T)
+    tables = {
+        "published": comparison_table(columns), "words": _words(opened), "obstacle": _ways(paths, obstructed),
+        "ranking": search.ranking(5, {"γ, v, x, h": [", ".join(number(v, 3) for v in means) for means in ranked]}),
+        "sensitivity": search.sensitivity(),
+    }  # fmt: skip
+    figures = {
+        "ratios": ratios(columns), "sensitivity": sensitivities(search), "paths": _paths(paths, opened, obstructed),
+        "flight": _flight(results), "members": _members(settings, results),
+    }  # fmt: skip
+    ends_ = [paths["obstructed"][end] for end in ("start", "goal")]
+    page, opening = fill(
+        Path(__file__).parent, tables, figures, settings=settings, open=opened, obstructed=obstructed, search=search,
+        aircraft=results["aircraft"], alpha=np.rad2deg(results["aircraft"]["alpha"]), shortest=shortest, plane=PLANE,
+        agree=[reading for reading, word in shortest.items() if word == paths["open"]["word"]],
+        gains={q: f"{g.mean:.2f} [{g.low:.2f}, {g.high:.2f}]" for q, g in gains.items()}, falls=falls(change),
+        least=min(g.mean for g in gains.values()), better=all(g.low > 1.0 for g in gains.values()),
+        best={c: _best(settings, results, c) for c in CONTROLS}, change=percent(change),
+        away=np.abs(np.asarray(obstructed["tangent points"]) - ends_).max(),
+        stalled=100.0 * np.mean(np.asarray(results["sizes, constant, all"]["slowest"]) <= 0.0),
+        near=int((search.values.max() - search.values < 3.0).sum()),
+        alone=[f"{c.ratio.mean:.2f}" for c in _comparisons(settings, results, "flight", "x")[:4]],
+    )  # fmt: skip
+    return Report(page, rows(settings["paper"], columns[names["flight"]]), opening)
+
+
+def _rmse(results: Results, level: str, control: str, measured: str) -> np.ndarray:
+    """RMS errors ``(sizes, runs, 4)``."""
+    return np.asarray(results[f"{level}, {control}, {measured}"]["rmse"])
+
+
+def _search(results: Results, combination: Mapping[str, Any]) -> np.ndarray:
+    """RMS errors ``(runs, 4)`` of a combination of the search."""
+    return np.asarray(results[f"search, {', '.join(map(str, combination.values()))}"]["rmse"])[0]
+
+
+def _ratio(worse: np.ndarray, better: np.ndarray) -> Interval:
+    """Geometric mean ratio of paired errors."""
+    logs = mean_interval(np.log(worse) - np.log(better))
+    assert logs is not None
+    return Interval(*(float(np.exp(end)) for end in (logs.mean, logs.low, logs.high)))
+
+
+def _comparisons(settings: Mapping[str, Any], results: Results, level: str, measured: str) -> list[Comparison]:
+    """The eight printed errors beside ours at a noise level."""
+    found = []
+    for control in CONTROLS:
+        printed = settings["printed"][control]
+        ours = _rmse(results, level, control, measured)[settings["members"].index(printed["members"])]
+        for i, (quantity, unit) in enumerate(QUANTITIES.items()):
+            found.append(Comparison(
+                f"{control} angle, {printed['members']} members", quantity, unit, printed["errors"][i],
+                printed["lines"], ours[:, i],
+                meant=printed.get("meant", {}).get(quantity), reason=_CIRCULAR if level == "sizes" else "",
+            ))  # fmt: skip
+    return found
+
+
+def _best(settings: Mapping[str, Any], results: Results, control: str) -> dict[str, str]:
+    """The claim that a size is the best, by the geometric mean of the four errors, paired."""
+    members, best = settings["members"], settings["printed"][control]["best"]
+    logs = 100.0 * np.log(_rmse(results, "flight", control, "all")).mean(-1)
+    gaps = {
+        size: paired_difference(logs[i], logs[members.index(best)]) for i, size in enumerate(members) if size != best
+    }
+    better = [str(size) for size, gap in gaps.items() if gap is not None and gap.high < 0.0]
+    level = [str(size) for size, gap in gaps.items() if gap is None or not gap.excludes_zero]
+    verdict = f"false, {listed(better)} are better" if better else "true"
+    if level and not better:
+        verdict = f"undecided, no significant difference from {listed(level)}"
+    return {"verdict": verdict, "gaps": ", ".join(f"{size}: {words(gap, 2, True)} %" for size, gap in gaps.items())}
+
+
+# --- tables and figures -----------------------------------------------------------------------------
+
+
+def _words(opened: Mapping[str, Any]) -> Table:
+    """The length of every word in the case without an obstacle, the shortest bold."""
+    found = opened["lengths"]
+    rows_ = [
+        (word, [Entry(number(each[word], 1), strong=each[word] == min(each.values())) if word in each else Entry("–")
+                for each in found.values()])
+        for word in WORDS
+    ]  # fmt: skip
+    return Table("", "", "word", [(reading, "m") for reading in found], [("", rows_)], "words")
+
+
+def _ways(paths: Mapping[str, Any], found: Mapping[str, Any]) -> Table:
+    """Ways past the obstacle: length, clearance of its centre, kinks and bank."""
+    radius, turn = paths["obstacle"][2], bank(paths["speed"], paths["radius"])
+
+    def way(length: float, clearance: float, kinks: str = "none", angle: float = turn) -> list[Entry]:
+        return [Entry(v) for v in (number(length, 3), number(clearance, 2), kinks, number(angle, 1))]
+
+    lines = []
+    for word in ("SRS", "SLS"):
+        kinks = listed([number(kink, 1) for kink in found["kinks"][word]])
+        lines.append((f"{word}, string round it", way(found["strings"][word], radius, kinks, found["bank"])))
+    lines.append((f"{found['word']} from (−500, 100), through the obstacle", way(found["length"], found["clearance"])))
+    lines.append(("our plan from there, round it", way(found["detour"], radius)))
+    lines += [
+        (f"{each['word']}, printed points as poses, headings {reading}", way(each["length"], each["clearance"]))
+        for reading, each in found["as poses"].items()
+    ]
+    head = [("length", "m"), ("passes the centre at", "m"), ("kinks", "deg"), ("bank", "deg")]
+    return Table("", "", "way", head, [("", lines)], "obstacle")
+
+
+def _paths(paths: Mapping[str, Any], opened: Mapping[str, Any], obstructed: Mapping[str, Any]) -> str:
+    """The case without an obstacle in two readings of its headings, and the case with one."""
+    row, word = [], paths["open"]["word"]
+    for reading in ("from the x axis", "from the y axis, clockwise"):
+        lengths, curves = opened["lengths"][reading], []
+        best = min(lengths, key=lengths.get)
+        for name, track in opened["tracks"][reading].items():
+            color = TRUE if name == best else PUBLISHED if name == word else RAW
+            label = f"{name}, shortest" if name == best else name if name == word else ""
+            x, y = np.transpose(track)
+            curves.append(Curve(x, y, label, color, options={"linewidth": 1.8 if name == best else 0.8}))
+        row.append(Panel(curves, "x [m]", "y [m]", f"headings {reading}", equal=True))
+    x, y, radius = paths["obstacle"]
+    angle = np.linspace(0.0, 2.0 * np.pi, 100)
+    looks = {"whole": (obstructed["word"], RAW), "detour": ("our plan", TRUE), "SRS": ("string SRS", PUBLISHED),
+             "SLS": ("string SLS", PALETTE[2])}  # fmt: skip
+    tracks = {label: (np.transpose(obstructed["tracks"][key]), color) for key, (label, color) in looks.items()}
+    curves = [Curve(track[0], track[1], label, color) for label, (track, color) in tracks.items()]
+    curves.append(Curve(x + radius * np.cos(angle), y + radius * np.sin(angle), "obstacle", INK))
+    near = {"xlim": (-520.0, 20.0), "ylim": (80.0, 260.0)}
+    row.append(Panel(curves, "x [m]", "y [m]", "with an obstacle", equal=True, options=near))
+    return panels([[panel] for panel in row], 7.2, 9.0, sharex=False)
+
+
+def _flight(results: Results) -> str:
+    """The first flight, true and estimated, of either control with either set of measurements."""
+    grid: list[list[Panel]] = [[] for _ in QUANTITIES]
+    for control in CONTROLS:
+        cases = {measured: results[f"flight, {control}, {measured}"] for measured in MEASURED}
+        truth = np.asarray(cases["all"]["truth"])
+        time = PLANE.dt * np.arange(1, len(truth) + 1)
+        level = np.zeros_like(truth)
+        level[:, 2] = 20.0 * time
+        for i, (quantity, unit) in enumerate(QUANTITIES.items()):
+            curves = [Curve(time, (truth - level)[:, i], "true", options={"linewidth": 1.5})]
+            for (measured, case), color, line in zip(cases.items(), (BELIEVED, PALETTE[2]), ("-", "--"), strict=True):
+                means = (np.asarray(case["estimate"]) - level)[:, i]
+                curves.append(Curve(time, means, f"estimated, {MEASURED[measured]}", color, line))
+            label = f"{'x − 20 t' if quantity == 'x' else quantity} [{unit}]"
+            grid[i].append(Panel(curves, "time [s]" if i == 3 else "", label, f"{control} angle" if i == 0 else ""))
+    return panels(grid, 7.2, 7.0, sharey="row")
+
+
+def _members(settings: Mapping[str, Any], results: Results) -> str:
+    """RMS errors over the number of members, with the printed ones."""
+    made = []
+    for i, (quantity, unit) in enumerate(QUANTITIES.items()):
+        curves = []
+        for measured, color in zip(MEASURED, (TRUE, BELIEVED), strict=True):
+            for control, line in zip(CONTROLS, ("-", ":"), strict=True):
+                means, halves = ends(_rmse(results, "flight", control, measured)[..., i])
+                curves.append(
+                    Curve(settings["members"], means, f"{MEASURED[measured]}, {control}", color, line, "o", halves)
+                )
+        for control in CONTROLS:
+            printed = settings["printed"][control]
+            value = printed.get("meant", {}).get(quantity) or float(printed["errors"][i])
+            curves.append(Curve([printed["members"]], [value], "printed", PUBLISHED, "", "D"))
+        made.append(Panel(curves, "members", f"RMS error of {quantity} [{unit}]", options={"yscale": "log"}))
+    return panels([made[:2], made[2:]], 7.2, 5.4)

@@ -1,0 +1,192 @@
+"""The page on the robust filters."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agents.page import Entry, Table, entry, number, words
+from agents.plotting import BELIEVED, INK, PALETTE, RAW, TRUE
+from agents.statistics import Interval, mean_interval
+from studies.papers.figures import Curve, Panel, ends, panels
+from studies.papers.measures import Report, Row
+from studies.papers.robust.experiment import PRIOR_VARIANCE, STATES, STEP, Condition, cell_name, sweeps
+from studies.papers.template import fill
+
+Results = Mapping[str, Mapping[str, Any]]
+_COLOURS = (INK, BELIEVED, PALETTE[2], PALETTE[5], TRUE)
+_TITLES = {
+    "rate": "how many outliers [%]", "size": "how large the outliers [σ]", "tolerance": "c of the worst noise",
+    "parameters": "error of A [%]", "least_favourable, outliers": "outliers [%], worst noise of c = 0.1",
+    "parameters, outliers": "outliers [%], A off by 40 %",
+}  # fmt: skip
+
+
+def report(settings: Mapping[str, Any], results: Results) -> Report:
+    """Page and measures, from the values of every cell; the paper prints no number."""
+    groups, example = sweeps(settings), results["example"]
+    huber, *minimax = others = [name for name in settings["filters"] if name != "kf"]
+    hit, example_rmse = Condition(**settings["outliers"]), np.asarray(example["kf"]["rmse"])
+
+    def to_kf(condition: Condition, name: str) -> Interval:
+        return ratio(results, "random", condition, name)
+
+    model_errors = [c for key in ("tolerance", "parameters") for c in groups[key] if getattr(c, key)]
+    outliers = list(dict.fromkeys(c for key in ("rate", "size") for c in groups[key] if c.rate))
+    tables = {
+        "outliers": _table(
+            results, {"share of outliers of 10 σ": groups["rate"], "size of 10 % outliers": groups["size"]}, others
+        ),
+        "model-error": _table(
+            results, {"worst noise": groups["tolerance"], "error of A": groups["parameters"]}, others
+        ),
+        "both": _table(results, {_TITLES[key]: groups[key] for key in list(_TITLES)[4:]}, others),
+        "systems": _systems(results, settings, others),
+    }
+    figures = {
+        "sweeps": _sweeps(results, groups, others), "example": _example(example, settings),
+        "gain": _gain(example, settings["steps"], ["kf", minimax[-1]]),
+    }  # fmt: skip
+    kf, settled = example["kf"], float(np.sqrt(np.mean(example_rmse[settings["skipped"] :] ** 2)))
+    gain, variance = np.asarray(kf["gain"]), np.asarray(kf["variance"])
+    grounds = [(huber, hit)] + [
+        (n, Condition(**settings[e])) for n in minimax for e in ("least_favourable", "parameters")
+    ]
+    shares = [f"{name} {100.0 * np.mean(_units(results, c, name) < 1.0):.0f} %" for name, c in grounds]
+    page, opening = fill(
+        Path(__file__).parent, tables, figures, settings=settings, example=example, hit=to_kf(hit, huber),
+        random=settings["populations"]["random"], free={n: to_kf(Condition(), n) for n in others},
+        struck={n: to_kf(hit, n) for n in minimax}, minimax=minimax,
+        gains={n: _balance(results, model_errors, n) for n in minimax},
+        losses={n: _balance(results, outliers, n) for n in minimax}, every=_balance(results, outliers, huber),
+        errors=example_rmse, start=float(np.sqrt(PRIOR_VARIANCE * STATES)), settled=settled, gain=gain[[0, -1], 0],
+        falls=bool((variance[-1] < variance[0]).all()), shares=shares, step=STEP,
+        affected={n: words(ratio(results, "paper", hit, n, Condition()), 2) for n in settings["filters"]},
+    )  # fmt: skip
+    return Report(page, [Row(settings["paper"], "no number is printed", 0, 0, 0, 0, 0, 0, 0.0)], opening)
+
+
+def _rmse(results: Results, population: str, condition: Condition, name: str) -> np.ndarray:
+    """RMSE of each unit of an interval: of every system over its runs, or of every run of the single system."""
+    values = np.asarray(results[cell_name(population, condition)][name])
+    return values[0] if len(values) == 1 else np.sqrt(np.mean(values**2, axis=1))
+
+
+def ratio(
+    results: Results, population: str, condition: Condition, name: str, without: Condition | None = None
+) -> Interval:
+    """Geometric mean of a filter's RMSE over that of the KF, or over its own under the condition ``without``."""
+    ours = _rmse(results, population, condition, name)
+    other = _rmse(results, population, without or condition, name if without else "kf")
+    logs = mean_interval(np.log(ours) - np.log(other))
+    assert logs is not None
+    return Interval(*(float(np.exp(end)) for end in (logs.mean, logs.low, logs.high)))
+
+
+def _units(results: Results, condition: Condition, name: str) -> np.ndarray:
+    """Every random system's RMSE over that of the KF."""
+    return _rmse(results, "random", condition, name) / _rmse(results, "random", condition, "kf")
+
+
+def _balance(results: Results, conditions: Sequence[Condition], name: str) -> str:
+    """Of how many conditions a filter gains on the KF, of how many it loses, and by how much of the error."""
+    ratios, found = [ratio(results, "random", condition, name) for condition in conditions], []
+    gained, lost = [1.0 - r.mean for r in ratios if r.high < 1.0], [r.mean - 1.0 for r in ratios if r.low > 1.0]
+    for verb, changes in (("gains", gained), ("loses", lost)):
+        if changes:
+            sizes = dict.fromkeys(number(100.0 * pick(changes), 1) for pick in (min, max))
+            found.append(f"{verb} {' to '.join(sizes)} % in {len(changes)}")
+    return f"{' and '.join(found) or 'neither gains nor loses significantly in any'} of {len(ratios)}"
+
+
+def _label(key: str, condition: Condition) -> str:
+    attribute = "rate" if "outliers" in key else key
+    value = getattr(condition, attribute)
+    return f"{100 * value:g}" if attribute in ("rate", "parameters") else f"{value:g}"
+
+
+def _table(results: Results, groups: Mapping[str, Sequence[Condition]], others: Sequence[str]) -> Table:
+    """RMSE of the KF and ratios to it over the random systems, bold where the interval excludes 1."""
+
+    def line(condition: Condition) -> list[Entry]:
+        kf = float(np.exp(np.log(_rmse(results, "random", condition, "kf")).mean()))
+        ratios = [ratio(results, "random", condition, name) for name in others]
+        return [Entry(number(kf, 2)), *(replace(entry(r, 3), strong=r.high < 1.0 or r.low > 1.0) for r in ratios)]
+
+    def name(title: str, c: Condition) -> str:
+        if title.startswith("size"):
+            return f"{c.size:g} σ"
+        if title.startswith("worst"):
+            return f"c = {c.tolerance:g}"
+        return f"{100 * (c.parameters if title.startswith('error') else c.rate):g} %"
+
+    sections = [(title, [(name(title, c), line(c)) for c in conditions]) for title, conditions in groups.items()]
+    return Table("", "", "condition", [("KF, RMSE", ""), *((f"{n} / KF", "") for n in others)], sections)
+
+
+def _systems(results: Results, settings: Mapping[str, Any], others: Sequence[str]) -> Table:
+    """Quantiles of the ratio to the KF over the random systems."""
+    sections = []
+    shown = {"nothing wrong": "", "10 % outliers of 10 σ": "outliers", "worst noise, c = 0.1": "least_favourable",
+             "A off by 40 %": "parameters"}  # fmt: skip
+    for title, key in shown.items():
+        lines = []
+        for name in others:
+            ratios = _units(results, Condition(**settings[key]) if key else Condition(), name)
+            quantiles = [number(float(q), 2) for q in np.quantile(ratios, (0.0, 0.1, 0.5, 0.9, 1.0))]
+            lines.append((name, [Entry(v) for v in (number(100.0 * float((ratios < 1.0).mean()), 0), *quantiles)]))
+        sections.append((title, lines))
+    head = [("systems below the KF", "%"), *((label, "") for label in ("best", "10 %", "median", "90 %", "worst"))]
+    return Table("", "", "filter", head, sections, "systems")
+
+
+def _sweeps(results: Results, groups: Mapping[str, Sequence[Condition]], others: Sequence[str]) -> str:
+    """Ratios to the KF with 95 % intervals; hollow: the single system in the paper's place."""
+    made = []
+    for key, title in _TITLES.items():
+        x, curves = np.arange(len(groups[key])), []
+        for name, color in zip(others, _COLOURS[1:], strict=True):
+            logs = np.array([np.log(_units(results, c, name)) for c in groups[key]])
+            means, halves = ends(logs)
+            single = [ratio(results, "paper", c, name).mean for c in groups[key]]
+            curves.append(Curve(x, np.exp(means), name, color, "-", "o", half=np.exp(means) * halves))
+            curves.append(Curve(x, single, "", color, ":", "o", options={"markerfacecolor": "white", "linewidth": 0.8}))
+        ticks = {"yscale": "log", "xticks": x, "xticklabels": [_label(key, c) for c in groups[key]]}
+        made.append(Panel(curves, title, "RMSE / RMSE of the KF", one=True, options=ticks))
+    return panels([made[:2], made[2:4], made[4:]], 7.2, 8.4, sharex=False)
+
+
+def _example(example: Mapping[str, Any], settings: Mapping[str, Any]) -> str:
+    """The paper's figures 1, 2 and 5: estimates and true states, without and with disturbance."""
+    t, x, hit = STEP * np.arange(settings["steps"]), np.asarray(example["x"]), np.asarray(example["outlier"]) > 0.0
+    names = ["kf", "huber-kf", list(settings["filters"])[-1]]
+    grid = []
+    for which, title in (("clean", "no disturbance"), ("disturbed", "with disturbance")):
+        row = []
+        for i in range(STATES):
+            curves = [Curve(t, x[:, i], "true", RAW, options={"linewidth": 2.4})]
+            curves += [Curve(t, np.asarray(example[name][which])[:, i], name, color, options={"linewidth": 0.9})
+                       for name, color in zip(names, (INK, BELIEVED, TRUE), strict=True)]  # fmt: skip
+            if which == "disturbed":
+                curves.append(Curve(t[hit], np.full(hit.sum(), x[:, i].min() - 1.0), "outlier", INK, "", "|"))
+            row.append(Panel(curves, "time [s]" if which == "disturbed" else "", f"$x_{i + 1}$", title))
+        grid.append(row)
+    return panels(grid, 7.2, 4.8)
+
+
+def _gain(example: Mapping[str, Any], steps: int, names: Sequence[str]) -> str:
+    """The paper's figures 3 and 4: extreme singular values of the gain, and the variances."""
+    t, gain, variance = STEP * np.arange(steps), [], []
+    for name, color in zip(names, (INK, TRUE), strict=True):
+        high, low = np.asarray(example[name]["gain"]).T
+        gain.append(Curve(t, high, name, color, fill=low))
+        variance += [
+            Curve(t, v, "", color, line)
+            for v, line in zip(np.asarray(example[name]["variance"]).T, ("-", "--"), strict=True)
+        ]
+    return panels([[
+        Panel(gain, "time [s]", "singular values of K", options={"yscale": "log"}),
+        Panel(variance, "time [s]", "variance of $x_1$, $x_2$", options={"yscale": "log"}),
+    ]], 7.2, 2.8)  # fmt: skip

@@ -1,0 +1,121 @@
+"""The thesis on the corvette: its experiment, and the search for what was done."""
+
+import numpy as np
+import pytest
+
+from studies.papers import settings
+from studies.papers.corvette import experiment
+from vessel_gym.vehicles.corvette_thesis import RUDDER, SAMPLES, SIMULATIONS, B, unknown_input
+
+S = settings("corvette")
+TRIAL = {key: S[key] for key in ("step", "helm")}
+RUNS = 20
+
+
+@pytest.mark.parametrize("simulation", SIMULATIONS)
+def test_a_printed_mean_is_that_of_its_three_runs(simulation: str):
+    printed = S["printed"][simulation]
+    for runs, mean in zip((printed["heading"], printed["unknown_input"]), printed["means"], strict=True):
+        assert np.mean([float(run) for run in runs]) == pytest.approx(float(mean), abs=0.00005 + 1e-9)
+
+
+def test_the_record_is_a_full_turn_within_the_thesis_plots():
+    heading, u = experiment.turning_record(**TRIAL)
+    assert heading.shape == (SAMPLES,)
+    assert heading[0] == 0.0
+    assert (np.diff(heading)[1:] > 0.0).all()
+    assert 2.0 * np.pi < heading[-1] < 7.0
+    assert np.argmin(u[:, 0] < np.deg2rad(S["helm"])) == np.ceil(S["helm"] / 5.0 / S["step"])  # at 5 deg/s
+
+
+@pytest.mark.parametrize("model", experiment.MODELS)
+@pytest.mark.parametrize("simulation", SIMULATIONS)
+def test_after_the_update_the_errors_of_heading_and_d_add_up_to_the_noise(simulation: str, model: str):
+    """The law by which the updated headings cannot be the printed ones."""
+    heading, u = experiment.turning_record(**TRIAL)
+    noise = 0.01 * np.random.default_rng(1).standard_normal((3, SAMPLES, 2))
+    assumed = experiment.assumed_model(SIMULATIONS[simulation], model, S["step"])
+    errors = experiment.estimate(assumed, heading, unknown_input(0.05, 98), u, noise)
+    np.testing.assert_allclose(errors[0] + 2.0 * errors[1], noise.sum(-1), rtol=0, atol=1e-12)
+
+
+def test_errors_do_not_depend_on_a_d_that_drives_the_heading_and_grow_with_one_that_does_not():
+    small, large = (experiment.simulate(name, "as-printed", runs=3, seed=0, **TRIAL) for name in ("I", "V"))
+    np.testing.assert_allclose(small["driven"], large["driven"], rtol=0, atol=1e-10)
+    assert (large["rmse"] > 2.0 * small["rmse"]).all()
+
+
+def test_the_settled_filter_depends_on_the_ratio_of_Q_and_R_only():
+    heading, u = experiment.turning_record(**TRIAL)
+    noise = 1e-3 * np.random.default_rng(2).standard_normal((1, SAMPLES, 2))
+    errors = []
+    for name in ("I", "IV"):
+        assumed = experiment.assumed_model(SIMULATIONS[name], "as-printed", S["step"])
+        errors.append(experiment.estimate(assumed, heading, unknown_input(0.01, 98), u, noise))
+    difference = np.abs(np.subtract(*errors))
+    assert difference[:, :, :5].max() > 1e-4  # the start differs, as P0 is the same
+    assert difference[:, :, 100:].max() < 1e-7
+
+
+# --- the search -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("simulation", SIMULATIONS)
+@pytest.mark.parametrize("prior", [1e-3, 1.0])
+def test_the_gains_of_the_search_are_those_of_kf_umv_ui(simulation: str, prior: float):
+    """An independent implementation: the package's filter, run on the same record, d and noise."""
+    s, rng = SIMULATIONS[simulation], np.random.default_rng(3)
+    heading = np.cumsum(rng.normal(0.03, 0.01, SAMPLES))
+    d, noise = unknown_input(s.size, 50), 0.01 * rng.standard_normal((2, SAMPLES, 2))
+    filter = experiment.recursion(s, "cited", "update", prior)
+    y = np.stack([np.broadcast_to(heading + d, (2, SAMPLES)), np.broadcast_to(d, (2, SAMPLES))], -1) + noise
+    found = experiment.respond(filter, "update", np.broadcast_to(heading, (2, SAMPLES)), y, np.zeros(3), RUDDER)
+    assumed = experiment.assumed_model(s, "as-printed", S["step"])
+    u = np.broadcast_to([RUDDER, 0.0], (SAMPLES, 2))
+    expected = experiment.estimate(assumed, heading, d, u, noise, prior)
+    np.testing.assert_allclose(found[0], expected[0], atol=1e-9)
+    np.testing.assert_allclose(found[1] - d, expected[1], atol=1e-9)
+    np.testing.assert_allclose(found[2], expected[2], atol=1e-9)
+
+
+def test_what_the_search_composes_of_responses_is_what_the_filter_does():
+    """The baseline combination has the errors of the experiment as it was set up before the search."""
+    first = {name: choice["tried"][0] for name, choice in S["open"].items()}
+    found = experiment.explain(first, 200, 0, **TRIAL)
+    for name in SIMULATIONS:
+        expected = experiment.simulate(name, "as-printed", runs=200, seed=1, **TRIAL)["rmse"]
+        np.testing.assert_allclose(found[name].mean(-1), expected[:2].mean(-1), rtol=0.02)
+
+
+def test_a_search_over_one_combination_is_its_likelihood_and_other_alternatives_leave_it_alone():
+    tried = {name: [choice["believed"]] for name, choice in S["open"].items()}
+    shared = {"printed": S["printed"], "discrepancy": 0.15, "runs": 20, "seed": 0, **TRIAL}
+    alone = experiment.search(tried=tried, **shared)["log_likelihood"]
+    more = tried | {
+        "scored": ["updated", tried["scored"][0]],
+        "size": [1.0, *tried["size"]],
+        "switch": [98, *tried["switch"]],
+    }
+    among = experiment.search(tried=more, **shared)["log_likelihood"]
+    assert alone.shape == (1,) * len(tried)
+    assert among.max() == among[1, 0, 0, 0, 0, 0, 0, 1, 0, 1] == pytest.approx(alone.item(), abs=1e-3)
+
+
+@pytest.mark.parametrize("prior", [1e-3, 1.0])
+@pytest.mark.parametrize("simulation", ["I", "III"])
+def test_of_a_wrong_first_heading_d_takes_the_share_that_the_page_states(simulation: str, prior: float):
+    from studies.papers.corvette.page import _left
+
+    filter = experiment.recursion(SIMULATIONS[simulation], "cited", "update", prior)
+    wrong = np.array([0.0, 0.0, 0.1])
+    found = experiment.respond(filter, "update", np.zeros((1, SAMPLES)), np.zeros((1, SAMPLES, 2)), wrong)
+    assert found[1, 0, 0] == pytest.approx(-0.01 * _left(SIMULATIONS[simulation].R, prior) * 0.1)
+
+
+def test_words_for_noise_and_start_are_numbers():
+    assert experiment.level("normal sqrt(R)", 4.0) == ("normal", 2.0)
+    assert experiment.level("uniform 1e-3", 4.0) == ("uniform", 1e-3)
+    assert experiment.level("none", 4.0) == ("normal", 0.0)
+    assert experiment.start_sd("root of the prior", 9.0) == 3.0
+    assert experiment.start_sd("0.1", 9.0) == 0.1
+    assert B.shape == (3, 1)

@@ -1,0 +1,130 @@
+"""The papers on underwater vehicles: their dives, and what errors are relative to."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from studies.papers import settings
+from studies.papers.dive import Experiment, channel_sd, rms, thinned
+from studies.papers.itsunusa import experiment as itsunusa
+from studies.papers.segorogeni import experiment as segorogeni
+from vessel_gym.vehicles.files import load
+from vessel_gym.vehicles.itsunusa import STATE as DIVER
+from vessel_gym.vehicles.segorogeni import STATE, Segorogeni
+
+TRIAL = segorogeni.read(settings("segorogeni")["trial"])
+DIVE = settings("itsunusa")["trial"]
+PLACE = [STATE.index(name) for name in ("x", "y", "z", "psi")]
+
+
+def decay(states: np.ndarray, control: np.ndarray) -> np.ndarray:
+    """A state that decays to its control, and one that integrates it."""
+    after = np.array(states)
+    after[..., 0] = 0.9 * states[..., 0] + 0.1 * control[..., 0]
+    after[..., 1] += 0.1 * states[..., 0]
+    return after
+
+
+def test_measurements_and_process_have_the_noise_that_the_filter_assumes():
+    watched = Experiment(
+        decay, np.zeros(2), np.ones((200, 1)), [0], [0], np.array([0.02]), np.array([0.3]), np.array([0.1])
+    )  # fmt: skip
+    truth, measurements = watched.run(200, np.random.default_rng(0))
+    noise = measurements - truth[1:, :, :1]
+    process = truth[1:, :, 0] - decay(truth[:-1], watched.controls[:, None])[..., 0]
+    assert noise.std() == pytest.approx(0.3, rel=0.02)
+    assert process.std() == pytest.approx(0.02, rel=0.02)
+    assert watched.model.Q[0, 0] == pytest.approx(0.02**2)
+    quiet = replace(watched, process_sd=np.zeros(1), measurement_sd=np.zeros(1)).run(2, np.random.default_rng(0))
+    np.testing.assert_allclose(quiet.truth[:, 0], watched.planned)
+
+
+def test_sensors_and_histories_are_read_as_they_stand():
+    sensors = Segorogeni().sensors
+    assert (
+        channel_sd(sensors, ("r", "u over ground")).tolist()
+        == channel_sd(sensors, ("u over ground", "r"))[::-1].tolist()
+    )
+    np.testing.assert_allclose(rms(np.array([[[3.0]], [[4.0]]])), np.sqrt(12.5))
+    assert thinned(np.arange(1000)).tolist()[::399] == [0, 999]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("own", "tolerance"), [(True, 1e-6), (False, 0.01)])
+def test_the_planned_path_of_segorogeni_goes_from_rest_to_the_papers_goal(own: bool, tolerance: float):
+    dive = segorogeni.dive(TRIAL, own)
+    np.testing.assert_allclose(dive.planned[-1, PLACE[:3]], TRIAL.goal, atol=tolerance)
+    assert dive.controls[0, 0] == pytest.approx(np.deg2rad(5.0))
+
+
+def test_without_ballast_the_printed_kinematics_sink_too_slowly():
+    body = replace(load("segorogeni"), printed_kinematics=True)
+    control = np.array([0.0, -body.fin_limit, body.thrust_limit] * 2)
+    state = np.zeros(len(STATE))
+    for _ in range(300):
+        state = TRIAL.vehicle.moved(state, *np.split(control, 2, -1), np.zeros(2), body.vector())
+    assert round(state[STATE.index("w")], 2) == 0.16
+    assert TRIAL.duration * state[STATE.index("w")] < TRIAL.goal[2]
+
+
+def test_both_steps_have_the_same_white_noise_and_factors_scale_it():
+    own, printed = (segorogeni.dive(TRIAL, each) for each in (True, False))
+    np.testing.assert_allclose(own.process_sd**2 / segorogeni.OWN_STEP, printed.process_sd**2 / TRIAL.step)
+    np.testing.assert_allclose(own.measurement_sd**2 * segorogeni.OWN_STEP, printed.measurement_sd**2 * TRIAL.step)
+    louder = segorogeni.dive(TRIAL, True, process=3.0, measurement=2.0, measured=3)
+    np.testing.assert_allclose(louder.process_sd, 3.0 * own.process_sd)
+    np.testing.assert_allclose(louder.measurement_sd, 2.0 * own.measurement_sd[:3])
+    assert [STATE[own.estimated[i]] for i in own.measured] == ["u", "v", "w", "r"]
+
+
+def test_true_velocities_integrate_to_the_true_position():
+    dive = segorogeni.dive(TRIAL, True)
+    truth = dive.run(3, np.random.default_rng(0)).truth
+    np.testing.assert_allclose(segorogeni.positions(dive, truth[..., dive.estimated]), truth[..., PLACE], atol=1e-9)
+    diver = itsunusa.dive(DIVE)
+    truth = diver.run(3, np.random.default_rng(0)).truth
+    depths = itsunusa.depths(diver, truth[..., diver.estimated])
+    np.testing.assert_allclose(depths, truth[..., DIVER.index("z")], atol=1e-9)
+
+
+def test_against_the_planned_path_the_error_is_the_vehicles_and_hardly_the_filters():
+    """What explains that members and measurements do not matter in the paper's Table III."""
+    trial = TRIAL._asdict()
+    small, large, exact = (segorogeni.estimate(True, members, 10, 0, trial) for members in (10, 200, 0))
+    np.testing.assert_array_equal(small["truth"], large["truth"])
+    np.testing.assert_array_equal(small["plan"], exact["plan"])
+    planned, true = (exact[reference].mean(0) for reference in segorogeni.REFERENCES)
+    assert (planned > 2.0 * true).all()
+    np.testing.assert_allclose(large["planned path"].mean(0), planned, rtol=0.05)
+    louder = segorogeni.estimate(True, 0, 10, 0, trial, process=2.0)
+    np.testing.assert_allclose(louder["planned path"].mean(0) / planned, 2.0, rtol=0.2)
+
+
+def test_the_same_seed_gives_the_same_errors_and_another_one_others():
+    first, second, other = (segorogeni.estimate(True, 10, 3, seed, TRIAL._asdict()) for seed in (0, 0, 1))
+    for name, values in first.items():
+        np.testing.assert_array_equal(values, second[name])
+    assert not np.allclose(first["planned path"], other["planned path"])
+
+
+@pytest.mark.slow
+def test_the_undisturbed_dive_of_itsunusa_goes_from_rest_to_20_m_and_all_filters_see_the_same_dives():
+    dive = itsunusa.dive(DIVE)
+    np.testing.assert_allclose(dive.planned[-1, [DIVER.index("x"), DIVER.index("z")]], [60.0, 20.0], atol=0.2)
+    assert round(itsunusa.VEHICLE.body.mass) == 96
+    forms = (itsunusa.PRINTED, itsunusa.SYMMETRIC, "ekf")
+    truths = [itsunusa.estimate(form, 10, 2, 0, DIVE)["truth"] for form in forms]
+    truths.append(itsunusa.estimate(itsunusa.SYMMETRIC, 10, 2, 0, DIVE, measured=4)["truth"])
+    for truth in truths[1:]:
+        np.testing.assert_array_equal(truth, truths[0])
+
+
+@pytest.mark.slow
+def test_depth_is_far_better_known_where_pitch_is_measured_and_noise_scales_the_motions():
+    without, measured, louder = (
+        itsunusa.estimate("ekf", 0, 10, 0, DIVE, **options)["rmse"].mean(0)
+        for options in ({}, {"measured": 4}, {"process": 2.0, "measurement": 2.0})
+    )
+    assert measured[3] < 0.3 * without[3]
+    np.testing.assert_allclose(louder[:3] / without[:3], 2.0, rtol=0.02)

@@ -1,0 +1,182 @@
+"""Measures of closeness, likelihoods and searches, and pages from templates."""
+
+from pathlib import Path
+
+import jinja2
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from agents.page import Bullets, Claim, Claims, Facts, Figure, Prose, Table
+from agents.statistics import Interval
+from studies.papers import template
+from studies.papers.likelihood import half_unit, log_likelihood, of_errors
+from studies.papers.measures import Comparison, comparison_table, falls, papers_page, readme_line, row, rows, trend
+from studies.papers.search import Search
+
+RNG = np.random.default_rng(0)
+
+
+def comparison(printed: str, mean: float, spread: float, **options) -> Comparison:
+    deviations = RNG.normal(size=200)
+    deviations -= deviations.mean()
+    return Comparison("I", "psi", "rad", printed, "12", mean + spread * deviations, **options)
+
+
+def test_a_printed_number_agrees_within_rounding_and_the_scatter_of_the_papers_own_runs():
+    assert comparison("0.0047", 0.00474, 1e-9).verdict == "agrees"
+    assert comparison("0.0047", 0.00476, 1e-9).verdict == "worse"
+    assert comparison("0.0047", 0.00464, 1e-9).verdict == "better"
+    once = comparison("0.0047", 0.0040, 0.0005)
+    assert once.verdict == "agrees"
+    assert comparison("0.0047", 0.0040, 0.0005, averaged=10).verdict == "better"
+    assert once.margin == pytest.approx(0.5e-4 + 1.97 * 0.0005 * once.ours.std(ddof=1) / 0.0005, rel=0.01)
+
+
+def test_a_misprint_is_compared_as_meant_and_what_is_circular_not_at_all():
+    speed = comparison("18291", 1.8291, 1e-9, meant=1.8291)
+    assert speed.verdict == "agrees"
+    assert speed.ratio.mean == pytest.approx(1.0)
+    circular = comparison("0.0006", 0.0006, 1e-9, reason="taken from it")
+    assert circular.verdict == "not comparable"
+    (_, ((name, entries), *_)), = comparison_table({"": [circular]}).sections  # fmt: skip
+    assert name == "psi"
+    assert entries[1].value == "12"
+    assert entries[-1].value == "not comparable: taken from it"
+
+
+def test_an_experiment_is_a_row_and_its_typical_factor_the_mean_log_ratio_of_what_compares():
+    found = [comparison("1.0", 2.0, 1e-9), comparison("1.0", 0.5, 1e-9), comparison("1.0", 9.0, 1e-9, reason="no")]
+    assert row("p", "I", found) == ("p", "I", 3, 0, 1, 1, 1, 0, pytest.approx(2.0))
+    assert rows("p", found) == [row("p", "I", found)]
+    assert row("p", "I", found[2:]).texts[-1] == "–"
+
+
+def test_docs_count_each_way_and_leave_what_a_search_found_out_of_the_sentence():
+    summary = {
+        "a": {
+            "opening": "Opened.",
+            "rows": [
+                ["A", "I", 3, 1, 1, 0, 1, 0, 4.0], ["A", "II", 2, 1, 0, 1, 0, 0, 1.0],
+                ["A (exploratory)", "I", 3, 3, 0, 0, 0, 3, 1.0],
+            ],
+        }
+    }  # fmt: skip
+    page = papers_page(summary)
+    assert "| A | 2 | 1 | 1 | 1 | 2.0 |" in page
+    assert "**A.** Opened." in page
+    assert "of 4 comparable\nprinted errors ours agree with 2, 1 are smaller and 1 larger." in readme_line(summary)
+
+
+def test_a_trend_follows_a_power_of_the_members_and_says_when_errors_fall():
+    members = [50, 100, 200]
+    errors = np.array(members) ** -0.5 * np.exp(0.01 * RNG.normal(size=(50, 3)))
+    change = trend(members, errors)
+    assert change.low < 100.0 * (4.0**-0.5 - 1.0) < change.high
+    assert falls(change) == "true"
+    assert falls(Interval(1.0, 0.5, 1.5)) == "false"
+    assert falls(Interval(0.1, -0.5, 0.7)).startswith("undecided")
+
+
+# --- likelihood -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("n", [1, 3])
+def test_the_likelihood_is_that_of_normal_logarithms_with_a_shared_discrepancy(n: int):
+    texts = ["0.0057", "0.0028", "0.0026"][:n]
+    x, mean, sd, discrepancy = np.log([float(text) for text in texts]), -5.5, 0.3, 0.15
+    rounding = np.log1p(half_unit(texts[0]) / np.exp(x.mean())) / np.sqrt(3.0)
+    cov = (sd**2 + rounding**2) * np.eye(n) + discrepancy**2
+    expected = multivariate_normal(np.full(n, mean), cov).logpdf(x)
+    assert log_likelihood(texts, np.array(mean), np.array(sd), discrepancy) == pytest.approx(expected, rel=1e-10)
+
+
+def test_errors_that_scatter_about_the_print_are_likelier_than_those_that_do_not():
+    errors = np.exp(RNG.normal(np.log(0.1), 0.1, size=(500, 1)))
+    near, far = (of_errors([["0.100"]], factor * errors, 0.1) for factor in (1.0, 2.0))
+    assert near > far + 5.0
+    assert log_likelihood(["0.1"], np.array(np.nan), np.array(1.0), 0.1) == -1e9
+
+
+def search() -> Search:
+    open_ = {
+        "scored": {"tried": ["updated", "predicted"], "believed": "predicted"},
+        "prior": {"tried": [0.1, 1.0, 10.0], "believed": 1.0},
+    }
+    values = {("updated", 0.1): -9.0, ("predicted", 1.0): -1.0, ("predicted", 10.0): 0.0}
+    return Search.of(open_, lambda each: values.get((each["scored"], each["prior"]), -20.0))
+
+
+def test_a_search_ranks_every_combination_and_says_what_each_choice_costs():
+    found = search()
+    assert found.values.shape == (2, 3)
+    assert found.best() == [{"scored": "predicted", "prior": 10.0}]
+    assert found.rank(found.believed) == 2
+    assert found.below_best(found.believed) == 1.0
+    assert found.rank(found.first) == 3
+    assert found.drops("scored") == {"updated": 9.0, "predicted": 0.0}
+    assert found.drops("prior") == {0.1: 9.0, 1.0: 1.0, 10.0: 0.0}
+    shares = np.exp([-20.0, -1.0, 0.0]) + np.exp([-9.0, -20.0, -20.0])
+    np.testing.assert_allclose(found.shares("prior"), shares / shares.sum())
+    ranking = found.ranking(1, {"factor": ["1", "2", "3"]}).sections[0][1]
+    assert [name for name, _ in ranking] == ["1", "believed (2)", "before (3)"]
+    assert sum(len(lines) for _, lines in found.sensitivity().sections) == 5
+
+
+def test_what_was_not_tried_has_no_likelihood():
+    with pytest.raises(ValueError, match=r"prior = 5.0 was not tried: add it"):
+        search().value({"scored": "updated", "prior": 5.0})
+
+
+# --- templates --------------------------------------------------------------------------------------
+
+TEXT = """# A paper
+
+One line,
+two lines of subtitle
+
+The opening has {{ share }} %.
+
+## Results
+
+Prose.
+
+- one
+- two | three
+
+@table errors: RMSE | in rad
+Below.
+
+@figure path: The path
+Crosses: ends.
+
+@claims
+A note.
+- It holds | true, of ours | since 0.1 | 0.2
+
+@facts: Settings
+- step | 0.1 s
+"""
+
+
+def test_every_kind_of_block_comes_out_of_a_template_and_nothing_is_left_out_in_silence(tmp_path: Path):
+    (tmp_path / "page.md").write_text(TEXT, encoding="utf-8")
+    table = Table("", "", "", [], [], "errors")
+
+    def fill(tables=("errors",), **values):
+        return template.fill(tmp_path, dict.fromkeys(tables, table), {"path": "data:,"}, **values)
+
+    page, opening = fill(share="−1.2")
+    assert opening == "The opening has −1.2 %."
+    assert (page.title, page.subtitle) == ("A paper", "One line, two lines of subtitle")
+    assert page.sections[0].blocks == [Prose(opening)]
+    prose, bullets, shown, figure, claims, facts = page.sections[1].blocks
+    assert (prose, bullets) == (Prose("Prose."), Bullets(["one", "two | three"]))
+    assert (shown.title, shown.note, shown.name) == ("RMSE | in rad", "Below.", "errors")
+    assert figure == Figure("data:,", "The path", "Crosses: ends.")
+    assert claims == Claims([Claim("It holds", "true, of ours", "since 0.1 | 0.2")], "A note.")
+    assert facts == Facts("Settings", [("step", "0.1 s")])
+    with pytest.raises(jinja2.UndefinedError, match="share"):
+        fill()
+    with pytest.raises(KeyError, match="errors"):
+        fill(tables=(), share="1")

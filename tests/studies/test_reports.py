@@ -1,0 +1,124 @@
+"""The papers' pages from few runs, and the numbers of README and docs/papers.md from the stored ones."""
+
+import copy
+import json
+import re
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from agents.page import Claims, render
+from scripts import reproduce
+from scripts.console import around
+from studies import papers
+from studies.papers import PAPERS, settings
+from studies.papers.measures import Report, Row, papers_page, readme_line
+
+ROOT = Path(__file__).parents[2]
+STORED = ROOT / "studies" / "papers" / "summary.json"
+FEW = {"seeds": [0, 1], "runs_of_a_seed": 2, "own_runs": 6, "search_runs": 6, "runs": 6, "samples_of_search": 6}
+SMALLER = {
+    "segorogeni": {"members": [10, 200, 300]}, "itsunusa": {"members": [20, 40]},
+    "puna": {"members": [100, 200, 300], "steps": 40}, "robust": {"steps": 60},
+}  # fmt: skip
+_MENTIONED = re.compile(r"l\. [\d–, ]+")
+
+
+@cache
+def made(name: str) -> Report:
+    """The report of a paper from few runs, cells computed here."""
+    few = copy.deepcopy(settings(name)) | {k: v for k, v in FEW.items() if k in settings(name)} | SMALLER.get(name, {})
+    if name == "segorogeni":
+        few["trial"] |= {"step": 0.05}
+        few["printed"] |= {"10": few["printed"]["50"]}
+    if name == "itsunusa":
+        few["printed"] |= {"20": few["printed"]["200"], "40": few["printed"]["400"]}
+    for which in few.get("populations", {}).values():
+        which |= {"systems": min(which["systems"], 4), "runs": 4}
+    for choice in few.get("open", {}).values():  # two alternatives a choice
+        choice["tried"] = list(dict.fromkeys([choice["tried"][0], choice["believed"], *choice["tried"]]))[:2]
+    if name == "corvette":
+        few["discrepancies"] = few["discrepancies"][:1]
+        few["open"]["recursion"]["tried"] = ["cited", "as printed"]
+        few["open"]["scored"]["tried"].append("predicted")
+    cells = import_module(f"studies.papers.{name}.experiment").cells(few)
+    page = import_module(f"studies.papers.{name}.page")
+    results = {what: json.loads(json.dumps(cell.compute(), default=np.ndarray.tolist)) for what, cell in cells.items()}
+    return page.report(few, results)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PAPERS)
+def test_every_page_opens_with_a_paragraph_and_every_verdict_names_its_line(name: str):
+    report = made(name)
+    text = render(report.page)
+    assert 80 < len(report.opening.split()) < 260
+    assert report.opening.count(" l. ") + report.opening.count("(l. ") >= 3
+    assert all(table.title.replace("'", "&#39;") in text for table in report.page.tables)
+    claims = [c for s in report.page.sections for block in s.blocks if isinstance(block, Claims) for c in block.rows]
+    assert claims
+    for claim in claims:
+        assert claim.kind in ("true", "false", "undecided", "undefined")
+        assert claim.evidence
+        assert _MENTIONED.search(claim.text + claim.evidence) or "More members" in claim.text, claim.text
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [name for name in PAPERS if name != "robust"])
+def test_every_printed_number_stands_in_the_table_with_its_line_and_a_verdict_for_each_column(name: str):
+    report = made(name)
+    (table,) = (table for table in report.page.tables if table.name == "published")
+    lines = [entries for _, found in table.sections for _, entries in found]
+    assert len(lines) == {"corvette": 10, "segorogeni": 18, "itsunusa": 10, "puna": 8}[name]
+    for printed, line, *columns in lines:
+        assert re.match(r"[\d.]+", printed.value)
+        assert re.search(r"\d", line.value)
+        assert len(columns) == 6
+        for verdict in columns[2::3]:
+            assert verdict.value.split(":")[0] in ("agrees", "better", "worse", "not comparable")
+    first = next(iter(report.rows)).paper
+    counted = [row for row in report.rows if row.paper == first]
+    assert sum(row.numbers for row in counted) == len(lines)
+    for row in report.rows:
+        assert row.numbers == row.agree + row.better + row.worse + row.incomparable
+
+
+def lines_of(text: str) -> set[int]:
+    """Line numbers in a text such as "893–897, 1002"."""
+    return {int(number) for number in re.findall(r"\d+", text)}
+
+
+@pytest.mark.parametrize("name", [name for name in PAPERS if name != "robust"])
+def test_every_choice_is_a_line_of_the_settings_with_what_is_believed_among_what_was_tried(name: str):
+    length = {"corvette": 1042, "segorogeni": 463, "itsunusa": 151, "puna": 977}[name]
+    text = (ROOT / "studies" / "papers" / name / "settings.toml").read_text(encoding="utf-8")
+    for choice, values in settings(name)["open"].items():
+        assert values["believed"] in values["tried"]
+        assert len(set(map(str, values["tried"]))) == len(values["tried"])
+        assert max(lines_of(values["lines"])) <= length
+        assert len(re.findall(rf"(?m)^{choice} = \{{.*\}}", text)) == 1
+
+
+def test_readme_and_the_papers_page_show_the_stored_results():
+    summary = json.loads(STORED.read_text(encoding="utf-8"))
+    assert tuple(summary) == PAPERS
+    for page, mark, expected in (
+        (ROOT / "docs" / "papers.md", "text: papers", papers_page(summary)),
+        (ROOT / "README.md", "text: papers, counted", readme_line(summary)),
+    ):
+        before, after = around(page, mark)
+        assert page.read_text(encoding="utf-8")[len(before) : -len(after)].strip() == expected
+
+
+@pytest.mark.nightly
+def test_the_stored_results_are_what_the_command_finds(tmp_path: Path):
+    assert reproduce.main(("all",), out=tmp_path, jobs=2) == 0
+    found, stored = (json.loads(path.read_text(encoding="utf-8")) for path in (tmp_path / "summary.json", STORED))
+    assert tuple(found) == tuple(stored) == papers.PAPERS
+    for name in found:
+        assert [Row(*each)[:-1] for each in found[name]["rows"]] == [Row(*each)[:-1] for each in stored[name]["rows"]]
+        factors = [[Row(*each).factor for each in summary[name]["rows"]] for summary in (found, stored)]
+        np.testing.assert_allclose(*factors, rtol=1e-6)
