@@ -64,7 +64,7 @@ def main(
             console.print(said)
             continue
         made = report(name, {what: outcome.values[cell.key] for what, cell in group.items()})
-        console.print(f"Page: {_write(name, made, out)}")
+        console.print(f"Page: {_write(name, made, out)}" + (f", believed: {made.believed}" if made.believed else ""))
         summary[name] = {"opening": made.opening, "rows": made.rows}
         rows += made.rows
     console.print(f"\n{summary_table(rows)}")

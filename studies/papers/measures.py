@@ -107,11 +107,12 @@ HEAD = ("paper", "experiment", "numbers", "agree", "better", "worse", "not compa
 
 
 class Report(NamedTuple):
-    """Page of a paper, and a row for each of its experiments."""
+    """Page of a paper, a row for each of its experiments, its opening, and how likely the believed explanation is."""
 
     page: Page
     rows: list[Row]
     opening: str
+    believed: str = ""
 
 
 def row(paper: str, experiment: str, comparisons: Iterable[Comparison]) -> Row:

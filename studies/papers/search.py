@@ -70,10 +70,20 @@ class Search:
         """1 for the best."""
         return 1 + int((self.values > self.value(combination)).sum())
 
+    @property
+    def verdict(self) -> str:
+        """Rank and likelihood of what is believed, in words."""
+        below = self.below_best(self.believed)
+        return f"rank {self.rank(self.believed):,} of {self.values.size:,}, log likelihood {below:.1f} below the best"
+
     def drops(self, name: str) -> dict[Any, float]:
         """For each alternative of a choice, how far its best combination is below the best of all."""
         best = self.values.max(axis=self._others(name))
         return dict(zip(self.choices[name], map(float, self.values.max() - best), strict=True))
+
+    def cost(self, name: str, alternative: Any) -> str:
+        """The drop of an alternative in words; a dash if it was not tried."""
+        return number(self.drops(name).get(alternative, np.nan), 1)
 
     def shares(self, name: str) -> list[float]:
         """For each alternative, its share of the likelihood if all combinations are equally likely beforehand."""

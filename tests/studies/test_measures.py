@@ -114,7 +114,9 @@ def test_a_search_ranks_every_combination_and_says_what_each_choice_costs():
     assert found.rank(found.believed) == 2
     assert found.below_best(found.believed) == 1.0
     assert found.rank(found.first) == 3
+    assert found.verdict == "rank 2 of 6, log likelihood 1.0 below the best"
     assert found.drops("scored") == {"updated": 9.0, "predicted": 0.0}
+    assert (found.cost("scored", "updated"), found.cost("scored", "other")) == ("9.0", "–")
     assert found.drops("prior") == {0.1: 9.0, 1.0: 1.0, 10.0: 0.0}
     shares = np.exp([-20.0, -1.0, 0.0]) + np.exp([-9.0, -20.0, -20.0])
     np.testing.assert_allclose(found.shares("prior"), shares / shares.sum())

@@ -272,10 +272,10 @@ def log_errors(
     """
     s = SIMULATIONS[simulation]
     sizes = [s.size] if simulation == "V" else tried["size"]
-    whats = [(-1, 1, 0)]
+    scores = [(-1, 1, 0)]
     for i, scored in enumerate(tried["scored"]):
-        whats.append((i, 0 if scored == "updated" else 2, int(scored.endswith("from the second on"))))
-    for index, what, skipped in whats:
+        scores.append((i, 0 if scored == "updated" else 2, int(scored.endswith("from the second on"))))
+    for index, what, skipped in scores:
         heights = np.array(sizes)[:, None]
         fixed = (found.record[what][:, :, None, None, None] + heights * found.step[what][:, :, None])[..., skipped:]
         shape, flat = fixed.shape[:-1], fixed.reshape(-1, fixed.shape[-1])

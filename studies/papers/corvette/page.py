@@ -50,19 +50,18 @@ def report(settings: Mapping[str, Any], results: Mapping[str, Mapping[str, Any]]
         "discrepancies": _discrepancies(settings["discrepancies"], found),
     }  # fmt: skip
     figures = {"ratios": ratios(columns), "sensitivity": sensitivities(search), "example": _example(printed, results)}
-    near = [c for c in after if 0.8 <= c.ratio.mean <= 1.25]
-    least = [s for s, p in printed.items() if float(p["means"][1]) < np.sqrt(SIMULATIONS[s].R / 2.0)]
+    least = sum(float(p["means"][1]) < np.sqrt(SIMULATIONS[s].R / 2.0) for s, p in printed.items())
+    way = f"{settings['paper']}, believed ({EXPLORATORY}, of {search.values.size:,})"
+    counted = row(way, "simulations I to V", after)
     page, opening = fill(
         Path(__file__).parent, tables, figures, settings=settings, noise=f"{NOISE:g}",
         tried=sum(len(choice["tried"]) for choice in open_.values()), choices=len(open_), prior=PRIOR, switch=SWITCH,
-        near=len(near),
         factor=_factor(printed, believed), factor_before=_factor(printed, {s: rmse[s, MODELS[0]] for s in SIMULATIONS}),
-        claims=[_claim(rmse, *step) for step in _STEPS], order=_order(rmse), least=len(least), small=_small(rmse),
-        driven=_driven(results), ratio=_ratio_law(rmse), search=search,
+        claims=[_claim(rmse, *step) for step in _STEPS], order=_order(rmse), least=least, near=counted.near,
+        small=_small(rmse), driven=_driven(results), ratio=_ratio_law(rmse), search=search,
         left={s: _left(SIMULATIONS[s].R, search.believed["prior"]) for s in ("I", "III")},
     )  # fmt: skip
-    way = f"{settings['paper']}, believed ({EXPLORATORY}, of {search.values.size:,})"
-    return Report(page, [*rows(settings["paper"], before), row(way, "simulations I to V", after)], opening)
+    return Report(page, [*rows(settings["paper"], before), counted], opening, search.verdict)
 
 
 def _search(settings: Mapping[str, Any], results: Mapping[str, Any], discrepancy: float) -> Search:

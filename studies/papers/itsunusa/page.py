@@ -20,7 +20,7 @@ from studies.papers.itsunusa.experiment import (
     recorded_controls,
 )
 from studies.papers.likelihood import of_errors
-from studies.papers.measures import Comparison, Report, comparison_table, falls, percent, rows, trend
+from studies.papers.measures import EXPLORATORY, Comparison, Report, comparison_table, falls, percent, rows, trend
 from studies.papers.search import Search
 from studies.papers.template import fill
 
@@ -76,7 +76,8 @@ def report(settings: Mapping[str, Any], results: Mapping[str, Mapping[str, Any]]
         exact=1e4 * _exact_square(settings),
     )  # fmt: skip
     paper = settings["paper"]
-    return Report(page, [*rows(paper, columns[plain]), *rows(f"{paper}, {pitched}", columns[pitched])], opening)
+    found = [*rows(paper, columns[plain]), *rows(f"{paper}, {pitched} ({EXPLORATORY})", columns[pitched])]
+    return Report(page, found, opening, search.verdict)
 
 
 def _comparisons(settings: Mapping[str, Any], errors: Mapping[int, np.ndarray]) -> list[Comparison]:

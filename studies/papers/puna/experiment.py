@@ -11,7 +11,7 @@ import numpy as np
 
 from agents.cells import Cell
 from estimators import Filter, Gaussian, make, rmse, wrap
-from studies.papers.puna.model import MISSILE, PlanarPuna, planar_derivative
+from studies.papers.puna.model import PlanarPuna
 from vessel_gym.guidance.dubins import WORDS, Path, approach, candidates, lengths, plan, shortest, word_path
 from vessel_gym.guidance.words import chain
 from vessel_gym.vehicles.files import load
@@ -34,7 +34,7 @@ START = np.array([0.0, 20.0, 0.0, 100.0])
 def cells(settings: Mapping[str, Any]) -> dict[str, Cell]:
     """Everything to compute, by name."""
     here, found = __name__, {}
-    for name, function in (("open", "open_case"), ("obstructed", "obstacle_case"), ("aircraft", "aircraft")):
+    for name, function in (("open", "open_case"), ("obstructed", "obstacle_case")):
         found[name] = Cell(f"{here}:{function}", {"paths": settings["paths"]}, "PUNA, paths")
     flight = {key: settings[key] for key in ("seed", "steps", "swing", "period")}
     D = np.array(settings["D"])
@@ -109,19 +109,14 @@ def open_case(paths: Mapping[str, Any]) -> dict[str, Any]:
         return float(lengths(start, np.array([goal[0], y, goal[2]]), radius)[WORDS.index("RSL")])
 
     least = minimize_scalar(rsl, bounds=(0.0, 500.0), method="bounded", options={"xatol": 1e-6})
-    x, chi = case["start"][0], np.deg2rad(case["headings"][0])
     return {
         "lengths": {reading: candidates(*ends, radius) for reading, ends in by_reading.items()},
         "tracks": {
             reading: {word: _track(word_path(*ends, radius, word)) for word in candidates(*ends, radius)}
             for reading, ends in by_reading.items()
         },
-        "final y": final_y(case["start"][1], chi, radius),
+        "final y": final_y(case["start"][1], np.deg2rad(case["headings"][0]), radius),
         "least RSL": {"y": least.x, "length": least.fun},
-        "equation 16": {
-            "first line": (x + radius * np.sin(chi) + radius) + (np.pi / 2 - chi) * radius + np.pi / (2.0 * radius),
-            "second line": -x - radius * np.sin(chi) - radius + (np.pi - chi) * radius,
-        },
     }
 
 
@@ -156,19 +151,6 @@ def obstacle_case(paths: Mapping[str, Any]) -> dict[str, Any]:
 
 def _track(path: Path) -> np.ndarray:
     return path.sample(path.length / 200.0)[:, :2]
-
-
-def aircraft(paths: Mapping[str, Any]) -> dict[str, Any]:
-    """What the printed equations mean at the printed airspeed."""
-    speed = paths["speed"]
-    level = trim(speed, load("puna", PunaParameters))
-    pressure = 0.5 * MISSILE.density[2] * speed**2 * MISSILE.area
-    state, u = np.array([0.0, speed, 0.0, 0.0]), np.array([level.thrust, level.alpha])
-    return {
-        "alpha": level.alpha, "thrust": level.thrust,
-        "missile lift coefficient": MISSILE.mass * MISSILE.gravity / pressure,
-        "braking": planar_derivative(state, u, PLANE.body.vector())[1],
-    }  # fmt: skip
 
 
 # --- estimation -------------------------------------------------------------------------------------

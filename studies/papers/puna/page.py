@@ -9,10 +9,10 @@ import numpy as np
 from agents.page import Entry, Table, listed, number, words
 from agents.plotting import BELIEVED, INK, PALETTE, PUBLISHED, RAW, TRUE
 from agents.statistics import Interval, mean_interval, paired_difference
-from studies.papers.figures import Curve, Panel, ends, panels, ratios, sensitivities
+from studies.papers.figures import Curve, Panel, panels, ratios, sensitivities
 from studies.papers.likelihood import of_errors
 from studies.papers.measures import Comparison, Report, comparison_table, falls, percent, rows, trend
-from studies.papers.puna.experiment import CONTROLS, MEASURED, PLANE, QUANTITIES, bank
+from studies.papers.puna.experiment import CONTROLS, MEASURED, PLANE, QUANTITIES, bank, controls
 from studies.papers.search import Search
 from studies.papers.template import fill
 from vessel_gym.guidance.dubins import WORDS
@@ -45,12 +45,12 @@ def report(settings: Mapping[str, Any], results: Results) -> Report:
     }  # fmt: skip
     figures = {
         "ratios": ratios(columns), "sensitivity": sensitivities(search), "paths": _paths(paths, opened, obstructed),
-        "flight": _flight(results), "members": _members(settings, results),
+        "flight": _flight(results),
     }  # fmt: skip
     ends_ = [paths["obstructed"][end] for end in ("start", "goal")]
     page, opening = fill(
         Path(__file__).parent, tables, figures, settings=settings, open=opened, obstructed=obstructed, search=search,
-        aircraft=results["aircraft"], alpha=np.rad2deg(results["aircraft"]["alpha"]), shortest=shortest, plane=PLANE,
+        trim=controls("constant", 1, 0.0, 1.0)[0], shortest=shortest, plane=PLANE,
         agree=[reading for reading, word in shortest.items() if word == paths["open"]["word"]],
         gains={q: f"{g.mean:.2f} [{g.low:.2f}, {g.high:.2f}]" for q, g in gains.items()}, falls=falls(change),
         least=min(g.mean for g in gains.values()), better=all(g.low > 1.0 for g in gains.values()),
@@ -60,7 +60,7 @@ def report(settings: Mapping[str, Any], results: Results) -> Report:
         near=int((search.values.max() - search.values < 3.0).sum()),
         alone=[f"{c.ratio.mean:.2f}" for c in _comparisons(settings, results, "flight", "x")[:4]],
     )  # fmt: skip
-    return Report(page, rows(settings["paper"], columns[names["flight"]]), opening)
+    return Report(page, rows(settings["paper"], columns[names["flight"]]), opening, search.verdict)
 
 
 def _rmse(results: Results, level: str, control: str, measured: str) -> np.ndarray:
@@ -186,22 +186,3 @@ def _flight(results: Results) -> str:
             label = f"{'x − 20 t' if quantity == 'x' else quantity} [{unit}]"
             grid[i].append(Panel(curves, "time [s]" if i == 3 else "", label, f"{control} angle" if i == 0 else ""))
     return panels(grid, 7.2, 7.0, sharey="row")
-
-
-def _members(settings: Mapping[str, Any], results: Results) -> str:
-    """RMS errors over the number of members, with the printed ones."""
-    made = []
-    for i, (quantity, unit) in enumerate(QUANTITIES.items()):
-        curves = []
-        for measured, color in zip(MEASURED, (TRUE, BELIEVED), strict=True):
-            for control, line in zip(CONTROLS, ("-", ":"), strict=True):
-                means, halves = ends(_rmse(results, "flight", control, measured)[..., i])
-                curves.append(
-                    Curve(settings["members"], means, f"{MEASURED[measured]}, {control}", color, line, "o", halves)
-                )
-        for control in CONTROLS:
-            printed = settings["printed"][control]
-            value = printed.get("meant", {}).get(quantity) or float(printed["errors"][i])
-            curves.append(Curve([printed["members"]], [value], "printed", PUBLISHED, "", "D"))
-        made.append(Panel(curves, "members", f"RMS error of {quantity} [{unit}]", options={"yscale": "log"}))
-    return panels([made[:2], made[2:]], 7.2, 5.4)

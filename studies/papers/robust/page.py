@@ -36,15 +36,10 @@ def report(settings: Mapping[str, Any], results: Results) -> Report:
     model_errors = [c for key in ("tolerance", "parameters") for c in groups[key] if getattr(c, key)]
     outliers = list(dict.fromkeys(c for key in ("rate", "size") for c in groups[key] if c.rate))
     tables = {
-        "outliers": _table(
-            results, {"share of outliers of 10 σ": groups["rate"], "size of 10 % outliers": groups["size"]}, others
-        ),
-        "model-error": _table(
-            results, {"worst noise": groups["tolerance"], "error of A": groups["parameters"]}, others
-        ),
-        "both": _table(results, {_TITLES[key]: groups[key] for key in list(_TITLES)[4:]}, others),
-        "systems": _systems(results, settings, others),
-    }
+        "outliers": _table(results, groups, ["rate", "size"], others), "systems": _systems(results, settings, others),
+        "model-error": _table(results, groups, ["tolerance", "parameters"], others),
+        "both": _table(results, groups, list(_TITLES)[4:], others),
+    }  # fmt: skip
     figures = {
         "sweeps": _sweeps(results, groups, others), "example": _example(example, settings),
         "gain": _gain(example, settings["steps"], ["kf", minimax[-1]]),
@@ -107,7 +102,9 @@ def _label(key: str, condition: Condition) -> str:
     return f"{100 * value:g}" if attribute in ("rate", "parameters") else f"{value:g}"
 
 
-def _table(results: Results, groups: Mapping[str, Sequence[Condition]], others: Sequence[str]) -> Table:
+def _table(
+    results: Results, groups: Mapping[str, Sequence[Condition]], keys: Sequence[str], others: Sequence[str]
+) -> Table:
     """RMSE of the KF and ratios to it over the random systems, bold where the interval excludes 1."""
 
     def line(condition: Condition) -> list[Entry]:
@@ -115,14 +112,7 @@ def _table(results: Results, groups: Mapping[str, Sequence[Condition]], others: 
         ratios = [ratio(results, "random", condition, name) for name in others]
         return [Entry(number(kf, 2)), *(replace(entry(r, 3), strong=r.high < 1.0 or r.low > 1.0) for r in ratios)]
 
-    def name(title: str, c: Condition) -> str:
-        if title.startswith("size"):
-            return f"{c.size:g} σ"
-        if title.startswith("worst"):
-            return f"c = {c.tolerance:g}"
-        return f"{100 * (c.parameters if title.startswith('error') else c.rate):g} %"
-
-    sections = [(title, [(name(title, c), line(c)) for c in conditions]) for title, conditions in groups.items()]
+    sections = [(_TITLES[key], [(_label(key, c), line(c)) for c in groups[key]]) for key in keys]
     return Table("", "", "condition", [("KF, RMSE", ""), *((f"{n} / KF", "") for n in others)], sections)
 
 

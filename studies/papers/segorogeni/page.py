@@ -60,7 +60,7 @@ def report(settings: Mapping[str, Any], results: Mapping[str, Mapping[str, Any]]
         spread=list(100.0 * errors[_PLAN][most].std(0, ddof=1) / ours[_PLAN]), own_step=OWN_STEP, process=PROCESS_SD,
         off=words(mean_interval(np.linalg.norm(final, axis=-1)), 2), measurement=MEASUREMENT_SD,
     )  # fmt: skip
-    return Report(page, rows(settings["paper"], columns[f"against the {_PLAN}"]), opening)
+    return Report(page, rows(settings["paper"], columns[f"against the {_PLAN}"]), opening, search.verdict)
 
 
 def _comparisons(settings: Mapping[str, Any], errors: Mapping[int, np.ndarray], final: np.ndarray) -> list[Comparison]:
