@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from estimators.engine.compiled import Compiled, compiled
 from estimators.linalg import joined
 from estimators.models import LinearModel, NonlinearModel
 from estimators.varying import Matrix, Schedule, resolve
@@ -78,6 +79,10 @@ def stacked(model: "LinearModel | NonlinearModel") -> "LinearModel | NonlinearMo
     def measurement(z: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         return model.measurement(z[..., :n], u) + np.matvec(fed(u), z[..., n:])
 
+    if isinstance(model.transition, Compiled) and not callable(G):  # they call nothing else
+        transition = compiled(transition)
+    if isinstance(model.measurement, Compiled) and not callable(H):
+        measurement = compiled(measurement)
     moves, shows = None if callable(G) else model.transition_jacobian, model.measurement_jacobian
     return NonlinearModel(
         transition, measurement, states=n + q, measurements=p, **options,
