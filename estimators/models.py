@@ -217,7 +217,7 @@ class NonlinearModel(Frozen):
     n: int = field(init=False)
     p: int = field(init=False)
     q: int = field(init=False)
-    _compared: set[str] = field(init=False, repr=False, default_factory=set)
+    _compared: dict[str, bool] = field(init=False, repr=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         for name in ("transition", "measurement", "transition_jacobian", "measurement_jacobian"):
@@ -324,7 +324,7 @@ class NonlinearModel(Frozen):
         if name not in self._compared:
             check_jacobian(name, function, jacobian, at, u, angles, steps(at, cov, self.state_angles))
             if np.isfinite(jacobian).all():  # else it is compared again where it is
-                self._compared.add(name)
+                self._compared[name] = True
         return jacobian
 
     def _linearise_errors(

@@ -112,19 +112,20 @@ def random_walk(seed: int, num_envs: int, size: int) -> Iterator[np.ndarray]:
 class AlteredVehicle:
     """A vehicle whose truth is somewhere else and moves otherwise; its sensors, actuators and models are the same."""
 
-    def __init__(self, vehicle: Any, seed: int = 0) -> None:
-        self._vehicle, self._rng = vehicle, np.random.default_rng(seed)
+    def __init__(self, vehicle: Any) -> None:
+        self._vehicle = vehicle
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._vehicle, name)
 
     def start(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        truth, actuators = self._vehicle.start(x + self._rng.normal(0.0, 0.01, x.shape))
-        return truth + self._rng.normal(0.0, 0.01, truth.shape), actuators
+        rng = np.random.default_rng(0)  # a generator that it kept would be a state of its model
+        truth, actuators = self._vehicle.start(x + rng.normal(0.0, 0.01, x.shape))
+        return truth + rng.normal(0.0, 0.01, truth.shape), actuators
 
     def step(self, *args: Any) -> np.ndarray:
         truth = self._vehicle.step(*args)
-        return truth + self._rng.normal(0.0, 0.002, truth.shape)
+        return truth + np.random.default_rng(1).normal(0.0, 0.002, truth.shape)
 
 
 class AlteredCore(Core):
