@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.page import Entry, Page, Table, number
-from agents.statistics import CONFIDENCE, Interval, mean_interval
+from agents.statistics import Interval, mean_interval
 from studies.papers.likelihood import half_unit
 
 AGREES, BETTER, WORSE, INCOMPARABLE = "agrees", "better", "worse", "not comparable"
@@ -56,18 +56,6 @@ class Comparison:
         return interval
 
     @property
-    def margin(self) -> float:
-        """Half-width of agreement: rounding, and the 95 % prediction interval of a mean of the paper's runs."""
-        from scipy.special import stdtrit
-
-        assert self.ours is not None
-        runs = len(self.ours)
-        spread = self.ours.std(ddof=1) * np.sqrt(1.0 / self.averaged + 1.0 / runs)
-        return half_unit(self.printed if self.meant is None else str(self.meant)) + float(
-            stdtrit(runs - 1, 0.5 + 0.5 * CONFIDENCE) * spread
-        )
-
-    @property
     def ratio(self) -> Interval:
         """Ours over the printed number; its logarithm has the same interval."""
         return Interval(
@@ -76,11 +64,24 @@ class Comparison:
 
     @property
     def verdict(self) -> str:
-        """`AGREES` within the margin, else `BETTER` (ours is smaller) or `WORSE`; `INCOMPARABLE` with a reason."""
+        """`AGREES` within rounding and our 95 % interval, else `BETTER` (smaller) or `WORSE`; `INCOMPARABLE`."""
         if self.ours is None or self.reason:
             return INCOMPARABLE
         difference = self.interval.mean - self.value
-        return AGREES if abs(difference) <= self.margin else BETTER if difference < 0.0 else WORSE
+        return AGREES if abs(difference) <= self._rounding + self.interval.half else BETTER if difference < 0 else WORSE
+
+    @property
+    def words(self) -> str:
+        """The verdict with its reason, and whether the scatter of as few runs as the paper's explains it."""
+        if self.reason or self.ours is None or self.verdict == AGREES:
+            return f"{self.verdict}: {self.reason}" if self.reason else self.verdict
+        half = self.interval.half * np.sqrt(1.0 + len(self.ours) / self.averaged)  # of a 95 % prediction interval
+        chance = abs(self.interval.mean - self.value) <= self._rounding + half
+        return f"{self.verdict}, within the scatter of {self.averaged}" if chance else self.verdict
+
+    @property
+    def _rounding(self) -> float:
+        return half_unit(self.printed if self.meant is None else str(self.meant))
 
 
 class Row(NamedTuple):
@@ -150,16 +151,15 @@ def comparison_table(columns: Mapping[str, Sequence[Comparison]], name: str = "p
 
 def _ours(c: Comparison) -> list[Entry]:
     if c.ours is None:
-        return [Entry("–"), Entry("–"), Entry(f"{c.verdict}: {c.reason}")]
+        return [Entry("–"), Entry("–"), Entry(c.words)]
     shown = c.printed if c.meant is None else str(c.meant)
     decimals = len(shown.partition(".")[2]) + 1
     ratio = c.ratio
     low, high = (number(end, 2) for end in (ratio.low, ratio.high))
-    verdict = f"{c.verdict}: {c.reason}" if c.reason else c.verdict
     return [
         Entry(number(c.interval.mean, decimals), number(c.interval.half, decimals)),
         Entry(f"{number(ratio.mean, 2)} [{low}, {high}]"),
-        Entry(verdict),
+        Entry(c.words),
     ]
 
 
@@ -169,21 +169,25 @@ def summary_table(found: Sequence[Row]) -> str:
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
+def counts(found: Sequence[Row]) -> list[int]:
+    """How many numbers agree, lie within 25 %, are better, worse and not comparable."""
+    return [sum(getattr(row, name) for row in found) for name in ("agree", "near", "better", "worse", "incomparable")]
+
+
 def papers_page(summary: Mapping[str, Any]) -> str:
     """The text of docs/papers.md from the stored results: a line for each way of a paper, and the openings."""
     ways: dict[str, list[Row]] = {}
     for each in summary.values():
         for values in each["rows"]:
             ways.setdefault(values[0], []).append(Row(*values))
-    lines = ["| Paper | agree | better | worse | not comparable | typical factor |", "| --- |" + " ---: |" * 5]
+    head = "| Paper | agree | within 25 % | better, worse | not comparable | typical factor |"
+    lines = [head, "| --- |" + " ---: |" * 5]
     for paper, found in ways.items():
-        counts = [
-            str(sum(getattr(row, name) for row in found)) for name in ("agree", "better", "worse", "incomparable")
-        ]
+        agree, near, better, worse, incomparable = counts(found)
         scored = np.array([row.numbers - row.incomparable for row in found])
         logs = np.log([row.factor or 1.0 for row in found])
         factor = f"{np.exp(scored @ logs / scored.sum()):.1f}" if scored.sum() else "–"
-        lines.append(f"| {paper} | {' | '.join(counts)} | {factor} |")
+        lines.append(f"| {paper} | {agree} | {near} | {better}, {worse} | {incomparable} | {factor} |")
     openings = [f"**{name.title()}.** {each['opening']}" for name, each in summary.items()]
     return "\n".join(lines) + "\n\n" + "\n\n".join(openings)
 
@@ -191,11 +195,11 @@ def papers_page(summary: Mapping[str, Any]) -> str:
 def readme_line(summary: Mapping[str, Any]) -> str:
     """The sentence of README.md from the stored results, what was found by a search left out."""
     found = [Row(*values) for each in summary.values() for values in each["rows"] if EXPLORATORY not in values[0]]
-    agree, better, worse = (sum(getattr(row, name) for row in found) for name in ("agree", "better", "worse"))
+    agree, near, better, worse, _ = counts(found)
     return (
         "The experiments of the five source papers are [run again](docs/papers.md): of "
         f"{agree + better + worse} comparable\n"
-        f"printed errors ours agree with {agree}, {better} are smaller and {worse} larger."
+        f"printed errors ours agree with {agree}, {better} are smaller and {worse} larger, and {near} lie within 25 %."
     )
 
 

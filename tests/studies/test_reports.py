@@ -78,7 +78,7 @@ def test_every_printed_number_stands_in_the_table_with_its_line_and_a_verdict_fo
         assert re.search(r"\d", line.value)
         assert len(columns) == 6
         for verdict in columns[2::3]:
-            assert verdict.value.split(":")[0] in ("agrees", "better", "worse", "not comparable")
+            assert re.split("[:,]", verdict.value)[0] in ("agrees", "better", "worse", "not comparable")
     first = next(iter(report.rows)).paper
     counted = [row for row in report.rows if row.paper == first]
     assert sum(row.numbers for row in counted) == len(lines)

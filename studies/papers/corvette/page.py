@@ -18,9 +18,11 @@ from vessel_gym.vehicles.corvette_thesis import SAMPLES, SIMULATIONS
 
 _SHOWN = 5
 """Best combinations in the ranking."""
+_TELLING = 0.05
+"""Share of an error by which it must change for a claim to count it."""
 _STEPS = (
     ("A larger Q alone changes nothing significant", "907", "I", "II"),
-    ("A larger R alone changes the heading not significantly, and raises the error", "929, 1016", "I", "III"),
+    ("A larger R alone raises the error, if not significantly", "929, 1016", "I", "III"),
     ("A larger Q and R raise the error", "953, 1016", "I", "IV"),
     ("A larger d raises the error", "979–981, 1017", "I", "V"),
 )
@@ -36,9 +38,8 @@ def report(settings: Mapping[str, Any], results: Mapping[str, Mapping[str, Any]]
     found = [_search(settings, results, discrepancy) for discrepancy in settings["discrepancies"]]
     search = found[0]
     trial = {key: settings[key] for key in ("seed", "step", "helm")}
-    explained = [
-        explain(each, settings["samples_of_search"], **trial) for each in (*search.best(_SHOWN), search.believed)
-    ]
+    few = settings["samples_of_search"]
+    explained = [explain(each, few, **trial) for each in (*search.best(_SHOWN), search.believed)]
     believed = explain(search.believed, settings["runs"], **trial)
     before = _comparisons(printed, {s: rmse[s, MODELS[0]][:2] for s in SIMULATIONS}, circular=True)
     after = _comparisons(printed, believed)
@@ -104,8 +105,9 @@ def _claim(
     """Verdict on a rise of the errors of heading and d, paired over the runs."""
     pairs = [(rmse[before, MODELS[0]][i], rmse[after, MODELS[0]][i]) for i in range(2)]
     rises = [paired_difference(second, first) for first, second in pairs]
-    signs = {0 if i is None or not i.excludes_zero or abs(i.mean) < 1e-6 else int(np.sign(i.mean)) for i in rises}
-    verdicts = {frozenset({1}): "raises both", frozenset({-1}): "lowers both", frozenset({0}): "changes neither"}
+    shares = [0.0 if i is None else i.mean / first.mean() for i, (first, _) in zip(rises, pairs, strict=True)]
+    signs = {int(np.sign(share)) if abs(share) > _TELLING else 0 for share in shares}
+    verdicts = {frozenset({1}): "raises both", frozenset({-1}): "lowers both", frozenset({0}): "changes neither by 5 %"}
     changes = ", ".join(f"{q} × {b.mean() / a.mean():#.3g}" for q, (a, b) in zip(QUANTITIES, pairs, strict=True))
     evidence = "; ".join(f"{q} {_mrad(rise)}" for q, rise in zip(QUANTITIES, rises, strict=True))
     true = {1} if "raise" in text else {0}

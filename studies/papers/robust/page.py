@@ -46,9 +46,8 @@ def report(settings: Mapping[str, Any], results: Results) -> Report:
     }  # fmt: skip
     kf, settled = example["kf"], float(np.sqrt(np.mean(example_rmse[settings["skipped"] :] ** 2)))
     gain, variance = np.asarray(kf["gain"]), np.asarray(kf["variance"])
-    grounds = [(huber, hit)] + [
-        (n, Condition(**settings[e])) for n in minimax for e in ("least_favourable", "parameters")
-    ]
+    own = [Condition(**settings[error]) for error in ("least_favourable", "parameters")]
+    grounds = [(huber, hit), *((name, condition) for name in minimax for condition in own)]
     shares = [f"{name} {100.0 * np.mean(_units(results, c, name) < 1.0):.0f} %" for name, c in grounds]
     page, opening = fill(
         Path(__file__).parent, tables, figures, settings=settings, example=example, hit=to_kf(hit, huber),
@@ -172,10 +171,8 @@ def _gain(example: Mapping[str, Any], steps: int, names: Sequence[str]) -> str:
     for name, color in zip(names, (INK, TRUE), strict=True):
         high, low = np.asarray(example[name]["gain"]).T
         gain.append(Curve(t, high, name, color, fill=low))
-        variance += [
-            Curve(t, v, "", color, line)
-            for v, line in zip(np.asarray(example[name]["variance"]).T, ("-", "--"), strict=True)
-        ]
+        pairs = zip(np.asarray(example[name]["variance"]).T, ("-", "--"), strict=True)
+        variance += [Curve(t, v, "", color, line) for v, line in pairs]
     return panels([[
         Panel(gain, "time [s]", "singular values of K", options={"yscale": "log"}),
         Panel(variance, "time [s]", "variance of $x_1$, $x_2$", options={"yscale": "log"}),
