@@ -5,7 +5,7 @@ import pytest
 
 from studies.papers import settings
 from studies.papers.corvette import experiment
-from vessel_gym.vehicles.corvette_thesis import RUDDER, SAMPLES, SIMULATIONS, B, unknown_input
+from vessel_gym.vehicles.corvette_thesis import RUDDER, SAMPLES, SIMULATIONS, unknown_input
 
 S = settings("corvette")
 TRIAL = {key: S[key] for key in ("step", "helm")}
@@ -110,12 +110,3 @@ def test_of_a_wrong_first_heading_d_takes_the_share_that_the_page_states(simulat
     wrong = np.array([0.0, 0.0, 0.1])
     found = experiment.respond(filter, "update", np.zeros((1, SAMPLES)), np.zeros((1, SAMPLES, 2)), wrong)
     assert found[1, 0, 0] == pytest.approx(-0.01 * _left(SIMULATIONS[simulation].R, prior) * 0.1)
-
-
-def test_words_for_noise_and_start_are_numbers():
-    assert experiment.level("normal sqrt(R)", 4.0) == ("normal", 2.0)
-    assert experiment.level("uniform 1e-3", 4.0) == ("uniform", 1e-3)
-    assert experiment.level("none", 4.0) == ("normal", 0.0)
-    assert experiment.start_sd("root of the prior", 9.0) == 3.0
-    assert experiment.start_sd("0.1", 9.0) == 0.1
-    assert B.shape == (3, 1)

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from studies.papers import settings
-from studies.papers.dive import Experiment, channel_sd, rms, thinned
+from studies.papers.dive import Experiment
 from studies.papers.itsunusa import experiment as itsunusa
 from studies.papers.segorogeni import experiment as segorogeni
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.itsunusa import STATE as DIVER
-from vessel_gym.vehicles.segorogeni import STATE, Segorogeni
+from vessel_gym.vehicles.segorogeni import STATE
 
 TRIAL = segorogeni.read(settings("segorogeni")["trial"])
 DIVE = settings("itsunusa")["trial"]
@@ -38,16 +38,6 @@ def test_measurements_and_process_have_the_noise_that_the_filter_assumes():
     assert watched.model.Q[0, 0] == pytest.approx(0.02**2)
     quiet = replace(watched, process_sd=np.zeros(1), measurement_sd=np.zeros(1)).run(2, np.random.default_rng(0))
     np.testing.assert_allclose(quiet.truth[:, 0], watched.planned)
-
-
-def test_sensors_and_histories_are_read_as_they_stand():
-    sensors = Segorogeni().sensors
-    assert (
-        channel_sd(sensors, ("r", "u over ground")).tolist()
-        == channel_sd(sensors, ("u over ground", "r"))[::-1].tolist()
-    )
-    np.testing.assert_allclose(rms(np.array([[[3.0]], [[4.0]]])), np.sqrt(12.5))
-    assert thinned(np.arange(1000)).tolist()[::399] == [0, 999]
 
 
 @pytest.mark.slow

@@ -125,11 +125,8 @@ def test_a_search_ranks_every_combination_and_says_what_each_choice_costs():
     ranking = found.ranking(1, {"factor": ["1", "2", "3"]}).sections[0][1]
     assert [name for name, _ in ranking] == ["1", "believed (2)", "before (3)"]
     assert sum(len(lines) for _, lines in found.sensitivity().sections) == 5
-
-
-def test_what_was_not_tried_has_no_likelihood():
     with pytest.raises(ValueError, match=r"prior = 5.0 was not tried: add it"):
-        search().value({"scored": "updated", "prior": 5.0})
+        found.value({"scored": "updated", "prior": 5.0})
 
 
 # --- templates --------------------------------------------------------------------------------------

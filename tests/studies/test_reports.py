@@ -86,11 +86,6 @@ def test_every_printed_number_stands_in_the_table_with_its_line_and_a_verdict_fo
         assert row.numbers == row.agree + row.better + row.worse + row.incomparable
 
 
-def lines_of(text: str) -> set[int]:
-    """Line numbers in a text such as "893–897, 1002"."""
-    return {int(number) for number in re.findall(r"\d+", text)}
-
-
 @pytest.mark.parametrize("name", [name for name in PAPERS if name != "robust"])
 def test_every_choice_is_a_line_of_the_settings_with_what_is_believed_among_what_was_tried(name: str):
     length = {"corvette": 1042, "segorogeni": 463, "itsunusa": 151, "puna": 977}[name]
@@ -98,7 +93,7 @@ def test_every_choice_is_a_line_of_the_settings_with_what_is_believed_among_what
     for choice, values in settings(name)["open"].items():
         assert values["believed"] in values["tried"]
         assert len(set(map(str, values["tried"]))) == len(values["tried"])
-        assert max(lines_of(values["lines"])) <= length
+        assert max(map(int, re.findall(r"\d+", values["lines"]))) <= length
         assert len(re.findall(rf"(?m)^{choice} = \{{.*\}}", text)) == 1
 
 

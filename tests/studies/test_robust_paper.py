@@ -101,10 +101,3 @@ def test_the_printed_algorithm_is_the_kalman_filter():
     record = robust.simulate(model, model, Condition(), 60, 1, 0)
     kf = np.array([after.mean[0, 0] for _, after in robust.track({"kind": "kf"}, model, record.y)])
     assert robust.printed_difference(model, record.y[:, 0, 0], kf) < 1e-12
-
-
-def test_every_condition_of_every_sweep_has_a_cell_for_both_populations():
-    found = robust.cells(S)
-    conditions = {condition for group in robust.sweeps(S).values() for condition in group}
-    names = {robust.cell_name(population, c) for population in S["populations"] for c in conditions}
-    assert set(found) == names | {"example"}
