@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from estimators.engine.dependencies import Dependencies
 from estimators.randomness import word
 from vessel_gym.acceptance import checked_disturbance, checked_task, checked_vehicle
 from vessel_gym.checks import number, one_of
-from vessel_gym.composition import Forces, acting_on, change_of
+from vessel_gym.composition import Composition, Forces, acting_on, change_of
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.estimation import EstimatorChoice, build, chosen_disturbance
 from vessel_gym.foreign import CheckedMethods, ours
@@ -103,45 +103,69 @@ class Configuration:
         self.plain: dict[str, Any] = {"world": world, "mission": self.mission}  # whose functions are a user's, in NumPy
         self.untraced, self.changes = world.users or users, 0  # how often they have been traced anew
         self.reads: list[Dependencies] = []  # what those of them read that are traced
-        self._names_of_truth()
-        self._unknown_inputs()
-        self._draws()
+        self.true_state = TrueState.of(world, self.composition)
+        self.unknown_input = UnknownInput.of(world, self.estimation.inputs)
+        self.draws = Draws.of(world, len(self.based), self.mismatch)
+        self.nominal = np.array(world.vehicle.parameters(0.0, np.zeros((1, vehicle.normals))))
 
-    def _names_of_truth(self) -> None:
-        disturbance, state_names = self.forces.disturbance, self.vehicle.state_names
-        self.shown = disturbance.told == "states" or len(self.composition.held) > 0
-        self.truth_names = *state_names, *(disturbance.names if self.shown else ()), *self.sensors.bias_names
-        """Components of `vessel_gym.core.Core.truth`."""
-        self.alone = len(self.truth_names) == len(state_names)
-        self.estimated = [self.truth_names.index(n) if n in self.truth_names else -1 for n in self.composition.names]
 
-    def _unknown_inputs(self) -> None:
-        """Where the true unknown inputs stand."""
-        disturbance = self.forces.disturbance
-        self.unknown_inputs = self.estimation.inputs
-        """What nobody is told of the coming step, by name."""
-        new = (*disturbance.names, *self.sensors.bias_names)
-        new = (*disturbance.shakes, *map(change_of, new))  # what `noise` holds
-        acting = (*new, *acting_on(self.vehicle)[: self.forces.size])
-        places = [acting.index(name) if name in acting else len(acting) for name in self.unknown_inputs]
+class TrueState(NamedTuple):
+    """The components of `vessel_gym.core.Core.truth`."""
+
+    names: tuple[str, ...]
+    drifting: bool  # is the disturbance's state among them?
+    alone: bool  # are they the vehicle's state and nothing else?
+    estimated: list[int]  # places of those that the filter estimates; -1: it alone thinks that there is one
+
+    @classmethod
+    def of(cls, world: World, composition: Composition) -> "TrueState":
+        """That of a world, beside a filter's."""
+        disturbance, vehicle = world.forces.disturbance, world.forces.vehicle.state_names
+        drifting = disturbance.told == "states" or len(composition.held) > 0
+        names = *vehicle, *(disturbance.names if drifting else ()), *world.sensors.bias_names
+        estimated = [names.index(name) if name in names else -1 for name in composition.names]
+        return cls(names, drifting, len(names) == len(vehicle), estimated)
+
+
+class UnknownInput(NamedTuple):
+    """Places of the true unknown input."""
+
+    columns: Any  # of `noise` or `forcing`, or of both and a last column of NaN
+    array: str  # "noise", "forcing" or, where both hold a part, ""
+
+    @classmethod
+    def of(cls, world: World, names: tuple[str, ...]) -> "UnknownInput":
+        """Those of components by these names."""
+        disturbance = world.forces.disturbance
+        new = (*disturbance.names, *world.sensors.bias_names)
+        new = (*disturbance.shakes, *map(change_of, new))  # components of `noise`
+        acting = (*new, *acting_on(world.forces.vehicle)[: world.forces.size])
+        places = [acting.index(name) if name in acting else len(acting) for name in names]
         fresh, forced = all(i < len(new) for i in places), all(len(new) <= i < len(acting) for i in places)
-        self.input = columns([i - len(new) for i in places] if forced else places)
-        self.input_in = "noise" if fresh else "forcing" if forced else ""
+        chosen = columns([i - len(new) for i in places] if forced else places)
+        return cls(chosen, "noise" if fresh else "forcing" if forced else "")
 
-    def _draws(self) -> None:
-        """What is drawn at the start of an episode."""
-        vehicle = self.vehicle
-        self.nominal = np.array(self.world.vehicle.parameters(0.0, np.zeros((1, vehicle.normals))))
-        biased = [sensor for sensor in self.sensors.each if sensor.bias is not None]
+
+class Draws(NamedTuple):
+    """Random numbers of an episode's start."""
+
+    words: tuple[int, ...]  # of the keys of its parts
+    counts: tuple[tuple[int, int, int], ...]  # uniform and normal numbers of each, and the use of these
+    world: int  # keys before those of the sensors
+    parameters: slice  # normals of the vehicle's parameters
+
+    @classmethod
+    def of(cls, world: World, based: int, mismatch: float) -> "Draws":
+        """Those of a world whose prior is about ``based`` components of the vehicle's state."""
+        biased = [sensor for sensor in world.sensors.each if sensor.bias is not None]
         parts = "disturbance", *(f"bias of {sensor.name}" for sensor in biased)
-        sensed = (f"sensor {sensor.name}" for sensor in self.sensors.each)
-        self.words = tuple(word(name) for name in (*DRAWN, *parts, *sensed))
-        self.sensed = len(DRAWN) + len(parts)  # where the sensors' keys begin
-        spread = vehicle.normals if self.mismatch else 0
-        normals = [(0, root.shape[-1], 1) for root in self.world.start_roots]
-        drawn = [(self.task.uniforms, 0, 0), (0, len(self.based), 0), (0, spread, 0), (0, 0, 0), *normals]
-        self.drawn = tuple(drawn + [(0, 0, 0)] * len(self.sensors.each))
-        self.spread = slice(end := self.task.uniforms + len(self.based), end + spread)  # normals of the parameters
+        sensed = (f"sensor {sensor.name}" for sensor in world.sensors.each)
+        words = tuple(word(name) for name in (*DRAWN, *parts, *sensed))
+        spread, uniforms = world.forces.vehicle.normals if mismatch else 0, world.task.uniforms
+        normals = [(0, root.shape[-1], 1) for root in world.start_roots]
+        counts = [(uniforms, 0, 0), (0, based, 0), (0, spread, 0), (0, 0, 0), *normals]
+        counts += [(0, 0, 0)] * len(world.sensors.each)
+        return cls(words, tuple(counts), len(DRAWN) + len(parts), slice(end := uniforms + based, end + spread))
 
 
 def observed(observe: str, guidance: bool) -> tuple[str, ...]:

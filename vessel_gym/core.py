@@ -101,7 +101,7 @@ class Core:
 
         self.seeds: list[int] = []
         self.episodes = np.zeros(num_envs, int)
-        self._keys = np.zeros((num_envs, self.config.sensed - len(DRAWN), 2), np.uint64)  # of the world's parts
+        self._keys = np.zeros((num_envs, self.config.draws.world - len(DRAWN), 2), np.uint64)  # of the world's parts
         self._rows = np.arange(num_envs)
         self.steps = np.zeros(num_envs, int)
         self.total = np.zeros(num_envs)
@@ -122,7 +122,7 @@ class Core:
         self.config = config = Configuration(system, *self._choices)
         self.system, self.vehicle, self.task, self.forces = config.system, config.vehicle, config.task, config.forces
         self.sensors, self.composition, self.estimator = config.sensors, config.composition, config.estimator
-        self.truth_names, self.unknown_inputs = config.truth_names, config.unknown_inputs
+        self.truth_names, self.unknown_inputs = config.true_state.names, config.estimation.inputs
         self.sensors_name, self.disturbance_name = config.sensors_name, config.disturbance_name
         self.mismatch, self.observe_mode, self.guidance = config.mismatch, config.observe_mode, config.guidance
         self.ends, self.success = config.ends, config.success
@@ -176,17 +176,18 @@ class Core:
     @property
     def unknown_input(self) -> np.ndarray:
         """The true one of every environment ``(B, q)``; NaN what only the filter thinks there is."""
-        if self.config.input_in:
-            return getattr(self, self.config.input_in)[:, self.config.input]
+        columns, array = self.config.unknown_input
+        if array:
+            return getattr(self, array)[:, columns]
         unheard = np.full((self.num_envs, 1), np.nan)
-        return np.concatenate([self.noise, self.forcing, unheard], -1)[:, self.config.input]
+        return np.concatenate([self.noise, self.forcing, unheard], -1)[:, columns]
 
     @property
     def truth(self) -> np.ndarray:
         """The true states ``(B, n)``: the vehicle's, the disturbance's if filters are told of them, and the biases."""
-        if self.config.alone:
+        if self.config.true_state.alone:
             return self.state
-        return np.concatenate([self.state, self.drifting if self.config.shown else self.bias], -1)
+        return np.concatenate([self.state, self.drifting if self.config.true_state.drifting else self.bias], -1)
 
     @property
     def score(self) -> np.ndarray:
@@ -212,8 +213,9 @@ class Core:
 
     def estimated(self, truth: np.ndarray) -> np.ndarray:
         """What the filter estimates ``(..., n)`` out of true states; NaN for what only the filter thinks there is."""
-        state = truth[..., self.config.estimated]
-        state[..., [index < 0 for index in self.config.estimated]] = np.nan
+        estimated = self.config.true_state.estimated
+        state = truth[..., estimated]
+        state[..., [index < 0 for index in estimated]] = np.nan
         return state
 
     # --- reset ------------------------------------------------------------------------------------
@@ -292,23 +294,24 @@ class Core:
         if readings is not None:
             readings = _arrived(readings, len(rows), self.sensors)
         config, loop, task = self.config, self.loop, self.config.world.task
+        draws = config.draws
         some = None if len(rows) == self.num_envs else rows  # all rows are faster as such
         at = slice(None) if some is None else rows
         seeds = self.seeds if some is None else [self.seeds[row] for row in rows]
         keys, numbers = draw(
-            Numbers.seeded(seeds).keys, np.ascontiguousarray(self.episodes[at]), names=config.words, drawn=config.drawn
+            Numbers.seeded(seeds).keys, np.ascontiguousarray(self.episodes[at]), names=draws.words, drawn=draws.counts
         )
         self._refuse_at(np.zeros(len(rows), int), None)
         course = task.course(numbers[:, : task.uniforms], options)
         prior = task.prior(course)
-        self._keys[at] = keys[:, len(DRAWN) : config.sensed]
-        loop.restart(at, keys[:, config.sensed :], keys[:, DRAWN.index("filter")])
+        self._keys[at] = keys[:, len(DRAWN) : draws.world]
+        loop.restart(at, keys[:, draws.world :], keys[:, DRAWN.index("filter")])
         steps = np.zeros(len(rows), int)
         actuators, u, state, drifting, noise, forcing, *read, tally = config.world.begin(
             course, prior.mean, shared_root(prior.cov), numbers, keys[:, len(DRAWN) :], steps
         )
         if self.mismatch:
-            parameters = config.world.vehicle.parameters(self.mismatch, numbers[:, config.spread])
+            parameters = config.world.vehicle.parameters(self.mismatch, numbers[:, draws.parameters])
         else:
             parameters = config.nominal.repeat(len(rows), 0)
         self._put(
