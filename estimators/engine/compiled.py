@@ -8,6 +8,7 @@ import numpy as np
 
 from estimators.engine.arrays import TracedArray, entries
 from estimators.engine.function import Argument, Function, kind_of
+from estimators.engine.matching import described, matcher
 from estimators.engine.matrices import MatrixTracer, is_mask, matrix_input
 from estimators.engine.program import Program
 from estimators.engine.tracer import KINDS, NotTraceable, Tracer, cast
@@ -80,17 +81,10 @@ class Compiled:
     def __call__(self, *arrays: Any, **static: Any) -> Any:
         """The function's results for arrays; where they are tracers, traced with its caller."""
         last = self._last
-        if last is not None and len(arrays) == len(last.signature) and static == last.static:
-            for array, (shape, dtype) in zip(arrays, last.signature, strict=True):
-                if not (
-                    type(array) is np.ndarray and array.shape == shape and array.dtype is dtype
-                    and array.flags.c_contiguous
-                ):  # fmt: skip
-                    break
-            else:
-                results = [np.empty(shape, dtype) for shape, dtype in last.results]
-                last.function(last.rows, last.shared, *arrays, *results)
-                return tuple(results) if last.several else results[0]
+        if last is not None and last.matches(last.described, *arrays) and static == last.static:
+            results = [np.empty(shape, dtype) for shape, dtype in last.results]
+            last.function(last.rows, last.shared, *arrays, *results)
+            return tuple(results) if last.several else results[0]
         return self._call(arrays, static)
 
     def _call(self, arrays: tuple[Any, ...], static: dict[str, Any]) -> Any:
@@ -110,9 +104,11 @@ class Compiled:
         if count:
             function(count, shared, *ready, *results)
             if all(one is other for one, other in zip(ready, arrays, strict=True)):
-                signature = tuple((a.shape, a.dtype) for a in ready)
                 shapes = tuple((a.shape, a.dtype) for a in results)
-                self._last = _Call(signature, static, function, count, shared, shapes, several)
+                self._last = _Call(
+                    matcher(), described(ready), static, function, count, shared, shapes, several,
+                    tuple(a.dtype for a in ready),
+                )  # fmt: skip
         return tuple(results) if several else results[0]
 
     def _without(self, arrays: Sequence[Any]) -> "Compiled":
@@ -138,13 +134,15 @@ class Compiled:
 class _Call(NamedTuple):
     """A call whose arguments needed no preparation: the next one of arrays like these needs none either."""
 
-    signature: tuple[tuple[tuple[int, ...], np.dtype], ...]
+    matches: Callable[..., bool]
+    described: np.ndarray
     static: dict[str, Any]
     function: Function
     rows: int
     shared: int
     results: tuple[tuple[tuple[int, ...], np.dtype], ...]
     several: bool
+    dtypes: tuple[np.dtype, ...]  # which are kept for those that are described
 
 
 class _Methods(dict[Compiled, Compiled]):

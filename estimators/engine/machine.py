@@ -71,7 +71,10 @@ class _Method(ctypes.Structure):
 
 
 _FASTCALL = 0x80
-_PYTHON = "PyLong_AsSsize_t", "PyEval_SaveThread", "PyEval_RestoreThread", "Py_IncRef", "_Py_NoneStruct"
+_PYTHON = (
+    "PyLong_AsSsize_t", "PyEval_SaveThread", "PyEval_RestoreThread", "Py_IncRef", "_Py_NoneStruct", "_Py_TrueStruct",
+    "_Py_FalseStruct",
+)  # fmt: skip
 
 
 def entry_point(pointers: int, releasing: int) -> str:

@@ -14,9 +14,11 @@ import pytest
 from estimators.engine import compiled, machine
 from estimators.engine.compiled import call, trace
 from estimators.engine.function import Argument
+from estimators.engine.matching import described, matcher
 from tests.estimators.engine.random_functions import RandomFunction
 
 ROOT = Path(__file__).parents[3]
+matcher()  # an object of its own, which is no part of what is counted below
 SCRIPT = """
 import sys
 import numpy as np
@@ -245,3 +247,36 @@ def test_nothing_is_contracted_or_reordered():
     np.testing.assert_array_equal(found, x[:, 0] * x[:, 1] + x[:, 2])
     small = np.array([[1e16, 1.0, -1e16]])
     assert compiled(lambda x: x[..., 0] + x[..., 1] + x[..., 2])(small) == 0.0
+
+
+# --- are arrays alike? ------------------------------------------------------------------------------
+
+
+class Own(np.ndarray):
+    """A kind of array of somebody's own."""
+
+
+OBJECTS = [
+    np.zeros(()), np.zeros(0), np.zeros(3), np.zeros(3, np.float32), np.zeros(3, int), np.zeros((3, 1)),
+    np.zeros((1, 3)), np.zeros((3, 4)), np.zeros((3, 4)).T, np.zeros((3, 4))[:, ::2], np.zeros((4, 3)),
+    np.zeros((4, 3)).T, np.zeros((2, 3, 4)), np.zeros(3).view(Own), np.zeros(3, bool), np.float64(0.0), 0.0, 3, None,
+    "3", [0.0, 0.0, 0.0],
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 5])
+def test_arrays_are_alike_if_their_types_shapes_and_order_are(count: int):
+    rng = np.random.default_rng(count)
+    ordered = [each for each in OBJECTS if type(each) is np.ndarray and each.flags.c_contiguous]
+    for _ in range(300):
+        before = [ordered[i] for i in rng.integers(len(ordered), size=count)]
+        now: list[Any] = list(before)
+        if rng.random() < 0.7:
+            now[rng.integers(max(count, 1)) : count] = [
+                OBJECTS[i] for i in rng.integers(len(OBJECTS), size=rng.integers(3))
+            ]
+        alike = len(now) == count and all(
+            type(a) is np.ndarray and a.shape == b.shape and a.dtype == b.dtype and a.flags.c_contiguous
+            for a, b in zip(now, before, strict=True)
+        )
+        assert matcher()(described(before), *now) is alike
