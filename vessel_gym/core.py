@@ -554,7 +554,7 @@ class Core:
             checked[ended] = 0.0
         if not np.isfinite(checked).all():
             raise ValueError("action must be finite, got NaN or infinity")
-        return np.clip(checked, -1.0, 1.0)
+        return checked.clip(-1.0, 1.0)
 
     # --- inside -----------------------------------------------------------------------------------
 
