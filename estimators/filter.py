@@ -22,7 +22,7 @@ from estimators.checks import as_array, as_mask, frozen, shown
 from estimators.engine import tracer
 from estimators.engine.compiled import given
 from estimators.engine.foreign import Inspection
-from estimators.engine.function import Argument, Function
+from estimators.engine.function import LANES, Argument, Function
 from estimators.engine.matrices import MatrixTracer, is_traced, matrix, matrix_input
 from estimators.engine.program import Program
 from estimators.linalg import (
@@ -47,7 +47,7 @@ from estimators.recovery import (
     recovered,
     regular_noise,
 )
-from estimators.threads import each, shares
+from estimators.threads import FEWEST, each, shares
 from estimators.varying import StateNoise, noise_at, resolve
 
 Rng = Numbers | np.random.Generator | None
@@ -543,7 +543,8 @@ class Filter(ABC, Generic[Record]):
         def part(rows: slice) -> None:
             function(rows.stop - rows.start, 0, *(array[rows] for array in arrays))
 
-        each(part, shares(len(arrays[-1]), self._threads), self._threads)
+        fewest = LANES if function.layout.size > _LARGE else FEWEST
+        each(part, shares(len(arrays[-1]), self._threads, fewest), self._threads)
 
     def _by_rows(self, formula: Callable[..., Any], *matrices: np.ndarray) -> Any:
         """A formula of matrices ``(..., n, m)``, compiled where the filter's own are.
@@ -773,6 +774,8 @@ def _all(rows: int, readings: int) -> np.ndarray:
     return np.ones((rows, readings), bool)
 
 
+_LARGE = 1 << 11
+"""Entries of a program's matrices, as of ensembles, above which few rows are worth a thread."""
 _Question = Callable[[Any, Any, Any], Any]
 _ANSWERS = {"_moved": (1, 2), "_linearise": (1, 2, 2), "_moving_G": (2,), "_moved_members": (2,), "_expected": (2,)}
 """Axes of what these methods say of a row."""

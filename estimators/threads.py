@@ -10,14 +10,14 @@ from typing import TypeVar
 from estimators.engine.function import LANES
 
 Result = TypeVar("Result")
-_FEWEST = 256
+FEWEST = 256
 """Rows that are worth a thread: waking it costs some 20 us."""
 
 
 @cache
-def shares(rows: int, threads: int) -> tuple[slice, ...]:
+def shares(rows: int, threads: int, fewest: int = FEWEST) -> tuple[slice, ...]:
     """Slices of the rows, whole vectors of the engine, about as many in each: one a thread, or fewer of few rows."""
-    count = max(1, min(threads, rows // _FEWEST))
+    count = max(1, min(threads, rows // fewest))
     cuts = [*(rows * i // count // LANES * LANES for i in range(count)), rows]
     return tuple(map(slice, cuts[:-1], cuts[1:]))
 
