@@ -186,12 +186,11 @@ class Delayed(Generic[Record]):
         every, filter = bool(again.all()), cast(Any, self.filter)
         chosen: Any = again if self._apart and not every else ...
         belief: Any = self._read(steps[-1 - age], chosen)
-        now: Any = belief
         after, predictions = steps[-age:], None
         plain = isinstance(filter, Filter) and not filter.random
         if plain and all(step.R is None and step.read[chosen].all() for step in after):
             u, y, available = (_stacked([_rows(step[i], chosen) for step in after]) for i in (1, 3, 4))
-            predictions, now = filter._repeated(belief, u, y, available) or (None, now)
+            predictions, belief = filter._repeated(belief, u, y, available) or (None, belief)
         for i, step in enumerate(after):
             if predictions is None:
                 predicted = filter.predict(belief, _rows(step.u, chosen), rng=_rows(step.moved, chosen))
@@ -201,8 +200,8 @@ class Delayed(Generic[Record]):
                 predicted = step.predicted.with_rows(again, predicted if self._apart else predicted[again])
             steps[i - age] = step._replace(predicted=predicted)
             if predictions is None:
-                belief = now = self._read(steps[i - age], chosen)
-        return now
+                belief = self._read(steps[i - age], chosen)
+        return belief
 
     def _check_one_input(self, step: Step, u: np.ndarray) -> None:
         """Refuse another known input for a step of which readings have come: they are taken in together.

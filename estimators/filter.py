@@ -470,12 +470,7 @@ class Filter(ABC, Generic[Record]):
     ) -> tuple[Record, np.ndarray]:  # fmt: skip
         """The compiled `_predict`, `_update` or both; and the mask ``(...)`` of the rows that are `_doubtful`."""
         packed, layout = belief.side_by_side()
-        key = self._key(methods, layout, u, R)
-        assert self._programs is not None
-        traced = self._programs.get(key)
-        # Of both methods `_in_one_program` has just asked.
-        if traced is None or not (methods is _BOTH or all(each.unchanged() for each in traced.inspections)):
-            traced = self._programs[key] = self._traced(methods, belief, layout, u, R)
+        traced = self._program(methods, belief, layout, u, R)
         batch, own = packed.shape[:-1], in_rows(packed)
         keys, step = self._words(rng, batch) if self.random else (own, own)
         out, doubtful = np.empty((len(own), traced.layout.width)), np.empty((len(own), 1), bool)
@@ -489,6 +484,18 @@ class Filter(ABC, Generic[Record]):
         if y is None:
             object.__setattr__(updated, "recovery", belief.recovery)
         return updated, doubtful.reshape(batch)
+
+    def _program(
+        self, methods: tuple[str, ...], belief: Record, layout: Layout, u: np.ndarray | None, R: np.ndarray | None
+    ) -> "_Traced":
+        """The program of methods, traced where there is none yet or something that it reads has changed."""
+        key = self._key(methods, layout, u, R)
+        assert self._programs is not None
+        traced = self._programs.get(key)
+        # Of both methods `_in_one_program` has just asked.
+        if traced is None or not (methods is _BOTH or all(each.unchanged() for each in traced.inspections)):
+            traced = self._programs[key] = self._traced(methods, belief, layout, u, R)
+        return traced
 
     def _words(self, rng: Rng, batch: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
         """Keys ``(rows, 2)`` and steps ``(rows, 1)`` of a filter that draws random numbers."""
@@ -509,10 +516,7 @@ class Filter(ABC, Generic[Record]):
         now = None if u is None else u[0]
         if self._programs is None or not (self._ours and self._regular and self._in_one_program(belief, now)):
             return None
-        key = self._key(_SUCCESSIVE, layout, now, None)
-        traced = self._programs.get(key)
-        if traced is None or not all(each.unchanged() for each in traced.inspections):
-            traced = self._programs[key] = self._traced(_SUCCESSIVE, belief, layout, now, None)
+        traced = self._program(_SUCCESSIVE, belief, layout, now, None)
         if traced.layout is not layout or traced.predicted is None or traced.callbacks:
             return None
         steps, rows = y.shape[:2]

@@ -344,7 +344,7 @@ class Core:
 
         Args:
             action: ``(B, a)`` finite; clipped to [-1, 1].
-            readings: Readings to use instead of the sensors' (for replays); the sensors then draw nothing.
+            readings: Readings to use instead of the sensors' (for replays); no other random number changes.
             ended: Mask ``(B,)`` of environments whose episode has ended and that are reset next: their actions are
                 not looked at.
             shape: That the action must have; None: ``(B, a)``.

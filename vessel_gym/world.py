@@ -42,10 +42,8 @@ class World:
         self.parts = np.array([process.normals for process in (disturbance.process, *biases)])
         self.parts[0] += disturbance.white.shape[-1]
         self.start_roots = [process.start_root for process in (disturbance.process, *biases)]
-        self.carried = (
-            forces.vehicle.carried
-        )  # what a flow adds to what the prior describes, of the disturbance's state
-        if self.carried is not None:
+        self.carried = forces.vehicle.carried
+        if self.carried is not None:  # the prior's state moves with the flow, which is of the disturbance's state
             self.carried = self.carried @ forces.linear[len(forces.vehicle.kicks) : forces.outside]
         self.transition = block_diag(disturbance.process.transition, sensors.bias.transition)
         self.root = block_diag(disturbance.white, disturbance.process.root, sensors.bias.root)
@@ -112,7 +110,7 @@ class World:
         self, course: np.ndarray, mean: np.ndarray, root: np.ndarray, numbers: np.ndarray, keys: np.ndarray,
         steps: np.ndarray,
     ) -> tuple[np.ndarray, ...]:  # fmt: skip
-        """State, actuators, known input and score state at an episode's start, and what `move` and `sense` give then.
+        """Actuators and known input at an episode's start, then what `move` and `sense` give, then the score state.
 
         Args:
             course: What the task drew ``(..., c)``.

@@ -207,8 +207,9 @@ def prepared(
     for i, (array, own) in enumerate(zip(arrays, leading, strict=True)):
         if own != batch:
             if any(n != 1 for n in own):
-                array, given = np.empty(batch + array.shape[len(own) :], array.dtype), array
-                array[...] = given
+                whole = np.empty(batch + array.shape[len(own) :], array.dtype)
+                whole[...] = array
+                array = whole
             else:
                 shared |= 1 << i
         ready.append(array)
