@@ -114,7 +114,7 @@ def unstable_zeros(systems: int = 400) -> str:
 
 def adaptive_inflation(runs: int = 20) -> str:
     """Median analysis RMSE of `letkf` on Lorenz-96 by inflation, at several steps between measurements."""
-    from estimators.lorenz import LORENZ96, Benchmark, analysis_rmse
+    from studies.lorenz.benchmarks import LORENZ96, Benchmark, analysis_rmse
 
     factors = (1.02, 1.04, 1.08, 1.15, 1.3, 1.5)
     tunings = [*({"inflation": factor} for factor in factors), {"adaptive": 1.0}]

@@ -11,6 +11,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("agents", "estimators", "scripts", "studies", "vessel_gym")
+OUTSIDE = ("studies/papers/", "studies/lorenz/")
 FILES = ("CHANGELOG.md", "CITATION.cff", "LICENSE", "MANIFEST.in", "README.md", "pyproject.toml")
 BUILD = "from setuptools import build_meta; build_meta.build_sdist('dist'); build_meta.build_wheel('dist')"
 
@@ -31,10 +32,10 @@ def dist(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def kept() -> set[str]:
-    """Every file of the packages; the papers are run in a checkout only."""
+    """Every file of the packages; folders of studies are run in a checkout only."""
     paths = (path for package in PACKAGES for path in (ROOT / package).rglob("*"))
     names = {path.relative_to(ROOT).as_posix() for path in paths if path.is_file() and "__pycache__" not in path.parts}
-    return {name for name in names if not name.startswith("studies/papers/")}
+    return {name for name in names if not name.startswith(OUTSIDE)}
 
 
 def test_the_wheel_holds_every_file_of_the_packages_and_nothing_else(dist: Path):
@@ -52,7 +53,7 @@ def test_the_source_archive_holds_them_too_with_what_they_are_built_from_and_no_
     with tarfile.open(next(dist.glob("*.tar.gz"))) as archive:
         names = {member.name.partition("/")[2] for member in archive.getmembers() if member.isfile()}
     assert kept() | set(FILES) <= names
-    assert not any(name.startswith("studies/papers/") for name in names)
+    assert not any(name.startswith(OUTSIDE) for name in names)
     assert {name.partition("/")[0] for name in names} <= {
         *PACKAGES, *FILES, "PKG-INFO", "setup.cfg", "vessel_gym.egg-info"
     }  # fmt: skip

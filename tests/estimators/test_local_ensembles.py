@@ -8,7 +8,7 @@ from scipy.linalg import sqrtm
 from scipy.optimize import minimize_scalar
 
 from estimators import Belief, Gaussian, LinearModel, Numbers, gaspari_cohn, make
-from estimators.lorenz import LORENZ96, rk4
+from studies.lorenz.benchmarks import LORENZ96, rk4
 from tests.estimators.cases import assert_same, kalman_system, random_covariance, simulate, track
 
 SIZES = [(5, 4, 12), (12, 6, 5), (6, 6, 6), (3, 8, 4)]  # members, states, readings

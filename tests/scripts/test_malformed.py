@@ -18,15 +18,16 @@ from hypothesis import strategies as st
 import agents
 import agents.cells
 import agents.ppo
-import estimators.lorenz
+import studies.lorenz.benchmarks
 from agents import rollout
 from agents.cells import check_scheduler
 from agents.scores import scores
 from agents.seeds import evaluation_seeds, training_seed, tuning_seeds
 from agents.studies.study import StudyError, read_study
 from scripts import __main__ as console_command
-from scripts import ablate, benchmark, evaluate, lorenz, reproduce, timing, train, watch
+from scripts import ablate, benchmark, evaluate, reproduce, timing, train, watch
 from scripts.console import command
+from studies.lorenz import __main__ as lorenz
 
 COMMANDS: dict[str, Any] = {
     "ablate": ablate.main, "benchmark": benchmark.main, "evaluate": evaluate.main, "lorenz": lorenz.main,
@@ -78,7 +79,7 @@ def workplace(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         patch.setattr("agents.cells.pools._PATIENCE", 0)
         for place, name in (
             (agents, "rollout"), (agents.ppo, "train"), (agents.cells, "run"), (watch, "fly"), (timing, "report"),
-            (estimators.lorenz, "analysis_rmse"),
+            (studies.lorenz.benchmarks, "analysis_rmse"),
         ):  # fmt: skip
             patch.setattr(place, name, begin)
         yield folder
@@ -245,7 +246,7 @@ def test_a_mistake_of_ours_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch):
     def broken(*_: Any, **__: Any) -> None:
         raise ValueError("of ours")
 
-    monkeypatch.setattr(estimators.lorenz, "analysis_rmse", broken)
+    monkeypatch.setattr(studies.lorenz.benchmarks, "analysis_rmse", broken)
     with pytest.raises(ValueError, match=r"^of ours$"), contextlib.redirect_stderr(io.StringIO()):
         command(lorenz.main, [])
 

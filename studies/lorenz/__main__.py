@@ -1,4 +1,4 @@
-"""Hold the ensemble and particle filters against published scores: ``python -m scripts.lorenz``."""
+"""Hold the ensemble and particle filters against published scores: ``python -m studies.lorenz``."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def main(runs: int = 20, cycles: int = 1000, seed: int = 0) -> None:
     from rich.markup import escape
 
     from agents.statistics import mean_interval
-    from estimators.lorenz import BENCHMARKS, analysis_rmse
+    from studies.lorenz.benchmarks import BENCHMARKS, analysis_rmse
 
     with asked():
         in_range("runs", runs, 2)  # one run has no interval

@@ -5,9 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-import estimators.lorenz
-from estimators.lorenz import BENCHMARKS
-from scripts import lorenz
+import studies.lorenz.benchmarks
+from studies.lorenz import __main__ as lorenz
+from studies.lorenz.benchmarks import BENCHMARKS
 
 
 @pytest.fixture
@@ -19,7 +19,9 @@ def wide(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_the_table_has_every_published_score_beside_ours(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
-    monkeypatch.setattr(estimators.lorenz, "analysis_rmse", lambda row, *_: row.published * np.array([0.9, 1.1]))
+    monkeypatch.setattr(
+        studies.lorenz.benchmarks, "analysis_rmse", lambda row, *_: row.published * np.array([0.9, 1.1])
+    )
     lorenz.main(runs=2, cycles=1)
     printed = capsys.readouterr().out
     rows = [line for line in printed.splitlines() if " ± " in line]
@@ -38,8 +40,8 @@ def test_a_score_is_within_if_the_lower_end_is_at_most_five_percent_above(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], excess: float, verdict: str
 ):
     row = dataclasses.replace(BENCHMARKS[0], reported_only=False)
-    monkeypatch.setattr(estimators.lorenz, "BENCHMARKS", (row,))
-    monkeypatch.setattr(estimators.lorenz, "analysis_rmse", lambda row, *_: np.full(3, excess * row.published))
+    monkeypatch.setattr(studies.lorenz.benchmarks, "BENCHMARKS", (row,))
+    monkeypatch.setattr(studies.lorenz.benchmarks, "analysis_rmse", lambda row, *_: np.full(3, excess * row.published))
     lorenz.main(runs=3, cycles=1)
     (line,) = (line for line in capsys.readouterr().out.splitlines() if " ± " in line)
     assert line.split()[-1] == verdict

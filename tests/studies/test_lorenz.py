@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import t
 
-from estimators.lorenz import BENCHMARKS, LORENZ63, LORENZ96, Benchmark, analysis_rmse, lorenz63, lorenz96, rk4
+from studies.lorenz.benchmarks import BENCHMARKS, LORENZ63, LORENZ96, Benchmark, analysis_rmse, lorenz63, lorenz96, rk4
 
 RUNS, CYCLES = 20, 200
 BURN_IN = 100
