@@ -9,7 +9,7 @@ BIN := .venv/bin
 WORKERS := pytest -n 2 --dist worksteal
 
 .DEFAULT_GOAL := help
-.PHONY: help venv ablation pilots test quick nightly lint docs linkcheck wheel clean
+.PHONY: help venv ablation policies test quick nightly lint docs linkcheck wheel clean
 
 help:  ## Show this help
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -29,14 +29,14 @@ venv: .venv/.installed  ## Install the project and its tools into .venv, in the 
 ablation: .venv/.studies  ## Train and score agents on every estimator, and write the report to results/ablation
 	$(BIN)/python -m scripts.ablate studies/corvette.toml --out results/ablation
 
-PILOTS := PunaUAV-v0 SegorogeniAUV-v0 ItsunusaAUV-v0 SigmaCorvette-v0 ThesisCorvette-v0
-.PHONY: $(PILOTS)
+POLICIES := PunaUAV-v0 SegorogeniAUV-v0 ItsunusaAUV-v0 SigmaCorvette-v0 ThesisCorvette-v0
+.PHONY: $(POLICIES)
 
-pilots: .venv/.studies  ## Train the agents that come with the package anew, and write their scores into docs/pilots.md
-	$(MAKE) -j 2 $(PILOTS)
-	$(BIN)/python -m scripts.tables pilots
+policies: .venv/.studies  ## Train the policies that come with the package anew, and write their scores into docs/agents.md
+	$(MAKE) -j 2 $(POLICIES)
+	$(BIN)/python -m scripts.tables agents
 
-$(PILOTS):  # of three runs one in two learns to fly the aircraft
+$(POLICIES):  # of three runs one in two learns to fly the aircraft
 	$(BIN)/python -m scripts.train $@ --out agents/trained/$@.zip $(if $(filter Puna%,$@),--runs 3)
 
 test: venv  ## Run the tests, of slow ones one case each

@@ -5,10 +5,10 @@ torch and stable-baselines3 are imported only when an agent is trained, saved or
 
 from agents.agent import Agent, RandomAgent, load_agent
 from agents.checkpoint import save_agent
+from agents.controllers import register_controller
+from agents.controllers.turning import TurningAutopilot
 from agents.episodes import Episode, episode
 from agents.metrics import Metric
-from agents.pilots import register_pilot
-from agents.pilots.turning import TurningAutopilot
 from agents.rollouts import Rollout, rollout
 from agents.sheets import register_scores
 
@@ -21,7 +21,7 @@ __all__ = [
     "TurningAutopilot",
     "episode",
     "load_agent",
-    "register_pilot",
+    "register_controller",
     "register_scores",
     "rollout",
     "save_agent",

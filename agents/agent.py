@@ -8,7 +8,7 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from agents.checkpoint import TrainedAgent, packaged
-from agents.pilots import PILOTS, PPO, RANDOM, make_pilot, unknown_pilot
+from agents.controllers import CONTROLLERS, PPO, RANDOM, make_controller, unknown_controller
 from estimators.checks import shown
 
 
@@ -44,10 +44,10 @@ def load_agent(name: str | Path, env: Any, trust: bool = False) -> Agent:
     """An agent by name, or a trained one from its file.
 
     Args:
-        name: A pilot that is registered for the environment's task, such as ``"autopilot"`` (see `agents.pilots`);
-            ``"ppo"``, which was trained on the environment's default estimates and comes with the package, and needs
+        name: A controller that is registered for the environment's task, such as ``"autopilot"`` (see
+            `agents.controllers`); ``"ppo"``, which was trained on the environment's default estimates and comes with the package, and needs
             no torch; ``"random"``; the path of a checkpoint that `agents.save_agent` or ``scripts.train`` wrote; or
-            ``"module:object"``, a pilot of your own, made by calling the object with the environment's `System`:
+            ``"module:object"``, a controller of your own, made by calling the object with the environment's `System`:
             the module is imported, which runs its code.
         env: The environment (either face, wrapped or not) that it will fly.
         trust: Load other checkpoints of stable-baselines3, too, of any algorithm. They hold pickles: loading one runs
@@ -72,16 +72,16 @@ def load_agent(name: str | Path, env: Any, trust: bool = False) -> Agent:
         raise ValueError(f"{name} flies the environments of vessel_gym, not {type(env).__name__}")
     if name == PPO:
         return TrainedAgent(packaged(env.system.name), env, dense=True)
-    if name in PILOTS.of(env.core.task):
+    if name in CONTROLLERS.of(env.core.task):
         if env.core.observe_mode == "measurement":
             raise ValueError(f'the {name} needs estimates: use observe="mean" or "mean+std"')
         if not env.core.guidance or env.core.ends == "declaration":
             raise ValueError(f"the {name} goes by guidance and declares nothing: leave out guidance and ends")
-        return make_pilot(str(name), env.system)
+        return make_controller(str(name), env.system)
     if os.path.isfile(name):  # which takes any name; pathlib raises for one that is too long
         return TrainedAgent(Path(name), env, trust)
     if isinstance(name, str) and ":" in name:
-        return make_pilot(name, env.system)
+        return make_controller(name, env.system)
     if Path(name).suffix == ".zip" or len(Path(name).parts) > 1:
         raise ValueError(f"there is no checkpoint {str(name)!r}")
-    raise ValueError(unknown_pilot(str(name), env.system, PPO, RANDOM, "the path of a checkpoint"))
+    raise ValueError(unknown_controller(str(name), env.system, PPO, RANDOM, "the path of a checkpoint"))

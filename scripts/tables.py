@@ -317,7 +317,7 @@ def exceptions(results: Path) -> str:
     )
 
 
-def pilots() -> str:
+def packaged_agents() -> str:
     """The trained agents of the package beside the autopilots, on default estimates."""
     from agents import rollout
     from agents.checkpoint import description, packaged
@@ -374,7 +374,7 @@ TABLES: dict[str, tuple[Path, Callable[[], str]]] = {
     "inputs": (ESTIMATORS / "unknown-input.md", inputs),
     "faults": (ESTIMATORS / "unknown-input-faults.md", faults),
     "faults found": (ESTIMATORS / "unknown-input-faults.md", faults_found),
-    "pilots": (ROOT / "docs/pilots.md", pilots),
+    "agents": (ROOT / "docs/agents.md", packaged_agents),
     "latency": (ROOT / "docs/late-fixes.md", lambda: latency(ROOT / "results/latency")),
     "gap": (ROOT / "docs/late-fixes.md", gap),
     "alarms": (ROOT / "docs/time-at-sea.md", alarms),

@@ -111,7 +111,7 @@ def test_a_sensor_of_ones_own_is_not_ignored_by_the_default_filter() -> None:
 
 
 @pytest.mark.slow
-def test_a_task_of_ones_own_has_pilot_score_and_picture() -> None:
+def test_a_task_of_ones_own_has_controller_score_and_picture() -> None:
     pytest.importorskip("pygame")
     flown = rollout("autopilot", "Docking-v0", range(8))
     assert scores(flown)["docked"].mean() == 100.0
@@ -227,7 +227,7 @@ def test_numbers_that_a_filter_of_ones_own_keeps_stay_those_of_their_step() -> N
 
 @pytest.fixture(scope="module")
 def catamaran() -> str:
-    """Its environment, registered as the page does, and what the page's pilot says of its flight."""
+    """Its environment, registered as the page does, and what the page's controller says of its flight."""
     with contextlib.redirect_stdout(io.StringIO()) as said:
         exec(compile(blocks("own-equations", "python")[0], "own-equations", "exec"), {"__name__": "page"})
     return said.getvalue()

@@ -1,4 +1,4 @@
-"""What is known of kinds of tasks: score sheets, pilots and surroundings, ours and everybody else's alike."""
+"""What is known of kinds of tasks: score sheets, controllers and surroundings, ours and everybody else's alike."""
 
 from collections.abc import Callable
 from typing import Any, Generic, TypeVar

@@ -7,7 +7,7 @@ from agents.statistics import EQUIVALENT, UNDECIDED, WORSE, Interval
 from agents.studies import shares
 from agents.studies.confirmation import FAILED, HELD, OPEN, Confirmed, confirmed
 from agents.studies.records import FEW_SEEDS, FLOOR, ORACLE
-from agents.studies.results import Pilot, Results
+from agents.studies.results import Policy, Results
 from agents.studies.wording import amount, every, many, microseconds, named, percent, sentence, share_entry, the
 
 BEST = 5
@@ -154,7 +154,7 @@ def _prices_in_time(results: Results, environments: list[str], estimator: str) -
 
 def _answer_of_learning(results: Results) -> list[str]:
     """Learned agents against the classical one, filters against memory, and the cost of crossing estimators."""
-    reference, sentences = shares.reference_pilot(results), []
+    reference, sentences = shares.reference_policy(results), []
     if reference is not None:
         each = {e: shares.against_classical(results, e, reference) for e in shares.shared(results, reference)}
         gaps = {e: gap for e, gap in each.items() if gap is not None}
@@ -171,14 +171,14 @@ def _answer_of_learning(results: Results) -> list[str]:
     return sentences + _crossings(results)
 
 
-def _filter_or_memory(results: Results, reference: Pilot) -> list[str]:
+def _filter_or_memory(results: Results, reference: Policy) -> list[str]:
     """Learning on a filter against learning on measurements, with or without memory, in each environment."""
-    raw, sentences = [pilot for pilot in shares.learners(results) if results.agent(pilot).raw], []
+    raw, sentences = [policy for policy in shares.learners(results) if results.agent(policy).raw], []
     for environment in shares.shared(results, reference):
-        each = {pilot: shares.difference(results, [environment], reference, pilot, len(raw)) for pilot in raw}
-        gaps = {pilot: gap for pilot, gap in each.items() if gap is not None}
+        each = {policy: shares.difference(results, [environment], reference, policy, len(raw)) for policy in raw}
+        gaps = {policy: gap for policy, gap in each.items() if gap is not None}
         if gaps:
-            told = [f"{_more(gap)} than {named(pilot)}" for pilot, gap in gaps.items()]
+            told = [f"{_more(gap)} than {named(policy)}" for policy, gap in gaps.items()]
             sentences.append(
                 f"In {environment} a filter in the loop {_verdict(list(gaps.values()))} learning on raw readings: "
                 f"{named(reference)} keeps {listed(told)}."

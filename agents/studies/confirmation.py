@@ -96,15 +96,15 @@ def _differences(results: Results, best: dict[str, str], chosen: bool) -> Iterat
         for name in others if best.get(column) in ranked else ():
             found = paired_difference(ranked[name], ranked[best[column]], comparisons=pairs)
             yield Difference(column, name, best[column], found)
-    reference = shares.reference_pilot(results)
+    reference = shares.reference_policy(results)
     for environment in [] if reference is None else shares.shared(results, reference):
         assert reference is not None
         value = shares.against_classical(results, environment, reference)
         yield Difference(environment, str(reference), str(results.classical), value)
-        raw = [pilot for pilot in shares.learners(results) if results.agent(pilot).raw]
-        for pilot in raw:
-            value = shares.difference(results, [environment], reference, pilot, len(raw))
-            yield Difference(environment, str(reference), str(pilot), value)
+        raw = [policy for policy in shares.learners(results) if results.agent(policy).raw]
+        for policy in raw:
+            value = shares.difference(results, [environment], reference, policy, len(raw))
+            yield Difference(environment, str(reference), str(policy), value)
 
 
 def open_seeds(study: Study, out: Path) -> None:

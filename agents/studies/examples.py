@@ -9,7 +9,7 @@ from agents.episodes.recording import page_of, typical_seed
 from agents.rollouts import Rollout, rollout
 from agents.studies.plan import Plan
 from agents.studies.records import FLOOR, ORACLE
-from agents.studies.worlds import classical_pilot, environment_id, environment_options, import_own, system_of
+from agents.studies.worlds import classical_controller, environment_id, environment_options, import_own, system_of
 
 
 def examples(plan: Plan) -> dict[str, Cell]:
@@ -52,7 +52,7 @@ def example(
     Args:
         environment: As in the study, and so is the agent.
         estimators: The study's name of each, and the environment's options with it.
-        agent: As `agents.pilots.make_pilot` takes it.
+        agent: As `agents.controllers.make_controller` takes it.
         seeds: Of which the typical one is shown.
         own: Source digests of the user's own modules, see `agents.studies.flying.fly`.
 
@@ -65,7 +65,7 @@ def example(
     def fly(seeds: list[int], record: bool) -> list[Rollout]:
         return [
             rollout(
-                classical_pilot(agent, environment), environment_id(environment), seeds,
+                classical_controller(agent, environment), environment_id(environment), seeds,
                 environment_options(environment, options), record=record, ensembles=record,
             )
             for _, options in estimators

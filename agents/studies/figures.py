@@ -13,7 +13,7 @@ from agents.plotting import INK, PALETTE, RAW, data_uri, styled
 from agents.statistics import Interval, crossed_interval, performance_profile
 from agents.studies.records import FLOOR, ORACLE, Condition
 from agents.studies.records import RAW as READINGS
-from agents.studies.results import Pilot, Place, Results
+from agents.studies.results import Place, Policy, Results
 from agents.studies.wording import share_entry
 
 if TYPE_CHECKING:
@@ -112,12 +112,12 @@ def _ends(intervals: Sequence[Interval]) -> np.ndarray:
 # --- learned agents ---------------------------------------------------------------------------------
 
 
-def pilot_looks(results: Results) -> dict[Pilot, Look]:
+def policy_looks(results: Results) -> dict[Policy, Look]:
     """The look of everybody of `Results.schools`: a colour each, a line for each agent."""
     agents = [agent.name for agent in results.plan.study.agents]
     return {
-        pilot: Look(PALETTE[i % len(PALETTE)], _MARKS[i % len(_MARKS)], _LINES[agents.index(pilot.agent) % 4])
-        for i, pilot in enumerate(results.schools())
+        policy: Look(PALETTE[i % len(PALETTE)], _MARKS[i % len(_MARKS)], _LINES[agents.index(policy.agent) % 4])
+        for i, policy in enumerate(results.schools())
     }
 
 
@@ -128,8 +128,8 @@ def profile_figure(results: Results) -> "Figure":
     """
     from matplotlib.figure import Figure
 
-    look = pilot_looks(results)
-    learned = [pilot for pilot in look if results.agent(pilot).learned]
+    look = policy_looks(results)
+    learned = [policy for policy in look if results.agent(policy).learned]
     runs = {(e, p): results.runs([e], p) for e, p in product(results.environments, learned)}
     shown = [e for e in results.environments if any(runs[e, p] is not None for p in learned)]
     columns = min(len(shown), 2)
@@ -142,18 +142,18 @@ def profile_figure(results: Results) -> "Figure":
             every = np.concatenate([r.ravel() for r in flown.values() if r is not None])
             margin = 0.08 * max(float(np.ptp(every)), 0.05)
             thresholds = np.linspace(every.min() - margin, every.max() + margin, 201)
-            for pilot, values in flown.items():
+            for policy, values in flown.items():
                 if values is None:
                     continue
                 profile = performance_profile(values, thresholds)
-                colour = look[pilot].colour
+                colour = look[policy].colour
                 panel.fill_between(
                     thresholds, [p.low for p in profile], [p.high for p in profile],
                     where=(thresholds > values.min() - 0.5 * margin) & (thresholds < values.max() + 0.5 * margin),
                     color=colour, alpha=0.15, linewidth=0.0,
                 )  # fmt: skip
                 panel.plot(
-                    thresholds, [p.mean for p in profile], color=colour, linestyle=look[pilot].line, label=str(pilot)
+                    thresholds, [p.mean for p in profile], color=colour, linestyle=look[policy].line, label=str(policy)
                 )
             panel.set_title(environment, loc="left")
             panel.set_xlabel("share kept")
@@ -177,11 +177,11 @@ def transfer_figure(results: Results, agent: str) -> "Figure | None":
 
     tables = {}
     for environment in results.environments:
-        pilots = [p for p in results.pilots(environment) if p.agent == agent]
+        policies = [p for p in results.policies(environment) if p.agent == agent]
         on = [name for name in results.estimators(environment) if name != READINGS]
-        shares = np.array([[_transfer(results, environment, pilot, name) for name in on] for pilot in pilots])
+        shares = np.array([[_transfer(results, environment, policy, name) for name in on] for policy in policies])
         if np.isfinite(shares).any():
-            tables[environment] = ([p.trained_on for p in pilots], on, shares)
+            tables[environment] = ([p.trained_on for p in policies], on, shares)
     if not tables:
         return None
     with styled():
@@ -207,8 +207,8 @@ def transfer_figure(results: Results, agent: str) -> "Figure | None":
         return figure
 
 
-def _transfer(results: Results, environment: str, pilot: Pilot, estimator: str) -> float:
-    runs = results.runs([environment], pilot, estimator)
+def _transfer(results: Results, environment: str, policy: Policy, estimator: str) -> float:
+    runs = results.runs([environment], policy, estimator)
     return float("nan") if runs is None else float(runs.mean())
 
 

@@ -13,7 +13,7 @@ from agents.metrics import consistency, nees_of, nis_consistency
 from agents.rollouts import Rollout, rollout
 from agents.scores import scores
 from agents.seeds import evaluation_seeds
-from agents.studies.worlds import classical_pilot, environment_id, environment_options, import_own
+from agents.studies.worlds import classical_controller, environment_id, environment_options, import_own
 
 TURNS, STEPS, STEPS_ALONE = 6, 20, 50
 """Turns of a timing, and steps of each in a batch and of a vehicle alone."""
@@ -36,7 +36,7 @@ def fly(
     Args:
         environment: As in the study.
         options: Of the environment.
-        agent: As `agents.pilots.make_pilot` takes it, or ``"checkpoint"``: the one that is needed.
+        agent: As `agents.controllers.make_controller` takes it, or ``"checkpoint"``: the one that is needed.
         first_seed: See `agents.seeds.evaluation_seeds`.
         episodes: Number of seeds.
         own: Source digests of the user's own modules, by name: part of the cell, and imported for what they register.
@@ -51,7 +51,7 @@ def fly(
     """
     import_own(own)
     flown = rollout(
-        _pilot(agent, environment, needs),
+        _controller(agent, environment, needs),
         environment_id(environment),
         evaluation_seeds(episodes, first_seed),
         environment_options(environment, options),
@@ -91,14 +91,14 @@ def _in_turns(environment: str, arms: list[dict[str, Any]], agent: str, rows: in
         made = environment_options(environment, options)
         native: Any = {"vectorization_mode": "vector_entry_point"}
         env = gym.make_vec(environment_id(environment), rows, **native, **made)
-        pilot = classical_pilot(agent, environment)
-        pilot.reset(rows)
-        flown.append([env, pilot, env.reset(seed=evaluation_seeds(rows))[0]])  # type: ignore[arg-type]
+        controller = classical_controller(agent, environment)
+        controller.reset(rows)
+        flown.append([env, controller, env.reset(seed=evaluation_seeds(rows))[0]])  # type: ignore[arg-type]
     for turn, arm in product(range(TURNS), range(len(arms))):
-        env, pilot, seen = flown[arm]
+        env, controller, seen = flown[arm]
         begin = process_time()
         for _ in range(steps):
-            seen = env.step(pilot.act(seen))[0]
+            seen = env.step(controller.act(seen))[0]
         seconds[turn, arm] = process_time() - begin
         flown[arm][2] = seen
     for env, _, _ in flown:
@@ -106,11 +106,11 @@ def _in_turns(environment: str, arms: list[dict[str, Any]], agent: str, rows: in
     return (np.median(seconds[1:], axis=0) / (steps * rows)).tolist()
 
 
-def _pilot(agent: str, environment: str, needs: list[Path] | None) -> Agent | str:
+def _controller(agent: str, environment: str, needs: list[Path] | None) -> Agent | str:
     if agent == "checkpoint":
         assert needs
         return str(needs[0])
-    return classical_pilot(agent, environment)
+    return classical_controller(agent, environment)
 
 
 def _diverged(flown: Rollout) -> np.ndarray:

@@ -9,15 +9,15 @@ from agents.studies.figures import (
     columns_of,
     dots,
     framed,
-    pilot_looks,
+    policy_looks,
     profile_figure,
     share_rows,
     transfer_figure,
     unitless,
 )
 from agents.studies.records import FEW_SEEDS
-from agents.studies.results import Pilot, Results
-from agents.studies.shares import difference, kept, learners, reference_pilot
+from agents.studies.results import Policy, Results
+from agents.studies.shares import difference, kept, learners, reference_policy
 from agents.studies.wording import many, note, share_entry
 
 
@@ -36,10 +36,10 @@ def learning(results: Results) -> Section:
     unseen = 100.0 * (1.0 - 0.05 ** (1.0 / seeds))
     blocks.append(Prose(note("rare-failures", runs=many(seeds, "run"), share=unseen)))
     heads, columns = columns_of(environments, len(environments) > 1)
-    look = pilot_looks(results)
+    look = policy_looks(results)
     rows = [
-        Row(str(pilot), look[pilot], [kept(results, column, pilot, None) for column in columns])
-        for pilot in results.schools()
+        Row(str(policy), look[policy], [kept(results, column, policy, None) for column in columns])
+        for policy in results.schools()
     ]
     at_home = note("at-home", runs=runs)
     shares = dots(rows, heads, "share of the oracle's performance kept")
@@ -48,9 +48,9 @@ def learning(results: Results) -> Section:
         framed(shares, "Share kept by each agent", at_home + " Hollow: one run, no interval."),
         Table(name, at_home, "Agent", unitless(heads), sections, "agents"),
     ]
-    reference = reference_pilot(results)
+    reference = reference_policy(results)
     if reference is not None:
-        others = [pilot for pilot in learned if pilot != reference]
+        others = [policy for policy in learned if policy != reference]
         blocks += _improvement(results, reference, others, columns, heads) + _without_filter(
             results, reference, others, columns, heads
         )
@@ -64,27 +64,27 @@ def learning(results: Results) -> Section:
 
 
 def _improvement(
-    results: Results, reference: Pilot, others: list[Pilot], columns: list[Sequence[str]], heads: list[str]
+    results: Results, reference: Policy, others: list[Policy], columns: list[Sequence[str]], heads: list[str]
 ) -> list[Block]:
-    def better(pilot: Pilot, column: Sequence[str]) -> Entry:
-        ours, theirs = (results.runs(column, p) for p in (pilot, reference))
+    def better(policy: Policy, column: Sequence[str]) -> Entry:
+        ours, theirs = (results.runs(column, p) for p in (policy, reference))
         return Entry("–") if ours is None or theirs is None else entry(probability_of_improvement(ours, theirs), 2)
 
-    rows = [(str(pilot), [better(pilot, column) for column in columns]) for pilot in others]
+    rows = [(str(policy), [better(policy, column) for column in columns]) for policy in others]
     title, text = f"Probability of improvement over {reference}", note("improvement", reference=reference)
     return _unless_empty(Table(title, text, "Agent", unitless(heads), [("", rows)], "improvement"))
 
 
 def _without_filter(
-    results: Results, reference: Pilot, others: list[Pilot], columns: list[Sequence[str]], heads: list[str]
+    results: Results, reference: Policy, others: list[Policy], columns: list[Sequence[str]], heads: list[str]
 ) -> list[Block]:
     """Raw readings, with and without memory, beside learning on estimates."""
-    raw = [pilot for pilot in others if results.agent(pilot).raw]
+    raw = [policy for policy in others if results.agent(policy).raw]
 
-    def gain(pilot: Pilot, column: Sequence[str]) -> Entry:
-        return share_entry(difference(results, column, pilot, reference, len(raw)), signed=True)
+    def gain(policy: Policy, column: Sequence[str]) -> Entry:
+        return share_entry(difference(results, column, policy, reference, len(raw)), signed=True)
 
-    rows = [(str(pilot), [gain(pilot, column) for column in columns]) for pilot in raw]
+    rows = [(str(policy), [gain(policy, column) for column in columns]) for policy in raw]
     title, text = "Learning without a filter", note("without-filter", reference=reference)
     return _unless_empty(Table(title, text, "Agent", unitless(heads), [("", rows)], "without-filter"))
 

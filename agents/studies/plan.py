@@ -6,10 +6,10 @@ from itertools import product
 from typing import Any
 
 from agents.cells import Cell
-from agents.pilots import unknown_pilot
+from agents.controllers import unknown_controller
 from agents.ppo import describe
 from agents.studies.records import DEFAULT, ORACLE, RAW, TERMINATIONS, Agent, Condition, Estimator, Study
-from agents.studies.worlds import digests, environment_id, has_pilot, refusal, registered, system_of
+from agents.studies.worlds import digests, environment_id, has_controller, refusal, registered, system_of
 
 _RAW_READINGS = Estimator(RAW, "measurement")
 
@@ -56,7 +56,7 @@ class Plan:
 def plan(study: Study) -> Plan:
     """Every flight of a study. What an environment cannot carry is left out there, with the reason.
 
-    That is an estimator that does not fit its model, or a pilot that its task does not have.
+    That is an estimator that does not fit its model, or a controller that its task does not have.
     """
     flights: list[Flight] = []
     skipped: list[Skipped] = []
@@ -69,8 +69,8 @@ def plan(study: Study) -> Plan:
             else:
                 skipped.append(Skipped(environment, estimator.name, str(error)))
         for agent in _here(study.agents, environment):
-            if not agent.learned and not has_pilot(agent.kind, environment):
-                skipped.append(Skipped(environment, agent.name, unknown_pilot(agent.kind, system_of(environment))))
+            if not agent.learned and not has_controller(agent.kind, environment):
+                skipped.append(Skipped(environment, agent.name, unknown_controller(agent.kind, system_of(environment))))
                 continue
             trainings = _trainings(study, environment, agent, flyable)
             if agent.learned and not trainings:
@@ -184,7 +184,7 @@ def _fly(
     agent: Agent,
     condition: Condition,
     estimator: Estimator,
-    pilot: str,
+    controller: str,
     training: Cell | None = None,
 ) -> Cell:
     return Cell(
@@ -192,14 +192,14 @@ def _fly(
         {
             "environment": environment,
             "options": _options(study, condition, estimator, environment) | _seen(agent),
-            "agent": pilot,
+            "agent": controller,
             "first_seed": study.first_seed,
             "episodes": study.episodes,
-            "own": digests(environment, estimator.estimator, pilot, *_own_world(condition))
-            | registered(environment, pilot),
+            "own": digests(environment, estimator.estimator, controller, *_own_world(condition))
+            | registered(environment, controller),
         }
         | ({} if training or condition != study.conditions[0] else {"timed_beside": ORACLE}),
-        f"fly {agent.name if training else pilot} on {estimator.name} in {environment}",
+        f"fly {agent.name if training else controller} on {estimator.name} in {environment}",
         needs=(training,) if training else (),
     )
 

@@ -9,7 +9,7 @@ from agents.statistics import BETTER, EQUIVALENT, WORSE, Interval, verdict
 from agents.studies.confirmation import FAILED, HELD, OPEN, Confirmed
 from agents.studies.figures import ALL, Row, columns_of, dots, framed, looks, share_rows, unitless
 from agents.studies.records import FLOOR, ORACLE, RAW, Study
-from agents.studies.results import Pilot, Place, Results
+from agents.studies.results import Place, Policy, Results
 from agents.studies.shares import ENDS, common, gap, kept, learners, rankable, ruled
 from agents.studies.wording import many, note, percent, sentence, share_entry, the
 
@@ -61,9 +61,9 @@ def _learned_ranking(
 ) -> list[Block]:
     """The same for agents that learned: everybody on every estimator."""
     sections = []
-    for pilot in (p for p in learners(results) if not results.agent(p).raw):
-        rows = [(name, [share_entry(kept(results, c, pilot, name)) for c in columns]) for name in (*names, *ENDS)]
-        sections.append((str(pilot), [row for row in rows if any(e.value != "–" for e in row[1])]))
+    for policy in (p for p in learners(results) if not results.agent(p).raw):
+        rows = [(name, [share_entry(kept(results, c, policy, name)) for c in columns]) for name in (*names, *ENDS)]
+        sections.append((str(policy), [row for row in rows if any(e.value != "–" for e in row[1])]))
     sections = [(title, rows) for title, rows in sections if rows]
     if not sections:
         return []
@@ -145,10 +145,10 @@ def price(results: Results) -> Section:
         places = results.places([environment])
         names = [name for name in results.estimators(environment, results.classical) if name != ORACLE]
         rows = [(name, [_lost(results, place, results.classical, name) for place in places]) for name in names]
-        for pilot in results.pilots(environment):
-            own = results.own(environment, pilot)
-            if results.agent(pilot).learned and own != RAW and own != ORACLE:
-                rows.append((f"{pilot}, on {own}", [_lost(results, place, pilot, own) for place in places]))
+        for policy in results.policies(environment):
+            own = results.own(environment, policy)
+            if results.agent(policy).learned and own != RAW and own != ORACLE:
+                rows.append((f"{policy}, on {own}", [_lost(results, place, policy, own) for place in places]))
         if rows:
             sections.append((environment, rows))
     if not sections:
@@ -172,8 +172,8 @@ def _price_figure(results: Results) -> list[Block]:
     return [framed(figure, "Score lost against the truth", caption)]
 
 
-def _lost(results: Results, place: Place, pilot: Pilot, estimator: str) -> Entry:
-    return share_entry(results.price([place], pilot, estimator), signed=True)
+def _lost(results: Results, place: Place, policy: Policy, estimator: str) -> Entry:
+    return share_entry(results.price([place], policy, estimator), signed=True)
 
 
 # --- tails -------------------------------------------------------------------------------------------
@@ -184,12 +184,12 @@ def tails(results: Results) -> Section:
     sections = []
     for environment in results.environments:
         places = results.places([environment])
-        flown: list[tuple[str, Pilot, str]] = [
+        flown: list[tuple[str, Policy, str]] = [
             (name, results.classical, name) for name in results.estimators(environment, results.classical)
         ]
-        for pilot in (p for p in results.pilots(environment) if results.agent(p).learned):
-            own = results.own(environment, pilot)
-            flown.append((str(pilot) if own == RAW else f"{pilot}, on {own}", pilot, own))
+        for policy in (p for p in results.policies(environment) if results.agent(p).learned):
+            own = results.own(environment, policy)
+            flown.append((str(policy) if own == RAW else f"{policy}, on {own}", policy, own))
         rows = [(label, _tail(results, places, who, on)) for label, who, on in flown]
         sections.append((environment, [row for row in rows if any(e.value != "–" for e in row[1])]))
     sections = [(title, rows) for title, rows in sections if rows]
@@ -200,7 +200,7 @@ def tails(results: Results) -> Section:
     return Section("Tails", [Table("Tails beside means", words, "Estimator", heads, sections, "tails")])
 
 
-def _tail(results: Results, places: Sequence[Place], who: Pilot, on: str) -> list[Entry]:
+def _tail(results: Results, places: Sequence[Place], who: Policy, on: str) -> list[Entry]:
     found = (results.figure(place, who, on) for place in places)
     flown = [scores for scores in found if scores is not None]
     alike = len({scores.shape for scores in flown}) == 1

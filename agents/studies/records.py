@@ -51,8 +51,8 @@ class Agent:
 
     Attributes:
         name: In the study.
-        kind: ``"ppo"``; a pilot that is registered for the environment's task, such as ``"autopilot"`` (see
-            `agents.pilots`); or ``"module:object"``: your own, called with the environment's `System`.
+        kind: ``"ppo"``; a controller that is registered for the environment's task, such as ``"autopilot"`` (see
+            `agents.controllers`); or ``"module:object"``: your own, called with the environment's `System`.
         observe: What a PPO sees: ``"mean"``, ``"mean+std"``, or ``"measurement"``: raw readings, no estimator.
         memory: Of a PPO: ``"none"``, ``"frames"`` or ``"lstm"``.
         trained_on: The estimators that it is trained on, one policy each; not for raw readings.

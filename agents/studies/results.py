@@ -19,7 +19,7 @@ from agents.studies.records import DEFAULT, FLOOR, ORACLE, RAW, Agent
 from agents.studies.worlds import system_of
 
 
-class Pilot(NamedTuple):
+class Policy(NamedTuple):
     """An agent and, if it learned, the estimator of its training."""
 
     agent: str
@@ -70,12 +70,12 @@ class Results:
     # --- who, where, on what --------------------------------------------------------------------------
 
     @cached_property
-    def _flights(self) -> dict[tuple[Place, Pilot, str], list[Flight]]:
-        """The flights that have results, by place, pilot and estimator; one for each training seed."""
-        found: dict[tuple[Place, Pilot, str], list[Flight]] = {}
+    def _flights(self) -> dict[tuple[Place, Policy, str], list[Flight]]:
+        """The flights that have results, by place, policy and estimator; one for each training seed."""
+        found: dict[tuple[Place, Policy, str], list[Flight]] = {}
         for f in self.plan.flights:
             if f.cell.key in self.values:
-                key = Place(f.environment, f.condition), Pilot(f.agent, f.trained_on), f.flown_on
+                key = Place(f.environment, f.condition), Policy(f.agent, f.trained_on), f.flown_on
                 found.setdefault(key, []).append(f)
         return found
 
@@ -90,22 +90,22 @@ class Results:
         return [condition.name for condition in self.plan.study.conditions]
 
     @cached_property
-    def classical(self) -> Pilot:
+    def classical(self) -> Policy:
         """The agent that does not learn: its scores on `FLOOR` and `ORACLE` are 0 and 1 of every other."""
-        return Pilot(next(agent.name for agent in self.plan.study.agents if not agent.learned))
+        return Policy(next(agent.name for agent in self.plan.study.agents if not agent.learned))
 
-    def pilots(self, environment: str | None = None) -> list[Pilot]:
-        """The pilots of an environment, or of all; the classical agents first."""
-        flown = _unique(pilot for place, pilot, _ in self._flights if environment in (None, place.environment))
-        return sorted(flown, key=lambda pilot: bool(pilot.trained_on))
+    def policies(self, environment: str | None = None) -> list[Policy]:
+        """The policies of an environment, or of all; the classical agents first."""
+        flown = _unique(policy for place, policy, _ in self._flights if environment in (None, place.environment))
+        return sorted(flown, key=lambda policy: bool(policy.trained_on))
 
-    def estimators(self, environment: str | None = None, pilot: Pilot | None = None) -> list[str]:
+    def estimators(self, environment: str | None = None, policy: Policy | None = None) -> list[str]:
         """What was flown on, in the order of the study; without an environment, what was flown in every one."""
         if environment is None:
-            each = [self.estimators(name, pilot) for name in self.environments]
+            each = [self.estimators(name, policy) for name in self.environments]
             return [name for name in _unique(name for names in each for name in names) if all(name in e for e in each)]
         return self._in_order(
-            name for place, who, name in self._flights if place.environment == environment and pilot in (None, who)
+            name for place, who, name in self._flights if place.environment == environment and policy in (None, who)
         )
 
     def flown_on(self) -> list[str]:
@@ -116,16 +116,16 @@ class Results:
         order = [e.name for e in self.plan.study.estimators]
         return sorted(_unique(names), key=lambda name: order.index(name) if name in order else len(order))
 
-    def own(self, environment: str, pilot: Pilot) -> str:
-        """What a pilot flies on at home: what it was trained on, or else the environment's default."""
-        return self.here(environment, pilot).trained_on or system_of(environment).estimator
+    def own(self, environment: str, policy: Policy) -> str:
+        """What a policy flies on at home: what it was trained on, or else the environment's default."""
+        return self.here(environment, policy).trained_on or system_of(environment).estimator
 
-    def here(self, environment: str, pilot: Pilot) -> Pilot:
-        """Who a pilot of `schools` is in an environment: there `DEFAULT` has a name."""
-        name = system_of(environment).estimator if pilot.trained_on == DEFAULT else pilot.trained_on
-        return Pilot(pilot.agent, name)
+    def here(self, environment: str, policy: Policy) -> Policy:
+        """Who a policy of `schools` is in an environment: there `DEFAULT` has a name."""
+        name = system_of(environment).estimator if policy.trained_on == DEFAULT else policy.trained_on
+        return Policy(policy.agent, name)
 
-    def schools(self) -> list[Pilot]:
+    def schools(self) -> list[Policy]:
         """Who flew, by one name for all environments: trained on `DEFAULT` is on each one's own default.
 
         In the order of the study, the agents that do not learn first.
@@ -133,12 +133,12 @@ class Results:
         found = []
         for agent in sorted(self.plan.study.agents, key=lambda agent: agent.learned):
             names = ("",) if not agent.learned else (RAW,) if agent.raw else agent.trained_on
-            found += [Pilot(agent.name, name) for name in names]
-        return [p for p in found if any(self.here(e, p) in self.pilots(e) for e in self.environments)]
+            found += [Policy(agent.name, name) for name in names]
+        return [p for p in found if any(self.here(e, p) in self.policies(e) for e in self.environments)]
 
-    def agent(self, pilot: Pilot) -> Agent:
-        """The study's agent of a pilot."""
-        return next(agent for agent in self.plan.study.agents if agent.name == pilot.agent)
+    def agent(self, policy: Policy) -> Agent:
+        """The study's agent of a policy."""
+        return next(agent for agent in self.plan.study.agents if agent.name == policy.agent)
 
     # --- figures --------------------------------------------------------------------------------------
 
@@ -148,20 +148,20 @@ class Results:
         watched = any(WATCHED[0].key in value.get("figures", {}) for value in found)
         return (*metrics(system_of(environment)), *(WATCHED if watched else ()))
 
-    def seeds(self, place: Place, pilot: Pilot, estimator: str) -> list[int | None]:
+    def seeds(self, place: Place, policy: Policy, estimator: str) -> list[int | None]:
         """Training seeds of the rows of `figure`; None stands for an agent that does not learn."""
-        return [flight.training_seed for flight in self._flights.get((place, pilot, estimator), [])]
+        return [flight.training_seed for flight in self._flights.get((place, policy, estimator), [])]
 
-    def figure(self, place: Place, pilot: Pilot, estimator: str, key: str = "score") -> np.ndarray | None:
+    def figure(self, place: Place, policy: Policy, estimator: str, key: str = "score") -> np.ndarray | None:
         """A metric of `agents.scores`, ``(runs, episodes)``; None if that was not flown."""
-        flights = self._flights.get((place, pilot, estimator))
+        flights = self._flights.get((place, policy, estimator))
         if not flights:
             return None
         return np.array([self.values[f.cell.key]["figures"][key] for f in flights], float)
 
-    def value(self, place: Place, pilot: Pilot, estimator: str, key: str) -> np.ndarray | None:
+    def value(self, place: Place, policy: Policy, estimator: str, key: str) -> np.ndarray | None:
         """A value of `agents.studies.flying.fly` that is not a metric, ``(runs, ...)``; NaN for None."""
-        flights = self._flights.get((place, pilot, estimator))
+        flights = self._flights.get((place, policy, estimator))
         if not flights:
             return None
         return np.array([self.values[f.cell.key][key] for f in flights], float)
@@ -177,33 +177,33 @@ class Results:
         low, high = float(ends[0].mean()), float(ends[1].mean())
         return (low, high) if high > low else None
 
-    def kept(self, place: Place, pilot: Pilot, estimator: str) -> np.ndarray | None:
+    def kept(self, place: Place, policy: Policy, estimator: str) -> np.ndarray | None:
         """Share of the oracle's performance that is kept, ``(runs, episodes)``, as `agents.statistics.normalise`."""
         if self.scale(place) is None:
             return None
         score, floor, ceiling = (
             self.figure(place, *flown)
-            for flown in ((pilot, estimator), (self.classical, FLOOR), (self.classical, ORACLE))
+            for flown in ((policy, estimator), (self.classical, FLOOR), (self.classical, ORACLE))
         )
         return None if score is None or floor is None or ceiling is None else normalise(score, floor[0], ceiling[0])
 
-    def shares(self, environments: Iterable[str], pilot: Pilot, estimator: str | None = None) -> np.ndarray | None:
+    def shares(self, environments: Iterable[str], policy: Policy, estimator: str | None = None) -> np.ndarray | None:
         """Share kept by each run at each evaluation seed ``(runs, episodes)``: means over environments.
 
         Of each environment the mean over its `scaled` conditions. A run that lacks a flight is left out; None if no
-        run is left. The pilot may be of `schools`; it flies on the estimator, or (None) on what it was trained on or
+        run is left. The policy may be of `schools`; it flies on the estimator, or (None) on what it was trained on or
         the environment's default.
         """
-        found = self._by_run(environments, pilot, estimator)
+        found = self._by_run(environments, policy, estimator)
         return np.mean(list(found.values()), axis=1) if found else None
 
-    def runs(self, environments: Iterable[str], pilot: Pilot, estimator: str | None = None) -> np.ndarray | None:
+    def runs(self, environments: Iterable[str], policy: Policy, estimator: str | None = None) -> np.ndarray | None:
         """`shares` of each run in each environment ``(runs, environments)``: means over evaluation seeds."""
-        found = self._by_run(environments, pilot, estimator)
+        found = self._by_run(environments, policy, estimator)
         return np.mean(list(found.values()), axis=2) if found else None
 
     def paired_shares(
-        self, environments: Iterable[str], one: tuple[Pilot, str | None], other: tuple[Pilot, str | None]
+        self, environments: Iterable[str], one: tuple[Policy, str | None], other: tuple[Policy, str | None]
     ) -> np.ndarray | None:
         """`shares` of one minus those of another, each on an estimator ``(runs, episodes)``; None if they share no run.
 
@@ -216,24 +216,26 @@ class Results:
         both = [np.mean(ours[seed] - theirs[seed], axis=0) for seed in ours if seed in theirs]
         return np.array(both) if both else None
 
-    def _by_run(self, environments: Iterable[str], pilot: Pilot, estimator: str | None) -> dict[int | None, np.ndarray]:
+    def _by_run(
+        self, environments: Iterable[str], policy: Policy, estimator: str | None
+    ) -> dict[int | None, np.ndarray]:
         """Share kept in each environment at each evaluation seed, by training seed."""
         each = []
         for environment in environments:
-            who = self.here(environment, pilot)
-            on = self.own(environment, pilot) if estimator is None else estimator
+            who = self.here(environment, policy)
+            on = self.own(environment, policy) if estimator is None else estimator
             places = self.scaled([environment])
             each.append(_mean_by_run([self._rows(p, who, on, self.kept(p, who, on)) for p in places]))
         return {seed: np.array([found[seed] for found in each]) for seed in _in_all(each)}
 
     def _rows(
-        self, place: Place, pilot: Pilot, estimator: str, values: np.ndarray | None
+        self, place: Place, policy: Policy, estimator: str, values: np.ndarray | None
     ) -> dict[int | None, np.ndarray]:
         """The rows of a figure by training seed."""
-        return {} if values is None else dict(zip(self.seeds(place, pilot, estimator), values, strict=True))
+        return {} if values is None else dict(zip(self.seeds(place, policy, estimator), values, strict=True))
 
     def price(
-        self, places: Iterable[Place], pilot: Pilot, estimator: str, comparisons: int = 1
+        self, places: Iterable[Place], policy: Policy, estimator: str, comparisons: int = 1
     ) -> Interval | float | None:
         """Score lost against the truth at the same seed, mean over places; None if one was not flown.
 
@@ -243,44 +245,44 @@ class Results:
         found = []
         for place in places:
             truth, ours = (
-                self._rows(place, pilot, name, self.figure(place, pilot, name)) for name in (ORACLE, estimator)
+                self._rows(place, policy, name, self.figure(place, policy, name)) for name in (ORACLE, estimator)
             )
             found.append({seed: truth[seed] - ours[seed] for seed in truth if seed in ours})
         lost = list(_mean_by_run(found).values())
-        if lost and not self.agent(pilot).learned:
+        if lost and not self.agent(policy).learned:
             return skewed_interval(lost[0], comparisons)
-        return self.interval(pilot, np.array(lost), comparisons) if lost else None
+        return self.interval(policy, np.array(lost), comparisons) if lost else None
 
-    def interval(self, pilot: Pilot, values: np.ndarray, comparisons: int = 1) -> Interval | float | None:
+    def interval(self, policy: Policy, values: np.ndarray, comparisons: int = 1) -> Interval | float | None:
         """The mean of ``(runs, episodes)`` with its interval; a number for one training run, which has none."""
-        if self.agent(pilot).learned and len(values) == 1:
+        if self.agent(policy).learned and len(values) == 1:
             return float(values.mean())
         return crossed_interval(values, comparisons)
 
-    def mean(self, place: Place, pilot: Pilot, estimator: str, metric: Metric = SCORE) -> Interval | None:
+    def mean(self, place: Place, policy: Policy, estimator: str, metric: Metric = SCORE) -> Interval | None:
         """A metric's mean over runs and evaluation seeds."""
-        values = self.figure(place, pilot, estimator, metric.key)
+        values = self.figure(place, policy, estimator, metric.key)
         return None if values is None else mean(metric, values)
 
-    def completed(self, places: Sequence[Place], pilot: Pilot, estimator: str) -> Interval | float | None:
+    def completed(self, places: Sequence[Place], policy: Policy, estimator: str) -> Interval | float | None:
         """Share [%] of episodes that end as the task asks, by each seed its mean over places; None without flights."""
         success = system_of(places[0].environment).task.success
         found = []
         for place in places:
-            flights = self._flights.get((place, pilot, estimator), [])
+            flights = self._flights.get((place, policy, estimator), [])
             ends = [np.array(self.values[f.cell.key]["ends"]) == success for f in flights]
-            found.append(dict(zip(self.seeds(place, pilot, estimator), ends, strict=True)))
+            found.append(dict(zip(self.seeds(place, policy, estimator), ends, strict=True)))
         each = 100.0 * np.array(list(_mean_by_run(found).values()))
         if not each.size:
             return None
-        if self.agent(pilot).learned:
-            return self.interval(pilot, each)
+        if self.agent(policy).learned:
+            return self.interval(policy, each)
         share = share_interval(0.01 * each.mean() * each.size, each.size)
         return Interval(100.0 * share.mean, 100.0 * share.low, 100.0 * share.high)
 
-    def worst_decile(self, places: Iterable[Place], pilot: Pilot, estimator: str) -> float | None:
+    def worst_decile(self, places: Iterable[Place], policy: Policy, estimator: str) -> float | None:
         """Mean score of the worst tenth of the episodes of all runs in all places; None without flights."""
-        found = [score.ravel() for p in places if (score := self.figure(p, pilot, estimator)) is not None]
+        found = [score.ravel() for p in places if (score := self.figure(p, policy, estimator)) is not None]
         if not found:
             return None
         scores = np.sort(np.concatenate(found))

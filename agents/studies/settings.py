@@ -14,7 +14,7 @@ from agents.page import Block, Facts, Section, listed
 from agents.source import source_digest
 from agents.studies.plan import options
 from agents.studies.records import RAW, Agent
-from agents.studies.results import Pilot, Results
+from agents.studies.results import Policy, Results
 from agents.studies.worlds import environment_id, system_of
 from vessel_gym.estimation import tuning
 
@@ -41,7 +41,7 @@ def settings(results: Results, out: Path) -> Section:
         Facts("Versions", versions),
         Facts("Environments", [(e.id, _world(e.id)) for e in study.environments]),
         Facts("Conditions", [(c.name, _plain(c.options)) for c in study.conditions]),
-        Facts("Agents", [(a.name, _pilot_settings(a)) for a in study.agents]),
+        Facts("Agents", [(a.name, _agent_settings(a)) for a in study.agents]),
         Facts("Estimators", _tunings(results)),
     ]
     trained = _trainings(results)
@@ -57,7 +57,7 @@ def _modules(results: Results) -> list[str]:
     return sorted({cell.function.partition(":")[0] for cell in cells})
 
 
-def _pilot_settings(agent: Agent) -> str:
+def _agent_settings(agent: Agent) -> str:
     given = {k: v for k, v in asdict(agent).items() if k != "name" and v and not (agent.raw and k == "trained_on")}
     return _plain(given if agent.learned else {"kind": agent.kind})
 
@@ -120,7 +120,7 @@ def _trainings(results: Results) -> list[tuple[str, str]]:
 
     rows: dict[str, str] = {}
     for flight in results.plan.flights:
-        name = f"{Pilot(flight.agent, flight.trained_on)}, {flight.environment}"
+        name = f"{Policy(flight.agent, flight.trained_on)}, {flight.environment}"
         for cell in flight.cell.needs if name not in rows else ():
             values = results.values.get(cell.key)
             if values is not None:

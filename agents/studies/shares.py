@@ -11,7 +11,7 @@ import numpy as np
 
 from agents.statistics import Interval, paired_difference, verdict
 from agents.studies.records import DEFAULT, FLOOR, ORACLE
-from agents.studies.results import Pilot, Results
+from agents.studies.results import Policy, Results
 
 ENDS = (ORACLE, FLOOR)
 """What is 1 and 0 by definition."""
@@ -41,14 +41,14 @@ def common(results: Results) -> dict[str, np.ndarray]:
 
 
 def kept(
-    results: Results, environments: Sequence[str], pilot: Pilot, estimator: str | None, among: int = 1
+    results: Results, environments: Sequence[str], policy: Policy, estimator: str | None, among: int = 1
 ) -> Interval | float | None:
     """Share that somebody of `Results.schools` keeps; a number where one training run has no interval.
 
     The interval of the best of several holds only if theirs hold all at once: ``among`` is their number.
     """
-    shares = results.shares(environments, pilot, estimator)
-    return None if shares is None else results.interval(pilot, shares, among)
+    shares = results.shares(environments, policy, estimator)
+    return None if shares is None else results.interval(policy, shares, among)
 
 
 def loss(results: Results, environments: Iterable[str], estimator: str, among: int = 1) -> Interval | float | None:
@@ -74,44 +74,44 @@ def verdicts(results: Results, ranked: dict[str, np.ndarray], best: str) -> dict
     return found
 
 
-def learners(results: Results) -> list[Pilot]:
+def learners(results: Results) -> list[Policy]:
     """Everybody of `Results.schools` that learned."""
-    return [pilot for pilot in results.schools() if results.agent(pilot).learned]
+    return [policy for policy in results.schools() if results.agent(policy).learned]
 
 
-def reference_pilot(results: Results) -> Pilot | None:
+def reference_policy(results: Results) -> Policy | None:
     """The learned agent that others are measured against: sees estimates, remembers nothing, trained on the default."""
     plain = [
-        pilot
-        for pilot in results.schools()
-        if (agent := results.agent(pilot)).learned and not agent.raw and agent.memory == "none"
+        policy
+        for policy in results.schools()
+        if (agent := results.agent(policy)).learned and not agent.raw and agent.memory == "none"
     ]
-    return next((pilot for pilot in plain if pilot.trained_on == DEFAULT), plain[0] if plain else None)
+    return next((policy for policy in plain if policy.trained_on == DEFAULT), plain[0] if plain else None)
 
 
-def shared(results: Results, *pilots: Pilot) -> list[str]:
+def shared(results: Results, *policies: Policy) -> list[str]:
     """The environments in which all of these have results at home."""
-    return [e for e in results.environments if all(results.runs([e], pilot) is not None for pilot in pilots)]
+    return [e for e in results.environments if all(results.runs([e], policy) is not None for policy in policies)]
 
 
 def difference(
-    results: Results, environments: Sequence[str], one: Pilot, other: Pilot, comparisons: int = 1
+    results: Results, environments: Sequence[str], one: Policy, other: Policy, comparisons: int = 1
 ) -> Interval | float | None:
     """How much more one keeps than the other, each at home, in runs of the same training seeds."""
     gaps = results.paired_shares(environments, (one, None), (other, None))
     return None if gaps is None else results.interval(one, gaps, comparisons)
 
 
-def against_classical(results: Results, environment: str, pilot: Pilot) -> Interval | float | None:
+def against_classical(results: Results, environment: str, policy: Policy) -> Interval | float | None:
     """Share that training runs keep above what the classical agent keeps on the same estimator."""
-    here = results.own(environment, pilot)
-    gaps = results.paired_shares([environment], (pilot, here), (results.classical, here))
-    return None if gaps is None else results.interval(pilot, gaps)
+    here = results.own(environment, policy)
+    gaps = results.paired_shares([environment], (policy, here), (results.classical, here))
+    return None if gaps is None else results.interval(policy, gaps)
 
 
 def crossing(results: Results, environment: str) -> Interval | float | None:
     """What policies keep less than those that were trained on the estimator flown, mean over pairs of estimators."""
-    schools = [pilot for pilot in results.pilots(environment) if results.agent(pilot).learned]
+    schools = [policy for policy in results.policies(environment) if results.agent(policy).learned]
     pairs = [
         results.paired_shares([environment], (here, None), (stranger, here.trained_on))
         for here, stranger in product(schools, schools)

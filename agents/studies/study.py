@@ -10,8 +10,8 @@ from itertools import combinations, product
 from pathlib import Path
 from typing import Any
 
+from agents.controllers import PPO, controller_names, make_controller
 from agents.named import named_object
-from agents.pilots import PPO, make_pilot, pilot_names
 from agents.ppo import MEMORIES, describe, hyperparameters
 from agents.seeds import evaluation_seeds
 from agents.studies.records import (
@@ -28,7 +28,7 @@ from agents.studies.records import (
     Study,
 )
 from agents.studies.toml_reader import Place, StudyError, TomlReader
-from agents.studies.worlds import CLASSICAL, environment_id, has_pilot, known_estimator, refusal, system_of
+from agents.studies.worlds import CLASSICAL, environment_id, has_controller, known_estimator, refusal, system_of
 from estimators.checks import shown
 from vessel_gym.estimation import estimator_names
 from vessel_gym.sensor_faults import SensorFault
@@ -157,13 +157,13 @@ class _Reader(TomlReader):
         for agent in study.agents:
             place = ("agents", agent.name)
             here = [w for w in worlds if w in (agent.environments or worlds)]
-            pilots = dict.fromkeys(name for w in here for name in pilot_names(system_of(w)))
-            self.own_name(place, agent.kind, (PPO, CLASSICAL, *pilots))
+            controllers = dict.fromkeys(name for w in here for name in controller_names(system_of(w)))
+            self.own_name(place, agent.kind, (PPO, CLASSICAL, *controllers))
             if ":" in agent.kind:
                 for world in here:
-                    self.accepts((*place, "kind"), make_pilot, agent.kind, system_of(world))
-            elif not agent.learned and not any(has_pilot(agent.kind, w) for w in here):
-                self.name("kind of agent", agent.kind, (*(pilots or (CLASSICAL,)), PPO), (*place, "kind"))
+                    self.accepts((*place, "kind"), make_controller, agent.kind, system_of(world))
+            elif not agent.learned and not any(has_controller(agent.kind, w) for w in here):
+                self.name("kind of agent", agent.kind, (*(controllers or (CLASSICAL,)), PPO), (*place, "kind"))
             if not agent.learned:
                 continue
             for world in here if agent.memory in MEMORIES else ():
@@ -186,7 +186,9 @@ class _Reader(TomlReader):
                 self.wrong(place, f"{world} refuses termination 'agent': {error}")
         registered = [agent.name for agent in study.agents if not agent.learned and ":" not in agent.kind]
         if registered:
-            text = "declares no mission done, so termination 'agent' needs a pilot of your own, module:object, instead"
+            text = (
+                "declares no mission done: termination 'agent' needs a controller of your own, module:object, instead"
+            )
             self.wrong(place, f"{registered[0]} {text}")
 
     def check_condition(self, condition: Condition, worlds: Sequence[str]) -> None:
@@ -289,9 +291,11 @@ class _Reader(TomlReader):
                 self.name(f"environment of {name}", env_id, where, (*place, "steps"))
             found.append(Agent(name, kind, observe, memory, trained_on, steps, where, critic, guidance, settings))
         worlds = [name for name in ids if _is_environment(name)]
-        if worlds and not any(has_pilot(CLASSICAL, world) for world in worlds):
+        if worlds and not any(has_controller(CLASSICAL, world) for world in worlds):
             if all(agent.learned for agent in found):
-                text = "no environment of the study has an autopilot: name a pilot, module:object if it is your own"
+                text = (
+                    "no environment of the study has an autopilot: name a controller, module:object if it is your own"
+                )
                 self.wrong(("agents",), text)
             return tuple(found)
         if any(agent.kind == CLASSICAL for agent in found):

@@ -8,7 +8,7 @@ from typing import Any
 
 from agents.page import Entry, entry, number, words
 from agents.statistics import Interval
-from agents.studies.results import Pilot
+from agents.studies.results import Policy
 
 _NOTES = Path(__file__).parents[1] / "templates" / "study-notes.md"
 
@@ -55,14 +55,14 @@ def microseconds(value: float | None) -> str:
     return "–" if value is None else number(value, 0 if value >= 100.0 else 1)
 
 
-def the(pilot: Pilot) -> str:
+def the(policy: Policy) -> str:
     """An agent in a sentence."""
-    return "the autopilot" if pilot.agent == "autopilot" else pilot.agent
+    return "the autopilot" if policy.agent == "autopilot" else policy.agent
 
 
-def named(pilot: Pilot) -> str:
+def named(policy: Policy) -> str:
     """A name that holds a comma, in quotation marks."""
-    return f"“{pilot}”" if "," in str(pilot) else str(pilot)
+    return f"“{policy}”" if "," in str(policy) else str(policy)
 
 
 def every(environments: Sequence[str]) -> str:

@@ -7,8 +7,8 @@ from typing import Any
 import gymnasium as gym
 
 import vessel_gym  # noqa: F401  (registers the environments)
+from agents.controllers import AUTOPILOT, CONTROLLERS, is_controller, make_controller
 from agents.named import imported_module, named_object, vector_class
-from agents.pilots import AUTOPILOT, PILOTS, is_pilot, make_pilot
 from agents.sheets import SHEETS
 from agents.source import source_digest
 from estimators.factory import unknown
@@ -18,7 +18,7 @@ from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.system import System
 
 CLASSICAL = AUTOPILOT
-"""The classical controller of each environment, see `agents.pilots`."""
+"""The classical controller of each environment, see `agents.controllers`."""
 
 
 @cache
@@ -83,14 +83,14 @@ def environment_options(environment: str, options: dict[str, Any]) -> dict[str, 
     }
 
 
-def has_pilot(agent: str, environment: str) -> bool:
+def has_controller(agent: str, environment: str) -> bool:
     """Whether an environment has an agent of this kind that does not learn: the user's own, or a registered one."""
-    return is_pilot(agent, system_of(environment))
+    return is_controller(agent, system_of(environment))
 
 
-def classical_pilot(agent: str, environment: str) -> Any:
-    """What `agents.rollouts.rollout` flies for an agent that does not learn, see `agents.pilots.make_pilot`."""
-    return make_pilot(agent, system_of(environment))
+def classical_controller(agent: str, environment: str) -> Any:
+    """The controller that an agent which does not learn stands for, see `agents.controllers.make_controller`."""
+    return make_controller(agent, system_of(environment))
 
 
 def refusal(name: str, options: dict[str, Any]) -> Exception | None:
@@ -120,13 +120,13 @@ def digests(*names: str) -> dict[str, str]:
     return {module: source_digest(module) for module in own}
 
 
-def registered(environment: str, pilot: str) -> dict[str, str]:
-    """The source of the score sheet of an environment's task and of its pilot of that name, if they are not ours.
+def registered(environment: str, controller: str) -> dict[str, str]:
+    """The source of the score sheet of an environment's task and of its controller of that name, if they are not ours.
 
     Modules of ours are part of what computes a cell; those of others need not be imported by anything that it names.
     """
     task = system_of(environment).task
-    modules = {SHEETS.modules(task).get(""), PILOTS.modules(task).get(pilot)}
+    modules = {SHEETS.modules(task).get(""), CONTROLLERS.modules(task).get(controller)}
     return {module: source_digest(module) for module in sorted(m for m in modules if m and not _ours(m))}
 
 

@@ -4,16 +4,16 @@ from pathlib import Path
 
 import numpy as np
 
-from agents.pilots.turning import Tolerances, TurningAutopilot
+from agents.controllers.turning import Tolerances, TurningAutopilot
 from agents.rollouts import rollout
 from agents.seeds import evaluation_seeds
 from agents.studies.worlds import system_of
 
 ENVIRONMENT = "SigmaCorvette-v0"
 ESTIMATORS = ("truth", "dead-reckoning", "kf-umv-ui", "kf", "measurement")
-PILOTS = 32
+CONTROLLERS = 32
 SPREAD = 0.35
-"""Standard deviation of the logarithm of each of a pilot's tolerances."""
+"""Standard deviation of the logarithm of each of a controller's tolerances."""
 
 
 def main() -> None:
@@ -22,13 +22,13 @@ def main() -> None:
         for name in ESTIMATORS
     }
     rng, own, runs = np.random.default_rng(0), Tolerances(), []
-    for factors in np.exp(rng.normal(0.0, SPREAD, (PILOTS, 4))):
+    for factors in np.exp(rng.normal(0.0, SPREAD, (CONTROLLERS, 4))):
         heading, rate, rudder, integral = factors
         tolerances = Tolerances(
             own.heading * heading, own.yaw_rate * rate, own.rudder_rate * rudder, own.heading_integral * integral
         )
-        pilot = TurningAutopilot(system_of(ENVIRONMENT), tolerances)
-        runs.append(rollout(pilot, ENVIRONMENT, evaluation_seeds(500), record=False).score)
+        controller = TurningAutopilot(system_of(ENVIRONMENT), tolerances)
+        runs.append(rollout(controller, ENVIRONMENT, evaluation_seeds(500), record=False).score)
     arrays = {name: values.astype(np.float32) for name, values in (flown | {"runs": np.array(runs)}).items()}
     np.savez_compressed(Path(__file__).parent / "flights.npz", **arrays)
 

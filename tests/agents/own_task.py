@@ -95,8 +95,8 @@ class KeepDepthVectorEnv(VesselVectorEnv):
     max_episode_steps = 60
 
 
-class DepthPilot:
-    """Pitches by the depth error; made with the system, as any pilot."""
+class DepthController:
+    """Pitches by the depth error; made with the system, as any controller."""
 
     def __init__(self, system: System) -> None:
         self.task = system.task
@@ -111,7 +111,7 @@ class DepthPilot:
 
 def no_agent(system: System) -> str:
     """What makes no agent."""
-    return "pilot"
+    return "controller"
 
 
 if "KeepDepth-v0" not in gym.registry:

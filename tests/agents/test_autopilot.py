@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from agents import TurningAutopilot, load_agent, rollout
-from agents.pilots.turning import Tolerances, gains
+from agents.controllers.turning import Tolerances, gains
 from estimators import wrap
 from vessel_gym.envs import ThesisCorvetteEnv
 from vessel_gym.vehicles.corvette import secant_models, steady_turns

@@ -9,8 +9,8 @@ import pytest
 from scipy.optimize import brentq
 
 from agents import TurningAutopilot, load_agent, rollout
-from agents.pilots.dive import DiveAutopilot, DiveTolerances, Loop, lateral_loop, vertical_loop
-from agents.pilots.track import TrackAutopilot
+from agents.controllers.dive import DiveAutopilot, DiveTolerances, Loop, lateral_loop, vertical_loop
+from agents.controllers.track import TrackAutopilot
 from vessel_gym.core import Core
 from vessel_gym.envs import ItsunusaAUVEnv, SegorogeniAUVEnv, SigmaCorvetteEnv
 from vessel_gym.guidance.dive_path import follow

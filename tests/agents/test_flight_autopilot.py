@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from agents import load_agent, rollout
-from agents.pilots.flight import FlightAutopilot, FlightTolerances, lateral_gains, longitudinal_gains
+from agents.controllers.flight import FlightAutopilot, FlightTolerances, lateral_gains, longitudinal_gains
 from vessel_gym.core import Core
 from vessel_gym.envs import PunaUAVEnv, SegorogeniAUVEnv
 from vessel_gym.vehicles.puna import trim

@@ -12,12 +12,12 @@ from pathlib import Path
 import gymnasium as gym
 import numpy as np
 import pytest
-from own_task import DepthPilot, KeepDepth, KeepDepthEnv, KeepShallowDepth, system_with
+from own_task import DepthController, KeepDepth, KeepDepthEnv, KeepShallowDepth, system_with
 
 import agents
-from agents import Metric, load_agent, register_pilot, register_scores, rollout
+from agents import Metric, load_agent, register_controller, register_scores, rollout
+from agents.controllers import CONTROLLERS, controller_names, make_controller
 from agents.metrics import at_end, components, rmse
-from agents.pilots import PILOTS, make_pilot, pilot_names
 from agents.scores import metrics, scores
 from agents.sheets import SHEETS
 from agents.source import _closure, source_digest
@@ -39,7 +39,7 @@ from vessel_gym.rendering import make_renderer
 from vessel_gym.surroundings import SURROUNDINGS, Surroundings, register_surroundings, surroundings_of
 from vessel_gym.tasks.dive import Dive, SpatialDive
 
-ENV, OWN = "KeepDepth-v0", "own_task:DepthPilot"
+ENV, OWN = "KeepDepth-v0", "own_task:DepthController"
 SYSTEM = KeepDepthEnv.system
 COMMON = ["score", "return", "steps"]
 ENDS = ("input_rmse", "nees", "unhealthy")
@@ -48,7 +48,7 @@ ENDS = ("input_rmse", "nees", "unhealthy")
 @pytest.fixture(autouse=True)
 def nothing_stays() -> Iterator[None]:
     """Registries are as they were after each test."""
-    registries = (SHEETS, PILOTS, SURROUNDINGS)
+    registries = (SHEETS, CONTROLLERS, SURROUNDINGS)
     for registry in registries:
         registry.of(None)  # ours are there
     before = [deepcopy(registry._entries) for registry in registries]
@@ -91,7 +91,7 @@ def test_a_component_that_an_estimator_does_not_have_has_no_error():
     assert "u" in ThesisCorvetteEnv.system.vehicle.estimated("nonlinear")  # others estimate it
 
 
-def test_the_commands_take_a_task_and_a_pilot_of_ones_own(capsys: pytest.CaptureFixture[str]):
+def test_the_commands_take_a_task_and_a_controller_of_ones_own(capsys: pytest.CaptureFixture[str]):
     evaluate.main(f"own_task:{ENV}", agent=OWN, episodes=2)
     printed = capsys.readouterr().out
     for label in ("Score", "theta", "NEES"):
@@ -109,10 +109,10 @@ def test_a_task_of_ones_own_is_trained(tmp_path: Path):
 @pytest.mark.parametrize("task", [KeepDepth(), KeepShallowDepth()])
 def test_an_autopilot_that_is_not_there_is_asked_for_in_vain(task: KeepDepth):
     sentence = (
-        r"^unknown agent 'autopilot' for Keep\w+: choose your own as module:object, or .* agents\.register_pilot$"
+        r"^unknown agent 'autopilot' for Keep\w+: choose your own as module:object, or .* agents\.register_controller$"
     )
     with pytest.raises(ValueError, match=sentence):
-        make_pilot("autopilot", system_with(task))
+        make_controller("autopilot", system_with(task))
 
 
 @pytest.mark.parametrize(
@@ -122,7 +122,7 @@ def test_an_autopilot_that_is_not_there_is_asked_for_in_vain(task: KeepDepth):
         ("own_task:no_agent", TypeError, "'own_task:no_agent' makes str"),
         ("own_task:CRUISE", TypeError, "cannot be called"),
         ("own_task:Nobody", ValueError, "has no 'Nobody'"),
-        ("nowhere:Pilot", ValueError, "cannot import 'nowhere'"),
+        ("nowhere:Controller", ValueError, "cannot import 'nowhere'"),
     ],
 )
 def test_what_makes_no_agent_is_refused_in_one_sentence(agent: str, error: type, sentence: str):
@@ -153,16 +153,16 @@ PITCH = Metric("pitch", "Pitch", "°", "lower", 1, "Pitch at the end.")
 @pytest.mark.parametrize("task", [KeepDepth(), KeepShallowDepth()])
 def test_what_is_registered_for_a_task_is_its_own_and_its_subclasses(task: KeepDepth):
     register_scores(KeepDepth, (OFFSET, PITCH), _pitch)
-    register_pilot(KeepDepth, "autopilot")(DepthPilot)
+    register_controller(KeepDepth, "autopilot")(DepthController)
     keys = [m.key for m in metrics(system_with(task))]
     assert keys == [*COMMON, "offset", "pitch", *ENDS]
-    assert pilot_names(system_with(task)) == ("autopilot",)
-    assert type(make_pilot("autopilot", system_with(task))) is DepthPilot
+    assert controller_names(system_with(task)) == ("autopilot",)
+    assert type(make_controller("autopilot", system_with(task))) is DepthController
 
 
 def test_registered_figures_are_those_of_the_flight():
     register_scores(KeepDepth, (OFFSET, PITCH), _pitch)
-    register_pilot(KeepDepth, "autopilot")(DepthPilot)
+    register_controller(KeepDepth, "autopilot")(DepthController)
     flight = rollout("autopilot", ENV, [3, 4])
     figures = scores(flight)
     last = flight.history["truth"][-1]
@@ -193,10 +193,14 @@ def test_steps_may_be_said_in_a_sheets_own_words():
         (lambda: register_scores(KeepDepth, (PITCH,)), ValueError, "nothing says how 'pitch' is found"),
         (lambda: register_scores(KeepDepth, (OFFSET, OFFSET)), ValueError, "keys of their own"),
         (lambda: register_scores(Dive, (OFFSET,)), ValueError, "its score sheet from agents.sheets.dive: subclass"),
-        (lambda: register_pilot(KeepDepth(), "me")(DepthPilot), TypeError, "class of tasks"),  # type: ignore[arg-type]
-        (lambda: register_pilot(KeepDepth, "a:b"), ValueError, "without a colon"),
-        (lambda: register_pilot(KeepDepth, "random"), ValueError, "other than random, ppo, checkpoint"),
-        (lambda: register_pilot(Dive, "autopilot")(DepthPilot), ValueError, "its pilot 'autopilot' from agents.pilots"),
+        (lambda: register_controller(KeepDepth(), "me")(DepthController), TypeError, "class of tasks"),  # type: ignore[arg-type]
+        (lambda: register_controller(KeepDepth, "a:b"), ValueError, "without a colon"),
+        (lambda: register_controller(KeepDepth, "random"), ValueError, "other than random, ppo, checkpoint"),
+        (
+            lambda: register_controller(Dive, "autopilot")(DepthController),
+            ValueError,
+            "its controller 'autopilot' from agents.controllers",
+        ),
         (lambda: register_surroundings(Dive)(_dock), ValueError, "its surroundings from vessel_gym.surroundings"),
         (lambda: register_surroundings(KeepDepth())(_dock), TypeError, "class of tasks"),  # type: ignore[arg-type]
         (lambda: Surroundings("boat"), ValueError, "unknown hull 'boat'"),
@@ -289,7 +293,7 @@ def test_a_subclass_of_a_task_of_ours_has_all_that_ours_has():
 
     given = SegorogeniAUVEnv.system.task
     mine = Mine(**{field.name: getattr(given, field.name) for field in fields(given)})
-    assert PILOTS.of(mine) == PILOTS.of(given)
+    assert CONTROLLERS.of(mine) == CONTROLLERS.of(given)
     assert SHEETS.of(mine) == SHEETS.of(given)
     assert SURROUNDINGS.of(mine) == SURROUNDINGS.of(given)
 
@@ -314,39 +318,39 @@ def read(tmp_path: Path, text: str) -> Study:
     return read_study(tmp_path / "study.toml")
 
 
-def test_studies_fly_registered_pilots_and_leave_out_those_that_a_task_has_not(tmp_path: Path):
+def test_studies_fly_registered_controllers_and_leave_out_those_that_a_task_has_not(tmp_path: Path):
     planned = plan(read(tmp_path, STUDY))
     flown = {(f.environment.partition(":")[2] or f.environment, f.agent) for f in planned.flights}
     assert flown == {(ENV, "mine"), ("SigmaCorvette-v0", "lqg"), ("SigmaCorvette-v0", "autopilot")}
     assert [(s.what, "unknown agent 'autopilot'" in s.reason) for s in planned.skipped] == [("autopilot", True)]
 
 
-def test_a_study_says_which_pilots_there_are(tmp_path: Path):
+def test_a_study_says_which_controllers_there_are(tmp_path: Path):
     with pytest.raises(StudyError, match=r"unknown kind of agent 'lqr'.*\(did you mean 'lqg'\?\)"):
         read(tmp_path, STUDY + 'x = { kind = "lqr" }\n')
 
 
-def test_where_nothing_has_an_autopilot_a_pilot_of_ones_own_takes_its_place(tmp_path: Path):
+def test_where_nothing_has_an_autopilot_a_controller_of_ones_own_takes_its_place(tmp_path: Path):
     alone = STUDY.replace("SigmaCorvette-v0 = {}\n", "").replace('lqg = { environments = ["SigmaCorvette-v0"] }\n', "")
     assert [agent.name for agent in read(tmp_path, alone).agents] == ["mine"]
     without = "".join(line for line in alone.splitlines(keepends=True) if not line.startswith("mine"))
-    with pytest.raises(StudyError, match="no environment of the study has an autopilot: name a pilot"):
+    with pytest.raises(StudyError, match="no environment of the study has an autopilot: name a controller"):
         read(tmp_path, without)
 
 
-def test_a_cell_depends_on_the_sheets_and_pilots_that_are_looked_up_by_the_task():
+def test_a_cell_depends_on_the_sheets_and_controllers_that_are_looked_up_by_the_task():
     imported = _closure("agents.studies.flying", "agents", {})
-    ours = {f"agents.{room}.{task}" for room in ("pilots", "sheets") for task in ("dive", "flight", "turning")}
-    assert ours | {"agents.pilots", "agents.sheets"} <= set(imported)
+    ours = {f"agents.{room}.{task}" for room in ("controllers", "sheets") for task in ("dive", "flight", "turning")}
+    assert ours | {"agents.controllers", "agents.sheets"} <= set(imported)
 
 
-def test_a_cell_depends_on_a_sheet_and_a_pilot_that_are_registered_elsewhere(
+def test_a_cell_depends_on_a_sheet_and_a_controller_that_are_registered_elsewhere(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     text = (
-        "import own_task\nfrom agents import register_pilot, register_scores\n"
+        "import own_task\nfrom agents import register_controller, register_scores\n"
         "register_scores(own_task.KeepDepth, ())\n"
-        "@register_pilot(own_task.KeepDepth, 'mine')\nclass Mine(own_task.DepthPilot):\n    gain = 1\n"
+        "@register_controller(own_task.KeepDepth, 'mine')\nclass Mine(own_task.DepthController):\n    gain = 1\n"
     )
     monkeypatch.syspath_prepend(tmp_path)
     path = tmp_path / "registered_elsewhere.py"

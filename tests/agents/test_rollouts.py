@@ -161,7 +161,7 @@ def test_seeds_may_come_as_an_array():
 def test_an_unknown_agent_is_answered_with_those_that_exist_and_a_missing_checkpoint_is_called_missing(tmp_path: Path):
     known = r"unknown agent .*: choose autopilot, lqg, pid, ppo, random, the path of a checkpoint"
     missing = "there is no checkpoint '.*'"
-    sentences = dict.fromkeys(("pilot", "p" * 5000, "pi\0lot"), known)
+    sentences = dict.fromkeys(("controller", "p" * 5000, "pi\0lot"), known)
     sentences |= dict.fromkeys((str(tmp_path), str(tmp_path / "missing.zip"), "missing.zip"), missing)
     for name, sentence in sentences.items():
         with pytest.raises(ValueError, match=sentence):

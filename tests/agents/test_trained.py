@@ -72,8 +72,8 @@ def test_it_flies_without_loading_torch():
 
 
 def test_the_example_of_the_page_runs():
-    (example,) = blocks("pilots", "python")
-    exec(compile(example, "pilots.md", "exec"), {"__name__": "page"})
+    (example,) = blocks("agents", "python")
+    exec(compile(example, "agents.md", "exec"), {"__name__": "page"})
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import minimize_scalar
 
-from agents.pilots import make_pilot
+from agents.controllers import make_controller
 from vessel_gym.core import Core
 from vessel_gym.envs.sigma_corvette import SIGMA_CORVETTE
 from vessel_gym.tasks.circle_track import BELIEVED, CURVATURE, OFF, RATE_NOW, SPEED, TRACK, WANTED
@@ -149,7 +149,7 @@ def test_loitering_on_the_track_does_not_pay():
 @pytest.mark.parametrize("estimator", ["truth", "kf-umv-ui"])
 def test_the_autopilot_holds_the_track(estimator):
     rows = 16
-    core, pilot = Core(SIGMA_CORVETTE, rows, estimator=estimator), make_pilot("autopilot", SIGMA_CORVETTE)
+    core, pilot = Core(SIGMA_CORVETTE, rows, estimator=estimator), make_controller("autopilot", SIGMA_CORVETTE)
     core.start(list(range(10_000, 10_000 + rows)))
     pilot.reset(rows)
     for _ in range(TASK.horizon):

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from agents.cells import Cell
-from agents.pilots.dive import DiveAutopilot
+from agents.controllers.dive import DiveAutopilot
 from estimators import Filter, make
 from studies.papers.dive import Experiment, channel_sd, rms, thinned
 from vessel_gym.envs.itsunusa_auv import ITSUNUSA_AUV

@@ -14,7 +14,7 @@ from agents.studies.figures import (
     cost_figure,
     dots,
     looks,
-    pilot_looks,
+    policy_looks,
     profile_figure,
     robustness_figure,
     transfer_figure,
@@ -32,7 +32,7 @@ def test_no_two_estimators_look_alike(found):
     look = looks(found)
     assert list(look) == found.flown_on()
     assert len({(each.colour, each.mark, each.line) for each in look.values()}) == len(look)
-    assert len({(each.colour, each.mark, each.line) for each in pilot_looks(found).values()}) == len(found.schools())
+    assert len({(each.colour, each.mark, each.line) for each in policy_looks(found).values()}) == len(found.schools())
 
 
 @pytest.mark.slow

@@ -20,7 +20,7 @@ from agents.studies.figures import transfer_figure
 from agents.studies.plan import plan
 from agents.studies.records import Agent
 from agents.studies.report import page, write_report
-from agents.studies.results import Pilot
+from agents.studies.results import Policy
 from agents.studies.shares import gap, verdicts
 
 OUT = Path("results")
@@ -130,7 +130,7 @@ def test_shares_in_the_ranking_are_those_of_the_statistics(classical, plain, lea
     interval = crossed_interval(classical.shares(everywhere, classical.classical, "ekf"), comparisons=2)  # and enkf
     shown = rows(plain, "ranking")
     assert shown["", "ekf"]["All"] == f"{interval.mean:.3f} ± {interval.half:.3f}"
-    interval = crossed_interval(learned.shares(everywhere, Pilot("PPO", "ekf")))
+    interval = crossed_interval(learned.shares(everywhere, Policy("PPO", "ekf")))
     assert rows(taught, "agents")["", "PPO trained on ekf"]["All"] == f"{interval.mean:.3f} ± {interval.half:.3f}"
 
 
@@ -153,7 +153,7 @@ def test_a_cell_of_the_heatmap_is_the_number_of_the_table(learned, taught):
     assert drawn > 10
 
 
-def eight_pilots() -> np.ndarray:
+def eight_controllers() -> np.ndarray:
     """Flights ``(8, 500)`` of eight autopilots, moved so that all are equally good."""
     flown = np.load(Path(invented.__file__).parents[1] / "flights.npz")["runs"][8:16].astype(float)
     return flown - flown.mean(axis=1, keepdims=True)
@@ -164,7 +164,7 @@ def eight_strangers() -> np.ndarray:
     return np.random.default_rng(42).normal(size=(8, 100_000))
 
 
-@pytest.mark.parametrize(("population", "uncorrected"), [(eight_pilots, 0.12), (eight_strangers, 0.38)])
+@pytest.mark.parametrize(("population", "uncorrected"), [(eight_controllers, 0.12), (eight_strangers, 0.38)])
 def test_of_eight_estimators_that_are_equal_one_study_in_twenty_names_a_loser(population, uncorrected):
     """400 studies of 20 seeds: at 5 % more than 8.5 % of them do once in a thousand times."""
     flown, named = population(), np.zeros(2)
@@ -286,7 +286,7 @@ def test_a_study_of_which_nothing_is_flown_still_makes_a_page(learned):
 
 
 def test_an_agent_of_ones_own_may_be_the_classical_one():
-    mine = Agent("mine", "agents.pilots.dive:DiveAutopilot")
+    mine = Agent("mine", "agents.controllers.dive:DiveAutopilot")
     found = results(study((SEGOROGENI,), (mine,), conditions=CONDITIONS[:1]))
     assert "on it mine keeps" in answer(found)[0]
     assert (

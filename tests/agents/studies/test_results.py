@@ -1,4 +1,4 @@
-"""What a study found, by place, pilot and estimator."""
+"""What a study found, by place, policy and estimator."""
 
 from types import SimpleNamespace
 
@@ -12,7 +12,7 @@ from agents.statistics import crossed_interval, mean_interval
 from agents.studies import flying
 from agents.studies.plan import plan
 from agents.studies.records import RAW
-from agents.studies.results import Pilot, Place, Results
+from agents.studies.results import Place, Policy, Results
 
 NOMINAL = Place(CORVETTE, "nominal")
 
@@ -27,23 +27,23 @@ def test_the_floor_and_the_oracle_are_0_and_1_of_the_scale(found):
         assert np.mean(found.kept(NOMINAL, found.classical, name)) == pytest.approx(end)
 
 
-def test_pilots_are_the_same_everywhere_by_the_name_of_their_school(found):
+def test_controllers_are_the_same_everywhere_by_the_name_of_their_school(found):
     schools = found.schools()
     assert [str(p) for p in schools] == [
         "autopilot", "PPO trained on default", "PPO trained on ekf", "PPO, raw", "PPO, LSTM",
     ]  # fmt: skip
-    assert found.here(CORVETTE, schools[1]) == Pilot("PPO", "kf-umv-ui")
-    assert found.here(SEGOROGENI, schools[1]) == Pilot("PPO", "enkf")
+    assert found.here(CORVETTE, schools[1]) == Policy("PPO", "kf-umv-ui")
+    assert found.here(SEGOROGENI, schools[1]) == Policy("PPO", "enkf")
     assert [found.own(CORVETTE, p) for p in schools] == ["kf-umv-ui", "kf-umv-ui", "ekf", RAW, RAW]
-    assert {found.here(CORVETTE, p) for p in schools} == set(found.pilots(CORVETTE))
+    assert {found.here(CORVETTE, p) for p in schools} == set(found.policies(CORVETTE))
 
 
-def test_runs_of_a_school_are_those_of_its_pilot_in_each_environment(found):
-    runs = found.runs([CORVETTE, SEGOROGENI], Pilot("PPO", "default"))
+def test_runs_of_a_school_are_those_of_its_policy_in_each_environment(found):
+    runs = found.runs([CORVETTE, SEGOROGENI], Policy("PPO", "default"))
     assert runs.shape == (5, 2)
     for column, environment, name in ((0, CORVETTE, "kf-umv-ui"), (1, SEGOROGENI, "enkf")):
         places = found.places([environment])
-        kept = np.mean([found.kept(p, Pilot("PPO", name), name).mean(1) for p in places], axis=0)
+        kept = np.mean([found.kept(p, Policy("PPO", name), name).mean(1) for p in places], axis=0)
         np.testing.assert_allclose(runs[:, column], kept)
 
 
@@ -55,8 +55,8 @@ def test_a_run_that_lacks_a_flight_is_left_out_and_pairs_are_of_the_same_seeds(f
             in [("PPO", "ekf", 2, "calm"), ("PPO, raw", RAW, 0, "rough")]
         ),
     )
-    home, raw = Pilot("PPO", "ekf"), Pilot("PPO, raw", RAW)
-    whole = [found.runs([CORVETTE], pilot) for pilot in (home, raw)]
+    home, raw = Policy("PPO", "ekf"), Policy("PPO, raw", RAW)
+    whole = [found.runs([CORVETTE], policy) for policy in (home, raw)]
     np.testing.assert_allclose(broken.runs([CORVETTE], home), whole[0][[0, 1, 3, 4]], atol=1e-12)
     lost = broken.paired_shares([CORVETTE], (home, None), (raw, None))
     np.testing.assert_allclose(lost.mean(1), (whole[0] - whole[1])[[1, 3, 4], 0], atol=1e-12)
@@ -72,9 +72,9 @@ def test_shares_are_paired_with_the_scale_seed_by_seed(found):
 
 
 def test_who_does_not_learn_is_paired_with_every_training_run(found):
-    pilot = Pilot("PPO", "ekf")
-    gaps = found.paired_shares([CORVETTE], (pilot, "ekf"), (found.classical, "ekf"))
-    ours, theirs = (found.shares([CORVETTE], who, "ekf") for who in (pilot, found.classical))
+    policy = Policy("PPO", "ekf")
+    gaps = found.paired_shares([CORVETTE], (policy, "ekf"), (found.classical, "ekf"))
+    ours, theirs = (found.shares([CORVETTE], who, "ekf") for who in (policy, found.classical))
     np.testing.assert_allclose(gaps, ours - theirs, atol=1e-12)
     assert gaps.shape == (5, 8)
 
@@ -95,7 +95,7 @@ def test_a_share_of_yes_and_no_has_an_exact_interval_and_other_metrics_a_mean_ov
 def test_places_without_a_scale_count_for_nothing(found):
     calm = without(found, lambda f: (f.flown_on, f.condition) == ("truth", "calm"))
     assert [p.condition for p in calm.scaled([CORVETTE])] == ["nominal", "rough", "all wrong"]
-    assert calm.runs([CORVETTE], Pilot("PPO", "ekf")).shape == (5, 1)
+    assert calm.runs([CORVETTE], Policy("PPO", "ekf")).shape == (5, 1)
     flat = results(found.plan, QUALITY | {"truth": -0.1})
     assert flat.scaled() == []
 
@@ -105,15 +105,15 @@ def test_the_price_is_over_seeds_and_training_runs(found):
     truth, ours = (found.figure(NOMINAL, found.classical, name)[0] for name in ("truth", "kf"))
     price = found.price([NOMINAL], found.classical, "kf")
     assert price.mean == pytest.approx(np.mean(truth - ours))
-    pilot = Pilot("PPO", "ekf")
-    truth, ours = (found.figure(NOMINAL, pilot, name) for name in ("truth", "ekf"))
-    assert found.price([NOMINAL], pilot, "ekf") == crossed_interval(truth - ours)
-    assert found.price([NOMINAL], Pilot("PPO, raw", RAW), RAW) is None
+    policy = Policy("PPO", "ekf")
+    truth, ours = (found.figure(NOMINAL, policy, name) for name in ("truth", "ekf"))
+    assert found.price([NOMINAL], policy, "ekf") == crossed_interval(truth - ours)
+    assert found.price([NOMINAL], Policy("PPO, raw", RAW), RAW) is None
 
 
 def test_estimators_come_in_the_order_of_the_study(found):
     assert found.flown_on() == ["truth", "dead-reckoning", "kf-umv-ui", "kf", "ekf", "enkf", RAW]
-    assert found.estimators(pilot=found.classical) == ["truth", "dead-reckoning", "ekf", "enkf"]
+    assert found.estimators(policy=found.classical) == ["truth", "dead-reckoning", "ekf", "enkf"]
 
 
 def test_times_of_steps_come_from_the_journal_and_are_no_part_of_a_result(tmp_path):
@@ -132,7 +132,9 @@ def test_times_of_steps_come_from_the_journal_and_are_no_part_of_a_result(tmp_pa
 
 def test_the_estimator_and_the_truth_fly_in_turns_and_only_steps_are_timed(monkeypatch):
     clock, flown = [0.0], []
-    monkeypatch.setattr(flying, "classical_pilot", lambda *_: SimpleNamespace(reset=lambda rows: None, act=lambda y: y))
+    monkeypatch.setattr(
+        flying, "classical_controller", lambda *_: SimpleNamespace(reset=lambda rows: None, act=lambda y: y)
+    )
     monkeypatch.setattr(flying, "process_time", lambda: clock[0])
 
     class Env:

@@ -1,4 +1,4 @@
-"""Every registered pilot: it flies, on observations alone, and a batch is what its rows are alone."""
+"""Every registered controller: it flies, on observations alone, and a batch is what its rows are alone."""
 
 from contextlib import closing
 from functools import cache
@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 from agents import rollout
-from agents.pilots import make_pilot, pilot_names
-from agents.pilots.dive import DiveRegulator
-from agents.pilots.loops import Loop, first_order
-from agents.pilots.turning import TurningRegulator
+from agents.controllers import controller_names, make_controller
+from agents.controllers.dive import DiveRegulator
+from agents.controllers.loops import Loop, first_order
+from agents.controllers.turning import TurningRegulator
 from agents.seeds import evaluation_seeds
 from agents.studies.worlds import system_of
 from vessel_gym.envs import ItsunusaAUVEnv, ThesisCorvetteEnv
 
 ENVIRONMENTS = ["SigmaCorvette-v0", "ThesisCorvette-v0", "SegorogeniAUV-v0", "ItsunusaAUV-v0", "PunaUAV-v0"]
-PILOTS = [(env_id, name) for env_id in ENVIRONMENTS for name in pilot_names(system_of(env_id))]
+CONTROLLERS = [(env_id, name) for env_id in ENVIRONMENTS for name in controller_names(system_of(env_id))]
 
 LEAST = {
     ("SigmaCorvette-v0", "pid"): 0.52, ("SigmaCorvette-v0", "lqg"): 0.74,
@@ -29,17 +29,17 @@ LEAST = {
 """What the first 32 evaluation seeds give on default estimates is 0.02 to 0.06 more: 0.56, 0.77; 0.80, 0.90; 0.76,
 0.72; 0.92, 0.86; 0.83, 0.85. The autopilots give 0.77, 0.91, 0.77, 0.91 and 0.85."""
 
-every_pilot = pytest.mark.parametrize(("env_id", "name"), PILOTS)
+every_controller = pytest.mark.parametrize(("env_id", "name"), CONTROLLERS)
 
 
 def test_every_environment_has_the_same_three_names():
     for env_id in ENVIRONMENTS:
-        assert pilot_names(system_of(env_id)) == ("autopilot", "lqg", "pid")
+        assert controller_names(system_of(env_id)) == ("autopilot", "lqg", "pid")
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("env_id", "name"), LEAST)
-def test_every_pilot_does_its_task(env_id: str, name: str):
+def test_every_controller_does_its_task(env_id: str, name: str):
     flight = rollout(name, env_id, evaluation_seeds(32), record=False)
     assert flight.score.mean() >= LEAST[env_id, name]
     task = flight.env.unwrapped.system.task
@@ -50,7 +50,7 @@ def test_every_pilot_does_its_task(env_id: str, name: str):
 def observations(env_id: str, observe: str = "mean", rows: int = 4, steps: int = 40) -> np.ndarray:
     """Observations ``(steps + 1, rows, k)`` of flights of the autopilot in rough conditions."""
     with closing(gym.make_vec(env_id, num_envs=rows, disturbance="rough", observe=observe)) as env:
-        agent = make_pilot("autopilot", system_of(env_id))
+        agent = make_controller("autopilot", system_of(env_id))
         agent.reset(rows)
         seen = [env.reset(seed=5)[0]]
         for _ in range(steps):
@@ -59,13 +59,13 @@ def observations(env_id: str, observe: str = "mean", rows: int = 4, steps: int =
 
 
 def acted(env_id: str, name: str, seen: np.ndarray) -> np.ndarray:
-    agent = make_pilot(name, system_of(env_id))
+    agent = make_controller(name, system_of(env_id))
     agent.reset(seen.shape[1])
     return np.stack([agent.act(frame) for frame in seen])
 
 
 @pytest.mark.slow
-@every_pilot
+@every_controller
 def test_a_batch_is_what_its_rows_are_alone(env_id: str, name: str):
     seen = observations(env_id)
     copy = seen.copy()
@@ -78,23 +78,23 @@ def test_a_batch_is_what_its_rows_are_alone(env_id: str, name: str):
     np.testing.assert_array_equal(seen, copy)
 
 
-@every_pilot
+@every_controller
 def test_the_standard_deviations_of_the_longer_observation_are_not_used(env_id: str, name: str):
     longer, shorter = observations(env_id, "mean+std"), observations(env_id).shape[-1]
     np.testing.assert_array_equal(acted(env_id, name, longer), acted(env_id, name, longer[..., :shorter].copy()))
 
 
-@every_pilot
+@every_controller
 def test_a_reset_forgets_everything(env_id: str, name: str):
-    seen, agent = observations(env_id), make_pilot(name, system_of(env_id))
+    seen, agent = observations(env_id), make_controller(name, system_of(env_id))
     for _ in range(2):
         agent.reset(seen.shape[1])
         np.testing.assert_array_equal(np.stack([agent.act(frame) for frame in seen]), acted(env_id, name, seen))
 
 
-@every_pilot
+@every_controller
 def test_another_vehicles_task_is_refused(env_id: str, name: str):
-    from agents.pilots import PILOTS as registered
+    from agents.controllers import CONTROLLERS as registered
 
     factory = registered.of(system_of(env_id).task)[name]
     other = "PunaUAV-v0" if env_id != "PunaUAV-v0" else "SigmaCorvette-v0"

@@ -1,12 +1,12 @@
-"""Pilots that hold a ship on the track of a turning circle."""
+"""Controllers that hold a ship on the track of a turning circle."""
 
 from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
 
-from agents.pilots import AUTOPILOT, register_pilot
-from agents.pilots.turning import TurningAutopilot, TurningPID, regulator_table, task_of
+from agents.controllers import AUTOPILOT, register_controller
+from agents.controllers.turning import TurningAutopilot, TurningPID, regulator_table, task_of
 from vessel_gym.system import System
 from vessel_gym.tasks.circle_track import CircleTrack
 from vessel_gym.vehicles.corvette import steady_turns
@@ -31,7 +31,7 @@ class TrackTolerances:
 def track_gains(ship: CorvetteParameters, dt: float, tolerances: TrackTolerances) -> np.ndarray:
     """LQI gains ``(k, 6)`` from (v, r, psi, rudder, distance, its integral); without the integral ``(k, 5)``.
 
-    See `agents.pilots.turning.regulator_table`.
+    See `agents.controllers.turning.regulator_table`.
     """
     weights = np.array([
         1e-3, tolerances.yaw_rate**-1, tolerances.heading**-1, 1e-3, tolerances.distance**-1,
@@ -48,7 +48,7 @@ def track_gains(ship: CorvetteParameters, dt: float, tolerances: TrackTolerances
     return regulator_table(ship, dt, np.diag(weights[:n] ** 2), tolerances.rudder_rate, rows)
 
 
-@register_pilot(CircleTrack, AUTOPILOT)
+@register_controller(CircleTrack, AUTOPILOT)
 class TrackAutopilot(TurningAutopilot):
     """Linear-quadratic regulator with integral action about the commanded turn, on the commanded track.
 
@@ -73,7 +73,7 @@ class TrackAutopilot(TurningAutopilot):
         return [np.clip(distance, -self._near, self._near)], distance
 
 
-@register_pilot(CircleTrack, "lqg")
+@register_controller(CircleTrack, "lqg")
 class TrackRegulator(TrackAutopilot):
     """The autopilot's linear-quadratic regulator without its integral: no memory, and a bias under steady loads.
 
@@ -84,7 +84,7 @@ class TrackRegulator(TrackAutopilot):
         super().__init__(system, replace(tolerances or TrackTolerances(), distance_integral=np.inf))
 
 
-@register_pilot(CircleTrack, "pid")
+@register_controller(CircleTrack, "pid")
 class TrackPID(TurningPID):
     """A heading PID behind a line of sight: it heads for a point of the track two ship lengths ahead.
 

@@ -1,10 +1,10 @@
-"""Pilots: controllers that need no training, registered by the kind of task that they fly.
+"""Controllers that need no training, registered by the kind of task that they fly.
 
 Each acts on the observation alone, in modes ``"mean"`` and ``"mean+std"``: what it regulates is what the estimator
 believes. Every task of the package has three:
 
 - ``"autopilot"``: the one that studies measure others by, linear-quadratic with what the task needs beside it;
-- ``"pid"``: decoupled loops of proportional, integral and derivative action (`agents.pilots.loops`);
+- ``"pid"``: decoupled loops of proportional, integral and derivative action (`agents.controllers.loops`);
 - ``"lqg"``: the linear-quadratic regulator of the whole deviation, on the estimate, and nothing else.
 """
 
@@ -16,7 +16,7 @@ from vessel_gym.registry import Registry
 from vessel_gym.system import System
 
 AUTOPILOT = "autopilot"
-"""The pilot of every task that others are measured by."""
+"""The controller of every task that others are measured by."""
 RANDOM = "random"
 """The name of `agents.agent.RandomAgent`, for any task."""
 PPO = "ppo"
@@ -30,14 +30,14 @@ F = TypeVar("F", bound=Factory)
 
 
 def _ours() -> None:
-    from agents.pilots import dive, flight, track, turning  # noqa: F401
+    from agents.controllers import dive, flight, track, turning  # noqa: F401
 
 
-PILOTS: Registry[Factory] = Registry("pilot", _ours)
+CONTROLLERS: Registry[Factory] = Registry("controller", _ours)
 
 
-def register_pilot(task_type: type, name: str) -> Callable[[F], F]:
-    """A decorator that makes a class, or a function of a `System`, the pilot of a kind of task by a name.
+def register_controller(task_type: type, name: str) -> Callable[[F], F]:
+    """A decorator that makes a class, or a function of a `System`, the controller of a kind of task by a name.
 
     Subclasses of the task inherit it.
 
@@ -47,43 +47,43 @@ def register_pilot(task_type: type, name: str) -> Callable[[F], F]:
 
     Raises:
         TypeError: for a task type that is no class.
-        ValueError: for a name that cannot be one, or that the task's pilot from another module has.
+        ValueError: for a name that cannot be one, or that the task's controller from another module has.
     """
     if not isinstance(name, str) or not name or ":" in name or name in _TAKEN:
-        raise ValueError(f"a pilot needs a name without a colon, other than {', '.join(_TAKEN)}, got {name!r}")
+        raise ValueError(f"a controller needs a name without a colon, other than {', '.join(_TAKEN)}, got {name!r}")
 
     def register(factory: F) -> F:
-        PILOTS.register(task_type, factory, factory.__module__, name)
+        CONTROLLERS.register(task_type, factory, factory.__module__, name)
         return factory
 
     return register
 
 
-def pilot_names(system: System) -> tuple[str, ...]:
-    """The names of a system's pilots, the autopilot first."""
-    return tuple(sorted(PILOTS.of(system.task), key=lambda name: (name != AUTOPILOT, name)))
+def controller_names(system: System) -> tuple[str, ...]:
+    """The names of a system's controllers, the autopilot first."""
+    return tuple(sorted(CONTROLLERS.of(system.task), key=lambda name: (name != AUTOPILOT, name)))
 
 
-def is_pilot(name: str, system: System) -> bool:
-    """Whether a system has a pilot of that name, or it is ``"module:object"``."""
-    return ":" in name or name in PILOTS.of(system.task)
+def is_controller(name: str, system: System) -> bool:
+    """Whether a system has a controller of that name, or it is ``"module:object"``."""
+    return ":" in name or name in CONTROLLERS.of(system.task)
 
 
-def make_pilot(name: str, system: System) -> Any:
-    """The pilot of a system.
+def make_controller(name: str, system: System) -> Any:
+    """The controller of a system.
 
     Args:
         name: As registered; or ``"module:object"``, a user's own, which is imported and called with the system.
         system: What is flown.
 
     Raises:
-        ValueError: if there is no such pilot, or it does not fly this system.
+        ValueError: if there is no such controller, or it does not fly this system.
         TypeError: if what is named makes no agent.
     """
-    pilots = PILOTS.of(system.task)
-    if ":" not in name and name not in pilots:
-        raise ValueError(unknown_pilot(name, system))
-    factory = pilots[name] if name in pilots else named_object(name)
+    controllers = CONTROLLERS.of(system.task)
+    if ":" not in name and name not in controllers:
+        raise ValueError(unknown_controller(name, system))
+    factory = controllers[name] if name in controllers else named_object(name)
     if not callable(factory):
         raise TypeError(f"{name!r} makes no agent: it cannot be called with the environment's system")
     made = factory(system)
@@ -92,14 +92,14 @@ def make_pilot(name: str, system: System) -> Any:
     return made
 
 
-def unknown_pilot(name: str, system: System, *others: str) -> str:
+def unknown_controller(name: str, system: System, *others: str) -> str:
     """A sentence about a name that is not known for a system.
 
     Args:
         name: That one.
         system: What was to be flown.
-        others: What may be named beside pilots.
+        others: What may be named beside controllers.
     """
-    known = ", ".join((*pilot_names(system), *others, "your own as module:object"))
+    known = ", ".join((*controller_names(system), *others, "your own as module:object"))
     task = type(system.task).__name__
-    return f"unknown agent {name!r} for {task}: choose {known}, or name one with agents.register_pilot"
+    return f"unknown agent {name!r} for {task}: choose {known}, or name one with agents.register_controller"

@@ -1,13 +1,13 @@
-"""Pilots of flights, with loops for bank, altitude and airspeed designed from the linearised aircraft."""
+"""Controllers of flights, with loops for bank, altitude and airspeed designed from the linearised aircraft."""
 
 from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 
-from agents.pilots import AUTOPILOT, register_pilot
-from agents.pilots.loops import Loop
-from agents.pilots.regulator import regulator_gains
+from agents.controllers import AUTOPILOT, register_controller
+from agents.controllers.loops import Loop
+from agents.controllers.regulator import regulator_gains
 from vessel_gym.system import System
 from vessel_gym.tasks.flight import Flight
 from vessel_gym.vehicles.puna import Puna, PunaParameters, trim
@@ -76,7 +76,7 @@ def longitudinal_gains(vehicle: Puna, tolerances: FlightTolerances) -> np.ndarra
     return regulator_gains(jacobian[:, :5], jacobian[:, 5:], Q, R)
 
 
-@register_pilot(Flight, AUTOPILOT)
+@register_controller(Flight, AUTOPILOT)
 class FlightAutopilot:
     """Vector-field path following in plan; linear-quadratic loops for altitude and airspeed.
 
@@ -138,7 +138,7 @@ class FlightAutopilot:
         return self._approach * np.arctan(self._slope * cross)
 
 
-@register_pilot(Flight, "lqg")
+@register_controller(Flight, "lqg")
 class FlightRegulator(FlightAutopilot):
     """The linear-quadratic regulators alone: to the path by its distance, without the vector field's bound.
 
@@ -149,7 +149,7 @@ class FlightRegulator(FlightAutopilot):
         return self._approach * self._slope * cross
 
 
-@register_pilot(Flight, "pid")
+@register_controller(Flight, "pid")
 class FlightPID:
     """Three PID loops: bank by the cross-track error, angle of attack by the altitude's, thrust by the airspeed's.
 

@@ -1,4 +1,4 @@
-"""Pilots of dives, with course and flight-path loops designed from the linearised vehicle."""
+"""Controllers of dives, with course and flight-path loops designed from the linearised vehicle."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import root
 
-from agents.pilots import AUTOPILOT, register_pilot
-from agents.pilots.loops import Loop as PID
-from agents.pilots.loops import first_order
-from agents.pilots.regulator import regulator_gains
+from agents.controllers import AUTOPILOT, register_controller
+from agents.controllers.loops import Loop as PID
+from agents.controllers.loops import first_order
+from agents.controllers.regulator import regulator_gains
 from estimators import wrap
 from vessel_gym.system import System
 from vessel_gym.tasks.dive import Dive
@@ -188,7 +188,7 @@ def _gains(
 
 
 class _Seen(NamedTuple):
-    """What pilots make of an observation, ``(B,)`` each."""
+    """What controllers make of an observation, ``(B,)`` each."""
 
     surge: np.ndarray  # m/s too fast
     sway: np.ndarray  # m/s
@@ -204,7 +204,7 @@ class _Seen(NamedTuple):
     aside: np.ndarray  # m to starboard of the path
 
 
-@register_pilot(Dive, AUTOPILOT)
+@register_controller(Dive, AUTOPILOT)
 class DiveAutopilot:
     """Line-of-sight guidance onto the path; regulators that hold the course and the flight path that it asks for.
 
@@ -252,7 +252,7 @@ class DiveAutopilot:
         return _actions(self._body, fins, thrust - self._thrust_gain * seen.surge)
 
 
-@register_pilot(Dive, "lqg")
+@register_controller(Dive, "lqg")
 class DiveRegulator(DiveAutopilot):
     """The linear-quadratic regulator of both planes with the distance from the path as a state, and no guidance.
 
@@ -267,7 +267,7 @@ class DiveRegulator(DiveAutopilot):
         super().__init__(system, replace(tolerances, look_ahead=np.inf, offset=offset))
 
 
-@register_pilot(Dive, "pid")
+@register_controller(Dive, "pid")
 class DivePID:
     """Line-of-sight guidance; a PID loop each for course and flight path, a PI loop for the speed.
 

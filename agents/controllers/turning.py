@@ -1,4 +1,4 @@
-"""Pilots of turning circles, designed from the ship's linear models."""
+"""Controllers of turning circles, designed from the ship's linear models."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from agents.pilots import AUTOPILOT, register_pilot
-from agents.pilots.loops import Loop, first_order
-from agents.pilots.regulator import regulator_gains
+from agents.controllers import AUTOPILOT, register_controller
+from agents.controllers.loops import Loop, first_order
+from agents.controllers.regulator import regulator_gains
 from vessel_gym.system import System
 from vessel_gym.tasks.turning_circle import TurningCircle
 from vessel_gym.vehicles.corvette import secant_models, steady_turns
@@ -72,7 +72,7 @@ def task_of(system: System, kind: type, purpose: str) -> Any:
     return system.task
 
 
-@register_pilot(TurningCircle, AUTOPILOT)
+@register_controller(TurningCircle, AUTOPILOT)
 class TurningAutopilot:
     """Linear-quadratic regulator with integral action about the commanded steady turn.
 
@@ -131,7 +131,7 @@ class TurningAutopilot:
         return [], heading_error
 
 
-@register_pilot(TurningCircle, "lqg")
+@register_controller(TurningCircle, "lqg")
 class TurningRegulator(TurningAutopilot):
     """The autopilot's linear-quadratic regulator without its integral: no memory, and a bias under steady loads.
 
@@ -142,7 +142,7 @@ class TurningRegulator(TurningAutopilot):
         super().__init__(system, replace(tolerances or Tolerances(), heading_integral=np.inf))
 
 
-@register_pilot(TurningCircle, "pid")
+@register_controller(TurningCircle, "pid")
 class TurningPID:
     """A heading PID: the rudder by the errors of heading and yaw rate, and what the commanded turn is known to need.
 
