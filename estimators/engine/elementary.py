@@ -348,13 +348,43 @@ def floor_divide(x: Any, y: Any) -> Any:
     return _where(y == 0.0, x / y, whole)
 
 
-def repeat(count: int, body: Callable[..., Sequence[Any]], *carried: Any) -> tuple[Any, ...]:
+def repeat(
+    count: int, body: Callable[..., Sequence[Any]], *carried: Any, active: Callable[..., Any] | None = None
+) -> tuple[Any, ...]:
     """What a body makes of numbers or arrays in ``count`` passes: ``carried = body(*carried)``.
 
     A loop in a compiled program, where Python's own would be unrolled.
+
+    Args:
+        count: Passes at most.
+        body: Gives as many numbers and arrays as it takes, of the same shapes.
+        carried: What it takes at first.
+        active: Mask ``(...)`` of the rows, of what is carried, that need another pass. Others keep what they carry, and
+            the loop ends when there are none.
     """
+    if active is not None:
+        return _repeated(count, _masked(body, active), (active(*carried), *carried), 1)[1:]
+    return _repeated(count, body, carried, 0)
+
+
+def _masked(body: Callable[..., Sequence[Any]], active: Callable[..., Any]) -> Callable[..., Sequence[Any]]:
+    """The body of a loop, for the rows of a mask that it carries first."""
+
+    def masked(going: Any, *carried: Any) -> tuple[Any, ...]:
+        after = tuple(
+            np.where(np.reshape(going, np.shape(going) + (1,) * (np.ndim(old) - np.ndim(going))), new, old)
+            for old, new in zip(carried, body(*carried), strict=True)
+        )
+        return active(*after), *after
+
+    return masked
+
+
+def _repeated(count: int, body: Callable[..., Sequence[Any]], carried: tuple[Any, ...], masked: int) -> tuple[Any, ...]:
     if not any(isinstance(np.asarray(each, object).item(0), Tracer) for each in carried if np.size(each)):
         for _ in range(count):
+            if masked and not np.any(carried[0]):
+                break
             carried = tuple(body(*carried))
         return tuple(carried)
     from estimators.engine.arrays import TracedArray
@@ -378,4 +408,4 @@ def repeat(count: int, body: Callable[..., Sequence[Any]], *carried: Any) -> tup
         return [cast(x, program.kinds[value]).value for x, value in zip(flat, parameters, strict=True)]
 
     initial = [constant(program, each).value for each in entries]
-    return tuple(rebuilt(program.repeat(count, traced, initial)))
+    return tuple(rebuilt(program.repeat(count, traced, initial, arrays[0].size if masked else 0)))

@@ -7,6 +7,7 @@ the same bits alone, in any batch and on any processor.
 import itertools
 import struct
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -163,8 +164,9 @@ class Emitter:
     def loop(
         self, first: int | str, count: int | str, body: Callable[..., Sequence[str] | None],
         initial: Sequence[str] = (), types: Sequence[str] = (), step: int = 1,
+        going: Callable[..., str] | None = None,
     ) -> list[str]:  # fmt: skip
-        """A loop ``for i in range(first, count, step)`` with carried values; their names afterwards."""
+        """A loop ``for i in range(first, count, step)``, while ``going``; names of what it carries, afterwards."""
         before, head, inside, done = self.labels[-1], *map(self.fresh, ("head", "body", "done"))
         counter, advanced = f"%{self.fresh('i')}", f"%{self.fresh('n')}"
         self.lines.append(f"  br label %{head}")
@@ -172,6 +174,8 @@ class Emitter:
         at = len(self.lines)
         carried = [f"%{self.fresh('c')}" for _ in initial]
         test = self.line(f"icmp slt i64 {counter}, {count}")
+        if going is not None:
+            test = self.line(f"and i1 {test}, {going(*carried)}")
         self.lines.append(f"  br i1 {test}, label %{inside}, label %{done}")
         self.begin(inside)
         after = body(counter, *carried)
@@ -320,6 +324,14 @@ class Emitter:
             return vector
         return self.line(f"extractelement <{self.width} x {scalar}> {vector}, i32 {lane}")
 
+    def any(self, mask: str) -> str:
+        """Is a mask true in any lane?"""
+        if self.width == 1:
+            return mask
+        name, T = f"@llvm.vector.reduce.or.v{self.width}i1", type_of("b", self.width)
+        self.module.declared[f"declare i1 {name}({T})"] = None
+        return self.line(f"call i1 {name}({T} {mask})")
+
     def _lookup(self, instruction: Instruction) -> str:
         value: Any = instruction.operands[0]
         place, count, across, column = instruction.attributes
@@ -349,6 +361,9 @@ class Emitter:
             self._pairs = outside
             return [self.name(value) for value in loop.after]
 
+        def going(*carried: str) -> str:
+            return self.any(reduce(lambda a, b: self.line(f"or {types[0]} {a}, {b}"), carried[: loop.masks]))
+
         initial = [self.name(value) for value in instruction.operands if isinstance(value, int)]
-        results = self.loop(0, loop.count, body, initial, types)
+        results = self.loop(0, loop.count, body, initial, types, going=going if loop.masks else None)
         self.names.update(zip(loop.results, results, strict=True))

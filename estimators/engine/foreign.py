@@ -150,7 +150,9 @@ class _Limited(Program):
             raise NotTraceable("its loops are too long to be unrolled: use NumPy's functions of arrays")
         return super().new(kind, size)
 
-    def repeat(self, count: int, body: Callable[..., Sequence[int]], initial: Sequence[int]) -> tuple[int, ...]:
+    def repeat(
+        self, count: int, body: Callable[..., Sequence[int]], initial: Sequence[int], masks: int = 0
+    ) -> tuple[int, ...]:
         """The passes one after the other: a loop of a batch would carry the numbers of all rows at once."""
         values = tuple(initial)
         for _ in range(count):

@@ -44,6 +44,8 @@ def interpret(
             if each.opcode == "repeat":
                 loop = each.attributes[0]
                 for _ in range(loop.count):
+                    if loop.masks and not np.any(operands[: loop.masks]):
+                        break
                     values.update(zip(loop.parameters, operands, strict=True))
                     run(loop.body)
                     operands = [values[value] for value in loop.after]

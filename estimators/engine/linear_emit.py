@@ -243,27 +243,16 @@ class LinearEmitter(ProductEmitter):
         if wanted:
             self.over(n, n, lambda i, j: self.store_at(self._zero, v, i, j))
             self.each(0, n, lambda i: self.store_at(self._one, v, i, i))
-        head, sweep, test, done = map(self.fresh, ("sweep", "turn", "test", "still"))
-        before, count, more = self.labels[-1], f"%{self.fresh('s')}", f"%{self.fresh('m')}"
-        self.lines.append(f"  br label %{head}")
-        self.begin(head)
-        at = len(self.lines)
-        again = self.line(f"icmp slt i64 {count}, {_SWEEPS}")
-        self.lines.append(f"  br i1 {again}, label %{sweep}, label %{done}")
-        self.begin(sweep)
 
         def row(p: str, turning: str) -> list[str]:
             return self.loop(
                 self.plus(p, 1), n, lambda q, turned: [self._turned(z, v, p, q, turned)], [turning], ["i1"]
             )
 
-        turning = self.loop(0, n, row, ["false"], ["i1"])[0]
-        self.lines.append(f"  {more} = add i64 {count}, 1")
-        self.lines.append(f"  br label %{test}")
-        self.begin(test)
-        self.lines.append(f"  br i1 {turning}, label %{head}, label %{done}")
-        self.lines.insert(at, f"  {count} = phi i64 [0, %{before}], [{more}, %{test}]")
-        self.begin(done)
+        def sweep(_: str, _turning: str) -> list[str]:
+            return self.loop(0, n, row, ["false"], ["i1"])
+
+        self.loop(0, _SWEEPS, sweep, ["true"], ["i1"], going=lambda turning: turning)
 
     def _turned(self, z: View, v: View, p: Index, q: Index, turned: str) -> str:
         """Turns columns p and q where they are not orthogonal; whether any row's ever were not."""

@@ -304,14 +304,6 @@ class MatrixEmitter(Emitter):
         T, order = type_of("f", count), ", ".join(f"i32 {i}, i32 {i + count}" for i in range(count))
         return self.line(f"shufflevector {T} {pair[0]}, {T} {pair[1]}, <{2 * count} x i32> <{order}>")
 
-    def any(self, mask: str) -> str:
-        """Is a mask true in any lane?"""
-        if self.width == 1:
-            return mask
-        lanes = f"v{self.width}i1"
-        self.module.declared[f"declare i1 @llvm.vector.reduce.or.{lanes}({self.mask})"] = None
-        return self.line(f"call i1 @llvm.vector.reduce.or.{lanes}({self.mask} {mask})")
-
     def _each(self, instruction: Instruction) -> None:
         _opcode, rows, columns = instruction.attributes
         target = self.target(instruction, (rows, columns))

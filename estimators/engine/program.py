@@ -47,9 +47,13 @@ class Instruction(NamedTuple):
 
 
 class Loop(NamedTuple):
-    """The body of a ``repeat``: parameters that begin as its operands, and what they are after each pass."""
+    """The body of a ``repeat``: parameters that begin as its operands, and what they are after each pass.
+
+    The first so many parameters are masks: the loop ends as soon as they are false in all rows that are side by side.
+    """
 
     count: int  # type: ignore[assignment]
+    masks: int
     parameters: tuple[int, ...]
     body: tuple[Instruction, ...]
     after: tuple[int, ...]
@@ -132,15 +136,19 @@ class Program:
         result = self._blocks[-1][key] = self.new(kind, size)
         return result
 
-    def repeat(self, count: int, body: Callable[..., Sequence[int]], initial: Sequence[int]) -> tuple[int, ...]:
-        """What a body, traced once, makes of initial scalars in ``count`` passes."""
+    def repeat(
+        self, count: int, body: Callable[..., Sequence[int]], initial: Sequence[int], masks: int = 0
+    ) -> tuple[int, ...]:
+        """What a body, traced once, makes of initial scalars in ``count`` passes, or until the first ones are false."""
         kinds = [self.kinds[value] for value in initial]
         parameters = tuple(map(self.new, kinds))
         after, inside = self._block(body, parameters, "the body of a repeat")
         if [self.kinds[value] for value in after] != kinds:
             raise TypeError("the body of a repeat must give as many numbers as it takes, of the same kinds")
+        if set(kinds[:masks]) - {"b"}:
+            raise TypeError("a repeat ends by a mask, such as x > 0.0")
         results = tuple(map(self.new, kinds))
-        loop = Loop(count, parameters, inside, after, results)
+        loop = Loop(count, masks, parameters, inside, after, results)
         self._blocks[-1]["repeat", tuple(initial), "", None, (loop,)] = results[0]
         return results
 
@@ -174,7 +182,7 @@ class Program:
                 self.copy(each, inside)
             return [inside.get(value, value) for value in loop.after]
 
-        results = self.repeat(loop.count, body, operands)
+        results = self.repeat(loop.count, body, operands, loop.masks)
         renamed.update(zip(loop.results, results, strict=True))
         return _instruction(next(reversed(self._blocks[-1].items())))
 

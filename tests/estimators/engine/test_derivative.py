@@ -135,6 +135,19 @@ def test_a_slope_through_a_repeat():
     np.testing.assert_allclose(slope(newton, 2.0), 0.5 / np.sqrt(2.0), rtol=1e-14)
 
 
+def test_a_slope_through_a_loop_that_ends():
+    def newton(x: Any) -> Any:
+        target = x[..., 0]
+        (root,) = repeat(10**9, lambda y: (0.5 * (y + target / y),), 1.0 + 0.0 * target,
+                         active=lambda y: abs(y * y - target) > 1e-12)  # fmt: skip
+        return root
+
+    x = np.array([[2.0], [300.0], [1.0]])
+    slopes = compiled(lambda x: jacobian(newton(x), x)[..., 0])(x)
+    np.testing.assert_allclose(slopes[:2], 0.5 / np.sqrt(x[:2, 0]), rtol=1e-9)
+    assert slopes[2] == 0.0  # its first guess does not depend on x, and is not improved
+
+
 def test_what_has_no_derivative_says_so():
     from estimators.engine import bits_float, float_bits
 

@@ -220,6 +220,34 @@ def test_loops_in_loops_read_what_is_outside():
     np.testing.assert_array_equal(compiled(function)(x), function(x))
 
 
+@pytest.mark.parametrize("rows", [1, 11, 40])
+def test_a_loop_ends_when_no_row_needs_another_pass(rows: int):
+    def collatz(n: Any) -> Any:
+        return repeat(10**12, lambda n, steps: (np.where(n % 2 == 1, 3 * n + 1, n >> 1), steps + 1), n, 0 * n,
+                      active=lambda n, steps: n > 1)[1]  # fmt: skip
+
+    n = np.arange(1, rows + 1)
+    found = compiled(collatz, axes=(0,))(n)
+    np.testing.assert_array_equal(found, collatz(n))
+    assert found[0] == 0
+    assert rows < 27 or found[26] == 111
+
+
+def test_rows_that_need_no_pass_keep_their_vectors():
+    def decayed(x: Any) -> Any:
+        return repeat(7, lambda x: (0.5 * x,), x, active=lambda x: abs(x[..., 0]) > 1.0)[0]
+
+    x = 4.0 * np.random.default_rng(0).normal(size=(23, 3))
+    np.testing.assert_array_equal(compiled(decayed)(x), decayed(x))
+    for row in x[:5]:
+        np.testing.assert_array_equal(compiled(decayed)(row), decayed(row))
+
+
+def test_a_loop_ends_by_a_mask():
+    with pytest.raises(TypeError, match="ends by a mask"):
+        compiled(lambda x: repeat(3, lambda x: (0.5 * x,), x[..., 0], active=lambda x: x - 1.0)[0])(np.ones(2))
+
+
 def test_a_loop_of_no_passes_gives_what_it_got():
     x = np.array([2.0, 3.0])
     np.testing.assert_array_equal(compiled(lambda x: repeat(0, lambda a: (a + 1.0,), x[..., 0])[0])(x), 2.0)
