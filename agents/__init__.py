@@ -8,9 +8,8 @@ from agents.checkpoint import save_agent
 from agents.controllers import register_controller
 from agents.controllers.turning import TurningAutopilot
 from agents.episodes import Episode, episode
-from agents.metrics import Metric
+from agents.metrics import Metric, register_metrics
 from agents.rollouts import Rollout, rollout
-from agents.sheets import register_scores
 
 __all__ = [
     "Agent",
@@ -22,7 +21,7 @@ __all__ = [
     "episode",
     "load_agent",
     "register_controller",
-    "register_scores",
+    "register_metrics",
     "rollout",
     "save_agent",
 ]

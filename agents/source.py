@@ -11,7 +11,7 @@ from pathlib import Path
 import estimators
 import vessel_gym
 
-_AROUND = ("agents.cells",)
+_AROUND = ("agents.jobs",)
 """Modules that keep results and compute none: a change there leaves the results as they are."""
 _WHOLE = ("estimators", "vessel_gym")
 """Packages that count as a whole,"""

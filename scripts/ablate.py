@@ -7,7 +7,7 @@ from typing import Annotated
 
 import tyro
 
-from scripts.console import asked, cell_progress, command, in_range
+from scripts.console import asked, command, in_range, job_progress
 
 STUDIES = {path.stem: path for path in sorted(Path(__file__).parents[1].glob("studies/*.toml"))}
 """Those that come with vessel-gym, by their names."""
@@ -16,7 +16,7 @@ STUDIES = {path.stem: path for path in sorted(Path(__file__).parents[1].glob("st
 def main(
     study: Annotated[Path, tyro.conf.Positional],
     out: Path | None = None,
-    jobs: int = 2,
+    processes: int = 2,
     scheduler: str | None = None,
     shard: str | None = None,
     confirm: bool = False,
@@ -30,7 +30,7 @@ def main(
         study: The study file (TOML; docs/studies.md says what it holds), or the name of one that comes with vessel-gym,
             e.g. quick.
         out: Folder for results and report; results/ and the name of the study file if not given.
-        jobs: Processes on this machine.
+        processes: Processes on this machine.
         scheduler: Address of a Dask scheduler whose workers compute instead, e.g. tcp://10.0.0.1:8786.
         shard: i/n: compute only the i-th of n parts, for job arrays; the report is made when all are done.
         confirm: Open the fresh seeds, once in each folder: fly the study on them, too, and report which claims hold.
@@ -43,8 +43,8 @@ def main(
 
     from rich.console import Console
 
-    from agents.cells import check_scheduler, run
     from agents.files import check_folder, replacing
+    from agents.jobs import check_scheduler, run
     from agents.studies.answer import answer
     from agents.studies.confirmation import is_open, open_seeds, opening
     from agents.studies.examples import examples
@@ -65,7 +65,7 @@ def main(
         study = STUDIES.get(str(study), study)
         if not study.suffix and not study.exists():
             raise ValueError(f"{unknown('study', str(study), STUDIES)} (your own: a file, e.g. mine.toml)")
-        in_range("--jobs", jobs, 1)
+        in_range("--processes", processes, 1)
         if scheduler is not None:
             check_scheduler(scheduler)
         sys.path.append(str(study.resolve().parent))  # an own estimator may lie beside the study
@@ -87,23 +87,23 @@ def main(
     if study.resolve() != (out / "study.toml").resolve():
         with replacing(out / "study.toml") as path:
             shutil.copyfile(study, path)
-    cells = [*planned.cells, *examples(planned).values(), *(fresh.cells if fresh else ())]
-    with cell_progress(study.stem) as progress:
-        outcome = run(cells, out, jobs, scheduler, part, progress)
+    jobs = [*planned.jobs, *examples(planned).values(), *(fresh.jobs if fresh else ())]
+    with job_progress(study.stem) as progress:
+        outcome = run(jobs, out, processes, scheduler, part, progress)
     if fresh is None and opening(out):
         outcome.notes.append(f"the fresh seeds of {out} were opened for another version of this study: not reported")
     for note in outcome.notes:
         console.print(note)
-    missing = sum(cell.key not in outcome.values for cell in cells)
+    missing = sum(job.key not in outcome.values for job in jobs)
     if part is not None and missing:
-        console.print(f"Part {shard} is done, {missing} of {len(cells)} results are still missing: no report yet.")
+        console.print(f"Part {shard} is done, {missing} of {len(jobs)} results are still missing: no report yet.")
         return int(bool(outcome.failures))
     results = Results.of(planned, outcome, out)
     again = Results.of(fresh, outcome, out) if fresh else None
     report = write_report(results, out, again)
     console.print("", " ".join(answer(results, again)), "", sep="\n")
     if missing:
-        console.print(f"{missing} of {len(cells)} results are missing; the report says why.")
+        console.print(f"{missing} of {len(jobs)} results are missing; the report says why.")
     console.print(f"Report: {report}")
     return int(missing > 0)
 

@@ -28,6 +28,6 @@ class Arm:
 
     def scores(self, env_id: str, episodes: int = EPISODES, **world: Any) -> dict[str, np.ndarray]:
         """Metrics of that rollout by name, one number an episode ``(episodes,)``."""
-        from agents.scores import scores
+        from agents.metrics import scores
 
         return scores(self.fly(env_id, episodes, **world))

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 import tyro
 
 if TYPE_CHECKING:
-    from agents.cells import Status
+    from agents.jobs import Status
 
 MOST = 2**31 - 1
 """No number of anything that a command takes may be greater."""
@@ -221,8 +221,8 @@ def progress_bar(title: str, total: int) -> Iterator[Callable[[], None]]:
 
 
 @contextmanager
-def cell_progress(title: str) -> Iterator[Callable[[Status], None]]:
-    """Progress for `agents.cells.run`: cells done and when all will be, in a bar or, without a terminal, in lines."""
+def job_progress(title: str) -> Iterator[Callable[[Status], None]]:
+    """Progress for `agents.jobs.run`: jobs done and when all will be, in a bar or, without a terminal, in lines."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 

@@ -40,8 +40,8 @@ def main(
     from rich.table import Table
 
     from agents import load_agent, rollout
+    from agents.metrics import mean, metrics, scores
     from agents.page import words
-    from agents.scores import mean, metrics, scores
     from agents.seeds import evaluation_seeds
     from agents.studies.worlds import environment_id
     from vessel_gym.checks import one_of

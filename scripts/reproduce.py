@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
-from scripts.console import Refusal, asked, cell_progress, command, in_range
+from scripts.console import Refusal, asked, command, in_range, job_progress
 
 Name = Literal["all", "corvette", "segorogeni", "itsunusa", "robust", "puna"]
 
@@ -16,54 +16,54 @@ Name = Literal["all", "corvette", "segorogeni", "itsunusa", "robust", "puna"]
 def main(
     papers: Annotated[tuple[Name, ...], tyro.conf.Positional],
     out: Path = Path("results/reproduction"),
-    jobs: int = 2,
+    processes: int = 2,
 ) -> int:
     """Write a page for each paper: its numbers beside ours, what was probably done, its claims; in a checkout.
 
-    Prints a row for each experiment. Finished work is kept in cells/ of the output folder: after an interruption, run
+    Prints a row for each experiment. Finished work is kept in jobs/ of the output folder: after an interruption, run
     the same command again. Every number follows from fixed seeds, computation times excepted.
 
     Args:
         papers: Which papers; all: every one.
         out: Folder for the pages, the tables as CSV and summary.json, from which `scripts.tables papers` writes docs.
-        jobs: Processes that compute.
+        processes: Processes that compute.
 
     Returns:
         The exit status: 1 if an experiment failed.
     """
     from rich.console import Console
 
-    from agents.cells import run
     from agents.files import check_folder
+    from agents.jobs import run
     from vessel_gym.extras import require
 
     if find_spec("studies.papers") is None:
         raise Refusal("the papers are not part of the package: run this in a checkout of the repository")
     require("matplotlib", "jinja2", "joblib")  # before the experiments, not after them
-    from studies.papers import PAPERS, cells, report
+    from studies.papers import PAPERS, jobs, report
     from studies.papers.measures import Row, summary_table
 
     with asked():
         if not papers:
             raise ValueError(f"name the papers to reproduce: all, or some of {', '.join(PAPERS)}")
-        in_range("--jobs", jobs, 1)
+        in_range("--processes", processes, 1)
     check_folder(out)
     names = PAPERS if "all" in papers else tuple(dict.fromkeys(papers))
-    groups = {name: cells(name) for name in names}
-    with cell_progress("reproducing") as progress:
-        outcome = run([cell for group in groups.values() for cell in group.values()], out, jobs, progress=progress)
+    groups = {name: jobs(name) for name in names}
+    with job_progress("reproducing") as progress:
+        outcome = run([job for group in groups.values() for job in group.values()], out, processes, progress=progress)
     console = Console(markup=False, highlight=False, soft_wrap=True)
     for note in outcome.notes:
         console.print(note)
     status, summary, rows = 0, {}, list[Row]()
     for name, group in groups.items():
-        failed = {what: outcome.failures[cell.key] for what, cell in group.items() if cell.key in outcome.failures}
+        failed = {what: outcome.failures[job.key] for what, job in group.items() if job.key in outcome.failures}
         if failed:
             status, (what, text) = 1, next(iter(failed.items()))
-            said = f"{name}: {len(failed)} of {len(group)} cells failed, so there is no page. First, {what}:\n{text}"
+            said = f"{name}: {len(failed)} of {len(group)} jobs failed, so there is no page. First, {what}:\n{text}"
             console.print(said)
             continue
-        made = report(name, {what: outcome.values[cell.key] for what, cell in group.items()})
+        made = report(name, {what: outcome.values[job.key] for what, job in group.items()})
         console.print(f"Page: {_write(name, made, out)}" + (f", believed: {made.believed}" if made.believed else ""))
         summary[name] = {"opening": made.opening, "rows": made.rows}
         rows += made.rows

@@ -118,8 +118,7 @@ TOLD = {"calm": 2.2e-7, "moderate": 1.29e-5, "rough": 7.92e-5}
 @cache
 def flown(env_id: str, label: str) -> Flown:
     """Rollout metrics of one of an environment's arms."""
-    from agents.metrics import components, consistency
-    from agents.scores import scores
+    from agents.metrics import components, consistency, scores
 
     flight = next(arm for arm in JOURNEYS[env_id] if arm.label == label).fly(env_id)
     position, of_all = (consistency(flight, where) for where in (components(flight, "x", "y", "z", "h"), None))

@@ -18,7 +18,7 @@ import pytest
 from pages import OWN, PAGES, blocks, code, my_sensor, my_vehicle
 
 from agents import rollout
-from agents.scores import scores
+from agents.metrics import scores
 from agents.studies.plan import plan
 from agents.studies.study import read_study
 from estimators import EnsembleKalmanFilter
@@ -144,14 +144,14 @@ estimator = "default"
 
 @pytest.mark.slow
 def test_a_study_runs_over_parts_of_ones_own(tmp_path: Path) -> None:
-    from agents.cells import run
+    from agents.jobs import run
 
     path = tmp_path / "own.toml"
     path.write_text(STUDY, encoding="utf-8")
-    cells = {flight.cell.key: flight.cell for flight in plan(read_study(path)).flights}
-    outcome = run(list(cells.values()), tmp_path / "results", jobs=1)
+    jobs = {flight.job.key: flight.job for flight in plan(read_study(path)).flights}
+    outcome = run(list(jobs.values()), tmp_path / "results", processes=1)
     assert not outcome.failures
-    assert len(cells) == 4 * 4  # dead-reckoning flies in any case
+    assert len(jobs) == 4 * 4  # dead-reckoning flies in any case
 
 
 def test_an_environment_of_ones_own_can_be_pickled() -> None:

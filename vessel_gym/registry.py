@@ -1,4 +1,4 @@
-"""What is known of kinds of tasks: score sheets, controllers and surroundings, ours and everybody else's alike."""
+"""Registry by kind of task, of metrics, controllers and surroundings; a user's own are registered as ours are."""
 
 from collections.abc import Callable
 from typing import Any, Generic, TypeVar

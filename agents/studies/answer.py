@@ -235,5 +235,5 @@ def _measured(results: Results) -> str:
     if study.learned:
         words += f"; learned agents: means over {many(study.training_seeds, 'training run')}, for other runs, too"
         words += ", too few to say what another training would give" if study.training_seeds < FEW_SEEDS else ""
-    missing = len(results.plan.flights) - sum(f.cell.key in results.values for f in results.plan.flights)
+    missing = len(results.plan.flights) - sum(f.job.key in results.values for f in results.plan.flights)
     return words + (f"; {missing} of {len(results.plan.flights)} flights have no result" if missing else "") + ".)"

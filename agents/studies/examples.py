@@ -4,26 +4,26 @@ from typing import Any
 
 import numpy as np
 
-from agents.cells import Cell
 from agents.episodes.recording import page_of, typical_seed
+from agents.jobs import Job
 from agents.rollouts import Rollout, rollout
 from agents.studies.plan import Plan
 from agents.studies.records import FLOOR, ORACLE
 from agents.studies.worlds import classical_controller, environment_id, environment_options, import_own, system_of
 
 
-def examples(plan: Plan) -> dict[str, Cell]:
-    """The cell of each environment's example.
+def examples(plan: Plan) -> dict[str, Job]:
+    """The job of each environment's example.
 
     The classical agent flies the first condition on the environment's default estimator, on the first and the last of
     the study's others, and on dead reckoning, at the study's `typical_seed`.
     """
-    chosen: dict[str, Cell] = {}
+    chosen: dict[str, Job] = {}
     classical = next(agent.name for agent in plan.study.agents if not agent.learned)
     condition = plan.study.conditions[0].name
     for environment in (e.id for e in plan.study.environments):
         flights = {
-            f.flown_on: f.cell.arguments
+            f.flown_on: f.job.arguments
             for f in plan.flights
             if (f.environment, f.condition, f.agent) == (environment, condition, classical)
         }
@@ -40,7 +40,7 @@ def examples(plan: Plan) -> dict[str, Cell]:
                 "own": {module: digest for name in shown for module, digest in flights[name]["own"].items()},
             }
             label = f"example episodes in {environment}"
-            chosen[environment] = Cell("agents.studies.examples:example", told, label)
+            chosen[environment] = Job("agents.studies.examples:example", told, label)
     return chosen
 
 

@@ -1,4 +1,4 @@
-"""Flights of studies: a pure function of its arguments, called by cells."""
+"""Flights of studies: a pure function of its arguments, called by jobs."""
 
 from itertools import product
 from pathlib import Path
@@ -9,9 +9,8 @@ import gymnasium as gym
 import numpy as np
 
 from agents.agent import Agent
-from agents.metrics import consistency, nees_of, nis_consistency
+from agents.metrics import consistency, nees_of, nis_consistency, scores
 from agents.rollouts import Rollout, rollout
-from agents.scores import scores
 from agents.seeds import evaluation_seeds
 from agents.studies.worlds import classical_controller, environment_id, environment_options, import_own
 
@@ -39,14 +38,14 @@ def fly(
         agent: As `agents.controllers.make_controller` takes it, or ``"checkpoint"``: the one that is needed.
         first_seed: See `agents.seeds.evaluation_seeds`.
         episodes: Number of seeds.
-        own: Source digests of the user's own modules, by name: part of the cell, and imported for what they register.
+        own: Source digests of the user's own modules, by name: part of the job, and imported for what they register.
         timed_beside: Measure the CPU time of a step, too, in turns with this estimator.
         needs: The checkpoint, if there is one.
 
     Returns:
-        ``figures``: every metric ``(N,)`` by key, see `agents.scores`; ``nees_in_band`` and ``nis_in_band``: share of
-        times at which their mean over the episodes lies in its 95 % chi-square band, None without a covariance;
-        ``diverged (N,)``: whether the truth was outside of what the filter held for possible for half of the episode;
+        ``figures``: every metric ``(N,)`` by key, see `agents.metrics.scores`; ``nees_in_band`` and ``nis_in_band``:
+        share of times at which their mean over the episodes lies in its 95 % chi-square band, None without a
+        covariance; ``diverged (N,)``: mask of episodes with the truth beyond the filter's bounds for half of the time;
         ``steps``: flown in all; ``timing``, where asked: see `step_times`.
     """
     import_own(own)

@@ -6,9 +6,8 @@ from itertools import product
 import numpy as np
 
 from agents.episodes import Episode
-from agents.metrics import NEES, SCORE, UNHEALTHY, WITHOUT_COVARIANCE, Metric
+from agents.metrics import NEES, SCORE, UNHEALTHY, WITHOUT_COVARIANCE, Metric, metrics
 from agents.page import Block, Entry, Live, Prose, Section, Table, entry, listed, number
-from agents.scores import metrics
 from agents.studies.examples import examples
 from agents.studies.figures import AXES, cost_figure, framed, robustness_figure, unitless, varied
 from agents.studies.records import FLOOR, ORACLE
@@ -109,9 +108,9 @@ def _times(times: list[tuple[int, float, float]], is_truth: bool) -> list[Entry]
 def episodes(results: Results) -> Section:
     """The example episodes."""
     blocks: list[Block] = []
-    for environment, cell in examples(results.plan).items():
-        if cell.key in results.values:
-            shown = Episode(results.values[cell.key])
+    for environment, job in examples(results.plan).items():
+        if job.key in results.values:
+            shown = Episode(results.values[job.key])
             flights, spread = shown.page["flights"], shown.page["spread"]
             ends = [
                 f"{flight['estimator']} {number(flight['score'], 2)}{f' ({end})' if (end := flight['end']) else ''}"

@@ -1,12 +1,12 @@
-"""A study as cells: who is trained on what, who flies what, and what is left out and why."""
+"""A study as jobs: who is trained on what, who flies what, and what is left out and why."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
-from agents.cells import Cell
 from agents.controllers import unknown_controller
+from agents.jobs import Job
 from agents.ppo import describe
 from agents.studies.records import DEFAULT, ORACLE, RAW, TERMINATIONS, Agent, Condition, Estimator, Study
 from agents.studies.worlds import digests, environment_id, has_controller, refusal, registered, system_of
@@ -16,7 +16,7 @@ _RAW_READINGS = Estimator(RAW, "measurement")
 
 @dataclass(frozen=True)
 class Flight:
-    """One agent on one estimator in one world, and the cell that computes it.
+    """One agent on one estimator in one world, and the job that computes it.
 
     Estimators may be `RAW`; an agent that does not learn is trained on "", with the seed None.
     """
@@ -27,7 +27,7 @@ class Flight:
     trained_on: str
     flown_on: str
     training_seed: int | None
-    cell: Cell
+    job: Job
 
 
 @dataclass(frozen=True)
@@ -48,9 +48,9 @@ class Plan:
     skipped: tuple[Skipped, ...]
 
     @property
-    def cells(self) -> list[Cell]:
-        """The cells of all flights."""
-        return [flight.cell for flight in self.flights]
+    def jobs(self) -> list[Job]:
+        """The jobs of all flights."""
+        return [flight.job for flight in self.flights]
 
 
 def plan(study: Study) -> Plan:
@@ -113,7 +113,7 @@ def _seen(agent: Agent) -> dict[str, Any]:
     return {"observe": agent.observe} | guidance if agent.learned else {}
 
 
-Training = tuple[Estimator, int, Cell]
+Training = tuple[Estimator, int, Job]
 """What was trained on, the number of the training run, and what computes it."""
 
 
@@ -152,10 +152,10 @@ def _flights(
             )  # fmt: skip
 
 
-def _train(study: Study, environment: str, agent: Agent, school: Estimator, seed: int) -> Cell:
+def _train(study: Study, environment: str, agent: Agent, school: Estimator, seed: int) -> Job:
     steps, critic = agent.steps.get(environment), None if agent.critic == "none" else agent.critic
     described = describe(environment_id(environment), None, seed, steps, agent.memory, critic, agent.settings)
-    return Cell(
+    return Job(
         "agents.studies.training:train_agent",
         {
             "environment": environment,
@@ -185,9 +185,9 @@ def _fly(
     condition: Condition,
     estimator: Estimator,
     controller: str,
-    training: Cell | None = None,
-) -> Cell:
-    return Cell(
+    training: Job | None = None,
+) -> Job:
+    return Job(
         "agents.studies.flying:fly",
         {
             "environment": environment,

@@ -4,8 +4,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import vessel_gym
-from agents.cells import Cell
 from agents.files import replacing
+from agents.jobs import Job
 from agents.page import Block, Bullets, Page, Prose, Section, listed, write
 from agents.studies.answer import answer, summary
 from agents.studies.confirmation import confirmed
@@ -92,12 +92,12 @@ def _missing(results: Results) -> Section:
         for environment, names in where.items():
             same.setdefault(listed(names), []).append(environment)
         left_out += [f"{names} in {listed(places)}: {reason}." for names, places in same.items()]
-    labels = _labels([*results.plan.cells, *examples(results.plan).values()])
+    labels = _labels([*results.plan.jobs, *examples(results.plan).values()])
     failed: dict[str, list[str]] = {}
     for key, why in results.failures.items():
         failed.setdefault((why.strip().splitlines() or ["no reason given"])[-1], []).append(labels.get(key, key))
     lost = [f"{_tally(names)}: {why}" for why, names in failed.items()]
-    absent = [f for f in results.plan.flights if f.cell.key not in {*results.values, *results.failures}]
+    absent = [f for f in results.plan.flights if f.job.key not in {*results.values, *results.failures}]
     blocks: list[Block] = []
     for title, items in (
         ("Left out, because the environment refuses it:", left_out),
@@ -114,14 +114,14 @@ def _missing(results: Results) -> Section:
     return Section("Left out and failed", blocks)
 
 
-def _labels(cells: Iterable[Cell]) -> dict[str, str]:
-    """What cells and those that they need are, by key."""
+def _labels(jobs: Iterable[Job]) -> dict[str, str]:
+    """What jobs and those that they need are, by key."""
     found: dict[str, str] = {}
-    for cell in cells:
-        condition = cell.arguments.get("options", {})
+    for job in jobs:
+        condition = job.arguments.get("options", {})
         world = ", ".join(str(condition[name]) for name in AXES if name in condition)
-        found[cell.key] = f"{cell.label} ({world})" if world else cell.label
-        found |= _labels(cell.needs)
+        found[job.key] = f"{job.label} ({world})" if world else job.label
+        found |= _labels(job.needs)
     return found
 
 

@@ -10,9 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.cells import Outcome, journal
-from agents.metrics import SCORE, WATCHED, Metric
-from agents.scores import mean, metrics
+from agents.jobs import Outcome, journal
+from agents.metrics import MONITORED, SCORE, Metric, mean, metrics
 from agents.statistics import Interval, crossed_interval, normalise, share_interval, skewed_interval
 from agents.studies.plan import Flight, Plan
 from agents.studies.records import DEFAULT, FLOOR, ORACLE, RAW, Agent
@@ -45,11 +44,11 @@ class Results:
 
     Attributes:
         plan: What was asked.
-        values: Of every cell that has a result, by its key.
+        values: Of every job that has a result, by its key.
         failures: Why the others have none, by their keys.
-        seconds: CPU seconds of cells, by their keys; not of all, if their journal was lost.
-        timings: What `agents.studies.flying.step_times` gave, by the keys of cells that were timed.
-        notes: What `agents.cells.run` had to say.
+        seconds: CPU seconds of jobs, by their keys; not of all, if their journal was lost.
+        timings: What `agents.studies.flying.step_times` gave, by the keys of jobs that were timed.
+        notes: What `agents.jobs.run` had to say.
     """
 
     plan: Plan
@@ -74,7 +73,7 @@ class Results:
         """The flights that have results, by place, policy and estimator; one for each training seed."""
         found: dict[tuple[Place, Policy, str], list[Flight]] = {}
         for f in self.plan.flights:
-            if f.cell.key in self.values:
+            if f.job.key in self.values:
                 key = Place(f.environment, f.condition), Policy(f.agent, f.trained_on), f.flown_on
                 found.setdefault(key, []).append(f)
         return found
@@ -144,27 +143,27 @@ class Results:
 
     def metrics(self, environment: str) -> tuple[Metric, ...]:
         """What its episodes are measured by; with what monitors found, where some watch."""
-        found = (self.values.get(f.cell.key, {}) for f in self.plan.flights if f.environment == environment)
-        watched = any(WATCHED[0].key in value.get("figures", {}) for value in found)
-        return (*metrics(system_of(environment)), *(WATCHED if watched else ()))
+        found = (self.values.get(f.job.key, {}) for f in self.plan.flights if f.environment == environment)
+        watched = any(MONITORED[0].key in value.get("figures", {}) for value in found)
+        return (*metrics(system_of(environment)), *(MONITORED if watched else ()))
 
     def seeds(self, place: Place, policy: Policy, estimator: str) -> list[int | None]:
         """Training seeds of the rows of `figure`; None stands for an agent that does not learn."""
         return [flight.training_seed for flight in self._flights.get((place, policy, estimator), [])]
 
     def figure(self, place: Place, policy: Policy, estimator: str, key: str = "score") -> np.ndarray | None:
-        """A metric of `agents.scores`, ``(runs, episodes)``; None if that was not flown."""
+        """A metric of `agents.metrics.scores`, ``(runs, episodes)``; None if that was not flown."""
         flights = self._flights.get((place, policy, estimator))
         if not flights:
             return None
-        return np.array([self.values[f.cell.key]["figures"][key] for f in flights], float)
+        return np.array([self.values[f.job.key]["figures"][key] for f in flights], float)
 
     def value(self, place: Place, policy: Policy, estimator: str, key: str) -> np.ndarray | None:
         """A value of `agents.studies.flying.fly` that is not a metric, ``(runs, ...)``; NaN for None."""
         flights = self._flights.get((place, policy, estimator))
         if not flights:
             return None
-        return np.array([self.values[f.cell.key][key] for f in flights], float)
+        return np.array([self.values[f.job.key][key] for f in flights], float)
 
     def scale(self, place: Place) -> tuple[float, float] | None:
         """The scores that are 0 and 1: the classical agent's means on `FLOOR` and on `ORACLE`.
@@ -270,7 +269,7 @@ class Results:
         found = []
         for place in places:
             flights = self._flights.get((place, policy, estimator), [])
-            ends = [np.array(self.values[f.cell.key]["ends"]) == success for f in flights]
+            ends = [np.array(self.values[f.job.key]["ends"]) == success for f in flights]
             found.append(dict(zip(self.seeds(place, policy, estimator), ends, strict=True)))
         each = 100.0 * np.array(list(_mean_by_run(found).values()))
         if not each.size:
@@ -292,7 +291,7 @@ class Results:
         """Rows of a batch, and CPU time [µs] of a step of the classical agent on an estimator and on the truth."""
         place = Place(environment, self.conditions[0])
         flights = self._flights.get((place, self.classical, estimator), [])
-        found = [self.timings[f.cell.key] for f in flights if f.cell.key in self.timings]
+        found = [self.timings[f.job.key] for f in flights if f.job.key in self.timings]
         return [(rows, 1e6 * own, 1e6 * truth) for rows, own, truth in found[0]] if found else []
 
     def places(self, environments: Iterable[str] | None = None, conditions: Iterable[str] | None = None) -> list[Place]:
@@ -316,7 +315,7 @@ class Results:
             + ["is_success", *keys]
         )
         for f in self.plan.flights:
-            values = self.values.get(f.cell.key)
+            values = self.values.get(f.job.key)
             if values is None:
                 continue
             seed = "" if f.training_seed is None else f.training_seed

@@ -30,7 +30,7 @@ def settings(results: Results, out: Path) -> Section:
         ("termination", study.termination),
         ("margin of equivalence", f"{study.margin:g} of the share kept"),
         ("machine", f"{platform.system()} {platform.machine()}, Python {platform.python_version()}; CPU {_cpu()}"),
-        ("CPU time", f"{sum(results.seconds.values()) / 60.0:.1f} min over {len(results.seconds)} cells"),
+        ("CPU time", f"{sum(results.seconds.values()) / 60.0:.1f} min over {len(results.seconds)} jobs"),
         *((f"SHA-256 of {module} and what it imports", source_digest(module)) for module in _modules(results)),
     ]
     if study.learned:
@@ -53,8 +53,8 @@ def settings(results: Results, out: Path) -> Section:
 
 def _modules(results: Results) -> list[str]:
     """The modules that computed."""
-    cells = [each for cell in results.plan.cells for each in (cell, *cell.needs)]
-    return sorted({cell.function.partition(":")[0] for cell in cells})
+    jobs = [each for job in results.plan.jobs for each in (job, *job.needs)]
+    return sorted({job.function.partition(":")[0] for job in jobs})
 
 
 def _agent_settings(agent: Agent) -> str:
@@ -121,10 +121,10 @@ def _trainings(results: Results) -> list[tuple[str, str]]:
     rows: dict[str, str] = {}
     for flight in results.plan.flights:
         name = f"{Policy(flight.agent, flight.trained_on)}, {flight.environment}"
-        for cell in flight.cell.needs if name not in rows else ():
-            values = results.values.get(cell.key)
+        for job in flight.job.needs if name not in rows else ():
+            values = results.values.get(job.key)
             if values is not None:
-                settings = hyperparameters(environment_id(flight.environment), cell.arguments["memory"])
+                settings = hyperparameters(environment_id(flight.environment), job.arguments["memory"])
                 rows[name] = f"{values['steps']} environment steps a run; {_plain(settings)}"
     return list(rows.items())
 

@@ -1,4 +1,4 @@
-"""Trainings of studies: a pure function of its arguments, called by cells."""
+"""Trainings of studies: a pure function of its arguments, called by jobs."""
 
 from pathlib import Path
 from typing import Any
@@ -29,7 +29,7 @@ def train_agent(
     """Train PPO, as `agents.ppo.train` does; the checkpoint is the artifact, and ``steps`` those of whole rollouts.
 
     Hyperparameters that are ``changed`` are not the tuned ones. The ``settings`` that `train` looks up by itself and
-    the source digests of what is the user's ``own`` are here to be part of the cell.
+    the source digests of what is the user's ``own`` are here to be part of the job.
     """
     chosen = environment_options(environment, options)
     train(environment_id(environment), artifact, chosen, seed, steps, None, memory, critic, changed)

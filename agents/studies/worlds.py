@@ -8,8 +8,8 @@ import gymnasium as gym
 
 import vessel_gym  # noqa: F401  (registers the environments)
 from agents.controllers import AUTOPILOT, CONTROLLERS, is_controller, make_controller
+from agents.metrics import TASK_METRICS
 from agents.named import imported_module, named_object, vector_class
-from agents.sheets import SHEETS
 from agents.source import source_digest
 from estimators.factory import unknown
 from vessel_gym.envs import VesselVectorEnv
@@ -121,12 +121,12 @@ def digests(*names: str) -> dict[str, str]:
 
 
 def registered(environment: str, controller: str) -> dict[str, str]:
-    """The source of the score sheet of an environment's task and of its controller of that name, if they are not ours.
+    """The source of the metrics of an environment's task and of its controller of that name, if they are not ours.
 
-    Modules of ours are part of what computes a cell; those of others need not be imported by anything that it names.
+    Modules of ours are part of what computes a job; those of others need not be imported by anything that it names.
     """
     task = system_of(environment).task
-    modules = {SHEETS.modules(task).get(""), CONTROLLERS.modules(task).get(controller)}
+    modules = {TASK_METRICS.modules(task).get(""), CONTROLLERS.modules(task).get(controller)}
     return {module: source_digest(module) for module in sorted(m for m in modules if m and not _ours(m))}
 
 

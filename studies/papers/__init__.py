@@ -11,7 +11,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from agents.cells import Cell
+from agents.jobs import Job
 from estimators.factory import unknown
 from vessel_gym.extras import require
 
@@ -33,18 +33,18 @@ def settings(name: str) -> dict[str, Any]:
     return tomllib.loads((Path(__file__).parent / name / "settings.toml").read_text(encoding="utf-8"))
 
 
-def cells(name: str) -> dict[str, Cell]:
+def jobs(name: str) -> dict[str, Job]:
     """Everything to compute for a paper, by name.
 
     Raises:
         ValueError: if there is no such paper.
     """
     _known(name)
-    return import_module(f"studies.papers.{name}.experiment").cells(settings(name))
+    return import_module(f"studies.papers.{name}.experiment").jobs(settings(name))
 
 
 def report(name: str, results: Mapping[str, Mapping[str, Any]]) -> "Report":
-    """Page and measures of a paper, from the values of every one of its cells.
+    """Page and measures of a paper, from the values of every one of its jobs.
 
     Raises:
         ValueError: if there is no such paper.

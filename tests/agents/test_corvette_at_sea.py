@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from agents import rollout
-from agents.scores import scores
+from agents.metrics import scores
 from agents.seeds import evaluation_seeds
 from vessel_gym.envs.sigma_corvette import SEAS
 

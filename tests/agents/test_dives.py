@@ -11,9 +11,9 @@ import pytest
 
 from agents import rollout
 from agents.metrics import components, consistency, nees_of
+from agents.metrics.dive import POSITION, path_errors
 from agents.rollouts import Rollout
 from agents.seeds import evaluation_seeds
-from agents.sheets.dive import POSITION, path_errors
 from agents.statistics import paired_difference
 
 pytestmark = pytest.mark.slow

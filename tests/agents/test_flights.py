@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 
 from agents import rollout
-from agents.metrics import components, consistency
+from agents.metrics import components, consistency, scores
+from agents.metrics.flight import POSITION, path_errors
 from agents.rollouts import Rollout
-from agents.scores import scores
 from agents.seeds import evaluation_seeds
-from agents.sheets.flight import POSITION, path_errors
 from agents.statistics import paired_difference
 
 pytestmark = pytest.mark.slow

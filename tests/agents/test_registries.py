@@ -15,11 +15,9 @@ import pytest
 from own_task import DepthController, KeepDepth, KeepDepthEnv, KeepShallowDepth, system_with
 
 import agents
-from agents import Metric, load_agent, register_controller, register_scores, rollout
+from agents import Metric, load_agent, register_controller, register_metrics, rollout
 from agents.controllers import CONTROLLERS, controller_names, make_controller
-from agents.metrics import at_end, components, rmse
-from agents.scores import metrics, scores
-from agents.sheets import SHEETS
+from agents.metrics import TASK_METRICS, at_end, components, metrics, rmse, scores
 from agents.source import _closure, source_digest
 from agents.studies import worlds
 from agents.studies.plan import plan
@@ -48,7 +46,7 @@ ENDS = ("input_rmse", "nees", "unhealthy")
 @pytest.fixture(autouse=True)
 def nothing_stays() -> Iterator[None]:
     """Registries are as they were after each test."""
-    registries = (SHEETS, CONTROLLERS, SURROUNDINGS)
+    registries = (TASK_METRICS, CONTROLLERS, SURROUNDINGS)
     for registry in registries:
         registry.of(None)  # ours are there
     before = [deepcopy(registry._entries) for registry in registries]
@@ -61,7 +59,7 @@ def nothing_stays() -> Iterator[None]:
 
 
 @pytest.mark.parametrize("agent", [OWN, "random"])
-def test_a_task_of_ones_own_flies_and_is_scored_without_a_sheet(agent: str):
+def test_a_task_of_ones_own_flies_and_is_scored_without_metrics(agent: str):
     flight = rollout(agent, ENV, [1, 2])
     figures = scores(flight)
     names = ("u", "w", "q", "x", "z", "theta", "current")
@@ -75,7 +73,7 @@ def test_a_task_of_ones_own_flies_and_is_scored_without_a_sheet(agent: str):
 
 
 @pytest.mark.parametrize("env", [SigmaCorvetteEnv, ThesisCorvetteEnv, SegorogeniAUVEnv, ItsunusaAUVEnv, PunaUAVEnv])
-def test_without_a_sheet_a_task_is_measured_by_all_that_filters_estimate(env: type[VesselEnv]):
+def test_without_metrics_a_task_is_measured_by_all_that_filters_estimate(env: type[VesselEnv]):
     widest = {"model": env.system.vehicle.kinds[0]}
     cores = (Core(env.system, 1, "dead-reckoning", widest, disturbance=name) for name in env.system.disturbances)
     each = [core.composition.names for core in cores]
@@ -152,7 +150,7 @@ PITCH = Metric("pitch", "Pitch", "°", "lower", 1, "Pitch at the end.")
 
 @pytest.mark.parametrize("task", [KeepDepth(), KeepShallowDepth()])
 def test_what_is_registered_for_a_task_is_its_own_and_its_subclasses(task: KeepDepth):
-    register_scores(KeepDepth, (OFFSET, PITCH), _pitch)
+    register_metrics(KeepDepth, (OFFSET, PITCH), _pitch)
     register_controller(KeepDepth, "autopilot")(DepthController)
     keys = [m.key for m in metrics(system_with(task))]
     assert keys == [*COMMON, "offset", "pitch", *ENDS]
@@ -161,7 +159,7 @@ def test_what_is_registered_for_a_task_is_its_own_and_its_subclasses(task: KeepD
 
 
 def test_registered_figures_are_those_of_the_flight():
-    register_scores(KeepDepth, (OFFSET, PITCH), _pitch)
+    register_metrics(KeepDepth, (OFFSET, PITCH), _pitch)
     register_controller(KeepDepth, "autopilot")(DepthController)
     flight = rollout("autopilot", ENV, [3, 4])
     figures = scores(flight)
@@ -172,14 +170,14 @@ def test_registered_figures_are_those_of_the_flight():
 
 
 def test_the_nearest_class_counts():
-    register_scores(KeepDepth, (OFFSET,))
-    register_scores(KeepShallowDepth, (PITCH,), _pitch)
+    register_metrics(KeepDepth, (OFFSET,))
+    register_metrics(KeepShallowDepth, (PITCH,), _pitch)
     assert [m.key for m in metrics(system_with(KeepShallowDepth()))] == [*COMMON, "pitch", *ENDS]
     assert [m.key for m in metrics(SYSTEM)] == [*COMMON, "offset", *ENDS]
 
 
-def test_steps_may_be_said_in_a_sheets_own_words():
-    register_scores(
+def test_steps_may_be_said_in_a_tasks_own_words():
+    register_metrics(
         KeepDepth, (Metric("steps", "Steps", "", "higher", 0, "Till lost.", of=lambda flown: flown.length),)
     )
     assert [m.meaning for m in metrics(SYSTEM) if m.key == "steps"] == ["Till lost."]
@@ -188,11 +186,11 @@ def test_steps_may_be_said_in_a_sheets_own_words():
 @pytest.mark.parametrize(
     ("attempt", "error", "sentence"),
     [
-        (lambda: register_scores("KeepDepth", ()), TypeError, "for a class of tasks"),  # type: ignore[arg-type]
-        (lambda: register_scores(KeepDepth, ("offset",)), TypeError, "made of metrics"),  # type: ignore[arg-type]
-        (lambda: register_scores(KeepDepth, (PITCH,)), ValueError, "nothing says how 'pitch' is found"),
-        (lambda: register_scores(KeepDepth, (OFFSET, OFFSET)), ValueError, "keys of their own"),
-        (lambda: register_scores(Dive, (OFFSET,)), ValueError, "its score sheet from agents.sheets.dive: subclass"),
+        (lambda: register_metrics("KeepDepth", ()), TypeError, "for a class of tasks"),  # type: ignore[arg-type]
+        (lambda: register_metrics(KeepDepth, ("offset",)), TypeError, "objects of the class Metric"),  # type: ignore[arg-type]
+        (lambda: register_metrics(KeepDepth, (PITCH,)), ValueError, "nothing computes 'pitch'"),
+        (lambda: register_metrics(KeepDepth, (OFFSET, OFFSET)), ValueError, "keys of their own"),
+        (lambda: register_metrics(Dive, (OFFSET,)), ValueError, "its metrics from agents.metrics.dive: subclass"),
         (lambda: register_controller(KeepDepth(), "me")(DepthController), TypeError, "class of tasks"),  # type: ignore[arg-type]
         (lambda: register_controller(KeepDepth, "a:b"), ValueError, "without a colon"),
         (lambda: register_controller(KeepDepth, "random"), ValueError, "other than random, ppo, checkpoint"),
@@ -213,8 +211,8 @@ def test_what_cannot_be_registered_is_refused_in_one_sentence(attempt, error: ty
 
 
 def test_the_same_module_may_register_again():
-    register_scores(KeepDepth, (OFFSET,))
-    register_scores(KeepDepth, (PITCH,), _pitch)
+    register_metrics(KeepDepth, (OFFSET,))
+    register_metrics(KeepDepth, (PITCH,), _pitch)
     assert "pitch" in [m.key for m in metrics(SYSTEM)]
 
 
@@ -294,7 +292,7 @@ def test_a_subclass_of_a_task_of_ours_has_all_that_ours_has():
     given = SegorogeniAUVEnv.system.task
     mine = Mine(**{field.name: getattr(given, field.name) for field in fields(given)})
     assert CONTROLLERS.of(mine) == CONTROLLERS.of(given)
-    assert SHEETS.of(mine) == SHEETS.of(given)
+    assert TASK_METRICS.of(mine) == TASK_METRICS.of(given)
     assert SURROUNDINGS.of(mine) == SURROUNDINGS.of(given)
 
 
@@ -338,18 +336,18 @@ def test_where_nothing_has_an_autopilot_a_controller_of_ones_own_takes_its_place
         read(tmp_path, without)
 
 
-def test_a_cell_depends_on_the_sheets_and_controllers_that_are_looked_up_by_the_task():
+def test_a_job_depends_on_the_metrics_and_controllers_that_are_looked_up_by_the_task():
     imported = _closure("agents.studies.flying", "agents", {})
-    ours = {f"agents.{room}.{task}" for room in ("controllers", "sheets") for task in ("dive", "flight", "turning")}
-    assert ours | {"agents.controllers", "agents.sheets"} <= set(imported)
+    ours = {f"agents.{room}.{task}" for room in ("controllers", "metrics") for task in ("dive", "flight", "turning")}
+    assert ours | {"agents.controllers", "agents.metrics"} <= set(imported)
 
 
-def test_a_cell_depends_on_a_sheet_and_a_controller_that_are_registered_elsewhere(
+def test_a_job_depends_on_metrics_and_a_controller_that_are_registered_elsewhere(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     text = (
-        "import own_task\nfrom agents import register_controller, register_scores\n"
-        "register_scores(own_task.KeepDepth, ())\n"
+        "import own_task\nfrom agents import register_controller, register_metrics\n"
+        "register_metrics(own_task.KeepDepth, ())\n"
         "@register_controller(own_task.KeepDepth, 'mine')\nclass Mine(own_task.DepthController):\n    gain = 1\n"
     )
     monkeypatch.syspath_prepend(tmp_path)

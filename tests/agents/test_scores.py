@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from agents import RandomAgent, Rollout, rollout
-from agents.metrics import consistency
-from agents.scores import metrics, scores
-from agents.sheets.turning import circle_errors
+from agents.metrics import consistency, metrics, scores
+from agents.metrics.turning import circle_errors
 from vessel_gym.vehicles.corvette import steady_turns
 
 SEEDS = [3, 4, 5]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from agents import Rollout, rollout
-from agents.scores import metrics, scores
+from agents.metrics import metrics, scores
 
 SEEDS = [3, 4, 5]
 ESTIMATED = ("x", "y", "psi", "u", "v", "r", "current north", "current east")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from agents.cells import journal
+from agents.jobs import journal
 from agents.studies.study import read_study
 from scripts import ablate
 
@@ -63,7 +63,7 @@ def test_the_main_job_installs_what_studies_need_and_not_what_only_tests_need():
 @pytest.mark.slow
 def test_a_study_ends_with_its_answer_and_where_the_report_lies_and_is_not_computed_twice(study, tmp_path, capsys):
     out = tmp_path / "out"
-    assert ablate.main(study, out, jobs=1) == 0
+    assert ablate.main(study, out, processes=1) == 0
     printed = capsys.readouterr().out
     assert printed.startswith("A small study\n")
     assert "warning: 1 training seeds say little" in printed
@@ -74,7 +74,7 @@ def test_a_study_ends_with_its_answer_and_where_the_report_lies_and_is_not_compu
     assert {path.suffix for path in (out / "tables").iterdir()} == {".csv", ".md", ".tex"}
     computed = len(journal(out))
     episodes = (out / "episodes.csv").read_bytes()
-    assert ablate.main(out / "study.toml", out, jobs=1) == 0  # as the report says
+    assert ablate.main(out / "study.toml", out, processes=1) == 0  # as the report says
     assert len(journal(out)) == computed
     assert (out / "episodes.csv").read_bytes() == episodes
 
@@ -83,10 +83,10 @@ def test_a_study_ends_with_its_answer_and_where_the_report_lies_and_is_not_compu
 def test_parts_of_a_study_together_are_the_study(study, tmp_path, capsys):
     out = tmp_path / "out"
     study.write_text(SMALL.partition("[agents]")[0])
-    assert ablate.main(study, out, jobs=1, shard="1/2") == 0
+    assert ablate.main(study, out, processes=1, shard="1/2") == 0
     assert "no report yet" in capsys.readouterr().out
     assert not (out / "report.html").exists()
-    assert ablate.main(study, out, jobs=1, shard="2/2") == 0
+    assert ablate.main(study, out, processes=1, shard="2/2") == 0
     assert (out / "report.html").exists()
     assert len({line["key"] for line in journal(out)}) == len(journal(out))
 
@@ -119,7 +119,7 @@ def test_the_documentation_shows_how_to_bring_an_own_estimator_and_environment(t
     _, own = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
     for name, content in (("my_filters.py", filters), ("my_ships.py", ships), ("own.toml", own)):
         (tmp_path / name).write_text(content)
-    done = shell("own.toml", "--out", "out", "--jobs", "2", cwd=tmp_path)
+    done = shell("own.toml", "--out", "out", "--processes", "2", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     rows = (tmp_path / "out" / "episodes.csv").read_text().splitlines()[1:]
     flown = {(row.split(",")[0], row.split(",")[5]) for row in rows}

@@ -14,7 +14,7 @@ import gymnasium as gym
 import pytest
 
 import agents
-from agents.cells import Cell, run
+from agents.jobs import Job, run
 from agents.page import Page, render
 from agents.ppo import train
 from agents.studies.report import write_report
@@ -74,11 +74,11 @@ CALLS: dict[str, tuple[str, str, Callable[[Path], Any]]] = {
     "a report": ("matplotlib", "report", lambda path: write_report(None, path)),
     "a paper": ("matplotlib", "report", lambda path: report("corvette", {})),
     "a page": ("jinja2", "report", lambda path: render(Page("", "", (), ()))),
-    "processes": ("joblib", "report", lambda path: run([Cell("agents.seeds:training_seed", {})], path, jobs=2)),
+    "processes": ("joblib", "report", lambda path: run([Job("agents.seeds:training_seed", {})], path, processes=2)),
     "a cluster": (
         "dask",
         "cluster",
-        lambda path: run([Cell("agents.seeds:training_seed", {})], path, scheduler="tcp://127.0.0.1:9"),
+        lambda path: run([Job("agents.seeds:training_seed", {})], path, scheduler="tcp://127.0.0.1:9"),
     ),
 }
 

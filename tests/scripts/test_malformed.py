@@ -16,12 +16,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import agents
-import agents.cells
+import agents.jobs
 import agents.ppo
 import studies.lorenz.benchmarks
 from agents import rollout
-from agents.cells import check_scheduler
-from agents.scores import scores
+from agents.jobs import check_scheduler
+from agents.metrics import scores
 from agents.seeds import evaluation_seeds, training_seed, tuning_seeds
 from agents.studies.study import StudyError, read_study
 from scripts import __main__ as console_command
@@ -76,9 +76,9 @@ def workplace(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         patch.chdir(folder)
         patch.setenv("SDL_VIDEODRIVER", "offscreen")  # no display
         patch.setattr(socket, "create_connection", nobody)
-        patch.setattr("agents.cells.pools._PATIENCE", 0)
+        patch.setattr("agents.jobs.pools._PATIENCE", 0)
         for place, name in (
-            (agents, "rollout"), (agents.ppo, "train"), (agents.cells, "run"), (watch, "fly"), (timing, "report"),
+            (agents, "rollout"), (agents.ppo, "train"), (agents.jobs, "run"), (watch, "fly"), (timing, "report"),
             (studies.lorenz.benchmarks, "analysis_rmse"),
         ):  # fmt: skip
             patch.setattr(place, name, begin)
@@ -184,7 +184,7 @@ def test_any_command_line_is_refused_in_one_sentence_or_begins_its_work(line: tu
         ("benchmark --page study.toml", "study.toml needs one line <!-- measured --> and a line <!-- end --> below it"),
         ("lorenz --seed -1", "seed must be at least 0, got -1"),
         ("lorenz --runs 99999999999999999999", "runs must be at most"),
-        ("reproduce robust --jobs 0", "--jobs must be at least 1, got 0"),
+        ("reproduce robust --processes 0", "--processes must be at least 1, got 0"),
         ("reproduce robust --out file", "cannot write into file: it is a file, not a folder"),
         ("ablate", "Missing from"),
         ("ablate quik", "unknown study 'quik' (did you mean 'quick'?)"),
@@ -193,7 +193,7 @@ def test_any_command_line_is_refused_in_one_sentence_or_begins_its_work(line: tu
         ("ablate folder.gif", "cannot read the study folder.gif: Is a directory"),
         ("ablate wrong.toml", "environments must be a table"),
         ("ablate study.toml --out file", "cannot write into file: it is a file, not a folder"),
-        ("ablate study.toml --jobs 0", "--jobs must be at least 1, got 0"),
+        ("ablate study.toml --processes 0", "--processes must be at least 1, got 0"),
         ("ablate study.toml --shard 3/2", "--shard is i/n with 1 <= i <= n"),
         ("ablate study.toml --scheduler foo", "a scheduler's address is like tcp://10.0.0.1:8786, got 'foo'"),
         ("ablate study.toml --scheduler tcp://h:9", "no Dask scheduler answers at tcp://h:9: nobody listens"),
@@ -233,7 +233,7 @@ def test_a_seed_below_the_first_is_not_answered_with_advice_on_how_many():
     [
         "evaluate vessel_gym:SigmaCorvette-v0 --estimator kf None --episodes 1", "train --out new/ppo --steps 128",
         "watch --out turn.png", "benchmark --what loop flights --rows 2", "lorenz --runs 2 --cycles 1",
-        "reproduce robust puna --jobs 1", "ablate study.toml --shard 1/2 --jobs 3",
+        "reproduce robust puna --processes 1", "ablate study.toml --shard 1/2 --processes 3",
         "ablate quick --out new/quick",
     ],
 )  # fmt: skip

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from agents.cells import Status
+from agents.jobs import Status
 from scripts import console
 
 
@@ -20,8 +20,8 @@ def told(capsys) -> list[str]:
     return capsys.readouterr().err.splitlines()
 
 
-def test_many_short_cells_say_how_far_they_are_at_each_tenth(clock, capsys):
-    with console.cell_progress("quick") as progress:
+def test_many_short_jobs_say_how_far_they_are_at_each_tenth(clock, capsys):
+    with console.job_progress("quick") as progress:
         for done in range(1001):
             progress(Status(done, 1000, 0, 5.0))
     lines = told(capsys)
@@ -30,8 +30,8 @@ def test_many_short_cells_say_how_far_they_are_at_each_tenth(clock, capsys):
     assert lines[-1] == "quick: 1000/1000, done"
 
 
-def test_long_cells_say_it_every_ten_seconds(clock, capsys):
-    with console.cell_progress("full") as progress:
+def test_long_jobs_say_it_every_ten_seconds(clock, capsys):
+    with console.job_progress("full") as progress:
         for done in range(60):
             progress(Status(done, 10_000, 0, None))
             clock[0] += 2.5
@@ -40,8 +40,8 @@ def test_long_cells_say_it_every_ten_seconds(clock, capsys):
     assert lines[0].endswith("measuring how long it takes")
 
 
-def test_cells_that_failed_are_counted_in_and_said(clock, capsys):
-    with console.cell_progress("quick") as progress:
+def test_jobs_that_failed_are_counted_in_and_said(clock, capsys):
+    with console.job_progress("quick") as progress:
         progress(Status(1, 3, 2, 0.0))
     assert told(capsys) == ["quick: 3/3, 2 failed, done"]
 

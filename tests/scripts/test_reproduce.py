@@ -4,17 +4,17 @@ import json
 
 import pytest
 
-from agents.cells import Cell, journal
+from agents.jobs import Job, journal
 from agents.page import Entry, Page, Prose, Section, Table
 from scripts import reproduce
 from scripts.console import Refusal
 from studies import papers
-from studies.papers import PAPERS, cells, report
+from studies.papers import PAPERS, jobs, report
 from studies.papers.measures import Report, Row
 
 
 def small(monkeypatch, function: str, **arguments: object) -> None:
-    """Make every paper one of a single cell, whose result is a number."""
+    """Make every paper one of a single job, whose result is a number."""
 
     def made(name: str, results: dict) -> Report:
         entries = [Entry(str(results["only"]["values"]))]
@@ -22,14 +22,14 @@ def small(monkeypatch, function: str, **arguments: object) -> None:
         page = Page("A paper", "small", [], [Section("s", [Prose("p"), table])])
         return Report(page, [Row("A paper", "I", 3, 1, 1, 0, 1, 2, 1.25)], "It holds.")
 
-    monkeypatch.setattr(papers, "cells", lambda name: {"only": Cell(function, arguments, "only")})
+    monkeypatch.setattr(papers, "jobs", lambda name: {"only": Job(function, arguments, "only")})
     monkeypatch.setattr(papers, "report", made)
 
 
 def test_a_paper_gives_a_page_its_tables_and_its_measures_and_is_computed_once(tmp_path, monkeypatch, capsys):
     small(monkeypatch, "studies.papers:echo", values=[3])
     monkeypatch.setattr(papers, "echo", lambda values: {"values": values}, raising=False)
-    assert reproduce.main(("robust",), out=tmp_path, jobs=1) == 0
+    assert reproduce.main(("robust",), out=tmp_path, processes=1) == 0
     printed = capsys.readouterr().out
     assert "| A paper | I | 3 | 1 | 1 | 0 | 1 | 2 | 1.25 |" in printed
     assert str(tmp_path / "robust.html") in printed
@@ -37,16 +37,16 @@ def test_a_paper_gives_a_page_its_tables_and_its_measures_and_is_computed_once(t
     assert (tmp_path / "tables" / "robust-sums.csv").read_text() == "name,value\nsum,[3]\n"
     stored = json.loads((tmp_path / "summary.json").read_text())
     assert stored == {"robust": {"opening": "It holds.", "rows": [["A paper", "I", 3, 1, 1, 0, 1, 2, 1.25]]}}
-    assert reproduce.main(("robust", "robust"), out=tmp_path, jobs=1) == 0
+    assert reproduce.main(("robust", "robust"), out=tmp_path, processes=1) == 0
     assert (tmp_path / "robust.html").read_text() == first
     assert len(journal(tmp_path)) == 1
 
 
-def test_a_paper_whose_cell_fails_has_no_page_and_says_why(tmp_path, monkeypatch, capsys):
+def test_a_paper_whose_job_fails_has_no_page_and_says_why(tmp_path, monkeypatch, capsys):
     small(monkeypatch, "agents.studies.worlds:environment_id", name="none")
-    assert reproduce.main(("robust",), out=tmp_path, jobs=1) == 1
+    assert reproduce.main(("robust",), out=tmp_path, processes=1) == 1
     printed = capsys.readouterr().out
-    assert "1 of 1 cells failed" in printed
+    assert "1 of 1 jobs failed" in printed
     assert "unknown environment 'none'" in printed
     assert not (tmp_path / "robust.html").exists()
 
@@ -54,7 +54,7 @@ def test_a_paper_whose_cell_fails_has_no_page_and_says_why(tmp_path, monkeypatch
 def test_no_paper_or_an_unknown_one_is_refused_in_a_sentence(monkeypatch):
     with pytest.raises(ValueError, match="name the papers"):
         reproduce.main(())
-    for call in (lambda: cells("titanic"), lambda: report("titanic", {}), lambda: papers.settings("titanic")):
+    for call in (lambda: jobs("titanic"), lambda: report("titanic", {}), lambda: papers.settings("titanic")):
         with pytest.raises(ValueError, match="choose from all, corvette"):
             call()
     monkeypatch.setattr(reproduce, "find_spec", lambda name: None)
@@ -64,7 +64,7 @@ def test_no_paper_or_an_unknown_one_is_refused_in_a_sentence(monkeypatch):
 
 @pytest.mark.parametrize("name", PAPERS)
 def test_every_paper_says_what_it_computes_without_computing_it(name):
-    found = cells(name)
+    found = jobs(name)
     assert found
-    assert len({cell.key for cell in found.values()}) == len(found)
-    assert all(cell.label for cell in found.values())
+    assert len({job.key for job in found.values()}) == len(found)
+    assert all(job.label for job in found.values())

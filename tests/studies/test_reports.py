@@ -29,7 +29,7 @@ _MENTIONED = re.compile(r"l\. [\d–, ]+")
 
 @cache
 def made(name: str) -> Report:
-    """The report of a paper from few runs, cells computed here."""
+    """The report of a paper from few runs, jobs computed here."""
     few = copy.deepcopy(settings(name)) | {k: v for k, v in FEW.items() if k in settings(name)} | SMALLER.get(name, {})
     if name == "segorogeni":
         few["trial"] |= {"step": 0.05}
@@ -44,9 +44,9 @@ def made(name: str) -> Report:
         few["discrepancies"] = few["discrepancies"][:1]
         few["open"]["recursion"]["tried"] = ["cited", "as printed"]
         few["open"]["scored"]["tried"].append("predicted")
-    cells = import_module(f"studies.papers.{name}.experiment").cells(few)
+    jobs = import_module(f"studies.papers.{name}.experiment").jobs(few)
     page = import_module(f"studies.papers.{name}.page")
-    results = {what: json.loads(json.dumps(cell.compute(), default=np.ndarray.tolist)) for what, cell in cells.items()}
+    results = {what: json.loads(json.dumps(job.compute(), default=np.ndarray.tolist)) for what, job in jobs.items()}
     return page.report(few, results)
 
 
@@ -110,7 +110,7 @@ def test_readme_and_the_papers_page_show_the_stored_results():
 
 @pytest.mark.nightly
 def test_the_stored_results_are_what_the_command_finds(tmp_path: Path):
-    assert reproduce.main(("all",), out=tmp_path, jobs=2) == 0
+    assert reproduce.main(("all",), out=tmp_path, processes=2) == 0
     found, stored = (json.loads(path.read_text(encoding="utf-8")) for path in (tmp_path / "summary.json", STORED))
     assert tuple(found) == tuple(stored) == papers.PAPERS
     for name in found:

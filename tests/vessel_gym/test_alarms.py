@@ -29,7 +29,7 @@ from test_bad_input import refusal
 from test_time_at_sea import AUV, FIX, at_sea, flown, late_fix, sensors_of
 
 from agents import Rollout, rollout
-from agents.scores import metrics, scores
+from agents.metrics import metrics, scores
 from agents.studies.plan import plan
 from agents.studies.records import Agent, Condition, Environment, Estimator, Study
 from agents.studies.results import Results

@@ -31,7 +31,7 @@ from scipy.stats import chi2
 from scipy.stats import t as student
 
 from agents import rollout
-from agents.scores import scores
+from agents.metrics import scores
 from estimators import Gaussian, LinearModel, NonlinearModel, chi_square_band, make, nees
 from vessel_gym.composition import Forces, compose
 from vessel_gym.core import Core

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from agents import rollout
-from agents.scores import scores
+from agents.metrics import scores
 from tests.vessel_gym.contract import FEW_MEMBERS, make_core
 from vessel_gym.core import Core
 from vessel_gym.disturbances import Disturbance, Fault

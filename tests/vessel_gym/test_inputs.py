@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from agents import rollout
-from agents.scores import scores
+from agents.metrics import scores
 from estimators import LinearModel, NonlinearModel
 from estimators.engine import compiled, jacobian
 from tests.vessel_gym.contract import make_core

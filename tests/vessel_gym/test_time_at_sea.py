@@ -31,7 +31,7 @@ from test_autoreset import assert_same_in_every_mode
 from test_bad_input import refusal
 
 from agents import rollout
-from agents.scores import scores
+from agents.metrics import scores
 from vessel_gym.core import Core
 from vessel_gym.estimation import LATE
 from vessel_gym.sensor_faults import KINDS, SensorFault

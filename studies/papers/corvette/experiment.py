@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.cells import Cell
+from agents.jobs import Job
 from estimators import Gaussian, LinearModel, make
 from studies.papers.likelihood import log_likelihood
 from vessel_gym.vehicles.corvette import Corvette, steady_turns
@@ -37,19 +37,19 @@ SWITCH, PRIOR = 98, 1e-3
 _SHIP = load("corvette-thesis", CorvetteParameters)
 
 
-def cells(settings: Mapping[str, Any]) -> dict[str, Cell]:
-    """A cell for each simulation and filter model, and the search by recursion and discrepancy."""
+def jobs(settings: Mapping[str, Any]) -> dict[str, Job]:
+    """A job for each simulation and filter model, and the search by recursion and discrepancy."""
     here, found = __name__, {}
     trial = {key: settings[key] for key in ("step", "helm", "seed", "runs")}
     for simulation, model in product(SIMULATIONS, MODELS):
         arguments = {"simulation": simulation, "model": model, **trial}
-        found[f"{simulation}, {model}"] = Cell(f"{here}:simulate", arguments, f"corvette, model {model}")
+        found[f"{simulation}, {model}"] = Job(f"{here}:simulate", arguments, f"corvette, model {model}")
     tried = {name: choice["tried"] for name, choice in settings["open"].items()}
     search = {key: settings[key] for key in ("step", "helm", "seed", "printed")}
     for recursion, discrepancy in product(tried["recursion"], settings["discrepancies"]):
         arguments = search | {"tried": tried | {"recursion": [recursion]}, "discrepancy": discrepancy}
         arguments["runs"] = settings["samples_of_search"]
-        found[f"search, {recursion}, {discrepancy}"] = Cell(f"{here}:search", arguments, "corvette, search")
+        found[f"search, {recursion}, {discrepancy}"] = Job(f"{here}:search", arguments, "corvette, search")
     return found
 
 

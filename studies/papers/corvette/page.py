@@ -29,7 +29,7 @@ _STEPS = (
 
 
 def report(settings: Mapping[str, Any], results: Mapping[str, Mapping[str, Any]]) -> Report:
-    """Page and measures, from the values of every cell."""
+    """Page and measures, from the values of every job."""
     open_, printed = settings["open"], settings["printed"]
     rmse = {
         (simulation, model): np.asarray(results[f"{simulation}, {model}"]["rmse"])

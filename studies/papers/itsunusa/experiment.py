@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from agents.cells import Cell
 from agents.controllers.dive import DiveAutopilot
+from agents.jobs import Job
 from estimators import Filter, make
 from studies.papers.dive import Experiment, channel_sd, rms, thinned
 from vessel_gym.envs.itsunusa_auv import ITSUNUSA_AUV
@@ -29,14 +29,14 @@ PROCESS_SD = np.append(ITSUNUSA_AUV.disturbances["moderate"].white.diagonal(), 0
 PRIOR_SD = ITSUNUSA_AUV.task.prior(np.zeros((1, 3))).cov.diagonal()[[0, 1, 2, 5]] ** 0.5
 
 
-def cells(settings: Mapping[str, Any]) -> dict[str, Cell]:
+def jobs(settings: Mapping[str, Any]) -> dict[str, Job]:
     """Everything to compute, by name."""
     here, found = __name__, {}
     shared = {key: settings[key] for key in ("runs", "seed", "trial")}
 
     def dives(name: str, form: str, members: int, measured: int = 3, **factors: float) -> None:
         arguments = {"form": form, "members": members, "measured": measured} | shared | factors
-        found[name] = Cell(f"{here}:estimate", arguments, f"itsunusa, {form}, {members} members")
+        found[name] = Job(f"{here}:estimate", arguments, f"itsunusa, {form}, {members} members")
 
     for members in settings["members"]:
         dives(f"{PRINTED}, {members}", PRINTED, members)

@@ -32,7 +32,7 @@ _FORMS = {
 
 
 def report(settings: Mapping[str, Any], results: Mapping[str, Mapping[str, Any]]) -> Report:
-    """Page and measures, from the values of every cell."""
+    """Page and measures, from the values of every job."""
     members, printed, trial = settings["members"], settings["printed"], settings["trial"]
     fewest, most = members[0], members[-1]
     errors = {

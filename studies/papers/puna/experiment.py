@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.cells import Cell
+from agents.jobs import Job
 from estimators import Filter, Gaussian, make, rmse, wrap
 from studies.papers.puna.model import PlanarPuna
 from vessel_gym.guidance.dubins import WORDS, Path, approach, candidates, lengths, plan, shortest, word_path
@@ -31,18 +31,18 @@ START = np.array([0.0, 20.0, 0.0, 100.0])
 """Level, at the speed and the first altitude of the Dubins cases; no initial state is printed."""
 
 
-def cells(settings: Mapping[str, Any]) -> dict[str, Cell]:
+def jobs(settings: Mapping[str, Any]) -> dict[str, Job]:
     """Everything to compute, by name."""
     here, found = __name__, {}
     for name, function in (("open", "open_case"), ("obstructed", "obstacle_case")):
-        found[name] = Cell(f"{here}:{function}", {"paths": settings["paths"]}, "PUNA, paths")
+        found[name] = Job(f"{here}:{function}", {"paths": settings["paths"]}, "PUNA, paths")
     flight = {key: settings[key] for key in ("seed", "steps", "swing", "period")}
     D = np.array(settings["D"])
 
     def flights(name: str, control: str, measured: str, members: list[int], runs: int, q: float, r: float) -> None:
         noise = {"process": list(q * D), "measurement": list(r * D)}
         arguments = {"control": control, "measured": measured, "members": members, "runs": runs} | noise | flight
-        found[name] = Cell(f"{here}:estimate", arguments, f"PUNA, {control} angle, {measured}, {len(members)} sizes")
+        found[name] = Job(f"{here}:estimate", arguments, f"PUNA, {control} angle, {measured}, {len(members)} sizes")
 
     for level, control, measured in product(settings["levels"], CONTROLS, MEASURED):
         name = f"{level}, {control}, {measured}"

@@ -22,7 +22,7 @@ _CIRCULAR = "Q and R were taken from it"
 
 
 def report(settings: Mapping[str, Any], results: Results) -> Report:
-    """Page and measures, from the values of every cell."""
+    """Page and measures, from the values of every job."""
     members, paths = settings["members"], settings["paths"]
     names = {"flight": "noise of a flight", "sizes": "noise of the printed sizes"}
     columns = {name: _comparisons(settings, results, level, "all") for level, name in names.items()}

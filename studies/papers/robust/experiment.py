@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.cells import Cell
+from agents.jobs import Job
 from estimators import Belief, Gaussian, LinearModel, make, van_loan, zero_order_hold
 
 STATES = MEASUREMENTS = 2  # x1 and x2 (l. 264); y is a vector (l. 112)
@@ -277,7 +277,7 @@ def printed_difference(model: StateSpace, y: np.ndarray, kf: np.ndarray) -> floa
     return largest
 
 
-# --- cells ------------------------------------------------------------------------------------------
+# --- jobs ------------------------------------------------------------------------------------------
 
 
 def sweeps(settings: Mapping[str, Any]) -> dict[str, list[Condition]]:
@@ -291,21 +291,21 @@ def sweeps(settings: Mapping[str, Any]) -> dict[str, list[Condition]]:
     return found
 
 
-def cell_name(population: str, condition: Condition) -> str:
-    """The name of the cell of a population under a condition."""
+def job_name(population: str, condition: Condition) -> str:
+    """The name of the job of a population under a condition."""
     return f"{population}: " + ", ".join(f"{key} {value:g}" for key, value in condition._asdict().items())
 
 
-def cells(settings: Mapping[str, Any]) -> dict[str, Cell]:
+def jobs(settings: Mapping[str, Any]) -> dict[str, Job]:
     """Everything to compute, by name."""
     run = {key: settings[key] for key in ("noise_seed", "steps", "filters")}
     paper = {key: settings["populations"]["paper"][key] for key in ("first", "runs")}
     found = {
-        "example": Cell(f"{__name__}:example", paper | run | {"disturbance": settings["outliers"]}, "robust, example")
+        "example": Job(f"{__name__}:example", paper | run | {"disturbance": settings["outliers"]}, "robust, example")
     }
     conditions = dict.fromkeys(condition for group in sweeps(settings).values() for condition in group)
     for population, which in settings["populations"].items():
         for condition in conditions:
             arguments = which | run | {"skipped": settings["skipped"], "condition": condition._asdict()}
-            found[cell_name(population, condition)] = Cell(f"{__name__}:errors", arguments, f"robust, {population}")
+            found[job_name(population, condition)] = Job(f"{__name__}:errors", arguments, f"robust, {population}")
     return found

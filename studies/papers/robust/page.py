@@ -12,7 +12,7 @@ from agents.plotting import BELIEVED, INK, PALETTE, RAW, TRUE
 from agents.statistics import Interval, mean_interval
 from studies.papers.figures import Curve, Panel, ends, panels
 from studies.papers.measures import Report, Row
-from studies.papers.robust.experiment import PRIOR_VARIANCE, STATES, STEP, Condition, cell_name, sweeps
+from studies.papers.robust.experiment import PRIOR_VARIANCE, STATES, STEP, Condition, job_name, sweeps
 from studies.papers.template import fill
 
 Results = Mapping[str, Mapping[str, Any]]
@@ -25,7 +25,7 @@ _TITLES = {
 
 
 def report(settings: Mapping[str, Any], results: Results) -> Report:
-    """Page and measures, from the values of every cell; the paper prints no number."""
+    """Page and measures, from the values of every job; the paper prints no number."""
     groups, example = sweeps(settings), results["example"]
     huber, *minimax = others = [name for name in settings["filters"] if name != "kf"]
     hit, example_rmse = Condition(**settings["outliers"]), np.asarray(example["kf"]["rmse"])
@@ -64,7 +64,7 @@ def report(settings: Mapping[str, Any], results: Results) -> Report:
 
 def _rmse(results: Results, population: str, condition: Condition, name: str) -> np.ndarray:
     """RMSE of each unit of an interval: of every system over its runs, or of every run of the single system."""
-    values = np.asarray(results[cell_name(population, condition)][name])
+    values = np.asarray(results[job_name(population, condition)][name])
     return values[0] if len(values) == 1 else np.sqrt(np.mean(values**2, axis=1))
 
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.optimize import root
 
-from agents.cells import Cell
+from agents.jobs import Job
 from estimators import make
 from studies.papers.dive import Advance, Experiment, channel_sd, rms, thinned
 from vessel_gym.envs.segorogeni_auv import SEGOROGENI_AUV
@@ -48,13 +48,13 @@ def read(values: Mapping[str, Any]) -> Trial:
     return Trial(**dict(values) | {"goal": tuple(values["goal"])})
 
 
-def cells(settings: Mapping[str, Any]) -> dict[str, Cell]:
+def jobs(settings: Mapping[str, Any]) -> dict[str, Job]:
     """Everything to compute, by name."""
     here, found = __name__, {}
 
     def dives(name: str, own: bool, members: int, runs: int, seed: int = 0, **factors: float) -> None:
         arguments = {"own": own, "members": members, "runs": runs, "seed": seed, "trial": settings["trial"]} | factors
-        found[name] = Cell(f"{here}:estimate", arguments, f"segorogeni, {members} members, own step {own}")
+        found[name] = Job(f"{here}:estimate", arguments, f"segorogeni, {members} members, own step {own}")
 
     for members in settings["members"]:
         for seed in settings["seeds"]:

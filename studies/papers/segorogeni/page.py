@@ -20,7 +20,7 @@ _PLAN, _TRUE = REFERENCES
 
 
 def report(settings: Mapping[str, Any], results: Mapping[str, Mapping[str, Any]]) -> Report:
-    """Page and measures, from the values of every cell."""
+    """Page and measures, from the values of every job."""
     members = settings["members"]
     fewest, most = members[0], members[-1]
 

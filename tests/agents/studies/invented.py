@@ -6,8 +6,7 @@ from zlib import crc32
 
 import numpy as np
 
-from agents.metrics import WITHOUT_COVARIANCE
-from agents.scores import metrics
+from agents.metrics import WITHOUT_COVARIANCE, metrics
 from agents.studies.plan import Plan, plan
 from agents.studies.records import RAW, Agent, Condition, Environment, Estimator, Study
 from agents.studies.results import Results
@@ -45,7 +44,7 @@ def results(planned: Plan | Study, quality=QUALITY, noise=0.01) -> Results:
     planned = planned if isinstance(planned, Plan) else plan(planned)
     values, seconds, timings = {}, {}, {}
     for f in planned.flights:
-        rng = np.random.default_rng(crc32(repr((f.cell.label, f.condition, f.trained_on, f.training_seed)).encode()))
+        rng = np.random.default_rng(crc32(repr((f.job.label, f.condition, f.trained_on, f.training_seed)).encode()))
         n = planned.study.episodes
         weather = np.random.default_rng(7).normal(0.0, 0.02, n)
         run = 0.0 if f.training_seed is None else rng.normal(0.0, 2.0 * noise)
@@ -54,7 +53,7 @@ def results(planned: Plan | Study, quality=QUALITY, noise=0.01) -> Results:
         claims = f.flown_on not in WITHOUT_COVARIANCE
         figures = {m.key: rng.lognormal(0.0, 0.2, n) for m in metrics(system_of(f.environment))}
         figures |= {"score": score} | ({} if claims else {"nees": np.full(n, np.nan)})
-        values[f.cell.key] = {
+        values[f.job.key] = {
             "figures": {key: each.tolist() for key, each in figures.items()},
             "nees_in_band": 0.9 if claims else None,
             "nis_in_band": 0.95 if claims else None,
@@ -62,10 +61,10 @@ def results(planned: Plan | Study, quality=QUALITY, noise=0.01) -> Results:
             "ends": [""] * n,
             "steps": 100 * n,
         }
-        seconds[f.cell.key] = 1e-5 * (1.0 + len(f.flown_on)) * 100 * n
-        if f.cell.arguments.get("timed_beside"):
-            timings[f.cell.key] = [(n, 1e-5 * (1.0 + len(f.flown_on)), 1e-5), (1, 2e-4, 1e-4)]
-        for training in f.cell.needs:
+        seconds[f.job.key] = 1e-5 * (1.0 + len(f.flown_on)) * 100 * n
+        if f.job.arguments.get("timed_beside"):
+            timings[f.job.key] = [(n, 1e-5 * (1.0 + len(f.flown_on)), 1e-5), (1, 2e-4, 1e-4)]
+        for training in f.job.needs:
             values[training.key] = {"steps": 1000}
     return Results(planned, values, {}, seconds, timings=timings)
 
@@ -78,6 +77,6 @@ def learned() -> Results:
 
 def without(found: Results, unwanted, why: str | None = None) -> Results:
     """The same without the flights of which something holds; with a reason they have failed."""
-    keys = {f.cell.key for f in found.plan.flights if unwanted(f)}
+    keys = {f.job.key for f in found.plan.flights if unwanted(f)}
     values = {key: value for key, value in found.values.items() if key not in keys}
     return replace(found, values=values, failures=dict.fromkeys(keys, why) if why else {})

@@ -31,13 +31,13 @@ def test_the_same_arms_fly_seeds_that_the_study_does_not(first):
     assert not set(again.study.seeds) & set(STUDY.seeds)
     arms = [[(f.environment, f.condition, f.agent, f.flown_on) for f in p.flights] for p in (first.plan, again)]
     assert arms[0] == arms[1]
-    seeds = {(f.cell.arguments["first_seed"], f.cell.arguments["episodes"]) for f in again.flights}
+    seeds = {(f.job.arguments["first_seed"], f.job.arguments["episodes"]) for f in again.flights}
     assert seeds == {(500, 40)}
 
 
 def test_policies_are_not_trained_again_for_a_confirmation():
     learned = replace(STUDY, agents=LEARNED, training_seeds=1)
-    trained = [{need.key for f in plan(s).flights for need in f.cell.needs} for s in (learned, learned.fresh)]
+    trained = [{need.key for f in plan(s).flights for need in f.job.needs} for s in (learned, learned.fresh)]
     assert trained[0] == trained[1]
     assert len(trained[0]) == 4
 
@@ -109,12 +109,12 @@ def test_the_command_opens_fresh_seeds_when_asked_and_reports_them_from_then_on(
     text = "episodes = 2\nconfirm = { first_seed = 10, episodes = 3 }\n[environments]\nSigmaCorvette-v0 = {}\n"
     path, out = tmp_path / "small.toml", tmp_path / "out"
     path.write_text(text + "[estimators]\nkf = {}\n")
-    assert ablate.main(path, out, jobs=1, confirm=True) == 0
+    assert ablate.main(path, out, processes=1, confirm=True) == 0
     assert "3 fresh evaluation seeds" in capsys.readouterr().out
     seeds = {int(row.split(",")[6]) for row in (out / "confirmation.csv").read_text().splitlines()[1:]}
     assert seeds == set(evaluation_seeds(3, 10))
-    assert ablate.main(path, out, jobs=1) == 0
+    assert ablate.main(path, out, processes=1) == 0
     assert "3 fresh evaluation seeds" in capsys.readouterr().out
     path.write_text(text + "[estimators]\nekf = {}\n")
     with pytest.raises(ValueError, match="opened once"):
-        ablate.main(path, out, jobs=1, confirm=True)
+        ablate.main(path, out, processes=1, confirm=True)

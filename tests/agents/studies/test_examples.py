@@ -21,15 +21,15 @@ CALM = Condition("calm", disturbance="calm")
 
 def test_examples_are_of_the_first_condition_on_the_default_two_others_and_dead_reckoning():
     chosen = examples(plan(study()))
-    shown = {environment: [name for name, _ in cell.arguments["estimators"]] for environment, cell in chosen.items()}
+    shown = {environment: [name for name, _ in job.arguments["estimators"]] for environment, job in chosen.items()}
     assert shown == {
         CORVETTE: ["kf-umv-ui", "kf", "enkf", "dead-reckoning"],
         SEGOROGENI: ["enkf", "ekf", "dead-reckoning"],
     }
-    for environment, cell in chosen.items():
-        assert cell.arguments["environment"] == environment
-        assert cell.arguments["seeds"] == list(plan(study()).study.seeds)
-        assert all(given["disturbance"] == "moderate" for _, given in cell.arguments["estimators"])
+    for environment, job in chosen.items():
+        assert job.arguments["environment"] == environment
+        assert job.arguments["seeds"] == list(plan(study()).study.seeds)
+        assert all(given["disturbance"] == "moderate" for _, given in job.arguments["estimators"])
 
 
 @pytest.mark.slow
@@ -58,10 +58,10 @@ def test_the_typical_seed_is_the_one_whose_scores_lie_nearest_to_their_means():
 @pytest.mark.slow
 def test_a_report_plays_what_was_flown_and_says_how_it_ended():
     found = results(study((SEGOROGENI,)))
-    cell = examples(found.plan)[SEGOROGENI]
-    flown = example(**cell.arguments)
+    job = examples(found.plan)[SEGOROGENI]
+    flown = example(**job.arguments)
     (section,) = (
-        each for each in page(replace(found, values=found.values | {cell.key: flown}), Path("out")).sections
+        each for each in page(replace(found, values=found.values | {job.key: flown}), Path("out")).sections
         if each.title == "Example episodes"
     )  # fmt: skip
     (block,) = section.blocks

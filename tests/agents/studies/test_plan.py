@@ -1,4 +1,4 @@
-"""A study as cells: all fly the same seeds, what cannot fly is left out with its reason, nothing is done twice."""
+"""A study as jobs: all fly the same seeds, what cannot fly is left out with its reason, nothing is done twice."""
 
 from dataclasses import replace
 
@@ -59,7 +59,7 @@ def test_every_policy_flies_every_estimator_and_is_trained_once_in_the_first_con
     assert {(f.flown_on, f.training_seed) for f in crossed} == {
         (e, seed) for e in ("truth", "dead-reckoning", "kf", "kf-umv-ui") for seed in (0, 1)
     }
-    trainings = {need.key: need for f in planned.flights for need in f.cell.needs}
+    trainings = {need.key: need for f in planned.flights for need in f.job.needs}
     assert len(trainings) == 2 * (2 + 1) * 2  # environments, schools, seeds
     for training in trainings.values():
         assert training.arguments["options"]["disturbance"] == "moderate"
@@ -72,28 +72,28 @@ def test_an_agent_on_raw_readings_sees_no_estimator_in_training_or_flight(planne
     raw = flights(planned, agent="LSTM")
     assert {(f.trained_on, f.flown_on) for f in raw} == {(RAW, RAW)}
     for flight in raw:
-        for cell in (flight.cell, *flight.cell.needs):
-            assert cell.arguments["options"]["observe"] == "measurement"
-            assert cell.arguments["options"]["estimator"] == "measurement"
+        for job in (flight.job, *flight.job.needs):
+            assert job.arguments["options"]["observe"] == "measurement"
+            assert job.arguments["options"]["estimator"] == "measurement"
 
 
 def test_everybody_flies_the_same_seeds_of_the_same_worlds(planned):
-    assert {f.cell.arguments["episodes"] for f in planned.flights} == {3}
+    assert {f.job.arguments["episodes"] for f in planned.flights} == {3}
     for flight in planned.flights:
-        options = flight.cell.arguments["options"]
+        options = flight.job.arguments["options"]
         assert options["disturbance"] == ("rough" if flight.condition == "rough" else "moderate")
         assert (options["sensors"], options["mismatch"]) == ("nominal", 0.0)
 
 
-def test_more_of_a_study_keeps_the_cells_that_were_there(planned):
+def test_more_of_a_study_keeps_the_jobs_that_were_there(planned):
     more = plan(replace(STUDY, conditions=(*STUDY.conditions, Condition("calm", disturbance="calm")), title="other"))
-    before, after = ({cell.key for cell in p.cells} for p in (planned, more))
+    before, after = ({job.key for job in p.jobs} for p in (planned, more))
     assert before < after
     other = plan(replace(STUDY, episodes=4))
-    assert not before & {cell.key for cell in other.cells}
+    assert not before & {job.key for job in other.jobs}
 
 
-def test_the_source_of_what_is_the_users_own_is_part_of_a_cell(tmp_path, monkeypatch):
+def test_the_source_of_what_is_the_users_own_is_part_of_a_job(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     (tmp_path / "own_filters_1.py").write_text("from estimators.kalman import KalmanFilter as Mine\n")
     (tmp_path / "own_filters_2.py").write_text("from estimators.kalman import KalmanFilter as Mine\nx = 1\n")

@@ -241,7 +241,7 @@ def test_studies_without_learning_do_not_speak_of_it(plain):
 
 
 @pytest.mark.slow
-def test_a_failed_cell_is_named_with_the_last_line_of_its_traceback(small):
+def test_a_failed_job_is_named_with_the_last_line_of_its_traceback(small):
     broken = without(
         small,
         lambda f: (f.flown_on, f.condition, f.environment) == ("ekf", "rough", CORVETTE),
@@ -304,10 +304,10 @@ def test_the_price_is_what_the_score_on_the_truth_is_higher(classical, plain):
 def test_tails_stand_beside_means_in_report_and_file(small):
     who, places = small.classical, small.places()
     flight = next(f for f in small.plan.flights if f.flown_on == "kf")
-    values = small.values[flight.cell.key]
+    values = small.values[flight.job.key]
     figures = values["figures"] | {"score": [0.0, *values["figures"]["score"][1:]]}
     lost = values | {"ends": ["lost", *values["ends"][1:]], "figures": figures}
-    found = replace(small, values=small.values | {flight.cell.key: lost})
+    found = replace(small, values=small.values | {flight.job.key: lost})
     shown = rows(page(found, OUT), "tails")[CORVETTE, "kf"]
     scores = np.sort(np.concatenate([found.figure(p, who, "kf").ravel() for p in places]))
     assert scores[0] == 0.0

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from invented import CONDITIONS, CORVETTE, QUALITY, SEGOROGENI, learned, results, study, without
 
-from agents.cells import run
-from agents.sheets.dive import METRICS
+from agents.jobs import run
+from agents.metrics.dive import METRICS
 from agents.statistics import crossed_interval, mean_interval
 from agents.studies import flying
 from agents.studies.plan import plan
@@ -82,9 +82,9 @@ def test_who_does_not_learn_is_paired_with_every_training_run(found):
 def test_a_share_of_yes_and_no_has_an_exact_interval_and_other_metrics_a_mean_over_seeds(found):
     place = Place(SEGOROGENI, "nominal")
     flight = next(f for f in found.plan.flights if (f.environment, f.condition, f.flown_on) == (*place, "ekf"))
-    values = found.values[flight.cell.key]
+    values = found.values[flight.job.key]
     figures = values["figures"] | {"arrived": [100.0] * 8, "miss": [1.0, *[float("nan")] * 4, 2.0, 4.0, 3.0]}
-    changed = Results(found.plan, found.values | {flight.cell.key: values | {"figures": figures}})
+    changed = Results(found.plan, found.values | {flight.job.key: values | {"figures": figures}})
     arrived, miss = (next(m for m in METRICS if m.key == key) for key in ("arrived", "miss"))
     shown = changed.mean(place, found.classical, "ekf", arrived)
     assert (shown.mean, shown.high) == (100.0, 100.0)
@@ -119,8 +119,8 @@ def test_estimators_come_in_the_order_of_the_study(found):
 def test_times_of_steps_come_from_the_journal_and_are_no_part_of_a_result(tmp_path):
     planned = plan(study((CORVETTE,), conditions=CONDITIONS[:1], episodes=2))
     flight = next(f for f in planned.flights if f.flown_on == "kf")
-    outcome = run([flight.cell], tmp_path)
-    assert set(outcome.values[flight.cell.key]) == {
+    outcome = run([flight.job], tmp_path)
+    assert set(outcome.values[flight.job.key]) == {
         "figures", "nees_in_band", "nis_in_band", "diverged", "ends", "steps",
     }  # fmt: skip
     found = Results.of(planned, outcome, tmp_path)

@@ -127,8 +127,8 @@ def test_seeds_margin_and_settings_of_an_agent_are_read(tmp_path):
 def test_all_arms_end_by_one_termination_which_is_the_truth_where_an_agent_sees_measurements(tmp_path, chosen):
     raw = SMALL if chosen == "task" else SMALL.replace("episodes = 3", f'episodes = 3\ntermination = "{chosen}"')
     planned = plan(read(tmp_path, raw))
-    cells = [each for cell in planned.cells for each in (cell, *cell.needs)]
-    assert {cell.arguments["options"]["ends"] for cell in cells} == {chosen}
+    jobs = [each for job in planned.jobs for each in (job, *job.needs)]
+    assert {job.arguments["options"]["ends"] for job in jobs} == {chosen}
 
 
 def test_what_is_wrong_with_seeds_margin_and_termination_is_reported_with_its_line(tmp_path):

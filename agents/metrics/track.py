@@ -1,11 +1,10 @@
-"""What a turn on a track was like: figures of each episode, from a rollout's truth and estimates."""
+"""Metrics of turns on a track, from a rollout's truth and estimates."""
 
 import numpy as np
 
-from agents.metrics import Metric, core_of, position_nees, rms, rmse
+from agents.metrics import Metric, core_of, position_nees, register_metrics, rms, rmse
+from agents.metrics.turning import CIRCLE, ESTIMATES, TURN_STEPS, circle_fit, input_error
 from agents.rollouts import Rollout
-from agents.sheets import register_scores
-from agents.sheets.turning import CIRCLE, ESTIMATES, TURN_STEPS, circle_fit, input_error
 from vessel_gym.tasks.circle_track import CircleTrack
 
 METRICS = (
@@ -27,8 +26,8 @@ METRICS = (
 )  # fmt: skip
 
 
-def figures(rollout: Rollout) -> dict[str, np.ndarray]:
-    """What of every episode the sheet itself finds, ``(N,)`` by key; see `agents.scores.scores`.
+def compute(rollout: Rollout) -> dict[str, np.ndarray]:
+    """Metrics that have no function of their own, ``(N,)`` by key.
 
     The unknown input is NaN where none is estimated, and so is the circle of an episode that flew less than half of it.
     """
@@ -47,4 +46,4 @@ def figures(rollout: Rollout) -> dict[str, np.ndarray]:
     }
 
 
-register_scores(CircleTrack, METRICS, figures)
+register_metrics(CircleTrack, METRICS, compute)

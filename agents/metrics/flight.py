@@ -1,10 +1,9 @@
-"""What a flight along a path was like: figures of each episode, from a rollout's truth and estimates."""
+"""Metrics of flights along a path, from a rollout's truth and estimates."""
 
 import numpy as np
 
-from agents.metrics import Metric, at_end, core_of, ended, position_nees, rms, rmse, steps
+from agents.metrics import Metric, at_end, core_of, ended, position_nees, register_metrics, rms, rmse, steps
 from agents.rollouts import Rollout
-from agents.sheets import register_scores
 from vessel_gym.tasks.flight import Flight
 
 POSITION = ("x", "y", "h")
@@ -37,8 +36,8 @@ METRICS = (
 )  # fmt: skip
 
 
-def figures(rollout: Rollout) -> dict[str, np.ndarray]:
-    """What of every episode the sheet itself finds, ``(N,)`` by key; see `agents.scores.scores`."""
+def compute(rollout: Rollout) -> dict[str, np.ndarray]:
+    """Metrics that have no function of their own, ``(N,)`` by key."""
     core, h, alive = core_of(rollout), rollout.history, rollout.alive
     task = core.task
     cross, above = path_errors(rollout)
@@ -85,4 +84,4 @@ def _or_nan(values: np.ndarray) -> np.ndarray:
     return np.where(np.isfinite(values), values, np.nan)
 
 
-register_scores(Flight, METRICS, figures)
+register_metrics(Flight, METRICS, compute)

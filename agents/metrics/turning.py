@@ -1,10 +1,9 @@
-"""What a turning circle was like: figures of each episode, from a rollout's truth and estimates."""
+"""Metrics of turning circles, from a rollout's truth and estimates."""
 
 import numpy as np
 
-from agents.metrics import Metric, core_of, rms, rmse, steps
+from agents.metrics import Metric, core_of, register_metrics, rms, rmse, steps
 from agents.rollouts import Rollout
-from agents.sheets import register_scores
 from estimators import wrap
 from vessel_gym.sea_trials import fit_circle
 from vessel_gym.tasks.turning_circle import TurningCircle
@@ -48,8 +47,8 @@ METRICS = (
 )  # fmt: skip
 
 
-def figures(rollout: Rollout) -> dict[str, np.ndarray]:
-    """What of every episode the sheet itself finds, ``(N,)`` by key; see `agents.scores.scores`.
+def compute(rollout: Rollout) -> dict[str, np.ndarray]:
+    """Metrics that have no function of their own, ``(N,)`` by key.
 
     The unknown input is NaN where none is estimated, and so is the circle of an episode that flew less than half of it.
     """
@@ -125,4 +124,4 @@ def input_error(rollout: Rollout) -> np.ndarray:
     return rms(h["input_estimate"][delay:, :, 0] - true[: len(true) - delay], rollout.alive[delay:])
 
 
-register_scores(TurningCircle, METRICS, figures)
+register_metrics(TurningCircle, METRICS, compute)

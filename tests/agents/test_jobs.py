@@ -13,37 +13,37 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents.cells import Cell, Status, artifact_path, journal, load, pools, result_path, run, schedule, seconds_left
-from agents.cells import cell as cell_module
-from agents.cells.schedule import Clock
-from agents.cells.work import work
+from agents.jobs import Job, Status, artifact_path, journal, load, pools, result_path, run, schedule, seconds_left
+from agents.jobs import job as job_module
+from agents.jobs.schedule import Clock
+from agents.jobs.work import work
 
 HERE = Path(__file__).parent
 ENVIRONMENT = os.environ | {"PYTHONPATH": os.pathsep.join([str(HERE), str(HERE.parents[1])])}
 PATIENCE = 60  # seconds that a process may take for what takes it one
 
 
-def cell(name: str, needs: tuple[Cell, ...] = (), artifact: str = "", **arguments) -> Cell:
-    return Cell(f"cell_functions:{name}", arguments, name, needs, artifact)
+def job(name: str, needs: tuple[Job, ...] = (), artifact: str = "", **arguments) -> Job:
+    return Job(f"job_functions:{name}", arguments, name, needs, artifact)
 
 
-def study(seconds: float = 0.0, draws: int = 8) -> list[Cell]:
-    """Twelve cells, or more, in two waves, three of them with artifacts."""
-    written = tuple(cell("write", artifact=".bin", seed=seed, seconds=seconds) for seed in range(3))
-    return [*(cell("draw", seed=seed, seconds=seconds) for seed in range(draws)), cell("read", needs=written)]
+def study(seconds: float = 0.0, draws: int = 8) -> list[Job]:
+    """Twelve jobs, or more, in two waves, three of them with artifacts."""
+    written = tuple(job("write", artifact=".bin", seed=seed, seconds=seconds) for seed in range(3))
+    return [*(job("draw", seed=seed, seconds=seconds) for seed in range(draws)), job("read", needs=written)]
 
 
-def long_study() -> list[Cell]:
-    """44 cells that take a second and a half in all."""
+def long_study() -> list[Job]:
+    """44 jobs that take a second and a half in all."""
     return study(0.03, draws=40)
 
 
 def stored(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in (folder / "cells").iterdir()}
+    return {path.name: path.read_bytes() for path in (folder / "jobs").iterdir()}
 
 
 def leftovers(folder: Path) -> list[str]:
-    return [path.name for name in ("cells", "failed") for path in (folder / name).glob(".*")]
+    return [path.name for name in ("jobs", "failed") for path in (folder / name).glob(".*")]
 
 
 @pytest.fixture(scope="module")
@@ -54,22 +54,22 @@ def expected(tmp_path_factory) -> dict[str, bytes]:
     return stored(folder)
 
 
-# --- a cell -----------------------------------------------------------------------------------------
+# --- a job -----------------------------------------------------------------------------------------
 
 
 def test_a_key_depends_on_the_function_the_arguments_the_needs_and_the_package_version(monkeypatch):
-    first = cell("draw", seed=0)
-    assert first.key == cell("draw", seed=0).key
-    assert first.key == Cell(first.function, first.arguments, "by another name").key
-    others = [cell("draw", seed=1), cell("draw", seed=0.0), cell("echo", seed=0), cell("draw", (first,), seed=0)]
-    others.append(cell("draw", artifact=".zip", seed=0))
-    monkeypatch.setattr(cell_module, "_versions", lambda: {"vessel-gym": "0.0.0"})
-    others.append(cell("draw", seed=0))
+    first = job("draw", seed=0)
+    assert first.key == job("draw", seed=0).key
+    assert first.key == Job(first.function, first.arguments, "by another name").key
+    others = [job("draw", seed=1), job("draw", seed=0.0), job("echo", seed=0), job("draw", (first,), seed=0)]
+    others.append(job("draw", artifact=".zip", seed=0))
+    monkeypatch.setattr(job_module, "_versions", lambda: {"vessel-gym": "0.0.0"})
+    others.append(job("draw", seed=0))
     assert len({first.key, *(other.key for other in others)}) == 1 + len(others)
 
 
 def test_a_function_gets_what_the_key_is_made_of(tmp_path):
-    tuples, lists = cell("echo", a=(1, 2), b={1: 2}), cell("echo", a=[1, 2], b={"1": 2})
+    tuples, lists = job("echo", a=(1, 2), b={1: 2}), job("echo", a=[1, 2], b={"1": 2})
     assert tuples.key == lists.key
     assert run([tuples], tmp_path).values[tuples.key] == {
         "arguments": {"a": [1, 2], "b": {"1": 2}}, "types": ["list", "dict"],
@@ -78,11 +78,11 @@ def test_a_function_gets_what_the_key_is_made_of(tmp_path):
 
 def test_arguments_are_json_values():
     with pytest.raises(TypeError, match="not JSON serializable"):
-        _ = cell("echo", a=object()).key
+        _ = job("echo", a=object()).key
 
 
 def test_results_are_read_as_they_were_returned(tmp_path):
-    drawn = cell("draw", seed=3)
+    drawn = job("draw", seed=3)
     values = run([drawn], tmp_path).values[drawn.key]
     np.testing.assert_array_equal(values["values"], np.random.default_rng(3).normal(size=50))
     np.testing.assert_equal(load(drawn, tmp_path), values)
@@ -97,22 +97,22 @@ def test_what_is_stored_is_not_computed_again(tmp_path):
     again = run(study(), tmp_path)
     assert (first.computed, again.computed) == (12, 0)
     np.testing.assert_equal(again.values, first.values)
-    assert run([*study(), cell("draw", seed=8)], tmp_path).computed == 1
+    assert run([*study(), job("draw", seed=8)], tmp_path).computed == 1
 
 
-def test_a_cell_reads_the_artifacts_that_it_needs(tmp_path):
+def test_a_job_reads_the_artifacts_that_it_needs(tmp_path):
     *_, reading = study()
     values = run([reading], tmp_path).values[reading.key]
     assert values["bytes"] == [artifact_path(need, tmp_path).read_bytes().hex() for need in reading.needs]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("jobs", [1, 2])
-def test_a_cell_that_fails_stops_no_other_and_is_tried_again(tmp_path, jobs):
-    failing, lost, leaving = cell("fail", text="no luck"), cell("fail", artifact=".bin", text=""), cell("leave")
-    needing = cell("read", needs=(lost,))
+@pytest.mark.parametrize("processes", [1, 2])
+def test_a_job_that_fails_stops_no_other_and_is_tried_again(tmp_path, processes):
+    failing, lost, leaving = job("fail", text="no luck"), job("fail", artifact=".bin", text=""), job("leave")
+    needing = job("read", needs=(lost,))
     for _ in range(2):
-        outcome = run([failing, leaving, cell("nothing"), needing, *study()], tmp_path, jobs)
+        outcome = run([failing, leaving, job("nothing"), needing, *study()], tmp_path, processes)
         assert outcome.failures[failing.key].endswith("ValueError: no luck\n")
         assert "in fail" in outcome.failures[failing.key]
         assert outcome.failures[leaving.key].endswith("SystemExit: left\n")
@@ -126,10 +126,10 @@ def test_a_cell_that_fails_stops_no_other_and_is_tried_again(tmp_path, jobs):
 
 @pytest.mark.slow
 def test_processes_give_the_same_files_as_one_and_have_one_thread_and_all_modules_each(tmp_path, expected):
-    """Joblib ends a process, with a warning, that grows by 300 MB after its first cell: torch must be there before."""
-    threads, modules = cell("threads"), cell("loaded", modules=["colorsys"])
-    failing = Cell("colorsys:no_function", {}, needs=(modules,))
-    outcome = run([*long_study(), threads, failing], tmp_path, jobs=2)
+    """Joblib ends a process, with a warning, that grows by 300 MB after its first job: torch must be there before."""
+    threads, modules = job("threads"), job("loaded", modules=["colorsys"])
+    failing = Job("colorsys:no_function", {}, needs=(modules,))
+    outcome = run([*long_study(), threads, failing], tmp_path, processes=2)
     assert outcome.values[modules.key] == {"colorsys": True}
     assert "no_function" in outcome.failures[failing.key]
     assert {"torch", "stable_baselines3"} <= vars(import_module("agents.studies.training")).keys()
@@ -159,8 +159,8 @@ def test_a_shard_is_one_of_its_parts(tmp_path, shard):
 
 
 def test_jobs_are_counted_from_one(tmp_path):
-    with pytest.raises(ValueError, match="jobs must be at least 1"):
-        run(study(), tmp_path, jobs=0)
+    with pytest.raises(ValueError, match="processes must be at least 1"):
+        run(study(), tmp_path, processes=0)
 
 
 # --- progress ---------------------------------------------------------------------------------------
@@ -168,8 +168,8 @@ def test_jobs_are_counted_from_one(tmp_path):
 
 def test_progress_counts_to_the_end(tmp_path):
     seen: list[Status] = []
-    failing = cell("fail", text="", artifact=".bin")
-    run([*study(), cell("read", needs=(failing,))], tmp_path, progress=seen.append)
+    failing = job("fail", text="", artifact=".bin")
+    run([*study(), job("read", needs=(failing,))], tmp_path, progress=seen.append)
     assert [status.done + status.failed for status in seen] == list(range(15))
     assert {status.total for status in seen} == {14}
     assert seen[0].seconds_left is None
@@ -179,9 +179,9 @@ def test_progress_counts_to_the_end(tmp_path):
 @pytest.mark.slow
 def test_the_time_left_is_known_from_the_start_of_a_second_run(tmp_path):
     seen: list[Status] = []
-    run([cell("draw", seed=0, seconds=0.1)], tmp_path)
-    run([cell("draw", seed=seed, seconds=0.1) for seed in range(5)], tmp_path, progress=seen.append)
-    assert 0.4 <= seen[0].seconds_left < 1.0  # four cells of a tenth of a second and what storing takes
+    run([job("draw", seed=0, seconds=0.1)], tmp_path)
+    run([job("draw", seed=seed, seconds=0.1) for seed in range(5)], tmp_path, progress=seen.append)
+    assert 0.4 <= seen[0].seconds_left < 1.0  # four jobs of a tenth of a second and what storing takes
     lefts = [status.seconds_left for status in seen]
     assert lefts == sorted(lefts, reverse=True)
     assert lefts[-1] == 0.0
@@ -198,29 +198,27 @@ def test_the_time_left_is_known_from_the_start_of_a_second_run(tmp_path):
         ([[5.0, None]], 2, None),
     ],
 )
-def test_the_time_left_is_that_of_workers_who_take_the_longest_cell_first(waves, workers, seconds):
+def test_the_time_left_is_that_of_workers_who_take_the_longest_job_first(waves, workers, seconds):
     assert seconds_left(waves, workers) == seconds
 
 
 # --- damage -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "damage", [b"", b"{", b'{"cell": {}}', "another cell's", "values changed", "half", b"\xff\xfe"]
-)
+@pytest.mark.parametrize("damage", [b"", b"{", b'{"job": {}}', "another job's", "values changed", "half", b"\xff\xfe"])
 def test_a_damaged_or_foreign_result_is_set_aside_said_and_computed_again(tmp_path, damage):
-    drawn = cell("draw", seed=0)
-    run([drawn, cell("draw", seed=1)], tmp_path)
+    drawn = job("draw", seed=0)
+    run([drawn, job("draw", seed=1)], tmp_path)
     path, whole = result_path(drawn, tmp_path), result_path(drawn, tmp_path).read_bytes()
-    if damage == "another cell's":
-        damage = result_path(cell("draw", seed=1), tmp_path).read_bytes()
+    if damage == "another job's":
+        damage = result_path(job("draw", seed=1), tmp_path).read_bytes()
     elif damage == "values changed":
         damage = whole.replace(b'"seed": 0}', b'"seed": 1}', 1).replace(b'"seed": 0,', b'"seed": 1,')
         assert damage != whole
     elif damage == "half":
         damage = whole[: len(whole) // 2]
     path.write_bytes(damage)
-    outcome = run([drawn, cell("draw", seed=1)], tmp_path)
+    outcome = run([drawn, job("draw", seed=1)], tmp_path)
     assert outcome.computed == 1
     assert path.read_bytes() == whole
     (note,) = outcome.notes
@@ -240,7 +238,7 @@ WHOLE = b"a line"
 )
 @pytest.mark.parametrize("place", ["first", "last", "unended"])
 def test_a_bad_line_in_the_journal_stops_no_run_is_said_once_and_blanked(tmp_path, damage, place):
-    run([cell("draw", seed=0)], tmp_path)
+    run([job("draw", seed=0)], tmp_path)
     path = tmp_path / "journal.jsonl"
     [line] = path.read_bytes().splitlines()
     damage = damage.replace(WHOLE, line).replace(WHOLE[:-40], line[:-40])
@@ -248,17 +246,17 @@ def test_a_bad_line_in_the_journal_stops_no_run_is_said_once_and_blanked(tmp_pat
     if place == "last":
         path.write_bytes(path.read_bytes() + b"\n")
     assert len(journal(tmp_path)) == 1
-    outcome = run([cell("draw", seed=0), cell("draw", seed=1)], tmp_path)
+    outcome = run([job("draw", seed=0), job("draw", seed=1)], tmp_path)
     assert (outcome.computed, outcome.failures) == (1, {})
-    assert outcome.notes == [f"1 damaged line of {path} held no more than when a cell was computed: now blank"]
-    assert [each["key"] for each in journal(tmp_path)] == [cell("draw", seed=seed).key for seed in (0, 1)]
-    assert run([cell("draw", seed=0)], tmp_path).notes[1:] == []
+    assert outcome.notes == [f"1 damaged line of {path} held no more than when a job was computed: now blank"]
+    assert [each["key"] for each in journal(tmp_path)] == [job("draw", seed=seed).key for seed in (0, 1)]
+    assert run([job("draw", seed=0)], tmp_path).notes[1:] == []
     assert len(path.read_bytes().split()[0]) == len(line.split()[0])
     assert path.stat().st_size > 2 * len(line)
 
 
-def test_a_cell_reads_no_folder_and_asks_not_for_all_that_are_left(tmp_path, monkeypatch):
-    """What grew with the number of cells: of ten times as many, each costs the same."""
+def test_a_job_reads_no_folder_and_asks_not_for_all_that_are_left(tmp_path, monkeypatch):
+    """What grew with the number of jobs: of ten times as many, each costs the same."""
     calls = {"scans": 0, "asked": 0}
     glob, expected = Path.glob, Clock.expected
 
@@ -273,7 +271,7 @@ def test_a_cell_reads_no_folder_and_asks_not_for_all_that_are_left(tmp_path, mon
     monkeypatch.setattr(Clock, "expected", counted("asked", expected))
     monkeypatch.setattr(schedule.time, "monotonic", iter(np.arange(1e6) * 1e-6).__next__)
     seen = []
-    run([cell("echo", number=number) for number in range(300)], tmp_path, progress=seen.append)
+    run([job("echo", number=number) for number in range(300)], tmp_path, progress=seen.append)
     assert len(seen) == 301
     assert calls["scans"] <= 4
     assert calls["asked"] < 300 * 20
@@ -281,7 +279,7 @@ def test_a_cell_reads_no_folder_and_asks_not_for_all_that_are_left(tmp_path, mon
 
 @pytest.mark.parametrize("damage", [None, b"", b"other bytes"])
 def test_a_damaged_artifact_is_computed_again(tmp_path, damage):
-    written = cell("write", artifact=".bin", seed=0)
+    written = job("write", artifact=".bin", seed=0)
     run([written], tmp_path)
     before, path = stored(tmp_path), artifact_path(written, tmp_path)
     path.unlink()
@@ -294,16 +292,16 @@ def test_a_damaged_artifact_is_computed_again(tmp_path, damage):
 
 def test_unknown_files_and_results_of_other_versions_are_left_alone_and_said(tmp_path, monkeypatch):
     with monkeypatch.context() as patch:
-        patch.setattr(cell_module, "_versions", lambda: {"vessel-gym": "0.0.0"})
+        patch.setattr(job_module, "_versions", lambda: {"vessel-gym": "0.0.0"})
         run(study(), tmp_path)
-    (tmp_path / "cells" / "notes.txt").write_text("mine")
+    (tmp_path / "jobs" / "notes.txt").write_text("mine")
     before = stored(tmp_path)
     outcome = run(study(), tmp_path)
     assert outcome.computed == 12
     assert before.items() <= stored(tmp_path).items()
     assert outcome.notes == [
-        f"12 results in {tmp_path / 'cells'} are of other settings or versions: left alone",
-        f"{tmp_path / 'cells'} holds what is no result: notes.txt: left alone",
+        f"12 results in {tmp_path / 'jobs'} are of other settings or versions: left alone",
+        f"{tmp_path / 'jobs'} holds what is no result: notes.txt: left alone",
     ]
 
 
@@ -319,16 +317,16 @@ def test_a_full_disk_stops_the_run_in_one_sentence_and_what_was_finished_is_kept
         patch.setattr(os, "fsync", full)
         with pytest.raises(OSError, match="No space left on device; 4 of 12 are stored, and the same run goes on"):
             run(study(), tmp_path)
-    assert len(list((tmp_path / "cells").glob("*.json"))) == 4
+    assert len(list((tmp_path / "jobs").glob("*.json"))) == 4
     assert not leftovers(tmp_path)
     assert run(study(), tmp_path).computed == 8
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("jobs", [1, 2])
-def test_a_full_disk_inside_a_function_is_no_fault_of_the_cell(tmp_path, jobs):
+@pytest.mark.parametrize("processes", [1, 2])
+def test_a_full_disk_inside_a_function_is_no_fault_of_the_job(tmp_path, processes):
     with pytest.raises(OSError, match=r"^cannot store results in .*: No space left on device; \d+ of 13 are stored"):
-        run([*study(), cell("fill")], tmp_path, jobs)
+        run([*study(), job("fill")], tmp_path, processes)
     assert not list((tmp_path / "failed").iterdir())
     assert not leftovers(tmp_path)
 
@@ -341,11 +339,11 @@ def test_a_folder_that_cannot_be_is_one_sentence(tmp_path, place):
 
 
 def test_a_worker_with_other_code_or_another_folder_computes_nothing(tmp_path):
-    (tmp_path / "cells").mkdir()
+    (tmp_path / "jobs").mkdir()
     with pytest.raises(OSError, match="has other code of this package"):
-        work(cell("draw", seed=0), tmp_path, "the key there")
+        work(job("draw", seed=0), tmp_path, "the key there")
     with pytest.raises(OSError, match=f"does not see {tmp_path / 'elsewhere'}: all workers need the same folder"):
-        work(cell("draw", seed=0), tmp_path / "elsewhere", cell("draw", seed=0).key)
+        work(job("draw", seed=0), tmp_path / "elsewhere", job("draw", seed=0).key)
     assert not stored(tmp_path)
 
 
@@ -355,10 +353,10 @@ _RUN = """
 import signal
 import sys
 from pathlib import Path
-from agents.cells import run
-from test_cells import long_study
+from agents.jobs import run
+from test_jobs import long_study
 signal.signal(signal.SIGINT, signal.default_int_handler)  # what a shell starts in the background ignores it
-run(long_study(), Path(sys.argv[1]), jobs=2, progress=lambda status: print(status.done, flush=True))
+run(long_study(), Path(sys.argv[1]), processes=2, progress=lambda status: print(status.done, flush=True))
 """
 
 
@@ -382,9 +380,9 @@ def test_killed_at_random_moments_a_run_ends_as_if_it_had_not_been(tmp_path, exp
             if attempt % 2:
                 os.killpg(process.pid, signal.SIGKILL)
             else:
-                process.kill()  # its workers live on for a moment: the next run finds their cells locked
+                process.kill()  # its workers live on for a moment: the next run finds their jobs locked
         assert all(name.startswith(".") or expected[name] == data for name, data in stored(tmp_path).items())
-    before = len(list((tmp_path / "cells").glob("*.json")))
+    before = len(list((tmp_path / "jobs").glob("*.json")))
     outcome = run(long_study(), tmp_path)
     assert stored(tmp_path) == expected
     assert not leftovers(tmp_path)
@@ -403,16 +401,16 @@ def test_an_interrupt_leaves_results_and_no_process(tmp_path, expected):
         process.communicate(timeout=PATIENCE)  # ends when no worker holds the other end of the pipe any more
     assert process.returncode != 0
     assert not leftovers(tmp_path)
-    before = len(list((tmp_path / "cells").glob("*.json")))
+    before = len(list((tmp_path / "jobs").glob("*.json")))
     assert 3 <= before < 44
     assert run(long_study(), tmp_path).computed == 44 - before
     assert stored(tmp_path) == expected
 
 
 @pytest.mark.slow
-def test_a_cell_that_kills_its_process_stops_no_other_and_gets_a_second_chance(tmp_path):
-    killer, once = cell("die"), cell("die", beside=str(tmp_path / "once"))
-    outcome = run([killer, once, cell("draw", seed=0)], tmp_path, jobs=2)
+def test_a_job_that_kills_its_process_stops_no_other_and_gets_a_second_chance(tmp_path):
+    killer, once = job("die"), job("die", beside=str(tmp_path / "once"))
+    outcome = run([killer, once, job("draw", seed=0)], tmp_path, processes=2)
     cause = "the process that computed it was killed twice (SIGKILL(-9)), perhaps for want of memory"
     assert outcome.failures == {killer.key: cause}
     assert outcome.values[once.key] == {"alive": True}
@@ -458,7 +456,7 @@ def test_two_workers_of_a_cluster_give_the_same_files_though_one_is_killed(tmp_p
     assert stored(tmp_path) == expected
     keys = [line["key"] for line in journal(tmp_path)]
     assert len(keys) == len(set(keys))
-    outcome = run([cell("draw", seed=99), cell("fail", text="far away")], tmp_path, scheduler=address)
+    outcome = run([job("draw", seed=99), job("fail", text="far away")], tmp_path, scheduler=address)
     assert outcome.computed == 1
     assert [text.splitlines()[-1] for text in outcome.failures.values()] == ["ValueError: far away"]
     assert os.getpid() not in {line["process"] for line in journal(tmp_path)}
@@ -473,11 +471,11 @@ def test_a_scheduler_that_does_not_answer_is_one_sentence(tmp_path, monkeypatch)
 
 
 def test_what_killed_processes_had_begun_to_write_is_gone_after_the_next_run(tmp_path):
-    one, other = (Cell("cell_functions:write", {"seed": seed}, artifact=".bin") for seed in (1, 2))
-    (tmp_path / "cells").mkdir()
+    one, other = (Job("job_functions:write", {"seed": seed}, artifact=".bin") for seed in (1, 2))
+    (tmp_path / "jobs").mkdir()
     for key in (one.key, other.key, "0" * 32):
         for name in (f".{key}-1.json", f".{key}-1.bin", f"..{key}-1-1.bin"):  # the last is a temporary's temporary
-            (tmp_path / "cells" / name).write_bytes(b"the beg")
+            (tmp_path / "jobs" / name).write_bytes(b"the beg")
     run([one], tmp_path)
     assert not leftovers(tmp_path)
     assert load(one, tmp_path) is not None

@@ -1,4 +1,4 @@
-"""Running cells: what is missing is computed, in whatever order and place is best."""
+"""Running jobs: what is missing is computed, in whatever order and place is best."""
 
 from collections.abc import Callable, Iterable
 from contextlib import closing
@@ -6,18 +6,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from agents.cells.cell import Cell
-from agents.cells.pools import pool
-from agents.cells.schedule import Clock, Forecast, part, waves, with_needs
-from agents.cells.store import journal, load, mend_journal, set_aside, strangers, sweep
-from agents.cells.work import CannotStore
+from agents.jobs.job import Job
+from agents.jobs.pools import pool
+from agents.jobs.schedule import Clock, Forecast, part, waves, with_needs
+from agents.jobs.store import journal, load, mend_journal, set_aside, strangers, sweep
+from agents.jobs.work import CannotStore
 
 
 @dataclass
 class Outcome:
-    """Outcome of a run: values of cells by key, failures (traceback, or the reason for not trying) of the others.
+    """Outcome of a run: values of jobs by key, failures (traceback, or the reason for not trying) of the others.
 
-    ``computed`` counts the cells of this run; ``notes`` are for the user: files set aside, results of other versions.
+    ``computed`` counts the jobs of this run; ``notes`` are for the user: files set aside, results of other versions.
     """
 
     values: dict[str, dict[str, Any]] = field(default_factory=dict)
@@ -28,9 +28,9 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Status:
-    """Progress of a run, in cells, with the label of the one that ended last.
+    """Progress of a run, in jobs, with the label of the one that ended last.
 
-    ``seconds_left`` is an estimate: None before any cell of each function has been timed.
+    ``seconds_left`` is an estimate: None before any job of each function has been timed.
     """
 
     done: int
@@ -44,57 +44,57 @@ Progress = Callable[[Status], None]
 
 
 def run(
-    cells: Iterable[Cell],
+    jobs: Iterable[Job],
     folder: Path,
-    jobs: int = 1,
+    processes: int = 1,
     scheduler: str | None = None,
     shard: tuple[int, int] | None = None,
     progress: Progress | None = None,
 ) -> Outcome:
-    """Compute the cells that have no result yet.
+    """Compute the jobs that have no result yet.
 
-    A cell that fails does not stop the others; nor does one whose process is killed, which is tried once more, alone.
+    A job that fails does not stop the others; nor does one whose process is killed, which is tried once more, alone.
 
     Args:
-        cells: What is wanted; cells that others need are added.
+        jobs: What is wanted; jobs that others need are added.
         folder: Where the results are kept; made if it is not there.
-        jobs: Processes on this machine, with one thread each; 1: this process.
+        processes: Processes on this machine, with one thread each; 1: this process.
         scheduler: Address of a Dask scheduler whose workers compute instead; they must see the folder.
         shard: ``(i, n)``: only the i-th of n parts, counted from 1.
-        progress: Called at the start and after every cell.
+        progress: Called at the start and after every job.
 
     Returns:
-        Values of all cells that have some, with what failed.
+        Values of all jobs that have some, with what failed.
 
     Raises:
-        ValueError: for a number of jobs or a shard that makes no sense.
+        ValueError: for a number of processes or a shard that makes no sense.
         OSError: if the results cannot be written, e.g. on a full disk; what was finished is stored.
         ConnectionError: if there is no such scheduler, or its workers cannot compute.
     """
-    if jobs < 1:
-        raise ValueError(f"jobs must be at least 1, got {jobs}")
+    if processes < 1:
+        raise ValueError(f"processes must be at least 1, got {processes}")
     folder = Path(folder).resolve()
-    wanted = with_needs(cells)
+    wanted = with_needs(jobs)
     mine = wanted if shard is None else part(wanted, *shard)
     try:
-        for name in ("cells", "failed"):
+        for name in ("jobs", "failed"):
             (folder / name).mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OSError(f"cannot store results in {folder}: {error.strerror}") from None
     sweep(folder)
     outcome = Outcome(notes=mend_journal(folder))
-    for key, cell in wanted.items():
-        values = load(cell, folder)
+    for key, job in wanted.items():
+        values = load(job, folder)
         if values is None:
-            outcome.notes += set_aside(cell, folder)
+            outcome.notes += set_aside(job, folder)
         else:
             outcome.values[key] = values
     outcome.notes += strangers(wanted, folder)
-    missing = {key: cell for key, cell in mine.items() if key not in outcome.values}
+    missing = {key: job for key, job in mine.items() if key not in outcome.values}
     stored, begun = len(mine) - len(missing), len(outcome.values)
     clock = Clock(journal(folder))
-    left = [{cell.key: cell for cell in wave} for wave in waves(missing)]
-    forecast, workers = Forecast(clock, left), jobs
+    left = [{job.key: job for job in wave} for wave in waves(missing)]
+    forecast, workers = Forecast(clock, left), processes
 
     def report(label: str = "") -> None:
         if progress is not None:
@@ -104,20 +104,20 @@ def run(
     report()
     if not missing:
         return outcome
-    modules = sorted({cell.function.partition(":")[0] for cell in missing.values()})
+    modules = sorted({job.function.partition(":")[0] for job in missing.values()})
     try:
-        with pool(folder, jobs, scheduler, modules) as (compute, workers):
+        with pool(folder, processes, scheduler, modules) as (compute, workers):
             for wave in left:
                 ready = []
-                for cell in list(wave.values()):
-                    lost = [need for need in cell.needs if need.key not in outcome.values]
+                for job in list(wave.values()):
+                    lost = [need for need in job.needs if need.key not in outcome.values]
                     if lost:
                         name = lost[0].label or lost[0].key
-                        outcome.failures[cell.key] = f"not tried: it needs {name}, which has no result"
-                        del wave[cell.key]
-                        report(cell.label)
+                        outcome.failures[job.key] = f"not tried: it needs {name}, which has no result"
+                        del wave[job.key]
+                        report(job.label)
                     else:
-                        ready.append(cell)
+                        ready.append(job)
                 with closing(compute(clock.longest_first(ready))) as ends:
                     for key, values, failure, seconds in ends:
                         if values is None:

@@ -1,4 +1,4 @@
-"""What the cells of the tests compute."""
+"""What the jobs of the tests compute."""
 
 import errno
 import os

@@ -1,4 +1,4 @@
-"""What figures of an episode are made of: their description, root mean squares and consistency."""
+"""Metrics of an episode: their description, root mean squares and consistency."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -14,24 +14,23 @@ from estimators.angles import difference
 WITHOUT_COVARIANCE = ("truth", "measurement")
 """Estimators that claim no uncertainty of their own: their NEES means nothing."""
 
-
-Figure = Callable[[Rollout], np.ndarray]
+PerEpisode = Callable[[Rollout], np.ndarray]
 """One number of every episode of a rollout, ``(N,)``; NaN where there is none."""
 
 
 @dataclass(frozen=True)
 class Metric:
-    """A figure of an episode.
+    """A metric of an episode.
 
     Attributes:
-        key: its name in `scores` and in files.
-        label: its name in tables.
-        unit: empty where it has none.
+        key: Its name in `scores` and in files.
+        label: Its name in tables.
+        unit: Empty where it has none.
         better: ``"higher"``, ``"lower"``, ``"near 1"``, or ``""`` where it is not a matter of better.
-        decimals: digits worth printing.
-        meaning: one sentence.
-        yes_or_no: whether each episode has 0 or 100 % of it.
-        of: how it is found; None: by the function of its score sheet, along with others.
+        decimals: Digits to print.
+        meaning: One sentence.
+        yes_or_no: True if each episode has 0 or 100 % of it.
+        of: Computes it; None: the function registered with its task does, along with others.
     """
 
     key: str
@@ -41,10 +40,10 @@ class Metric:
     decimals: int
     meaning: str
     yes_or_no: bool = False
-    of: Figure | None = field(default=None, compare=False, repr=False)
+    of: PerEpisode | None = field(default=None, compare=False, repr=False)
 
 
-def rmse(*names: str, scale: float = 1.0) -> Figure:
+def rmse(*names: str, scale: float = 1.0) -> PerEpisode:
     """RMS error of the estimated state: of those of its components that have these names, together.
 
     NaN where the estimator has none of them.
@@ -62,8 +61,8 @@ def position_nees(*names: str) -> Metric:
     return Metric("position_nees", "Position NEES/n", "", "near 1", 2, meaning, of=partial(_nees, names=names))
 
 
-def ended(end: str) -> Figure:
-    """Whether an episode ended in these words, in %."""
+def ended(end: str) -> PerEpisode:
+    """Share of episodes that ended in these words [%]: 0 or 100 for each."""
     return partial(_ended, end=end)
 
 
@@ -130,7 +129,7 @@ def _right_sensor(rollout: Rollout) -> np.ndarray:
 
 
 def _noticed(rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
-    """How long after the first fault the first alarm comes, and whether it is of a sensor that has had one.
+    """Delay of the first alarm after the first fault, and a mask of those of a sensor that has had a fault.
 
     Seconds ``(N,)``, infinite where none comes, NaN where nothing is at fault; and ``(N,)``.
     """
@@ -146,7 +145,7 @@ def _noticed(rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _had(rollout: Rollout) -> np.ndarray:
-    """Which faults of sensors act, or have acted before ``(T + 1, N, faults)``."""
+    """Faults of sensors that act, or have acted before: mask ``(T + 1, N, faults)``."""
     acting = rollout.history.get("sensor_faults", np.zeros((*rollout.alive.shape, 0), bool))
     return np.asarray(np.logical_or.accumulate(acting))
 
@@ -190,7 +189,7 @@ UNHEALTHY = Metric(
 )  # fmt: skip
 
 
-WATCHED = (
+MONITORED = (
     Metric(
         "detected", "Detected", "%", "higher", 0, "Episodes in which an alarm follows the first fault of a sensor.",
         True, of=_detected,
@@ -208,11 +207,11 @@ WATCHED = (
         "Alarms an hour before there is any fault; one that lasts counts once.", of=_false_alarms,
     ),
 )  # fmt: skip
-"""What episodes are measured by beside their score sheet where a monitor watches."""
+"""Metrics of the alarms of a monitor of sensors."""
 
 
 def components(rollout: Rollout, *names: str) -> tuple[int, ...]:
-    """Which components of the estimated state have these names."""
+    """Indices of the components of the estimated state with these names."""
     return tuple(i for i, name in enumerate(core_of(rollout).composition.names) if name in names)
 
 

@@ -1,10 +1,9 @@
-"""What a dive was like: figures of each episode, from a rollout's truth and estimates."""
+"""Metrics of dives, from a rollout's truth and estimates."""
 
 import numpy as np
 
-from agents.metrics import Metric, at_end, core_of, ended, position_nees, rms, rmse, steps
+from agents.metrics import Metric, at_end, core_of, ended, position_nees, register_metrics, rms, rmse, steps
 from agents.rollouts import Rollout
-from agents.sheets import register_scores
 from vessel_gym.guidance.dive_path import follow, path_point
 from vessel_gym.tasks.dive import Dive
 
@@ -49,8 +48,8 @@ METRICS = (
 )  # fmt: skip
 
 
-def figures(rollout: Rollout) -> dict[str, np.ndarray]:
-    """What of every episode the sheet itself finds, ``(N,)`` by key; see `agents.scores.scores`."""
+def compute(rollout: Rollout) -> dict[str, np.ndarray]:
+    """Metrics that have no function of their own, ``(N,)`` by key."""
     task, h, alive = core_of(rollout).task, rollout.history, rollout.alive
     cross, normal = path_errors(rollout)
     course = h["reference"][0, :, 8:]
@@ -73,4 +72,4 @@ def path_errors(rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
     return where[..., 1], where[..., 2] / np.sqrt(1.0 + where[..., 4] ** 2)
 
 
-register_scores(Dive, METRICS, figures)
+register_metrics(Dive, METRICS, compute)

@@ -14,31 +14,31 @@ from typing import Any
 import numpy as np
 from filelock import FileLock, Timeout
 
-from agents.cells.cell import Cell, canonical
 from agents.files import replacing
+from agents.jobs.job import Job, canonical
 
 _RESULT = re.compile(r"[0-9a-f]{32}\.")
 _TEMPORARY = re.compile(r"\.+([0-9a-f]{32})-\d+")  # more dots: what a function writes has a temporary of its own
 
 
-def result_path(cell: Cell, folder: Path) -> Path:
-    """Where a cell's values are."""
-    return folder / "cells" / f"{cell.key}.json"
+def result_path(job: Job, folder: Path) -> Path:
+    """Where a job's values are."""
+    return folder / "jobs" / f"{job.key}.json"
 
 
-def artifact_path(cell: Cell, folder: Path) -> Path:
-    """Where a cell's artifact is."""
-    return folder / "cells" / f"{cell.key}{cell.artifact}"
+def artifact_path(job: Job, folder: Path) -> Path:
+    """Where a job's artifact is."""
+    return folder / "jobs" / f"{job.key}{job.artifact}"
 
 
-def load(cell: Cell, folder: Path) -> dict[str, Any] | None:
-    """The stored values of a cell; None if there are none, or what is there is not whole or not this cell's."""
+def load(job: Job, folder: Path) -> dict[str, Any] | None:
+    """The stored values of a job; None if there are none, or what is there is not whole or not this job's."""
     try:
-        stored = json.loads(result_path(cell, folder).read_bytes())
+        stored = json.loads(result_path(job, folder).read_bytes())
         whole = (
-            stored["cell"] == cell.description
+            stored["job"] == job.description
             and stored["values_sha256"] == hashlib.sha256(canonical(stored["values"])).hexdigest()
-            and stored["artifact_sha256"] == _artifact_digest(cell, folder)
+            and stored["artifact_sha256"] == _artifact_digest(job, folder)
         )
     except (OSError, ValueError, KeyError, TypeError):
         return None
@@ -46,7 +46,7 @@ def load(cell: Cell, folder: Path) -> dict[str, Any] | None:
 
 
 def journal(folder: Path) -> list[dict[str, Any]]:
-    """A line for each cell that was ever computed in a folder: label, times, host; timing, where there is one.
+    """A line for each job that was ever computed in a folder: label, times, host; timing, where there is one.
 
     Lines that are damaged are left out.
     """
@@ -72,7 +72,7 @@ def mend_journal(folder: Path) -> list[str]:
         with path.open("ab") as file:
             file.write(b"\n")
     lines = f"{damaged} damaged line{'s' if damaged > 1 else ''}"
-    return [f"{lines} of {path} held no more than when a cell was computed: now blank"] if damaged else []
+    return [f"{lines} of {path} held no more than when a job was computed: now blank"] if damaged else []
 
 
 def _journal_text(folder: Path) -> bytes:
@@ -99,36 +99,36 @@ def _journal_line(text: bytes) -> dict[str, Any] | None:
     return line if whole and all(0.0 <= line[name] < np.inf for name in ("seconds", "cpu_seconds")) else None
 
 
-def save(cell: Cell, folder: Path, values: dict[str, Any]) -> None:
-    """Store a cell's values; its artifact is there already."""
+def save(job: Job, folder: Path, values: dict[str, Any]) -> None:
+    """Store a job's values; its artifact is there already."""
     record = {
-        "cell": cell.description,
+        "job": job.description,
         "values": values,
         "values_sha256": hashlib.sha256(canonical(values)).hexdigest(),
-        "artifact_sha256": _artifact_digest(cell, folder),
+        "artifact_sha256": _artifact_digest(job, folder),
     }
-    with replacing(result_path(cell, folder)) as temporary, temporary.open("w", encoding="utf-8") as file:
+    with replacing(result_path(job, folder)) as temporary, temporary.open("w", encoding="utf-8") as file:
         json.dump(record, file)
         file.flush()
         os.fsync(file.fileno())
 
 
-def save_failure(cell: Cell, folder: Path, text: str) -> None:
-    """Store why a cell has no result."""
-    record = {"cell": cell.description, "label": cell.label, "traceback": text}
-    with replacing(failure_path(cell, folder)) as temporary:
+def save_failure(job: Job, folder: Path, text: str) -> None:
+    """Store why a job has no result."""
+    record = {"job": job.description, "label": job.label, "traceback": text}
+    with replacing(failure_path(job, folder)) as temporary:
         temporary.write_text(json.dumps(record, indent=1), encoding="utf-8")
 
 
-def failure_path(cell: Cell, folder: Path) -> Path:
-    """Where a cell's failure is."""
-    return folder / "failed" / f"{cell.key}.json"
+def failure_path(job: Job, folder: Path) -> Path:
+    """Where a job's failure is."""
+    return folder / "failed" / f"{job.key}.json"
 
 
-def note(cell: Cell, folder: Path, seconds: float, cpu_seconds: float, timing: Any = None) -> None:
+def note(job: Job, folder: Path, seconds: float, cpu_seconds: float, timing: Any = None) -> None:
     """Add a line to the journal, in one write: lines of several processes do not mix."""
     line = {
-        "key": cell.key, "label": cell.label, "function": cell.function, "seconds": round(seconds, 3),
+        "key": job.key, "label": job.label, "function": job.function, "seconds": round(seconds, 3),
         "cpu_seconds": round(cpu_seconds, 3), "host": platform.node(), "process": os.getpid(),
         "finished": datetime.now().astimezone().isoformat(timespec="seconds"),
     } | ({} if timing is None else {"timing": timing})  # fmt: skip
@@ -139,8 +139,8 @@ def note(cell: Cell, folder: Path, seconds: float, cpu_seconds: float, timing: A
         os.close(handle)
 
 
-def _artifact_digest(cell: Cell, folder: Path) -> str | None:
-    return hashlib.sha256(artifact_path(cell, folder).read_bytes()).hexdigest() if cell.artifact else None
+def _artifact_digest(job: Job, folder: Path) -> str | None:
+    return hashlib.sha256(artifact_path(job, folder).read_bytes()).hexdigest() if job.artifact else None
 
 
 def plain(values: Any) -> Any:
@@ -156,46 +156,46 @@ def plain(values: Any) -> Any:
 
 @contextmanager
 def lock(key: str, folder: Path, timeout: float = -1) -> Iterator[None]:
-    """Nobody else works on the cell with this key meanwhile; `filelock.Timeout` if that takes too long [s]."""
+    """Nobody else works on the job with this key meanwhile; `filelock.Timeout` if that takes too long [s]."""
     path = folder / ".locks" / f"{key}.lock"
     path.parent.mkdir(exist_ok=True)
     with FileLock(path, timeout=timeout):
         yield
 
 
-def set_aside(cell: Cell, folder: Path) -> list[str]:
+def set_aside(job: Job, folder: Path) -> list[str]:
     """Move what is in the place of a result, but is none, out of the way; say so."""
-    path = result_path(cell, folder)
+    path = result_path(job, folder)
     if not path.exists():
         return []
-    with lock(cell.key, folder):
-        if load(cell, folder) is not None or not path.exists():
+    with lock(job.key, folder):
+        if load(job, folder) is not None or not path.exists():
             return []  # another run was faster
         aside = folder / "set-aside" / f"{datetime.now():%Y%m%dT%H%M%S.%f}"
         aside.mkdir(parents=True)
-        for file in {path, artifact_path(cell, folder)}:
+        for file in {path, artifact_path(job, folder)}:
             if file.exists():
                 file.replace(aside / file.name)
         return [f"the result {path.name} was damaged or not ours: it now is in {aside}, and is computed again"]
 
 
-def strangers(wanted: Mapping[str, Cell], folder: Path) -> list[str]:
+def strangers(wanted: Mapping[str, Job], folder: Path) -> list[str]:
     """What else lies among the results."""
-    names = [path.name for path in (folder / "cells").iterdir() if path.stem not in wanted and path.name[0] != "."]
+    names = [path.name for path in (folder / "jobs").iterdir() if path.stem not in wanted and path.name[0] != "."]
     unknown = sorted(name for name in names if not _RESULT.match(name))
     others = len({name.partition(".")[0] for name in names} - {name.partition(".")[0] for name in unknown})
     notes = []
     if others:
-        notes.append(f"{others} results in {folder / 'cells'} are of other settings or versions: left alone")
+        notes.append(f"{others} results in {folder / 'jobs'} are of other settings or versions: left alone")
     if unknown:
-        notes.append(f"{folder / 'cells'} holds what is no result: {', '.join(unknown)}: left alone")
+        notes.append(f"{folder / 'jobs'} holds what is no result: {', '.join(unknown)}: left alone")
     return notes
 
 
 def sweep(folder: Path) -> None:
     """Remove what killed processes had begun to write, but not what somebody is writing now."""
     begun: dict[str, list[Path]] = {}
-    for name in ("cells", "failed"):
+    for name in ("jobs", "failed"):
         for path in (folder / name).glob(".*"):
             if match := _TEMPORARY.match(path.name):
                 begun.setdefault(match[1], []).append(path)

@@ -1,4 +1,4 @@
-"""A cell of work: a pure function, its arguments, and the key that both and their code give."""
+"""A job of work: a pure function, its arguments, and the key that both and their code give."""
 
 import hashlib
 import json
@@ -17,22 +17,22 @@ LIBRARIES = ("numpy", "scipy", "llvmlite")
 
 
 @dataclass(frozen=True, eq=False)
-class Cell:
+class Job:
     """A pure function and everything that its result depends on.
 
     Attributes:
         function: ``"module:name"``. It is called with the arguments and returns values by name: JSON values or arrays
             of numbers. A value named ``timing`` depends on the machine: it goes to the journal, not to the result.
         arguments: Keyword arguments, JSON values. The function gets what JSON makes of them: lists for tuples.
-        label: What it is, for people. Cells with the same label take about the same time.
-        needs: Cells whose artifacts the function reads; it gets their paths as ``needs``.
+        label: What it is, for people. Jobs with the same label take about the same time.
+        needs: Jobs whose artifacts the function reads; it gets their paths as ``needs``.
         artifact: Suffix of a file that the function writes beside its values; it gets the path as ``artifact``.
     """
 
     function: str
     arguments: dict[str, Any]
     label: str = ""
-    needs: tuple["Cell", ...] = ()
+    needs: tuple["Job", ...] = ()
     artifact: str = ""
 
     @cached_property
@@ -45,7 +45,7 @@ class Cell:
         described = {
             "function": self.function,
             "arguments": self.arguments,
-            "needs": [cell.key for cell in self.needs],
+            "needs": [job.key for job in self.needs],
             "artifact": self.artifact,
             "versions": _versions(),
             "source": source_digest(self.function.partition(":")[0]),

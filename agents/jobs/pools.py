@@ -1,4 +1,4 @@
-"""Where cells are computed: in this process, in others of this machine, or on a Dask cluster."""
+"""Where jobs are computed: in this process, in others of this machine, or on a Dask cluster."""
 
 import os
 import re
@@ -14,9 +14,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from agents.cells.cell import Cell
-from agents.cells.store import save_failure
-from agents.cells.work import CannotStore, End, work
+from agents.jobs.job import Job
+from agents.jobs.store import save_failure
+from agents.jobs.work import CannotStore, End, work
 from agents.source import source_digest
 from vessel_gym.extras import require
 
@@ -30,78 +30,78 @@ _Ends = Generator[End, None, None]
 
 @contextmanager
 def pool(
-    folder: Path, jobs: int, scheduler: str | None, modules: Sequence[str] = ()
-) -> Iterator[tuple[Callable[[Sequence[Cell]], _Ends], int]]:
-    """What computes cells of functions in ``modules``, and yields their ends as they come, and how many at once."""
+    folder: Path, processes: int, scheduler: str | None, modules: Sequence[str] = ()
+) -> Iterator[tuple[Callable[[Sequence[Job]], _Ends], int]]:
+    """What computes jobs of functions in ``modules``, and yields their ends as they come, and how many at once."""
     if scheduler is not None:
         with _client(scheduler) as client:
             yield partial(_on_cluster, folder, client), sum(client.nthreads().values())
-    elif jobs > 1:
-        yield partial(_in_processes, folder, jobs, tuple(modules)), jobs
+    elif processes > 1:
+        yield partial(_in_processes, folder, processes, tuple(modules)), processes
     else:
         yield partial(_here, folder), 1
 
 
-def _here(folder: Path, cells: Sequence[Cell]) -> _Ends:
-    yield from (work(cell, folder, cell.key) for cell in cells)
+def _here(folder: Path, jobs: Sequence[Job]) -> _Ends:
+    yield from (work(job, folder, job.key) for job in jobs)
 
 
-def _in_processes(folder: Path, jobs: int, modules: tuple[str, ...], cells: Sequence[Cell]) -> _Ends:
+def _in_processes(folder: Path, processes: int, modules: tuple[str, ...], jobs: Sequence[Job]) -> _Ends:
     require("joblib")
     from joblib import Parallel, parallel_config
     from joblib.externals.loky.process_executor import TerminatedWorkerError
 
-    left = {cell.key: cell for cell in cells}
+    left = {job.key: job for job in jobs}
     with parallel_config(backend="loky", inner_max_num_threads=1, initializer=_begin, initargs=(os.getpid(), modules)):
-        processes = min(jobs, max(len(cells), 2))  # with one, joblib would compute here
+        processes = min(processes, max(len(jobs), 2))  # with one, joblib would compute here
         parallel = Parallel(processes, return_as="generator_unordered", batch_size=1)
     try:
-        with _dispatched(parallel, folder, cells) as ends:
+        with _dispatched(parallel, folder, jobs) as ends:
             for end in ends:
                 del left[end.key]
                 yield end
     except TerminatedWorkerError:
         pass  # a process was killed, and joblib ended the others with it
-    for at_once in (jobs, 1):  # the second time alone: it has all the memory there is
+    for at_once in (processes, 1):  # the second time alone: it has all the memory there is
         with closing(_apart(folder, at_once, list(left.values()))) as tries:
-            for cell, result, cause in tries:
+            for job, result, cause in tries:
                 if result is not None:
-                    del left[cell.key]
+                    del left[job.key]
                     yield result
                 elif at_once == 1:
-                    yield _killed(cell, folder, f"the process that computed it was killed twice ({cause})")
+                    yield _killed(job, folder, f"the process that computed it was killed twice ({cause})")
 
 
-def _apart(folder: Path, at_once: int, cells: Sequence[Cell]) -> Generator[tuple[Cell, End | None, str], None, None]:
-    """Each cell in a process of its own: its end, or else what ended the process."""
+def _apart(folder: Path, at_once: int, jobs: Sequence[Job]) -> Generator[tuple[Job, End | None, str], None, None]:
+    """Each job in a process of its own: its end, or else what ended the process."""
     from concurrent.futures import FIRST_COMPLETED, Future, wait
 
     from joblib.externals.loky.process_executor import ProcessPoolExecutor, TerminatedWorkerError
 
-    left, running = deque(cells), dict[Future[End], tuple[Cell, ProcessPoolExecutor]]()
+    left, running = deque(jobs), dict[Future[End], tuple[Job, ProcessPoolExecutor]]()
     try:
         while left or running:
             while left and len(running) < at_once:
-                cell = left.popleft()
+                job = left.popleft()
                 process = ProcessPoolExecutor(1, initializer=_begin, initargs=(os.getpid(),), env=_ONE_THREAD)
-                running[process.submit(work, cell, folder, cell.key)] = cell, process
+                running[process.submit(work, job, folder, job.key)] = job, process
             for future in wait(running, return_when=FIRST_COMPLETED).done:
-                cell, process = running.pop(future)
+                job, process = running.pop(future)
                 process.shutdown()
                 try:
-                    yield cell, future.result(), ""
+                    yield job, future.result(), ""
                 except TerminatedWorkerError as error:
                     codes = re.search(r"\{(.*)\}", str(error))  # e.g. SIGKILL(-9)
-                    yield cell, None, codes[1] if codes else "nobody knows how"
+                    yield job, None, codes[1] if codes else "nobody knows how"
     finally:
         for _, process in running.values():
             process.shutdown(kill_workers=True)
 
 
 def _begin(parent: int, modules: tuple[str, ...] = ()) -> None:
-    """End this process soon after its parent, which may be killed before it can stop it, and import what cells need.
+    """End this process soon after its parent, which may be killed before it can stop it, and import what jobs need.
 
-    Loky ends a worker, with a warning, that has grown by 300 MB since its first cell. Torch alone is half of that.
+    Loky ends a worker, with a warning, that has grown by 300 MB since its first job. Torch alone is half of that.
     """
 
     def watch() -> None:
@@ -111,33 +111,33 @@ def _begin(parent: int, modules: tuple[str, ...] = ()) -> None:
 
     threading.Thread(target=watch, daemon=True).start()
     for module in modules:
-        with suppress(Exception):  # the cell that needs it says why it fails
+        with suppress(Exception):  # the job that needs it says why it fails
             import_module(module)
 
 
-def _killed(cell: Cell, folder: Path, text: str) -> End:
+def _killed(job: Job, folder: Path, text: str) -> End:
     failure = f"{text}, perhaps for want of memory"
-    save_failure(cell, folder, failure)
-    return End(cell.key, None, failure)
+    save_failure(job, folder, failure)
+    return End(job.key, None, failure)
 
 
-def _on_cluster(folder: Path, client: Any, cells: Sequence[Cell]) -> _Ends:
+def _on_cluster(folder: Path, client: Any, jobs: Sequence[Job]) -> _Ends:
     from joblib import Parallel
 
     parallel = Parallel(-1, _dask_backend(client), return_as="generator_unordered", pre_dispatch="all", batch_size=1)
-    killed: list[Cell] = []
+    killed: list[Job] = []
     try:
-        with _dispatched(parallel, folder, cells) as ends:
+        with _dispatched(parallel, folder, jobs) as ends:
             for end in ends:
-                if isinstance(end, Cell):
+                if isinstance(end, Job):
                     killed.append(end)
                 else:
                     yield end
-        for cell in killed:  # alone: Dask blames all that were on a worker
-            with _dispatched(parallel, folder, [cell]) as ends:
+        for job in killed:  # alone: Dask blames all that were on a worker
+            with _dispatched(parallel, folder, [job]) as ends:
                 for end in ends:
                     text = "every worker that computed it was killed"
-                    yield _killed(cell, folder, text) if isinstance(end, Cell) else end
+                    yield _killed(job, folder, text) if isinstance(end, Job) else end
     except CannotStore:
         raise
     except Exception as error:
@@ -147,7 +147,7 @@ def _on_cluster(folder: Path, client: Any, cells: Sequence[Cell]) -> _Ends:
 def _dask_backend(client: Any) -> Any:
     """Joblib's backend for Dask, which would wait for ever for a task that ended without a result.
 
-    This one tells joblib of the error; if all the workers of a cell were killed, the cell itself comes instead of its
+    This one tells joblib of the error; if all the workers of a job were killed, the job itself comes instead of its
     end.
     """
     from distributed import KilledWorker
@@ -161,8 +161,8 @@ def _dask_backend(client: Any) -> Any:
             def tell(future: Any) -> None:
                 error = future.exception()
                 if isinstance(error, KilledWorker):
-                    ((_, (cell, _, _), _),) = func.items
-                    callback([cell])
+                    ((_, (job, _, _), _),) = func.items
+                    callback([job])
                 elif error is not None:
                     callback(error)
 
@@ -179,16 +179,16 @@ def _dask_backend(client: Any) -> Any:
 
 
 @contextmanager
-def _dispatched(parallel: Any, folder: Path, cells: Sequence[Cell]) -> Iterator[Iterator[Any]]:
-    """The ends of cells that joblib was given; when left early, the processes that compute are stopped."""
+def _dispatched(parallel: Any, folder: Path, jobs: Sequence[Job]) -> Iterator[Iterator[Any]]:
+    """The ends of jobs that joblib was given; when left early, the processes that compute are stopped."""
     from joblib import delayed
 
-    ends = parallel(delayed(work)(cell, folder, cell.key) for cell in cells)
+    ends = parallel(delayed(work)(job, folder, job.key) for job in jobs)
     try:
         yield ends
     finally:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # that some cells were not computed, and that one could dispatch fewer
+            warnings.simplefilter("ignore")  # that some jobs were not computed, and that one could dispatch fewer
             ends.close()
 
 

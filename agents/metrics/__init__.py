@@ -1,0 +1,160 @@
+"""Metrics of episodes, registered by kind of task.
+
+Every task has a score, a return, steps, the error of an estimated unknown input, NEES and failed updates. A task adds
+what it is about; without that, it is also measured by how well each component of the state was estimated.
+"""
+
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from agents.metrics.metric import (
+    INPUT,
+    MONITORED,
+    NEES,
+    RETURN,
+    SCORE,
+    STEPS,
+    UNHEALTHY,
+    WITHOUT_COVARIANCE,
+    Metric,
+    at_end,
+    components,
+    consistency,
+    core_of,
+    ended,
+    nees_of,
+    nis_consistency,
+    position_nees,
+    rms,
+    rmse,
+    steps,
+)
+from agents.rollouts import Rollout
+from agents.statistics import Interval, crossed_interval, share_interval
+from vessel_gym.estimation import build, chosen_disturbance
+from vessel_gym.registry import Registry
+from vessel_gym.system import System
+
+__all__ = [
+    "MONITORED", "NEES", "SCORE", "UNHEALTHY", "WITHOUT_COVARIANCE", "Metric", "at_end", "components", "consistency",
+    "core_of", "ended", "mean", "metrics", "nees_of", "nis_consistency", "position_nees", "register_metrics", "rms",
+    "rmse", "scores", "steps",
+]  # fmt: skip
+
+Computation = Callable[[Rollout], dict[str, np.ndarray]]
+"""Several metrics of every episode of a rollout, ``(N,)`` by key."""
+
+
+@dataclass(frozen=True)
+class TaskMetrics:
+    """Metrics of a kind of task, in the order in which tables show them.
+
+    Attributes:
+        metrics: All of them.
+        compute: Those that have no ``of``; None if all have one.
+    """
+
+    metrics: tuple[Metric, ...]
+    compute: Computation | None = None
+
+
+def _ours() -> None:
+    from agents.metrics import dive, flight, track, turning  # noqa: F401
+
+
+TASK_METRICS: Registry[TaskMetrics] = Registry("metrics", _ours)
+
+
+def register_metrics(task_type: type, metrics: Sequence[Metric], compute: Computation | None = None) -> None:
+    """Register the metrics of a kind of task; subclasses inherit them.
+
+    Args:
+        task_type: The class of the task.
+        metrics: Beside score, return, steps, the input's error, NEES and failed updates, which every task has; one with
+            the key ``"steps"`` or ``"input_rmse"`` replaces these.
+        compute: The metrics that have no ``of``: a function of a `Rollout` that returns ``(N,)`` by key.
+
+    Raises:
+        TypeError: for a task type that is no class, or metrics that are none.
+        ValueError: for a metric without a computation, two metrics of one key, or metrics registered elsewhere.
+    """
+    metrics = tuple(metrics)
+    if not all(isinstance(m, Metric) for m in metrics):
+        raise TypeError(f"a task is registered with objects of the class Metric, got {metrics!r}")
+    for m in metrics:
+        if m.of is None and compute is None:
+            raise ValueError(f"nothing computes {m.key!r}: give the metric an `of`, or register_metrics a function")
+    own = [m.key for m in metrics]
+    steps, inputs = (() if m.key in own else (m,) for m in (STEPS, INPUT))
+    every = (SCORE, RETURN, *steps, *metrics, *inputs, NEES, UNHEALTHY)
+    keys = [m.key for m in every]
+    if len(set(keys)) < len(keys):
+        raise ValueError(f"the metrics of a task need keys of their own, got {', '.join(keys)}")
+    TASK_METRICS.register(task_type, TaskMetrics(every, compute), sys._getframe(1).f_globals.get("__name__", ""))
+
+
+def metrics(system: System) -> tuple[Metric, ...]:
+    """Metrics of a system's task, in the order in which tables show them."""
+    return _of_task(system).metrics
+
+
+def scores(rollout: Rollout) -> dict[str, np.ndarray]:
+    """Every metric of every episode, ``(N,)`` by key; with a monitor of sensors, its alarms' metrics, too.
+
+    Only times that an episode lived through count. A metric that an episode or an estimator does not have is NaN, such
+    as NEES without a covariance.
+
+    Raises:
+        ValueError: if the rollout kept no history, or is not of an environment with an estimator in the loop.
+        TypeError: for what is no rollout.
+    """
+    if not isinstance(rollout, Rollout):
+        raise TypeError(f"scores are those of a rollout, got {rollout!r}")
+    if not hasattr(rollout.env.unwrapped, "core"):
+        raise ValueError(f"{rollout.env_id} has no estimator in the loop, so its flights have no such metrics")
+    if not rollout.history:
+        raise ValueError("scores need the history of a rollout: fly it with record=True")
+    task = _of_task(rollout.env.unwrapped.core.system)
+    computed = {} if task.compute is None else task.compute(rollout)
+    every = (*task.metrics, *(MONITORED if "alarms" in rollout.history else ()))
+    return {m.key: computed[m.key] if m.of is None else m.of(rollout) for m in every}
+
+
+def mean(metric: Metric, values: np.ndarray) -> Interval | None:
+    """Mean of a metric ``(runs, seeds)`` with its 95 % interval; seeds that lack it in a run are left out.
+
+    Shares of the episodes of one agent have Clopper and Pearson's interval.
+    """
+    values = values[:, np.isfinite(values).all(axis=0)]
+    if metric.yes_or_no and len(values) == 1 and values.size:
+        share = share_interval(int(np.count_nonzero(values)), values.size)
+        return Interval(100.0 * share.mean, 100.0 * share.low, 100.0 * share.high)
+    return crossed_interval(values) if values.size else None
+
+
+def _of_task(system: System) -> TaskMetrics:
+    """Registered metrics of a system's task; without any, those of every task and every estimate."""
+    found = TASK_METRICS.of(system.task)
+    if found:
+        return found[""]
+    errors = (
+        Metric(
+            f"{name.replace(' ', '_')}_rmse", name, "", "lower", 4, f"RMS error of the estimated {name} [SI].",
+            of=rmse(name),
+        )
+        for name in _estimated(system)
+    )  # fmt: skip
+    return TaskMetrics((SCORE, RETURN, STEPS, *errors, INPUT, NEES, UNHEALTHY))
+
+
+def _estimated(system: System) -> tuple[str, ...]:
+    """Components that filters estimate by default under every disturbance: the vehicle's, and its sensors' biases."""
+    widest, sensors = {"model": system.vehicle.kinds[0]}, system.sensors_of("nominal")
+    disturbances = (chosen_disturbance(system, name) for name in system.disturbances)
+    first, *others = (
+        build(system, "dead-reckoning", widest, sensors, acting).composition.names for acting in disturbances
+    )
+    return tuple(name for name in first if all(name in names for names in others))
