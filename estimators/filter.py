@@ -22,7 +22,7 @@ from estimators.checks import as_array, as_mask, frozen, shown
 from estimators.engine import tracer
 from estimators.engine.compiled import given
 from estimators.engine.foreign import Inspection
-from estimators.engine.function import LANES, Argument, Function
+from estimators.engine.function import Argument, Function
 from estimators.engine.matrices import MatrixTracer, is_traced, matrix, matrix_input
 from estimators.engine.program import Program
 from estimators.linalg import (
@@ -47,7 +47,6 @@ from estimators.recovery import (
     recovered,
     regular_noise,
 )
-from estimators.threads import FEWEST, each, shares
 from estimators.varying import StateNoise, noise_at, resolve
 
 Rng = Numbers | np.random.Generator | None
@@ -474,10 +473,11 @@ class Filter(ABC, Generic[Record]):
         batch, own = packed.shape[:-1], in_rows(packed)
         keys, step = self._words(rng, batch) if self.random else (own, own)
         out, doubtful = np.empty((len(own), traced.layout.width)), np.empty((len(own), 1), bool)
-        self._run(
-            traced.function, own, own if u is None else in_rows(u), own if y is None else in_rows(y),
+        traced.function(
+            len(own), 0, own, own if u is None else in_rows(u), own if y is None else in_rows(y),
             _all(len(own), self.model.p) if available is None else in_rows(available),
             in_rows(traced.results(belief, u, R, batch)) if traced.callbacks else own, keys, step, out, doubtful,
+            threads=self._threads,
         )  # fmt: skip
         out = out if len(batch) == 1 else out.reshape(*batch, out.shape[-1])
         updated: Any = self.record.looked_at(out, traced.layout, belief.prior_mean, belief.prior_cov, u)
@@ -538,18 +538,6 @@ class Filter(ABC, Generic[Record]):
         object.__setattr__(beliefs[0], "recovery", belief.recovery)
         return beliefs[:-1], beliefs[-1]
 
-    def _run(self, function: Function, *arrays: np.ndarray) -> None:
-        """Execute a program on arrays of rows, of which threads take their shares."""
-        if self._threads == 1:
-            function(len(arrays[-1]), 0, *arrays)
-            return
-
-        def part(rows: slice) -> None:
-            function(rows.stop - rows.start, 0, *(array[rows] for array in arrays))
-
-        fewest = LANES if function.layout.size > _LARGE else FEWEST
-        each(part, shares(len(arrays[-1]), self._threads, fewest), self._threads)
-
     def _by_rows(self, formula: Callable[..., Any], *matrices: np.ndarray) -> Any:
         """A formula of matrices ``(..., n, m)``, compiled where the filter's own are.
 
@@ -563,7 +551,7 @@ class Filter(ABC, Generic[Record]):
             traced = self._programs[formula.__name__, sizes] = _formula(formula, sizes)
         rows = [in_rows(matrix.reshape(*batch, math.prod(size))) for matrix, size in zip(matrices, sizes, strict=True)]
         out = np.empty((len(rows[0]), traced.layout.width))
-        self._run(traced.function, *rows, out)
+        traced.function(len(out), 0, *rows, out, threads=self._threads)
         results = tuple(out[own].reshape(batch + shape) for own, shape in traced.layout.cuts.values())
         return results if len(results) > 1 else results[0]
 
@@ -778,8 +766,6 @@ def _all(rows: int, readings: int) -> np.ndarray:
     return np.ones((rows, readings), bool)
 
 
-_LARGE = 1 << 11
-"""Entries of a program's matrices, as of ensembles, above which few rows are worth a thread."""
 _Question = Callable[[Any, Any, Any], Any]
 _ANSWERS = {"_moved": (1, 2), "_linearise": (1, 2, 2), "_moving_G": (2,), "_moved_members": (2,), "_expected": (2,)}
 """Axes of what these methods say of a row."""

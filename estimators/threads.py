@@ -7,19 +7,23 @@ from contextvars import copy_context
 from functools import cache
 from typing import TypeVar
 
-from estimators.engine.function import LANES
-
 Result = TypeVar("Result")
-FEWEST = 256
-"""Rows that are worth a thread: waking it costs some 20 us."""
+WORTH = 2_000_000
+"""Operations that are worth a thread: they take some 100 us, and waking it 20."""
 
 
-@cache
-def shares(rows: int, threads: int, fewest: int = FEWEST) -> tuple[slice, ...]:
-    """Slices of the rows, whole vectors of the engine, about as many in each: one a thread, or fewer of few rows."""
-    count = max(1, min(threads, rows // fewest))
-    cuts = [*(rows * i // count // LANES * LANES for i in range(count)), rows]
-    return tuple(map(slice, cuts[:-1], cuts[1:]))
+def shares(rows: int, threads: int, operations: int, lanes: int = 1) -> list[slice]:
+    """Slices of the rows, one a thread, or fewer where little is computed.
+
+    Args:
+        rows: How many.
+        threads: At most so many slices.
+        operations: That a row takes.
+        lanes: Slices begin at multiples of this number.
+    """
+    count = max(1, min(threads, rows * operations // WORTH, rows // lanes))
+    cuts = [*(rows * i // count // lanes * lanes for i in range(count)), rows]
+    return list(map(slice, cuts[:-1], cuts[1:]))
 
 
 def each(work: Callable[[slice], Result], parts: Sequence[slice], threads: int) -> list[Result]:

@@ -13,7 +13,6 @@ from estimators import Belief, Filter, Gaussian, Numbers
 from estimators.checks import shown
 from estimators.engine import as_word, compiled
 from estimators.linalg import shared_root
-from estimators.threads import each, shares
 from estimators.threefry import four_normals, threefry, two_uniforms
 from vessel_gym.arrivals import Readings
 from vessel_gym.checks import numbers
@@ -132,7 +131,6 @@ class Core:
                 getattr(self, name).attach(self.sensors, estimation)
             else:
                 setattr(self, name, Loop(self.sensors, estimation, self.num_envs))
-        self._parts = shares(self.num_envs, self.num_threads)
 
     def _trace(self) -> None:
         """Make one program of the world and one of the task where users' functions in them can be traced."""
@@ -393,11 +391,7 @@ class Core:
     def _moved(self) -> Sequence[np.ndarray]:
         """What `World.step` gives; users' functions are checked."""
         world, arrays = self.config.world, self._moving()
-        if len(self._parts) == 1 or not world.whole:  # NumPy may round otherwise in a part of the rows
-            moved = world.step(*arrays)
-        else:
-            parts = each(lambda rows: world.step(*(a[rows] for a in arrays)), self._parts, self.num_threads)
-            moved = tuple(map(np.concatenate, zip(*parts, strict=True)))
+        moved = world.step(*arrays, threads=self.num_threads) if world.whole else world.step(*arrays)
         if not world.users:
             return moved
         if world.whole and not moved[-1].all():
@@ -418,7 +412,7 @@ class Core:
     def _scored(self) -> np.ndarray:
         """The reward ``(B,)`` of a step; reference, end and score state follow, and the observation if it is guided."""
         mission, arrays = self.config.mission, self._scoring()
-        scored = mission.step(*arrays)
+        scored = mission.step(*arrays, threads=self.num_threads) if mission.whole else mission.step(*arrays)
         self.reference, reward, end, self.tally, *seen = scored
         self._seen = seen[0] if self.config.guided else None
         if mission.users:

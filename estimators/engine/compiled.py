@@ -78,21 +78,24 @@ class Compiled:
             own[self] = Compiled(self.function.__get__(instance), self._axes, self._matrices)
         return own[self]
 
-    def __call__(self, *arrays: Any, **static: Any) -> Any:
-        """The function's results for arrays; where they are tracers, traced with its caller."""
+    def __call__(self, *arrays: Any, threads: int = 1, **static: Any) -> Any:
+        """The function's results for arrays; where they are tracers, traced with its caller.
+
+        So many threads may share the rows, if the arrays have one leading axis.
+        """
         last = self._last
         if last is not None and last.matches(last.described, *arrays) and static == last.static:
             results = [np.empty(shape, dtype) for shape, dtype in last.results]
-            last.function(last.rows, last.shared, *arrays, *results)
+            last.function(last.rows, last.shared, *arrays, *results, threads=threads)
             return tuple(results) if last.several else results[0]
-        return self._call(arrays, static)
+        return self._call(arrays, static, threads)
 
-    def _call(self, arrays: tuple[Any, ...], static: dict[str, Any]) -> Any:
+    def _call(self, arrays: tuple[Any, ...], static: dict[str, Any], threads: int) -> Any:
         """The same of arguments unlike the last ones."""
         if any(isinstance(each, TracedArray | Tracer | MatrixTracer) for each in arrays):
             return self.function(*arrays, **static)
         if any(each is None for each in arrays):
-            return self._without(arrays)(*(each for each in arrays if each is not None), **static)
+            return self._without(arrays)(*(each for each in arrays if each is not None), threads=threads, **static)
         axes = self._axes or (1,) * len(arrays)
         rows = [_rows(each) for each in arrays]
         key = tuple((a.shape[a.ndim - k :], a.dtype.char) for a, k in zip(rows, axes, strict=True)), *static.items()
@@ -102,7 +105,7 @@ class Compiled:
         function, several = self._traced[key]
         count, shared, ready, results = prepared(function, rows, axes)
         if count:
-            function(count, shared, *ready, *results)
+            function(count, shared, *ready, *results, threads=threads)
             if all(one is other for one, other in zip(ready, arrays, strict=True)):
                 shapes = tuple((a.shape, a.dtype) for a in results)
                 self._last = _Call(

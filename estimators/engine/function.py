@@ -1,7 +1,7 @@
 """Compiled functions: a program for each row of a batch, over arrays whose rows lie one after the other."""
 
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,6 +12,8 @@ from estimators.engine.linear_emit import LinearEmitter
 from estimators.engine.matrix_emit import Index
 from estimators.engine.program import Instruction, Program, View
 from estimators.engine.tracer import KINDS
+from estimators.threads import each as each_part
+from estimators.threads import shares
 
 LANES = 8
 """Rows side by side in a batch; a row alone has a program of its own."""
@@ -68,17 +70,31 @@ class Function:
         self._places, self._constants = _placed(program)
         self._entries: dict[int, Callable[..., None]] = {}
 
-    def __call__(self, rows: int, shared: int, *arrays: np.ndarray) -> None:
+    def __call__(self, rows: int, shared: int, *arrays: np.ndarray, threads: int = 1) -> None:
         """Compute rows of arrays.
 
         Args:
             rows: How many.
             shared: Bits of the arguments that have one row for all.
             arrays: The arguments and the results, in C order and of the types that they have here. Nothing is checked.
+            threads: Threads that may share the rows; arrays then have one leading axis.
         """
+        if threads > 1 and len(parts := shares(rows, threads, self.operations, LANES)) > 1:
+
+            def part(some: slice) -> None:
+                own = (array if shared >> i & 1 else array[some] for i, array in enumerate(arrays))
+                self(some.stop - some.start, shared, *own)
+
+            each_part(part, parts, threads)
+            return
         width = self._wide if rows >= FEW else 1
         entry = self._entries.get(width) or self.compiled(width)
         entry(rows, shared, machine.scratch(width * self.layout.size), self._constants, *arrays)
+
+    @cached_property
+    def operations(self) -> int:
+        """Operations a row."""
+        return _operations(self.instructions, self.program.sizes)
 
     def compiled(self, width: int) -> Callable[..., None]:
         """The machine code for so many rows side by side, which programs that differ in numbers alone share."""
@@ -104,6 +120,21 @@ class Function:
             emitter.inlined = 0
         entry = machine.entry_point(2 + len(self.arguments) + len(self.results), FEW)
         return module.text([emitter.function(self.instructions, self.outputs), entry])
+
+
+def _operations(instructions: Iterable[Instruction], sizes: Mapping[int, int]) -> int:
+    """Operations of instructions on scalars and on matrices of these sizes."""
+    total = 0
+    for opcode, operands, result, attributes in instructions:
+        each = sizes.get(result, 1)
+        if opcode == "repeat":
+            each = attributes[0].count * _operations(attributes[0].body, sizes)
+        elif opcode == "columns":
+            each = attributes[0].size * _operations(attributes[0].body, sizes)
+        elif opcode in _SOLVING or opcode in ("matmul", "inner"):
+            each *= max(1, *(operand.shape[1] for operand in operands[:1] if isinstance(operand, View)))
+        total += each
+    return total
 
 
 def _placed(program: Program) -> tuple[dict[int, int], np.ndarray]:

@@ -7,20 +7,35 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimators.engine import compiled, machine
-from estimators.threads import each, shares
+from estimators.engine import compiled, machine, repeat, trace
+from estimators.engine.function import Argument
+from estimators.threads import WORTH, each, shares
 
 PARTS = tuple(slice(i, i + 1) for i in range(7))
 
 
+@pytest.mark.parametrize("operations", [10, 5000, 2 * WORTH])
 @pytest.mark.parametrize("threads", [1, 2, 3, 5000])
 @pytest.mark.parametrize("rows", [0, 1, 65, 511, 512, 800, 1024, 5000])
-def test_every_row_is_in_one_part(rows: int, threads: int):
-    parts = shares(rows, threads)
+def test_every_row_is_in_one_part(rows: int, threads: int, operations: int):
+    parts = shares(rows, threads, operations, 8)
     assert [row for part in parts for row in range(rows)[part]] == list(range(rows))
     assert 1 <= len(parts) <= threads
     sizes = [part.stop - part.start for part in parts]
     assert max(sizes) - min(sizes) <= 16
+    assert len(parts) == 1 or len(parts) * WORTH <= rows * operations
+    assert len(parts) >= min(threads, rows * operations // WORTH, rows // 8)
+    assert all(part.start % 8 == 0 for part in parts)
+
+
+def test_operations_of_a_row_count_entries_and_passes():
+    assert trace(lambda a: a * a + a, [Argument((3,))])[0].operations == 3 + 6
+    small, large = (trace(lambda a, b: a @ b, [Argument((n, n))] * 2, matrices=True)[0].operations for n in (4, 8))
+    assert large - 2 * 64 == 8 * (small - 2 * 16) == 512
+    once, often = (
+        trace(lambda a, n=n: repeat(n, lambda x: (x * x,), a)[0], [Argument((1,))])[0].operations for n in (1, 50)
+    )
+    assert often - once == 49
 
 
 @pytest.mark.parametrize("threads", [1, 2, 3, 9])

@@ -13,7 +13,8 @@ import pytest
 from contract import assert_same_tree, copy_tree, make_batch, make_core, random_walk
 from gymnasium.vector import AutoresetMode
 
-from estimators import Belief, Filter
+from estimators import Belief, Filter, threads
+from estimators.engine import function
 from estimators.reading import Reading
 
 MANY, SOME = 800, 250
@@ -78,16 +79,29 @@ def assert_same(one: list[Any], other: list[Any]) -> None:
         assert_same_tree(a, b, f"number {i}")
 
 
+@pytest.fixture(autouse=True)
+def few_rows_are_worth_a_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(threads, "WORTH", 1)
+
+
 @every_world
 def test_the_bits_are_the_same_for_any_number_of_threads(world: str):
     alone = flown(make(world, 1), 12)
-    for threads in (2, 3, 2 * MANY):
-        assert_same(flown(make(world, threads), 12), alone)
+    for count in (2, 3, 2 * MANY):
+        assert_same(flown(make(world, count), 12), alone)
 
 
 @pytest.mark.parametrize("env_id", ["SigmaCorvette-v0", "ThesisCorvette-v0", "vessel_gym/Ship-v0"])
-def test_threads_share_ships_at_sea_whose_sensors_are_linear(env_id: str):
-    assert len(make_core(env_id, MANY, num_threads=3)._parts) == 3
+def test_threads_share_world_filter_and_task_of_ships(env_id: str, monkeypatch: pytest.MonkeyPatch):
+    shared, each = [], threads.each
+    monkeypatch.setattr(
+        function, "each", lambda work, parts, count: shared.append(len(parts)) or each(work, parts, count)
+    )
+    core = make_core(env_id, MANY, num_threads=3)
+    core.start(0)
+    shared.clear()
+    core.step(np.zeros((MANY, 1)))
+    assert shared == [3, 3, 3]
 
 
 @pytest.mark.parametrize("mode", [AutoresetMode.SAME_STEP, AutoresetMode.DISABLED])
@@ -107,7 +121,7 @@ def test_copies_and_pickles_go_on_with_their_threads(world: str):
 def test_environments_of_several_threads_do_not_disturb_each_other():
     alone = flown(make("corvette", 1), 15)
     with ThreadPoolExecutor(3) as users:
-        for seen in users.map(lambda threads: flown(make("corvette", threads), 15), (2, 2, 3)):
+        for seen in users.map(lambda count: flown(make("corvette", count), 15), (2, 2, 3)):
             assert_same(seen, alone)
 
 
@@ -125,7 +139,7 @@ def test_a_process_that_is_forked_has_threads_of_its_own():
     child = forking.Process(target=_further, args=(env, there))
     child.start()
     assert here.poll(60), "it waits for threads that it does not have"
-    seen, threads = here.recv()
+    seen, running = here.recv()
     child.join()
-    assert threads == 2
+    assert running == 2
     assert_same_tree(seen, env.step(np.zeros(env.action_space.shape, np.float32)))
