@@ -384,6 +384,18 @@ def laid_out(shapes: tuple[tuple[str, tuple[int, ...]], ...], masks: frozenset[s
     return Layout(columns, width, cuts, masks)
 
 
+def prior_belief(mean: np.ndarray, cov: np.ndarray, u: np.ndarray | None) -> Belief:
+    """What is known before an episode, for a program that has the covariance ``(n, n)`` of all rows as a constant."""
+    belief, batch = object.__new__(Belief), mean.shape[:-1]
+    covs = np.empty(mean.shape + mean.shape[-1:])
+    covs[...] = cov
+    values: dict[str, Any] = {"packed": mean, "layout": laid_out((("mean", mean.shape[-1:]),)), "u": u}
+    values |= {"prior_mean": mean, "prior_cov": covs, "recovery": _usual(batch)}
+    for name, value in values.items():
+        object.__setattr__(belief, name, value)
+    return belief
+
+
 def members_last(ensemble: np.ndarray) -> np.ndarray:
     """``(..., n, N)`` of an ensemble ``(..., N, n)``, contiguous: a view where members are last in memory already."""
     return ensemble.mT if is_traced(ensemble) else np.ascontiguousarray(ensemble.mT)

@@ -27,13 +27,13 @@ from estimators.analysis import (
     transform_analysis,
 )
 from estimators.angles import difference
-from estimators.belief import Belief, EnsembleBelief, Record, members_last
+from estimators.belief import Belief, EnsembleBelief, Record, members_last, prior_belief
 from estimators.checks import number, shown, whole
 from estimators.engine.matrices import is_traced
 from estimators.filter import Filter, Model, Rng, in_rows, inlinable
 from estimators.linalg import neutralised, semidefinite_cholesky, shared_root
 from estimators.localisation import check_taper, group_states
-from estimators.models import LinearModel, NonlinearModel, at_columns
+from estimators.models import Gaussian, LinearModel, NonlinearModel, at_columns
 from estimators.randomness import Numbers
 from estimators.reading import Reading
 from estimators.varying import resolve
@@ -42,6 +42,7 @@ Drawn = Numbers | np.random.Generator
 """`Rng` of a filter that draws from it: there is one."""
 START, PROCESS, READINGS, ROTATION = range(4)
 """Uses of random numbers."""
+_BEGIN = "_init", "_update"
 _FEW = 16
 """Groups of components that a program has one after the other; of more, each is a row."""
 
@@ -102,14 +103,31 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief]):
         curved = isinstance(model, NonlinearModel)  # a linear model's readings are as unwrapped as its states
         self._angles = tuple(sorted(model.state_angles)) if curved else ()
         self._seams = tuple(sorted(model.measurement_angles)) if curved else ()
+        self._prior_cov: np.ndarray | None = None
+        self._prior_root = np.zeros((model.n, 0))
 
     # --- the contract -----------------------------------------------------------------------------
 
     def _init(self, belief: Belief, rng: Rng) -> EnsembleBelief:
         batch = belief.mean.shape[:-1]
+        root = self._prior_root if is_traced(belief.mean) else shared_root(belief.cov)
         normals = members_last(draw(self._numbers(rng, batch), batch, self.members, self.model.n, START))
-        mean, members, cov = sample(belief.mean, shared_root(belief.cov), normals, angles=self._angles)
+        mean, members, cov = sample(belief.mean, root, normals, angles=self._angles)
         return EnsembleBelief.predicted(belief, mean, cov, belief.u, ensemble=members.mT)
+
+    def _begin(
+        self, prior: Gaussian, u: np.ndarray | None, y: np.ndarray, available: np.ndarray | None, rng: Rng
+    ) -> EnsembleBelief:
+        if self._compiles(rng) and self._regular and prior.cov.ndim == 2:
+            if self._prior_cov is None:  # a constant of the program: other priors take two programs
+                self._prior_cov, self._prior_root = prior.cov, shared_root(prior.cov)
+            if prior.cov is self._prior_cov or np.array_equal(prior.cov, self._prior_cov):
+                belief = prior_belief(prior.mean, prior.cov, u)
+                if self._in_one_program(_BEGIN, belief, u):
+                    begun, doubtful = self._executed(_BEGIN, belief, u, y, available, rng=rng)
+                    if not doubtful.any():
+                        return begun
+        return super()._begin(prior, u, y, available, rng)
 
     def _predict(self, belief: EnsembleBelief, u: np.ndarray | None, rng: Rng) -> EnsembleBelief:
         model, batch = self.model, belief.mean.shape[:-1]

@@ -329,22 +329,28 @@ class Filter(ABC, Generic[Record]):
         self, belief: Record, u: np.ndarray | None, y: np.ndarray, available: np.ndarray | None, rng: Rng
     ) -> Record:
         """`predict`, then `update`."""
-        if self._compiles(rng) and self._regular and self._in_one_program(belief, u):
+        if self._compiles(rng) and self._regular and self._in_one_program(_BOTH, belief, u):
             updated, doubtful = self._executed(_BOTH, belief, u, y, available, rng=rng)
             if not doubtful.any() and (self._ours or proper(updated.cov)):
                 return updated
         return self._corrected(self._predicted(belief, u, rng), y, available, None, rng)
 
+    def _begin(
+        self, prior: Gaussian, u: np.ndarray | None, y: np.ndarray, available: np.ndarray | None, rng: Rng
+    ) -> Record:
+        """`init`, then `update`, where ``u`` is the known input of the measurement."""
+        return self._corrected(self._started(prior, rng, u), y, available, None, rng)
+
     def _compiles(self, rng: Rng) -> bool:
         """Are prediction and update programs? They draw no numbers from a Generator."""
         return self._programs is not None and not (self.random and isinstance(rng, np.random.Generator))
 
-    def _in_one_program(self, belief: Record, u: np.ndarray | None) -> bool:
-        """Are prediction and update one program? Host callbacks of an update need the prediction."""
+    def _in_one_program(self, methods: tuple[str, ...], belief: Belief, u: np.ndarray | None) -> bool:
+        """Are two methods one program? Host callbacks of an update need the prediction."""
         if isinstance(self.model, LinearModel):
             return True
         assert self._programs is not None
-        key = self._key(_BOTH, belief.side_by_side()[1], u, None)
+        key = self._key(methods, belief.side_by_side()[1], u, None)
         if (traced := self._programs.get(key)) is not None:
             if all(each.unchanged() for each in traced.inspections):
                 return True
@@ -445,7 +451,7 @@ class Filter(ABC, Generic[Record]):
             return program.callback(lambda belief, u, R: getattr(self, question)(belief, u), *axes)
         return getattr(self, question)(belief, u)
 
-    def _inlined(self, belief: Record, u: np.ndarray | None) -> frozenset[str]:
+    def _inlined(self, belief: Belief, u: np.ndarray | None) -> frozenset[str]:
         """The model's functions that are traced with the methods which linearise them, by these methods' names.
 
         Others are host callbacks: a method that evaluates the model by itself, a function that cannot be traced.
@@ -464,7 +470,7 @@ class Filter(ABC, Generic[Record]):
         return self._propagate(belief.mean, belief.cov, u)
 
     def _executed(
-        self, methods: tuple[str, ...], belief: Record, u: np.ndarray | None, y: np.ndarray | None = None,
+        self, methods: tuple[str, ...], belief: Belief, u: np.ndarray | None, y: np.ndarray | None = None,
         available: np.ndarray | None = None, R: np.ndarray | None = None, rng: Rng = None,
     ) -> tuple[Record, np.ndarray]:  # fmt: skip
         """The compiled `_predict`, `_update` or both; and the mask ``(...)`` of the rows that are `_doubtful`."""
@@ -486,14 +492,14 @@ class Filter(ABC, Generic[Record]):
         return updated, doubtful.reshape(batch)
 
     def _program(
-        self, methods: tuple[str, ...], belief: Record, layout: Layout, u: np.ndarray | None, R: np.ndarray | None
+        self, methods: tuple[str, ...], belief: Belief, layout: Layout, u: np.ndarray | None, R: np.ndarray | None
     ) -> "_Traced":
         """The program of methods, traced where there is none yet or something that it reads has changed."""
         key = self._key(methods, layout, u, R)
         assert self._programs is not None
         traced = self._programs.get(key)
-        # Of both methods `_in_one_program` has just asked.
-        if traced is None or not (methods is _BOTH or all(each.unchanged() for each in traced.inspections)):
+        # Of two methods `_in_one_program` has just asked.
+        if traced is None or not (len(methods) == 2 or all(each.unchanged() for each in traced.inspections)):
             traced = self._programs[key] = self._traced(methods, belief, layout, u, R)
         return traced
 
@@ -514,7 +520,7 @@ class Filter(ABC, Generic[Record]):
         """
         packed, layout = belief.side_by_side()
         now = None if u is None else u[0]
-        if self._programs is None or not (self._ours and self._regular and self._in_one_program(belief, now)):
+        if self._programs is None or not (self._ours and self._regular and self._in_one_program(_BOTH, belief, now)):
             return None
         traced = self._program(_SUCCESSIVE, belief, layout, now, None)
         if traced.layout is not layout or traced.predicted is None or traced.callbacks:
@@ -556,7 +562,7 @@ class Filter(ABC, Generic[Record]):
         return results if len(results) > 1 else results[0]
 
     def _traced(
-        self, methods: tuple[str, ...], belief: Record, layout: Layout, u: np.ndarray | None, R: np.ndarray | None
+        self, methods: tuple[str, ...], belief: Belief, layout: Layout, u: np.ndarray | None, R: np.ndarray | None
     ) -> "_Traced":
         """The program of some of `_predict` and `_update`, for beliefs and a known input like these."""
         program, callbacks, column = Program(), [], 0
@@ -591,7 +597,9 @@ class Filter(ABC, Generic[Record]):
                     value = value.as_type(True) if isinstance(value, MatrixTracer) else tracer.cast(value, "b")
                 fields[name] = value.mT if name in MEMBERS else value
             known = None if u is None else matrix_input(program, 1, 0, u.shape[-1:])
-            now: Any = self.record(**(fields | {"u": known}))
+            now: Any = type(belief)(**(fields | {"u": known}))
+            if "_init" in methods:
+                now = self._init(now, rng)
             if "_predict" in methods:
                 predicted = now = self._sound(self._predict(now, known, rng), now)
             if "_update" in methods:

@@ -98,7 +98,7 @@ class Loop:
         prior = prior if self._prior_factor == 1.0 else Gaussian(prior.mean, self._prior_factor * prior.cov)
         if self._plain:
             y, available = self._told(readings)
-            belief = self.filter._corrected(self.filter._started(prior, rng, u), y, available, None, rng)
+            belief = self.filter._begin(prior, u, y, available, rng)
         else:
             belief = self._update(self._asked.init(prior, rng=rng), readings, rng, u)
         if rows is None:

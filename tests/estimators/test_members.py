@@ -297,6 +297,29 @@ def test_rows_are_the_same_to_the_last_bit_alone_together_and_in_batches_of_any_
                 assert_same(one, other[rows])
 
 
+@pytest.mark.parametrize(("name", "options"), FILTERS)
+def test_an_episode_begins_with_the_bits_of_init_and_update_whatever_prior_came_first(
+    name: str, options: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+):
+    rng = np.random.default_rng(1)
+    filter = make(name, _wrapping(), members=6, **options)
+    priors = [Gaussian(rng.normal(size=(ROWS, 5)), random_covariance(rng, 5)) for _ in range(2)]
+    y, available, numbers = rng.normal(size=(ROWS, 4)), rng.random((ROWS, 4)) < 0.7, Numbers.seeded(range(ROWS))
+    expected = [filter.update(filter.init(prior, numbers), y, numbers, available) for prior in priors]
+    programs: list[tuple[str, ...]] = []
+    executed = filter._executed
+    monkeypatch.setattr(
+        type(filter), "_executed", lambda self, methods, *rest, **more: programs.append(methods)
+        or executed(methods, *rest, **more)
+    )  # fmt: skip
+    for prior, belief in zip(priors, expected, strict=True):
+        assert_same(filter._begin(prior, None, y, available, numbers), belief)
+        alone = Gaussian(prior.mean[2:3], prior.cov)
+        assert_same(filter._begin(alone, None, y[2:3], available[2:3], numbers[2:3]), belief[2:3])
+    if filter._programs is not None:
+        assert programs == [("_init", "_update")] * 2 + [("_update",)] * 2  # the second covariance is no constant
+
+
 def test_a_covariance_is_that_of_the_members_at_the_time():
     filter = make("enkf", _wrapping(), members=20)
     belief, numbers, y, _ = _begun(filter, 0.5)
