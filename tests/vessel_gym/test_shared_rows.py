@@ -95,7 +95,7 @@ def test_the_bits_are_the_same_for_any_number_of_threads(world: str):
 def test_threads_share_world_filter_and_task_of_ships(env_id: str, monkeypatch: pytest.MonkeyPatch):
     shared, each = [], threads.each
     monkeypatch.setattr(
-        function, "each", lambda work, parts, count: shared.append(len(parts)) or each(work, parts, count)
+        function, "each_part", lambda work, parts, count: shared.append(len(parts)) or each(work, parts, count)
     )
     core = make_core(env_id, MANY, num_threads=3)
     core.start(0)
