@@ -9,6 +9,7 @@ import pytest
 
 from estimators.engine import compiled, machine, repeat, trace
 from estimators.engine.function import Argument
+from estimators.engine.matching import matcher
 from estimators.threads import WORTH, each, shares
 
 PARTS = tuple(slice(i, i + 1) for i in range(7))
@@ -90,6 +91,7 @@ def test_what_a_thread_raises_reaches_the_caller_and_numpy_warns_as_the_caller_w
 
 
 def test_threads_that_call_an_equation_first_compile_it_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    matcher()  # which all compiled functions share
     monkeypatch.setattr(machine, "folder", lambda: tmp_path)
     compiling, own = [], machine._object
     monkeypatch.setattr(machine, "_object", lambda text, target: compiling.append(text) or own(text, target))
