@@ -12,8 +12,8 @@ from estimators import Filter, Gaussian, input_conditions
 from estimators.check import check_steps
 from estimators.unknown_input import UnknownInputFilter
 from estimators.varying import resolve
-from vessel_gym.composition import Composition
 from vessel_gym.disturbances import Disturbance
+from vessel_gym.filter_models.build import Composition
 from vessel_gym.foreign import CheckedMethods, copied, ours, repeated, rows_of
 from vessel_gym.system import Vehicle
 from vessel_gym.tasks.task import Task

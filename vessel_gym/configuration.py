@@ -12,9 +12,10 @@ from estimators.engine.dependencies import Dependencies
 from estimators.randomness import word
 from vessel_gym.acceptance import checked_disturbance, checked_task, checked_vehicle
 from vessel_gym.checks import number, one_of
-from vessel_gym.composition import Composition, Forces, acting_on, change_of
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.estimation import EstimatorChoice, build, chosen_disturbance
+from vessel_gym.filter_models.build import Composition
+from vessel_gym.filter_models.exogenous import Forces, acting_on, change_of
 from vessel_gym.foreign import CheckedMethods, ours
 from vessel_gym.mission import Mission
 from vessel_gym.sensor_faults import SensorFault

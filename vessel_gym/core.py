@@ -17,10 +17,11 @@ from estimators.threefry import four_normals, threefry, two_uniforms
 from vessel_gym.arrivals import Readings
 from vessel_gym.checks import numbers
 from vessel_gym.checks import options as checked_options
-from vessel_gym.composition import Composition, Forces
 from vessel_gym.configuration import DRAWN, Configuration
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.estimation import EstimatorChoice
+from vessel_gym.filter_models.build import Composition
+from vessel_gym.filter_models.exogenous import Forces
 from vessel_gym.foreign import read, refuse_not_finite, traced
 from vessel_gym.loop import Loop
 from vessel_gym.sensor_faults import SensorFault

@@ -33,7 +33,7 @@ class Disturbance:
         shakes: The kicks that are white noise,
         white: and a root ``(len(shakes), m)`` of their covariance.
         told: What filters are told of it unless ``estimator_options={"told": ...}`` says otherwise, see
-            `vessel_gym.composition.TOLD`.
+            `vessel_gym.filter_models.build.TOLD`.
         inputs: What the unknown input d is, where filters are told of one: names of what it ``forces`` or ``shakes``,
             or ``"change of NAME"`` for what a step adds to one of its ``names``; None: its kicks.
         input_sd: Standard deviations that filters take d to have where no reading shows it; None: what follows from

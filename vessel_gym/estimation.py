@@ -26,8 +26,9 @@ from estimators.unknown_input import UnknownInputFilter
 from estimators.varying import StateNoise, resolve
 from vessel_gym import checks
 from vessel_gym.acceptance import check_input, check_own
-from vessel_gym.composition import Composition, Forces, checked_told, compose, unknown_inputs
 from vessel_gym.disturbances import Disturbance
+from vessel_gym.filter_models.build import Composition, checked_told, compose, unknown_inputs
+from vessel_gym.filter_models.exogenous import Forces
 from vessel_gym.sensors import Sensors
 from vessel_gym.sharing import shared
 from vessel_gym.system import System
@@ -180,7 +181,7 @@ class Told:
 
     Attributes:
         disturbance: What acts, by name or as an object; None: what does.
-        how: One of `vessel_gym.composition.TOLD` (``"as"`` in the options); None: as that disturbance has it.
+        how: One of `vessel_gym.filter_models.build.TOLD` (``"as"`` in the options); None: as that disturbance has it.
         Q: Factor on the covariance of what enters in a step, a white input's too,
         R: of the readings,
         prior: and of what is known at the start.

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from estimators.engine import compiled
-from vessel_gym.composition import Composition
+from vessel_gym.filter_models.build import Composition
 from vessel_gym.system import Estimate
 
 

@@ -383,6 +383,10 @@ class Sensors:
         """Sensors whose noise depends on what is measured: name, channels, and the function."""
         return [(sensor.name, own, copying(sensor.sd)) for sensor, own in self._owning if callable(sensor.sd)]
 
+    def of_channel(self, channel: Any) -> Sensor:
+        """The sensor to which a channel belongs."""
+        return self.each[self.owner[channel]]
+
     @property
     def _owning(self) -> Iterator[tuple[Sensor, slice]]:
         """Sensors and their channels."""

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from estimators.engine import compiled
-from vessel_gym.composition import Forces
+from vessel_gym.filter_models.exogenous import Forces
 from vessel_gym.foreign import ours
 from vessel_gym.processes import advance, product
 from vessel_gym.sensors import Sensors

@@ -3,9 +3,9 @@
 import numpy as np
 
 from estimators import Gaussian
-from vessel_gym.composition import Composition
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.estimation import HeldMeasurement
+from vessel_gym.filter_models.build import Composition
 from vessel_gym.processes import Process
 from vessel_gym.sensors import Sensors, SensorSuite
 from vessel_gym.system import Vehicle

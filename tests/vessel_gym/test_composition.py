@@ -33,9 +33,10 @@ from scipy.stats import t as student
 from agents import rollout
 from agents.metrics import scores
 from estimators import Gaussian, LinearModel, NonlinearModel, chi_square_band, make, nees
-from vessel_gym.composition import Forces, compose
 from vessel_gym.core import Core
 from vessel_gym.disturbances import Disturbance, Fault, Sea
+from vessel_gym.filter_models.build import compose
+from vessel_gym.filter_models.exogenous import Forces
 from vessel_gym.processes import Process
 from vessel_gym.sensors import SUITES, Bias, Sensor, Sensors, plain
 
@@ -678,7 +679,7 @@ MISDECLARED = [
     (AUV, disturbance(forces=(["current north"],)), "Mine is not what a Disturbance must be: .*"),
     (AUV, disturbance(effect=lambda self, z, state: z[0]), r"effect of Mine must give 2 values a row, .* gave \(2,\)"),
     (AUV, disturbance(effect=lambda self, z, state: z[..., [0, 2]]), r"effect of Mine failed on z of shape .*"),
-    (AUV, disturbance(told="state"), "a filter is told of a disturbance as one of states, input, .*, got 'state'"),
+    (AUV, disturbance(told="state"), "unknown way to tell a filter of a disturbance .state. .*"),
 ]  # fmt: skip
 
 
@@ -838,11 +839,11 @@ WRONGLY_TOLD = [
     (
         {"as": "state"},
         ValueError,
-        "a filter is told of a disturbance as one of states, input, white, noise, got 'state'",
+        "unknown way to tell a filter of a disturbance .state. .* choose from states, input, white, noise",
     ),
-    ({"as": ["states"]}, ValueError, "a filter is told of a disturbance as one of .*, got .'states'."),
-    ({"as": np.ones(2)}, ValueError, "a filter is told of a disturbance as one of .*, got array.*"),
-    ({"as": None}, ValueError, "a filter is told of a disturbance as one of .*, got None"),
+    ({"as": ["states"]}, ValueError, "unknown way to tell a filter of a disturbance .'states'.: choose from .*"),
+    ({"as": np.ones(2)}, ValueError, "unknown way to tell a filter of a disturbance array.*: choose from .*"),
+    ({"as": None}, ValueError, "unknown way to tell a filter of a disturbance None: choose from .*"),
     ({"Q": 0.0}, ValueError, "Q of told must be a factor above 0, got 0.0"),
     ({"R": -1.0}, ValueError, "R of told must be a factor above 0, got -1.0"),
     ({"prior": np.nan}, ValueError, "prior of told must be a factor above 0, got nan"),

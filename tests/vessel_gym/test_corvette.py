@@ -11,9 +11,9 @@ from sensing import sensors_of, without_a_filter
 from stepping import corvette_step
 
 from estimators import LinearModel, NonlinearModel, wrap, zero_order_hold
-from vessel_gym.composition import compose
 from vessel_gym.core import Core
 from vessel_gym.envs.thesis_corvette import SEAS, THESIS_CORVETTE
+from vessel_gym.filter_models.build import compose
 from vessel_gym.sea_trials import simulate
 from vessel_gym.vehicles.corvette import (
     Corvette,

@@ -12,9 +12,9 @@ from scipy.integrate import quad
 from scipy.linalg import block_diag, expm
 from scipy.stats import chi2, norm
 
-from vessel_gym.composition import Forces
 from vessel_gym.disturbances import Air, Disturbance, Sea, Water
 from vessel_gym.envs.thesis_corvette import SEAS
+from vessel_gym.filter_models.exogenous import Forces
 from vessel_gym.processes import root_of
 from vessel_gym.vehicles.corvette import Corvette
 

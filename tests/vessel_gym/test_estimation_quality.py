@@ -10,9 +10,9 @@ from scipy.stats import t as student
 from agents import Rollout, load_agent, rollout
 from agents.seeds import evaluation_seeds
 from estimators import Gaussian, LinearModel, chi_square_band, make, nees, wrap
-from vessel_gym.composition import compose
 from vessel_gym.core import Core
 from vessel_gym.envs import ThesisCorvetteEnv
+from vessel_gym.filter_models.build import compose
 from vessel_gym.processes import root_of
 from vessel_gym.vehicles.corvette import Corvette
 

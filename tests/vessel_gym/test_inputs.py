@@ -11,9 +11,9 @@ from agents.metrics import scores
 from estimators import LinearModel, NonlinearModel
 from estimators.engine import compiled, jacobian
 from tests.vessel_gym.contract import make_core
-from vessel_gym.composition import compose
 from vessel_gym.disturbances import Disturbance, Water
 from vessel_gym.envs.auv import PLANE_WATERS, WATERS
+from vessel_gym.filter_models.build import compose
 from vessel_gym.sensors import Sensors
 from vessel_gym.vehicles.itsunusa import Itsunusa
 from vessel_gym.vehicles.segorogeni import Segorogeni

@@ -17,11 +17,11 @@ from stepping import itsunusa_step, segorogeni_step
 
 from agents import rollout
 from estimators import wrap
-from vessel_gym.composition import Composition, compose
 from vessel_gym.core import Core
 from vessel_gym.disturbances import Fault, Water
 from vessel_gym.envs.auv import PLANE_WATERS as WATERS
 from vessel_gym.envs.itsunusa_auv import ITSUNUSA_AUV
+from vessel_gym.filter_models.build import Composition, compose
 from vessel_gym.vehicles.auv import UNCERTAIN, VERTICAL
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.itsunusa import (

@@ -10,10 +10,10 @@ from stepping import puna_step
 
 from estimators import Gaussian, make, wrap
 from studies.papers.puna.model import MISSILE, PlanarPuna, planar_derivative
-from vessel_gym.composition import Composition, compose
 from vessel_gym.core import Core
 from vessel_gym.disturbances import Air
 from vessel_gym.envs.puna_uav import PUNA_UAV
+from vessel_gym.filter_models.build import Composition, compose
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.point_mass import COEFFICIENTS, UNCERTAIN
 from vessel_gym.vehicles.puna import (

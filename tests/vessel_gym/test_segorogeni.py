@@ -14,11 +14,11 @@ from sensing import UnevenWater, forcing, sensors_of, without_a_filter
 from stepping import segorogeni_step
 
 from estimators import wrap
-from vessel_gym.composition import Composition, compose
 from vessel_gym.core import Core
 from vessel_gym.disturbances import Water
 from vessel_gym.envs.auv import WATERS
 from vessel_gym.envs.segorogeni_auv import SEGOROGENI_AUV
+from vessel_gym.filter_models.build import Composition, compose
 from vessel_gym.vehicles.auv import UNCERTAIN
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.hydrodynamics import Coefficients

@@ -9,9 +9,9 @@ from contract import sizes_by_mode
 from scipy.optimize import root
 
 from estimators import Belief, Gaussian, make
-from vessel_gym.composition import compose
 from vessel_gym.core import Core
 from vessel_gym.envs.thesis_corvette import SEAS, THESIS_CORVETTE
+from vessel_gym.filter_models.build import compose
 from vessel_gym.sensors import Sensors
 from vessel_gym.system import Estimate
 from vessel_gym.tasks.turning_circle import TurningCircle

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from estimators import Belief, Gaussian, chi_square_band, make, nees
-from vessel_gym.composition import compose
 from vessel_gym.envs.thesis_corvette import SEAS
+from vessel_gym.filter_models.build import compose
 from vessel_gym.sensors import Sensors
 from vessel_gym.vehicles.corvette import Corvette
 

@@ -3,10 +3,10 @@
 from pathlib import Path
 from typing import Any
 
-from vessel_gym.composition import OF_UNKNOWN_INPUTS, Composition
 from vessel_gym.disturbances import Air
 from vessel_gym.envs.single import VesselEnv
 from vessel_gym.envs.vector import VesselVectorEnv
+from vessel_gym.filter_models.build import OF_UNKNOWN_INPUTS, Composition
 from vessel_gym.system import System
 from vessel_gym.tasks.flight import Flight
 from vessel_gym.vehicles.files import load

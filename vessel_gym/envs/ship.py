@@ -4,9 +4,9 @@ from pathlib import Path
 from typing import Any
 
 from vessel_gym.checks import instance
-from vessel_gym.composition import Composition
 from vessel_gym.envs.single import VesselEnv
 from vessel_gym.envs.vector import VesselVectorEnv
+from vessel_gym.filter_models.build import Composition
 from vessel_gym.seaway import Seaway
 from vessel_gym.system import System
 from vessel_gym.tasks.circle_track import CircleTrack

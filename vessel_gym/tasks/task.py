@@ -1,7 +1,7 @@
 """What every task has, and what one has that says nothing else: the start of one of your own (docs/own-task.md)."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -10,9 +10,7 @@ from estimators.checks import shown
 from estimators.factory import unknown
 from vessel_gym.checks import numbers
 from vessel_gym.sensors import Sensors
-
-if TYPE_CHECKING:
-    from vessel_gym.system import Vehicle
+from vessel_gym.vehicles.vehicle import Vehicle
 
 FARTHEST = 1e5
 """m: a place beyond is a slip, in the unit or the origin."""
@@ -48,7 +46,7 @@ class Task:
     come; ``score`` alone reads it.
     """
 
-    vehicle: "Vehicle"
+    vehicle: Vehicle
     horizon: int = 500
     """Steps of a full episode."""
     uniforms: int = 0

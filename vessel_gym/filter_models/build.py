@@ -1,0 +1,242 @@
+"""A filter's model, composed of a vehicle, a disturbance and sensors, as much as the filter is told of them.
+
+The filter's state is the vehicle's, then the disturbance's as far as it is told and matters, then the sensors' biases.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from estimators import LinearModel, NonlinearModel, retimed, stacked
+from estimators.varying import StateNoise
+from vessel_gym.checks import one_of
+from vessel_gym.disturbances import Disturbance
+from vessel_gym.filter_models.exogenous import Forces, change_of, cruising
+from vessel_gym.filter_models.linear import linear_model
+from vessel_gym.filter_models.nonlinear import linearised_model, nonlinear_model
+from vessel_gym.filter_models.parts import Parts, check_estimated, relevant, seen, seen_anywhere
+from vessel_gym.sensors import Sensors
+from vessel_gym.vehicles.vehicle import Trims, Vehicle
+
+TOLD = ("states", "input", "white", "noise")
+"""How a filter is told of a disturbance: its state is part of the filter's (``states``); its `Disturbance.inputs` are
+the unknown input d (``input``), perhaps with the variance that they have, and white (``white``), and what of its state
+does something else is part of the filter's; or its kicks stand in Q and R alone (``noise``), and the filter knows
+nothing of a flow."""
+
+
+OF_UNKNOWN_INPUTS = ("kf-umv-ui", "kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv", "ulise")
+"""The filters that take a prior of an unknown input, which is to be true where no reading shows it."""
+
+
+def checked_told(how: object) -> str:
+    """One of `TOLD`.
+
+    Raises:
+        ValueError: for anything else.
+    """
+    return one_of("way to tell a filter of a disturbance", how, TOLD)
+
+
+@dataclass(frozen=True, eq=False)
+class Composition(Parts):
+    """What a filter knows of the world, as `compose` makes it.
+
+    Attributes:
+        model: The filter's model.
+        names: The components of its state: of the vehicle, of the disturbance, of the sensors' biases.
+        inputs: What its unknown input d is, by name.
+        told: One of `TOLD`.
+        late: Whether the unknown input that acts now is the last part of the filter's state.
+    """
+
+    model: LinearModel | NonlinearModel
+    names: tuple[str, ...]
+    inputs: tuple[str, ...]
+    told: str
+    late: bool = False
+
+    def suiting(self, filter_name: str) -> "Composition":
+        """With the unknown input when a filter of that name needs it: in the readings at once, or one step later."""
+        model = self.model
+        fed = model.q > 0 and (callable(model.H) or bool(np.any(model.H)))
+        if fed and filter_name in ("kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv"):
+            names = *self.names, *(f"{name} now" for name in self.inputs)
+            return replace(self, model=stacked(model), names=names, late=True)
+        if filter_name == "kf-umv-ui" and model.q > 0 and not fed and isinstance(model, LinearModel):
+            return replace(self, model=retimed(model))
+        return self
+
+    def check_flows(self) -> None:
+        """Refuse a sensor that reads a flow of which the filter is told nothing, and which it would take to be 0.
+
+        Raises:
+            ValueError: naming both.
+        """
+        vehicle, disturbance = self.vehicle, self.forces.disturbance
+        for i, name in enumerate(vehicle.flows, len(vehicle.kicks)) if self.told == "noise" else ():
+            shown = seen_anywhere(vehicle, self.sensors)[:, i]
+            if name in disturbance.forces and shown.any():
+                raise ValueError(
+                    f"{self.sensors.of_channel(np.argmax(shown)).name} reads {name}, of which a filter knows nothing "
+                    f'that is told of {type(disturbance).__name__} as "{self.told}": tell it with {{"as": "states"}}, '
+                    "or leave it out"
+                )
+
+    def flow(self, mean: np.ndarray, input_mean: np.ndarray | None = None) -> np.ndarray:
+        """The flow that means ``(..., n)``, and of d ``(..., q)``, imply ``(..., f)``; 0 where nothing is known."""
+        names = self.vehicle.flows
+        acting = self.acting(mean)[..., len(self.vehicle.kicks) : self.forces.outside]
+        flow = np.broadcast_to(acting, (*mean.shape[:-1], len(names)))
+        if input_mean is None or not set(self.inputs) & set(names):
+            return flow
+        known = [self.inputs.index(name) if name in self.inputs else -1 for name in names]
+        return np.stack([flow[..., j] if i < 0 else input_mean[..., i] for j, i in enumerate(known)], -1)
+
+    @cached_property
+    def scale(self) -> np.ndarray:
+        """Sizes of what comes after the vehicle's state that count as 1 in an observation of standard deviations."""
+        disturbance = self.forces.disturbance
+        sizes = disturbance.scale or np.sqrt(np.diag(disturbance.process.start_cov))
+        inputs = np.sqrt(np.diag(self.forces.input_cov)) if self.late else np.zeros(0)
+        return np.concatenate([np.asarray(sizes, float)[self.held], self.sensors.bias_scale, inputs])
+
+    @cached_property
+    def localisation(self) -> np.ndarray:
+        """Which reading may correct which state of an ensemble ``(n, p)``, see `vessel_gym.sensors.Sensor`."""
+        return self.sensors.informed(self.names, lambda: self._depends)
+
+    @cached_property
+    def _depends(self) -> np.ndarray:
+        """The mask ``(n, p)`` of the states on which readings depend at once or within two steps, while cruising.
+
+        It cruises at places of no consequence to how it moves: at the origin a range or a bearing from there says
+        nothing, or anything.
+        """
+        x, u = self.vehicle.cruise
+        full = np.zeros(len(self.names))
+        full[: self.base] = x[: self.base]
+        A = self.model.linearise_transition(full, u)[1]
+        free = [i for i in range(self.base) if np.abs(A[:, i] - np.eye(len(A))[i]).max() < 1e-9]
+        mask = np.zeros((len(self.names), self.sensors.size), bool)
+        for place in np.random.default_rng(0).uniform(-30.0, 30.0, (3, len(free))):
+            full[free] = x[free] + place
+            A, C = self.model.linearise_transition(full, u)[1], self.model.linearise_measurement(full, u)[1]
+            depends = np.abs(C)
+            for _ in range(2):
+                C = C @ A
+                depends = np.maximum(depends, np.abs(C))
+            mask |= (depends > 1e-6 * depends.max(-1, keepdims=True)).T
+        return mask.astype(float)
+
+
+def unknown_inputs(forces: Forces, sensors: Sensors) -> tuple[str, ...]:
+    """What nobody is told of a coming step where no filter is told of an unknown input.
+
+    Kicks, if they follow from the disturbance's state; otherwise all that is new: white kicks, changes of that and of
+    biases.
+    """
+    disturbance = forces.disturbance
+    if forces.kicking:
+        return tuple(forces.vehicle.kicks[i] for i in forces.kicks)
+    return *disturbance.shakes, *map(change_of, (*disturbance.names, *sensors.bias_names))
+
+
+def compose(
+    vehicle: Vehicle, kind: str, disturbance: Disturbance, sensors: Sensors, told: str | None = None
+) -> Composition:
+    """A filter's model.
+
+    Args:
+        vehicle: What moves.
+        kind: One of the vehicle's ``kinds`` of model.
+        disturbance: What the filter is told that acts.
+        sensors: What it is told of them.
+        told: One of `TOLD`; None: the disturbance's own.
+
+    Raises:
+        ValueError: if there is no such model, or it cannot be composed of these: a sensor reads what its filters do not
+            estimate, or is not linear where the model is.
+    """
+    told = checked_told(disturbance.told if told is None else told)
+    forces, own = Forces(vehicle, disturbance), vehicle.estimated(kind)
+    check_estimated(own, vehicle, sensors)
+    for name in sensors.bias_names:
+        if name in disturbance.names:
+            raise ValueError(f"a bias is called {name!r}, as is a component of {type(disturbance).__name__}")
+    asked = told in ("input", "white")
+    unknown = forces.unknown if asked else []
+    changing = [i - forces.size for i in forces.inputs if asked and i >= forces.size]
+    held = np.zeros(0, int) if told == "noise" else relevant(forces, sensors, len(own), unknown, changing)
+    parts = Parts(forces, sensors, own, held, unknown)
+    names = (*own, *(disturbance.names[i] for i in held), *sensors.bias_names)
+    kicked = np.zeros((len(names), len(vehicle.kicks)))  # K: what kicks do to the state
+    for j, name in enumerate(vehicle.kicked):
+        if name in own:
+            kicked[own.index(name), j] = 1.0
+    shown = seen(sensors, cruising(vehicle))
+    options: dict[str, Any] = {
+        "state_angles": tuple(i for i, name in enumerate(own) if name in vehicle.angles),
+        "measurement_angles": sensors.angles, **_noise(parts, told == "noise", changing, kicked, shown),
+    }  # fmt: skip
+    inputs = forces.input_names if asked else ()
+    G, H = np.zeros((len(names), len(inputs))), np.zeros((sensors.size, len(inputs)))
+    for j, i in enumerate(forces.inputs if asked else ()):
+        if i < len(vehicle.kicks):
+            G[:, j] = kicked[:, i]
+        elif i >= forces.size:
+            G[len(own) + held.tolist().index(i - forces.size), j] = 1.0
+        if i < forces.outside:
+            H[:, j] = shown[:, i]
+    if kind not in vehicle.linear_kinds:
+        model: LinearModel | NonlinearModel = nonlinear_model(parts, G, H, options)
+    elif isinstance(given := vehicle.linear(kind), Trims):
+        model = linearised_model(parts, G, H, options, given)
+    else:
+        model = linear_model(parts, kind, kicked, G, H, options)
+    return Composition(**vars(parts), model=model, names=names, inputs=inputs, told=told)
+
+
+def _noise(parts: Parts, as_noise: bool, changing: list[int], kicked: np.ndarray, shown: np.ndarray) -> dict[str, Any]:
+    """Q and R.
+
+    Args:
+        parts: What the model is composed of.
+        as_noise: Do the disturbance's kicks stand in Q and R alone?
+        changing: Indices of the disturbance's states whose changes are the unknown input.
+        kicked: ``(n, kicks)`` what kicks do to the state,
+        shown: and ``(p, f)`` what the exogenous input adds to the measurements.
+
+    Raises:
+        ValueError: for a sensor that reads white kicks.
+    """
+    forces, sensors, held, n = parts.forces, parts.sensors, parts.held, parts.base
+    disturbance, bias = forces.disturbance, parts.sensors.bias
+    process, white = disturbance.process, forces.white.copy()
+    first = white.shape[-1]
+    root = np.zeros((len(kicked), first + process.normals + bias.normals))
+    if not as_noise:
+        white[parts.unknown] = 0.0
+        if shown[:, [i for i in forces.shaken if i not in parts.unknown]].any():
+            raise ValueError(
+                f"a sensor reads the white kicks of {type(disturbance).__name__} as they come: a filter is told of "
+                'them with {"as": "input"}, or {"as": "white"}'
+            )
+        fresh = process.root.copy()
+        fresh[changing] = 0.0
+        root[:, :first] = kicked @ white[: kicked.shape[-1]]
+        root[n : n + len(held), first : first + process.normals] = fresh[held]
+    root[n + len(held) :, first + process.normals :] = bias.root
+    Q = root @ root.T
+    Q[:n, :n] += np.diag(np.asarray(parts.vehicle.process_sd)[:n] ** 2)
+    full = np.zeros(len(kicked))
+    full[:n] = parts.vehicle.cruise[0][:n]
+    R = sensors.noise(parts.expected, full, None)
+    if as_noise:
+        K, S = kicked[:, forces.kicks], shown[:, forces.kicks]
+        Q += K @ forces.kick_cov @ K.T
+        kicks = S @ forces.kick_cov @ S.T
+        R = R.changed(lambda noise: noise + kicks) if isinstance(R, StateNoise) else R + kicks
+    return {"Q": Q, "R": R}

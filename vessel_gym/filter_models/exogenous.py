@@ -1,0 +1,226 @@
+"""The exogenous input of a vehicle: what a disturbance does to it, sorted into kicks, flows and faults of actuators."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from estimators.checks import numbers, shown
+from estimators.engine.arrays import TracedArray
+from vessel_gym.disturbances import Disturbance
+from vessel_gym.foreign import Call, Copying, copying, ours, repeated
+from vessel_gym.vehicles.vehicle import Vehicle
+
+
+def acting_on(vehicle: Vehicle) -> tuple[str, ...]:
+    """All that can act on a vehicle: kicks, flows, what may be added to each actuator, the share of it that is lost."""
+    faults: tuple[str, ...] = getattr(vehicle, "faults", ())  # which a vehicle need not have
+    return *vehicle.kicks, *vehicle.flows, *faults, *(f"{name.removesuffix('fault')}loss" for name in faults)
+
+
+def change_of(name: str) -> str:
+    """Name of what a step adds to a component of a state."""
+    return f"change of {name}"
+
+
+def spread(components: Mapping[int, np.ndarray], size: int, like: np.ndarray) -> np.ndarray:
+    """Vectors ``(..., size)`` of ``components (...)`` by index, 0 elsewhere, for as many rows as ``like (..., k)``."""
+    zero = np.zeros(like.shape[:-1])
+    return np.stack([components.get(i, zero) for i in range(size)], -1)
+
+
+def cruising(vehicle: Vehicle) -> np.ndarray:
+    """The state ``(n,)`` of a vehicle that cruises."""
+    return vehicle.start(vehicle.cruise[0][None])[0][0]
+
+
+class Forces:
+    """What a disturbance does to a vehicle: its effect sorted into kicks and flows.
+
+    Args:
+        vehicle: What is acted on.
+        disturbance: What acts.
+
+    Raises:
+        ValueError: for a force that the vehicle does not have, a white one that is no kick, or another time step.
+    """
+
+    def __init__(self, vehicle: Vehicle, disturbance: Disturbance) -> None:
+        try:
+            mistake = next(_mistakes(vehicle, disturbance), None)
+        except (TypeError, AttributeError) as error:
+            mistake = f"{type(disturbance).__name__} is not what a Disturbance must be: {shown(str(error))}"
+        if mistake is not None:
+            raise ValueError(mistake)
+        self.vehicle, self.disturbance = vehicle, disturbance
+        self._effect = copying(disturbance.effect, disturbance)
+        self._drift: Callable[..., Any] = copying(vehicle.drift, getattr(vehicle.drift, "__self__", None))
+        self.compilable = not isinstance(self._drift, Copying) and ours(disturbance)
+        """Are the vehicle's model and the effect part of this package?"""
+        known, kicks = acting_on(vehicle), len(vehicle.kicks)
+        self.to = [known.index(name) for name in disturbance.forces]
+        self.outside = kicks + len(vehicle.flows)
+        """Number of kicks and flows, which are the first parts of an exogenous input."""
+        self.faulty = max(self.to, default=-1) >= self.outside
+        """Do faults of the actuators follow, and the loss of each?"""
+        known = known if self.faulty else known[: self.outside]
+        self.size = len(known)
+        self._losses = (self.outside + self.size) // 2
+        self.shaken = [known.index(name) for name in disturbance.shakes]
+        self.kicks = [i for i in range(kicks) if i in self.to + self.shaken]
+        """The kicks that it gives."""
+        self.kicking = min(self.to, default=kicks) < kicks
+        """Do some follow from its state, and are not white?"""
+        changes = [*known, *map(change_of, disturbance.names)]
+        given = (known[i] for i in self.kicks) if disturbance.inputs is None else disturbance.inputs
+        self.input_names = tuple(given)
+        """Names of the components of the unknown input d."""
+        self.inputs = [changes.index(name) for name in self.input_names]
+        """Their indices in the exogenous input, and behind it in the changes of the disturbance's state."""
+        self.unknown = [i for i in self.inputs if i < self.size]
+        """Indices of the exogenous inputs that are treated as d; an actuator's fault includes its loss."""
+        self.unknown += [i + len(known) - self._losses for i in self.unknown if self.outside <= i < self._losses]
+        self.constant = getattr(disturbance.effect, "linear", False) and not self.faulty
+        """Is its effect declared to be `gains` times its state, wherever the vehicle is?"""
+
+    @cached_property
+    def gains(self) -> np.ndarray:
+        """What a unit of each white kick gives, and of z as far as that is `constant`, ``(f, s + k)``."""
+        white = np.eye(self.size)[:, self.shaken]
+        z = self.linear if self.constant else np.zeros((self.size, self.disturbance.process.size))
+        return np.ascontiguousarray(np.hstack([white, z]))
+
+    def add(self, forcing: np.ndarray, effect: np.ndarray, actuators: np.ndarray) -> np.ndarray:
+        """A forcing ``(..., f)`` with an effect that is not `constant`; faults include what is lost of actuators."""
+        columns = list(np.moveaxis(forcing, -1, 0))
+        for j, i in enumerate(self.to):
+            columns[i] = effect[..., j]
+        if self.faulty:
+            for j, lost in enumerate(range(self._losses, self.size)):
+                columns[self.outside + j] = columns[self.outside + j] - columns[lost] * actuators[..., j]
+        return np.stack(columns, -1)
+
+    def users(self, state: np.ndarray) -> list[Call]:
+        """The effect if it is a user's, to be called in states ``(B, n)``."""
+        if ours(self.disturbance):
+            return []
+        z = np.zeros((len(state), self.disturbance.process.size))
+        return [(self.disturbance.effect, (z, state), [(len(self.to),)])]
+
+    def of_actuators(self, forcing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What a forcing ``(..., f)`` adds to the actuators, and the share of each that is lost, ``(..., a)`` each."""
+        return forcing[..., self.outside : self._losses], forcing[..., self._losses :]
+
+    def on(self, z: np.ndarray, state: np.ndarray, unknown: Sequence[int] = ()) -> np.ndarray:
+        """What acts ``(..., f)``, without the white noise and what is ``unknown``, which is 0."""
+        effect = self._effect(z, state)
+        return spread({i: effect[..., j] for j, i in enumerate(self.to) if i not in unknown}, self.size, effect)
+
+    def moved(self, x: np.ndarray, u: np.ndarray, forcing: np.ndarray) -> np.ndarray:
+        """What filters estimate of the vehicle a step on, under flows and faults of a forcing, without its kicks."""
+        if self.faulty:
+            u = self.vehicle.faulty(u, *self.of_actuators(forcing))  # type: ignore[attr-defined]
+        after = self._drift(x, u, forcing[..., len(self.vehicle.kicks) : self.outside])
+        return after if isinstance(after, TracedArray) else np.asarray(after, float)
+
+    @cached_property
+    def linear(self) -> np.ndarray:
+        """What a unit of each component of z gives while cruising, ``(f, k)``."""
+        k, state = self.disturbance.process.size, cruising(self.vehicle)
+        still = self.on(np.zeros((1, k)), state[None])
+        return (self.on(np.eye(k), np.tile(state, (k, 1))) - still).T
+
+    @property
+    def kick_cov(self) -> np.ndarray:
+        """Stationary covariance of the kicks that it gives."""
+        return self._cov[np.ix_(self.kicks, self.kicks)]
+
+    @cached_property
+    def input_cov(self) -> np.ndarray:
+        """Stationary covariance of the unknown input d, unless the disturbance says otherwise."""
+        if self.disturbance.input_sd is not None:
+            return np.diag(np.square(self.disturbance.input_sd))
+        root = self.disturbance.process.root
+        return block_diag(self._cov, root @ root.T)[np.ix_(self.inputs, self.inputs)]
+
+    @cached_property
+    def white(self) -> np.ndarray:
+        """Root ``(f, m)`` of the covariance of the white part of the exogenous input."""
+        white = np.zeros((self.size, self.disturbance.white.shape[-1]))
+        white[self.shaken] = self.disturbance.white
+        return white
+
+    @cached_property
+    def _cov(self) -> np.ndarray:
+        """Stationary covariance of the exogenous input."""
+        return self.linear @ self.disturbance.process.start_cov @ self.linear.T + self.white @ self.white.T
+
+
+# --- a disturbance that does not fit ----------------------------------------------------------------
+
+
+def _mistakes(vehicle: Vehicle, disturbance: Disturbance) -> Iterator[str]:
+    """Reasons why a disturbance does not fit a vehicle."""
+    who, known, process = type(disturbance).__name__, acting_on(vehicle), disturbance.process
+    for what in ("forces", "shakes", "names", "inputs"):
+        given: Any = getattr(disturbance, what) or ()
+        if isinstance(given, str) or len(set(given)) < len(given):
+            yield f"{what} of {who} must be a tuple of different names, got {shown(given)}"
+    believed: Any = disturbance.believed
+    if not isinstance(believed, Disturbance | None):
+        yield f"believed of {who} must be a Disturbance, or None, got {shown(believed)}"
+    for what, least, wanted in (("input_sd", 0.0, "of at least 0"), ("scale", 1e-300, "above 0")):
+        sizes = numbers(getattr(disturbance, what) or ())
+        if sizes is None or not ((sizes >= least) & np.isfinite(sizes)).all():
+            yield f"{what} of {who} must be numbers {wanted}, got {shown(getattr(disturbance, what))}"
+    if disturbance.told != "states" and process.normals < process.size:
+        yield f"{who} needs as many normal numbers a step as its state has components to begin"
+    for name in (*disturbance.forces, *disturbance.shakes):
+        if name not in known:
+            yield f"{who} gives {shown(name)}, but what acts on this vehicle is {', '.join(known)}"
+    for name in disturbance.shakes:
+        if name not in vehicle.kicks or name in disturbance.forces:
+            kicks = ", ".join(vehicle.kicks)
+            yield f"{who} shakes {name}, which must be a kick ({kicks}) that its effect does not give"
+    possible = *disturbance.forces, *disturbance.shakes, *map(change_of, disturbance.names)
+    for name in disturbance.inputs or ():
+        if name not in possible:
+            yield f"{who} has the unknown input {shown(name)}, which must be one of {', '.join(possible)}"
+    ship = getattr(disturbance, "ship", None)
+    flown = getattr(vehicle, "ship", ship)
+    if any(getattr(ship, name) != getattr(flown, name) for name in ("length", "beam", "draught", "mass") if ship):
+        yield f"{who} was made for another ship than the vehicle's: give it ship=vehicle.ship"
+    if disturbance.dt not in (None, vehicle.dt):
+        own, dt = disturbance.dt, vehicle.dt
+        yield f"{who} was made for steps of {own} s, the vehicle's are {dt:g} s: give it dt={dt:g}"
+    if process.size and (modulus := np.abs(np.linalg.eigvals(process.transition)).max()) > 1.0 + 1e-6:
+        yield f"process of {who} grows by a factor of {modulus:.3g} a step: eigenvalues must be of modulus 1 at most"
+    if len(disturbance.names) != process.size:
+        yield f"{who} names {len(disturbance.names)} components of a state that has {process.size}"
+    for name in disturbance.names:
+        if name in vehicle.state_names:
+            yield f"{who} calls a component {name!r}, as another is called"
+    for what, rows in (("white", len(disturbance.shakes)), ("scale", process.size)):
+        given = getattr(disturbance, what)
+        if given is not None and len(given) != rows:
+            yield f"{what} of {who} must have {rows} rows, got {len(given)}"
+    yield from _mistakes_of_effect(f"effect of {who}", vehicle, disturbance)
+
+
+def _mistakes_of_effect(effect: str, vehicle: Vehicle, disturbance: Disturbance) -> Iterator[str]:
+    z, state = np.zeros((2, disturbance.process.size)), np.tile(cruising(vehicle), (2, 1))
+    try:
+        given = repeated(effect, disturbance.effect, z, state)
+    except Exception as error:
+        if str(error).startswith("effect of"):
+            raise
+        raise ValueError(f"{effect} failed on z of shape {z.shape}: {shown(str(error))}") from error
+    shape = given.shape if isinstance(given, np.ndarray) else f"a {type(given).__name__}"
+    if shape != (2, len(disturbance.forces)):
+        values = f"{len(disturbance.forces)} values a row, for {', '.join(disturbance.forces)}"
+        yield f"{effect} must give {values}: z of shape {z.shape} gave {shape}"
+    elif numbers(given) is None or not np.isfinite(given).all():
+        gave = f"gave {shown(given[0].tolist())} for z = 0 and a vehicle that cruises"
+        yield f"{effect} {gave}: it must be real and finite"

@@ -1,0 +1,108 @@
+"""Nonlinear models, and their linearisation about steady motions."""
+
+from typing import Any
+
+import numpy as np
+
+from estimators import LinearModel, NonlinearModel
+from estimators.differences import central_differences, steps
+from estimators.engine import compiled
+from estimators.varying import Schedule
+from vessel_gym.filter_models.exogenous import change_of
+from vessel_gym.filter_models.parts import Parts, seen_alike
+from vessel_gym.foreign import ours
+from vessel_gym.vehicles.integration import kicked as with_kicks
+from vessel_gym.vehicles.vehicle import Trims
+
+
+def nonlinear_model(parts: Parts, G: np.ndarray, H: np.ndarray, options: dict[str, Any]) -> NonlinearModel:
+    """The nonlinear model.
+
+    Args:
+        parts: What it is composed of.
+        G: ``(n, q)`` what d does to the state, but for its flows and faults,
+        H: and ``(p, q)`` to the measurements.
+        options: Of the model.
+
+    Raises:
+        ValueError: for an unknown flow that measurements show otherwise elsewhere.
+    """
+    forces, vehicle, n, drift = parts.forces, parts.vehicle, parts.base, parts.drift
+    kicks = len(vehicle.kicks)
+    moves = [parts.own.index(name) for name in vehicle.kicked if name in parts.own]
+    kicking = len(parts.held) > 0 and forces.kicking
+
+    def transition(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+        assert u is not None
+        if u.size > u.shape[-1] and u.shape[:-1] != x.shape[:-1]:
+            x = np.broadcast_to(x, np.broadcast_shapes(x.shape[:-1], u.shape[:-1]) + x.shape[-1:])
+        acting = parts.acting(x)
+        after = forces.moved(x[..., :n], u, acting)
+        after = with_kicks(after, acting[..., :kicks], moves) if kicking else after
+        return np.concatenate([after, drift.advance(x[..., n:])], -1)
+
+    flowing = [(j, i) for j, i in enumerate(forces.inputs) if i in parts.unknown and i >= kicks]
+    for _, i in flowing:
+        if i < forces.outside and not seen_alike(vehicle, parts.sensors, i):
+            raise ValueError(
+                f"how readings show {vehicle.flows[i - kicks]} depends on where the vehicle is, which a nonlinear "
+                f"model cannot have of an unknown input: let it be {change_of('a component')!r} instead, or leave the "
+                "sensor out"
+            )
+
+    def pushed(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+        """G at a state: what d's flows and faults do is differenced about none of them."""
+        own, acting = x[..., None, :n], parts.acting(x)[..., None, :]
+
+        def after(d: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+            assert u is not None
+            with_d = np.broadcast_to(acting, (*d.shape[:-1], forces.size)).copy()
+            with_d[..., [i for _, i in flowing]] = d
+            return forces.moved(np.broadcast_to(own, d.shape[:-1] + (n,)), u, with_d)
+
+        none = np.zeros(x.shape[:-1] + (len(flowing),))
+        columns = central_differences("drift", after, none, u, n, options["state_angles"], steps(none, None))[1]
+        pushes = np.empty(x.shape[:-1] + G.shape)
+        pushes[...] = G
+        pushes[..., :n, [j for j, _ in flowing]] = columns
+        return pushes
+
+    measurement, push = parts.expected, G if not flowing else pushed
+    if forces.compilable and all(ours(sensor.reads) for sensor in parts.sensors.each):
+        transition, measurement = compiled(transition), compiled(measurement)
+    if H.size:
+        options |= {"G": push, "H": H}
+    return NonlinearModel(transition, measurement, **options)
+
+
+def linearised_model(parts: Parts, G: np.ndarray, H: np.ndarray, options: dict[str, Any], trims: Trims) -> LinearModel:
+    """The nonlinear model linearised about each of some steady motions; arguments as `nonlinear_model`.
+
+    Raises:
+        ValueError: for a sensor that is not linear there.
+    """
+    model, n = nonlinear_model(parts, G, H, options.copy()), trims.x.shape[-1]
+    x = np.zeros((len(trims.x), model.n))
+    x[:, :n], u = trims.x, trims.u
+    after, A = model.linearise_transition(x, u)
+    y, C = model.linearise_measurement(x, u)
+    wrong = np.abs(y - np.matvec(C, x)).max(0) > 1e-6 * (1.0 + np.abs(y).max(0))
+    if wrong.any():
+        name = parts.sensors.of_channel(np.argmax(wrong)).name
+        raise ValueError(
+            f"{name} is not linear about the vehicle's steady motions: choose a filter for nonlinear models"
+        )
+
+    def moved(u: np.ndarray, _: np.ndarray | None) -> np.ndarray:
+        return model.transition(np.broadcast_to(x[:, None, :], u.shape[:-1] + (model.n,)), u)
+
+    spacing = steps(np.zeros(u.shape), None)
+    B = central_differences("transition", moved, u, None, model.n, model.state_angles, spacing)[1]
+    B[..., -1] += after - np.matvec(A, x) - np.matvec(B, u)
+
+    def scheduled(table: np.ndarray) -> Schedule:
+        return Schedule(np.ascontiguousarray(table), *trims[2:])
+
+    pushes = None if model.G is None else np.broadcast_to(model.input_matrix(x, u), (*x.shape, model.q))
+    scheduled_G = None if pushes is None else scheduled(pushes)
+    return LinearModel(scheduled(A), scheduled(C), B=scheduled(B), G=scheduled_G, H=model.H, **options)

@@ -1,0 +1,146 @@
+"""Which states a filter's model has: of the vehicle, of what acts on it, of the sensors' biases."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vessel_gym.filter_models.exogenous import Forces, cruising, spread
+from vessel_gym.processes import Process
+from vessel_gym.sensors import Sensors
+from vessel_gym.vehicles.vehicle import Vehicle
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """The parts of which a filter's model is composed.
+
+    Attributes:
+        forces: What acts, as the filter assumes it.
+        sensors: The sensors, likewise.
+        own: The components of the vehicle's state that are estimated, the first of the filter's state.
+        held: Indices of the components of the disturbance's state that follow; the sensors' biases are last.
+        unknown: Indices of the exogenous inputs that are treated as the unknown input d.
+    """
+
+    forces: Forces
+    sensors: Sensors
+    own: tuple[str, ...]
+    held: np.ndarray
+    unknown: list[int]
+
+    @property
+    def base(self) -> int:
+        """Number of components that are the vehicle's."""
+        return len(self.own)
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """What moves."""
+        return self.forces.vehicle
+
+    @property
+    def drift(self) -> Process:
+        """How the estimated components of the disturbance's state and the biases move."""
+        process, square = self.forces.disturbance.process, np.ix_(self.held, self.held)
+        held = Process(process.transition[square], process.root[self.held], process.start_cov[square])
+        return Process.joined(held, self.sensors.bias)
+
+    def state(self, x: np.ndarray) -> np.ndarray:
+        """The vehicle's state ``(..., n)`` out of the filter's ``(..., m)``, 0 where it is not estimated."""
+        names, own = self.vehicle.state_names, x[..., : self.base]
+        if self.own == names:
+            return own
+        return spread({names.index(name): own[..., i] for i, name in enumerate(self.own)}, len(names), own)
+
+    def acting(self, x: np.ndarray) -> np.ndarray:
+        """The exogenous input that a filter's state implies, without d, ``(..., f)``; ``(f,)`` if it implies none."""
+        if not len(self.held):
+            return np.zeros(self.forces.size)
+        components = {int(i): x[..., self.base + j] for j, i in enumerate(self.held)}
+        z = spread(components, self.forces.disturbance.process.size, x)
+        return self.forces.on(z, self.state(x), self.unknown)
+
+    def expected(self, x: np.ndarray, u: np.ndarray | None, biased: bool = True) -> np.ndarray:
+        """Measurements without noise ``(..., p)`` in states ``(..., m)`` of a filter, with their biases or without."""
+        first, outside = self.base + len(self.held), self.forces.outside
+        acting = np.broadcast_to(self.acting(x)[..., :outside], (*x.shape[:-1], outside))
+        bias = x[..., first : first + self.sensors.bias.size] if biased else None
+        return self.sensors.exact(self.state(x), acting, bias)
+
+
+# --- what is relevant -------------------------------------------------------------------------------
+
+
+def near(vehicle: Vehicle, count: int) -> np.ndarray:
+    """States ``(count, n)`` about that of a vehicle that cruises."""
+    return cruising(vehicle) + np.random.default_rng(0).standard_normal((count, len(vehicle.state_names)))
+
+
+def seen(sensors: Sensors, state: np.ndarray) -> np.ndarray:
+    """What a unit of each kick and flow adds to the measurements ``(..., p, f)`` in states ``(..., n)``; 0 for none."""
+    size = len(sensors.forcing_names)
+    units = np.broadcast_to(np.eye(size + 1, size, -1), (*state.shape[:-1], size + 1, size))
+    with np.errstate(all="ignore"):
+        y = sensors.exact(np.repeat(state[..., None, :], size + 1, -2), units)
+        return np.swapaxes(np.nan_to_num(y[..., 1:, :] - y[..., :1, :]), -1, -2)
+
+
+def seen_anywhere(vehicle: Vehicle, sensors: Sensors) -> np.ndarray:
+    """Does a measurement show a kick or flow ``(p, f)``? The log of a ship that heads across a current does not."""
+    return np.any(seen(sensors, near(vehicle, 8)), 0)
+
+
+def seen_alike(vehicle: Vehicle, sensors: Sensors, i: int) -> bool:
+    """Do measurements show a part of the exogenous input alike wherever the vehicle is?"""
+    here, elsewhere = (seen(sensors, state)[..., i] for state in (cruising(vehicle), near(vehicle, 5)))
+    return np.allclose(elsewhere, here, rtol=1e-9, atol=1e-9)
+
+
+def moving(forces: Forces, n: int) -> np.ndarray:
+    """Mask ``(f,)`` of the parts of a forcing, kicks aside, that move the first ``n`` components of filters."""
+    x, u = forces.vehicle.cruise
+    still = forces.moved(x, u, np.zeros(forces.size))[:n]
+    return np.array([(forces.moved(x, u, unit)[:n] != still).any() for unit in np.eye(forces.size)])
+
+
+def relevant(forces: Forces, sensors: Sensors, n: int, unknown: list[int], changing: list[int]) -> np.ndarray:
+    """Indices of a disturbance's states that a filter of ``n`` components of the vehicle's estimates.
+
+    They move what it estimates or reads, at once or later, otherwise than as what is ``unknown`` in the forcing; or
+    are those ``changing`` in ways that are unknown. An effect may depend on both states in any way: it is evaluated
+    in several places.
+    """
+    vehicle, process = forces.vehicle, forces.disturbance.process
+    counts, size = moving(forces, n), len(vehicle.state_names)
+    counts[: len(vehicle.kicks)] = True
+    counts[: forces.outside] |= seen_anywhere(vehicle, sensors).any(0)
+    counts[unknown] = False
+    rng, matters = np.random.default_rng(0), np.isin(np.arange(process.size), changing)
+    for far in (0.0, 1.0, 10.0, 100.0):
+        z = 0.5 * rng.standard_normal(process.size) * (far > 0.0)
+        for offset in (*far * rng.standard_normal((2, size)), np.full(size, far)):
+            rows = np.tile(cruising(vehicle) + offset, (process.size + 1, 1))
+            with np.errstate(all="ignore"):
+                given = forces.on(np.vstack([z, z + np.eye(process.size)]), rows)
+            matters = matters | ((given[1:] != given[0]) & counts).any(-1)
+    for _ in process.transition:
+        matters = matters | (process.transition[matters] != 0.0).any(0)
+    return np.flatnonzero(matters)
+
+
+def check_estimated(own: tuple[str, ...], vehicle: Vehicle, sensors: Sensors) -> None:
+    """Refuse a sensor that reads a component of the vehicle's state that the filter does not estimate.
+
+    Raises:
+        ValueError: naming both.
+    """
+    names, state = vehicle.state_names, cruising(vehicle)
+    missing = [i for i, name in enumerate(names) if name not in own]
+    states = np.vstack([state, state + np.eye(len(names))[missing]])
+    y = sensors.exact(states, np.zeros((len(states), len(sensors.forcing_names))))
+    for i, changed in zip(missing, y[1:] != y[0], strict=True):
+        if changed.any():
+            raise ValueError(
+                f"{sensors.of_channel(np.argmax(changed)).name} reads {names[i]}, which filters of this model do not "
+                f"estimate (they estimate {', '.join(own)}): leave it out, or choose another model"
+            )

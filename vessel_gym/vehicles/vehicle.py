@@ -1,0 +1,134 @@
+"""What a vehicle is to an environment: how it moves, what acts on it, and what filters know of both."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from vessel_gym.sensors import Sensor
+
+
+class Trims(NamedTuple):
+    """Steady motions about which a nonlinear model is made straight: the nearest one holds, by the known input.
+
+    The known input's last component must be 1: what no matrix gives stands in its column of B.
+    """
+
+    x: np.ndarray  # (k, n) what filters estimate of the vehicle,
+    u: np.ndarray  # (k, m) and the known input
+    component: int  # of the known input that tells one from another,
+    scale: float  # how many there are to a unit of it,
+    middle: float  # and which is that of 0, and half of one more: see `estimators.Schedule`
+
+
+class Vehicle(Protocol):
+    """A vehicle in batches ``(B, ...)``: its own state and actuators, how they move, and what filters know of that.
+
+    What acts on it is a forcing ``(B, f)``: kicks, which change its state at the end of a step, then flows, which are
+    held over it. The equations may be compiled or plain NumPy: anything that broadcasts over leading axes.
+
+    A vehicle may have ``faults``, too, as `vessel_gym.vehicles.whole_state.WholeState` has: the names of what may be
+    added to its actuators over a step, and ``faulty``, the known input with that; without them it has none.
+    """
+
+    @property
+    def dt(self) -> float:
+        """Time step [s]."""
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Components of its state: of itself alone, not of what carries or kicks it."""
+
+    @property
+    def angles(self) -> tuple[str, ...]:
+        """Those of them that are angles [rad]."""
+
+    @property
+    def action_names(self) -> tuple[str, ...]:
+        """Components of the action."""
+
+    @property
+    def kicks(self) -> tuple[str, ...]:
+        """The first parts of its forcing: what is added to its state at the end of a step."""
+
+    @property
+    def kicked(self) -> tuple[str, ...]:
+        """And to which component each."""
+
+    @property
+    def flows(self) -> tuple[str, ...]:
+        """The other parts of its forcing: what carries it over a step."""
+
+    @property
+    def sensors(self) -> tuple[Sensor, ...]:
+        """Its sensors, in their nominal quality, in the order of the readings."""
+
+    @property
+    def normals(self) -> int:
+        """How many normal numbers `parameters` needs."""
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Components of the parameters."""
+
+    def parameters(self, mismatch: float, normals: np.ndarray) -> np.ndarray:
+        """The truth's parameters ``(B, k)``, spread around the filter's."""
+
+    def start(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """State ``(B, n)`` and actuators ``(B, a)`` from what the task's prior describes, see `estimated`."""
+
+    def actuate(self, actuators: np.ndarray, action: np.ndarray) -> np.ndarray:
+        """Actuators one step later, within limits and rates."""
+
+    def step(
+        self,
+        state: np.ndarray,
+        before: np.ndarray,
+        after: np.ndarray,
+        forcing: np.ndarray,
+        parameters: np.ndarray,
+    ) -> np.ndarray:
+        """The state one step later, with actuators moving from ``before`` to ``after``."""
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """The models that filters may have of it, the widest of nonlinear ones first."""
+
+    @property
+    def linear_kinds(self) -> tuple[str, ...]:
+        """And which of them are linear."""
+
+    def estimated(self, kind: str) -> tuple[str, ...]:
+        """The components of its state that filters with a model estimate, in their order.
+
+        Those of the first of ``kinds`` are what a task's prior describes; those of others are its first ones.
+        """
+
+    @property
+    def cruise(self) -> tuple[np.ndarray, np.ndarray]:
+        """What filters estimate, and the known input, where it goes its usual way: where models are looked at."""
+
+    @property
+    def process_sd(self) -> np.ndarray:
+        """Standard deviations of what the models leave out in a step, of what filters estimate."""
+
+    def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray) -> np.ndarray:
+        """What filters estimate ``(..., n)`` one step on, under the known input and a flow, with their parameters."""
+
+    def known_input(self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None) -> np.ndarray:
+        """What its filters are told over a step ``(B, m)``: of the actuators, and of what a task may command."""
+
+    def linear(self, kind: str) -> tuple[Any, ...] | Trims:
+        """A and B of a linear model, each a matrix or a function of the known input.
+
+        And where flows move what it estimates, what each does over a step ``(n, flows)``, likewise. Or the `Trims`
+        about which the nonlinear model is made straight.
+        """
+
+    @property
+    def rates(self) -> Mapping[str, str]:
+        """Which component of the state is the rate of which, for what no sensor reads."""
+
+    @property
+    def carried(self) -> np.ndarray | None:
+        """What a flow adds at the start to what the prior describes ``(n, flows)``, if velocities are over ground."""
