@@ -34,7 +34,7 @@ POLICIES := PunaUAV-v0 SegorogeniAUV-v0 ItsunusaAUV-v0 SigmaCorvette-v0 ThesisCo
 
 policies: .venv/.studies  ## Train the policies that come with the package anew, and write their scores into docs/agents.md
 	$(MAKE) -j 2 $(POLICIES)
-	$(BIN)/python -m scripts.tables agents
+	$(BIN)/python -m studies.tables agents
 
 $(POLICIES):  # of three runs one in two learns to fly the aircraft
 	$(BIN)/python -m scripts.train $@ --out agents/trained/$@.zip $(if $(filter Puna%,$@),--runs 3)

@@ -22,7 +22,6 @@ CALLS = {
     "train SigmaCorvette-v0": (2, r"pip install 'vessel-gym\[train\]'"),
     "ablate quick": (2, r"pip install 'vessel-gym\[report\]'"),
     "reproduce all": (2, "run this in a checkout"),
-    "benchmark": (2, r"pip install 'vessel-gym\[benchmark\]'"),
     "wacth PunaUAV-v0": (2, "did you mean 'watch'"),
 }
 """Exit status and what is said, in an environment without extras."""

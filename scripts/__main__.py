@@ -5,7 +5,7 @@ from importlib import import_module
 
 from scripts.console import command, complain, sentences
 
-COMMANDS = ("watch", "evaluate", "train", "ablate", "reproduce", "benchmark")
+COMMANDS = ("watch", "evaluate", "train", "ablate", "reproduce")
 """The files of scripts/ that users call; the others write pages of this repository."""
 
 

@@ -252,36 +252,3 @@ def _end(status: Status) -> str:
         return f"{failed}measuring how long it takes"
     end = datetime.now() + timedelta(seconds=status.seconds_left)
     return f"{failed}ends about {end:%H:%M:%S}, in {timedelta(seconds=round(status.seconds_left))}"
-
-
-def in_checkout() -> None:
-    """Refuse to write pages of the repository where it is not.
-
-    Raises:
-        Refusal: outside of a checkout.
-    """
-    root = Path(__file__).parents[1]
-    if not (root / "docs").is_dir():
-        raise Refusal(f"this writes pages of the repository, and {root} is none: run it in a checkout")
-
-
-def put(page: Path, mark: str, text: str) -> None:
-    """Write a text into a page, in place of what stands between its lines ``<!-- mark -->`` and ``<!-- end -->``.
-
-    Raises:
-        Refusal: as for `around`.
-    """
-    before, after = around(page, mark)
-    page.write_text(f"{before}\n{text.strip()}\n\n{after}", encoding="utf-8")
-
-
-def around(page: Path, mark: str) -> tuple[str, str]:
-    """A page up to its line ``<!-- mark -->``, and from the next line ``<!-- end -->``.
-
-    Raises:
-        Refusal: if the page has no such lines, or several for this mark.
-    """
-    before, *inside = re.split(f"(?m)^(<!-- {re.escape(mark)} -->\n)", page.read_text(encoding="utf-8"))
-    if len(inside) != 2 or "\n<!-- end -->" not in inside[1]:
-        raise Refusal(f"{page} needs one line <!-- {mark} --> and a line <!-- end --> below it")
-    return before + inside[0], inside[1][inside[1].index("<!-- end -->") :]

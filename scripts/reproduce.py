@@ -25,7 +25,7 @@ def main(
 
     Args:
         papers: Which papers; all: every one.
-        out: Folder for the pages, the tables as CSV and summary.json, from which `scripts.tables papers` writes docs.
+        out: Folder for the pages, the tables as CSV and summary.json, from which `studies.tables papers` writes docs.
         processes: Processes that compute.
 
     Returns:

@@ -11,7 +11,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("agents", "estimators", "scripts", "studies", "vessel_gym")
-OUTSIDE = ("studies/papers/", "studies/lorenz/")
+OUTSIDE = tuple(f"studies/{name}/" for name in ("critic", "lorenz", "papers", "speed", "tables", "third_party"))
 FILES = ("CHANGELOG.md", "CITATION.cff", "LICENSE", "MANIFEST.in", "README.md", "pyproject.toml")
 BUILD = "from setuptools import build_meta; build_meta.build_sdist('dist'); build_meta.build_wheel('dist')"
 

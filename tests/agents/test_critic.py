@@ -19,9 +19,9 @@ import agents.ppo
 from agents import load_agent, rollout, save_agent
 from agents.checkpoint import description
 from agents.critic import TruthLstmPolicy, TruthPolicy, TruthVecEnv, oracle_view
-from agents.critic_trial import leaking
 from agents.ppo import MEMORIES, describe, hyperparameters, train
 from agents.vec_env import StableBaselinesVecEnv
+from studies.critic.benchmark import leaking
 
 PAGE = Path(__file__).parents[2] / "docs/critic.md"
 ENV = "SigmaCorvette-v0"

@@ -49,7 +49,12 @@ def test_the_help_of_a_command_names_it_as_it_was_called(
 
 
 @pytest.mark.parametrize(
-    "name", ["scripts.__main__", "studies.lorenz.__main__", *(f"scripts.{each}" for each in ("critic", *COMMANDS))]
+    "name",
+    [
+        "scripts.__main__",
+        *(f"scripts.{each}" for each in COMMANDS),
+        *(f"studies.{each}.__main__" for each in ("critic", "lorenz", "speed")),
+    ],
 )
 def test_help_loads_nothing_that_takes_long_to_load(name: str):
     module = import_module(name)

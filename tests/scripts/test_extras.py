@@ -19,7 +19,7 @@ from agents.page import Page, render
 from agents.ppo import train
 from agents.studies.report import write_report
 from estimators.consistency import consistency_figure
-from scripts import ablate, benchmark, reproduce, watch
+from scripts import ablate, reproduce, watch
 from scripts import train as train_command
 from scripts.console import command
 from studies.papers import report
@@ -126,7 +126,6 @@ def first_picture() -> Any:
         (watch.main, ["--out", "turn.gif"], "imageio", "render"),
         (watch.main, ["--out", "turn.gif"], "pygame", "render"),
         (watch.main, [], "pygame", "render"),
-        (benchmark.main, [], "filterpy", "benchmark"),
     ],
 )
 def test_a_command_that_needs_an_extra_tells_what_to_type_before_it_works(
@@ -147,12 +146,12 @@ def test_a_module_that_cannot_even_be_looked_for_is_missing_too(monkeypatch: pyt
     class Forbidding:
         @staticmethod
         def find_spec(name: str, path: Any = None, target: Any = None) -> None:
-            if name == "filterpy":
+            if name == "imageio_ffmpeg":
                 raise ImportError(name)
 
-    for name in [name for name in sys.modules if name.partition(".")[0] == "filterpy"]:
+    for name in [name for name in sys.modules if name.partition(".")[0] == "imageio_ffmpeg"]:
         monkeypatch.delitem(sys.modules, name)
-    require("filterpy")
+    require("imageio_ffmpeg")
     monkeypatch.setattr(sys, "meta_path", [Forbidding, *sys.meta_path])
-    with pytest.raises(ModuleNotFoundError, match=sentence("filterpy", "benchmark")):
-        require("filterpy")
+    with pytest.raises(ModuleNotFoundError, match=sentence("imageio_ffmpeg", "render")):
+        require("imageio_ffmpeg")

@@ -25,12 +25,14 @@ from agents.metrics import scores
 from agents.seeds import evaluation_seeds, training_seed, tuning_seeds
 from agents.studies.study import StudyError, read_study
 from scripts import __main__ as console_command
-from scripts import ablate, benchmark, evaluate, reproduce, timing, train, watch
+from scripts import ablate, evaluate, reproduce, train, watch
 from scripts.console import command
 from studies.lorenz import __main__ as lorenz
+from studies.speed import __main__ as speed
+from studies.speed import timing
 
 COMMANDS: dict[str, Any] = {
-    "ablate": ablate.main, "benchmark": benchmark.main, "evaluate": evaluate.main, "lorenz": lorenz.main,
+    "ablate": ablate.main, "evaluate": evaluate.main, "lorenz": lorenz.main, "speed": speed.main,
     "reproduce": reproduce.main, "train": train.main, "watch": watch.main,
 }  # fmt: skip
 STUDY = """
@@ -173,15 +175,15 @@ def test_any_command_line_is_refused_in_one_sentence_or_begins_its_work(line: tu
         ("watch CartPole-v1 --agent random --out turn.gif", "'CartPole-v1' has no estimator in the loop"),
         ("watch --seed -1 --out turn.gif", "--seed must be at least 0, got -1"),
         ("watch", "there is no display"),
-        ("benchmark CartPole-v1", "'CartPole-v1' has no estimator in the loop"),
-        ("benchmark --rounds 0", "--rounds must be at least 1, got 0"),
-        ("benchmark --rows", "--rows needs at least one word"),
-        ("benchmark --what", "--what needs at least one word"),
-        ("benchmark --rows 4 0", "--rows must be at least 1, got 0"),
-        ("benchmark --against folder.gif", "folder.gif holds no vessel_gym: pip install --no-deps --target folder.gif"),
-        ("benchmark --against nowhere", "nowhere holds no vessel_gym"),
-        ("benchmark --page nowhere.md", "No such file or directory"),
-        ("benchmark --page study.toml", "study.toml needs one line <!-- measured --> and a line <!-- end --> below it"),
+        ("speed CartPole-v1", "'CartPole-v1' has no estimator in the loop"),
+        ("speed --rounds 0", "--rounds must be at least 1, got 0"),
+        ("speed --rows", "--rows needs at least one word"),
+        ("speed --what", "--what needs at least one word"),
+        ("speed --rows 4 0", "--rows must be at least 1, got 0"),
+        ("speed --against folder.gif", "folder.gif holds no vessel_gym: pip install --no-deps --target folder.gif"),
+        ("speed --against nowhere", "nowhere holds no vessel_gym"),
+        ("speed --page nowhere.md", "No such file or directory"),
+        ("speed --page study.toml", "study.toml needs one line <!-- measured --> and a line <!-- end --> below it"),
         ("lorenz --seed -1", "seed must be at least 0, got -1"),
         ("lorenz --runs 99999999999999999999", "runs must be at most"),
         ("reproduce robust --processes 0", "--processes must be at least 1, got 0"),
@@ -232,7 +234,7 @@ def test_a_seed_below_the_first_is_not_answered_with_advice_on_how_many():
     "line",
     [
         "evaluate vessel_gym:SigmaCorvette-v0 --estimator kf None --episodes 1", "train --out new/ppo --steps 128",
-        "watch --out turn.png", "benchmark --what loop flights --rows 2", "lorenz --runs 2 --cycles 1",
+        "watch --out turn.png", "speed --what loop flights --rows 2", "lorenz --runs 2 --cycles 1",
         "reproduce robust puna --processes 1", "ablate study.toml --shard 1/2 --processes 3",
         "ablate quick --out new/quick",
     ],
@@ -256,7 +258,7 @@ def test_too_little_memory_is_told_in_one_sentence(monkeypatch: pytest.MonkeyPat
         raise MemoryError("Unable to allocate 7 TiB")
 
     monkeypatch.setattr(timing, "report", greedy)
-    told = refused("benchmark", "--rows", "1000000000")
+    told = refused("speed", "--rows", "1000000000")
     assert told == "error: this machine has too little memory for that: Unable to allocate 7 TiB"
 
 

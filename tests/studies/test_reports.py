@@ -12,10 +12,10 @@ import pytest
 
 from agents.page import Claims, render
 from scripts import reproduce
-from scripts.console import around
 from studies import papers
 from studies.papers import PAPERS, settings
 from studies.papers.measures import Report, Row, papers_page, readme_line
+from studies.tables.markdown import around
 
 ROOT = Path(__file__).parents[2]
 STORED = ROOT / "studies" / "papers" / "summary.json"

@@ -1,11 +1,12 @@
-"""Microseconds, and ratios to what else one could run: ``python -m scripts.benchmark``."""
+"""Time of steps and filters, and ratios to baselines: ``python -m studies.speed``."""
 
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Literal
 
-from scripts.console import around, asked, command, in_range, put
+from scripts.console import Refusal, asked, command, in_range
 
-What = Literal["loop", "filters", "flights", "where", "anybody"]
+What = Literal["loop", "filters", "flights", "where", "third-party"]
 MARK = "measured"
 """Where a page holds what was printed."""
 
@@ -32,19 +33,20 @@ def main(
     Args:
         env_ids: Registered environments, for flights and where.
         what: loop: the corvette beside a loop written by hand; filters: beside filterpy, by rows, by members; flights:
-            environments, estimators, batches; where: the parts of a step; anybody: Gymnasium's cart-poles behind a
+            environments, estimators, batches; where: the parts of a step; third-party: Gymnasium's cart-poles behind a
             filter.
         against: A folder with another version, to fly beside this one: pip install --no-deps --target FOLDER
             vessel-gym==VERSION, or a checkout.
-        rows: Sizes of batches in loop, filters and anybody.
+        rows: Sizes of batches in loop, filters and third-party.
         rounds: Blocks of each.
         page: A Markdown page: what is printed also goes between its marks.
     """
     from agents.studies.worlds import environment_id
-    from vessel_gym.extras import require
+    from studies.tables.markdown import around, put
 
-    require("filterpy")
-    from scripts import timing
+    if find_spec("filterpy") is None:
+        raise Refusal("the baselines need filterpy: pip install filterpy")
+    from studies.speed import timing
 
     with asked():
         in_range("--rounds", rounds, 1)

@@ -1,8 +1,8 @@
-"""What the truth is worth to the critic, and what a leak looks like: ``python -m scripts.critic`` (docs/critic.md)."""
+"""Benchmark of the asymmetric critic, and of a leak to the actor: ``python -m studies.critic`` (docs/critic.md)."""
 
 from pathlib import Path
 
-from scripts.console import asked, command, in_checkout, in_range
+from scripts.console import asked, command, in_range
 
 
 def main(worlds: tuple[str, ...] = (), /, runs: int = 5, out: Path = Path("results/critic")) -> None:
@@ -16,17 +16,16 @@ def main(worlds: tuple[str, ...] = (), /, runs: int = 5, out: Path = Path("resul
         out: Folder of the results.
     """
     from estimators.factory import unknown
-    from scripts import critic_page
+    from studies.critic import page
 
-    in_checkout()
     with asked():
         in_range("--runs", runs, 2)  # one run has no interval
         for name in worlds:
-            if name not in critic_page.WORLDS:
-                raise ValueError(unknown("world", name, critic_page.WORLDS))
-    critic_page.learn(worlds or tuple(critic_page.WORLDS), runs, out)
-    if not worlds or set(worlds) == set(critic_page.WORLDS):
-        critic_page.write(runs, out)
+            if name not in page.WORLDS:
+                raise ValueError(unknown("world", name, page.WORLDS))
+    page.learn(worlds or tuple(page.WORLDS), runs, out)
+    if not worlds or set(worlds) == set(page.WORLDS):
+        page.write(runs, out)
 
 
 if __name__ == "__main__":

@@ -11,9 +11,10 @@ import pytest
 
 import vessel_gym
 from estimators import Numbers, names
-from scripts import timing
-from scripts.benchmark import MARK, main
-from scripts.by_hand import (
+from scripts.console import Refusal
+from studies.speed import timing
+from studies.speed.__main__ import MARK, main
+from studies.speed.baselines import (
     HandWrittenLoop,
     HandWrittenShips,
     filterpys,
@@ -23,9 +24,9 @@ from scripts.by_hand import (
     ours,
     readings,
 )
-from scripts.console import Refusal, around
-from scripts.flights import STEPS, Flight, units
-from scripts.timing import Clock, Table, Timed, Worker, measure, shown
+from studies.speed.flights import STEPS, Flight, units
+from studies.speed.timing import Clock, Table, Timed, Worker, measure, shown
+from studies.tables.markdown import around
 from vessel_gym.core import Core
 from vessel_gym.envs.thesis_corvette import THESIS_CORVETTE
 from vessel_gym.wrappers.vector import EstimatedObservation
@@ -135,7 +136,7 @@ def test_cart_poles_behind_a_filter_fly_alike_by_numpy_and_compiled(monkeypatch:
     assert any((one != other).any() for one, other in zip(*infos, strict=True))  # two ways of rounding
     for one, other in zip(*infos, strict=True):
         np.testing.assert_allclose(one, other, rtol=0, atol=1e-9)
-    assert timing.anybody_table((2,)).timed()
+    assert timing.third_party_table((2,)).timed()
 
 
 # --- how it is timed ----------------------------------------------------------------------------------

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from scripts.arms import EPISODES, Arm
-from scripts.markdown import WITHOUT, number, shown, table
+from studies.tables.arms import EPISODES, Arm
+from studies.tables.markdown import WITHOUT, number, shown, table
 
 
 class Faulty(NamedTuple):

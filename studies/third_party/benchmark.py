@@ -1,4 +1,4 @@
-"""Whether PPO learns on estimates what it learns on the truth, in environments that nobody here wrote."""
+"""PPO on estimates and on the truth, in environments of third parties."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The trainings of `scripts.critic`, and the tables and the picture that it writes to docs/critic.md."""
+"""The trainings of `studies.critic`, and the tables and the picture that it writes to docs/critic.md."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from agents.checkpoint import one_thread
-from agents.critic_trial import END, HALF, World, learned
 from agents.files import compute_once
 from agents.plotting import PALETTE, styled
 from agents.statistics import mean_interval
-from scripts.console import progress_bar, put
-from scripts.markdown import ROOT, shown, table
+from scripts.console import progress_bar
+from studies.critic.benchmark import END, HALF, World, learned
+from studies.tables.markdown import ROOT, put, shown, table
 
 PAGE, PICTURE = ROOT / "docs/critic.md", ROOT / "docs/images/critic.png"
 

@@ -1,11 +1,14 @@
-"""Tables of the documentation in Markdown: numbers, means with their intervals, and where each stands."""
+"""Tables of the documentation in Markdown: means with their intervals, written between the marks of a page."""
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-ROOT = Path(__file__).parents[1]
+from scripts.console import Refusal
+
+ROOT = Path(__file__).parents[2]
 WITHOUT = "–"
 
 
@@ -35,3 +38,25 @@ def number(values: np.ndarray, decimals: int) -> str:
 def percent(share: float | None) -> str:
     """Of times; where there are none, that."""
     return WITHOUT if share is None else f"{100.0 * share:.0f} %"
+
+
+def put(page: Path, mark: str, text: str) -> None:
+    """Write a text into a page, in place of what stands between its lines ``<!-- mark -->`` and ``<!-- end -->``.
+
+    Raises:
+        Refusal: as for `around`.
+    """
+    before, after = around(page, mark)
+    page.write_text(f"{before}\n{text.strip()}\n\n{after}", encoding="utf-8")
+
+
+def around(page: Path, mark: str) -> tuple[str, str]:
+    """A page up to its line ``<!-- mark -->``, and from the next line ``<!-- end -->``.
+
+    Raises:
+        Refusal: if the page has no such lines, or several for this mark.
+    """
+    before, *inside = re.split(f"(?m)^(<!-- {re.escape(mark)} -->\n)", page.read_text(encoding="utf-8"))
+    if len(inside) != 2 or "\n<!-- end -->" not in inside[1]:
+        raise Refusal(f"{page} needs one line <!-- {mark} --> and a line <!-- end --> below it")
+    return before + inside[0], inside[1][inside[1].index("<!-- end -->") :]

@@ -1,4 +1,4 @@
-"""What an agent learns from noisy readings in other people's environments: ``python -m scripts.anybody``."""
+"""Learning from noisy measurements in environments of third parties: ``python -m studies.third_party``."""
 
 import json
 from functools import partial
@@ -6,16 +6,16 @@ from pathlib import Path
 
 import numpy as np
 
-from agents.anybody_trial import ARMS, TRIALS, Trial, learned, random
 from agents.checkpoint import one_thread
 from agents.files import compute_once
-from scripts.console import asked, command, in_range, progress_bar, put
-from scripts.markdown import ROOT, shown, table
+from scripts.console import asked, command, in_range, progress_bar
+from studies.tables.markdown import ROOT, put, shown, table
+from studies.third_party.benchmark import ARMS, TRIALS, Trial, learned, random
 
 PAGE = ROOT / "docs/any-environment.md"
 
 
-def main(runs: int = 3, out: Path = Path("results/anybody")) -> None:
+def main(runs: int = 3, out: Path = Path("results/third-party")) -> None:
     """Train PPO on the truth and on a `ukf` with noisy readings, and write the table of docs/any-environment.md.
 
     A training whose result is there is not repeated. All of them take half an hour.

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from scripts.markdown import table
+from studies.tables.markdown import table
 
 RUNS, STEPS, SKIPPED = 1000, 200, 20
 """Of each cell of the tables of robust filters."""

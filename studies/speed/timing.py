@@ -1,4 +1,4 @@
-"""What `scripts.benchmark` times, and its tables: everything in turns, in short blocks, in one run."""
+"""Tables of `studies.speed`: everything is timed in turns, in short blocks, in one run."""
 
 import json
 import os
@@ -20,9 +20,9 @@ import numpy as np
 
 import vessel_gym
 import vessel_gym.core
-from agents.anybody_trial import CART_POLE
 from estimators import names
-from scripts.by_hand import (
+from scripts.console import Refusal, asked, progress_bar
+from studies.speed.baselines import (
     MEASUREMENTS,
     MEMBERS,
     STATES,
@@ -34,8 +34,8 @@ from scripts.by_hand import (
     ours,
     readings,
 )
-from scripts.console import Refusal, asked, progress_bar
-from scripts.flights import STEPS, Flight, units
+from studies.speed.flights import STEPS, Flight, units
+from studies.third_party.benchmark import CART_POLE
 from vessel_gym.core import Core
 from vessel_gym.wrappers.vector import EstimatedObservation
 
@@ -150,7 +150,7 @@ class Worker:
             raise
 
     def ask(self, question: Any) -> Any:
-        """The answer of `scripts.flights.serve`."""
+        """The answer of `studies.speed.flights.serve`."""
         there, back = self.process.stdin, self.process.stdout
         assert there is not None
         assert back is not None
@@ -304,7 +304,7 @@ def asked_at_points(rows: int) -> Timed:
     return stepped(lambda _: (model.transition(points, u), model.measurement(points, u)), rows, STEPS)
 
 
-def anybody_table(sizes: tuple[int, ...]) -> Table:
+def third_party_table(sizes: tuple[int, ...]) -> Table:
     """Gymnasium's cart-poles behind a batched filter: compiled, by NumPy, and without one."""
     lines: dict[str, tuple[Cell, ...]] = {}
     for rows in sizes:
@@ -402,7 +402,7 @@ def report(
         tables += filter_tables(rows) if "filters" in what else []
         tables += [flight_table(env_ids, this, that)] if "flights" in what else []
         tables += [where_table(env_ids)] if "where" in what else []
-        tables += [anybody_table(rows)] if "anybody" in what else []
+        tables += [third_party_table(rows)] if "third-party" in what else []
         times = measure([timed for table in tables for timed in table.timed()], rounds)
     note = f"Median [quartiles] of {rounds} rounds; {machine()}."
     return "\n".join([note, "", *(table.text(times) for table in tables)]).strip()

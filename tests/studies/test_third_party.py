@@ -1,15 +1,16 @@
-"""The command of anybody's environments: what it trains, and what the page says of it."""
+"""The benchmark of third-party environments: its trainings, and its table in the documentation."""
 
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from agents import anybody_trial
-from agents.anybody_trial import ARMS, TRIALS, Trial
-from scripts import anybody
-from scripts.anybody import PAGE, main, returns_table
-from scripts.console import Refusal, around
+from scripts.console import Refusal
+from studies.tables.markdown import around
+from studies.third_party import __main__ as third_party
+from studies.third_party import benchmark
+from studies.third_party.__main__ import PAGE, main, returns_table
+from studies.third_party.benchmark import ARMS, TRIALS, Trial
 
 
 def test_the_table_says_what_share_of_the_gain_over_chance_is_kept():
@@ -30,9 +31,9 @@ def test_what_was_trained_is_not_trained_again_and_goes_onto_the_page(tmp_path: 
         trained.append((trial.env_id, arm, seed))
         return [1.0 + seed, 2.0]
 
-    monkeypatch.setattr(anybody, "learned", learned)
-    monkeypatch.setattr(anybody, "random", lambda trial: [0.0, 0.5])
-    monkeypatch.setattr(anybody, "PAGE", page)
+    monkeypatch.setattr(third_party, "learned", learned)
+    monkeypatch.setattr(third_party, "random", lambda trial: [0.0, 0.5])
+    monkeypatch.setattr(third_party, "PAGE", page)
     for _ in range(2):
         main(runs=2, out=tmp_path / "results")
     assert len(trained) == len(set(trained)) == 2 * len(ARMS) * len(TRIALS)
@@ -45,9 +46,9 @@ def test_what_was_trained_is_not_trained_again_and_goes_onto_the_page(tmp_path: 
 
 @pytest.mark.parametrize("name", TRIALS)
 def test_random_actions_have_returns_on_seeds_that_repeat(name: str, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(anybody_trial, "EPISODES", 2)
-    first = anybody_trial.random(TRIALS[name])
-    assert first == anybody_trial.random(TRIALS[name])
+    monkeypatch.setattr(benchmark, "EPISODES", 2)
+    first = benchmark.random(TRIALS[name])
+    assert first == benchmark.random(TRIALS[name])
     assert len(set(first)) == 2
 
 
@@ -55,10 +56,10 @@ def test_random_actions_have_returns_on_seeds_that_repeat(name: str, monkeypatch
 @pytest.mark.parametrize("name", ["pendulum", pytest.param("cart-pole", marks=pytest.mark.nightly)])
 def test_a_short_training_repeats_to_the_last_bit(name: str, monkeypatch: pytest.MonkeyPatch):
     pytest.importorskip("stable_baselines3")
-    monkeypatch.setattr(anybody_trial, "EPISODES", 2)
+    monkeypatch.setattr(benchmark, "EPISODES", 2)
     trial = TRIALS[name]
     short = Trial(trial.env_id, trial.given, 64, 2, trial.options | {"n_steps": 32, "batch_size": 64})
-    assert anybody_trial.learned(short, "ukf", 0) == anybody_trial.learned(short, "ukf", 0)
+    assert benchmark.learned(short, "ukf", 0) == benchmark.learned(short, "ukf", 0)
 
 
 def test_the_page_has_a_place_for_the_table():

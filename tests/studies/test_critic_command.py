@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import torch
 
-from agents import critic_trial
-from agents.critic_trial import explained, flown, leaking, learned
 from agents.ppo import describe, learner
-from scripts import critic, critic_page
 from scripts.console import command
-from scripts.critic_page import WORLDS
+from studies.critic import __main__ as critic
+from studies.critic import benchmark, page
+from studies.critic.benchmark import explained, flown, leaking, learned
+from studies.critic.page import WORLDS
 
 STEPS = 16_384
 SHORT: Any = {"steps": STEPS, "options": {"max_episode_steps": 100}}
@@ -21,11 +21,11 @@ SHORT: Any = {"steps": STEPS, "options": {"max_episode_steps": 100}}
 
 @pytest.fixture(autouse=True)
 def few(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(critic_trial, "EPISODES", 6)
-    monkeypatch.setattr(critic_trial, "POINTS", 2)
-    for module in (critic_trial, critic_page):
+    monkeypatch.setattr(benchmark, "EPISODES", 6)
+    monkeypatch.setattr(benchmark, "POINTS", 2)
+    for module in (benchmark, page):
         monkeypatch.setattr(module, "END", 1)
-    monkeypatch.setattr(critic_page, "HALF", 0)
+    monkeypatch.setattr(page, "HALF", 0)
 
 
 @pytest.mark.nightly

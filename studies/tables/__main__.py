@@ -1,4 +1,4 @@
-"""Fly what the tables of docs/ show, and write them anew: ``python -m scripts.tables``."""
+"""Fly what the tables of docs/ show, and write them anew: ``python -m studies.tables``."""
 
 import csv
 import json
@@ -13,11 +13,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from scripts.arms import EPISODES, Arm
-from scripts.console import Refusal, command, in_checkout, progress_bar, put
-from scripts.fault_tables import SEEDS, alarms, faults, faults_found, gap, inputs, latency
-from scripts.filter_tables import adaptive_inflation, huber_iterations, robust_losses, unstable_zeros
-from scripts.markdown import ROOT, WITHOUT, number, percent, rows_of, shown, table
+from scripts.console import Refusal, command, progress_bar
+from studies.tables.arms import EPISODES, Arm
+from studies.tables.faults import SEEDS, alarms, faults, faults_found, gap, inputs, latency
+from studies.tables.filters import adaptive_inflation, huber_iterations, robust_losses, unstable_zeros
+from studies.tables.markdown import ROOT, WITHOUT, number, percent, put, rows_of, shown, table
 
 
 class Flown(NamedTuple):
@@ -401,7 +401,6 @@ def main(names: tuple[str, ...] = (*TABLES, *TEXTS), /) -> None:
     Args:
         names: Which.
     """
-    in_checkout()
     for name in names:
         if name not in TABLES | TEXTS:
             raise Refusal(f"there is no table {name!r}: known are {', '.join(TABLES | TEXTS)}")

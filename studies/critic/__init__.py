@@ -1,0 +1,1 @@
+"""Benchmark of the asymmetric critic, which alone is told the truth."""

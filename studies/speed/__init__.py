@@ -1,0 +1,1 @@
+"""Time of steps and filters, beside baselines written by hand."""

@@ -1,0 +1,1 @@
+"""Tables of the documentation, flown anew and written into their pages."""

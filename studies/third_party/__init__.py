@@ -1,0 +1,1 @@
+"""Benchmark of learning on estimates in environments of third parties."""
