@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from vessel_gym.sensors import Sensor
-from vessel_gym.vehicles.actuators import Actuator, actuated, figures
+from vessel_gym.vehicles.actuators import Actuator, figures
 from vessel_gym.vehicles.files import check_parameters, check_vehicle
 from vessel_gym.vehicles.hydrodynamics import (
     Coefficients,
@@ -278,15 +278,9 @@ class AUV(WholeState):
         x[0], still[-1] = self.body.cruise_speed, self.body.cruise_thrust
         return x, np.concatenate([still, still])
 
-    def actuate(self, actuators: np.ndarray, action: np.ndarray) -> np.ndarray:
-        """Actuators ``(B, a)`` after a step of ``action`` in [-1, 1]: fins at their rate, thrust with its lag.
-
-        Action -1 stops the propeller, 1 asks for all its thrust.
-        """
-        return actuated(actuators, action, self._actuators)
-
     @cached_property
     def _actuators(self) -> np.ndarray:
+        """Fins at their rate, thrust with its lag: action -1 stops the propeller, 1 asks for all its thrust."""
         body = self.body
         fin = Actuator(body.fin_limit, turn=body.fin_rate * self.dt)
         thrust = Actuator(0.5 * body.thrust_limit, offset=1.0, lag=np.exp(-self.dt / body.thrust_lag))

@@ -17,7 +17,7 @@ from estimators.engine import lookup
 from vessel_gym.checks import check_numbers, instance
 from vessel_gym.processes import linear
 from vessel_gym.sensors import Sensor
-from vessel_gym.vehicles.actuators import Actuator, actuated, figures
+from vessel_gym.vehicles.actuators import Actuator, figures
 from vessel_gym.vehicles.corvette_equations import (
     AROUND,
     COEFFICIENTS,
@@ -27,7 +27,8 @@ from vessel_gym.vehicles.corvette_equations import (
     corvette_rates,
 )
 from vessel_gym.vehicles.files import check_vehicle, load
-from vessel_gym.vehicles.integration import kicked, runge_kutta
+from vessel_gym.vehicles.integration import runge_kutta
+from vessel_gym.vehicles.whole_state import Simulated
 
 _CALM = np.zeros(len(AROUND))  # no current, no forces
 
@@ -203,7 +204,7 @@ MOTION_UNIT = Sensor(
 
 
 @dataclass(frozen=True)
-class Corvette:
+class Corvette(Simulated):
     """The ship as the thesis has it, in batches: actuator, state, sensors, and what filters know.
 
     The action is the rudder *rate*: with an angle as action, the estimate's noise would saturate
@@ -222,6 +223,7 @@ class Corvette:
         check_vehicle(self, "ship", CorvetteParameters)
 
     state_names = STATE
+    equations = staticmethod(corvette_rates)
     angles = ("psi",)
     parameter_names = COEFFICIENTS
     action_names = ("rudder rate",)
@@ -232,7 +234,6 @@ class Corvette:
     kinds: ClassVar[tuple[str, ...]] = ("nonlinear", "corrected", "as-printed")
     linear_kinds: ClassVar[tuple[str, ...]] = ("corrected", "as-printed")
     rates: ClassVar = {"r": "psi"}
-    carried = None
     normals = len(UNCERTAIN)
     """Normal numbers that `parameters` needs."""
 
@@ -266,26 +267,9 @@ class Corvette:
         """State ``(..., 8)`` and actuators ``(..., 1)`` from what is estimated."""
         return self._placed(x), np.zeros((*x.shape[:-1], 1))
 
-    def actuate(self, actuators: np.ndarray, action: np.ndarray) -> np.ndarray:
-        """The rudder ``(B, 1)`` after a step of rudder rate ``action`` in [-1, 1]."""
-        return actuated(actuators, action, self._steering)
-
     @cached_property
-    def _steering(self) -> np.ndarray:
+    def _actuators(self) -> np.ndarray:
         return figures(Actuator(self.ship.rudder_rate * self.dt, kept=1.0, limit=self.ship.rudder_limit))
-
-    def step(
-        self,
-        state: np.ndarray,
-        before: np.ndarray,
-        after: np.ndarray,
-        forcing: np.ndarray,
-        parameters: np.ndarray,
-    ) -> np.ndarray:
-        """The state one step later; forcing is the yaw increment d of waves, and what is `AROUND` the ship."""
-        around = forcing[..., 1:]
-        moved = runge_kutta(corvette_rates, state, before, after, around, parameters, self.dt, self.substeps)
-        return kicked(moved, forcing[..., :1], (STATE.index("psi"),))
 
     def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray) -> np.ndarray:
         """What is estimated one step on under ``u = (rudder, ...)``, constant over the step."""

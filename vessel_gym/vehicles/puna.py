@@ -23,7 +23,7 @@ from scipy.optimize import brentq
 from estimators.engine import compiled, sincos
 from vessel_gym.checks import check_numbers, instance
 from vessel_gym.sensors import Bias, Known, Sensor, plain
-from vessel_gym.vehicles.actuators import Actuator, actuated, figures
+from vessel_gym.vehicles.actuators import Actuator, figures
 from vessel_gym.vehicles.files import check_parameters, check_vehicle, load
 from vessel_gym.vehicles.point_mass import COEFFICIENTS, UNCERTAIN, I, PointMass, forces
 from vessel_gym.vehicles.whole_state import WholeState
@@ -272,16 +272,12 @@ class Puna(WholeState):
         x = np.array([0.0, 0.0, 100.0, self.body.cruise_speed, 0.0, 0.0, 0.0])
         return x, np.concatenate([self.body.cruise, self.body.cruise])
 
-    def actuate(self, actuators: np.ndarray, action: np.ndarray) -> np.ndarray:
-        """Actuators ``(B, 3)`` after a step of ``action`` in [-1, 1].
-
-        At 0 the aircraft cruises level, at -1 and 1 every actuator is at a limit. Thrust follows with its lag, angle of
-        attack at its rate, commanded bank at once: the bank itself lags.
-        """
-        return actuated(actuators, action, self._actuators)
-
     @cached_property
     def _actuators(self) -> np.ndarray:
+        """At 0 the aircraft cruises level, at -1 and 1 every actuator is at a limit.
+
+        Thrust follows with its lag, angle of attack at its rate, commanded bank at once: the bank itself lags.
+        """
         body = self.body
         of_thrust = {"lag": np.exp(-self.dt / body.thrust_lag)}
         others: tuple[dict[str, float], ...] = (of_thrust, {"turn": body.alpha_rate * self.dt}, {})

@@ -1,14 +1,47 @@
-"""What vehicles share whose filters estimate all of their state, with their own equations of motion as the model."""
+"""What our vehicles share: equations of motion over a step, actuators, and filters that estimate all of the state."""
 
 from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
 
+from vessel_gym.vehicles.actuators import actuated
 from vessel_gym.vehicles.integration import kicked, runge_kutta
 
 
-class WholeState:
+class Simulated:
+    """A vehicle that moves by equations of motion, integrated by Runge and Kutta, with kicks at the end of a step."""
+
+    dt: float
+    substeps: int
+    state_names: ClassVar[tuple[str, ...]]
+    kicked: ClassVar[tuple[str, ...]]
+    equations: ClassVar[Any]
+    """The equations of motion, `vessel_gym.vehicles.integration.Rates`; who overrides `moved` needs none."""
+    carried: ClassVar[np.ndarray | None] = None
+    _actuators: Any
+    """The parameters of its actuators, see `vessel_gym.vehicles.actuators.figures`."""
+
+    def actuate(self, actuators: np.ndarray, action: np.ndarray) -> np.ndarray:
+        """Actuators ``(..., a)`` after a step of ``action`` in [-1, 1], within limits and rates."""
+        return actuated(actuators, action, self._actuators)
+
+    def moved(
+        self, state: np.ndarray, before: np.ndarray, after: np.ndarray, flow: np.ndarray, parameters: np.ndarray
+    ) -> np.ndarray:
+        """The state one step later, without kicks."""
+        return runge_kutta(self.equations, state, before, after, flow, parameters, self.dt, self.substeps)
+
+    def step(
+        self, state: np.ndarray, before: np.ndarray, after: np.ndarray, forcing: np.ndarray, parameters: np.ndarray
+    ) -> np.ndarray:
+        """The state one step later, with actuators moving from ``before`` to ``after``."""
+        kicks = len(self.kicked)
+        moved = self.moved(state, before, after, forcing[..., kicks:], parameters)
+        return kicked(moved, forcing[..., :kicks], [self.state_names.index(name) for name in self.kicked])
+
+
+class WholeState(Simulated):
     """A vehicle of which filters have one model, the nonlinear one, that leaves out nothing.
 
     It begins with its actuators as they are while it cruises. Kicks change some of its state at the end of a step, a
@@ -17,16 +50,9 @@ class WholeState:
 
     body: Any
     """Its numbers; ``body.vector(factors)`` are the coefficients of its equations of motion."""
-    dt: float
-    substeps: int
-    state_names: ClassVar[tuple[str, ...]]
     action_names: ClassVar[tuple[str, ...]]
-    kicked: ClassVar[tuple[str, ...]]
     flows: ClassVar[tuple[str, ...]]
     cruise: Any
-    equations: ClassVar[Any]
-    """The equations of motion, `vessel_gym.vehicles.integration.Rates`; who overrides `moved` needs none."""
-    carried: ClassVar[np.ndarray | None] = None
     kinds: ClassVar[tuple[str, ...]] = ("nonlinear",)
     linear_kinds: ClassVar[tuple[str, ...]] = ()
 
@@ -72,20 +98,6 @@ class WholeState:
     def start(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """State ``(..., n)`` and actuators ``(..., a)`` to begin with."""
         return x.copy(), self.cruise[1][: len(self.action_names)] + np.zeros((*x.shape[:-1], 1))
-
-    def moved(
-        self, state: np.ndarray, before: np.ndarray, after: np.ndarray, flow: np.ndarray, parameters: np.ndarray
-    ) -> np.ndarray:
-        """The state one step later, without kicks."""
-        return runge_kutta(self.equations, state, before, after, flow, parameters, self.dt, self.substeps)
-
-    def step(
-        self, state: np.ndarray, before: np.ndarray, after: np.ndarray, forcing: np.ndarray, parameters: np.ndarray
-    ) -> np.ndarray:
-        """The state one step later, with actuators moving from ``before`` to ``after``."""
-        kicks = len(self.kicked)
-        moved = self.moved(state, before, after, forcing[..., kicks:], parameters)
-        return kicked(moved, forcing[..., :kicks], [self.state_names.index(name) for name in self.kicked])
 
     def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray) -> np.ndarray:
         """A step without kicks, as filters know it."""
