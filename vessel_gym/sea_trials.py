@@ -1,11 +1,10 @@
-"""Standard sea trials: turning circle, zig-zag, initial turning, and the Nomoto model that sums them up.
+"""Standard sea trials: turning circle, zig-zag and initial turning.
 
 The trials run the true `vessel_gym.vehicles.corvette_equations` in calm water; the figures are
 functions of a track alone, so that they serve an episode of an agent as well as a trial.
 
 SI units and radians. Positions are north and east, headings clockwise from north, positive rudder
-turns to starboard. Definitions: IMO resolution MSC.137(76), Standards for ship manoeuvrability (2002);
-Nomoto, Taguchi, Honda & Hirano (1957), On the steering qualities of ships.
+turns to starboard. Definitions: IMO resolution MSC.137(76), Standards for ship manoeuvrability (2002).
 """
 
 from collections.abc import Callable, Sequence
@@ -16,7 +15,6 @@ from scipy.optimize import brentq
 
 from estimators.checks import finite_array, number, whole
 from vessel_gym.checks import check_numbers, function, instance
-from vessel_gym.vehicles.corvette import sway_yaw_jacobian
 from vessel_gym.vehicles.corvette_equations import AROUND, STATE, CorvetteParameters, corvette_rates
 from vessel_gym.vehicles.integration import runge_kutta
 
@@ -320,7 +318,7 @@ def zigzag(
         cycles: Full cycles to record.
         speed: Approach speed [m/s], for which the thrust is set; None: the service speed.
         on_samples: Reverse at the next sample instead, as a helmsman who looks at the compass every ``dt``: the
-            record that `nomoto_fit` wants, if the rudder needs a whole number of steps to go over.
+            record that a fit of Nomoto's model wants, if the rudder needs a whole number of steps to go over.
         longest: Time [s] after which the trial ends in any case.
 
     Raises:
@@ -395,106 +393,7 @@ def initial_turning(
     return None if distance is None else distance / ship.length
 
 
-# --- Nomoto -----------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Nomoto:
-    """Nomoto's model ``r / delta = K (1 + T3 s) / ((1 + T1 s) (1 + T2 s))``, made non-dimensional with L and U.
-
-    ``K' = K L / U`` and ``T' = T U / L``; ``T = T1 + T2 - T3`` is the time constant of the first-order model with
-    the same response to slow helm.
-    """
-
-    K: float
-    T: float
-    T1: float | None  # the longer of the two; None both where the two modes are not plain decays or growths
-    T2: float | None
-    T3: float
-
-
-def nomoto_fit(time: np.ndarray, rudder: np.ndarray, yaw_rate: np.ndarray, speed: float, length: float) -> Nomoto:
-    """The second-order Nomoto model of a record, by least squares.
-
-    A rudder that moves linearly between samples makes the sampled model exactly
-    ``r[k+1] = a1 r[k] + a2 r[k-1] + b0 d[k+1] + b1 d[k] + b2 d[k-1]`` (first-order hold), which is linear in its
-    five numbers. K is its gain at zero frequency and T the slope there:
-    ``G(s) = K (1 - T s + ...)``.
-
-    For simulated records: noise in the yaw rate biases least squares. Small helm only: cross-flow drag takes
-    1.5 % off K' and 3 % off T' of the corvette at a quarter of a degree, and four times that at one degree.
-
-    Args:
-        time: ``(k,)`` equally spaced [s].
-        rudder: ``(k,)`` [rad].
-        yaw_rate: ``(k,)`` [rad/s].
-        speed: U [m/s], to make the figures non-dimensional.
-        length: L [m], likewise.
-
-    Raises:
-        ValueError: for a record that does not determine the model: unevenly sampled, too short, or at rest.
-    """
-    check_numbers("nomoto_fit", {"speed": speed, "length": length}, positive="speed length")
-    time, d, r = _columns(time=time, rudder=rudder, yaw_rate=yaw_rate)
-    if len(time) < 8 or not np.allclose(np.diff(time), time[1] - time[0], rtol=1e-6, atol=0.0):
-        raise ValueError("the record must be equally spaced in time, with eight samples or more")
-    h = float(time[1] - time[0])
-    columns = np.stack([r[1:-1], r[:-2], d[2:], d[1:-1], d[:-2]], -1)
-    size = np.abs(columns).max(0)
-    if not size.all():
-        raise ValueError("the record must contain a turn: rudder or yaw rate is zero throughout")
-    scaled, _, rank, _ = np.linalg.lstsq(columns / size, r[2:], rcond=1e-13)
-    if rank < 5:
-        raise ValueError("the helm of this record is too simple to tell the model's five numbers apart")
-    a1, a2, b0, b1, b2 = scaled / size
-    rest, gain = 1.0 - a1 - a2, b0 + b1 + b2
-    T = h * ((1.0 + a2) / rest - (b0 - b2) / gain)
-    poles = np.roots([1.0, -a1, -a2])
-    if np.isreal(poles).all() and (poles > 0.0).all():
-        T1, T2 = sorted((-h / np.log(poles.real)).tolist(), key=abs, reverse=True)
-        total = T1 + T2
-    else:
-        T1 = T2 = None
-        total = float(np.sum(-h / np.log(poles.astype(complex))).real)
-    return _nomoto(gain / rest, T, T1, T2, total - T, speed, length)
-
-
-def nomoto_linear(ship: CorvetteParameters, speed: float | None = None) -> Nomoto:
-    """The same figures from the true equations linearised on the straight course.
-
-    Args:
-        ship: Parameters.
-        speed: [m/s]; None: the service speed.
-
-    Raises:
-        ValueError: for a speed that is not positive.
-        TypeError: for a ship that is none.
-    """
-    speed = _at_speed(ship, speed).speed
-    A, B = sway_yaw_jacobian(np.array([speed, 0.0, 0.0]), np.array(0.0), ship)
-    # r(s) / delta(s) = (b2 s + a21 b1 - a11 b2) / (s^2 - tr s + det)
-    determinant, trace = np.linalg.det(A), np.trace(A)
-    numerator = A[1, 0] * B[0, 0] - A[0, 0] * B[1, 0]
-    T3, total = B[1, 0] / numerator, -trace / determinant
-    poles = np.linalg.eigvals(A)
-    T1 = T2 = None
-    if np.isreal(poles).all():
-        T1, T2 = sorted((-1.0 / poles.real).tolist(), key=abs, reverse=True)
-    return _nomoto(numerator / determinant, total - T3, T1, T2, T3, speed, ship.length)
-
-
 # --- inside -----------------------------------------------------------------------------------------
-
-
-def _nomoto(K: float, T: float, T1: float | None, T2: float | None, T3: float, speed: float, length: float) -> Nomoto:
-    unit = length / speed
-    return Nomoto(
-        K=float(K * unit),
-        T=float(T / unit),
-        T1=None if T1 is None else float(T1 / unit),
-        T2=None if T2 is None else float(T2 / unit),
-        T3=float(T3 / unit),
-    )
 
 
 def _columns(**series: object) -> list[np.ndarray]:

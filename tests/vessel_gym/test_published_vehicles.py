@@ -17,7 +17,8 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import root
 from stepping import segorogeni_step
 
-from vessel_gym.sea_trials import circle_geometry, initial_turning, nomoto_linear, turning_circle, zigzag
+from studies.ships.nomoto import nomoto_linear
+from vessel_gym.sea_trials import circle_geometry, initial_turning, turning_circle, zigzag
 from vessel_gym.vehicles.auv import UNCERTAIN
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.segorogeni import COEFFICIENTS, segorogeni_rates
