@@ -37,7 +37,7 @@ policies: .venv/.studies  ## Train the policies that come with the package anew,
 	$(BIN)/python -m studies.tables agents
 
 $(POLICIES):  # of three runs one in two learns to fly the aircraft
-	$(BIN)/python -m scripts.train $@ --out agents/trained/$@.zip $(if $(filter Puna%,$@),--runs 3)
+	$(BIN)/python -m scripts.train $@ --out agents/policies/trained/$@.zip $(if $(filter Puna%,$@),--runs 3)
 
 test: venv  ## Run the tests, of slow ones one case each
 	$(BIN)/python -m $(WORKERS)

@@ -4,11 +4,11 @@ torch and stable-baselines3 are imported only when an agent is trained, saved or
 """
 
 from agents.agent import Agent, RandomAgent, load_agent
-from agents.checkpoint import save_agent
 from agents.controllers import register_controller
 from agents.controllers.turning import TurningAutopilot
 from agents.episodes import Episode, episode
 from agents.metrics import Metric, register_metrics
+from agents.policies.checkpoint import save_agent
 from agents.rollouts import Rollout, rollout
 
 __all__ = [

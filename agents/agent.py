@@ -7,8 +7,8 @@ from typing import Any, Protocol
 import numpy as np
 from gymnasium.spaces import Box
 
-from agents.checkpoint import TrainedAgent, packaged
 from agents.controllers import CONTROLLERS, PPO, RANDOM, make_controller, unknown_controller
+from agents.policies.checkpoint import TrainedAgent, packaged
 from estimators.checks import shown
 
 

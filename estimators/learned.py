@@ -127,7 +127,7 @@ class LearnedGainFilter(Filter[LearnedGainBelief]):
     """Predicted by the model, corrected with a gain that a recurrent network has learned: for a model known to be off.
 
     The network sees the innovation and the last correction. Of a missing reading it sees 0, and of none at all nothing,
-    so that it remembers what it did. `agents.learned_filter.train_filter` trains it.
+    so that it remembers what it did. `agents.training.learned_filter.train_filter` trains it.
 
     The covariance is that of this gain, ``(I - K C) P- (I - K C)' + K R K'``, if the model were right: what the filter
     makes of its model's errors is in its mean alone.

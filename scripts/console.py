@@ -186,7 +186,7 @@ class _Lines:
 
 @contextmanager
 def training_progress(title: str) -> Iterator[Callable[[int, int, float], None]]:
-    """Progress for `agents.ppo.train`: steps, mean score of late episodes; a bar or, without a terminal, lines."""
+    """Progress of a training: steps, mean score of late episodes; a bar or, without a terminal, lines."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 

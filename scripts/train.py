@@ -26,7 +26,7 @@ def main(
     steps: int | None = None,
     runs: int = 1,
 ) -> None:
-    """Train PPO with the tuned settings of ``agents/ppo.toml`` and save the checkpoint.
+    """Train PPO with the tuned settings of ``agents/training/ppo.toml`` and save the checkpoint.
 
     Args:
         env_id: Registered environment.
@@ -45,8 +45,8 @@ def main(
     import gymnasium as gym
 
     from agents.files import check_file
-    from agents.ppo import describe, train
     from agents.studies.worlds import environment_id
+    from agents.training.ppo import describe, train
     from vessel_gym.checks import one_of
 
     options: dict[str, Any] = {
@@ -78,10 +78,10 @@ def main(
 def _best(runs: range, env_id: str, out: Path, options: dict[str, Any], settings: dict[str, Any]) -> Path:
     """Train several times, and save the checkpoint that scores best on tuning seeds."""
     from agents import rollout
-    from agents.checkpoint import zip_path
     from agents.files import replacing
-    from agents.ppo import train
+    from agents.policies.checkpoint import zip_path
     from agents.seeds import tuning_seeds
+    from agents.training.ppo import train
 
     scores, seeds = {}, tuning_seeds(CHOOSING)
     with TemporaryDirectory() as folder:

@@ -7,9 +7,9 @@ from typing import Any
 
 from agents.controllers import unknown_controller
 from agents.jobs import Job
-from agents.ppo import describe
 from agents.studies.records import DEFAULT, ORACLE, RAW, TERMINATIONS, Agent, Condition, Estimator, Study
 from agents.studies.worlds import digests, environment_id, has_controller, refusal, registered, system_of
+from agents.training.ppo import describe
 
 _RAW_READINGS = Estimator(RAW, "measurement")
 

@@ -58,9 +58,9 @@ class Agent:
         trained_on: The estimators that it is trained on, one policy each; not for raw readings.
         steps: Environment steps of a training run, by environment; where there is none: the tuned budget.
         environments: Where it flies; empty: everywhere.
-        critic: Of a PPO: ``"truth"`` or ``"none"``, see `agents.ppo.train`.
+        critic: Of a PPO: ``"truth"`` or ``"none"``, see `agents.training.ppo.train`.
         guidance: Of a PPO: the option of that name of an environment; None: its default.
-        settings: Of a PPO: hyperparameters over the tuned ones, see `agents.ppo.hyperparameters`.
+        settings: Of a PPO: hyperparameters over the tuned ones, see `agents.training.ppo.hyperparameters`.
     """
 
     name: str

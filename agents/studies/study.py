@@ -12,7 +12,6 @@ from typing import Any
 
 from agents.controllers import PPO, controller_names, make_controller
 from agents.named import named_object
-from agents.ppo import MEMORIES, describe, hyperparameters
 from agents.seeds import evaluation_seeds
 from agents.studies.records import (
     DEFAULT,
@@ -29,6 +28,7 @@ from agents.studies.records import (
 )
 from agents.studies.toml_reader import Place, StudyError, TomlReader
 from agents.studies.worlds import CLASSICAL, environment_id, has_controller, known_estimator, refusal, system_of
+from agents.training.ppo import MEMORIES, describe, hyperparameters
 from estimators.checks import shown
 from vessel_gym.estimation import estimator_names
 from vessel_gym.sensor_faults import SensorFault

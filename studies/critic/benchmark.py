@@ -10,10 +10,10 @@ from unittest.mock import patch
 
 import numpy as np
 
-from agents.checkpoint import write
-from agents.ppo import batch, describe, learner
+from agents.policies.checkpoint import write
 from agents.rollouts import rollout
 from agents.seeds import evaluation_seeds
+from agents.training.ppo import batch, describe, learner
 
 POINTS = 4
 """How often a training is measured; every time on the same seeds, on which nobody learns."""
@@ -130,7 +130,7 @@ def leaking() -> Iterator[None]:
     """The mistake of the page: what begins the critic's network begins the actor's, too."""
     from stable_baselines3.common.torch_layers import MlpExtractor
 
-    from agents.critic import TruthPolicy
+    from agents.training.critic import TruthPolicy
 
     class Leak(TruthPolicy):
         def _build_mlp_extractor(self) -> None:
@@ -140,5 +140,5 @@ def leaking() -> Iterator[None]:
             whole = MlpExtractor(size, self.net_arch, self.activation_fn, self.device)
             self.mlp_extractor.policy_net = whole.policy_net
 
-    with patch("agents.critic.TruthPolicy", Leak):
+    with patch("agents.training.critic.TruthPolicy", Leak):
         yield

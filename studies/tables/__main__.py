@@ -319,7 +319,7 @@ def exceptions(results: Path) -> str:
 def packaged_agents() -> str:
     """The trained agents of the package beside the autopilots, on default estimates."""
     from agents import rollout
-    from agents.checkpoint import description, packaged
+    from agents.policies.checkpoint import description, packaged
     from agents.seeds import evaluation_seeds
     from agents.studies.worlds import system_of
 

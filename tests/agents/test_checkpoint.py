@@ -22,7 +22,7 @@ from stable_baselines3 import A2C, DDPG, DQN, PPO, SAC, TD3
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecEnvWrapper, VecFrameStack, VecNormalize
 
 from agents import load_agent, rollout, save_agent
-from agents.vec_env import StableBaselinesVecEnv
+from agents.training.vec_env import StableBaselinesVecEnv
 from scripts import evaluate
 from scripts.console import command
 

@@ -14,13 +14,13 @@ from sb3_contrib.common.recurrent.type_aliases import RNNStates
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecFrameStack, VecNormalize
 
-import agents.critic
-import agents.ppo
+import agents.training.critic
+import agents.training.ppo
 from agents import load_agent, rollout, save_agent
-from agents.checkpoint import description
-from agents.critic import TruthLstmPolicy, TruthPolicy, TruthVecEnv, oracle_view
-from agents.ppo import MEMORIES, describe, hyperparameters, train
-from agents.vec_env import StableBaselinesVecEnv
+from agents.policies.checkpoint import description
+from agents.training.critic import TruthLstmPolicy, TruthPolicy, TruthVecEnv, oracle_view
+from agents.training.ppo import MEMORIES, describe, hyperparameters, train
+from agents.training.vec_env import StableBaselinesVecEnv
 from studies.critic.benchmark import leaking
 
 PAGE = Path(__file__).parents[2] / "docs/critic.md"
@@ -37,7 +37,7 @@ FRAMES = {"none": 1, "frames": 3, "lstm": 1}
 @pytest.fixture
 def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     tuned = {memory: hyperparameters(ENV, memory) | TINY | own for memory, own in REMEMBERING.items()}
-    monkeypatch.setattr(agents.ppo, "hyperparameters", lambda env_id, memory="none", *_: tuned[memory])
+    monkeypatch.setattr(agents.training.ppo, "hyperparameters", lambda env_id, memory="none", *_: tuned[memory])
 
 
 @pytest.fixture
@@ -49,8 +49,8 @@ def saved(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
         models.append(model)
         original(path, model, described)
 
-    original = agents.ppo.write
-    monkeypatch.setattr(agents.ppo, "write", write)
+    original = agents.training.ppo.write
+    monkeypatch.setattr(agents.training.ppo, "write", write)
     return models
 
 
@@ -202,7 +202,7 @@ def test_a_policy_that_leaks_is_found(mutant: type):
 
 def test_the_leak_of_the_page_is_found_in_all_that_the_actor_does():
     with leaking():
-        policy = policy_of(agents.critic.TruthPolicy)
+        policy = policy_of(agents.training.critic.TruthPolicy)
     found = leaks(policy)
     assert {name.split(",")[0] for name in found} == {"action", "log-probability", "mean", "distribution"}
     assert "log-probability, learning" in found
@@ -388,7 +388,7 @@ def test_what_flies_depends_on_nothing_that_is_the_critic_s(tmp_path: Path, monk
     """Flown with the critic's weights not a number, and with whoever asks for the truth refused."""
     path = train(ENV, tmp_path / "agent.zip", steps=STEPS, critic="truth")
     expected = rollout(str(path), ENV, [1, 2], record=False)
-    monkeypatch.setattr(agents.critic, "oracle_view", lambda core: pytest.fail("it asked for the truth"))
+    monkeypatch.setattr(agents.training.critic, "oracle_view", lambda core: pytest.fail("it asked for the truth"))
     agent = load_agent(path, gym.make(ENV))
     network = agent._policy.network
     with torch.no_grad():

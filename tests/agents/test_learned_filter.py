@@ -7,7 +7,7 @@ pytest.importorskip("torch")
 
 from dataclasses import replace
 
-from agents.learned_filter import train_filter
+from agents.training.learned_filter import train_filter
 from estimators import GainNetwork, Gaussian, LearnedGainFilter, LinearModel, make, rmse
 
 BELIEVED = LinearModel([[1.0, 0.2], [-0.05, 0.97]], [[1.0, 0.0]], np.diag([1e-5, 4e-4]), [[4e-3]], B=[[0.0], [0.1]])

@@ -14,13 +14,13 @@ from sb3_contrib.common.recurrent.policies import RecurrentActorCriticPolicy
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecFrameStack
 
-import agents.ppo
+import agents.training.ppo
 from agents import load_agent, rollout
-from agents.checkpoint import description
-from agents.lstm_policy import LstmPolicy
-from agents.ppo import MEMORIES, batch, describe, hyperparameters, train
+from agents.policies.checkpoint import description
+from agents.policies.lstm import LstmPolicy
 from agents.seeds import evaluation_seeds, training_seed, tuning_seeds
-from agents.vec_env import StableBaselinesVecEnv
+from agents.training.ppo import MEMORIES, batch, describe, hyperparameters, train
+from agents.training.vec_env import StableBaselinesVecEnv
 from estimators import ExtendedKalmanFilter
 from vessel_gym.core import Core
 from vessel_gym.sensor_faults import SensorFault
@@ -36,7 +36,7 @@ RAW = {"observe": "measurement", "estimator": "measurement"}
 def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     """The tuned settings with a small network and short rollouts."""
     tuned = {memory: hyperparameters(ENV, memory) | TINY | own for memory, own in REMEMBERING.items()}
-    monkeypatch.setattr(agents.ppo, "hyperparameters", lambda env_id, memory="none", *_: tuned[memory])
+    monkeypatch.setattr(agents.training.ppo, "hyperparameters", lambda env_id, memory="none", *_: tuned[memory])
 
 
 @pytest.fixture
@@ -48,8 +48,8 @@ def saved(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
         models.append(model)
         original(path, model, described)
 
-    original = agents.ppo.write
-    monkeypatch.setattr(agents.ppo, "write", write)
+    original = agents.training.ppo.write
+    monkeypatch.setattr(agents.training.ppo, "write", write)
     return models
 
 
@@ -275,7 +275,7 @@ def test_a_memory_that_is_unknown_or_without_settings_is_answered_with_those_tha
         hyperparameters(ENV, "elephant")
     assert "frames" not in hyperparameters(ENV)
     tables = {ENV: {"steps": 1, "lstm": {}}, "Other-v0": {"steps": 1}}
-    monkeypatch.setattr("agents.ppo.tomllib.loads", lambda text: tables)
+    monkeypatch.setattr("agents.training.ppo.tomllib.loads", lambda text: tables)
     with pytest.raises(ValueError, match=rf"no settings with memory 'lstm' for 'Other-v0' .*: choose from {ENV}"):
         hyperparameters("Other-v0", "lstm")
 

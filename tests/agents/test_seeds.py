@@ -6,9 +6,9 @@ import gymnasium as gym
 import pytest
 from stable_baselines3 import PPO
 
-from agents.ppo import hyperparameters
 from agents.seeds import evaluation_seeds, training_seed, tuning_seeds
-from agents.vec_env import StableBaselinesVecEnv
+from agents.training.ppo import hyperparameters
+from agents.training.vec_env import StableBaselinesVecEnv
 
 MILLION = 1_000_000
 EVALUATION, TUNING = (range(seeds(1)[0], seeds(1)[0] + MILLION) for seeds in (evaluation_seeds, tuning_seeds))

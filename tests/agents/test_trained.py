@@ -14,7 +14,7 @@ import pytest
 from pages import blocks
 
 from agents import load_agent, rollout
-from agents.checkpoint import TrainedAgent, description, packaged
+from agents.policies.checkpoint import TrainedAgent, description, packaged
 from agents.seeds import evaluation_seeds
 
 ROOT = Path(__file__).parents[2]
@@ -52,7 +52,7 @@ def test_it_says_how_it_was_trained(env_id: str):
 
 
 def test_together_they_are_small():
-    assert sum(path.stat().st_size for path in (ROOT / "agents/trained").iterdir()) <= 2 * 1024**2
+    assert sum(path.stat().st_size for path in (ROOT / "agents/policies/trained").iterdir()) <= 2 * 1024**2
 
 
 @pytest.mark.slow

@@ -15,7 +15,7 @@ from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 import vessel_gym  # noqa: F401  (registers the environments)
-from agents.vec_env import StableBaselinesVecEnv
+from agents.training.vec_env import StableBaselinesVecEnv
 
 ENV = "SigmaCorvette-v0"
 LIMIT = 100

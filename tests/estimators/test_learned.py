@@ -28,7 +28,7 @@ def test_torch_and_numpy_make_the_same_means():
     torch = pytest.importorskip("torch")
     from dataclasses import fields, replace
 
-    from agents.learned_filter import means
+    from agents.training.learned_filter import means
 
     system, _ = _case()
     model = replace(system.model, measurement_angles=(1,))

@@ -16,8 +16,8 @@ import pytest
 import agents
 from agents.jobs import Job, run
 from agents.page import Page, render
-from agents.ppo import train
 from agents.studies.report import write_report
+from agents.training.ppo import train
 from estimators.consistency import consistency_figure
 from scripts import ablate, reproduce, watch
 from scripts import train as train_command
@@ -99,11 +99,11 @@ def sentence(module: str, name: str) -> str:
 
 
 def test_the_adapter_a_picture_and_a_figure_of_a_filter_tell_what_to_type(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.delitem(sys.modules, "agents.vec_env", raising=False)
+    monkeypatch.delitem(sys.modules, "agents.training.vec_env", raising=False)
     for module in ("stable_baselines3", "pygame", "matplotlib", "matplotlib.figure"):
         monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(ModuleNotFoundError, match=sentence("stable_baselines3", "train")):
-        import agents.vec_env  # noqa: F401
+        import agents.training.vec_env  # noqa: F401
     with pytest.raises(ModuleNotFoundError, match="a figure needs Matplotlib: pip install matplotlib"):
         consistency_figure(None)
     with pytest.raises(gym.error.DependencyNotInstalled, match=sentence("pygame", "render")):

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 import agents
 import agents.jobs
-import agents.ppo
+import agents.training.ppo
 import studies.lorenz.benchmarks
 from agents import rollout
 from agents.jobs import check_scheduler
@@ -80,8 +80,8 @@ def workplace(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         patch.setattr(socket, "create_connection", nobody)
         patch.setattr("agents.jobs.pools._PATIENCE", 0)
         for place, name in (
-            (agents, "rollout"), (agents.ppo, "train"), (agents.jobs, "run"), (watch, "fly"), (timing, "report"),
-            (studies.lorenz.benchmarks, "analysis_rmse"),
+            (agents, "rollout"), (agents.training.ppo, "train"), (agents.jobs, "run"), (watch, "fly"),
+            (timing, "report"), (studies.lorenz.benchmarks, "analysis_rmse"),
         ):  # fmt: skip
             patch.setattr(place, name, begin)
         yield folder

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-import agents.ppo
+import agents.training.ppo
 from agents import rollout
-from agents.checkpoint import description, packaged
+from agents.policies.checkpoint import description, packaged
 from agents.seeds import tuning_seeds
 from scripts import evaluate, train
 from scripts.console import command
@@ -44,8 +44,10 @@ def test_of_several_trainings_the_best_on_tuning_seeds_is_kept(
         flown.append(seeds)
         return rollout(agent, env_id, seeds[:4], *rest, **more)
 
-    poor = agents.ppo.train("ThesisCorvette-v0", tmp_path / "poor.zip", {"estimator": "truth"}, steps=128).read_bytes()
-    monkeypatch.setattr(agents.ppo, "train", learn)
+    poor = agents.training.ppo.train(
+        "ThesisCorvette-v0", tmp_path / "poor.zip", {"estimator": "truth"}, steps=128
+    ).read_bytes()
+    monkeypatch.setattr(agents.training.ppo, "train", learn)
     monkeypatch.setattr(agents, "rollout", fly)
     train.main("ThesisCorvette-v0", out=tmp_path / "best.zip", estimator="truth", seed=7, runs=3)
     assert (tmp_path / "best.zip").read_bytes() == packaged("ThesisCorvette-v0").read_bytes()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from agents.ppo import describe, learner
+from agents.training.ppo import describe, learner
 from scripts.console import command
 from studies.critic import __main__ as critic
 from studies.critic import benchmark, page

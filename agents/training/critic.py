@@ -16,8 +16,8 @@ from gymnasium.spaces import Box
 from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, FlattenExtractor, MlpExtractor
 
-from agents.lstm_policy import LstmPolicy
-from agents.vec_env import StableBaselinesVecEnv
+from agents.policies.lstm import LstmPolicy
+from agents.training.vec_env import StableBaselinesVecEnv
 from vessel_gym.core import Core
 from vessel_gym.envs.vector import VesselVectorEnv
 from vessel_gym.tasks.task import Estimate

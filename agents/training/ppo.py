@@ -16,9 +16,9 @@ import gymnasium as gym
 import numpy as np
 
 import vessel_gym
-from agents.checkpoint import one_thread, write, zip_path
 from agents.files import replacing
 from agents.named import vector_class
+from agents.policies.checkpoint import one_thread, write, zip_path
 from agents.seeds import training_seed
 from agents.source import source_digest
 from estimators.checks import as_number, shown, whole
@@ -37,7 +37,7 @@ OTHERS = "others"
 
 
 def hyperparameters(env_id: str, memory: str = "none", changed: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """The settings of an environment, from ``agents/ppo.toml``: its own, and over them those of the memory.
+    """The settings of an environment, from ``agents/training/ppo.toml``: its own, and over them those of the memory.
 
     They are tuned for the package's environments; another one of a `vessel_gym.system.System` has those of `OTHERS`.
 
@@ -51,15 +51,16 @@ def hyperparameters(env_id: str, memory: str = "none", changed: Mapping[str, Any
     """
     if memory not in MEMORIES:
         raise ValueError(unknown("memory", memory, MEMORIES))
-    table = tomllib.loads(files("agents").joinpath("ppo.toml").read_text())
+    table = tomllib.loads(files("agents.training").joinpath("ppo.toml").read_text())
     others = table.pop(OTHERS, None)
     if env_id not in table and not (others and _has_system(env_id)):
-        raise ValueError(f"no PPO settings for {env_id!r} in agents/ppo.toml: choose from {', '.join(table)}")
+        raise ValueError(f"no PPO settings for {env_id!r} in agents/training/ppo.toml: choose from {', '.join(table)}")
     own = table.get(env_id, others)
     if memory != "none" and memory not in own:
         having = [name for name, settings in table.items() if memory in settings]
         raise ValueError(
-            f"no settings with memory {memory!r} for {env_id!r} in agents/ppo.toml: choose from {', '.join(having)}"
+            f"no settings with memory {memory!r} for {env_id!r} in agents/training/ppo.toml: "
+            f"choose from {', '.join(having)}"
         )
     tuned = {key: value for key, value in own.items() if not isinstance(value, dict)} | own.get(memory, {})
     for name, value in (changed or {}).items():
@@ -173,8 +174,8 @@ def train(
         progress: Called with (steps so far, steps in all, mean score of late episodes).
         memory: ``"none"``: the agent acts on the newest observation alone; ``"frames"``: on its last ones, side by
             side, zeros before the first; ``"lstm"``: through a recurrent network (``RecurrentPPO``).
-        critic: ``"truth"``: the critic alone is told the truth while it learns, see `agents.critic`; what is trained
-            acts on its observations as any other. None: it sees what the agent sees.
+        critic: ``"truth"``: the critic alone is told the truth while it learns, see `agents.training.critic`; the
+            policy acts on its observations as any other. None: it sees what the agent sees.
         settings: Hyperparameters by name over those of `hyperparameters`.
 
     Returns:
@@ -241,12 +242,12 @@ def learner(described: dict[str, Any], env_options: dict[str, Any] | None = None
     }
     policy: Any = "MlpPolicy"
     if memory == "lstm":
-        from agents.lstm_policy import LstmPolicy
+        from agents.policies.lstm import LstmPolicy
 
         policy = LstmPolicy
         network["lstm_hidden_size"] = settings["lstm_hidden_size"]
     if described["critic"] == "truth":
-        from agents.critic import TruthLstmPolicy, TruthPolicy
+        from agents.training.critic import TruthLstmPolicy, TruthPolicy
 
         policy = TruthLstmPolicy if memory == "lstm" else TruthPolicy
         network |= {"seen": env.seen, "truth": env.truth, "frames": settings.get("frames", 1)}
@@ -278,14 +279,14 @@ def batch(described: dict[str, Any], num_envs: int, env_options: dict[str, Any] 
     """The environments, as the learner of what `describe` described sees them; ``env_options`` as for `learner`."""
     from stable_baselines3.common.vec_env import VecFrameStack
 
-    from agents.vec_env import StableBaselinesVecEnv
+    from agents.training.vec_env import StableBaselinesVecEnv
 
     options = env_options or described["env_options"]
     if options.get("observe") == "measurement" and options.get("ends") != "belief" and described["critic"] is None:
         options = options | {"estimator": "measurement", "estimator_options": {}}  # nobody sees what a filter believes
     vector: Any = gym.make_vec(described["env_id"], num_envs=num_envs, **options)
     if described["critic"] == "truth":
-        from agents.critic import TruthVecEnv
+        from agents.training.critic import TruthVecEnv
 
         env: StableBaselinesVecEnv = TruthVecEnv(vector)
     else:

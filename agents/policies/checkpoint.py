@@ -27,9 +27,9 @@ _POLICIES = {
     "SACPolicy": "stable_baselines3.sac.policies",
     "TD3Policy": "stable_baselines3.td3.policies",
     "RecurrentActorCriticPolicy": "sb3_contrib.common.recurrent.policies",
-    "LstmPolicy": "agents.lstm_policy",
-    "TruthPolicy": "agents.critic",
-    "TruthLstmPolicy": "agents.critic",
+    "LstmPolicy": "agents.policies.lstm",
+    "TruthPolicy": "agents.training.critic",
+    "TruthLstmPolicy": "agents.training.critic",
 }
 """The networks that a checkpoint may ask for, and where they are."""
 _OF_THE_TRAINING = ("optimizer_class", "optimizer_kwargs")
@@ -107,7 +107,7 @@ def zip_path(path: str | Path) -> Path:
 
 
 def description(path: str | Path) -> dict[str, Any] | None:
-    """What `agents.ppo.train` wrote of itself into a checkpoint; None if there is no such checkpoint."""
+    """What `agents.training.ppo.train` wrote of itself into a checkpoint; None if there is no such checkpoint."""
     try:
         with zipfile.ZipFile(path) as archive:
             return _described(archive)

@@ -1,0 +1,1 @@
+"""Learned policies: their checkpoints, and those that come with the package."""

@@ -1,0 +1,1 @@
+"""Training: of agents by PPO, and of filters with a learned gain. It needs torch and stable-baselines3."""
