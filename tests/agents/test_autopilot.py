@@ -1,10 +1,9 @@
 """The autopilot: an LQR design that stands up to an independent one, and flies what it was designed for."""
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
-from agents import TurningAutopilot, load_agent, rollout
+from agents import rollout
 from agents.controllers.turning import Tolerances, gains
 from estimators import wrap
 from vessel_gym.envs import ThesisCorvetteEnv
@@ -97,82 +96,3 @@ def test_with_a_ship_that_differs_from_its_model_the_integral_still_leaves_no_bi
     )  # fmt: skip
     heading = wrap(flight.history["reference"][-200:, :, 0] - flight.history["truth"][-200:, :, 2])
     assert np.abs(heading.mean(0)).max() < 0.005
-
-
-def observations(seed: int, steps: int, rows: int) -> np.ndarray:
-    """Observations from flights, which the autopilot would see."""
-    env = gym.make_vec(ENV, num_envs=rows, disturbance="rough")
-    agent = load_agent("autopilot", env)
-    agent.reset(rows)
-    seen = [env.reset(seed=seed)[0]]
-    for _ in range(steps):
-        seen.append(env.step(agent.act(seen[-1]))[0])
-    return np.stack(seen)
-
-
-def test_mirrored_observations_give_mirrored_actions():
-    one, mirror = TurningAutopilot(SYSTEM), TurningAutopilot(SYSTEM)
-    one.reset(5)
-    mirror.reset(5)
-    largest = 0.0
-    for seen in observations(0, 200, 5):
-        actions = one.act(seen)
-        np.testing.assert_array_equal(mirror.act(-seen), -actions)
-        largest = max(largest, float(np.abs(actions).max()))
-    assert largest > 0.3
-
-
-def test_it_acts_on_the_observation_alone():
-    """The same observations give the same actions whatever happens to any environment in between."""
-    seen = observations(1, 60, 3)
-    one, other = TurningAutopilot(SYSTEM), TurningAutopilot(SYSTEM)
-    one.reset(3)
-    expected = [one.act(frame) for frame in seen]
-    env = gym.make_vec(ENV, num_envs=3)
-    env.reset(seed=99)
-    other.reset(3)
-    for frame, actions in zip(seen, expected, strict=True):
-        env.step(env.action_space.sample())
-        np.testing.assert_array_equal(other.act(frame.copy()), actions)
-
-
-def test_a_batch_of_one_acts_as_its_row_in_a_batch_and_observations_are_not_changed():
-    seen = observations(2, 60, 4)
-    copy = seen.copy()
-    batch = TurningAutopilot(SYSTEM)
-    batch.reset(4)
-    singles = [TurningAutopilot(SYSTEM) for _ in range(4)]
-    for frame in seen:
-        actions = batch.act(frame)
-        assert actions.shape == (4, 1)
-        assert actions.dtype == np.float32
-        assert np.abs(actions).max() <= 1.0
-        for i, single in enumerate(singles):
-            np.testing.assert_allclose(single.act(frame[i : i + 1])[0], actions[i], rtol=0, atol=1e-7)
-    np.testing.assert_array_equal(seen, copy)
-
-
-def test_a_reset_forgets_everything():
-    seen = observations(3, 100, 2)
-    agent = TurningAutopilot(SYSTEM)
-    agent.reset(2)
-    first = [agent.act(frame) for frame in seen]
-    agent.reset(2)
-    np.testing.assert_array_equal([agent.act(frame) for frame in seen], first)
-    np.testing.assert_raises(AssertionError, np.testing.assert_array_equal, agent.act(seen[0]), first[0])
-
-
-def test_the_standard_deviations_of_the_longer_observation_are_not_used():
-    seen = observations(4, 30, 2)
-    short, long = TurningAutopilot(SYSTEM), TurningAutopilot(SYSTEM)
-    short.reset(2)
-    long.reset(2)
-    for frame in seen:
-        longer = np.concatenate([frame, np.full((2, 4), 7.0, np.float32)], -1)
-        np.testing.assert_array_equal(long.act(longer), short.act(frame))
-
-
-def test_raw_readings_are_refused():
-    env = gym.make(ENV, observe="measurement")
-    with pytest.raises(ValueError, match='the autopilot needs estimates: use observe="mean"'):
-        load_agent("autopilot", env)

@@ -7,14 +7,14 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from agents import rollout
+from agents import load_agent, rollout
+from agents.controllers import CONTROLLERS as REGISTERED
 from agents.controllers import controller_names, make_controller
 from agents.controllers.dive import DiveRegulator
 from agents.controllers.loops import Loop, first_order
-from agents.controllers.turning import TurningRegulator
 from agents.seeds import evaluation_seeds
 from agents.studies.worlds import system_of
-from vessel_gym.envs import ItsunusaAUVEnv, ThesisCorvetteEnv
+from vessel_gym.envs import ItsunusaAUVEnv
 
 ENVIRONMENTS = ["SigmaCorvette-v0", "ThesisCorvette-v0", "SegorogeniAUV-v0", "ItsunusaAUV-v0", "PunaUAV-v0"]
 CONTROLLERS = [(env_id, name) for env_id in ENVIRONMENTS for name in controller_names(system_of(env_id))]
@@ -64,51 +64,102 @@ def acted(env_id: str, name: str, seen: np.ndarray) -> np.ndarray:
     return np.stack([agent.act(frame) for frame in seen])
 
 
-@pytest.mark.slow
 @every_controller
-def test_a_batch_is_what_its_rows_are_alone(env_id: str, name: str):
+def test_a_batch_is_what_its_rows_are_alone_and_observations_are_not_changed(env_id: str, name: str):
     seen = observations(env_id)
     copy = seen.copy()
     actions = acted(env_id, name, seen)
-    assert actions.dtype == np.float32
-    assert actions.shape == (*seen.shape[:2], len(system_of(env_id).vehicle.action_names))
-    assert np.abs(actions).max() <= 1.0
     for row in range(seen.shape[1]):
         np.testing.assert_allclose(acted(env_id, name, seen[:, row : row + 1])[:, 0], actions[:, row], atol=1e-6)
     np.testing.assert_array_equal(seen, copy)
 
 
 @every_controller
-def test_the_standard_deviations_of_the_longer_observation_are_not_used(env_id: str, name: str):
-    longer, shorter = observations(env_id, "mean+std"), observations(env_id).shape[-1]
-    np.testing.assert_array_equal(acted(env_id, name, longer), acted(env_id, name, longer[..., :shorter].copy()))
+def test_any_observation_gives_finite_actions_within_bounds(env_id: str, name: str):
+    system, size, rng = system_of(env_id), observations(env_id).shape[-1], np.random.default_rng(1)
+    for seen in (
+        rng.uniform(-10.0, 10.0, (5000, size)), rng.choice([-10.0, 0.0, 10.0], (5000, size)), np.zeros((3, size)),
+        1e-30 * rng.normal(size=(10, size)),
+    ):  # fmt: skip
+        (actions,) = acted(env_id, name, seen[None].astype(np.float32))
+        assert actions.shape == (len(seen), len(system.vehicle.action_names))
+        assert actions.dtype == np.float32
+        assert np.isfinite(actions).all()
+        assert np.abs(actions).max() <= 1.0
 
 
 @every_controller
-def test_a_reset_forgets_everything(env_id: str, name: str):
+def test_the_standard_deviations_of_the_longer_observation_are_not_used(env_id: str, name: str):
+    longer, shorter = observations(env_id, "mean+std"), observations(env_id).shape[-1]
+    assert longer.shape[-1] > shorter
+    np.testing.assert_array_equal(acted(env_id, name, longer), acted(env_id, name, longer[..., :shorter].copy()))
+
+
+MEMORYLESS = {("PunaUAV-v0", "autopilot"), ("SegorogeniAUV-v0", "autopilot"), ("ItsunusaAUV-v0", "autopilot")}
+MEMORYLESS |= {(env_id, "lqg") for env_id in ENVIRONMENTS}
+
+
+@every_controller
+def test_observations_alone_count_and_a_reset_forgets_them(env_id: str, name: str):
+    """Whatever happens to any environment in between; only integrals remember anything."""
     seen, agent = observations(env_id), make_controller(name, system_of(env_id))
-    for _ in range(2):
-        agent.reset(seen.shape[1])
-        np.testing.assert_array_equal(np.stack([agent.act(frame) for frame in seen]), acted(env_id, name, seen))
+    expected = acted(env_id, name, seen)
+    with closing(gym.make_vec(env_id, num_envs=2)) as env:
+        env.reset(seed=99)
+        for _ in range(2):
+            agent.reset(seen.shape[1])
+            for frame, actions in zip(seen, expected, strict=True):
+                env.step(env.action_space.sample())
+                np.testing.assert_array_equal(agent.act(frame), actions)
+    assert np.array_equal(agent.act(seen[0]), expected[0]) == ((env_id, name) in MEMORYLESS)
+
+
+SPATIAL = ("heading error", "curvature", "sway", "roll rate", "yaw rate", "roll", "to starboard")
+PLANE = ("cross-track", "course sine", "curvature", "bank", "obstacles to starboard")
+
+
+@pytest.mark.parametrize(
+    ("env_id", "odd", "actuators", "side", "tolerances"),
+    [
+        ("ThesisCorvette-v0", None, [-1], 0, [0.0]), ("PunaUAV-v0", PLANE, [1, 1, -1], 2, [1e-6]),
+        ("SegorogeniAUV-v0", SPATIAL, [-1, 1, 1], 0, [3e-3, 1e-3, 1e-3]),
+    ],
+)  # fmt: skip
+def test_mirrored_observations_give_mirrored_actions(
+    env_id: str, odd: tuple[str, ...] | None, actuators: list[int], side: int, tolerances: list[float]
+):
+    task = system_of(env_id).task
+    names = [] if odd is None else task.observed
+    signs = [-1 if name.startswith(odd) or name.endswith("starboard") else 1 for name in names]
+    mirror = np.array([*signs, *actuators] if odd else -1, np.float32)
+    seen = observations(env_id, rows=5, steps=200)
+    one, other = acted(env_id, "autopilot", seen), acted(env_id, "autopilot", seen * mirror)
+    # The propeller's torque heels an AUV the same way in both: its trim has a side.
+    trim = (
+        acted(env_id, "autopilot", np.zeros((1, 1, seen.shape[-1]), np.float32))[0, 0]
+        if env_id == "SegorogeniAUV-v0"
+        else 0.0
+    )
+    assert (np.abs(other - trim - (one - trim) * np.array(actuators)) <= tolerances).all()
+    assert np.abs(one[..., side]).max() > 0.3
 
 
 @every_controller
 def test_another_vehicles_task_is_refused(env_id: str, name: str):
-    from agents.controllers import CONTROLLERS as registered
+    factory = REGISTERED.of(system_of(env_id).task)[name]
+    other = system_of("PunaUAV-v0" if env_id != "PunaUAV-v0" else "SigmaCorvette-v0")
+    purpose = rf"(steers|flies|holds) .*, not {type(other.task).__name__}$"
+    with pytest.raises(ValueError, match=rf"^this autopilot {purpose}"):
+        factory(other)
 
-    factory = registered.of(system_of(env_id).task)[name]
-    other = "PunaUAV-v0" if env_id != "PunaUAV-v0" else "SigmaCorvette-v0"
-    with pytest.raises(ValueError, match=r"^this autopilot (steers|flies|holds) "):
-        factory(system_of(other))
 
-
-def test_without_the_integral_a_regulator_of_turns_has_no_memory():
-    regulator, seen = TurningRegulator(ThesisCorvetteEnv.system), observations("ThesisCorvette-v0")
-    regulator.reset(seen.shape[1])
-    first = regulator.act(seen[0])
-    for frame in seen:
-        regulator.act(frame)
-    np.testing.assert_array_equal(regulator.act(seen[0]), first)
+@pytest.mark.parametrize("env_id", ENVIRONMENTS)
+def test_either_face_gets_the_autopilot_of_its_task_which_needs_estimates(env_id: str):
+    kind = REGISTERED.of(system_of(env_id).task)["autopilot"]
+    for env in (gym.make(env_id), gym.make_vec(env_id, num_envs=2)):
+        assert type(load_agent("autopilot", env)) is kind
+    with pytest.raises(ValueError, match='the autopilot needs estimates: use observe="mean"'):
+        load_agent("autopilot", gym.make(env_id, observe="measurement"))
 
 
 def test_the_regulator_of_dives_steers_towards_the_path_in_proportion_to_the_distance():

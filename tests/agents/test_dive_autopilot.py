@@ -3,16 +3,14 @@
 from dataclasses import replace
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from agents import TurningAutopilot, load_agent, rollout
+from agents import rollout
 from agents.controllers.dive import DiveAutopilot, DiveTolerances, Loop, lateral_loop, vertical_loop
-from agents.controllers.track import TrackAutopilot
 from vessel_gym.core import Core
-from vessel_gym.envs import ItsunusaAUVEnv, SegorogeniAUVEnv, SigmaCorvetteEnv
+from vessel_gym.envs import ItsunusaAUVEnv, SegorogeniAUVEnv
 from vessel_gym.guidance.dive_path import follow
 from vessel_gym.system import System
 
@@ -175,50 +173,6 @@ def test_other_tolerances_give_other_gains_of_the_expected_size(system: System):
 # --- what it does with an observation ---------------------------------------------------------------
 
 
-def flown(system: System, seed: int, steps: int, rows: int) -> np.ndarray:
-    """Observations ``(steps + 1, rows, k)`` from flights, which the autopilot would see."""
-    env = gym.make_vec(system.name, num_envs=rows, disturbance="rough")
-    agent = load_agent("autopilot", env)
-    agent.reset(rows)
-    seen = [env.reset(seed=seed)[0]]
-    for _ in range(steps):
-        seen.append(env.step(agent.act(seen[-1]))[0])
-    return np.stack(seen)
-
-
-def test_mirrored_observations_give_mirrored_actions():
-    task = SPATIAL.task
-    odd = {"heading error", "curvature", "sway", "roll rate", "yaw rate", "roll"}
-    mirror = np.array([-1 if name in odd or "starboard" in name else 1 for name in task.observed] + [-1, 1, 1])
-    agent = DiveAutopilot(SPATIAL)
-    straight = agent.act(np.zeros((1, len(mirror))))[0]
-    largest = 0.0
-    for seen in flown(SPATIAL, 0, 150, 5):
-        one, other = agent.act(seen), agent.act(seen * mirror.astype(np.float32))
-        # the propeller's torque heels the vehicle the same way in both: the trim has a side
-        np.testing.assert_allclose(other[:, 0] - straight[0], straight[0] - one[:, 0], rtol=0, atol=3e-3)
-        np.testing.assert_allclose(other[:, 1:], one[:, 1:], rtol=0, atol=1e-3)
-        largest = max(largest, float(np.abs(one[:, 0]).max()))
-    assert largest > 0.3
-
-
-@DIVES
-def test_any_observation_gives_finite_actions_within_bounds(system: System):
-    agent, size = DiveAutopilot(system), Core(system).observation_size
-    rng = np.random.default_rng(1)
-    for observations in (
-        rng.uniform(-10.0, 10.0, (5000, size)),
-        rng.choice([-10.0, 0.0, 10.0], (5000, size)),
-        np.zeros((3, size)),
-        1e-30 * rng.normal(size=(10, size)),
-    ):
-        actions = agent.act(observations.astype(np.float32))
-        assert actions.shape == (len(observations), len(system.vehicle.action_names))
-        assert actions.dtype == np.float32
-        assert np.isfinite(actions).all()
-        assert np.abs(actions).max() <= 1.0
-
-
 def seen_with(system: System, **values: float) -> np.ndarray:
     """An observation of a vehicle on its path with some errors [SI], by name with _ for spaces."""
     observation = np.zeros((1, Core(system).observation_size))
@@ -246,29 +200,6 @@ def test_it_steers_towards_the_path_and_against_its_errors(system: System):
         assert agent.act(seen_with(system, heading_error=0.1))[0, 0] > trim[0] + 0.05
         assert agent.act(seen_with(system, yaw_rate=0.2))[0, 0] < trim[0] - 0.05
         assert agent.act(seen_with(system, current_to_starboard=0.2))[0, 0] < trim[0] - 0.05
-
-
-@DIVES
-def test_it_has_no_memory_and_rows_do_not_meddle(system: System):
-    seen = flown(system, 2, 40, 4)
-    copy, agent = seen.copy(), DiveAutopilot(system)
-    agent.reset(4)
-    first = np.stack([agent.act(frame) for frame in seen])
-    np.testing.assert_array_equal(np.stack([agent.act(frame) for frame in seen[::-1]]), first[::-1])
-    for i in range(4):
-        alone = np.stack([agent.act(frame[i : i + 1])[0] for frame in seen])
-        np.testing.assert_allclose(alone, first[:, i], rtol=0, atol=1e-6)
-    np.testing.assert_array_equal(seen, copy)
-
-
-@DIVES
-def test_the_standard_deviations_of_the_longer_observation_are_not_used(system: System):
-    agent = DiveAutopilot(system)
-    deviations = Core(system, observe="mean+std").observation_size - Core(system).observation_size
-    assert deviations == (14 if system is SPATIAL else 7)
-    for seen in flown(system, 3, 20, 2):
-        longer = np.concatenate([seen, np.full((2, deviations), 7.0, np.float32)], -1)
-        np.testing.assert_array_equal(agent.act(longer), agent.act(seen))
 
 
 # --- flights ----------------------------------------------------------------------------------------
@@ -327,23 +258,3 @@ def test_other_goals_are_reached_to_either_side(goal: tuple[float, float, float]
 
 
 # --- who flies what ---------------------------------------------------------------------------------
-
-
-def test_every_environment_gets_the_autopilot_of_its_task():
-    for name, kind in (
-        (SPATIAL.name, DiveAutopilot), (VERTICAL.name, DiveAutopilot), ("SigmaCorvette-v0", TrackAutopilot),
-        ("ThesisCorvette-v0", TurningAutopilot),
-    ):  # fmt: skip
-        for env in (gym.make(name), gym.make_vec(name, num_envs=2)):
-            assert type(load_agent("autopilot", env)) is kind
-
-
-def test_another_task_is_refused():
-    with pytest.raises(ValueError, match=r"^this autopilot flies dives, not CircleTrack$"):
-        DiveAutopilot(SigmaCorvetteEnv.system)
-
-
-@DIVES
-def test_raw_readings_are_refused(system: System):
-    with pytest.raises(ValueError, match='the autopilot needs estimates: use observe="mean"'):
-        load_agent("autopilot", gym.make(system.name, observe="measurement"))

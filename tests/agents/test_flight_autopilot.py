@@ -3,30 +3,18 @@
 from collections.abc import Callable
 from dataclasses import replace
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
-from agents import load_agent, rollout
+from agents import rollout
 from agents.controllers.flight import FlightAutopilot, FlightTolerances, lateral_gains, longitudinal_gains
-from vessel_gym.core import Core
-from vessel_gym.envs import PunaUAVEnv, SegorogeniAUVEnv
+from vessel_gym.envs import PunaUAVEnv
 from vessel_gym.vehicles.puna import trim
 
 SYSTEM = PunaUAVEnv.system
 TASK, VEHICLE = SYSTEM.task, SYSTEM.vehicle
 BODY, STATES = VEHICLE.body, VEHICLE.state_names
 TOLERANCES = FlightTolerances()
-ODD = {
-    "cross-track",
-    "course sine",
-    "curvature",
-    "curvature later",
-    "bank of the path",
-    "bank",
-    "obstacles to starboard",
-}
-MIRROR = np.array([-1.0 if name in ODD else 1.0 for name in TASK.observed] + [1.0, 1.0, -1.0], np.float32)
 
 
 def advanced(state: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
@@ -130,17 +118,6 @@ def test_steady_turns_of_its_tables_are_steady(bank: float):
 # --- what it does with an observation ---------------------------------------------------------------
 
 
-def seen_in_flight(seed: int, steps: int, rows: int) -> np.ndarray:
-    """Observations ``(steps + 1, rows, 18)`` from flights, which the autopilot would see."""
-    env = gym.make_vec(SYSTEM.name, num_envs=rows, disturbance="rough")
-    agent = load_agent("autopilot", env)
-    agent.reset(rows)
-    seen = [env.reset(seed=seed)[0]]
-    for _ in range(steps):
-        seen.append(env.step(agent.act(seen[-1]))[0])
-    return np.stack(seen)
-
-
 def test_it_steers_towards_the_path_and_against_its_errors():
     agent = FlightAutopilot(SYSTEM)
     thrust, alpha, bank = agent.act(seen_with())[0]
@@ -151,52 +128,6 @@ def test_it_steers_towards_the_path_and_against_its_errors():
     assert agent.act(seen_with(altitude_error=1.0))[0, 1] < alpha - 0.02
     assert agent.act(seen_with(climb=1.0))[0, 1] < alpha - 0.02
     assert agent.act(seen_with(airspeed=BODY.cruise_speed - 1.0))[0, 0] > thrust + 0.02
-
-
-def test_mirrored_observations_give_mirrored_actions():
-    agent, largest = FlightAutopilot(SYSTEM), 0.0
-    for seen in seen_in_flight(0, 150, 5):
-        one, other = agent.act(seen), agent.act(seen * MIRROR)
-        np.testing.assert_allclose(other, one * np.float32([1, 1, -1]), rtol=0, atol=1e-6)
-        largest = max(largest, float(np.abs(one[:, 2]).max()))
-    assert largest > 0.3
-
-
-def test_any_observation_gives_finite_actions_within_bounds():
-    agent, size = FlightAutopilot(SYSTEM), Core(SYSTEM).observation_size
-    rng = np.random.default_rng(1)
-    for observations in (
-        rng.uniform(-10.0, 10.0, (5000, size)),
-        rng.choice([-10.0, 0.0, 10.0], (5000, size)),
-        np.zeros((3, size)),
-        1e-30 * rng.normal(size=(10, size)),
-    ):
-        actions = agent.act(observations.astype(np.float32))
-        assert actions.shape == (len(observations), len(VEHICLE.action_names))
-        assert actions.dtype == np.float32
-        assert np.isfinite(actions).all()
-        assert np.abs(actions).max() <= 1.0
-
-
-def test_it_has_no_memory_and_rows_do_not_meddle():
-    seen = seen_in_flight(2, 40, 4)
-    copy, agent = seen.copy(), FlightAutopilot(SYSTEM)
-    agent.reset(4)
-    first = np.stack([agent.act(frame) for frame in seen])
-    np.testing.assert_array_equal(np.stack([agent.act(frame) for frame in seen[::-1]]), first[::-1])
-    for i in range(4):
-        alone = np.stack([agent.act(frame[i : i + 1])[0] for frame in seen])
-        np.testing.assert_allclose(alone, first[:, i], rtol=0, atol=1e-6)
-    np.testing.assert_array_equal(seen, copy)
-
-
-def test_the_standard_deviations_of_the_longer_observation_are_not_used():
-    agent = FlightAutopilot(SYSTEM)
-    deviations = Core(SYSTEM, observe="mean+std").observation_size - Core(SYSTEM).observation_size
-    assert deviations == 16
-    for seen in seen_in_flight(3, 20, 2):
-        longer = np.concatenate([seen, np.full((2, deviations), 7.0, np.float32)], -1)
-        np.testing.assert_array_equal(agent.act(longer), agent.act(seen))
 
 
 # --- flights ----------------------------------------------------------------------------------------
@@ -224,18 +155,3 @@ def test_other_goals_are_reached_to_either_side(goal: tuple[float, float, float]
 
 
 # --- who flies what ---------------------------------------------------------------------------------
-
-
-def test_the_environment_gets_this_autopilot():
-    for env in (gym.make(SYSTEM.name), gym.make_vec(SYSTEM.name, num_envs=2)):
-        assert type(load_agent("autopilot", env)) is FlightAutopilot
-
-
-def test_another_task_is_refused():
-    with pytest.raises(ValueError, match=r"^this autopilot flies aircraft along paths, not SpatialDive$"):
-        FlightAutopilot(SegorogeniAUVEnv.system)
-
-
-def test_raw_readings_are_refused():
-    with pytest.raises(ValueError, match='the autopilot needs estimates: use observe="mean"'):
-        load_agent("autopilot", gym.make(SYSTEM.name, observe="measurement"))
