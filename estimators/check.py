@@ -19,11 +19,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from estimators.belief import Belief, Recovery
-from estimators.checks import shown
+from estimators.checks import frozen, shown
+from estimators.consistency import simulate
 from estimators.filter import Filter, Model
 from estimators.metrics import chi_square_band, nees
 from estimators.models import Gaussian, LinearModel, NonlinearModel
 from estimators.randomness import Numbers
+from estimators.series import run
 
 _RUNS, _STEPS, _CONFIDENCE = 400, 20, 0.9999
 _SAME = 1e-7
@@ -76,7 +78,11 @@ def check_filter(
     except TypeError as error:
         call = f"{name}({', '.join(['model', *options])})"
         raise TypeError(f"{name} cannot be built as {call}: {error}: take the model first, then options") from None
-    systems = _systems() if model is None else (_own(model, prior, u),)
+    if model is None:
+        systems = _systems()
+    else:
+        own = Gaussian(np.zeros(model.n), np.eye(model.n)) if prior is None else prior
+        systems = (System(model, own, None if u is None else np.asarray(u, float)),)
     refusals, checked = [], False
     for system in systems:
         try:
@@ -113,7 +119,7 @@ def check_steps(filter: Filter, prior: Gaussian, u: np.ndarray | None) -> None:
     if not (isinstance(filter.name, str) and filter.name):
         raise ValueError(f'{cls}.name must be what the filter is called, such as "my-filter", got {shown(filter.name)}')
     alone = [_steps(filter, prior, u, row) for row in range(_ROWS)]
-    beliefs = _steps(filter, prior, u, None)
+    beliefs = _steps(filter, prior, u)
     for k, belief in enumerate(beliefs):
         method, whole = ("predict", "update")[k % 2], k in _WHOLE
         for name, array in _arrays(belief).items():
@@ -143,8 +149,8 @@ def _check_compiled(filter: Filter, prior: Gaussian, u: np.ndarray | None, belie
     """Formulas give compiled what NumPy gives, as a prediction and an update and as both at once."""
     plain = copy.copy(filter)
     plain._programs = None
-    both = _steps(filter, prior, u, None, at_once=True)
-    if odd := _differ(_steps(plain, prior, u, None), beliefs, _SAME) or _differ(both, beliefs[1::2], _SAME):
+    both = _steps(filter, prior, u, at_once=True)
+    if odd := _differ(_steps(plain, prior, u), beliefs, _SAME) or _differ(both, beliefs[1::2], _SAME):
         raise ValueError(
             f"{type(filter).__name__} gives another {odd} compiled than in NumPy: a formula is traced once, so it must "
             f"depend on nothing but what it is handed; or leave out formulas = True"
@@ -153,53 +159,60 @@ def _check_compiled(filter: Filter, prior: Gaussian, u: np.ndarray | None, belie
 
 _ROWS = 3
 _MASKS = (True, True, False, None)
-"""Which readings arrive after each prediction: all, all, all but the first, none."""
+"""Measurements that arrive after each prediction: all, all, all but the first, none."""
 _WHOLE = (1, 3)
 
 
 def _steps(
-    filter: Filter, prior: Gaussian, u: np.ndarray | None, row: int | None, masked: bool = False, at_once: bool = False
-) -> list[Belief]:
-    """The belief after every prediction and every update, of one row, or of three with None.
+    filter: Filter, prior: Gaussian, u: np.ndarray | None, row: int | None = None, masked: bool = False,
+    at_once: bool = False,
+) -> list[Belief]:  # fmt: skip
+    """Beliefs after every prediction and every update, of one row, or of three with None.
 
-    Readings that do not arrive are NaN or, ``masked``, any number that a mask says is none. ``at_once`` each
-    prediction and its update are one call, as in environments: the belief after every update.
+    Missing measurements are NaN or, ``masked``, any number that a mask excludes. ``at_once`` each prediction and its
+    update are one call, as in environments: the belief after every update.
     """
     model, cls = filter.model, type(filter).__name__
     rows = np.arange(_ROWS) if row is None else np.array(row)
     away = 0.5 * np.sqrt(np.diagonal(prior.cov, axis1=-2, axis2=-1))
     mean = prior.mean + (rows[..., None] - 1.0) * away
-    known = None if u is None else np.array(np.broadcast_to(u, mean.shape[:-1] + u.shape))
-    expected, what = model.measurement(mean, known), "one row" if row is not None else f"{_ROWS} rows"
+    known = _for_rows(u, mean.shape[:-1])
+    expected, batch = model.measurement(mean, known), "one row" if row is not None else f"{_ROWS} rows"
     rng, beliefs = Numbers.seeded(range(_ROWS))[rows], []
-    with _told(f"{cls}.init of {what}", row is None):
+    with _named(f"{cls}.init of {batch}", row is None):
         belief = filter.init(Gaussian(mean, prior.cov), rng=rng)
     for k, mask in enumerate(_MASKS):
         arrived = np.full(expected.shape, bool(mask))
         if mask is False:
             arrived[..., 1:] = True
-        y = expected + 0.1 * (k + 1.0)
+        now, y = rng.at(k + 1), expected + 0.1 * (k + 1.0)
+        missing = np.where(arrived, y, np.nan)
         if at_once:
-            belief = filter._advance(belief, known, np.where(arrived, y, np.nan), None, rng.at(k + 1))
+            belief = filter._advance(belief, known, missing, None, now)
             beliefs.append(belief)
             continue
-        with _told(f"{cls}.predict of {what}", row is None):
-            belief = filter.predict(belief, known, rng=rng.at(k + 1))
+        with _named(f"{cls}.predict of {batch}", row is None):
+            belief = filter.predict(belief, known, rng=now)
         beliefs.append(belief)
-        reading = {"y": y, "available": arrived} if masked else {"y": np.where(arrived, y, np.nan)}
-        with _told(f"{cls}.update of {what}", row is None):
-            belief = filter.update(belief, rng=rng.at(k + 1), **reading)
+        arrays = {"y": y, "available": arrived} if masked else {"y": missing}
+        with _named(f"{cls}.update of {batch}", row is None):
+            belief = filter.update(belief, rng=now, **{name: frozen(array) for name, array in arrays.items()})
         beliefs.append(belief)
     return beliefs
 
 
+def _for_rows(u: np.ndarray | None, batch: tuple[int, ...]) -> np.ndarray | None:
+    """A known input ``(m,)`` for each row, read-only."""
+    return None if u is None else frozen(np.broadcast_to(u, batch + u.shape))
+
+
 @contextmanager
-def _told(what: str, batch: bool) -> Iterator[None]:
-    """Whatever is raised, as a sentence that says in which call."""
+def _named(call: str, batch: bool) -> Iterator[None]:
+    """Raise any error as a sentence that names the call."""
     try:
         yield
     except Exception as error:
-        why = f"{what} raised {type(error).__name__} ({' '.join(str(error).split())})"
+        why = f"{call} raised {type(error).__name__} ({' '.join(str(error).split())})"
         if "read-only" in str(error):
             why += ": what a filter is given it may only read, so put a new array into the belief"
         elif batch:
@@ -210,14 +223,14 @@ def _told(what: str, batch: bool) -> Iterator[None]:
 def _check_more(filter: Filter, system: System) -> None:
     """What takes longer: the filter has passed `check_steps`."""
     cls, (_, prior, u) = type(filter).__name__, system
-    beliefs = _steps(filter, prior, u, None)
+    beliefs = _steps(filter, prior, u)
 
-    if odd := _differ(_steps(filter, prior, u, None), beliefs, 0.0):
+    if odd := _differ(_steps(filter, prior, u), beliefs, 0.0):
         raise ValueError(
             f"{cls} gives another {odd} when the same is done again: what changes belongs in the belief, and random "
             f"numbers come from rng alone"
         )
-    if odd := _differ(_steps(filter, prior, u, None, masked=True), beliefs, 0.0):
+    if odd := _differ(_steps(filter, prior, u, masked=True), beliefs, 0.0):
         raise ValueError(f"{cls} gives another {odd} for a reading that is masked than for NaN: both are missing")
     before, after = beliefs[-2], beliefs[-1]
     spread, left = (np.trace(belief.cov, axis1=-2, axis2=-1) for belief in (before, after))
@@ -226,42 +239,19 @@ def _check_more(filter: Filter, system: System) -> None:
             f"{cls}.update without any reading makes cov smaller: take C and R from the reading, where what is missing "
             f"is neutral, and not from the model"
         )
-    _check_untouched(filter, beliefs[0], beliefs[1], u)
     _check_restart(filter, system, beliefs)
     if filter.random:
-        with _told(f"{cls} with a NumPy Generator as rng", False):
+        with _named(f"{cls} with a NumPy Generator as rng", False):
             rng = np.random.default_rng(0)
             filter.predict(filter.init(prior, rng=rng), u, rng=rng)
 
 
-def _check_untouched(filter: Filter, predicted: Belief, updated: Belief, u: np.ndarray | None) -> None:
-    """Whether calls leave what they are handed as it was."""
-    rng = Numbers.seeded(range(_ROWS)).at(9)
-    known = None if u is None else np.array(np.broadcast_to(u, (_ROWS, *u.shape)))
-    y = np.full((_ROWS, filter.model.p), 0.1)
-    arrived = np.arange(y.size).reshape(y.shape) % 4 > 0
-    for method, belief, call in (
-        ("predict", updated, lambda: filter.predict(updated, known, rng=rng)),
-        ("update", predicted, lambda: filter.update(predicted, y, rng=rng, available=arrived, u=known)),
-    ):
-        handed = _arrays(belief) | {"y": y, "available": arrived} | ({} if known is None else {"u": known})
-        kept = {name: np.array(array) for name, array in handed.items()}
-        call()
-        for name, array in handed.items():
-            if not np.array_equal(array, kept[name]):
-                raise ValueError(
-                    f"{type(filter).__name__}._{method} changes the {name} that it is given: leave it, and put a new "
-                    f"array into the belief"
-                )
-
-
 def _check_restart(filter: Filter, system: System, beliefs: list[Belief]) -> None:
     """Whether a row that begins again, beside others that go on, is as one that has just begun."""
-    cls, (_, prior, u) = type(filter).__name__, system
+    cls, (model, prior, u) = type(filter).__name__, system
     again, rng = np.array([False, True, False]), Numbers.seeded(range(_ROWS))
-    known = None if u is None else np.array(np.broadcast_to(u, (_ROWS, *u.shape)))
-    start = Gaussian(np.broadcast_to(prior.mean, (_ROWS, *prior.mean.shape)), prior.cov)
-    with _told(f"{cls}: a belief with rows that begin again (belief.with_rows)", False):
+    known, start = _for_rows(u, (_ROWS,)), Gaussian(np.broadcast_to(prior.mean, (_ROWS, model.n)), prior.cov)
+    with _named(f"{cls}: a belief with rows that begin again (belief.with_rows)", False):
         fresh = filter.init(start, rng=rng)
         mixed = beliefs[3].with_rows(again, fresh[again])
         stepped = [filter.predict(belief, known, rng=rng.at(9)) for belief in (mixed, beliefs[3], fresh)]
@@ -275,19 +265,12 @@ def _check_restart(filter: Filter, system: System, beliefs: list[Belief]) -> Non
 
 def _warn_of_errors(filter: Filter, system: System) -> None:
     """Whether errors are as large as the covariance says, in simulated runs."""
-    from estimators.consistency import simulate  # late: only this needs it
-
     model, prior, u = system
     rng = np.random.default_rng(0)
     unknown = rng.normal(size=(_STEPS, _RUNS, model.q)) if filter.input_delay is not None and model.q else None
-    runs = simulate(model, prior, rng, _RUNS, _STEPS, u, unknown)
-    keys = Numbers.seeded(range(_RUNS))
-    belief = filter.init(Gaussian(np.broadcast_to(prior.mean, (_RUNS, model.n)), prior.cov), rng=keys)
-    for k, y in enumerate(runs.y):
-        if k:
-            belief = filter.predict(belief, None if runs.u is None else runs.u[k - 1], rng=keys.at(k))
-        belief = filter.update(belief, y, rng=keys.at(k), u=None if runs.u is None else runs.u[k])
-    found = float(nees(belief.mean, belief.cov, runs.x[-1], model.state_angles).mean())
+    data = simulate(model, prior, rng, _RUNS, _STEPS, u, unknown)
+    series = run(filter, prior, data.y, data.u, rng=Numbers.seeded(range(_RUNS)))
+    found = float(nees(series.mean[-1], series.cov[-1], data.x[-1], model.state_angles).mean())
     low, high = chi_square_band(_RUNS, model.n, _CONFIDENCE)
     if not low <= found <= high:
         than, hint = ("larger", "it claims too much") if found > high else ("smaller", "it is too careful")
@@ -330,12 +313,6 @@ def _is_covariance(cov: np.ndarray) -> bool:
 
 
 # --- known systems ------------------------------------------------------------------------------------
-
-
-def _own(model: Model, prior: Gaussian | None, u: np.ndarray | None) -> System:
-    if prior is None:
-        prior = Gaussian(np.zeros(model.n), np.eye(model.n))
-    return System(model, prior, None if u is None else np.asarray(u, float))
 
 
 def _systems() -> tuple[System, ...]:

@@ -1,4 +1,4 @@
-"""Is a filter as good as it says? Simulate it many times and compare its errors with its covariances.
+"""Consistency of a filter: its errors in many simulated runs beside its covariances.
 
 ::
 
@@ -17,23 +17,26 @@ Source: Bar-Shalom, Li & Kirubarajan (2001), Estimation with applications to tra
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy.special import bdtr, bdtrc, bdtrik, gammainc, gammaincc, gammaincinv, ndtri
 
 from estimators.angles import difference
-from estimators.belief import Belief, FeedthroughBelief, InputBelief
-from estimators.filter import Filter, Model, Rng
+from estimators.belief import FeedthroughBelief, InputBelief
+from estimators.filter import Filter, Model
 from estimators.linalg import neutralised, semidefinite_cholesky
 from estimators.metrics import nees, nis
 from estimators.models import Gaussian
+from estimators.series import run
 from estimators.varying import resolve
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+Curves = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | float, dict[str, np.ndarray]]
+"""What a panel of the figure shows: x, low and high ends of a band, expected values, curves by name."""
 LEVELS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)
 
 
@@ -119,6 +122,10 @@ class Band:
     confidence: float
     p_value: float
 
+    def curves(self) -> Curves:
+        """Times, ends of the interval, expected mean, and the mean."""
+        return np.arange(len(self.mean)), self.low, self.high, self.expected, {"found": self.mean}
+
 
 def chi_square_test(
     values: np.ndarray, degrees: np.ndarray | int, confidence: float = 0.95, conservative: bool = False
@@ -165,6 +172,11 @@ class Whiteness:
     statistic: float
     degrees: int
     p_value: float
+
+    def curves(self) -> Curves:
+        """Lags, ends of the interval, the correlation expected, and those of each measurement."""
+        bound = self.bound.max(-1)
+        return self.lags, -bound, bound, 0.0, {f"channel {j}": c for j, c in enumerate(self.correlation.T)}
 
 
 def whiteness_test(
@@ -251,6 +263,13 @@ class Coverage:
     high: np.ndarray
     confidence: float
     p_value: float
+
+    def curves(self) -> Curves:
+        """Levels in percent, ends of the interval less the level, the excess expected, and that of each state."""
+        found = 100.0 * (self.share.T - self.levels)
+        low, high = 100.0 * (self.low - self.levels), 100.0 * (self.high - self.levels)
+        high = np.minimum(high, max(-low.min(), found.max()))  # the band of a conservative filter has no end
+        return 100.0 * self.levels, low, high, 0.0, {f"state {i}": excess for i, excess in enumerate(found)}
 
 
 def coverage_test(
@@ -359,47 +378,21 @@ def assess(
             against it, and innovations need not be white.
     """
     data = simulate(filter.model, prior, rng, runs, steps) if data is None else data
-    T, M = data.x.shape[:2]
-    beliefs = _track(filter, prior, data, rng)
-    innovation, S, available = (
-        np.array([getattr(b, name) for b in beliefs]) for name in ("innovation", "innovation_cov", "available")
-    )
-    errors, surprise, freedom = np.empty((T, M)), nis(innovation, S), available.sum(-1).astype(float)
-    for k, belief in enumerate(beliefs):
-        errors[k] = nees(belief.mean, belief.cov, data.x[k], filter.model.state_angles)
-        if isinstance(belief, InputBelief) and belief.input_observed is not None:
-            surprise[k] -= nis(belief.input_mean, belief.input_cov)
-            freedom[k] -= np.round(np.trace(belief.input_observed, axis1=-2, axis2=-1))
-    last = beliefs[-1]
-    innovations = None
-    if not isinstance(last, FeedthroughBelief):
-        innovations = chi_square_test(surprise, freedom, confidence, conservative)
-    whiteness = None
+    series, angles = run(filter, prior, data.y, data.u, available=data.available, rng=rng), filter.model.state_angles
+    beliefs: Any = series.updated
+    errors, surprise = nees(series.mean, series.cov, data.x, angles), nis(beliefs.innovation, beliefs.innovation_cov)
+    degrees = beliefs.available.sum(-1).astype(float)
+    if isinstance(beliefs, InputBelief) and beliefs.input_observed is not None:
+        surprise = surprise - nis(beliefs.input_mean, beliefs.input_cov)
+        degrees = degrees - np.round(np.trace(beliefs.input_observed, axis1=-2, axis2=-1))
+    innovations = whiteness = None
+    if not isinstance(beliefs, FeedthroughBelief):
+        innovations = chi_square_test(surprise, degrees, confidence, conservative)
     if filter.input_delay is None:
-        whiteness = whiteness_test(innovation, S, available, lags, confidence)
-    return Consistency(
-        filter.name,
-        chi_square_test(errors, filter.model.n, confidence, conservative),
-        innovations,
-        whiteness,
-        coverage_test(
-            last.mean, last.cov, data.x[-1], levels, filter.model.state_angles, confidence, conservative
-        ),
-        conservative,
-    )  # fmt: skip
-
-
-def _track(filter: Filter, prior: Gaussian, data: Runs, rng: Rng) -> list[Belief]:
-    """The belief after every reading."""
-    rows = Gaussian(np.broadcast_to(prior.mean, data.x.shape[1:]), prior.cov)
-    belief, beliefs = filter.init(rows, rng=rng), []
-    for k, y in enumerate(data.y):
-        before, u = (None if data.u is None else data.u[max(k - ago, 0)] for ago in (1, 0))
-        if k:
-            belief = filter.predict(belief, before, rng=rng)
-        belief = filter.update(belief, y, rng, None if data.available is None else data.available[k], u=u)
-        beliefs.append(belief)
-    return beliefs
+        whiteness = whiteness_test(beliefs.innovation, beliefs.innovation_cov, beliefs.available, lags, confidence)
+    coverage = coverage_test(series.mean[-1], series.cov[-1], data.x[-1], levels, angles, confidence, conservative)
+    states = chi_square_test(errors, filter.model.n, confidence, conservative)
+    return Consistency(filter.name, states, innovations, whiteness, coverage, conservative)
 
 
 # --- the figure -------------------------------------------------------------------------------------
@@ -408,7 +401,7 @@ _LINE, _BAND = "#1f5a94", "#c9d6e3"
 
 
 def consistency_figure(report: Consistency) -> "Figure":
-    """The four tests in four panels, each with the interval in which a consistent filter lies.
+    """The four tests in four panels, each with what is expected (dashed) and the band of a consistent filter.
 
     Needs Matplotlib, which is imported here and not before.
 
@@ -427,79 +420,44 @@ def consistency_figure(report: Consistency) -> "Figure":
         raise ModuleNotFoundError("a figure needs Matplotlib: pip install matplotlib", name=error.name) from None
 
     figure = Figure(figsize=(10.0, 7.0), layout="constrained")
-    top, bottom = figure.subplots(2, 2)
-    _draw_band(top[0], report.nees, "State errors", "NEES, mean over runs")
-    _draw_band(top[1], report.nis, "Innovations", "NIS, mean over runs")
-    _draw_whiteness(bottom[0], report.whiteness, required=not report.conservative)
-    _draw_coverage(bottom[1], report.coverage)
+    remark = " (not required)" if report.conservative else ""
+    panels = (
+        (report.nees, "State errors", "step", "NEES, mean over runs"),
+        (report.nis, "Innovations", "step", "NIS, mean over runs"),
+        (report.whiteness, f"Whiteness of innovations{remark}", "lag [steps]", "autocorrelation"),
+        (report.coverage, "Credible intervals at the last step", "nominal probability [%]", "found minus nominal [%]"),
+    )
+    for axes, (test, title, x, y) in zip(figure.subplots(2, 2).flat, panels, strict=True):
+        axes.set(xlabel=x, ylabel=y)
+        axes.set_title(title if test is None else f"{title}: {_p_value(test.p_value)}", fontsize="medium")
+        if test is None:
+            axes.set(xticks=[], yticks=[])
+            note = "not tested: innovations carry\nthe unknown input"
+            axes.text(0.5, 0.5, note, ha="center", transform=axes.transAxes)
+        else:
+            _draw(axes, test)
     verdict = "no sign of inconsistency" if report.passed() else "inconsistent"
     figure.suptitle(f"{report.name}: {verdict} ({_p_value(report.p_value)} over all tests)")
     return figure
 
 
-def _draw_band(axes: "Axes", band: Band | None, title: str, label: str) -> None:
-    if band is None:
-        _draw_nothing(axes, title, "step", label)
-        return
-    step = np.arange(len(band.mean))
-    axes.fill_between(step, band.low, band.high, color=_BAND, lw=0, label=_percent("band", band.confidence))
-    axes.plot(step, band.expected, color="black", lw=0.8, ls="--", label="expected")
-    axes.plot(step, band.mean, color=_LINE, lw=1.2, label="found")
-    _finish(axes, f"{title}: {_p_value(band.p_value)}", "step", label)
-    axes.set_xlim(0, step[-1])
-
-
-def _draw_whiteness(axes: "Axes", whiteness: Whiteness | None, required: bool) -> None:
-    from matplotlib.ticker import MaxNLocator
-
-    if whiteness is None:
-        _draw_nothing(axes, "Whiteness of innovations", "lag [steps]", "autocorrelation")
-        return
-    bound = whiteness.bound.max(-1)
-    axes.fill_between(whiteness.lags, -bound, bound, color=_BAND, lw=0, label=_percent("band", whiteness.confidence))
-    axes.axhline(0.0, color="black", lw=0.8, ls="--")
-    p = whiteness.correlation.shape[-1]
-    for j, values in enumerate(whiteness.correlation.T):
-        color = _LINE if p == 1 else None
-        axes.plot(whiteness.lags, values, marker="o", ms=3, lw=0.8, color=color, label=f"reading {j}")
-    remark = "" if required else " (not required)"
-    title = f"Whiteness of innovations{remark}: {_p_value(whiteness.p_value)}"
-    _finish(axes, title, "lag [steps]", "autocorrelation")
-    axes.set_xlim(0.5, whiteness.lags[-1] + 0.5)
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-
-
-def _draw_coverage(axes: "Axes", coverage: Coverage) -> None:
-    percent, nominal = 100.0 * coverage.levels, coverage.levels[:, None]
-    low, high = 100.0 * (coverage.low - coverage.levels), 100.0 * (coverage.high - coverage.levels)
-    axes.fill_between(percent, low, high, color=_BAND, lw=0, label=_percent("band", coverage.confidence))
-    axes.axhline(0.0, color="black", lw=0.8, ls="--")
-    found = 100.0 * (coverage.share - nominal)
-    axes.set_ylim(1.1 * min(low.min(), found.min()), 1.1 * max(-low.min(), found.max()))
-    for i, excess in enumerate(found.T):
-        axes.plot(percent, excess, marker="o", ms=3, lw=0.8, label=f"state {i}")
-    title = f"Credible intervals at the last step: {_p_value(coverage.p_value)}"
-    _finish(axes, title, "nominal probability [%]", "found minus nominal [%]")
-    axes.set_xlim(0.0, 100.0)
-
-
-def _draw_nothing(axes: "Axes", title: str, x: str, y: str) -> None:
-    axes.text(0.5, 0.5, "not tested: innovations carry\nthe unknown input", ha="center", transform=axes.transAxes)
-    axes.set(xlabel=x, ylabel=y, xticks=[], yticks=[])
-    axes.set_title(title, fontsize="medium")
-
-
-def _finish(axes: "Axes", title: str, x: str, y: str) -> None:
-    axes.set(title=title, xlabel=x, ylabel=y)
-    axes.title.set_fontsize("medium")
+def _draw(axes: "Axes", test: Band | Whiteness | Coverage) -> None:
+    """Curves over the band in which they lie if a filter is consistent."""
+    x, low, high, expected, curves = test.curves()
+    axes.fill_between(x, low, high, color="#c9d6e3", lw=0, label=f"{100.0 * test.confidence:g} % band")
+    axes.plot(x, np.broadcast_to(expected, x.shape), color="black", lw=0.8, ls="--")
+    for label, values in curves.items():
+        color, size = "#1f5a94" if len(curves) == 1 else None, 3 if len(x) <= _MARKED else 0
+        axes.plot(x, values, marker="o", ms=size, lw=1.0, color=color, label=label)
     axes.spines[["top", "right"]].set_visible(False)
-    low, high = axes.get_ylim()
-    axes.set_ylim(low, high + 0.2 * (high - low))  # room for the legend
+    axes.margins(x=0.02)
+    bottom, top = axes.get_ylim()
+    axes.set_ylim(bottom, top + 0.2 * (top - bottom))  # room for the legend
     axes.legend(fontsize="small", frameon=False, ncols=4, loc="upper left", borderaxespad=0.0, columnspacing=1.2)
 
 
-def _percent(what: str, confidence: float) -> str:
-    return f"{100.0 * confidence:g} % {what}"
+_MARKED = 30
+"""So many points of a curve, at most, have markers."""
 
 
 def _p_value(p: float) -> str:
