@@ -2,13 +2,12 @@
 
 import math
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
 from scipy.linalg import expm
 
-from estimators.checks import frozen
 from estimators.linalg import congruence
 from estimators.models import LinearModel
 
@@ -70,59 +69,51 @@ def sampled(
     for name in "ACQR" if B is None else "ABCQR":
         if callable(getattr(rates, name)) or getattr(rates, name).ndim > 2:
             raise ValueError(f"{name} of a sampled model must be one matrix, for all rows and times")
-    drive = np.zeros((model.n, 0)) if B is None else rates.B
-    steps = _Discretisation(rates.A, drive, rates.Q)
-    held = {part: _Held(steps, part) for part in "ABQ"}
-    return replace(model, A=held["A"], B=held["B"] if drive.size else None, Q=held["Q"])
+    system = _Sampled(rates.A, np.zeros((model.n, 0)) if B is None else rates.B, rates.Q)
+    matrices: dict[str, Any] = {name: partial(system.matrix, name) for name in ("ABQ" if system.B.size else "AQ")}
+    return replace(model, **({"B": None} | matrices))
 
 
 @dataclass(frozen=True, eq=False)
-class _Discretisation:
-    """``x' = A x + B u + w``, to be discretised once for each length of a step."""
+class _Sampled:
+    """``x' = A x + B u + w``, discretised once for each length of a step."""
 
     A: np.ndarray
     B: np.ndarray
     Q: np.ndarray
 
     def untimed(self) -> ValueError:
-        """The error of a known input that does not tell how long a step takes."""
-        m = self.B.shape[1]
+        """The error of a known input without a length of the step."""
+        controls = f"its {m} controls and " if (m := self.B.shape[1]) else ""
         return ValueError(
-            f"the known input of a sampled model is {f'its {m} controls and ' if m else ''}how long each step takes, "
-            "not below 0: give run the times t of the readings"
+            f"the known input of a sampled model is {controls}how long each step takes, not below 0: give run the "
+            "times t of the readings"
         )
+
+    def matrix(self, name: str, u: np.ndarray | None) -> np.ndarray:
+        """A, B or Q ``(..., n, k)`` over steps whose lengths are the last component of ``u (..., m + 1)``."""
+        m = self.B.shape[1]
+        if u is None or u.shape[-1] != m + 1:
+            raise self.untimed()
+        if u.size == m + 1:  # np.unique takes long
+            matrix = _over_step(self, u.item(-1))[name]
+            return matrix.reshape(u.shape[:-1] + matrix.shape)
+        lengths, rows = np.unique(u[..., -1], return_inverse=True)
+        return np.stack([_over_step(self, length)[name] for length in lengths.tolist()])[rows.reshape(u.shape[:-1])]
 
 
 @lru_cache(maxsize=1024)
-def _over_step(steps: _Discretisation, length: float) -> dict[str, np.ndarray]:
-    """A, B and Q by name, over one step; of one whose length is not finite nothing is known."""
-    n, m = steps.B.shape
+def _over_step(system: _Sampled, length: float) -> dict[str, np.ndarray]:
+    """A, B and Q by name over one step; NaN where its length is not finite."""
+    n, m = system.B.shape
     if length < 0.0:
-        raise steps.untimed()
+        raise system.untimed()
     if math.isfinite(length):
-        A, Q = van_loan(steps.A, np.eye(n), steps.Q, length)
-        B = zero_order_hold(steps.A, steps.B, length)[1] if m else np.zeros((n, 0))
+        A, Q = van_loan(system.A, np.eye(n), system.Q, length)
+        B = zero_order_hold(system.A, system.B, length)[1] if m else np.zeros((n, 0))
     else:
         A, B, Q = (np.full((n, columns), np.nan) for columns in (n, m, n))
-    return {"A": frozen(A), "B": frozen(np.concatenate([B, np.zeros((n, 1))], 1)), "Q": frozen(Q)}
-
-
-@dataclass(frozen=True, eq=False)
-class _Held:
-    """One of the matrices of a `sampled` model, a function of the known input."""
-
-    steps: _Discretisation
-    part: str
-
-    def __call__(self, u: np.ndarray | None) -> np.ndarray:
-        if u is None or u.shape[-1] != self.steps.B.shape[1] + 1:
-            raise self.steps.untimed()
-        lengths = u[..., -1]
-        if lengths.size == 1:
-            one = _over_step(self.steps, lengths.item())[self.part]
-            return one.reshape(lengths.shape + one.shape)
-        different, rows = np.unique(lengths, return_inverse=True)
-        return np.stack([_over_step(self.steps, k)[self.part] for k in different.tolist()])[rows.reshape(lengths.shape)]
+    return {"A": A, "B": np.concatenate([B, np.zeros((n, 1))], 1), "Q": Q}
 
 
 def forward_euler(A: np.ndarray, B: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:

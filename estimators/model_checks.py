@@ -1,9 +1,9 @@
-"""Checks of a model's matrices: shapes, definiteness, and functions when they are first called."""
+"""Checks of a model's matrices: shapes, definiteness, and functions at their first call."""
 
 import operator
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -56,81 +56,83 @@ def usable(R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return (R, finite) if finite.all() else (neutralised(R, finite), finite)
 
 
-def store_arrays(model: Any, matrices: str) -> None:
-    """Check the matrices of these letters, and Q and R, and keep as arrays those that are no functions."""
-    for name in (*matrices, "Q", "R"):
+def check_matrices(model: Any, shapes: dict[str, str], of_state: str = "", **options: tuple[str, int | None]) -> None:
+    """Check a model's matrices and indices of angles, and set its sizes n, p and q.
+
+    Arrays are kept as read-only copies; functions of u are checked when they are first called. Where one of G and H is
+    given, the other is 0 unless it is, too.
+
+    Args:
+        model: `LinearModel` or `NonlinearModel`.
+        shapes: Letters of rows and columns of each matrix, in the order in which sizes are looked for; m is any size.
+        of_state: Matrices whose functions depend on the state: these are not checked here.
+        **options: For the letter of a size, the argument that gives it, and its value.
+
+    Raises:
+        ValueError: naming what does not fit.
+    """
+    for name in shapes:
         value = getattr(model, name)
-        if callable(value) or (value is None and name in matrices):
+        if callable(value) or (value is None and name not in "QR"):
             continue
-        array = as_array(name, value) if name in matrices else as_covariance(name, value)
+        array = as_covariance(name, value) if name in "QR" else as_array(name, value)
         if array.ndim < 2:
             raise ValueError(f"{name} must be a matrix, got shape {array.shape}")
         if not np.isfinite(array).all():
             raise ValueError(f"{name} must be finite")
         object.__setattr__(model, name, frozen(array))
-
-
-def size_of(name: str, option: str, sources: dict[str, tuple[object, int]], number: int | None = None) -> int:
-    """A size that the user tells, or the first matrix that does: an array, a table, or a function without ``u``.
-
-    Args:
-        name: The size.
-        option: The argument that tells it, if there is one: functions are only called for such a size.
-        sources: Matrices by name, and which axis is of this size.
-        number: What the user tells.
-    """
-    if number is not None:
-        return whole(name, number, 1)
-    for matrix, axis in sources.values():
-        if isinstance(table := _table(matrix), np.ndarray):
-            return table.shape[axis]
-    symbol, (function, axis) = next(iter(sources.items()))
-    if option and callable(function):
-        with suppress(Exception):  # a function of u may do anything without one
-            return as_array(symbol, function(None)).shape[axis]
-    remedy = f"give {option}, or one of {{}} as an array" if option else "give one of {} as an array, not as a function"
-    raise ValueError(f"cannot tell {name}: {remedy.format(', '.join(sources))}")
-
-
-def complete(model: Any, n: int, p: int, shapes: dict[str, tuple[int, int | None]], called: str) -> None:
-    """Check a model's matrices, and have its functions checked when they are first called; keep its sizes.
-
-    Where one of G and H is given, the other is 0 unless it is, too.
-
-    Args:
-        model: `LinearModel` or `NonlinearModel`.
-        n: States.
-        p: Measurements.
-        shapes: Of its matrices besides G, H, Q and R; None: any number of columns.
-        called: Letters of the matrices that may be functions of u.
-    """
-    q = 0
+    sizes = {letter: _size(model, letter, shapes, *options.get(letter, ("", None))) for letter in "np"} | {"q": 0}
     if model.G is not None or model.H is not None:
-        q = size_of("q", "", {"G": (model.G, -1), "H": (model.H, -1)})
-        for name, rows in (("G", n), ("H", p)):
+        sizes["q"] = _size(model, "q", shapes)
+        for name, rows in ("G", "n"), ("H", "p"):
             if getattr(model, name) is None:
-                object.__setattr__(model, name, frozen(np.zeros((rows, q))))
-    for name, shape in (shapes | {"G": (n, q), "H": (p, q), "Q": (n, n), "R": (p, p)}).items():
-        value = getattr(model, name)
+                object.__setattr__(model, name, frozen(np.zeros((sizes[rows], sizes["q"]))))
+    for name, (rows, columns) in shapes.items():
+        value, shape = getattr(model, name), (sizes[rows], sizes.get(columns))
         array = value.nominal if isinstance(value, StateNoise) else _table(value)
         if isinstance(array, np.ndarray):
             if wanted := _unlike(array, *shape):
                 raise ValueError(f"{name} has shape {array.shape}, expected {wanted}")
-        elif callable(value) and name in called:
+        elif callable(value) and name not in of_state:
             function = value.function if isinstance(value, _Checked) else value
-            object.__setattr__(model, name, _Checked(model, name, function, shape))
-    for name, size, indices in (("n", n, "state_angles"), ("p", p, "measurement_angles"), ("q", q, None)):
-        object.__setattr__(model, name, size)
-        if indices is None:
-            continue
-        given = getattr(model, indices)
+            object.__setattr__(model, name, _Checked(name, function, shape))
+    for letter, size in sizes.items():
+        object.__setattr__(model, letter, size)
+    for name, size in ("state_angles", sizes["n"]), ("measurement_angles", sizes["p"]):
+        indices = getattr(model, name)
         try:
-            angles = tuple(operator.index(i) for i in given)
+            angles = tuple(operator.index(i) for i in indices)
         except TypeError:
             angles = (-1,)
         if any(not 0 <= i < size for i in angles):
-            raise ValueError(f"{indices} must be indices below {size}, got {shown(given)}")
-        object.__setattr__(model, indices, angles)
+            raise ValueError(f"{name} must be indices below {size}, got {shown(indices)}")
+        object.__setattr__(model, name, angles)
+
+
+def _size(model: Any, letter: str, shapes: dict[str, str], option: str = "", number: int | None = None) -> int:
+    """A size that the user gives, or the first matrix that has it: an array, a table, or a function without ``u``.
+
+    Args:
+        model: The model.
+        letter: Of the size.
+        shapes: As for `check_matrices`.
+        option: The argument that gives the size, if there is one: functions are only called for such a size.
+        number: What the user gives.
+    """
+    if number is not None:
+        return whole(option, number, 1)
+    axes = {name: shape.rindex(letter) - 2 for name, shape in shapes.items() if letter in shape and name != "B"}
+    for name, axis in axes.items():
+        if isinstance(table := _table(getattr(model, name)), np.ndarray):
+            return table.shape[axis]
+    symbol = next(iter(axes))
+    if option and callable(function := getattr(model, symbol)):
+        with suppress(Exception):  # a function of u may do anything without one
+            return as_array(symbol, function(None)).shape[axes[symbol]]
+    remedy = (
+        f"give {option}=, or one of {{}} as an array" if option else "give one of {} as an array, not as a function"
+    )
+    raise ValueError(f"cannot tell {option or letter}: {remedy.format(', '.join(axes))}")
 
 
 def _table(matrix: Any) -> Any:
@@ -144,25 +146,23 @@ def _unlike(array: np.ndarray, rows: int, columns: int | None) -> str:
     return "" if fits else f"(..., {rows}, {'m' if columns is None else columns})"
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class _Checked:
-    """A model's function of ``u`` until its first value has the right shape, and is a covariance if need be."""
+    """A model's function of ``u``, whose first value must have the right shape, and be a covariance if need be."""
 
-    model: object = field(repr=False)
     name: str
     function: Callable[[np.ndarray | None], np.ndarray]
     shape: tuple[int, int | None]
-    seen: bool = False
+    passed: bool = False
 
     def __call__(self, u: np.ndarray | None) -> np.ndarray:
         value = self.function(u)
-        if self.seen:  # a program that was traced still asks here
+        if self.passed:
             return value
         array = as_array(self.name, value)
         if wanted := _unlike(array, *self.shape):
             raise ValueError(f"{self.name} gave a matrix of shape {array.shape}, expected {wanted}")
         if self.name in "QR":
             as_covariance(self.name, array if self.name == "Q" else usable(array)[0])
-        object.__setattr__(self.model, self.name, self.function)
-        object.__setattr__(self, "seen", True)
+        self.passed = True
         return value

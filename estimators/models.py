@@ -18,7 +18,7 @@ from estimators.engine.compiled import Compiled, compiled
 from estimators.engine.derivative import linearise
 from estimators.engine.foreign import Inspection, inspect
 from estimators.engine.matrices import columnwise, is_traced, matrix
-from estimators.model_checks import as_covariance, complete, size_of, store_arrays
+from estimators.model_checks import as_covariance, check_matrices
 from estimators.varying import Frozen, Function, Matrix, StateMatrix, resolve
 
 _log = logging.getLogger(__name__)
@@ -118,10 +118,7 @@ class LinearModel(Frozen):
         for name in "AC":
             if getattr(self, name) is None:
                 raise ValueError(f"{name} must be a matrix or a function of u, got None")
-        store_arrays(self, "ACBGH")
-        n = size_of("n", "", {"A": (self.A, -1), "Q": (self.Q, -1), "C": (self.C, -1), "G": (self.G, -2)})
-        p = size_of("p", "", {"C": (self.C, -2), "R": (self.R, -1), "H": (self.H, -2)})
-        complete(self, n, p, {"A": (n, n), "C": (p, n), "B": (n, None)}, "ABCGHQR")
+        check_matrices(self, {"A": "nn", "Q": "nn", "C": "pn", "R": "pp", "G": "nq", "H": "pq", "B": "nm"})
 
     def check_known_input(self, u: np.ndarray | None) -> None:
         """Refuse a known input that could only be ignored, or that B expects and does not get.
@@ -228,10 +225,8 @@ class NonlinearModel(Frozen):
             raise ValueError("difference and sum belong together: give both, or neither")
         if self.difference is not None and self.state_angles:
             raise ValueError("difference and sum say what errors of angles are: leave state_angles out")
-        store_arrays(self, "GH")
-        n = size_of("states", "states=", {"Q": (self.Q, -1), "G": (self.G, -2)}, self.states)
-        p = size_of("measurements", "measurements=", {"R": (self.R, -1), "H": (self.H, -2)}, self.measurements)
-        complete(self, n, p, {}, "HQR")
+        shapes = {"Q": "nn", "R": "pp", "G": "nq", "H": "pq"}
+        check_matrices(self, shapes, of_state="G", n=("states", self.states), p=("measurements", self.measurements))
 
     def check_known_input(self, u: np.ndarray | None) -> None:
         """Nothing to refuse: what the functions make of ``u`` is theirs."""
@@ -244,20 +239,18 @@ class NonlinearModel(Frozen):
             u: and ``(..., m)``.
             names: Transition or measurement and, where the filter needs it, its Jacobian, which has to be compared.
         """
-        for name in names if self.difference is None else ():
-            if (function := getattr(self, name)) is None:
-                continue
-            compared = not name.endswith("_jacobian") or name.removesuffix("_jacobian") in self._compared
-            if not compared or inspected(function, x, u) is None:
-                return False
-        return self.difference is None
+        functions = [(name, function) for name in names if (function := getattr(self, name)) is not None]
+        return self.difference is None and all(
+            (name in ("transition", "measurement") or name in self._compared) and inspected(function, x, u) is not None
+            for name, function in functions
+        )
 
     def source(self, name: str, x: np.ndarray, u: np.ndarray | None) -> "Function":
         """A function as it is traced; `traceable` has been asked."""
         function = getattr(self, name)
         if isinstance(function, Compiled):
             return function
-        inspection = _inspections[function][_sizes(x, u)]
+        inspection = _inspections[_key(function, x, u)]
         cast(Any, x).program.inspections.add(inspection)
         return inspection.inline
 
@@ -300,58 +293,47 @@ class NonlinearModel(Frozen):
             own = own and self.source(f"{name}_jacobian", x, u)
             return tuple(matrix(program, each) for each in linearise(source, x, u, slopes=own))
         x = read_only(x)
-        if self.difference is not None:
-            return self._linearise_errors(name, size, angles, x, u, cov)
+        if own is None and self.difference is None and (traced := inspected(function, x, u)) is not None:
+            return _compiled(linearise, traced)(x, u)
+        at, of, value = x, function, None
+        if self.difference is not None:  # a function of the error, about none
+            at, value = np.zeros(x.shape[:-1] + (self.n,)), np.asarray(call(name, function, x, u))
+            of = partial(self._of_error, name, x, value)
         if own is None:
-            traced = inspected(function, x, u)
-            if traced is not None:
-                return derivative(traced)(x, u)
-            return central_differences(name, function, x, u, size, angles, steps(x, cov, self.state_angles))
-        jacobian = self._own(name, function, size, angles, x, x, u, cov)
-        return at_points(name, function, x[..., None, :], u, size)[..., 0, :], jacobian
-
-    def _own(
-        self, name: str, function: "Function", size: int, angles: tuple[int, ...], x: np.ndarray, at: np.ndarray,
-        u: np.ndarray | None, cov: np.ndarray | None,
-    ) -> np.ndarray:  # fmt: skip
-        """The user's Jacobian at the state ``x``, compared when first used with differences of a function at ``at``."""
-        jacobian = as_array(f"{name}_jacobian", call(f"{name}_jacobian", getattr(self, f"{name}_jacobian"), x, u))
-        expected = x.shape[:-1] + (size, self.n)
-        if jacobian.shape != expected:
-            if jacobian.shape[-2:] != expected[-2:]:
-                raise ValueError(f"{name}_jacobian gave a matrix of shape {jacobian.shape}, expected {expected}")
-            jacobian = np.broadcast_to(jacobian, expected)
-        if name not in self._compared:
-            check_jacobian(name, function, jacobian, at, u, angles, steps(at, cov, self.state_angles))
+            found, jacobian = central_differences(name, of, at, u, size, angles, steps(at, cov, self.state_angles))
+            return found if value is None else value, jacobian
+        jacobian = self._own_jacobian(f"{name}_jacobian", size, x, u)
+        if f"{name}_jacobian" not in self._compared:
+            check_jacobian(name, of, jacobian, at, u, angles, steps(at, cov, self.state_angles))
             if np.isfinite(jacobian).all():  # else it is compared again where it is
-                self._compared[name] = True
-        return jacobian
+                self._compared[f"{name}_jacobian"] = True
+        return at_points(name, function, x[..., None, :], u, size)[..., 0, :] if value is None else value, jacobian
 
-    def _linearise_errors(
-        self, name: str, size: int, angles: tuple[int, ...], x: np.ndarray, u: np.ndarray | None, cov: np.ndarray | None
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """A function of the model at a state, and the Jacobian of its error, or of a reading, by the state's error."""
-        function, moved, none = getattr(self, name), name == "transition", np.zeros(x.shape[:-1] + (self.n,))
-        value = np.asarray(call(name, function, x, u))
+    def _own_jacobian(self, name: str, size: int, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+        """The user's Jacobian ``(..., size, n)`` of this name.
 
-        def of_errors(e: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-            assert self.sum is not None
-            assert self.difference is not None
-            after = np.asarray(call(name, function, self.sum(x[..., None, :], e), u))
-            return self.difference(after, value[..., None, :]) if moved else after
+        Raises:
+            ValueError: if it has another shape.
+        """
+        jacobian, expected = as_array(name, call(name, getattr(self, name), x, u)), x.shape[:-1] + (size, self.n)
+        if jacobian.shape[-2:] != expected[-2:]:
+            raise ValueError(f"{name} gave a matrix of shape {jacobian.shape}, expected {expected}")
+        return np.broadcast_to(jacobian, expected)
 
-        if getattr(self, f"{name}_jacobian") is not None:
-            return value, self._own(name, of_errors, size, angles, x, none, u, cov)
-        return value, central_differences(name, of_errors, none, u, size, angles, steps(none, cov))[1]
+    def _of_error(self, name: str, x: np.ndarray, value: np.ndarray, e: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+        """A function of errors ``(..., k, n)`` of a state: the transition's error, or a measurement."""
+        model: Any = self
+        after = np.asarray(call(name, getattr(self, name), model.sum(x[..., None, :], e), u))
+        return model.difference(after, value[..., None, :]) if name == "transition" else after  # type: ignore[no-any-return]
 
 
-_inspections: dict[Any, dict[Any, Inspection]] = {}
+_inspections: dict[Any, Inspection] = {}
 _KEPT = 500
 """Functions whose inspections are kept; of more, the oldest are inspected anew when they are next used."""
 
 
 def inspected(function: Function, x: np.ndarray, u: np.ndarray | None) -> Compiled | Inspection | None:
-    """What runs compiled in the place of a model's function; None for one that only NumPy can compute.
+    """The compiled form of a model's function; None for one that only NumPy can compute.
 
     What is `estimators.engine.compiled` declares itself pure. Any other function is inspected when it is first used,
     and again when something that it reads has changed; why it is not traceable stands in the log.
@@ -360,39 +342,30 @@ def inspected(function: Function, x: np.ndarray, u: np.ndarray | None) -> Compil
         return function
     if x.dtype == object:  # it is traced as a part of another
         return None
+    key = _key(function, x, u)
     try:
-        if function not in _inspections and len(_inspections) >= _KEPT:
-            del _inspections[next(iter(_inspections))]
-        known = _inspections.setdefault(function, {})
+        known = _inspections.get(key)
     except TypeError:  # it can be no key
         return None
-    key = _sizes(x, u)
-    if key not in known or (known[key].traceable and not known[key].unchanged()):
-        if u is None:
-            known[key] = inspect(lambda x, u=None: function(x, u), x)
-        else:
-            known[key] = inspect(function, x, u)
-        if not known[key].traceable:
-            _log.info("%s runs in NumPy: %s", getattr(function, "__name__", "a function"), known[key].reason)
-    return known[key] if known[key].traceable else None
+    if known is None or (known.traceable and not known.unchanged()):
+        if known is None and len(_inspections) >= _KEPT:
+            del _inspections[next(iter(_inspections))]
+        known = inspect(lambda x, u=None: function(x, u), x) if u is None else inspect(function, x, u)
+        _inspections[key] = known
+        if not known.traceable:
+            _log.info("%s runs in NumPy: %s", getattr(function, "__name__", "a function"), known.reason)
+    return known if known.traceable else None
 
 
-def _sizes(x: np.ndarray, u: np.ndarray | None) -> tuple[int, int | None]:
-    return x.shape[-1], None if u is None else u.shape[-1]
+def _key(function: Function, x: np.ndarray, u: np.ndarray | None) -> tuple[Function, int, int | None]:
+    return function, x.shape[-1], None if u is None else u.shape[-1]
 
 
-@lru_cache(_KEPT)
-def derivative(function: Compiled | Inspection) -> Compiled:
-    """A function's value ``(..., k)`` and exact Jacobian ``(..., k, n)`` at points ``(..., n)``, compiled."""
-    own: Compiled = compiled(partial(linearise, getattr(function, "inline", function)))
-    return own
-
-
-@lru_cache(_KEPT)
-def _columnwise(function: Compiled | Inspection) -> Compiled:
-    """A function at points that are columns ``(..., n, N)``, compiled."""
-    source = partial(columnwise, getattr(function, "inline", function))
-    own: Compiled = compiled(source, axes=(2, 1), matrices=True)
+@lru_cache(2 * _KEPT)
+def _compiled(form: Callable[..., Any], function: Compiled | Inspection) -> Compiled:
+    """A function of points in another form: `linearise` of ``(..., n)``, or `columnwise` of columns ``(..., n, N)``."""
+    options: dict[str, Any] = {"axes": (2, 1), "matrices": True} if form is columnwise else {}
+    own: Compiled = compiled(partial(form, getattr(function, "inline", function)), **options)
     return own
 
 
@@ -404,7 +377,7 @@ def at_columns(model: NonlinearModel, name: str, points: np.ndarray, u: np.ndarr
     traced = inspected(function, points[..., 0], u)
     if traced is None:
         return np.ascontiguousarray(at_points(name, function, points.mT, u, size).mT)
-    values: np.ndarray = _columnwise(traced)(points, u)
+    values: np.ndarray = _compiled(columnwise, traced)(points, u)
     return values
 
 
