@@ -30,6 +30,7 @@ from estimators.error_state import ErrorStateKalmanFilter
 from estimators.factory import make, names
 from estimators.faults import ChiSquareMonitor, CusumMonitor, FaultMonitor, Watch
 from estimators.filter import Filter, Model, Rng
+from estimators.input_observability import InputConditions, input_conditions
 from estimators.iterated import IteratedExtendedKalmanFilter
 from estimators.kalman import ExtendedKalmanFilter, GaussianFilter, KalmanFilter
 from estimators.learned import GainNetwork, LearnedGainBelief, LearnedGainFilter
@@ -51,11 +52,9 @@ from estimators.unknown_input import (
     DelayedInputFilter,
     DelayedUMVFilter,
     ExtendedUMVFilter,
-    InputConditions,
     NoFeedthroughFilter,
     UMVFilter,
     UnknownInputFilter,
-    input_conditions,
 )
 from estimators.unscented import SigmaPoints, UnscentedKalmanFilter, UnscentedUMVFilter
 from estimators.varying import Schedule

@@ -11,7 +11,7 @@ from estimators.models import LinearModel
 from estimators.reading import Reading
 
 
-class IteratedExtendedKalmanFilter(GaussianFilter):
+class IteratedExtendedKalmanFilter(GaussianFilter[Belief]):
     """An `ekf` whose update is the most probable state, given the prediction as a Gaussian and the reading.
 
     That state minimises, with ``P = P-``::

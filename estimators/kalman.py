@@ -1,9 +1,11 @@
 """The Kalman filter and the extended Kalman filter, in Joseph form."""
 
+from typing import Any, ClassVar, cast
+
 import numpy as np
 
 from estimators.angles import difference
-from estimators.belief import Belief, InputBelief
+from estimators.belief import Belief, InputBelief, Record
 from estimators.checks import as_array, frozen
 from estimators.filter import Filter, Model, Rng
 from estimators.linalg import congruence, driven, identity, joined, solve, symmetric_blocks, symmetrise
@@ -13,23 +15,44 @@ from estimators.reading import Reading
 from estimators.varying import resolve
 
 
-class GaussianFilter(Filter[Belief]):
-    """What filters share whose belief is a mean and a covariance: a model made straight, and the Kalman update.
+class GaussianFilter(Filter[Record]):
+    """Base of filters whose belief is a mean and a covariance: a linearised model and the Kalman update.
 
-    How it is made straight is the model's to say (a matrix, a Jacobian at the mean), or a mix-in's (`SigmaPoints`). An
-    unknown input in the model is ignored.
+    The model says how it is linearised (a matrix, a Jacobian at the mean), or a mix-in does (`SigmaPoints`). An unknown
+    input in the model is ignored.
     """
 
     formulas = True
+    reversible: ClassVar[bool] = True
+    """Can `smooth` go back through the steps? A class that overrides one says so again."""
 
-    def _predict(self, belief: Belief, u: np.ndarray | None, rng: Rng) -> Belief:
+    def _init(self, belief: Belief, rng: Rng) -> Record:
+        return cast(Record, self.record.of(belief, **self._unseen(belief.mean)))
+
+    def _unseen(self, mean: np.ndarray) -> dict[str, Any]:
+        """The record's own arrays, beside this mean, before any measurement."""
+        return {}
+
+    def _predict(self, belief: Record, u: np.ndarray | None, rng: Rng) -> Record:
         mean, cov = self._asked("_moved", belief, u)
         cov = symmetrise(cov + resolve(self.model.Q, u))
-        return Belief.predicted(belief, mean, cov, u)
+        return cast(Record, self.record.predicted(belief, mean, cov, u, **self._own(belief, mean, u)))
 
-    def _update(self, belief: Belief, reading: Reading, rng: Rng) -> Belief:
+    def _own(self, before: Record, mean: np.ndarray, u: np.ndarray | None) -> dict[str, Any]:
+        """The record's own arrays after a prediction to this mean."""
+        return self._unseen(mean)
+
+    def _reading(self, belief: Record, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None) -> Reading:
+        reading = super()._reading(belief, y, available, R)
+        if belief.innovation is None or not isinstance(belief, InputBelief):
+            return reading
+        expected = np.matvec(reading.H, belief.input_mean)  # by earlier measurements of the step
+        innovation = difference(reading.innovation, expected, self.model.measurement_angles)
+        return reading._replace(innovation=innovation)
+
+    def _update(self, belief: Record, reading: Reading, rng: Rng) -> Record:
         mean, cov, S = joseph_update(belief.mean, belief.cov, reading.innovation, reading.C, reading.R)
-        return Belief.updated(belief, mean, cov, reading, S)
+        return cast(Record, self.record.updated(belief, mean, cov, reading, S))
 
 
 def joseph_update(
@@ -54,7 +77,7 @@ def joseph_update(
     return mean + np.matvec(K, innovation), symmetrise(left + congruence(K, R)), S
 
 
-class ExtendedKalmanFilter(GaussianFilter):
+class ExtendedKalmanFilter(GaussianFilter[Belief]):
     """Linearises the model at the mean; on a linear model it is the Kalman filter exactly.
 
     Jacobians that the model does not give are exact for functions that can be traced, and by central differences for
@@ -66,7 +89,7 @@ class ExtendedKalmanFilter(GaussianFilter):
     name = "ekf"
 
 
-class KalmanFilter(GaussianFilter):
+class KalmanFilter(GaussianFilter[Belief]):
     """The minimum-variance filter of a linear Gaussian model.
 
     An unknown input ``d`` in the model is ignored unless its covariance D is told. It is then white noise that acts on
@@ -92,6 +115,7 @@ class KalmanFilter(GaussianFilter):
 
     name = "kf"
     likelihood = "exact"
+    reversible = True
     model: LinearModel
 
     def __init__(self, model: Model, input_cov: np.ndarray | float | None = None) -> None:
@@ -104,21 +128,11 @@ class KalmanFilter(GaussianFilter):
         if self.input_cov is not None:
             self.input_delay, self.record = 0, InputBelief
 
-    def _init(self, belief: Belief, rng: Rng) -> Belief:
-        if self.input_cov is None:
-            return belief
-        return InputBelief.of(belief, **unseen_input(belief.mean, self.input_cov))
+    def _unseen(self, mean: np.ndarray) -> dict[str, Any]:
+        return {} if self.input_cov is None else unseen_input(mean, self.input_cov)
 
-    def _predict(self, belief: Belief, u: np.ndarray | None, rng: Rng) -> Belief:
-        if self.input_cov is None:
-            return super()._predict(belief, u, rng)
-        assert isinstance(belief, InputBelief)
-        mean, cov = driven_on(self.model, belief, u)
-        cov = symmetrise(cov + resolve(self.model.Q, u))
-        return InputBelief.predicted(belief, mean, cov, u, **unseen_input(mean, self.input_cov))
-
-    def _reading(self, belief: Belief, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None) -> Reading:
-        return less_input(super()._reading(belief, y, available, R), belief, self.model)
+    def _moved(self, belief: Belief, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+        return driven_on(self.model, belief, u) if isinstance(belief, InputBelief) else super()._moved(belief, u)
 
     def _update(self, belief: Belief, reading: Reading, rng: Rng) -> Belief:
         if self.input_cov is None:
@@ -143,14 +157,6 @@ def with_input(belief: Belief) -> tuple[np.ndarray, np.ndarray]:
         return belief.mean, belief.cov
     cov = symmetric_blocks(belief.cov, belief.state_input_cov, belief.input_cov)
     return np.concatenate([belief.mean, belief.input_mean], -1), cov
-
-
-def less_input(reading: Reading, belief: Belief, model: Model) -> Reading:
-    """The reading less what an earlier reading of its step has shown of the unknown input in it."""
-    if belief.innovation is None or not isinstance(belief, InputBelief):
-        return reading
-    shown = np.matvec(reading.H, belief.input_mean)
-    return reading._replace(innovation=difference(reading.innovation, shown, model.measurement_angles))
 
 
 def driven_on(model: Model, belief: InputBelief, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:

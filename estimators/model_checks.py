@@ -87,8 +87,8 @@ def check_matrices(model: Any, shapes: dict[str, str], of_state: str = "", **opt
         for name, rows in ("G", "n"), ("H", "p"):
             if getattr(model, name) is None:
                 object.__setattr__(model, name, frozen(np.zeros((sizes[rows], sizes["q"]))))
-    for name, (rows, columns) in shapes.items():
-        value, shape = getattr(model, name), (sizes[rows], sizes.get(columns))
+    for name, letters in shapes.items():
+        value, shape = getattr(model, name), (sizes[letters[0]], sizes.get(letters[1]))
         array = value.nominal if isinstance(value, StateNoise) else _table(value)
         if isinstance(array, np.ndarray):
             if wanted := _unlike(array, *shape):

@@ -324,7 +324,7 @@ class NonlinearModel(Frozen):
         """A function of errors ``(..., k, n)`` of a state: the transition's error, or a measurement."""
         model: Any = self
         after = np.asarray(call(name, getattr(self, name), model.sum(x[..., None, :], e), u))
-        return model.difference(after, value[..., None, :]) if name == "transition" else after  # type: ignore[no-any-return]
+        return model.difference(after, value[..., None, :]) if name == "transition" else after
 
 
 _inspections: dict[Any, Inspection] = {}

@@ -20,12 +20,9 @@ from estimators.belief import Belief, InputBelief, Record, Recovery
 from estimators.checks import whole
 from estimators.delayed import Delayed
 from estimators.ensemble import EnsembleFilter
-from estimators.error_state import ErrorStateKalmanFilter
-from estimators.kalman import GaussianFilter, with_input
+from estimators.kalman import with_input
 from estimators.linalg import congruence, equilibrated, identity, joined, lacks_rank, semidefinite
-from estimators.robust import HuberKalmanFilter
 from estimators.series import Series
-from estimators.unknown_input import NoFeedthroughFilter, UMVFilter
 
 
 def smooth(series: Series[Record], lag: int | None = None) -> Record:
@@ -59,7 +56,7 @@ def smooth(series: Series[Record], lag: int | None = None) -> Record:
         return _members(filter, updated, predicted, steps)
     if isinstance(filter, Delayed):
         raise TypeError(f"{filter!r} has no smoother: sort readings by when they were taken, and run the filter itself")
-    if not _goes_back(filter):
+    if not _reversible(filter):
         name = getattr(filter, "name", type(filter).__name__)
         raise TypeError(
             f"{name} has no smoother: smooth a series of kf, ekf, ukf, iekf, robust-kf, kf-umv-ui, kf-umv-ui-wdf, "
@@ -84,12 +81,11 @@ def smooth(series: Series[Record], lag: int | None = None) -> Record:
     return _parted(updated, smoothed, semidefinite(covs))
 
 
-def _goes_back(filter: Any) -> bool:
-    """Whether what a filter stores is all that it did: predictions and updates of our own, none doubted later."""
-    known = isinstance(filter, GaussianFilter | UMVFilter | NoFeedthroughFilter)
-    steps = (getattr(type(filter), name, None) for name in ("_predict", "_update", "_moved", "_propagate", "_slopes"))
-    ours = all(step is None or step.__module__.startswith("estimators.") for step in steps)
-    return known and ours and not isinstance(filter, HuberKalmanFilter | ErrorStateKalmanFilter)
+def _reversible(filter: Any) -> bool:
+    """Are the filter's steps those of a class that declares them `reversible`?"""
+    steps = {"_predict", "_update", "_moved", "_propagate", "_slopes", "reversible"}
+    last = next((cls for cls in type(filter).__mro__ if steps & vars(cls).keys()), object)
+    return bool(vars(last).get("reversible", False))
 
 
 def _parted(belief: Record, z: np.ndarray, P: np.ndarray) -> Record:

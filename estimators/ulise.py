@@ -1,13 +1,16 @@
 """Unbiased minimum-variance filtering with a feedthrough matrix of any rank."""
 
+from typing import Any
+
 import numpy as np
 
-from estimators.belief import Belief, FeedthroughBelief
+from estimators.belief import FeedthroughBelief
 from estimators.filter import Model, Rng
+from estimators.input_observability import shown_ranks
 from estimators.linalg import congruence, identity, joined, symmetric_blocks, symmetrise
 from estimators.models import LinearModel
 from estimators.reading import Reading
-from estimators.unknown_input import DelayedInputFilter, shown_ranks, waiting
+from estimators.unknown_input import DelayedInputFilter, waiting
 from estimators.varying import resolve
 
 
@@ -69,15 +72,11 @@ class ULISE(DelayedInputFilter[FeedthroughBelief]):
                 "that it drives directly, by a reading that no other unknown input disturbs"
             )
 
-    def _init(self, belief: Belief, rng: Rng) -> FeedthroughBelief:
-        begun = self._begun_input(belief.mean) | {"input_matrix": None}
-        reach = np.zeros(belief.mean.shape[:-1] + (self.model.n + self.model.q, self.model.q))
-        return FeedthroughBelief.of(belief, **begun, input_reach=reach, **self._nothing_now(belief.mean))
-
-    def _nothing_now(self, mean: np.ndarray) -> dict[str, np.ndarray]:
-        """What a belief of this mean says of the input that acts now if no reading showed it."""
+    def _unseen(self, mean: np.ndarray) -> dict[str, Any]:
         n, q, rows = self.model.n, self.model.q, mean.shape[:-1]
-        return {
+        return super()._unseen(mean) | {
+            "input_matrix": None,
+            "input_reach": np.zeros(rows + (n + q, q)),
             "feedthrough_mean": np.zeros(rows + (q,)),
             "feedthrough_cov": np.zeros(rows + (q, q)),
             "state_feedthrough_cov": np.zeros(rows + (n, q)),
@@ -95,15 +94,16 @@ class ULISE(DelayedInputFilter[FeedthroughBelief]):
         joint = joint - congruence(reach, self._open(observed))
         drive = joined([joined([A, G], -1), np.eye(q, n + q, n)], -2)
         joint = congruence(drive, joint)
-        return FeedthroughBelief.predicted(
-            belief, mean, symmetrise(joint[..., :n, :n] + resolve(model.Q, u)), u,
-            input_mean=belief.feedthrough_mean,
-            input_cov=symmetrise(joint[..., n:, n:] + self._open(observed)),
-            state_input_cov=joint[..., :n, n:], input_observed=observed,
-            pending=np.ones(mean.shape[:-1], bool),
-            input_reach=drive @ reach + joined([G, identity(q)], -2) @ (identity(q) - observed),
-            **self._nothing_now(mean),
-        )  # fmt: skip
+        own = {
+            "input_mean": belief.feedthrough_mean,
+            "input_cov": symmetrise(joint[..., n:, n:] + self._open(observed)),
+            "state_input_cov": joint[..., :n, n:],
+            "input_observed": observed,
+            "pending": np.ones(mean.shape[:-1], bool),
+            "input_reach": drive @ reach + joined([G, identity(q)], -2) @ (identity(q) - observed),
+        }
+        cov = symmetrise(joint[..., :n, :n] + resolve(model.Q, u))
+        return FeedthroughBelief.predicted(belief, mean, cov, u, **(self._unseen(mean) | own))
 
     def _input_matrix(self, belief: FeedthroughBelief) -> np.ndarray:
         return belief.input_reach[..., : self.model.n, :]

@@ -1,37 +1,34 @@
 """Unbiased minimum-variance filters that estimate an unknown input together with the state."""
 
-from abc import abstractmethod
-from typing import ClassVar, NamedTuple, TypeVar
+from typing import Any, ClassVar, TypeVar, cast
 
 import numpy as np
-from scipy.linalg import block_diag, eigvals, solve_discrete_are
 
 from estimators.belief import Belief, DelayedInputBelief, InputBelief
 from estimators.engine.matrices import is_traced
-from estimators.filter import Filter, Model, Rng
-from estimators.kalman import driven_on, input_covariance, joseph_update, less_input, unseen_input, with_input
+from estimators.filter import Model, Rng
+from estimators.kalman import GaussianFilter, driven_on, input_covariance, joseph_update, unseen_input, with_input
 from estimators.linalg import congruence, identity, joined, neutralised, singular, solve, symmetrise
 from estimators.models import LinearModel
 from estimators.reading import Reading
-from estimators.varying import resolve
 
 WithInput = TypeVar("WithInput", bound=InputBelief)
 Delayed = TypeVar("Delayed", bound=DelayedInputBelief)
 
 
-class UnknownInputFilter(Filter[WithInput]):
-    """What the filters with and without feedthrough share: their input prior, and what a reading shows of the input.
+class UnknownInputFilter(GaussianFilter[WithInput]):
+    """Base of filters with and without feedthrough: the input's prior and its directions observable in a measurement.
 
     With ``input_prior = W W'`` and ``e = F d`` and noise of covariance S, the eigenvalues of ``W' F' S^-1 F W`` are the
-    prior variances of as many directions of ``d``, over those that the reading alone leaves them. Directions where this
-    exceeds `SHOWN` are estimated without bias, the others from N(0, ``input_prior``), as a Kalman filter would: what
-    they do to the reading is noise. The belief's ``input_observed`` is the projector on the former.
+    prior variances of as many directions of ``d``, over those that the measurement alone leaves them. Directions where
+    this exceeds `OBSERVABLE` are estimated without bias, the others from N(0, ``input_prior``), as by a Kalman filter:
+    their effect on the measurement is noise. The belief's ``input_observed`` is the projector on the former.
     """
 
-    formulas = True
     likelihood = "diffuse"
+    reversible = True
     linear: ClassVar[bool] = False
-    """Whether the filter needs a `LinearModel`."""
+    """The filter needs a `LinearModel`."""
 
     def __init__(self, model: Model, input_prior: np.ndarray | float = 1.0) -> None:
         super().__init__(model)
@@ -49,8 +46,7 @@ class UnknownInputFilter(Filter[WithInput]):
             raise ValueError("input_prior must be positive definite: an input without variance is no input") from None
         self._inverse_root = np.linalg.inv(self._root)
 
-    def _unseen_input(self, mean: np.ndarray) -> dict[str, np.ndarray]:
-        """What a belief of this mean says of an input of which its prior alone is known."""
+    def _unseen(self, mean: np.ndarray) -> dict[str, Any]:
         unseen = unseen_input(mean, self.input_prior)
         return unseen | {"input_observed": np.zeros(unseen["input_cov"].shape)}
 
@@ -62,12 +58,28 @@ class UnknownInputFilter(Filter[WithInput]):
         """F of the first reading of a step, in units of the input's prior; to a later one the prior is noise as any."""
         return self._shown(belief, reading) @ self._root if belief.innovation is None else None
 
-    @abstractmethod
-    def _shown(self, belief: WithInput, reading: Reading) -> np.ndarray:
-        """F ``(..., p, q)`` of the first reading of a step."""
+    def _moved(self, belief: WithInput, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+        return driven_on(self.model, belief, u)
 
-    def _reading(self, belief: WithInput, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None) -> Reading:
-        return less_input(super()._reading(belief, y, available, R), belief, self.model)
+    def _shown(self, belief: WithInput, reading: Reading) -> np.ndarray:
+        """F ``(..., p, q)`` of the first measurement of a step."""
+        return reading.H
+
+    def _drive(self, belief: WithInput) -> np.ndarray:
+        """G ``(..., n, q)`` by which the input in that measurement has moved the predicted state."""
+        return np.zeros((self.model.n, self.model.q))
+
+    def _update(self, belief: WithInput, reading: Reading, rng: Rng) -> WithInput:
+        n = self.model.n
+        correction, cov, observed, S = self._estimated(belief, reading)
+        own = {"input_mean": correction[..., n:], "input_cov": cov[..., n:, n:], "state_input_cov": cov[..., :n, n:]}
+        mean, own["input_observed"] = belief.mean + correction[..., :n], observed
+        updated = self.record.updated(belief, mean, cov[..., :n, :n], reading, S, **own, **self._met(belief))
+        return cast(WithInput, updated)
+
+    def _met(self, belief: WithInput) -> dict[str, Any]:
+        """The record's arrays after an update, besides those of the input."""
+        return {}
 
     def log_likelihood(self, predicted: WithInput, updated: WithInput) -> np.ndarray:
         """The diffuse log likelihood ``(...)`` of a reading: that of `Filter`, integrated over the unknown input.
@@ -92,7 +104,7 @@ class UnknownInputFilter(Filter[WithInput]):
         precision = np.linalg.pinv(S, hermitian=True)
         for F in np.split(shown, shown.shape[-1] // q, -1):  # what acts now, then what acted a step before
             values, directions = np.linalg.eigh(symmetrise(F.mT @ precision @ F))
-            flat = values > SHOWN
+            flat = values > OBSERVABLE
             size, F = np.where(flat, values, 1.0 + np.maximum(values, 0.0)), F @ directions
             seen = precision @ F
             score = np.vecmat(e, seen)
@@ -120,7 +132,7 @@ class UnknownInputFilter(Filter[WithInput]):
         information = symmetrise(root.T @ (F.mT @ SF) @ root)
         # A row that is lost, and not finite, must not raise: it shows nothing.
         strength, directions = singular(np.where(np.isfinite(information), information, 0.0))
-        hidden = (1.0 - (strength > SHOWN / (1.0 + SHOWN * share)))[..., None, :]
+        hidden = (1.0 - (strength > OBSERVABLE / (1.0 + OBSERVABLE * share)))[..., None, :]
         gain = (directions / (strength[..., None, :] + hidden)) @ directions.mT
         unseen = (directions * hidden) @ directions.mT
         return root @ gain @ root.T @ SF.mT, identity(self.model.q) - root @ unseen @ self._inverse_root
@@ -129,9 +141,7 @@ class UnknownInputFilter(Filter[WithInput]):
         """The covariance ``(..., n + q, n + q)`` of state and input, with the input's prior where none was shown."""
         return with_input(belief)[1]
 
-    def _estimated(
-        self, belief: WithInput, reading: Reading, F: np.ndarray, G: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    def _estimated(self, belief: WithInput, reading: Reading) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """State and input together, of ``x = x- + G d`` and ``e = C x~- + F d + v``.
 
         Returns:
@@ -140,6 +150,7 @@ class UnknownInputFilter(Filter[WithInput]):
         if belief.innovation is not None:
             return self._revised(belief, reading)
         C, R, n, q = reading.C, reading.R, self.model.n, self.model.q
+        F, G = self._shown(belief, reading), self._drive(belief)
         CP = C @ belief.cov
         S = CP @ C.mT + R
         solved = self._solved(belief, reading, S, joined([CP, F], -1))
@@ -170,7 +181,7 @@ class UnknownInputFilter(Filter[WithInput]):
         MP = M @ shown
         N = symmetrise(M - MP @ solve(identity(q) + shown @ MP, MP.mT))
         values, directions = singular(np.where(np.isfinite(N), N, 0.0))
-        hidden = (1.0 - (values * (1.0 + SHOWN) < 1.0))[..., None, :]
+        hidden = (1.0 - (values * (1.0 + OBSERVABLE) < 1.0))[..., None, :]
         values = values[..., None, :]
         D = root @ (directions * (values / (1.0 - (1.0 - hidden) * values))) @ directions.mT @ root.T
         observed = identity(q) - root @ (directions * hidden) @ directions.mT @ inverse_root
@@ -180,8 +191,8 @@ class UnknownInputFilter(Filter[WithInput]):
         return z, symmetrise(joint - L @ T @ joint[..., n:, :]), observed, S
 
 
-SHOWN = 0.1
-"""A direction of the input counts as shown where its prior has more than this share of the variance that is left."""
+OBSERVABLE = 0.1
+"""A direction of the input is observable where its prior has more than this share of the variance that is left."""
 
 
 class UMVFilter(UnknownInputFilter[InputBelief]):
@@ -227,31 +238,9 @@ class UMVFilter(UnknownInputFilter[InputBelief]):
                     f"measure the input or use {late}"
                 )
 
-    def _init(self, belief: Belief, rng: Rng) -> InputBelief:
-        return InputBelief.of(belief, **self._unseen_input(belief.mean))
-
-    def _predict(self, belief: InputBelief, u: np.ndarray | None, rng: Rng) -> InputBelief:
-        mean, cov = self._asked("_moved", belief, u)
-        cov = symmetrise(cov + resolve(self.model.Q, u))
-        return InputBelief.predicted(belief, mean, cov, u, **self._unseen_input(mean))
-
-    def _moved(self, belief: InputBelief, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-        return driven_on(self.model, belief, u)
-
-    def _shown(self, belief: InputBelief, reading: Reading) -> np.ndarray:
-        return reading.H
-
-    def _update(self, belief: InputBelief, reading: Reading, rng: Rng) -> InputBelief:
-        n = self.model.n
-        correction, cov, observed, S = self._estimated(belief, reading, reading.H, np.zeros((n, self.model.q)))
-        return InputBelief.updated(
-            belief, belief.mean + correction[..., :n], cov[..., :n, :n], reading, S, input_mean=correction[..., n:],
-            input_cov=cov[..., n:, n:], state_input_cov=cov[..., :n, n:], input_observed=observed,
-        )  # fmt: skip
-
 
 class DelayedInputFilter(UnknownInputFilter[Delayed]):
-    """What the filters share to which a reading shows the unknown input of the step before: d(k-1) at k."""
+    """Base of filters that estimate the unknown input one step late: d(k-1) at k."""
 
     record: type[Belief] = DelayedInputBelief
     input_delay = 1
@@ -260,22 +249,31 @@ class DelayedInputFilter(UnknownInputFilter[Delayed]):
         super().__init__(model, input_prior)
         self._G = model.G if isinstance(model.G, np.ndarray) else np.zeros((model.n, model.q))
 
-    def _begun_input(self, mean: np.ndarray) -> dict[str, np.ndarray | None]:
-        """What a first belief of this mean says of the input: as yet no G has moved anything."""
-        unseen = self._unseen_input(mean)
+    def _unseen(self, mean: np.ndarray) -> dict[str, Any]:
+        unseen = super()._unseen(mean)
         G = np.zeros(unseen["state_input_cov"].shape) if callable(self.model.G) else None
-        return {**unseen, "pending": np.zeros(mean.shape[:-1], bool), "input_matrix": G}
+        return unseen | {"pending": np.zeros(mean.shape[:-1], bool), "input_matrix": G}
+
+    def _own(self, before: Delayed, mean: np.ndarray, u: np.ndarray | None) -> dict[str, Any]:
+        G = self._asked("_moving_G", before, u)
+        return self._unseen(mean) | {"pending": np.ones(mean.shape[:-1], bool), "input_matrix": G}
+
+    def _met(self, belief: Delayed) -> dict[str, Any]:
+        return {"pending": np.zeros(belief.pending.shape, bool), "input_matrix": belief.input_matrix}
 
     def _input_matrix(self, belief: Delayed) -> np.ndarray:
         """G of the last prediction ``(..., n, q)``."""
         return self._G if belief.input_matrix is None else belief.input_matrix
 
+    def _drive(self, belief: Delayed) -> np.ndarray:
+        return self._input_matrix(belief) * waiting(belief)
+
     def _shown(self, belief: Delayed, reading: Reading) -> np.ndarray:
-        return reading.C @ (self._input_matrix(belief) * waiting(belief))
+        return reading.C @ self._drive(belief)
 
     def _joint(self, belief: Delayed) -> np.ndarray:
-        n, q, G = self.model.n, self.model.q, self._input_matrix(belief) * waiting(belief)
-        drive = joined([joined([identity(n), G], -1), np.eye(q, n + q, n)], -2)
+        n, q = self.model.n, self.model.q
+        drive = joined([joined([identity(n), self._drive(belief)], -1), np.eye(q, n + q, n)], -2)
         return congruence(drive, super()._joint(belief))
 
     def _moving_G(self, belief: Belief, u: np.ndarray | None) -> np.ndarray | None:
@@ -296,10 +294,12 @@ def waiting(belief: DelayedInputBelief) -> np.ndarray:
 
 
 class NoFeedthroughFilter(DelayedInputFilter[DelayedInputBelief]):
-    """What the filters share whose model has H = 0: the unknown input acts on the state only.
+    """Base of filters of models with H = 0: the unknown input acts on the state only.
 
-    Each says how it makes a nonlinear model straight, as the filters below `GaussianFilter` do.
+    Each says how it linearises a nonlinear model.
     """
+
+    reversible = True
 
     def __init__(self, model: Model, input_prior: np.ndarray | float = 1.0) -> None:
         super().__init__(model, input_prior)
@@ -316,28 +316,8 @@ class NoFeedthroughFilter(DelayedInputFilter[DelayedInputBelief]):
                 f"got {'' if constant else 'at most '}{rank}: measure a state that each input drives directly"
             )
 
-    def _init(self, belief: Belief, rng: Rng) -> DelayedInputBelief:
-        return DelayedInputBelief.of(belief, **self._begun_input(belief.mean))
-
-    def _predict(self, belief: DelayedInputBelief, u: np.ndarray | None, rng: Rng) -> DelayedInputBelief:
-        mean, cov = self._asked("_moved", belief, u)
-        cov = symmetrise(cov + resolve(self.model.Q, u))
-        return DelayedInputBelief.predicted(
-            belief, mean, cov, u, **self._unseen_input(mean), pending=np.ones(mean.shape[:-1], bool),
-            input_matrix=self._asked("_moving_G", belief, u),
-        )  # fmt: skip
-
     def _moved(self, belief: DelayedInputBelief, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         return self._propagate(belief.mean, self._covariance(belief), u)
-
-    def _update(self, belief: DelayedInputBelief, reading: Reading, rng: Rng) -> DelayedInputBelief:
-        n, G = self.model.n, self._input_matrix(belief) * waiting(belief)
-        correction, cov, observed, S = self._estimated(belief, reading, reading.C @ G, G)
-        return DelayedInputBelief.updated(
-            belief, belief.mean + correction[..., :n], cov[..., :n, :n], reading, S, input_mean=correction[..., n:],
-            input_cov=cov[..., n:, n:], state_input_cov=cov[..., :n, n:], input_observed=observed,
-            pending=np.zeros(belief.pending.shape, bool), input_matrix=belief.input_matrix,
-        )  # fmt: skip
 
 
 class ExtendedUMVFilter(NoFeedthroughFilter):
@@ -385,125 +365,3 @@ class DelayedUMVFilter(NoFeedthroughFilter):
 
     name = "kf-umv-ui-wdf"
     linear = True
-
-
-# --- whether an input can be told at all ------------------------------------------------------------
-
-
-class InputConditions(NamedTuple):
-    """What a linear system lets its readings tell of its unknown inputs.
-
-    Attributes:
-        rank: How many directions of d readings tell at once or one step later; all q are needed.
-        sd: ``(q,)`` standard deviations with which they tell each input, in units of its prior's: above some 3 it does
-            not count as shown, infinite where a direction of it is not told.
-        zeros: Invariant zeros that d adds to the system: inputs that no reading ever shows. Where one is on or outside
-            the unit circle the errors of an unbiased filter grow without bound. NaN alone: every number is a zero.
-    """
-
-    rank: int
-    sd: np.ndarray
-    zeros: np.ndarray
-
-
-def input_conditions(
-    A: np.ndarray, C: np.ndarray, G: np.ndarray, H: np.ndarray, Q: np.ndarray, R: np.ndarray, prior: np.ndarray | float
-) -> InputConditions:
-    """Whether, and how well, the unknown inputs of ``x+ = A x + G d + w``, ``y = C x + H d + v`` can be told.
-
-    A direction of d is told at once if H shows it, else one step later through C G, by readings that are free of what
-    H shows: rank H, rank C G and the condition of `ULISE` in one. Deviations are for a state that is known as by the
-    Kalman filter that is told d, in its steady state; where it has none, for one that is known exactly (R alone). An
-    unbiased filter knows the state less well. Zeros beyond 1000 count as infinite, which are no zeros.
-
-    Args:
-        A: ``(n, n)``, all for one system.
-        C: ``(p, n)``.
-        G: ``(n, q)``.
-        H: ``(p, q)``.
-        Q: ``(n, n)``.
-        R: ``(p, p)``, positive definite.
-        prior: ``(q, q)`` covariance of d, or a number for that number times identity.
-
-    Raises:
-        ValueError: naming the argument whose shape or definiteness is wrong.
-    """
-    model = LinearModel(A, C, Q, R, G=G, H=H)
-    arrays = [getattr(model, name) for name in "ACGHQR"]
-    if any(not isinstance(array, np.ndarray) or array.ndim > 2 for array in arrays):
-        raise ValueError("input_conditions is of one system: give A, C, G, H, Q and R as matrices")
-    A, C, G, H, Q, R = arrays
-    cov = input_covariance("prior", prior, model.q)
-    try:
-        root, noise = np.linalg.cholesky(cov), np.linalg.cholesky(R)
-    except np.linalg.LinAlgError:
-        raise ValueError("prior and R must be positive definite") from None
-    G, H = G @ root, H @ root
-    now, late = shown_ranks(C, G, H)
-    try:
-        S = congruence(C, solve_discrete_are(A.T, C.T, Q, R)) + R
-    except (np.linalg.LinAlgError, ValueError):  # which SciPy raises where QZ fails
-        S = R
-    one_step, told = _one_step(driven_readings(C, G), H, np.linalg.inv(S))
-    variances, size = (np.diagonal(congruence(root, share)) for share in (one_step, np.eye(model.q) - told))
-    sd = np.where(size > 1e-9 * np.diagonal(cov), np.inf, np.sqrt(variances / np.diagonal(cov)))
-    return InputConditions(
-        int(now + late), sd, _added_zeros(A, np.linalg.solve(noise, C), G, np.linalg.solve(noise, H))
-    )
-
-
-def driven_readings(C: np.ndarray, G: np.ndarray) -> np.ndarray:
-    """``C G (..., p, q)``, 0 where it is nothing but rounding."""
-    CG = C @ G
-    return np.where(np.abs(CG) > 1e-12 * (np.abs(C) @ np.abs(G)), CG, 0.0)
-
-
-def shown_ranks(C: np.ndarray, G: np.ndarray, H: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """How many inputs ``H (..., p, q)`` shows at once, and how many others C G, by readings that H leaves clean."""
-    seen, CG = np.linalg.pinv(H, rcond=1e-9), driven_readings(C, G)
-    clean = (identity(H.shape[-2]) - H @ seen) @ CG @ (identity(H.shape[-1]) - seen @ H)
-    late = np.linalg.matrix_rank(clean, tol=1e-9 * np.linalg.norm(CG, 2, (-2, -1)))
-    return np.linalg.matrix_rank(H, rtol=1e-9), late
-
-
-def _one_step(CG: np.ndarray, H: np.ndarray, precision: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The covariance ``(q, q)`` of an input, each direction by the first reading that tells it, and which are told."""
-
-    def best(F: np.ndarray, weight: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
-        values, directions = np.linalg.eigh(congruence(F.T, weight))
-        chosen = values > 1e-14 * size
-        told = directions[:, chosen]
-        return (told / values[chosen]) @ told.T, told @ told.T
-
-    sizes = [float(np.trace(congruence(F.T, precision))) for F in (H, CG)]
-    now, seen = best(H, precision, sizes[0])
-    late, rest = best(CG @ (np.eye(len(seen)) - seen), precision - congruence(precision @ H, now), sizes[1])
-    return now + late, seen + rest
-
-
-def _added_zeros(A: np.ndarray, C: np.ndarray, G: np.ndarray, H: np.ndarray) -> np.ndarray:
-    """Where ``[A - z I, G; C, H]`` loses more rank of its columns than ``[A - z I; C]`` does.
-
-    Candidates are the zeros of as many sums of the readings as there are inputs, which share those of the system.
-    """
-    n, q = G.shape
-    system, states = np.block([[A, G], [C, H]]), np.eye(n + len(C), n + q)
-    states[n:] = 0.0
-
-    def lost(z: complex, columns: int) -> int:
-        pencil = (system - z * states)[:, :columns]
-        size = np.linalg.norm(pencil, axis=0)
-        return columns - int(np.linalg.matrix_rank(pencil / np.where(size > 0.0, size, 1.0), rtol=1e-9))
-
-    rng = np.random.default_rng(0)
-    anywhere = complex(*rng.normal(size=2))
-    if lost(anywhere, n + q) > lost(anywhere, n):
-        return np.array([complex(np.nan)])
-    sums = block_diag(np.eye(n), rng.normal(size=(q, len(C))))
-    found = eigvals(sums @ system, sums @ states)
-    found = found[np.abs(found) < _INFINITE]
-    return found[[lost(z, n + q) > lost(z, n) for z in found]] if found.size else found
-
-
-_INFINITE = 1e3
-"""Zeros beyond this are infinite ones, but for rounding."""

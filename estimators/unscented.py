@@ -32,6 +32,7 @@ class SigmaPoints(Filter[Record]):
     ``Pyy - C P- C'``, joins R. A Kalman update in Joseph form with these two is the unscented update.
     """
 
+    reversible = True
     alpha: float
     beta: float
     kappa: float
@@ -135,7 +136,7 @@ class SigmaPoints(Filter[Record]):
         return mean, solve_upper(root.mT, slopes).mT, excess
 
 
-class UnscentedKalmanFilter(SigmaPoints[Belief], GaussianFilter):
+class UnscentedKalmanFilter(SigmaPoints[Belief], GaussianFilter[Belief]):
     """UKF: a Kalman filter whose moments come from sigma points; on a linear model it is the Kalman filter exactly.
 
     Needs no Jacobian and keeps second-order terms: with the defaults the mean is right to third order for a Gaussian.

@@ -1,0 +1,129 @@
+"""Conditions under which measurements of a linear system determine its unknown inputs."""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import block_diag, eigvals, solve_discrete_are
+
+from estimators.kalman import input_covariance
+from estimators.linalg import congruence, identity
+from estimators.models import LinearModel
+
+
+class InputConditions(NamedTuple):
+    """What a linear system lets its readings tell of its unknown inputs.
+
+    Attributes:
+        rank: How many directions of d readings tell at once or one step later; all q are needed.
+        sd: ``(q,)`` standard deviations with which they tell each input, in units of its prior's: above some 3 it does
+            not count as shown, infinite where a direction of it is not told.
+        zeros: Invariant zeros that d adds to the system: inputs that no reading ever shows. Where one is on or outside
+            the unit circle the errors of an unbiased filter grow without bound. NaN alone: every number is a zero.
+    """
+
+    rank: int
+    sd: np.ndarray
+    zeros: np.ndarray
+
+
+def input_conditions(
+    A: np.ndarray, C: np.ndarray, G: np.ndarray, H: np.ndarray, Q: np.ndarray, R: np.ndarray, prior: np.ndarray | float
+) -> InputConditions:
+    """Whether, and how well, the unknown inputs of ``x+ = A x + G d + w``, ``y = C x + H d + v`` can be told.
+
+    A direction of d is told at once if H shows it, else one step later through C G, by readings that are free of what
+    H shows: rank H, rank C G and the condition of `ULISE` in one. Deviations are for a state that is known as by the
+    Kalman filter that is told d, in its steady state; where it has none, for one that is known exactly (R alone). An
+    unbiased filter knows the state less well. Zeros beyond 1000 count as infinite, which are no zeros.
+
+    Args:
+        A: ``(n, n)``, all for one system.
+        C: ``(p, n)``.
+        G: ``(n, q)``.
+        H: ``(p, q)``.
+        Q: ``(n, n)``.
+        R: ``(p, p)``, positive definite.
+        prior: ``(q, q)`` covariance of d, or a number for that number times identity.
+
+    Raises:
+        ValueError: naming the argument whose shape or definiteness is wrong.
+    """
+    model = LinearModel(A, C, Q, R, G=G, H=H)
+    arrays = [getattr(model, name) for name in "ACGHQR"]
+    if any(not isinstance(array, np.ndarray) or array.ndim > 2 for array in arrays):
+        raise ValueError("input_conditions is of one system: give A, C, G, H, Q and R as matrices")
+    A, C, G, H, Q, R = arrays
+    cov = input_covariance("prior", prior, model.q)
+    try:
+        root, noise = np.linalg.cholesky(cov), np.linalg.cholesky(R)
+    except np.linalg.LinAlgError:
+        raise ValueError("prior and R must be positive definite") from None
+    G, H = G @ root, H @ root
+    now, late = shown_ranks(C, G, H)
+    try:
+        S = congruence(C, solve_discrete_are(A.T, C.T, Q, R)) + R
+    except (np.linalg.LinAlgError, ValueError):  # which SciPy raises where QZ fails
+        S = R
+    one_step, told = _one_step(driven_readings(C, G), H, np.linalg.inv(S))
+    variances, size = (np.diagonal(congruence(root, share)) for share in (one_step, np.eye(model.q) - told))
+    sd = np.where(size > 1e-9 * np.diagonal(cov), np.inf, np.sqrt(variances / np.diagonal(cov)))
+    return InputConditions(
+        int(now + late), sd, _added_zeros(A, np.linalg.solve(noise, C), G, np.linalg.solve(noise, H))
+    )
+
+
+def driven_readings(C: np.ndarray, G: np.ndarray) -> np.ndarray:
+    """``C G (..., p, q)``, 0 where it is nothing but rounding."""
+    CG = C @ G
+    return np.where(np.abs(CG) > 1e-12 * (np.abs(C) @ np.abs(G)), CG, 0.0)
+
+
+def shown_ranks(C: np.ndarray, G: np.ndarray, H: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How many inputs ``H (..., p, q)`` shows at once, and how many others C G, by readings that H leaves clean."""
+    seen, CG = np.linalg.pinv(H, rcond=1e-9), driven_readings(C, G)
+    clean = (identity(H.shape[-2]) - H @ seen) @ CG @ (identity(H.shape[-1]) - seen @ H)
+    late = np.linalg.matrix_rank(clean, tol=1e-9 * np.linalg.norm(CG, 2, (-2, -1)))
+    return np.linalg.matrix_rank(H, rtol=1e-9), late
+
+
+def _one_step(CG: np.ndarray, H: np.ndarray, precision: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The covariance ``(q, q)`` of an input, each direction by the first reading that tells it, and which are told."""
+
+    def best(F: np.ndarray, weight: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
+        values, directions = np.linalg.eigh(congruence(F.T, weight))
+        chosen = values > 1e-14 * size
+        told = directions[:, chosen]
+        return (told / values[chosen]) @ told.T, told @ told.T
+
+    sizes = [float(np.trace(congruence(F.T, precision))) for F in (H, CG)]
+    now, seen = best(H, precision, sizes[0])
+    late, rest = best(CG @ (np.eye(len(seen)) - seen), precision - congruence(precision @ H, now), sizes[1])
+    return now + late, seen + rest
+
+
+def _added_zeros(A: np.ndarray, C: np.ndarray, G: np.ndarray, H: np.ndarray) -> np.ndarray:
+    """Where ``[A - z I, G; C, H]`` loses more rank of its columns than ``[A - z I; C]`` does.
+
+    Candidates are the zeros of as many sums of the readings as there are inputs, which share those of the system.
+    """
+    n, q = G.shape
+    system, states = np.block([[A, G], [C, H]]), np.eye(n + len(C), n + q)
+    states[n:] = 0.0
+
+    def lost(z: complex, columns: int) -> int:
+        pencil = (system - z * states)[:, :columns]
+        size = np.linalg.norm(pencil, axis=0)
+        return columns - int(np.linalg.matrix_rank(pencil / np.where(size > 0.0, size, 1.0), rtol=1e-9))
+
+    rng = np.random.default_rng(0)
+    anywhere = complex(*rng.normal(size=2))
+    if lost(anywhere, n + q) > lost(anywhere, n):
+        return np.array([complex(np.nan)])
+    sums = block_diag(np.eye(n), rng.normal(size=(q, len(C))))
+    found = eigvals(sums @ system, sums @ states)
+    found = found[np.abs(found) < _INFINITE]
+    return found[[lost(z, n + q) > lost(z, n) for z in found]] if found.size else found
+
+
+_INFINITE = 1e3
+"""Zeros beyond this are infinite ones, but for rounding."""
