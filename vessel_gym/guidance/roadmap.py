@@ -5,6 +5,7 @@ disc that is wider than the turning circle, by its edge. Edges of all scenes are
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +17,7 @@ _SLIDE = 1e-4  # rad, the smallest slide of a touch: what it leaves is of its sq
 _EXPANDED = 16  # touches from which all others are reached as one batch
 _HALVES = 0.5 ** np.maximum(np.arange(-1, 64), 0)
 _BOTH = np.array([1.0, -1.0])  # ways
-DISCS = 4  # in one compiled function
+TOUCHES, DISCS = 8, 4  # in one compiled function
 
 
 # --- edges ------------------------------------------------------------------------------------------
@@ -79,27 +80,6 @@ def _meets(a: np.ndarray, bends: Sequence[np.ndarray | float], extents: np.ndarr
         crosses = crosses | (arc_meets(centre, bend, extent, begin, end, discs) & (extent > 0.0))
         x, y = centre[0] + end[0], centre[1] + end[1]
     return crosses
-
-
-@compiled(axes=(1, 1, 1, 1, 0, 2))
-def _slid(
-    before: np.ndarray, kept: np.ndarray, after: np.ndarray, edge: np.ndarray, angle: np.ndarray, discs: np.ndarray
-) -> tuple[np.ndarray, ...]:
-    """Touches slid along their edges by angles, between those before and after them on a way.
-
-    Returns:
-        The touches ``(..., 7)``, and of the legs before and after them the lengths and the straights where these turn
-        both ways (otherwise infinite).
-    """
-    moved, none = touch(edge, kept[..., 3], kept[..., 4], kept[..., 5] + angle), np.zeros_like(angle)
-
-    def leg(*carried: np.ndarray) -> tuple[np.ndarray, ...]:
-        a, b, end, _, length, _, straight = carried
-        next_length, _, bends, extents = join(a, b, discs)
-        next_straight = np.where(bends[..., 0] * bends[..., 2] < 0.0, extents[..., 1], np.inf)
-        return b, end, end, length, next_length, straight, next_straight
-
-    return moved, *repeat(2, leg, before, moved, after, none, none, none, none)[3:]
 
 
 def _of(scene: np.ndarray, discs: np.ndarray) -> np.ndarray:
@@ -225,7 +205,10 @@ def _refined(
         step: The first slide of a touch [rad].
     """
     _taut(ways, touches, discs)
-    _slide(ways, touches, edges, discs, step)
+    most = -(-ways.shape[1] // TOUCHES) * TOUCHES - ways.shape[1]
+    longer = np.concatenate([ways, ways[:, -1:].repeat(most, 1)], 1)
+    steps = np.where(touches > 0, step, 0.0)
+    ways[:] = _slid(longer, touches.astype(float), edges, discs, steps)[:, : ways.shape[1]]
     results = []
     for legs in zip(*_taut(ways, touches, discs), strict=True):
         pieces: list[list[float]] = []
@@ -258,98 +241,89 @@ def _taut(ways: np.ndarray, touches: np.ndarray, discs: np.ndarray) -> tuple[np.
         ways[rows] = ways[rows[:, None], index]
 
 
-def _slide(ways: np.ndarray, touches: np.ndarray, edges: np.ndarray, discs: np.ndarray, step: float) -> None:
-    """Move the touches along their edges until no slide of `_SLIDE` shortens the ways.
+def _picked(rows: np.ndarray, index: np.ndarray) -> np.ndarray:
+    """Rows ``(..., k)`` of arrays ``(..., m, k)`` at indices ``(...)``; beyond an end, that end's."""
+    found = rows[..., 0, :]
+    for i in range(1, rows.shape[-2]):
+        found = np.where((index >= i)[..., None], rows[..., i, :], found)
+    return found
 
-    Each touch in turn slides forwards or backwards by the step, alone, with the one before and with the one after, and
-    the step halves when no slide shortens the way. Where two neighbours' arcs meet without a straight between, neither
-    can slide alone: then one follows the other.
+
+@compiled(axes=(2, 0, 2, 2, 0))
+def _slid(way: np.ndarray, count: np.ndarray, edges: np.ndarray, discs: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """Touches ``(..., n, 7)`` of a way, slid along their edges until no slide of `_SLIDE` shortens it.
+
+    Each touch in turn slides forwards or backwards by the step: alone, with the one before and with the one after. The
+    step halves when no slide shortens the way. Where two neighbours' arcs meet without a straight between, neither can
+    slide alone: then one goes where the arcs through both meet.
+
+    Args:
+        way: From the start to the goal, which fills up.
+        count: How many touches there are between both.
+        edges: ``(..., m, 4)`` of the discs.
+        discs: ``(..., m, 3)``.
+        step: The first slide [rad].
     """
-    most = ways.shape[1] - 2
-    number, place, later = np.arange(most), np.arange(3 * most).reshape(most, 3), touches[:, None] - 1 - np.arange(most)
-    movable = np.stack([later >= 0, (later >= 0) & (number > 0), later > 0], -1)  # alone, with the neighbours
-    steps, turn, better = np.full(len(ways), step), np.zeros(len(ways), int), np.zeros(len(ways), bool)
-    rows = np.nonzero(touches)[0]
-    while len(rows):
-        # What is left of this round, a next one of this step if the way got shorter, then rounds of half the step.
-        halves = steps[rows, None] * _HALVES[: 2 + int(np.log2(steps[rows].max() / _SLIDE))]
-        moved, legs, straights, shorter = _survey(ways[rows], edges[rows], discs[rows], halves)
-        tried = np.empty((*halves.shape, most, 3), bool)
-        tried[..., 0] = shorter.any(2)
-        np.less(straights[:, None] ** 2, 4.0 * halves[..., None, None], out=tried[..., 1:])
-        tried &= movable[rows, None] & (halves > _SLIDE)[..., None, None]
-        ahead = place >= turn[rows, None, None]
-        tried[:, 0] &= ahead
-        tried[:, 1] &= ~ahead & better[rows, None, None]
-        tried, asked = tried.reshape(len(rows), -1), np.arange(len(rows))
-        while len(asked):
-            pick = tried[asked].argmax(-1)
-            found = tried[asked, pick]
-            steps[rows[asked[~found]]] = 0.0
-            asked, pick = asked[found], pick[found]
-            half, at = np.divmod(pick, 3 * most)
-            i, kind = np.divmod(at, 3)
-            row, both, slid = rows[asked], moved[asked, half, :, i], kind == 0
-            ways[row[slid], i[slid] + 1] = both[slid, shorter[asked, half, :, i].argmax(-1)[slid]]
-            if not slid.all():
-                on = ~slid
-                j = i[on] + 2 * kind[on] - 3
-                slid[on] = _follow(ways, row[on], i[on], j, both[on], edges, discs, legs[asked[on]])
-            steps[row[slid]], turn[row[slid]], better[row[slid]] = halves[asked, half][slid], at[slid] + 1, True
-            asked, pick = asked[~slid], pick[~slid]
-            tried[asked, pick] = False
-        rows = rows[steps[rows] > _SLIDE]
 
+    def turn(
+        way: np.ndarray, step: np.ndarray, place: np.ndarray, failed: np.ndarray, before: np.ndarray, after: np.ndarray
+    ) -> tuple[np.ndarray, ...]:
+        """Try one slide: touch ``place // 3`` alone, with the one before or with the one after."""
+        kind = place - 3.0 * np.floor(place / 3.0)
+        low, alone, first = np.floor(place / 3.0) - (kind == 1.0), kind == 0.0, (kind == 1.0)[..., None]
+        a, b, c, d = (_picked(way, low + k) for k in range(4))
+        d = np.where(alone[..., None], c, d)
+        moving, following = np.where(first, c, b), np.where(first, b, c)
+        edge, next_edge = _picked(edges, moving[..., 3]), _picked(edges, following[..., 3])
 
-def _survey(
-    ways: np.ndarray, edges: np.ndarray, discs: np.ndarray, steps: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Slides of touches alone by steps ``(S, h)``.
+        def candidate(number: np.ndarray, best: np.ndarray, sign: np.ndarray, *kept: np.ndarray) -> tuple[Any, ...]:
+            """The way as it is, then two slides alone, or two with four places each of the touch that follows."""
+            initial, own = number == 0.0, np.where(number <= np.where(alone, 1.0, 4.0), 1.0, -1.0)
+            pose = touch(edge, moving[..., 3], moving[..., 4], moving[..., 5] + own * step)
+            option = number - 1.0 - 4.0 * (number > 4.0)
+            way_round, sin, cos = np.where(option < 2.0, 1.0, -1.0), np.sin(pose[..., 2]), np.cos(pose[..., 2])
+            x, y = pose[..., 0] - way_round * sin, pose[..., 1] + way_round * cos
+            bearings = turning_on(np.stack([x, y, 2.0 + 0.0 * x, following[..., 4] * way_round], -1), next_edge)
+            bearing = np.where((option == 0.0) | (option == 2.0), bearings[..., 0], bearings[..., 1])
+            pair = touch(next_edge, following[..., 3], following[..., 4], bearing)
+            pair = np.where(alone[..., None], c, pair)
+            as_is = initial[..., None]
+            low_touch = np.where(as_is, b, np.where(first, pair, pose))
+            high_touch = np.where(as_is, c, np.where(first, pose, pair))
+            none = np.zeros_like(step)
+            *_, total, s0, s1, s2 = repeat(3, leg, a, low_touch, high_touch, d, none, none, none, none)
+            better = initial | ((total < best) & ((sign == 0.0) | (sign == own)))
+            best = np.where(initial, total * (1.0 - 1e-12), np.where(better, total, best))
+            found = low_touch, high_touch, s0, s1, s2
+            chosen = (np.where(better[..., None] if new.ndim > best.ndim else better, new, old)
+                      for new, old in zip(found, kept, strict=True))
+            return number + 1.0, best, np.where(better & ~initial, own, sign), *chosen
 
-    Returns:
-        The touches ``(S, h, 2, n - 2, 7)`` slid forwards and backwards; of the legs before and after each touch as it
-        is the lengths ``(S, n - 2, 2)`` and the straights of `_slid`; a mask ``(S, h, 2, n - 2)`` of the slides that
-        shorten the way.
-    """
-    kept, most = ways[:, None, 1:-1], ways.shape[1] - 2
-    angles = np.zeros((len(ways), 1 + 2 * steps.shape[1], 1))
-    angles[:, 1::2, 0], angles[:, 2::2, 0] = steps, -steps
-    edge = edges[np.arange(len(ways))[:, None, None], kept[..., 3].astype(int)]
-    moved, *legs = _slid(ways[:, None, :-2], kept, ways[:, None, 2:], edge, angles, discs[:, None, None])
-    length, shape = legs[0] + legs[1], (*steps.shape, 2, most)
-    shorter = (length[:, 1:] < length[:, :1] * (1.0 - 1e-12)).reshape(shape)
-    lengths, straights = (np.stack([leg[:, 0] for leg in legs[k : k + 2]], -1) for k in (0, 2))
-    return moved[:, 1:].reshape(*shape, 7), lengths, straights, shorter
+        zero = np.zeros_like(step)
+        last = np.where(alone, 2.0, 8.0)
+        _, _, sign, b, c, s0, s1, s2 = repeat(
+            9, candidate, zero, zero, zero, b, c, zero, zero, zero, active=lambda number, *_: number <= last
+        )
+        rows = [way[..., 0, :]]
+        for k in range(1, way.shape[-2]):
+            slides = (sign != 0.0)[..., None]
+            row = np.where(slides & (low == k - 1.0)[..., None], b, way[..., k, :])
+            rows.append(np.where(slides & (low == k - 2.0)[..., None], c, row))
+        failed, place = np.where(sign != 0.0, 0.0, failed + 1.0), place + 1.0
+        before, after = np.where(alone, s0, before), np.where(alone, s1, np.where(kind == 1.0, s2, after))
+        for k, straight in ((1.0, before), (2.0, after)):  # what cannot slide together is not tried
+            i = np.floor(place / 3.0)
+            movable = (i > 0.0) if k == 1.0 else (i < count - 1.0)
+            skipped = (place - 3.0 * i == k) & ~(movable & (straight * straight < 4.0 * step))
+            place, failed = place + skipped, failed + skipped
+        done = failed >= 3.0 * count
+        place = np.where(done | (place >= 3.0 * count), 0.0, place)
+        return np.stack(rows, -2), np.where(done, 0.5 * step, step), place, np.where(done, 0.0, failed), before, after
 
+    def leg(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray, total: np.ndarray, *straights: np.ndarray) -> tuple[Any, ...]:
+        length, _, bends, extents = join(a, b, discs)
+        straight = np.where(bends[..., 0] * bends[..., 2] < 0.0, extents[..., 1], np.inf)
+        return b, c, d, a, total + length, *straights[1:], straight
 
-def _follow(
-    ways: np.ndarray, rows: np.ndarray, i: np.ndarray, j: np.ndarray, poses: np.ndarray, edges: np.ndarray,
-    discs: np.ndarray, legs: np.ndarray,
-) -> np.ndarray:  # fmt: skip
-    """Move touches i of some ways to the first of two poses ``(rows, 2, 7)`` that shortens them, and the next, j, too.
-
-    Touch j goes where the arcs through both meet without a straight between.
-
-    Returns:
-        A mask of the ways that are shorter now.
-    """
-    number, low, after = np.arange(len(rows)), np.minimum(i, j), (i < j)[:, None, None, None]
-    limit = (legs[number, low, 0] + legs[number, low, 1] + legs[number, low + 1, 1]) * (1.0 - 1e-12)
-    kept = ways[rows, j + 1]
-    edge = edges[rows, kept[:, 3].astype(int)][:, None, None]
-    disc, side = kept[:, 3, None, None], kept[:, 4, None, None]
-    circle = np.empty((len(rows), 2, 2, 4))
-    circle[..., 0] = poses[..., :1] - _BOTH * np.sin(poses[..., 2:3])
-    circle[..., 1] = poses[..., 1:2] + _BOTH * np.cos(poses[..., 2:3])
-    circle[..., 2], circle[..., 3] = 2.0, side * _BOTH
-    moved = touch(edge, disc, side, turning_on(circle, edge).reshape(len(rows), 2, 4))
-    poses = np.broadcast_to(poses[:, :, None], moved.shape)
-    first, last = (np.broadcast_to(ways[rows, low + k][:, None, None], moved.shape) for k in (0, 3))
-    tried = np.stack([first, np.where(after, poses, moved), np.where(after, moved, poses), last], -2)
-    lengths = join(tried[..., :-1, :], tried[..., 1:, :], discs[rows, None, None, None])[0]
-    lengths = lengths[..., 0] + lengths[..., 1] + lengths[..., 2]
-    best, shorter = lengths.argmin(-1), lengths.min(-1) < limit[:, None]
-    sign, done = shorter.argmax(-1), shorter.any(-1)
-    chosen = number[done], sign[done], best[number, sign][done]
-    ways[rows[done, None], low[done, None] + [1, 2]] = tried[chosen][:, 1:3]
-    return done
+    zero = np.zeros_like(step)
+    return repeat(10**6, turn, way, step, zero, zero, zero, zero, active=lambda way, step, *_: step > _SLIDE)[0]
