@@ -216,12 +216,13 @@ def test_plans_of_many_scenes_are_those_of_each_alone(blocked):
     for row, (_, _, obstacles) in zip(discs, scenes, strict=True):
         row[: len(obstacles)] = obstacles
     starts, goals = (np.array([scene[i] for scene in scenes]) for i in (0, 1))
-    *found, refused = detours.plans(starts, goals, 1.0, discs)
-    for (start, goal, obstacles), (segments, lower_bound) in zip(scenes, found, strict=False):
+    *found, errors = detours.plans(starts, goals, 1.0, discs)
+    assert [*errors] == [len(scenes) - 1]
+    for (start, goal, obstacles), segments, lower_bound in zip(scenes[:-1], *found, strict=False):
         path = plan(start, goal, 1.0, obstacles)
         np.testing.assert_array_equal(segments[segments[:, 4] > 0.0], path.segments)
         assert path.lower_bound == lower_bound
-    with pytest.raises(ValueError, match=str(refused)):
+    with pytest.raises(ValueError, match=str(errors[len(scenes) - 1])):
         plan(*scenes[-1][:2], 1.0, scenes[-1][2])
 
 

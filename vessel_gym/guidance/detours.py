@@ -71,23 +71,37 @@ def approach(path: Path, points: np.ndarray) -> np.ndarray:
     return distances(path.segments, finite_array("points", points, "...", 2)[..., None, :]).min(-1)
 
 
-def sound(segments: np.ndarray, goal: np.ndarray, radius: float, discs: np.ndarray) -> np.ndarray:
-    """Mask of the paths ``(S, k, 5)`` that end at the goal, turn no tighter than the radius and keep out of all discs.
+def sound(segments: np.ndarray, goal: np.ndarray, radius: np.ndarray | float, discs: np.ndarray) -> np.ndarray:
+    """Mask of the paths ``(..., k, 5)`` that end at the goal, turn no tighter than the radius and meet no disc.
 
     Args:
-        segments: ``(S, k, 5)``; those of length 0 change nothing.
-        goal: ``(S, 3)``.
+        segments: ``(..., k, 5)``; those of length 0 change nothing.
+        goal: ``(..., 3)``.
         radius: Turn radius [m].
-        discs: ``(S, m, 3)``, NaN where there are fewer.
+        discs: ``(..., m, 3)``, NaN where there are fewer.
     """
-    curvature, length = segments[..., 3], segments[..., 4]
-    gentle = (abs(curvature) * radius <= 1.0 + 1e-12).all(-1)
-    size = radius + abs(goal[:, :2]).max(-1) + length.sum(-1)
-    x, y, heading = follow_on(length[:, -1], *(segments[:, -1, i] for i in range(4)))
-    turned = abs(np.remainder(heading - goal[:, 2] + np.pi, _FULL) - np.pi)
-    miss = np.maximum(np.maximum(abs(x - goal[:, 0]), abs(y - goal[:, 1])), radius * turned)
-    hit = distances(segments[:, None], discs[:, :, None, :2]).min(-1) < discs[..., 2]
+    last, lengths = segments[..., -1, :], segments[..., 4]
+    gentle = (abs(segments[..., 3]) * radius <= 1.0 + 1e-12).all(-1)
+    size = radius + abs(goal[..., :2]).max(-1) + lengths.sum(-1)
+    x, y, heading = follow_on(last[..., 4], *(last[..., i] for i in range(4)))
+    turned = abs((heading - goal[..., 2] + np.pi) % _FULL - np.pi)
+    miss = np.maximum(np.maximum(abs(x - goal[..., 0]), abs(y - goal[..., 1])), radius * turned)
+    hit = distances(segments[..., None, :, :], discs[..., None, :2]).min(-1) < discs[..., 2]
     return gentle & (miss <= 1e-9 * size) & ~hit.any(-1)
+
+
+@compiled(axes=(1, 1, 0, 2))
+def _direct(
+    start: np.ndarray, goal: np.ndarray, radius: np.ndarray, discs: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Segments ``(..., 3, 5)`` and lengths of the shortest paths without obstacles, and the mask of those `sound`."""
+    segments = shortest_pieces(start, goal, radius)
+    pieces = [segments[..., i, :] for i in range(3)]
+    for i in (0, 1, 0):  # those of length 0 last
+        swapped = (pieces[i][..., 4] == 0.0)[..., None]
+        a, b = pieces[i : i + 2]
+        pieces[i : i + 2] = np.where(swapped, b, a), np.where(swapped, a, b)
+    return np.stack(pieces, -2), segments[..., 4].sum(-1), sound(segments, goal, radius, discs)
 
 
 # --- planning ---------------------------------------------------------------------------------------
@@ -113,13 +127,14 @@ def plan(start: np.ndarray, goal: np.ndarray, radius: float, obstacles: np.ndarr
             way round obstacles over more than a million turn radii, where rounding decides.
     """
     start, goal, radius = single(start, goal, radius)
-    found = plans(start[None], goal[None], radius, _discs(obstacles, margin)[None])[0]
-    if isinstance(found, ValueError):
-        raise found
-    return shortened(*found)
+    segments, bounds, errors = plans(start[None], goal[None], radius, _discs(obstacles, margin)[None])
+    if errors:
+        raise errors[0]
+    return shortened(segments[0], float(bounds[0]))
 
 
-_Plan = tuple[np.ndarray, float] | ValueError
+Plans = tuple[np.ndarray, np.ndarray, dict[int, ValueError]]
+"""Segments ``(S, k, 5)``, some of length 0, and lower bounds ``(S,)`` of paths; by scene, why there is none."""
 _BATCH = 256
 """Discs in scenes that are searched together."""
 _CLOSED = "the obstacles with their margin close every way to the goal: ask for less margin or remove an obstacle"
@@ -129,8 +144,8 @@ _UNFOUND = (
 )
 
 
-def plans(start: np.ndarray, goal: np.ndarray, radius: float, discs: np.ndarray) -> list[_Plan]:
-    """Segments ``(k, 5)`` and lower bound of a path in each of many scenes, or why there is none; see `plan`.
+def plans(start: np.ndarray, goal: np.ndarray, radius: float, discs: np.ndarray) -> Plans:
+    """Paths in many scenes; see `plan`.
 
     Args:
         start: ``(S, 3)`` poses.
@@ -138,60 +153,59 @@ def plans(start: np.ndarray, goal: np.ndarray, radius: float, discs: np.ndarray)
         radius: Turn radius [m].
         discs: ``(S, m, 3)`` clearance circles, NaN where there are fewer.
     """
-    direct = shortest_pieces(start, goal, np.float64(radius))
-    length = np.cumsum(direct[..., 4], -1)[:, -1]
-    found: list[_Plan] = list(zip(direct, length.tolist(), strict=True))
-    around = ~sound(direct, goal, radius, discs)
-    if not around.any():
-        return found
+    missing = np.full((len(start), max(-discs.shape[1] % DISCS, DISCS - discs.shape[1]), 3), np.nan)
+    discs = np.concatenate([discs, missing], 1)
+    segments, length, clear = _direct(start, goal, np.array(radius), discs)
+    errors: dict[int, ValueError] = {}
+    if clear.all():
+        return segments, length, errors
     size = np.fmax.reduce(abs(np.concatenate([discs, goal[:, None]], 1) - start[:, None])[..., :2], (1, 2)) / radius
-    for s in np.nonzero(around & (size > _FAR))[0]:
-        found[s] = ValueError(
+    far = ~clear & (size > _FAR)
+    for s in np.nonzero(far)[0].tolist():
+        errors[s] = ValueError(
             f"poses and obstacles must lie within {_FAR:.0e} turn radii of each other for a way round, got "
             f"{size[s]:.0e}: turn wider or leave out what is far away"
         )
     for name, poses in (("goal", goal), ("start", start)):
-        within = np.square(discs[..., :2] - poses[:, None, :2]).sum(-1) < np.square(discs[..., 2])
-        around &= ~within.any(-1)
-        for s in np.nonzero(within.any(-1))[0]:
-            depth = discs[s, :, 2] - np.hypot(*(discs[s, :, :2] - poses[s, :2]).T)
-            found[s] = ValueError(
-                f"the {name} is {np.nanmax(depth):.6g} m inside obstacle {np.nanargmax(depth)} or its margin: move the "
-                f"{name} or the obstacle, or ask for less margin"
+        depth = discs[..., 2] - np.hypot(*np.moveaxis(discs[..., :2] - poses[:, None, :2], -1, 0))
+        for s in np.nonzero(~clear & (depth > 0.0).any(-1))[0].tolist():
+            errors[s] = ValueError(
+                f"the {name} is {np.nanmax(depth[s]):.6g} m inside obstacle {np.nanargmax(depth[s])} or its margin: "
+                f"move the {name} or the obstacle, or ask for less margin"
             )
-    rest = np.nonzero(around & (size <= _FAR))[0]
-    together = max(_BATCH // max(discs.shape[1], DISCS), 1)
-    for part in (rest[k : k + together] for k in range(0, len(rest), together)):
-        for s, plan in zip(part, _around(start[part], goal[part], radius, discs[part], length[part]), strict=True):
-            found[s] = plan
-    return found
+    rest = np.setdiff1d(np.nonzero(~clear)[0], [*errors])
+    found, together = [(np.nonzero(clear)[0], segments[clear], length[clear])], max(_BATCH // discs.shape[1], 1)
+    for part in np.split(rest, range(together, len(rest), together)):
+        way, bound, failed = _around(start[part], goal[part], radius, discs[part], length[part])
+        errors |= {int(part[s]): error for s, error in failed.items()}
+        found.append((part, way, bound))
+    longer = np.zeros((len(start), max(way.shape[1] for _, way, _ in found), 5))
+    for part, way, bound in found:
+        longer[part, : way.shape[1]], length[part] = way, bound
+    return longer, length, errors
 
 
-def _around(start: np.ndarray, goal: np.ndarray, radius: float, discs: np.ndarray, direct: np.ndarray) -> list[_Plan]:
+def _around(start: np.ndarray, goal: np.ndarray, radius: float, discs: np.ndarray, direct: np.ndarray) -> Plans:
     """Plans of scenes in which the shortest path, so long without obstacles, does not keep clear."""
     scale, origin = np.array([radius, radius, 1.0]), start * [1.0, 1.0, 0.0]
-    here, there = start - origin, (goal - origin) / scale
-    rounds = (discs - origin[:, None]) / radius
-    missing = np.full((len(rounds), max(-rounds.shape[1] % DISCS, DISCS - rounds.shape[1]), 3), np.nan)
-    rounds = np.concatenate([rounds, missing], 1)
+    here, there, rounds = start - origin, (goal - origin) / scale, (discs - origin[:, None]) / radius
     bound = string(here, there, rounds) * radius
-    found: list[_Plan] = [NoPath(_CLOSED if closed else _UNFOUND.format(radius)) for closed in bound == np.inf]
-    length, rest = np.full(len(start), np.inf), np.nonzero(bound < np.inf)[0]
+    length, rest, found = np.full(len(start), np.inf), np.nonzero(bound < np.inf)[0], np.zeros((len(start), 1, 5))
     for count in TOUCHES:
-        if not len(rest):
-            break
         pieces = ways(here[rest], there[rest], rounds[rest], count, length[rest] / radius)
         most = max(map(len, pieces), default=0)
+        if not most:
+            break
         padded = np.array([np.concatenate([rows, np.zeros((most - len(rows), 2))]) for rows in pieces])
-        padded = padded.reshape(len(rest), most, 2) * [1.0 / radius, radius]
-        if most:
-            segments = chained(start[rest], padded[..., 0], padded[..., 1])
-            lengths = np.cumsum(segments[..., 4], -1)[:, -1]
-            better = sound(segments, goal[rest], radius, discs[rest]) & np.array([len(rows) > 0 for rows in pieces])
-            for s, rows, total in zip(rest[better], segments[better], lengths[better].tolist(), strict=True):
-                length[s], found[s] = total, (rows, min(max(float(bound[s]), float(direct[s])), total))
+        segments = chained(start[rest], padded[..., 0] / radius, padded[..., 1] * radius)
+        better = sound(segments, goal[rest], radius, discs[rest]) & (padded[..., 1] > 0.0).any(-1)
+        found = np.concatenate([found, np.zeros((len(found), max(most - found.shape[1], 0), 5))], 1)
+        found[rest[better]], found[rest[better], :most] = 0.0, segments[better]
+        length[rest[better]] = segments[better, :, 4].cumsum(-1)[:, -1]
         rest = rest[~(length <= _NEAR * np.minimum(np.maximum(bound, direct), length))[rest]]
-    return found
+    sentences = np.where(bound == np.inf, _CLOSED, _UNFOUND.format(radius))
+    errors: dict[int, ValueError] = {s: NoPath(sentences[s]) for s in np.nonzero(length == np.inf)[0].tolist()}
+    return found, np.minimum(np.maximum(bound, direct), length), errors
 
 
 def _discs(obstacles: np.ndarray, margin: float) -> np.ndarray:

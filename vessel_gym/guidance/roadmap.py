@@ -295,8 +295,10 @@ def _slid(way: np.ndarray, count: np.ndarray, edges: np.ndarray, discs: np.ndarr
             better = initial | ((total < best) & ((sign == 0.0) | (sign == own)))
             best = np.where(initial, total * (1.0 - 1e-12), np.where(better, total, best))
             found = low_touch, high_touch, s0, s1, s2
-            chosen = (np.where(better[..., None] if new.ndim > best.ndim else better, new, old)
-                      for new, old in zip(found, kept, strict=True))
+            chosen = (
+                np.where(better[..., None] if new.ndim > best.ndim else better, new, old)
+                for new, old in zip(found, kept, strict=True)
+            )
             return number + 1.0, best, np.where(better & ~initial, own, sign), *chosen
 
         zero = np.zeros_like(step)
@@ -311,16 +313,18 @@ def _slid(way: np.ndarray, count: np.ndarray, edges: np.ndarray, discs: np.ndarr
             rows.append(np.where(slides & (low == k - 2.0)[..., None], c, row))
         failed, place = np.where(sign != 0.0, 0.0, failed + 1.0), place + 1.0
         before, after = np.where(alone, s0, before), np.where(alone, s1, np.where(kind == 1.0, s2, after))
-        for k, straight in ((1.0, before), (2.0, after)):  # what cannot slide together is not tried
+        for k, straight in enumerate((before, after), 1):  # what cannot slide together is not tried
             i = np.floor(place / 3.0)
-            movable = (i > 0.0) if k == 1.0 else (i < count - 1.0)
+            movable = (i > 0.0) if k == 1 else (i < count - 1.0)
             skipped = (place - 3.0 * i == k) & ~(movable & (straight * straight < 4.0 * step))
             place, failed = place + skipped, failed + skipped
         done = failed >= 3.0 * count
         place = np.where(done | (place >= 3.0 * count), 0.0, place)
         return np.stack(rows, -2), np.where(done, 0.5 * step, step), place, np.where(done, 0.0, failed), before, after
 
-    def leg(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray, total: np.ndarray, *straights: np.ndarray) -> tuple[Any, ...]:
+    def leg(
+        a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray, total: np.ndarray, *straights: np.ndarray
+    ) -> tuple[Any, ...]:
         length, _, bends, extents = join(a, b, discs)
         straight = np.where(bends[..., 0] * bends[..., 2] < 0.0, extents[..., 1], np.inf)
         return b, c, d, a, total + length, *straights[1:], straight

@@ -13,7 +13,7 @@ from vessel_gym.checks import check_numbers, check_pair, instance, numbers, one_
 from vessel_gym.guidance.detours import plans
 from vessel_gym.guidance.dubins import NoPath, Path
 from vessel_gym.guidance.path_following import _ANYWHERE, COLUMNS, locate
-from vessel_gym.guidance.words import follow_on, shortened
+from vessel_gym.guidance.words import follow_on
 from vessel_gym.system import Estimate
 from vessel_gym.tasks.task import FARTHEST, Task, three_numbers
 from vessel_gym.vehicles.puna import PunaParameters
@@ -30,6 +30,7 @@ OBSTACLES = 5
 _PATH = COLUMNS * SEGMENTS
 _CENTRE_X, _CENTRE_Y, _RADIUS = (slice(i, None, 3) for i in range(-3 * OBSTACLES, 3 - 3 * OBSTACLES))
 _WHERE = 6  # numbers of a reference before its course
+_NEAR = 40.0  # m
 _OPTIONS = ("start", "goal", "obstacles", "altitude")
 
 
@@ -98,10 +99,10 @@ class Flight(Task):
             given = {"start": np.zeros(3), "goal": np.array([750.0, 0.0, 0.0])} | given
         altitude = self._altitude(options["altitude"]) if "altitude" in options else None
         if fixed is not None:  # the same for all: planned once
-            path = self._paths(given["start"][None], given["goal"][None], fixed[None])[0]
-            if isinstance(path, ValueError):
-                raise path
-            courses = np.tile(self._course(path, fixed), (len(uniforms), 1))
+            courses, errors = self._planned(given["start"][None], given["goal"][None], fixed[None])
+            if errors:
+                raise errors[0]
+            courses = courses.repeat(len(uniforms), 0)
         else:
             courses = self._drawn(uniforms, given)
         low, high = self.altitudes
@@ -127,51 +128,64 @@ class Flight(Task):
         obstacles = np.concatenate([centres, low + (high - low) * size], -1)
         courses, left = np.empty((rows, _PATH + 2 + 3 * OBSTACLES)), np.arange(rows)
         for count in (3, 2, 1, 0):
-            paths = self._paths(start[left], goal[left], obstacles[left, :count])
-            for row, path in zip(left, paths, strict=True):
-                if not isinstance(path, ValueError):
-                    courses[row] = self._course(path, obstacles[row, :count])
-                elif count == 0:
-                    raise path
-            left = left[[isinstance(path, ValueError) for path in paths]]
+            courses[left], errors = self._planned(start[left], goal[left], obstacles[left, :count])
+            if errors and count == 0:
+                raise next(iter(errors.values()))
+            left = left[sorted(errors)]
             if not len(left):
                 break
         return courses
 
-    def _paths(self, start: np.ndarray, goal: np.ndarray, obstacles: np.ndarray) -> list[Path | ValueError]:
-        """The paths between poses ``(B, 3)`` round obstacles ``(B, m, 3)``, or why they cannot be flown."""
-        found = plans(start, goal, self.radius, obstacles + [0.0, 0.0, self.margin])
-        return [each if isinstance(each, ValueError) else self._flyable(shortened(*each)) for each in found]
+    def _planned(
+        self, start: np.ndarray, goal: np.ndarray, obstacles: np.ndarray
+    ) -> tuple[np.ndarray, dict[int, ValueError]]:
+        """Courses ``(B, 97)`` between poses ``(B, 3)`` round obstacles; by row, why one cannot be flown."""
+        rows, segments = len(start), np.zeros((len(start), SEGMENTS + 1, COLUMNS))
+        planned, _, errors = plans(start, goal, self.radius, obstacles + [0.0, 0.0, self.margin])
+        segments[:, : planned.shape[1]] = planned[:, : SEGMENTS + 1]
+        listed = np.zeros((rows, OBSTACLES, 3))
+        listed[:, : obstacles.shape[1]] = obstacles
+        courses, fit = self._listed(segments, listed)
+        for row in np.nonzero(~fit)[0].tolist():
+            reason = self._unfit(Path(planned[row][planned[row, :, 4] > 0.0])) if row not in errors else None
+            errors |= {} if reason is None else {row: reason}
+        return courses, errors
 
-    def _flyable(self, path: Path) -> Path | ValueError:
-        farthest = 0.8 * self.horizon * self.dt * self.body.cruise_speed
-        if not self.radius <= path.length <= farthest:
-            return ValueError(
-                f"the path to the goal must be {self.radius:.0f} to {farthest:.0f} m long, got {path.length:.0f} m"
-            )
+    @compiled(axes=(2, 2))
+    def _listed(self, segments: np.ndarray, obstacles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Courses ``(..., 97)`` without their altitude, and the mask of paths ``(..., 17, 5)`` that are surely fit."""
+        heading, lengths = segments[..., 2], segments[..., 4]
+        some, after, total = lengths > 0.0, heading + segments[..., 3] * lengths, lengths.cumsum(-1)[..., -1]
+        least = np.minimum(np.where(some, heading, np.inf), np.where(some, after, np.inf)).min(-1)
+        most = np.maximum(np.where(some, heading, -np.inf), np.where(some, after, -np.inf)).max(-1)
+        # So far it gets along the middle heading: it does not come back.
+        away = 0.45 * np.pi * self.radius * np.cos(0.5 * np.minimum(most - least, np.pi)) > _NEAR
+        fit = (total >= self.radius) & (total <= self._farthest) & ~some[..., SEGMENTS] & away
+        flown = [segments[..., i, :] for i in range(SEGMENTS)]
+        rest = [total[..., None], np.zeros_like(total)[..., None], *(obstacles[..., i, :] for i in range(OBSTACLES))]
+        return np.concatenate([*flown, *rest], -1), fit
+
+    @cached_property
+    def _farthest(self) -> float:
+        """Length [m] of the longest path."""
+        return 0.8 * self.horizon * self.dt * self.body.cruise_speed
+
+    def _unfit(self, path: Path) -> ValueError | None:
+        if not self.radius <= path.length <= self._farthest:
+            wanted = f"{self.radius:.0f} to {self._farthest:.0f} m long, got {path.length:.0f} m"
+            return ValueError(f"the path to the goal must be {wanted}")
         if len(path.segments) > SEGMENTS:
             return NoPath(f"the path has {len(path.segments)} pieces, more than {SEGMENTS}: leave out obstacles")
         if self._comes_back(path):
             return ValueError("the path comes back to where it was on the same heading: move the start or the goal")
-        return path
+        return None
 
     def _comes_back(self, path: Path) -> bool:
-        """Whether two places a quarter of a circle or more apart along the path lie within 40 m, on like headings."""
-        least, near = 0.5 * np.pi * self.radius, 40.0
-        _, _, heading, curvature, length = path.segments[-1]
-        turned = np.ptp([*path.segments[:, 2], heading + curvature * length])
-        if 0.9 * least * np.cos(0.5 * min(turned, np.pi)) > near:  # so far it gets along the middle heading
-            return False
+        """Do two places a quarter of a circle or more apart along the path lie within 40 m, on like headings?"""
         x, y, heading = path.sample(5.0).T
-        i, j = np.nonzero((x[:, None] - x) ** 2 + (y[:, None] - y) ** 2 < near**2)
-        later = j - i > least / 5.0
+        i, j = np.nonzero((x[:, None] - x) ** 2 + (y[:, None] - y) ** 2 < _NEAR**2)
+        later = j - i > 0.1 * np.pi * self.radius
         return bool((np.cos(heading[j[later]] - heading[i[later]]) > np.cos(0.5)).any())
-
-    def _course(self, path: Path, obstacles: np.ndarray) -> np.ndarray:
-        segments, listed = np.zeros((SEGMENTS, COLUMNS)), np.zeros((OBSTACLES, 3))
-        segments[: len(path.segments)] = path.segments
-        listed[: len(obstacles)] = obstacles
-        return np.concatenate([segments.ravel(), [path.length, 0.0], listed.ravel()])
 
     def _pose(self, name: str, value: object) -> np.ndarray:
         where = "of the origin each way, on a heading of as many rad at most"
