@@ -1,4 +1,4 @@
-"""What an agent is: observations in, actions out, always in batches."""
+"""Agents: batches of observations in, batches of actions out."""
 
 import os
 from pathlib import Path

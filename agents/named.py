@@ -1,4 +1,4 @@
-"""What users name: an environment, or ``"module:object"``. To look up the latter runs the module's code."""
+"""Look-up of environments and of ``"module:object"``, which runs the code of the module."""
 
 from importlib import import_module
 from types import ModuleType
@@ -8,7 +8,7 @@ import gymnasium as gym
 
 
 def named_object(name: str) -> Any:
-    """What ``"module:object"`` names.
+    """Import the object that ``"module:object"`` names.
 
     Raises:
         ValueError: if there is no such module, or no such object in it.

@@ -46,12 +46,12 @@ class Table:
 
     @property
     def has_units(self) -> bool:
-        """Whether any column has a unit."""
+        """True if any column has a unit."""
         return any(unit for _, unit in self.head)
 
     @property
     def wide(self) -> bool:
-        """Whether it has so many columns that it is set smaller."""
+        """True for a table of many columns, which is set smaller."""
         return len(self.head) > 6
 
     @property

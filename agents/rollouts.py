@@ -169,7 +169,7 @@ def _ensemble(env: Any) -> np.ndarray | None:
 
 
 def _course(env: Any) -> np.ndarray | None:
-    """What the task has drawn for every environment ``(N, k)``."""
+    """Episode parameters that the task has drawn for every environment ``(N, k)``."""
     core = _core(env)
     return None if core is None else core.course.copy()
 

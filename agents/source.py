@@ -1,4 +1,4 @@
-"""Which code a result depends on."""
+"""Digest of the source code that a result depends on."""
 
 import ast
 import hashlib
@@ -23,7 +23,7 @@ _INSTALLED = tuple(
     {Path(folder).resolve() for folder in sysconfig.get_paths().values() if folder}
     - {Path(sysconfig.get_path(name)).resolve() for name in ("data", "scripts")}
 )
-"""Where Python and installed packages are."""
+"""Folders of Python and of installed packages."""
 
 
 @cache
@@ -55,7 +55,7 @@ def source_digest(module: str) -> str:
 
 @cache
 def _code(source: bytes) -> bytes:
-    """What Python makes of a source, without comments and docstrings; bytes as they are where that is nothing."""
+    """Syntax tree of a source without comments and docstrings; the bytes themselves of what is no source."""
     try:
         tree = ast.parse(source)
     except (SyntaxError, ValueError):
@@ -83,7 +83,7 @@ def _closure(module: str, package: str, found: dict[str, Path]) -> dict[str, Pat
 
 @cache
 def _counts(top: str, package: str) -> bool:
-    """Whether results may depend on what lies in a top-level package: the same one, ours, or the user's own.
+    """True for a top-level package that results may depend on: the same one, ours, or the user's own.
 
     Installed packages are not looked into: to look for a module in one imports it.
     """
@@ -126,7 +126,7 @@ def _source(module: str) -> Path | None:
 
 
 def _spec(module: str) -> ModuleSpec | None:
-    """Where a module is, None if there is none; what is looked for in a module that is no package is not there."""
+    """Specification of a module; None if there is none, as below a module that is no package."""
     package = module.rpartition(".")[0]
     if package:
         above = _spec(package)  # to look for a module imports what it lies in

@@ -33,7 +33,7 @@ class Interval:
 
     @property
     def even(self) -> bool:
-        """Whether the mean is in the middle, so that "mean ± half" says everything."""
+        """True if the mean is the middle of the interval, so that "mean ± half" is complete."""
         return abs((self.high - self.mean) - (self.mean - self.low)) <= 1e-9 * max(abs(self.low), abs(self.high))
 
     @property
@@ -186,7 +186,7 @@ def normalise(scores: np.ndarray, floor: np.ndarray, ceiling: np.ndarray) -> np.
 
 
 def probability_of_improvement(x: np.ndarray, y: np.ndarray) -> Interval:
-    """How probably a run of one agent beats a run of another on the same task, averaged over tasks.
+    """Probability that a run of one agent beats a run of another on the same task, averaged over tasks.
 
     For each task this is Mann and Whitney's U over the number of pairs, a tie counting half. The interval is that of a
     share of as many trials as the agent with fewer runs has: U varies most where the runs of one agent are all alike,

@@ -28,14 +28,14 @@ def main() -> int | None:
 
 
 def version() -> str:
-    """Which this is."""
+    """Name and version of this package."""
     from vessel_gym import __version__
 
     return f"vessel-gym {__version__}"
 
 
 def listing() -> str:
-    """What there is, each with the first sentence of its help."""
+    """List of the commands, each with the first sentence of its help."""
     lines = ["usage: vessel-gym COMMAND ...", ""]
     lines += [f"  {name:10} {import_module(f'scripts.{name}').main.__doc__.splitlines()[0]}" for name in COMMANDS]
     return "\n".join([*lines, "", "vessel-gym COMMAND --help tells what a command takes; --version, which this is."])

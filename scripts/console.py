@@ -1,4 +1,4 @@
-"""What the commands share: parsing, one-sentence errors, progress.
+"""Shared parts of the commands: parsing, one-sentence errors, progress.
 
 Whatever takes time to import is imported where it is used, here and in the commands: ``--help`` answers at once.
 """
@@ -29,7 +29,7 @@ MOST = 2**31 - 1
 
 
 class Refusal(ValueError):
-    """What a user asks for cannot be done; the text says why, and what to do, in one sentence."""
+    """A request that cannot be met; the text says why, and what to do, in one sentence."""
 
 
 def command(
@@ -136,7 +136,7 @@ def _boxed(text: str) -> str:
 
 
 def _lacking(error: ImportError) -> str | None:
-    """What to say of a module that cannot be imported; None if it is a mistake of ours.
+    """Sentence about a module that cannot be imported; None if it is a mistake of ours.
 
     ``agents`` is also what other distributions call a module of theirs, which lies in place of ours or before it.
     """
@@ -244,7 +244,7 @@ def job_progress(title: str) -> Iterator[Callable[[Status], None]]:
 
 
 def _end(status: Status) -> str:
-    """When the work will be done, as a time of day: true also while nothing ends."""
+    """Time of day at which the work will be done, which stays true while no job ends."""
     failed = f"{status.failed} failed, " if status.failed else ""
     if status.done + status.failed == status.total:
         return f"{failed}done"

@@ -121,7 +121,7 @@ def check_display() -> None:
 
 @contextmanager
 def _quietly() -> Iterator[None]:
-    """What libraries in C write to stderr by themselves is not shown."""
+    """Hide what libraries in C write to stderr."""
     with open(os.devnull, "w") as nowhere:
         kept = os.dup(2)
         os.dup2(nowhere.fileno(), 2)

@@ -65,7 +65,7 @@ def controller_names(system: System) -> tuple[str, ...]:
 
 
 def is_controller(name: str, system: System) -> bool:
-    """Whether a system has a controller of that name, or it is ``"module:object"``."""
+    """True for a controller that is registered for a system, and for ``"module:object"``."""
     return ":" in name or name in CONTROLLERS.of(system.task)
 
 

@@ -188,7 +188,7 @@ def _gains(
 
 
 class _Seen(NamedTuple):
-    """What controllers make of an observation, ``(B,)`` each."""
+    """Quantities that controllers take from an observation, ``(B,)`` each."""
 
     surge: np.ndarray  # m/s too fast
     sway: np.ndarray  # m/s
@@ -344,7 +344,7 @@ def _seen(task: Dive, observations: np.ndarray) -> _Seen:
 
 
 def _stacked(deviation: list[np.ndarray], loop: Loop) -> np.ndarray:
-    """What of a deviation a loop regulates, ``(B, k)``."""
+    """The part of a deviation that a loop regulates, ``(B, k)``."""
     return np.stack(deviation[: len(loop.gains)], -1)
 
 

@@ -134,7 +134,7 @@ class FlightAutopilot:
         return _actions(body, commands, bank)
 
     def _field(self, cross: np.ndarray) -> np.ndarray:
-        """By how much the course is to lead to the left, this far to the right of the path [m]."""
+        """Commanded course [rad] to the left of the path at a distance to the right of it [m]."""
         return self._approach * np.arctan(self._slope * cross)
 
 

@@ -25,7 +25,7 @@ from vessel_gym.surroundings import in_words, pose, surroundings_of
 from vessel_gym.system import System
 
 COMPARED = ("ekf", "enkf", "dead-reckoning", "truth")
-"""What the environment's own estimator is shown beside, as far as its models carry it."""
+"""Estimators beside the environment's own, as far as its models carry them."""
 FRAMES = 1500
 """Moments of an episode that a page holds at most; of a longer one it holds every second, third and so on."""
 CLOUDS, MEMBERS = 300, 40
@@ -148,7 +148,7 @@ def typical_seed(scores: np.ndarray, seeds: Sequence[int]) -> int:
 
 
 def _name(estimator: Any) -> str:
-    """What an estimator is called: its name, or what the user's own calls itself."""
+    """Name of an estimator; of a user's own, its ``name`` or ``__name__``."""
     if isinstance(estimator, str):
         return estimator
     own = getattr(estimator, "name", None) or getattr(estimator, "__name__", None)
@@ -171,7 +171,7 @@ def _compared(system: System, options: dict[str, Any], first: Any) -> list[Any]:
 
 
 def page_of(flown: Sequence[Rollout], names: Sequence[str]) -> dict[str, Any]:
-    """What a page shows of rollouts of one seed, on estimators of these names."""
+    """Data of a page, from rollouts of one seed on estimators of these names."""
     core, course = core_of(flown[0]), flown[0].course
     assert course is not None
     around, shown = asdict(surroundings_of(core, course[0])), _focus(core)
@@ -193,13 +193,13 @@ def page_of(flown: Sequence[Rollout], names: Sequence[str]) -> dict[str, Any]:
 
 
 def _focus(core: Any) -> list[str]:
-    """What is shown close up: the estimated components of the position, or else of attitude or whatever comes first."""
+    """Components of the close-up: estimated ones of the position, or else the heading or the first component."""
     names = core.composition.names[: core.composition.base]
     return [name for name in ("y", "x", "z", "h") if name in names] or (["psi"] if "psi" in names else [names[0]])
 
 
 def _flight(flown: Rollout, name: str, shown: list[str], stride: int) -> dict[str, Any]:
-    """What a page shows of the first episode of a rollout."""
+    """Data of a page about the first episode of a rollout."""
     core, told = core_of(flown), core_of(flown).composition
     keep = np.unique(np.append(np.arange(0, flown.length[0], stride), flown.length[0]))
     h = {key: values[keep, 0] for key, values in flown.history.items() if key != "ensemble"}
@@ -239,7 +239,7 @@ def unpacked(packing: dict[str, Any]) -> np.ndarray:
 
 
 def _members(flown: Rollout, believed: list[int], angles: tuple[int, ...], scale: np.ndarray) -> dict[str, Any] | None:
-    """Where members of an ensemble are from their mean ``(F, m, k)``, as 16-bit integers, and at which steps."""
+    """Deviations of an ensemble's members from their mean ``(F, m, k)``, as 16-bit integers, with their steps."""
     if "ensemble" not in flown.history:
         return None
     last = int(flown.length[0])

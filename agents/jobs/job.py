@@ -68,7 +68,7 @@ class Job:
         return getattr(import_module(module), name)(**self.description["arguments"], **files)
 
     def __getstate__(self) -> dict[str, Any]:
-        """What another process is sent: not the key, which it makes of the code that it has itself."""
+        """State for another process, without the key, which it computes from its own code."""
         return {attribute.name: getattr(self, attribute.name) for attribute in fields(self)}
 
 
@@ -78,5 +78,5 @@ def _versions() -> dict[str, str]:
 
 
 def canonical(values: Any) -> bytes:
-    """What is hashed of values: equal values, equal bytes."""
+    """Bytes of values for hashing: equal for equal values."""
     return json.dumps(values, sort_keys=True, separators=(",", ":")).encode()

@@ -1,4 +1,4 @@
-"""Where jobs are computed: in this process, in others of this machine, or on a Dask cluster."""
+"""Execution of jobs: in this process, in others of this machine, or on a Dask cluster."""
 
 import os
 import re
@@ -32,7 +32,7 @@ _Ends = Generator[End, None, None]
 def pool(
     folder: Path, processes: int, scheduler: str | None, modules: Sequence[str] = ()
 ) -> Iterator[tuple[Callable[[Sequence[Job]], _Ends], int]]:
-    """What computes jobs of functions in ``modules``, and yields their ends as they come, and how many at once."""
+    """A function that computes jobs of ``modules``, yielding their ends as they come, and its parallelism."""
     if scheduler is not None:
         with _client(scheduler) as client:
             yield partial(_on_cluster, folder, client), sum(client.nthreads().values())

@@ -1,4 +1,4 @@
-"""Which jobs come when, in which part of a job array, and how long they take."""
+"""Order of jobs, parts of job arrays, and forecasts of their time."""
 
 import heapq
 import time
@@ -34,7 +34,7 @@ def part(jobs: Mapping[str, Job], i: int, n: int) -> dict[str, Job]:
 
 
 def waves(jobs: Mapping[str, Job]) -> list[list[Job]]:
-    """What can be computed at once, then what needs that, and so on."""
+    """Topological generations: jobs without open needs, then those that need them, and so on."""
     left, found = dict(jobs), []
     while left:
         ready = {key: job for key, job in left.items() if not any(need.key in left for need in job.needs)}
@@ -44,7 +44,7 @@ def waves(jobs: Mapping[str, Job]) -> list[list[Job]]:
 
 
 class Clock:
-    """How long jobs take: equal labels alike, else the mean of the same function."""
+    """Mean times of jobs by label, or else by function."""
 
     def __init__(self, lines: Iterable[Mapping[str, Any]]) -> None:
         self._times: dict[str, tuple[int, float]] = {}
@@ -73,7 +73,7 @@ class Clock:
 
 
 class Forecast:
-    """How long a run will take, known at any moment.
+    """Forecast of the seconds that a run will take.
 
     To ask every job that is left takes longer the more there are, so that is done only as often as it takes a
     hundredth of the time; in between the time that passed is taken off.

@@ -22,12 +22,12 @@ _TEMPORARY = re.compile(r"\.+([0-9a-f]{32})-\d+")  # more dots: what a function 
 
 
 def result_path(job: Job, folder: Path) -> Path:
-    """Where a job's values are."""
+    """Path of a job's values."""
     return folder / "jobs" / f"{job.key}.json"
 
 
 def artifact_path(job: Job, folder: Path) -> Path:
-    """Where a job's artifact is."""
+    """Path of a job's artifact."""
     return folder / "jobs" / f"{job.key}{job.artifact}"
 
 
@@ -86,7 +86,7 @@ _JOURNAL: dict[str, type | tuple[type, ...]] = {
     "key": str, "label": str, "function": str, "seconds": (int, float), "cpu_seconds": (int, float), "host": str,
     "process": int, "finished": str,
 }  # fmt: skip
-"""What a line of the journal holds."""
+"""Types of the values in a line of the journal."""
 
 
 def _journal_line(text: bytes) -> dict[str, Any] | None:
@@ -121,7 +121,7 @@ def save_failure(job: Job, folder: Path, text: str) -> None:
 
 
 def failure_path(job: Job, folder: Path) -> Path:
-    """Where a job's failure is."""
+    """Path of a job's failure."""
     return folder / "failed" / f"{job.key}.json"
 
 
@@ -180,7 +180,7 @@ def set_aside(job: Job, folder: Path) -> list[str]:
 
 
 def strangers(wanted: Mapping[str, Job], folder: Path) -> list[str]:
-    """What else lies among the results."""
+    """Notes on other files among the results."""
     names = [path.name for path in (folder / "jobs").iterdir() if path.stem not in wanted and path.name[0] != "."]
     unknown = sorted(name for name in names if not _RESULT.match(name))
     others = len({name.partition(".")[0] for name in names} - {name.partition(".")[0] for name in unknown})

@@ -17,7 +17,7 @@ _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 
 
 class End(NamedTuple):
-    """How a job ended: its values, or why it has none; the seconds it took, if it was computed now."""
+    """End of a job: its values, or the failure; its seconds, if it was computed now."""
 
     key: str
     values: dict[str, Any] | None

@@ -56,7 +56,7 @@ def compute(rollout: Rollout) -> dict[str, np.ndarray]:
 
 
 def _wind_error(rollout: Rollout) -> np.ndarray:
-    """Of the estimated level wind [m/s], ``(T + 1, N)``; NaN where the filter is told of none."""
+    """Error of the estimated level wind [m/s], ``(T + 1, N)``; NaN for a filter that assumes none."""
     core, h = core_of(rollout), rollout.history
     told = core.composition
     if not len(told.held):
@@ -66,7 +66,7 @@ def _wind_error(rollout: Rollout) -> np.ndarray:
 
 
 def path_errors(rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
-    """How far the truth is from the path in plan, and above the commanded altitude [m]: ``(T + 1, N)`` each.
+    """Cross-track error in plan and height above the commanded altitude [m], of the truth, ``(T + 1, N)`` each.
 
     The aircraft is looked for near the farthest place it has reached, as in the score.
     """

@@ -20,7 +20,7 @@ CIRCLE = (
     Metric("out_of_round", "Out of round", "m", "lower", 1, "RMS distance of that track from its fitted circle."),
     Metric("rudder_rate", "Rudder rate", "°/s", "lower", 2, "RMS rate of the rudder: what the steering gear endures."),
 )  # fmt: skip
-"""How round the turn was, and at what cost."""
+"""Roundness of the turn, and its cost."""
 ESTIMATES = (
     Metric(
         "heading_rmse", "Heading", "mrad", "lower", 2, "RMS error of the estimated heading.", of=rmse("psi", scale=1e3)

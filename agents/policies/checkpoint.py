@@ -63,11 +63,11 @@ class Policy:
 
     @property
     def normalizes(self) -> int:
-        """How many numbers it has statistics of: none, those of one frame or those of all."""
+        """Size of its statistics: 0, one frame or all frames."""
         return len(self.statistics["mean"]) if self.statistics else 0
 
     def normalized(self, observations: np.ndarray) -> np.ndarray:
-        """What `VecNormalize` would make of observations with these statistics."""
+        """Observations normalised by these statistics, as by `VecNormalize`."""
         deviation = (observations - self.statistics["mean"]) / np.sqrt(self.statistics["var"] + self.epsilon)
         return np.clip(deviation, -self.clip, self.clip).astype(np.float32)
 
@@ -107,7 +107,7 @@ def zip_path(path: str | Path) -> Path:
 
 
 def description(path: str | Path) -> dict[str, Any] | None:
-    """What `agents.training.ppo.train` wrote of itself into a checkpoint; None if there is no such checkpoint."""
+    """The description that `agents.training.ppo.train` wrote into a checkpoint; None without one."""
     try:
         with zipfile.ZipFile(path) as archive:
             return _described(archive)
@@ -164,7 +164,7 @@ def _in_words(model: Any) -> dict[str, Any]:
 
 
 def _environment(model: Any) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """What stands between an environment's observations and the network, as words and arrays."""
+    """Wrappers between an environment's observations and the network, as plain data and arrays."""
     from stable_baselines3.common.vec_env import VecCheckNan, VecEnvWrapper, VecFrameStack, VecMonitor, VecNormalize
 
     env = model.get_env()
@@ -211,7 +211,7 @@ def _same_vehicle(one: dict[str, Any], other: dict[str, Any]) -> bool:
 
 
 def _size(space: Any) -> int:
-    """How many numbers a space holds."""
+    """Length of the vectors of a space."""
     return int(space.shape[0])
 
 
@@ -333,7 +333,7 @@ class Dense:
 
 
 def _spaces(told: dict[str, Any]) -> tuple[Any, Any]:
-    """Of observations and of actions."""
+    """Spaces of observations and of actions."""
     from gymnasium.spaces import Box
 
     seen = Box(-np.inf, np.inf, (told["observations"],), np.float32)

@@ -11,7 +11,7 @@ from agents.studies.results import Policy, Results
 from agents.studies.wording import amount, every, many, microseconds, named, percent, sentence, share_entry, the
 
 BEST = 5
-"""So many estimators stand at the head of a report."""
+"""Number of estimators in the table at the head of a report."""
 
 
 def answer(results: Results, fresh: Results | None = None) -> list[str]:

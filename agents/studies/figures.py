@@ -30,7 +30,7 @@ AXES = {
     "disturbance": "disturbance", "sensors": "sensor suite", "mismatch": "mismatch of the model", "latency": "latency",
     "faults": "faults of sensors",
 }  # fmt: skip
-"""What conditions differ in, and what that is called."""
+"""Axes along which conditions differ, with their labels."""
 _ORDER = {"disturbance": ("calm", "moderate", "rough"), "sensors": ("clean", "nominal", "degraded")}
 
 
@@ -105,7 +105,7 @@ def _dot(panel: "Axes", value: Interval | float | None, height: float, look: Loo
 
 
 def _ends(intervals: Sequence[Interval]) -> np.ndarray:
-    """How far the ends of intervals are from their means, ``(2, k)``."""
+    """Distances of the ends of intervals from their means, ``(2, k)``."""
     return np.maximum([[i.mean - i.low for i in intervals], [i.high - i.mean for i in intervals]], 0.0)
 
 
@@ -167,7 +167,7 @@ def profile_figure(results: Results) -> "Figure":
 
 
 def transfer_figure(results: Results, agent: str) -> "Figure | None":
-    """What policies trained on one estimator keep on another, a panel an environment; None if nothing was trained.
+    """Share kept by policies trained on one estimator and flown on another; None if nothing was trained.
 
     Args:
         results: Of a study.
@@ -233,12 +233,12 @@ def along(results: Results, axis: str) -> list[Condition]:
 
 
 def varied(results: Results) -> dict[str, list[Condition]]:
-    """What is `along` each axis that the conditions vary alone."""
+    """Conditions `along` each axis that is varied alone."""
     return {axis: conditions for axis in AXES if len(conditions := along(results, axis)) > 1}
 
 
 def robustness_figure(results: Results) -> "Figure | None":
-    """What the classical agent keeps over each axis that the conditions vary, a row an environment; None without one.
+    """Share kept by the classical agent over each axis of the conditions, a row an environment; None without an axis.
 
     The ends of the scale are left out: they are 0 and 1 in every condition.
     """
@@ -275,7 +275,7 @@ def robustness_figure(results: Results) -> "Figure | None":
 def _curve(
     panel: "Axes", results: Results, environment: str, name: str, conditions: list[Condition], shift: float, look: Look
 ) -> None:
-    """What is kept over conditions, moved aside a little so that intervals do not hide each other."""
+    """Share kept over conditions, shifted a little so that intervals do not hide each other."""
     kept = [results.kept(Place(environment, c.name), results.classical, name) for c in conditions]
     each = [None if values is None else crossed_interval(values) for values in kept]
     there = [(i, value) for i, value in enumerate(each) if value is not None]
@@ -288,7 +288,7 @@ def _curve(
 
 
 def _value(condition: Condition, axis: str) -> Any:
-    """Where a condition stands on an axis: latencies by the longest, faults by what the study calls them."""
+    """Value of a condition on an axis: the longest latency, the name of a condition with faults."""
     if axis == "latency":
         return max(condition.latency.values(), default=0.0)
     if axis == "faults":

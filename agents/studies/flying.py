@@ -113,7 +113,7 @@ def _controller(agent: str, environment: str, needs: list[Path] | None) -> Agent
 
 
 def _diverged(flown: Rollout) -> np.ndarray:
-    """Whether a filter lost the truth in each episode ``(N,)``: NEES beyond its 1 - 1e-6 quantile half of the time."""
+    """Mask ``(N,)`` of episodes in which a filter diverged: NEES beyond its 1 - 1e-6 quantile half of the time."""
     from scipy.stats import chi2
 
     values = nees_of(flown)

@@ -171,7 +171,7 @@ def measures(results: Results) -> Section:
 
 
 def _partly(results: Results, place: Place, chosen: Sequence[Metric]) -> str:
-    """Where a figure exists for some episodes only, say for how many."""
+    """Numbers of episodes with a metric that only some episodes have."""
     notes = []
     for name, m in product(results.estimators(place.environment, results.classical), chosen):
         values = results.figure(place, results.classical, name, m.key)

@@ -114,7 +114,7 @@ def _seen(agent: Agent) -> dict[str, Any]:
 
 
 Training = tuple[Estimator, int, Job]
-"""What was trained on, the number of the training run, and what computes it."""
+"""Estimator of a training, its training seed, and its job."""
 
 
 def _trainings(study: Study, environment: str, agent: Agent, flyable: list[Estimator]) -> list[Training]:

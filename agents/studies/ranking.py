@@ -160,7 +160,7 @@ def price(results: Results) -> Section:
 
 
 def _price_figure(results: Results) -> list[Block]:
-    """What is lost on each estimator but the ends: beside dead reckoning the others could not be told apart."""
+    """Score lost on each estimator but the ends, beside which the others could not be told apart."""
     environments, look = ruled(results), looks(results)
     names = ranked_names(results, environments)
     lost = {name: [results.price(results.scaled([e]), results.classical, name) for e in environments] for name in names}

@@ -12,7 +12,7 @@ DEFAULT = "default"
 TERMINATIONS = {"belief": "belief", "agent": "declaration", "task": "task"}
 """Terminations of a mission, by the estimate, the agent's declaration or the truth, as ``ends`` of environments."""
 RAW = "raw readings"
-"""What an agent flies on that sees readings instead of estimates."""
+"""Name of the estimator of agents that observe measurements instead of estimates."""
 FEW_SEEDS = 5
 """Below so many training seeds an interval over them says little."""
 

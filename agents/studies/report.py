@@ -115,7 +115,7 @@ def _missing(results: Results) -> Section:
 
 
 def _labels(jobs: Iterable[Job]) -> dict[str, str]:
-    """What jobs and those that they need are, by key."""
+    """Labels of jobs and of those that they need, by key."""
     found: dict[str, str] = {}
     for job in jobs:
         condition = job.arguments.get("options", {})

@@ -99,7 +99,7 @@ class Results:
         return sorted(flown, key=lambda policy: bool(policy.trained_on))
 
     def estimators(self, environment: str | None = None, policy: Policy | None = None) -> list[str]:
-        """What was flown on, in the order of the study; without an environment, what was flown in every one."""
+        """Estimators flown, in the order of the study; without an environment, those flown in every one."""
         if environment is None:
             each = [self.estimators(name, policy) for name in self.environments]
             return [name for name in _unique(name for names in each for name in names) if all(name in e for e in each)]
@@ -116,16 +116,16 @@ class Results:
         return sorted(_unique(names), key=lambda name: order.index(name) if name in order else len(order))
 
     def own(self, environment: str, policy: Policy) -> str:
-        """What a policy flies on at home: what it was trained on, or else the environment's default."""
+        """Estimator of a policy at home: that of its training, or else the environment's default."""
         return self.here(environment, policy).trained_on or system_of(environment).estimator
 
     def here(self, environment: str, policy: Policy) -> Policy:
-        """Who a policy of `schools` is in an environment: there `DEFAULT` has a name."""
+        """A policy of `schools` in an environment, in which `DEFAULT` has a name."""
         name = system_of(environment).estimator if policy.trained_on == DEFAULT else policy.trained_on
         return Policy(policy.agent, name)
 
     def schools(self) -> list[Policy]:
-        """Who flew, by one name for all environments: trained on `DEFAULT` is on each one's own default.
+        """Policies flown, by one name for all environments: `DEFAULT` stands for each one's own default.
 
         In the order of the study, the agents that do not learn first.
         """
@@ -142,7 +142,7 @@ class Results:
     # --- figures --------------------------------------------------------------------------------------
 
     def metrics(self, environment: str) -> tuple[Metric, ...]:
-        """What its episodes are measured by; with what monitors found, where some watch."""
+        """Metrics of the environment's episodes; with those of alarms, where there are monitors."""
         found = (self.values.get(f.job.key, {}) for f in self.plan.flights if f.environment == environment)
         watched = any(MONITORED[0].key in value.get("figures", {}) for value in found)
         return (*metrics(system_of(environment)), *(MONITORED if watched else ()))

@@ -1,4 +1,4 @@
-"""What estimators and learned agents keep of the oracle's performance, compared, with the intervals that are due.
+"""Shares of the oracle's performance that estimators and learned agents keep, compared, with intervals.
 
 Everything is a mean over training runs and evaluation seeds, with the one interval of `agents.statistics`.
 """
@@ -14,11 +14,11 @@ from agents.studies.records import DEFAULT, FLOOR, ORACLE
 from agents.studies.results import Policy, Results
 
 ENDS = (ORACLE, FLOOR)
-"""What is 1 and 0 by definition."""
+"""Estimators whose share is 1 and 0 by definition."""
 
 
 def rankable(results: Results, environments: Sequence[str]) -> dict[str, np.ndarray]:
-    """What the classical agent keeps at each evaluation seed ``(episodes,)`` on each estimator that flew everywhere.
+    """Share kept by the classical agent at each evaluation seed ``(episodes,)``, by estimator that flew everywhere.
 
     The best first, without the ends.
     """
@@ -34,7 +34,7 @@ def ruled(results: Results) -> list[str]:
 
 
 def common(results: Results) -> dict[str, np.ndarray]:
-    """What is `rankable` over all environments that are `ruled`; nothing if that leaves nothing to choose between."""
+    """Shares that are `rankable` over all environments that are `ruled`; empty for fewer than two estimators."""
     environments = ruled(results)
     ranked = rankable(results, environments) if len(environments) > 1 else {}
     return ranked if len(ranked) > 1 else {}
@@ -57,7 +57,7 @@ def loss(results: Results, environments: Iterable[str], estimator: str, among: i
 
 
 def gap(ranked: dict[str, np.ndarray], one: str, other: str) -> Interval | None:
-    """How much more is kept on one estimator than on another.
+    """Difference of the shares kept on two estimators.
 
     The 95 % hold for all pairs of the ranked at once, because which of them is the best is seen in the same episodes:
     where all are equal, at most one study in twenty tells any two apart.
@@ -97,7 +97,7 @@ def shared(results: Results, *policies: Policy) -> list[str]:
 def difference(
     results: Results, environments: Sequence[str], one: Policy, other: Policy, comparisons: int = 1
 ) -> Interval | float | None:
-    """How much more one keeps than the other, each at home, in runs of the same training seeds."""
+    """Difference of the shares that two policies keep, each at home, in runs of the same training seeds."""
     gaps = results.paired_shares(environments, (one, None), (other, None))
     return None if gaps is None else results.interval(one, gaps, comparisons)
 
@@ -110,7 +110,7 @@ def against_classical(results: Results, environment: str, policy: Policy) -> Int
 
 
 def crossing(results: Results, environment: str) -> Interval | float | None:
-    """What policies keep less than those that were trained on the estimator flown, mean over pairs of estimators."""
+    """Share lost by policies trained on another estimator than the one flown, mean over pairs of estimators."""
     schools = [policy for policy in results.policies(environment) if results.agent(policy).learned]
     pairs = [
         results.paired_shares([environment], (here, None), (stranger, here.trained_on))

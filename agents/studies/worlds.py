@@ -1,4 +1,4 @@
-"""What a study names, made real: environments, estimators and agents, the package's own or ``module:object``."""
+"""Look-up of the environments, estimators and agents of a study, the package's own or ``module:object``."""
 
 from dataclasses import replace
 from functools import cache
@@ -84,7 +84,7 @@ def environment_options(environment: str, options: dict[str, Any]) -> dict[str, 
 
 
 def has_controller(agent: str, environment: str) -> bool:
-    """Whether an environment has an agent of this kind that does not learn: the user's own, or a registered one."""
+    """True if an environment has a controller of this kind: the user's own, or a registered one."""
     return is_controller(agent, system_of(environment))
 
 

@@ -24,7 +24,7 @@ from vessel_gym.tasks.task import Estimate
 
 
 def oracle_view(core: Core) -> np.ndarray:
-    """What agents would be told in mode ``"mean"`` if the estimator were the oracle ``(B, m)``, float32.
+    """Observations in mode ``"mean"`` of the oracle as the estimator ``(B, m)``, float32.
 
     The task's own view of the true state, flow and unknown input: of order 1 already, and bounded.
     """

@@ -27,10 +27,10 @@ from vessel_gym.envs.vector import VesselVectorEnv
 from vessel_gym.extras import require
 
 MEMORIES = ("none", "frames", "lstm")
-"""What an agent may remember: nothing, its last observations, or what a recurrent network makes of all of them."""
+"""Memories of an agent: none, its last observations, or a recurrent network over all of them."""
 
 CRITICS = (None, "truth")
-"""What a critic may be told beside the agent's observation while it learns: nothing, or the truth."""
+"""Inputs of a critic in training beside the agent's observation: nothing, or the truth."""
 
 OTHERS = "others"
 """The settings of environments that have none of their own."""
@@ -129,7 +129,7 @@ def describe(
 
 
 def _plain(own: Any) -> Any:
-    """What an option of an environment may be beside numbers and names, as plain data.
+    """An option of an environment that is neither number nor name, as plain data.
 
     Raises:
         TypeError: for what has no name to be known by.

@@ -101,7 +101,7 @@ class StableBaselinesVecEnv(VecEnv):
         return observations, rewards.astype(np.float32), dones, infos
 
     def _observed(self, observations: np.ndarray) -> np.ndarray:
-        """What a learner is given of the environment's observations ``(B, k)`` of this moment."""
+        """Observations of a learner, from the environment's at this step ``(B, k)``."""
         return observations
 
     def close(self) -> None:

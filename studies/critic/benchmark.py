@@ -16,14 +16,14 @@ from agents.seeds import evaluation_seeds
 from agents.training.ppo import batch, describe, learner
 
 POINTS = 4
-"""How often a training is measured; every time on the same seeds, on which nobody learns."""
+"""Number of evaluations of a training, each on the same seeds, which no training uses."""
 HALF, END = POINTS // 2 - 1, POINTS - 1
 EPISODES = 100
 
 
 @dataclass(frozen=True, eq=False)
 class World:
-    """Where agents learn."""
+    """An environment in which agents learn."""
 
     label: str
     steps: int
@@ -84,7 +84,7 @@ def flown(model: Any, described: dict[str, Any], zeroed: bool = False) -> list[f
 
 
 def explained(model: Any, described: dict[str, Any]) -> float:
-    """How much of the variance of discounted returns a critic explains on flights from which nobody learned.
+    """Explained variance of a critic: of discounted returns, on flights from which nobody learned.
 
     The flights are those of its own actor, exploring. They go on for twice as long as an episode, of which the first
     half is looked at: what a return lacks at the end has a weight of less than gamma to the power of the episode's

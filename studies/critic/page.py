@@ -46,7 +46,7 @@ def write(runs: int, out: Path) -> None:
 
 
 Found = dict[tuple[World, str], dict[str, np.ndarray]]
-"""What was measured, ``(runs, POINTS, ...)``, by world and arm."""
+"""Measured values ``(runs, POINTS, ...)`` by world and arm."""
 
 
 def scores(found: Found) -> str:

@@ -83,7 +83,7 @@ class Setting:
 
     @property
     def read(self) -> list[int]:
-        """Which components are read."""
+        """Indices of the measured components."""
         return list(range(len(self.start)) if self.seen is None else self.seen)
 
     def model(self) -> NonlinearModel:

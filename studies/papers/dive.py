@@ -1,4 +1,4 @@
-"""What the papers on underwater vehicles share: a vehicle under recorded controls, and a filter that watches it.
+"""Shared parts of the papers on underwater vehicles: a vehicle under recorded controls, and a filter.
 
 A filter estimates some components of the vehicle's state; the position follows by integrating the kinematics over the
 estimates, as in the papers.

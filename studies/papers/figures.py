@@ -127,7 +127,7 @@ def _ratios(figure: "Figure", columns: Mapping[str, Sequence[Comparison]]) -> No
 
 
 def sensitivities(search: Search) -> str:
-    """How far the best combination with each alternative is below the best of all; filled: believed."""
+    """Log likelihood of the best combination with each alternative, below the best of all; filled: believed."""
     lines = sum(map(len, search.choices.values())) + len(search.choices)
     return drawing(7.2, 0.9 + 0.155 * lines)(_sensitivities)(search)
 

@@ -170,7 +170,7 @@ def summary_table(found: Sequence[Row]) -> str:
 
 
 def counts(found: Sequence[Row]) -> list[int]:
-    """How many numbers agree, lie within 25 %, are better, worse and not comparable."""
+    """Counts of numbers that agree, lie within 25 %, are better, worse and not comparable."""
     return [sum(getattr(row, name) for row in found) for name in ("agree", "near", "better", "worse", "incomparable")]
 
 

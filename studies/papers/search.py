@@ -1,4 +1,4 @@
-"""What was probably done: every combination of what a paper leaves open, with its log likelihood."""
+"""Likeliest settings of a paper: every combination of what it leaves open, with its log likelihood."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -8,7 +8,7 @@ from scripts.console import Refusal, asked, command, in_range
 
 What = Literal["loop", "filters", "flights", "where", "third-party"]
 MARK = "measured"
-"""Where a page holds what was printed."""
+"""Mark of the printed tables on a page."""
 
 
 def main(

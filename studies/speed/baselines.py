@@ -154,27 +154,27 @@ Q, R = 0.1 * np.eye(STATES), np.eye(MEASUREMENTS)
 
 
 def bent(x: np.ndarray, u: Any = None) -> np.ndarray:
-    """How a nonlinear system of that size moves."""
+    """Transition of a nonlinear system of that size."""
     return np.matvec(A, x) + 0.1 * np.sin(x)
 
 
 def bent_reading(x: np.ndarray, u: Any = None) -> np.ndarray:
-    """What is read of it."""
+    """Its measurement function."""
     return np.matvec(C, x + 0.1 * np.sin(x))
 
 
 def bent_jacobian(x: np.ndarray, u: Any = None) -> np.ndarray:
-    """Of how it moves."""
+    """Jacobian of the transition."""
     return A + 0.1 * np.cos(x)[..., None] * np.eye(STATES)
 
 
 def bent_reading_jacobian(x: np.ndarray, u: Any = None) -> np.ndarray:
-    """Of what is read."""
+    """Jacobian of the measurement function."""
     return C * (1.0 + 0.1 * np.cos(x))[..., None, :]
 
 
 def start(rows: int) -> Gaussian:
-    """What is known at first; no two rows agree, so that each needs a covariance of its own."""
+    """Prior; no two rows are equal, so that each needs a covariance of its own."""
     return Gaussian(np.zeros((rows, STATES)), np.linspace(1.0, 2.0, rows)[:, None, None] * np.eye(STATES))
 
 

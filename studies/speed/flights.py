@@ -41,7 +41,7 @@ class Flight:
         self.half = np.arange(max(rows, 1)) % 2 == 0
 
     def prepare(self) -> None:
-        """What comes before a block and is not timed."""
+        """Prepare a block; this is not timed."""
         if self.kind != "resets":
             self.env.reset(seed=0)
         if self.kind == "scattered":

@@ -57,7 +57,7 @@ Cell = Timed | tuple[Timed, Timed] | Callable[[], str] | None
 
 @dataclass
 class Table:
-    """What is printed of what is timed: a label and cells a line."""
+    """A printed table: a label and cells a line."""
 
     title: str
     headings: tuple[str, ...]
@@ -65,7 +65,7 @@ class Table:
     note: str = ""
 
     def timed(self) -> list[Timed]:
-        """What must be timed, each once: what is compared side by side."""
+        """The timed blocks of the table, each once, those that are compared first."""
         cells = [cell for line in self.lines.values() for cell in line]
         cells.sort(key=lambda cell: not isinstance(cell, tuple))
         parts = [part for cell in cells for part in (cell if isinstance(cell, tuple) else (cell,))]
@@ -298,7 +298,7 @@ def balanced(rows: int, estimator: str | None = None, in_numpy: bool = False) ->
 
 
 def asked_at_points(rows: int) -> Timed:
-    """What a step of an unscented filter asks of the cart-pole's model: its functions at all points."""
+    """Evaluations of the cart-pole's model in a step of an unscented filter: its functions at all sigma points."""
     model: Any = CART_POLE["model"]
     points, u = np.zeros((rows, 2 * model.n + 1, model.n)), np.zeros((rows, 1, 1))
     return stepped(lambda _: (model.transition(points, u), model.measurement(points, u)), rows, STEPS)
@@ -320,7 +320,7 @@ def third_party_table(sizes: tuple[int, ...]) -> Table:
 
 
 class Clock:
-    """What a flight's steps spend in each part of `Core.step` and around it; what parts call belongs to them."""
+    """Time of a flight's steps in each part of `Core.step`, calls included, and around it."""
 
     PARTS = "world", "filter", "task", "observation", "info", "the rest"
 
@@ -367,7 +367,7 @@ class Clock:
 
 
 def where_table(env_ids: tuple[str, ...]) -> Table:
-    """Where the time of a step goes, in one environment and in a batch."""
+    """Shares of the time of a step by part, in one environment and in a batch."""
     lines: dict[str, tuple[Cell, ...]] = {}
     for env_id in env_ids:
         for rows in (0, BATCH):
@@ -380,7 +380,7 @@ def where_table(env_ids: tuple[str, ...]) -> Table:
 
 
 def machine() -> str:
-    """What it was measured on."""
+    """The machine and its libraries."""
     found = np.show_config(mode="dicts")["SIMD Extensions"]["found"]
     wide = ", AVX-512" if any(name.startswith(("AVX512", "X86_V4")) for name in found) else ""
     threads = os.environ.get("OPENBLAS_NUM_THREADS", os.environ.get("OMP_NUM_THREADS", "not set"))

@@ -21,7 +21,7 @@ from studies.tables.markdown import ROOT, WITHOUT, number, percent, put, rows_of
 
 
 class Flown(NamedTuple):
-    """What `EPISODES` flights were like: figures by their key, the share of times in the chi-square band."""
+    """Metrics of `EPISODES` flights by key, and shares of times in the chi-square band."""
 
     scores: dict[str, np.ndarray]
     arrived: int
@@ -80,7 +80,7 @@ SHORT = {
     "ItsunusaAUV-v0": ("ITSUNUSA (`enkf-sr`)", "`truth`", "`enkf-sr`, localised", "`enkf-sr`, plain"),
     "PunaUAV-v0": ("PUNA (`enkf`)", "`truth`", "`enkf`, localised", "`enkf`, plain, inflation 1"),
 }
-"""What an environment's own page calls it, and which of the ways it shows beside those that it shows of all."""
+"""Name of an environment on its own page, and the arms that this page adds to those of all environments."""
 OTHER = {"moderate": "calm", "rough": "moderate"}
 """A sea that a filter is told of wrongly."""
 
@@ -126,7 +126,7 @@ def flown(env_id: str, label: str) -> Flown:
 
 
 def journeys(env_id: str) -> str:
-    """What estimators are worth in a dive or a flight."""
+    """Scores of estimators in a dive or a flight."""
     from agents.metrics import WITHOUT_COVARIANCE
 
     altitude = env_id == "PunaUAV-v0"
@@ -147,7 +147,7 @@ def journeys(env_id: str) -> str:
 
 
 def turns(sea: str) -> str:
-    """What estimators are worth to the corvette in a sea, and what they see."""
+    """Scores and errors of the corvette's estimators in a sea."""
     heads = ("estimates", "score", "model 10 % off", "less than `kf-umv-ui`", "off track [m]", "place [m]",
              "heading [mrad]", "yaw rate [mrad/s]", "d [mrad]", "NEES/n")  # fmt: skip
     arms = turns_in(sea)
@@ -167,7 +167,7 @@ def turns(sea: str) -> str:
 
 
 def worth(plain: str, env_id: str) -> str:
-    """Of a journey's table, what the environment's own page shows."""
+    """Rows of a journey's table for the environment's own page."""
     same = ("`ekf`", "`measurement`", "`dead-reckoning`")
     name, *labels = SHORT[env_id]
     found = (flown(env_id, label) for label in (*labels, *same))
@@ -246,7 +246,7 @@ ABLATED = (
     "truth", "kf-umv-ui", "ekf told waves", "ekf", "ekf, no current", "kf told d", "kf", "measurement",
     "dead-reckoning",
 )  # fmt: skip
-"""Of the corvette's study, what her page shows."""
+"""Estimators of the corvette's study on her page."""
 HEADLINE = ("truth", "kf-umv-ui", "ekf", "kf", "measurement", "dead-reckoning")
 """And the README."""
 
@@ -382,7 +382,7 @@ TABLES: dict[str, tuple[Path, Callable[[], str]]] = {
     "pairing": (ROOT / "docs/statistics.md", lambda: pairing(ROOT / "results/quick")),
     "shares": (ROOT / "docs/findings.md", lambda: rows_of(ROOT / "results/quick/tables/ranking.md")),
 }
-"""Where each table stands, and what makes it."""
+"""Page of each table, and the function that makes it."""
 TEXTS: dict[str, tuple[Path, Callable[[], str]]] = {
     "advice": (ROOT / "docs/findings.md", lambda: advice(ROOT / "results/quick")),
     "exceptions": (ROOT / "docs/findings.md", lambda: exceptions(ROOT / "results/quick")),

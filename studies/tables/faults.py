@@ -150,7 +150,7 @@ GAP = 6.0
 
 
 def gap() -> str:
-    """What becomes of Segorogeni's position without a fix, and what `robust-kf` makes of its heading."""
+    """Segorogeni's position without a fix, and the heading of `robust-kf`."""
     fewer = {"told": {"R": 400.0}}
     ways = (
         Arm("`ekf`", "ekf"),

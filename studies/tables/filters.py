@@ -8,7 +8,7 @@ import numpy as np
 from studies.tables.markdown import table
 
 RUNS, STEPS, SKIPPED = 1000, 200, 20
-"""Of each cell of the tables of robust filters."""
+"""Runs, steps, and steps that are not scored, of the tables of robust filters."""
 OUTLIERS = {"Gaussian": {}, "10 % at 10 σ": {"rate": 0.1, "size": 10.0}, "10 % at 100 σ": {"rate": 0.1, "size": 100.0}}
 
 

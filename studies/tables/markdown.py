@@ -36,7 +36,7 @@ def number(values: np.ndarray, decimals: int) -> str:
 
 
 def percent(share: float | None) -> str:
-    """Of times; where there are none, that."""
+    """Share of times in percent; a dash without any."""
     return WITHOUT if share is None else f"{100.0 * share:.0f} %"
 
 

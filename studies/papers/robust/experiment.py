@@ -24,7 +24,7 @@ _HORIZON = 20  # steps that nature plans beyond the last: near its end it would 
 
 
 class Condition(NamedTuple):
-    """What differs between the world and the filters' assumptions; nothing, by default.
+    """Differences between the world and the filters' assumptions; none by default.
 
     Attributes:
         rate: Probability that a measurement is an outlier.

@@ -85,7 +85,7 @@ def _units(results: Results, condition: Condition, name: str) -> np.ndarray:
 
 
 def _balance(results: Results, conditions: Sequence[Condition], name: str) -> str:
-    """Of how many conditions a filter gains on the KF, of how many it loses, and by how much of the error."""
+    """Counts of conditions in which a filter gains on the KF or loses, with shares of the error."""
     ratios, found = [ratio(results, "random", condition, name) for condition in conditions], []
     gained, lost = [1.0 - r.mean for r in ratios if r.high < 1.0], [r.mean - 1.0 for r in ratios if r.low > 1.0]
     for verb, changes in (("gains", gained), ("loses", lost)):
