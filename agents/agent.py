@@ -8,7 +8,8 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from agents.controllers import CONTROLLERS, PPO, RANDOM, make_controller, unknown_controller
-from agents.policies.checkpoint import TrainedAgent, packaged
+from agents.policies.agent import TrainedAgent
+from agents.policies.checkpoint import packaged
 from estimators.checks import shown
 
 

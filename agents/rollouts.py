@@ -82,6 +82,44 @@ def rollout(
         ValueError: if there is no such environment, if there are no seeds, or if the agent cannot fly it.
         TypeError: for an agent that cannot act, or arguments of another kind.
     """
+    seeds = _checked(seeds, agent)
+    checks.function("progress", progress, "(step, horizon)")
+    env = _batch(env_id, len(seeds), {} if env_options is None else env_options)
+    try:
+        flyer = load_agent(agent, env, trust) if isinstance(agent, str | Path) else agent
+        flyer.reset(len(seeds))
+        observations, info = env.reset(seed=seeds, options=reset_options)  # type: ignore[arg-type]
+        core = getattr(env.unwrapped, "core", None)
+        course = None if core is None else core.course.copy()
+        history = _History(core, info, len(seeds), ensembles) if record else None
+        alive, ended = np.ones(len(seeds), bool), np.zeros(len(seeds), bool)
+        returns, length = np.zeros(len(seeds)), np.zeros(len(seeds), int)
+        score, end = np.full(len(seeds), np.nan), np.full(len(seeds), "", dtype=object)
+        horizon = env.spec.max_episode_steps if env.spec and env.spec.max_episode_steps else 0
+        while alive.any():
+            observations, reward, terminated, truncated, info = env.step(flyer.act(observations))
+            done = (terminated | truncated) & alive
+            final = info.get("final_info", {}) if done.any() else {}
+            if history is not None:
+                history.add(info, final, alive, done)
+            returns += np.where(alive, reward, 0.0)
+            length += alive
+            ended |= terminated & done
+            for key, values in (("score", score), ("end", end)):
+                if key in final:
+                    values[done] = final[key][done]
+            alive &= ~done
+            if progress is not None:
+                progress(int(length.max()), horizon)
+    finally:
+        env.close()
+    score = np.where(np.isnan(score), returns, score)
+    kept = {} if history is None else history.arrays()
+    return Rollout(env_id, np.array(seeds), score, returns, length, ended, end, kept, env, course)
+
+
+def _checked(seeds: Any, agent: Any) -> list[int]:
+    """The seeds of a rollout as a list; these and the agent are refused if they are none."""
     if isinstance(seeds, str | bytes | Mapping) or not isinstance(seeds, Iterable):
         raise TypeError(f"seeds must be a list of whole numbers, got {seeds!r}")
     seeds = list(seeds)
@@ -90,88 +128,47 @@ def rollout(
     for seed in seeds:
         if not (whole(seed) and seed >= 0):
             raise ValueError(f"seeds must be whole numbers >= 0, got {seed!r}")
-    if not isinstance(agent, str | Path) and not all(
-        callable(getattr(agent, method, None)) for method in ("reset", "act")
-    ):
+    acts = all(callable(getattr(agent, method, None)) for method in ("reset", "act"))
+    if not isinstance(agent, str | Path) and not acts:
         raise TypeError(f"an agent is a name, the path of a checkpoint, or has reset and act, got {agent!r}")
-    checks.function("progress", progress, "(step, horizon)")
-    env = _batch(env_id, len(seeds), {} if env_options is None else env_options)
-    try:
-        flyer = load_agent(agent, env, trust) if isinstance(agent, str | Path) else agent
-        flyer.reset(len(seeds))
-        observations, info = env.reset(seed=seeds, options=reset_options)  # type: ignore[arg-type]
-        course = _course(env)
-        keys = [key for key, value in info.items() if record and not key.startswith("_") and _numeric(value)]
-        frames = {key: [info[key]] for key in keys}
-        surprise = [_nis(env)] if record else []
-        clouds = [_ensemble(env)] if record and ensembles else []
-        alive = np.ones(len(seeds), bool)
-        returns, length = np.zeros(len(seeds)), np.zeros(len(seeds), int)
-        ended, score = np.zeros(len(seeds), bool), np.full(len(seeds), np.nan)
-        end = np.full(len(seeds), "", dtype=object)
-        horizon = env.spec.max_episode_steps if env.spec and env.spec.max_episode_steps else 0
-        while alive.any():
-            observations, reward, terminated, truncated, info = env.step(flyer.act(observations))
-            done = (terminated | truncated) & alive
-            final = info.get("final_info", {})
-            for key in keys:
-                frame = np.where(rows_like(alive, info[key]), info[key], frames[key][-1])
-                if done.any() and key in final:
-                    frame = np.where(rows_like(done, frame), final[key], frame)
-                frames[key].append(frame)
-            if record:
-                surprise.append(np.where(alive & ~done, _nis(env), np.nan))
-            if clouds and (cloud := _ensemble(env)) is not None:
-                clouds.append(np.where(rows_like(alive & ~done, cloud), cloud, np.nan))
-            returns += np.where(alive, reward, 0.0)
-            length += alive
-            ended |= terminated & done
-            if done.any() and "score" in final:
-                score[done] = final["score"][done]
-            if done.any() and "end" in final:
-                end[done] = final["end"][done]
-            alive &= ~done
-            if progress is not None:
-                progress(int(length.max()), horizon)
-    finally:
-        env.close()
-    score = np.where(np.isnan(score), returns, score)
-    history = {key: np.stack(values) for key, values in frames.items()}
-    if frames:
-        history["nis"] = np.stack(surprise)
-    kept = [cloud for cloud in clouds if cloud is not None]
-    if kept:
-        history["ensemble"] = np.stack(kept)
-    return Rollout(env_id, np.array(seeds), score, returns, length, ended, end, history, env, course)
+    return seeds
 
 
-def _numeric(value: Any) -> bool:
-    return isinstance(value, np.ndarray) and value.dtype != object
+class _History:
+    """Frames of a rollout: the numeric arrays of ``info``, NIS and, if asked for, ensembles."""
 
+    def __init__(self, core: Any, info: dict[str, Any], rows: int, ensembles: bool) -> None:
+        numeric = (key for key, v in info.items() if isinstance(v, np.ndarray) and v.dtype != object)
+        self._core, self._rows, self._ensembles = core, rows, ensembles
+        self._frames = {key: [info[key]] for key in numeric if not key.startswith("_")}
+        self._nis, self._clouds = [self._innovation()], list(self._ensemble())
 
-def _core(env: Any) -> Any:
-    """The core of an environment of ours; None for others."""
-    return getattr(env.unwrapped, "core", None)
+    def add(self, info: dict[str, Any], final: dict[str, Any], alive: np.ndarray, done: np.ndarray) -> None:
+        """Append a step: of episodes that end now the final values, of those that have ended the last ones."""
+        for key, frames in self._frames.items():
+            frame = np.where(rows_like(alive, info[key]), info[key], frames[-1])
+            frames.append(np.where(rows_like(done, frame), final[key], frame) if key in final else frame)
+        going = alive & ~done
+        self._nis.append(np.where(going, self._innovation(), np.nan))
+        self._clouds += [np.where(rows_like(going, cloud), cloud, np.nan) for cloud in self._ensemble()]
 
+    def arrays(self) -> dict[str, np.ndarray]:
+        """The history ``(T + 1, N, ...)`` by key; empty if ``info`` held no arrays."""
+        special = {"nis": self._nis} if self._frames else {}
+        special |= {"ensemble": self._clouds} if self._clouds else {}
+        return {key: np.stack(frames) for key, frames in (self._frames | special).items()}
 
-def _nis(env: Any) -> np.ndarray:
-    """Normalised innovation squared of every environment ``(N,)`` at this step; NaN where there is no innovation."""
-    core = _core(env)
-    if core is None or core.belief.innovation is None or core.belief.innovation_cov is None:
-        return np.full(env.num_envs, np.nan)
-    return nis(core.belief.innovation, core.belief.innovation_cov)
+    def _innovation(self) -> np.ndarray:
+        """Normalised innovation squared of every environment ``(N,)``; NaN where there is no innovation."""
+        core = self._core
+        if core is None or core.belief.innovation is None or core.belief.innovation_cov is None:
+            return np.full(self._rows, np.nan)
+        return nis(core.belief.innovation, core.belief.innovation_cov)
 
-
-def _ensemble(env: Any) -> np.ndarray | None:
-    """The members of every environment's ensemble ``(N, m, n)``; None where there is none."""
-    core = _core(env)
-    return None if core is None else core.belief.ensemble
-
-
-def _course(env: Any) -> np.ndarray | None:
-    """Episode parameters that the task has drawn for every environment ``(N, k)``."""
-    core = _core(env)
-    return None if core is None else core.course.copy()
+    def _ensemble(self) -> list[np.ndarray]:
+        """The members of every environment's ensemble ``(N, m, n)``; none without an ensemble."""
+        wanted = self._ensembles and self._core is not None and self._core.belief.ensemble is not None
+        return [self._core.belief.ensemble] if wanted else []
 
 
 def _batch(env_id: str, num_envs: int, options: dict[str, Any]) -> gym.vector.VectorEnv:

@@ -7,8 +7,8 @@ larger than these arrays.
 
 import json
 import zipfile
-from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import contextmanager, nullcontext
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,21 +17,11 @@ import gymnasium as gym
 import numpy as np
 
 from agents.files import replacing
-from agents.named import vector_class
+from agents.policies.network import POLICIES, Dense, built, torch_policy
 from estimators.checks import as_array, as_number, whole
 from vessel_gym.extras import require
 
 _DESCRIPTION = "vessel_gym.json"
-_POLICIES = {
-    "ActorCriticPolicy": "stable_baselines3.common.policies",
-    "SACPolicy": "stable_baselines3.sac.policies",
-    "TD3Policy": "stable_baselines3.td3.policies",
-    "RecurrentActorCriticPolicy": "sb3_contrib.common.recurrent.policies",
-    "LstmPolicy": "agents.policies.lstm",
-    "TruthPolicy": "agents.training.critic",
-    "TruthLstmPolicy": "agents.training.critic",
-}
-"""The networks that a checkpoint may ask for, and where they are."""
 _OF_THE_TRAINING = ("optimizer_class", "optimizer_kwargs")
 _MOST_COMPRESSION, _SAME_VEHICLE = 10, 0.25
 """Ratio by which entries may be compressed, and by which parameters of a vehicle may differ: the largest mismatch."""
@@ -44,12 +34,12 @@ class Policy:
     Attributes:
         network: The network, a ``BasePolicy`` of stable-baselines3 or a `Dense`.
         frames: How many observations it sees side by side.
-        observe: The kind of observation; None if nobody wrote it down.
+        observe: The kind of observation; None for a foreign checkpoint.
         statistics: Of observations, for those that were normalised: ``mean`` and ``var``, of one or of all frames.
         clip: Bound of normalised observations.
         epsilon: Added to their variance.
-        environment: The environment of the training; "" if nobody wrote it down.
-        vehicle: Its vehicle, see `_vehicle`; empty if nobody wrote it down.
+        environment: The environment of the training; "" for a foreign checkpoint.
+        vehicle: Its vehicle, see `vehicle_of`; empty for a foreign checkpoint.
     """
 
     network: Any
@@ -135,9 +125,9 @@ def write(path: Path, model: Any, described: dict[str, Any]) -> None:
 
 
 def _class_name(policy: type) -> str:
-    if _POLICIES.get(policy.__name__) != policy.__module__:
+    if POLICIES.get(policy.__name__) != policy.__module__:
         raise ValueError(
-            f"cannot store a {policy.__module__}.{policy.__qualname__}, only {', '.join(_POLICIES)}: "
+            f"cannot store a {policy.__module__}.{policy.__qualname__}, only {', '.join(POLICIES)}: "
             "use model.save, and load_agent with trust=True"
         )
     return policy.__name__
@@ -191,18 +181,18 @@ def _environment(model: Any) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     seen = spoken["frames"] * core.observation_size
     if statistics and _size(model.observation_space) != seen:
         raise ValueError("cannot store a VecNormalize that counts what the critic alone is told: leave it out")
-    known = {"environment": core.system.name, "vehicle": _vehicle(core.vehicle)}
+    known = {"environment": core.system.name, "vehicle": vehicle_of(core.vehicle)}
     return spoken | known | {"observations": seen, "observe": core.observe_mode}, statistics
 
 
-def _vehicle(vehicle: Any) -> dict[str, Any]:
-    """Names and numbers by which a vehicle is known again: its time step and nominal parameters."""
+def vehicle_of(vehicle: Any) -> dict[str, Any]:
+    """Fingerprint of a vehicle: names of its components, time step and nominal parameters."""
     numbers = vehicle.dt, *np.ravel(vehicle.parameters(0.0, np.zeros((1, vehicle.normals))))
     names = {"states": list(vehicle.state_names), "actions": list(vehicle.action_names)}
     return names | {"numbers": [float(f"{each:.6g}") for each in numbers]}
 
 
-def _same_vehicle(one: dict[str, Any], other: dict[str, Any]) -> bool:
+def same_vehicle(one: dict[str, Any], other: dict[str, Any]) -> bool:
     """Equal names, and numbers that differ by no more than a mismatch may."""
     names, numbers = ("states", "actions"), [as_array("numbers", each.get("numbers")) for each in (one, other)]
     if any(one.get(name) != other.get(name) for name in names) or numbers[0].shape != numbers[1].shape:
@@ -268,8 +258,8 @@ def load(path: Path, trust: bool, dense: bool = False) -> Policy:
         require("torch", "stable_baselines3", "sb3_contrib")
     with _reading(path):
         if described and ours:
-            return _ours(path, described, Dense if dense else _in_torch)
-        return _foreign(path, described or {})
+            return _ours(path, described, Dense if dense else torch_policy)
+        return _foreign(path)
 
 
 @contextmanager
@@ -300,83 +290,6 @@ def _described(archive: zipfile.ZipFile) -> dict[str, Any] | None:
     return described
 
 
-class Dense:
-    """The actor of a plain policy in NumPy: dense layers of tanh, as torch computes them but for rounding.
-
-    It is made of what a checkpoint says of its policy, and of its arrays by name.
-
-    Raises:
-        ValueError: if it is another network.
-    """
-
-    def __init__(self, told: dict[str, Any], weights: dict[str, np.ndarray]) -> None:
-        if (told["class"], told["network"]["activation_fn"]) != ("ActorCriticPolicy", "Tanh"):
-            raise ValueError("it is no network of dense layers of tanh")
-        widths = told["network"]["net_arch"]
-        widths = widths["pi"] if isinstance(widths, dict) else widths
-        names = (*(f"mlp_extractor.policy_net.{2 * i}" for i in range(len(widths))), "action_net")
-        self._layers = [(weights[f"{name}.weight"], weights[f"{name}.bias"]) for name in names]
-        self.observation_space, self.action_space = _spaces(told)
-        sizes = [told["observations"], *widths, told["actions"]]
-        for name, (weight, bias), before, after in zip(names, self._layers, sizes[:-1], sizes[1:], strict=True):
-            if (weight.shape, bias.shape) != ((after, before), (after,)):
-                raise ValueError(f"{name} is no layer of {before} to {after} numbers")
-
-    def predict(
-        self, observations: np.ndarray, state: Any = None, deterministic: bool = True
-    ) -> tuple[np.ndarray, Any]:
-        """The mean actions, within the bounds; the state is nobody's."""
-        *hidden, (last, bias) = self._layers
-        for weight, shift in hidden:
-            observations = np.tanh(observations @ weight.T + shift)
-        return np.clip(observations @ last.T + bias, -1.0, 1.0), state
-
-
-def _spaces(told: dict[str, Any]) -> tuple[Any, Any]:
-    """Spaces of observations and of actions."""
-    from gymnasium.spaces import Box
-
-    seen = Box(-np.inf, np.inf, (told["observations"],), np.float32)
-    return seen, Box(-1.0, 1.0, (told["actions"],), np.float32)
-
-
-def _in_torch(told: dict[str, Any], arrays: dict[str, np.ndarray]) -> Any:
-    """The network that the words tell of, with its weights."""
-    from importlib import import_module
-
-    import torch
-
-    network = dict(told["network"])
-    if "activation_fn" in network:
-        kind = getattr(torch.nn, network["activation_fn"])
-        if not (isinstance(kind, type) and issubclass(kind, torch.nn.Module)):
-            raise ValueError(f"{network['activation_fn']!r} is no activation")
-        network["activation_fn"] = kind
-    policy = getattr(import_module(_POLICIES[told["class"]]), told["class"])
-    weights = {name: torch.from_numpy(array) for name, array in arrays.items()}
-    with _bounded(sum(array.size for array in arrays.values())):
-        return _built(policy, *_spaces(told), network, weights)
-
-
-def _bounded(size: int) -> Any:
-    """A context in which torch makes no more parameters than ``size`` numbers, those of the file."""
-    from torch import Tensor, empty
-    from torch.overrides import TorchFunctionMode
-
-    class Bounded(TorchFunctionMode):
-        left = 2 * size  # `TruthPolicy` makes a critic twice
-
-        def __torch_function__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
-            made = func(*args, **(kwargs or {}))
-            numbers = made.numel() if isinstance(made, Tensor) else 0
-            self.left -= numbers if func is empty else 0
-            if self.left < 0 or numbers > size:
-                raise ValueError("it describes a larger network than its weights are of")
-            return made
-
-    return Bounded()
-
-
 def _ours(path: Path, described: dict[str, Any], build: Callable[..., Any]) -> Policy:
     """Build the network that the words tell of, and fill in the numbers."""
     told = described["policy"]
@@ -388,8 +301,7 @@ def _ours(path: Path, described: dict[str, Any], build: Callable[..., Any]) -> P
                 arrays[folder][rest.removesuffix(".npy")] = _array(archive, name)
     _check_sizes(told, arrays["weights"].values())
     frames, statistics = whole("frames", told["frames"], 1), arrays["statistics"]
-    environment = told.get("environment", described.get("env_id", ""))
-    vehicle = dict(told.get("vehicle") or _registered_vehicle(described))
+    environment, vehicle = told["environment"], dict(told["vehicle"])
     built = build(told, arrays["weights"])
     seen = built.observation_space
     if not statistics:
@@ -431,14 +343,7 @@ def _check_sizes(told: dict[str, Any], weights: Collection[np.ndarray]) -> None:
     check({key: value for key, value in told.items() if key != "vehicle"})
 
 
-def _registered_vehicle(described: Mapping[str, Any]) -> dict[str, Any]:
-    """The vehicle of the environment that a training names; empty for a vehicle file, or one that is not known."""
-    env_id = described.get("env_id", "")
-    system = getattr(vector_class(env_id), "system", None) if env_id in gym.registry else None
-    return {} if system is None or "vessel" in described.get("env_options", {}) else _vehicle(system.vehicle)
-
-
-def _foreign(path: Path, described: dict[str, Any]) -> Policy:
+def _foreign(path: Path) -> Policy:
     """Unpickle what stable-baselines3 saved, of whatever algorithm."""
     from stable_baselines3.common.save_util import load_from_zip_file
 
@@ -454,93 +359,5 @@ def _foreign(path: Path, described: dict[str, Any]) -> Policy:
     network = {key: value for key, value in data["policy_kwargs"].items() if key != "device"}
     if data.get("use_sde"):
         network["use_sde"] = True
-    built = _built(data["policy_class"], data["observation_space"], data["action_space"], network, weights["policy"])
-    remembered = described.get("memory") == "frames"  # as version 0.1 wrote it down
-    observe = described.get("env_options", {}).get("observe", "mean") if described else None
-    return Policy(built, described["hyperparameters"]["frames"] if remembered else 1, observe)
-
-
-def _built(policy: type, seen: Any, done: Any, network: dict[str, Any], weights: Any) -> Any:
-    """A policy with its weights, ready to fly."""
-    import torch
-
-    with torch.random.fork_rng(devices=[]):  # its first weights are drawn, and thrown away
-        built = policy(seen, done, lambda _: 0.0, **network)
-    built.load_state_dict(weights)
-    built.set_training_mode(False)
-    return built
-
-
-class TrainedAgent:
-    """A trained policy, flown without exploration noise; it keeps a memory for each environment of the batch.
-
-    Args:
-        path: A checkpoint.
-        env: The environment that it will fly, to check the observation.
-        trust: See `agents.load_agent`.
-        dense: See `load`.
-
-    Raises:
-        ValueError: if the file is no checkpoint that may be loaded, or was trained on another observation, other
-            actions or another vehicle.
-        ModuleNotFoundError: without torch or stable-baselines3, where it needs them.
-    """
-
-    def __init__(self, path: Path, env: Any, trust: bool = False, dense: bool = False) -> None:
-        self._policy = load(path, trust, dense)
-        network, frames, self._size = self._policy.network, self._policy.frames, env.core.observation_size
-        # Two kinds of observation may have the same length: ask what it was trained on, not only how long that is.
-        trained, given = self._policy.observe, env.core.observe_mode
-        if trained is not None and trained != given:
-            raise ValueError(f"{path} was trained on observe={trained!r}, this environment gives {given!r}")
-        seen, done = network.observation_space.shape, network.action_space.shape
-        if (seen, done) != ((frames * self._size,), (env.core.action_size,)):
-            raise ValueError(
-                f"{path} was trained in another environment: on observations of shape {seen} and actions of shape "
-                f"{done}, not {(frames * self._size,)} and {(env.core.action_size,)}"
-            )
-        if (known := self._policy.vehicle) and not _same_vehicle(known, _vehicle(env.core.vehicle)):
-            raise ValueError(
-                f"{path} was trained on another vehicle, that of {self._policy.environment}: fly it there, or train an "
-                f"agent in {env.core.system.name}"
-            )
-        self.reset(1)
-
-    def reset(self, num_envs: int) -> None:
-        """Forget everything: the frames before the first are zeros, and so is the recurrent state."""
-        self._seen = np.zeros((num_envs, self._policy.frames * self._size), np.float32)
-        self._state = None
-
-    def act(self, observations: np.ndarray) -> np.ndarray:
-        """The policy's mean action.
-
-        Raises:
-            ValueError: for another number of rows than `reset` was told, or other observations.
-        """
-        wanted = len(self._seen), self._size
-        if np.shape(observations) != wanted:
-            raise ValueError(
-                f"observations must have shape {wanted}, as many rows as reset(num_envs) was told, got "
-                f"{np.shape(observations)}"
-            )
-        scale, size = self._policy.normalized, self._policy.normalizes
-        frame = scale(observations) if size == self._size else observations
-        self._seen = np.concatenate([self._seen[:, self._size :], frame], axis=1)  # the newest frame last
-        seen = scale(self._seen) if size not in (0, self._size) else self._seen
-        network = self._policy.network
-        with nullcontext() if isinstance(network, Dense) else one_thread():
-            actions, self._state = network.predict(seen, self._state, deterministic=True)
-        return actions
-
-
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """For small networks a second thread costs more than it brings; the user's own get theirs back."""
-    import torch
-
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(threads)
+    spaces = data["observation_space"], data["action_space"]
+    return Policy(built(data["policy_class"], *spaces, network, weights["policy"]))

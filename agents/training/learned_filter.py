@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.policies.checkpoint import one_thread
+from agents.policies.network import one_thread
 from estimators import GainNetwork, Gaussian, LinearModel, make
 from estimators.angles import difference
 from estimators.checks import as_array, number, shown, whole

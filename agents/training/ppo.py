@@ -18,7 +18,8 @@ import numpy as np
 import vessel_gym
 from agents.files import replacing
 from agents.named import vector_class
-from agents.policies.checkpoint import one_thread, write, zip_path
+from agents.policies.checkpoint import write, zip_path
+from agents.policies.network import one_thread
 from agents.seeds import training_seed
 from agents.source import source_digest
 from estimators.checks import as_number, shown, whole

@@ -9,7 +9,7 @@ import numpy as np
 
 from agents.files import compute_once
 from agents.plotting import PALETTE, styled
-from agents.policies.checkpoint import one_thread
+from agents.policies.network import one_thread
 from agents.statistics import mean_interval
 from scripts.console import progress_bar
 from studies.critic.benchmark import END, HALF, World, learned

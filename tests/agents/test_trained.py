@@ -14,7 +14,8 @@ import pytest
 from pages import blocks
 
 from agents import load_agent, rollout
-from agents.policies.checkpoint import TrainedAgent, description, packaged
+from agents.policies.agent import TrainedAgent
+from agents.policies.checkpoint import description, packaged
 from agents.seeds import evaluation_seeds
 
 ROOT = Path(__file__).parents[2]
