@@ -89,7 +89,7 @@ def rollout(
         flyer = load_agent(agent, env, trust) if isinstance(agent, str | Path) else agent
         flyer.reset(len(seeds))
         observations, info = env.reset(seed=seeds, options=reset_options)  # type: ignore[arg-type]
-        core = getattr(env.unwrapped, "core", None)
+        core: Any = getattr(env.unwrapped, "core", None)
         course = None if core is None else core.course.copy()
         history = _History(core, info, len(seeds), ensembles) if record else None
         alive, ended = np.ones(len(seeds), bool), np.zeros(len(seeds), bool)
@@ -105,16 +105,13 @@ def rollout(
             returns += np.where(alive, reward, 0.0)
             length += alive
             ended |= terminated & done
-            for key, values in (("score", score), ("end", end)):
-                if key in final:
-                    values[done] = final[key][done]
+            score[done], end[done] = final.get("score", score)[done], final.get("end", end)[done]
             alive &= ~done
             if progress is not None:
                 progress(int(length.max()), horizon)
     finally:
         env.close()
-    score = np.where(np.isnan(score), returns, score)
-    kept = {} if history is None else history.arrays()
+    score, kept = np.where(np.isnan(score), returns, score), {} if history is None else history.arrays()
     return Rollout(env_id, np.array(seeds), score, returns, length, ended, end, kept, env, course)
 
 

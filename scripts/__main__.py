@@ -3,7 +3,7 @@
 import sys
 from importlib import import_module
 
-from scripts.console import command, complain, sentences
+from scripts.console import command, complain, one_sentence_errors
 
 COMMANDS = ("watch", "evaluate", "train", "ablate", "reproduce")
 """The files of scripts/ that users call; the others write pages of this repository."""
@@ -19,7 +19,7 @@ def main() -> int | None:
     if name in COMMANDS:
         return command(import_module(f"scripts.{name}").main, arguments, f"vessel-gym {name}")
     if name in ("-h", "--help", "--version"):
-        with sentences():
+        with one_sentence_errors():
             print(version() if name == "--version" else listing())
         return 0
     from estimators.factory import unknown

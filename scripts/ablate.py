@@ -3,7 +3,7 @@
 import re
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
@@ -38,45 +38,83 @@ def main(
     Returns:
         The exit status: 1 if something failed or is missing.
     """
-    import json
-    import shutil
-
     from rich.console import Console
 
-    from agents.files import check_folder, replacing
+    from agents.files import check_folder
     from agents.jobs import check_scheduler, run
-    from agents.studies.answer import answer
-    from agents.studies.confirmation import is_open, open_seeds, opening
+    from agents.studies.confirmation import opening
     from agents.studies.examples import examples
-    from agents.studies.plan import plan
-    from agents.studies.records import FEW_SEEDS
-    from agents.studies.report import write_report
     from agents.studies.results import Results
-    from agents.studies.study import read_study
-    from estimators.factory import unknown
     from vessel_gym.extras import require
 
-    require("matplotlib", "jinja2", "joblib")  # before the flights, not after them
-    if scheduler is not None:
-        require("dask", "distributed")
-    out = Path("results") / study.stem if out is None else out
+    require("matplotlib", "jinja2", "joblib", *(("dask", "distributed") if scheduler else ()))  # before the flights
+    out = out or Path("results") / study.stem
     with asked():
         part = _shard(shard)
-        study = STUDIES.get(str(study), study)
-        if not study.suffix and not study.exists():
-            raise ValueError(f"{unknown('study', str(study), STUDIES)} (your own: a file, e.g. mine.toml)")
         in_range("--processes", processes, 1)
         if scheduler is not None:
             check_scheduler(scheduler)
-        sys.path.append(str(study.resolve().parent))  # an own estimator may lie beside the study
-        question = read_study(study)
-        planned = plan(question)
-    check_folder(out)
-    with asked():
-        if confirm:
-            open_seeds(question, out)
-        fresh = plan(question.fresh) if is_open(question, out) else None
+        planned, path = _plan(study)
+        check_folder(out)
+        fresh = _fresh(planned.study, out, confirm)
     console = Console(markup=False, highlight=False, soft_wrap=True)
+    _introduce(planned.study, path, out, console)
+    jobs = [*planned.jobs, *examples(planned).values(), *(fresh.jobs if fresh else ())]
+    with job_progress(study.stem) as progress:
+        outcome = run(jobs, out, processes, scheduler, part, progress)
+    if fresh is None and opening(out):
+        outcome.notes.append(f"the fresh seeds of {out} were opened for another version of this study: not reported")
+    console.print(*outcome.notes, sep="\n", end="\n" if outcome.notes else "")
+    missing = sum(job.key not in outcome.values for job in jobs)
+    if part is not None and missing:
+        console.print(f"Part {shard} is done, {missing} of {len(jobs)} results are still missing: no report yet.")
+        return int(bool(outcome.failures))
+    _report(Results.of(planned, outcome, out), Results.of(fresh, outcome, out) if fresh else None, out, console)
+    if missing:
+        console.print(f"{missing} of {len(jobs)} results are missing; the report says why.")
+    return int(missing > 0)
+
+
+def _report(results: Any, fresh: Any, out: Path, console: Any) -> None:
+    """Write the report, and print its answer and its place."""
+    from agents.studies.answer import answer
+    from agents.studies.report import write_report
+
+    report = write_report(results, out, fresh)
+    console.print("", " ".join(answer(results, fresh)), "", f"Report: {report}", sep="\n")
+
+
+def _plan(study: Path) -> tuple[Any, Path]:
+    """The plan of a study, by the path of its file or the name of one that comes with vessel-gym, and that path."""
+    from agents.studies.plan import plan
+    from agents.studies.study import read_study
+    from estimators.factory import unknown
+
+    path = STUDIES.get(str(study), study)
+    if not path.suffix and not path.exists():
+        raise ValueError(f"{unknown('study', str(path), STUDIES)} (your own: a file, e.g. mine.toml)")
+    sys.path.append(str(path.resolve().parent))  # an own estimator may lie beside the study
+    return plan(read_study(path)), path
+
+
+def _fresh(study: Any, out: Path, confirm: bool) -> Any:
+    """The plan of a study on its fresh seeds, if they are open in the folder or are to be opened."""
+    from agents.studies.confirmation import is_open, open_seeds
+    from agents.studies.plan import plan
+
+    if confirm:
+        open_seeds(study, out)
+    return plan(study.fresh) if is_open(study, out) else None
+
+
+def _introduce(question: Any, study: Path, out: Path, console: Any) -> None:
+    """Print the title and write the study, as read and as resolved, into its folder."""
+    import json
+    import shutil
+
+    from agents.files import replacing
+    from agents.studies.records import FEW_SEEDS
+
     console.print(question.title)
     if question.learned and question.training_seeds < FEW_SEEDS:
         console.print(
@@ -87,25 +125,6 @@ def main(
     if study.resolve() != (out / "study.toml").resolve():
         with replacing(out / "study.toml") as path:
             shutil.copyfile(study, path)
-    jobs = [*planned.jobs, *examples(planned).values(), *(fresh.jobs if fresh else ())]
-    with job_progress(study.stem) as progress:
-        outcome = run(jobs, out, processes, scheduler, part, progress)
-    if fresh is None and opening(out):
-        outcome.notes.append(f"the fresh seeds of {out} were opened for another version of this study: not reported")
-    for note in outcome.notes:
-        console.print(note)
-    missing = sum(job.key not in outcome.values for job in jobs)
-    if part is not None and missing:
-        console.print(f"Part {shard} is done, {missing} of {len(jobs)} results are still missing: no report yet.")
-        return int(bool(outcome.failures))
-    results = Results.of(planned, outcome, out)
-    again = Results.of(fresh, outcome, out) if fresh else None
-    report = write_report(results, out, again)
-    console.print("", " ".join(answer(results, again)), "", sep="\n")
-    if missing:
-        console.print(f"{missing} of {len(jobs)} results are missing; the report says why.")
-    console.print(f"Report: {report}")
-    return int(missing > 0)
 
 
 def _shard(text: str | None) -> tuple[int, int] | None:

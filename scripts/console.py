@@ -41,12 +41,12 @@ def command(
     is a mistake of ours and keeps its traceback. Arguments and name are those of this process if not given. Returns the
     exit status of the command, if it has one.
     """
-    with sentences():
+    with one_sentence_errors():
         return _parsed(main, arguments, name)()
 
 
 @contextmanager
-def sentences() -> Iterator[None]:
+def one_sentence_errors() -> Iterator[None]:
     """Around all that a command does: what the user or the machine cannot do ends in one sentence and exit status 2."""
     try:
         yield

@@ -19,7 +19,7 @@ def main(
     first_seed: int = 0,
     trust: bool = False,
 ) -> None:
-    """Fly an agent on one or several estimators, over the same seeds, and print what it was worth.
+    """Fly an agent on one or several estimators, over the same seeds, and print its metrics.
 
     Args:
         env_id: Registered environment.
@@ -35,13 +35,8 @@ def main(
         trust: Load a checkpoint that vessel-gym did not write, although it can run any code.
     """
     import gymnasium as gym
-    from rich.console import Console
-    from rich.markup import escape
-    from rich.table import Table
 
-    from agents import load_agent, rollout
-    from agents.metrics import mean, metrics, scores
-    from agents.page import words
+    from agents import load_agent
     from agents.seeds import evaluation_seeds
     from agents.studies.worlds import environment_id
     from vessel_gym.checks import one_of
@@ -58,12 +53,26 @@ def main(
         for name in estimator:
             with closing(gym.make_vec(env_id, num_envs=1, estimator=name, **world)) as env:
                 load_agent(agent, env, trust)
-    table = Table(title=f"{env_id}, {agent}: mean and 95 % interval over {episodes} episodes, {disturbance} {sensors}")
+    title = f"{env_id}, {agent}: mean and 95 % interval over {episodes} episodes, {disturbance} {sensors}"
+    _fly(title, agent, env_id, seeds, [{"estimator": name, **world} for name in estimator], trust)
+
+
+def _fly(title: str, agent: str, env_id: str, seeds: list[int], worlds: list[dict[str, Any]], trust: bool) -> None:
+    """Fly the seeds with each of the environment's options, and print a table of the metrics."""
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    from agents import rollout
+    from agents.metrics import mean, metrics, scores
+    from agents.page import words
+
+    table = Table(title=title)
     table.add_column("metric")
     columns = []
-    with progress_bar("flying", len(estimator)) as advance:
-        for name in estimator:
-            flown = rollout(agent, env_id, seeds, {"estimator": name, **world}, trust=trust)
+    with progress_bar("flying", len(worlds)) as advance:
+        for options in worlds:
+            flown = rollout(agent, env_id, seeds, options, trust=trust)
             columns.append(scores(flown))
             shown = metrics(flown.env.unwrapped.system)
             table.add_column(flown.env.unwrapped.core.estimator, justify="right")

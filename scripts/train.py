@@ -49,13 +49,8 @@ def main(
     from agents.training.ppo import describe, train
     from vessel_gym.checks import one_of
 
-    options: dict[str, Any] = {
-        "estimator": estimator,
-        "sensors": sensors,
-        "disturbance": disturbance,
-        "mismatch": mismatch,
-        "observe": observe,
-    }
+    world = {"sensors": sensors, "disturbance": disturbance, "mismatch": mismatch}
+    options: dict[str, Any] = {"estimator": estimator, **world, "observe": observe}
     with asked():
         env_id = environment_id(env_id)
         one_of("--observe", observe, ("mean", "mean+std", "measurement"))

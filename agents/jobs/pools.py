@@ -25,13 +25,15 @@ _ONE_THREAD = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"), "1"
 )
 
-_Ends = Generator[End, None, None]
+Ends = Generator[End, None, None]
+Compute = Callable[[Sequence[Job]], Ends]
+"""Computes jobs and yields their ends in order of completion."""
 
 
 @contextmanager
 def pool(
     folder: Path, processes: int, scheduler: str | None, modules: Sequence[str] = ()
-) -> Iterator[tuple[Callable[[Sequence[Job]], _Ends], int]]:
+) -> Iterator[tuple[Compute, int]]:
     """A function that computes jobs of ``modules``, yielding their ends as they come, and its parallelism."""
     if scheduler is not None:
         with _client(scheduler) as client:
@@ -42,11 +44,11 @@ def pool(
         yield partial(_here, folder), 1
 
 
-def _here(folder: Path, jobs: Sequence[Job]) -> _Ends:
+def _here(folder: Path, jobs: Sequence[Job]) -> Ends:
     yield from (work(job, folder, job.key) for job in jobs)
 
 
-def _in_processes(folder: Path, processes: int, modules: tuple[str, ...], jobs: Sequence[Job]) -> _Ends:
+def _in_processes(folder: Path, processes: int, modules: tuple[str, ...], jobs: Sequence[Job]) -> Ends:
     require("joblib")
     from joblib import Parallel, parallel_config
     from joblib.externals.loky.process_executor import TerminatedWorkerError
@@ -121,7 +123,7 @@ def _killed(job: Job, folder: Path, text: str) -> End:
     return End(job.key, None, failure)
 
 
-def _on_cluster(folder: Path, client: Any, jobs: Sequence[Job]) -> _Ends:
+def _on_cluster(folder: Path, client: Any, jobs: Sequence[Job]) -> Ends:
     from joblib import Parallel
 
     parallel = Parallel(-1, _dask_backend(client), return_as="generator_unordered", pre_dispatch="all", batch_size=1)

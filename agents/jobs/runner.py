@@ -1,13 +1,13 @@
 """Running jobs: what is missing is computed, in whatever order and place is best."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Generator, Iterable
 from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from agents.jobs.job import Job
-from agents.jobs.pools import pool
+from agents.jobs.pools import Compute, pool
 from agents.jobs.schedule import Clock, Forecast, part, waves, with_needs
 from agents.jobs.store import journal, load, mend_journal, set_aside, strangers, sweep
 from agents.jobs.work import CannotStore
@@ -76,6 +76,37 @@ def run(
     folder = Path(folder).resolve()
     wanted = with_needs(jobs)
     mine = wanted if shard is None else part(wanted, *shard)
+    outcome = _stored(wanted, folder)
+    missing = {key: job for key, job in mine.items() if key not in outcome.values}
+    others = len(outcome.values) - (len(mine) - len(missing))  # of other parts of a job array
+    clock, left = Clock(journal(folder)), [{job.key: job for job in wave} for wave in waves(missing)]
+    forecast, workers = Forecast(clock, left), processes
+
+    def report(label: str = "") -> None:
+        if progress is not None:
+            done = len(outcome.values) - others
+            progress(Status(done, len(mine), len(outcome.failures), forecast.seconds_left(workers), label))
+
+    report()
+    if not missing:
+        return outcome
+    try:
+        modules = sorted({job.function.partition(":")[0] for job in missing.values()})
+        with pool(folder, processes, scheduler, modules) as (compute, workers):
+            for wave in left:
+                with closing(_compute(wave, compute, clock, outcome)) as labels:
+                    for label in labels:
+                        report(label)
+    except CannotStore as error:
+        done = len(outcome.values) - others
+        raise OSError(f"{error}; {done} of {len(mine)} are stored, and the same run goes on from there") from None
+    finally:
+        sweep(folder)
+    return outcome
+
+
+def _stored(wanted: dict[str, Job], folder: Path) -> Outcome:
+    """The results that a folder holds already; what is damaged there is set aside."""
     try:
         for name in ("jobs", "failed"):
             (folder / name).mkdir(parents=True, exist_ok=True)
@@ -90,48 +121,25 @@ def run(
         else:
             outcome.values[key] = values
     outcome.notes += strangers(wanted, folder)
-    missing = {key: job for key, job in mine.items() if key not in outcome.values}
-    stored, begun = len(mine) - len(missing), len(outcome.values)
-    clock = Clock(journal(folder))
-    left = [{job.key: job for job in wave} for wave in waves(missing)]
-    forecast, workers = Forecast(clock, left), processes
-
-    def report(label: str = "") -> None:
-        if progress is not None:
-            done = stored + len(outcome.values) - begun
-            progress(Status(done, len(mine), len(outcome.failures), forecast.seconds_left(workers), label))
-
-    report()
-    if not missing:
-        return outcome
-    modules = sorted({job.function.partition(":")[0] for job in missing.values()})
-    try:
-        with pool(folder, processes, scheduler, modules) as (compute, workers):
-            for wave in left:
-                ready = []
-                for job in list(wave.values()):
-                    lost = [need for need in job.needs if need.key not in outcome.values]
-                    if lost:
-                        name = lost[0].label or lost[0].key
-                        outcome.failures[job.key] = f"not tried: it needs {name}, which has no result"
-                        del wave[job.key]
-                        report(job.label)
-                    else:
-                        ready.append(job)
-                with closing(compute(clock.longest_first(ready))) as ends:
-                    for key, values, failure, seconds in ends:
-                        if values is None:
-                            outcome.failures[key] = failure
-                        else:
-                            outcome.values[key] = values
-                        if seconds is not None:
-                            outcome.computed += 1
-                            clock.add(mine[key].label, mine[key].function, seconds)
-                        del wave[key]
-                        report(mine[key].label)
-    except CannotStore as error:
-        done = sum(key in outcome.values for key in mine)
-        raise OSError(f"{error}; {done} of {len(mine)} are stored, and the same run goes on from there") from None
-    finally:
-        sweep(folder)
     return outcome
+
+
+def _compute(wave: dict[str, Job], compute: Compute, clock: Clock, outcome: Outcome) -> Generator[str, None, None]:
+    """Compute a wave, from which jobs are removed as they end; yields the label of each."""
+    for job in list(wave.values()):
+        lost = [need for need in job.needs if need.key not in outcome.values]
+        if lost:
+            del wave[job.key]
+            outcome.failures[job.key] = f"not tried: it needs {lost[0].label or lost[0].key}, which has no result"
+            yield job.label
+    with closing(compute(clock.longest_first(list(wave.values())))) as ends:
+        for key, values, failure, seconds in ends:
+            job = wave.pop(key)
+            if values is None:
+                outcome.failures[key] = failure
+            else:
+                outcome.values[key] = values
+            if seconds is not None:
+                outcome.computed += 1
+                clock.add(job.label, job.function, seconds)
+            yield job.label

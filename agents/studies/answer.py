@@ -8,7 +8,7 @@ from agents.studies import shares
 from agents.studies.confirmation import FAILED, HELD, OPEN, Confirmed, confirmed
 from agents.studies.records import FEW_SEEDS, FLOOR, ORACLE
 from agents.studies.results import Policy, Results
-from agents.studies.wording import amount, every, many, microseconds, named, percent, sentence, share_entry, the
+from agents.studies.wording import amount, capitalised, every, many, microseconds, named, percent, share_entry, the
 
 BEST = 5
 """Number of estimators in the table at the head of a report."""
@@ -121,7 +121,7 @@ def _each_best(results: Results, environments: list[str], pick: str) -> str:
     if equal:
         told += ("; " if better else "") + f"in {listed(equal)} nothing is shown to be better than {pick}"
     told += "."
-    return f"By environment the best differs: {told}" if better else sentence(told)
+    return f"By environment the best differs: {told}" if better else capitalised(told)
 
 
 def _confirmation(found: Confirmed) -> list[str]:

@@ -13,7 +13,7 @@ from agents.studies.figures import AXES, cost_figure, framed, robustness_figure,
 from agents.studies.records import FLOOR, ORACLE
 from agents.studies.results import Place, Results
 from agents.studies.shares import ruled
-from agents.studies.wording import microseconds, note, sentence, the
+from agents.studies.wording import capitalised, microseconds, note, the
 from agents.studies.worlds import system_of
 
 
@@ -28,7 +28,7 @@ def consistency(results: Results) -> Section:
     sections = [(title, rows) for title, rows in sections if rows]
     if not sections:
         return Section("Consistency beside task score", [])
-    who, without = sentence(the(results.classical)), listed(WITHOUT_COVARIANCE)
+    who, without = capitalised(the(results.classical)), listed(WITHOUT_COVARIANCE)
     title = f"What estimators claim, and what agents make of it ({results.conditions[0]})"
     text = note("consistency", Who=who, nees=NEES, unhealthy=UNHEALTHY, without=without)
     columns = ("Score", NEES.label, "NEES in band", "NIS in band", "Diverged", "Diverged, all conditions")
@@ -71,7 +71,7 @@ def robustness(results: Results) -> Section:
     figure = robustness_figure(results)
     if figure is None:
         return Section(title, [Prose(missing)])
-    who, first = sentence(the(results.classical)), results.conditions[0]
+    who, first = capitalised(the(results.classical)), results.conditions[0]
     caption = note("robustness", Who=who, first=first, floor=FLOOR, oracle=ORACLE)
     block = framed(figure, "Share kept over what may go wrong", caption)
     return Section(title, [block, *([Prose(missing)] if missing else [])])
@@ -90,7 +90,7 @@ def cost(results: Results) -> Section:
         if rows:
             sections.append((environment, rows))
     batch = f"batch of {results.plan.study.episodes}"
-    who = sentence(the(results.classical))
+    who = capitalised(the(results.classical))
     heads = [(batch, "µs"), ("beyond the truth", "µs"), ("one vehicle", "µs"), ("beyond the truth", "µs")]
     first = results.conditions[0]
     picture = framed(figure, f"Score over CPU time ({first})", note("cost-figure", Who=who, batch=batch))
@@ -126,8 +126,8 @@ def episodes(results: Results) -> Section:
                 Live(
                     shown.html(),
                     f"{environment}, {results.conditions[0]}",
-                    f"{sentence(the(results.classical))} at {shown.page['conditions'][-1]}, whose scores lie nearest "
-                    f"to their means over all evaluation seeds. Score and end: {', '.join(ends)}.{varies}",
+                    f"{capitalised(the(results.classical))} at {shown.page['conditions'][-1]}, whose scores lie "
+                    f"nearest to their means over all evaluation seeds. Score and end: {', '.join(ends)}.{varies}",
                 )
             )
     return Section("Example episodes", blocks)
@@ -156,7 +156,7 @@ def measures(results: Results) -> Section:
                 blocks.append(
                     Table(
                         f"{kind}: {environment}, {first}",
-                        f"{sentence(the(results.classical))}; mean over evaluation seeds with its 95 % interval "
+                        f"{capitalised(the(results.classical))}; mean over evaluation seeds with its 95 % interval "
                         "(Clopper and Pearson's for yes or no). "
                         + " ".join(f"{m.label}: {m.meaning}" for m in chosen)
                         + (" Along the track that was flown on that estimator." if chosen is estimated else "")

@@ -11,7 +11,7 @@ from agents.studies.figures import ALL, Row, columns_of, dots, framed, looks, sh
 from agents.studies.records import FLOOR, ORACLE, RAW, Study
 from agents.studies.results import Place, Policy, Results
 from agents.studies.shares import ENDS, common, gap, kept, learners, rankable, ruled
-from agents.studies.wording import many, note, percent, sentence, share_entry, the
+from agents.studies.wording import capitalised, many, note, percent, share_entry, the
 
 
 def ranking(results: Results) -> Section:
@@ -37,10 +37,10 @@ def ranking(results: Results) -> Section:
 
     rows = [Row(name, look[name], shares(name)) for name in (*names, *ENDS)]
     figure = dots(rows, heads, "share of the oracle's performance kept")
-    caption = note("shares-figure", Who=sentence(who), overall=overall)
+    caption = note("shares-figure", Who=capitalised(who), overall=overall)
     blocks.append(framed(figure, "Share of the oracle's performance that is kept", caption))
     conditions = many(len(results.conditions), "condition")
-    text = note("ranking", Who=sentence(who), conditions=conditions, episodes=study.episodes, overall=overall)
+    text = note("ranking", Who=capitalised(who), conditions=conditions, episodes=study.episodes, overall=overall)
     heading = "Share of the oracle's performance kept, by estimator"
     blocks.append(Table(heading, text, "Estimator", unitless(heads), [("", share_rows(rows))], "ranking"))
     blocks.append(_differences(results, names, best, heads))
@@ -154,7 +154,7 @@ def price(results: Results) -> Section:
     if not sections:
         return Section("The price of estimation", [])
     learned = "; learned agents, on the estimator of their training" if learners(results) else ""
-    text, heads = note("price", Who=sentence(the(results.classical)), learned=learned), unitless(results.conditions)
+    text, heads = note("price", Who=capitalised(the(results.classical)), learned=learned), unitless(results.conditions)
     table = Table("Score lost against the truth", text, "Estimator", heads, sections, "price")
     return Section("The price of estimation", [*_price_figure(results), table])
 
@@ -167,7 +167,7 @@ def _price_figure(results: Results) -> list[Block]:
     rows = [Row(name, look[name], values) for name, values in lost.items() if any(v is not None for v in values)]
     if not rows:
         return []
-    caption = note("price-figure", Who=sentence(the(results.classical)), floor=FLOOR)
+    caption = note("price-figure", Who=capitalised(the(results.classical)), floor=FLOOR)
     figure = dots(rows, environments, "score lost against the truth", (0.0,))
     return [framed(figure, "Score lost against the truth", caption)]
 

@@ -96,7 +96,7 @@ def _missing(results: Results) -> Section:
     failed: dict[str, list[str]] = {}
     for key, why in results.failures.items():
         failed.setdefault((why.strip().splitlines() or ["no reason given"])[-1], []).append(labels.get(key, key))
-    lost = [f"{_tally(names)}: {why}" for why, names in failed.items()]
+    lost = [f"{_abbreviated(names)}: {why}" for why, names in failed.items()]
     absent = [f for f in results.plan.flights if f.job.key not in {*results.values, *results.failures}]
     blocks: list[Block] = []
     for title, items in (
@@ -106,7 +106,7 @@ def _missing(results: Results) -> Section:
             "run:",
             lost,
         ),
-        ("Not computed yet:", [_tally([_flown(f) for f in absent])] if absent else []),
+        ("Not computed yet:", [_abbreviated([_flown(f) for f in absent])] if absent else []),
         ("Notes:", results.notes),
     ):
         if items:
@@ -129,7 +129,7 @@ def _flown(flight: Flight) -> str:
     return f"{flight.agent} on {flight.flown_on} in {flight.environment}, {flight.condition}"
 
 
-def _tally(names: Sequence[str]) -> str:
+def _abbreviated(names: Sequence[str]) -> str:
     """Names, or how many there are of them beside the first."""
     unique = list(dict.fromkeys(names))
     return listed(unique) if len(names) <= 3 else f"{names[0]} and {len(names) - 1} more"

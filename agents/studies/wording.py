@@ -70,7 +70,7 @@ def every(environments: Sequence[str]) -> str:
     return "both environments" if len(environments) == 2 else f"all {len(environments)} environments"
 
 
-def sentence(text: str) -> str:
+def capitalised(text: str) -> str:
     """The beginning of a sentence."""
     return text[0].upper() + text[1:]
 

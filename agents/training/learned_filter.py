@@ -50,10 +50,20 @@ def train_filter(
         ModuleNotFoundError: without torch.
     """
     require("torch")
-    x, y = as_array("x", x), as_array("y", y)
+    x, y, u = _checked(model, prior, x, y, u)
     hidden, epochs = whole("hidden", hidden, 1), whole("epochs", epochs, 1)
     rate = number("rate", rate, 0.0, np.inf, "a positive number")
     seed = whole("seed", seed, 0)
+    moved = np.zeros(x.shape)  # what the known input does over the step before
+    if u is not None and model.B is not None:
+        moved[1:] = np.matvec(resolve(model.B, None), u[:-1])
+    with one_thread():
+        return _trained(model, prior, x, y, moved, _first(model, prior, x, y, u, hidden, seed), epochs, rate)
+
+
+def _checked(model: Any, prior: Any, x: Any, y: Any, u: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    """The series as arrays, after a check that they and the prior fit the model."""
+    x, y = as_array("x", x), as_array("y", y)
     matrices = [getattr(model, name, None) for name in "ABCQR"]
     if not isinstance(model, LinearModel) or not all(a is None or getattr(a, "ndim", 0) == 2 for a in matrices):
         raise ValueError("train_filter needs a LinearModel of arrays: make a nonlinear one straight first")
@@ -72,11 +82,7 @@ def train_filter(
     if u is not None and (u.ndim != 3 or u.shape[:2] != x.shape[:2]):
         raise ValueError(f"u has shape {u.shape}, expected (T, series, m) = ({x.shape[0]}, {x.shape[1]}, m)")
     model.check_known_input(u)
-    moved = np.zeros(x.shape)  # what the known input does over the step before
-    if u is not None and model.B is not None:
-        moved[1:] = np.matvec(resolve(model.B, None), u[:-1])
-    with one_thread():
-        return _trained(model, prior, x, y, moved, _first(model, prior, x, y, u, hidden, seed), epochs, rate)
+    return x, y, u
 
 
 def _first(
