@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from estimators.checks import number, shown
+from estimators.checks import shown
 from estimators.engine import as_word, compiled
 from estimators.engine.arrays import TracedArray
 from estimators.factory import unknown
@@ -49,6 +49,7 @@ class Bias:
         names: Any = self.names
         if not isinstance(names, tuple | list) or not names:  # a text's letters would pass for names
             raise ValueError(f"names of a bias must be a tuple of names, got {shown(names)}")
+        check_names("names of a bias", names)
         object.__setattr__(self, "names", tuple(names))
         for name in ("start", "pace", "slope"):
             values = getattr(self, name)
@@ -57,9 +58,8 @@ class Bias:
                 wanted = f"a tuple of {len(names)} values of {name}"
                 raise ValueError(f"the bias {self.names} needs {wanted}, got {shown(values)}")
             for value in values:
-                number(f"{name} of the bias {self.names}", value, low=-1e-300, what="0 or more")
-            object.__setattr__(self, name, tuple(float(value) for value in values))
-        check_names("names of a bias", self.names)
+                check_numbers(f"the bias {self.names}", {name: value}, not_negative=name)
+            object.__setattr__(self, name, tuple(map(float, values)))
         check_numbers(self, positive="scale")
 
     @property
@@ -69,14 +69,9 @@ class Bias:
 
     def process(self, dt: float) -> Process:
         """How it moves over a step of ``dt`` [s]."""
-        walk = Process.walk(self.start, self.pace, dt)
-        if not any(self.slope):
-            return walk
-        both = Process.joined(walk, Process.walk(self.slope, (0.0,) * len(self.names), dt))
-        transition = both.transition.copy()
-        k = len(self.names)
-        transition[:k, k:] = dt * np.eye(k)
-        return replace(both, transition=transition)
+        slope = self.slope if any(self.slope) else ()
+        walk = Process.walk(self.start + slope, self.pace + (0.0,) * len(slope), dt)
+        return replace(walk, transition=walk.transition + dt * np.eye(walk.size, k=len(self.names)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,53 +128,43 @@ class Sensor:
 
     def __post_init__(self) -> None:
         instance("name of a sensor", self.name, str)
-        channels: Any = self.channels
-        if not isinstance(channels, str):  # which is refused below
-            check_names(f"channels of {self.name}", channels)
-        if not channels:
-            raise ValueError(f"channels of {self.name} must be one or more names")
+        title, k, channels = self.name, len(self.channels), (self.channels,)
         if self.bias is not None:
-            instance(f"bias of {self.name}", self.bias, Bias)
-        function(f"inverse of {self.name}", self.inverse, "(readings, known)")
-        k = len(self.channels)
-        informs = self.informs if isinstance(self.informs, tuple | list) else ()
-        tuples: tuple[tuple[str, Any], ...] = ("channels", (self.channels,)), ("informs", informs)
+            instance(f"bias of {title}", self.bias, Bias)
+        function(f"inverse of {title}", self.inverse, "(readings, known)")
+        tuples: tuple[tuple[str, Any], ...] = ("channels", channels), ("informs", self.informs)
         for name, listed in tuples:
-            for entry in listed:
+            for entry in listed if isinstance(listed, tuple | list) else ():
                 if isinstance(entry, str):  # whose letters would pass for names
-                    raise ValueError(f"{name} of {self.name} must hold tuples of names, got {shown(entry)}")
+                    raise ValueError(f"{name} of {title} must hold tuples of names, got {shown(entry)}")
+        check_names(f"channels of {title}", self.channels)
+        if not self.channels:
+            raise ValueError(f"channels of {title} must be one or more names")
         for name in ("sd", "range", "scale", "gives", "informs"):
             values = getattr(self, name)
-            listed = isinstance(values, tuple | list) or (isinstance(values, np.ndarray) and values.ndim > 0)
-            if name == "sd" and callable(values):
+            if callable(values) if name == "sd" else values is None:
                 continue
-            if (values is not None or name == "sd") and not (listed and len(values) == k):
-                raise ValueError(f"{self.name} has {k} channels, so {name} must have {k} entries, got {shown(values)}")
-        for name, low, values in (
-            ("sd", -1e-300, () if callable(self.sd) else self.sd),
-            ("scale", 0.0, self.scale or ()),
-        ):
-            for value in values:
-                number(f"{name} of {self.name}", value, low=low, what="0 or more" if low else "above 0")
-        for name in ("dropout", "outliers"):
-            number(f"{name} of {self.name}", getattr(self, name), low=-1e-300, high=1.0 + 1e-15, what="0 to 1")
-        number(f"outlier_scale of {self.name}", self.outlier_scale, low=-1e-300, what="0 or more")
-        for name in ("latency", "jitter", "clock"):
-            number(f"{name} of {self.name}", getattr(self, name), low=-1e-300, what="0 s or more")
+            several = isinstance(values, tuple | list) or (isinstance(values, np.ndarray) and values.ndim > 0)
+            if not (several and len(values) == k):
+                raise ValueError(f"{title} has {k} channels, so {name} must have {k} entries, got {shown(values)}")
+        for name, kind in (("sd", "not_negative"), ("scale", "positive")):
+            values = getattr(self, name)
+            for value in () if values is None or callable(values) else values:
+                check_numbers(title, {name: value}, **{kind: name})
         for ends in self.range or ():
             pair = numbers(ends)
             if pair is None or pair.shape != (2,) or not pair[0] < pair[1]:
                 each = "(least, greatest) for each channel"
-                raise ValueError(f"range of {self.name} must have {each}, got {shown(self.range)}")
-        if self.rate is not None:
-            number(f"rate of {self.name}", self.rate, low=0.0, what="above 0 Hz, or None for one reading every step")
+                raise ValueError(f"range of {title} must have {each}, got {shown(self.range)}")
+        check_numbers(title, vars(self), share="dropout outliers", positive="rate?")
+        check_numbers(title, vars(self), not_negative="outlier_scale latency jitter clock")
         if not callable(self.reads):
-            raise ValueError(f"reads of {self.name} must be a function of (state, forcing), got {shown(self.reads)}")
+            raise ValueError(f"reads of {title} must be a function of (state, forcing), got {shown(self.reads)}")
         angles = self.angles if isinstance(self.angles, tuple | list) else (None,)
         if any(not isinstance(i, int | np.integer) or not 0 <= i < k for i in angles):
-            raise ValueError(f"angles of {self.name} must be indices below {k}, got {shown(self.angles)}")
+            raise ValueError(f"angles of {title} must be indices below {k}, got {shown(self.angles)}")
         if self.bias is not None and len(self.bias.names) > k:
-            raise ValueError(f"{self.name} has {k} channels, but a bias on {len(self.bias.names)}")
+            raise ValueError(f"{title} has {k} channels, but a bias on {len(self.bias.names)}")
 
     @property
     def informed(self) -> tuple[str, ...]:
@@ -209,22 +194,20 @@ class Sensor:
         Raises:
             ValueError: if they are no whole numbers of steps, or too many together.
         """
-        counts = []
         check_numbers("a sensor's delays", {"dt": dt}, positive="dt")
-        for name in ("latency", "jitter", "clock"):
-            seconds = getattr(self, name)
-            steps = seconds / dt
+        counts = {name: getattr(self, name) / dt for name in ("latency", "jitter", "clock")}
+        for name, steps in counts.items():
             if abs(steps - np.rint(steps)) > 1e-6 * max(steps, 1.0):
                 raise ValueError(
-                    f"{name} of {self.name} is {seconds:g} s, which is no whole number of steps of {dt:g} s: its "
-                    "readings would arrive between steps"
+                    f"{name} of {self.name} is {getattr(self, name):g} s, which is no whole number of steps of {dt:g} "
+                    "s: its readings would arrive between steps"
                 )
-            counts.append(steps)
-        if sum(counts) > LONGEST:
+        if sum(counts.values()) > LONGEST:
             raise ValueError(
-                f"latency, jitter and clock of {self.name} are {sum(counts):g} steps together, of {LONGEST} at most"
+                f"latency, jitter and clock of {self.name} are {sum(counts.values()):g} steps together, of {LONGEST} "
+                "at most"
             )
-        latency, jitter, clock = map(round, counts)
+        latency, jitter, clock = map(round, counts.values())
         return latency, jitter, clock
 
 
@@ -347,12 +330,10 @@ class Sensors:
             if name in states or self.bias_names.count(name) > 1:
                 raise ValueError(f"a bias is called {name!r}, as another component is: give it a name of its own")
         self.bias_shown = np.zeros((self.size, self.bias.size))
-        self._biased: list[tuple[slice, slice]] = []  # which channels, and where their biases are
         for sensor, own in self._owning:
             if sensor.bias is not None:
-                k, column = len(sensor.bias.names), self.bias_names.index(sensor.bias.names[0])
-                self._biased.append((slice(own.start, own.start + k), slice(column, column + k)))
-                self.bias_shown[self._biased[-1]] = np.eye(k)
+                k, first = len(sensor.bias.names), self.bias_names.index(sensor.bias.names[0])
+                self.bias_shown[own.start : own.start + k, first : first + k] = np.eye(k)
         self.bias_scale = np.array([bias.scale for bias in biased for _ in bias.states])
         self._check()
         n, units = len(states), np.eye(len(states) + len(forcing))
@@ -396,9 +377,9 @@ class Sensors:
         state, forcing = (np.zeros((2, 3, len(names))) for names in (self.state_names, self.forcing_names))
         for sensor in self.each:
             expected = (2, 3, len(sensor.channels))
-            _check_values(f"reads of {sensor.name}", "state", expected, sensor.reads, state, forcing)
+            check_values(f"reads of {sensor.name}", "states", expected, sensor.reads, state, forcing)
             if callable(sensor.sd):
-                _check_values(f"sd of {sensor.name}", "measurement", expected, sensor.sd, np.ones(expected))
+                check_values(f"sd of {sensor.name}", "measurements", expected, sensor.sd, np.ones(expected))
             for name in sensor.gives or ():
                 if name is not None and name not in self.state_names + self.forcing_names:
                     raise ValueError(unknown(f"state that {sensor.name} gives", name, self.state_names))
@@ -611,10 +592,14 @@ class Sensors:
         return mask
 
 
-def _check_values(
+def check_values(
     who: str, what: str, expected: tuple[int, ...], function: Callable[..., Any], *arguments: np.ndarray
-) -> None:
-    """Refuse a function that fails, does not repeat itself, or gives values of another shape than ``expected``."""
+) -> Any:
+    """What a user's function gives, twice the same.
+
+    Raises:
+        ValueError: for one that fails, does not repeat itself, or gives no numbers or another shape than ``expected``.
+    """
     shape = arguments[0].shape
     try:
         values = repeated(who, function, *arguments)
@@ -622,12 +607,13 @@ def _check_values(
     except Exception as error:
         if str(error).startswith(who):
             raise
-        raise ValueError(f"{who} failed on {what}s of shape {shape}: {shown(str(error))}") from error
+        raise ValueError(f"{who} failed on {what} of shape {shape}: {shown(str(error))}") from error
     if numbers(values) is None:
         raise ValueError(f"{who} must give real numbers, got {shown(values)}")
     if got != expected:
-        values = f"{expected[-1]} values for each {what}"
-        raise ValueError(f"{who} must give {values}: {shape} gave {got}, expected {expected}")
+        each = f"{expected[-1]} values for each {what.removesuffix('s')}"
+        raise ValueError(f"{who} must give {each}: {shape} gave {got}, expected {expected}")
+    return values
 
 
 def _noise_at(

@@ -10,7 +10,8 @@ from scipy.linalg import block_diag
 from estimators.checks import numbers, shown
 from estimators.engine.arrays import TracedArray
 from vessel_gym.disturbances import Disturbance
-from vessel_gym.foreign import Call, Copying, copying, ours, repeated
+from vessel_gym.foreign import Call, Copying, copying, ours
+from vessel_gym.sensors import check_values
 from vessel_gym.vehicles.vehicle import Vehicle
 
 
@@ -211,16 +212,9 @@ def _mistakes(vehicle: Vehicle, disturbance: Disturbance) -> Iterator[str]:
 
 def _mistakes_of_effect(effect: str, vehicle: Vehicle, disturbance: Disturbance) -> Iterator[str]:
     z, state = np.zeros((2, disturbance.process.size)), np.tile(cruising(vehicle), (2, 1))
-    try:
-        given = repeated(effect, disturbance.effect, z, state)
-    except Exception as error:
-        if str(error).startswith("effect of"):
-            raise
-        raise ValueError(f"{effect} failed on z of shape {z.shape}: {shown(str(error))}") from error
-    shape = given.shape if isinstance(given, np.ndarray) else f"a {type(given).__name__}"
-    if shape != (2, len(disturbance.forces)):
-        values = f"{len(disturbance.forces)} values a row, for {', '.join(disturbance.forces)}"
-        yield f"{effect} must give {values}: z of shape {z.shape} gave {shape}"
-    elif numbers(given) is None or not np.isfinite(given).all():
+    given = check_values(effect, "z", (2, len(disturbance.forces)), disturbance.effect, z, state)
+    if not isinstance(given, np.ndarray):
+        yield f"{effect} must give an array, got a {type(given).__name__}"
+    elif not np.isfinite(given).all():
         gave = f"gave {shown(given[0].tolist())} for z = 0 and a vehicle that cruises"
         yield f"{effect} {gave}: it must be real and finite"
