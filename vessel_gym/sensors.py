@@ -128,7 +128,7 @@ class Sensor:
 
     def __post_init__(self) -> None:
         instance("name of a sensor", self.name, str)
-        title, k, channels = self.name, len(self.channels), (self.channels,)
+        title, channels = self.name, (self.channels,)
         if self.bias is not None:
             instance(f"bias of {title}", self.bias, Bias)
         function(f"inverse of {title}", self.inverse, "(readings, known)")
@@ -138,7 +138,8 @@ class Sensor:
                 if isinstance(entry, str):  # whose letters would pass for names
                     raise ValueError(f"{name} of {title} must hold tuples of names, got {shown(entry)}")
         check_names(f"channels of {title}", self.channels)
-        if not self.channels:
+        k = len(self.channels)
+        if not k:
             raise ValueError(f"channels of {title} must be one or more names")
         for name in ("sd", "range", "scale", "gives", "informs"):
             values = getattr(self, name)

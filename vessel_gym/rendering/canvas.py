@@ -13,29 +13,11 @@ from typing import Any, Literal
 import numpy as np
 import pygame
 
-Colour = tuple[int, int, int]
+from vessel_gym.rendering import palette
+from vessel_gym.rendering.palette import Colour
+
 Point = tuple[float, float]
 Align = Literal["left", "centre", "right"]
-
-PAPER: Colour = (241, 244, 247)
-PANEL: Colour = (255, 255, 255)
-WATER: Colour = (246, 250, 253)
-EDGE: Colour = (221, 227, 234)
-GRID: Colour = (234, 238, 243)
-ZERO: Colour = (203, 211, 220)
-TEXT: Colour = (31, 41, 55)
-MUTED: Colour = (104, 116, 131)
-TRUE: Colour = (29, 88, 158)
-TRUE_PALE: Colour = (196, 214, 234)
-TRUE_SOFT: Colour = (128, 171, 219)
-BELIEVED: Colour = (226, 112, 22)
-BELIEVED_PALE: Colour = (253, 228, 205)
-COMMANDED: Colour = (138, 150, 164)
-LIMIT: Colour = (196, 61, 61)
-GOAL: Colour = (20, 140, 126)
-MEMBER: Colour = (240, 165, 98)
-FIX: Colour = (128, 78, 168)
-OBSTACLE: Colour = (240, 216, 214)
 
 CIRCLE = np.stack([np.cos(np.linspace(0.0, 2.0 * np.pi, 48)), np.sin(np.linspace(0.0, 2.0 * np.pi, 48))], -1)
 """Points ``(48, 2)`` of a unit circle."""
@@ -96,7 +78,7 @@ class Canvas:
         self._ink = pygame.Surface((width * _OVERSAMPLING, height * _OVERSAMPLING), depth=32)
         self._page = pygame.Surface(self.size, depth=32)
 
-    def clear(self, colour: Colour = PAPER) -> None:
+    def clear(self, colour: Colour = palette.PAPER) -> None:
         """Begin a new picture."""
         self._ink.fill(colour)
 
@@ -115,12 +97,12 @@ class Canvas:
         finally:
             self._ink.set_clip(None)
 
-    def panel(self, box: Box, colour: Colour = PANEL) -> None:
+    def panel(self, box: Box, colour: Colour = palette.PANEL) -> None:
         """A card with a thin edge."""
         k = _OVERSAMPLING
         rect = pygame.Rect(box.left * k, box.top * k, box.width * k, box.height * k)
         pygame.draw.rect(self._ink, colour, rect, border_radius=6 * k)
-        pygame.draw.rect(self._ink, EDGE, rect, width=k, border_radius=6 * k)
+        pygame.draw.rect(self._ink, palette.EDGE, rect, width=k, border_radius=6 * k)
 
     def line(self, points: np.ndarray, colour: Colour, width: float = 1.5) -> None:
         """A line through points."""
@@ -168,7 +150,7 @@ class Canvas:
         self.segments((points[:, None, None] + arms).reshape(-1, 2, 2), colour, width)
 
     def text(
-        self, x: float, y: float, text: str, colour: Colour = TEXT, size: int = 12, align: Align = "left",
+        self, x: float, y: float, text: str, colour: Colour = palette.TEXT, size: int = 12, align: Align = "left",
         bold: bool = False,
     ) -> float:  # fmt: skip
         """Write a line of text, vertically centred on ``y``; returns its width."""

@@ -5,20 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vessel_gym.rendering.canvas import (
-    BELIEVED,
-    BELIEVED_PALE,
-    GRID,
-    MUTED,
-    TEXT,
-    TRUE_SOFT,
-    ZERO,
-    Box,
-    Canvas,
-    Colour,
-    nice,
-    signed,
-)
+from vessel_gym.rendering import palette
+from vessel_gym.rendering.canvas import Box, Canvas, nice, signed
+from vessel_gym.rendering.palette import Colour
 
 _GAP = 10.0
 _COLUMNS = 3
@@ -46,7 +35,7 @@ class Chart(NamedTuple):
 
 def error(title: str, value: np.ndarray, sd: np.ndarray) -> Chart:
     """A chart of what is believed minus what is true ``(T,)``, with the standard deviation that is claimed for it."""
-    return Chart(title, [Series("believed − true, ±2σ", BELIEVED, value)], (-2.0 * sd, 2.0 * sd))
+    return Chart(title, [Series("believed − true, ±2σ", palette.BELIEVED, value)], (-2.0 * sd, 2.0 * sd))
 
 
 def comparison(
@@ -54,7 +43,7 @@ def comparison(
 ) -> Chart:
     """A chart of something true and something believed ``(T,)``, perhaps with the latter's standard deviation."""
     named = "believed" if sd is None else "believed ±2σ"
-    lines = [Series("true", TRUE_SOFT, true, 3.5), Series(named, BELIEVED, believed, 1.2, late)]
+    lines = [Series("true", palette.TRUE_SOFT, true, 3.5), Series(named, palette.BELIEVED, believed, 1.2, late)]
     return Chart(title, lines, None if sd is None else (believed - 2.0 * sd, believed + 2.0 * sd))
 
 
@@ -104,28 +93,28 @@ def draw_chart(canvas: Canvas, box: Box, chart: Chart, time: np.ndarray, end: fl
 
     if chart.band is not None and len(time) > 1:
         edge = np.append(chart.band[0], chart.band[1][::-1])
-        canvas.polygon(pixels(np.append(time, time[::-1]), edge), BELIEVED_PALE)
+        canvas.polygon(pixels(np.append(time, time[::-1]), edge), palette.BELIEVED_PALE)
     for level in ticks(low, high, 3):
         line = pixels(np.array([0.0, end]), np.full(2, level))
-        canvas.line(line, GRID if level else ZERO, 1.0)
-        canvas.text(plot.left - 6, line[0, 1], signed(level), MUTED, 10, "right")
+        canvas.line(line, palette.GRID if level else palette.ZERO, 1.0)
+        canvas.text(plot.left - 6, line[0, 1], signed(level), palette.MUTED, 10, "right")
     times = ticks(0.0, end, 4)
     for tick in times:
         x = plot.left + tick * scale[0]
-        canvas.line(np.array([[x, plot.top], [x, plot.bottom]]), GRID, 1.0)
+        canvas.line(np.array([[x, plot.top], [x, plot.bottom]]), palette.GRID, 1.0)
         if timed:
             words = f"{tick:g} s" if tick == times[-1] else f"{tick:g}"
-            canvas.text(x, plot.bottom + 10, words, MUTED, 10, "centre")
+            canvas.text(x, plot.bottom + 10, words, palette.MUTED, 10, "centre")
     with canvas.clipped(plot.inset(-4, -4, -4, -4)):
         for each in chart.series:
             points = pixels(time - each.late, each.value)
             canvas.line(points, each.colour, each.width)
             canvas.dot(points[-1], each.colour, 2.5)
-    canvas.text(box.left + 12, box.top + 15, chart.title, TEXT, 12, bold=True)
+    canvas.text(box.left + 12, box.top + 15, chart.title, palette.TEXT, 12, bold=True)
     right = box.right - 12.0
     for each in reversed(chart.series):
         if each.label:
-            right -= canvas.text(right, box.top + 15, each.label, MUTED, 10, "right") + 5
+            right -= canvas.text(right, box.top + 15, each.label, palette.MUTED, 10, "right") + 5
             canvas.line(np.array([[right - 14.0, box.top + 15], [right, box.top + 15]]), each.colour, 2.0)
             right -= 14.0 + 10.0
 

@@ -2,25 +2,8 @@
 
 import numpy as np
 
-from vessel_gym.rendering.canvas import (
-    BELIEVED,
-    BELIEVED_PALE,
-    CIRCLE,
-    COMMANDED,
-    FIX,
-    GOAL,
-    LIMIT,
-    MEMBER,
-    MUTED,
-    OBSTACLE,
-    PANEL,
-    TEXT,
-    TRUE,
-    TRUE_PALE,
-    TRUE_SOFT,
-    Canvas,
-    two_sigma,
-)
+from vessel_gym.rendering import palette
+from vessel_gym.rendering.canvas import CIRCLE, Canvas, two_sigma
 from vessel_gym.rendering.hulls import HULLS
 from vessel_gym.rendering.journey import Journey, Moment
 from vessel_gym.rendering.maps import Frame, View, bar_length, draw_grid
@@ -70,22 +53,22 @@ class Marks:
                 y = float(frame.pixels(np.array([-around.surface, 0.0]))[1])
                 if y > box.top:
                     sky = [[box.left, box.top], [box.right, box.top], [box.right, y], [box.left, y]]
-                    canvas.polygon(np.array(sky), PANEL)
-                    canvas.line(np.array([[box.left, y], [box.right, y]]), TRUE_SOFT, 2.0)
+                    canvas.polygon(np.array(sky), palette.PANEL)
+                    canvas.line(np.array([[box.left, y], [box.right, y]]), palette.TRUE_SOFT, 2.0)
                     if not close:
-                        canvas.text(box.right - 10, y - 9, "surface", MUTED, 10, "right")
+                        canvas.text(box.right - 10, y - 9, "surface", palette.MUTED, 10, "right")
             for north, east, radius in () if view.aside else around.obstacles:
-                canvas.polygon(frame.pixels([north, east] + radius * CIRCLE), OBSTACLE, LIMIT, 1.0)
+                canvas.polygon(frame.pixels([north, east] + radius * CIRCLE), palette.OBSTACLE, palette.LIMIT, 1.0)
             if len(around.path):
-                canvas.dashes(at(around.path), COMMANDED, 1.5)
-            canvas.crosses(at(self._fixes), FIX, mark, 0.35 * mark)
+                canvas.dashes(at(around.path), palette.COMMANDED, 1.5)
+            canvas.crosses(at(self._fixes), palette.FIX, mark, 0.35 * mark)
             if around.goal is not None:
                 goal, radius = at(np.array(around.goal[:3])), max(around.goal[3] * frame.scale, 4.0)
-                canvas.ring(goal, GOAL, radius, 1.5)
-                canvas.dot(goal, GOAL, 2.0)
+                canvas.ring(goal, palette.GOAL, radius, 1.5)
+                canvas.dot(goal, palette.GOAL, 2.0)
             if self._located:
-                canvas.line(at(self.believed[:, :3]), BELIEVED, 1.5)
-            canvas.line(at(self.true[:, :3]), TRUE, 2.0)
+                canvas.line(at(self.believed[:, :3]), palette.BELIEVED, 1.5)
+            canvas.line(at(self.true[:, :3]), palette.TRUE, 2.0)
             if not close:
                 _draw_start(canvas, at(self.true[0, :3]))
             self._vehicles(canvas, frame, view, size, close)
@@ -100,17 +83,17 @@ class Marks:
         ellipse = frame.pixels(view.seen(self.believed[-1, :3]) + two_sigma(self.cov(view)))
         sure = self._members is not None or np.ptp(ellipse, 0).max() < 1.0
         if not sure:
-            canvas.polygon(ellipse, BELIEVED_PALE)
-        canvas.polygon(true, TRUE_PALE, TRUE, 1.5)
+            canvas.polygon(ellipse, palette.BELIEVED_PALE)
+        canvas.polygon(true, palette.TRUE_PALE, palette.TRUE, 1.5)
         if not sure:
-            canvas.outline(ellipse, MEMBER, 1.5)
+            canvas.outline(ellipse, palette.MEMBER, 1.5)
         if self._members is not None:
             for member in frame.pixels(view.seen(self._members)):
-                canvas.dot(member, MEMBER, 1.8 if close else 1.2)
-        canvas.outline(believed, BELIEVED, 1.5)
+                canvas.dot(member, palette.MEMBER, 1.8 if close else 1.2)
+        canvas.outline(believed, palette.BELIEVED, 1.5)
         if close:
-            canvas.dot(frame.pixels(view.seen(self.true[-1, :3])), TRUE, 3.0)
-            canvas.dot(frame.pixels(view.seen(self.believed[-1, :3])), BELIEVED, 3.0)
+            canvas.dot(frame.pixels(view.seen(self.true[-1, :3])), palette.TRUE, 3.0)
+            canvas.dot(frame.pixels(view.seen(self.believed[-1, :3])), palette.BELIEVED, 3.0)
 
     def legend(self) -> dict[str, str]:
         """What marks there are, in words."""
@@ -135,29 +118,29 @@ class Marks:
         """What an entry of the legend stands for."""
         line, outline = at + [[-14.0, 0.0], [14.0, 0.0]], at + self.hull.pixels(22.0, 0.0) * self.hull.above
         if kind == "true":
-            canvas.line(line, TRUE, 2.0)
-            canvas.polygon(outline, TRUE_PALE, TRUE, 1.2)
+            canvas.line(line, palette.TRUE, 2.0)
+            canvas.polygon(outline, palette.TRUE_PALE, palette.TRUE, 1.2)
         elif kind == "believed":
-            canvas.line(line, BELIEVED, 1.5)
-            canvas.polygon(outline, PANEL, BELIEVED, 1.2)
+            canvas.line(line, palette.BELIEVED, 1.5)
+            canvas.polygon(outline, palette.PANEL, palette.BELIEVED, 1.2)
         elif kind == "cloud":
             for member in ((-9, 1), (-5, -3), (-2, 3), (0, -1), (4, 4), (5, -2), (9, 0)):
-                canvas.dot(at + member, MEMBER, 1.5)
+                canvas.dot(at + member, palette.MEMBER, 1.5)
         elif kind == "ellipse":
-            canvas.polygon(at + CIRCLE * [12.0, 6.0], BELIEVED_PALE, MEMBER, 1.0)
+            canvas.polygon(at + CIRCLE * [12.0, 6.0], palette.BELIEVED_PALE, palette.MEMBER, 1.0)
         elif kind == "fix":
-            canvas.crosses(at[None], FIX, 3.5, 1.5)
+            canvas.crosses(at[None], palette.FIX, 3.5, 1.5)
         elif kind == "start":
             _draw_start(canvas, at)
         elif kind == "path":
-            canvas.dashes(line, COMMANDED, 1.5)
+            canvas.dashes(line, palette.COMMANDED, 1.5)
         elif kind == "goal":
-            canvas.ring(at, GOAL, 7.0, 1.5)
-            canvas.dot(at, GOAL, 2.0)
+            canvas.ring(at, palette.GOAL, 7.0, 1.5)
+            canvas.dot(at, palette.GOAL, 2.0)
         elif kind == "obstacle":
-            canvas.polygon(at + CIRCLE * 7.0, OBSTACLE, LIMIT, 1.0)
+            canvas.polygon(at + CIRCLE * 7.0, palette.OBSTACLE, palette.LIMIT, 1.0)
 
 
 def _draw_start(canvas: Canvas, at: np.ndarray) -> None:
-    canvas.dot(at, TEXT, 4.0)
-    canvas.dot(at, PANEL, 2.2)
+    canvas.dot(at, palette.TEXT, 4.0)
+    canvas.dot(at, palette.PANEL, 2.2)

@@ -4,11 +4,13 @@ import numpy as np
 
 from estimators.angles import difference
 from vessel_gym.core import Core
-from vessel_gym.rendering.canvas import FIX, GOAL, LIMIT, MUTED, TEXT, TRUE, Box, Canvas, Colour, nice, two_sigma
+from vessel_gym.rendering import palette
+from vessel_gym.rendering.canvas import Box, Canvas, nice, two_sigma
 from vessel_gym.rendering.charts import Chart, Series, comparison, draw_charts, error
 from vessel_gym.rendering.journey import Journey, Moment
 from vessel_gym.rendering.maps import Frame, View, draw_card, draw_north, draw_scale_bar, views_of
 from vessel_gym.rendering.marks import Marks
+from vessel_gym.rendering.palette import Colour
 from vessel_gym.surroundings import Surroundings, in_words, pose, surroundings_of
 
 _GAP = 10.0
@@ -20,7 +22,7 @@ _FIRST = ("x", "y", "psi", "u", "climb", "z", "h", "theta")
 """What is charted first."""
 _POSE = ("x", "y", "z", "h", "phi", "theta", "psi")
 """What maps show: charts tell by how much it is believed wrong."""
-_LINES = (TRUE, GOAL, FIX, LIMIT)
+_LINES = (palette.TRUE, palette.GOAL, palette.FIX, palette.LIMIT)
 
 
 class Picture:
@@ -80,16 +82,16 @@ class Picture:
         core = self._core
         words = [f"estimator {core.estimator}", f"{core.disturbance_name} disturbance", f"{core.sensors_name} sensors"]
         words += [f"mismatch {100 * core.mismatch:g} %"] if core.mismatch else []
-        canvas.text(box.left, box.top + 21, self.title, TEXT, 17, bold=True)
-        canvas.text(box.left, box.top + 44, "   ·   ".join(words), MUTED, 13)
+        canvas.text(box.left, box.top + 21, self.title, palette.TEXT, 17, bold=True)
+        canvas.text(box.left, box.top + 44, "   ·   ".join(words), palette.MUTED, 13)
         values = {"score": f"{history.score[-1]:.3f}", "time": f"{history.step[-1] * core.vehicle.dt:.1f} s"}
         if self._around.goal is not None:
             away = float(np.linalg.norm(place - self._around.goal[:3]))
             values["to the goal"] = f"{away:.2f} m" if away < 1.0 else f"{away:.1f} m"
         right, y = box.right, box.top + 32
         for label, value in values.items():
-            right -= canvas.text(right, y, value, TEXT, 15, "right", bold=True) + 8
-            right -= canvas.text(right, y, label, MUTED, 13, "right") + 24
+            right -= canvas.text(right, y, value, palette.TEXT, 15, "right", bold=True) + 8
+            right -= canvas.text(right, y, label, palette.MUTED, 13, "right") + 24
         outcome, colour = self._outcome(history)
         canvas.text(right, y, outcome, colour, 15, "right", bold=True)
 
@@ -98,10 +100,10 @@ class Picture:
         task = self._core.task
         end = task.ends[self._core.end[self._row]]
         if end:
-            return end, GOAL if end == task.success else LIMIT
+            return end, palette.GOAL if end == task.success else palette.LIMIT
         if history.step[-1] >= task.horizon:
-            return "time is up", LIMIT if task.success else GOAL
-        return "under way", MUTED
+            return "time is up", palette.LIMIT if task.success else palette.GOAL
+        return "under way", palette.MUTED
 
     # --- maps ---------------------------------------------------------------------------------------
 
@@ -160,7 +162,7 @@ class Picture:
         wide = (box.width - 12) / -(-len(labels) // 3)
         for i, (kind, label) in enumerate(labels.items()):
             at = np.array([box.left + 28 + (i // 3) * wide, box.top + 16 + (i % 3) * 24])
-            canvas.text(at[0] + 22, at[1], label, TEXT, 11)
+            canvas.text(at[0] + 22, at[1], label, palette.TEXT, 11)
             marks.draw_icon(canvas, kind, at)
 
     # --- charts -------------------------------------------------------------------------------------
@@ -176,7 +178,7 @@ class Picture:
             rest.append(comparison(f"Unknown {core.unknown_inputs[0]}", true, believed, late=late))
         names = zip(core.vehicle.action_names, _LINES, history.action.T, strict=False)
         rest.append(Chart("Actions", [Series(*each) for each in names], reach=(-1.0, 1.0)))
-        rest.append(Chart("Score so far", [Series("", TRUE, history.score, 2.0)], reach=(0.0, 0.1)))
+        rest.append(Chart("Score so far", [Series("", palette.TRUE, history.score, 2.0)], reach=(0.0, 0.1)))
         return charts[: (6 if self._views else 12) - len(rest)] + rest
 
     def _components(self) -> list[str]:
