@@ -9,6 +9,7 @@ turns to starboard. Definitions: IMO resolution MSC.137(76), Standards for ship 
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.optimize import brentq
@@ -81,11 +82,10 @@ def simulate(
     if not callable(command) and len(orders) < steps:
         raise ValueError(f"the schedule has {len(orders)} commands for {steps} steps")
     state = _straight_on(ship) if start is None else finite_array("start of simulate", start, len(STATE)).copy()
-    c = ship.vector()
-    states, rudders = [state], [float(rudder)]
+    helm, states, rudders = _Helm(ship, substeps, current), [state], [float(rudder)]
     for k in range(steps):
         order = number("command of simulate", command(k * dt, state) if callable(command) else orders[k])
-        state, rudder = _helm_step(state, rudder, order, dt, ship, c, substeps, current)
+        state, rudder = helm.step(state, rudder, order, dt)
         states.append(state)
         rudders.append(rudder)
         if stop is not None and stop(state):
@@ -100,42 +100,30 @@ def _straight_on(ship: CorvetteParameters) -> np.ndarray:
     return state
 
 
-def _helm_step(
-    state: np.ndarray,
-    rudder: float,
-    command: float,
-    dt: float,
-    ship: CorvetteParameters,
-    c: np.ndarray,
-    substeps: int = 1,
-    current: tuple[float, float] = (0.0, 0.0),
-) -> tuple[np.ndarray, float]:
-    """The state and the rudder after ``dt``: the rudder moves until it has arrived, then rests."""
-    if dt <= 0.0:
-        return state, rudder
-    command = min(max(command, -ship.rudder_limit), ship.rudder_limit)
-    around = np.array([*current, *np.zeros(len(AROUND) - 2)])
-    moving = abs(command - rudder) / ship.rudder_rate
-    if moving >= dt:
-        end = rudder + np.copysign(ship.rudder_rate * dt, command - rudder)
-        return _moved(state, rudder, end, around, c, dt, substeps), float(end)
-    if moving > 0.0:
-        state = _moved(state, rudder, command, around, c, moving, substeps)
-    return _moved(state, command, command, around, c, dt - moving, substeps), command
+class _Helm:
+    """A ship whose rudder follows orders at its limited rate and within its limits."""
 
+    def __init__(self, ship: CorvetteParameters, substeps: int = 1, current: Sequence[float] = (0.0, 0.0)) -> None:
+        self._ship, self._c, self._substeps = ship, ship.vector(), substeps
+        self._around = np.array([*current, *np.zeros(len(AROUND) - 2)])
 
-def _moved(
-    state: np.ndarray, before: float, after: float, around: np.ndarray, c: np.ndarray, dt: float, substeps: int
-) -> np.ndarray:
-    """The state ``(8,)`` after ``dt``, the rudder moving from ``before`` to ``after``."""
-    return runge_kutta(corvette_rates, state, np.array([before]), np.array([after]), around, c, dt, substeps)
+    def step(self, state: np.ndarray, rudder: float, order: float, dt: float) -> tuple[np.ndarray, float]:
+        """The state and the rudder after ``dt``: the rudder moves until it has arrived, then rests."""
+        if dt <= 0.0:
+            return state, rudder
+        order = min(max(order, -self._ship.rudder_limit), self._ship.rudder_limit)
+        moving = abs(order - rudder) / self._ship.rudder_rate
+        if moving >= dt:
+            end = float(rudder + np.copysign(self._ship.rudder_rate * dt, order - rudder))
+            return self._moved(state, rudder, end, dt), end
+        if moving > 0.0:
+            state = self._moved(state, rudder, order, moving)
+        return self._moved(state, order, order, dt - moving), order
 
-
-def _time_to_heading(
-    heading: float, state: np.ndarray, rudder: float, command: float, dt: float, ship: CorvetteParameters, c: np.ndarray
-) -> float:
-    """Time within a step at which the heading is reached."""
-    return brentq(lambda t: _helm_step(state, rudder, command, t, ship, c)[0][2] - heading, 0.0, dt, xtol=1e-12)
+    def _moved(self, state: np.ndarray, before: float, after: float, dt: float) -> np.ndarray:
+        """The state ``(8,)`` after ``dt``, the rudder moving from ``before`` to ``after``."""
+        rudder = np.array([before]), np.array([after])
+        return runge_kutta(corvette_rates, state, *rudder, self._around, self._c, dt, self._substeps)
 
 
 # --- turning circle ---------------------------------------------------------------------------------
@@ -331,20 +319,19 @@ def zigzag(
     ship = _at_speed(ship, speed, rudder)
     _check_times(ship, dt, longest=longest)
     target = abs(rudder if heading is None else heading)
-    c = ship.vector()
-    state, angle, order = _straight_on(ship), 0.0, float(rudder)
+    helm, state, angle, order = _Helm(ship), _straight_on(ship), 0.0, float(rudder)
     states, angles, executes, peaks = [state], [angle], [0.0], []
     for k in range(max(round(longest / dt), 1)):
         elapsed = 0.0
-        after = _helm_step(state, angle, order, dt, ship, c)
+        after = helm.step(state, angle, order, dt)
         if np.sign(order) * after[0][2] >= target:  # reverse within this step
             elapsed = dt
             if not on_samples:
-                elapsed = _time_to_heading(np.copysign(target, order), state, angle, order, dt, ship, c)
-            state, angle = _helm_step(state, angle, order, elapsed, ship, c)
+                elapsed = brentq(partial(_beyond, helm, state, angle, order, target), 0.0, dt, xtol=1e-12)
+            state, angle = helm.step(state, angle, order, elapsed)
             order = -order
             executes.append(k * dt + elapsed)
-            after = _helm_step(state, angle, order, dt - elapsed, ship, c)
+            after = helm.step(state, angle, order, dt - elapsed)
         # After an execute the ship still swings the old way; where the yaw rate changes sign, the heading peaks.
         before, (state, angle) = state, after
         if before[5] * state[5] <= 0.0 and before[5] * order < 0.0:
@@ -361,6 +348,11 @@ def zigzag(
         executes=tuple(executes),
         track=Track(dt * np.arange(len(states)), np.array(states), np.array(angles)),
     )
+
+
+def _beyond(helm: _Helm, state: np.ndarray, rudder: float, order: float, target: float, time: float) -> float:
+    """By how much the heading has changed beyond the ``target`` [rad] within a step, to the side of the order."""
+    return float(helm.step(state, rudder, order, time)[0][2] - np.copysign(target, order))
 
 
 def initial_turning(

@@ -677,7 +677,7 @@ MISDECLARED = [
     (AUV, disturbance(scale=1.0), "Mine is not what a Disturbance must be: .*"),
     (AUV, disturbance(process=None), "Mine is not what a Disturbance must be: .*"),
     (AUV, disturbance(forces=(["current north"],)), "Mine is not what a Disturbance must be: .*"),
-    (AUV, disturbance(effect=lambda self, z, state: z[0]), r"effect of Mine must give 2 values for each z: .* gave \(2,\), .*"),
+    (AUV, disturbance(effect=lambda self, z, state: z[0]), r"effect of Mine must give 2 values for .* gave \(2,\), .*"),
     (AUV, disturbance(effect=lambda self, z, state: z[..., [0, 2]]), r"effect of Mine failed on z of shape .*"),
     (AUV, disturbance(told="state"), "unknown way to tell a filter of a disturbance .state. .*"),
 ]  # fmt: skip

@@ -20,14 +20,7 @@ from vessel_gym.vehicles.hydrodynamics import (
     Spheroid,
     Torpedo,
     axial_drag_coefficient,
-    coefficients,
-    cross_flow_drag,
-    fin_lift,
-    hull_lift,
     lamb_factors,
-    lateral_added_mass,
-    munk_moment,
-    plate_drag_coefficient,
     section_added_mass,
 )
 
@@ -251,15 +244,15 @@ def test_the_integrals_of_a_bare_spheroid_are_closed_forms():
     a, b, rho = 0.49, 0.094, 1025.0
     torpedo = bare(Torpedo(Spheroid(2 * a, 2 * b), REMUS.fins, 0.2))
     mass = rho * 4 / 3 * np.pi * a * b**2
-    np.testing.assert_allclose(lateral_added_mass(torpedo), (mass, 0.0, mass * a**2 / 5), rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(torpedo.lateral_added_mass(), (mass, 0.0, mass * a**2 / 5), rtol=1e-6, atol=1e-6)
     drag = 0.5 * rho * 1.1 * np.pi * a * b
     turning = 0.5 * rho * 1.1 * 4 * b * a**4 * 2 / 15
-    np.testing.assert_allclose(cross_flow_drag(torpedo), (drag, 0.0, 0.0, turning), rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(torpedo.cross_flow_integrals(), (drag, 0.0, 0.0, turning), rtol=1e-6, atol=1e-6)
 
 
 @pytest.mark.parametrize(("ratio", "across", "turning"), [(5.0, 1.12, 1.37), (10.0, 1.04, 1.12)])
 def test_strips_are_too_heavy_because_water_goes_round_the_ends(ratio, across, turning):
-    c = coefficients(bare(Torpedo(Spheroid(ratio, 1.0), REMUS.fins, 0.2)))
+    c = bare(Torpedo(Spheroid(ratio, 1.0), REMUS.fins, 0.2)).coefficients()
     mass = 1025.0 * np.pi / 6 * ratio
     _, lamb_across, lamb_turning = lamb_factors(ratio, 1.0)
     assert -c.Y_vdot / (lamb_across * mass) == pytest.approx(across, abs=0.005)
@@ -276,7 +269,7 @@ def test_a_fin_is_a_plate_when_long_and_a_slender_wing_when_short():
     def slope(aspect: float) -> float:
         fins = Fins(area=0.01, span=np.sqrt(0.5 * aspect * 0.01), position=-0.4, taper=1.0)
         assert fins.aspect_ratio == pytest.approx(aspect)
-        return fin_lift(replace(REMUS, fins=fins)) / (0.5 * 1030.0 * 0.01)
+        return replace(REMUS, fins=fins).fin_lift() / (0.5 * 1030.0 * 0.01)
 
     assert slope(1e6) == pytest.approx(0.9 * 2 * np.pi, rel=1e-4)
     assert slope(1e-3) == pytest.approx(np.pi * 1e-3, rel=1e-3)
@@ -284,18 +277,18 @@ def test_a_fin_is_a_plate_when_long_and_a_slender_wing_when_short():
 
 
 def test_a_rectangular_fin_drags_more_than_a_tapered_one():
-    assert plate_drag_coefficient(REMUS.fins) == pytest.approx(0.558, abs=5e-4)  # printed
-    assert plate_drag_coefficient(replace(REMUS.fins, taper=1.0)) == pytest.approx(0.8)
+    assert REMUS.fins.plate_drag_coefficient() == pytest.approx(0.558, abs=5e-4)  # printed
+    assert replace(REMUS.fins, taper=1.0).plate_drag_coefficient() == pytest.approx(0.8)
 
 
 def test_roll_drag_is_four_plates_on_strips():
-    c = coefficients(REMUS)
-    plates = 4 * 0.5 * 1030.0 * plate_drag_coefficient(REMUS.fins) * REMUS.fins.chord
+    c = REMUS.coefficients()
+    plates = 4 * 0.5 * 1030.0 * REMUS.fins.plate_drag_coefficient() * REMUS.fins.chord
     assert -c.K_pp == pytest.approx(plates * quad(lambda s: s**3, REMUS.root, REMUS.tip)[0])
 
 
 def test_axial_drag_is_on_the_frontal_area_and_a_cross_of_fins_drags_water_along_in_roll():
-    c = coefficients(replace(REMUS, axial_drag=0.2))
+    c = replace(REMUS, axial_drag=0.2).coefficients()
     assert pytest.approx(-0.5 * 1030.0 * 0.2 * np.pi * 0.0955**2) == c.X_uu
     assert pytest.approx(-2 / np.pi * 1030.0 * REMUS.tip**4 * REMUS.fins.chord) == c.K_pdot
     assert REMUS.tip == pytest.approx(0.131, abs=1e-3)  # printed
@@ -319,7 +312,7 @@ def test_coefficients_grow_with_known_powers_of_size(torpedo, factor):
         hull=Spheroid(factor * hull.length, factor * hull.diameter),
         fins=Fins(factor**2 * fins.area, factor * fins.span, factor * fins.position, fins.taper),
     )
-    small, large = asdict(coefficients(torpedo)), asdict(coefficients(larger))
+    small, large = asdict(torpedo.coefficients()), asdict(larger.coefficients())
     assert sum(len(names) for names in POWERS.values()) == len(small)
     for power, names in POWERS.items():
         for name in names:
@@ -328,14 +321,14 @@ def test_coefficients_grow_with_known_powers_of_size(torpedo, factor):
 
 @given(torpedo=torpedoes(), density=st.floats(900.0, 1100.0))
 def test_coefficients_are_proportional_to_the_density_of_water(torpedo, density):
-    here, there = coefficients(torpedo), coefficients(replace(torpedo, water_density=density))
+    here, there = torpedo.coefficients(), replace(torpedo, water_density=density).coefficients()
     for name, value in asdict(here).items():
         assert getattr(there, name) == pytest.approx(value * density / 1025.0, rel=1e-12), name
 
 
 @given(torpedo=torpedoes(), motion=speeds)
 def test_rolled_by_a_right_angle_the_vehicle_is_the_same(torpedo, motion):
-    c, (u, v, r) = coefficients(torpedo), motion
+    c, (u, v, r) = torpedo.coefficients(), motion
     flip = np.array([1.0, -1.0])  # starboard becomes down, and then nose-up turns against starboard-wards
     np.testing.assert_allclose(vertical_drag(c, v, -r), flip * horizontal_drag(c, v, r), rtol=1e-12)
     np.testing.assert_allclose(vertical_lift(c, u, v, -r), flip * horizontal_lift(c, u, v, r), rtol=1e-12)
@@ -349,7 +342,7 @@ def test_rolled_by_a_right_angle_the_vehicle_is_the_same(torpedo, motion):
 @given(torpedo=torpedoes())
 def test_fins_at_the_bow_mirror_fins_at_the_stern(torpedo):
     mirrored = replace(torpedo, fins=replace(torpedo.fins, position=-torpedo.fins.position))
-    aft, fore = coefficients(torpedo), coefficients(mirrored)
+    aft, fore = torpedo.coefficients(), mirrored.coefficients()
     for names, sign in ((EVEN, 1), (ODD, -1)):
         for name in names:
             assert getattr(fore, name) == pytest.approx(sign * getattr(aft, name), rel=1e-9), name
@@ -359,7 +352,7 @@ def test_fins_at_the_bow_mirror_fins_at_the_stern(torpedo):
 @given(torpedo=torpedoes(), motion=speeds)
 @settings(max_examples=300)
 def test_drag_never_drives_the_vehicle(torpedo, motion):
-    c, (p, v, r) = coefficients(torpedo), motion
+    c, (p, v, r) = torpedo.coefficients(), motion
     r = 3.0 * r / torpedo.hull.length  # the ends then move about as fast as the middle
     for force in (horizontal_drag(c, v, r), vertical_drag(c, v, r)):
         assert force @ (v, r) <= 1e-12 * abs(force) @ np.abs((v, r))
@@ -371,7 +364,7 @@ def test_drag_never_drives_the_vehicle(torpedo, motion):
 @given(torpedo=torpedoes(), motion=speeds)
 @settings(max_examples=300)
 def test_lift_never_drives_the_vehicle_ahead_or_astern(torpedo, motion):
-    c, (u, v, r) = coefficients(torpedo), motion
+    c, (u, v, r) = torpedo.coefficients(), motion
     r = 3.0 * r / torpedo.hull.length
     for force in (horizontal_lift(c, u, v, r), vertical_lift(c, u, v, r)):
         assert force @ (v, r) <= 1e-12 * abs(force) @ np.abs((v, r))
@@ -379,8 +372,8 @@ def test_lift_never_drives_the_vehicle_ahead_or_astern(torpedo, motion):
 
 def test_lift_of_the_hull_without_its_rate_terms_would_drive_it():
     """Why the hull has them here and not in Prestero (2001)."""
-    c, (lift, x) = coefficients(REMUS), hull_lift(REMUS)
-    fins = 2.0 * fin_lift(REMUS) * np.array([[1.0, -0.638], [-0.638, 0.638**2]])
+    c, (lift, x) = REMUS.coefficients(), REMUS.hull_lift()
+    fins = 2.0 * REMUS.fin_lift() * np.array([[1.0, -0.638], [-0.638, 0.638**2]])
     printed = -fins - lift * np.array([[1.0, 0.0], [x, 0.0]])
     complete = np.array([[c.Y_uv, c.Y_ur], [c.N_uv, c.N_ur]])
     np.testing.assert_allclose(complete - printed, -lift * np.array([[0.0, x], [0.0, x**2]]), atol=1e-12)
@@ -401,7 +394,7 @@ def test_the_inertia_of_body_and_water_is_symmetric_and_positive(torpedo, depth)
     rigid = np.diag([m, m, m, m * d**2 / 10 + m * z**2, pitch + m * z**2, pitch])
     rigid[0, 4] = rigid[4, 0] = m * z
     rigid[1, 3] = rigid[3, 1] = -m * z
-    water = added_mass(coefficients(torpedo))
+    water = added_mass(torpedo.coefficients())
     for matrix in (water, rigid + water):
         np.testing.assert_array_equal(matrix, matrix.T)
         scale = 1.0 / np.sqrt(np.diag(matrix))
@@ -410,10 +403,10 @@ def test_the_inertia_of_body_and_water_is_symmetric_and_positive(torpedo, depth)
 
 @given(torpedo=torpedoes())
 def test_positive_fins_turn_to_port_and_dive_and_steady_the_course(torpedo):
-    c = coefficients(torpedo)
+    c = torpedo.coefficients()
     assert c.Y_uudr > 0 > c.N_uudr
     assert c.Z_uuds < 0 > c.M_uuds
-    assert munk_moment(c) < 0 < coefficients(torpedo).N_uv  # the one turns the hull across, the other back
+    assert c.munk_moment() < 0 < torpedo.coefficients().N_uv  # the one turns the hull across, the other back
 
 
 # --- against published vehicles ---------------------------------------------------------------------
@@ -426,7 +419,7 @@ def test_positive_fins_turn_to_port_and_dive_and_steady_the_course(torpedo):
      ("N_rr", -9.4)],
 )  # fmt: skip
 def test_remus_has_the_published_coefficients_within_a_quarter(name, published):
-    assert getattr(coefficients(REMUS), name) == pytest.approx(published, rel=0.25)
+    assert getattr(REMUS.coefficients(), name) == pytest.approx(published, rel=0.25)
 
 
 def test_lamb_s_spheroid_without_fins_is_too_light_for_remus():
@@ -437,7 +430,7 @@ def test_lamb_s_spheroid_without_fins_is_too_light_for_remus():
 
 
 def test_one_fin_of_remus_has_the_published_lift_within_a_quarter_and_the_vehicle_has_two():
-    one, c = fin_lift(REMUS), coefficients(REMUS)
+    one, c = REMUS.fin_lift(), REMUS.coefficients()
     assert one == pytest.approx(9.64, rel=0.25)
     assert one * -0.638 == pytest.approx(-6.15, rel=0.25)
     assert c.Y_uudr == -c.Z_uuds == 2 * one
@@ -449,8 +442,8 @@ Row = tuple[str, float, float, str]  # name, published, ours, remark
 
 def remus_rows() -> list[Row]:
     """Published coefficients of REMUS beside ours; those that hold added mass there get it here too."""
-    c, fin, x = coefficients(REMUS), fin_lift(REMUS), REMUS.fins.position
-    munk = munk_moment(c)
+    c, fin, x = REMUS.coefficients(), REMUS.fin_lift(), REMUS.fins.position
+    munk = c.munk_moment()
     strips, drag = "strips, fins by Blevins", "strips and a plate for each fin"
     return [
         ("X_udot", -0.93, c.X_udot, "Lamb, spheroid of the same length and diameter"),
@@ -479,7 +472,7 @@ def remus_rows() -> list[Row]:
 
 def lauv_rows() -> list[Row]:
     """Published coefficients of LAUV beside ours."""
-    c, fin, x = coefficients(LAUV), fin_lift(LAUV), LAUV.fins.position
+    c, fin, x = LAUV.coefficients(), LAUV.fin_lift(), LAUV.fins.position
     return [
         ("X_udot", -1.0, c.X_udot, "Lamb (h)"),
         ("Y_vdot, Z_wdot", -16.0, c.Y_vdot, "strips, fins by Blevins"),

@@ -34,7 +34,7 @@ from vessel_gym.tasks.task import Task
 from vessel_gym.tracks import path as track_path
 from vessel_gym.vehicles.corvette import Corvette
 from vessel_gym.vehicles.files import load
-from vessel_gym.vehicles.hydrodynamics import Fins, Spheroid, axial_drag_coefficient, lamb_factors, roll_drag
+from vessel_gym.vehicles.hydrodynamics import Fins, Spheroid, axial_drag_coefficient, lamb_factors
 from vessel_gym.vehicles.puna import Puna, trim
 from vessel_gym.vehicles.seakeeping import wave_loads
 from vessel_gym.vehicles.segorogeni import Segorogeni
@@ -134,7 +134,6 @@ CALLS: list[tuple[Callable[..., Any], dict[str, Any], dict[str, list[Any]]]] = [
     (Fins, {"area": 0.01, "span": 0.1, "position": -0.8, "taper": 0.6}, {"area": NOT_POSITIVE, "taper": [2.0, -1.0]}),
     (lamb_factors, {"length": 2.0, "diameter": 0.2}, {"length": NOT_POSITIVE, "diameter": NOT_POSITIVE}),
     (axial_drag_coefficient, {"length": 2.0, "diameter": 0.2, "speed": 1.0}, {"speed": NOT_POSITIVE}),
-    (roll_drag, {}, {"torpedo": [None, "x", SHIP]}),
     (wave_loads, {"ship": SHIP, "frequency": SERIES, "beta": 0.1},
      {"ship": [None, "corvette"], "frequency": [None, -1.0, [np.nan]], "beta": ["x", np.inf], "speed": ["x", np.nan]}),
     (CircleTrack, {"ship": SHIP}, {"ship": [None, AUV], "pace": NOT_POSITIVE, "horizon": NO_WHOLE,

@@ -17,10 +17,10 @@ from pages import OWN  # noqa: E402
 from vessel_gym import surroundings  # noqa: E402
 from vessel_gym.rendering import make_renderer  # noqa: E402
 from vessel_gym.rendering.canvas import Box, Canvas, nice  # noqa: E402
-from vessel_gym.rendering.palette import BELIEVED, LIMIT, MEMBER, TRUE  # noqa: E402
 from vessel_gym.rendering.charts import ticks  # noqa: E402
 from vessel_gym.rendering.hulls import HULLS  # noqa: E402
 from vessel_gym.rendering.maps import Frame, views_of  # noqa: E402
+from vessel_gym.rendering.palette import BELIEVED, LIMIT, MEMBER, TRUE  # noqa: E402
 from vessel_gym.rendering.renderer import SIZE  # noqa: E402
 
 CORVETTE, THESIS, SPATIAL, VERTICAL, FLIGHT = (

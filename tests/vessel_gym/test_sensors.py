@@ -490,7 +490,7 @@ MISDECLARED = [
     (lambda: Bias(("b",), np.array([0.1])), ValueError, r"the bias .* needs a tuple of 1 values of start, got array.*"),
     (lambda: Bias((), ()), ValueError, r"names of a bias must be a tuple of names, got \(\)"),
     (lambda: Bias(("b",), start=(1.0,), pace=(1.0, 2.0)), ValueError, r"the bias .* a tuple of 1 values of pace, .*"),
-    (lambda: Bias(("b",), start=(-1.0,)), ValueError, r"start of the bias \('b',\) must be a number of at least 0, got -1\.0"),
+    (lambda: Bias(("b",), start=(-1.0,)), ValueError, r"start of the bias .* must be a number of at least 0, got .*"),
 ]  # fmt: skip
 
 

@@ -20,9 +20,6 @@ from vessel_gym.vehicles.hydrodynamics import (
     Spheroid,
     Torpedo,
     axial_drag_coefficient,
-    coefficients,
-    fin_lift,
-    munk_moment,
 )
 from vessel_gym.vehicles.whole_state import WholeState
 
@@ -104,9 +101,9 @@ class AUVParameters:
         """Hydrodynamic coefficients: those given, and the others from the dimensions."""
         names = {each.name for each in fields(Coefficients)}
         given = {name: x for name, x in self.given if name in names}
-        c = replace(coefficients(self.torpedo), **given)
+        c = replace(self.torpedo.coefficients(), **given)
         held = {
-            "Y_ur": c.X_udot, "Z_uq": -c.X_udot, "N_uv": munk_moment(c), "M_uw": c.X_udot - c.Z_wdot,
+            "Y_ur": c.X_udot, "Z_uq": -c.X_udot, "N_uv": c.munk_moment(), "M_uw": c.X_udot - c.Z_wdot,
             "N_ur": c.Y_rdot, "M_uq": -c.Z_qdot,
         }  # fmt: skip
         if not self.with_added_mass:
@@ -119,7 +116,7 @@ class AUVParameters:
         if "K_up" in dict(self.given):
             return dict(self.given)["K_up"]
         root, tip = self.torpedo.root, self.torpedo.tip
-        return -4.0 * fin_lift(self.torpedo) * (root**2 + root * tip + tip**2) / 3.0
+        return -4.0 * self.torpedo.fin_lift() * (root**2 + root * tip + tip**2) / 3.0
 
     @cached_property
     def buoyancy(self) -> float:

@@ -1,6 +1,6 @@
 """Hydrodynamic coefficients of a torpedo-shaped vehicle from its dimensions.
 
-The vehicle is cut into strips across its axis. Each formula is a function of its own, with its source;
+The vehicle is cut into strips across its axis. Each formula stands by itself, with its source;
 ``docs/hydrodynamics.md`` compares them with two vehicles whose coefficients are published.
 
 Sources: Prestero (2001), in whose thesis on REMUS most of these formulas stand together; Lamb (1932) and Fossen (2011)
@@ -109,31 +109,9 @@ class Fins:
         """X [m] of trailing and leading edge."""
         return self.position - 0.5 * self.chord, self.position + 0.5 * self.chord
 
-
-@dataclass(frozen=True)
-class Torpedo:
-    """A hull with its fins, and what geometry does not tell."""
-
-    hull: Hull
-    fins: Fins
-    axial_drag: float  # on the frontal area; see `axial_drag_coefficient`
-    cross_flow_drag: float = 1.1  # of a cylinder across the flow; Hoerner (1965), as in Prestero (2001)
-    water_density: float = 1025.0  # kg/m3, sea water; Fossen (2011)
-
-    def __post_init__(self) -> None:
-        instance("hull of Torpedo", self.hull, Hull)
-        instance("fins of Torpedo", self.fins, Fins)
-        check_numbers(self, not_negative="axial_drag cross_flow_drag", positive="water_density")
-
-    @property
-    def root(self) -> float:
-        """Distance [m] of the root of a fin from the axis."""
-        return float(self.hull.radius(np.array(self.fins.position)))
-
-    @property
-    def tip(self) -> float:
-        """Distance [m] of the tip of a fin from the axis."""
-        return self.root + self.fins.span
+    def plate_drag_coefficient(self) -> float:
+        """Of a fin across the flow. Whicker & Fehlner (1958), as in Prestero (2001)."""
+        return 0.1 + 0.7 * self.taper
 
 
 # --- formulas ---------------------------------------------------------------------------------------
@@ -170,30 +148,6 @@ def section_added_mass(radius: np.ndarray, tip: np.ndarray | float, water_densit
     return np.pi * water_density * (tip**2 - radius**2 + square)
 
 
-def lateral_added_mass(torpedo: Torpedo) -> tuple[float, float, float]:
-    """Integrals [kg, kg m, kg m2] of the sections' added mass times 1, x and x squared. Prestero (2001)."""
-    instance("torpedo of lateral_added_mass", torpedo, Torpedo)
-    aft, fore = torpedo.fins.ends
-    x, dx = torpedo.hull.strips(aft, fore)
-    finned = np.where((x > aft) & (x < fore), torpedo.tip, 0.0)
-    mass = dx * section_added_mass(torpedo.hull.radius(x), finned, torpedo.water_density)
-    return float(mass.sum()), float(mass @ x), float(mass @ x**2)
-
-
-def axial_added_mass(torpedo: Torpedo) -> float:
-    """Of the spheroid as long and as thick as the hull [kg]. Lamb (1932)."""
-    instance("torpedo of axial_added_mass", torpedo, Torpedo)
-    length, diameter = torpedo.hull.bow - torpedo.hull.stern, torpedo.hull.diameter
-    along, _, _ = lamb_factors(length, diameter)
-    return along * torpedo.water_density * np.pi / 6.0 * length * diameter**2
-
-
-def roll_added_inertia(torpedo: Torpedo) -> float:
-    """Of a cross of four fins as if there were no hull [kg m2]. Blevins (1979), as in Prestero (2001)."""
-    instance("torpedo of roll_added_inertia", torpedo, Torpedo)
-    return 2.0 / np.pi * torpedo.water_density * torpedo.tip**4 * torpedo.fins.chord
-
-
 def axial_drag_coefficient(length: float, diameter: float, speed: float, viscosity: float = 1.19e-6) -> float:
     """Of a bare hull on its frontal area. Triantafyllou & Amzallag (1984), with the friction line of ITTC (1957).
 
@@ -216,53 +170,7 @@ def axial_drag_coefficient(length: float, diameter: float, speed: float, viscosi
     return float(friction * np.pi * projected_per_frontal * shape)
 
 
-def plate_drag_coefficient(fins: Fins) -> float:
-    """Of a fin across the flow. Whicker & Fehlner (1958), as in Prestero (2001)."""
-    instance("fins of plate_drag_coefficient", fins, Fins)
-    return 0.1 + 0.7 * fins.taper
-
-
-def cross_flow_drag(torpedo: Torpedo) -> tuple[float, float, float, float]:
-    """Integrals of drag per squared cross-flow [N s2/m2], times 1, x, x |x| and |x|^3. Prestero (2001).
-
-    Strips of the hull, and the two fins that lie across the flow. The four belong together: that they come of one
-    distribution is what makes their forces take energy in every motion.
-    """
-    instance("torpedo of cross_flow_drag", torpedo, Torpedo)
-    half_density = 0.5 * torpedo.water_density
-    x, dx = torpedo.hull.strips()
-    hull = half_density * torpedo.cross_flow_drag * 2.0 * torpedo.hull.radius(x) * dx
-    fins = half_density * plate_drag_coefficient(torpedo.fins) * 2.0 * torpedo.fins.area
-    drag, x = np.append(hull, fins), np.append(x, torpedo.fins.position)
-    return float(drag.sum()), float(drag @ x), float(drag @ (x * abs(x))), float(drag @ abs(x) ** 3)
-
-
-def roll_drag(torpedo: Torpedo) -> float:
-    """Moment of the four fins per squared rate [N m s2]: plate drag on strips from root to tip."""
-    instance("torpedo of roll_drag", torpedo, Torpedo)
-    per_area = 0.5 * torpedo.water_density * plate_drag_coefficient(torpedo.fins)
-    return per_area * torpedo.fins.chord * (torpedo.tip**4 - torpedo.root**4)  # 4 fins, integral of s^3
-
-
-def hull_lift(torpedo: Torpedo) -> tuple[float, float]:
-    """Lift [N s2/m2] per u and local cross-flow, and the x [m] where it acts. Hoerner (1975), as in Prestero (2001).
-
-    .003 per degree, on length times diameter, at 65 % of the length: measured for length / diameter of 6.7 to 10.
-    """
-    instance("torpedo of hull_lift", torpedo, Torpedo)
-    length = torpedo.hull.bow - torpedo.hull.stern
-    lift = 0.5 * torpedo.water_density * length * torpedo.hull.diameter * 0.003 * 180.0 / np.pi
-    return lift, torpedo.hull.bow - 0.65 * length
-
-
-def fin_lift(torpedo: Torpedo) -> float:
-    """Lift [N s2/m2] of ONE fin per u squared and angle. Hoerner (1965), as in Prestero (2001)."""
-    instance("torpedo of fin_lift", torpedo, Torpedo)
-    slope = 1.0 / (1.0 / (1.8 * np.pi) + 1.0 / (np.pi * torpedo.fins.aspect_ratio))
-    return 0.5 * torpedo.water_density * torpedo.fins.area * slope
-
-
-# --- the set ----------------------------------------------------------------------------------------
+# --- the vehicle ------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -311,42 +219,115 @@ class Coefficients:
     Z_uuds: float
     M_uuds: float
 
+    def munk_moment(self) -> float:
+        """Moment N per u v [kg] that added mass makes, and -M per u w. Munk (1924).
 
-def coefficients(torpedo: Torpedo) -> Coefficients:
-    """All coefficients of a torpedo.
-
-    A surface at x with lift k meets the cross-flow v + x r in the horizontal and w - x q in the vertical plane, so its
-    force -k |u| (v + x r) never drives the motion. Prestero (2001) gives the fins these four terms but the hull only
-    the one in v: without its companions in r, lift feeds a hull that turns about a point between the origin and its
-    centre of pressure.
-    """
-    instance("torpedo of coefficients", torpedo, Torpedo)
-    mass, mass_moment, mass_inertia = lateral_added_mass(torpedo)
-    drag, drag_moment, drag_turning, drag_inertia = cross_flow_drag(torpedo)
-    hull, fin, x_f = hull_lift(torpedo), fin_lift(torpedo), torpedo.fins.position
-    lift, x = np.array([hull[0], 2.0 * fin]), np.array([hull[1], x_f])
-    lift_force, lift_moment, lift_inertia = float(lift.sum()), float(lift @ x), float(lift @ x**2)
-    frontal_area = 0.25 * np.pi * torpedo.hull.diameter**2
-    return Coefficients(
-        X_udot=-axial_added_mass(torpedo),
-        Y_vdot=-mass, Y_rdot=-mass_moment, N_vdot=-mass_moment, N_rdot=-mass_inertia,
-        Z_wdot=-mass, Z_qdot=mass_moment, M_wdot=mass_moment, M_qdot=-mass_inertia,
-        K_pdot=-roll_added_inertia(torpedo),
-        X_uu=-0.5 * torpedo.water_density * frontal_area * torpedo.axial_drag,
-        Y_vv=-drag, Y_rr=-drag_turning, N_vv=-drag_moment, N_rr=-drag_inertia,
-        Z_ww=-drag, Z_qq=drag_turning, M_ww=drag_moment, M_qq=-drag_inertia,
-        K_pp=-roll_drag(torpedo),
-        Y_uv=-lift_force, Y_ur=-lift_moment, N_uv=-lift_moment, N_ur=-lift_inertia,
-        Z_uw=-lift_force, Z_uq=lift_moment, M_uw=lift_moment, M_uq=-lift_inertia,
-        Y_uudr=2.0 * fin, N_uudr=2.0 * fin * x_f,
-        Z_uuds=-2.0 * fin, M_uuds=2.0 * fin * x_f,
-    )  # fmt: skip
+        Kirchhoff's equations hold it already; published coefficients such as Prestero's N_uv add it to that of lift.
+        """
+        return self.Y_vdot - self.X_udot
 
 
-def munk_moment(c: Coefficients) -> float:
-    """Moment N per u v [kg] that added mass makes, and -M per u w. Munk (1924).
+@dataclass(frozen=True)
+class Torpedo:
+    """A hull with its fins, and what geometry does not tell."""
 
-    Kirchhoff's equations hold it already; published coefficients such as Prestero's N_uv add it to that of lift.
-    """
-    instance("c of munk_moment", c, Coefficients)
-    return c.Y_vdot - c.X_udot
+    hull: Hull
+    fins: Fins
+    axial_drag: float  # on the frontal area; see `axial_drag_coefficient`
+    cross_flow_drag: float = 1.1  # of a cylinder across the flow; Hoerner (1965), as in Prestero (2001)
+    water_density: float = 1025.0  # kg/m3, sea water; Fossen (2011)
+
+    def __post_init__(self) -> None:
+        instance("hull of Torpedo", self.hull, Hull)
+        instance("fins of Torpedo", self.fins, Fins)
+        check_numbers(self, not_negative="axial_drag cross_flow_drag", positive="water_density")
+
+    @property
+    def root(self) -> float:
+        """Distance [m] of the root of a fin from the axis."""
+        return float(self.hull.radius(np.array(self.fins.position)))
+
+    @property
+    def tip(self) -> float:
+        """Distance [m] of the tip of a fin from the axis."""
+        return self.root + self.fins.span
+
+    def lateral_added_mass(self) -> tuple[float, float, float]:
+        """Integrals [kg, kg m, kg m2] of the sections' added mass times 1, x and x squared. Prestero (2001)."""
+        aft, fore = self.fins.ends
+        x, dx = self.hull.strips(aft, fore)
+        finned = np.where((x > aft) & (x < fore), self.tip, 0.0)
+        mass = dx * section_added_mass(self.hull.radius(x), finned, self.water_density)
+        return float(mass.sum()), float(mass @ x), float(mass @ x**2)
+
+    def axial_added_mass(self) -> float:
+        """Of the spheroid as long and as thick as the hull [kg]. Lamb (1932)."""
+        length, diameter = self.hull.bow - self.hull.stern, self.hull.diameter
+        along, _, _ = lamb_factors(length, diameter)
+        return along * self.water_density * np.pi / 6.0 * length * diameter**2
+
+    def roll_added_inertia(self) -> float:
+        """Of a cross of four fins as if there were no hull [kg m2]. Blevins (1979), as in Prestero (2001)."""
+        return 2.0 / np.pi * self.water_density * self.tip**4 * self.fins.chord
+
+    def cross_flow_integrals(self) -> tuple[float, float, float, float]:
+        """Integrals of drag per squared cross-flow [N s2/m2], times 1, x, x |x| and |x|^3. Prestero (2001).
+
+        Strips of the hull, and the two fins that lie across the flow. The four belong together: that they come of one
+        distribution is what makes their forces take energy in every motion.
+        """
+        half_density = 0.5 * self.water_density
+        x, dx = self.hull.strips()
+        hull = half_density * self.cross_flow_drag * 2.0 * self.hull.radius(x) * dx
+        fins = half_density * self.fins.plate_drag_coefficient() * 2.0 * self.fins.area
+        drag, x = np.append(hull, fins), np.append(x, self.fins.position)
+        return float(drag.sum()), float(drag @ x), float(drag @ (x * abs(x))), float(drag @ abs(x) ** 3)
+
+    def roll_drag(self) -> float:
+        """Moment of the four fins per squared rate [N m s2]: plate drag on strips from root to tip."""
+        per_area = 0.5 * self.water_density * self.fins.plate_drag_coefficient()
+        return per_area * self.fins.chord * (self.tip**4 - self.root**4)  # 4 fins, integral of s^3
+
+    def hull_lift(self) -> tuple[float, float]:
+        """Lift [N s2/m2] per u and local cross-flow, and the x [m] where it acts.
+
+        Hoerner (1975), as in Prestero (2001): .003 per degree, on length times diameter, at 65 % of the length;
+        measured for length / diameter of 6.7 to 10.
+        """
+        length = self.hull.bow - self.hull.stern
+        lift = 0.5 * self.water_density * length * self.hull.diameter * 0.003 * 180.0 / np.pi
+        return lift, self.hull.bow - 0.65 * length
+
+    def fin_lift(self) -> float:
+        """Lift [N s2/m2] of ONE fin per u squared and angle. Hoerner (1965), as in Prestero (2001)."""
+        slope = 1.0 / (1.0 / (1.8 * np.pi) + 1.0 / (np.pi * self.fins.aspect_ratio))
+        return 0.5 * self.water_density * self.fins.area * slope
+
+    def coefficients(self) -> Coefficients:
+        """All coefficients.
+
+        A surface at x with lift k meets the cross-flow v + x r in the horizontal and w - x q in the vertical plane, so
+        its force -k |u| (v + x r) never drives the motion. Prestero (2001) gives the fins these four terms but the hull
+        only the one in v: without its companions in r, lift feeds a hull that turns about a point between the origin
+        and its centre of pressure.
+        """
+        mass, mass_moment, mass_inertia = self.lateral_added_mass()
+        drag, drag_moment, drag_turning, drag_inertia = self.cross_flow_integrals()
+        hull, fin, x_f = self.hull_lift(), self.fin_lift(), self.fins.position
+        lift, x = np.array([hull[0], 2.0 * fin]), np.array([hull[1], x_f])
+        lift_force, lift_moment, lift_inertia = float(lift.sum()), float(lift @ x), float(lift @ x**2)
+        frontal_area = 0.25 * np.pi * self.hull.diameter**2
+        return Coefficients(
+            X_udot=-self.axial_added_mass(),
+            Y_vdot=-mass, Y_rdot=-mass_moment, N_vdot=-mass_moment, N_rdot=-mass_inertia,
+            Z_wdot=-mass, Z_qdot=mass_moment, M_wdot=mass_moment, M_qdot=-mass_inertia,
+            K_pdot=-self.roll_added_inertia(),
+            X_uu=-0.5 * self.water_density * frontal_area * self.axial_drag,
+            Y_vv=-drag, Y_rr=-drag_turning, N_vv=-drag_moment, N_rr=-drag_inertia,
+            Z_ww=-drag, Z_qq=drag_turning, M_ww=drag_moment, M_qq=-drag_inertia,
+            K_pp=-self.roll_drag(),
+            Y_uv=-lift_force, Y_ur=-lift_moment, N_uv=-lift_moment, N_ur=-lift_inertia,
+            Z_uw=-lift_force, Z_uq=lift_moment, M_uw=lift_moment, M_uq=-lift_inertia,
+            Y_uudr=2.0 * fin, N_uudr=2.0 * fin * x_f,
+            Z_uuds=-2.0 * fin, M_uuds=2.0 * fin * x_f,
+        )  # fmt: skip

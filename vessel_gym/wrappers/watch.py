@@ -180,7 +180,7 @@ class Watch:
             beside["alarms"] = self.loop.alarms.astype(np.float32)
         if isinstance(self.own, Dict):
             return self._filled(value, seen) | beside
-        fitted = self._fitted(value, np.asarray(seen), cast(Box, self.own))
+        fitted = self._fitted(value, self.own, seen, self._passes)
         if not beside:
             return fitted
         return np.concatenate([fitted.reshape(self.rows, -1), *beside.values()], -1).astype(np.float32)
@@ -225,7 +225,7 @@ class Watch:
         if isinstance(self.own, Dict):
             return {"measurement": readings, **{key: seen[key] for key in self._passes}}
         whole = np.asarray(seen, np.float32).reshape(self.rows, -1)
-        return np.concatenate([readings, whole[:, list(self._passes)]], -1) if self._passes else readings
+        return np.concatenate([readings, whole[:, list(self._passes)]], -1)
 
     # --- inside -------------------------------------------------------------------------------------
 
@@ -261,30 +261,25 @@ class Watch:
 
     def _space(self) -> Space:
         """The space of what is observed."""
-        if self.observe_mode == "measurement":
-            readings = Box(-np.inf, np.inf, (2 * self.sensors.size,), np.float32)
-            if isinstance(self.own, Dict):
-                return Dict({"measurement": readings, **{key: self.own.spaces[key] for key in self._passes}})
-            own, passing = cast(Box, self.own), list(self._passes)
-            low, high = (
-                np.append(a, b.ravel()[passing]) for a, b in ((readings.low, own.low), (readings.high, own.high))
-            )
-            return Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
-        watched, beside = alarming(self.observe_mode, self.loop.monitor), {}
+        further, measuring = {}, self.observe_mode == "measurement"
+        if measuring:
+            further["measurement"] = Box(-np.inf, np.inf, (2 * self.sensors.size,), np.float32)
         if "std" in self.observe_mode:
-            beside["std"] = Box(0.0, np.inf, (self.n,), np.float32)
-        if watched:
-            beside["alarms"] = Box(0.0, 1.0, (len(watched),), np.float32)
-        if not beside:
+            further["std"] = Box(0.0, np.inf, (self.n,), np.float32)
+        if watched := alarming(self.observe_mode, self.loop.monitor):
+            further["alarms"] = Box(0.0, 1.0, (len(watched),), np.float32)
+        if not further:
             return self.own
         if isinstance(self.own, Dict):
-            for key in beside:
-                if key in self.own.spaces:
+            kept = {key: own for key, own in self.own.spaces.items() if not measuring or key in self._passes}
+            for key in further:
+                if key in kept:
                     raise ValueError(f"the environment's observations have a key {key} of their own: observe='mean'")
-            return Dict({**self.own.spaces, **beside})
-        whole = (cast(Box, self.own), *beside.values())
-        low, high = (np.concatenate([box.ravel() for box in ends]).astype(np.float32)
-                     for ends in ([box.low for box in whole], [box.high for box in whole]))  # fmt: skip
+            return Dict({**kept, **further})
+        bounds = cast(Box, self.own).low.ravel(), cast(Box, self.own).high.ravel()
+        others = [(box.low, box.high) for box in further.values()]
+        parts = [*others, [each[list(self._passes)] for each in bounds]] if measuring else [bounds, *others]
+        low, high = (np.concatenate(each).astype(np.float32) for each in zip(*parts, strict=True))
         return Box(low, high, dtype=np.float32)
 
     def _filled(self, value: Any, seen: dict[str, Any]) -> dict[str, Any]:
@@ -297,42 +292,35 @@ class Watch:
                 f"observation must give a dictionary of all that does not pass, {', '.join(missing)} too: give it, or "
                 "name it in passes"
             )
-        return {key: seen[key] if key in self._passes else self._fit(given[key], own[key]) for key in own}
+        return {key: seen[key] if key in self._passes else self._fitted(given[key], own[key]) for key in own}
 
-    def _fitted(self, value: Any, seen: np.ndarray, own: Box) -> np.ndarray:
-        """An observation of what the function gives, and what passes."""
-        if not self._passes:
-            return self._fit(value, own)
-        whole = np.array(seen).reshape(self.rows, -1)
-        rest = np.setdiff1d(np.arange(whole.shape[1]), self._passes)
-        low, high = own.low.ravel()[rest], own.high.ravel()[rest]
-        whole[:, rest] = self._bounded(self._shaped(value, rest.shape), low, high, cast(Any, own.dtype))
-        return whole.reshape(self.rows, *own.shape).astype(own.dtype)
+    def _fitted(self, value: Any, own: Space, seen: Any = None, passes: Sequence[int] = ()) -> np.ndarray:
+        """An observation as the space has it: of what the function gives, but for the components that pass.
 
-    def _fit(self, value: Any, own: Space) -> np.ndarray:
-        """What a function gave, as the space has it."""
+        An estimate is kept within bounds, which the truth may be beyond; it is whole where the space has whole numbers.
+        """
         if not isinstance(own, Box):
             raise ValueError(f"an estimate is of numbers, not of {shown(own)}: name it in passes")
-        return self._bounded(self._shaped(value, own.shape), own.low, own.high, cast(Any, own.dtype))
-
-    def _bounded(self, value: np.ndarray, low: np.ndarray, high: np.ndarray, dtype: np.dtype) -> np.ndarray:
-        """An estimate within bounds, which the truth may be beyond; whole where the environment shows whole numbers."""
-        within = value if self.loop.tells_truth else np.clip(value, low, high)
-        return (np.rint(within) if dtype.kind in "iu" else within).astype(dtype)
-
-    def _shaped(self, value: Any, shape: tuple[int, ...]) -> np.ndarray:
-        array = numbers(value)
-        flat = self.rows, int(np.prod(shape))
-        if array is None or array.shape not in ((self.rows, *shape), flat):
+        size, array = int(np.prod(own.shape)), numbers(value)
+        rest: Any = np.setdiff1d(np.arange(size), passes) if passes else slice(None)
+        shape = rest.shape if passes else own.shape
+        if array is None or array.shape not in ((self.rows, *shape), (self.rows, int(np.prod(shape)))):
             got = shown(value) if array is None else f"shape {array.shape[1:] if self.rows == 1 else array.shape}"
             raise ValueError(
                 f"the observation space wants {shape} numbers, the estimate gives {got}: give observation=, a function "
                 "of the state, or name in passes what it does not give"
             )
+        array = array.reshape(self.rows, -1)
         if np.isnan(array).any():
-            bad = self.loop.belief.mean[np.isnan(array).reshape(self.rows, -1).any(-1)][0]
+            bad = self.loop.belief.mean[np.isnan(array).any(-1)][0]
             raise ValueError(f"observation gave NaN of the state {shown(bad.tolist())}")
-        return array.reshape(self.rows, *shape)
+        if not self.loop.tells_truth:
+            array = np.clip(array, own.low.ravel()[rest], own.high.ravel()[rest])
+        array = (np.rint(array) if cast(Any, own.dtype).kind in "iu" else array).astype(own.dtype)
+        if passes:
+            given, array = array, np.array(seen, own.dtype).reshape(self.rows, -1)
+            array[:, rest] = given
+        return array.reshape(self.rows, *own.shape)
 
 
 def _parts(value: Any) -> list[np.ndarray]:
